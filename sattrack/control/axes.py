@@ -29,6 +29,7 @@ from sattrack.control.axis_filter import (
     Step,
     rest_of,
 )
+from sattrack.control.latency import LARGEST_PERIOD_ERROR
 from sattrack.core.angles import wrap180
 
 if TYPE_CHECKING:
@@ -40,7 +41,6 @@ REMEMBERED = 200
 ASTRAY_S = 0.2
 """A turn this far from where it was foretold is of a loop that stood still, or of a clock that was set."""
 SHORTEST_BASE = 20
-LARGEST_PERIOD_ERROR = 0.5
 MOST_SHIFT_S, SHIFT_SHARE = 0.0002, 0.02
 """How fast the sending falls into step with the mount's loop: too slow for the period to show it."""
 EDGE_PERIODS = 2.0

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.control.driver import Driver, StopProcedure, limit_words
+from sattrack.control.driver import Driver, StopProcedure, limit_words, site_warnings
 from sattrack.control.manual_operation import (
     LISTEN_S,
     LISTEN_STATUSES,
@@ -536,7 +536,6 @@ class ConsoleSession:
         return view
 
 
-SITE_TOLERANCE_DEG = 0.1
 CLOCK_OFF_S = 2.0
 STOPS_WITHIN_S = 1.0
 """A stop that has not been seen through by then is worth a word."""
@@ -608,7 +607,7 @@ def _warnings(console: Console, now_utc_s: float) -> list[str]:
         warnings.append("the stop is not confirmed yet: it is being sent again and again")
     if console.way_trouble is not None:
         warnings.append(console.way_trouble)
-    warnings += _site_warnings(console) + _reading_warnings(console)
+    warnings += site_warnings(console.session.status, console.site) + _reading_warnings(console)
     offset_s = console.clock_offset_s
     if offset_s is not None and abs(offset_s) > CLOCK_OFF_S:
         words = f"the mount's clock is {abs(offset_s):.1f} s {'ahead' if offset_s > 0.0 else 'behind'}"
@@ -617,17 +616,6 @@ def _warnings(console: Console, now_utc_s: float) -> list[str]:
         hosts = ", ".join(console.stranger_hosts)
         warnings.append(f"datagrams from {hosts} were dropped: they are not from the mount")
     return warnings
-
-
-def _site_warnings(console: Console) -> list[str]:
-    status, site = console.session.status, console.site
-    if status is None or site is None or status.site_deg is None:
-        return []
-    latitude, longitude = status.site_deg
-    off = (abs(latitude - site.latitude_deg), abs(math.remainder(longitude - site.longitude_deg, 360.0)))
-    if max(off) < SITE_TOLERANCE_DEG:
-        return []
-    return [f"the mount believes it stands at {latitude:.2f}, {longitude:.2f}: check the site on both sides"]
 
 
 def _reading_warnings(console: Console) -> list[str]:

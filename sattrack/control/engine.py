@@ -9,13 +9,13 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sattrack.control.driver import Driver, StopProcedure, limit_words
+from sattrack.control.driver import NO_ANSWER_AFTER_S, Driver, StopProcedure, limit_words
 from sattrack.control.engine_view import HOLDING, learnt_view, view_of
 from sattrack.control.stages import Attempt, AxisAttempt, RunStage, Situation, Stages, why_not
 from sattrack.control.target import sky_error
 from sattrack.control.tracker import FOLLOWING, Phase, Tracker, TrackPlan
 from sattrack.core.figures import RunningError, WindowedError
-from sattrack.mount.model import Slew, StatusSample, Stop
+from sattrack.mount.model import LONGEST_STEP_S, Slew, StatusSample, Stop
 from sattrack.mount.xerxes.states import LinkState, SlewState
 from sattrack.safety import ROWS, Safety, SafetyLimits
 from sattrack.safety.watch import KEEPS_FIRST
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from tle.bias import Bias
     from tle.propagator import Propagator
 
-NO_ANSWER_AFTER_S = 3.0
-LONGEST_STEP_S = 0.5
 STAGES_TOLD = 16
 """Views come more often than the stages of a run change so many times."""
 EDGES_TOLD_S, FALLEN = 5.0, (0.2, 0.8)

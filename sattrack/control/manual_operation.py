@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING, Protocol
 
-from sattrack.control.driver import StopProcedure
+from sattrack.control.driver import NO_ANSWER_AFTER_S, StopProcedure
 from sattrack.mount.model import Slew
 from sattrack.mount.requests import (
     Abort,
@@ -35,7 +35,6 @@ LISTEN_S = 0.5
 LISTEN_STATUSES = 4
 LOOK_S = 1.0
 """How long a look lasts from the first status on: enough to tell how evenly they come."""
-NO_ANSWER_AFTER_S = 3.0
 ACKS = ("abort", "sync", "pulse_guide", "slew", "move_ra", "move_dec")
 NOT_ALONE = (
     "the mount acknowledges commands ({}) that were not sent from here: another program drives it, or did "

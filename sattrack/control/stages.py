@@ -7,7 +7,8 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import TYPE_CHECKING, NamedTuple
 
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S
+from sattrack.control.target import POLE_WITHIN_DEG
+from sattrack.mount.model import LONGEST_STEP_S, SIDEREAL_RATE_DEG_S
 from sattrack.safety import ROWS
 
 if TYPE_CHECKING:
@@ -19,10 +20,6 @@ if TYPE_CHECKING:
     from sattrack.views.run import LearntView
 
 KEYHOLE, RATE = "keyhole", "rate"
-POLE_WITHIN_DEG = 15.0
-"""A target that is too fast and so near the celestial pole is in the keyhole."""
-LONGEST_STEP_S = 0.5
-"""Rates of the target that lie farther apart tell of no acceleration."""
 
 
 class RunStage(IntEnum):

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
     from tle.direction import Direction
 
+POLE_WITHIN_DEG = 15.0
+"""A target that is too fast and so near the celestial pole is in the keyhole."""
 SAME_INSTANT_S = 0.0005
 FORETOLD_KEPT = 12
 Pair = tuple[float, float]

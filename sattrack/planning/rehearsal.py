@@ -17,7 +17,7 @@ import numpy as np
 from sattrack.mount.model import MountProfile
 from sattrack.planning.budget import Budget
 from sattrack.planning.kinematics import LEAST_SHARE, Ability, ForetoldLoss, Sides, losses
-from sattrack.planning.path import Pointing, margins_deg
+from sattrack.planning.path import JOIN_S, Pointing, margins_deg
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -265,7 +265,6 @@ SETTLED_S = 1.5
 """A loss at the beginning that is no longer than this is the control's settling; longer, the way there."""
 NEAR_S = 3.0
 """How far from a stretch that kinematics foretell a lost one of the run may be and have its cause."""
-JOIN_S = 1.0
 AXIS_LIMITS = ("hour_angle", "declination", "pier")
 """Limits of the axes' places: others are of directions on the sky, the same from either side."""
 HELD_SHARE = 0.3

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sattrack.core.angles import altitude_deg, azimuth_deg
-from sattrack.planning.budget import Circumstances, error_budget
+from sattrack.planning.budget import PROBE_S, Circumstances, error_budget
 from sattrack.planning.rehearsal import uncalibrated_words
 from sattrack.runtime.facts import SEARCH_HOURS, SIMULATED, build_engine, first_bias
 from sattrack.safety.bodies import moon_over, sun_over
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 PATH_POINTS = 121
 BODY_STEP_S = 600.0
 MOST_BODY_POINTS = 97
-PROBE_S = 0.01
 AT_FASTEST = "at this pass's fastest"
 SERVO_ARCSEC = 0.1
 """What following adds to the error to expect: nothing beside the elements, and nothing was rehearsed."""

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from sattrack.safety.route import Judge, Route
 
 THERE_DEG = 0.1
+"""A slew that ends farther from its goal was not carried out."""
 WAITS_S = 70.0
 """How long the mount may wait at the target until it follows, tracking the sky."""
 STRAYED_DEG = 1.0

@@ -13,7 +13,15 @@ from collections import deque
 from enum import StrEnum
 from typing import TYPE_CHECKING, NamedTuple
 
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, STATUS_LOST_S, Motion, MoveAxes, Seen, mean_sidereal_deg
+from sattrack.mount.model import (
+    LONGEST_STEP_S,
+    SIDEREAL_RATE_DEG_S,
+    STATUS_LOST_S,
+    Motion,
+    MoveAxes,
+    Seen,
+    mean_sidereal_deg,
+)
 
 if TYPE_CHECKING:
     from sattrack.mount.model import MountProfile
@@ -31,7 +39,6 @@ LOOK_EVERY = 8
 """Statuses from one look at the window to the next."""
 STEP_DEG_S = 40.0
 """Faster than any axis: a sync, a clock that was set, or the pole."""
-LONGEST_STEP_S = 0.5
 OVERLOADED_FOR_S = 0.5
 BACKWARD_S = 0.5
 CLOCK_PROOF = 3
