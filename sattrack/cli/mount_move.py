@@ -11,7 +11,7 @@ import click
 from sattrack.cli.common import tell
 from sattrack.cli.mount_common import MountCall, mount_options, perform, resolve, tell_result
 from sattrack.control.console import view_of
-from sattrack.control.manual_operation import Look, MoveFor, Outcome, ParkThere, procedure_for, request_words
+from sattrack.control.manual_operation import Look, MoveFor, Outcome, ParkThere, procedure_for, request_text
 from sattrack.core.errors import BadInputError, InterruptedRunError, LinkLostError
 from sattrack.mount.alpaca.device import J2000_SYSTEM
 from sattrack.mount.model import Slew
@@ -64,7 +64,7 @@ def move(
     request = MoveAxis(ra_rate, dec_rate)
     call.check(request)
     asked = {"type": "move", "ra_rate_deg_s": ra_rate, "dec_rate_deg_s": dec_rate, "seconds": seconds}
-    words = f"{request_words(request)} for {seconds:g} s"
+    words = f"{request_text(request)} for {seconds:g} s"
     return perform(call, MoveFor(request, seconds), asked, words)
 
 
@@ -78,7 +78,7 @@ def pulse(context: CommandContext, ra_ms: int, dec_ms: int, **options: Any) -> i
     request = PulseGuide(ra_ms, dec_ms)
     call.check(request)
     asked = {"type": "pulse", "ra_ms": ra_ms, "dec_ms": dec_ms}
-    return perform(call, procedure_for(request, call.described.mount), asked, request_words(request))
+    return perform(call, procedure_for(request, call.described.mount), asked, request_text(request))
 
 
 @click.command("fine-rate")
@@ -97,7 +97,7 @@ def fine_rate(context: CommandContext, ra_deg_s: float, dec_deg_s: float, **opti
     request = FineRate(ra_deg_s, dec_deg_s)
     call.check(request)
     asked = {"type": "fine_rate", "ra_deg_s": ra_deg_s, "dec_deg_s": dec_deg_s}
-    return perform(call, procedure_for(request, call.described.mount), asked, request_words(request))
+    return perform(call, procedure_for(request, call.described.mount), asked, request_text(request))
 
 
 class DirectionCommand(click.Command):
@@ -142,7 +142,7 @@ def _point(context: CommandContext, request: Slew | Sync, options: dict[str, Any
     call.check(request)
     kind = "slew" if isinstance(request, Slew) else "sync"
     asked = {"type": kind, "ra_deg": request.ra_deg, "dec_deg": request.dec_deg}
-    return perform(call, procedure_for(request, call.described.mount), asked, request_words(request))
+    return perform(call, procedure_for(request, call.described.mount), asked, request_text(request))
 
 
 @click.command("abort")

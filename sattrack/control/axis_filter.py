@@ -460,7 +460,7 @@ class AxisFilter:
         """Return how far commands move the axis, by their effects."""
         return float(effects.dot(self._kalman.state[2:]))
 
-    def foretold_deg(self, seconds: float, effects: Array) -> float:
+    def predicted_deg(self, seconds: float, effects: Array) -> float:
         """Return where the axis will be after commands with these effects."""
         drifted_deg: float = self.disturbance_deg_s * seconds
         return self.position_deg + drifted_deg + self.moved_deg(effects)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.control.driver import Driver, StopProcedure, limit_words, site_warnings
+from sattrack.control.driver import Driver, StopProcedure, limit_text, site_warnings
 from sattrack.control.manual_operation import (
     LISTEN_S,
     LISTEN_STATUSES,
@@ -28,7 +28,7 @@ from sattrack.control.manual_operation import (
     acknowledged,
     procedure_for,
     refused,
-    request_words,
+    request_text,
 )
 from sattrack.control.rest import Jogs
 from sattrack.mount.link_loss import STOP_LINGER_S
@@ -284,7 +284,7 @@ class Console(Driver):
             return Safety(profile, self.limits, 0.0)
         return Safety(profile, self.limits, self.site.latitude_deg, self.site.longitude_deg)
 
-    def way_to(self, request: Slew, now_utc_s: float) -> tuple[Slew, ...] | RequestRefused:
+    def path_to(self, request: Slew, now_utc_s: float) -> tuple[Slew, ...] | RequestRefused:
         """Return the slews that lead to a direction past whatever is in the way."""
         refusal = self._objection(request)
         if refusal is not None:
@@ -293,7 +293,7 @@ class Console(Driver):
         stance = self.session.stance
         if words is not None or stance is None:
             return (request,)
-        ways = self.safety.way_to(request, stance, now_utc_s)
+        ways = self.safety.path_to(request, stance, now_utc_s)
         return RequestRefused(ways, by_safety=True) if isinstance(ways, str) else ways
 
     def _objection(self, request: Request) -> RequestRefused | None:
@@ -374,7 +374,7 @@ class Console(Driver):
         name = self.safety.drift_objection(fine, stance, now_utc_s)
         if name is None:
             return
-        self._stop(f"limit:{name}", limit_words(name))
+        self._stop(f"limit:{name}", limit_text(name))
         cleared = self.safety.clear_request(Abort(), stance, now_utc_s)
         if not isinstance(cleared, str):
             self.session.submit(cleared)
@@ -386,7 +386,7 @@ class Console(Driver):
             self.session.apply(cleared)
         tripped = self.safety.tripped
         if tripped is not None and isinstance(motion, MoveAxes | Slew):
-            self._stop(f"limit:{tripped}", limit_words(tripped))
+            self._stop(f"limit:{tripped}", limit_text(tripped))
 
     def _stop(self, why: str, words: str) -> None:
         """Bring the mount to rest unasked."""
@@ -600,7 +600,7 @@ def _warnings(console: Console, now_utc_s: float) -> list[str]:
         warnings.append(console.session.intruder)
     warnings.extend(console.session.ignored_fields)
     if console.safety.tripped is not None:
-        warnings.append(limit_words(console.safety.tripped))
+        warnings.append(limit_text(console.safety.tripped))
     since_utc_s = console.stopping_since_utc_s
     overdue = since_utc_s is not None and now_utc_s - since_utc_s > STOPS_WITHIN_S
     if overdue and not console.session.stopped:
@@ -631,7 +631,7 @@ def _asked_view(asked: RequestEntry) -> AskedView:
     ticket = asked.ticket
     return AskedView(
         number=asked.number,
-        what=request_words(ticket.request),
+        what=request_text(ticket.request),
         state=ticket.state.value,
         acknowledged=ticket.was_acknowledged,
         settled=ticket.settled,

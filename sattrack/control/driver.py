@@ -25,7 +25,7 @@ NO_ANSWER_AFTER_S = 3.0
 SITE_TOLERANCE_DEG = 0.1
 
 
-def limit_words(name: str, cause: str | None = None) -> str:
+def limit_text(name: str, cause: str | None = None) -> str:
     """Return which safety limit stopped the mount, and its cause where that is known, else the way out."""
     row = ROWS[name]
     if cause is not None:

@@ -9,7 +9,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sattrack.control.driver import NO_ANSWER_AFTER_S, Driver, StopProcedure, limit_words
+from sattrack.control.driver import NO_ANSWER_AFTER_S, Driver, StopProcedure, limit_text
 from sattrack.control.engine_view import HOLDING, learnt_view, view_of
 from sattrack.control.stages import Attempt, AxisAttempt, RunStage, Situation, Stages, why_not
 from sattrack.control.target import sky_error
@@ -211,7 +211,7 @@ class Engine(Driver):
         if self.message is not None and tracker.ended_by not in {"set", "operator"}:
             return self.message
         ra, dec = (
-            AxisAttempt(*names, fit.ratio, fit.fastest_deg_s, fit.fastest_told_deg_s, window.rms_arcsec)
+            AxisAttempt(*names, fit.ratio, fit.fastest_deg_s, fit.fastest_asked_deg_s, window.rms_arcsec)
             for names, fit, window in zip(AXES, tracker.learning.fits, self._missed, strict=True)
         )
         return why_not(
@@ -254,7 +254,7 @@ class Engine(Driver):
             self.session.apply(cleared)
             if self.safety.tripped is not None and self.tracker.ended_by is None:
                 name = self.safety.tripped
-                words = limit_words(name, self.safety.cause if name == "obedience" else None)
+                words = limit_text(name, self.safety.cause if name == "obedience" else None)
                 self._give_up(f"limit:{name}", words)
         elif self.tracker.phase is Phase.STOPPING:
             self.session.apply(self.clear(motion, now_utc_s))

@@ -271,7 +271,7 @@ def acknowledged(data: bytes) -> set[str]:
 _PLAIN: dict[type, str] = {Abort: "abort", Park: "park", FindHome: "home", EndMove: "end the move"}
 
 
-def request_words(request: Request) -> str:
+def request_text(request: Request) -> str:
     """Return a request in words, with its numbers."""
     match request:
         case Slew() | Sync():
@@ -343,7 +343,7 @@ class ProcedureHost(Protocol):
     def submit(self, request: Request, now_utc_s: float) -> Ticket | RequestRefused:
         """Ask for one thing, if safety lets it."""
 
-    def way_to(self, request: Slew, now_utc_s: float) -> tuple[Slew, ...] | RequestRefused:
+    def path_to(self, request: Slew, now_utc_s: float) -> tuple[Slew, ...] | RequestRefused:
         """Return the slews that lead to a direction past whatever is in the way."""
 
 
@@ -404,7 +404,7 @@ class SlewThere:
 
     def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
         """See Procedure."""
-        way = desk.way_to(self.request, now_utc_s)
+        way = desk.path_to(self.request, now_utc_s)
         if isinstance(way, RequestRefused):
             return way
         self._left = list(way)
@@ -423,7 +423,7 @@ class SlewThere:
         """Ask for the next leg; the way is sought anew where something has come into it meanwhile."""
         asked = desk.submit(self._left[0], now_utc_s)
         if isinstance(asked, RequestRefused) and self._ticket is not None:
-            way = desk.way_to(self.request, now_utc_s)
+            way = desk.path_to(self.request, now_utc_s)
             if isinstance(way, RequestRefused):
                 return way
             self._left = list(way)

@@ -9,7 +9,7 @@ import numpy as np
 
 from sattrack.core.angles import altitude_deg, azimuth_deg
 from sattrack.planning.budget import PROBE_S, Circumstances, error_budget
-from sattrack.planning.rehearsal import uncalibrated_words
+from sattrack.planning.rehearsal import uncalibrated_text
 from sattrack.runtime.facts import SEARCH_HOURS, SIMULATED, build_engine, first_bias
 from sattrack.safety.bodies import moon_over, sun_over
 from sattrack.views.run import PassView, PathPoint, SkyPoint
@@ -91,7 +91,7 @@ def uncalibrated(facts: RunFacts) -> str | None:
     """
     if facts.profile.calibration is not None or facts.mount_name == SIMULATED:
         return None
-    return uncalibrated_words(facts.profile, fastest_deg_s(facts), AT_FASTEST)
+    return uncalibrated_text(facts.profile, fastest_deg_s(facts), AT_FASTEST)
 
 
 def _low(alt_deg: float) -> bool:

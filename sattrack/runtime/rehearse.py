@@ -49,7 +49,7 @@ from sattrack.planning.rehearsal import (
     margins,
     mount_path,
     peaks,
-    uncalibrated_words,
+    uncalibrated_text,
     verdict,
 )
 from sattrack.planning.trace import Performance, RehearsalTrace, TabledPropagator
@@ -99,7 +99,7 @@ class RehearsedRun(VirtualRun):
         if self._said:
             VirtualRun._mount_turn(self, now_utc_s, _)
             return
-        self.mount.tick_unsaid(now_utc_s)
+        self.mount.tick_silently(now_utc_s)
         self._at(self._installation.next_turn_s(now_utc_s), self._mount_turn, None)
 
     def _is_clear(self) -> bool:
@@ -546,7 +546,7 @@ def _notes(facts: RunFacts, part: RunFacts, performance: Performance) -> tuple[s
     if performance.period_s != facts.profile.period_s:
         notes.append(f"slow enough to be run in steps of {performance.period_s:g} s")
     if facts.profile.calibration is None:
-        notes.append(uncalibrated_words(facts.profile, fastest_deg_s(facts), AT_FASTEST))
+        notes.append(uncalibrated_text(facts.profile, fastest_deg_s(facts), AT_FASTEST))
     return tuple(notes)
 
 

@@ -168,9 +168,9 @@ class SlewGate:
         from sattrack.safety.route import axes_of
 
         goal = axes_of(sidereal_deg - target.ra_deg, target.dec_deg, self._profile, self._latitude_deg)
-        return self.way_objection(place, goal)
+        return self.path_objection(place, goal)
 
-    def way_objection(self, place: Place, goal: tuple[float, float]) -> str | None:
+    def path_objection(self, place: Place, goal: tuple[float, float]) -> str | None:
         """Return the name of the row that the way between two places is not clear of, or None."""
         from sattrack.safety.route import blocked
 

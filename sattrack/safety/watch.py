@@ -160,7 +160,7 @@ class Watch:
                 sign = f"{field}_rate_sign{beyond}"
                 return f"rates came out with the other sign in {name}: turn {sign} in the profile"
             still += axis if abs(ratio) < STILL else 0
-        return self._still_words(still)
+        return self._still_text(still)
 
     @property
     def keeps_first(self) -> bool:
@@ -198,7 +198,7 @@ class Watch:
             for first in self._first
         )
 
-    def _still_words(self, still: int) -> str | None:
+    def _still_text(self, still: int) -> str | None:
         if still == RA_AND_DEC and self._profile.move_axis == "held":
             return (
                 "neither axis changes its rate as commanded: move_axis is edge, and the profile says held, "
