@@ -52,7 +52,7 @@ from sattrack.mount.requests import (
     Ticket,
     objection,
 )
-from sattrack.mount.xerxes.states import LinkState
+from sattrack.mount.xerxes.link import LinkState
 from sattrack.safety import Safety
 from sattrack.views.messages import ConsoleMessage, Jog, Leave, Reset
 from sattrack.views.run import AskedView, ConsoleView

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 from sattrack.mount.link_loss import STOP_LINGER_S, longest_stop_s
 from sattrack.mount.model import Hold, MoveAxes, Stop, seen_of
+from sattrack.mount.xerxes.link import LinkState
 from sattrack.mount.xerxes.session import Session
-from sattrack.mount.xerxes.states import LinkState
 from sattrack.safety import ROWS, Safety, SafetyLimits
 
 if TYPE_CHECKING:

@@ -16,7 +16,8 @@ from sattrack.control.target import sky_error
 from sattrack.control.tracker import FOLLOWING, Phase, Tracker, TrackPlan
 from sattrack.core.figures import RunningError, WindowedError
 from sattrack.mount.model import LONGEST_STEP_S, Slew, StatusSample, Stop
-from sattrack.mount.xerxes.states import LinkState, SlewState
+from sattrack.mount.xerxes.flags import SlewState
+from sattrack.mount.xerxes.link import LinkState
 from sattrack.safety import ROWS, Safety, SafetyLimits
 from sattrack.safety.watch import KEEPS_FIRST
 from sattrack.views.messages import Jog

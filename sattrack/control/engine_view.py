@@ -10,7 +10,7 @@ from sattrack.control.following import FREE_REST_DEG_S
 from sattrack.control.tracker import FOLLOWING, Phase
 from sattrack.core.angles import wrap180
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
-from sattrack.mount.xerxes.states import STALE_AFTER_S, LinkState
+from sattrack.mount.xerxes.link import STALE_AFTER_S, LinkState
 from sattrack.safety import ROWS
 from sattrack.views.run import EstimateView, LearntView, OffsetView, PauseView, SearchView, TrackView
 

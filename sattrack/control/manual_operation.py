@@ -24,7 +24,7 @@ from sattrack.mount.requests import (
     TrackingRate,
 )
 from sattrack.mount.xerxes.datagrams import DatagramError, decode_status
-from sattrack.mount.xerxes.states import LinkState
+from sattrack.mount.xerxes.link import LinkState
 from sattrack.views.console_words import degrees, hours
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from sattrack.control.manual_operation import DONE, Once
 from sattrack.control.tracker import FOLLOWING
 from sattrack.mount.model import Hold
 from sattrack.mount.requests import FineRate
-from sattrack.mount.xerxes.states import LinkState
+from sattrack.mount.xerxes.link import LinkState
 from sattrack.servers.alpaca.drive import AfterStop, Drive, Operation, check_floor, procedure_of, refuse
 from sattrack.servers.alpaca.messages import (
     AbortOrder,
