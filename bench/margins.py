@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sattrack.control.axis_filter import SETTLED_S, Commanded, Step, expected_shares, lag_of, rest_of
-from sattrack.control.following import AxisPath, rate_deg_s
+from sattrack.control.following import AxisCourse, rate_deg_s
 from sattrack.mount.model import AxisLimits
 
 INTERVALS_S = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35)
@@ -72,7 +72,7 @@ def answers(loop: Loop) -> np.ndarray:
         sent_before = [step for step in pulse if step.utc_s < acts_s - 1e-9]
         comes = Commanded(LONG_AGO_S).effects(now_s, acts_s + SETTLED_S, sent_before)
         comes -= rest_of((AT_REST, *sent_before)[-1], SETTLED_S)
-        way = AxisPath(0.0, 0.0, interval_s, 0.0, 0.0)
+        way = AxisCourse(0.0, 0.0, interval_s, 0.0, 0.0)
         bound_for_deg = stands_deg + float(comes[0] @ shares)
         sent.append(rate_deg_s(way, bound_for_deg, known, AXIS, AXIS.max_rate_deg_s) / PULSE_DEG_S)
     return np.array(sent)

@@ -59,11 +59,11 @@ class TurnForecast:
         counter = self._last
         while True:
             counter += 1
-            at = self._foretold(counter)
+            at = self._predicted(counter)
             if at >= mount_s:
                 return at
 
-    def _foretold(self, counter: int) -> float:
+    def _predicted(self, counter: int) -> float:
         before = counter - self._rhythm * -(-(counter - self._last) // self._rhythm)
         while before not in self._at and before > self._last - 4 * LONGEST_RHYTHM:
             before -= self._rhythm

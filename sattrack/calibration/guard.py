@@ -19,6 +19,7 @@ from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.mount.xerxes.session import says_the_same
 from sattrack.safety import ROWS
 from sattrack.safety.geometry import Box
+from sattrack.safety.limits import SUN_CONE_DEG
 from tle.earth import EarthOrientation
 from tle.instants import Utc
 from tle.sun import sun_km
@@ -179,7 +180,6 @@ class Plan:
 
 
 FLOOR_ALTITUDE_DEG = 20.0
-SUN_CONE_DEG = 15.0
 HIGHEST_DEC_DEG = 88.0
 """Nearer to a pole the reported right ascension turns by itself."""
 SUN_MOVES_DEG = 2.5

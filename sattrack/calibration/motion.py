@@ -12,7 +12,15 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from sattrack.calibration.servo import FASTEST_SHARE, Braking, Measured, Transient, braking, measured
+from sattrack.calibration.servo import (
+    FASTEST_SHARE,
+    FEWEST_SAMPLES,
+    Braking,
+    Measured,
+    Transient,
+    braking,
+    measured,
+)
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 
 if TYPE_CHECKING:
@@ -24,7 +32,6 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     from collections.abc import Sequence
 
-FEWEST_SAMPLES = 8
 LEAST_SIGMA_DEG_S = 1e-7
 RIPPLES = tuple(1e-7 * 1.25**n for n in range(60))
 FALLS_SHORT = 0.02

@@ -184,7 +184,7 @@ def found_rows(found: Findings) -> list[tuple[str, str]]:
     delays, trip = found.delays, found.delays.round_trip
     rows = [
         ("side of the pier", "beyond the pole" if found.beyond_pole else "normal"),
-        ("MoveAxis", f"{found.move_axis}{_zero_words(found)}"),
+        ("MoveAxis", f"{found.move_axis}{_zero_text(found)}"),
         ("MoveAxis in right ascension", "additive to sidereal" if found.additive else "absolute"),
     ]
     axes = (("right ascension", found.ra, found.ra_motion), ("declination", found.dec, found.dec_motion))
@@ -194,8 +194,8 @@ def found_rows(found: Findings) -> list[tuple[str, str]]:
         rows += [(f"{words}, {name}", value) for name, value in _motion_rows(axis, motion)]
     rows += [
         ("round trip", f"{trip.seconds * 1e3:.2f} ± {trip.sigma_s * 1e3:.2f} ms"),
-        ("command delay", f"{_ms(delays.command_s)}, {_split_words(found)}"),
-        ("status delay", f"{_ms(delays.status_s)}, {_split_words(found)}"),
+        ("command delay", f"{_ms(delays.command_s)}, {_split_text(found)}"),
+        ("status delay", f"{_ms(delays.status_s)}, {_split_text(found)}"),
         ("mount's clock ahead", f"{delays.clock_offset_s[0]:.4f} to {delays.clock_offset_s[1]:.4f} s"),
         (
             "mount's clock drift",
@@ -217,7 +217,7 @@ def found_rows(found: Findings) -> list[tuple[str, str]]:
     return rows
 
 
-def _zero_words(found: Findings) -> str:
+def _zero_text(found: Findings) -> str:
     if found.zero_ends is None:
         return ""
     return (
@@ -229,14 +229,14 @@ def _motion_rows(axis: AxisResponse, motion: AxisMotion) -> list[tuple[str, str]
     limit = f"{axis.fastest_deg_s:.3f} °/s"
     return [
         ("rate limit", limit if axis.rate_limit_reached else f"at least {limit}"),
-        ("acceleration", _acceleration_words(motion)),
-        ("start", _motion_words(motion.starting)),
-        ("stop", _motion_words(motion.braking.stop if motion.braking else None)),
-        ("lag", _lag_words(motion)),
+        ("acceleration", _acceleration_text(motion)),
+        ("start", _motion_text(motion.starting)),
+        ("stop", _motion_text(motion.braking.stop if motion.braking else None)),
+        ("lag", _lag_text(motion)),
     ]
 
 
-def _acceleration_words(motion: AxisMotion) -> str:
+def _acceleration_text(motion: AxisMotion) -> str:
     found = motion.braking
     if found is None or found.acceleration_deg_s2 is None or found.acceleration_sigma_deg_s2 is None:
         return "too high to be seen; left as it was"
@@ -244,7 +244,7 @@ def _acceleration_words(motion: AxisMotion) -> str:
     return value if found.limited else f"{value} by the whole stop; the axis' limit was not reached"
 
 
-def _motion_words(found: Measured | None) -> str:
+def _motion_text(found: Measured | None) -> str:
     if found is None:
         return "not seen"
     return (
@@ -253,13 +253,13 @@ def _motion_words(found: Measured | None) -> str:
     )
 
 
-def _lag_words(motion: AxisMotion) -> str:
+def _lag_text(motion: AxisMotion) -> str:
     if motion.lag is None:
         return "could not be told; left as it was"
     return f"{motion.lag.seconds * 1e3:.1f} ± {motion.lag.sigma_s * 1e3:.1f} ms"
 
 
-def _split_words(found: Findings) -> str:
+def _split_text(found: Findings) -> str:
     if found.delays.clock_reading is not None:
         return f"by the mount's clock ({found.delays.clock_reading})"
     return "together the round trip"

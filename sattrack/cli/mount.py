@@ -38,7 +38,7 @@ from sattrack.control.manual_operation import (
     Outcome,
     ParkThere,
     procedure_for,
-    request_words,
+    request_text,
 )
 from sattrack.core.errors import (
     BadInputError,
@@ -311,7 +311,7 @@ def move(
     request = MoveAxis(ra_rate, dec_rate)
     call.check(request)
     asked = {"type": "move", "ra_rate_deg_s": ra_rate, "dec_rate_deg_s": dec_rate, "seconds": seconds}
-    words = f"{request_words(request)} for {seconds:g} s"
+    words = f"{request_text(request)} for {seconds:g} s"
     return perform(call, MoveFor(request, seconds), asked, words)
 
 
@@ -325,7 +325,7 @@ def pulse(context: CommandContext, ra_ms: int, dec_ms: int, **options: Any) -> i
     request = PulseGuide(ra_ms, dec_ms)
     call.check(request)
     asked = {"type": "pulse", "ra_ms": ra_ms, "dec_ms": dec_ms}
-    return perform(call, procedure_for(request, call.described.mount), asked, request_words(request))
+    return perform(call, procedure_for(request, call.described.mount), asked, request_text(request))
 
 
 @click.command("fine-rate")
@@ -344,7 +344,7 @@ def fine_rate(context: CommandContext, ra_deg_s: float, dec_deg_s: float, **opti
     request = FineRate(ra_deg_s, dec_deg_s)
     call.check(request)
     asked = {"type": "fine_rate", "ra_deg_s": ra_deg_s, "dec_deg_s": dec_deg_s}
-    return perform(call, procedure_for(request, call.described.mount), asked, request_words(request))
+    return perform(call, procedure_for(request, call.described.mount), asked, request_text(request))
 
 
 class DirectionCommand(click.Command):
@@ -389,7 +389,7 @@ def _point(context: CommandContext, request: Slew | Sync, options: dict[str, Any
     call.check(request)
     kind = "slew" if isinstance(request, Slew) else "sync"
     asked = {"type": kind, "ra_deg": request.ra_deg, "dec_deg": request.dec_deg}
-    return perform(call, procedure_for(request, call.described.mount), asked, request_words(request))
+    return perform(call, procedure_for(request, call.described.mount), asked, request_text(request))
 
 
 @click.command("abort")

@@ -126,7 +126,8 @@ def _base(options: dict[str, Any], url: str | None) -> ProfileFile:
 
 def _ask(consented: bool, mount_name: str) -> None:
     """Tell what will move, and go on only with the operator's consent."""
-    from sattrack.calibration.guard import BOX_DEG, FLOOR_ALTITUDE_DEG, SUN_CONE_DEG, Plan
+    from sattrack.calibration.guard import BOX_DEG, FLOOR_ALTITUDE_DEG, Plan
+    from sattrack.safety.limits import SUN_CONE_DEG
 
     for words in Plan().words():
         tell(words)

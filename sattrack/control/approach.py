@@ -15,6 +15,7 @@ import msgspec
 
 from sattrack.core.angles import wrap180
 from sattrack.mount.model import Motion, MoveAxes, Slew
+from sattrack.safety.slews import THERE_DEG
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -119,8 +120,6 @@ def _meet(
     return Intercept(join, ra, dec)
 
 
-THERE_DEG = 0.1
-"""A slew that ends farther from its goal was not carried out."""
 SLEWS_TRIED = 3
 STANDS_FOR_S, STANDS_WITHIN_DEG = 0.25, 0.02
 PATIENCE_S, PATIENCE_TIMES = 30.0, 3.0

@@ -29,6 +29,7 @@ from sattrack.control.axis_filter import (
     Step,
     rest_of,
 )
+from sattrack.control.latency import LARGEST_PERIOD_ERROR
 from sattrack.core.angles import wrap180
 
 if TYPE_CHECKING:
@@ -40,7 +41,6 @@ REMEMBERED = 200
 ASTRAY_S = 0.2
 """A turn this far from where it was foretold is of a loop that stood still, or of a clock that was set."""
 SHORTEST_BASE = 20
-LARGEST_PERIOD_ERROR = 0.5
 MOST_SHIFT_S, SHIFT_SHARE = 0.0002, 0.02
 """How fast the sending falls into step with the mount's loop: too slow for the period to show it."""
 EDGE_PERIODS = 2.0
@@ -237,7 +237,7 @@ class Axes:
     """Changes of the commanded rates that are still being answered."""
     _seen_deg: tuple[float, float] | None = None
     """What the last sample reported."""
-    foretold_deg: tuple[float, float] = (0.0, 0.0)
+    predicted_deg: tuple[float, float] = (0.0, 0.0)
     """How far the commands were to move the axes between the last two samples."""
     turned_over_s: float = 0.0
     """The time between those two; 0 where no commands explain the motion."""
@@ -289,7 +289,7 @@ class Axes:
             self._follow_plan(sample, utc_s)
             return True
         moved = self._advance(sample, utc_s, seconds)
-        self.sample_utc_s, self.turned_over_s, self.foretold_deg = utc_s, seconds, moved
+        self.sample_utc_s, self.turned_over_s, self.predicted_deg = utc_s, seconds, moved
         if self._is_stuck(sample, *moved):
             return False
         # No axis gets further from the prediction than by running full speed the other way.
@@ -376,7 +376,7 @@ class Axes:
         effect -= rest_of(last, SETTLED_S)
         ahead_s = utc_s - self.sample_utc_s
         ra, dec = (
-            axis.foretold_deg(ahead_s + axis.lag.mean_s, effect[number])
+            axis.predicted_deg(ahead_s + axis.lag.mean_s, effect[number])
             for number, axis in enumerate((self.ra, self.dec))
         )
         return (ra, dec), (last.ra_rate_deg_s, last.dec_rate_deg_s)
@@ -400,8 +400,8 @@ class Axes:
             return expected, effect
         seconds, before, now = utc_s - self.sample_utc_s, self._commanded.last, expected[0]
         left = (
-            wrap180(sample.ra_deg - self.ra.foretold_deg(seconds, effect[0])),
-            sample.dec_deg - self.dec.foretold_deg(seconds, effect[1]),
+            wrap180(sample.ra_deg - self.ra.predicted_deg(seconds, effect[0])),
+            sample.dec_deg - self.dec.predicted_deg(seconds, effect[1]),
         )
         sigmas = (
             self.ra.expected_sigma_deg(now.ra_rate_deg_s - before.ra_rate_deg_s),

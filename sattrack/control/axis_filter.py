@@ -448,16 +448,6 @@ class AxisFilter:
         """Return how far off the next measurement may be, one sigma, after a change of the commanded rate."""
         return math.hypot(self.innovation_sigma_deg, self._noise.response_s * jolt_deg_s)
 
-    @property
-    def position_sigma_deg(self) -> float:
-        """Uncertainty of the position, one sigma."""
-        return math.sqrt(float(self._kalman.covariance[0, 0]))
-
-    @property
-    def disturbance_sigma_deg_s(self) -> float:
-        """Uncertainty of the rate disturbance, one sigma."""
-        return math.sqrt(float(self._kalman.covariance[1, 1]))
-
     def rough_deg(self, jolt_deg_s: float) -> float:
         """Return how much rougher than usual a motion is after a change of the commanded rate, one sigma."""
         return self._noise.response_s * abs(jolt_deg_s)
@@ -470,7 +460,7 @@ class AxisFilter:
         """Return how far commands move the axis, by their effects."""
         return float(effects.dot(self._kalman.state[2:]))
 
-    def foretold_deg(self, seconds: float, effects: Array) -> float:
+    def predicted_deg(self, seconds: float, effects: Array) -> float:
         """Return where the axis will be after commands with these effects."""
         drifted_deg: float = self.disturbance_deg_s * seconds
         return self.position_deg + drifted_deg + self.moved_deg(effects)

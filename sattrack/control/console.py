@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.control.driver import Driver, StopProcedure, limit_words
+from sattrack.control.driver import Driver, StopProcedure, limit_text, site_warnings
 from sattrack.control.manual_operation import (
     LISTEN_S,
     LISTEN_STATUSES,
@@ -28,7 +28,7 @@ from sattrack.control.manual_operation import (
     acknowledged,
     procedure_for,
     refused,
-    request_words,
+    request_text,
 )
 from sattrack.control.rest import Jogs
 from sattrack.mount.link_loss import STOP_LINGER_S
@@ -52,7 +52,7 @@ from sattrack.mount.requests import (
     Ticket,
     objection,
 )
-from sattrack.mount.xerxes.states import LinkState
+from sattrack.mount.xerxes.link import LinkState
 from sattrack.safety import Safety
 from sattrack.settings import NO_SITE
 from sattrack.views.messages import ConsoleMessage, Jog, Leave, Reset
@@ -285,7 +285,7 @@ class Console(Driver):
             return Safety(profile, self.limits, 0.0)
         return Safety(profile, self.limits, self.site.latitude_deg, self.site.longitude_deg)
 
-    def way_to(self, request: Slew, now_utc_s: float) -> tuple[Slew, ...] | RequestRefused:
+    def path_to(self, request: Slew, now_utc_s: float) -> tuple[Slew, ...] | RequestRefused:
         """Return the slews that lead to a direction past whatever is in the way."""
         refusal = self._objection(request)
         if refusal is not None:
@@ -294,7 +294,7 @@ class Console(Driver):
         stance = self.session.stance
         if words is not None or stance is None:
             return (request,)
-        ways = self.safety.way_to(request, stance, now_utc_s)
+        ways = self.safety.path_to(request, stance, now_utc_s)
         return RequestRefused(ways, by_safety=True) if isinstance(ways, str) else ways
 
     def _objection(self, request: Request) -> RequestRefused | None:
@@ -375,7 +375,7 @@ class Console(Driver):
         name = self.safety.drift_objection(fine, stance, now_utc_s)
         if name is None:
             return
-        self._stop(f"limit:{name}", limit_words(name))
+        self._stop(f"limit:{name}", limit_text(name))
         cleared = self.safety.clear_request(Abort(), stance, now_utc_s)
         if not isinstance(cleared, str):
             self.session.submit(cleared)
@@ -387,7 +387,7 @@ class Console(Driver):
             self.session.apply(cleared)
         tripped = self.safety.tripped
         if tripped is not None and isinstance(motion, MoveAxes | Slew):
-            self._stop(f"limit:{tripped}", limit_words(tripped))
+            self._stop(f"limit:{tripped}", limit_text(tripped))
 
     def _stop(self, why: str, words: str) -> None:
         """Bring the mount to rest unasked."""
@@ -537,7 +537,6 @@ class ConsoleSession:
         return view
 
 
-SITE_TOLERANCE_DEG = 0.1
 CLOCK_OFF_S = 2.0
 STOPS_WITHIN_S = 1.0
 """A stop that has not been seen through by then is worth a word."""
@@ -602,14 +601,14 @@ def _warnings(console: Console, now_utc_s: float) -> list[str]:
         warnings.append(console.session.intruder)
     warnings.extend(console.session.ignored_fields)
     if console.safety.tripped is not None:
-        warnings.append(limit_words(console.safety.tripped))
+        warnings.append(limit_text(console.safety.tripped))
     since_utc_s = console.stopping_since_utc_s
     overdue = since_utc_s is not None and now_utc_s - since_utc_s > STOPS_WITHIN_S
     if overdue and not console.session.stopped:
         warnings.append("the stop is not confirmed yet: it is being sent again and again")
     if console.way_trouble is not None:
         warnings.append(console.way_trouble)
-    warnings += _site_warnings(console) + _reading_warnings(console)
+    warnings += site_warnings(console.session.status, console.site) + _reading_warnings(console)
     offset_s = console.clock_offset_s
     if offset_s is not None and abs(offset_s) > CLOCK_OFF_S:
         words = f"the mount's clock is {abs(offset_s):.1f} s {'ahead' if offset_s > 0.0 else 'behind'}"
@@ -618,17 +617,6 @@ def _warnings(console: Console, now_utc_s: float) -> list[str]:
         hosts = ", ".join(console.stranger_hosts)
         warnings.append(f"datagrams from {hosts} were dropped: they are not from the mount")
     return warnings
-
-
-def _site_warnings(console: Console) -> list[str]:
-    status, site = console.session.status, console.site
-    if status is None or site is None or status.site_deg is None:
-        return []
-    latitude, longitude = status.site_deg
-    off = (abs(latitude - site.latitude_deg), abs(math.remainder(longitude - site.longitude_deg, 360.0)))
-    if max(off) < SITE_TOLERANCE_DEG:
-        return []
-    return [f"the mount believes it stands at {latitude:.2f}, {longitude:.2f}: check the site on both sides"]
 
 
 def _reading_warnings(console: Console) -> list[str]:
@@ -644,7 +632,7 @@ def _asked_view(asked: RequestEntry) -> AskedView:
     ticket = asked.ticket
     return AskedView(
         number=asked.number,
-        what=request_words(ticket.request),
+        what=request_text(ticket.request),
         state=ticket.state.value,
         acknowledged=ticket.was_acknowledged,
         settled=ticket.settled,

@@ -7,24 +7,41 @@ session that is gone, or that cannot be relied on.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from sattrack.mount.link_loss import STOP_LINGER_S, longest_stop_s
 from sattrack.mount.model import Hold, MoveAxes, Stop, seen_of
+from sattrack.mount.xerxes.link import LinkState
 from sattrack.mount.xerxes.session import Session
-from sattrack.mount.xerxes.states import LinkState
 from sattrack.safety import ROWS, Safety, SafetyLimits
 
 if TYPE_CHECKING:
-    from sattrack.mount.model import Cleared, Motion, MountProfile, StatusSample
+    from sattrack.mount.model import Cleared, Motion, MountProfile, Status, StatusSample
+    from tle.site import Site
+
+NO_ANSWER_AFTER_S = 3.0
+"""A mount that has sent nothing for so long from the beginning does not answer."""
+SITE_TOLERANCE_DEG = 0.1
 
 
-def limit_words(name: str, cause: str | None = None) -> str:
+def limit_text(name: str, cause: str | None = None) -> str:
     """Return which safety limit stopped the mount, and its cause where that is known, else the way out."""
     row = ROWS[name]
     if cause is not None:
         return f"safety stopped the mount at its {name} limit: {cause}"
     return f"safety stopped the mount at its {name} limit ({row.watches}); to go on: {row.way_out}"
+
+
+def site_warnings(status: Status | None, site: Site | None) -> list[str]:
+    """Return a warning where the mount believes it stands somewhere else than at our site."""
+    if status is None or site is None or status.site_deg is None:
+        return []
+    latitude, longitude = status.site_deg
+    off = (abs(latitude - site.latitude_deg), abs(math.remainder(longitude - site.longitude_deg, 360.0)))
+    if max(off) < SITE_TOLERANCE_DEG:
+        return []
+    return [f"the mount believes it stands at {latitude:.2f}, {longitude:.2f}: check the site on both sides"]
 
 
 class StopProcedure:

@@ -9,14 +9,15 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sattrack.control.driver import Driver, StopProcedure, limit_words
+from sattrack.control.driver import NO_ANSWER_AFTER_S, Driver, StopProcedure, limit_text
 from sattrack.control.engine_view import HOLDING, learnt_view, view_of
 from sattrack.control.stages import Attempt, AxisAttempt, RunStage, Situation, Stages, why_not
 from sattrack.control.target import sky_error
 from sattrack.control.tracker import FOLLOWING, Phase, Tracker, TrackPlan
 from sattrack.core.figures import RunningError, WindowedError
-from sattrack.mount.model import Slew, StatusSample, Stop
-from sattrack.mount.xerxes.states import LinkState, SlewState
+from sattrack.mount.model import LONGEST_STEP_S, Slew, StatusSample, Stop
+from sattrack.mount.xerxes.flags import SlewState
+from sattrack.mount.xerxes.link import LinkState
 from sattrack.safety import ROWS, Safety, SafetyLimits
 from sattrack.safety.watch import KEEPS_FIRST
 from sattrack.views.messages import Jog
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
     from tle.bias import Bias
     from tle.propagator import Propagator
 
-NO_ANSWER_AFTER_S = 3.0
-LONGEST_STEP_S = 0.5
 STAGES_TOLD = 16
 """Views come more often than the stages of a run change so many times."""
 EDGES_TOLD_S, FALLEN = 5.0, (0.2, 0.8)
@@ -213,7 +212,7 @@ class Engine(Driver):
         if self.message is not None and tracker.ended_by not in {"set", "operator"}:
             return self.message
         ra, dec = (
-            AxisAttempt(*names, fit.ratio, fit.fastest_deg_s, fit.fastest_told_deg_s, window.rms_arcsec)
+            AxisAttempt(*names, fit.ratio, fit.fastest_deg_s, fit.fastest_asked_deg_s, window.rms_arcsec)
             for names, fit, window in zip(AXES, tracker.learning.fits, self._missed, strict=True)
         )
         return why_not(
@@ -256,7 +255,7 @@ class Engine(Driver):
             self.session.apply(cleared)
             if self.safety.tripped is not None and self.tracker.ended_by is None:
                 name = self.safety.tripped
-                words = limit_words(name, self.safety.cause if name == "obedience" else None)
+                words = limit_text(name, self.safety.cause if name == "obedience" else None)
                 self._give_up(f"limit:{name}", words)
         elif self.tracker.phase is Phase.STOPPING:
             self.session.apply(self.clear(motion, now_utc_s))

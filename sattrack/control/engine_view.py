@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, TypedDict
 
+from sattrack.control.driver import site_warnings
 from sattrack.control.following import FREE_REST_DEG_S
 from sattrack.control.tracker import FOLLOWING, Phase
 from sattrack.core.angles import wrap180
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
-from sattrack.mount.xerxes.states import STALE_AFTER_S, LinkState
+from sattrack.mount.xerxes.link import STALE_AFTER_S, LinkState
 from sattrack.safety import ROWS
 from sattrack.views.run import EstimateView, LearntView, OffsetView, PauseView, SearchView, TrackView
 
@@ -24,7 +25,6 @@ HOLDING = "holding"
 """The phase in which a limit keeps the mount off its target."""
 LOST_TOLD_S = 10.0
 """For how long it is told that the mount was lost."""
-SITE_TOLERANCE_DEG = 0.1
 DRIFT_TOLERANCE_DEG_S, DRIFT_SIGMA_DEG_S = 2.0 / 3600.0, 4.0 / 3600.0
 """How near to the sidereal rate a drift in right ascension must be, and how surely, to be taken for it."""
 LOOSE_FACTOR = 2.0
@@ -163,7 +163,7 @@ def _warnings(engine: Engine) -> tuple[str, ...]:
     if tracker.lost_utc_s is not None and heard_utc_s - tracker.lost_utc_s < LOST_TOLD_S:
         warnings.append("the mount was not where its commands lead: lost, and taken up where it is")
     warnings.extend(_side_warnings(engine))
-    warnings.extend(_site_warnings(engine))
+    warnings.extend(site_warnings(engine.session.status, engine.spec.propagator.site))
     if engine.message:
         warnings.append(engine.message)
     return tuple(warnings)
@@ -239,19 +239,6 @@ def _side_warnings(engine: Engine) -> list[str]:
     measured = record.both_sides or (record.side_of_pier == "beyond_pole") == beyond
     words = "this side of the pier is not in the mount's profile: its rates may go the other way"
     return [] if measured else [words]
-
-
-def _site_warnings(engine: Engine) -> list[str]:
-    """Say where the mount believes it stands, if that is somewhere else."""
-    status, site = engine.session.status, engine.spec.propagator.site
-    if status is None or status.site_deg is None:
-        return []
-    latitude_deg, longitude_deg = status.site_deg
-    apart = (abs(latitude_deg - site.latitude_deg), abs(wrap180(longitude_deg - site.longitude_deg)))
-    if max(apart) < SITE_TOLERANCE_DEG:
-        return []
-    where = f"{latitude_deg:.2f}, {longitude_deg:.2f}"
-    return [f"the mount believes it stands at {where}: check the site on both sides"]
 
 
 class BiasFields(TypedDict):

@@ -132,7 +132,7 @@ class Follower:
                 span.move_deg[number],
                 span.acceleration_deg_s2[number],
             )
-            way = AxisPath(begin, move, interval, bend, ahead_s)
+            way = AxisCourse(begin, move, interval, bend, ahead_s)
             limit = share * limits.max_rate_deg_s
             rate = rate_deg_s(way, span.bound_deg[number], axis, limits, limit, law)
             rates.append(ramped_deg_s(rate, before[number], limits, interval, law))
@@ -256,7 +256,7 @@ class RateFit:
 
     def __init__(self) -> None:
         self.samples = 0
-        self.fastest_deg_s = self.fastest_told_deg_s = 0.0
+        self.fastest_deg_s = self.fastest_asked_deg_s = 0.0
         """The fastest rates that were seen and commanded, whichever way."""
         self._sums = [0.0, 0.0, 0.0, 0.0, 0.0]
 
@@ -264,7 +264,7 @@ class RateFit:
         """Take the mean rates between two samples; the commanded one as the servo answers it."""
         self.samples += 1
         c, m = commanded_deg_s, seen_deg_s
-        self.fastest_told_deg_s = max(self.fastest_told_deg_s, abs(c))
+        self.fastest_asked_deg_s = max(self.fastest_asked_deg_s, abs(c))
         self.fastest_deg_s = max(self.fastest_deg_s, abs(m))
         for place, value in enumerate((c, m, c * c, c * m, m * m)):
             self._sums[place] += value
@@ -345,7 +345,7 @@ class Learning:
         if abs(seconds - axes.turned_over_s) > 1e-6:
             return
         seen = wrap180(sample.ra_deg - before[1]), sample.dec_deg - before[2]
-        parts = zip(self.fits, (axes.ra, axes.dec), axes.foretold_deg, seen, strict=True)
+        parts = zip(self.fits, (axes.ra, axes.dec), axes.predicted_deg, seen, strict=True)
         for fit, axis, moved, came in parts:
             fit.take(moved / (1.0 + axis.gain_error) / seconds, came / seconds)
 
@@ -374,7 +374,7 @@ class Learning:
 LAW = FeederLaw()
 
 
-class AxisPath(NamedTuple):
+class AxisCourse(NamedTuple):
     """One axis' target over the interval in which a command acts, seen `ahead_s` after the interval.
 
     Degrees, seconds; `move_deg` is how far it goes in the interval.
@@ -416,7 +416,7 @@ def settling_s(interval_s: float, lag_s: float, lag_sigma_s: float, law: FeederL
 
 
 def rate_deg_s(
-    way: AxisPath,
+    way: AxisCourse,
     bound_for_deg: float,
     axis: AxisFilter,
     limits: AxisLimits,

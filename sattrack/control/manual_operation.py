@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING, Protocol
 
-from sattrack.control.driver import StopProcedure
+from sattrack.control.driver import NO_ANSWER_AFTER_S, StopProcedure
 from sattrack.mount.model import Slew
 from sattrack.mount.requests import (
     Abort,
@@ -24,7 +24,7 @@ from sattrack.mount.requests import (
     TrackingRate,
 )
 from sattrack.mount.xerxes.datagrams import DatagramError, decode_status
-from sattrack.mount.xerxes.states import LinkState
+from sattrack.mount.xerxes.link import LinkState
 from sattrack.views.formatting import degrees, hours
 
 if TYPE_CHECKING:
@@ -35,7 +35,6 @@ LISTEN_S = 0.5
 LISTEN_STATUSES = 4
 LOOK_S = 1.0
 """How long a look lasts from the first status on: enough to tell how evenly they come."""
-NO_ANSWER_AFTER_S = 3.0
 ACKS = ("abort", "sync", "pulse_guide", "slew", "move_ra", "move_dec")
 NOT_ALONE = (
     "the mount acknowledges commands ({}) that were not sent from here: another program drives it, or did "
@@ -272,7 +271,7 @@ def acknowledged(data: bytes) -> set[str]:
 _PLAIN: dict[type, str] = {Abort: "abort", Park: "park", FindHome: "home", EndMove: "end the move"}
 
 
-def request_words(request: Request) -> str:
+def request_text(request: Request) -> str:
     """Return a request in words, with its numbers."""
     match request:
         case Slew() | Sync():
@@ -344,7 +343,7 @@ class ProcedureHost(Protocol):
     def submit(self, request: Request, now_utc_s: float) -> Ticket | RequestRefused:
         """Ask for one thing, if safety lets it."""
 
-    def way_to(self, request: Slew, now_utc_s: float) -> tuple[Slew, ...] | RequestRefused:
+    def path_to(self, request: Slew, now_utc_s: float) -> tuple[Slew, ...] | RequestRefused:
         """Return the slews that lead to a direction past whatever is in the way."""
 
 
@@ -405,7 +404,7 @@ class SlewThere:
 
     def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
         """See Procedure."""
-        way = desk.way_to(self.request, now_utc_s)
+        way = desk.path_to(self.request, now_utc_s)
         if isinstance(way, RequestRefused):
             return way
         self._left = list(way)
@@ -424,7 +423,7 @@ class SlewThere:
         """Ask for the next leg; the way is sought anew where something has come into it meanwhile."""
         asked = desk.submit(self._left[0], now_utc_s)
         if isinstance(asked, RequestRefused) and self._ticket is not None:
-            way = desk.way_to(self.request, now_utc_s)
+            way = desk.path_to(self.request, now_utc_s)
             if isinstance(way, RequestRefused):
                 return way
             self._left = list(way)

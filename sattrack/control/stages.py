@@ -7,7 +7,8 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import TYPE_CHECKING, NamedTuple
 
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S
+from sattrack.control.target import POLE_WITHIN_DEG
+from sattrack.mount.model import LONGEST_STEP_S, SIDEREAL_RATE_DEG_S
 from sattrack.safety import ROWS
 
 if TYPE_CHECKING:
@@ -19,10 +20,6 @@ if TYPE_CHECKING:
     from sattrack.views.run import LearntView
 
 KEYHOLE, RATE = "keyhole", "rate"
-POLE_WITHIN_DEG = 15.0
-"""A target that is too fast and so near the celestial pole is in the keyhole."""
-LONGEST_STEP_S = 0.5
-"""Rates of the target that lie farther apart tell of no acceleration."""
 
 
 class RunStage(IntEnum):
@@ -128,7 +125,7 @@ class AxisAttempt(NamedTuple):
     """How the profile's fields begin."""
     ratio: float | None = None
     fastest_deg_s: float = 0.0
-    fastest_told_deg_s: float = 0.0
+    fastest_asked_deg_s: float = 0.0
     typical_arcsec: float | None = None
 
 
@@ -220,9 +217,9 @@ def falls_short(attempt: Attempt) -> str | None:
     """An axis does not reach the rates that the profile allows."""
     for axis in attempt.axes:
         off = axis.ratio is not None and axis.ratio < 1.0 - OFF and axis.fastest_deg_s > MOVES_DEG_S
-        if off and axis.fastest_deg_s < FALLS_SHORT * axis.fastest_told_deg_s:
+        if off and axis.fastest_deg_s < FALLS_SHORT * axis.fastest_asked_deg_s:
             return (
-                f"{axis.name} came to {axis.fastest_deg_s:.2f} °/s where {axis.fastest_told_deg_s:.2f} °/s "
+                f"{axis.name} came to {axis.fastest_deg_s:.2f} °/s where {axis.fastest_asked_deg_s:.2f} °/s "
                 f"was commanded: set {axis.field}.max_rate_deg_s to what the axis can do, and choose a "
                 "slower pass"
             )

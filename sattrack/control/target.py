@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
     from tle.direction import Direction
 
+POLE_WITHIN_DEG = 15.0
+"""A target that is too fast and so near the celestial pole is in the keyhole."""
 SAME_INSTANT_S = 0.0005
 FORETOLD_KEPT = 12
 Pair = tuple[float, float]
@@ -93,12 +95,12 @@ class SatelliteTarget:
         self._direction_at = direction_at
         self.passage = Passage(detours) if detours else None
         """The detours that are ahead."""
-        self._foretold: deque[tuple[float, Direction]] = deque(maxlen=FORETOLD_KEPT)
+        self._predicted: deque[tuple[float, Direction]] = deque(maxlen=FORETOLD_KEPT)
         """The target at the ends of the intervals that the last commands are for."""
 
     def forget(self) -> None:
         """Forget what was foretold: offsets or elements have changed."""
-        self._foretold.clear()
+        self._predicted.clear()
 
     def state(self, utc_s: float) -> TargetState:
         """Return the target at an instant: that of an interval's end, where it is the same.
@@ -106,7 +108,7 @@ class SatelliteTarget:
         Commands end, and samples are taken, at the loop's turns, foretold a little differently each time.
         Over SAME_INSTANT_S the target's rate makes up for that to a thousandth of an arcsecond.
         """
-        for at_utc_s, known in reversed(self._foretold):
+        for at_utc_s, known in reversed(self._predicted):
             if abs(utc_s - at_utc_s) <= SAME_INSTANT_S:
                 return TargetState.at(known, utc_s - at_utc_s)
         return TargetState.at(self._direction_at(utc_s))
@@ -115,7 +117,7 @@ class SatelliteTarget:
         """Return where the axes must be over an interval."""
         end_utc_s = begin_utc_s + interval_s
         begin, end = self.state(begin_utc_s), self._direction_at(end_utc_s)
-        self._foretold.append((end_utc_s, end))
+        self._predicted.append((end_utc_s, end))
         if self.passage is None:
             first, last = (begin.ra_deg, begin.dec_deg), (float(end.ra_deg), float(end.dec_deg))
             bend = (
@@ -131,7 +133,7 @@ class SatelliteTarget:
         return TargetSpan(first, move, bend, (first[0] + wrap180(bound_deg[0] - first[0]), bound_deg[1]))
 
 
-class AxisPlace(NamedTuple):
+class DetourPlace(NamedTuple):
     """Where the axes must be, degrees; past 90° of declination, right ascension is half a turn away."""
 
     ra_deg: float
@@ -176,7 +178,7 @@ class Passage:
             beyond_pole=sample.beyond_pole,
         )
 
-    def place(self, utc_s: float, ra_deg: float, dec_deg: float) -> AxisPlace:
+    def place(self, utc_s: float, ra_deg: float, dec_deg: float) -> DetourPlace:
         """Return where the axes must be at an instant, for a target seen in a direction."""
         across = False
         for detour in self._detours:
@@ -184,12 +186,12 @@ class Passage:
                 across ^= detour.through_pole
             elif utc_s >= detour.begin_utc_s:
                 if not across:
-                    return AxisPlace(*detour.axes_at(utc_s, ra_deg, dec_deg))
+                    return DetourPlace(*detour.axes_at(utc_s, ra_deg, dec_deg))
                 ra, dec = detour.axes_at(utc_s, ra_deg, dec_deg)
-                return AxisPlace(ra + 180.0, self._turn_deg - dec)
+                return DetourPlace(ra + 180.0, self._turn_deg - dec)
         if not across:
-            return AxisPlace(ra_deg, dec_deg)
-        return AxisPlace((ra_deg + 180.0) % 360.0, self._turn_deg - dec_deg)
+            return DetourPlace(ra_deg, dec_deg)
+        return DetourPlace((ra_deg + 180.0) % 360.0, self._turn_deg - dec_deg)
 
     def turned(self, rates: MoveAxes) -> MoveAxes:
         """Return rates from the one sense to the other, whichever of both they are in."""

@@ -237,14 +237,3 @@ def standstill_s(row: Loss, profile: MountProfile, rate_deg_s: float | None = No
 def standstill_after_s(row: Loss, profile: MountProfile, rate_deg_s: float | None = None) -> float:
     """Return the longest time from a fault's end to both axes at rest, for a run that is to stop."""
     return NEVER_S if row.after_s is None else row.after_s + braking_s(profile, rate_deg_s)
-
-
-def longest_standstill_s(profile: MountProfile, rate_deg_s: float | None = None) -> float:
-    """Return the longest time to standstill over all faults that this mount, and we, can end; seconds.
-
-    With a watchdog that is every fault of the link and of our side. Without, those that only the mount's own
-    watchdog would end are not in it: they last for ever.
-    """
-    kinds = (None, profile.watchdog_s is not None)
-    rows = (row for row in CONTRACT if row.during_s is not None and row.watchdog in kinds)
-    return max(standstill_s(row, profile, rate_deg_s) for row in rows)

@@ -35,11 +35,6 @@ def load_profile_file(path: Path) -> ProfileFile:
     return read_toml(path, ProfileFile, "the mount profile")
 
 
-def load_profile(path: Path) -> MountProfile:
-    """Return the mount's part of a profile file. Raises BadInputError, naming file, line and key."""
-    return load_profile_file(path).mount
-
-
 def profile_text(profile: MountProfile) -> str:
     """Return a profile as TOML; what is not known, or empty, is left out."""
     import tomli_w

@@ -65,7 +65,7 @@ class Ability:
 
 
 @dataclass(frozen=True, slots=True)
-class ForetoldLoss:
+class PredictedLoss:
     """A stretch that is lost: POSIX seconds of UTC, the limit's name, what is asked against what can be.
 
     Where an axis is too slow, `asked_deg_s` is the most that is asked of it, and `can_deg_s` what it can.
@@ -84,13 +84,13 @@ class ForetoldLoss:
         return self.end_utc_s - self.begin_utc_s
 
 
-def losses(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None = None) -> list[ForetoldLoss]:
+def losses(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None = None) -> list[PredictedLoss]:
     """Return what of a path cannot be followed, in order, not overlapping.
 
     At a limit of place the mount is held until the target comes back. The path must hold no NaN; where its
     keyholes are known already they need not be searched.
     """
-    found: list[ForetoldLoss] = []
+    found: list[PredictedLoss] = []
     every = [*outside(path, ability), *_too_fast(path, ability, keyholes)]
     for loss in sorted(every, key=lambda one: one.begin_utc_s):
         begin = max([loss.begin_utc_s, *(other.end_utc_s for other in found)])
@@ -99,7 +99,7 @@ def losses(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None = No
     return found
 
 
-def outside(path: AxisPath, ability: Ability) -> list[ForetoldLoss]:
+def outside(path: AxisPath, ability: Ability) -> list[PredictedLoss]:
     """Return the stretches in which a path is past a limit of place, by limit.
 
     On the way to a limit the axes are held so much sooner that they would stop inside if nothing were heard
@@ -119,19 +119,19 @@ def outside(path: AxisPath, ability: Ability) -> list[ForetoldLoss]:
             speed_deg_s = float(np.max(path.sky_rate_deg_s[first : last + 1])) - SIDEREAL_RATE_DEG_S
             left_behind = name in NO_WAY_ROUND and speed_deg_s > CREEPING_DEG_S
             end = -1 if left_behind else last
-            found.append(ForetoldLoss(float(path.utc_s[first]), float(path.utc_s[end]), name, words))
+            found.append(PredictedLoss(float(path.utc_s[first]), float(path.utc_s[end]), name, words))
             if left_behind:
                 break
     return found
 
 
-def _too_fast(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None) -> list[ForetoldLoss]:
+def _too_fast(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None) -> list[PredictedLoss]:
     profile = ability.profile
     if keyholes is None:
         keyholes = find_keyholes(path, profile, ability.tolerance_deg, ways=ability.detours)
     begin_utc_s, end_utc_s = float(path.utc_s[0]), float(path.utc_s[-1])
     found = [
-        ForetoldLoss(
+        PredictedLoss(
             *_lost_span(k, ability.detours),
             KEYHOLE,
             f"{k.polar_distance_deg:.2f}° from the pole the hour angle turns {k.peak_rate_deg_s:.3g} °/s "
@@ -164,7 +164,7 @@ def _too_fast(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None) 
                 continue
             most = float(np.max(np.abs(rate[first : last + 1])))
             words = f"{axis} turns {most:.3g} °/s of {can.max_rate_deg_s:.3g} °/s"
-            found.append(ForetoldLoss(begin, end, RATE, words, most, can.max_rate_deg_s))
+            found.append(PredictedLoss(begin, end, RATE, words, most, can.max_rate_deg_s))
     return sorted(found, key=lambda loss: loss.begin_utc_s)
 
 
@@ -195,7 +195,7 @@ def _follow(place: Array, utc_s: Array, limit_deg_s: float) -> Array:
     return at
 
 
-def why_not(lost: Sequence[ForetoldLoss], whole_s: float) -> str | None:
+def why_not(lost: Sequence[PredictedLoss], whole_s: float) -> str | None:
     """Return in words what keeps the mount from following enough of so long a pass; None where it can."""
     lost_s = sum(loss.seconds for loss in lost)
     if lost_s <= (1.0 - LEAST_SHARE) * whole_s:
@@ -220,7 +220,7 @@ class Verdict(NamedTuple):
     """Why a mount cannot follow a pass, in words, None where it can; and what it loses of it."""
 
     why_not: str | None
-    lost: tuple[ForetoldLoss, ...] = ()
+    lost: tuple[PredictedLoss, ...] = ()
 
 
 def verdict_on(
@@ -393,7 +393,7 @@ class _SideSearch:
         begins = [int(np.searchsorted(self.path.utc_s, one.begin_utc_s)) for one in before]
         leaves = np.unique([*np.linspace(0, count - 4, SPLITS).astype(int).tolist(), *begins])
         best: SideOption | None = None
-        known: dict[int, list[ForetoldLoss]] = {}
+        known: dict[int, list[PredictedLoss]] = {}
         for leave in leaves.tolist():
             for join in self._joins(first, leave, before):
                 if join not in known:
@@ -411,7 +411,7 @@ class _SideSearch:
         return view.part(join, len(self.path.utc_s)).wound_anew()
 
     def _option(
-        self, leave: int, join: int, before: list[ForetoldLoss], after: list[ForetoldLoss]
+        self, leave: int, join: int, before: list[PredictedLoss], after: list[PredictedLoss]
     ) -> SideOption:
         utc_s = self.path.utc_s
         begin, end = float(utc_s[leave]), float(utc_s[join])
@@ -427,7 +427,7 @@ class _SideSearch:
             limit=limit,
         )
 
-    def _joins(self, first: AxisPath, leave: int, before: list[ForetoldLoss]) -> list[int]:
+    def _joins(self, first: AxisPath, leave: int, before: list[PredictedLoss]) -> list[int]:
         """Return the samples to begin anew from that are worth a look: the first in reach, and what turns."""
         last = len(self.path.utc_s) - 4
         later = [turn for turn in self.turns if leave < turn <= last]
@@ -441,7 +441,7 @@ class _SideSearch:
         reached = [join for join in later if self._in_reach(here, leave, join)]
         return reached if soonest is None else [soonest, *reached]
 
-    def _stands_at(self, first: AxisPath, leave: int, before: list[ForetoldLoss]) -> tuple[float, float]:
+    def _stands_at(self, first: AxisPath, leave: int, before: list[PredictedLoss]) -> tuple[float, float]:
         """Return where the axes are at a sample: with the target, or where they lost it."""
         at = float(self.path.utc_s[leave])
         held = (one for one in before if one.limit not in TOO_FAST)
@@ -474,7 +474,7 @@ def _side(beyond: bool) -> Side:
     return "beyond_pole" if beyond else "normal"
 
 
-def _worst(lost: list[ForetoldLoss]) -> str | None:
+def _worst(lost: list[PredictedLoss]) -> str | None:
     worst = max(lost, key=lambda loss: loss.seconds, default=None)
     return None if worst is None else worst.limit
 

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from sattrack.control.target import Detour
+from sattrack.control.target import POLE_WITHIN_DEG, Detour
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.safety.bodies import moon_over, sun_over
 from sattrack.safety.bounds import UP_DEG
@@ -313,8 +313,7 @@ SAMPLES = 301
 BISECTIONS = 50
 LONGEST_S = 150.0
 JOIN_S = 1.0
-"""Stretches that are too fast and so near one another are one keyhole."""
-POLE_WITHIN_DEG = 15.0
+"""Stretches so near one another are one: a keyhole, or a time at a limit."""
 
 
 @dataclass(frozen=True, slots=True)

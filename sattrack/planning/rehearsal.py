@@ -16,8 +16,8 @@ import numpy as np
 
 from sattrack.mount.model import MountProfile
 from sattrack.planning.budget import Budget
-from sattrack.planning.kinematics import LEAST_SHARE, Ability, ForetoldLoss, Sides, losses
-from sattrack.planning.path import Pointing, margins_deg
+from sattrack.planning.kinematics import LEAST_SHARE, Ability, PredictedLoss, Sides, losses
+from sattrack.planning.path import JOIN_S, Pointing, margins_deg
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ PRESUMED_OFF_S = 0.02
 """Delay that may well be missing in a profile that was not measured."""
 
 
-def uncalibrated_words(profile: MountProfile, fastest_deg_s: float, when: str) -> str:
+def uncalibrated_text(profile: MountProfile, fastest_deg_s: float, when: str) -> str:
     """Return what a profile that was not measured costs where the satellite is fastest on the sky."""
     default = profile.name == MountProfile().name
     whose = "the default profile's" if default else f"those of the profile {profile.name!r}, not measured"
@@ -265,7 +265,6 @@ SETTLED_S = 1.5
 """A loss at the beginning that is no longer than this is the control's settling; longer, the way there."""
 NEAR_S = 3.0
 """How far from a stretch that kinematics foretell a lost one of the run may be and have its cause."""
-JOIN_S = 1.0
 AXIS_LIMITS = ("hour_angle", "declination", "pier")
 """Limits of the axes' places: others are of directions on the sky, the same from either side."""
 HELD_SHARE = 0.3
@@ -276,7 +275,7 @@ HELD_SHARE = 0.3
 class Causes:
     """What kinematics say of a path: stretches that are too fast, or past a limit of place."""
 
-    foretold: list[ForetoldLoss]
+    foretold: list[PredictedLoss]
     path: AxisPath
     profile: MountProfile
 
@@ -351,7 +350,7 @@ def _held_by(begin: float, end: float, performance: Performance) -> str | None:
     return name if count > HELD_SHARE * len(rows) else None
 
 
-def _overlap(loss: ForetoldLoss, begin: float, end: float) -> float:
+def _overlap(loss: PredictedLoss, begin: float, end: float) -> float:
     """Return what a foretold loss and a stretch have in common, as a share of what both take together."""
     common = min(loss.end_utc_s + NEAR_S, end) - max(loss.begin_utc_s - NEAR_S, begin)
     return common / (max(loss.end_utc_s, end) - min(loss.begin_utc_s, begin) + NEAR_S)

@@ -14,6 +14,7 @@ from sattrack.control.biases import ON_SKY
 from sattrack.control.engine_view import HOLDING
 from sattrack.control.stages import RunStage, Situation, Stages
 from sattrack.control.tracker import FOLLOWING, Phase
+from sattrack.mount.model import LONGEST_STEP_S
 from sattrack.mount.xerxes.datagrams import DatagramError, decode_command
 from sattrack.recording.format import COMMAND, STATUS, VIEW
 from sattrack.recording.replay import Replay, replay
@@ -46,8 +47,6 @@ DENSE_S = 0.75
 """Views that come so often show what the run did between two, where the recording holds no stages."""
 UNKNOWN = "unknown"
 """The name of a limit that a recording does not give."""
-LONGEST_STEP_S = 0.5
-"""A gap between samples that is longer counts for no time."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,7 +32,7 @@ from sattrack.mount.link_loss import STOPS_SLOW_FOR_S, STOPS_SLOW_S, STOPS_SLOWE
 from sattrack.mount.model import MountProfile
 from sattrack.mount.xerxes.client import Address, UdpLink, nobody_listens
 from sattrack.mount.xerxes.datagrams import Command, encode_command
-from sattrack.mount.xerxes.states import LinkState
+from sattrack.mount.xerxes.link import LinkState
 from sattrack.runtime.mounts import (
     LONGEST_LINE,
     STOP_OR_GIVE_UP,

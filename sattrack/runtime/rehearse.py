@@ -26,7 +26,7 @@ from sattrack.core.process import gc_paused
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.mount.simulator.installation import SimulatorProfile, simulator_profile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
-from sattrack.planning.budget import Circumstances, error_budget
+from sattrack.planning.budget import PROBE_S, Circumstances, error_budget
 from sattrack.planning.kinematics import (
     Ability,
     Lost,
@@ -51,7 +51,7 @@ from sattrack.planning.rehearsal import (
     margins,
     mount_path,
     peaks,
-    uncalibrated_words,
+    uncalibrated_text,
     verdict,
 )
 from sattrack.planning.trace import Performance, RehearsalTrace, TabledPropagator
@@ -109,7 +109,7 @@ class RehearsedRun(VirtualRun):
         if self._said:
             VirtualRun._mount_turn(self, now_utc_s, _)
             return
-        self.mount.tick_unsaid(now_utc_s)
+        self.mount.tick_silently(now_utc_s)
         self._at(self._installation.next_turn_s(now_utc_s), self._mount_turn, None)
 
     def _is_clear(self) -> bool:
@@ -556,7 +556,7 @@ def _notes(facts: RunFacts, part: RunFacts, performance: Performance) -> tuple[s
     if performance.period_s != facts.profile.period_s:
         notes.append(f"slow enough to be run in steps of {performance.period_s:g} s")
     if facts.profile.calibration is None:
-        notes.append(uncalibrated_words(facts.profile, fastest_deg_s(facts), AT_FASTEST))
+        notes.append(uncalibrated_text(facts.profile, fastest_deg_s(facts), AT_FASTEST))
     return tuple(notes)
 
 
@@ -567,7 +567,6 @@ def _iso(utc_s: float) -> str:
 PATH_POINTS = 121
 BODY_STEP_S = 600.0
 MOST_BODY_POINTS = 97
-PROBE_S = 0.01
 AT_FASTEST = "at this pass's fastest"
 SERVO_ARCSEC = 0.1
 """What following adds to the error to expect: nothing beside the elements, and nothing was rehearsed."""
@@ -627,7 +626,7 @@ def uncalibrated(facts: RunFacts) -> str | None:
     """
     if facts.profile.calibration is not None or facts.mount_name == SIMULATED:
         return None
-    return uncalibrated_words(facts.profile, fastest_deg_s(facts), AT_FASTEST)
+    return uncalibrated_text(facts.profile, fastest_deg_s(facts), AT_FASTEST)
 
 
 def _low(alt_deg: float) -> bool:

@@ -105,7 +105,7 @@ class Safety:
         self._newest_utc_s = -math.inf
         most_ha, most_dec = FASTER * profile.ra.slew_rate_deg_s, FASTER * profile.dec.slew_rate_deg_s
         self._plausible = ((-most_ha, most_ha), (-most_dec, most_dec))
-        self._standing = MountState(latitude_deg)
+        self._standing = AxesState(latitude_deg)
         self._doubt = PositionFilter(profile)
         self._ahead = Ahead(profile, limits, self._bounds)
         parts = (self._bounds, self._slews, self._watch, self._standing, self._ahead)
@@ -286,12 +286,12 @@ class Safety:
             former = self._doubt.former
             if refused is None and former is not None:
                 # The axes may be where they were: one status alone proves nothing.
-                refused = self._asked.objection(request, standing_at(stance, former.place), utc_s)
+                refused = self._asked.objection(request, stance_at(stance, former.place), utc_s)
         return ClearedRequest(request) if refused is None else refused
 
-    def way_to(self, request: Slew, stance: Stance, utc_s: float | None) -> tuple[Slew, ...] | str:
+    def path_to(self, request: Slew, stance: Stance, utc_s: float | None) -> tuple[Slew, ...] | str:
         """Return the slews that lead to a direction past what is in the way, or why there is no way."""
-        return self._asked.way_to(request, stance, utc_s)
+        return self._asked.path_to(request, stance, utc_s)
 
     def drift_objection(self, fine: FineRate, stance: Stance, utc_s: float | None) -> str | None:
         """Return the name of a limit that the mount drifts to under fine rates, tracking the sky; or None."""
@@ -457,7 +457,7 @@ class RequestChecks:
         profile: MountProfile,
         limits: SafetyLimits,
         latitude_deg: float,
-        parts: tuple[Bounds, SlewGate, Watch, MountState, Ahead],
+        parts: tuple[Bounds, SlewGate, Watch, AxesState, Ahead],
     ) -> None:
         self._profile, self._limits, self._latitude_deg = profile, limits, latitude_deg
         self._bounds, self._slews, self._watch, self._standing, self._ahead = parts
@@ -468,15 +468,15 @@ class RequestChecks:
         """Return why a request is not let through as the mount stands, or None where it is."""
         if isinstance(request, Slew | MoveAxis | FindHome | FineRate | PulseGuide):
             if self._watch.clock_is_off:
-                return self._clock_words()
+                return self._clock_text()
             if not self._bounds.look(utc_s, self._watch.clock_gap_deg):
                 return NO_SUN
         match request:
             case Sync():
-                return self._floor_words(request, stance)
+                return self._floor_text(request, stance)
             case Slew():
                 name = self._slews.objection(request, stance.sidereal_deg, self._standing.of(stance))
-                return None if name is None else self._slew_words(name, request, stance)
+                return None if name is None else self._slew_text(name, request, stance)
             case MoveAxis():
                 move = MoveAxes(request.ra_rate_deg_s or 0.0, request.dec_rate_deg_s or 0.0)
                 name = self._move_objection(move, stance)
@@ -492,23 +492,23 @@ class RequestChecks:
                 return self._guide_objection(request, stance)
         return None
 
-    def _clock_words(self) -> str:
+    def _clock_text(self) -> str:
         off_s = self._watch.clock_gap_deg / SIDEREAL_RATE_DEG_S
         return (
             f"the mount's sidereal clock is {off_s:.0f} s off this computer's, more than clock_tolerance_s, "
             f"{self._limits.clock_tolerance_s:g}: {ROWS['clock'].way_out}"
         )
 
-    def _floor_words(self, request: Slew | Sync, stance: Stance) -> str | None:
+    def _floor_text(self, request: Slew | Sync, stance: Stance) -> str | None:
         altitude = altitude_deg(stance.sidereal_deg - request.ra_deg, request.dec_deg, self._latitude_deg)
         floor = self._limits.floor_altitude_deg
         if altitude < floor:
             return f"that direction is at {altitude:.1f}° altitude; the limit is {floor:g}°"
         return None
 
-    def _slew_words(self, name: str, request: Slew, stance: Stance) -> str:
+    def _slew_text(self, name: str, request: Slew, stance: Stance) -> str:
         row = ROWS[name]
-        low = self._floor_words(request, stance)
+        low = self._floor_text(request, stance)
         return low or f"no way to there keeps clear of the {row.name} limit ({row.bound})"
 
     def _move_objection(self, move: MoveAxes, stance: Stance) -> str | None:
@@ -527,7 +527,7 @@ class RequestChecks:
                     "up: put home into the profile, or say --in-daylight"
                 )
             return None
-        name = self._slews.way_objection(self._standing.of(stance), (home.hour_angle_deg, home.dec_deg))
+        name = self._slews.path_objection(self._standing.of(stance), (home.hour_angle_deg, home.dec_deg))
         return None if name is None else f"the way home is not clear of the {ROWS[name].name} limit"
 
     def _guide_objection(self, request: FineRate | PulseGuide, stance: Stance) -> str | None:
@@ -552,16 +552,16 @@ class RequestChecks:
         end = (place[0] + ha_deg_s * seconds, place[1] + sense * dec_deg_s * seconds)
         return self._bounds.violated(Box.between(place, end), self._bounds.leaving(place), seconds)
 
-    def way_to(self, request: Slew, stance: Stance, utc_s: float | None) -> tuple[Slew, ...] | str:
+    def path_to(self, request: Slew, stance: Stance, utc_s: float | None) -> tuple[Slew, ...] | str:
         """Return the slews that lead to a direction past what is in the way, or why there is no way."""
         if self._watch.clock_is_off:
-            return self._clock_words()
+            return self._clock_text()
         if not self._bounds.look(utc_s, self._watch.clock_gap_deg):
             return NO_SUN
         place = self._standing.of(stance)
         found = self._slews.route(request, stance.sidereal_deg, place)
         if isinstance(found, str):
-            return self._slew_words(found, request, stance)
+            return self._slew_text(found, request, stance)
         return tuple(Slew(leg.ra_deg % 360.0, leg.dec_deg) for leg in found)
 
     def drift_objection(self, fine: FineRate, stance: Stance, utc_s: float | None) -> str | None:
@@ -572,7 +572,7 @@ class RequestChecks:
         return self._drift_limit(stance, ha_deg_s, dec_deg_s, SLOWEST_DRIFT_S)
 
 
-class MountState:
+class AxesState:
     """Follows one mount's axes; the turns are taken to begin within half a turn of the meridian."""
 
     def __init__(self, latitude_deg: float) -> None:
@@ -587,7 +587,7 @@ class MountState:
         """Forget how the first status had the axis stand."""
         self.hour_angle_deg = self._anchor_deg
 
-    def follow_on(self, former: MountState) -> None:
+    def follow_on(self, former: AxesState) -> None:
         """Take over how far the cables are wound."""
         self.hour_angle_deg, self.beyond_pole = former.hour_angle_deg, former.beyond_pole
         self._anchor_deg = former.hour_angle_deg
@@ -611,7 +611,7 @@ class MountState:
         return self.place(stance.sidereal_deg - stance.ra_deg, stance.dec_deg, stance.beyond_pole)
 
 
-def standing_at(stance: Stance, place: Place) -> Stance:
+def stance_at(stance: Stance, place: Place) -> Stance:
     """Return how a mount would stand with its axes at another place."""
     ha, dec = place.ha_deg, math.remainder(place.dec_deg, 360.0)
     beyond_pole = abs(dec) > 90.0

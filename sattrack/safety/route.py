@@ -94,7 +94,7 @@ def slew_s(one: Place, other: Place, profile: MountProfile) -> float:
     return HANDSHAKE_S + max(times)
 
 
-def way_boxes(one: Place, other: Place, profile: MountProfile) -> Iterator[Box]:
+def path_boxes(one: Place, other: Place, profile: MountProfile) -> Iterator[Box]:
     """Yield boxes that hold all of a slew's way."""
     # The mount joins the sky, which moves on while it slews.
     drift_deg = SIDEREAL_RATE_DEG_S * slew_s(one, other, profile)
@@ -114,7 +114,7 @@ def blocked(
 ) -> str | None:
     """Return the name of the row that a slew's way is not clear of, or None; it begins in `after_s`."""
     until_s = after_s + slew_s(one, other, profile)
-    for box in way_boxes(one, other, profile):
+    for box in path_boxes(one, other, profile):
         name = judge(box, until_s)
         if name is not None:
             return name

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from sattrack.safety.route import Judge, Route
 
 THERE_DEG = 0.1
+"""A slew that ends farther from its goal was not carried out."""
 WAITS_S = 70.0
 """How long the mount may wait at the target until it follows, tracking the sky."""
 STRAYED_DEG = 1.0
@@ -167,9 +168,9 @@ class SlewGate:
         from sattrack.safety.route import axes_of
 
         goal = axes_of(sidereal_deg - target.ra_deg, target.dec_deg, self._profile, self._latitude_deg)
-        return self.way_objection(place, goal)
+        return self.path_objection(place, goal)
 
-    def way_objection(self, place: Place, goal: tuple[float, float]) -> str | None:
+    def path_objection(self, place: Place, goal: tuple[float, float]) -> str | None:
         """Return the name of the row that the way between two places is not clear of, or None."""
         from sattrack.safety.route import blocked
 

@@ -13,7 +13,15 @@ from collections import deque
 from enum import StrEnum
 from typing import TYPE_CHECKING, NamedTuple
 
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, STATUS_LOST_S, Motion, MoveAxes, Seen, mean_sidereal_deg
+from sattrack.mount.model import (
+    LONGEST_STEP_S,
+    SIDEREAL_RATE_DEG_S,
+    STATUS_LOST_S,
+    Motion,
+    MoveAxes,
+    Seen,
+    mean_sidereal_deg,
+)
 
 if TYPE_CHECKING:
     from sattrack.mount.model import MountProfile
@@ -31,7 +39,6 @@ LOOK_EVERY = 8
 """Statuses from one look at the window to the next."""
 STEP_DEG_S = 40.0
 """Faster than any axis: a sync, a clock that was set, or the pole."""
-LONGEST_STEP_S = 0.5
 OVERLOADED_FOR_S = 0.5
 BACKWARD_S = 0.5
 CLOCK_PROOF = 3
@@ -153,7 +160,7 @@ class Watch:
                 sign = f"{field}_rate_sign{beyond}"
                 return f"rates came out with the other sign in {name}: turn {sign} in the profile"
             still += axis if abs(ratio) < STILL else 0
-        return self._still_words(still)
+        return self._still_text(still)
 
     @property
     def keeps_first(self) -> bool:
@@ -191,7 +198,7 @@ class Watch:
             for first in self._first
         )
 
-    def _still_words(self, still: int) -> str | None:
+    def _still_text(self, still: int) -> str | None:
         if still == RA_AND_DEC and self._profile.move_axis == "held":
             return (
                 "neither axis changes its rate as commanded: move_axis is edge, and the profile says held, "

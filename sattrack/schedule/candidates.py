@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from sattrack.mount.model import MountProfile
-    from sattrack.planning.kinematics import ForetoldLoss
+    from sattrack.planning.kinematics import PredictedLoss
     from sattrack.safety.limits import SafetyLimits
     from sattrack.schedule.file import Schedule, ScheduleEntry
     from sattrack.schedule.transitions import CandidatePath
@@ -98,7 +98,7 @@ class Candidate:
     notes: tuple[str, ...] = ()
     may_join: bool = False
     late_s: float = 0.0
-    foretold: tuple[ForetoldLoss, ...] = ()
+    foretold: tuple[PredictedLoss, ...] = ()
     """What the mount's limits take of it; no part of `useful`, unless it is run though infeasible."""
 
     @property
@@ -111,7 +111,7 @@ class Candidate:
         """Give the worth of the whole: priority times useful seconds."""
         return self.priority * self.useful_s
 
-    def without(self, lost: tuple[ForetoldLoss, ...]) -> Candidate:
+    def without(self, lost: tuple[PredictedLoss, ...]) -> Candidate:
         """Return the candidate without what the mount's limits take of it."""
         useful = list(self.useful)
         for loss in lost:

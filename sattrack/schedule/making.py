@@ -34,7 +34,7 @@ from tle.instants import Utc
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from sattrack.planning.kinematics import ForetoldLoss
+    from sattrack.planning.kinematics import PredictedLoss
     from sattrack.schedule.candidates import Candidate, Found, Loaded, PlanSituation, Progress
     from sattrack.schedule.file import Schedule
     from sattrack.schedule.transitions import CandidatePath, Node, NodeSet, Overhead
@@ -595,7 +595,7 @@ def _all_lost_to(one: Candidate, node: Node) -> tuple[LostTo, ...]:
     return tuple(_lost_to(loss) for loss in one.foretold if loss.begin_utc_s < end and loss.end_utc_s > start)
 
 
-def _lost_to(loss: ForetoldLoss) -> LostTo:
+def _lost_to(loss: PredictedLoss) -> LostTo:
     return LostTo(
         limit=loss.limit,
         from_utc=_iso(loss.begin_utc_s),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 
 from sattrack.mount.model import DTICS_S_PER_DEG_S, SIDEREAL_RATE_DEG_S, STATUS_LOST_S, TICS_PER_TURN
-from sattrack.mount.xerxes import flags, link, session, standstill, states, tickets
+from sattrack.mount.xerxes import flags, link, session, standstill, tickets
 from sattrack.mount.xerxes.datagrams import reading_of
 
 PERIOD_S = 0.05
@@ -97,6 +97,6 @@ def patience_table() -> str:
     lines.append(
         f"| | {standstill.CONTRADICTED_S:g} | in which positions contradict a field: it is not used |"
     )
-    lines.append(f"| | {states.STALE_AFTER_S:g} | without a status: the link is stale |")
+    lines.append(f"| | {link.STALE_AFTER_S:g} | without a status: the link is stale |")
     lines.append(f"| | {STATUS_LOST_S:g} | without a status: the link is lost |")
     return "\n".join(lines)

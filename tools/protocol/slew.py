@@ -12,8 +12,8 @@ from typing import NamedTuple
 from sattrack.mount.model import MountProfile, Slew, Stance
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.mount.xerxes.datagrams import decode_command, decode_status
+from sattrack.mount.xerxes.flags import SlewState
 from sattrack.mount.xerxes.session import Session
-from sattrack.mount.xerxes.states import SlewState
 from sattrack.safety import Safety, SafetyLimits
 from tools.protocol import svg
 

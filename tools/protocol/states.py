@@ -11,18 +11,17 @@ from enum import Enum
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from sattrack.mount.requests import SETTLED, TICKET_TRANSITIONS, TicketState
-from sattrack.mount.xerxes.states import (
+from sattrack.mount.xerxes.flags import (
     HANDSHAKE,
     HELD,
-    LINK,
     SLEW,
     STOP,
     Handshake,
     HeldState,
-    LinkState,
     SlewState,
     StopState,
 )
+from sattrack.mount.xerxes.link import LINK, LinkState
 from tools.protocol import svg
 
 if TYPE_CHECKING:

@@ -185,7 +185,7 @@ class Reference:
     def step(self, seconds: float) -> None:
         """Let time pass."""
         if self._way is not None:
-            self._step_way(self._way, seconds)
+            self._step_path(self._way, seconds)
             return
         fastest = max(abs(self.rate_deg_s), abs(self._asked_deg_s))
         reach = fastest * (seconds + fastest / self.max_acceleration_deg_s2)
@@ -211,7 +211,7 @@ class Reference:
             self._step_ramp(step_s, allowed)
             seconds -= step_s
 
-    def _step_way(self, way: Trajectory, seconds: float) -> None:
+    def _step_path(self, way: Trajectory, seconds: float) -> None:
         self._way_s += seconds
         self._goal_deg += self._asked_deg_s * seconds
         ahead, rate, self.acceleration_deg_s2 = way.at(self._way_s)

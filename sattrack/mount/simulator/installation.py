@@ -472,7 +472,7 @@ def parse_faults(text: str | None, where: str = "--faults") -> Faults:
         name, mark, value = _parted(word)
         try:
             if mark == "=":
-                _note_way(ways, name, value)
+                _note_path(ways, name, value)
             else:
                 events.append(_event(name, mark, value))
         except ValueError as error:
@@ -489,7 +489,7 @@ def _parted(word: str) -> tuple[str, str, str]:
     return (found[1], found[2], found[3]) if found else (word, "", "")
 
 
-def _note_way(ways: dict[str, dict[str, float]], name: str, value: str) -> None:
+def _note_path(ways: dict[str, dict[str, float]], name: str, value: str) -> None:
     base, chosen = name, tuple(ways)
     for way in ways:
         if name.endswith(f"-{way}"):

@@ -280,10 +280,10 @@ class SimulatedMount:
 
     def tick(self, now_utc_s: float) -> tuple[bytes, Truth]:
         """Run the loop once at an instant: let the axes move up to it, obey the mailbox, pack a status."""
-        self.tick_unsaid(now_utc_s)
+        self.tick_silently(now_utc_s)
         return self._pack(), self._truth(now_utc_s)
 
-    def tick_unsaid(self, now_utc_s: float) -> None:
+    def tick_silently(self, now_utc_s: float) -> None:
         """Run the loop once as `tick` does, where nobody is to hear the status."""
         self._advance(now_utc_s)
         self.counter += 1

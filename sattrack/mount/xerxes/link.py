@@ -5,16 +5,20 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field
+from enum import StrEnum
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from sattrack.mount.model import STATUS_LOST_S, LinkView
-from sattrack.mount.xerxes.states import HEARD, LINK, LONG_QUIET, QUIET, STALE_AFTER_S, LinkState, follow
+from sattrack.mount.xerxes.flags import follow
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from sattrack.mount.model import Status
     from sattrack.mount.xerxes.datagrams import Command
 
+STALE_AFTER_S = 0.3
 REMEMBERED_INTERVALS = 100
 COUNTS = (
     "sent",
@@ -49,6 +53,27 @@ INTRUDER_WITHIN = 200
 """So many acknowledgements that are not ours within so many datagrams are another sender, not an accident."""
 _flags = attrgetter(*NAMES)
 _acks = attrgetter(*(f"ack_{name}" for name in NAMES))
+
+
+class LinkState(StrEnum):
+    """What the age of the last accepted status says."""
+
+    SILENT = "silent"
+    UP = "up"
+    STALE = "stale"
+    LOST = "lost"
+
+
+HEARD = "status accepted"
+QUIET = f"none for {STALE_AFTER_S:g} s"
+LONG_QUIET = f"none for {STATUS_LOST_S:g} s"
+LINK: Mapping[tuple[LinkState | None, str], LinkState] = {
+    (LinkState.SILENT, HEARD): LinkState.UP,
+    (LinkState.UP, QUIET): LinkState.STALE,
+    (LinkState.STALE, HEARD): LinkState.UP,
+    (LinkState.STALE, LONG_QUIET): LinkState.LOST,
+    (LinkState.LOST, HEARD): LinkState.UP,
+}
 
 
 @dataclass(slots=True)

@@ -65,13 +65,15 @@ from sattrack.mount.xerxes.flags import (
     AbortFlag,
     AxisRates,
     EdgeMove,
+    Handshake,
     HeldMove,
     MoveWatch,
     SlewFlag,
+    SlewState,
+    StopState,
 )
-from sattrack.mount.xerxes.link import AckWatch, LinkHealth, StatusSequence
+from sattrack.mount.xerxes.link import AckWatch, LinkHealth, LinkState, StatusSequence
 from sattrack.mount.xerxes.standstill import Standstill
-from sattrack.mount.xerxes.states import Handshake, LinkState, SlewState, StopState
 from sattrack.mount.xerxes.tickets import Launchable, Launches, MotionTicket
 
 if TYPE_CHECKING:

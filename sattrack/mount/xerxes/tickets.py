@@ -31,8 +31,7 @@ from sattrack.mount.requests import (
     TrackingRate,
     park_objection,
 )
-from sattrack.mount.xerxes.flags import OneShot
-from sattrack.mount.xerxes.states import Handshake
+from sattrack.mount.xerxes.flags import Handshake, OneShot
 
 if TYPE_CHECKING:
     from sattrack.mount.model import MountProfile, Status

@@ -38,7 +38,7 @@ from sattrack.mount.requests import (
     Ticket,
     TicketState,
 )
-from sattrack.mount.xerxes.states import LinkState
+from sattrack.mount.xerxes.link import LinkState
 from sattrack.servers.alpaca.protocol import (
     BiasOrder,
     Fault,

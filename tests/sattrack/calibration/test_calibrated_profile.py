@@ -14,7 +14,7 @@ from sattrack.calibration.findings import ClockTruth, Findings, conclude
 from sattrack.calibration.guard import sun_hour_angle_and_dec, true_clocks
 from sattrack.calibration.profile import calibrated
 from sattrack.mount.model import AxisLimits, MountProfile
-from sattrack.mount.profiles import ProfileFile, load_profile, load_profile_file, profile_text
+from sattrack.mount.profiles import ProfileFile, load_profile_file, profile_text
 from tle.site import Site
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def test_the_file_is_read_back_as_it_was_written(normal: Findings, tmp_path: Pat
     profile = calibrated(MountProfile(), normal, None, "test")
     file = tmp_path / "mount.toml"
     file.write_text(profile_text(profile), encoding="utf-8")
-    assert load_profile(file) == profile
+    assert load_profile_file(file).mount == profile
 
 
 def test_what_the_file_says_of_a_simulated_mount_stays(normal: Findings, tmp_path: Path) -> None:

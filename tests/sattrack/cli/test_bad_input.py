@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from sattrack.cli.main import run
-from sattrack.mount.profiles import load_profile
+from sattrack.mount.profiles import load_profile_file
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -211,5 +211,5 @@ def test_a_virtual_pass_writes_what_it_learnt(tmp_path: Path, capsys: pytest.Cap
     learnt = json.loads(out)["summary"]["learnt"]
     told = [line for line in err.splitlines() if f"learnt, and written to {target}" in line]
     assert len(told) == 1
-    assert load_profile(target).ra_rate_gain == pytest.approx(learnt["ra_gain"], abs=1e-6)
-    assert load_profile(target).name == "learnt"
+    assert load_profile_file(target).mount.ra_rate_gain == pytest.approx(learnt["ra_gain"], abs=1e-6)
+    assert load_profile_file(target).mount.name == "learnt"

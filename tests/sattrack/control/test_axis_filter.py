@@ -106,7 +106,7 @@ def test_its_sigma_is_what_errors_are() -> None:
             axis.advance(STEP_S, 0.0, effect)
             axis.measure(position + rng.normal(0.0, noise.position_deg), 0.0)
         assert axis.begun_anew == 0
-        sigmas.append((axis.position_deg - position) / axis.position_sigma_deg)
+        sigmas.append((axis.position_deg - position) / axis._kalman.covariance[0, 0] ** 0.5)
     assert 0.85 < float(np.std(sigmas)) < 1.15
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from sattrack.control.approach import plan_intercept, slew_time_s
 from sattrack.control.axis_filter import Lag
-from sattrack.control.following import LAW, AxisPath, correction_deg_s, ramped_deg_s, rate_deg_s, settling_s
+from sattrack.control.following import LAW, AxisCourse, correction_deg_s, ramped_deg_s, rate_deg_s, settling_s
 from sattrack.mount.model import AxisLimits, MountProfile
 
 AXIS = AxisLimits(max_rate_deg_s=6.0, max_acceleration_deg_s2=10.0)
@@ -26,14 +26,14 @@ def known(disturbance_deg_s: float = 0.0, gain_error: float = 0.0, lag: Lag | No
 
 
 def test_the_rate_is_the_mean_over_the_interval() -> None:
-    way = AxisPath(7.0, 0.05, 0.05, 0.0, 0.0)
+    way = AxisCourse(7.0, 0.05, 0.05, 0.0, 0.0)
     assert rate_deg_s(way, 7.0, known(), AXIS, 6.0) == pytest.approx(1.0)
     assert rate_deg_s(way, 7.0, known(disturbance_deg_s=0.3), AXIS, 6.0) == pytest.approx(0.7)
     assert rate_deg_s(way, 7.0, known(gain_error=0.25), AXIS, 6.0) == pytest.approx(0.8)
 
 
 def test_an_error_is_taken_out_with_its_time_constant_and_no_faster_than_it_may() -> None:
-    way = AxisPath(7.0, 0.05, 0.05, 0.0, 0.0)
+    way = AxisCourse(7.0, 0.05, 0.05, 0.0, 0.0)
     assert rate_deg_s(way, 7.01, known(), AXIS, 6.0) == pytest.approx(1.0 - 0.01 / LAW.settling_s)
     assert rate_deg_s(way, 9.0, known(), AXIS, 0.6) == pytest.approx(0.4)
 
@@ -46,14 +46,14 @@ def test_a_lag_is_led_however_far_ahead_the_way_is_told(ahead_s: float) -> None:
     def at(utc_s: float) -> float:
         return 20.0 + 0.9 * utc_s + 0.5 * bend * utc_s * utc_s
 
-    way = AxisPath(at(ahead_s), at(ahead_s + interval_s) - at(ahead_s), interval_s, bend, ahead_s)
+    way = AxisCourse(at(ahead_s), at(ahead_s + interval_s) - at(ahead_s), interval_s, bend, ahead_s)
     mean = (at(lag.mean_s + interval_s) - at(lag.mean_s)) / interval_s
     assert rate_deg_s(way, at(lag.mean_s), known(lag=lag), AXIS, 6.0) == pytest.approx(mean, abs=1e-9)
 
 
 def test_the_corners_that_a_spread_answer_cuts_are_led_round() -> None:
     """Of a parabola an answer of variance σ² leaves the second derivative times σ²/2 on its inner side."""
-    way, lag = AxisPath(20.0, 0.05, 0.05, 0.6, 0.0), Lag(0.0, 0.01)
+    way, lag = AxisCourse(20.0, 0.05, 0.05, 0.6, 0.0), Lag(0.0, 0.01)
     assert rate_deg_s(way, 20.0 - 0.5 * 0.01 * 0.6, known(lag=lag), AXIS, 6.0) == pytest.approx(1.0)
 
 

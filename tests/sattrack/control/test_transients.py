@@ -132,14 +132,14 @@ def left_of(seed: int, filters: FilterAlone | BothAxes) -> Left:
         if turn >= begins + lasts + 39:
             off_deg = abs(wrap180(known.position_deg - axis.deg))
             off_arcsec = max(off_arcsec, off_deg / ARCSEC)
-            off_sigmas = max(off_sigmas, off_deg / known.position_sigma_deg)
+            off_sigmas = max(off_sigmas, off_deg / known._kalman.covariance[0, 0] ** 0.5)
     rate_deg_s = abs(known.disturbance_deg_s)
     return Left(
         off_arcsec,
         off_sigmas,
         abs(1.0 + known.gain_error - axis.gain),
         rate_deg_s / ARCSEC,
-        rate_deg_s / known.disturbance_sigma_deg_s,
+        rate_deg_s / known._kalman.covariance[1, 1] ** 0.5,
     )
 
 

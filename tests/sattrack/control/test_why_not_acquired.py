@@ -45,7 +45,7 @@ def test_nothing_is_said_where_nothing_tells() -> None:
         ({"dec": DEC._replace(ratio=0.02)}, "declination did not move as commanded"),
         ({"ra": RA._replace(ratio=-0.9)}, "right ascension turned the other way: change ra_rate_sign"),
         (
-            {"ra": RA._replace(ratio=0.6, fastest_deg_s=0.5, fastest_told_deg_s=1.2)},
+            {"ra": RA._replace(ratio=0.6, fastest_deg_s=0.5, fastest_asked_deg_s=1.2)},
             "right ascension came to 0.50 °/s where 1.20 °/s was commanded: set ra.max_rate_deg_s",
         ),
         ({"learnt": learnt(dec_lag_s=0.35)}, "declination answers 350 ms later"),
@@ -82,7 +82,7 @@ def test_a_figure_that_is_small_or_unsure_is_no_reason(changes: dict[str, Any]) 
 def test_the_first_reason_that_holds_is_told() -> None:
     assert "never heard" in why(heard=False, slewing=True, clamped_s=50.0)
     assert "still slewing" in why(slewing=True, clamped_s=50.0)
-    short = DEC._replace(ratio=0.05, fastest_deg_s=0.3, fastest_told_deg_s=3.0)
+    short = DEC._replace(ratio=0.05, fastest_deg_s=0.3, fastest_asked_deg_s=3.0)
     assert "declination came to 0.30" in why(dec=short)
     assert "declination did not move" in why(dec=short._replace(fastest_deg_s=0.004))
 

@@ -13,7 +13,6 @@ from sattrack.mount import link_loss
 from sattrack.mount.link_loss import (
     ROWS,
     braking_s,
-    longest_standstill_s,
     standstill_after_s,
     standstill_s,
 )
@@ -309,7 +308,5 @@ def test_standstill_is_counted_with_the_slower_axis_and_the_watchdog() -> None:
     assert braking_s(slow, -1.0) == pytest.approx(0.5)
     row = ROWS["both-watchdog"]
     assert standstill_s(row, slow, 1.0) == pytest.approx(4.0 + row.during_s + 0.5)
-    assert longest_standstill_s(slow, 1.0) == pytest.approx(4.0 + row.during_s + 0.5)
-    assert longest_standstill_s(MountProfile()) == pytest.approx(2.5 + 0.6)
     with pytest.raises(ValueError, match="no watchdog_s"):
         standstill_s(row, MountProfile())

@@ -16,7 +16,7 @@ from sattrack.control.axes import Axes
 from sattrack.control.engine_view import LOOSE_FACTOR, learnt_view
 from sattrack.core.errors import BadInputError
 from sattrack.mount.model import AxisLimits, CalibrationRecord, MountProfile
-from sattrack.mount.profiles import load_profile, load_profile_file, write_profile
+from sattrack.mount.profiles import load_profile_file, write_profile
 from sattrack.runtime.flight import RunStatistics, summarise
 from sattrack.views.formatting import summary_lines
 from sattrack.views.run import LearntView
@@ -136,7 +136,7 @@ def test_a_learnt_profile_is_written_loaded_and_followed_with_no_worse(
     assert text.startswith("# Learnt while following a pass, from one pass: not calibrated.")
     assert len(changed) == 4
     assert all(f"# {words}\n" in text for words in changed)
-    loaded = load_profile(target)
+    loaded = load_profile_file(target).mount
     assert loaded == profile
     assert loaded.ra.lag_s == pytest.approx(lag_s(0.5), abs=0.01)
     assert loaded.dec_rate_gain == pytest.approx(GAIN, abs=0.003)

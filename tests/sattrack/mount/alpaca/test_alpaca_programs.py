@@ -18,7 +18,7 @@ from alpaca_telescope import AlpacaTelescope, alpaca_telescope
 from programs import SIDEREAL_DEG_S, SITE, satellite
 
 from sattrack.cli.main import run as run_command
-from sattrack.mount.profiles import load_profile
+from sattrack.mount.profiles import load_profile_file
 from tle.elements import Elements
 from tle.instants import Utc
 from tle.propagator import Propagator
@@ -384,7 +384,7 @@ def test_a_pass_is_followed_with_the_profile_that_calibration_found(tmp_path: Pa
     with alpaca_telescope(**settings, additive=True, ra_sign=-1, dec_sign=-1, system="j2000") as telescope:
         common = ("--mount", telescope.url, "--site", site)
         assert run("mount", "calibrate", *common, "--out", "found.toml", "--yes") == 0
-        found = load_profile(tmp_path / "found.toml")
+        found = load_profile_file(tmp_path / "found.toml").mount
         assert (found.ra_rate_sign, found.dec_rate_sign, found.additive) == (-1, -1, True)
         track = ("track", "25544", "--elements", str(elements), *common, "--profile", "found.toml")
         assert run(*track, "--headless", "--min-alt", "15") == 0

@@ -34,8 +34,8 @@ from sattrack.mount.xerxes.datagrams import (
     encode_command,
     encode_status,
 )
+from sattrack.mount.xerxes.flags import SlewState
 from sattrack.mount.xerxes.session import Session
-from sattrack.mount.xerxes.states import SlewState
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -43,22 +43,20 @@ from sattrack.mount.model import (
     Stop,
 )
 from sattrack.mount.xerxes.datagrams import Command, decode_command, encode_status
-from sattrack.mount.xerxes.flags import LATEST_BEGIN_STATUSES
-from sattrack.mount.xerxes.session import Session
-from sattrack.mount.xerxes.states import (
+from sattrack.mount.xerxes.flags import (
     HANDSHAKE,
     HELD,
-    LINK,
-    LONG_QUIET,
+    LATEST_BEGIN_STATUSES,
     SLEW,
     STOP,
     Handshake,
     HeldState,
-    LinkState,
     SlewState,
     StopState,
     follow,
 )
+from sattrack.mount.xerxes.link import LINK, LONG_QUIET, LinkState
+from sattrack.mount.xerxes.session import Session
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
