@@ -13,10 +13,9 @@ from collections import defaultdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sattrack.tui.picture import RecordedFeed, practice_sky, practice_views, self_contained
-
 from sattrack.tui.app import TrackApp
 from sattrack.tui.scene import Appearance
+from tools.screens import RecordedFeed, practice_sky, practice_views, self_contained
 
 if TYPE_CHECKING:
     from sattrack.views.run import PassView, TrackView
