@@ -1,4 +1,4 @@
-"""`sattrack attach` and `sattrack serve web`: look at the run that goes on, on a terminal or in a browser."""
+"""`sattrack attach` and `sattrack serve web`: watch the active run, on a terminal or in a browser."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ if TYPE_CHECKING:
 
 
 @click.command("attach")
-@click.option("--run", "pid", type=int, metavar="PID", help="The process of the run, where several go on.")
-@click.option("--as", "name", metavar="NAME", help="Your name for the others; default: this terminal.")
+@click.option("--run", "pid", type=int, metavar="PID", help="The process of the run, if several are active.")
+@click.option("--as", "name", metavar="NAME", help="Your name, shown to the others; default: this terminal.")
 @screen_options
 @common_options
 def command(context: CommandContext, pid: int | None, name: str | None, **options: Any) -> int:
-    """Watch a run that was started elsewhere, or take control of it, on the same screen as that of `track`.
+    """Watch a run that was started elsewhere, or take control of it, on the screen that `track` has.
 
-    Up to 64 can watch. SPACE stops the mount, for everybody. One at a time has control and can move the
-    target: c takes it. Leaving the screen does nothing to the run. After a pass of a schedule, the screen
-    goes on to the next one. --json writes what is seen of one run, an object a line.
+    Up to 64 can watch. SPACE stops the mount for everybody. One at a time has control and can move the
+    target: c takes it. The run continues when you leave the screen. After a pass of a schedule, the screen
+    goes on to the next one. --json writes the views of one run, one object a line.
     """
     pid = chosen_run(pid)
     name = name or _terminal()
@@ -60,24 +60,24 @@ def command(context: CommandContext, pid: int | None, name: str | None, **option
 def chosen_run(pid: int | None) -> int:
     """Return the process of the run to look at. Raises BadInputError where that is none, or in doubt."""
     if not SUPPORTED:
-        raise SattrackError("runs can be looked at on Linux only")
+        raise SattrackError("runs can be watched on Linux only")
     if pid is not None:
         return pid
     found = feeders()
     if not found:
         raise SattrackError(
-            "no run goes on: `sattrack track` and `sattrack demo` start one; "
+            "no run is active: `sattrack track` and `sattrack demo` start one; "
             "between the passes of a schedule, `sattrack run FILE --status` shows its state"
         )
     if len(found) > 1:
-        choices = "; ".join(f"--run {one}: {_told(one)}" for one in found)
-        raise BadInputError(f"{len(found)} runs go on; choose one: {choices}")
+        choices = "; ".join(f"--run {one}: {_run_text(one)}" for one in found)
+        raise BadInputError(f"{len(found)} runs are active; choose one: {choices}")
     return found[0]
 
 
-def _told(pid: int) -> str:
+def _run_text(pid: int) -> str:
     welcome = welcome_of(pid)
-    return "it does not answer" if welcome is None else in_words(welcome)
+    return "it does not answer" if welcome is None else welcome_text(welcome)
 
 
 def welcome_of(pid: int) -> Welcome | None:
@@ -93,7 +93,7 @@ def welcome_of(pid: int) -> Welcome | None:
     return welcome
 
 
-def in_words(welcome: Welcome) -> str:
+def welcome_text(welcome: Welcome) -> str:
     """Return what a run is."""
     return f"{welcome.name} with {welcome.mount}, `{welcome.command}`, since {welcome.since_utc}"
 
@@ -119,7 +119,7 @@ def _as_json(pid: int, name: str) -> int:
             sys.stdout.buffer.write(line)
             sys.stdout.buffer.flush()
     if not whole:
-        raise SattrackError("the run ended without a word: its guardian stops the mount; look after it")
+        raise SattrackError("the run ended unexpectedly: its guardian stops the mount; check the mount")
     return 0
 
 
@@ -132,7 +132,7 @@ FEWEST_CHARACTERS = 16
     "--host",
     default="127.0.0.1",
     show_default=True,
-    help="Address to listen on; 0.0.0.0 for all. Any other than this machine's own needs a token.",
+    help="Address to listen on; 0.0.0.0 for all. Any but a loopback address needs a token.",
 )
 @click.option(
     "--port",
@@ -145,21 +145,21 @@ FEWEST_CHARACTERS = 16
     "--token",
     envvar="SATTRACK_WEB_TOKEN",
     metavar="WORDS",
-    help="What a visitor has to bring, 16 characters or more; made up where one is needed and none is given. "
-    "Also from SATTRACK_WEB_TOKEN, where other users cannot read it.",
+    help="The token that visitors must give, 16 characters or more; generated if needed and not given. "
+    "Or set SATTRACK_WEB_TOKEN, which other users cannot read.",
 )
-@click.option("--run", "pid", type=int, metavar="PID", help="Show this run only, by its process.")
+@click.option("--run", "pid", type=int, metavar="PID", help="Show only this run, by its process.")
 @screen_options
 @common_options
 def web(
     context: CommandContext, host: str, port: int, token: str | None, pid: int | None, **options: Any
 ) -> int:
-    """Show a run in a browser: each visitor has a screen like that of `attach`.
+    """Show a run in a browser; each visitor gets a screen as `attach` shows it.
 
-    SPACE stops the mount, for everybody. One at a time has control: c takes it. With several runs, the page
-    links to each. Only this machine can open the page, unless --host says otherwise; visitors from elsewhere
-    need a token. There is no encryption: use a proxy or a tunnel with encryption before the page crosses a
-    network that is not yours.
+    SPACE stops the mount for everybody. One visitor at a time has control; c takes it. With several runs, the
+    page links to each. Only this machine can open the page, unless --host says otherwise; visitors from
+    elsewhere need a token. There is no encryption: use a proxy or a tunnel with encryption on any network
+    that is not yours.
     """
     if importlib.util.find_spec("textual_serve") is None:
         raise SattrackError("the browser's screen needs textual-serve: pip install 'sattrack[web]'")
@@ -196,20 +196,20 @@ def _tell_addresses(as_json: bool, urls: tuple[str, ...]) -> None:
         return
     for url in urls:
         tell(f"open {url}")
-    tell("Ctrl-C ends the page, and does nothing to the run")
+    tell("Ctrl-C closes the page; the run continues")
 
 
 def _handed_on(context: CommandContext, options: dict[str, Any]) -> list[str]:
-    words: list[str] = []
+    text: list[str] = []
     for name, value in (
         ("--theme", options["theme"]),
         ("--site", context.site_option),
         ("--config", given("--config")),
     ):
         if value is not None:
-            words += [name, str(value)]
+            text += [name, str(value)]
     for source in context.element_sources:
-        words += ["--elements", source]
+        text += ["--elements", source]
     if options["plain"]:
-        words.append("--ascii")
-    return words
+        text.append("--ascii")
+    return text

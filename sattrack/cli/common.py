@@ -6,6 +6,7 @@ import contextlib
 import functools
 import importlib.util
 import os
+import select
 import stat
 import sys
 from dataclasses import dataclass
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
     from sattrack.elements.downloads import Downloads
     from sattrack.mount.profiles import ProfileFile
+    from sattrack.runtime.mounts import MountAddress
     from sattrack.tui.feeds import HelperOptions
     from sattrack.tui.scene import Appearance
     from tle.elements import Elements
@@ -142,10 +144,23 @@ class CommandContext:
         """Return the instant that is now by the clock in force."""
         return make_clock(self.clock_option)[1]
 
+    def mount(self, option: str | None) -> tuple[str | None, MountAddress | None]:
+        """Return the mount's URL, by the option, else the settings, and its address; None: a simulated mount.
 
-def tell(words: str) -> None:
+        Raises BadInputError for a URL that is none, and for --clock with a real mount.
+        """
+        from sattrack.runtime.mounts import mount_address
+
+        url = option or self.settings.mount.url
+        address = mount_address(url)
+        if address is not None and self.clock_option is not None:
+            raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
+        return url, address
+
+
+def tell(text: str) -> None:
     """Tell the user something on standard error, in one line."""
-    click.echo(f"sattrack: {words}", err=True)
+    click.echo(f"sattrack: {text}", err=True)
 
 
 def write_file(path: Path, text: str) -> None:
@@ -186,9 +201,23 @@ def show(*parts: str | Table) -> None:
     click.echo("\n".join(line.rstrip() for line in captured.get().splitlines()))
 
 
-def renew(words: str = "") -> None:
-    """Write a line on a terminal's standard error that the next one overwrites; no words wipe it away."""
-    click.echo(f"\r\x1b[K{words}", nl=False, err=True)
+def renew(text: str = "") -> None:
+    """Write a line on standard error that the next one overwrites; no text wipes it. On a terminal only."""
+    if can_draw_lines_anew():
+        click.echo(f"\r\x1b[K{text}", nl=False, err=True)
+
+
+def renew_at_once(text: str) -> None:
+    """Renew the line unless that would wait: a terminal may be held."""
+    if can_draw_lines_anew() and select.select([], [sys.stderr], [], 0.0)[1]:
+        renew(text)
+
+
+def share_progress(number: int = 0, count: int = 1) -> Callable[[float], None] | None:
+    """Return a function that shows the share done of the work `number` of `count`; None off a terminal."""
+    if not can_draw_lines_anew():
+        return None
+    return lambda share: renew(f"{100.0 * (number + share) / count:.0f} %")
 
 
 def _downloads() -> Downloads:
@@ -226,15 +255,15 @@ def bias_options(function: Callable[..., Any]) -> Callable[..., Any]:
     function = click.option(
         "--observations",
         metavar="SOURCE",
-        help="Take the satellite's observed directions as JSON lines: udp:PORT (of this machine) or stdin.",
+        help="Read observed directions of the satellite as JSON lines: udp:PORT (on this machine) or stdin.",
     )(function)
     function = click.option(
         "--bias-memory",
         type=click.Choice(("auto", "on", "nudge", "off")),
         default="auto",
         show_default=True,
-        help="Begin with the bias that earlier passes found for the same elements, and keep this one's: auto "
-        "with real mounts, on with simulated ones too, nudge with an operator's nudge also, or off.",
+        help="Start with the bias that earlier passes found for the same elements, and keep the new one: "
+        "auto for real mounts, on for simulated ones too, nudge also for an operator's nudge, or off.",
     )(function)
     return click.option(
         "--camera-rotation",
@@ -249,10 +278,10 @@ def stream_options(function: Callable[..., Any]) -> Callable[..., Any]:
     function = click.option(
         "--control",
         is_flag=True,
-        help="Take messages as JSON lines on standard input; its end stops the mount.",
+        help="Read messages as JSON lines from standard input; its end stops the mount.",
     )(function)
     return click.option(
-        "--stream", is_flag=True, help="Views as JSON lines on standard output, ten a second."
+        "--stream", is_flag=True, help="Write views as JSON lines to standard output, ten a second."
     )(function)
 
 
@@ -263,17 +292,17 @@ def screen_options(function: Callable[..., Any]) -> Callable[..., Any]:
         "--ascii",
         "plain",
         is_flag=True,
-        help="Draw the screen with the characters of ASCII alone; without asking where there are no others.",
+        help="Draw the screen in ASCII only; automatic if the terminal has nothing else.",
     )(function)
     return click.option(
         "--theme",
         type=click.Choice(("night", "red", "contrast")),
-        help="Colours of the screen: night, red (for eyes used to the dark) or contrast; t there changes it.",
+        help="Colours of the screen: night, red (for eyes used to the dark) or contrast; key t changes them.",
     )(function)
 
 
 def appearance(context: CommandContext, theme: str | None, plain: bool) -> Appearance:
-    """Return how the screen is to be drawn: by the options, else the settings, else as the terminal can."""
+    """Return how to draw the screen: by the options, else the settings, else as the terminal can."""
     from sattrack.tui.scene import Appearance, can_show
 
     screen = context.settings.screen
@@ -287,7 +316,7 @@ def fov_option(function: Callable[..., Any]) -> Callable[..., Any]:
         "fov_deg",
         type=float,
         metavar="DEG",
-        help="Diameter of the camera's field of view, to show the error to expect beside it.",
+        help="Diameter of the camera's field of view, shown with the expected error.",
     )(function)
 
 
@@ -307,7 +336,7 @@ def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
         "celestrak:GROUP, celestrak:NUMBER, spacetrack:NUMBER or - (standard input).",
     )
     @click.option(
-        "--clock", "clock_option", metavar="UTC[xSPEED]", help="Run as if it were that instant now."
+        "--clock", "clock_option", metavar="UTC[xSPEED]", help="Run as if this were the current time."
     )
     @click.option(
         "--json", "as_json", is_flag=True, help="JSON on standard output, messages on standard error."
@@ -332,9 +361,9 @@ def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
         named = (settings.safety.horizon, settings.mount.profile, rest.get("profile"))
         watch = SettingsWatch(config, [Path(path) for path in named if path is not None])
         result = function(context, **rest)
-        words = watch.words()
-        if words is not None:
-            tell(words)
+        text = watch.change()
+        if text is not None:
+            tell(text)
         return result
 
     return wrapper
@@ -348,7 +377,7 @@ class SettingsWatch:
         self._config = config
         self._before = {path: _stamp(path) for path in ([found] if found else []) + named}
 
-    def words(self) -> str | None:
+    def change(self) -> str | None:
         """Return what to tell where a file is not as it was, and None where all are."""
         changed = [path for path, stamp in self._before.items() if _stamp(path) != stamp]
         if not changed:
@@ -422,7 +451,7 @@ def tui_possible() -> bool:
 
 
 def needed_terminal() -> str:
-    """Return what a screen needs, in words: where there is a terminal, why it is not enough."""
+    """Return what a screen needs, as text: why the present terminal is not enough, if there is one."""
     term = os.environ.get("TERM")
     return f"a terminal that can draw (TERM={term} cannot)" if term in CANNOT_DRAW else "a terminal"
 

@@ -42,7 +42,7 @@ SHORTEST_S = 5.0
 @click.command("demo")
 @profile_option
 @click.option("--headless", is_flag=True, help="No terminal UI.")
-@click.option("--seconds", type=float, metavar="N", help="End after so many real seconds in all.")
+@click.option("--seconds", type=float, metavar="N", help="End after this many real seconds in total.")
 @click.option("--record", type=click.Path(), help="Write every input and output to a new MCAP file.")
 @stream_options
 @bias_options
@@ -73,8 +73,8 @@ def command(context: CommandContext, seconds: float | None, **options: Any) -> i
         Stream(tells_session=options["scene"]) if options["stream"] else RunProgress(quiet_off_terminal=False)
     )
     prepared = prepare(request)
-    for words in prepared.notes:
-        tell(words)
+    for text in prepared.notes:
+        tell(text)
     if isinstance(output, Stream) and options["scene"]:
         output.tell_scene(prepared.facts)
     summary, interrupted = fly_and_tell(prepared, output, control, deadline_s, observations)

@@ -158,8 +158,8 @@ def check_earth(age: EarthOrientationAge | None, error: str | None) -> CheckResu
     if age.status == "extrapolated":
         return CheckResult("earth", "bad", f"{what}: directions may be off by seconds of arc", ways)
     if age.status == "predicted" and age.age_s > OLD_ORIENTATION_DAYS * DAY_S:
-        words = f"{what}: {age.age_s / DAY_S:.0f} days of prediction may be off by tenths of an arcsecond"
-        return CheckResult("earth", "warn", words, ways)
+        text = f"{what}: {age.age_s / DAY_S:.0f} days of prediction may be off by tenths of an arcsecond"
+        return CheckResult("earth", "warn", text, ways)
     return CheckResult("earth", "ok", what)
 
 
@@ -188,7 +188,7 @@ def check_priority(grant: Grant, ways: Sequence[str]) -> CheckResult:
     """Judge whether the loop that feeds the mount goes before everything else."""
     if grant.priority is not None:
         return CheckResult("priority", "ok", f"real-time priority {grant.priority} is granted")
-    why = "; ".join(words for words in grant.refusals if "memory" not in words) or "not granted"
+    why = "; ".join(text for text in grant.refusals if "memory" not in text) or "not granted"
     return CheckResult("priority", "warn", f"{why}; on a busy machine datagrams go out late", tuple(ways))
 
 
@@ -196,7 +196,7 @@ def check_memory(grant: Grant, ways: Sequence[str]) -> CheckResult:
     """Judge whether the loop's memory stays in memory."""
     if grant.memory_locked:
         return CheckResult("memory", "ok", "can be locked: the loop never waits for a page from the disk")
-    why = "; ".join(words for words in grant.refusals if "memory" in words) or "not locked"
+    why = "; ".join(text for text in grant.refusals if "memory" in text) or "not locked"
     return CheckResult("memory", "warn", why, tuple(ways) if grant.realtime else ("as for the priority",))
 
 
@@ -337,9 +337,9 @@ class _PatientCommand(click.Command):
 )
 @common_options
 def command(context: CommandContext, **options: Any) -> int:
-    """Tell what is fine, what is not, and what to do. Nothing is sent to the mount, and nothing changed.
+    """Report what is in order, what is not, and what to do. Nothing is sent to the mount; nothing is changed.
 
-    Exit code 1 where something is bad.
+    Exits with 1 if something is bad.
     """
     checks: list[CheckResult] = []
     for check in _checks(context, options):
@@ -438,8 +438,8 @@ def _check_mount(context: CommandContext, url: str | None, explicit: Path | None
         error = str(refusal)
     yield check_profile(configured, profile, error, real)
     if url is None:
-        words = "no mount is set: with --mount, or [mount] url in sattrack.toml, its statuses are listened to"
-        yield CheckResult("link", "ok", words)
+        text = "no mount is set: with --mount, or [mount] url in sattrack.toml, its statuses are listened to"
+        yield CheckResult("link", "ok", text)
         return
     yield _check_link(url, profile or MountProfile())
 

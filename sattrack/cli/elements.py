@@ -42,7 +42,9 @@ def command() -> None:
     "--format", "form", type=click.Choice(WRITTEN), help="What to write (csv, or json with --json)."
 )
 @click.option(
-    "--output", type=click.Path(path_type=Path, dir_okay=False), help="File to write, not standard output."
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write to this file instead of standard output.",
 )
 @common_options
 def get(
@@ -56,7 +58,7 @@ def get(
 
     A source is a file, a folder, - (standard input), a URL, celestrak:GROUP, celestrak:NUMBER,
     spacetrack:all, spacetrack:NUMBER, or a satellite, which is asked of CelesTrak: ISS, 25544, 1998-067A.
-    Ends with 1 where any set is refused.
+    Exits with 1 if any set is refused.
     """
     named = [source for source in sources if _is_satellite(source)]
     others = tuple(source for source in sources if source not in named)
@@ -83,7 +85,7 @@ def get(
 @click.argument("satellites", nargs=-1)
 @common_options
 def show(context: CommandContext, satellites: tuple[str, ...]) -> int:
-    """Tell what the elements of the SATELLITES say, and what their age means; a line each for all."""
+    """Show the elements of the SATELLITES and what their age means; without any, one line for each set."""
     elements = context.elements(*satellites)
     now = context.now()
     chosen = [find(elements, key) for key in satellites] if satellites else elements
@@ -91,7 +93,7 @@ def show(context: CommandContext, satellites: tuple[str, ...]) -> int:
     if context.json:
         click.echo(json.dumps(rows, allow_nan=False))
     elif satellites:
-        click.echo("\n\n".join(_told(row) for row in rows))
+        click.echo("\n\n".join(_description(row) for row in rows))
     else:
         click.echo(f"{'number':>9}  {'designator':<11} {'epoch UTC':<24} {'age d':>8}  name")
         for row in rows:
@@ -116,9 +118,9 @@ def show(context: CommandContext, satellites: tuple[str, ...]) -> int:
 def check(
     context: CommandContext, sources: tuple[str, ...], observations: Path | None, stations: Path | None
 ) -> int:
-    """Read every set of the SOURCES (--elements if none is named) and tell which are refused, and why.
+    """Read every set of the SOURCES (--elements if none is named) and report which are refused, and why.
 
-    Ends with 1 where any is refused.
+    Exits with 1 if any is refused.
     """
     sets = context.load(_places(context, sources))
     residuals = _residuals(context, sets, observations, stations) if observations else None
@@ -185,7 +187,7 @@ def _why_not(one: Elements, now: Utc) -> str | None:
     return None
 
 
-def _told(row: dict[str, Any]) -> str:
+def _description(row: dict[str, Any]) -> str:
     """Return what a person wants to know of an object, several lines."""
     epoch = row["epoch_utc"][:19].replace("T", " ")
     age = f"{abs(row['age_days']):.2f} days {'old' if row['age_days'] >= 0.0 else 'to come'}"
@@ -284,12 +286,14 @@ def _line(row: dict[str, Any]) -> str:
 
 
 @click.command("biases")
-@click.option("--drop", "dropped", type=int, multiple=True, metavar="ENTRY", help="Offer this one no more.")
+@click.option(
+    "--drop", "dropped", type=int, multiple=True, metavar="ENTRY", help="Do not offer this one again."
+)
 @common_options
 def biases(context: CommandContext, dropped: tuple[int, ...]) -> int:
     """Show the biases remembered from earlier passes, the newest first, as they were found.
 
-    Each is offered for passes of its object with the very elements that it was found with.
+    Each is offered for passes of its object with the same elements.
     """
     memory = BiasMemory(memory_file())
     for entry in dropped:

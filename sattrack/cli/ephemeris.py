@@ -73,10 +73,10 @@ _TABLE = (
 @click.option(
     "--bias-cross", type=float, default=0.0, metavar="DEG", help="Positive to the left, seen from below."
 )
-@click.option("--refraction", is_flag=True, help="Directions as the air raises them; airless if not given.")
-@click.option("--pressure", type=float, metavar="HPA", help="At the site; of its height if not given.")
-@click.option("--temperature", type=float, metavar="C", help="At the site; of its height if not given.")
-@click.option("--no-diurnal-aberration", is_flag=True, help="Leave this effect of up to 0.3″ out.")
+@click.option("--refraction", is_flag=True, help="Apply refraction; without it, directions are airless.")
+@click.option("--pressure", type=float, metavar="HPA", help="At the site; default: by its height.")
+@click.option("--temperature", type=float, metavar="C", help="At the site; default: by its height.")
+@click.option("--no-diurnal-aberration", is_flag=True, help="Omit this effect of up to 0.3″.")
 @click.option(
     "--format", "style", type=click.Choice(["table", "csv", "json"]), default="table", show_default=True
 )

@@ -47,17 +47,17 @@ PLACES = {
 }
 """Module and attribute of the commands that are no `command` in a module of their name."""
 MOUNT_VERBS = {
-    "status": "All that the mount tells, once; nothing is sent to a real mount.",
+    "status": "Show the mount's whole status once; nothing is sent to a real mount.",
     "watch": "A full-screen manual console: status live, jog, slew, sync, park.",
     "slew": "Go to a right ascension and declination, and track there.",
     "sync": "Make the mount report a direction for where it points.",
-    "abort": "Stop both axes, and see them at rest.",
+    "abort": "Stop both axes, and confirm that they are at rest.",
     "park": "Slew to the park position, stop there, cut the drives' power.",
     "home": "Go to the home position.",
     "move": "Move at rates for some seconds, then track.",
     "pulse": "Guide: move at the guide rate for some milliseconds.",
     "fine-rate": "Adjust the tracking by small rates.",
-    "calibrate": "Find out what a mount does, and write its profile.",
+    "calibrate": "Measure how a mount moves, and write its profile.",
 }
 MOUNT_PLACES = {verb: f"mount:{verb.replace('-', '_')}" for verb in MOUNT_VERBS} | {
     "calibrate": "mount_calibrate:command"
@@ -71,7 +71,7 @@ SERVERS = {
     "alpaca": "The mount as an ASCOM telescope for programs that speak Alpaca, over HTTP.",
     "antenna": "The mount as an antenna for a VLBI Field System, on TCP or a serial line.",
     "rotctld": "The mount as a rotator for gpredict and other clients of Hamlib, on TCP.",
-    "web": "The screen of the run that goes on, in a browser.",
+    "web": "The screen of the active run, in a browser.",
 }
 SERVER_PLACES = {
     "alpaca": "serve_alpaca:command",
@@ -79,12 +79,12 @@ SERVER_PLACES = {
     "rotctld": "serve:rotctld",
     "web": "attach:web",
 }
-PLAIN_WORDS = (
+PLAIN_TEXT = (
     ("is not a valid float", "is not a number"),
     ("is not a valid integer", "is not a whole number"),
     ("Got unexpected extra", "unexpected"),
 )
-"""Of click's messages, what is said in plain English."""
+"""click's terms, and the plain English for them."""
 
 
 class LazyGroup(click.Group):
@@ -141,7 +141,7 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 
 def _open_closed_streams() -> None:
-    """Open what of the three standard streams was closed by whoever started us, to nowhere."""
+    """Open those of the three standard streams that were closed at the start, to nowhere."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             # It takes the lowest free number, which is the closed stream's.
@@ -149,18 +149,18 @@ def _open_closed_streams() -> None:
 
 
 def run(arguments: list[str]) -> int:
-    """Run one command line and return its exit code; errors are told in one line on standard error."""
+    """Run one command line and return its exit code; an error is one line on standard error."""
     try:
         result: Any = cli.main(args=arguments, prog_name="sattrack", standalone_mode=False)
     except click.exceptions.Abort:
         return 130
-    except Exception as error:  # noqa: BLE001 - a defect is told in a line too, and in full with --debug
-        return _told(error, "--debug" in arguments)
+    except Exception as error:  # noqa: BLE001 - a defect is one line too; --debug shows all of it
+        return _report_error(error, "--debug" in arguments)
     return result if isinstance(result, int) else 0
 
 
-def _told(error: Exception, debug: bool) -> int:
-    """Tell an error on standard error; return its exit code."""
+def _report_error(error: Exception, debug: bool) -> int:
+    """Report an error on standard error; return its exit code."""
     code: int = getattr(error, "exit_code", 1)
     if isinstance(error, click.exceptions.NoArgsIsHelpError):
         error.show()
@@ -168,15 +168,15 @@ def _told(error: Exception, debug: bool) -> int:
     if debug and not isinstance(error, click.ClickException):
         traceback.print_exception(error)
     if not isinstance(error, BrokenPipeError):
-        click.echo(f"sattrack: {_words(error)}", err=True)
+        click.echo(f"sattrack: {_error_text(error)}", err=True)
     if isinstance(error, OSError):
         _forget_output()
     return code
 
 
-def _words(error: Exception) -> str:
+def _error_text(error: Exception) -> str:
     if isinstance(error, click.UsageError):
-        return usage_words(error)
+        return _usage_text(error)
     if isinstance(error, click.ClickException):
         return error.format_message()
     if isinstance(error, SattrackError | TleError):
@@ -193,20 +193,20 @@ def _forget_output() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def usage_words(error: click.UsageError) -> str:
+def _usage_text(error: click.UsageError) -> str:
     """Return what is wrong with a command line, and what to do, in one line."""
-    words = " ".join(error.format_message().split()).rstrip(".")
-    for technical, plain in PLAIN_WORDS:
-        words = words.replace(technical, plain)
-    words = f"{words[:1].lower()}{words[1:]}"
+    text = " ".join(error.format_message().split()).rstrip(".")
+    for technical, plain in PLAIN_TEXT:
+        text = text.replace(technical, plain)
+    text = f"{text[:1].lower()}{text[1:]}"
     if error.ctx is None:
-        return words
-    unknown = re.fullmatch(r"no such command '(.*?)'.*", words)
+        return text
+    unknown = re.fullmatch(r"no such command '(.*?)'.*", text)
     if unknown is not None and isinstance(error.ctx.command, click.Group):
-        words = (
+        text = (
             f"no such command '{unknown[1]}'{meant(unknown[1], error.ctx.command.list_commands(error.ctx))}"
         )
     elif isinstance(error, click.NoSuchOption):
         options = [each for one in error.ctx.command.params for each in one.opts if each.startswith("--")]
-        words = f"no such option {error.option_name}{meant(error.option_name, options)}"
-    return f"{words}{'' if words.endswith('?') else ';'} see `{error.ctx.command_path} --help`"
+        text = f"no such option {error.option_name}{meant(error.option_name, options)}"
+    return f"{text}{'' if text.endswith('?') else ';'} see `{error.ctx.command_path} --help`"

@@ -7,7 +7,6 @@ import functools
 import importlib.util
 import math
 import re
-import select
 import sys
 from dataclasses import dataclass, replace
 from functools import partial
@@ -25,6 +24,7 @@ from sattrack.cli.common import (
     needed_terminal,
     profile_option,
     renew,
+    renew_at_once,
     screen_options,
     tell,
     tui_possible,
@@ -64,7 +64,7 @@ from sattrack.mount.requests import (
 from sattrack.runtime import demo_pass
 from sattrack.runtime.connection import Connection, connected
 from sattrack.runtime.console import OrderInbox, attend, attend_console_session, stop_session, wait_until_free
-from sattrack.runtime.mounts import mount_address, owner_of
+from sattrack.runtime.mounts import owner_of
 from sattrack.views.formatting import (
     DEC_FORMS,
     MINUS,
@@ -118,11 +118,11 @@ class MountCall:
 
     def check(self, request: Request) -> None:
         """Raise BadInputError where a request cannot be one, before anything is sent."""
-        words = objection(request, self.described.mount)
-        if words is None and self.address is not None:
-            words = self.address.not_carried(request)
-        if words is not None:
-            raise BadInputError(f"{words}; nothing was sent")
+        text = objection(request, self.described.mount)
+        if text is None and self.address is not None:
+            text = self.address.not_carried(request)
+        if text is not None:
+            raise BadInputError(f"{text}; nothing was sent")
 
     def silence(self, connection: Connection, sent: bool) -> str:
         """Return what to check where a mount was not heard; `sent` where it has been written to anyway."""
@@ -140,7 +140,7 @@ def mount_options(function: Callable[..., Any]) -> Callable[..., Any]:
         profile_option,
         mount_option,
         click.option(
-            "--timeout", type=float, metavar="S", help="Give up, and stop the mount, after so long."
+            "--timeout", type=float, metavar="S", help="Stop the mount and give up after this time."
         ),
     )
     return functools.reduce(lambda made, option: option(made), options, function)
@@ -148,10 +148,7 @@ def mount_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def resolve(context: CommandContext, options: dict[str, Any], needs_site: bool = True) -> MountCall:
     """Return which mount a verb is for. Raises BadInputError; no socket is opened."""
-    url = options["mount_url"] or context.settings.mount.url
-    address = mount_address(url)
-    if address is not None and context.clock_option is not None:
-        raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
+    url, address = context.mount(options["mount_url"])
     timeout_s = options["timeout"]
     if timeout_s is not None and not (math.isfinite(timeout_s) and timeout_s > 0.0):
         raise BadInputError(f"--timeout {timeout_s:g}: give seconds, above 0")
@@ -184,53 +181,35 @@ class VerbResult(msgspec.Struct, frozen=True):
     warnings: tuple[str, ...]
 
 
-@dataclass(slots=True)
-class OperationProgress:
-    """A line about an operation that renews itself, on a terminal only, and never waited for."""
-
-    operation: ManualOperation
-    _shown: bool = False
-
-    def show(self, now_utc_s: float) -> None:
-        """Renew it."""
-        if not sys.stderr.isatty():
-            return
-        _, writable, _ = select.select([], [sys.stderr], [], 0.0)
-        if writable:
-            self._shown = True
-            words = pointing_text(view_of(self.operation.console, now_utc_s))
-            renew(f"{self.operation.doing}: {words}")
-
-    def wipe(self) -> None:
-        """Take the line away."""
-        if self._shown:
-            renew()
-
-
-def perform(call: MountCall, procedure: Procedure, asked: dict[str, Any], words: str) -> int:
-    """Carry a procedure out and tell what came of it; `words` say what was asked.
+def perform(call: MountCall, procedure: Procedure, asked: dict[str, Any], text: str) -> int:
+    """Carry a procedure out and tell what came of it; `text` says what was asked.
 
     Raises the SattrackError whose exit code the verb ends with, else returns 0.
     """
     with call.connected() as connection:
         operation = ManualOperation(call.console(), procedure, connection.now_utc_s(), call.timeout_s)
-        progress = OperationProgress(operation)
-        attend(operation, connection, progress.show)
-        progress.wipe()
-        never_heard = operation.console.sample is None
-        advice = call.silence(connection, sent=True) if never_heard else operation.console.way_trouble
-        view = view_of(operation.console, connection.now_utc_s())
+        console = operation.console
+
+        def show(now_utc_s: float) -> None:
+            if sys.stderr.isatty():
+                renew_at_once(f"{operation.doing}: {pointing_text(view_of(console, now_utc_s))}")
+
+        attend(operation, connection, show)
+        renew()
+        never_heard = console.sample is None
+        advice = call.silence(connection, sent=True) if never_heard else console.way_trouble
+        view = view_of(console, connection.now_utc_s())
     outcome = operation.outcome
     assert outcome is not None
     if call.context.json:
         ending = (operation.ended_by or "error", operation.mount_stopped)
         tell_result(asked, outcome, ending, view)
-    failed = failure(operation, outcome, words, advice)
+    failed = failure(operation, outcome, text, advice)
     if failed is not None:
         raise failed
     if not call.context.json:
         how = outcome.state.value + (", acknowledged" if outcome.acknowledged else "")
-        click.echo(f"{words}: {how}" + (f" ({outcome.reason})" if outcome.reason else ""))
+        click.echo(f"{text}: {how}" + (f" ({outcome.reason})" if outcome.reason else ""))
         click.echo(pointing_text(view))
         for warning in view.warnings:
             tell(warning)
@@ -262,13 +241,13 @@ def tell_result(
 
 
 def failure(
-    operation: ManualOperation, outcome: Outcome, words: str, advice: str | None
+    operation: ManualOperation, outcome: Outcome, text: str, advice: str | None
 ) -> SattrackError | None:
     """Return the error that a verb ends with, its class by the exit code; None where it was done."""
     why = operation.ended_by or "error"
     if why == "done" and outcome.state in DONE:
         return None
-    message = f"{words}: {outcome.reason or outcome.state.value}"
+    message = f"{text}: {outcome.reason or outcome.state.value}"
     if advice is not None:
         message += f"; {advice}"
     if operation.mount_stopped:
@@ -301,9 +280,9 @@ def move(
 ) -> int:
     """Move at rates against the stars for some seconds, then track.
 
-    Rates are those at which the reported right ascension and declination change, in degrees of the axis a
-    second: 0 stays with the stars, positive goes east (right ascension grows) and north. An axis without a
-    rate is left alone. Which way the motors must turn for that, the mount's profile says.
+    The rates are those of the reported right ascension and declination, in degrees of the axis per second: 0
+    stays with the stars, positive goes east (right ascension grows) and north. An axis without a rate keeps
+    its motion. The mount's profile gives the signs of the motors.
     """
     if not 0.0 < seconds <= LONGEST_MOVE_S:
         raise BadInputError(f"--seconds {seconds:g}: give seconds, above 0 and {LONGEST_MOVE_S:g} at most")
@@ -311,8 +290,8 @@ def move(
     request = MoveAxis(ra_rate, dec_rate)
     call.check(request)
     asked = {"type": "move", "ra_rate_deg_s": ra_rate, "dec_rate_deg_s": dec_rate, "seconds": seconds}
-    words = f"{request_text(request)} for {seconds:g} s"
-    return perform(call, MoveFor(request, seconds), asked, words)
+    text = f"{request_text(request)} for {seconds:g} s"
+    return perform(call, MoveFor(request, seconds), asked, text)
 
 
 @click.command("pulse")
@@ -320,7 +299,7 @@ def move(
 @click.option("--dec", "dec_ms", type=int, default=0, metavar="MS", help="Milliseconds; negative is south.")
 @mount_options
 def pulse(context: CommandContext, ra_ms: int, dec_ms: int, **options: Any) -> int:
-    """Move at the mount's guide rate for some milliseconds on either axis, and see it end."""
+    """Move at the mount's guide rate for some milliseconds on either axis, and wait for the end."""
     call = resolve(context, options, needs_site=False)
     request = PulseGuide(ra_ms, dec_ms)
     call.check(request)
@@ -335,10 +314,10 @@ def pulse(context: CommandContext, ra_ms: int, dec_ms: int, **options: Any) -> i
 @click.option("--dec", "dec_deg_s", type=float, default=0.0, metavar="DEG_S", help="Positive goes north.")
 @mount_options
 def fine_rate(context: CommandContext, ra_deg_s: float, dec_deg_s: float, **options: Any) -> int:
-    """Adjust the tracking by small rates; without any, take adjustments back.
+    """Adjust the tracking by small rates; without any, remove the adjustment.
 
-    The rates hold until another program sends to the mount: every datagram says them anew, and the other
-    verbs say zero. The protocol gives them no sign and no acknowledgement.
+    The rates hold until another program sends to the mount: every datagram carries them, and the other verbs
+    send zero. The protocol defines no sign and no acknowledgement for them.
     """
     call = resolve(context, options, needs_site=False)
     request = FineRate(ra_deg_s, dec_deg_s)
@@ -371,7 +350,7 @@ class DirectionCommand(click.Command):
 @click.argument("dec")
 @mount_options
 def slew(context: CommandContext, ra: str, dec: str, **options: Any) -> int:
-    """Go to RA and DEC, of date as the mount reports them, and track there. Ends when the mount stands."""
+    """Go to RA and DEC, of date as the mount reports them, and track there. Ends when the slew has ended."""
     return _point(context, Slew(parse_ra(ra), parse_dec(dec)), options)
 
 
@@ -380,7 +359,7 @@ def slew(context: CommandContext, ra: str, dec: str, **options: Any) -> int:
 @click.argument("dec")
 @mount_options
 def sync(context: CommandContext, ra: str, dec: str, **options: Any) -> int:
-    """Make the mount report RA and DEC, of date, for where it points. Refused while it moves."""
+    """Make the mount report RA and DEC, of date, for where it points. Refused while the mount moves."""
     return _point(context, Sync(parse_ra(ra), parse_dec(dec)), options)
 
 
@@ -395,9 +374,10 @@ def _point(context: CommandContext, request: Slew | Sync, options: dict[str, Any
 @click.command("abort")
 @mount_options
 def abort(context: CommandContext, **options: Any) -> int:
-    """Stop both axes at once, and see them at rest; the drives stay on. A silent mount is sent it, too.
+    """Stop both axes at once, and confirm that they are at rest; the drives stay on.
 
-    A session that owns the mount stops it and ends, as by `sattrack stop`; then it is sent once more.
+    It is sent to a silent mount, too. A session that owns the mount stops it and ends, as by `sattrack stop`;
+    then the abort is sent once more.
     """
     call = resolve(context, options, needs_site=False)
     owner = None if call.address is None else owner_of(call.address.name)
@@ -413,13 +393,13 @@ def abort(context: CommandContext, **options: Any) -> int:
 
 
 @click.command("park")
-@click.option("--drives-on", is_flag=True, help="Rest at the park position, the drives' power left on.")
+@click.option("--drives-on", is_flag=True, help="Stay at the park position with the drives' power on.")
 @mount_options
 def park(context: CommandContext, drives_on: bool, **options: Any) -> int:
-    """Slew to the profile's park position, stop there, see the mount at rest, cut the drives' power.
+    """Slew to the profile's park position, stop there, confirm rest, and cut the drives' power.
 
-    The protocol has no acknowledgement for parking: it ends as "sent, unconfirmed" unless the mount says that
-    it is at park. There is no unpark: the mount's own window gives the power back.
+    The protocol has no acknowledgement for parking: it ends as "sent, unconfirmed" unless the mount reports
+    that it is at park. There is no unpark: the mount's own window gives the power back.
     """
     if not drives_on:
         return _ask(context, "park", Park(), options)
@@ -434,8 +414,8 @@ def park(context: CommandContext, drives_on: bool, **options: Any) -> int:
 def home(context: CommandContext, **options: Any) -> int:
     """Go to the home position and watch the way there.
 
-    The protocol has no acknowledgement for it: it ends as "sent, unconfirmed" unless the mount says that it
-    is at home.
+    The protocol has no acknowledgement for it: it ends as "sent, unconfirmed" unless the mount reports that
+    it is at home.
     """
     return _ask(context, "home", FindHome(), options)
 
@@ -449,16 +429,16 @@ def _ask(context: CommandContext, name: str, request: Request, options: dict[str
 @click.command("status")
 @mount_options
 def status(context: CommandContext, **options: Any) -> int:
-    """Tell all that the mount says, once, with units; how well it is heard; and what its clock is off by.
+    """Show the mount's whole status once, with units, the link, and the offset of the mount's clock.
 
-    Nothing is sent, so that what drives the mount is not disturbed. A mount that a session on this
-    machine owns is shown as that session hears it. Only a mount on this machine that nobody owns, which is
-    a simulated one, is sent datagrams without a command where it keeps silent.
+    Nothing is sent, so whatever drives the mount is not disturbed. If a session on this machine owns the
+    mount, the status is as that session receives it. Only a silent mount on this machine that nobody owns,
+    which is a simulated one, is sent datagrams without a command.
     """
     call = resolve(context, options, needs_site=False)
     owner = None if call.address is None else owner_of(call.address.name)
     if owner is not None:
-        tell(f"as its owner hears it: {owner}")
+        tell(f"as its owner receives it: {owner}")
     with call.connected(own=False) as connection:
         local = owner is None and connection.link.address.host.startswith("127.")
         began_utc_s = connection.now_utc_s()
@@ -470,21 +450,21 @@ def status(context: CommandContext, **options: Any) -> int:
         groups = [] if connection.telescope is None else [_telescope(connection.telescope)]
     if interrupted:
         raise InterruptedRunError("interrupted; nothing was asked of the mount")
-    words = _silence_words(call, view, advice)
+    text = _silence_text(call, view, advice)
     if context.json:
         state = TicketState.FAILED if silent else TicketState.COMPLETE
-        outcome = Outcome(state, False, words if silent else None)
+        outcome = Outcome(state, False, text if silent else None)
         tell_result({"type": "status"}, outcome, ("link" if silent else "done", None), view)
     elif not silent:
         click.echo(status_text(view, *groups))
     if silent:
-        raise LinkLostError(words)
+        raise LinkLostError(text)
     return 0
 
 
 def _telescope(facts: DeviceFacts) -> Group:
     """Return what an Alpaca telescope is, and can do."""
-    modes = {1: "polar", 2: "German", None: "not told, taken for an equatorial one"}
+    modes = {1: "polar", 2: "German", None: "not reported, taken as equatorial"}
     return Group(
         "telescope",
         (
@@ -507,7 +487,7 @@ def _telescope(facts: DeviceFacts) -> Group:
     )
 
 
-def _silence_words(call: MountCall, view: ConsoleView, advice: str) -> str:
+def _silence_text(call: MountCall, view: ConsoleView, advice: str) -> str:
     """Return that a mount was not heard, what came in its stead, and what to check."""
     counted = [
         f"{count} {what}"
@@ -522,9 +502,11 @@ def _silence_words(call: MountCall, view: ConsoleView, advice: str) -> str:
 
 
 @click.command("watch")
-@click.option("--stream", is_flag=True, help="No screen: views as JSON lines on standard output.")
+@click.option("--stream", is_flag=True, help="Write views as JSON lines to standard output; no screen.")
 @click.option(
-    "--control", is_flag=True, help="With --stream: orders as JSON lines on standard input; its end leaves."
+    "--control",
+    is_flag=True,
+    help="With --stream: read orders as JSON lines from standard input until it ends.",
 )
 @click.option("--park", is_flag=True, help="Park at once, as the key p does; SPACE stops it.")
 @screen_options
@@ -532,28 +514,29 @@ def _silence_words(call: MountCall, view: ConsoleView, advice: str) -> str:
 def watch(context: CommandContext, stream: bool, control: bool, park: bool, **options: Any) -> int:
     """Operate a mount by hand, full screen: every field of its status live; jog, slew, sync, park, stop.
 
-    SPACE stops the mount, everywhere. A jog ends by itself when its key is let go. Beside a session that owns
-    the mount, it looks on.
+    SPACE always stops the mount. A jog ends when its key is released. If a session owns the mount, the
+    console only watches.
     """
     call = resolve(context, options)
     if call.clock.speed != 1.0:
-        raise BadInputError("--clock: a person jogs in real time; leave its speed out")
+        raise BadInputError("--clock: jogging needs real time; give no speed")
     if control and not stream:
-        raise BadInputError("--control goes with --stream")
+        raise BadInputError("--control needs --stream")
     if call.timeout_s is not None:
-        raise BadInputError("--timeout: a console lasts until it is left")
+        raise BadInputError("--timeout: a console has no time limit")
     if park and stream:
-        raise BadInputError("--park goes with the screen; `sattrack mount park` parks without one")
+        raise BadInputError("--park needs the screen; `sattrack mount park` parks without one")
     if stream and sys.stdout.isatty():
         # A terminal that is held, by Ctrl-S or a full line, would hold up the loop that ends jogs.
-        raise BadInputError("--stream is for programs, not for a terminal; leave it out, or pipe it on")
+        raise BadInputError("--stream is for programs, not for a terminal; omit it, or pipe the output")
     if stream:
         return _stream(call, control)
     if importlib.util.find_spec("textual") is None:
         raise SattrackError("the screen needs textual: pip install 'sattrack[tui]'")
     if not tui_possible():
         raise BadInputError(
-            f"watch needs {needed_terminal()}; `sattrack mount status` is one look, --stream is for programs"
+            f"watch needs {needed_terminal()}; `sattrack mount status` shows one status, "
+            "--stream is for programs"
         )
     from sattrack.tui.launch import watch_with_tui
 
@@ -596,7 +579,7 @@ def _stream(call: MountCall, control: bool) -> int:
             None if owner is None else partial(_stop, owner),
         )
     if inbox.ignored:
-        tell(f"{inbox.ignored} control lines were no orders")
+        tell(f"{inbox.ignored} control lines were not valid orders")
     if console_session.mount_stopped is False:
         raise SattrackError("THE MOUNT DID NOT CONFIRM THE STOP: stop it by its own console")
     if console_session.mount_stopped:

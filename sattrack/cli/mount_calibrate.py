@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import select
 import sys
 import time
 from contextlib import ExitStack
@@ -14,7 +13,16 @@ import click
 import msgspec
 
 from sattrack import __version__
-from sattrack.cli.common import CommandContext, common_options, mount_option, renew, show, table, tell
+from sattrack.cli.common import (
+    CommandContext,
+    common_options,
+    mount_option,
+    renew,
+    renew_at_once,
+    show,
+    table,
+    tell,
+)
 from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError
 from sattrack.runtime import demo_pass
 from sattrack.settings import NO_SITE
@@ -37,34 +45,35 @@ FILE = click.Path(path_type=Path)
 @mount_option
 @click.option("--out", type=FILE, metavar="FILE", help="The mount profile to write.")
 @click.option(
-    "--update", type=FILE, metavar="FILE", help="A profile to put the findings into; its other values stay."
+    "--update",
+    type=FILE,
+    metavar="FILE",
+    help="A profile to update with the findings; its other values stay.",
 )
 @click.option("--name", metavar="NAME", help="The mount's name in the profile.")
-@click.option("--force", is_flag=True, help="Let --out replace a file.")
+@click.option("--force", is_flag=True, help="Let --out overwrite a file.")
 @click.option("--yes", is_flag=True, help="Move without asking.")
 @click.option(
     "--clock-true",
     type=float,
     metavar="SECONDS",
-    help="The mount's clock and ours are true to so many seconds: the two delays then follow.",
+    help="Uncertainty of the mount's clock and ours, seconds; with it, the delays are separated.",
 )
 @click.option(
-    "--sim-profile", type=FILE, metavar="FILE", help="With --mount sim: the mount to find out about."
+    "--sim-profile", type=FILE, metavar="FILE", help="With --mount sim: the profile of the simulated mount."
 )
 @common_options
 def command(context: CommandContext, **options: Any) -> int:
-    """Find out what a mount does with commands, by small bounded motions, and write its profile.
+    """Measure how a mount answers commands, by small bounded motions, and write its profile.
 
-    Signs, gains, additive or absolute, held or edge, round trip, acceleration, the mount's clock. The mount
-    must stand clear, 20° high or more, and away from the Sun. Any key stops it.
+    Measured are signs, gains, additive or absolute rates, held or edge, round trip, acceleration, and the
+    mount's clock. The mount must stand clear, 20° high or more, and away from the Sun. Any key stops it.
     """
     from sattrack.calibration.profile import bounded
     from sattrack.runtime.calibrate import ending_error
-    from sattrack.runtime.mounts import mount_address
 
-    url = options["mount_url"] or context.settings.mount.url
-    address = mount_address(url)
-    _check(context, options, address)
+    url, address = context.mount(options["mount_url"])
+    _check(options, address)
     target = _target(options)
     base = _base(options, url)
     site = context.site() if context.has_site() else None
@@ -88,11 +97,9 @@ def command(context: CommandContext, **options: Any) -> int:
     return 0
 
 
-def _check(context: CommandContext, options: dict[str, Any], address: MountAddress | None) -> None:
-    if address is not None and context.clock_option is not None:
-        raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
+def _check(options: dict[str, Any], address: MountAddress | None) -> None:
     if address is not None and options["sim_profile"] is not None:
-        raise BadInputError("--sim-profile goes with --mount sim only; a real mount is what it is")
+        raise BadInputError("--sim-profile needs --mount sim")
     stated = options["clock_true"]
     if stated is not None and not 0.0 <= stated <= LARGEST_UNCERTAINTY_S:
         raise BadInputError(
@@ -105,12 +112,12 @@ def _target(options: dict[str, Any]) -> Path:
     out, update = options["out"], options["update"]
     target: Path | None = out or update
     if target is None:
-        raise BadInputError("nowhere to write: give --out FILE, or --update FILE for a profile that is there")
+        raise BadInputError("no output file: give --out FILE, or --update FILE for an existing profile")
     if target.exists() and target != update and not options["force"]:
-        raise BadInputError(f"--out {target}: the file is there; give --force to replace it, or --update")
+        raise BadInputError(f"--out {target}: the file exists; give --force to overwrite it, or --update")
     folder = target.parent
     if target.is_dir() or not folder.is_dir() or not os.access(folder, os.W_OK):
-        raise BadInputError(f"{target}: cannot be written; give a file in a folder that is there and yours")
+        raise BadInputError(f"{target}: cannot be written; give a file in an existing folder of yours")
     return target
 
 
@@ -129,8 +136,8 @@ def _ask(consented: bool, mount_name: str) -> None:
     from sattrack.calibration.guard import BOX_DEG, FLOOR_ALTITUDE_DEG, Plan
     from sattrack.safety.limits import SUN_CONE_DEG
 
-    for words in Plan().words():
-        tell(words)
+    for text in Plan().words():
+        tell(text)
     tell(
         f"{mount_name} must stand clear, {FLOOR_ALTITUDE_DEG:g}° high and {SUN_CONE_DEG:g}° from "
         f"the Sun wherever it may come within {BOX_DEG:g}°; any key stops it"
@@ -140,7 +147,7 @@ def _ask(consented: bool, mount_name: str) -> None:
     if not sys.stdin.isatty():
         raise BadInputError("no consent: there is no terminal to ask on; give --yes if the mount may move")
     if not click.confirm("May it move?", err=True):
-        raise InterruptedRunError("not begun; nothing was moved")
+        raise InterruptedRunError("not started; nothing was moved")
 
 
 def _fly(
@@ -162,22 +169,12 @@ def _fly(
             simulated = start_practice_mount(around, site, clock, sim_profile)
             stack.callback(simulated.close)
             address = simulated.address
-        stack.callback(_wipe)
+        stack.callback(renew)
         return calibrate_live(around, address, clock, _show, profile=profile)
 
 
 def _show(phase: str, part_done: float) -> None:
-    """Renew the line of progress on a terminal, unless that would have to wait for it."""
-    if not sys.stderr.isatty():
-        return
-    _, writable, _ = select.select([], [sys.stderr], [], 0.0)
-    if writable:
-        renew(f"{part_done:4.0%}  {phase}")
-
-
-def _wipe() -> None:
-    if sys.stderr.isatty():
-        renew()
+    renew_at_once(f"{part_done:4.0%}  {phase}")
 
 
 def _conclude(calibrator: Calibrator, site: Site, stated_s: float | None, dates_itself: bool) -> Findings:

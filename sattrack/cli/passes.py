@@ -35,8 +35,10 @@ _SORTS = ("rise", "altitude", "magnitude", "rate", "name")
 
 @click.command("passes")
 @click.argument("satellites", nargs=-1, metavar="[SAT]...")
-@click.option("--from", "start", metavar="UTC", help="Begin of the search; now if not given.")
-@click.option("--hours", type=float, default=24.0, show_default=True, metavar="H", help="How far to look.")
+@click.option("--from", "start", metavar="UTC", help="Start of the search; default: now.")
+@click.option(
+    "--hours", type=float, default=24.0, show_default=True, metavar="H", help="Length of the search, hours."
+)
 @click.option("--min-alt", "min_alt_deg", type=float, metavar="DEG", help="Least altitude; 10 if not set.")
 @click.option(
     "--horizon",
@@ -47,17 +49,23 @@ _SORTS = ("rise", "altitude", "magnitude", "rate", "name")
 @click.option("--sunlit", is_flag=True, help="Only passes with the satellite in full sunlight for a while.")
 @click.option("--dark", is_flag=True, help="Only while the Sun is 6° below the horizon or lower.")
 @click.option("--feasible", is_flag=True, help="Only passes that the mount can follow, by its limits.")
-@click.option("--judged", is_flag=True, help="Say of each pass whether the mount can follow it, and why not.")
+@click.option(
+    "--judged", is_flag=True, help="Show for each pass whether the mount can follow it, and why not."
+)
 @profile_option
 @click.option(
     "--max-rate",
     "max_rate_deg_s",
     type=float,
     metavar="DEG/S",
-    help="Only where neither axis of an equatorial mount must turn faster.",
+    help="Only where neither axis of an equatorial mount must exceed this rate.",
 )
 @click.option(
-    "--magnitude", "faintest", type=float, metavar="MAG", help="Only as bright; needs --magnitudes."
+    "--magnitude",
+    "faintest",
+    type=float,
+    metavar="MAG",
+    help="Only passes at least this bright; needs --magnitudes.",
 )
 @click.option(
     "--magnitudes",
@@ -84,8 +92,8 @@ def command(context: CommandContext, satellites: tuple[str, ...], **options: Any
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", EarthOrientationWarning)
         passes = _search(context, chosen, start, options)
-    for words in dict.fromkeys(str(warning.message) for warning in caught):
-        tell(f"warning: {words}")
+    for text in dict.fromkeys(str(warning.message) for warning in caught):
+        tell(f"warning: {text}")
     _tell_age(passes)
     _tell_failures(passes, bool(satellites))
     separations = context.json or options["as_csv"]
@@ -118,7 +126,7 @@ def _show_passes(context: CommandContext, table: PassTable, options: dict[str, A
         for some in _batched(lines):
             click.echo("\n".join(some), color=colour)
     else:
-        tell("no pass in this time meets what was asked for")
+        tell("no pass in this time meets the criteria")
 
 
 def _batched(lines: Iterator[str]) -> Iterator[list[str]]:
@@ -130,13 +138,13 @@ def _batched(lines: Iterator[str]) -> Iterator[list[str]]:
 def _check(options: dict[str, Any], as_json: bool) -> None:
     """Raise BadInputError for options that do not go together or that no pass can meet."""
     if as_json + options["as_csv"] + options["as_ics"] > 1:
-        raise BadInputError("--json, --csv and --ics are three forms of one list: give one of them")
+        raise BadInputError("give only one of --json, --csv and --ics")
     if options["faintest"] is not None and options["magnitudes_file"] is None:
         raise BadInputError(
             "--magnitude needs --magnitudes FILE: element sets do not say how bright things are"
         )
     if options["faintest"] is not None and math.isnan(options["faintest"]):
-        raise BadInputError("--magnitude nan is none: give a number, as 4.5")
+        raise BadInputError("--magnitude nan: give a number, as 4.5")
     rate = options["max_rate_deg_s"]
     if rate is not None and not rate > 0.0:
         raise BadInputError(f"--max-rate {rate}: give degrees a second above 0")
@@ -181,11 +189,11 @@ def _horizon(context: CommandContext, options: dict[str, Any]) -> Horizon:
     return Horizon(least_deg, mask)
 
 
-def _progress(words: str, total: int) -> Callable[[int, int], None] | None:
+def _progress(text: str, total: int) -> Callable[[int, int], None] | None:
     """Return what shows on the terminal how far long work is, and wipes that at its end; else None."""
     if total < _FEWEST_FOR_PROGRESS or not sys.stderr.isatty():
         return None
-    return lambda done, all_: renew(words.format(done=done, total=all_) if done < all_ else "")
+    return lambda done, all_: renew(text.format(done=done, total=all_) if done < all_ else "")
 
 
 def _tell_age(passes: CataloguePasses) -> None:
@@ -198,7 +206,7 @@ def _tell_age(passes: CataloguePasses) -> None:
     others = f" and {len(old) - 1} more" if old[1:] else ""
     tell(
         f"the elements of {old[0].label} are from {abs(days):.0f} days {side} the search{others}: "
-        "expect passes early or late, or none as told"
+        "passes may come early or late, or not at all"
     )
 
 

@@ -306,8 +306,8 @@ def _numbers(column: Array) -> list[str]:
     return ["" if text == "null" else text for text in _json_numbers(column)]
 
 
-def _feasible(block: PassTable, words: tuple[str, str, str]) -> list[str]:
-    yes, no, unknown = words
+def _feasible(block: PassTable, text: tuple[str, str, str]) -> list[str]:
+    yes, no, unknown = text
     return [yes if why is None else no for why in block.why_not] if block.judged else [unknown] * len(block)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -12,7 +11,7 @@ import click
 import msgspec
 
 from sattrack import __version__
-from sattrack.cli.common import CommandContext, common_options, renew, show, table, tell
+from sattrack.cli.common import CommandContext, common_options, renew, share_progress, show, table, tell
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.recording.anonymous import random_shift_s, write_anonymous, write_as_it_is
 from sattrack.recording.export import ERROR, TABLES, error_columns, table_of
@@ -23,7 +22,7 @@ from sattrack.runtime.bias_memory import keep_fit
 from sattrack.runtime.facts import engine_of, open_recording
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from sattrack.recording.reading import Recording, RecordingView
     from sattrack.recording.report import Report
@@ -36,7 +35,7 @@ _path = click.Path(path_type=Path)
 
 
 FORMATS = ("mcap", "pcapng", "csv", "json", "parquet", "tdm")
-_part = click.option("--part", default=1, show_default=True, help="Which, where a file holds several.")
+_part = click.option("--part", default=1, show_default=True, help="Which recording, if a file holds several.")
 
 
 @click.group("recording")
@@ -49,7 +48,7 @@ def command() -> None:
 @_part
 @common_options
 def info(context: CommandContext, file: Path, part: int) -> int:
-    """Say what a recording holds, on what it was made, and what is wrong with it."""
+    """Show what a recording holds, where it was made, and what is wrong with it."""
     from sattrack.recording.reading import look
 
     recording, facts = open_recording(file, part)
@@ -85,27 +84,33 @@ def _lines(view: RecordingView, facts: RunFacts, parts: int) -> list[str]:
 @command.command("export")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.argument("out", type=click.Path(path_type=Path))
-@click.option("--format", "kind", type=click.Choice(FORMATS), help="By default from OUT's ending.")
-@click.option("--table", type=click.Choice(TABLES), default="status", show_default=True, help="Of CSV, JSON.")
-@click.option("--anonymous", is_flag=True, help="Move site and time together, and leave names out.")
+@click.option("--format", "kind", type=click.Choice(FORMATS), help="Default: by the ending of OUT.")
+@click.option(
+    "--table",
+    type=click.Choice(TABLES),
+    default="status",
+    show_default=True,
+    help="The table, for CSV and JSON.",
+)
+@click.option("--anonymous", is_flag=True, help="Shift site and time together, and omit names.")
 @_part
 @common_options
 def export(context: CommandContext, file: Path, out: Path, **options: Any) -> int:
-    """Write a recording as pcapng (Wireshark), CSV, JSON, Parquet or CCSDS TDM, or what is readable as MCAP.
+    """Write a recording as pcapng (Wireshark), CSV, JSON, Parquet or CCSDS TDM, or its readable part as MCAP.
 
-    pcapng holds every datagram, TDM the observations that came in; CSV, JSON and Parquet hold one table:
-    "error" is the error at every status, from which the figures of `sattrack report` can be made again.
-    --anonymous takes the site to another longitude and all instants with it; the latitude stays, and whoever
-    finds the orbit in a catalogue's history finds the rest.
+    pcapng holds every datagram, TDM the observations that came in. CSV, JSON and Parquet hold one table; the
+    table "error" has the error at every status, from which the figures of `sattrack report` can be computed.
+    --anonymous moves the site to another longitude and shifts all instants to match. The latitude stays, and
+    anyone who finds the orbit in a catalogue's history can find the rest.
     """
     kind = options["kind"] or out.suffix.removeprefix(".")
     if kind not in FORMATS:
-        raise BadInputError(f"{out}: its ending tells no format; give --format {'|'.join(FORMATS)}")
+        raise BadInputError(f"{out}: unknown ending; give --format {'|'.join(FORMATS)}")
     if out.exists():
         raise BadInputError(f"{out}: exists already; give another name")
     recording, facts = open_recording(file, options["part"])
-    for words in recording.problems:
-        tell(f"{file}: {words}")
+    for text in recording.problems:
+        tell(f"{file}: {text}")
     if not options["anonymous"]:
         _write(kind, recording, facts, out, options["table"])
         return 0
@@ -142,8 +147,8 @@ def write_tdm(recording: Recording, facts: RunFacts, out: Path) -> None:
     seen = seen_in(recording, facts.elements.catalog_number)
     if not seen:
         raise SattrackError(
-            f"{recording.path}: no observation in it, so there is nothing for a TDM: where a mount points "
-            "while it follows tells nothing of the satellite"
+            f"{recording.path}: it holds no observation, so there is nothing for a TDM: where a mount points "
+            "says nothing about the satellite"
         )
     text = tdm_text(seen, facts.elements, facts.site.place(), time.time(), "observed with sattrack")
     try:
@@ -157,20 +162,20 @@ def write_tdm(recording: Recording, facts: RunFacts, out: Path) -> None:
 @click.option("--html", "html_file", type=_path, metavar="FILE", help="Figures and plots in one HTML file.")
 @click.option("--png", "folder", type=_path, metavar="FOLDER", help="Each plot as a PNG in this folder.")
 @click.option("--tdm", type=_path, metavar="FILE", help="The observations of one recording as a CCSDS TDM.")
-@click.option("--part", default=1, show_default=True, help="Which, where a file holds several recordings.")
+@click.option("--part", default=1, show_default=True, help="Which recording, if a file holds several.")
 @click.option(
     "--bias-memory",
     type=click.Choice(("auto", "on", "off")),
     default="auto",
     show_default=True,
-    help="Keep the fitted biases for the next pass: auto those of real mounts, on all, off none.",
+    help="Keep the fitted biases for the next pass: auto for real mounts, on for all, off for none.",
 )
 @common_options
 def report(context: CommandContext, files: tuple[Path, ...], **options: Any) -> int:
-    """Tell what recorded passes show: error, link, gains and delays, the satellite's biases, what to change.
+    """Report what recorded passes show: error, link, gains, delays, the satellite's biases, what to change.
 
-    With several files, the trend over them too. Biases are fitted from observations that came in during the
-    run; without any, the operator's last nudge is printed, labelled as one.
+    Several files also give the trend over them. Biases are fitted from the observations that came in during
+    the run; without observations, the operator's last nudge is reported as such.
     """
     html_file, folder, tdm = options["html_file"], options["folder"], options["tdm"]
     if tdm is not None and len(files) > 1:
@@ -183,13 +188,13 @@ def report(context: CommandContext, files: tuple[Path, ...], **options: Any) -> 
         recording, facts = open_recording(file, options["part"])
         if tdm is not None:
             write_tdm(recording, facts, tdm)
-        run = trace(recording, engine_of, _report_progress(number, len(files)))
+        run = trace(recording, engine_of, share_progress(number, len(files)))
         report, fit = make_report(recording, run)
         kept = None if fit is None else keep_fit(fit, facts, options["bias_memory"])
         if kept is not None:
             tell(f"bias memory: {kept}")
         found.append((recording, facts, run, report, fit))
-    _wipe()
+    renew()
     reports = [report for _, _, _, report, _ in found]
     if html_file is not None or folder is not None:
         _draw(found, html_file, folder)
@@ -228,14 +233,3 @@ def _draw(
     if over_time is not None:
         save(over_time, folder / "trend.png")
     tell(f"plots are in {folder}")
-
-
-def _report_progress(number: int, count: int) -> Callable[[float], None] | None:
-    if not sys.stderr.isatty():
-        return None
-    return lambda share: renew(f"{100.0 * (number + share) / count:.0f} %")
-
-
-def _wipe() -> None:
-    if sys.stderr.isatty():
-        renew()

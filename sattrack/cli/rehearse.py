@@ -47,7 +47,7 @@ ROWS = 9
     default=1,
     show_default=True,
     metavar="N",
-    help="1: now in progress, or next.",
+    help="1 is the pass in progress, or the next.",
 )
 @profile_option
 @click.option("--refraction", type=click.Choice(REFRACTION_MODES), default="auto", show_default=True)
@@ -60,13 +60,13 @@ ROWS = 9
     help="Degrees; positive to the left, seen from below.",
 )
 @click.option("--min-alt", type=float, metavar="DEG", help="Follow above this altitude (10, or as set).")
-@click.option("--fov", "fov_deg", type=float, metavar="DEG", help="Field of view to hold the error against.")
+@click.option("--fov", "fov_deg", type=float, metavar="DEG", help="Field of view to compare the error with.")
 @click.option(
     "--plot", type=click.Path(path_type=Path, dir_okay=False), help="Chart of the pass as an image (PNG)."
 )
 @common_options
 def command(context: CommandContext, satellite: str, number: int, **options: Any) -> int:
-    """Tell before a pass what the mount will not manage: what is lost, when, to which limit.
+    """Show before a pass what the mount cannot follow: what is lost, when, and to which limit.
 
     SATELLITE is a catalogue number, an international designator or a name. Nothing is moved. The exit code is
     0 for a go and 1 for a no-go.
@@ -80,7 +80,7 @@ def command(context: CommandContext, satellite: str, number: int, **options: Any
         raise BadInputError(f"--fov {fov_deg:g}: give the field's diameter in degrees, above 0")
     plot = options["plot"]
     if plot is not None and not plot.absolute().parent.is_dir():
-        raise BadInputError(f"{plot}: there is no such folder to write the chart into")
+        raise BadInputError(f"{plot}: the folder does not exist")
     min_alt_deg = context.settings.min_altitude_deg if options["min_alt"] is None else options["min_alt"]
     elements, site = context.followed(satellite, "sim")
     request = RunRequest(
@@ -243,12 +243,12 @@ def _budget(report: RehearsalReport) -> list[str | Table]:
     parts = table("Error expected, 1σ", ">along ″", ">across ″", at)
     for part in budget.parts:
         parts.add_row(part.name, f"{part.along_arcsec:.2f}", f"{part.across_arcsec:.2f}", part.why)
-    words = ""
+    text = ""
     if budget.fov_deg is not None:
         inside = "within" if budget.fits else "NOT within"
-        words = f"two sigmas are {inside} a field of {budget.fov_deg:g}°"
+        text = f"two sigmas are {inside} a field of {budget.fov_deg:g}°"
     sums = (f"{budget.along_arcsec:.2f}", f"{budget.across_arcsec:.2f}")
-    parts.add_row("all", *sums, words, style="bold")
+    parts.add_row("all", *sums, text, style="bold")
     return ["", parts]
 
 
@@ -455,8 +455,8 @@ def _draw_cut(axes: Any, rehearsal: Rehearsal) -> None:
         axes.plot(at, rests, color="#2a9d8f", linewidth=1.5, label="to rest by the mount's watchdog")
     finite = [s for s in seconds if np.isfinite(s)]
     if not finite:
-        words = f"no limit is met within {loss.looked_s / 60.0:.0f} minutes"
-        axes.annotate(words, (0.5, 0.5), xycoords="axes fraction", ha="center", color=PALE)
+        text = f"no limit is met within {loss.looked_s / 60.0:.0f} minutes"
+        axes.annotate(text, (0.5, 0.5), xycoords="axes fraction", ha="center", color=PALE)
     axes.set_ylim(0.0, 1.15 * max(finite, default=loss.looked_s))
     axes.set_ylabel("after a cut link, s")
     axes.legend(fontsize="x-small", frameon=False, loc="upper right")

@@ -16,12 +16,12 @@ from sattrack.cli.common import (
     CommandContext,
     JsonLines,
     appearance,
-    can_draw_lines_anew,
     common_options,
     fov_option,
     needed_terminal,
     renew,
     screen_options,
+    share_progress,
     tell,
     tui_possible,
 )
@@ -35,8 +35,6 @@ from sattrack.views.run import SummaryLine
 from tle.errors import TleError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from sattrack.control.engine import Engine
     from sattrack.control.following import ControlLaw
     from sattrack.recording.reading import Entry, Recording
@@ -94,10 +92,12 @@ class ViewsAtOnce(JsonLines):
 @click.command("replay")
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
-    "--tui", is_flag=True, help="Show the run in the terminal UI: pause, step, wind; ? there tells the keys."
+    "--tui", is_flag=True, help="Show the run in the terminal UI: pause, step, wind; ? lists the keys."
 )
-@click.option("--stream", is_flag=True, help="Views as JSON lines on standard output, as they were recorded.")
-@click.option("--speed", type=float, metavar="X", help="With --tui or --stream: so many times as fast (1).")
+@click.option(
+    "--stream", is_flag=True, help="Write views as JSON lines to standard output, as they were recorded."
+)
+@click.option("--speed", type=float, metavar="X", help="With --tui or --stream: speed factor (1).")
 @click.option("--control", is_flag=True, hidden=True)
 @click.option("--at-once", is_flag=True, hidden=True)
 @fov_option
@@ -106,18 +106,18 @@ class ViewsAtOnce(JsonLines):
     "--set", "settings", multiple=True, metavar="KEY=N", help="Try another law: feeder.settling_s=0.2."
 )
 @click.option("--law", type=click.Path(path_type=Path), metavar="FILE", help="Try the law of a TOML file.")
-@click.option("--part", default=1, show_default=True, help="Which, where a file holds several recordings.")
+@click.option("--part", default=1, show_default=True, help="Which recording, if a file holds several.")
 @common_options
 def command(context: CommandContext, files: tuple[Path, ...], **options: Any) -> int:
     """Run recorded inputs through today's code and compare every output.
 
-    Each recording comes out the same to the last byte, equivalent with its largest difference, or not the
-    same: the exit code is 1 where one of them is not the same, else 0.
+    A recording is the same to the last byte, equivalent (with its largest difference), or not the same. The
+    exit code is 1 if one of them is not the same, else 0.
 
-    Byte for byte where code, libraries and kind of processor are those of the recording; elsewhere commands
-    may differ by 1e-9 °/s; for another version's code, figures are compared. With --set or --law nothing is
-    judged: it prints what that control law would have commanded, and what the error would have been with the
-    mount simulated as the recording shows it.
+    Outputs are compared byte by byte if code, libraries and kind of processor are those of the recording.
+    Otherwise commands may differ by 1e-9 °/s, and for another version's code only figures are compared. --set
+    and --law judge nothing: they print what that control law would have commanded, and the error it would
+    have given with the mount simulated as the recording shows it.
     """
     speed = options["speed"]
     shown = options["tui"] or options["stream"]
@@ -143,8 +143,8 @@ def command(context: CommandContext, files: tuple[Path, ...], **options: Any) ->
 
 def _opened(file: Path, part: int) -> tuple[Recording, RunFacts]:
     recording, facts = open_recording(file, part)
-    for words in recording.problems:
-        tell(f"{file}: {words}")
+    for text in recording.problems:
+        tell(f"{file}: {text}")
     return recording, facts
 
 
@@ -152,9 +152,9 @@ def _compare(context: CommandContext, file: Path, part: int, name: bool = False)
     """Replay a recording and tell how it came out; return the exit code. Of several, each is named."""
     recording, _ = _opened(file, part)
     began_s = time.perf_counter()
-    result = replay(recording, engine_of, progress=_progress())
+    result = replay(recording, engine_of, progress=share_progress())
     took_s = time.perf_counter() - began_s
-    _wipe()
+    renew()
     if context.json:
         view = replay_view(str(file), result, recording.problems, took_s)
         click.echo(msgspec.json.encode(view).decode())
@@ -169,8 +169,8 @@ def _compare(context: CommandContext, file: Path, part: int, name: bool = False)
 def _try(context: CommandContext, recording: Recording, facts: RunFacts, law: ControlLaw) -> int:
     """Tell what another law would have done."""
     choice = Choice("figures", "another control law was asked for")
-    found = what_if(recording, facts, law, choice, _progress())
-    _wipe()
+    found = what_if(recording, facts, law, choice, share_progress())
+    renew()
     gained = found.after[0] - found.before[0]
     if context.json:
         document = {
@@ -189,7 +189,7 @@ def _try(context: CommandContext, recording: Recording, facts: RunFacts, law: Co
         click.echo(msgspec.json.encode(document).decode())
         return 0
     click.echo(
-        f"{found.replayed.differing} of {found.replayed.ticks} commands would have been others, "
+        f"{found.replayed.differing} of {found.replayed.ticks} commands would have differed, "
         f"by {found.replayed.largest_rate_deg_s:.3g} °/s at most\n"
         f"simulated with the mount of the recording ({found.fitted}):\n"
         f"  the recorded law: RMS {found.before[0]:.4f}″, peak {found.before[1]:.3f}″\n"
@@ -200,7 +200,7 @@ def _try(context: CommandContext, recording: Recording, facts: RunFacts, law: Co
 
 
 def _give_all(recording: Recording, facts: RunFacts) -> int:
-    """Write all views for the screen, after what is to be known of the pass."""
+    """Write the facts of the pass, then all views, for the screen."""
     from sattrack.runtime.rehearse import pass_scene
 
     views = ViewsAtOnce(recording)
@@ -210,7 +210,7 @@ def _give_all(recording: Recording, facts: RunFacts) -> int:
     with contextlib.suppress(LeftError):
         result = replay(recording, engine_of, watch=views)
         if not result.agrees:
-            tell("NOT the same as recorded: without --tui, the difference is shown")
+            tell("NOT the same as recorded; run without --tui to see the difference")
     views.end()
     if views.engine is not None:
         summary = summarise(views.engine, RunStatistics(), views.utc_s)
@@ -222,7 +222,7 @@ def _play(recording: Recording, player: _Player) -> int:
     with contextlib.suppress(LeftError):
         result = replay(recording, engine_of, watch=player)
         if not result.agrees:
-            tell("NOT the same as recorded: without --stream, the difference is shown")
+            tell("NOT the same as recorded; run without --stream to see the difference")
     player.finish()
     return 0
 
@@ -282,14 +282,3 @@ def _with_tui(file: Path, context: CommandContext, options: dict[str, Any]) -> i
         arguments += ["--fov", str(fov_deg)]
     look = appearance(context, options["theme"], options["plain"])
     return replay_with_tui([*self_command(), *arguments], file.name, options["speed"] or 1.0, look)
-
-
-def _progress() -> Callable[[float], None] | None:
-    if not can_draw_lines_anew():
-        return None
-    return lambda share: renew(f"{100.0 * share:.0f} %")
-
-
-def _wipe() -> None:
-    if can_draw_lines_anew():
-        renew()

@@ -14,32 +14,39 @@ from sattrack.core.errors import BadInputError
 @click.command("run")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--dry-run", is_flag=True, help="Make the plan and show it; nothing is moved.")
-@click.option("--status", is_flag=True, help="Show how the run of this schedule stands.")
-@click.option("--check", is_flag=True, help="Read all that a run needs; say what is wrong, and move nothing.")
+@click.option("--status", is_flag=True, help="Show the state of this schedule's run.")
+@click.option(
+    "--check", is_flag=True, help="Read everything a run needs and report what is wrong; move nothing."
+)
 @click.option(
     "--resume",
     is_flag=True,
-    help="Take an operator's stop back, and run on; with --status, take it back and do not run.",
+    help="Cancel an operator's stop and run on; with --status, cancel it without running.",
 )
 @mount_option
 @click.option(
     "--folder",
     type=click.Path(path_type=Path, file_okay=False),
     metavar="DIR",
-    help="Journal, status, summaries, recordings; else beside FILE, with the ending .run.",
+    help="Journal, status, summaries, recordings; default: FILE with the ending .run.",
 )
 @click.option(
     "--virtual",
     is_flag=True,
     help="With --mount sim: in virtual time, one day or to --to.",
 )
-@click.option("--seed", type=int, metavar="N", help="With --virtual: troubles, drawn from this seed.")
-@click.option("--from", "start", metavar="UTC", help="Beginning; as the file says, else now.")
+@click.option("--seed", type=int, metavar="N", help="With --virtual: random troubles from this seed.")
+@click.option("--from", "start", metavar="UTC", help="Start; default: as the file says, else now.")
 @click.option(
-    "--to", "end", metavar="UTC", help="End; as the file says, else of a plan 24 hours later, of a run none."
+    "--to",
+    "end",
+    metavar="UTC",
+    help="End; default: as the file says, else 24 hours later for a plan, none for a run.",
 )
 @click.option(
-    "--rehearse", is_flag=True, help="Rehearse what is chosen in full, and plan without what is no go."
+    "--rehearse",
+    is_flag=True,
+    help="Rehearse the chosen passes in full, and plan without those that are no go.",
 )
 @click.option(
     "--png", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE", help="The plan as a timeline."
@@ -52,9 +59,9 @@ from sattrack.core.errors import BadInputError
 def command(context: CommandContext, file: Path, **options: Any) -> int:
     """Run a schedule FILE, night after night, and continue it after any interruption.
 
-    Each night is planned for the largest value; with --dry-run that is all, and the plan is shown, with why
-    other passes lost. Exit code 130 where it was stopped; the mount is at rest then. After `sattrack stop` it
-    follows nothing until a person says --resume. 143 where the system ended it: run again, it goes on.
+    Each night is planned for the largest value. --dry-run only shows the plan, and why other passes are not
+    in it. Exit code 130: it was stopped, and the mount is at rest; after `sattrack stop` it follows nothing
+    until a person gives --resume. Exit code 143: the system ended it; run it again to continue.
     """
     if options["check"]:
         from sattrack.cli.run_night import show_check
@@ -73,7 +80,7 @@ def command(context: CommandContext, file: Path, **options: Any) -> int:
 
         for name in ("png", "ics"):
             if options[name] is not None:
-                raise BadInputError(f"--{name} goes with --dry-run")
+                raise BadInputError(f"--{name} needs --dry-run")
         return run_schedule(context, file, folder_of(file, options["folder"]), options)
     from sattrack.cli.run_plan import show_plan
 

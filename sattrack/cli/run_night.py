@@ -72,7 +72,7 @@ TASKS_WITHIN_S = 30.0
 
 @dataclass(slots=True)
 class NightPlans:
-    """Makes the plan of each night anew, of the schedule's file as it is then."""
+    """Makes the plan of each night from the schedule's file as it is then."""
 
     context: CommandContext
     file: Path
@@ -183,7 +183,7 @@ def run_schedule(context: CommandContext, file: Path, folder: Path, options: dic
 def take_back(folder: Path) -> OperatorStop | None:
     """Take an operator's stop back, and tell of it; None where none stood. Raises SattrackError."""
     stop = take_back_stop(folder)
-    tell("no operator's stop stands" if stop is None else f"{stop}: taken back")
+    tell("there is no operator's stop to cancel" if stop is None else f"{stop}: taken back")
     return stop
 
 
@@ -245,13 +245,11 @@ def _mount_url(context: CommandContext, options: dict[str, Any]) -> str:
         raise BadInputError(
             f"--mount {url}: an antenna's controller runs no schedules; give its mount's address"
         )
-    real = mount_address(url) is not None
-    if options["virtual"] and real:
-        raise BadInputError("--virtual goes with --mount sim only; a real mount needs real time")
+    _, address = context.mount(url)
+    if options["virtual"] and address is not None:
+        raise BadInputError("--virtual needs --mount sim; a real mount needs real time")
     if options["seed"] is not None and not options["virtual"]:
-        raise BadInputError("--seed draws troubles for --virtual only; a real mount has its own")
-    if real and context.clock_option is not None:
-        raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
+        raise BadInputError("--seed needs --virtual; a real mount has its own troubles")
     return str(url)
 
 
@@ -316,10 +314,10 @@ def _settings(
 
 def _finish(run: Run, end: End | None, reporter: RunReporter, requests: NightRequests, file: Path) -> int:
     if end is None:
-        raise TerminatedRunError("terminated; the mount is at rest, and a restart goes on where it was")
+        raise TerminatedRunError("terminated; the mount is at rest, and a restart continues from here")
     if end.interrupted:
         refuse_stopped(file, requests.folder)
-        raise InterruptedRunError(f"{end.why}; run it again to go on with the passes to come")
+        raise InterruptedRunError(f"{end.why}; run it again to continue with the coming passes")
     reporter.end(run)
     return 0
 
@@ -342,11 +340,11 @@ def live_executor(
 
     options = _common(context, mount_url, files.profile(profile))
 
-    def command(*words: str) -> list[str]:
+    def command(*text: str) -> list[str]:
         clock: tuple[str, ...] = ()
         if simulated is not None:
             clock = ("--clock", f"{Utc(now()).isoformat('milliseconds')}x{simulated.speed:g}")
-        return [*self_command(), *words, *options, *clock]
+        return [*self_command(), *text, *options, *clock]
 
     night = NightContext(
         schedule=schedule,

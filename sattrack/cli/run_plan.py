@@ -13,7 +13,7 @@ import click
 import msgspec
 import numpy as np
 
-from sattrack.cli.common import tell
+from sattrack.cli.common import renew, tell
 from sattrack.cli.run_report import plan_lines
 from sattrack.core.angles import altitude_deg
 from sattrack.core.errors import BadInputError
@@ -59,8 +59,8 @@ def show_plan(context: CommandContext, file: Path, options: dict[str, Any]) -> i
         warnings.simplefilter("always", EarthOrientationWarning)
         warnings.simplefilter("always", RuntimeWarning)
         plan = _plan(context, schedule, options)
-    for words in dict.fromkeys(str(warning.message) for warning in caught):
-        click.echo(f"sattrack: warning: {words}", err=True)
+    for text in dict.fromkeys(str(warning.message) for warning in caught):
+        click.echo(f"sattrack: warning: {text}", err=True)
     _write(plan, context, options)
     return 0
 
@@ -200,8 +200,8 @@ def progress() -> Callable[[str, int, int], None] | None:
         return None
 
     def show(what: str, done: int, total: int) -> None:
-        words = f"{what} {done} of {total}" if done < total else ""
-        click.echo(f"\r\x1b[K{words}", nl=False, err=True)
+        text = f"{what} {done} of {total}" if done < total else ""
+        renew(text)
 
     return show
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 import msgspec
 
-from sattrack.cli.common import tell
+from sattrack.cli.common import renew, tell
 from sattrack.core import local_time
 from sattrack.core.errors import SattrackError
 from sattrack.schedule.night import Planned, Started, SummedUp
@@ -90,7 +90,7 @@ class RunReporter:
         """Show a line that renews itself, on a terminal only."""
         if sys.stderr.isatty() and not self._json:
             self._line = line
-            click.echo(f"\r\x1b[K{line}", nl=False, err=True)
+            renew(line)
 
     def report_waiting(self, utc_s: float) -> None:
         """Renew the countdown, and the status, which shows that the run is alive."""
@@ -115,25 +115,25 @@ class RunReporter:
         else:
             self._note_trouble("status", None)
 
-    def report_trouble(self, what: str, words: str | None) -> None:
+    def report_trouble(self, what: str, text: str | None) -> None:
         """Report what is wrong with something, None for nothing any more; only where that is new."""
-        if self._note_trouble(what, words) and self._view is not None:
+        if self._note_trouble(what, text) and self._view is not None:
             self._write(self._view)
 
-    def _note_trouble(self, what: str, words: str | None) -> bool:
+    def _note_trouble(self, what: str, text: str | None) -> bool:
         before = self._troubles.pop(what, None)
-        if words is not None:
-            self._troubles[what] = words
-        if (before is None) == (words is None):
+        if text is not None:
+            self._troubles[what] = text
+        if (before is None) == (text is None):
             return False
-        words = f"the {what} is all right again" if words is None else words
+        text = f"the {what} is all right again" if text is None else text
         self._wipe()
-        tell(words)
+        tell(text)
         if self.notifier is not None:
-            self.notifier.tell("trouble", words, {"schedule": self._schedule})
+            self.notifier.tell("trouble", text, {"schedule": self._schedule})
         return True
 
-    def report_progress(self, utc_s: float, on_target_s: float, words: str, silent_s: float = 0.0) -> None:
+    def report_progress(self, utc_s: float, on_target_s: float, text: str, silent_s: float = 0.0) -> None:
         """Report how a pass goes, once a second."""
         view = self._view
         if view is None or view.current is None or 0.0 <= utc_s - view.utc_s < FOLLOWS_EVERY_S:
@@ -141,7 +141,7 @@ class RunReporter:
         place = view.current - 1
         one = msgspec.structs.replace(view.passes[place], on_target_s=round(on_target_s, 1))
         passes = (*view.passes[:place], one, *view.passes[place + 1 :])
-        doing = f"following {one.number}, {one.name}: {words}"
+        doing = f"following {one.number}, {one.name}: {text}"
         self._view = view = msgspec.structs.replace(
             view,
             utc_s=utc_s,
@@ -158,7 +158,7 @@ class RunReporter:
 
     def _wipe(self) -> None:
         if self._line:
-            click.echo("\r\x1b[K", nl=False, err=True)
+            renew()
             self._line = ""
 
     def end(self, run: Run) -> None:
@@ -177,12 +177,12 @@ class RunReporter:
 def progress_line(view: ScheduleView) -> str:
     """Return one line about a schedule's run."""
     clock = local_time.clock(view.utc_s)
-    words = f"{clock}  {printable(view.doing)}"
+    text = f"{clock}  {printable(view.doing)}"
     following = next((one for one in view.passes if one.number == view.next_number), None)
     if following is not None and view.next_in_s is not None and view.next_in_s > 0.0:
-        words += f"  in {duration(view.next_in_s)}  ({following.max_alt_deg:.0f}° high)"
+        text += f"  in {duration(view.next_in_s)}  ({following.max_alt_deg:.0f}° high)"
     over = sum(one.state not in ("waiting", "in progress") for one in view.passes)
-    return f"{words}  {over} of {len(view.passes)} over  mount {view.mount}"
+    return f"{text}  {over} of {len(view.passes)} over  mount {view.mount}"
 
 
 def show_status(context: CommandContext, folder: Path) -> int:
@@ -211,7 +211,7 @@ def status_lines(view: ScheduleView) -> list[str]:
         at = local_time.instant(iso_unix_s(view.stopped_utc))
         stopped = f"STOPPED BY AN OPERATOR at {at} ({printable(str(view.stopped_by))})"
         lines.append(f"{stopped}: nothing is followed; `{view.resume}` goes on")
-    lines += [f"TROUBLE: {printable(words)}" for words in view.troubles]
+    lines += [f"TROUBLE: {printable(text)}" for text in view.troubles]
     if view.weather is not None:
         lines.append(f"weather: {printable(view.weather)}")
     if view.passes:
@@ -284,12 +284,12 @@ def _new_day(lines: list[str], utc: str, day: str) -> str:
 def _pass_lines(one: PlannedPass) -> list[str]:
     name = printable(one.name or str(one.catalog_number))
     sun = "-" if one.sun_alt_deg is None else f"{one.sun_alt_deg:.0f}"
-    words = name + ("  shortened" if one.shortened else "")
+    text = name + ("  shortened" if one.shortened else "")
     if one.priority != 1.0:
-        words += f"  priority {one.priority:g}"
+        text += f"  priority {one.priority:g}"
     lines = [
         f"{one.number:3d}  {iso_clock(one.start_utc)}   {iso_clock(one.end_utc)}  {duration(one.idle_s):>7}  "
-        f"{one.slew_s:6.1f}  {one.max_alt_deg:5.1f}  {sun:>4}  {one.useful_s:8.0f}  {one.value:8.0f}  {words}"
+        f"{one.slew_s:6.1f}  {one.max_alt_deg:5.1f}  {sun:>4}  {one.useful_s:8.0f}  {one.value:8.0f}  {text}"
     ]
     indent = " " * 5
     extra = [("before", list(one.before)), ("after", list(one.after))]
@@ -299,7 +299,7 @@ def _pass_lines(one: PlannedPass) -> list[str]:
     if one.rehearsed is not None:
         extra.append(("rehearsed", [one.rehearsed.verdict]))
     extra.append(("note", list(one.notes)))
-    lines += [f"{indent}{what}: {printable('; '.join(said))}" for what, said in extra if said]
+    lines += [f"{indent}{what}: {printable('; '.join(parts))}" for what, parts in extra if parts]
     return lines
 
 
@@ -321,9 +321,9 @@ def _total(plan: SchedulePlan) -> str:
 
 
 def _asked_line(one: EntryOutcome) -> str:
-    said = [f"{one.passes} seen", f"{one.planned} planned", f"{one.lost} lost"]
-    said += [f"{count} {why}" for why, count in one.left_out.items()]
-    return f"     {printable(one.asked_at)}: {printable(one.asked_by)}: {', '.join(said)}"
+    parts = [f"{one.passes} seen", f"{one.planned} planned", f"{one.lost} lost"]
+    parts += [f"{count} {why}" for why, count in one.left_out.items()]
+    return f"     {printable(one.asked_at)}: {printable(one.asked_by)}: {', '.join(parts)}"
 
 
 def _conditions(plan: SchedulePlan) -> str:

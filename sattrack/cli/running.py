@@ -65,17 +65,17 @@ class RunProgress:
 
     quiet_off_terminal: bool
     _phase: str = ""
-    _told_utc_s: float = float("-inf")
+    _shown_utc_s: float = float("-inf")
 
     def show(self, view: TrackView) -> None:
         """Take one state."""
         terminal = can_draw_lines_anew()
         if self.quiet_off_terminal and not sys.stderr.isatty():
             return
-        due = view.utc_s - self._told_utc_s >= (1.0 if terminal else SECONDS_BETWEEN_LINES)
+        due = view.utc_s - self._shown_utc_s >= (1.0 if terminal else SECONDS_BETWEEN_LINES)
         if view.phase == self._phase and not due:
             return
-        self._phase, self._told_utc_s = view.phase, view.utc_s
+        self._phase, self._shown_utc_s = view.phase, view.utc_s
         if terminal:
             renew(progress_line(view))
         else:
@@ -88,7 +88,7 @@ class RunProgress:
 
 
 def announcement(facts: RunFacts) -> list[str]:
-    """Return what is to be known before a run begins: which pass, when, and what the elements' age means."""
+    """Return the announcement of a run: which pass, when, and what the elements' age means."""
     plan = facts.plan
     lines = [f"{facts.elements.label} {_when(facts)}"]
     age_days = (plan.start_utc_s - float(facts.elements.epoch.unix_s)) / 86400.0
@@ -168,11 +168,11 @@ class Stream(JsonLines):
 def tell_malformed(observers: Observers) -> None:
     """Say how many lines were no observations, what was wrong with the last, and how many were dropped."""
     if observers.malformed:
-        words = f"{observers.malformed} lines were no observations; the last: {observers.complaint}"
-        tell(words)
+        text = f"{observers.malformed} lines were no observations; the last: {observers.complaint}"
+        tell(text)
     if observers.dropped:
-        words = f"{observers.dropped} observations came faster than they can be used, and were dropped"
-        tell(words)
+        text = f"{observers.dropped} observations came faster than they can be used, and were dropped"
+        tell(text)
 
 
 def check_observations(source: str | None, control: bool, elements: tuple[str, ...]) -> None:
@@ -197,7 +197,7 @@ def finish(summary: Summary, interrupted: bool, as_json: bool) -> int:
 
 
 class Public:
-    """Everybody whom runs are shown to: whoever started them, and those who look on."""
+    """Everybody to whom runs are shown: their starter, and those who watch."""
 
     def __init__(
         self, output: RunProgress | Stream, desk: ControlArbiter, gallery: ViewServerLink | None
@@ -205,11 +205,11 @@ class Public:
         self._output, self._desk, self._gallery = output, desk, gallery
         self._version = -1
         self.left = False
-        """Whether whoever started the runs has gone, and nobody reads what is written."""
+        """Whether the starter of the runs has gone, and nobody reads what is written."""
 
     @property
     def screened(self) -> bool:
-        """Whether whoever started the runs has a screen on them, and is there."""
+        """Whether the starter of the runs shows them on a screen, and is there."""
         return isinstance(self._output, Stream) and self._output.tells_session and not self.left
 
     def begin(self, facts: RunFacts) -> None:
@@ -300,8 +300,8 @@ def fly_and_tell(
         if gallery is not None:
             gallery.close()
     output.end()
-    for words in () if stdin is None else stdin.ignored:
-        tell(words)
+    for text in () if stdin is None else stdin.ignored:
+        tell(text)
     tell_malformed(observers)
     return summary, stop.asked
 
@@ -331,7 +331,7 @@ def _next(
 
 
 def _left(inbox: SessionInbox) -> bool:
-    """Hear what is said after a run, and tell whether whoever started it has gone.
+    """Read the messages after a run; return whether its starter has gone.
 
     A stop has taken back what was armed; there is nothing else to stop.
     """
@@ -371,10 +371,10 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
         check_age(prepared.facts.elements, prepared.facts.plan.start_utc_s, request.fov_deg)
     check_new_profile(options["learn_profile"], prepared.clock.speed)
     if prepared.practising:
-        words = "no elements or site set: practising with the built-in ISS pass over Leiden"
-        tell(words)
-    for words in (*announcement(prepared.facts), *prepared.notes):
-        tell(words)
+        text = "no elements or site set: practising with the built-in ISS pass over Leiden"
+        tell(text)
+    for text in (*announcement(prepared.facts), *prepared.notes):
+        tell(text)
     output = (
         Stream(tells_session=options["scene"]) if options["stream"] else RunProgress(quiet_off_terminal=True)
     )
@@ -404,13 +404,13 @@ def _check_options(context: CommandContext, url: str | None, options: dict[str, 
         for name in NOT_WITH_ANTENNA:
             if options[name] and options[name] not in {"auto", "off"}:
                 option = name.replace("_", "-")
-                raise BadInputError(f"--{option} does not go with an antenna's controller; leave it out")
+                raise BadInputError(f"--{option} does not work with an antenna's controller; omit it")
         return
     mount_address(url)
     check_new_profile(options["learn_profile"])
     virtual, observations = options["virtual"], options["observations"]
     if virtual and (options["stream"] or options["control"]):
-        raise BadInputError("--stream and --control go with real time; leave --virtual out")
+        raise BadInputError("--stream and --control need real time; omit --virtual")
     check_observations(observations, options["control"], context.sources())
     if virtual and observations not in {None, "stdin"}:
         raise BadInputError(f"--observations {observations}: in virtual time they come from stdin")
@@ -440,10 +440,10 @@ def check_new_profile(target: Path | None, speed: float = 1.0) -> None:
         return
     if speed != 1.0:
         raise BadInputError(
-            f"--learn-profile: a clock of {speed:g} times the speed makes other delays; leave one of them out"
+            f"--learn-profile: a clock of {speed:g} times real speed changes the delays; omit one of them"
         )
     if target.exists():
-        raise BadInputError(f"--learn-profile {target}: there is such a file; give a new name")
+        raise BadInputError(f"--learn-profile {target}: the file exists; give a new name")
     if not target.parent.is_dir():
         raise BadInputError(f"--learn-profile {target}: there is no folder {target.parent}; make it first")
 
@@ -512,8 +512,8 @@ def follow_by_antenna(context: CommandContext, request: RunRequest, old_elements
     flight = AntennaFlight(ready, stop, progress.show)
     summary = flight.fly()
     progress.end()
-    for words in flight.warnings():
-        tell(words)
+    for text in flight.warnings():
+        tell(text)
     return finish(summary, stop.asked, context.json)
 
 
@@ -522,18 +522,18 @@ class AntennaProgress:
 
     def __init__(self, label: str) -> None:
         self._label = label
-        self._told_utc_s = float("-inf")
+        self._shown_utc_s = float("-inf")
 
     def show(self, run: AntcnRun, now_utc_s: float) -> None:
         """Take one state."""
-        if not sys.stderr.isatty() or now_utc_s - self._told_utc_s < 1.0:
+        if not sys.stderr.isatty() or now_utc_s - self._shown_utc_s < 1.0:
             return
-        self._told_utc_s = now_utc_s
+        self._shown_utc_s = now_utc_s
         clock = local_time.clock(now_utc_s)
         error = "" if run.error_arcsec is None else f"  error {run.error_arcsec:.1f}″"
         renew(f"{clock}  {self._label}  {run.phase.value}{error}")
 
     def end(self) -> None:
         """Leave the renewed line."""
-        if sys.stderr.isatty() and self._told_utc_s > 0.0:
+        if sys.stderr.isatty() and self._shown_utc_s > 0.0:
             click.echo(err=True)

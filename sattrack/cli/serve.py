@@ -18,7 +18,6 @@ from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackErr
 from sattrack.runtime import demo_pass
 from sattrack.runtime.callers import CallerLimits, listen
 from sattrack.runtime.connection import connected
-from sattrack.runtime.mounts import mount_address
 from sattrack.runtime.system import StopRequest, stopping
 from sattrack.servers.antenna.protocol import log_stamp, program_line
 
@@ -55,16 +54,13 @@ def what_is_served(
     `lives_in_real_time` names who does. A simulated mount without a site stands at the practice site. Raises
     BadInputError.
     """
-    url = mount_url or context.settings.mount.url
-    address = mount_address(url)
-    if address is not None and context.clock_option is not None:
-        raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
+    url, address = context.mount(mount_url)
     described = context.profile(profile, url)
     practising = address is None and not context.has_site()
     site = demo_pass.SITE.place() if practising else context.site()
     clock = context.clock()
     if clock.speed != 1.0:
-        raise BadInputError(f"--clock: {lives_in_real_time} in real time; leave its speed out")
+        raise BadInputError(f"--clock: {lives_in_real_time} in real time; give no speed")
     return Served(address if address is None else address.seen_from(site), described, site, clock)
 
 
@@ -89,27 +85,27 @@ def caller_options(port: int, idle_s: float, requests_per_s: float) -> Callable[
             "--host",
             default="127.0.0.1",
             show_default=True,
-            help="Address to listen on. No authentication: whoever reaches it moves the mount.",
+            help="Address to listen on. No authentication: anyone who reaches it can move the mount.",
         ),
         click.option("--port", default=port, show_default=True, help="TCP port; 0 takes a free one."),
         click.option(
             "--allow",
             multiple=True,
             metavar="ADDRESS",
-            help="Serve this address or network alone, as 192.0.2.7 or 192.0.2.0/24; may be repeated.",
+            help="Serve only this address or network, as 192.0.2.7 or 192.0.2.0/24; may be repeated.",
         ),
-        click.option("--clients", default=256, show_default=True, help="How many clients at once."),
+        click.option("--clients", default=256, show_default=True, help="Clients at once, at most."),
         click.option(
             "--idle",
             default=idle_s,
             show_default=True,
-            help="Seconds of silence after which a client is disconnected.",
+            help="Disconnect a client after this many seconds of silence.",
         ),
         click.option(
             "--requests",
             default=requests_per_s,
             show_default=True,
-            help="Requests a second of one client; the rest waits.",
+            help="Requests per second from one client; more must wait.",
         ),
     )
 
@@ -154,10 +150,10 @@ def reached_from_outside(program: str, host: str, port: int, allowed: Networks |
     """Return the warning that a door without authentication is open to others; None on loopback."""
     if _is_loopback(host):
         return None
-    words = f"WARNING: {program} has no authentication: whoever reaches {host}:{port} moves the mount"
+    text = f"WARNING: {program} has no authentication: whoever reaches {host}:{port} moves the mount"
     if allowed is None:
-        return words + "; --allow ADDRESS names those who may"
-    return words + f", if its address is {', '.join(str(one) for one in allowed)}"
+        return text + "; --allow ADDRESS names those who may"
+    return text + f", if its address is {', '.join(str(one) for one in allowed)}"
 
 
 def _is_loopback(host: str) -> bool:
@@ -179,9 +175,9 @@ class Log:
         self._thread = threading.Thread(target=self._write, name="log", daemon=True)
         self._thread.start()
 
-    def tell(self, words: str) -> None:
+    def tell(self, text: str) -> None:
         """Log one line, without waiting."""
-        self._lines.put(log_stamp(self._clock.utc_s(time.monotonic())) + words)
+        self._lines.put(log_stamp(self._clock.utc_s(time.monotonic())) + text)
 
     def close(self) -> None:
         """Write the last lines, if that does not take long."""
@@ -211,7 +207,7 @@ def rotctld(context: CommandContext, **options: Any) -> int:
     """Serve Hamlib's rotctld protocol on TCP, until interrupted: for gpredict, rotctl and similar clients.
 
     The mount is a rotator of azimuth and elevation; successive positions are followed smoothly.
-    docs/rotctld.md says what each command does.
+    docs/rotctld.md describes each command.
     """
     from sattrack.servers.antenna.trajectory import SiteSky
     from sattrack.servers.rotctld.rotator import RotatorStation

@@ -79,7 +79,7 @@ BACKLOG = 256
     "--name",
     "names",
     multiple=True,
-    help="A name by which clients call this computer, beside its own; may be repeated.",
+    help="Another host name that clients use for this computer; may be repeated.",
 )
 @common_options
 def command(context: CommandContext, **options: Any) -> int:
@@ -119,9 +119,9 @@ def command(context: CommandContext, **options: Any) -> int:
         )
         if (refused := refusals(connection, served.address)) is not None:
             tell(refused)
-        for words in (trouble, reached_from_outside(PROGRAM, options["host"], port, callers.allowed)):
-            if words is not None:
-                log.tell(program_line(words, PROGRAM))
+        for text in (trouble, reached_from_outside(PROGRAM, options["host"], port, callers.allowed)):
+            if text is not None:
+                log.tell(program_line(text, PROGRAM))
         AlpacaLoop(connection, stop, station, door, log.tell).run()
     if stop.asked and station.had_orders and station.mount_stopped is None:
         raise InterruptedRunError("interrupted; the mount was not moving, and goes on as it was")

@@ -69,7 +69,7 @@ MOST_FOCUS_AXES = 3
 @click.option("--serial", "device", metavar="DEVICE", help="Serve a serial line instead, as /dev/ttyUSB0.")
 @click.option("--baud", type=click.Choice([str(b) for b in BAUDS]), default="9600", show_default=True)
 @click.option("--framing", default=DEFAULT_FRAMING, show_default=True, help="Bits, parity, stop bits.")
-@click.option("--crc", is_flag=True, help="CRC-16 (CCITT) in four digits, not the sum in two.")
+@click.option("--crc", is_flag=True, help="Use CRC-16 (CCITT) in four digits instead of the sum in two.")
 @click.option(
     "--axes",
     type=click.Choice(["hadec", "azel"]),
@@ -77,7 +77,7 @@ MOST_FOCUS_AXES = 3
     show_default=True,
     help="What positions are: hour angle and declination, the mount's own axes, or azimuth and elevation.",
 )
-@click.option("--local", is_flag=True, help="Begin in local: information only.")
+@click.option("--local", is_flag=True, help="Start in local: information only.")
 @click.option("--stow", metavar="FIRST,SECOND", help="Stow position; default: the profile's park.")
 @click.option("--service", metavar="FIRST,SECOND", help="Service position.")
 @click.option(
@@ -95,7 +95,7 @@ MOST_FOCUS_AXES = 3
     help="For satellites by elements. What is sent as positions is taken as it is.",
 )
 @click.option("--console", is_flag=True, help="The controller's console, full screen.")
-@click.option("--stream", is_flag=True, help="Views as JSON lines on standard output, four a second.")
+@click.option("--stream", is_flag=True, help="Write views as JSON lines to standard output, four a second.")
 @click.option(
     "--control", is_flag=True, help="The end of standard input stops the mount and ends the service."
 )
@@ -111,7 +111,7 @@ def command(context: CommandContext, **options: Any) -> int:
         return _with_console(context, options)
     if options["stream"] and sys.stdout.isatty():
         # A terminal that is held would hold up the loop that feeds the mount.
-        raise BadInputError("--stream is for programs, not for a terminal; leave it out, or pipe it on")
+        raise BadInputError("--stream is for programs, not for a terminal; omit it, or pipe the output")
     served = what_is_served(context, options["mount_url"], options["profile"], "antcn lives")
     profile, clock = served.described.mount, served.clock
     simulated, configs = _focusers(options["focus"])
@@ -133,8 +133,8 @@ def command(context: CommandContext, **options: Any) -> int:
             lines.write({"listening": door.port, "serial": options["device"]})
         log.tell(program_line(f"the antenna interface is on {where}; Ctrl-C stops the mount and ends it"))
         show = lines.write if lines is not None and options["stream"] else None
-        words = Words(options["control"]).typed
-        AntennaLoop(connection, stop, station, door, log.tell, words, where, show, focus).run()
+        text = Words(options["control"]).typed
+        AntennaLoop(connection, stop, station, door, log.tell, text, where, show, focus).run()
     return end_of_service(station.mount_stopped, stop)
 
 

@@ -51,19 +51,19 @@ FAULTS_HELP = "\n".join(
     "--profile",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="What mount it is: a mount profile; its table [simulator] says what only a simulated one needs.",
+    help="The mount's profile; its table [simulator] has the settings of the simulation.",
 )
 @click.option("--faults", metavar="FAULT,...", help="What goes wrong, and when; see below.")
 @click.option(
-    "--alpaca", is_flag=True, help="An ASCOM Alpaca telescope in its stead, for --mount alpaca://…."
+    "--alpaca", is_flag=True, help="Simulate an ASCOM Alpaca telescope instead, for --mount alpaca://…."
 )
 @click.option(
     "--telescope",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="With --alpaca: what telescope it is (TOML), as examples/alpaca_telescope.toml.",
+    help="With --alpaca: the telescope (TOML), as examples/alpaca_telescope.toml.",
 )
-@click.option("--seed", type=int, help="Seed of all that is random in it; default: the profile's.")
+@click.option("--seed", type=int, help="Random seed; default: the profile's.")
 @common_options
 def command(
     context: CommandContext,
@@ -86,10 +86,10 @@ def command(
         from sattrack.cli.sim import simulate
 
         if not (peer is None and profile is None and faults is None and seed is None):
-            raise BadInputError("--alpaca: --telescope FILE says what telescope it is; leave the others out")
+            raise BadInputError("--alpaca takes --telescope FILE; omit the other options")
         return simulate(context, port, telescope)
     if telescope is not None:
-        raise BadInputError(f"--telescope {telescope}: that goes with --alpaca")
+        raise BadInputError(f"--telescope {telescope}: it needs --alpaca")
     where = context.site() if context.has_site() else None
     site = SimulatedSite(demo_pass.SITE.latitude_deg, demo_pass.SITE.longitude_deg, demo_pass.SITE.height_m)
     if where is not None:
@@ -166,13 +166,13 @@ def simulate(context: CommandContext, port: int | None, telescope: Path | None) 
         )
     port = ALPACA_PORT if port is None else port
     try:
-        ended = asyncio.run(_until_told(settings, port, context.json))
+        ended = asyncio.run(_until_signalled(settings, port, context.json))
     except OSError as error:
         raise SattrackError(f"TCP port {port} is not available: {error.strerror}") from error
     return 130 if ended == signal.SIGINT else 0
 
 
-async def _until_told(settings: TelescopeSettings, port: int, as_json: bool) -> int:
+async def _until_signalled(settings: TelescopeSettings, port: int, as_json: bool) -> int:
     from sattrack.mount.simulator.alpaca_server import serve
 
     loop, stopped, ended = asyncio.get_running_loop(), asyncio.Event(), [0]
@@ -191,8 +191,8 @@ async def _until_told(settings: TelescopeSettings, port: int, as_json: bool) -> 
             click.echo(msgspec.json.encode({"listening": taken, "mount": url}).decode())
 
     serving = asyncio.create_task(serve(settings, port, ready))
-    telling = asyncio.create_task(stopped.wait())
-    await asyncio.wait({serving, telling}, return_when=asyncio.FIRST_COMPLETED)
+    waiting = asyncio.create_task(stopped.wait())
+    await asyncio.wait({serving, waiting}, return_when=asyncio.FIRST_COMPLETED)
     if not stopped.is_set():
         # Nothing else ends the service: its error is the user's to see.
         await serving

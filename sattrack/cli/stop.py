@@ -14,7 +14,13 @@ from typing import TYPE_CHECKING
 import click
 import msgspec
 
-from sattrack.cli.common import CommandContext, can_draw_lines_anew, common_options, profile_option, tell
+from sattrack.cli.common import (
+    CommandContext,
+    common_options,
+    profile_option,
+    renew,
+    tell,
+)
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.runtime.console import MountStop, stop_after, stop_directly, stop_session
 from sattrack.runtime.mounts import FORMS, ask_give_up, mount_address, owner_of, owners
@@ -62,17 +68,17 @@ class StopProgress:
     def show(self) -> None:
         """Renew the line now and then."""
         now_s = self.monotonic()
-        if self._begun_s is None or not can_draw_lines_anew() or now_s - self._shown_s < SHOW_EVERY_S:
+        if self._begun_s is None or now_s - self._shown_s < SHOW_EVERY_S:
             return
         self._shown, self._shown_s = True, now_s
-        words = f"told to stop {now_s - self._begun_s:.0f} s ago; waiting until the mount is seen at rest"
-        click.echo(f"\r\x1b[K{words}", nl=False, err=True)
+        text = f"told to stop {now_s - self._begun_s:.0f} s ago; waiting until the mount is seen at rest"
+        renew(text)
 
     def wipe(self) -> None:
         """Take the line away."""
         if self._shown:
             self._shown = False
-            click.echo("\r\x1b[K", nl=False, err=True)
+            renew()
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,8 +143,8 @@ def _moves(night: ListedRun, owner: Owner) -> bool:
 
 def is_simulated(owner: Owner) -> bool:
     """Tell whether a session's own command says that its mount is simulated; in doubt it is not."""
-    words = owner.command.replace("=", " ").split()
-    return words[1:2] == ["demo"] or "--mount sim" in " ".join(words)
+    text = owner.command.replace("=", " ").split()
+    return text[1:2] == ["demo"] or "--mount sim" in " ".join(text)
 
 
 def _line(owner: Owner) -> str:
@@ -151,27 +157,27 @@ def _line(owner: Owner) -> str:
 @click.option(
     "--give-up",
     is_flag=True,
-    help="Stop nothing: end the guardians that still tell mounts to stop.",
+    help="Stop nothing; end the guardians that keep sending stops.",
 )
 @profile_option
 @common_options
 def command(
     context: CommandContext, mount_url: str | None, every: bool, give_up: bool, profile: Path | None
 ) -> int:
-    """Stop the mount, from any terminal, and wait until it is seen at rest; stop its schedule.
+    """Stop the mount, from any terminal, wait until it is at rest, and stop its schedule.
 
     One mount is stopped at once: the one that a session of yours owns, or that of the settings. One real
-    mount beside simulated ones is stopped at once, too. Several mounts are listed: ENTER stops all of them,
-    a number stops that one, and after 10 s without an answer all are stopped. Without a terminal, nothing
-    is stopped then: give --mount URL or --all.
+    mount beside simulated ones is stopped at once, too. Several mounts are listed: ENTER stops all of them, a
+    number stops that one, and after 10 s without an answer all are stopped. Without a terminal, nothing is
+    stopped then: give --mount URL or --all.
 
     The session that owns a mount (track, demo, mount, serve) stops it and ends. If the session hangs, its
-    guardian stops the mount. A mount that no session owns is stopped directly. Until the mount is seen at
-    rest, a guardian goes on telling it to stop; --give-up ends that. A schedule's run ends and follows
-    nothing more, restarted or not, until a person says `sattrack run FILE --resume`.
+    guardian stops the mount. A mount that no session owns is stopped directly. A guardian keeps sending stops
+    until the mount is at rest; --give-up ends that. A schedule's run ends, and even if restarted follows
+    nothing more until a person gives `sattrack run FILE --resume`.
     """
     if mount_url is not None and every:
-        raise BadInputError("--mount names one mount, --all stops every one: give one of them")
+        raise BadInputError("give either --mount or --all")
     url = mount_url or context.settings.mount.url
     mounts = _mounts(mount_url, _address(url))
     if not (mounts or mounts.nights):
@@ -287,7 +293,7 @@ def _give_up(context: CommandContext, sessions: tuple[Owner, ...]) -> int:
         for owner, was in ended:
             click.echo(f"{owner.mount}: process {was.pid} gave up; {was.heard}; IT IS NOT KNOWN AT REST")
     if not ended:
-        raise BadInputError("nothing to give up: no guardian goes on telling a mount to stop")
+        raise BadInputError("nothing to give up: no guardian is sending stops")
     return 0
 
 

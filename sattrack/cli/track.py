@@ -38,7 +38,7 @@ from sattrack.cli.common import (
     "--learn-profile",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Write what the pass teaches of the mount as a new profile.",
+    help="Write what the pass shows about the mount to a new profile.",
 )
 @click.option("--refraction", type=click.Choice(("auto", "on", "off")), default="auto", show_default=True)
 @click.option("--bias-along", default=0.0, metavar="S", help="Seconds; positive leads.")
@@ -46,9 +46,13 @@ from sattrack.cli.common import (
     "--bias-cross", default=0.0, metavar="DEG", help="Degrees; positive to the left, seen from below."
 )
 @click.option("--min-alt", type=float, metavar="DEG", help="Follow above this altitude (10, or as set).")
-@click.option("--from", "begin", metavar="UTC", help="Follow from then on: the pass that is up, or the next.")
-@click.option("--to", "end", metavar="UTC", help="Follow until then at the latest.")
-@click.option("--old-elements", is_flag=True, help="Follow with elements too old to find the satellite, too.")
+@click.option(
+    "--from", "begin", metavar="UTC", help="Follow from this time on: the pass in progress then, or the next."
+)
+@click.option("--to", "end", metavar="UTC", help="Stop following at this time at the latest.")
+@click.option(
+    "--old-elements", is_flag=True, help="Follow even if the elements are too old to find the satellite."
+)
 @click.option("--virtual", is_flag=True, help="With --mount sim: in virtual time, as fast as it goes.")
 @stream_options
 @bias_options

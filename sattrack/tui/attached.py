@@ -1,4 +1,4 @@
-"""A run that goes on elsewhere, seen from here, and the runs of its schedule that come after it."""
+"""A run of another process, and the later runs of its schedule."""
 
 from __future__ import annotations
 
@@ -270,10 +270,12 @@ def welcomed(pid: int, name: str) -> tuple[socket.socket, BinaryIO, Welcome]:
         first = _MESSAGES.decode(lines.readline())
     except (OSError, msgspec.MsgspecError):
         connection.close()
-        raise SattrackError(f"process {pid} has no run to look at, or does not answer") from None
+        raise SattrackError(f"process {pid} has no run to watch, or does not answer") from None
     if not isinstance(first, Welcome):
         connection.close()
-        raise SattrackError(first.why if isinstance(first, Farewell) else f"process {pid} said no welcome")
+        raise SattrackError(
+            first.why if isinstance(first, Farewell) else f"process {pid} did not answer as a run"
+        )
     connection.settimeout(None)
     return connection, lines, first
 

@@ -18,7 +18,14 @@ from sattrack.mount.requests import Abort, FindHome, Park, Sync
 from sattrack.tui import console_panels as panels
 from sattrack.tui import look
 from sattrack.tui.console_panels import FIRST_RATE, ConsoleScene, jog_rates_deg_s
-from sattrack.tui.dialogs import CONSOLE_TEXT, DirectionDialog, EnteredDirection, HelpScreen, Question
+from sattrack.tui.dialogs import (
+    CONSOLE_TEXT,
+    PARK_TEXT,
+    DirectionDialog,
+    EnteredDirection,
+    HelpScreen,
+    Question,
+)
 from sattrack.tui.look import ScreenApp
 from sattrack.tui.panels import TooSmall
 from sattrack.tui.scene import DEFAULT_APPEARANCE, Tone
@@ -192,11 +199,7 @@ class ConsoleApp(ScreenApp):
 
     def action_park(self) -> None:
         """Ask, and park."""
-        text = (
-            "The mount slews to the profile's park position and stops; then the drives' power is cut. "
-            "There is no unpark: the mount's own window gives the power back."
-        )
-        self.push_screen(Question("park?", text), lambda sure: self._tell(Park()) if sure else None)
+        self.push_screen(Question("park?", PARK_TEXT), lambda sure: self._tell(Park()) if sure else None)
 
     def action_home(self) -> None:
         """Find home."""

@@ -131,7 +131,7 @@ def cautions(scene: ConsoleScene) -> tuple[Caution, ...]:
         return (Caution("the console has ended", "make sure that the mount is at rest", Tone.BAD),)
     if scene.news_age_s > NO_NEWS_AFTER_S:
         found.append(
-            Caution("the console says nothing", "press SPACE, then use the mount's own stop", Tone.BAD)
+            Caution("the console does not answer", "press SPACE, then use the mount's own stop", Tone.BAD)
         )
     elif scene.stop_sent_s is not None and scene.stop_sent_s > STOP_UNHEARD_AFTER_S:
         found.append(Caution("the stop was not obeyed", "use the mount's own stop", Tone.BAD))

@@ -256,6 +256,12 @@ class DirectionDialog(Dialog[EnteredDirection | None]):
         return value
 
 
+PARK_TEXT = (
+    "The mount slews to the profile's park position and stops; then the drives' power is cut. "
+    "There is no unpark: the mount's own window gives the power back."
+)
+
+
 class Question(Dialog[bool]):
     """Asks for a yes; every other key is a no."""
 

@@ -56,11 +56,11 @@ class News:
     sky: PassView | None = None
     """What is known of the pass, once it has come."""
     rewound: bool = False
-    """Whether the views begin anew, at an earlier instant: what was drawn from those before is void."""
+    """Whether the views restart at an earlier instant: what was drawn before is void."""
     session: SessionView | None = None
-    """Who has control and who looks on, once that is known."""
+    """Who has control and who watches, once that is known."""
     you: int = STARTER
-    """The number by which that knows whoever looks here."""
+    """The number of this viewer there."""
     run: int | None = None
     """The process of the run, where it can become another one."""
     between: bool = False
@@ -101,7 +101,7 @@ class BufferedFeed:
 
     @property
     def you(self) -> int:
-        """The number by which the run knows whoever looks here."""
+        """The run's number for this viewer."""
         return STARTER
 
     def wait_first_view(self) -> bool:
@@ -197,7 +197,7 @@ _FEEDER_MESSAGES: msgspec.json.Decoder[_FeederMessage] = msgspec.json.Decoder(_F
 
 
 class FeederProcess(BufferedFeed):
-    """A feeder started by us, in a session of its own: a Ctrl-C on the terminal is ours to handle.
+    """A feeder started by us, in a session of its own, so that Ctrl-C on the terminal reaches us only.
 
     The end of its standard input stops the mount, so the end of this process ends the motion too.
     """
@@ -226,7 +226,7 @@ class FeederProcess(BufferedFeed):
 
     @property
     def left_running(self) -> bool:
-        """Whether the feeder has said that it goes on without us."""
+        """Whether the feeder has reported that it continues without us."""
         return self._session is not None and self._session.left_running
 
     def may_still_view(self, within_s: float) -> bool:
@@ -236,16 +236,16 @@ class FeederProcess(BufferedFeed):
             return self.viewed or not self._ended
 
     def send(self, message: Message | SessionMessage) -> bool:
-        """Write a message; a stop that cannot be written is said by closing the channel instead."""
-        said = self._write(encode_message(message))
-        if not said and isinstance(message, StopNow):
+        """Write a message; where a stop cannot be written, close the channel, which stops the mount."""
+        written = self._write(encode_message(message))
+        if not written and isinstance(message, StopNow):
             self.close_input()
-        return said
+        return written
 
-    def _write(self, words: bytes) -> bool:
+    def _write(self, text: bytes) -> bool:
         """Write to its standard input without waiting; False where that cannot be."""
         try:
-            os.write(self._input.fileno(), words)
+            os.write(self._input.fileno(), text)
         except (OSError, ValueError):
             return False
         return True
@@ -278,7 +278,7 @@ class FeederProcess(BufferedFeed):
         return self._process.wait()
 
     def close(self) -> str:
-        """Let go of everything once the process has ended; return what it said on standard error."""
+        """Let go of everything once the process has ended; return what it wrote on standard error."""
         self.close_input()
         self._reader.join(1.0)
         if self._process.stdout is not None and not self._reader.is_alive():
@@ -297,17 +297,17 @@ class FeederProcess(BufferedFeed):
         self._see_end()
 
     def _take(self, line: bytes) -> None:
-        """Take a line; what this screen does not know, a later feeder may say, and it is passed over."""
+        """Take a line; skip what this screen does not know, as a later feeder may send it."""
         try:
-            told = _FEEDER_MESSAGES.decode(line)
+            message = _FEEDER_MESSAGES.decode(line)
         except msgspec.MsgspecError:
             self._see_summary(line)
             return
-        if isinstance(told, PassView):
-            self._sky = told
+        if isinstance(message, PassView):
+            self._sky = message
             self._begin_anew()
         else:
-            self._see(told)
+            self._see(message)
 
 
 class LatestProcess(FeederProcess, Generic[ViewT]):
@@ -340,11 +340,11 @@ class ConsoleProcess(LatestProcess[ConsoleView]):
         super().__init__(command, ConsoleView)
 
     def tell(self, order: ConsoleMessage) -> bool:
-        """See ConsoleFeed. A stop that cannot be written is said by closing the channel instead."""
-        told = self._write(encode_message(order))
-        if not told and isinstance(order, Abort | Leave):
+        """See ConsoleFeed. Where a stop cannot be written, close the channel, which stops the mount."""
+        written = self._write(encode_message(order))
+        if not written and isinstance(order, Abort | Leave):
             self.close_input()
-        return told
+        return written
 
 
 class AntennaProcess(LatestProcess[AntennaView]):
@@ -354,7 +354,7 @@ class AntennaProcess(LatestProcess[AntennaView]):
         super().__init__(command, AntennaView)
 
     def tell(self, word: str) -> None:
-        """See AntennaFeed. What cannot be written is said by closing the channel, which stops the mount."""
+        """See AntennaFeed. Where it cannot be written, close the channel, which stops the mount."""
         if not self._write(word.encode() + b"\n"):
             self.close_input()
 
@@ -421,17 +421,17 @@ class PassSearch:
         self._process: subprocess.Popen[bytes] | None = None
         self._found: tuple[PassRow, ...] | None = None
         self.trouble = "" if options.passes is not None else options.why
-        """Why there is no list; empty where there is one."""
+        """Why there is no list; empty if there is one."""
         self.begun_utc_s: float | None = None
         """From which instant on the last search looks."""
 
     @property
     def busy(self) -> bool:
-        """Whether a search goes on."""
+        """Whether a search is active."""
         return self._thread is not None and self._thread.is_alive()
 
     def begin(self, utc_s: float) -> None:
-        """Look for the passes from an instant on, unless a search goes on."""
+        """Search for the passes from an instant on, unless a search is active."""
         if self._options.passes is None or self.busy:
             return
         self.begun_utc_s = utc_s
@@ -453,7 +453,7 @@ class PassSearch:
         return found
 
     def close(self) -> None:
-        """End a search that goes on."""
+        """End an active search."""
         if self._process is not None and self._process.poll() is None:
             self._process.kill()
 
@@ -480,11 +480,11 @@ class PassSearch:
             self._found = read_passes(out)
             self.trouble = ""
         except msgspec.MsgspecError:
-            self.trouble = lines[-1] if lines else "the search for passes said nothing"
+            self.trouble = lines[-1] if lines else "the search for passes gave no answer"
 
 
 class MountLook:
-    """Looks at a run's mount in a process of its own, through whoever owns it; never waited for."""
+    """Looks at a run's mount in a process of its own, through its owner; never waited for."""
 
     def __init__(
         self, options: HelperOptions, start: Callable[[list[str]], ConsoleProcess] = ConsoleProcess
@@ -505,7 +505,7 @@ class MountLook:
         return Latest() if self._console is None else self._console.latest()
 
     def close(self) -> None:
-        """Look away; the next `open` begins anew."""
+        """Stop looking; the next `open` starts again."""
         console, self._console, self._thread = self._console, None, None
         if console is None:
             return
@@ -551,6 +551,6 @@ class Helpers:
         return cls(PassSearch(options), MountLook(options), pid, console)
 
     def close(self) -> None:
-        """End what goes on."""
+        """End both."""
         self.search.close()
         self.look.close()

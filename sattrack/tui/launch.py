@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 import click
 
 from sattrack.core.errors import SattrackError
-from sattrack.tui.feeds import FeederProcess
+from sattrack.tui.feeds import AntennaProcess, ConsoleProcess, FeederProcess, Helpers
 from sattrack.tui.scene import DEFAULT_APPEARANCE
 from sattrack.views.formatting import summary_lines
 from sattrack.views.messages import Leave, StopNow
@@ -88,7 +88,6 @@ def fly_with_tui(
 
     def show_run(feed: Feed) -> bool:
         from sattrack.tui.app import TrackApp
-        from sattrack.tui.feeds import Helpers
 
         started = None if helpers is None else Helpers.of(helpers, feeder.pid)
         return run_until_left(TrackApp(feed, stay, appearance=appearance, helpers=started), stopping=True)
@@ -116,8 +115,6 @@ def watch_with_tui(
     set going. `show` stands in for the screen; it returns whether it was interrupted. `first` is sent as soon
     as the mount is heard.
     """
-    from sattrack.tui.feeds import ConsoleProcess
-
     console = ConsoleProcess(command)
     end_with_the_terminal(console, patience_s)
 
@@ -140,8 +137,6 @@ def watch_with_tui(
 
 def serve_with_console(command: Sequence[str], appearance: Appearance = DEFAULT_APPEARANCE) -> int:
     """Run `command` (`serve antenna` with --stream and --control) under the screen; return its exit code."""
-    from sattrack.tui.feeds import AntennaProcess
-
     antenna = AntennaProcess(command)
     end_with_the_terminal(antenna, MOUNT_PATIENCE_S)
 
@@ -197,7 +192,6 @@ def attach_with_tui(pid: int, name: str, appearance: Appearance, helpers: Helper
 
     def show(run: AttachedRun) -> bool:
         from sattrack.tui.app import TrackApp
-        from sattrack.tui.feeds import Helpers
 
         return run_until_left(TrackApp(run, appearance=appearance, helpers=Helpers.of(helpers, pid)))
 
@@ -224,12 +218,12 @@ def sky_of_run(facts: RunFacts) -> PassView:
 def run_until_left(app: ScreenApp, stopping: bool = False) -> bool:
     """Run a screen until it is left; return whether it was interrupted. Raises SattrackError where it broke.
 
-    With `stopping`, the error says that the mount was told to stop.
+    With `stopping`, the error says that a stop was sent.
     """
     with _leaving(app.ask_to_leave):
         app.run()
     if app.return_code and not app.interrupted:
-        raise SattrackError(f"{BROKE}; the mount was told to stop" if stopping else BROKE)
+        raise SattrackError(f"{BROKE}; a stop was sent to the mount" if stopping else BROKE)
     return app.interrupted
 
 
@@ -272,7 +266,7 @@ def _end_run(patience_s: float, feeder: FeederProcess) -> int:
     """Stop the mount and wait for the feeder's end, for a bounded time; one that is left running goes on."""
     if feeder.left_running:
         feeder.close()
-        _say("the run goes on: `sattrack attach` looks at it again, `sattrack stop` stops the mount")
+        _say("the run continues: `sattrack attach` shows it again, `sattrack stop` stops the mount")
         return 0
     feeder.send(StopNow())
     code = _wait_end(feeder, patience_s, "stopping the mount …", "RUN")

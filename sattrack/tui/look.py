@@ -394,7 +394,7 @@ class ScreenApp(App[None]):
         raise NotImplementedError
 
     async def action_quit(self) -> None:
-        """Leave as `q` does, whoever asks."""
+        """Leave as `q` does."""
         self.action_leave()
 
     def ask_to_leave(self) -> None:

@@ -138,7 +138,7 @@ class TonightPage(ListPage):
         self._first = 0
 
     def draw(self, night: PassList, scene: Scene | None, state: str) -> None:
-        """Take the list and the run that goes on; `state` says what is going on with the search."""
+        """Take the list and the active run; `state` is the state of the search."""
         self._night, self._scene, self._state = night, scene, state
         self.renew()
 
@@ -233,10 +233,10 @@ TONES = {"done": Tone.GOOD, IN_PROGRESS: Tone.CALM, "partly": Tone.NOTICE, "lost
 RESULTS = ("done", "partly", "lost")
 OVER = {
     "ended": ("the schedule is over", Tone.CALM),
-    "stopped": ("its runner has ended; run it again to go on", Tone.NOTICE),
+    "stopped": ("its runner has ended; run it again to continue", Tone.NOTICE),
 }
 """The text for a schedule that nobody runs, by its last state."""
-NO_SCHEDULE = "this run is of no schedule; `sattrack run FILE` runs one"
+NO_SCHEDULE = "this run belongs to no schedule; `sattrack run FILE` runs one"
 
 
 class SchedulePage(ListPage):
@@ -325,7 +325,7 @@ def schedule_text(view: ScheduleView) -> str:
 
 
 def next_in_s(view: ScheduleView) -> float | None:
-    """Return in how many seconds the next pass begins; None where none is to come, or it has begun."""
+    """Return in how many seconds the next pass begins; None if none comes, or it has begun."""
     coming = _coming(view)
     left_s = 0.0 if coming is None else _utc_s(coming.start_utc) - view.utc_s
     return left_s if view.running and left_s > 0.0 else None

@@ -58,7 +58,7 @@ class Redrawn(Widget):
         self._drawn = Content("")
 
     def renew(self) -> None:
-        """Draw anew where that makes a difference."""
+        """Draw again if that makes a difference."""
         if not self._content().is_same(self._drawn):
             self.refresh(layout=self.grows)
 
@@ -395,7 +395,7 @@ class HeadlineBar(Panel, HeadlinePanel[Scene]):
                     [
                         (" STARTING ", PLATE[Tone.CALM]),
                         " ",
-                        ("nothing was heard of the run yet", SPOKEN[Tone.CALM]),
+                        ("no news from the run yet", SPOKEN[Tone.CALM]),
                     ]
                 ]
             )

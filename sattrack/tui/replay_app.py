@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 FASTEST, SLOWEST = SPEEDS[-1], SPEEDS[0]
 LONGEST_PAUSE_S = 5.0
-"""Where the clock was set, or messages are missing, the tape goes on after so long."""
+"""After so long the tape continues, where the clock was set or messages are missing."""
 SAME_S = 1e-6
 
 
@@ -90,7 +90,7 @@ class Tape:
         return TapeView(self._name, self._now_s, self.length_s, self.playing, self.speed, self.whole)
 
     def run(self, seconds: float) -> None:
-        """Let so much time go by on the clock of whoever looks."""
+        """Let so much time pass on the viewer's clock."""
         if self.playing:
             self._now_s = min(self.length_s, self._now_s + self.speed * max(0.0, seconds))
 

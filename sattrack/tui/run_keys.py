@@ -1,4 +1,4 @@
-"""What a run's screen does by its keys: move the target, choose screens and passes, pause, jog and park."""
+"""The keys of a run's screen (move the target, pause, jog, park), and the pages that they turn to."""
 
 from __future__ import annotations
 
@@ -7,33 +7,34 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import msgspec
 from textual.app import SuspendNotSupported
 
+from sattrack.core.errors import SattrackError
+from sattrack.tui.attached import folder_of, schedule_in
 from sattrack.tui.console_app import LAGGING_S
-from sattrack.tui.console_panels import FIRST_RATE, RATES, jog_rates_deg_s
-from sattrack.tui.dialogs import Question
+from sattrack.tui.console_panels import FIRST_RATE, RATES, MountPage, jog_rates_deg_s
+from sattrack.tui.dialogs import PARK_TEXT, Question
 from sattrack.tui.look import ScreenApp
-from sattrack.tui.scene import LIVE, MOUNT, PAUSED, TONIGHT
+from sattrack.tui.pages import LogBook, LogPage, PassList, SchedulePage, TonightPage, schedule_text
+from sattrack.tui.scene import LIVE, LOG, MOUNT, PAGE_CLASSES, PAUSED, SCHEDULE, TONIGHT
 from sattrack.views import formatting
 from sattrack.views.messages import Arm, DropRemembered, Go, Jog, Pause, StopNow
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from pathlib import Path
 
     from textual.dom import DOMNode
 
-    from sattrack.tui.app import Screens
-    from sattrack.tui.feeds import Feed
+    from sattrack.tui.feeds import Feed, Helpers, News, PassRow
     from sattrack.tui.panels import ListPage
     from sattrack.tui.scene import OffsetKeys, Scene
     from sattrack.views.messages import Message, SessionMessage
-    from sattrack.views.run import Summary, TrackView
+    from sattrack.views.run import ConsoleView, LearntView, Summary, TrackView
+    from sattrack.views.schedule import ScheduleView
 
 PAUSE_FIRST = "by hand only while the pass is paused: p pauses it"
-PARK = (
-    "the mount slews to its profile's park position and stops; then the drives' power is cut. There is no "
-    "unpark: the mount's own window gives the power back. SPACE stops it on its way."
-)
 
 
 @dataclass(slots=True)
@@ -165,7 +166,7 @@ class RunKeys(ScreenApp):
         self._scroll(lambda listed: listed.page(by))
 
     def action_look_again(self) -> None:
-        """Search for the passes anew."""
+        """Search for the passes again."""
         if self._screens.page == TONIGHT:
             self._screens.look_again()
             self._draw()
@@ -271,7 +272,7 @@ class RunKeys(ScreenApp):
         if why_not is not None:
             self._hint(why_not)
             return
-        text = PARK[0].upper() + PARK[1:] if scene.ended else f"The run ends, and {PARK}"
+        text = f"{'' if scene.ended else 'The run ends. '}{PARK_TEXT} SPACE stops it on its way."
         self.push_screen(Question("park?", text), lambda sure: self._begin_parking() if sure else None)
 
     def _no_parking(self, scene: Scene) -> str | None:
@@ -285,7 +286,7 @@ class RunKeys(ScreenApp):
         if scene.beginning or scene.between is not None:
             return "not parked: another run is about to begin"
         if self._driver is None or not self._driver.can_suspend:
-            return "parking needs a terminal to be shown on: `sattrack mount park` parks it"
+            return "parking needs a terminal: `sattrack mount park` parks it"
         return None
 
     def _begin_parking(self) -> None:
@@ -312,7 +313,7 @@ class RunKeys(ScreenApp):
         if well and command is not None:
             self._hand_over([*command, "--park"])
         else:
-            self._hint("not parked: the run did not end as asked, with the mount seen at rest")
+            self._hint("not parked: the run did not end with the mount at rest")
 
     def _hand_over(self, command: list[str]) -> None:
         """Give the terminal to the console until that ends; it looks as this screen does."""
@@ -324,3 +325,199 @@ class RunKeys(ScreenApp):
     def _hint(self, text: str) -> None:
         self._rest.hint, self._rest.hinted_s = text, self._monotonic()
         self._draw()
+
+
+SEARCH_AGAIN_S = 600.0
+READ_AGAIN_S = 2.0
+LOOK_AWAY_S = 30.0
+"""How long a look at the mount lasts after its screen was left."""
+LISTS: dict[str, type[ListPage]] = {TONIGHT: TonightPage, SCHEDULE: SchedulePage, LOG: LogPage}
+NO_HELPERS = "nothing to show: this screen was started for this pass only"
+
+
+class Screens:
+    """Tonight, mount, schedule and log. `helpers` None: there is nothing but the log."""
+
+    def __init__(
+        self, helpers: Helpers | None, read: Callable[[Path], ScheduleView | None] = schedule_in
+    ) -> None:
+        self._read = read
+        self._helpers = helpers
+        self.page = LIVE
+        self.night = PassList()
+        self.book = LogBook()
+        self._console: ConsoleView | None = None
+        self._heard_s = self._looked_s = 0.0
+        self._ended = False
+        self._schedule: tuple[ScheduleView | None, str] = (None, "")
+        self._read_s: float | None = None
+        self._changed_s = 0.0
+        self._recording: str | None = None
+
+    def take(self, news: News) -> None:
+        """Take in what has come of a run."""
+        for view in news.views:
+            self.book.take(view)
+            self._recording = view.recording
+        if news.run is not None and self._helpers is not None and news.run != self._helpers.pid:
+            self._helpers.pid = news.run
+            self._helpers.look.close()
+        if news.session is not None:
+            self.book.hear(news.session)
+        if news.rewound:
+            self._ended = False
+        if news.summary is not None and not self._ended:
+            self._ended = True
+            self.book.end(news.summary)
+        found = None if self._helpers is None else self._helpers.search.take()
+        if found is not None:
+            self.night.take(found)
+
+    def turn_to(self, page: str, main: DOMNode) -> None:
+        """Show another screen."""
+        self.page = page
+        for name, style in PAGE_CLASSES.items():
+            main.set_class(name == page, style)
+
+    def draw(self, main: DOMNode, scene: Scene, now_s: float) -> None:
+        """Draw the screen that is shown, and have what it needs brought."""
+        self._look_at_mount(scene, now_s)
+        if self.page == TONIGHT:
+            main.query_one(TonightPage).draw(self.night, scene, self._search(scene.view.utc_s))
+        elif self.page == MOUNT:
+            main.query_one(MountPage).draw(
+                self._console_of(scene), now_s - self._heard_s, self._mount_note(scene), scene.jog_rate
+            )
+        elif self.page == SCHEDULE:
+            view, trouble = self._schedule_of(now_s)
+            main.query_one(SchedulePage).draw(self._as_of(view, scene, now_s), trouble)
+        elif self.page == LOG:
+            main.query_one(LogPage).draw(self.book)
+
+    def look_again(self) -> None:
+        """Search for the passes again."""
+        if self._helpers is not None:
+            self._helpers.search.begun_utc_s = None
+
+    def arm(self, scene: Scene, now: bool) -> SessionMessage | None:
+        """Return what arms the pass under the cursor; after the end of a run it is followed at once."""
+        queue = () if scene.session is None else scene.session.queue
+        return self.night.arm(queue, now or scene.ended)
+
+    def neighbour(self, by: int, scene: Scene) -> PassRow | None:
+        """Point to the pass after or before the present one; None if none is known."""
+        return self.night.point_next_to(by, scene.view.catalog_number, scene.view.culminate_utc_s)
+
+    @property
+    def mount(self) -> ConsoleView | None:
+        """The last look at the mount; None where there was none."""
+        return self._console
+
+    def console_command(self) -> list[str] | None:
+        """Return what operates the mount by hand; None for a simulated one, which ends with its run."""
+        return None if self._helpers is None else self._helpers.console
+
+    def list_shown(self, main: DOMNode) -> ListPage | None:
+        """Return the list on the screen that is shown; None where it has none."""
+        kind = LISTS.get(self.page)
+        return None if kind is None else main.query_one(kind)
+
+    def close(self) -> None:
+        """End what was started for them."""
+        if self._helpers is not None:
+            self._helpers.close()
+
+    def _search(self, utc_s: float) -> str:
+        """Search for passes where that is due; return the state of the search."""
+        if self._helpers is None:
+            return NO_HELPERS
+        search = self._helpers.search
+        due = search.begun_utc_s is None or abs(utc_s - search.begun_utc_s) > SEARCH_AGAIN_S
+        if due and not search.busy:
+            search.begin(utc_s)
+        if search.busy:
+            return "looking for passes …"
+        return search.trouble
+
+    def between(self, now_s: float) -> str:
+        """Return what the schedule does between two runs."""
+        view, _ = self._schedule_of(now_s)
+        if view is None:
+            return "its schedule goes on"
+        return schedule_text(self._gone_by(view, now_s))
+
+    def _schedule_of(self, now_s: float) -> tuple[ScheduleView | None, str]:
+        """Return what stands in the folder of the schedule that a run belongs to, and what is wrong with it.
+
+        A run's recording lies in its schedule's folder.
+        """
+        due = self._read_s is None or now_s - self._read_s >= READ_AGAIN_S
+        if due and self._recording is not None:
+            self._read_s = now_s
+            before = self._schedule[0]
+            try:
+                self._schedule = self._read(folder_of(self._recording)), ""
+            except SattrackError as error:
+                self._schedule = None, str(error)
+            if self._schedule[0] != before:
+                self._changed_s = now_s
+        return self._schedule
+
+    def _as_of(self, view: ScheduleView | None, scene: Scene, now_s: float) -> ScheduleView | None:
+        """Return a schedule's view as of now: by an active run's clock, else by the time passed since."""
+        if view is None or not view.running:
+            return view
+        if scene.ended or scene.beginning:
+            return self._gone_by(view, now_s)
+        return msgspec.structs.replace(view, utc_s=scene.view.utc_s)
+
+    def _gone_by(self, view: ScheduleView, now_s: float) -> ScheduleView:
+        return msgspec.structs.replace(view, utc_s=view.utc_s + now_s - self._changed_s)
+
+    def _look_at_mount(self, scene: Scene, now_s: float) -> None:
+        if self._helpers is None:
+            return
+        look = self._helpers.look
+        if self.page == MOUNT and not scene.ended:
+            self._looked_s = now_s
+            look.open(self._helpers.pid)
+        latest = look.latest()
+        if latest.view is not None:
+            self._console, self._heard_s = latest.view, now_s
+            if scene.view.mount == "sim":
+                # It keeps the time that the run has it keep, which is not this machine's.
+                self._console = msgspec.structs.replace(latest.view, clock_offset_s=None)
+        if latest.ended or (self.page != MOUNT and now_s - self._looked_s > LOOK_AWAY_S):
+            look.close()
+
+    def _console_of(self, scene: Scene) -> ConsoleView | None:
+        """Return the last look at the mount, with the run's own counts: the look began when it was opened."""
+        seen = self._console
+        return None if seen is None else msgspec.structs.replace(seen, link=scene.view.link)
+
+    def _mount_note(self, scene: Scene) -> str:
+        if self._helpers is None:
+            return NO_HELPERS
+        if scene.ended:
+            if self._helpers.console is None:
+                return "the run is over, and the simulated mount with it"
+            return "the run is over: j operates the mount by hand (jog, slew, sync, park, home)"
+        if self._helpers.look.trouble:
+            return self._helpers.look.trouble
+        if self._console is None:
+            return "looking at the mount …"
+        paused = "paused: the arrows jog, [ ] choose how fast; p goes on"
+        jog = "; p pauses, then the arrows jog" if scene.in_control else ""
+        heard = f"as the run hears it{jog}{_learnt(scene.view.learnt)}"
+        return heard if scene.jog_rate is None or not scene.in_control else paused
+
+
+def _learnt(learnt: LearntView | None) -> str:
+    """Return what was learnt of the axes, right ascension first; empty where nothing was."""
+    if learnt is None:
+        return ""
+    lags = f"{1e3 * learnt.ra_lag_s:.0f}, {1e3 * learnt.dec_lag_s:.0f} ms"
+    gains = ", ".join("?" if g is None else f"{g:.4f}" for g in (learnt.ra_gain, learnt.dec_gain))
+    return f"   learnt: lag {lags}  gain {gains}  settling {learnt.settling_s:.2f} s".replace(
+        "-", formatting.MINUS
+    )

@@ -134,13 +134,13 @@ class Scene:
     sky: PassView | None = None
     """What is known of the pass beforehand; None where nothing is."""
     tape: TapeView | None = None
-    """Where a recording stands that is shown; None for a run that goes on now."""
+    """The position of a recording that is shown; None for a live run."""
     plain: bool = False
     """Whether there are no characters but those of ASCII."""
     session: SessionView | None = None
-    """Who has control, and who looks on."""
+    """Who has control, and who watches."""
     you: int = STARTER
-    """The number of whoever looks here."""
+    """The number of this viewer."""
     beginning: bool = False
     """Whether another run begins, of which there is no view yet."""
     between: str | None = None
@@ -266,7 +266,7 @@ def _ended(scene: Scene) -> Headline:
     if summary is None and scene.attached:
         return Headline("RUN LOST", "its guardian stops the mount; make sure that it is at rest", Tone.BAD)
     if summary is None:
-        return Headline("RUN LOST", "it ended without a word: stop the mount by hand", Tone.BAD)
+        return Headline("RUN LOST", "it ended unexpectedly: stop the mount by hand", Tone.BAD)
     why = why_ended(summary.ended_by)
     if summary.mount_stopped is False:
         return Headline("NOT STOPPED", "no stop was confirmed: stop the mount by hand", Tone.BAD)
@@ -310,7 +310,7 @@ def _cautions(scene: Scene) -> tuple[Caution, ...]:
     if scene.leaving and not scene.ended:
         found.append(Caution("leaving as soon as the mount is at rest", "q again leaves at once", Tone.CALM))
     if scene.refused_s is not None and scene.refused_s < REFUSAL_SHOWN_S and not scene.in_control:
-        found.append(Caution("you look on, and this key does nothing", "c takes control", Tone.NOTICE))
+        found.append(Caution("you are watching; this key does nothing", "c takes control", Tone.NOTICE))
     if scene.hint:
         found.append(Caution(scene.hint, "", Tone.NOTICE))
     if scene.ended:
@@ -320,7 +320,9 @@ def _cautions(scene: Scene) -> tuple[Caution, ...]:
     if scene.beginning:
         return tuple(found)
     if scene.news_age_s > NO_NEWS_AFTER_S:
-        found.append(Caution("the run says nothing", "press SPACE, then use the mount's own stop", Tone.BAD))
+        found.append(
+            Caution("the run does not answer", "press SPACE, then use the mount's own stop", Tone.BAD)
+        )
     elif scene.stop_sent_s is not None and scene.stop_sent_s > STOP_UNHEARD_AFTER_S and view.ended_by is None:
         found.append(Caution("the stop was not obeyed", "use the mount's own stop", Tone.BAD))
     for text in view.warnings:

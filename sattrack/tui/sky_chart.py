@@ -456,7 +456,7 @@ class SkyPanel(Widget):
         return self._drawn
 
     def on_resize(self, event: Resize) -> None:
-        """Draw anew, as large as it has become."""
+        """Draw again in the new size."""
         del event
         if self._scene is not None:
             self.draw(self._scene)

@@ -1,1 +1,1 @@
-"""What is shown of a run, a mount or a schedule, and what can be said to them: immutable types, no logic."""
+"""Views of a run, a mount and a schedule, the messages to them, and their text: immutable types, no I/O."""

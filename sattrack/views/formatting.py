@@ -186,9 +186,9 @@ def _parse_angle(text: str, what: str, forms: str) -> tuple[float, str]:
         if follower is None:
             continue
         if "." in number:
-            raise BadInputError(f"{what} {text!r}: {number} is no whole number, yet {name} follow it")
+            raise BadInputError(f"{what} {text!r}: {number} must be a whole number, as {name} follow it")
         if float(follower) >= 60.0:
-            raise BadInputError(f"{what} {text!r}: {follower} {name}; there are 60 of them")
+            raise BadInputError(f"{what} {text!r}: {follower} {name}: must be below 60")
     value = float(first) + float(minutes or 0.0) / 60.0 + float(seconds or 0.0) / 3600.0
     return (-value if sign in ("-", MINUS) else value), unit or ""
 
@@ -384,7 +384,7 @@ def is_alpaca(view: ConsoleView) -> bool:
 
 def alpaca_groups(view: ConsoleView, status: Status) -> tuple[Group, ...]:
     """Return what an Alpaca telescope tells, and how its requests are answered."""
-    not_told = {"its clock", "target RA", "target Dec"}
+    not_reported = {"its clock", "target RA", "target Dec"}
     here = pointing(view, status)
     rates = (status.ra_rate_dtics_s, status.dec_rate_dtics_s)
     guides = (status.ra_guide_rate_dtics_s, status.dec_guide_rate_dtics_s)
@@ -392,13 +392,13 @@ def alpaca_groups(view: ConsoleView, status: Status) -> tuple[Group, ...]:
     guide_ra, guide_dec = (
         number(rate / DTICS_S_PER_DEG_S, 4, " °/s") if rate else NOTHING for rate in guides
     )
-    told = {"slewing", "tracking", "pulse guiding", "at home", "at park", "refraction"}
+    reported = {"slewing", "tracking", "pulse guiding", "at home", "at park", "refraction"}
     site = {"latitude", "longitude", "height"}
     heard = {"state", "rate", "jitter", "age", "heard"}
     return (
-        Group(here.title, tuple(line for line in here.lines if line.name not in not_told)),
+        Group(here.title, tuple(line for line in here.lines if line.name not in not_reported)),
         Group(
-            "axes, by the places told",
+            "axes, from positions",
             (
                 StatusLine("hour angle", hour_angle),
                 StatusLine("declination", dec),
@@ -406,7 +406,7 @@ def alpaca_groups(view: ConsoleView, status: Status) -> tuple[Group, ...]:
                 StatusLine("guides Dec", guide_dec),
             ),
         ),
-        Group("state", tuple(line for line in state(view, status).lines if line.name in told)),
+        Group("state", tuple(line for line in state(view, status).lines if line.name in reported)),
         Group("site", tuple(line for line in place(view, status).lines if line.name in site)),
         Group("requests", tuple(line for line in link(view).lines if line.name in heard)),
     )
@@ -419,8 +419,8 @@ def status_groups(view: ConsoleView) -> tuple[Group, ...]:
         return (link(view),)
     if is_alpaca(view):
         return alpaca_groups(view, status)
-    told = tuple(make(view, status) for make in (pointing, drives, state, acknowledgements, place))
-    return (*told, readings(view), link(view))
+    groups = tuple(make(view, status) for make in (pointing, drives, state, acknowledgements, place))
+    return (*groups, readings(view), link(view))
 
 
 def status_text(view: ConsoleView, *more: Group) -> str:
@@ -430,8 +430,8 @@ def status_text(view: ConsoleView, *more: Group) -> str:
         rows += ["", group.title]
         rows += [f"  {line.name:<14}{line.value}" for line in group.lines]
     if view.warnings:
-        rows += ["", "to be looked at"]
-        rows += [f"  {words}" for words in view.warnings]
+        rows += ["", "warnings"]
+        rows += [f"  {text}" for text in view.warnings]
     return "\n".join(rows)
 
 
@@ -478,7 +478,7 @@ def summary_lines(summary: Summary) -> list[str]:
         lines.append(f"  paused for {summary.paused_s:.1f} s")
     if summary.rejoining_s:
         off = f", up to {summary.lost_peak_arcsec / 3600.0:.2g}° off" if summary.lost_peak_arcsec else ""
-        lines.append(f"  on the way back to the target {summary.rejoining_s:.1f} s{off}: not in the error")
+        lines.append(f"  returning to the target {summary.rejoining_s:.1f} s{off}: not in the error")
     counts = summary.datagrams
     lines.append(
         f"  datagrams: {counts.sent} sent, {counts.received} received, {counts.lost} lost, "
@@ -495,7 +495,7 @@ def summary_lines(summary: Summary) -> list[str]:
     if summary.why_not_acquired is not None and summary.why_not_acquired not in (summary.message or ""):
         lines.append(f"  never on target: {summary.why_not_acquired}")
     if summary.learnt is not None:
-        lines.append(f"  learnt of the mount: {learnt_line(summary.learnt)}")
+        lines.append(f"  learnt about the mount: {learnt_line(summary.learnt)}")
     if summary.recording is not None:
         trouble = "" if summary.recording_trouble is None else f": {summary.recording_trouble}"
         lines.append(f"  recorded in {summary.recording}{trouble}")
@@ -507,7 +507,7 @@ def _bias_lines(summary: Summary) -> list[str]:
     lines = [f"  offset {one.what}: {one.total:+.4f}" for one in others]
     if summary.remembered is not None:
         known = summary.remembered
-        lines.append(f"  began with a remembered bias ({known.source}): {known.state}")
+        lines.append(f"  started with a remembered bias ({known.source}): {known.state}")
     if summary.bias_memory is not None:
         lines.append(f"  bias memory: {summary.bias_memory}")
     estimate = summary.estimate
@@ -528,7 +528,7 @@ def learnt_line(learnt: LearntView) -> str:
     ra, dec = _lag(learnt.ra_lag_s, learnt.ra_lag_sigma_s), _lag(learnt.dec_lag_s, learnt.dec_lag_sigma_s)
     gains = f"gain RA {_gain(learnt.ra_gain)}, Dec {_gain(learnt.dec_gain)}"
     delay = f"command delay {1e3 * learnt.command_delay_s:.1f} ms"
-    anew = f", filters begun anew {learnt.restarts} times" if learnt.restarts else ""
+    anew = f", filters restarted {learnt.restarts} times" if learnt.restarts else ""
     return f"lag RA {ra}, Dec {dec}; {gains}; {delay}; settling {learnt.settling_s:.2f} s{anew}"
 
 

@@ -1,4 +1,4 @@
-"""Messages to a run, to whoever controls it, and to a manual console: one JSON object a line.
+"""Messages to a run, to its session, and to a manual console: one JSON object a line.
 
 To a run, from an operator or a camera's program:
 
@@ -166,7 +166,7 @@ Message = Nudge | ClearBias | DropRemembered | StopNow | OffsetBy | Search | Obs
 
 
 class TakeControl(msgspec.Struct, frozen=True, tag="take_control", forbid_unknown_fields=True):
-    """Have control from now on, whoever had it."""
+    """Take control, from anybody who has it."""
 
 
 class YieldControl(msgspec.Struct, frozen=True, tag="yield_control", forbid_unknown_fields=True):
@@ -174,7 +174,7 @@ class YieldControl(msgspec.Struct, frozen=True, tag="yield_control", forbid_unkn
 
 
 class LeaveRunning(msgspec.Struct, frozen=True, tag="leave_running", forbid_unknown_fields=True):
-    """From whoever started the run: the end of this channel is not to stop it."""
+    """From the starter of the run: the end of this channel must not stop it."""
 
 
 class Arm(msgspec.Struct, frozen=True, tag="arm", forbid_unknown_fields=True):
@@ -239,9 +239,9 @@ def decode_order(line: bytes) -> ConsoleMessage:
     return _ORDERS.decode(line)
 
 
-def _one_of(field: str, value: str, words: tuple[str, ...]) -> None:
-    if value not in words:
-        raise ValueError(f"{field} {value!r} is not known: give one of {', '.join(words)}")
+def _one_of(field: str, value: str, text: tuple[str, ...]) -> None:
+    if value not in text:
+        raise ValueError(f"{field} {value!r} is not known: give one of {', '.join(text)}")
 
 
 def _given(field: str, value: float | None, how: str, wanted: bool) -> None:

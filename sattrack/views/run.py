@@ -96,7 +96,7 @@ class PauseView(msgspec.Struct, frozen=True):
     """Whether the mount was seen at rest; false while it comes to rest, and while it is jogged."""
     jogging: bool
     going_on: bool = False
-    """Whether the run goes on as soon as the mount is at rest."""
+    """Whether the run resumes as soon as the mount is at rest."""
 
 
 class LearntView(msgspec.Struct, frozen=True):
@@ -119,7 +119,7 @@ class LearntView(msgspec.Struct, frozen=True):
     settling_s: float
     """Time constant with which an error is taken out, of the slower axis."""
     restarts: int
-    """How often the axes' filters contradicted what was seen, and began anew."""
+    """How often the axes' filters contradicted what was seen, and restarted."""
 
 
 class StageView(msgspec.Struct, frozen=True):
@@ -371,11 +371,11 @@ class ConsoleView(msgspec.Struct, frozen=True, tag="console"):
 
 
 STARTER = 0
-"""The number of whoever started the run and speaks to it directly."""
+"""The number of the starter, who speaks to the run directly."""
 
 
 class Watcher(msgspec.Struct, frozen=True):
-    """Somebody who looks on: a number of this run's own, and who that is in words."""
+    """Somebody who watches: a number of this run's own, and a description."""
 
     number: int
     name: str
@@ -393,13 +393,13 @@ class SessionView(msgspec.Struct, frozen=True, tag="session"):
     """The people before a run. Whoever has control moves the target; a stop is obeyed from anybody."""
 
     controller: int | None
-    """The number of whoever has control; None where nobody has."""
+    """The number of the one in control; None if nobody is."""
     watchers: tuple[Watcher, ...]
     """Those who look on, the first ones; the starter is none of them."""
     watching: int
     """How many look on in all."""
     left_running: bool = False
-    """Whether whoever started the run has gone, and had it go on."""
+    """Whether the starter of the run has left, and let it continue."""
     said: str | None = None
     """The last that happened among them, in words."""
     queue: tuple[Armed, ...] = ()
@@ -429,7 +429,7 @@ class Welcome(msgspec.Struct, frozen=True, tag="welcome"):
 
 
 class Farewell(msgspec.Struct, frozen=True, tag="farewell"):
-    """Why one who looks on is sent away, in words."""
+    """Why a watcher is sent away."""
 
     why: str
 

@@ -100,7 +100,7 @@ class ScheduleView(msgspec.Struct, frozen=True, tag="schedule"):
     """Since when the run is stopped by an operator; None where it is not."""
     stopped_by: str | None = None
     resume: str | None = None
-    """The command that takes an operator's stop back and goes on."""
+    """The command that cancels an operator's stop and continues."""
 
 
 class Rehearsed(msgspec.Struct, frozen=True):

@@ -33,13 +33,13 @@ def call(*arguments: str) -> int:
 
 class TestWhatIsWrongIsToldBeforeAnythingMoves:
     def test_no_file_to_write(self) -> None:
-        with pytest.raises(BadInputError, match=r"nowhere to write: give --out FILE"):
+        with pytest.raises(BadInputError, match=r"no output file: give --out FILE"):
             call("--mount", "sim", "--yes")
 
     def test_a_file_that_is_there_is_not_replaced(self, tmp_path: Path) -> None:
         file = tmp_path / "mount.toml"
         file.write_text("name = 'precious'\n", encoding="utf-8")
-        with pytest.raises(BadInputError, match="the file is there; give --force"):
+        with pytest.raises(BadInputError, match="the file exists; give --force"):
             call("--mount", "sim", "--yes", "--out", str(file))
         assert file.read_text(encoding="utf-8") == "name = 'precious'\n"
 

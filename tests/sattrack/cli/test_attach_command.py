@@ -125,7 +125,7 @@ def test_a_run_left_running_goes_on_without_whoever_started_it() -> None:
 
 def test_without_a_run_and_without_a_terminal_it_says_so_in_a_line() -> None:
     for arguments, code, words in (
-        (["--run", str(os.getpid()), "--json"], 1, "has no run to look at"),
+        (["--run", str(os.getpid()), "--json"], 1, "has no run to watch"),
         (["--run", str(os.getpid())], 2, "attach needs a terminal; --json is for programs"),
     ):
         done = subprocess.run(

@@ -190,18 +190,18 @@ def test_a_profile_to_be_learnt_is_a_new_file(tmp_path: Path, capsys: pytest.Cap
     there = tmp_path / "there.toml"
     there.write_text("")
     said = refused(capsys, 2, "track", "25544", *VIRTUAL, "--learn-profile", str(there))
-    assert "there is such a file; give a new name" in said
+    assert "the file exists; give a new name" in said
     assert len(said.splitlines()) == 1
     assert there.read_text() == ""
     faster = ("--mount", "sim", "--clock", "2026-10-02T13:00:00Zx10", "--headless")
     said = refused(capsys, 2, "track", "25544", *faster, "--learn-profile", str(tmp_path / "new.toml"))
-    assert "10 times the speed" in said
+    assert "10 times real speed" in said
 
 
 def test_a_profile_is_not_learnt_from_an_antenna(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     antenna = ("--mount", "antenna://127.0.0.1:1", "--headless")
     said = refused(capsys, 2, "track", "25544", *antenna, "--learn-profile", str(tmp_path / "new.toml"))
-    assert said == "sattrack: --learn-profile does not go with an antenna's controller; leave it out\n"
+    assert said == "sattrack: --learn-profile does not work with an antenna's controller; omit it\n"
 
 
 def test_a_virtual_pass_writes_what_it_learnt(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -63,9 +63,9 @@ def test_declinations(text: str, degrees: float) -> None:
         ("", "right ascension '': write 5h30m, 5:30:00, 5.5h or degrees as 82.5"),
         ("5:", "right ascension '5:': write 5h30m, 5:30:00, 5.5h or degrees as 82.5"),
         ("5 30 00", "right ascension '5 30 00': write 5h30m, 5:30:00, 5.5h or degrees as 82.5"),
-        ("5h61m", "right ascension '5h61m': 61 minutes; there are 60 of them"),
-        ("5h30m60s", "right ascension '5h30m60s': 60 seconds; there are 60 of them"),
-        ("5.5h30m", "right ascension '5.5h30m': 5.5 is no whole number, yet minutes follow it"),
+        ("5h61m", "right ascension '5h61m': 61 minutes: must be below 60"),
+        ("5h30m60s", "right ascension '5h30m60s': 60 seconds: must be below 60"),
+        ("5.5h30m", "right ascension '5.5h30m': 5.5 must be a whole number, as minutes follow it"),
     ],
 )
 def test_what_is_no_right_ascension(text: str, words: str) -> None:

@@ -95,14 +95,14 @@ def no_sockets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
             ("abort", "--clock", "2026-03-01T00:00:00Z"),
             "--clock is for simulated mounts only; a real mount follows the real sky",
         ),
-        (("watch", "--control"), "--control goes with --stream"),
+        (("watch", "--control"), "--control needs --stream"),
         (
             ("watch", "--park", "--stream"),
-            "--park goes with the screen; `sattrack mount park` parks without one",
+            "--park needs the screen; `sattrack mount park` parks without one",
         ),
         (
             ("watch",),
-            "watch needs a terminal; `sattrack mount status` is one look, --stream is for programs",
+            "watch needs a terminal; `sattrack mount status` shows one status, --stream is for programs",
         ),
     ],
 )
@@ -373,5 +373,5 @@ def test_a_console_whose_operator_is_gone_stops_the_jog() -> None:
             assert process.stderr is not None
             err = process.stderr.read()
         assert "the mount was stopped and seen at rest" in err
-        assert "1 control lines were no orders" in err
+        assert "1 control lines were not valid orders" in err
         mount.wait_until_moving(False)

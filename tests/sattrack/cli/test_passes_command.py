@@ -245,7 +245,7 @@ def test_elements_far_from_the_search_are_told(given: list[str], capsys: pytest.
     _, err = capsys.readouterr()
     assert err == (
         "sattrack: the elements of TDRS 3 are from 125 days before the search: "
-        "expect passes early or late, or none as told\n"
+        "passes may come early or late, or not at all\n"
     )
     assert run(["passes", "25544", *given[:-4], "--from", "2036-10-02", "--json"]) == 0
     told = capsys.readouterr().err.splitlines()
@@ -300,7 +300,7 @@ def test_a_chart(given: list[str], tmp_path: Path, capsys: pytest.CaptureFixture
 @pytest.mark.parametrize(
     ("arguments", "code", "says"),
     [
-        (("--json", "--csv"), 2, "give one of them"),
+        (("--json", "--csv"), 2, "give only one of"),
         (("--magnitude", "4"), 2, "--magnitudes FILE"),
         (("--max-rate", "-1"), 2, "above 0"),
         (("--max-rate", "nan"), 2, "nan"),

@@ -62,7 +62,7 @@ def test_a_session_stops_its_mount_and_ends(
         assert f"process {session.pid}, since" in capsys.readouterr().err
         assert run(["mount", "status", "--mount", mount.url, "--json"]) == 0
         out, err = capsys.readouterr()
-        assert err.startswith("sattrack: as its owner hears it: `sattrack mount move --ra-rate -1")
+        assert err.startswith("sattrack: as its owner receives it: `sattrack mount move --ra-rate -1")
         told = json.loads(out)
         assert told["status"]["ack_move_ra"]
         assert told["link"]["received"] >= 15

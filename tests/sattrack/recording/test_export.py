@@ -228,7 +228,7 @@ def test_without_observations_there_is_no_tdm_and_the_reason_is_told(
     short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(["recording", "export", str(short), str(tmp_path / "none.tdm")]) == 1
-    assert "no observation in it" in capsys.readouterr().err
+    assert "holds no observation" in capsys.readouterr().err
     assert not (tmp_path / "none.tdm").exists()
 
 
@@ -268,6 +268,6 @@ def test_nothing_is_written_over_and_an_unknown_ending_is_told(
     assert run(["recording", "export", str(short), str(out)]) == 2
     assert out.read_text() == "mine"
     assert run(["recording", "export", str(short), str(tmp_path / "x.docx")]) == 2
-    assert "its ending tells no format" in capsys.readouterr().err
+    assert "unknown ending" in capsys.readouterr().err
     assert run(["recording", "export", str(short), str(tmp_path / "no" / "x.csv")]) == 2
     assert "cannot be written" in capsys.readouterr().err

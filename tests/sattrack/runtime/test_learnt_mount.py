@@ -195,11 +195,11 @@ def test_what_only_the_simulated_mount_needs_is_kept(tmp_path: Path) -> None:
 def test_a_file_that_is_there_or_has_no_folder_or_a_faster_clock_is_refused(tmp_path: Path) -> None:
     there = tmp_path / "there.toml"
     there.write_text("")
-    with pytest.raises(BadInputError, match="there is such a file"):
+    with pytest.raises(BadInputError, match="the file exists"):
         check_new_profile(there)
     with pytest.raises(BadInputError, match="there is no folder"):
         check_new_profile(tmp_path / "nowhere" / "new.toml")
-    with pytest.raises(BadInputError, match="10 times the speed"):
+    with pytest.raises(BadInputError, match="10 times real speed"):
         check_new_profile(tmp_path / "new.toml", 10.0)
     check_new_profile(tmp_path / "new.toml")
     check_new_profile(None, 10.0)
@@ -209,7 +209,7 @@ def test_the_summary_tells_what_was_learnt(first: family.Run) -> None:
     summary = summarise(first.engine, RunStatistics(), first.errors[-1].utc_s)
     assert summary.learnt == learnt_of(first)
     assert summary.why_not_acquired is None
-    line = next(line for line in summary_lines(summary) if "learnt of the mount" in line)
+    line = next(line for line in summary_lines(summary) if "learnt about the mount" in line)
     assert "lag RA 11" in line
     assert "gain RA 1.02" in line
 

@@ -101,12 +101,12 @@ def test_a_run_without_a_mount_or_with_options_that_do_not_go_with_one_says_so_a
     real = ("--mount", "xerxes://127.0.0.1:15001?listen=15002")
     for options, words in (
         ((), "no mount: give --mount"),
-        ((*real, "--virtual"), "--virtual goes with --mount sim only"),
+        ((*real, "--virtual"), "--virtual needs --mount sim"),
         ((*real, *CLOCK), "--clock is for simulated mounts only"),
-        (("--mount", "sim", "--seed", "1"), "--seed draws troubles for --virtual only"),
+        (("--mount", "sim", "--seed", "1"), "--seed needs --virtual"),
         (("--mount", "antenna://127.0.0.1:1"), "an antenna's controller runs no schedules"),
         (("--mount", "sim", "--virtual", "--to", "2026-10-01T00:00:00Z"), "give --from and --to in order"),
-        (("--mount", "sim", "--png", "x.png"), "--png goes with --dry-run"),
+        (("--mount", "sim", "--png", "x.png"), "--png needs --dry-run"),
     ):
         assert run(["run", file, "--elements", sky, *LEIDEN, *options]) == 2
         out, err = capsys.readouterr()

@@ -117,7 +117,7 @@ def test_the_state_in_a_word(changes: dict[str, object], words: str) -> None:
 def test_a_console_that_is_silent_is_told_with_what_to_do() -> None:
     rows = drawn(later_s=3.0)
     assert rows[1] == "  NO NEWS  from the console for 3 s: everything below is old"
-    assert rows[2] == " ! the console says nothing: press SPACE, then use the mount's own stop"
+    assert rows[2] == " ! the console does not answer: press SPACE, then use the mount's own stop"
 
 
 def test_what_was_not_done_and_what_is_wrong_stand_below_the_state() -> None:

@@ -487,7 +487,7 @@ def test_the_schedule_of_a_run_shows_what_was_what_is_and_what_comes(size: tuple
     ("state", "more", "words"),
     [
         ("ended", {}, "ENDED  the schedule is over"),
-        ("stopped", {}, "STOPPED  its runner has ended; run it again to go on"),
+        ("stopped", {}, "STOPPED  its runner has ended; run it again to continue"),
         (
             "stopped",
             {"stopped_utc": "2026-10-02T20:00:00Z", "resume": "sattrack run n.toml --resume"},
@@ -528,7 +528,7 @@ def test_a_run_of_no_schedule_says_so_and_a_status_that_cannot_be_read_why() -> 
     async def act(app: TrackApp, pilot: Pilot[None]) -> None:
         await pilot.press("4")
         await pilot.pause()
-        assert "this run is of no schedule" in text_of(app)
+        assert "this run belongs to no schedule" in text_of(app)
         app._screens._read, app._screens._read_s = read, None
         app.look()
         await pilot.pause()

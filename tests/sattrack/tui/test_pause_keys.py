@@ -238,7 +238,7 @@ def test_a_mount_that_was_not_seen_at_rest_is_not_parked(
     end = replace(OVER, summary=msgspec.structs.replace(OVER.summary, **how))
     given, shown = parked(terminal, end)
     assert given == []
-    assert "not parked: the run did not end as asked, with the mount seen at rest" in shown
+    assert "not parked: the run did not end with the mount at rest" in shown
 
 
 @pytest.mark.parametrize(

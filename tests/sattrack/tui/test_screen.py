@@ -229,7 +229,7 @@ def test_an_ended_run_says_why(changes: dict[str, object], headline: str, second
 def test_a_feeder_that_ends_without_a_word_is_told() -> None:
     rows = drawn(news=News((), True))
 
-    assert rows[1].strip() == "RUN LOST  it ended without a word: stop the mount by hand"
+    assert rows[1].strip() == "RUN LOST  it ended unexpectedly: stop the mount by hand"
 
 
 def test_warnings_come_forward_with_what_to_do() -> None:
@@ -263,7 +263,7 @@ def test_silence_of_the_feeder_and_an_unheard_stop_are_told() -> None:
     first, headline, caution = asyncio.run(run())
     assert first.strip() == "STOP SENT  not confirmed yet"
     assert headline.strip() == "NO NEWS  from the run for 3 s: figures below are old"
-    assert caution.strip() == "! the run says nothing: press SPACE, then use the mount's own stop"
+    assert caution.strip() == "! the run does not answer: press SPACE, then use the mount's own stop"
 
 
 def test_a_stop_that_is_not_obeyed_is_told() -> None:

@@ -133,8 +133,8 @@ def elements(tmp_path_factory: pytest.TempPathFactory) -> str:
     [
         ({"alignmentmode": "1"}, "alignment     polar"),
         ({"alignmentmode": "2"}, "alignment     German"),
-        ({}, "alignment     not told, taken for an equatorial one"),
-        ({"alignmentmode": '"what"'}, "alignment     not told, taken for an equatorial one"),
+        ({}, "alignment     not reported, taken as equatorial"),
+        ({"alignmentmode": '"what"'}, "alignment     not reported, taken as equatorial"),
     ],
 )
 def test_status_tells_what_an_alpaca_telescope_has(

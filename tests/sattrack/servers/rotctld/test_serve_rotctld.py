@@ -159,7 +159,7 @@ def test_the_mount_of_another_program_is_not_served_and_its_owner_is_named(
         (("--idle", "nan"), "--idle nan: 1 or more"),
         (("--requests", "0.5"), "--requests 0.5: 1 or more"),
         (("--allow", "nowhere"), "--allow nowhere"),
-        (("--clock", "2026-10-02T13:00:00Zx10"), "leave its speed out"),
+        (("--clock", "2026-10-02T13:00:00Zx10"), "give no speed"),
         (("--mount", "antenna://there:1"), "sattrack track"),
     ],
 )
