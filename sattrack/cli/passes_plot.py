@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sattrack.cli.common import tell
-from sattrack.recording.plots import new_figure, save, sky_axes
+from sattrack.recording.rendering import new_figure, save, sky_axes
 from tle.instants import Utc
 from tle.propagator import Propagator
 

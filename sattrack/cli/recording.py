@@ -12,13 +12,20 @@ import msgspec
 
 from sattrack.cli.common import CommandContext, common_options, tell
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.recording.anonymous import random_shift_s, write_anonymous, write_as_it_is
-from sattrack.recording.export import ERROR, TABLES, error_columns, table_of
+from sattrack.recording.export import (
+    ERROR,
+    TABLES,
+    error_columns,
+    random_shift_s,
+    table_of,
+    write_anonymous,
+    write_as_it_is,
+)
 from sattrack.recording.trace import trace
 from sattrack.runtime.facts import engine_of, open_recording
 
 if TYPE_CHECKING:
-    from sattrack.recording.reading import Recording, RecordingView
+    from sattrack.recording.format import Recording, RecordingView
     from sattrack.runtime.facts import RunFacts
 
 FORMATS = ("mcap", "pcapng", "csv", "json", "parquet", "tdm")
@@ -36,7 +43,7 @@ def command() -> None:
 @common_options
 def info(context: CommandContext, file: Path, part: int) -> int:
     """Say what a recording holds, on what it was made, and what is wrong with it."""
-    from sattrack.recording.reading import look
+    from sattrack.recording.format import look
 
     recording, facts = open_recording(file, part)
     view = look(recording)
@@ -123,7 +130,7 @@ def _write(kind: str, recording: Recording, facts: RunFacts, out: Path, table: s
 
 def write_tdm(recording: Recording, facts: RunFacts, out: Path) -> None:
     """Write the observations in a recording as a TDM; raises SattrackError where there are none."""
-    from sattrack.recording.observed import seen_in, tdm_text
+    from sattrack.recording.export import seen_in, tdm_text
 
     seen = seen_in(recording, facts.elements.catalog_number)
     if not seen:

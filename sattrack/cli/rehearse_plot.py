@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sattrack.recording.plots import INK, PALE, label_times, new_figure, save, sky_axes, times
+from sattrack.recording.rendering import INK, PALE, label_times, new_figure, save, sky_axes, times
 from tle.instants import Utc
 
 if TYPE_CHECKING:

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from sattrack.control.engine import Engine
     from sattrack.control.law import ControlLaw
-    from sattrack.recording.reading import Entry, Recording
+    from sattrack.recording.format import Entry, Recording
     from sattrack.runtime.facts import RunFacts
 
 VIEW_EVERY_S = 0.1

@@ -13,8 +13,8 @@ from sattrack import __version__
 from sattrack.cli.common import CommandContext, common_options, renew, show, table, tell
 from sattrack.cli.recording import write_tdm
 from sattrack.core.errors import BadInputError
+from sattrack.recording.rendering import TREND_HEADS, all_rows, report_html, trend_rows
 from sattrack.recording.report import make_report
-from sattrack.recording.report_text import TREND_HEADS, all_rows, report_html, trend_rows
 from sattrack.recording.trace import trace
 from sattrack.runtime.bias_memory import keep_fit
 from sattrack.runtime.facts import engine_of, open_recording
@@ -22,9 +22,9 @@ from sattrack.runtime.facts import engine_of, open_recording
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from sattrack.recording.reading import Recording
+    from sattrack.recording.fits import BiasFit
+    from sattrack.recording.format import Recording
     from sattrack.recording.report import Report
-    from sattrack.recording.smoothing import BiasFit
     from sattrack.recording.trace import Trace
     from sattrack.runtime.facts import RunFacts
 
@@ -87,7 +87,7 @@ def _draw(
     html_file: Path | None,
     folder: Path | None,
 ) -> None:
-    from sattrack.recording.plots import figures, save, trend
+    from sattrack.recording.rendering import figures, save, trend
 
     plots = [(report, figures(run, fit)) for _, _, run, report, fit in found]
     over_time = trend([report for report, _ in plots])

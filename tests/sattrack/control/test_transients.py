@@ -17,8 +17,7 @@ from sattrack.control.response import Commanded, Step
 from sattrack.core.angles import wrap180
 from sattrack.mount.model import MountProfile, StatusSample
 from sattrack.mount.xerxes.datagrams import decode_command, decode_status
-from sattrack.recording.format import COMMAND, STATUS
-from sattrack.recording.reading import Recording
+from sattrack.recording.format import COMMAND, STATUS, Recording
 
 LATCHED = Path(__file__).resolve().parents[4] / "shared" / "cases" / "latched"
 TURN_S, ARCSEC = 0.05, 1.0 / 3600.0

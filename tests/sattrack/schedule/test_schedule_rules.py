@@ -6,7 +6,7 @@ import pytest
 
 from sattrack.core.errors import BadInputError
 from sattrack.core.origin import Origin
-from sattrack.schedule.rules import Conditions, Rule, parse_rule
+from sattrack.schedule.schema import Conditions, Rule, parse_rule
 
 HERE = Origin("n.toml", 3, 9)
 
