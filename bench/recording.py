@@ -27,8 +27,7 @@ from pathlib import Path
 import msgspec
 
 from sattrack.core.realtime import undisturbed
-from sattrack.recording.format import COMMAND, VIEW
-from sattrack.recording.reading import Recording
+from sattrack.recording.format import COMMAND, VIEW, Recording
 from sattrack.recording.recorder import BackgroundRecorder, NoRecording, Recorder, Sink, create
 from sattrack.recording.replay import replay
 from sattrack.runtime import demo_pass, flight

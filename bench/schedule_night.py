@@ -36,8 +36,8 @@ from planning_nights import random_sky
 from sattrack.cli.main import run as run_command
 from sattrack.schedule import machine
 from sattrack.schedule.night import Event, Mount, Run, RunState, Started
-from sattrack.schedule.night_files import FILE_NAME, Journal
-from sattrack.schedule.night_virtual import WatchedMount
+from sattrack.schedule.night_folder import FILE_NAME, Journal
+from sattrack.schedule.virtual_executor import WatchedMount
 from tle.instants import Utc
 from tle.sources import write_elements
 

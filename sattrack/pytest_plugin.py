@@ -16,7 +16,7 @@ import pytest
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from sattrack.recording.reading import Recording
+    from sattrack.recording.format import Recording
     from sattrack.recording.replay import Output, Replay, Tolerances
 
 FOLDER = "passes"
@@ -99,7 +99,7 @@ def check_pass(path: Path, config: pytest.Config, tolerances: Tolerances | None 
 
     With the option to update, keep what came out instead.
     """
-    from sattrack.recording.reading import Recording
+    from sattrack.recording.format import Recording
     from sattrack.recording.replay import replay, replay_lines
     from sattrack.runtime.facts import engine_of, open_recording
 
@@ -148,7 +148,7 @@ def _keep(path: Path, recording: Recording, result: Replay, outputs: list[Output
 def _plot(path: Path, config: pytest.Config, outputs: list[Output], result: Replay) -> str:
     """Save a picture of what differs; return a line that says where."""
     from sattrack.core.errors import BadInputError
-    from sattrack.recording.plots import save_divergence
+    from sattrack.recording.rendering import save_divergence
 
     cache = config.cache
     folder = Path.cwd() if cache is None else Path(cache.mkdir("sattrack"))

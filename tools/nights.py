@@ -9,7 +9,7 @@ import re
 import sys
 from typing import TYPE_CHECKING
 
-from sattrack.schedule.machine import TABLE, TableRow, words_of
+from sattrack.schedule.machine import TABLE, TableRow, text_of
 from sattrack.schedule.night import RunState, StopAsked
 from tools.protocol.regions import replace_region
 from tools.writing import write_or_compare
@@ -35,8 +35,8 @@ def table() -> str:
 
 def _line(row: TableRow, new: bool) -> str:
     event = re.sub(r"(?<!^)(?=[A-Z])", " ", row.event.__name__).lower()
-    then = words_of(row.action)
-    cells = (row.state.value if new else "", event, words_of(row.condition), then, row.next_state.value)
+    then = text_of(row.action)
+    cells = (row.state.value if new else "", event, text_of(row.condition), then, row.next_state.value)
     return "| " + " | ".join(cells) + " |"
 
 

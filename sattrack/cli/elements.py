@@ -12,7 +12,7 @@ import msgspec
 
 from sattrack.cli.common import CommandContext, common_options, tell, write_file
 from sattrack.core.errors import BadInputError
-from sattrack.runtime.bias_memory import BiasMemory, KeptBias, memory_file, told
+from sattrack.runtime.bias_memory import BiasMemory, KeptBias, describe, memory_file
 from tle.elements import expected_along_arcsec, expected_along_s
 from tle.errors import PropagationError, TleError
 from tle.instants import Utc
@@ -316,5 +316,5 @@ def _bias_lines(entries: Sequence[KeptBias], now_utc_s: float) -> list[str]:
         state = "  DROPPED" if one.dropped else ""
         name = one.name or str(one.catalog_number)
         lines.append(f"{one.entry:4d}  {name} ({one.catalog_number}), elements of {epoch}{state}")
-        lines.append(f"      {told(one, now_utc_s)}; by the {one.made_by}, {one.mount}")
+        lines.append(f"      {describe(one, now_utc_s)}; by the {one.made_by}, {one.mount}")
     return lines

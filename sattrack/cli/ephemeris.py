@@ -190,7 +190,7 @@ def _print_table(times: list[Utc], columns: dict[str, list[Any]]) -> None:
 
 def _plot(path: Path, elements: Elements, seen: Direction) -> None:
     """Draw the track on the sky, and the rates against time. Raises BadInputError where that cannot be."""
-    from sattrack.recording.plots import new_figure, save, sky_axes
+    from sattrack.recording.rendering import new_figure, save, sky_axes
 
     minutes = (seen.utc.unix_s - seen.utc.unix_s[0]) / 60.0
     figure = new_figure(11.0, 5.0)

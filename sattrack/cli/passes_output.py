@@ -485,7 +485,7 @@ def plot_passes(path: Path, table: PassTable) -> None:
 
     Raises BadInputError where that cannot be.
     """
-    from sattrack.recording.plots import new_figure, save, sky_axes
+    from sattrack.recording.rendering import new_figure, save, sky_axes
 
     figure = new_figure(10.0, 7.0)
     passes = table.passes

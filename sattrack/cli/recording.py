@@ -13,10 +13,17 @@ import msgspec
 from sattrack import __version__
 from sattrack.cli.common import CommandContext, common_options, renew, share_progress, show, table, tell
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.recording.anonymous import random_shift_s, write_anonymous, write_as_it_is
-from sattrack.recording.export import ERROR, TABLES, error_columns, table_of
+from sattrack.recording.export import (
+    ERROR,
+    TABLES,
+    error_columns,
+    random_shift_s,
+    table_of,
+    write_anonymous,
+    write_as_it_is,
+)
+from sattrack.recording.rendering import TREND_HEADS, all_rows, report_html, trend_rows
 from sattrack.recording.report import make_report
-from sattrack.recording.report_text import TREND_HEADS, all_rows, report_html, trend_rows
 from sattrack.recording.trace import trace
 from sattrack.runtime.bias_memory import keep_fit
 from sattrack.runtime.facts import engine_of, open_recording
@@ -24,9 +31,9 @@ from sattrack.runtime.facts import engine_of, open_recording
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sattrack.recording.reading import Recording, RecordingView
+    from sattrack.recording.fits import BiasFit
+    from sattrack.recording.format import Recording, RecordingView
     from sattrack.recording.report import Report
-    from sattrack.recording.smoothing import BiasFit
     from sattrack.recording.trace import Trace
     from sattrack.runtime.facts import RunFacts
 
@@ -49,7 +56,7 @@ def command() -> None:
 @common_options
 def info(context: CommandContext, file: Path, part: int) -> int:
     """Show what a recording holds, where it was made, and what is wrong with it."""
-    from sattrack.recording.reading import look
+    from sattrack.recording.format import look
 
     recording, facts = open_recording(file, part)
     view = look(recording)
@@ -142,7 +149,7 @@ def _write(kind: str, recording: Recording, facts: RunFacts, out: Path, table: s
 
 def write_tdm(recording: Recording, facts: RunFacts, out: Path) -> None:
     """Write the observations in a recording as a TDM; raises SattrackError where there are none."""
-    from sattrack.recording.observed import seen_in, tdm_text
+    from sattrack.recording.export import seen_in, tdm_text
 
     seen = seen_in(recording, facts.elements.catalog_number)
     if not seen:
@@ -213,7 +220,7 @@ def _draw(
     html_file: Path | None,
     folder: Path | None,
 ) -> None:
-    from sattrack.recording.plots import figures, save, trend
+    from sattrack.recording.rendering import figures, save, trend
 
     plots = [(report, figures(run, fit)) for _, _, run, report, fit in found]
     over_time = trend([report for report, _ in plots])

@@ -12,7 +12,7 @@ import numpy as np
 
 from sattrack.cli.common import CommandContext, common_options, profile_option, show, table, tell
 from sattrack.core.errors import BadInputError
-from sattrack.recording.plots import INK, PALE, label_times, new_figure, save, sky_axes, times
+from sattrack.recording.rendering import INK, PALE, label_times, new_figure, save, sky_axes, times
 from sattrack.runtime.facts import REFRACTION_MODES
 from tle.errors import printable
 from tle.instants import Utc

@@ -37,7 +37,7 @@ from tle.errors import TleError
 if TYPE_CHECKING:
     from sattrack.control.engine import Engine
     from sattrack.control.following import ControlLaw
-    from sattrack.recording.reading import Entry, Recording
+    from sattrack.recording.format import Entry, Recording
     from sattrack.runtime.facts import RunFacts
 
 VIEW_EVERY_S = 0.1

@@ -29,9 +29,9 @@ from sattrack.schedule.candidates import named_by
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.making import make_plan
 from sattrack.schedule.night import End, NightPass, Planned, RunSettings, mean_noon_s
-from sattrack.schedule.night_commands import BackgroundTasks, Notifier
-from sattrack.schedule.night_files import NightFiles, open_run
-from sattrack.schedule.night_hands import LiveExecutor, NightContext, drive
+from sattrack.schedule.night_executor import LiveExecutor, NightContext, drive
+from sattrack.schedule.night_folder import NightFiles, open_run
+from sattrack.schedule.night_processes import BackgroundTasks, Notifier, Service
 from sattrack.schedule.night_stop import (
     NightRequests,
     handling_signals,
@@ -42,8 +42,7 @@ from sattrack.schedule.night_stop import (
     take_back_stop,
     unlist_night,
 )
-from sattrack.schedule.night_virtual import SimulatedStation, Troubles, VirtualExecutor
-from sattrack.schedule.service import Service
+from sattrack.schedule.virtual_executor import SimulatedStation, Troubles, VirtualExecutor
 from tle.errors import TleError
 from tle.instants import Utc
 from tle.sources import newest
@@ -59,8 +58,8 @@ if TYPE_CHECKING:
     from sattrack.schedule.file import Schedule
     from sattrack.schedule.making import Chosen
     from sattrack.schedule.night import Run
-    from sattrack.schedule.night_files import Journal
-    from sattrack.schedule.night_hands import Executor
+    from sattrack.schedule.night_executor import Executor
+    from sattrack.schedule.night_folder import Journal
     from sattrack.schedule.night_stop import OperatorStop
     from tle.elements import Elements
 

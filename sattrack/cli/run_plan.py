@@ -213,7 +213,7 @@ def rehearser(
     from sattrack.control.tracker import TrackPlan
     from sattrack.runtime.facts import Prepared
     from sattrack.runtime.rehearse import READY_S, rehearse
-    from sattrack.schedule.night_virtual import planned_facts
+    from sattrack.schedule.virtual_executor import planned_facts
     from sattrack.views.schedule import Rehearsed
 
     site, clock = context.site(), context.clock()

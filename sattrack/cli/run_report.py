@@ -13,9 +13,9 @@ from sattrack.cli.common import renew, tell
 from sattrack.core import local_time
 from sattrack.core.errors import SattrackError
 from sattrack.schedule.night import Planned, Started, SummedUp
-from sattrack.schedule.night_commands import facts_of
-from sattrack.schedule.night_files import OLD_AFTER_S, read_status
-from sattrack.schedule.summary import held_words, view_of
+from sattrack.schedule.night_folder import OLD_AFTER_S, read_status
+from sattrack.schedule.night_processes import facts_of
+from sattrack.schedule.summary import limits_text, view_of
 from sattrack.views.formatting import iso_clock, iso_unix_s
 from tle.errors import printable
 
@@ -24,9 +24,8 @@ if TYPE_CHECKING:
 
     from sattrack.cli.common import CommandContext
     from sattrack.schedule.night import Event, Order, Run
-    from sattrack.schedule.night_commands import Notifier
-    from sattrack.schedule.night_files import Journal, NightFiles
-    from sattrack.schedule.service import Service
+    from sattrack.schedule.night_folder import Journal, NightFiles
+    from sattrack.schedule.night_processes import Notifier, Service
     from sattrack.views.schedule import (
         EntryOutcome,
         LostPass,
@@ -230,7 +229,7 @@ def _line(one: SchedulePassView, view: ScheduleView) -> str:
     why = f": {one.cause}" + (f": {printable(one.words)}" if one.words else "") if one.cause else ""
     if one.on_target_s and one.rms_arcsec is not None:
         why = f"  {one.on_target_s:.0f} s, {one.rms_arcsec:.2f}″ RMS{why}"
-    held = held_words(one)
+    held = limits_text(one)
     why += f"; {held}" if held else ""
     if not one.on_target_s and one.lost_to:
         why += "  foretold: " + ", ".join(f"{lost.seconds:.0f} s to the {lost.limit}" for lost in one.lost_to)

@@ -1,9 +1,14 @@
-"""The recording's layout, an MCAP file with one channel for each kind of input and output, and what made it.
+"""The layout of a recording, an MCAP file with one channel for each kind of input and output; and its reader.
 
 Instants are UTC. MCAP counts them in integer nanoseconds of POSIX time, which is finer than the floats that
 the run computes with, so every instant comes back as the same float. The same code with the same libraries on
 the same kind of processor gives the same bytes; linear algebra rounds differently from one kind of processor
 to the next, and so do versions of libraries.
+
+A file may be cut off, damaged, two in one, or another program's. It is a row of chunks, each compressed and
+with a checksum of its own. They are found by what they begin with and not by the lengths before them, so that
+one damaged byte costs one chunk, 0.8 s of the run. Layout: MCAP format specification, records Chunk (0x06),
+Message (0x05), Channel (0x04), Footer (0x02).
 """
 
 from __future__ import annotations
@@ -11,10 +16,26 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import platform
+import struct
+import zlib
+from collections import Counter
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
+
+from sattrack.core.errors import BadInputError
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S
+from sattrack.mount.xerxes.datagrams import DatagramError, decode_status
+from sattrack.views.messages import Observation, decode_message
+from tle.instants import Utc
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from tle.bias import Frame
+
 
 LIBRARIES = ("astropy-iers-data", "filterpy", "msgspec", "numpy", "pyerfa", "scipy", "sgp4")
 """Packages that take part in what is computed of a datagram."""
@@ -136,3 +157,328 @@ def to_ns(utc_s: float) -> int:
 def from_ns(ns: int) -> float:
     """Return the float that `to_ns` was given."""
     return ns / 1_000_000_000
+
+
+GAP = "gap"
+"""Topic of the entry that stands where messages are missing."""
+MAGIC = b"\x89MCAP0\r\n"
+_ZSTD = b"\x04\x00\x00\x00zstd"
+_ZSTD_FRAME = b"\x28\xb5\x2f\xfd"
+_BEFORE_ZSTD = 37
+_CHUNK_HEAD = struct.Struct("<BQQQQI")
+_U64 = struct.Struct("<Q")
+_RECORD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")
+_FOOTER = struct.Struct("<BQQQI")
+_CHANNEL = struct.Struct("<HHI")
+_CHANNEL_CODE, _MESSAGE_CODE, _CHUNK_CODE = 4, 5, 6
+_FOOTER_CODE, _STATISTICS_CODE = 2, 11
+_END_BYTES = 37
+"""Footer, with its code and length, and the closing magic."""
+_BETWEEN_BYTES = 400
+"""From one recording's closing magic to the next one's first chunk, and more."""
+LARGEST_CHUNK = 64 * 2**20
+
+
+class Entry(NamedTuple):
+    """One message of a recording, in the order in which it was written."""
+
+    topic: str
+    utc_s: float
+    data: bytes
+
+
+class Recording:
+    """A recording: its header, its entries, and what is wrong with the file in `problems`.
+
+    `part` says which, where a file holds several one after the other. `cut_off` says that the file ends
+    without its proper end, `whole` that no message is missing before that.
+    """
+
+    def __init__(self, path: Path, part: int = 1) -> None:
+        """Read the file. Raises BadInputError where it is none of ours, or a newer version's."""
+        self.path = path
+        self.problems: list[str] = []
+        self.whole = True
+        try:
+            data = path.read_bytes()
+        except OSError as error:
+            raise BadInputError(f"{path}: cannot be read: {error.strerror}") from error
+        if not data:
+            raise BadInputError(f"{path}: is empty: the run ended before anything was recorded")
+        parts = list(_parts(data, self._note))
+        self.parts = len(parts)
+        if not 1 <= part <= max(1, len(parts)):
+            raise BadInputError(f"{path}: holds {len(parts)} recordings, no number {part}")
+        if not parts:
+            raise BadInputError(f"{path}: {_why_none(data, bool(self.problems))}")
+        (first, *self._entries), self.cut_off = parts[part - 1]
+        if len(parts) > 1:
+            self.problems.append(
+                f"{len(parts)} recordings in one file: this is number {part}; --part N takes another"
+            )
+        self.header = self._read_header(first.data)
+        self.whole = all(entry.topic != GAP for entry in self._entries)
+        if not self.whole:
+            gaps = sum(entry.topic == GAP for entry in self._entries)
+            self.problems.append(f"messages are missing in {gaps} place{'s' * (gaps > 1)}")
+        self._check_count(data)
+        if self.cut_off:
+            self.problems.append("cut off: the file lacks its end, as after a kill or a full disk")
+
+    def entries(self) -> Iterator[Entry]:
+        """Give the entries after the header, a `GAP` where some are missing."""
+        return iter(self._entries)
+
+    def __len__(self) -> int:
+        """Return how many entries there are."""
+        return len(self._entries)
+
+    def _check_count(self, data: bytes) -> None:
+        """Hold what was read against the count at the file's end: the last chunk has nothing after it."""
+        if self.cut_off or self.parts > 1:
+            return
+        count = _count(data)
+        if count is None:
+            self.problems.append("damaged in the index at its end, which holds nothing of the run")
+        elif self.whole and count > len(self._entries) + 1:
+            self.whole = False
+            self.problems.append(f"damaged: the last {count - len(self._entries) - 1} messages are lost")
+
+    def _note(self, problem: str) -> None:
+        self.problems.append(problem)
+
+    def _read_header(self, data: bytes) -> RunHeader:
+        version = _VersionOnly(0, "")
+        try:
+            version = msgspec.json.decode(data, type=_VersionOnly)
+            if version.format_version <= FORMAT_VERSION:
+                return msgspec.json.decode(data, type=RunHeader)
+        except msgspec.MsgspecError as error:
+            raise BadInputError(f"{self.path}: the recording's header cannot be read: {error}") from error
+        raise BadInputError(
+            f"{self.path}: format {version.format_version}, written by a newer sattrack, "
+            f"{version.program_version}; this one reads formats up to {FORMAT_VERSION}"
+        )
+
+
+class _VersionOnly(msgspec.Struct):
+    format_version: int
+    program_version: str
+
+
+def _why_none(data: bytes, damaged: bool) -> str:
+    if not data.startswith(MAGIC):
+        return "no recording of sattrack: not an MCAP file" + (
+            ", or its beginning is lost" if damaged else ""
+        )
+    if damaged:
+        return "no recording that can be read: its beginning is damaged, and with it the run's facts"
+    if len(data) < 2000:  # a header and nothing else
+        return "no recording that can be read: it ends before the run's facts were written"
+    return "no recording of sattrack: an MCAP file of another program"
+
+
+def _parts(data: bytes, note: Callable[[str], None]) -> Iterator[tuple[list[Entry], bool]]:
+    """Give each recording in a file: its entries, the header's first, and whether its end is missing."""
+    entries: list[Entry] = []
+    expected = 0
+    for at, topic, sequence, utc_s, message in _messages(data, note):
+        if topic == RUN:
+            if entries:
+                yield entries, data[max(0, at - _BETWEEN_BYTES) : at].count(MAGIC) < 2
+            entries = [Entry(topic, utc_s, message)]
+        elif entries:
+            if sequence != expected:
+                entries.append(Entry(GAP, utc_s, b""))
+            entries.append(Entry(topic, utc_s, message))
+        expected = sequence + 1
+    if entries:
+        yield entries, not (data.endswith(MAGIC) and data[-_END_BYTES] == _FOOTER_CODE)
+
+
+def _count(data: bytes) -> int | None:
+    """Return how many messages the file's end says there are; None where that is damaged."""
+    footer = len(data) - _END_BYTES
+    _, _, begin, _, checksum = _FOOTER.unpack_from(data, footer)
+    if not 0 < begin <= footer or zlib.crc32(data[begin : footer + _FOOTER.size - 4]) != checksum:
+        return None
+    while begin + _RECORD.size < footer:
+        code, length = _RECORD.unpack_from(data, begin)
+        begin += _RECORD.size
+        if code == _STATISTICS_CODE:
+            count: int = _U64.unpack_from(data, begin)[0]
+            return count
+        begin += length
+    return None
+
+
+def _messages(data: bytes, note: Callable[[str], None]) -> Iterator[tuple[int, str, int, float, bytes]]:
+    """Give every message that can be read: its chunk's place, topic, sequence, instant and content."""
+    channels: dict[int, str] = {}
+    for at, chunk in _chunks(data, note):
+        try:
+            for sequence, channel, log_ns, content in _in_chunk(chunk, channels):
+                topic = channels.get(channel)
+                if topic is not None:
+                    yield at, topic, sequence, from_ns(log_ns), content
+        except struct.error:
+            note(f"what stands at byte {at} is no chunk of messages")
+
+
+def _in_chunk(chunk: bytes, channels: dict[int, str]) -> Iterator[tuple[int, int, int, bytes]]:
+    """Give sequence, channel, instant and content of a chunk's messages; its channels are added to those."""
+    place = 0
+    while place + _RECORD.size <= len(chunk):
+        code, length = _RECORD.unpack_from(chunk, place)
+        place += _RECORD.size
+        if code == _MESSAGE_CODE:
+            channel, sequence, log_ns, _ = _MESSAGE.unpack_from(chunk, place)
+            yield sequence, channel, log_ns, chunk[place + _MESSAGE.size : place + length]
+        elif code == _CHANNEL_CODE:
+            number, _, size = _CHANNEL.unpack_from(chunk, place)
+            begin = place + _CHANNEL.size
+            channels[number] = chunk[begin : begin + size].decode("utf-8", "replace")
+        place += length
+
+
+def _chunks(data: bytes, note: Callable[[str], None]) -> Iterator[tuple[int, bytes]]:
+    """Give place and content of every chunk whose checksum is right; the others are noted."""
+    mark = data.find(_ZSTD, _BEFORE_ZSTD)
+    while mark >= 0:
+        at, begin = mark - _BEFORE_ZSTD, mark + len(_ZSTD) + _U64.size
+        code, stated, _, _, size, checksum = _CHUNK_HEAD.unpack_from(data, at)
+        length = _U64.unpack_from(data, begin - _U64.size)[0] if begin <= len(data) else len(data)
+        # The index at a file's end has the same mark. One damaged byte leaves one of the two right.
+        packed = code == _CHUNK_CODE and data[begin : begin + 4] == _ZSTD_FRAME
+        is_chunk = packed or stated == length + begin - at - _RECORD.size
+        later = data.find(_ZSTD, mark + 1)
+        content = _decompressed(data[begin : begin + length], size) if begin + length <= len(data) else None
+        if is_chunk and content is not None and zlib.crc32(content) == checksum:
+            yield at, content
+            mark = data.find(_ZSTD, begin + length)
+            continue
+        if is_chunk and (later >= 0 or begin + length <= len(data)):
+            note(f"damaged at byte {at}: what was recorded there, 0.8 s or so, is lost")
+        mark = later
+
+
+def _decompressed(packed: bytes, size: int) -> bytes | None:
+    """Return a chunk's content; None where it has not `size` bytes."""
+    import zstandard  # plots need this module, and no chunks
+
+    try:
+        if size > LARGEST_CHUNK or zstandard.frame_content_size(packed) != size:
+            return None
+        return zstandard.ZstdDecompressor().decompress(packed)
+    except zstandard.ZstdError:
+        return None
+
+
+STEP_S = 0.5
+"""A clock that gains or loses this much from one status to the next was set."""
+
+
+class ClockStep(msgspec.Struct, frozen=True):
+    """Where one of the clocks was set: ours against the mount's own, positive where ours jumped ahead."""
+
+    utc: str
+    ahead_s: float
+
+
+class RecordingView(msgspec.Struct, frozen=True):
+    """What a recording holds; times ISO 8601 UTC, null where it is not known."""
+
+    recording: str
+    format_version: int
+    program_version: str
+    fingerprint: str | None
+    environment: Environment | None
+    began_utc: str | None
+    ended_utc: str | None
+    seconds: float
+    bytes: int
+    messages: dict[str, int]
+    whole: bool
+    ended_properly: bool
+    clock_steps: tuple[ClockStep, ...]
+    problems: tuple[str, ...]
+    summary: msgspec.Raw | None
+
+
+def look(recording: Recording) -> RecordingView:
+    """Return what a recording holds."""
+    steps = clock_steps(recording)
+    problems = list(recording.problems)
+    problems += [f"a clock was set at {step.utc}, by {step.ahead_s:+.3f} s" for step in steps]
+    instants = [e.utc_s for e in recording.entries() if e.topic in {STATUS, COMMAND, REPEAT}]
+    first, last = (min(instants), max(instants)) if instants else (None, None)
+    summary = next((e.data for e in recording.entries() if e.topic == SUMMARY), None)
+    header = recording.header
+    return RecordingView(
+        recording=str(recording.path),
+        format_version=header.format_version,
+        program_version=header.program_version,
+        fingerprint=header.fingerprint,
+        environment=header.environment,
+        began_utc=_iso(first),
+        ended_utc=_iso(last),
+        seconds=0.0 if first is None or last is None else round(last - first, 3),
+        bytes=recording.path.stat().st_size,
+        messages=dict(Counter(entry.topic for entry in recording.entries())),
+        whole=recording.whole,
+        ended_properly=not recording.cut_off,
+        clock_steps=tuple(steps),
+        problems=tuple(problems),
+        summary=None if summary is None else msgspec.Raw(summary),
+    )
+
+
+def clock_steps(recording: Recording) -> list[ClockStep]:
+    """Return where our clock jumped against the mount's sidereal one, from status to status."""
+    found: list[ClockStep] = []
+    before: tuple[float, float] | None = None
+    for entry in recording.entries():
+        if entry.topic != STATUS:
+            continue
+        try:
+            sidereal_h = decode_status(entry.data).sidereal_h
+        except DatagramError:
+            continue
+        if before is not None:
+            turned_deg = (sidereal_h - before[1]) * 15.0
+            passed_s = entry.utc_s - before[0]
+            # The mount's clock gives the time within a day; the difference is taken the short way round.
+            off_deg = (passed_s * SIDEREAL_RATE_DEG_S - turned_deg + 180.0) % 360.0 - 180.0
+            if abs(off_deg) > STEP_S * SIDEREAL_RATE_DEG_S:
+                found.append(
+                    ClockStep(Utc(entry.utc_s).isoformat("milliseconds"), off_deg / SIDEREAL_RATE_DEG_S)
+                )
+        before = entry.utc_s, sidereal_h
+    return found
+
+
+def _iso(utc_s: float | None) -> str | None:
+    return None if utc_s is None else Utc(utc_s).isoformat("milliseconds")
+
+
+FRAMES: dict[str, Frame] = {"icrs": "icrf", "j2000": "j2000", "of_date": "of_date"}
+"""What `tle` calls the frames of observations."""
+
+
+def observations(recording: Recording, catalog_number: int | None = None) -> list[Observation]:
+    """Return the observations that came in during a run, in the order in which they came.
+
+    With a catalogue number, those that are of another object are left out.
+    """
+    found = []
+    for entry in recording.entries():
+        if entry.topic != OPERATOR:
+            continue
+        try:
+            message = decode_message(entry.data)
+        except msgspec.MsgspecError:
+            continue
+        if isinstance(message, Observation) and message.catalog_number in {None, catalog_number}:
+            found.append(message)
+    return found

@@ -267,7 +267,7 @@ class BackgroundRecorder(Sink):
         return self._trouble or self._recorder.trouble
 
     def close(self) -> None:
-        """Write what is queued and finish the file; a disk that stands still is left after a while."""
+        """Write what is queued and finish the file; a disk that does not answer is given up after a while."""
         self._queue.put(None)
         self._thread.join(self._patience_s)
         if self._thread.is_alive():

@@ -14,17 +14,19 @@ from sattrack.recording.format import (
     COMMAND,
     DATA,
     FAILURE,
+    GAP,
     OPERATOR,
     REPEAT,
     STATUS,
     SUMMARY,
     VIEW,
+    Entry,
     Environment,
     Failure,
+    Recording,
     fingerprint,
     here,
 )
-from sattrack.recording.reading import GAP, Entry, Recording
 from sattrack.views.messages import decode_message
 from tle.instants import Utc
 
@@ -130,12 +132,12 @@ def _bits(value: float) -> bytes:
 
 
 def beyond_rounding(found: Sequence[Difference]) -> bool:
-    """Tell whether differences are more than another way of rounding."""
+    """Return whether differences are more than another way of rounding."""
     return any(d.field not in _DOUBLES or not abs(d.got - d.expected) <= ROUNDING_DEG_S for d in found)
 
 
 def larger_than(found: Sequence[Difference], rate_deg_s: float) -> bool:
-    """Tell whether a command asks for something else, or for a rate that differs by more than this.
+    """Return whether a command asks for something else, or for a rate that differs by more than this.
 
     The counter is left out: it depends on how many datagrams went before.
     """

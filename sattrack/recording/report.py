@@ -9,10 +9,19 @@ import msgspec
 import numpy as np
 
 from sattrack.control.stages import KEYHOLE, RATE, RunStage
-from sattrack.recording.format import OPERATOR
-from sattrack.recording.mount_fit import SURE_SIGMAS, AxisFit, NoFit, SpectralLine, fit_axes, one_way, repeats
-from sattrack.recording.observed import FRAMES, observations
-from sattrack.recording.smoothing import BiasFit, ObservedBias, fit_biases
+from sattrack.recording.fits import (
+    SURE_SIGMAS,
+    AxisFit,
+    BiasFit,
+    NoFit,
+    ObservedBias,
+    SpectralLine,
+    fit_axes,
+    fit_biases,
+    one_way,
+    repeats,
+)
+from sattrack.recording.format import FRAMES, OPERATOR, observations
 from sattrack.safety import ROWS
 from sattrack.views.messages import Nudge, OffsetBy, decode_message
 from tle.bias import bias_from_observation
@@ -24,7 +33,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sattrack.mount.model import AxisLimits, MountProfile
-    from sattrack.recording.reading import Recording
+    from sattrack.recording.format import Recording
     from sattrack.recording.trace import Trace
     from sattrack.views.messages import Observation
 
@@ -128,7 +137,7 @@ class AxisFigures(msgspec.Struct, frozen=True):
 
 
 class Report(msgspec.Struct, frozen=True):
-    """Everything that a report says of one recording; null where it is not known."""
+    """The report of one recording; null where a figure is not known."""
 
     recording: str
     name: str
@@ -287,7 +296,7 @@ def repeating(run: Trace, axis: int) -> tuple[NDArray[np.float64], NDArray[np.fl
 
 
 def find_biases(recording: Recording, run: Trace) -> tuple[BiasFit | None, BiasFigures | None]:
-    """Return what observations say of the biases, else the operator's last word; None for neither.
+    """Return the biases by observations, else by the operator's last nudge; None for neither.
 
     A mount that follows shows nothing of the satellite: without observations nothing is fitted.
     """
@@ -322,7 +331,7 @@ def find_biases(recording: Recording, run: Trace) -> tuple[BiasFit | None, BiasF
 
 
 def _observed_bias(seen: Observation, propagator: Propagator) -> ObservedBias | None:
-    """Return what one observation says; None where no bias leads from the elements to it."""
+    """Return the biases by one observation; None where no bias leads from the elements to it."""
     t = Utc.parse(seen.utc)
     try:
         found = bias_from_observation(
@@ -377,7 +386,7 @@ REPORTED_S = 1.0
 
 
 def advice(report: Report, run: Trace) -> list[str]:
-    """Return what to change, the most telling first; empty where nothing asks for it."""
+    """Return what to change, the most important first; empty for nothing."""
     profile, times, link = run.engine.spec.profile, report.times, report.link
     found = []
     if not report.acquired:
@@ -454,7 +463,7 @@ def _ripple_advice(ra: AxisFigures, dec: AxisFigures) -> list[str]:
 
 
 def _is_off(value: float | None, sigma: float | None, expected: float, least: float) -> bool:
-    """Tell whether a fitted value is surely another than the expected one, by so much at least."""
+    """Return whether a fitted value surely differs from the expected one, by `least` or more."""
     if value is None or sigma is None:
         return False
     return abs(value - expected) > max(least, SURE_SIGMAS * sigma)
@@ -487,7 +496,7 @@ def _why_missed(profile: MountProfile, missed: MissedFigures | None, times: Time
 
 
 def _off_advice(run: Trace, times: TimeFigures) -> str:
-    """Say for how long a mount that had been on target was off it, and by how much."""
+    """Return for how long a mount that had been on target was off it, and by how much, as text."""
     off = run.off_target
     ra, dec = (float(np.median(np.abs(error[off]))) for error in (run.ra_error, run.dec_error))
     spec = run.engine.spec

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from sattrack.control.biases import Biases
     from sattrack.control.engine import Engine
     from sattrack.control.target import TargetState
-    from sattrack.recording.reading import Entry, Recording
+    from sattrack.recording.format import Entry, Recording
 
     Array = NDArray[np.float64]
 
@@ -129,7 +129,7 @@ class Trace:
 
 
 class _RecordedView(msgspec.Struct):
-    """What a recorded view says of the run; `stages` is None in recordings that are older than those."""
+    """The run's state by a recorded view; `stages` is None in recordings that are older than those."""
 
     phase: str
     ended_by: str | None = None
@@ -153,7 +153,7 @@ class _RecordedView(msgspec.Struct):
 
 
 class _Sample(NamedTuple):
-    """One status; `situation` is as today's code has it, for recordings that do not say."""
+    """One status; `situation` is as today's code has it, for recordings without it."""
 
     columns: tuple[float, ...]
     target: TargetState
@@ -219,7 +219,7 @@ class _Columns:
         self.samples.append(_Sample(columns, engine.tracker.target, sky, engine.situation(error)))
 
     def sort(self, engine: Engine, seen: _RecordedView | None, near: bool) -> None:
-        """Tell of the samples since the last view what the run did, by this one where it is near enough."""
+        """Set what the run did at the samples since the last view, by this one where it is near enough."""
         if self._sorted is None:
             self._sorted = Stages(engine.spec.plan, engine.spec.profile)
         if seen is not None and seen.stages is not None:
@@ -238,7 +238,7 @@ class _Columns:
             self.held.append(held)
 
     def _recorded(self, utc_s: float) -> tuple[RunStage, str]:
-        """Return what the recording says that the run did at a status."""
+        """Return what the run did at a status, by the recording."""
         last = next((one for one in reversed(self._stages.values()) if one.utc_s <= utc_s), None)
         return (RunStage.OTHER, "") if last is None else (RunStage[last.doing.upper()], last.held_by or "")
 
@@ -253,7 +253,7 @@ class _Columns:
 
 
 def _steady(biases: Biases, utc_s: float) -> bool:
-    """Tell whether no offset changes at an instant, but for what is too slow to be seen."""
+    """Return whether no offset changes at an instant, but for what is too slow to be seen."""
     if not biases.moving:
         return True
     along, cross = biases.applied(utc_s)
@@ -266,7 +266,7 @@ def trace(
     build: Callable[[msgspec.Raw], Engine],
     progress: Callable[[float], None] | None = None,
 ) -> Trace:
-    """Return a run made again; its errors follow from the inputs alone, whatever today's commands are.
+    """Return a run made again; its errors follow from the inputs alone, not from today's commands.
 
     What the run did meanwhile is what its recorded views say.
     """

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from sattrack.control.engine import Engine
-    from sattrack.recording.smoothing import BiasFit
+    from sattrack.recording.fits import BiasFit
     from sattrack.runtime.facts import RunFacts
     from tle.elements import Elements
 
@@ -43,7 +43,7 @@ class Recalled(NamedTuple):
 
 
 def uses_memory(mode: MemoryMode, simulated: bool) -> bool:
-    """Tell whether a run has to do with the memory: one of a simulated mount only where that is asked for."""
+    """Return whether a run uses the memory: one of a simulated mount only on request."""
     return mode in {"on", "nudge"} or (mode == "auto" and not simulated)
 
 
@@ -62,13 +62,15 @@ def recall(elements: Elements, at_utc_s: float, mode: MemoryMode, given: bool) -
     if mode == "nudge" and nudge is not None and (fit is None or nudge.utc_s > fit.utc_s):
         fit = nudge
     if fit is not None and given:
-        return Recalled(None, (f"a remembered bias is left aside for the one given: {told(fit, at_utc_s)}",))
+        return Recalled(
+            None, (f"a remembered bias is left aside for the one given: {describe(fit, at_utc_s)}",)
+        )
     if fit is not None:
-        words = f"begins with the bias remembered: {told(fit, at_utc_s)}; --bias-memory off leaves it out"
-        return Recalled(_view(fit), (words,))
+        note = f"begins with the bias remembered: {describe(fit, at_utc_s)}; --bias-memory off leaves it out"
+        return Recalled(_view(fit), (note,))
     if nudge is not None and not given:
-        words = f"remembered, but not used: {told(nudge, at_utc_s)}; --bias-memory nudge begins with it"
-        return Recalled(None, (words,))
+        note = f"remembered, but not used: {describe(nudge, at_utc_s)}; --bias-memory nudge begins with it"
+        return Recalled(None, (note,))
     return Recalled(None, ())
 
 
@@ -87,25 +89,25 @@ def _view(bias: KeptBias) -> RememberedView:
 
 
 def keep(engine: Engine, facts: RunFacts, ended_utc_s: float, mode: MemoryMode) -> str | None:
-    """Leave in the memory what a run found, drop there what was dropped; return in words what was done."""
+    """Leave in the memory what a run found, drop there what was dropped; return what was done, as text."""
     if not uses_memory(mode, facts.mount_name == SIMULATED):
         return None
-    memory, words = BiasMemory(memory_file()), []
+    memory, notes = BiasMemory(memory_file()), []
     try:
         remembered = engine.tracker.steering.remembered
         if remembered is not None and remembered.state == "dropped" and memory.drop(remembered.entry):
-            words.append("the bias that was dropped is not offered again")
+            notes.append("the bias that was dropped is not offered again")
         found = _found(engine, facts, ended_utc_s)
         if found is not None and worth_keeping(found):
             memory.keep(found, facts.elements, run_name(facts))
-            words.append(f"kept for these elements: {told(found, ended_utc_s)}")
+            notes.append(f"kept for these elements: {describe(found, ended_utc_s)}")
     except SattrackError as error:
-        words.append(f"{error}; the bias of this pass is not kept")
-    return "; ".join(words) or None
+        notes.append(f"{error}; the bias of this pass is not kept")
+    return "; ".join(notes) or None
 
 
 def keep_fit(fit: BiasFit, facts: RunFacts, mode: MemoryMode) -> str | None:
-    """Keep what a report fitted to the observations of a run; return in words what was done."""
+    """Keep what a report fitted to the observations of a run; return what was done, as text."""
     if not uses_memory(mode, facts.mount_name == SIMULATED):
         return None
     found = KeptBias(
@@ -125,7 +127,7 @@ def keep_fit(fit: BiasFit, facts: RunFacts, mode: MemoryMode) -> str | None:
         BiasMemory(memory_file()).keep(found, facts.elements, run_name(facts))
     except SattrackError as error:
         return f"{error}; the fit is not kept"
-    return f"kept for these elements: {told(found, fit.utc_s)}"
+    return f"kept for these elements: {describe(found, fit.utc_s)}"
 
 
 def run_name(facts: RunFacts) -> str:
@@ -243,7 +245,7 @@ class KeptBias(msgspec.Struct, frozen=True):
 
 
 def worth_keeping(bias: KeptBias) -> bool:
-    """Tell whether a bias is certain enough to be kept: a nudge always is, as what it is."""
+    """Return whether a bias is certain enough to be kept: a nudge always is, as what it is."""
     if bias.source == "nudge":
         return True
     numbers = (bias.along_s, bias.along_sigma_s, bias.cross_km, bias.cross_sigma_km)
@@ -396,7 +398,7 @@ def _trouble(error: sqlite3.Error | OSError) -> str:
     return f"{text}: move it away, and a new one is begun"
 
 
-def told(bias: KeptBias, at_utc_s: float) -> str:
+def describe(bias: KeptBias, at_utc_s: float) -> str:
     """Return a bias as text, with the time from its own instant to another."""
     hours = abs(at_utc_s - bias.utc_s) / 3600.0
     when = f"{hours:.1f} h" if hours < 48.0 else f"{hours / 24.0:.1f} days"

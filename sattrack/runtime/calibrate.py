@@ -113,14 +113,14 @@ def calibrate_live(
         stop = StopRequest()
         stack.enter_context(stopping(stop))
         keys = stack.enter_context(_any_key())
-        told = link.largest_rates_deg_s
+        largest = link.largest_rates_deg_s
         try:
             period_s = (profile or address.usual_profile()).period_s
-            plan = (plan or Plan()).suited(None if told is None else min(told), period_s)
+            plan = (plan or Plan()).suited(None if largest is None else min(largest), period_s)
         except ValueError as error:
             raise SattrackError(f"{address}: {error}") from error
         calibrator = Calibrator(around, clock.utc_s(time.monotonic()), plan)
-        calibrator.largest_rates_deg_s = told
+        calibrator.largest_rates_deg_s = largest
         CalibrationLoop(Connection(link, clock, guard=guard), stop, calibrator, show, keys).run()
         ending = calibrator.ending
         if ending is not None and ending.kind is not EndKind.DONE and link.trouble is not None:

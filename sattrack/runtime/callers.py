@@ -1,6 +1,6 @@
 """What servers on TCP without authentication share: whom they let in, how much each client may ask, its line.
 
-All of this program's servers follow these rules; whoever reaches their port moves the mount.
+All of this program's servers follow these rules; any client that reaches their port can move the mount.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class CallerLimits:
     def admit(self, address: str, seats: Mapping[Key, Seat], now_s: float) -> tuple[str | None, list[Key]]:
         """Return why an address may not call now, if so; and who must be hung up on to make room for it.
 
-        Whoever has asked for nothing gives way first, then whoever has been silent longest: of the caller's
+        A client without a request gives way first, then the one that has been silent longest: of the caller's
         own address where that has its share, else of the address that has most callers.
         """
         if not self.allow(address):

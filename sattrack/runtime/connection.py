@@ -33,7 +33,7 @@ from sattrack.mount.xerxes.client import Address, nobody_listens
 from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.runtime import demo_pass
 from sattrack.runtime.guardian import GuardianTask, Release, Word, create_page, note_status, open_page
-from sattrack.runtime.mounts import Owner, claim, heard, open_link
+from sattrack.runtime.mounts import Owner, claim, open_link, open_listener
 from sattrack.runtime.system import this_command, this_user, utc_now
 
 if TYPE_CHECKING:
@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from sattrack.mount.simulator.mount import StartPosition
     from sattrack.mount.xerxes.client import UdpLink
     from sattrack.runtime.mounts import MountAddress, OverheardLink
+    from sattrack.settings import SiteSettings
     from tle.site import Site
 
 
@@ -61,29 +62,29 @@ COUNTER = slice(8, 16)
 
 
 class MountGuard(Protocol):
-    """What a loop that feeds a mount says to whoever watches it, and hears."""
+    """The watch over a loop that feeds a mount: what the loop reports, and what it must obey."""
 
     @property
     def deposed(self) -> bool:
-        """Whether the mount was taken away: nothing more is to be sent, and the loop is to end."""
+        """Whether the mount was taken away: nothing more may be sent, and the loop must end."""
 
     @property
     def stop_asked(self) -> bool:
-        """Whether the mount is to be stopped and the session to end."""
+        """Whether the mount must be stopped and the session end."""
 
     @property
     def trouble(self) -> str | None:
-        """Why the loop is to stop the mount, or has lost it, in words; None while all is well."""
+        """Why the loop must stop the mount, or has lost it; None while all is well."""
 
     def beat(self, datagram: bytes | None = None) -> bool:
-        """Say that the loop turns, just before `datagram` is sent; tell whether it may be."""
+        """Report that the loop turns, just before `datagram` is sent; return whether it may be sent."""
 
     def release(self, at_rest: bool | None) -> None:
-        """Let go: the loop's work is done, and this is what is known of the mount."""
+        """Release the mount: the loop's work is done, and `at_rest` is what is known of the mount."""
 
 
 class Unguarded:
-    """Nobody watches."""
+    """No watch: the loop cannot set the mount going."""
 
     deposed = stop_asked = False
     trouble: str | None = None
@@ -99,10 +100,10 @@ class Unguarded:
 
 
 class Guarded:
-    """A guardian at work; where it dies, another takes its place once, and then the run is to end."""
+    """A guardian at work; where it dies, another takes its place once, and then the run ends."""
 
     def __init__(
-        self, link: UdpLink, door: int, profile: MountProfile, speed: float, name: str, owned_as: str
+        self, link: UdpLink, listener: int, profile: MountProfile, speed: float, name: str, owned_as: str
     ) -> None:
         self._memory = create_page()
         self._words = open_page(self._memory)
@@ -110,7 +111,7 @@ class Guarded:
         self._task = GuardianTask(
             memory=self._memory,
             link=link.fileno(),
-            door=door,
+            listener=listener,
             address=link.address,
             profile=profile,
             speed=speed,
@@ -150,8 +151,8 @@ class Guarded:
     @property
     def mount_stopped(self) -> bool | None:
         """Whether the guardian, where it had to, saw the mount at rest; None before, or without an answer."""
-        told = self._words[Word.STOPPED]
-        return Release(told).at_rest if told else None
+        stopped = self._words[Word.STOPPED]
+        return Release(stopped).at_rest if stopped else None
 
     @property
     def stop_asked(self) -> bool:
@@ -214,7 +215,7 @@ class Guarded:
                 self._process.kill()
                 self._process.wait()
             else:
-                # It outlives us on purpose, and nobody is to wait for it, nor to warn of it.
+                # It outlives us on purpose: no wait, and no warning.
                 self._process.returncode = 0
         os.close(self._memory)
 
@@ -227,10 +228,10 @@ class Guarded:
                 stdout=subprocess.DEVNULL,
                 pass_fds=[
                     number
-                    for number in (theirs.fileno(), self._memory, self._task.link, self._task.door)
+                    for number in (theirs.fileno(), self._memory, self._task.link, self._task.listener)
                     if number >= 0
                 ],
-                # Whatever is sent to the feeder's terminal or process group is not for its guardian.
+                # Signals to the feeder's terminal or process group are not for its guardian.
                 start_new_session=True,
             )
         ours.sendall(msgspec.json.encode(self._task) + b"\n")
@@ -263,10 +264,10 @@ class Guarded:
 def owned(
     address: MountAddress, profile: MountProfile | None, speed: float = 1.0, name: str | None = None
 ) -> Iterator[tuple[UdpLink, Guarded]]:
-    """Own a mount: give a socket towards it and the guard of whoever feeds it; `profile` None: not known yet.
+    """Own a mount: give a link to it and the guard of its feeder; `profile` None: not known yet.
 
     Raises Taken, naming the owner, where the mount has one, SattrackError where the port is not available, or
-    what is to stand between finds no mount.
+    a gateway finds no mount.
     """
     with contextlib.ExitStack() as stack:
         held = claim(address)
@@ -283,7 +284,7 @@ def owned(
 class Connection:
     """A socket towards a mount, and the clock to run by; `simulated` is the one started for it.
 
-    `guard` watches whoever may set the mount going.
+    `guard` watches a loop that may set the mount going.
     """
 
     link: UdpLink | OverheardLink
@@ -301,7 +302,7 @@ class Connection:
         return self.clock.utc_s(time.monotonic())
 
     def refused(self) -> bool:
-        """Tell whether the mount's host says that nothing listens at the mount's port."""
+        """Return whether the mount's host says that nothing listens at the mount's port."""
         address = self.link.address
         return isinstance(address, Address) and nobody_listens(address, encode_command(Command()))
 
@@ -329,7 +330,7 @@ def connected(
             link, guard = stack.enter_context(owned(address, described.mount, clock.speed, name))
             yield Connection(link, clock, simulated, guard)
             return
-        yield Connection(stack.enter_context(heard(address)), clock, simulated)
+        yield Connection(stack.enter_context(open_listener(address)), clock, simulated)
 
 
 _TRUTHS = msgspec.json.Decoder(Truth)
@@ -356,6 +357,11 @@ class EmbeddedMount:
         self.running.close(END_WITHIN_S)
 
 
+def simulated_site(site: Site | SiteSettings) -> SimulatedSite:
+    """Return where a simulated mount stands."""
+    return SimulatedSite(site.latitude_deg, site.longitude_deg, site.height_m)
+
+
 def simulator_config(
     profile: MountProfile,
     table: dict[str, Any],
@@ -371,8 +377,9 @@ def simulator_config(
     setting = None
     if isinstance(clock, SimulatedClock):
         setting = ClockSetting(clock.start_utc_s, clock.anchor_s, clock.speed)
-    place = SimulatedSite(site.latitude_deg, site.longitude_deg, site.height_m)
-    return SimulatorConfig(place, profile, start, clock=setting, hardware=simulator_profile(table, where))
+    return SimulatorConfig(
+        simulated_site(site), profile, start, clock=setting, hardware=simulator_profile(table, where)
+    )
 
 
 def start_embedded(config: SimulatorConfig) -> EmbeddedMount:

@@ -84,7 +84,7 @@ class ConsoleLoop(RealtimeLoop):
 
     @property
     def rest(self) -> bool | None:
-        """See RealtimeLoop. A mount that was told to stop and never heard may move on."""
+        """See RealtimeLoop. A mount that was sent a stop and never heard may move on."""
         console = self.driver.console
         return False if console.stopping and console.sample is None else self.driver.mount_stopped
 
@@ -141,14 +141,14 @@ def attend_console_session(
 
     `stop_owner` is called once, without waiting for it, when one who looks on wants the mount to be stopped.
     """
-    told: list[threading.Thread] = []
+    started: list[threading.Thread] = []
 
     def obey(now_utc_s: float) -> None:
         for order in inbox.orders():
             console_session.obey(order, now_utc_s)
-        if console_session.stop_wanted and stop_owner is not None and not told:
-            told.append(threading.Thread(target=stop_owner, name="stop", daemon=True))
-            told[0].start()
+        if console_session.stop_wanted and stop_owner is not None and not started:
+            started.append(threading.Thread(target=stop_owner, name="stop", daemon=True))
+            started[0].start()
 
     return attend(console_session, connection, show, obey)
 
@@ -161,7 +161,7 @@ LOOK_AGAIN_S = 0.05
 
 
 class MountStop(msgspec.Struct, frozen=True):
-    """What came of the stop of one mount; `at_rest` None where nobody could see it."""
+    """The outcome of the stop of one mount; `at_rest` None where it was not seen."""
 
     mount: str
     by: str
@@ -171,7 +171,7 @@ class MountStop(msgspec.Struct, frozen=True):
     command: str | None
     words: str
     goes_on: GoesOn | None = None
-    """Who goes on telling it to stop where it is not known at rest."""
+    """The guardian that goes on with the stop where it is not known at rest."""
 
     def error(self) -> SattrackError | None:
         """Return the error whose exit code this is; None where the mount is at rest, or no more."""
@@ -181,7 +181,7 @@ class MountStop(msgspec.Struct, frozen=True):
 
 
 def stop_session(owner: Owner, waiting: Callable[[], None]) -> MountStop | None:
-    """Have a session stop its mount and end; None where nobody is left that stops it, or knows it at rest.
+    """Have a session stop its mount and end; None where the session is gone, or the mount not known at rest.
 
     Raises SattrackError where it does not answer.
     """

@@ -1,10 +1,10 @@
 """What reaches a run from outside: who may command it, their messages, and observations.
 
-One at a time has control, anybody may stop. Whoever started the run sends JSON lines on a channel; its end
-stops the mount, as whoever held the stop key is gone, unless a message before has asked that the run go on
-without. Observations come on the same channel, on standard input, or on a UDP port of loopback: they are kept
-as they come, at most so many, and read a few a tick, so no burst disturbs the loop. A line that is no
-observation is counted, and otherwise ignored.
+One at a time has control, anybody may stop. The operator who started the run sends JSON lines on a channel;
+its end stops the mount, as the operator with the stop key is gone, unless a message before has asked that the
+run go on without. Observations come on the same channel, on standard input, or on a UDP port of loopback:
+they are kept as they come, at most so many, and read a few a tick, so no burst disturbs the loop. A line that
+is no observation is counted, and otherwise ignored.
 """
 
 from __future__ import annotations
@@ -51,52 +51,53 @@ _OBSERVATION = b'"observation"'
 
 
 class ControlArbiter:
-    """Hears everybody before a run, and hands on what the run must obey.
+    """Takes everybody's messages to a run, and hands on those that the run must obey.
 
-    `with_starter`: whoever started the run speaks to it, and has control first, and again once whoever took
-    it has gone. `takes_others`: passes can be armed, to be followed after this one. A stop takes them back.
+    `with_starter`: the operator who started the run sends messages, has control first, and gets it back once
+    a client that took it has gone. `takes_others`: passes can be armed, to be followed after this one. A stop
+    takes them back.
     """
 
     def __init__(self, with_starter: bool, takes_others: bool = False) -> None:
         self._with_starter, self._takes_others = with_starter, takes_others
         self._queue: list[Armed] = []
         self.changing = False
-        """Whether the run is being ended for the next, by whoever has control."""
+        """Whether the run is being ended for the next, by the client in control."""
         self.controller: int | None = STARTER if with_starter else None
         self.left_running = False
         self._names: dict[int, str] = {}
-        self._said: str | None = None
+        self._message: str | None = None
         self.version = 0
         """Counts what changed of the view."""
 
     def came(self, number: int, name: str) -> None:
-        """Let somebody in, or learn the name of somebody who is there."""
+        """Add a client, or take its name."""
         self._names[number] = name
         self.version += 1
 
     def gone(self, number: int) -> None:
-        """See somebody off; control that they had, nobody has then, and the run goes on."""
+        """Remove a client; control that it had falls back, and the run goes on."""
         name = self._name(number)
         self._names.pop(number, None)
         if self.controller == number:
             self._fall_back()
-            self._said = f"{name} had control, and has gone"
+            self._message = f"{name} had control, and has gone"
         self.version += 1
 
     def hear(self, number: int, message: Message | SessionMessage) -> Message | None:
-        """Return the message if the run is to obey it, None where it is about control, or by no right."""
+        """Return the message if the run must obey it, None where it is about control or not permitted."""
         match message:
             case TakeControl():
                 self._give(number)
             case YieldControl():
                 if self.controller == number:
                     self._fall_back()
-                    self._said = f"{self._name(number)} gave control up"
+                    self._message = f"{self._name(number)} gave control up"
             case LeaveRunning():
                 if number == STARTER:
                     self.left_running = True
                     self.controller = None if self.controller == STARTER else self.controller
-                    self._said = "left running by whoever started it"
+                    self._message = "left running by whoever started it"
             case Arm() | Disarm():
                 if number != self.controller:
                     return None
@@ -108,7 +109,7 @@ class ControlArbiter:
             case StopNow():
                 self._queue.clear()
                 self.changing = False
-                self._said = f"stopped from {self._name(number)}"
+                self._message = f"stopped from {self._name(number)}"
                 self.version += 1
                 return message
             case _:
@@ -126,7 +127,7 @@ class ControlArbiter:
             tuple(named[:NAMED]),
             len(self._names),
             self.left_running,
-            self._said,
+            self._message,
             tuple(self._queue),
             self._takes_others,
         )
@@ -139,39 +140,39 @@ class ControlArbiter:
         self.version += 1
         return self._queue.pop(0)
 
-    def say(self, words: str) -> None:
+    def say(self, message: str) -> None:
         """Show everybody a message."""
-        self._said = words
+        self._message = message
         self.version += 1
 
     def _obeyed(self, number: int, message: Message) -> Message | None:
-        """Hand on what whoever has control says to the run; everybody hears who pauses it."""
+        """Return a message of the client in control; who pauses the run is shown to everybody."""
         if number != self.controller:
             return None
         if isinstance(message, Pause | Go):
             did = "paused" if isinstance(message, Pause) else "set going"
-            self._said = f"{did} from {self._name(number)}"
+            self._message = f"{did} from {self._name(number)}"
             self.version += 1
         return message
 
     def _arm(self, order: Arm) -> Message | None:
         armed = Armed(order.catalog_number, order.culminate_utc_s, order.name[:LONGEST_NAME])
         if not self._takes_others:
-            self._said = "this run takes no other satellite"
+            self._message = "this run takes no other satellite"
             return None
         self._queue = [one for one in self._queue if not _same(one, armed)]
         if order.now:
             self._queue.insert(0, armed)
             self.changing = True
-            self._said = f"going on to {armed.name or armed.catalog_number}"
+            self._message = f"going on to {armed.name or armed.catalog_number}"
             # It ends this run and nothing else: the queue stays.
             return StopNow()
         if len(self._queue) < MOST_ARMED:
             self._queue.append(armed)
             self._queue.sort(key=lambda one: one.culminate_utc_s)
-            self._said = f"armed {armed.name or armed.catalog_number}"
+            self._message = f"armed {armed.name or armed.catalog_number}"
         else:
-            self._said = f"{MOST_ARMED} passes are armed already, which is all there is room for"
+            self._message = f"{MOST_ARMED} passes are armed already, which is all there is room for"
         return None
 
     def _disarm(self, order: Disarm) -> None:
@@ -179,7 +180,7 @@ class ControlArbiter:
         self._queue = [one for one in self._queue if not _same(one, gone)]
 
     def _fall_back(self) -> None:
-        """Leave control to whoever started the run, if that is somebody else and there; else to nobody."""
+        """Give control back to the starter, if it is there and has not lost it just now; else to nobody."""
         there = self._with_starter and not self.left_running and self.controller != STARTER
         self.controller = STARTER if there else None
 
@@ -189,7 +190,7 @@ class ControlArbiter:
         before = None if self.controller is None else self._name(self.controller)
         self.controller = number
         taken = "took control" if before is None else f"took control from {before}"
-        self._said = f"{self._name(number)} {taken}"
+        self._message = f"{self._name(number)} {taken}"
 
     def _name(self, number: int) -> str:
         return "where it was started" if number == STARTER else self._names.get(number, f"watcher {number}")
@@ -202,7 +203,7 @@ def _same(one: Armed, other: Armed) -> bool:
 
 
 class StdinInbox:
-    """Messages from standard input; a line that is none does nothing but to be kept in `ignored`.
+    """Messages from standard input; other lines are kept in `ignored`.
 
     Observations go to `observers`, to be used when there is time.
     """
@@ -222,7 +223,7 @@ class StdinInbox:
         """Whether the channel has come to its end."""
         return self._ended
 
-    def said(self) -> Sequence[Message | SessionMessage]:
+    def messages(self) -> Sequence[Message | SessionMessage]:
         """Return what has come, without waiting; a stop once the channel has ended."""
         if self._ended:
             return ()
@@ -246,7 +247,7 @@ class StdinInbox:
 
 
 class SessionInbox:
-    """Messages that the run is to obey, of whoever may say them. `stdin` None: nobody speaks directly."""
+    """Messages that the run must obey, from all clients. `stdin` None: there is no starter's channel."""
 
     def __init__(
         self, arbiter: ControlArbiter, stdin: StdinInbox | None, views: ViewServerLink | None
@@ -261,23 +262,23 @@ class SessionInbox:
 
     @property
     def ended(self) -> bool:
-        """Whether whoever speaks directly has gone."""
+        """Whether the starter's channel has ended."""
         return self._stdin is None or self._stdin.ended
 
     def messages(self) -> Sequence[Message]:
         """Return what has come, without waiting."""
         obeyed: list[Message] = []
         if self._stdin is not None:
-            for message in self._stdin.said():
-                obeyed += self._heard(STARTER, message)
+            for message in self._stdin.messages():
+                obeyed += self._obeyed_of(STARTER, message)
             self._stdin.stops_at_end = not self._arbiter.left_running
-        for heard in () if self._views is None else self._views.heard():
-            if heard.what == "came":
-                self._arbiter.came(heard.number, heard.text)
-            elif heard.what == "gone":
-                self._arbiter.gone(heard.number)
+        for event in () if self._views is None else self._views.heard():
+            if event.what == "came":
+                self._arbiter.came(event.number, event.text)
+            elif event.what == "gone":
+                self._arbiter.gone(event.number)
             else:
-                obeyed += self._read(heard.number, heard.text)
+                obeyed += self._read(event.number, event.text)
         return obeyed
 
     def _read(self, number: int, line: str) -> list[Message]:
@@ -286,10 +287,10 @@ class SessionInbox:
         except (msgspec.MsgspecError, RecursionError):
             self._strange += 1
             return []
-        # Observations take longer than a turn has; they have a door of their own.
-        return [] if isinstance(message, Observation) else self._heard(number, message)
+        # Observations take longer than a turn has; they come by a channel of their own.
+        return [] if isinstance(message, Observation) else self._obeyed_of(number, message)
 
-    def _heard(self, number: int, message: object) -> list[Message]:
+    def _obeyed_of(self, number: int, message: object) -> list[Message]:
         obeyed = self._arbiter.hear(number, message)  # type: ignore[arg-type]
         return [] if obeyed is None else [obeyed]
 

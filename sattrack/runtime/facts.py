@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from sattrack.recording.reading import Recording
+    from sattrack.recording.format import Recording
     from sattrack.runtime.bias_memory import MemoryMode
     from sattrack.runtime.mounts import MountAddress
     from tle.site import Site
@@ -171,7 +171,7 @@ def open_recording(path: Path, part: int = 1) -> tuple[Recording, RunFacts]:
 
     Raises BadInputError where the file is none, or its facts cannot be read by this version.
     """
-    from sattrack.recording.reading import Recording
+    from sattrack.recording.format import Recording
 
     recording = Recording(path, part)
     try:
@@ -230,7 +230,7 @@ class Prepared:
     clock: Clock
     address: MountAddress | None
     practising: bool
-    """Whether the built-in pass stands in for elements and site that nobody set."""
+    """Whether the built-in pass stands in for elements and a site that were not set."""
     simulator: dict[str, Any] = field(default_factory=dict)
     """What the profile's file says of the simulated mount alone."""
     memory: MemoryMode = "off"

@@ -31,16 +31,22 @@ from sattrack.core.errors import (
 from sattrack.core.figures import RunningError, quantile
 from sattrack.core.toml_text import read_toml
 from sattrack.mount.simulator.installation import Installation, SimulatorProfile, simulator_profile
-from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
+from sattrack.mount.simulator.mount import SimulatedMount
 from sattrack.mount.xerxes.session import REPEAT_AFTER_PERIODS
+from sattrack.recording.fits import AxisFit, fit_axes
 from sattrack.recording.format import OPERATOR
-from sattrack.recording.mount_fit import AxisFit, fit_axes
 from sattrack.recording.recorder import BackgroundRecorder, NoRecording, Recorder, Sink, create
 from sattrack.recording.replay import Figures, Replay, replay
 from sattrack.recording.trace import trace
 from sattrack.runtime import demo_pass
-from sattrack.runtime.bias_memory import keep
-from sattrack.runtime.connection import Connection, EmbeddedMount, owned, simulator_config, start_embedded
+from sattrack.runtime.connection import (
+    Connection,
+    EmbeddedMount,
+    owned,
+    simulated_site,
+    simulator_config,
+    start_embedded,
+)
 from sattrack.runtime.control_arbiter import QUEUED_MOST
 from sattrack.runtime.facts import RunFacts, build_engine, decode_facts, encode_facts, engine_of
 from sattrack.runtime.loop import RealtimeLoop
@@ -56,7 +62,7 @@ if TYPE_CHECKING:
 
     from sattrack.control.engine import Engine
     from sattrack.mount.model import MountProfile
-    from sattrack.recording.reading import Recording
+    from sattrack.recording.format import Recording
     from sattrack.recording.replay import Choice
     from sattrack.recording.trace import Trace
     from sattrack.runtime.control_arbiter import Observers
@@ -79,7 +85,7 @@ def fly_virtual(
     with ExitStack() as stack:
         sink = stack.enter_context(_recording(facts, background=False))
         hardware = simulator_profile(prepared.simulator)
-        mount = SimulatedMount(facts.profile, _simulated_site(facts), demo_pass.START, hardware)
+        mount = SimulatedMount(facts.profile, simulated_site(facts.site), demo_pass.START, hardware)
         engine = build_engine(facts)
         if observers is not None:
             messages += tuple(_dated(seen, facts) for seen in observers.observations(QUEUED_MOST))
@@ -87,8 +93,7 @@ def fly_virtual(
         run = VirtualRun(engine, mount, facts.started_utc_s, sink, messages, progress)
         ended_utc_s = run.run()
         summary = summarise(run.engine, run.statistics, ended_utc_s)
-        kept = keep(run.engine, facts, ended_utc_s, prepared.memory)
-        summary = msgspec.structs.replace(summary, bias_memory=kept)
+        summary = _remembered(summary, run.engine, prepared, ended_utc_s)
         sink.summary(ended_utc_s, summary)
     return msgspec.structs.replace(summary, recording_trouble=sink.trouble)
 
@@ -130,13 +135,20 @@ def fly_live(
         summary = summarise(engine, loop.statistics, ended_utc_s)
         if summary.message is not None and link.trouble is not None:
             summary = msgspec.structs.replace(summary, message=f"{summary.message}; {link.trouble}")
-        kept = keep(engine, facts, ended_utc_s, prepared.memory)
-        summary = msgspec.structs.replace(summary, bias_memory=kept)
+        summary = _remembered(summary, engine, prepared, ended_utc_s)
         if guard.deposed:
             summary = msgspec.structs.replace(summary, mount_stopped=guard.mount_stopped)
         sink.summary(ended_utc_s, summary)
     realtime = loop.grant is not None and loop.grant.realtime
     return msgspec.structs.replace(summary, recording_trouble=sink.trouble, realtime_priority=realtime)
+
+
+def _remembered(summary: Summary, engine: Engine, prepared: Prepared, ended_utc_s: float) -> Summary:
+    """Return the summary with what of the run's bias was kept for the next pass."""
+    from sattrack.runtime.bias_memory import keep  # brings SQLite, only needed here
+
+    kept = keep(engine, prepared.facts, ended_utc_s, prepared.memory)
+    return msgspec.structs.replace(summary, bias_memory=kept)
 
 
 def _dated(seen: Observation, facts: RunFacts) -> tuple[float, Message]:
@@ -153,10 +165,6 @@ def in_run_time(facts: RunFacts, speed: float) -> RunFacts:
         status_delay_s=facts.profile.status_delay_s * speed,
     )
     return msgspec.structs.replace(facts, profile=profile)
-
-
-def _simulated_site(facts: RunFacts) -> SimulatedSite:
-    return SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
 
 
 @contextmanager
@@ -274,24 +282,24 @@ def _never_followed(engine: Engine, why: str | None) -> str | None:
 
 def failure(summary: Summary, interrupted: bool) -> SattrackError | None:
     """Return the error whose exit code a run ends with; None where it went as planned."""
-    words = summary.message or f"the run ended: {summary.ended_by}"
+    message = summary.message or f"the run ended: {summary.ended_by}"
     if summary.mount_stopped is False:
-        words += "; THE MOUNT DID NOT CONFIRM THE STOP: stop it by hand"
+        message += "; THE MOUNT DID NOT CONFIRM THE STOP: stop it by hand"
     if summary.ended_by.startswith("limit:"):
-        return SafetyLimitError(words)
+        return SafetyLimitError(message)
     if summary.ended_by == "link":
-        return LinkLostError(words)
+        return LinkLostError(message)
     never_followed = summary.ended_by == "set" and summary.message is not None
     if summary.ended_by == "error" or summary.mount_stopped is False or never_followed:
-        return SattrackError(words)
+        return SattrackError(message)
     if interrupted:
-        return InterruptedRunError(f"interrupted; {_stop_words(summary)}")
+        return InterruptedRunError(f"interrupted; {_stop_text(summary)}")
     if summary.recording_trouble is not None:
         return SattrackError(summary.recording_trouble)
     return None
 
 
-def _stop_words(summary: Summary) -> str:
+def _stop_text(summary: Summary) -> str:
     return "no mount was ever heard" if summary.mount_stopped is None else "the mount is stopped"
 
 
@@ -443,8 +451,8 @@ class LiveLoop(RealtimeLoop):
     def _with_trouble(self, view: TrackView) -> TrackView:
         """Add what is wrong with the recording, or on the way to the mount, to what is shown."""
         troubles = (self.sink.trouble, self.connection.link.trouble)
-        told = tuple(words for words in troubles if words is not None)
-        return msgspec.structs.replace(view, warnings=(*view.warnings, *told)) if told else view
+        shown = tuple(each for each in troubles if each is not None)
+        return msgspec.structs.replace(view, warnings=(*view.warnings, *shown)) if shown else view
 
     def _show_end(self) -> None:
         if not self.driver.failed:
@@ -665,8 +673,7 @@ def _fly(
     hardware: SimulatorProfile,
     messages: tuple[tuple[float, Message], ...],
 ) -> Figures:
-    site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
-    mount = SimulatedMount(profile, site, demo_pass.START, hardware)
+    mount = SimulatedMount(profile, simulated_site(facts.site), demo_pass.START, hardware)
     engine = build_engine(facts)
     VirtualRun(engine, mount, facts.started_utc_s, NoRecording(), messages).run()
     return Figures(engine.reported.rms_arcsec, engine.reported.peak_arcsec)

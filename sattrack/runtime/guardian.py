@@ -65,9 +65,9 @@ class Word(IntEnum):
     RELEASED = 3
     """How the feeder ended its work, a `Release`; 0 before that."""
     OBEYING = 4
-    """1 once the feeder has seen that it is to stop."""
+    """1 once the feeder has seen that it must stop."""
     STOP_ASKED = 5
-    """1 once somebody has asked for a stop of the mount and the end of the session."""
+    """1 once a stop of the mount and the end of the session was requested."""
     DEPOSED = 6
     """1 once the mount is the guardian's: the feeder has stood still for too long."""
     STOPPED = 7
@@ -85,14 +85,14 @@ class Release(IntEnum):
 
     @classmethod
     def of(cls, at_rest: bool | None) -> Release:
-        """Return the one that says so."""
+        """Return the one for what is known."""
         if at_rest is None:
             return cls.UNKNOWN
         return cls.AT_REST if at_rest else cls.NOT_CONFIRMED
 
     @property
     def at_rest(self) -> bool | None:
-        """What it says."""
+        """Whether the mount is at rest; None where that is not known."""
         return {Release.UNKNOWN: None, Release.AT_REST: True, Release.NOT_CONFIRMED: False}[self]
 
 
@@ -104,11 +104,11 @@ class ReceivedStatus(NamedTuple):
 
 
 def note_status(page: memoryview, monotonic_s: float, data: bytes) -> None:
-    """Keep a datagram from the mount for whoever looks on; what is longer than a status is cut."""
+    """Keep a datagram from the mount for clients that look on, cut to the length of a status."""
     bytes_, count = page.cast("B"), page[Word.HEARD]
     place = STATUSES_AT + count % STATUSES * PLACE_BYTES
     _STATUS.pack_into(bytes_, place, monotonic_s, min(len(data), 160), data)
-    # Only now: who looks on reads what the count says is whole.
+    # Only now: a reader takes what the count covers.
     page[Word.HEARD] = count + 1
 
 
@@ -146,7 +146,7 @@ POLL_S = 0.1
 WATCH_S = 0.02
 """How often it looks for statuses to hand on, while somebody looks on."""
 OBEY_WITHIN_S = 1.0
-"""How long a feeder whose loop turns may ignore that it is to stop."""
+"""How long a feeder whose loop turns may ignore a stop."""
 GONE_AFTER_S = 1.0
 """After each so long in silence, a mount on this machine is asked whether it is there at all."""
 ASK_WITHIN_S = 0.02
@@ -154,11 +154,11 @@ MOST_CLIENTS = 32
 
 
 class GuardianTask(msgspec.Struct, frozen=True):
-    """Everything that a guardian is told: descriptors, the mount, and whose it is."""
+    """The task of a guardian: descriptors, the mount, and whose it is."""
 
     memory: int
     link: int
-    door: int
+    listener: int
     address: Address
     profile: MountProfile
     speed: float
@@ -168,22 +168,22 @@ class GuardianTask(msgspec.Struct, frozen=True):
 
 @dataclass(slots=True)
 class GuardianClient:
-    """Somebody at the door, and what was said so far."""
+    """A client of the guardian, and what it has sent so far of a line."""
 
-    door: socket.socket
-    said: bytes = b""
+    connection: socket.socket
+    received: bytes = b""
     waits: bool = False
-    """Whether a stop was asked for, and its end is to be told."""
+    """Whether it asked for a stop, and waits for its end."""
     heard: int | None = None
-    """Looks on, and has been told so many statuses; None where it does not."""
+    """The count of statuses sent to it; None where it does not look on."""
 
 
 @dataclass(slots=True)
 class FeederWatch:
-    """What a guardian knows of its feeder, and what to make of it; without I/O.
+    """Judges a feeder by its heartbeat, without I/O.
 
-    `silent_s` counts only time in which the guardian itself was awake: where the whole machine stood still,
-    nobody is to blame.
+    `silent_s` counts only time in which the guardian itself was awake: time in which the
+    whole machine stood still does not count.
     """
 
     words: memoryview
@@ -193,7 +193,7 @@ class FeederWatch:
     _beats: int = 0
 
     def look(self, elapsed_s: float) -> str | None:
-        """Return why the mount is to be taken from a feeder that lives, in words, or None."""
+        """Return why the mount must be taken from a feeder that lives, or None."""
         elapsed_s = min(elapsed_s, 2.0 * POLL_S)
         words = self.words
         if words[Word.RELEASED] or not words[Word.ARMED]:
@@ -218,7 +218,7 @@ class Guardian:
     life: socket.socket
     words: memoryview
     link: UdpLink
-    door: socket.socket | None
+    listener: socket.socket | None
     feeder: int | None
     """Descriptor of the feeder's process, for its end by force; None where there is no such thing."""
     clients: list[GuardianClient] = field(default_factory=list)
@@ -229,8 +229,8 @@ class Guardian:
     _asked_s: float = 0.0
     """When the mount was last asked whether it is there."""
     _due_s: float = 0.0
-    _told: bool = False
-    """Whether the end of the stop in hand, good or bad, has been told."""
+    _reported: bool = False
+    """Whether the end of the stop in hand, good or bad, has been reported."""
     _goes_on_utc: str | None = None
     """Since when the stop goes on beyond its time; None where it does not."""
     _goes_on_s: float = 0.0
@@ -256,19 +256,19 @@ class Guardian:
 
     def _over(self) -> bool:
         if self._stop is not None:
-            return self._gone and self._told and self._goes_on_utc is None
+            return self._gone and self._reported and self._goes_on_utc is None
         return self._gone and not self._left_moving()
 
     def _left_moving(self) -> bool:
-        """Tell whether the feeder has let go, if at all, of a mount that is not known at rest."""
+        """Return whether the feeder has let go, if at all, of a mount that is not known at rest."""
         return bool(self.words[Word.ARMED]) and self.words[Word.RELEASED] in (0, Release.NOT_CONFIRMED)
 
     def _wait(self) -> None:
-        watched: list[socket.socket | UdpLink] = [client.door for client in self.clients]
+        watched: list[socket.socket | UdpLink] = [client.connection for client in self.clients]
         if not self._gone:
             watched.append(self.life)
-        if self.door is not None:
-            watched.append(self.door)
+        if self.listener is not None:
+            watched.append(self.listener)
         looks_on = any(client.heard is not None for client in self.clients)
         timeout_s = WATCH_S if looks_on else POLL_S
         if self._stop is not None:
@@ -276,11 +276,11 @@ class Guardian:
             timeout_s = max(0.0, self._due_s - time.monotonic())
         readable, _, _ = select.select(watched, [], [], timeout_s)
         if self.life in readable:
-            self._hear_feeder()
-        if self.door is not None and self.door in readable:
+            self._receive_from_feeder()
+        if self.listener is not None and self.listener in readable:
             self._admit()
-        for client in [client for client in self.clients if client.door in readable]:
-            self._hear(client)
+        for client in [client for client in self.clients if client.connection in readable]:
+            self._receive(client)
         for client in [client for client in self.clients if client.heard is not None]:
             self._show(client)
         if self._stop is not None and self.link in readable:
@@ -290,7 +290,7 @@ class Guardian:
                 # ReceivedStatus at last: no more waiting.
                 self._due_s = time.monotonic()
 
-    def _hear_feeder(self) -> None:
+    def _receive_from_feeder(self) -> None:
         try:
             self._gone = self.life.recv(LONGEST_LINE) == b""
         except OSError:
@@ -325,16 +325,16 @@ class Guardian:
         self._stop_mount(now_s)
 
     def _stop_mount(self, now_s: float) -> None:
-        """Send the datagram that is due, and tell how the stop has ended, once it has."""
+        """Send the datagram that is due, and report how the stop has ended, once it has."""
         assert self._stop is not None
         if now_s < self._due_s:
             return
         self.link.send(self._stop.tick(now_s * self.task.speed))
         self._due_s = max(self._due_s + self._pause_s(now_s), now_s)
         if self._stop.mount_stopped or self._nobody_there(now_s):
-            if not (self._told and self._goes_on_utc is None):
+            if not (self._reported and self._goes_on_utc is None):
                 self._conclude()
-        elif self._stop.finished and not self._told:
+        elif self._stop.finished and not self._reported:
             self._go_on(now_s)
 
     @property
@@ -345,26 +345,26 @@ class Guardian:
         """Return how long to wait after a datagram: longer where a mount has been silent for long."""
         assert self._stop is not None
         heard = self._stop.session.link_state(now_s * self.task.speed) in {LinkState.UP, LinkState.STALE}
-        if self._goes_on_utc is None or not self._told or heard:
+        if self._goes_on_utc is None or not self._reported or heard:
             return self._period_s
         return STOPS_SLOW_S if now_s - self._goes_on_s < STOPS_SLOW_FOR_S else STOPS_SLOWEST_S
 
     def _conclude(self) -> None:
-        """Tell that there is nothing left to stop."""
+        """Report that there is nothing left to stop."""
         assert self._stop is not None
-        self._told, self._goes_on_utc = True, None
+        self._reported, self._goes_on_utc = True, None
         self.words[Word.STOPPED] = Release.of(self._stop.mount_stopped)
-        self._tell()
+        self._report_stop()
         self._answer_all()
 
     def _go_on(self, now_s: float) -> None:
-        """Tell that the stop's time has passed, and go on beyond it."""
+        """Report that the stop's time has passed, and go on beyond it."""
         assert self._stop is not None
-        self._told = True
+        self._reported = True
         self.words[Word.STOPPED] = Release.of(self._stop.mount_stopped)
         if self._goes_on_utc is None:
             self._goes_on_utc, self._goes_on_s = utc_now(), now_s
-            self._tell()
+            self._report_stop()
         self._answer_all()
 
     def _goes_on(self) -> GoesOn | None:
@@ -376,13 +376,13 @@ class Guardian:
     def _give_up(self) -> None:
         """Go on no more, as somebody has asked."""
         self._goes_on_utc = None
-        self._told = True
+        self._reported = True
         # A feeder that hangs would hold the mount, and this process, for ever.
         self._end_feeder()
         self._note("was told to give up; the mount is NOT KNOWN AT REST")
 
     def _nobody_there(self, now_s: float) -> bool:
-        """Tell whether a mount on this machine, simulated then, has ended itself."""
+        """Return whether a mount on this machine, simulated then, has ended itself."""
         address = self.task.address
         assert self._stop is not None
         age_s = self._stop.session.health.age_s(now_s * self.task.speed)
@@ -393,8 +393,8 @@ class Guardian:
         self._asked_s = now_s
         return nobody_listens(address, encode_command(Command(abort=True)), ASK_WITHIN_S)
 
-    def _tell(self) -> None:
-        """Say what was done, to whoever has the feeder's terminal, and to a file."""
+    def _report_stop(self) -> None:
+        """Report what was done, on the feeder's terminal and in a file."""
         assert self._stop is not None
         rest = "found that the mount is not there any more"
         if self._stop.mount_stopped:
@@ -407,7 +407,7 @@ class Guardian:
         self._note(rest)
 
     def _note(self, what: str) -> None:
-        """Say something to whoever has the feeder's terminal, and to a file."""
+        """Write a message to the feeder's terminal and to a file."""
         owner = self.task.owner
         words = f"process {owner.pid} (`{owner.command}`) {self._why}; its guardian {what}"
         with contextlib.suppress(OSError):
@@ -418,47 +418,47 @@ class Guardian:
             with path.open("a", encoding="utf-8") as file:
                 file.write(f"{utc_now()} {owner.mount} {words}\n")
         if self._goes_on_utc is not None:
-            # Whoever reads the feeder's standard error to its end is not to wait for this one's.
+            # A reader of the feeder's standard error must not wait for the end of this process.
             with open(os.devnull, "wb") as nowhere:  # noqa: PTH123 - no path of ours
                 os.dup2(nowhere.fileno(), 2)
 
     def _admit(self) -> None:
-        assert self.door is not None
+        assert self.listener is not None
         with contextlib.suppress(OSError):
-            door, _ = self.door.accept()
-            door.setblocking(False)
-            self.clients.append(GuardianClient(door))
+            connection, _ = self.listener.accept()
+            connection.setblocking(False)
+            self.clients.append(GuardianClient(connection))
         if len(self.clients) > MOST_CLIENTS:
-            # Who has said nothing for the longest time makes room; a stop must always find its way in.
+            # The client that has been silent for the longest time is dropped; a stop must always get through.
             idle = [client for client in self.clients if not client.waits]
             self._dismiss((idle or self.clients)[0])
 
-    def _hear(self, client: GuardianClient) -> None:
+    def _receive(self, client: GuardianClient) -> None:
         try:
-            data = client.door.recv(LONGEST_LINE)
+            data = client.connection.recv(LONGEST_LINE)
         except BlockingIOError:
             return
         except OSError:
             data = b""
-        client.said += data
-        if not data or len(client.said) > LONGEST_LINE:
+        client.received += data
+        if not data or len(client.received) > LONGEST_LINE:
             self._dismiss(client)
-        elif client.said.endswith(b"\n"):
+        elif client.received.endswith(b"\n"):
             self._obey(client)
 
     def _obey(self, client: GuardianClient) -> None:
         try:
-            ask = msgspec.json.decode(client.said, type=Ask).ask
+            ask = msgspec.json.decode(client.received, type=Ask).ask
         except msgspec.MsgspecError:
             self._dismiss(client)
             return
-        client.said = b""
+        client.received = b""
         if ask == "who":
             owner = msgspec.structs.replace(self.task.owner, state=self._state(), goes_on=self._goes_on())
-            self._say(client, owner)
+            self._send(client, owner)
             return
         if ask == "give-up":
-            self._say(client, GivenUp(self._goes_on()))
+            self._send(client, GivenUp(self._goes_on()))
             self._dismiss(client)
             if self._goes_on_utc is not None:
                 self._give_up()
@@ -468,18 +468,18 @@ class Guardian:
             return
         client.waits = True
         self.words[Word.STOP_ASKED] = 1
-        if self._goes_on_utc is not None and self._stop is not None and self._told:
-            self._told, self._due_s = False, time.monotonic()
+        if self._goes_on_utc is not None and self._stop is not None and self._reported:
+            self._reported, self._due_s = False, time.monotonic()
             self._stop.renew(self._due_s * self.task.speed)
-        elif self._told or (self._stop is None and self.words[Word.RELEASED]):
+        elif self._reported or (self._stop is None and self.words[Word.RELEASED]):
             self._answer_all()
 
     def _show(self, client: GuardianClient) -> None:
-        """Tell one who looks on what the feeder has heard meanwhile."""
+        """Send a client that looks on what the feeder has received meanwhile."""
         client.heard, statuses = statuses_since(self.words, client.heard or 0)
         for status in statuses:
             if client in self.clients:
-                self._say(client, Overheard(status.monotonic_s, status.data))
+                self._send(client, Overheard(status.monotonic_s, status.data))
 
     def _state(self) -> str:
         if self._gone:
@@ -489,7 +489,7 @@ class Guardian:
         return "stopping" if self.words[Word.OBEYING] or self.words[Word.RELEASED] else "running"
 
     def _answer_all(self) -> None:
-        """Tell those who wait for the stop what came of it; a feeder that hangs is ended with it."""
+        """Answer the clients that wait for the stop; a feeder that hangs is ended with it."""
         waiting = [client for client in self.clients if client.waits]
         if not waiting:
             return
@@ -500,7 +500,7 @@ class Guardian:
             released = self.words[Word.RELEASED]
             stopped = Stopped("session", Release(released).at_rest if released else None)
         for client in waiting:
-            self._say(client, stopped)
+            self._send(client, stopped)
             self._dismiss(client)
 
     def _end_feeder(self) -> None:
@@ -508,14 +508,14 @@ class Guardian:
             with contextlib.suppress(OSError):
                 signal.pidfd_send_signal(self.feeder, signal.SIGKILL)
 
-    def _say(self, client: GuardianClient, what: object) -> None:
+    def _send(self, client: GuardianClient, what: object) -> None:
         try:
-            client.door.send(msgspec.json.encode(what) + b"\n")
+            client.connection.send(msgspec.json.encode(what) + b"\n")
         except OSError:
             self._dismiss(client)
 
     def _dismiss(self, client: GuardianClient) -> None:
-        client.door.close()
+        client.connection.close()
         self.clients = [other for other in self.clients if other is not client]
 
 
@@ -533,7 +533,7 @@ def main() -> int:
         task = msgspec.json.decode(lines.readline(), type=GuardianTask)
     words = open_page(task.memory)
     link = UdpLink(task.address, socket.socket(fileno=task.link))
-    door = None if task.door < 0 else socket.socket(fileno=task.door)
+    listener = None if task.listener < 0 else socket.socket(fileno=task.listener)
     feeder = None
     with contextlib.suppress(OSError, AttributeError):
         feeder = os.pidfd_open(task.owner.pid)
@@ -541,7 +541,7 @@ def main() -> int:
             feeder = None
     life.sendall(b"r")
     life.setblocking(False)
-    Guardian(task, life, words, link, door, feeder).run()
+    Guardian(task, life, words, link, listener, feeder).run()
     return 0
 
 

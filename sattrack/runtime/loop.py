@@ -46,7 +46,7 @@ class DriverLike(Protocol):
 
     @property
     def mount_stopped(self) -> bool | None:
-        """Whether the mount was told to stop and seen at rest; None: not needed, or not known."""
+        """Whether the mount was stopped and seen at rest; None: not needed, or not known."""
 
     def receive(self, data: bytes, arrival_utc_s: float) -> object:
         """Take one datagram from the mount."""
@@ -61,7 +61,7 @@ class RealtimeLoop:
 
     One thread, one `select`, absolute deadlines. A datagram is computed a little before it is due, for the
     instant at which it is due: what the computing takes, and how much that varies, is then no part of the
-    period. Whatever raises has the driver stop the mount; where its own `tick` goes on raising, stops are
+    period. An error has the driver stop the mount; where its own `tick` goes on raising, stops are
     sent without it. The first error is raised at the end.
 
     Subclasses say how the driver is stopped, and do their own part in the methods that do nothing here.
@@ -86,7 +86,7 @@ class RealtimeLoop:
 
     @property
     def rest(self) -> bool | None:
-        """What the guardian is told of the mount at the end."""
+        """What the guardian learns of the mount at the end."""
         return self.driver.mount_stopped
 
     def readers(self) -> Sequence[Any]:
@@ -108,10 +108,10 @@ class RealtimeLoop:
         self.driver.receive(data, arrival_utc_s)
 
     def heard(self) -> None:
-        """Take notice that the mount has said something."""
+        """Take notice of datagrams from the mount."""
 
     def obey(self, now_utc_s: float) -> None:
-        """Do what was asked for meanwhile; called once a period, before the datagram is computed."""
+        """Carry out requests; called once a period, before the datagram is computed."""
 
     def interrupt(self, now_utc_s: float) -> None:
         """Have the driver stop the mount, and be finished then; called every period from the request on."""
@@ -128,7 +128,7 @@ class RealtimeLoop:
         """Send the last datagram once more, if that is wanted."""
 
     def report(self) -> None:
-        """Say what has changed; called once a period, when the next datagram is longest away."""
+        """Report what has changed; called once a period, when the next datagram is longest away."""
 
     def gather(self) -> None:
         """Take the truth from a simulated mount, wanted or not: its pipe must not fill up."""
@@ -188,7 +188,7 @@ class RealtimeLoop:
                 raise
 
     def heed_guard(self) -> None:
-        """Stop where somebody asks for it from outside, or where the guardian is lost, or has the mount."""
+        """Stop where that is requested from outside, or where the guardian is lost, or has the mount."""
         guard = self.connection.guard
         if guard.stop_asked:
             self.stop.ask()
@@ -196,7 +196,7 @@ class RealtimeLoop:
             raise SattrackError(guard.trouble)
 
     def send_copy(self, repeat: Callable[[], bytes | None]) -> bytes | None:
-        """Send what is to go out once more, a part of a period after the first; return it."""
+        """Send a datagram once more, a part of a period after the first; return it."""
         due_s = self._due_s + REPEAT_AFTER_PERIODS * self.period_s
         self._wait(lambda: due_s)
         if self.stop.asked or self.connection.guard.deposed:
@@ -217,7 +217,7 @@ class RealtimeLoop:
         self._wait(lambda: self.due_s() - LEAD_S)
 
     def _wait(self, until_s: Callable[[], float]) -> None:
-        """Wait for an instant, taking datagrams and serving whoever is ready as they come."""
+        """Wait for an instant, taking datagrams and serving clients as they come."""
         connection = self.connection
         while True:
             left_s = max(0.0, until_s() - time.monotonic())
@@ -239,7 +239,7 @@ class RealtimeLoop:
         now_utc_s = connection.clock.utc_s(max(due_s, time.monotonic()))
         datagram = self.driver.tick(now_utc_s)
         while (left_s := due_s - time.monotonic()) > 0.0:
-            # Whoever asks while a datagram waits to be due is not kept waiting.
+            # A client whose request comes while a datagram waits is answered at once.
             ready, _, _ = select.select(self.readers(), [], [], left_s)
             if ready:
                 self.guarded(self.serve, ready)
@@ -261,7 +261,7 @@ class RealtimeLoop:
 
 
 class ServerPort(Protocol):
-    """Where callers come in."""
+    """The port at which clients come in."""
 
     def readers(self) -> list[Any]:
         """Return what to wait for."""
@@ -274,7 +274,7 @@ class ServerPort(Protocol):
 
 
 class StationDriver(DriverLike, Protocol):
-    """One mount behind a door, until it is told to end and the mount is seen at rest."""
+    """The driver of a server's mount, until it must end and the mount is seen at rest."""
 
     @property
     def safety(self) -> Safety:
@@ -290,7 +290,7 @@ class StationDriver(DriverLike, Protocol):
 
     @property
     def on_trajectory(self) -> bool:
-        """Whether it is where it is to be."""
+        """Whether it is where it should be."""
 
     @property
     def tripped(self) -> str | None:
@@ -308,15 +308,15 @@ class StationDriver(DriverLike, Protocol):
 
 @dataclass(slots=True)
 class StationLoop(RealtimeLoop):
-    """Serves one mount at one door until `stop` is asked for and the mount is seen at rest."""
+    """Serves one mount to clients until `stop` is asked for and the mount is seen at rest."""
 
     driver: StationDriver
     door: ServerPort
     log: Callable[[str], None]
     """Takes lines without their instant."""
-    _told_trip: str | None = field(default=None, init=False)
-    _told_hold: str | None = field(default=None, init=False)
-    _told_link: bool = field(default=False, init=False)
+    _reported_trip: str | None = field(default=None, init=False)
+    _reported_hold: str | None = field(default=None, init=False)
+    _reported_link: bool = field(default=False, init=False)
 
     def readers(self) -> list[Any]:
         """See RealtimeLoop."""
@@ -352,22 +352,22 @@ class StationLoop(RealtimeLoop):
         raise NotImplementedError
 
     def report_mount(self, way: str, ready_again: str) -> None:
-        """Say what has changed of the mount: interlocks, limits, the link.
+        """Report what has changed of the mount: interlocks, limits, the link.
 
         `way` is what the caller's positions are called, `ready_again` what makes a stopped mount ready.
         """
         station = self.driver
-        if station.tripped != self._told_trip:
-            self._told_trip = station.tripped
+        if station.tripped != self._reported_trip:
+            self._reported_trip = station.tripped
             if station.tripped is not None:
                 self.tell(f"safety stopped the mount: {station.tripped}; {ready_again} makes it ready again")
         held_by = station.safety.holding
-        if held_by is not None and held_by != self._told_hold:
-            self._told_hold = held_by
+        if held_by is not None and held_by != self._reported_hold:
+            self._reported_hold = held_by
             self.tell(f"a limit keeps the antenna off its {way}: {held_by}")
         elif station.on_trajectory:
-            self._told_hold = None
-        if station.link_up != self._told_link:
-            self._told_link = station.link_up
+            self._reported_hold = None
+        if station.link_up != self._reported_link:
+            self._reported_link = station.link_up
             did = f"the mount {station.session.health.did}"
             self.tell("the mount is heard" if station.link_up else did)

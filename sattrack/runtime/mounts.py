@@ -17,7 +17,6 @@ from __future__ import annotations
 import contextlib
 import select
 import socket
-import struct
 import sys
 import time
 from contextlib import contextmanager
@@ -32,6 +31,7 @@ from sattrack.mount.alpaca.link import AlpacaAddress, parse_alpaca
 from sattrack.mount.model import MountProfile
 from sattrack.mount.xerxes.client import Address, Arrival, UdpLink, parse_address
 from sattrack.mount.xerxes.session import Session
+from sattrack.runtime.system import peer_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -40,14 +40,14 @@ if TYPE_CHECKING:
 
 
 MountAddress: TypeAlias = Address | AlpacaAddress
-"""Where a real mount is; `runtime.links.open_link` opens the way there, the same for all kinds."""
+"""Where a real mount is; `open_link` opens a link to it, the same for all kinds."""
 SIMULATED = "sim"
 """The name of the simulated mount, as `--mount` has it."""
 FORMS = "xerxes://HOST:PORT?listen=PORT or alpaca://HOST:PORT/DEVICE"
 
 
 def is_antenna(url: str | None) -> bool:
-    """Tell whether `--mount` names an antenna's controller."""
+    """Return whether `--mount` names an antenna's controller."""
     return url is not None and url.partition(":")[0] == "antenna"
 
 
@@ -79,7 +79,7 @@ def owned_address(owner: Owner) -> MountAddress:
 
 
 def usual_profile(url: str | None) -> MountProfile:
-    """Return what is presumed of a mount of this kind without a profile; a wrong URL is of no kind."""
+    """Return the profile presumed of a mount of this kind; the default for a wrong URL."""
     if url is not None and url.startswith("alpaca:"):
         with contextlib.suppress(BadInputError):
             return parse_alpaca(url).usual_profile()
@@ -106,8 +106,8 @@ def open_link(address: MountAddress) -> Iterator[UdpLink]:
 
 
 @contextmanager
-def heard(address: MountAddress) -> Iterator[UdpLink | OverheardLink]:
-    """Give what to listen to a mount by: its owner's own ears where it has one on this machine, else ours.
+def open_listener(address: MountAddress) -> Iterator[UdpLink | OverheardLink]:
+    """Give what to listen to a mount by: its owner's statuses, or a socket where it has no owner here.
 
     Raises as `open_link`.
     """
@@ -134,7 +134,7 @@ def listen(address: MountAddress, profile: MountProfile, seconds: float = LISTEN
     from sattrack.core.clock import SystemClock
 
     session, clock = Session(profile), SystemClock()
-    with heard(address) as link:
+    with open_listener(address) as link:
         end_s = time.monotonic() + seconds
         while (left_s := end_s - time.monotonic()) > 0.0:
             select.select([link], [], [], left_s)
@@ -152,7 +152,6 @@ LONGEST_LINE = 4096
 BACKLOG = 16
 TRY_AGAIN_S = 0.02
 STOP_OR_GIVE_UP = "`sattrack stop` tries again, `sattrack stop --give-up` ends that"
-_CREDENTIALS = struct.Struct("3i")
 
 
 class Owner(msgspec.Struct, frozen=True):
@@ -178,7 +177,7 @@ class Owner(msgspec.Struct, frozen=True):
 
 
 class Ask(msgspec.Struct, frozen=True):
-    """What whoever connects may say."""
+    """A request to a session."""
 
     ask: Literal["who", "stop", "watch", "give-up"]
 
@@ -198,7 +197,7 @@ class GoesOn(msgspec.Struct, frozen=True):
 
 
 class Stopped(msgspec.Struct, frozen=True):
-    """What came of a stop that was asked for."""
+    """The outcome of a stop."""
 
     by: Literal["session", "guardian"]
     at_rest: bool | None
@@ -220,12 +219,12 @@ class Overheard(msgspec.Struct, frozen=True, array_like=True):
     data: bytes
 
 
-class Taken(SattrackError):  # noqa: N818 - it is said of the mount
+class Taken(SattrackError):  # noqa: N818 - the mount is
     """The mount has an owner already."""
 
 
 class Claim:
-    """The name of one mount, held until `close`, and by whoever inherits its descriptor."""
+    """The name of one mount, held until `close`, and by a process that inherits its descriptor."""
 
     def __init__(self, bound: socket.socket | None) -> None:
         self._socket = bound
@@ -259,15 +258,15 @@ def claim(address: MountAddress) -> Claim:
 
 
 def owner_of(name: str) -> Owner | None:
-    """Return who owns the mount of a name, its address'; None where nobody on this machine does."""
-    return _ask_who(_name(name))
+    """Return who owns the mount of a name, its address'; None where no session on this machine does."""
+    return _request_owner(_name(name))
 
 
 def owners() -> list[Owner]:
     """Return who owns mounts on this machine, each session once."""
     found = []
     for name in sorted(taken_names(PREFIX)):
-        owner = _ask_who(_name(name))
+        owner = _request_owner(_name(name))
         if owner is not None:
             found.append(owner)
     return found
@@ -278,21 +277,21 @@ def ask_stop(owner: Owner, waiting: Callable[[], None], within_s: float = STOP_W
 
     None where the session is gone without an answer. Raises SattrackError where it does not answer in time.
     """
-    line = _asked(owner, Ask("stop"), waiting, within_s)
+    line = _request(owner, Ask("stop"), waiting, within_s)
     return msgspec.json.decode(line, type=Stopped) if line else None
 
 
 def ask_give_up(owner: Owner) -> GoesOn | None:
-    """Ask a guardian to give up; return who had gone on, None where nobody had. Raises SattrackError."""
-    line = _asked(owner, Ask("give-up"), lambda: None, ANSWER_WITHIN_S)
+    """Ask a guardian to give up; return what it went on with, None for nothing. Raises SattrackError."""
+    line = _request(owner, Ask("give-up"), lambda: None, ANSWER_WITHIN_S)
     return msgspec.json.decode(line, type=GivenUp).was if line else None
 
 
-def _asked(owner: Owner, ask: Ask, waiting: Callable[[], None], within_s: float) -> bytes | None:
+def _request(owner: Owner, ask: Ask, waiting: Callable[[], None], within_s: float) -> bytes | None:
     try:
-        with _connected(_name(owner.mount), ANSWER_WITHIN_S) as door:
-            door.sendall(msgspec.json.encode(ask) + b"\n")
-            line = _line(door, within_s, waiting)
+        with _connected(_name(owner.mount), ANSWER_WITHIN_S) as connection:
+            connection.sendall(msgspec.json.encode(ask) + b"\n")
+            line = _line(connection, within_s, waiting)
     except ConnectionError:
         return None
     except TimeoutError:
@@ -305,29 +304,27 @@ def _asked(owner: Owner, ask: Ask, waiting: Callable[[], None], within_s: float)
     return line
 
 
-def door_to_watch(name: str) -> socket.socket | None:
+def connection_to_watch(name: str) -> socket.socket | None:
     """Return a connection on which a session sends each status that it hears; None where there is none."""
     try:
-        door = _connected(_name(name), ANSWER_WITHIN_S)
-        door.sendall(msgspec.json.encode(Ask("watch")) + b"\n")
+        connection = _connected(_name(name), ANSWER_WITHIN_S)
+        connection.sendall(msgspec.json.encode(Ask("watch")) + b"\n")
     except OSError:
         return None
-    door.setblocking(False)
-    return door
+    connection.setblocking(False)
+    return connection
 
 
 def _name(mount: str) -> str:
     return f"\0{PREFIX}{mount}"
 
 
-def _ask_who(name: str) -> Owner | None:
+def _request_owner(name: str) -> Owner | None:
     try:
-        with _connected(name, ANSWER_WITHIN_S) as door:
-            pid, user, _ = _CREDENTIALS.unpack(
-                door.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-            )
-            door.sendall(msgspec.json.encode(Ask("who")) + b"\n")
-            line = _line(door, ANSWER_WITHIN_S)
+        with _connected(name, ANSWER_WITHIN_S) as connection:
+            pid, user = peer_of(connection)
+            connection.sendall(msgspec.json.encode(Ask("who")) + b"\n")
+            line = _line(connection, ANSWER_WITHIN_S)
     except ConnectionError:
         return None
     except TimeoutError:
@@ -340,37 +337,39 @@ def _ask_who(name: str) -> Owner | None:
 
 
 def _connected(name: str, within_s: float) -> socket.socket:
-    """Return a connection to a session's door.
+    """Return a connection to a session's socket.
 
-    Raises ConnectionError where there is none, TimeoutError where so many stand there that nobody gets in.
+    Raises ConnectionError where there is none, TimeoutError where its queue is full.
     """
     if not sys.platform.startswith("linux"):
         raise ConnectionRefusedError
     until_s = time.monotonic() + within_s
-    door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     while True:
         try:
-            door.settimeout(within_s)
-            door.connect(name)
+            connection.settimeout(within_s)
+            connection.connect(name)
         except BlockingIOError as error:
             if time.monotonic() > until_s:
-                door.close()
+                connection.close()
                 raise TimeoutError from error
             time.sleep(TRY_AGAIN_S)
         except OSError as error:
-            door.close()
+            connection.close()
             raise ConnectionRefusedError from error
         else:
-            return door
+            return connection
 
 
-def _line(door: socket.socket, within_s: float, waiting: Callable[[], None] | None = None) -> bytes | None:
-    """Return the line that is answered, empty where the door closes without, None where none comes."""
+def _line(
+    connection: socket.socket, within_s: float, waiting: Callable[[], None] | None = None
+) -> bytes | None:
+    """Return the line that is answered, empty where the connection closes without, None where none comes."""
     until_s, data = time.monotonic() + within_s, b""
-    door.settimeout(0.2)
+    connection.settimeout(0.2)
     while time.monotonic() < until_s and len(data) < LONGEST_LINE:
         try:
-            more = door.recv(LONGEST_LINE)
+            more = connection.recv(LONGEST_LINE)
         except TimeoutError:
             if waiting is not None:
                 waiting()
@@ -387,10 +386,10 @@ def _refusal(address: MountAddress) -> str:
         return f"{address} was owned by another session until just now: ask again"
     if owner.goes_on is not None:
         return f"{address} is not known at rest: {owner}; {STOP_OR_GIVE_UP}"
-    way = "`sattrack stop` ends it"
+    end = "`sattrack stop` ends it"
     if owner.state == "does not answer":
-        way = f"end it with `kill {owner.pid}`"
-    return f"{address} has an owner: {owner}; {way}"
+        end = f"end it with `kill {owner.pid}`"
+    return f"{address} has an owner: {owner}; {end}"
 
 
 def _command_of(pid: int) -> str:
@@ -407,20 +406,20 @@ _OVERHEARD = msgspec.json.Decoder(Overheard)
 class OverheardLink:
     """In place of a `UdpLink`: the same datagrams with the same arrivals; what is sent goes nowhere."""
 
-    def __init__(self, address: MountAddress, door: socket.socket) -> None:
+    def __init__(self, address: MountAddress, connection: socket.socket) -> None:
         self.address = address
         self.strangers = self.unsent = 0
         self.stranger_hosts: list[str] = []
         self.trouble: str | None = None
         self.ended = False
         """Whether the session has ended, and nothing more will be heard."""
-        self._door = door
+        self._connection = connection
         self._nobody: socket.socket | None = None
-        self._reader = LineReader(door.fileno())
+        self._reader = LineReader(connection.fileno())
 
     def fileno(self) -> int:
         """Return the descriptor to wait on."""
-        return self._door.fileno()
+        return self._connection.fileno()
 
     def send(self, data: bytes) -> None:
         """Send nothing, and count it."""
@@ -436,19 +435,19 @@ class OverheardLink:
 
     def close(self) -> None:
         """Look away."""
-        self._door.close()
+        self._connection.close()
         if self._nobody is not None:
             self._nobody.close()
 
     def _end(self) -> None:
-        """Put a door that stays silent in place of one that says again and again that it is closed."""
+        """Put a socket that stays silent in place of one that says again and again that it is closed."""
         self.ended = True
-        self._door.close()
-        self._door, self._nobody = socket.socketpair()
-        self._reader = LineReader(self._door.fileno())
+        self._connection.close()
+        self._connection, self._nobody = socket.socketpair()
+        self._reader = LineReader(self._connection.fileno())
 
 
 def look_on(address: MountAddress) -> OverheardLink | None:
-    """Return what to look on by; None where nobody on this machine owns the mount."""
-    door = door_to_watch(address.name)
-    return None if door is None else OverheardLink(address, door)
+    """Return a link to look on by; None where no session on this machine owns the mount."""
+    connection = connection_to_watch(address.name)
+    return None if connection is None else OverheardLink(address, connection)

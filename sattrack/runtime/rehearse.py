@@ -25,7 +25,7 @@ from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.process import gc_paused
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.mount.simulator.installation import SimulatorProfile, simulator_profile
-from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
+from sattrack.mount.simulator.mount import SimulatedMount, StartPosition
 from sattrack.planning.budget import PROBE_S, Circumstances, error_budget
 from sattrack.planning.kinematics import (
     Ability,
@@ -57,6 +57,7 @@ from sattrack.planning.rehearsal import (
 from sattrack.planning.trace import Performance, RehearsalTrace, TabledPropagator
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime import demo_pass
+from sattrack.runtime.connection import simulated_site
 from sattrack.runtime.facts import SEARCH_HOURS, build_engine, first_bias, plan_for, with_detours
 from sattrack.runtime.flight import VirtualRun
 from sattrack.runtime.mounts import SIMULATED
@@ -101,19 +102,19 @@ class RehearsedRun(VirtualRun):
     trace: RehearsalTrace = field(default_factory=RehearsalTrace)
     thinned: bool = False
     """Whether statuses are left out while nothing depends on them."""
-    _said: bool = True
+    _sent: bool = True
     """Whether the mount's last turn sent a status."""
 
     def _mount_turn(self, now_utc_s: float, _: None) -> None:
-        self._said = not (self.thinned and self._said and self._is_clear())
-        if self._said:
+        self._sent = not (self.thinned and self._sent and self._is_clear())
+        if self._sent:
             VirtualRun._mount_turn(self, now_utc_s, _)
             return
         self.mount.tick_silently(now_utc_s)
         self._at(self._installation.next_turn_s(now_utc_s), self._mount_turn, None)
 
     def _is_clear(self) -> bool:
-        """Tell whether the mount is well on its target or far behind it, and no limit holds it."""
+        """Return whether the mount is well on its target or far behind it, and no limit holds it."""
         tracker, safety = self.engine.tracker, self.engine.safety
         if tracker.phase not in FOLLOWING or safety.holding is not None or tracker.error is None:
             return False
@@ -156,12 +157,12 @@ def ideal_hardware(table: dict[str, Any]) -> SimulatorProfile:
     Kept are the rule of the pier's sides, the hard stops, refraction and the slews' jerk; friction, ripple,
     noise, drift, jitter and faults are left out. Raises BadInputError.
     """
-    said = simulator_profile(table)
+    simulated = simulator_profile(table)
     return SimulatorProfile(
-        flip=said.flip,
-        hard_margin_deg=said.hard_margin_deg,
-        does_refraction=said.does_refraction,
-        slew_jerk_deg_s3=said.slew_jerk_deg_s3,
+        flip=simulated.flip,
+        hard_margin_deg=simulated.hard_margin_deg,
+        does_refraction=simulated.does_refraction,
+        slew_jerk_deg_s3=simulated.slew_jerk_deg_s3,
     )
 
 
@@ -186,7 +187,7 @@ def perform(
         if_refracts = TabledPropagator(spec.if_mount_refracts, spec.bias, begin, end)
     # Nobody asks for the true errors: the axes themselves are noted.
     spec = replace(spec, propagator=tabled, if_mount_refracts=if_refracts, simulated=False)
-    site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
+    site = simulated_site(facts.site)
     hardware = ideal_hardware(table)
     hardware = msgspec.structs.replace(hardware, flip=rule_of(profile, hardware))
     mount = SimulatedMount(profile, site, start, hardware)

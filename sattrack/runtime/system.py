@@ -1,13 +1,14 @@
-"""The operating system's part: signals that end programs, and how well the machine's clock is set.
+"""The operating system's part: signals, the error of the machine's clock, this process and its peers.
 
-Such a signal becomes a request to stop the mount first. The clock's error is the kernel's own account of it,
-adjtimex(2), Linux only; nothing is set.
+A signal that would end the program becomes a request to stop the mount first. The clock's error is the
+kernel's own account of it, adjtimex(2), Linux only; nothing is set.
 """
 
 from __future__ import annotations
 
 import os
 import signal
+import socket
 import struct
 import sys
 import time
@@ -20,14 +21,14 @@ if TYPE_CHECKING:
 
 STOPPING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 IGNORED_SIGNALS = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
-"""A run that is suspended would leave the mount moving with nobody to stop it."""
+"""A suspended run could not stop the mount."""
 OUTLIVED_SIGNALS = (*STOPPING_SIGNALS, signal.SIGTSTP, signal.SIGPIPE)
-"""What a process that is to outlive its run must not be ended or suspended by."""
+"""Ignored by a process that must outlive its run."""
 
 
 @dataclass(slots=True)
 class StopRequest:
-    """Set from a signal handler or another thread: the run is to stop the mount and end."""
+    """Set from a signal handler or another thread: the run must stop the mount and end."""
 
     asked: bool = False
 
@@ -38,14 +39,14 @@ class StopRequest:
 
 @contextmanager
 def stopping(stop: StopRequest) -> Iterator[None]:
-    """Have the signals that end programs ask for a stop, however often they come; suspending is ignored."""
+    """Turn signals that end programs into a request to stop, however often they come; ignore suspension."""
     with handling(dict.fromkeys(STOPPING_SIGNALS, stop.ask)):
         yield
 
 
 @contextmanager
 def handling(handlers: Mapping[signal.Signals, Callable[[], None]]) -> Iterator[None]:
-    """Have each signal call its handler, until the end; suspending is ignored."""
+    """Have each signal call its handler, until the end; ignore suspension."""
     before = {number: signal.getsignal(number) for number in (*handlers, *IGNORED_SIGNALS)}
     for number, handler in handlers.items():
         signal.signal(number, lambda *_, handler=handler: handler())
@@ -59,11 +60,12 @@ def handling(handlers: Mapping[signal.Signals, Callable[[], None]]) -> Iterator[
 
 
 def outlive() -> None:
-    """Ignore what is meant for the run, as this process ends by itself after it."""
+    """Ignore signals that are meant for the run: this process ends by itself after it."""
     for number in OUTLIVED_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
 
 
+_CREDENTIALS = struct.Struct("3i")
 _UNSYNCHRONISED = 0x0040
 _TIMEX = struct.Struct("@I4li3l2l3li5li11i0l")
 """`struct timex` of adjtimex(2)."""
@@ -119,3 +121,11 @@ def this_user() -> int:
 def utc_now() -> str:
     """Return this instant for people, to the second."""
     return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+
+
+def peer_of(connection: socket.socket) -> tuple[int, int]:
+    """Return the process and the user at the other end of a Unix socket, by the kernel. Linux."""
+    pid, user, _ = _CREDENTIALS.unpack(
+        connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+    )
+    return pid, user

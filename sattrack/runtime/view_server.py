@@ -14,7 +14,6 @@ import os
 import re
 import select
 import socket
-import struct
 import subprocess
 import sys
 import time
@@ -27,7 +26,7 @@ import msgspec
 
 from sattrack.core.channel import Channel, start_process, taken_names
 from sattrack.runtime.callers import Bucket
-from sattrack.runtime.system import outlive, this_command, this_user, utc_now
+from sattrack.runtime.system import outlive, peer_of, this_command, this_user, utc_now
 from sattrack.views.run import Farewell, SummaryLine, Welcome
 
 if TYPE_CHECKING:
@@ -43,27 +42,26 @@ SUPPORTED = sys.platform.startswith("linux")
 PACKET_BYTES = 262144
 MOST_CLIENTS = 64
 LONGEST_LINE = 4096
-ROOM_FOR_VIEWS = 65536
-"""Bytes that wait for somebody, beyond which views are left out."""
+MOST_WAITING_FOR_VIEWS = 65536
+"""Bytes that wait for a client, beyond which views are left out."""
 MOST_WAITING = 4_000_000
-"""Bytes that wait for somebody, beyond which that one is sent away."""
+"""Bytes that wait for a client, beyond which it is disconnected."""
 REMEMBERED_S = 180.0
 REMEMBERED_EVERY_S = 0.5
 MOST_CHANGES = 200
 """How many older views are remembered, those at which something began that a log shows."""
 LINES_A_SECOND = 40.0
 MOST_AT_ONCE = 40.0
-MOST_UNHEARD = 200
-"""Words that wait for the feeder, beyond which nobody new is let in, and nothing but stops taken."""
-LAST_WORDS_WITHIN_S = 2.0
+MOST_UNSENT = 200
+"""Messages that wait for the feeder, beyond which no new client is let in, and only stops are taken."""
+LAST_LINES_WITHIN_S = 2.0
 LONGEST_NAME = 40
-_CREDENTIALS = struct.Struct("3i")
 
 
 class ViewServerTask(msgspec.Struct, frozen=True):
     """The task of a view server: its descriptors, and whose run it shows."""
 
-    door: int
+    listener: int
     user: int
     pid: int
     command: str
@@ -73,10 +71,10 @@ class ViewServerTask(msgspec.Struct, frozen=True):
 
 
 class ViewClientEvent(msgspec.Struct, frozen=True, array_like=True):
-    """What somebody did who looks on: came (`text` is a name), went, or said a line."""
+    """What a client did: it came (`text` is its name), went, or sent a line."""
 
     number: int
-    what: Literal["came", "gone", "said"]
+    what: Literal["came", "gone", "sent"]
     text: str = ""
 
 
@@ -99,8 +97,8 @@ class _State(msgspec.Struct, frozen=True):
     ended_by: str | None
     warnings: tuple[str, ...] = ()
 
-    def told(self) -> tuple[object, ...]:
-        """Return what makes two views the same for a log."""
+    def key(self) -> tuple[object, ...]:
+        """Return what two views have in common that are the same for a log."""
         return self.phase, self.link, self.ended_by, tuple(_FIGURES.sub("", each) for each in self.warnings)
 
 
@@ -109,9 +107,9 @@ _FIGURES = re.compile(r"[0-9.]+")
 
 @dataclass(slots=True, eq=False)
 class ViewClient:
-    """Somebody who looks on."""
+    """A client that looks on."""
 
-    door: socket.socket
+    connection: socket.socket
     number: int
     channel: Channel
     budget: Bucket
@@ -119,25 +117,25 @@ class ViewClient:
 
 def _state_in(line: bytes) -> tuple[object, ...]:
     try:
-        return msgspec.json.decode(line, type=_State).told()
+        return msgspec.json.decode(line, type=_State).key()
     except msgspec.MsgspecError:
         return ()
 
 
 class ViewServer:
-    """Shows one run to whoever comes, until the feeder ends."""
+    """Shows one run to its clients, until the feeder ends."""
 
-    def __init__(self, task: ViewServerTask, feeder: socket.socket, door: socket.socket) -> None:
-        self._task, self._feeder, self._door = task, feeder, door
+    def __init__(self, task: ViewServerTask, feeder: socket.socket, listener: socket.socket) -> None:
+        self._task, self._feeder, self._listener = task, feeder, listener
         self._clients: list[ViewClient] = []
         self._count = 0
         self._kept: dict[bytes, bytes] = {}
         """The last of what newcomers get at once."""
         self._views: deque[tuple[float, bytes]] = deque()
         self._changes: deque[tuple[float, bytes]] = deque(maxlen=MOST_CHANGES)
-        self._told: tuple[object, ...] = ()
+        self._last_state: tuple[object, ...] = ()
         self._newest = b""
-        self._unheard: deque[ViewClientEvent] = deque()
+        self._unsent: deque[ViewClientEvent] = deque()
         self._ended_s: float | None = None
 
     def run(self) -> None:
@@ -145,33 +143,33 @@ class ViewServer:
         while not self._over():
             self._turn()
         for client in self._clients:
-            client.door.close()
+            client.connection.close()
 
     def _over(self) -> bool:
         if self._ended_s is None:
             return False
         waiting = any(client.channel.waiting for client in self._clients)
-        return not waiting or time.monotonic() - self._ended_s > LAST_WORDS_WITHIN_S
+        return not waiting or time.monotonic() - self._ended_s > LAST_LINES_WITHIN_S
 
     def _turn(self) -> None:
-        reads: list[socket.socket] = [client.door for client in self._clients]
-        writes = [client.door for client in self._clients if client.channel.waiting]
+        reads: list[socket.socket] = [client.connection for client in self._clients]
+        writes = [client.connection for client in self._clients if client.channel.waiting]
         if self._ended_s is None:
             reads.append(self._feeder)
-            if len(self._unheard) < MOST_UNHEARD:
-                reads.append(self._door)
-            if self._unheard:
+            if len(self._unsent) < MOST_UNSENT:
+                reads.append(self._listener)
+            if self._unsent:
                 writes.append(self._feeder)
         readable, writable, _ = select.select(reads, writes, [], 0.5)
         if self._feeder in readable:
             self._take_news()
-        if self._door in readable:
+        if self._listener in readable:
             self._admit()
-        for client in [one for one in self._clients if one.door in readable]:
-            self._hear(client)
-        for client in [one for one in self._clients if one.door in writable]:
-            self._say(client, b"")
-        self._tell_feeder()
+        for client in [one for one in self._clients if one.connection in readable]:
+            self._receive(client)
+        for client in [one for one in self._clients if one.connection in writable]:
+            self._send_to(client, b"")
+        self._send_to_feeder()
 
     def _take_news(self) -> None:
         try:
@@ -192,19 +190,19 @@ class ViewServer:
             # Another run: what was seen of the one before is over.
             self._views.clear()
             self._changes.clear()
-            self._told = ()
+            self._last_state = ()
             self._newest = b""
             self._kept.pop(SUMMARY, None)
         for client in list(self._clients):
-            if kind != VIEW or len(client.channel.waiting) < ROOM_FOR_VIEWS:
-                self._say(client, line)
+            if kind != VIEW or len(client.channel.waiting) < MOST_WAITING_FOR_VIEWS:
+                self._send_to(client, line)
 
     def _remember(self, line: bytes) -> None:
         now_s = time.monotonic()
         self._newest = line
-        told = _state_in(line)
-        if told != self._told:
-            self._told = told
+        state = _state_in(line)
+        if state != self._last_state:
+            self._last_state = state
             self._changes.append((now_s, line))
         if not self._views or now_s - self._views[-1][0] >= REMEMBERED_EVERY_S:
             self._views.append((now_s, line))
@@ -213,22 +211,20 @@ class ViewServer:
 
     def _admit(self) -> None:
         with contextlib.suppress(OSError):
-            door, _ = self._door.accept()
-            pid, user, _ = _CREDENTIALS.unpack(
-                door.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-            )
-            channel = Channel(door.fileno(), longest=LONGEST_LINE, most_waiting=MOST_WAITING)
+            connection, _ = self._listener.accept()
+            pid, user = peer_of(connection)
+            channel = Channel(connection.fileno(), longest=LONGEST_LINE, most_waiting=MOST_WAITING)
             client = ViewClient(
-                door, self._count + 1, channel, Bucket(LINES_A_SECOND, MOST_AT_ONCE, time.monotonic())
+                connection, self._count + 1, channel, Bucket(LINES_A_SECOND, MOST_AT_ONCE, time.monotonic())
             )
             refusal = self._refusal(user)
             if refusal is not None:
                 channel.send(msgspec.json.encode(Farewell(refusal)) + b"\n")
-                door.close()
+                connection.close()
                 return
             self._count += 1
             self._clients.append(client)
-            self._unheard.append(ViewClientEvent(client.number, "came", f"process {pid}"))
+            self._unsent.append(ViewClientEvent(client.number, "came", f"process {pid}"))
             self._welcome(client)
 
     def _refusal(self, user: int) -> str | None:
@@ -249,9 +245,9 @@ class ViewServer:
         first.append(self._newest)
         if SUMMARY in self._kept:
             first.append(self._kept[SUMMARY])
-        self._say(client, b"".join(first))
+        self._send_to(client, b"".join(first))
 
-    def _hear(self, client: ViewClient) -> None:
+    def _receive(self, client: ViewClient) -> None:
         for line in client.channel.lines():
             self._take_line(client, line)
         if client.channel.ended or client.channel.overlong:
@@ -259,44 +255,44 @@ class ViewServer:
 
     def _take_line(self, client: ViewClient, line: bytes) -> None:
         try:
-            told = msgspec.json.decode(line, type=_Line)
+            message = msgspec.json.decode(line, type=_Line)
             text = line.decode()
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
             return
-        if told.type == "stop":
-            stop = ViewClientEvent(client.number, "said", text)
-            if stop not in self._unheard:
-                self._unheard.appendleft(stop)
+        if message.type == "stop":
+            stop = ViewClientEvent(client.number, "sent", text)
+            if stop not in self._unsent:
+                self._unsent.appendleft(stop)
             return
-        if len(self._unheard) >= MOST_UNHEARD or not client.budget.take(time.monotonic()):
+        if len(self._unsent) >= MOST_UNSENT or not client.budget.take(time.monotonic()):
             return
-        if told.type == "hello":
-            name = "".join(each for each in told.name if each.isprintable())[:LONGEST_NAME]
-            self._unheard.append(ViewClientEvent(client.number, "came", name or f"watcher {client.number}"))
+        if message.type == "hello":
+            name = "".join(each for each in message.name if each.isprintable())[:LONGEST_NAME]
+            self._unsent.append(ViewClientEvent(client.number, "came", name or f"watcher {client.number}"))
             return
-        self._unheard.append(ViewClientEvent(client.number, "said", text))
+        self._unsent.append(ViewClientEvent(client.number, "sent", text))
 
-    def _tell_feeder(self) -> None:
-        while self._unheard and self._ended_s is None:
+    def _send_to_feeder(self) -> None:
+        while self._unsent and self._ended_s is None:
             try:
-                self._feeder.send(msgspec.json.encode(self._unheard[0]))
+                self._feeder.send(msgspec.json.encode(self._unsent[0]))
             except BlockingIOError:
                 return
             except OSError:
-                self._unheard.clear()
+                self._unsent.clear()
                 return
-            self._unheard.popleft()
+            self._unsent.popleft()
 
-    def _say(self, client: ViewClient, line: bytes) -> None:
+    def _send_to(self, client: ViewClient, line: bytes) -> None:
         client.channel.send(line)
         if client.channel.ended:
             self._dismiss(client)
 
     def _dismiss(self, client: ViewClient) -> None:
-        client.door.close()
+        client.connection.close()
         if client in self._clients:
             self._clients.remove(client)
-            self._unheard.append(ViewClientEvent(client.number, "gone"))
+            self._unsent.append(ViewClientEvent(client.number, "gone"))
 
 
 def name_for(pid: int) -> str:
@@ -327,26 +323,26 @@ EVENT_BYTES = 65536
 
 
 class ViewServerLink:
-    """A view server at work. Where it dies, the run goes on, and nobody can look on any more."""
+    """A view server at work. Where it dies, the run goes on without clients."""
 
     def __init__(self, facts: RunFacts) -> None:
         """Start the process. Raises OSError where it cannot start, or the name is taken."""
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        with theirs, socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as door:
+        with theirs, socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
             try:
-                door.bind(name_for(os.getpid()))
-                door.listen(BACKLOG)
-                door.setblocking(False)
+                listener.bind(name_for(os.getpid()))
+                listener.listen(BACKLOG)
+                listener.setblocking(False)
                 self._process = start_process(
                     "sattrack.runtime.view_server",
                     str(theirs.fileno()),
-                    inherits=(theirs.fileno(), door.fileno()),
+                    inherits=(theirs.fileno(), listener.fileno()),
                 )
             except OSError:
                 self._socket.close()
                 raise
             task = ViewServerTask(
-                door=door.fileno(),
+                listener=listener.fileno(),
                 user=this_user(),
                 pid=os.getpid(),
                 command=this_command(),
@@ -385,7 +381,7 @@ class ViewServerLink:
         self._socket.setblocking(False)
 
     def heard(self) -> list[ViewClientEvent]:
-        """Return what was said and who came and went, a bounded part of it, without waiting."""
+        """Return what clients sent, and who came and went, a bounded part of it, without waiting."""
         found: list[ViewClientEvent] = []
         while len(found) < HEARD_AT_ONCE and not self._gone:
             try:
@@ -443,7 +439,7 @@ def main() -> int:
     feeder.settimeout(10.0)
     task = msgspec.json.decode(feeder.recv(PACKET_BYTES), type=ViewServerTask)
     feeder.setblocking(False)
-    ViewServer(task, feeder, socket.socket(fileno=task.door)).run()
+    ViewServer(task, feeder, socket.socket(fileno=task.listener)).run()
     return 0
 
 

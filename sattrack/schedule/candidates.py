@@ -48,7 +48,7 @@ OLD, SUN, INFEASIBLE, PIER, CROWDED = "elements too old", "Sun up", "infeasible"
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """The elements of one source; fresh ones can be had before each pass where it is a provider's."""
+    """The elements of one source; fresh ones are available before each pass where it is a provider's."""
 
     elements: list[Elements]
     renewable: bool
@@ -127,7 +127,7 @@ class Candidate:
 
 @dataclass(slots=True)
 class Found:
-    """What an entry came to: passes seen, how many of them were dropped for what, and words for the user."""
+    """The outcome of an entry: passes found, the count dropped for each reason, and a note for the user."""
 
     passes: int = 0
     dropped: Counter[str] = field(default_factory=Counter)
@@ -253,7 +253,7 @@ class EntrySearch:
         self.found.passes = len(passes)
         if not len(passes):
             if not passes.failed:
-                self._tell_none(passes)
+                self._report_none(passes)
             return []
         seen = list(passes)
         suns = sun_altitudes_deg(passes)
@@ -287,7 +287,7 @@ class EntrySearch:
         sun = sun_over(site.latitude_deg, site.longitude_deg).at(min(max(top, cut[0][0]), cut[0][1]))
         return altitude_deg(sun.hour_angle_deg, sun.dec_deg, site.latitude_deg)
 
-    def _tell_none(self, passes: CataloguePasses) -> None:
+    def _report_none(self, passes: CataloguePasses) -> None:
         low = self._entry.terms.min_altitude_deg
         names = ", ".join(e.label for e in passes.elements[:3]) if self._by_name else "nothing of it"
         self.found.notes.append(f"{names}: not above {low:g}° in the plan's time")
@@ -324,7 +324,7 @@ class EntrySearch:
         return one.seen.rise_utc is None or one.seen.set_utc is None
 
     def _keep_before_facts(self, one: SatellitePass, sun_deg: float, cut: Cut) -> bool:
-        """Tell whether a pass is reported, by what is known at once; count those of a rule that are not."""
+        """Return whether a pass is reported, by what is known at once; count those of a rule that are not."""
         conditions, terms = self._entry.conditions, self._entry.terms
         if self._by_name:
             return True
@@ -434,7 +434,7 @@ class EntrySearch:
             yield OLD, old
 
     def _too_old(self, one: Candidate, loaded: Loaded) -> str | None:
-        """Say how old the elements are where that is too much; those of a provider are renewed before."""
+        """Note the age of elements that are too old; those of a provider are renewed before the pass."""
         at = self._situation.now_utc_s if loaded.renewable else one.culminate_utc_s
         days = abs(at - float(one.elements.epoch.unix_s)) / DAY_S
         if days <= self._entry.terms.elements_oldest_days:
@@ -444,7 +444,7 @@ class EntrySearch:
 
 
 def named_by(entry: ScheduleEntry, loaded: Loaded) -> list[Elements]:
-    """Return the satellites that an entry names, each once. Raises BadInputError that says where."""
+    """Return the satellites that an entry names, each once. Raises BadInputError with its place."""
     chosen: dict[int, Elements] = {}
     for key in entry.satellites:
         try:
@@ -507,7 +507,7 @@ class Judge:
         self._known: set[int] = set()
 
     def knows(self, one: Candidate) -> bool:
-        """Tell whether a candidate was judged, or needs no verdict because it is lost anyway."""
+        """Return whether a candidate was judged, or needs no verdict because it is lost anyway."""
         return one.lost is not None or one.number in self._known
 
     def judged(self, one: Candidate) -> Candidate:

@@ -23,13 +23,16 @@ import msgspec
 
 from sattrack.core.errors import Origin, meant
 from sattrack.core.toml_text import KeyPositions, read_typed
-from sattrack.schedule.rules import NO_CONDITIONS, Conditions, parse_conditions, parse_rule
 from sattrack.schedule.schema import (
     FIXED_PRIORITY,
+    NO_CONDITIONS,
     ONLY_AT_THE_TOP,
+    Conditions,
     PassOptions,
     ScheduleText,
     Terms,
+    parse_conditions,
+    parse_rule,
     terms_of,
 )
 from tle.errors import TimeFormatError
@@ -51,7 +54,7 @@ MOST_FILES = 100
 
 @dataclass(frozen=True, slots=True)
 class ScheduleEntry:
-    """Passes that somebody asked for: a rule's, some satellites', or one by fixed times.
+    """Requested passes: a rule's, some satellites', or one by fixed times.
 
     `satellites` are keys as `tle.sources.find` takes them, empty for all of `source` (None: of all elements).
     `windows` gives those that touch a span of POSIX seconds, None for no window; `fixed` is such a span.
@@ -69,7 +72,7 @@ class ScheduleEntry:
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
-    """All that a schedule's files say; the plan's span as POSIX seconds of UTC, None where not said."""
+    """All that a schedule's files say; the plan's span as POSIX seconds of UTC, None where none is given."""
 
     file: str
     zone_name: str
@@ -88,7 +91,7 @@ class Schedule:
 
 
 def load_schedule(path: Path) -> Schedule:
-    """Return what a schedule file says. Raises BadInputError with file, line and column."""
+    """Return the schedule of a file. Raises BadInputError with file, line and column."""
     reader = _ScheduleReader()
     top, positions, zone = reader.read(path, Origin(str(path)), (), PassOptions())
     span = [
@@ -148,7 +151,7 @@ class _ScheduleReader:
         text = self.text_of(path, asked_at, "the schedule")
         if len(self.files) > MOST_FILES:
             raise asked_at.wrong(f"more than {MOST_FILES} files are included; join some")
-        said, at = read_typed(text, str(path), ScheduleText)
+        table, at = read_typed(text, str(path), ScheduleText)
         if chain:
             for key in ONLY_AT_THE_TOP:
                 if at.has(key):
@@ -156,10 +159,10 @@ class _ScheduleReader:
                         f"{key} stands in the schedule itself, not in a file that it includes"
                     )
         else:
-            defaults = said.defaults
-        zone = _zone(said.timezone or zone_name, at.value("timezone"))
+            defaults = table.defaults
+        zone = _zone(table.timezone or zone_name, at.value("timezone"))
         here = (*chain, path.resolve())
-        for number, name in enumerate(said.include):
+        for number, name in enumerate(table.include):
             where = at.value("include", number)
             other = path.parent / name
             if other.resolve() in here:
@@ -167,17 +170,17 @@ class _ScheduleReader:
                 raise where.wrong(
                     f"includes itself: {' → '.join(one.name for one in files)}; take one include away"
                 )
-            self.read(other, where, here, defaults, said.timezone or zone_name)
-        for number, entry in enumerate(said.passes):
+            self.read(other, where, here, defaults, table.timezone or zone_name)
+        for number, entry in enumerate(table.passes):
             self.entries.append(_pass_entry(entry, ("passes", number), at, path, zone, defaults))
-        for number, fixed in enumerate(said.fixed):
+        for number, fixed in enumerate(table.fixed):
             self.entries.append(_fixed_entry(fixed, ("fixed", number), at, zone, defaults))
-        if said.fixed_list is not None:
-            lines = read_list(said.fixed_list, zone, at.value("fixed_list"))
+        if table.fixed_list is not None:
+            lines = read_list(table.fixed_list, zone, at.value("fixed_list"))
             self.entries += [_line_entry(line, PassOptions(), defaults) for line in lines]
-        for number, table in enumerate(said.imports):
-            self._import(table, number, at, path, said.timezone or zone_name, defaults)
-        return said, at, zone
+        for number, one in enumerate(table.imports):
+            self._import(one, number, at, path, table.timezone or zone_name, defaults)
+        return table, at, zone
 
     def _import(
         self,
@@ -199,7 +202,7 @@ class _ScheduleReader:
         self.entries += [_line_entry(line, table, defaults) for line in lines]
 
     def text_of(self, path: Path, asked_at: Origin, what: str) -> str:
-        """Return a file's text. Raises BadInputError that tells who asked for it."""
+        """Return a file's text. Raises BadInputError with the place that names the file."""
         try:
             text = path.read_text(encoding="utf-8-sig")
         except FileNotFoundError:
@@ -212,7 +215,7 @@ class _ScheduleReader:
 
 
 def _beside(path: Path, asked_by: str) -> str:
-    """Return which other file of the folder may have been meant than the one that asks."""
+    """Return a hint at another file of the folder that may have been meant."""
     try:
         return meant(
             path.name,
@@ -326,7 +329,7 @@ def _line_entry(line: FixedLine, wishes: PassOptions, defaults: PassOptions) -> 
 
 
 def _check_overlaps(entries: list[ScheduleEntry]) -> None:
-    """Raise BadInputError for two fixed passes at one time of which nobody said that one counts more."""
+    """Raise BadInputError for two fixed passes at one time of equal priority."""
     fixed = sorted((entry.fixed, k) for k, entry in enumerate(entries) if entry.fixed is not None)
     latest: dict[float, tuple[float, int]] = {}
     for span, k in fixed:
@@ -348,7 +351,7 @@ _WORDS = re.compile(r"\S+")
 
 
 class FixedLine(NamedTuple):
-    """One pass by fixed times: POSIX seconds of UTC, its priority where the table tells one."""
+    """One pass by fixed times: POSIX seconds of UTC, its priority where the table has one."""
 
     satellite: str
     start_utc_s: float
@@ -395,7 +398,7 @@ def read_list(text: str, zone: tzinfo, origin: Origin) -> list[FixedLine]:
 
 
 def read_table(text: str, zone: tzinfo, origin: Origin) -> list[FixedLine]:
-    """Return the rows of a table with a line of titles: satellite, start, end, and maybe priority and name.
+    """Return the rows of a table with a line of titles: satellite, start, end, optionally priority and name.
 
     Commas, semicolons or tabs part the fields. Raises BadInputError with line and column.
     """
@@ -537,7 +540,7 @@ def _of_day_number(match: re.Match[str], text: str, zone: tzinfo) -> Utc:
 
 
 def is_time_of_day(text: str) -> bool:
-    """Tell whether a text is a time of day, as 22:30, and no date."""
+    """Return whether a text is a time of day, as 22:30, and no date."""
     return _TIME_OF_DAY.fullmatch(text.strip()) is not None
 
 
@@ -578,7 +581,7 @@ def daily_windows(
 
 
 def _touches(day: date, span: tuple[float, float]) -> bool:
-    """Tell whether a window that begins on a day, in any zone, may meet a span."""
+    """Return whether a window that begins on a day, in any zone, may meet a span."""
     middle = datetime.combine(day, time(12), UTC).timestamp()
     return span[0] - 3.5 * 86400.0 < middle < span[1] + 2.5 * 86400.0
 

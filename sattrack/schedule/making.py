@@ -132,8 +132,8 @@ def _tight(at: int, chosen: Sequence[int], nodes: NodeSet) -> list[tuple[int, fl
 MOST_JOININGS = 3
 WORTH_ANOTHER = 1e-4
 """Times that what lies between passes is shared out anew, and the share of the value that is worth it."""
-BOUND_TOLD = 1e-6
-"""By what share more the best plan may be worth than the one that was found, before a note says so."""
+BOUND_GAP_SHOWN = 1e-6
+"""Share by which the best plan may exceed the one found, before a note reports it."""
 SIDES = {False: "normal", True: "beyond_pole"}
 
 
@@ -169,7 +169,7 @@ class Chosen(NamedTuple):
 
 
 class _Maker:
-    """Candidates, and the choice of them as it stands."""
+    """Candidates, and the present choice of them."""
 
     def __init__(
         self, schedule: Schedule, situation: PlanSituation, candidates: list[Candidate], judge: Judge
@@ -258,7 +258,7 @@ class _Maker:
         self._set = self._nodes(self._set.nodes)
 
     def _judge_chosen(self) -> bool:
-        """Judge what was chosen by the mount's limits; tell whether some of it is worth less by that.
+        """Judge what was chosen by the mount's limits; return whether some of it is worth less by that.
 
         What was not judged is worth no more than it seems: the best choice is the best of all, once all of it
         was judged.
@@ -272,7 +272,7 @@ class _Maker:
         return any_lost
 
     def _lead(self) -> bool:
-        """Find the ways of the slews between chosen passes; tell whether one takes longer than there is time.
+        """Find the paths of the slews between chosen passes; return whether one takes too long.
 
         What a way round takes holds for the same two passes however they are shortened.
         """
@@ -310,7 +310,7 @@ class _Maker:
         self._join(least_s)
 
     def _join(self, least_s: list[float]) -> None:
-        """Share out what lies between the chosen passes, and choose once more with what comes of that."""
+        """Share out the time between the chosen passes, and choose once more."""
         every, taken = self._set.nodes, self._taken_nodes()
         numbers = {node.candidate for node in taken}
         if not any(is_flexible(self._candidates[number]) for number in numbers):
@@ -352,7 +352,7 @@ class _Maker:
         return leave.seconds + slew + extra + want.before.seconds + want.settle_s + ROUNDING_S
 
     def rehearse(self, rehearse: Rehearse, progress: Progress | None) -> bool:
-        """Rehearse what was chosen; tell whether some of it is lost by that."""
+        """Rehearse what was chosen; return whether some of it is lost by that."""
         any_lost = False
         for done, k in enumerate(self._chosen):
             if progress is not None:
@@ -452,7 +452,7 @@ class _Maker:
                 f"{unjudged} passes that lost to others were not judged by the mount's limits: some of them "
                 "may be infeasible as well"
             )
-        if self._bound > self._value * (1.0 + BOUND_TOLD):
+        if self._bound > self._value * (1.0 + BOUND_GAP_SHOWN):
             notes.append(
                 "more rules bind at once than could be weighed in all cases: the plan is worth "
                 f"{self._value:.0f}, the best there is {self._bound:.0f} at most"
@@ -578,7 +578,7 @@ class _Maker:
 
 
 def _may_split(one: Candidate) -> bool:
-    """Tell whether two parts of a candidate could be taken that have no instant in common."""
+    """Return whether two parts of a candidate could be taken that have no instant in common."""
     return one.latest_start_utc_s >= one.earliest_end_utc_s and is_flexible(one)
 
 

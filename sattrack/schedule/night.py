@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class RunState(StrEnum):
-    """What the runner is doing, in words for people."""
+    """What the runner is doing, as text for people."""
 
     PLANNING = "planning"
     PLANLESS = "without a plan"
@@ -117,7 +117,7 @@ class PassAttempt(msgspec.Struct, frozen=True):
 
 
 class RunSettings(msgspec.Struct, frozen=True):
-    """What holds for all nights: the run's span (None: no end), and what the schedule and the site say.
+    """Settings for all nights: the run's span (None: no end), the schedule's and the site's.
 
     Nights change at `noon_s`, seconds after midnight UTC: the site's mean noon.
     """
@@ -141,13 +141,13 @@ class FinishedPass(msgspec.Struct, frozen=True):
     culminate_utc_s: float
 
     def is_pass(self, one: NightPass) -> bool:
-        """Tell whether it is this one."""
+        """Return whether it is this one."""
         near = abs(one.culminate_utc_s - self.culminate_utc_s) < SAME_PASS_S
         return one.elements.catalog_number == self.catalog_number and near
 
 
 class Recovered(msgspec.Struct, frozen=True):
-    """What the last status says of a run whose journal cannot be read."""
+    """What is known from the last status of a run whose journal cannot be read."""
 
     night: int
     night_from_utc_s: float
@@ -178,7 +178,7 @@ class Started(_Event, frozen=True, tag="started"):
 
 
 class Reread(_Event, frozen=True, tag="reread"):
-    """The schedule's file was read again, as somebody asked."""
+    """The schedule's file was read again on request."""
 
     settings: RunSettings = msgspec.field(name="ways")
 
@@ -188,7 +188,7 @@ class Due(_Event, frozen=True, tag="due"):
 
 
 class ClockSet(_Event, frozen=True, tag="clock set"):
-    """The machine's clock went by so much more than time did, or the machine slept for so long."""
+    """The machine's clock jumped by so many seconds, or the machine slept for them."""
 
     seconds: float
     slept: bool = False
@@ -218,7 +218,7 @@ class PassPrepared(_Event, frozen=True, tag="prepared"):
 
 
 class WeatherReported(_Event, frozen=True, tag="weather"):
-    """Whether the weather is safe; None where nobody is asked."""
+    """Whether the weather is safe; None without a weather source."""
 
     safe: bool | None
     words: str | None = None
@@ -381,7 +381,7 @@ class Run(msgspec.Struct, frozen=True):
 
 S_PER_DEG = 240.0
 SHORT_S = 4.0 * 3600.0
-"""Less than that at the end of a run is no night of its own."""
+"""A shorter rest of a run does not count as a night."""
 LATE_S = 5.0
 """A pass that is shorter by no more than this was followed to its end."""
 
@@ -410,7 +410,7 @@ def prepared_from_s(run: Run) -> float:
 
 
 def enough_left(run: Run, utc_s: float, another: bool = False) -> bool:
-    """Tell whether so much of the next pass is to come that it is worth following."""
+    """Return whether enough of the next pass is left to be worth following."""
     one = at_of(run)
     left_s = one.end_utc_s - max(utc_s, one.start_utc_s)
     # What was begun is followed on however short the rest is, if it can be reached at all.
@@ -429,7 +429,7 @@ def first_night(run: Run, now_utc_s: float) -> Run:
 
 
 def recovered_night(run: Run, known: Recovered, now_utc_s: float) -> Run:
-    """Return a run that goes on by what the last status says: its night, or the next where that is over."""
+    """Return a run that goes on from the last status: its night, or the next where that is over."""
     run = replace(run, mount=known.mount, summary=known.summary)
     if now_utc_s >= known.night_to_utc_s:
         return _night_from(run, max(run.settings.from_utc_s, now_utc_s), known.night + 1)
@@ -438,7 +438,7 @@ def recovered_night(run: Run, known: Recovered, now_utc_s: float) -> Run:
 
 
 def with_settings(run: Run, settings: RunSettings) -> Run:
-    """Return the run by what the schedule says now; a night that has begun keeps its beginning."""
+    """Return the run with the schedule's new settings; a night that has begun keeps its beginning."""
     return _night_from(replace(run, settings=settings), run.night_from_utc_s, run.night)
 
 

@@ -109,7 +109,7 @@ def resume_command(schedule: str, folder: Path) -> str:
 
 
 def stop_of(folder: Path) -> OperatorStop | None:
-    """Return the operator's stop that stands in a run's folder; None where none does."""
+    """Return the operator's stop in a run's folder; None for none."""
     try:
         made_s = (folder / STOP_NAME).lstat().st_mtime
     except (FileNotFoundError, NotADirectoryError):
@@ -124,7 +124,7 @@ def stop_of(folder: Path) -> OperatorStop | None:
 
 
 def keep_stop(folder: Path, by: str) -> OperatorStop:
-    """Write an operator's stop to the disk; one that stands is left as it is. Raises OSError.
+    """Write an operator's stop to the disk; one that exists is left as it is. Raises OSError.
 
     On a full disk the file stays empty, which is a stop too.
     """
@@ -169,7 +169,7 @@ def _sync_folder(folder: Path) -> None:
 
 @dataclass(slots=True)
 class NightRequests:
-    """What a runner is asked from outside. An operator's stop is looked for in the folder each time."""
+    """Requests to a runner from outside. An operator's stop is looked for in the folder each time."""
 
     folder: Path
     interrupted: bool = False
@@ -186,7 +186,7 @@ class NightRequests:
 
     @property
     def operator(self) -> OperatorStop | None:
-        """The operator's stop that stands."""
+        """The operator's stop in force."""
         return stop_of(self.folder)
 
     @property
@@ -246,7 +246,7 @@ def _record(folder: Path) -> Path:
 
 
 def list_night(folder: Path, schedule: Path, mount: str | None) -> str | None:
-    """Put a run on this user's list, where `sattrack stop` finds it; return what went wrong, in words."""
+    """Put a run on this user's list, where `sattrack stop` finds it; return what went wrong, or None."""
     record = _record(folder)
     night = ListedRun(str(folder.resolve()), str(schedule.resolve()), mount)
     if _listed(record) == night:
@@ -323,11 +323,11 @@ class BegunStop:
             self._wrong = f"{self._night.folder}: {error.strerror}"
 
     def wait(self, within_s: float) -> None:
-        """Wait until the stop is on the disk, so long at most."""
+        """Wait until the stop is on the disk, or its time has passed."""
         self._thread.join(within_s)
 
     def finish(self, waiting: Callable[[], None]) -> NightStop:
-        """See the runner end; return what came of it. One that cannot be asked otherwise is interrupted."""
+        """Wait for the runner's end; return the outcome. Without a written stop it is interrupted."""
         night, runner = self._night, self._runner
         self.wait(WRITTEN_WITHIN_S)
         kept = self._wrong is None
@@ -357,6 +357,3 @@ def begin_stops(nights: Sequence[ListedRun]) -> list[BegunStop]:
     for stop in begun:
         stop.wait(max(0.0, until_s - time.monotonic()))
     return begun
-
-
-PID_CELLS = 12

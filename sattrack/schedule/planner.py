@@ -228,11 +228,11 @@ def _one_less(shape: tuple[int, ...], position: int) -> Index:
 PRICINGS = 25
 """Rounds in which prices are moved, for each case."""
 MOST_WORK = 60_000
-"""Cases are weighed until so many nodes have been planned with; then the plan is reported with its bound."""
+"""Cases are weighed until this many nodes were planned with; then the plan is reported with its bound."""
 MOST_REPAIRS = 20
 EQUAL = 1e-9
 LEAST_FALL, STALE = 1e-6, 4
-"""Bounds that fall by less, so many times in a row, have prices moved by half as much."""
+"""Bounds that fall by less, this many times in a row, halve the moves of prices."""
 
 
 class Packing(NamedTuple):
@@ -320,7 +320,7 @@ class _PackingSearch:
         return Packed(self._value, self._chosen, self._value)
 
     def _is_enough(self, bound: float) -> bool:
-        """Tell whether no plan within a bound is worth more than the best one found."""
+        """Return whether no plan within a bound is worth more than the best one found."""
         return bound <= self._value + EQUAL * max(1.0, self._value)
 
     def _solve(self, forbidden: frozenset[int], prices: Mapping[int, float]) -> tuple[float, list[int]]:

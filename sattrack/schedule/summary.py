@@ -1,4 +1,4 @@
-"""A schedule's run in words: results of passes, the view of its state, the morning's summary. Pure."""
+"""A schedule's run as text: results of passes, the view of its state, the morning's summary. Pure."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 DONE_SHARE = 0.9
 """Share of a pass that must have been on target for "done"."""
-TOLD_S = 0.5
+SHORTEST_SHOWN_S = 0.5
 
 
 def attempt_of(event: Event) -> PassAttempt:
@@ -85,14 +85,16 @@ def _summed(attempts: tuple[PassAttempt, ...]) -> dict[str, float]:
     return {name: round(sum(attempt.held_s.get(name, 0.0) for attempt in attempts), 3) for name in names}
 
 
-def held_words(result: Result | SchedulePassView) -> str:
-    """Return what limits took of a pass, in words; empty for nothing that is worth a word."""
+def limits_text(result: Result | SchedulePassView) -> str:
+    """Return the time that limits took of a pass, as text; empty for nothing worth reporting."""
     parts = [
-        f"{seconds:.0f} s to the {name} limit" for name, seconds in result.held_s.items() if seconds >= TOLD_S
+        f"{seconds:.0f} s to the {name} limit"
+        for name, seconds in result.held_s.items()
+        if seconds >= SHORTEST_SHOWN_S
     ]
     if not parts:
         return ""
-    if result.rejoining_s >= TOLD_S:
+    if result.rejoining_s >= SHORTEST_SHOWN_S:
         parts.append(f"{result.rejoining_s:.0f} s on the way back")
     if result.lost_peak_arcsec is not None:
         parts.append(f"{result.lost_peak_arcsec / 3600.0:.2g}° off at most")
@@ -119,7 +121,7 @@ def view_of(run: Run, doing: Order | None, utc_s: float, schedule: str, folder: 
         utc_s=utc_s,
         schedule=schedule,
         state=run.state.value,
-        doing=doing_words(run, doing),
+        doing=action_text(run, doing),
         mount="moving" if run.state in BUSY else run.mount.value,
         night=run.night,
         from_utc=_iso(run.night_from_utc_s),
@@ -159,8 +161,8 @@ def _pass_view(one: NightPass, result: Result | None, current: bool, run: Run) -
     )
 
 
-def doing_words(run: Run, doing: Order | None) -> str:
-    """Return what the runner does, in a few words."""
+def action_text(run: Run, doing: Order | None) -> str:
+    """Return what the runner does, as a short text."""
     one = run.at
     name = "" if one is None else f" {one.number}, {one.name}"
     match run.state:
@@ -232,7 +234,7 @@ def headline(run: Run) -> str:
         words += f", {found.partly} in part"
     if found.lost:
         words += f", {found.lost} lost"
-    return f"night {run.night}: {words}; {found.on_target_s:.0f} s on target; {_mount_words(run)}"
+    return f"night {run.night}: {words}; {found.on_target_s:.0f} s on target; {_mount_text(run)}"
 
 
 def text_lines(run: Run, schedule: str) -> list[str]:
@@ -307,7 +309,7 @@ def _line(one: NightPass, result: Result | None) -> str:
     on_target = f"{result.on_target_s:.0f} of {whole_s:.0f}"
     why = f": {result.cause}" if result.cause else ""
     why += f": {printable(result.words)}" if result.words else ""
-    held = held_words(result)
+    held = limits_text(result)
     why += f"; {held}" if held else ""
     return (
         f"{one.number:3d}  {start}   {result.state:<6}  {on_target:>11}  {rms:>6}  {printable(one.name)}{why}"
@@ -318,7 +320,7 @@ def _row(one: NightPass, result: Result | None, recordings: str) -> str:
     state = "not reached" if result is None else result.state
     colour = COLOURS.get(state, "#777")
     why = "" if result is None or result.cause is None else escape(f": {result.cause}: {result.words or ''}")
-    why += f"; {escape(held_words(result))}" if result is not None and held_words(result) else ""
+    why += f"; {escape(limits_text(result))}" if result is not None and limits_text(result) else ""
     cells = ["-", "-", "-"]
     links = ""
     if result is not None:
@@ -340,7 +342,7 @@ def _counted(counts: dict[str, int]) -> str:
     return ", ".join(f"{count} {what}" for what, count in counts.items())
 
 
-def _mount_words(run: Run) -> str:
+def _mount_text(run: Run) -> str:
     if run.mount is Mount.PARKED:
         return "the mount is parked"
     if run.mount is Mount.AT_PARK:

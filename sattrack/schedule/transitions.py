@@ -12,6 +12,7 @@ from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import erfa
 import numpy as np
 
 from sattrack.core.angles import altitude_deg, azimuth_deg
@@ -22,8 +23,8 @@ from sattrack.safety.regions import is_clear
 from sattrack.safety.route import HANDSHAKE_S, RAMP, axes_of, direction_of, slew_s
 from sattrack.safety.slews import SlewGate
 from sattrack.schedule.planner import Problem
-from sattrack.schedule.schema import CommandAction, SlewAction, Star, find_star, hour_angle_and_dec_deg
-from tle.instants import Utc
+from sattrack.schedule.schema import CommandAction, SlewAction, Star, find_star
+from tle.instants import DAY_S, Utc
 from tle.propagator import Propagator
 
 if TYPE_CHECKING:
@@ -42,6 +43,9 @@ if TYPE_CHECKING:
     Index = NDArray[np.intp]
 
 
+_UNIX_EPOCH_JD = 2440587.5
+_TT_MINUS_UTC_S = 69.184
+_MAS_RAD = math.radians(1.0 / 3.6e6)
 ROUNDING_S = 1e-6
 
 
@@ -82,6 +86,21 @@ def slew_of(action: SlewAction, utc_s: float, site: Site, profile: MountProfile)
     """Return the slew to an action's direction at an instant; right ascension by mean sidereal time."""
     hour_angle_deg, dec_deg = direction_of(place_of(action, utc_s, site, profile))
     return Slew((mean_sidereal_deg(utc_s, site.longitude_deg) - hour_angle_deg) % 360.0, dec_deg)
+
+
+def hour_angle_and_dec_deg(star: Star, utc_s: float, longitude_deg: float) -> tuple[float, float]:
+    """Return a star's apparent place of date, geocentric: hour angle (-180 to 180), declination.
+
+    To some arcseconds: UT1 is taken as UTC, and parallax left out.
+    """
+    day = _UNIX_EPOCH_JD + utc_s / DAY_S
+    ra, dec = math.radians(star.ra_deg), math.radians(star.dec_deg)
+    pm_ra = star.pm_ra_mas * _MAS_RAD / math.cos(dec)
+    ri, di, _ = erfa.atci13(
+        ra, dec, pm_ra, star.pm_dec_mas * _MAS_RAD, 0.0, 0.0, day, _TT_MINUS_UTC_S / DAY_S
+    )
+    turned = math.degrees(erfa.era00(day, 0.0) - float(ri)) + longitude_deg
+    return (turned + 180.0) % 360.0 - 180.0, math.degrees(float(di))
 
 
 def cost_before(
@@ -285,7 +304,7 @@ STEP_S = 10.0
 FEWEST, MOST = 13, 400
 MOST_NODES = 4000
 MOST_CUTS, FEWEST_CUTS = 9, 2
-"""Instants at which a pass that may be shortened is entered, and left: so many each."""
+"""The number of instants at which a pass that may be shortened is entered, and left."""
 MOST_ROUNDS = 50
 """Rounds in which the instant is found at which a mount reaches a target that moves meanwhile."""
 MOST_FINER, FEWEST_FINER, MOST_FINER_SIDE = 2000, 5, 17
@@ -359,11 +378,11 @@ class NodeSet:
     transitions: SlewTransitions
 
 
-def cuts_for(flexible: int, all_told: int) -> int:
+def cuts_for(flexible: int, count: int) -> int:
     """Return at how many instants each of the candidates that may be shortened is entered, and left."""
     if not flexible:
         return MOST_CUTS
-    return min(max(int(math.sqrt(max(MOST_NODES - all_told, 0) / flexible)), FEWEST_CUTS), MOST_CUTS)
+    return min(max(int(math.sqrt(max(MOST_NODES - count, 0) / flexible)), FEWEST_CUTS), MOST_CUTS)
 
 
 def whole_and_cut(candidates: Sequence[Candidate], cuts: int, least_s: Sequence[float]) -> list[Node]:
@@ -380,7 +399,7 @@ def whole_and_cut(candidates: Sequence[Candidate], cuts: int, least_s: Sequence[
 
 
 def is_flexible(one: Candidate) -> bool:
-    """Tell whether a candidate may be shortened."""
+    """Return whether a candidate may be shortened."""
     return one.latest_start_utc_s > one.start_utc_s or one.earliest_end_utc_s < one.end_utc_s
 
 
@@ -546,7 +565,7 @@ def first_s(overhead: Overhead, profile: MountProfile) -> float:
 
 
 def first_slew_s(overhead: Overhead, profile: MountProfile) -> float:
-    """Return the seconds of the first slew, 0 where nobody knows where the mount stands before it."""
+    """Return the seconds of the first slew, 0 where the mount's position before it is unknown."""
     park = profile.park
     if park is None:
         return 0.0

@@ -36,7 +36,7 @@ OVER = frozenset({"ended", "stopped"})
 
 def schedule_in(folder: Path) -> ScheduleView | None:
     """Return what the runner of a schedule says in its folder; raises SattrackError, as `read_status`."""
-    from sattrack.schedule.night_files import read_status
+    from sattrack.schedule.night_folder import read_status
 
     return read_status(folder)
 

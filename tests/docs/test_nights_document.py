@@ -18,7 +18,7 @@ from sattrack.schedule import machine, schema
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.machine import BROKE_OFF
 from sattrack.schedule.night import NightPass, Result, RunState
-from sattrack.schedule.night_commands import as_environment, facts_of
+from sattrack.schedule.night_processes import as_environment, facts_of
 from sattrack.schedule.schema import Terms
 
 if TYPE_CHECKING:

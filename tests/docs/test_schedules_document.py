@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 from sattrack.cli.main import run
-from sattrack.schedule import rules, schema
+from sattrack.schedule import schema
 from sattrack.schedule.file import load_schedule
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -70,7 +70,7 @@ def test_every_key_condition_and_reason_to_choose_is_told() -> None:
     for kind in kinds:
         missing = {field.encode_name for field in msgspec.structs.fields(kind)} - told
         assert not missing, (kind, missing)
-    for condition in rules.KNOWN:
+    for condition in schema.KNOWN:
         assert f"| `{condition}" in TEXT
 
 

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 from programs import ended, sattrack
 
-from sattrack.recording.format import COMMAND, OPERATOR
-from sattrack.recording.reading import Recording
+from sattrack.recording.format import COMMAND, OPERATOR, Recording
 from sattrack.runtime.view_server import SUPPORTED
 from sattrack.tui.attached import AttachedRun
 from sattrack.tui.launch import sky_of_run

@@ -15,8 +15,7 @@ from sattrack.control.latency import MountClock
 from sattrack.core.angles import wrap180
 from sattrack.mount.model import MountProfile, StatusSample
 from sattrack.mount.xerxes.datagrams import decode_command, decode_status
-from sattrack.recording.format import COMMAND, STATUS
-from sattrack.recording.reading import Recording
+from sattrack.recording.format import COMMAND, STATUS, Recording
 
 LATCHED = Path(__file__).resolve().parents[4] / "shared" / "cases" / "latched"
 TURN_S, ARCSEC = 0.05, 1.0 / 3600.0

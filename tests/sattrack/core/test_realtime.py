@@ -16,7 +16,7 @@ import pytest
 
 from sattrack.cli.common import JsonLines
 from sattrack.core.realtime import PRIORITY, how_to_grant, undisturbed, wanted
-from sattrack.recording.reading import Recording
+from sattrack.recording.format import Recording
 from sattrack.recording.replay import replay
 from sattrack.runtime import system
 from sattrack.runtime.facts import build_engine, decode_facts

@@ -12,9 +12,8 @@ import pytest
 from sattrack.cli.main import run
 from sattrack.core.errors import BadInputError
 from sattrack.mount.xerxes.datagrams import decode_status
-from sattrack.recording.anonymous import LEAST_S, MOST_S, random_shift_s, write_anonymous
-from sattrack.recording.format import OPERATOR, STATUS
-from sattrack.recording.reading import GAP, Recording
+from sattrack.recording.export import LEAST_S, MOST_S, random_shift_s, write_anonymous
+from sattrack.recording.format import GAP, OPERATOR, STATUS, Recording
 from sattrack.recording.recorder import Recorder
 from sattrack.recording.replay import replay
 from sattrack.runtime.facts import engine_of, open_recording

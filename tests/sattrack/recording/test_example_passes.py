@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from sattrack.recording.format import FORMAT_VERSION, OPERATOR, REPEAT
-from sattrack.recording.reading import Recording
+from sattrack.recording.format import FORMAT_VERSION, OPERATOR, REPEAT, Recording
 from sattrack.recording.replay import Tolerances, replay
 from sattrack.runtime.facts import engine_of, open_recording
 from sattrack.views.messages import Observation, decode_message

@@ -15,9 +15,8 @@ import pytest
 from mcap.reader import make_reader
 
 from sattrack.cli.main import run
-from sattrack.recording.format import COMMAND, OPERATOR, STATUS
-from sattrack.recording.observed import SeenDirection, tdm_text
-from sattrack.recording.reading import Recording, clock_steps
+from sattrack.recording.export import SeenDirection, tdm_text
+from sattrack.recording.format import COMMAND, OPERATOR, STATUS, Recording, clock_steps
 from sattrack.recording.recorder import Recorder
 from sattrack.runtime import demo_pass
 from tle.errors import ObservationError

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from sattrack.recording.format import COMMAND
-from sattrack.recording.reading import Recording
+from sattrack.recording.format import COMMAND, Recording
 from sattrack.recording.recorder import Recorder
 
 if TYPE_CHECKING:

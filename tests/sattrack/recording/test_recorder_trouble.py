@@ -18,8 +18,7 @@ import msgspec
 import pytest
 
 from sattrack.cli.main import run
-from sattrack.recording.format import COMMAND
-from sattrack.recording.reading import Recording
+from sattrack.recording.format import COMMAND, Recording
 from sattrack.recording.recorder import BackgroundRecorder, Recorder
 from sattrack.recording.replay import replay
 from sattrack.runtime.facts import engine_of

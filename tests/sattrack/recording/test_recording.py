@@ -13,8 +13,7 @@ import pytest
 
 from sattrack.cli.main import run
 from sattrack.core.errors import BadInputError
-from sattrack.recording.format import COMMAND, REPEAT, STATUS, from_ns, to_ns
-from sattrack.recording.reading import Recording
+from sattrack.recording.format import COMMAND, REPEAT, STATUS, Recording, from_ns, to_ns
 from sattrack.recording.replay import Replay, replay
 from sattrack.runtime.facts import build_engine, decode_facts, encode_facts
 

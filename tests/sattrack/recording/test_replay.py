@@ -13,8 +13,16 @@ import pytest
 
 from sattrack.cli.main import run
 from sattrack.mount.xerxes.datagrams import Command, decode_command, encode_command
-from sattrack.recording.format import COMMAND, FAILURE, OPERATOR, Environment, RunHeader, fingerprint, here
-from sattrack.recording.reading import Recording
+from sattrack.recording.format import (
+    COMMAND,
+    FAILURE,
+    OPERATOR,
+    Environment,
+    Recording,
+    RunHeader,
+    fingerprint,
+    here,
+)
 from sattrack.recording.recorder import Recorder
 from sattrack.recording.replay import (
     Choice,

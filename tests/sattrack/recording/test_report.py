@@ -16,10 +16,17 @@ import pytest
 
 from sattrack.cli.main import run
 from sattrack.mount.profiles import load_profile_file
-from sattrack.recording.format import COMMAND, STATUS
-from sattrack.recording.mount_fit import NoFit, lines, one_way, repeats, spectrum
-from sattrack.recording.reading import Recording
-from sattrack.recording.smoothing import ObservedBias, fit_biases, smooth_track
+from sattrack.recording.fits import (
+    NoFit,
+    ObservedBias,
+    fit_biases,
+    lines,
+    one_way,
+    repeats,
+    smooth_track,
+    spectrum,
+)
+from sattrack.recording.format import COMMAND, STATUS, Recording
 from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import RunRequest, prepare
 from sattrack.runtime.flight import fly_virtual
@@ -31,7 +38,7 @@ from tle.instants import Utc
 from tle.propagator import Propagator
 
 if TYPE_CHECKING:
-    from sattrack.recording.smoothing import BiasFit
+    from sattrack.recording.fits import BiasFit
     from sattrack.views.run import Summary
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -132,8 +139,7 @@ def test_without_observations_a_nudge_is_told_as_one_and_nothing_as_nothing(
 
 
 def nudge(path: Path, short: Path) -> Path:
-    from sattrack.recording.format import OPERATOR
-    from sattrack.recording.reading import Recording
+    from sattrack.recording.format import OPERATOR, Recording
     from sattrack.recording.recorder import Recorder
 
     recording = Recording(short)

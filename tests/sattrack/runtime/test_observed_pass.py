@@ -16,8 +16,7 @@ import pytest
 from flight_runs import until
 from programs import ended, free_port, sattrack
 
-from sattrack.recording.format import OPERATOR, VIEW
-from sattrack.recording.reading import Recording
+from sattrack.recording.format import OPERATOR, VIEW, Recording
 from sattrack.recording.replay import replay
 from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import build_engine, decode_facts

@@ -147,17 +147,17 @@ def test_the_end_of_observations_on_standard_input_means_nothing(pipe: tuple[int
 def test_orders_are_obeyed_a_few_at_a_time_but_a_stop_at_once(pipe: tuple[int, int]) -> None:
     inbox = StdinInbox(Observers(), pipe[0])
     os.write(pipe[1], b'{"type":"nudge","along_s":0.5}\n' * 50)
-    assert [len(inbox.said()) for _ in range(4)] == [20, 20, 10, 0]
+    assert [len(inbox.messages()) for _ in range(4)] == [20, 20, 10, 0]
     os.write(pipe[1], b'{"type":"nudge","along_s":0.5}\n' * 50 + b'{"type":"stop"}\n')
-    assert inbox.said()[20:] == [StopNow()]
+    assert inbox.messages()[20:] == [StopNow()]
 
 
 def test_orders_overtake_observations_on_the_control_channel(pipe: tuple[int, int]) -> None:
     observers = Observers()
     inbox = StdinInbox(observers, pipe[0])
     os.write(pipe[1], (GOOD + b"\n") * 100 + b'{"type":"nudge","along_s":0.5}\nnonsense\n')
-    assert inbox.said() == [Nudge(along_s=0.5)]
+    assert inbox.messages() == [Nudge(along_s=0.5)]
     assert inbox.malformed == 1
     assert len(observers.observations()) == 2
     os.close(pipe[1])
-    assert inbox.said() == [StopNow()]
+    assert inbox.messages() == [StopNow()]

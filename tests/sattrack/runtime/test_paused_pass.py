@@ -15,9 +15,8 @@ from test_trouble import CULMINATION_S, Flown, TroubledRun, fly
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile
 from sattrack.mount.simulator.drives import Mode
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
-from sattrack.recording.format import fingerprint, here
-from sattrack.recording.mount_fit import fit_axes
-from sattrack.recording.reading import Recording
+from sattrack.recording.fits import fit_axes
+from sattrack.recording.format import Recording, fingerprint, here
 from sattrack.recording.recorder import NoRecording
 from sattrack.recording.replay import choose, replay
 from sattrack.recording.trace import trace

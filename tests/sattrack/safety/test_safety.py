@@ -277,9 +277,9 @@ def test_only_safety_makes_what_a_session_takes_and_nothing_else_composes_motion
     assert composers == {"mount/xerxes/session.py", "calibration/guard.py"}
     senders = {module for module, name, _ in every if name == "sendto"}
     mounts = {"mount/simulator/process.py", "mount/alpaca/gateway_process.py"}
-    # The last answers who asks for Alpaca servers.
-    # One tells systemd how a run stands.
-    assert senders == {"mount/xerxes/client.py", "servers/alpaca/process.py", "schedule/service.py", *mounts}
+    # One answers who asks for Alpaca servers, the other reports the state of a run to systemd.
+    others = {"servers/alpaca/process.py", "schedule/night_processes.py"}
+    assert senders == {"mount/xerxes/client.py", *others, *mounts}
 
 
 def test_whoever_lets_a_session_speak_has_a_gate_of_its_own() -> None:

@@ -22,7 +22,7 @@ from night_draws import BEGIN, World, drawn_passes, settings
 from schedule_night import Plan, rows
 
 from sattrack.cli.main import run
-from sattrack.schedule import machine, night_session
+from sattrack.schedule import machine, night_processes
 from sattrack.schedule.night import (
     Due,
     End,
@@ -45,7 +45,8 @@ from sattrack.schedule.night import (
     Wait,
     WeatherReported,
 )
-from sattrack.schedule.night_files import (
+from sattrack.schedule.night_executor import LiveExecutor, drive
+from sattrack.schedule.night_folder import (
     FILE_NAME,
     Heartbeat,
     Journal,
@@ -56,11 +57,9 @@ from sattrack.schedule.night_files import (
     parts_of,
     read_status,
 )
-from sattrack.schedule.night_hands import LiveExecutor, drive
-from sattrack.schedule.night_session import PassSession
+from sattrack.schedule.night_processes import PassSession, Service
 from sattrack.schedule.night_stop import NightRequests, keep_stop, stop_of
 from sattrack.schedule.schema import Recordings
-from sattrack.schedule.service import Service
 from sattrack.schedule.summary import view_of
 from tle.sources import write_elements
 
@@ -69,7 +68,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sattrack.schedule.night import Event, Order
-    from sattrack.schedule.night_hands import NightContext
+    from sattrack.schedule.night_executor import NightContext
 
 NIGHTS = 1.0
 
@@ -385,7 +384,7 @@ def test_a_status_on_a_full_disk_takes_the_place_of_the_last_and_leaves_nothing_
     def full(*_: Any, **__: Any) -> Any:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("sattrack.schedule.night_files.os.fdopen", full)
+    monkeypatch.setattr("sattrack.schedule.night_folder.os.fdopen", full)
     with pytest.raises(Exception, match="No space left on device"):
         NightFiles(tmp_path, "night.toml").tell(view)
     monkeypatch.undo()
@@ -533,8 +532,8 @@ def session(folder: Path, script: str, listener: Listener) -> PassSession:
 
 
 def hanging(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(night_session, "OLD_AFTER_S", 0.3)
-    monkeypatch.setattr(night_session, "HANGS_AFTER_S", 1.0)
+    monkeypatch.setattr(night_processes, "OLD_AFTER_S", 0.3)
+    monkeypatch.setattr(night_processes, "HANGS_AFTER_S", 1.0)
 
 
 STANDS_STILL = f"import os, signal; print({VIEW % ''!r}, flush=True); os.kill(os.getpid(), signal.SIGSTOP)"

@@ -146,13 +146,13 @@ def test_every_state_knows_what_to_do_after_a_restart_and_when_asked_to_stop() -
         for event in (Started, StopAsked):
             last = [row for row in rows if row.event is event]
             assert last, f"{state} {event.__name__}"
-            assert machine.words_of(last[-1].condition) == "Otherwise"
+            assert machine.text_of(last[-1].condition) == "Otherwise"
         for kind in {row.event for row in rows}:
             fallback = [row for row in rows if row.event is kind][-1]
-            assert machine.words_of(fallback.condition) == "Otherwise"
+            assert machine.text_of(fallback.condition) == "Otherwise"
     for row in machine.TABLE:
-        assert machine.words_of(row.condition)
-        assert machine.words_of(row.action)
+        assert machine.text_of(row.condition)
+        assert machine.text_of(row.action)
 
 
 def one_pass(**terms: object) -> NightPass:

@@ -187,16 +187,16 @@ def test_a_schedule_that_is_changed_by_day_into_something_wrong_costs_nights_and
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plan = small(tmp_path, nights=3, most=1)
-    from sattrack.schedule import night_virtual
+    from sattrack.schedule import virtual_executor
 
-    schedule, perform = tmp_path / "nights.toml", night_virtual.VirtualExecutor.perform
+    schedule, perform = tmp_path / "nights.toml", virtual_executor.VirtualExecutor.perform
     good = schedule.read_text()
 
     def edited(self: Any, order: Any, at: Any) -> Any:
         schedule.write_text("[[passes]]\nrule = 7\n" if at.night == 2 else good)
         return perform(self, order, at)
 
-    monkeypatch.setattr(night_virtual.VirtualExecutor, "perform", edited)
+    monkeypatch.setattr(virtual_executor.VirtualExecutor, "perform", edited)
     assert plan.run() == 0
     nights = told(plan.journal()).nights
     assert [len(night.passes) for night in nights] == [1, 0, 1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from sattrack.core.errors import BadInputError, Origin
-from sattrack.schedule.rules import Conditions, Rule, parse_rule
+from sattrack.schedule.schema import Conditions, Rule, parse_rule
 
 HERE = Origin("n.toml", 3, 9)
 

@@ -15,15 +15,7 @@ from sattrack.safety.geometry import Place
 from sattrack.safety.limits import SafetyLimits
 from sattrack.safety.route import HANDSHAKE_S, RAMP, slew_s
 from sattrack.schedule.candidates import PlanSituation
-from sattrack.schedule.schema import (
-    STARS,
-    CommandAction,
-    SearchAction,
-    SlewAction,
-    Star,
-    WebhookAction,
-    hour_angle_and_dec_deg,
-)
+from sattrack.schedule.schema import STARS, CommandAction, SearchAction, SlewAction, Star, WebhookAction
 from sattrack.schedule.transitions import (
     ActionCost,
     Overhead,
@@ -31,6 +23,7 @@ from sattrack.schedule.transitions import (
     SlewTransitions,
     cost_after,
     cost_before,
+    hour_angle_and_dec_deg,
     place_of,
     slew_of,
 )

@@ -16,7 +16,7 @@ from test_other_screens import HERE, on_screen, schedule_view, text_of
 from tui_builders import SUMMARY, changed
 
 from sattrack.runtime.view_server import SUPPORTED, name_for, started_by
-from sattrack.schedule.night_files import STATUS
+from sattrack.schedule.night_folder import STATUS
 from sattrack.schedule.night_stop import locked
 from sattrack.tui.attached import AttachedRun
 from sattrack.tui.feeds import News

@@ -1,4 +1,4 @@
-"""A schedule's run: what the machine orders is carried out in real time, and what comes of it is kept."""
+"""The runner of a schedule in real time: it carries out the machine's orders and keeps what comes of them."""
 
 from __future__ import annotations
 
@@ -39,9 +39,16 @@ from sattrack.schedule.night import (
     Wait,
     WeatherReported,
 )
-from sattrack.schedule.night_commands import WeatherWatch, ask_weather, facts_of, post, run_program
-from sattrack.schedule.night_files import Heartbeat, attempt_name
-from sattrack.schedule.night_session import PassSession, run_verb
+from sattrack.schedule.night_folder import Heartbeat, attempt_name
+from sattrack.schedule.night_processes import (
+    PassSession,
+    WeatherWatch,
+    ask_weather,
+    facts_of,
+    post,
+    run_program,
+    run_verb,
+)
 from sattrack.schedule.night_stop import keep_stop
 from sattrack.schedule.schema import CommandAction, SlewAction, WebhookAction
 from sattrack.schedule.summary import headline
@@ -57,10 +64,9 @@ if TYPE_CHECKING:
     from sattrack.runtime.mounts import MountAddress
     from sattrack.schedule.file import Schedule
     from sattrack.schedule.night import Event, NightPass, Order, Run, RunSettings
-    from sattrack.schedule.night_commands import BackgroundTasks
-    from sattrack.schedule.night_files import Journal, NightFiles, OpenedRun
+    from sattrack.schedule.night_folder import Journal, NightFiles, OpenedRun
+    from sattrack.schedule.night_processes import BackgroundTasks, Service
     from sattrack.schedule.night_stop import NightRequests
-    from sattrack.schedule.service import Service
     from tle.elements import Elements
     from tle.site import Site
 
@@ -69,7 +75,7 @@ POLL_S = 0.25
 SHOW_EVERY_S = 1.0
 BEAT_EVERY_S, IDLE_BEAT_EVERY_S = 1.0, 10.0
 JUMP_S = 2.0
-"""A clock that went so much more, or less, than time did was set."""
+"""A clock that differs by more from the time elapsed was set."""
 VERB_WITHIN_S = 600.0
 TURNS_WITHIN_S, PLANS_WITHIN_S = 120.0, 1200.0
 """For a watchdog: how long one turn of ours may take at most, and what may take long."""
@@ -125,10 +131,10 @@ class NightContext:
     renew: Callable[[NightPass], Elements | None]
     report_waiting: Callable[[float], None]
     report_progress: Callable[[float, float, str, float], None]
-    """Reports how a pass goes: the instant, the seconds on target, words, seconds of silence."""
+    """Reports the progress of a pass: the instant, the seconds on target, a text, seconds of silence."""
     tell: Callable[[str], None]
     report_trouble: Callable[[str, str | None], None]
-    """Reports what is wrong with something, in words, or None: nothing any more."""
+    """Reports what is wrong with something; None once nothing is."""
     read_again: Callable[[], tuple[Schedule, RunSettings]]
     """Reads the schedule's file again. Raises SattrackError, TleError."""
     tasks: BackgroundTasks
@@ -138,7 +144,7 @@ class NightContext:
 
 @dataclass(slots=True)
 class LiveExecutor:
-    """Waits in real time; whatever moves the mount runs in a process of its own."""
+    """Waits in real time; sessions that move the mount are processes of their own."""
 
     context: NightContext
     files: NightFiles
@@ -148,7 +154,7 @@ class LiveExecutor:
     _attempt: str | None = None
     _recording: str | None = None
     _settings: RunSettings | None = None
-    """What a schedule that was read again says, until its plan is made."""
+    """The settings of a schedule that was read again, until its plan is made."""
 
     def begin(self, beat: Heartbeat | None) -> float:
         """See Executor."""
@@ -238,7 +244,7 @@ class LiveExecutor:
             self.context.report_trouble("journal", self.journal.trouble)
 
     def _read_again(self) -> None:
-        """Read the schedule's file again where somebody asks for it; one that is wrong changes nothing."""
+        """Read the schedule's file again on request; a wrong one changes nothing."""
         context = self.context
         if not context.requests.reload:
             return
@@ -322,7 +328,7 @@ class LiveExecutor:
         return wrong
 
     def _pause(self, seconds: float) -> None:
-        """Wait so long, or until a stop is asked for."""
+        """Wait, or until a stop is requested."""
         until = self.context.now() + seconds
         while self.context.now() < until and not self.context.requests.asked:
             self.context.service.promise(TURNS_WITHIN_S)
@@ -407,7 +413,7 @@ class LiveExecutor:
         return name
 
     def _keep_end(self, attempt: PassAttempt) -> None:
-        """Keep what a restart needs: a stop by somebody at a screen, how far a pass had come."""
+        """Keep what a restart needs: an operator's stop at a screen, and the progress of a pass."""
         if attempt.ended_by == "operator":
             try:
                 keep_stop(self.files.folder, "at the session's screen")

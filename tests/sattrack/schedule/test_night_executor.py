@@ -30,7 +30,9 @@ from sattrack.runtime import demo_pass
 from sattrack.safety import SafetyLimits
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.night import NightPass, Result
-from sattrack.schedule.night_commands import (
+from sattrack.schedule.night_executor import ClockReadings, jump_between
+from sattrack.schedule.night_folder import Journal, NightFiles, read_status
+from sattrack.schedule.night_processes import (
     BackgroundTasks,
     Notifier,
     WeatherWatch,
@@ -40,11 +42,9 @@ from sattrack.schedule.night_commands import (
     post,
     run_program,
 )
-from sattrack.schedule.night_files import Journal, NightFiles, read_status
-from sattrack.schedule.night_hands import ClockReadings, jump_between
 from sattrack.schedule.night_stop import locked
-from sattrack.schedule.night_virtual import SimulatedStation
 from sattrack.schedule.schema import Notify, Terms, Weather
+from sattrack.schedule.virtual_executor import SimulatedStation
 from sattrack.settings import Settings
 from tle.instants import Utc
 from tle.sources import write_elements

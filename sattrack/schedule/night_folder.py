@@ -237,7 +237,7 @@ class Journal:
         return frozenset(found)
 
     def append(self, event: Event, run: Run, order: Order) -> None:
-        """Keep an event: on the disk when this returns, or in memory, and `trouble` says so."""
+        """Keep an event: on the disk when this returns, or in memory, with `trouble` set."""
         self.count += 1
         row: _Row = (
             *(self.count, event.utc_s, encoded(event).decode(), run.state.value, encoded(order).decode()),
@@ -283,7 +283,7 @@ class Journal:
 
 
 class _Recorded(msgspec.Struct):
-    """What an event tells of a recording."""
+    """The part of an event that names a recording."""
 
     attempt: PassAttempt | None = msgspec.field(default=None, name="go")
     recording: str | None = None
@@ -316,7 +316,7 @@ def set_aside(file: Path, utc_s: float) -> str | None:
 
 
 def _is_whole(row: _Row) -> bool:
-    """Tell whether an event is as it was written; the first layout had no checksums."""
+    """Return whether an event is as it was written; the first layout had no checksums."""
     return row[6] is None or row[6] == _checksum(row)
 
 
@@ -351,11 +351,11 @@ class NightFiles:
     """The files of one folder; every method raises SattrackError where they cannot be written."""
 
     def __init__(self, folder: Path, schedule: str, free: Callable[[Path], float] = free_bytes) -> None:
-        """Take the folder, the schedule's name for people, and what tells how much room is left."""
+        """Take the folder, the schedule's name for people, and what returns the free space."""
         self.folder, self.schedule, self._free = folder, schedule, free
 
     def tell(self, view: ScheduleView) -> None:
-        """Put the status in the place of the last one: nobody ever reads half."""
+        """Put the status in the place of the last one: a reader never gets half of it."""
         data = msgspec.json.encode(view) + b"\n"
         try:
             self._write(STATUS, data)
@@ -395,9 +395,9 @@ class NightFiles:
         return self._write_somewhere(name, write_elements([one.elements], "json").encode())
 
     def profile(self, profile: ProfileFile) -> Path:
-        """Write the mount's profile as sessions are to have it; return where."""
-        said = {name: value for name, value in msgspec.to_builtins(profile).items() if value is not None}
-        return self._write_somewhere(PROFILE, tomli_w.dumps(_without_none(said)).encode())
+        """Write the mount's profile for sessions; return where."""
+        given = {name: value for name, value in msgspec.to_builtins(profile).items() if value is not None}
+        return self._write_somewhere(PROFILE, tomli_w.dumps(_without_none(given)).encode())
 
     def _write_somewhere(self, name: str, data: bytes) -> Path:
         """Write what sessions need, into memory where the disk is full; return where."""
@@ -447,7 +447,7 @@ class NightFiles:
             return False
 
     def no_room(self) -> str | None:
-        """Return why a pass is followed without a recording, in words; None where there is room for one."""
+        """Return why a pass is followed without a recording; None where there is room for one."""
         try:
             left = self._free(self.folder)
         except OSError as error:
@@ -476,12 +476,12 @@ class NightFiles:
 
 
 def _is_recording(file: Path, folder: Path) -> bool:
-    """Tell whether a name that was kept is that of a file in the folder of recordings, and no link."""
+    """Return whether a name that was kept is that of a file in the folder of recordings, and no link."""
     return file.parent == folder / RECORDINGS and file.is_file() and not file.is_symlink()
 
 
 class OpenedRun(NamedTuple):
-    """A run's journal, what it says, and what stands in for it where it could not be read."""
+    """A run's journal, the run it gives, and what replaces it where it could not be read."""
 
     journal: Journal
     run: Run
@@ -490,7 +490,7 @@ class OpenedRun(NamedTuple):
 
 
 def open_run(folder: Path, utc_s: float, durable: bool = True) -> OpenedRun:
-    """Open a run's journal; a damaged one is set aside, and the last status tells what it can.
+    """Open a run's journal; a damaged one is set aside, and the last status replaces it as far as it can.
 
     Raises SattrackError where the folder lets nothing be done.
     """
@@ -522,7 +522,7 @@ def _last_view(folder: Path) -> ScheduleView | None:
 
 
 def _recovered(view: ScheduleView) -> Recovered | None:
-    """Return what a status says of the night; None where it says nothing that can be used."""
+    """Return what a status shows of the night; None where nothing of it can be used."""
     try:
         begin, end = (float(Utc.parse(text).unix_s) for text in (view.from_utc, view.to_utc))
         over = tuple(
@@ -538,7 +538,7 @@ def _recovered(view: ScheduleView) -> Recovered | None:
 
 
 def _without_none(value: Any) -> Any:
-    """Return plain data without what is None, which TOML cannot say."""
+    """Return plain data without what is None, which TOML cannot hold."""
     if isinstance(value, dict):
         return {key: _without_none(each) for key, each in value.items() if each is not None}
     return [_without_none(each) for each in value] if isinstance(value, list | tuple) else value

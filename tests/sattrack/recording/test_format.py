@@ -11,8 +11,7 @@ from mcap.writer import Writer
 
 from sattrack.cli.main import run
 from sattrack.core.errors import BadInputError
-from sattrack.recording.format import CHANNELS, COMMAND, FORMAT_VERSION, RUN, SUMMARY
-from sattrack.recording.reading import GAP, Entry, Recording
+from sattrack.recording.format import CHANNELS, COMMAND, FORMAT_VERSION, GAP, RUN, SUMMARY, Entry, Recording
 from sattrack.recording.recorder import Recorder
 
 ZSTD = b"\x04\x00\x00\x00zstd"

@@ -24,9 +24,10 @@ from sattrack.core.errors import SattrackError
 from sattrack.core.process import gc_paused
 from sattrack.mount.requests import TicketState
 from sattrack.mount.simulator.installation import simulator_profile
-from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
+from sattrack.mount.simulator.mount import SimulatedMount, StartPosition
 from sattrack.planning.trace import TabledPropagator
 from sattrack.recording.recorder import NoRecording
+from sattrack.runtime.connection import simulated_site
 from sattrack.runtime.facts import RunFacts, build_engine, with_detours
 from sattrack.runtime.flight import VirtualRun, summarise
 from sattrack.runtime.mounts import SIMULATED
@@ -54,8 +55,8 @@ from sattrack.schedule.night import (
     Wait,
     WeatherReported,
 )
-from sattrack.schedule.night_files import Heartbeat, attempt_name
-from sattrack.schedule.night_session import search_times
+from sattrack.schedule.night_folder import Heartbeat, attempt_name
+from sattrack.schedule.night_processes import search_times
 from sattrack.schedule.night_stop import NightRequests
 from sattrack.schedule.schema import CommandAction, SlewAction
 from sattrack.schedule.summary import headline
@@ -75,7 +76,7 @@ if TYPE_CHECKING:
     from sattrack.safety import SafetyLimits
     from sattrack.schedule.candidates import Candidate
     from sattrack.schedule.night import Event, NightPass, Order, Run
-    from sattrack.schedule.night_files import Journal
+    from sattrack.schedule.night_folder import Journal
     from sattrack.schedule.schema import Terms
     from sattrack.views.messages import Message
     from tle.site import Site
@@ -97,7 +98,7 @@ FAULTS: tuple[tuple[float, str], ...] = (
     (0.03, "freeze@{at}s+2s"),
     (0.03, "silent@0s"),
 )
-"""What befalls the mount in a pass, by share, as `sattrack sim --faults` has it; else a session ends."""
+"""The mount's faults in a pass, by share, as `sattrack sim --faults` has it; else a session ends."""
 FAULTS_WITHIN_S = 180.0
 UNSAFE_NIGHTS = 0.3
 UNSAFE_LEAST_S, UNSAFE_MOST_S = 600.0, 5400.0
@@ -132,7 +133,7 @@ class Troubles:
         return Random(" ".join(str(part) for part in (self.seed, *name)))
 
     def faults(self, key: str, part: int) -> str | None:
-        """Return what befalls the mount in an attempt at a pass; None where the session itself ends."""
+        """Return the mount's faults in an attempt at a pass; None where the session itself ends."""
         if self.seed is None:
             return ""
         random = self._random("fault", key, part)
@@ -168,7 +169,7 @@ class Troubles:
         return Jump(random.uniform(begin_utc_s, end_utc_s), seconds, slept)
 
     def happens(self, share: float, *name: object) -> bool:
-        """Tell whether something with a share of so much happens."""
+        """Return whether something with a share of so much happens."""
         return self.seed is not None and self._random(*name).random() < share
 
 
@@ -183,7 +184,7 @@ class SessionDiedError(Exception):
 
 
 class WatchedMount(SimulatedMount):
-    """A simulated mount that was on before: its encoders know the cables' turns; and it tells where it is."""
+    """A simulated mount that was on before: its encoders know the cables' turns; with its last position."""
 
     last: Truth | None = None
 
@@ -261,7 +262,7 @@ class SimulatedStation:
         )
 
     def perform(self, procedure: Procedure, now_utc_s: float) -> tuple[Outcome | None, float]:
-        """Carry out what is asked of the mount by hand; return how that ended, and when."""
+        """Carry out a manual operation of the mount; return its outcome, and when it ended."""
         profile = self.profile.mount
         console = Console(profile, self.limits, self.site, SIMULATED)
         errand = ManualOperation(console, procedure, now_utc_s, ERRAND_WITHIN_S)
@@ -284,7 +285,7 @@ class SimulatedStation:
         if faults:
             both = ",".join(part for part in (hardware.faults, faults) if part)
             hardware = msgspec.structs.replace(hardware, faults=both)
-        site = SimulatedSite(self.site.latitude_deg, self.site.longitude_deg, self.site.height_m)
+        site = simulated_site(self.site)
         start = StartPosition(self.hour_angle_deg, self.dec_deg)
         return WatchedMount(self.profile.mount, site, start, hardware)
 
@@ -341,7 +342,7 @@ class VirtualExecutor:
     now_utc_s: float = 0.0
     _power: bool = True
     _jumped: int = 0
-    """Of the nights up to this number the clock's jump was had."""
+    """Of the nights up to this number the clock's jump has come."""
 
     def begin(self, beat: Heartbeat | None) -> float:
         """See Executor."""
