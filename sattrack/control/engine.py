@@ -145,7 +145,7 @@ class Engine(Driver):
         if self.spec.profile.move_axis != "edge" or self._missed_s < EDGES_TOLD_S:
             return
         low, high = FALLEN
-        known = [fit.ratio for fit in self.tracker.learning.fits if fit.ratio is not None]
+        known = [fit.ratio for fit in self.tracker.follower.learning.fits if fit.ratio is not None]
         if known and all(low < ratio < high for ratio in known):
             self._give_up(
                 "error",
@@ -213,7 +213,7 @@ class Engine(Driver):
             return self.message
         ra, dec = (
             AxisAttempt(*names, fit.ratio, fit.fastest_deg_s, fit.fastest_asked_deg_s, window.rms_arcsec)
-            for names, fit, window in zip(AXES, tracker.learning.fits, self._missed, strict=True)
+            for names, fit, window in zip(AXES, tracker.follower.learning.fits, self._missed, strict=True)
         )
         return why_not(
             Attempt(
