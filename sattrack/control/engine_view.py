@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
 HOLDING = "holding"
 """The phase in which a limit keeps the mount off its target."""
-LOST_TOLD_S = 10.0
-"""For how long it is told that the mount was lost."""
+LOST_SHOWN_S = 10.0
+"""For how long a warning says that the mount was lost."""
 DRIFT_TOLERANCE_DEG_S, DRIFT_SIGMA_DEG_S = 2.0 / 3600.0, 4.0 / 3600.0
 """How near to the sidereal rate a drift in right ascension must be, and how surely, to be taken for it."""
 LOOSE_FACTOR = 2.0
-"""How many times slower than at its tightest the loop may be run until that is told."""
+"""How many times slower than at its tightest the loop may be run before a warning says so."""
 
 
 def view_of(engine: Engine, now_utc_s: float) -> TrackView:
@@ -105,9 +105,9 @@ def learnt_view(engine: Engine) -> LearntView | None:
     )
 
 
-def _gain(learnt: Learnt, told: float) -> tuple[float, float] | tuple[None, None]:
+def _gain(learnt: Learnt, profile_gain: float) -> tuple[float, float] | tuple[None, None]:
     line = learnt.line
-    return (None, None) if line is None else (told * line.gain, told * line.gain_sigma)
+    return (None, None) if line is None else (profile_gain * line.gain, profile_gain * line.gain_sigma)
 
 
 def _link_view(engine: Engine, now_utc_s: float) -> LinkView:
@@ -160,7 +160,7 @@ def _warnings(engine: Engine) -> tuple[str, ...]:
     warnings.extend(_additive_warnings(engine))
     heard_utc_s = 0.0 if session.sample is None else session.sample.arrival_utc_s
     lost_utc_s = tracker.follower.lost_utc_s
-    if lost_utc_s is not None and heard_utc_s - lost_utc_s < LOST_TOLD_S:
+    if lost_utc_s is not None and heard_utc_s - lost_utc_s < LOST_SHOWN_S:
         warnings.append("the mount was not where its commands lead: lost, and taken up where it is")
     warnings.extend(_side_warnings(engine))
     warnings.extend(site_warnings(engine.session.status, engine.spec.propagator.site))
@@ -200,11 +200,11 @@ def _additive_warnings(engine: Engine) -> list[str]:
     line = engine.tracker.follower.learning.fits[0].line(FREE_REST_DEG_S)
     if line is None or line.rest_sigma_deg_s > DRIFT_SIGMA_DEG_S:
         return []
-    told = engine.spec.profile.additive
-    drift_deg_s = SIDEREAL_RATE_DEG_S if told else -SIDEREAL_RATE_DEG_S
+    additive = engine.spec.profile.additive
+    drift_deg_s = SIDEREAL_RATE_DEG_S if additive else -SIDEREAL_RATE_DEG_S
     if abs(line.rest_deg_s - drift_deg_s) > DRIFT_TOLERANCE_DEG_S:
         return []
-    does, so = ("replace", "false") if told else ("add to", "true")
+    does, so = ("replace", "false") if additive else ("add to", "true")
     return [
         f"the mount's rates in right ascension {does} sidereal tracking: set additive = {so} in the profile"
     ]
