@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 REMEMBERED = 200
 """Turns, ten seconds, over which the mean is taken."""
 ASTRAY_S = 0.2
-"""A turn this far from where it was foretold is of a loop that stood still, or of a clock that was set."""
+"""A turn this far from where it was predicted is of a loop that stood still, or of a clock that was set."""
 SHORTEST_BASE = 20
 MOST_SHIFT_S, SHIFT_SHARE = 0.0002, 0.02
 """How fast the sending falls into step with the mount's loop: too slow for the period to show it."""
@@ -139,11 +139,11 @@ class CommandHistory:
     delay_s: float
     loop: MountLoop
     _sent: deque[SentRates] = field(default_factory=lambda: deque(maxlen=KEPT))
-    _told_s: float = field(init=False)
+    _profile_delay_s: float = field(init=False)
 
     def __post_init__(self) -> None:
         """Begin with the profile's values."""
-        self._told_s = self.delay_s
+        self._profile_delay_s = self.delay_s
 
     def add(self, sent: SentRates) -> None:
         """Note what was sent; instants rise."""
@@ -155,7 +155,7 @@ class CommandHistory:
 
     def arrives_early(self) -> None:
         """Note that commands are read earlier than expected: they take less time than the profile says."""
-        self.delay_s = max(0.0, self._told_s - SOONEST_S, self.delay_s - SOONER_S)
+        self.delay_s = max(0.0, self._profile_delay_s - SOONEST_S, self.delay_s - SOONER_S)
 
     def acting(self, tick_utc_s: float) -> SentRates:
         """Return what acts from a loop instant of the mount until the next one."""
@@ -181,7 +181,7 @@ class CommandHistory:
     def steps(self, from_utc_s: float, to_utc_s: float) -> list[Step]:
         """Return what acts between two instants, a step for each of the mount's turns.
 
-        `from_utc_s` must be a loop instant of the mount; further ones are as the loop is foretold, so that
+        `from_utc_s` must be a loop instant of the mount; further ones are as the loop is predicted, so that
         a gap of lost statuses is predicted through.
         """
         found = []

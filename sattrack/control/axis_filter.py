@@ -93,7 +93,7 @@ class LoopTurn(NamedTuple):
     """One turn of the mount's loop as seen: what the expected command leaves of both axes' motion, degrees.
 
     `answers_s` is how far a rate moves each axis within the turn that reads it, over the rate; `sigmas_deg`
-    how well the motion is foretold.
+    how well the motion is predicted.
     """
 
     left_deg: tuple[float, float]
@@ -393,7 +393,7 @@ class AxisFilter:
         self.begun_anew = 0
         """How often the filter contradicted its measurements, and began anew."""
         self._disturbed = False
-        """Whether surprises showed motion that was not foretold, of which something may have been learnt."""
+        """Whether surprises showed unpredicted motion, of which something may have been learnt."""
         self._noise_share = 1.0
         """Variance of the measurements over the expected one, as innovations show it."""
         self._trusted: tuple[Array, Array] | None = None
@@ -554,7 +554,7 @@ class AxisFilter:
     def _learn_noise(self, sigmas: float, measured: float) -> None:
         """Let the noises follow, slowly, what a surprise and the one before are against expectation.
 
-        Surprises that go on to one side are motion that was not foretold; those that go to and fro are noise
+        Surprises that go on to one side are motion that was not predicted; those that go to and fro are noise
         of the measurements (Mehra 1970), of which they tell as much as it has a share in them, `measured`.
         """
         alike, self._last_ratio = sigmas * self._last_ratio, sigmas

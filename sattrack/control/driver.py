@@ -177,7 +177,7 @@ class DirectStop(Driver):
         return self.compose(now_utc_s)
 
     def last_heard(self, now_utc_s: float) -> str:
-        """Return what the mount told last, in words."""
+        """Return what the mount reported last, as text."""
         sample, age_s = self.session.sample, self.session.health.age_s(now_utc_s)
         if sample is None or age_s is None:
             return "the mount has not been heard since"

@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from tle.bias import Bias
     from tle.propagator import Propagator
 
-STAGES_TOLD = 16
+STAGES_KEPT = 16
 """Views come more often than the stages of a run change so many times."""
-EDGES_TOLD_S, FALLEN = 5.0, (0.2, 0.8)
+EDGES_MISSED_S, FALLEN = 5.0, (0.2, 0.8)
 """How long a mount that takes edges is watched before it was on target, and the share of the commanded motion
 that is left where its rates end with the flag."""
 AXES = (("right ascension", "ra"), ("declination", "dec"))
@@ -93,7 +93,7 @@ class Engine(Driver):
         """Errors of both axes while the mount followed and had not been on target."""
         self._missed_s = self._clamped_s = 0.0
         """Seconds for which it did, and for which its rate limit was reached meanwhile."""
-        self.stages: deque[StageView] = deque(maxlen=STAGES_TOLD)
+        self.stages: deque[StageView] = deque(maxlen=STAGES_KEPT)
         """What the run did, a stage after the other: the last ones."""
         self._sorted = Stages(spec.plan, spec.profile)
         self._doing = Phase.WAITING
@@ -126,13 +126,13 @@ class Engine(Driver):
         """Give up where statuses are not of the kind that the profile tells: it is another mount's."""
         if self.tracker.ended_by is not None:
             return
-        for name, told in self.spec.profile.readings.items():
+        for name, expected in self.spec.profile.readings.items():
             shown = getattr(self.session.readings, name, None)
-            if shown is not None and shown != told:
+            if shown is not None and shown != expected:
                 self._give_up(
                     "error",
                     f"the profile {self.spec.profile.name!r} is another mount's: it says that {name} is "
-                    f"{told}, and {self.spec.mount_name} sends {shown}; give this mount's profile",
+                    f"{expected}, and {self.spec.mount_name} sends {shown}; give this mount's profile",
                 )
                 return
 
@@ -142,10 +142,10 @@ class Engine(Driver):
             return
         if self.safety.keeps_first:
             self._give_up("error", f"{self.spec.mount_name} was told to stop: {KEEPS_FIRST}")
-        if self.spec.profile.move_axis != "edge" or self._missed_s < EDGES_TOLD_S:
+        if self.spec.profile.move_axis != "edge" or self._missed_s < EDGES_MISSED_S:
             return
         low, high = FALLEN
-        known = [fit.ratio for fit in self.tracker.learning.fits if fit.ratio is not None]
+        known = [fit.ratio for fit in self.tracker.follower.learning.fits if fit.ratio is not None]
         if known and all(low < ratio < high for ratio in known):
             self._give_up(
                 "error",
@@ -213,7 +213,7 @@ class Engine(Driver):
             return self.message
         ra, dec = (
             AxisAttempt(*names, fit.ratio, fit.fastest_deg_s, fit.fastest_asked_deg_s, window.rms_arcsec)
-            for names, fit, window in zip(AXES, tracker.learning.fits, self._missed, strict=True)
+            for names, fit, window in zip(AXES, tracker.follower.learning.fits, self._missed, strict=True)
         )
         return why_not(
             Attempt(

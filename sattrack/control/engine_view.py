@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
 HOLDING = "holding"
 """The phase in which a limit keeps the mount off its target."""
-LOST_TOLD_S = 10.0
-"""For how long it is told that the mount was lost."""
+LOST_SHOWN_S = 10.0
+"""For how long a warning says that the mount was lost."""
 DRIFT_TOLERANCE_DEG_S, DRIFT_SIGMA_DEG_S = 2.0 / 3600.0, 4.0 / 3600.0
 """How near to the sidereal rate a drift in right ascension must be, and how surely, to be taken for it."""
 LOOSE_FACTOR = 2.0
-"""How many times slower than at its tightest the loop may be run until that is told."""
+"""How many times slower than at its tightest the loop may be run before a warning says so."""
 
 
 def view_of(engine: Engine, now_utc_s: float) -> TrackView:
@@ -83,9 +83,8 @@ def view_of(engine: Engine, now_utc_s: float) -> TrackView:
 
 def learnt_view(engine: Engine) -> LearntView | None:
     """Return what the run has learnt of its mount; None before it was followed with."""
-    tracker, profile = engine.tracker, engine.spec.profile
-    known = tracker.learning.learnt()
-    settling_s = tracker.learning.settling_s(tracker.acting_s, engine.spec.plan.law.feeder)
+    follower, profile = engine.tracker.follower, engine.spec.profile
+    known, settling_s = follower.learning.learnt(), follower.settling_s
     if known is None or settling_s is None:
         return None
     ra, dec = known
@@ -100,15 +99,15 @@ def learnt_view(engine: Engine) -> LearntView | None:
         dec_lag_sigma_s=dec.lag_sigma_s,
         dec_gain=dec_gain,
         dec_gain_sigma=dec_gain_sigma,
-        command_delay_s=tracker.command_delay_s,
+        command_delay_s=follower.command_delay_s,
         settling_s=settling_s,
-        restarts=tracker.learning.times_begun_anew,
+        restarts=follower.learning.times_begun_anew,
     )
 
 
-def _gain(learnt: Learnt, told: float) -> tuple[float, float] | tuple[None, None]:
+def _gain(learnt: Learnt, profile_gain: float) -> tuple[float, float] | tuple[None, None]:
     line = learnt.line
-    return (None, None) if line is None else (told * line.gain, told * line.gain_sigma)
+    return (None, None) if line is None else (profile_gain * line.gain, profile_gain * line.gain_sigma)
 
 
 def _link_view(engine: Engine, now_utc_s: float) -> LinkView:
@@ -160,7 +159,8 @@ def _warnings(engine: Engine) -> tuple[str, ...]:
     warnings.extend(_looseness_warnings(engine))
     warnings.extend(_additive_warnings(engine))
     heard_utc_s = 0.0 if session.sample is None else session.sample.arrival_utc_s
-    if tracker.lost_utc_s is not None and heard_utc_s - tracker.lost_utc_s < LOST_TOLD_S:
+    lost_utc_s = tracker.follower.lost_utc_s
+    if lost_utc_s is not None and heard_utc_s - lost_utc_s < LOST_SHOWN_S:
         warnings.append("the mount was not where its commands lead: lost, and taken up where it is")
     warnings.extend(_side_warnings(engine))
     warnings.extend(site_warnings(engine.session.status, engine.spec.propagator.site))
@@ -184,27 +184,27 @@ def _held_warnings(engine: Engine) -> list[str]:
 
 def _clock_warnings(engine: Engine) -> list[str]:
     """Say where the mount's clock is not one to date its samples by."""
-    tracker, warnings = engine.tracker, []
-    if not tracker.clock_holds:
+    clock, warnings = engine.tracker.follower.clock, []
+    if not clock.known_holds:
         warnings.append("the mount's clock is not where the profile says: samples are dated by arrival")
-    elif not tracker.clock_runs:
+    elif not clock.trusted:
         warnings.append("the mount's clock does not run as ours: samples are dated by arrival")
-    if tracker.clock_step_s is not None:
-        step_ms = 1000.0 * tracker.clock_step_s
+    if clock.coarse_step_s is not None:
+        step_ms = 1000.0 * clock.coarse_step_s
         warnings.append(f"the mount's clock goes in steps of {step_ms:.1f} ms: samples are dated by its mean")
     return warnings
 
 
 def _additive_warnings(engine: Engine) -> list[str]:
     """Say that right ascension drifts by the sky's rate beside its commands."""
-    line = engine.tracker.learning.fits[0].line(FREE_REST_DEG_S)
+    line = engine.tracker.follower.learning.fits[0].line(FREE_REST_DEG_S)
     if line is None or line.rest_sigma_deg_s > DRIFT_SIGMA_DEG_S:
         return []
-    told = engine.spec.profile.additive
-    drift_deg_s = SIDEREAL_RATE_DEG_S if told else -SIDEREAL_RATE_DEG_S
+    additive = engine.spec.profile.additive
+    drift_deg_s = SIDEREAL_RATE_DEG_S if additive else -SIDEREAL_RATE_DEG_S
     if abs(line.rest_deg_s - drift_deg_s) > DRIFT_TOLERANCE_DEG_S:
         return []
-    does, so = ("replace", "false") if told else ("add to", "true")
+    does, so = ("replace", "false") if additive else ("add to", "true")
     return [
         f"the mount's rates in right ascension {does} sidereal tracking: set additive = {so} in the profile"
     ]
@@ -213,9 +213,9 @@ def _additive_warnings(engine: Engine) -> list[str]:
 def _looseness_warnings(engine: Engine) -> list[str]:
     """Say that errors are taken out slowly, because the servo answers late or is not known well."""
     tracker, law = engine.tracker, engine.spec.plan.law.feeder
-    settling_s = tracker.learning.settling_s(tracker.acting_s, law)
-    known = tracker.learning.learnt()
-    tightest_s = max(law.settling_s, law.intervals * tracker.acting_s)
+    follower = tracker.follower
+    known, settling_s = follower.learning.learnt(), follower.settling_s
+    tightest_s = max(law.settling_s, law.intervals * follower.acting_s)
     if tracker.phase is not Phase.TRACKING or settling_s is None or known is None:
         return []
     if settling_s <= LOOSE_FACTOR * tightest_s:

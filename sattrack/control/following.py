@@ -68,6 +68,11 @@ class Follower:
         """For how long a command acts, seconds."""
         return max(self._loop.mean_period_s, self._acting_s)
 
+    @property
+    def settling_s(self) -> float | None:
+        """The time constant in force, of the slower axis; None before following began."""
+        return self.learning.settling_s(self.acting_s, self._law.feeder)
+
     def date(self, sample: StatusSample) -> float:
         """Return the instant of a sample, UTC as POSIX seconds; call once for each, in order of arrival."""
         utc_s = self.clock.date(sample.sidereal_h, sample.arrival_utc_s, sample.counter)

@@ -339,6 +339,11 @@ class MountClock:
         return self._first_arrival_s + dated_s - self.status_delay_s
 
     @property
+    def coarse_step_s(self) -> float | None:
+        """By what steps the clock goes, where those are too coarse to date samples by; else None."""
+        return self.steps.step_s if self.steps.coarse else None
+
+    @property
     def drift(self) -> float:
         """Our clock's rate against the mount's, less one."""
         return 0.0 if self._envelope is None else self._envelope.drift

@@ -113,7 +113,7 @@ class Rest:
         self._settled_utc_s = -math.inf
         """Until when the axes are commanded to rest after a jog."""
         self.at_rest = False
-        """Whether the mount was seen at rest since it was last told to stop."""
+        """Whether the mount was seen at rest since it was last asked to stop."""
         self._stands = False
         """Whether the mount has come to rest from what it did before, so that an axis may be jogged."""
         self._rest_since_utc_s: float | None = None

@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     from tle.propagator import Propagator
 
 REACTION_PERIODS = 3.0
-TOLD_FOR_S = 5.0
+REFUSAL_SHOWN_S = 5.0
 
 
 class Steering:
@@ -79,7 +79,7 @@ class Steering:
         self.estimator = Estimator(propagator.elements.catalog_number, start_utc_s)
         self.refusal: str | None = None
         """Why the operator's last word was not obeyed, in words."""
-        self._told_utc_s = float("-inf")
+        self._refused_utc_s = float("-inf")
         self._begun_s = float("-inf")
         self._estimated = False
         """Whether the estimate is news that is not followed yet."""
@@ -170,8 +170,8 @@ class Steering:
 
     def tell(self, words: str | None, now_utc_s: float) -> None:
         """Keep why something was not done, until something else has been done some seconds later."""
-        if words is not None or now_utc_s - self._told_utc_s > TOLD_FOR_S:
-            self.refusal, self._told_utc_s = words, now_utc_s
+        if words is not None or now_utc_s - self._refused_utc_s > REFUSAL_SHOWN_S:
+            self.refusal, self._refused_utc_s = words, now_utc_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -306,7 +306,7 @@ class Estimator:
             known = BiasFilter()
             text = Utc(utc_s).isoformat()
             sample = Observation(text, float(seen.ra_deg), float(seen.dec_deg), "icrs", MOST_SIGMA_ARCSEC)
-            said = _said(sample, utc_s, course, "icrs", (0.0, 0.0))
+            said = _reading(sample, utc_s, course, "icrs", (0.0, 0.0))
             if said is not None:
                 known.observe(utc_s, *said)
 
@@ -329,7 +329,7 @@ class Estimator:
             range_km = course.going(utc_s + first.along_s).range_km
             cross_km = range_km * math.tan(math.radians(first.cross_deg))
             self._noise = BiasNoise(along_s=first.along_s, cross_km=cross_km)
-        said = _said(seen, utc_s, course, seen.frame, self._expected())
+        said = _reading(seen, utc_s, course, seen.frame, self._expected())
         if said is None or not abs(said.along_s) <= MOST_ALONG_S:
             self.words = "it lies nowhere near the satellite's track: another satellite's?"
         elif self.filter is None:
@@ -373,7 +373,7 @@ class Estimator:
         """Return a filter that begins with an observation, where elements can be so far off."""
         distance, start = self._likeliest(said)
         other = _other_frame(seen.frame)
-        alternative = _said(seen, utc_s, course, other, (said.along_s, self._noise.cross_km))
+        alternative = _reading(seen, utc_s, course, other, (said.along_s, self._noise.cross_km))
         if not distance <= self._noise.gate:
             return None
         if alternative is not None and self._likeliest(alternative)[0] + BETTER_FRAME < distance:
@@ -402,7 +402,7 @@ class Estimator:
     def _hint(self, seen: Observation, utc_s: float, course: Course) -> str:
         """Say what would explain an observation that does not fit."""
         other = _other_frame(seen.frame)
-        said = _said(seen, utc_s, course, other, self._expected())
+        said = _reading(seen, utc_s, course, other, self._expected())
         if said is None:
             return ": another satellite's?"
         distance = self._likeliest(said)[0] if self.filter is None else self.filter.distance(*said)
@@ -415,7 +415,7 @@ def _other_frame(frame: str) -> str:
     return "icrs" if frame == "of_date" else "of_date"
 
 
-def _said(
+def _reading(
     seen: Observation,
     utc_s: float,
     course: Course,

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 POLE_WITHIN_DEG = 15.0
 """A target that is too fast and so near the celestial pole is in the keyhole."""
 SAME_INSTANT_S = 0.0005
-FORETOLD_KEPT = 12
+PREDICTIONS_KEPT = 12
 Pair = tuple[float, float]
 """A value of the right ascension axis, and one of the declination axis."""
 
@@ -95,17 +95,17 @@ class SatelliteTarget:
         self._direction_at = direction_at
         self.passage = Passage(detours) if detours else None
         """The detours that are ahead."""
-        self._predicted: deque[tuple[float, Direction]] = deque(maxlen=FORETOLD_KEPT)
+        self._predicted: deque[tuple[float, Direction]] = deque(maxlen=PREDICTIONS_KEPT)
         """The target at the ends of the intervals that the last commands are for."""
 
     def forget(self) -> None:
-        """Forget what was foretold: offsets or elements have changed."""
+        """Forget what was predicted: offsets or elements have changed."""
         self._predicted.clear()
 
     def state(self, utc_s: float) -> TargetState:
         """Return the target at an instant: that of an interval's end, where it is the same.
 
-        Commands end, and samples are taken, at the loop's turns, foretold a little differently each time.
+        Commands end, and samples are taken, at the loop's turns, predicted a little differently each time.
         Over SAME_INSTANT_S the target's rate makes up for that to a thousandth of an arcsecond.
         """
         for at_utc_s, known in reversed(self._predicted):

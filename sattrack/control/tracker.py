@@ -74,9 +74,8 @@ class Tracker:
         self.plan = plan
         self._profile = profile
         self.steering = Steering(propagator, profile, bias, camera_rotation_deg, plan.start_utc_s, remembered)
-        self._follower = Follower(profile, propagator.site.longitude_deg, plan.law)
-        self.learning = self._follower.learning
-        """What the run learns of the mount while it follows."""
+        self.follower = Follower(profile, propagator.site.longitude_deg, plan.law)
+        """Knows the mount's clock and axes, and learns of the mount while it follows."""
         self._satellite = SatelliteTarget(self.direction_at, plan.detours)
         self._way = Approach(profile, self.direction_at, plan.law.feeder)
         self._stand = MountPlace(0.0, 0.0, 0.0)
@@ -101,26 +100,6 @@ class Tracker:
         self._satellite.forget()
 
     @property
-    def clock_holds(self) -> bool:
-        """Whether the mount's clock is where the profile says, if it says so."""
-        return self._follower.clock.known_holds
-
-    @property
-    def clock_runs(self) -> bool:
-        """Whether the mount's clock runs as ours does."""
-        return self._follower.clock.trusted
-
-    @property
-    def clock_step_s(self) -> float | None:
-        """By what steps the mount's clock goes, where those are too coarse to date samples by; else None."""
-        return self._follower.clock.steps.step_s if self._follower.clock.steps.coarse else None
-
-    @property
-    def lost_utc_s(self) -> float | None:
-        """When the mount was last seen where nothing that is known leads."""
-        return self._follower.lost_utc_s
-
-    @property
     def trouble(self) -> str | None:
         """Why the way to the target was given up: what the mount did, in words."""
         return self._way.trouble
@@ -131,10 +110,10 @@ class Tracker:
 
     def take(self, sample: StatusSample) -> ErrorView:
         """Take in one sample; return its error on the sky, dated by the mount's own clock."""
-        utc_s = self._follower.date(sample)
+        utc_s = self.follower.date(sample)
         passage = self._satellite.passage
         seen = sample if passage is None else passage.unfolded(sample)
-        believed = self._follower.take(seen, utc_s, self.phase in FOLLOWING)
+        believed = self.follower.take(seen, utc_s, self.phase in FOLLOWING)
         if self.rest is not None:
             self.rest.see(sample)
         self._stand = MountPlace(sample.sidereal_h * 15.0, sample.ra_deg, sample.dec_deg, sample.beyond_pole)
@@ -143,16 +122,6 @@ class Tracker:
         if believed:
             self._judge(self.error)
         return self.error
-
-    @property
-    def command_delay_s(self) -> float:
-        """From sending to the mailbox, as it is reckoned with, seconds."""
-        return self._follower.command_delay_s
-
-    @property
-    def acting_s(self) -> float:
-        """For how long a command acts, seconds."""
-        return self._follower.acting_s
 
     def operate(self, message: Message, now_utc_s: float) -> None:
         """Obey the operator, and listen to whoever observes."""
@@ -186,7 +155,7 @@ class Tracker:
             self._satellite.forget()
         if self.rest is not None:
             return self._rests(self.rest, now_utc_s, stopped)
-        if self._follower.axes is None:
+        if self.follower.axes is None:
             return Hold()
         if self.phase is Phase.WAITING and now_utc_s >= self.plan.start_utc_s - self.plan.approach_s:
             moving, self._moved_by_rates = self._moved_by_rates, False
@@ -243,7 +212,7 @@ class Tracker:
         self.phase = Phase.WAITING
         if self._satellite.passage is not None:
             # It may have been left on the other side of the pole, of which a new way knows nothing.
-            self._follower.forget_axes()
+            self.follower.forget_axes()
 
     def _jog(self, order: Jog, now_utc_s: float) -> None:
         why = "the run is not paused: pause it first"
@@ -298,7 +267,7 @@ class Tracker:
 
     def _follow(self, now_utc_s: float) -> Motion:
         share = self.plan.law.feeder.tracking_share if self.phase is Phase.TRACKING else 1.0
-        rates = self._follower.follow(now_utc_s, self._satellite, share)
+        rates = self.follower.follow(now_utc_s, self._satellite, share)
         if rates is None:
             return Hold()
         passage = self._satellite.passage
@@ -307,7 +276,7 @@ class Tracker:
 
     def send_shift_s(self, now_utc_s: float) -> float:
         """Return the delay of the next datagram beyond one period from now, seconds."""
-        return self._follower.send_shift_s(now_utc_s, self.phase in FOLLOWING)
+        return self.follower.send_shift_s(now_utc_s, self.phase in FOLLOWING)
 
     def note_sent(self, motion: Motion, now_utc_s: float) -> None:
         """Note what was really sent, after safety had its say."""
@@ -315,7 +284,7 @@ class Tracker:
         passage = self._satellite.passage
         if passage is not None and isinstance(motion, MoveAxes):
             motion = passage.turned(motion)
-        self._follower.note_sent(motion, now_utc_s)
+        self.follower.note_sent(motion, now_utc_s)
 
     def _judge(self, error: ErrorView) -> None:
         if self.phase is Phase.ACQUIRING:
@@ -324,7 +293,7 @@ class Tracker:
                 self.phase = Phase.TRACKING
                 if self.acquired_utc_s is None:
                     self.acquired_utc_s = error.utc_s
-                    self.learning.forget_rates()
+                    self.follower.learning.forget_rates()
         elif self.phase is Phase.TRACKING and error.total_arcsec > LOST_ARCSEC:
             self.phase = Phase.ACQUIRING
             self._near = 0

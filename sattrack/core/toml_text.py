@@ -238,7 +238,7 @@ def read_typed(text: str, file: str, kind: type[T], columns: bool = True) -> tup
     try:
         return msgspec.convert(_without_times(document), kind), positions
     except msgspec.ValidationError as error:
-        raise _told(str(error), document, positions, kind) from None
+        raise _explained(str(error), document, positions, kind) from None
 
 
 def _syntax(message: str, text: str, file: str) -> BadInputError:
@@ -265,7 +265,7 @@ def _without_times(value: Any) -> Any:
     return value.isoformat() if isinstance(value, date | time) else value
 
 
-def _told(message: str, document: Any, positions: KeyPositions, kind: type) -> BadInputError:
+def _explained(message: str, document: Any, positions: KeyPositions, kind: type) -> BadInputError:
     """Return the decoder's refusal as an error that names place, key, and what was meant."""
     found = _AT.search(message)
     path: KeyPath = ()

@@ -58,12 +58,13 @@ class Loss:
     way_out: str
 
 
-_TOLD = (
+_REPORTED = (
     f"following by prediction after 0.3 s; after {STATUS_LOST_S:g} s the stop is sent, for "
     f"{STOPS_SENT_S:g} s, and the run ends with exit code 4"
 )
-_UNTOLD = (
-    f"{_TOLD}, telling that the mount did not confirm; the guardian goes on, once in {STOPS_SLOW_S:g} s for "
+_UNREPORTED = (
+    f"{_REPORTED}, telling that the mount did not confirm; "
+    f"the guardian goes on, once in {STOPS_SLOW_S:g} s for "
     f"{STOPS_SLOW_FOR_S:g} s, then once in {STOPS_SLOWEST_S:g} s, at full rate when it hears the mount"
 )
 _SEES = "hears that the mount does not follow, and stops once an interlock tells; stops are lost as well"
@@ -83,7 +84,7 @@ CONTRACT = (
         "statuses",
         "statuses are lost, commands arrive",
         None,
-        _UNTOLD,
+        _UNREPORTED,
         _OBEYS,
         STATUS_LOST_S + OBEYED_S,
         False,
@@ -116,7 +117,7 @@ CONTRACT = (
         "both",
         "both are lost: a cut cable, a switch",
         False,
-        _UNTOLD,
+        _UNREPORTED,
         _HOLDS,
         None,
         False,
@@ -127,7 +128,7 @@ CONTRACT = (
         "both-watchdog",
         "both are lost: a cut cable, a switch",
         True,
-        _UNTOLD,
+        _UNREPORTED,
         _BRAKES,
         TURN_S,
         True,

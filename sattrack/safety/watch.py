@@ -43,7 +43,7 @@ OVERLOADED_FOR_S = 0.5
 BACKWARD_S = 0.5
 CLOCK_PROOF = 3
 """A clock that was well counts as set when so many statuses in a row say so: a bit of one may turn over."""
-LEAST_TOLD_DEG_S = 0.02
+LEAST_ASKED_DEG_S = 0.02
 """Slower commands, in the mean, say nothing of what an axis makes of them."""
 TURNED, STILL, LIKE_SHARE = -0.5, 0.1, 0.05
 """Motion over commanded motion of an axis that turns the other way, or stands; how far off a gain may be."""
@@ -153,7 +153,7 @@ class Watch:
         for axis, name, field in ((1, "right ascension", "ra"), (2, "declination", "dec")):
             pairs = [(c[axis], m[axis] / m[0]) for c, m in zip(commanded, self._window, strict=True)]
             square = sum([c * c for c, _ in pairs])
-            if square < len(pairs) * LEAST_TOLD_DEG_S**2:
+            if square < len(pairs) * LEAST_ASKED_DEG_S**2:
                 continue
             ratio = sum([c * m for c, m in pairs]) / square
             if ratio < TURNED:

@@ -85,8 +85,8 @@ class Order(NamedTuple):
 
 def move_order(axis: int, rate_deg_s: float) -> Order:
     """Return the MoveAxis of one axis, 0 right ascension, 1 declination; degrees a second."""
-    told = ("Axis", str(axis)), ("Rate", f"{rate_deg_s:.9f}")
-    return Order(AXIS_LANES[axis], "moveaxis", told, rate_deg_s)
+    parameters = ("Axis", str(axis)), ("Rate", f"{rate_deg_s:.9f}")
+    return Order(AXIS_LANES[axis], "moveaxis", parameters, rate_deg_s)
 
 
 def tracking_order(on: bool) -> Order:
@@ -100,8 +100,8 @@ def pulse_orders(ra_ms: int, dec_ms: int) -> list[Order]:
     for milliseconds, onward, back in ((ra_ms, WEST, EAST), (dec_ms, NORTH, SOUTH)):
         if milliseconds:
             direction = onward if milliseconds > 0 else back
-            told = ("Direction", str(direction)), ("Duration", str(abs(milliseconds)))
-            orders.append(Order("rest", "pulseguide", told))
+            parameters = ("Direction", str(direction)), ("Duration", str(abs(milliseconds)))
+            orders.append(Order("rest", "pulseguide", parameters))
     return orders
 
 
@@ -163,9 +163,9 @@ class _Seen(NamedTuple):
 
 @dataclass(slots=True)
 class _Axis:
-    """The last rate given to one axis; `told_deg_s` None where that is not known, after a refusal."""
+    """The last rate given to one axis; `commanded_deg_s` None where that is not known, after a refusal."""
 
-    told_deg_s: float | None = 0.0
+    commanded_deg_s: float | None = 0.0
     refused: bool = False
 
 
@@ -269,7 +269,7 @@ class Bridge:
             self.words = f"the telescope refuses {order.member}: {refusal}"
         if order.member == "moveaxis":
             axis = self._axes[AXIS_LANES.index(order.lane)]
-            axis.told_deg_s, axis.refused = None, True
+            axis.commanded_deg_s, axis.refused = None, True
         elif order.member in name:
             self._refused.add(name[order.member])
 
@@ -379,16 +379,16 @@ class Bridge:
         for number, wish in enumerate(wishes):
             axis = self._axes[number]
             rate = nearest_rate(wish, self.facts.rates(number))
-            if axis.told_deg_s is None or abs(rate - axis.told_deg_s) > SAME_RATE_DEG_S:
+            if axis.commanded_deg_s is None or abs(rate - axis.commanded_deg_s) > SAME_RATE_DEG_S:
                 orders.append(move_order(number, rate))
-                axis.told_deg_s = rate
+                axis.commanded_deg_s = rate
         return orders
 
     def _stop(self, now_s: float) -> list[Order]:
         self._stop_s = now_s
         self._slew_ordered = False
         for axis in self._axes:
-            axis.told_deg_s = 0.0
+            axis.commanded_deg_s = 0.0
         return [Order("rest", "abortslew"), move_order(0, 0.0), move_order(1, 0.0)]
 
     def _see_stop_through(self, now_s: float) -> list[Order]:
@@ -424,11 +424,11 @@ class Bridge:
 
     def _goes(self) -> bool:
         """Whether what was asked may still have the telescope moving."""
-        told = any(axis.told_deg_s != 0.0 for axis in self._axes)
+        commanded = any(axis.commanded_deg_s != 0.0 for axis in self._axes)
         # A parked telescope refuses every command, and stands.
         guided = self._standing.began_s - self._guided_s < GUIDED_LATELY_S
         moves = self._slews if guided else self._moving()
-        return (told and not self._standing.at_park) or self._slew_awaited or moves
+        return (commanded and not self._standing.at_park) or self._slew_awaited or moves
 
     @property
     def _slew_awaited(self) -> bool:
@@ -439,10 +439,10 @@ class Bridge:
         last = self._last
         if last is None or (place.ra_deg, place.dec_deg) != (last.ra_deg, last.dec_deg):
             return False
-        told = any(abs(axis.told_deg_s or 0.0) > MOVES_DEG_S for axis in self._axes)
+        commanded = any(abs(axis.commanded_deg_s or 0.0) > MOVES_DEG_S for axis in self._axes)
         hour_angle, dec = self._rates_deg_s
         moves = max(abs(SIDEREAL_RATE_DEG_S - hour_angle), abs(dec)) > MOVES_DEG_S
-        return told and moves and place.ra_utc_s - last.ra_utc_s < OLD_AT_MOST_S
+        return commanded and moves and place.ra_utc_s - last.ra_utc_s < OLD_AT_MOST_S
 
     def _seen(self, place: SkyPlace) -> _Seen:
         """Return a place for one instant, that of its right ascension, in the equinox of date."""

@@ -87,15 +87,15 @@ class DeviceState(NamedTuple):
 
     def with_values(self, began_s: float, values: dict[str, Any]) -> DeviceState:
         """Return it with new values, named as by Alpaca in lower case; a value of a wrong type is ignored."""
-        told: dict[str, bool] = {}
+        known: dict[str, bool] = {}
         for name, member in MEMBERS.items():
             value = values.get(member)
             if name == "beyond_pole" and isinstance(value, int):
-                told[name] = value == PIER_WEST
+                known[name] = value == PIER_WEST
             elif isinstance(value, bool):
-                told[name] = value
-        began_s = began_s if "slewing" in told else self.began_s
-        return self._replace(began_s=began_s, **told)
+                known[name] = value
+        began_s = began_s if "slewing" in known else self.began_s
+        return self._replace(began_s=began_s, **known)
 
 
 MEMBERS = {

@@ -171,9 +171,11 @@ class AlpacaClient:
 
     async def _guide_rates(self) -> tuple[float, float] | None:
         """Return the guide rates in right ascension and declination, degrees a second; None for none."""
-        told = [await self._perhaps(f"guiderate{axis}", None) for axis in ("rightascension", "declination")]
-        numbers = [float(one) for one in told if isinstance(one, int | float)]
-        return (numbers[0], numbers[1]) if len(numbers) == len(told) else None
+        answers = [
+            await self._perhaps(f"guiderate{axis}", None) for axis in ("rightascension", "declination")
+        ]
+        numbers = [float(one) for one in answers if isinstance(one, int | float)]
+        return (numbers[0], numbers[1]) if len(numbers) == len(answers) else None
 
     async def _perhaps(self, member: str, otherwise: Any, **fields: str) -> Any:
         """Return a member's value, or something else where the driver has none to give."""
@@ -320,7 +322,7 @@ class Gateway:
     """When the session ended."""
     _bade_farewell: bool = False
     _turns: int = 0
-    _told: str | None = None
+    _reported: str | None = None
     _silence: str | None = None
     """Why the telescope does not answer; None while it does."""
     _try_again_s: float = 0.0
@@ -388,8 +390,8 @@ class Gateway:
     def _tell_news(self) -> None:
         self.channel.flush()
         words = self._silence or self.bridge.words or self.bridge.doubt
-        if words != self._told:
-            self._told = words
+        if words != self._reported:
+            self._reported = words
             self._say(GatewayNews(words))
 
     def _say(self, what: GatewayReady | GatewayNews) -> None:

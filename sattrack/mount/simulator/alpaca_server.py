@@ -110,7 +110,7 @@ class AlpacaServer:
         if not self.telescope.connected and member not in FREE:
             raise RefusedError(NOT_CONNECTED, "The telescope is not connected")
         if method == "PUT":
-            return self._told(member, fields)
+            return self._changed(member, fields)
         return self._asked(member, fields)
 
     def _asked(self, member: str, fields: Mapping[str, str]) -> Any:
@@ -169,7 +169,7 @@ class AlpacaServer:
         }
         return [{"Name": name, "Value": value} for name, value in state.items()]
 
-    def _told(self, member: str, fields: Mapping[str, str]) -> None:
+    def _changed(self, member: str, fields: Mapping[str, str]) -> None:
         telescope, now = self.telescope, self._now()
         if member == "connected":
             if self.settings.refuses_connection and TRUE[fields["Connected"].lower()]:
@@ -215,9 +215,13 @@ class AlpacaServer:
 
     async def _state(self, _: web.Request) -> web.Response:
         telescope = self.telescope
-        told = {"tracking": telescope.tracks(), "parked": telescope.parked, "connected": telescope.connected}
+        settings = {
+            "tracking": telescope.tracks(),
+            "parked": telescope.parked,
+            "connected": telescope.connected,
+        }
         moving = telescope.slewing(self._now())
-        return web.json_response({**told, "moving": moving, "requests": self.requests})
+        return web.json_response({**settings, "moving": moving, "requests": self.requests})
 
     async def _set(self, request: web.Request) -> web.Response:
         fields = await request.post()

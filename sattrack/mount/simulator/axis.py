@@ -410,7 +410,7 @@ SETTLED_DEG = 1e-4
 
 @dataclass(slots=True)
 class Axis:
-    """One axis with its drive; at the ends of `travel_deg` it stops whatever it is told."""
+    """One axis with its drive; at the ends of `travel_deg` it stops in any case."""
 
     limits: AxisLimits
     hardware: SimulatorProfile

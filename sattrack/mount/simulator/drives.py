@@ -1,4 +1,4 @@
-"""What one axis' drive is told by the mount's program: mode, rates, pulses, and the encoder that reads it."""
+"""One axis' drive as the mount's program commands it: mode, rates, pulses, and the encoder that reads it."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Encoder:
 
 @dataclass(slots=True)
 class DrivenAxis:
-    """One axis and what it was told; rates are the axis'. `sky_rate_deg_s` is that of tracking a star."""
+    """One axis and its commands; rates are the axis'. `sky_rate_deg_s` is that of tracking a star."""
 
     axis: Axis
     encoder: Encoder

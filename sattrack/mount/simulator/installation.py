@@ -47,7 +47,7 @@ def _check_not_negative(settings: object, *names: str) -> None:
 class ServoSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How both direct drives follow what is asked of them.
 
-    `bandwidth_hz` and `damping` are those of the position loop. Forces are told as the drive current that
+    `bandwidth_hz` and `damping` are those of the position loop. Forces are given as the drive current that
     balances them: `inertia_a_per_deg_s2` is the inertia over the torque constant, `friction_a` the Coulomb
     friction, `stiction_a` what it takes to break loose (0: the same), `ripple_a` the amplitude of the torque
     ripple, `ripple_per_turn` its periods in a turn of the axis. `friction_feedforward` is the share of the
@@ -114,9 +114,9 @@ class SimulatorProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     flip: Literal["never", "hour_angle"] = "never"
     """Whether a slew past the meridian goes beyond the pole."""
     hard_margin_deg: float = 10.0
-    """How far past the profile's travel each axis stops whatever it is told."""
+    """How far past the profile's travel each axis stops in any case."""
     reports_home_and_park: bool = False
-    """Whether AtHome and AtPark are told; the paper's packing code has zeros there."""
+    """Whether AtHome and AtPark are reported; the paper's packing code has zeros there."""
     does_refraction: bool = False
     crashed_drives: Literal["stop", "hold"] = "stop"
     """What the drives do while the mount's program has crashed: brake, or go on at their last rates."""

@@ -8,21 +8,21 @@ Where the paper is silent:
   *Edge*: each axis' rate is read as its flag rises and stays in force after its fall, until a new edge or an
   abort; an edge with rate 0 gives the axis back to sidereal tracking. An unchanged rate keeps its axis going
   the same way where it passes a pole; signs are those of the side on which a rate first came.
-* Slewing is told during a slew and while any axis is in MoveAxis. A slew, sync, home or pulse that comes
+* Slewing is reported during a slew and while any axis is in MoveAxis. A slew, sync, home or pulse that comes
   then, or in the loop in which that ends, is ignored.
 * Fine rates add to sidereal tracking, and so to MoveAxis where that is additive.
 * A pulse adds 3500 (tics/s x 10) to its axis for its duration, exactly; negative is east and south, in the
   sky. Both axes' timers start anew with a new pulse, and end with a slew, an abort, a park or a home.
 * A sync shifts the reported coordinates; axes, altitude, azimuth and cable wrap stay with the encoders.
 * A slew that ends past either axis' travel is ignored. At the end of its travel and a margin an axis brakes
-  to rest whatever it was told, and moves away again when told so.
+  to rest in any case, and moves away again when commanded to.
 * An abort ends everything and leaves the axes at rest, drives on, until a slew, home or MoveAxis.
 * Park cuts the drives' power: the axes coast until friction stops them, and obey nothing until a restart.
 * Home is a slew to the profile's home position, which is the encoders' and needs no sidereal time; the axes
   rest there. Without one in the profile, it does nothing.
 * After `watchdog_s` without a command the mailbox counts as empty, and both axes come to rest.
 * A drive fault cuts the power of its axis alone. After a restart the mount tracks the sky, its counter begins
-  anew, syncs are forgotten, and encoders read within half a turn of their zero: cable wrap told from them may
+  anew, syncs are forgotten, and encoders read within half a turn of their zero: cable wrap by them may
   be a turn off.
 * Refraction, where the mount does it: axes point to where the air bends the light to, reported coordinates
   are those without air. MoveAxis rates are the axes'.
@@ -198,7 +198,7 @@ def doubtful_types(profile: MountProfile) -> dict[str, str]:
 class SimulatedMount:
     """A mount with two axes; `receive` fills its mailbox, `tick` runs its loop once.
 
-    Time is told to it, UTC as POSIX seconds; the same calls give the same bytes. Raises BadInputError where
+    Time is an argument, UTC as POSIX seconds; the same calls give the same bytes. Raises BadInputError where
     the profile's readings name a field that is not in doubt.
     """
 

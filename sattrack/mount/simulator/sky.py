@@ -59,7 +59,7 @@ def horizontal(hour_angle_deg: float, dec_deg: float, latitude_deg: float) -> tu
 
 
 def equatorial(altitude_deg: float, azimuth_deg: float, latitude_deg: float) -> tuple[float, float]:
-    """Return hour angle and declination of a direction told by altitude and azimuth."""
+    """Return hour angle and declination of a direction given by altitude and azimuth."""
     a, z, p = (math.radians(x) for x in (altitude_deg, azimuth_deg, latitude_deg))
     west = -math.cos(a) * math.sin(z)
     south = math.sin(p) * math.cos(a) * math.cos(z) - math.cos(p) * math.sin(a)
@@ -78,7 +78,7 @@ def airless(hour_angle_deg: float, dec_deg: float, latitude_deg: float) -> tuple
 
 
 def refracted(hour_angle_deg: float, dec_deg: float, latitude_deg: float) -> tuple[float, float]:
-    """Return where the axes must point for a direction told without air: the inverse of `airless`."""
+    """Return where the axes must point for a direction given without air: the inverse of `airless`."""
     altitude_deg, azimuth_deg = horizontal(hour_angle_deg, dec_deg, latitude_deg)
     apparent_deg = altitude_deg
     for _ in range(12):

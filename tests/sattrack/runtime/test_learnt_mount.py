@@ -151,7 +151,7 @@ def test_a_learnt_profile_is_written_loaded_and_followed_with_no_worse(
 def test_filters_begin_with_the_lag_that_the_profile_tells(first: family.Run) -> None:
     sample = first.engine.session.sample
     assert sample is not None
-    history = first.engine.tracker._follower._history
+    history = first.engine.tracker.follower._history
     slow = msgspec.structs.replace(TOLD, ra=AxisLimits(lag_s=0.2))
     axes = Axes.begin(slow, history, sample, 0.0)
     assert axes.ra.lag.mean_s == pytest.approx(0.2, abs=0.01)
