@@ -1,4 +1,9 @@
-"""A direction and all that follows from it: coordinates, rates, range, sunlight; each made when asked for."""
+"""A direction and what follows from it: coordinates, rates, range, sunlight; each computed on first use.
+
+Written out although skyfield and astropy turn frames too: rates here are the derivatives of the coordinates,
+with light time, aberration, biases and refraction in them, which neither has, and take a fraction of the time
+(`bench/ephemeris.py`).
+"""
 
 from __future__ import annotations
 

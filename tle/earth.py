@@ -2,7 +2,8 @@
 
 The sidereal angle of TEME is GMST82 of UT1 (Vallado 2006); the step from TEME to the true equator and equinox
 of date is a turn about the pole by GAST06A - GMST82 (IAU 2006/2000A, IERS Conventions 2010, 5.5.7). Both, and
-the polar motion, are held as polynomials a day long, made on first use.
+the polar motion, are held as polynomials a day long, made by ERFA on first use: its series of nutation,
+evaluated for every direction, would cost more than all the rest.
 
 The IERS table finals2000A.all has one record of fixed width a day since 1973-01-02, so that a day's place in
 the file is known and the 3.7 MB need not be parsed. Layout: the IERS's readme.finals2000A.

@@ -94,7 +94,7 @@ class Elements:
 
         Raises a subclass of ElementsError that says which line and columns are wrong.
         """
-        # Looked up when it is asked for: the readers are made of this class.
+        # Imported here, because the readers import this class.
         parse_set: Callable[[str, str, str], Elements] = import_module("tle.formats.tle").parse_set
         return parse_set(line1, line2, name or "")
 

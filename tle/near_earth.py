@@ -2,6 +2,10 @@
 
 Formulas of Hoots and Roehrich, Spacetrack Report 3 (1980), as revised by Vallado et al., AIAA 2006-6753:
 improved mode, WGS 72, periods under 225 minutes. Lengths are Earth radii and times minutes within, as there.
+
+Written out beside the package sgp4, whose arrays are of one object, or of all objects at the same instants: a
+search for passes needs each object at instants of its own, and the mean orbit without the short-period terms.
+Elsewhere the package is used; a test compares the two.
 """
 
 from __future__ import annotations

@@ -4,6 +4,9 @@ Bennett's formula (Journal of Navigation 35, 255, 1982; Meeus, Astronomical Algo
 the refracted altitude, solved for the true one: good to about 0.1′ above the horizon in ordinary air. Far
 below the horizon there is no such thing as the refraction: it fades out smoothly there, so that altitudes
 keep their order and rates stay continuous.
+
+Written out because ERFA's `refco` is for 20° and up, and skyfield's `refract` has neither a derivative nor a
+continuation below the horizon.
 """
 
 from __future__ import annotations

@@ -265,7 +265,7 @@ def test_uncertainties_are_those_of_many_noisy_observations():
     t = START.plus(200.0)
     sigma_arcsec, sigma_time_s = 5.0, 0.01
     seen = propagator.at(t, Bias(1.0, 0.2))
-    told = bias_from_observation(
+    estimate = bias_from_observation(
         propagator, seen.ra_deg, seen.dec_deg, t, "of_date", sigma_arcsec, sigma_time_s
     )
     random = np.random.default_rng(11)
@@ -277,8 +277,8 @@ def test_uncertainties_are_those_of_many_noisy_observations():
         ra_deg = true.ra_deg + off[0] / math.cos(math.radians(true.dec_deg))
         found.append(bias_from_observation(propagator, ra_deg, true.dec_deg + off[1], t))
     # 400 trials give a standard deviation to 3.5 %.
-    assert np.std([f.along_s for f in found]) == pytest.approx(told.along_sigma_s, rel=0.12)
-    assert np.std([f.cross_deg for f in found]) == pytest.approx(told.cross_sigma_deg, rel=0.12)
+    assert np.std([f.along_s for f in found]) == pytest.approx(estimate.along_sigma_s, rel=0.12)
+    assert np.std([f.cross_deg for f in found]) == pytest.approx(estimate.cross_sigma_deg, rel=0.12)
     exact = bias_from_observation(propagator, seen.ra_deg, seen.dec_deg, t, "of_date", 0.0)
     assert (exact.along_sigma_s, exact.cross_sigma_deg) == (0.0, 0.0)
 

@@ -176,10 +176,10 @@ CSV = "utc,ra_deg,dec_deg\n"
     ],
 )
 def test_tells_what_is_wrong_and_where(text, words):
-    with pytest.raises(ObservationError) as told:
+    with pytest.raises(ObservationError) as raised:
         parse_observations(text, STATIONS, "x")
-    assert words in str(told.value)
-    assert "\n" not in str(told.value)
+    assert words in str(raised.value)
+    assert "\n" not in str(raised.value)
 
 
 @given(st.text() | st.text(alphabet="0123456789 +-.,=ANGLE_12T:\n<>").map(lambda t: "CCSDS_TDM_VERS" + t))

@@ -179,9 +179,9 @@ def test_the_quick_altitude_of_the_sun_is_that_of_the_facts():
 
 
 def test_progress_comes_to_its_end():
-    told = []
-    pass_facts(PASSES, progress=lambda *counts: told.append(counts))
-    assert told[-1] == (len(PASSES), len(PASSES))
+    reported = []
+    pass_facts(PASSES, progress=lambda *counts: reported.append(counts))
+    assert reported[-1] == (len(PASSES), len(PASSES))
 
 
 def test_magnitudes_are_told_only_where_known():

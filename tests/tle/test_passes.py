@@ -61,13 +61,13 @@ def test_none_is_missed(lines, place, start, min_alt_deg):
     times = Utc(first.unix_s + np.arange(0.0, 86400.0, 1.0))
     above = propagator.at(times).alt_deg > min_alt_deg
     found = find_passes(propagator, first, 24.0, min_alt_deg)
-    told = np.zeros(len(times), dtype=bool)
+    covered = np.zeros(len(times), dtype=bool)
     for one in found:
         rise_s = -np.inf if one.rise_utc is None else one.rise_utc.unix_s
         set_s = np.inf if one.set_utc is None else one.set_utc.unix_s
-        told |= (times.unix_s > rise_s) & (times.unix_s < set_s)
+        covered |= (times.unix_s > rise_s) & (times.unix_s < set_s)
         assert one.max_alt_deg > min_alt_deg
-    assert (told == above).all()
+    assert (covered == above).all()
 
 
 def test_a_pass_of_seconds_is_found():

@@ -49,11 +49,11 @@ def epochs(since):
     return np.full(len(since), days), since / 86400.0
 
 
-def told_every_second(found, since):
-    told = np.zeros(len(since), dtype=bool)
+def covered_every_second(found, since):
+    reported = np.zeros(len(since), dtype=bool)
     for rise, set_ in zip(found.rise_s, found.set_s, strict=True):
-        told |= (since > np.nan_to_num(rise, nan=-1.0)) & (since < np.nan_to_num(set_, nan=1e9))
-    return told
+        reported |= (since > np.nan_to_num(rise, nan=-1.0)) & (since < np.nan_to_num(set_, nan=1e9))
+    return reported
 
 
 @st.composite
@@ -97,7 +97,7 @@ def is_as_every_second(elements, site, min_alt_deg):
         assert elements.satrec().sgp4_array(*epochs(since))[0].any()
         assert not above.any()
         return
-    assert (told_every_second(passes.found, since) == above).all()
+    assert (covered_every_second(passes.found, since) == above).all()
     assert (passes.found.max_alt_deg > min_alt_deg).all()
 
 
@@ -138,7 +138,7 @@ def test_a_skyline(lines, mask):
     horizon = Horizon(3.0, mask)
     passes = find_catalogue_passes([elements], site, START, 24.0, horizon, earth=EARTH)
     since, above = above_every_second(elements, site, START, 24.0, horizon)
-    assert (told_every_second(passes.found, since) == above).all()
+    assert (covered_every_second(passes.found, since) == above).all()
     alone = find_passes(Propagator(elements, site, earth=EARTH), START, 24.0, 3.0, mask)
     assert len(alone) == len(passes)
 
@@ -346,7 +346,7 @@ def test_skyfield_finds_the_same(catalogue):
 def test_two_at_work_find_what_one_does(catalogue):
     # Just enough that the work is shared.
     chosen = catalogue[::7]
-    told = []
+    reported = []
     one, two = (
         find_catalogue_passes(
             chosen,
@@ -354,13 +354,13 @@ def test_two_at_work_find_what_one_does(catalogue):
             Utc.parse("2025-09-01"),
             6.0,
             workers=n,
-            progress=lambda *a: told.append(a),
+            progress=lambda *a: reported.append(a),
         )
         for n in (1, 2)
     )
     assert np.array_equal(one.found.rise_s, two.found.rise_s, equal_nan=True)
     assert np.array_equal(one.found.obj, two.found.obj)
-    assert told[-1] == (len(chosen), len(chosen))
+    assert reported[-1] == (len(chosen), len(chosen))
 
 
 def _timescale(dut1_s, xp_arcsec, yp_arcsec):
