@@ -27,7 +27,7 @@ Instant: TypeAlias = "Utc | datetime | AstropyTime | SkyfieldTime"
 DAY_S = 86400.0
 UNIX_EPOCH_JD = 2440587.5
 UNIX_EPOCH_MJD = 40587
-_MJD_JD = 2400000.5
+MJD_JD = 2400000.5
 TT_MINUS_TAI_S = 32.184
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _ISO = re.compile(
@@ -159,7 +159,7 @@ class Utc:
         except ImportError:
             raise PackageError("astropy is not installed: pip install astropy") from None
         days, fraction = self.split()
-        offset_s = tai_minus_utc_s(days - _MJD_JD)
+        offset_s = tai_minus_utc_s(days - MJD_JD)
         return Time(days, fraction + offset_s / DAY_S, format="jd", scale="tai").utc
 
     def isoformat(self, timespec: str = "microseconds") -> str:
