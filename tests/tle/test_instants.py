@@ -4,6 +4,7 @@ import copy
 import pickle
 from datetime import UTC, datetime, timedelta, timezone
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -154,6 +155,14 @@ def test_now_is_the_computers_clock():
     before = datetime.now(UTC)
     now = Utc.now().datetime()
     assert before <= now <= datetime.now(UTC)
+
+
+def test_nothing_but_scripts_asks_for_now():
+    # `--clock` and replays set the time: code that read the computer's own would not follow.
+    root = Path(__file__).resolve().parents[2]
+    modules = [path for folder in ("tle", "sattrack") for path in (root / folder).rglob("*.py")]
+    assert len(modules) > 100
+    assert [path for path in modules if "Utc.now" in path.read_text(encoding="utf-8")] == []
 
 
 def test_what_names_an_instant_is_taken_as_one():
