@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 # make every caller narrow it although the shape is always that of the instants given.
 Quantity: TypeAlias = Any
 # What is taken as an instant, or as an array of instants.
-Instant: TypeAlias = "Utc | datetime | AstropyTime | SkyfieldTime"
+Instant: TypeAlias = "Utc | datetime | list[datetime] | AstropyTime | SkyfieldTime"
 DAY_S = 86400.0
 UNIX_EPOCH_JD = 2440587.5
 UNIX_EPOCH_MJD = 40587
@@ -268,7 +268,7 @@ class SkyfieldTime(Protocol):
 
 
 def as_utc(instant: Instant) -> Utc:
-    """Return the Utc of an aware datetime, or of a Time of astropy or skyfield; a Utc as it is.
+    """Return the Utc of an aware datetime, a list of them, or a Time of astropy or skyfield; a Utc as it is.
 
     Arrays of one dimension stay arrays. Times of other scales (TT, TDB, UT1) are converted by their own
     package to TAI or TT, and from there by ERFA's leap seconds. Raises NaiveTimeError for a datetime without
@@ -278,6 +278,8 @@ def as_utc(instant: Instant) -> Utc:
         return instant
     if isinstance(instant, datetime):
         return Utc.from_datetime(instant)
+    if isinstance(instant, list | tuple):
+        return Utc(np.array([as_utc(one).unix_s for one in instant], dtype=np.float64))
     if hasattr(instant, "jd1") and hasattr(instant, "tai"):
         atomic = instant.tai
         return _utc_of_tai(atomic.jd1, atomic.jd2)

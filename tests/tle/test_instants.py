@@ -170,6 +170,7 @@ def test_what_names_an_instant_is_taken_as_one():
     assert as_utc(moment) == Utc.parse("2026-10-02T13:05:24.25Z")
     t = Utc(5.0)
     assert as_utc(t) is t
+    assert as_utc([moment, moment + timedelta(seconds=2.5)]) - as_utc(moment) == pytest.approx([0.0, 2.5])
     assert Utc.range(moment, moment, 1.0)[0] == as_utc(moment)
     with pytest.raises(NaiveTimeError, match="no time zone"):
         as_utc(datetime(2026, 10, 2))  # noqa: DTZ001
