@@ -1,11 +1,12 @@
-"""Orbital elements in, topocentric directions and rates out. The public names are those of `dir(tle)`.
+"""Orbital elements in, topocentric directions and rates out.
 
 >>> from tle import Propagator, Site, Utc, find, read_elements
 >>> iss = find(read_elements("stations.tle"), "ISS")                         # doctest: +SKIP
 >>> seen = Propagator(iss, Site(52.15, 4.49)).at(Utc.parse("2026-10-02T13:05:24Z"))  # doctest: +SKIP
 >>> seen.ra_deg, seen.dec_deg, seen.ra_rate_deg_s                            # doctest: +SKIP
 
-`tle.skyfield` takes and gives skyfield's objects, `to_astropy()` gives astropy's; see docs/library.md.
+The public names are those of `dir(tle)`. `tle.skyfield` takes and gives skyfield's objects, and
+`to_astropy()` gives astropy's; see docs/library.md.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import erfa
 import numpy as np
 
-from tle.earth import to_tirs
+from tle.earth import ARCSEC, to_tirs
 from tle.errors import BiasError, ObservationError, PlaceError
 from tle.instants import as_utc
 from tle.sun import LIGHT_KM_S, earth_velocity_km_s
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from tle.site import Site
 
 Frame = Literal["of_date", "icrf", "j2000"]
-_ARCSEC = math.pi / 648000.0
 _ALONG_STEP_S = 0.05
 _CROSS_STEP_DEG = 0.01
 _LONGEST_STEP_S = 30.0
@@ -133,7 +132,7 @@ def bias_from_observation(
     jacobian, _, m, n = model.slopes(along_s, cross_deg)
     motion = seen.at(t, Bias(along_s, cross_deg)).unit_rate
     moved = np.array([motion @ m, motion @ n]) * sigma_time_s
-    spread = np.eye(2) * (sigma_arcsec * _ARCSEC) ** 2 + np.outer(moved, moved)
+    spread = np.eye(2) * (sigma_arcsec * ARCSEC) ** 2 + np.outer(moved, moved)
     inverse = np.linalg.inv(jacobian)
     covariance = inverse @ spread @ inverse.T
     return BiasEstimate(
@@ -141,7 +140,7 @@ def bias_from_observation(
         cross_deg,
         math.sqrt(covariance[0, 0]),
         math.sqrt(covariance[1, 1]),
-        _angle(plain, observed) / _ARCSEC,
+        _angle(plain, observed) / ARCSEC,
     )
 
 

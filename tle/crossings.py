@@ -290,7 +290,7 @@ _LOOKS = 9
 _GRID = np.linspace(-1.0, 1.0, _LOOKS)
 # Ridders' method squares the error: the step after one of this size is about a millisecond.
 CLOSE_S, _WALL_CLOSE_S = 2e-2, 1e-5
-_DEG = 180.0 / math.pi
+DEG_PER_RAD = 180.0 / math.pi
 
 
 def roots(
@@ -389,8 +389,8 @@ def find_crossings(arcs: Arcs, horizon: Horizon) -> Crossings:
 
 def altaz_deg(q: Array) -> tuple[Array, Array]:
     """Return altitude and azimuth of places east, north, up, shape (3, m)."""
-    alt = np.arctan2(q[2], np.hypot(q[0], q[1])) * _DEG
-    return alt, np.arctan2(q[0], q[1]) * _DEG % 360.0 % 360.0
+    alt = np.arctan2(q[2], np.hypot(q[0], q[1])) * DEG_PER_RAD
+    return alt, np.arctan2(q[0], q[1]) * DEG_PER_RAD % 360.0 % 360.0
 
 
 def _height(q: Array, horizon: Horizon) -> Array:
@@ -502,7 +502,7 @@ def _doubtful(
         return doubt
     heights = [_height(one, horizon) for one in q]
     same = (heights[0] > 0.0) == (heights[1] > 0.0)
-    aside = 0.5 * speed * span_s / nearest * _DEG
+    aside = 0.5 * speed * span_s / nearest * DEG_PER_RAD
     unsure = np.zeros(len(arc), dtype=bool)
     for one in q:
         alt, az = altaz_deg(one)
@@ -510,7 +510,9 @@ def _doubtful(
         lever = np.cos(np.radians(alt))
         sine_turn = np.sin(np.radians(np.minimum(aside, 90.0)))
         sweep = np.where(
-            sine_turn < lever, np.arcsin(np.minimum(sine_turn / np.maximum(lever, 1e-12), 1.0)) * _DEG, 180.0
+            sine_turn < lever,
+            np.arcsin(np.minimum(sine_turn / np.maximum(lever, 1e-12), 1.0)) * DEG_PER_RAD,
+            180.0,
         )
         sweep = np.where(aside < 90.0, sweep, 180.0)
         low, high = horizon.extremes_deg(az, sweep)

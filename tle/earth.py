@@ -22,7 +22,16 @@ import erfa
 import numpy as np
 
 from tle.errors import EarthOrientationWarning, SourceError, TimeRangeError
-from tle.instants import DAY_S, TT_MINUS_TAI_S, UNIX_EPOCH_MJD, Utc, as_utc, functions_for, tai_minus_utc_s
+from tle.instants import (
+    DAY_S,
+    MJD_JD,
+    TT_MINUS_TAI_S,
+    UNIX_EPOCH_MJD,
+    Utc,
+    as_utc,
+    functions_for,
+    tai_minus_utc_s,
+)
 from tle.site import EARTH_RADIUS_KM, FLATTENING, Site, Vector
 
 if TYPE_CHECKING:
@@ -37,8 +46,7 @@ _TAIL_RECORDS = 800
 FIRST_MJD = 41684
 Status = Literal["observed", "predicted", "extrapolated", "fixed"]
 
-_MJD_JD = 2400000.5
-_ARCSEC = math.pi / 648000.0
+ARCSEC = math.pi / 648000.0
 # Two-digit years of element sets end with 2056, and nobody knows the Earth's rotation so far ahead.
 _END = Utc.parse("2057-01-01")
 _FIXED_START = Utc.parse("1957-01-01")
@@ -309,11 +317,11 @@ class EarthOrientation:
             mjd = index + UNIX_EPOCH_MJD
             ut1_rate = (last.dut1_s - first.dut1_s) / DAY_S
             ut1 = (_NODES_S + first.dut1_s + ut1_rate * _NODES_S) / DAY_S
-            whole = _MJD_JD + mjd
+            whole = MJD_JD + mjd
             mean = np.unwrap(erfa.gmst82(whole, ut1))
             true = erfa.gst06a(whole, ut1, whole, self._tt(mjd))
             equinoxes = _TO_CUBIC @ (np.remainder(true - mean + math.pi, 2.0 * math.pi) - math.pi)
-            poles = (v * _ARCSEC for v in (first.xp_arcsec, last.xp_arcsec, first.yp_arcsec, last.yp_arcsec))
+            poles = (v * ARCSEC for v in (first.xp_arcsec, last.xp_arcsec, first.yp_arcsec, last.yp_arcsec))
             x0, x1, y0, y1 = poles
             numbers = (
                 mean[0],
@@ -342,7 +350,7 @@ class EarthOrientation:
         """Return four coefficients of a day's GCRS-to-date matrix, shape (4, 3, 3), by seconds since 0h."""
         if index not in self._matrices:
             mjd = index + UNIX_EPOCH_MJD
-            nodes = erfa.pnm06a(_MJD_JD + mjd, self._tt(mjd))
+            nodes = erfa.pnm06a(MJD_JD + mjd, self._tt(mjd))
             self._matrices[index] = np.einsum("kn,nij->kij", _TO_CUBIC, nodes)
         return self._matrices[index]
 

@@ -84,7 +84,7 @@ class Elements:
         """Show which object's elements these are, of when, and what orbit it has."""
         names = " ".join(part for part in (self.name, str(self.catalog_number), self.designator) if part)
         return (
-            f"<Elements of {names}: epoch {self.epoch}, {self.perigee_km:.0f} to {self.apogee_km:.0f} km, "
+            f"<Elements of {names}: epoch {self.epoch}, {self.mean_motion_rev_day:g} rev/day, "
             f"inclination {self.inclination_deg:g}°>"
         )
 

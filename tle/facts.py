@@ -6,12 +6,12 @@ import math
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tle.crossings import (
+    DEG_PER_RAD,
     ROUND_BELOW,
     Windows,
     altaz_deg,
@@ -23,13 +23,14 @@ from tle.crossings import (
     select,
 )
 from tle.earth import EarthOrientation, Ground
-from tle.errors import SourceError, printable
+from tle.errors import SourceError
 from tle.instants import Utc
-from tle.passes import CatalogueSearch
+from tle.passes import CatalogueSearch, read_table
 from tle.sun import SUN_RADIUS_KM, sun_and_moon
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
+    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
 
-_DEG = 180.0 / math.pi
 _STEP_S, _LONG_STEP_S, _LONG_S = 10.0, 60.0, 3600.0
 _CLOSE_S = 1e-2
 # The arrays of so many looks stay within a processor's cache.
@@ -347,10 +347,10 @@ class _PassArcs:
         dec_rate = self._least((PLACE, VELOCITY), lambda q, v: -_dec_rate(q, v, axis))
         return [
             sun_alt_deg,
-            sun * _DEG,
-            moon * _DEG,
-            _DEG / ha_time,
-            -dec_rate * _DEG,
+            sun * DEG_PER_RAD,
+            moon * DEG_PER_RAD,
+            DEG_PER_RAD / ha_time,
+            -dec_rate * DEG_PER_RAD,
             self._brightest(magnitudes),
         ]
 
@@ -593,23 +593,15 @@ def read_magnitudes(path: str | Path) -> dict[int, float]:
 
     More on a line, and lines that begin with `#`, are passed over. Raises SourceError, naming file and line.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        why = (error.strerror or str(error)) if isinstance(error, OSError) else "is not text"
-        raise SourceError(f"{path}: cannot read magnitudes: {why}") from None
     known: dict[int, float] = {}
-    for number, line in enumerate(text.splitlines(), start=1):
-        words = line.split("#")[0].replace(",", " ").split()
-        if not words:
-            continue
+    for number, line, words in read_table(path, "magnitudes"):
         try:
             catalog_number, value = int(words[0]), float(words[1])
             if not math.isfinite(value) or not 0 < catalog_number <= _LARGEST_NUMBER:
                 raise ValueError
         except (ValueError, IndexError):
             raise SourceError(
-                f"{path}:{number}: {printable(line.strip())!r} is no magnitude: "
+                f"{path}:{number}: {line!r} is no magnitude: "
                 "write catalogue number and intrinsic magnitude, as 25544 -1.8"
             ) from None
         known[catalog_number] = value

@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 # make every caller narrow it although the shape is always that of the instants given.
 Quantity: TypeAlias = Any
 # What is taken as an instant, or as an array of instants.
-Instant: TypeAlias = "Utc | datetime | AstropyTime | SkyfieldTime"
+Instant: TypeAlias = "Utc | datetime | list[datetime] | AstropyTime | SkyfieldTime"
 DAY_S = 86400.0
 UNIX_EPOCH_JD = 2440587.5
 UNIX_EPOCH_MJD = 40587
-_MJD_JD = 2400000.5
+MJD_JD = 2400000.5
 TT_MINUS_TAI_S = 32.184
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _ISO = re.compile(
@@ -159,7 +159,7 @@ class Utc:
         except ImportError:
             raise PackageError("astropy is not installed: pip install astropy") from None
         days, fraction = self.split()
-        offset_s = tai_minus_utc_s(days - _MJD_JD)
+        offset_s = tai_minus_utc_s(days - MJD_JD)
         return Time(days, fraction + offset_s / DAY_S, format="jd", scale="tai").utc
 
     def isoformat(self, timespec: str = "microseconds") -> str:
@@ -268,7 +268,7 @@ class SkyfieldTime(Protocol):
 
 
 def as_utc(instant: Instant) -> Utc:
-    """Return the Utc of an aware datetime, or of a Time of astropy or skyfield; a Utc as it is.
+    """Return the Utc of an aware datetime, a list of them, or a Time of astropy or skyfield; a Utc as it is.
 
     Arrays of one dimension stay arrays. Times of other scales (TT, TDB, UT1) are converted by their own
     package to TAI or TT, and from there by ERFA's leap seconds. Raises NaiveTimeError for a datetime without
@@ -278,6 +278,8 @@ def as_utc(instant: Instant) -> Utc:
         return instant
     if isinstance(instant, datetime):
         return Utc.from_datetime(instant)
+    if isinstance(instant, list | tuple):
+        return Utc(np.array([as_utc(one).unix_s for one in instant], dtype=np.float64))
     if hasattr(instant, "jd1") and hasattr(instant, "tai"):
         atomic = instant.tai
         return _utc_of_tai(atomic.jd1, atomic.jd2)

@@ -268,22 +268,14 @@ class HorizonMask:
         Blanks or a comma part the two numbers; `#` begins a comment; an azimuth of 360 is that of 0.
         Raises SourceError, naming file and line.
         """
-        try:
-            text = Path(path).read_text(encoding="utf-8-sig")
-        except (OSError, UnicodeDecodeError) as error:
-            why = (error.strerror or str(error)) if isinstance(error, OSError) else "is not text"
-            raise SourceError(f"{path}: cannot read the horizon: {why}") from None
         points: list[tuple[float, float]] = []
-        for number, line in enumerate(text.splitlines(), start=1):
-            words = line.split("#")[0].replace(",", " ").split()
-            if not words:
-                continue
+        for number, line, words in read_table(path, "the horizon"):
             try:
                 azimuth, altitude = (float(word) for word in words)
                 _check_point(azimuth, altitude)
             except ValueError:
                 raise SourceError(
-                    f"{path}:{number}: {printable(line.strip())!r} is no point of a horizon: "
+                    f"{path}:{number}: {line!r} is no point of a horizon: "
                     "write azimuth and altitude in degrees, as 135 12.5"
                 ) from None
             except SiteError as error:
@@ -617,6 +609,23 @@ def _begin(task: SearchTask) -> None:
 
 def _search_chunk(chunk: Chunk) -> Found:
     return _Process.search.run(chunk)
+
+
+def read_table(path: str | Path, subject: str) -> list[tuple[int, str, list[str]]]:
+    """Return number, text and words of each line that has words; `#` begins a comment, a comma is a blank.
+
+    The text is fit for a terminal. Raises SourceError, which names the subject, where the file is no text.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        why = (error.strerror or str(error)) if isinstance(error, OSError) else "is not text"
+        raise SourceError(f"{path}: cannot read {subject}: {why}") from None
+    rows = (
+        (number, printable(line.strip()), line.split("#")[0].replace(",", " ").split())
+        for number, line in enumerate(text.splitlines(), start=1)
+    )
+    return [row for row in rows if row[2]]
 
 
 def _check_point(azimuth_deg: float, altitude_deg: float) -> None:

@@ -19,6 +19,7 @@ from tle.errors import RefractionError
 from tle.instants import FLOATS, functions_for
 
 if TYPE_CHECKING:
+    from tle.earth import Triple
     from tle.instants import Functions, Quantity
 
 _RAD = math.pi / 180.0
@@ -27,8 +28,6 @@ _FADE_FROM_DEG = -1.0
 _FADE_DEG = 2.0
 _NEWTON_STEPS = 6
 _TINY = 1e-12
-
-Triple = tuple["Quantity", "Quantity", "Quantity"]
 
 
 @dataclass(frozen=True, slots=True)

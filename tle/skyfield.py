@@ -34,6 +34,7 @@ from tle.elements import DEG, RADIUS_KM, REV_DAY_PER_RAD_MIN, Elements, format_a
 from tle.errors import ElementsError, SiteError, UnwritableError
 from tle.instants import (
     DAY_S,
+    MJD_JD,
     TT_MINUS_TAI_S,
     UNIX_EPOCH_JD,
     UNIX_EPOCH_MJD,
@@ -43,7 +44,6 @@ from tle.instants import (
 )
 from tle.site import Site
 
-_MJD_JD = 2400000.5
 _DESIGNATOR = re.compile(r"(\d\d)?(\d\d)-?(\d{3}[A-Z]{1,3})", re.ASCII)
 # Where directions end, and with them what is asked of a table.
 _END = Utc.parse("2057-01-01")
@@ -87,7 +87,7 @@ def to_skyfield(
         return wgs84.latlon(thing.latitude_deg, thing.longitude_deg, elevation_m=thing.height_m)
     if isinstance(thing, Utc):
         days, fraction = thing.split()
-        offset_s = tai_minus_utc_s(days - _MJD_JD) + TT_MINUS_TAI_S
+        offset_s = tai_minus_utc_s(days - MJD_JD) + TT_MINUS_TAI_S
         scale = timescale or _timescale(EarthOrientation.installed())
         return scale.tt_jd(days, fraction + offset_s / DAY_S)
     if isinstance(thing, EarthOrientation):
@@ -172,7 +172,7 @@ def _timescale(earth: EarthOrientation) -> Timescale:
     days = np.arange(float(FIRST_MJD), UNIX_EPOCH_MJD + until.unix_s // DAY_S)
     each = [earth.orientation(Utc((day - UNIX_EPOCH_MJD) * DAY_S)) for day in days.tolist()]
     tt_minus_utc_s = tai_minus_utc_s(days) + TT_MINUS_TAI_S
-    tt = days + _MJD_JD + tt_minus_utc_s / DAY_S
+    tt = days + MJD_JD + tt_minus_utc_s / DAY_S
     delta_t_s = tt_minus_utc_s - np.array([one.dut1_s for one in each])
     timescale = Timescale((tt, delta_t_s), builtin.leap_dates, builtin.leap_offsets)
     pole = np.array([(one.xp_arcsec, one.yp_arcsec) for one in each])
@@ -192,7 +192,7 @@ class _TimescaleTable:
     def day(self, mjd: int) -> Orientation:
         """Return the orientation at 0h UTC of a day."""
         tt_minus_utc_s = tai_minus_utc_s(mjd) + TT_MINUS_TAI_S
-        tt = mjd + _MJD_JD + tt_minus_utc_s / DAY_S
+        tt = mjd + MJD_JD + tt_minus_utc_s / DAY_S
         xp_arcsec = yp_arcsec = 0.0
         if self._timescale.polar_motion_table is not None:
             at, x, y = self._timescale.polar_motion_table

@@ -9,7 +9,7 @@ import erfa
 import numpy as np
 
 from tle.earth import turned
-from tle.instants import DAY_S, TT_MINUS_TAI_S, UNIX_EPOCH_MJD, Utc, tai_minus_utc_s
+from tle.instants import DAY_S, TT_MINUS_TAI_S, UNIX_EPOCH_JD, UNIX_EPOCH_MJD, Utc, tai_minus_utc_s
 from tle.site import EARTH_RADIUS_KM, FLATTENING
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 AU_KM = 149597870.7
 LIGHT_KM_S = 299792.458
 SUN_RADIUS_KM = 695700.0
-_MJD_JD = 2400000.5
 # Between two looks the Moon's way bends by 0.07″, and the Sun's by 0.02″.
 _MOON_STEP_S, _SUN_STEP_S = 600.0, 3600.0
 
@@ -34,7 +33,7 @@ def terrestrial_time(at: Utc) -> tuple[NDArray[np.float64], NDArray[np.float64]]
     seconds = np.atleast_1d(np.asarray(at.unix_s, dtype=np.float64))
     days = np.floor(seconds / DAY_S)
     offset_s = tai_minus_utc_s(days + UNIX_EPOCH_MJD) + TT_MINUS_TAI_S
-    return days + UNIX_EPOCH_MJD + _MJD_JD, (seconds - days * DAY_S + offset_s) / DAY_S
+    return days + UNIX_EPOCH_JD, (seconds - days * DAY_S + offset_s) / DAY_S
 
 
 def sun_km(at: Utc) -> NDArray[np.float64]:

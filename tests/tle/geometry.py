@@ -1,4 +1,4 @@
-"""Sites placed under satellites by SGP4 and ERFA alone, for the tests."""
+"""Sites placed under satellites by SGP4 and ERFA alone, and skyfield's time scale, for the tests."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import math
 import erfa
 import numpy as np
 from sgp4.api import Satrec
+from skyfield.api import load
+from skyfield.timelib import Timescale
 
 from tle.site import Site
 
@@ -36,3 +38,13 @@ def site_that_sees_it_at_the_pole(lines, utc, aside_deg=0.0):
         place = erfa.gd2gc(1, 0.0, middle, 0.0) / 1000.0
         low, high = (middle, high) if place[0] > math.hypot(x, y) else (low, middle)
     return Site(math.degrees(low), math.degrees(math.atan2(y, x)) + aside_deg)
+
+
+def skyfield_timescale(dut1_s, xp_arcsec, yp_arcsec):
+    """Return a time scale of skyfield's with this UT1-UTC and pole at all times since 2017."""
+    builtin = load.timescale(builtin=True)
+    delta_t = 37.0 + 32.184 - dut1_s
+    ends = np.array([2400000.0, 2500000.0])
+    timescale = Timescale((ends, np.array([delta_t, delta_t])), builtin.leap_dates, builtin.leap_offsets)
+    timescale.polar_motion_table = (ends, np.full(2, xp_arcsec), np.full(2, yp_arcsec))
+    return timescale

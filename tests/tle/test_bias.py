@@ -9,10 +9,9 @@ import math
 import erfa
 import numpy as np
 import pytest
-from geometry import itrs_km, site_below, site_that_sees_it_at_the_pole
+from geometry import itrs_km, site_below, site_that_sees_it_at_the_pole, skyfield_timescale
 from sgp4.api import Satrec
-from skyfield.api import EarthSatellite, load, wgs84
-from skyfield.timelib import Timescale
+from skyfield.api import EarthSatellite, wgs84
 from tle_facts import ISS, LEIDEN, MOLNIYA, PARANAL, STARLINK_ALPHA5, TDRS3, separation_arcsec, unit
 
 from tle.bias import Bias, bias_from_observation
@@ -184,10 +183,7 @@ class Independent:
     """Astrometric directions by sgp4's wrapper in skyfield, with UT1 = UTC and the pole at rest."""
 
     def __init__(self, lines, place):
-        builtin = load.timescale(builtin=True)
-        ends = np.array([2400000.0, 2500000.0])
-        self.timescale = Timescale((ends, np.full(2, 69.184)), builtin.leap_dates, builtin.leap_offsets)
-        self.timescale.polar_motion_table = (ends, np.zeros(2), np.zeros(2))
+        self.timescale = skyfield_timescale(0.0, 0.0, 0.0)
         self.satellite, self.place = (
             EarthSatellite(*lines, ts=self.timescale),
             wgs84.latlon(*place[:2], place[2]),

@@ -4,6 +4,7 @@ import copy
 import pickle
 from datetime import UTC, datetime, timedelta, timezone
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -156,11 +157,20 @@ def test_now_is_the_computers_clock():
     assert before <= now <= datetime.now(UTC)
 
 
+def test_nothing_but_scripts_asks_for_now():
+    # `--clock` and replays set the time: code that read the computer's own would not follow.
+    root = Path(__file__).resolve().parents[2]
+    modules = [path for folder in ("tle", "sattrack") for path in (root / folder).rglob("*.py")]
+    assert len(modules) > 100
+    assert [path for path in modules if "Utc.now" in path.read_text(encoding="utf-8")] == []
+
+
 def test_what_names_an_instant_is_taken_as_one():
     moment = datetime(2026, 10, 2, 15, 5, 24, 250000, tzinfo=timezone(timedelta(hours=2)))
     assert as_utc(moment) == Utc.parse("2026-10-02T13:05:24.25Z")
     t = Utc(5.0)
     assert as_utc(t) is t
+    assert as_utc([moment, moment + timedelta(seconds=2.5)]) - as_utc(moment) == pytest.approx([0.0, 2.5])
     assert Utc.range(moment, moment, 1.0)[0] == as_utc(moment)
     with pytest.raises(NaiveTimeError, match="no time zone"):
         as_utc(datetime(2026, 10, 2))  # noqa: DTZ001

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from geometry import skyfield_timescale
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from skyfield.api import EarthSatellite, load, wgs84
-from skyfield.timelib import Timescale
+from skyfield.api import EarthSatellite, wgs84
 from tle_facts import DECAYING, ISS, LEIDEN, MOLNIYA, PARANAL, STARLINK_ALPHA5, TDRS3
 
 from tle.crossings import SURE_S, highest_between
@@ -318,7 +318,7 @@ def test_deep_space_stays_within_the_margin_of_its_prefilter(catalogue, start, h
 
 
 def test_skyfield_finds_the_same(catalogue):
-    timescale = _timescale(0.05, 0.17, 0.32)
+    timescale = skyfield_timescale(0.05, 0.17, 0.32)
     start = Utc.parse("2025-09-02")
     chosen = [catalogue[i] for i in np.random.default_rng(7).choice(len(catalogue), 60, replace=False)]
     passes = find_catalogue_passes(chosen, Site(*LEIDEN), start, 12.0, 10.0, earth=EARTH)
@@ -361,12 +361,3 @@ def test_two_at_work_find_what_one_does(catalogue):
     assert np.array_equal(one.found.rise_s, two.found.rise_s, equal_nan=True)
     assert np.array_equal(one.found.obj, two.found.obj)
     assert reported[-1] == (len(chosen), len(chosen))
-
-
-def _timescale(dut1_s, xp_arcsec, yp_arcsec):
-    builtin = load.timescale(builtin=True)
-    delta_t = 37.0 + 32.184 - dut1_s
-    ends = np.array([2400000.0, 2500000.0])
-    timescale = Timescale((ends, np.array([delta_t, delta_t])), builtin.leap_dates, builtin.leap_offsets)
-    timescale.polar_motion_table = (ends, np.full(2, xp_arcsec), np.full(2, yp_arcsec))
-    return timescale

@@ -8,9 +8,9 @@ import re
 
 import numpy as np
 import pytest
-from skyfield.api import EarthSatellite, load, wgs84
+from geometry import skyfield_timescale
+from skyfield.api import EarthSatellite, wgs84
 from skyfield.framelib import true_equator_and_equinox_of_date
-from skyfield.timelib import Timescale
 from tle_facts import (
     ISS,
     LEIDEN,
@@ -181,7 +181,7 @@ def test_measured_doppler(cases, day, closest, late_s):
 def test_skyfield_with_the_same_earth_orientation(lines, place):
     elements = Elements.from_tle(*lines)
     dut1_s, xp, yp = 0.05, 0.17, 0.32
-    timescale = _timescale(dut1_s, xp, yp)
+    timescale = skyfield_timescale(dut1_s, xp, yp)
     moments = elements.epoch.unix_s + np.linspace(0.0, 86400.0, 50)
     peer = EarthSatellite(*lines, ts=timescale) - wgs84.latlon(place[0], place[1], place[2])
 
@@ -201,12 +201,3 @@ def test_skyfield_with_the_same_earth_orientation(lines, place):
     rates = (later - sooner) / 0.5
     assert np.degrees(np.linalg.norm(seen.unit_rate - rates, axis=1)).max() * 3600.0 < 0.02
     assert np.abs(seen.range_rate_km_s - (farther - nearer) / 0.5).max() < 1e-5
-
-
-def _timescale(dut1_s, xp_arcsec, yp_arcsec):
-    builtin = load.timescale(builtin=True)
-    delta_t = 37.0 + 32.184 - dut1_s
-    ends = np.array([2400000.0, 2500000.0])
-    timescale = Timescale((ends, np.array([delta_t, delta_t])), builtin.leap_dates, builtin.leap_offsets)
-    timescale.polar_motion_table = (ends, np.full(2, xp_arcsec), np.full(2, yp_arcsec))
-    return timescale

@@ -12,7 +12,7 @@ from tle.elements import Elements
 from tle.instants import Utc
 from tle.propagator import Propagator
 from tle.site import Site
-from tle.sun import earth_velocity_km_s, is_sunlit, sun_km
+from tle.sun import earth_velocity_km_s, is_sunlit, sun_km, terrestrial_time
 
 
 def test_the_sun_stands_on_the_equator_at_the_equinox():
@@ -64,3 +64,8 @@ def test_the_shadow_of_an_orbit_is_as_long_as_geometry_says():
     # Half of the dark arc, for a round Earth and parallel light.
     half = math.acos(math.sqrt(radius**2 - 6371.0**2) / radius / math.cos(beta))
     assert (~seen.sunlit).mean() == pytest.approx(half / math.pi, abs=0.01)
+
+
+def test_terrestrial_time_counts_the_leap_second_between_two_instants():
+    days, fraction = terrestrial_time(Utc.of([1483228799.0, 1483228801.0]))  # 2017-01-01, a second around 0h
+    assert ((days[1] - days[0]) + (fraction[1] - fraction[0])) * 86400.0 == pytest.approx(3.0, abs=1e-6)

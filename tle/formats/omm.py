@@ -25,8 +25,8 @@ FIRST_EPOCH = Utc.parse("1957-10-04T00:00:00Z")
 END_OF_EPOCHS = Utc.parse("2057-01-01T00:00:00Z")
 # 0 is what all public sets say, 1 to 3 are older models of the same family; 4 and on are other theories.
 EPHEMERIS_TYPES = range(4)
-_MEND = "copy the set again from its source"
-_DAY_ZERO = date(1970, 1, 1).toordinal()
+AGAIN = "copy the set again from its source"
+DAY_ZERO = date(1970, 1, 1).toordinal()
 _BELOW_ONE = math.nextafter(1.0, 0.0)
 _LONGEST_NUMBER = 64
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?", re.ASCII)
@@ -190,7 +190,7 @@ def _given(field: OmmField, values: Mapping[str, object], place: TextPlace) -> o
     if value is None or value == "":
         value = field.default
     if value is None:
-        raise place.error(MissingFieldError, f"{field.keyword} ({field.meaning}) is missing: {_MEND}")
+        raise place.error(MissingFieldError, f"{field.keyword} ({field.meaning}) is missing: {AGAIN}")
     return value
 
 
@@ -215,7 +215,7 @@ def _whole(field: OmmField, value: object, place: TextPlace) -> int:
     # A float is exact below 2**53, far above every whole number allowed here.
     number = _number(field, value, place)
     if number < 0.0 or not number.is_integer():
-        raise place.error(FieldError, f"{field.keyword} {quoted(value)} is no whole number: {_MEND}")
+        raise place.error(FieldError, f"{field.keyword} {quoted(value)} is no whole number: {AGAIN}")
     return int(number)
 
 
@@ -226,7 +226,7 @@ def _catalogue(field: OmmField, value: object, place: TextPlace) -> int:
             raise place.error(
                 FieldError,
                 f"{field.keyword} {quoted(value)} is no number, nor an Alpha-5 one "
-                f"(A0000 to Z9999, no I or O): {_MEND}",
+                f"(A0000 to Z9999, no I or O): {AGAIN}",
             )
         value = number
     return _whole(field, value, place)
@@ -235,13 +235,13 @@ def _catalogue(field: OmmField, value: object, place: TextPlace) -> int:
 def _letter(field: OmmField, value: object, place: TextPlace) -> str:
     if isinstance(value, str) and re.fullmatch(r"[A-Z]", value, re.ASCII):
         return value
-    raise place.error(FieldError, f"{field.keyword} {quoted(value)} is no capital letter, such as U: {_MEND}")
+    raise place.error(FieldError, f"{field.keyword} {quoted(value)} is no capital letter, such as U: {AGAIN}")
 
 
 def _text(field: OmmField, value: object, place: TextPlace) -> str:
     if isinstance(value, str):
         return _clean(value)
-    raise place.error(FieldError, f"{field.keyword} {quoted(value)} is no text: {_MEND}")
+    raise place.error(FieldError, f"{field.keyword} {quoted(value)} is no text: {AGAIN}")
 
 
 def _designator(field: OmmField, value: object, place: TextPlace) -> str:
@@ -254,7 +254,7 @@ def _epoch(field: OmmField, value: object, place: TextPlace) -> Utc:
     if match is None:
         raise place.error(
             FieldError,
-            f"{field.keyword} {quoted(value)} is no time such as 2026-10-02T00:19:52.567968: {_MEND}",
+            f"{field.keyword} {quoted(value)} is no time such as 2026-10-02T00:19:52.567968: {AGAIN}",
         )
     year, month, day, day_of_year, hour, minute, second, fraction = match.groups()
     try:
@@ -265,21 +265,21 @@ def _epoch(field: OmmField, value: object, place: TextPlace) -> Utc:
             if date.fromordinal(days).year != int(year):
                 raise ValueError
     except ValueError:
-        raise place.error(FieldRangeError, f"{field.keyword} {quoted(value)} is no day: {_MEND}") from None
+        raise place.error(FieldRangeError, f"{field.keyword} {quoted(value)} is no day: {AGAIN}") from None
     leap = (hour, minute, second) == ("23", "59", "60")
     if int(hour) > 23 or int(minute) > 59 or (int(second) > 59 and not leap):
-        raise place.error(FieldRangeError, f"{field.keyword} {quoted(value)} is no time of day: {_MEND}")
+        raise place.error(FieldRangeError, f"{field.keyword} {quoted(value)} is no time of day: {AGAIN}")
     second_of_day = int(hour) * 3600 + int(minute) * 60 + int(second) + float(f"0.{fraction or 0}")
-    epoch = Utc((days - _DAY_ZERO) * DAY_S + second_of_day)
+    epoch = Utc((days - DAY_ZERO) * DAY_S + second_of_day)
     if not FIRST_EPOCH <= epoch < END_OF_EPOCHS:
         raise place.error(
-            FieldRangeError, f"{field.keyword} {quoted(value)} is outside 1957 to 2056: {_MEND}"
+            FieldRangeError, f"{field.keyword} {quoted(value)} is outside 1957 to 2056: {AGAIN}"
         )
     return epoch
 
 
 def _no_number(field: OmmField, value: object, place: TextPlace) -> ElementsError:
-    return place.error(FieldError, f"{field.keyword} {quoted(value)} is no number: {_MEND}")
+    return place.error(FieldError, f"{field.keyword} {quoted(value)} is no number: {AGAIN}")
 
 
 def _out_of_range(field: OmmField, value: object, place: TextPlace) -> ElementsError:
@@ -289,7 +289,7 @@ def _out_of_range(field: OmmField, value: object, place: TextPlace) -> ElementsE
     span = f"{round(least, 6):.10g} to {most:.10g} {field.unit}".rstrip()
     if most == _BELOW_ONE:
         span = "0 to below 1"
-    return place.error(FieldRangeError, f"{field.keyword} {quoted(value)} is outside {span}: {_MEND}")
+    return place.error(FieldRangeError, f"{field.keyword} {quoted(value)} is outside {span}: {AGAIN}")
 
 
 def _number_of(value: object) -> int | None:

@@ -25,13 +25,12 @@ from tle.errors import (
     UnwritableError,
     printable,
 )
-from tle.formats.omm import EPHEMERIS_TYPES, MAX_REV_DAY, wrong_theory
+from tle.formats.omm import AGAIN, DAY_ZERO, EPHEMERIS_TYPES, MAX_REV_DAY, wrong_theory
 from tle.instants import DAY_S, UNIX_EPOCH_JD, Utc
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-_DAY_ZERO = date(1970, 1, 1).toordinal()
 _WORTH = bytes(c - 48 if 48 <= c <= 57 else c == 45 for c in range(256))
 _POWERS = {f"{sign}{power}": 10.0 ** int(f"{sign}{power}") for power in range(10) for sign in "+-"}
 _TWICE = {str(digit): 2 * digit % 10 for digit in range(10)}
@@ -49,7 +48,6 @@ _LINE_2 = re.compile(
 _LENGTH = 69
 _ELEMENT_LINE = re.compile(r"[12] [ 0-9A-Z][ 0-9]{3}[0-9]|[12] .{30,}", re.ASCII)
 _ANY_ELEMENT_LINE = re.compile(rf"^(?:{_ELEMENT_LINE.pattern})", re.ASCII | re.MULTILINE)
-_COPY = "copy the set again from its source"
 _SPACES = {1: (2, 9, 18, 33, 44, 53, 62, 64), 2: (2, 8, 17, 26, 34, 43, 52)}
 _SECTION = re.compile(r"\[\d{1,9}\]", re.ASCII)
 _MARK = re.compile(r"^\[\d{1,9}\][ \t\r]*$", re.MULTILINE | re.ASCII)
@@ -130,7 +128,7 @@ def _year(two_digits: str) -> tuple[int, int]:
     """Return the day number since 1970 of a year's first day, and how many days the year has."""
     year = int(two_digits) + (1900 if two_digits >= "57" else 2000)
     first = date(year, 1, 1).toordinal()
-    return first - _DAY_ZERO, date(year + 1, 1, 1).toordinal() - first
+    return first - DAY_ZERO, date(year + 1, 1, 1).toordinal() - first
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,7 +222,7 @@ def _set_or_refusal(name: ElementLine | None, group: list[ElementLine]) -> Eleme
             )
         if len(group) == 1:
             wanted = "2" if group[0].text[0] == "1" else "1"
-            raise group[0].error(MissingLineError, f"line {wanted} of this set is missing: {_COPY}")
+            raise group[0].error(MissingLineError, f"line {wanted} of this set is missing: {AGAIN}")
         return parse_lines(group[0], group[1], clean_name(name.text) if name else "")
     except ElementsError as error:
         error.name = clean_name(name.text) if name else ""
@@ -280,12 +278,12 @@ def _check_frame(line: ElementLine, number: int) -> None:
     length = len(line.text)
     if line.text[:2] != f"{number} ":
         raise line.error(
-            MissingLineError, f"line {number} of the set must begin with '{number} ': {_COPY}", (1, 2)
+            MissingLineError, f"line {number} of the set must begin with '{number} ': {AGAIN}", (1, 2)
         )
     if length < _LENGTH:
         raise line.error(
             LineLengthError,
-            f"line {number} is cut off: {length} of {_LENGTH} columns: {_COPY}",
+            f"line {number} is cut off: {length} of {_LENGTH} columns: {AGAIN}",
             (length + 1, _LENGTH),
         )
     if length > _LENGTH:
@@ -299,7 +297,7 @@ def _check_frame(line: ElementLine, number: int) -> None:
             raise line.error(
                 FieldError,
                 f"line {number}, column {column} must be blank, not {line.columns(column, column)!r}: "
-                f"the columns have shifted, {_COPY}",
+                f"the columns have shifted, {AGAIN}",
                 (column, column),
             )
     _check_sum(line, number)
@@ -310,14 +308,14 @@ def _check_sum(line: ElementLine, number: int) -> None:
     given = line.columns(69, 69)
     if given not in "0123456789":
         raise line.error(
-            FieldError, f"line {number}, checksum must be a digit, not {given!r}: {_COPY}", (69, 69)
+            FieldError, f"line {number}, checksum must be a digit, not {given!r}: {AGAIN}", (69, 69)
         )
     total = checksum(line.text)
     if int(given) != total:
         raise line.error(
             ChecksumError,
             f"line {number}, checksum is {given} but its columns add up to {total}: "
-            f"a digit is wrong, {_COPY}",
+            f"a digit is wrong, {AGAIN}",
             (69, 69),
         )
 
@@ -328,7 +326,7 @@ def _catalog_number(line: ElementLine) -> int:
         raise line.error(
             FieldError,
             f"catalogue number {line.columns(3, 7)!r} is no number, "
-            f"nor an Alpha-5 one (A0000 to Z9999, no I or O): {_COPY}",
+            f"nor an Alpha-5 one (A0000 to Z9999, no I or O): {AGAIN}",
             (3, 7),
         )
     return number
@@ -355,16 +353,16 @@ def _epoch(line: ElementLine) -> Utc:
     year_text = line.columns(19, 20)
     day_text = line.columns(21, 32)
     if not re.fullmatch(r"\d\d| \d", year_text, re.ASCII):
-        raise line.error(FieldError, f"epoch year {year_text!r} is not two digits: {_COPY}", (19, 20))
+        raise line.error(FieldError, f"epoch year {year_text!r} is not two digits: {AGAIN}", (19, 20))
     match = re.fullmatch(r"( *\d+)(\.\d*) *", day_text, re.ASCII)
     if match is None:
         raise line.error(
-            FieldError, f"epoch day {day_text!r} is no day of the year with a fraction: {_COPY}", (21, 32)
+            FieldError, f"epoch day {day_text!r} is no day of the year with a fraction: {AGAIN}", (21, 32)
         )
     year, day = _full_year(int(year_text)), int(match.group(1))
     first = date(year, 1, 1).toordinal()
     if not 1 <= day <= date(year + 1, 1, 1).toordinal() - first:
-        raise line.error(FieldRangeError, f"epoch day {day} is no day of the year {year}: {_COPY}", (21, 32))
+        raise line.error(FieldRangeError, f"epoch day {day} is no day of the year {year}: {AGAIN}", (21, 32))
     fraction = float(f"0{match.group(2)}")
     return Utc((first - date(1970, 1, 1).toordinal() + day - 1) * DAY_S + fraction * DAY_S)
 
@@ -372,14 +370,14 @@ def _epoch(line: ElementLine) -> Utc:
 def _decimal(line: ElementLine, first: int, last: int, field: str) -> float:
     text = line.columns(first, last)
     if not re.fullmatch(r" *[+-]?\d*\.\d+ *", text, re.ASCII):
-        raise line.error(FieldError, f"{field} {text.strip()!r} is no decimal number: {_COPY}", (first, last))
+        raise line.error(FieldError, f"{field} {text.strip()!r} is no decimal number: {AGAIN}", (first, last))
     return float(text)
 
 
 def _digits(line: ElementLine, first: int, last: int, field: str) -> str:
     text = line.columns(first, last)
     if not re.fullmatch(r" *\d+", text, re.ASCII):
-        raise line.error(FieldError, f"{field} {text.strip()!r} is not all digits: {_COPY}", (first, last))
+        raise line.error(FieldError, f"{field} {text.strip()!r} is not all digits: {AGAIN}", (first, last))
     return text.replace(" ", "0")
 
 
@@ -387,7 +385,7 @@ def _angle(line: ElementLine, first: int, last: int, field: str, most_deg: float
     value_deg = _decimal(line, first, last, field)
     if not 0.0 <= value_deg <= most_deg:
         raise line.error(
-            FieldRangeError, f"{field} {value_deg} is outside 0 to {most_deg:.0f}°: {_COPY}", (first, last)
+            FieldRangeError, f"{field} {value_deg} is outside 0 to {most_deg:.0f}°: {AGAIN}", (first, last)
         )
     return value_deg
 
@@ -398,7 +396,7 @@ def _mean_motion(line: ElementLine) -> float:
         raise line.error(
             FieldRangeError,
             f"mean motion {value} revolutions a day is no orbit of the Earth (above 0, to {MAX_REV_DAY}): "
-            f"{_COPY}",
+            f"{AGAIN}",
             (53, 63),
         )
     return value
@@ -411,7 +409,7 @@ def _exponential(line: ElementLine, first: int, last: int, field: str) -> float:
     if match is None:
         raise line.error(
             FieldError,
-            f"{field} {text.strip()!r} is not five digits and a signed power of ten: {_COPY}",
+            f"{field} {text.strip()!r} is not five digits and a signed power of ten: {AGAIN}",
             (first, last),
         )
     sign, digits, power = match.group(1) or match.group(4), match.group(2) or "0", match.group(3) or "0"
@@ -429,7 +427,7 @@ def _ephemeris_type(line: ElementLine) -> int:
 def _whole(line: ElementLine, first: int, last: int, field: str) -> int:
     text = line.columns(first, last)
     if not re.fullmatch(r" *\d* *", text, re.ASCII):
-        raise line.error(FieldError, f"{field} {text.strip()!r} is no whole number: {_COPY}", (first, last))
+        raise line.error(FieldError, f"{field} {text.strip()!r} is no whole number: {AGAIN}", (first, last))
     return int(text.strip() or "0")
 
 
@@ -536,7 +534,7 @@ def _designator_columns(elements: Elements) -> str:
 def _epoch_columns(elements: Elements) -> str:
     jd, fraction = epoch_jd(elements.epoch)
     days, ticks = divmod(round(fraction * _TICKS_A_DAY), _TICKS_A_DAY)
-    day = date.fromordinal(_DAY_ZERO + int(jd - UNIX_EPOCH_JD) + days)
+    day = date.fromordinal(DAY_ZERO + int(jd - UNIX_EPOCH_JD) + days)
     if not 1957 <= day.year <= 2056:
         raise _unwritable(elements, "epoch", elements.epoch.isoformat(), "its years are 1957 to 2056")
     return f"{day.year % 100:02d}{day.timetuple().tm_yday:03d}.{ticks:08d}"
