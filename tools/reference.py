@@ -181,7 +181,9 @@ def _help(command: click.Command) -> str:
     for one in (command.help or "").split("\n\n"):
         lines = one.strip("\n").splitlines()
         if lines and lines[0].strip() == "\b":
-            paragraphs.append("\n".join(["```text", *(line.strip() for line in lines[1:]), "```"]))
+            paragraphs.append(
+                "\n".join(["```text", *(line.strip() for line in lines[1:] if line.strip()), "```"])
+            )
         else:
             paragraphs.append(" ".join(one.split()))
     return "\n\n".join(paragraphs)
