@@ -1,4 +1,4 @@
-"""What passes over Leiden on 2 October 2026: the whole source at once, then what is to know of each pass."""
+"""List the passes over Leiden on 2 October 2026: the whole source at once, then the facts of each pass."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 NAME = "python -m tools.reference"
 COMMANDS, SETTINGS = "docs/commands.md", "docs/settings.md"
-COMMON = {"--config", "--site", "--elements", "--clock", "--json", "--debug"}
+COMMON = {"--config", "--site", "--elements", "--clock", "--json", "--debug", "--utc"}
 UNITS = {
     "_deg": "°",
     "_deg_s": "°/s",
@@ -172,11 +172,20 @@ def _commands(command: click.Command, name: str) -> Iterator[tuple[str, click.Co
 
 
 def _options(command: click.Command) -> list[click.Option]:
-    return [one for one in command.params if isinstance(one, click.Option)]
+    return [one for one in command.params if isinstance(one, click.Option) and not one.hidden]
 
 
 def _help(command: click.Command) -> str:
-    paragraphs = (" ".join(one.split()) for one in (command.help or "").replace("\b", "").split("\n\n"))
+    """Return the help as Markdown; paragraphs that click leaves as they are become code."""
+    paragraphs = []
+    for one in (command.help or "").split("\n\n"):
+        lines = one.strip("\n").splitlines()
+        if lines and lines[0].strip() == "\b":
+            paragraphs.append(
+                "\n".join(["```text", *(line.strip() for line in lines[1:] if line.strip()), "```"])
+            )
+        else:
+            paragraphs.append(" ".join(one.split()))
     return "\n\n".join(paragraphs)
 
 

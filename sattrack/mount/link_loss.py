@@ -67,16 +67,16 @@ _UNREPORTED = (
     f"the guardian goes on, once in {STOPS_SLOW_S:g} s for "
     f"{STOPS_SLOW_FOR_S:g} s, then once in {STOPS_SLOWEST_S:g} s, at full rate when it hears the mount"
 )
-_SEES = "hears that the mount does not follow, and stops once an interlock tells; stops are lost as well"
+_SEES = "sees that the mount does not follow, and stops when an interlock trips; stops are lost as well"
 _OBEYS = "obeys: brakes to rest"
 _HOLDS = "**holds its last rate for ever**"
 _BRAKES = "brakes to rest once `watchdog_s` have passed without a command"
 _ABORTS = "the guardian sends the stop from the same port until positions show both axes at rest"
-_DEAD = "nobody is left to say anything"
+_DEAD = "nothing is left that could send"
 _BY_HAND = "the mount's own console or power; once the link is back the guardian stops it"
 _RESTARTS = (
-    "silent for 2 s or more, it is told to stop as above; back sooner, `track` follows on, a verb or a "
-    "console stops"
+    "if it is silent for 2 s or more, stops are sent as above; if it is back sooner, `track` continues, a "
+    "verb or a console stops"
 )
 
 CONTRACT = (
@@ -106,7 +106,7 @@ CONTRACT = (
         "commands-watchdog",
         "commands are lost, statuses arrive",
         True,
-        "sees the mount at rest, and stops the run where that lasts",
+        "sees the mount at rest, and stops the run if that lasts",
         _BRAKES,
         TURN_S,
         True,
@@ -144,18 +144,18 @@ CONTRACT = (
         NOTICED_S + OBEYED_S,
         False,
         None,
-        "start again; `sattrack stop` tells what is the matter",
+        "start again; `sattrack stop` reports the state",
     ),
     Loss(
         "hang",
-        "our process stands still: halted, a disk that does not answer",
+        "our process hangs: halted, a disk that does not answer",
         None,
         f"after {HANG_S:g} s {_ABORTS}; the process finds, when it wakes, that it may not send, and ends",
         _OBEYS,
         HANG_S + NOTICED_S + OBEYED_S,
         False,
         None,
-        "start again; where it hangs for good, `sattrack stop` ends it",
+        "start again; if it never wakes, `sattrack stop` ends it",
     ),
     Loss(
         "machine",
@@ -166,7 +166,7 @@ CONTRACT = (
         None,
         False,
         OBEYED_S,
-        "the mount's own console or power; `sattrack stop` from the machine started anew, or another",
+        "the mount's own console or power; `sattrack stop` from the restarted machine, or another",
     ),
     Loss(
         "machine-watchdog",
@@ -188,18 +188,18 @@ CONTRACT = (
         TURN_S,
         False,
         OBEYED_S,
-        "start its program; it tracks then until it is told otherwise",
+        "start its program; it then tracks until it gets another command",
     ),
     Loss(
         "mount-holds",
-        "the mount's program ends or freezes, its drives go on",
+        "the mount's program ends or freezes, its drives run on",
         None,
         _RESTARTS,
         "the drives **hold their last rate** until the program is back; a watchdog is down with it",
         None,
         False,
         OBEYED_S,
-        "the drives' power; its program, started anew, hears the stop that is being sent",
+        "the drives' power; its program, restarted, gets the stop that is being sent",
     ),
 )
 ROWS = {row.key: row for row in CONTRACT}

@@ -32,7 +32,7 @@ def test_every_file_that_the_page_names_is_there() -> None:
 
 
 def test_every_class_and_method_of_the_control_step_is_there() -> None:
-    steps = PAGE.partition("## One control step")[2].partition("## Where to add")[0]
+    steps = PAGE.partition("## One control step")[2].partition("## Extension points")[0]
     defined = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "sattrack").rglob("*.py"))
     for name in re.findall(r"`([A-Z]\w+)(?:\.(\w+))?`", steps):
         assert re.search(rf"^class {name[0]}\b", defined, re.MULTILINE), name
