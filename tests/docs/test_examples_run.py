@@ -34,7 +34,6 @@ PAGES = [
     ROOT / "README.md",
     ROOT / "docs" / "index.md",
     ROOT / "docs" / "tutorial.md",
-    ROOT / "docs" / "python.md",
     *sorted((ROOT / "docs" / "howto").glob("*.md")),
 ]
 FENCE = re.compile(
