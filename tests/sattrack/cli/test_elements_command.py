@@ -313,3 +313,29 @@ def test_a_name_is_not_asked_for_where_the_settings_forbid_it(server, capsys, tm
 def test_practice_needs_no_elements_and_asks_nobody(server, capsys):
     ran(capsys, "rehearse", "ISS", "--json")
     assert server.asked == []
+
+
+LATER = ("track", "ISS", "--mount", "sim", "--virtual", *SITE, "--clock")
+
+
+def test_elements_too_old_to_find_the_satellite_with_are_refused(csv_file, capsys):
+    # The epoch is 2026-10-02, 00:19 UTC; the next pass over Leiden is on the 23rd at 02:56 UTC.
+    _, err = ran(capsys, *LATER, "2026-10-22T12:00:00Z", "--elements", csv_file, code=2)
+    assert err.splitlines()[-1] == (
+        "sattrack: the elements of ISS (ZARYA) are 21 days off the pass, 14 are allowed: "
+        "fetch new ones (`sattrack elements get 25544`), or give --old-elements"
+    )
+
+
+def test_old_elements_are_followed_where_that_is_asked_for_and_the_summary_says_so(csv_file, capsys):
+    out, _ = ran(capsys, *LATER, "2026-10-22T12:00:00Z", "--elements", csv_file, "--old-elements")
+    assert "  against elements 21 days old" in out.splitlines()
+    out, _ = ran(capsys, *LATER, "2026-10-02T12:00:00Z", "--elements", csv_file)
+    assert "against elements" not in out
+
+
+def test_elements_whose_error_is_beyond_the_field_are_refused(csv_file, capsys):
+    four_days = (*LATER, "2026-10-06T12:00:00Z", "--elements", csv_file)
+    _, err = ran(capsys, *four_days, "--fov", "0.05", code=2)
+    assert "off along its track, out of a field of 0.05°" in err.splitlines()[-1]
+    ran(capsys, *four_days, "--fov", "5")
