@@ -16,6 +16,8 @@ from tle.quantities import ARRAYS, FLOATS, Functions
 from tle.sun import LIGHT_KM_S, earth_velocity_km_s
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from tle.elements import Elements
     from tle.instants import Utc
     from tle.quantities import Quantity
@@ -71,6 +73,18 @@ class Propagator:
         return Propagator(
             self.elements, self.site, bias, self.earth, self.refraction, self.place, self.diurnal_aberration
         )
+
+    def with_elements(self, elements: Elements) -> Propagator:
+        """Return the same propagator for other elements, without a bias. Raises PropagationError."""
+        return Propagator(
+            elements, self.site, NO_BIAS, self.earth, self.refraction, self.place, self.diurnal_aberration
+        )
+
+    def of_date(self, t: Utc, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return vectors in TEME at one instant, shape (3,) or (3, n), by the true equator and equinox."""
+        equinoxes = self.earth.rotation(t.unix_s)[2]
+        c, s = math.cos(equinoxes), math.sin(equinoxes)
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ vectors
 
     def with_place(self, place: Place) -> Propagator:
         """Return the same propagator for another kind of place, without refraction."""

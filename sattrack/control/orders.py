@@ -13,6 +13,7 @@ from sattrack.control.offset import Bounds, State, added
 from sattrack.control.pattern import START_S, Pattern, spiral_acceleration_deg_s2, spiral_lasts_s
 
 if TYPE_CHECKING:
+    from sattrack.control.estimate import Reading
     from sattrack.views.messages import OffsetBy, Search
 
 MOST_ALONG_S = 60.0
@@ -159,21 +160,22 @@ def watch(biases: Biases, utc_s: float) -> str | None:
     return None
 
 
-def follow_estimate(
-    biases: Biases, along_s: float, cross_km: float, first: bool, begins_utc_s: float
-) -> None:
-    """Go to what observations say; the first takes the place of the operator's biases and of the search."""
+def follow_estimate(biases: Biases, read: Reading, first: bool, begins_utc_s: float) -> None:
+    """Go to what observations say as of an instant, and on with its drift.
+
+    The first takes the place of the operator's biases and of the search.
+    """
     here_s = biases.along_without_search(begins_utc_s).value
     along, cross = biases.end_pattern(begins_utc_s)
     if first:
         along = added(along, biases.offsets[ALONG].give_up(begins_utc_s))
         cross = added(cross, biases.offsets[CROSS].give_up(begins_utc_s))
-    to_s = along_s + biases.offsets[ALONG].total_at(begins_utc_s)
-    biases.estimated_along.take_over(
-        along, along_s, begins_utc_s, biases.bounds(ALONG, begins_utc_s, here_s, to_s, GENTLE_SHARE)
-    )
+    to_s = read.along_s + biases.offsets[ALONG].total_at(begins_utc_s)
+    bounds = biases.bounds(ALONG, begins_utc_s, here_s, to_s, GENTLE_SHARE)
+    biases.estimated_along.take_over(along, read.along_s, begins_utc_s, bounds, read.along_rate)
     bounds = _bounds_km(biases, begins_utc_s, here_s, to_s)
-    biases.estimated_cross_km.take_over(biases.cross_km(begins_utc_s, cross), cross_km, begins_utc_s, bounds)
+    moving = biases.cross_km(begins_utc_s, cross)
+    biases.estimated_cross_km.take_over(moving, read.cross_km, begins_utc_s, bounds, read.cross_rate_km_s)
     biases.touched()
 
 

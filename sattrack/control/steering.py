@@ -20,6 +20,10 @@ if TYPE_CHECKING:
 
 REACTION_PERIODS = 3.0
 TOLD_FOR_S = 5.0
+FOLLOW_AGAIN_S = 0.5
+"""How often an estimate is looked at whose observations have ended."""
+SAME_ALONG_S, SAME_CROSS_KM = 2e-6, 1e-5
+"""An estimate that differs by less from what is fed, hundredths of an arcsecond, is no news."""
 
 
 class Steering:
@@ -44,6 +48,7 @@ class Steering:
         self._estimated = False
         """Whether the estimate is news that is not followed yet."""
         self._following_estimate = False
+        self._followed_s = float("-inf")
         self._remembered = remembered
         if remembered is not None and remembered.cross_km is not None:
             self.biases.begin_estimated(remembered.along_s, remembered.cross_km)
@@ -89,18 +94,37 @@ class Steering:
 
         To be called once a period.
         """
-        known, ended = self.estimator.filter, None
-        news = known is not None and self._estimated
-        if known is not None and news:
-            first = not self._following_estimate
-            begins_s = self._begins_s(now_utc_s)
-            orders.follow_estimate(self.biases, known.along_s, known.cross_km, first, begins_s)
-            self._estimated, self._following_estimate = False, True
+        ended = None
+        due = self._following_estimate and now_utc_s - self._followed_s >= FOLLOW_AGAIN_S
+        news = self.estimator.filter is not None and (self._estimated or due) and self._follow(now_utc_s)
         if self.biases.moving:
             ended = orders.watch(self.biases, self._begins_s(now_utc_s))
         if ended is not None:
             self.tell(ended, now_utc_s)
         return news or ended is not None
+
+    def _follow(self, now_utc_s: float) -> bool:
+        """Feed what the estimate says where that is not fed yet; tell whether something changed.
+
+        What it says drifts and bends over a pass: between two looks it is followed as a line.
+        """
+        begins_s = self._begins_s(now_utc_s)
+        read = self.estimator.reading(begins_s, self.biases.course)
+        self._estimated, self._followed_s = False, now_utc_s
+        if read is None:
+            return False
+        first = not self._following_estimate
+        lasting_s = begins_s + FOLLOW_AGAIN_S
+        off_s = (
+            read.along_s + FOLLOW_AGAIN_S * read.along_rate - self.biases.estimated_along.total_at(lasting_s)
+        )
+        cross_km = read.cross_km + FOLLOW_AGAIN_S * read.cross_rate_km_s
+        off_km = cross_km - self.biases.estimated_cross_km.total_at(lasting_s)
+        if not first and abs(off_s) < SAME_ALONG_S and abs(off_km) < SAME_CROSS_KM:
+            return False
+        orders.follow_estimate(self.biases, read, first, begins_s)
+        self._following_estimate = True
+        return True
 
     def _drop_remembered(self, begins_s: float) -> str | None:
         known = self.remembered

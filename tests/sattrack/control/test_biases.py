@@ -10,6 +10,7 @@ import pytest
 
 from sattrack.control import orders
 from sattrack.control.biases import Biases
+from sattrack.control.estimate import Reading
 from sattrack.control.pattern import spiral
 from sattrack.mount.model import AxisLimits, MountProfile
 from sattrack.runtime import practice
@@ -97,7 +98,7 @@ def all_at_once(biases: Biases) -> None:
     for what, value in biases_of.items():
         offset(biases, what, value, begins_s)
     assert orders.offset(biases, OffsetBy("along_s", "rate", 0.01), begins_s + 0.5) is None
-    orders.follow_estimate(biases, 0.3, 0.2, False, begins_s + 1.0)
+    orders.follow_estimate(biases, Reading(0.3, 0.2, 2e-3, 1e-4, 0.01, 0.01), False, begins_s + 1.0)
 
 
 @pytest.mark.parametrize("late_s", [0.2, 0.8, 1.7, 5.0, 20.0, 21.3])

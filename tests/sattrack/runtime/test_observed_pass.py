@@ -16,6 +16,7 @@ import pytest
 from live import until
 from programs import ended, free_port, sattrack
 
+from sattrack.control.course import Course
 from sattrack.recording.format import OPERATOR, VIEW
 from sattrack.recording.reading import Recording
 from sattrack.recording.replay import replay
@@ -75,7 +76,7 @@ def test_a_late_satellite_is_found_and_kept_when_observations_end_and_the_record
     estimate = summary["estimate"]
     assert (estimate["accepted"], estimate["rejected"], estimate["refused"]) == (15, 0, 0)
     assert estimate["along_s"] == pytest.approx(LATE_S, abs=4.0 * estimate["along_sigma_s"])
-    assert summary["bias_along_s"] == estimate["along_s"]
+    assert summary["bias_along_s"] == pytest.approx(estimate["along_s"], abs=1e-4), "what is said is fed"
     assert summary["true_peak_arcsec"] < 5.0, "no jolt on the way"
     recording = Recording(path)
     result = replay(recording, lambda spec: build_engine(decode_facts(spec)))
@@ -89,7 +90,13 @@ def test_a_late_satellite_is_found_and_kept_when_observations_end_and_the_record
     assert last["utc_s"] - BEGIN_S > 25.0
     air = replace_air(last["error"]["utc_s"])
     apart = separation_arcsec((last["mount_ra_deg"], last["mount_dec_deg"]), air)
-    assert apart < 2.5 * 20.0 / math.sqrt(15.0)
+    # Fifteen directions within 14 s leave the range open to what elements err in height, and it shows later.
+    told = last["estimate"]
+    pace_deg_s = (
+        Course(Propagator(practice.elements(), practice.SITE.place())).going(last["utc_s"]).pace_deg_s
+    )
+    sigma_deg = math.hypot(told["along_sigma_s"] * pace_deg_s, told["cross_sigma_deg"])
+    assert apart < min(2.5 * 3600.0 * sigma_deg, 60.0)
 
 
 def replace_air(utc_s: float) -> tuple[float, float]:

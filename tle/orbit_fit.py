@@ -1,0 +1,321 @@
+"""An orbit corrected by observed directions: six corrections, what to expect of them, filter and fit.
+
+The corrections are displacements in km at an epoch, of the mean elements that SGP4 has there: along the
+orbit, of the semi-major axis, of the eccentricity vector (two), of the orbit's plane (two). They are made in
+equinoctial elements, which no inclination or eccentricity of a satellite makes singular, and SGP4 itself
+takes the corrected elements: along the track, across it and in height they act over a pass as errors of
+elements do. What SGP4 leaves out moves a satellite as small random accelerations would.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from tle.elements import propagation_error
+from tle.errors import PropagationError
+from tle.instants import DAY_S, UNIX_EPOCH_JD, Utc
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from tle.elements import Elements
+    from tle.propagator import Propagator
+
+    Array = NDArray[np.float64]
+
+STATES = 6
+ALONG, AXIS, ECCENTRIC_X, ECCENTRIC_Y, PLANE_X, PLANE_Y = range(STATES)
+FIRST_ALONG_S = 30.0
+"""Elements are seconds late or early, after a manoeuvre a minute: one sigma."""
+# One sigma at the elements' own epoch, km, and its growth a day; `bench/element_errors.py` prints what sets
+# of one object a month apart differ by. Of the plane: the inclination, and the node.
+_AXIS_KM, _AXIS_KM_DAY = 0.03, 0.03
+_ECCENTRIC_KM, _ECCENTRIC_KM_DAY = 0.25, 0.05
+_INCLINATION_KM, _INCLINATION_KM_DAY = 0.15, 0.015
+_NODE_KM, _NODE_KM_DAY = 0.15, 0.15
+_LOW_KM = 7000.0
+_NOISE_KM2_S3 = 1.2e-11
+"""Spectral density of the accelerations that SGP4 leaves out, at 7000 km from the Earth's centre."""
+_NOISE_POWER = 6.0
+_STEP_KM = 0.5
+_RELINEARISE_KM = 5.0
+_MOST_STEPS = 12
+_LONGEST_STEP_KM = 150.0
+_SETTLED_KM, _SETTLED_SIGMAS = 1e-4, 0.01
+_REBASE_STEPS = 4
+_REBASE_PART = 1.0 / 12.0
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """What is expected of the corrections: mean, km, and covariance, km²; shapes (6,) and (6, 6)."""
+
+    mean_km: Array
+    covariance_km2: Array
+
+
+class CorrectableOrbit:
+    """The orbit of some elements about an epoch, and the elements that a correction makes of it."""
+
+    def __init__(self, elements: Elements, epoch: Utc) -> None:
+        """Move the elements to the epoch (Utc of one instant). Raises PropagationError."""
+        self.given = elements
+        self.epoch = epoch
+        self.elements = _rebased(elements, epoch)
+
+    def corrected(self, correction_km: Array) -> Elements:
+        """Return the elements at the epoch with a correction, shape (6,), km."""
+        return _corrected(self.elements, correction_km)
+
+    def expected(self, wider: float = 1.0) -> Expected:
+        """Return what is expected of the corrections by the elements' age, `wider` times that but along."""
+        days = abs(float(self.given.age_s(self.epoch))) / DAY_S
+        one = self.elements
+        far = max(1.0, one.semi_major_axis_km / _LOW_KM)
+        axis, eccentric, inclination, node = (
+            wider * far * math.hypot(first, daily * days)
+            for first, daily in (
+                (_AXIS_KM, _AXIS_KM_DAY),
+                (_ECCENTRIC_KM, _ECCENTRIC_KM_DAY),
+                (_INCLINATION_KM, _INCLINATION_KM_DAY),
+                (_NODE_KM, _NODE_KM_DAY),
+            )
+        )
+        along = FIRST_ALONG_S * self.speed_km_s
+        covariance = np.diag(np.square([along, axis, eccentric, eccentric, 0.0, 0.0]))
+        # The inclination is the length of the plane's vector, the node its angle.
+        c, s = math.cos(math.radians(one.raan_deg)), math.sin(math.radians(one.raan_deg))
+        turn = np.array([[c, -s], [s, c]])
+        covariance[4:, 4:] = turn @ np.diag([inclination**2, node**2]) @ turn.T
+        return Expected(np.zeros(STATES), covariance)
+
+    @property
+    def speed_km_s(self) -> float:
+        """Give the mean speed along the orbit."""
+        return float(2.0 * math.pi * self.elements.semi_major_axis_km / self.elements.period_s)
+
+    @property
+    def noise_km2_s3(self) -> float:
+        """Give the spectral density of the accelerations that SGP4 leaves out."""
+        return float(_NOISE_KM2_S3 * (_LOW_KM / self.elements.semi_major_axis_km) ** _NOISE_POWER)
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """An observed direction, a unit vector as the propagator's apparent place has it, and its sigma, rad.
+
+    `propagator` is one of the satellite, without a bias, for the air that the direction went through.
+    """
+
+    utc: Utc
+    unit: Array
+    sigma_rad: float
+    propagator: Propagator
+
+
+class OrbitFilter:
+    """An iterated, extended Kalman filter of the six corrections, fed by single directions."""
+
+    def __init__(self, orbit: CorrectableOrbit, expected: Expected, noisier: float = 1.0) -> None:
+        self.orbit = orbit
+        self.correction_km = expected.mean_km.copy()
+        self.covariance_km2 = expected.covariance_km2.copy()
+        self._noise_km2_s3 = noisier * orbit.noise_km2_s3
+        self._last_utc_s: float | None = None
+        self._partials = _Partials(orbit, self.correction_km)
+        self.accepted = 0
+        self.rejected = 0
+
+    def copy(self) -> OrbitFilter:
+        """Return a filter of the same state."""
+        other = OrbitFilter(self.orbit, Expected(self.correction_km, self.covariance_km2))
+        other._noise_km2_s3, other._last_utc_s = self._noise_km2_s3, self._last_utc_s
+        other._partials, other.accepted, other.rejected = self._partials, self.accepted, self.rejected
+        return other
+
+    def seen_by(self, propagator: Propagator) -> Propagator:
+        """Return a propagator of the same kind for the corrected orbit."""
+        return propagator.with_elements(self.orbit.corrected(self.correction_km))
+
+    def distance(self, sighting: Sighting) -> float:
+        """Return the squared Mahalanobis distance of a sighting from what is expected of it (two degrees)."""
+        solved = self._solve(sighting, self._grown(sighting.utc))
+        return math.inf if solved is None else solved.distance
+
+    def observe(self, sighting: Sighting, gate: float) -> bool:
+        """Take a sighting in; tell whether it lay within the gate, a squared Mahalanobis distance.
+
+        One that comes later than it was made counts as the other sightings do, with the growth since then
+        added to its own uncertainty.
+        """
+        covariance = self._grown(sighting.utc)
+        solved = self._solve(sighting, covariance)
+        if solved is None or not solved.distance <= gate:
+            self.rejected += 1
+            return False
+        self.correction_km, self.covariance_km2, _, self._partials = solved
+        utc_s = float(sighting.utc.unix_s)
+        self._last_utc_s = utc_s if self._last_utc_s is None else max(utc_s, self._last_utc_s)
+        self.accepted += 1
+        return True
+
+    def position_covariance_km2(self, t: Utc) -> Array:
+        """Return the covariance of the satellite's position (TEME) at an instant, shape (3, 3)."""
+        by_state = self._partials.states(t)[:3]
+        spread: Array = by_state @ self._grown(t) @ by_state.T
+        return spread
+
+    def _grown(self, t: Utc) -> Array:
+        """Return the covariance with the noise from the newest sighting to an instant, or back to it."""
+        if self._last_utc_s is None:
+            return self.covariance_km2
+        seconds = abs(float(t.unix_s) - self._last_utc_s)
+        if seconds == 0.0:
+            return self.covariance_km2
+        middle = Utc(0.5 * (float(t.unix_s) + self._last_utc_s))
+        kick = np.linalg.inv(self._partials.states(middle))[:, 3:]
+        grown: Array = self.covariance_km2 + self._noise_km2_s3 * seconds * (kick @ kick.T)
+        return grown
+
+    def _solve(self, sighting: Sighting, covariance: Array) -> _Solved | None:
+        """Return correction, covariance and squared distance with a sighting; None where none leads there."""
+        prior, at, partials = self.correction_km, self.correction_km, self._partials
+        noise = sighting.sigma_rad**2 * np.eye(2)
+        for _ in range(_MOST_STEPS):
+            try:
+                if float(np.abs(at - partials.at_km).max()) > _RELINEARISE_KM:
+                    partials = _Partials(self.orbit, at)
+                off, by_state, range_km = self._compared(sighting, at, partials)
+            except PropagationError:
+                return None
+            spread = by_state @ covariance @ by_state.T + noise
+            gap = off + by_state @ (at - prior)
+            gain = np.linalg.solve(spread, by_state @ covariance).T
+            wanted = prior + gain @ gap
+            step = wanted - at
+            longest = float(np.abs(step).max())
+            if longest > _LONGEST_STEP_KM:
+                step = step * (_LONGEST_STEP_KM / longest)
+            at = at + step
+            if longest < max(_SETTLED_KM, _SETTLED_SIGMAS * sighting.sigma_rad * range_km):
+                kept = np.eye(STATES) - gain @ by_state
+                # Joseph's form keeps it symmetric and positive.
+                left = kept @ covariance @ kept.T + gain @ noise @ gain.T
+                distance = float(gap @ np.linalg.solve(spread, gap))
+                return _Solved(at, 0.5 * (left + left.T), distance, partials)
+        return None
+
+    def _compared(self, sighting: Sighting, at: Array, partials: _Partials) -> tuple[Array, Array, float]:
+        """Return how far a sighting lies from a corrected orbit, rad, shape (2,), by state, and the range."""
+        propagator = sighting.propagator.with_elements(self.orbit.corrected(at))
+        seen = propagator.at(sighting.utc)
+        range_km = float(seen.range_km)
+        by_state = propagator.of_date(sighting.utc, partials.states(sighting.utc)[:3])
+        u = seen.unit
+        m = by_state[:, ALONG] - (by_state[:, ALONG] @ u) * u
+        m = m / math.sqrt(float(m @ m))
+        n = np.cross(u, m)
+        basis = np.array([m, n])
+        off = np.array(
+            [
+                math.atan2(float(sighting.unit @ m), float(sighting.unit @ u)),
+                math.asin(max(-1.0, min(1.0, float(sighting.unit @ n)))),
+            ]
+        )
+        return off, basis @ by_state / range_km, range_km
+
+
+class _Solved(NamedTuple):
+    """What a sighting makes of the state: correction, covariance, squared distance, and partials near it."""
+
+    correction_km: Array
+    covariance_km2: Array
+    distance: float
+    partials: _Partials
+
+
+class _Partials:
+    """What each correction changes of position and velocity, by differences of SGP4's own."""
+
+    def __init__(self, orbit: CorrectableOrbit, at_km: Array) -> None:
+        self.at_km = at_km
+        steps = [np.zeros(STATES), *(_STEP_KM * row for row in np.eye(STATES))]
+        self._records = [orbit.corrected(at_km + step).satrec() for step in steps]
+
+    def states(self, t: Utc) -> Array:
+        """Return km and km/s a km of each correction, TEME, shape (6, 6): a column a correction."""
+        jd, fraction = _jd(t)
+        here, *moved = (np.concatenate(record.sgp4(jd, fraction)[1:]) for record in self._records)
+        return np.stack([(there - here) / _STEP_KM for there in moved], axis=1)
+
+
+def _jd(t: Utc) -> tuple[float, float]:
+    days, second = divmod(float(t.unix_s), DAY_S)
+    return days + UNIX_EPOCH_JD, second / DAY_S
+
+
+def _corrected(one: Elements, correction_km: Array) -> Elements:
+    along, axis, ex, ey, px, py = (float(value) for value in correction_km)
+    a = one.semi_major_axis_km
+    angles = (one.raan_deg, one.arg_perigee_deg, one.mean_anomaly_deg)
+    raan, arg, mean = (math.radians(angle) for angle in angles)
+    half = 0.5 * math.radians(one.inclination_deg)
+    e, length, unit = one.eccentricity, math.tan(half), 2.0 * math.cos(half) ** 2 * a
+    k, h = e * math.cos(arg + raan) + ex / a, e * math.sin(arg + raan) + ey / a
+    x, y = length * math.cos(raan) + px / unit, length * math.sin(raan) + py / unit
+    node, perigee = math.atan2(y, x), math.atan2(h, k)
+    # Turned with the plane, an orbit keeps its places: what the node gains, the argument of latitude loses.
+    longitude = mean + arg + raan + along / a
+    return replace(
+        one,
+        inclination_deg=2.0 * math.degrees(math.atan(math.hypot(x, y))),
+        raan_deg=math.degrees(node) % 360.0,
+        eccentricity=math.hypot(k, h),
+        arg_perigee_deg=math.degrees(perigee - node) % 360.0,
+        mean_anomaly_deg=math.degrees(longitude - perigee) % 360.0,
+        mean_motion_rev_day=one.mean_motion_rev_day * (1.0 + axis / a) ** -1.5,
+    )
+
+
+def _rebased(elements: Elements, epoch: Utc) -> Elements:
+    """Return elements with another epoch of the same orbit about it.
+
+    First the mean elements that SGP4 has then; what their drag and their lunisolar terms lack of the orbit
+    over the sixth of a revolution about the epoch is then fitted away.
+    """
+    given = elements.satrec()
+    given.sgp4(given.jdsatepoch, given.jdsatepochF)
+    motion_at_first = given.nm
+    code, _, _ = given.sgp4(*_jd(epoch))
+    if code:
+        raise propagation_error(code, elements, epoch)
+    motion = elements.mean_motion_rev_day * given.nm / motion_at_first
+    angles = (given.im, given.Om, given.om, given.mm)
+    inclination, node, perigee, anomaly = (math.degrees(angle) for angle in angles)
+    found = replace(
+        elements,
+        epoch=epoch,
+        inclination_deg=inclination,
+        raan_deg=node % 360.0,
+        arg_perigee_deg=perigee % 360.0,
+        mean_anomaly_deg=anomaly % 360.0,
+        eccentricity=given.em,
+        mean_motion_rev_day=motion,
+    )
+    part_s = _REBASE_PART * elements.period_s
+    instants = [Utc(float(epoch.unix_s) + part_s * step / 3.0) for step in range(-3, 4)]
+    wanted = np.concatenate([given.sgp4(*_jd(t))[1] for t in instants])
+    for _ in range(_REBASE_STEPS):
+        steps = [np.zeros(STATES), *(_STEP_KM * row for row in np.eye(STATES))]
+        here, *moved = (
+            np.concatenate([record.sgp4(*_jd(t))[1] for t in instants])
+            for record in (_corrected(found, step).satrec() for step in steps)
+        )
+        by_state = np.stack([(there - here) / _STEP_KM for there in moved], axis=1)
+        correction = np.linalg.lstsq(by_state, wanted - here, rcond=None)[0]
+        found = _corrected(found, correction)
+    return found
