@@ -15,11 +15,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from tle.bias import Bias
 from tle.elements import propagation_error
-from tle.errors import PropagationError
+from tle.errors import BiasError, ObservationError, PropagationError
 from tle.instants import DAY_S, UNIX_EPOCH_JD, Utc
+from tle.residuals import bias_from_observation
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from tle.elements import Elements
@@ -46,6 +50,12 @@ _RELINEARISE_KM = 5.0
 _MOST_STEPS = 12
 _LONGEST_STEP_KM = 150.0
 _SETTLED_KM, _SETTLED_SIGMAS = 1e-4, 0.01
+# A fit: its steps, of which the first weigh sightings, from so many sigmas on, by how far they lie off.
+_MOST_FITS, _ROBUST_FITS, _NEAR_SIGMAS = 60, 12, 1.5
+_FIT_WIDER = 3.0
+_MOST_SCATTER_RAD = math.radians(0.5)
+_SETTLED_FIT_KM = 0.01
+_MEDIAN_SQUARE = 2.0 * math.log(2.0)
 _REBASE_STEPS = 4
 _REBASE_PART = 1.0 / 12.0
 
@@ -189,7 +199,7 @@ class OrbitFilter:
             try:
                 if float(np.abs(at - partials.at_km).max()) > _RELINEARISE_KM:
                     partials = _Partials(self.orbit, at)
-                off, by_state, range_km = self._compared(sighting, at, partials)
+                off, by_state, range_km = _compared(self.orbit, sighting, at, partials)
             except PropagationError:
                 return None
             spread = by_state @ covariance @ by_state.T + noise
@@ -209,24 +219,118 @@ class OrbitFilter:
                 return _Solved(at, 0.5 * (left + left.T), distance, partials)
         return None
 
-    def _compared(self, sighting: Sighting, at: Array, partials: _Partials) -> tuple[Array, Array, float]:
-        """Return how far a sighting lies from a corrected orbit, rad, shape (2,), by state, and the range."""
-        propagator = sighting.propagator.with_elements(self.orbit.corrected(at))
-        seen = propagator.at(sighting.utc)
-        range_km = float(seen.range_km)
-        by_state = propagator.of_date(sighting.utc, partials.states(sighting.utc)[:3])
-        u = seen.unit
-        m = by_state[:, ALONG] - (by_state[:, ALONG] @ u) * u
-        m = m / math.sqrt(float(m @ m))
-        n = np.cross(u, m)
-        basis = np.array([m, n])
-        off = np.array(
-            [
-                math.atan2(float(sighting.unit @ m), float(sighting.unit @ u)),
-                math.asin(max(-1.0, min(1.0, float(sighting.unit @ n)))),
-            ]
-        )
-        return off, basis @ by_state / range_km, range_km
+
+@dataclass(frozen=True, slots=True)
+class FittedBias:
+    """The fitted orbit as biases of the given elements at an instant, with one sigma each."""
+
+    utc: Utc
+    along_s: float
+    along_sigma_s: float
+    cross_deg: float
+    cross_sigma_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class OrbitFit:
+    """Corrections fitted to all observations at once.
+
+    `off_arcsec` is how far each observation lies from the fitted orbit, along the track and across, shape
+    (n, 2); `used` tells which were; `scatter` is how much larger the errors of those are than their sigmas
+    say, at least 1, and is in the covariance (km²).
+    """
+
+    orbit: CorrectableOrbit
+    correction_km: Array
+    covariance_km2: Array
+    off_arcsec: Array
+    used: NDArray[np.bool_]
+    scatter: float
+
+    @property
+    def elements(self) -> Elements:
+        """The corrected elements."""
+        return self.orbit.corrected(self.correction_km)
+
+    @property
+    def rms_arcsec(self) -> float:
+        """How far the used observations lie off on the sky, RMS."""
+        return math.sqrt(float(np.mean(np.sum(np.square(self.off_arcsec[self.used]), axis=1))))
+
+    def bias_at(self, believed: Propagator, t: Utc) -> FittedBias:
+        """Return the biases of the given elements at an instant; `believed` is a propagator of those."""
+        there = believed.with_elements(self.elements).at(t)
+        found = bias_from_observation(believed, float(there.ra_deg), float(there.dec_deg), t)
+        by_state = believed.of_date(t, _Partials(self.orbit, self.correction_km).states(t)[:3])
+        basis, u = _track(there.unit, by_state), there.unit
+        spread = basis @ by_state @ self.covariance_km2 @ by_state.T @ basis.T
+        later = believed.at(t, Bias(found.along_s + 0.05, found.cross_deg)).unit
+        pace = float(np.linalg.norm(later - u)) / 0.05
+        range_km = float(there.range_km)
+        along, across = (math.sqrt(float(square)) / range_km for square in np.diag(spread))
+        return FittedBias(t, found.along_s, along / pace, found.cross_deg, math.degrees(across))
+
+    def state_covariance_km2(self) -> Array:
+        """Return the covariance of position and velocity at the epoch, TEME, km and km/s, shape (6, 6)."""
+        by_state = _Partials(self.orbit, self.correction_km).states(self.orbit.epoch)
+        spread: Array = by_state @ self.covariance_km2 @ by_state.T
+        return spread
+
+
+def fit_orbit(orbit: CorrectableOrbit, sightings: Sequence[Sighting], gate: float = 18.4) -> OrbitFit | None:
+    """Fit the corrections to all sightings at once; None where they agree on no orbit near the elements.
+
+    Sightings that lie beyond the gate, a squared distance in their own sigmas and the scatter of all, are
+    left out. They are weighed by how far they lie off before, so that a minority of wild ones has no say.
+    """
+    expected = orbit.expected(_FIT_WIDER)
+    weight_of_expected = np.linalg.inv(expected.covariance_km2)
+    at, partials = np.zeros(STATES), _Partials(orbit, np.zeros(STATES))
+    at[ALONG] = _first_along_km(orbit, sightings)
+    used = np.ones(len(sightings), dtype=bool)
+    scatter = 1.0
+    for step in range(_MOST_FITS):
+        if float(np.abs(at - partials.at_km).max()) > _SETTLED_FIT_KM:
+            partials = _Partials(orbit, at)
+        compared = [_compared(orbit, one, at, partials) for one in sightings]
+        off = np.array([one[0] for one in compared])
+        sigmas = np.array([one.sigma_rad for one in sightings])
+        square = np.sum(np.square(off / sigmas[:, None]), axis=1)
+        scatter = max(1.0, math.sqrt(float(np.median(square[used])) / _MEDIAN_SQUARE))
+        distance = square / scatter**2
+        robust = step < _ROBUST_FITS
+        used = distance <= gate if not robust else np.ones(len(sightings), dtype=bool)
+        scattered = not robust and scatter * float(np.median(sigmas)) > _MOST_SCATTER_RAD
+        if scattered or 2 * int(used.sum()) <= len(sightings):
+            return None
+        share = np.minimum(1.0, _NEAR_SIGMAS / np.sqrt(np.maximum(distance, 1e-12))) if robust else used
+        weights = share / np.square(sigmas * scatter)
+        normal, pull = weight_of_expected.copy(), -weight_of_expected @ at
+        for (gap, by_state, _), weight in zip(compared, weights, strict=True):
+            normal += weight * by_state.T @ by_state
+            pull += weight * by_state.T @ gap
+        change = np.linalg.solve(normal, pull)
+        longest = float(np.abs(change).max())
+        at = at + change * min(1.0, _LONGEST_STEP_KM / max(longest, 1e-12))
+        if not robust and longest < _SETTLED_FIT_KM:
+            arcsec = np.degrees(off) * 3600.0
+            return OrbitFit(orbit, at, np.linalg.inv(normal), arcsec, used, scatter)
+    return None
+
+
+def _first_along_km(orbit: CorrectableOrbit, sightings: Sequence[Sighting]) -> float:
+    """Return the median of what single sightings say of the correction along; 0 where none says anything."""
+    found = []
+    for one in sightings:
+        seen = one.unit
+        ra_deg = math.degrees(math.atan2(seen[1], seen[0])) % 360.0
+        dec_deg = math.degrees(math.asin(max(-1.0, min(1.0, float(seen[2])))))
+        try:
+            bias = bias_from_observation(one.propagator, ra_deg, dec_deg, one.utc)
+        except (ObservationError, BiasError, PropagationError):
+            continue
+        found.append(bias.along_s)
+    return float(np.median(found)) * orbit.speed_km_s if found else 0.0
 
 
 class _Solved(NamedTuple):
@@ -251,6 +355,29 @@ class _Partials:
         jd, fraction = _jd(t)
         here, *moved = (np.concatenate(record.sgp4(jd, fraction)[1:]) for record in self._records)
         return np.stack([(there - here) / _STEP_KM for there in moved], axis=1)
+
+
+def _compared(
+    orbit: CorrectableOrbit, sighting: Sighting, at: Array, partials: _Partials
+) -> tuple[Array, Array, float]:
+    """Return how far a sighting lies from an orbit, rad, shape (2,), that by state a km, and the range."""
+    propagator = sighting.propagator.with_elements(orbit.corrected(at))
+    seen = propagator.at(sighting.utc)
+    range_km = float(seen.range_km)
+    by_state = propagator.of_date(sighting.utc, partials.states(sighting.utc)[:3])
+    basis = _track(seen.unit, by_state)
+    ahead, left = (float(value) for value in basis @ sighting.unit)
+    off = np.array(
+        [math.atan2(ahead, float(sighting.unit @ seen.unit)), math.asin(max(-1.0, min(1.0, left)))]
+    )
+    return off, basis @ by_state / range_km, range_km
+
+
+def _track(u: Array, by_state: Array) -> Array:
+    """Return the directions on the sky along the track and left of it, shape (2, 3)."""
+    m = by_state[:, ALONG] - (by_state[:, ALONG] @ u) * u
+    m = m / math.sqrt(float(m @ m))
+    return np.array([m, np.cross(u, m)])
 
 
 def _jd(t: Utc) -> tuple[float, float]:
