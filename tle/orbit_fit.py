@@ -26,12 +26,15 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from tle.direction import Direction
     from tle.elements import Elements
     from tle.propagator import Propagator
 
     Array = NDArray[np.float64]
 
 STATES = 6
+MOUNT = 4
+"""Terms of the mount beside the six corrections: three of a turn of its base, rad, and a delay, s."""
 ALONG, AXIS, ECCENTRIC_X, ECCENTRIC_Y, PLANE_X, PLANE_Y = range(STATES)
 FIRST_ALONG_S = 30.0
 """Elements are seconds late or early, after a manoeuvre a minute: one sigma."""
@@ -50,6 +53,10 @@ _RELINEARISE_KM = 5.0
 _MOST_STEPS = 12
 _LONGEST_STEP_KM = 150.0
 _SETTLED_KM, _SETTLED_SIGMAS = 1e-4, 0.01
+EARTH_RAD_S = 7.2921159e-5
+# The mount's terms: a turn of its base and a delay, one sigma, and how the turn changes, rad²/s.
+_TURN_RAD, _DELAY_S = math.radians(0.1), 0.02
+_TURN_WALK_RAD2_S = math.radians(0.3 / 3600.0) ** 2
 # A fit: its steps, of which the first weigh sightings, from so many sigmas on, by how far they lie off.
 _MOST_FITS, _ROBUST_FITS, _NEAR_SIGMAS = 60, 12, 1.5
 _FIT_WIDER = 3.0
@@ -119,30 +126,50 @@ class Sighting:
     """An observed direction, a unit vector as the propagator's apparent place has it, and its sigma, rad.
 
     `propagator` is one of the satellite, without a bias, for the air that the direction went through.
+    `relative` tells that the direction was seen relative to where the mount pointed: the mount's terms count.
     """
 
     utc: Utc
     unit: Array
     sigma_rad: float
     propagator: Propagator
+    relative: bool = False
 
 
 class OrbitFilter:
-    """An iterated, extended Kalman filter of the six corrections, fed by single directions."""
+    """An iterated, extended Kalman filter of the six corrections, fed by single directions.
+
+    Directions that were seen relative to the mount's pointing tell of its errors too: of a turn of its base,
+    as a polar axis that is off makes it and a wrong zero of the hour angle, and of a delay that is split
+    wrongly between the ways to and fro. They stay at nothing where no such direction comes.
+    """
 
     def __init__(self, orbit: CorrectableOrbit, expected: Expected, noisier: float = 1.0) -> None:
         self.orbit = orbit
-        self.correction_km = expected.mean_km.copy()
-        self.covariance_km2 = expected.covariance_km2.copy()
+        self._state = np.concatenate([expected.mean_km, np.zeros(MOUNT)])
+        self._covariance = np.zeros((STATES + MOUNT, STATES + MOUNT))
+        self._covariance[:STATES, :STATES] = expected.covariance_km2
+        self._covariance[STATES:, STATES:] = np.diag([_TURN_RAD**2] * 3 + [_DELAY_S**2])
         self._noise_km2_s3 = noisier * orbit.noise_km2_s3
         self._last_utc_s: float | None = None
         self._partials = _Partials(orbit, self.correction_km)
         self.accepted = 0
         self.rejected = 0
 
+    @property
+    def correction_km(self) -> Array:
+        """The six corrections, km."""
+        return self._state[:STATES]
+
+    @property
+    def covariance_km2(self) -> Array:
+        """The covariance of the six corrections, km²."""
+        return self._covariance[:STATES, :STATES]
+
     def copy(self) -> OrbitFilter:
         """Return a filter of the same state."""
         other = OrbitFilter(self.orbit, Expected(self.correction_km, self.covariance_km2))
+        other._state, other._covariance = self._state, self._covariance
         other._noise_km2_s3, other._last_utc_s = self._noise_km2_s3, self._last_utc_s
         other._partials, other.accepted, other.rejected = self._partials, self.accepted, self.rejected
         return other
@@ -150,6 +177,19 @@ class OrbitFilter:
     def seen_by(self, propagator: Propagator) -> Propagator:
         """Return a propagator of the same kind for the corrected orbit."""
         return propagator.with_elements(self.orbit.corrected(self.correction_km))
+
+    def pointing(self, propagator: Propagator, t: Utc, mount: bool) -> tuple[Array, Array]:
+        """Return where the satellite is seen at an instant, a unit vector, and its covariance, rad², (3, 3).
+
+        With `mount` it is where the mount must point by its own idea, its errors made up for.
+        """
+        seen = self.seen_by(propagator).at(t)
+        by_state = propagator.of_date(t, self._partials.states(t)[:3]) / float(seen.range_km)
+        by_mount = mount_terms(seen) * float(mount)
+        u = seen.unit + by_mount @ self._state[STATES:]
+        by = np.hstack([by_state - np.outer(seen.unit, seen.unit @ by_state), by_mount])
+        spread: Array = by @ self._grown(t) @ by.T
+        return u / math.sqrt(float(u @ u)), spread
 
     def distance(self, sighting: Sighting) -> float:
         """Return the squared Mahalanobis distance of a sighting from what is expected of it (two degrees)."""
@@ -167,38 +207,34 @@ class OrbitFilter:
         if solved is None or not solved.distance <= gate:
             self.rejected += 1
             return False
-        self.correction_km, self.covariance_km2, _, self._partials = solved
+        self._state, self._covariance, _, self._partials = solved
         utc_s = float(sighting.utc.unix_s)
         self._last_utc_s = utc_s if self._last_utc_s is None else max(utc_s, self._last_utc_s)
         self.accepted += 1
         return True
 
-    def position_covariance_km2(self, t: Utc) -> Array:
-        """Return the covariance of the satellite's position (TEME) at an instant, shape (3, 3)."""
-        by_state = self._partials.states(t)[:3]
-        spread: Array = by_state @ self._grown(t) @ by_state.T
-        return spread
-
     def _grown(self, t: Utc) -> Array:
         """Return the covariance with the noise from the newest sighting to an instant, or back to it."""
         if self._last_utc_s is None:
-            return self.covariance_km2
+            return self._covariance
         seconds = abs(float(t.unix_s) - self._last_utc_s)
         if seconds == 0.0:
-            return self.covariance_km2
+            return self._covariance
         middle = Utc(0.5 * (float(t.unix_s) + self._last_utc_s))
         kick = np.linalg.inv(self._partials.states(middle))[:, 3:]
-        grown: Array = self.covariance_km2 + self._noise_km2_s3 * seconds * (kick @ kick.T)
+        grown: Array = self._covariance.copy()
+        grown[:STATES, :STATES] += self._noise_km2_s3 * seconds * (kick @ kick.T)
+        grown[STATES:-1, STATES:-1] += _TURN_WALK_RAD2_S * seconds * np.eye(3)
         return grown
 
     def _solve(self, sighting: Sighting, covariance: Array) -> _Solved | None:
         """Return correction, covariance and squared distance with a sighting; None where none leads there."""
-        prior, at, partials = self.correction_km, self.correction_km, self._partials
+        prior, at, partials = self._state, self._state, self._partials
         noise = sighting.sigma_rad**2 * np.eye(2)
         for _ in range(_MOST_STEPS):
             try:
-                if float(np.abs(at - partials.at_km).max()) > _RELINEARISE_KM:
-                    partials = _Partials(self.orbit, at)
+                if float(np.abs(at[:STATES] - partials.at_km).max()) > _RELINEARISE_KM:
+                    partials = _Partials(self.orbit, at[:STATES])
                 off, by_state, range_km = _compared(self.orbit, sighting, at, partials)
             except PropagationError:
                 return None
@@ -212,7 +248,7 @@ class OrbitFilter:
                 step = step * (_LONGEST_STEP_KM / longest)
             at = at + step
             if longest < max(_SETTLED_KM, _SETTLED_SIGMAS * sighting.sigma_rad * range_km):
-                kept = np.eye(STATES) - gain @ by_state
+                kept = np.eye(STATES + MOUNT) - gain @ by_state
                 # Joseph's form keeps it symmetric and positive.
                 left = kept @ covariance @ kept.T + gain @ noise @ gain.T
                 distance = float(gap @ np.linalg.solve(spread, gap))
@@ -334,10 +370,10 @@ def _first_along_km(orbit: CorrectableOrbit, sightings: Sequence[Sighting]) -> f
 
 
 class _Solved(NamedTuple):
-    """What a sighting makes of the state: correction, covariance, squared distance, and partials near it."""
+    """What a sighting makes of the state: state, covariance, squared distance, and partials near it."""
 
-    correction_km: Array
-    covariance_km2: Array
+    state: Array
+    covariance: Array
     distance: float
     partials: _Partials
 
@@ -360,17 +396,38 @@ class _Partials:
 def _compared(
     orbit: CorrectableOrbit, sighting: Sighting, at: Array, partials: _Partials
 ) -> tuple[Array, Array, float]:
-    """Return how far a sighting lies from an orbit, rad, shape (2,), that by state a km, and the range."""
-    propagator = sighting.propagator.with_elements(orbit.corrected(at))
+    """Return how far a sighting lies from a state, rad, shape (2,), what that is by state, and the range.
+
+    The state is that of the six corrections, or of those and the mount's terms.
+    """
+    propagator = sighting.propagator.with_elements(orbit.corrected(at[:STATES]))
     seen = propagator.at(sighting.utc)
-    range_km = float(seen.range_km)
+    range_km, u = float(seen.range_km), seen.unit
     by_state = propagator.of_date(sighting.utc, partials.states(sighting.utc)[:3])
-    basis = _track(seen.unit, by_state)
+    by = by_state / range_km
+    if len(at) > STATES:
+        by_mount = mount_terms(seen) * float(sighting.relative)
+        u = u + by_mount @ at[STATES:]
+        u = u / math.sqrt(float(u @ u))
+        by = np.hstack([by, by_mount])
+    basis = _track(u, by_state)
     ahead, left = (float(value) for value in basis @ sighting.unit)
-    off = np.array(
-        [math.atan2(ahead, float(sighting.unit @ seen.unit)), math.asin(max(-1.0, min(1.0, left)))]
-    )
-    return off, basis @ by_state / range_km, range_km
+    off = np.array([math.atan2(ahead, float(sighting.unit @ u)), math.asin(max(-1.0, min(1.0, left)))])
+    return off, basis @ by, range_km
+
+
+def mount_terms(seen: Direction) -> Array:
+    """Return how a direction's unit vector is moved by the mount's terms, shape (3, 4).
+
+    Three turns about axes fixed to the Earth, rad: in the equator towards the meridian and 90° from it, and
+    the pole; then a second by which the mount is ahead.
+    """
+    u = seen.unit
+    meridian = math.radians(float(seen.ra_deg) + float(seen.ha_deg))
+    c, s = math.cos(meridian), math.sin(meridian)
+    turns = [np.cross(axis, u) for axis in ((c, s, 0.0), (s, -c, 0.0), (0.0, 0.0, 1.0))]
+    pace = seen.unit_rate - EARTH_RAD_S * turns[2]
+    return np.stack([*turns, pace], axis=1)
 
 
 def _track(u: Array, by_state: Array) -> Array:

@@ -9,7 +9,7 @@ direction on the sky; rates are derivatives of the positions given.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from sattrack.control.course import Course
 from sattrack.control.offset import REST, Bounds, Offset, State, added
@@ -50,16 +50,30 @@ LONG_CHANGE_S = 1.0
 PATTERNS_KEPT = 4
 
 
+class Camera(NamedTuple):
+    """How a camera's image lies on the sky: the position angle of its y axis, and whether it is mirrored.
+
+    Not mirrored, north up has east to the left.
+    """
+
+    rotation_deg: float = 0.0
+    flip: bool = False
+
+
+UPRIGHT = Camera()
+
+
 class Biases:
     """The offsets of one run. Instants from which changes act never fall."""
 
     def __init__(
-        self, start: Bias, propagator: Propagator, profile: MountProfile, camera_rotation_deg: float = 0.0
+        self, start: Bias, propagator: Propagator, profile: MountProfile, camera: Camera = UPRIGHT
     ) -> None:
-        """Begin with the operator's bias; the camera's rotation is the position angle of its y axis."""
+        """Begin with the operator's bias."""
         self._propagator = propagator
         self._profile = profile
-        self._rotation = math.radians(camera_rotation_deg)
+        self._camera = camera
+        self._rotation = math.radians(camera.rotation_deg)
         self.course = Course(propagator)
         self.offsets = {ALONG: Offset(start.along_s), CROSS: Offset(start.cross_deg)}
         self.offsets |= {what: Offset() for what in ON_SKY}
@@ -78,6 +92,20 @@ class Biases:
 
     def at(self, utc_s: float) -> Direction:
         """Return the direction to feed at an instant."""
+        direction = self._on_track(utc_s)
+        return direction.turned(self._turn(utc_s)) if self._turned else direction
+
+    def seen_at(self, utc_s: float, dx_deg: float, dy_deg: float) -> Direction:
+        """Return the direction of what is seen off the middle of the camera's image, right and up.
+
+        The offsets on the sky are left out: they make up for what the mount does wrong.
+        """
+        c, s = math.cos(self._rotation), math.sin(self._rotation)
+        right = dx_deg if self._camera.flip else -dx_deg
+        return self._on_track(utc_s).turned(Turn(right * c + dy_deg * s, dy_deg * c - right * s))
+
+    def _on_track(self, utc_s: float) -> Direction:
+        """Return the direction at an instant with all that is along the track and across it."""
         t = Utc(utc_s)
         if self._plain is not None:
             return self._propagator.at(t, self._plain)
@@ -90,7 +118,7 @@ class Biases:
                 for s in (-DRIFT_S, DRIFT_S)
             )
             direction = direction.drifting(sooner, later, 2.0 * DRIFT_S)
-        return direction.turned(self._turn(utc_s)) if self._turned else direction
+        return direction
 
     @property
     def moving(self) -> bool:

@@ -9,6 +9,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from sattrack.control.biases import UPRIGHT, Camera
 from sattrack.control.engine_view import HOLDING, learnt_view, view_of
 from sattrack.control.halt import Driver, StopProcedure, limit_words
 from sattrack.control.not_acquired import Attempt, AxisAttempt, why_not
@@ -59,7 +60,7 @@ class RunSpec:
     started_utc_s: float
     simulated: bool = False
     recording: str | None = None
-    camera_rotation_deg: float = 0.0
+    camera: Camera = UPRIGHT
     """Position angle of the camera's y axis, from north through east."""
     remembered: RememberedView | None = None
     """The bias of an earlier pass with which this one begins."""
@@ -72,7 +73,7 @@ class Engine(Driver):
         super().__init__(spec.profile, safety_of(spec))
         self.spec = spec
         self.tracker = Tracker(
-            spec.propagator, spec.plan, spec.profile, spec.bias, spec.camera_rotation_deg, spec.remembered
+            spec.propagator, spec.plan, spec.profile, spec.bias, spec.camera, spec.remembered
         )
         self.malformed = 0
         """Lines that came where observations or messages were expected, and were neither."""

@@ -10,6 +10,7 @@ better than the estimate does, it takes its place: no wrong start, manoeuvre or 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -102,51 +103,55 @@ class Estimator:
         """Begin anew with the next observation."""
         self.filter = self._rival = None
 
-    def reading(self, utc_s: float, course: Course) -> Reading | None:
-        """Return what the estimate says of the biases at an instant; None without one."""
+    def reading(self, utc_s: float, course: Course, fed: bool = False) -> Reading | None:
+        """Return what the estimate says of the biases at an instant; None without one.
+
+        With `fed` they lead to where the mount must be fed to, its own errors made up for where a camera on
+        it has shown them.
+        """
         known = self.filter
         if known is None:
             return None
-        seen_by = known.seen_by(course.airless)
         along_s = float(known.correction_km[ALONG]) / known.orbit.speed_km_s
-        lines = []
-        for later_s in (0.0, LINE_S):
-            there = seen_by.at(Utc(utc_s + later_s))
-            found = _biases(there.unit, utc_s + later_s, course, course.airless, (along_s, 0.0))
-            if found is None:
-                return None
-            lines.append(found)
-        (along, cross, pace), (later_along, later_cross, _) = lines
-        here = seen_by.at(Utc(utc_s))
-        ahead = course.airless.at(Utc(utc_s), Bias(along + DIFFERENCE_S)).unit - here.unit
-        spread = seen_by.of_date(Utc(utc_s), known.position_covariance_km2(Utc(utc_s)))
-        spread = seen_by.of_date(Utc(utc_s), spread.T)
-        ahead = ahead - (ahead @ here.unit) * here.unit
+        there, spread = known.pointing(course.airless, Utc(utc_s), fed)
+        later, _ = known.pointing(course.airless, Utc(utc_s + LINE_S), fed)
+        now = _biases(there, utc_s, course, course.airless, (along_s, 0.0))
+        then = _biases(later, utc_s + LINE_S, course, course.airless, (along_s, 0.0))
+        if now is None or then is None:
+            return None
+        (along, cross, pace), (later_along, later_cross, _) = now, then
+        ahead = course.airless.at(Utc(utc_s), Bias(along + DIFFERENCE_S)).unit - there
+        ahead = ahead - (ahead @ there) * there
         ahead = ahead / math.sqrt(float(ahead @ ahead))
-        left = np.cross(here.unit, ahead)
-        range_km = float(here.range_km)
+        left = np.cross(there, ahead)
+        range_km = course.going(utc_s + along).range_km
         return Reading(
             along,
             cross,
             (later_along - along) / LINE_S,
             (later_cross - cross) / LINE_S,
-            math.sqrt(float(ahead @ spread @ ahead)) / (range_km * pace),
-            math.sqrt(float(left @ spread @ left)),
+            math.sqrt(float(ahead @ spread @ ahead)) / pace,
+            math.sqrt(float(left @ spread @ left)) * range_km,
         )
 
-    def take(self, seen: Observation, now_utc_s: float, course: Course, first: Bias) -> bool:
+    def take(
+        self, seen: Observation, now_utc_s: float, course: Course, first: Bias, relative: bool = False
+    ) -> bool:
         """Take one observation in; tell whether it changed the estimate.
 
         `first` is what is fed without an estimate: the first observation is expected around that, or around
-        what the elements say by themselves.
+        what the elements say by themselves. `relative` tells that it was seen relative to where the mount
+        pointed.
         """
         utc_s = float(Utc.parse(seen.utc).unix_s)
-        self.words = self._refusal(seen, utc_s, now_utc_s)
-        if self.words is not None:
-            self.refused += 1
+        self.words = None
+        why = self._refusal(seen, utc_s, now_utc_s)
+        if why is not None:
+            self.refuse(why)
             return False
         try:
             sighting = _sighting(seen, utc_s, course, seen.frame)
+            sighting = replace(sighting, relative=relative)
             if self.filter is None or self.filter.orbit.given is not course.propagator.elements:
                 self._begin(seen, sighting, course, first)
             else:
@@ -165,6 +170,11 @@ class Estimator:
         if self.filter is None:
             return math.inf
         return self.filter.distance(_sighting(seen, float(Utc.parse(seen.utc).unix_s), course, seen.frame))
+
+    def refuse(self, words: str) -> None:
+        """Count an observation that cannot be used, and keep why."""
+        self.words = words
+        self.refused += 1
 
     def _refusal(self, seen: Observation, utc_s: float, now_utc_s: float) -> str | None:
         if seen.catalog_number is not None and seen.catalog_number != self._catalog_number:
@@ -233,7 +243,9 @@ class Estimator:
         return self._orbit
 
     def _otherwise(self, seen: Observation, sighting: Sighting, course: Course) -> Sighting:
-        """Return the same observation as if it were of another frame."""
+        """Return the same observation as if it were of another frame; what was seen by the mount has one."""
+        if sighting.relative:
+            return sighting
         other = _other_frame(seen.frame)
         return _sighting(seen, float(sighting.utc.unix_s), course, other)
 

@@ -9,10 +9,20 @@ import msgspec
 from sattrack.control import orders
 from sattrack.control.biases import Biases
 from sattrack.control.estimate import Estimator
-from sattrack.views.messages import ClearBias, DropRemembered, Nudge, Observation, OffsetBy, Search
+from sattrack.views.messages import (
+    ClearBias,
+    DropRemembered,
+    Nudge,
+    Observation,
+    OffsetBy,
+    Search,
+    SeenOffset,
+)
 from tle.bias import Bias
+from tle.instants import Utc
 
 if TYPE_CHECKING:
+    from sattrack.control.biases import Camera
     from sattrack.mount.model import MountProfile
     from sattrack.views.messages import Message
     from sattrack.views.run import RememberedView
@@ -34,12 +44,12 @@ class Steering:
         propagator: Propagator,
         profile: MountProfile,
         bias: Bias,
-        camera_rotation_deg: float,
+        camera: Camera,
         start_utc_s: float,
         remembered: RememberedView | None = None,
     ) -> None:
         self._delay_s = REACTION_PERIODS * profile.period_s + profile.command_delay_s
-        self.biases = Biases(bias, propagator, profile, camera_rotation_deg)
+        self.biases = Biases(bias, propagator, profile, camera)
         self.estimator = Estimator(propagator.elements.catalog_number, start_utc_s)
         self.refusal: str | None = None
         """Why the operator's last word was not obeyed, in words."""
@@ -67,6 +77,9 @@ class Steering:
         match message:
             case Observation():
                 self._observe(message, now_utc_s, begins_s)
+                return
+            case SeenOffset():
+                self._observe(self._directed(message), now_utc_s, begins_s, True)
                 return
             case Nudge():
                 answer = orders.nudge(self.biases, message.along_s, message.cross_deg, begins_s)
@@ -109,7 +122,7 @@ class Steering:
         What it says drifts and bends over a pass: between two looks it is followed as a line.
         """
         begins_s = self._begins_s(now_utc_s)
-        read = self.estimator.reading(begins_s, self.biases.course)
+        read = self.estimator.reading(begins_s, self.biases.course, fed=True)
         self._estimated, self._followed_s = False, now_utc_s
         if read is None:
             return False
@@ -146,10 +159,17 @@ class Steering:
         self._begun_s = max(self._begun_s, now_utc_s + self._delay_s)
         return self._begun_s
 
-    def _observe(self, seen: Observation, now_utc_s: float, begins_s: float) -> None:
+    def _directed(self, seen: SeenOffset) -> Observation:
+        """Return the direction in which an offset was seen, relative to the one fed at its instant."""
+        utc_s = float(Utc.parse(seen.utc).unix_s)
+        there = self.biases.seen_at(utc_s, seen.dx_arcsec / 3600.0, seen.dy_arcsec / 3600.0)
+        return Observation(seen.utc, float(there.ra_deg), float(there.dec_deg), "of_date", seen.sigma_arcsec)
+
+    def _observe(self, seen: Observation, now_utc_s: float, begins_s: float, relative: bool = False) -> None:
         """Take an observation in; the estimate is followed from the next period on."""
         along_s, cross_deg = self.biases.totals(begins_s)
-        if self.estimator.take(seen, now_utc_s, self.biases.course, Bias(along_s, cross_deg)):
+        first = Bias(along_s, cross_deg)
+        if self.estimator.take(seen, now_utc_s, self.biases.course, first, relative):
             self._estimated = True
 
     def tell(self, words: str | None, now_utc_s: float) -> None:

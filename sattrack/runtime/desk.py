@@ -21,11 +21,13 @@ from sattrack.views.messages import (
     Message,
     Observation,
     Pause,
+    SeenOffset,
     SessionMessage,
     StopNow,
     TakeControl,
     YieldControl,
     decode_said,
+    is_observation,
 )
 from sattrack.views.run import SAME_PASS_S, STARTER, Armed, SessionView, Watcher
 
@@ -42,7 +44,6 @@ NAMED = 8
 MOST_COMPLAINTS = 10
 ORDERS_A_TICK = 20
 """A change of an offset takes some tens of microseconds, of which a turn of the loop has few to spare."""
-_OBSERVATION = b'"observation"'
 
 
 class ControlArbiter:
@@ -222,7 +223,7 @@ class StdinInbox:
         if self._ended:
             return ()
         for line in self._reader.lines():
-            if _OBSERVATION in line:
+            if is_observation(line):
                 self._observers.put(line)
                 continue
             try:
@@ -282,7 +283,7 @@ class SessionInbox:
             self._strange += 1
             return []
         # Observations take longer than a turn has; they have a door of their own.
-        return [] if isinstance(message, Observation) else self._heard(number, message)
+        return [] if isinstance(message, Observation | SeenOffset) else self._heard(number, message)
 
     def _heard(self, number: int, message: object) -> list[Message]:
         obeyed = self._arbiter.hear(number, message)  # type: ignore[arg-type]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import msgspec
 
+from sattrack.control.biases import Camera
 from sattrack.control.engine import Engine, RunSpec
 from sattrack.control.tracker import TrackPlan
 from sattrack.core.errors import BadInputError, SattrackError
@@ -57,6 +58,7 @@ class RunFacts(msgspec.Struct, frozen=True):
     started_utc_s: float
     recording: str | None = None
     camera_rotation_deg: float = 0.0
+    camera_flip: bool = False
     fov_deg: float | None = None
     """Diameter of the camera's field of view; nothing that is computed depends on it."""
     remembered: RememberedView | None = None
@@ -92,7 +94,7 @@ def build_engine(facts: RunFacts) -> Engine:
         started_utc_s=facts.started_utc_s,
         simulated=facts.mount_name == SIMULATED,
         recording=facts.recording,
-        camera_rotation_deg=facts.camera_rotation_deg,
+        camera=Camera(facts.camera_rotation_deg, facts.camera_flip),
         remembered=facts.remembered,
     )
     return Engine(spec)

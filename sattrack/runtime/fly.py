@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from sattrack.runtime.observers import Observers
     from sattrack.runtime.prepare import Prepared
     from sattrack.runtime.signals import StopRequest
-    from sattrack.views.messages import Message, Observation
+    from sattrack.views.messages import Message, Observation, SeenOffset
     from sattrack.views.run import Summary, TrackView
 
 
@@ -107,7 +107,7 @@ def fly_live(
     return msgspec.structs.replace(summary, recording_trouble=sink.trouble, realtime_priority=realtime)
 
 
-def _dated(seen: Observation, facts: RunFacts) -> tuple[float, Message]:
+def _dated(seen: Observation | SeenOffset, facts: RunFacts) -> tuple[float, Message]:
     return max(facts.started_utc_s, float(Utc.parse(seen.utc).unix_s)), seen
 
 

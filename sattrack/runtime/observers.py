@@ -20,7 +20,7 @@ from sattrack.views.messages import decode_observation
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from sattrack.views.messages import Observation
+    from sattrack.views.messages import Observation, SeenOffset
 
 A_TICK = 2
 """Observations used a tick: an estimate takes under a millisecond."""
@@ -64,12 +64,12 @@ class Observers:
             return
         self._queue.append(line)
 
-    def observations(self, most: int = A_TICK) -> Sequence[Observation]:
+    def observations(self, most: int = A_TICK) -> Sequence[Observation | SeenOffset]:
         """Return the oldest observations that have come and were not returned yet, without waiting."""
         for source in self._sources:
             for line in source.lines():
                 self.put(line)
-        found: list[Observation] = []
+        found: list[Observation | SeenOffset] = []
         malformed = 0
         while self._queue and len(found) < most and malformed < MOST_MALFORMED_A_TICK:
             try:

@@ -60,6 +60,7 @@ class RunRequest:
     bias_along_s: float = 0.0
     bias_cross_deg: float = 0.0
     camera_rotation_deg: float = 0.0
+    camera_flip: bool = False
     fov_deg: float | None = None
     virtual: bool = False
     record: Path | None = None
@@ -138,6 +139,7 @@ def prepare(request: RunRequest) -> Prepared:
         bias_along_s=request.bias_along_s,
         bias_cross_deg=request.bias_cross_deg,
         camera_rotation_deg=request.camera_rotation_deg,
+        camera_flip=request.camera_flip,
         fov_deg=request.fov_deg,
         mount_name="sim" if address is None else str(address),
         started_utc_s=started_s,

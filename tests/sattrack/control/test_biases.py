@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sattrack.control import orders
-from sattrack.control.biases import Biases
+from sattrack.control.biases import Biases, Camera
 from sattrack.control.estimate import Reading
 from sattrack.control.pattern import spiral
 from sattrack.mount.model import AxisLimits, MountProfile
@@ -31,7 +31,7 @@ def propagator() -> Propagator:
 
 @pytest.fixture
 def biases(propagator: Propagator) -> Biases:
-    return Biases(NO_BIAS, propagator, MountProfile(), camera_rotation_deg=30.0)
+    return Biases(NO_BIAS, propagator, MountProfile(), Camera(30.0))
 
 
 def unit(direction: object) -> np.ndarray:

@@ -22,10 +22,11 @@ from sattrack.recording.reading import Recording
 from sattrack.recording.replay import replay
 from sattrack.runtime import practice
 from sattrack.runtime.facts import build_engine, decode_facts
-from sattrack.views.messages import encode_message
+from sattrack.views.messages import SeenOffset, encode_message
 from tle.bias import Bias
 from tle.instants import Utc
 from tle.propagator import Propagator
+from tle.refraction import Refraction
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -101,8 +102,6 @@ def test_a_late_satellite_is_found_and_kept_when_observations_end_and_the_record
 
 def replace_air(utc_s: float) -> tuple[float, float]:
     """Where the true satellite is seen through the air that the run includes."""
-    from tle.refraction import Refraction
-
     true = true_satellite()
     bent = Propagator(true.elements, true.site, refraction=Refraction.standard(0.0))
     seen = bent.at(Utc(utc_s))
@@ -143,6 +142,32 @@ def test_garbage_strangers_and_wrong_frames_leave_the_pass_as_it_was() -> None:
     assert "3 lines were no observations" in err
     for name in ("true_rms_arcsec", "on_target_s", "bias_along_s", "bias_cross_deg", "samples"):
         assert summary[name] == plain[name]
+
+
+def test_offsets_of_a_camera_are_followed_and_the_recording_runs_again(tmp_path: Path) -> None:
+    """A satellite seen a tenth of a degree west of the middle is where the mount goes then, and stays."""
+    path = tmp_path / "pass.mcap"
+
+    def offset(at_s: float, dx_arcsec: float) -> bytes:
+        seen = SeenOffset(Utc(BEGIN_S + at_s).isoformat("microseconds"), dx_arcsec, 0.0, 2.0, "guide")
+        return encode_message(seen)
+
+    early = offset(-60.0, 5.0)
+    summary, _ = fly(
+        [early, offset(0.0, 360.0), offset(0.05, 360.0), offset(30.0, 9000.0)], "--record", str(path)
+    )
+    estimate = summary["estimate"]
+    assert (estimate["accepted"], estimate["rejected"], estimate["refused"]) == (2, 1, 1)
+    assert summary["true_peak_arcsec"] < 5.0, "no jolt on the way"
+    view = [json.loads(entry.data) for entry in Recording(path).entries() if entry.topic == VIEW][-5]
+    known = Propagator(practice.elements(), practice.SITE.place(), refraction=Refraction.standard(0.0))
+    seen = known.at(Utc(view["error"]["utc_s"]))
+    apart = separation_arcsec(
+        (view["mount_ra_deg"], view["mount_dec_deg"]), (float(seen.ra_deg), float(seen.dec_deg))
+    )
+    assert 100.0 < apart < 1000.0
+    result = replay(Recording(path), lambda spec: build_engine(decode_facts(spec)))
+    assert result.divergence is None
 
 
 def test_without_observations_nothing_is_said_of_them() -> None:
