@@ -41,7 +41,7 @@ FIRST_ALONG_S = 30.0
 # One sigma at the elements' own epoch, km, and its growth a day; `bench/element_errors.py` prints what sets
 # of one object a month apart differ by. Of the plane: the inclination, and the node.
 _AXIS_KM, _AXIS_KM_DAY = 0.03, 0.03
-_ECCENTRIC_KM, _ECCENTRIC_KM_DAY = 0.25, 0.05
+_ECCENTRIC_KM, _ECCENTRIC_KM_DAY = 0.4, 0.05
 _INCLINATION_KM, _INCLINATION_KM_DAY = 0.15, 0.015
 _NODE_KM, _NODE_KM_DAY = 0.15, 0.15
 _LOW_KM = 7000.0

@@ -201,8 +201,7 @@ class Estimator:
         in_other = min(one.distance(other) for one in starts)
         if distance > GATE or in_other + BETTER_FRAME < distance:
             self.words = f"the elements are not so far off{self._hint(starts, seen, sighting, course)}"
-            if in_other + BETTER_FRAME >= distance:
-                self._hear_rival(False, sighting, orbit)
+            self._hear_rival(False, sighting, orbit)
         elif not (best.observe(sighting, GATE) and _credible(best)):
             self.words = "it lies nowhere near the satellite's track: another satellite's?"
         else:
