@@ -102,6 +102,18 @@ class Propagator:
             f"{site.longitude_deg:g}, {site.height_m:g} m: {self.place} place{air}{bias}>"
         )
 
+    def with_elements(self, elements: Elements) -> Propagator:
+        """Return the same propagator for other elements, without a bias. Raises PropagationError."""
+        return Propagator(
+            elements, self.site, NO_BIAS, self.earth, self.refraction, self.place, self.diurnal_aberration
+        )
+
+    def of_date(self, t: Utc, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return vectors in TEME at one instant, shape (3,) or (3, n), by the true equator and equinox."""
+        equinoxes = self.earth.rotation(t.unix_s)[2]
+        c, s = math.cos(equinoxes), math.sin(equinoxes)
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ vectors
+
     def with_place(self, place: Place) -> Propagator:
         """Return the same propagator for another kind of place, without refraction."""
         return Propagator(

@@ -265,8 +265,13 @@ def bias_options(function: Callable[..., Any]) -> Callable[..., Any]:
         help="Start with the bias that earlier passes found for the same elements, and keep the new one: "
         "auto for real mounts, on for simulated ones too, nudge also for an operator's nudge, or off.",
     )(function)
+    function = click.option(
+        "--camera-flip", "--flip", "camera_flip", is_flag=True, help="The camera's image is mirrored."
+    )(function)
     return click.option(
         "--camera-rotation",
+        "--rotation",
+        "camera_rotation",
         default=0.0,
         metavar="DEG",
         help="Position angle of the camera's y axis, from north through east.",

@@ -65,6 +65,7 @@ def command(context: CommandContext, seconds: float | None, **options: Any) -> i
     request = replace(
         demo_request(context.clock_option, options["record"], context.profile(options["profile"])),
         camera_rotation_deg=options["camera_rotation"],
+        camera_flip=options["camera_flip"],
         fov_deg=context.settings.camera.fov_deg if options["fov_deg"] is None else options["fov_deg"],
         memory=options["bias_memory"],
     )

@@ -31,6 +31,7 @@ COMMANDS = {
     "replay": "Run a recording through today's code and compare every output.",
     "report": "Print errors, mount, link and satellite of recorded passes.",
     "recording": "Show what is in a recording, or export it.",
+    "bias": "Fit observations of a satellite: the bias to use, and refined elements.",
     "biases": "List the biases remembered from earlier passes, or drop one.",
     "stop": "Stop the mount, from any terminal.",
     "mount": "Look at a mount, and operate it by hand: status, watch, slew, park, ...",

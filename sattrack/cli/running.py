@@ -355,6 +355,7 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
         bias_along_s=options["bias_along"],
         bias_cross_deg=options["bias_cross"],
         camera_rotation_deg=options["camera_rotation"],
+        camera_flip=options["camera_flip"],
         fov_deg=context.settings.camera.fov_deg if options["fov_deg"] is None else options["fov_deg"],
         virtual=options["virtual"],
         record=options["record"],

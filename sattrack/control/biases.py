@@ -31,6 +31,7 @@ from tle.instants import Utc
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from sattrack.control.estimate import Reading
     from sattrack.mount.model import MountProfile
     from sattrack.views.messages import OffsetBy, Search
     from tle.direction import Direction
@@ -149,16 +150,30 @@ LONG_CHANGE_S = 1.0
 PATTERNS_KEPT = 4
 
 
+class Camera(NamedTuple):
+    """How a camera's image lies on the sky: the position angle of its y axis, and whether it is mirrored.
+
+    Not mirrored, north up has east to the left.
+    """
+
+    rotation_deg: float = 0.0
+    flip: bool = False
+
+
+UPRIGHT = Camera()
+
+
 class Biases:
     """The offsets of one run. Instants from which changes act never fall."""
 
     def __init__(
-        self, start: Bias, propagator: Propagator, profile: MountProfile, camera_rotation_deg: float = 0.0
+        self, start: Bias, propagator: Propagator, profile: MountProfile, camera: Camera = UPRIGHT
     ) -> None:
-        """Begin with the operator's bias; the camera's rotation is the position angle of its y axis."""
+        """Begin with the operator's bias."""
         self._propagator = propagator
         self._profile = profile
-        self._rotation = math.radians(camera_rotation_deg)
+        self._camera = camera
+        self._rotation = math.radians(camera.rotation_deg)
         self.course = Course(propagator)
         self.offsets = {ALONG: Offset(start.along_s), CROSS: Offset(start.cross_deg)}
         self.offsets |= {what: Offset() for what in ON_SKY}
@@ -177,6 +192,20 @@ class Biases:
 
     def at(self, utc_s: float) -> Direction:
         """Return the direction to feed at an instant."""
+        direction = self._on_track(utc_s)
+        return direction.turned(self._turn(utc_s)) if self._turned else direction
+
+    def seen_at(self, utc_s: float, dx_deg: float, dy_deg: float) -> Direction:
+        """Return the direction of what is seen off the middle of the camera's image, right and up.
+
+        The offsets on the sky are left out: they make up for what the mount does wrong.
+        """
+        c, s = math.cos(self._rotation), math.sin(self._rotation)
+        right = dx_deg if self._camera.flip else -dx_deg
+        return self._on_track(utc_s).turned(SkyTurn(right * c + dy_deg * s, dy_deg * c - right * s))
+
+    def _on_track(self, utc_s: float) -> Direction:
+        """Return the direction at an instant with all that is along the track and across it."""
         t = Utc(utc_s)
         if self._plain is not None:
             return self._propagator.at(t, self._plain)
@@ -189,7 +218,7 @@ class Biases:
                 for s in (-DRIFT_S, DRIFT_S)
             )
             direction = direction.drifting(sooner, later, 2.0 * DRIFT_S)
-        return direction.turned(self._turn(utc_s)) if self._turned else direction
+        return direction
 
     @property
     def moving(self) -> bool:
@@ -481,21 +510,22 @@ def end_reached(biases: Biases, utc_s: float) -> str | None:
     return None
 
 
-def follow_estimate(
-    biases: Biases, along_s: float, cross_km: float, first: bool, begins_utc_s: float
-) -> None:
-    """Go to what observations say; the first takes the place of the operator's biases and of the search."""
+def follow_estimate(biases: Biases, read: Reading, first: bool, begins_utc_s: float) -> None:
+    """Go to what observations say as of an instant, and on with its drift.
+
+    The first takes the place of the operator's biases and of the search.
+    """
     here_s = biases.along_without_search(begins_utc_s).value
     along, cross = biases.end_pattern(begins_utc_s)
     if first:
         along = added(along, biases.offsets[ALONG].give_up(begins_utc_s))
         cross = added(cross, biases.offsets[CROSS].give_up(begins_utc_s))
-    to_s = along_s + biases.offsets[ALONG].total_at(begins_utc_s)
-    biases.estimated_along.take_over(
-        along, along_s, begins_utc_s, biases.bounds(ALONG, begins_utc_s, here_s, to_s, GENTLE_SHARE)
-    )
+    to_s = read.along_s + biases.offsets[ALONG].total_at(begins_utc_s)
+    bounds = biases.bounds(ALONG, begins_utc_s, here_s, to_s, GENTLE_SHARE)
+    biases.estimated_along.take_over(along, read.along_s, begins_utc_s, bounds, read.along_rate)
     bounds = _bounds_km(biases, begins_utc_s, here_s, to_s)
-    biases.estimated_cross_km.take_over(biases.cross_km(begins_utc_s, cross), cross_km, begins_utc_s, bounds)
+    moving = biases.cross_km(begins_utc_s, cross)
+    biases.estimated_cross_km.take_over(moving, read.cross_km, begins_utc_s, bounds, read.cross_rate_km_s)
     biases.touched()
 
 

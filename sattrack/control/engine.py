@@ -9,6 +9,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from sattrack.control.biases import UPRIGHT, Camera
 from sattrack.control.driver import NO_ANSWER_AFTER_S, Driver, StopProcedure, limit_text
 from sattrack.control.engine_view import HOLDING, learnt_view, view_of
 from sattrack.control.stages import Attempt, AxisAttempt, RunStage, Situation, Stages, why_not
@@ -57,7 +58,7 @@ class RunSpec:
     started_utc_s: float
     simulated: bool = False
     recording: str | None = None
-    camera_rotation_deg: float = 0.0
+    camera: Camera = UPRIGHT
     """Position angle of the camera's y axis, from north through east."""
     remembered: RememberedView | None = None
     """The bias of an earlier pass with which this one begins."""
@@ -70,7 +71,7 @@ class Engine(Driver):
         super().__init__(spec.profile, safety_of(spec))
         self.spec = spec
         self.tracker = Tracker(
-            spec.propagator, spec.plan, spec.profile, spec.bias, spec.camera_rotation_deg, spec.remembered
+            spec.propagator, spec.plan, spec.profile, spec.bias, spec.camera, spec.remembered
         )
         self.malformed = 0
         """Lines that came where observations or messages were expected, and were neither."""

@@ -294,7 +294,7 @@ def estimate_view(tracker: Tracker, utc_s: float, unused: int) -> EstimateView |
     refused = estimator.refused + unused
     if not (estimator.accepted or estimator.rejected or refused):
         return None
-    known = estimator.filter
+    known = estimator.reading(utc_s, tracker.steering.biases.course)
     if known is None:
         none = (None, None, None, None)
         return EstimateView(*none, estimator.accepted, estimator.rejected, refused, estimator.last_utc_s)
@@ -308,6 +308,8 @@ def estimate_view(tracker: Tracker, utc_s: float, unused: int) -> EstimateView |
         estimator.rejected,
         refused,
         estimator.last_utc_s,
+        60.0 * known.along_rate,
+        estimator.begun_anew,
     )
 
 
@@ -320,7 +322,7 @@ def observation_warnings(tracker: Tracker, malformed: int, dropped: int) -> list
         words.append(f"the last observation was not taken: {estimator.words} ({counts})")
     if estimator.begun_anew:
         words.append(
-            f"the estimate began anew {estimator.begun_anew} times: observations contradict each other"
+            f"the estimate began anew {estimator.begun_anew} times: what was rejected agreed with itself"
         )
     if malformed:
         words.append(f"{malformed} lines were neither messages nor observations")

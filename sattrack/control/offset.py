@@ -138,9 +138,14 @@ class Offset:
         """Take the offset away."""
         self._change(0.0, 0.0, begins_utc_s, bounds)
 
-    def take_over(self, moving: State, total: float, begins_utc_s: float, bounds: ChangeLimits) -> None:
-        """Go to a total from where the offset is together with what something else does until then."""
-        self._change(total, 0.0, begins_utc_s, bounds, moving=moving)
+    def take_over(
+        self, moving: State, total: float, begins_utc_s: float, bounds: ChangeLimits, rate: float = 0.0
+    ) -> None:
+        """Go from where the offset is, together with what something else does until then, to a total.
+
+        With a rate the total is that of the beginning, and goes on from there.
+        """
+        self._change(total, rate, begins_utc_s, bounds, moving=moving)
 
     def keep(self, moving: State, begins_utc_s: float, bounds: ChangeLimits) -> None:
         """Come to rest about where the offset is together with what something else does until then."""

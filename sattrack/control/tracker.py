@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from sattrack.control.approach import Approach, ApproachStep, MountPlace
+from sattrack.control.biases import UPRIGHT, Camera
 from sattrack.control.following import ControlLaw, Follower
 from sattrack.control.rest import Rest
 from sattrack.control.steering import Steering
 from sattrack.control.target import Detour, SatelliteTarget, TargetState, sky_error
 from sattrack.mount.model import Hold, Motion, MountProfile, MoveAxes, Slew, StatusSample, Stop
-from sattrack.views.messages import Go, Jog, Message, Observation, Pause, Search, StopNow
+from sattrack.views.messages import Go, Jog, Message, Observation, Pause, Search, SeenOffset, StopNow
+from tle.instants import Utc
 
 if TYPE_CHECKING:
     from sattrack.views.run import ErrorView, RememberedView
@@ -68,12 +70,12 @@ class Tracker:
         plan: TrackPlan,
         profile: MountProfile,
         bias: Bias,
-        camera_rotation_deg: float = 0.0,
+        camera: Camera = UPRIGHT,
         remembered: RememberedView | None = None,
     ) -> None:
         self.plan = plan
         self._profile = profile
-        self.steering = Steering(propagator, profile, bias, camera_rotation_deg, plan.start_utc_s, remembered)
+        self.steering = Steering(propagator, profile, bias, camera, plan.start_utc_s, remembered)
         self.follower = Follower(profile, propagator.site.longitude_deg, plan.law)
         """Knows the mount's clock and axes, and learns of the mount while it follows."""
         self._satellite = SatelliteTarget(self.direction_at, plan.detours)
@@ -85,6 +87,8 @@ class Tracker:
         self.phase = Phase.WAITING
         self.ended_by: str | None = None
         self.acquired_utc_s: float | None = None
+        self._on_target_utc_s: float | None = None
+        """Since when the mount is on the target, where it is."""
         self.followable_utc_s: float | None = None
         """First instant at which the mount, being there, could have followed."""
         self.rest: Rest | None = None
@@ -134,12 +138,23 @@ class Tracker:
                 self._go_on(now_utc_s)
             case Jog():
                 self._jog(message, now_utc_s)
+            case SeenOffset() if (why := self._not_seen(message)) is not None:
+                self.steering.estimator.refuse(why)
             case Search() if self.rest is not None:
                 self.steering.tell("the run is paused: go on before a search", now_utc_s)
             case _:
                 self.steering.obey(message, now_utc_s)
-        if not isinstance(message, Observation):
+        if not isinstance(message, Observation | SeenOffset):
             self._satellite.forget()
+
+    def _not_seen(self, seen: SeenOffset) -> str | None:
+        """Return why an offset says nothing of where the target is: the mount was not on it."""
+        utc_s, on_s = float(Utc.parse(seen.utc).unix_s), self._on_target_utc_s
+        if self.phase is not Phase.TRACKING:
+            return "the mount is not on the target"
+        if on_s is None or utc_s < on_s:
+            return f"it is of {seen.utc}, before the mount was on the target"
+        return None
 
     def step(self, now_utc_s: float, slew_done: bool, stopped: bool = False, held: bool = False) -> Motion:
         """Return the motion wanted from now on; call once a period, after the samples that came.
@@ -290,7 +305,7 @@ class Tracker:
         if self.phase is Phase.ACQUIRING:
             self._near = self._near + 1 if error.total_arcsec <= self.plan.on_target_arcsec else 0
             if self._near >= ACQUIRED_AFTER_SAMPLES:
-                self.phase = Phase.TRACKING
+                self.phase, self._on_target_utc_s = Phase.TRACKING, error.utc_s
                 if self.acquired_utc_s is None:
                     self.acquired_utc_s = error.utc_s
                     self.follower.learning.forget_rates()

@@ -31,7 +31,7 @@ from sattrack.recording.format import (
     here,
     to_ns,
 )
-from sattrack.views.messages import Message
+from sattrack.views.messages import Message, SeenOffset, TaggedMessage
 from sattrack.views.run import Summary, TrackView
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def channel_schemas() -> dict[str, ChannelSchema]:
     command = ChannelSchema("xerxes.Command", LAYOUT, _layout(COMMAND_FIELDS))
     kinds = {RUN: RunHeader, VIEW: TrackView, SUMMARY: Summary, FAILURE: Failure}
     found = {topic: _json(f"sattrack.{kind.__name__}", kind) for topic, kind in kinds.items()}
-    found[OPERATOR] = _json("sattrack.Message", Message)
+    found[OPERATOR] = _json("sattrack.Message", TaggedMessage, SeenOffset)
     return found | {STATUS: status, COMMAND: command, REPEAT: command}
 
 
@@ -74,10 +74,10 @@ def _layout(fields: Sequence[Field]) -> bytes:
     return "\n".join(["offset,type,name", *lines, ""]).encode()
 
 
-def _json(name: str, kind: Any) -> ChannelSchema:
-    (schema,), parts = msgspec.json.schema_components([kind])
-    # Of a union of messages, the fields of any of them.
-    every = [_plain(one, parts) for one in schema.get("anyOf", [schema])]
+def _json(name: str, *kinds: Any) -> ChannelSchema:
+    schemas, parts = msgspec.json.schema_components(kinds)
+    # Of several kinds, and of a union of messages, the fields of any of them.
+    every = [_plain(one, parts) for schema in schemas for one in schema.get("anyOf", [schema])]
     fields = {key: value for one in every for key, value in one["properties"].items()}
     joined = {"title": name, "type": "object", "properties": fields}
     return ChannelSchema(name, JSON_SCHEMA, msgspec.json.encode(joined))

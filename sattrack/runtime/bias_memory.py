@@ -138,7 +138,8 @@ def run_name(facts: RunFacts) -> str:
 def _found(engine: Engine, facts: RunFacts, ended_utc_s: float) -> KeptBias | None:
     """Return what observations said, else the operator's nudges as they stood in the end, or None."""
     steering = engine.tracker.steering
-    known, seen_utc_s = steering.estimator.filter, steering.estimator.last_utc_s
+    seen_utc_s = steering.estimator.last_utc_s
+    known = None if seen_utc_s is None else steering.estimator.reading(seen_utc_s, steering.biases.course)
     if known is not None and seen_utc_s is not None:
         return KeptBias(
             source="observations",
@@ -147,7 +148,7 @@ def _found(engine: Engine, facts: RunFacts, ended_utc_s: float) -> KeptBias | No
             along_sigma_s=known.along_sigma_s,
             cross_km=known.cross_km,
             cross_sigma_km=known.cross_sigma_km,
-            observations=known.accepted,
+            observations=steering.estimator.accepted,
             mount=facts.mount_name,
         )
     # Brings astronomy, which a list of the memory does not need.

@@ -26,12 +26,14 @@ from sattrack.views.messages import (
     Message,
     Observation,
     Pause,
+    SeenOffset,
     SessionMessage,
     StopNow,
     TakeControl,
     YieldControl,
     decode_observation,
     decode_said,
+    is_observation,
 )
 from sattrack.views.run import SAME_PASS_S, STARTER, Armed, SessionView, Watcher
 
@@ -47,7 +49,6 @@ NAMED = 8
 MOST_COMPLAINTS = 10
 ORDERS_A_TICK = 20
 """A change of an offset takes some tens of microseconds, of which a turn of the loop has few to spare."""
-_OBSERVATION = b'"observation"'
 
 
 class ControlArbiter:
@@ -228,7 +229,7 @@ class StdinInbox:
         if self._ended:
             return ()
         for line in self._reader.lines():
-            if _OBSERVATION in line:
+            if is_observation(line):
                 self._observers.put(line)
                 continue
             try:
@@ -288,7 +289,7 @@ class SessionInbox:
             self._strange += 1
             return []
         # Observations take longer than a turn has; they come by a channel of their own.
-        return [] if isinstance(message, Observation) else self._obeyed_of(number, message)
+        return [] if isinstance(message, Observation | SeenOffset) else self._obeyed_of(number, message)
 
     def _obeyed_of(self, number: int, message: object) -> list[Message]:
         obeyed = self._arbiter.hear(number, message)  # type: ignore[arg-type]
@@ -337,12 +338,12 @@ class Observers:
             return
         self._queue.append(line)
 
-    def observations(self, most: int = A_TICK) -> Sequence[Observation]:
+    def observations(self, most: int = A_TICK) -> Sequence[Observation | SeenOffset]:
         """Return the oldest observations that have come and were not returned yet, without waiting."""
         for source in self._sources:
             for line in source.lines():
                 self.put(line)
-        found: list[Observation] = []
+        found: list[Observation | SeenOffset] = []
         malformed = 0
         while self._queue and len(found) < most and malformed < MOST_MALFORMED_A_TICK:
             try:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
-from sattrack.control.biases import MOST_ALONG_S, MOST_CROSS_DEG
+from sattrack.control.biases import MOST_ALONG_S, MOST_CROSS_DEG, Camera
 from sattrack.control.engine import Engine, RunSpec
 from sattrack.control.tracker import TrackPlan
 from sattrack.core.angles import wrap180
@@ -67,6 +67,7 @@ class RunFacts(msgspec.Struct, frozen=True):
     started_utc_s: float
     recording: str | None = None
     camera_rotation_deg: float = 0.0
+    camera_flip: bool = False
     fov_deg: float | None = None
     """Diameter of the camera's field of view; nothing that is computed depends on it."""
     remembered: RememberedView | None = None
@@ -102,7 +103,7 @@ def build_engine(facts: RunFacts) -> Engine:
         started_utc_s=facts.started_utc_s,
         simulated=facts.mount_name == SIMULATED,
         recording=facts.recording,
-        camera_rotation_deg=facts.camera_rotation_deg,
+        camera=Camera(facts.camera_rotation_deg, facts.camera_flip),
         remembered=facts.remembered,
     )
     return Engine(spec)
@@ -208,6 +209,7 @@ class RunRequest:
     bias_along_s: float = 0.0
     bias_cross_deg: float = 0.0
     camera_rotation_deg: float = 0.0
+    camera_flip: bool = False
     fov_deg: float | None = None
     virtual: bool = False
     record: Path | None = None
@@ -286,6 +288,7 @@ def prepare(request: RunRequest) -> Prepared:
         bias_along_s=request.bias_along_s,
         bias_cross_deg=request.bias_cross_deg,
         camera_rotation_deg=request.camera_rotation_deg,
+        camera_flip=request.camera_flip,
         fov_deg=request.fov_deg,
         mount_name="sim" if address is None else str(address),
         started_utc_s=started_s,

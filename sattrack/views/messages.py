@@ -7,7 +7,8 @@ To a run, from an operator or a camera's program:
 `{"type":"offset","what":"along_s","how":"add","value":0.5}`,
 `{"type":"search","how":"spiral","spacing_deg":0.05,"speed_deg_s":0.05}`,
 `{"type":"observation","utc":"2026-10-02T13:05:24.5Z","ra_deg":1.2,"dec_deg":3.4,"frame":"icrs",
-"sigma_arcsec":20}`.
+"sigma_arcsec":20}`,
+`{"type":"offset","utc":"2026-10-02T13:05:24.5Z","dx_arcsec":12.5,"dy_arcsec":-3,"sigma_arcsec":2}`.
 
 About its control: `{"type":"take_control"}`, `{"type":"yield_control"}`, `{"type":"leave_running"}`,
 `{"type":"arm","catalog_number":25544,"culminate_utc_s":1790946324.4}`.
@@ -44,6 +45,7 @@ SearchHow = Literal["spiral", "sweep", "stop", "cancel"]
 ObservedFrame = Literal["icrs", "j2000", "of_date"]
 MOST_SIGMA_ARCSEC = 3600.0
 LEAST_SIGMA_ARCSEC = 0.01
+MOST_OFFSET_ARCSEC = 18000.0
 
 
 class Nudge(msgspec.Struct, frozen=True, tag="nudge", forbid_unknown_fields=True):
@@ -146,23 +148,41 @@ class Observation(msgspec.Struct, frozen=True, tag="observation", forbid_unknown
 
     def __post_init__(self) -> None:
         """Raise ValueError where a number cannot be one of an observation."""
-        if not self.utc.endswith("Z"):
-            raise ValueError(f"utc {self.utc!r} does not end with Z: give UTC as 2026-10-02T13:05:24.5Z")
-        try:
-            Utc.parse(self.utc)
-        except TimeFormatError as error:
-            raise ValueError(f"utc: {error}") from None
+        _check_utc(self.utc)
         _one_of("frame", self.frame, get_args(ObservedFrame))
         if not 0.0 <= self.ra_deg <= 360.0:
             raise ValueError(f"ra_deg {self.ra_deg:g} is outside 0 to 360")
         if not -90.0 <= self.dec_deg <= 90.0:
             raise ValueError(f"dec_deg {self.dec_deg:g} is outside -90 to 90")
-        if not LEAST_SIGMA_ARCSEC <= self.sigma_arcsec <= MOST_SIGMA_ARCSEC:
-            span = f"{LEAST_SIGMA_ARCSEC:g} to {MOST_SIGMA_ARCSEC:g}"
-            raise ValueError(f"sigma_arcsec {self.sigma_arcsec:g} is outside {span}")
+        _check_sigma(self.sigma_arcsec)
 
 
-Message = Nudge | ClearBias | DropRemembered | StopNow | OffsetBy | Search | Observation | Pause | Go | Jog
+class SeenOffset(msgspec.Struct, frozen=True, tag="offset", forbid_unknown_fields=True):
+    """Where a camera on the mount saw the satellite at an instant, from the middle of its image.
+
+    `utc` is the middle of the exposure, ISO 8601 with Z. x to the right and y up as the image is displayed,
+    arcseconds on the sky; `sigma_arcsec` is one standard deviation of each. `camera` is its name.
+    """
+
+    utc: str
+    dx_arcsec: float
+    dy_arcsec: float
+    sigma_arcsec: float
+    camera: str | None = None
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where a number cannot be one of an offset."""
+        _check_utc(self.utc)
+        if not max(abs(self.dx_arcsec), abs(self.dy_arcsec)) <= MOST_OFFSET_ARCSEC:
+            raise ValueError(f"an offset goes to {MOST_OFFSET_ARCSEC:g} arcseconds either way")
+        _check_sigma(self.sigma_arcsec)
+
+
+TaggedMessage = (
+    Nudge | ClearBias | DropRemembered | StopNow | OffsetBy | Search | Observation | Pause | Go | Jog
+)
+"""The messages that their types tell apart."""
+Message = TaggedMessage | SeenOffset
 
 
 class TakeControl(msgspec.Struct, frozen=True, tag="take_control", forbid_unknown_fields=True):
@@ -208,8 +228,12 @@ class Leave(msgspec.Struct, frozen=True, tag="leave", forbid_unknown_fields=True
 
 
 ConsoleMessage = Slew | Sync | Jog | Abort | Park | FindHome | Reset | Leave
-_MESSAGES: msgspec.json.Decoder[Message] = msgspec.json.Decoder(Message)
-_ALL: msgspec.json.Decoder[Message | SessionMessage] = msgspec.json.Decoder(Message | SessionMessage)
+_MESSAGES: msgspec.json.Decoder[TaggedMessage] = msgspec.json.Decoder(TaggedMessage)
+_ALL: msgspec.json.Decoder[TaggedMessage | SessionMessage] = msgspec.json.Decoder(
+    TaggedMessage | SessionMessage
+)
+# Two types of one name cannot be told apart by it: offsets that were seen have a decoder of their own.
+_SEEN_OFFSETS: msgspec.json.Decoder[SeenOffset] = msgspec.json.Decoder(SeenOffset)
 _OBSERVATIONS: msgspec.json.Decoder[Observation] = msgspec.json.Decoder(Observation)
 _ORDERS: msgspec.json.Decoder[ConsoleMessage] = msgspec.json.Decoder(ConsoleMessage)
 
@@ -221,22 +245,50 @@ def encode_message(message: Message | SessionMessage | ConsoleMessage) -> bytes:
 
 def decode_message(line: bytes) -> Message:
     """Return the message to a run of one JSON line; raises msgspec.MsgspecError."""
-    return _MESSAGES.decode(line)
+    return _SEEN_OFFSETS.decode(line) if _is_seen_offset(line) else _MESSAGES.decode(line)
 
 
 def decode_said(line: bytes | str) -> Message | SessionMessage:
     """Return the message to a run, or about its control, of one JSON line; raises msgspec.MsgspecError."""
-    return _ALL.decode(line)
+    return _SEEN_OFFSETS.decode(line) if _is_seen_offset(line) else _ALL.decode(line)
 
 
-def decode_observation(line: bytes) -> Observation:
-    """Return the observation of one JSON line, its type given or left out; raises msgspec.MsgspecError."""
-    return _OBSERVATIONS.decode(line)
+def decode_observation(line: bytes) -> Observation | SeenOffset:
+    """Return the observation of one JSON line, or the offset; raises msgspec.MsgspecError.
+
+    The type of an observation may be left out.
+    """
+    return _SEEN_OFFSETS.decode(line) if _is_seen_offset(line) else _OBSERVATIONS.decode(line)
+
+
+def is_observation(line: bytes) -> bool:
+    """Tell whether a line looks like an observation or an offset that was seen."""
+    return b'"observation"' in line or _is_seen_offset(line)
+
+
+def _is_seen_offset(line: bytes | str) -> bool:
+    """Tell an offset that was seen from an order to offset, whose type is of the same name."""
+    return (b'"dx_arcsec"' in line) if isinstance(line, bytes) else ('"dx_arcsec"' in line)
 
 
 def decode_order(line: bytes) -> ConsoleMessage:
     """Return the message to a console of one JSON line; raises msgspec.MsgspecError."""
     return _ORDERS.decode(line)
+
+
+def _check_utc(text: str) -> None:
+    if not text.endswith("Z"):
+        raise ValueError(f"utc {text!r} does not end with Z: give UTC as 2026-10-02T13:05:24.5Z")
+    try:
+        Utc.parse(text)
+    except TimeFormatError as error:
+        raise ValueError(f"utc: {error}") from None
+
+
+def _check_sigma(sigma_arcsec: float) -> None:
+    if not LEAST_SIGMA_ARCSEC <= sigma_arcsec <= MOST_SIGMA_ARCSEC:
+        span = f"{LEAST_SIGMA_ARCSEC:g} to {MOST_SIGMA_ARCSEC:g}"
+        raise ValueError(f"sigma_arcsec {sigma_arcsec:g} is outside {span}")
 
 
 def _one_of(field: str, value: str, text: tuple[str, ...]) -> None:

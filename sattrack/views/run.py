@@ -51,7 +51,8 @@ class SearchView(msgspec.Struct, frozen=True):
 class EstimateView(msgspec.Struct, frozen=True):
     """What observations say of the biases, each with one sigma, and what became of the observations.
 
-    The numbers are None before the first was taken; `last_utc_s` is the instant of the newest that was.
+    The biases are those of the view's instant, None before the first was taken; `last_utc_s` is the instant
+    of the newest that was.
     """
 
     along_s: float | None
@@ -64,6 +65,10 @@ class EstimateView(msgspec.Struct, frozen=True):
     refused: int
     """Those that cannot be of this pass, and lines that are none."""
     last_utc_s: float | None
+    drift_s_min: float | None = None
+    """How fast the bias along the track changes."""
+    begun_anew: int = 0
+    """How often what was rejected took the place of the estimate."""
 
 
 class RememberedView(msgspec.Struct, frozen=True):

@@ -45,12 +45,12 @@ def test_a_run_obeys_every_message_as_written() -> None:
     assert offsets == {"along_s", "cross_deg", "camera_x_deg", "dec_axis_deg", "ra_cos_dec_deg"}
     assert summary.ended_by == "operator"
     assert summary.estimate is not None
-    assert summary.estimate.accepted == 1
+    assert summary.estimate.accepted == 2, "the observation, and the offset of a camera"
     assert (summary.bias_along_s, summary.offsets) == (0.0, ()), "clear_bias came last but one"
 
 
 def test_the_command_with_observations_finds_the_bias_of_the_example() -> None:
-    command = next(c for block in blocks("sh") for c in block.splitlines() if "--observations" in c)
+    command = next(c for block in blocks("sh") for c in block.splitlines() if "--observations stdin" in c)
     program, _, source = command.partition(" < ")
     words = [sys.executable, "-m", *program.split(), "--json", "--min-alt", "60"]
     with (ROOT / source).open("rb") as lines:
@@ -59,3 +59,12 @@ def test_the_command_with_observations_finds_the_bias_of_the_example() -> None:
     estimate = summary["estimate"]
     assert abs(summary["bias_along_s"] - 3.0) < 4.0 * estimate["along_sigma_s"]
     assert estimate["rejected"] == 0
+
+
+def test_what_sattrack_bias_prints_is_what_the_page_shows() -> None:
+    command = next(c for block in blocks("sh") for c in block.splitlines() if c.startswith("sattrack bias"))
+    done = subprocess.run(
+        [sys.executable, "-m", *command.split()], capture_output=True, check=True, cwd=ROOT, text=True
+    )
+    shown = DOCUMENT.partition(command)[2].split("```")[2].strip()
+    assert done.stdout.strip().splitlines() == shown.splitlines()

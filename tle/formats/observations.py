@@ -1,15 +1,17 @@
-"""Observed directions of satellites, and files of them: CSV, IOD and CCSDS TDM, recognised by content.
+"""Observed directions from files: CSV, IOD, CCSDS TDM and JSON lines, recognised by content; and stations.
 
 CSV: utc, ra_deg, dec_deg and, if known, frame, station, object and uncertainties. IOD: the format of
 satellite observers (G. Lewis, 1998, clarified 2002), RA and Dec only. TDM: RA and Dec of a Tracking Data
 Message (CCSDS 503.0-B-2), KVN or XML. TDM has no keyword for the uncertainty of angles: a comment in a
 segment's metadata gives it for the whole segment, one sigma on the sky: `COMMENT SIGMA_ARCSEC = 20`.
+JSON lines: the observations that a run takes, an object a line; lines of another type are skipped.
 """
 
 from __future__ import annotations
 
 import csv
 import io
+import json
 import math
 import re
 from dataclasses import dataclass, field
@@ -131,7 +133,7 @@ class Stations:
 
 
 def read_observations(path: str | Path, stations: Stations) -> list[Observation]:
-    """Return the observations in a file of CSV, IOD or CCSDS TDM (KVN or XML), recognised by its content.
+    """Return the observations in a file of CSV, IOD, CCSDS TDM (KVN or XML) or JSON lines.
 
     Raises SourceError where the file cannot be read, ObservationError where it, or one of them, is wrong.
     """
@@ -151,8 +153,10 @@ def placed(source: str, line: int | None, reason: str) -> str:
 
 
 def parse_observations(text: str, stations: Stations, source: str = "") -> list[Observation]:
-    """Return the observations in a text of CSV, IOD or CCSDS TDM. Raises ObservationError."""
-    if "CCSDS_TDM_VERS" in text or "<tdm" in text:
+    """Return the observations in a text of CSV, IOD, CCSDS TDM or JSON lines. Raises ObservationError."""
+    if text.lstrip().startswith("{"):
+        found = _read_json_lines(text, stations, source)
+    elif "CCSDS_TDM_VERS" in text or "<tdm" in text:
         found = _read_tdm(text, stations, source)
     elif _looks_like_iod(text):
         found = _read_iod(text, stations, source)
@@ -160,7 +164,11 @@ def parse_observations(text: str, stations: Stations, source: str = "") -> list[
         found = _read_csv(text, stations, source)
     else:
         raise ObservationError(
-            placed(source, None, "holds no observations: give CSV with utc, ra_deg and dec_deg, IOD, or TDM")
+            placed(
+                source,
+                None,
+                "holds no observations: give CSV with utc, ra_deg and dec_deg, IOD, TDM, or JSON lines",
+            )
         )
     if not found:
         raise ObservationError(placed(source, None, "holds no observations of RA and Dec"))
@@ -351,6 +359,31 @@ def _csv_observation(row: Mapping[str, str], stations: Stations, source: str, li
         source,
         line,
     )
+
+
+def _read_json_lines(text: str, stations: Stations, source: str) -> list[Observation]:
+    """Return the observations; `frame` is icrs (default), j2000 or of_date. Raises ObservationError."""
+    found = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        if not line.strip():
+            continue
+        try:
+            row = json.loads(line)
+        except (ValueError, RecursionError) as error:
+            raise ObservationError(placed(source, number, f"is no JSON: {error}")) from None
+        if not isinstance(row, dict):
+            raise ObservationError(placed(source, number, "is no JSON object"))
+        if row.get("type", "observation") != "observation":
+            continue
+        missing = [name for name in _NEEDED if row.get(name) is None]
+        if missing:
+            raise ObservationError(placed(source, number, f"{missing[0]} is missing"))
+        texts = {name: "" if value is None else str(value) for name, value in row.items()}
+        if texts.get("frame") in (None, "", "icrs"):
+            texts["frame"] = "icrf"
+        texts["object"] = texts.get("catalog_number", "")
+        found.append(_csv_observation(texts, stations, source, number))
+    return found
 
 
 def _number(row: Mapping[str, str], name: str, source: str, line: int) -> float | None:

@@ -33,6 +33,9 @@ from tle.formats.omm import (
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
+    import numpy as np
+    from numpy.typing import NDArray
+
     from tle.elements import Elements
 
 _FIRST_LINE = re.compile(r"(?:[ \t\r]*(?:#[^\n]*)?\n)*([^\n]*)")
@@ -179,6 +182,22 @@ def write_kvn(elements: Iterable[Elements], created: str = "", originator: str =
     `created` (ISO 8601 UTC) and `originator` go into each header.
     """
     return "\n".join(_kvn(keyword_texts(one), created, originator) for one in elements)
+
+
+COVARIANCE = ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")
+
+
+def covariance_kvn(covariance_km2: NDArray[np.float64], frame: str = "TEME") -> str:
+    """Return the covariance of position and velocity, shape (6, 6), as the last lines of a message in KVN.
+
+    CCSDS 502.0-B-3, 4.2.4.5: the lower triangle in km², km²/s and km²/s².
+    """
+    rows = [
+        f"C{COVARIANCE[i]}_{COVARIANCE[j]} = {covariance_km2[i, j]:.12e}\n"
+        for i in range(6)
+        for j in range(i + 1)
+    ]
+    return f"COV_REF_FRAME = {frame}\n{''.join(rows)}"
 
 
 def _kvn(texts: dict[str, str], created: str, originator: str) -> str:

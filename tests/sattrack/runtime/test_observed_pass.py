@@ -16,14 +16,16 @@ import pytest
 from flight_runs import until
 from programs import ended, free_port, sattrack
 
+from sattrack.control.biases import Course
 from sattrack.recording.format import OPERATOR, VIEW, Recording
 from sattrack.recording.replay import replay
 from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import build_engine, decode_facts
-from sattrack.views.messages import encode_message
+from sattrack.views.messages import SeenOffset, encode_message
 from tle.bias import Bias
 from tle.instants import Utc
 from tle.propagator import Propagator
+from tle.refraction import Refraction
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -74,7 +76,7 @@ def test_a_late_satellite_is_found_and_kept_when_observations_end_and_the_record
     estimate = summary["estimate"]
     assert (estimate["accepted"], estimate["rejected"], estimate["refused"]) == (15, 0, 0)
     assert estimate["along_s"] == pytest.approx(LATE_S, abs=4.0 * estimate["along_sigma_s"])
-    assert summary["bias_along_s"] == estimate["along_s"]
+    assert summary["bias_along_s"] == pytest.approx(estimate["along_s"], abs=1e-4), "what is said is fed"
     assert summary["true_peak_arcsec"] < 5.0, "no jolt on the way"
     recording = Recording(path)
     result = replay(recording, lambda spec: build_engine(decode_facts(spec)))
@@ -88,13 +90,17 @@ def test_a_late_satellite_is_found_and_kept_when_observations_end_and_the_record
     assert last["utc_s"] - BEGIN_S > 25.0
     air = replace_air(last["error"]["utc_s"])
     apart = separation_arcsec((last["mount_ra_deg"], last["mount_dec_deg"]), air)
-    assert apart < 2.5 * 20.0 / math.sqrt(15.0)
+    # Fifteen directions within 14 s leave the range open to what elements err in height, and it shows later.
+    told = last["estimate"]
+    pace_deg_s = (
+        Course(Propagator(demo_pass.elements(), demo_pass.SITE.place())).going(last["utc_s"]).pace_deg_s
+    )
+    sigma_deg = math.hypot(told["along_sigma_s"] * pace_deg_s, told["cross_sigma_deg"])
+    assert apart < min(2.5 * 3600.0 * sigma_deg, 60.0)
 
 
 def replace_air(utc_s: float) -> tuple[float, float]:
     """Where the true satellite is seen through the air that the run includes."""
-    from tle.refraction import Refraction
-
     true = true_satellite()
     bent = Propagator(true.elements, true.site, refraction=Refraction.standard(0.0))
     seen = bent.at(Utc(utc_s))
@@ -135,6 +141,32 @@ def test_garbage_strangers_and_wrong_frames_leave_the_pass_as_it_was() -> None:
     assert "3 lines were no observations" in err
     for name in ("true_rms_arcsec", "on_target_s", "bias_along_s", "bias_cross_deg", "samples"):
         assert summary[name] == plain[name]
+
+
+def test_offsets_of_a_camera_are_followed_and_the_recording_runs_again(tmp_path: Path) -> None:
+    """A satellite seen a tenth of a degree west of the middle is where the mount goes then, and stays."""
+    path = tmp_path / "pass.mcap"
+
+    def offset(at_s: float, dx_arcsec: float) -> bytes:
+        seen = SeenOffset(Utc(BEGIN_S + at_s).isoformat("microseconds"), dx_arcsec, 0.0, 2.0, "guide")
+        return encode_message(seen)
+
+    early = offset(-60.0, 5.0)
+    summary, _ = fly(
+        [early, offset(0.0, 360.0), offset(0.05, 360.0), offset(30.0, 9000.0)], "--record", str(path)
+    )
+    estimate = summary["estimate"]
+    assert (estimate["accepted"], estimate["rejected"], estimate["refused"]) == (2, 1, 1)
+    assert summary["true_peak_arcsec"] < 5.0, "no jolt on the way"
+    view = [json.loads(entry.data) for entry in Recording(path).entries() if entry.topic == VIEW][-5]
+    known = Propagator(demo_pass.elements(), demo_pass.SITE.place(), refraction=Refraction.standard(0.0))
+    seen = known.at(Utc(view["error"]["utc_s"]))
+    apart = separation_arcsec(
+        (view["mount_ra_deg"], view["mount_dec_deg"]), (float(seen.ra_deg), float(seen.dec_deg))
+    )
+    assert 100.0 < apart < 1000.0
+    result = replay(Recording(path), lambda spec: build_engine(decode_facts(spec)))
+    assert result.divergence is None
 
 
 def test_without_observations_nothing_is_said_of_them() -> None:

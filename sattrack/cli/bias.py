@@ -1,0 +1,304 @@
+"""`sattrack bias`: what observations say of an element set: its bias, refined elements, a plot."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sattrack.cli.common import CommandContext, common_options, tell
+from sattrack.core.errors import BadInputError, SattrackError
+from tle.errors import ObservationError, TleError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from tle.elements import Elements
+    from tle.formats.observations import Observation
+    from tle.orbit_fit import FittedBias, OrbitFit
+    from tle.propagator import Propagator
+
+_SPAN_S = 1.0
+"""Over a shorter span no drift is told."""
+_SHOWN = 20
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """What was fitted to which observations, in order of time: the biases, and what each says alone."""
+
+    elements: Elements
+    observations: Sequence[Observation]
+    alone: Sequence[tuple[float, float] | None]
+    """Of each observation seconds along and arcseconds across, None where no bias leads there."""
+    fit: OrbitFit
+    believed: Propagator
+    first: FittedBias
+    last: FittedBias
+
+    @property
+    def drift_s_min(self) -> float | None:
+        """Give the change of the bias along from the first to the last observation used; None within 1 s."""
+        minutes = float(self.last.utc.unix_s - self.first.utc.unix_s) / 60.0
+        if 60.0 * minutes < _SPAN_S:
+            return None
+        return (self.last.along_s - self.first.along_s) / minutes
+
+
+@click.command("bias")
+@click.argument("source", metavar="ELEMENTS")
+@click.argument("more", nargs=-1, metavar="[FILE]...")
+@click.option(
+    "--observations",
+    multiple=True,
+    required=True,
+    metavar="FILE",
+    help="CSV, IOD, CCSDS TDM or JSON lines of RA and Dec; may be repeated, or more files follow.",
+)
+@click.option("--satellite", metavar="SAT", help="The satellite, where ELEMENTS hold several.")
+@click.option(
+    "--stations", type=click.Path(path_type=Path, dir_okay=False), help="List of the stations' places."
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write the refined elements there: OMM (KVN) with their covariance.",
+)
+@click.option(
+    "--plot", type=click.Path(path_type=Path, dir_okay=False), help="Draw the biases there (PNG, SVG, PDF)."
+)
+@common_options
+def command(
+    context: CommandContext,
+    source: str,
+    more: tuple[str, ...],
+    observations: tuple[str, ...],
+    satellite: str | None,
+    stations: Path | None,
+    out: Path | None,
+    plot: Path | None,
+) -> int:
+    """Fit a satellite's orbit to its OBSERVATIONS, and tell by how far the ELEMENTS miss it.
+
+    The bias is that of the instant of the last observation used. Observations that contradict the others
+    are left out and named.
+    """
+    seen = _read(context, (*observations, *more), stations)
+    elements = _chosen(context, source, satellite, seen)
+    found = _fitted(elements, _of(elements, seen))
+    if out is not None:
+        _write(out, found.fit)
+    if plot is not None:
+        _plot(plot, found)
+    if context.json:
+        click.echo(json.dumps(_document(found), allow_nan=False))
+    else:
+        click.echo("\n".join(_lines(found)))
+    return 0
+
+
+def _read(context: CommandContext, files: Sequence[str], stations: Path | None) -> list[Observation]:
+    from tle.formats.observations import Stations, read_observations, read_stations
+
+    site = context.site() if context.has_site() else None
+    known = read_stations(stations, site) if stations else Stations({}, site)
+    found = [one for name in files for one in read_observations(name, known)]
+    return sorted(found, key=lambda one: float(one.utc.unix_s))
+
+
+def _chosen(
+    context: CommandContext, source: str, satellite: str | None, seen: Sequence[Observation]
+) -> Elements:
+    """Return the elements of the satellite that was named, or that the observations name."""
+    from tle.sources import find, newest
+
+    sets = context.load((source,))
+    if not sets.accepted:
+        raise sets.rejected[0]
+    elements = newest(sets.accepted)
+    if satellite is not None:
+        return find(elements, satellite)
+    named = sorted({one.object_key for one in seen if one.object_key})
+    if len(named) == 1:
+        return find(elements, named[0])
+    if len(elements) == 1:
+        return elements[0]
+    several = f"the observations name {', '.join(named)}" if named else f"{source} holds {len(elements)} sets"
+    raise BadInputError(f"{several}: name one with --satellite")
+
+
+def _of(elements: Elements, seen: Sequence[Observation]) -> list[Observation]:
+    """Return the observations of the satellite, and those that name none; the others are told of."""
+    from tle.sources import find
+
+    mine = []
+    for one in seen:
+        try:
+            of_it = not one.object_key or find([elements], one.object_key) is elements
+        except TleError:
+            of_it = False
+        if of_it:
+            mine.append(one)
+    if len(mine) < len(seen):
+        tell(f"{len(seen) - len(mine)} of {len(seen)} observations are of other satellites")
+    if not mine:
+        raise BadInputError(f"no observation is of {elements.label}")
+    return mine
+
+
+def _fitted(elements: Elements, seen: Sequence[Observation]) -> _Found:
+    import numpy as np
+
+    from tle.bias import apparent_unit
+    from tle.earth import EarthOrientation
+    from tle.formats.observations import DEFAULT_SIGMA_ARCSEC
+    from tle.instants import Utc
+    from tle.orbit_fit import CorrectableOrbit, Sighting, fit_orbit
+    from tle.propagator import Propagator
+
+    earth = EarthOrientation.installed()
+    sites = {one.site: Propagator(elements, one.site, earth=earth) for one in seen}
+    middle = Utc(0.5 * float(seen[0].utc.unix_s + seen[-1].utc.unix_s))
+    orbit = CorrectableOrbit(elements, middle)
+    sightings: list[Sighting] = []
+    alone: list[tuple[float, float] | None] = []
+    for one in seen:
+        unit = apparent_unit(one.ra_deg, one.dec_deg, one.utc, one.frame, one.site, earth)
+        sigma_arcsec = DEFAULT_SIGMA_ARCSEC if one.sigma_arcsec is None else one.sigma_arcsec
+        pace_arcsec_s = math.degrees(float(np.linalg.norm(sites[one.site].at(one.utc).unit_rate))) * 3600.0
+        sigma_arcsec = math.hypot(max(sigma_arcsec, 0.1), pace_arcsec_s * (one.sigma_time_s or 0.0))
+        sightings.append(Sighting(one.utc, unit, math.radians(sigma_arcsec / 3600.0), sites[one.site]))
+        try:
+            bias = one.residual(elements, earth)
+            alone.append((bias.along_s, bias.cross_deg * 3600.0))
+        except ObservationError:
+            alone.append(None)
+    fit = fit_orbit(orbit, sightings)
+    if fit is None:
+        raise SattrackError(
+            f"the observations agree on no orbit near the elements of {elements.label}: "
+            "check the satellite, the station, the frame and the clock"
+        )
+    used = [one for one, taken in zip(seen, fit.used, strict=True) if taken]
+    believed = sites[used[-1].site]
+    first, last = fit.bias_at(sites[used[0].site], used[0].utc), fit.bias_at(believed, used[-1].utc)
+    return _Found(elements, seen, alone, fit, believed, first, last)
+
+
+def _document(found: _Found) -> dict[str, Any]:
+    fit, last = found.fit, found.last
+    used = int(fit.used.sum())
+    rows = [
+        {
+            "utc": one.utc.isoformat(),
+            "along_s": None if alone is None else alone[0],
+            "cross_arcsec": None if alone is None else alone[1],
+            "used": bool(taken),
+            "off_arcsec": math.hypot(*(float(value) for value in off)),
+        }
+        for one, alone, taken, off in zip(
+            found.observations, found.alone, fit.used, fit.off_arcsec, strict=True
+        )
+    ]
+    return {
+        "bias": {
+            "along_s": last.along_s,
+            "along_sigma_s": last.along_sigma_s,
+            "drift_s_min": found.drift_s_min,
+            "cross_deg": last.cross_deg,
+            "cross_sigma_deg": last.cross_sigma_deg,
+            "at_utc": last.utc.isoformat(),
+            "used": used,
+            "rejected": len(rows) - used,
+            "rms_arcsec": fit.rms_arcsec,
+            "scatter": fit.scatter,
+        },
+        "observations": rows,
+    }
+
+
+def _lines(found: _Found) -> list[str]:
+    fit, last, drift = found.fit, found.last, found.drift_s_min
+    used = int(fit.used.sum())
+    age_days = float(found.elements.age_s(last.utc)) / 86400.0
+    lines = [
+        f"{found.elements.label} ({found.elements.catalog_number}), elements {age_days:.2f} days old",
+        f"  observations {used} used of {len(fit.used)}, {found.first.utc.isoformat('seconds')} to "
+        f"{last.utc.isoformat('seconds')}",
+        f"  along        {last.along_s:+.4f} ± {last.along_sigma_s:.4f} s at the last"
+        + ("" if drift is None else f", drifting by {drift:+.4f} s a minute"),
+        f"  across       {last.cross_deg:+.5f} ± {last.cross_sigma_deg:.5f}°",
+        f"  scatter      {fit.rms_arcsec:.2f}″ RMS, {fit.scatter:.1f} times what the sigmas say",
+    ]
+    out = [
+        (one, float(math.hypot(*off)))
+        for one, off, taken in zip(found.observations, fit.off_arcsec, fit.used, strict=True)
+        if not taken
+    ]
+    for one, off_arcsec in out[:_SHOWN]:
+        where = f"{one.source}:{one.line}" if one.source and one.line else one.source
+        lines.append(f"  left out     {one.utc.isoformat()}  {off_arcsec:.1f}″ off  {where}".rstrip())
+    if len(out) > _SHOWN:
+        lines.append(f"  left out     {len(out) - _SHOWN} more")
+    lines.append(f"  use          --bias-along {last.along_s:.4f} --bias-cross {last.cross_deg:.5f}")
+    return lines
+
+
+def _write(path: Path, fit: OrbitFit) -> None:
+    """Put the refined elements into a file: OMM in KVN, the covariance of their state at the epoch last."""
+    from tle.formats.omm_notations import covariance_kvn, write_kvn
+    from tle.instants import Utc
+
+    # The instant of the fit's own data: the same observations give the same file.
+    created = Utc(math.floor(float(fit.orbit.epoch.unix_s))).isoformat("seconds")
+    text = write_kvn([fit.elements], created, "SATTRACK") + covariance_kvn(fit.state_covariance_km2())
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise SattrackError(f"{path}: cannot be written: {error.strerror or error}") from error
+    tell(f"refined elements written to {path}")
+
+
+def _plot(path: Path, found: _Found) -> None:
+    """Draw what each observation says alone, and the fit with twice its sigma."""
+    import numpy as np
+
+    from sattrack.recording.rendering import label_times, new_figure, save, times
+    from tle.instants import Utc
+
+    figure = new_figure(9.0, 6.0)
+    panels = figure.subplots(2, 1, sharex=True)
+    first_s, last_s = float(found.first.utc.unix_s), float(found.last.utc.unix_s)
+    instants = np.linspace(first_s, last_s, 60) if last_s > first_s else np.array([first_s])
+    fits = [found.fit.bias_at(found.believed, Utc(float(t))) for t in instants]
+    curves = (
+        [(one.along_s, one.along_sigma_s) for one in fits],
+        [(one.cross_deg * 3600.0, one.cross_sigma_deg * 3600.0) for one in fits],
+    )
+    at = times([float(one.utc.unix_s) for one in found.observations])
+    for axes, curve, column, label in zip(panels, curves, (0, 1), ("along, s", "across, ″"), strict=True):
+        values, sigmas = np.array(curve).T
+        axes.fill_between(
+            times(instants), values - 2.0 * sigmas, values + 2.0 * sigmas, alpha=0.25, linewidth=0.0
+        )
+        axes.plot(times(instants), values, linewidth=1.2, label="fitted, ± 2 σ")
+        for taken, mark, name in ((True, ".", "used"), (False, "x", "left out")):
+            chosen = [
+                (t, alone[column])
+                for t, alone, used in zip(at, found.alone, found.fit.used, strict=True)
+                if alone is not None and bool(used) is taken
+            ]
+            if chosen:
+                axes.plot(*zip(*chosen, strict=True), mark, color="0.4", label=name)
+        axes.set_ylabel(label)
+        axes.grid(color="0.92")
+    low, high = (min(v for v, _ in curves[0]), max(v for v, _ in curves[0]))
+    panels[0].margins(y=0.1)
+    panels[0].legend(fontsize="small", frameon=False)
+    panels[0].set_title(f"{found.elements.label}: {low:+.3f} to {high:+.3f} s along its track")
+    label_times(panels[1])
+    save(figure, path)

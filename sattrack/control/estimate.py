@@ -1,0 +1,325 @@
+"""Observations that arrive from outside, made into an estimate of the orbit: checked, gated, filtered. Pure.
+
+An observation is held against the orbit that the elements have, corrected by what is known so far, at the
+observation's own instant: how late it comes does not matter. `tle.orbit_fit` is the filter; read as biases
+along and across the track, its estimate drifts and bends over a pass as errors of elements do. What
+contradicts the estimate is rejected. A rival begins with what was rejected; where it explains what comes
+better than the estimate does, it takes its place: no wrong start, manoeuvre or lock-out lasts.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from sattrack.views.messages import MOST_SIGMA_ARCSEC, Observation
+from tle.bias import Bias, apparent_unit
+from tle.errors import PropagationError
+from tle.instants import Utc
+from tle.orbit_fit import ALONG, STATES, CorrectableOrbit, Expected, OrbitFilter, Sighting
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from sattrack.control.biases import Course
+    from tle.bias import Frame
+    from tle.propagator import Propagator
+
+FUTURE_S = 0.1
+"""How far ahead of now an observation may be dated: clocks differ by that much."""
+GATE = 18.4
+"""Squared Mahalanobis distance that one good observation in ten thousand exceeds (two dimensions)."""
+MOST_ALONG_S = 90.0
+MOST_CORRECTION_KM = 100.0
+"""Beyond these no elements are off that are worth following."""
+MODEL_ARCSEC = 1.0
+"""How well clocks and catalogues of stars are known: no sigma counts as less."""
+ANEW_AFTER = 8
+RIVAL_SHARE = 3
+"""A rival takes over with so many times as many observations as the estimate took since it began."""
+RIVAL_WIDER = 3.0
+"""A rival expects so many times the errors of shape and plane that elements of that age have."""
+BETTER_FRAME = 9.0
+"""How much nearer, as a squared distance, the first observation may lie in another frame than its own."""
+LINE_S = 2.0
+"""Over so many seconds a reading is taken as a line."""
+MOST_STEP_S = 20.0
+MOST_STEPS = 12
+NEAR_S = 0.01
+DIFFERENCE_S = 0.1
+FRAMES: dict[str, Frame] = {"icrs": "icrf", "j2000": "j2000", "of_date": "of_date"}
+
+
+class Reading(NamedTuple):
+    """The estimate as biases at an instant: seconds along, km across, what they gain a second, one sigma."""
+
+    along_s: float
+    cross_km: float
+    along_rate: float
+    cross_rate_km_s: float
+    along_sigma_s: float
+    cross_sigma_km: float
+
+
+class Estimator:
+    """The estimate of one run's orbit, from the observations handed to it.
+
+    `accepted` were taken, `rejected` contradicted elements or estimate, `refused` could not be of this pass.
+    """
+
+    def __init__(self, catalog_number: int, start_utc_s: float) -> None:
+        self._catalog_number = catalog_number
+        self._start_utc_s = start_utc_s
+        self._orbit: CorrectableOrbit | None = None
+        self.filter: OrbitFilter | None = None
+        self._rival: OrbitFilter | None = None
+        self._since_rival = 0
+        """How many the estimate took since the rival began."""
+        self.accepted = 0
+        self.rejected = 0
+        self.refused = 0
+        self.begun_anew = 0
+        self.words: str | None = None
+        """Why the last observation was not taken; None where it was."""
+        self.last_utc_s: float | None = None
+        """Instant of the newest observation that was taken."""
+
+    def warm_up(self, course: Course, end_utc_s: float) -> None:
+        """Have everything computed once that the first observation of a pass would have to wait for."""
+        self._orbit_of(course)
+        for utc_s in (self._start_utc_s, end_utc_s):
+            seen = course.airless.at(Utc(utc_s))
+            text = Utc(utc_s).isoformat()
+            sample = Observation(text, float(seen.ra_deg), float(seen.dec_deg), "icrs", MOST_SIGMA_ARCSEC)
+            other = Estimator(self._catalog_number, self._start_utc_s)
+            if other.take(sample, utc_s, course, Bias(0.0, 0.0)):
+                other.reading(utc_s, course)
+
+    def forget(self) -> None:
+        """Begin anew with the next observation."""
+        self.filter = self._rival = None
+
+    def reading(self, utc_s: float, course: Course, fed: bool = False) -> Reading | None:
+        """Return what the estimate says of the biases at an instant; None without one.
+
+        With `fed` they lead to where the mount must be fed to, its own errors made up for where a camera on
+        it has shown them.
+        """
+        known = self.filter
+        if known is None:
+            return None
+        along_s = float(known.correction_km[ALONG]) / known.orbit.speed_km_s
+        there, spread = known.pointing(course.airless, Utc(utc_s), fed)
+        later, _ = known.pointing(course.airless, Utc(utc_s + LINE_S), fed)
+        now = _biases(there, utc_s, course, course.airless, (along_s, 0.0))
+        then = _biases(later, utc_s + LINE_S, course, course.airless, (along_s, 0.0))
+        if now is None or then is None:
+            return None
+        (along, cross, pace), (later_along, later_cross, _) = now, then
+        ahead = course.airless.at(Utc(utc_s), Bias(along + DIFFERENCE_S)).unit - there
+        ahead = ahead - (ahead @ there) * there
+        ahead = ahead / math.sqrt(float(ahead @ ahead))
+        left = np.cross(there, ahead)
+        range_km = course.going(utc_s + along).range_km
+        return Reading(
+            along,
+            cross,
+            (later_along - along) / LINE_S,
+            (later_cross - cross) / LINE_S,
+            math.sqrt(float(ahead @ spread @ ahead)) / pace,
+            math.sqrt(float(left @ spread @ left)) * range_km,
+        )
+
+    def take(
+        self, seen: Observation, now_utc_s: float, course: Course, first: Bias, relative: bool = False
+    ) -> bool:
+        """Take one observation in; tell whether it changed the estimate.
+
+        `first` is what is fed without an estimate: the first observation is expected around that, or around
+        what the elements say by themselves. `relative` tells that it was seen relative to where the mount
+        pointed.
+        """
+        utc_s = float(Utc.parse(seen.utc).unix_s)
+        self.words = None
+        why = self._refusal(seen, utc_s, now_utc_s)
+        if why is not None:
+            self.refuse(why)
+            return False
+        try:
+            sighting = _sighting(seen, utc_s, course, seen.frame)
+            sighting = replace(sighting, relative=relative)
+            if self.filter is None or self.filter.orbit.given is not course.propagator.elements:
+                self._begin(seen, sighting, course, first)
+            else:
+                self._go_on(self.filter, seen, sighting, course)
+        except PropagationError as error:
+            self.words = str(error)
+        if self.words is not None:
+            self.rejected += 1
+            return False
+        self.accepted += 1
+        self.last_utc_s = max(utc_s, self.last_utc_s or utc_s)
+        return True
+
+    def distance(self, seen: Observation, course: Course) -> float:
+        """Return the squared Mahalanobis distance of an observation; infinite without an estimate."""
+        if self.filter is None:
+            return math.inf
+        return self.filter.distance(_sighting(seen, float(Utc.parse(seen.utc).unix_s), course, seen.frame))
+
+    def refuse(self, words: str) -> None:
+        """Count an observation that cannot be used, and keep why."""
+        self.words = words
+        self.refused += 1
+
+    def _refusal(self, seen: Observation, utc_s: float, now_utc_s: float) -> str | None:
+        if seen.catalog_number is not None and seen.catalog_number != self._catalog_number:
+            return f"it is of satellite {seen.catalog_number}; {self._catalog_number} is followed"
+        if utc_s > now_utc_s + FUTURE_S:
+            return f"it is dated {utc_s - now_utc_s:.1f} s in the future: check the clocks"
+        if utc_s < self._start_utc_s:
+            return f"it is of {seen.utc}, before the pass"
+        return None
+
+    def _begin(self, seen: Observation, sighting: Sighting, course: Course, first: Bias) -> None:
+        """Begin with an observation where elements can be so far off, or where the operator found it."""
+        self.filter = None
+        orbit = self._orbit_of(course)
+        plain = OrbitFilter(orbit, orbit.expected())
+        starts = [plain]
+        if first.along_s or first.cross_deg:
+            starts.append(
+                OrbitFilter(orbit, Expected(_led(sighting, orbit, first), orbit.expected().covariance_km2))
+            )
+        best = min(starts, key=lambda one: one.distance(sighting))
+        distance = best.distance(sighting)
+        other = self._otherwise(seen, sighting, course)
+        in_other = min(one.distance(other) for one in starts)
+        if distance > GATE or in_other + BETTER_FRAME < distance:
+            self.words = f"the elements are not so far off{self._hint(starts, seen, sighting, course)}"
+            self._hear_rival(False, sighting, orbit)
+        elif not (best.observe(sighting, GATE) and _credible(best)):
+            self.words = "it lies nowhere near the satellite's track: another satellite's?"
+        else:
+            self.filter, self._rival = best, None
+
+    def _go_on(self, known: OrbitFilter, seen: Observation, sighting: Sighting, course: Course) -> None:
+        before = known.copy()
+        taken = known.observe(sighting, GATE)
+        if taken and not _credible(known):
+            self.filter, taken = before, False
+        if not taken:
+            self.words = f"it contradicts the estimate{self._hint([before], seen, sighting, course)}"
+        self._hear_rival(taken, sighting, known.orbit)
+
+    def _hear_rival(self, taken: bool, sighting: Sighting, orbit: CorrectableOrbit) -> None:
+        """Hold an observation against the rival too; let it begin with one that was rejected, win or end."""
+        rival = self._rival
+        if rival is None:
+            if not taken:
+                self._rival, self._since_rival = _rival(sighting, orbit), 0
+            return
+        self._since_rival += taken
+        if not rival.observe(sighting, GATE) and not taken:
+            if rival.rejected >= rival.accepted:
+                self._rival, self._since_rival = _rival(sighting, orbit), 0
+            return
+        if rival.accepted >= max(ANEW_AFTER, RIVAL_SHARE * self._since_rival) and _credible(rival):
+            self.filter, self._rival, self.words = rival, None, None
+            self.begun_anew += 1
+        elif self._since_rival >= ANEW_AFTER:
+            self._rival = None
+
+    def _orbit_of(self, course: Course) -> CorrectableOrbit:
+        elements = course.propagator.elements
+        if self._orbit is None or self._orbit.given is not elements:
+            self._rival = None
+            self._orbit = CorrectableOrbit(elements, Utc(self._start_utc_s))
+        return self._orbit
+
+    def _otherwise(self, seen: Observation, sighting: Sighting, course: Course) -> Sighting:
+        """Return the same observation as if it were of another frame; what was seen by the mount has one."""
+        if sighting.relative:
+            return sighting
+        other = _other_frame(seen.frame)
+        return _sighting(seen, float(sighting.utc.unix_s), course, other)
+
+    def _hint(self, known: list[OrbitFilter], seen: Observation, sighting: Sighting, course: Course) -> str:
+        """Say what would explain an observation that does not fit."""
+        distance = min(one.distance(self._otherwise(seen, sighting, course)) for one in known)
+        if distance < GATE:
+            return f": in the frame {_other_frame(seen.frame)} it would fit"
+        return ": another satellite's, or in another frame?"
+
+
+def _rival(sighting: Sighting, orbit: CorrectableOrbit) -> OrbitFilter | None:
+    """Return a filter that begins with an observation, where elements can be so far off."""
+    fresh = OrbitFilter(orbit, orbit.expected(RIVAL_WIDER), RIVAL_WIDER**2)
+    return fresh if fresh.observe(sighting, GATE) and _credible(fresh) else None
+
+
+def _credible(known: OrbitFilter) -> bool:
+    """Tell whether elements that are worth following can be off by what a filter says."""
+    along_s = abs(float(known.correction_km[ALONG])) / known.orbit.speed_km_s
+    others = float(np.abs(known.correction_km[ALONG + 1 :]).max())
+    return along_s <= MOST_ALONG_S and others <= MOST_CORRECTION_KM
+
+
+def _led(sighting: Sighting, orbit: CorrectableOrbit, bias: Bias) -> NDArray[np.float64]:
+    """Return the correction, along and of the plane, that leads where a bias does at a sighting's instant."""
+    free = np.array([(MOST_ALONG_S * orbit.speed_km_s) ** 2, 0.0, 0.0, 0.0, 1e4, 1e4])
+    led = OrbitFilter(orbit, Expected(np.zeros(STATES), np.diag(free)))
+    unit = sighting.propagator.at(sighting.utc, bias).unit
+    led.observe(Sighting(sighting.utc, unit, 1e-6, sighting.propagator), math.inf)
+    return led.correction_km
+
+
+def _sighting(seen: Observation, utc_s: float, course: Course, frame: str) -> Sighting:
+    t = Utc(utc_s)
+    propagator = course.propagator if frame == "of_date" else course.airless
+    unit = apparent_unit(seen.ra_deg, seen.dec_deg, t, FRAMES[frame], propagator.site, propagator.earth)
+    sigma_rad = math.radians(math.hypot(seen.sigma_arcsec, MODEL_ARCSEC) / 3600.0)
+    return Sighting(t, unit, sigma_rad, propagator)
+
+
+def _other_frame(frame: str) -> str:
+    return "icrs" if frame == "of_date" else "of_date"
+
+
+def _biases(
+    unit: NDArray[np.float64],
+    utc_s: float,
+    course: Course,
+    propagator: Propagator,
+    expected: tuple[float, float],
+) -> tuple[float, float, float] | None:
+    """Return the biases, s and km, that lead to a direction, and the pace along there, rad a second.
+
+    By Newton's method from what is expected of them. None where no bias along the track leads near it.
+    """
+    t = Utc(utc_s)
+    along_s, cross_km = expected
+    for _ in range(MOST_STEPS):
+        range_km = course.going(utc_s + along_s).range_km
+        cross_deg = math.degrees(math.atan(cross_km / range_km))
+        here, later, sooner = (
+            propagator.at(t, Bias(along_s + step_s, cross_deg)).unit
+            for step_s in (0.0, DIFFERENCE_S, -DIFFERENCE_S)
+        )
+        by_along = (later - sooner) / (2.0 * DIFFERENCE_S)
+        by_along = by_along - (by_along @ here) * here
+        pace = math.sqrt(float(by_along @ by_along))
+        if not pace > 0.0:
+            return None
+        ahead, left = by_along / pace, np.cross(here, by_along / pace)
+        height = max(-1.0, min(1.0, float(unit @ left)))
+        step_s = math.atan2(float(unit @ ahead), float(unit @ here)) / pace
+        along_s += max(-MOST_STEP_S, min(MOST_STEP_S, step_s))
+        if abs(step_s) < NEAR_S:
+            range_km = course.going(utc_s + along_s).range_km
+            cross_km = range_km * math.tan(math.radians(cross_deg) + math.asin(height))
+            return along_s, cross_km, pace
+    return None

@@ -1,0 +1,157 @@
+"""`sattrack bias`: what observations in a file say of an element set."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sattrack.cli.main import run
+from tle.sources import read_elements
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+ELEMENTS = str(EXAMPLES / "iss_leiden.tle")
+SOLUTIONS = EXAMPLES / "iss_plate_solutions.jsonl"
+SITE = ("--site", "52.1541,4.4908,0")
+
+
+def ran(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> tuple[str, str]:
+    assert run(["bias", *arguments, *SITE]) == code
+    out, err = capsys.readouterr()
+    assert "Traceback" not in err
+    return out, err
+
+
+def fitted(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
+    document: dict[str, Any] = json.loads(ran(capsys, *arguments, "--json")[0])
+    return document
+
+
+def solutions() -> list[dict[str, Any]]:
+    return [json.loads(line) for line in SOLUTIONS.read_text().splitlines()]
+
+
+def written(path: Path, rows: list[dict[str, Any]]) -> str:
+    path.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    return str(path)
+
+
+def test_a_satellite_that_is_three_seconds_ahead_is_found_so(capsys: pytest.CaptureFixture[str]) -> None:
+    document = fitted(capsys, ELEMENTS, "--observations", str(SOLUTIONS))
+    bias, rows = document["bias"], document["observations"]
+    assert set(bias) >= {"along_s", "along_sigma_s", "drift_s_min", "cross_deg", "cross_sigma_deg", "at_utc"}
+    assert abs(bias["along_s"] - 3.0) < 3.0 * bias["along_sigma_s"] < 0.02
+    assert abs(bias["cross_deg"]) < 3.0 * bias["cross_sigma_deg"] < 0.01
+    assert abs(bias["drift_s_min"]) < 0.02
+    assert (bias["used"], bias["rejected"]) == (60, 0)
+    assert bias["rms_arcsec"] == pytest.approx(20.0 * 2.0**0.5, rel=0.15)
+    assert bias["at_utc"] == rows[-1]["utc"]
+    assert len(rows) == 60
+    assert all(row["along_s"] == pytest.approx(3.0, abs=0.3) and row["used"] for row in rows)
+
+
+def test_every_format_says_the_same(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    rows = solutions()
+    table = tmp_path / "a.csv"
+    lines = [f"{row['utc']},{row['ra_deg']},{row['dec_deg']},icrf,20" for row in rows]
+    table.write_text("\n".join(["utc,ra_deg,dec_deg,frame,sigma_arcsec", *lines[:30]]))
+    tdm = tmp_path / "b.tdm"
+    data = [
+        f"{angle} = {row['utc'].rstrip('Z')} {row[name]}"
+        for row in rows[30:]
+        for angle, name in (("ANGLE_1", "ra_deg"), ("ANGLE_2", "dec_deg"))
+    ]
+    head = (
+        "CCSDS_TDM_VERS = 2.0\nCREATION_DATE = 2026-10-02T14:00:00\nORIGINATOR = A\nMETA_START\n"
+        "COMMENT SIGMA_ARCSEC = 20\nTIME_SYSTEM = UTC\nPARTICIPANT_1 = HERE\nPARTICIPANT_2 = 25544\n"
+        "MODE = SEQUENTIAL\nPATH = 2,1\nANGLE_TYPE = RADEC\nREFERENCE_FRAME = ICRF\nMETA_STOP\nDATA_START\n"
+    )
+    tdm.write_text(head + "\n".join(data) + "\nDATA_STOP\n")
+    whole = fitted(capsys, ELEMENTS, "--observations", str(SOLUTIONS))
+    parts = fitted(capsys, ELEMENTS, "--observations", str(table), str(tdm))
+    again = fitted(capsys, ELEMENTS, "--observations", str(table), "--observations", str(tdm))
+    assert parts == again == whole
+
+
+def test_outliers_are_left_out_and_named(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    rows = solutions()
+    wild = (0, 7, 8, 9, 30, 31, 45, 50, 51, 59)
+    for i in wild:
+        rows[i]["dec_deg"] += 0.3 * (1 + i % 3)
+    path = written(tmp_path / "wild.jsonl", rows)
+    document = fitted(capsys, ELEMENTS, "--observations", path)
+    assert document["bias"]["along_s"] == pytest.approx(3.0, abs=0.02)
+    assert tuple(i for i, row in enumerate(document["observations"]) if not row["used"]) == wild
+    out, _ = ran(capsys, ELEMENTS, "--observations", path)
+    named = [line for line in out.splitlines() if "left out" in line]
+    assert [re.search(r"jsonl:(\d+)", line)[1] for line in named] == [str(i + 1) for i in wild]  # type: ignore[index]
+
+
+def test_the_refined_elements_are_read_again_and_have_no_bias(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    out = tmp_path / "refined.kvn"
+    ran(capsys, ELEMENTS, "--observations", str(SOLUTIONS), "--out", str(out))
+    (refined,) = read_elements(out)
+    assert refined.catalog_number == 25544
+    text = out.read_text()
+    assert len(re.findall(r"^C[XYZ]\w* = ", text, re.MULTILINE)) == 21
+    diagonal = {
+        name: float(value)
+        for name, value in re.findall(r"^C(X_X|Y_Y|Z_Z|X_DOT_X_DOT) = (\S+)", text, re.MULTILINE)
+    }
+    assert all(1e-6 < diagonal[name] < 1.0 for name in ("X_X", "Y_Y", "Z_Z"))
+    assert 0.0 < diagonal["X_DOT_X_DOT"] < 1e-5
+    bias = fitted(capsys, str(out), "--observations", str(SOLUTIONS))["bias"]
+    assert bias["along_s"] == pytest.approx(0.0, abs=0.002)
+    assert bias["cross_deg"] == pytest.approx(0.0, abs=0.001)
+
+
+def test_one_observation_gives_a_bias_without_drift(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    bias = fitted(capsys, ELEMENTS, "--observations", written(tmp_path / "one", solutions()[:1]))["bias"]
+    assert bias["along_s"] == pytest.approx(3.0, abs=0.1)
+    assert bias["drift_s_min"] is None
+    assert bias["used"] == 1
+
+
+def test_what_to_use_is_told_and_drawn(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    picture = tmp_path / "bias.png"
+    out, _ = ran(capsys, ELEMENTS, "--observations", str(SOLUTIONS), "--plot", str(picture))
+    used = re.search(r"--bias-along (\S+) --bias-cross (\S+)", out)
+    assert used is not None
+    assert float(used[1]) == pytest.approx(3.0, abs=0.02)
+    assert picture.read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "words"),
+    [
+        ({"catalog_number": 38707}, 2, "no satellite"),
+        ({"dec_deg": None}, 2, "dec_deg is missing"),
+        ({"utc": "yesterday"}, 2, "yesterday"),
+    ],
+)
+def test_bad_observations_are_named(
+    change: dict[str, Any], code: int, words: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = written(tmp_path / "bad.jsonl", [row | change for row in solutions()[:3]])
+    _, err = ran(capsys, ELEMENTS, "--observations", path, code=code)
+    assert words in err
+    assert len(err.splitlines()) == 1
+
+
+def test_directions_of_no_orbit_near_the_elements_are_refused(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    rows = solutions()
+    places = [(row["ra_deg"], row["dec_deg"]) for row in rows]
+    for row, (ra_deg, dec_deg) in zip(rows, reversed(places), strict=True):
+        row["ra_deg"], row["dec_deg"] = ra_deg, dec_deg
+    path = written(tmp_path / "backwards.jsonl", rows)
+    _, err = ran(capsys, ELEMENTS, "--observations", path, code=1)
+    assert "agree on no orbit near the elements" in err

@@ -1,0 +1,504 @@
+"""An orbit corrected by observed directions: six corrections, what to expect of them, filter and fit.
+
+The corrections are displacements in km at an epoch, of the mean elements that SGP4 has there: along the
+orbit, of the semi-major axis, of the eccentricity vector (two), of the orbit's plane (two). They are made in
+equinoctial elements, which no inclination or eccentricity of a satellite makes singular, and SGP4 itself
+takes the corrected elements: along the track, across it and in height they act over a pass as errors of
+elements do. What SGP4 leaves out moves a satellite as small random accelerations would.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from tle.bias import Bias, bias_from_observation
+from tle.elements import propagation_error
+from tle.errors import BiasError, ObservationError, PropagationError
+from tle.instants import DAY_S, UNIX_EPOCH_JD, Utc
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from tle.direction import Direction
+    from tle.elements import Elements
+    from tle.propagator import Propagator
+
+    Array = NDArray[np.float64]
+
+STATES = 6
+MOUNT = 4
+"""Terms of the mount beside the six corrections: three of a turn of its base, rad, and a delay, s."""
+ALONG, AXIS, ECCENTRIC_X, ECCENTRIC_Y, PLANE_X, PLANE_Y = range(STATES)
+FIRST_ALONG_S = 30.0
+"""Elements are seconds late or early, after a manoeuvre a minute: one sigma."""
+# One sigma at the elements' own epoch, km, and its growth a day; `bench/element_errors.py` prints what sets
+# of one object a month apart differ by. Of the plane: the inclination, and the node.
+_AXIS_KM, _AXIS_KM_DAY = 0.03, 0.03
+_ECCENTRIC_KM, _ECCENTRIC_KM_DAY = 0.4, 0.05
+_INCLINATION_KM, _INCLINATION_KM_DAY = 0.15, 0.015
+_NODE_KM, _NODE_KM_DAY = 0.15, 0.15
+_LOW_KM = 7000.0
+_NOISE_KM2_S3 = 1.2e-11
+"""Spectral density of the accelerations that SGP4 leaves out, at 7000 km from the Earth's centre."""
+_NOISE_POWER = 6.0
+_STEP_KM = 0.5
+_RELINEARISE_KM = 5.0
+_MOST_STEPS = 12
+_LONGEST_STEP_KM = 150.0
+_SETTLED_KM, _SETTLED_SIGMAS = 1e-4, 0.01
+EARTH_RAD_S = 7.2921159e-5
+# The mount's terms: a turn of its base and a delay, one sigma, and how the turn changes, rad²/s.
+_TURN_RAD, _DELAY_S = math.radians(0.1), 0.02
+_TURN_WALK_RAD2_S = math.radians(0.3 / 3600.0) ** 2
+# A fit: its steps, of which the first weigh sightings, from so many sigmas on, by how far they lie off.
+_MOST_FITS, _ROBUST_FITS, _NEAR_SIGMAS = 60, 12, 1.5
+_FIT_WIDER = 3.0
+_MOST_SCATTER_RAD = math.radians(0.5)
+_SETTLED_FIT_KM = 0.01
+_MEDIAN_SQUARE = 2.0 * math.log(2.0)
+_REBASE_STEPS = 4
+_REBASE_PART = 1.0 / 12.0
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """What is expected of the corrections: mean, km, and covariance, km²; shapes (6,) and (6, 6)."""
+
+    mean_km: Array
+    covariance_km2: Array
+
+
+class CorrectableOrbit:
+    """The orbit of some elements about an epoch, and the elements that a correction makes of it."""
+
+    def __init__(self, elements: Elements, epoch: Utc) -> None:
+        """Move the elements to the epoch (Utc of one instant). Raises PropagationError."""
+        self.given = elements
+        self.epoch = epoch
+        self.elements = _rebased(elements, epoch)
+
+    def corrected(self, correction_km: Array) -> Elements:
+        """Return the elements at the epoch with a correction, shape (6,), km."""
+        return _corrected(self.elements, correction_km)
+
+    def expected(self, wider: float = 1.0) -> Expected:
+        """Return what is expected of the corrections by the elements' age, `wider` times that but along."""
+        days = abs(float(self.given.age_s(self.epoch))) / DAY_S
+        one = self.elements
+        far = max(1.0, one.semi_major_axis_km / _LOW_KM)
+        axis, eccentric, inclination, node = (
+            wider * far * math.hypot(first, daily * days)
+            for first, daily in (
+                (_AXIS_KM, _AXIS_KM_DAY),
+                (_ECCENTRIC_KM, _ECCENTRIC_KM_DAY),
+                (_INCLINATION_KM, _INCLINATION_KM_DAY),
+                (_NODE_KM, _NODE_KM_DAY),
+            )
+        )
+        along = FIRST_ALONG_S * self.speed_km_s
+        covariance = np.diag(np.square([along, axis, eccentric, eccentric, 0.0, 0.0]))
+        # The inclination is the length of the plane's vector, the node its angle.
+        c, s = math.cos(math.radians(one.raan_deg)), math.sin(math.radians(one.raan_deg))
+        turn = np.array([[c, -s], [s, c]])
+        covariance[4:, 4:] = turn @ np.diag([inclination**2, node**2]) @ turn.T
+        return Expected(np.zeros(STATES), covariance)
+
+    @property
+    def speed_km_s(self) -> float:
+        """Give the mean speed along the orbit."""
+        return float(2.0 * math.pi * self.elements.semi_major_axis_km / self.elements.period_s)
+
+    @property
+    def noise_km2_s3(self) -> float:
+        """Give the spectral density of the accelerations that SGP4 leaves out."""
+        return float(_NOISE_KM2_S3 * (_LOW_KM / self.elements.semi_major_axis_km) ** _NOISE_POWER)
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """An observed direction, a unit vector as the propagator's apparent place has it, and its sigma, rad.
+
+    `propagator` is one of the satellite, without a bias, for the air that the direction went through.
+    `relative` tells that the direction was seen relative to where the mount pointed: the mount's terms count.
+    """
+
+    utc: Utc
+    unit: Array
+    sigma_rad: float
+    propagator: Propagator
+    relative: bool = False
+
+
+class OrbitFilter:
+    """An iterated, extended Kalman filter of the six corrections, fed by single directions.
+
+    Directions that were seen relative to the mount's pointing tell of its errors too: of a turn of its base,
+    as a polar axis that is off makes it and a wrong zero of the hour angle, and of a delay that is split
+    wrongly between the ways to and fro. They stay at nothing where no such direction comes.
+    """
+
+    def __init__(self, orbit: CorrectableOrbit, expected: Expected, noisier: float = 1.0) -> None:
+        self.orbit = orbit
+        self._state = np.concatenate([expected.mean_km, np.zeros(MOUNT)])
+        self._covariance = np.zeros((STATES + MOUNT, STATES + MOUNT))
+        self._covariance[:STATES, :STATES] = expected.covariance_km2
+        self._covariance[STATES:, STATES:] = np.diag([_TURN_RAD**2] * 3 + [_DELAY_S**2])
+        self._noise_km2_s3 = noisier * orbit.noise_km2_s3
+        self._last_utc_s: float | None = None
+        self._partials = _Partials(orbit, self.correction_km)
+        self.accepted = 0
+        self.rejected = 0
+
+    @property
+    def correction_km(self) -> Array:
+        """The six corrections, km."""
+        return self._state[:STATES]
+
+    @property
+    def covariance_km2(self) -> Array:
+        """The covariance of the six corrections, km²."""
+        return self._covariance[:STATES, :STATES]
+
+    def copy(self) -> OrbitFilter:
+        """Return a filter of the same state."""
+        other = OrbitFilter(self.orbit, Expected(self.correction_km, self.covariance_km2))
+        other._state, other._covariance = self._state, self._covariance
+        other._noise_km2_s3, other._last_utc_s = self._noise_km2_s3, self._last_utc_s
+        other._partials, other.accepted, other.rejected = self._partials, self.accepted, self.rejected
+        return other
+
+    def seen_by(self, propagator: Propagator) -> Propagator:
+        """Return a propagator of the same kind for the corrected orbit."""
+        return propagator.with_elements(self.orbit.corrected(self.correction_km))
+
+    def pointing(self, propagator: Propagator, t: Utc, mount: bool) -> tuple[Array, Array]:
+        """Return where the satellite is seen at an instant, a unit vector, and its covariance, rad², (3, 3).
+
+        With `mount` it is where the mount must point by its own idea, its errors made up for.
+        """
+        seen = self.seen_by(propagator).at(t)
+        by_state = propagator.of_date(t, self._partials.states(t)[:3]) / float(seen.range_km)
+        by_mount = mount_terms(seen) * float(mount)
+        u = seen.unit + by_mount @ self._state[STATES:]
+        by = np.hstack([by_state - np.outer(seen.unit, seen.unit @ by_state), by_mount])
+        spread: Array = by @ self._grown(t) @ by.T
+        return u / math.sqrt(float(u @ u)), spread
+
+    def distance(self, sighting: Sighting) -> float:
+        """Return the squared Mahalanobis distance of a sighting from what is expected of it (two degrees)."""
+        solved = self._solve(sighting, self._grown(sighting.utc))
+        return math.inf if solved is None else solved.distance
+
+    def observe(self, sighting: Sighting, gate: float) -> bool:
+        """Take a sighting in; tell whether it lay within the gate, a squared Mahalanobis distance.
+
+        One that comes later than it was made counts as the other sightings do, with the growth since then
+        added to its own uncertainty.
+        """
+        covariance = self._grown(sighting.utc)
+        solved = self._solve(sighting, covariance)
+        if solved is None or not solved.distance <= gate:
+            self.rejected += 1
+            return False
+        self._state, self._covariance, _, self._partials = solved
+        utc_s = float(sighting.utc.unix_s)
+        self._last_utc_s = utc_s if self._last_utc_s is None else max(utc_s, self._last_utc_s)
+        self.accepted += 1
+        return True
+
+    def _grown(self, t: Utc) -> Array:
+        """Return the covariance with the noise from the newest sighting to an instant, or back to it."""
+        if self._last_utc_s is None:
+            return self._covariance
+        seconds = abs(float(t.unix_s) - self._last_utc_s)
+        if seconds == 0.0:
+            return self._covariance
+        middle = Utc(0.5 * (float(t.unix_s) + self._last_utc_s))
+        kick = np.linalg.inv(self._partials.states(middle))[:, 3:]
+        grown: Array = self._covariance.copy()
+        grown[:STATES, :STATES] += self._noise_km2_s3 * seconds * (kick @ kick.T)
+        grown[STATES:-1, STATES:-1] += _TURN_WALK_RAD2_S * seconds * np.eye(3)
+        return grown
+
+    def _solve(self, sighting: Sighting, covariance: Array) -> _Solved | None:
+        """Return correction, covariance and squared distance with a sighting; None where none leads there."""
+        prior, at, partials = self._state, self._state, self._partials
+        noise = sighting.sigma_rad**2 * np.eye(2)
+        for _ in range(_MOST_STEPS):
+            try:
+                if float(np.abs(at[:STATES] - partials.at_km).max()) > _RELINEARISE_KM:
+                    partials = _Partials(self.orbit, at[:STATES])
+                off, by_state, range_km = _compared(self.orbit, sighting, at, partials)
+            except PropagationError:
+                return None
+            spread = by_state @ covariance @ by_state.T + noise
+            gap = off + by_state @ (at - prior)
+            gain = np.linalg.solve(spread, by_state @ covariance).T
+            wanted = prior + gain @ gap
+            step = wanted - at
+            longest = float(np.abs(step).max())
+            if longest > _LONGEST_STEP_KM:
+                step = step * (_LONGEST_STEP_KM / longest)
+            at = at + step
+            if longest < max(_SETTLED_KM, _SETTLED_SIGMAS * sighting.sigma_rad * range_km):
+                kept = np.eye(STATES + MOUNT) - gain @ by_state
+                # Joseph's form keeps it symmetric and positive.
+                left = kept @ covariance @ kept.T + gain @ noise @ gain.T
+                distance = float(gap @ np.linalg.solve(spread, gap))
+                return _Solved(at, 0.5 * (left + left.T), distance, partials)
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class FittedBias:
+    """The fitted orbit as biases of the given elements at an instant, with one sigma each."""
+
+    utc: Utc
+    along_s: float
+    along_sigma_s: float
+    cross_deg: float
+    cross_sigma_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class OrbitFit:
+    """Corrections fitted to all observations at once.
+
+    `off_arcsec` is how far each observation lies from the fitted orbit, along the track and across, shape
+    (n, 2); `used` tells which were; `scatter` is how much larger the errors of those are than their sigmas
+    say, at least 1, and is in the covariance (km²).
+    """
+
+    orbit: CorrectableOrbit
+    correction_km: Array
+    covariance_km2: Array
+    off_arcsec: Array
+    used: NDArray[np.bool_]
+    scatter: float
+
+    @property
+    def elements(self) -> Elements:
+        """The corrected elements."""
+        return self.orbit.corrected(self.correction_km)
+
+    @property
+    def rms_arcsec(self) -> float:
+        """How far the used observations lie off on the sky, RMS."""
+        return math.sqrt(float(np.mean(np.sum(np.square(self.off_arcsec[self.used]), axis=1))))
+
+    def bias_at(self, believed: Propagator, t: Utc) -> FittedBias:
+        """Return the biases of the given elements at an instant; `believed` is a propagator of those."""
+        there = believed.with_elements(self.elements).at(t)
+        found = bias_from_observation(believed, float(there.ra_deg), float(there.dec_deg), t)
+        by_state = believed.of_date(t, _Partials(self.orbit, self.correction_km).states(t)[:3])
+        basis, u = _track(there.unit, by_state), there.unit
+        spread = basis @ by_state @ self.covariance_km2 @ by_state.T @ basis.T
+        later = believed.at(t, Bias(found.along_s + 0.05, found.cross_deg)).unit
+        pace = float(np.linalg.norm(later - u)) / 0.05
+        range_km = float(there.range_km)
+        along, across = (math.sqrt(float(square)) / range_km for square in np.diag(spread))
+        return FittedBias(t, found.along_s, along / pace, found.cross_deg, math.degrees(across))
+
+    def state_covariance_km2(self) -> Array:
+        """Return the covariance of position and velocity at the epoch, TEME, km and km/s, shape (6, 6)."""
+        by_state = _Partials(self.orbit, self.correction_km).states(self.orbit.epoch)
+        spread: Array = by_state @ self.covariance_km2 @ by_state.T
+        return spread
+
+
+def fit_orbit(orbit: CorrectableOrbit, sightings: Sequence[Sighting], gate: float = 18.4) -> OrbitFit | None:
+    """Fit the corrections to all sightings at once; None where they agree on no orbit near the elements.
+
+    Sightings that lie beyond the gate, a squared distance in their own sigmas and the scatter of all, are
+    left out. They are weighed by how far they lie off before, so that a minority of wild ones has no say.
+    """
+    expected = orbit.expected(_FIT_WIDER)
+    weight_of_expected = np.linalg.inv(expected.covariance_km2)
+    at, partials = np.zeros(STATES), _Partials(orbit, np.zeros(STATES))
+    at[ALONG] = _first_along_km(orbit, sightings)
+    used = np.ones(len(sightings), dtype=bool)
+    scatter = 1.0
+    for step in range(_MOST_FITS):
+        if float(np.abs(at - partials.at_km).max()) > _SETTLED_FIT_KM:
+            partials = _Partials(orbit, at)
+        compared = [_compared(orbit, one, at, partials) for one in sightings]
+        off = np.array([one[0] for one in compared])
+        sigmas = np.array([one.sigma_rad for one in sightings])
+        square = np.sum(np.square(off / sigmas[:, None]), axis=1)
+        scatter = max(1.0, math.sqrt(float(np.median(square[used])) / _MEDIAN_SQUARE))
+        distance = square / scatter**2
+        robust = step < _ROBUST_FITS
+        used = distance <= gate if not robust else np.ones(len(sightings), dtype=bool)
+        scattered = not robust and scatter * float(np.median(sigmas)) > _MOST_SCATTER_RAD
+        if scattered or 2 * int(used.sum()) <= len(sightings):
+            return None
+        share = np.minimum(1.0, _NEAR_SIGMAS / np.sqrt(np.maximum(distance, 1e-12))) if robust else used
+        weights = share / np.square(sigmas * scatter)
+        normal, pull = weight_of_expected.copy(), -weight_of_expected @ at
+        for (gap, by_state, _), weight in zip(compared, weights, strict=True):
+            normal += weight * by_state.T @ by_state
+            pull += weight * by_state.T @ gap
+        change = np.linalg.solve(normal, pull)
+        longest = float(np.abs(change).max())
+        at = at + change * min(1.0, _LONGEST_STEP_KM / max(longest, 1e-12))
+        if not robust and longest < _SETTLED_FIT_KM:
+            arcsec = np.degrees(off) * 3600.0
+            return OrbitFit(orbit, at, np.linalg.inv(normal), arcsec, used, scatter)
+    return None
+
+
+def _first_along_km(orbit: CorrectableOrbit, sightings: Sequence[Sighting]) -> float:
+    """Return the median of what single sightings say of the correction along; 0 where none says anything."""
+    found = []
+    for one in sightings:
+        seen = one.unit
+        ra_deg = math.degrees(math.atan2(seen[1], seen[0])) % 360.0
+        dec_deg = math.degrees(math.asin(max(-1.0, min(1.0, float(seen[2])))))
+        try:
+            bias = bias_from_observation(one.propagator, ra_deg, dec_deg, one.utc)
+        except (ObservationError, BiasError, PropagationError):
+            continue
+        found.append(bias.along_s)
+    return float(np.median(found)) * orbit.speed_km_s if found else 0.0
+
+
+class _Solved(NamedTuple):
+    """What a sighting makes of the state: state, covariance, squared distance, and partials near it."""
+
+    state: Array
+    covariance: Array
+    distance: float
+    partials: _Partials
+
+
+class _Partials:
+    """What each correction changes of position and velocity, by differences of SGP4's own."""
+
+    def __init__(self, orbit: CorrectableOrbit, at_km: Array) -> None:
+        self.at_km = at_km
+        steps = [np.zeros(STATES), *(_STEP_KM * row for row in np.eye(STATES))]
+        self._records = [orbit.corrected(at_km + step).satrec() for step in steps]
+
+    def states(self, t: Utc) -> Array:
+        """Return km and km/s a km of each correction, TEME, shape (6, 6): a column a correction."""
+        jd, fraction = _jd(t)
+        here, *moved = (np.concatenate(record.sgp4(jd, fraction)[1:]) for record in self._records)
+        return np.stack([(there - here) / _STEP_KM for there in moved], axis=1)
+
+
+def _compared(
+    orbit: CorrectableOrbit, sighting: Sighting, at: Array, partials: _Partials
+) -> tuple[Array, Array, float]:
+    """Return how far a sighting lies from a state, rad, shape (2,), what that is by state, and the range.
+
+    The state is that of the six corrections, or of those and the mount's terms.
+    """
+    propagator = sighting.propagator.with_elements(orbit.corrected(at[:STATES]))
+    seen = propagator.at(sighting.utc)
+    range_km, u = float(seen.range_km), seen.unit
+    by_state = propagator.of_date(sighting.utc, partials.states(sighting.utc)[:3])
+    by = by_state / range_km
+    if len(at) > STATES:
+        by_mount = mount_terms(seen) * float(sighting.relative)
+        u = u + by_mount @ at[STATES:]
+        u = u / math.sqrt(float(u @ u))
+        by = np.hstack([by, by_mount])
+    basis = _track(u, by_state)
+    ahead, left = (float(value) for value in basis @ sighting.unit)
+    off = np.array([math.atan2(ahead, float(sighting.unit @ u)), math.asin(max(-1.0, min(1.0, left)))])
+    return off, basis @ by, range_km
+
+
+def mount_terms(seen: Direction) -> Array:
+    """Return how a direction's unit vector is moved by the mount's terms, shape (3, 4).
+
+    Three turns about axes fixed to the Earth, rad: in the equator towards the meridian and 90° from it, and
+    the pole; then a second by which the mount is ahead.
+    """
+    u = seen.unit
+    meridian = math.radians(float(seen.ra_deg) + float(seen.ha_deg))
+    c, s = math.cos(meridian), math.sin(meridian)
+    turns = [np.cross(axis, u) for axis in ((c, s, 0.0), (s, -c, 0.0), (0.0, 0.0, 1.0))]
+    pace = seen.unit_rate - EARTH_RAD_S * turns[2]
+    return np.stack([*turns, pace], axis=1)
+
+
+def _track(u: Array, by_state: Array) -> Array:
+    """Return the directions on the sky along the track and left of it, shape (2, 3)."""
+    m = by_state[:, ALONG] - (by_state[:, ALONG] @ u) * u
+    m = m / math.sqrt(float(m @ m))
+    return np.array([m, np.cross(u, m)])
+
+
+def _jd(t: Utc) -> tuple[float, float]:
+    days, second = divmod(float(t.unix_s), DAY_S)
+    return days + UNIX_EPOCH_JD, second / DAY_S
+
+
+def _corrected(one: Elements, correction_km: Array) -> Elements:
+    along, axis, ex, ey, px, py = (float(value) for value in correction_km)
+    a = one.semi_major_axis_km
+    angles = (one.raan_deg, one.arg_perigee_deg, one.mean_anomaly_deg)
+    raan, arg, mean = (math.radians(angle) for angle in angles)
+    half = 0.5 * math.radians(one.inclination_deg)
+    e, length, unit = one.eccentricity, math.tan(half), 2.0 * math.cos(half) ** 2 * a
+    k, h = e * math.cos(arg + raan) + ex / a, e * math.sin(arg + raan) + ey / a
+    x, y = length * math.cos(raan) + px / unit, length * math.sin(raan) + py / unit
+    node, perigee = math.atan2(y, x), math.atan2(h, k)
+    # Turned with the plane, an orbit keeps its places: what the node gains, the argument of latitude loses.
+    longitude = mean + arg + raan + along / a
+    return replace(
+        one,
+        inclination_deg=2.0 * math.degrees(math.atan(math.hypot(x, y))),
+        raan_deg=math.degrees(node) % 360.0,
+        eccentricity=math.hypot(k, h),
+        arg_perigee_deg=math.degrees(perigee - node) % 360.0,
+        mean_anomaly_deg=math.degrees(longitude - perigee) % 360.0,
+        mean_motion_rev_day=one.mean_motion_rev_day * (1.0 + axis / a) ** -1.5,
+    )
+
+
+def _rebased(elements: Elements, epoch: Utc) -> Elements:
+    """Return elements with another epoch of the same orbit about it.
+
+    First the mean elements that SGP4 has then; what their drag and their lunisolar terms lack of the orbit
+    over the sixth of a revolution about the epoch is then fitted away.
+    """
+    given = elements.satrec()
+    given.sgp4(given.jdsatepoch, given.jdsatepochF)
+    motion_at_first = given.nm
+    code, _, _ = given.sgp4(*_jd(epoch))
+    if code:
+        raise propagation_error(code, elements, epoch)
+    motion = elements.mean_motion_rev_day * given.nm / motion_at_first
+    angles = (given.im, given.Om, given.om, given.mm)
+    inclination, node, perigee, anomaly = (math.degrees(angle) for angle in angles)
+    found = replace(
+        elements,
+        epoch=epoch,
+        inclination_deg=inclination,
+        raan_deg=node % 360.0,
+        arg_perigee_deg=perigee % 360.0,
+        mean_anomaly_deg=anomaly % 360.0,
+        eccentricity=given.em,
+        mean_motion_rev_day=motion,
+    )
+    part_s = _REBASE_PART * elements.period_s
+    instants = [Utc(float(epoch.unix_s) + part_s * step / 3.0) for step in range(-3, 4)]
+    wanted = np.concatenate([given.sgp4(*_jd(t))[1] for t in instants])
+    for _ in range(_REBASE_STEPS):
+        steps = [np.zeros(STATES), *(_STEP_KM * row for row in np.eye(STATES))]
+        here, *moved = (
+            np.concatenate([record.sgp4(*_jd(t))[1] for t in instants])
+            for record in (_corrected(found, step).satrec() for step in steps)
+        )
+        by_state = np.stack([(there - here) / _STEP_KM for there in moved], axis=1)
+        correction = np.linalg.lstsq(by_state, wanted - here, rcond=None)[0]
+        found = _corrected(found, correction)
+    return found
