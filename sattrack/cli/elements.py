@@ -13,10 +13,9 @@ import msgspec
 from sattrack.cli.common import CommandContext, common_options, tell, write_file
 from sattrack.core.errors import BadInputError
 from sattrack.runtime.bias_memory import BiasMemory, KeptBias, describe, memory_file
-from tle.elements import expected_along_arcsec, expected_along_s
+from tle.elements import expected_along_arcsec, expected_along_s, propagation_error
 from tle.errors import PropagationError, TleError
 from tle.instants import Utc
-from tle.propagator import Motion
 from tle.sources import WRITTEN, ElementSets, find, is_fetched, newest, write_elements
 
 if TYPE_CHECKING:
@@ -179,9 +178,11 @@ def _described(one: Elements, now: Utc) -> dict[str, Any]:
 def _why_not(one: Elements, now: Utc) -> str | None:
     """Return SGP4's reason where it cannot tell the object's place now."""
     try:
-        Motion(one).at(now.unix_s, 0.0)
+        code, _, _ = one.satrec().sgp4(*now.split())
     except PropagationError as error:
         return str(error)
+    if code:
+        return str(propagation_error(code, one, now))
     if one.perigee_km < 0.0:
         return f"its perigee is {-one.perigee_km:.0f} km inside the Earth: it is sub-orbital"
     return None

@@ -35,8 +35,8 @@ def no_sockets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise AssertionError("a link was opened")
 
-    monkeypatch.setattr("sattrack.runtime.console.UdpLink", refuse)
-    monkeypatch.setattr("sattrack.runtime.console.start_embedded", refuse)
+    monkeypatch.setattr("sattrack.runtime.mounts.UdpLink", refuse)
+    monkeypatch.setattr("sattrack.runtime.connection.start_embedded", refuse)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
 
