@@ -158,6 +158,26 @@ def test_readme_and_ci_run_the_same_tests_and_the_readme_is_short() -> None:
     assert len(readme.splitlines()) < 150
 
 
+def test_the_readme_tells_what_a_rehearsal_expects() -> None:
+    command = [
+        "rehearse",
+        "ISS",
+        "--config",
+        "examples/sattrack.toml",
+        "--clock",
+        "2026-10-02T12:50:00Z",
+        "--json",
+    ]
+    done = subprocess.run(
+        [sys.executable, "-m", "sattrack", *command], cwd=ROOT, capture_output=True, check=True
+    )
+    parts = {part["name"]: part for part in json.loads(done.stdout)["budget"]["parts"]}
+    readme = PAGES[0].read_text(encoding="utf-8")
+    for name, row in (("elements", "| elements 0.5 days old |"), ("clock", "10 ms |"), ("delay", "5 ms |")):
+        assert f"{row} {parts[name]['along_arcsec']:.0f}″ |" in readme
+    assert f"the elements add {parts['elements']['across_arcsec']:.0f}″" in readme
+
+
 def test_a_difference_in_the_output_shows() -> None:
     shown = "one\n…\nfour\n"
     assert matches(shown, "one\ntwo\nthree\nfour\n")
