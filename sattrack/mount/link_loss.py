@@ -89,7 +89,7 @@ CONTRACT = (
         STATUS_LOST_S + OBEYED_S,
         False,
         OBEYED_S,
-        "see to the link, start again; shorter than 2 s the pass goes on",
+        "check the link, start again; after less than 2 s the pass continues",
     ),
     Loss(
         "commands",
@@ -111,7 +111,7 @@ CONTRACT = (
         TURN_S,
         True,
         OBEYED_S,
-        "see to the link, start again",
+        "check the link, start again",
     ),
     Loss(
         "both",
@@ -133,7 +133,7 @@ CONTRACT = (
         TURN_S,
         True,
         OBEYED_S,
-        "see to the link, start again",
+        "check the link, start again",
     ),
     Loss(
         "feeder",

@@ -142,17 +142,17 @@ INTERLOCKS = (
     ),
     Interlock(
         "status_age",
-        "age of the last status while the mount is to move",
+        "age of the last status during a motion",
         f"{OLDEST_STATUS_S:g} s",
-        "none: what the mount may do meanwhile is counted from its last status",
+        "none: possible motion since the last status counts",
         Reaction.STOP,
-        "see to the link, start again",
+        "check the link, start again",
         noticed_s=OLDEST_STATUS_S,
     ),
     Interlock(
         "obedience",
-        "rates that the mount reports against those commanded; the way of a slew against its box",
-        "not the opposite way, at rest or faster than twice as fast and 1 °/s for a second; mean of 3 s "
+        "rates that the mount reports against those commanded; the path of a slew against its box",
+        "not reversed, at rest or faster than twice the command and 1 °/s for a second; mean of 3 s "
         "within half of the largest rate and 0.1 °/s of what was commanded; 1° around the box",
         "what was commanded in the last `longest_fault_s` counts",
         Reaction.STOP,
@@ -164,7 +164,7 @@ INTERLOCKS = (
         "clock",
         "the mount's sidereal clock against ours, and ours against itself",
         "clock_tolerance_s; ours never back",
-        "three statuses in a row, where the clock was well before",
+        "three statuses in a row, if the clock was right before",
         Reaction.STOP,
         "set the mount's clock or this computer's, start again",
         noticed_s=CLOCK_PROOF * STATUS_PERIOD_S,
@@ -172,10 +172,10 @@ INTERLOCKS = (
     Interlock(
         "current",
         "drive currents that the mount reports",
-        "profile's max_current_a, of either axis; not watched where it is left out",
+        "profile's max_current_a, of either axis; not watched if left out",
         "half a second",
         Reaction.STOP,
-        "look what holds the axis, start again",
+        "find what blocks the axis, start again",
         noticed_s=OVERLOADED_FOR_S + STATUS_PERIOD_S,
     ),
 )

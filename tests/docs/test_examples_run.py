@@ -23,7 +23,7 @@ import click
 import msgspec
 import pytest
 
-from sattrack.cli.main import COMMANDS, cli
+from sattrack.cli.main import cli
 from sattrack.mount.model import MountProfile
 from sattrack.schedule.file import load_schedule
 from sattrack.settings import load_settings
@@ -109,12 +109,10 @@ def test_commands_run_as_shown(page: Path, tmp_path: Path) -> None:
     for block in blocks(page):
         assert block.kind in KINDS, block
         if block.kind in ("sh", "python") and not block.mark:
-            program = (
-                ["bash", "-ec", _with_init(block.text)]
-                if block.kind == "sh"
-                else [sys.executable, "-c", block.text]
+            program = ["bash", "-ec"] if block.kind == "sh" else [sys.executable, "-c"]
+            done = subprocess.run(
+                [*program, block.text], cwd=tmp_path, env=env, capture_output=True, text=True, check=False
             )
-            done = subprocess.run(program, cwd=tmp_path, env=env, capture_output=True, text=True, check=False)
             assert done.returncode == 0, (block.text, done.stdout, done.stderr)
             printed = done.stdout
         elif block.kind == "" and not block.mark and not block.after and printed is not None:
@@ -122,23 +120,13 @@ def test_commands_run_as_shown(page: Path, tmp_path: Path) -> None:
             printed = None
 
 
-def _with_init(text: str) -> str:
-    """Let a settings file stand in for `sattrack init` where the program does not have it yet."""
-    if "init" in COMMANDS:
-        return text
-    return re.sub(
-        r"^sattrack init .*$", "cp examples/sattrack.toml examples/iss_leiden.tle .", text, flags=re.MULTILINE
-    )
-
-
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_commands_that_do_not_run_parse(page: Path) -> None:
     for block in blocks(page):
         if block.kind == "sh":
             for words in command_lines(block.text):
-                if words[0].startswith("-") or (words[0] == "init" and "init" not in COMMANDS):
-                    continue
-                parse(words)
+                if not words[0].startswith("-"):
+                    parse(words)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
@@ -168,6 +156,26 @@ def test_readme_and_ci_run_the_same_tests_and_the_readme_is_short() -> None:
     (demo,) = re.findall(r"^(python3 -m venv .*sattrack demo)$", readme, re.MULTILINE)
     assert "-c constraints.txt '.[all]'" in demo
     assert len(readme.splitlines()) < 150
+
+
+def test_the_readme_tells_what_a_rehearsal_expects() -> None:
+    command = [
+        "rehearse",
+        "ISS",
+        "--config",
+        "examples/sattrack.toml",
+        "--clock",
+        "2026-10-02T12:50:00Z",
+        "--json",
+    ]
+    done = subprocess.run(
+        [sys.executable, "-m", "sattrack", *command], cwd=ROOT, capture_output=True, check=True
+    )
+    parts = {part["name"]: part for part in json.loads(done.stdout)["budget"]["parts"]}
+    readme = PAGES[0].read_text(encoding="utf-8")
+    for name, row in (("elements", "| elements 0.5 days old |"), ("clock", "10 ms |"), ("delay", "5 ms |")):
+        assert f"{row} {parts[name]['along_arcsec']:.0f}″ |" in readme
+    assert f"the elements add {parts['elements']['across_arcsec']:.0f}″" in readme
 
 
 def test_a_difference_in_the_output_shows() -> None:

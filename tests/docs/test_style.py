@@ -13,6 +13,12 @@ from sattrack.cli.main import COMMANDS, cli
 ROOT = Path(__file__).resolve().parents[2]
 STYLE = ROOT / "docs" / "style.md"
 PAGES = sorted({ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")} - {STYLE})
+NEWCOMERS = [
+    ROOT / "README.md",
+    ROOT / "docs" / "index.md",
+    ROOT / "docs" / "tutorial.md",
+    *sorted((ROOT / "docs" / "howto").glob("*.md")),
+]
 FOREIGN = (
     r"\b(?:is|are|was|were|be|not) (?:not )?to be (?:had|found out|had at)\b",
     r"\bto be had\b",
@@ -72,6 +78,25 @@ def test_pages_are_in_plain_words(page: Path) -> None:
     assert found_in(text) == []
     prose = GENERATED.sub("", text)
     assert [line for line in prose.splitlines() if HEADLINE.match(line)] == []
+
+
+def sentences(text: str) -> list[str]:
+    """The sentences of a page; code, tables and headlines are left out."""
+    text = re.sub(r"^```.*?^```$|<!--.*?-->", "\n\n", text, flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(r"^(?:\||#|!\[).*$", "\n", text, flags=re.MULTILINE)
+    text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text)
+    blocks = re.split(r"\n\s*\n|\n(?=\s*(?:[*>]|\d+\.) )", text)
+    return [
+        one for block in blocks for one in re.split(r"(?<=[.!?:;])[*]*\s+", " ".join(block.split())) if one
+    ]
+
+
+@pytest.mark.parametrize("page", NEWCOMERS, ids=lambda page: str(page.relative_to(ROOT)))
+def test_newcomers_read_short_sentences(page: Path) -> None:
+    lengths = [len(one.split()) for one in sentences(page.read_text(encoding="utf-8"))]
+    assert len(lengths) > 5
+    assert sum(lengths) / len(lengths) < 12.0
+    assert max(lengths) <= 26
 
 
 def helps(command: click.Command, name: str) -> list[tuple[str, str]]:
