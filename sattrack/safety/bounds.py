@@ -139,9 +139,7 @@ class Bounds:
         self._limits = limits
         self._latitude_deg = latitude_deg
         self._longitude_deg = longitude_deg
-        self._fixed = fixed_regions(
-            profile, limits.floor_altitude_deg, limits.horizon, latitude_deg, PIER_MARGIN_DEG
-        )
+        self._fixed = fixed_regions(profile, limits, latitude_deg, PIER_MARGIN_DEG)
         self._wanderers: list[tuple[str, Wanderer, float]] | None = None
         self._cones: list[Cone] = []
         self._memory, self._memory_of_cones = Memory(self._fixed), Memory(())

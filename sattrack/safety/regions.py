@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from sattrack.mount.model import MountProfile, PierZone
     from sattrack.safety.bodies import Body
-    from sattrack.safety.limits import HorizonPoint
+    from sattrack.safety.limits import HorizonPoint, SafetyLimits
 
 SMALLEST_DEG = 0.05
 MOST_BOXES = 4000
@@ -230,21 +230,17 @@ class Cone:
 
 
 def fixed_regions(
-    profile: MountProfile,
-    floor_deg: float,
-    horizon: Sequence[HorizonPoint],
-    latitude_deg: float,
-    pier_margin_deg: float,
+    profile: MountProfile, limits: SafetyLimits, latitude_deg: float, pier_margin_deg: float
 ) -> list[Region]:
     """Return all regions that stay where they are."""
     limit = profile.hour_angle_limit_deg
     regions: list[Region] = [
         Travel("hour_angle", -limit, limit),
         Travel("declination", *profile.dec_axis_limits_deg),
-        Floor(floor_deg, latitude_deg),
+        Floor(limits.floor_altitude_deg, latitude_deg),
     ]
-    if horizon:
-        regions.append(Skyline(horizon, latitude_deg))
+    if limits.horizon:
+        regions.append(Skyline(limits.horizon, latitude_deg))
     regions.extend(PierCollision(zone, pier_margin_deg) for zone in profile.pier_zones)
     return regions
 

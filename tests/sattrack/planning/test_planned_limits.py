@@ -16,6 +16,8 @@ from sattrack.planning.rehearsal import MountPath, link_loss
 from sattrack.planning.trace import TabledPropagator
 from sattrack.runtime import demo_pass
 from sattrack.safety.limits import SafetyLimits
+from sattrack.safety.regions import fixed_regions
+from sattrack.settings import SafetySettings
 from tle.bias import NO_BIAS
 from tle.instants import Utc
 from tle.propagator import Propagator
@@ -54,6 +56,22 @@ def test_the_same_direction_from_beyond_the_pole_has_the_same_altitude_and_sun()
     assert far["altitude"][0] == pytest.approx(near["altitude"][0])
     assert far["sun"][0] == pytest.approx(near["sun"][0])
     assert far["hour_angle"][0] == pytest.approx(80.0)
+
+
+def test_every_limit_that_holds_the_mount_has_a_margin_by_which_passes_are_judged() -> None:
+    """A limit that the gate knows and a rehearsal does not would be found out in the middle of a pass."""
+    profile = MountProfile(pier_zones=(PierZone("tripod", ((20.0, 10.0), (40.0, 10.0), (40.0, 30.0))),))
+    limits = SafetyLimits(horizon=((0.0, 5.0), (90.0, 5.0), (180.0, 5.0), (270.0, 5.0)), moon_cone_deg=3.0)
+    margins = margins_deg(pointing(-60.0, 0.0, (-60.0, 40.0)), profile, limits, 40.0)
+    held = {region.name for region in fixed_regions(profile, limits, 40.0, 0.0)}
+    assert held | {"sun", "moon"} == set(margins)
+
+
+def test_a_setting_of_safety_is_a_limit_of_the_same_name() -> None:
+    assert set(SafetySettings.__struct_fields__) == set(SafetyLimits.__struct_fields__)
+    defaults, built_in = SafetySettings(), SafetyLimits()
+    for name in set(SafetyLimits.__struct_fields__) - {"horizon"}:
+        assert getattr(defaults, name) == getattr(built_in, name), name
 
 
 def test_a_pier_zone_counts_on_its_side_and_after_whole_turns() -> None:

@@ -277,8 +277,8 @@ def test_only_safety_makes_what_a_session_takes_and_nothing_else_composes_motion
     assert composers == {"mount/xerxes/session.py", "calibration/guard.py"}
     senders = {module for module, name, _ in every if name == "sendto"}
     mounts = {"mount/simulator/process.py", "mount/alpaca/gateway_process.py"}
-    # One answers who asks for Alpaca servers, the other reports the state of a run to systemd.
-    others = {"servers/alpaca/process.py", "schedule/night_processes.py"}
+    # Two ask for Alpaca servers and answer who asks, the third reports the state of a run to systemd.
+    others = {"mount/alpaca/client.py", "servers/alpaca/process.py", "schedule/night_processes.py"}
     assert senders == {"mount/xerxes/client.py", *others, *mounts}
 
 
