@@ -39,6 +39,9 @@ MOST_CORRECTION_KM = 100.0
 MODEL_ARCSEC = 1.0
 """How well clocks and catalogues of stars are known: no sigma counts as less."""
 ANEW_AFTER = 8
+CONFIRMED_BY = 3
+FAR_DEG = 0.1
+"""So many offsets have to agree before one that lies this far from what is fed begins an estimate."""
 RIVAL_SHARE = 3
 """A rival takes over with so many times as many observations as the estimate took since it began."""
 RIVAL_WIDER = 3.0
@@ -202,6 +205,9 @@ class Estimator:
         if distance > GATE or in_other + BETTER_FRAME < distance:
             self.words = f"the elements are not so far off{self._hint(starts, seen, sighting, course)}"
             self._hear_rival(False, sighting, orbit)
+        elif sighting.relative and _apart_deg(sighting, first) > FAR_DEG:
+            self.words = f"it lies far from what is fed: {CONFIRMED_BY} that agree are needed"
+            self._hear_rival(False, sighting, orbit, CONFIRMED_BY)
         elif not (best.observe(sighting, GATE) and _credible(best)):
             self.words = "it lies nowhere near the satellite's track: another satellite's?"
         else:
@@ -216,7 +222,9 @@ class Estimator:
             self.words = f"it contradicts the estimate{self._hint([before], seen, sighting, course)}"
         self._hear_rival(taken, sighting, known.orbit)
 
-    def _hear_rival(self, taken: bool, sighting: Sighting, orbit: CorrectableOrbit) -> None:
+    def _hear_rival(
+        self, taken: bool, sighting: Sighting, orbit: CorrectableOrbit, least: int = ANEW_AFTER
+    ) -> None:
         """Hold an observation against the rival too; let it begin with one that was rejected, win or end."""
         rival = self._rival
         if rival is None:
@@ -228,9 +236,9 @@ class Estimator:
             if rival.rejected >= rival.accepted:
                 self._rival, self._since_rival = _rival(sighting, orbit), 0
             return
-        if rival.accepted >= max(ANEW_AFTER, RIVAL_SHARE * self._since_rival) and _credible(rival):
+        if rival.accepted >= max(least, RIVAL_SHARE * self._since_rival) and _credible(rival):
+            self.begun_anew += least == ANEW_AFTER
             self.filter, self._rival, self.words = rival, None, None
-            self.begun_anew += 1
         elif self._since_rival >= ANEW_AFTER:
             self._rival = None
 
@@ -254,6 +262,12 @@ class Estimator:
         if distance < GATE:
             return f": in the frame {_other_frame(seen.frame)} it would fit"
         return ": another satellite's, or in another frame?"
+
+
+def _apart_deg(sighting: Sighting, bias: Bias) -> float:
+    """Return how far a sighting lies from where a bias leads."""
+    fed = sighting.propagator.at(sighting.utc, bias).unit
+    return 2.0 * math.degrees(math.asin(min(1.0, 0.5 * float(np.linalg.norm(sighting.unit - fed)))))
 
 
 def _rival(sighting: Sighting, orbit: CorrectableOrbit) -> OrbitFilter | None:
