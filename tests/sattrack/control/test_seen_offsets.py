@@ -10,6 +10,7 @@ import pytest
 
 from sattrack.control.biases import UPRIGHT, Camera
 from sattrack.control.estimate import CONFIRMED_BY
+from sattrack.control.offset import KEPT
 from sattrack.control.steering import Steering
 from sattrack.mount.model import MountProfile
 from sattrack.runtime import practice
@@ -144,6 +145,18 @@ def test_a_single_offset_far_from_what_is_fed_begins_nothing() -> None:
     assert loop.steering.estimator.rejected == 1
     loop.run(20.0)
     assert loop.rms(15.0, 20.0) < 3.0
+
+
+def test_what_comes_so_late_that_nobody_knows_what_was_fed_is_refused() -> None:
+    loop = Loop()
+    loop.run(8.0)
+    first = loop.seen(BEGIN_S + 5.0)
+    for tick in range(KEPT):
+        loop.steering.obey(OffsetBy("along_s", "add", 1e-6), BEGIN_S + 8.0 + 0.05 * tick)
+    loop.steering.obey(first, BEGIN_S + 16.0)
+    words = loop.steering.estimator.words
+    assert words is not None
+    assert "what was fed then is not known any more" in words
 
 
 def test_a_wild_offset_moves_nothing() -> None:
