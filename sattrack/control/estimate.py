@@ -54,6 +54,8 @@ MOST_STEP_S = 20.0
 MOST_STEPS = 12
 NEAR_S = 0.01
 DIFFERENCE_S = 0.1
+FAILURES = (PropagationError, np.linalg.LinAlgError)
+"""What a correction can lead to that no satellite can fly."""
 FRAMES: dict[str, Frame] = {"icrs": "icrf", "j2000": "j2000", "of_date": "of_date"}
 
 
@@ -107,35 +109,15 @@ class Estimator:
         self.filter = self._rival = None
 
     def reading(self, utc_s: float, course: Course, fed: bool = False) -> Reading | None:
-        """Return what the estimate says of the biases at an instant; None without one.
+        """Return what the estimate says of the biases at an instant; None without one, or where it says none.
 
         With `fed` they lead to where the mount must be fed to, its own errors made up for where a camera on
         it has shown them.
         """
-        known = self.filter
-        if known is None:
+        try:
+            return None if self.filter is None else _reading(self.filter, utc_s, course, fed)
+        except FAILURES:
             return None
-        along_s = float(known.correction_km[ALONG]) / known.orbit.speed_km_s
-        there, spread = known.pointing(course.airless, Utc(utc_s), fed)
-        later, _ = known.pointing(course.airless, Utc(utc_s + LINE_S), fed)
-        now = _biases(there, utc_s, course, course.airless, (along_s, 0.0))
-        then = _biases(later, utc_s + LINE_S, course, course.airless, (along_s, 0.0))
-        if now is None or then is None:
-            return None
-        (along, cross, pace), (later_along, later_cross, _) = now, then
-        ahead = course.airless.at(Utc(utc_s), Bias(along + DIFFERENCE_S)).unit - there
-        ahead = ahead - (ahead @ there) * there
-        ahead = ahead / math.sqrt(float(ahead @ ahead))
-        left = np.cross(there, ahead)
-        range_km = course.going(utc_s + along).range_km
-        return Reading(
-            along,
-            cross,
-            (later_along - along) / LINE_S,
-            (later_cross - cross) / LINE_S,
-            math.sqrt(float(ahead @ spread @ ahead)) / pace,
-            math.sqrt(float(left @ spread @ left)) * range_km,
-        )
 
     def take(
         self, seen: Observation, now_utc_s: float, course: Course, first: Bias, relative: bool = False
@@ -159,7 +141,7 @@ class Estimator:
                 self._begin(seen, sighting, course, first)
             else:
                 self._go_on(self.filter, seen, sighting, course)
-        except PropagationError as error:
+        except FAILURES as error:
             self.words = str(error)
         if self.words is not None:
             self.rejected += 1
@@ -262,6 +244,31 @@ class Estimator:
         if distance < GATE:
             return f": in the frame {_other_frame(seen.frame)} it would fit"
         return ": another satellite's, or in another frame?"
+
+
+def _reading(known: OrbitFilter, utc_s: float, course: Course, fed: bool) -> Reading | None:
+    along_s = float(known.correction_km[ALONG]) / known.orbit.speed_km_s
+    there, spread = known.pointing(course.airless, Utc(utc_s), fed)
+    later, _ = known.pointing(course.airless, Utc(utc_s + LINE_S), fed)
+    now = _biases(there, utc_s, course, course.airless, (along_s, 0.0))
+    then = _biases(later, utc_s + LINE_S, course, course.airless, (along_s, 0.0))
+    if now is None or then is None:
+        return None
+    (along, cross, pace), (later_along, later_cross, _) = now, then
+    range_km = course.going(utc_s + along).range_km
+    cross_deg = math.degrees(math.atan(cross / range_km))
+    ahead = course.airless.at(Utc(utc_s), Bias(along + DIFFERENCE_S, cross_deg)).unit - there
+    ahead = ahead - (ahead @ there) * there
+    ahead = ahead / math.sqrt(float(ahead @ ahead))
+    left = np.cross(there, ahead)
+    return Reading(
+        along,
+        cross,
+        (later_along - along) / LINE_S,
+        (later_cross - cross) / LINE_S,
+        math.sqrt(float(ahead @ spread @ ahead)) / pace,
+        math.sqrt(float(left @ spread @ left)) * range_km,
+    )
 
 
 def _apart_deg(sighting: Sighting, bias: Bias) -> float:
