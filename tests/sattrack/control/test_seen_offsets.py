@@ -128,12 +128,15 @@ def test_clouds_are_bridged_by_what_was_learnt() -> None:
 
 
 def test_the_operators_offset_on_the_sky_stays_and_is_not_learnt_as_the_satellites() -> None:
-    loop = Loop(turn_arcsec=(0.0, 0.0, 0.0))
+    loop = Loop()
     loop.run(10.0)
-    before = loop.steering.biases.seen_at(BEGIN_S + 10.0, 0.0, 0.0).unit
-    order = OffsetBy("dec_deg", "set", 0.05)
-    loop.steering.obey(order, BEGIN_S + 9.95)
-    assert np.allclose(before, loop.steering.biases.seen_at(BEGIN_S + 10.0, 0.0, 0.0).unit, atol=1e-9)
+    biases, later_s = loop.steering.biases, BEGIN_S + 15.0
+    middle, fed = biases.seen_at(later_s, 0.0, 0.0).unit, biases.at(later_s).unit
+    assert np.allclose(middle, fed, atol=1e-12)
+    loop.steering.obey(OffsetBy("dec_deg", "set", 0.05), BEGIN_S + 10.0)
+    assert np.array_equal(biases.seen_at(later_s, 0.0, 0.0).unit, middle)
+    moved_deg = math.degrees(float(np.linalg.norm(biases.at(later_s).unit - fed)))
+    assert moved_deg == pytest.approx(0.05, rel=1e-3)
 
 
 def test_a_single_offset_far_from_what_is_fed_begins_nothing() -> None:
