@@ -85,12 +85,12 @@ def main() -> None:
         print(f"{options.catalogues}: no two sets of one object {LEAST_DAYS:g} to {MOST_DAYS:g} days apart")
         return
     print(f"{len(days)} pairs, {np.median(days):.0f} days apart; km, median / 68 % / 90 %")
-    print(f"{'':<16}" + "".join(f"{name:>25}" for name in COLUMNS))
+    print(f"{'':<16}" + "".join(f"{name:>28}" for name in COLUMNS))
     for name, found in rows.items():
         if found:
             amounts = np.quantile(np.abs(np.array(found)), (0.5, 0.68, 0.9), axis=0).T
             cells = (f"{a:.2f} / {b:.2f} / {c:.2f}" for a, b, c in amounts)
-            print(f"{name:<9}{len(found):>7}" + "".join(f"{cell:>25}" for cell in cells))
+            print(f"{name:<9}{len(found):>7}" + "".join(f"{cell:>28}" for cell in cells))
 
 
 if __name__ == "__main__":

@@ -108,7 +108,7 @@ def show(context: CommandContext, satellites: tuple[str, ...]) -> int:
 @click.option(
     "--observations",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="CSV, IOD or CCSDS TDM of RA and Dec: lists how far the satellites are from the elements.",
+    help="CSV, IOD, CCSDS TDM or JSON lines of RA and Dec: lists how far satellites are from the elements.",
 )
 @click.option(
     "--stations", type=click.Path(path_type=Path, dir_okay=False), help="List of the stations' places."

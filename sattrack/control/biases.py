@@ -195,6 +195,12 @@ class Biases:
         direction = self._on_track(utc_s)
         return direction.turned(self._turn(utc_s)) if self._turned else direction
 
+    @property
+    def known_since_utc_s(self) -> float:
+        """From when on it is known what was fed."""
+        every = (*self.offsets.values(), self.estimated_along, self.estimated_cross_km)
+        return max(one.known_since_utc_s for one in every)
+
     def seen_at(self, utc_s: float, dx_deg: float, dy_deg: float) -> Direction:
         """Return the direction of what is seen off the middle of the camera's image, right and up.
 

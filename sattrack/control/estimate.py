@@ -38,6 +38,9 @@ MOST_CORRECTION_KM = 100.0
 MODEL_ARCSEC = 1.0
 """How well clocks and catalogues of stars are known: no sigma counts as less."""
 ANEW_AFTER = 8
+CONFIRMED_BY = 3
+FAR_DEG = 0.1
+"""So many offsets have to agree before one that lies this far from what is fed begins an estimate."""
 RIVAL_SHARE = 3
 """A rival takes over with so many times as many observations as the estimate took since it began."""
 RIVAL_WIDER = 3.0
@@ -50,6 +53,8 @@ MOST_STEP_S = 20.0
 MOST_STEPS = 12
 NEAR_S = 0.01
 DIFFERENCE_S = 0.1
+FAILURES = (PropagationError, np.linalg.LinAlgError)
+"""What a correction can lead to that no satellite can fly."""
 FRAMES: dict[str, Frame] = {"icrs": "icrf", "j2000": "j2000", "of_date": "of_date"}
 
 
@@ -103,35 +108,15 @@ class Estimator:
         self.filter = self._rival = None
 
     def reading(self, utc_s: float, course: Course, fed: bool = False) -> Reading | None:
-        """Return what the estimate says of the biases at an instant; None without one.
+        """Return what the estimate says of the biases at an instant; None without one, or where it says none.
 
         With `fed` they lead to where the mount must be fed to, its own errors made up for where a camera on
         it has shown them.
         """
-        known = self.filter
-        if known is None:
+        try:
+            return None if self.filter is None else _reading(self.filter, utc_s, course, fed)
+        except FAILURES:
             return None
-        along_s = float(known.correction_km[ALONG]) / known.orbit.speed_km_s
-        there, spread = known.pointing(course.airless, Utc(utc_s), fed)
-        later, _ = known.pointing(course.airless, Utc(utc_s + LINE_S), fed)
-        now = _biases(there, utc_s, course, course.airless, (along_s, 0.0))
-        then = _biases(later, utc_s + LINE_S, course, course.airless, (along_s, 0.0))
-        if now is None or then is None:
-            return None
-        (along, cross, pace), (later_along, later_cross, _) = now, then
-        ahead = course.airless.at(Utc(utc_s), Bias(along + DIFFERENCE_S)).unit - there
-        ahead = ahead - (ahead @ there) * there
-        ahead = ahead / math.sqrt(float(ahead @ ahead))
-        left = np.cross(there, ahead)
-        range_km = course.going(utc_s + along).range_km
-        return Reading(
-            along,
-            cross,
-            (later_along - along) / LINE_S,
-            (later_cross - cross) / LINE_S,
-            math.sqrt(float(ahead @ spread @ ahead)) / pace,
-            math.sqrt(float(left @ spread @ left)) * range_km,
-        )
 
     def take(
         self, seen: Observation, now_utc_s: float, course: Course, first: Bias, relative: bool = False
@@ -155,7 +140,7 @@ class Estimator:
                 self._begin(seen, sighting, course, first)
             else:
                 self._go_on(self.filter, seen, sighting, course)
-        except PropagationError as error:
+        except FAILURES as error:
             self.words = str(error)
         if self.words is not None:
             self.rejected += 1
@@ -201,6 +186,9 @@ class Estimator:
         if distance > GATE or in_other + BETTER_FRAME < distance:
             self.words = f"the elements are not so far off{self._hint(starts, seen, sighting, course)}"
             self._hear_rival(False, sighting, orbit)
+        elif sighting.relative and _apart_deg(sighting, first) > FAR_DEG:
+            self.words = f"it lies far from what is fed: {CONFIRMED_BY} that agree are needed"
+            self._hear_rival(False, sighting, orbit, CONFIRMED_BY)
         elif not (best.observe(sighting, GATE) and _credible(best)):
             self.words = "it lies nowhere near the satellite's track: another satellite's?"
         else:
@@ -215,7 +203,9 @@ class Estimator:
             self.words = f"it contradicts the estimate{self._hint([before], seen, sighting, course)}"
         self._hear_rival(taken, sighting, known.orbit)
 
-    def _hear_rival(self, taken: bool, sighting: Sighting, orbit: CorrectableOrbit) -> None:
+    def _hear_rival(
+        self, taken: bool, sighting: Sighting, orbit: CorrectableOrbit, least: int = ANEW_AFTER
+    ) -> None:
         """Hold an observation against the rival too; let it begin with one that was rejected, win or end."""
         rival = self._rival
         if rival is None:
@@ -227,9 +217,9 @@ class Estimator:
             if rival.rejected >= rival.accepted:
                 self._rival, self._since_rival = _rival(sighting, orbit), 0
             return
-        if rival.accepted >= max(ANEW_AFTER, RIVAL_SHARE * self._since_rival) and _credible(rival):
+        if rival.accepted >= max(least, RIVAL_SHARE * self._since_rival) and _credible(rival):
+            self.begun_anew += least == ANEW_AFTER
             self.filter, self._rival, self.words = rival, None, None
-            self.begun_anew += 1
         elif self._since_rival >= ANEW_AFTER:
             self._rival = None
 
@@ -253,6 +243,37 @@ class Estimator:
         if distance < GATE:
             return f": in the frame {_other_frame(seen.frame)} it would fit"
         return ": another satellite's, or in another frame?"
+
+
+def _reading(known: OrbitFilter, utc_s: float, course: Course, fed: bool) -> Reading | None:
+    along_s = float(known.correction_km[ALONG]) / known.orbit.speed_km_s
+    there, spread = known.pointing(course.airless, Utc(utc_s), fed)
+    later, _ = known.pointing(course.airless, Utc(utc_s + LINE_S), fed)
+    now = _biases(there, utc_s, course, course.airless, (along_s, 0.0))
+    then = _biases(later, utc_s + LINE_S, course, course.airless, (along_s, 0.0))
+    if now is None or then is None:
+        return None
+    (along, cross, pace), (later_along, later_cross, _) = now, then
+    range_km = course.going(utc_s + along).range_km
+    cross_deg = math.degrees(math.atan(cross / range_km))
+    ahead = course.airless.at(Utc(utc_s), Bias(along + DIFFERENCE_S, cross_deg)).unit - there
+    ahead = ahead - (ahead @ there) * there
+    ahead = ahead / math.sqrt(float(ahead @ ahead))
+    left = np.cross(there, ahead)
+    return Reading(
+        along,
+        cross,
+        (later_along - along) / LINE_S,
+        (later_cross - cross) / LINE_S,
+        math.sqrt(float(ahead @ spread @ ahead)) / pace,
+        math.sqrt(float(left @ spread @ left)) * range_km,
+    )
+
+
+def _apart_deg(sighting: Sighting, bias: Bias) -> float:
+    """Return how far a sighting lies from where a bias leads."""
+    fed = sighting.propagator.at(sighting.utc, bias).unit
+    return 2.0 * math.degrees(math.asin(min(1.0, 0.5 * float(np.linalg.norm(sighting.unit - fed)))))
 
 
 def _rival(sighting: Sighting, orbit: CorrectableOrbit) -> OrbitFilter | None:

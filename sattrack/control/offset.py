@@ -105,6 +105,11 @@ class Offset:
         """Whether it never was anything but nothing."""
         return self.start == 0.0 and not self._changes
 
+    @property
+    def known_since_utc_s(self) -> float:
+        """From when on it is known what was applied: older changes are forgotten where there were many."""
+        return self._begins[0] if len(self._begins) >= KEPT else float("-inf")
+
     def ended_utc_s(self) -> float:
         """Return the instant at which the last change is over; negative infinity where there was none."""
         last = self._changes[-1] if self._changes else None

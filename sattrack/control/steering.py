@@ -88,7 +88,7 @@ class Steering:
                 self._observe(message, now_utc_s, begins_s)
                 return
             case SeenOffset():
-                self._observe(self._directed(message), now_utc_s, begins_s, True)
+                self._see(message, now_utc_s, begins_s)
                 return
             case Nudge():
                 answer = nudge_biases(self.biases, message.along_s, message.cross_deg, begins_s)
@@ -168,11 +168,16 @@ class Steering:
         self._begun_s = max(self._begun_s, now_utc_s + self._delay_s)
         return self._begun_s
 
-    def _directed(self, seen: SeenOffset) -> Observation:
-        """Return the direction in which an offset was seen, relative to the one fed at its instant."""
+    def _see(self, seen: SeenOffset, now_utc_s: float, begins_s: float) -> None:
+        """Take in the direction in which an offset was seen, relative to the one fed at its instant."""
         utc_s = float(Utc.parse(seen.utc).unix_s)
+        if utc_s < self.biases.known_since_utc_s:
+            self.estimator.refuse(f"it is of {seen.utc}: what was fed then is not known any more")
+            return
         there = self.biases.seen_at(utc_s, seen.dx_arcsec / 3600.0, seen.dy_arcsec / 3600.0)
-        return Observation(seen.utc, float(there.ra_deg), float(there.dec_deg), "of_date", seen.sigma_arcsec)
+        place = float(there.ra_deg), float(there.dec_deg)
+        directed = Observation(seen.utc, *place, "of_date", seen.sigma_arcsec)
+        self._observe(directed, now_utc_s, begins_s, True)
 
     def _observe(self, seen: Observation, now_utc_s: float, begins_s: float, relative: bool = False) -> None:
         """Take an observation in; the estimate is followed from the next period on."""

@@ -230,6 +230,27 @@ def test_a_satellite_that_left_its_orbit_is_taken_from_the_first_solutions_on(
     assert abs(tally.end_along_s[0]) < 0.02
 
 
+def test_sigmas_are_those_along_and_across_however_far_across_the_satellite_is(
+    course: Course, estimator: Estimator
+) -> None:
+    """Far across the track the two must not be mixed up: an observation fixes both alike on the sky."""
+    off = Bias(-4.0, 1.5)
+    true = Propagator(practice.elements(), practice.SITE.place(), off)
+    assert take(estimator, course, bench.solution(true, CULMINATION_S, random.Random(2), 20.0), off)
+    known, going = read(estimator, course), course.going(CULMINATION_S - 4.0)
+    on_sky = known.along_sigma_s * going.pace_deg_s, math.degrees(known.cross_sigma_km / going.range_km)
+    expected = bias_from_observation(
+        course.airless, *place(true, CULMINATION_S), Utc(CULMINATION_S), sigma_arcsec=20.0
+    )
+    assert known.along_sigma_s == pytest.approx(expected.along_sigma_s, rel=0.05)
+    assert on_sky[1] == pytest.approx(20.0 / 3600.0, rel=0.05)
+
+
+def place(true: Propagator, utc_s: float) -> tuple[float, float]:
+    there = true.at(Utc(utc_s))
+    return float(there.ra_deg), float(there.dec_deg)
+
+
 def test_what_the_elements_could_not_be_off_by_begins_an_estimate_once_many_agree() -> None:
     tally = bench.Tally()
     bench.manoeuvred(tally, (-8.0, 0.0, 2.0), 1)

@@ -6,6 +6,7 @@ import os
 import socket
 from typing import TYPE_CHECKING
 
+import msgspec
 import pytest
 from programs import free_port
 
@@ -18,7 +19,15 @@ from sattrack.runtime.control_arbiter import (
     StdinInbox,
     open_observers,
 )
-from sattrack.views.messages import Nudge, Observation, StopNow
+from sattrack.views.messages import (
+    Nudge,
+    Observation,
+    OffsetBy,
+    SeenOffset,
+    StopNow,
+    decode_message,
+    encode_message,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -28,7 +37,19 @@ GOOD = (
     b'"frame":"icrs","sigma_arcsec":20}'
 )
 SEEN = Observation("2026-10-02T13:05:24.5Z", 10.5, -3.25, "icrs", 20.0)
+OFFSET = (
+    b'{"type":"offset","utc":"2026-10-02T13:05:24.5Z","dx_arcsec":12.5,"dy_arcsec":-3,"sigma_arcsec":2,'
+    b'"camera":"guide"}'
+)
+SEEN_OFFSET = SeenOffset("2026-10-02T13:05:24.5Z", 12.5, -3.0, 2.0, "guide")
 BAD = (
+    OFFSET.replace(b"12.5", b"NaN"),
+    OFFSET.replace(b"12.5", b"1e6"),
+    OFFSET.replace(b":2,", b":0,"),
+    OFFSET.replace(b'"dy_arcsec":-3,', b""),
+    OFFSET.replace(b'"camera"', b'"what":"along_s","camera"'),
+    OFFSET.replace(b"24.5Z", b"24.5"),
+    b'{"type":"offset","what":"along_s","how":"add","value":0.5}',
     b"garbage",
     b"\x00\xff\xfe",
     b"[" * 100_000,
@@ -76,6 +97,19 @@ def test_an_observation_is_read_with_or_without_its_type() -> None:
     observers = held(GOOD, GOOD.replace(b'"type":"observation",', b""), b"", b"  \r")
     assert observers.observations() == [SEEN, SEEN]
     assert observers.malformed == 0
+
+
+def test_an_offset_that_a_camera_saw_comes_with_observations_and_one_that_is_ordered_does_not(
+    pipe: tuple[int, int],
+) -> None:
+    observers = held(OFFSET, OFFSET.replace(b',"camera":"guide"', b""))
+    assert observers.observations() == [SEEN_OFFSET, msgspec.structs.replace(SEEN_OFFSET, camera=None)]
+    inbox = StdinInbox(observers, pipe[0])
+    ordered = b'{"type":"offset","what":"along_s","how":"add","value":0.5}'
+    os.write(pipe[1], OFFSET + b"\n" + ordered + b"\n")
+    assert inbox.said() == [OffsetBy("along_s", "add", 0.5)]
+    assert observers.observations() == [SEEN_OFFSET]
+    assert decode_message(encode_message(SEEN_OFFSET)) == SEEN_OFFSET
 
 
 @pytest.mark.parametrize("line", BAD, ids=lambda line: line[:30].decode("latin-1"))
