@@ -235,7 +235,7 @@ def test_sigmas_are_those_along_and_across_however_far_across_the_satellite_is(
 ) -> None:
     """Far across the track the two must not be mixed up: an observation fixes both alike on the sky."""
     off = Bias(-4.0, 1.5)
-    true = Propagator(practice.elements(), practice.SITE.place(), off)
+    true = Propagator(demo_pass.elements(), demo_pass.SITE.place(), off)
     assert take(estimator, course, bench.solution(true, CULMINATION_S, random.Random(2), 20.0), off)
     known, going = read(estimator, course), course.going(CULMINATION_S - 4.0)
     on_sky = known.along_sigma_s * going.pace_deg_s, math.degrees(known.cross_sigma_km / going.range_km)
