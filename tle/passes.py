@@ -11,6 +11,8 @@ from tle.arcs import Windows, anomaly_pieces, fit_arcs, terms_for
 from tle.bias import NO_BIAS
 from tle.crossings import Crossings, find_crossings
 from tle.earth import Ground
+from tle.elements import Elements
+from tle.ephemeris_passes import ephemeris_arcs, spans_within
 from tle.errors import TimeRangeError
 from tle.gate import near_crossings
 from tle.horizon import Horizon
@@ -20,6 +22,7 @@ from tle.near_earth import DEEP_SPACE_MIN, start_near_earth
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from tle.ephemeris import Ephemeris
     from tle.horizon import HorizonMask
     from tle.propagator import Propagator
 
@@ -65,9 +68,12 @@ def find_passes(
     check_hours(hours)
     horizon = Horizon(min_alt_deg, mask)
     start_s, span_s = float(start.unix_s), hours * HOUR_S
+    elements = propagator.elements
+    if not isinstance(elements, Elements):
+        return _of_ephemeris(propagator, elements, (start_s, span_s), horizon)
     propagator.at(start)
     if propagator.bias == NO_BIAS:
-        near = _near(propagator, (start_s, span_s), horizon)
+        near = _near(propagator, elements, (start_s, span_s), horizon)
         if near is not None:
             return passes_of(near, start_s)
     seen = propagator.with_place("geometric")
@@ -79,22 +85,37 @@ def find_passes(
         places = np.stack([level * np.sin(az), level * np.cos(az), there.range_km * np.sin(alt)])
         return places.reshape(3, *since_s.shape)
 
-    terms = terms_for(seen.elements.eccentricity)
+    terms = terms_for(elements.eccentricity)
     for _ in range(2):
         windows = Windows(np.zeros(1, dtype=np.intp), np.zeros(1), np.full(1, span_s))
-        arcs, without = fit_arcs(windows, anomaly_pieces(seen.elements, start_s, span_s), sample, terms)
+        arcs, without = fit_arcs(windows, anomaly_pieces(elements, start_s, span_s), sample, terms)
         if not len(without):
             break
         span_s = _good_span(seen, start_s, span_s)
     return passes_of(find_crossings(arcs, horizon), start_s)
 
 
-def _near(propagator: Propagator, span: tuple[float, float], horizon: Horizon) -> Crossings | None:
+def _of_ephemeris(
+    propagator: Propagator, ephemeris: Ephemeris, span: tuple[float, float], horizon: Horizon
+) -> list[Pass]:
+    """Return the passes of what is not propagated by SGP4, wherever its ephemeris has places in the span."""
+    first_s, last_s = spans_within(ephemeris, *span)
+    if len(first_s) == 0:
+        propagator.at(Utc(span[0]))
+        return []
+    windows = Windows(np.zeros(len(first_s), dtype=np.intp), first_s, last_s)
+    arcs = ephemeris_arcs(propagator, windows, span[0])
+    return passes_of(find_crossings(arcs, horizon), span[0])
+
+
+def _near(
+    propagator: Propagator, elements: Elements, span: tuple[float, float], horizon: Horizon
+) -> Crossings | None:
     """Return the crossings of a near-Earth object that keeps its orbit, None for any other."""
     # What Brouwer's mean motion differs by from the elements' own is far below a tenth.
-    if propagator.elements.period_s > 1.1 * 60.0 * DEEP_SPACE_MIN:
+    if elements.period_s > 1.1 * 60.0 * DEEP_SPACE_MIN:
         return None
-    c = start_near_earth([propagator.elements])
+    c = start_near_earth([elements])
     if float(c.period_s[0]) >= 60.0 * DEEP_SPACE_MIN:
         return None
     ground = Ground(propagator.site, propagator.earth, *span)

@@ -1,4 +1,4 @@
-"""From elements and a site to where the satellite is seen at an instant, and how fast it moves there."""
+"""From an ephemeris and a site to where an object is seen at an instant, and how fast it moves there."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ import numpy as np
 from tle.bias import NO_BIAS, Bias
 from tle.direction import Direction, Sight, stacked, teme_axis, unit_of
 from tle.earth import EarthOrientation, Rotation, Triple, turned
+from tle.elements import Elements
 from tle.errors import PlaceError
-from tle.motion import Motion, State, gravity_km_s2
+from tle.motion import State, gravity_km_s2
 from tle.quantities import ARRAYS, FLOATS, Functions
 from tle.sun import LIGHT_KM_S, earth_velocity_km_s
 
 if TYPE_CHECKING:
-    from tle.elements import Elements
+    from tle.ephemeris import Ephemeris
     from tle.instants import Utc
     from tle.quantities import Quantity
     from tle.refraction import Refraction
@@ -26,8 +27,9 @@ Place = Literal["apparent", "geometric", "astrometric"]
 
 
 class Propagator:
-    """Directions of one satellite from one site; `at` an instant or an array of instants.
+    """Directions of one object from one site; `at` an instant or an array of instants.
 
+    The object is given by elements, which SGP4 propagates, or by another ephemeris.
     Places: "apparent" (light time and diurnal aberration: where a mount must point without air), "geometric"
     (neither), "astrometric" (light time as the Solar System's barycentre has it; RA and Dec in the ICRF, as
     a plate solution gives them; altitude, azimuth and hour angle are those of the apparent place).
@@ -35,12 +37,13 @@ class Propagator:
     those of the raised direction; it does not go with the astrometric place. Earth orientation is that of the
     installed IERS table unless `earth` is given. Not to be shared between threads.
 
-    Raises PlaceError, and PropagationError where SGP4 refuses the elements.
+    Raises PlaceError, PropagationError where SGP4 refuses the elements, and EphemerisError for a table that
+    cannot be interpolated.
     """
 
     def __init__(
         self,
-        elements: Elements,
+        elements: Elements | Ephemeris,
         site: Site,
         bias: Bias = NO_BIAS,
         earth: EarthOrientation | None = None,
@@ -62,7 +65,7 @@ class Propagator:
         self.refraction = refraction
         self.place: Place = place
         self.diurnal_aberration = diurnal_aberration
-        self._motion = Motion(elements)
+        self._states = elements.states(self.earth, bent=place == "apparent")
         self._observer = (self.earth, site)
         self._aberrated = diurnal_aberration and place != "geometric"
 
@@ -82,17 +85,17 @@ class Propagator:
         """Return where the satellite is seen at an instant, or at each of an array of instants.
 
         A bias given here takes the place of the propagator's own.
-        Raises TimeRangeError; DecayedError or another PropagationError for one instant at which SGP4 fails
-        (in an array, that instant is NaN and its `error` is SGP4's number).
+        Raises TimeRangeError; DecayedError or another PropagationError for one instant at which SGP4 fails,
+        or that a table does not cover (in an array, that instant is NaN and its `error` is not 0).
         """
         bias = self.bias if bias is None else bias
         unix_s = t.unix_s
         turn = self.earth.rotation(unix_s)
         along_s = bias.along_s if bias.epoch is None else bias.along_at_s(unix_s)
         if isinstance(unix_s, np.ndarray):
-            fn, state = ARRAYS, self._motion.at_many(unix_s, along_s)
+            fn, state = ARRAYS, self._states.at_many(unix_s, along_s)
         else:
-            fn, state = FLOATS, self._motion.at(unix_s, along_s)
+            fn, state = FLOATS, self._states.at(unix_s, along_s)
         return Direction(t, self._sight(fn, t, turn, state, bias), turn, self._observer)
 
     def _sight(self, fn: Functions, t: Utc, turn: Rotation, state: State, bias: Bias) -> Sight:
@@ -126,7 +129,8 @@ class Propagator:
         if bias.cross_deg or bias.cross_rate_deg_s:
             angle = math.pi / 180.0 * bias.cross_at_deg(t.unix_s)
             angle_rate = math.pi / 180.0 * bias.cross_rate_deg_s
-            bend = tuple(k * (1.0 + bias.along_rate) ** 2 for k in gravity_km_s2(x, y, z))
+            pull = gravity_km_s2(x, y, z) if isinstance(self.elements, Elements) else (ax, ay, az)
+            bend = tuple(k * (1.0 + bias.along_rate) ** 2 for k in pull)
             (qx, qy, qz), (dx, dy, dz) = _crossed(
                 fn, (qx, qy, qz), (dx, dy, dz), (vx, vy, vz), (bend[0], bend[1], bend[2]), (angle, angle_rate)
             )
@@ -140,6 +144,8 @@ class Propagator:
         if self.refraction is not None:
             up, up_rate = teme_axis(self.site.up, turn, fn)
             q, q_rate = self.refraction.refract(*unit_of(q, q_rate, fn), up, up_rate)
+        if not self.elements.ranged:
+            distance, distance_rate = distance * math.nan, distance_rate * math.nan
         return q, q_rate, distance, distance_rate, (x, y, z), error, icrf
 
     def _icrf(
