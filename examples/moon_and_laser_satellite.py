@@ -26,6 +26,4 @@ for path in sys.argv[1:]:
         start, end = target.spans[0]
         seen = Propagator(target, LEIDEN).at(start)
         print(f"{target.name}: {target.provenance}, {target.frame}")
-        print(
-            f"  {start.isoformat('seconds')} to {end.isoformat('seconds')}; azimuth {seen.az_deg:.3f}° at first"
-        )
+        print(f"  {start.isoformat('seconds')} to {end.isoformat('seconds')}, at first {seen.az_deg:.3f}° az")

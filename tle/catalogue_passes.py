@@ -107,13 +107,21 @@ class CatalogueSearch:
         deep: NDArray[np.bool_] = period_s >= DEEP_SPACE_MIN * 60.0
         return deep
 
+    def ends(self, found: Crossings) -> tuple[Array, Array]:
+        """Return the first and last second of passes, within the span."""
+        return np.nan_to_num(found.rise_s, nan=0.0), np.where(np.isnan(found.set_s), self.span_s, found.set_s)
+
+    def shapes(self, obj: Index) -> tuple[Array, Array]:
+        """Return how long pieces of the ways of objects by index may be, seconds, and the eccentricities."""
+        elements = [self.elements[i] for i in obj.tolist()]
+        e = np.array([one.eccentricity for one in elements])
+        return longest_piece_s(np.array([one.period_s for one in elements]), e), e
+
     def arcs(self, windows: Windows, deep: bool) -> tuple[Arcs, Index]:
         """Return the ways of objects, all deep or all near, in windows, and objects that have none."""
         names, obj = np.unique(windows.obj, return_inverse=True)
         elements = [self.elements[i] for i in names.tolist()]
-        e = np.array([one.eccentricity for one in elements])
-        period_s = np.array([one.period_s for one in elements])
-        longest_s = longest_piece_s(period_s, e)
+        longest_s, e = self.shapes(names)
         local = Windows(obj, windows.first_s, windows.last_s)
         pieces = even_pieces(local, longest_s[obj])
         terms = terms_for(float(e.max(initial=0.0)))
@@ -264,6 +272,10 @@ class CataloguePasses(Sequence[SatellitePass]):
         self.start = Utc(task.span[0])
         self.found = found
         self.failed = failed
+
+    def search(self) -> CatalogueSearch:
+        """Return what knows the ways of the objects."""
+        return CatalogueSearch(self.task)
 
     def __len__(self) -> int:
         """Return how many passes there are."""

@@ -7,27 +7,32 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from tle.arcs import Windows, anomaly_pieces, fit_arcs, terms_for
+from tle.arcs import ECCENTRIC_TERMS, Windows, anomaly_pieces, even_pieces, fit_arcs, terms_for
 from tle.bias import NO_BIAS
 from tle.crossings import Crossings, find_crossings
 from tle.earth import Ground
 from tle.elements import Elements
-from tle.ephemeris_passes import ephemeris_arcs, spans_within
-from tle.errors import TimeRangeError
+from tle.errors import EphemerisError, TimeRangeError
 from tle.gate import near_crossings
 from tle.horizon import Horizon
 from tle.instants import Utc
 from tle.near_earth import DEEP_SPACE_MIN, start_near_earth
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
-    from tle.ephemeris import Ephemeris
+    from tle.arcs import Arcs, Index
     from tle.horizon import HorizonMask
     from tle.propagator import Propagator
 
+    Array = NDArray[np.float64]
+
 HOUR_S = 3600.0
 MOST_HOURS = 24.0 * 366.0
+LONGEST_PIECE_S = 900.0
+_SHORTEST_WINDOW_S, _FAR_KM = 1.0, 1e6
 _FAILURE_STEP_S = 60.0
 _FAILURE_CLOSE_S = 0.01
 
@@ -70,7 +75,10 @@ def find_passes(
     start_s, span_s = float(start.unix_s), hours * HOUR_S
     elements = propagator.elements
     if not isinstance(elements, Elements):
-        return _of_ephemeris(propagator, elements, (start_s, span_s), horizon)
+        first_s, last_s = spans_within(propagator, start_s, span_s)
+        windows = Windows(np.zeros(len(first_s), dtype=np.intp), first_s, last_s)
+        seen = propagator.with_place("geometric")
+        return passes_of(find_crossings(ephemeris_arcs([seen], windows, start_s), horizon), start_s)
     propagator.at(start)
     if propagator.bias == NO_BIAS:
         near = _near(propagator, elements, (start_s, span_s), horizon)
@@ -95,17 +103,49 @@ def find_passes(
     return passes_of(find_crossings(arcs, horizon), start_s)
 
 
-def _of_ephemeris(
-    propagator: Propagator, ephemeris: Ephemeris, span: tuple[float, float], horizon: Horizon
-) -> list[Pass]:
-    """Return the passes of what is not propagated by SGP4, wherever its ephemeris has places in the span."""
-    first_s, last_s = spans_within(ephemeris, *span)
-    if len(first_s) == 0:
-        propagator.at(Utc(span[0]))
-        return []
-    windows = Windows(np.zeros(len(first_s), dtype=np.intp), first_s, last_s)
-    arcs = ephemeris_arcs(propagator, windows, span[0])
-    return passes_of(find_crossings(arcs, horizon), span[0])
+def spans_within(propagator: Propagator, start_s: float, span_s: float) -> tuple[Array, Array]:
+    """Return first and last seconds, after start_s (POSIX), for which there are places in a span; (k,).
+
+    Raises EphemerisSpanError where there is none.
+    """
+    spans = propagator.elements.spans
+    if not spans:
+        return np.zeros(1), np.full(1, span_s)
+    ends = np.array([[float(first.unix_s), float(last.unix_s)] for first, last in spans]) - start_s
+    ends = np.clip(ends, 0.0, span_s)
+    ends = ends[ends[:, 1] - ends[:, 0] > _SHORTEST_WINDOW_S]
+    if len(ends) == 0:
+        propagator.at(Utc(start_s))
+    return ends[:, 0], ends[:, 1]
+
+
+def ephemeris_arcs(propagators: Sequence[Propagator], windows: Windows, start_s: float) -> Arcs:
+    """Return the ways of objects, each of the geometric place, in windows. Raises EphemerisError.
+
+    What has no range is taken for far away: only its direction counts.
+    """
+
+    def sample(obj: Index, since_s: Array) -> Array:
+        places = np.empty((3, *since_s.shape))
+        for one in np.unique(obj).tolist():
+            rows = obj == one
+            there = propagators[one].at(Utc(start_s + since_s[rows].ravel()))
+            alt, az = np.radians(there.alt_deg), np.radians(there.az_deg)
+            known = np.isnan(there.alt_deg) | np.isfinite(there.range_km)
+            range_km = np.where(known, there.range_km, _FAR_KM)
+            level = range_km * np.cos(alt)
+            place = np.stack([level * np.sin(az), level * np.cos(az), range_km * np.sin(alt)])
+            places[:, rows] = place.reshape(3, -1, since_s.shape[1])
+        return places
+
+    pieces = even_pieces(windows, np.full(len(windows.obj), LONGEST_PIECE_S))
+    arcs, without = fit_arcs(windows, pieces, sample, ECCENTRIC_TERMS)
+    if len(without):
+        source = propagators[int(without[0])].elements
+        raise EphemerisError(
+            f"{source.label}: its places are not smooth enough to search for passes", source=source.provenance
+        )
+    return arcs
 
 
 def _near(

@@ -13,7 +13,7 @@ import click
 import numpy as np
 
 from sattrack.cli.common import CommandContext, common_options, tell
-from sattrack.cli.targets import ephemeris_option, find_target
+from sattrack.cli.targets import ephemeris_option, find_targets
 from sattrack.core.errors import BadInputError
 from tle.bias import Bias
 from tle.bodies import Body
@@ -93,7 +93,7 @@ def command(context: CommandContext, target: str, **options: Any) -> int:
     TARGET is a satellite (catalogue number, international designator or name), Sun, Moon or a planet, or
     RA,DEC in the ICRS (83.6331,22.0145 or 05:34:31,+22:00:52). With --ephemeris it is an object of that file.
     """
-    elements = find_target(context, target, options["ephemeris"])
+    (elements,) = find_targets(context, [target], options["ephemeris"])
     site = context.site()
     start = Utc.parse(options["start"]) if options["start"] else context.now()
     stop = Utc.parse(options["stop"]) if options["stop"] else start.plus(_DEFAULT_SPAN_S)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from sattrack.cli.common import CommandContext
     from tle.elements import Elements
@@ -25,21 +25,25 @@ def ephemeris_option(function: Callable[..., Any]) -> Callable[..., Any]:
     )(function)
 
 
-def find_target(context: CommandContext, key: str, ephemeris: Path | None) -> Elements | Ephemeris:
-    """Return what a user means by TARGET.
+def find_targets(
+    context: CommandContext, keys: Sequence[str], ephemeris: Path | None
+) -> list[Elements | Ephemeris]:
+    """Return what a user means by each TARGET.
 
     An object of the ephemeris file where one is given; else Sun, Moon, a planet, or RA,DEC; else a satellite
-    of the elements. Raises TleError, BadInputError.
+    of the elements, which are read where one is asked for. Without keys it is everything in the file, or in
+    the elements. Raises TleError, BadInputError.
     """
     if ephemeris is not None:
         from tle.formats.ephemerides import find_ephemeris, read_ephemerides
 
-        return find_ephemeris(read_ephemerides(ephemeris), key)
+        found = read_ephemerides(ephemeris)
+        return [find_ephemeris(found, key) for key in keys] if keys else list(found)
+    if not keys:
+        return list(context.elements())
     from tle.bodies import find_body
-
-    body = find_body(key)
-    if body is not None:
-        return body
     from tle.sources import find
 
-    return find(context.elements(), key)
+    bodies = [find_body(key) for key in keys]
+    elements = context.elements() if None in bodies else []
+    return [body or find(elements, key) for key, body in zip(keys, bodies, strict=True)]
