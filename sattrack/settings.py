@@ -57,6 +57,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     site: SiteSettings | None = None
     elements: tuple[str, ...] = ()
+    stars: str | None = None
+    """A file of the Hipparcos catalogue, for targets such as Vega and HIP 91262."""
     mount: MountSettings = MountSettings()
     min_altitude_deg: float = 10.0
     safety: SafetySettings = SafetySettings()
@@ -95,6 +97,7 @@ def load_settings(explicit: Path | None = None) -> Settings:
     settings = read_toml(path, Settings, "the settings")
     here = path.parent
     elements = tuple(s if s == "-" or _names_a_provider(s) else str(here / s) for s in settings.elements)
+    stars = None if settings.stars is None else str(here / settings.stars)
     mount = settings.mount
     if mount.profile is not None:
         mount = msgspec.structs.replace(mount, profile=str(here / mount.profile))
@@ -108,7 +111,7 @@ def load_settings(explicit: Path | None = None) -> Settings:
     if safety.horizon is not None:
         safety = msgspec.structs.replace(safety, horizon=str(here / safety.horizon))
         safety.limits()
-    return msgspec.structs.replace(settings, elements=elements, mount=mount, safety=safety)
+    return msgspec.structs.replace(settings, elements=elements, stars=stars, mount=mount, safety=safety)
 
 
 def _names_a_provider(source: str) -> bool:

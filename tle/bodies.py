@@ -6,20 +6,23 @@ milliarcseconds, from 1900 to 2053; beyond Mars it gives the barycentre of a pla
 
 from __future__ import annotations
 
+import gzip
 import math
 import re
+import zlib
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib import resources
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import erfa
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from tle.earth import UNIX_EPOCH_MJD, tai_minus_utc_s
+from tle.earth import UNIX_EPOCH_MJD, EarthOrientation, tai_minus_utc_s
 from tle.ephemeris import Frame, Span
-from tle.errors import BodyError
+from tle.errors import BodyError, SourceError
 from tle.instants import DAY_S, Utc
 from tle.quantities import ARRAYS, FLOATS
 from tle.sun import AU_KM, LIGHT_KM_S
@@ -27,7 +30,6 @@ from tle.sun import AU_KM, LIGHT_KM_S
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from tle.earth import EarthOrientation
     from tle.ephemeris import Covariance
     from tle.motion import State
     from tle.quantities import Quantity
@@ -58,6 +60,7 @@ _MJD_JD = 2400000.5
 _J2000_JD = 2451545.0
 # What has no parallax is put so far away (1 kpc in km) that nobody sees the difference.
 _FAR_KM = 3.0857e16
+_HIPPARCOS_JD = 2448349.0625
 _SEXAGESIMAL = re.compile(r"([+-]?)(\d{1,3})[:h ](\d{1,2})(?:[:m ](\d{1,2}(?:\.\d*)?)s?)?", re.ASCII)
 
 
@@ -83,6 +86,8 @@ class Body:
 
     name: str
     star: StarPlace | None = None
+    parts: dict[str, Array] = field(default_factory=dict, compare=False, repr=False)
+    """Polynomials that are known beforehand, as `kept_parts` gives them."""
     catalog_number: int = field(default=0, init=False)
 
     @property
@@ -127,6 +132,15 @@ class Body:
         """Return what gives its places. Raises BodyError where the packaged ephemeris is not installed."""
         return BodyStates(self, earth, bent)
 
+    def kept_parts(self, begin_s: float, end_s: float) -> dict[str, list[list[float]]]:
+        """Return the polynomials between two instants, POSIX seconds, as plain data. Raises BodyError."""
+        kept = {}
+        for bent in (False, True):
+            states = BodyStates(self, EarthOrientation.installed(), bent)
+            for part in range(math.floor(begin_s / _PART_S), math.floor(end_s / _PART_S) + 1):
+                kept[_key(part, bent)] = states.part(part).tolist()
+        return kept
+
     def covariance(self, at: Utc) -> Covariance | None:
         """Return none: what DE421 misses is far below what a telescope sees."""
         return None
@@ -147,7 +161,7 @@ class BodyStates:
         part = math.floor(moved / _PART_S)
         x = 2.0 * (moved / _PART_S - part) - 1.0
         powers = x ** np.arange(float(_TERMS))
-        native = (self._part(part) @ powers).tolist()
+        native = (self.part(part) @ powers).tolist()
         return (*_GCRF.to_teme(self._earth, unix_s, tuple(native), FLOATS), 0)
 
     def at_many(self, unix_s: Array, later_s: Quantity) -> State:
@@ -159,12 +173,15 @@ class BodyStates:
         native = np.empty((9, len(moved)))
         for one in np.unique(part).tolist():
             rows = part == one
-            native[:, rows] = self._part(one) @ powers[rows].T
+            native[:, rows] = self.part(one) @ powers[rows].T
         states = _GCRF.to_teme(self._earth, unix_s, tuple(native), ARRAYS)
         return (*states, np.zeros(len(moved), dtype=np.uint8))
 
-    def _part(self, part: int) -> Array:
-        """Return the polynomials of a quarter of a day, shape (9, terms)."""
+    def part(self, part: int) -> Array:
+        """Return the polynomials of a quarter of a day, counted from 1970, shape (9, terms)."""
+        known = self._body.parts.get(_key(part, self._bent))
+        if known is not None:
+            return known
         if part not in self._parts:
             middle = (part + 0.5) * _PART_S
             places, velocities = self._places(middle + 0.5 * _PART_S * _NODES)
@@ -211,6 +228,10 @@ class BodyStates:
         if self._bent:
             place = _bent(place, kernel["sun"].at(time).position.km - earth.position.km)
         return place, -earth.velocity.km_per_s
+
+
+def _key(part: int, bent: bool) -> str:
+    return f"{part}{'b' if bent else ''}"
 
 
 def _powers(values: Array) -> Array:
@@ -284,6 +305,43 @@ def find_body(key: str) -> Body | None:
             f"{key!r} is no direction: RA must be from 0 to below 24h or 360°, Dec from -90° to 90°"
         )
     return Body(name, StarPlace(ra_deg, dec_deg))
+
+
+def star_number(key: str) -> int | None:
+    """Return the Hipparcos number of HIP 91262, or of a star's name; None where a key is neither."""
+    match = re.fullmatch(r"hip\s*(\d{1,6})", key.strip(), re.ASCII | re.IGNORECASE)
+    if match is not None:
+        return int(match[1])
+    from skyfield.named_stars import named_star_dict
+
+    wanted = key.strip().casefold()
+    return next((number for name, number in named_star_dict.items() if name.casefold() == wanted), None)
+
+
+def read_star(path: str | Path, number: int, name: str) -> Body:
+    """Return a star of the Hipparcos catalogue (ESA SP-1200, CDS I/239), from its file hip_main.dat.
+
+    Places are ICRS at J1991.25; the file may be packed by gzip. Raises SourceError, and BodyError where the
+    star is not there, or has no place, proper motion and parallax.
+    """
+    try:
+        data = Path(path).read_bytes()
+        if data[:2] == b"\x1f\x8b":
+            data = gzip.decompress(data)
+    except (OSError, EOFError, zlib.error) as error:
+        raise SourceError(f"{path}: cannot read the star catalogue: {error}") from None
+    found = re.search(rb"^H\| *%d\|.*$" % number, data, re.MULTILINE)
+    if found is None:
+        raise BodyError(f"{path}: HIP {number} is not in this star catalogue: give RA,DEC instead")
+    line = data.count(b"\n", 0, found.start()) + 1
+    fields = found.group().decode("ascii", "replace").split("|")
+    try:
+        ra, dec, parallax, pm_ra, pm_dec = (float(fields[k]) for k in (8, 9, 11, 12, 13))
+    except (ValueError, IndexError):
+        raise BodyError(
+            f"{path}:{line}: HIP {number} has no place, parallax and proper motion: give RA,DEC instead"
+        ) from None
+    return Body(name, StarPlace(ra, dec, pm_ra, pm_dec, max(parallax, 0.0), epoch_jd=_HIPPARCOS_JD))
 
 
 def _angle(text: str, unit: float) -> float | None:

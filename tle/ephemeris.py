@@ -109,7 +109,7 @@ class Ephemeris(Protocol):
 
     @property
     def ranged(self) -> bool:
-        """Tell whether the distance is known, and not the direction alone."""
+        """Tell whether the distance is known well; where it is not, a range is only far away."""
 
     def states(self, earth: EarthOrientation, bent: bool = False) -> States:
         """Return what gives its states, the Earth being turned so.

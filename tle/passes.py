@@ -131,8 +131,7 @@ def ephemeris_arcs(propagators: Sequence[Propagator], windows: Windows, start_s:
             rows = obj == one
             there = propagators[one].at(Utc(start_s + since_s[rows].ravel()))
             alt, az = np.radians(there.alt_deg), np.radians(there.az_deg)
-            known = np.isnan(there.alt_deg) | np.isfinite(there.range_km)
-            range_km = np.where(known, there.range_km, _FAR_KM)
+            range_km = there.range_km if propagators[one].elements.ranged else _FAR_KM
             level = range_km * np.cos(alt)
             place = np.stack([level * np.sin(az), level * np.cos(az), range_km * np.sin(alt)])
             places[:, rows] = place.reshape(3, -1, since_s.shape[1])

@@ -144,8 +144,6 @@ class Propagator:
         if self.refraction is not None:
             up, up_rate = teme_axis(self.site.up, turn, fn)
             q, q_rate = self.refraction.refract(*unit_of(q, q_rate, fn), up, up_rate)
-        if not self.elements.ranged:
-            distance, distance_rate = distance * math.nan, distance_rate * math.nan
         return q, q_rate, distance, distance_rate, (x, y, z), error, icrf
 
     def _icrf(

@@ -114,8 +114,10 @@ def command(context: CommandContext, target: str, **options: Any) -> int:
     _tell_about(elements, propagator, seen)
     if options["plot"]:
         _plot(options["plot"], elements, seen)
-    shines = isinstance(elements, Body) and elements.shines
-    _print(seen, "json" if context.json else options["style"], shines)
+    absent = set() if elements.ranged else {"range_km", "range_rate_km_s"}
+    if isinstance(elements, Body) and elements.shines:
+        absent.add("sunlit")
+    _print(seen, "json" if context.json else options["style"], frozenset(absent))
     return 0
 
 
@@ -167,24 +169,22 @@ def _why_none(propagator: Propagator, at: Utc) -> str:
     return f"the first at {at.isoformat('seconds')}"
 
 
-def _columns(seen: Direction, shines: bool) -> dict[str, list[Any]]:
+def _columns(seen: Direction, absent: frozenset[str]) -> dict[str, list[Any]]:
     """Return every field as a list of numbers, None where there is none."""
     columns = {}
     for name in FIELDS:
         values = getattr(seen, name)
-        none = seen.error.astype(bool) | np.isnan(values)
-        if name == "sunlit" and shines:
-            none = np.ones(len(values), dtype=bool)
+        none = seen.error.astype(bool) | (name in absent)
         columns[name] = [
             None if missing else value for value, missing in zip(values.tolist(), none.tolist(), strict=True)
         ]
     return columns
 
 
-def _print(seen: Direction, style: str, shines: bool) -> None:
-    """Print the rows; of what `shines` by itself, nobody asks whether it is sunlit."""
+def _print(seen: Direction, style: str, absent: frozenset[str]) -> None:
+    """Print the rows, with nothing in the fields that are absent."""
     times = [seen.utc[i] for i in range(len(seen.utc))]
-    columns = _columns(seen, shines)
+    columns = _columns(seen, absent)
     rows = zip(*columns.values(), strict=True)
     if style == "json":
         document = [

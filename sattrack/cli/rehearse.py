@@ -10,6 +10,7 @@ import click
 import msgspec
 
 from sattrack.cli.common import CommandContext, common_options, profile_option, show, table, tell
+from sattrack.cli.targets import ephemeris_option, find_target
 from sattrack.core.errors import BadInputError
 from sattrack.runtime.facts import REFRACTION_MODES
 from tle.errors import printable
@@ -26,7 +27,8 @@ ROWS = 9
 
 
 @click.command("rehearse")
-@click.argument("satellite")
+@click.argument("target")
+@ephemeris_option
 @click.option(
     "--pass",
     "number",
@@ -52,10 +54,11 @@ ROWS = 9
     "--plot", type=click.Path(path_type=Path, dir_okay=False), help="Chart of the pass as an image (PNG)."
 )
 @common_options
-def command(context: CommandContext, satellite: str, number: int, **options: Any) -> int:
-    """Tell before a pass what the mount will not manage: what is lost, when, to which limit.
+def command(context: CommandContext, target: str, number: int, **options: Any) -> int:
+    """Tell before a pass of TARGET what the mount will not manage: what is lost, when, to which limit.
 
-    SATELLITE is a catalogue number, an international designator or a name. Nothing is moved. The exit code is
+    TARGET is a satellite (catalogue number, international designator or name), Moon or a planet, or RA,DEC;
+    with --ephemeris an object of that file. Nothing is moved. The exit code is
     0 for a go and 1 for a no-go.
     """
     from sattrack.runtime.kernel_clock import read_kernel_clock
@@ -70,7 +73,8 @@ def command(context: CommandContext, satellite: str, number: int, **options: Any
         raise BadInputError(f"{plot}: there is no such folder to write the chart into")
     min_alt_deg = context.settings.min_altitude_deg if options["min_alt"] is None else options["min_alt"]
     request = RunRequest(
-        satellite=satellite,
+        satellite=target,
+        target=find_target(context, target, options["ephemeris"]),
         mount_url="sim",
         elements=context.elements() if context.sources() else None,
         site=context.site() if context.has_site() else None,

@@ -73,9 +73,14 @@ class Progress:
 def announcement(facts: RunFacts) -> list[str]:
     """Return what is to be known before a run begins: which pass, when, and what the elements' age means."""
     plan = facts.plan
-    lines = [f"{facts.elements.label} {_when(facts)}"]
-    age_days = (plan.start_utc_s - float(facts.elements.epoch.unix_s)) / 86400.0
-    if abs(age_days) > OLD_AFTER_DAYS:
+    target = facts.target
+    lines = [f"{target.label} {_when(facts)}"]
+    if facts.followed is not None:
+        sigma_km = facts.followed.sigma_km
+        known = "" if sigma_km is None else f", 1σ {1000.0 * sigma_km:.3g} m by the file"
+        lines.append(f"by {target.provenance}{known}")
+    age_days = (plan.start_utc_s - float(target.epoch.unix_s)) / 86400.0
+    if facts.elements is not None and abs(age_days) > OLD_AFTER_DAYS:
         lines.append(f"the elements are {abs(age_days):.1f} days off the pass: expect it early or late")
     off_s = facts.profile.dated_within_s
     if off_s is not None and off_s > TELLING_DELAY_S:

@@ -19,6 +19,7 @@ from sattrack.cli.running import (
     fly_and_tell,
     tell_malformed,
 )
+from sattrack.cli.targets import find_target
 from sattrack.core.errors import BadInputError
 from sattrack.mount.profiles import write_profile
 from sattrack.runtime.fly import fly_virtual
@@ -54,10 +55,15 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
         limits=context.settings.safety.limits(),
         memory=options["bias_memory"],
         between=(_utc_s(options["begin"]), _utc_s(options["end"])),
+        target=find_target(context, satellite, options["ephemeris"]),
     )
     if is_antenna(request.mount_url):
         from sattrack.cli.track_antenna import follow as follow_by_antenna
 
+        if request.target is not None:
+            raise BadInputError(
+                f"{request.target.label}: an antenna's controller is fed from element sets only"
+            )
         if request.memory not in {"auto", "off"}:
             raise BadInputError("--bias-memory does not go with an antenna's controller; leave it out")
         return follow_by_antenna(context, request, options)
@@ -138,6 +144,7 @@ def _next_request(request: RunRequest, armed: Armed, before: Prepared) -> RunReq
     return replace(
         request,
         satellite=str(armed.catalog_number),
+        target=None,
         between=(None, None),
         culminate_utc_s=armed.culminate_utc_s,
         clock=before.clock,

@@ -7,6 +7,8 @@ import html
 import io
 from typing import TYPE_CHECKING, Any
 
+from sattrack.views.summary_text import named
+
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
@@ -29,7 +31,7 @@ img { max-width: 100% } .what { color: #5b6b80 } .bad { color: #b3263a }
 def report_rows(report: Report) -> list[tuple[str, str]]:
     """Return what a report says as pairs of a name and a value, both in words."""
     rows = [
-        ("pass", f"{report.name} ({report.catalog_number}), {report.began_utc}"),
+        ("pass", f"{named(report.name, report.catalog_number)}, {report.began_utc}"),
         ("mount", report.mount),
         ("followed", f"{report.followed_s:.0f} s, {report.samples} samples; ended by {report.ended_by}"),
     ]

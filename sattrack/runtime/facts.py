@@ -12,12 +12,13 @@ from sattrack.control.tracker import TrackPlan
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.utc_json import decode_utc, encode_utc
 from sattrack.mount.model import MountProfile
+from sattrack.runtime.target_facts import TargetFacts
 from sattrack.safety import SafetyLimits
 from sattrack.settings import SiteSettings
 from sattrack.views.run import SAME_PASS_S, RememberedView
 from tle.bias import Bias
 from tle.elements import Elements
-from tle.errors import TleError
+from tle.errors import EphemerisError, TleError
 from tle.instants import Utc
 from tle.passes import Pass, find_passes
 from tle.propagator import Propagator
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sattrack.recording.reading import Recording
+    from tle.ephemeris import Ephemeris
     from tle.site import Site
 
 
@@ -41,7 +43,8 @@ REFRACTION_MODES = ("auto", "on", "off")
 class RunFacts(msgspec.Struct, frozen=True):
     """Everything that makes a run besides its inputs; UTC as POSIX seconds."""
 
-    elements: Elements
+    elements: Elements | None
+    """What is followed, by SGP4; None where `followed` says what is."""
     site: SiteSettings
     refraction: Literal["auto", "on", "off"]
     pressure_hpa: float
@@ -61,6 +64,17 @@ class RunFacts(msgspec.Struct, frozen=True):
     """Diameter of the camera's field of view; nothing that is computed depends on it."""
     remembered: RememberedView | None = None
     """The bias of an earlier pass, in force from the beginning; a nudge is in the first biases as well."""
+    followed: TargetFacts | None = None
+    """What is followed where it has no elements: rows of an ephemeris, or a body."""
+
+    @property
+    def target(self) -> Elements | Ephemeris:
+        """Give what is followed, made anew. Raises EphemerisError."""
+        if self.elements is not None:
+            return self.elements
+        if self.followed is None:
+            raise EphemerisError("the run's facts do not say what is followed")
+        return self.followed.target()
 
 
 def encode_facts(facts: RunFacts) -> bytes:
@@ -77,8 +91,9 @@ def build_engine(facts: RunFacts) -> Engine:
     """Return a new engine for a run."""
     site = facts.site.place()
     air = Refraction(facts.pressure_hpa, facts.temperature_c)
-    bent = Propagator(facts.elements, site, refraction=air)
-    airless = Propagator(facts.elements, site)
+    target = facts.target
+    bent = Propagator(target, site, refraction=air)
+    airless = Propagator(target, site)
     spec = RunSpec(
         propagator=airless if facts.refraction == "off" else bent,
         if_mount_refracts=bent if facts.refraction == "on" else airless,
@@ -104,22 +119,26 @@ def first_bias(facts: RunFacts) -> Bias:
     if known is None or known.cross_km is None:
         return Bias(facts.bias_along_s, facts.bias_cross_deg)
     along_s = facts.bias_along_s + known.along_s
-    seen = Propagator(facts.elements, facts.site.place()).at(Utc(facts.culminate_utc_s))
+    seen = Propagator(facts.target, facts.site.place()).at(Utc(facts.culminate_utc_s))
     angle_deg = math.degrees(math.atan(known.cross_km / float(seen.range_km)))
     return Bias(along_s, facts.bias_cross_deg + angle_deg)
 
 
 def choose_pass(
-    elements: Elements, site: Site, now: Utc, min_alt_deg: float, culminate_utc_s: float | None = None
+    target: Elements | Ephemeris,
+    site: Site,
+    now: Utc,
+    min_alt_deg: float,
+    culminate_utc_s: float | None = None,
 ) -> Pass:
     """Return the pass in progress, else the next, or the one that culminates about `culminate_utc_s`.
 
     Raises SattrackError where there is none in two days, or not that one.
     """
-    passes: Sequence[Pass] = find_passes(Propagator(elements, site), now, SEARCH_HOURS, min_alt_deg)
+    passes: Sequence[Pass] = find_passes(Propagator(target, site), now, SEARCH_HOURS, min_alt_deg)
     if not passes:
         raise SattrackError(
-            f"{elements.label} does not rise above {min_alt_deg:g}° at this site within "
+            f"{target.label} does not rise above {min_alt_deg:g}° at this site within "
             f"{SEARCH_HOURS:g} hours of {now.isoformat('seconds')}; "
             "try a lower --min-alt, or another satellite"
         )
@@ -132,16 +151,20 @@ def choose_pass(
         # Past its highest, what is left of the pass in progress is highest now.
         return passes[0]
     when = Utc(culminate_utc_s).isoformat("seconds")
-    raise SattrackError(f"{elements.label} has no pass above {min_alt_deg:g}° that culminates about {when}")
+    raise SattrackError(f"{target.label} has no pass above {min_alt_deg:g}° that culminates about {when}")
 
 
-def plan_for(satellite_pass: Pass, now: Utc) -> TrackPlan:
-    """Return when to follow a pass: from its rise, or now where it is up already, to its set."""
+def plan_for(satellite_pass: Pass, now: Utc, target: Elements | Ephemeris) -> TrackPlan:
+    """Return when to follow a pass: from its rise to its set, or for as long as there are places."""
     rise = now if satellite_pass.rise_utc is None else satellite_pass.rise_utc
     end_s = float(now.unix_s) + SEARCH_HOURS * 3600.0
     if satellite_pass.set_utc is not None:
         end_s = float(satellite_pass.set_utc.unix_s)
-    return TrackPlan(start_utc_s=max(float(rise.unix_s), float(now.unix_s)), end_utc_s=end_s)
+    start_s, top_s = max(float(rise.unix_s), float(now.unix_s)), float(satellite_pass.culminate_utc.unix_s)
+    for first, last in target.spans:
+        if first.unix_s <= top_s <= last.unix_s:
+            start_s, end_s = max(start_s, float(first.unix_s)), min(end_s, float(last.unix_s))
+    return TrackPlan(start_utc_s=start_s, end_utc_s=end_s)
 
 
 def suited_to(plan: TrackPlan, profile: MountProfile, on_target_arcsec: float) -> TrackPlan:

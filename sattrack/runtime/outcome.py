@@ -55,7 +55,7 @@ def summarise(engine: Engine, statistics: RunStatistics, ended_utc_s: float) -> 
     why = engine.why_not_acquired()
     return Summary(
         name=spec.propagator.elements.label,
-        catalog_number=spec.propagator.elements.catalog_number,
+        catalog_number=spec.propagator.elements.catalog_number or None,
         mount=spec.mount_name,
         started_utc=Utc(spec.started_utc_s).isoformat("milliseconds"),
         ended_utc=Utc(ended_utc_s).isoformat("milliseconds"),

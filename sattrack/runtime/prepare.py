@@ -24,8 +24,11 @@ from sattrack.runtime.facts import (
 )
 from sattrack.runtime.mounts import mount_address
 from sattrack.runtime.remembering import MemoryMode, recall, uses_memory
+from sattrack.runtime.target_facts import target_facts
 from sattrack.safety import SafetyLimits
 from sattrack.settings import SiteSettings
+from tle.bodies import Body
+from tle.elements import Elements
 from tle.instants import Utc
 from tle.refraction import Refraction
 from tle.sources import find
@@ -37,7 +40,7 @@ if TYPE_CHECKING:
     from sattrack.mount.model import MountProfile
     from sattrack.runtime.mounts import MountAddress
     from sattrack.views.run import RememberedView
-    from tle.elements import Elements
+    from tle.ephemeris import Ephemeris
     from tle.site import Site
 
 
@@ -70,6 +73,8 @@ class RunRequest:
     """From when, and until when, at most, the pass is followed: POSIX seconds of UTC."""
     clock: Clock | None = None
     """A clock that runs already, by which to go on."""
+    target: Elements | Ephemeris | None = None
+    """What to follow, where that is found already; else `satellite` is looked up in the elements."""
     culminate_utc_s: float | None = None
     """About when the pass that is meant culminates; None for the next."""
 
@@ -88,6 +93,8 @@ class Prepared:
     memory: MemoryMode = "off"
     notes: tuple[str, ...] = ()
     """What to report before the run begins: of the bias memory, of a mount that is not calibrated."""
+    target: Elements | Ephemeris | None = None
+    """What is followed, whole, of which the facts keep what the run needs; None where they have it whole."""
 
 
 def prepare(request: RunRequest) -> Prepared:
@@ -101,7 +108,8 @@ def prepare(request: RunRequest) -> Prepared:
     floor_deg = request.limits.floor_altitude_deg
     if request.min_alt_deg < floor_deg:
         raise BadInputError(f"--min-alt {request.min_alt_deg:g}: the mount is kept above {floor_deg:g}°")
-    practising = address is None and request.elements is None and request.site is None
+    nothing_set = request.elements is None and request.site is None and request.target is None
+    practising = address is None and nothing_set
     elements, site = _object_and_site(request, practising)
     check_site(request.profile.mount, site)
     if address is not None:
@@ -113,11 +121,12 @@ def prepare(request: RunRequest) -> Prepared:
     if request.clock is not None:
         clock = request.clock
         now = Utc(clock.utc_s(time.monotonic()))
-    satellite = find(elements, request.satellite)
+    target = request.target or find(elements, request.satellite)
+    _check_sun(target, request)
     begin_s, end_s = request.between
     from_then = now if begin_s is None else Utc(max(begin_s, float(now.unix_s)))
-    satellite_pass = choose_pass(satellite, site, from_then, request.min_alt_deg, request.culminate_utc_s)
-    plan = _until(plan_for(satellite_pass, from_then), end_s, satellite.label)
+    satellite_pass = choose_pass(target, site, from_then, request.min_alt_deg, request.culminate_utc_s)
+    plan = _until(plan_for(satellite_pass, from_then, target), end_s, target.label)
     if address is not None:
         plan = suited_to(plan, request.profile.mount, address.on_target_arcsec)
     started_s = float(now.unix_s)
@@ -125,7 +134,7 @@ def prepare(request: RunRequest) -> Prepared:
         started_s = max(started_s, plan.start_utc_s - plan.approach_s - VIRTUAL_LEAD_S)
     air = Refraction.standard(site.height_m)
     facts = RunFacts(
-        elements=satellite,
+        elements=target if isinstance(target, Elements) else None,
         site=SiteSettings(site.latitude_deg, site.longitude_deg, site.height_m),
         refraction=request.refraction,
         pressure_hpa=air.pressure_hpa,
@@ -143,15 +152,36 @@ def prepare(request: RunRequest) -> Prepared:
         started_utc_s=started_s,
         recording=None if request.record is None else str(request.record),
     )
+    facts = with_followed(facts, target)
     notes: tuple[str, ...] = ()
-    if uses_memory(request.memory, address is None):
+    if isinstance(target, Elements) and uses_memory(request.memory, address is None):
         given = bool(request.bias_along_s or request.bias_cross_deg)
-        recalled = recall(satellite, facts.culminate_utc_s, request.memory, given)
+        recalled = recall(target, facts.culminate_utc_s, request.memory, given)
         facts, notes = _beginning_with(facts, recalled.bias), recalled.notes
     if address is not None and address.presumption is not None and facts.profile.calibration is None:
         notes = (*notes, address.presumption)
     facts = with_detours(facts)
-    return Prepared(facts, clock, address, practising, request.profile.simulator, request.memory, notes)
+    simulator = request.profile.simulator
+    return Prepared(facts, clock, address, practising, simulator, request.memory, notes, target)
+
+
+def _check_sun(target: Elements | Ephemeris, request: RunRequest) -> None:
+    """Raise BadInputError where the Sun is to be followed without a filter that the profile states.
+
+    The cone that the limits keep about the Sun is not opened by that: its owner must.
+    """
+    if not (isinstance(target, Body) and target.name == "Sun"):
+        return
+    if not request.profile.mount.solar_filter:
+        raise BadInputError(
+            "the Sun is followed with a solar filter only: fit one, and state solar_filter = true in the "
+            "mount's profile"
+        )
+    if request.limits.sun_deg > 0.0:
+        raise BadInputError(
+            f"the Sun: the limits keep the mount {request.limits.sun_deg:g}° from it: while the solar filter "
+            "is on, set optical = false in [safety] of sattrack.toml"
+        )
 
 
 def _until(plan: TrackPlan, end_utc_s: float | None, name: str) -> TrackPlan:
@@ -172,6 +202,14 @@ def _beginning_with(facts: RunFacts, bias: RememberedView | None) -> RunFacts:
     if bias is None or bias.cross_deg is None:
         return facts
     return msgspec.structs.replace(facts, bias_along_s=bias.along_s, bias_cross_deg=bias.cross_deg)
+
+
+def with_followed(facts: RunFacts, target: Elements | Ephemeris) -> RunFacts:
+    """Return the facts with what their run needs of a target that has no elements."""
+    if isinstance(target, Elements):
+        return facts
+    begin_s = min(facts.started_utc_s, facts.plan.start_utc_s)
+    return msgspec.structs.replace(facts, followed=target_facts(target, begin_s, facts.plan.end_utc_s))
 
 
 def with_detours(facts: RunFacts) -> RunFacts:
@@ -215,8 +253,8 @@ def _check_bias(request: RunRequest) -> None:
 def _object_and_site(request: RunRequest, practising: bool) -> tuple[list[Elements], Site]:
     if practising:
         return [practice.elements()], practice.SITE.place()
-    if request.elements is None:
+    if request.elements is None and request.target is None:
         raise BadInputError("no elements: give --elements FILE or set elements in sattrack.toml")
     if request.site is None:
         raise BadInputError("no site: give --site LAT,LON,HEIGHT or set [site] in sattrack.toml")
-    return request.elements, request.site
+    return request.elements or [], request.site

@@ -50,7 +50,8 @@ class TitleBar(Panel):
         over = "as of " if scene.ended and scene.tape is None else ""
         time = f"{over}{words.date(view.utc_s)} {words.clock(view.utc_s)} UTC"
         replay: Row = [] if scene.tape is None else [(" REPLAY ", PLATE[Tone.NOTICE]), " "]
-        room = self.content_size.width - cell_len(f"{view.name}  {view.catalog_number}   mount  {time}")
+        number = "" if view.catalog_number is None else f"  {view.catalog_number}"
+        room = self.content_size.width - cell_len(f"{view.name}{number}   mount  {time}")
         room -= len(" REPLAY  ") if replay else 0
         # Addresses can be long; nothing else in this row may give way.
         mount = words.fitted(view.mount, max(1, room))
@@ -58,7 +59,7 @@ class TitleBar(Panel):
             [
                 *replay,
                 (view.name, "bold"),
-                (f"  {view.catalog_number}", DIM),
+                (number, DIM),
                 ("   mount ", DIM),
                 f"{mount} ",
                 (time, "bold"),

@@ -11,6 +11,11 @@ ALONG_AND_ACROSS = ("along_s", "cross_deg")
 NO_PRIORITY = ", without real-time priority (`sattrack doctor` says how to grant it)"
 
 
+def named(name: str, catalog_number: int | None) -> str:
+    """Return an object's name, with its catalogue number where it has one."""
+    return name if catalog_number is None else f"{name} ({catalog_number})"
+
+
 def _bias_lines(summary: Summary) -> list[str]:
     others = [one for one in summary.offsets if one.what not in ALONG_AND_ACROSS]
     lines = [f"  offset {one.what}: {one.total:+.4f}" for one in others]
@@ -53,7 +58,7 @@ def summary_lines(summary: Summary) -> list[str]:
     """Return the summary for people."""
     uncalibrated = ", uncalibrated" if summary.calibrated is False and summary.mount != "sim" else ""
     lines = [
-        f"{summary.name} ({summary.catalog_number}) with {summary.mount}{uncalibrated}: "
+        f"{named(summary.name, summary.catalog_number)} with {summary.mount}{uncalibrated}: "
         f"ended by {summary.ended_by}",
         f"  {summary.started_utc} to {summary.ended_utc}, on target {summary.on_target_s:.1f} s",
     ]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+import gzip
+from typing import TYPE_CHECKING, Any
 
 import erfa
 import numpy as np
@@ -10,13 +11,17 @@ import pytest
 from numpy.typing import NDArray
 
 from tle.bias import Bias
-from tle.bodies import Body, StarPlace, find_body
+from tle.bodies import Body, StarPlace, find_body, read_star, star_number
 from tle.earth import EarthOrientation
 from tle.ephemeris import Frame, FrameKind, Interpolation, Segment, TableEphemeris
+from tle.errors import BodyError, SourceError
 from tle.instants import Utc
 from tle.propagator import Propagator
 from tle.site import Site
 from tle.sun import LIGHT_KM_S
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 Array = NDArray[np.float64]
 ARCSEC = np.pi / 648000.0
@@ -255,10 +260,9 @@ def test_a_star_is_seen_where_erfa_has_it(name: str, site: Site) -> None:
     assert apart_arcsec((seen.az_deg, seen.alt_deg), wanted) < 0.01
 
 
-def test_a_star_has_no_range_and_its_plate_place_is_the_catalogues() -> None:
+def test_the_plate_place_of_a_direction_is_that_direction() -> None:
     seen = Propagator(Body("Crab", STARS["no parallax"]), SITES[0], place="astrometric").at(Utc(START))
     assert apart_arcsec((seen.ra_deg, seen.dec_deg), (83.6331, 22.0145)) < 0.002
-    assert np.isnan(seen.range_km)
 
 
 @pytest.mark.parametrize(
@@ -277,3 +281,31 @@ def test_directions_are_read_as_degrees_or_hours(text: str, ra_deg: float, dec_d
     assert body.star is not None
     assert body.star.ra_deg == pytest.approx(ra_deg, abs=1e-8)
     assert body.star.dec_deg == pytest.approx(dec_deg, abs=1e-8)
+
+
+VEGA = (
+    "H|       91262| |18 36 56.19|+38 46 58.8| 0.03|1|H|279.23410832|+38.78299311| | 128.93|  201.02|  287.46"
+)
+NO_PLACE = "H|       12345| |02 38 00.00|+10 00 00.0| 9.00| |H|            |            | |       |        | "
+
+
+def test_a_star_of_hipparcos_is_where_its_proper_motion_has_taken_it(tmp_path: Path) -> None:
+    assert [star_number(key) for key in ("Vega", "HIP 91262", "hip91262", "ISS")] == [
+        91262,
+        91262,
+        91262,
+        None,
+    ]
+    path = tmp_path / "hip_main.dat.gz"
+    path.write_bytes(gzip.compress(f"{NO_PLACE}\n{VEGA}\n".encode()))
+    vega = read_star(path, 91262, "Vega")
+    assert vega.star is not None
+    # The place at J2000.0 that catalogues give: 18h 36m 56.336s, +38° 47' 01.28".
+    j2000 = Utc.parse("2000-01-01T11:58:55.816Z")
+    seen = Propagator(vega, SITES[0], place="astrometric").at(j2000)
+    assert apart_arcsec((seen.ra_deg, seen.dec_deg), (279.234735, 38.783692)) < 0.13
+    for number, words in ((91263, "HIP 91263 is not in this"), (12345, r"gz:1: HIP 12345 has no place")):
+        with pytest.raises(BodyError, match=words):
+            read_star(path, number, "star")
+    with pytest.raises(SourceError, match="cannot read the star catalogue"):
+        read_star(tmp_path / "absent", 1, "star")

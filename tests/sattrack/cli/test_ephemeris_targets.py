@@ -93,3 +93,25 @@ def test_what_is_no_target_is_refused_in_one_line(ask, arguments, words):
     assert (code, out) == (2, "")
     assert words in err
     assert err.count("\n") == 1
+
+
+def test_a_star_is_one_of_the_catalogue_that_the_settings_name(ask, tmp_path):
+    (tmp_path / "stars.dat").write_text(
+        "H|       91262| |18 36 56.19|+38 46 58.8| 0.03|1|H|279.23410832|+38.78299311| | 128.93|  201.02|"
+        "  287.46|\n"
+    )
+    sets, settings = tmp_path / "sets.tle", tmp_path / "sattrack.toml"
+    settings.write_text('stars = "stars.dat"\n')
+    rows = [
+        json.loads(ask(key, "--config", str(settings), "--json", *SPAN)[1])[0]
+        for key in ("vega", "HIP 91262")
+    ]
+    assert rows[0] == rows[1]
+    assert rows[0]["ra_deg"] == pytest.approx(279.46, abs=0.01)
+    code, _, err = ask("Vega", *SPAN)
+    assert code == 2
+    assert "no star catalogue: set stars in sattrack.toml" in err
+    # A satellite of that name is the satellite.
+    sets.write_text("\n".join(["VEGA", *ISS, ""]))
+    row = json.loads(ask("Vega", "--config", str(settings), "--elements", str(sets), "--json", *SPAN)[1])[0]
+    assert row["range_km"] is not None
