@@ -49,7 +49,7 @@ _PIECES_AT_ONCE = 20_000
 # How far the interpolated acceleration may be from gravity: as a share of it, and in what it moves an object
 # between rows (km); and the radius up to which gravity is Earth's.
 _GRAVITY_SHARE, _MOVES_KM = 0.02, 0.05
-_HIGHEST_KM = 150_000.0
+_HIGHEST_KM, _LOWEST_KM = 150_000.0, 1000.0
 _PROBES, _WIDEST = 60, 5
 
 
@@ -500,12 +500,15 @@ def _check_gravity(one: Segment, ephemeris: TableEphemeris, earth: EarthOrientat
     state = one.frame.to_teme(earth, unix_s, tuple(one.native_many(since)), ARRAYS)
     place, pull = np.array(state[:3]), np.array(state[6:9])
     height = np.sqrt(np.sum(place * place, axis=0))
+    buried = np.flatnonzero(height < _LOWEST_KM)
+    place[:, buried] = _LOWEST_KM
     gravity = np.array(gravity_km_s2(*place))
     missed = np.sqrt(np.sum((pull - gravity) ** 2, axis=0))
     off = missed / np.sqrt(np.sum(gravity * gravity, axis=0))
     steps = one.since_s[pieces + 1] - one.since_s[pieces]
     # A polynomial that meets the rows at both ends, off by so much in between.
     moved_km = missed * steps**2 / 10.0
+    off[buried] = np.inf
     bad = np.flatnonzero(((off > _GRAVITY_SHARE) | (moved_km > _MOVES_KM)) & (height < _HIGHEST_KM))
     if len(bad):
         worst = int(bad[np.argmax(off[bad])])

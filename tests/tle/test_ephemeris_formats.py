@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import random
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -278,6 +279,7 @@ REFUSED = {
     "word": (HEAD + oem().replace(" 6985", " 69x5", 1), 14, "is no number"),
     "not finite": (HEAD + oem().replace(" -", " nan -", 1), 13, "has 7 numbers"),
     "time": (HEAD + oem().replace("T00:05:00.000 ", "T00:65:00.000 "), 18, "is no time"),
+    "date": (HEAD + oem().replace("2026-03-01T00:05:00.000 ", "2026-02-29T00:05:00.000 "), 18, "is no time"),
     "order": (HEAD + oem().replace("T00:05:00.000 ", "T00:04:00.000 "), 18, "not later than the row before"),
     "version": (HEAD.replace("2.0", "9.0") + oem(), 1, "OEM version '9.0' is not known"),
     "interpolation": (HEAD + oem(more="INTERPOLATION = SPLINE\n"), 12, "SPLINE is not known"),
@@ -344,27 +346,16 @@ def test_a_gap_in_a_cpf_has_no_place() -> None:
 
 
 def test_a_manoeuvre_in_an_sp3_is_not_interpolated_across() -> None:
-    t = np.arange(20) * 60.0
-    # Places as they are in a frame that turns with the Earth, about the pole alone.
-    spin = 7.292115e-5 * t
-    x, y, z = orbit(t)[0].T
-    fixed = np.stack([x * np.cos(spin) + y * np.sin(spin), y * np.cos(spin) - x * np.sin(spin), z], axis=1)
-    head = (
-        "#cP2026  3  1  0  0  0.00000000      20 ORBIT IGS20 HLM  XYZ\n"
-        "## 2408      0.00000000    60.00000000 61100 0.0000000000000\n+    1   L51\n"
-        "%c L  cc UTC ccc cccc cccc cccc cccc ccccc ccccc ccccc ccccc\n"
-    )
-    rows = "".join(
-        f"*  2026  3  1  0 {k:2d}  0.00000000\nPL51{p[0]:14.6f}{p[1]:14.6f}{p[2]:14.6f}      0.000000"
-        f"{'':18}{'M' if k == 10 else ''}\n"
-        for k, p in enumerate(fixed)
-    )
-    one = one_of(head + rows + "EOF\n")
+    lines = sp3().splitlines()
+    at = lines.index("*  2026  3  1  0 10  0.00000000") + 1
+    lines[at] = lines[at].ljust(78) + "M"
+    text = "\n".join([*lines, ""])
+    one = one_of(text)
     assert [segment.why for segment in one.segments] == ["a gap", "a manoeuvre"]
     with pytest.raises(EphemerisSpanError, match="a manoeuvre"):
         one.states(EARTH).at(float(Utc.parse("2026-03-01T00:09:30").unix_s), 0.0)
     with pytest.raises(EphemerisError, match="frame 'J2000' is not known"):
-        one_of((head + rows + "EOF\n").replace("IGS20", "J2000"))
+        one_of(text.replace("IGS20", "J2000"))
 
 
 def test_linear_and_lagrange_are_taken_from_the_file() -> None:
@@ -392,3 +383,54 @@ def test_an_object_is_found_by_what_its_file_calls_it(tmp_path: Path) -> None:
     path.write_bytes(gzip.compress(cpf(frame=2).encode())[:-20])
     with pytest.raises(EphemerisError, match="gzip"):
         read_ephemerides(path)
+
+
+def sp3(count: int = 20) -> str:
+    t = np.arange(count) * 60.0
+    spin = 7.292115e-5 * t
+    x, y, z = orbit(t)[0].T
+    fixed = np.stack([x * np.cos(spin) + y * np.sin(spin), y * np.cos(spin) - x * np.sin(spin), z], axis=1)
+    rows = "".join(
+        f"*  2026  3  1  0 {k:2d}  0.00000000\nPL51{p[0]:14.6f}{p[1]:14.6f}{p[2]:14.6f}      0.000000\n"
+        for k, p in enumerate(fixed)
+    )
+    return (
+        f"#cP2026  3  1  0  0  0.00000000 {count:7d} ORBIT IGS20 HLM  XYZ\n"
+        "## 2408      0.00000000    60.00000000 61100 0.0000000000000\n+    1   L51\n"
+        f"%c L  cc UTC ccc cccc cccc cccc cccc ccccc ccccc ccccc ccccc\n{rows}EOF\n"
+    )
+
+
+WHOLE = {"oem": HEAD + oem(8), "cpf": cpf(frame=2), "sp3": sp3(8)}
+
+
+@pytest.mark.parametrize("name", WHOLE)
+def test_text_that_ends_anywhere_is_refused_with_a_line(name: str) -> None:
+    data = WHOLE[name].encode()
+    assert parse_ephemerides(data)
+    # The line end of the last line may be missing.
+    assert parse_ephemerides(data[:-1])
+    for end in range(1, len(data) - 1, 5):
+        with pytest.raises(EphemerisError) as caught:
+            parse_ephemerides(data[:end])
+        assert caught.value.line is not None
+
+
+@pytest.mark.parametrize("name", WHOLE)
+def test_whatever_is_in_a_text_it_is_read_or_refused_by_name(name: str) -> None:
+    draw = random.Random(name)
+    data = WHOLE[name].encode()
+    refused = 0
+    for _ in range(300):
+        changed = bytearray(data)
+        for _ in range(draw.choice((1, 1, 2, 8))):
+            at = draw.randrange(len(changed))
+            changed[at : at + draw.randrange(3)] = bytes(
+                draw.randrange(256) for _ in range(draw.randrange(3))
+            )
+        try:
+            for one in parse_ephemerides(bytes(changed)):
+                one.states(EARTH)
+        except EphemerisError:
+            refused += 1
+    assert refused > 50

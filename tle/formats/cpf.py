@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from tle.earth import UNIX_EPOCH_MJD, tai_minus_utc_s
+from tle.earth import FIRST_MJD, UNIX_EPOCH_MJD, tai_minus_utc_s
 from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris
 from tle.errors import EphemerisError, TleError, printable
 from tle.formats.rows import Lines, tai_s
@@ -31,6 +31,7 @@ _FRAMES = {
 _LAGRANGE, _HERMITE = Interpolation(14, False), Interpolation(6, True)
 # A step so many times the header's is a gap.
 _GAP = 1.5
+_LAST_MJD = 88_000
 _DIRECTIONS = {0: "common epoch", 1: "transmit", 2: "receive"}
 
 
@@ -71,7 +72,7 @@ def parse_cpf(lines: Lines) -> list[TableEphemeris]:
         raise lines.error(last, f"{header.name} has no record 10: there are no places")
     rows = lines.numbers(which, 8, "record 10")
     _check_directions(lines, which, rows)
-    days = rows[:, 2].astype(np.intp)
+    days = np.clip(rows[:, 2], FIRST_MJD, _LAST_MJD).astype(np.intp)
     seconds = rows[:, 3]
     bad = np.flatnonzero((rows[:, 2] != days) | (seconds < 0.0) | (seconds > DAY_S))
     if len(bad):
@@ -154,15 +155,12 @@ def _header(lines: Lines, h1: int, h2: int) -> _Header:
         raise lines.error(h2, f"reference frame {kind} is not known: 0 (body-fixed), 1 and 2 are read")
     if last <= first:
         raise lines.error(h2, f"the end {last.isoformat('seconds')} is not after the start")
-    long = cospar.zfill(7)
-    century = "19" if int(long[:2]) >= 57 else "20"
-    piece = _piece_letter(int(long[5:7])) if long.isdigit() and len(long) == 7 else ""
     return _Header(
         printable(name),
         printable(one[3]),
         version,
         made,
-        f"{century}{long[:2]}-{long[2:5]}{piece}",
+        _designator(cospar),
         number,
         first,
         last,
@@ -171,11 +169,15 @@ def _header(lines: Lines, h1: int, h2: int) -> _Header:
     )
 
 
-def _piece_letter(number: int) -> str:
-    """Return the letters of a launch's piece, which CPF numbers: A to Z without I and O."""
+def _designator(cospar: str) -> str:
+    """Return a designator as 1998-067A; CPF numbers what a TLE letters, from A to Z without I and O."""
+    long = cospar.zfill(7)
+    if not (long.isascii() and long.isdigit() and len(long) == 7 and int(long[5:7])):
+        return printable(cospar)
     letters = "ABCDEFGHJKLMNPQRSTUVWXYZ"
-    high, low = divmod(number - 1, len(letters))
-    return (letters[high - 1] if high > 0 else "") + letters[low] if number > 0 else ""
+    high, low = divmod(int(long[5:7]) - 1, len(letters))
+    century = "19" if int(long[:2]) >= 57 else "20"
+    return f"{century}{long[:2]}-{long[2:5]}{letters[high - 1] if high else ''}{letters[low]}"
 
 
 def _moment(parts: list[int]) -> Utc:

@@ -295,10 +295,12 @@ def _segments(lines: Lines, block: _Block) -> list[Segment]:
             int(which[back[0] + 1]),
             "this row is not later than the row before: rows must be in order of time",
         )
+    _check_end(lines, which)
     use = _use(lines, block, (zero_s, since), int(which[-1]))
     covariances = tuple(_covariances(lines, block, frame, zero_s))
     step = np.diff(since)
-    turn = step * np.linalg.norm(rows[:-1, 3:6], axis=1) / np.linalg.norm(rows[:-1, :3], axis=1)
+    away = np.maximum(np.linalg.norm(rows[:-1, :3], axis=1), 1.0)
+    turn = step * np.linalg.norm(rows[:-1, 3:6], axis=1) / away
     usual = float(np.median(step)) if len(step) else 0.0
     gaps = np.flatnonzero((step > _GAP * usual) & (turn > _GAP_RAD)) + 1
     edges = [0, *gaps.tolist(), len(since)]
@@ -318,6 +320,19 @@ def _segments(lines: Lines, block: _Block) -> list[Segment]:
         for low, high in itertools.pairwise(edges)
         if max(use[0], float(since[low])) <= min(use[1], float(since[high - 1]))
     ]
+
+
+def _check_end(lines: Lines, which: Index) -> None:
+    """Refuse a last row without a line end whose last number is shorter than that of the row before."""
+    if lines.data.endswith(b"\n") or len(which) < 2 or int(which[-1]) != lines.last:
+        return
+    before, last = (lines.text(int(k)).split()[-1] for k in which[-2:])
+    if len(last.partition(".")[2]) < len(before.partition(".")[2]):
+        raise lines.error(
+            int(which[-1]),
+            f"the text ends with {printable(last)!r}, shorter than the number above it: it is cut off; get "
+            "the whole file, or end it with a line end",
+        )
 
 
 def _use(lines: Lines, block: _Block, times: tuple[float, Array], last: int) -> tuple[float, float]:

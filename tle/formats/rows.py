@@ -21,8 +21,10 @@ if TYPE_CHECKING:
     Index = NDArray[np.intp]
 
 _BLANK, _NEWLINE = 32, 10
+_BLANKS = bytes.maketrans(b"\t\r", b"  ")
 # Room for the widest time, so that every line can be looked at so far.
 _STAMP = 40
+_LARGEST = 1e15
 _JULIAN_MJD = 2400000.5
 _TT_MINUS_TAI_S = 32.184
 _FIRST_YEAR, _LAST_YEAR = 1972, 2100
@@ -58,14 +60,14 @@ class Lines:
         self.source = source
         self.data = data
         self._numbers = numbers
-        if not data.endswith(b"\n"):
-            data += b"\n"
-        raw = np.frombuffer(data + b" " * _STAMP, dtype=np.uint8)
+        # Tabs and carriage returns are blanks.
+        text = data.translate(_BLANKS)
+        text += b" " * _STAMP if text.endswith(b"\n") else b"\n" + b" " * _STAMP
+        raw = np.frombuffer(bytearray(text), dtype=np.uint8)
         newlines = np.flatnonzero(raw == _NEWLINE)
         self.ends: Index = newlines
         self.starts: Index = np.concatenate([[0], newlines[:-1] + 1])
-        # Tabs and carriage returns are blanks.
-        self.raw = np.where((raw == 9) | (raw == 13), np.uint8(_BLANK), raw)
+        self.raw = raw
 
     def __len__(self) -> int:
         """Return how many lines there are."""
@@ -155,7 +157,7 @@ class Lines:
         return self._finite(values.reshape(-1, 3), which, what)
 
     def _finite(self, rows: Array, which: Index, what: str) -> Array:
-        bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
+        bad = np.flatnonzero(~(np.abs(rows) < _LARGEST).all(axis=1))
         if len(bad):
             line = int(which[bad[0]])
             raise self.error(line, f"{what} holds a number that is not finite: {self._quoted(line)}")
@@ -252,25 +254,29 @@ class Lines:
         if not same.all():
             other = int(np.flatnonzero(~same)[0])
             raise self._no_stamp(int(which[other]), stamps[other])
-        values = stamps.astype(np.int64) - 48
 
         def field(group: int) -> Index:
             first, last = match.span(group)
-            return values[:, first:last] @ (10 ** np.arange(last - first - 1, -1, -1))
+            return digits(first, last)
+
+        def digits(first: int, last: int) -> Index:
+            value = np.zeros(len(stamps), dtype=np.int64)
+            for column in range(first, last):
+                value = 10 * value + stamps[:, column] - 48
+            return value
 
         dated = len(match.groups()) == 7
         year = field(1)
         month, day = (field(2), field(3)) if dated else (np.ones_like(year), field(2))
         hour, minute, second = (field(k) for k in ((4, 5, 6) if dated else (3, 4, 5)))
         first, last = match.span(7 if dated else 6)
-        fraction = np.zeros(len(values))
-        if last - first > 1:
-            fraction[:] = (
-                values[:, first + 1 : last] @ (10 ** np.arange(last - first - 2, -1, -1))
-            ) * 10.0 ** (1 - last + first)
+        # More decimals than these no float holds.
+        decimals = min(max(last - first - 1, 0), 15)
+        fraction = digits(first + 1, first + 1 + decimals) / 10.0**decimals
         days = days_of(year, month, day)
-        bad = (month < 1) | (month > 12) | (day < 1) | (day > (31 if dated else 366))
-        bad |= (hour > 23) | (minute > 59) | (second > 60) | (year < _FIRST_YEAR) | (year > _LAST_YEAR)
+        bad = is_no_date(year, month, day) if dated else (day < 1) | (day > 366)
+        bad |= (hour > 23) | (minute > 59) | (second > 59 + ((hour == 23) & (minute == 59)))
+        bad |= (year < _FIRST_YEAR) | (year > _LAST_YEAR)
         if bad.any():
             other = int(np.flatnonzero(bad)[0])
             raise self._no_stamp(int(which[other]), stamps[other])
@@ -297,6 +303,12 @@ def days_of(year: Index, month: Index, day: Index) -> Index:
     first = months.astype("datetime64[M]").astype("datetime64[D]").astype(np.int64)
     days: Index = first + (day - 1) + UNIX_EPOCH_MJD
     return days
+
+
+def is_no_date(year: Index, month: Index, day: Index) -> NDArray[np.bool_]:
+    """Tell which dates the calendar has not."""
+    bad: NDArray[np.bool_] = (month < 1) | (month > 12) | (day < 1)
+    return bad | (days_of(year, month, day) >= days_of(year, month + 1, np.ones_like(day)))
 
 
 def is_time_system(name: str) -> bool:

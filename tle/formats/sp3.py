@@ -14,7 +14,7 @@ import numpy as np
 
 from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris, utc_of_tai
 from tle.errors import printable
-from tle.formats.rows import Lines, days_of, is_time_system, tai_s
+from tle.formats.rows import Lines, days_of, is_no_date, is_time_system, tai_s
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -187,7 +187,7 @@ def _moments(lines: Lines, which: Index) -> tuple[Index, Array]:
     year, month, day, hour, minute, second = lines.numbers(which, 6, "an epoch").T
     lines.raw[stars] = ord("*")
     whole = [part.astype(np.intp) for part in (year, month, day, hour, minute)]
-    bad = (month < 1) | (month > 12) | (day < 1) | (day > 31) | (hour > 23) | (minute > 59)
+    bad = is_no_date(whole[0], whole[1], whole[2]) | (hour > 23) | (minute > 59)
     bad |= (second < 0.0) | (second >= 61.0) | (year < 1972) | (year > 2100)
     if bad.any():
         line = int(which[np.flatnonzero(bad)[0]])
@@ -221,7 +221,8 @@ def _rows(lines: Lines, which: Index, kind: str) -> _Rows:
     values = lines.parsed(columns, which, f"a line {kind}")
     found, owner, count = np.unique(names, return_inverse=True, return_counts=True)
     parts = np.split(np.argsort(owner, kind="stable"), np.cumsum(count)[:-1])
-    return _Rows(which, values, {_satellite(n.decode()): part for n, part in zip(found, parts, strict=True)})
+    satellites = [_satellite(name.decode("latin-1")) for name in found]
+    return _Rows(which, values, dict(zip(satellites, parts, strict=True)))
 
 
 def _segments(
