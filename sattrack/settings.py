@@ -103,6 +103,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Whether CelesTrak may be asked for a satellite that is named where no elements are set."""
     zone: str | None = None
     """The time zone in which people read times, as Europe/Amsterdam; None for the system's."""
+    stars: str | None = None
+    """A file of the Hipparcos catalogue, for targets such as Vega and HIP 91262."""
     mount: MountSettings = MountSettings()
     min_altitude_deg: float = 10.0
     safety: SafetySettings = SafetySettings()
@@ -148,6 +150,7 @@ def load_settings(explicit: Path | None = None) -> Settings:
         )
     here = path.parent
     elements = tuple(s if s == "-" or _names_a_provider(s) else str(here / s) for s in settings.elements)
+    stars = None if settings.stars is None else str(here / settings.stars)
     mount = settings.mount
     if mount.profile is not None:
         mount = msgspec.structs.replace(mount, profile=str(here / mount.profile))
@@ -161,7 +164,7 @@ def load_settings(explicit: Path | None = None) -> Settings:
     if safety.horizon is not None:
         safety = msgspec.structs.replace(safety, horizon=str(here / safety.horizon))
         safety.limits()
-    return msgspec.structs.replace(settings, elements=elements, mount=mount, safety=safety)
+    return msgspec.structs.replace(settings, elements=elements, stars=stars, mount=mount, safety=safety)
 
 
 def _names_a_provider(source: str) -> bool:

@@ -25,6 +25,8 @@ from tle.instants import DAY_S, UNIX_EPOCH_JD, Utc, as_utc
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from tle.earth import EarthOrientation
+    from tle.ephemeris import Covariance, States
     from tle.instants import Instant, Quantity
 
 _SGP4_EPOCH_JD = 2433281.5
@@ -127,6 +129,36 @@ class Elements:
         """Return seconds from the epoch of the elements to an instant; negative before the epoch."""
         at = as_utc(at)
         return at.unix_s - self.epoch.unix_s
+
+    @property
+    def frame(self) -> str:
+        """Name the frame of what SGP4 gives: TEME of date."""
+        return "TEME"
+
+    @property
+    def provenance(self) -> str:
+        """Say for a reader what the places are made of."""
+        return f"SGP4, elements of {self.epoch.isoformat('seconds')}"
+
+    @property
+    def spans(self) -> tuple[tuple[Utc, Utc], ...]:
+        """Give no span: elements have no first and no last instant."""
+        return ()
+
+    @property
+    def ranged(self) -> bool:
+        """Tell that the distance is known."""
+        return True
+
+    def states(self, earth: EarthOrientation, bent: bool = False) -> States:
+        """Return what propagates the elements by SGP4. Raises PropagationError where it refuses them."""
+        # Looked up when it is asked for: what propagates is made of this class.
+        made: States = import_module("tle.propagator").Motion(self)
+        return made
+
+    def covariance(self, at: Utc) -> Covariance | None:
+        """Return none: element sets come without; see `expected_along_s`."""
+        return None
 
     def satrec(self) -> Satrec:
         """Return a new SGP4 record, improved mode, WGS 72, as the elements are made for.

@@ -178,6 +178,25 @@ class SemiLatusRectumError(PropagationError):
     """SGP4's semi-latus rectum has become negative (SGP4 error 4)."""
 
 
+class EphemerisError(TleError):
+    """An ephemeris that cannot be used; the message names file and line where there are any."""
+
+    def __init__(self, reason: str, *, source: str = "", line: int | None = None) -> None:
+        """Put the place, FILE:LINE, before the reason."""
+        self.source = source
+        self.line = line
+        place = f"{source or 'text'}:{line}: " if line else f"{source}: " if source else ""
+        super().__init__(place + reason)
+
+
+class BodyError(TleError):
+    """A body of the Solar System, a star or a direction that is not known, or cannot be placed."""
+
+
+class EphemerisSpanError(PropagationError):
+    """An instant for which an ephemeris has no rows: before its start, after its end, or in a gap."""
+
+
 class EarthOrientationWarning(UserWarning):
     """UT1 and polar motion were taken from beyond the end of the IERS table."""
 

@@ -17,7 +17,6 @@ from tle.crossings import (
     altaz_deg,
     basis_of,
     least,
-    longest_piece_s,
     places,
     roots,
     select,
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
 
     from tle.crossings import Crossings
     from tle.instants import Quantity
-    from tle.passes import CataloguePasses
+    from tle.passes import CataloguePasses, CatalogueSearch
     from tle.sun import SkyBody
 
     Array = NDArray[np.float64]
@@ -193,7 +192,7 @@ def fact_columns(
     the work is numpy's, which lets other threads run. The result is the same.
     """
     chosen = np.arange(len(passes)) if index is None else np.asarray(index, dtype=np.intp)
-    search = CatalogueSearch(passes.task)
+    search = passes.search()
     bodies = sun_and_moon(search.ground, search.earth, (search.start_s, search.span_s))
     numbers = np.full((len(NUMBERS), len(chosen)), np.nan)
     known = np.zeros(len(chosen), dtype=bool)
@@ -247,11 +246,10 @@ def _chunks(search: CatalogueSearch, found: Crossings) -> Iterator[tuple[Index, 
     if len(found.obj) == 0:
         return
     names, obj = np.unique(found.obj, return_inverse=True)
-    elements = [search.elements[i] for i in names.tolist()]
-    e = np.array([one.eccentricity for one in elements])
-    longest_s = longest_piece_s(np.array([one.period_s for one in elements]), e)[obj]
+    longest, e = search.shapes(names)
+    longest_s = longest[obj]
     deep = search.are_deep(names)[obj]
-    first_s, last_s = _ends(found, search.span_s)
+    first_s, last_s = search.ends(found)
     length_s = last_s - first_s
     pieces = np.maximum(np.ceil(length_s / longest_s), 1.0)
     looks = np.ceil(length_s / pieces / np.where(length_s > _LONG_S, _LONG_STEP_S, _STEP_S))
@@ -265,11 +263,6 @@ def _chunks(search: CatalogueSearch, found: Crossings) -> Iterator[tuple[Index, 
         size = max(1, int(_LOOKS_A_CHUNK / count / float(pieces[group].max())))
         for first in range(0, len(group), size):
             yield group[first : first + size], bool(deep[group[0]]), count
-
-
-def _ends(found: Crossings, span_s: float) -> tuple[Array, Array]:
-    """Return the first and last second of passes, within the span."""
-    return np.nan_to_num(found.rise_s, nan=0.0), np.where(np.isnan(found.set_s), span_s, found.set_s)
 
 
 def sun_altitudes_deg(passes: CataloguePasses) -> Array:
@@ -298,7 +291,7 @@ class _PassArcs:
     ) -> None:
         self._search = search
         self._sun, self._moon = bodies
-        first, last = _ends(found, search.span_s)
+        first, last = search.ends(found)
         arcs, without = search.arcs(Windows(found.obj, first, last), deep)
         self.known = np.flatnonzero(~np.isin(found.obj, without))
         self._obj, self._top_s = found.obj[self.known], found.culminate_s[self.known]

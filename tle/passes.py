@@ -17,6 +17,7 @@ import numpy as np
 
 from tle.bias import NO_BIAS
 from tle.crossings import (
+    ECCENTRIC_TERMS,
     Crossings,
     Windows,
     anomaly_pieces,
@@ -30,8 +31,8 @@ from tle.crossings import (
     terms_for,
 )
 from tle.earth import EarthOrientation, Ground
-from tle.elements import DECAYED
-from tle.errors import PropagationError, SiteError, SourceError, TimeRangeError, printable
+from tle.elements import DECAYED, Elements
+from tle.errors import EphemerisError, PropagationError, SiteError, SourceError, TimeRangeError, printable
 from tle.instants import DAY_S, Utc, as_utc
 from tle.near_earth import DEEP_SPACE_MIN, brouwer_mean_motion, start_near_earth
 from tle.prefilter import drag_share, near_crossings, near_places
@@ -43,7 +44,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from tle.crossings import Arcs
-    from tle.elements import Elements
     from tle.instants import Instant, Quantity
     from tle.near_earth import NearEarth
     from tle.prefilter import DeepSpace
@@ -57,6 +57,8 @@ if TYPE_CHECKING:
 
 HOUR_S = 3600.0
 MOST_HOURS = 24.0 * 366.0
+LONGEST_PIECE_S = 900.0
+_SHORTEST_WINDOW_S, _FAR_KM = 1.0, 1e6
 _FAILURE_STEP_S = 60.0
 _FAILURE_CLOSE_S = 0.01
 # A chunk's arrays of this many stretches stay within a processor's cache, and memory within bounds.
@@ -118,9 +120,15 @@ def find_passes(
     check_hours(hours)
     horizon = Horizon(min_alt_deg, mask)
     start_s, span_s = float(start.unix_s), hours * HOUR_S
+    elements = propagator.elements
+    if not isinstance(elements, Elements):
+        first_s, last_s = spans_within(propagator, start_s, span_s)
+        windows = Windows(np.zeros(len(first_s), dtype=np.intp), first_s, last_s)
+        seen = propagator.with_place("geometric")
+        return passes_of(find_crossings(ephemeris_arcs([seen], windows, start_s), horizon), start_s)
     propagator.at(start)
     if propagator.bias == NO_BIAS:
-        near = _near(propagator, (start_s, span_s), horizon)
+        near = _near(propagator, elements, (start_s, span_s), horizon)
         if near is not None:
             return passes_of(near, start_s)
     seen = propagator.with_place("geometric")
@@ -132,10 +140,10 @@ def find_passes(
         places = np.stack([level * np.sin(az), level * np.cos(az), there.range_km * np.sin(alt)])
         return places.reshape(3, *since_s.shape)
 
-    terms = terms_for(seen.elements.eccentricity)
+    terms = terms_for(elements.eccentricity)
     for _ in range(2):
         windows = Windows(np.zeros(1, dtype=np.intp), np.zeros(1), np.full(1, span_s))
-        arcs, without = fit_arcs(windows, anomaly_pieces(seen.elements, start_s, span_s), sample, terms)
+        arcs, without = fit_arcs(windows, anomaly_pieces(elements, start_s, span_s), sample, terms)
         if not len(without):
             break
         span_s = _good_span(seen, start_s, span_s)
@@ -177,6 +185,10 @@ class CataloguePasses(Sequence[SatellitePass]):
         return (
             f"<CataloguePasses, {len(self)} of {len(self.elements)} objects in {hours:g} h from {self.start}>"
         )
+
+    def search(self) -> CatalogueSearch:
+        """Return what knows the ways of the objects."""
+        return CatalogueSearch(self.task)
 
     def __len__(self) -> int:
         """Return how many passes there are."""
@@ -353,12 +365,58 @@ def _when(t: Utc) -> str:
     return t.isoformat("seconds")
 
 
-def _near(propagator: Propagator, span: tuple[float, float], horizon: Horizon) -> Crossings | None:
+def spans_within(propagator: Propagator, start_s: float, span_s: float) -> tuple[Array, Array]:
+    """Return first and last seconds, after start_s (POSIX), for which there are places in a span; (k,).
+
+    Raises EphemerisSpanError where there is none.
+    """
+    spans = propagator.elements.spans
+    if not spans:
+        return np.zeros(1), np.full(1, span_s)
+    ends = np.array([[float(first.unix_s), float(last.unix_s)] for first, last in spans]) - start_s
+    ends = np.clip(ends, 0.0, span_s)
+    ends = ends[ends[:, 1] - ends[:, 0] > _SHORTEST_WINDOW_S]
+    if len(ends) == 0:
+        propagator.at(Utc(start_s))
+    return ends[:, 0], ends[:, 1]
+
+
+def ephemeris_arcs(propagators: Sequence[Propagator], windows: Windows, start_s: float) -> Arcs:
+    """Return the ways of objects, each of the geometric place, in windows. Raises EphemerisError.
+
+    What has no range is taken for far away: only its direction counts.
+    """
+
+    def sample(obj: Index, since_s: Array) -> Array:
+        places = np.empty((3, *since_s.shape))
+        for one in np.unique(obj).tolist():
+            rows = obj == one
+            there = propagators[one].at(Utc(start_s + since_s[rows].ravel()))
+            alt, az = np.radians(there.alt_deg), np.radians(there.az_deg)
+            range_km = there.range_km if propagators[one].elements.ranged else _FAR_KM
+            level = range_km * np.cos(alt)
+            place = np.stack([level * np.sin(az), level * np.cos(az), range_km * np.sin(alt)])
+            places[:, rows] = place.reshape(3, -1, since_s.shape[1])
+        return places
+
+    pieces = even_pieces(windows, np.full(len(windows.obj), LONGEST_PIECE_S))
+    arcs, without = fit_arcs(windows, pieces, sample, ECCENTRIC_TERMS)
+    if len(without):
+        source = propagators[int(without[0])].elements
+        raise EphemerisError(
+            f"{source.label}: its places are not smooth enough to search for passes", source=source.provenance
+        )
+    return arcs
+
+
+def _near(
+    propagator: Propagator, elements: Elements, span: tuple[float, float], horizon: Horizon
+) -> Crossings | None:
     """Return the crossings of a near-Earth object that keeps its orbit, None for any other."""
     # What Brouwer's mean motion differs by from the elements' own is far below a tenth.
-    if propagator.elements.period_s > 1.1 * 60.0 * DEEP_SPACE_MIN:
+    if elements.period_s > 1.1 * 60.0 * DEEP_SPACE_MIN:
         return None
-    c = start_near_earth([propagator.elements])
+    c = start_near_earth([elements])
     if float(c.period_s[0]) >= 60.0 * DEEP_SPACE_MIN:
         return None
     ground = Ground(propagator.site, propagator.earth, *span)
@@ -482,13 +540,21 @@ class CatalogueSearch:
         deep: NDArray[np.bool_] = period_s >= DEEP_SPACE_MIN * 60.0
         return deep
 
+    def ends(self, found: Crossings) -> tuple[Array, Array]:
+        """Return the first and last second of passes, within the span."""
+        return np.nan_to_num(found.rise_s, nan=0.0), np.where(np.isnan(found.set_s), self.span_s, found.set_s)
+
+    def shapes(self, obj: Index) -> tuple[Array, Array]:
+        """Return how long pieces of the ways of objects by index may be, seconds, and the eccentricities."""
+        elements = [self.elements[i] for i in obj.tolist()]
+        e = np.array([one.eccentricity for one in elements])
+        return longest_piece_s(np.array([one.period_s for one in elements]), e), e
+
     def arcs(self, windows: Windows, deep: bool) -> tuple[Arcs, Index]:
         """Return the ways of objects, all deep or all near, in windows, and objects that have none."""
         names, obj = np.unique(windows.obj, return_inverse=True)
         elements = [self.elements[i] for i in names.tolist()]
-        e = np.array([one.eccentricity for one in elements])
-        period_s = np.array([one.period_s for one in elements])
-        longest_s = longest_piece_s(period_s, e)
+        longest_s, e = self.shapes(names)
         local = Windows(obj, windows.first_s, windows.last_s)
         pieces = even_pieces(local, longest_s[obj])
         terms = terms_for(float(e.max(initial=0.0)))

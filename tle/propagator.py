@@ -1,4 +1,4 @@
-"""From elements and a site to where the satellite is seen at an instant, and how fast it moves there.
+"""From an ephemeris and a site to where an object is seen at an instant, and how fast it moves there.
 
 SGP4's own velocities are not the derivatives of its positions: they miss them by 0.02 to 0.10 m/s. The
 velocities used here are derivatives, by differences (`Motion`).
@@ -15,7 +15,7 @@ from numpy.polynomial import chebyshev
 from tle.bias import NO_BIAS, Bias
 from tle.direction import Direction, Sight, stacked, teme_axis, unit_of
 from tle.earth import EarthOrientation, Rotation, Triple, turned
-from tle.elements import MU_KM3_S2, RADIUS_KM, propagation_error
+from tle.elements import MU_KM3_S2, RADIUS_KM, Elements, propagation_error
 from tle.errors import PlaceError
 from tle.instants import ARRAYS, DAY_S, FLOATS, UNIX_EPOCH_JD, Functions, Utc, as_utc, functions_for
 from tle.sun import LIGHT_KM_S, earth_velocity_km_s
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from sgp4.api import Satrec
 
-    from tle.elements import Elements
+    from tle.ephemeris import Ephemeris
     from tle.instants import Instant, Quantity
     from tle.refraction import Refraction
     from tle.site import Site
@@ -52,8 +52,9 @@ Place = Literal["apparent", "geometric", "astrometric"]
 
 
 class Propagator:
-    """Directions of one satellite from one site; `at` an instant or an array of instants.
+    """Directions of one object from one site; `at` an instant or an array of instants.
 
+    The object is given by elements, which SGP4 propagates, or by another ephemeris.
     Places: "apparent" (light time and diurnal aberration: where a mount must point without air), "geometric"
     (neither), "astrometric" (light time as the Solar System's barycentre has it; RA and Dec in the ICRF, as
     a plate solution gives them; altitude, azimuth and hour angle are those of the apparent place).
@@ -61,12 +62,13 @@ class Propagator:
     those of the raised direction; it does not go with the astrometric place. Earth orientation is that of the
     installed IERS table unless `earth` is given. Not to be shared between threads.
 
-    Raises PlaceError, and PropagationError where SGP4 refuses the elements.
+    Raises PlaceError, PropagationError where SGP4 refuses the elements, and EphemerisError for a table that
+    cannot be interpolated.
     """
 
     def __init__(
         self,
-        elements: Elements,
+        elements: Elements | Ephemeris,
         site: Site,
         bias: Bias = NO_BIAS,
         earth: EarthOrientation | None = None,
@@ -88,7 +90,7 @@ class Propagator:
         self.refraction = refraction
         self.place: Place = place
         self.diurnal_aberration = diurnal_aberration
-        self._motion = Motion(elements)
+        self._states = elements.states(self.earth, bent=place == "apparent")
         self._observer = (self.earth, site)
         self._aberrated = diurnal_aberration and place != "geometric"
 
@@ -125,8 +127,8 @@ class Propagator:
 
         An instant is a Utc, an aware datetime, or a Time of astropy or skyfield. A bias given here takes the
         place of the propagator's own.
-        Raises TimeRangeError; DecayedError or another PropagationError for one instant at which SGP4 fails
-        (in an array, that instant is NaN and its `error` is SGP4's number).
+        Raises TimeRangeError; DecayedError or another PropagationError for one instant at which SGP4 fails,
+        or that a table does not cover (in an array, that instant is NaN and its `error` is not 0).
         """
         t = as_utc(t)
         bias = self.bias if bias is None else bias
@@ -134,9 +136,9 @@ class Propagator:
         turn = self.earth.rotation(unix_s)
         along_s = bias.along_s if bias.epoch is None else bias.along_at_s(unix_s)
         if isinstance(unix_s, np.ndarray):
-            fn, state = ARRAYS, self._motion.at_many(unix_s, along_s)
+            fn, state = ARRAYS, self._states.at_many(unix_s, along_s)
         else:
-            fn, state = FLOATS, self._motion.at(unix_s, along_s)
+            fn, state = FLOATS, self._states.at(unix_s, along_s)
         return Direction(t, self._sight(fn, t, turn, state, bias), turn, self._observer)
 
     def _sight(self, fn: Functions, t: Utc, turn: Rotation, state: State, bias: Bias) -> Sight:
@@ -170,7 +172,8 @@ class Propagator:
         if bias.cross_deg or bias.cross_rate_deg_s:
             angle = math.pi / 180.0 * bias.cross_at_deg(t.unix_s)
             angle_rate = math.pi / 180.0 * bias.cross_rate_deg_s
-            bend = tuple(k * (1.0 + bias.along_rate) ** 2 for k in gravity_km_s2(x, y, z))
+            pull = gravity_km_s2(x, y, z) if isinstance(self.elements, Elements) else (ax, ay, az)
+            bend = tuple(k * (1.0 + bias.along_rate) ** 2 for k in pull)
             (qx, qy, qz), (dx, dy, dz) = _crossed(
                 fn, (qx, qy, qz), (dx, dy, dz), (vx, vy, vz), (bend[0], bend[1], bend[2]), (angle, angle_rate)
             )

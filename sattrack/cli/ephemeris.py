@@ -1,4 +1,4 @@
-"""`sattrack ephemeris`: directions and rates of a satellite, as a table, CSV, JSON or a plot."""
+"""`sattrack ephemeris`: directions and rates of a target, as a table, CSV, JSON or a plot."""
 
 from __future__ import annotations
 
@@ -13,17 +13,19 @@ import click
 import numpy as np
 
 from sattrack.cli.common import CommandContext, common_options, tell
+from sattrack.cli.targets import ephemeris_option, find_targets
 from sattrack.core.errors import BadInputError
 from tle.bias import Bias
-from tle.errors import EarthOrientationWarning
+from tle.bodies import Body
+from tle.elements import Elements
+from tle.errors import EarthOrientationWarning, PropagationError
 from tle.instants import Utc
 from tle.propagator import Propagator
 from tle.refraction import Refraction
-from tle.sources import find
 
 if TYPE_CHECKING:
     from tle.direction import Direction
-    from tle.elements import Elements
+    from tle.ephemeris import Ephemeris
     from tle.site import Site
 
 _DEFAULT_SPAN_S = 600.0
@@ -58,7 +60,8 @@ _TABLE = (
 
 
 @click.command("ephemeris")
-@click.argument("satellite")
+@click.argument("target")
+@ephemeris_option
 @click.option("--from", "start", metavar="UTC", help="First instant; now if not given.")
 @click.option("--to", "stop", metavar="UTC", help="Last instant; ten minutes after the first if not given.")
 @click.option("--step", "step_s", type=float, default=10.0, show_default=True, metavar="S", help="Seconds.")
@@ -84,9 +87,13 @@ _TABLE = (
     "--plot", type=click.Path(path_type=Path, dir_okay=False), help="Sky track and rates as an image."
 )
 @common_options
-def command(context: CommandContext, satellite: str, **options: Any) -> int:
-    """Give directions and rates of SATELLITE, a catalogue number, international designator or name."""
-    elements = find(context.elements(satellite), satellite)
+def command(context: CommandContext, target: str, **options: Any) -> int:
+    """Give directions and rates of TARGET.
+
+    TARGET is a satellite (catalogue number, international designator or name), Sun, Moon or a planet, or
+    RA,DEC in the ICRS (83.6331,22.0145 or 05:34:31,+22:00:52). With --ephemeris it is an object of that file.
+    """
+    (elements,) = find_targets(context, [target], options["ephemeris"])
     site = context.site()
     start = Utc.parse(options["start"]) if options["start"] else context.now()
     stop = Utc.parse(options["stop"]) if options["stop"] else start.plus(_DEFAULT_SPAN_S)
@@ -107,7 +114,10 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
     _tell_about(elements, propagator, seen)
     if options["plot"]:
         _plot(options["plot"], elements, seen)
-    _print(seen, "json" if context.json else options["style"])
+    absent = set() if elements.ranged else {"range_km", "range_rate_km_s"}
+    if isinstance(elements, Body) and elements.shines:
+        absent.add("sunlit")
+    _print(seen, "json" if context.json else options["style"], frozenset(absent))
     return 0
 
 
@@ -125,17 +135,22 @@ def _refraction(site: Site, options: dict[str, Any]) -> Refraction | None:
     )
 
 
-def _tell_about(elements: Elements, propagator: Propagator, seen: Direction) -> None:
+def _tell_about(elements: Elements | Ephemeris, propagator: Propagator, seen: Direction) -> None:
     """Say on standard error what a reader of the figures should know; raise where SGP4 gives none at all."""
     failed = np.flatnonzero(seen.error)
     if len(failed) == len(seen.utc):
         propagator.at(seen.utc[0])
     if len(failed):
-        first = seen.utc[int(failed[0])].isoformat("seconds")
-        tell(
-            f"{elements.label}: {len(failed)} of {len(seen.utc)} instants have no position "
-            f"(SGP4 error {int(seen.error[failed[0]])}, the first at {first})"
-        )
+        first = seen.utc[int(failed[0])]
+        why = f"SGP4 error {int(seen.error[failed[0]])}, the first at {first.isoformat('seconds')}"
+        if not isinstance(elements, Elements):
+            why = _why_none(propagator, first)
+        tell(f"{elements.label}: {len(failed)} of {len(seen.utc)} instants have no position ({why})")
+    if not isinstance(elements, Elements):
+        known = elements.covariance(seen.utc[0])
+        sigma = "" if known is None else f"; 1σ {1000.0 * known.sigma_km:.3g} m by the file"
+        tell(f"{elements.label}: {elements.provenance}, {elements.frame}{sigma}")
+        return
     age_days = elements.age_s(seen.utc[0]) / 86400.0
     if abs(age_days) > _OLD_DAYS:
         side = "old at" if age_days > 0.0 else "ahead of"
@@ -145,21 +160,31 @@ def _tell_about(elements: Elements, propagator: Propagator, seen: Direction) -> 
         )
 
 
-def _columns(seen: Direction) -> dict[str, list[Any]]:
+def _why_none(propagator: Propagator, at: Utc) -> str:
+    """Return why there is no position at an instant."""
+    try:
+        propagator.at(at)
+    except PropagationError as error:
+        return str(error)
+    return f"the first at {at.isoformat('seconds')}"
+
+
+def _columns(seen: Direction, absent: frozenset[str]) -> dict[str, list[Any]]:
     """Return every field as a list of numbers, None where there is none."""
     columns = {}
     for name in FIELDS:
         values = getattr(seen, name)
+        none = seen.error.astype(bool) | (name in absent)
         columns[name] = [
-            None if error else value
-            for value, error in zip(values.tolist(), seen.error.tolist(), strict=True)
+            None if missing else value for value, missing in zip(values.tolist(), none.tolist(), strict=True)
         ]
     return columns
 
 
-def _print(seen: Direction, style: str) -> None:
+def _print(seen: Direction, style: str, absent: frozenset[str]) -> None:
+    """Print the rows, with nothing in the fields that are absent."""
     times = [seen.utc[i] for i in range(len(seen.utc))]
-    columns = _columns(seen)
+    columns = _columns(seen, absent)
     rows = zip(*columns.values(), strict=True)
     if style == "json":
         document = [
@@ -188,7 +213,7 @@ def _print_table(times: list[Utc], columns: dict[str, list[Any]]) -> None:
         click.echo(t.isoformat("milliseconds") + "".join(cells))
 
 
-def _plot(path: Path, elements: Elements, seen: Direction) -> None:
+def _plot(path: Path, elements: Elements | Ephemeris, seen: Direction) -> None:
     """Draw the track on the sky, and the rates against time. Raises BadInputError where that cannot be."""
     from sattrack.recording.rendering import new_figure, save, sky_axes
 
@@ -206,5 +231,6 @@ def _plot(path: Path, elements: Elements, seen: Direction) -> None:
     rates.set_ylabel("rate, °/s")
     rates.legend()
     rates.grid(visible=True, alpha=0.3)
-    figure.suptitle(f"{elements.label} ({elements.catalog_number})")
+    number = f" ({elements.catalog_number})" if elements.catalog_number else ""
+    figure.suptitle(f"{elements.label}{number}")
     save(figure, path)

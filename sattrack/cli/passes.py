@@ -15,7 +15,9 @@ import click
 import numpy as np
 
 from sattrack.cli.common import CommandContext, common_options, profile_option, renew, tell
+from sattrack.cli.targets import ephemeris_option, find_targets
 from sattrack.core.errors import BadInputError, SattrackError
+from tle.elements import Elements
 from tle.errors import EarthOrientationWarning
 from tle.instants import DAY_S, Utc
 
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from sattrack.cli.passes_output import PassTable
-    from tle.elements import Elements
+    from tle.ephemeris import Ephemeris
     from tle.passes import CataloguePasses, Horizon
 
 _DARK_SUN_DEG = -6.0
@@ -34,7 +36,8 @@ _SORTS = ("rise", "altitude", "magnitude", "rate", "name")
 
 
 @click.command("passes")
-@click.argument("satellites", nargs=-1, metavar="[SAT]...")
+@click.argument("targets", nargs=-1, metavar="[TARGET]...")
+@ephemeris_option
 @click.option("--from", "start", metavar="UTC", help="Start of the search; default: now.")
 @click.option(
     "--hours", type=float, default=24.0, show_default=True, metavar="H", help="Length of the search, hours."
@@ -81,10 +84,14 @@ _SORTS = ("rise", "altitude", "magnitude", "rate", "name")
     "--plot", type=click.Path(path_type=Path, dir_okay=False), help="Sky chart of the passes as an image."
 )
 @common_options
-def command(context: CommandContext, satellites: tuple[str, ...], **options: Any) -> int:
-    """List coming passes of each SAT (catalogue number, designator or name), of all if none is named."""
+def command(context: CommandContext, targets: tuple[str, ...], **options: Any) -> int:
+    """List coming passes of each TARGET, of all satellites if none is named.
+
+    TARGET is a satellite (catalogue number, designator or name), Moon or another body, or RA,DEC; with
+    --ephemeris an object of that file.
+    """
     _check(options, context.json)
-    chosen = _chosen(context.elements(*satellites), satellites, options["pattern"])
+    chosen = _chosen(context, targets, options)
     start = Utc.parse(options["start"]) if options["start"] else context.now()
     known = _magnitudes(options)
     if options["faintest"] is not None:
@@ -95,7 +102,7 @@ def command(context: CommandContext, satellites: tuple[str, ...], **options: Any
     for text in dict.fromkeys(str(warning.message) for warning in caught):
         tell(f"warning: {text}")
     _tell_age(passes)
-    _tell_failures(passes, bool(satellites))
+    _tell_failures(passes, bool(targets))
     separations = context.json or options["as_csv"]
     table = _table(passes, known, separations, options).sorted(options["sort"])
     table = _judged(context, table, options)
@@ -150,11 +157,12 @@ def _check(options: dict[str, Any], as_json: bool) -> None:
         raise BadInputError(f"--max-rate {rate}: give degrees a second above 0")
 
 
-def _chosen(elements: list[Elements], keys: Sequence[str], pattern: str | None) -> list[Elements]:
-    """Return the elements of the satellites named, of all without names, that match the pattern."""
-    from tle.sources import find
-
-    chosen = [find(elements, key) for key in dict.fromkeys(keys)] if keys else elements
+def _chosen(
+    context: CommandContext, keys: Sequence[str], options: dict[str, Any]
+) -> Sequence[Elements | Ephemeris]:
+    """Return the targets named, or all of the source without names, that match the pattern."""
+    pattern = options["pattern"]
+    chosen = find_targets(context, list(dict.fromkeys(keys)), options["ephemeris"])
     if pattern is None:
         return chosen
     matching = [e for e in chosen if fnmatch.fnmatchcase(e.name.casefold(), pattern.casefold())]
@@ -164,16 +172,23 @@ def _chosen(elements: list[Elements], keys: Sequence[str], pattern: str | None) 
 
 
 def _search(
-    context: CommandContext, chosen: list[Elements], start: Utc, options: dict[str, Any]
+    context: CommandContext, chosen: Sequence[Elements | Ephemeris], start: Utc, options: dict[str, Any]
 ) -> CataloguePasses:
+    """Search by SGP4 for many at a time, where nothing but elements is asked for."""
+    horizon = _horizon(context, options)
+    elements = [one for one in chosen if isinstance(one, Elements)]
+    if len(elements) < len(chosen):
+        from tle.ephemeris_passes import find_ephemeris_passes
+
+        return find_ephemeris_passes(chosen, context.site(), start, options["hours"], horizon)
     from tle.passes import find_catalogue_passes
 
     return find_catalogue_passes(
-        chosen,
+        elements,
         context.site(),
         start,
         options["hours"],
-        _horizon(context, options),
+        horizon,
         workers=os.cpu_count() or 1,
         progress=_progress("searched {done} of {total} objects", len(chosen)),
     )
@@ -198,7 +213,8 @@ def _progress(text: str, total: int) -> Callable[[int, int], None] | None:
 
 def _tell_age(passes: CataloguePasses) -> None:
     """Say where elements are too far from the search for its times to hold."""
-    old = [e for e in passes.elements if abs(passes.start - e.epoch) > _OLD_DAYS * DAY_S]
+    sets = [e for e in passes.elements if isinstance(e, Elements)]
+    old = [e for e in sets if abs(passes.start - e.epoch) > _OLD_DAYS * DAY_S]
     if not old:
         return
     days = (passes.start - old[0].epoch) / DAY_S

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -173,10 +174,9 @@ def judged_table(table: PassTable, profile: MountProfile, limits: SafetyLimits) 
 
     task, found = table.passes.task, table.passes.found
     ability = ability_at(task.site, profile, limits)
-    begin_s, span_s = task.span
+    begin_s = task.span[0]
     obj = found.obj[table.index].tolist()
-    first = begin_s + np.nan_to_num(found.rise_s[table.index], nan=0.0)
-    last = begin_s + np.nan_to_num(found.set_s[table.index], nan=span_s)
+    first, last = (begin_s + edge[table.index] for edge in table.passes.search().ends(found))
     why_not = tuple(
         verdict_on(task.elements[o], task.site, ends, ability, task.earth).why_not
         for o, ends in zip(obj, zip(first.tolist(), last.tolist(), strict=True), strict=True)
@@ -226,7 +226,8 @@ def _texts(
         return _instants(start_s + since_s, none, quote)
 
     def epochs(every: list[Elements]) -> list[str]:
-        return _instants(np.array([one.epoch.unix_s for one in every]), "", quote)
+        dated = [one.epoch.unix_s if one.catalog_number else math.nan for one in every]
+        return _instants(np.array(dated), none, quote)
 
     starts = facts.sunlit.starts(len(block))
     some = starts[1:] > starts[:-1]
@@ -246,7 +247,9 @@ def _texts(
         **{name: getattr(facts, name) for name in NUMBERS},
     }
     return {
-        "catalog_number": _of_objects(block, lambda every: [str(one.catalog_number) for one in every]),
+        "catalog_number": _of_objects(
+            block, lambda every: [str(one.catalog_number) if one.catalog_number else none for one in every]
+        ),
         "elements_epoch": _of_objects(block, epochs),
         "rise_utc": instants(found.rise_s[block.index]),
         "culminate_utc": instants(found.culminate_s[block.index]),

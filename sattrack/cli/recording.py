@@ -71,7 +71,7 @@ def _lines(view: RecordingView, facts: RunFacts, parts: int) -> list[str]:
     site = facts.site
     made = view.environment
     lines = [
-        f"{facts.elements.label}, {view.began_utc} to {view.ended_utc} ({view.seconds:.0f} s)",
+        f"{facts.target.label}, {view.began_utc} to {view.ended_utc} ({view.seconds:.0f} s)",
         f"mount {facts.mount_name}, profile {facts.profile.name}; "
         f"site {site.latitude_deg:.4f}, {site.longitude_deg:.4f}, {site.height_m:.0f} m",
         f"format {view.format_version}, sattrack {view.program_version}"
@@ -151,6 +151,10 @@ def write_tdm(recording: Recording, facts: RunFacts, out: Path) -> None:
     """Write the observations in a recording as a TDM; raises SattrackError where there are none."""
     from sattrack.recording.export import seen_in, tdm_text
 
+    if facts.elements is None:
+        raise SattrackError(
+            f"{recording.path}: a TDM is written of a satellite with elements, not of {facts.target.label}"
+        )
     seen = seen_in(recording, facts.elements.catalog_number)
     if not seen:
         raise SattrackError(

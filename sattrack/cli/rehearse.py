@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 
 from sattrack.cli.common import CommandContext, common_options, profile_option, show, table, tell
+from sattrack.cli.targets import ephemeris_option, find_target
 from sattrack.core.errors import BadInputError
 from sattrack.recording.rendering import INK, PALE, label_times, new_figure, save, sky_axes, times
 from sattrack.runtime.facts import REFRACTION_MODES
@@ -39,7 +40,8 @@ ROWS = 9
 
 
 @click.command("rehearse")
-@click.argument("satellite")
+@click.argument("target")
+@ephemeris_option
 @click.option(
     "--pass",
     "number",
@@ -65,10 +67,11 @@ ROWS = 9
     "--plot", type=click.Path(path_type=Path, dir_okay=False), help="Chart of the pass as an image (PNG)."
 )
 @common_options
-def command(context: CommandContext, satellite: str, number: int, **options: Any) -> int:
-    """Show before a pass what the mount cannot follow: what is lost, when, and to which limit.
+def command(context: CommandContext, target: str, number: int, **options: Any) -> int:
+    """Show before a pass of TARGET what the mount cannot follow: what is lost, when, and to which limit.
 
-    SATELLITE is a catalogue number, an international designator or a name. Nothing is moved. The exit code is
+    TARGET is a satellite (catalogue number, international designator or name), Moon or a planet, or RA,DEC;
+    with --ephemeris an object of that file. Nothing is moved. The exit code is
     0 for a go and 1 for a no-go.
     """
     from sattrack.runtime.facts import RunRequest, prepare
@@ -82,9 +85,11 @@ def command(context: CommandContext, satellite: str, number: int, **options: Any
     if plot is not None and not plot.absolute().parent.is_dir():
         raise BadInputError(f"{plot}: the folder does not exist")
     min_alt_deg = context.settings.min_altitude_deg if options["min_alt"] is None else options["min_alt"]
-    elements, site = context.followed(satellite, "sim")
+    found = find_target(context, target, options["ephemeris"])
+    elements, site = (None, context.site()) if found is not None else context.followed(target, "sim")
     request = RunRequest(
-        satellite=satellite,
+        satellite=target,
+        target=found,
         mount_url="sim",
         elements=elements,
         site=site,

@@ -15,6 +15,7 @@ import click
 import msgspec
 
 from sattrack.cli.common import JsonLines, can_draw_lines_anew, renew, tell
+from sattrack.cli.targets import find_target
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.profiles import write_profile
@@ -34,7 +35,7 @@ from sattrack.runtime.system import StopRequest, stopping
 from sattrack.runtime.view_server import ViewServerLink, open_view_server
 from sattrack.views.formatting import summary_lines
 from sattrack.views.run import Summary, SummaryLine, TrackView
-from tle.elements import expected_along_arcsec
+from tle.elements import Elements, expected_along_arcsec
 from tle.errors import TleError
 from tle.instants import DAY_S, Utc
 
@@ -46,7 +47,6 @@ if TYPE_CHECKING:
     from sattrack.runtime.facts import Prepared, RunFacts
     from sattrack.servers.antenna.antcn import AntcnRun
     from sattrack.views.run import Armed, SessionView
-    from tle.elements import Elements
 
 
 SECONDS_BETWEEN_LINES = 5.0
@@ -90,9 +90,14 @@ class RunProgress:
 def announcement(facts: RunFacts) -> list[str]:
     """Return the announcement of a run: which pass, when, and what the elements' age means."""
     plan = facts.plan
-    lines = [f"{facts.elements.label} {_when(facts)}"]
-    age_days = (plan.start_utc_s - float(facts.elements.epoch.unix_s)) / 86400.0
-    if abs(age_days) > OLD_AFTER_DAYS:
+    target = facts.target
+    lines = [f"{target.label} {_when(facts)}"]
+    if facts.followed is not None:
+        sigma_km = facts.followed.sigma_km
+        known = "" if sigma_km is None else f", 1σ {1000.0 * sigma_km:.3g} m by the file"
+        lines.append(f"by {target.provenance}{known}")
+    age_days = (plan.start_utc_s - float(target.epoch.unix_s)) / 86400.0
+    if facts.elements is not None and abs(age_days) > OLD_AFTER_DAYS:
         lines.append(f"the elements are {abs(age_days):.1f} days off the pass: expect it early or late")
     off_s = facts.profile.dated_within_s
     if off_s is not None and off_s > TELLING_DELAY_S:
@@ -343,7 +348,8 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
     """Follow a satellite by what the command line says; return the exit code. Raises what that may."""
     url = options["mount_url"] or context.settings.mount.url
     _check_options(context, url, options)
-    elements, site = context.followed(satellite, url)
+    target = find_target(context, satellite, options["ephemeris"])
+    elements, site = (None, context.site()) if target is not None else context.followed(satellite, url)
     request = RunRequest(
         satellite=satellite,
         mount_url=url,
@@ -363,13 +369,17 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
         limits=context.settings.safety.limits(),
         memory=options["bias_memory"],
         between=(_utc_s(options["begin"]), _utc_s(options["end"])),
+        target=target,
     )
     if is_antenna(url):
+        if target is not None:
+            raise BadInputError(f"{target.label}: an antenna's controller is fed from element sets only")
         return follow_by_antenna(context, request, options["old_elements"])
     observations = options["observations"]
     prepared = prepare(request)
-    if not (prepared.practising or options["old_elements"]):
-        check_age(prepared.facts.elements, prepared.facts.plan.start_utc_s, request.fov_deg)
+    known = prepared.facts.elements
+    if known is not None and not (prepared.practising or options["old_elements"]):
+        check_age(known, prepared.facts.plan.start_utc_s, request.fov_deg)
     check_new_profile(options["learn_profile"], prepared.clock.speed)
     if prepared.practising:
         text = "no elements or site set: practising with the built-in ISS pass over Leiden"
@@ -477,6 +487,7 @@ def _next_request(request: RunRequest, armed: Armed, before: Prepared) -> RunReq
     return replace(
         request,
         satellite=str(armed.catalog_number),
+        target=None,
         between=(None, None),
         culminate_utc_s=armed.culminate_utc_s,
         clock=before.clock,
@@ -504,8 +515,9 @@ def follow_by_antenna(context: CommandContext, request: RunRequest, old_elements
     url = parse_antenna_url(request.mount_url)
     ready = prepare_pass(request, url, context.settings.safety.limits())
     plan = ready.plan
-    if not old_elements:
-        check_age(ready.propagator.elements, plan.start_utc_s, request.fov_deg)
+    known = ready.propagator.elements
+    if isinstance(known, Elements) and not old_elements:
+        check_age(known, plan.start_utc_s, request.fov_deg)
     times = local_time.span(plan.start_utc_s, plan.end_utc_s)
     label = ready.propagator.elements.label
     tell(f"{label} from {times}, {ready.max_alt_deg:.1f}° high")

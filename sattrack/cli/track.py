@@ -19,10 +19,12 @@ from sattrack.cli.common import (
     tui_possible,
     with_tui,
 )
+from sattrack.cli.targets import ephemeris_option
 
 
 @click.command("track")
-@click.argument("satellite")
+@click.argument("target")
+@ephemeris_option
 @click.option(
     "--mount",
     "mount_url",
@@ -59,10 +61,11 @@ from sattrack.cli.common import (
 @fov_option
 @screen_options
 @common_options
-def command(context: CommandContext, satellite: str, **options: Any) -> int:
-    """Follow the pass now in progress, else the next.
+def command(context: CommandContext, target: str, **options: Any) -> int:
+    """Follow the pass of TARGET now in progress, else the next.
 
-    SATELLITE is a catalogue number, an international designator or a name.
+    TARGET is a satellite (catalogue number, international designator or name), Moon or a planet, or RA,DEC;
+    with --ephemeris an object of that file.
     """
     url = options["mount_url"] or context.settings.mount.url
     if _wants_screen(context, options, url) and tui_possible():
@@ -70,7 +73,7 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
         return _on_screen(context, options, url)
     from sattrack.cli.running import follow
 
-    return follow(context, satellite, options)
+    return follow(context, target, options)
 
 
 def _wants_screen(context: CommandContext, options: dict[str, Any], url: str | None) -> bool:

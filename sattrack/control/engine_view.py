@@ -13,6 +13,7 @@ from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
 from sattrack.mount.xerxes.link import STALE_AFTER_S, LinkState
 from sattrack.safety import ROWS
 from sattrack.views.run import EstimateView, LearntView, OffsetView, PauseView, SearchView, TrackView
+from tle.bodies import Body
 
 if TYPE_CHECKING:
     from sattrack.control.engine import Engine
@@ -34,6 +35,7 @@ LOOSE_FACTOR = 2.0
 def view_of(engine: Engine, now_utc_s: float) -> TrackView:
     """Return what anyone who looks may see of a run, as of an instant (UTC, POSIX seconds)."""
     spec, tracker, sample = engine.spec, engine.tracker, engine.session.sample
+    followed = spec.propagator.elements
     error = tracker.error
     fresh = error is not None and 0.0 <= now_utc_s - error.utc_s < STALE_AFTER_S
     # Target and mount are shown for one instant: a tick apart they would seem to disagree.
@@ -41,19 +43,19 @@ def view_of(engine: Engine, now_utc_s: float) -> TrackView:
     return TrackView(
         utc_s=now_utc_s,
         phase=engine.phase,
-        name=spec.propagator.elements.label,
-        catalog_number=spec.propagator.elements.catalog_number,
+        name=followed.label,
+        catalog_number=followed.catalog_number or None,
         mount=spec.mount_name,
         start_utc_s=spec.plan.start_utc_s,
         culminate_utc_s=spec.culminate_utc_s,
         end_utc_s=spec.plan.end_utc_s,
         max_alt_deg=spec.max_alt_deg,
-        elements_age_s=now_utc_s - float(spec.propagator.elements.epoch.unix_s),
+        elements_age_s=None if isinstance(followed, Body) else now_utc_s - float(followed.epoch.unix_s),
         target_ra_deg=float(target.ra_deg),
         target_dec_deg=float(target.dec_deg),
         target_alt_deg=float(target.alt_deg),
         target_az_deg=float(target.az_deg),
-        range_km=float(target.range_km),
+        range_km=float(target.range_km) if followed.ranged else None,
         mount_ra_deg=None if sample is None else sample.ra_deg,
         mount_dec_deg=None if sample is None else sample.dec_deg,
         error=error,

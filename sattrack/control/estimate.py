@@ -17,6 +17,7 @@ import numpy as np
 
 from sattrack.views.messages import MOST_SIGMA_ARCSEC, Observation
 from tle.bias import Bias, apparent_unit
+from tle.elements import Elements
 from tle.errors import PropagationError
 from tle.instants import Utc
 from tle.orbit_fit import ALONG, STATES, CorrectableOrbit, Expected, OrbitFilter, Sighting
@@ -130,6 +131,8 @@ class Estimator:
         utc_s = float(Utc.parse(seen.utc).unix_s)
         self.words = None
         why = self._refusal(seen, utc_s, now_utc_s)
+        if why is None and not isinstance(course.propagator.elements, Elements):
+            why = "observations correct element sets only"
         if why is not None:
             self.refuse(why)
             return False
@@ -225,6 +228,7 @@ class Estimator:
 
     def _orbit_of(self, course: Course) -> CorrectableOrbit:
         elements = course.propagator.elements
+        assert isinstance(elements, Elements)
         if self._orbit is None or self._orbit.given is not elements:
             self._rival = None
             self._orbit = CorrectableOrbit(elements, Utc(self._start_utc_s))

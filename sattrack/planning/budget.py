@@ -3,6 +3,7 @@
 | part | size | known from |
 |---|---|---|
 | elements | `tle.elements` along; across, a share of what that is at the epoch | their age |
+| ephemeris | in place of elements: the standard deviation that a file states | the file |
 | clock | its error times the direction's rate | what sets the clock, else taken as 10 ms |
 | Earth orientation | UT1: 0.25 ms times days^0.75; the pole: 0.68 mas times days^0.8 | the last observation |
 | refraction | 10 hPa and 10 K of the air; all of it where none is applied | taken |
@@ -23,7 +24,7 @@ import numpy as np
 
 from tle.bias import Bias
 from tle.earth import EarthOrientation
-from tle.elements import expected_along_s
+from tle.elements import Elements, expected_along_s
 from tle.instants import DAY_S, Utc
 from tle.propagator import Propagator
 from tle.refraction import Refraction
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sattrack.mount.model import MountProfile
+    from tle.ephemeris import Ephemeris
 
     Array = NDArray[np.float64]
 
@@ -113,8 +115,9 @@ def error_budget(
     by_second = (later.unit - seen.unit) / PROBE_S
     frame = _frame(seen.unit, by_second)
     rate = seen.unit_rate
+    source = "elements" if isinstance(propagator.elements, Elements) else "ephemeris"
     named = [
-        ("elements", *_elements(propagator, utc_s, by_second)),
+        (source, *_elements(propagator, utc_s, by_second)),
         ("clock", *_timed(frame, rate, *_clock(facts.clock_error_s))),
         ("earth orientation", *_orientation(frame, propagator, bias, at)),
         ("refraction", *_refraction(frame, propagator, bias, at, facts.refraction_applied)),
@@ -150,11 +153,23 @@ def _frame(unit: Array, by_second: Array) -> _Frame:
 
 def _elements(propagator: Propagator, utc_s: Array, by_second: Array) -> tuple[Array, Array, str]:
     elements = propagator.elements
+    if not isinstance(elements, Elements):
+        return _ephemeris(elements, propagator, utc_s)
     seconds = np.array([expected_along_s(elements, Utc(float(t))) for t in utc_s])
     arcsec = np.linalg.norm(by_second, axis=1) * math.degrees(1.0) * ARCSEC
     at_epoch = ACROSS_SHARE * expected_along_s(elements, elements.epoch)
     days = abs(elements.age_s(Utc(float(utc_s[0])))) / DAY_S
     return seconds * arcsec, at_epoch * arcsec, f"{days:.1f} days from their epoch"
+
+
+def _ephemeris(ephemeris: Ephemeris, propagator: Propagator, utc_s: Array) -> tuple[Array, Array, str]:
+    """Return what the covariance that an ephemeris states comes to on the sky, the same every way."""
+    known = ephemeris.covariance(Utc(float(utc_s[0])))
+    if known is None:
+        none = np.zeros_like(utc_s)
+        return none, none, f"not stated: {ephemeris.provenance}"
+    arcsec = known.sigma_km / math.sqrt(3.0) / propagator.at(Utc(utc_s)).range_km * math.degrees(1.0) * ARCSEC
+    return arcsec, arcsec, f"{1000.0 * known.sigma_km:.3g} m by the file"
 
 
 def _clock(error_s: float | None) -> tuple[float, str]:

@@ -232,8 +232,8 @@ class RehearsalReport(msgspec.Struct, frozen=True):
     """All that a rehearsal tells."""
 
     name: str
-    catalog_number: int
-    elements_epoch: str
+    catalog_number: int | None
+    elements_epoch: str | None
     profile: str
     calibrated: bool
     """Whether the profile was measured."""

@@ -268,6 +268,11 @@ def write_anonymous(recording: Recording, stream: BinaryIO, shift_s: int) -> Non
     header = recording.header
     try:
         facts = msgspec.json.decode(header.spec)
+        if facts["elements"] is None:
+            raise BadInputError(
+                f"{recording.path}: only a run by element sets can be moved to another place and time, and "
+                "this one followed the rows of a file, or a body"
+            )
         moving = _Moving(facts, shift_s)
         spec = msgspec.Raw(msgspec.json.encode(moving.facts(facts)))
     except (msgspec.MsgspecError, KeyError, TypeError, AttributeError) as error:

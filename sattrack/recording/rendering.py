@@ -16,6 +16,7 @@ from sattrack.core.errors import BadInputError
 from sattrack.mount.xerxes.datagrams import DatagramError, decode_command
 from sattrack.recording.fits import Track, smooth_track, spectrum
 from sattrack.recording.report import repeating
+from sattrack.views.formatting import named
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -47,7 +48,7 @@ img { max-width: 100% } .what { color: #5b6b80 } .bad { color: #b3263a }
 def report_rows(report: Report) -> list[tuple[str, str]]:
     """Return a report as pairs of a name and a value, both text."""
     rows = [
-        ("pass", f"{report.name} ({report.catalog_number}), {report.began_utc}"),
+        ("pass", f"{named(report.name, report.catalog_number)}, {report.began_utc}"),
         ("mount", report.mount),
         ("followed", f"{report.followed_s:.0f} s, {report.samples} samples; ended by {report.ended_by}"),
     ]

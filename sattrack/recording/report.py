@@ -141,7 +141,7 @@ class Report(msgspec.Struct, frozen=True):
 
     recording: str
     name: str
-    catalog_number: int
+    catalog_number: int | None
     mount: str
     began_utc: str
     followed_s: float
@@ -171,7 +171,7 @@ def make_report(recording: Recording, run: Trace) -> tuple[Report, BiasFit | Non
     report = Report(
         recording=str(recording.path),
         name=spec.propagator.elements.label,
-        catalog_number=spec.propagator.elements.catalog_number,
+        catalog_number=spec.propagator.elements.catalog_number or None,
         mount=spec.mount_name,
         began_utc=Utc(spec.started_utc_s).isoformat("seconds"),
         followed_s=times.following_s,

@@ -90,7 +90,7 @@ def _view(bias: KeptBias) -> RememberedView:
 
 def keep(engine: Engine, facts: RunFacts, ended_utc_s: float, mode: MemoryMode) -> str | None:
     """Leave in the memory what a run found, drop there what was dropped; return what was done, as text."""
-    if not uses_memory(mode, facts.mount_name == SIMULATED):
+    if facts.elements is None or not uses_memory(mode, facts.mount_name == SIMULATED):
         return None
     memory, notes = BiasMemory(memory_file()), []
     try:
@@ -108,7 +108,7 @@ def keep(engine: Engine, facts: RunFacts, ended_utc_s: float, mode: MemoryMode) 
 
 def keep_fit(fit: BiasFit, facts: RunFacts, mode: MemoryMode) -> str | None:
     """Keep what a report fitted to the observations of a run; return what was done, as text."""
-    if not uses_memory(mode, facts.mount_name == SIMULATED):
+    if facts.elements is None or not uses_memory(mode, facts.mount_name == SIMULATED):
         return None
     found = KeptBias(
         source="observations",

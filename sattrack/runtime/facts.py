@@ -22,12 +22,14 @@ from sattrack.mount.model import MountProfile
 from sattrack.mount.profiles import ProfileFile
 from sattrack.runtime import demo_pass
 from sattrack.runtime.mounts import SIMULATED, mount_address
+from sattrack.runtime.target_facts import TargetFacts, target_facts
 from sattrack.safety import SafetyLimits
 from sattrack.settings import NO_ELEMENTS, NO_SITE, SiteSettings
 from sattrack.views.run import SAME_PASS_S, RememberedView
 from tle.bias import Bias
+from tle.bodies import Body
 from tle.elements import Elements
-from tle.errors import TleError
+from tle.errors import EphemerisError, TleError
 from tle.instants import Utc
 from tle.passes import Pass, find_passes
 from tle.propagator import Propagator
@@ -41,6 +43,7 @@ if TYPE_CHECKING:
     from sattrack.recording.format import Recording
     from sattrack.runtime.bias_memory import MemoryMode
     from sattrack.runtime.mounts import MountAddress
+    from tle.ephemeris import Ephemeris
     from tle.site import Site
 
 SEARCH_HOURS = 48.0
@@ -51,7 +54,8 @@ REFRACTION_MODES = ("auto", "on", "off")
 class RunFacts(msgspec.Struct, frozen=True):
     """Everything that makes a run besides its inputs; UTC as POSIX seconds."""
 
-    elements: Elements
+    elements: Elements | None
+    """What is followed, by SGP4; None where `followed` says what is."""
     site: SiteSettings
     refraction: Literal["auto", "on", "off"]
     pressure_hpa: float
@@ -72,6 +76,17 @@ class RunFacts(msgspec.Struct, frozen=True):
     """Diameter of the camera's field of view; nothing that is computed depends on it."""
     remembered: RememberedView | None = None
     """The bias of an earlier pass, in force from the beginning; a nudge is in the first biases as well."""
+    followed: TargetFacts | None = None
+    """What is followed where it has no elements: rows of an ephemeris, or a body."""
+
+    @property
+    def target(self) -> Elements | Ephemeris:
+        """Give what is followed, made anew. Raises EphemerisError."""
+        if self.elements is not None:
+            return self.elements
+        if self.followed is None:
+            raise EphemerisError("the run's facts do not say what is followed")
+        return self.followed.target()
 
 
 def encode_facts(facts: RunFacts) -> bytes:
@@ -88,8 +103,9 @@ def build_engine(facts: RunFacts) -> Engine:
     """Return a new engine for a run."""
     site = facts.site.place()
     air = Refraction(facts.pressure_hpa, facts.temperature_c)
-    bent = Propagator(facts.elements, site, refraction=air)
-    airless = Propagator(facts.elements, site)
+    target = facts.target
+    bent = Propagator(target, site, refraction=air)
+    airless = Propagator(target, site)
     spec = RunSpec(
         propagator=airless if facts.refraction == "off" else bent,
         if_mount_refracts=bent if facts.refraction == "on" else airless,
@@ -115,22 +131,26 @@ def first_bias(facts: RunFacts) -> Bias:
     if known is None or known.cross_km is None:
         return Bias(facts.bias_along_s, facts.bias_cross_deg)
     along_s = facts.bias_along_s + known.along_s
-    seen = Propagator(facts.elements, facts.site.place()).at(Utc(facts.culminate_utc_s))
+    seen = Propagator(facts.target, facts.site.place()).at(Utc(facts.culminate_utc_s))
     angle_deg = math.degrees(math.atan(known.cross_km / float(seen.range_km)))
     return Bias(along_s, facts.bias_cross_deg + angle_deg)
 
 
 def choose_pass(
-    elements: Elements, site: Site, now: Utc, min_alt_deg: float, culminate_utc_s: float | None = None
+    target: Elements | Ephemeris,
+    site: Site,
+    now: Utc,
+    min_alt_deg: float,
+    culminate_utc_s: float | None = None,
 ) -> Pass:
     """Return the pass in progress, else the next, or the one that culminates about `culminate_utc_s`.
 
     Raises SattrackError where there is none in two days, or not that one.
     """
-    passes: Sequence[Pass] = find_passes(Propagator(elements, site), now, SEARCH_HOURS, min_alt_deg)
+    passes: Sequence[Pass] = find_passes(Propagator(target, site), now, SEARCH_HOURS, min_alt_deg)
     if not passes:
         raise SattrackError(
-            f"{elements.label} does not rise above {min_alt_deg:g}° at this site within "
+            f"{target.label} does not rise above {min_alt_deg:g}° at this site within "
             f"{SEARCH_HOURS:g} hours of {now.isoformat('seconds')}; "
             "try a lower --min-alt, or another satellite"
         )
@@ -143,16 +163,20 @@ def choose_pass(
         # Past its highest, what is left of the pass in progress is highest now.
         return passes[0]
     when = Utc(culminate_utc_s).isoformat("seconds")
-    raise SattrackError(f"{elements.label} has no pass above {min_alt_deg:g}° that culminates about {when}")
+    raise SattrackError(f"{target.label} has no pass above {min_alt_deg:g}° that culminates about {when}")
 
 
-def plan_for(satellite_pass: Pass, now: Utc) -> TrackPlan:
-    """Return when to follow a pass: from its rise, or now where it is up already, to its set."""
+def plan_for(satellite_pass: Pass, now: Utc, target: Elements | Ephemeris) -> TrackPlan:
+    """Return when to follow a pass: from its rise to its set, or for as long as there are places."""
     rise = now if satellite_pass.rise_utc is None else satellite_pass.rise_utc
     end_s = float(now.unix_s) + SEARCH_HOURS * 3600.0
     if satellite_pass.set_utc is not None:
         end_s = float(satellite_pass.set_utc.unix_s)
-    return TrackPlan(start_utc_s=max(float(rise.unix_s), float(now.unix_s)), end_utc_s=end_s)
+    start_s, top_s = max(float(rise.unix_s), float(now.unix_s)), float(satellite_pass.culminate_utc.unix_s)
+    for first, last in target.spans:
+        if first.unix_s <= top_s <= last.unix_s:
+            start_s, end_s = max(start_s, float(first.unix_s)), min(end_s, float(last.unix_s))
+    return TrackPlan(start_utc_s=start_s, end_utc_s=end_s)
 
 
 def suited_to(plan: TrackPlan, profile: MountProfile, on_target_arcsec: float) -> TrackPlan:
@@ -220,6 +244,8 @@ class RunRequest:
     """From when, and until when, at most, the pass is followed: POSIX seconds of UTC."""
     clock: Clock | None = None
     """A clock that runs already, by which to go on."""
+    target: Elements | Ephemeris | None = None
+    """What to follow, where that is found already; else `satellite` is looked up in the elements."""
     culminate_utc_s: float | None = None
     """About when the pass that is meant culminates; None for the next."""
 
@@ -238,6 +264,8 @@ class Prepared:
     memory: MemoryMode = "off"
     notes: tuple[str, ...] = ()
     """What to report before the run begins: of the bias memory, of a mount that is not calibrated."""
+    target: Elements | Ephemeris | None = None
+    """What is followed, whole, of which the facts keep what the run needs; None where they have it whole."""
 
 
 def prepare(request: RunRequest) -> Prepared:
@@ -251,7 +279,8 @@ def prepare(request: RunRequest) -> Prepared:
     floor_deg = request.limits.floor_altitude_deg
     if request.min_alt_deg < floor_deg:
         raise BadInputError(f"--min-alt {request.min_alt_deg:g}: the mount is kept above {floor_deg:g}°")
-    practising = address is None and request.elements is None and request.site is None
+    nothing_set = request.elements is None and request.site is None and request.target is None
+    practising = address is None and nothing_set
     elements, site = _object_and_site(request, practising)
     check_site(request.profile.mount, site)
     if address is not None:
@@ -263,11 +292,12 @@ def prepare(request: RunRequest) -> Prepared:
     if request.clock is not None:
         clock = request.clock
         now = Utc(clock.utc_s(time.monotonic()))
-    satellite = find(elements, request.satellite)
+    target = request.target or find(elements, request.satellite)
+    _check_sun(target, request)
     begin_s, end_s = request.between
     from_then = now if begin_s is None else Utc(max(begin_s, float(now.unix_s)))
-    satellite_pass = choose_pass(satellite, site, from_then, request.min_alt_deg, request.culminate_utc_s)
-    plan = _until(plan_for(satellite_pass, from_then), end_s, satellite.label)
+    satellite_pass = choose_pass(target, site, from_then, request.min_alt_deg, request.culminate_utc_s)
+    plan = _until(plan_for(satellite_pass, from_then, target), end_s, target.label)
     if address is not None:
         plan = suited_to(plan, request.profile.mount, address.on_target_arcsec)
     started_s = float(now.unix_s)
@@ -275,7 +305,7 @@ def prepare(request: RunRequest) -> Prepared:
         started_s = max(started_s, plan.start_utc_s - plan.approach_s - VIRTUAL_LEAD_S)
     air = Refraction.standard(site.height_m)
     facts = RunFacts(
-        elements=satellite,
+        elements=target if isinstance(target, Elements) else None,
         site=SiteSettings(site.latitude_deg, site.longitude_deg, site.height_m),
         refraction=request.refraction,
         pressure_hpa=air.pressure_hpa,
@@ -294,17 +324,38 @@ def prepare(request: RunRequest) -> Prepared:
         started_utc_s=started_s,
         recording=None if request.record is None else str(request.record),
     )
+    facts = with_followed(facts, target)
     notes: tuple[str, ...] = ()
     from sattrack.runtime.bias_memory import recall, uses_memory  # brings SQLite, only needed here
 
-    if uses_memory(request.memory, address is None):
+    if isinstance(target, Elements) and uses_memory(request.memory, address is None):
         given = bool(request.bias_along_s or request.bias_cross_deg)
-        recalled = recall(satellite, facts.culminate_utc_s, request.memory, given)
+        recalled = recall(target, facts.culminate_utc_s, request.memory, given)
         facts, notes = _beginning_with(facts, recalled.bias), recalled.notes
     if address is not None and address.presumption is not None and facts.profile.calibration is None:
         notes = (*notes, address.presumption)
     facts = with_detours(facts)
-    return Prepared(facts, clock, address, practising, request.profile.simulator, request.memory, notes)
+    simulator = request.profile.simulator
+    return Prepared(facts, clock, address, practising, simulator, request.memory, notes, target)
+
+
+def _check_sun(target: Elements | Ephemeris, request: RunRequest) -> None:
+    """Raise BadInputError where the Sun is to be followed without a filter that the profile states.
+
+    The cone that the limits keep about the Sun is not opened by that: its owner must.
+    """
+    if not (isinstance(target, Body) and target.name == "Sun"):
+        return
+    if not request.profile.mount.solar_filter:
+        raise BadInputError(
+            "the Sun is followed with a solar filter only: fit one, and state solar_filter = true in the "
+            "mount's profile"
+        )
+    if request.limits.sun_deg > 0.0:
+        raise BadInputError(
+            f"the Sun: the limits keep the mount {request.limits.sun_deg:g}° from it: while the solar filter "
+            "is on, set optical = false in [safety] of sattrack.toml"
+        )
 
 
 def _until(plan: TrackPlan, end_utc_s: float | None, name: str) -> TrackPlan:
@@ -325,6 +376,14 @@ def _beginning_with(facts: RunFacts, bias: RememberedView | None) -> RunFacts:
     if bias is None or bias.cross_deg is None:
         return facts
     return msgspec.structs.replace(facts, bias_along_s=bias.along_s, bias_cross_deg=bias.cross_deg)
+
+
+def with_followed(facts: RunFacts, target: Elements | Ephemeris) -> RunFacts:
+    """Return the facts with what their run needs of a target that has no elements."""
+    if isinstance(target, Elements):
+        return facts
+    begin_s = min(facts.started_utc_s, facts.plan.start_utc_s)
+    return msgspec.structs.replace(facts, followed=target_facts(target, begin_s, facts.plan.end_utc_s))
 
 
 def with_detours(facts: RunFacts) -> RunFacts:
@@ -368,8 +427,8 @@ def _check_bias(request: RunRequest) -> None:
 def _object_and_site(request: RunRequest, practising: bool) -> tuple[list[Elements], Site]:
     if practising:
         return [demo_pass.elements()], demo_pass.SITE.place()
-    if request.elements is None:
+    if request.elements is None and request.target is None:
         raise BadInputError(NO_ELEMENTS)
     if request.site is None:
         raise BadInputError(NO_SITE)
-    return request.elements, request.site
+    return request.elements or [], request.site

@@ -53,6 +53,7 @@ from sattrack.runtime.loop import RealtimeLoop
 from sattrack.runtime.system import stopping
 from sattrack.views.messages import Message, StopNow, decode_message
 from sattrack.views.run import DatagramsView, PeriodView, Summary
+from tle.elements import Elements
 from tle.errors import TleError
 from tle.instants import DAY_S, Utc
 
@@ -71,7 +72,7 @@ if TYPE_CHECKING:
     from sattrack.runtime.system import StopRequest
     from sattrack.views.messages import Observation, SeenOffset
     from sattrack.views.run import TrackView
-    from tle.elements import Elements
+    from tle.ephemeris import Ephemeris
 
 
 def fly_virtual(
@@ -222,7 +223,7 @@ def summarise(engine: Engine, statistics: RunStatistics, ended_utc_s: float) -> 
     why = engine.why_not_acquired()
     return Summary(
         name=spec.propagator.elements.label,
-        catalog_number=spec.propagator.elements.catalog_number,
+        catalog_number=spec.propagator.elements.catalog_number or None,
         mount=spec.mount_name,
         started_utc=Utc(spec.started_utc_s).isoformat("milliseconds"),
         ended_utc=Utc(ended_utc_s).isoformat("milliseconds"),
@@ -263,9 +264,11 @@ def summarise(engine: Engine, statistics: RunStatistics, ended_utc_s: float) -> 
     )
 
 
-def age_days(elements: Elements, utc_s: float) -> float:
-    """Return how old elements are at an instant, days."""
-    return round(float(elements.age_s(Utc(utc_s))) / DAY_S, 3)
+def age_days(source: Elements | Ephemeris, utc_s: float) -> float | None:
+    """Return how old elements are at an instant, days; None for what has no epoch."""
+    if not isinstance(source, Elements):
+        return None
+    return round(float(source.age_s(Utc(utc_s))) / DAY_S, 3)
 
 
 def _seconds_between(first_s: float | None, second_s: float | None) -> float | None:

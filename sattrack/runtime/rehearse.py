@@ -58,7 +58,14 @@ from sattrack.planning.trace import Performance, RehearsalTrace, TabledPropagato
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime import demo_pass
 from sattrack.runtime.connection import simulated_site
-from sattrack.runtime.facts import SEARCH_HOURS, build_engine, first_bias, plan_for, with_detours
+from sattrack.runtime.facts import (
+    SEARCH_HOURS,
+    build_engine,
+    first_bias,
+    plan_for,
+    with_detours,
+    with_followed,
+)
 from sattrack.runtime.flight import VirtualRun
 from sattrack.runtime.mounts import SIMULATED
 from sattrack.safety.bodies import moon_over, sun_over
@@ -284,9 +291,8 @@ def rehearse(
     )
     straight = axis_path(propagator, spec.bias, _instants(plan))
     if not np.isfinite(straight.pointing.dec_axis_deg).all():
-        raise SattrackError(
-            f"{facts.elements.label}: its elements have it come down before the pass ends; get newer ones"
-        )
+        label = spec.propagator.elements.label
+        raise SattrackError(f"{label}: its elements have it come down before the pass ends; get newer ones")
     west = (float(straight.pointing.hour_angle_axis_deg[0]) + 180.0) % 360.0 > 180.0
     beyond = west and rule_of(facts.profile, hardware) == "hour_angle"
     period_s = loop_period_s(straight.seen_from(beyond, ability.latitude_deg), ability, plan)
@@ -301,9 +307,9 @@ def rehearse(
     taken = _taken(path, performance.trace if part is facts else None, ability)
     go, words = verdict((*lost, *later), lost_s, pass_s)
     report = RehearsalReport(
-        name=facts.elements.label,
-        catalog_number=facts.elements.catalog_number,
-        elements_epoch=facts.elements.epoch.isoformat("seconds"),
+        name=spec.propagator.elements.label,
+        catalog_number=spec.propagator.elements.catalog_number or None,
+        elements_epoch=None if facts.elements is None else facts.elements.epoch.isoformat("seconds"),
         profile=facts.profile.name,
         calibrated=facts.profile.calibration is not None,
         start_utc=_iso(plan.start_utc_s),
@@ -417,15 +423,16 @@ def choose_nth_pass(prepared: Prepared, number: int, min_alt_deg: float) -> Prep
     if number == 1:
         return prepared
     facts = prepared.facts
+    target = prepared.target or facts.target
     now = Utc(min(prepared.clock.utc_s(time.monotonic()), facts.plan.start_utc_s))
-    found = find_passes(Propagator(facts.elements, facts.site.place()), now, SEARCH_HOURS, min_alt_deg)
+    found = find_passes(Propagator(target, facts.site.place()), now, SEARCH_HOURS, min_alt_deg)
     if number > len(found):
         raise SattrackError(
-            f"--pass {number}: {facts.elements.label} has {len(found)} passes above {min_alt_deg:g}° within "
+            f"--pass {number}: {target.label} has {len(found)} passes above {min_alt_deg:g}° within "
             f"{SEARCH_HOURS:g} hours of {now.isoformat('seconds')}"
         )
     chosen = found[number - 1]
-    plan = plan_for(chosen, now)
+    plan = plan_for(chosen, now, target)
     replaced = msgspec.structs.replace(
         facts,
         plan=plan,
@@ -433,7 +440,7 @@ def choose_nth_pass(prepared: Prepared, number: int, min_alt_deg: float) -> Prep
         max_alt_deg=float(chosen.max_alt_deg),
         started_utc_s=max(float(now.unix_s), plan.start_utc_s - plan.approach_s - READY_S),
     )
-    return replace(prepared, facts=with_detours(replaced))
+    return replace(prepared, facts=with_detours(with_followed(replaced, target)))
 
 
 def loop_period_s(path: AxisPath, ability: Ability, plan: TrackPlan) -> float:

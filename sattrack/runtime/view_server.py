@@ -348,7 +348,7 @@ class ViewServerLink:
                 command=this_command(),
                 since_utc=utc_now(),
                 mount=facts.mount_name,
-                name=facts.elements.label,
+                name=facts.target.label,
             )
         self._socket.setblocking(False)
         self._gone = False

@@ -386,7 +386,7 @@ class PassRow(msgspec.Struct, frozen=True):
         """When it culminates, POSIX seconds."""
         return float(Utc.parse(self.culminate_utc).unix_s)
 
-    def is_of(self, catalog_number: int, culminate_utc_s: float) -> bool:
+    def is_of(self, catalog_number: int | None, culminate_utc_s: float) -> bool:
         """Tell whether it is the pass that somebody names so."""
         near = abs(self.culminate_utc_s - culminate_utc_s) < SAME_PASS_S
         return self.catalog_number == catalog_number and near

@@ -215,7 +215,7 @@ class WherePanel(Panel):
         return [
             labelled("alt", (alt, "bold"), below, cells=7),
             labelled("az", (formatting.azimuth(view.target_az_deg), "bold"), cells=7),
-            labelled("range", (f"{view.range_km:.0f} km", "bold"), cells=7),
+            labelled("range", ("-" if view.range_km is None else f"{view.range_km:.0f} km", "bold"), cells=7),
             labelled("RA", formatting.right_ascension(view.target_ra_deg), cells=7),
             labelled("Dec", formatting.degrees(view.target_dec_deg), cells=7),
         ]
@@ -421,7 +421,7 @@ class RunPanel(Panel):
         label = ("   recording ", DIM)
         whole = _recording(scene, self.content_size.width)
         if cells_of([*row, label, whole]) > self.content_size.width:
-            row[1], label = formatting.age(scene.view.elements_age_s), ("  rec ", DIM)
+            row[1], label = _elements_age(scene), ("  rec ", DIM)
         row.append(label)
         return [[*row, _recording(scene, self.content_size.width - cells_of(row))]]
 
@@ -444,7 +444,12 @@ class FieldPanel(Panel):
 
 
 def _elements(scene: Scene) -> Part:
-    return f"{formatting.age(scene.view.elements_age_s)} old"
+    return "-" if scene.view.elements_age_s is None else f"{_elements_age(scene)} old"
+
+
+def _elements_age(scene: Scene) -> str:
+    age_s = scene.view.elements_age_s
+    return "-" if age_s is None else formatting.age(age_s)
 
 
 def _recording(scene: Scene, room: int) -> Part:

@@ -89,7 +89,7 @@ class PassList:
         """Point to a pass further down, or up where negative."""
         self.cursor = max(0, min(len(self.rows) - 1, self.cursor + by))
 
-    def point_next_to(self, by: int, catalog_number: int, culminate_utc_s: float) -> PassRow | None:
+    def point_next_to(self, by: int, catalog_number: int | None, culminate_utc_s: float) -> PassRow | None:
         """Point to the next pass but for the one named, or to the one before; None where there is none."""
         later = [n for n, row in enumerate(self.rows) if row.culminate_utc_s > culminate_utc_s + SAME_PASS_S]
         at = next((n for n, row in enumerate(self.rows) if row.is_of(catalog_number, culminate_utc_s)), None)

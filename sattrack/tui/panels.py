@@ -367,7 +367,8 @@ class TitleBar(Panel):
         over = "as of " if scene.ended and scene.tape is None else ""
         time = f"{over}{formatting.date(view.utc_s)} {formatting.clock(view.utc_s)} {zone_name(view.utc_s)}"
         replay: Row = [] if scene.tape is None else [(" REPLAY ", PLATE[Tone.NOTICE]), " "]
-        room = self.content_size.width - cell_len(f"{view.name}  {view.catalog_number}   mount  {time}")
+        number = "" if view.catalog_number is None else f"  {view.catalog_number}"
+        room = self.content_size.width - cell_len(f"{view.name}{number}   mount  {time}")
         room -= len(" REPLAY  ") if replay else 0
         # Addresses can be long; nothing else in this row may give way.
         mount = fitted(view.mount, max(1, room))
@@ -375,7 +376,7 @@ class TitleBar(Panel):
             [
                 *replay,
                 (view.name, "bold"),
-                (f"  {view.catalog_number}", DIM),
+                (number, DIM),
                 ("   mount ", DIM),
                 f"{mount} ",
                 (time, "bold"),

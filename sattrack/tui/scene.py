@@ -332,7 +332,7 @@ def _cautions(scene: Scene) -> tuple[Caution, ...]:
         found.append(
             Caution("the mount has not answered yet", "is it on, and set to send here?", Tone.NOTICE)
         )
-    if view.elements_age_s > OLD_ELEMENTS_S:
+    if view.elements_age_s is not None and view.elements_age_s > OLD_ELEMENTS_S:
         nudge = ": ← → nudge" if scene.in_control else ""
         old = f"elements are {formatting.age(view.elements_age_s)} old"
         found.append(Caution(old, f"expect the satellite early or late{nudge}", Tone.NOTICE))

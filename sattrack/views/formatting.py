@@ -452,12 +452,17 @@ NO_PRIORITY = ", without real-time priority (`sattrack doctor` says how to grant
 OLD_ELEMENTS_DAYS = 3.0
 
 
+def named(name: str, catalog_number: int | None) -> str:
+    """Return an object's name, with its catalogue number where it has one."""
+    return name if catalog_number is None else f"{name} ({catalog_number})"
+
+
 def summary_lines(summary: Summary) -> list[str]:
     """Return the summary for people."""
     uncalibrated = ", uncalibrated" if summary.calibrated is False and summary.mount != "sim" else ""
     times = local_time.span(iso_unix_s(summary.started_utc), iso_unix_s(summary.ended_utc))
     lines = [
-        f"{summary.name} ({summary.catalog_number}) with {summary.mount}{uncalibrated}: "
+        f"{named(summary.name, summary.catalog_number)} with {summary.mount}{uncalibrated}: "
         f"ended by {summary.ended_by}",
         f"  {times}, on target {summary.on_target_s:.1f} s",
     ]

@@ -145,18 +145,19 @@ class TrackView(msgspec.Struct, frozen=True, tag="view"):
     utc_s: float
     phase: str
     name: str
-    catalog_number: int
+    catalog_number: int | None
     mount: str
     start_utc_s: float
     culminate_utc_s: float
     end_utc_s: float
     max_alt_deg: float
-    elements_age_s: float
+    elements_age_s: float | None
+    """How old the elements are, or what an ephemeris was made of; None for bodies."""
     target_ra_deg: float
     target_dec_deg: float
     target_alt_deg: float
     target_az_deg: float
-    range_km: float
+    range_km: float | None
     mount_ra_deg: float | None
     mount_dec_deg: float | None
     error: ErrorView | None
@@ -267,7 +268,7 @@ class Summary(msgspec.Struct, frozen=True):
     """What a run came to; the fields that scripts rely on, null where not available."""
 
     name: str
-    catalog_number: int
+    catalog_number: int | None
     mount: str
     started_utc: str
     ended_utc: str

@@ -369,7 +369,7 @@ class Satellites(msgspec.Struct, frozen=True):
                     refraction=self.refraction,
                     pressure_hpa=air.pressure_hpa,
                     temperature_c=air.temperature_c,
-                    plan=plan_for(seen, now),
+                    plan=plan_for(seen, now, elements),
                     culminate_utc_s=float(seen.culminate_utc.unix_s),
                     max_alt_deg=float(seen.max_alt_deg),
                     profile=self.profile,
@@ -397,8 +397,8 @@ class Satellites(msgspec.Struct, frozen=True):
 def run_summary(facts: RunFacts) -> dict[str, Any]:
     """Return the answer to a client whose run begins."""
     return {
-        "name": facts.elements.name,
-        "catalog_number": facts.elements.catalog_number,
+        "name": facts.target.name,
+        "catalog_number": facts.target.catalog_number,
         "from_utc": Utc(facts.plan.start_utc_s).isoformat("milliseconds"),
         "to_utc": Utc(facts.plan.end_utc_s).isoformat("milliseconds"),
         "culminate_utc": Utc(facts.culminate_utc_s).isoformat("milliseconds"),

@@ -88,7 +88,7 @@ def prepare_pass(request: RunRequest, url: AntennaUrl, limits: SafetyLimits) -> 
         url,
         Propagator(satellite, request.site, refraction=air),
         Bias(request.bias_along_s, request.bias_cross_deg),
-        plan_for(satellite_pass, now),
+        plan_for(satellite_pass, now, satellite),
         float(satellite_pass.max_alt_deg),
     )
     check_bodies(ready, limits, request.site)
@@ -232,7 +232,7 @@ class AntennaFlight:
             message = "the pass ended before the antenna was on the satellite"
         return Summary(
             name=ready.propagator.elements.label,
-            catalog_number=ready.propagator.elements.catalog_number,
+            catalog_number=ready.propagator.elements.catalog_number or None,
             mount=ready.url.text,
             started_utc=Utc(started_utc_s).isoformat("milliseconds"),
             ended_utc=Utc(ended_utc_s).isoformat("milliseconds"),

@@ -32,7 +32,7 @@ ELEMENTS = ("--elements", str(EXAMPLES / "iss_leiden.tle"), "--site", "52,4,0")
             ["passes", "--hours", "abc"],
             "invalid value for '--hours': 'abc' is not a number; see `sattrack passes --help`",
         ),
-        (["ephemeris"], "missing argument 'SATELLITE'; see `sattrack ephemeris --help`"),
+        (["ephemeris"], "missing argument 'TARGET'; see `sattrack ephemeris --help`"),
         (["stop", "extra"], "unexpected argument (extra); see `sattrack stop --help`"),
     ],
 )

@@ -1,0 +1,89 @@
+"""What a command's TARGET is: an object of an ephemeris file, a body, a direction, or a satellite."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sattrack.core.errors import BadInputError
+from tle.errors import AmbiguousSatelliteError, SatelliteNotFoundError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from sattrack.cli.common import CommandContext
+    from tle.elements import Elements
+    from tle.ephemeris import Ephemeris
+
+
+def ephemeris_option(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add --ephemeris to a command; it comes as `ephemeris`, a path or None."""
+    return click.option(
+        "--ephemeris",
+        type=click.Path(path_type=Path, dir_okay=False),
+        metavar="FILE",
+        help="TARGET is an object of this CPF, OEM or SP3 file.",
+    )(function)
+
+
+def find_target(context: CommandContext, key: str, ephemeris: Path | None) -> Ephemeris | None:
+    """Return what TARGET is where it has no elements, None where it is a satellite that must have some.
+
+    It is an object of the ephemeris file where one is given, else Sun, Moon, a planet, RA,DEC, or a star by
+    its number, or by its name where no satellite has it. Raises TleError, BadInputError.
+    """
+    if ephemeris is not None:
+        from tle.formats.ephemerides import find_ephemeris, read_ephemerides
+
+        return find_ephemeris(read_ephemerides(ephemeris), key)
+    from tle.bodies import find_body, read_star, star_number
+
+    body = find_body(key)
+    number = None if body is not None else star_number(key)
+    by_name = not key.strip().casefold().startswith("hip")
+    if number is None or (by_name and _is_satellite(context, key)):
+        return body
+    if context.settings.stars is None:
+        raise BadInputError(
+            f"{key}: no star catalogue: set stars in sattrack.toml to a file of the Hipparcos catalogue "
+            "(hip_main.dat of CDS I/239), or give RA,DEC"
+        )
+    return read_star(context.settings.stars, number, key)
+
+
+def _is_satellite(context: CommandContext, key: str) -> bool:
+    """Tell whether the elements, where there are any, have a satellite of a star's name."""
+    if not context.sources():
+        return False
+    from tle.sources import find
+
+    try:
+        find(context.elements(), key)
+    except SatelliteNotFoundError:
+        return False
+    except AmbiguousSatelliteError:
+        return True
+    return True
+
+
+def find_targets(
+    context: CommandContext, keys: Sequence[str], ephemeris: Path | None
+) -> list[Elements | Ephemeris]:
+    """Return what a user means by each TARGET; without any, everything in the file, or in the elements.
+
+    Elements are read where a satellite of theirs is asked for. Raises TleError, BadInputError.
+    """
+    if not keys and ephemeris is not None:
+        from tle.formats.ephemerides import read_ephemerides
+
+        return list(read_ephemerides(ephemeris))
+    if not keys:
+        return list(context.elements())
+    from tle.sources import find
+
+    others = [find_target(context, key, ephemeris) for key in keys]
+    missing = [key for key, other in zip(keys, others, strict=True) if other is None]
+    elements = context.elements(*missing) if missing else []
+    return [other or find(elements, key) for key, other in zip(keys, others, strict=True)]

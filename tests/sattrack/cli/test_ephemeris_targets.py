@@ -1,0 +1,117 @@
+"""`sattrack ephemeris TARGET` for what is no element set: files, bodies and directions."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from ephemeris_files import ISS, oem_text
+
+from sattrack.cli.main import run
+
+SPAN = ("--from", "2026-10-02T13:01:00Z", "--to", "2026-10-02T13:09:00Z", "--step", "7")
+LEIDEN = ("--site", "52.1541,4.4908,0")
+ANGLES = ("ra_deg", "dec_deg", "ha_deg", "alt_deg", "az_deg")
+
+
+@pytest.fixture
+def ask(capsys):
+    def asked(*arguments):
+        code = run(["ephemeris", *arguments, *LEIDEN])
+        told = capsys.readouterr()
+        return code, told.out, told.err
+
+    return asked
+
+
+@pytest.fixture
+def oem(tmp_path):
+    path = tmp_path / "iss.oem"
+    path.write_text(oem_text("2026-10-02T12:50:00Z", 40))
+    return str(path)
+
+
+def test_rows_of_a_satellite_are_those_of_the_elements_that_made_them(ask, oem, tmp_path):
+    sets = tmp_path / "sets.tle"
+    sets.write_text("\n".join(["ISS (ZARYA)", *ISS, ""]))
+    code, out, err = ask("1998-067A", "--ephemeris", oem, "--json", *SPAN)
+    assert code == 0
+    assert err == "sattrack: ISS: OEM by SGP4, Hermite, degree 11, TEME\n"
+    rows = json.loads(out)
+    others = json.loads(ask("ISS", "--elements", str(sets), "--json", *SPAN)[1])
+    assert len(rows) == len(others) > 60
+    for row, other in zip(rows, others, strict=True):
+        assert list(row) == list(other)
+        assert row["utc"] == other["utc"]
+        for name in ANGLES:
+            assert row[name] == pytest.approx(other[name], abs=0.01 / 3600.0)
+        for name in ("ra_rate_deg_s", "dec_rate_deg_s", "alt_rate_deg_s"):
+            assert row[name] == pytest.approx(other[name], abs=5e-4 / 3600.0)
+        assert row["range_km"] == pytest.approx(other["range_km"], abs=1e-4)
+        assert row["sunlit"] == other["sunlit"]
+
+
+def test_instants_outside_the_rows_are_null_and_told(ask, oem):
+    code, out, err = ask(
+        "ISS", "--ephemeris", oem, "--json", "--from", "2026-10-02T13:29:00Z", "--to", "2026-10-02T13:31:00Z"
+    )
+    rows = json.loads(out)
+    assert code == 0
+    assert [row["ra_deg"] is None for row in rows] == [False] * 7 + [True] * 6
+    assert "6 of 13 instants have no position" in err
+    assert "is from 2026-10-02T12:50:00.000Z to 2026-10-02T13:30:00.000Z" in err
+    code, out, err = ask("ISS", "--ephemeris", oem, "--from", "2026-10-03T00:00:00Z")
+    assert (code, out) == (1, "")
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("target", "ranged", "sunlit"),
+    [("Moon", True, True), ("jupiter", True, True), ("Sun", True, None), ("05:34:31 +22:00:52", False, None)],
+)
+def test_bodies_and_directions_need_no_elements(ask, target, ranged, sunlit):
+    code, out, err = ask(target, "--json", *SPAN)
+    assert code == 0
+    assert "skyfield" in err
+    row = json.loads(out)[0]
+    assert (row["range_km"] is not None) is ranged
+    assert (row["range_rate_km_s"] is not None) is ranged
+    assert row["sunlit"] is sunlit
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("25:00:00,10",), "'25:00:00,10' is no direction"),
+        (("83.6,95",), "Dec from -90° to 90°"),
+        (("1:60:00,10",), "write RA,DEC"),
+        (("ISS", "--ephemeris", "absent.oem"), "absent.oem: cannot read the ephemeris: No such file"),
+    ],
+)
+def test_what_is_no_target_is_refused_in_one_line(ask, arguments, words):
+    code, out, err = ask(*arguments)
+    assert (code, out) == (2, "")
+    assert words in err
+    assert err.count("\n") == 1
+
+
+def test_a_star_is_one_of_the_catalogue_that_the_settings_name(ask, tmp_path):
+    (tmp_path / "stars.dat").write_text(
+        "H|       91262| |18 36 56.19|+38 46 58.8| 0.03|1|H|279.23410832|+38.78299311| | 128.93|  201.02|"
+        "  287.46|\n"
+    )
+    sets, settings = tmp_path / "sets.tle", tmp_path / "sattrack.toml"
+    settings.write_text('stars = "stars.dat"\n')
+    rows = [
+        json.loads(ask(key, "--config", str(settings), "--json", *SPAN)[1])[0]
+        for key in ("vega", "HIP 91262")
+    ]
+    assert rows[0] == rows[1]
+    assert rows[0]["ra_deg"] == pytest.approx(279.46, abs=0.01)
+    code, _, err = ask("Vega", *SPAN)
+    assert code == 2
+    assert "no star catalogue: set stars in sattrack.toml" in err
+    # A satellite of that name is the satellite.
+    sets.write_text("\n".join(["VEGA", *ISS, ""]))
+    row = json.loads(ask("Vega", "--config", str(settings), "--elements", str(sets), "--json", *SPAN)[1])[0]
+    assert row["range_km"] is not None

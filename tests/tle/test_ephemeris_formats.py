@@ -1,0 +1,435 @@
+"""CPF, OEM and SP3: real files at rows held out, every broken file, and texts made to be refused."""
+
+from __future__ import annotations
+
+import gzip
+import random
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tle.earth import EarthOrientation
+from tle.ephemeris import Interpolation, Segment, TableEphemeris
+from tle.errors import EphemerisError, EphemerisSpanError, SatelliteNotFoundError, SourceError
+from tle.formats.ephemerides import find_ephemeris, parse_ephemerides, read_ephemerides
+from tle.instants import ARRAYS, Utc
+from tle.propagator import Propagator
+from tle.site import Site
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+Array = NDArray[np.float64]
+EARTH = EarthOrientation.installed()
+LEIDEN = Site(52.15, 4.49)
+TURN, RADIUS = 1.0779e-3, 7000.0
+
+
+def missed_mm(segment: Segment, edge: int) -> Array:
+    """Return what every second row is missed by when interpolated, `edge` at either end left out."""
+    velocity = segment.velocity_km_s
+    some = Segment(
+        segment.zero_s,
+        segment.since_s[::2],
+        segment.place_km[::2],
+        None if velocity is None else velocity[::2],
+        segment.frame,
+        segment.interpolation,
+        segment.use_s,
+    )
+    held = np.arange(1, len(segment.since_s) - 1, 2)[edge:-edge]
+    places = some.native_many(segment.since_s[held])[:3].T
+    missed: Array = np.linalg.norm(places - segment.place_km[held], axis=1) * 1e6
+    return missed
+
+
+@pytest.mark.parametrize(
+    ("name", "most_mm"),
+    [
+        # What is left of LAGEOS-2 does not fall with a higher degree: that file is not smoother.
+        ("ilrs/lageos1_cpf_180613_16401.hts", 10.0),
+        ("ilrs/galileo212_cpf_180613_6641.esa", 2.0),
+        ("Lageos2/lageos2_cpf_160213_5441.sgf", 25.0),
+    ],
+)
+def test_rows_held_out_of_a_cpf_are_found_again(cases: Path, name: str, most_mm: float) -> None:
+    (one,) = read_ephemerides(cases / "ephemerides" / name)
+    (segment,) = one.segments
+    missed = missed_mm(segment, 7)
+    assert len(missed) > 80
+    assert missed.max() < most_mm
+
+
+def test_rows_held_out_of_an_sp3_of_all_constellations_are_found_again(cases: Path) -> None:
+    found = read_ephemerides(cases / "ephemerides/sp3/gbm18432.sp3.Z")
+    assert len(found) == 71
+    for one in found:
+        for segment in one.segments:
+            if len(segment.since_s) > 100:
+                assert missed_mm(segment, 6).max() < 5.0
+
+
+def test_a_low_orbit_at_six_minutes_is_found_again_as_well_as_its_gravity_lets(cases: Path) -> None:
+    # The Earth's uneven field moves Stella, 800 km high, by a metre between rows so far apart.
+    (one,) = read_ephemerides(cases / "ephemerides/sp3/nsgf.orb.stella.v00.sp3.gz")
+    assert missed_mm(one.segments[0], 3).max() < 1300.0
+
+
+def test_the_same_orbit_is_the_same_in_gcrf_and_itrf(cases: Path) -> None:
+    # Orekit wrote both, without UT1 and polar motion.
+    earth = EarthOrientation.fixed(0.0)
+    folder = cases / "ephemerides/oem"
+    inertial = read_ephemerides(folder / "OEMExample5.txt")[0].segments[0]
+    fixed = read_ephemerides(folder / "OEMExample5ITRF.txt")[0].segments[0]
+    unix_s = inertial.zero_s - 37.0 + inertial.since_s
+    assert np.array_equal(inertial.since_s, fixed.since_s)
+    turned = []
+    for one in (inertial, fixed):
+        assert one.velocity_km_s is not None
+        zero = np.zeros_like(one.place_km)
+        state = (*one.place_km.T, *one.velocity_km_s.T, *zero.T)
+        turned.append(np.array(one.frame.to_teme(earth, unix_s, state, ARRAYS)[:6]))
+    assert np.abs(turned[0][:3] - turned[1][:3]).max() < 2e-3
+    assert np.abs(turned[0][3:] - turned[1][3:]).max() < 2e-6
+
+
+def test_every_file_is_read_or_refused_with_its_line(cases: Path) -> None:
+    read, refused = [], []
+    for path in sorted((cases / "ephemerides").rglob("*.*")):
+        if path.suffix == ".md":
+            continue
+        try:
+            for one in read_ephemerides(path):
+                one.states(EARTH)
+            read.append(path.name)
+        except EphemerisError as error:
+            refused.append((path, error.line, str(error)))
+    assert read == [
+        "lageos2_cpf_160213_5441.sgf",
+        "galileo212_cpf_180613_6641.esa",
+        "lageos1_cpf_180613_16401.hts",
+        "gbm18432.sp3.Z",
+        "nsgf.orb.stella.v00.sp3.gz",
+        "three-hours.sp3",
+    ]
+    assert len(refused) == 26
+    for path, line, words in refused:
+        assert line is not None
+        assert words.startswith(f"{path}:{line}: ")
+        assert "\n" not in words
+
+
+def orbit(t: Array) -> tuple[Array, Array]:
+    """Return places (km) and velocities of a round orbit at seconds."""
+    c, s = np.cos(TURN * t), np.sin(TURN * t)
+    place = RADIUS * np.stack([c, 0.5 * s, np.sqrt(0.75) * s], axis=-1)
+    velocity = RADIUS * TURN * np.stack([-s, 0.5 * c, np.sqrt(0.75) * c], axis=-1)
+    return place, velocity
+
+
+def stamp(second: float, date: str = "2026-03-01") -> str:
+    hour, rest = divmod(second, 3600.0)
+    return f"{date}T{int(hour):02d}:{int(rest // 60):02d}:{rest % 60:06.3f}"
+
+
+def oem(count: int = 20, system: str = "UTC", frame: str = "GCRF", more: str = "", start: float = 0.0) -> str:
+    t = np.arange(count) * 60.0
+    place, velocity = orbit(t)
+    rows = "\n".join(
+        f"{stamp(start + s)} {' '.join(f'{v:.9f}' for v in (*p, *w))}"
+        for s, p, w in zip(t.tolist(), place, velocity, strict=True)
+    )
+    return (
+        f"META_START\nOBJECT_NAME = ROUND\nOBJECT_ID = 2026-001A\nCENTER_NAME = EARTH\nREF_FRAME = {frame}\n"
+        f"TIME_SYSTEM = {system}\nSTART_TIME = {stamp(start)}\nSTOP_TIME = {stamp(start + t[-1])}\n{more}"
+        f"META_STOP\n{rows}\n"
+    )
+
+
+HEAD = "CCSDS_OEM_VERS = 2.0\nCREATION_DATE = 2026-02-28T12:00:00\nORIGINATOR = US\n"
+COVARIANCE = (
+    "COVARIANCE_START\nEPOCH = 2026-03-01T00:10:00\nCOV_REF_FRAME = RTN\n4.0e-6\n0 9.0e-6\n0 0 1.0e-6\n"
+    "0 0 0 1e-9\n0 0 0 0 1e-9\n0 0 0 0 0 1e-9\nCOVARIANCE_STOP\n"
+)
+
+
+def one_of(text: str) -> TableEphemeris:
+    (one,) = parse_ephemerides(text.encode(), "a.oem")
+    return one
+
+
+def place_at(one: TableEphemeris, utc: str) -> Array:
+    states = one.states(EARTH)
+    return np.array(states.at(float(Utc.parse(utc).unix_s), 0.0)[:3])
+
+
+@pytest.mark.parametrize(
+    ("system", "first_utc_s"),
+    [("UTC", 0.0), ("TAI", -37.0), ("GPS", -18.0), ("TT", -69.184), ("TDB", -69.184)],
+)
+def test_time_systems_differ_by_what_they_differ_by(system: str, first_utc_s: float) -> None:
+    one = one_of(HEAD + oem(system=system, frame="TEME"))
+    # TDB is within 1.7 ms of TT, and its rows are where erfa's TDB has them, not TT.
+    assert float(one.spans[0][0].unix_s) - float(Utc.parse("2026-03-01").unix_s) == pytest.approx(
+        first_utc_s, abs=2e-3 if system == "TDB" else 1e-6
+    )
+    at = float(Utc.parse("2026-03-01").unix_s) + 300.0
+    expected, _ = orbit(np.array(300.0 - first_utc_s))
+    state = np.array(one.states(EARTH).at(at, 0.0)[:3])
+    assert np.linalg.norm(state - expected) < (0.015 if system == "TDB" else 1e-5)
+
+
+def test_a_leap_second_within_the_rows_is_a_second_of_motion() -> None:
+    # 2016-12-31 had 86401 seconds: rows a minute apart by TAI, told in UTC.
+    t = np.arange(20) * 60.0
+    place, velocity = orbit(t)
+    stamps = [
+        f"2016-12-31T{23:02d}:{int(50 + s // 60):02d}:00"
+        if s < 600.0
+        else f"2017-01-01T00:{int(s // 60 - 11):02d}:59"
+        for s in t.tolist()
+    ]
+    stamps[10] = "2016-12-31T23:59:60"
+    rows = "\n".join(
+        f"{when} {' '.join(f'{v:.9f}' for v in (*p, *w))}"
+        for when, p, w in zip(stamps, place, velocity, strict=True)
+    )
+    head = oem(frame="TEME").split("META_STOP\n")[0]
+    head = head.replace(stamp(0.0), stamps[0]).replace(stamp(19 * 60.0), stamps[-1])
+    one = one_of(f"{HEAD}{head}META_STOP\n{rows}\n")
+    for seconds, utc in ((570.0, "2016-12-31T23:59:30"), (631.0, "2017-01-01T00:00:30")):
+        expected, _ = orbit(np.array(seconds))
+        assert np.linalg.norm(place_at(one, utc) - expected) < 1e-5
+
+
+def test_an_xml_is_read_as_its_kvn() -> None:
+    text = HEAD + oem(frame="ITRF-93") + COVARIANCE
+    lines = iter(text.splitlines())
+    rows: list[str] = []
+    metadata = []
+    for line in lines:
+        if line == "META_START":
+            while (line := next(lines)) != "META_STOP":
+                key, value = line.split(" = ")
+                metadata.append(f"<{key}>{value}</{key}>")
+        elif line == "COVARIANCE_START":
+            break
+        elif line[:1].isdigit():
+            values = dict(zip(("EPOCH", "X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT"), line.split(), strict=True))
+            rows.append(
+                "<stateVector>" + "".join(f"<{k}>{v}</{k}>" for k, v in values.items()) + "</stateVector>"
+            )
+    xml = (
+        '<?xml version="1.0"?>\n<oem id="CCSDS_OEM_VERS" version="2.0"><header>\n'
+        "<CREATION_DATE>2026-02-28T12:00:00</CREATION_DATE><ORIGINATOR>US</ORIGINATOR></header>\n"
+        f"<body><segment><metadata>{''.join(metadata)}</metadata>\n<data>" + "\n".join(rows) + "</data>"
+        "</segment></body></oem>\n"
+    )
+    one, other = one_of(xml), one_of(text)
+    assert one.provenance == other.provenance
+    assert np.array_equal(one.segments[0].place_km, other.segments[0].place_km)
+    assert np.array_equal(one.segments[0].since_s, other.segments[0].since_s)
+    with pytest.raises(EphemerisError, match=r"a\.oem:5: .*no X"):
+        one_of(xml.replace("<X>", "<Q>").replace("</X>", "</Q>"))
+
+
+def test_a_covariance_is_that_of_the_nearest_instant() -> None:
+    one = one_of(HEAD + oem() + COVARIANCE)
+    found = one.covariance(Utc.parse("2026-03-01T00:02:00"))
+    assert found is not None
+    assert found.frame == "RTN"
+    assert found.at == Utc.parse("2026-03-01T00:10:00")
+    assert found.sigma_km == pytest.approx(np.sqrt(14.0e-6))
+    assert found.matrix[1, 1] == 9.0e-6
+
+
+def test_segments_hold_for_their_useable_times_and_nothing_between_them() -> None:
+    first = oem(more=f"USEABLE_STOP_TIME = {stamp(900.0)}\n")
+    second = oem(start=1200.0, more=f"USEABLE_START_TIME = {stamp(1260.0)}\n")
+    one = one_of(HEAD + first + second)
+    assert [(a.isoformat("seconds")[14:19], b.isoformat("seconds")[14:19]) for a, b in one.spans] == [
+        ("00:00", "15:00"),
+        ("21:00", "39:00"),
+    ]
+    propagator = Propagator(one, LEIDEN)
+    with pytest.raises(
+        EphemerisSpanError, match=r"no place at 2026-03-01T00:18:00.000Z: the end of a segment"
+    ):
+        propagator.at(Utc.parse("2026-03-01T00:18:00"))
+    with pytest.raises(EphemerisSpanError, match=r"is from 2026-03-01T00:00:00.000Z to 2026-03-01T00:39:00"):
+        propagator.at(Utc.parse("2026-03-01T02:00:00"))
+    start = float(Utc.parse("2026-03-01").unix_s)
+    seen = propagator.at(Utc(start + np.array([-1.0, 60.0, 1000.0, 1300.0, 9000.0])))
+    assert seen.error.tolist() == [101, 0, 103, 0, 102]
+    assert np.isnan(seen.alt_deg).tolist() == [True, False, True, False, True]
+
+
+REFUSED = {
+    "TOPOCENTRIC": (HEAD + oem(frame="TOPOCENTRIC"), 8, "REF_FRAME TOPOCENTRIC is not known"),
+    "mars": (HEAD + oem().replace("EARTH", "MARS"), 7, "CENTER_NAME MARS"),
+    "UT1": (HEAD + oem(system="UT1"), 9, "TIME_SYSTEM UT1 is not known"),
+    "overlap": (HEAD + oem() + oem(start=600.0), 42, "overlap those from line 13"),
+    "cut in a row": (HEAD + oem()[:-60], 32, "has 2 numbers where 6 or 9 belong"),
+    "cut after a row": (HEAD + "\n".join(oem().splitlines()[:-3]) + "\n", 29, "the text is cut off"),
+    "cut in the metadata": (HEAD + oem()[:90], 8, "ends before META_STOP"),
+    "no rows": (HEAD + oem().split("META_STOP\n")[0] + "META_STOP\n", 12, "no rows follow"),
+    "word": (HEAD + oem().replace(" 6985", " 69x5", 1), 14, "is no number"),
+    "not finite": (HEAD + oem().replace(" -", " nan -", 1), 13, "has 7 numbers"),
+    "time": (HEAD + oem().replace("T00:05:00.000 ", "T00:65:00.000 "), 18, "is no time"),
+    "date": (HEAD + oem().replace("2026-03-01T00:05:00.000 ", "2026-02-29T00:05:00.000 "), 18, "is no time"),
+    "order": (HEAD + oem().replace("T00:05:00.000 ", "T00:04:00.000 "), 18, "not later than the row before"),
+    "version": (HEAD.replace("2.0", "9.0") + oem(), 1, "OEM version '9.0' is not known"),
+    "interpolation": (HEAD + oem(more="INTERPOLATION = SPLINE\n"), 12, "SPLINE is not known"),
+    "metres": (HEAD + oem().replace("GCRF", "ITRF2014"), 13, "no orbit about the Earth"),
+    "covariance": (HEAD + oem() + COVARIANCE.replace("0 0 1.0e-6\n", ""), 38, "has 4 numbers where 3 belong"),
+    "other": ("hello\n", 1, "neither CPF nor OEM nor SP3"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_bad_text_is_refused_with_its_line(name: str) -> None:
+    text, line, words = REFUSED[name]
+    with pytest.raises(EphemerisError) as caught:
+        one_of(text).states(EARTH)
+    assert str(caught.value).startswith(f"a.oem:{line}: ")
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def cpf(
+    flag: int = 0, frame: int = 0, direction: int = 0, skip: tuple[int, ...] = (), end: str = "99\n"
+) -> str:
+    t = np.arange(40) * 60.0
+    rows = "".join(
+        f"10 {direction} 61100 {s:13.6f} {flag} {x * 1e3:.3f} {y * 1e3:.3f} {z * 1e3:.3f}\n"
+        for k, (s, (x, y, z)) in enumerate(zip(t.tolist(), orbit(t)[0], strict=True))
+        if k not in skip
+    )
+    return (
+        "H1 CPF  2  XYZ 2026 02 28 12 059 1 round\n"
+        "H2 2600101 1234 99999 2026 03 01 00 00 00 2026 03 01 00 39 00    60 1 1 "
+        f"{frame} 0 0 1\nH9\n{rows}{end}"
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "words"),
+    [
+        (cpf(flag=1, frame=2), 4, "leap second flag 1, but 0 leap seconds came"),
+        (cpf(frame=7), 2, "reference frame 7 is not known"),
+        (cpf(direction=2, frame=2), 4, "direction flag 2 (receive)"),
+        (cpf(frame=2, end=""), 43, "without its record 99"),
+        (cpf(frame=2)[:1500], 26, "without its record 99"),
+        (cpf(frame=2).replace("CPF  2", "CPF  3"), 1, "CPF version 3 is not known"),
+        (cpf(frame=0), 4, "no orbit about the Earth"),
+    ],
+)
+def test_bad_cpf_is_refused_with_its_line(text: str, line: int, words: str) -> None:
+    with pytest.raises(EphemerisError) as caught:
+        one_of(text).states(EARTH)
+    assert str(caught.value).startswith(f"a.oem:{line}: ")
+    assert words in str(caught.value)
+
+
+def test_a_gap_in_a_cpf_has_no_place() -> None:
+    one = one_of(cpf(frame=2, skip=(19, 20, 21)))
+    states = one.states(EARTH)
+    start = float(Utc.parse("2026-03-01").unix_s)
+    with pytest.raises(
+        EphemerisSpanError, match=r"a gap in a\.oem from 2026-03-01T00:18:00.000Z to .*00:22:00"
+    ):
+        states.at(start + 1200.0, 0.0)
+    assert states.at_many(start + np.array([1080.0, 1100.0, 1320.0]), 0.0)[-1].tolist() == [0, 103, 0]
+
+
+def test_a_manoeuvre_in_an_sp3_is_not_interpolated_across() -> None:
+    lines = sp3().splitlines()
+    at = lines.index("*  2026  3  1  0 10  0.00000000") + 1
+    lines[at] = lines[at].ljust(78) + "M"
+    text = "\n".join([*lines, ""])
+    one = one_of(text)
+    assert [segment.why for segment in one.segments] == ["a gap", "a manoeuvre"]
+    with pytest.raises(EphemerisSpanError, match="a manoeuvre"):
+        one.states(EARTH).at(float(Utc.parse("2026-03-01T00:09:30").unix_s), 0.0)
+    with pytest.raises(EphemerisError, match="frame 'J2000' is not known"):
+        one_of(text.replace("IGS20", "J2000"))
+
+
+def test_linear_and_lagrange_are_taken_from_the_file() -> None:
+    linear = one_of(HEAD + oem(more="INTERPOLATION = LINEAR\n"))
+    assert linear.segments[0].interpolation == Interpolation(2, False)
+    place = np.array(linear.segments[0].native(37.0 + 90.0)[:3])
+    rows, _ = orbit(np.array([60.0, 120.0]))
+    assert np.linalg.norm(place - rows.mean(axis=0)) < 1e-6
+    more = "INTERPOLATION = LAGRANGE\nINTERPOLATION_DEGREE = 7\n"
+    assert one_of(HEAD + oem(more=more)).segments[0].interpolation == Interpolation(8, False)
+    more = "INTERPOLATION = HERMITE\nINTERPOLATION_DEGREE = 7\n"
+    assert one_of(HEAD + oem(more=more)).segments[0].interpolation == Interpolation(4, True)
+
+
+def test_an_object_is_found_by_what_its_file_calls_it(tmp_path: Path) -> None:
+    path = tmp_path / "round.cpf.gz"
+    path.write_bytes(gzip.compress(cpf(frame=2).encode()))
+    found = read_ephemerides(path)
+    for key in ("ROUND", "99999", "2026-001A"):
+        assert find_ephemeris(found, key) is found[0]
+    with pytest.raises(SatelliteNotFoundError, match=r"no object 'ISS' in .*gz, which holds round \(99999\)"):
+        find_ephemeris(found, "ISS")
+    with pytest.raises(SourceError, match="cannot read the ephemeris"):
+        read_ephemerides(tmp_path / "absent")
+    path.write_bytes(gzip.compress(cpf(frame=2).encode())[:-20])
+    with pytest.raises(EphemerisError, match="gzip"):
+        read_ephemerides(path)
+
+
+def sp3(count: int = 20) -> str:
+    t = np.arange(count) * 60.0
+    spin = 7.292115e-5 * t
+    x, y, z = orbit(t)[0].T
+    fixed = np.stack([x * np.cos(spin) + y * np.sin(spin), y * np.cos(spin) - x * np.sin(spin), z], axis=1)
+    rows = "".join(
+        f"*  2026  3  1  0 {k:2d}  0.00000000\nPL51{p[0]:14.6f}{p[1]:14.6f}{p[2]:14.6f}      0.000000\n"
+        for k, p in enumerate(fixed)
+    )
+    return (
+        f"#cP2026  3  1  0  0  0.00000000 {count:7d} ORBIT IGS20 HLM  XYZ\n"
+        "## 2408      0.00000000    60.00000000 61100 0.0000000000000\n+    1   L51\n"
+        f"%c L  cc UTC ccc cccc cccc cccc cccc ccccc ccccc ccccc ccccc\n{rows}EOF\n"
+    )
+
+
+WHOLE = {"oem": HEAD + oem(8), "cpf": cpf(frame=2), "sp3": sp3(8)}
+
+
+@pytest.mark.parametrize("name", WHOLE)
+def test_text_that_ends_anywhere_is_refused_with_a_line(name: str) -> None:
+    data = WHOLE[name].encode()
+    assert parse_ephemerides(data)
+    # The line end of the last line may be missing.
+    assert parse_ephemerides(data[:-1])
+    for end in range(1, len(data) - 1, 5):
+        with pytest.raises(EphemerisError) as caught:
+            parse_ephemerides(data[:end])
+        assert caught.value.line is not None
+
+
+@pytest.mark.parametrize("name", WHOLE)
+def test_whatever_is_in_a_text_it_is_read_or_refused_by_name(name: str) -> None:
+    draw = random.Random(name)
+    data = WHOLE[name].encode()
+    refused = 0
+    for _ in range(300):
+        changed = bytearray(data)
+        for _ in range(draw.choice((1, 1, 2, 8))):
+            at = draw.randrange(len(changed))
+            changed[at : at + draw.randrange(3)] = bytes(
+                draw.randrange(256) for _ in range(draw.randrange(3))
+            )
+        try:
+            for one in parse_ephemerides(bytes(changed)):
+                one.states(EARTH)
+        except EphemerisError:
+            refused += 1
+    assert refused > 50

@@ -1,0 +1,247 @@
+"""CPF, the laser stations' predictions (ILRS Consolidated Prediction Format, versions 1 and 2).
+
+Rows are interpolated by Lagrange's polynomial, of a degree above the 9 that the ILRS recommends, in the frame
+of the file; with records 20, by Hermite's.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from tle.earth import FIRST_MJD
+from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris
+from tle.errors import EphemerisError, TleError, printable
+from tle.formats.rows import Lines, tai_s
+from tle.instants import DAY_S, UNIX_EPOCH_MJD, Utc, tai_minus_utc_s
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+_FRAMES = {
+    0: Frame("ITRF", "ITRF (body-fixed)"),
+    1: Frame("TOD", "true of date"),
+    2: Frame("EME2000", "mean of J2000"),
+}
+_LAGRANGE, _HERMITE = Interpolation(14, False), Interpolation(6, True)
+# A step so many times the header's is a gap.
+_GAP = 1.5
+_LAST_MJD = 88_000
+_DIRECTIONS = {0: "common epoch", 1: "transmit", 2: "receive"}
+
+
+class _Header(NamedTuple):
+    name: str
+    producer: str
+    version: int
+    made: Utc
+    designator: str
+    catalog_number: int
+    first: Utc
+    last: Utc
+    step_s: float
+    frame: Frame
+
+
+def recognised(lines: Lines) -> bool:
+    """Tell whether a text begins like a CPF file."""
+    first = next((lines.text(k) for k in range(min(len(lines), 20)) if lines.text(k)), "")
+    return first[:2].upper() == "H1"
+
+
+def parse_cpf(lines: Lines) -> list[TableEphemeris]:
+    """Return the one object of a CPF file. Raises EphemerisError, naming the line."""
+    kinds = np.char.upper(lines.heads(2))
+    h1, h2 = (_line_of(lines, kinds, kind) for kind in (b"H1", b"H2"))
+    header = _header(lines, h1, h2)
+    last = lines.last
+    if kinds[last] != b"99":
+        raise lines.error(last, "the text ends without its record 99: it is cut off; get the whole file")
+    known = np.isin(kinds, [b"10", b"20", b"30", b"40", b"50", b"60", b"70", b"99", b"00", b"  ", b""])
+    known |= np.char.startswith(kinds, b"H")
+    strange = [k for k in np.flatnonzero(~known).tolist() if lines.text(k)]
+    if strange:
+        raise lines.error(strange[0], f"{printable(lines.text(strange[0])[:20])!r} begins no CPF record")
+    which = np.flatnonzero(kinds == b"10")
+    if len(which) == 0:
+        raise lines.error(last, f"{header.name} has no record 10: there are no places")
+    rows = lines.numbers(which, 8, "record 10")
+    _check_directions(lines, which, rows)
+    days = np.clip(rows[:, 2], FIRST_MJD, _LAST_MJD).astype(np.intp)
+    seconds = rows[:, 3]
+    bad = np.flatnonzero((rows[:, 2] != days) | (seconds < 0.0) | (seconds > DAY_S))
+    if len(bad):
+        line = int(which[bad[0]])
+        raise lines.error(
+            line, f"record 10: {rows[bad[0], 2]:g} {seconds[bad[0]]:g} is no day and second of it"
+        )
+    zero_s, since = tai_s("UTC", days, seconds)
+    _check_leaps(lines, which, rows[:, 4], days)
+    _check_order(lines, which, since)
+    velocities = _velocities(lines, which, kinds)
+    pieces = _pieces(since, header.step_s)
+    segments = []
+    shift = zero_s - tai_minus_utc_s(int(days[0]))
+    use = (float(header.first.unix_s) - shift, float(header.last.unix_s) - shift)
+    for first, stop in pieces:
+        inside = (max(use[0], float(since[first])), min(use[1], float(since[stop - 1])))
+        if inside[1] <= inside[0]:
+            continue
+        segments.append(
+            Segment(
+                zero_s,
+                since[first:stop],
+                rows[first:stop, 5:8] / 1000.0,
+                None if velocities is None else velocities[first:stop] / 1000.0,
+                header.frame,
+                _LAGRANGE if velocities is None else _HERMITE,
+                inside,
+                line=int(which[first]) + 1,
+            )
+        )
+    if not segments:
+        raise lines.error(
+            h2,
+            f"{header.name}: no rows between {header.first.isoformat('seconds')} and "
+            f"{header.last.isoformat('seconds')}, for which the header says that they are",
+        )
+    return [
+        TableEphemeris(
+            header.name,
+            segments,
+            f"CPF {header.version} by {header.producer} of {header.made.isoformat('seconds')[:13]}h, "
+            f"{segments[0].interpolation.words}",
+            epoch=header.made,
+            catalog_number=header.catalog_number,
+            names=(header.designator,),
+            source=lines.source,
+        )
+    ]
+
+
+def _line_of(lines: Lines, kinds: NDArray[np.bytes_], kind: bytes) -> int:
+    found = np.flatnonzero(kinds == kind)
+    if len(found) == 0:
+        raise lines.error(0, f"there is no record {kind.decode()}: this is no CPF file")
+    return int(found[0])
+
+
+def _header(lines: Lines, h1: int, h2: int) -> _Header:
+    """Return what the two first records say; the fields stand apart by blanks."""
+    one, two = lines.text(h1).split(), lines.text(h2).split()
+    try:
+        if one[1].upper() != "CPF":
+            raise lines.error(h1, f"record H1 is of the format {printable(one[1])!r}, not CPF")
+        version = int(one[2])
+        if version not in (1, 2):
+            raise lines.error(h1, f"CPF version {version} is not known: versions 1 and 2 are read")
+        year, month, day, hour = (int(word) for word in one[4:8])
+        made = Utc.parse(f"{year:04d}-{month:02d}-{day:02d}T{hour:02d}:00:00Z")
+        name = one[9] if version == 1 else one[10]
+        cospar, number = two[1], int(two[3])
+        first, last = (_moment([int(word) for word in two[k : k + 6]]) for k in (4, 10))
+        step_s = float(two[16])
+        kind = int(two[19])
+    except (IndexError, ValueError, TleError) as error:
+        if isinstance(error, EphemerisError):
+            raise
+        raise lines.error(h2, f"the records H1 and H2 are not as CPF has them: {error}") from None
+    if kind not in _FRAMES:
+        raise lines.error(h2, f"reference frame {kind} is not known: 0 (body-fixed), 1 and 2 are read")
+    if last <= first:
+        raise lines.error(h2, f"the end {last.isoformat('seconds')} is not after the start")
+    return _Header(
+        printable(name),
+        printable(one[3]),
+        version,
+        made,
+        _designator(cospar),
+        number,
+        first,
+        last,
+        step_s,
+        _FRAMES[kind],
+    )
+
+
+def _designator(cospar: str) -> str:
+    """Return a designator as 1998-067A; CPF numbers what a TLE letters, from A to Z without I and O."""
+    long = cospar.zfill(7)
+    if not (long.isascii() and long.isdigit() and len(long) == 7 and int(long[5:7])):
+        return printable(cospar)
+    letters = "ABCDEFGHJKLMNPQRSTUVWXYZ"
+    high, low = divmod(int(long[5:7]) - 1, len(letters))
+    century = "19" if int(long[:2]) >= 57 else "20"
+    return f"{century}{long[:2]}-{long[2:5]}{letters[high - 1] if high else ''}{letters[low]}"
+
+
+def _moment(parts: list[int]) -> Utc:
+    year, month, day, hour, minute, second = parts
+    day_start = Utc.parse(f"{year:04d}-{month:02d}-{day:02d}")
+    return day_start.plus(3600.0 * hour + 60.0 * minute + second)
+
+
+def _check_directions(lines: Lines, which: Index, rows: Array) -> None:
+    """Refuse places that are no common epoch's: of light that goes out, or comes back."""
+    other = np.flatnonzero(rows[:, 1] != 0.0)
+    if len(other):
+        line = int(which[other[0]])
+        kind = _DIRECTIONS.get(int(rows[other[0], 1]), "unknown")
+        raise lines.error(
+            line,
+            f"direction flag {rows[other[0], 1]:g} ({kind}): only places of a common epoch, 0, are read; "
+            "targets on the Moon and transponders are not",
+        )
+
+
+def _check_leaps(lines: Lines, which: Index, flags: Array, days: Index) -> None:
+    """Refuse a leap second that the file tells and the IERS does not, or the other way about.
+
+    The flag counts the leap seconds since the first row.
+    """
+    found, inverse = np.unique(days, return_inverse=True)
+    leaps = np.array([tai_minus_utc_s(int(day)) for day in found])[inverse]
+    since_first = leaps - leaps[0]
+    odd = np.flatnonzero((flags != 0.0) & (flags != since_first))
+    if len(odd) == 0:
+        return
+    k = int(odd[0])
+    day = Utc((int(days[k]) - UNIX_EPOCH_MJD) * DAY_S).isoformat("seconds")[:10]
+    raise lines.error(
+        int(which[k]),
+        f"leap second flag {flags[k]:g}, but {since_first[k]:g} leap seconds came between the first row and "
+        f"{day}: the file's times are wrong, or astropy-iers-data is too old",
+    )
+
+
+def _check_order(lines: Lines, which: Index, since: Array) -> None:
+    back = np.flatnonzero(np.diff(since) <= 0.0)
+    if len(back):
+        line = int(which[back[0] + 1])
+        raise lines.error(line, "this row is not later than the row before: rows must be in order of time")
+
+
+def _velocities(lines: Lines, which: Index, kinds: NDArray[np.bytes_]) -> Array | None:
+    """Return the velocities of records 20 where each place has one, None where there is none at all."""
+    found = np.flatnonzero(kinds == b"20")
+    if len(found) == 0:
+        return None
+    if len(found) != len(which):
+        raise lines.error(
+            int(found[0]),
+            f"{len(found)} velocities (record 20) for {len(which)} places: there must be one each",
+        )
+    return lines.numbers(found, 5, "record 20")[:, 2:5]
+
+
+def _pieces(since: Array, step_s: float) -> list[tuple[int, int]]:
+    """Return first and one past the last row between gaps."""
+    usual = step_s if step_s > 0.0 else np.inf
+    gaps = np.flatnonzero(np.diff(since) > _GAP * usual + 1.0) + 1
+    edges = [0, *gaps.tolist(), len(since)]
+    return list(itertools.pairwise(edges))

@@ -1,0 +1,93 @@
+"""Files of ephemerides: CPF, OEM and SP3, told apart by what is in them, packed or not."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tle.errors import EphemerisError, SatelliteNotFoundError, SourceError
+from tle.formats import cpf, oem, sp3
+from tle.formats.rows import Lines
+from tle.formats.unix_compress import is_compressed, uncompressed
+
+if TYPE_CHECKING:
+    from tle.ephemeris import TableEphemeris
+
+_SHOWN = 8
+_MOST_BYTES = 512 * 1024 * 1024
+_READERS = (
+    (cpf.recognised, cpf.parse_cpf),
+    (oem.recognised, oem.parse_oem),
+    (sp3.recognised, sp3.parse_sp3),
+)
+
+
+def read_ephemerides(path: str | Path) -> list[TableEphemeris]:
+    """Return the ephemerides in a file, which may be packed by gzip or compress.
+
+    Raises SourceError where it cannot be read, and EphemerisError with the line where it cannot be used.
+    """
+    try:
+        data = Path(path).read_bytes()
+    except (OSError, ValueError) as error:
+        why = (error.strerror or str(error)) if isinstance(error, OSError) else str(error)
+        raise SourceError(f"{path}: cannot read the ephemeris: {why}") from None
+    return parse_ephemerides(data, str(path))
+
+
+def parse_ephemerides(data: bytes, source: str = "") -> list[TableEphemeris]:
+    """Return the ephemerides in what a file holds. Raises EphemerisError, naming the line."""
+    text = _unpacked(data, source)
+    if not text.strip():
+        raise EphemerisError("it is empty: give a CPF, OEM or SP3 file", source=source)
+    lines = Lines(text, source)
+    for recognised, parse in _READERS:
+        if recognised(lines):
+            return parse(lines)
+    raise lines.error(0, "this is neither CPF nor OEM nor SP3: give a file of one of these")
+
+
+def _unpacked(data: bytes, source: str) -> bytes:
+    if is_compressed(data):
+        try:
+            return uncompressed(data, _MOST_BYTES)
+        except ValueError as error:
+            raise EphemerisError(f"its compression (.Z) is damaged: {error}", source=source) from None
+    if data[:2] != b"\x1f\x8b":
+        return data
+    import gzip
+    import io
+    import zlib
+
+    try:
+        with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
+            text = file.read(_MOST_BYTES + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise EphemerisError(f"its compression (gzip) is damaged: {error}", source=source) from None
+    if len(text) > _MOST_BYTES:
+        raise EphemerisError(f"it unpacks to more than {_MOST_BYTES // 2**20} MiB", source=source)
+    return text
+
+
+def find_ephemeris(ephemerides: list[TableEphemeris], key: str) -> TableEphemeris:
+    """Return the ephemeris of the object that a user means, by number or name as its file writes it.
+
+    Case and punctuation do not count. Raises SatelliteNotFoundError, saying what the file holds.
+    """
+    wanted = _plain(key)
+    for one in ephemerides:
+        if wanted and wanted in {str(one.catalog_number or ""), *map(_plain, one.names)}:
+            return one
+    names = [
+        one.name if not one.catalog_number else f"{one.name} ({one.catalog_number})" for one in ephemerides
+    ]
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    raise SatelliteNotFoundError(
+        f"no object {key!r} in {ephemerides[0].source or 'the ephemeris'}, which holds "
+        f"{', '.join(names[:_SHOWN])}{more}"
+    )
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^0-9a-z]", "", name.casefold())

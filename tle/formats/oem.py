@@ -1,0 +1,490 @@
+"""OEM, the ephemerides of operators (CCSDS 502.0, versions 1 to 3, KVN and XML).
+
+Rows are interpolated as the file recommends; where it says nothing by Hermite's polynomial over six rows.
+Segments are never interpolated across, and hold from USEABLE_START_TIME to USEABLE_STOP_TIME.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+from xml.parsers import expat
+
+import numpy as np
+
+from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris, utc_of_tai
+from tle.errors import EphemerisError, TleError, printable
+from tle.formats.rows import Lines, is_time_system, tai_s
+from tle.instants import Utc
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from tle.ephemeris import FrameKind
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+_VERSIONS = ("1.0", "2.0", "3.0")
+_NEEDED = ("OBJECT_NAME", "OBJECT_ID", "CENTER_NAME", "REF_FRAME", "TIME_SYSTEM", "START_TIME", "STOP_TIME")
+_ITRF = re.compile(r"ITRF[-_]?\d*", re.ASCII)
+_FRAMES: dict[str, FrameKind] = {
+    "GCRF": "GCRF",
+    "GCRS": "GCRF",
+    "ICRF": "GCRF",
+    "ICRF1": "GCRF",
+    "ICRF2": "GCRF",
+    "ICRF3": "GCRF",
+    "EME2000": "EME2000",
+    "J2000": "EME2000",
+    "TOD": "TOD",
+    "TEME": "TEME",
+}
+_USUAL = Interpolation(6, True)
+_MOST_ROWS = 16
+# A step so many times the usual one, in which the object turns by so much about the Earth, is a gap.
+_GAP, _GAP_RAD = 4.0, 0.3
+_COVARIANCE_ROWS = 6
+# Rows of numbers begin with what comes before this in ASCII.
+_LETTERS = ord("A")
+_KVN = re.compile(r"([A-Z][A-Z0-9_]*)\s*(?:=\s*(.*))?", re.ASCII)
+
+
+def recognised(lines: Lines) -> bool:
+    """Tell whether a text begins like an OEM, in KVN or XML."""
+    for k in range(min(len(lines), 40)):
+        text = lines.text(k).lstrip("\ufeff")
+        if text:
+            return text.startswith("CCSDS_OEM_VERS") or (text.startswith("<") and _is_xml(lines))
+    return False
+
+
+def _is_xml(lines: Lines) -> bool:
+    head = lines.raw[: lines.ends[min(len(lines), 40) - 1]].tobytes()
+    return re.search(rb"<(\w+:)?oem[\s>]", head) is not None
+
+
+@dataclass(slots=True)
+class _Block:
+    """A segment as it is written: keywords with their lines, and which lines are rows and covariances."""
+
+    start: int
+    meta: dict[str, tuple[str, int]] = field(default_factory=dict)
+    stop: int = 0
+    rows: tuple[int, int] = (0, 0)
+    covariances: list[tuple[int, int]] = field(default_factory=list)
+
+    def __getitem__(self, keyword: str) -> str:
+        return self.meta[keyword][0]
+
+    def line(self, keyword: str) -> int:
+        """Return the line of a keyword, or that of the block's end."""
+        return self.meta[keyword][1] if keyword in self.meta else self.stop
+
+
+def parse_oem(lines: Lines) -> list[TableEphemeris]:
+    """Return the objects of an OEM, nearly always one. Raises EphemerisError, naming the line."""
+    if not lines.text(0).lstrip("\ufeff").startswith("CCSDS_OEM_VERS"):
+        filled = next(k for k in range(len(lines)) if lines.text(k))
+        if lines.text(filled).lstrip("\ufeff").startswith("<"):
+            lines = _from_xml(lines)
+    kvn = _Kvn(lines)
+    kvn.run()
+    if not kvn.blocks:
+        raise lines.error(len(lines) - 1, "there is no META_START: no segment, or the text is cut off")
+    objects: dict[tuple[str, str], list[Segment]] = {}
+    for block in kvn.blocks:
+        key = (block["OBJECT_NAME"], block["OBJECT_ID"])
+        objects.setdefault(key, []).extend(_segments(lines, block))
+    originator = kvn.header.get("ORIGINATOR", "an unnamed originator")
+    found = []
+    for (name, designator), segments in objects.items():
+        first = segments[0]
+        start = utc_of_tai(first.zero_s, float(first.since_s[0]))
+        digits = next((word for word in (designator, name) if word.isdigit()), "")
+        found.append(
+            TableEphemeris(
+                printable(name),
+                segments,
+                f"OEM by {printable(originator)}, {first.interpolation.words}",
+                epoch=_made(kvn.header.get("CREATION_DATE", ""), start),
+                catalog_number=int(digits or 0),
+                names=(_designator(designator),),
+                source=lines.source,
+            )
+        )
+    return found
+
+
+def _designator(text: str) -> str:
+    """Return an international designator as 1998-067A, whatever else as it is."""
+    match = re.fullmatch(r"(\d{4})-?(\d{3})-?([A-Z]{1,3})", text.strip().upper(), re.ASCII)
+    return f"{match[1]}-{match[2]}{match[3]}" if match else printable(text)
+
+
+def _made(text: str, otherwise: Utc) -> Utc:
+    match = re.match(r"(\d{4})-(\d{3})T(.*)", text)
+    try:
+        if match:
+            return Utc.parse(f"{match[1]}-01-01T{match[3]}").plus(86400.0 * (int(match[2]) - 1))
+        return Utc.parse(text)
+    except TleError:
+        return otherwise
+
+
+class _Kvn:
+    """The keywords of an OEM, line by line: the header's, and the segments as they are written."""
+
+    def __init__(self, lines: Lines) -> None:
+        self._lines = lines
+        self._state = "header"
+        self._opened = 0
+        self.header: dict[str, str] = {}
+        self.blocks: list[_Block] = []
+
+    def run(self) -> None:
+        """Read all lines that begin with a letter. Raises EphemerisError."""
+        lines = self._lines
+        for k in np.flatnonzero(lines.first_bytes >= _LETTERS).tolist():
+            text = lines.text(k).lstrip("\ufeff")
+            if text.startswith("COMMENT"):
+                continue
+            match = _KVN.fullmatch(text)
+            word, value = (match[1], match[2]) if match else ("", None)
+            if self._state == "meta":
+                taken = self._in_meta(k, word, value)
+            elif self._state == "covariance":
+                taken = self._in_covariance(k, word)
+            else:
+                taken = self._between(k, word, value)
+            if not taken:
+                raise lines.error(k, f"{printable(text[:40])!r} does not belong here")
+        if self._state in ("meta", "covariance"):
+            end = "META_STOP" if self._state == "meta" else "COVARIANCE_STOP"
+            raise lines.error(
+                len(lines) - 1, f"the text ends before {end}: it is cut off; get the whole file"
+            )
+        self._end_rows(len(lines))
+
+    def _in_meta(self, k: int, word: str, value: str | None) -> bool:
+        if word == "META_STOP":
+            _check_meta(self._lines, self.blocks[-1], k)
+            self._state = "rows"
+        elif value is None:
+            return False
+        else:
+            self.blocks[-1].meta[word] = (value.strip(), k)
+        return True
+
+    def _in_covariance(self, k: int, word: str) -> bool:
+        if word == "COVARIANCE_STOP":
+            self.blocks[-1].covariances.append((self._opened, k))
+            self._state = "over"
+            return True
+        return word in ("EPOCH", "COV_REF_FRAME")
+
+    def _between(self, k: int, word: str, value: str | None) -> bool:
+        if word == "META_START":
+            self._end_rows(k)
+            self.blocks.append(_Block(k))
+            self._state = "meta"
+        elif word == "COVARIANCE_START" and self.blocks:
+            self._end_rows(k)
+            self._opened, self._state = k, "covariance"
+        elif self._state == "header" and value is not None:
+            self.header[word] = value.strip()
+            if word == "CCSDS_OEM_VERS" and value.strip() not in _VERSIONS:
+                known = ", ".join(_VERSIONS)
+                raise self._lines.error(k, f"OEM version {printable(value)!r} is not known: {known} are")
+        else:
+            return False
+        return True
+
+    def _end_rows(self, line: int) -> None:
+        if self._state == "rows":
+            self.blocks[-1].rows = (self.blocks[-1].stop + 1, line)
+
+
+def _check_meta(lines: Lines, block: _Block, stop: int) -> None:
+    """Refuse what is missing, or what we do not know."""
+    block.stop = stop
+    for keyword in _NEEDED:
+        if keyword not in block.meta:
+            raise lines.error(stop, f"{keyword} is missing before META_STOP")
+    center = block["CENTER_NAME"]
+    if center.upper() != "EARTH":
+        raise lines.error(
+            block.line("CENTER_NAME"),
+            f"CENTER_NAME {printable(center)}: only ephemerides about EARTH are read",
+        )
+    system = block["TIME_SYSTEM"].upper()
+    if not is_time_system(system):
+        raise lines.error(
+            block.line("TIME_SYSTEM"),
+            f"TIME_SYSTEM {printable(system)} is not known: UTC, TAI, TT, GPS and TDB are",
+        )
+
+
+def _frame(lines: Lines, block: _Block) -> Frame:
+    written = block["REF_FRAME"]
+    name = written.upper()
+    kind: FrameKind | None = "ITRF" if _ITRF.fullmatch(name) else _FRAMES.get(name)
+    if kind is None:
+        raise lines.error(
+            block.line("REF_FRAME"),
+            f"REF_FRAME {printable(written)} is not known: GCRF, ICRF, EME2000, ITRF…, TEME and TOD are",
+        )
+    if "REF_FRAME_EPOCH" not in block.meta or kind not in ("TOD", "TEME"):
+        return Frame(kind, printable(written))
+    if kind == "TEME":
+        raise lines.error(block.line("REF_FRAME_EPOCH"), "TEME of a fixed epoch is not read: TEME of date is")
+    at = utc_of_tai(0.0, _since(lines, block, "REF_FRAME_EPOCH", 0.0))
+    return Frame(kind, f"{printable(written)} of {at.isoformat('seconds')}", at)
+
+
+def _since(lines: Lines, block: _Block, keyword: str, zero_s: float) -> float:
+    """Return the time that a keyword gives, TAI, as seconds after zero_s."""
+    value, line = block.meta[keyword]
+    try:
+        days, seconds = Lines(value.encode(), lines.source).take_stamps(np.array([0]))
+    except EphemerisError:
+        raise lines.error(line, f"{keyword}: {printable(value)!r} is no time") from None
+    zero, since = tai_s(block["TIME_SYSTEM"].upper(), days, seconds)
+    return (zero - zero_s) + float(since[0])
+
+
+def _interpolation(lines: Lines, block: _Block) -> Interpolation:
+    method = block.meta.get("INTERPOLATION", ("", 0))[0].upper()
+    if not method:
+        return _USUAL
+    if method == "LINEAR":
+        return Interpolation(2, False)
+    degree_text = block.meta.get("INTERPOLATION_DEGREE", ("", 0))[0]
+    if method not in ("HERMITE", "LAGRANGE"):
+        raise lines.error(
+            block.line("INTERPOLATION"),
+            f"INTERPOLATION {printable(method)} is not known: HERMITE, LAGRANGE and LINEAR are",
+        )
+    if not (degree_text.isdigit() and 1 <= int(degree_text) < 2 * _MOST_ROWS):
+        raise lines.error(
+            block.line("INTERPOLATION_DEGREE"),
+            f"INTERPOLATION_DEGREE {printable(degree_text)!r}: it must be from 1 to {2 * _MOST_ROWS - 1}",
+        )
+    degree = int(degree_text)
+    if method == "HERMITE":
+        return Interpolation(max(2, (degree + 2) // 2), True)
+    return Interpolation(min(degree + 1, _MOST_ROWS), False)
+
+
+def _segments(lines: Lines, block: _Block) -> list[Segment]:
+    """Return the rows of one segment, divided at gaps."""
+    frame, interpolation = _frame(lines, block), _interpolation(lines, block)
+    first, stop = block.rows
+    begins = lines.first_bytes[first:stop]
+    which = np.flatnonzero((begins != 0) & (begins < _LETTERS)) + first
+    if len(which) == 0:
+        raise lines.error(block.stop, "no rows follow this META_STOP: the text is cut off")
+    days, seconds = lines.take_stamps(which)
+    rows = lines.numbers(which, (6, 9), "a row")
+    zero_s, since = tai_s(block["TIME_SYSTEM"].upper(), days, seconds)
+    back = np.flatnonzero(np.diff(since) <= 0.0)
+    if len(back):
+        raise lines.error(
+            int(which[back[0] + 1]),
+            "this row is not later than the row before: rows must be in order of time",
+        )
+    _check_end(lines, which)
+    use = _use(lines, block, (zero_s, since), int(which[-1]))
+    covariances = tuple(_covariances(lines, block, frame, zero_s))
+    step = np.diff(since)
+    away = np.maximum(np.linalg.norm(rows[:-1, :3], axis=1), 1.0)
+    turn = step * np.linalg.norm(rows[:-1, 3:6], axis=1) / away
+    usual = float(np.median(step)) if len(step) else 0.0
+    gaps = np.flatnonzero((step > _GAP * usual) & (turn > _GAP_RAD)) + 1
+    edges = [0, *gaps.tolist(), len(since)]
+    return [
+        Segment(
+            zero_s,
+            since[low:high],
+            rows[low:high, :3],
+            rows[low:high, 3:6],
+            frame,
+            interpolation,
+            (max(use[0], float(since[low])), min(use[1], float(since[high - 1]))),
+            line=int(lines.number(int(which[low]))),
+            why="a gap" if low else "the end of a segment",
+            covariances=covariances if low == 0 else (),
+        )
+        for low, high in itertools.pairwise(edges)
+        if max(use[0], float(since[low])) <= min(use[1], float(since[high - 1]))
+    ]
+
+
+def _check_end(lines: Lines, which: Index) -> None:
+    """Refuse a last row without a line end whose last number is shorter than that of the row before."""
+    if lines.data.endswith(b"\n") or len(which) < 2 or int(which[-1]) != lines.last:
+        return
+    before, last = (lines.text(int(k)).split()[-1] for k in which[-2:])
+    if len(last.partition(".")[2]) < len(before.partition(".")[2]):
+        raise lines.error(
+            int(which[-1]),
+            f"the text ends with {printable(last)!r}, shorter than the number above it: it is cut off; get "
+            "the whole file, or end it with a line end",
+        )
+
+
+def _use(lines: Lines, block: _Block, times: tuple[float, Array], last: int) -> tuple[float, float]:
+    """Return the seconds of use; refuse rows that end before the metadata say so."""
+    zero_s, since = times
+    seconds: dict[str, float] = {
+        keyword: _since(lines, block, keyword, zero_s)
+        for keyword in ("START_TIME", "STOP_TIME", "USEABLE_START_TIME", "USEABLE_STOP_TIME")
+        if keyword in block.meta
+    }
+    start, stop = seconds["START_TIME"], seconds["STOP_TIME"]
+    if stop < start:
+        raise lines.error(block.line("STOP_TIME"), "STOP_TIME is before START_TIME")
+    step = float(np.median(np.diff(since))) if len(since) > 1 else 0.0
+    if float(since[-1]) < stop - max(1.5 * step, 1e-3):
+        end = utc_of_tai(zero_s, float(since[-1])).isoformat("milliseconds")
+        raise lines.error(
+            last,
+            f"the rows end at {end} (UTC), but STOP_TIME is "
+            f"{block['STOP_TIME']}: the text is cut off; get the whole file",
+        )
+    first = seconds.get("USEABLE_START_TIME", start)
+    final = seconds.get("USEABLE_STOP_TIME", stop)
+    return max(first, float(since[0])), min(final, float(since[-1]))
+
+
+def _covariances(lines: Lines, block: _Block, frame: Frame, zero_s: float) -> list[tuple[float, str, Array]]:
+    """Return the covariance matrices: seconds after zero_s, axes and the whole matrix."""
+    found = []
+    for first, stop in block.covariances:
+        at, axes, rows = None, frame.written, 0
+        matrix = np.zeros((_COVARIANCE_ROWS, _COVARIANCE_ROWS))
+        for k in range(first + 1, stop):
+            text = lines.text(k)
+            if not text or text.startswith("COMMENT"):
+                continue
+            if text.startswith(("EPOCH", "COV_REF_FRAME")):
+                if rows:
+                    raise lines.error(k, f"the covariance before has {rows} rows where 6 belong")
+                value = text.partition("=")[2].strip()
+                if text.startswith("COV_REF_FRAME"):
+                    axes = printable(value)
+                else:
+                    block.meta["EPOCH"] = (value, k)
+                    at = _since(lines, block, "EPOCH", zero_s)
+                    axes = frame.written
+                continue
+            if at is None:
+                raise lines.error(k, "a covariance without an EPOCH before it")
+            row = lines.numbers(np.array([k]), rows + 1, "a covariance's row")[0]
+            matrix[rows, : rows + 1] = row
+            matrix[: rows + 1, rows] = row
+            rows += 1
+            if rows == _COVARIANCE_ROWS:
+                found.append((at, axes, matrix))
+                at, rows, matrix = None, 0, np.zeros_like(matrix)
+        if rows:
+            raise lines.error(stop, f"the covariance before has {rows} rows where 6 belong")
+    return found
+
+
+_STATE = ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")
+_COVARIANCE = tuple(f"C{row}_{column}" for k, row in enumerate(_STATE) for column in _STATE[: k + 1])
+
+
+class _Xml:
+    """An OEM in XML as the lines of its KVN, with the line of the XML from which each comes."""
+
+    def __init__(self, source: str) -> None:
+        self._source = source
+        self._parser = expat.ParserCreate()
+        self._parser.StartElementHandler = self._start
+        self._parser.EndElementHandler = self._end
+        self._parser.CharacterDataHandler = self._characters
+        self._parser.StartDoctypeDeclHandler = self._refuse
+        self._parser.buffer_text = True
+        self._text: list[str] = []
+        self._values: dict[str, str] = {}
+        self._begun = 0
+        self._inside = ""
+        self.lines: list[str] = []
+        self.numbers: list[int] = []
+
+    def run(self, data: bytes) -> None:
+        """Read a whole text. Raises EphemerisError."""
+        try:
+            self._parser.Parse(data, True)
+        except expat.ExpatError as error:
+            words = expat.ErrorString(error.code)
+            raise EphemerisError(f"no XML: {words}", source=self._source, line=error.lineno) from None
+
+    def _refuse(self, *_: object) -> None:
+        raise EphemerisError("a DOCTYPE has no place in an OEM", source=self._source, line=self._line)
+
+    @property
+    def _line(self) -> int:
+        return self._parser.CurrentLineNumber
+
+    def _put(self, text: str, line: int) -> None:
+        self.lines.append(text)
+        self.numbers.append(line)
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        name = tag.rpartition(":")[2]
+        self._text.clear()
+        if name == "oem":
+            self._put(f"CCSDS_OEM_VERS = {attributes.get('version', '')}", self._line)
+        elif name == "metadata":
+            self._put("META_START", self._line)
+        elif name in ("stateVector", "covarianceMatrix"):
+            self._inside, self._begun = name, self._line
+            self._values.clear()
+
+    def _characters(self, text: str) -> None:
+        self._text.append(text)
+
+    def _end(self, tag: str) -> None:
+        name = tag.rpartition(":")[2]
+        text = " ".join("".join(self._text).split())
+        self._text.clear()
+        if name == "metadata":
+            self._put("META_STOP", self._line)
+        elif name == "stateVector":
+            self._put(" ".join((self._of("EPOCH"), *map(self._of, _STATE))), self._begun)
+            self._inside = ""
+        elif name == "covarianceMatrix":
+            self._put_covariance()
+            self._inside = ""
+        elif self._inside:
+            self._values[name] = text
+        elif name not in ("oem", "header", "body", "segment", "data", "COMMENT", "ndm"):
+            self._put(f"{name} = {text}", self._line)
+
+    def _put_covariance(self) -> None:
+        self._put("COVARIANCE_START", self._begun)
+        self._put(f"EPOCH = {self._of('EPOCH')}", self._begun)
+        if "COV_REF_FRAME" in self._values:
+            self._put(f"COV_REF_FRAME = {self._values['COV_REF_FRAME']}", self._begun)
+        values = iter(_COVARIANCE)
+        for row in range(1, _COVARIANCE_ROWS + 1):
+            self._put(" ".join(self._of(next(values)) for _ in range(row)), self._begun)
+        self._put("COVARIANCE_STOP", self._line)
+
+    def _of(self, name: str) -> str:
+        value = self._values.get(name, "")
+        if not value:
+            raise EphemerisError(f"{self._inside} has no {name}", source=self._source, line=self._begun)
+        return value
+
+
+def _from_xml(lines: Lines) -> Lines:
+    """Return an OEM in XML as lines of KVN that know where they come from. Raises EphemerisError."""
+    xml = _Xml(lines.source)
+    xml.run(lines.data)
+    return Lines("\n".join(xml.lines).encode(), lines.source, xml.numbers)

@@ -1,0 +1,335 @@
+"""Text of many rows as columns of numbers, and the time systems of ephemerides; a refusal names its line."""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import erfa
+import numpy as np
+
+from tle.errors import EphemerisError, printable
+from tle.instants import DAY_S, UNIX_EPOCH_MJD, tai_minus_utc_s
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+_BLANK, _NEWLINE = 32, 10
+_BLANKS = bytes.maketrans(b"\t\r", b"  ")
+# Room for the widest time, so that every line can be looked at so far.
+_STAMP = 40
+_LARGEST = 1e15
+_JULIAN_MJD = 2400000.5
+_TT_MINUS_TAI_S = 32.184
+_FIRST_YEAR, _LAST_YEAR = 1972, 2100
+_STAMPS = (
+    re.compile(rb"(\d{4})-(\d\d)-(\d\d)T(\d\d):(\d\d):(\d\d)(\.\d*)?Z?"),
+    re.compile(rb"(\d{4})-(\d{3})T(\d\d):(\d\d):(\d\d)(\.\d*)?Z?"),
+)
+# TAI minus each system; of UTC and TDB it changes.
+_TAI_MINUS_S = {
+    "TAI": 0.0,
+    "TT": -_TT_MINUS_TAI_S,
+    "TDT": -_TT_MINUS_TAI_S,
+    "GPS": 19.0,
+    "GAL": 19.0,
+    "QZS": 19.0,
+    "IRN": 19.0,
+    "SBS": 19.0,
+    "BDT": 33.0,
+    "UTC": None,
+    "GLO": None,
+    "TDB": None,
+}
+
+
+class Lines:
+    """A text as lines: where each begins and ends, and numbers and times out of many of them at once.
+
+    Lines count from 0 here; errors name them from 1.
+    """
+
+    def __init__(self, data: bytes, source: str, numbers: list[int] | None = None) -> None:
+        """Take a text; `numbers` are those of its lines, from 1, where they are others than their order's."""
+        self.source = source
+        self.data = data
+        self._numbers = numbers
+        # Tabs and carriage returns are blanks.
+        text = data.translate(_BLANKS)
+        text += b" " * _STAMP if text.endswith(b"\n") else b"\n" + b" " * _STAMP
+        raw = np.frombuffer(bytearray(text), dtype=np.uint8)
+        newlines = np.flatnonzero(raw == _NEWLINE)
+        self.ends: Index = newlines
+        self.starts: Index = np.concatenate([[0], newlines[:-1] + 1])
+        self.raw = raw
+
+    def __len__(self) -> int:
+        """Return how many lines there are."""
+        return len(self.starts)
+
+    def text(self, line: int) -> str:
+        """Return one line without the blanks around it."""
+        return self.raw[self.starts[line] : self.ends[line]].tobytes().decode("utf-8", "replace").strip()
+
+    @cached_property
+    def last(self) -> int:
+        """Give the last line that is not blank, 0 where all are."""
+        filled = np.flatnonzero(self.first_bytes)
+        return int(filled[-1]) if len(filled) else 0
+
+    def heads(self, width: int) -> NDArray[np.bytes_]:
+        """Return the first bytes of all lines, blanks beyond their ends, shape (n,)."""
+        head = self.fixed(np.arange(len(self)), 0, width)
+        return np.ascontiguousarray(head).view(f"S{width}").ravel()
+
+    def fixed(self, which: Index, first: int, last: int) -> NDArray[np.uint8]:
+        """Return columns first to last of lines, shape (n, last - first); blanks beyond a line's end."""
+        columns = self.starts[which][:, None] + np.arange(first, last)
+        inside = columns < self.ends[which][:, None]
+        return np.where(inside, self.raw[np.minimum(columns, len(self.raw) - 1)], np.uint8(_BLANK))
+
+    def error(self, line: int, reason: str) -> EphemerisError:
+        """Return a refusal that names the source and the line."""
+        return EphemerisError(reason, source=self.source, line=self.number(line))
+
+    def number(self, line: int) -> int:
+        """Return the number by which a user knows a line."""
+        return line + 1 if self._numbers is None else self._numbers[min(line, len(self._numbers) - 1)]
+
+    @cached_property
+    def first_bytes(self) -> NDArray[np.uint8]:
+        """Give the first byte of each line that is no blank, 0 where there is none."""
+        first = self._firsts
+        return np.where(first < self.ends, self.raw[first], np.uint8(0))
+
+    @cached_property
+    def _firsts(self) -> Index:
+        """Give where the first byte of each line is that is no blank; its end where there is none."""
+        first = self.starts.copy()
+        blank = np.flatnonzero((first < self.ends) & (self.raw[first] == _BLANK))
+        while len(blank):
+            first[blank] += 1
+            blank = blank[(first[blank] < self.ends[blank]) & (self.raw[first[blank]] == _BLANK)]
+        return first
+
+    def numbers(self, which: Index, count: int | tuple[int, ...], what: str) -> Array:
+        """Return the numbers of lines, shape (n, count); `count` of several keeps the least of them.
+
+        Raises EphemerisError for a line with other than so many numbers, or with what is none.
+        """
+        counts = (count,) if isinstance(count, int) else count
+        if len(which) == 0:
+            return np.empty((0, counts[0]))
+        raw = self._only(which)
+        inked = raw != _BLANK
+        begins = inked.copy()
+        begins[1:] &= ~inked[:-1]
+        words = np.flatnonzero(begins)
+        base = self.starts[which[0]]
+        found = np.searchsorted(words, self.ends[which] - base) - np.searchsorted(
+            words, self.starts[which] - base
+        )
+        wrong = np.flatnonzero(~np.isin(found, counts))
+        if len(wrong):
+            line = int(which[wrong[0]])
+            places = " or ".join(map(str, counts))
+            raise self.error(
+                line, f"{what} has {found[wrong[0]]} numbers where {places} belong: {self._quoted(line)}"
+            )
+        return self._parsed(which, raw, found, counts[0], what)
+
+    def parsed(self, columns: NDArray[np.uint8], which: Index, what: str) -> Array:
+        """Return the numbers in bytes that were cut out of lines, three a line, shape (n, 3)."""
+        values = self._floats(columns.ravel(), 3 * len(which))
+        if values is None:
+            for k, row in enumerate(columns):
+                words = row.tobytes().decode("ascii", "replace").split()
+                if len(words) != 3 or not all(_is_number(word) for word in words):
+                    line = int(which[k])
+                    raise self.error(line, f"{what} has no three numbers: {self._quoted(line)}")
+            raise self.error(int(which[0]), f"{what} cannot be read")
+        return self._finite(values.reshape(-1, 3), which, what)
+
+    def _finite(self, rows: Array, which: Index, what: str) -> Array:
+        bad = np.flatnonzero(~(np.abs(rows) < _LARGEST).all(axis=1))
+        if len(bad):
+            line = int(which[bad[0]])
+            raise self.error(line, f"{what} holds a number that is not finite: {self._quoted(line)}")
+        return rows
+
+    def _only(self, which: Index) -> NDArray[np.uint8]:
+        """Return the bytes from the first to the last of lines, with blanks in place of all others."""
+        first, last = int(which[0]), int(which[-1])
+        raw = self.raw[self.starts[first] : self.ends[last] + 1].copy()
+        kept = np.zeros(last - first + 1, dtype=bool)
+        kept[which - first] = True
+        lengths = self.ends[first : last + 1] - self.starts[first : last + 1] + 1
+        if not kept.all():
+            raw[~np.repeat(kept, lengths)] = _BLANK
+        raw[raw == _NEWLINE] = _BLANK
+        return raw
+
+    def _parsed(self, which: Index, raw: NDArray[np.uint8], found: Index, least: int, what: str) -> Array:
+        total = int(found.sum())
+        values = self._floats(raw, total)
+        if values is None:
+            raise self._bad_number(which, what)
+        if total != least * len(which):
+            ends = np.cumsum(found)
+            place = np.arange(total) - np.repeat(ends - found, found)
+            values = values[place < least]
+        return self._finite(values.reshape(len(which), least), which, what)
+
+    @staticmethod
+    def _floats(raw: NDArray[np.uint8], total: int) -> Array | None:
+        import warnings
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", DeprecationWarning)
+            try:
+                values = np.fromstring(raw.tobytes(), dtype=np.float64, sep=" ")
+            except (DeprecationWarning, ValueError):
+                return None
+        return values if len(values) == total else None
+
+    def _bad_number(self, which: Index, what: str) -> EphemerisError:
+        for line in which.tolist():
+            for word in self._words(line):
+                if not _is_number(word):
+                    return self.error(line, f"{what}: {printable(word)!r} is no number")
+        return self.error(int(which[0]), f"{what} cannot be read")
+
+    def _words(self, line: int) -> list[str]:
+        return self.text(line).split()
+
+    def _quoted(self, line: int) -> str:
+        return repr(printable(self.text(line)[:60]))
+
+    def take_stamps(self, which: Index) -> tuple[Index, Array]:
+        """Return the times that begin lines as days (MJD) and seconds of day, and leave blanks there.
+
+        CCSDS times, 2026-11-22T18:30:00.5 or 2026-326T18:30:00.5. Raises EphemerisError.
+        """
+        first = self._firsts[which]
+        width = self._widths(first)
+        days, seconds = np.zeros(len(which), dtype=np.intp), np.zeros(len(which))
+        for size in np.unique(width).tolist():
+            rows = np.flatnonzero(width == size)
+            columns = first[rows][:, None] + np.arange(size)
+            stamps = self.raw[columns]
+            days[rows], seconds[rows] = self._stamps(which[rows], stamps)
+            self.raw[columns] = _BLANK
+        return days, seconds
+
+    def _widths(self, first: Index) -> Index:
+        """Return how wide the words are that begin at these places: mostly as wide as the first one."""
+
+        def width_of(head: NDArray[np.uint8]) -> Index:
+            gap = (head == _BLANK) | (head == _NEWLINE)
+            return np.where(gap.any(axis=-1), np.argmax(gap, axis=-1), 0)
+
+        usual = int(width_of(self.raw[first[0] : first[0] + _STAMP]))
+        widths = np.full(len(first), usual)
+        seen = self.raw[first[:, None] + np.arange(usual + 1)]
+        gaps = (seen == _BLANK) | (seen == _NEWLINE)
+        other = np.flatnonzero(gaps[:, :-1].any(axis=1) | ~gaps[:, -1])
+        widths[other] = width_of(self.raw[first[other][:, None] + np.arange(_STAMP)])
+        return widths
+
+    def _stamps(self, which: Index, stamps: NDArray[np.uint8]) -> tuple[Index, Array]:
+        """Return days and seconds of times of one width, all written like the first."""
+        match = None
+        for pattern in _STAMPS:
+            match = match or pattern.fullmatch(stamps[0].tobytes())
+        if match is None:
+            raise self._no_stamp(int(which[0]), stamps[0])
+        digit = (stamps[0] >= 48) & (stamps[0] <= 57)
+        same = np.where(digit, (stamps >= 48) & (stamps <= 57), stamps == stamps[0]).all(axis=1)
+        if not same.all():
+            other = int(np.flatnonzero(~same)[0])
+            raise self._no_stamp(int(which[other]), stamps[other])
+
+        def field(group: int) -> Index:
+            first, last = match.span(group)
+            return digits(first, last)
+
+        def digits(first: int, last: int) -> Index:
+            value = np.zeros(len(stamps), dtype=np.int64)
+            for column in range(first, last):
+                value = 10 * value + stamps[:, column] - 48
+            return value
+
+        dated = len(match.groups()) == 7
+        year = field(1)
+        month, day = (field(2), field(3)) if dated else (np.ones_like(year), field(2))
+        hour, minute, second = (field(k) for k in ((4, 5, 6) if dated else (3, 4, 5)))
+        first, last = match.span(7 if dated else 6)
+        # More decimals than these no float holds.
+        decimals = min(max(last - first - 1, 0), 15)
+        fraction = digits(first + 1, first + 1 + decimals) / 10.0**decimals
+        days = days_of(year, month, day)
+        bad = is_no_date(year, month, day) if dated else (day < 1) | (day > 366)
+        bad |= (hour > 23) | (minute > 59) | (second > 59 + ((hour == 23) & (minute == 59)))
+        bad |= (year < _FIRST_YEAR) | (year > _LAST_YEAR)
+        if bad.any():
+            other = int(np.flatnonzero(bad)[0])
+            raise self._no_stamp(int(which[other]), stamps[other])
+        return days, 3600.0 * hour + 60.0 * minute + second + fraction
+
+    def _no_stamp(self, line: int, stamp: NDArray[np.uint8]) -> EphemerisError:
+        shown = printable(stamp.tobytes().decode("utf-8", "replace").strip())
+        return self.error(
+            line, f"{shown!r} is no time: it must be like 2026-11-22T18:30:00.5, from {_FIRST_YEAR} on"
+        )
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def days_of(year: Index, month: Index, day: Index) -> Index:
+    """Return the Modified Julian Days of Gregorian dates."""
+    months = (year - 1970) * 12 + (month - 1)
+    first = months.astype("datetime64[M]").astype("datetime64[D]").astype(np.int64)
+    days: Index = first + (day - 1) + UNIX_EPOCH_MJD
+    return days
+
+
+def is_no_date(year: Index, month: Index, day: Index) -> NDArray[np.bool_]:
+    """Tell which dates the calendar has not."""
+    bad: NDArray[np.bool_] = (month < 1) | (month > 12) | (day < 1)
+    return bad | (days_of(year, month, day) >= days_of(year, month + 1, np.ones_like(day)))
+
+
+def is_time_system(name: str) -> bool:
+    """Tell whether `tai_s` knows a time system."""
+    return name in _TAI_MINUS_S
+
+
+def tai_s(system: str, days: Index, seconds: Array) -> tuple[float, Array]:
+    """Return times as TAI, in seconds: a whole zero, counted like POSIX seconds from 1970, and since it.
+
+    `days` are Modified Julian Days and `seconds` those of the day, of a time system that `is_time_system`
+    knows. In UTC the second 86400 of a day is its leap second.
+    """
+    offset = _TAI_MINUS_S[system]
+    zero_s = (float(days[0]) - UNIX_EPOCH_MJD) * DAY_S + math.floor(seconds[0])
+    since = (days - days[0]) * DAY_S + (seconds - math.floor(seconds[0]))
+    if offset is not None:
+        return zero_s, since + offset
+    if system == "TDB":
+        julian = _JULIAN_MJD + days
+        tdb_minus_tt_s = erfa.dtdb(julian, seconds / DAY_S, 0.0, 0.0, 0.0, 0.0)
+        return zero_s, since - tdb_minus_tt_s - _TT_MINUS_TAI_S
+    found, inverse = np.unique(days, return_inverse=True)
+    leaps = np.array([tai_minus_utc_s(int(day)) for day in found])[inverse]
+    return zero_s, since + leaps
