@@ -13,12 +13,15 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tle.bias import Bias
+    from tle.bodies import find_body
     from tle.catalogue_passes import CataloguePasses, SatellitePass, find_catalogue_passes
     from tle.direction import Direction
     from tle.earth import EarthOrientation, earth_orientation_age
     from tle.elements import Elements
+    from tle.ephemeris import Ephemeris
     from tle.errors import TleError
     from tle.facts import PassFacts, pass_facts
+    from tle.formats.ephemerides import read_ephemerides
     from tle.formats.observations import read_observations
     from tle.formats.registry import parse_elements, write_elements
     from tle.horizon import Horizon, HorizonMask
@@ -38,6 +41,7 @@ __all__ = [
     "Direction",
     "EarthOrientation",
     "Elements",
+    "Ephemeris",
     "Horizon",
     "HorizonMask",
     "Observation",
@@ -52,12 +56,14 @@ __all__ = [
     "bias_from_observation",
     "earth_orientation_age",
     "find",
+    "find_body",
     "find_catalogue_passes",
     "find_passes",
     "load_elements",
     "parse_elements",
     "pass_facts",
     "read_elements",
+    "read_ephemerides",
     "read_observations",
     "write_elements",
 ]
@@ -69,6 +75,7 @@ _HOMES = {
     "Direction": "direction",
     "EarthOrientation": "earth",
     "Elements": "elements",
+    "Ephemeris": "ephemeris",
     "Horizon": "horizon",
     "HorizonMask": "horizon",
     "Observation": "observations",
@@ -83,12 +90,14 @@ _HOMES = {
     "bias_from_observation": "residuals",
     "earth_orientation_age": "earth",
     "find": "sources",
+    "find_body": "bodies",
     "find_catalogue_passes": "catalogue_passes",
     "find_passes": "passes",
     "load_elements": "sources",
     "parse_elements": "formats.registry",
     "pass_facts": "facts",
     "read_elements": "sources",
+    "read_ephemerides": "formats.ephemerides",
     "read_observations": "formats.observations",
     "write_elements": "formats.registry",
 }
