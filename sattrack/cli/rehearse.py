@@ -72,11 +72,12 @@ def command(context: CommandContext, target: str, number: int, **options: Any) -
     if plot is not None and not plot.absolute().parent.is_dir():
         raise BadInputError(f"{plot}: there is no such folder to write the chart into")
     min_alt_deg = context.settings.min_altitude_deg if options["min_alt"] is None else options["min_alt"]
+    elements = context.elements() if context.sources() else None
     request = RunRequest(
         satellite=target,
-        target=find_target(context, target, options["ephemeris"]),
+        target=find_target(context, target, options["ephemeris"], elements),
         mount_url="sim",
-        elements=context.elements() if context.sources() else None,
+        elements=elements,
         site=context.site() if context.has_site() else None,
         clock_option=context.clock_option,
         min_alt_deg=min_alt_deg,

@@ -37,10 +37,11 @@ if TYPE_CHECKING:
 
 def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> int:
     """Follow a satellite by what the command line says; return the exit code. Raises what that may."""
+    elements = context.elements() if context.sources() else None
     request = RunRequest(
         satellite=satellite,
         mount_url=options["mount_url"] or context.settings.mount.url,
-        elements=context.elements() if context.sources() else None,
+        elements=elements,
         site=context.site() if context.has_site() else None,
         clock_option=context.clock_option,
         min_alt_deg=context.settings.min_altitude_deg if options["min_alt"] is None else options["min_alt"],
@@ -55,7 +56,7 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
         limits=context.settings.safety.limits(),
         memory=options["bias_memory"],
         between=(_utc_s(options["begin"]), _utc_s(options["end"])),
-        target=find_target(context, satellite, options["ephemeris"]),
+        target=find_target(context, satellite, options["ephemeris"], elements),
     )
     if is_antenna(request.mount_url):
         from sattrack.cli.track_antenna import follow as follow_by_antenna
