@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import sys
 
-from tle import Propagator, Site, Utc, find_passes
-from tle.bodies import find_body
-from tle.formats.ephemerides import read_ephemerides
+from tle import Propagator, Site, Utc, find_body, find_passes, read_ephemerides
 
 LEIDEN = Site(52.1541, 4.4908)
 

@@ -16,11 +16,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tle.bias import Bias, BiasEstimate, bias_from_observation
+    from tle.bodies import find_body
     from tle.direction import Direction
     from tle.earth import EarthOrientation, earth_orientation_age
     from tle.elements import Elements
+    from tle.ephemeris import Ephemeris
     from tle.errors import TleError
     from tle.facts import PassFacts, pass_facts, read_magnitudes
+    from tle.formats.ephemerides import read_ephemerides
     from tle.formats.observations import Observation, Stations, read_observations, read_stations
     from tle.instants import Utc
     from tle.passes import (
@@ -44,6 +47,7 @@ __all__ = [
     "Direction",
     "EarthOrientation",
     "Elements",
+    "Ephemeris",
     "Horizon",
     "HorizonMask",
     "Observation",
@@ -59,12 +63,14 @@ __all__ = [
     "bias_from_observation",
     "earth_orientation_age",
     "find",
+    "find_body",
     "find_catalogue_passes",
     "find_passes",
     "load_elements",
     "parse_elements",
     "pass_facts",
     "read_elements",
+    "read_ephemerides",
     "read_magnitudes",
     "read_observations",
     "read_stations",
@@ -75,11 +81,14 @@ _HOMES = {
     name: module
     for module, names in {
         "bias": ("Bias", "BiasEstimate", "bias_from_observation"),
+        "bodies": ("find_body",),
         "direction": ("Direction",),
         "earth": ("EarthOrientation", "earth_orientation_age"),
         "elements": ("Elements",),
+        "ephemeris": ("Ephemeris",),
         "errors": ("TleError",),
         "facts": ("PassFacts", "pass_facts", "read_magnitudes"),
+        "formats.ephemerides": ("read_ephemerides",),
         "formats.observations": ("Observation", "Stations", "read_observations", "read_stations"),
         "instants": ("Utc",),
         "passes": (

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from sattrack.tui.feeds import HelperOptions
     from sattrack.tui.scene import Appearance
     from tle.elements import Elements
+    from tle.ephemeris import Ephemeris
     from tle.instants import Utc
     from tle.sources import ElementSets
 
@@ -65,15 +66,24 @@ class CommandContext:
             return self.settings.site.place()
         raise BadInputError(NO_SITE)
 
-    def followed(self, satellite: str, mount_url: str | None) -> tuple[list[Elements] | None, Site | None]:
-        """Return the elements and the site to follow a satellite with; both None for practice.
+    def followed(
+        self, target: str, mount_url: str | None, ephemeris: Path | None
+    ) -> tuple[list[Elements] | None, Site | None, Ephemeris | None]:
+        """Return what to follow a target with: elements or another ephemeris, and the site.
 
-        Practice is with a simulated mount where neither is set. Raises what `elements` and `site` may.
+        All are None for practice, which is with a simulated mount where neither elements nor a site are set.
+        Raises what `elements` and `site` may.
         """
-        if mount_url in (None, "sim") and not self.sources() and not self.has_site():
-            return None, None
+        from sattrack.cli.targets import find_target
+
+        known = self.elements() if self.sources() and ephemeris is None else []
+        found = find_target(self, target, ephemeris, known)
+        if found is not None:
+            return None, self.site(), found
+        if mount_url in (None, "sim") and not known and not self.has_site():
+            return None, None, None
         site = self.site()
-        return self.elements(satellite), site
+        return known or self.elements(target), site, None
 
     def sources(self) -> tuple[str, ...]:
         """Return the element sources: the options', else the settings file's."""

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from sattrack.cli.common import CommandContext, common_options, profile_option, show, table, tell
-from sattrack.cli.targets import ephemeris_option, find_target
+from sattrack.cli.targets import ephemeris_option
 from sattrack.core.errors import BadInputError
 from sattrack.recording.rendering import INK, PALE, label_times, new_figure, save, sky_axes, times
 from sattrack.runtime.facts import REFRACTION_MODES
@@ -85,8 +85,7 @@ def command(context: CommandContext, target: str, number: int, **options: Any) -
     if plot is not None and not plot.absolute().parent.is_dir():
         raise BadInputError(f"{plot}: the folder does not exist")
     min_alt_deg = context.settings.min_altitude_deg if options["min_alt"] is None else options["min_alt"]
-    found = find_target(context, target, options["ephemeris"])
-    elements, site = (None, context.site()) if found is not None else context.followed(target, "sim")
+    elements, site, found = context.followed(target, "sim", options["ephemeris"])
     request = RunRequest(
         satellite=target,
         target=found,

@@ -15,7 +15,6 @@ import click
 import msgspec
 
 from sattrack.cli.common import JsonLines, can_draw_lines_anew, renew, tell
-from sattrack.cli.targets import find_target
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.profiles import write_profile
@@ -348,8 +347,7 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
     """Follow a satellite by what the command line says; return the exit code. Raises what that may."""
     url = options["mount_url"] or context.settings.mount.url
     _check_options(context, url, options)
-    target = find_target(context, satellite, options["ephemeris"])
-    elements, site = (None, context.site()) if target is not None else context.followed(satellite, url)
+    elements, site, target = context.followed(satellite, url, options["ephemeris"])
     request = RunRequest(
         satellite=satellite,
         mount_url=url,

@@ -28,23 +28,45 @@ def ephemeris_option(function: Callable[..., Any]) -> Callable[..., Any]:
     )(function)
 
 
-def find_target(context: CommandContext, key: str, ephemeris: Path | None) -> Ephemeris | None:
+def find_target(
+    context: CommandContext, key: str, ephemeris: Path | None, elements: list[Elements] | None
+) -> Ephemeris | None:
     """Return what TARGET is where it has no elements, None where it is a satellite that must have some.
 
     It is an object of the ephemeris file where one is given, else Sun, Moon, a planet, RA,DEC, or a star by
-    its number, or by its name where no satellite has it. Raises TleError, BadInputError.
+    its number, or by its name where no satellite of the elements has it. Raises TleError, BadInputError.
     """
     if ephemeris is not None:
         from tle.formats.ephemerides import find_ephemeris, read_ephemerides
 
         return find_ephemeris(read_ephemerides(ephemeris), key)
-    from tle.bodies import find_body, read_star, star_number
+    from tle.bodies import find_body, star_number
 
     body = find_body(key)
-    number = None if body is not None else star_number(key)
-    by_name = not key.strip().casefold().startswith("hip")
-    if number is None or (by_name and _is_satellite(context, key)):
+    by_number = key.strip().casefold().startswith("hip")
+    if body is not None or not (by_number or _has_no(elements, key)):
         return body
+    number = star_number(key)
+    return None if number is None else _star(context, number, key)
+
+
+def _has_no(elements: list[Elements] | None, key: str) -> bool:
+    """Tell whether elements have no satellite that is meant; where there are none, nobody asks for stars."""
+    from tle.sources import find
+
+    try:
+        if elements is not None:
+            find(elements, key)
+    except SatelliteNotFoundError:
+        return True
+    except AmbiguousSatelliteError:
+        return False
+    return False
+
+
+def _star(context: CommandContext, number: int, key: str) -> Ephemeris:
+    from tle.bodies import read_star
+
     if context.settings.stars is None:
         raise BadInputError(
             f"{key}: no star catalogue: set stars in sattrack.toml to a file of the Hipparcos catalogue "
@@ -53,27 +75,12 @@ def find_target(context: CommandContext, key: str, ephemeris: Path | None) -> Ep
     return read_star(context.settings.stars, number, key)
 
 
-def _is_satellite(context: CommandContext, key: str) -> bool:
-    """Tell whether the elements, where there are any, have a satellite of a star's name."""
-    if not context.sources():
-        return False
-    from tle.sources import find
-
-    try:
-        find(context.elements(), key)
-    except SatelliteNotFoundError:
-        return False
-    except AmbiguousSatelliteError:
-        return True
-    return True
-
-
 def find_targets(
     context: CommandContext, keys: Sequence[str], ephemeris: Path | None
 ) -> list[Elements | Ephemeris]:
     """Return what a user means by each TARGET; without any, everything in the file, or in the elements.
 
-    Elements are read where a satellite of theirs is asked for. Raises TleError, BadInputError.
+    Elements are read where a satellite of theirs may be asked for. Raises TleError, BadInputError.
     """
     if not keys and ephemeris is not None:
         from tle.formats.ephemerides import read_ephemerides
@@ -83,7 +90,16 @@ def find_targets(
         return list(context.elements())
     from tle.sources import find
 
-    others = [find_target(context, key, ephemeris) for key in keys]
+    others = [find_target(context, key, ephemeris, None) for key in keys]
+    if None not in others:
+        return [one for one in others if one is not None]
+    # Without elements a name can be a star's alone.
+    elements = context.elements() if context.sources() else []
+    others = [
+        other or find_target(context, key, ephemeris, elements)
+        for key, other in zip(keys, others, strict=True)
+    ]
     missing = [key for key, other in zip(keys, others, strict=True) if other is None]
-    elements = context.elements(*missing) if missing else []
+    if missing and not elements:
+        elements = context.elements(*missing)
     return [other or find(elements, key) for key, other in zip(keys, others, strict=True)]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from tle.earth import FIRST_MJD
-from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris
+from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris, leaps_s
 from tle.errors import EphemerisError, TleError, printable
 from tle.formats.rows import Lines, tai_s
 from tle.instants import DAY_S, UNIX_EPOCH_MJD, Utc, tai_minus_utc_s
@@ -59,51 +59,16 @@ def parse_cpf(lines: Lines) -> list[TableEphemeris]:
     kinds = np.char.upper(lines.heads(2))
     h1, h2 = (_line_of(lines, kinds, kind) for kind in (b"H1", b"H2"))
     header = _header(lines, h1, h2)
-    last = lines.last
-    if kinds[last] != b"99":
-        raise lines.error(last, "the text ends without its record 99: it is cut off; get the whole file")
+    if kinds[lines.last] != b"99":
+        raise lines.error(
+            lines.last, "the text ends without its record 99: it is cut off; get the whole file"
+        )
     known = np.isin(kinds, [b"10", b"20", b"30", b"40", b"50", b"60", b"70", b"99", b"00", b"  ", b""])
     known |= np.char.startswith(kinds, b"H")
     strange = [k for k in np.flatnonzero(~known).tolist() if lines.text(k)]
     if strange:
         raise lines.error(strange[0], f"{printable(lines.text(strange[0])[:20])!r} begins no CPF record")
-    which = np.flatnonzero(kinds == b"10")
-    if len(which) == 0:
-        raise lines.error(last, f"{header.name} has no record 10: there are no places")
-    rows = lines.numbers(which, 8, "record 10")
-    _check_directions(lines, which, rows)
-    days = np.clip(rows[:, 2], FIRST_MJD, _LAST_MJD).astype(np.intp)
-    seconds = rows[:, 3]
-    bad = np.flatnonzero((rows[:, 2] != days) | (seconds < 0.0) | (seconds > DAY_S))
-    if len(bad):
-        line = int(which[bad[0]])
-        raise lines.error(
-            line, f"record 10: {rows[bad[0], 2]:g} {seconds[bad[0]]:g} is no day and second of it"
-        )
-    zero_s, since = tai_s("UTC", days, seconds)
-    _check_leaps(lines, which, rows[:, 4], days)
-    _check_order(lines, which, since)
-    velocities = _velocities(lines, which, kinds)
-    pieces = _pieces(since, header.step_s)
-    segments = []
-    shift = zero_s - tai_minus_utc_s(int(days[0]))
-    use = (float(header.first.unix_s) - shift, float(header.last.unix_s) - shift)
-    for first, stop in pieces:
-        inside = (max(use[0], float(since[first])), min(use[1], float(since[stop - 1])))
-        if inside[1] <= inside[0]:
-            continue
-        segments.append(
-            Segment(
-                zero_s,
-                since[first:stop],
-                rows[first:stop, 5:8] / 1000.0,
-                None if velocities is None else velocities[first:stop] / 1000.0,
-                header.frame,
-                _LAGRANGE if velocities is None else _HERMITE,
-                inside,
-                line=int(which[first]) + 1,
-            )
-        )
+    segments = _segments(lines, kinds, header)
     if not segments:
         raise lines.error(
             h2,
@@ -121,6 +86,40 @@ def parse_cpf(lines: Lines) -> list[TableEphemeris]:
             names=(header.designator,),
             source=lines.source,
         )
+    ]
+
+
+def _segments(lines: Lines, kinds: NDArray[np.bytes_], header: _Header) -> list[Segment]:
+    """Return the rows between gaps, for use within the header's span."""
+    which = np.flatnonzero(kinds == b"10")
+    if len(which) == 0:
+        raise lines.error(lines.last, f"{header.name} has no record 10: there are no places")
+    rows = lines.numbers(which, 8, "record 10")
+    _check_directions(lines, which, rows)
+    days = np.clip(rows[:, 2], FIRST_MJD, _LAST_MJD).astype(np.intp)
+    seconds = rows[:, 3]
+    bad = np.flatnonzero((rows[:, 2] != days) | (seconds < 0.0) | (seconds > DAY_S))
+    if len(bad):
+        day, second = rows[bad[0], 2], seconds[bad[0]]
+        raise lines.error(int(which[bad[0]]), f"record 10: {day:g} {second:g} is no day and second of it")
+    zero_s, since = tai_s("UTC", days, seconds)
+    _check_leaps(lines, which, rows[:, 4], days)
+    _check_order(lines, which, since)
+    velocities = _velocities(lines, which, kinds)
+    use = [float(one.unix_s) + leaps_s(one.unix_s) - zero_s for one in (header.first, header.last)]
+    return [
+        Segment(
+            zero_s,
+            since[first:stop],
+            rows[first:stop, 5:8] / 1000.0,
+            None if velocities is None else velocities[first:stop] / 1000.0,
+            header.frame,
+            _LAGRANGE if velocities is None else _HERMITE,
+            (max(use[0], float(since[first])), min(use[1], float(since[stop - 1]))),
+            line=int(which[first]) + 1,
+        )
+        for first, stop in _pieces(since, header.step_s)
+        if min(use[1], float(since[stop - 1])) > max(use[0], float(since[first]))
     ]
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import pytest
 from ephemeris_files import ISS, oem_text
@@ -115,3 +117,17 @@ def test_a_star_is_one_of_the_catalogue_that_the_settings_name(ask, tmp_path):
     sets.write_text("\n".join(["VEGA", *ISS, ""]))
     row = json.loads(ask("Vega", "--config", str(settings), "--elements", str(sets), "--json", *SPAN)[1])[0]
     assert row["range_km"] is not None
+
+
+def test_a_satellite_is_found_without_skyfield(tmp_path):
+    sets = tmp_path / "sets.tle"
+    sets.write_text("\n".join(["ISS", *ISS, ""]))
+    arguments = ["ephemeris", "ISS", "--elements", str(sets), *LEIDEN, *SPAN]
+    code = f"""
+import sys
+from sattrack.cli.main import run
+run({arguments!r})
+print("imported:", "skyfield" in sys.modules)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "imported: False"
