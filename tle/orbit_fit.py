@@ -144,12 +144,13 @@ class OrbitFilter:
     """
 
     def __init__(self, orbit: CorrectableOrbit, expected: Expected, noisier: float = 1.0) -> None:
+        """Begin with what is expected; sightings and accelerations have `noisier` times their sigmas."""
         self.orbit = orbit
         self._state = np.concatenate([expected.mean_km, np.zeros(MOUNT)])
         self._covariance = np.zeros((STATES + MOUNT, STATES + MOUNT))
         self._covariance[:STATES, :STATES] = expected.covariance_km2
         self._covariance[STATES:, STATES:] = np.diag([_TURN_RAD**2] * 3 + [_DELAY_S**2])
-        self._noise_km2_s3 = noisier * orbit.noise_km2_s3
+        self._noisier = noisier
         self._last_utc_s: float | None = None
         self._partials = _Partials(orbit, self.correction_km)
         self.accepted = 0
@@ -167,9 +168,9 @@ class OrbitFilter:
 
     def copy(self) -> OrbitFilter:
         """Return a filter of the same state."""
-        other = OrbitFilter(self.orbit, Expected(self.correction_km, self.covariance_km2))
+        other = OrbitFilter(self.orbit, Expected(self.correction_km, self.covariance_km2), self._noisier)
         other._state, other._covariance = self._state, self._covariance
-        other._noise_km2_s3, other._last_utc_s = self._noise_km2_s3, self._last_utc_s
+        other._last_utc_s = self._last_utc_s
         other._partials, other.accepted, other.rejected = self._partials, self.accepted, self.rejected
         return other
 
@@ -222,14 +223,14 @@ class OrbitFilter:
         middle = Utc(0.5 * (float(t.unix_s) + self._last_utc_s))
         kick = np.linalg.inv(self._partials.states(middle))[:, 3:]
         grown: Array = self._covariance.copy()
-        grown[:STATES, :STATES] += self._noise_km2_s3 * seconds * (kick @ kick.T)
+        grown[:STATES, :STATES] += self._noisier**2 * self.orbit.noise_km2_s3 * seconds * (kick @ kick.T)
         grown[STATES:-1, STATES:-1] += _TURN_WALK_RAD2_S * seconds * np.eye(3)
         return grown
 
     def _solve(self, sighting: Sighting, covariance: Array) -> _Solved | None:
         """Return correction, covariance and squared distance with a sighting; None where none leads there."""
         prior, at, partials = self._state, self._state, self._partials
-        noise = sighting.sigma_rad**2 * np.eye(2)
+        noise = (self._noisier * sighting.sigma_rad) ** 2 * np.eye(2)
         for _ in range(_MOST_STEPS):
             try:
                 if float(np.abs(at[:STATES] - partials.at_km).max()) > _RELINEARISE_KM:

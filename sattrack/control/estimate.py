@@ -44,8 +44,8 @@ FAR_DEG = 0.1
 """So many offsets have to agree before one that lies this far from what is fed begins an estimate."""
 RIVAL_SHARE = 3
 """A rival takes over with so many times as many observations as the estimate took since it began."""
-RIVAL_WIDER = 3.0
-"""A rival expects so many times the errors of shape and plane that elements of that age have."""
+RIVAL_WIDER, RIVAL_NOISIER = 3.0, 1.5
+"""A rival expects so many times the errors of elements of that age, and those of what is observed."""
 BETTER_FRAME = 9.0
 """How much nearer, as a squared distance, the first observation may lie in another frame than its own."""
 LINE_S = 2.0
@@ -213,12 +213,18 @@ class Estimator:
         rival = self._rival
         if rival is None:
             if not taken:
-                self._rival, self._since_rival = _rival(sighting, orbit), 0
+                self._rival, self._since_rival = (
+                    _fresh(sighting, orbit, least == ANEW_AFTER),
+                    0,
+                )
             return
         self._since_rival += taken
         if not rival.observe(sighting, GATE) and not taken:
             if rival.rejected >= rival.accepted:
-                self._rival, self._since_rival = _rival(sighting, orbit), 0
+                self._rival, self._since_rival = (
+                    _fresh(sighting, orbit, least == ANEW_AFTER),
+                    0,
+                )
             return
         if rival.accepted >= max(least, RIVAL_SHARE * self._since_rival) and _credible(rival):
             self.begun_anew += least == ANEW_AFTER
@@ -280,9 +286,10 @@ def _apart_deg(sighting: Sighting, bias: Bias) -> float:
     return 2.0 * math.degrees(math.asin(min(1.0, 0.5 * float(np.linalg.norm(sighting.unit - fed)))))
 
 
-def _rival(sighting: Sighting, orbit: CorrectableOrbit) -> OrbitFilter | None:
+def _fresh(sighting: Sighting, orbit: CorrectableOrbit, rival: bool) -> OrbitFilter | None:
     """Return a filter that begins with an observation, where elements can be so far off."""
-    fresh = OrbitFilter(orbit, orbit.expected(RIVAL_WIDER), RIVAL_WIDER**2)
+    wider, noisier = (RIVAL_WIDER, RIVAL_NOISIER) if rival else (1.0, 1.0)
+    fresh = OrbitFilter(orbit, orbit.expected(wider), noisier)
     return fresh if fresh.observe(sighting, GATE) and _credible(fresh) else None
 
 

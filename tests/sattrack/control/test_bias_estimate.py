@@ -276,6 +276,20 @@ def test_estimates_of_an_orbit_that_sgp4_does_not_know_are_as_good_as_they_say()
     assert max(tally.end_arcsec) < 2.0
 
 
+@pytest.mark.parametrize("seed", [3, 4, 6])
+def test_sigmas_that_are_half_of_what_they_should_be_lock_nothing_out(
+    course: Course, estimator: Estimator, seed: int
+) -> None:
+    """One solution in ten contradicts the others by what it says of itself."""
+    for second in range(0, 120, 2):
+        one = seen(second - 60.0, sigma_arcsec=6.0, seed=seed)
+        take(estimator, course, changed(one, sigma_arcsec=3.0))
+    assert estimator.begun_anew <= 1
+    assert estimator.accepted > 40
+    known = read(estimator, course, 60.0)
+    assert known.along_s == pytest.approx(3.0, abs=0.02)
+
+
 def test_a_wild_observation_leaves_the_estimate_alone(course: Course, estimator: Estimator) -> None:
     for second in range(20):
         assert take(estimator, course, seen(second - 60.0, sigma_arcsec=3.0))
