@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from sattrack.cli.common import CommandContext, common_options, tell
+from sattrack.cli.common import CommandContext, common_options, satellite_names, tell
 from sattrack.core.errors import BadInputError
 from tle.bias import Bias
 from tle.errors import EarthOrientationWarning
@@ -58,7 +58,7 @@ _TABLE = (
 
 
 @click.command("ephemeris")
-@click.argument("satellite")
+@click.argument("satellite", shell_complete=satellite_names)
 @click.option("--from", "start", metavar="UTC", help="First instant; now if not given.")
 @click.option("--to", "stop", metavar="UTC", help="Last instant; ten minutes after the first if not given.")
 @click.option("--step", "step_s", type=float, default=10.0, show_default=True, metavar="S", help="Seconds.")
@@ -83,9 +83,15 @@ _TABLE = (
 @click.option(
     "--plot", type=click.Path(path_type=Path, dir_okay=False), help="Sky track and rates as an image."
 )
-@common_options
+@common_options("site", "elements", "clock", "json")
 def command(context: CommandContext, satellite: str, **options: Any) -> int:
-    """Give directions and rates of SATELLITE, a catalogue number, international designator or name."""
+    """Give directions and rates of SATELLITE, a catalogue number, international designator or name.
+
+    \b
+    Examples:
+      sattrack ephemeris ISS --from 2026-10-02T13:04:00Z --to 2026-10-02T13:07:00Z
+      sattrack ephemeris 25544 --step 60 --refraction --format csv
+    """
     elements = find(context.elements(satellite), satellite)
     site = context.site()
     start = Utc.parse(options["start"]) if options["start"] else context.now()

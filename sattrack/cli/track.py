@@ -14,6 +14,7 @@ from sattrack.cli.common import (
     common_options,
     fov_option,
     profile_option,
+    satellite_names,
     screen_options,
     stream_options,
     tui_possible,
@@ -22,7 +23,7 @@ from sattrack.cli.common import (
 
 
 @click.command("track")
-@click.argument("satellite")
+@click.argument("satellite", shell_complete=satellite_names)
 @click.option(
     "--mount",
     "mount_url",
@@ -58,11 +59,17 @@ from sattrack.cli.common import (
 @bias_options
 @fov_option
 @screen_options
-@common_options
+@common_options("site", "elements", "clock", "json", "utc")
 def command(context: CommandContext, satellite: str, **options: Any) -> int:
     """Follow the pass now in progress, else the next.
 
     SATELLITE is a catalogue number, an international designator or a name.
+
+    \b
+    Examples:
+      sattrack track ISS --mount sim
+      sattrack track ISS --record tonight.mcap
+      sattrack track 25544 --mount 'xerxes://192.0.2.10:15001?listen=15002' --min-alt 25
     """
     url = options["mount_url"] or context.settings.mount.url
     if _wants_screen(context, options, url) and tui_possible():
