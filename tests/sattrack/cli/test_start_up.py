@@ -134,3 +134,11 @@ def test_what_needs_posix_says_so_in_one_line() -> None:
     assert done.returncode == 1
     assert done.stderr.startswith("sattrack: this needs Linux, macOS or WSL: Python has no ")
     assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.soak
+def test_wheel_and_sdist_are_complete_and_run_the_demo_when_installed() -> None:
+    command = [sys.executable, str(EXAMPLES.parent / "bench" / "install.py"), sys.executable]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "files missing in the wheel: none" in done.stdout
