@@ -1,10 +1,12 @@
-"""Write docs/commands.md and docs/settings.md from the code: `python -m tools.reference`.
+"""Write docs/commands.md, docs/settings.md and the man page from the code: `python -m tools.reference`.
 
-With `--check` nothing is written; the exit code is 1 where a document differs from the code.
+With `--check` nothing is written; the exit code is 1 where one of them differs from the code. The wheel holds
+the man page, docs/sattrack.1, as share/man/man1/sattrack.1.
 """
 
 from __future__ import annotations
 
+import re
 import sys
 import types
 import typing
@@ -13,7 +15,9 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from sattrack.cli.main import cli
+from sattrack import __version__
+from sattrack.cli.main import COMMANDS as SUMMARIES
+from sattrack.cli.main import GROUPS, cli
 from sattrack.mount.model import MountProfile
 from sattrack.settings import Settings
 from tools.protocol.regions import RegionError, replace_region
@@ -24,7 +28,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 NAME = "python -m tools.reference"
-COMMANDS, SETTINGS = "docs/commands.md", "docs/settings.md"
+COMMANDS, SETTINGS, MAN = "docs/commands.md", "docs/settings.md", "docs/sattrack.1"
+EXAMPLES = "Examples:"
 COMMON = {"--config", "--site", "--elements", "--clock", "--json", "--debug", "--utc"}
 UNITS = {
     "_deg": "°",
@@ -149,6 +154,8 @@ def commands_text() -> str:
             parts += ["| option | default | meaning |", "|---|---|---|"]
             parts += [_row(option, context) for option in own]
             parts.append("")
+        shared = [option.opts[0] for option in _options(command) if not COMMON.isdisjoint(option.opts)]
+        parts += [f"Common options: {', '.join(f'`{one}`' for one in shared)}.", ""]
     return "\n".join(parts).rstrip()
 
 
@@ -181,9 +188,11 @@ def _help(command: click.Command) -> str:
     for one in (command.help or "").split("\n\n"):
         lines = one.strip("\n").splitlines()
         if lines and lines[0].strip() == "\b":
-            paragraphs.append(
-                "\n".join(["```text", *(line.strip() for line in lines[1:] if line.strip()), "```"])
-            )
+            shown = [line.strip() for line in lines[1:] if line.strip()]
+            if shown[0] == EXAMPLES:
+                paragraphs.append("\n".join(["```sh", *shown[1:], "```"]))
+            else:
+                paragraphs.append("\n".join(["```text", *shown, "```"]))
         else:
             paragraphs.append(" ".join(one.split()))
     return "\n\n".join(paragraphs)
@@ -211,9 +220,61 @@ def settings(root: Path) -> str:
     return replace_region(text, "profile", settings_table(MountProfile))
 
 
+def man_page(root: Path) -> str:
+    """Return the man page of all commands, as roff; its exit codes are those of docs/commands.md."""
+    exit_codes = re.findall(
+        r"^\| (\d+) \| (.*) \|$", (root / COMMANDS).read_text(encoding="utf-8"), re.MULTILINE
+    )
+    lines = [
+        f'.TH SATTRACK 1 "" "sattrack {__version__}" "User Commands"',
+        ".SH NAME",
+        "sattrack \\- make a telescope mount follow satellites",
+        ".SH SYNOPSIS",
+        "sattrack COMMAND [OPTIONS] [ARGUMENTS]",
+        ".SH DESCRIPTION",
+        *_man_help(cli),
+    ]
+    for title, names in GROUPS.items():
+        lines.append(f".SS {_roff(title)}")
+        for name in names:
+            lines += [".TP", f".B {_roff(name)}", _roff(SUMMARIES[name])]
+    lines.append(".SH COMMANDS")
+    for name, command in _commands(cli, "sattrack"):
+        context = click.Context(command, info_name=name)
+        arguments = _roff(" ".join(command.collect_usage_pieces(context)))
+        lines += [f".SS {_roff(name)} {arguments}", *_man_help(command)]
+        for option in _options(command):
+            record = option.get_help_record(context)
+            if record is not None:
+                lines += [".TP", f".B {_roff(record[0])}", _roff(record[1] or "See the documentation.")]
+    lines += [".SH EXIT STATUS"]
+    for code, meaning in exit_codes:
+        lines += [".TP", f".B {code}", _roff(meaning)]
+    return "\n".join(lines) + "\n"
+
+
+def _man_help(command: click.Command) -> list[str]:
+    """Return the help as roff; paragraphs that click leaves as they are become displays."""
+    lines = []
+    for one in (command.help or "").strip().split("\n\n"):
+        first, *rest = one.strip("\n").splitlines()
+        if first.strip() == "\b":
+            lines += [".PP", ".nf", *(_roff(line) for line in rest), ".fi"]
+        else:
+            lines += [".PP", _roff(" ".join(one.split()))]
+    return lines
+
+
+def _roff(text: str) -> str:
+    """Return text for a line of roff: its first character is no request, its hyphens are typed ones."""
+    plain = text.replace("\\", "\\e").replace("-", "\\-")
+    return f"\\&{plain}" if plain.startswith((".", "'")) else plain
+
+
 def main() -> int:
     """Write or compare; return the exit code."""
     return max(
+        write_or_compare(NAME, __doc__, MAN, man_page),
         write_or_compare(NAME, __doc__, COMMANDS, commands),
         write_or_compare(NAME, __doc__, SETTINGS, settings),
     )

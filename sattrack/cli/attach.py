@@ -34,13 +34,18 @@ if TYPE_CHECKING:
 @click.option("--run", "pid", type=int, metavar="PID", help="The process of the run, if several are active.")
 @click.option("--as", "name", metavar="NAME", help="Your name, shown to the others; default: this terminal.")
 @screen_options
-@common_options
+@common_options("site", "elements", "json", "utc")
 def command(context: CommandContext, pid: int | None, name: str | None, **options: Any) -> int:
     """Watch a run that was started elsewhere, or take control of it, on the screen that `track` has.
 
     Up to 64 can watch. SPACE stops the mount for everybody. One at a time has control and can move the
     target: c takes it. The run continues when you leave the screen. After a pass of a schedule, the screen
     goes on to the next one. --json writes the views of one run, one object a line.
+
+    \b
+    Examples:
+      sattrack attach
+      sattrack attach --run 4711 --json
     """
     pid = chosen_run(pid)
     name = name or _terminal()
@@ -150,7 +155,7 @@ FEWEST_CHARACTERS = 16
 )
 @click.option("--run", "pid", type=int, metavar="PID", help="Show only this run, by its process.")
 @screen_options
-@common_options
+@common_options("site", "elements", "json", "utc")
 def web(
     context: CommandContext, host: str, port: int, token: str | None, pid: int | None, **options: Any
 ) -> int:
@@ -160,6 +165,11 @@ def web(
     page links to each. Only this machine can open the page, unless --host says otherwise; visitors from
     elsewhere need a token. There is no encryption: use a proxy or a tunnel with encryption on any network
     that is not yours.
+
+    \b
+    Examples:
+      sattrack serve web
+      sattrack serve web --host 0.0.0.0 --port 8137
     """
     if importlib.util.find_spec("textual_serve") is None:
         raise SattrackError("the browser's screen needs textual-serve: pip install 'sattrack[web]'")

@@ -71,7 +71,7 @@ class _Found:
 @click.option(
     "--plot", type=click.Path(path_type=Path, dir_okay=False), help="Draw the biases there (PNG, SVG, PDF)."
 )
-@common_options
+@common_options("site", "json")
 def command(
     context: CommandContext,
     source: str,
@@ -86,6 +86,11 @@ def command(
 
     The bias is that of the instant of the last observation used. Observations that contradict the others
     are left out and named.
+
+    \b
+    Examples:
+      sattrack bias iss.tle --observations seen.csv --site 52.1541,4.4908,0
+      sattrack bias iss.tle --observations seen.jsonl --out refined.kvn --plot biases.png
     """
     seen = _read(context, (*observations, *more), stations)
     elements = _chosen(context, source, satellite, seen)

@@ -6,6 +6,7 @@ import contextlib
 import functools
 import importlib.util
 import os
+import re
 import select
 import stat
 import sys
@@ -21,11 +22,13 @@ from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.local_time import use_zone
 from sattrack.core.process import self_command
 from sattrack.settings import NO_ELEMENTS, NO_SITE, Settings, find_settings_file, load_settings
+from tle.errors import TleError
 from tle.site import Site
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
+    from click.shell_completion import CompletionItem
     from rich.table import Table
 
     from sattrack.elements.downloads import Downloads
@@ -335,53 +338,139 @@ def fov_option(function: Callable[..., Any]) -> Callable[..., Any]:
     )(function)
 
 
-def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options of every command; the function's first argument becomes a CommandContext."""
+SHARED = ("site", "elements", "clock", "json", "utc")
+"""The options that a command takes if they mean something there."""
 
-    @click.option("--config", type=click.Path(path_type=Path), help="Settings file.")
-    @click.option(
-        "--site", "site_option", metavar="LAT,LON,HEIGHT", help="Degrees north, degrees east, metres."
-    )
-    @click.option(
-        "--elements",
-        "element_sources",
-        multiple=True,
-        metavar="SRC",
-        help="File, folder or URL of elements, "
-        "celestrak:GROUP, celestrak:NUMBER, spacetrack:NUMBER or - (standard input).",
-    )
-    @click.option(
-        "--clock", "clock_option", metavar="UTC[xSPEED]", help="Run as if this were the current time."
-    )
-    @click.option(
-        "--json", "as_json", is_flag=True, help="JSON on standard output, messages on standard error."
-    )
-    @click.option("--utc", is_flag=True, help="Times that people read in UTC, not in the local zone.")
-    @click.option("--debug", is_flag=True, help="Show tracebacks.")
-    @functools.wraps(function)
-    def wrapper(
-        *,
-        config: Path | None,
-        site_option: str | None,
-        element_sources: tuple[str, ...],
-        clock_option: str | None,
-        as_json: bool,
-        utc: bool,
-        debug: bool,
-        **rest: Any,
-    ) -> Any:
-        settings = load_settings(config)
-        use_zone("UTC" if utc else settings.zone)
-        context = CommandContext(settings, site_option, element_sources, clock_option, as_json, debug)
-        named = (settings.safety.horizon, settings.mount.profile, rest.get("profile"))
-        watch = SettingsWatch(config, [Path(path) for path in named if path is not None])
-        result = function(context, **rest)
-        text = watch.change()
-        if text is not None:
-            tell(text)
-        return result
 
-    return wrapper
+def common_options(*used: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Add --config, --debug and the shared options; the function's first argument becomes a CommandContext.
+
+    `used` are those of SHARED that mean something to the command. Scripts may give the others too: they are
+    accepted, hidden, and do nothing.
+    """
+
+    def add(function: Callable[..., Any]) -> Callable[..., Any]:
+        @click.option("--config", type=click.Path(path_type=Path), help="Settings file.")
+        @click.option(
+            "--site",
+            "site_option",
+            metavar="LAT,LON,HEIGHT",
+            hidden="site" not in used,
+            help="Degrees north, degrees east, metres.",
+        )
+        @click.option(
+            "--elements",
+            "element_sources",
+            multiple=True,
+            metavar="SRC",
+            hidden="elements" not in used,
+            help="File, folder or URL of elements, "
+            "celestrak:GROUP, celestrak:NUMBER, spacetrack:NUMBER or - (standard input).",
+        )
+        @click.option(
+            "--clock",
+            "clock_option",
+            metavar="UTC[xSPEED]",
+            hidden="clock" not in used,
+            help="Run as if this were the current time.",
+        )
+        @click.option(
+            "--json",
+            "as_json",
+            is_flag=True,
+            hidden="json" not in used,
+            help="JSON on standard output, messages on standard error.",
+        )
+        @click.option(
+            "--utc",
+            is_flag=True,
+            hidden="utc" not in used,
+            help="Times that people read in UTC, not in the local zone.",
+        )
+        @click.option("--debug", is_flag=True, help="Show tracebacks.")
+        @functools.wraps(function)
+        def wrapper(
+            *,
+            config: Path | None,
+            site_option: str | None,
+            element_sources: tuple[str, ...],
+            clock_option: str | None,
+            as_json: bool,
+            utc: bool,
+            debug: bool,
+            **rest: Any,
+        ) -> Any:
+            settings = load_settings(config)
+            use_zone("UTC" if utc else settings.zone)
+            context = CommandContext(settings, site_option, element_sources, clock_option, as_json, debug)
+            named = (settings.safety.horizon, settings.mount.profile, rest.get("profile"))
+            watch = SettingsWatch(config, [Path(path) for path in named if path is not None])
+            result = function(context, **rest)
+            text = watch.change()
+            if text is not None:
+                tell(text)
+            return result
+
+        return wrapper
+
+    return add
+
+
+MOST_COMPLETED_BYTES = 2_000_000
+"""Larger files of elements are not read for a TAB."""
+_SHORTEST_WORD = 4
+
+
+def satellite_names(ctx: click.Context, _: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Return the satellites that the shell may complete to, from local files and what was downloaded before.
+
+    A name that a shell would split is offered as the catalogue number.
+    """
+    from click.shell_completion import CompletionItem
+
+    from tle.sources import COMMON_NAMES, load_elements
+
+    found: dict[str, str] = {}
+    common = {number: name for name, number in reversed(COMMON_NAMES.items())}
+    with contextlib.suppress(SattrackError, TleError, OSError):
+        sources = ctx.params.get("element_sources") or load_settings(ctx.params.get("config")).elements
+        for one in load_elements(*map(_at_hand, sources)).accepted:
+            short = common.get(one.catalog_number, "")
+            short = short.upper() if len(short) < _SHORTEST_WORD else short.capitalize()
+            found |= dict.fromkeys((short, one.name or "", str(one.catalog_number)), one.label)
+    return [
+        CompletionItem(key, help=name)
+        for key, name in sorted(found.items())
+        if re.fullmatch(r"[\w.+-]+", key) and key.casefold().startswith(incomplete.casefold())
+    ]
+
+
+def _at_hand(source: str) -> str:
+    """Return the text of a source that can be read at once, without the network; of others an empty line."""
+    from tle.sources import is_fetched
+
+    text = "\n"
+    if is_fetched(source):
+        from sattrack.elements.downloads import DownloadCache, query_of, user_cache_folder
+
+        kept = DownloadCache(user_cache_folder(os.environ)).read(query_of(source, os.environ).url)
+        text = "\n" if kept is None else kept.text
+    elif Path(source).is_file() and Path(source).stat().st_size <= MOST_COMPLETED_BYTES:
+        text = f"{Path(source).read_text(encoding='utf-8', errors='replace')}\n"
+    return text if len(text) <= MOST_COMPLETED_BYTES else "\n"
+
+
+class RenamedOption(click.Option):
+    """An option of which help shows the first name only; scripts may use its former ones."""
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
+        """Return the name and the help."""
+        names = self.opts
+        try:
+            self.opts = names[:1]
+            return super().get_help_record(ctx)
+        finally:
+            self.opts = names
 
 
 class SettingsWatch:

@@ -48,9 +48,15 @@ SHORTEST_S = 5.0
 @bias_options
 @fov_option
 @screen_options
-@common_options
+@common_options("clock", "json", "utc")
 def command(context: CommandContext, seconds: float | None, **options: Any) -> int:
-    """Follow a real pass of the ISS with an embedded simulated mount, over UDP on loopback."""
+    """Follow a real pass of the ISS with an embedded simulated mount, over UDP on loopback.
+
+    \b
+    Examples:
+      sattrack demo
+      sattrack demo --headless --seconds 5 --json
+    """
     begun_s = time.monotonic() - time.process_time()
     if seconds is not None and not SHORTEST_S <= seconds < float("inf"):
         raise BadInputError(f"--seconds {seconds:g}: give {SHORTEST_S:g} or more")

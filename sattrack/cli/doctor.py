@@ -335,11 +335,16 @@ class _PatientCommand(click.Command):
     default=Path(),
     help="Where recordings will go; default: the current folder.",
 )
-@common_options
+@common_options("site", "elements", "clock", "json")
 def command(context: CommandContext, **options: Any) -> int:
     """Report what is in order, what is not, and what to do. Nothing is sent to the mount; nothing is changed.
 
     Exits with 1 if something is bad.
+
+    \b
+    Examples:
+      sattrack doctor
+      sattrack doctor --mount sim --json
     """
     checks: list[CheckResult] = []
     for check in _checks(context, options):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from sattrack.cli.common import CommandContext, common_options, tell, write_file
+from sattrack.cli.common import CommandContext, common_options, satellite_names, tell, write_file
 from sattrack.core.errors import BadInputError
 from sattrack.runtime.bias_memory import BiasMemory, KeptBias, describe, memory_file
 from tle.elements import expected_along_arcsec, expected_along_s, propagation_error
@@ -29,7 +29,13 @@ _DAY_S = 86400.0
 
 @click.group("elements")
 def command() -> None:
-    """Get element sets, show what they say, check whether they are sound."""
+    """Get element sets, show what they say, check whether they are sound.
+
+    \b
+    Examples:
+      sattrack elements get ISS --output iss.csv
+      sattrack elements show ISS
+    """
 
 
 @command.command("get")
@@ -45,7 +51,7 @@ def command() -> None:
     type=click.Path(path_type=Path, dir_okay=False),
     help="Write to this file instead of standard output.",
 )
-@common_options
+@common_options("elements", "json")
 def get(
     context: CommandContext,
     sources: tuple[str, ...],
@@ -58,6 +64,11 @@ def get(
     A source is a file, a folder, - (standard input), a URL, celestrak:GROUP, celestrak:NUMBER,
     spacetrack:all, spacetrack:NUMBER, or a satellite, which is asked of CelesTrak: ISS, 25544, 1998-067A.
     Exits with 1 if any set is refused.
+
+    \b
+    Examples:
+      sattrack elements get ISS --output iss.csv
+      sattrack elements get celestrak:stations --format tle --output stations.tle
     """
     named = [source for source in sources if _is_satellite(source)]
     others = tuple(source for source in sources if source not in named)
@@ -81,10 +92,16 @@ def get(
 
 
 @command.command("show")
-@click.argument("satellites", nargs=-1)
-@common_options
+@click.argument("satellites", nargs=-1, shell_complete=satellite_names)
+@common_options("elements", "clock", "json")
 def show(context: CommandContext, satellites: tuple[str, ...]) -> int:
-    """Show the elements of the SATELLITES and what their age means; without any, one line for each set."""
+    """Show the elements of the SATELLITES and what their age means; without any, one line for each set.
+
+    \b
+    Examples:
+      sattrack elements show ISS
+      sattrack elements show --elements stations.tle
+    """
     elements = context.elements(*satellites)
     now = context.now()
     chosen = [find(elements, key) for key in satellites] if satellites else elements
@@ -113,13 +130,17 @@ def show(context: CommandContext, satellites: tuple[str, ...]) -> int:
 @click.option(
     "--stations", type=click.Path(path_type=Path, dir_okay=False), help="List of the stations' places."
 )
-@common_options
+@common_options("site", "elements", "json")
 def check(
     context: CommandContext, sources: tuple[str, ...], observations: Path | None, stations: Path | None
 ) -> int:
     """Read every set of the SOURCES (--elements if none is named) and report which are refused, and why.
 
     Exits with 1 if any is refused.
+
+    \b
+    Examples:
+      sattrack elements check stations.tle
     """
     sets = context.load(_places(context, sources))
     residuals = _residuals(context, sets, observations, stations) if observations else None
@@ -290,11 +311,16 @@ def _line(row: dict[str, Any]) -> str:
 @click.option(
     "--drop", "dropped", type=int, multiple=True, metavar="ENTRY", help="Do not offer this one again."
 )
-@common_options
+@common_options("json")
 def biases(context: CommandContext, dropped: tuple[int, ...]) -> int:
     """Show the biases remembered from earlier passes, the newest first, as they were found.
 
     Each is offered for passes of its object with the same elements.
+
+    \b
+    Examples:
+      sattrack biases
+      sattrack biases --drop 2
     """
     memory = BiasMemory(memory_file())
     for entry in dropped:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from sattrack.cli.common import CommandContext, common_options, tell
+from sattrack.cli.common import CommandContext, common_options, satellite_names, tell
 from sattrack.cli.targets import ephemeris_option, find_targets
 from sattrack.core.errors import BadInputError
 from tle.bias import Bias
@@ -60,7 +60,7 @@ _TABLE = (
 
 
 @click.command("ephemeris")
-@click.argument("target")
+@click.argument("target", shell_complete=satellite_names)
 @ephemeris_option
 @click.option("--from", "start", metavar="UTC", help="First instant; now if not given.")
 @click.option("--to", "stop", metavar="UTC", help="Last instant; ten minutes after the first if not given.")
@@ -86,12 +86,17 @@ _TABLE = (
 @click.option(
     "--plot", type=click.Path(path_type=Path, dir_okay=False), help="Sky track and rates as an image."
 )
-@common_options
+@common_options("site", "elements", "clock", "json")
 def command(context: CommandContext, target: str, **options: Any) -> int:
     """Give directions and rates of TARGET.
 
     TARGET is a satellite (catalogue number, international designator or name), Sun, Moon or a planet, or
     RA,DEC in the ICRS (83.6331,22.0145 or 05:34:31,+22:00:52). With --ephemeris it is an object of that file.
+
+    \b
+    Examples:
+      sattrack ephemeris ISS --from 2026-10-02T13:04:00Z --to 2026-10-02T13:07:00Z
+      sattrack ephemeris Moon --step 60 --refraction --format csv
     """
     (elements,) = find_targets(context, [target], options["ephemeris"])
     site = context.site()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import os
 import re
@@ -18,6 +19,8 @@ from tle.errors import TleError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+
+    from click.shell_completion import CompletionItem
 
 COMMANDS = {
     "init": "Ask for place, mount and satellites, and write the settings file.",
@@ -40,6 +43,15 @@ COMMANDS = {
     "elements": "Fetch, show and check element sets.",
     "doctor": "Check settings, clock, elements, priority and mount, and say what to do.",
 }
+GROUPS = {
+    "Observe": ("demo", "track", "run", "attach", "stop"),
+    "Mount": ("mount", "sim"),
+    "Plan": ("passes", "ephemeris", "rehearse", "elements", "bias", "biases"),
+    "Recordings": ("report", "replay", "recording"),
+    "Servers": ("serve",),
+    "Set up and check": ("init", "doctor"),
+}
+"""The commands of each section of the help; one that is in none is listed last."""
 PLACES = {
     "report": "recording:report",
     "biases": "elements:biases",
@@ -67,6 +79,11 @@ MOUNT_HELP = """Look at a mount, and operate it by hand.
 
 All verbs take --mount URL, --profile FILE and --site; --mount sim is a simulated mount for practice.
 Ctrl-C stops the mount first.
+
+\b
+Examples:
+  sattrack mount status --mount sim
+  sattrack mount slew 14h15m40s 19d10m --mount sim
 """
 SERVERS = {
     "alpaca": "The mount as an ASCOM telescope for programs that speak Alpaca, over HTTP.",
@@ -80,26 +97,49 @@ SERVER_PLACES = {
     "rotctld": "serve:rotctld",
     "web": "attach:web",
 }
+SERVE_HELP = """Make the mount available to other people's programs.
+
+\b
+Examples:
+  sattrack serve rotctld --mount sim
+  sattrack serve web
+"""
+HELP = """Make a telescope mount follow satellites by streaming axis rates.
+
+\b
+Examples:
+  sattrack demo
+  sattrack init
+  sattrack passes ISS
+  sattrack track ISS --mount sim
+"""
 PLAIN_TEXT = (
     ("is not a valid float", "is not a number"),
     ("is not a valid integer", "is not a whole number"),
     ("Got unexpected extra", "unexpected"),
 )
 """click's terms, and the plain English for them."""
+POSIX_ONLY = ("fcntl", "grp", "pty", "pwd", "resource", "termios", "tty")
+CHECK_NAME = "; check the name and the folder"
 
 
 class LazyGroup(click.Group):
     """A group that lists its commands from a table and imports one of them on its first use.
 
     `table` has the help of each by name; `places` its module and attribute in `sattrack.cli`, by default
-    `NAME:command`.
+    `NAME:command`; `groups` the commands of each section of the help.
     """
 
     def __init__(
-        self, name: str, table: Mapping[str, str], places: Mapping[str, str], **settings: Any
+        self,
+        name: str,
+        table: Mapping[str, str],
+        places: Mapping[str, str],
+        groups: Mapping[str, Sequence[str]] | None = None,
+        **settings: Any,
     ) -> None:
         super().__init__(name, **settings)
-        self._table, self._places = table, places
+        self._table, self._places, self._groups = table, places, groups or {}
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the commands in the order of the table."""
@@ -115,8 +155,22 @@ class LazyGroup(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands from the table, so that help imports none of them."""
-        with formatter.section("Commands"):
-            formatter.write_dl(list(self._table.items()))
+        grouped = {name for names in self._groups.values() for name in names}
+        rest = [name for name in self._table if name not in grouped]
+        width = max(map(len, self._table))
+        for title, names in (*self._groups.items(), ("Commands", rest)):
+            if names:
+                with formatter.section(title):
+                    formatter.write_dl([(name.ljust(width), self._table[name]) for name in names])
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Return the commands that begin so, from the table: a TAB imports none of them."""
+        from click.shell_completion import CompletionItem
+
+        own = [CompletionItem(name, help=text) for name, text in self._table.items()]
+        return [one for one in own if one.value.startswith(incomplete)] + click.Command.shell_complete(
+            self, ctx, incomplete
+        )
 
 
 cli = click.version_option(__version__, prog_name="sattrack")(
@@ -124,14 +178,13 @@ cli = click.version_option(__version__, prog_name="sattrack")(
         "sattrack",
         COMMANDS,
         PLACES,
-        help="Make a telescope mount follow satellites by streaming axis rates.",
+        GROUPS,
+        help=HELP,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
 )
 mount = LazyGroup("mount", MOUNT_VERBS, MOUNT_PLACES, help=MOUNT_HELP)
-serve = LazyGroup(
-    "serve", SERVERS, SERVER_PLACES, help="Make the mount available to other people's programs."
-)
+serve = LazyGroup("serve", SERVERS, SERVER_PLACES, help=SERVE_HELP)
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -181,7 +234,9 @@ def _error_text(error: Exception) -> str:
     if isinstance(error, click.ClickException):
         return error.format_message()
     if isinstance(error, SattrackError | TleError):
-        return str(error)
+        return f"{error}{CHECK_NAME if str(error).endswith(os.strerror(errno.ENOENT)) else ''}"
+    if isinstance(error, ModuleNotFoundError) and error.name in POSIX_ONLY:
+        return f"this needs Linux, macOS or WSL: Python has no {error.name} here; calculations do not"
     if isinstance(error, OSError):
         where = "" if error.filename is None else f"{error.filename}: "
         return f"{where}{error.strerror or error}; --debug shows where"
@@ -208,6 +263,7 @@ def _usage_text(error: click.UsageError) -> str:
             f"no such command '{unknown[1]}'{meant(unknown[1], error.ctx.command.list_commands(error.ctx))}"
         )
     elif isinstance(error, click.NoSuchOption):
-        options = [each for one in error.ctx.command.params for each in one.opts if each.startswith("--")]
+        shown = [one for one in error.ctx.command.params if isinstance(one, click.Option) and not one.hidden]
+        options = ["--help", *(each for one in shown for each in one.opts if each.startswith("--"))]
         text = f"no such option {error.option_name}{meant(error.option_name, options)}"
     return f"{text}{'' if text.endswith('?') else ';'} see `{error.ctx.command_path} --help`"

@@ -133,10 +133,12 @@ class MountCall:
         return self.address.silence_advice
 
 
-def mount_options(function: Callable[..., Any]) -> Callable[..., Any]:
+def mount_options(
+    function: Callable[..., Any], shared: tuple[str, ...] = ("site", "clock", "json")
+) -> Callable[..., Any]:
     """Add the options of every verb; the function's first argument becomes a CommandContext."""
     options: tuple[Callable[[Callable[..., Any]], Callable[..., Any]], ...] = (
-        common_options,
+        common_options(*shared),
         profile_option,
         mount_option,
         click.option(
@@ -283,6 +285,10 @@ def move(
     The rates are those of the reported right ascension and declination, in degrees of the axis per second: 0
     stays with the stars, positive goes east (right ascension grows) and north. An axis without a rate keeps
     its motion. The mount's profile gives the signs of the motors.
+
+    \b
+    Examples:
+      sattrack mount move --ra-rate 0.5 --dec-rate -0.1 --seconds 4 --mount sim
     """
     if not 0.0 < seconds <= LONGEST_MOVE_S:
         raise BadInputError(f"--seconds {seconds:g}: give seconds, above 0 and {LONGEST_MOVE_S:g} at most")
@@ -299,7 +305,12 @@ def move(
 @click.option("--dec", "dec_ms", type=int, default=0, metavar="MS", help="Milliseconds; negative is south.")
 @mount_options
 def pulse(context: CommandContext, ra_ms: int, dec_ms: int, **options: Any) -> int:
-    """Move at the mount's guide rate for some milliseconds on either axis, and wait for the end."""
+    """Move at the mount's guide rate for some milliseconds on either axis, and wait for the end.
+
+    \b
+    Examples:
+      sattrack mount pulse --ra -500 --mount sim
+    """
     call = resolve(context, options, needs_site=False)
     request = PulseGuide(ra_ms, dec_ms)
     call.check(request)
@@ -318,6 +329,11 @@ def fine_rate(context: CommandContext, ra_deg_s: float, dec_deg_s: float, **opti
 
     The rates hold until another program sends to the mount: every datagram carries them, and the other verbs
     send zero. The protocol defines no sign and no acknowledgement for them.
+
+    \b
+    Examples:
+      sattrack mount fine-rate --ra 0.0001
+      sattrack mount fine-rate
     """
     call = resolve(context, options, needs_site=False)
     request = FineRate(ra_deg_s, dec_deg_s)
@@ -350,7 +366,13 @@ class DirectionCommand(click.Command):
 @click.argument("dec")
 @mount_options
 def slew(context: CommandContext, ra: str, dec: str, **options: Any) -> int:
-    """Go to RA and DEC, of date as the mount reports them, and track there. Ends when the slew has ended."""
+    """Go to RA and DEC, of date as the mount reports them, and track there. Ends when the slew has ended.
+
+    \b
+    Examples:
+      sattrack mount slew 14h15m40s 19d10m --mount sim
+      sattrack mount slew 213.92 -19.18
+    """
     return _point(context, Slew(parse_ra(ra), parse_dec(dec)), options)
 
 
@@ -359,7 +381,12 @@ def slew(context: CommandContext, ra: str, dec: str, **options: Any) -> int:
 @click.argument("dec")
 @mount_options
 def sync(context: CommandContext, ra: str, dec: str, **options: Any) -> int:
-    """Make the mount report RA and DEC, of date, for where it points. Refused while the mount moves."""
+    """Make the mount report RA and DEC, of date, for where it points. Refused while the mount moves.
+
+    \b
+    Examples:
+      sattrack mount sync 14h15m40s 19d10m
+    """
     return _point(context, Sync(parse_ra(ra), parse_dec(dec)), options)
 
 
@@ -378,6 +405,10 @@ def abort(context: CommandContext, **options: Any) -> int:
 
     It is sent to a silent mount, too. A session that owns the mount stops it and ends, as by `sattrack stop`;
     then the abort is sent once more.
+
+    \b
+    Examples:
+      sattrack mount abort
     """
     call = resolve(context, options, needs_site=False)
     owner = None if call.address is None else owner_of(call.address.name)
@@ -400,6 +431,11 @@ def park(context: CommandContext, drives_on: bool, **options: Any) -> int:
 
     The protocol has no acknowledgement for parking: it ends as "sent, unconfirmed" unless the mount reports
     that it is at park. There is no unpark: the mount's own window gives the power back.
+
+    \b
+    Examples:
+      sattrack mount park --mount sim
+      sattrack mount park --drives-on
     """
     if not drives_on:
         return _ask(context, "park", Park(), options)
@@ -416,6 +452,10 @@ def home(context: CommandContext, **options: Any) -> int:
 
     The protocol has no acknowledgement for it: it ends as "sent, unconfirmed" unless the mount reports that
     it is at home.
+
+    \b
+    Examples:
+      sattrack mount home --mount sim
     """
     return _ask(context, "home", FindHome(), options)
 
@@ -434,6 +474,10 @@ def status(context: CommandContext, **options: Any) -> int:
     Nothing is sent, so whatever drives the mount is not disturbed. If a session on this machine owns the
     mount, the status is as that session receives it. Only a silent mount on this machine that nobody owns,
     which is a simulated one, is sent datagrams without a command.
+
+    \b
+    Examples:
+      sattrack mount status --mount sim
     """
     call = resolve(context, options, needs_site=False)
     owner = None if call.address is None else owner_of(call.address.name)
@@ -510,12 +554,16 @@ def _silence_text(call: MountCall, view: ConsoleView, advice: str) -> str:
 )
 @click.option("--park", is_flag=True, help="Park at once, as the key p does; SPACE stops it.")
 @screen_options
-@mount_options
+@functools.partial(mount_options, shared=("site", "clock", "utc"))
 def watch(context: CommandContext, stream: bool, control: bool, park: bool, **options: Any) -> int:
     """Operate a mount by hand, full screen: every field of its status live; jog, slew, sync, park, stop.
 
     SPACE always stops the mount. A jog ends when its key is released. If a session owns the mount, the
     console only watches.
+
+    \b
+    Examples:
+      sattrack mount watch --mount sim
     """
     call = resolve(context, options)
     if call.clock.speed != 1.0:

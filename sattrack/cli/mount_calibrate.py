@@ -15,6 +15,7 @@ import msgspec
 from sattrack import __version__
 from sattrack.cli.common import (
     CommandContext,
+    RenamedOption,
     common_options,
     mount_option,
     renew,
@@ -43,7 +44,15 @@ FILE = click.Path(path_type=Path)
 
 @click.command("calibrate")
 @mount_option
-@click.option("--out", type=FILE, metavar="FILE", help="The mount profile to write.")
+@click.option(
+    "--output",
+    "--out",
+    "out",
+    cls=RenamedOption,
+    type=FILE,
+    metavar="FILE",
+    help="The mount profile to write.",
+)
 @click.option(
     "--update",
     type=FILE,
@@ -51,7 +60,7 @@ FILE = click.Path(path_type=Path)
     help="A profile to update with the findings; its other values stay.",
 )
 @click.option("--name", metavar="NAME", help="The mount's name in the profile.")
-@click.option("--force", is_flag=True, help="Let --out overwrite a file.")
+@click.option("--force", is_flag=True, help="Let --output overwrite a file.")
 @click.option("--yes", is_flag=True, help="Move without asking.")
 @click.option(
     "--clock-true",
@@ -62,12 +71,16 @@ FILE = click.Path(path_type=Path)
 @click.option(
     "--sim-profile", type=FILE, metavar="FILE", help="With --mount sim: the profile of the simulated mount."
 )
-@common_options
+@common_options("site", "clock", "json")
 def command(context: CommandContext, **options: Any) -> int:
     """Measure how a mount answers commands, by small bounded motions, and write its profile.
 
     Measured are signs, gains, additive or absolute rates, held or edge, round trip, acceleration, and the
     mount's clock. The mount must stand clear, 20° high or more, and away from the Sun. Any key stops it.
+
+    \b
+    Examples:
+      sattrack mount calibrate --mount sim --output measured.toml
     """
     from sattrack.calibration.profile import bounded
     from sattrack.runtime.calibrate import ending_error
@@ -112,9 +125,9 @@ def _target(options: dict[str, Any]) -> Path:
     out, update = options["out"], options["update"]
     target: Path | None = out or update
     if target is None:
-        raise BadInputError("no output file: give --out FILE, or --update FILE for an existing profile")
+        raise BadInputError("no output file: give --output FILE, or --update FILE for an existing profile")
     if target.exists() and target != update and not options["force"]:
-        raise BadInputError(f"--out {target}: the file exists; give --force to overwrite it, or --update")
+        raise BadInputError(f"--output {target}: the file exists; give --force to overwrite it, or --update")
     folder = target.parent
     if target.is_dir() or not folder.is_dir() or not os.access(folder, os.W_OK):
         raise BadInputError(f"{target}: cannot be written; give a file in an existing folder of yours")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from sattrack.cli.common import CommandContext, common_options, profile_option, renew, tell
+from sattrack.cli.common import CommandContext, common_options, profile_option, renew, satellite_names, tell
 from sattrack.cli.targets import ephemeris_option, find_targets
 from sattrack.core.errors import BadInputError, SattrackError
 from tle.elements import Elements
@@ -36,7 +36,7 @@ _SORTS = ("rise", "altitude", "magnitude", "rate", "name")
 
 
 @click.command("passes")
-@click.argument("targets", nargs=-1, metavar="[TARGET]...")
+@click.argument("targets", nargs=-1, metavar="[TARGET]...", shell_complete=satellite_names)
 @ephemeris_option
 @click.option("--from", "start", metavar="UTC", help="Start of the search; default: now.")
 @click.option(
@@ -78,19 +78,32 @@ _SORTS = ("rise", "altitude", "magnitude", "rate", "name")
 )
 @click.option("--name", "pattern", metavar="GLOB", help="Only names that match, as 'STARLINK*'.")
 @click.option("--sort", type=click.Choice(_SORTS), default="rise", show_default=True, help="Order of passes.")
-@click.option("--csv", "as_csv", is_flag=True, help="Comma-separated values with the fields of --json.")
-@click.option("--ics", "as_ics", is_flag=True, help="A calendar (iCalendar), one event a pass.")
+@click.option(
+    "--format",
+    "style",
+    type=click.Choice(["table", "csv", "json", "ics"]),
+    help="A table (the default), csv with the fields of json, or ics, a calendar with one event a pass.",
+)
+@click.option("--csv", "as_csv", is_flag=True, hidden=True)
+@click.option("--ics", "as_ics", is_flag=True, hidden=True)
 @click.option(
     "--plot", type=click.Path(path_type=Path, dir_okay=False), help="Sky chart of the passes as an image."
 )
-@common_options
+@common_options("site", "elements", "clock", "json", "utc")
 def command(context: CommandContext, targets: tuple[str, ...], **options: Any) -> int:
     """List coming passes of each TARGET, of all satellites if none is named.
 
     TARGET is a satellite (catalogue number, designator or name), Moon or another body, or RA,DEC; with
     --ephemeris an object of that file.
+
+    \b
+    Examples:
+      sattrack passes ISS
+      sattrack passes --dark --sunlit --min-alt 30 --sort altitude
+      sattrack passes ISS --hours 72 --format ics > iss.ics
     """
-    _check(options, context.json)
+    _check(options)
+    style = _style(options, context.json)
     chosen = _chosen(context, targets, options)
     start = Utc.parse(options["start"]) if options["start"] else context.now()
     known = _magnitudes(options)
@@ -103,25 +116,25 @@ def command(context: CommandContext, targets: tuple[str, ...], **options: Any) -
         tell(f"warning: {text}")
     _tell_age(passes)
     _tell_failures(passes, bool(targets))
-    separations = context.json or options["as_csv"]
+    separations = style in ("json", "csv")
     table = _table(passes, known, separations, options).sorted(options["sort"])
     table = _judged(context, table, options)
     if options["plot"]:
         from sattrack.cli.passes_output import plot_passes
 
         plot_passes(options["plot"], table)
-    _show_passes(context, table, options)
+    _show_passes(table, style, options)
     return 0
 
 
-def _show_passes(context: CommandContext, table: PassTable, options: dict[str, Any]) -> None:
+def _show_passes(table: PassTable, style: str, options: dict[str, Any]) -> None:
     from sattrack.cli.passes_output import table_lines, write_csv, write_json
 
-    if context.json:
+    if style == "json":
         write_json(table, sys.stdout.write)
-    elif options["as_csv"]:
+    elif style == "csv":
         write_csv(table, sys.stdout.write)
-    elif options["as_ics"]:
+    elif style == "ics":
         from sattrack.cli.passes_output import passes_calendar
 
         sys.stdout.write(passes_calendar(table).decode())
@@ -142,10 +155,19 @@ def _batched(lines: Iterator[str]) -> Iterator[list[str]]:
         yield some
 
 
-def _check(options: dict[str, Any], as_json: bool) -> None:
+def _style(options: dict[str, Any], as_json: bool) -> str:
+    """Return how to write the passes; raises BadInputError where several ways are given."""
+    flags = {"json": as_json, "csv": options["as_csv"], "ics": options["as_ics"]}
+    given = {style for style, flag in flags.items() if flag} | {options["style"] or "table"}
+    if options["style"] is None and len(given) > 1:
+        given.remove("table")
+    if len(given) > 1:
+        raise BadInputError("give only one of --format table, csv, json and ics")
+    return given.pop()
+
+
+def _check(options: dict[str, Any]) -> None:
     """Raise BadInputError for options that do not go together or that no pass can meet."""
-    if as_json + options["as_csv"] + options["as_ics"] > 1:
-        raise BadInputError("give only one of --json, --csv and --ics")
     if options["faintest"] is not None and options["magnitudes_file"] is None:
         raise BadInputError(
             "--magnitude needs --magnitudes FILE: element sets do not say how bright things are"

@@ -11,7 +11,16 @@ import click
 import msgspec
 
 from sattrack import __version__
-from sattrack.cli.common import CommandContext, common_options, renew, share_progress, show, table, tell
+from sattrack.cli.common import (
+    CommandContext,
+    RenamedOption,
+    common_options,
+    renew,
+    share_progress,
+    show,
+    table,
+    tell,
+)
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.recording.export import (
     ERROR,
@@ -47,15 +56,26 @@ _part = click.option("--part", default=1, show_default=True, help="Which recordi
 
 @click.group("recording")
 def command() -> None:
-    """Look into a recording, or write what is in it in another format."""
+    """Look into a recording, or write what is in it in another format.
+
+    \b
+    Examples:
+      sattrack recording info tonight.mcap
+      sattrack recording export tonight.mcap tonight.pcapng
+    """
 
 
 @command.command("info")
 @click.argument("file", type=click.Path(path_type=Path))
 @_part
-@common_options
+@common_options("json")
 def info(context: CommandContext, file: Path, part: int) -> int:
-    """Show what a recording holds, where it was made, and what is wrong with it."""
+    """Show what a recording holds, where it was made, and what is wrong with it.
+
+    \b
+    Examples:
+      sattrack recording info tonight.mcap
+    """
     from sattrack.recording.format import look
 
     recording, facts = open_recording(file, part)
@@ -101,7 +121,7 @@ def _lines(view: RecordingView, facts: RunFacts, parts: int) -> list[str]:
 )
 @click.option("--anonymous", is_flag=True, help="Shift site and time together, and omit names.")
 @_part
-@common_options
+@common_options()
 def export(context: CommandContext, file: Path, out: Path, **options: Any) -> int:
     """Write a recording as pcapng (Wireshark), CSV, JSON, Parquet or CCSDS TDM, or its readable part as MCAP.
 
@@ -109,6 +129,11 @@ def export(context: CommandContext, file: Path, out: Path, **options: Any) -> in
     table "error" has the error at every status, from which the figures of `sattrack report` can be computed.
     --anonymous moves the site to another longitude and shifts all instants to match. The latitude stays, and
     anyone who finds the orbit in a catalogue's history can find the rest.
+
+    \b
+    Examples:
+      sattrack recording export tonight.mcap tonight.pcapng
+      sattrack recording export tonight.mcap error.csv --table error
     """
     kind = options["kind"] or out.suffix.removeprefix(".")
     if kind not in FORMATS:
@@ -170,8 +195,24 @@ def write_tdm(recording: Recording, facts: RunFacts, out: Path) -> None:
 
 @click.command("report")
 @click.argument("files", nargs=-1, required=True, type=_path)
-@click.option("--html", "html_file", type=_path, metavar="FILE", help="Figures and plots in one HTML file.")
-@click.option("--png", "folder", type=_path, metavar="FOLDER", help="Each plot as a PNG in this folder.")
+@click.option(
+    "--output",
+    "--html",
+    "html_file",
+    cls=RenamedOption,
+    type=_path,
+    metavar="FILE",
+    help="Write figures and plots to one HTML file.",
+)
+@click.option(
+    "--plot",
+    "--png",
+    "folder",
+    cls=RenamedOption,
+    type=_path,
+    metavar="FOLDER",
+    help="Write each plot as an image (PNG) into this folder.",
+)
 @click.option("--tdm", type=_path, metavar="FILE", help="The observations of one recording as a CCSDS TDM.")
 @click.option("--part", default=1, show_default=True, help="Which recording, if a file holds several.")
 @click.option(
@@ -181,12 +222,17 @@ def write_tdm(recording: Recording, facts: RunFacts, out: Path) -> None:
     show_default=True,
     help="Keep the fitted biases for the next pass: auto for real mounts, on for all, off for none.",
 )
-@common_options
+@common_options("json")
 def report(context: CommandContext, files: tuple[Path, ...], **options: Any) -> int:
     """Report what recorded passes show: error, link, gains, delays, the satellite's biases, what to change.
 
     Several files also give the trend over them. Biases are fitted from the observations that came in during
     the run; without observations, the operator's last nudge is reported as such.
+
+    \b
+    Examples:
+      sattrack report tonight.mcap
+      sattrack report tonight.mcap --output tonight.html
     """
     html_file, folder, tdm = options["html_file"], options["folder"], options["tdm"]
     if tdm is not None and len(files) > 1:

@@ -10,7 +10,15 @@ import click
 import msgspec
 import numpy as np
 
-from sattrack.cli.common import CommandContext, common_options, profile_option, show, table, tell
+from sattrack.cli.common import (
+    CommandContext,
+    common_options,
+    profile_option,
+    satellite_names,
+    show,
+    table,
+    tell,
+)
 from sattrack.cli.targets import ephemeris_option
 from sattrack.core.errors import BadInputError
 from sattrack.recording.rendering import INK, PALE, label_times, new_figure, save, sky_axes, times
@@ -40,7 +48,7 @@ ROWS = 9
 
 
 @click.command("rehearse")
-@click.argument("target")
+@click.argument("target", shell_complete=satellite_names)
 @ephemeris_option
 @click.option(
     "--pass",
@@ -66,13 +74,18 @@ ROWS = 9
 @click.option(
     "--plot", type=click.Path(path_type=Path, dir_okay=False), help="Chart of the pass as an image (PNG)."
 )
-@common_options
+@common_options("site", "elements", "clock", "json")
 def command(context: CommandContext, target: str, number: int, **options: Any) -> int:
     """Show before a pass of TARGET what the mount cannot follow: what is lost, when, and to which limit.
 
     TARGET is a satellite (catalogue number, international designator or name), Moon or a planet, or RA,DEC;
     with --ephemeris an object of that file. Nothing is moved. The exit code is
     0 for a go and 1 for a no-go.
+
+    \b
+    Examples:
+      sattrack rehearse ISS
+      sattrack rehearse ISS --pass 2 --plot pass.png
     """
     from sattrack.runtime.facts import RunRequest, prepare
     from sattrack.runtime.rehearse import choose_nth_pass, rehearse

@@ -107,7 +107,7 @@ class ViewsAtOnce(JsonLines):
 )
 @click.option("--law", type=click.Path(path_type=Path), metavar="FILE", help="Try the law of a TOML file.")
 @click.option("--part", default=1, show_default=True, help="Which recording, if a file holds several.")
-@common_options
+@common_options("json", "utc")
 def command(context: CommandContext, files: tuple[Path, ...], **options: Any) -> int:
     """Run recorded inputs through today's code and compare every output.
 
@@ -118,6 +118,11 @@ def command(context: CommandContext, files: tuple[Path, ...], **options: Any) ->
     Otherwise commands may differ by 1e-9 °/s, and for another version's code only figures are compared. --set
     and --law judge nothing: they print what that control law would have commanded, and the error it would
     have given with the mount simulated as the recording shows it.
+
+    \b
+    Examples:
+      sattrack replay tonight.mcap
+      sattrack replay tonight.mcap --tui --speed 4
     """
     speed = options["speed"]
     shown = options["tui"] or options["stream"]

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from sattrack.cli.common import CommandContext, common_options, mount_option, profile_option
+from sattrack.cli.common import CommandContext, RenamedOption, common_options, mount_option, profile_option
 from sattrack.core.errors import BadInputError
 
 
@@ -49,19 +49,34 @@ from sattrack.core.errors import BadInputError
     help="Rehearse the chosen passes in full, and plan without those that are no go.",
 )
 @click.option(
-    "--png", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE", help="The plan as a timeline."
+    "--plot",
+    "--png",
+    "plot",
+    cls=RenamedOption,
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="With --dry-run: the plan as a timeline, an image.",
 )
 @click.option(
-    "--ics", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE", help="The plan as a calendar."
+    "--ics",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="The same as a calendar.",
 )
 @profile_option
-@common_options
+@common_options("site", "elements", "clock", "json", "utc")
 def command(context: CommandContext, file: Path, **options: Any) -> int:
     """Run a schedule FILE, night after night, and continue it after any interruption.
 
     Each night is planned for the largest value. --dry-run only shows the plan, and why other passes are not
     in it. Exit code 130: it was stopped, and the mount is at rest; after `sattrack stop` it follows nothing
     until a person gives --resume. Exit code 143: the system ended it; run it again to continue.
+
+    \b
+    Examples:
+      sattrack run night.toml --dry-run
+      sattrack run night.toml --mount sim --virtual
+      sattrack run night.toml --status
     """
     if options["check"]:
         from sattrack.cli.run_night import show_check
@@ -78,7 +93,7 @@ def command(context: CommandContext, file: Path, **options: Any) -> int:
     if not options["dry_run"]:
         from sattrack.cli.run_night import run_schedule
 
-        for name in ("png", "ics"):
+        for name in ("plot", "ics"):
             if options[name] is not None:
                 raise BadInputError(f"--{name} needs --dry-run")
         return run_schedule(context, file, folder_of(file, options["folder"]), options)

@@ -51,7 +51,7 @@ DEFAULT_HOURS, MOST_DAYS = 24.0, 31.0
 def show_plan(context: CommandContext, file: Path, options: dict[str, Any]) -> int:
     """Make the plan of a schedule and show it. Raises BadInputError, SattrackError, TleError."""
     schedule = load_schedule(file)
-    for name in ("png", "ics"):
+    for name in ("plot", "ics"):
         path = options[name]
         if path is not None and not path.absolute().parent.is_dir():
             raise BadInputError(f"--{name} {path}: there is no such folder to write into")
@@ -105,8 +105,8 @@ def _write(plan: SchedulePlan, context: CommandContext, options: dict[str, Any])
             raise BadInputError(
                 f"--ics {options['ics']}: cannot write the calendar: {error.strerror}"
             ) from None
-    if options["png"] is not None:
-        plot_plan(options["png"], plan, context.site())
+    if options["plot"] is not None:
+        plot_plan(options["plot"], plan, context.site())
     for note in plan.notes:
         tell(note)
     if context.json:
@@ -247,7 +247,7 @@ def plot_plan(path: Path, plan: SchedulePlan, site: Site) -> None:
     try:
         from matplotlib.figure import Figure
     except ImportError:
-        raise BadInputError("--png needs matplotlib: pip install 'sattrack[plot]'") from None
+        raise BadInputError("--plot needs matplotlib: pip install 'sattrack[plot]'") from None
     days = _days(plan)
     lost = [one for one in plan.lost if one.reason != SAME]
     lanes = [_lanes([one for one in lost if low <= _s(one.start_utc) < high]) for low, high in days]

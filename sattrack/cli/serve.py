@@ -202,12 +202,16 @@ BACKLOG = 128
     is_flag=True,
     help="While one client commands, refuse the others, until it hangs up, is silent for 10 s, or S is sent.",
 )
-@common_options
+@common_options("site", "clock", "json")
 def rotctld(context: CommandContext, **options: Any) -> int:
     """Serve Hamlib's rotctld protocol on TCP, until interrupted: for gpredict, rotctl and similar clients.
 
     The mount is a rotator of azimuth and elevation; successive positions are followed smoothly.
     docs/rotctld.md describes each command.
+
+    \b
+    Examples:
+      sattrack serve rotctld --mount sim
     """
     from sattrack.servers.antenna.trajectory import SiteSky
     from sattrack.servers.rotctld.rotator import RotatorStation

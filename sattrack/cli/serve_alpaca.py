@@ -81,11 +81,16 @@ BACKLOG = 256
     multiple=True,
     help="Another host name that clients use for this computer; may be repeated.",
 )
-@common_options
+@common_options("site", "elements", "clock", "json")
 def command(context: CommandContext, **options: Any) -> int:
     """Serve the mount as an ASCOM telescope (Alpaca, ITelescopeV4) over HTTP, until interrupted.
 
     docs/alpaca.md tells what each member does, and of the actions TrackSatellite, Bias and Passes.
+
+    \b
+    Examples:
+      sattrack serve alpaca --mount sim
+      sattrack serve alpaca --host 0.0.0.0 --allow 192.0.2.0/24
     """
     callers = caller_limits(options, MOST_CLIENTS)
     served = what_is_served(context, options["mount_url"], options["profile"], "Alpaca's clients live")

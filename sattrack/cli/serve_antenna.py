@@ -100,12 +100,17 @@ MOST_FOCUS_AXES = 3
     "--control", is_flag=True, help="The end of standard input stops the mount and ends the service."
 )
 @screen_options
-@common_options
+@common_options("site", "clock", "json")
 def command(context: CommandContext, **options: Any) -> int:
     """Serve the Field System's antenna interface, on TCP or on a serial line, until interrupted.
 
     On standard input: local, remote, stop, reset, last (the last lines), leave; docs/antenna-interface.md
     tells the commands.
+
+    \b
+    Examples:
+      sattrack serve antenna --mount sim
+      sattrack serve antenna --serial /dev/ttyUSB0 --baud 9600
     """
     if options["console"]:
         return _with_console(context, options)

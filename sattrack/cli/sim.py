@@ -64,7 +64,7 @@ FAULTS_HELP = "\n".join(
     help="With --alpaca: the telescope (TOML), as examples/alpaca_telescope.toml.",
 )
 @click.option("--seed", type=int, help="Random seed; default: the profile's.")
-@common_options
+@common_options("site", "clock", "json")
 def command(
     context: CommandContext,
     port: int | None,
@@ -78,6 +78,11 @@ def command(
     """Run the simulated mount alone, on UDP, until interrupted.
 
     With --json, one line a status: where the axes really are, in the frame that the mount reports.
+
+    \b
+    Examples:
+      sattrack sim --profile edge.toml
+      sattrack sim --faults loss=3%,silent@20s+3s
     """
     for number in (port, peer):
         if number is not None and not 0 <= number <= 65535:

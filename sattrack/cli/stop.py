@@ -160,7 +160,7 @@ def _line(owner: Owner) -> str:
     help="Stop nothing; end the guardians that keep sending stops.",
 )
 @profile_option
-@common_options
+@common_options("json")
 def command(
     context: CommandContext, mount_url: str | None, every: bool, give_up: bool, profile: Path | None
 ) -> int:
@@ -175,6 +175,11 @@ def command(
     guardian stops the mount. A mount that no session owns is stopped directly. A guardian keeps sending stops
     until the mount is at rest; --give-up ends that. A schedule's run ends, and even if restarted follows
     nothing more until a person gives `sattrack run FILE --resume`.
+
+    \b
+    Examples:
+      sattrack stop
+      sattrack stop --all
     """
     if mount_url is not None and every:
         raise BadInputError("give either --mount or --all")

@@ -14,6 +14,7 @@ from sattrack.cli.common import (
     common_options,
     fov_option,
     profile_option,
+    satellite_names,
     screen_options,
     stream_options,
     tui_possible,
@@ -23,7 +24,7 @@ from sattrack.cli.targets import ephemeris_option
 
 
 @click.command("track")
-@click.argument("target")
+@click.argument("target", shell_complete=satellite_names)
 @ephemeris_option
 @click.option(
     "--mount",
@@ -60,12 +61,18 @@ from sattrack.cli.targets import ephemeris_option
 @bias_options
 @fov_option
 @screen_options
-@common_options
+@common_options("site", "elements", "clock", "json", "utc")
 def command(context: CommandContext, target: str, **options: Any) -> int:
     """Follow the pass of TARGET now in progress, else the next.
 
     TARGET is a satellite (catalogue number, international designator or name), Moon or a planet, or RA,DEC;
     with --ephemeris an object of that file.
+
+    \b
+    Examples:
+      sattrack track ISS --mount sim
+      sattrack track ISS --record tonight.mcap
+      sattrack track 25544 --mount 'xerxes://192.0.2.10:15001?listen=15002' --min-alt 25
     """
     url = options["mount_url"] or context.settings.mount.url
     if _wants_screen(context, options, url) and tui_possible():

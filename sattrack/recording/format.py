@@ -209,7 +209,8 @@ class Recording:
         parts = list(_parts(data, self._note))
         self.parts = len(parts)
         if not 1 <= part <= max(1, len(parts)):
-            raise BadInputError(f"{path}: holds {len(parts)} recordings, no number {part}")
+            there = f"{len(parts)} recordings, no number {part}"
+            raise BadInputError(f"{path}: holds {there}; give --part from 1 to {len(parts)}")
         if not parts:
             raise BadInputError(f"{path}: {_why_none(data, bool(self.problems))}")
         (first, *self._entries), self.cut_off = parts[part - 1]

@@ -73,7 +73,7 @@ def test_the_schedule_of_the_page_loads_and_every_key_is_told(tmp_path: Path) ->
 
 
 def test_every_option_of_a_run_and_every_variable_of_a_program_is_told() -> None:
-    planning = {"--dry-run", "--png", "--ics", "--profile"}
+    planning = {"--dry-run", "--plot", "--png", "--ics", "--profile"}
     common = {"--config", "--site", "--elements", "--clock", "--utc", "--debug", "--help", "-h"}
     for parameter in command.params:
         for option in {*parameter.opts} - planning - common:

@@ -33,7 +33,7 @@ def call(*arguments: str) -> int:
 
 class TestWhatIsWrongIsToldBeforeAnythingMoves:
     def test_no_file_to_write(self) -> None:
-        with pytest.raises(BadInputError, match=r"no output file: give --out FILE"):
+        with pytest.raises(BadInputError, match=r"no output file: give --output FILE"):
             call("--mount", "sim", "--yes")
 
     def test_a_file_that_is_there_is_not_replaced(self, tmp_path: Path) -> None:

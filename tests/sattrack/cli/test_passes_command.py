@@ -176,8 +176,9 @@ def test_a_calendar(given: list[str], capsys: pytest.CaptureFixture[str]) -> Non
 
 def test_the_table(given: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["passes", "25544", *given]) == 0
-    head, *lines = capsys.readouterr().out.splitlines()
+    head, day, *lines = capsys.readouterr().out.splitlines()
     assert "Satellite" in head
+    assert day == "Fri 2 Oct 2026, UTC"
     assert len(lines) == 5
     assert "13:05:24" in lines[2]
     assert "81.3" in lines[2]

@@ -5,13 +5,11 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
+EXAMPLES = Path(__file__).parents[3] / "examples"
 HEAVY = ("scipy", "matplotlib", "textual", "skyfield", "filterpy", "numpy", "mcap")
 
 
@@ -27,7 +25,7 @@ print("imported:", [name for name in {HEAVY!r} if name in sys.modules])
     assert done.stdout.splitlines()[-1] == "imported: []"
 
 
-OPTIONS = ("--config", "--site", "--elements", "--clock", "--json", "--debug")
+OPTIONS = ("--debug", "Examples:")
 
 
 HELP_OF_ALL = """
@@ -50,7 +48,7 @@ for line in sys.stdin:
 """
 
 
-def test_every_command_has_help_and_the_options_of_every_command() -> None:
+def test_every_command_has_help_with_examples() -> None:
     from sattrack.cli.main import COMMANDS
 
     asked = [sys.executable, "-c", HELP_OF_ALL]
@@ -93,3 +91,54 @@ def test_what_lies_in_the_current_folder_stands_in_for_no_part_of_a_run(tmp_path
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["summary"]["mount_stopped"] is True
     assert "a file of the user" not in done.stderr
+
+
+WITHOUT_POSIX = """
+import sys
+from sattrack.cli.main import POSIX_ONLY
+for name in POSIX_ONLY:
+    sys.modules[name] = None
+"""
+"""As on Windows, where Python has none of these modules."""
+
+
+def without_posix(code: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", WITHOUT_POSIX + code]
+    return subprocess.run(command, cwd=EXAMPLES, capture_output=True, text=True, check=False)
+
+
+def test_the_pure_parts_need_no_posix() -> None:
+    code = """
+import importlib, pkgutil
+parts = "core mount control safety planning calibration".split()
+count = 0
+for part in ("tle", *("sattrack." + part for part in parts)):
+    for found in pkgutil.walk_packages(importlib.import_module(part).__path__, part + "."):
+        importlib.import_module(found.name)
+        count += 1
+assert count > 60, count
+"""
+    assert without_posix(code).stderr == ""
+
+
+@pytest.mark.parametrize("command", ["passes ISS --json", "ephemeris ISS --json", "elements show ISS --json"])
+def test_calculations_need_no_posix(command: str) -> None:
+    words = [*command.split(), "--clock", "2026-10-02T13:00:00Z"]
+    done = without_posix(f"from sattrack.cli.main import run; sys.exit(run({words!r}))")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)
+
+
+def test_what_needs_posix_says_so_in_one_line() -> None:
+    done = without_posix("from sattrack.cli.main import run; sys.exit(run(['stop']))")
+    assert done.returncode == 1
+    assert done.stderr.startswith("sattrack: this needs Linux, macOS or WSL: Python has no ")
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.soak
+def test_wheel_and_sdist_are_complete_and_run_the_demo_when_installed() -> None:
+    command = [sys.executable, str(EXAMPLES.parent / "bench" / "install.py"), sys.executable]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "files missing in the wheel: none" in done.stdout

@@ -43,6 +43,123 @@ def test_a_wrong_command_line_is_told_in_one_line_with_what_was_meant(
     assert capsys.readouterr() == ("", f"sattrack: {line}\n")
 
 
+WRONG = """
+demo --seconds 0                                | give 5 or more
+demo --seconds soon                             | is not a number; see `sattrack demo --help`
+demo extra                                      | unexpected argument (extra); see
+demo --observations tcp:5                       | write udp:PORT or stdin
+demo --bias-memory maybe                        | is not one of 'auto', 'on', 'nudge', 'off'
+init --yes                                      | give --site LAT,LON,HEIGHT or --city NAME
+init --yes --city Xyzzyville                    | did you mean
+init --yes --site 91,0,0                        | latitude
+init --yes --site 52,4,0 --city Leiden          | give one of them
+init --yes --city Leiden --mount foo://x        | write
+init --yes --city Leiden --zone Mars/Base       | Europe/Amsterdam
+init --yes --city Leiden --elements none.tle    | none.tle
+ephemeris                                       | missing argument 'SATELLITE'; see
+ephemeris ISS {at} --step 0                     | give a positive number of seconds
+ephemeris ISS {at} --from noon                  | write UTC as 2026-10-02T13:05:24.5Z
+ephemeris ISS {at} --from 2026-10-02T13:00:00Z --to 2026-10-02T12:00:00Z | give the earlier first
+ephemeris ISS {at} --format xml                 | is not one of 'table', 'csv', 'json'
+ephemeris ISS {at} --place here                 | is not one of 'apparent', 'geometric', 'astrometric'
+ephemeris ISS --elements {tle}                  | run `sattrack init`
+ephemeris ISS --site 52,4,0 --elements none.tle | check the name
+ephemeris ISS {at} --refraction --pressure -5   | outside 0 to 1200 hPa
+ephemeris ISS --site 52,4,0 --config none.toml  | none.toml
+passes {at} --hours -1                          | give from above 0 to 8784 hours
+passes {at} --min-alt 95                        | outside -90° to 90°
+passes {at} --max-rate 0                        | give degrees a second above 0
+passes {at} --magnitude 4                       | needs --magnitudes FILE
+passes {at} --sort colour                       | is not one of 'rise',
+passes {at} --horizon none.txt                  | check the name
+passes {at} --json --format csv                 | give only one
+passes {at} --name XYZ*                         | try a wider pattern
+passes {at} --jsn                               | did you mean '--json'?
+passes Zaria {at}                               | did you mean ISS (ZARYA) (25544)?
+passes {at} --clock tomorrow                    | 2026
+rehearse                                        | missing argument 'SATELLITE'; see
+rehearse ISS {at} --pass 0                      | count from 1
+rehearse ISS {at} --fov -1                      | above 0
+rehearse Hubble {at}                            | which hold ISS (ZARYA) (25544)
+track                                           | missing argument 'SATELLITE'; see
+track ISS {at}                                  | --mount sim
+track ISS {at} --mount foo                      | write sim, xerxes://
+track ISS {at} --mount sim --virtual --min-alt 99 | 99
+track ISS {at} --refraction maybe               | is not one of 'auto', 'on', 'off'
+track ISS {at} --mount sim --virtual --bias-cross 120 | 120
+attach --run 999999                             | needs a terminal; --json is for programs
+attach --run first                              | is not a whole number
+run                                             | missing argument 'FILE'; see
+run none.toml                                   | there is no file none.toml
+run {night} --plot x.png                        | --plot needs --dry-run
+run {tle} --dry-run                             | not a TOML file
+run {night} --seed 3 --mount sim                | --seed needs --virtual
+replay                                          | missing argument 'FILES...'; see
+replay none.mcap                                | check the name
+replay {tle}                                    | not an MCAP file
+replay {pass} --speed 0                         | give a factor up to 1000
+replay {pass} --part 7                          | give --part from 1 to 1
+report none.mcap                                | check the name
+report {pass} --tdm {tle}                       | give another name
+recording exprot                                | did you mean 'export'?
+recording info --prat 1 x                       | did you mean '--part'?
+recording export {pass}                         | missing argument 'OUT'; see
+recording export {pass} x.foo                   | give --format mcap|pcapng|
+biases --drop 99                                | sattrack biases lists them
+biases --drop newest                            | is not a whole number
+stop --mount nothing                            | write sim, xerxes://
+stop --al                                       | did you mean '--all'?
+mount dance                                     | see `sattrack mount --help`
+mount slew 25h 0d --mount sim                   | from 0h to below 24h
+mount slew 14h15m --mount sim                   | missing argument 'DEC'; see
+mount slew 10 95 --mount sim                    | from -90 to 90 degrees
+mount sync ten 5 --mount sim                    | right ascension
+mount move --mount sim --seconds 0              | give seconds, above 0 and 600 at most
+mount move --mount sim --ra-rate 1              | missing option '--seconds'; see
+mount pulse --mount sim                         | a pulse of 0 ms on both axes
+mount fine-rate --mount sim --ra 9              | at most 0.1 °/s
+mount status --mount sim --timeout 0            | give seconds, above 0
+mount calibrate --mount sim --yes               | give --output FILE
+mount watch --mount sim --control               | --control needs --stream
+sim --port -1                                   | 0 takes a free one
+sim --faults explode                            | write loss=3%
+sim --profile none.toml                         | check the name
+sim --telescope x.toml                          | it needs --alpaca
+serve lx200                                     | see `sattrack serve --help`
+serve alpaca --mount sim --port 99999           | 0 takes a free one
+serve alpaca --mount sim --allow everyone       | write 192.0.2.7 or 192.0.2.0/24
+serve antenna --mount sim --axes xy             | is not one of 'hadec', 'azel'
+serve antenna --mount sim --focus 9             | up to 3 axes
+serve rotctld --mount sim --clients 0           | from 1 to 500
+serve web --token short                         | give 16 or more
+elements gte                                    | did you mean 'get'?
+elements show Zaria --elements {tle}            | did you mean ISS (ZARYA) (25544)?
+elements check                                  | elements
+elements check none.tle                         | check the name
+elements get {tle} --format yaml                | is not one of 'csv',
+doctor --mnt sim                                | did you mean '--mount'?
+"""
+"""Command lines, and what to do in the answer of each."""
+
+
+@pytest.mark.parametrize("case", WRONG.strip().splitlines(), ids=lambda case: case.partition("|")[0].strip())
+def test_a_wrong_command_line_is_answered_in_one_line_with_what_to_do(
+    case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for variable in ("XDG_CONFIG_HOME", "XDG_STATE_HOME", "XDG_DATA_HOME", "XDG_CACHE_HOME"):
+        monkeypatch.setenv(variable, str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    line, _, advice = case.partition(" | ")
+    places = {"at": " ".join(ELEMENTS), "tle": ELEMENTS[1], "night": f"{EXAMPLES}/night.toml"}
+    places["pass"] = f"{EXAMPLES}/passes/clean.mcap"
+    assert run(line.format(**places).split()) in {1, 2}
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert err.startswith("sattrack: ")
+    assert advice.strip() in err
+    assert "defect" not in err
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -106,7 +106,7 @@ def test_a_run_without_a_mount_or_with_options_that_do_not_go_with_one_says_so_a
         (("--mount", "sim", "--seed", "1"), "--seed needs --virtual"),
         (("--mount", "antenna://127.0.0.1:1"), "an antenna's controller runs no schedules"),
         (("--mount", "sim", "--virtual", "--to", "2026-10-01T00:00:00Z"), "give --from and --to in order"),
-        (("--mount", "sim", "--png", "x.png"), "--png needs --dry-run"),
+        (("--mount", "sim", "--png", "x.png"), "--plot needs --dry-run"),
     ):
         assert run(["run", file, "--elements", sky, *LEIDEN, *options]) == 2
         out, err = capsys.readouterr()
