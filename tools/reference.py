@@ -84,6 +84,7 @@ MEANINGS = {
     "dec_axis_limits_deg": "travel of the declination axis; beyond 90° it is past the pole",
     "pier_rule": "on which side a slew ends: `never` beyond the pole, or by `hour_angle`",
     "slew_path": "`any`: each axis in its own time; `together`: a straight line",
+    "solar_filter": "true while a solar filter is on the telescope; without it the Sun is not followed",
     "pier_zones": "polygons where something would touch the pier: `name`, `corners`, `side`",
     "stands_at": "`latitude_deg` and `longitude_deg` of the only site that this profile is for",
     "through_pole": "whether a pass may be followed through the celestial pole",

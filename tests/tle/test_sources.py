@@ -137,9 +137,15 @@ def test_an_ambiguous_name_lists_its_candidates():
     with pytest.raises(
         AmbiguousSatelliteError, match=r"could be any of 2: ISS \(ZARYA\) \(25544\), ISS"
     ) as e:
-        find(STATION, "ISS")
+        find(STATION, "IS")
     assert e.value.candidates == ("ISS (ZARYA) (25544)", "ISS (NAUKA) (49044)")
     assert e.value.exit_code == 2
+
+
+def test_a_common_name_is_one_satellite_where_others_begin_with_it():
+    assert find(STATION, "ISS").catalog_number == 25544
+    # Without it in the list, the name is as ambiguous as any other, or means what is there.
+    assert find([one for one in STATION if one.catalog_number != 25544], "iss").name == "ISS (NAUKA)"
 
 
 def test_a_missing_satellite_says_what_there_is():

@@ -56,7 +56,7 @@ init --yes --site 52,4,0 --city Leiden          | give one of them
 init --yes --city Leiden --mount foo://x        | write
 init --yes --city Leiden --zone Mars/Base       | Europe/Amsterdam
 init --yes --city Leiden --elements none.tle    | none.tle
-ephemeris                                       | missing argument 'SATELLITE'; see
+ephemeris                                       | missing argument 'TARGET'; see
 ephemeris ISS {at} --step 0                     | give a positive number of seconds
 ephemeris ISS {at} --from noon                  | write UTC as 2026-10-02T13:05:24.5Z
 ephemeris ISS {at} --from 2026-10-02T13:00:00Z --to 2026-10-02T12:00:00Z | give the earlier first
@@ -77,11 +77,11 @@ passes {at} --name XYZ*                         | try a wider pattern
 passes {at} --jsn                               | did you mean '--json'?
 passes Zaria {at}                               | did you mean ISS (ZARYA) (25544)?
 passes {at} --clock tomorrow                    | 2026
-rehearse                                        | missing argument 'SATELLITE'; see
+rehearse                                        | missing argument 'TARGET'; see
 rehearse ISS {at} --pass 0                      | count from 1
 rehearse ISS {at} --fov -1                      | above 0
 rehearse Hubble {at}                            | which hold ISS (ZARYA) (25544)
-track                                           | missing argument 'SATELLITE'; see
+track                                           | missing argument 'TARGET'; see
 track ISS {at}                                  | --mount sim
 track ISS {at} --mount foo                      | write sim, xerxes://
 track ISS {at} --mount sim --virtual --min-alt 99 | 99

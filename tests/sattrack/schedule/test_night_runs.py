@@ -176,7 +176,7 @@ def test_an_interrupt_in_a_pass_stops_the_mount_ends_with_130_and_the_rest_is_ru
     process.send_signal(signal.SIGINT)
     _, err = process.communicate()
     assert process.returncode == 130
-    assert b"run it again to go on" in err
+    assert b"run it again to continue" in err
     assert plan.run() == 0
     (night,) = told(plan.journal()).nights
     assert [result.state for result in night.results][1:] == ["done"]

@@ -22,6 +22,7 @@ from schedule_night import Plan, told
 
 from sattrack.cli import stop as stop_module
 from sattrack.cli.main import run
+from sattrack.core.local_time import instant
 from sattrack.runtime.mounts import owners
 from sattrack.schedule import night_stop
 from sattrack.schedule.night_stop import (
@@ -136,7 +137,8 @@ def test_the_status_tells_that_a_run_is_stopped_since_when_and_how_to_go_on(
     capsys.readouterr()
     status = ["run", str(tmp_path / "nights.toml"), "--status", "--folder", str(tmp_path / "run")]
     assert run(status) == 0
-    assert f"STOPPED BY AN OPERATOR at {stop.since_utc} (`sattrack stop`)" in capsys.readouterr().out
+    at = instant(float(Utc.parse(stop.since_utc).unix_s))
+    assert f"STOPPED BY AN OPERATOR at {at} (`sattrack stop`)" in capsys.readouterr().out
     assert run([*status, "--json"]) == 0
     view = json.loads(capsys.readouterr().out)
     assert (view["stopped_utc"], view["stopped_by"]) == (stop.since_utc, "`sattrack stop`")

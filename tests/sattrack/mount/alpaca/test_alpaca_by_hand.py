@@ -102,7 +102,7 @@ COMMANDS = (
 def test_an_alt_azimuth_telescope_is_refused_in_a_line(
     command: tuple[str, ...], capsys: pytest.CaptureFixture[str], elements: str
 ) -> None:
-    more = ("--elements", elements) if command[0] == "track" else ()
+    more = ("--elements", elements, "--old-elements") if command[0] == "track" else ()
     with telescope(alignmentmode="0") as (url, told):
         assert run([*command, "--mount", url, *more]) == 1
     *_, last = capsys.readouterr().err.splitlines()
