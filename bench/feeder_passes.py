@@ -79,7 +79,7 @@ def subjects(above_deg: float = 10.0) -> list[Subject]:
 
 def _subject(name: str, elements: Elements, site: Site, now: Utc, above_deg: float) -> Subject:
     found = choose_pass(elements, site, now, above_deg)
-    plan = plan_for(found, now)
+    plan = plan_for(found, now, elements)
     air = Refraction.standard(site.height_m)
     facts = RunFacts(
         elements=elements,

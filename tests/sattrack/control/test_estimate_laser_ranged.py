@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from integrated import julian
 
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from tle.earth import EarthOrientation
 from tle.elements import MU_KM3_S2, Elements
 from tle.instants import DAY_S, Utc
@@ -68,7 +68,7 @@ def osculating(motion: Predicted, at_s: float) -> Elements:
     true = math.atan2(np.cross(e, r) @ normal, e @ r)
     eccentric = 2.0 * math.atan(math.sqrt((1.0 - size) / (1.0 + size)) * math.tan(0.5 * true))
     return replace(
-        practice.elements(),
+        demo_pass.elements(),
         name="LAGEOS 1",
         catalog_number=8820,
         epoch=Utc(at_s),
@@ -106,7 +106,7 @@ def test_solutions_of_a_laser_ranged_satellite_are_taken_and_sigmas_cover_its_er
     first_s = float(motion.instants[NODES])
     epoch_s = first_s + FITTED_DAYS * DAY_S
     elements = motion.elements = fitted(motion, first_s, epoch_s)
-    site, tally = practice.SITE.place(), bench.Tally()
+    site, tally = demo_pass.SITE.place(), bench.Tally()
     scene = bench.Scene(elements, motion, site)  # type: ignore[arg-type] # a motion by another way
     last_s = float(motion.instants[-NODES])
     for rise_s, set_s in scene.passes(0.01, (last_s - epoch_s) / DAY_S):

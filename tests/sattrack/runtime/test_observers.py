@@ -107,7 +107,7 @@ def test_an_offset_that_a_camera_saw_comes_with_observations_and_one_that_is_ord
     inbox = StdinInbox(observers, pipe[0])
     ordered = b'{"type":"offset","what":"along_s","how":"add","value":0.5}'
     os.write(pipe[1], OFFSET + b"\n" + ordered + b"\n")
-    assert inbox.said() == [OffsetBy("along_s", "add", 0.5)]
+    assert inbox.messages() == [OffsetBy("along_s", "add", 0.5)]
     assert observers.observations() == [SEEN_OFFSET]
     assert decode_message(encode_message(SEEN_OFFSET)) == SEEN_OFFSET
 

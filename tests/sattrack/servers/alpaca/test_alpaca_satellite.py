@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from operator import attrgetter
 
 import msgspec
 import pytest
@@ -132,7 +133,7 @@ def test_at_the_end_of_its_pass_the_mount_is_free_again() -> None:
     assert scope.fault_of("moveaxis", Axis=1, Rate=1.0) is Number.OK
 
 
-@pytest.mark.parametrize("part", ["direction_at", "take"])
+@pytest.mark.parametrize("part", ["steering.biases.at", "take"])
 def test_a_satellite_whose_directions_fail_is_given_up_and_the_mount_stopped_and_free(
     part: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -142,7 +143,8 @@ def test_a_satellite_whose_directions_fail_is_given_up_and_the_mount_stopped_and
     def broken(*_: object) -> None:
         raise ArithmeticError("the orbit has decayed")
 
-    monkeypatch.setattr(scope.station.engine.tracker, part, broken)
+    owner, _, name = f"tracker.{part}".rpartition(".")
+    monkeypatch.setattr(attrgetter(owner)(scope.station.engine), name, broken)
     scope.run_for(5.0)
     with pytest.raises(Fault, match="decayed"):
         scope.get("slewing")
