@@ -95,7 +95,10 @@ class Estimator:
 
     def warm_up(self, course: Course, end_utc_s: float) -> None:
         """Have everything computed once that the first observation of a pass would have to wait for."""
-        self._orbit_of(course)
+        elements = _corrected_elements(course)
+        if elements is None:
+            return
+        self._orbit_of(elements)
         for utc_s in (self._start_utc_s, end_utc_s):
             seen = course.airless.at(Utc(utc_s))
             text = Utc(utc_s).isoformat()
@@ -130,17 +133,16 @@ class Estimator:
         """
         utc_s = float(Utc.parse(seen.utc).unix_s)
         self.words = None
+        elements = _corrected_elements(course)
         why = self._refusal(seen, utc_s, now_utc_s)
-        if why is None and not isinstance(course.propagator.elements, Elements):
-            why = "observations correct element sets only"
-        if why is not None:
-            self.refuse(why)
+        if elements is None or why is not None:
+            self.refuse(why or "observations correct element sets only")
             return False
         try:
             sighting = _sighting(seen, utc_s, course, seen.frame)
             sighting = replace(sighting, relative=relative)
-            if self.filter is None or self.filter.orbit.given is not course.propagator.elements:
-                self._begin(seen, sighting, course, first)
+            if self.filter is None or self.filter.orbit.given is not elements:
+                self._begin(seen, sighting, course, elements, first)
             else:
                 self._go_on(self.filter, seen, sighting, course)
         except FAILURES as error:
@@ -172,10 +174,12 @@ class Estimator:
             return f"it is of {seen.utc}, before the pass"
         return None
 
-    def _begin(self, seen: Observation, sighting: Sighting, course: Course, first: Bias) -> None:
+    def _begin(
+        self, seen: Observation, sighting: Sighting, course: Course, elements: Elements, first: Bias
+    ) -> None:
         """Begin with an observation where elements can be so far off, or where the operator found it."""
         self.filter = None
-        orbit = self._orbit_of(course)
+        orbit = self._orbit_of(elements)
         plain = OrbitFilter(orbit, orbit.expected())
         starts = [plain]
         if first.along_s or first.cross_deg:
@@ -211,30 +215,23 @@ class Estimator:
     ) -> None:
         """Hold an observation against the rival too; let it begin with one that was rejected, win or end."""
         rival = self._rival
-        if rival is None:
-            if not taken:
-                self._rival, self._since_rival = (
-                    _fresh(sighting, orbit, least == ANEW_AFTER),
-                    0,
-                )
-            return
-        self._since_rival += taken
-        if not rival.observe(sighting, GATE) and not taken:
-            if rival.rejected >= rival.accepted:
-                self._rival, self._since_rival = (
-                    _fresh(sighting, orbit, least == ANEW_AFTER),
-                    0,
-                )
-            return
+        if rival is not None:
+            self._since_rival += taken
+            if rival.observe(sighting, GATE) or taken:
+                self._judge_rival(rival, least)
+                return
+        if not taken and (rival is None or rival.rejected >= rival.accepted):
+            self._rival, self._since_rival = _fresh(sighting, orbit, least == ANEW_AFTER), 0
+
+    def _judge_rival(self, rival: OrbitFilter, least: int) -> None:
+        """Let a rival win that has taken enough, and end one that the estimate has outlived."""
         if rival.accepted >= max(least, RIVAL_SHARE * self._since_rival) and _credible(rival):
             self.begun_anew += least == ANEW_AFTER
             self.filter, self._rival, self.words = rival, None, None
         elif self._since_rival >= ANEW_AFTER:
             self._rival = None
 
-    def _orbit_of(self, course: Course) -> CorrectableOrbit:
-        elements = course.propagator.elements
-        assert isinstance(elements, Elements)
+    def _orbit_of(self, elements: Elements) -> CorrectableOrbit:
         if self._orbit is None or self._orbit.given is not elements:
             self._rival = None
             self._orbit = CorrectableOrbit(elements, Utc(self._start_utc_s))
@@ -253,6 +250,12 @@ class Estimator:
         if distance < GATE:
             return f": in the frame {_other_frame(seen.frame)} it would fit"
         return ": another satellite's, or in another frame?"
+
+
+def _corrected_elements(course: Course) -> Elements | None:
+    """Return the elements that observations correct; None where a run follows what has none."""
+    source = course.propagator.elements
+    return source if isinstance(source, Elements) else None
 
 
 def _reading(known: OrbitFilter, utc_s: float, course: Course, fed: bool) -> Reading | None:

@@ -14,10 +14,19 @@ from sattrack.core.errors import BadInputError
 from sattrack.mount.profiles import ProfileFile
 from sattrack.recording.format import Recording
 from sattrack.recording.replay import replay
-from sattrack.runtime.facts import RunRequest, decode_facts, encode_facts, engine_of, open_recording, prepare
+from sattrack.runtime.facts import (
+    RunRequest,
+    build_engine,
+    decode_facts,
+    encode_facts,
+    engine_of,
+    open_recording,
+    prepare,
+)
 from sattrack.runtime.rehearse import choose_nth_pass
 from sattrack.runtime.target_facts import MARGIN_S, target_facts
 from sattrack.safety import SafetyLimits
+from sattrack.views.messages import Observation
 from tle.bodies import find_body
 from tle.formats.ephemerides import parse_ephemerides
 from tle.instants import Utc
@@ -105,6 +114,20 @@ def test_bodies_and_directions_are_followed_and_replayed_without_skyfield(
 
     monkeypatch.setattr("tle.bodies._kernel", absent)
     replayed(recording)
+
+
+@pytest.mark.parametrize("target", ["Moon", "83.6331,22.0145"])
+def test_observations_of_what_has_no_elements_are_refused_in_a_live_run_too(target):
+    """There the first one is prepared for, before any has come."""
+    facts = prepare(request(find_body(target))).facts
+    engine = build_engine(facts)
+    engine.expect_observations()
+    utc_s = facts.plan.start_utc_s + 1.0
+    seen = Observation(Utc(utc_s).isoformat(), 83.6, 22.0, "icrs", 5.0)
+    engine.tracker.operate(seen, utc_s + 1.0)
+    estimator = engine.tracker.steering.estimator
+    assert (estimator.accepted, estimator.refused) == (0, 1)
+    assert estimator.words == "observations correct element sets only"
 
 
 def test_a_run_has_places_before_the_first_row_and_after_the_last():
