@@ -79,14 +79,18 @@ class CommandContext:
         """
         from sattrack.cli.targets import find_target
 
-        known = self.elements() if self.sources() and ephemeris is None else []
+        known = self.known_elements()
         found = find_target(self, target, ephemeris, known)
         if found is not None:
             return None, self.site(), found
-        if mount_url in (None, "sim") and not known and not self.has_site():
+        if mount_url in (None, "sim") and not self.sources() and not self.has_site():
             return None, None, None
         site = self.site()
-        return known or self.elements(target), site, None
+        return known() or self.elements(target), site, None
+
+    def known_elements(self) -> Callable[[], list[Elements]]:
+        """Return what reads all element sources, when it is first called, and none where none is set."""
+        return functools.cache(lambda: self.elements() if self.sources() else [])
 
     def sources(self) -> tuple[str, ...]:
         """Return the element sources: the options', else the settings file's."""

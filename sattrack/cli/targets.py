@@ -29,34 +29,40 @@ def ephemeris_option(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def find_target(
-    context: CommandContext, key: str, ephemeris: Path | None, elements: list[Elements] | None
+    context: CommandContext, key: str, ephemeris: Path | None, elements: Callable[[], list[Elements]]
 ) -> Ephemeris | None:
     """Return what TARGET is where it has no elements, None where it is a satellite that must have some.
 
     It is an object of the ephemeris file where one is given, else Sun, Moon, a planet, RA,DEC, or a star by
-    its number, or by its name where no satellite of the elements has it. Raises TleError, BadInputError.
+    its number, or by its name where no satellite has it: then alone are `elements` asked for.
+    Raises TleError, BadInputError.
     """
     if ephemeris is not None:
-        from tle.formats.ephemerides import find_ephemeris, read_ephemerides
-
-        return find_ephemeris(read_ephemerides(ephemeris), key)
+        return _objects_of(ephemeris, [key])[0]
     from tle.bodies import find_body, star_number
 
     body = find_body(key)
     by_number = key.strip().casefold().startswith("hip")
-    if body is not None or not (by_number or _has_no(elements, key)):
+    if body is not None or not (by_number or _has_no(elements(), key)):
         return body
     number = star_number(key)
     return None if number is None else _star(context, number, key)
 
 
-def _has_no(elements: list[Elements] | None, key: str) -> bool:
-    """Tell whether elements have no satellite that is meant; where there are none, nobody asks for stars."""
+def _objects_of(ephemeris: Path, keys: Sequence[str]) -> list[Ephemeris]:
+    """Return the named objects of an ephemeris file, all of them without names; it is read once."""
+    from tle.formats.ephemerides import find_ephemeris, read_ephemerides
+
+    known = read_ephemerides(ephemeris)
+    return [find_ephemeris(known, key) for key in keys] if keys else list(known)
+
+
+def _has_no(elements: list[Elements], key: str) -> bool:
+    """Tell whether elements have no satellite that is meant."""
     from tle.sources import find
 
     try:
-        if elements is not None:
-            find(elements, key)
+        find(elements, key)
     except SatelliteNotFoundError:
         return True
     except AmbiguousSatelliteError:
@@ -82,24 +88,14 @@ def find_targets(
 
     Elements are read where a satellite of theirs may be asked for. Raises TleError, BadInputError.
     """
-    if not keys and ephemeris is not None:
-        from tle.formats.ephemerides import read_ephemerides
-
-        return list(read_ephemerides(ephemeris))
+    if ephemeris is not None:
+        return list(_objects_of(ephemeris, keys))
     if not keys:
         return list(context.elements())
     from tle.sources import find
 
-    others = [find_target(context, key, ephemeris, None) for key in keys]
-    if None not in others:
-        return [one for one in others if one is not None]
-    # Without elements a name can be a star's alone.
-    elements = context.elements() if context.sources() else []
-    others = [
-        other or find_target(context, key, ephemeris, elements)
-        for key, other in zip(keys, others, strict=True)
-    ]
+    known = context.known_elements()
+    others = [find_target(context, key, None, known) for key in keys]
     missing = [key for key, other in zip(keys, others, strict=True) if other is None]
-    if missing and not elements:
-        elements = context.elements(*missing)
+    elements = (known() or context.elements(*missing)) if missing else []
     return [other or find(elements, key) for key, other in zip(keys, others, strict=True)]
