@@ -22,6 +22,7 @@ from tle.errors import printable
 ANSWER_WITHIN_S = 2.0
 DISCOVERY_PORT = 32227
 MOST_SERVERS = 32
+LARGEST_PORT = 65535
 MOST_BYTES = 200_000
 NOT_IMPLEMENTED, NOT_CONNECTED, PARKED = 0x400, 0x407, 0x408
 _FORM = {"Content-Type": "application/x-www-form-urlencoded"}
@@ -100,34 +101,42 @@ def discover_telescopes(within_s: float = 1.5, port: int = DISCOVERY_PORT) -> li
             asker.settimeout(left_s)
             with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
                 answer, (host, _) = asker.recvfrom(MOST_BYTES)
-                servers[f"{host}:{int(json.loads(answer)['AlpacaPort'])}"] = None
+                number = int(json.loads(answer)["AlpacaPort"])
+                if 0 < number <= LARGEST_PORT:
+                    servers[f"{host}:{number}"] = None
     return [one for server in servers for one in _telescopes_at(server)]
 
 
 def _telescopes_at(server: str) -> list[FoundTelescope]:
-    connection = http.client.HTTPConnection(server, timeout=ANSWER_WITHIN_S)
-    with contextlib.closing(connection):
+    try:
+        devices = _exchange(server, ANSWER_WITHIN_S, "configureddevices", "/management/v1/configureddevices")
+        return [
+            FoundTelescope(printable(str(one["DeviceName"])), f"alpaca://{server}/{int(one['DeviceNumber'])}")
+            for one in devices
+            if str(one["DeviceType"]).casefold() == "telescope"
+        ]
+    except (AlpacaRefusalError, NoAnswerError, TypeError, KeyError, ValueError):
+        return []
+
+
+def _exchange(server: str, within_s: float, member: str, path: str, form: str | None = None) -> Any:
+    """Get a path of a server, or put a form there; return the value that its answer gives.
+
+    Raises AlpacaRefusalError, NoAnswerError.
+    """
+    with contextlib.closing(http.client.HTTPConnection(server, timeout=within_s)) as connection:
         try:
-            connection.request("GET", "/management/v1/configureddevices")
+            if form is None:
+                connection.request("GET", path)
+            else:
+                connection.request("PUT", path, form, _FORM)
             answer = connection.getresponse()
-            devices = value_in("configureddevices", answer.status, answer.read(MOST_BYTES))
-            return [
-                FoundTelescope(
-                    printable(str(one["DeviceName"])), f"alpaca://{server}/{int(one['DeviceNumber'])}"
-                )
-                for one in devices
-                if str(one["DeviceType"]).casefold() == "telescope"
-            ]
-        except (
-            OSError,
-            http.client.HTTPException,
-            AlpacaRefusalError,
-            NoAnswerError,
-            TypeError,
-            KeyError,
-            ValueError,
-        ):
-            return []
+            body = answer.read(MOST_BYTES)
+        except TimeoutError as error:
+            raise NoAnswerError(f"it did not answer {member} within {within_s:g} s") from error
+        except (OSError, http.client.HTTPException) as error:
+            raise NoAnswerError(broken(error)) from error
+    return value_in(member, answer.status, body)
 
 
 @dataclass(slots=True)
@@ -141,28 +150,16 @@ class AlpacaDevice:
     _transaction: int = 0
 
     def get(self, member: str) -> Any:
-        """Return a member's value. Raises Refusal, Unheard."""
-        return self._ask("GET", member, {})
+        """Return a member's value. Raises AlpacaRefusalError, NoAnswerError."""
+        path, given = self._next(member, {})
+        return _exchange(self.server, self.within_s, member, f"{path}?{given}")
 
     def put(self, member: str, **fields: str) -> None:
-        """Set a member, or call it. Raises Refusal, Unheard."""
-        self._ask("PUT", member, fields)
+        """Set a member, or call it. Raises AlpacaRefusalError, NoAnswerError."""
+        path, given = self._next(member, fields)
+        _exchange(self.server, self.within_s, member, path, given)
 
-    def _ask(self, method: str, member: str, fields: dict[str, str]) -> Any:
+    def _next(self, member: str, fields: dict[str, str]) -> tuple[str, str]:
+        """Return the path and the form of the next request."""
         self._transaction += 1
-        path = path_of(self.kind, self.number, member)
-        given = urlencode(with_ids(fields, self._transaction))
-        connection = http.client.HTTPConnection(self.server, timeout=self.within_s)
-        with contextlib.closing(connection):
-            try:
-                if method == "GET":
-                    connection.request(method, f"{path}?{given}")
-                else:
-                    connection.request(method, path, given, _FORM)
-                answer = connection.getresponse()
-                body = answer.read(MOST_BYTES)
-            except TimeoutError as error:
-                raise NoAnswerError(f"it did not answer {member} within {self.within_s:g} s") from error
-            except (OSError, http.client.HTTPException) as error:
-                raise NoAnswerError(broken(error)) from error
-        return value_in(member, answer.status, body)
+        return path_of(self.kind, self.number, member), urlencode(with_ids(fields, self._transaction))

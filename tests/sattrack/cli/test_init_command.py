@@ -189,7 +189,14 @@ def test_discovery_finds_the_telescopes_and_bears_nonsense():
     thread.start()
     try:
         port = server.server_address[1]
-        answers = (b"\x00\xff", b"[]", b'{"AlpacaPort": "x"}', b'{"AlpacaPort": %d}' % port)
+        wrong = (
+            b"\x00\xff",
+            b"[]",
+            b'{"AlpacaPort": "x"}',
+            b'{"AlpacaPort": -1}',
+            b'{"AlpacaPort": 70000000}',
+        )
+        answers = (*wrong, b'{"AlpacaPort": %d}' % port)
         with discoverable(*answers) as door:
             (found,) = discover_telescopes(within_s=0.5, port=door)
     finally:
