@@ -6,7 +6,6 @@ milliarcseconds, from 1900 to 2053; beyond Mars it gives the barycentre of a pla
 
 from __future__ import annotations
 
-import gzip
 import math
 import re
 import zlib
@@ -21,9 +20,10 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from tle.earth import EarthOrientation
-from tle.ephemeris import Frame, Span
+from tle.ephemeris import Frame, Span, leaps_s
 from tle.errors import BodyError, SourceError
-from tle.instants import ARRAYS, DAY_S, FLOATS, UNIX_EPOCH_MJD, Utc, tai_minus_utc_s
+from tle.instants import ARRAYS, DAY_S, FLOATS, MJD_JD, TT_MINUS_TAI_S, UNIX_EPOCH_MJD, Utc
+from tle.sources import gunzipped
 from tle.sun import AU_KM, LIGHT_KM_S
 
 if TYPE_CHECKING:
@@ -54,12 +54,11 @@ _TERMS = 11
 _NODES = chebyshev.chebpts1(_TERMS)
 _TO_CHEBYSHEV = np.linalg.inv(chebyshev.chebvander(_NODES, _TERMS - 1))
 _GCRF = Frame("GCRF", "GCRF")
-_TT_MINUS_TAI_S = 32.184
-_MJD_JD = 2400000.5
 _J2000_JD = 2451545.0
 # What has no parallax is put so far away (1 kpc in km) that nobody sees the difference.
 _FAR_KM = 3.0857e16
 _HIPPARCOS_JD = 2448349.0625
+_MOST_BYTES = 256 * 1024 * 1024
 _SEXAGESIMAL = re.compile(r"([+-]?)(\d{1,3})[:h ](\d{1,2})(?:[:m ](\d{1,2}(?:\.\d*)?)s?)?", re.ASCII)
 
 
@@ -102,7 +101,7 @@ class Body:
     @property
     def epoch(self) -> Utc:
         """Give the instant from which places age: of a star that of its catalogue."""
-        return Utc((_J2000_JD - _MJD_JD - UNIX_EPOCH_MJD) * DAY_S)
+        return Utc((_J2000_JD - MJD_JD - UNIX_EPOCH_MJD) * DAY_S)
 
     @property
     def frame(self) -> str:
@@ -210,9 +209,8 @@ class BodyStates:
             )
         kernel, timescale = _kernel()
         mjd = np.floor(unix_s / DAY_S)
-        leaps = np.array([tai_minus_utc_s(int(day) + UNIX_EPOCH_MJD) for day in mjd])
-        tt_day = (unix_s - mjd * DAY_S + leaps + _TT_MINUS_TAI_S) / DAY_S
-        time = timescale.tt_jd(mjd + UNIX_EPOCH_MJD + _MJD_JD, tt_day)
+        tt_day = (unix_s - mjd * DAY_S + leaps_s(unix_s) + TT_MINUS_TAI_S) / DAY_S
+        time = timescale.tt_jd(mjd + UNIX_EPOCH_MJD + MJD_JD, tt_day)
         earth = kernel["earth"].at(time)
         star = self._body.star
         if star is None:
@@ -326,8 +324,8 @@ def read_star(path: str | Path, number: int, name: str) -> Body:
     try:
         data = Path(path).read_bytes()
         if data[:2] == b"\x1f\x8b":
-            data = gzip.decompress(data)
-    except (OSError, EOFError, zlib.error) as error:
+            data = gunzipped(data, _MOST_BYTES)
+    except (OSError, EOFError, ValueError, zlib.error) as error:
         raise SourceError(f"{path}: cannot read the star catalogue: {error}") from None
     found = re.search(rb"^H\| *%d\|.*$" % number, data, re.MULTILINE)
     if found is None:

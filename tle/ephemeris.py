@@ -321,13 +321,9 @@ def utc_of_tai(zero_s: float, since_s: float) -> Utc:
     """Return the instant of TAI, in seconds counted like POSIX seconds from 1970, plus seconds."""
     tai = zero_s + since_s
     for _ in range(2):
-        mjd = math.floor((tai - _tai_minus_utc_s(tai)) / DAY_S) + UNIX_EPOCH_MJD
+        mjd = math.floor((tai - float(leaps_s(tai))) / DAY_S) + UNIX_EPOCH_MJD
         leap_s = tai_minus_utc_s(mjd)
     return Utc(zero_s - leap_s + since_s)
-
-
-def _tai_minus_utc_s(tai: float) -> float:
-    return float(tai_minus_utc_s(math.floor(tai / DAY_S) + UNIX_EPOCH_MJD))
 
 
 def leaps_s(unix_s: Quantity) -> Quantity:

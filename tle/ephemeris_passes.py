@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from tle.crossings import Windows, find_crossings, joined
+from tle.crossings import Windows, joined
 from tle.errors import PropagationError
 from tle.passes import (
     HOUR_S,
@@ -17,6 +17,7 @@ from tle.passes import (
     SearchTask,
     check_hours,
     ephemeris_arcs,
+    ephemeris_crossings,
     spans_within,
 )
 from tle.propagator import Propagator
@@ -72,10 +73,7 @@ class EphemerisSearch(CatalogueSearch):
 
     def find(self, obj: int) -> Crossings:
         """Return when an object, by index, is above the horizon. Raises PropagationError, EphemerisError."""
-        propagator = self.propagator(obj)
-        first_s, last_s = spans_within(propagator, self.start_s, self.span_s)
-        windows = Windows(np.zeros(len(first_s), dtype=np.intp), first_s, last_s)
-        found = find_crossings(ephemeris_arcs([propagator], windows, self.start_s), self.horizon)
+        found = ephemeris_crossings(self.propagator(obj), self.start_s, self.span_s, self.horizon)
         return found.renamed(np.array([obj], dtype=np.intp))
 
 

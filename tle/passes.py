@@ -122,10 +122,8 @@ def find_passes(
     start_s, span_s = float(start.unix_s), hours * HOUR_S
     elements = propagator.elements
     if not isinstance(elements, Elements):
-        first_s, last_s = spans_within(propagator, start_s, span_s)
-        windows = Windows(np.zeros(len(first_s), dtype=np.intp), first_s, last_s)
         seen = propagator.with_place("geometric")
-        return passes_of(find_crossings(ephemeris_arcs([seen], windows, start_s), horizon), start_s)
+        return passes_of(ephemeris_crossings(seen, start_s, span_s, horizon), start_s)
     propagator.at(start)
     if propagator.bias == NO_BIAS:
         near = _near(propagator, elements, (start_s, span_s), horizon)
@@ -134,11 +132,7 @@ def find_passes(
     seen = propagator.with_place("geometric")
 
     def sample(_: NDArray[np.intp], since_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        there = seen.at(Utc(start_s + since_s.ravel()))
-        alt, az = np.radians(there.alt_deg), np.radians(there.az_deg)
-        level = there.range_km * np.cos(alt)
-        places = np.stack([level * np.sin(az), level * np.cos(az), there.range_km * np.sin(alt)])
-        return places.reshape(3, *since_s.shape)
+        return _horizontal_places_km(seen, start_s, since_s)
 
     terms = terms_for(elements.eccentricity)
     for _ in range(2):
@@ -381,22 +375,34 @@ def spans_within(propagator: Propagator, start_s: float, span_s: float) -> tuple
     return ends[:, 0], ends[:, 1]
 
 
-def ephemeris_arcs(propagators: Sequence[Propagator], windows: Windows, start_s: float) -> Arcs:
-    """Return the ways of objects, each of the geometric place, in windows. Raises EphemerisError.
+def ephemeris_crossings(propagator: Propagator, start_s: float, span_s: float, horizon: Horizon) -> Crossings:
+    """Return when one object, of the geometric place, is above a horizon. Raises EphemerisError."""
+    first_s, last_s = spans_within(propagator, start_s, span_s)
+    windows = Windows(np.zeros(len(first_s), dtype=np.intp), first_s, last_s)
+    return find_crossings(ephemeris_arcs([propagator], windows, start_s), horizon)
+
+
+def _horizontal_places_km(propagator: Propagator, start_s: float, since_s: Array) -> Array:
+    """Return places east, north and up of the site at seconds of any shape, shape (3, ...).
 
     What has no range is taken for far away: only its direction counts.
     """
+    there = propagator.at(Utc(start_s + since_s.ravel()))
+    alt, az = np.radians(there.alt_deg), np.radians(there.az_deg)
+    range_km = there.range_km if propagator.elements.ranged else _FAR_KM
+    level = range_km * np.cos(alt)
+    places = np.stack([level * np.sin(az), level * np.cos(az), range_km * np.sin(alt)])
+    return places.reshape(3, *since_s.shape)
+
+
+def ephemeris_arcs(propagators: Sequence[Propagator], windows: Windows, start_s: float) -> Arcs:
+    """Return the ways of objects, each of the geometric place, in windows. Raises EphemerisError."""
 
     def sample(obj: Index, since_s: Array) -> Array:
         places = np.empty((3, *since_s.shape))
         for one in np.unique(obj).tolist():
             rows = obj == one
-            there = propagators[one].at(Utc(start_s + since_s[rows].ravel()))
-            alt, az = np.radians(there.alt_deg), np.radians(there.az_deg)
-            range_km = there.range_km if propagators[one].elements.ranged else _FAR_KM
-            level = range_km * np.cos(alt)
-            place = np.stack([level * np.sin(az), level * np.cos(az), range_km * np.sin(alt)])
-            places[:, rows] = place.reshape(3, -1, since_s.shape[1])
+            places[:, rows] = _horizontal_places_km(propagators[one], start_s, since_s[rows])
         return places
 
     pieces = even_pieces(windows, np.full(len(windows.obj), LONGEST_PIECE_S))

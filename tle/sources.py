@@ -156,11 +156,11 @@ def find(elements: Sequence[Elements], key: str) -> Elements:
         if found:
             names = tuple(f"{e.label} ({e.catalog_number})" for e in found)
             raise AmbiguousSatelliteError(
-                f"{key!r} could be any of {len(found)}: {_listed(names)}: give the catalogue number", names
+                f"{key!r} could be any of {len(found)}: {listed(names)}: give the catalogue number", names
             )
     there = [f"{e.label} ({e.catalog_number})" for e in elements]
     raise SatelliteNotFoundError(
-        f"no satellite {key!r} in the elements, which hold {_listed(there) if there else 'none'}"
+        f"no satellite {key!r} in the elements, which hold {listed(there) if there else 'none'}"
         f"{_meant(elements, wanted)}"
     )
 
@@ -242,51 +242,62 @@ def _meant(elements: Sequence[Elements], key: str) -> str:
     names: dict[str, Elements] = {}
     for one in elements:
         for text in (one.name, *one.name.split()):
-            names.setdefault(_plain(text), one)
-    near = [] if key.isdigit() else get_close_matches(_plain(key), names, n=1, cutoff=0.75)
+            names.setdefault(plain_name(text), one)
+    near = [] if key.isdigit() else get_close_matches(plain_name(key), names, n=1, cutoff=0.75)
     return f"; did you mean {names[near[0]].label} ({names[near[0]].catalog_number})?" if near else ""
 
 
 def _by_number(elements: Sequence[Elements], key: str) -> list[Elements]:
-    if re.fullmatch(r"\d+", key, re.ASCII):
-        number: int | None = int(key)
-    else:
-        number = parse_alpha5(key.upper())
+    number = catalog_number_of(key)
     return [e for e in elements if e.catalog_number == number]
 
 
+def catalog_number_of(key: str) -> int | None:
+    """Return the catalogue number that a key is, in digits or as Alpha-5; None where it is none."""
+    return int(key) if re.fullmatch(r"\d+", key, re.ASCII) else parse_alpha5(key.upper())
+
+
 def _by_designator(elements: Sequence[Elements], key: str) -> list[Elements]:
+    designator = full_designator(key)
+    if designator is None:
+        return []
+    if designator[-1].isdigit():
+        return [e for e in elements if e.designator.startswith(designator)]
+    return [e for e in elements if e.designator == designator]
+
+
+def full_designator(key: str) -> str | None:
+    """Return 1998-067A for 1998-067A, 98-067A or 98067A, 1998-067 for a launch; None for what is neither."""
     match = re.fullmatch(r"(\d\d)?(\d\d)(?:-?(\d{3}[A-Z]{1,3})|-(\d{3}))", key.upper(), re.ASCII)
     if match is None:
-        return []
+        return None
     century, year, piece, launch = match.groups()
     century = century or ("19" if int(year) >= 57 else "20")
-    if piece is None:
-        return [e for e in elements if e.designator.startswith(f"{century}{year}-{launch}")]
-    return [e for e in elements if e.designator == f"{century}{year}-{piece}"]
+    return f"{century}{year}-{piece or launch}"
 
 
 def _by_name(elements: Sequence[Elements], key: str) -> list[Elements]:
-    plain = _plain(key)
-    return [e for e in elements if plain and _plain(e.name) == plain]
+    plain = plain_name(key)
+    return [e for e in elements if plain and plain_name(e.name) == plain]
 
 
 def _by_common_name(elements: Sequence[Elements], key: str) -> list[Elements]:
-    number = COMMON_NAMES.get(_plain(key))
+    number = COMMON_NAMES.get(plain_name(key))
     return [e for e in elements if e.catalog_number == number]
 
 
 def _by_start(elements: Sequence[Elements], key: str) -> list[Elements]:
-    plain = _plain(key)
-    return [e for e in elements if plain and not key.isdigit() and _plain(e.name).startswith(plain)]
+    plain = plain_name(key)
+    return [e for e in elements if plain and not key.isdigit() and plain_name(e.name).startswith(plain)]
 
 
 def _by_part(elements: Sequence[Elements], key: str) -> list[Elements]:
-    plain = _plain(key)
-    return [e for e in elements if plain and not key.isdigit() and plain in _plain(e.name)]
+    plain = plain_name(key)
+    return [e for e in elements if plain and not key.isdigit() and plain in plain_name(e.name)]
 
 
-def _plain(name: str) -> str:
+def plain_name(name: str) -> str:
+    """Return a name as names are compared: without case, accents and punctuation."""
     apart = name
     if not name.isascii():
         import unicodedata
@@ -295,7 +306,8 @@ def _plain(name: str) -> str:
     return "".join(c for c in apart.casefold() if c.isalnum())
 
 
-def _listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
+    """Return the first names of a list, and how many more there are."""
     shown = ", ".join(names[:_SHOWN])
     return shown if len(names) <= _SHOWN else f"{shown} and {len(names) - _SHOWN} more"
 
@@ -354,16 +366,25 @@ def _decoded(data: bytes) -> str:
 
 def _unpacked(data: bytes) -> bytes:
     """Return what gzip packed; raises OSError or ValueError where it is damaged or too much."""
-    import gzip
     import zlib
 
     try:
-        with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
-            unpacked = file.read(_MOST_BYTES + 1)
+        return gunzipped(data, _MOST_BYTES)
     except (EOFError, zlib.error) as error:
         raise ValueError(f"its gzip compression is damaged: {error}") from None
-    if len(unpacked) > _MOST_BYTES:
-        raise ValueError(f"it unpacks to more than {_MOST_BYTES // 2**20} MiB")
+
+
+def gunzipped(data: bytes, most_bytes: int) -> bytes:
+    """Return what gzip packed.
+
+    Raises OSError, EOFError or zlib.error where it is damaged, ValueError where it unpacks to more bytes.
+    """
+    import gzip
+
+    with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
+        unpacked = file.read(most_bytes + 1)
+    if len(unpacked) > most_bytes:
+        raise ValueError(f"it unpacks to more than {most_bytes // 2**20} MiB")
     return unpacked
 
 

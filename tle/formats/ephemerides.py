@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tle.errors import EphemerisError, SatelliteNotFoundError, SourceError
 from tle.formats import cpf, oem, sp3
 from tle.formats.rows import Lines
+from tle.sources import gunzipped, listed, plain_name
 
 if TYPE_CHECKING:
     from tle.ephemeris import TableEphemeris
 
-_SHOWN = 8
 _MOST_BYTES = 512 * 1024 * 1024
 _COMPRESSED = b"\x1f\x9d"
 _CLEAR, _FIRST_WIDTH, _WIDEST = 256, 9, 16
@@ -57,18 +56,14 @@ def _unpacked(data: bytes, source: str) -> bytes:
             raise EphemerisError(f"its compression (.Z) is damaged: {error}", source=source) from None
     if data[:2] != b"\x1f\x8b":
         return data
-    import gzip
-    import io
     import zlib
 
     try:
-        with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
-            text = file.read(_MOST_BYTES + 1)
+        return gunzipped(data, _MOST_BYTES)
     except (OSError, EOFError, zlib.error) as error:
         raise EphemerisError(f"its compression (gzip) is damaged: {error}", source=source) from None
-    if len(text) > _MOST_BYTES:
-        raise EphemerisError(f"it unpacks to more than {_MOST_BYTES // 2**20} MiB", source=source)
-    return text
+    except ValueError as error:
+        raise EphemerisError(str(error), source=source) from None
 
 
 def _uncompressed(data: bytes, most: int) -> bytes:
@@ -117,19 +112,13 @@ def find_ephemeris(ephemerides: list[TableEphemeris], key: str) -> TableEphemeri
 
     Case and punctuation do not count. Raises SatelliteNotFoundError, saying what the file holds.
     """
-    wanted = _plain(key)
+    wanted = plain_name(key)
     for one in ephemerides:
-        if wanted and wanted in {str(one.catalog_number or ""), *map(_plain, one.names)}:
+        if wanted and wanted in {str(one.catalog_number or ""), *map(plain_name, one.names)}:
             return one
     names = [
         one.name if not one.catalog_number else f"{one.name} ({one.catalog_number})" for one in ephemerides
     ]
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
     raise SatelliteNotFoundError(
-        f"no object {key!r} in {ephemerides[0].source or 'the ephemeris'}, which holds "
-        f"{', '.join(names[:_SHOWN])}{more}"
+        f"no object {key!r} in {ephemerides[0].source or 'the ephemeris'}, which holds {listed(names)}"
     )
-
-
-def _plain(name: str) -> str:
-    return re.sub(r"[^0-9a-z]", "", name.casefold())

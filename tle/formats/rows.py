@@ -11,7 +11,7 @@ import erfa
 import numpy as np
 
 from tle.errors import EphemerisError, printable
-from tle.instants import DAY_S, UNIX_EPOCH_MJD, tai_minus_utc_s
+from tle.instants import DAY_S, MJD_JD, TT_MINUS_TAI_S, UNIX_EPOCH_MJD, tai_minus_utc_s
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -24,8 +24,6 @@ _BLANKS = bytes.maketrans(b"\t\r", b"  ")
 # Room for the widest time, so that every line can be looked at so far.
 _STAMP = 40
 _LARGEST = 1e15
-_JULIAN_MJD = 2400000.5
-_TT_MINUS_TAI_S = 32.184
 _FIRST_YEAR, _LAST_YEAR = 1972, 2100
 _STAMPS = (
     re.compile(rb"(\d{4})-(\d\d)-(\d\d)T(\d\d):(\d\d):(\d\d)(\.\d*)?Z?"),
@@ -34,8 +32,8 @@ _STAMPS = (
 # TAI minus each system; of UTC and TDB it changes.
 _TAI_MINUS_S = {
     "TAI": 0.0,
-    "TT": -_TT_MINUS_TAI_S,
-    "TDT": -_TT_MINUS_TAI_S,
+    "TT": -TT_MINUS_TAI_S,
+    "TDT": -TT_MINUS_TAI_S,
     "GPS": 19.0,
     "GAL": 19.0,
     "QZS": 19.0,
@@ -327,9 +325,9 @@ def tai_s(system: str, days: Index, seconds: Array) -> tuple[float, Array]:
     if offset is not None:
         return zero_s, since + offset
     if system == "TDB":
-        julian = _JULIAN_MJD + days
+        julian = MJD_JD + days
         tdb_minus_tt_s = erfa.dtdb(julian, seconds / DAY_S, 0.0, 0.0, 0.0, 0.0)
-        return zero_s, since - tdb_minus_tt_s - _TT_MINUS_TAI_S
+        return zero_s, since - tdb_minus_tt_s - TT_MINUS_TAI_S
     found, inverse = np.unique(days, return_inverse=True)
     leaps = np.array([tai_minus_utc_s(int(day)) for day in found])[inverse]
     return zero_s, since + leaps
