@@ -24,6 +24,7 @@ from sattrack.core.realtime import how_to_grant, undisturbed
 from sattrack.mount.model import MountProfile
 from sattrack.runtime.system import read_kernel_clock
 from sattrack.settings import find_settings_file, load_settings
+from sattrack.views.formatting import OLD_ELEMENTS_DAYS
 from tle.earth import earth_orientation_age
 from tle.errors import TleError
 from tle.instants import DAY_S, Utc
@@ -40,8 +41,6 @@ if TYPE_CHECKING:
 
 State = Literal["ok", "warn", "bad"]
 
-OLD_ELEMENTS_DAYS = 3.0
-"""From here on an element set of a low orbit is off by arcminutes along its track."""
 OLD_ORIENTATION_DAYS = 60.0
 """From here on a prediction of UT1 may be off by tenths of an arcsecond."""
 POOR_CLOCK_S = 0.01

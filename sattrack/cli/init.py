@@ -20,7 +20,7 @@ import click
 from sattrack.cli.common import CommandContext, tell, write_file
 from sattrack.core.errors import BadInputError, SattrackError, meant
 from sattrack.core.local_time import is_zone
-from sattrack.runtime.mounts import mount_address, usual_profile
+from sattrack.runtime.mounts import FORMS, LISTEN_S, listen, mount_address, usual_profile
 from sattrack.settings import FILE_NAME, load_settings
 from tle.errors import SourceError, TleError
 from tle.site import Site
@@ -148,9 +148,7 @@ def collected(options: dict[str, Any], ask: Callable[..., str] | None) -> Answer
         zone = ask("Time zone", usual, _zone) if ask else usual
     mount_url = options["mount_url"]
     if mount_url is None:
-        question = (
-            "Mount: sim (simulated), xerxes://HOST:PORT?listen=PORT, alpaca://HOST:PORT/DEVICE, or alpaca"
-        )
+        question = f"Mount: sim (simulated), {FORMS}, or alpaca to search"
         mount_url = ask(question, USUAL_MOUNT, _mount) if ask else USUAL_MOUNT
     sources = options["sources"]
     if not sources:
@@ -243,6 +241,7 @@ def _found_mount(url: str) -> str:
     """Return the URL of a mount; `alpaca` stands for the one telescope that answers discovery."""
     if url != "alpaca":
         return url
+    # HTTP's modules are many; without a search they are not needed.
     from sattrack.mount.alpaca.client import discover_telescopes
 
     found = discover_telescopes()
@@ -274,8 +273,6 @@ def _source(source: str) -> None:
 
 def _mount_note(answers: Answers) -> str | None:
     """Try the mount, without moving it; return what is wrong, None where it answers or is simulated."""
-    from sattrack.runtime.mounts import LISTEN_S, listen
-
     address: MountAddress | None = mount_address(answers.mount_url)
     if address is None:
         return None

@@ -32,7 +32,7 @@ from sattrack.runtime.flight import failure, fly_live, fly_virtual
 from sattrack.runtime.mounts import is_antenna, mount_address
 from sattrack.runtime.system import StopRequest, stopping
 from sattrack.runtime.view_server import ViewServerLink, open_view_server
-from sattrack.views.formatting import summary_lines
+from sattrack.views.formatting import OLD_ELEMENTS_DAYS, summary_lines
 from sattrack.views.run import Summary, SummaryLine, TrackView
 from tle.elements import Elements, expected_along_arcsec
 from tle.errors import TleError
@@ -49,7 +49,6 @@ if TYPE_CHECKING:
 
 
 SECONDS_BETWEEN_LINES = 5.0
-OLD_AFTER_DAYS = 3.0
 OLDEST_DAYS = 14.0
 TELLING_DELAY_S = 0.0005
 IDLE_S = 0.05
@@ -96,7 +95,7 @@ def announcement(facts: RunFacts) -> list[str]:
         known = "" if sigma_km is None else f", 1σ {1000.0 * sigma_km:.3g} m by the file"
         lines.append(f"by {target.provenance}{known}")
     age_days = (plan.start_utc_s - float(target.epoch.unix_s)) / 86400.0
-    if facts.elements is not None and abs(age_days) > OLD_AFTER_DAYS:
+    if facts.elements is not None and abs(age_days) > OLD_ELEMENTS_DAYS:
         lines.append(f"the elements are {abs(age_days):.1f} days off the pass: expect it early or late")
     off_s = facts.profile.dated_within_s
     if off_s is not None and off_s > TELLING_DELAY_S:

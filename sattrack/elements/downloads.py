@@ -28,9 +28,17 @@ import aiohttp
 
 from sattrack import __version__
 from sattrack.core.errors import BadInputError, SattrackError
-from tle.elements import Elements, parse_alpha5
+from tle.elements import Elements
 from tle.errors import ElementsError, TleError, printable
-from tle.sources import COMMON_NAMES, find, is_html, parse_elements
+from tle.sources import (
+    COMMON_NAMES,
+    catalog_number_of,
+    find,
+    full_designator,
+    is_html,
+    parse_elements,
+    plain_name,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -54,6 +62,7 @@ _MOST_BYTES = 256 * 1024 * 1024
 _CHUNK_BYTES = 64 * 1024
 _MOST_WORDS = 240
 _SHOWN = 8
+_LARGEST_NUMBER = 999_999_999
 _TIMEOUT = aiohttp.ClientTimeout(total=120.0, connect=15.0, sock_read=30.0)
 
 
@@ -93,18 +102,10 @@ def query_of(source: str, environ: Mapping[str, str]) -> Query:
 def named_source(satellite: str) -> str:
     """Return the source of one satellite at CelesTrak, by its catalogue number, designator or name."""
     key = satellite.strip()
-    number = COMMON_NAMES.get("".join(c for c in key.casefold() if c.isalnum()))
-    if number is None and re.fullmatch(r"[A-Z]\d{4}", key.upper(), re.ASCII):
-        number = parse_alpha5(key.upper())
-    if number is not None:
+    number = COMMON_NAMES.get(plain_name(key)) or catalog_number_of(key)
+    if number is not None and number <= _LARGEST_NUMBER:
         return f"celestrak:{number}"
-    launch = re.fullmatch(r"(\d\d)-?(\d{3}[A-Z]{1,3})", key.upper(), re.ASCII)
-    if launch is not None:
-        century = "19" if int(launch[1]) >= 57 else "20"
-        return f"celestrak:{century}{launch[1]}-{launch[2]}"
-    if re.fullmatch(r"\d{1,9}|\d{4}-\d{3}[A-Z]{0,3}", key.upper(), re.ASCII):
-        return f"celestrak:{key}"
-    return f"celestrak:name={key}"
+    return f"celestrak:{full_designator(key) or f'name={key}'}"
 
 
 def credentials(environ: Mapping[str, str]) -> tuple[str, str]:
@@ -211,6 +212,18 @@ class Kept:
     fetched_unix_s: float
 
 
+def _whole(data: bytes) -> tuple[str, Kept | None]:
+    """Return the URL of a kept download and what was kept; None where it is not whole."""
+    head, _, body = data.partition(b"\n")
+    try:
+        facts = json.loads(head)
+        if facts["bytes"] != len(body):
+            return "", None
+        return str(facts["url"]), Kept(body.decode("utf-8"), float(facts["fetched_unix_s"]))
+    except (ValueError, KeyError, TypeError):
+        return "", None
+
+
 def user_cache_folder(environ: Mapping[str, str]) -> Path:
     """Return the folder for downloads: under XDG_CACHE_HOME where that is set, else the user's .cache."""
     base = environ.get("XDG_CACHE_HOME", "")
@@ -231,14 +244,8 @@ class DownloadCache:
             data = self._path(url, "elements").read_bytes()
         except OSError:
             return None
-        head, _, body = data.partition(b"\n")
-        try:
-            facts = json.loads(head)
-            if facts["url"] != url or facts["bytes"] != len(body):
-                return None
-            return Kept(body.decode("utf-8"), float(facts["fetched_unix_s"]))
-        except (ValueError, KeyError, TypeError):
-            return None
+        url_of, kept = _whole(data)
+        return kept if url_of == url else None
 
     def keep(self, url: str, text: str, fetched_unix_s: float) -> None:
         """Put a download in the place of the one before it."""
@@ -250,9 +257,8 @@ class DownloadCache:
         """Return every whole download with its URL, the newest first."""
         found = []
         for path in self.folder.glob("*.elements"):
-            with suppress(OSError, ValueError, KeyError, TypeError):
-                url = str(json.loads(path.read_bytes().partition(b"\n")[0])["url"])
-                kept = self.read(url)
+            with suppress(OSError):
+                url, kept = _whole(path.read_bytes())
                 if kept is not None:
                     found.append((url, kept))
         return sorted(found, key=lambda item: -item[1].fetched_unix_s)

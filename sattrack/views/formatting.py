@@ -450,6 +450,7 @@ NO_PRIORITY = ", without real-time priority (`sattrack doctor` says how to grant
 
 
 OLD_ELEMENTS_DAYS = 3.0
+"""From here on an element set of a low orbit is off by arcminutes along its track."""
 
 
 def named(name: str, catalog_number: int | None) -> str:
