@@ -19,7 +19,7 @@ import sys
 import time
 from contextlib import ExitStack
 
-from door_load import CROWD, MANY, SETTLE_S, begin_asking, end_asking, open_door
+from server_load import CROWD, MANY, SETTLE_S, begin_asking, end_asking, open_server
 
 from sattrack.core.figures import quantile
 
@@ -67,7 +67,7 @@ def measure(seconds: float, rounds: int) -> None:
     off_ms: dict[str, list[float]] = {name: [] for name in LOADS}
     told: dict[str, list[str]] = {}
     with ExitStack() as closing:
-        relay, port = open_door(closing, "alpaca", "--no-discovery")
+        relay, port = open_server(closing, "alpaca", "--no-discovery")
         relay.run_for(SETTLE_S)
         with socket.create_connection(("127.0.0.1", port)) as line:
             line.sendall(put("connect", "ClientID=1"))

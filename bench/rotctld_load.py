@@ -1,9 +1,9 @@
 """What rotctld's clients do to the mount's datagrams: `python bench/rotctld_load.py [--seconds S]`.
 
 A simulated mount in a process of its own; between it and `sattrack serve rotctld` this program, which hands
-datagrams on and has the kernel's own stamps of when each of the door's came. Periods are told as how far they
-are from 50 ms: with no client, with one that asks 1,000 times a second, with 200 that ask once a second each,
-and with both. Asking is done by a process of its own, with no more processors than the rest.
+datagrams on and has the kernel's own stamps of when each of the server's came. Periods are shown as how far
+they are from 50 ms: with no client, with one that asks 1,000 times a second, with 200 that ask once a second
+each, and with both. Asking is done by a process of its own, with no more processors than the rest.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import sys
 import time
 from contextlib import ExitStack
 
-from door_load import CROWD, MANY, SETTLE_S, begin_asking, end_asking, open_door
+from server_load import CROWD, MANY, SETTLE_S, begin_asking, end_asking, open_server
 
 from sattrack.core.figures import quantile
 
@@ -46,7 +46,7 @@ def told(off_ms: list[float]) -> str:
 
 def measure(seconds: float) -> None:
     with ExitStack() as closing:
-        relay, port = open_door(closing, "rotctld", "--requests", "2000")
+        relay, port = open_server(closing, "rotctld", "--requests", "2000")
         relay.run_for(SETTLE_S)
         with socket.create_connection(("127.0.0.1", port)) as line:
             line.sendall(b"P 200 45\n")

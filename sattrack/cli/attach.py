@@ -90,11 +90,11 @@ def welcome_of(pid: int) -> Welcome | None:
     from sattrack.tui.attached import welcomed
 
     try:
-        door, lines, welcome = welcomed(pid, "a list of runs")
+        channel, lines, welcome = welcomed(pid, "a list of runs")
     except SattrackError:
         return None
     lines.close()
-    door.close()
+    channel.close()
     return welcome
 
 
@@ -114,9 +114,9 @@ def _as_json(pid: int, name: str) -> int:
     """Write what is seen as JSON lines, until the run ends; raises SattrackError where it is lost."""
     from sattrack.tui.attached import welcomed
 
-    door, lines, _ = welcomed(pid, name)
+    channel, lines, _ = welcomed(pid, name)
     whole = False
-    with door, lines:
+    with channel, lines:
         for line in lines:
             if line.startswith(b'{"elements"'):
                 continue

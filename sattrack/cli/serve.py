@@ -38,7 +38,7 @@ LAST_LINES_WITHIN_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Served:
-    """The mount that a door leads to, where it stands, and the clock; no `address`: a simulated one."""
+    """The mount that a server leads to, where it stands, and the clock; no `address`: a simulated one."""
 
     address: MountAddress | None
     described: ProfileFile
@@ -49,7 +49,7 @@ class Served:
 def what_is_served(
     context: CommandContext, mount_url: str | None, profile: Path | None, lives_in_real_time: str
 ) -> Served:
-    """Return what the options and the settings say of the mount behind a door.
+    """Return what the options and the settings say of the mount behind a server.
 
     `lives_in_real_time` names who does. A simulated mount without a site stands at the practice site. Raises
     BadInputError.
@@ -79,7 +79,7 @@ def end_of_service(mount_stopped: bool | None, stop: StopRequest) -> int:
 
 
 def caller_options(port: int, idle_s: float, requests_per_s: float) -> Callable[[Command], Command]:
-    """Add the options of a door on TCP without authentication; the defaults are its own."""
+    """Add the options of a server on TCP without authentication; the defaults are its own."""
     options = (
         click.option(
             "--host",
@@ -147,7 +147,7 @@ def _networks(given: Sequence[str]) -> Networks | None:
 
 
 def reached_from_outside(program: str, host: str, port: int, allowed: Networks | None) -> str | None:
-    """Return the warning that a door without authentication is open to others; None on loopback."""
+    """Return the warning that a server without authentication is open to others; None on loopback."""
     if _is_loopback(host):
         return None
     text = f"WARNING: {program} has no authentication: whoever reaches {host}:{port} moves the mount"
@@ -230,18 +230,18 @@ def rotctld(context: CommandContext, **options: Any) -> int:
         )
         listener = listen(options["host"], options["port"], BACKLOG)
         info = f"sattrack {__version__}: {served.described.mount.name}"
-        door = RotctldServer(listener, limits, station.rotator, info)
-        closing.callback(door.close)
+        server = RotctldServer(listener, limits, station.rotator, info)
+        closing.callback(server.close)
         connection = closing.enter_context(
             connected(served.address, served.described, served.site, served.clock)
         )
         closing.enter_context(stopping(stop))
         if context.json:
-            JsonLines().write({"listening": door.port, "host": options["host"]})
-        where = f"{options['host']}:{door.port}"
+            JsonLines().write({"listening": server.port, "host": options["host"]})
+        where = f"{options['host']}:{server.port}"
         log.tell(program_line(f"rotctld is on {where}; Ctrl-C stops the mount and ends it", PROGRAM))
-        warning = reached_from_outside(PROGRAM, options["host"], door.port, limits.allowed)
+        warning = reached_from_outside(PROGRAM, options["host"], server.port, limits.allowed)
         if warning is not None:
             log.tell(program_line(warning, PROGRAM))
-        RotctldLoop(connection, stop, station, door, log.tell).run()
+        RotctldLoop(connection, stop, station, server, log.tell).run()
     return end_of_service(station.mount_stopped, stop)

@@ -112,8 +112,8 @@ def command(context: CommandContext, **options: Any) -> int:
         served = replace(served, described=described)
         abilities = abilities_of(connection, served.address, described.mount)
         station = TelescopeStation(described.mount, limits, served.site, mount, engine_maker(limits))
-        door = start_http_process(_task(context, served, options, (listener, *sockets), mount, abilities))
-        closing.callback(door.close)
+        server = start_http_process(_task(context, served, options, (listener, *sockets), mount, abilities))
+        closing.callback(server.close)
         closing.enter_context(stopping(stop))
         if context.json:
             JsonLines().write({"listening": port, "host": options["host"]})
@@ -127,7 +127,7 @@ def command(context: CommandContext, **options: Any) -> int:
         for text in (trouble, reached_from_outside(PROGRAM, options["host"], port, callers.allowed)):
             if text is not None:
                 log.tell(program_line(text, PROGRAM))
-        AlpacaLoop(connection, stop, station, door, log.tell).run()
+        AlpacaLoop(connection, stop, station, server, log.tell).run()
     if stop.asked and station.had_orders and station.mount_stopped is None:
         raise InterruptedRunError("interrupted; the mount was not moving, and goes on as it was")
     return end_of_service(station.mount_stopped, stop)

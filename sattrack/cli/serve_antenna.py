@@ -120,12 +120,12 @@ def command(context: CommandContext, **options: Any) -> int:
     served = what_is_served(context, options["mount_url"], options["profile"], "antcn lives")
     profile, clock = served.described.mount, served.clock
     simulated, configs = _focusers(options["focus"])
-    door, where = _door(options)
+    server, where = _server(options)
     stop, log = StopRequest(), Log(clock)
     lines = JsonLines() if context.json or options["stream"] else None
     with ExitStack() as closing:
         closing.callback(log.close)
-        closing.callback(door.close)
+        closing.callback(server.close)
         focus = start_focusers(configs) if configs else None
         if focus is not None:
             closing.callback(focus.close)
@@ -135,11 +135,11 @@ def command(context: CommandContext, **options: Any) -> int:
         connection = closing.enter_context(connected(served.address, served.described, served.site, clock))
         closing.enter_context(stopping(stop))
         if lines is not None and context.json:
-            lines.write({"listening": door.port, "serial": options["device"]})
+            lines.write({"listening": server.port, "serial": options["device"]})
         log.tell(program_line(f"the antenna interface is on {where}; Ctrl-C stops the mount and ends it"))
         show = lines.write if lines is not None and options["stream"] else None
         text = Words(options["control"]).typed
-        AntennaLoop(connection, stop, station, door, log.tell, text, where, show, focus).run()
+        AntennaLoop(connection, stop, station, server, log.tell, text, where, show, focus).run()
     return end_of_service(station.mount_stopped, stop)
 
 
@@ -183,7 +183,7 @@ def _with_console(context: CommandContext, options: dict[str, Any]) -> int:
     return serve_with_console([*self_command(), *arguments, "--stream", "--control"], look)
 
 
-def _door(options: dict[str, Any]) -> tuple[AntennaServer, str]:
+def _server(options: dict[str, Any]) -> tuple[AntennaServer, str]:
     device = options["device"]
     if device is not None:
 
@@ -197,8 +197,8 @@ def _door(options: dict[str, Any]) -> tuple[AntennaServer, str]:
     if not options["idle"] >= 1.0:
         raise BadInputError(f"--idle {options['idle']:g}: 1 or more")
     limits = CallerLimits(callers=1, elsewhere_s=options["idle"])
-    door = AntennaServer(listen(options["host"], options["port"]), limits=limits)
-    return door, f"{options['host']}:{door.port}"
+    server = AntennaServer(listen(options["host"], options["port"]), limits=limits)
+    return server, f"{options['host']}:{server.port}"
 
 
 def _place(option: str, text: str | None, axes: str) -> tuple[float, float] | None:

@@ -311,7 +311,7 @@ class StationLoop(RealtimeLoop):
     """Serves one mount to clients until `stop` is asked for and the mount is seen at rest."""
 
     driver: StationDriver
-    door: ServerPort
+    server: ServerPort
     log: Callable[[str], None]
     """Takes lines without their instant."""
     _reported_trip: str | None = field(default=None, init=False)
@@ -320,15 +320,15 @@ class StationLoop(RealtimeLoop):
 
     def readers(self) -> list[Any]:
         """See RealtimeLoop."""
-        return self.door.readers()
+        return self.server.readers()
 
     def writers(self) -> list[Any]:
         """See RealtimeLoop."""
-        return self.door.writers()
+        return self.server.writers()
 
     def flush(self) -> None:
         """See RealtimeLoop."""
-        self.door.flush()
+        self.server.flush()
 
     def interrupt(self, now_utc_s: float) -> None:
         """See RealtimeLoop."""

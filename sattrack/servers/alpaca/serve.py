@@ -76,7 +76,7 @@ class AlpacaLoop(StationLoop):
     """Serves one mount to Alpaca's clients until `stop` is set and the mount is seen at rest."""
 
     driver: TelescopeStation
-    door: AlpacaHttpProcess
+    server: AlpacaHttpProcess
 
     def tell(self, words: str) -> None:
         """See StationLoop."""
@@ -84,16 +84,16 @@ class AlpacaLoop(StationLoop):
 
     def serve(self, ready: list[Any]) -> None:
         """Take orders, and begin those that may begin now."""
-        if self.door.line in ready:
-            self.door.take()
+        if self.server.line in ready:
+            self.server.take()
         self._begin_orders()
 
     def obey(self, now_utc_s: float) -> None:
         """Let another order begin; end where the HTTP process has ended."""
         del now_utc_s
-        if self.door.ended and not self.driver.finished:
+        if self.server.ended and not self.driver.finished:
             raise SattrackError("the HTTP server's process is gone; the mount is being stopped")
-        self.door.begin_period(time.monotonic())
+        self.server.begin_period(time.monotonic())
 
     def heard(self) -> None:
         """Push a new status at once, so that clients read it while it is new."""
@@ -103,9 +103,9 @@ class AlpacaLoop(StationLoop):
         """Push the mount's state and the answers that are due, and log what has changed."""
         self._push()
         self._begin_orders()
-        lines = [*self.driver.log_lines, *self.door.log_lines]
+        lines = [*self.driver.log_lines, *self.server.log_lines]
         self.driver.log_lines.clear()
-        self.door.log_lines.clear()
+        self.server.log_lines.clear()
         for line in lines[:MOST_LOGGED]:
             self.tell(line)
         if len(lines) > MOST_LOGGED:
@@ -114,7 +114,7 @@ class AlpacaLoop(StationLoop):
 
     def _begin_orders(self) -> None:
         while True:
-            order, cancelled = self.door.next_order()
+            order, cancelled = self.server.next_order()
             self.driver.answers.ready += cancelled
             if order is None:
                 if cancelled:
@@ -123,12 +123,12 @@ class AlpacaLoop(StationLoop):
             began_s = time.monotonic()
             self.driver.obey(order, self.connection.now_utc_s())
             self._push()
-            self.door.took(time.monotonic() - began_s, time.monotonic())
+            self.server.took(time.monotonic() - began_s, time.monotonic())
 
     def _push(self) -> None:
         answers = self.driver.answers
         ready, answers.ready = answers.ready, []
-        self.door.push(self.driver.state(self.connection.now_utc_s()), ready)
+        self.server.push(self.driver.state(self.connection.now_utc_s()), ready)
 
 
 def engine_maker(limits: SafetyLimits) -> Callable[[msgspec.Raw, float], Engine]:

@@ -79,7 +79,7 @@ class AntennaLoop(StationLoop):
     """
 
     driver: AntennaStation
-    door: AntennaServer
+    server: AntennaServer
     typed_words: Callable[[], Sequence[str]]
     where: str = ""
     """The address of the server, as text."""
@@ -98,7 +98,7 @@ class AntennaLoop(StationLoop):
 
     def serve(self, ready: list[Any]) -> None:
         """Serve antcn."""
-        if self.door.serve(ready, self.connection.now_utc_s, self.driver.receive_command):
+        if self.server.serve(ready, self.connection.now_utc_s, self.driver.receive_command):
             self.driver.controller.hang_up()
             self._logged_caller = False
             self.tell("antcn is gone; the trajectory in force stays")
@@ -106,7 +106,7 @@ class AntennaLoop(StationLoop):
     def obey(self, now_utc_s: float) -> None:
         """Serve the serial line, the focuser and the operator's words."""
         del now_utc_s
-        if self.door.reopen_lost(time.monotonic()):
+        if self.server.reopen_lost(time.monotonic()):
             self._logged_caller = True
             self.tell("the serial line is there again")
         if self.focus is not None:
@@ -154,7 +154,7 @@ class AntennaLoop(StationLoop):
         return AntennaView(
             utc_s=now_utc_s,
             door=self.where,
-            caller=self.door.channel is not None,
+            caller=self.server.channel is not None,
             axes=station.antenna.axes,
             mount="sim" if self.connection.simulated is not None else str(self.connection.link.address),
             link_up=station.link_up,
@@ -207,15 +207,15 @@ class AntennaLoop(StationLoop):
             self.tell(f"{count - len(recent)} more were refused")
 
     def _report_callers(self) -> None:
-        caller = self.door.channel is not None
+        caller = self.server.channel is not None
         if caller and not self._logged_caller:
             self.tell("antcn is there")
         self._logged_caller = caller
-        if self.door.disconnected != self._logged_disconnected:
-            self._logged_disconnected = self.door.disconnected
+        if self.server.disconnected != self._logged_disconnected:
+            self._logged_disconnected = self.server.disconnected
             self.tell("a second caller was hung up on: one antenna, one antcn")
-        if self.door.foreign != self._logged_foreign:
-            self._logged_foreign = self.door.foreign
+        if self.server.foreign != self._logged_foreign:
+            self._logged_foreign = self.server.foreign
             self.tell("a caller that speaks HTTP or TLS was hung up on")
 
 

@@ -41,7 +41,7 @@ class RotctldLoop(StationLoop):
     """Serves one mount to rotctld's clients until `stop` is set and the mount is seen at rest."""
 
     driver: RotatorStation
-    door: RotctldServer
+    server: RotctldServer
     _logged_failures: int = field(default=0, init=False)
     _failures_logged_s: float = field(default=0.0, init=False)
 
@@ -51,12 +51,12 @@ class RotctldLoop(StationLoop):
 
     def serve(self, ready: list[Any]) -> None:
         """Serve the clients that have sent bytes, or wait for answers."""
-        self._gone(self.door.serve(ready, self._now_ns))
+        self._gone(self.server.serve(ready, self._now_ns))
 
     def obey(self, now_utc_s: float) -> None:
         """Disconnect clients that are silent for too long."""
         del now_utc_s
-        self._gone(self.door.tend(self._now_ns()))
+        self._gone(self.server.tend(self._now_ns()))
 
     def report(self) -> None:
         """Log what has changed: clients, the commanding one, refusals, interlocks, the link."""
@@ -70,7 +70,7 @@ class RotctldLoop(StationLoop):
         self.report_mount("position", "R")
 
     def _report_failures(self) -> None:
-        count = self.door.failures + sum(caller.client.refused for caller in self.door.callers.values())
+        count = self.server.failures + sum(caller.client.refused for caller in self.server.callers.values())
         now_s = time.monotonic()
         if count == self._logged_failures or now_s - self._failures_logged_s < LOG_FAILURES_EVERY_S:
             return

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 from alpaca_telescope import AlpacaTelescope, alpaca_telescope
-from door_serving import call, serving_door
 from programs import SITE
+from serving import call, serving_program
 
 from sattrack.cli.main import run
 from sattrack.runtime import demo_pass
@@ -105,7 +105,7 @@ def test_a_door_leads_an_alpaca_telescope_and_leaves_it_at_rest(
     telescope: AlpacaTelescope, door: str, more: tuple[str, ...], moved_by: object
 ) -> None:
     assert callable(moved_by)
-    with serving_door(door, "--mount", telescope.url, *SITE, *more) as served, call(served.port) as line:
+    with serving_program(door, "--mount", telescope.url, *SITE, *more) as served, call(served.port) as line:
         assert telescope.url in {owner.mount for owner in owners()}
         moved_by(line)
         telescope.wait_moving(True)
@@ -158,7 +158,7 @@ def test_what_an_alpaca_telescope_does_not_do_is_not_offered_to_clients_and_name
     lacks = {"can_slew": False, "can_sync": False, "rates_deg_s": [[0.0, 0.3], [0.5, 2.0]]}
     with alpaca_telescope(**lacks) as telescope:
         options = ("--mount", telescope.url, "--profile", "mount.toml", "--no-discovery", *SITE)
-        with serving_door("alpaca", *options) as served:
+        with serving_program("alpaca", *options) as served:
             port = served.port
             before = dict(telescope.state()["requests"])
             assert said_by(port, "PUT", "Connect") == (0, None)
@@ -188,7 +188,7 @@ def test_what_clients_are_offered_on_an_alpaca_telescope_it_does() -> None:
     guide_rate_deg_s = 0.0042
     with (
         alpaca_telescope(guide_rate_deg_s=guide_rate_deg_s, rates_deg_s=[[0.0, 2.0]]) as telescope,
-        serving_door("alpaca", "--mount", telescope.url, "--no-discovery", *SITE) as served,
+        serving_program("alpaca", "--mount", telescope.url, "--no-discovery", *SITE) as served,
     ):
         port = served.port
         assert said_by(port, "PUT", "Connect") == (0, None)

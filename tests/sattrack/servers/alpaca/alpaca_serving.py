@@ -9,12 +9,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from door_serving import serving_door
+from serving import serving_program
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from door_serving import Served
+    from serving import Served
 
 PROFILE = """
 name = "bench mount"
@@ -40,7 +40,7 @@ def serving(*options: str, discovery: bool = False) -> Iterator[Served]:
         profile = Path(folder) / "mount.toml"
         profile.write_text(PROFILE)
         quiet = [] if discovery else ["--no-discovery"]
-        with serving_door("alpaca", "--profile", str(profile), *quiet, *options) as served:
+        with serving_program("alpaca", "--profile", str(profile), *quiet, *options) as served:
             yield served
 
 

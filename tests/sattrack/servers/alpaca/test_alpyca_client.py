@@ -20,7 +20,7 @@ from alpaca.exceptions import (
 from alpaca.telescope import DriveRates, GuideDirections, PierSide, Telescope, TelescopeAxes
 from alpaca_serving import say, serving
 from alpaca_values import EVERYWHERE
-from door_serving import Served, call, until
+from serving import Served, call, until
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

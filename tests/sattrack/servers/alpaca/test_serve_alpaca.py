@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from alpaca_serving import http_process, read_answer, request, say, serving
-from door_serving import PATIENCE_S, Served, call, resident_kb, serve_owned_mount, until
+from serving import PATIENCE_S, Served, call, resident_kb, serve_owned_mount, until
 from test_alpaca_fuzz import malformed
 
 from sattrack.cli.main import run

@@ -9,7 +9,7 @@ import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from door_serving import PATIENCE_S, SITE
+from serving import PATIENCE_S, SITE
 
 from sattrack.mount.model import AxesPosition
 from sattrack.servers.antenna.equipment import Feedback

@@ -11,8 +11,8 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 import pytest
-from door_serving import PATIENCE_S, SITE, call, serving_door
 from rotctld_setup import say
+from serving import PATIENCE_S, SITE, call, serving_program
 
 from sattrack.runtime import demo_pass
 from tle.instants import Utc
@@ -97,7 +97,7 @@ def test_gpredict_follows_a_satellite_with_the_mount(tmp_path: Path) -> None:
     elements = that_is_up(time.time())
     truth = Propagator(elements, SITE)
     with ExitStack() as closing:
-        served = closing.enter_context(serving_door("rotctld"))
+        served = closing.enter_context(serving_program("rotctld"))
         write_settings(tmp_path, elements, served.port)
         environment = {**os.environ, "HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path / ".config")}
         environment["DISPLAY"] = DISPLAY

@@ -9,9 +9,9 @@ import select
 from typing import TYPE_CHECKING
 
 import pytest
-from door_serving import call
 from hamlib_exchanges import EXCHANGES
 from rotctld_setup import NOON_NS, make_rotator
+from serving import call
 
 from sattrack.runtime.callers import CallerLimits, Opening, Seat, listen
 from sattrack.servers.rotctld.serve import RotctldServer

@@ -9,8 +9,8 @@ import time
 from typing import TYPE_CHECKING
 
 import pytest
-from door_serving import PATIENCE_S, Served, call, resident_kb, serve_owned_mount, serving_door, until
 from rotctld_setup import say
+from serving import PATIENCE_S, Served, call, resident_kb, serve_owned_mount, serving_program, until
 from test_rotctld_fuzz import malformed
 
 from sattrack.cli.main import run
@@ -23,7 +23,7 @@ needs_rotctl = pytest.mark.needs("rotctl")
 
 @pytest.fixture(scope="module")
 def served() -> Iterator[Served]:
-    with serving_door(
+    with serving_program(
         "rotctld", "--host", "0.0.0.0", "--allow", "127.0.0.0/8", "--requests", "100000"
     ) as running:
         yield running
@@ -128,7 +128,7 @@ def test_hamlibs_own_client_drives_the_mount(served: Served) -> None:
 
 
 def test_ctrl_c_in_mid_slew_stops_the_mount_and_the_log_tells_the_story() -> None:
-    with serving_door("rotctld") as alone, call(alone.port) as line:
+    with serving_program("rotctld") as alone, call(alone.port) as line:
         az_deg, el_deg = place(line)
         assert say(line, b"P x y") == b"RPRT -1\n"
         assert say(line, f"P {az_deg - 90.0:.2f} {el_deg:.2f}".encode()) == b"RPRT 0\n"

@@ -1,4 +1,4 @@
-"""A door with a simulated mount behind it, this program between the two, and clients that ask much."""
+"""A server with a simulated mount behind it, this program between the two, and clients that ask much."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ CROWD = (200, 200.0)
 
 
 class Relay:
-    """Hands datagrams on between the door and the mount, and keeps the stamps of the door's."""
+    """Hands datagrams on between the server and the mount, and keeps the stamps of the server's."""
 
     def __init__(self, mount_port: int) -> None:
         self.front = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -42,7 +42,7 @@ class Relay:
         self.front.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         self.back = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.back.connect(("127.0.0.1", mount_port))
-        self.door: tuple[str, int] | None = None
+        self.server: tuple[str, int] | None = None
         self.stamps: list[int] = []
         self.last_counter = -1
 
@@ -53,14 +53,14 @@ class Relay:
         while (left_s := until_s - time.monotonic()) > 0.0:
             for ready in select.select([self.front, self.back], [], [], left_s)[0]:
                 if ready is self.front:
-                    self._from_door()
-                elif self.door is not None:
-                    self.front.sendto(self.back.recv(4096), self.door)
+                    self._from_server()
+                elif self.server is not None:
+                    self.front.sendto(self.back.recv(4096), self.server)
         stamps = self.stamps
         return sorted(abs(b - a - PERIOD_NS) / 1e6 for a, b in itertools.pairwise(stamps))
 
-    def _from_door(self) -> None:
-        data, notes, _, self.door = self.front.recvmsg(4096, 256)
+    def _from_server(self) -> None:
+        data, notes, _, self.server = self.front.recvmsg(4096, 256)
         self.back.send(data)
         (counter,) = struct.unpack_from("<q", data, 8)
         if counter != self.last_counter:
@@ -69,8 +69,8 @@ class Relay:
             self.stamps.append(seconds * 10**9 + nanoseconds)
 
 
-def open_door(closing: ExitStack, *door: str) -> tuple[Relay, int]:
-    """Run `sattrack serve` with a door until the end; return what hands datagrams on, and the door's port."""
+def open_server(closing: ExitStack, *server: str) -> tuple[Relay, int]:
+    """Run `sattrack serve SERVER` until the end; return what hands datagrams on, and the server's port."""
     mount_port, listen = free_port(), free_port()
     relay = Relay(mount_port)
     folder = closing.enter_context(tempfile.TemporaryDirectory())
@@ -81,7 +81,7 @@ def open_door(closing: ExitStack, *door: str) -> tuple[Relay, int]:
     closing.enter_context(ended(mount))
     url = f"xerxes://127.0.0.1:{relay.front.getsockname()[1]}?listen={listen}"
     options = ["--mount", url, "--port", "0", "--json", "--site", WHERE, "--config", str(settings)]
-    server = closing.enter_context(ended(sattrack("serve", *door, *options, **quiet)))
+    server = closing.enter_context(ended(sattrack("serve", *server, *options, **quiet)))
     closing.callback(server.wait)
     # It ends only while its datagrams are handed on, as it waits until the mount is seen at rest.
     closing.callback(relay.run_for, SETTLE_S)

@@ -1,4 +1,4 @@
-"""A door of `sattrack serve` as a program: its port, and its log as it comes."""
+"""A server of `sattrack serve` as a program: its port, and its log as it comes."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Served:
 
 
 @contextmanager
-def serving_door(door: str, *options: str) -> Iterator[Served]:
+def serving_program(server: str, *options: str) -> Iterator[Served]:
     """Serve a simulated mount until the end, once it is heard.
 
     The antenna is that of a radio dish, so that tests pass wherever the Sun stands when they run.
@@ -76,7 +76,7 @@ def serving_door(door: str, *options: str) -> Iterator[Served]:
     with tempfile.TemporaryDirectory() as folder:
         settings = Path(folder) / "radio.toml"
         settings.write_text("[safety]\noptical = false\n")
-        command = [sys.executable, "-m", "sattrack", "serve", door, "--mount", "sim", "--site", WHERE]
+        command = [sys.executable, "-m", "sattrack", "serve", server, "--mount", "sim", "--site", WHERE]
         process = subprocess.Popen(
             [*command, "--json", "--port", "0", "--config", str(settings), *options],
             stdin=subprocess.DEVNULL,
@@ -99,12 +99,12 @@ def call(port: int, host: str = "127.0.0.1") -> socket.socket:
     return line
 
 
-def serve_owned_mount(door: str) -> int:
+def serve_owned_mount(server: str) -> int:
     """Try to serve a mount that somebody owns, which is an error; return the mount's port."""
     port = free_port()
     with owned(Address("127.0.0.1", port, 0), MountProfile()) as (_, guard):
         url = f"xerxes://127.0.0.1:{port}?listen=15001"
-        assert run(["serve", door, "--mount", url, "--port", "0", "--site", WHERE]) == 1
+        assert run(["serve", server, "--mount", url, "--port", "0", "--site", WHERE]) == 1
         guard.release(None)
     return port
 
