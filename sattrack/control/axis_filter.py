@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 
 from sattrack.core.angles import wrap180
 
@@ -313,38 +312,19 @@ TRUSTED_SPREAD = 4.0
 Matrix = np.ndarray[tuple[int, int], np.dtype[np.float64]]
 
 
-class LeanKalmanFilter(KalmanFilter):  # type: ignore[misc]
-    """filterpy's filter for one axis, its algebra written out: position, rate, shares; the position measured.
+class LeanKalmanFilter:
+    """A Kalman filter for one axis: position, rate, shares; the position measured.
 
-    `foretell` and `correct` are `predict` and `update` for a transition that is the unit matrix but for the
-    first row. They change one row and column of the covariance, and take a tenth of the time. `x` and `P` are
-    filterpy's.
+    The algebra is written out: `foretell` and `correct` are `predict` and `update` of filterpy's KalmanFilter
+    for a transition that is the unit matrix but for the first row. They change one row and column of the
+    covariance, and take a tenth of the time. And filterpy imports scipy: 50 MB that a real-time process would
+    lock into memory.
     """
 
     def __init__(self, state: Array, covariance: Matrix) -> None:
-        super().__init__(dim_x=len(state), dim_z=1, dim_u=1)
         self.state, self.covariance = state, covariance
         self.innovation_deg = 0.0
         self.innovation_variance = 1.0
-
-    @property
-    def x(self) -> Matrix:
-        """The state as a column."""
-        column: Matrix = self.state[:, None]
-        return column
-
-    @x.setter
-    def x(self, state: Matrix) -> None:
-        self.state = state[:, 0].copy()
-
-    @property
-    def P(self) -> Matrix:  # noqa: N802 - filterpy's name
-        """The state's covariance."""
-        return self.covariance
-
-    @P.setter
-    def P(self, covariance: Matrix) -> None:  # noqa: N802
-        self.covariance = covariance
 
     def foretell(self, moves: Array, moved_deg: float) -> None:
         """Predict: the position moves by `moves` times the rest of the state, and by `moved_deg`."""

@@ -116,14 +116,13 @@ PIECES = [
 @pytest.mark.parametrize("piece", PIECES)
 @pytest.mark.parametrize("head", ["", "[", "<omm>", "TLE1=[1]\n", "NORAD_CAT_ID,EPOCH\n", "MEAN_MOTION=\n"])
 def test_time_grows_no_faster_than_the_text(head, piece):
-    def fastest_s(size: int) -> float:
+    def fastest_s(size: int, rounds: int) -> float:
         text = head + piece * (size // len(piece))
         taken = []
         # The collector's own work grows with everything else that this process holds.
-        gc.collect()
         gc.disable()
         try:
-            for _ in range(5):
+            for _ in range(rounds):
                 start = time.process_time()
                 parse_elements(text, "x")
                 taken.append(time.process_time() - start)
@@ -131,6 +130,10 @@ def test_time_grows_no_faster_than_the_text(head, piece):
             gc.enable()
         return min(taken)
 
-    # Eight times the text: linear takes eight times as long, quadratic sixty-four times.
-    small_s, large_s = fastest_s(8_000), fastest_s(64_000)
-    assert large_s < max(24.0 * small_s, 0.05)
+    # Eight times the text: linear takes eight times as long, quadratic sixty-four times. Only what looks too
+    # long is timed again.
+    for rounds in (1, 5):
+        large_s = fastest_s(32_000, rounds)
+        if large_s < max(24.0 * fastest_s(4_000, rounds), 0.0125):
+            return
+    pytest.fail(f"{large_s:.2f} s for 32,000 characters")

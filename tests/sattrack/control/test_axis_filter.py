@@ -137,12 +137,12 @@ def test_the_lean_filter_gives_the_numbers_of_filterpy(size: int) -> None:
         theirs.predict(u=np.array([[by_plan]]), B=given, F=transition, Q=process)
         ours.foretell(moves, by_plan)
         ours.blur(own, cross, rate, shares)
-        assert ours.x == pytest.approx(theirs.x, rel=1e-9, abs=1e-12)
+        assert ours.state == pytest.approx(theirs.x[:, 0], rel=1e-9, abs=1e-12)
         theirs.update(seen, R=np.array([[variance]]))
         ours.correct(seen, variance)
-        assert ours.x == pytest.approx(theirs.x, rel=1e-8, abs=1e-11)
+        assert ours.state == pytest.approx(theirs.x[:, 0], rel=1e-8, abs=1e-11)
         spread = np.sqrt(np.diag(theirs.P))
-        assert np.abs((ours.P - theirs.P) / np.outer(spread, spread)).max() < 1e-8
+        assert np.abs((ours.covariance - theirs.P) / np.outer(spread, spread)).max() < 1e-8
         assert ours.innovation_deg == pytest.approx(theirs.y[0, 0], rel=1e-6, abs=1e-11)
         assert ours.innovation_variance == pytest.approx(theirs.S[0, 0], rel=1e-8)
 
