@@ -10,7 +10,7 @@ mount: their functions return why they did nothing, as text, or None where they 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from sattrack.control.offset import (
     REST,
@@ -153,11 +153,14 @@ PATTERNS_KEPT = 4
 class Camera(NamedTuple):
     """How a camera's image lies on the sky: the position angle of its y axis, and whether it is mirrored.
 
-    Not mirrored, north up has east to the left.
+    Not mirrored, north up has east to the left. A coarse camera finds what a fine one is centred on.
     """
 
     rotation_deg: float = 0.0
     flip: bool = False
+    scale_arcsec_px: float | None = None
+    kind: Literal["coarse", "fine"] = "fine"
+    fov_deg: float | None = None
 
 
 UPRIGHT = Camera()
@@ -201,13 +204,15 @@ class Biases:
         every = (*self.offsets.values(), self.estimated_along, self.estimated_cross_km)
         return max(one.known_since_utc_s for one in every)
 
-    def seen_at(self, utc_s: float, dx_deg: float, dy_deg: float) -> Direction:
-        """Return the direction of what is seen off the middle of the camera's image, right and up.
+    def seen_at(self, utc_s: float, dx_deg: float, dy_deg: float, camera: Camera | None = None) -> Direction:
+        """Return the direction of what is seen off the middle of a camera's image, right and up.
 
         The offsets on the sky are left out: they make up for what the mount does wrong.
         """
-        c, s = math.cos(self._rotation), math.sin(self._rotation)
-        right = dx_deg if self._camera.flip else -dx_deg
+        camera = camera or self._camera
+        rotation = math.radians(camera.rotation_deg)
+        c, s = math.cos(rotation), math.sin(rotation)
+        right = dx_deg if camera.flip else -dx_deg
         return self._on_track(utc_s).turned(SkyTurn(right * c + dy_deg * s, dy_deg * c - right * s))
 
     def _on_track(self, utc_s: float) -> Direction:

@@ -19,6 +19,9 @@ from sattrack.control.biases import (
 )
 from sattrack.control.estimate import Estimator
 from sattrack.views.messages import (
+    LEAST_SIGMA_ARCSEC,
+    MOST_OFFSET_ARCSEC,
+    MOST_SIGMA_ARCSEC,
     ClearBias,
     DropRemembered,
     Nudge,
@@ -31,6 +34,8 @@ from tle.bias import Bias
 from tle.instants import Utc
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from sattrack.control.biases import Camera
     from sattrack.mount.model import MountProfile
     from sattrack.views.messages import Message
@@ -56,7 +61,9 @@ class Steering:
         camera: Camera,
         start_utc_s: float,
         remembered: RememberedView | None = None,
+        cameras: Mapping[str, Camera] | None = None,
     ) -> None:
+        self._camera, self._cameras = camera, cameras or {}
         self._delay_s = REACTION_PERIODS * profile.period_s + profile.command_delay_s
         self.biases = Biases(bias, propagator, profile, camera)
         self.estimator = Estimator(propagator.elements.catalog_number, start_utc_s)
@@ -174,10 +181,40 @@ class Steering:
         if utc_s < self.biases.known_since_utc_s:
             self.estimator.refuse(f"it is of {seen.utc}: what was fed then is not known any more")
             return
-        there = self.biases.seen_at(utc_s, seen.dx_arcsec / 3600.0, seen.dy_arcsec / 3600.0)
+        camera = self._camera_of(seen)
+        scale_arcsec = 1.0 if seen.dx_px is None else camera.scale_arcsec_px
+        if scale_arcsec is None:
+            name = seen.camera or "NAME"
+            self.estimator.refuse(
+                f"it is in pixels, and their size is not known: give scale_arcsec_px, or set it in "
+                f"[cameras.{name}] of sattrack.toml"
+            )
+            return
+        dx, dy, sigma = (
+            scale_arcsec * ((in_px if in_arcsec is None else in_arcsec) or 0.0)
+            for in_arcsec, in_px in (
+                (seen.dx_arcsec, seen.dx_px),
+                (seen.dy_arcsec, seen.dy_px),
+                (seen.sigma_arcsec, seen.sigma_px),
+            )
+        )
+        if not max(abs(dx), abs(dy)) <= MOST_OFFSET_ARCSEC:
+            self.estimator.refuse(f"offsets go to {MOST_OFFSET_ARCSEC:g} arcseconds either way")
+            return
+        there = self.biases.seen_at(utc_s, dx / 3600.0, dy / 3600.0, camera)
         place = float(there.ra_deg), float(there.dec_deg)
-        directed = Observation(seen.utc, *place, "of_date", seen.sigma_arcsec)
+        sigma_arcsec = min(MOST_SIGMA_ARCSEC, max(LEAST_SIGMA_ARCSEC, sigma))
+        directed = Observation(seen.utc, *place, "of_date", sigma_arcsec)
         self._observe(directed, now_utc_s, begins_s, True)
+
+    def _camera_of(self, seen: SeenOffset) -> Camera:
+        """Return how the camera's image lies: as the message says, else as the run knows it by its name."""
+        known = self._cameras.get(seen.camera or "", self._camera)
+        return known._replace(
+            rotation_deg=known.rotation_deg if seen.rotation_deg is None else seen.rotation_deg,
+            flip=known.flip if seen.flipped is None else seen.flipped,
+            scale_arcsec_px=seen.scale_arcsec_px or known.scale_arcsec_px,
+        )
 
     def _observe(self, seen: Observation, now_utc_s: float, begins_s: float, relative: bool = False) -> None:
         """Take an observation in; the estimate is followed from the next period on."""

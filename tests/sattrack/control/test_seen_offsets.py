@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pytest
@@ -192,3 +193,36 @@ def test_up_is_north_and_right_is_west_unless_the_camera_is_turned_or_mirrored()
         to_east = (float(there.ra_deg) - float(here.ra_deg)) * math.cos(math.radians(float(here.dec_deg)))
         to_north = float(there.dec_deg) - float(here.dec_deg)
         assert (to_east * 60.0, to_north * 60.0) == pytest.approx((east, north), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("camera", "said"),
+    [
+        (Camera(90.0, True), {}),
+        (Camera(12.0), {"rotation_deg": 90.0, "flipped": True}),
+    ],
+)
+def test_an_offset_in_pixels_is_what_it_is_in_arcseconds(camera: Camera, said: dict[str, Any]) -> None:
+    """By hand: 30 px of 2″ to the right of a mirrored image whose up is east is 60″ south."""
+    steering = Loop(camera).steering
+    steering.obey(in_pixels(30.0, 0.0, 1.0, scale_arcsec_px=2.0, **said), BEGIN_S + 0.5)
+    known = steering.estimator.filter
+    assert known is not None
+    orbit = CorrectableOrbit(demo_pass.elements(), Utc(BEGIN_S - 5.0))
+    plain = Propagator(orbit.given, demo_pass.SITE.place(), refraction=Refraction.standard(0.0))
+    here, there = plain.at(Utc(BEGIN_S)), known.pointing(plain, Utc(BEGIN_S), True)[0]
+    north = math.degrees(math.asin(there[2])) - float(here.dec_deg)
+    assert north * 3600.0 == pytest.approx(-60.0, abs=0.5)
+
+
+def test_an_offset_in_pixels_of_unknown_size_is_refused() -> None:
+    steering = Loop().steering
+    steering.obey(in_pixels(30.0, 0.0, 1.0, camera="guide"), BEGIN_S + 0.5)
+    words = steering.estimator.words
+    assert words is not None
+    assert "[cameras.guide]" in words
+    assert steering.estimator.refused == 1
+
+
+def in_pixels(dx: float, dy: float, sigma: float, **more: Any) -> SeenOffset:
+    return SeenOffset(Utc(BEGIN_S).isoformat("microseconds"), dx_px=dx, dy_px=dy, sigma_px=sigma, **more)
