@@ -23,7 +23,7 @@ from __future__ import annotations
 import argparse
 import math
 import random
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -80,6 +80,7 @@ class Hidden:
     rotation_deg: float
     scale: float
     clock_s: float = 0.0
+    mirrored: bool = False
 
     @classmethod
     def drawn(cls, rng: random.Random) -> Hidden:
@@ -191,7 +192,7 @@ class Sky:
         angle = math.radians(self.camera.rotation_deg + self.hidden.rotation_deg)
         east = np.cross(north, c)
         up = math.cos(angle) * north + math.sin(angle) * east
-        right = np.cross(c, up) if not self.camera.flip else -np.cross(c, up)
+        right = -np.cross(c, up) if self.camera.flip != self.hidden.mirrored else np.cross(c, up)
         along = float(u @ c)
         return float(u @ right) / along, float(u @ up) / along
 
@@ -250,6 +251,7 @@ class Result:
     rejected: int
     begun_anew: int
     sky: Sky
+    words: tuple[str, ...] = ()
 
 
 def result(sky: Sky, estimator: Estimator) -> Result:
@@ -261,7 +263,9 @@ def result(sky: Sky, estimator: Estimator) -> Result:
     ]
     back = [off for t, off in since if CLOUDS_S[1] - 1.0 <= t < CLOUDS_S[1]]
     rms = math.sqrt(sum(off * off for off in clear) / len(clear))
-    return Result(rms, max(back), max(clear), estimator.rejected, estimator.begun_anew, sky)
+    return Result(
+        rms, max(back), max(clear), estimator.rejected, estimator.begun_anew, sky, estimator.camera_words
+    )
 
 
 def without_mount(sky: Sky) -> Result:
@@ -367,6 +371,7 @@ def main() -> None:
     parser.add_argument("--pass", dest="name", choices=["ISS", "KANOPUS"])
     parser.add_argument("--truth", choices=["orbit", "warp"], default="orbit")
     parser.add_argument("--mount", action="store_true")
+    parser.add_argument("--wrong", choices=[*WRONG], help="how the camera is not as it was set")
     parser.add_argument("--verbose", action="store_true")
     options = parser.parse_args()
     print(f"truth {options.truth}, {'a virtual mount' if options.mount else 'no mount'}")
@@ -377,20 +382,29 @@ def main() -> None:
         found = []
         for seed in range(options.first, options.first + options.seeds):
             rng = random.Random(f"{subject.name} {seed}")
-            sky = Sky(subject, Hidden.drawn(rng), rng, options.truth)
+            hidden = replace(Hidden.drawn(rng), **WRONG.get(options.wrong, {}))
+            sky = Sky(subject, hidden, rng, options.truth)
             one = with_mount(sky, seed) if options.mount else without_mount(sky)
             found.append(one)
             if options.verbose:
                 spans = ((10, 20), (20, 40), (40, 60), (110, 400))
                 parts = ", ".join(f"{a}-{b} s {sky.rms(a, b):.2f}" for a, b in spans)
+                words = "; ".join(one.words)
                 print(
                     f"  seed {seed}: rms {one.rms_arcsec:.2f}, clouds {one.clouds_arcsec:.2f}, worst "
-                    f"{one.worst_arcsec:.2f}, rejected {one.rejected}, anew {one.begun_anew}; {parts}",
+                    f"{one.worst_arcsec:.2f}, rejected {one.rejected}, anew {one.begun_anew}; {parts}; {words}",
                     flush=True,
                 )
         print(row(subject.name, found), flush=True)
 
 
+WRONG: dict[str, dict[str, Any]] = {
+    "scale": {"scale": 1.25},
+    "rotation": {"rotation_deg": 30.0},
+    "mirrored": {"mirrored": True},
+    "clock": {"clock_s": 0.3},
+    "late clock": {"clock_s": -0.3},
+}
 HEAD = "pass     seeds  rms: median   95 %    max <= 1″ %  clouds: 95 %  max  2 sigma diverged rejected  anew"
 
 

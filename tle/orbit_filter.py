@@ -8,7 +8,7 @@ expect different things beside one another, and answers with the one that forete
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -34,6 +34,13 @@ CAMERA = 5
 """Terms of a camera: rotation and scale of its image, its clock, and where its middle points (two)."""
 TURN_X, TURN_Y, TURN_Z, DELAY, CONE, INDEX = range(STATES, STATES + MOUNT)
 ROTATION, SCALE, CLOCK, MIDDLE_X, MIDDLE_Y = range(CAMERA)
+MOUNT_TERMS = ("turn_x_deg", "turn_y_deg", "turn_z_deg", "delay_s", "cone_deg", "index_deg")
+CAMERA_TERMS = ("rotation_deg", "scale", "clock_s", "middle_x_deg", "middle_y_deg")
+"""Their names, with their units for people; `terms` returns them so, and `KnownTerms` has them so."""
+_MOUNT_UNITS, _CAMERA_UNITS = (
+    np.array([math.radians(1.0) if name.endswith("_deg") else 1.0 for name in names])
+    for names in (MOUNT_TERMS, CAMERA_TERMS)
+)
 EARTH_RAD_S = 7.2921159e-5
 # One sigma of each: rad, but for the delay (s), the scale (a share) and the clock (s).
 _TURN_RAD, _DELAY_S, _CONE_RAD = math.radians(0.1), 0.02, math.radians(0.03)
@@ -42,22 +49,20 @@ _TURN_WALK_RAD2_S = math.radians(0.05 / 3600.0) ** 2
 """How the turn of the base changes, as bending and worm gears make it."""
 _LEAST_ALONG = 0.2
 _RELINEARISE_KM = 5.0
-_MOST_STEPS, _WHOLE_STEPS = 24, 4
+_MOST_STEPS, _WHOLE_STEPS, _HALF_STEPS = 32, 4, 12
 _SETTLED_SIGMAS, _SETTLED_PRIOR_SIGMAS = 0.02, 0.02
-# A bank: how many times larger than usual the errors of elements and the accelerations are, and the
-# likelihood of that, as a logarithm.
-_MEMBERS = ((1.0, 1.0, 0.0), (8.0, 1.0, -4.0), (60.0, 100.0, -8.0))
-_DEFAULT_TERMS_WEIGHT = -3.0
 _WORST_SQUARE = 36.0
 _FORGETTING = 0.98
 _BETTER = 3.0
+_HOPELESS = 40.0
+"""A filter whose camera lies otherwise than set is given up where it is less likely by that (logarithms)."""
 
 
 @dataclass(frozen=True, slots=True)
 class KnownTerms:
     """What is known of a mount's terms and its cameras' before the first sighting: means and sigmas.
 
-    Shapes (6,) and (5,), in the order of the constants above.
+    Shapes (6,) and (5,), in the order and the units of `MOUNT_TERMS` and `CAMERA_TERMS`.
     """
 
     mount: tuple[Array, Array]
@@ -67,7 +72,7 @@ class KnownTerms:
 def usual_terms() -> KnownTerms:
     """Return what is expected of a mount of which nothing was learnt yet."""
     sigma = np.array([_TURN_RAD] * 3 + [_DELAY_S] + [_CONE_RAD] * 2)
-    return KnownTerms((np.zeros(MOUNT), sigma))
+    return KnownTerms((np.zeros(MOUNT), sigma / _MOUNT_UNITS))
 
 
 class OrbitFilter:
@@ -84,11 +89,12 @@ class OrbitFilter:
         noisier: float = 1.0,
         kicked: float = 1.0,
         terms: KnownTerms | None = None,
+        looser: float = 1.0,
     ) -> None:
         """Begin with what is expected; `noisier` and `kicked` are factors of sigmas and accelerations."""
         self.orbit = orbit
-        self._terms = terms or usual_terms()
-        mean, sigma = self._terms.mount
+        self._terms, self._looser = terms or usual_terms(), looser
+        mean, sigma = (one * _MOUNT_UNITS for one in self._terms.mount)
         self._state = np.concatenate([expected.mean_km, mean])
         self._covariance = np.zeros((STATES + MOUNT, STATES + MOUNT))
         self._covariance[:STATES, :STATES] = expected.covariance_km2
@@ -119,8 +125,9 @@ class OrbitFilter:
     def terms(self, camera: str | None = None) -> tuple[Array, Array]:
         """Return the mount's terms, or a camera's that has been seen, and one sigma of each."""
         begin = STATES if camera is None else self._slot(camera)
-        part = slice(begin, begin + (MOUNT if camera is None else CAMERA))
-        return self._state[part], np.sqrt(np.diag(self._covariance)[part])
+        units = _MOUNT_UNITS if camera is None else _CAMERA_UNITS
+        part = slice(begin, begin + len(units))
+        return self._state[part] / units, np.sqrt(np.diag(self._covariance)[part]) / units
 
     def pointing(self, propagator: Propagator, t: Utc, mount: bool) -> tuple[Array, Array]:
         """Return where the satellite is seen at an instant, a unit vector, and its covariance, rad², (3, 3).
@@ -171,8 +178,11 @@ class OrbitFilter:
         if image is None or image.camera in self.cameras:
             return
         middle = _MIDDLE_RAD if image.coarse else 0.0
-        usual = np.zeros(CAMERA), np.array([_ROTATION_RAD, _SCALE, _CLOCK_S, middle, middle])
-        mean, sigma = self._terms.cameras.get(image.camera, usual)
+        loose = self._looser
+        mean = np.zeros(CAMERA)
+        sigma = np.array([loose * _ROTATION_RAD, loose * _SCALE, _CLOCK_S, middle, middle])
+        if image.camera in self._terms.cameras:
+            mean, sigma = (one * _CAMERA_UNITS for one in self._terms.cameras[image.camera])
         n = len(self._state)
         covariance = np.zeros((n + CAMERA, n + CAMERA))
         covariance[:n, :n] = self._covariance
@@ -219,7 +229,7 @@ class OrbitFilter:
             if longest > LONGEST_STEP_KM:
                 step = step * (LONGEST_STEP_KM / longest)
             if number >= _WHOLE_STEPS:
-                step = 0.5 * step
+                step = (0.5 if number < _HALF_STEPS else 0.25) * step
             at = at + step
             # Along what is hardly known, steps need not end: there the expected sigma is the measure.
             moved = float(np.abs(by_state @ step).max()) / sighting.sigma_rad
@@ -257,6 +267,28 @@ class OrbitFilter:
         return np.array([image.x, image.y]) - place, by_state
 
 
+class _Member(NamedTuple):
+    """What a filter of a bank expects: `wider` errors of elements, `kicked` accelerations, the terms that
+    are known, `looser` rotation and scale of cameras, a mirrored image; and how likely that is, a logarithm.
+    """
+
+    wider: float = 1.0
+    kicked: float = 1.0
+    weight: float = 0.0
+    known: bool = False
+    looser: float = 1.0
+    mirrored: bool = False
+
+
+_BY_CAMERA = (
+    _Member(),
+    _Member(wider=8.0, weight=-4.0),
+    _Member(wider=60.0, kicked=100.0, weight=-8.0),
+    _Member(looser=10.0, weight=-5.0),
+    _Member(mirrored=True, weight=-7.0),
+)
+
+
 class FilterBank:
     """Filters that expect different errors of the elements, beside one another; one of them answers.
 
@@ -278,20 +310,17 @@ class FilterBank:
         in a wrong frame they must not be believed.
         """
         self.orbit = orbit
-        kinds: list[tuple[float, float, float, KnownTerms | None]] = [
-            (*one, None) for one in _MEMBERS[: None if seen_by_camera else -1]
-        ]
+        members: tuple[_Member, ...] = _BY_CAMERA if seen_by_camera else _BY_CAMERA[:1]
         if known is not None:
-            usual = [(*one[:2], one[2] + _DEFAULT_TERMS_WEIGHT, None) for one in kinds]
-            kinds = [(1.0, 1.0, 0.0, known), *usual]
-        self._members, self._weights = [], []
-        for more, kicked, weight, terms in kinds:
-            expected = orbit.expected(wider * more)
+            members = (_Member(known=True), *(one._replace(weight=one.weight - 3.0) for one in members))
+        self._kinds, self._members, self._weights = list(members), [], []
+        for kind in members:
+            expected = orbit.expected(wider * kind.wider)
             if mean_km is not None:
                 expected = Expected(mean_km, expected.covariance_km2)
-            self._members.append(OrbitFilter(orbit, expected, noisier, kicked, terms))
-            self._weights.append(weight)
-        self._usual = sum(more == 1.0 for more, *_ in kinds)
+            terms = known if kind.known else None
+            self._members.append(OrbitFilter(orbit, expected, noisier, kind.kicked, terms, kind.looser))
+            self._weights.append(kind.weight)
         self._best = 0
         self.knows_terms = known is not None
         self.accepted = self.rejected = 0
@@ -309,13 +338,19 @@ class FilterBank:
     @property
     def uses_known_terms(self) -> bool:
         """Whether the terms that were known beforehand foretell what is seen."""
-        return self.knows_terms and self._best == 0
+        return self._kinds[self._best].known
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the camera's image is mirrored otherwise than set."""
+        return self._kinds[self._best].mirrored
 
     def copy(self) -> FilterBank:
         """Return a bank of the same state."""
         other = object.__new__(FilterBank)
         other.__dict__.update(self.__dict__)
-        other._members, other._weights = [one.copy() for one in self._members], list(self._weights)
+        other._members = [one.copy() for one in self._members]
+        other._weights, other._kinds = list(self._weights), list(self._kinds)
         return other
 
     def pointing(self, propagator: Propagator, t: Utc, mount: bool) -> tuple[Array, Array]:
@@ -326,11 +361,18 @@ class FilterBank:
         """Return the squared distance of a sighting; before the first, from where the usual errors lead."""
         if self.accepted:
             return self.best.distance(sighting)
-        return min(one.distance(sighting) for one in self._members[: self._usual])
+        return min(
+            one.distance(sighting)
+            for one, kind in zip(self._members, self._kinds, strict=True)
+            if kind.wider == kind.looser == 1.0
+        )
 
     def observe(self, sighting: Sighting, gate: float) -> bool:
         """Take a sighting in; tell whether it lay within the gate of the filter that answers."""
-        found = [one.weigh(sighting, gate) for one in self._members]
+        found = [
+            one.weigh(_mirrored(sighting) if kind.mirrored else sighting, gate)
+            for one, kind in zip(self._members, self._kinds, strict=True)
+        ]
         self._weights = [
             _FORGETTING * weight + likely for weight, (_, likely) in zip(self._weights, found, strict=True)
         ]
@@ -340,7 +382,26 @@ class FilterBank:
         taken = found[self._best][0]
         self.accepted += taken
         self.rejected += not taken
+        self._give_up(most - _HOPELESS)
         return taken
+
+    def _give_up(self, least: float) -> None:
+        """Leave out filters of cameras that lie otherwise than set where that is too unlikely."""
+        answers = self._members[self._best]
+        kept = [
+            i
+            for i, kind in enumerate(self._kinds)
+            if not (kind.mirrored or kind.looser > 1.0) or self._weights[i] >= least
+        ]
+        self._members = [self._members[i] for i in kept]
+        self._weights = [self._weights[i] for i in kept]
+        self._kinds = [self._kinds[i] for i in kept]
+        self._best = self._members.index(answers)
+
+
+def _mirrored(sighting: Sighting) -> Sighting:
+    image = sighting.image
+    return sighting if image is None else replace(sighting, image=replace(image, right=-image.right))
 
 
 class _Solved(NamedTuple):

@@ -20,10 +20,12 @@ from tle.bias import Bias, apparent_unit
 from tle.elements import Elements
 from tle.errors import PropagationError
 from tle.instants import Utc
-from tle.orbit_filter import FilterBank, KnownTerms, OrbitFilter
+from tle.orbit_filter import CAMERA_TERMS, FilterBank, KnownTerms, OrbitFilter
 from tle.orbit_fit import ALONG, STATES, CorrectableOrbit, Expected, Image, Sighting
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from sattrack.control.biases import Course
@@ -59,6 +61,16 @@ NEAR_S = 0.01
 DIFFERENCE_S = 0.1
 FAILURES = (PropagationError, np.linalg.LinAlgError)
 """What a correction can lead to that no satellite can fly."""
+SURE_SIGMAS = 4.0
+TELL_OF: dict[str, tuple[float, Callable[[float], str]]] = {
+    "rotation_deg": (5.0, lambda deg: f"its image is turned by {deg:+.1f}° more than set"),
+    "scale": (0.03, lambda share: f"its pixels are {1.0 + share:.3f} times as large as set"),
+    "clock_s": (
+        0.05,
+        lambda s: f"its clock is {abs(s):.2f} s {'ahead' if s > 0.0 else 'behind'}: dates are mended",
+    ),
+}
+"""How much of a camera's terms is worth a warning, and the warning."""
 FRAMES: dict[str, Frame] = {"icrs": "icrf", "j2000": "j2000", "of_date": "of_date"}
 
 
@@ -101,6 +113,24 @@ class Estimator:
         """Why the last observation was not taken; None where it was."""
         self.last_utc_s: float | None = None
         """Instant of the newest observation that was taken."""
+
+    @property
+    def camera_words(self) -> tuple[str, ...]:
+        """How the cameras, or the mount, are not as they were set, as far as that is sure."""
+        if self.filter is None:
+            return ()
+        best, words = self.filter.best, []
+        if self.filter.knows_terms and not self.filter.uses_known_terms:
+            words.append("what earlier passes found of mount and cameras does not hold: it is left aside")
+        if self.filter.mirrored:
+            words.append("the camera's image is mirrored otherwise than set: turn `flipped` round")
+        for name in best.cameras:
+            found = dict(zip(CAMERA_TERMS, zip(*best.terms(name), strict=True), strict=True))
+            for term, (least, text) in TELL_OF.items():
+                value, sigma = (float(one) for one in found[term])
+                if abs(value) > least and abs(value) > SURE_SIGMAS * sigma:
+                    words.append(f"camera {name or 'without a name'}: {text(value)}")
+        return tuple(words)
 
     def warm_up(self, course: Course, end_utc_s: float) -> None:
         """Have everything computed once that the first observation of a pass would have to wait for."""
