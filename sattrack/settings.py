@@ -77,14 +77,28 @@ class MountSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class CameraSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What looks through the telescope: the diameter of its field of view."""
+    """What looks through the telescope: its field of view, and how its image lies on the sky.
+
+    `rotation_deg` is the position angle of up, from north through east; `flipped` tells that the image is
+    mirrored; `kind` whether the camera finds the target (coarse) or the target is centred in it (fine).
+    """
 
     fov_deg: float | None = None
+    scale_arcsec_px: float | None = None
+    rotation_deg: float | None = None
+    flipped: bool | None = None
+    kind: Literal["coarse", "fine"] = "fine"
 
     def __post_init__(self) -> None:
-        """Raise ValueError where it is no diameter."""
+        """Raise ValueError where a number cannot be one of a camera."""
         if self.fov_deg is not None and not 0.0 < self.fov_deg <= 180.0:
             raise ValueError(f"fov_deg is {self.fov_deg:g}; give the field's diameter in degrees, above 0")
+        if self.scale_arcsec_px is not None and not 0.0 < self.scale_arcsec_px <= 3600.0:
+            raise ValueError(
+                f"scale_arcsec_px is {self.scale_arcsec_px:g}; give arcseconds in a pixel, above 0 to 3600"
+            )
+        if self.rotation_deg is not None and not abs(self.rotation_deg) <= 360.0:
+            raise ValueError(f"rotation_deg is {self.rotation_deg:g}; give degrees, -360 to 360")
 
 
 class ScreenSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -109,6 +123,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     min_altitude_deg: float = 10.0
     safety: SafetySettings = SafetySettings()
     camera: CameraSettings = CameraSettings()
+    cameras: dict[str, CameraSettings] = {}
+    """Cameras by the names that their offsets bear; what one leaves out, `camera` says."""
     screen: ScreenSettings = ScreenSettings()
 
 

@@ -59,6 +59,11 @@ MEANINGS = {
     "safety.longest_fault_s": "longest loss of the link that must not pass a limit; 10 at most",
     "safety.clock_tolerance_s": "how far the mount's sidereal clock may differ from this computer's",
     "camera.fov_deg": "diameter of the field of view",
+    "camera.scale_arcsec_px": "arcseconds in a pixel, for offsets in pixels",
+    "camera.rotation_deg": "position angle of the image's up, from north through east; 0 if left out",
+    "camera.flipped": "whether the image is mirrored; not if left out",
+    "camera.kind": "`coarse`: it finds the target; `fine`: the target is centred in it",
+    "cameras": "tables `[cameras.NAME]` with the keys of `camera`, for offsets of the camera of that name",
     "screen.theme": "`night`, `red` or `contrast`",
     "screen.ascii": "draw with ASCII characters only",
     "name": "the mount's name",
@@ -99,6 +104,7 @@ MEANINGS = {
     "home": "the same of the home position",
     "readings": "types of the status fields that the protocol leaves open; written by a calibration",
     "calibration": "what a calibration measured; written by it",
+    "sky": "what cameras have shown of the mount and of themselves; written by `--learn-profile`",
 }
 
 

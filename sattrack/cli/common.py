@@ -283,15 +283,19 @@ def bias_options(function: Callable[..., Any]) -> Callable[..., Any]:
         "auto for real mounts, on for simulated ones too, nudge also for an operator's nudge, or off.",
     )(function)
     function = click.option(
-        "--camera-flip", "--flip", "camera_flip", is_flag=True, help="The camera's image is mirrored."
+        "--camera-flip",
+        "--flip",
+        "camera_flip",
+        is_flag=True,
+        help="The camera's image is mirrored.",
     )(function)
     return click.option(
         "--camera-rotation",
         "--rotation",
         "camera_rotation",
-        default=0.0,
+        type=float,
         metavar="DEG",
-        help="Position angle of the camera's y axis, from north through east.",
+        help="Position angle of the camera's y axis, from north through east; 0 unless the settings say so.",
     )(function)
 
 

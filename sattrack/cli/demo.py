@@ -25,6 +25,7 @@ from sattrack.cli.common import (
 from sattrack.cli.running import (
     RunProgress,
     Stream,
+    camera_fields,
     check_observations,
     finish,
     fly_and_tell,
@@ -70,9 +71,7 @@ def command(context: CommandContext, seconds: float | None, **options: Any) -> i
         )
     request = replace(
         demo_request(context.clock_option, options["record"], context.profile(options["profile"])),
-        camera_rotation_deg=options["camera_rotation"],
-        camera_flip=options["camera_flip"],
-        fov_deg=context.settings.camera.fov_deg if options["fov_deg"] is None else options["fov_deg"],
+        **camera_fields(context.settings, options),
         memory=options["bias_memory"],
     )
     deadline_s = float("inf") if seconds is None else begun_s + seconds - STOPPING_TAKES_S

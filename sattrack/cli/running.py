@@ -15,6 +15,7 @@ import click
 import msgspec
 
 from sattrack.cli.common import JsonLines, can_draw_lines_anew, renew, tell
+from sattrack.control.biases import Camera
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.profiles import write_profile
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     from sattrack.mount.profiles import ProfileFile
     from sattrack.runtime.facts import Prepared, RunFacts
     from sattrack.servers.antenna.antcn import AntcnRun
+    from sattrack.settings import Settings
     from sattrack.views.run import Armed, SessionView
 
 
@@ -342,6 +344,30 @@ def _left(inbox: SessionInbox) -> bool:
     return inbox.ended
 
 
+def camera_fields(settings: Settings, options: dict[str, Any]) -> dict[str, Any]:
+    """Return what a run's request has of cameras: by the options, else the settings, else upright ones."""
+    general = settings.camera
+    rotation_deg = options["camera_rotation"]
+    if rotation_deg is None:
+        rotation_deg = general.rotation_deg or 0.0
+    flip = options["camera_flip"] or bool(general.flipped)
+    cameras = {
+        name: Camera(
+            rotation_deg if one.rotation_deg is None else one.rotation_deg,
+            flip if one.flipped is None else one.flipped,
+            one.scale_arcsec_px or general.scale_arcsec_px,
+            one.kind,
+            one.fov_deg or general.fov_deg,
+        )
+        for name, one in settings.cameras.items()
+    }
+    if general.scale_arcsec_px is not None or general.kind != "fine":
+        any_other = Camera(rotation_deg, flip, general.scale_arcsec_px, general.kind, general.fov_deg)
+        cameras[""] = any_other
+    fov_deg = general.fov_deg if options["fov_deg"] is None else options["fov_deg"]
+    return {"camera_rotation_deg": rotation_deg, "camera_flip": flip, "cameras": cameras, "fov_deg": fov_deg}
+
+
 def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> int:
     """Follow a satellite by what the command line says; return the exit code. Raises what that may."""
     url = options["mount_url"] or context.settings.mount.url
@@ -357,9 +383,7 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
         refraction=options["refraction"],
         bias_along_s=options["bias_along"],
         bias_cross_deg=options["bias_cross"],
-        camera_rotation_deg=options["camera_rotation"],
-        camera_flip=options["camera_flip"],
-        fov_deg=context.settings.camera.fov_deg if options["fov_deg"] is None else options["fov_deg"],
+        **camera_fields(context.settings, options),
         virtual=options["virtual"],
         record=options["record"],
         profile=context.profile(options["profile"], url),

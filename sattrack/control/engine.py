@@ -6,7 +6,7 @@ Live, a 20 Hz loop feeds it; in a test, a simulated mount in virtual time; in a 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from sattrack.control.biases import UPRIGHT, Camera
@@ -25,6 +25,8 @@ from sattrack.views.messages import Jog
 from sattrack.views.run import StageView
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from sattrack.mount.model import Cleared, MountProfile
     from sattrack.views.messages import Message
     from sattrack.views.run import ErrorView, RememberedView, TrackView
@@ -59,9 +61,11 @@ class RunSpec:
     simulated: bool = False
     recording: str | None = None
     camera: Camera = UPRIGHT
-    """Position angle of the camera's y axis, from north through east."""
+    """How a camera's image lies on the sky that is not one of `cameras`."""
     remembered: RememberedView | None = None
     """The bias of an earlier pass with which this one begins."""
+    cameras: Mapping[str, Camera] = field(default_factory=dict)
+    """Cameras by their names."""
 
 
 class Engine(Driver):
@@ -71,7 +75,13 @@ class Engine(Driver):
         super().__init__(spec.profile, safety_of(spec))
         self.spec = spec
         self.tracker = Tracker(
-            spec.propagator, spec.plan, spec.profile, spec.bias, spec.camera, spec.remembered
+            spec.propagator,
+            spec.plan,
+            spec.profile,
+            spec.bias,
+            spec.camera,
+            spec.remembered,
+            spec.cameras,
         )
         self.malformed = 0
         """Lines that came where observations or messages were expected, and were neither."""

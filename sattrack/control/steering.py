@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -19,6 +20,9 @@ from sattrack.control.biases import (
 )
 from sattrack.control.estimate import Estimator
 from sattrack.views.messages import (
+    LEAST_SIGMA_ARCSEC,
+    MOST_OFFSET_ARCSEC,
+    MOST_SIGMA_ARCSEC,
     ClearBias,
     DropRemembered,
     Nudge,
@@ -31,10 +35,13 @@ from tle.bias import Bias
 from tle.instants import Utc
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from sattrack.control.biases import Camera
     from sattrack.mount.model import MountProfile
     from sattrack.views.messages import Message
     from sattrack.views.run import RememberedView
+    from tle.orbit_fit import Image
     from tle.propagator import Propagator
 
 REACTION_PERIODS = 3.0
@@ -56,7 +63,9 @@ class Steering:
         camera: Camera,
         start_utc_s: float,
         remembered: RememberedView | None = None,
+        cameras: Mapping[str, Camera] | None = None,
     ) -> None:
+        self._camera, self._cameras = camera, cameras or {}
         self._delay_s = REACTION_PERIODS * profile.period_s + profile.command_delay_s
         self.biases = Biases(bias, propagator, profile, camera)
         self.estimator = Estimator(propagator.elements.catalog_number, start_utc_s)
@@ -128,7 +137,7 @@ class Steering:
     def _follow(self, now_utc_s: float) -> bool:
         """Feed what the estimate says where that is not fed yet; tell whether something changed.
 
-        What it says drifts and bends over a pass: between two looks it is followed as a line.
+        What it says drifts and bends over a pass: between two looks it is followed as a parabola.
         """
         begins_s = self._begins_s(now_utc_s)
         read = self.estimator.reading(begins_s, self.biases.course, fed=True)
@@ -137,10 +146,10 @@ class Steering:
             return False
         first = not self._following_estimate
         lasting_s = begins_s + FOLLOW_AGAIN_S
-        off_s = (
-            read.along_s + FOLLOW_AGAIN_S * read.along_rate - self.biases.estimated_along.total_at(lasting_s)
-        )
-        cross_km = read.cross_km + FOLLOW_AGAIN_S * read.cross_rate_km_s
+        half = 0.5 * FOLLOW_AGAIN_S**2
+        along_s = read.along_s + FOLLOW_AGAIN_S * read.along_rate + half * read.along_curve
+        off_s = along_s - self.biases.estimated_along.total_at(lasting_s)
+        cross_km = read.cross_km + FOLLOW_AGAIN_S * read.cross_rate_km_s + half * read.cross_curve_km_s2
         off_km = cross_km - self.biases.estimated_cross_km.total_at(lasting_s)
         if not first and abs(off_s) < SAME_ALONG_S and abs(off_km) < SAME_CROSS_KM:
             return False
@@ -174,16 +183,51 @@ class Steering:
         if utc_s < self.biases.known_since_utc_s:
             self.estimator.refuse(f"it is of {seen.utc}: what was fed then is not known any more")
             return
-        there = self.biases.seen_at(utc_s, seen.dx_arcsec / 3600.0, seen.dy_arcsec / 3600.0)
-        place = float(there.ra_deg), float(there.dec_deg)
-        directed = Observation(seen.utc, *place, "of_date", seen.sigma_arcsec)
-        self._observe(directed, now_utc_s, begins_s, True)
+        camera = self._camera_of(seen)
+        scale_arcsec = 1.0 if seen.dx_px is None else camera.scale_arcsec_px
+        if scale_arcsec is None:
+            name = seen.camera or "NAME"
+            self.estimator.refuse(
+                f"it is in pixels, and their size is not known: give scale_arcsec_px, or set it in "
+                f"[cameras.{name}] of sattrack.toml"
+            )
+            return
+        dx, dy, sigma = (
+            scale_arcsec * ((in_px if in_arcsec is None else in_arcsec) or 0.0)
+            for in_arcsec, in_px in (
+                (seen.dx_arcsec, seen.dx_px),
+                (seen.dy_arcsec, seen.dy_px),
+                (seen.sigma_arcsec, seen.sigma_px),
+            )
+        )
+        if not max(abs(dx), abs(dy)) <= MOST_OFFSET_ARCSEC:
+            self.estimator.refuse(f"offsets go to {MOST_OFFSET_ARCSEC:g} arcseconds either way")
+            return
+        x, y = math.radians(dx / 3600.0), math.radians(dy / 3600.0)
+        image = self.biases.image_at(utc_s, x, y, camera, seen.camera or "")
+        there = image.fed + x * image.right + y * image.up
+        ra_deg = math.degrees(math.atan2(there[1], there[0])) % 360.0
+        dec_deg = math.degrees(math.atan2(there[2], math.hypot(there[0], there[1])))
+        sigma_arcsec = min(MOST_SIGMA_ARCSEC, max(LEAST_SIGMA_ARCSEC, sigma))
+        directed = Observation(seen.utc, ra_deg, dec_deg, "of_date", sigma_arcsec)
+        self._observe(directed, now_utc_s, begins_s, image)
 
-    def _observe(self, seen: Observation, now_utc_s: float, begins_s: float, relative: bool = False) -> None:
+    def _camera_of(self, seen: SeenOffset) -> Camera:
+        """Return how the camera's image lies: as the message says, else as the run knows it by its name."""
+        known = self._cameras.get(seen.camera or "", self._camera)
+        return known._replace(
+            rotation_deg=known.rotation_deg if seen.rotation_deg is None else seen.rotation_deg,
+            flip=known.flip if seen.flipped is None else seen.flipped,
+            scale_arcsec_px=seen.scale_arcsec_px or known.scale_arcsec_px,
+        )
+
+    def _observe(
+        self, seen: Observation, now_utc_s: float, begins_s: float, image: Image | None = None
+    ) -> None:
         """Take an observation in; the estimate is followed from the next period on."""
         along_s, cross_deg = self.biases.totals(begins_s)
         first = Bias(along_s, cross_deg)
-        if self.estimator.take(seen, now_utc_s, self.biases.course, first, relative):
+        if self.estimator.take(seen, now_utc_s, self.biases.course, first, image):
             self._estimated = True
 
     def tell(self, words: str | None, now_utc_s: float) -> None:

@@ -22,6 +22,8 @@ from sattrack.views.messages import Go, Jog, Message, Observation, Pause, Search
 from tle.instants import Utc
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from sattrack.views.run import ErrorView, RememberedView
     from tle.bias import Bias
     from tle.direction import Direction
@@ -72,10 +74,11 @@ class Tracker:
         bias: Bias,
         camera: Camera = UPRIGHT,
         remembered: RememberedView | None = None,
+        cameras: Mapping[str, Camera] | None = None,
     ) -> None:
         self.plan = plan
         self._profile = profile
-        self.steering = Steering(propagator, profile, bias, camera, plan.start_utc_s, remembered)
+        self.steering = Steering(propagator, profile, bias, camera, plan.start_utc_s, remembered, cameras)
         self.follower = Follower(profile, propagator.site.longitude_deg, plan.law)
         """Knows the mount's clock and axes, and learns of the mount while it follows."""
         self._satellite = SatelliteTarget(self.direction_at, plan.detours)

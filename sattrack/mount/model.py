@@ -154,6 +154,20 @@ class CalibrationRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     slewing_field: Literal["true", "quiet", "meaningless"] | None = None
 
 
+class SkyTerms(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What cameras on a mount have shown of it and of themselves: values with one sigma each, by name.
+
+    Of the mount: `turn_x_deg`, `turn_y_deg`, `turn_z_deg` (how its base is turned, about axes in the equator
+    towards the meridian and 90° from it, and about the pole), `delay_s` (by which its statuses are dated
+    late), `cone_deg`, `index_deg` (beside the axes, along right ascension and declination). Of a camera:
+    `rotation_deg` and `scale` (a share) beyond what was set, `clock_s`, `middle_x_deg`, `middle_y_deg`.
+    """
+
+    utc: str
+    mount: dict[str, tuple[float, float]]
+    cameras: dict[str, dict[str, tuple[float, float]]] = {}
+
+
 class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What is known of one mount. Signs, delays and semantics are measured, never assumed for good.
 
@@ -209,6 +223,8 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     home: AxesPosition | None = None
     readings: dict[str, Literal["int64", "double"]] = {}
     calibration: CalibrationRecord | None = None
+    sky: SkyTerms | None = None
+    """What cameras have shown at earlier passes; what the next one begins with."""
 
     @property
     def dated_within_s(self) -> float | None:

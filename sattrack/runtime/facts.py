@@ -72,6 +72,8 @@ class RunFacts(msgspec.Struct, frozen=True):
     recording: str | None = None
     camera_rotation_deg: float = 0.0
     camera_flip: bool = False
+    cameras: dict[str, Camera] = {}
+    """Cameras by their names; `""` is any other, of which without it the rotation and the flip above hold."""
     fov_deg: float | None = None
     """Diameter of the camera's field of view; nothing that is computed depends on it."""
     remembered: RememberedView | None = None
@@ -119,8 +121,9 @@ def build_engine(facts: RunFacts) -> Engine:
         started_utc_s=facts.started_utc_s,
         simulated=facts.mount_name == SIMULATED,
         recording=facts.recording,
-        camera=Camera(facts.camera_rotation_deg, facts.camera_flip),
+        camera=facts.cameras.get("", Camera(facts.camera_rotation_deg, facts.camera_flip)),
         remembered=facts.remembered,
+        cameras=facts.cameras,
     )
     return Engine(spec)
 
@@ -234,6 +237,7 @@ class RunRequest:
     bias_cross_deg: float = 0.0
     camera_rotation_deg: float = 0.0
     camera_flip: bool = False
+    cameras: dict[str, Camera] = field(default_factory=dict)
     fov_deg: float | None = None
     virtual: bool = False
     record: Path | None = None
@@ -319,6 +323,7 @@ def prepare(request: RunRequest) -> Prepared:
         bias_cross_deg=request.bias_cross_deg,
         camera_rotation_deg=request.camera_rotation_deg,
         camera_flip=request.camera_flip,
+        cameras=request.cameras,
         fov_deg=request.fov_deg,
         mount_name="sim" if address is None else str(address),
         started_utc_s=started_s,

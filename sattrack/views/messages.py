@@ -8,7 +8,8 @@ To a run, from an operator or a camera's program:
 `{"type":"search","how":"spiral","spacing_deg":0.05,"speed_deg_s":0.05}`,
 `{"type":"observation","utc":"2026-10-02T13:05:24.5Z","ra_deg":1.2,"dec_deg":3.4,"frame":"icrs",
 "sigma_arcsec":20}`,
-`{"type":"offset","utc":"2026-10-02T13:05:24.5Z","dx_arcsec":12.5,"dy_arcsec":-3,"sigma_arcsec":2}`.
+`{"type":"offset","utc":"2026-10-02T13:05:24.5Z","dx_arcsec":12.5,"dy_arcsec":-3,"sigma_arcsec":2}`,
+`{"type":"offset","utc":"2026-10-02T13:05:24.5Z","dx_px":8.3,"dy_px":-2,"sigma_px":0.2,"camera":"guide"}`.
 
 About its control: `{"type":"take_control"}`, `{"type":"yield_control"}`, `{"type":"leave_running"}`,
 `{"type":"arm","catalog_number":25544,"culminate_utc_s":1790946324.4}`.
@@ -45,7 +46,10 @@ SearchHow = Literal["spiral", "sweep", "stop", "cancel"]
 ObservedFrame = Literal["icrs", "j2000", "of_date"]
 MOST_SIGMA_ARCSEC = 3600.0
 LEAST_SIGMA_ARCSEC = 0.01
+LEAST_SIGMA_PX = 0.001
 MOST_OFFSET_ARCSEC = 18000.0
+MOST_OFFSET_PX = 1e5
+MOST_SCALE_ARCSEC_PX = 3600.0
 
 
 class Nudge(msgspec.Struct, frozen=True, tag="nudge", forbid_unknown_fields=True):
@@ -157,25 +161,56 @@ class Observation(msgspec.Struct, frozen=True, tag="observation", forbid_unknown
         _check_sigma(self.sigma_arcsec)
 
 
-class SeenOffset(msgspec.Struct, frozen=True, tag="offset", forbid_unknown_fields=True):
+class SeenOffset(msgspec.Struct, frozen=True, tag="offset", forbid_unknown_fields=True, omit_defaults=True):
     """Where a camera on the mount saw the satellite at an instant, from the middle of its image.
 
     `utc` is the middle of the exposure, ISO 8601 with Z. x to the right and y up as the image is displayed,
-    arcseconds on the sky; `sigma_arcsec` is one standard deviation of each. `camera` is its name.
+    arcseconds on the sky, or pixels; the sigma is one standard deviation of each. `camera` is its name.
+    `rotation_deg` is the position angle of up, from north through east, `flipped` whether the image is
+    mirrored, `scale_arcsec_px` the sky in a pixel: where they are left out, what the run knows of the camera
+    holds. Not mirrored, an image with north up has east to the left.
     """
 
     utc: str
-    dx_arcsec: float
-    dy_arcsec: float
-    sigma_arcsec: float
+    dx_arcsec: float | None = None
+    dy_arcsec: float | None = None
+    sigma_arcsec: float | None = None
     camera: str | None = None
+    rotation_deg: float | None = None
+    flipped: bool | None = None
+    dx_px: float | None = None
+    dy_px: float | None = None
+    sigma_px: float | None = None
+    scale_arcsec_px: float | None = None
 
     def __post_init__(self) -> None:
-        """Raise ValueError where a number cannot be one of an offset."""
+        """Raise ValueError where fields are missing, or a number cannot be one of an offset."""
         _check_utc(self.utc)
-        if not max(abs(self.dx_arcsec), abs(self.dy_arcsec)) <= MOST_OFFSET_ARCSEC:
-            raise ValueError(f"an offset goes to {MOST_OFFSET_ARCSEC:g} arcseconds either way")
-        _check_sigma(self.sigma_arcsec)
+        in_arcsec = self.dx_arcsec, self.dy_arcsec, self.sigma_arcsec
+        in_px = self.dx_px, self.dy_px, self.sigma_px
+        if None not in in_arcsec and in_px == (None, None, None):
+            dx, dy, sigma = in_arcsec
+            most, unit = MOST_OFFSET_ARCSEC, "arcseconds"
+        elif None not in in_px and in_arcsec == (None, None, None):
+            dx, dy, sigma = in_px
+            most, unit = MOST_OFFSET_PX, "pixels"
+        else:
+            raise ValueError("give dx_arcsec, dy_arcsec and sigma_arcsec, or dx_px, dy_px and sigma_px")
+        assert dx is not None
+        assert dy is not None
+        assert sigma is not None
+        if not max(abs(dx), abs(dy)) <= most:
+            raise ValueError(f"an offset goes to {most:g} {unit} either way")
+        if unit == "arcseconds":
+            _check_sigma(sigma)
+        elif not LEAST_SIGMA_PX <= sigma <= most:
+            raise ValueError(f"sigma_px {sigma:g} is outside {LEAST_SIGMA_PX:g} to {most:g}")
+        if self.rotation_deg is not None and not abs(self.rotation_deg) <= 360.0:
+            raise ValueError(f"rotation_deg {self.rotation_deg:g} is outside -360 to 360")
+        if self.scale_arcsec_px is not None and not 0.0 < self.scale_arcsec_px <= MOST_SCALE_ARCSEC_PX:
+            raise ValueError(
+                f"scale_arcsec_px {self.scale_arcsec_px:g} is outside 0 to {MOST_SCALE_ARCSEC_PX:g}"
+            )
 
 
 TaggedMessage = (
@@ -268,7 +303,9 @@ def is_observation(line: bytes) -> bool:
 
 def _is_seen_offset(line: bytes | str) -> bool:
     """Tell an offset that was seen from an order to offset, whose type is of the same name."""
-    return (b'"dx_arcsec"' in line) if isinstance(line, bytes) else ('"dx_arcsec"' in line)
+    if isinstance(line, str):
+        return '"utc"' in line and '"offset"' in line
+    return b'"utc"' in line and b'"offset"' in line
 
 
 def decode_order(line: bytes) -> ConsoleMessage:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pytest
 
-from sattrack.control.biases import UPRIGHT, Camera
+from sattrack.control.biases import UPRIGHT, Biases, Camera
 from sattrack.control.estimate import CONFIRMED_BY
 from sattrack.control.offset import KEPT
 from sattrack.control.steering import Steering
@@ -133,10 +134,10 @@ def test_the_operators_offset_on_the_sky_stays_and_is_not_learnt_as_the_satellit
     loop = Loop()
     loop.run(10.0)
     biases, later_s = loop.steering.biases, BEGIN_S + 15.0
-    middle, fed = biases.seen_at(later_s, 0.0, 0.0).unit, biases.at(later_s).unit
+    middle, fed = middle_at(biases, later_s), biases.at(later_s).unit
     assert np.allclose(middle, fed, atol=1e-12)
     loop.steering.obey(OffsetBy("dec_deg", "set", 0.05), BEGIN_S + 10.0)
-    assert np.array_equal(biases.seen_at(later_s, 0.0, 0.0).unit, middle)
+    assert np.array_equal(middle_at(biases, later_s), middle)
     moved_deg = math.degrees(float(np.linalg.norm(biases.at(later_s).unit - fed)))
     assert moved_deg == pytest.approx(0.05, rel=1e-3)
 
@@ -188,7 +189,49 @@ def test_up_is_north_and_right_is_west_unless_the_camera_is_turned_or_mirrored()
         (Camera(90.0, True), 1.0, 0.0, 0.0, -1.0),
     ):
         biases = Loop(camera).steering.biases
-        here, there = biases.at(BEGIN_S), biases.seen_at(BEGIN_S, dx / 60.0, dy / 60.0)
-        to_east = (float(there.ra_deg) - float(here.ra_deg)) * math.cos(math.radians(float(here.dec_deg)))
-        to_north = float(there.dec_deg) - float(here.dec_deg)
-        assert (to_east * 60.0, to_north * 60.0) == pytest.approx((east, north), abs=1e-3)
+        x, y = dx * 60.0 * ARCSEC, dy * 60.0 * ARCSEC
+        here, image = biases.at(BEGIN_S), biases.image_at(BEGIN_S, x, y, camera, "")
+        there = image.fed + x * image.right + y * image.up
+        ra_deg, dec_deg = math.degrees(math.atan2(there[1], there[0])), math.degrees(math.asin(there[2]))
+        off_ra_deg = (ra_deg - float(here.ra_deg) + 180.0) % 360.0 - 180.0
+        to_east = off_ra_deg * math.cos(math.radians(float(here.dec_deg)))
+        assert (to_east * 60.0, (dec_deg - float(here.dec_deg)) * 60.0) == pytest.approx(
+            (east, north), abs=1e-3
+        )
+
+
+def middle_at(biases: Biases, utc_s: float) -> np.ndarray:
+    return biases.image_at(utc_s, 0.0, 0.0, UPRIGHT, "").fed
+
+
+@pytest.mark.parametrize(
+    ("camera", "said"),
+    [
+        (Camera(90.0, True), {}),
+        (Camera(12.0), {"rotation_deg": 90.0, "flipped": True}),
+    ],
+)
+def test_an_offset_in_pixels_is_what_it_is_in_arcseconds(camera: Camera, said: dict[str, Any]) -> None:
+    """By hand: 30 px of 2″ to the right of a mirrored image whose up is east is 60″ south."""
+    steering = Loop(camera).steering
+    steering.obey(in_pixels(30.0, 0.0, 1.0, scale_arcsec_px=2.0, **said), BEGIN_S + 0.5)
+    known = steering.estimator.filter
+    assert known is not None
+    orbit = CorrectableOrbit(demo_pass.elements(), Utc(BEGIN_S - 5.0))
+    plain = Propagator(orbit.given, demo_pass.SITE.place(), refraction=Refraction.standard(0.0))
+    here, there = plain.at(Utc(BEGIN_S)), known.pointing(plain, Utc(BEGIN_S), True)[0]
+    north = math.degrees(math.asin(there[2])) - float(here.dec_deg)
+    assert north * 3600.0 == pytest.approx(-60.0, abs=0.5)
+
+
+def test_an_offset_in_pixels_of_unknown_size_is_refused() -> None:
+    steering = Loop().steering
+    steering.obey(in_pixels(30.0, 0.0, 1.0, camera="guide"), BEGIN_S + 0.5)
+    words = steering.estimator.words
+    assert words is not None
+    assert "[cameras.guide]" in words
+    assert steering.estimator.refused == 1
+
+
+def in_pixels(dx: float, dy: float, sigma: float, **more: Any) -> SeenOffset:
+    return SeenOffset(Utc(BEGIN_S).isoformat("microseconds"), dx_px=dx, dy_px=dy, sigma_px=sigma, **more)

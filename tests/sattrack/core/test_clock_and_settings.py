@@ -123,6 +123,9 @@ def test_the_screens_look_and_the_camera_are_settings_and_options_win(tmp_path: 
         ('[screen]\ntheme = "green"\n', "theme"),
         ("[camera]\nfov_deg = 0\n", "fov_deg is 0"),
         ("[camera]\nfov_deg = 181\n", "fov_deg is 181"),
+        ("[cameras.guide]\nscale_arcsec_px = 0\n", "scale_arcsec_px is 0"),
+        ("[cameras.guide]\nrotation_deg = 361\n", "rotation_deg is 361"),
+        ('[cameras.guide]\nkind = "middling"\n', "kind"),
     ],
 )
 def test_a_look_or_a_field_that_cannot_be_names_file_and_key(tmp_path: Path, text: str, words: str) -> None:
