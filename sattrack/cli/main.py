@@ -39,6 +39,7 @@ COMMANDS = {
     "stop": "Stop the mount, from any terminal.",
     "mount": "Look at a mount, and operate it by hand: status, watch, slew, park, ...",
     "sim": "Start the simulated mount alone, on UDP.",
+    "network": "Many stations: passes over all, who follows what, what they saw.",
     "serve": "Serve the mount to other programs: antenna, alpaca, rotctld, web.",
     "elements": "Fetch, show and check element sets.",
     "doctor": "Check settings, clock, elements, priority and mount, and say what to do.",
@@ -46,7 +47,7 @@ COMMANDS = {
 GROUPS = {
     "Observe": ("demo", "track", "run", "attach", "stop"),
     "Mount": ("mount", "sim"),
-    "Plan": ("passes", "ephemeris", "rehearse", "elements", "bias", "biases"),
+    "Plan": ("passes", "ephemeris", "rehearse", "elements", "bias", "biases", "network"),
     "Recordings": ("report", "replay", "recording"),
     "Servers": ("serve",),
     "Set up and check": ("init", "doctor"),
@@ -57,6 +58,7 @@ PLACES = {
     "biases": "elements:biases",
     "mount": "main:mount",
     "serve": "main:serve",
+    "network": "main:network",
 }
 """Module and attribute of the commands that are no `command` in a module of their name."""
 MOUNT_VERBS = {
@@ -84,6 +86,16 @@ Ctrl-C stops the mount first.
 Examples:
   sattrack mount status --mount sim
   sattrack mount slew 14h15m40s 19d10m --mount sim
+"""
+NETWORK_VERBS = {
+    "passes": "Find the passes of all satellites over all stations: a Parquet data set.",
+}
+NETWORK_PLACES = {verb: f"network:{verb}" for verb in NETWORK_VERBS}
+NETWORK_HELP = """Plan and gather the work of many stations.
+
+\b
+Examples:
+  sattrack network passes --stations stations.toml --elements visual.tle --out passes
 """
 SERVERS = {
     "alpaca": "The mount as an ASCOM telescope for programs that speak Alpaca, over HTTP.",
@@ -184,6 +196,7 @@ cli = click.version_option(__version__, prog_name="sattrack")(
     )
 )
 mount = LazyGroup("mount", MOUNT_VERBS, MOUNT_PLACES, help=MOUNT_HELP)
+network = LazyGroup("network", NETWORK_VERBS, NETWORK_PLACES, help=NETWORK_HELP)
 serve = LazyGroup("serve", SERVERS, SERVER_PLACES, help=SERVE_HELP)
 
 

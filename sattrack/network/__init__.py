@@ -1,0 +1,1 @@
+"""Many stations: passes of a catalogue over each, who follows what, and what all of them have seen."""
