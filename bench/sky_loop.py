@@ -391,8 +391,9 @@ def main() -> None:
                 parts = ", ".join(f"{a}-{b} s {sky.rms(a, b):.2f}" for a, b in spans)
                 words = "; ".join(one.words)
                 print(
-                    f"  seed {seed}: rms {one.rms_arcsec:.2f}, clouds {one.clouds_arcsec:.2f}, worst "
-                    f"{one.worst_arcsec:.2f}, rejected {one.rejected}, anew {one.begun_anew}; {parts}; {words}",
+                    f"  seed {seed}: rms {one.rms_arcsec:.2f}, clouds {one.clouds_arcsec:.2f}, "
+                    f"worst {one.worst_arcsec:.2f}, "
+                    f"rejected {one.rejected}, anew {one.begun_anew}; {parts}; {words}",
                     flush=True,
                 )
         print(row(subject.name, found), flush=True)

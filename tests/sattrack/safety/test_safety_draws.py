@@ -9,7 +9,7 @@ from safety_draws import Judged, draw, fly
 from sattrack.safety import bounds, rate_limit
 
 SHORT_S = 45.0
-RUNS, PARTS = 20, 4
+RUNS, PARTS = 10, 2
 FOUND_BY = {"hour_angle": 1, "sun": 13}
 """A run, of those, in which a row that is left out shows."""
 
