@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import math
+from functools import cache
 from pathlib import Path
 
 import erfa
@@ -244,6 +245,7 @@ def test_without_a_site_nothing_moves_that_has_optics() -> None:
 ROOT = Path(sattrack.__file__).parent
 
 
+@cache
 def calls() -> list[tuple[str, str, ast.Call]]:
     """Every call in the package: the module, the name that is called, and the call."""
     found = []
