@@ -1,33 +1,44 @@
-"""`sattrack sim`: a simulated mount alone, on UDP, or with --alpaca an ASCOM telescope over HTTP."""
+"""`sattrack sim`: a simulated mount on UDP, or with --alpaca over HTTP, and with --camera what it sees."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import signal
-from functools import partial
+import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 import msgspec
 
 from sattrack.cli.common import CommandContext, JsonLines, common_options
-from sattrack.core.clock import SimulatedClock
+from sattrack.core.clock import SimulatedClock, SystemClock
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.toml_text import read_toml
 from sattrack.mount.alpaca.link import DEFAULT_PORT as ALPACA_PORT
 from sattrack.mount.profiles import ProfileFile, load_profile_file
+from sattrack.mount.simulator.hidden import GRAMMAR as HIDDEN_GRAMMAR
+from sattrack.mount.simulator.hidden import CameraSettings, Hidden, parse_hidden
 from sattrack.mount.simulator.installation import GRAMMAR, parse_faults, simulator_profile
 from sattrack.mount.simulator.mount import SimulatedSite
-from sattrack.mount.simulator.process import ClockSetting, SimulatorConfig, make_server
+from sattrack.mount.simulator.process import ClockSetting, SimulatorConfig, make_clock, make_server
 from sattrack.mount.xerxes.client import DEFAULT_PORT
 from sattrack.runtime import demo_pass
 
 if TYPE_CHECKING:
-    from sattrack.mount.simulator.alpaca_telescope import TelescopeSettings
-    from sattrack.mount.simulator.mount import Truth
+    from collections.abc import Callable, Mapping
 
+    from sattrack.core.channel import PipedProcess
+    from sattrack.mount.simulator.alpaca_server import CameraConfig
+    from sattrack.mount.simulator.alpaca_telescope import TelescopeSettings
+    from sattrack.mount.simulator.installation import SimulatorProfile
+    from sattrack.mount.simulator.mount import Truth
+    from tle.elements import Elements
+
+CAMERA_WITHIN_S = 30.0
+CAMERA_ENDS_WITHIN_S = 5.0
+DEFAULT_CAMERA = "2.5,1280,960"
 
 FAULTS_HELP = "\n".join(
     (
@@ -37,7 +48,15 @@ FAULTS_HELP = "\n".join(
 )
 
 
-@click.command("sim", epilog=f"\b\n{FAULTS_HELP}")
+HIDDEN_HELP = "\n".join(
+    (
+        "Keys of --hidden, separated by commas, with their units:",
+        *(f"{example:22}{meaning}" for example, meaning in HIDDEN_GRAMMAR),
+    )
+)
+
+
+@click.command("sim", epilog=f"\b\n{FAULTS_HELP}\n\n\b\n{HIDDEN_HELP}")
 @click.option(
     "--port",
     type=int,
@@ -64,7 +83,37 @@ FAULTS_HELP = "\n".join(
     help="With --alpaca: the telescope (TOML), as examples/alpaca_telescope.toml.",
 )
 @click.option("--seed", type=int, help="Random seed; default: the profile's.")
-@common_options("site", "clock", "json")
+@click.option(
+    "--camera",
+    metavar="[SCALE[,WIDTH,HEIGHT]]",
+    is_flag=False,
+    flag_value=DEFAULT_CAMERA,
+    help="Serve a camera on the mount that sees stars and the satellite, as an Alpaca camera: arcseconds per "
+    f"pixel and pixels, {DEFAULT_CAMERA} by default.",
+)
+@click.option("--camera-port", type=int, help="With --camera: its TCP port; a free one by default.")
+@click.option(
+    "--satellite",
+    "satellites",
+    multiple=True,
+    metavar="SAT",
+    help="With --camera: a satellite of --elements, which are its true orbit; may be repeated.",
+)
+@click.option(
+    "--hidden",
+    metavar="KEY=VALUE,...|FILE",
+    help="With --camera: errors of elements, alignment and clocks, clouds, and the camera's own figures; "
+    "see below. FILE is TOML.",
+)
+@click.option(
+    "--frames",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="With --camera: take pictures all the time and write them there as FITS.",
+)
+@click.option("--exposure", default=0.1, show_default=True, metavar="S", help="Exposure of --frames.")
+@click.option("--every", default=0.5, show_default=True, metavar="S", help="Interval of --frames.")
+@common_options("site", "elements", "clock", "json")
 def command(
     context: CommandContext,
     port: int | None,
@@ -74,6 +123,7 @@ def command(
     seed: int | None,
     alpaca: bool,
     telescope: Path | None,
+    **camera_options: Any,
 ) -> int:
     """Run the simulated mount alone, on UDP, until interrupted.
 
@@ -83,6 +133,7 @@ def command(
     Examples:
       sattrack sim --profile edge.toml
       sattrack sim --faults loss=3%,silent@20s+3s
+      sattrack sim --camera --elements iss.tle --hidden along=1,cross=60,rotation=12
     """
     for number in (port, peer):
         if number is not None and not 0 <= number <= 65535:
@@ -104,6 +155,12 @@ def command(
     if seed is not None:
         hardware = msgspec.structs.replace(hardware, seed=seed)
     parse_faults(hardware.faults, f"{profile}, simulator.faults:")
+    pictured = None
+    if camera_options["camera"] is None:
+        _check_no_camera(camera_options)
+    else:
+        pictured = CameraOptions(**camera_options)
+        hardware = pictured.split(hardware)
     config = SimulatorConfig(
         site=site,
         profile=described.mount,
@@ -118,16 +175,27 @@ def command(
     ended: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda got, _: ended.append(got))
-    click.echo(f"simulated mount on 127.0.0.1:{server.port}; Ctrl-C ends it", err=True)
-    tell = _silent
-    if context.json:
-        lines = JsonLines()
-        lines.write({"listening": server.port})
-        tell = partial(_tell, lines)
-    try:
+    listeners: list[Callable[[Truth], None]] = []
+    with contextlib.ExitStack() as stack:
+        stack.callback(server.close)
+        first: dict[str, Any] = {"listening": server.port}
+        if pictured is not None:
+            process, url = _start_camera(pictured.config(context, config))
+            stack.callback(process.close, CAMERA_ENDS_WITHIN_S)
+            first["camera"] = url
+            listeners.append(lambda truth: process.channel.send(msgspec.json.encode(truth) + b"\n"))
+            click.echo(f"simulated camera: {url}", err=True)
+        click.echo(f"simulated mount on 127.0.0.1:{server.port}; Ctrl-C ends it", err=True)
+        if context.json:
+            lines = JsonLines()
+            lines.write(first)
+            listeners.append(lambda truth: lines.write(msgspec.structs.asdict(truth)))
+
+        def tell(truth: Truth) -> None:
+            for listen in listeners:
+                listen(truth)
+
         server.run(lambda: not ended, tell, [])
-    finally:
-        server.close()
     return 130 if ended == [signal.SIGINT] else 0
 
 
@@ -138,12 +206,102 @@ def _setting(context: CommandContext) -> ClockSetting | None:
     return ClockSetting(clock.start_utc_s, clock.anchor_s, clock.speed)
 
 
-def _silent(_: Truth) -> None:
-    """Tell nobody."""
+class CameraOptions:
+    """The options of `--camera`, checked. Raises BadInputError."""
+
+    def __init__(
+        self,
+        camera: str,
+        camera_port: int | None,
+        satellites: tuple[str, ...],
+        hidden: str | None,
+        frames: Path | None,
+        exposure: float,
+        every: float,
+    ) -> None:
+        self.settings = CameraSettings.parse(camera)
+        self.satellites, self.frames = satellites, frames
+        self.exposure, self.every = exposure, every
+        self.port = camera_port or 0
+        if not 0 <= self.port <= 65535:
+            raise BadInputError(f"--camera-port {self.port}: ports run to 65535; 0 takes a free one")
+        if hidden is not None and "=" not in hidden:
+            self.hidden = read_toml(Path(hidden), Hidden, "what is hidden")
+        else:
+            self.hidden = parse_hidden(hidden or "")
+        for name, value in (("exposure", exposure), ("every", every)):
+            if not 0.0001 <= value <= 600.0:
+                raise BadInputError(f"--{name} {value:g}: it goes from 0.0001 to 600 s")
+        if frames is not None and not frames.is_dir():
+            raise BadInputError(f"--frames {frames}: there is no such folder")
+
+    def split(self, hardware: SimulatorProfile) -> SimulatorProfile:
+        """Return the mount's settings with commands, or statuses, later by the hidden split."""
+        split_s = self.hidden.split / 1000.0
+        name = "command_delay_s" if split_s > 0.0 else "status_delay_s"
+        if split_s:
+            later_s = (getattr(hardware, name) or 0.0) + abs(split_s)
+            hardware = msgspec.structs.replace(hardware, **{name: later_s})
+        return hardware
+
+    def config(self, context: CommandContext, mount: SimulatorConfig) -> CameraConfig:
+        """Return how to make the camera of a mount that starts now."""
+        from sattrack.mount.simulator.alpaca_server import CameraConfig
+        from tle.sources import write_elements
+
+        offset_s = mount.hardware.clock_offset_s
+        return CameraConfig(
+            mount.site,
+            write_elements(self._true_orbits(context), "json"),
+            self.settings,
+            self.hidden,
+            begin_utc_s=make_clock(mount.clock).utc_s(time.monotonic()),
+            clock_offset_s=(mount.profile.clock_offset_s or 0.0) if offset_s is None else offset_s,
+            seed=mount.hardware.seed,
+            clock=mount.clock,
+            port=self.port,
+            frames=None if self.frames is None else str(self.frames),
+            exposure_s=self.exposure,
+            every_s=self.every,
+        )
+
+    def _true_orbits(self, context: CommandContext) -> list[Elements]:
+        """Return the satellites in the sky; raises BadInputError where it is not clear which."""
+        from tle.sources import find
+
+        if not context.sources() and not self.satellites:
+            return [demo_pass.elements()]
+        known = context.elements(*self.satellites)
+        if self.satellites:
+            return [find(known, key) for key in self.satellites]
+        if len(known) > 1:
+            raise BadInputError(f"--elements hold {len(known)} satellites: choose with --satellite SAT")
+        return known
 
 
-def _tell(lines: JsonLines, truth: Truth) -> None:
-    lines.write(msgspec.structs.asdict(truth))
+def _check_no_camera(options: Mapping[str, Any]) -> None:
+    """Raise BadInputError for an option that needs --camera."""
+    for name in ("camera_port", "satellites", "hidden", "frames"):
+        if options[name]:
+            raise BadInputError(f"--{name.rstrip('s').replace('_', '-')}: it needs --camera")
+
+
+def _start_camera(config: CameraConfig) -> tuple[PipedProcess, str]:
+    """Start the camera's process; return it and its URL. Raises SattrackError where it does not come up."""
+    from sattrack.core.channel import PipedProcess
+    from sattrack.mount.simulator.alpaca_server import CameraStarted
+
+    process = PipedProcess.start(
+        "sattrack.mount.simulator.alpaca_server", msgspec.json.encode(config).decode()
+    )
+    lines = process.channel.first(CAMERA_WITHIN_S)
+    started = (
+        msgspec.json.decode(lines[0], type=CameraStarted) if lines else CameraStarted(0, "it did not start")
+    )
+    if not started.port:
+        process.close(0.0)
+        raise SattrackError(f"the simulated camera: {started.error}")
+    return process, f"alpaca://127.0.0.1:{started.port}/0"
 
 
 def simulate(context: CommandContext, port: int | None, telescope: Path | None) -> int:
@@ -178,7 +336,7 @@ def simulate(context: CommandContext, port: int | None, telescope: Path | None) 
 
 
 async def _until_signalled(settings: TelescopeSettings, port: int, as_json: bool) -> int:
-    from sattrack.mount.simulator.alpaca_server import serve
+    from sattrack.mount.simulator.alpaca_server import AlpacaServer, AlpacaTelescope, serve
 
     loop, stopped, ended = asyncio.get_running_loop(), asyncio.Event(), [0]
 
@@ -195,7 +353,7 @@ async def _until_signalled(settings: TelescopeSettings, port: int, as_json: bool
         if as_json:
             click.echo(msgspec.json.encode({"listening": taken, "mount": url}).decode())
 
-    serving = asyncio.create_task(serve(settings, port, ready))
+    serving = asyncio.create_task(serve(AlpacaServer(SystemClock(), AlpacaTelescope(settings)), port, ready))
     waiting = asyncio.create_task(stopped.wait())
     await asyncio.wait({serving, waiting}, return_when=asyncio.FIRST_COMPLETED)
     if not stopped.is_set():

@@ -464,8 +464,8 @@ class SimulatedMount:
             dec_deg=dec_deg,
             ra_rate_deg_s=SIDEREAL_RATE_DEG_S - ra.velocity_deg_s,
             dec_rate_deg_s=-dec_rate_deg_s if beyond else dec_rate_deg_s,
-            hour_angle_axis_deg=ra_axis_deg + self._ra.turns_deg,
-            dec_axis_deg=dec_axis_deg + self._dec.turns_deg,
+            hour_angle_axis_deg=ra_axis_deg + ra.swing_deg + self._ra.turns_deg,
+            dec_axis_deg=dec_axis_deg + dec.swing_deg + self._dec.turns_deg,
             beyond_pole=beyond,
             at_limit=ra.reference.limited or dec.reference.limited,
         )

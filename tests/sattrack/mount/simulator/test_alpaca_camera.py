@@ -1,0 +1,150 @@
+"""`sattrack sim --camera` as users of alpyca and of FITS files meet it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import time
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from programs import ended, sattrack
+
+from sattrack.cli.main import run
+from sattrack.cli.sim import HIDDEN_HELP
+from sattrack.mount.simulator.hidden import GRAMMAR, Hidden, parse_hidden
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+alpaca = pytest.importorskip("alpaca.camera")
+WITHIN_S = 60.0
+
+
+@contextmanager
+def simulated_camera(*options: str) -> Iterator[Any]:
+    """A camera beside a simulated mount, by alpyca."""
+    command = ("sim", "--camera", "2.5,400,300", "--port", "0", "--json", "--clock", "2026-10-02T13:03:00Z")
+    quiet = {"stdin": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    with ended(sattrack(*command, *options, **quiet)) as process:
+        assert process.stdout is not None
+        url = json.loads(process.stdout.readline())["camera"]
+        camera = alpaca.Camera(url.split("/")[2], int(url.split("/")[3]))
+        camera.Connected = True
+        yield camera
+
+
+def expose(camera: Any, seconds: float) -> np.ndarray[Any, Any]:
+    """The image array of an exposure, [x][y]."""
+    camera.StartExposure(seconds, True)
+    until_s = time.monotonic() + WITHIN_S
+    while not camera.ImageReady:
+        assert time.monotonic() < until_s
+        time.sleep(0.01)
+    return np.array(camera.ImageArray)
+
+
+def test_alpyca_exposes_and_gets_the_picture_with_its_dates(tmp_path: Path) -> None:
+    with simulated_camera("--hidden", "clock=100,hot=0", "--frames", str(tmp_path)) as camera:
+        assert (camera.CameraXSize, camera.CameraYSize, camera.MaxADU) == (400, 300, 65535)
+        with pytest.raises(alpaca.NotImplementedException):
+            _ = camera.CCDTemperature
+        assert not camera.CanSetCCDTemperature
+        with pytest.raises(alpaca.InvalidOperationException):
+            _ = camera.ImageArray
+        image = expose(camera, 0.2)
+        assert image.shape == (400, 300)
+        assert camera.ImageArrayInfo.TransmissionElementType == 8
+        assert 490.0 < image.mean() < 520.0
+        assert camera.LastExposureDuration == 0.2
+        # The camera's clock is 100 s ahead of the sky's.
+        start = datetime.fromisoformat(camera.LastExposureStartTime).replace(tzinfo=UTC)
+        since_s = (start - datetime(2026, 10, 2, 13, 3, tzinfo=UTC)).total_seconds()
+        assert 100.0 < since_s < 100.0 + WITHIN_S
+        camera.BinX = camera.BinY = 2
+        camera.StartX, camera.StartY, camera.NumX, camera.NumY = 10, 20, 100, 50
+        assert expose(camera, 0.05).shape == (100, 50)
+        camera.NumX = 300
+        with pytest.raises(alpaca.InvalidValueException):
+            camera.StartExposure(0.1, True)
+        camera.NumX = 100
+        camera.StartExposure(100.0, True)
+        assert camera.CameraState == alpaca.CameraStates.cameraExposing
+        camera.AbortExposure()
+        assert camera.CameraState == alpaca.CameraStates.cameraIdle
+        camera.StartExposure(100.0, True)
+        camera.StopExposure()
+        until_s = time.monotonic() + WITHIN_S
+        while not camera.ImageReady:
+            assert time.monotonic() < until_s
+        assert camera.LastExposureDuration < 50.0
+        until_s = time.monotonic() + WITHIN_S
+        while not (files := sorted(tmp_path.glob("frame_*.fits"))):
+            assert time.monotonic() < until_s
+            time.sleep(0.05)
+    fits = pytest.importorskip("astropy.io.fits")
+    with fits.open(files[0]) as opened:
+        header, data = opened[0].header, opened[0].data
+        assert data.shape == (300, 400)
+        assert header["EXPTIME"] == 0.1
+        assert header["DATE-OBS"].startswith("2026-10-02T13:04:")
+
+
+def test_json_and_bytes_have_the_columns_first_and_the_top_left_first() -> None:
+    from sattrack.mount.simulator.alpaca_camera import AlpacaCamera, Exposure
+    from sattrack.mount.simulator.camera import Frame
+
+    pixels = np.arange(12, dtype=np.uint16).reshape(3, 4)
+    exposure = Exposure(0.0, 1.0, 0, 1, 0, 0, 4, 3)
+    image = exposure.cut(Frame(pixels, 0.0, 1.0, 0))
+    # Row 0 is the top one; ImageArray[x][y]: x to the right, y down.
+    assert image.tolist() == [[0, 4, 8], [1, 5, 9], [2, 6, 10], [3, 7, 11]]
+    device = AlpacaCamera(camera=None)  # type: ignore[arg-type]
+    device.image = image
+    sent = device.image_bytes(7, 9)
+    head = (
+        "01000000 00000000 07000000 09000000 2c000000 02000000 08000000 02000000 04000000 03000000 00000000"
+    )
+    assert sent[:44] == bytes.fromhex(head.replace(" ", ""))
+    assert sent[44:52] == bytes.fromhex("0000040008000100")
+
+
+def test_the_help_shows_every_key_and_every_example_is_one(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["sim", "--help"]) == 0
+    shown = capsys.readouterr().out
+    for example, meaning in GRAMMAR:
+        assert example in shown
+        assert meaning.split(";")[0] in HIDDEN_HELP
+        assert parse_hidden(example) != Hidden() or example.split("=")[0] in (
+            "magnitude", "fwhm", "sky", "zero_point", "read_noise", "full_well", "bias", "hot"
+        )  # fmt: skip
+    assert {example.split("=")[0] for example, _ in GRAMMAR} == set(Hidden.__struct_fields__)
+
+
+def test_the_page_has_every_key() -> None:
+    page = (Path(__file__).parents[4] / "docs" / "camera-sim.md").read_text(encoding="utf-8")
+    for example, meaning in GRAMMAR:
+        assert f"| `{example}` | {meaning} |" in page
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--hidden", "along=1"], "needs --camera"),
+        (["--camera", "--hidden", "alogn=1"], "alogn"),
+        (["--camera", "2.5,10"], "SCALE,WIDTH,HEIGHT"),
+        (["--camera", "--frames", "/nowhere"], "/nowhere"),
+        (["--camera", "--hidden", "/nowhere.toml"], "/nowhere.toml"),
+        (["--camera", "--every", "0"], "--every"),
+        (["--camera", "--camera-port", "70000"], "70000"),
+    ],
+)
+def test_bad_options_get_one_line(options: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["sim", "--port", "0", *options]) == 2
+    message = capsys.readouterr().err
+    assert words in message
+    assert message.count("\n") == 1

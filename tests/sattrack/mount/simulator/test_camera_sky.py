@@ -1,0 +1,182 @@
+"""The simulated camera's sky against astropy, skyfield and closed forms, by bench/camera_sky.py."""
+
+from __future__ import annotations
+
+import math
+
+import camera_sky
+import numpy as np
+import pytest
+
+from sattrack.core.errors import BadInputError
+from sattrack.mount.simulator.camera import AxisPath, SkyCamera
+from sattrack.mount.simulator.hidden import CameraSettings, Hidden, cloud_windows, parse_hidden
+from sattrack.mount.simulator.night_sky import NightSky, catalogue
+from sattrack.runtime import demo_pass
+
+START_S = camera_sky.START_S
+
+
+def demo_camera(**hidden: object) -> tuple[SkyCamera, AxisPath]:
+    """A camera of a mount that follows the demo pass' elements exactly, and its path."""
+    sky = NightSky(camera_sky.SITE, [demo_pass.elements()], camera_sky.NONE, camera_sky.NO_AIR)
+    camera = SkyCamera(sky, CameraSettings(), Hidden(**hidden), START_S)  # type: ignore[arg-type]
+    return camera, camera_sky.following(sky, 130.0)
+
+
+def test_stars_stand_where_astropy_sees_them() -> None:
+    assert camera_sky.star_places(100) < 0.001
+
+
+def test_the_satellite_stands_where_astropy_sees_it() -> None:
+    assert camera_sky.satellite_places() < 0.001
+
+
+def test_the_satellite_enters_the_shadow_when_skyfield_says_so() -> None:
+    assert camera_sky.shadow() <= 5.0
+
+
+@pytest.mark.parametrize("rotation", [0.0, 12.0, 200.0])
+@pytest.mark.parametrize(("mirror", "beyond"), [(0, False), (1, False), (0, True)])
+def test_pixels_are_those_of_astropy_wcs(rotation: float, mirror: int, beyond: bool) -> None:
+    assert camera_sky.projection(rotation, mirror, beyond) < 1e-4
+
+
+def test_light_width_and_streaks_follow_their_laws() -> None:
+    flux, width, streak, centre = camera_sky.light()
+    assert flux == pytest.approx(1.0, abs=0.002)
+    assert width == pytest.approx(5.0, abs=0.02)
+    assert streak == pytest.approx(1.0, abs=0.002)
+    assert centre < 0.02
+
+
+def test_noise_is_that_of_photons_and_of_the_read_out() -> None:
+    share, mean, dark = camera_sky.noise()
+    assert share == pytest.approx(1.0, abs=0.01)
+    assert mean == pytest.approx(1.0, abs=0.005)
+    assert dark == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_satellite_is_off_by_what_the_axes_are_and_rendered_there() -> None:
+    worst, pixel = camera_sky.offsets()
+    assert worst < 0.01
+    assert pixel < 0.05
+
+
+def test_brightest_stars_are_where_everybody_knows() -> None:
+    stars = catalogue()
+    brightest = stars.places[np.argmin(stars.magnitudes)]
+    sirius = np.radians([101.2872, -16.7161])
+    want = [
+        math.cos(sirius[1]) * math.cos(sirius[0]),
+        math.cos(sirius[1]) * math.sin(sirius[0]),
+        math.sin(sirius[1]),
+    ]
+    assert math.degrees(math.acos(float(brightest @ want))) < 0.01
+    assert 4e5 < len(stars.magnitudes) < 6e5
+
+
+def test_a_satellite_that_is_early_is_seen_ahead_by_its_angular_rate() -> None:
+    # With the axes at rest, the offset of an early satellite is the one that it reaches so much later.
+    late, path = demo_camera()
+    early, _ = demo_camera(along=0.05)
+    rest = camera_sky.resting(*(float(angle[0]) for angle in path.at(np.array([START_S + 60.1]))))
+    later = late.seen(START_S + 60.05, 0.1, rest)
+    now = early.seen(START_S + 60.0, 0.1, rest)
+    # The Earth turns 0.05 s further meanwhile: 0.75 arcseconds and, by the site's motion, some more.
+    assert math.hypot(later.dx_arcsec - now.dx_arcsec, later.dy_arcsec - now.dy_arcsec) < 12.0
+    plain = late.seen(START_S + 60.0, 0.1, rest)
+    assert math.hypot(plain.dx_arcsec - now.dx_arcsec, plain.dy_arcsec - now.dy_arcsec) > 50.0
+
+
+def test_positive_cross_is_clockwise_from_the_motion_as_displayed() -> None:
+    # Overhead and moving north, positive shifts it west (--bias-cross): to the right where north is up.
+    camera, path = demo_camera(cross=60.0)
+    early, _ = demo_camera(along=0.01)
+    across, ahead = camera.seen(START_S + 100.0, 0.1, path), early.seen(START_S + 100.0, 0.1, path)
+    size = math.hypot(across.dx_arcsec, across.dy_arcsec)
+    assert size == pytest.approx(60.0, abs=0.05)
+    turn = ahead.dx_arcsec * across.dy_arcsec - ahead.dy_arcsec * across.dx_arcsec
+    assert turn / (size * math.hypot(ahead.dx_arcsec, ahead.dy_arcsec)) == pytest.approx(-1.0, abs=0.001)
+
+
+@pytest.mark.parametrize("latitude_sign", [1, -1])
+def test_a_misaligned_pole_is_where_it_is_hidden(latitude_sign: int) -> None:
+    from tle.site import Site
+
+    latitude = 50.0 * latitude_sign
+    sky = NightSky(Site(latitude, 5.0, 0.0), (), camera_sky.NONE, camera_sky.NO_AIR)
+    camera = SkyCamera(sky, CameraSettings(), Hidden(polar_az=6.0, polar_alt=4.0), START_S)
+    path = camera_sky.resting(10.0, 90.0 * latitude_sign)
+    east, north, up = camera._exposure(START_S, 0.1, path).sight[0]
+    assert math.degrees(math.asin(up)) == pytest.approx(50.0 + 4.0 / 60.0, abs=1e-6)
+    assert math.degrees(math.atan2(east, north * latitude_sign)) == pytest.approx(6.0 / 60.0, abs=1e-6)
+
+
+def test_clouds_shadow_clock_and_scale() -> None:
+    camera, path = demo_camera(clouds="20-40+60-70", clock=0.3, scale=1.02, ha=50.0)
+    bright = [camera.seen(START_S + after, 0.1, path).electrons for after in (10.0, 25.0, 45.0, 65.0)]
+    assert bright[1] == bright[3] == 0.0
+    # Magnitude 5 at a zero point of 20 for 0.1 s.
+    assert bright[0] == bright[2] == pytest.approx(1e5)
+    seen = camera.seen(START_S + 10.0, 0.1, path)
+    assert seen.utc_s == pytest.approx(START_S + 10.35, abs=1e-6)
+    assert seen.true_utc_s == pytest.approx(START_S + 10.05, abs=1e-6)
+    plain, _ = demo_camera(ha=50.0)
+    assert plain.seen(START_S + 10.0, 0.1, path).dx_arcsec == pytest.approx(seen.dx_arcsec * 1.02)
+
+
+def test_cloudiness_is_the_share_of_time_with_clouds() -> None:
+    utc_s = START_S + np.arange(0.0, 40000.0, 1.0)
+    camera, _ = demo_camera(cloudiness=0.3)
+    clear = camera.clearness(utc_s)
+    assert np.mean(clear < 1.0) == pytest.approx(0.3, abs=0.05)
+    assert clear.min() < 0.05
+
+
+def test_a_picture_comes_again_from_the_same_seed_and_saturates() -> None:
+    camera, path = demo_camera(magnitude=-2.0)
+    frame = camera.frame(START_S + 10.0, 0.1, path)
+    assert (frame.pixels == camera.frame(START_S + 10.0, 0.1, path).pixels).all()
+    assert frame.pixels.max() > 65000
+    assert frame.pixels.shape == (960, 1280)
+    assert not (frame.pixels == camera.frame(START_S + 10.5, 0.1, path).pixels).all()
+
+
+def test_a_path_is_met_between_its_points() -> None:
+    # A cubic goes through any parabola: rates change evenly.
+    path = AxisPath()
+    for t in (0.0, 0.05, 0.1):
+        path.add(START_S + t, 1.0 + t + 5.0 * t * t, 2.0 - t, 1.0 + 10.0 * t, -1.0)
+    t = np.array([0.01, 0.06, 0.093])
+    first, second = path.at(START_S + t)
+    assert first == pytest.approx(1.0 + t + 5.0 * t * t, abs=1e-6)
+    assert second == pytest.approx(2.0 - t, abs=1e-6)
+    beyond, _ = path.at(START_S + np.array([0.2]))
+    assert beyond == pytest.approx(1.0 + 0.1 + 0.05 + 0.1 * 2.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("alogn=3", "'alogn'"),
+        ("along", "write along=VALUE"),
+        ("along=fast", "along"),
+        ("along=nan", "along"),
+        ("mirror=2", "mirror"),
+        ("clouds=40-20", "40-20"),
+        ("clouds=often", "often"),
+        ("cross=1,cross=2", "given twice"),
+    ],
+)
+def test_a_bad_key_gets_one_line(text: str, words: str) -> None:
+    with pytest.raises(BadInputError) as refused:
+        parse_hidden(text)
+    assert words in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_keys_and_windows_are_read() -> None:
+    hidden = parse_hidden("along=3, cross=-60,clouds=20-40+60-70,hot=3")
+    assert (hidden.along, hidden.cross, hidden.hot) == (3.0, -60.0, 3)
+    assert cloud_windows(hidden.clouds) == [(20.0, 40.0), (60.0, 70.0)]
