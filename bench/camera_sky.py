@@ -8,6 +8,7 @@ Prints one line a figure: what was compared, the worst difference, and how long 
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import math
 import sys
 import time
@@ -250,6 +251,43 @@ def offsets():
     return worst, pixel
 
 
+def solved():
+    """Blind solutions by tetra3rs: worst error of the centre, arcseconds, of +y's angle, degrees; mirrors."""
+    import tetra3rs
+    from astropy.coordinates import ICRS, HADec, SkyCoord
+    from astropy.time import Time
+
+    # Its database would read the magnitudes in the columns of proper motion as such.
+    database = tetra3rs.SolverDatabase.generate_from_gaia(
+        max_fov_deg=6.5, min_fov_deg=5.0, star_max_magnitude=8.0, epoch_proper_motion_year=None
+    )
+    middle_s = START_S + 0.25
+    frame = HADec(obstime=Time(middle_s, format="unix"), location=SITE.to_astropy(), pressure=0.0)
+    path = AxisPath()
+    sidereal_deg_s = 15.041067 / 3600.0
+    for t in np.arange(0.0, 1.0, 0.05):
+        path.add(float(START_S + t), float(-20.0 + sidereal_deg_s * t), 40.0, sidereal_deg_s, 0.0)
+    want = SkyCoord(-20.0 + sidereal_deg_s * 0.25, 40.0, unit="deg", frame=frame).transform_to(ICRS())
+    pole = SkyCoord(0.0, 90.0, unit="deg", frame=frame).transform_to(ICRS())
+    north_deg = want.position_angle(pole).deg
+    worst, turned, mirrors = 0.0, 0.0, True
+    for rotation, mirror in ((0.0, 0), (12.0, 0), (200.0, 0), (12.0, 1)):
+        hidden = Hidden(rotation=rotation, mirror=mirror, fwhm=30.0, pressure=0.0)
+        camera = SkyCamera(make_sky(SITE, [], hidden, 0), CameraSettings(15.0), hidden, START_S)
+        picture = camera.frame(START_S, 0.5, path).pixels.astype(np.float32)
+        found = tetra3rs.CentroidExtractor().extract(picture)
+        solution = database.solve_from_centroids(
+            found.centroids, fov_estimate_deg=5.33, image_width=1280, image_height=960, fov_max_error_deg=0.3
+        )
+        centre = SkyCoord(*solution.pixel_to_world(0.0, 0.0), unit="deg")
+        above = SkyCoord(*solution.pixel_to_world(0.0, -50.0), unit="deg")
+        worst = max(worst, float(centre.separation(want).arcsec))
+        off_deg = math.remainder(centre.position_angle(above).deg - north_deg - rotation, 360.0)
+        turned = max(turned, abs(off_deg))
+        mirrors = mirrors and solution.parity_flip == bool(mirror)
+    return worst, turned, mirrors
+
+
 def speed():
     """Processor milliseconds of a frame of 1.2 megapixels with some 50 stars, and of an offset."""
     hidden = Hidden(faint=70.0)
@@ -292,6 +330,12 @@ def main() -> int:
     )
     worst, pixel = offsets()
     print(f"offset of the satellite                    {worst:.3f} arcsec off the axes' own, {pixel:.3f} px")
+    if importlib.util.find_spec("tetra3rs") is not None:
+        centre, turned, mirrors = solved()
+        mirror = "right" if mirrors else "WRONG"
+        print(
+            f"blind solutions by tetra3rs are off by     {centre:.2f} arcsec, {turned:.4f}°; mirror {mirror}"
+        )
     stars, frame_ms, offset_ms = speed()
     print(f"a frame of 1280 x 960 with {stars} stars        {frame_ms:.0f} ms; an offset {offset_ms:.2f} ms")
     return 0

@@ -13,7 +13,7 @@ import click
 import msgspec
 
 from sattrack.cli.common import CommandContext, JsonLines, common_options
-from sattrack.core.clock import SimulatedClock, SystemClock
+from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.toml_text import read_toml
 from sattrack.mount.alpaca.link import DEFAULT_PORT as ALPACA_PORT
@@ -138,12 +138,11 @@ def command(
     for number in (port, peer):
         if number is not None and not 0 <= number <= 65535:
             raise BadInputError(f"port {number}: ports run to 65535; 0 takes a free one")
+    pictured = CameraOptions.of(camera_options)
     if alpaca:
-        from sattrack.cli.sim import simulate
-
         if not (peer is None and profile is None and faults is None and seed is None):
-            raise BadInputError("--alpaca takes --telescope FILE; omit the other options")
-        return simulate(context, port, telescope)
+            raise BadInputError("--alpaca takes --telescope FILE and --camera; omit the other options")
+        return simulate(context, port, telescope, pictured)
     if telescope is not None:
         raise BadInputError(f"--telescope {telescope}: it needs --alpaca")
     where = context.site() if context.has_site() else None
@@ -155,11 +154,7 @@ def command(
     if seed is not None:
         hardware = msgspec.structs.replace(hardware, seed=seed)
     parse_faults(hardware.faults, f"{profile}, simulator.faults:")
-    pictured = None
-    if camera_options["camera"] is None:
-        _check_no_camera(camera_options)
-    else:
-        pictured = CameraOptions(**camera_options)
+    if pictured is not None:
         hardware = pictured.split(hardware)
     config = SimulatorConfig(
         site=site,
@@ -180,7 +175,7 @@ def command(
         stack.callback(server.close)
         first: dict[str, Any] = {"listening": server.port}
         if pictured is not None:
-            process, url = _start_camera(pictured.config(context, config))
+            process, url = _start_camera(pictured, context, config)
             stack.callback(process.close, CAMERA_ENDS_WITHIN_S)
             first["camera"] = url
             listeners.append(lambda truth: process.channel.send(msgspec.json.encode(truth) + b"\n"))
@@ -235,6 +230,16 @@ class CameraOptions:
         if frames is not None and not frames.is_dir():
             raise BadInputError(f"--frames {frames}: there is no such folder")
 
+    @classmethod
+    def of(cls, options: Mapping[str, Any]) -> CameraOptions | None:
+        """Return the options, None without --camera. Raises BadInputError for an option that needs it."""
+        if options["camera"] is not None:
+            return cls(**options)
+        for name in ("camera_port", "satellites", "hidden", "frames"):
+            if options[name]:
+                raise BadInputError(f"--{name.rstrip('s').replace('_', '-')}: it needs --camera")
+        return None
+
     def split(self, hardware: SimulatorProfile) -> SimulatorProfile:
         """Return the mount's settings with commands, or statuses, later by the hidden split."""
         split_s = self.hidden.split / 1000.0
@@ -244,21 +249,27 @@ class CameraOptions:
             hardware = msgspec.structs.replace(hardware, **{name: later_s})
         return hardware
 
-    def config(self, context: CommandContext, mount: SimulatorConfig) -> CameraConfig:
+    def config(
+        self,
+        context: CommandContext,
+        site: SimulatedSite,
+        seed: int,
+        clock: ClockSetting | None = None,
+        clock_offset_s: float = 0.0,
+    ) -> CameraConfig:
         """Return how to make the camera of a mount that starts now."""
         from sattrack.mount.simulator.alpaca_server import CameraConfig
         from tle.sources import write_elements
 
-        offset_s = mount.hardware.clock_offset_s
         return CameraConfig(
-            mount.site,
+            site,
             write_elements(self._true_orbits(context), "json"),
             self.settings,
             self.hidden,
-            begin_utc_s=make_clock(mount.clock).utc_s(time.monotonic()),
-            clock_offset_s=(mount.profile.clock_offset_s or 0.0) if offset_s is None else offset_s,
-            seed=mount.hardware.seed,
-            clock=mount.clock,
+            begin_utc_s=make_clock(clock).utc_s(time.monotonic()),
+            clock_offset_s=clock_offset_s,
+            seed=seed,
+            clock=clock,
             port=self.port,
             frames=None if self.frames is None else str(self.frames),
             exposure_s=self.exposure,
@@ -279,33 +290,32 @@ class CameraOptions:
         return known
 
 
-def _check_no_camera(options: Mapping[str, Any]) -> None:
-    """Raise BadInputError for an option that needs --camera."""
-    for name in ("camera_port", "satellites", "hidden", "frames"):
-        if options[name]:
-            raise BadInputError(f"--{name.rstrip('s').replace('_', '-')}: it needs --camera")
-
-
-def _start_camera(config: CameraConfig) -> tuple[PipedProcess, str]:
+def _start_camera(
+    pictured: CameraOptions, context: CommandContext, mount: SimulatorConfig
+) -> tuple[PipedProcess, str]:
     """Start the camera's process; return it and its URL. Raises SattrackError where it does not come up."""
     from sattrack.core.channel import PipedProcess
     from sattrack.mount.simulator.alpaca_server import CameraStarted
 
-    process = PipedProcess.start(
-        "sattrack.mount.simulator.alpaca_server", msgspec.json.encode(config).decode()
-    )
+    offset_s = mount.hardware.clock_offset_s
+    offset_s = (mount.profile.clock_offset_s or 0.0) if offset_s is None else offset_s
+    config = pictured.config(context, mount.site, mount.hardware.seed, mount.clock, offset_s)
+    argument = msgspec.json.encode(config).decode()
+    process = PipedProcess.start("sattrack.mount.simulator.alpaca_server", argument)
     lines = process.channel.first(CAMERA_WITHIN_S)
-    started = (
-        msgspec.json.decode(lines[0], type=CameraStarted) if lines else CameraStarted(0, "it did not start")
-    )
+    started = CameraStarted(error="it did not start")
+    if lines:
+        started = msgspec.json.decode(lines[0], type=CameraStarted)
     if not started.port:
         process.close(0.0)
         raise SattrackError(f"the simulated camera: {started.error}")
     return process, f"alpaca://127.0.0.1:{started.port}/0"
 
 
-def simulate(context: CommandContext, port: int | None, telescope: Path | None) -> int:
-    """Serve a simulated telescope until interrupted; return the exit code.
+def simulate(
+    context: CommandContext, port: int | None, telescope: Path | None, pictured: CameraOptions | None
+) -> int:
+    """Serve a simulated telescope, and its camera, until interrupted; return the exit code.
 
     It stands at the site of the options or the settings, else where the practice pass is seen. Raises
     BadInputError, naming file, line and key, SattrackError where the port is in use.
@@ -328,16 +338,25 @@ def simulate(context: CommandContext, port: int | None, telescope: Path | None) 
             height_m=site.height_m,
         )
     port = ALPACA_PORT if port is None else port
+    config = None
+    if pictured is not None:
+        if pictured.port or pictured.hidden.split:
+            raise BadInputError("--camera-port and the hidden split do not go with --alpaca")
+        where = SimulatedSite(settings.latitude_deg, settings.longitude_deg, settings.height_m)
+        config = pictured.config(context, where, settings.seed)
     try:
-        ended = asyncio.run(_until_signalled(settings, port, context.json))
+        ended = asyncio.run(_until_signalled(settings, port, context.json, config))
     except OSError as error:
         raise SattrackError(f"TCP port {port} is not available: {error.strerror}") from error
     return 130 if ended == signal.SIGINT else 0
 
 
-async def _until_signalled(settings: TelescopeSettings, port: int, as_json: bool) -> int:
-    from sattrack.mount.simulator.alpaca_server import AlpacaServer, AlpacaTelescope, serve
+async def _until_signalled(
+    settings: TelescopeSettings, port: int, as_json: bool, config: CameraConfig | None
+) -> int:
+    from sattrack.mount.simulator.alpaca_server import serve, telescope_server
 
+    server = telescope_server(settings, config)
     loop, stopped, ended = asyncio.get_running_loop(), asyncio.Event(), [0]
 
     def end(number: int) -> None:
@@ -349,11 +368,15 @@ async def _until_signalled(settings: TelescopeSettings, port: int, as_json: bool
 
     def ready(taken: int) -> None:
         url = f"alpaca://127.0.0.1:{taken}/0"
+        first = {"listening": taken, "mount": url}
+        if config is not None:
+            first["camera"] = url
+            click.echo(f"simulated camera: {url}", err=True)
         click.echo(f"simulated telescope: --mount {url}; Ctrl-C ends it", err=True)
         if as_json:
-            click.echo(msgspec.json.encode({"listening": taken, "mount": url}).decode())
+            click.echo(msgspec.json.encode(first).decode())
 
-    serving = asyncio.create_task(serve(AlpacaServer(SystemClock(), AlpacaTelescope(settings)), port, ready))
+    serving = asyncio.create_task(serve(server, port, ready))
     waiting = asyncio.create_task(stopped.wait())
     await asyncio.wait({serving, waiting}, return_when=asyncio.FIRST_COMPLETED)
     if not stopped.is_set():

@@ -28,6 +28,7 @@ import msgspec
 from aiohttp import web
 
 from sattrack.core.channel import LineReader
+from sattrack.core.clock import SystemClock
 from sattrack.core.errors import SattrackError
 from sattrack.mount.model import mean_sidereal_deg
 from sattrack.mount.simulator.alpaca_camera import AlpacaCamera, Exposure
@@ -194,8 +195,9 @@ class AlpacaServer:
         clock: Clock,
         telescope: AlpacaTelescope | None = None,
         camera: AlpacaCamera | None = None,
+        config: CameraConfig | None = None,
     ) -> None:
-        self._clock = clock
+        self._clock, self._config = clock, config
         self._telescope, self._camera = telescope, camera
         self._devices: dict[str, AlpacaTelescope | AlpacaCamera] = {
             device.kind: device for device in (telescope, camera) if device is not None
@@ -216,28 +218,30 @@ class AlpacaServer:
             app.router.add_get("/simulator/truth", self._truth)
             app.router.add_get("/simulator/state", self._state)
             app.router.add_put("/simulator/settings", self._set)
-            app.cleanup_ctx.append(self._living)
+        app.cleanup_ctx.append(self._living)
         return app
 
     async def _living(self, _: web.Application) -> AsyncIterator[None]:
-        looking = asyncio.create_task(self._look())
+        """Look at the telescope and take pictures while requests are answered; an error there ends it all."""
+        if self._telescope is not None:
+            self.start(self._look())
+        if self._camera is not None and self._config is not None and self._config.frames is not None:
+            self.start(self._take_frames(self._camera.camera, self._config, Path(self._config.frames)))
         yield
-        looking.cancel()
+        for task in self._tasks:
+            task.cancel()
 
     async def _look(self) -> None:
         assert self._telescope is not None
         while True:
-            self._trail.append(self._telescope.telescope.truth(self.now()))
+            telescope, now = self._telescope.telescope, self.now()
+            self._trail.append(telescope.truth(now))
+            self.path.add(now, *telescope.axes(now))
             await asyncio.sleep(LOOK_EVERY_S)
 
     def now(self) -> float:
         """Return the instant that it is."""
         return self._clock.utc_s(time.monotonic())
-
-    @property
-    def speed(self) -> float:
-        """Seconds of the clock in a second."""
-        return self._clock.speed
 
     async def _answer(self, request: web.Request) -> web.Response:
         given = await request.post() if request.method == "PUT" else request.query
@@ -300,11 +304,31 @@ class AlpacaServer:
                 return
             if (left_s := exposure.start_utc_s + exposure.seconds - self.now()) > 0.0:
                 # It may be stopped or aborted meanwhile.
-                await asyncio.sleep(min(LOOK_EVERY_S, left_s / self.speed))
+                await asyncio.sleep(min(LOOK_EVERY_S, left_s / self._clock.speed))
                 continue
-            device.deliver(exposure, *await self.picture(device.camera, exposure))
+            device.deliver(exposure, *await self._picture(device.camera, exposure))
 
-    async def picture(self, camera: SkyCamera, exposure: Exposure) -> tuple[Frame | None, str | None]:
+    async def _take_frames(self, camera: SkyCamera, config: CameraConfig, folder: Path) -> None:
+        """Take a picture at each multiple of `every_s`, for ever, and write it as FITS."""
+        size = config.settings
+        names = (one.stem[6:] for one in folder.glob("frame_??????.fits"))
+        number = max((int(name) for name in names if name.isdigit()), default=0)
+        while True:
+            start_s = math.ceil(self.now() / config.every_s) * config.every_s
+            end_s = start_s + config.exposure_s
+            await asyncio.sleep((end_s - self.now()) / self._clock.speed)
+            exposure = Exposure(start_s, config.exposure_s, 0, 1, 0, 0, size.width, size.height)
+            frame, _ = await self._picture(camera, exposure)
+            if frame is None:
+                continue
+            number += 1
+            try:
+                await asyncio.to_thread(camera.write, frame, folder / f"frame_{number:06d}.fits")
+            except (OSError, SattrackError) as error:
+                sys.stderr.write(f"sattrack: no more pictures are written to {folder}: {error}\n")
+                return
+
+    async def _picture(self, camera: SkyCamera, exposure: Exposure) -> tuple[Frame | None, str | None]:
         """Return the picture of an exposure that has ended, or why there is none."""
         end_s = exposure.start_utc_s + exposure.seconds
         until_s = time.monotonic() + LATEST_PATH_S
@@ -409,17 +433,32 @@ class CameraStarted(msgspec.Struct, frozen=True):
     error: str = ""
 
 
-def make_camera(config: CameraConfig) -> AlpacaCamera:
-    """Return the camera. Raises BadInputError where no stars are installed."""
-    where = config.site
+def make_camera(config: CameraConfig, telescope: SimulatedTelescope | None = None) -> AlpacaCamera:
+    """Return the camera, of a telescope here or else of a mount elsewhere.
+
+    Raises BadInputError where no stars are installed.
+    """
+    where, begin_s = config.site, config.begin_utc_s
     site = Site(where.latitude_deg, where.longitude_deg, where.height_m)
     satellites = [one for one in parse_elements(config.elements) if isinstance(one, Elements)]
     sky = make_sky(site, satellites, config.hidden, config.seed)
-    sidereal_deg = mean_sidereal_deg(config.begin_utc_s + config.clock_offset_s, where.longitude_deg)
-    zero_deg = sky.hour_angle_zero_deg(sidereal_deg, config.begin_utc_s)
-    return AlpacaCamera(
-        SkyCamera(sky, config.settings, config.hidden, config.begin_utc_s, config.seed, zero_deg)
-    )
+    camera = SkyCamera(sky, config.settings, config.hidden, begin_s, config.seed)
+    if telescope is None:
+        sidereal_deg = mean_sidereal_deg(begin_s + config.clock_offset_s, where.longitude_deg)
+        camera.hour_angle_zero_deg = sky.hour_angle_zero_deg(sidereal_deg, begin_s)
+    elif telescope.settings.alignment != "altaz":
+        camera.hour_angle_zero_deg = sky.hour_angle_zero_deg(telescope.sidereal_h(begin_s) * 15.0, begin_s)
+    return AlpacaCamera(camera)
+
+
+def telescope_server(settings: TelescopeSettings, config: CameraConfig | None) -> AlpacaServer:
+    """Return a telescope's server, with a camera on it where one is configured.
+
+    Raises BadInputError where no stars are installed.
+    """
+    telescope = AlpacaTelescope(settings)
+    camera = None if config is None else make_camera(config, telescope.telescope)
+    return AlpacaServer(SystemClock(), telescope, camera, config)
 
 
 class _DiscoveryAnswers(asyncio.DatagramProtocol):
@@ -453,27 +492,8 @@ async def _answer_discovery(port: int) -> None:
         await asyncio.get_running_loop().create_datagram_endpoint(lambda: _DiscoveryAnswers(port), sock=one)
 
 
-async def _take_frames(server: AlpacaServer, camera: SkyCamera, config: CameraConfig) -> None:
-    """Take a picture at each multiple of `every_s`, for ever, and write it as FITS."""
-    folder = Path(config.frames or "")
-    size = config.settings
-    number = max(
-        (int(one.stem[6:]) for one in folder.glob("frame_??????.fits") if one.stem[6:].isdigit()), default=0
-    )
-    while True:
-        now = server.now()
-        start_s = math.ceil(now / config.every_s) * config.every_s
-        await asyncio.sleep((start_s - now) / server.speed)
-        exposure = Exposure(start_s, config.exposure_s, 0, 1, 0, 0, size.width, size.height)
-        await asyncio.sleep(max(0.0, (start_s + config.exposure_s - server.now()) / server.speed))
-        frame, _ = await server.picture(camera, exposure)
-        if frame is not None:
-            number += 1
-            await asyncio.to_thread(camera.write, frame, folder / f"frame_{number:06d}.fits")
-
-
 async def _serve_camera(config: CameraConfig, camera: AlpacaCamera) -> None:
-    server = AlpacaServer(make_clock(config.clock), camera=camera)
+    server = AlpacaServer(make_clock(config.clock), camera=camera, config=config)
     decoder = msgspec.json.Decoder(Truth)
     reader = LineReader(sys.stdin.fileno())
     ended = asyncio.Event()
@@ -492,8 +512,6 @@ async def _serve_camera(config: CameraConfig, camera: AlpacaCamera) -> None:
         os.write(sys.stdout.fileno(), msgspec.json.encode(CameraStarted(port)) + b"\n")
 
     work = [asyncio.create_task(serve(server, config.port, ready)), asyncio.create_task(ended.wait())]
-    if config.frames is not None:
-        work.append(asyncio.create_task(_take_frames(server, camera.camera, config)))
     done, going = await asyncio.wait(work, return_when=asyncio.FIRST_COMPLETED)
     for task in going:
         task.cancel()

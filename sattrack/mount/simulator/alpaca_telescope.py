@@ -197,6 +197,12 @@ class SimulatedTelescope:
         self.run_to(utc_s)
         return self._place()
 
+    def axes(self, utc_s: float) -> tuple[float, float, float, float]:
+        """Return the true angles of both axes, degrees, and their rates."""
+        self.run_to(utc_s)
+        first, second = self._first, self._second
+        return first.position_deg, second.position_deg, first.rate_deg_s, second.rate_deg_s
+
     def reported(self, utc_s: float) -> SimulatedPlace:
         """Return what its driver says of its place: perhaps an old one, and in the driver's own equinox."""
         self.run_to(utc_s)

@@ -56,6 +56,9 @@ GAIN_UNITS = 200.0
 MOST_GAIN = 400
 PIXEL_UM = 3.75
 SENSOR = "Simulated sky"
+PLANE_S = 4.0
+"""A plane takes so long from the left edge to the right one."""
+PLANE_MAGNITUDE = 3.0
 STAR_MARGIN_PX = 40.0
 
 
@@ -253,6 +256,8 @@ class SkyCamera:
         tracks = [self._satellite(index, exposure) for index in range(len(self.sky.satellites))]
         columns, rows, electrons_s = self._stars(exposure)
         tracks += [(columns[:, k], rows[:, k], electrons_s[:, k]) for k in range(columns.shape[1])]
+        if hidden.plane is not None:
+            tracks.append(self._plane(exposure.utc_s - self.begin_utc_s - hidden.plane))
         for column, row, rate in tracks:
             if rate.any():
                 _draw(light, column, row, rate * exposure_s, sigma_px)
@@ -374,6 +379,14 @@ class SkyCamera:
         up = before & (directions[..., 2] > 0.0)
         bright = 10.0 ** (-0.4 * (near.magnitudes - self.hidden.zero_point))
         return columns, rows, np.where(up, bright * exposure.clear[:, None], 0.0)
+
+    def _plane(self, since_s: Array) -> tuple[Array, Array, Array]:
+        """Return columns, rows and electrons a second of a plane, so long after it is in the middle."""
+        width, height = self.settings.width, self.settings.height
+        along = since_s / PLANE_S
+        bright = 10.0 ** (-0.4 * (PLANE_MAGNITUDE - self.hidden.zero_point))
+        blinking = np.where(np.mod(since_s, 1.0) < 0.5, bright, 0.0)
+        return (0.5 + along) * (width - 1), (0.5 - 0.5 * along) * (height - 1), blinking
 
     def _digital(
         self, light: NDArray[np.float32], sky: float, exposure_s: float, gain: int, rng: np.random.Generator

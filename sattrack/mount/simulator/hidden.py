@@ -64,6 +64,7 @@ class Hidden(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     clock: float = 0.0
     split: Annotated[float, msgspec.Meta(ge=-1000.0, le=1000.0)] = 0.0
     clouds: str = ""
+    plane: float | None = None
     cloudiness: Share = 0.0
     jitter: NotNegative = 0.0
     fwhm: Positive = 5.0
@@ -104,6 +105,7 @@ GRAMMAR = (
     ("clock=0.3", "s; the camera's clock is so much ahead"),
     ("split=20", "ms; commands take so much longer, or with -20 statuses"),
     ("clouds=20-40+60-70", "s after the start; nothing is seen through them"),
+    ("plane=30", "s after the start; a plane with blinking lights crosses the middle of the picture"),
     ("cloudiness=0.3", "0 to 1; clouds that come and go, from the seed"),
     ("jitter=0.5", "arcsec; each frame is off at random, one sigma in x and in y"),
     ("fwhm=5", "arcsec; width of a star by air and optics"),

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 alpaca = pytest.importorskip("alpaca.camera")
+management = pytest.importorskip("alpaca.management")
+Telescope = pytest.importorskip("alpaca.telescope").Telescope
 WITHIN_S = 60.0
 
 
@@ -94,6 +96,22 @@ def test_alpyca_exposes_and_gets_the_picture_with_its_dates(tmp_path: Path) -> N
         assert header["DATE-OBS"].startswith("2026-10-02T13:04:")
 
 
+def test_a_telescope_and_its_camera_share_a_server() -> None:
+    quiet = {"stdin": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    options = ("--camera", "2.5,400,300", "--port", "0", "--json")
+    with ended(sattrack("sim", "--alpaca", *options, **quiet)) as process:
+        assert process.stdout is not None
+        first = json.loads(process.stdout.readline())
+        address = first["camera"].split("/")[2]
+        devices = management.configureddevices(address)
+        assert {device["DeviceType"] for device in devices} == {"Telescope", "Camera"}
+        camera = alpaca.Camera(address, 0)
+        camera.Connected = True
+        assert expose(camera, 0.05).shape == (400, 300)
+        with pytest.raises(alpaca.NotConnectedException):
+            _ = Telescope(address, 0).RightAscension
+
+
 def test_json_and_bytes_have_the_columns_first_and_the_top_left_first() -> None:
     from sattrack.mount.simulator.alpaca_camera import AlpacaCamera, Exposure
     from sattrack.mount.simulator.camera import Frame
@@ -135,6 +153,8 @@ def test_the_page_has_every_key() -> None:
     ("options", "words"),
     [
         (["--hidden", "along=1"], "needs --camera"),
+        (["--alpaca", "--satellite", "ISS"], "needs --camera"),
+        (["--alpaca", "--camera", "--hidden", "split=5"], "split"),
         (["--camera", "--hidden", "alogn=1"], "alogn"),
         (["--camera", "2.5,10"], "SCALE,WIDTH,HEIGHT"),
         (["--camera", "--frames", "/nowhere"], "/nowhere"),

