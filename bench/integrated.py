@@ -75,12 +75,15 @@ class Air:
 class IntegratedMotion:
     """The orbit over a span, as `tle.propagator` asks for it: TEME, km, at an instant."""
 
-    def __init__(self, elements: Elements, first_s: float, last_s: float, air: Air) -> None:
-        """Begin where SGP4 has the satellite at `first_s` (POSIX seconds of UTC)."""
+    def __init__(
+        self, elements: Elements, first_s: float, last_s: float, air: Air, state: Array | None = None
+    ) -> None:
+        """Begin where SGP4 has the satellite at `first_s` (POSIX seconds of UTC), or with a state."""
         self.elements, self._first_s = elements, first_s
         self._earth, self._air = EarthOrientation.installed(), air
         _, r, v = elements.satrec().sgp4(*julian(first_s))
-        solver = DOP853(self._slope, 0.0, np.array([*r, *v]), last_s - first_s, rtol=1e-11, atol=1e-9)
+        begin = np.array([*r, *v]) if state is None else state
+        solver = DOP853(self._slope, 0.0, begin, last_s - first_s, rtol=1e-11, atol=1e-9)
         grid, states = np.arange(0.0, last_s - first_s, GRID_S), []
         at = 0
         while at < len(grid) and solver.status == "running":
@@ -90,6 +93,15 @@ class IntegratedMotion:
             states.append(piece(grid[at:until]).T)
             at = until
         self._states = np.concatenate(states)
+
+    def state_before(self, state: Array, from_s: float, to_s: float) -> Array:
+        """Return the state at an earlier instant that leads to a state at `from_s`."""
+        solver = DOP853(
+            self._slope, from_s - self._first_s, state, to_s - self._first_s, rtol=1e-11, atol=1e-9
+        )
+        while solver.status == "running":
+            solver.step()
+        return solver.y
 
     def at(self, unix_s: float, later_s: float) -> tuple[float, ...]:
         """Return position, velocity and acceleration at an instant plus `later_s`, and 0: no error."""

@@ -1,4 +1,4 @@
-"""An orbit corrected by observed directions: six corrections, what to expect of them, filter and fit.
+"""An orbit corrected by observed directions: six corrections, what to expect of them, and a fit.
 
 The corrections are displacements in km at an epoch, of the mean elements that SGP4 has there: along the
 orbit, of the semi-major axis, of the eccentricity vector (two), of the orbit's plane (two). They are made in
@@ -25,15 +25,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from tle.direction import Direction
     from tle.elements import Elements
     from tle.propagator import Propagator
 
     Array = NDArray[np.float64]
 
 STATES = 6
-MOUNT = 4
-"""Terms of the mount beside the six corrections: three of a turn of its base, rad, and a delay, s."""
 ALONG, AXIS, ECCENTRIC_X, ECCENTRIC_Y, PLANE_X, PLANE_Y = range(STATES)
 FIRST_ALONG_S = 30.0
 """Elements are seconds late or early, after a manoeuvre a minute: one sigma."""
@@ -48,14 +45,7 @@ _NOISE_KM2_S3 = 1.2e-11
 """Spectral density of the accelerations that SGP4 leaves out, at 7000 km from the Earth's centre."""
 _NOISE_POWER = 6.0
 _STEP_KM = 0.5
-_RELINEARISE_KM = 5.0
-_MOST_STEPS = 12
-_LONGEST_STEP_KM = 150.0
-_SETTLED_KM, _SETTLED_SIGMAS = 1e-4, 0.01
-EARTH_RAD_S = 7.2921159e-5
-# The mount's terms: a turn of its base and a delay, one sigma, and how the turn changes, rad²/s.
-_TURN_RAD, _DELAY_S = math.radians(0.1), 0.02
-_TURN_WALK_RAD2_S = math.radians(0.3 / 3600.0) ** 2
+LONGEST_STEP_KM = 150.0
 # A fit: its steps, of which the first weigh sightings, from so many sigmas on, by how far they lie off.
 _MOST_FITS, _ROBUST_FITS, _NEAR_SIGMAS = 60, 12, 1.5
 _FIT_WIDER = 3.0
@@ -125,135 +115,32 @@ class Sighting:
     """An observed direction, a unit vector as the propagator's apparent place has it, and its sigma, rad.
 
     `propagator` is one of the satellite, without a bias, for the air that the direction went through.
-    `relative` tells that the direction was seen relative to where the mount pointed: the mount's terms count.
+    With `image` it was seen in the image of a camera on the mount: the terms of both count.
     """
 
     utc: Utc
     unit: Array
     sigma_rad: float
     propagator: Propagator
-    relative: bool = False
+    image: Image | None = None
 
 
-class OrbitFilter:
-    """An iterated, extended Kalman filter of the six corrections, fed by single directions.
+@dataclass(frozen=True, slots=True)
+class Image:
+    """A place in a camera's image, and where that lies on the sky as far as is known before.
 
-    Directions that were seen relative to the mount's pointing tell of its errors too: of a turn of its base,
-    as a polar axis that is off makes it and a wrong zero of the hour angle, and of a delay that is split
-    wrongly between the ways to and fro. They stay at nothing where no such direction comes.
+    `fed` is the direction to which the mount was fed, a unit vector, `fed_rate` its derivative, rad/s;
+    `right` and `up` are the image's axes there, x and y the place on them: tangents of angles from `fed`.
     """
 
-    def __init__(self, orbit: CorrectableOrbit, expected: Expected, noisier: float = 1.0) -> None:
-        """Begin with what is expected; sightings and accelerations have `noisier` times their sigmas."""
-        self.orbit = orbit
-        self._state = np.concatenate([expected.mean_km, np.zeros(MOUNT)])
-        self._covariance = np.zeros((STATES + MOUNT, STATES + MOUNT))
-        self._covariance[:STATES, :STATES] = expected.covariance_km2
-        self._covariance[STATES:, STATES:] = np.diag([_TURN_RAD**2] * 3 + [_DELAY_S**2])
-        self._noisier = noisier
-        self._last_utc_s: float | None = None
-        self._partials = _Partials(orbit, self.correction_km)
-        self.accepted = 0
-        self.rejected = 0
-
-    @property
-    def correction_km(self) -> Array:
-        """The six corrections, km."""
-        return self._state[:STATES]
-
-    @property
-    def covariance_km2(self) -> Array:
-        """The covariance of the six corrections, km²."""
-        return self._covariance[:STATES, :STATES]
-
-    def copy(self) -> OrbitFilter:
-        """Return a filter of the same state."""
-        other = OrbitFilter(self.orbit, Expected(self.correction_km, self.covariance_km2), self._noisier)
-        other._state, other._covariance = self._state, self._covariance
-        other._last_utc_s = self._last_utc_s
-        other._partials, other.accepted, other.rejected = self._partials, self.accepted, self.rejected
-        return other
-
-    def seen_by(self, propagator: Propagator) -> Propagator:
-        """Return a propagator of the same kind for the corrected orbit."""
-        return propagator.with_elements(self.orbit.corrected(self.correction_km))
-
-    def pointing(self, propagator: Propagator, t: Utc, mount: bool) -> tuple[Array, Array]:
-        """Return where the satellite is seen at an instant, a unit vector, and its covariance, rad², (3, 3).
-
-        With `mount` it is where the mount must point by its own idea, its errors made up for.
-        """
-        seen = self.seen_by(propagator).at(t)
-        by_state = propagator.of_date(t, self._partials.states(t)[:3]) / float(seen.range_km)
-        by_mount = mount_terms(seen) * float(mount)
-        u = seen.unit + by_mount @ self._state[STATES:]
-        by = np.hstack([by_state - np.outer(seen.unit, seen.unit @ by_state), by_mount])
-        spread: Array = by @ self._grown(t) @ by.T
-        return u / math.sqrt(float(u @ u)), spread
-
-    def distance(self, sighting: Sighting) -> float:
-        """Return the squared Mahalanobis distance of a sighting from what is expected of it (two degrees)."""
-        solved = self._solve(sighting, self._grown(sighting.utc))
-        return math.inf if solved is None else solved.distance
-
-    def observe(self, sighting: Sighting, gate: float) -> bool:
-        """Take a sighting in; tell whether it lay within the gate, a squared Mahalanobis distance.
-
-        One that comes later than it was made counts as the other sightings do, with the growth since then
-        added to its own uncertainty.
-        """
-        covariance = self._grown(sighting.utc)
-        solved = self._solve(sighting, covariance)
-        if solved is None or not solved.distance <= gate:
-            self.rejected += 1
-            return False
-        self._state, self._covariance, _, self._partials = solved
-        utc_s = float(sighting.utc.unix_s)
-        self._last_utc_s = utc_s if self._last_utc_s is None else max(utc_s, self._last_utc_s)
-        self.accepted += 1
-        return True
-
-    def _grown(self, t: Utc) -> Array:
-        """Return the covariance with the noise from the newest sighting to an instant, or back to it."""
-        if self._last_utc_s is None:
-            return self._covariance
-        seconds = abs(float(t.unix_s) - self._last_utc_s)
-        if seconds == 0.0:
-            return self._covariance
-        middle = Utc(0.5 * (float(t.unix_s) + self._last_utc_s))
-        kick = np.linalg.inv(self._partials.states(middle))[:, 3:]
-        grown: Array = self._covariance.copy()
-        grown[:STATES, :STATES] += self._noisier**2 * self.orbit.noise_km2_s3 * seconds * (kick @ kick.T)
-        grown[STATES:-1, STATES:-1] += _TURN_WALK_RAD2_S * seconds * np.eye(3)
-        return grown
-
-    def _solve(self, sighting: Sighting, covariance: Array) -> _Solved | None:
-        """Return correction, covariance and squared distance with a sighting; None where none leads there."""
-        prior, at, partials = self._state, self._state, self._partials
-        noise = (self._noisier * sighting.sigma_rad) ** 2 * np.eye(2)
-        for _ in range(_MOST_STEPS):
-            try:
-                if float(np.abs(at[:STATES] - partials.at_km).max()) > _RELINEARISE_KM:
-                    partials = _Partials(self.orbit, at[:STATES])
-                off, by_state, range_km = _compared(self.orbit, sighting, at, partials)
-            except PropagationError:
-                return None
-            spread = by_state @ covariance @ by_state.T + noise
-            gap = off + by_state @ (at - prior)
-            gain = np.linalg.solve(spread, by_state @ covariance).T
-            wanted = prior + gain @ gap
-            step = wanted - at
-            longest = float(np.abs(step).max())
-            if longest > _LONGEST_STEP_KM:
-                step = step * (_LONGEST_STEP_KM / longest)
-            at = at + step
-            if longest < max(_SETTLED_KM, _SETTLED_SIGMAS * sighting.sigma_rad * range_km):
-                kept = np.eye(STATES + MOUNT) - gain @ by_state
-                # Joseph's form keeps it symmetric and positive.
-                left = kept @ covariance @ kept.T + gain @ noise @ gain.T
-                distance = float(gap @ np.linalg.solve(spread, gap))
-                return _Solved(at, 0.5 * (left + left.T), distance, partials)
-        return None
+    camera: str
+    coarse: bool
+    fed: Array
+    fed_rate: Array
+    right: Array
+    up: Array
+    x: float
+    y: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -297,8 +184,8 @@ class OrbitFit:
         """Return the biases of the given elements at an instant; `believed` is a propagator of those."""
         there = believed.with_elements(self.elements).at(t)
         found = bias_from_observation(believed, float(there.ra_deg), float(there.dec_deg), t)
-        by_state = believed.of_date(t, _Partials(self.orbit, self.correction_km).states(t)[:3])
-        basis, u = _track(there.unit, by_state), there.unit
+        by_state = believed.of_date(t, Partials(self.orbit, self.correction_km).states(t)[:3])
+        basis, u = track_basis(there.unit, by_state), there.unit
         spread = basis @ by_state @ self.covariance_km2 @ by_state.T @ basis.T
         later = believed.at(t, Bias(found.along_s + 0.05, found.cross_deg)).unit
         pace = float(np.linalg.norm(later - u)) / 0.05
@@ -308,7 +195,7 @@ class OrbitFit:
 
     def state_covariance_km2(self) -> Array:
         """Return the covariance of position and velocity at the epoch, TEME, km and km/s, shape (6, 6)."""
-        by_state = _Partials(self.orbit, self.correction_km).states(self.orbit.epoch)
+        by_state = Partials(self.orbit, self.correction_km).states(self.orbit.epoch)
         spread: Array = by_state @ self.covariance_km2 @ by_state.T
         return spread
 
@@ -321,15 +208,15 @@ def fit_orbit(orbit: CorrectableOrbit, sightings: Sequence[Sighting], gate: floa
     """
     expected = orbit.expected(_FIT_WIDER)
     weight_of_expected = np.linalg.inv(expected.covariance_km2)
-    at, partials = np.zeros(STATES), _Partials(orbit, np.zeros(STATES))
+    at, partials = np.zeros(STATES), Partials(orbit, np.zeros(STATES))
     at[ALONG] = _first_along_km(orbit, sightings)
     used = np.ones(len(sightings), dtype=bool)
     scatter = 1.0
     for step in range(_MOST_FITS):
         if float(np.abs(at - partials.at_km).max()) > _SETTLED_FIT_KM:
-            partials = _Partials(orbit, at)
-        compared = [_compared(orbit, one, at, partials) for one in sightings]
-        off = np.array([one[0] for one in compared])
+            partials = Partials(orbit, at)
+        found = [compared(orbit, one, at, partials) for one in sightings]
+        off = np.array([one.off for one in found])
         sigmas = np.array([one.sigma_rad for one in sightings])
         square = np.sum(np.square(off / sigmas[:, None]), axis=1)
         scatter = max(1.0, math.sqrt(float(np.median(square[used])) / _MEDIAN_SQUARE))
@@ -342,12 +229,12 @@ def fit_orbit(orbit: CorrectableOrbit, sightings: Sequence[Sighting], gate: floa
         share = np.minimum(1.0, _NEAR_SIGMAS / np.sqrt(np.maximum(distance, 1e-12))) if robust else used
         weights = share / np.square(sigmas * scatter)
         normal, pull = weight_of_expected.copy(), -weight_of_expected @ at
-        for (gap, by_state, _), weight in zip(compared, weights, strict=True):
+        for (gap, by_state), weight in zip(found, weights, strict=True):
             normal += weight * by_state.T @ by_state
             pull += weight * by_state.T @ gap
         change = np.linalg.solve(normal, pull)
         longest = float(np.abs(change).max())
-        at = at + change * min(1.0, _LONGEST_STEP_KM / max(longest, 1e-12))
+        at = at + change * min(1.0, LONGEST_STEP_KM / max(longest, 1e-12))
         if not robust and longest < _SETTLED_FIT_KM:
             arcsec = np.degrees(off) * 3600.0
             return OrbitFit(orbit, at, np.linalg.inv(normal), arcsec, used, scatter)
@@ -369,16 +256,7 @@ def _first_along_km(orbit: CorrectableOrbit, sightings: Sequence[Sighting]) -> f
     return float(np.median(found)) * orbit.speed_km_s if found else 0.0
 
 
-class _Solved(NamedTuple):
-    """What a sighting makes of the state: state, covariance, squared distance, and partials near it."""
-
-    state: Array
-    covariance: Array
-    distance: float
-    partials: _Partials
-
-
-class _Partials:
+class Partials:
     """What each correction changes of position and velocity, by differences of SGP4's own."""
 
     def __init__(self, orbit: CorrectableOrbit, at_km: Array) -> None:
@@ -393,44 +271,29 @@ class _Partials:
         return np.stack([(there - here) / _STEP_KM for there in moved], axis=1)
 
 
-def _compared(
-    orbit: CorrectableOrbit, sighting: Sighting, at: Array, partials: _Partials
-) -> tuple[Array, Array, float]:
-    """Return how far a sighting lies from a state, rad, shape (2,), what that is by state, and the range.
+def compared(orbit: CorrectableOrbit, sighting: Sighting, at_km: Array, partials: Partials) -> Compared:
+    """Return how far a sighting lies from a correction, along the track and left of it.
 
-    The state is that of the six corrections, or of those and the mount's terms.
+    Raises PropagationError.
     """
-    propagator = sighting.propagator.with_elements(orbit.corrected(at[:STATES]))
+    propagator = sighting.propagator.with_elements(orbit.corrected(at_km))
     seen = propagator.at(sighting.utc)
-    range_km, u = float(seen.range_km), seen.unit
+    u = seen.unit
     by_state = propagator.of_date(sighting.utc, partials.states(sighting.utc)[:3])
-    by = by_state / range_km
-    if len(at) > STATES:
-        by_mount = mount_terms(seen) * float(sighting.relative)
-        u = u + by_mount @ at[STATES:]
-        u = u / math.sqrt(float(u @ u))
-        by = np.hstack([by, by_mount])
-    basis = _track(u, by_state)
+    basis = track_basis(u, by_state)
     ahead, left = (float(value) for value in basis @ sighting.unit)
     off = np.array([math.atan2(ahead, float(sighting.unit @ u)), math.asin(max(-1.0, min(1.0, left)))])
-    return off, basis @ by, range_km
+    return Compared(off, basis @ by_state / float(seen.range_km))
 
 
-def mount_terms(seen: Direction) -> Array:
-    """Return how a direction's unit vector is moved by the mount's terms, shape (3, 4).
+class Compared(NamedTuple):
+    """How far a sighting lies from what is expected, rad, (2,), and what that is by correction, (2, 6)."""
 
-    Three turns about axes fixed to the Earth, rad: in the equator towards the meridian and 90° from it, and
-    the pole; then a second by which the mount is ahead.
-    """
-    u = seen.unit
-    meridian = math.radians(float(seen.ra_deg) + float(seen.ha_deg))
-    c, s = math.cos(meridian), math.sin(meridian)
-    turns = [np.cross(axis, u) for axis in ((c, s, 0.0), (s, -c, 0.0), (0.0, 0.0, 1.0))]
-    pace = seen.unit_rate - EARTH_RAD_S * turns[2]
-    return np.stack([*turns, pace], axis=1)
+    off: Array
+    by_state: Array
 
 
-def _track(u: Array, by_state: Array) -> Array:
+def track_basis(u: Array, by_state: Array) -> Array:
     """Return the directions on the sky along the track and left of it, shape (2, 3)."""
     m = by_state[:, ALONG] - (by_state[:, ALONG] @ u) * u
     m = m / math.sqrt(float(m @ m))

@@ -12,6 +12,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
+import numpy as np
+
 from sattrack.control.offset import (
     REST,
     START_S,
@@ -27,6 +29,7 @@ from sattrack.core.angles import wrap180
 from tle.bias import Bias
 from tle.direction import SkyTurn
 from tle.instants import Utc
+from tle.orbit_fit import Image
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -204,16 +207,19 @@ class Biases:
         every = (*self.offsets.values(), self.estimated_along, self.estimated_cross_km)
         return max(one.known_since_utc_s for one in every)
 
-    def seen_at(self, utc_s: float, dx_deg: float, dy_deg: float, camera: Camera | None = None) -> Direction:
-        """Return the direction of what is seen off the middle of a camera's image, right and up.
+    def image_at(self, utc_s: float, dx: float, dy: float, camera: Camera, name: str) -> Image:
+        """Return a place in a camera's image: tangents of the angles right and up of its middle.
 
         The offsets on the sky are left out: they make up for what the mount does wrong.
         """
-        camera = camera or self._camera
-        rotation = math.radians(camera.rotation_deg)
-        c, s = math.cos(rotation), math.sin(rotation)
-        right = dx_deg if camera.flip else -dx_deg
-        return self._on_track(utc_s).turned(SkyTurn(right * c + dy_deg * s, dy_deg * c - right * s))
+        fed = self._on_track(utc_s)
+        x, y, z = (float(value) for value in fed.unit)
+        flat = max(1e-9, math.hypot(x, y))
+        east, north = np.array([-y, x, 0.0]) / flat, np.array([-z * x, -z * y, flat * flat]) / flat
+        c, s = math.cos(math.radians(camera.rotation_deg)), math.sin(math.radians(camera.rotation_deg))
+        right = (east * c - north * s) * (1.0 if camera.flip else -1.0)
+        up = north * c + east * s
+        return Image(name, camera.kind == "coarse", fed.unit, fed.unit_rate, right, up, dx, dy)
 
     def _on_track(self, utc_s: float) -> Direction:
         """Return the direction at an instant with all that is along the track and across it."""
@@ -533,10 +539,14 @@ def follow_estimate(biases: Biases, read: Reading, first: bool, begins_utc_s: fl
         cross = added(cross, biases.offsets[CROSS].give_up(begins_utc_s))
     to_s = read.along_s + biases.offsets[ALONG].total_at(begins_utc_s)
     bounds = biases.bounds(ALONG, begins_utc_s, here_s, to_s, GENTLE_SHARE)
-    biases.estimated_along.take_over(along, read.along_s, begins_utc_s, bounds, read.along_rate)
+    biases.estimated_along.take_over(
+        along, read.along_s, begins_utc_s, bounds, read.along_rate, read.along_curve
+    )
     bounds = _bounds_km(biases, begins_utc_s, here_s, to_s)
     moving = biases.cross_km(begins_utc_s, cross)
-    biases.estimated_cross_km.take_over(moving, read.cross_km, begins_utc_s, bounds, read.cross_rate_km_s)
+    biases.estimated_cross_km.take_over(
+        moving, read.cross_km, begins_utc_s, bounds, read.cross_rate_km_s, read.cross_curve_km_s2
+    )
     biases.touched()
 
 

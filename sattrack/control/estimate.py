@@ -1,7 +1,7 @@
 """Observations that arrive from outside, made into an estimate of the orbit: checked, gated, filtered. Pure.
 
 An observation is held against the orbit that the elements have, corrected by what is known so far, at the
-observation's own instant: how late it comes does not matter. `tle.orbit_fit` is the filter; read as biases
+observation's own instant: how late it comes does not matter. `tle.orbit_filter` filters; read as biases
 along and across the track, its estimate drifts and bends over a pass as errors of elements do. What
 contradicts the estimate is rejected. A rival begins with what was rejected; where it explains what comes
 better than the estimate does, it takes its place: no wrong start, manoeuvre or lock-out lasts.
@@ -20,7 +20,8 @@ from tle.bias import Bias, apparent_unit
 from tle.elements import Elements
 from tle.errors import PropagationError
 from tle.instants import Utc
-from tle.orbit_fit import ALONG, STATES, CorrectableOrbit, Expected, OrbitFilter, Sighting
+from tle.orbit_filter import FilterBank, KnownTerms, OrbitFilter
+from tle.orbit_fit import ALONG, STATES, CorrectableOrbit, Expected, Image, Sighting
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -38,6 +39,8 @@ MOST_CORRECTION_KM = 100.0
 """Beyond these no elements are off that are worth following."""
 MODEL_ARCSEC = 1.0
 """How well clocks and catalogues of stars are known: no sigma counts as less."""
+SEEING_ARCSEC = 0.3
+"""The same of what a camera on the mount sees: how far the mount is from where it was fed."""
 ANEW_AFTER = 8
 CONFIRMED_BY = 3
 FAR_DEG = 0.1
@@ -49,7 +52,7 @@ RIVAL_WIDER, RIVAL_NOISIER = 3.0, 1.5
 BETTER_FRAME = 9.0
 """How much nearer, as a squared distance, the first observation may lie in another frame than its own."""
 LINE_S = 2.0
-"""Over so many seconds a reading is taken as a line."""
+"""Over so many seconds a reading is taken as a parabola."""
 MOST_STEP_S = 20.0
 MOST_STEPS = 12
 NEAR_S = 0.01
@@ -60,7 +63,10 @@ FRAMES: dict[str, Frame] = {"icrs": "icrf", "j2000": "j2000", "of_date": "of_dat
 
 
 class Reading(NamedTuple):
-    """The estimate as biases at an instant: seconds along, km across, what they gain a second, one sigma."""
+    """The estimate as biases at an instant: seconds along, km across, one sigma.
+
+    Rates are what they gain a second, curves what the rates gain.
+    """
 
     along_s: float
     cross_km: float
@@ -68,6 +74,8 @@ class Reading(NamedTuple):
     cross_rate_km_s: float
     along_sigma_s: float
     cross_sigma_km: float
+    along_curve: float = 0.0
+    cross_curve_km_s2: float = 0.0
 
 
 class Estimator:
@@ -76,12 +84,13 @@ class Estimator:
     `accepted` were taken, `rejected` contradicted elements or estimate, `refused` could not be of this pass.
     """
 
-    def __init__(self, catalog_number: int, start_utc_s: float) -> None:
+    def __init__(self, catalog_number: int, start_utc_s: float, known: KnownTerms | None = None) -> None:
         self._catalog_number = catalog_number
+        self._known = known
         self._start_utc_s = start_utc_s
         self._orbit: CorrectableOrbit | None = None
-        self.filter: OrbitFilter | None = None
-        self._rival: OrbitFilter | None = None
+        self.filter: FilterBank | None = None
+        self._rival: FilterBank | None = None
         self._since_rival = 0
         """How many the estimate took since the rival began."""
         self.accepted = 0
@@ -123,13 +132,13 @@ class Estimator:
             return None
 
     def take(
-        self, seen: Observation, now_utc_s: float, course: Course, first: Bias, relative: bool = False
+        self, seen: Observation, now_utc_s: float, course: Course, first: Bias, image: Image | None = None
     ) -> bool:
         """Take one observation in; tell whether it changed the estimate.
 
         `first` is what is fed without an estimate: the first observation is expected around that, or around
-        what the elements say by themselves. `relative` tells that it was seen relative to where the mount
-        pointed.
+        what the elements say by themselves. With `image` it was seen in a camera's image, relative to where
+        the mount pointed.
         """
         utc_s = float(Utc.parse(seen.utc).unix_s)
         self.words = None
@@ -140,7 +149,9 @@ class Estimator:
             return False
         try:
             sighting = _sighting(seen, utc_s, course, seen.frame)
-            sighting = replace(sighting, relative=relative)
+            if image is not None:
+                sigma_rad = math.radians(math.hypot(seen.sigma_arcsec, SEEING_ARCSEC) / 3600.0)
+                sighting = replace(sighting, image=image, sigma_rad=sigma_rad)
             if self.filter is None or self.filter.orbit.given is not elements:
                 self._begin(seen, sighting, course, elements, first)
             else:
@@ -180,12 +191,12 @@ class Estimator:
         """Begin with an observation where elements can be so far off, or where the operator found it."""
         self.filter = None
         orbit = self._orbit_of(elements)
-        plain = OrbitFilter(orbit, orbit.expected())
-        starts = [plain]
-        if first.along_s or first.cross_deg:
-            starts.append(
-                OrbitFilter(orbit, Expected(_led(sighting, orbit, first), orbit.expected().covariance_km2))
-            )
+        led = [_led(sighting, orbit, first)] if first.along_s or first.cross_deg else []
+        by_camera = sighting.image is not None
+        starts = [
+            FilterBank(orbit, mean_km, known=self._known, seen_by_camera=by_camera)
+            for mean_km in (None, *led)
+        ]
         best = min(starts, key=lambda one: one.distance(sighting))
         distance = best.distance(sighting)
         other = self._otherwise(seen, sighting, course)
@@ -193,7 +204,7 @@ class Estimator:
         if distance > GATE or in_other + BETTER_FRAME < distance:
             self.words = f"the elements are not so far off{self._hint(starts, seen, sighting, course)}"
             self._hear_rival(False, sighting, orbit)
-        elif sighting.relative and _apart_deg(sighting, first) > FAR_DEG:
+        elif sighting.image is not None and _apart_deg(sighting, first) > FAR_DEG:
             self.words = f"it lies far from what is fed: {CONFIRMED_BY} that agree are needed"
             self._hear_rival(False, sighting, orbit, CONFIRMED_BY)
         elif not (best.observe(sighting, GATE) and _credible(best)):
@@ -201,7 +212,7 @@ class Estimator:
         else:
             self.filter, self._rival = best, None
 
-    def _go_on(self, known: OrbitFilter, seen: Observation, sighting: Sighting, course: Course) -> None:
+    def _go_on(self, known: FilterBank, seen: Observation, sighting: Sighting, course: Course) -> None:
         before = known.copy()
         taken = known.observe(sighting, GATE)
         if taken and not _credible(known):
@@ -221,9 +232,9 @@ class Estimator:
                 self._judge_rival(rival, least)
                 return
         if not taken and (rival is None or rival.rejected >= rival.accepted):
-            self._rival, self._since_rival = _fresh(sighting, orbit, least == ANEW_AFTER), 0
+            self._rival, self._since_rival = _fresh(sighting, orbit, least == ANEW_AFTER, self._known), 0
 
-    def _judge_rival(self, rival: OrbitFilter, least: int) -> None:
+    def _judge_rival(self, rival: FilterBank, least: int) -> None:
         """Let a rival win that has taken enough, and end one that the estimate has outlived."""
         if rival.accepted >= max(least, RIVAL_SHARE * self._since_rival) and _credible(rival):
             self.begun_anew += least == ANEW_AFTER
@@ -239,12 +250,12 @@ class Estimator:
 
     def _otherwise(self, seen: Observation, sighting: Sighting, course: Course) -> Sighting:
         """Return the same observation as if it were of another frame; what was seen by the mount has one."""
-        if sighting.relative:
+        if sighting.image is not None:
             return sighting
         other = _other_frame(seen.frame)
         return _sighting(seen, float(sighting.utc.unix_s), course, other)
 
-    def _hint(self, known: list[OrbitFilter], seen: Observation, sighting: Sighting, course: Course) -> str:
+    def _hint(self, known: list[FilterBank], seen: Observation, sighting: Sighting, course: Course) -> str:
         """Say what would explain an observation that does not fit."""
         distance = min(one.distance(self._otherwise(seen, sighting, course)) for one in known)
         if distance < GATE:
@@ -258,15 +269,23 @@ def _corrected_elements(course: Course) -> Elements | None:
     return source if isinstance(source, Elements) else None
 
 
-def _reading(known: OrbitFilter, utc_s: float, course: Course, fed: bool) -> Reading | None:
+def _reading(known: FilterBank, utc_s: float, course: Course, fed: bool) -> Reading | None:
     along_s = float(known.correction_km[ALONG]) / known.orbit.speed_km_s
     there, spread = known.pointing(course.airless, Utc(utc_s), fed)
-    later, _ = known.pointing(course.airless, Utc(utc_s + LINE_S), fed)
     now = _biases(there, utc_s, course, course.airless, (along_s, 0.0))
-    then = _biases(later, utc_s + LINE_S, course, course.airless, (along_s, 0.0))
-    if now is None or then is None:
+    if now is None:
         return None
-    (along, cross, pace), (later_along, later_cross, _) = now, then
+    along, cross, pace = now
+    steps = []
+    for at_s in (utc_s + 0.5 * LINE_S, utc_s + LINE_S):
+        later, _ = known.pointing(course.airless, Utc(at_s), fed)
+        then = _biases(later, at_s, course, course.airless, (along, cross))
+        if then is None:
+            return None
+        steps.append(np.array(then[:2]) - (along, cross))
+    # A parabola through the three.
+    rates = (4.0 * steps[0] - steps[1]) / LINE_S
+    curves = 4.0 * (steps[1] - 2.0 * steps[0]) / LINE_S**2
     range_km = course.going(utc_s + along).range_km
     cross_deg = math.degrees(math.atan(cross / range_km))
     ahead = course.airless.at(Utc(utc_s), Bias(along + DIFFERENCE_S, cross_deg)).unit - there
@@ -276,10 +295,12 @@ def _reading(known: OrbitFilter, utc_s: float, course: Course, fed: bool) -> Rea
     return Reading(
         along,
         cross,
-        (later_along - along) / LINE_S,
-        (later_cross - cross) / LINE_S,
+        float(rates[0]),
+        float(rates[1]),
         math.sqrt(float(ahead @ spread @ ahead)) / pace,
         math.sqrt(float(left @ spread @ left)) * range_km,
+        float(curves[0]),
+        float(curves[1]),
     )
 
 
@@ -289,14 +310,16 @@ def _apart_deg(sighting: Sighting, bias: Bias) -> float:
     return 2.0 * math.degrees(math.asin(min(1.0, 0.5 * float(np.linalg.norm(sighting.unit - fed)))))
 
 
-def _fresh(sighting: Sighting, orbit: CorrectableOrbit, rival: bool) -> OrbitFilter | None:
-    """Return a filter that begins with an observation, where elements can be so far off."""
+def _fresh(
+    sighting: Sighting, orbit: CorrectableOrbit, rival: bool, known: KnownTerms | None
+) -> FilterBank | None:
+    """Return filters that begin with an observation, where elements can be so far off."""
     wider, noisier = (RIVAL_WIDER, RIVAL_NOISIER) if rival else (1.0, 1.0)
-    fresh = OrbitFilter(orbit, orbit.expected(wider), noisier)
+    fresh = FilterBank(orbit, None, wider, noisier, known, sighting.image is not None)
     return fresh if fresh.observe(sighting, GATE) and _credible(fresh) else None
 
 
-def _credible(known: OrbitFilter) -> bool:
+def _credible(known: FilterBank) -> bool:
     """Tell whether elements that are worth following can be off by what a filter says."""
     along_s = abs(float(known.correction_km[ALONG])) / known.orbit.speed_km_s
     others = float(np.abs(known.correction_km[ALONG + 1 :]).max())

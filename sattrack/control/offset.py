@@ -57,11 +57,13 @@ class _Change:
     total: float
     """Value at the end of the change."""
     rate: float
-    """Rate from then on."""
+    """Rate at the end."""
+    curve: float = 0.0
+    """Acceleration from then on."""
 
     def state(self, utc_s: float) -> State:
         if utc_s >= self.begins_utc_s + self.seconds:
-            return State(self.total_at(utc_s), self.rate, 0.0)
+            return State(self.total_at(utc_s), self.rate_at(utc_s), self.curve)
         c0, c1, c2, c3, c4, c5 = self.coefficients
         u = max(0.0, (utc_s - self.begins_utc_s) / self.seconds)
         value = c0 + u * (c1 + u * (c2 + u * (c3 + u * (c4 + u * c5))))
@@ -70,7 +72,11 @@ class _Change:
         return State(value, rate / self.seconds, acceleration / self.seconds**2)
 
     def total_at(self, utc_s: float) -> float:
-        return self.total + self.rate * (utc_s - self.begins_utc_s - self.seconds)
+        since_s = utc_s - self.begins_utc_s - self.seconds
+        return self.total + since_s * (self.rate + 0.5 * self.curve * since_s)
+
+    def rate_at(self, utc_s: float) -> float:
+        return self.rate + self.curve * (utc_s - self.begins_utc_s - self.seconds)
 
 
 @dataclass(slots=True)
@@ -144,13 +150,19 @@ class Offset:
         self._change(0.0, 0.0, begins_utc_s, bounds)
 
     def take_over(
-        self, moving: State, total: float, begins_utc_s: float, bounds: ChangeLimits, rate: float = 0.0
+        self,
+        moving: State,
+        total: float,
+        begins_utc_s: float,
+        bounds: ChangeLimits,
+        rate: float = 0.0,
+        curve: float = 0.0,
     ) -> None:
         """Go from where the offset is, together with what something else does until then, to a total.
 
-        With a rate the total is that of the beginning, and goes on from there.
+        With a rate the total is that of the beginning, and goes on; `curve` is what the rate gains.
         """
-        self._change(total, rate, begins_utc_s, bounds, moving=moving)
+        self._change(total, rate, begins_utc_s, bounds, moving=moving, curve=curve)
 
     def keep(self, moving: State, begins_utc_s: float, bounds: ChangeLimits) -> None:
         """Come to rest about where the offset is together with what something else does until then."""
@@ -171,19 +183,20 @@ class Offset:
         bounds: ChangeLimits,
         seconds: float = SHORTEST_S,
         moving: State = REST,
+        curve: float = 0.0,
     ) -> None:
-        """Go over to the line that has `foot` at the beginning and `rate`, within the bounds."""
+        """Go over to the parabola with `foot` and `rate` at the beginning, within the bounds."""
         now = added(self.state(begins_utc_s), moving)
         seconds = max(seconds, SHORTEST_S)
-        if now.rate == now.acceleration == rate == 0.0:
+        if now.rate == now.acceleration == rate == curve == 0.0:
             # From rest to rest the quintic's peaks are known: 15/8 and 10/sqrt(3) of way and time.
             way = abs(foot - now.value)
             least = max(1.875 * way / bounds.rate, math.sqrt(5.7735 * way / bounds.acceleration))
             seconds = min(LONGEST_S, max(seconds, least))
-        change = _joined(now, foot, rate, begins_utc_s, seconds)
+        change = _joined(now, foot, rate, begins_utc_s, seconds, curve)
         while seconds < LONGEST_S and not _within(change, now, bounds):
             seconds *= GROWTH
-            change = _joined(now, foot, rate, begins_utc_s, seconds)
+            change = _joined(now, foot, rate, begins_utc_s, seconds, curve)
         self._append(change)
 
     def _append(self, change: _Change) -> None:
@@ -194,25 +207,29 @@ class Offset:
         self._begins = [one.begins_utc_s for one in self._changes]
 
 
-def _joined(now: State, foot: float, rate: float, begins_utc_s: float, seconds: float) -> _Change:
-    total = foot + rate * seconds
+def _joined(
+    now: State, foot: float, rate: float, begins_utc_s: float, seconds: float, curve: float
+) -> _Change:
+    total = foot + seconds * (rate + 0.5 * curve * seconds)
     way = total - now.value
-    v0, v1, a0 = now.rate * seconds, rate * seconds, now.acceleration * seconds**2
+    rate += curve * seconds
+    v0, v1 = now.rate * seconds, rate * seconds
+    a0, a1 = now.acceleration * seconds**2, curve * seconds**2
     coefficients = (
         now.value,
         v0,
         0.5 * a0,
-        10.0 * way - 6.0 * v0 - 4.0 * v1 - 1.5 * a0,
-        -15.0 * way + 8.0 * v0 + 7.0 * v1 + 1.5 * a0,
-        6.0 * way - 3.0 * (v0 + v1) - 0.5 * a0,
+        10.0 * way - 6.0 * v0 - 4.0 * v1 - 1.5 * a0 + 0.5 * a1,
+        -15.0 * way + 8.0 * v0 + 7.0 * v1 + 1.5 * a0 - a1,
+        6.0 * way - 3.0 * (v0 + v1) - 0.5 * a0 + 0.5 * a1,
     )
-    return _Change(begins_utc_s, seconds, coefficients, total, rate)
+    return _Change(begins_utc_s, seconds, coefficients, total, rate, curve)
 
 
 def _within(change: _Change, now: State, bounds: ChangeLimits) -> bool:
     """Tell whether a change keeps to the bounds, or at least to what it begins and ends with."""
     most_rate = max(bounds.rate, abs(now.rate), abs(change.rate))
-    most_acceleration = max(bounds.acceleration, abs(now.acceleration))
+    most_acceleration = max(bounds.acceleration, abs(now.acceleration), abs(change.curve))
     steps = (change.begins_utc_s + change.seconds * i / SAMPLES for i in range(SAMPLES + 1))
     states = [change.state(t) for t in steps]
     return all(abs(s.rate) <= most_rate and abs(s.acceleration) <= most_acceleration for s in states)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from sattrack.mount.model import MountProfile
     from sattrack.views.messages import Message
     from sattrack.views.run import RememberedView
+    from tle.orbit_fit import Image
     from tle.propagator import Propagator
 
 REACTION_PERIODS = 3.0
@@ -135,7 +137,7 @@ class Steering:
     def _follow(self, now_utc_s: float) -> bool:
         """Feed what the estimate says where that is not fed yet; tell whether something changed.
 
-        What it says drifts and bends over a pass: between two looks it is followed as a line.
+        What it says drifts and bends over a pass: between two looks it is followed as a parabola.
         """
         begins_s = self._begins_s(now_utc_s)
         read = self.estimator.reading(begins_s, self.biases.course, fed=True)
@@ -144,10 +146,10 @@ class Steering:
             return False
         first = not self._following_estimate
         lasting_s = begins_s + FOLLOW_AGAIN_S
-        off_s = (
-            read.along_s + FOLLOW_AGAIN_S * read.along_rate - self.biases.estimated_along.total_at(lasting_s)
-        )
-        cross_km = read.cross_km + FOLLOW_AGAIN_S * read.cross_rate_km_s
+        half = 0.5 * FOLLOW_AGAIN_S**2
+        along_s = read.along_s + FOLLOW_AGAIN_S * read.along_rate + half * read.along_curve
+        off_s = along_s - self.biases.estimated_along.total_at(lasting_s)
+        cross_km = read.cross_km + FOLLOW_AGAIN_S * read.cross_rate_km_s + half * read.cross_curve_km_s2
         off_km = cross_km - self.biases.estimated_cross_km.total_at(lasting_s)
         if not first and abs(off_s) < SAME_ALONG_S and abs(off_km) < SAME_CROSS_KM:
             return False
@@ -201,11 +203,14 @@ class Steering:
         if not max(abs(dx), abs(dy)) <= MOST_OFFSET_ARCSEC:
             self.estimator.refuse(f"offsets go to {MOST_OFFSET_ARCSEC:g} arcseconds either way")
             return
-        there = self.biases.seen_at(utc_s, dx / 3600.0, dy / 3600.0, camera)
-        place = float(there.ra_deg), float(there.dec_deg)
+        x, y = math.radians(dx / 3600.0), math.radians(dy / 3600.0)
+        image = self.biases.image_at(utc_s, x, y, camera, seen.camera or "")
+        there = image.fed + x * image.right + y * image.up
+        ra_deg = math.degrees(math.atan2(there[1], there[0])) % 360.0
+        dec_deg = math.degrees(math.atan2(there[2], math.hypot(there[0], there[1])))
         sigma_arcsec = min(MOST_SIGMA_ARCSEC, max(LEAST_SIGMA_ARCSEC, sigma))
-        directed = Observation(seen.utc, *place, "of_date", sigma_arcsec)
-        self._observe(directed, now_utc_s, begins_s, True)
+        directed = Observation(seen.utc, ra_deg, dec_deg, "of_date", sigma_arcsec)
+        self._observe(directed, now_utc_s, begins_s, image)
 
     def _camera_of(self, seen: SeenOffset) -> Camera:
         """Return how the camera's image lies: as the message says, else as the run knows it by its name."""
@@ -216,11 +221,13 @@ class Steering:
             scale_arcsec_px=seen.scale_arcsec_px or known.scale_arcsec_px,
         )
 
-    def _observe(self, seen: Observation, now_utc_s: float, begins_s: float, relative: bool = False) -> None:
+    def _observe(
+        self, seen: Observation, now_utc_s: float, begins_s: float, image: Image | None = None
+    ) -> None:
         """Take an observation in; the estimate is followed from the next period on."""
         along_s, cross_deg = self.biases.totals(begins_s)
         first = Bias(along_s, cross_deg)
-        if self.estimator.take(seen, now_utc_s, self.biases.course, first, relative):
+        if self.estimator.take(seen, now_utc_s, self.biases.course, first, image):
             self._estimated = True
 
     def tell(self, words: str | None, now_utc_s: float) -> None:

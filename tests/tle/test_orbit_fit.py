@@ -11,7 +11,8 @@ from sattrack.runtime import demo_pass
 from tle.bias import Bias
 from tle.elements import Elements
 from tle.instants import DAY_S, Utc
-from tle.orbit_fit import ALONG, STATES, CorrectableOrbit, OrbitFilter, Sighting
+from tle.orbit_filter import OrbitFilter
+from tle.orbit_fit import ALONG, STATES, CorrectableOrbit, Sighting
 from tle.propagator import Propagator
 
 MOLNIYA = (

@@ -1,0 +1,412 @@
+"""The loop closed on the sky: a camera's offsets, a hidden sky, and where the telescope really points.
+
+python bench/sky_loop.py [--seeds N] [--pass ISS|KANOPUS] [--mount] [--truth orbit|warp] [--verbose]
+
+Hidden from the program, and drawn for each seed: an orbit that is integrated (`bench/integrated.py`), 3 s
+early or late, drifting by 0.3 s a minute, 60″ to the left or the right of its elements, drifting too (`warp`:
+the elements' own place, at a wrong and drifting time, pushed aside); a mount whose polar axis points 5′
+beside the pole, turned in space, and whose hour angle has a wrong zero; statuses that are dated 20 ms wrong;
+a camera, by gnomonic projection, whose rotation is known to 2.5° and whose scale to 1 %, with 1.5″ of noise
+an axis, two frames a second, 0.3 to 0.9 s late. None of that uses the filter's model.
+
+*rms*: where the satellite is seen from the middle of the camera's true axis, from 10 s after the first frame
+to the end; *clouds*: the worst of the second in which it comes back after 20 s without a frame. *2 sigma*:
+the share of instants at which the pointing that the filter would have lies within two of its sigmas of the
+one that centres the satellite, along the track and across. *NIS*: 2 where sigmas are right.
+
+Without `--mount` the telescope points exactly where it is fed; with it the run of `track --virtual` follows
+with a simulated mount, and offsets are made from its true axes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import random
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import numpy as np
+from feeder_passes import subjects
+from integrated import Air, IntegratedMotion, julian, true_propagator
+
+from sattrack.control.biases import Camera
+from sattrack.control.steering import Steering
+from sattrack.mount.simulator.installation import SimulatorProfile
+from sattrack.mount.simulator.mount import SimulatedMount
+from sattrack.recording.recorder import NoRecording
+from sattrack.runtime import demo_pass
+from sattrack.runtime.connection import simulated_site
+from sattrack.runtime.facts import build_engine
+from sattrack.runtime.flight import VirtualRun
+from sattrack.views.messages import SeenOffset
+from tle.bias import NO_BIAS, Bias
+from tle.instants import Utc
+
+if TYPE_CHECKING:
+    from feeder_passes import Subject
+    from numpy.typing import NDArray
+
+    from sattrack.control.estimate import Estimator
+    from tle.propagator import Propagator
+
+    Array = NDArray[np.float64]
+
+ARCSEC = math.pi / 648000.0
+FRAME_S, NOISE_ARCSEC = 0.5, 1.5
+LATE_S = (0.3, 0.9)
+BEFORE_S, AFTER_S = 90.0, 110.0
+"""The camera looks from so long before culmination to so long after."""
+CLOUDS_S = (60.0, 80.0)
+"""Since the first frame."""
+SETTLED_S = 10.0
+SCALE_ARCSEC_PX = 2.0
+STEP_S = 0.1
+DIVERGED_ARCSEC = 60.0
+
+
+@dataclass
+class Hidden:
+    """What the program does not know, drawn by a seed."""
+
+    late_s: float
+    drift: float
+    cross_rad: float
+    cross_drift_rad_s: float
+    polar: tuple[float, float, float]
+    """Turn of the mount's base, rad: in the equator towards the meridian and 90° from it, and the pole."""
+    delay_s: float
+    rotation_deg: float
+    scale: float
+    clock_s: float = 0.0
+
+    @classmethod
+    def drawn(cls, rng: random.Random) -> Hidden:
+        """Return one of a seed; sizes are those of the module's text, signs and directions by chance."""
+
+        def sign() -> int:
+            return rng.choice((-1, 1))
+
+        towards = rng.uniform(0.0, 2.0 * math.pi)
+        pole = 300.0 * ARCSEC
+        return cls(
+            3.0 * sign(),
+            sign() * 0.3 / 60.0,
+            sign() * 60.0 * ARCSEC,
+            sign() * 10.0 * ARCSEC / 60.0,
+            (pole * math.cos(towards), pole * math.sin(towards), rng.gauss(0.0, 100.0 * ARCSEC)),
+            0.02 * sign(),
+            rng.gauss(0.0, 2.5),
+            1.0 + rng.gauss(0.0, 0.01),
+        )
+
+
+class Satellite:
+    """Where the satellite really is."""
+
+    def __init__(self, subject: Subject, hidden: Hidden, truth: str) -> None:
+        self._believed, self._hidden, self._truth = subject.propagator, hidden, truth
+        self._middle_s = subject.facts.culminate_utc_s
+        if truth == "orbit":
+            self._true = self._integrated(subject)
+
+    def _integrated(self, subject: Subject) -> Propagator:
+        hidden, middle_s, first_s = self._hidden, self._middle_s, self._middle_s - 400.0
+        elements = subject.propagator.elements
+        air = Air(0.006)
+        plain = IntegratedMotion(elements, first_s, middle_s, air)
+        _, r, v = elements.satrec().sgp4(*julian(middle_s + hidden.late_s))
+        r, v = np.array(r), np.array(v)
+        out = r / np.linalg.norm(r)
+        left = np.cross(r, v) / np.linalg.norm(np.cross(r, v))
+        range_km = float(subject.propagator.at(Utc(middle_s)).range_km)
+        # Higher is later along the track, seen from below: the angle is the way over the range.
+        r = r + range_km * (-hidden.drift * out + hidden.cross_rad * left)
+        v = v + range_km * hidden.cross_drift_rad_s * left
+        first = plain.state_before(np.concatenate([r, v]), middle_s, first_s)
+        motion = IntegratedMotion(elements, first_s, middle_s + 400.0, air, first)
+        return true_propagator(motion, subject.propagator.site, subject.propagator.refraction)
+
+    def at(self, utc_s: float) -> tuple[Array, float]:
+        """Return the direction (unit vector, of date) and the local sidereal time, rad."""
+        if self._truth == "orbit":
+            seen = self._true.at(Utc(utc_s))
+        else:
+            hidden, since_s = self._hidden, utc_s - self._middle_s
+            along_s = hidden.late_s + hidden.drift * since_s
+            cross = hidden.cross_rad + hidden.cross_drift_rad_s * since_s
+            seen = self._believed.at(Utc(utc_s), Bias(along_s, math.degrees(cross)))
+        return seen.unit, math.radians(float(seen.ra_deg + seen.ha_deg))
+
+
+def turned(u: Array, sidereal: float, turn: tuple[float, float, float], sign: int = 1) -> Array:
+    """Return a direction turned about axes that are fixed to the Earth (Rodrigues)."""
+    c, s = math.cos(sidereal), math.sin(sidereal)
+    axis = (
+        turn[0] * np.array([c, s, 0.0]) + turn[1] * np.array([s, -c, 0.0]) + turn[2] * np.array([0, 0, 1.0])
+    )
+    angle = float(np.linalg.norm(axis))
+    if angle == 0.0:
+        return u
+    k = axis / angle * sign
+    return u * math.cos(angle) + np.cross(k, u) * math.sin(angle) + k * (k @ u) * (1.0 - math.cos(angle))
+
+
+def direction(ra_deg: float, dec_deg: float) -> Array:
+    """Return a unit vector."""
+    ra, dec = math.radians(ra_deg), math.radians(dec_deg)
+    return np.array([math.cos(dec) * math.cos(ra), math.cos(dec) * math.sin(ra), math.sin(dec)])
+
+
+@dataclass
+class Sky:
+    """The hidden sky of a seed, its camera, and what was seen of it."""
+
+    subject: Subject
+    hidden: Hidden
+    rng: random.Random
+    truth: str = "orbit"
+    camera: Camera = field(default_factory=lambda: Camera(40.0, False, SCALE_ARCSEC_PX))
+    first_s: float | None = None
+    times: list[float] = field(default_factory=list)
+    off_arcsec: list[float] = field(default_factory=list)
+    in_sigmas: list[float] = field(default_factory=list)
+    nis: list[float] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.satellite = Satellite(self.subject, self.hidden, self.truth)
+        middle_s = self.subject.facts.culminate_utc_s
+        self.begin_s, self.end_s = middle_s - BEFORE_S, middle_s + AFTER_S
+
+    def plane(self, pointing: Array, utc_s: float) -> tuple[float, float]:
+        """Return where the satellite is seen, tangents on the camera's axes: right and up, unscaled.
+
+        `pointing` is where the mount's axes point by its own idea, at the instant.
+        """
+        u, sidereal = self.satellite.at(utc_s)
+        c = turned(pointing, sidereal, self.hidden.polar)
+        east = np.cross([0.0, 0.0, 1.0], pointing)
+        north = turned(np.cross(pointing, east / np.linalg.norm(east)), sidereal, self.hidden.polar)
+        angle = math.radians(self.camera.rotation_deg + self.hidden.rotation_deg)
+        east = np.cross(north, c)
+        up = math.cos(angle) * north + math.sin(angle) * east
+        right = np.cross(c, up) if not self.camera.flip else -np.cross(c, up)
+        along = float(u @ c)
+        return float(u @ right) / along, float(u @ up) / along
+
+    def frame(self, pointing: Array, utc_s: float) -> SeenOffset:
+        """Return what the camera sees, its noise drawn, in pixels."""
+        scale = self.hidden.scale * SCALE_ARCSEC_PX * ARCSEC
+        sigma_px = NOISE_ARCSEC / SCALE_ARCSEC_PX
+        dx, dy = (one / scale + self.rng.gauss(0.0, sigma_px) for one in self.plane(pointing, utc_s))
+        dated = Utc(utc_s + self.hidden.clock_s).isoformat("microseconds")
+        return SeenOffset(dated, dx_px=dx, dy_px=dy, sigma_px=sigma_px, camera="guide")
+
+    def note(self, pointing: Array, utc_s: float) -> None:
+        """Note how far from the middle the satellite is."""
+        self.times.append(utc_s)
+        self.off_arcsec.append(math.hypot(*self.plane(pointing, utc_s)) / ARCSEC)
+
+    def wanted(self, utc_s: float) -> Array:
+        """Return what must be fed at an instant so that the satellite is in the middle."""
+        u, sidereal = self.satellite.at(utc_s - self.hidden.delay_s)
+        return turned(u, sidereal, self.hidden.polar, -1)
+
+    def look(self, estimator: Estimator, propagator: Propagator, utc_s: float) -> None:
+        """Note by how many of its sigmas the estimate's pointing is off, along the track and across."""
+        if estimator.filter is None:
+            return
+        u, spread = estimator.filter.pointing(propagator, Utc(utc_s), True)
+        off, later = self.wanted(utc_s) - u, self.wanted(utc_s + 0.5)
+        ahead = later - (later @ u) * u
+        ahead = ahead / np.linalg.norm(ahead)
+        for axis in (ahead, np.cross(u, ahead)):
+            self.in_sigmas.append(float(off @ axis) / math.sqrt(float(axis @ spread @ axis)))
+
+    def cloudy(self, utc_s: float) -> bool:
+        """Tell whether clouds hide the satellite."""
+        first = self.begin_s if self.first_s is None else self.first_s
+        return CLOUDS_S[0] <= utc_s - first < CLOUDS_S[1]
+
+    def rms(self, from_s: float, to_s: float) -> float:
+        """Return the error between two instants since the first frame, clouds and the second after apart."""
+        assert self.first_s is not None
+        chosen = [
+            off
+            for t, off in zip(self.times, self.off_arcsec, strict=True)
+            if from_s <= t - self.first_s < to_s
+        ]
+        return math.sqrt(sum(off * off for off in chosen) / len(chosen)) if chosen else math.nan
+
+
+@dataclass
+class Result:
+    """What came of a seed."""
+
+    rms_arcsec: float
+    clouds_arcsec: float
+    worst_arcsec: float
+    rejected: int
+    begun_anew: int
+    sky: Sky
+
+
+def result(sky: Sky, estimator: Estimator) -> Result:
+    """Return the figures of a seed that was run."""
+    assert sky.first_s is not None
+    since = [(t - sky.first_s, off) for t, off in zip(sky.times, sky.off_arcsec, strict=True)]
+    clear = [
+        off for t, off in since if t >= SETTLED_S and not CLOUDS_S[0] <= t < CLOUDS_S[1] + LATE_S[1] + 2.0
+    ]
+    back = [off for t, off in since if CLOUDS_S[1] - 1.0 <= t < CLOUDS_S[1]]
+    rms = math.sqrt(sum(off * off for off in clear) / len(clear))
+    return Result(rms, max(back), max(clear), estimator.rejected, estimator.begun_anew, sky)
+
+
+def without_mount(sky: Sky) -> Result:
+    """Run a seed with a telescope that points exactly where it is fed, its dates wrong."""
+    facts = sky.subject.facts
+    steering = Steering(
+        sky.subject.propagator,
+        facts.profile,
+        NO_BIAS,
+        sky.camera,
+        sky.begin_s - 5.0,
+        cameras={"guide": sky.camera},
+    )
+    fed = steering.biases.at
+    waiting: list[tuple[float, SeenOffset]] = []
+    now, tick, next_frame_s = sky.begin_s, 0, sky.begin_s
+    while now < sky.end_s:
+        pointing = fed(now + sky.hidden.delay_s).unit
+        if now >= next_frame_s:
+            next_frame_s += FRAME_S
+            if not sky.cloudy(now):
+                if sky.first_s is None:
+                    sky.first_s = now
+                waiting.append((now + sky.rng.uniform(*LATE_S), sky.frame(pointing, now)))
+        for one in sorted(waiting, key=lambda w: w[0]):
+            if one[0] <= now:
+                waiting.remove(one)
+                steering.obey(one[1], now)
+        steering.watch(now)
+        if tick % 2 == 0:
+            sky.note(pointing, now)
+        if tick % 10 == 0 and sky.first_s is not None and now - sky.first_s >= SETTLED_S:
+            sky.look(steering.estimator, sky.subject.propagator, now)
+        now, tick = now + STEP_S, tick + 1
+    return result(sky, steering.estimator)
+
+
+class SkyRun(VirtualRun):
+    """A virtual run whose camera looks along the simulated mount's true axes."""
+
+    def attach(self, sky: Sky) -> None:
+        self.sky = sky
+        self._before: Any = None
+        self._next_frame_s = sky.begin_s
+
+    def _mount_turn(self, now_utc_s: float, what: None) -> None:
+        status, truth = self._installation.turn(now_utc_s)
+        if status is not None:
+            for delay_s, arriving in self._installation.statuses.carry(status):
+                self._at(now_utc_s + delay_s, self._status_arrives, (arriving, truth))
+            self._expose(truth)
+        self._at(self._installation.next_turn_s(now_utc_s), self._mount_turn, what)
+
+    def _expose(self, truth: Any) -> None:
+        """Expose at the truth's instant: the true axes are known exactly there."""
+        sky, utc_s = self.sky, truth.utc_s
+        if not sky.begin_s <= utc_s < sky.end_s:
+            return
+        pointing = direction(truth.ra_deg, truth.dec_deg)
+        tracking = self.engine.phase == "tracking"
+        if sky.first_s is not None:
+            sky.note(pointing, utc_s)
+        if utc_s < self._next_frame_s or not tracking:
+            return
+        self._next_frame_s = utc_s + FRAME_S - 0.01
+        if not sky.cloudy(utc_s):
+            if sky.first_s is None:
+                sky.first_s = utc_s
+            seen = sky.frame(pointing, utc_s)
+            self._at(utc_s + sky.rng.uniform(*LATE_S), self._operate, seen)
+        estimator = self.engine.tracker.steering.estimator
+        if sky.first_s is not None and utc_s - sky.first_s >= SETTLED_S:
+            sky.look(estimator, sky.subject.propagator, utc_s)
+
+
+def with_mount(sky: Sky, seed: int) -> Result:
+    """Run a seed as `track --virtual` runs, with a mount whose delays are not split as its profile says."""
+    facts = sky.subject.facts
+    profile = msgspec.structs.replace(
+        facts.profile, command_delay_s=0.03, status_delay_s=0.03, clock_offset_s=None
+    )
+    plan = msgspec.structs.replace(facts.plan, end_utc_s=min(facts.plan.end_utc_s, sky.end_s + 1.0))
+    facts = msgspec.structs.replace(facts, profile=profile, plan=plan, cameras={"guide": sky.camera})
+    hardware = SimulatorProfile(encoder_noise_tics=0.5, seed=seed)
+    mount = SimulatedMount(profile, simulated_site(facts.site), demo_pass.START, hardware)
+    begin_s = facts.plan.start_utc_s - facts.plan.approach_s - 5.0
+    engine = build_engine(msgspec.structs.replace(facts, started_utc_s=begin_s))
+    run = SkyRun(engine, mount, begin_s, NoRecording())
+    split_s = sky.hidden.delay_s
+    shifted = msgspec.structs.replace(profile, command_delay_s=0.03 - split_s, status_delay_s=0.03 + split_s)
+    run._installation = type(run._installation)(mount, None, shifted.command_delay_s, shifted.status_delay_s)
+    run.attach(sky)
+    run.run()
+    return result(sky, engine.tracker.steering.estimator)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--pass", dest="name", choices=["ISS", "KANOPUS"])
+    parser.add_argument("--truth", choices=["orbit", "warp"], default="orbit")
+    parser.add_argument("--mount", action="store_true")
+    parser.add_argument("--verbose", action="store_true")
+    options = parser.parse_args()
+    print(f"truth {options.truth}, {'a virtual mount' if options.mount else 'no mount'}")
+    print(HEAD)
+    for subject in subjects():
+        if options.name not in {None, subject.name}:
+            continue
+        found = []
+        for seed in range(options.first, options.first + options.seeds):
+            rng = random.Random(f"{subject.name} {seed}")
+            sky = Sky(subject, Hidden.drawn(rng), rng, options.truth)
+            one = with_mount(sky, seed) if options.mount else without_mount(sky)
+            found.append(one)
+            if options.verbose:
+                spans = ((10, 20), (20, 40), (40, 60), (110, 400))
+                parts = ", ".join(f"{a}-{b} s {sky.rms(a, b):.2f}" for a, b in spans)
+                print(
+                    f"  seed {seed}: rms {one.rms_arcsec:.2f}, clouds {one.clouds_arcsec:.2f}, worst "
+                    f"{one.worst_arcsec:.2f}, rejected {one.rejected}, anew {one.begun_anew}; {parts}",
+                    flush=True,
+                )
+        print(row(subject.name, found), flush=True)
+
+
+HEAD = "pass     seeds  rms: median   95 %    max <= 1″ %  clouds: 95 %  max  2 sigma diverged rejected  anew"
+
+
+def row(name: str, found: list[Result]) -> str:
+    """Return the figures of all seeds of a pass."""
+    rms = np.array([one.rms_arcsec for one in found])
+    clouds = np.array([one.clouds_arcsec for one in found])
+    sigmas = np.abs(np.concatenate([one.sky.in_sigmas for one in found]))
+    diverged = sum(one.worst_arcsec > DIVERGED_ARCSEC for one in found)
+    return (
+        f"{name:<8} {len(found):5d} {np.median(rms):12.2f} {np.quantile(rms, 0.95):6.2f} {rms.max():6.2f} "
+        f"{100.0 * np.mean(rms <= 1.0):5.1f} {np.quantile(clouds, 0.95):14.2f} {clouds.max():6.2f} "
+        f"{100.0 * np.mean(sigmas <= 2.0):7.1f} {diverged:9d} {sum(one.rejected for one in found):9d} "
+        f"{sum(one.begun_anew for one in found):5d}"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,393 @@
+"""Filters of an orbit's corrections, and of a mount's and its cameras' terms, fed by single sightings.
+
+`OrbitFilter` is an iterated, extended Kalman filter. How far elements are off, and whether what was learnt
+of mount and cameras at an earlier pass still holds, is not known beforehand: `FilterBank` runs filters that
+expect different things beside one another, and answers with the one that foretells best.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from tle.errors import PropagationError
+from tle.orbit_fit import LONGEST_STEP_KM, STATES, Expected, Partials, compared
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from tle.direction import Direction
+    from tle.instants import Utc
+    from tle.orbit_fit import CorrectableOrbit, Image, Sighting
+    from tle.propagator import Propagator
+
+    Array = NDArray[np.float64]
+
+MOUNT = 6
+"""Terms of the mount: a turn of its base (three), a delay, the telescope beside its axis, and a zero."""
+CAMERA = 5
+"""Terms of a camera: rotation and scale of its image, its clock, and where its middle points (two)."""
+TURN_X, TURN_Y, TURN_Z, DELAY, CONE, INDEX = range(STATES, STATES + MOUNT)
+ROTATION, SCALE, CLOCK, MIDDLE_X, MIDDLE_Y = range(CAMERA)
+EARTH_RAD_S = 7.2921159e-5
+# One sigma of each: rad, but for the delay (s), the scale (a share) and the clock (s).
+_TURN_RAD, _DELAY_S, _CONE_RAD = math.radians(0.1), 0.02, math.radians(0.03)
+_ROTATION_RAD, _SCALE, _CLOCK_S, _MIDDLE_RAD = math.radians(4.0), 0.02, 0.1, math.radians(0.5)
+_TURN_WALK_RAD2_S = math.radians(0.05 / 3600.0) ** 2
+"""How the turn of the base changes, as bending and worm gears make it."""
+_LEAST_ALONG = 0.2
+_RELINEARISE_KM = 5.0
+_MOST_STEPS, _WHOLE_STEPS = 24, 4
+_SETTLED_SIGMAS, _SETTLED_PRIOR_SIGMAS = 0.02, 0.02
+# A bank: how many times larger than usual the errors of elements and the accelerations are, and the
+# likelihood of that, as a logarithm.
+_MEMBERS = ((1.0, 1.0, 0.0), (8.0, 1.0, -4.0), (60.0, 100.0, -8.0))
+_DEFAULT_TERMS_WEIGHT = -3.0
+_WORST_SQUARE = 36.0
+_FORGETTING = 0.98
+_BETTER = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class KnownTerms:
+    """What is known of a mount's terms and its cameras' before the first sighting: means and sigmas.
+
+    Shapes (6,) and (5,), in the order of the constants above.
+    """
+
+    mount: tuple[Array, Array]
+    cameras: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
+
+
+def usual_terms() -> KnownTerms:
+    """Return what is expected of a mount of which nothing was learnt yet."""
+    sigma = np.array([_TURN_RAD] * 3 + [_DELAY_S] + [_CONE_RAD] * 2)
+    return KnownTerms((np.zeros(MOUNT), sigma))
+
+
+class OrbitFilter:
+    """An iterated, extended Kalman filter of the six corrections and, where cameras see, of their terms.
+
+    The middle of a fine camera is where the target is centred: its own pointing is the mount's. A coarse one
+    may look beside it.
+    """
+
+    def __init__(
+        self,
+        orbit: CorrectableOrbit,
+        expected: Expected,
+        noisier: float = 1.0,
+        kicked: float = 1.0,
+        terms: KnownTerms | None = None,
+    ) -> None:
+        """Begin with what is expected; `noisier` and `kicked` are factors of sigmas and accelerations."""
+        self.orbit = orbit
+        self._terms = terms or usual_terms()
+        mean, sigma = self._terms.mount
+        self._state = np.concatenate([expected.mean_km, mean])
+        self._covariance = np.zeros((STATES + MOUNT, STATES + MOUNT))
+        self._covariance[:STATES, :STATES] = expected.covariance_km2
+        self._covariance[STATES:, STATES:] = np.diag(np.square(sigma))
+        self._noisier, self._kicked = noisier, kicked
+        self._last_utc_s: float | None = None
+        self._partials = Partials(orbit, self.correction_km)
+        self.cameras: tuple[str, ...] = ()
+        self.accepted = 0
+        self.rejected = 0
+
+    @property
+    def correction_km(self) -> Array:
+        """The six corrections, km."""
+        return self._state[:STATES]
+
+    @property
+    def covariance_km2(self) -> Array:
+        """The covariance of the six corrections, km²."""
+        return self._covariance[:STATES, :STATES]
+
+    def copy(self) -> OrbitFilter:
+        """Return a filter of the same state."""
+        other = object.__new__(OrbitFilter)
+        other.__dict__.update(self.__dict__)
+        return other
+
+    def terms(self, camera: str | None = None) -> tuple[Array, Array]:
+        """Return the mount's terms, or a camera's that has been seen, and one sigma of each."""
+        begin = STATES if camera is None else self._slot(camera)
+        part = slice(begin, begin + (MOUNT if camera is None else CAMERA))
+        return self._state[part], np.sqrt(np.diag(self._covariance)[part])
+
+    def pointing(self, propagator: Propagator, t: Utc, mount: bool) -> tuple[Array, Array]:
+        """Return where the satellite is seen at an instant, a unit vector, and its covariance, rad², (3, 3).
+
+        With `mount` it is where the mount must point by its own idea, its errors made up for.
+        """
+        seen = propagator.with_elements(self.orbit.corrected(self.correction_km)).at(t)
+        by_state = propagator.of_date(t, self._partials.states(t)[:3]) / float(seen.range_km)
+        by_mount = mount_terms(seen) * float(mount)
+        u = seen.unit + by_mount @ self._state[STATES : STATES + MOUNT]
+        by = np.hstack([by_state - np.outer(seen.unit, seen.unit @ by_state), by_mount])
+        n = STATES + MOUNT
+        spread: Array = by @ self._grown(t)[:n, :n] @ by.T
+        return u / math.sqrt(float(u @ u)), spread
+
+    def distance(self, sighting: Sighting) -> float:
+        """Return the squared Mahalanobis distance of a sighting from what is expected of it (two degrees)."""
+        self._meet(sighting)
+        solved = self._solve(sighting, self._grown(sighting.utc))
+        return math.inf if solved is None else solved.distance
+
+    def observe(self, sighting: Sighting, gate: float) -> bool:
+        """Take a sighting in; tell whether it lay within the gate, a squared Mahalanobis distance.
+
+        One that comes later than it was made counts as the other sightings do, with the growth since then
+        added to its own uncertainty.
+        """
+        return self.weigh(sighting, gate)[0]
+
+    def weigh(self, sighting: Sighting, gate: float) -> tuple[bool, float]:
+        """Take a sighting in as `observe` does; return whether, and the logarithm of how likely it was."""
+        self._meet(sighting)
+        solved = self._solve(sighting, self._grown(sighting.utc))
+        if solved is None or not solved.distance <= gate:
+            self.rejected += 1
+            size = 2.0 * math.log(self._noisier * sighting.sigma_rad) if solved is None else solved.size
+            worst = _WORST_SQUARE if solved is None else min(_WORST_SQUARE, solved.distance)
+            return False, -0.5 * worst - size
+        self._state, self._covariance, self._partials = solved.state, solved.covariance, solved.partials
+        utc_s = float(sighting.utc.unix_s)
+        self._last_utc_s = utc_s if self._last_utc_s is None else max(utc_s, self._last_utc_s)
+        self.accepted += 1
+        return True, -0.5 * solved.distance - solved.size
+
+    def _meet(self, sighting: Sighting) -> None:
+        """Have terms for the camera of a sighting."""
+        image = sighting.image
+        if image is None or image.camera in self.cameras:
+            return
+        middle = _MIDDLE_RAD if image.coarse else 0.0
+        usual = np.zeros(CAMERA), np.array([_ROTATION_RAD, _SCALE, _CLOCK_S, middle, middle])
+        mean, sigma = self._terms.cameras.get(image.camera, usual)
+        n = len(self._state)
+        covariance = np.zeros((n + CAMERA, n + CAMERA))
+        covariance[:n, :n] = self._covariance
+        covariance[n:, n:] = np.diag(np.square(sigma))
+        self._state, self._covariance = np.concatenate([self._state, mean]), covariance
+        self.cameras = (*self.cameras, image.camera)
+
+    def _slot(self, camera: str) -> int:
+        return STATES + MOUNT + CAMERA * self.cameras.index(camera)
+
+    def _grown(self, t: Utc) -> Array:
+        """Return the covariance with the noise from the newest sighting to an instant, or back to it."""
+        if self._last_utc_s is None:
+            return self._covariance
+        seconds = abs(float(t.unix_s) - self._last_utc_s)
+        if seconds == 0.0:
+            return self._covariance
+        middle = t.plus(-0.5 * (float(t.unix_s) - self._last_utc_s))
+        kick = np.linalg.inv(self._partials.states(middle))[:, 3:]
+        grown: Array = self._covariance.copy()
+        noise = (self._kicked * self._noisier) ** 2 * self.orbit.noise_km2_s3 * seconds
+        grown[:STATES, :STATES] += noise * (kick @ kick.T)
+        grown[TURN_X:DELAY, TURN_X:DELAY] += _TURN_WALK_RAD2_S * seconds * np.eye(3)
+        return grown
+
+    def _solve(self, sighting: Sighting, covariance: Array) -> _Solved | None:
+        """Return state, covariance and squared distance with a sighting; None where none leads there."""
+        prior, at, partials = self._state, self._state, self._partials
+        noise = (self._noisier * sighting.sigma_rad) ** 2 * np.eye(2)
+        sigmas = np.sqrt(np.diag(covariance)) + 1e-12
+        for number in range(_MOST_STEPS):
+            try:
+                if float(np.abs(at[:STATES] - partials.at_km).max()) > _RELINEARISE_KM:
+                    partials = Partials(self.orbit, at[:STATES])
+                off, by_state = self._compared(sighting, at, partials)
+            except PropagationError:
+                return None
+            spread = by_state @ covariance @ by_state.T + noise
+            gap = off + by_state @ (at - prior)
+            gain = np.linalg.solve(spread, by_state @ covariance).T
+            wanted = prior + gain @ gap
+            step = wanted - at
+            longest = float(np.abs(step[:STATES]).max())
+            if longest > LONGEST_STEP_KM:
+                step = step * (LONGEST_STEP_KM / longest)
+            if number >= _WHOLE_STEPS:
+                step = 0.5 * step
+            at = at + step
+            # Along what is hardly known, steps need not end: there the expected sigma is the measure.
+            moved = float(np.abs(by_state @ step).max()) / sighting.sigma_rad
+            if moved < _SETTLED_SIGMAS and bool(np.all(np.abs(step) <= _SETTLED_PRIOR_SIGMAS * sigmas)):
+                kept = np.eye(len(at)) - gain @ by_state
+                # Joseph's form keeps it symmetric and positive.
+                left = kept @ covariance @ kept.T + gain @ noise @ gain.T
+                distance = float(gap @ np.linalg.solve(spread, gap))
+                size = 0.5 * math.log(float(np.linalg.det(spread)))
+                return _Solved(at, 0.5 * (left + left.T), distance, size, partials)
+        return None
+
+    def _compared(self, sighting: Sighting, at: Array, partials: Partials) -> tuple[Array, Array]:
+        """Return how far a sighting lies from a state, by its track or image, and what that is by state."""
+        image = sighting.image
+        if image is None:
+            plain = compared(self.orbit, sighting, at[:STATES], partials)
+            nothing = np.zeros((2, len(at) - STATES))
+            return plain.off, np.hstack([plain.by_state, nothing])
+        propagator = sighting.propagator.with_elements(self.orbit.corrected(at[:STATES]))
+        seen = propagator.at(sighting.utc)
+        range_km = float(seen.range_km)
+        by_orbit = propagator.of_date(sighting.utc, partials.states(sighting.utc)[:3]) / range_km
+        by_mount = mount_terms(seen)
+        slot = self._slot(image.camera)
+        terms = at[slot : slot + CAMERA]
+        drift = seen.unit_rate - image.fed_rate
+        u = seen.unit + by_mount @ at[STATES : STATES + MOUNT] - terms[CLOCK] * drift
+        place, by_u, by_terms = _in_image(image, u, terms)
+        by_terms[:, CLOCK] = by_u @ -drift
+        by_state = np.zeros((2, len(at)))
+        by_state[:, :STATES] = by_u @ by_orbit
+        by_state[:, STATES : STATES + MOUNT] = by_u @ by_mount
+        by_state[:, slot : slot + CAMERA] = by_terms
+        return np.array([image.x, image.y]) - place, by_state
+
+
+class FilterBank:
+    """Filters that expect different errors of the elements, beside one another; one of them answers.
+
+    With terms that were learnt earlier there is one more, which expects those; it answers at first.
+    """
+
+    def __init__(
+        self,
+        orbit: CorrectableOrbit,
+        mean_km: Array | None = None,
+        wider: float = 1.0,
+        noisier: float = 1.0,
+        known: KnownTerms | None = None,
+        seen_by_camera: bool = False,
+    ) -> None:
+        """Begin about a correction, with `wider` times the usual errors of elements and `noisier` sigmas.
+
+        What a camera sees is followed on any way (`seen_by_camera`); directions only as an orbit can be off:
+        in a wrong frame they must not be believed.
+        """
+        self.orbit = orbit
+        kinds: list[tuple[float, float, float, KnownTerms | None]] = [
+            (*one, None) for one in _MEMBERS[: None if seen_by_camera else -1]
+        ]
+        if known is not None:
+            usual = [(*one[:2], one[2] + _DEFAULT_TERMS_WEIGHT, None) for one in kinds]
+            kinds = [(1.0, 1.0, 0.0, known), *usual]
+        self._members, self._weights = [], []
+        for more, kicked, weight, terms in kinds:
+            expected = orbit.expected(wider * more)
+            if mean_km is not None:
+                expected = Expected(mean_km, expected.covariance_km2)
+            self._members.append(OrbitFilter(orbit, expected, noisier, kicked, terms))
+            self._weights.append(weight)
+        self._usual = sum(more == 1.0 for more, *_ in kinds)
+        self._best = 0
+        self.knows_terms = known is not None
+        self.accepted = self.rejected = 0
+
+    @property
+    def best(self) -> OrbitFilter:
+        """The filter that answers."""
+        return self._members[self._best]
+
+    @property
+    def correction_km(self) -> Array:
+        """The six corrections, km."""
+        return self.best.correction_km
+
+    @property
+    def uses_known_terms(self) -> bool:
+        """Whether the terms that were known beforehand foretell what is seen."""
+        return self.knows_terms and self._best == 0
+
+    def copy(self) -> FilterBank:
+        """Return a bank of the same state."""
+        other = object.__new__(FilterBank)
+        other.__dict__.update(self.__dict__)
+        other._members, other._weights = [one.copy() for one in self._members], list(self._weights)
+        return other
+
+    def pointing(self, propagator: Propagator, t: Utc, mount: bool) -> tuple[Array, Array]:
+        """See OrbitFilter."""
+        return self.best.pointing(propagator, t, mount)
+
+    def distance(self, sighting: Sighting) -> float:
+        """Return the squared distance of a sighting; before the first, from where the usual errors lead."""
+        if self.accepted:
+            return self.best.distance(sighting)
+        return min(one.distance(sighting) for one in self._members[: self._usual])
+
+    def observe(self, sighting: Sighting, gate: float) -> bool:
+        """Take a sighting in; tell whether it lay within the gate of the filter that answers."""
+        found = [one.weigh(sighting, gate) for one in self._members]
+        self._weights = [
+            _FORGETTING * weight + likely for weight, (_, likely) in zip(self._weights, found, strict=True)
+        ]
+        most = max(self._weights)
+        if self._weights[self._best] < most - _BETTER:
+            self._best = self._weights.index(most)
+        taken = found[self._best][0]
+        self.accepted += taken
+        self.rejected += not taken
+        return taken
+
+
+class _Solved(NamedTuple):
+    """What a sighting makes of the state: state, covariance, squared distance, half the logarithm of the
+    spread's determinant, and partials near it."""
+
+    state: Array
+    covariance: Array
+    distance: float
+    size: float
+    partials: Partials
+
+
+def _in_image(image: Image, u: Array, terms: Array) -> tuple[Array, Array, Array]:
+    """Return where a direction is in an image of such terms, (2,), what that is by direction and by terms."""
+    axes = np.array([image.right, image.up])
+    along = float(u @ image.fed)
+    if along < _LEAST_ALONG * math.sqrt(float(u @ u)):
+        raise PropagationError("what was seen lies behind the camera", 0)
+    flat = axes @ u / along
+    angle, scale = float(terms[ROTATION]), 1.0 + float(terms[SCALE])
+    c, s = math.cos(angle) / scale, math.sin(angle) / scale
+    turn = np.array([[c, s], [-s, c]])
+    turned = turn @ flat
+    by_u = turn @ (axes - np.outer(flat, image.fed)) / along
+    by_terms = np.zeros((2, CAMERA))
+    by_terms[:, ROTATION] = turned[1], -turned[0]
+    by_terms[:, SCALE] = -turned / scale
+    by_terms[:, MIDDLE_X:] = np.eye(2)
+    return turned + terms[MIDDLE_X:], by_u, by_terms
+
+
+def mount_terms(seen: Direction) -> Array:
+    """Return how a direction's unit vector is moved by the mount's terms, shape (3, 6).
+
+    Three turns about axes fixed to the Earth, rad: in the equator towards the meridian and 90° from it, and
+    the pole; a second by which the mount is ahead; then on the sky along right ascension and declination.
+    """
+    u = seen.unit
+    meridian = math.radians(float(seen.ra_deg) + float(seen.ha_deg))
+    c, s = math.cos(meridian), math.sin(meridian)
+    x, y, z = (float(value) for value in u)
+    flat = max(1e-6, math.hypot(x, y))
+    east = -y / flat, x / flat, 0.0
+    north = -z * east[1], z * east[0], flat
+    rate = seen.unit_rate
+    pace = rate[0] + EARTH_RAD_S * y, rate[1] - EARTH_RAD_S * x, rate[2]
+    # The columns are cross products of the axes (c, s, 0), (s, -c, 0) and (0, 0, 1) with u.
+    turns = (s * z, -c * z, c * y - s * x), (-c * z, -s * z, s * y + c * x), (-y, x, 0.0)
+    return np.array([*turns, pace, east, north]).T
