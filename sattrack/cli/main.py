@@ -29,6 +29,7 @@ COMMANDS = {
     "passes": "List the coming passes of one satellite, some, or a whole catalogue.",
     "rehearse": "Run the coming pass against the mount's limits: what is lost, and why.",
     "track": "Follow the pass now in progress, else the next one.",
+    "camera": "Find the satellite in a camera's frames, and centre it by them.",
     "attach": "Watch a run that was started elsewhere, or take control of it.",
     "run": "Follow a schedule of passes; --dry-run prints its plan.",
     "replay": "Run a recording through today's code and compare every output.",
@@ -45,7 +46,7 @@ COMMANDS = {
     "doctor": "Check settings, clock, elements, priority and mount, and say what to do.",
 }
 GROUPS = {
-    "Observe": ("demo", "track", "run", "attach", "stop"),
+    "Observe": ("demo", "track", "camera", "run", "attach", "stop"),
     "Mount": ("mount", "sim"),
     "Plan": ("passes", "ephemeris", "rehearse", "elements", "bias", "biases", "network"),
     "Recordings": ("report", "replay", "recording"),

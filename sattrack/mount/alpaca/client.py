@@ -124,19 +124,34 @@ def _exchange(server: str, within_s: float, member: str, path: str, form: str | 
 
     Raises AlpacaRefusalError, NoAnswerError.
     """
+    status, _, body = _request(server, within_s, member, path, form)
+    return value_in(member, status, body)
+
+
+def _request(
+    server: str,
+    within_s: float,
+    member: str,
+    path: str,
+    form: str | None = None,
+    accept: str | None = None,
+    most_bytes: int = MOST_BYTES,
+) -> tuple[int, str, bytes]:
+    """Send one request; return HTTP's status, the type of the answer and its body. Raises NoAnswerError."""
+    headers = {} if accept is None else {"Accept": accept}
     with contextlib.closing(http.client.HTTPConnection(server, timeout=within_s)) as connection:
         try:
             if form is None:
-                connection.request("GET", path)
+                connection.request("GET", path, headers=headers)
             else:
                 connection.request("PUT", path, form, _FORM)
             answer = connection.getresponse()
-            body = answer.read(MOST_BYTES)
+            body = answer.read(most_bytes)
         except TimeoutError as error:
             raise NoAnswerError(f"it did not answer {member} within {within_s:g} s") from error
         except (OSError, http.client.HTTPException) as error:
             raise NoAnswerError(broken(error)) from error
-    return value_in(member, answer.status, body)
+    return answer.status, answer.headers.get_content_type(), body
 
 
 @dataclass(slots=True)
@@ -144,7 +159,7 @@ class AlpacaDevice:
     """One device at `HOST:PORT`, of a kind and a number as Alpaca's paths have them."""
 
     server: str
-    kind: Literal["telescope", "focuser", "safetymonitor"]
+    kind: Literal["telescope", "focuser", "safetymonitor", "camera"]
     number: int
     within_s: float = ANSWER_WITHIN_S
     _transaction: int = 0
@@ -153,6 +168,16 @@ class AlpacaDevice:
         """Return a member's value. Raises AlpacaRefusalError, NoAnswerError."""
         path, given = self._next(member, {})
         return _exchange(self.server, self.within_s, member, f"{path}?{given}")
+
+    def get_body(self, member: str, accept: str, most_bytes: int) -> tuple[str, bytes]:
+        """Return the type and the body of an answer that may be other than JSON. Raises NoAnswerError."""
+        path, given = self._next(member, {})
+        status, kind, body = _request(
+            self.server, self.within_s, member, f"{path}?{given}", accept=accept, most_bytes=most_bytes
+        )
+        if status != 200:
+            raise NoAnswerError(f"it answered {member} with HTTP status {status}", status)
+        return kind, body
 
     def put(self, member: str, **fields: str) -> None:
         """Set a member, or call it. Raises AlpacaRefusalError, NoAnswerError."""

@@ -1,0 +1,1 @@
+"""Frames of a camera on the telescope, and where the satellite is in them."""

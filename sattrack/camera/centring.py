@@ -1,0 +1,284 @@
+"""From pixels to the sky: offsets, plate solutions, and the messages for a run. No I/O.
+
+`tetra3rs` finds the stars of a field in its catalogue (Gaia DR3 to magnitude 10, Hipparcos for the brightest)
+and gives a tangential projection. How the image lies on the sky is read from that projection itself, by steps
+up and to the right, so that nothing hangs on the solver's own signs.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from sattrack.views.messages import LEAST_SIGMA_ARCSEC, MOST_SIGMA_ARCSEC, Observation, SeenOffset
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from sattrack.camera.detection import Detection, Source
+    from sattrack.camera.frames import Frame
+
+    Array = NDArray[np.float64]
+
+FEWEST_STARS = 6
+MOST_STARS = 60
+SCALE_SHARE = 0.3
+"""By which share the true scale may differ from what was said, for a field to be solved."""
+SOLVE_WITHIN_MS = 400
+STEP_PX = 10.0
+LONGEST_FOV_DEG = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class ImageGeometry:
+    """How an image lies on the sky; None where it is not known.
+
+    `rotation_deg`: position angle of up, from north through east. `flipped`: mirrored, so that with north up,
+    east is to the right.
+    """
+
+    scale_arcsec_px: float | None = None
+    rotation_deg: float | None = None
+    flipped: bool | None = None
+
+    def of_header(self, frame: Frame) -> ImageGeometry:
+        """Return the same with the scale by the header's pixel size and focal length, if it has none."""
+        if self.scale_arcsec_px is not None:
+            return self
+        size_um, focal_mm = (frame.header.get(key) for key in ("XPIXSZ", "FOCALLEN"))
+        if not isinstance(size_um, int | float) or not isinstance(focal_mm, int | float) or focal_mm <= 0.0:
+            return self
+        scale = math.degrees(size_um * 1e-3 / focal_mm) * 3600.0
+        return ImageGeometry(scale, self.rotation_deg, self.flipped)
+
+
+class Solution(NamedTuple):
+    """A field that was found among the stars: ICRS, degrees; the middle of the image."""
+
+    ra_deg: float
+    dec_deg: float
+    rotation_deg: float
+    flipped: bool
+    scale_arcsec_px: float
+    rms_arcsec: float
+    stars: int
+    place: Callable[[float, float], tuple[float, float]]
+    """The direction of a place in the image, pixels from its middle, right and up."""
+
+    def document(self) -> dict[str, float]:
+        """Return the fields of a solution as JSON has them."""
+        return {
+            "ra_deg": round(self.ra_deg, 6),
+            "dec_deg": round(self.dec_deg, 6),
+            "rotation_deg": round(self.rotation_deg, 4),
+            "scale_arcsec_px": round(self.scale_arcsec_px, 5),
+        }
+
+
+class Solver:
+    """Solves fields of about one size; the first makes its database, which takes some seconds."""
+
+    def __init__(self, module: Any, fov_deg: float, year: float) -> None:
+        """Take `tetra3rs`, the image's width on the sky by its scale, degrees, and the year of the frames."""
+        self._module, self._fov_deg = module, fov_deg
+        low, high = fov_deg * (1.0 - SCALE_SHARE), fov_deg * (1.0 + SCALE_SHARE)
+        self._database = module.SolverDatabase.generate_from_gaia(
+            max_fov_deg=min(high, LONGEST_FOV_DEG),
+            min_fov_deg=min(low, 0.9 * LONGEST_FOV_DEG),
+            epoch_proper_motion_year=year,
+            # A tenth of what tetra3rs does by itself is enough of patterns, and takes a tenth of the time.
+            lattice_field_oversampling=10,
+            patterns_per_lattice_field=10,
+        )
+
+    def solve(self, shape: tuple[int, int], stars: Sequence[Source]) -> Solution | None:
+        """Return where an image of a shape (height, width) looks, by its stars; None where none fits."""
+        height, width = shape
+        if len(stars) < FEWEST_STARS:
+            return None
+        at = np.array([[one.x, one.y, one.flux] for one in stars[:MOST_STARS]])
+        # The solver's y goes down.
+        places = np.stack([at[:, 0] - (width - 1) / 2.0, (height - 1) / 2.0 - at[:, 1], at[:, 2]], axis=1)
+        found = self._database.solve_from_centroids(
+            places,
+            fov_estimate_deg=self._fov_deg,
+            image_shape=(height, width),
+            fov_max_error_deg=SCALE_SHARE * self._fov_deg,
+            solve_timeout_ms=SOLVE_WITHIN_MS,
+        )
+        if not found or found.num_matches < FEWEST_STARS - 1:
+            return None
+
+        stars_at = [self._database.get_star_by_id(int(number)) for number in found.matched_catalog_ids]
+        matched = places[np.asarray(found.matched_centroids, dtype=np.intp)] * (1.0, -1.0, 1.0)
+        fit = _plate(
+            (float(found.ra_deg), float(found.dec_deg)),
+            matched[:, :2],
+            np.array([[one.ra_deg, one.dec_deg] for one in stars_at]),
+        )
+        if fit is None:
+            return None
+        place, rms_arcsec, count = fit
+        ra, dec = place(0.0, 0.0)
+        up, up_arcsec = _step(ra, dec, *place(0.0, STEP_PX))
+        right, right_arcsec = _step(ra, dec, *place(STEP_PX, 0.0))
+        flipped = (right - up) % 360.0 < 180.0
+        return Solution(
+            ra,
+            dec,
+            up % 360.0,
+            flipped,
+            math.sqrt(up_arcsec * right_arcsec) / STEP_PX,
+            rms_arcsec,
+            count,
+            place,
+        )
+
+
+def _plate(
+    centre: tuple[float, float], places: Array, stars: Array
+) -> tuple[Callable[[float, float], tuple[float, float]], float, int] | None:
+    """Fit a plate (six constants) to stars at places, pixels from the image's middle; ICRS degrees.
+
+    Returns the direction of a place, the RMS of the residuals on the sky (arcseconds) and how many stars were
+    used: those within three sigmas. None for too few. Smart, Spherical Astronomy, chapter 12.
+    """
+    a0, d0 = (math.radians(each) for each in centre)
+    a, d = np.radians(stars[:, 0]), np.radians(stars[:, 1])
+    depth = np.sin(d) * math.sin(d0) + np.cos(d) * math.cos(d0) * np.cos(a - a0)
+    plane = np.stack(
+        [
+            np.cos(d) * np.sin(a - a0) / depth,
+            (np.sin(d) * math.cos(d0) - np.cos(d) * math.sin(d0) * np.cos(a - a0)) / depth,
+        ],
+        axis=1,
+    )
+    columns = np.concatenate([places, np.ones((len(places), 1))], axis=1)
+    kept = np.ones(len(places), dtype=bool)
+    for _ in range(4):
+        if kept.sum() < FEWEST_STARS - 1:
+            return None
+        constants = np.linalg.lstsq(columns[kept], plane[kept], rcond=None)[0]
+        off = np.hypot(*(columns @ constants - plane).T)
+        rms = float(np.sqrt(np.sum(off[kept] ** 2) / max(int(kept.sum()) - 3, 1)))
+        kept = off <= 3.0 * max(rms, 1e-9)
+
+    def place(right: float, up: float) -> tuple[float, float]:
+        xi, eta = np.array([right, up, 1.0]) @ constants
+        ra = a0 + math.atan2(xi, math.cos(d0) - eta * math.sin(d0))
+        dec = math.atan2(math.sin(d0) + eta * math.cos(d0), math.hypot(xi, math.cos(d0) - eta * math.sin(d0)))
+        return math.degrees(ra) % 360.0, math.degrees(dec)
+
+    return place, math.degrees(rms) * 3600.0, int(kept.sum())
+
+
+def _step(ra_deg: float, dec_deg: float, to_ra_deg: float, to_dec_deg: float) -> tuple[float, float]:
+    """Return position angle (degrees, north through east) and distance (arcseconds) of a near direction."""
+    a, d, b, e = (math.radians(each) for each in (ra_deg, dec_deg, to_ra_deg, to_dec_deg))
+    east = math.cos(e) * math.sin(b - a)
+    north = math.sin(e) * math.cos(d) - math.cos(e) * math.sin(d) * math.cos(b - a)
+    return math.degrees(math.atan2(east, north)), math.degrees(math.hypot(east, north)) * 3600.0
+
+
+class Seen(NamedTuple):
+    """What one frame comes to: what is printed of it, and what is sent to a run, if anything."""
+
+    utc: str
+    exposure_s: float
+    kind: str
+    dx_arcsec: float | None
+    dy_arcsec: float | None
+    sigma_arcsec: float | None
+    snr: float | None
+    solved: dict[str, float] | None
+    why: str | None
+    camera: str
+    message: Observation | SeenOffset | None
+
+    def document(self) -> dict[str, Any]:
+        """Return the line of `sattrack camera --json`."""
+        return {
+            **{name: getattr(self, name) for name in self._fields if name != "message"},
+            "sent": None if self.message is None else self.message.__struct_config__.tag,
+        }
+
+
+def centred(
+    frame: Frame, seen: Detection, geometry: ImageGeometry, solution: Solution | None, camera: str
+) -> Seen:
+    """Return a detection as offsets from the image's middle, and as a message for a run.
+
+    Where the field was solved it is an observation of a direction among the stars, and the scale is that of
+    the solution; else an offset, in pixels where no scale is known.
+    """
+    utc = frame.utc.isoformat("microseconds")
+    solved = None if solution is None else solution.document()
+    scale = geometry.scale_arcsec_px if solution is None else solution.scale_arcsec_px
+    nothing = Seen(utc, frame.exposure_s, seen.kind, None, None, None, None, solved, seen.why, camera, None)
+    if seen.kind == "none" or seen.x is None or seen.y is None or seen.sigma_px is None:
+        return nothing
+    middle_x, middle_y = frame.middle
+    right, up = float(seen.x) - middle_x, float(seen.y) - middle_y
+    snr = None if seen.snr is None else round(float(seen.snr), 2)
+    sigma_px = float(seen.sigma_px)
+    message: Observation | SeenOffset
+    if scale is None:
+        message = SeenOffset(
+            utc,
+            dx_px=right,
+            dy_px=up,
+            sigma_px=sigma_px,
+            camera=camera,
+            rotation_deg=geometry.rotation_deg,
+            flipped=geometry.flipped,
+        )
+        return nothing._replace(snr=snr, message=message)
+    # Offsets are on the tangential plane, as pixels are: 5° from the middle that is 0.25 % more.
+    sigma = min(max(sigma_px * scale, LEAST_SIGMA_ARCSEC), MOST_SIGMA_ARCSEC)
+    if solution is not None:
+        sigma = min(math.hypot(sigma, solution.rms_arcsec / math.sqrt(solution.stars)), MOST_SIGMA_ARCSEC)
+        ra_deg, dec_deg = solution.place(right, up)
+        message = Observation(utc, ra_deg, dec_deg, "icrs", sigma)
+    else:
+        message = SeenOffset(
+            utc,
+            right * scale,
+            up * scale,
+            sigma,
+            camera,
+            rotation_deg=geometry.rotation_deg,
+            flipped=geometry.flipped,
+        )
+    return nothing._replace(
+        dx_arcsec=round(right * scale, 3),
+        dy_arcsec=round(up * scale, 3),
+        sigma_arcsec=round(sigma, 3),
+        snr=snr,
+        message=message,
+    )
+
+
+def contradiction(said: ImageGeometry, solution: Solution) -> str | None:
+    """Return what the stars show of an image that differs from what was said of it, as text."""
+    wrong = []
+    if said.scale_arcsec_px is not None:
+        share = solution.scale_arcsec_px / said.scale_arcsec_px
+        if abs(share - 1.0) > 0.01:
+            wrong.append(
+                f"--scale is {said.scale_arcsec_px:g}, the stars show {solution.scale_arcsec_px:.4g}"
+            )
+    if said.rotation_deg is not None:
+        off = (solution.rotation_deg - said.rotation_deg + 180.0) % 360.0 - 180.0
+        if abs(off) > 1.0:
+            wrong.append(f"--rotation is {said.rotation_deg:g}, the stars show {solution.rotation_deg:.1f}")
+    if said.flipped is not None and said.flipped != solution.flipped:
+        shown = "is mirrored" if solution.flipped else "is not mirrored"
+        wrong.append(
+            f"the stars show that the image {shown}: {'give' if solution.flipped else 'omit'} --flip"
+        )
+    return "; ".join(wrong) or None

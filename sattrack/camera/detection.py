@@ -1,0 +1,838 @@
+"""Where the satellite is in a frame: a point among the stars' streaks, or a streak among stars. No I/O.
+
+A matched filter gives every pixel the significance of a point there. Of its peaks those are left that are a
+point by their shape, and that stand out of whatever runs through them along the stars' streaks: a star's
+streak, its ends and its noise do not. `sep` (Bertin & Arnouts 1996, A&AS 117, 393) takes the background, and
+finds what is long.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d, map_coordinates
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from sattrack.camera.frames import Frame
+
+    Pixels = NDArray[np.float32]
+    Array = NDArray[np.float64]
+
+SURE_SNR = 6.5
+"""Significance of a point anywhere: of 1.2 million pixels of noise, one in 10,000 frames has it."""
+EXPECTED_SNR = 4.5
+"""Significance of a point where one is expected, by the frames before."""
+LONG_SNR = 4.0
+"""Significance that every pixel of a streak has in the filtered image."""
+EXPECTED_WITHIN_PX = 8.0
+"""How far from where it is expected a point may be, beside what its motion is unsure by."""
+FEWEST_PIXELS = 25
+LONG_RATIO = 2.5
+"""Length over width from which on a detection is a streak."""
+MESH_PX = 64
+USUAL_PSF_PX = 1.3
+PSF_PX = (0.6, 6.0)
+"""Between these the sigma of a star's image is believed to be."""
+MOST_CANDIDATES = 60
+AMBIGUOUS = 0.6
+"""Of two points, the brighter one counts where the other has less than this share of its flux."""
+RIDGE_SNR = 3.0
+CENTROID_FLOOR_PX = 0.03
+MOST_CHI = 3.0
+EDGE_PX = 4
+Kind = Literal["point", "streak", "none"]
+T_STAR, T_EVEN = 0.35, 2.0
+
+
+class Streak(NamedTuple):
+    """Something long in a frame: its middle, length and direction in pixels and degrees from x towards y."""
+
+    x: float
+    y: float
+    length_px: float
+    angle_deg: float
+    width_px: float
+    flux: float
+    whole: bool
+    """Whether both of its ends are within the frame."""
+    snr: float
+
+
+class Source(NamedTuple):
+    """Something round in a frame."""
+
+    x: float
+    y: float
+    flux: float
+    snr: float
+
+
+class Expected(NamedTuple):
+    """What a run says of a frame: how stars and the satellite move in the image, in pixels a second.
+
+    A velocity is a pair, or a speed alone where the camera's rotation is not known. `near` is where the
+    satellite must be, with one sigma, pixels from the middle of the first pixel.
+    """
+
+    stars: tuple[float, float] | float | None = None
+    target: tuple[float, float] | float | None = None
+    near: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Detection:
+    """What was seen in one frame. x and y in pixels, one sigma of each; None where nothing was seen."""
+
+    kind: Kind
+    x: float | None = None
+    y: float | None = None
+    sigma_px: float | None = None
+    snr: float | None = None
+    why: str | None = None
+    """Why there is nothing, in words."""
+    stars: tuple[Source, ...] = ()
+    """The other things, the brightest first: the middles of streaks that are whole, or points."""
+    saturated: float = 0.0
+    """The share of pixels that are."""
+    peak: float | None = None
+    """The highest value within the satellite's image, above zero."""
+    streaks: int = 0
+
+
+@dataclass(slots=True)
+class Detector:
+    """Looks at the frames of one camera, in order of time; what it learns of one serves the next."""
+
+    psf_px: float = USUAL_PSF_PX
+    _last: list[tuple[float, float, float]] = field(default_factory=list)
+    """The last places of the satellite: UTC, x, y."""
+    _psf_seen: int = 0
+
+    def look(self, frame: Frame, expected: Expected | None = None) -> Detection:
+        """Return what is seen in a frame."""
+        prepared = _prepared(frame, self.psf_px)
+        if isinstance(prepared, str):
+            return Detection("none", why=prepared)
+        long = _streaks(prepared)
+        self._learn_psf(prepared.image, long)
+        expected = expected or Expected()
+        near = expected.near or self._near(float(frame.utc.unix_s))
+        trail = _trail(long, expected, frame.exposure_s)
+        wanted = _length(expected.target, frame.exposure_s)
+        if wanted is not None and wanted > T_EVEN * LONG_RATIO * self.psf_px:
+            found = _streak_target(prepared, long, expected, frame.exposure_s)
+        else:
+            found = _point_target(prepared, long, trail, near, self.psf_px)
+        if found.kind == "none" and expected.target is None and not trail.known:
+            found = _lone_streak(prepared, long, found)
+        if found.x is not None and found.y is not None:
+            self._last = [*self._last[-3:], (float(frame.utc.unix_s), found.x, found.y)]
+        return found
+
+    def _learn_psf(self, image: Pixels, long: list[Streak]) -> None:
+        bright = [one for one in long if one.snr > 12.0 and one.length_px > 15.0 * self.psf_px]
+        found = [_cross_section_px(image, one, self.psf_px) for one in bright[:3]]
+        widths = [one for one in found if one is not None]
+        if widths:
+            share = 1.0 / (1.0 + min(self._psf_seen, 9))
+            self.psf_px += share * (min(max(float(np.median(widths)), PSF_PX[0]), PSF_PX[1]) - self.psf_px)
+            self._psf_seen += 1
+
+    def _near(self, utc_s: float) -> tuple[float, float, float] | None:
+        """Return where the satellite is expected by the last two frames in which it was seen."""
+        recent = [one for one in self._last if 0.0 < utc_s - one[0] < 5.0]
+        if len(recent) < 2:
+            return None
+        (t0, x0, y0), (t1, x1, y1) = recent[-2:]
+        if t1 - t0 <= 0.0:
+            return None
+        share = (utc_s - t1) / (t1 - t0)
+        moved = math.hypot(x1 - x0, y1 - y0) * share
+        return x1 + (x1 - x0) * share, y1 + (y1 - y0) * share, EXPECTED_WITHIN_PX + 0.3 * moved
+
+
+class _Prepared(NamedTuple):
+    """An image less its background; its noise; its filtered significance; what must not be used."""
+
+    image: Pixels
+    noise: float
+    snr: Pixels
+    bad: NDArray[np.bool_]
+    saturated: float
+    gain: float | None
+    """Electrons for each unit, where the camera says so."""
+
+
+def _prepared(frame: Frame, psf_px: float) -> _Prepared | str:
+    """Return a frame ready to be looked at, or why nothing can be seen in it."""
+    import sep
+
+    pixels = np.ascontiguousarray(frame.pixels, dtype=np.float32)
+    if min(pixels.shape) < 4 * EDGE_PX:
+        return f"an image of {pixels.shape[1]} × {pixels.shape[0]} pixels is too small"
+    bad = ~np.isfinite(pixels)
+    if bad.any():
+        if bad.mean() > 0.5:
+            return "most of its pixels are no numbers"
+        pixels = np.where(bad, np.float32(np.median(pixels[~bad])), pixels)
+    sample = pixels[:: max(1, pixels.shape[0] // 100), :: max(1, pixels.shape[1] // 100)]
+    if float(sample.max()) == float(sample.min()) and float(pixels.max()) == float(pixels.min()):
+        return "all its pixels are the same"
+    full = pixels >= frame.saturation if frame.saturation is not None else np.zeros(pixels.shape, dtype=bool)
+    saturated = float(full.mean())
+    if saturated > 0.3:
+        return "most of it is saturated"
+    # Every second pixel will do for the background, in a quarter of the time.
+    background = sep.Background(
+        np.ascontiguousarray(pixels[::2, ::2]),
+        mask=np.ascontiguousarray(bad[::2, ::2]) if bad.any() else None,
+        bw=MESH_PX // 2,
+        bh=MESH_PX // 2,
+    )
+    noise = float(background.globalrms)
+    if not noise > 0.0 or not math.isfinite(noise):
+        noise = float(np.std(sample)) or 1.0
+    under = np.repeat(np.repeat(background.back(dtype=np.float32), 2, axis=0), 2, axis=1)
+    image = pixels - under[: pixels.shape[0], : pixels.shape[1]]
+    image[bad] = 0.0
+    smooth = gaussian_filter1d(image, psf_px, axis=0, truncate=3.5)
+    smooth = gaussian_filter1d(smooth, psf_px, axis=1, truncate=3.5)
+    # The noise as it is after the filter: that of colour cameras is not white.
+    part = smooth[EDGE_PX::7, EDGE_PX::5]
+    spread = _clipped_sigma(part)
+    white = noise / (2.0 * math.sqrt(math.pi) * psf_px)
+    smooth /= max(spread, white, 1e-12)
+    said = frame.header.get("EGAIN")
+    gain = float(said) if isinstance(said, int | float) and said > 0.0 else None
+    return _Prepared(image, noise, smooth, bad | full, saturated, gain)
+
+
+def _clipped_sigma(values: Pixels) -> float:
+    """Return one sigma of noise in which a few values are something else."""
+    kept = values.ravel()
+    for _ in range(5):
+        middle, sigma = float(np.median(kept)), float(np.std(kept))
+        kept = kept[np.abs(kept - middle) <= 2.5 * sigma]
+    # A normal distribution cut at 2.5 sigmas has 0.952 of its sigma; cut again and again, 0.945.
+    return float(np.std(kept)) / 0.945
+
+
+def _streaks(prepared: _Prepared) -> list[Streak]:
+    """Return what is long in a frame, the brightest first."""
+    import sep
+
+    try:
+        found = sep.extract(
+            prepared.snr, LONG_SNR, minarea=FEWEST_PIXELS, filter_kernel=None, deblend_cont=1.0, clean=False
+        )
+    except Exception as error:
+        if "limit" in str(error) or "buffer" in str(error):
+            return []
+        raise
+    height, width = prepared.snr.shape
+    long: list[Streak] = []
+    for one in found[np.argsort(-found["flux"])]:
+        a, b = float(one["a"]), max(float(one["b"]), 0.3)
+        if a / b < LONG_RATIO:
+            continue
+        # A box of length L has a variance of L²/12 along it.
+        length = math.sqrt(12.0 * max(a * a - b * b, 0.0))
+        whole = (
+            one["xmin"] > EDGE_PX
+            and one["ymin"] > EDGE_PX
+            and one["xmax"] < width - 1 - EDGE_PX
+            and one["ymax"] < height - 1 - EDGE_PX
+        )
+        long.append(
+            Streak(
+                float(one["x"]),
+                float(one["y"]),
+                length,
+                math.degrees(float(one["theta"])) % 180.0,
+                b,
+                float(one["flux"]),
+                bool(whole),
+                float(one["peak"]),
+            )
+        )
+    return long
+
+
+def _cross_section_px(image: Pixels, streak: Streak, psf_px: float) -> float | None:
+    """Return the sigma of a streak's cross-section, a Gaussian's; None where it is none."""
+    angle = math.radians(streak.angle_deg)
+    along_x, along_y = math.cos(angle), math.sin(angle)
+    reach = 0.3 * streak.length_px
+    half = math.ceil(reach + 5.0 * psf_px)
+    col, row = round(streak.x), round(streak.y)
+    x0, x1 = max(0, col - half), min(image.shape[1], col + half + 1)
+    y0, y1 = max(0, row - half), min(image.shape[0], row + half + 1)
+    dy, dx = np.mgrid[y0:y1, x0:x1].astype(np.float64)
+    dx, dy = dx - streak.x, dy - streak.y
+    along, across = dx * along_x + dy * along_y, dy * along_x - dx * along_y
+    part = (np.abs(along) < reach) & (np.abs(across) < 5.0 * psf_px)
+    along, across, values = along[part], across[part], image[y0:y1, x0:x1][part].astype(np.float64)
+    if len(values) < 30:
+        return None
+    height, middle, slope, sigma, sky = float(values.max()), 0.0, 0.0, psf_px, 0.0
+    for _ in range(12):
+        at = (across - middle - slope * along) / sigma
+        bell = np.exp(-0.5 * at * at)
+        columns = np.stack(
+            [
+                bell,
+                height * bell * at / sigma,
+                height * bell * at / sigma * along,
+                height * bell * at * at / sigma,
+                np.ones_like(bell),
+            ],
+            axis=1,
+        )
+        step = np.linalg.lstsq(columns, values - height * bell - sky, rcond=None)[0]
+        height, middle, slope, sigma, sky = np.array([height, middle, slope, sigma, sky]) + step
+        if not 0.3 < sigma < 10.0 or abs(middle) > 5.0 * psf_px or height <= 0.0:
+            return None
+    # The square of a pixel's own width is a twelfth.
+    return math.sqrt(max(sigma * sigma - 1.0 / 12.0, 0.25))
+
+
+class _Trail(NamedTuple):
+    """How stars trail in a frame: whether they do, their direction (None: unknown) and length, pixels."""
+
+    known: bool
+    angle_deg: float | None
+    length_px: float | None
+
+
+def _trail(long: list[Streak], expected: Expected, exposure_s: float) -> _Trail:
+    """Return how stars trail: as the frame shows it, else as the run expects it."""
+    by_run = _length(expected.stars, exposure_s)
+    angle = _common_angle(long)
+    alike = [] if angle is None else [one for one in long if _apart(one.angle_deg, angle) < 5.0]
+    if len(alike) > 1:
+        # The faint ones come in pieces; the brightest are whole.
+        whole = [one for one in alike if one.whole] or alike
+        return _Trail(True, angle, float(np.median([one.length_px for one in whole[:9]])))
+    return _Trail(by_run is not None, _angle(expected.stars), by_run)
+
+
+def _common_angle(long: list[Streak]) -> float | None:
+    """Return the direction that more than half of the light of what is long has; None where none is."""
+    if not long:
+        return None
+    # Twice the angle: a streak has no sense.
+    weights = np.sqrt([one.flux for one in long])
+    turned = weights * np.exp(2j * np.radians([one.angle_deg for one in long]))
+    mean = complex(turned.sum())
+    if abs(mean) < 0.6 * float(weights.sum()):
+        return None
+    return math.degrees(math.atan2(mean.imag, mean.real)) / 2.0 % 180.0
+
+
+def _apart(one_deg: float, other_deg: float) -> float:
+    """Return the angle between two directions without a sense, degrees, 0 to 90."""
+    return abs((one_deg - other_deg + 90.0) % 180.0 - 90.0)
+
+
+def _length(velocity: tuple[float, float] | float | None, exposure_s: float) -> float | None:
+    if velocity is None:
+        return None
+    speed = velocity if isinstance(velocity, float | int) else math.hypot(*velocity)
+    return speed * exposure_s
+
+
+def _angle(velocity: tuple[float, float] | float | None) -> float | None:
+    if velocity is None or isinstance(velocity, float | int) or math.hypot(*velocity) == 0.0:
+        return None
+    return math.degrees(math.atan2(velocity[1], velocity[0])) % 180.0
+
+
+def _point_target(
+    prepared: _Prepared,
+    long: list[Streak],
+    trail: _Trail,
+    near: tuple[float, float, float] | None,
+    psf_px: float,
+) -> Detection:
+    """Return the satellite as a point."""
+    stars = _star_middles(long, trail)
+    none = Detection("none", stars=stars, saturated=prepared.saturated, streaks=len(long))
+    trailing = trail.length_px is not None and trail.length_px > 2.0 * LONG_RATIO * psf_px
+    least = SURE_SNR if near is None else EXPECTED_SNR
+    peaks = _peaks(prepared.snr, least)
+    on_streaks = _on_streaks(prepared.snr, long, least, psf_px)
+    if not len(peaks) and not len(on_streaks):
+        return _because(none, "nothing stands out of the noise")
+    angles = [] if trail.angle_deg is None else [trail.angle_deg]
+    angles += [one.angle_deg for one in long[:8] if all(_apart(one.angle_deg, a) > 3.0 for a in angles)]
+    rest = math.inf if trail.length_px is None else (trail.length_px / 2.0 / psf_px - 5.0) / 2.0
+    samples = int(min(max(rest, 3), 12))
+    passes = ((angles[:1], samples), (angles[1:], 0), (list(np.arange(0.0, 180.0, 3.75)), 0))
+    for directions, count in passes:
+        if directions and len(peaks):
+            peaks = _standing_out(prepared.snr, peaks, directions, psf_px, least, count)
+    peaks = np.concatenate([peaks, on_streaks])
+    # The strongest first, and only so many: what looks like more is no satellite among stars.
+    peaks = peaks[np.argsort(peaks[:, 3] - peaks[:, 2])][:MOST_CANDIDATES]
+    points: list[_Point] = []
+    for x, y, height, ridge, angle in peaks:
+        snr = height - ridge
+        expected_here = near is not None and math.hypot(x - near[0], y - near[1]) <= near[2]
+        if snr >= SURE_SNR or expected_here:
+            found = _fitted(prepared, x, y, snr, ridge, angle, psf_px)
+            if found is not None and not any(
+                math.hypot(found.x - o.x, found.y - o.y) < 3.0 * psf_px for o in points
+            ):
+                points.append(found)
+        if len(points) >= 8:
+            break
+    if not points:
+        return _because(none, "nothing that stands out has the shape of a point")
+    return _chosen(prepared, points, trailing, near, none)
+
+
+def _because(none: Detection, why: str) -> Detection:
+    return Detection("none", why=why, stars=none.stars, saturated=none.saturated, streaks=none.streaks)
+
+
+class _Point(NamedTuple):
+    x: float
+    y: float
+    sigma_px: float
+    snr: float
+    flux: float
+    peak: float
+
+
+def _chosen(
+    prepared: _Prepared,
+    points: list[_Point],
+    trailing: bool,
+    near: tuple[float, float, float] | None,
+    none: Detection,
+) -> Detection:
+    """Return which of the points is the satellite."""
+    there = points
+    if near is not None:
+        close = [one for one in points if math.hypot(one.x - near[0], one.y - near[1]) <= near[2]]
+        there = close or [one for one in points if one.snr >= SURE_SNR]
+    if not there:
+        return _because(none, "nothing stands out of the noise")
+    there = sorted(there, key=lambda one: -one.flux)
+    best = there[0]
+    if near is None and not trailing and len(there) > 1:
+        stars = tuple(Source(one.x, one.y, one.flux, one.snr) for one in points)
+        why = "stars do not trail, and nothing tells the satellite from them"
+        return Detection("none", why=why, stars=stars, saturated=prepared.saturated, streaks=none.streaks)
+    if len(there) > 1 and there[1].flux > AMBIGUOUS * best.flux:
+        return _because(none, f"{len(there)} points are alike, and nothing tells which is the satellite")
+    return Detection(
+        "point",
+        best.x,
+        best.y,
+        best.sigma_px,
+        best.snr,
+        stars=none.stars,
+        saturated=prepared.saturated,
+        peak=best.peak,
+        streaks=none.streaks,
+    )
+
+
+def _peaks(snr: Pixels, least: float) -> Array:
+    """Return the peaks of the filtered image: x, y, significance, 0 (their ridge) and 0 (its direction)."""
+    inner = snr[EDGE_PX:-EDGE_PX, EDGE_PX:-EDGE_PX]
+    rows, columns = np.nonzero(inner > 0.9 * least)
+    rows, columns = rows + EDGE_PX, columns + EDGE_PX
+    values = snr[rows, columns]
+    top = np.ones(len(values), dtype=bool)
+    for dy in (-1, 0, 1):
+        for dx in (-1, 0, 1):
+            if (dy, dx) != (0, 0):
+                other = snr[rows + dy, columns + dx]
+                top &= values >= other if (dy, dx) < (0, 0) else values > other
+    rows, columns, values = rows[top], columns[top], values[top].astype(np.float64)
+    for step in ((0, 1), (1, 0)):
+        # The top of the parabola through a peak and its neighbours, of a peak between pixels.
+        below, above = (snr[rows + k * step[0], columns + k * step[1]] for k in (-1, 1))
+        values += np.clip(
+            (above - below) ** 2 / (8.0 * np.maximum(2.0 * values - above - below, 1e-6)), 0.0, 1.0
+        )
+    sure = values >= least
+    found = np.zeros((int(sure.sum()), 5))
+    found[:, 0], found[:, 1], found[:, 2] = columns[sure], rows[sure], values[sure]
+    return found
+
+
+def _on_streaks(snr: Pixels, long: list[Streak], least: float, psf_px: float) -> Array:
+    """Return the peaks on streaks, less what is typical of the streak; rows as `_peaks` gives them.
+
+    Typical is the median along a streak, at each distance from its middle line, and so is the noise there.
+    Near its ends nothing is told.
+    """
+    found = []
+    for one in long:
+        reach = one.length_px / 2.0 - 3.0 * psf_px
+        if reach < 6.0 * psf_px:
+            continue
+        angle = math.radians(one.angle_deg)
+        along_x, along_y = math.cos(angle), math.sin(angle)
+        side = 4.0 * psf_px
+        half_x = math.ceil(abs(along_x) * reach + abs(along_y) * side)
+        half_y = math.ceil(abs(along_y) * reach + abs(along_x) * side)
+        col, row = round(one.x), round(one.y)
+        x0, x1 = max(0, col - half_x), min(snr.shape[1], col + half_x + 1)
+        y0, y1 = max(0, row - half_y), min(snr.shape[0], row + half_y + 1)
+        dy, dx = np.mgrid[y0:y1, x0:x1].astype(np.float32)
+        dx, dy = dx - one.x, dy - one.y
+        along, across = dx * along_x + dy * along_y, dy * along_x - dx * along_y
+        part = (np.abs(along) < reach) & (np.abs(across) < side)
+        if part.sum() < 60 or max(part.shape) < 3:
+            continue
+        values = snr[y0:y1, x0:x1]
+        bins = np.rint(2.0 * across + 2.0 * side).astype(np.intp)
+        centre, spread = np.zeros(bins.max() + 1), np.full(bins.max() + 1, np.inf)
+        for k in np.unique(bins[part]):
+            here = values[part & (bins == k)]
+            if len(here) >= 8:
+                centre[k] = np.median(here)
+                spread[k] = max(1.0, 1.4826 * float(np.median(np.abs(here - centre[k]))))
+        # Between the bins, the cross-section is a line.
+        at = 2.0 * across + 2.0 * side
+        model = np.interp(at, np.arange(len(centre)), centre)
+        noise = np.maximum(spread[bins], 1.0)
+        left = np.where(part & (model > RIDGE_SNR), (values - model) / np.hypot(noise, 0.08 * model), 0.0)
+        left = left.astype(np.float32)
+        if left.max() < least:
+            continue
+        for x, y, _, _, _ in _peaks(np.pad(left, EDGE_PX), least):
+            cx, cy = int(x) - EDGE_PX, int(y) - EDGE_PX
+            ridge = float(model[cy, cx])
+            found.append((x0 + cx, y0 + cy, ridge + float(left[cy, cx]), ridge, one.angle_deg))
+    return np.array(found).reshape(-1, 5)
+
+
+def _standing_out(
+    snr: Pixels, peaks: Array, directions: list[float], psf_px: float, least: float, samples: int = 0
+) -> Array:
+    """Return the peaks that stand out of what runs through them, or ends in them, in any of some directions.
+
+    Of both sides of a peak counts the brighter: so do the ends of a streak not stand out. With `samples`, so
+    many are averaged on each side, in a direction in which stars are known to trail: the faintest star counts
+    then, and a peak at the image's edge, where no side can be seen, does not stand out. Without, what
+    matters are bright things that run anywhere, and their neighbours do not.
+    """
+    steps = psf_px * (5.0 + 2.0 * np.arange(samples or 6))
+    ridge, angle = peaks[:, 3].copy(), peaks[:, 4].copy()
+    roughness = np.ones(len(peaks))
+    cut = np.zeros(len(peaks), dtype=bool)
+    for direction in directions:
+        along = np.radians(direction)
+        for sense in (1.0, -1.0):
+            x = peaks[:, :1] + sense * steps * math.cos(along)
+            y = peaks[:, 1:2] + sense * steps * math.sin(along)
+            inside = (x >= 0) & (y >= 0) & (x <= snr.shape[1] - 1) & (y <= snr.shape[0] - 1)
+            values = map_coordinates(snr, [y, x], order=1, mode="nearest")
+            if samples:
+                cut |= inside.sum(axis=1) < 3
+                count = np.maximum(inside.sum(axis=1), 1)
+                level = np.where(inside, values, 0.0).sum(axis=1) / count
+            else:
+                values = np.where(inside, values, 0.0)
+                level = np.median(values, axis=1)
+            higher = level > ridge
+            angle[higher] = direction if sense > 0 else direction - 180.0
+            rough = 1.4826 * np.median(np.abs(values - level[:, None]), axis=1)
+            roughness[higher] = rough[higher]
+            ridge = np.maximum(ridge, level)
+    ridge[ridge < (2.0 / math.sqrt(samples) if samples else RIDGE_SNR)] = 0.0
+    excess = peaks[:, 2] - ridge
+    # A bright streak is noisier than the sky, and a few samples do not tell by how much.
+    rough_part = np.where(ridge > RIDGE_SNR, roughness**2 + 0.3 * ridge, 0.0)
+    noise = np.where(ridge > 0.0, np.sqrt(1.0 + 1.0 / (samples or 6) + rough_part), 1.0)
+    standing = (excess > least * noise) & (excess > 0.25 * ridge) & ~cut
+    kept = peaks[standing].copy()
+    kept[:, 3], kept[:, 4] = ridge[standing], angle[standing]
+    return kept
+
+
+def _fitted(
+    prepared: _Prepared, x: float, y: float, snr: float, ridge: float, angle_deg: float, psf_px: float
+) -> _Point | None:
+    """Return a point as a Gaussian fits it; None where its shape is not that of a star's image."""
+    half = max(4, math.ceil(3.2 * psf_px))
+    col, row = round(x), round(y)
+    height, width = prepared.image.shape
+    if not (half <= col < width - half and half <= row < height - half):
+        return None
+    box = (slice(row - half, row + half + 1), slice(col - half, col + half + 1))
+    data = prepared.image[box].astype(np.float64)
+    good = ~prepared.bad[box]
+    dy, dx = np.mgrid[-half : half + 1, -half : half + 1].astype(np.float64)
+    variance = np.full(data.shape, prepared.noise**2)
+    if ridge > 0.0:
+        under = _ridge_under(prepared.image, col, row, half, angle_deg, psf_px)
+        data -= under
+        variance *= 1.3
+    if good.sum() < 0.6 * good.size:
+        return _saturated_point(prepared, box, col, row, half, snr, psf_px)
+    fit = _gauss_newton(data, np.sqrt(variance), good, dx, dy, (x - col, y - row), psf_px)
+    if fit is None:
+        return None
+    (flux, ox, oy, _, sigma), covariance, residual, dof = fit
+    limit = 1.9 + (0.25 * snr) ** 2 / dof + 0.01 * ridge
+    if residual > limit or flux <= 0.0 or _elongation(data, good, dx - ox, dy - oy, psf_px) > 0.2 + 2.5 / snr:
+        return None
+    coloured = 1.0
+    grown = math.sqrt(max(1.0, residual)) * coloured
+    of_place = math.sqrt(max(covariance[1, 1], covariance[2, 2])) * grown
+    if prepared.gain is not None:
+        # The satellite's own photons: their share of a place is sigma over the root of their number.
+        of_place = math.hypot(of_place, sigma / math.sqrt(max(flux * prepared.gain, 1.0)))
+    peak = float(prepared.image[box].max())
+    return _Point(col + ox, row + oy, math.hypot(of_place, CENTROID_FLOOR_PX), snr, flux, peak)
+
+
+def _elongation(data: Array, good: NDArray[np.bool_], dx: Array, dy: Array, psf_px: float) -> float:
+    """Return how far an image is from round, 0 to 1, by its second moments in a window of twice the PSF."""
+    weights = data * good * np.exp(-(dx * dx + dy * dy) / (2.0 * (2.0 * psf_px) ** 2))
+    xx, yy, xy = (
+        float((weights * dx * dx).sum()),
+        float((weights * dy * dy).sum()),
+        float((weights * dx * dy).sum()),
+    )
+    return math.hypot(xx - yy, 2.0 * xy) / (xx + yy) if xx + yy > 0.0 else math.inf
+
+
+def _ridge_under(image: Pixels, col: int, row: int, half: int, angle_deg: float, psf_px: float) -> Array:
+    """Return what a streak has under a point, by its neighbouring parts in the direction where it goes on."""
+    along = math.radians(angle_deg)
+    dy, dx = np.mgrid[-half : half + 1, -half : half + 1].astype(np.float64)
+    parts = []
+    for step in psf_px * (5.0 + 2.0 * np.arange(6)):
+        y = row + dy + step * math.sin(along)
+        x = col + dx + step * math.cos(along)
+        parts.append(map_coordinates(image, [y, x], order=1, mode="nearest"))
+    under: Array = np.median(np.array(parts), axis=0)
+    return under
+
+
+def _gauss_newton(
+    data: Array,
+    noise: Array,
+    good: NDArray[np.bool_],
+    dx: Array,
+    dy: Array,
+    start: tuple[float, float],
+    psf: float,
+) -> tuple[Array, Array, float, int] | None:
+    """Fit flux, x, y, sky and sigma of a pixel-integrated Gaussian; None where it goes elsewhere.
+
+    Returns the values, their covariance, the squared residuals for each degree of freedom, and their number.
+    """
+    from scipy.special import erf
+
+    root = math.sqrt(2.0)
+
+    def parts(centre: float, at: Array, sigma: float) -> tuple[Array, Array, Array]:
+        low, high = (at - 0.5 - centre) / sigma, (at + 0.5 - centre) / sigma
+        value = 0.5 * (erf(high / root) - erf(low / root))
+        bell_low, bell_high = (np.exp(-0.5 * e * e) / math.sqrt(2.0 * math.pi) for e in (low, high))
+        return value, (bell_low - bell_high) / sigma, (bell_low * low - bell_high * high) / sigma
+
+    axis_x, axis_y = dx[0], dy[:, 0]
+    weight = (good / noise).ravel()
+    values = np.array([max(float((data * good).sum()), 1e-9), *start, 0.0, psf])
+    damping = 1e-3
+    last = math.inf
+    for _ in range(25):
+        flux, x, y, sky, sigma = values
+        ex, ex_x, ex_s = parts(x, axis_x, sigma)
+        ey, ey_y, ey_s = parts(y, axis_y, sigma)
+        shape = np.outer(ey, ex)
+        model = flux * shape + sky
+        columns = np.stack(
+            [
+                shape.ravel(),
+                flux * np.outer(ey, ex_x).ravel(),
+                flux * np.outer(ey_y, ex).ravel(),
+                np.ones(shape.size),
+                flux * (np.outer(ey, ex_s) + np.outer(ey_s, ex)).ravel(),
+            ],
+            axis=1,
+        )
+        columns *= weight[:, None]
+        # Of a faint point the width is known better by the streaks than by itself.
+        prior = 1.0 / (0.15 * psf) ** 2
+        wanted = (data - model).ravel() * weight
+        normal = columns.T @ columns
+        normal[4, 4] += prior
+        right = columns.T @ wanted
+        right[4] += prior * (psf - sigma)
+        chi = float(wanted @ wanted) + prior * (psf - sigma) ** 2
+        try:
+            step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), right)
+        except np.linalg.LinAlgError:
+            return None
+        values = values + step
+        values[4] = min(max(values[4], 0.5 * psf), 2.0 * psf)
+        if abs(values[1] - start[0]) > 2.0 * psf or abs(values[2] - start[1]) > 2.0 * psf:
+            return None
+        if abs(last - chi) < 1e-3 * max(chi, 1.0) and abs(step[1]) + abs(step[2]) < 1e-3:
+            break
+        damping = damping / 3.0 if chi <= last else damping * 5.0
+        last = chi
+    if not 0.55 * psf < values[4] < 1.8 * psf:
+        return None
+    dof = int(good.sum()) - len(values)
+    return values, np.linalg.inv(normal), float(wanted @ wanted) / dof, dof
+
+
+def _saturated_point(
+    prepared: _Prepared, box: tuple[slice, slice], col: int, row: int, half: int, snr: float, psf_px: float
+) -> _Point | None:
+    """Return a point of which most is saturated, by the middle of what is."""
+    full = prepared.bad[box]
+    dy, dx = np.nonzero(full)
+    if not len(dx) or max(np.ptp(dx), np.ptp(dy)) >= 2 * half:
+        return None
+    spread = np.sort(np.linalg.eigvalsh(np.cov(np.stack([dx, dy])) + 1e-6 * np.eye(2)))
+    if spread[1] > 2.5 * spread[0] + 1.0:
+        return None
+    x, y = col - half + float(dx.mean()), row - half + float(dy.mean())
+    flux = float(prepared.image[box].sum())
+    return _Point(x, y, 0.3 * psf_px, snr, flux, float(prepared.image[box].max()))
+
+
+def _star_middles(long: list[Streak], trail: _Trail) -> tuple[Source, ...]:
+    """Return the middles of the stars' streaks that are whole, and as long as most."""
+    if trail.angle_deg is None or trail.length_px is None:
+        return ()
+    return tuple(
+        Source(one.x, one.y, one.flux, one.snr)
+        for one in long
+        if one.whole
+        and _apart(one.angle_deg, trail.angle_deg) < 5.0
+        and abs(one.length_px - trail.length_px) < max(0.15 * trail.length_px, 2.0)
+    )
+
+
+def _streak_target(
+    prepared: _Prepared, long: list[Streak], expected: Expected, exposure_s: float
+) -> Detection:
+    """Return the satellite as the streak that has the length and the direction that a run expects."""
+    length, angle = _length(expected.target, exposure_s), _angle(expected.target)
+    assert length is not None
+    fits = [
+        one
+        for one in long
+        if abs(one.length_px - length) < max(0.25 * length, 4.0)
+        and (angle is None or _apart(one.angle_deg, angle) < 10.0)
+    ]
+    none = Detection("none", stars=_round(prepared, long), saturated=prepared.saturated, streaks=len(long))
+    if not fits:
+        return _because(none, f"no streak of {length:.0f} pixels as the satellite must make it")
+    return _streak_found(prepared, fits, none)
+
+
+def _lone_streak(prepared: _Prepared, long: list[Streak], otherwise: Detection) -> Detection:
+    """Return the one streak among round stars as the satellite, where there is just one."""
+    if len(long) != 1:
+        return otherwise
+    stars = _round(prepared, long)
+    if len(stars) < 3:
+        return otherwise
+    return _streak_found(
+        prepared, long, Detection("none", stars=stars, saturated=prepared.saturated, streaks=1)
+    )
+
+
+def _streak_found(prepared: _Prepared, fits: list[Streak], none: Detection) -> Detection:
+    best = fits[0]
+    if len(fits) > 1 and fits[1].flux > AMBIGUOUS * best.flux:
+        return _because(none, f"{len(fits)} streaks are alike, and nothing tells which is the satellite")
+    if not best.whole:
+        return _because(none, "the streak leaves the image: its middle is unknown")
+    if best.snr < SURE_SNR:
+        return _because(none, "the streak is too faint")
+    ends = _ends(prepared, best)
+    if ends is None:
+        return _because(none, "the streak has no two ends that can be seen")
+    x, y, sigma = ends
+    return Detection(
+        "streak",
+        x,
+        y,
+        sigma,
+        best.snr,
+        stars=none.stars,
+        saturated=prepared.saturated,
+        peak=float(prepared.image[round(best.y), round(best.x)]),
+        streaks=len(fits),
+    )
+
+
+def _ends(prepared: _Prepared, streak: Streak) -> tuple[float, float, float] | None:
+    """Return the middle between the two ends of a streak, and one sigma; None where they do not fit.
+
+    The light across the streak, summed at each distance along it, is an even strip with blurred ends.
+    """
+    from scipy.optimize import curve_fit
+    from scipy.special import erf
+
+    angle = math.radians(streak.angle_deg)
+    along_x, along_y = math.cos(angle), math.sin(angle)
+    reach = math.ceil(0.5 * streak.length_px + 6.0 * streak.width_px)
+    at = np.arange(-reach, reach + 1.0)
+    side = np.arange(-3.0, 3.5) * streak.width_px / 1.5
+    x = streak.x + at[:, None] * along_x - side * along_y
+    y = streak.y + at[:, None] * along_y + side * along_x
+    light = map_coordinates(prepared.image, [y, x], order=1, mode="nearest").sum(axis=1)
+
+    def strip(place: Array, height: float, first: float, last: float, blur: float, sky: float) -> Array:
+        scale = math.sqrt(2.0) * max(abs(blur), 0.3)
+        model: Array = sky + 0.5 * height * (erf((place - first) / scale) - erf((place - last) / scale))
+        return model
+
+    half = 0.5 * streak.length_px
+    start = (float(np.median(light[np.abs(at) < 0.8 * half])), -half, half, streak.width_px, 0.0)
+    noise = prepared.noise * math.sqrt(len(side))
+    try:
+        values, covariance = curve_fit(
+            strip, at, light, start, np.full(len(at), noise), absolute_sigma=True, maxfev=400
+        )
+    except RuntimeError:
+        return None
+    first, last = float(values[1]), float(values[2])
+    misfit = float(np.mean(((light - strip(at, *values)) / noise) ** 2))
+    variance = 0.25 * float(covariance[1, 1] + covariance[2, 2] + 2.0 * covariance[1, 2]) * max(1.0, misfit)
+    if (
+        not first < last
+        or not variance < 25.0
+        or abs(last - first - streak.length_px) > 0.5 * streak.length_px
+    ):
+        return None
+    middle = 0.5 * (first + last)
+    across = streak.width_px / max(streak.snr, 1.0)
+    sigma = math.hypot(max(math.sqrt(variance), across), CENTROID_FLOOR_PX)
+    return streak.x + middle * along_x, streak.y + middle * along_y, sigma
+
+
+def _round(prepared: _Prepared, long: list[Streak]) -> tuple[Source, ...]:
+    """Return the round things of a frame, the brightest first, without what belongs to a streak."""
+    import sep
+
+    found = sep.extract(prepared.snr, SURE_SNR, minarea=5, filter_kernel=None, deblend_cont=0.05)
+    sources = []
+    for one in found[np.argsort(-found["flux"])]:
+        if one["a"] > 1.8 * max(one["b"], 0.5):
+            continue
+        if any(math.hypot(one["x"] - s.x, one["y"] - s.y) < 0.5 * s.length_px for s in long):
+            continue
+        sources.append(Source(float(one["x"]), float(one["y"]), float(one["flux"]), float(one["peak"])))
+    return tuple(sources)

@@ -1,0 +1,213 @@
+"""A frame, and what the files of capture programs say of when it was exposed. No I/O.
+
+Whatever a source calls them, the pixels of a frame lie as the image is displayed: x to the right, y up, the
+middle of the first pixel at (0, 0).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from sattrack.core.errors import BadInputError
+from tle.errors import TimeFormatError
+from tle.instants import DAY_S, UNIX_EPOCH_MJD, Utc
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    Pixels = NDArray[np.float32]
+
+AGREE_S = 0.05
+"""By how much dates of one exposure may contradict one another, beside a tenth of the exposure."""
+COLOURS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One exposure: `pixels[y, x]`, y up; the UTC of its middle; its exposure, seconds."""
+
+    pixels: Pixels
+    utc: Utc
+    exposure_s: float
+    name: str
+    saturation: float | None = None
+    """The value from which on a pixel tells nothing; None where nobody knows."""
+    header: Mapping[str, Any] = field(default_factory=dict)
+    """What the camera says besides, by the names of FITS."""
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """The middle of the image, pixels."""
+        height, width = self.pixels.shape
+        return (width - 1) / 2.0, (height - 1) / 2.0
+
+
+class Exposure(NamedTuple):
+    """When a frame was exposed: the middle, and how long."""
+
+    utc: Utc
+    exposure_s: float
+
+
+def fits_exposure(header: Mapping[str, Any], name: str, exposure_s: float | None = None) -> Exposure:
+    """Return when a FITS file was exposed, by its header; `exposure_s` is used where that has no exposure.
+
+    DATE-AVG is the middle, DATE-BEG and DATE-OBS the beginning, DATE-END the end, and so MJD-AVG, -BEG, -OBS
+    and -END (FITS Standard 4.0, table 35). Raises BadInputError, naming the file, where there is no date,
+    where it has no time of day or is not UTC, or where dates contradict one another.
+    """
+    scale = str(header.get("TIMESYS", "UTC")).strip().upper()
+    if scale not in {"UTC", ""}:
+        raise BadInputError(f"{name}: TIMESYS is {scale}; only dates in UTC are read")
+    length_s = _exposure_in(header, name, exposure_s)
+    middles: dict[str, Utc] = {}
+    for suffix, share in (("AVG", 0.0), ("BEG", 0.5), ("OBS", 0.5), ("END", -0.5)):
+        for kind in ("DATE", "MJD"):
+            found = _date_in(header, f"{kind}-{suffix}", name)
+            if found is not None:
+                middles[f"{kind}-{suffix}"] = found.plus(share * length_s)
+    if not middles:
+        raise BadInputError(f"{name}: its header has no DATE-OBS, DATE-AVG or DATE-BEG")
+    first = next(iter(middles))
+    for key, middle in middles.items():
+        apart_s = float(middle - middles[first])
+        if abs(apart_s) > AGREE_S + 0.1 * length_s and not _is_middle(key, middles, length_s):
+            raise BadInputError(
+                f"{name}: {key} and {first} contradict each other by {abs(apart_s):.3f} s "
+                f"for an exposure of {length_s:g} s"
+            )
+    return Exposure(middles[first], length_s)
+
+
+def _is_middle(key: str, middles: Mapping[str, Utc], length_s: float) -> bool:
+    """Tell whether DATE-OBS repeats DATE-AVG, as some programs have it."""
+    if not key.endswith("OBS") or "DATE-AVG" not in middles:
+        return False
+    return abs(float(middles[key].plus(-0.5 * length_s) - middles["DATE-AVG"])) <= AGREE_S
+
+
+def _exposure_in(header: Mapping[str, Any], name: str, default_s: float | None) -> float:
+    for key in ("EXPTIME", "EXPOSURE", "XPOSURE"):
+        if header.get(key) is not None:
+            return _positive(header[key], f"{name}: {key}")
+    if default_s is None:
+        raise BadInputError(f"{name}: its header has no EXPTIME; give --exposure S")
+    return default_s
+
+
+def _positive(value: object, what: str) -> float:
+    try:
+        number = float(str(value).strip())
+    except ValueError:
+        number = math.nan
+    if not 0.0 <= number < DAY_S:
+        raise BadInputError(f"{what} is {value!r}, which is no time of exposure")
+    return number
+
+
+def _date_in(header: Mapping[str, Any], key: str, name: str) -> Utc | None:
+    value = header.get(key)
+    if value is None or str(value).strip() == "":
+        return None
+    if key.startswith("MJD"):
+        try:
+            days = float(value)
+        except (TypeError, ValueError):
+            raise BadInputError(f"{name}: {key} is {value!r}, which is no date") from None
+        return Utc((days - UNIX_EPOCH_MJD) * DAY_S)
+    text = str(value).strip()
+    if "T" not in text:
+        time_of_day = header.get(key.replace("DATE", "TIME")) or header.get("UT") or header.get("UTC")
+        if time_of_day is None:
+            raise BadInputError(f"{name}: {key} is {text!r}, without a time of day")
+        text = f"{text}T{str(time_of_day).strip()}"
+    return parse_utc(text, f"{name}: {key}")
+
+
+def parse_utc(text: str, what: str) -> Utc:
+    """Return the instant of a text; raises BadInputError, naming `what`."""
+    # Some programs write more decimals than a double holds.
+    shorter = re.sub(r"(\.\d{9})\d+", r"\1", text)
+    try:
+        return Utc.parse(shorter)
+    except TimeFormatError as error:
+        raise BadInputError(f"{what}: {error}") from None
+
+
+_SHARPCAP = re.compile(r"^(StartCapture|MidCapture|EndCapture)\s*=\s*(\S+)", re.M)
+_SHARPCAP_EXPOSURE = re.compile(r"^Exposure\s*=\s*([0-9.]+)\s*(ms|s)?", re.M)
+_FIRECAPTURE = re.compile(r"^(Date|Mid\(UT\)|Start\(UT\)|Date_format|Shutter)\s*=\s*(\S+)", re.M)
+_IN_NAME = re.compile(
+    r"(?<!\d)(\d{4})-?(\d\d)-?(\d\d)[T_\- ](\d\d)[:_\-]?(\d\d)[:_\-]?(\d\d)"
+    r"(?:[._,\-](\d{1,9}))?(?:Z|UT|UTC)?(?!\d)"
+)
+_DATE_FORMATS = {"ddMMyy": (4, 2, 0), "yyMMdd": (0, 2, 4), "MMddyy": (4, 0, 2)}
+"""FireCapture's orders of the day, the month and the year: where year, month and day begin."""
+
+
+def text_exposure(text: str, name: str, exposure_s: float | None = None) -> Exposure | None:
+    """Return when an image was exposed, by the settings that its capture program wrote beside it.
+
+    SharpCap writes NAME.CameraSettings.txt with MidCapture or StartCapture, FireCapture NAME.txt with Mid(UT)
+    or Start(UT). None where neither is there. Raises BadInputError where it is there and is none.
+    """
+    sharpcap = dict(_SHARPCAP.findall(text))
+    if sharpcap:
+        said = _SHARPCAP_EXPOSURE.search(text)
+        length_s = exposure_s
+        if said is not None:
+            length_s = float(said[1]) * (0.001 if said[2] == "ms" else 1.0)
+        for key, share in (("MidCapture", 0.0), ("StartCapture", 0.5), ("EndCapture", -0.5)):
+            if key in sharpcap:
+                return _shifted(parse_utc(sharpcap[key], f"{name}: {key}"), share, length_s, name)
+    fields = dict(_FIRECAPTURE.findall(text))
+    order = _DATE_FORMATS.get(fields.get("Date_format", "ddMMyy"))
+    for key, share in (("Mid(UT)", 0.0), ("Start(UT)", 0.5)):
+        if key in fields and "Date" in fields and order is not None:
+            day, clock = fields["Date"], fields[key]
+            year, month, date = (day[i : i + 2] for i in order)
+            iso = f"20{year}-{month}-{date}T{clock[:2]}:{clock[2:4]}:{clock[4:]}Z"
+            shutter = re.fullmatch(r"([0-9.]+)(ms|s)", fields.get("Shutter", ""))
+            length_s = (
+                exposure_s if shutter is None else float(shutter[1]) * (0.001 if shutter[2] == "ms" else 1.0)
+            )
+            return _shifted(parse_utc(iso, f"{name}: {key}"), share, length_s, name)
+    return None
+
+
+def name_exposure(stem: str, name: str, exposure_s: float | None) -> Exposure | None:
+    """Return when an image was exposed, by a date in its file's name, which is that of its beginning.
+
+    2026-10-02T13_05_24.500Z, 20261002_130524_500 and such, to the second at least; None where there is none.
+    """
+    found = _IN_NAME.search(stem)
+    if found is None:
+        return None
+    year, month, day, hour, minute, second, fraction = found.groups()
+    iso = f"{year}-{month}-{day}T{hour}:{minute}:{second}.{fraction or 0}Z"
+    return _shifted(parse_utc(iso, name), 0.5, exposure_s, name)
+
+
+def _shifted(utc: Utc, share: float, length_s: float | None, name: str) -> Exposure:
+    if length_s is None:
+        raise BadInputError(f"{name}: nothing says how long it was exposed; give --exposure S")
+    return Exposure(utc.plus(share * length_s), length_s)
+
+
+def grey(pixels: NDArray[Any]) -> NDArray[Any]:
+    """Return an image of one plane: of colours, their mean. Raises ValueError for what is no image."""
+    if pixels.ndim == COLOURS and pixels.shape[2] in {3, 4}:
+        pixels = pixels[..., :COLOURS].mean(axis=2, dtype=np.float32)
+    elif pixels.ndim == COLOURS and pixels.shape[0] == COLOURS:
+        pixels = pixels.mean(axis=0, dtype=np.float32)
+    pixels = np.squeeze(pixels)
+    if pixels.ndim != 2:
+        raise ValueError(f"it has {pixels.ndim} dimensions")
+    return pixels

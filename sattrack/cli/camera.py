@@ -1,0 +1,329 @@
+"""`sattrack camera`: find the satellite in the frames of a camera, and tell the active run."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import socket
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import msgspec
+
+from sattrack.cli.common import CommandContext, can_draw_lines_anew, common_options, renew, tell
+from sattrack.core.errors import BadInputError, SattrackError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from sattrack.camera.centring import ImageGeometry, Seen, Solution, Solver
+    from sattrack.camera.detection import Detection, Detector, Expected
+    from sattrack.camera.frames import Frame
+    from sattrack.camera.sources import FrameSource
+
+START_EXPOSURE_S = 0.1
+SOLVE_EVERY_S = 1.0
+MOST_REFUSALS_TOLD = 5
+LEVEL = (0.05, 0.8)
+"""Between these shares of the full scale the satellite's peak is left alone."""
+NICE = 10
+
+
+@click.command("camera")
+@click.argument("source")
+@click.option("--scale", type=float, metavar="ARCSEC_PER_PIXEL", help="Arcseconds in a pixel.")
+@click.option(
+    "--rotation", type=float, metavar="DEG", help="Position angle of the image's +y, north through east."
+)
+@click.option("--flip", is_flag=True, default=None, help="The image is mirrored.")
+@click.option(
+    "--exposure", default="auto", metavar="S", help="Seconds, or auto: by what is seen.", show_default=True
+)
+@click.option("--latency", default=0.0, metavar="S", help="By how much the camera dates its frames too late.")
+@click.option(
+    "--name", default=None, metavar="NAME", help="Its name in the settings and messages; default: camera."
+)
+@click.option(
+    "--save", type=click.Path(path_type=Path, file_okay=False), metavar="DIR", help="Keep frames as FITS."
+)
+@click.option("--watch", is_flag=True, help="With folder: wait for new files.")
+@click.option("--solve/--no-solve", default=True, help="Find the field among the stars.", show_default=True)
+@click.option("--run", "pid", type=int, metavar="PID", help="The process of the run, if several are active.")
+@click.option("--child", is_flag=True, hidden=True)
+@common_options("json", "utc")
+def command(context: CommandContext, source: str, **options: Any) -> int:
+    """Find the satellite in the frames of a camera, and send where it is to the run that goes on.
+
+    SOURCE is folder:DIR (FITS, PNG), alpaca://HOST:PORT/N, indi://HOST:PORT/NAME or v4l:/dev/video0. Without
+    a run, what is seen is only printed.
+
+    \b
+    Examples:
+      sattrack camera folder:tonight --scale 2.5 --json
+      sattrack camera alpaca://192.0.2.7:11111/0 --scale 2.5 --rotation 12
+    """
+    from sattrack.camera.detection import Detector
+    from sattrack.camera.sources import SourceOptions, needed, open_source
+
+    needed("sep", "a camera")
+    geometry = _geometry(context, options)
+    given = SourceOptions(_exposure_s(options["exposure"]), options["latency"], options["watch"])
+    if options["child"]:
+        os.nice(NICE)
+    run = _run(options["pid"])
+    camera = open_source(source, given)
+    look = Looker(Detector(), geometry, options["name"] or "camera", options["solve"])
+    try:
+        return _watch(context, camera, look, run, options["save"])
+    finally:
+        camera.close()
+        if run is not None:
+            run.close()
+
+
+def _geometry(context: CommandContext, options: dict[str, Any]) -> ImageGeometry:
+    """Return how the image lies, by the options, else the settings of the camera of that name."""
+    from sattrack.camera.centring import ImageGeometry
+
+    settings = context.settings
+    named, general = settings.cameras.get(options["name"] or ""), settings.camera
+    if options["name"] and settings.cameras and named is None and options["scale"] is None:
+        raise BadInputError(f"--name {options['name']}: the settings have {', '.join(settings.cameras)}")
+
+    def value(option: str, key: str) -> Any:
+        if options[option] is not None:
+            return options[option]
+        own = None if named is None else getattr(named, key)
+        return getattr(general, key) if own is None else own
+
+    scale = value("scale", "scale_arcsec_px")
+    if scale is not None and not 0.0 < scale <= 3600.0:
+        raise BadInputError(f"--scale {scale:g}: give arcseconds in a pixel, above 0 to 3600")
+    return ImageGeometry(scale, value("rotation", "rotation_deg"), value("flip", "flipped"))
+
+
+def _exposure_s(text: str) -> float | None:
+    if text == "auto":
+        return None
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = -1.0
+    if not 0.0 < seconds <= 3600.0:
+        raise BadInputError(f"--exposure {text}: give seconds, above 0 to 3600, or auto")
+    return seconds
+
+
+class RunLink:
+    """The run to which observations go, through its view server; its views say how the sky moves."""
+
+    def __init__(self, pid: int) -> None:
+        """Connect. Raises SattrackError where that is no run."""
+        from sattrack.tui.attached import welcomed
+
+        self._connection, self._lines, welcome = welcomed(pid, "camera")
+        self._connection.setblocking(False)
+        self._rest = b""
+        self.name = welcome.name
+        self.ended = False
+        self._views: list[Any] = []
+
+    def hear(self) -> None:
+        """Take the views that have come; `ended` once the run is over."""
+        from sattrack.views.run import TrackView
+
+        while not self.ended and select.select([self._connection], [], [], 0.0)[0]:
+            try:
+                data = self._connection.recv(1 << 20)
+            except BlockingIOError:
+                return
+            except OSError:
+                data = b""
+            if not data:
+                self.ended = True
+                return
+            *lines, self._rest = (self._rest + data).split(b"\n")
+            for line in lines:
+                if line.startswith(b'{"type":"view"'):
+                    with contextlib.suppress(msgspec.MsgspecError):
+                        self._views = [*self._views[-40:], msgspec.json.decode(line, type=TrackView)]
+
+    def expected(self, frame: Frame, geometry: ImageGeometry) -> Expected | None:
+        """Return how stars and the satellite move in an image, by the run's views about its instant."""
+        from sattrack.camera.motion import expected
+
+        return expected(self._views, float(frame.utc.unix_s), geometry, frame.middle)
+
+    def send(self, message: Any) -> bool:
+        """Send an observation; return whether it went."""
+        from sattrack.views.messages import encode_message
+
+        try:
+            self._connection.send(encode_message(message), socket.MSG_DONTWAIT)
+        except BlockingIOError:
+            return False
+        except OSError:
+            self.ended = True
+            return False
+        return True
+
+    def close(self) -> None:
+        """Leave the run."""
+        self._lines.close()
+        self._connection.close()
+
+
+def _run(pid: int | None) -> RunLink | None:
+    """Return the run that goes on, if there is one. Raises SattrackError, BadInputError for several."""
+    from sattrack.cli.attach import chosen_run
+    from sattrack.runtime.view_server import SUPPORTED, feeders
+
+    if pid is None and not (SUPPORTED and feeders()):
+        tell("no run is active: what is seen is only printed")
+        return None
+    return RunLink(chosen_run(pid))
+
+
+class Looker:
+    """Finds the satellite and the stars' field in the frames of one camera."""
+
+    def __init__(self, detector: Detector, geometry: ImageGeometry, name: str, solves: bool) -> None:
+        self.detector, self.geometry, self.name = detector, geometry, name
+        self._solves = solves
+        self._solver: Solver | None = None
+        self._told = ""
+        self._solved_utc_s = -1e18
+
+    def look(self, frame: Frame, expected: Expected | None) -> tuple[Seen, Detection]:
+        """Return what one frame comes to."""
+        from sattrack.camera.centring import centred
+
+        detection = self.detector.look(frame, expected)
+        geometry = self.geometry.of_header(frame)
+        return centred(frame, detection, geometry, self._solution(frame, detection), self.name), detection
+
+    def _solution(self, frame: Frame, detection: Detection) -> Solution | None:
+        from sattrack.camera.centring import FEWEST_STARS, ImageGeometry, Solver, contradiction
+        from sattrack.camera.sources import needed
+
+        geometry = self.geometry.of_header(frame)
+        scale = geometry.scale_arcsec_px
+        enough = len(detection.stars) >= FEWEST_STARS
+        if not self._solves or scale is None or not enough:
+            return None
+        if self._solver is None:
+            try:
+                solver = needed("tetra3rs", "solving")
+            except SattrackError as error:
+                self._solves = False
+                self._tell(f"fields are not solved: {error}")
+                return None
+            year = frame.utc.datetime().year + 0.5
+            self._solver = Solver(solver, scale * frame.pixels.shape[1] / 3600.0, year)
+        solution = self._solver.solve(frame.pixels.shape, detection.stars)
+        if solution is None:
+            return None
+        wrong = contradiction(self.geometry, solution)
+        if wrong is not None:
+            self._tell(wrong)
+        # What the stars have shown holds for frames without a solution too.
+        self.geometry = ImageGeometry(solution.scale_arcsec_px, solution.rotation_deg, solution.flipped)
+        return solution
+
+    def _tell(self, text: str) -> None:
+        if text != self._told:
+            self._told = text
+            tell(text)
+
+
+def _watch(
+    context: CommandContext, camera: FrameSource, look: Looker, run: RunLink | None, save: Path | None
+) -> int:
+    """Look at frame after frame; return the exit code."""
+    seen_frames = refused = 0
+    for item in _items(camera, run):
+        if isinstance(item, SattrackError):
+            refused += 1
+            if refused <= MOST_REFUSALS_TOLD:
+                tell(str(item))
+            continue
+        seen_frames += 1
+        expected = None
+        if run is not None:
+            run.hear()
+            expected = run.expected(item, look.geometry.of_header(item))
+        seen, detection = look.look(item, expected)
+        if run is not None and seen.message is not None and not run.send(seen.message):
+            seen = seen._replace(message=None)
+        if save is not None:
+            _save(item, save, look.name, seen)
+        camera.adjust(_light(item, detection))
+        _print(context.json, seen)
+        if run is not None and run.ended:
+            break
+    if can_draw_lines_anew() and not context.json:
+        click.echo(err=True)
+    if refused > MOST_REFUSALS_TOLD:
+        tell(f"{refused} files cannot be used")
+    if not seen_frames:
+        raise BadInputError("there was no frame that can be used")
+    return 0
+
+
+def _items(camera: FrameSource, run: RunLink | None) -> Iterator[Frame | SattrackError]:
+    for item in camera.frames():
+        if run is not None:
+            run.hear()
+            if run.ended:
+                return
+        yield item
+
+
+def _save(frame: Frame, folder: Path, name: str, seen: Seen) -> None:
+    from sattrack.camera.sources import save_frame
+
+    solved = seen.solved or {}
+    fields = {"RA": solved["ra_deg"], "DEC": solved["dec_deg"]} if solved else {}
+    save_frame(frame, folder, name, fields)
+
+
+def _light(frame: Frame, detection: Detection) -> float:
+    """Return how many times the light the next exposure should take, by how bright the satellite is."""
+    full = frame.saturation or 65535.0
+    if detection.saturated > 0.02:
+        return 0.5
+    if detection.peak is None:
+        return 1.0
+    share = detection.peak / full
+    if share > LEVEL[1]:
+        return 0.5
+    return 1.4 if share < LEVEL[0] else 1.0
+
+
+def _print(as_json: bool, seen: Seen) -> None:
+    if as_json:
+        sys.stdout.write(json.dumps(seen.document(), allow_nan=False) + "\n")
+        sys.stdout.flush()
+        return
+    if seen.kind == "none":
+        text = f"{seen.utc[11:23]}  nothing: {seen.why}"
+    elif seen.dx_arcsec is None:
+        text = f"{seen.utc[11:23]}  {seen.kind}  SNR {seen.snr}, in pixels: no --scale"
+    else:
+        solved = (
+            ""
+            if seen.solved is None
+            else f"  field {seen.solved['ra_deg']:.3f} {seen.solved['dec_deg']:+.3f}"
+        )
+        text = (
+            f"{seen.utc[11:23]}  {seen.kind:<6} right {seen.dx_arcsec:8.2f}″  up {seen.dy_arcsec:8.2f}″  "
+            f"± {seen.sigma_arcsec:.2f}″  SNR {seen.snr:.0f}{solved}"
+        )
+    if can_draw_lines_anew() and sys.stdout.isatty():
+        renew(text)
+    else:
+        click.echo(text)

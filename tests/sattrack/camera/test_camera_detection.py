@@ -1,0 +1,136 @@
+"""Detection, judged by frames of closed forms (`bench/camera_frames.py`)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from camera_frames import Canvas, star_streaks
+
+from sattrack.camera.detection import Detection, Detector, Expected
+from sattrack.camera.frames import Frame
+from tle.instants import Utc
+
+pytest.importorskip("sep", reason="detection needs the extra camera")
+START_S = 1790946324.0
+FWHM_APERTURE = 1.255
+"""Signal over noise in a filter that matches a Gaussian, over that in an aperture of one FWHM radius."""
+
+
+def seen(pixels: np.ndarray, expected: Expected | None = None, detector: Detector | None = None) -> Detection:
+    frame = Frame(np.asarray(pixels, dtype=np.float32), Utc(START_S), 0.1, "a frame", 65535.0)
+    return (detector or Detector()).look(frame, expected)
+
+
+def small(psf_px: float = 1.2) -> Canvas:
+    return Canvas(512, 384, psf_px)
+
+
+def test_a_point_among_fifty_streaks_is_found_where_it_is() -> None:
+    rng = np.random.default_rng(23)
+    found, errors, sigmas = 0, [], []
+    for _ in range(20):
+        canvas = Canvas(800, 600, 1.2)
+        star_streaks(canvas, rng, 50, float(rng.uniform(30, 90)), float(rng.uniform(0, 180)))
+        x, y = rng.uniform(60, 740), rng.uniform(60, 540)
+        canvas.point(x, y, canvas.flux_of(2.0 * 8.0 * FWHM_APERTURE))
+        one = seen(canvas.exposed(rng))
+        if one.kind == "point":
+            assert one.x is not None
+            assert one.y is not None
+            assert one.sigma_px is not None
+            assert math.hypot(one.x - x, one.y - y) < 2.0
+            found += 1
+            errors += [one.x - x, one.y - y]
+            sigmas.append(one.sigma_px)
+    assert found >= 19
+    rms = float(np.sqrt(np.mean(np.square(errors))))
+    assert rms < 0.2
+    assert 0.6 < rms / float(np.median(sigmas)) < 1.6
+
+
+@pytest.mark.parametrize("length", [0.0, 12.0, 60.0])
+def test_nothing_is_found_where_there_is_nothing(length: float) -> None:
+    rng = np.random.default_rng(5)
+    canvas = small()
+    if length:
+        star_streaks(canvas, rng, 25, length, 35.0)
+    for _ in range(4):
+        assert seen(canvas.exposed(rng)).kind == "none"
+
+
+def test_hot_pixels_and_cosmic_rays_are_no_satellite() -> None:
+    rng = np.random.default_rng(6)
+    canvas = small()
+    star_streaks(canvas, rng, 10, 50.0, 20.0)
+    pixels = canvas.exposed(rng).astype(np.float64)
+    for _ in range(20):
+        pixels[rng.integers(20, 360), rng.integers(20, 480)] += rng.uniform(400, 20000)
+    for _ in range(5):
+        row, column = rng.integers(20, 360), rng.integers(20, 480)
+        pixels[row, column : column + 3] += 3000.0
+    assert seen(pixels).kind == "none"
+
+
+@pytest.mark.parametrize("angle", [0.0, 40.0, 111.0])
+def test_a_plane_through_the_field_is_no_satellite_and_hides_none(angle: float) -> None:
+    rng = np.random.default_rng(7)
+    for brightness in (200.0, 20000.0):
+        canvas = small()
+        star_streaks(canvas, rng, 12, 50.0, 75.0)
+        canvas.streak(256.0, 192.0, 1200.0, angle, brightness)
+        assert seen(canvas.exposed(rng)).kind == "none"
+        canvas.point(150.0, 300.0, canvas.flux_of(30.0))
+        one = seen(canvas.exposed(rng))
+        if one.kind == "point":
+            assert one.x == pytest.approx(150.0, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    "pixels",
+    [
+        np.zeros((200, 300)),
+        np.full((200, 300), 65535.0),
+        np.full((200, 300), np.nan),
+        np.full((5, 5), 3.0),
+        np.where(np.arange(60000).reshape(200, 300) % 2 == 0, np.nan, 100.0),
+    ],
+)
+def test_frames_without_an_image_show_nothing_and_say_why(pixels: np.ndarray) -> None:
+    one = seen(pixels)
+    assert one.kind == "none"
+    assert one.why
+
+
+def test_pixels_that_are_no_numbers_do_not_hide_the_satellite() -> None:
+    rng = np.random.default_rng(8)
+    canvas = small()
+    canvas.point(200.3, 150.7, canvas.flux_of(40.0))
+    pixels = canvas.exposed(rng).astype(np.float64)
+    pixels[rng.integers(0, 384, 40), rng.integers(0, 140, 40)] = np.nan
+    one = seen(pixels)
+    assert one.kind == "point"
+    assert one.x == pytest.approx(200.3, abs=0.2)
+    assert one.y == pytest.approx(150.7, abs=0.2)
+
+
+def test_ten_thousand_stars_that_do_not_trail_hide_a_satellite_and_it_is_not_guessed() -> None:
+    rng = np.random.default_rng(9)
+    canvas = Canvas(1280, 960, 1.2)
+    for _ in range(10000):
+        canvas.point(rng.uniform(0, 1280), rng.uniform(0, 960), canvas.flux_of(rng.uniform(10, 200)))
+    assert seen(canvas.exposed(rng)).kind == "none"
+
+
+def test_a_streak_among_stars_is_found_by_its_middle() -> None:
+    rng = np.random.default_rng(10)
+    canvas = small()
+    for _ in range(20):
+        canvas.point(rng.uniform(20, 490), rng.uniform(20, 360), canvas.flux_of(rng.uniform(20, 100)))
+    canvas.streak(260.4, 170.2, 70.0, 25.0, 8.0 * canvas.noise)
+    one = seen(canvas.exposed(rng), Expected(stars=0.0, target=700.0))
+    assert one.kind == "streak"
+    assert one.x == pytest.approx(260.4, abs=0.5)
+    assert one.y == pytest.approx(170.2, abs=0.5)
+    assert seen(canvas.exposed(rng), Expected(stars=0.0, target=1500.0)).kind == "none"
