@@ -8,6 +8,7 @@ Prints one line a figure: what was compared, the worst difference, and how long 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import importlib.util
 import math
 import sys
@@ -16,10 +17,16 @@ import warnings
 
 import numpy as np
 
+from sattrack.mount.model import mean_sidereal_deg
 from sattrack.mount.simulator.camera import AxisPath, SkyCamera, make_sky
-from sattrack.mount.simulator.hidden import CameraSettings, Hidden
+from sattrack.mount.simulator.hidden import CameraSettings, Hidden, split_delays_s
+from sattrack.mount.simulator.installation import SimulatorProfile
+from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
 from sattrack.mount.simulator.night_sky import LIGHT_KM_S, NightSky, Stars
+from sattrack.recording.recorder import NoRecording
 from sattrack.runtime import demo_pass
+from sattrack.runtime.facts import RunRequest, build_engine, prepare
+from sattrack.runtime.flight import VirtualRun
 from tle.instants import Utc
 from tle.refraction import Refraction
 
@@ -30,13 +37,37 @@ ARCSEC = math.degrees(1.0) * 3600.0
 NONE = Stars(np.zeros((0, 3)), np.zeros(0))
 
 
+def mount_frame():
+    """Meridian, west and pole of a mount whose pole is the true one, as rows east, north, up.
+
+    By the closed form of what polar motion adds to latitude and azimuth, with astropy's values of it.
+    """
+    from astropy.time import Time
+    from astropy.utils import iers
+
+    iers.conf.auto_download = False
+    x, y = (
+        one.to_value("rad") for one in iers.earth_orientation_table.get().pm_xy(Time(START_S, format="unix"))
+    )
+    lon, lat = math.radians(SITE.longitude_deg), math.radians(SITE.latitude_deg)
+    altitude = lat + x * math.cos(lon) - y * math.sin(lon)
+    azimuth = -(x * math.sin(lon) + y * math.cos(lon)) / math.cos(lat)
+    sin_a, cos_a, sin_z, cos_z = math.sin(altitude), math.cos(altitude), math.sin(azimuth), math.cos(azimuth)
+    return np.array(
+        [[-sin_a * sin_z, -sin_a * cos_z, cos_a], [-cos_z, sin_z, 0.0], [cos_a * sin_z, cos_a * cos_z, sin_a]]
+    )
+
+
 def axes_of(directions):
-    """Hour angle and declination, degrees, of directions east, north, up: by spherical trigonometry."""
-    east, north, up = np.asarray(directions).T
-    lat = math.radians(SITE.latitude_deg)
-    dec = np.arcsin(north * math.cos(lat) + up * math.sin(lat))
-    ha = np.arctan2(-east, up * math.cos(lat) - north * math.sin(lat))
-    return np.degrees(np.unwrap(ha)), np.degrees(dec)
+    """Hour angle and declination, degrees, of directions east, north, up."""
+    meridian, west, pole = mount_frame() @ np.asarray(directions).T
+    return np.degrees(np.unwrap(np.arctan2(west, meridian))), np.degrees(np.arcsin(pole))
+
+
+def directions_of(ha_deg, dec_deg):
+    """Directions east, north, up of hour angles and declinations in degrees."""
+    h, d = np.radians(ha_deg), np.radians(dec_deg)
+    return np.stack([np.cos(d) * np.cos(h), np.cos(d) * np.sin(h), np.sin(d)], axis=-1) @ mount_frame()
 
 
 def resting(ha_deg, dec_deg):
@@ -61,12 +92,19 @@ def following(sky, seconds, begin_s=START_S, off_deg=(0.0, 0.0)):
 
 def lone_star(ha_deg, dec_deg, magnitude, utc_s=START_S):
     """The catalogue of one star that is seen at an hour angle and a declination at an instant, by astropy."""
-    from astropy.coordinates import ICRS, HADec, SkyCoord
+    place = to_icrs(directions_of(ha_deg, dec_deg), utc_s)
+    return Stars(place.cartesian.xyz.value.reshape(1, 3), np.array([magnitude]))
+
+
+def to_icrs(direction, utc_s):
+    """Where on the sky a direction east, north, up is at an instant, without air, by astropy."""
+    from astropy.coordinates import ICRS, AltAz, SkyCoord
     from astropy.time import Time
 
-    frame = HADec(obstime=Time(utc_s, format="unix"), location=SITE.to_astropy(), pressure=0.0)
-    place = SkyCoord(ha_deg, dec_deg, unit="deg", frame=frame).transform_to(ICRS())
-    return Stars(place.cartesian.xyz.value.reshape(1, 3), np.array([magnitude]))
+    east, north, up = direction
+    frame = AltAz(obstime=Time(utc_s, format="unix"), location=SITE.to_astropy(), pressure=0.0)
+    azimuth, altitude = math.degrees(math.atan2(east, north)) % 360.0, math.degrees(math.asin(up))
+    return SkyCoord(azimuth, altitude, unit="deg", frame=frame).transform_to(ICRS())
 
 
 def star_places(count=400):
@@ -137,12 +175,7 @@ def projection(rotation=12.0, mirror=0, beyond=False):
     # Directions about the centre; the judge gets them as angles, the camera as vectors.
     dec = dec0 + rng.uniform(-0.3, 0.3, count)
     ra = -ha0 + rng.uniform(-0.4, 0.4, count)
-    lat = math.radians(SITE.latitude_deg)
-    h, d = np.radians(-ra), np.radians(dec)
-    west, meridian, pole = np.cos(d) * np.sin(h), np.cos(d) * np.cos(h), np.sin(d)
-    north = pole * math.cos(lat) - meridian * math.sin(lat)
-    up = pole * math.sin(lat) + meridian * math.cos(lat)
-    directions = np.stack([-west, north, up], axis=1)
+    directions = directions_of(-ra, dec)
     sky = NightSky(SITE, (), NONE, NO_AIR)
     hidden = Hidden(rotation=rotation, mirror=mirror)
     camera = SkyCamera(sky, CameraSettings(scale), hidden, START_S)
@@ -251,24 +284,59 @@ def offsets():
     return worst, pixel
 
 
+class SeenMount(SimulatedMount):
+    """A simulated mount whose true axes are noted at every turn of its loop."""
+
+    path: AxisPath
+
+    def tick(self, now_utc_s):
+        status, truth = super().tick(now_utc_s)
+        self.path.note(truth)
+        return status, truth
+
+
+def followed(hidden=None):
+    """The practice pass followed in virtual time by the elements alone, and what a camera sees every second.
+
+    Returns the offsets, arcseconds, (n, 2), from 75 s after the start: when the pass is followed.
+    """
+    hidden = Hidden() if hidden is None else hidden
+    request = RunRequest("25544", "sim", None, None, demo_pass.BEFORE_PASS, 10.0, virtual=True)
+    prepared = prepare(dataclasses.replace(request, elements=None, site=None))
+    facts = prepared.facts
+    command_s, status_s = split_delays_s(hidden, facts.profile)
+    delays = SimulatorProfile(command_delay_s=command_s, status_delay_s=status_s)
+    place = SimulatedSite(SITE.latitude_deg, SITE.longitude_deg)
+    mount = SeenMount(facts.profile, place, hardware=delays)
+    mount.path = AxisPath(keep_s=3600.0)
+    begin_s = facts.started_utc_s
+    run = VirtualRun(build_engine(facts), mount, begin_s, NoRecording())
+    end_s = run.run()
+    air = Refraction(facts.pressure_hpa, facts.temperature_c)
+    sky = NightSky(SITE, [demo_pass.elements()], NONE, air)
+    zero_deg = sky.hour_angle_zero_deg(mean_sidereal_deg(begin_s, SITE.longitude_deg), begin_s)
+    camera = SkyCamera(sky, CameraSettings(), hidden, begin_s, hour_angle_zero_deg=zero_deg)
+    starts = np.arange(begin_s + 75.0, end_s - 10.0, 1.0)
+    seen = [camera.seen(float(start), 0.1, mount.path) for start in starts]
+    return np.array([(one.dx_arcsec, one.dy_arcsec) for one in seen])
+
+
 def solved():
     """Blind solutions by tetra3rs: worst error of the centre, arcseconds, of +y's angle, degrees; mirrors."""
     import tetra3rs
-    from astropy.coordinates import ICRS, HADec, SkyCoord
-    from astropy.time import Time
+    from astropy.coordinates import SkyCoord
 
     # Its database would read the magnitudes in the columns of proper motion as such.
     database = tetra3rs.SolverDatabase.generate_from_gaia(
         max_fov_deg=6.5, min_fov_deg=5.0, star_max_magnitude=8.0, epoch_proper_motion_year=None
     )
     middle_s = START_S + 0.25
-    frame = HADec(obstime=Time(middle_s, format="unix"), location=SITE.to_astropy(), pressure=0.0)
     path = AxisPath()
     sidereal_deg_s = 15.041067 / 3600.0
     for t in np.arange(0.0, 1.0, 0.05):
         path.add(float(START_S + t), float(-20.0 + sidereal_deg_s * t), 40.0, sidereal_deg_s, 0.0)
-    want = SkyCoord(-20.0 + sidereal_deg_s * 0.25, 40.0, unit="deg", frame=frame).transform_to(ICRS())
-    pole = SkyCoord(0.0, 90.0, unit="deg", frame=frame).transform_to(ICRS())
+    want = to_icrs(directions_of(-20.0 + sidereal_deg_s * 0.25, 40.0), middle_s)
+    pole = to_icrs(directions_of(0.0, 90.0), middle_s)
     north_deg = want.position_angle(pole).deg
     worst, turned, mirrors = 0.0, 0.0, True
     for rotation, mirror in ((0.0, 0), (12.0, 0), (200.0, 0), (12.0, 1)):
@@ -308,9 +376,6 @@ def speed():
 
 
 def main() -> int:
-    from astropy.utils import iers
-
-    iers.conf.auto_download = False
     print(f"stars against astropy's AltAz              {star_places():.4f} arcsec at most")
     print(f"satellite against astropy's TEME to ITRS   {satellite_places():.4f} arcsec at most")
     print(f"shadow against skyfield                    {shadow():.0f} s at most")
@@ -330,6 +395,11 @@ def main() -> int:
     )
     worst, pixel = offsets()
     print(f"offset of the satellite                    {worst:.3f} arcsec off the axes' own, {pixel:.3f} px")
+    off = np.hypot(*followed().T)
+    rms = math.sqrt((off**2).mean())
+    print(f"a pass followed in virtual time            {rms:.3f} arcsec RMS, {off.max():.3f} peak")
+    off = np.hypot(*followed(Hidden(split=-20.0)).T)
+    print(f"  with statuses 20 ms late                 {off.max():.1f} arcsec peak")
     if importlib.util.find_spec("tetra3rs") is not None:
         centre, turned, mirrors = solved()
         mirror = "right" if mirrors else "WRONG"

@@ -19,7 +19,7 @@ from sattrack.core.toml_text import read_toml
 from sattrack.mount.alpaca.link import DEFAULT_PORT as ALPACA_PORT
 from sattrack.mount.profiles import ProfileFile, load_profile_file
 from sattrack.mount.simulator.hidden import GRAMMAR as HIDDEN_GRAMMAR
-from sattrack.mount.simulator.hidden import CameraSettings, Hidden, parse_hidden
+from sattrack.mount.simulator.hidden import CameraSettings, Hidden, parse_hidden, split_delays_s
 from sattrack.mount.simulator.installation import GRAMMAR, parse_faults, simulator_profile
 from sattrack.mount.simulator.mount import SimulatedSite
 from sattrack.mount.simulator.process import ClockSetting, SimulatorConfig, make_clock, make_server
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from sattrack.core.channel import PipedProcess
     from sattrack.mount.simulator.alpaca_server import CameraConfig
     from sattrack.mount.simulator.alpaca_telescope import TelescopeSettings
-    from sattrack.mount.simulator.installation import SimulatorProfile
     from sattrack.mount.simulator.mount import Truth
     from tle.elements import Elements
 
@@ -154,8 +153,9 @@ def command(
     if seed is not None:
         hardware = msgspec.structs.replace(hardware, seed=seed)
     parse_faults(hardware.faults, f"{profile}, simulator.faults:")
-    if pictured is not None:
-        hardware = pictured.split(hardware)
+    if pictured is not None and pictured.hidden.split:
+        command_s, status_s = split_delays_s(pictured.hidden, described.mount)
+        hardware = msgspec.structs.replace(hardware, command_delay_s=command_s, status_delay_s=status_s)
     config = SimulatorConfig(
         site=site,
         profile=described.mount,
@@ -239,15 +239,6 @@ class CameraOptions:
             if options[name]:
                 raise BadInputError(f"--{name.rstrip('s').replace('_', '-')}: it needs --camera")
         return None
-
-    def split(self, hardware: SimulatorProfile) -> SimulatorProfile:
-        """Return the mount's settings with commands, or statuses, later by the hidden split."""
-        split_s = self.hidden.split / 1000.0
-        name = "command_delay_s" if split_s > 0.0 else "status_delay_s"
-        if split_s:
-            later_s = (getattr(hardware, name) or 0.0) + abs(split_s)
-            hardware = msgspec.structs.replace(hardware, **{name: later_s})
-        return hardware
 
     def config(
         self,

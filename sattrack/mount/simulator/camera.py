@@ -41,7 +41,7 @@ ARCSEC = math.pi / 648000.0
 ARCMIN = 60.0 * ARCSEC
 FWHM_SIGMAS = 2.0 * math.sqrt(2.0 * math.log(2.0))
 KEPT_S = 300.0
-"""For so long the path of the axes is kept."""
+"""For so long the path of the axes is kept, at least."""
 NODE_S = 0.01
 """The axes' path within an exposure is taken at instants so far apart."""
 MOST_NODES = 200
@@ -77,7 +77,8 @@ def make_sky(site: Site, satellites: Sequence[Elements], hidden: Hidden, seed: i
 class AxisPath:
     """Where the true axes were over time, degrees: at the instants noted, and by a cubic between them."""
 
-    def __init__(self) -> None:
+    def __init__(self, keep_s: float = KEPT_S) -> None:
+        self._keep_s = keep_s
         self._utc_s: list[float] = []
         self._rows: list[tuple[float, float, float, float]] = []
 
@@ -100,8 +101,8 @@ class AxisPath:
             return
         self._utc_s.append(utc_s)
         self._rows.append((first_deg, second_deg, first_deg_s, second_deg_s))
-        if self._utc_s[0] < utc_s - 2.0 * KEPT_S:
-            old = bisect_left(self._utc_s, utc_s - KEPT_S)
+        if self._utc_s[0] < utc_s - 2.0 * self._keep_s:
+            old = bisect_left(self._utc_s, utc_s - self._keep_s)
             del self._utc_s[:old], self._rows[:old]
 
     def part(self, from_s: float, to_s: float) -> AxisPath:
@@ -201,7 +202,7 @@ class SkyCamera:
 
     def __post_init__(self) -> None:
         """Set up the mount, draw the clouds and the hot pixels."""
-        self._mount = _mount_axes(self.hidden, math.radians(self.sky.site.latitude_deg), self.alignment)
+        self._mount = _mount_axes(self.hidden, *self.sky.pole(self.begin_utc_s), self.alignment)
         self._windows = cloud_windows(self.hidden.clouds)
         rng = np.random.default_rng([self.seed, 1])
         # Waves of 15 to 90 seconds, whose sum is normal, about.
@@ -407,17 +408,17 @@ class SkyCamera:
         return np.clip(counted, 0.0, MOST_ADU).astype(np.uint16).reshape(light.shape)
 
 
-def _mount_axes(hidden: Hidden, latitude: float, alignment: str) -> Array:
-    """Return the mount's own meridian, side and pole as rows, east, north, up.
+def _mount_axes(hidden: Hidden, altitude: float, azimuth: float, alignment: str) -> Array:
+    """Return the mount's own meridian, side and pole as rows, east, north, up; the true pole is given.
 
     An axis that turns by a positive angle goes from the meridian to the side: hour angles westward,
     azimuths eastward. A misaligned pole is the elevated one.
     """
     if alignment == "altaz":
         return np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    sense = math.copysign(1.0, latitude)
-    tilted = latitude + sense * hidden.polar_alt * ARCMIN
-    east = sense * hidden.polar_az * ARCMIN
+    sense = math.copysign(1.0, altitude)
+    tilted = altitude + sense * hidden.polar_alt * ARCMIN
+    east = azimuth + sense * hidden.polar_az * ARCMIN
     cos_t, sin_t, cos_e, sin_e = math.cos(tilted), math.sin(tilted), math.cos(east), math.sin(east)
     frame = np.array([[0.0, -sin_t, cos_t], [-1.0, 0.0, 0.0], [0.0, cos_t, sin_t]])
     turn = np.array([[cos_e, sin_e, 0.0], [-sin_e, cos_e, 0.0], [0.0, 0.0, 1.0]])

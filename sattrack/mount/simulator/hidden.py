@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import msgspec
 
 from sattrack.core.errors import BadInputError
+
+if TYPE_CHECKING:
+    from sattrack.mount.model import MountProfile
 
 
 class CameraSettings(msgspec.Struct, frozen=True):
@@ -103,7 +106,7 @@ GRAMMAR = (
     ("mirror=1", "the image is mirrored, left and right changed"),
     ("scale=1.02", "factor on the arcseconds per pixel"),
     ("clock=0.3", "s; the camera's clock is so much ahead"),
-    ("split=20", "ms; commands take so much longer, or with -20 statuses"),
+    ("split=-20", "ms; of the delays of the mount's profile, commands take so much more and statuses less"),
     ("clouds=20-40+60-70", "s after the start; nothing is seen through them"),
     ("plane=30", "s after the start; a plane with blinking lights crosses the middle of the picture"),
     ("cloudiness=0.3", "0 to 1; clouds that come and go, from the seed"),
@@ -151,3 +154,9 @@ def cloud_windows(text: str) -> list[tuple[float, float]]:
     if any(not 0.0 <= low < high for low, high in windows):
         raise ValueError(f"clouds {text!r}: each window needs a later end, e.g. 20-40")
     return windows
+
+
+def split_delays_s(hidden: Hidden, profile: MountProfile) -> tuple[float, float]:
+    """Return the true delays of commands and of statuses, seconds; none is below 0."""
+    split_s = hidden.split / 1000.0
+    return max(0.0, profile.command_delay_s + split_s), max(0.0, profile.status_delay_s - split_s)

@@ -120,11 +120,25 @@ class NightSky:
     def hour_angle_zero_deg(self, sidereal_deg: float, utc_s: float) -> float:
         """Return what a mount adds to its hour angles when it is synced on the sky at an instant.
 
-        `sidereal_deg` is its own local sidereal time then; the sky's is the apparent one.
+        `sidereal_deg` is its own local sidereal time then; the sky's is the apparent one, at the meridian
+        through the pole of date.
         """
         ut1, tt = self._days(utc_s)
         true = math.degrees(float(erfa.gst06a(UNIX_EPOCH_JD, ut1, UNIX_EPOCH_JD, tt)))
-        return math.remainder(true + self.site.longitude_deg - sidereal_deg, 360.0)
+        zenith = self._horizon[2] @ self._polar_motion(utc_s)
+        return math.remainder(true + math.degrees(math.atan2(zenith[1], zenith[0])) - sidereal_deg, 360.0)
+
+    def pole(self, utc_s: float) -> tuple[float, float]:
+        """Return altitude and azimuth of the celestial pole in the north, radians: the Earth's own axis."""
+        east, north, up = self._horizon @ self._polar_motion(utc_s)[:, 2]
+        return math.asin(up), math.atan2(east, north)
+
+    def _polar_motion(self, utc_s: float) -> Array:
+        """Return the matrix that turns directions about the Earth's own axis into terrestrial ones."""
+        now = self._earth.orientation(Utc(utc_s))
+        return np.asarray(
+            erfa.pom00(math.radians(now.xp_arcsec / 3600.0), math.radians(now.yp_arcsec / 3600.0), 0.0)
+        )
 
     def near(self, direction: Array, radius_rad: float, utc_s: float) -> Stars:
         """Return the stars about a direction (east, north, up) at an instant."""
@@ -217,8 +231,7 @@ class NightSky:
         cos, sin = np.cos(angle), np.sin(angle)
         x, y, z = teme_km.T
         turned = np.stack([cos * x + sin * y, cos * y - sin * x, z], axis=1)
-        pole = erfa.pom00(math.radians(now.xp_arcsec / 3600.0), math.radians(now.yp_arcsec / 3600.0), 0.0)
-        return np.asarray(turned @ np.asarray(pole).T)
+        return np.asarray(turned @ self._polar_motion(float(utc_s[0])).T)
 
     def _lit(self, index: int, utc_s: Array, orbit_s: Array) -> Array:
         """Return the share of the Sun's disc that the Earth leaves, by a straight edge across it."""
