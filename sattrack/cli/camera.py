@@ -5,32 +5,44 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import select
+import signal
 import socket
+import subprocess
 import sys
+import tempfile
+import threading
+import time
+from concurrent.futures import Future
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 import msgspec
 
-from sattrack.cli.common import CommandContext, can_draw_lines_anew, common_options, renew, tell
+from sattrack.cli.common import CommandContext, can_draw_lines_anew, common_options, given, renew, tell
+from sattrack.core.channel import see_off
 from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.core.process import ending_with_us, self_command
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
+    from typing import IO
 
     from sattrack.camera.centring import ImageGeometry, Seen, Solution, Solver
     from sattrack.camera.detection import Detection, Detector, Expected
     from sattrack.camera.frames import Frame
     from sattrack.camera.sources import FrameSource
 
-START_EXPOSURE_S = 0.1
-SOLVE_EVERY_S = 1.0
 MOST_REFUSALS_TOLD = 5
 LEVEL = (0.05, 0.8)
 """Between these shares of the full scale the satellite's peak is left alone."""
 NICE = 10
+END_WITHIN_S = 3.0
+RUN_WITHIN_S = 20.0
+TRY_AGAIN_S = 0.1
 
 
 @click.command("camera")
@@ -74,9 +86,10 @@ def command(context: CommandContext, source: str, **options: Any) -> int:
     given = SourceOptions(_exposure_s(options["exposure"]), options["latency"], options["watch"])
     if options["child"]:
         os.nice(NICE)
-    run = _run(options["pid"])
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    run = _awaited(options["pid"]) if options["child"] else _run(options["pid"])
     camera = open_source(source, given)
-    look = Looker(Detector(), geometry, options["name"] or "camera", options["solve"])
+    look = Looker(Detector(), geometry, options["name"] or "camera", options["solve"], waits=run is None)
     try:
         return _watch(context, camera, look, run, options["save"])
     finally:
@@ -116,6 +129,122 @@ def _exposure_s(text: str) -> float | None:
     if not 0.0 < seconds <= 3600.0:
         raise BadInputError(f"--exposure {text}: give seconds, above 0 to 3600, or auto")
     return seconds
+
+
+@dataclass(slots=True)
+class CamerasSeen:
+    """What the cameras of a run came to."""
+
+    frames: int = 0
+    detected: int = 0
+    first_utc: str | None = None
+
+    def add(self, line: dict[str, Any]) -> None:
+        """Take one frame, as `camera --json` prints it."""
+        self.frames += 1
+        if line["kind"] != "none":
+            self.detected += 1
+            self.first_utc = min(self.first_utc or line["utc"], line["utc"])
+
+
+def _named(text: str, number: int) -> tuple[str, str]:
+    """Return name and source of `[NAME=]SOURCE`, the n-th of a run's."""
+    name, equals, source = text.partition("=")
+    if equals and re.fullmatch(r"[\w.-]+", name):
+        return name, source
+    return ("camera" if number == 0 else f"camera-{number + 1}"), text
+
+
+@contextlib.contextmanager
+def camera_processes(context: CommandContext, options: dict[str, Any]) -> Iterator[CamerasSeen]:
+    """Start `sattrack camera` for each camera of a run that begins now, and end them with it.
+
+    What they print is read when the run is over: nothing of them is in the loop that feeds the mount.
+    """
+    seen = CamerasSeen()
+    with contextlib.ExitStack() as stack:
+        started = []
+        for number, text in enumerate(options["cameras"]):
+            name, source = _named(text, number)
+            lines, complaints = (stack.enter_context(tempfile.TemporaryFile()) for _ in range(2))
+            command = [*self_command(), "camera", source, "--child", "--run", str(os.getpid()), "--json"]
+            command += ["--name", name, *_image_options(context, options)]
+            process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=lines,
+                stderr=complaints,
+                env=ending_with_us(),
+                start_new_session=True,
+            )
+            started.append((name, process, lines, complaints))
+        try:
+            yield seen
+        finally:
+            for _, process, _, _ in started:
+                process.terminate()
+            for name, process, lines, complaints in started:
+                see_off(process, END_WITHIN_S)
+                _read_back(seen, name, lines, complaints)
+
+
+def _image_options(context: CommandContext, options: dict[str, Any]) -> list[str]:
+    words = ["--watch"]
+    for option, value in (
+        ("--scale", options["scale"]),
+        ("--rotation", options["camera_rotation"]),
+        ("--exposure", options["exposure"]),
+        ("--save", options["save"]),
+        ("--config", given("--config")),
+    ):
+        if value is not None:
+            words += [option, str(value)]
+    return [*words, "--flip"] if options["camera_flip"] else words
+
+
+def _read_back(seen: CamerasSeen, name: str, lines: IO[bytes], complaints: IO[bytes]) -> None:
+    lines.seek(0)
+    for line in lines:
+        with contextlib.suppress(ValueError, KeyError):
+            seen.add(json.loads(line))
+    complaints.seek(0)
+    for text in complaints.read().decode(errors="replace").splitlines()[-MOST_REFUSALS_TOLD:]:
+        tell(f"{name}: {text.removeprefix('sattrack: ')}")
+
+
+def put_solved_frames(
+    context: CommandContext, options: dict[str, Any], put: Callable[[bytes], None]
+) -> CamerasSeen:
+    """Look through the folders that a run in virtual time is given; put what was solved as observations.
+
+    Offsets are relative to where the mount was that took the frames, which is not the simulated one: frames
+    without a solution are left out, and counted in a message. Raises BadInputError for a camera.
+    """
+    from sattrack.camera.detection import Detector
+    from sattrack.camera.sources import SourceOptions, open_source
+    from sattrack.views.messages import Observation, encode_message
+
+    seen, unsolved = CamerasSeen(), 0
+    for number, text in enumerate(options["cameras"]):
+        name, source = _named(text, number)
+        if not source.startswith("folder:"):
+            raise BadInputError(f"--camera {source}: in virtual time frames come from a folder")
+        image = {"scale": options["scale"], "rotation": options["camera_rotation"]}
+        geometry = _geometry(context, {**image, "flip": options["camera_flip"] or None, "name": name})
+        look = Looker(Detector(), geometry, name, solves=True, waits=True)
+        for item in open_source(source, SourceOptions(_exposure_s(options["exposure"] or "auto"))).frames():
+            if isinstance(item, SattrackError):
+                tell(str(item))
+                continue
+            found = look.look(item, None)[0]
+            seen.add(found.document())
+            if isinstance(found.message, Observation):
+                put(encode_message(found.message))
+            else:
+                unsolved += found.message is not None
+    if unsolved:
+        tell(f"{unsolved} frames were not solved: an offset means nothing to a mount that did not take it")
+    return seen
 
 
 class RunLink:
@@ -188,43 +317,49 @@ def _run(pid: int | None) -> RunLink | None:
     return RunLink(chosen_run(pid))
 
 
+def _awaited(pid: int) -> RunLink:
+    """Return the run that is about to begin in the process that has started this one."""
+    until_s = time.monotonic() + RUN_WITHIN_S
+    while True:
+        try:
+            return RunLink(pid)
+        except SattrackError:
+            if time.monotonic() > until_s:
+                raise
+            time.sleep(TRY_AGAIN_S)
+
+
 class Looker:
     """Finds the satellite and the stars' field in the frames of one camera."""
 
-    def __init__(self, detector: Detector, geometry: ImageGeometry, name: str, solves: bool) -> None:
+    def __init__(
+        self, detector: Detector, geometry: ImageGeometry, name: str, solves: bool, waits: bool
+    ) -> None:
+        """Take `waits`: whether frames wait for the solver, which takes its time once."""
         self.detector, self.geometry, self.name = detector, geometry, name
-        self._solves = solves
-        self._solver: Solver | None = None
+        self._solves, self._waits = solves, waits
+        self._solver: Future[Solver] | None = None
         self._told = ""
-        self._solved_utc_s = -1e18
 
     def look(self, frame: Frame, expected: Expected | None) -> tuple[Seen, Detection]:
         """Return what one frame comes to."""
         from sattrack.camera.centring import centred
 
         detection = self.detector.look(frame, expected)
-        geometry = self.geometry.of_header(frame)
-        return centred(frame, detection, geometry, self._solution(frame, detection), self.name), detection
+        solution = self._solution(frame, detection)
+        return centred(frame, detection, self.geometry.of_header(frame), solution, self.name), detection
 
     def _solution(self, frame: Frame, detection: Detection) -> Solution | None:
-        from sattrack.camera.centring import FEWEST_STARS, ImageGeometry, Solver, contradiction
-        from sattrack.camera.sources import needed
+        from sattrack.camera.centring import FEWEST_STARS, ImageGeometry, contradiction
 
-        geometry = self.geometry.of_header(frame)
-        scale = geometry.scale_arcsec_px
-        enough = len(detection.stars) >= FEWEST_STARS
-        if not self._solves or scale is None or not enough:
+        scale = self.geometry.of_header(frame).scale_arcsec_px
+        if not self._solves or scale is None or len(detection.stars) < FEWEST_STARS:
             return None
         if self._solver is None:
-            try:
-                solver = needed("tetra3rs", "solving")
-            except SattrackError as error:
-                self._solves = False
-                self._tell(f"fields are not solved: {error}")
-                return None
-            year = frame.utc.datetime().year + 0.5
-            self._solver = Solver(solver, scale * frame.pixels.shape[1] / 3600.0, year)
-        solution = self._solver.solve(frame.pixels.shape, detection.stars)
+            self._begin_solver(scale * frame.pixels.shape[1] / 3600.0)
+        if self._solver is None or not (self._waits or self._solver.done()):
+            return None
+        solution = self._solver.result().solve(frame.pixels.shape, detection.stars)
         if solution is None:
             return None
         wrong = contradiction(self.geometry, solution)
@@ -233,6 +368,34 @@ class Looker:
         # What the stars have shown holds for frames without a solution too.
         self.geometry = ImageGeometry(solution.scale_arcsec_px, solution.rotation_deg, solution.flipped)
         return solution
+
+    def _begin_solver(self, fov_deg: float) -> None:
+        """Have the solver made, beside the frames; `_solves` is false where there will be none."""
+        from sattrack.camera.centring import LEAST_FOV_DEG, LONGEST_FOV_DEG, Solver
+        from sattrack.camera.sources import needed
+
+        if not LEAST_FOV_DEG <= fov_deg <= LONGEST_FOV_DEG:
+            self._solves = False
+            span = f"{LEAST_FOV_DEG:g}° to {LONGEST_FOV_DEG:g}°"
+            self._tell(f"a field of {fov_deg:.2g}° is not solved: the star catalogue is for {span}")
+            return
+        try:
+            package = needed("tetra3rs", "solving")
+        except SattrackError as error:
+            self._solves = False
+            self._tell(f"fields are not solved: {error}")
+            return
+        self._tell(f"making the index of stars for fields of {fov_deg:.2g}°, once")
+        future: Future[Solver] = Future()
+
+        def make() -> None:
+            try:
+                future.set_result(Solver(package, fov_deg))
+            except Exception as error:  # noqa: BLE001 - it is raised where the solver is used
+                future.set_exception(error)
+
+        threading.Thread(target=make, name="star index", daemon=True).start()
+        self._solver = future
 
     def _tell(self, text: str) -> None:
         if text != self._told:

@@ -7,6 +7,7 @@ import os
 import re
 import sys
 import time
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,7 +35,7 @@ from sattrack.runtime.mounts import is_antenna, mount_address
 from sattrack.runtime.system import StopRequest, stopping
 from sattrack.runtime.view_server import ViewServerLink, open_view_server
 from sattrack.views.formatting import OLD_ELEMENTS_DAYS, summary_lines
-from sattrack.views.run import Summary, SummaryLine, TrackView
+from sattrack.views.run import CameraSummary, Summary, SummaryLine, TrackView
 from tle.elements import Elements, expected_along_arcsec
 from tle.errors import TleError
 from tle.instants import DAY_S, Utc
@@ -42,6 +43,7 @@ from tle.instants import DAY_S, Utc
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from sattrack.cli.camera import CamerasSeen
     from sattrack.cli.common import CommandContext
     from sattrack.mount.profiles import ProfileFile
     from sattrack.runtime.facts import Prepared, RunFacts
@@ -286,11 +288,11 @@ def fly_and_tell(
     stop = StopRequest()
     observers = open_observers(observations)
     stdin = StdinInbox(observers) if control else None
-    listening = observers if control or observations else None
     gallery = open_view_server(prepared.facts)
+    listening = observers if control or observations or gallery is not None else None
     desk = ControlArbiter(control, again is not None)
     public = Public(output, desk, gallery)
-    inbox = SessionInbox(desk, stdin, gallery)
+    inbox = SessionInbox(desk, stdin, gallery, observers)
     try:
         with stopping(stop):
             summary = fly_live(prepared, public.show, stop, inbox, deadline_s, listening)
@@ -414,20 +416,38 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
         output.tell_scene(prepared.facts)
     if request.virtual:
         observers = None if observations is None else read_all(sys.stdin.buffer)
+        if options["cameras"]:
+            from sattrack.cli.camera import put_solved_frames
+
+            observers = observers or Observers()
+            seen = put_solved_frames(context, options, observers.put)
         summary, interrupted = fly_virtual(prepared, output.show, observers=observers), False
         output.end()
         if observers is not None:
             tell_malformed(observers)
     else:
-        summary, interrupted = fly_and_tell(
-            prepared,
-            output,
-            options["control"],
-            observations=observations,
-            again=lambda armed, before: prepare(_next_request(request, armed, before)),
-        )
+        with ExitStack() as stack:
+            if options["cameras"]:
+                from sattrack.cli.camera import camera_processes
+
+                seen = stack.enter_context(camera_processes(context, options))
+            summary, interrupted = fly_and_tell(
+                prepared,
+                output,
+                options["control"],
+                observations=observations,
+                again=lambda armed, before: prepare(_next_request(request, armed, before)),
+            )
+    if options["cameras"]:
+        summary = msgspec.structs.replace(summary, camera=_camera_summary(seen, summary))
     learn_profile(options["learn_profile"], request.profile, summary)
     return finish(summary, interrupted, context.json or options["stream"])
+
+
+def _camera_summary(seen: CamerasSeen, summary: Summary) -> CameraSummary:
+    estimate = summary.estimate
+    used, rejected = (0, 0) if estimate is None else (estimate.accepted, estimate.rejected + estimate.refused)
+    return CameraSummary(seen.frames, seen.detected, used, rejected, seen.first_utc)
 
 
 def _check_options(context: CommandContext, url: str | None, options: dict[str, Any]) -> None:
@@ -435,7 +455,7 @@ def _check_options(context: CommandContext, url: str | None, options: dict[str, 
     if is_antenna(url):
         for name in NOT_WITH_ANTENNA:
             if options[name] and options[name] not in {"auto", "off"}:
-                option = name.replace("_", "-")
+                option = name.replace("_", "-").replace("cameras", "camera")
                 raise BadInputError(f"--{option} does not work with an antenna's controller; omit it")
         return
     mount_address(url)
@@ -524,7 +544,15 @@ def next_file(path: Path) -> Path:
     return other
 
 
-NOT_WITH_ANTENNA = ("stream", "control", "observations", "profile", "learn_profile", "bias_memory")
+NOT_WITH_ANTENNA = (
+    "stream",
+    "control",
+    "observations",
+    "cameras",
+    "profile",
+    "learn_profile",
+    "bias_memory",
+)
 
 
 def follow_by_antenna(context: CommandContext, request: RunRequest, old_elements: bool) -> int:

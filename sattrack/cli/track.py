@@ -57,6 +57,18 @@ from sattrack.cli.targets import ephemeris_option
     "--old-elements", is_flag=True, help="Follow even if the elements are too old to find the satellite."
 )
 @click.option("--virtual", is_flag=True, help="With --mount sim: in virtual time, as fast as it goes.")
+@click.option(
+    "--camera",
+    "cameras",
+    multiple=True,
+    metavar="[NAME=]SOURCE",
+    help="Look through a camera, and correct by it: see `sattrack camera`; may be repeated.",
+)
+@click.option("--scale", type=float, metavar="ARCSEC_PER_PIXEL", help="Of the camera: arcseconds in a pixel.")
+@click.option("--exposure", metavar="S", help="Of the camera: seconds, or auto (default).")
+@click.option(
+    "--save", type=click.Path(path_type=Path), metavar="DIR", help="Keep the camera's frames there."
+)
 @stream_options
 @bias_options
 @fov_option
@@ -72,6 +84,7 @@ def command(context: CommandContext, target: str, **options: Any) -> int:
     Examples:
       sattrack track ISS --mount sim
       sattrack track ISS --record tonight.mcap
+      sattrack track ISS --camera alpaca://192.0.2.7:11111/0 --scale 2.5
       sattrack track 25544 --mount 'xerxes://192.0.2.10:15001?listen=15002' --min-alt 25
     """
     url = options["mount_url"] or context.settings.mount.url

@@ -248,12 +248,19 @@ class StdinInbox:
 
 
 class SessionInbox:
-    """Messages that the run must obey, from all clients. `stdin` None: there is no starter's channel."""
+    """Messages that the run must obey, from all clients. `stdin` None: there is no starter's channel.
+
+    Observations need no control, only the same user: they go to `observers`, to be used when there is time.
+    """
 
     def __init__(
-        self, arbiter: ControlArbiter, stdin: StdinInbox | None, views: ViewServerLink | None
+        self,
+        arbiter: ControlArbiter,
+        stdin: StdinInbox | None,
+        views: ViewServerLink | None,
+        observers: Observers | None = None,
     ) -> None:
-        self._arbiter, self._stdin, self._views = arbiter, stdin, views
+        self._arbiter, self._stdin, self._views, self._observers = arbiter, stdin, views, observers
         self._strange = 0
 
     @property
@@ -283,6 +290,9 @@ class SessionInbox:
         return obeyed
 
     def _read(self, number: int, line: str) -> list[Message]:
+        if self._observers is not None and is_observation(line.encode()):
+            self._observers.put(line.encode())
+            return []
         try:
             message = decode_said(line)
         except (msgspec.MsgspecError, RecursionError):

@@ -264,6 +264,20 @@ class DatagramsView(msgspec.Struct, frozen=True):
     unsent: int = 0
 
 
+class CameraSummary(msgspec.Struct, frozen=True):
+    """What the cameras that were started with a run came to.
+
+    `used` and `rejected` are the run's counts of all observations: other sources' count with them.
+    """
+
+    frames: int
+    detected: int
+    used: int
+    rejected: int
+    first_utc: str | None
+    """The middle of the first exposure in which the satellite was detected."""
+
+
 class Summary(msgspec.Struct, frozen=True):
     """What a run came to; the fields that scripts rely on, null where not available."""
 
@@ -316,6 +330,8 @@ class Summary(msgspec.Struct, frozen=True):
     """Why the mount was never on target, and what to do; null where it was, or where nobody can tell."""
     elements_age_days: float | None = None
     """How old the elements were when the run began; negative where they are of a later epoch."""
+    camera: CameraSummary | None = None
+    """Null where no camera was started with the run."""
 
 
 class SummaryLine(msgspec.Struct, frozen=True):
