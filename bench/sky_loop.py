@@ -31,7 +31,7 @@ import numpy as np
 from feeder_passes import subjects
 from integrated import Air, IntegratedMotion, julian, true_propagator
 
-from sattrack.control.biases import Camera
+from sattrack.control.biases import Camera, Cameras
 from sattrack.control.steering import Steering
 from sattrack.mount.simulator.installation import SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount
@@ -275,9 +275,8 @@ def without_mount(sky: Sky) -> Result:
         sky.subject.propagator,
         facts.profile,
         NO_BIAS,
-        sky.camera,
+        Cameras(named={"guide": sky.camera}),
         sky.begin_s - 5.0,
-        cameras={"guide": sky.camera},
     )
     fed = steering.biases.at
     waiting: list[tuple[float, SeenOffset]] = []
@@ -392,7 +391,8 @@ def main() -> None:
                 words = "; ".join(one.words)
                 print(
                     f"  seed {seed}: rms {one.rms_arcsec:.2f}, clouds {one.clouds_arcsec:.2f}, worst "
-                    f"{one.worst_arcsec:.2f}, rejected {one.rejected}, anew {one.begun_anew}; {parts}; {words}",
+                    f"{one.worst_arcsec:.2f}, rejected {one.rejected}, anew {one.begun_anew}; "
+                    f"{parts}; {words}",
                     flush=True,
                 )
         print(row(subject.name, found), flush=True)
