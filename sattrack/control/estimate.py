@@ -110,7 +110,9 @@ def _expected(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     pairs = np.array([terms.get(name, (0.0, 0.0)) for name in names])
     least = [next(value for end, value in LEAST_SIGMAS.items() if name.endswith(end)) for name in names]
-    return pairs[:, 0], np.hypot(KEPT_WIDER * pairs[:, 1], least)
+    # What has no sigma was no question: the middle of a fine camera is what the target is centred on.
+    wider = np.hypot(KEPT_WIDER * pairs[:, 1], least)
+    return pairs[:, 0], np.where(pairs[:, 1] > 0.0, wider, 0.0)
 
 
 def _named(

@@ -261,6 +261,7 @@ def test_what_was_learnt_at_a_pass_helps_the_next_and_another_mounts_is_left_asi
     first.run(40.0)
     sky = first.steering.estimator.sky_terms
     assert sky is not None
+    assert sky.cameras["guide"]["middle_x_deg"] == (0.0, 0.0), "a fine camera looks where the mount does"
     delay_s, sigma_s = sky.mount["delay_s"]
     assert abs(delay_s - 0.02) < 3.0 * sigma_s
     again = Loop(turn_arcsec=(200.0, -180.0, 130.0), delay_s=0.02, seed=2, profile=MountProfile(sky=sky))
@@ -268,6 +269,9 @@ def test_what_was_learnt_at_a_pass_helps_the_next_and_another_mounts_is_left_asi
     for loop in (again, fresh):
         loop.run(25.0)
     assert again.rms(10.0, 25.0) < 1.1 * fresh.rms(10.0, 25.0)
+    kept = again.steering.estimator.sky_terms
+    assert kept is not None
+    assert kept.cameras["guide"]["middle_x_deg"] == (0.0, 0.0)
     assert again.steering.estimator.camera_words == ()
     other = Loop(turn_arcsec=(-900.0, 800.0, -500.0), delay_s=-0.02, profile=MountProfile(sky=sky))
     other.run(25.0)
