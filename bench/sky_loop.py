@@ -1,6 +1,6 @@
 """The loop closed on the sky: a camera's offsets, a hidden sky, and where the telescope really points.
 
-python bench/sky_loop.py [--seeds N] [--pass ISS|KANOPUS] [--mount] [--truth orbit|warp] [--verbose]
+python bench/sky_loop.py [--seeds N] [--pass ISS|KANOPUS] [--mount|--next] [--wrong HOW] [--verbose]
 
 Hidden from the program, and drawn for each seed: an orbit that is integrated (`bench/integrated.py`), 3 s
 early or late, drifting by 0.3 s a minute, 60″ to the left or the right of its elements, drifting too (`warp`:
@@ -13,6 +13,9 @@ an axis, two frames a second, 0.3 to 0.9 s late. None of that uses the filter's 
 to the end; *clouds*: the worst of the second in which it comes back after 20 s without a frame. *2 sigma*:
 the share of instants at which the pointing that the filter would have lies within two of its sigmas of the
 one that centres the satellite, along the track and across. *NIS*: 2 where sigmas are right.
+
+`--next` begins with what another satellite's pass has left of the mount and its camera in the profile,
+`--wrong` with a camera that is not as it was set.
 
 Without `--mount` the telescope points exactly where it is fed; with it the run of `track --virtual` follows
 with a simulated mount, and offsets are made from its true axes.
@@ -31,8 +34,9 @@ import numpy as np
 from feeder_passes import subjects
 from integrated import Air, IntegratedMotion, julian, true_propagator
 
-from sattrack.control.biases import Camera
+from sattrack.control.biases import Camera, Cameras
 from sattrack.control.steering import Steering
+from sattrack.mount.model import MountProfile, SkyTerms
 from sattrack.mount.simulator.installation import SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount
 from sattrack.recording.recorder import NoRecording
@@ -214,6 +218,13 @@ class Sky:
         u, sidereal = self.satellite.at(utc_s - self.hidden.delay_s)
         return turned(u, sidereal, self.hidden.polar, -1)
 
+    def note_distance(self, estimator: Estimator) -> None:
+        """Note how far the last offset that was taken lay from what was expected."""
+        if estimator.filter is not None and estimator.words is None:
+            distance = estimator.filter.best.last_distance
+            if distance is not None:
+                self.nis.append(distance)
+
     def look(self, estimator: Estimator, propagator: Propagator, utc_s: float) -> None:
         """Note by how many of its sigmas the estimate's pointing is off, along the track and across."""
         if estimator.filter is None:
@@ -252,6 +263,7 @@ class Result:
     begun_anew: int
     sky: Sky
     words: tuple[str, ...] = ()
+    sky_terms: SkyTerms | None = None
 
 
 def result(sky: Sky, estimator: Estimator) -> Result:
@@ -264,20 +276,25 @@ def result(sky: Sky, estimator: Estimator) -> Result:
     back = [off for t, off in since if CLOUDS_S[1] - 1.0 <= t < CLOUDS_S[1]]
     rms = math.sqrt(sum(off * off for off in clear) / len(clear))
     return Result(
-        rms, max(back), max(clear), estimator.rejected, estimator.begun_anew, sky, estimator.camera_words
+        rms,
+        max(back),
+        max(clear),
+        estimator.rejected,
+        estimator.begun_anew,
+        sky,
+        estimator.camera_words,
+        estimator.sky_terms,
     )
 
 
-def without_mount(sky: Sky) -> Result:
+def without_mount(sky: Sky, profile: MountProfile) -> Result:
     """Run a seed with a telescope that points exactly where it is fed, its dates wrong."""
-    facts = sky.subject.facts
     steering = Steering(
         sky.subject.propagator,
-        facts.profile,
+        profile,
         NO_BIAS,
-        sky.camera,
+        Cameras(named={"guide": sky.camera}),
         sky.begin_s - 5.0,
-        cameras={"guide": sky.camera},
     )
     fed = steering.biases.at
     waiting: list[tuple[float, SeenOffset]] = []
@@ -294,6 +311,7 @@ def without_mount(sky: Sky) -> Result:
             if one[0] <= now:
                 waiting.remove(one)
                 steering.obey(one[1], now)
+                sky.note_distance(steering.estimator)
         steering.watch(now)
         if tick % 2 == 0:
             sky.note(pointing, now)
@@ -301,6 +319,16 @@ def without_mount(sky: Sky) -> Result:
             sky.look(steering.estimator, sky.subject.propagator, now)
         now, tick = now + STEP_S, tick + 1
     return result(sky, steering.estimator)
+
+
+def learnt_before(sky: Sky, seed: int) -> MountProfile:
+    """Return the profile that a pass of another satellite left, with the same mount and camera."""
+    rng = random.Random(f"before {seed}")
+    other, same = Hidden.drawn(rng), sky.hidden
+    kept = {name: getattr(same, name) for name in ("polar", "delay_s", "rotation_deg", "scale", "mirrored")}
+    subject = next(one for one in subjects() if one.name != sky.subject.name)
+    before = Sky(subject, replace(other, **kept), rng, sky.truth)
+    return msgspec.structs.replace(MountProfile(), sky=without_mount(before, MountProfile()).sky_terms)
 
 
 class SkyRun(VirtualRun):
@@ -371,6 +399,7 @@ def main() -> None:
     parser.add_argument("--pass", dest="name", choices=["ISS", "KANOPUS"])
     parser.add_argument("--truth", choices=["orbit", "warp"], default="orbit")
     parser.add_argument("--mount", action="store_true")
+    parser.add_argument("--next", action="store_true", help="begin with what another pass has left")
     parser.add_argument("--wrong", choices=[*WRONG], help="how the camera is not as it was set")
     parser.add_argument("--verbose", action="store_true")
     options = parser.parse_args()
@@ -384,16 +413,19 @@ def main() -> None:
             rng = random.Random(f"{subject.name} {seed}")
             hidden = replace(Hidden.drawn(rng), **WRONG.get(options.wrong, {}))
             sky = Sky(subject, hidden, rng, options.truth)
-            one = with_mount(sky, seed) if options.mount else without_mount(sky)
+            profile = subject.facts.profile
+            if options.next:
+                profile = learnt_before(sky, seed)
+            one = with_mount(sky, seed) if options.mount else without_mount(sky, profile)
             found.append(one)
             if options.verbose:
                 spans = ((10, 20), (20, 40), (40, 60), (110, 400))
                 parts = ", ".join(f"{a}-{b} s {sky.rms(a, b):.2f}" for a, b in spans)
                 words = "; ".join(one.words)
                 print(
-                    f"  seed {seed}: rms {one.rms_arcsec:.2f}, clouds {one.clouds_arcsec:.2f}, "
-                    f"worst {one.worst_arcsec:.2f}, "
-                    f"rejected {one.rejected}, anew {one.begun_anew}; {parts}; {words}",
+                    f"  seed {seed}: rms {one.rms_arcsec:.2f}, clouds {one.clouds_arcsec:.2f}, worst "
+                    f"{one.worst_arcsec:.2f}, rejected {one.rejected}, anew {one.begun_anew}; "
+                    f"{parts}; {words}",
                     flush=True,
                 )
         print(row(subject.name, found), flush=True)
@@ -406,7 +438,9 @@ WRONG: dict[str, dict[str, Any]] = {
     "clock": {"clock_s": 0.3},
     "late clock": {"clock_s": -0.3},
 }
-HEAD = "pass     seeds  rms: median   95 %    max <= 1″ %  clouds: 95 %  max  2 sigma diverged rejected  anew"
+HEAD = (
+    "pass     seeds  rms: median   95 %    max <= 1″  clouds: 95 %   max 2 sigma  NIS diverged rejected anew"
+)
 
 
 def row(name: str, found: list[Result]) -> str:
@@ -414,12 +448,13 @@ def row(name: str, found: list[Result]) -> str:
     rms = np.array([one.rms_arcsec for one in found])
     clouds = np.array([one.clouds_arcsec for one in found])
     sigmas = np.abs(np.concatenate([one.sky.in_sigmas for one in found]))
+    nis = float(np.mean([one for each in found for one in each.sky.nis] or [math.nan]))
     diverged = sum(one.worst_arcsec > DIVERGED_ARCSEC for one in found)
     return (
         f"{name:<8} {len(found):5d} {np.median(rms):12.2f} {np.quantile(rms, 0.95):6.2f} {rms.max():6.2f} "
         f"{100.0 * np.mean(rms <= 1.0):5.1f} {np.quantile(clouds, 0.95):14.2f} {clouds.max():6.2f} "
-        f"{100.0 * np.mean(sigmas <= 2.0):7.1f} {diverged:9d} {sum(one.rejected for one in found):9d} "
-        f"{sum(one.begun_anew for one in found):5d}"
+        f"{100.0 * np.mean(sigmas <= 2.0):7.1f} {nis:4.2f} {diverged:8d} "
+        f"{sum(one.rejected for one in found):8d} {sum(one.begun_anew for one in found):4d}"
     )
 
 

@@ -103,6 +103,8 @@ class OrbitFilter:
         self._last_utc_s: float | None = None
         self._partials = Partials(orbit, self.correction_km)
         self.cameras: tuple[str, ...] = ()
+        self.last_distance: float | None = None
+        """Squared distance of the last sighting that was taken."""
         self.accepted = 0
         self.rejected = 0
 
@@ -170,6 +172,7 @@ class OrbitFilter:
         utc_s = float(sighting.utc.unix_s)
         self._last_utc_s = utc_s if self._last_utc_s is None else max(utc_s, self._last_utc_s)
         self.accepted += 1
+        self.last_distance = solved.distance
         return True, -0.5 * solved.distance - solved.size
 
     def _meet(self, sighting: Sighting) -> None:

@@ -93,6 +93,11 @@ def with_learnt(base: Profile, learnt: LearntView, name: str) -> tuple[Profile, 
         lines.append(f"command delay {learnt.command_delay_s * 1e3:.1f} ms")
     if base.calibration is not None:
         changes["calibration"] = msgspec.structs.replace(base.calibration, **sigmas)
+    if learnt.sky is not None:
+        changes["sky"] = learnt.sky
+        delay_s, sigma_s = learnt.sky.mount["delay_s"]
+        named = ", ".join(name or "without a name" for name in learnt.sky.cameras)
+        lines.append(f"delay split {delay_s * 1e3:+.1f} ± {sigma_s * 1e3:.1f} ms, pointing, camera {named}")
     return msgspec.structs.replace(base, **changes), lines
 
 

@@ -289,6 +289,11 @@ def bias_options(function: Callable[..., Any]) -> Callable[..., Any]:
         is_flag=True,
         help="The camera's image is mirrored.",
     )(function)
+    function = click.option(
+        "--search-lost",
+        is_flag=True,
+        help="Search by itself where the satellite is lost and may be out of the camera's field.",
+    )(function)
     return click.option(
         "--camera-rotation",
         "--rotation",

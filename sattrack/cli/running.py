@@ -34,7 +34,7 @@ from sattrack.runtime.flight import failure, fly_live, fly_virtual
 from sattrack.runtime.mounts import is_antenna, mount_address
 from sattrack.runtime.system import StopRequest, stopping
 from sattrack.runtime.view_server import ViewServerLink, open_view_server
-from sattrack.views.formatting import OLD_ELEMENTS_DAYS, summary_lines
+from sattrack.views.formatting import OLD_ELEMENTS_DAYS, loop_text, summary_lines
 from sattrack.views.run import CameraSummary, Summary, SummaryLine, TrackView
 from tle.elements import Elements, expected_along_arcsec
 from tle.errors import TleError
@@ -140,9 +140,11 @@ def progress_line(view: TrackView) -> str:
     rms = "" if view.rms_10s_arcsec is None else f"  rms {view.rms_10s_arcsec:.2f}″"
     if view.phase not in {"acquiring", "tracking"}:
         error = rms = ""
+    loop = f"  {loop_text(view.loop)}" if view.loop is not None else ""
     return (
         f"{clock}  {view.name}  {view.phase:<9} "
-        f"alt {view.target_alt_deg:5.1f}°  az {view.target_az_deg:5.1f}°{error}{rms}  link {view.link.state}"
+        f"alt {view.target_alt_deg:5.1f}°  az {view.target_az_deg:5.1f}°{error}{rms}{loop}  "
+        f"link {view.link.state}"
     )
 
 
@@ -366,8 +368,17 @@ def camera_fields(settings: Settings, options: dict[str, Any]) -> dict[str, Any]
     if general.scale_arcsec_px is not None or general.kind != "fine":
         any_other = Camera(rotation_deg, flip, general.scale_arcsec_px, general.kind, general.fov_deg)
         cameras[""] = any_other
-    fov_deg = general.fov_deg if options["fov_deg"] is None else options["fov_deg"]
-    return {"camera_rotation_deg": rotation_deg, "camera_flip": flip, "cameras": cameras, "fov_deg": fov_deg}
+    fine = [one.fov_deg for one in cameras.values() if one.kind == "fine" and one.fov_deg is not None]
+    fov_deg = options["fov_deg"]
+    if fov_deg is None:
+        fov_deg = general.fov_deg or min(fine, default=None)
+    return {
+        "camera_rotation_deg": rotation_deg,
+        "camera_flip": flip,
+        "cameras": cameras,
+        "fov_deg": fov_deg,
+        "search_when_lost": options["search_lost"],
+    }
 
 
 def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> int:

@@ -10,6 +10,7 @@ mount: their functions return why they did nothing, as text, or None where they 
 from __future__ import annotations
 
 import math
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
@@ -32,7 +33,7 @@ from tle.instants import Utc
 from tle.orbit_fit import Image
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from sattrack.control.estimate import Reading
     from sattrack.mount.model import MountProfile
@@ -167,6 +168,21 @@ class Camera(NamedTuple):
 
 
 UPRIGHT = Camera()
+
+
+class Cameras(NamedTuple):
+    """The cameras of a run by their names, any other, and whether and in which field a lost target is sought.
+
+    `field_deg` is a diameter, None where it is not known.
+    """
+
+    other: Camera = UPRIGHT
+    named: Mapping[str, Camera] = MappingProxyType({})
+    field_deg: float | None = None
+    search_when_lost: bool = False
+
+
+NO_CAMERAS = Cameras()
 
 
 class Biases:
@@ -527,13 +543,15 @@ def end_reached(biases: Biases, utc_s: float) -> str | None:
     return None
 
 
-def follow_estimate(biases: Biases, read: Reading, first: bool, begins_utc_s: float) -> None:
+def follow_estimate(
+    biases: Biases, read: Reading, first: bool, begins_utc_s: float, found: bool = True
+) -> None:
     """Go to what observations say as of an instant, and on with its drift.
 
-    The first takes the place of the operator's biases and of the search.
+    The first takes the place of the operator's biases. A search ends where something was `found`.
     """
     here_s = biases.along_without_search(begins_utc_s).value
-    along, cross = biases.end_pattern(begins_utc_s)
+    along, cross = biases.end_pattern(begins_utc_s) if found else (REST, REST)
     if first:
         along = added(along, biases.offsets[ALONG].give_up(begins_utc_s))
         cross = added(cross, biases.offsets[CROSS].give_up(begins_utc_s))

@@ -6,10 +6,10 @@ Live, a 20 Hz loop feeds it; in a test, a simulated mount in virtual time; in a 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sattrack.control.biases import UPRIGHT, Camera
+from sattrack.control.biases import NO_CAMERAS, Cameras
 from sattrack.control.driver import NO_ANSWER_AFTER_S, Driver, StopProcedure, limit_text
 from sattrack.control.engine_view import HOLDING, learnt_view, view_of
 from sattrack.control.stages import Attempt, AxisAttempt, RunStage, Situation, Stages, why_not
@@ -25,8 +25,6 @@ from sattrack.views.messages import Jog
 from sattrack.views.run import StageView
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from sattrack.mount.model import Cleared, MountProfile
     from sattrack.views.messages import Message
     from sattrack.views.run import ErrorView, RememberedView, TrackView
@@ -60,12 +58,9 @@ class RunSpec:
     started_utc_s: float
     simulated: bool = False
     recording: str | None = None
-    camera: Camera = UPRIGHT
-    """How a camera's image lies on the sky that is not one of `cameras`."""
+    cameras: Cameras = NO_CAMERAS
     remembered: RememberedView | None = None
     """The bias of an earlier pass with which this one begins."""
-    cameras: Mapping[str, Camera] = field(default_factory=dict)
-    """Cameras by their names."""
 
 
 class Engine(Driver):
@@ -79,9 +74,8 @@ class Engine(Driver):
             spec.plan,
             spec.profile,
             spec.bias,
-            spec.camera,
-            spec.remembered,
             spec.cameras,
+            spec.remembered,
         )
         self.malformed = 0
         """Lines that came where observations or messages were expected, and were neither."""

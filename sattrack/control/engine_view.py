@@ -6,13 +6,22 @@ import math
 from typing import TYPE_CHECKING, TypedDict
 
 from sattrack.control.driver import site_warnings
+from sattrack.control.estimate import LOST_AFTER_S
 from sattrack.control.following import FREE_REST_DEG_S
 from sattrack.control.tracker import FOLLOWING, Phase
 from sattrack.core.angles import wrap180
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
 from sattrack.mount.xerxes.link import STALE_AFTER_S, LinkState
 from sattrack.safety import ROWS
-from sattrack.views.run import EstimateView, LearntView, OffsetView, PauseView, SearchView, TrackView
+from sattrack.views.run import (
+    EstimateView,
+    LearntView,
+    LoopView,
+    OffsetView,
+    PauseView,
+    SearchView,
+    TrackView,
+)
 from tle.bodies import Body
 
 if TYPE_CHECKING:
@@ -80,6 +89,7 @@ def view_of(engine: Engine, now_utc_s: float) -> TrackView:
         calibrated=spec.profile.calibration is not None,
         learnt=learnt_view(engine),
         stages=tuple(engine.stages),
+        loop=loop_view(tracker, now_utc_s),
     )
 
 
@@ -104,6 +114,7 @@ def learnt_view(engine: Engine) -> LearntView | None:
         command_delay_s=follower.command_delay_s,
         settling_s=settling_s,
         restarts=follower.learning.times_begun_anew,
+        sky=engine.tracker.steering.estimator.sky_terms,
     )
 
 
@@ -315,6 +326,20 @@ def estimate_view(tracker: Tracker, utc_s: float, unused: int) -> EstimateView |
     )
 
 
+def loop_view(tracker: Tracker, utc_s: float) -> LoopView | None:
+    """Return what closes the loop on the sky; None where no camera is set and no observation has come."""
+    steering = tracker.steering
+    estimator = steering.estimator
+    if not (steering.cameras.named or estimator.accepted or estimator.rejected or estimator.refused):
+        return None
+    last_s = estimator.last_utc_s
+    if estimator.filter is None or last_s is None:
+        return LoopView("elements")
+    state = "lost" if utc_s - last_s > LOST_AFTER_S else "camera"
+    sigma_arcsec = estimator.sigma_arcsec(utc_s, steering.biases.course)
+    return LoopView(state, max(0.0, utc_s - last_s), sigma_arcsec, steering.camera_views())
+
+
 def observation_warnings(tracker: Tracker, malformed: int, dropped: int) -> list[str]:
     """Say which observations were not taken, and why the last of them."""
     estimator = tracker.steering.estimator
@@ -322,6 +347,7 @@ def observation_warnings(tracker: Tracker, malformed: int, dropped: int) -> list
     if estimator.words is not None:
         counts = f"{estimator.rejected} rejected, {estimator.refused} refused, {estimator.accepted} taken"
         words.append(f"the last observation was not taken: {estimator.words} ({counts})")
+    words.extend(estimator.camera_words)
     if estimator.begun_anew:
         words.append(
             f"the estimate began anew {estimator.begun_anew} times: what was rejected agreed with itself"

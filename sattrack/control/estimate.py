@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from sattrack.mount.model import SkyTerms
 from sattrack.views.messages import MOST_SIGMA_ARCSEC, Observation
 from tle.bias import Bias, apparent_unit
 from tle.elements import Elements
 from tle.errors import PropagationError
 from tle.instants import Utc
-from tle.orbit_filter import CAMERA_TERMS, FilterBank, KnownTerms, OrbitFilter
+from tle.orbit_filter import CAMERA_TERMS, MOUNT_TERMS, FilterBank, KnownTerms, OrbitFilter
 from tle.orbit_fit import ALONG, STATES, CorrectableOrbit, Expected, Image, Sighting
 
 if TYPE_CHECKING:
@@ -71,6 +72,12 @@ TELL_OF: dict[str, tuple[float, Callable[[float], str]]] = {
     ),
 }
 """How much of a camera's terms is worth a warning, and the warning."""
+LOST_AFTER_S = 3.0
+"""So long after the last observation the target counts as lost."""
+KEPT_WIDER = 1.5
+LEAST_SIGMAS = {"_deg": 20.0 / 3600.0, "delay_s": 0.002, "clock_s": 0.02, "scale": 0.001}
+"""What was learnt at a pass is taken for that many times less well known at the next, and never better
+than the second: mounts are set up anew, cameras are turned."""
 FRAMES: dict[str, Frame] = {"icrs": "icrf", "j2000": "j2000", "of_date": "of_date"}
 
 
@@ -88,6 +95,33 @@ class Reading(NamedTuple):
     cross_sigma_km: float
     along_curve: float = 0.0
     cross_curve_km_s2: float = 0.0
+
+
+def known_terms(sky: SkyTerms | None) -> KnownTerms | None:
+    """Return what a profile says of its mount and cameras as a pass begins; None where it says nothing."""
+    if sky is None:
+        return None
+    cameras = {name: _expected(CAMERA_TERMS, terms) for name, terms in sky.cameras.items()}
+    return KnownTerms(_expected(MOUNT_TERMS, sky.mount), cameras)
+
+
+def _expected(
+    names: tuple[str, ...], terms: dict[str, tuple[float, float]]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    pairs = np.array([terms.get(name, (0.0, 0.0)) for name in names])
+    least = [next(value for end, value in LEAST_SIGMAS.items() if name.endswith(end)) for name in names]
+    # What has no sigma was no question: the middle of a fine camera is what the target is centred on.
+    wider = np.hypot(KEPT_WIDER * pairs[:, 1], least)
+    return pairs[:, 0], np.where(pairs[:, 1] > 0.0, wider, 0.0)
+
+
+def _named(
+    names: tuple[str, ...], terms: tuple[NDArray[np.float64], NDArray[np.float64]]
+) -> dict[str, tuple[float, float]]:
+    return {
+        name: (float(f"{value:.6g}"), float(f"{sigma:.3g}"))
+        for name, value, sigma in zip(names, *terms, strict=True)
+    }
 
 
 class Estimator:
@@ -113,6 +147,26 @@ class Estimator:
         """Why the last observation was not taken; None where it was."""
         self.last_utc_s: float | None = None
         """Instant of the newest observation that was taken."""
+
+    def sigma_arcsec(self, utc_s: float, course: Course) -> float | None:
+        """Return how well it is known where the mount must point, one sigma in the worst direction."""
+        if self.filter is None:
+            return None
+        try:
+            _, spread = self.filter.pointing(course.airless, Utc(utc_s), True)
+        except FAILURES:
+            return None
+        return math.degrees(math.sqrt(max(0.0, float(np.linalg.eigvalsh(spread)[-1])))) * 3600.0
+
+    @property
+    def sky_terms(self) -> SkyTerms | None:
+        """What cameras have shown of the mount and of themselves, for its profile."""
+        if self.filter is None or not self.filter.best.cameras or self.last_utc_s is None:
+            return None
+        best = self.filter.best
+        cameras = {name: _named(CAMERA_TERMS, best.terms(name)) for name in best.cameras}
+        when = Utc(self.last_utc_s).isoformat("seconds")
+        return SkyTerms(when, _named(MOUNT_TERMS, best.terms()), {} if self.filter.mirrored else cameras)
 
     @property
     def camera_words(self) -> tuple[str, ...]:

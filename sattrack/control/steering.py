@@ -18,7 +18,7 @@ from sattrack.control.biases import (
     forget_estimate,
     nudge_biases,
 )
-from sattrack.control.estimate import Estimator
+from sattrack.control.estimate import LOST_AFTER_S, Estimator, known_terms
 from sattrack.views.messages import (
     LEAST_SIGMA_ARCSEC,
     MOST_OFFSET_ARCSEC,
@@ -31,13 +31,12 @@ from sattrack.views.messages import (
     Search,
     SeenOffset,
 )
+from sattrack.views.run import CameraView
 from tle.bias import Bias
 from tle.instants import Utc
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from sattrack.control.biases import Camera
+    from sattrack.control.biases import Camera, Cameras
     from sattrack.mount.model import MountProfile
     from sattrack.views.messages import Message
     from sattrack.views.run import RememberedView
@@ -48,6 +47,10 @@ REACTION_PERIODS = 3.0
 REFUSAL_SHOWN_S = 5.0
 FOLLOW_AGAIN_S = 0.5
 """How often an estimate is looked at whose observations have ended."""
+SEARCHED_SIGMAS = 2.0
+FIELDS_A_SECOND, ARMS_FIELDS = 0.5, 0.7
+"""How fast a search goes, and how far the arms of a spiral are apart, in fields of the camera."""
+SLOWER_STEPS = 12
 SAME_ALONG_S, SAME_CROSS_KM = 2e-6, 1e-5
 """An estimate that differs by less from what is fed, hundredths of an arcsecond, is no news."""
 
@@ -60,15 +63,17 @@ class Steering:
         propagator: Propagator,
         profile: MountProfile,
         bias: Bias,
-        camera: Camera,
+        cameras: Cameras,
         start_utc_s: float,
         remembered: RememberedView | None = None,
-        cameras: Mapping[str, Camera] | None = None,
     ) -> None:
-        self._camera, self._cameras = camera, cameras or {}
+        self.cameras = cameras
+        self._seen_by: dict[str, Camera] = {}
+        self._searched_since_s = float("inf")
+        """Of which last observation the loss has been searched for."""
         self._delay_s = REACTION_PERIODS * profile.period_s + profile.command_delay_s
-        self.biases = Biases(bias, propagator, profile, camera)
-        self.estimator = Estimator(propagator.elements.catalog_number, start_utc_s)
+        self.biases = Biases(bias, propagator, profile, cameras.other)
+        self.estimator = Estimator(propagator.elements.catalog_number, start_utc_s, known_terms(profile.sky))
         self.refusal: str | None = None
         """Why the operator's last word was not obeyed, in words."""
         self._refused_utc_s = float("-inf")
@@ -103,6 +108,8 @@ class Steering:
                 answer = nudge_biases(self.biases, message.along_s, message.cross_deg, begins_s)
             case OffsetBy():
                 answer = change_offset(self.biases, message, begins_s)
+            case Search(how="auto"):
+                answer = self._search_by_covariance(begins_s)
             case Search():
                 answer = begin_search(self.biases, message, begins_s)
             case DropRemembered():
@@ -125,10 +132,10 @@ class Steering:
 
         To be called once a period.
         """
-        ended = None
+        ended = self._search_if_lost(now_utc_s)
         due = self._following_estimate and now_utc_s - self._followed_s >= FOLLOW_AGAIN_S
         news = self.estimator.filter is not None and (self._estimated or due) and self._follow(now_utc_s)
-        if self.biases.moving:
+        if ended is None and self.biases.moving:
             ended = end_reached(self.biases, self._begins_s(now_utc_s))
         if ended is not None:
             self.tell(ended, now_utc_s)
@@ -141,10 +148,12 @@ class Steering:
         """
         begins_s = self._begins_s(now_utc_s)
         read = self.estimator.reading(begins_s, self.biases.course, fed=True)
-        self._estimated, self._followed_s = False, now_utc_s
+        found, self._estimated, self._followed_s = self._estimated, False, now_utc_s
         if read is None:
             return False
         first = not self._following_estimate
+        if found:
+            self._searched_since_s = float("inf")
         lasting_s = begins_s + FOLLOW_AGAIN_S
         half = 0.5 * FOLLOW_AGAIN_S**2
         along_s = read.along_s + FOLLOW_AGAIN_S * read.along_rate + half * read.along_curve
@@ -153,9 +162,54 @@ class Steering:
         off_km = cross_km - self.biases.estimated_cross_km.total_at(lasting_s)
         if not first and abs(off_s) < SAME_ALONG_S and abs(off_km) < SAME_CROSS_KM:
             return False
-        follow_estimate(self.biases, read, first, begins_s)
+        follow_estimate(self.biases, read, first, begins_s, first or found)
         self._following_estimate = True
         return True
+
+    def _search_if_lost(self, now_utc_s: float) -> str | None:
+        """Begin a search where the target is lost and may be out of the field; return that, in words."""
+        last_s = self.estimator.last_utc_s
+        if not self.cameras.search_when_lost or last_s is None or now_utc_s - last_s < LOST_AFTER_S:
+            return None
+        begins_s = self._begins_s(now_utc_s)
+        if last_s == self._searched_since_s or self.biases.pattern_at(begins_s) is not None:
+            return None
+        if self._search_by_covariance(begins_s) is not None:
+            return None
+        self._searched_since_s = last_s
+        return "the target is lost, and may be out of the field: searching"
+
+    def _search_by_covariance(self, begins_s: float) -> str | None:
+        """Search where the target may be, by what is known of it; return why not, in words.
+
+        Along the track where it is uncertain along it alone, else in a spiral; as fast as the mount and the
+        camera's field allow.
+        """
+        read = self.estimator.reading(begins_s, self.biases.course, fed=True)
+        field_deg = self.cameras.field_deg
+        if read is None:
+            return "auto refused: nothing was seen yet that tells where to search"
+        if field_deg is None:
+            return "auto refused: the camera's field is not known; give --fov, or set it in [camera]"
+        going = self.biases.course.going(begins_s + read.along_s)
+        along_deg = SEARCHED_SIGMAS * read.along_sigma_s * going.pace_deg_s
+        cross_deg = SEARCHED_SIGMAS * math.degrees(read.cross_sigma_km / going.range_km)
+        half_deg = 0.5 * field_deg
+        if math.hypot(along_deg, cross_deg) < half_deg:
+            return "auto refused: the target is within the camera's field by what is known"
+        why, speed_deg_s = "", FIELDS_A_SECOND * field_deg
+        for _ in range(SLOWER_STEPS):
+            if cross_deg < half_deg:
+                turn_s = max(2.0, 2.0 * math.pi * along_deg / speed_deg_s)
+                order = Search("sweep", reach_s=SEARCHED_SIGMAS * read.along_sigma_s, period_s=turn_s)
+            else:
+                arms_deg = min(2.0, max(0.001, ARMS_FIELDS * field_deg))
+                order = Search("spiral", spacing_deg=arms_deg, speed_deg_s=min(2.0, speed_deg_s))
+            refused = begin_search(self.biases, order, begins_s)
+            if refused is None:
+                return None
+            why, speed_deg_s = refused, 0.7 * speed_deg_s
+        return why
 
     def _drop_remembered(self, begins_s: float) -> str | None:
         known = self.remembered
@@ -203,6 +257,7 @@ class Steering:
         if not max(abs(dx), abs(dy)) <= MOST_OFFSET_ARCSEC:
             self.estimator.refuse(f"offsets go to {MOST_OFFSET_ARCSEC:g} arcseconds either way")
             return
+        self._seen_by[seen.camera or ""] = camera
         x, y = math.radians(dx / 3600.0), math.radians(dy / 3600.0)
         image = self.biases.image_at(utc_s, x, y, camera, seen.camera or "")
         there = image.fed + x * image.right + y * image.up
@@ -212,9 +267,35 @@ class Steering:
         directed = Observation(seen.utc, ra_deg, dec_deg, "of_date", sigma_arcsec)
         self._observe(directed, now_utc_s, begins_s, image)
 
+    def camera_views(self) -> tuple[CameraView, ...]:
+        """Return the cameras whose offsets were taken, and what was found of them."""
+        known, found = self.estimator.filter, []
+        for name in () if known is None else known.best.cameras:
+            assert known is not None
+            camera = self._seen_by[name]
+            (turn, scale, clock, *_), (turn_sigma, scale_sigma, clock_sigma, *_) = (
+                [float(one) for one in part] for part in known.best.terms(name)
+            )
+            found.append(
+                CameraView(
+                    name,
+                    camera.kind,
+                    camera.rotation_deg,
+                    camera.flip,
+                    camera.scale_arcsec_px,
+                    turn,
+                    turn_sigma,
+                    scale,
+                    scale_sigma,
+                    clock,
+                    clock_sigma,
+                )
+            )
+        return tuple(found)
+
     def _camera_of(self, seen: SeenOffset) -> Camera:
         """Return how the camera's image lies: as the message says, else as the run knows it by its name."""
-        known = self._cameras.get(seen.camera or "", self._camera)
+        known = self.cameras.named.get(seen.camera or "", self.cameras.other)
         return known._replace(
             rotation_deg=known.rotation_deg if seen.rotation_deg is None else seen.rotation_deg,
             flip=known.flip if seen.flipped is None else seen.flipped,

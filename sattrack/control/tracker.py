@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from sattrack.control.approach import Approach, ApproachStep, MountPlace
-from sattrack.control.biases import UPRIGHT, Camera
+from sattrack.control.biases import NO_CAMERAS, Cameras
 from sattrack.control.following import ControlLaw, Follower
 from sattrack.control.rest import Rest
 from sattrack.control.steering import Steering
@@ -22,8 +22,6 @@ from sattrack.views.messages import Go, Jog, Message, Observation, Pause, Search
 from tle.instants import Utc
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from sattrack.views.run import ErrorView, RememberedView
     from tle.bias import Bias
     from tle.direction import Direction
@@ -72,13 +70,12 @@ class Tracker:
         plan: TrackPlan,
         profile: MountProfile,
         bias: Bias,
-        camera: Camera = UPRIGHT,
+        cameras: Cameras = NO_CAMERAS,
         remembered: RememberedView | None = None,
-        cameras: Mapping[str, Camera] | None = None,
     ) -> None:
         self.plan = plan
         self._profile = profile
-        self.steering = Steering(propagator, profile, bias, camera, plan.start_utc_s, remembered, cameras)
+        self.steering = Steering(propagator, profile, bias, cameras, plan.start_utc_s, remembered)
         self.follower = Follower(profile, propagator.site.longitude_deg, plan.law)
         """Knows the mount's clock and axes, and learns of the mount while it follows."""
         self._satellite = SatelliteTarget(self.direction_at, plan.detours)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
-from sattrack.control.biases import MOST_ALONG_S, MOST_CROSS_DEG, Camera
+from sattrack.control.biases import MOST_ALONG_S, MOST_CROSS_DEG, Camera, Cameras
 from sattrack.control.engine import Engine, RunSpec
 from sattrack.control.tracker import TrackPlan
 from sattrack.core.angles import wrap180
@@ -75,7 +75,8 @@ class RunFacts(msgspec.Struct, frozen=True):
     cameras: dict[str, Camera] = {}
     """Cameras by their names; `""` is any other, of which without it the rotation and the flip above hold."""
     fov_deg: float | None = None
-    """Diameter of the camera's field of view; nothing that is computed depends on it."""
+    """Diameter of the camera's field of view; searches depend on it, nothing else."""
+    search_when_lost: bool = False
     remembered: RememberedView | None = None
     """The bias of an earlier pass, in force from the beginning; a nudge is in the first biases as well."""
     followed: TargetFacts | None = None
@@ -121,9 +122,13 @@ def build_engine(facts: RunFacts) -> Engine:
         started_utc_s=facts.started_utc_s,
         simulated=facts.mount_name == SIMULATED,
         recording=facts.recording,
-        camera=facts.cameras.get("", Camera(facts.camera_rotation_deg, facts.camera_flip)),
+        cameras=Cameras(
+            facts.cameras.get("", Camera(facts.camera_rotation_deg, facts.camera_flip)),
+            facts.cameras,
+            facts.fov_deg,
+            facts.search_when_lost,
+        ),
         remembered=facts.remembered,
-        cameras=facts.cameras,
     )
     return Engine(spec)
 
@@ -239,6 +244,7 @@ class RunRequest:
     camera_flip: bool = False
     cameras: dict[str, Camera] = field(default_factory=dict)
     fov_deg: float | None = None
+    search_when_lost: bool = False
     virtual: bool = False
     record: Path | None = None
     profile: ProfileFile = field(default_factory=ProfileFile)
@@ -325,6 +331,7 @@ def prepare(request: RunRequest) -> Prepared:
         camera_flip=request.camera_flip,
         cameras=request.cameras,
         fov_deg=request.fov_deg,
+        search_when_lost=request.search_when_lost,
         mount_name="sim" if address is None else str(address),
         started_utc_s=started_s,
         recording=None if request.record is None else str(request.record),
@@ -425,6 +432,8 @@ def _check_bias(request: RunRequest) -> None:
         )
     if not abs(request.camera_rotation_deg) <= 360.0:
         raise BadInputError(f"--camera-rotation {request.camera_rotation_deg}: give degrees, -360 to 360")
+    if request.search_when_lost and request.fov_deg is None:
+        raise BadInputError("--search-lost needs the camera's field: give --fov, or fov_deg in [camera]")
     if request.fov_deg is not None and not 0.0 < request.fov_deg <= MOST_FIELD_DEG:
         raise BadInputError(f"--fov {request.fov_deg:g}: give the field's diameter in degrees, above 0")
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import msgspec
 import numpy as np
 
-from sattrack.control.engine_view import estimate_view, learnt_view, offset_views
+from sattrack.control.engine_view import estimate_view, learnt_view, loop_view, offset_views
 from sattrack.control.following import ControlLaw
 from sattrack.core.errors import (
     BadInputError,
@@ -249,6 +249,7 @@ def summarise(engine: Engine, statistics: RunStatistics, ended_utc_s: float) -> 
         bias_cross_deg=cross_deg,
         offsets=offset_views(tracker, ended_utc_s),
         estimate=estimate_view(tracker, ended_utc_s, engine.malformed + engine.dropped),
+        loop=loop_view(tracker, ended_utc_s),
         remembered=tracker.steering.remembered,
         recording=spec.recording,
         mount_stopped=engine.mount_stopped,

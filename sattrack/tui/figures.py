@@ -557,6 +557,8 @@ def _news(scene: Scene) -> Row:
         return [(f"{search.how} {search.elapsed_s:.0f} s", "bold"), ("   s keep  Esc cancel", DIM)]
     if estimate is None:
         return _remembered(scene)
+    if scene.view.loop is not None and scene.view.loop.state == "lost":
+        return [(formatting.loop_text(scene.view.loop, scene.plain), "bold")]
     counts: Part = f"{estimate.accepted} seen"
     if estimate.rejected or estimate.refused:
         counts = f"{estimate.accepted} of {estimate.accepted + estimate.rejected + estimate.refused} seen"

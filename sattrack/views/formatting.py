@@ -13,7 +13,7 @@ from tle.instants import Utc
 
 if TYPE_CHECKING:
     from sattrack.mount.model import Status
-    from sattrack.views.run import ConsoleView, LearntView, Summary
+    from sattrack.views.run import ConsoleView, LearntView, LoopView, Summary
 
 
 NOTHING = "–"
@@ -529,6 +529,16 @@ def _bias_lines(summary: Summary) -> list[str]:
             f"{estimate.cross_deg:+.5f} ± {estimate.cross_sigma_deg or 0.0:.5f}° across"
         )
     return lines
+
+
+def loop_text(loop: LoopView, plain: bool = False) -> str:
+    """Return what closes the loop on the sky, in a few words."""
+    size = loop.sigma_arcsec
+    mark = '"' if plain else "″"
+    sigma = "" if size is None else f" {within(f'{size:.3g}', plain)}{mark}"
+    if loop.state == "lost":
+        return f"lost, predicted {loop.predicted_s or 0.0:.0f} s{sigma}"
+    return "elements only" if loop.state == "elements" else f"camera{sigma}"
 
 
 def learnt_line(learnt: LearntView) -> str:

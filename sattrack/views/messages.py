@@ -42,7 +42,7 @@ Quantity = Literal[
 """What can be offset: along the track in seconds, across it; right ascension on the sky and declination; the
 axes' own angles; the camera's two directions. Degrees but for the first."""
 How = Literal["add", "set", "rate", "gradual", "stop", "reset"]
-SearchHow = Literal["spiral", "sweep", "stop", "cancel"]
+SearchHow = Literal["spiral", "sweep", "auto", "stop", "cancel"]
 ObservedFrame = Literal["icrs", "j2000", "of_date"]
 MOST_SIGMA_ARCSEC = 3600.0
 LEAST_SIGMA_ARCSEC = 0.01
@@ -115,7 +115,8 @@ class Search(msgspec.Struct, frozen=True, tag="search", forbid_unknown_fields=Tr
     """Run a pattern about where the target is fed, or end the one that runs.
 
     `spiral`: arms `spacing_deg` apart, at `speed_deg_s` on the sky. `sweep`: along the track by `reach_s`
-    ahead and behind, there and back in `period_s`. `stop` keeps where it is as an offset along and across
+    ahead and behind, there and back in `period_s`. `auto`: either, where the target may be by what was
+    seen of it. `stop` keeps where it is as an offset along and across
     the track; `cancel` goes back to the centre.
     """
 

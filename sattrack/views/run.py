@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import msgspec
 
-from sattrack.mount.model import LinkView, Readings, Status
+from sattrack.mount.model import LinkView, Readings, SkyTerms, Status
 
 SAME_PASS_S = 120.0
 """Passes of one satellite that culminate within so long of one another are the same."""
@@ -71,6 +71,39 @@ class EstimateView(msgspec.Struct, frozen=True):
     """How often what was rejected took the place of the estimate."""
 
 
+class CameraView(msgspec.Struct, frozen=True):
+    """A camera whose offsets were taken: how its image was assumed to lie, and what was found beyond that.
+
+    Each found term has one sigma; `clock_s` is positive where its clock is ahead.
+    """
+
+    name: str
+    kind: str
+    rotation_deg: float
+    flipped: bool
+    scale_arcsec_px: float | None
+    found_rotation_deg: float
+    found_rotation_sigma_deg: float
+    found_scale: float
+    """A share: 0.01 where pixels are 1 % larger than assumed."""
+    found_scale_sigma: float
+    clock_s: float
+    clock_sigma_s: float
+
+
+class LoopView(msgspec.Struct, frozen=True):
+    """What closes the loop on the sky: "elements" alone, a "camera" (or plate solutions), or it is "lost".
+
+    Lost, the target is predicted by what was learnt, for `predicted_s` since the last observation.
+    """
+
+    state: str
+    predicted_s: float | None = None
+    sigma_arcsec: float | None = None
+    """How well it is known where the mount must point, one sigma in the worst direction."""
+    cameras: tuple[CameraView, ...] = ()
+
+
 class RememberedView(msgspec.Struct, frozen=True):
     """The bias of an earlier pass with which this one began: what it is from, and what became of it.
 
@@ -125,6 +158,8 @@ class LearntView(msgspec.Struct, frozen=True):
     """Time constant with which an error is taken out, of the slower axis."""
     restarts: int
     """How often the axes' filters contradicted what was seen, and restarted."""
+    sky: SkyTerms | None = None
+    """What cameras have shown of the mount and of themselves; None where none has."""
 
 
 class StageView(msgspec.Struct, frozen=True):
@@ -192,6 +227,8 @@ class TrackView(msgspec.Struct, frozen=True, tag="view"):
     """None before the mount was followed with."""
     stages: tuple[StageView, ...] = ()
     """The last stages, the newest at the end."""
+    loop: LoopView | None = None
+    """None where no camera is set and no observation has come."""
 
 
 class SkyPoint(msgspec.Struct, frozen=True, array_like=True):
@@ -308,6 +345,8 @@ class Summary(msgspec.Struct, frozen=True):
     offsets: tuple[OffsetView, ...] = ()
     """The operator's offsets at the end."""
     estimate: EstimateView | None = None
+    loop: LoopView | None = None
+    """How the loop on the sky stood at the end; null without cameras and observations."""
     remembered: RememberedView | None = None
     bias_memory: str | None = None
     """What was kept for the next pass with the same elements, or why nothing was; null where nothing is."""

@@ -4,23 +4,29 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pytest
 
-from sattrack.control.biases import UPRIGHT, Biases, Camera
+from sattrack.control.biases import UPRIGHT, Biases, Camera, Cameras
+from sattrack.control.engine_view import loop_view
 from sattrack.control.estimate import CONFIRMED_BY
 from sattrack.control.offset import KEPT
 from sattrack.control.steering import Steering
 from sattrack.mount.model import MountProfile
 from sattrack.runtime import demo_pass
-from sattrack.views.messages import OffsetBy, SeenOffset
+from sattrack.views.messages import OffsetBy, Search, SeenOffset
 from tle.bias import NO_BIAS
 from tle.instants import Utc
 from tle.orbit_fit import STATES, CorrectableOrbit
 from tle.propagator import Propagator
 from tle.refraction import Refraction
+
+if TYPE_CHECKING:
+    from sattrack.control.tracker import Tracker
+    from sattrack.views.run import LoopView
 
 CULMINATION_S = float(Utc.parse("2026-10-02T13:05:24Z").unix_s)
 BEGIN_S = CULMINATION_S - 60.0
@@ -41,6 +47,10 @@ class Loop:
     delay_s: float = 0.0
     seed: int = 1
     clouds_s: tuple[float, float] = (math.inf, math.inf)
+    profile: MountProfile = field(default_factory=MountProfile)
+    cameras: Cameras | None = None
+    beside_arcsec: tuple[float, float] | None = None
+    """Where a coarse camera sees what is in the middle of the fine one, which sees 0.1° only."""
     times: list[float] = field(default_factory=list)
     off_arcsec: list[float] = field(default_factory=list)
 
@@ -50,7 +60,9 @@ class Loop:
         )
         orbit = CorrectableOrbit(demo_pass.elements(), Utc(BEGIN_S))
         self.true = believed.with_elements(orbit.corrected(ELEMENTS_OFF_KM))
-        self.steering = Steering(believed, MountProfile(), NO_BIAS, self.camera, BEGIN_S - 5.0)
+        self.steering = Steering(
+            believed, self.profile, NO_BIAS, self.cameras or Cameras(self.camera), BEGIN_S - 5.0
+        )
         self.rng = np.random.default_rng(self.seed)
         self.waiting: list[SeenOffset] = []
 
@@ -81,10 +93,16 @@ class Loop:
         up = east * math.sin(angle) + north * math.cos(angle)
         dx, dy = (left if self.camera.flip else -left), up
         dx, dy = (value + self.rng.normal(0.0, SIGMA_ARCSEC) for value in (dx, dy))
-        return SeenOffset(Utc(utc_s).isoformat("microseconds"), float(dx), float(dy), SIGMA_ARCSEC, "guide")
+        name = "guide"
+        if self.beside_arcsec is not None and math.hypot(dx, dy) > 180.0:
+            name, dx, dy = "finder", dx + self.beside_arcsec[0], dy + self.beside_arcsec[1]
+        return SeenOffset(Utc(utc_s).isoformat("microseconds"), float(dx), float(dy), SIGMA_ARCSEC, name)
 
     def run(self, seconds: float, shuffled: bool = False) -> None:
-        for tick in range(round(seconds / TICK_S)):
+        self.go_on(0.0, seconds, shuffled)
+
+    def go_on(self, from_s: float, to_s: float, shuffled: bool = False) -> None:
+        for tick in range(round(from_s / TICK_S), round(to_s / TICK_S)):
             now = BEGIN_S + tick * TICK_S
             self.times.append(now - BEGIN_S)
             self.off_arcsec.append(math.hypot(*self.off(now)))
@@ -235,3 +253,71 @@ def test_an_offset_in_pixels_of_unknown_size_is_refused() -> None:
 
 def in_pixels(dx: float, dy: float, sigma: float, **more: Any) -> SeenOffset:
     return SeenOffset(Utc(BEGIN_S).isoformat("microseconds"), dx_px=dx, dy_px=dy, sigma_px=sigma, **more)
+
+
+def test_what_was_learnt_at_a_pass_helps_the_next_and_another_mounts_is_left_aside() -> None:
+    """The same hidden base and delay again; then those of another mount, of which the profile tells wrong."""
+    first = Loop(turn_arcsec=(200.0, -180.0, 130.0), delay_s=0.02)
+    first.run(40.0)
+    sky = first.steering.estimator.sky_terms
+    assert sky is not None
+    assert sky.cameras["guide"]["middle_x_deg"] == (0.0, 0.0), "a fine camera looks where the mount does"
+    delay_s, sigma_s = sky.mount["delay_s"]
+    assert abs(delay_s - 0.02) < 3.0 * sigma_s
+    again = Loop(turn_arcsec=(200.0, -180.0, 130.0), delay_s=0.02, seed=2, profile=MountProfile(sky=sky))
+    fresh = Loop(turn_arcsec=(200.0, -180.0, 130.0), delay_s=0.02, seed=2)
+    for loop in (again, fresh):
+        loop.run(25.0)
+    assert again.rms(10.0, 25.0) < 1.1 * fresh.rms(10.0, 25.0)
+    kept = again.steering.estimator.sky_terms
+    assert kept is not None
+    assert kept.cameras["guide"]["middle_x_deg"] == (0.0, 0.0)
+    assert again.steering.estimator.camera_words == ()
+    other = Loop(turn_arcsec=(-900.0, 800.0, -500.0), delay_s=-0.02, profile=MountProfile(sky=sky))
+    other.run(25.0)
+    assert other.rms(15.0, 25.0) < 2.0
+    assert any("does not hold" in words for words in other.steering.estimator.camera_words)
+
+
+def test_a_lost_target_is_searched_for_where_it_may_be_and_found_again() -> None:
+    """Clouds for half a minute, and a field that is smaller than what is not known by then."""
+    field_deg = 8.0 / 3600.0
+    cameras = Cameras(UPRIGHT, field_deg=field_deg, search_when_lost=True)
+    loop = Loop(turn_arcsec=(200.0, -180.0, 130.0), delay_s=0.02, clouds_s=(12.0, 40.0), cameras=cameras)
+    loop.run(39.0)
+    pattern = loop.steering.biases.pattern_at(BEGIN_S + 39.0)
+    assert pattern is not None
+    view = loop_view_of(loop, 39.0)
+    assert (view.state, view.predicted_s) == ("lost", pytest.approx(27.5, abs=0.01))
+    assert view.sigma_arcsec is not None
+    assert view.sigma_arcsec > 2.0
+    loop.clouds_s = (12.0, 39.0)
+    loop.go_on(39.0, 50.0)
+    assert loop.steering.biases.pattern_at(BEGIN_S + 50.0) is None
+    assert loop_view_of(loop, 50.0).state == "camera"
+    assert loop.rms(46.0, 50.0) < 3.0
+
+
+def loop_view_of(loop: Loop, at_s: float) -> LoopView:
+    tracker = SimpleNamespace(steering=loop.steering)
+    view = loop_view(cast("Tracker", tracker), BEGIN_S + at_s)
+    assert view is not None
+    return view
+
+
+def test_a_search_that_is_asked_for_is_refused_while_nothing_was_seen_or_no_field_is_known() -> None:
+    loop = Loop()
+    loop.steering.obey(Search("auto"), BEGIN_S)
+    assert "nothing was seen" in (loop.steering.refusal or "")
+    loop.run(10.0)
+    loop.steering.obey(Search("auto"), BEGIN_S + 10.0)
+    assert "the camera's field is not known" in (loop.steering.refusal or "")
+
+
+def test_a_coarse_camera_hands_over_to_a_fine_one_that_looks_elsewhere() -> None:
+    """The coarse one looks 6' beside the fine one: the target ends up in the middle of the fine one."""
+    loop = Loop(cameras=Cameras(UPRIGHT, {"finder": Camera(kind="coarse")}), beside_arcsec=(300.0, -200.0))
+    loop.run(30.0)
+    assert loop.rms(20.0, 30.0) < 2.0
+    found = {one.name: one.kind for one in loop.steering.camera_views()}
+    assert found == {"finder": "coarse", "guide": "fine"}
