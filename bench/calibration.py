@@ -263,17 +263,24 @@ def draw(number: int, seed: int) -> Drawn:
 
 STEADY_S, STOPS_S, PLATEAU_S = 3.0, 3.0, 8.0
 STOPS = 12
+LAG_STEPS, LAG_STEPS_LATER_S = 8, 0.0637
 REACHED, REACHED_FOR_S = 0.95, 0.015
 BEGUN_AGAIN_S = 0.3
 
 
 @dataclass(frozen=True)
 class AxisTruth:
-    """What a mount's declination axis does: the acceleration that stops from a rate take, and its lag."""
+    """What a mount's declination axis does in stops from a rate, and its lag."""
 
-    acceleration_deg_s2: float
+    limit_deg_s2: float
+    """The largest acceleration that it does: its limit, or what it comes to where it does not reach that."""
     reached: bool
-    """Whether it came to its limit; else the acceleration is rate^2 / (2 distance)."""
+    """Whether it comes to its limit."""
+    by_distance_deg_s2: float
+    """rate^2 / (2 distance), of the mean distance."""
+    rate_deg_s: float
+    farthest_deg: float
+    """The longest of the distances."""
     lag_s: float
 
 
@@ -327,11 +334,12 @@ class Probe:
 
     def lag_s(self) -> float:
         """Return by how much later than told small steps of the rate are taken."""
-        rates, lags = (0.10, 0.12, 0.10), []
-        before = self.move(rates[0], PLATEAU_S)[-1]
-        for _ in range(2):
-            for rate in rates[1:]:
-                seen = self.move(rate, PLATEAU_S)
+        lags = []
+        before = self.move(0.10, PLATEAU_S)[-1]
+        # A loop that turns in a pattern is met at every place of it.
+        for number in range(LAG_STEPS):
+            for rate in (0.12, 0.10):
+                seen = self.move(rate, PLATEAU_S + LAG_STEPS_LATER_S * number)
                 # Edges take a turn to lower the flag, in which the old rate goes on.
                 began_s = seen[0].utc_s
                 there = before.deg + before.deg_s * (began_s - before.utc_s)
@@ -350,7 +358,7 @@ def truth_of(probe: Probe, rate_deg_s: float, limit_deg_s2: float) -> AxisTruth:
     lag_s = probe.lag_s()
     probe.say(BEGUN_AGAIN_S)
     stops = [probe.stop(rate_deg_s * (-1.0) ** n) for n in range(STOPS)]
-    way = max(_farthest(stop) for stop in stops)
+    ways = [_farthest(stop) for stop in stops]
     seen = np.array(sorted((one.utc_s, one.deg_s) for stop in stops for one in stop if one.utc_s < 1.5))
     shown = 0.0
     for i, (t, v) in enumerate(seen):
@@ -359,7 +367,9 @@ def truth_of(probe: Probe, rate_deg_s: float, limit_deg_s2: float) -> AxisTruth:
             shown = max(shown, (v - seen[k, 1]) / (seen[k, 0] - t))
     reached = shown >= REACHED * limit_deg_s2
     from_deg_s = stops[0][0].deg_s
-    return AxisTruth(limit_deg_s2 if reached else from_deg_s**2 / (2.0 * way), reached, lag_s)
+    by_distance = from_deg_s**2 / (2.0 * float(np.mean(ways)))
+    limit = limit_deg_s2 if reached else shown
+    return AxisTruth(limit, bool(reached), by_distance, abs(from_deg_s), max(ways), lag_s)
 
 
 def _farthest(stop: list[Looked]) -> float:
@@ -385,6 +395,19 @@ class Judged:
     true: AxisTruth
     lag_s: float | None
     lag_sigma_s: float | None
+
+    @property
+    def true_deg_s2(self) -> float:
+        """What the value should be, by what it is said to mean."""
+        return self.true.limit_deg_s2 if self.limited else self.true.by_distance_deg_s2
+
+    @property
+    def stops_too_short(self) -> bool:
+        """Whether the stop foretold with the value, less two sigma, and the lag is shorter than it was."""
+        if self.value is None or self.sigma is None:
+            return False
+        way = self.true.rate_deg_s**2 / (2.0 * (self.value - 2.0 * self.sigma))
+        return way + self.true.rate_deg_s * max(0.0, self.lag_s or 0.0) < self.true.farthest_deg
 
 
 def judge_motion(kind: str, motion: AxisMotion, true: AxisTruth) -> Judged:
@@ -527,14 +550,14 @@ def motion_table(done: list[Judged]) -> list[str]:
         some = [one for one in done if one.kind == kind]
         rates = [o for o in some if o.value is not None and o.sigma is not None]
         lags = [o for o in some if o.lag_s is not None and o.lag_sigma_s is not None]
-        near = sum(abs(o.value - o.true.acceleration_deg_s2) <= 2.0 * o.sigma for o in rates)  # type: ignore[operator]
-        above = sum(o.value - 2.0 * o.sigma > o.true.acceleration_deg_s2 for o in rates)  # type: ignore[operator]
+        near = sum(abs(o.value - o.true_deg_s2) <= 2.0 * o.sigma for o in rates)  # type: ignore[operator]
+        short = sum(o.stops_too_short for o in rates)
         late = sum(abs(o.lag_s - o.true.lag_s) <= 2.0 * o.lag_sigma_s for o in lags)  # type: ignore[operator]
         widest = max((o.sigma / o.value for o in rates), default=math.nan)  # type: ignore[operator]
         lines += [
             f"{kind}: {len(some)} axes, {sum(o.true.reached for o in some)} reach their limit",
             f"  acceleration told of {len(rates)} ({sum(o.limited for o in rates)} as the limit), within two "
-            f"sigma {near}, sigma at most {100.0 * widest:.0f} %, foretold stops too short {above}",
+            f"sigma {near}, sigma at most {100.0 * widest:.0f} %, foretold stops too short {short}",
             f"  lag told of {len(lags)}, within two sigma {late}, worst error "
             f"{max((abs(o.lag_s - o.true.lag_s) * 1e3 for o in lags), default=math.nan):.1f} ms",  # type: ignore[operator]
         ]

@@ -1,6 +1,7 @@
 """Stops of mounts written from the paper alone, in virtual time: is rest ever announced too early, or never?
 
-`python bench/rest.py --stops 10000 --seed 1`. A session moves a mount at random rates; then it, or a
+`python bench/rest.py --stops 10000 --seed 1`, `--encoders` for encoders that hang and clocks of whole seconds
+or that stand still. A session moves a mount at random rates; then it, or a
 `DirectStop` like a guardian's, stops it. The mount's true axes are the judge: at the instant of the
 announcement each must be slower than REST_RATE_DEG_S against standstill or the sky. Fields lie, aborts act
 late, datagrams are lost and late, by draws that follow from the seed and the number of the stop.
@@ -10,7 +11,9 @@ from __future__ import annotations
 
 import argparse
 import heapq
+import math
 import random
+import struct
 import sys
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
@@ -60,6 +63,29 @@ class Draw(NamedTuple):
     jitter_s: float
     moves_s: float
     halts: bool
+    encoders: Encoders | None = None
+
+
+class Encoders(NamedTuple):
+    """An encoder that hangs for a while, after the stop was asked for, and the clock of the statuses."""
+
+    axis: str
+    """"ra" where the reported right ascension hangs, "hour angle" where the encoder's does, "dec", "both"."""
+    begins_s: float
+    lasts_s: float
+    clock: str
+
+
+CLOCKS = ("even", "even", "whole seconds", "still")
+DEC_AT, RA_AT, SIDEREAL_AT = 24, 40, 56
+"""Places in a status, by the paper's table."""
+
+
+def draw_encoders(seed: int, number: int) -> Encoders:
+    """Return what hangs in a stop, and when."""
+    dice = random.Random(f"encoders {seed}/{number}")
+    axis = dice.choice(("ra", "hour angle", "dec", "both", "both"))
+    return Encoders(axis, dice.uniform(-0.5, 1.5), dice.uniform(0.1, 1.9), dice.choice(CLOCKS))
 
 
 @dataclass(slots=True)
@@ -132,6 +158,36 @@ class Link:
         self._count = 0
         self.now_s = START_UTC_S
         self._next_tick_s = START_UTC_S
+        self.asked_s = float("inf")
+        """When the stop was asked for."""
+        self._hung: tuple[float, float] | None = None
+        self._first_h: float | None = None
+
+    def _status(self) -> bytes:
+        """Return the mount's status, as its encoders and its clock have it."""
+        data, drawn = self.mount.turn(), self._drawn.encoders
+        if drawn is None:
+            return bytes(data)
+        status = bytearray(data)
+        (ra_h,), (sidereal_h,) = (struct.unpack_from("<d", status, at) for at in (RA_AT, SIDEREAL_AT))
+        (dec_deg,) = struct.unpack_from("<d", status, DEC_AT)
+        since_s = self.mount.truth().utc_s - self.asked_s - drawn.begins_s
+        if 0.0 <= since_s < drawn.lasts_s:
+            clock_h = 0.0 if drawn.axis == "ra" else sidereal_h
+            self._hung = (clock_h - ra_h, dec_deg) if self._hung is None else self._hung
+            ra_h = ra_h if drawn.axis == "dec" else (clock_h - self._hung[0]) % 24.0
+            dec_deg = self._hung[1] if drawn.axis in ("dec", "both") else dec_deg
+        else:
+            self._hung = None
+        if drawn.clock == "whole seconds":
+            shown_h = math.floor(sidereal_h * 3600.0) / 3600.0
+        else:
+            self._first_h = sidereal_h if self._first_h is None else self._first_h
+            shown_h = self._first_h if drawn.clock == "still" else sidereal_h
+        struct.pack_into("<d", status, RA_AT, ra_h)
+        struct.pack_into("<d", status, DEC_AT, dec_deg)
+        struct.pack_into("<d", status, SIDEREAL_AT, shown_h)
+        return bytes(status)
 
     def put(self, at_s: float, outward: bool, data: bytes) -> None:
         """Send a datagram one way."""
@@ -156,7 +212,7 @@ class Link:
                 else:
                     session.receive(data, at_s)
             else:
-                self.put(turns_s, False, self.mount.turn())
+                self.put(turns_s, False, self._status())
         self.now_s = self._next_tick_s
 
     def speed_deg_s(self) -> float:
@@ -185,7 +241,7 @@ def run(drawn: Draw) -> Outcome:
 
 
 def _stop(link: Link, session: Session, outcome: Outcome) -> Outcome:
-    asked_s = link.now_s
+    asked_s = link.asked_s = link.now_s
     while link.now_s - asked_s < LONGEST_S:
         link.put(link.now_s, True, session.compose())
         link.run_period(session)
@@ -204,17 +260,18 @@ def _stop(link: Link, session: Session, outcome: Outcome) -> Outcome:
     return outcome
 
 
-def stops(count: int, seed: int, processes: int) -> list[Outcome]:
+def stops(count: int, seed: int, processes: int, encoders: bool = False) -> list[Outcome]:
     """Run so many stops of a seed."""
-    one = partial(_numbered, seed)
+    one = partial(_numbered, seed, encoders)
     if processes == 1:
         return [one(number) for number in range(count)]
     with ProcessPoolExecutor(processes) as pool:
         return list(pool.map(one, range(count), chunksize=50))
 
 
-def _numbered(seed: int, number: int) -> Outcome:
-    return run(draw(seed, number))
+def _numbered(seed: int, encoders: bool, number: int) -> Outcome:
+    drawn = draw(seed, number)
+    return run(drawn._replace(encoders=draw_encoders(seed, number)) if encoders else drawn)
 
 
 def main() -> int:
@@ -223,8 +280,9 @@ def main() -> int:
     parser.add_argument("--stops", type=int, default=600)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--encoders", action="store_true", help="encoders that hang, clocks that stand")
     options = parser.parse_args()
-    outcomes = stops(options.stops, options.seed, options.processes)
+    outcomes = stops(options.stops, options.seed, options.processes, options.encoders)
     early = [one for one in outcomes if one.called_s is not None and one.early]
     never = [one for one in outcomes if one.called_s is None]
     late_s = sorted(

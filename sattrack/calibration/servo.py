@@ -3,11 +3,13 @@
 A few servo models are fitted to all its stops at once. Each has five parameters. The models differ in
 whether the rate wanted falls at once or in a ramp, and in whether the loop holds rates or places. The
 acceleration has one meaning in all of them: the largest that the axis does. Its sigma holds how much the
-models that fit differ, and how badly the best one fits.
+models that fit differ, and how badly the best one fits. An axis that is like none of them is described by its
+stopping distance alone.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -35,10 +37,12 @@ FEWEST_SAMPLES = 8
 SCOUTING, ITERATIONS = 6, 12
 SAME_FIT = 3.0
 """Models whose residuals are so many times the best one's or less are as good as it."""
-RESIDUAL_WEIGHT = 5.0
+RESIDUAL_WEIGHT = 25.0
+"""How wrong a limit may be, over the part of the distance by which the best model misses the positions. A
+drive that jerks from turn to turn is like none of the models, and its limit may be a third off at 0.015."""
+UNEVEN_WEIGHT = 2.0
+"""How wrong a stopping distance may be, over the same: such a drive stops a little differently each time."""
 LEAST_SIGMA = 0.02
-TURNS_SIGMA = 0.06
-"""Of a rate that changes in steps, turn by turn: how the steps are planned is not known."""
 LARGEST_SIGMA = 0.1
 REACHED = 0.95
 REACHED_FOR_S = 0.015
@@ -62,16 +66,13 @@ class Model(NamedTuple):
 
     ramped: bool
     """Whether the rate wanted falls in a ramp, else at once."""
-    by_turns: bool
-    """Whether it falls by a step in each turn of the mount's loop, with a limit of jerk."""
     holds_places: bool
 
 
 MODELS = (
-    Model(ramped=False, by_turns=False, holds_places=False),
-    Model(ramped=False, by_turns=False, holds_places=True),
-    Model(ramped=True, by_turns=False, holds_places=True),
-    Model(ramped=True, by_turns=True, holds_places=True),
+    Model(ramped=False, holds_places=False),
+    Model(ramped=False, holds_places=True),
+    Model(ramped=True, holds_places=True),
 )
 
 
@@ -134,7 +135,6 @@ class _Samples:
     scale_deg: Array
     """Stopping distances, of slower stops by as much more as less is asked of the fit there."""
     step_s: float
-    turn_s: float
 
 
 def measured(changes: Sequence[Transient]) -> Measured | None:
@@ -151,7 +151,9 @@ def measured(changes: Sequence[Transient]) -> Measured | None:
         float(ends[:, 0].mean()),
         math.hypot(float(ends[:, 0].std()), float(ends[:, 1].mean())),
         way,
-        math.hypot(float(ways.std()), WAY_SIGMA * abs(way), NOISE_DEG, rate * LEAST_TIME_SIGMA_S),
+        math.hypot(
+            float(ways.std(ddof=len(ways) > 1)), WAY_SIGMA * abs(way), NOISE_DEG, rate * LEAST_TIME_SIGMA_S
+        ),
     )
 
 
@@ -160,14 +162,19 @@ def braking(stops: Sequence[Transient]) -> Braking | None:
     stop = measured(stops)
     if stop is None:
         return None
-    nothing = Braking(stop, None, None, limited=False)
     if stop.deg <= stop.deg_sigma:
-        return nothing
-    value, part = stop.rate_deg_s**2 / (2.0 * stop.deg), stop.deg_sigma / stop.deg
-    limit = _limit(_samples([s for s in stops if _usable(s)]))
+        return Braking(stop, None, None, limited=False)
+    samples = _samples([s for s in stops if _usable(s)])
+    fits = [_fitted(samples, model) for model in MODELS]
+    misses_by = min(fit.misses_by for fit in fits)
+    part = math.hypot(stop.deg_sigma / stop.deg, UNEVEN_WEIGHT * misses_by)
+    stop = dataclasses.replace(stop, deg_sigma=part * stop.deg)
+    value, limit = stop.rate_deg_s**2 / (2.0 * stop.deg), _limit(fits)
     if limit is not None and limit[0] > (1.0 - LARGEST_SIGMA) * value:
         return Braking(stop, *limit, limited=True)
-    return Braking(stop, value, part * value, limited=False) if part <= LARGEST_SIGMA else nothing
+    if part > LARGEST_SIGMA:
+        return Braking(stop, None, None, limited=False)
+    return Braking(stop, value, part * value, limited=False)
 
 
 def _fastest(changes: Sequence[Transient]) -> list[Transient]:
@@ -224,7 +231,6 @@ def _samples(stops: Sequence[Transient]) -> _Samples:
         sigma,
         scale,
         until / STEPS,
-        float(np.median(np.diff(stops[0].seconds))),
     )
 
 
@@ -233,15 +239,13 @@ def _settled_s(stop: Transient) -> float:
     return float(stop.seconds[np.flatnonzero(off)[-1]] if off.any() else 0.0) + 0.1
 
 
-def _limit(samples: _Samples) -> tuple[float, float] | None:
+def _limit(fits: Sequence[_Fit]) -> tuple[float, float] | None:
     """Return the largest acceleration and its sigma; None where the axis did not come to it."""
-    fits = [_fitted(samples, model) for model in MODELS]
     best = min(fits, key=lambda f: f.misses_by)
     good = [f for f in fits if f.misses_by <= SAME_FIT * best.misses_by]
     value = best.acceleration_deg_s2
     spread = 0.5 * float(np.ptp([f.acceleration_deg_s2 for f in good])) / value
-    by_turns = TURNS_SIGMA if MODELS[fits.index(best)].by_turns else 0.0
-    part = math.hypot(best.part_sigma, spread, RESIDUAL_WEIGHT * best.misses_by, LEAST_SIGMA, by_turns)
+    part = math.hypot(best.part_sigma, spread, RESIDUAL_WEIGHT * best.misses_by, LEAST_SIGMA)
     if part > LARGEST_SIGMA or best.shown < REACHED:
         return None
     return value, part * value
@@ -319,16 +323,8 @@ def _simulated(at: Array, samples: _Samples, model: Model) -> tuple[Array, Array
     begin = samples.rates_deg_s[None, :] * np.ones_like(limit)
     h = samples.step_s
     instants = np.arange(STEPS + 1, dtype=np.float64) * h
-    ramp, smooth_s = limit, np.maximum(np.abs(at[:, 3:4]), 1e-3)
-    if model.by_turns:
-        # With a limit of jerk, a small change ends before the acceleration has come to its limit.
-        ramp = np.minimum(limit, np.sqrt(limit / smooth_s * begin))
-        smooth_s = smooth_s * ramp / limit
-    wanted = _wanted_deg(instants, begin, ramp if model.ramped else None, smooth_s)
-    if model.by_turns:
-        knots = instants - instants % samples.turn_s
-        low, high = (_wanted_deg(knots + late_s, begin, ramp, smooth_s) for late_s in (0.0, samples.turn_s))
-        wanted = low + ((instants - knots) / samples.turn_s)[:, None, None] * (high - low)
+    smooth_s = np.maximum(np.abs(at[:, 3:4]), 1e-3)
+    wanted = _wanted_deg(instants, begin, limit if model.ramped else None, smooth_s)
     rate, force = begin.copy(), np.zeros_like(begin)
     place = wanted[0].copy() if model.holds_places else np.zeros_like(begin)
     first = place.copy()

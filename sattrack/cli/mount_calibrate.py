@@ -176,14 +176,15 @@ def _fly(
     profile, limits = described
     around = surroundings(site, profile, clock.utc_s(time.monotonic()), limits)
     with ExitStack() as stack:
+        owned_as = None
         if address is None:
             from sattrack.runtime.calibrate import start_practice_mount
 
             simulated = start_practice_mount(around, site, clock, sim_profile)
             stack.callback(simulated.close)
-            address = simulated.address
+            address, owned_as = simulated.address, "sim"
         stack.callback(renew)
-        return calibrate_live(around, address, clock, _show, profile=profile)
+        return calibrate_live(around, address, clock, _show, profile=profile, owned_as=owned_as)
 
 
 def _show(phase: str, part_done: float) -> None:

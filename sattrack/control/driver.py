@@ -161,6 +161,8 @@ class DirectStop(Driver):
     def __init__(self, profile: MountProfile, begun_utc_s: float, counter: int = 0) -> None:
         super().__init__(profile, Safety(profile, SafetyLimits(), 0.0))
         self.session.health.sent = counter
+        # What it did before is not known: positions that repeat from the first on may be a hung encoder's.
+        self.session.taken_over()
         self.stop: StopProcedure = StopProcedure(begun_utc_s, blind=True)
         self.session.apply(self.clear(Stop(), begun_utc_s))
 

@@ -102,14 +102,17 @@ def calibrate_live(
     show: Callable[[str, float], None],
     plan: Plan | None = None,
     profile: MountProfile | None = None,
+    owned_as: str | None = None,
 ) -> Calibrator:
     """Run a calibration to its end, and return it; `show` hears the phase and the part done.
+
+    `owned_as` is the mount's name, that of its address where it is None.
 
     Any key on the terminal, and any signal that would end the process, brings the mount to rest and ends the
     run. Raises SattrackError where the port is not available.
     """
     with ExitStack() as stack:
-        link, guard = stack.enter_context(owned(address, profile, clock.speed))
+        link, guard = stack.enter_context(owned(address, profile, clock.speed, owned_as))
         stop = StopRequest()
         stack.enter_context(stopping(stop))
         keys = stack.enter_context(_any_key())

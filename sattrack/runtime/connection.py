@@ -124,6 +124,7 @@ class Guarded:
                 mount=owned_as,
                 listen_port=link.listen_port,
             ),
+            local=not name.startswith("xerxes://"),
         )
         self._name = name
         self._beats = 0

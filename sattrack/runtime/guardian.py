@@ -164,6 +164,8 @@ class GuardianTask(msgspec.Struct, frozen=True):
     speed: float
     hang_after_s: float
     owner: Owner
+    local: bool = False
+    """Whether the mount is a program of this machine, simulated or a gateway, that may end."""
 
 
 @dataclass(slots=True)
@@ -284,10 +286,13 @@ class Guardian:
         for client in [client for client in self.clients if client.heard is not None]:
             self._show(client)
         if self._stop is not None and self.link in readable:
-            for arrival in self.link.receive():
-                self._stop.receive(arrival.data, arrival.monotonic_s * self.task.speed)
-            if self._due_s - time.monotonic() > self._period_s:
-                # ReceivedStatus at last: no more waiting.
+            arrivals = self.link.receive()
+            heard = [self._stop.receive(one.data, one.monotonic_s * self.task.speed) for one in arrivals]
+            # Only a status ends the waiting; any program may send something to this port.
+            if (
+                any(sample is not None for sample in heard)
+                and self._due_s - time.monotonic() > self._period_s
+            ):
                 self._due_s = time.monotonic()
 
     def _receive_from_feeder(self) -> None:
@@ -382,13 +387,16 @@ class Guardian:
         self._note("was told to give up; the mount is NOT KNOWN AT REST")
 
     def _nobody_there(self, now_s: float) -> bool:
-        """Return whether a mount on this machine, simulated then, has ended itself."""
+        """Return whether a simulated mount, or a gateway, has ended itself.
+
+        Behind another address on this machine may be a tunnel to a mount that moves on.
+        """
         address = self.task.address
         assert self._stop is not None
         age_s = self._stop.session.health.age_s(now_s * self.task.speed)
         heard_s = self._begun_s if age_s is None else now_s - age_s / self.task.speed
         since_s = max(self._begun_s, self._asked_s, heard_s)
-        if not (address.host.startswith("127.") and now_s - since_s > GONE_AFTER_S):
+        if not (self.task.local and now_s - since_s > GONE_AFTER_S):
             return False
         self._asked_s = now_s
         return nobody_listens(address, encode_command(Command(abort=True)), ASK_WITHIN_S)

@@ -333,6 +333,10 @@ class Session:
         """How the mount stands, for safety to judge; None before the first status."""
         return None if self.status is None else stance_of(self.status, self._standstill.stands)
 
+    def taken_over(self) -> None:
+        """Note that the mount may have been moving before its first status."""
+        self._standstill.positions.may_have_moved = True
+
     @property
     def ignored_fields(self) -> tuple[str, ...]:
         """Which fields of the status are not used because positions contradict them, and why, in words."""

@@ -11,8 +11,9 @@ later, must keep within the bound with SURE standard errors, so that an axis tha
 at rest. Where noise hides the answer, the window grows. A status with the clock and the place of the one
 before is no position. The fields RightAscensionRate, DeclinationRate and Slewing can only make rest later,
 and only until positions contradict them. A coordinate that repeats to the last bit may be that of an encoder
-that hangs: it contradicts no field that was right before, and where the axis' rate field was wrong before it
-shows rest only after HANGS_S.
+that hangs: it contradicts no field that was right before. Unless the axis' rate field was seen to be right in
+motion, it shows rest only after HANGS_S, where the axis was moving just before. A clock that stands still
+while positions change is replaced by arrivals.
 """
 
 from __future__ import annotations
@@ -61,6 +62,17 @@ CONFIRMED_STATUSES = 10
 """A field that agrees with positions in so many statuses means what it should."""
 DENIED_STATUSES = 15
 HANGS_S = 2.0
+HANGS_FROM_DEG_S = 0.005
+"""An axis that was slower before its encoder began to hang, and brakes, rests within a window."""
+DENIED_LATELY_S = 10.0
+JUMPS_DEG_S = 20.0
+"""No axis is so fast: its coordinates have changed."""
+HANGS_DEG = 1e-9
+"""Hour angles that differ by less are the same, but for rounding."""
+STILL_CLOCK_S, STILL_CLOCK_CHANGES = 2.5, 10
+"""A clock that has not moved for so long, in so many statuses with new places, stands still."""
+LEAST_STATUS_S = 0.03
+"""Statuses that arrive in a burst are taken to be at least so far apart."""
 STEADY_SHARE = 0.98
 NOT_SLOWING_STATUSES = 3
 """So many statuses of a mount that moves on bring the stop anew; twice as many the next time, as a mount may
@@ -105,31 +117,39 @@ class Positions:
     _judged: dict[float, Fit | None] = field(default_factory=dict)
     _recent: list[Position] | None = None
     """Those of the shortest window."""
+    may_have_moved: bool = False
+    """Whether the axes may have been moving before the first status."""
     _changed_utc_s: tuple[float, float] = (-math.inf, -math.inf)
-    """When right ascension and declination were last other than in the status before."""
+    """When each axis was last elsewhere than in the status before."""
+    _speeds_deg_s: tuple[float, float] = (0.0, 0.0)
+    """How fast each axis was then, in the last two statuses, against standstill or the sky."""
+    _ways_deg_s: tuple[float, float] = (0.0, 0.0)
+    """How fast in the last of them."""
+    _ticked_utc_s: float = -math.inf
+    """When the mount's clock last moved."""
+    _changes: int = 0
+    """Statuses with new places since then."""
 
     def take(
         self, arrival_utc_s: float, sidereal_h: float, ra_deg: float, dec_deg: float, beyond_pole: bool
     ) -> None:
         """Take what a status tells of where the axes are."""
-        self._heard_utc_s = arrival_utc_s
         self._judged.clear()
         place = (sidereal_h, ra_deg, dec_deg, beyond_pole)
         before, self._last = self._last, place
-        if before is not None and before[:3] == place[:3]:
+        self._see_changes(arrival_utc_s, place, before)
+        still = self._clock_stands(arrival_utc_s)
+        if before is not None and before[:3] == place[:3] and not still:
             return
-        if before is not None:
-            ra_utc_s, dec_utc_s = self._changed_utc_s
-            self._changed_utc_s = (
-                ra_utc_s if before[1] == ra_deg else arrival_utc_s,
-                dec_utc_s if before[2] == dec_deg else arrival_utc_s,
-            )
         hour_angle_deg = sidereal_h * 15.0 - ra_deg
+        if still:
+            hour_angle_deg += (arrival_utc_s - self._ticked_utc_s) * SIDEREAL_RATE_DEG_S
         mount_s = 0.0
         if self._kept and before is not None:
             last = self._kept[-1]
             hours = math.remainder(sidereal_h - before[0], 24.0)
-            mount_s = last.mount_s + hours * 15.0 / SIDEREAL_RATE_DEG_S
+            passed_s = arrival_utc_s - last.arrival_utc_s if still else hours * 15.0 / SIDEREAL_RATE_DEG_S
+            mount_s = last.mount_s + passed_s
             hour_angle_deg = last.hour_angle_deg + math.remainder(hour_angle_deg - last.hour_angle_deg, 360.0)
             gap_s = mount_s - last.mount_s - (arrival_utc_s - last.arrival_utc_s)
             if abs(gap_s) > CLOCK_JUMP_S or before[3] != place[3]:
@@ -139,9 +159,53 @@ class Positions:
             self._kept.popleft()
         self._recent = self._window(WINDOWS_S[0], -math.inf)
 
+    def _see_changes(
+        self,
+        arrival_utc_s: float,
+        place: tuple[float, float, float, bool],
+        before: tuple[float, float, float, bool] | None,
+    ) -> None:
+        """Note which axes are elsewhere than before, and whether the clock moves."""
+        heard_utc_s, self._heard_utc_s = self._heard_utc_s, arrival_utc_s
+        if before is None:
+            self._ticked_utc_s = arrival_utc_s
+            if self.may_have_moved:
+                self._changed_utc_s, self._speeds_deg_s = (arrival_utc_s, arrival_utc_s), (math.inf, math.inf)
+            return
+        seconds = max(arrival_utc_s - heard_utc_s, LEAST_STATUS_S)
+        turned_deg = math.remainder((place[0] - before[0]) * 15.0 - place[1] + before[1], 360.0)
+        dec_deg = place[2] - before[2]
+        # A mount may report the encoder that hangs as a right ascension, or as an hour angle.
+        same = before[1] == place[1] or abs(turned_deg) < HANGS_DEG, dec_deg == 0.0
+        sky_deg = min(abs(turned_deg), abs(turned_deg - SIDEREAL_RATE_DEG_S * seconds))
+        ways = sky_deg / seconds, abs(dec_deg) / seconds
+        axes = zip(same, ways, self._ways_deg_s, self._speeds_deg_s, self._changed_utc_s, strict=True)
+        ra, dec = (
+            (utc_s, speed) if repeats else (arrival_utc_s, speed if way > JUMPS_DEG_S else max(way, last))
+            for repeats, way, last, speed, utc_s in axes
+        )
+        self._changed_utc_s, self._speeds_deg_s = (ra[0], dec[0]), (ra[1], dec[1])
+        self._ways_deg_s = min(ways[0], ra[1]), min(ways[1], dec[1])
+        if before[0] != place[0]:
+            self._ticked_utc_s, self._changes = arrival_utc_s, 0
+        else:
+            self._changes += before[1:3] != place[1:3]
+
+    @property
+    def may_hang(self) -> tuple[bool, bool]:
+        """Whether each axis has been at one place to the last bit, though not for long, and moved before."""
+        ra, dec = (
+            0.5 * WINDOWS_S[0] < s < HANGS_S and speed > HANGS_FROM_DEG_S
+            for s, speed in zip(self.repeats_s, self._speeds_deg_s, strict=True)
+        )
+        return ra, dec
+
+    def _clock_stands(self, now_utc_s: float) -> bool:
+        return self._changes >= STILL_CLOCK_CHANGES and now_utc_s - self._ticked_utc_s > STILL_CLOCK_S
+
     @property
     def repeats_s(self) -> tuple[float, float]:
-        """For how long right ascension and declination have been the same to the last bit, seconds."""
+        """For how long each axis has been at the same place to the last bit, seconds."""
         ra_utc_s, dec_utc_s = self._changed_utc_s
         return self._heard_utc_s - ra_utc_s, self._heard_utc_s - dec_utc_s
 
@@ -286,9 +350,17 @@ class Fields:
     """Statuses in which a field agreed with positions, by field and whether they moved."""
     _denied: Counter[str] = field(default_factory=Counter)
     """Statuses in which a rate was not that of moving positions."""
+    _denied_utc_s: dict[str, float] = field(default_factory=dict)
+    """When it was so last."""
 
-    def see(self, sample: StatusSample, rests: bool, positions: Positions, move_axis: bool) -> None:
-        """Compare a status' fields with positions; `move_axis` where Slewing may be true at rest."""
+    def see(
+        self, sample: StatusSample, rests: bool, positions: Positions, move_axis: bool, aborted: bool
+    ) -> None:
+        """Compare a status' fields with positions; `move_axis` where Slewing may be true at rest.
+
+        `aborted` after an abort was acknowledged: a rate that then goes on beside positions that repeat is
+        that of no axis, or of one whose encoder hangs and that does not obey.
+        """
         rates_deg_s, last_deg_s = positions.rates_deg_s(), positions.last_rates_deg_s()
         live = [repeats_s < WINDOWS_S[0] for repeats_s in positions.repeats_s]
         now_utc_s = sample.arrival_utc_s
@@ -304,8 +376,11 @@ class Fields:
             )
             self._agreed[name, True] += rate > MOVES_DEG_S and not off and math.isfinite(reported)
             self._denied[name] += off
+            if off:
+                self._denied_utc_s[name] = now_utc_s
             stands = rests and not _rate_rests(reported, axis == 0)
-            stands = stands and (live[axis] or not self.confirmed(name))
+            unlike = self.doubtful(name) or (aborted and not self.confirmed(name))
+            stands = stands and (live[axis] or unlike)
             self._hold(name, "is no number", not math.isfinite(reported), now_utc_s, NO_NUMBER_S)
             self._hold(name, "says motion while positions stand", stands, now_utc_s)
             self._hold(name, "is not the rate at which positions move", off, now_utc_s)
@@ -315,7 +390,8 @@ class Fields:
         self._agreed[SLEWING, True] += fast and sample.slewing
         self._agreed[SLEWING, False] += rests and not sample.slewing
         stands = rests and sample.slewing and not move_axis
-        stands = stands and (all(live) or not self.confirmed(SLEWING) or self._rates_say_rest(sample))
+        rates_tell = self._rates_say_rest(sample) and not (self.doubtful(RA_RATE) or self.doubtful(DEC_RATE))
+        stands = stands and (all(live) or not self.confirmed(SLEWING) or rates_tell)
         self._hold(SLEWING, "stays true while positions stand", stands, now_utc_s)
         self._hold(SLEWING, "stays false while positions move", fast and not sample.slewing, now_utc_s)
 
@@ -324,6 +400,11 @@ class Fields:
         kinds = (True, False) if name == SLEWING else (True,)
         enough = all(self._agreed[name, moved] >= CONFIRMED_STATUSES for moved in kinds)
         return enough and name not in self.ignored
+
+    def trusted(self, name: str, now_utc_s: float) -> bool:
+        """Tell whether a rate field was right in motion, and not wrong lately: it may lie in a stop alone."""
+        lately = now_utc_s - self._denied_utc_s.get(name, -math.inf) < DENIED_LATELY_S
+        return self.confirmed(name) and not lately
 
     def doubtful(self, name: str) -> bool:
         """Tell whether a rate field was wrong in motion more often than right; a sync jumps for less."""
@@ -399,7 +480,7 @@ class Standstill:
         )
         rates = self.positions.rates_deg_s()
         rests = self.positions.rest() is not None and not self._may_hang
-        self.fields.see(sample, rests, self.positions, move_axis)
+        self.fields.see(sample, rests, self.positions, move_axis, aborted)
         believed = self._believed(sample, rests, rates or (0.0, 0.0))
         mean_deg_s = 0.0 if rates is None or rests else max(abs(rate) for rate in rates)
         # The mean of a window falls for a while after the axis has stopped.
@@ -434,8 +515,9 @@ class Standstill:
     @property
     def _may_hang(self) -> bool:
         """Whether positions that repeat may be those of an encoder that hangs in mid-motion."""
-        repeats = zip((RA_RATE, DEC_RATE), self.positions.repeats_s, strict=True)
-        return any(0.5 * WINDOWS_S[0] < s < HANGS_S and self.fields.doubtful(name) for name, s in repeats)
+        now_utc_s = -math.inf if self._sample is None else self._sample.arrival_utc_s
+        hangs = zip((RA_RATE, DEC_RATE), self.positions.may_hang, strict=True)
+        return any(may and not self.fields.trusted(name, now_utc_s) for name, may in hangs)
 
     @property
     def turned(self) -> bool:

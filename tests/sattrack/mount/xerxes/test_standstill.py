@@ -247,6 +247,41 @@ class TestHangingEncoder:
         stops.hear(3.0 + HANGS_S + 4 * PERIOD_S)
         assert stops.standstill.at_rest
 
+    def test_it_hangs_as_an_hour_angle_after_a_move_too_short_to_doubt_a_field(self) -> None:
+        hangs = Watched(lambda s: min(max(0.0, s - 1.0), 0.5) + max(0.0, s - 3.4), rates=(0.0, 0.0))
+        for _ in range(90):
+            hangs.hear(PERIOD_S)
+            assert hangs.seconds < 1.0 + 2 * PERIOD_S or not hangs.standstill.at_rest, hangs.seconds
+
+    def test_of_a_mount_that_is_taken_over_positions_that_repeat_show_rest_late(self) -> None:
+        mount = Watched(standing)
+        mount.standstill.positions.may_have_moved = True
+        mount.hear(HANGS_S - 2 * PERIOD_S)
+        assert not mount.standstill.at_rest
+        mount.hear(4 * PERIOD_S)
+        assert mount.standstill.at_rest
+
+    @pytest.mark.parametrize("number", [85, 449, 559, 626, 3, 8])
+    def test_mounts_that_others_have_written(self, number: int) -> None:
+        drawn = rest.draw(5, number)._replace(encoders=rest.draw_encoders(5, number))
+        outcome = rest.run(drawn)
+        assert outcome.called_s is not None
+        assert not outcome.early
+
+
+def test_a_clock_that_stands_still_is_replaced_by_arrivals_once_positions_have_changed() -> None:
+    mount = Watched(lambda s: min(s, 4.0), dec=lambda s: 0.3 * min(s, 4.0), rates=(1.0, 0.3))
+    mount.clock_step_s = 1e6
+    mount.hear(3.9)
+    assert not mount.standstill.at_rest
+    mount.rates = (0.0, 0.0)
+    mount.hear(HANGS_S + 1.0)
+    assert mount.standstill.at_rest
+    frozen = Watched()
+    frozen.clock_step_s = 1e6
+    frozen.hear(20.0)
+    assert not frozen.standstill.at_rest
+
 
 def test_a_number_that_is_none_once_does_not_cost_a_field() -> None:
     mount = Watched()
