@@ -18,11 +18,14 @@ import erfa
 import numpy as np
 
 from tle.earth import ARCSEC, to_tirs
+from tle.elements import Elements
 from tle.errors import BiasError, ObservationError, PlaceError
 from tle.instants import as_utc
 from tle.sun import LIGHT_KM_S, earth_velocity_km_s
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from tle.earth import EarthOrientation
@@ -34,7 +37,10 @@ Frame = Literal["of_date", "icrf", "j2000"]
 _ALONG_STEP_S = 0.05
 _CROSS_STEP_DEG = 0.01
 _LONGEST_STEP_S = 30.0
-_MOST_STEPS = 200
+_MOST_STEPS = 40
+# A solution so far across the track is looked for along the whole orbit too, at so many places.
+_FAR_DEG, _PLACES = 5.0, 180
+_FARTHEST_DEG = 30.0
 # The rounding of SGP4's time since epoch moves a low satellite by 1e-11 rad at 60 days and 7e-9 at a century.
 _CLOSE_RAD = 5e-8
 
@@ -128,7 +134,7 @@ def bias_from_observation(
         seen = propagator.with_place("astrometric")
     model = _Model(seen, t)
     plain = model.unit(0.0, 0.0)
-    along_s, cross_deg = _solve(model, observed)
+    along_s, cross_deg = _solve(model, observed, _orbit_s(propagator))
     jacobian, _, m, n = model.slopes(along_s, cross_deg)
     motion = seen.at(t, Bias(along_s, cross_deg)).unit_rate
     moved = np.array([motion @ m, motion @ n]) * sigma_time_s
@@ -198,12 +204,46 @@ class _Model:
         return jacobian, u, m, n
 
 
-def _solve(model: _Model, observed: NDArray[np.float64]) -> tuple[float, float]:
+def _solve(model: _Model, observed: NDArray[np.float64], places_s: Sequence[float]) -> tuple[float, float]:
+    """Return the biases that lead to a direction: from the elements' own place, else from the nearest place.
+
+    `places_s` are biases along the track all round the orbit: elements of weeks ago may be minutes off.
+    """
+    found = _newton(model, observed, 0.0)
+    if not places_s or (found is not None and abs(found[1]) < _FAR_DEG):
+        return _bias(found)
+    nearest_s = max(places_s, key=lambda along_s: float(model.unit(along_s, 0.0) @ observed))
+    again = _newton(model, observed, nearest_s)
+    if again is not None and abs(again[1]) < (_FARTHEST_DEG if found is None else 0.5 * abs(found[1])):
+        return again
+    return _bias(found)
+
+
+def _bias(found: tuple[float, float] | None) -> tuple[float, float]:
+    if found is None:
+        raise ObservationError(
+            "no bias along the track leads from the elements to the observed direction: "
+            "check the object, the time and the station"
+        )
+    return found
+
+
+def _orbit_s(propagator: Propagator) -> Sequence[float]:
+    """Return biases along the track that lead all round an orbit, seconds; none for other ephemerides."""
+    if not isinstance(propagator.elements, Elements):
+        return ()
+    half = 0.5 * propagator.elements.period_s
+    places: list[float] = np.linspace(-half, half, _PLACES, endpoint=False).tolist()
+    return places
+
+
+def _newton(model: _Model, observed: NDArray[np.float64], along_s: float) -> tuple[float, float] | None:
     """Return the biases that lead to a direction, by Newton's method with bounded steps along the track.
 
-    It goes on until a step no longer halves the miss: then only rounding is left, at most 0.01 arcsec.
+    It goes on until a step no longer halves the miss: then only rounding is left, at most 0.01 arcsec. None
+    where it comes to no end.
     """
-    along_s = cross_deg = 0.0
+    cross_deg = 0.0
     best, least_miss = (along_s, cross_deg), math.inf
     for _ in range(_MOST_STEPS):
         jacobian, u, m, n = model.slopes(along_s, cross_deg)
@@ -215,24 +255,13 @@ def _solve(model: _Model, observed: NDArray[np.float64]) -> tuple[float, float]:
             return best if least_miss < miss else (along_s, cross_deg)
         if miss < least_miss:
             best, least_miss = (along_s, cross_deg), miss
-        step = _newton_step(jacobian, off)
+        try:
+            step = np.linalg.solve(jacobian, off)
+        except np.linalg.LinAlgError:
+            return None
         along_s += float(max(-_LONGEST_STEP_S, min(_LONGEST_STEP_S, step[0])))
         cross_deg = max(-89.0, min(89.0, cross_deg + float(step[1])))
-    raise _no_bias()
-
-
-def _newton_step(jacobian: NDArray[np.float64], off: NDArray[np.float64]) -> NDArray[np.float64]:
-    try:
-        return np.asarray(np.linalg.solve(jacobian, off), dtype=np.float64)
-    except np.linalg.LinAlgError:
-        raise _no_bias() from None
-
-
-def _no_bias() -> ObservationError:
-    return ObservationError(
-        "no bias along the track leads from the elements to the observed direction: "
-        "check the object, the time and the station"
-    )
+    return None
 
 
 def _measured(ra_deg: float, dec_deg: float, frame: Frame) -> NDArray[np.float64]:

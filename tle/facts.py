@@ -43,8 +43,8 @@ if TYPE_CHECKING:
 
 _STEP_S, _LONG_STEP_S, _LONG_S = 10.0, 60.0, 3600.0
 _CLOSE_S = 1e-2
-# The arrays of so many looks stay within a processor's cache.
-_LOOKS_A_CHUNK = 60000
+# Fewer would cost more in calls than a processor's cache gives back.
+_LOOKS_A_CHUNK = 120000
 # Fewer passes are looked at sooner than threads start to pay.
 _FEWEST_TO_SHARE = 2000
 _SHORTEST_HALF_S = 1e-6

@@ -171,8 +171,11 @@ class Utc:
         moment = Utc(round(self.unix_s, digits)).datetime() if not self.is_array else self.datetime()
         return moment.replace(tzinfo=None).isoformat(timespec=timespec) + "Z"
 
-    def isoformats(self, timespec: str = "microseconds") -> list[str]:
-        """Return each of an array of instants as `isoformat` does; "microseconds" or "seconds"."""
+    def isoformats(self, timespec: str = "microseconds", quote: str = "") -> list[str]:
+        """Return each of an array of instants as `isoformat` does, within quotes where one is given.
+
+        `timespec` is "microseconds" or "seconds".
+        """
         fine = timespec == "microseconds"
         whole = np.floor(self.unix_s) if fine else np.rint(self.unix_s)
         micro = np.rint((self.unix_s - whole) * 1e6).astype(np.int32) if fine else np.zeros(1, dtype=np.int32)
@@ -189,6 +192,8 @@ class Utc:
             text[:, column] = 48 + micro % 10
             micro = micro // 10
         text[:, -1] = ord("Z")
+        if quote:
+            text = np.pad(text, ((0, 0), (1, 1)), constant_values=ord(quote))
         joined, width = text.tobytes().decode("ascii"), text.shape[1]
         return [joined[k : k + width] for k in range(0, len(joined), width)]
 

@@ -286,9 +286,7 @@ def _of_objects(block: PassTable, texts: Callable[[list[Elements]], list[str]]) 
 
 def _instants(unix_s: Array, none: str, quote: str) -> list[str]:
     missing = np.isnan(unix_s)
-    texts = Utc(np.where(missing, 0.0, unix_s)).isoformats()
-    if quote:
-        texts = [f"{quote}{text}{quote}" for text in texts]
+    texts = Utc(np.where(missing, 0.0, unix_s)).isoformats(quote=quote)
     for k in np.flatnonzero(missing).tolist():
         texts[k] = none
     return texts

@@ -83,9 +83,10 @@ class NightPlans:
         """Return the plan of a night. Raises BadInputError, SattrackError, TleError."""
         schedule = load_schedule(self.file)
         situation = situation_of(self.context, schedule, self.profile, (begin_utc_s, end_utc_s), now_utc_s)
-        once = any(entry.conditions.once_a_run for entry in schedule.entries)
-        if once and self.journal is not None:
-            situation = replace(situation, taken=self.journal.followed())
+        asked = (entry.conditions for entry in schedule.entries)
+        counts = any(c.once_a_run or c.once_a_night or c.most_an_hour is not None for c in asked)
+        if counts and self.journal is not None:
+            situation = replace(situation, followed=self.journal.followed())
         rehearse = rehearser(self.context, self.profile, schedule) if self.rehearse else None
         load = loader(self.context, schedule)
         plan, chosen = make_plan(schedule, situation, load, rehearse, progress())

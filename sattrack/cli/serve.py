@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 Command = TypeVar("Command", bound="Callable[..., Any]")
 LAST_LINES_WITHIN_S = 1.0
+LONGEST_IDLE_S, MOST_REQUESTS = 86_400.0, 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,14 +118,20 @@ def caller_options(port: int, idle_s: float, requests_per_s: float) -> Callable[
     return add
 
 
+def check_idle(idle_s: float) -> None:
+    """Raise BadInputError for a time that nobody may be silent for."""
+    if not 1.0 <= idle_s <= LONGEST_IDLE_S:
+        raise BadInputError(f"--idle {idle_s:g}: 1 or more, {LONGEST_IDLE_S:g} at most")
+
+
 def caller_limits(options: dict[str, Any], most_clients: int) -> CallerLimits:
     """Return what `caller_options` let callers take. Raises BadInputError."""
     check_port(options["port"])
     if not 1 <= options["clients"] <= most_clients:
         raise BadInputError(f"--clients {options['clients']}: from 1 to {most_clients}")
-    for name in ("idle", "requests"):
-        if not options[name] >= 1.0:
-            raise BadInputError(f"--{name} {options[name]:g}: 1 or more")
+    check_idle(options["idle"])
+    if not 1.0 <= options["requests"] <= MOST_REQUESTS:
+        raise BadInputError(f"--requests {options['requests']:g}: 1 or more, {MOST_REQUESTS:g} at most")
     allowed = _networks(options["allow"])
     return CallerLimits(options["clients"], options["idle"], options["requests"], allowed)
 

@@ -21,7 +21,7 @@ from sattrack.cli.common import (
     screen_options,
     tui_possible,
 )
-from sattrack.cli.serve import Log, check_port, end_of_service, what_is_served
+from sattrack.cli.serve import Log, check_idle, check_port, end_of_service, what_is_served
 from sattrack.core.errors import BadInputError
 from sattrack.core.process import self_command
 from sattrack.runtime.callers import CallerLimits, listen
@@ -194,8 +194,7 @@ def _server(options: dict[str, Any]) -> tuple[AntennaServer, str]:
             channel=reopen(), reopen=reopen
         ), f"{device}, {options['baud']} baud, {options['framing']}"
     check_port(options["port"])
-    if not options["idle"] >= 1.0:
-        raise BadInputError(f"--idle {options['idle']:g}: 1 or more")
+    check_idle(options["idle"])
     limits = CallerLimits(callers=1, elsewhere_s=options["idle"])
     server = AntennaServer(listen(options["host"], options["port"]), limits=limits)
     return server, f"{options['host']}:{server.port}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import math
+import re
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from sattrack.planning.kinematics import PredictedLoss
     from sattrack.safety.limits import SafetyLimits
     from sattrack.schedule.file import Schedule, ScheduleEntry
+    from sattrack.schedule.night import FollowedPass
     from sattrack.schedule.transitions import CandidatePath
     from tle.elements import Elements
     from tle.facts import PassFacts
@@ -65,8 +67,8 @@ class PlanSituation:
     profile: MountProfile
     limits: SafetyLimits
     magnitudes: Mapping[int, float] = field(default_factory=dict)
-    taken: frozenset[int] = frozenset()
-    """Catalogue numbers of satellites that were followed in the nights of the run before."""
+    followed: tuple[FollowedPass, ...] = ()
+    """What the run has followed already, by culmination: it counts where a rule takes only so many."""
     workers: int = 1
 
 
@@ -219,12 +221,12 @@ class EntrySearch:
         kept = [
             e
             for e in found
-            if e.designator
-            and low <= int(e.designator[:4]) < high
+            if (year := re.match(r"\d{4}(?=-)", e.designator))
+            and low <= int(year[0]) < high
             and fnmatch.fnmatchcase(e.designator, c.designator.upper() or "*")
         ]
         if found and not kept:
-            unknown = sum(not e.designator for e in found)
+            unknown = sum(not re.match(r"\d{4}-", e.designator) for e in found)
             self.found.notes.append(
                 f"none of {len(found)} objects has the launch or designator asked for"
                 + (f"; {unknown} have no designator" if unknown else "")

@@ -11,7 +11,7 @@ import numpy as np
 
 from sattrack.safety.route import slew_s
 from sattrack.schedule.candidates import INFEASIBLE, PIER, Judge, gather
-from sattrack.schedule.planner import MOST_WORK, TAKEN, Packing, best_packed, packings_of
+from sattrack.schedule.planner import MOST_WORK, Packing, best_packed, leave_out_taken, packings_of
 from sattrack.schedule.transitions import (
     FEWEST_CUTS,
     ROUNDING_S,
@@ -176,7 +176,7 @@ class _Maker:
     ) -> None:
         self._schedule, self._situation = schedule, situation
         self._candidates, self._judge = candidates, judge
-        _leave_out_taken(schedule, candidates, situation.taken)
+        leave_out_taken(schedule, candidates, situation)
         self._terms = [entry.terms for entry in schedule.entries]
         self._paths: dict[int, CandidatePath] = {}
         self._rehearsed: dict[Node, Rehearsed] = {}
@@ -198,7 +198,7 @@ class _Maker:
         self._set = self._nodes([])
         self._chosen: list[int] = []
         self._value = self._bound = 0.0
-        self._packings = packings_of(schedule, candidates, situation.site)
+        self._packings = packings_of(schedule, candidates, situation)
 
     def _check_side(self, one: Candidate) -> None:
         """Lose a candidate that is wanted on the side of the pier on which the mount does not take it."""
@@ -580,14 +580,6 @@ class _Maker:
 def _may_split(one: Candidate) -> bool:
     """Return whether two parts of a candidate could be taken that have no instant in common."""
     return one.latest_start_utc_s >= one.earliest_end_utc_s and is_flexible(one)
-
-
-def _leave_out_taken(schedule: Schedule, candidates: list[Candidate], taken: frozenset[int]) -> None:
-    """Lose those of rules that take each satellite once a run, of which it was followed already."""
-    for number, one in enumerate(candidates):
-        once = schedule.entries[one.entry].conditions.once_a_run
-        if once and one.lost is None and one.elements.catalog_number in taken:
-            candidates[number] = replace(one, lost=(TAKEN, "followed already in this run"))
 
 
 def _all_lost_to(one: Candidate, node: Node) -> tuple[LostTo, ...]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 from msgspec.structs import replace
@@ -416,6 +416,14 @@ def enough_left(run: Run, utc_s: float, another: bool = False) -> bool:
     # What was begun is followed on however short the rest is, if it can be reached at all.
     least_s = 2.0 * LATE_S if another else min(one.terms.least_s, one.end_utc_s - one.start_utc_s)
     return left_s >= least_s - 1.0
+
+
+class FollowedPass(NamedTuple):
+    """A pass that was followed for a while: its satellite, when it is highest, and the entry that asked."""
+
+    catalog_number: int
+    culminate_utc_s: float
+    asked_by: str
 
 
 def mean_noon_s(longitude_deg: float) -> float:

@@ -23,7 +23,16 @@ import tomli_w
 from sattrack.core.clock import decode_utc, encode_utc
 from sattrack.core.errors import SattrackError
 from sattrack.schedule import machine
-from sattrack.schedule.night import Event, FinishedPass, Mount, Order, PassAttempt, Recovered, Run
+from sattrack.schedule.night import (
+    Event,
+    FinishedPass,
+    FollowedPass,
+    Mount,
+    Order,
+    PassAttempt,
+    Recovered,
+    Run,
+)
 from sattrack.schedule.night_stop import holder, resume_command, stop_of
 from sattrack.schedule.summary import page, summary_name, text_lines
 from sattrack.views.schedule import ScheduleView
@@ -227,14 +236,18 @@ class Journal:
                 found += [] if name is None else [(row[1], name)]
         return found
 
-    def followed(self) -> frozenset[int]:
-        """Return the catalogue numbers of the satellites that were followed so far."""
-        run, found = Run(), set[int]()
+    def followed(self) -> tuple[FollowedPass, ...]:
+        """Return the passes that were followed so far, in order of their culmination."""
+        run, found = Run(), set[FollowedPass]()
         for row in (*self._entries(), *self._waiting):
             run, _ = machine.step(run, msgspec.json.decode(row[2], type=Event, dec_hook=decode_utc))
             pairs = zip(run.passes, run.results, strict=False)
-            found |= {one.elements.catalog_number for one, result in pairs if result.on_target_s > 0.0}
-        return frozenset(found)
+            found |= {
+                FollowedPass(one.elements.catalog_number, one.culminate_utc_s, one.asked_by)
+                for one, result in pairs
+                if result.on_target_s > 0.0
+            }
+        return tuple(sorted(found, key=lambda one: one.culminate_utc_s))
 
     def append(self, event: Event, run: Run, order: Order) -> None:
         """Keep an event: on the disk when this returns, or in memory, with `trouble` set."""

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import heapq
 import math
+from bisect import bisect_left
 from dataclasses import dataclass, replace
 from itertools import count
 from typing import TYPE_CHECKING, NamedTuple, Protocol
@@ -33,9 +34,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sattrack.schedule.candidates import Candidate
-    from sattrack.schedule.file import Schedule
-    from tle.site import Site
+    from sattrack.schedule.candidates import Candidate, PlanSituation
+    from sattrack.schedule.file import Schedule, ScheduleEntry
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
@@ -436,9 +436,53 @@ ONCE, TAKEN, HOUR_FULL = "once", "taken", "hour full"
 HOUR_S = 3600.0
 
 
-def packings_of(schedule: Schedule, candidates: Sequence[Candidate], site: Site) -> list[Packing]:
+def leave_out_taken(schedule: Schedule, candidates: list[Candidate], situation: PlanSituation) -> None:
+    """Lose candidates for which the passes that the run has followed leave no place in their rule."""
+    if not situation.followed:
+        return
+    noon_s = mean_noon_s(situation.site.longitude_deg)
+    followed_s = [_followed_s(entry, situation) for entry in schedule.entries]
+    for number, one in enumerate(candidates):
+        c, top_s = schedule.entries[one.entry].conditions, one.culminate_utc_s
+        nights = {
+            _night(each.culminate_utc_s, noon_s)
+            for each in situation.followed
+            if each.catalog_number == one.elements.catalog_number
+        }
+        lost = None
+        if c.once_a_run and nights:
+            lost = (TAKEN, "followed already in this run")
+        elif c.once_a_night and _night(top_s, noon_s) in nights:
+            lost = (TAKEN, "followed already in this night")
+        elif c.most_an_hour is not None and _is_crowded([*followed_s[one.entry], top_s], c.most_an_hour):
+            lost = (HOUR_FULL, f"the rule takes {c.most_an_hour} an hour, and they were followed already")
+        if lost is not None and one.lost is None:
+            candidates[number] = replace(one, lost=lost)
+
+
+def _is_crowded(tops_s: Sequence[float], most: int) -> bool:
+    """Return whether more passes than that, the last one among them, culminate within some hour."""
+    last = tops_s[-1]
+    return any(
+        begin <= last < begin + HOUR_S and sum(begin <= top < begin + HOUR_S for top in tops_s) > most
+        for begin in tops_s
+    )
+
+
+def _night(utc_s: float, noon_s: float) -> int:
+    return math.floor((utc_s - noon_s) / DAY_S)
+
+
+def _followed_s(entry: ScheduleEntry, situation: PlanSituation) -> list[float]:
+    """Return when the passes culminated that were followed for an entry, POSIX seconds, in order."""
+    return [one.culminate_utc_s for one in situation.followed if one.asked_by == entry.label]
+
+
+def packings_of(
+    schedule: Schedule, candidates: Sequence[Candidate], situation: PlanSituation
+) -> list[Packing]:
     """Return the sets of candidates, by number, of which a schedule's rules take only so many."""
-    noon_s = mean_noon_s(site.longitude_deg)
+    noon_s = mean_noon_s(situation.site.longitude_deg)
     found: list[Packing] = []
     for number, entry in enumerate(schedule.entries):
         c = entry.conditions
@@ -446,7 +490,7 @@ def packings_of(schedule: Schedule, candidates: Sequence[Candidate], site: Site)
         if c.once_a_run or c.once_a_night:
             found += _once(asked, c.once_a_run, noon_s)
         if c.most_an_hour is not None:
-            found += _an_hour(asked, c.most_an_hour)
+            found += _an_hour(asked, c.most_an_hour, _followed_s(entry, situation))
     return found
 
 
@@ -454,7 +498,7 @@ def _once(asked: Sequence[Candidate], a_run: bool, noon_s: float) -> Iterator[Pa
     """Give the passes of each satellite; nights change at the site's mean noon."""
     sets: dict[tuple[int, int], set[int]] = {}
     for one in asked:
-        night = 0 if a_run else math.floor((one.culminate_utc_s - noon_s) / DAY_S)
+        night = 0 if a_run else _night(one.culminate_utc_s, noon_s)
         sets.setdefault((one.elements.catalog_number, night), set()).add(one.number)
     words = f"the rule takes each satellite once a {'run' if a_run else 'night'}"
     for members in sets.values():
@@ -462,16 +506,23 @@ def _once(asked: Sequence[Candidate], a_run: bool, noon_s: float) -> Iterator[Pa
             yield Packing(frozenset(members), 1, ONCE, words)
 
 
-def _an_hour(asked: Sequence[Candidate], most: int) -> Iterator[Packing]:
-    """Give the passes that culminate within an hour, for each hour that begins with one of them."""
-    ordered = sorted(asked, key=lambda one: one.culminate_utc_s)
+def _an_hour(asked: Sequence[Candidate], most: int, followed_s: Sequence[float]) -> Iterator[Packing]:
+    """Give the passes that culminate within an hour, for each hour that begins with one of them.
+
+    `followed_s` are culminations of what was followed already, in order: it takes places of its hours.
+    """
     words = f"the rule takes {most} an hour"
-    end, before = 0, frozenset[int]()
-    for begin, first in enumerate(ordered):
-        while end < len(ordered) and ordered[end].culminate_utc_s < first.culminate_utc_s + HOUR_S:
-            end += 1
-        members = frozenset(one.number for one in ordered[begin:end])
+    ordered = sorted(asked, key=lambda one: one.culminate_utc_s)
+    tops_s = [one.culminate_utc_s for one in ordered]
+    before = frozenset[int]()
+    for first_s in sorted({*tops_s, *followed_s}):
+        inside, hour = (
+            slice(bisect_left(times, first_s), bisect_left(times, first_s + HOUR_S))
+            for times in (followed_s, tops_s)
+        )
+        left = most - len(followed_s[inside])
+        members = frozenset(one.number for one in ordered[hour])
         # An hour whose passes are all of the one before asks for nothing new.
-        if len(members) > most and not members <= before:
-            yield Packing(members, most, HOUR_FULL, words)
+        if len(members) > left and not (left == most and members <= before):
+            yield Packing(members, left, HOUR_FULL, words)
             before = members

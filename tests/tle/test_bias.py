@@ -232,6 +232,26 @@ def test_observations_are_taken_however_old_the_elements(lines, age_days):
         assert separation_arcsec(true.ra_deg, true.dec_deg, ours.ra_deg, ours.dec_deg) < 0.05
 
 
+@pytest.mark.parametrize("along_s", [-2500.0, -1524.0, -913.0, -305.0, 260.0, 600.0, 2010.0])
+def test_a_satellite_minutes_off_its_old_elements_is_found_along_its_orbit(along_s):
+    # Sets of the space station and of Tiangong are so far apart after 17 to 125 days with manoeuvres.
+    peer, propagator = Independent(ISS, LEIDEN), Propagator(ELEMENTS, Site(*LEIDEN), earth=PLAIN)
+    propagator = propagator.with_place("astrometric")
+    unix_s = ELEMENTS.epoch.unix_s + np.arange(0.0, 86400.0, 10.0)
+    up = unix_s[peer.alt_deg(unix_s + along_s) > 25.0]
+    found = []
+    for t in map(Utc, up[:: max(1, len(up) // 10)].tolist()):
+        # At an instant at which the satellite is up, the Earth being turned by a little since.
+        ra_deg, dec_deg = peer.radec_deg(t.unix_s, along_s)
+        there = propagator.with_place("apparent").at(t, Bias(along_s))
+        if there.alt_deg < 10.0:
+            continue
+        found.append(bias_from_observation(propagator, ra_deg, dec_deg, t, "icrf"))
+    assert len(found) > 2
+    assert [one.along_s for one in found] == pytest.approx([along_s] * len(found), abs=0.05)
+    assert max(abs(one.cross_deg) for one in found) < 0.01
+
+
 def test_the_inverse_at_the_celestial_pole_and_through_culmination():
     highest = max((ELEMENTS.epoch.plus(s) for s in range(0, 6000, 20)), key=lambda t: itrs_km(ISS, t)[2])
     for site in (site_that_sees_it_at_the_pole(ISS, highest), site_below(ISS, highest)):

@@ -285,6 +285,19 @@ def test_a_journal_that_is_older_than_the_status_is_not_gone_by(
     assert len(taken.recovered.over) == len(night[1].results)
 
 
+def test_a_journal_says_what_was_followed(night: tuple[Path, Run], tmp_path: Path) -> None:
+    shutil.copytree(night[0], tmp_path / "run")
+    taken = open_run(tmp_path / "run", BEGIN)
+    pairs = zip(night[1].passes, night[1].results, strict=False)
+    wanted = [
+        (one.elements.catalog_number, one.culminate_utc_s, one.asked_by)
+        for one, result in pairs
+        if result.on_target_s > 0.0
+    ]
+    assert wanted
+    assert list(taken.journal.followed()) == sorted(wanted, key=lambda one: one[1])
+
+
 def test_without_a_status_too_a_damaged_journal_begins_the_night_anew(tmp_path: Path) -> None:
     (tmp_path / FILE_NAME).write_bytes(b"no journal" * 1000)
     (tmp_path / "status.json").write_bytes(b'{"type":')

@@ -22,6 +22,7 @@ from sattrack.schedule import candidates
 from sattrack.schedule.candidates import Candidate, Loaded, PlanSituation
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.making import make_plan
+from sattrack.schedule.night import FollowedPass
 from sattrack.views.schedule import Rehearsed, SchedulePlan
 from tle.instants import Utc
 from tle.propagator import Propagator
@@ -564,11 +565,20 @@ def stays_up(one: Elements, minutes: float) -> bool:
     return bool(np.min(Propagator(one, Site(52.1541, 4.4908, 0.0)).at(at).alt_deg) > 30.0)
 
 
-def planned_of(folder: Path, text: str, sky: list[Elements], minutes: float) -> SchedulePlan:
+def planned_of(
+    folder: Path,
+    text: str,
+    sky: list[Elements],
+    minutes: float,
+    begin_utc: str = "2026-10-02T18:00:00Z",
+    followed: tuple[FollowedPass, ...] = (),
+) -> SchedulePlan:
     schedule = load_schedule(Path(written(folder, text)))
-    begin = utc_s("2026-10-02T18:00:00Z")
+    begin = utc_s(begin_utc)
     span = (begin, begin + 60.0 * minutes)
-    situation = PlanSituation(span, begin, Site(52.1541, 4.4908, 0.0), MountProfile(), SafetyLimits())
+    situation = PlanSituation(
+        span, begin, Site(52.1541, 4.4908, 0.0), MountProfile(), SafetyLimits(), followed=followed
+    )
     return make_plan(schedule, situation, lambda _: Loaded(sky, False, "sky"))[0]
 
 
@@ -734,6 +744,55 @@ def test_each_satellite_once_and_so_many_an_hour_are_kept_and_said_why(
     (place,) = once["with_numbers"]
     assert plan["passes"][place - 1]["catalog_number"] == once["catalog_number"]
     assert len(reasons["hour full"]["with_numbers"]) == 2
+
+
+def test_a_plan_made_anew_counts_what_was_followed_where_rules_take_only_so_many(tmp_path: Path) -> None:
+    rule = "all, above 15°, once a night, at most 2 an hour"
+    text = f"[defaults]\nif_sun_up = 'run'\nif_infeasible = 'run'\n[[passes]]\nrule = \"{rule}\"\n"
+    sky = made_up_sky(24)
+    first = planned_of(tmp_path, text, sky, 300.0)
+    followed = tuple(
+        FollowedPass(one.catalog_number, utc_s(one.culminate_utc), one.asked_by)
+        for one in first.passes
+        if one.end_utc < "2026-10-02T20:00:00"
+    )
+    assert len(followed) >= 3
+    later = planned_of(tmp_path, text, sky, 180.0, "2026-10-02T20:00:00Z", followed)
+    tops = [utc_s(one.culminate_utc) for one in later.passes]
+    assert len(tops) > 3
+    assert not {one.catalog_number for one in later.passes} & {one.catalog_number for one in followed}
+    every = [*(one.culminate_utc_s for one in followed), *tops]
+    assert all(third - one >= 3600.0 for one, third in zip(every, every[2:], strict=False))
+    whys = {(one.reason, one.why) for one in later.lost}
+    assert ("taken", "followed already in this night") in whys
+    # Nothing else changes: without what was followed, the plan is worth at least as much.
+    assert planned_of(tmp_path, text, sky, 180.0, "2026-10-02T20:00:00Z").value >= later.value
+
+
+def test_an_hour_that_was_followed_in_full_takes_no_more(tmp_path: Path) -> None:
+    text = "[defaults]\nif_sun_up = 'run'\n[[passes]]\nname = 'few'\nrule = 'all, at most 1 an hour'\n"
+    begin = "2026-10-02T20:00:00Z"
+    free = planned_of(tmp_path, text, made_up_sky(24), 60.0, begin)
+    before = (FollowedPass(99999, utc_s(begin) - 60.0, "few"),)
+    full = planned_of(tmp_path, text, made_up_sky(24), 60.0, begin, before)
+    assert free.passes
+    assert all(utc_s(one.culminate_utc) >= utc_s(begin) + 3540.0 for one in full.passes)
+    words = "the rule takes 1 an hour, and they were followed already"
+    assert ("hour full", words) in {(one.reason, one.why) for one in full.lost}
+    others = (before[0]._replace(asked_by="another"),)
+    assert planned_of(tmp_path, text, made_up_sky(24), 60.0, begin, others).value == free.value
+
+
+def test_an_object_with_a_note_for_a_designator_has_no_year_of_launch(tmp_path: Path) -> None:
+    sky = [
+        replace(one, designator=name) for one, name in zip(made_up_sky(1), ("TBA", "1998-067A"), strict=True)
+    ]
+    for condition in ("launched since 1990", "designator 19*"):
+        text = f"[defaults]\nif_sun_up = 'run'\n[[passes]]\nrule = 'all, {condition}'\n"
+        plan = planned_of(tmp_path, text, sky, 300.0)
+        assert {one.name for one in (*plan.passes, *plan.lost)} <= {sky[1].name}
+    nobody = planned_of(tmp_path, text, sky[:1], 300.0)
+    assert "1 have no designator" in " ".join(note for asked in nobody.asked for note in asked.notes)
 
 
 def test_launch_and_designator_choose_the_satellites_of_a_rule(

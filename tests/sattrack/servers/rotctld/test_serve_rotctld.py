@@ -157,6 +157,7 @@ def test_the_mount_of_another_program_is_not_served_and_its_owner_is_named(
         (("--clients", "0"), "--clients 0: from 1 to 500"),
         (("--idle", "0"), "--idle 0: 1 or more"),
         (("--idle", "nan"), "--idle nan: 1 or more"),
+        (("--idle", "1e300"), "--idle 1e+300: 1 or more, 86400 at most"),
         (("--requests", "0.5"), "--requests 0.5: 1 or more"),
         (("--allow", "nowhere"), "--allow nowhere"),
         (("--clock", "2026-10-02T13:00:00Zx10"), "give no speed"),
