@@ -365,7 +365,8 @@ class SkyCamera:
         columns, rows, before = self._project(exposure, place.directions)
         bright = 10.0 ** (-0.4 * (hidden.magnitude - hidden.zero_point))
         up = before & (place.directions[:, 2] > 0.0)
-        return columns, rows, np.where(up, bright * place.lit * exposure.clear, 0.0)
+        lit = place.lit if hidden.shadow else 1.0
+        return columns, rows, np.where(up, bright * lit * exposure.clear, 0.0)
 
     def _stars(self, exposure: _Exposure) -> tuple[Array, Array, Array]:
         """Return columns, rows and electrons a second, each (n, stars)."""

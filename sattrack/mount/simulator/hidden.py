@@ -56,6 +56,7 @@ class Hidden(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     cross: float = 0.0
     cross_drift: float = 0.0
     magnitude: float = 5.0
+    shadow: Literal[0, 1] = 1
     polar_az: float = 0.0
     polar_alt: float = 0.0
     ha: float = 0.0
@@ -97,6 +98,7 @@ GRAMMAR = (
     ("cross=60", "arcsec across its path, along û x m̂ (direction x motion) as --bias-cross"),
     ("cross_drift=10", "arcsec/min"),
     ("magnitude=5", "of the satellite in sunlight"),
+    ("shadow=0", "the satellite shines in the Earth's shadow too"),
     ("polar_az=3", "arcmin; the mount's pole is so far east of the true one"),
     ("polar_alt=4", "arcmin; the mount's pole is so far too high"),
     ("ha=20", "arcsec; the hour angle axis points so far west of what it says"),

@@ -12,19 +12,18 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import erfa
 import numpy as np
 
 from sattrack.core.errors import BadInputError
 from tle.earth import EarthOrientation
-from tle.instants import DAY_S, UNIX_EPOCH_JD, Utc
+from tle.instants import DAY_S, TT_MINUS_TAI_S, UNIX_EPOCH_JD, Utc
 from tle.refraction import Refraction
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from typing import Any
 
     from numpy.typing import NDArray
 
@@ -40,8 +39,8 @@ EARTH_KM = 6378.137
 SUN_RADIUS_RAD = math.radians(0.2666)
 STEP_S = 0.5
 """Half the time over which a satellite's motion is taken for its direction."""
-FRESH_S = 1.0
-"""For so long the places of the stars of date are used again: they move by less than 1e-5 arcseconds."""
+FRESH_S = 10.0
+"""For so long the Earth's orientation, its velocity and the Sun are used again: 0.001 arcseconds at most."""
 MARGIN_RAD = math.radians(0.1)
 """How far the air may move stars apart in a field."""
 _STAR = np.dtype([("id", "<i8"), ("ra", "<f8"), ("dec", "<f8"), ("mag", "<f4"), ("other", "<f4", 2)])
@@ -82,6 +81,17 @@ def faint_stars(density_deg2: float, seed: int) -> Stars:
     return Stars(places / np.linalg.norm(places, axis=1, keepdims=True), magnitudes)
 
 
+class _Moment(NamedTuple):
+    """What changes slowly: UT1 and TT against UTC, polar motion, ERFA's astrometry, the Sun of date in km."""
+
+    dut1_s: float
+    tt_minus_utc_days: float
+    polar_motion: Array
+    """Turns directions about the Earth's own axis into terrestrial ones."""
+    astrom: Any
+    sun_km: Array
+
+
 class LitPlaces(NamedTuple):
     """A satellite at n instants: unit vectors (n, 3), range in km, and the share of sunlight, 0 to 1."""
 
@@ -115,7 +125,7 @@ class NightSky:
         up = (math.cos(phi) * math.cos(lam), math.cos(phi) * math.sin(lam), math.sin(phi))
         self._horizon = np.array([east, np.cross(up, east), up])
         self._drift = EARTH_TURN_RAD_S * math.hypot(*self._place_km[:2]) / LIGHT_KM_S
-        self._moment: tuple[float, Any] | None = None
+        self._moment = lru_cache(maxsize=4)(self._moment_of)
 
     def hour_angle_zero_deg(self, sidereal_deg: float, utc_s: float) -> float:
         """Return what a mount adds to its hour angles when it is synced on the sky at an instant.
@@ -123,26 +133,20 @@ class NightSky:
         `sidereal_deg` is its own local sidereal time then; the sky's is the apparent one, at the meridian
         through the pole of date.
         """
-        ut1, tt = self._days(utc_s)
+        now = self._now(utc_s)
+        ut1, tt = (utc_s + now.dut1_s) / DAY_S, utc_s / DAY_S + now.tt_minus_utc_days
         true = math.degrees(float(erfa.gst06a(UNIX_EPOCH_JD, ut1, UNIX_EPOCH_JD, tt)))
-        zenith = self._horizon[2] @ self._polar_motion(utc_s)
+        zenith = self._horizon[2] @ now.polar_motion
         return math.remainder(true + math.degrees(math.atan2(zenith[1], zenith[0])) - sidereal_deg, 360.0)
 
     def pole(self, utc_s: float) -> tuple[float, float]:
         """Return altitude and azimuth of the celestial pole in the north, radians: the Earth's own axis."""
-        east, north, up = self._horizon @ self._polar_motion(utc_s)[:, 2]
+        east, north, up = self._horizon @ self._now(utc_s).polar_motion[:, 2]
         return math.asin(up), math.atan2(east, north)
-
-    def _polar_motion(self, utc_s: float) -> Array:
-        """Return the matrix that turns directions about the Earth's own axis into terrestrial ones."""
-        now = self._earth.orientation(Utc(utc_s))
-        return np.asarray(
-            erfa.pom00(math.radians(now.xp_arcsec / 3600.0), math.radians(now.yp_arcsec / 3600.0), 0.0)
-        )
 
     def near(self, direction: Array, radius_rad: float, utc_s: float) -> Stars:
         """Return the stars about a direction (east, north, up) at an instant."""
-        astrom = self._astrometry(utc_s)
+        astrom = self._now(utc_s).astrom
         seen_deg = math.degrees(math.asin(min(1.0, max(-1.0, direction[2]))))
         true_deg = seen_deg
         for _ in range(3):
@@ -156,11 +160,11 @@ class NightSky:
 
     def directions(self, stars: Stars, utc_s: Array) -> Array:
         """Return where stars are seen at instants within an exposure, as unit vectors (n, stars, 3)."""
-        astrom = self._astrometry(float(utc_s[len(utc_s) // 2]))
+        now = self._now(float(utc_s[len(utc_s) // 2]))
+        astrom = now.astrom
         ra, dec = erfa.c2s(stars.places)
         ri, di = erfa.atciqz(ra, dec, astrom)
-        ut1 = np.array([self._days(float(one))[0] for one in utc_s])
-        turned = np.asarray(erfa.aper13(UNIX_EPOCH_JD, ut1, astrom))
+        turned = np.asarray(erfa.aper13(UNIX_EPOCH_JD, (utc_s + now.dut1_s) / DAY_S, astrom))
         azimuth, zenith, *_ = erfa.atioq(ri[None, :], di[None, :], turned[:, None])
         return self._bent(_vectors(0.5 * math.pi - azimuth, 0.5 * math.pi - zenith))
 
@@ -184,32 +188,23 @@ class NightSky:
             self._bent(_units(moved)), np.linalg.norm(place_km, axis=1), self._lit(index, utc_s, orbit_s)
         )
 
-    def _astrometry(self, utc_s: float) -> Any:
-        if self._moment is None or abs(utc_s - self._moment[0]) > FRESH_S:
-            now = self._earth.orientation(Utc(utc_s))
-            astrom, _ = erfa.apco13(
-                UNIX_EPOCH_JD,
-                utc_s / DAY_S,
-                now.dut1_s,
-                math.radians(self.site.longitude_deg),
-                math.radians(self.site.latitude_deg),
-                self.site.height_m,
-                math.radians(now.xp_arcsec / 3600.0),
-                math.radians(now.yp_arcsec / 3600.0),
-                0.0,
-                0.0,
-                0.0,
-                0.55,
-            )
-            self._moment = (utc_s, astrom)
-        return self._moment[1]
+    def _now(self, utc_s: float) -> _Moment:
+        return self._moment(math.floor(utc_s / FRESH_S))
 
-    def _days(self, utc_s: float) -> tuple[float, float]:
-        """Return UT1 and TT, days from the POSIX epoch."""
+    def _moment_of(self, number: int) -> _Moment:
+        """Return what changes slowly, at the middle of a span of FRESH_S."""
+        utc_s = (number + 0.5) * FRESH_S
         now = self._earth.orientation(Utc(utc_s))
+        x, y = math.radians(now.xp_arcsec / 3600.0), math.radians(now.yp_arcsec / 3600.0)
+        site = self.site
+        longitude, latitude = math.radians(site.longitude_deg), math.radians(site.latitude_deg)
+        place = (longitude, latitude, site.height_m, x, y, 0.0, 0.0, 0.0, 0.55)
+        astrom, _ = erfa.apco13(UNIX_EPOCH_JD, utc_s / DAY_S, now.dut1_s, *place)
         tai = erfa.utctai(UNIX_EPOCH_JD, utc_s / DAY_S)
-        tt = float(tai[1]) + float(tai[0]) - UNIX_EPOCH_JD + 32.184 / DAY_S
-        return (utc_s + now.dut1_s) / DAY_S, tt
+        tt = float(tai[1]) + float(tai[0]) - UNIX_EPOCH_JD + TT_MINUS_TAI_S / DAY_S
+        earth, _ = erfa.epv00(UNIX_EPOCH_JD, tt)
+        sun_km = -np.asarray(erfa.pnm06a(UNIX_EPOCH_JD, tt)) @ np.asarray(earth["p"]) * erfa.DAU / 1000.0
+        return _Moment(now.dut1_s, tt - utc_s / DAY_S, np.asarray(erfa.pom00(x, y, 0.0)), astrom, sun_km)
 
     def _teme_km(self, index: int, orbit_s: Array) -> Array:
         whole = np.floor(orbit_s / DAY_S)
@@ -226,21 +221,18 @@ class NightSky:
         return np.asarray((place_km - self._place_km) @ self._horizon.T)
 
     def _fixed_km(self, teme_km: Array, utc_s: Array) -> Array:
-        now = self._earth.orientation(Utc(float(utc_s[0])))
+        now = self._now(float(utc_s[0]))
         angle = erfa.gmst82(UNIX_EPOCH_JD, (utc_s + now.dut1_s) / DAY_S)
         cos, sin = np.cos(angle), np.sin(angle)
         x, y, z = teme_km.T
         turned = np.stack([cos * x + sin * y, cos * y - sin * x, z], axis=1)
-        return np.asarray(turned @ self._polar_motion(float(utc_s[0])).T)
+        return np.asarray(turned @ now.polar_motion.T)
 
     def _lit(self, index: int, utc_s: Array, orbit_s: Array) -> Array:
         """Return the share of the Sun's disc that the Earth leaves, by a straight edge across it."""
         place_km = self._teme_km(index, orbit_s)
-        _, tt = self._days(float(utc_s[0]))
-        earth, _ = erfa.epv00(UNIX_EPOCH_JD, tt)
-        sun = -np.asarray(erfa.pnm06a(UNIX_EPOCH_JD, tt)) @ np.asarray(earth["p"])
         away = np.linalg.norm(place_km, axis=1)
-        to_sun = _units(sun * erfa.DAU / 1000.0 - place_km)
+        to_sun = _units(self._now(float(utc_s[0])).sun_km - place_km)
         apart = np.arccos(np.clip(-np.sum(place_km * to_sun, axis=1) / away, -1.0, 1.0))
         edge = np.clip((apart - np.arcsin(np.minimum(1.0, EARTH_KM / away))) / SUN_RADIUS_RAD, -1.0, 1.0)
         return np.asarray(0.5 + (edge * np.sqrt(1.0 - edge * edge) + np.arcsin(edge)) / math.pi)

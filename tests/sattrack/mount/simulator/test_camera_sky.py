@@ -7,8 +7,10 @@ import sys
 from typing import TYPE_CHECKING
 
 import camera_sky
+import erfa
 import numpy as np
 import pytest
+from sgp4.api import Satrec
 
 from sattrack.core.errors import BadInputError
 from sattrack.mount.model import MountProfile
@@ -22,6 +24,7 @@ from sattrack.mount.simulator.hidden import (
 )
 from sattrack.mount.simulator.night_sky import NightSky, catalogue
 from sattrack.runtime import demo_pass
+from tle.site import Site
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -121,8 +124,6 @@ def test_a_pass_followed_by_its_elements_stays_in_the_middle() -> None:
 
 @pytest.mark.parametrize("latitude_sign", [1, -1])
 def test_a_misaligned_pole_is_where_it_is_hidden(latitude_sign: int) -> None:
-    from tle.site import Site
-
     latitude = 50.0 * latitude_sign
     sky = NightSky(Site(latitude, 5.0, 0.0), (), camera_sky.NONE, camera_sky.NO_AIR)
     camera = SkyCamera(sky, CameraSettings(), Hidden(polar_az=6.0, polar_alt=4.0), START_S)
@@ -160,6 +161,21 @@ def test_clouds_shadow_clock_and_scale() -> None:
     assert seen.true_utc_s == pytest.approx(START_S + 10.05, abs=1e-6)
     plain, _ = demo_camera(ha=50.0)
     assert plain.seen(START_S + 10.0, 0.1, path).dx_arcsec == pytest.approx(seen.dx_arcsec * 1.02)
+
+
+@pytest.mark.parametrize(("shadow", "electrons"), [(1, 0.0), (0, 1e5)])
+def test_a_satellite_in_the_shadow_is_dark_unless_it_shines_by_itself(shadow: int, electrons: float) -> None:
+    # Forty minutes after the demo pass it is in the shadow, seen from a site below it.
+    start_s = START_S + 2400.0
+    days = start_s / 86400.0
+    _, place_km, _ = Satrec.twoline2rv(demo_pass.LINE_1, demo_pass.LINE_2).sgp4(2440587.5, days)
+    longitude = math.degrees(math.atan2(place_km[1], place_km[0]) - erfa.gmst82(2440587.5, days))
+    latitude = math.degrees(math.atan2(place_km[2], math.hypot(*place_km[:2])))
+    site = Site(latitude, math.remainder(longitude, 360.0), 0.0)
+    sky = NightSky(site, [demo_pass.elements()], camera_sky.NONE, camera_sky.NO_AIR)
+    camera = SkyCamera(sky, CameraSettings(), Hidden(shadow=shadow), START_S)
+    seen = camera.seen(start_s, 0.1, camera_sky.resting(0.0, latitude))
+    assert seen.electrons == pytest.approx(electrons)
 
 
 def test_cloudiness_is_the_share_of_time_with_clouds() -> None:
