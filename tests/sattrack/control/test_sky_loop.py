@@ -1,0 +1,67 @@
+"""The loop closed on a hidden sky, as `bench/sky_loop.py` judges it: one seed of each kind."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import replace
+from typing import Any
+
+import pytest
+import sky_loop as bench
+from feeder_passes import subjects
+
+from sattrack.mount.model import MountProfile
+from sattrack.views.messages import SeenOffset
+
+
+def sky(**hidden: Any) -> bench.Sky:
+    rng = random.Random("ISS 3")
+    return bench.Sky(subjects()[0], replace(bench.Hidden.drawn(rng), **hidden), rng)
+
+
+def test_the_satellite_is_held_in_the_middle_of_an_image_whose_sky_is_hidden() -> None:
+    found = bench.without_mount(sky(), MountProfile())
+    assert found.rms_arcsec < 1.0
+    assert found.clouds_arcsec < 10.0
+    assert found.words == ()
+    assert (found.rejected, found.begun_anew) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "words"),
+    [
+        ({"mirrored": True}, "mirrored"),
+        ({"scale": 1.25}, "times as large as set"),
+        ({"rotation_deg": 30.0}, "turned by"),
+        ({"clock_s": 0.3}, "s ahead"),
+    ],
+)
+def test_a_camera_that_is_not_as_it_was_set_is_found_out_and_followed_all_the_same(
+    hidden: dict[str, Any], words: str
+) -> None:
+    found = bench.without_mount(sky(**hidden), MountProfile())
+    assert found.rms_arcsec < 1.5
+    assert any(words in text for text in found.words), found.words
+
+
+class Strange(bench.Sky):
+    """Every third frame shows a star of another field, which stands where it is among the stars."""
+
+    count = 0
+
+    def frame(self, pointing: Any, utc_s: float) -> SeenOffset:
+        seen = super().frame(pointing, utc_s)
+        self.count += 1
+        if self.count % 3:
+            return seen
+        away_px = 400.0 - 250.0 * (utc_s - self.begin_s) % 600.0
+        return SeenOffset(seen.utc, dx_px=away_px, dy_px=-0.5 * away_px, sigma_px=0.75, camera="guide")
+
+
+def test_offsets_of_another_field_are_rejected_and_not_followed() -> None:
+    rng = random.Random("ISS 3")
+    strange = Strange(subjects()[0], bench.Hidden.drawn(rng), rng)
+    found = bench.without_mount(strange, MountProfile())
+    assert found.rms_arcsec < 1.5
+    assert found.rejected > 50
+    assert found.begun_anew == 0
