@@ -1,12 +1,16 @@
 """A family of mounts drawn at random, each followed for a minute in virtual time.
 
-python bench/family.py [--draws N] [--first N] [--jobs N] [--told default|truth] [--only KIND] [--all]
+python bench/family.py [--draws N] [--first N] [--jobs N] [--told default|truth] [--only KIND] [--oracle]
 
 The mounts are those of `bench/strangers`, written from the protocol's paper without sight of this program,
 and the package's own simulator. A draw is a satellite, a site, a mount that stands somewhere, its servo,
 timer and link, and what the profile says of them: acceleration wrong by up to a factor of two, gain by 3 %,
 each delay by up to 20 ms. The judge is the mount's own account of its axes. What the wrong date of the
 samples makes is known (rate times its error), and is taken off: no datagram tells it.
+
+With `--oracle` each draw is followed by one that knows the mount as well: delays, gains and acceleration, and
+from a pass before this one how the servo answers. It has the same link, timer and encoders. So the ratio is
+what it costs not to know the mount; it says nothing of what another control law could do.
 """
 
 from __future__ import annotations
@@ -56,6 +60,8 @@ ON_TARGET_ARCSEC = 2.0
 BREAKS_LOOSE_DEG = 1.0 / 3600.0
 """Error at which the stiffest stiction that is drawn lets go."""
 STAYS_S = 1.0
+LEAST_ORACLE_ARCSEC = 0.01
+"""About what the encoders that are drawn allow: errors below it are not compared."""
 
 
 class Axes(NamedTuple):
@@ -439,10 +445,16 @@ class Run:
             return Outcome(self.drawn, None, math.nan, math.nan, math.nan, False, self._why())
         late_s = self._on_target_s() - earliest_s
         settled = [e for e in self.errors if e.utc_s >= acquired + SETTLED_S]
-        rms = math.sqrt(statistics.fmean(e.total_arcsec**2 for e in settled)) if settled else math.nan
+        rms = self.settled_rms_arcsec()
         raw = math.sqrt(statistics.fmean(e.raw_arcsec**2 for e in settled)) if settled else math.nan
         peak = max((e.total_arcsec for e in settled), default=math.nan)
         return Outcome(self.drawn, late_s, rms, peak, raw, _stays_off(settled), self._why())
+
+    def settled_rms_arcsec(self) -> float:
+        """Return the RMS of the errors from SETTLED_S after the acquisition; NaN without one."""
+        acquired = self.engine.tracker.acquired_utc_s
+        settled = [] if acquired is None else [e for e in self.errors if e.utc_s >= acquired + SETTLED_S]
+        return math.sqrt(statistics.fmean(e.total_arcsec**2 for e in settled)) if settled else math.nan
 
     def _on_target_s(self) -> float:
         """Return the first instant from which the error stays within bounds for STAYS_S."""
@@ -488,6 +500,13 @@ class Outcome:
     lost: bool
     """Whether it left the target for longer than LOST_FOR_S once it was on it."""
     why: str
+    oracle_arcsec: float = math.nan
+    """RMS of one that knows the mount; NaN where none was asked for."""
+
+    @property
+    def ratio(self) -> float:
+        """The RMS over the oracle's, no less than what the encoders allow."""
+        return self.rms_arcsec / max(self.oracle_arcsec, LEAST_ORACLE_ARCSEC)
 
     def line(self) -> str:
         hard = self.drawn.hardware
@@ -500,13 +519,25 @@ class Outcome:
             f"+{1e3 * hard.status_delay_s:3.0f}({1e3 * (hard.told_status_s - hard.status_delay_s):+3.0f})ms "
             f"j{1e3 * hard.jitter_s:2.0f} l{100 * hard.loss:.0f}% {'join' if self.drawn.joined else 'rise'}"
             f" late{late} rms{self.rms_arcsec:9.3f} peak{self.peak_arcsec:9.2f} raw{self.raw_rms_arcsec:7.1f}"
-            f" {self.why}"
+            f" {self.why}" + ("" if math.isnan(self.oracle_arcsec) else f" oracle{self.oracle_arcsec:8.3f}")
         )
 
 
-def follow(arguments: tuple[int, str, tuple[str, ...]]) -> Outcome:
-    number, told, kinds = arguments
-    return Run(draw(number, kinds), told).run().outcome()
+def oracle_arcsec(drawn: Draw) -> float:
+    """Return the RMS of a run that knows the mount, from a run before it with the same mount."""
+    before, knows = Run(drawn, "truth").run(), Run(drawn, "truth")
+    axes = before.engine.tracker.follower.axes
+    if axes is not None:
+        axes.sample_utc_s = -math.inf
+        knows.engine.tracker.follower.axes = axes
+    return knows.run().settled_rms_arcsec()
+
+
+def follow(arguments: tuple[int, str, tuple[str, ...], bool]) -> Outcome:
+    number, told, kinds, oracle = arguments
+    drawn = draw(number, kinds)
+    outcome = Run(drawn, told).run().outcome()
+    return replace(outcome, oracle_arcsec=oracle_arcsec(drawn)) if oracle else outcome
 
 
 def main() -> int:
@@ -516,13 +547,16 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--told", choices=("default", "truth"), default="default")
     parser.add_argument("--only", choices=KINDS)
+    parser.add_argument("--oracle", action="store_true", help="the RMS of one that knows the mount, too")
     parser.add_argument("--all", action="store_true", help="a line for each draw")
     options = parser.parse_args()
     kinds = KINDS if options.only is None else (options.only,)
     numbers = range(options.first, options.first + options.draws)
     outcomes = []
     with multiprocessing.Pool(options.jobs) as pool:
-        for outcome in pool.imap(follow, [(number, options.told, kinds) for number in numbers]):
+        for outcome in pool.imap(
+            follow, [(number, options.told, kinds, options.oracle) for number in numbers]
+        ):
             outcomes.append(outcome)
             if options.all:
                 print(outcome.line(), flush=True)
@@ -544,6 +578,7 @@ def table(outcomes: list[Outcome]) -> list[str]:
     lines = [
         f"{'mount':15} {'draws':>5} {'acquired':>8} {'in 5 s':>7} {'median':>7} {'worst':>7}"
         f" {'lost':>4}   RMS: {'median':>7} {'95 %':>7} {'worst':>7}"
+        + (f"   over the oracle's: {'median':>6} {'95 %':>6} {'worst':>6}" if _has_oracle(outcomes) else "")
     ]
     rows = [(f"{kind} {move}", kind, move) for kind in KINDS for move in ("held", "edge")]
     for name, kind, move in [*rows, ("all", None, None)]:
@@ -564,12 +599,17 @@ NAMES = {
 }
 
 
+def _has_oracle(outcomes: list[Outcome]) -> bool:
+    return any(not math.isnan(outcome.oracle_arcsec) for outcome in outcomes)
+
+
 def _row(name: str, some: list[Outcome]) -> str:
     late = sorted(math.inf if o.late_s is None else o.late_s for o in some)
     rms = sorted(math.inf if math.isnan(o.rms_arcsec) else o.rms_arcsec for o in some)
     acquired = sum(o.late_s is not None for o in some)
     soon = 100.0 * sum(seconds <= SOON_S for seconds in late) / len(some)
     lost = sum(o.lost for o in some)
+    ratios = sorted(o.ratio for o in some if not math.isnan(o.ratio))
 
     def at(values: list[float], share: float) -> float:
         return values[min(len(values) - 1, int(share * len(values)))]
@@ -577,6 +617,7 @@ def _row(name: str, some: list[Outcome]) -> str:
     return (
         f"{name:15} {len(some):5} {acquired:8} {soon:6.0f}% {at(late, 0.5):6.2f}s {late[-1]:6.2f}s {lost:4}"
         f"        {at(rms, 0.5):7.3f} {at(rms, 0.95):7.3f} {rms[-1]:7.3f}"
+        + (f"{'':22}{at(ratios, 0.5):6.2f} {at(ratios, 0.95):6.2f} {ratios[-1]:6.2f}" if ratios else "")
     )
 
 

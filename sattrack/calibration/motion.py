@@ -15,11 +15,13 @@ import numpy as np
 from sattrack.calibration.servo import (
     FASTEST_SHARE,
     FEWEST_SAMPLES,
+    TURNS_WEIGHT,
     Braking,
     Measured,
     Transient,
     braking,
     measured,
+    turns_sigma_s,
 )
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 
@@ -236,7 +238,9 @@ def lag(motions: Sequence[Sequence[Plateau]]) -> LagFit | None:
     if len(kept) < FEWEST_LAGS:
         return None
     value = float(kept.mean())
-    sigma = math.hypot(float(kept.std(ddof=1)) / math.sqrt(len(kept)), LEAST_LAG_SIGMA_S)
+    # A drive that plans turn by turn meets the pattern of uneven turns at a few of its places only.
+    uneven_s = TURNS_WEIGHT * turns_sigma_s([plateau.seconds for motion in motions for plateau in motion])
+    sigma = math.hypot(float(kept.std(ddof=1)) / math.sqrt(len(kept)), LEAST_LAG_SIGMA_S, uneven_s)
     if sigma > max(LARGEST_LAG_SIGMA_S, LARGEST_LAG_PART * abs(value)):
         return None
     return LagFit(value, sigma)
@@ -317,7 +321,8 @@ def axis_motion(
     top = max((s.rate_deg_s for s in stops), default=0.0)
     starts = [s for s in starts if s.rate_deg_s < top / FASTEST_SHARE]
     motions = [_plateaus(log, steps, zero, fastest_trip_s) for steps in seen.steps if steps[0].axis == axis]
-    return AxisMotion(measured(starts), braking(stops), lag(motions))
+    found = lag(motions)
+    return AxisMotion(measured(starts), braking(stops, 0.0 if found is None else found.seconds), found)
 
 
 def _stop(log: _Log, leg: LegHeard, response: AxisResponse, axis: AxisName) -> Transient | None:

@@ -40,10 +40,13 @@ SAME_FIT = 3.0
 RESIDUAL_WEIGHT = 25.0
 """How wrong a limit may be, over the part of the distance by which the best model misses the positions. A
 drive that jerks from turn to turn is like none of the models, and its limit may be a third off at 0.015."""
-UNEVEN_WEIGHT = 2.0
-"""How wrong a stopping distance may be, over the same: such a drive stops a little differently each time."""
+UNEVEN_WEIGHT, TURNS_WEIGHT = 3.0, 0.25
+"""How wrong a stopping distance may be, over the same, and by how much of the scatter of the mount's turns it
+may begin later: such a drive stops a little differently each time."""
 LEAST_SIGMA = 0.02
 LARGEST_SIGMA = 0.1
+MISSED_TURN = 1.5
+"""Times the usual interval: a longer one has a lost status in it."""
 REACHED = 0.95
 REACHED_FOR_S = 0.015
 AT_REST = 0.02
@@ -157,8 +160,18 @@ def measured(changes: Sequence[Transient]) -> Measured | None:
     )
 
 
-def braking(stops: Sequence[Transient]) -> Braking | None:
-    """Return how an axis brakes from the fastest of its rates, or None where too little was seen of it."""
+def turns_sigma_s(seconds: Sequence[Array]) -> float:
+    """Return how unevenly the mount's loop turns, by the instants of stretches of its statuses; 0 of none."""
+    intervals = np.concatenate([np.diff(one) for one in seconds]) if seconds else np.zeros(0)
+    whole = intervals[intervals < MISSED_TURN * np.median(intervals)] if len(intervals) else intervals
+    return float(whole.std()) if len(whole) else 0.0
+
+
+def braking(stops: Sequence[Transient], lag_s: float = 0.0) -> Braking | None:
+    """Return how an axis brakes from the fastest of its rates, or None where too little was seen of it.
+
+    A limit is told only if it and `lag_s`, the servo's, foretell the stop that was seen, or a longer one.
+    """
     stop = measured(stops)
     if stop is None:
         return None
@@ -167,11 +180,14 @@ def braking(stops: Sequence[Transient]) -> Braking | None:
     samples = _samples([s for s in stops if _usable(s)])
     fits = [_fitted(samples, model) for model in MODELS]
     misses_by = min(fit.misses_by for fit in fits)
-    part = math.hypot(stop.deg_sigma / stop.deg, UNEVEN_WEIGHT * misses_by)
+    late_deg = TURNS_WEIGHT * turns_sigma_s([s.seconds for s in stops]) * stop.rate_deg_s
+    part = math.hypot(stop.deg_sigma / stop.deg, UNEVEN_WEIGHT * misses_by, late_deg / stop.deg)
     stop = dataclasses.replace(stop, deg_sigma=part * stop.deg)
     value, limit = stop.rate_deg_s**2 / (2.0 * stop.deg), _limit(fits)
     if limit is not None and limit[0] > (1.0 - LARGEST_SIGMA) * value:
-        return Braking(stop, *limit, limited=True)
+        surely = limit[0] - 2.0 * limit[1]
+        if stop.rate_deg_s * (stop.rate_deg_s / (2.0 * surely) + max(0.0, lag_s)) > stop.deg:
+            return Braking(stop, *limit, limited=True)
     if part > LARGEST_SIGMA:
         return Braking(stop, None, None, limited=False)
     return Braking(stop, value, part * value, limited=False)
