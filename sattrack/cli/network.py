@@ -8,12 +8,12 @@ import sys
 import time
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from sattrack.cli.common import CommandContext, common_options, renew, tell
-from sattrack.core.errors import BadInputError
+from sattrack.cli.common import CommandContext, common_options, renew, tell, write_file
+from sattrack.core.errors import BadInputError, SattrackError
 from tle.errors import EarthOrientationWarning
 from tle.instants import Utc
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sattrack.network.engine import Engine
+    from sattrack.network.night import Mounted, Wishes
     from sattrack.network.stations import Station
 
 _path = click.Path(path_type=Path)
@@ -89,6 +90,200 @@ def passes(
             f"{out} ({totals.seconds:.1f} s)"
         )
     return 0
+
+
+@click.command("assign")
+@_stations_option
+@click.option(
+    "--passes", "data", type=_path, required=True, metavar="DIR", help="The data set of their passes."
+)
+@click.option("--out", type=_path, required=True, metavar="DIR", help="The folder of the schedules.")
+@click.option("--priorities", type=_path, metavar="FILE", help="Catalogue number and priority on each line.")
+@click.option(
+    "--seen", type=_path, metavar="FILE", help="Catalogue number and UTC of the last sight on each line."
+)
+@click.option(
+    "--gap", "gap_hours", default=12.0, show_default=True, metavar="H", help="Fresh again after H hours."
+)
+@click.option("--repeat", default=0.25, show_default=True, metavar="SHARE", help="What other passes count.")
+@click.option(
+    "--parallax", default=0.5, show_default=True, metavar="SHARE", help="What two stations at once add."
+)
+@click.option(
+    "--baseline",
+    "baseline_km",
+    default=100.0,
+    show_default=True,
+    metavar="KM",
+    help="How far apart those are.",
+)
+@click.option(
+    "--longest",
+    "longest_s",
+    default=600.0,
+    show_default=True,
+    metavar="S",
+    help="Follow for S seconds at most.",
+)
+@click.option("--any-light", is_flag=True, help="By day and in the Earth's shadow too.")
+@click.option(
+    "--closed", multiple=True, metavar="STATION=FROM/TO", help="Bad weather there; may be repeated."
+)
+@click.option(
+    "--previous",
+    type=_path,
+    metavar="FILE",
+    help="An earlier assignment.json: what has begun by now is kept.",
+)
+@click.option(
+    "--seconds", default=60.0, show_default=True, metavar="S", help="Search for the best for S seconds."
+)
+@click.option(
+    "--plot", type=_path, metavar="FILE", help="Map and timeline of the night: PNG, SVG, PDF or HTML."
+)
+@common_options("elements", "clock", "json")
+def assign(
+    context: CommandContext,
+    stations_file: Path,
+    data: Path,
+    out: Path,
+    closed: tuple[str, ...],
+    **options: Any,
+) -> int:
+    """Assign satellites to stations and times, and write a schedule for each station.
+
+    What a pass is worth: its priority, useful seconds and altitude; less for a satellite that was seen
+    lately, more where two stations look at once. The gap to what no plan can exceed is printed.
+
+    \b
+    Examples:
+      sattrack network assign --stations stations.toml --passes passes --elements visual.tle --out night
+      sattrack network assign --stations stations.toml --passes passes --elements visual.tle --out night \\
+        --previous night/assignment.json --closed leiden=2026-10-02T21:00Z/2026-10-03T06:00Z
+    """
+    from sattrack.network.night import data_set_span, plan_night, read_passes
+    from sattrack.network.stations import read_stations
+
+    stations = read_stations(stations_file)
+    mounted = [_mounted(context, one) for one in stations]
+    wishes = _wishes(context, stations, closed, options)
+    elements = {one.catalog_number: one for one in context.elements()}
+    passes = read_passes(data, mounted, wishes, elements)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        span = data_set_span(data)
+        progress = _work_progress()
+        night = plan_night(passes, mounted, wishes, elements, out, span, options["seconds"], progress)
+        document = night.document(mounted)
+        write_file(out / "assignment.json", json.dumps(document, indent=1) + "\n")
+    except OSError as error:
+        raise SattrackError(f"{out}: cannot be written: {error.strerror or error}") from error
+    if night.left_out:
+        tell(f"{night.left_out} passes left out that the mounts' limits do not allow")
+    if options["plot"] is not None:
+        from sattrack.network.pictures import draw_night
+
+        draw_night(options["plot"], night, mounted)
+    if context.json:
+        click.echo(json.dumps(document))
+    else:
+        figures = night.assigned
+        click.echo(
+            f"{len(night.worths)} of {len(passes.value)} passes assigned to {len(stations)} stations: value "
+            f"{figures.value:.0f}, at most {figures.bound:.0f} ({100.0 * figures.gap:.2f} % above); {out}"
+        )
+    return 0
+
+
+def _mounted(context: CommandContext, station: Station) -> Mounted:
+    from sattrack.cli.run_plan import within_half_a_turn
+    from sattrack.network.night import Mounted
+
+    profile = within_half_a_turn(context.profile(Path(station.profile) if station.profile else None))
+    limits = context.settings.safety.limits()
+    if station.min_altitude_deg < limits.floor_altitude_deg:
+        raise BadInputError(
+            f"{station.name}: min_altitude_deg is {station.min_altitude_deg:g}, and the mount is kept above "
+            f"{limits.floor_altitude_deg:g}° (safety.floor_altitude_deg)"
+        )
+    return Mounted(station, profile.mount, limits)
+
+
+def _wishes(
+    context: CommandContext, stations: list[Station], closed: tuple[str, ...], options: dict[str, Any]
+) -> Wishes:
+    from sattrack.network.night import Wishes, read_closed
+    from tle.sources import is_fetched
+
+    for name in ("gap_hours", "longest_s", "seconds"):
+        if not options[name] > 0.0:
+            raise BadInputError(f"--{name.split('_')[0]} {options[name]:g}: give a number above 0")
+    for name in ("repeat", "parallax"):
+        if not 0.0 <= options[name] <= 1.0:
+            raise BadInputError(f"--{name} {options[name]:g}: give a share from 0 to 1")
+    now_s, begun = -math.inf, []
+    if options["previous"] is not None:
+        now_s = float(context.now().unix_s)
+        begun = [
+            one for one in _earlier(options["previous"]) if float(Utc.parse(one["start_utc"]).unix_s) < now_s
+        ]
+    return Wishes(
+        priorities=_numbers(options["priorities"], "the priorities", _priority),
+        seen_s=_numbers(
+            options["seen"], "when satellites were seen", lambda text: float(Utc.parse(text).unix_s)
+        ),
+        gap_s=3600.0 * options["gap_hours"],
+        repeat=options["repeat"],
+        parallax=options["parallax"],
+        baseline_km=options["baseline_km"],
+        longest_s=options["longest_s"],
+        any_light=options["any_light"],
+        closed=read_closed(closed, stations),
+        now_s=now_s,
+        sources=[one if is_fetched(one) else str(Path(one).resolve()) for one in context.sources()],
+        begun=begun,
+    )
+
+
+def _earlier(file: Path) -> list[dict[str, Any]]:
+    try:
+        rows: list[dict[str, Any]] = json.loads(file.read_text(encoding="utf-8"))["assignments"]
+    except OSError as error:
+        raise BadInputError(f"{file}: cannot read the assignment: {error.strerror}") from error
+    except (ValueError, KeyError, TypeError):
+        raise BadInputError(f"{file}: no assignment; give the assignment.json of an earlier one") from None
+    return rows
+
+
+def _priority(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value <= 1e6:
+        raise ValueError(text)
+    return value
+
+
+def _numbers(file: Path | None, subject: str, read: Callable[[str], float]) -> dict[int, float]:
+    """Return what a file says of satellites by catalogue number."""
+    from tle.errors import TleError
+    from tle.passes import read_table
+
+    found: dict[int, float] = {}
+    for number, line, words in [] if file is None else read_table(file, subject):
+        try:
+            catalog_number, value = words
+            found[int(catalog_number)] = read(value)
+        except (ValueError, TleError):
+            raise BadInputError(
+                f"{file}:{number}: {line!r} does not say {subject}: write catalogue number and value, as "
+                "25544 5 or 25544 2026-10-02T20:00:00Z"
+            ) from None
+    return found
+
+
+def _work_progress() -> Callable[[str, int, int], None] | None:
+    if not sys.stderr.isatty():
+        return None
+    return lambda what, done, total: renew(f"{what} {done} of {total}" if done < total else "")
 
 
 def _engine(workers: int | None, cluster: str | None) -> Engine:

@@ -1,0 +1,464 @@
+"""A night of the network: what may be followed, by whom best, and the schedule of each station."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import tomli_w
+
+from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.network.assign import Assigned, Assignment, Station, assign
+from sattrack.network.dataset import MANIFEST
+from sattrack.network.search import NO_PYARROW
+from sattrack.network.stations import station_named
+from sattrack.safety.route import axes_of
+from sattrack.schedule.candidates import Loaded, PlanSituation
+from sattrack.schedule.file import load_schedule
+from sattrack.schedule.making import make_plan
+from sattrack.schedule.transitions import ActionCost, Overhead, SlewTransitions
+from tle.instants import DAY_S, Utc
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from sattrack.mount.model import MountProfile
+    from sattrack.network import stations as listed
+    from sattrack.safety.geometry import Place
+    from sattrack.safety.limits import SafetyLimits
+    from tle.elements import Elements
+
+    Array = NDArray[np.float64]
+    Span = tuple[float, float]
+
+DARK_SUN_DEG = -6.0
+MOST_A_STATION = 2000
+LEAST_COMMON_S = 60.0
+_MOST_ROUNDS = 8
+_COLUMNS = ("rise_utc", "culminate_utc", "set_utc", "sunlit_from_utc", "sunlit_to_utc")
+_FIELDS = ("max_alt_deg", "rise_az_deg", "culminate_az_deg", "set_az_deg", "sun_alt_deg")
+
+
+@dataclass(frozen=True, slots=True)
+class Wishes:
+    """What makes a pass worth following.
+
+    `priorities` and `seen_s` (POSIX seconds of the last sight) are by catalogue number. A satellite that was
+    not seen for `gap_s` is fresh; another pass counts the share `repeat`. Two stations further apart than
+    `baseline_km` that look at once add the share `parallax` to either. Passes are followed for `longest_s`
+    around their highest instant; shorter ones than `least_s` do not count, nor do elements older than
+    `oldest_days`. In `any_light` neither the night nor sunlight matter. `closed` are spans of bad weather by
+    station, `begun` the assignments that have begun by `now_s`; nothing else starts before that. `sources`
+    are those of the elements.
+    """
+
+    priorities: Mapping[int, float] = field(default_factory=dict)
+    seen_s: Mapping[int, float] = field(default_factory=dict)
+    gap_s: float = 12.0 * 3600.0
+    repeat: float = 0.25
+    parallax: float = 0.5
+    baseline_km: float = 100.0
+    longest_s: float = 600.0
+    least_s: float = 60.0
+    oldest_days: float = 7.0
+    any_light: bool = False
+    settle_s: float = 5.0
+    closed: Mapping[str, Sequence[Span]] = field(default_factory=dict)
+    now_s: float = -math.inf
+    sources: Sequence[str] = ()
+    begun: Sequence[Mapping[str, Any]] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Mounted:
+    """A station with its mount: profile and limits."""
+
+    station: listed.Station
+    profile: MountProfile
+    limits: SafetyLimits
+
+
+@dataclass(frozen=True, slots=True)
+class Passes:
+    """Passes that may be followed, in columns: station by index, POSIX seconds, degrees."""
+
+    station: NDArray[np.intp]
+    number: NDArray[np.intp]
+    name: NDArray[Any]
+    start_s: Array
+    end_s: Array
+    value: Array
+    start_altaz_deg: Array
+    end_altaz_deg: Array
+
+    def take(self, which: NDArray[Any]) -> Passes:
+        """Return some of them."""
+        return Passes(*(getattr(self, name)[which] for name in self.__slots__))
+
+
+@dataclass(frozen=True, slots=True)
+class Night:
+    """The outcome: the passes taken, each with what it adds and whether another station looks as well."""
+
+    span: Span
+    passes: Passes
+    worths: Array
+    together: NDArray[np.bool_]
+    assigned: Assigned
+    left_out: int
+
+    def document(self, stations: Sequence[Mounted]) -> dict[str, Any]:
+        """Return the JSON document of `network assign`."""
+        rows = [
+            {
+                "station": stations[self.passes.station[k]].station.name,
+                "catalog_number": int(self.passes.number[k]),
+                "name": str(self.passes.name[k]),
+                "start_utc": Utc(float(self.passes.start_s[k])).isoformat("seconds"),
+                "end_utc": Utc(float(self.passes.end_s[k])).isoformat("seconds"),
+                "value": round(float(self.worths[k]), 3),
+                "together": bool(self.together[k]),
+            }
+            for k in range(len(self.worths))
+        ]
+        figures = self.assigned
+        return {
+            "value": round(figures.value, 3),
+            "bound": round(figures.bound, 3),
+            "gap": round(figures.gap, 6),
+            "assignments": rows,
+        }
+
+
+def data_set_span(folder: Path) -> Span:
+    """Return the span of a data set of passes, POSIX seconds. Raises BadInputError where it is none."""
+    try:
+        settings = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["settings"]
+        start_s = float(Utc.parse(settings["from_utc"]).unix_s)
+        return start_s, start_s + 3600.0 * settings["hours"]
+    except (OSError, ValueError, KeyError, TypeError):
+        raise BadInputError(
+            f"{folder}: no data set of passes; make one with `sattrack network passes`"
+        ) from None
+
+
+def read_passes(
+    folder: Path, stations: Sequence[Mounted], wishes: Wishes, elements: Mapping[int, Elements]
+) -> Passes:
+    """Return the passes of a data set that are worth following, the most valuable of each station.
+
+    Raises BadInputError for a folder that is no data set, or lacks a station.
+    """
+    span = data_set_span(folder)
+    found = []
+    for index, one in enumerate(stations):
+        place = folder / f"station={one.station.name}"
+        if not place.is_dir():
+            raise BadInputError(f"{folder}: holds no passes over the station {one.station.name!r}")
+        some = _worth_following(_read(place), index, one, wishes, span)
+        ages = np.array([_age_days(elements, k, t) for k, t in zip(some.number, some.end_s, strict=True)])
+        some = some.take(np.flatnonzero(ages <= wishes.oldest_days))
+        order = np.lexsort((some.number, some.start_s, -some.value))[:MOST_A_STATION]
+        begun = _begun(some, one.station.name, wishes)
+        some = some.take(np.union1d(order, begun))
+        found.append(some)
+    return Passes(*(np.concatenate([getattr(one, name) for one in found]) for name in Passes.__slots__))
+
+
+def _age_days(elements: Mapping[int, Elements], number: int, at_s: float) -> float:
+    one = elements.get(int(number))
+    return math.inf if one is None else abs(at_s - float(one.epoch.unix_s)) / DAY_S
+
+
+def _read(place: Path) -> dict[str, Any]:
+    try:
+        from pyarrow import parquet
+    except ImportError:
+        raise SattrackError(NO_PYARROW) from None
+    table = parquet.read_table(place, columns=["catalog_number", "name", *_COLUMNS, *_FIELDS])
+    rows: dict[str, Any] = {"number": table["catalog_number"].to_numpy().astype(np.intp)}
+    rows["name"] = np.array(table["name"].to_pylist(), dtype=object)
+    for name in _COLUMNS:
+        ms = table[name].to_numpy().astype("datetime64[ms]")
+        rows[name] = np.where(np.isnat(ms), np.nan, ms.astype(np.int64) / 1000.0)
+    for name in _FIELDS:
+        rows[name] = table[name].to_numpy(zero_copy_only=False).astype(np.float64)
+    return rows
+
+
+def _worth_following(rows: dict[str, Any], index: int, one: Mounted, wishes: Wishes, span: Span) -> Passes:
+    top = rows["culminate_utc"]
+    low, high = np.nan_to_num(rows["rise_utc"], nan=span[0]), np.nan_to_num(rows["set_utc"], nan=span[1])
+    middle = np.clip(top, low + 0.5 * wishes.longest_s, np.maximum(high - 0.5 * wishes.longest_s, low))
+    is_long = high - low > wishes.longest_s
+    start = np.ceil(np.where(is_long, middle - 0.5 * wishes.longest_s, low))
+    end = np.floor(np.where(is_long, middle + 0.5 * wishes.longest_s, high))
+    useful = end - start
+    keep = useful >= wishes.least_s
+    if not wishes.any_light:
+        keep &= rows["sun_alt_deg"] <= DARK_SUN_DEG
+        with np.errstate(invalid="ignore"):
+            lit = np.minimum(end, rows["sunlit_to_utc"]) - np.maximum(start, rows["sunlit_from_utc"])
+        useful = np.nan_to_num(lit, nan=0.0)
+        keep &= useful > 0.0
+    for closed_from, closed_to in wishes.closed.get(one.station.name, ()):
+        keep &= (end <= closed_from) | (start >= closed_to)
+    priority = np.array([wishes.priorities.get(int(n), 1.0) for n in rows["number"]], dtype=np.float64)
+    value = priority * np.maximum(useful, 0.0) * np.sin(np.radians(rows["max_alt_deg"]))
+    # Where a pass is cut it is entered or left near its highest instant.
+    skyline = one.station.skyline()
+
+    def altaz(cut: Any, azimuth: Any) -> Array:
+        at_edge = np.stack([skyline.altitude_deg(np.nan_to_num(azimuth)) + 0.0 * top, azimuth])
+        return np.where(cut, np.stack([rows["max_alt_deg"], rows["culminate_az_deg"]]), at_edge).T
+
+    found = Passes(
+        np.full(len(top), index, dtype=np.intp),
+        rows["number"],
+        rows["name"],
+        start,
+        end,
+        value,
+        altaz(is_long | np.isnan(rows["rise_utc"]), rows["rise_az_deg"]),
+        altaz(is_long | np.isnan(rows["set_utc"]), rows["set_az_deg"]),
+    )
+    keep &= value > 0.0
+    keep &= start >= wishes.now_s
+    keep[_begun(found, one.station.name, wishes)] = True
+    return found.take(np.flatnonzero(keep))
+
+
+def _begun(passes: Passes, station: str, wishes: Wishes) -> NDArray[np.intp]:
+    """Return which passes of a station have begun by an earlier assignment, and are not closed."""
+    begun = {
+        (one["catalog_number"], float(Utc.parse(one["start_utc"]).unix_s))
+        for one in wishes.begun
+        if one["station"] == station
+    }
+    closed = wishes.closed.get(station, ())
+    return np.array(
+        [
+            k
+            for k, key in enumerate(zip(passes.number.tolist(), passes.start_s.tolist(), strict=True))
+            if key in begun and not any(a < passes.end_s[k] and b > key[1] for a, b in closed)
+        ],
+        dtype=np.intp,
+    )
+
+
+def _axes(altaz_deg: Array, one: Mounted) -> list[Place]:
+    """Return how the axes of a station's mount stand at altitudes and azimuths, shape (n, 2)."""
+    latitude = one.station.latitude_deg
+    alt, az, lat = np.radians(altaz_deg[:, 0]), np.radians(altaz_deg[:, 1]), math.radians(latitude)
+    sine = np.sin(alt) * math.sin(lat) + np.cos(alt) * math.cos(lat) * np.cos(az)
+    turned = np.arctan2(
+        -np.cos(alt) * np.sin(az), np.sin(alt) * math.cos(lat) - np.cos(alt) * math.sin(lat) * np.cos(az)
+    )
+    pairs = zip(np.degrees(turned).tolist(), np.degrees(np.arcsin(sine)).tolist(), strict=True)
+    return [axes_of(ha, dec, one.profile, latitude) for ha, dec in pairs]
+
+
+def _clash(passes: Passes, one: Mounted, settle_s: float) -> NDArray[np.bool_]:
+    """Return which passes of a station, in order of their ends, do not fit one after the other."""
+    count = len(passes.value)
+    overheads = [
+        Overhead(ActionCost(first, 0.0, first), settle_s, ActionCost(last, 0.0, last))
+        for first, last in zip(
+            _axes(passes.start_altaz_deg, one), _axes(passes.end_altaz_deg, one), strict=True
+        )
+    ]
+    slews = SlewTransitions.of(overheads, one.profile)
+    clash = np.zeros((count, count), dtype=bool)
+    every = np.arange(count)
+    for later in range(count):
+        clash[:, later] = passes.end_s + slews.seconds(every, later) > passes.start_s[later]
+    # Of two, one must be before the other.
+    both: NDArray[np.bool_] = clash & clash.T
+    np.fill_diagonal(both, val=False)
+    return both
+
+
+def together_of(
+    passes: Passes, stations: Sequence[Mounted], baseline_km: float
+) -> dict[int, NDArray[np.intp]]:
+    """Return of each pass those of other stations, far enough away, that show the satellite at once."""
+    places = np.array([one.station.site.itrs_km for one in stations])
+    apart = np.linalg.norm(places[:, None] - places[None, :], axis=2) >= baseline_km
+    order = np.lexsort((passes.start_s, passes.number))
+    found: dict[int, list[int]] = {}
+    edges = np.flatnonzero(np.diff(passes.number[order], prepend=-1, append=-1))
+    for low, high in pairwise(edges.tolist()):
+        for at in range(low, high):
+            one = int(order[at])
+            for other in order[at + 1 : high].tolist():
+                if passes.start_s[other] > passes.end_s[one] - LEAST_COMMON_S:
+                    break
+                common = min(passes.end_s[one], passes.end_s[other]) - passes.start_s[other]
+                if common >= LEAST_COMMON_S and apart[passes.station[one], passes.station[other]]:
+                    found.setdefault(one, []).append(other)
+                    found.setdefault(other, []).append(one)
+    return {one: np.array(sorted(others), dtype=np.intp) for one, others in found.items()}
+
+
+def _fresh(passes: Passes, wishes: Wishes, start_s: float) -> NDArray[np.intp]:
+    """Return the number of each pass' satellite and time in which one counts in full; -1 where none does."""
+    numbers: dict[tuple[int, int], int] = {}
+    fresh = np.full(len(passes.value), -1, dtype=np.intp)
+    for k, (number, at) in enumerate(zip(passes.number.tolist(), passes.start_s.tolist(), strict=True)):
+        seen_s = wishes.seen_s.get(number)
+        stretch = math.floor((at - (start_s if seen_s is None else seen_s)) / wishes.gap_s)
+        if seen_s is None or stretch > 0:
+            fresh[k] = numbers.setdefault((number, stretch), len(numbers))
+    return fresh
+
+
+def plan_night(
+    passes: Passes,
+    stations: Sequence[Mounted],
+    wishes: Wishes,
+    elements: Mapping[int, Elements],
+    folder: Path,
+    span: Span,
+    seconds: float = 60.0,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> Night:
+    """Assign passes to stations, and write a schedule for each that its planner takes as it is.
+
+    Where a station's planner refuses a pass, by the mount's limits or a way round them, the choice is made
+    anew without it. Raises SattrackError, BadInputError, TleError.
+    """
+    members = [np.flatnonzero(passes.station == k) for k in range(len(stations))]
+    members = [which[np.argsort(passes.end_s[which], kind="stable")] for which in members]
+    clashes = [_clash(passes.take(w), one, wishes.settle_s) for w, one in zip(members, stations, strict=True)]
+    value = passes.value.copy()
+    kept = np.concatenate(
+        [np.empty(0, dtype=np.intp)]
+        + [
+            w[_begun(passes.take(w), one.station.name, wishes)]
+            for w, one in zip(members, stations, strict=True)
+        ]
+    )
+    value[kept] = np.maximum(value[kept], 1e-6)
+    fresh, together = _fresh(passes, wishes, span[0]), together_of(passes, stations, wishes.baseline_km)
+    left_out: set[int] = set()
+    for number in range(_MOST_ROUNDS):
+        problem = Assignment(
+            passes.start_s,
+            value,
+            [Station(w, clash) for w, clash in zip(members, clashes, strict=True)],
+            fresh,
+            together,
+            kept,
+            wishes.repeat,
+            wishes.parallax,
+        )
+        found = assign(problem, seconds)
+        taken, refused = found.taken, 0
+        for k, one in enumerate(stations):
+            if progress is not None:
+                progress("planned", k, len(stations))
+            mine = np.intersect1d(members[k], taken)
+            mine = mine[np.argsort(passes.start_s[mine], kind="stable")]
+            file = folder / f"{one.station.name}.toml"
+            file.write_text(schedule_text(passes.take(mine), one, wishes, span), encoding="utf-8")
+            for lost, others in _refused(file, mine, passes, one, elements, span):
+                refused += 1
+                rows = np.flatnonzero(np.isin(members[k], others))
+                if len(rows) and number < _MOST_ROUNDS - 2 and lost not in kept:
+                    own = np.flatnonzero(members[k] == lost)
+                    clashes[k][own, rows] = clashes[k][rows, own] = True
+                else:
+                    value[lost] = 0.0
+                    kept = kept[kept != lost]
+                    left_out.add(lost)
+        if progress is not None:
+            progress("planned", len(stations), len(stations))
+        if not refused:
+            break
+    worths = problem.worths(taken)
+    order = np.lexsort((passes.station[taken], passes.start_s[taken]))
+    shared = np.array([bool(np.isin(together.get(int(k), ()), taken).any()) for k in taken], dtype=bool)
+    return Night(span, passes.take(taken[order]), worths[order], shared[order], found, len(left_out))
+
+
+def _refused(
+    file: Path,
+    mine: NDArray[np.intp],
+    passes: Passes,
+    one: Mounted,
+    elements: Mapping[int, Elements],
+    span: Span,
+) -> list[tuple[int, list[int]]]:
+    """Return the passes of a schedule that its planner loses, each with those that it conflicts with."""
+    if not len(mine):
+        return []
+    known = Loaded([elements[int(n)] for n in dict.fromkeys(passes.number[mine].tolist())], False, str(file))
+    situation = PlanSituation(span, span[0], one.station.site, one.profile, one.limits)
+    plan, _ = make_plan(load_schedule(file), situation, lambda _: known)
+    at = {(int(passes.number[k]), _iso(passes.start_s[k])): int(k) for k in mine.tolist()}
+    taken = [at[p.catalog_number, _short(p.start_utc)] for p in plan.passes]
+    return [
+        (at[lost.catalog_number, _short(lost.start_utc)], [taken[number - 1] for number in lost.with_numbers])
+        for lost in plan.lost
+    ]
+
+
+def _short(utc: str) -> str:
+    return Utc.parse(utc).isoformat("seconds")
+
+
+def _iso(utc_s: float) -> str:
+    return Utc(float(utc_s)).isoformat("seconds")
+
+
+def schedule_text(passes: Passes, one: Mounted, wishes: Wishes, span: Span) -> str:
+    """Return a station's schedule for `sattrack run`: its passes at fixed times."""
+    site = one.station.site
+    where = f"{site.latitude_deg},{site.longitude_deg},{site.height_m}"
+    document: dict[str, Any] = {
+        "timezone": "UTC",
+        "from": _iso(span[0]),
+        "to": _iso(math.ceil(span[1])),
+        "elements": list(wishes.sources),
+        "defaults": {
+            "min_altitude_deg": one.station.min_altitude_deg,
+            "settle_s": wishes.settle_s,
+            "elements_oldest_days": wishes.oldest_days,
+            "least_s": wishes.least_s,
+            **({"if_sun_up": "run"} if wishes.any_light else {}),
+        },
+        "fixed": [
+            {"satellite": str(number), "start": _iso(start), "end": _iso(end)}
+            for number, start, end in zip(
+                passes.number.tolist(), passes.start_s.tolist(), passes.end_s.tolist(), strict=True
+            )
+        ],
+    }
+    head = f"# {one.station.name}: sattrack run {one.station.name}.toml --site {where}\n"
+    if not document["fixed"]:
+        return f"{head}# Nothing is assigned to this station.\n"
+    return head + tomli_w.dumps(document)
+
+
+def read_closed(texts: Sequence[str], stations: Sequence[listed.Station]) -> dict[str, list[Span]]:
+    """Return spans of bad weather by station, of STATION=FROM/TO each. Raises BadInputError, TleError."""
+    closed: dict[str, list[Span]] = {}
+    for text in texts:
+        name, equals, span = text.partition("=")
+        start, slash, end = span.partition("/")
+        if not (equals and slash):
+            raise BadInputError(
+                f"--closed {text!r}: write STATION=FROM/TO, as leiden=2026-10-02T20:00Z/2026-10-03T06:00Z"
+            )
+        at = float(Utc.parse(start).unix_s), float(Utc.parse(end).unix_s)
+        if not at[1] > at[0]:
+            raise BadInputError(f"--closed {text!r}: ends before it begins")
+        closed.setdefault(station_named(stations, name).name, []).append(at)
+    return closed

@@ -1,0 +1,204 @@
+"""`network assign`: the best choice by a count of all, never worse than greed, and schedules that run."""
+
+from __future__ import annotations
+
+import json
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from network_builders import START, written
+
+from sattrack.cli.main import run
+from sattrack.network.assign import Assignment, Station, assign, exclusive_sets, greedy
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+pytest.importorskip("highspy")
+pytest.importorskip("pyarrow")
+
+
+def drawn(rng: np.random.Generator, stations: int, each: int, satellites: int) -> Assignment:
+    """Return a network of passes at random: slews by where each station looks, on a line."""
+    start, value, fresh, members, groups = [], [], [], [], []
+    end: list[float] = []
+    for _ in range(stations):
+        begin = rng.uniform(0.0, 600.0 * each, each)
+        until = begin + rng.uniform(60.0, 600.0, each)
+        order = np.argsort(until)
+        begin, until = begin[order], until[order]
+        place = rng.uniform(-90.0, 90.0, each)
+        slew = 10.0 + np.abs(place[:, None] - place[None, :]) / 4.0
+        fits = until[:, None] + slew <= begin[None, :]
+        clash = ~(fits | fits.T)
+        np.fill_diagonal(clash, val=False)
+        groups.append(Station(np.arange(each) + len(start), clash))
+        start += begin.tolist()
+        end += until.tolist()
+        members += rng.integers(0, satellites, each).tolist()
+        value += (rng.choice([1.0, 2.0, 5.0], each) * (until - begin)).tolist()
+    fresh = [satellite if rng.uniform() < 0.9 else -1 for satellite in members]
+    together = {}
+    for one in range(len(start)):
+        others = [
+            other
+            for other in range(len(start))
+            if other // each != one // each
+            and members[other] == members[one]
+            and min(end[one], end[other]) - max(start[one], start[other]) >= 60.0
+        ]
+        if others:
+            together[one] = np.array(others)
+    return Assignment(np.array(start), np.array(value), groups, np.array(fresh), together)
+
+
+def counted(problem: Assignment) -> float:
+    """Return the best of all subsets, counted plainly: no part of the solver is used."""
+    clashing = {
+        frozenset((int(station.members[a]), int(station.members[b])))
+        for station in problem.stations
+        for a, b in combinations(range(len(station.members)), 2)
+        if station.clash[a, b]
+    }
+    best = 0.0
+    count = len(problem.value)
+    for bits in range(1 << count):
+        taken = [k for k in range(count) if bits >> k & 1]
+        if any(frozenset(pair) in clashing for pair in combinations(taken, 2)):
+            continue
+        total, firsts = 0.0, {}
+        for k in taken:
+            group = int(problem.fresh[k])
+            share = problem.repeat
+            if any(other in taken for other in problem.together.get(k, np.array([])).tolist()):
+                share += problem.parallax
+            total += share * problem.value[k]
+            if group >= 0:
+                firsts[group] = max(firsts.get(group, 0.0), problem.value[k])
+        best = max(best, total + (1.0 - problem.repeat) * sum(firsts.values()))
+    return best
+
+
+@pytest.mark.parametrize(
+    "seed", [*range(12), *(pytest.param(k, marks=pytest.mark.soak) for k in range(12, 200))]
+)
+def test_small_networks_get_the_best_of_all_choices(seed: int) -> None:
+    problem = drawn(np.random.default_rng(seed), 3, 4, 5)
+    found = assign(problem, seconds=20.0)
+    best = counted(problem)
+    assert found.value == pytest.approx(best, rel=2e-4)
+    assert found.bound >= best * (1.0 - 1e-9)
+    assert found.value >= problem.worth(greedy(problem))
+    for station in problem.stations:
+        mine = np.flatnonzero(np.isin(station.members, found.taken))
+        assert not station.clash[np.ix_(mine, mine)].any()
+
+
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.soak)])
+def test_twenty_stations_with_two_thousand_passes_are_within_two_percent(seed: int) -> None:
+    problem = drawn(np.random.default_rng(seed), 20, 100, 400)
+    found = assign(problem, seconds=60.0, gap=0.01)
+    assert found.gap <= 0.02
+    assert found.value > problem.worth(greedy(problem))
+
+
+def test_each_pair_that_clashes_is_in_one_exclusive_set_and_no_other_pair() -> None:
+    problem = drawn(np.random.default_rng(5), 1, 60, 60)
+    station = problem.stations[0]
+    order = np.argsort(problem.start_s)
+    clash = station.clash[np.ix_(order, order)]
+    pairs = {pair for one in exclusive_sets(clash) for pair in combinations(sorted(one.tolist()), 2)}
+    assert pairs == {(a, b) for a, b in combinations(range(60), 2) if clash[a, b]}
+
+
+@pytest.fixture(scope="module")
+def network(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("assigned")
+    elements, stations = written(folder, low=12)
+    where = ["--stations", str(stations), "--elements", str(elements)]
+    span = ["--from", START, "--hours", "12"]
+    assert run(["network", "passes", *where, *span, "--out", str(folder / "passes")]) == 0
+    return folder
+
+
+def assigned(folder: Path, out: Path, capsys: pytest.CaptureFixture[str], *more: str) -> dict[str, Any]:
+    words = ["network", "assign", "--stations", str(folder / "stations.toml"), "--json"]
+    words += ["--elements", str(folder / "made_up.tle"), "--passes", str(folder / "passes"), "--any-light"]
+    capsys.readouterr()
+    assert run([*words, "--out", str(out), *more]) == 0
+    answer: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return answer
+
+
+def test_run_plans_all_of_each_schedule(
+    network: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = assigned(network, tmp_path / "night", capsys, "--plot", str(tmp_path / "night.html"))
+    assert found["value"] <= found["bound"]
+    assert found["gap"] <= 0.02
+    assert len(found["assignments"]) > 10
+    for name, site in (("north", "52.1541,4.4908"), ("south", "-31.2733,149.0617,1165")):
+        words = ["run", str(tmp_path / "night" / f"{name}.toml"), "--dry-run", "--json", "--site", site]
+        assert run([*words, "--clock", START]) == 0
+        plan = json.loads(capsys.readouterr().out)
+        mine = [one for one in found["assignments"] if one["station"] == name]
+        assert plan["lost"] == []
+        assert [(one["catalog_number"], one["start_utc"][:19]) for one in plan["passes"]] == [
+            (one["catalog_number"], one["start_utc"][:19]) for one in mine
+        ]
+    page = (tmp_path / "night.html").read_text()
+    assert page.count("<tr>") == len(found["assignments"]) + 1
+    assert "data:image/png;base64," in page
+
+
+def test_bad_weather_empties_a_station_and_keeps_what_has_begun(
+    network: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first = assigned(network, tmp_path / "night", capsys)
+    now = "2026-10-02T20:00:00Z"
+    again = assigned(
+        network,
+        tmp_path / "night",
+        capsys,
+        *("--previous", str(tmp_path / "night" / "assignment.json"), "--clock", now),
+        *("--closed", "south=2026-10-02T20:30:00Z/2026-10-03T03:00:00Z"),
+    )
+
+    def begun(found: dict[str, Any]) -> set[tuple[str, int, str]]:
+        rows = found["assignments"]
+        return {(r["station"], r["catalog_number"], r["start_utc"]) for r in rows if r["start_utc"] < now}
+
+    assert begun(first)
+    assert begun(again) == begun(first)
+    south = [r for r in again["assignments"] if r["station"] == "south"]
+    assert all(r["end_utc"] <= "2026-10-02T20:30:00Z" for r in south)
+    assert any(
+        r["station"] == "south" and r["start_utc"] > "2026-10-02T20:30:00Z" for r in first["assignments"]
+    )
+    assert again["value"] < first["value"]
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        (
+            ["--closed", "nrth=2026-10-02T20:00Z/2026-10-03T00:00Z"],
+            "no station is named 'nrth'; did you mean 'north'?",
+        ),
+        (["--closed", "north"], "write STATION=FROM/TO"),
+        (["--closed", "north=2026-10-03T20:00Z/2026-10-03T00:00Z"], "ends before it begins"),
+        (["--passes", "."], "no data set of passes"),
+        (["--repeat", "2"], "--repeat 2: give a share from 0 to 1"),
+    ],
+)
+def test_bad_wishes_are_one_line(
+    network: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str], told: str
+) -> None:
+    words = ["network", "assign", "--stations", str(network / "stations.toml"), "--out", str(tmp_path / "x")]
+    words += ["--elements", str(network / "made_up.tle"), "--passes", str(network / "passes"), *more]
+    assert run(words) == 2
+    printed = capsys.readouterr().err
+    assert told in printed
+    assert printed.count("\n") == 1
