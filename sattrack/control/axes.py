@@ -213,6 +213,8 @@ EARLY, EARLY_SIGMAS = 0.25, 3.0
 """The share of commands read early from which on they count as arriving earlier than the profile says."""
 ANSWERED_S = 0.3
 """Time in which a change of rate has mostly come out."""
+SHAKEN_DEG_S, SHAKEN_FOR_S = 0.08, 6.0
+"""Changes of rate that shake an axis, summed while they are answered, and for how long it may drift then."""
 UNSTRAINED_SHARE = 0.5
 """Share of the profile's acceleration up to which a change of rate comes out as the servo's answer. Beyond it
 the drive limits the motion, which says nothing of the servo."""
@@ -235,6 +237,8 @@ class Axes:
     """By how much the axes lag behind their commanded rates because the drives are at their limit."""
     _jolts_deg_s: list[float] = field(default_factory=lambda: [0.0, 0.0])
     """Changes of the commanded rates that are still being answered."""
+    _shaken_utc_s: list[float] = field(default_factory=lambda: [-math.inf, -math.inf])
+    """When each axis' rate was last changed by much."""
     _seen_deg: tuple[float, float] | None = None
     """What the last sample reported."""
     predicted_deg: tuple[float, float] = (0.0, 0.0)
@@ -320,7 +324,10 @@ class Axes:
             strain = self._strain(number, jolt, UNSTRAINED_SHARE * limit * seconds)
             recent = self._jolts_deg_s[number] * fades + abs(jolt)
             self._jolts_deg_s[number] = recent
-            axis.advance(seconds, 0.0, effect[number], axis.rough_deg(recent) + strain * seconds)
+            if recent > SHAKEN_DEG_S:
+                self._shaken_utc_s[number] = utc_s
+            shaken = utc_s - self._shaken_utc_s[number] < SHAKEN_FOR_S
+            axis.advance(seconds, 0.0, effect[number], axis.rough_deg(recent) + strain * seconds, shaken)
             moved.append(axis.moved_deg(effect[number]))
         return moved[0], moved[1]
 

@@ -451,19 +451,23 @@ class AxisFilter:
         displacement_deg: float,
         effects: Array | None = None,
         rough_deg: float = 0.0,
+        shaken: bool = False,
     ) -> None:
         """Predict over an interval in which the axis moved by `displacement_deg` and by commands' effects.
 
         Where there are none, what was moved is what was seen, and says nothing of the response. `rough_deg`
-        is the additional uncertainty of the motion, one sigma.
+        is the additional uncertainty of the motion, one sigma. `shaken` shortly after a large change of rate:
+        surprises that go on to one side are then what the servo's integral learns, a rate that nobody asked
+        for. Taken for a rough motion, they would teach no rate.
         """
         self._seconds = seconds
         # White noise in rate and in its derivative, integrated over the interval.
-        rate_variance = self._rough_share * self._rate_walk * seconds
+        rough, drifts = self._rough_share, self._rough_share if shaken else 1.0
+        rate_variance = rough * drifts * self._rate_walk * seconds
         implausible = abs(float(self._kalman.state[1])) - PLAUSIBLE_RATE_DEG_S
         if implausible > 0.0 and self._trusted is not None:
             rate_variance += implausible * implausible * seconds / OVER_S
-        own = self._rough_share * (self._walk * seconds + rough_deg * rough_deg)
+        own = rough * (self._walk * seconds + rough_deg * rough_deg / drifts)
         own += rate_variance * seconds * seconds / 3.0
         moves = self._moves
         moves[0], moves[1:] = seconds, 0.0 if effects is None else effects
