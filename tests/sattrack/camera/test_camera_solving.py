@@ -13,6 +13,7 @@ from sattrack.camera.centring import ImageGeometry, Solver, centred, contradicti
 from sattrack.camera.detection import Detection, Source
 from sattrack.camera.frames import Frame
 from sattrack.camera.motion import in_image
+from sattrack.camera.star_index import start_making
 from sattrack.views.messages import Observation, SeenOffset
 from tle.instants import Utc
 
@@ -20,9 +21,12 @@ tetra3rs = pytest.importorskip("tetra3rs", reason="solving needs the extra camer
 WIDTH, HEIGHT, SCALE = 1280, 960, 36.0
 
 
-@cache
-def solver() -> Solver:
-    return Solver(tetra3rs, WIDTH * SCALE / 3600.0)
+@pytest.fixture(scope="module")
+def solver(tmp_path_factory: pytest.TempPathFactory) -> Solver:
+    fov_deg = WIDTH * SCALE / 3600.0
+    path = tmp_path_factory.mktemp("stars") / "folder" / "index.bin"
+    assert start_making(path, fov_deg).wait(120.0) == 0
+    return Solver(tetra3rs.SolverDatabase.load_from_file(str(path)), fov_deg)
 
 
 @cache
@@ -68,12 +72,12 @@ def stars_in(wcs: Any, ra: float, dec: float, rng: np.random.Generator) -> list[
     ],
 )
 def test_a_field_is_found_as_astropy_projects_it(
-    ra: float, dec: float, rotation: float, flipped: bool, scale: float
+    solver: Solver, ra: float, dec: float, rotation: float, flipped: bool, scale: float
 ) -> None:
     rng = np.random.default_rng(1)
     wcs = wcs_of(ra, dec, rotation, flipped, scale)
     stars = stars_in(wcs, ra, dec, rng)
-    found = solver().solve((HEIGHT, WIDTH), stars)
+    found = solver.solve((HEIGHT, WIDTH), stars)
     assert found is not None
     assert found.flipped is flipped
     assert abs((found.rotation_deg - rotation + 180.0) % 360.0 - 180.0) < 0.03
@@ -101,14 +105,14 @@ def test_a_field_is_found_as_astropy_projects_it(
     assert seen.dy_arcsec == pytest.approx(20.5 * scale, rel=1e-3)
 
 
-def test_what_is_no_field_is_not_solved() -> None:
+def test_what_is_no_field_is_not_solved(solver: Solver) -> None:
     rng = np.random.default_rng(2)
     for _ in range(20):
         stars = [
             Source(rng.uniform(0, WIDTH), rng.uniform(0, HEIGHT), rng.uniform(1, 9), 9.0) for _ in range(20)
         ]
-        assert solver().solve((HEIGHT, WIDTH), stars) is None
-    assert solver().solve((HEIGHT, WIDTH), stars[:4]) is None
+        assert solver.solve((HEIGHT, WIDTH), stars) is None
+    assert solver.solve((HEIGHT, WIDTH), stars[:4]) is None
 
 
 @pytest.mark.parametrize("flipped", [False, True])
