@@ -45,6 +45,8 @@ RIDGE_SNR = 3.0
 CENTROID_FLOOR_PX = 0.03
 MOST_CHI = 3.0
 EDGE_PX = 4
+SHARPEST = 0.8
+"""Of a star's middle pixel, the eight about it have at least so much light together; of a hot one none."""
 Kind = Literal["point", "streak", "none"]
 T_STAR, T_EVEN = 0.35, 2.0
 
@@ -372,10 +374,19 @@ def _point_target(
     angles += [one.angle_deg for one in long[:8] if all(_apart(one.angle_deg, a) > 3.0 for a in angles)]
     rest = math.inf if trail.length_px is None else (trail.length_px / 2.0 / psf_px - 5.0) / 2.0
     samples = int(min(max(rest, 3), 12))
-    passes = ((angles[:1], samples), (angles[1:], 0), (list(np.arange(0.0, 180.0, 3.75)), 0))
-    for directions, count in passes:
+    everywhere = list(np.arange(0.0, 180.0, 3.75))
+    # Stars' streaks that lie beside a peak pass it at up to about half a right angle.
+    beside = [one for one in everywhere if angles and _apart(one, angles[0]) < 45.0]
+    across = [one for one in everywhere if one not in beside]
+    passes = (
+        (angles[:1], samples, False),
+        (angles[1:], 0, False),
+        (beside, 0, True),
+        (across, 0, False),
+    )
+    for directions, count, both in passes:
         if directions and len(peaks):
-            peaks = _standing_out(prepared.snr, peaks, directions, psf_px, least, count)
+            peaks = _standing_out(prepared.snr, peaks, directions, psf_px, least, count, both)
     peaks = np.concatenate([peaks, on_streaks])
     # The strongest first, and only so many: what looks like more is no satellite among stars.
     peaks = peaks[np.argsort(peaks[:, 3] - peaks[:, 2])][:MOST_CANDIDATES]
@@ -496,14 +507,20 @@ def _on_streaks(snr: Pixels, long: list[Streak], least: float, psf_px: float) ->
 
 
 def _standing_out(
-    snr: Pixels, peaks: Array, directions: list[float], psf_px: float, least: float, samples: int = 0
+    snr: Pixels,
+    peaks: Array,
+    directions: list[float],
+    psf_px: float,
+    least: float,
+    samples: int = 0,
+    both: bool = False,
 ) -> Array:
     """Return the peaks that stand out of what runs through them, or ends in them, in any of some directions.
 
-    Of both sides of a peak counts the brighter: so do the ends of a streak not stand out. With `samples`, so
-    many are averaged on each side, in a direction in which stars are known to trail: the faintest star counts
-    then, and a peak at the image's edge, where no side can be seen, does not stand out. Without, what
-    matters are bright things that run anywhere, and their neighbours do not.
+    The brighter side of a peak counts: so the ends of a streak do not stand out. With `samples`, so many are
+    averaged on each side, in a direction in which stars are known to trail: the faintest star matters then,
+    and a peak at the image's edge, where no side can be seen, does not stand out. With `both`, the fainter
+    side counts: what runs through a peak matters, and not what passes beside it.
     """
     steps = psf_px * (5.0 + 2.0 * np.arange(samples or 6))
     ridge, angle = peaks[:, 3].copy(), peaks[:, 4].copy()
@@ -511,23 +528,25 @@ def _standing_out(
     cut = np.zeros(len(peaks), dtype=bool)
     for direction in directions:
         along = np.radians(direction)
+        sides = []
         for sense in (1.0, -1.0):
             x = peaks[:, :1] + sense * steps * math.cos(along)
             y = peaks[:, 1:2] + sense * steps * math.sin(along)
             inside = (x >= 0) & (y >= 0) & (x <= snr.shape[1] - 1) & (y <= snr.shape[0] - 1)
-            values = map_coordinates(snr, [y, x], order=1, mode="nearest")
+            values = np.where(inside, map_coordinates(snr, [y, x], order=1, mode="nearest"), 0.0)
             if samples:
                 cut |= inside.sum(axis=1) < 3
-                count = np.maximum(inside.sum(axis=1), 1)
-                level = np.where(inside, values, 0.0).sum(axis=1) / count
+                level = values.sum(axis=1) / np.maximum(inside.sum(axis=1), 1)
             else:
-                values = np.where(inside, values, 0.0)
                 level = np.median(values, axis=1)
-            higher = level > ridge
-            angle[higher] = direction if sense > 0 else direction - 180.0
-            rough = 1.4826 * np.median(np.abs(values - level[:, None]), axis=1)
-            roughness[higher] = rough[higher]
-            ridge = np.maximum(ridge, level)
+            sides.append((level, 1.4826 * np.median(np.abs(values - level[:, None]), axis=1)))
+        (ahead, rough_ahead), (behind, rough_behind) = sides
+        first = ahead < behind if both else ahead >= behind
+        level = np.where(first, ahead, behind)
+        higher = level > ridge
+        angle[higher] = np.where(first, direction, direction - 180.0)[higher]
+        roughness[higher] = np.where(first, rough_ahead, rough_behind)[higher]
+        ridge = np.maximum(ridge, level)
     ridge[ridge < (2.0 / math.sqrt(samples) if samples else RIDGE_SNR)] = 0.0
     excess = peaks[:, 2] - ridge
     # A bright streak is noisier than the sky, and a few samples do not tell by how much.
@@ -563,8 +582,11 @@ def _fitted(
     if fit is None:
         return None
     (flux, ox, oy, sky, sigma), covariance, residual, dof = fit
+    top = data - sky
+    around = float(top[half - 1 : half + 2, half - 1 : half + 2].sum()) - float(top[half, half])
+    sharp = around < SHARPEST * float(top[half, half])
     limit = 1.9 + (0.25 * snr) ** 2 / dof + 0.01 * ridge
-    if residual > limit or flux <= 0.0:
+    if sharp or residual > limit or flux <= 0.0:
         return None
     if _is_long(data - sky, np.sqrt(variance), good, dx - ox, dy - oy, (flux, sigma)):
         return None
