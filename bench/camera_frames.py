@@ -8,9 +8,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 from scipy.special import erf
+
+
+@cache
+def _quadrature(count: int) -> tuple[np.ndarray, np.ndarray]:
+    return np.polynomial.legendre.leggauss(count)
 
 
 @dataclass
@@ -41,7 +47,7 @@ class Canvas:
 
     def streak(self, x: float, y: float, length: float, angle_deg: float, flux_per_px: float) -> None:
         """Add a streak by its middle, with a flux for each pixel of its length."""
-        nodes, weights = np.polynomial.legendre.leggauss(max(8, int(2.0 * length / self.psf_px)))
+        nodes, weights = _quadrature(max(8, int(2.0 * length / self.psf_px)))
         along = nodes * length / 2.0
         angle = math.radians(angle_deg)
         self._add(

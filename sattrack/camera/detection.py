@@ -45,6 +45,8 @@ RIDGE_SNR = 3.0
 CENTROID_FLOOR_PX = 0.03
 MOST_CHI = 3.0
 EDGE_PX = 4
+SHARPEST = 0.8
+"""Of a star's middle pixel, the eight about it have at least so much light together; of a hot one none."""
 Kind = Literal["point", "streak", "none"]
 T_STAR, T_EVEN = 0.35, 2.0
 
@@ -200,10 +202,10 @@ def _prepared(frame: Frame, psf_px: float) -> _Prepared | str:
     under = np.repeat(np.repeat(background.back(dtype=np.float32), 2, axis=0), 2, axis=1)
     image = pixels - under[: pixels.shape[0], : pixels.shape[1]]
     image[bad] = 0.0
-    smooth = gaussian_filter1d(image, psf_px, axis=0, truncate=3.5)
-    smooth = gaussian_filter1d(smooth, psf_px, axis=1, truncate=3.5)
+    smooth = gaussian_filter1d(image, psf_px, axis=0, truncate=3.0)
+    smooth = gaussian_filter1d(smooth, psf_px, axis=1, truncate=3.0)
     # The noise as it is after the filter: that of colour cameras is not white.
-    part = smooth[EDGE_PX::7, EDGE_PX::5]
+    part = smooth[EDGE_PX::13, EDGE_PX::7]
     spread = _clipped_sigma(part)
     white = noise / (2.0 * math.sqrt(math.pi) * psf_px)
     smooth /= max(spread, white, 1e-12)
@@ -372,10 +374,19 @@ def _point_target(
     angles += [one.angle_deg for one in long[:8] if all(_apart(one.angle_deg, a) > 3.0 for a in angles)]
     rest = math.inf if trail.length_px is None else (trail.length_px / 2.0 / psf_px - 5.0) / 2.0
     samples = int(min(max(rest, 3), 12))
-    passes = ((angles[:1], samples), (angles[1:], 0), (list(np.arange(0.0, 180.0, 3.75)), 0))
-    for directions, count in passes:
+    everywhere = list(np.arange(0.0, 180.0, 3.75))
+    # Stars' streaks that lie beside a peak pass it at up to about half a right angle.
+    beside = [one for one in everywhere if angles and _apart(one, angles[0]) < 45.0]
+    across = [one for one in everywhere if one not in beside]
+    passes = (
+        (angles[:1], samples, False),
+        (angles[1:], 0, False),
+        (beside, 0, True),
+        (across, 0, False),
+    )
+    for directions, count, both in passes:
         if directions and len(peaks):
-            peaks = _standing_out(prepared.snr, peaks, directions, psf_px, least, count)
+            peaks = _standing_out(prepared.snr, peaks, directions, psf_px, least, count, both)
     peaks = np.concatenate([peaks, on_streaks])
     # The strongest first, and only so many: what looks like more is no satellite among stars.
     peaks = peaks[np.argsort(peaks[:, 3] - peaks[:, 2])][:MOST_CANDIDATES]
@@ -470,62 +481,46 @@ def _peaks(snr: Pixels, least: float) -> Array:
 
 
 def _on_streaks(snr: Pixels, long: list[Streak], least: float, psf_px: float) -> Array:
-    """Return the peaks on streaks, less what is typical of the streak; rows as `_peaks` gives them.
+    """Return of each streak what stands out most of what is typical of it; rows as `_peaks` gives them.
 
     Typical is the median along a streak, at each distance from its middle line, and so is the noise there.
     Near its ends nothing is told.
     """
     found = []
+    across = 0.5 * psf_px * np.arange(-6.0, 7.0)
     for one in long:
-        reach = one.length_px / 2.0 - 3.0 * psf_px
+        reach = math.floor(one.length_px / 2.0 - 3.0 * psf_px)
         if reach < 6.0 * psf_px:
             continue
         angle = math.radians(one.angle_deg)
-        along_x, along_y = math.cos(angle), math.sin(angle)
-        side = 4.0 * psf_px
-        half_x = math.ceil(abs(along_x) * reach + abs(along_y) * side)
-        half_y = math.ceil(abs(along_y) * reach + abs(along_x) * side)
-        col, row = round(one.x), round(one.y)
-        x0, x1 = max(0, col - half_x), min(snr.shape[1], col + half_x + 1)
-        y0, y1 = max(0, row - half_y), min(snr.shape[0], row + half_y + 1)
-        dy, dx = np.mgrid[y0:y1, x0:x1].astype(np.float32)
-        dx, dy = dx - one.x, dy - one.y
-        along, across = dx * along_x + dy * along_y, dy * along_x - dx * along_y
-        part = (np.abs(along) < reach) & (np.abs(across) < side)
-        if part.sum() < 60 or max(part.shape) < 3:
-            continue
-        values = snr[y0:y1, x0:x1]
-        bins = np.rint(2.0 * across + 2.0 * side).astype(np.intp)
-        centre, spread = np.zeros(bins.max() + 1), np.full(bins.max() + 1, np.inf)
-        for k in np.unique(bins[part]):
-            here = values[part & (bins == k)]
-            if len(here) >= 8:
-                centre[k] = np.median(here)
-                spread[k] = max(1.0, 1.4826 * float(np.median(np.abs(here - centre[k]))))
-        # Between the bins, the cross-section is a line.
-        at = 2.0 * across + 2.0 * side
-        model = np.interp(at, np.arange(len(centre)), centre)
-        noise = np.maximum(spread[bins], 1.0)
-        left = np.where(part & (model > RIDGE_SNR), (values - model) / np.hypot(noise, 0.08 * model), 0.0)
-        left = left.astype(np.float32)
-        if left.max() < least:
-            continue
-        for x, y, _, _, _ in _peaks(np.pad(left, EDGE_PX), least):
-            cx, cy = int(x) - EDGE_PX, int(y) - EDGE_PX
-            ridge = float(model[cy, cx])
-            found.append((x0 + cx, y0 + cy, ridge + float(left[cy, cx]), ridge, one.angle_deg))
+        along = np.arange(-reach, reach + 1.0)
+        x = one.x + along[:, None] * math.cos(angle) - across * math.sin(angle)
+        y = one.y + along[:, None] * math.sin(angle) + across * math.cos(angle)
+        values = map_coordinates(snr, [y, x], order=1, mode="nearest")
+        typical = np.median(values, axis=0)
+        spread = np.maximum(1.4826 * np.median(np.abs(values - typical), axis=0), 1.0)
+        left = np.where(typical > RIDGE_SNR, (values - typical) / np.hypot(spread, 0.08 * typical), 0.0)
+        i, k = np.unravel_index(int(np.argmax(left)), left.shape)
+        if left[i, k] >= least:
+            found.append((x[i, k], y[i, k], typical[k] + left[i, k], typical[k], one.angle_deg))
     return np.array(found).reshape(-1, 5)
 
 
 def _standing_out(
-    snr: Pixels, peaks: Array, directions: list[float], psf_px: float, least: float, samples: int = 0
+    snr: Pixels,
+    peaks: Array,
+    directions: list[float],
+    psf_px: float,
+    least: float,
+    samples: int = 0,
+    both: bool = False,
 ) -> Array:
     """Return the peaks that stand out of what runs through them, or ends in them, in any of some directions.
 
-    Of both sides of a peak counts the brighter: so do the ends of a streak not stand out. With `samples`, so
-    many are averaged on each side, in a direction in which stars are known to trail: the faintest star counts
-    then, and a peak at the image's edge, where no side can be seen, does not stand out. Without, what
-    matters are bright things that run anywhere, and their neighbours do not.
+    The brighter side of a peak counts: so the ends of a streak do not stand out. With `samples`, so many are
+    averaged on each side, in a direction in which stars are known to trail: the faintest star matters then,
+    and a peak at the image's edge, where no side can be seen, does not stand out. With `both`, the fainter
+    side counts: what runs through a peak matters, and not what passes beside it.
     """
     steps = psf_px * (5.0 + 2.0 * np.arange(samples or 6))
     ridge, angle = peaks[:, 3].copy(), peaks[:, 4].copy()
@@ -533,23 +528,25 @@ def _standing_out(
     cut = np.zeros(len(peaks), dtype=bool)
     for direction in directions:
         along = np.radians(direction)
+        sides = []
         for sense in (1.0, -1.0):
             x = peaks[:, :1] + sense * steps * math.cos(along)
             y = peaks[:, 1:2] + sense * steps * math.sin(along)
             inside = (x >= 0) & (y >= 0) & (x <= snr.shape[1] - 1) & (y <= snr.shape[0] - 1)
-            values = map_coordinates(snr, [y, x], order=1, mode="nearest")
+            values = np.where(inside, map_coordinates(snr, [y, x], order=1, mode="nearest"), 0.0)
             if samples:
                 cut |= inside.sum(axis=1) < 3
-                count = np.maximum(inside.sum(axis=1), 1)
-                level = np.where(inside, values, 0.0).sum(axis=1) / count
+                level = values.sum(axis=1) / np.maximum(inside.sum(axis=1), 1)
             else:
-                values = np.where(inside, values, 0.0)
                 level = np.median(values, axis=1)
-            higher = level > ridge
-            angle[higher] = direction if sense > 0 else direction - 180.0
-            rough = 1.4826 * np.median(np.abs(values - level[:, None]), axis=1)
-            roughness[higher] = rough[higher]
-            ridge = np.maximum(ridge, level)
+            sides.append((level, 1.4826 * np.median(np.abs(values - level[:, None]), axis=1)))
+        (ahead, rough_ahead), (behind, rough_behind) = sides
+        first = ahead < behind if both else ahead >= behind
+        level = np.where(first, ahead, behind)
+        higher = level > ridge
+        angle[higher] = np.where(first, direction, direction - 180.0)[higher]
+        roughness[higher] = np.where(first, rough_ahead, rough_behind)[higher]
+        ridge = np.maximum(ridge, level)
     ridge[ridge < (2.0 / math.sqrt(samples) if samples else RIDGE_SNR)] = 0.0
     excess = peaks[:, 2] - ridge
     # A bright streak is noisier than the sky, and a few samples do not tell by how much.
@@ -584,12 +581,16 @@ def _fitted(
     fit = _gauss_newton(data, np.sqrt(variance), good, dx, dy, (x - col, y - row), psf_px)
     if fit is None:
         return None
-    (flux, ox, oy, _, sigma), covariance, residual, dof = fit
+    (flux, ox, oy, sky, sigma), covariance, residual, dof = fit
+    top = data - sky
+    around = float(top[half - 1 : half + 2, half - 1 : half + 2].sum()) - float(top[half, half])
+    sharp = around < SHARPEST * float(top[half, half])
     limit = 1.9 + (0.25 * snr) ** 2 / dof + 0.01 * ridge
-    if residual > limit or flux <= 0.0 or _elongation(data, good, dx - ox, dy - oy, psf_px) > 0.2 + 2.5 / snr:
+    if sharp or residual > limit or flux <= 0.0:
         return None
-    coloured = 1.0
-    grown = math.sqrt(max(1.0, residual)) * coloured
+    if _is_long(data - sky, np.sqrt(variance), good, dx - ox, dy - oy, (flux, sigma)):
+        return None
+    grown = math.sqrt(max(1.0, residual))
     of_place = math.sqrt(max(covariance[1, 1], covariance[2, 2])) * grown
     if prepared.gain is not None:
         # The satellite's own photons: their share of a place is sigma over the root of their number.
@@ -598,15 +599,21 @@ def _fitted(
     return _Point(col + ox, row + oy, math.hypot(of_place, CENTROID_FLOOR_PX), snr, flux, peak)
 
 
-def _elongation(data: Array, good: NDArray[np.bool_], dx: Array, dy: Array, psf_px: float) -> float:
-    """Return how far an image is from round, 0 to 1, by its second moments in a window of twice the PSF."""
-    weights = data * good * np.exp(-(dx * dx + dy * dy) / (2.0 * (2.0 * psf_px) ** 2))
-    xx, yy, xy = (
-        float((weights * dx * dx).sum()),
-        float((weights * dy * dy).sum()),
-        float((weights * dx * dy).sum()),
-    )
-    return math.hypot(xx - yy, 2.0 * xy) / (xx + yy) if xx + yy > 0.0 else math.inf
+def _is_long(
+    data: Array, noise: Array, good: NDArray[np.bool_], dx: Array, dy: Array, shape: tuple[float, float]
+) -> bool:
+    """Tell whether an image is longer than wide by more than noise makes it: its second moments in a window.
+
+    `dx`, `dy` are from its middle, `shape` its flux and the sigma of a Gaussian that fits it.
+    """
+    flux, sigma = shape
+    window = good * np.exp(-(dx * dx + dy * dy) / (2.0 * (1.5 * sigma) ** 2))
+    across, crossed = window * (dx * dx - dy * dy), 2.0 * window * dx * dy
+    bell = flux / (2.0 * math.pi * sigma * sigma) * np.exp(-(dx * dx + dy * dy) / (2.0 * sigma * sigma))
+    size = float((bell * window * (dx * dx + dy * dy)).sum())
+    length = math.hypot(float((data * across).sum()), float((data * crossed).sum()))
+    spread = math.sqrt(float(((noise * across) ** 2).sum() + ((noise * crossed) ** 2).sum()) / 2.0)
+    return length > 0.2 * size + 3.7 * spread
 
 
 def _ridge_under(image: Pixels, col: int, row: int, half: int, angle_deg: float, psf_px: float) -> Array:

@@ -62,7 +62,9 @@ class IndiCamera:
                     for member in event.values():
                         blobs.put(bytes(member))
 
-        return Client(indihost=host, indiport=port)
+        client = Client(indihost=host, indiport=port)
+        client.enable_reports = False
+        return client
 
     def _serve(self) -> None:
         asyncio.set_event_loop(self._loop)

@@ -40,11 +40,11 @@ def expected(
     assert other.mount_ra_deg is not None
     assert other.mount_dec_deg is not None
     mount = _rates(one.mount_ra_deg, one.mount_dec_deg, other.mount_ra_deg, other.mount_dec_deg, span_s)
-    stars = _in_image(-mount[0], -mount[1], scale, geometry)
+    stars = in_image(-mount[0], -mount[1], scale, geometry)
     if other.phase in FOLLOWING:
         return Expected(stars, 0.0)
     target = _rates(one.target_ra_deg, one.target_dec_deg, other.target_ra_deg, other.target_dec_deg, span_s)
-    return Expected(stars, _in_image(target[0] - mount[0], target[1] - mount[1], scale, geometry))
+    return Expected(stars, in_image(target[0] - mount[0], target[1] - mount[1], scale, geometry))
 
 
 def _rates(ra: float, dec: float, to_ra: float, to_dec: float, span_s: float) -> tuple[float, float]:
@@ -53,9 +53,7 @@ def _rates(ra: float, dec: float, to_ra: float, to_dec: float, span_s: float) ->
     return east * 3600.0 / span_s, (to_dec - dec) * 3600.0 / span_s
 
 
-def _in_image(
-    east: float, north: float, scale: float, geometry: ImageGeometry
-) -> tuple[float, float] | float:
+def in_image(east: float, north: float, scale: float, geometry: ImageGeometry) -> tuple[float, float] | float:
     """Return a motion in the image, pixels a second; its speed alone where the rotation is not known."""
     if geometry.rotation_deg is None:
         return math.hypot(east, north) / scale

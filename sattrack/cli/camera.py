@@ -12,9 +12,7 @@ import socket
 import subprocess
 import sys
 import tempfile
-import threading
 import time
-from concurrent.futures import Future
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -338,7 +336,8 @@ class Looker:
         """Take `waits`: whether frames wait for the solver, which takes its time once."""
         self.detector, self.geometry, self.name = detector, geometry, name
         self._solves, self._waits = solves, waits
-        self._solver: Future[Solver] | None = None
+        self._solver: Solver | None = None
+        self._making: subprocess.Popen[bytes] | None = None
         self._told = ""
 
     def look(self, frame: Frame, expected: Expected | None) -> tuple[Seen, Detection]:
@@ -356,10 +355,10 @@ class Looker:
         if not self._solves or scale is None or len(detection.stars) < FEWEST_STARS:
             return None
         if self._solver is None:
-            self._begin_solver(scale * frame.pixels.shape[1] / 3600.0)
-        if self._solver is None or not (self._waits or self._solver.done()):
+            self._solver = self._made_solver(scale * frame.pixels.shape[1] / 3600.0)
+        if self._solver is None:
             return None
-        solution = self._solver.result().solve(frame.pixels.shape, detection.stars)
+        solution = self._solver.solve(frame.pixels.shape, detection.stars)
         if solution is None:
             return None
         wrong = contradiction(self.geometry, solution)
@@ -369,33 +368,39 @@ class Looker:
         self.geometry = ImageGeometry(solution.scale_arcsec_px, solution.rotation_deg, solution.flipped)
         return solution
 
-    def _begin_solver(self, fov_deg: float) -> None:
-        """Have the solver made, beside the frames; `_solves` is false where there will be none."""
-        from sattrack.camera.centring import LEAST_FOV_DEG, LONGEST_FOV_DEG, Solver
+    def _made_solver(self, fov_deg: float) -> Solver | None:
+        """Return the solver; None while its index is made, and where there will be none."""
+        from sattrack.camera.centring import Solver
         from sattrack.camera.sources import needed
+        from sattrack.camera.star_index import LEAST_FOV_DEG, LONGEST_FOV_DEG, index_file, start_making
 
         if not LEAST_FOV_DEG <= fov_deg <= LONGEST_FOV_DEG:
-            self._solves = False
             span = f"{LEAST_FOV_DEG:g}° to {LONGEST_FOV_DEG:g}°"
-            self._tell(f"a field of {fov_deg:.2g}° is not solved: the star catalogue is for {span}")
-            return
+            self._unsolved(f"a field of {fov_deg:.2g}° is not solved: the star catalogue is for {span}")
+            return None
         try:
             package = needed("tetra3rs", "solving")
         except SattrackError as error:
-            self._solves = False
-            self._tell(f"fields are not solved: {error}")
-            return
-        self._tell(f"making the index of stars for fields of {fov_deg:.2g}°, once")
-        future: Future[Solver] = Future()
+            self._unsolved(f"fields are not solved: {error}")
+            return None
+        path = index_file(fov_deg)
+        if not path.exists():
+            if self._making is None:
+                self._tell(f"making the index of stars for fields of {fov_deg:.2g}°, once: {path}")
+                self._making = start_making(path, fov_deg)
+            if self._waits:
+                self._making.wait()
+            if self._making.poll() is None:
+                return None
+        try:
+            return Solver(package.SolverDatabase.load_from_file(str(path)), fov_deg)
+        except (OSError, ValueError, RuntimeError) as error:
+            self._unsolved(f"fields are not solved: {path}: {error}; remove it")
+            return None
 
-        def make() -> None:
-            try:
-                future.set_result(Solver(package, fov_deg))
-            except Exception as error:  # noqa: BLE001 - it is raised where the solver is used
-                future.set_exception(error)
-
-        threading.Thread(target=make, name="star index", daemon=True).start()
-        self._solver = future
+    def _unsolved(self, why: str) -> None:
+        self._solves = False
+        self._tell(why)
 
     def _tell(self, text: str) -> None:
         if text != self._told:

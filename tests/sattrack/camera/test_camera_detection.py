@@ -134,3 +134,18 @@ def test_a_streak_among_stars_is_found_by_its_middle() -> None:
     assert one.x == pytest.approx(260.4, abs=0.5)
     assert one.y == pytest.approx(170.2, abs=0.5)
     assert seen(canvas.exposed(rng), Expected(stars=0.0, target=1500.0)).kind == "none"
+
+
+def test_a_hot_pixel_is_none_however_sharp_stars_are() -> None:
+    rng = np.random.default_rng(12)
+    canvas = small(0.6)
+    star_streaks(canvas, rng, 15, 40.0, 60.0)
+    pixels = canvas.exposed(rng).astype(np.float64)
+    for height in (200.0, 250.0, 300.0, 400.0, 1000.0, 30000.0):
+        pixels[rng.integers(20, 360), rng.integers(20, 480)] += height
+    detector = Detector()
+    for _ in range(3):
+        assert seen(pixels, detector=detector).kind == "none"
+    canvas.point(201.2, 150.4, canvas.flux_of(25.0))
+    one = seen(canvas.exposed(rng), detector=detector)
+    assert one.x == pytest.approx(201.2, abs=0.2)

@@ -14,7 +14,7 @@ import msgspec
 import pytest
 
 from sattrack.runtime import demo_pass
-from sattrack.runtime.control_arbiter import ControlArbiter, SessionInbox
+from sattrack.runtime.control_arbiter import ControlArbiter, Observers, SessionInbox
 from sattrack.runtime.facts import RunRequest, prepare
 from sattrack.runtime.view_server import (
     MOST_CLIENTS,
@@ -255,3 +255,20 @@ def test_it_ends_with_its_feeder_when_all_is_told(view_server: ViewServerLink, v
         view_server.close()
         assert one.door.recv(1) == b""
     assert view_server._process.poll() == 0
+
+
+def test_an_observation_needs_no_control_and_waits_until_there_is_time(view_server: ViewServerLink) -> None:
+    observers = Observers()
+    arbiter = ControlArbiter(True)
+    inbox = SessionInbox(arbiter, None, view_server, observers)
+    offset = {"type": "offset", "utc": "2026-10-02T13:05:24.5Z", "dx_px": 3.0, "dy_px": -1.0, "sigma_px": 0.2}
+    with visitors(1) as (camera,):
+        camera.say({"type": "nudge", "along_s": 1.0})
+        camera.say(offset)
+        camera.say({"type": "stop"})
+        # The nudge is of one without control; the stop comes first, and tells that all was read before long.
+        assert heard_until(inbox, bool) == [StopNow()]
+        seen = []
+        heard_until(inbox, lambda _: seen.extend(observers.observations()) or bool(seen))
+    assert [(one.dx_px, one.dy_px) for one in seen] == [(3.0, -1.0)]
+    assert arbiter.controller == 0, "the starter is in control as before"

@@ -1,0 +1,117 @@
+"""Print how surely and how exactly a camera's frames are read: `python bench/camera.py [--frames N]`.
+
+Frames of 1280 × 960 pixels by closed forms (`camera_frames.py`): 50 stars' streaks of random length and
+direction, and a satellite. SNR is the flux over the noise in an aperture with a radius of one FWHM.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+
+import numpy as np
+from camera_frames import Canvas, star_streaks
+
+from sattrack.camera.detection import Detection, Detector
+from sattrack.camera.frames import Frame
+from tle.instants import Utc
+
+APERTURE = 1.255
+"""The signal over noise of a filter that matches a Gaussian, over that in an aperture of one FWHM radius."""
+START_S = 1790946324.0
+
+
+def look(detector: Detector, pixels: np.ndarray, number: int) -> Detection:
+    frame = Frame(pixels.astype(np.float32), Utc(START_S + 0.5 * number), 0.1, "frame", 65535.0)
+    return detector.look(frame)
+
+
+def sequences(frames: int, snr: float, psf_px: float, single: bool, seed: int) -> None:
+    """Print how often the satellite is found; `single`: each frame alone, else ten frames after another."""
+    rng = np.random.default_rng(seed)
+    found = wrong = total = 0
+    off: list[float] = []
+    share: list[float] = []
+    while total < frames:
+        length, angle = rng.uniform(30, 150), rng.uniform(0, 180)
+        place = rng.uniform(60, 1220), rng.uniform(60, 900)
+        detector = Detector()
+        for number in range(1 if single else 10):
+            canvas = Canvas(psf_px=psf_px)
+            star_streaks(canvas, rng, 50, length, angle)
+            x, y = place[0] + 0.5 * number, place[1] - 0.3 * number
+            canvas.point(x, y, canvas.flux_of(snr * APERTURE))
+            one = look(detector, canvas.exposed(rng), number)
+            total += 1
+            if one.kind != "point" or one.x is None or one.y is None or one.sigma_px is None:
+                continue
+            if math.hypot(one.x - x, one.y - y) > 3.0:
+                wrong += 1
+                continue
+            found += 1
+            off += [one.x - x, one.y - y]
+            share += [(one.x - x) / one.sigma_px, (one.y - y) / one.sigma_px]
+    alone = "alone   " if single else "in tens "
+    rms = float(np.sqrt(np.mean(np.square(off)))) if off else math.nan
+    within = float(np.mean(np.abs(share) < 2.0)) if share else math.nan
+    print(
+        f"SNR {snr:4.1f}, FWHM {2.355 * psf_px:.1f} px, frames {alone} {total:5d}"
+        f"  found {100.0 * found / total:6.2f} %  elsewhere {wrong}"
+        f"  error {rms:.3f} px an axis, {100.0 * within:.1f} % within two sigmas",
+        flush=True,
+    )
+
+
+def empty(frames: int, streaks: int, seed: int) -> None:
+    """Print how often something is found where there is nothing; of a canvas come ten frames."""
+    rng = np.random.default_rng(seed)
+    wrong = total = 0
+    while total < frames:
+        canvas = Canvas(psf_px=1.2)
+        star_streaks(canvas, rng, streaks, rng.uniform(30, 150), rng.uniform(0, 180))
+        for number in range(10):
+            wrong += look(Detector(), canvas.exposed(rng), number).kind != "none"
+            total += 1
+    print(f"no satellite, {streaks:2d} streaks, frames {total:5d}  found {wrong}", flush=True)
+
+
+def speed(frames: int) -> None:
+    """Print the time of a frame, of this process alone, beside two plain passes of numpy over the same."""
+    rng = np.random.default_rng(1)
+    mine, plain = [], []
+    for number in range(frames):
+        canvas = Canvas(psf_px=1.2)
+        star_streaks(canvas, rng, 50, 80.0, 30.0)
+        canvas.point(500.0, 400.0, canvas.flux_of(30.0))
+        pixels = canvas.exposed(rng)
+        begun_s = time.process_time()
+        look(Detector(), pixels, number)
+        mine.append(time.process_time() - begun_s)
+        begun_s = time.process_time()
+        part = pixels.astype(np.float32)
+        np.sort(part, axis=1)
+        plain.append(time.process_time() - begun_s)
+    ratio = float(np.median(np.array(mine) / np.array(plain)))
+    print(
+        f"1.2 megapixels: {1e3 * float(np.median(mine)):.0f} ms (best {1e3 * min(mine):.0f}) "
+        f"of processor time, {ratio:.1f} times sorting its rows",
+        flush=True,
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--frames", type=int, default=1000)
+    frames = parser.parse_args().frames
+    speed(10)
+    sequences(frames, 8.0, 1.2, True, 11)
+    sequences(frames, 8.0, 1.2, False, 12)
+    sequences(frames, 20.0, 1.2, True, 13)
+    sequences(frames // 2, 8.0, 1.6, True, 14)
+    empty(frames, 50, 15)
+    empty(frames, 0, 16)
+
+
+if __name__ == "__main__":
+    main()

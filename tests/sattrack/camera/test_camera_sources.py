@@ -1,0 +1,212 @@
+"""Frames from folders, Alpaca, INDI and video: bytes as the standards have them, written out by hand."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import socket
+import struct
+import threading
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from sattrack.camera.alpaca import decode_image
+from sattrack.camera.frames import Frame
+from sattrack.camera.sources import SourceOptions, open_source, save_frame
+from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.mount.alpaca.client import AlpacaRefusalError, NoAnswerError
+from tle.instants import Utc
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+MIDDLE = Utc.parse("2026-10-02T13:05:24.5Z")
+# Two columns of three rows: the element at [column][row].
+COLUMNS = [[1, 2, 3], [4, 5, 6]]
+ROWS = [[1, 4], [2, 5], [3, 6]]
+
+
+def metadata(
+    element: int, *, version: int = 1, error: int = 0, rank: int = 2, width: int = 2, height: int = 3
+) -> bytes:
+    return struct.pack("<iiIIiiiiiii", version, error, 7, 9, 44, 2, element, rank, width, height, 0)
+
+
+@pytest.mark.parametrize(
+    ("element", "form"), [(1, "<6h"), (2, "<6i"), (3, "<6d"), (4, "<6f"), (6, "6B"), (8, "<6H"), (9, "<6I")]
+)
+def test_image_bytes_have_columns_first(element: int, form: str) -> None:
+    body = metadata(element) + struct.pack(form, 1, 2, 3, 4, 5, 6)
+    assert decode_image("application/imagebytes", body).tolist() == ROWS
+
+
+def test_an_image_as_json_has_columns_first() -> None:
+    body = json.dumps({"Type": 2, "Rank": 2, "Value": COLUMNS, "ErrorNumber": 0}).encode()
+    assert decode_image("application/json", body).tolist() == ROWS
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"",
+        metadata(8)[:20],
+        metadata(8) + b"\x01\x00",
+        metadata(99) + b"\x00" * 100,
+        metadata(8, version=3) + b"\x00" * 100,
+        metadata(8, rank=7) + b"\x00" * 100,
+        metadata(8, width=-2) + b"\x00" * 100,
+        metadata(8, width=1 << 30, height=1 << 30) + b"\x00" * 100,
+    ],
+)
+def test_a_broken_image_is_refused(body: bytes) -> None:
+    with pytest.raises(NoAnswerError):
+        decode_image("application/imagebytes", body)
+
+
+def test_an_error_in_image_bytes_is_the_cameras_own() -> None:
+    with pytest.raises(AlpacaRefusalError, match="no exposure yet"):
+        decode_image("application/imagebytes", metadata(0, error=0x40B) + b"no exposure yet")
+
+
+def fits_bytes(pixels: np.ndarray, **header: object) -> bytes:
+    fits = pytest.importorskip("astropy.io.fits")
+    part = fits.PrimaryHDU(pixels)
+    for key, value in header.items():
+        part.header[key.replace("_", "-")] = value
+    out = io.BytesIO()
+    part.writeto(out)
+    return out.getvalue()
+
+
+def frames(text: str, options: SourceOptions) -> list[Frame | SattrackError]:
+    source = open_source(text, options)
+    try:
+        return list(source.frames())
+    finally:
+        source.close()
+
+
+def test_a_folder_gives_its_frames_in_order_and_names_what_is_none(tmp_path: Path) -> None:
+    pixels = np.arange(1200, dtype=np.uint16).reshape(30, 40)
+    dated = {"DATE_OBS": "2026-10-02T13:05:24.4", "EXPTIME": 0.2}
+    (tmp_path / "b.fits").write_bytes(fits_bytes(pixels, **dated, ROWORDER="TOP-DOWN"))
+    (tmp_path / "a.fits").write_bytes(fits_bytes(pixels, **dated))
+    (tmp_path / "c.fits").write_bytes(fits_bytes(pixels))
+    (tmp_path / "d.fits").write_bytes(b"no fits at all")
+    (tmp_path / "notes.txt").write_text("nothing")
+    first, second, undated, broken = frames(f"folder:{tmp_path}", SourceOptions(latency_s=0.1))
+    assert isinstance(first, Frame)
+    assert isinstance(second, Frame)
+    assert abs(float(first.utc - MIDDLE) + 0.1) < 1e-6
+    assert first.saturation == 65535.0
+    assert first.pixels.tolist() == pixels.tolist()
+    assert second.pixels.tolist() == pixels[::-1].tolist()
+    for error, name in ((undated, "c.fits"), (broken, "d.fits")):
+        assert isinstance(error, BadInputError)
+        assert name in str(error)
+
+
+def test_an_image_is_dated_by_the_settings_beside_it_and_has_its_top_row_first(tmp_path: Path) -> None:
+    images = pytest.importorskip("PIL.Image")
+    pixels = np.arange(1200, dtype=np.uint16).reshape(30, 40)
+    images.fromarray(pixels).save(tmp_path / "x.png")
+    (tmp_path / "x.CameraSettings.txt").write_text(
+        "Exposure=200ms\nMidCapture=2026-10-02T13:05:24.5000000Z\n"
+    )
+    images.fromarray(pixels).save(tmp_path / "y.png")
+    found, undated = frames(f"folder:{tmp_path}", SourceOptions())
+    assert isinstance(found, Frame)
+    assert abs(float(found.utc - MIDDLE)) < 1e-6
+    assert found.pixels.tolist() == pixels[::-1].tolist()
+    assert "y.png: nothing dates it" in str(undated)
+
+
+def test_a_frame_that_was_kept_reads_as_it_was(tmp_path: Path) -> None:
+    fits = pytest.importorskip("astropy.io.fits")
+    pixels = np.arange(1200, dtype=np.float32).reshape(30, 40)
+    path = save_frame(
+        Frame(pixels, MIDDLE, 0.2, "f", header={"GAIN": 7}), tmp_path / "kept", "guide", {"RA": 1.5}
+    )
+    header = fits.getheader(path)
+    assert header["DATE-OBS"] == "2026-10-02T13:05:24.400000"
+    assert (header["EXPTIME"], header["INSTRUME"], header["GAIN"], header["RA"]) == (0.2, "guide", 7, 1.5)
+    assert fits.getdata(path).tolist() == pixels.tolist()
+
+
+@pytest.mark.parametrize(
+    "text", ["", "folder:", "alpaca://host", "indi://host/x", "webcam", "v4l:", "folder:/nowhere/at/all"]
+)
+def test_what_is_no_source_is_refused_in_one_line(text: str) -> None:
+    with pytest.raises(BadInputError) as error:
+        open_source(text, SourceOptions())
+    assert "\n" not in str(error.value)
+
+
+INDI = b"""<defSwitchVector device="CCD Sim" name="CONNECTION" state="Ok" perm="rw" rule="OneOfMany"
+timestamp="2026-10-02T13:05:20"><defSwitch name="CONNECT">On</defSwitch>
+<defSwitch name="DISCONNECT">Off</defSwitch>
+</defSwitchVector>
+<defNumberVector device="CCD Sim" name="CCD_EXPOSURE" state="Idle" perm="rw" timestamp="2026-10-02T13:05:20">
+<defNumber name="CCD_EXPOSURE_VALUE" format="%5.2f" min="0" max="3600" step="1">1</defNumber>
+</defNumberVector>
+<defBLOBVector device="CCD Sim" name="CCD1" state="Idle" perm="ro" timestamp="2026-10-02T13:05:20">
+<defBLOB name="CCD1"/></defBLOBVector>
+"""
+
+
+def serve_indi(listener: socket.socket, image: bytes, heard: list[bytes]) -> None:
+    connection, _ = listener.accept()
+    with connection:
+        waiting = b""
+        while data := connection.recv(65536):
+            heard.append(data)
+            waiting += data
+            if b"getProperties" in waiting:
+                connection.sendall(INDI)
+                waiting = b""
+            if b"</newNumberVector>" in waiting:
+                waiting = b""
+                blob = base64.b64encode(image)
+                connection.sendall(
+                    b'<setBLOBVector device="CCD Sim" name="CCD1" state="Ok" timestamp="2026-10-02T13:05:25">'
+                    b'<oneBLOB name="CCD1" size="%d" format=".fits">%s</oneBLOB></setBLOBVector>\n'
+                    % (len(image), blob)
+                )
+
+
+def test_an_indi_camera_is_asked_for_frames(capfd: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("indipyclient")
+    pixels = np.arange(1200, dtype=np.uint16).reshape(30, 40)
+    image = fits_bytes(pixels, DATE_OBS="2026-10-02T13:05:24.4", EXPTIME=0.2)
+    heard: list[bytes] = []
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        server = threading.Thread(target=serve_indi, args=(listener, image, heard), daemon=True)
+        server.start()
+        camera = open_source(f"indi://127.0.0.1:{listener.getsockname()[1]}/CCD%20Sim", SourceOptions(0.2))
+        frame = next(iter(camera.frames()))
+        camera.close()
+        server.join(10.0)
+    assert isinstance(frame, Frame)
+    assert abs(float(frame.utc - MIDDLE)) < 1e-6
+    assert frame.pixels.tolist() == pixels.tolist()
+    assert b"0.2" in b"".join(heard)
+    assert capfd.readouterr().out == ""
+
+
+def test_a_video_device_gives_frames_with_their_top_row_last(tmp_path: Path) -> None:
+    cv2 = pytest.importorskip("cv2")
+    path = tmp_path / "clip.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 10, (64, 48))
+    image = np.zeros((48, 64, 3), dtype=np.uint8)
+    image[:24] = 200
+    for _ in range(3):
+        writer.write(image)
+    writer.release()
+    first, second, third, end = frames(f"v4l:{path}", SourceOptions())
+    assert isinstance(end, SattrackError)
+    for frame in (first, second, third):
+        assert isinstance(frame, Frame)
+        assert frame.pixels[40:].mean() > 150.0 > 50.0 > frame.pixels[:8].mean()

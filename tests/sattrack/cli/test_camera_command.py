@@ -1,0 +1,130 @@
+"""`sattrack camera` and `track --camera`, as a user types them, with frames of closed forms."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from camera_frames import Canvas, star_streaks
+
+from sattrack.cli.main import run
+
+fits = pytest.importorskip("astropy.io.fits")
+pytest.importorskip("sep", reason="cameras need the extra camera")
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+FIELDS = {"utc", "exposure_s", "kind", "dx_arcsec", "dy_arcsec", "sigma_arcsec", "snr", "solved"}
+
+
+def write_frames(folder: Path, places: list[tuple[float, float] | None]) -> None:
+    rng = np.random.default_rng(4)
+    for number, place in enumerate(places):
+        canvas = Canvas(400, 300, 1.3)
+        star_streaks(canvas, rng, 12, 50.0, 30.0)
+        if place is not None:
+            canvas.point(*place, canvas.flux_of(40.0))
+        part = fits.PrimaryHDU(canvas.exposed(rng))
+        part.header["DATE-OBS"] = f"2026-10-02T13:05:{24 + number:02d}.4"
+        part.header["EXPTIME"] = 0.2
+        part.writeto(folder / f"frame_{number}.fits")
+
+
+def ran(
+    capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0
+) -> tuple[list[dict[str, Any]], str]:
+    assert run([*arguments]) == code
+    out, err = capsys.readouterr()
+    assert "Traceback" not in err
+    return [json.loads(line) for line in out.splitlines()] if "--json" in arguments else [], err
+
+
+def test_each_frame_is_a_line_with_the_offset_from_the_middle(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_frames(tmp_path, [(249.5, 149.5), None, (199.5, 99.5)])
+    first, empty, third = ran(
+        capsys,
+        "camera",
+        f"folder:{tmp_path}",
+        "--scale",
+        "2",
+        "--json",
+        "--no-solve",
+        "--save",
+        str(tmp_path / "kept"),
+    )[0]
+    assert set(first) >= FIELDS
+    assert (first["kind"], empty["kind"], third["kind"]) == ("point", "none", "point")
+    assert first["utc"].startswith("2026-10-02T13:05:24.5")
+    # Middle at (199.5, 149.5): 50 pixels to the right, and 50 down.
+    assert (first["dx_arcsec"], first["dy_arcsec"]) == pytest.approx((100.0, 0.0), abs=0.5)
+    assert (third["dx_arcsec"], third["dy_arcsec"]) == pytest.approx((0.0, -100.0), abs=0.5)
+    assert all(empty[name] is None for name in ("dx_arcsec", "dy_arcsec", "sigma_arcsec", "snr", "solved"))
+    assert empty["why"]
+    assert len(list((tmp_path / "kept").glob("*.fits"))) == 3
+
+
+def test_the_settings_of_a_camera_are_those_of_its_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_frames(tmp_path, [(249.5, 149.5)])
+    settings = tmp_path / "sattrack.toml"
+    settings.write_text("[camera]\nscale_arcsec_px = 9\n[cameras.guide]\nscale_arcsec_px = 4\n")
+    lines = ("camera", f"folder:{tmp_path}", "--json", "--config", str(settings))
+    assert ran(capsys, *lines, "--name", "guide")[0][0]["dx_arcsec"] == pytest.approx(200.0, abs=1.0)
+    assert ran(capsys, *lines)[0][0]["dx_arcsec"] == pytest.approx(450.0, abs=2.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("folder:/nowhere/at/all",), "no such folder"),
+        (("webcam",), "folder:DIR"),
+        (("folder:.", "--scale", "0"), "--scale"),
+        (("folder:.", "--exposure", "long"), "--exposure long"),
+        (("folder:.", "--exposure", "-1"), "--exposure -1"),
+    ],
+)
+def test_what_cannot_be_is_one_line(
+    arguments: tuple[str, ...], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    err = ran(capsys, "camera", *arguments, code=2)[1]
+    assert words in err
+
+
+def test_a_folder_without_a_frame_that_can_be_used_names_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a.fits").write_bytes(b"nothing")
+    err = ran(capsys, "camera", f"folder:{tmp_path}", code=2)[1]
+    assert "a.fits" in err
+    assert "no frame that can be used" in err
+
+
+def test_a_missing_extra_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "sep", None)
+    err = ran(capsys, "camera", f"folder:{tmp_path}", code=1)[1]
+    assert "pip install 'sattrack[camera]'" in err
+
+
+def test_in_virtual_time_offsets_of_another_mount_are_not_used(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_frames(tmp_path, [(249.5, 149.5), None])
+    practice = ("track", "ISS", "--mount", "sim", "--virtual", "--json", "--bias-memory", "off")
+    summary = ran(capsys, *practice, "--camera", f"guide=folder:{tmp_path}", "--scale", "2")
+    assert "1 frames were not solved" in summary[1]
+    camera = summary[0][-1]["summary"]["camera"]
+    assert camera == {
+        "frames": 2,
+        "detected": 1,
+        "used": 0,
+        "rejected": 0,
+        "first_utc": "2026-10-02T13:05:24.500000Z",
+    }
+    err = ran(capsys, *practice, "--camera", "v4l:/dev/video0", code=2)[1]
+    assert "in virtual time frames come from a folder" in err
