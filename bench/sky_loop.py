@@ -347,6 +347,10 @@ class SkyRun(VirtualRun):
             self._expose(truth)
         self._at(self._installation.next_turn_s(now_utc_s), self._mount_turn, what)
 
+    def _operate(self, now_utc_s: float, message: Any) -> None:
+        super()._operate(now_utc_s, message)
+        self.sky.note_distance(self.engine.tracker.steering.estimator)
+
     def _expose(self, truth: Any) -> None:
         """Expose at the truth's instant: the true axes are known exactly there."""
         sky, utc_s = self.sky, truth.utc_s

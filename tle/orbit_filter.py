@@ -2,7 +2,7 @@
 
 `OrbitFilter` is an iterated, extended Kalman filter. How far elements are off, and whether what was learnt
 of mount and cameras at an earlier pass still holds, is not known beforehand: `FilterBank` runs filters that
-expect different things beside one another, and answers with the one that foretells best.
+expect different things beside one another, and answers with the one that predicts best.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from tle.errors import PropagationError
-from tle.orbit_fit import LONGEST_STEP_KM, STATES, Expected, Partials, compared
+from tle.orbit_fit import LONGEST_STEP_KM, STATES, Compared, Expected, Partials, compared
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -50,7 +50,7 @@ _TURN_WALK_RAD2_S = math.radians(0.05 / 3600.0) ** 2
 _LEAST_ALONG = 0.2
 _RELINEARISE_KM = 5.0
 _MOST_STEPS, _WHOLE_STEPS, _HALF_STEPS = 32, 4, 12
-_SETTLED_SIGMAS, _SETTLED_PRIOR_SIGMAS = 0.02, 0.02
+_SETTLED_KM, _SETTLED_SIGMAS, _SETTLED_PRIOR_SIGMAS = 1e-4, 0.02, 0.02
 _WORST_SQUARE = 36.0
 _FORGETTING = 0.98
 _BETTER = 3.0
@@ -220,7 +220,7 @@ class OrbitFilter:
             try:
                 if float(np.abs(at[:STATES] - partials.at_km).max()) > _RELINEARISE_KM:
                     partials = Partials(self.orbit, at[:STATES])
-                off, by_state = self._compared(sighting, at, partials)
+                off, by_state, range_km = self._compared(sighting, at, partials)
             except PropagationError:
                 return None
             spread = by_state @ covariance @ by_state.T + noise
@@ -231,12 +231,17 @@ class OrbitFilter:
             longest = float(np.abs(step[:STATES]).max())
             if longest > LONGEST_STEP_KM:
                 step = step * (LONGEST_STEP_KM / longest)
-            if number >= _WHOLE_STEPS:
+            if number >= _WHOLE_STEPS and sighting.image is not None:
                 step = (0.5 if number < _HALF_STEPS else 0.25) * step
             at = at + step
-            # Along what is hardly known, steps need not end: there the expected sigma is the measure.
-            moved = float(np.abs(by_state @ step).max()) / sighting.sigma_rad
-            if moved < _SETTLED_SIGMAS and bool(np.all(np.abs(step) <= _SETTLED_PRIOR_SIGMAS * sigmas)):
+            if sighting.image is None:
+                settled = longest < max(_SETTLED_KM, 0.5 * _SETTLED_SIGMAS * sighting.sigma_rad * range_km)
+            else:
+                # Along what is hardly known, steps need not end: there the expected sigma is the measure.
+                moved = float(np.abs(by_state @ step).max()) / sighting.sigma_rad
+                small = np.all(np.abs(step) <= _SETTLED_PRIOR_SIGMAS * sigmas)
+                settled = moved < _SETTLED_SIGMAS and bool(small)
+            if settled:
                 kept = np.eye(len(at)) - gain @ by_state
                 # Joseph's form keeps it symmetric and positive.
                 left = kept @ covariance @ kept.T + gain @ noise @ gain.T
@@ -245,13 +250,13 @@ class OrbitFilter:
                 return _Solved(at, 0.5 * (left + left.T), distance, size, partials)
         return None
 
-    def _compared(self, sighting: Sighting, at: Array, partials: Partials) -> tuple[Array, Array]:
-        """Return how far a sighting lies from a state, by its track or image, and what that is by state."""
+    def _compared(self, sighting: Sighting, at: Array, partials: Partials) -> Compared:
+        """Return how far a sighting lies from a state, by its track or by the image's axes."""
         image = sighting.image
         if image is None:
             plain = compared(self.orbit, sighting, at[:STATES], partials)
             nothing = np.zeros((2, len(at) - STATES))
-            return plain.off, np.hstack([plain.by_state, nothing])
+            return plain._replace(by_state=np.hstack([plain.by_state, nothing]))
         propagator = sighting.propagator.with_elements(self.orbit.corrected(at[:STATES]))
         seen = propagator.at(sighting.utc)
         range_km = float(seen.range_km)
@@ -267,7 +272,7 @@ class OrbitFilter:
         by_state[:, :STATES] = by_u @ by_orbit
         by_state[:, STATES : STATES + MOUNT] = by_u @ by_mount
         by_state[:, slot : slot + CAMERA] = by_terms
-        return np.array([image.x, image.y]) - place, by_state
+        return Compared(np.array([image.x, image.y]) - place, by_state, range_km)
 
 
 class _Member(NamedTuple):
@@ -340,7 +345,7 @@ class FilterBank:
 
     @property
     def uses_known_terms(self) -> bool:
-        """Whether the terms that were known beforehand foretell what is seen."""
+        """Whether the terms that were known beforehand predict what is seen."""
         return self._kinds[self._best].known
 
     @property

@@ -229,7 +229,7 @@ def fit_orbit(orbit: CorrectableOrbit, sightings: Sequence[Sighting], gate: floa
         share = np.minimum(1.0, _NEAR_SIGMAS / np.sqrt(np.maximum(distance, 1e-12))) if robust else used
         weights = share / np.square(sigmas * scatter)
         normal, pull = weight_of_expected.copy(), -weight_of_expected @ at
-        for (gap, by_state), weight in zip(found, weights, strict=True):
+        for (gap, by_state, _), weight in zip(found, weights, strict=True):
             normal += weight * by_state.T @ by_state
             pull += weight * by_state.T @ gap
         change = np.linalg.solve(normal, pull)
@@ -283,14 +283,16 @@ def compared(orbit: CorrectableOrbit, sighting: Sighting, at_km: Array, partials
     basis = track_basis(u, by_state)
     ahead, left = (float(value) for value in basis @ sighting.unit)
     off = np.array([math.atan2(ahead, float(sighting.unit @ u)), math.asin(max(-1.0, min(1.0, left)))])
-    return Compared(off, basis @ by_state / float(seen.range_km))
+    range_km = float(seen.range_km)
+    return Compared(off, basis @ by_state / range_km, range_km)
 
 
 class Compared(NamedTuple):
-    """How far a sighting lies from what is expected, rad, (2,), and what that is by correction, (2, 6)."""
+    """How far a sighting lies from what is expected, rad, (2,); what that is by state, (2, n); the range."""
 
     off: Array
     by_state: Array
+    range_km: float
 
 
 def track_basis(u: Array, by_state: Array) -> Array:

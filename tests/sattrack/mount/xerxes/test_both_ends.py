@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 PROFILE = MountProfile()
 SITE = SimulatedSite(48.0, 11.0, 520.0)
-SEEN_S = 0.6
+SEEN_S = 2.1
 """Rest is seen in half a second of positions."""
 SETTLING_S = 0.5
 """What a servo may need beyond the motion's closed form."""
