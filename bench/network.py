@@ -19,6 +19,7 @@ import sys
 import tempfile
 import time
 from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 
 from sattrack.network.engine import in_this_process, make_data_set
@@ -70,18 +71,41 @@ def plain_loop(elements: list[Elements], count: int, start: Utc) -> None:
         fact_columns(find_catalogue_passes(elements, one.site, start, HOURS))
 
 
-def command(folder: Path, count: int, start: Utc, workers: int) -> tuple[float, float]:
-    """Return the seconds and the client's largest memory (MiB) of the command."""
+def children_s() -> float:
+    spent = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return spent.ru_utime + spent.ru_stime
+
+
+def command(folder: Path, count: int, start: Utc, workers: int) -> tuple[float, float, float]:
+    """Return elapsed and processor seconds of the command, and the client's largest memory (MiB)."""
     with tempfile.TemporaryDirectory() as out:
         words = [sys.executable, "-m", "sattrack", "network", "passes", "--out", f"{out}/d"]
         words += ["--stations", str(written(folder, count)), "--elements", str(folder / "elements.tle")]
         words += ["--from", str(start), "--hours", str(HOURS), "--workers", str(workers)]
-        begun = time.perf_counter()
+        begun, spent_s = time.perf_counter(), children_s()
         # The command in a process of its own, which says how much memory it took itself.
         program = [sys.executable, "-c", PROGRAM, *words[3:]]
         done = subprocess.run(program, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
-        return time.perf_counter() - begun, int(done.stdout.split()[-1]) / 1024.0
+        peak_mib = int(done.stdout.split()[-1]) / 1024.0
+        return time.perf_counter() - begun, children_s() - spent_s, peak_mib
+
+
+def spin() -> None:
+    until_s = time.process_time() + 2.0
+    while time.process_time() < until_s:
+        pass
+
+
+def spinning_s(count: int) -> float:
+    """Return how long so many processes of two processor seconds each take together: what is free here."""
+    begun = time.perf_counter()
+    started = [get_context("spawn").Process(target=spin) for _ in range(count)]
+    for one in started:
+        one.start()
+    for one in started:
+        one.join()
+    return time.perf_counter() - begun
 
 
 def main() -> None:
@@ -130,14 +154,21 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "elements.tle").write_text(write_elements(elements, "tle"))
-        ratios, memory = [], {}
+        ratios, gains, memory = [], [], {}
         for _ in range(asked.rounds):
-            one, _ = command(folder, asked.stations, start, 1)
-            two, memory[asked.stations] = command(folder, asked.stations, start, 2)
+            alone_s = spinning_s(1)
+            gains.append(2.0 * alone_s / spinning_s(2))
+            one, one_s, _ = command(folder, asked.stations, start, 1)
+            two, two_s, memory[asked.stations] = command(folder, asked.stations, start, 2)
             ratios.append(one / two)
-            print(f"  {asked.stations} stations: 1 worker {one:.1f} s, 2 workers {two:.1f} s", flush=True)
+            print(
+                f"  {asked.stations} stations: 1 worker {one:.1f} s ({one_s:.1f} s of processors), "
+                f"2 workers {two:.1f} s ({two_s:.1f} s); two processes that only count get "
+                f"{gains[-1]:.2f} times as much done as one",
+                flush=True,
+            )
         few = max(1, asked.stations // 5)
-        memory[few] = command(folder, few, start, 2)[1]
+        memory[few] = command(folder, few, start, 2)[2]
     print(
         f"2 workers against 1: {statistics.median(ratios):.2f} times as fast "
         f"({min(ratios):.2f} to {max(ratios):.2f})"

@@ -15,10 +15,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from tle.bias import Bias, bias_from_observation
+from tle.bias import Bias, apparent_unit, bias_from_observation
+from tle.earth import EarthOrientation
 from tle.elements import propagation_error
 from tle.errors import BiasError, ObservationError, PropagationError
+from tle.formats.observations import DEFAULT_SIGMA_ARCSEC
 from tle.instants import DAY_S, UNIX_EPOCH_JD, Utc
+from tle.propagator import Propagator
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,7 +29,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from tle.elements import Elements
-    from tle.propagator import Propagator
+    from tle.formats.observations import Observation
 
     Array = NDArray[np.float64]
 
@@ -54,6 +57,8 @@ _SETTLED_FIT_KM = 0.01
 _MEDIAN_SQUARE = 2.0 * math.log(2.0)
 _REBASE_STEPS = 4
 _REBASE_PART = 1.0 / 12.0
+_DRIFT_SPAN_S = 1.0
+"""Over a shorter span no drift is reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,6 +244,59 @@ def fit_orbit(orbit: CorrectableOrbit, sightings: Sequence[Sighting], gate: floa
             arcsec = np.degrees(off) * 3600.0
             return OrbitFit(orbit, at, np.linalg.inv(normal), arcsec, used, scatter)
     return None
+
+
+@dataclass(frozen=True, slots=True)
+class ObservedFit:
+    """What was fitted to which observations, in order of time: the biases, and what each says alone."""
+
+    elements: Elements
+    observations: Sequence[Observation]
+    alone: Sequence[tuple[float, float] | None]
+    """Of each observation seconds along and arcseconds across, None where no bias leads there."""
+    fit: OrbitFit
+    believed: Propagator
+    first: FittedBias
+    last: FittedBias
+
+    @property
+    def drift_s_min(self) -> float | None:
+        """Give the change of the bias along from the first to the last observation used; None within 1 s."""
+        minutes = float(self.last.utc.unix_s - self.first.utc.unix_s) / 60.0
+        if 60.0 * minutes < _DRIFT_SPAN_S:
+            return None
+        return (self.last.along_s - self.first.along_s) / minutes
+
+
+def fit_observations(elements: Elements, seen: Sequence[Observation]) -> ObservedFit | None:
+    """Return the fit to observations of one satellite in order of time; None where they agree on no orbit.
+
+    Each has its own site, frame and sigma. Raises PropagationError.
+    """
+    earth = EarthOrientation.installed()
+    sites = {one.site: Propagator(elements, one.site, earth=earth) for one in seen}
+    middle = Utc(0.5 * float(seen[0].utc.unix_s + seen[-1].utc.unix_s))
+    orbit = CorrectableOrbit(elements, middle)
+    sightings: list[Sighting] = []
+    alone: list[tuple[float, float] | None] = []
+    for one in seen:
+        unit = apparent_unit(one.ra_deg, one.dec_deg, one.utc, one.frame, one.site, earth)
+        sigma_arcsec = DEFAULT_SIGMA_ARCSEC if one.sigma_arcsec is None else one.sigma_arcsec
+        pace_arcsec_s = math.degrees(float(np.linalg.norm(sites[one.site].at(one.utc).unit_rate))) * 3600.0
+        sigma_arcsec = math.hypot(max(sigma_arcsec, 0.1), pace_arcsec_s * (one.sigma_time_s or 0.0))
+        sightings.append(Sighting(one.utc, unit, math.radians(sigma_arcsec / 3600.0), sites[one.site]))
+        try:
+            bias = one.residual(elements, earth)
+            alone.append((bias.along_s, bias.cross_deg * 3600.0))
+        except ObservationError:
+            alone.append(None)
+    fit = fit_orbit(orbit, sightings)
+    if fit is None:
+        return None
+    used = [one for one, taken in zip(seen, fit.used, strict=True) if taken]
+    believed = sites[used[-1].site]
+    first, last = fit.bias_at(sites[used[0].site], used[0].utc), fit.bias_at(believed, used[-1].utc)
+    return ObservedFit(elements, seen, alone, fit, believed, first, last)
 
 
 def _first_along_km(orbit: CorrectableOrbit, sightings: Sequence[Sighting]) -> float:

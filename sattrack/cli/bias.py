@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,41 +11,16 @@ import click
 
 from sattrack.cli.common import CommandContext, common_options, tell
 from sattrack.core.errors import BadInputError, SattrackError
-from tle.errors import ObservationError, TleError
+from tle.errors import TleError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from tle.elements import Elements
     from tle.formats.observations import Observation
-    from tle.orbit_fit import FittedBias, OrbitFit
-    from tle.propagator import Propagator
+    from tle.orbit_fit import ObservedFit, OrbitFit
 
-_SPAN_S = 1.0
-"""Over a shorter span no drift is told."""
 _SHOWN = 20
-
-
-@dataclass(frozen=True, slots=True)
-class _Found:
-    """What was fitted to which observations, in order of time: the biases, and what each says alone."""
-
-    elements: Elements
-    observations: Sequence[Observation]
-    alone: Sequence[tuple[float, float] | None]
-    """Of each observation seconds along and arcseconds across, None where no bias leads there."""
-    fit: OrbitFit
-    believed: Propagator
-    first: FittedBias
-    last: FittedBias
-
-    @property
-    def drift_s_min(self) -> float | None:
-        """Give the change of the bias along from the first to the last observation used; None within 1 s."""
-        minutes = float(self.last.utc.unix_s - self.first.utc.unix_s) / 60.0
-        if 60.0 * minutes < _SPAN_S:
-            return None
-        return (self.last.along_s - self.first.along_s) / minutes
 
 
 @click.command("bias")
@@ -155,46 +129,19 @@ def _of(elements: Elements, seen: Sequence[Observation]) -> list[Observation]:
     return mine
 
 
-def _fitted(elements: Elements, seen: Sequence[Observation]) -> _Found:
-    import numpy as np
+def _fitted(elements: Elements, seen: Sequence[Observation]) -> ObservedFit:
+    from tle.orbit_fit import fit_observations
 
-    from tle.bias import apparent_unit
-    from tle.earth import EarthOrientation
-    from tle.formats.observations import DEFAULT_SIGMA_ARCSEC
-    from tle.instants import Utc
-    from tle.orbit_fit import CorrectableOrbit, Sighting, fit_orbit
-    from tle.propagator import Propagator
-
-    earth = EarthOrientation.installed()
-    sites = {one.site: Propagator(elements, one.site, earth=earth) for one in seen}
-    middle = Utc(0.5 * float(seen[0].utc.unix_s + seen[-1].utc.unix_s))
-    orbit = CorrectableOrbit(elements, middle)
-    sightings: list[Sighting] = []
-    alone: list[tuple[float, float] | None] = []
-    for one in seen:
-        unit = apparent_unit(one.ra_deg, one.dec_deg, one.utc, one.frame, one.site, earth)
-        sigma_arcsec = DEFAULT_SIGMA_ARCSEC if one.sigma_arcsec is None else one.sigma_arcsec
-        pace_arcsec_s = math.degrees(float(np.linalg.norm(sites[one.site].at(one.utc).unit_rate))) * 3600.0
-        sigma_arcsec = math.hypot(max(sigma_arcsec, 0.1), pace_arcsec_s * (one.sigma_time_s or 0.0))
-        sightings.append(Sighting(one.utc, unit, math.radians(sigma_arcsec / 3600.0), sites[one.site]))
-        try:
-            bias = one.residual(elements, earth)
-            alone.append((bias.along_s, bias.cross_deg * 3600.0))
-        except ObservationError:
-            alone.append(None)
-    fit = fit_orbit(orbit, sightings)
-    if fit is None:
+    found = fit_observations(elements, seen)
+    if found is None:
         raise SattrackError(
             f"the observations agree on no orbit near the elements of {elements.label}: "
             "check the satellite, the station, the frame and the clock"
         )
-    used = [one for one, taken in zip(seen, fit.used, strict=True) if taken]
-    believed = sites[used[-1].site]
-    first, last = fit.bias_at(sites[used[0].site], used[0].utc), fit.bias_at(believed, used[-1].utc)
-    return _Found(elements, seen, alone, fit, believed, first, last)
+    return found
 
 
-def _document(found: _Found) -> dict[str, Any]:
+def _document(found: ObservedFit) -> dict[str, Any]:
     fit, last = found.fit, found.last
     used = int(fit.used.sum())
     rows = [
@@ -226,7 +173,7 @@ def _document(found: _Found) -> dict[str, Any]:
     }
 
 
-def _lines(found: _Found) -> list[str]:
+def _lines(found: ObservedFit) -> list[str]:
     fit, last, drift = found.fit, found.last, found.drift_s_min
     used = int(fit.used.sum())
     age_days = float(found.elements.age_s(last.utc)) / 86400.0
@@ -268,7 +215,7 @@ def _write(path: Path, fit: OrbitFit) -> None:
     tell(f"refined elements written to {path}")
 
 
-def _plot(path: Path, found: _Found) -> None:
+def _plot(path: Path, found: ObservedFit) -> None:
     """Draw what each observation says alone, and the fit with twice its sigma."""
     import numpy as np
 

@@ -91,6 +91,7 @@ Examples:
 NETWORK_VERBS = {
     "passes": "Find the passes of all satellites over all stations: a Parquet data set.",
     "assign": "Assign satellites to stations and times: a schedule for each station.",
+    "collect": "Gather what the stations have seen, and refine the elements for all.",
 }
 NETWORK_PLACES = {verb: f"network:{verb}" for verb in NETWORK_VERBS}
 NETWORK_HELP = """Plan and gather the work of many stations.

@@ -158,8 +158,7 @@ def assign(
     \b
     Examples:
       sattrack network assign --stations stations.toml --passes passes --elements visual.tle --out night
-      sattrack network assign --stations stations.toml --passes passes --elements visual.tle --out night \\
-        --previous night/assignment.json --closed leiden=2026-10-02T21:00Z/2026-10-03T06:00Z
+      sattrack network assign --stations s.toml --passes passes --out night --previous night/assignment.json
     """
     from sattrack.network.night import data_set_span, plan_night, read_passes
     from sattrack.network.stations import read_stations
@@ -278,6 +277,44 @@ def _numbers(file: Path | None, subject: str, read: Callable[[str], float]) -> d
                 "25544 5 or 25544 2026-10-02T20:00:00Z"
             ) from None
     return found
+
+
+@click.command("collect")
+@click.argument("folder", type=_path, metavar="FOLDER")
+@_stations_option
+@click.option("--out", type=_path, required=True, metavar="DIR", help="The folder of the results.")
+@common_options("elements", "json")
+def collect(context: CommandContext, folder: Path, stations_file: Path, out: Path) -> int:
+    """Gather what the stations have seen, and refine the elements for all of them.
+
+    FOLDER holds a folder of each station's name with its recordings and observations (TDM, CSV, IOD, JSON
+    lines).
+
+    \b
+    Examples:
+      sattrack network collect delivered --stations stations.toml --elements visual.tle --out seen
+    """
+    from sattrack.network.collect import collect as gather
+    from sattrack.network.collect import write_collected
+    from sattrack.network.stations import read_stations
+
+    stations, elements = read_stations(stations_file), context.elements()
+    found = gather(folder, stations, elements, tell)
+    write_collected(out, found, elements)
+    figures = {
+        "stations": len(found.by_station),
+        "observations": found.observations,
+        "used": sum(int(one.fit.used.sum()) for one in found.fits.values()),
+        "refined": sorted(found.fits),
+    }
+    if context.json:
+        click.echo(json.dumps(figures))
+    else:
+        click.echo(
+            f"{found.observations} observations of {len(found.by_station)} stations, {figures['used']} used; "
+            f"elements of {len(found.fits)} satellites refined: {out}"
+        )
+    return 0
 
 
 def _work_progress() -> Callable[[str, int, int], None] | None:

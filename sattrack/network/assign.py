@@ -32,6 +32,8 @@ _TAKEN = 0.5
 _MUST = 1e9
 _SHARE = 0.3
 """Share of the time after which prices are left and HiGHS begins."""
+_MOST_FOR_HIGHS = 12_000
+"""Of more passes HiGHS does not even relax the problem within a minute: prices have all the time."""
 _SLOWEST, _PATIENCE, _EVERY = 0.004, 4, 5
 
 
@@ -283,8 +285,10 @@ def assign(problem: Assignment, seconds: float = 60.0, gap: float = 1e-4) -> Ass
     size = len(problem.value)
     if size == 0:
         return Assigned(plain, 0.0, 0.0)
-    found, value, bound = _Prices(problem).descend(plain, begun_s + _SHARE * seconds, gap)
-    if bound - value <= gap * bound:
+    is_large = size > _MOST_FOR_HIGHS
+    until_s = begun_s + (seconds if is_large else _SHARE * seconds)
+    found, value, bound = _Prices(problem).descend(plain, until_s, gap)
+    if is_large or bound - value <= gap * bound:
         return Assigned(found, value, max(value, bound))
     model, start = _model(problem, found, highspy)
     solver = highspy.Highs()

@@ -91,7 +91,7 @@ class DataSet:
 
     def _begin(self, manifest: Mapping[str, Any]) -> Any:
         journal = (self.folder / JOURNAL).open("a+b")
-        self._write(self.folder / MANIFEST, json.dumps(manifest, indent=1, sort_keys=True).encode() + b"\n")
+        write_whole(self.folder / MANIFEST, json.dumps(manifest, indent=1, sort_keys=True).encode() + b"\n")
         return journal
 
     def _read(self) -> None:
@@ -119,7 +119,7 @@ class DataSet:
         one = Finished(path, passes, len(data), hashlib.sha256(data).hexdigest())
         try:
             (self.folder / path).parent.mkdir(parents=True, exist_ok=True)
-            self._write(self.folder / path, data)
+            write_whole(self.folder / path, data)
             # What was cut off in the last line must not spoil this one.
             self._journal.write(b"\n" + _line(one))
             self._journal.flush()
@@ -131,36 +131,37 @@ class DataSet:
     def finish(self) -> None:
         """Put the journal in order, so that it is the same however the work went. Raises SattrackError."""
         try:
-            self._write(
+            write_whole(
                 self.folder / JOURNAL, b"\n".join(_line(self.done[p]) for p in sorted(self.done)) + b"\n"
             )
         except OSError as error:
             raise self._trouble(error) from error
-
-    def _write(self, path: Path, data: bytes) -> None:
-        """Write a file that is never there but whole, also after a loss of power."""
-        part = path.with_name(f".{path.name}{_PART}")
-        try:
-            with part.open("wb") as stream:
-                stream.write(data)
-                stream.flush()
-                os.fsync(stream.fileno())
-            part.replace(path)
-        except OSError:
-            with suppress(OSError):
-                part.unlink()
-            raise
-        holder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(holder)
-        finally:
-            os.close(holder)
 
     def _trouble(self, error: OSError) -> SattrackError:
         return SattrackError(
             f"{self.folder}: cannot be written: {error.strerror or error}; {len(self.done)} files are "
             "finished and stay: the same command goes on from there"
         )
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file that is never there but whole, also after a loss of power. Raises OSError."""
+    part = path.with_name(f".{path.name}{_PART}")
+    try:
+        with part.open("wb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        part.replace(path)
+    except OSError:
+        with suppress(OSError):
+            part.unlink()
+        raise
+    holder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(holder)
+    finally:
+        os.close(holder)
 
 
 def _line(one: Finished) -> bytes:

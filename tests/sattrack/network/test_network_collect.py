@@ -1,0 +1,101 @@
+"""`network collect`: what two stations saw of a satellite that is late gives elements that are not."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import pytest
+from network_builders import EPOCH, STATIONS, made_up
+
+from sattrack.cli.main import run
+from sattrack.network.stations import read_stations
+from sattrack.recording.export import SeenDirection, tdm_text
+from tle.propagator import Propagator
+from tle.sources import read_elements, write_elements
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+parquet = pytest.importorskip("pyarrow.parquet")
+LATE_S = 1.5
+
+
+@pytest.fixture
+def delivered(tmp_path: Path) -> Path:
+    """Deliver directions of a satellite that is late by its elements, from both stations, as TDM and CSV."""
+    (tmp_path / "stations.toml").write_text(STATIONS)
+    believed = made_up(1)[0]
+    # Late along its orbit: its mean anomaly lags.
+    lag_deg = LATE_S * believed.mean_motion_rev_day / 86400.0 * 360.0
+    true = replace(believed, mean_anomaly_deg=believed.mean_anomaly_deg - lag_deg)
+    (tmp_path / "made_up.tle").write_text(write_elements([believed, *made_up(3)[1:3]], "tle"))
+    for station in read_stations(tmp_path / "stations.toml"):
+        folder = tmp_path / "delivered" / station.name
+        folder.mkdir(parents=True)
+        seen = []
+        propagator = Propagator(true, station.site, place="astrometric")
+        for k in range(0, 86400, 20):
+            at = propagator.at(EPOCH.plus(float(k)))
+            if at.alt_deg > 20.0:
+                seen.append(SeenDirection(float(EPOCH.unix_s) + k, at.ra_deg, at.dec_deg, "icrs", 5.0))
+        if station.name == "north":
+            text = tdm_text(seen, believed, station.site, float(EPOCH.unix_s), "made up")
+            (folder / "night.tdm").write_text(text)
+            (folder / "again.tdm").write_text(text)
+        else:
+            lines = [
+                f"{EPOCH.plus(one.utc_s - float(EPOCH.unix_s))},{one.ra_deg!r},{one.dec_deg!r},90001,5"
+                for one in seen
+            ]
+            (folder / "night.csv").write_text(
+                "\n".join(["utc,ra_deg,dec_deg,object,sigma_arcsec", *lines]) + "\n"
+            )
+        (folder / "notes.txt").write_text("clouds after midnight\n")
+    return tmp_path
+
+
+def test_elements_and_biases_follow_from_what_all_stations_saw(
+    delivered: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [
+        "network",
+        "collect",
+        str(delivered / "delivered"),
+        "--stations",
+        str(delivered / "stations.toml"),
+    ]
+    words += ["--elements", str(delivered / "made_up.tle"), "--out", str(delivered / "out"), "--json"]
+    assert run(words) == 0
+    answer, told = (json.loads(text) if k == 0 else text for k, text in enumerate(capsys.readouterr()))
+    assert answer["stations"] == 2
+    assert answer["refined"] == [90001]
+    assert answer["used"] == answer["observations"] > 20
+    assert told.count("left out") == 2
+    assert "notes.txt" in told
+    bias = json.loads((delivered / "out" / "biases.json").read_text())[0]
+    assert bias["along_s"] == pytest.approx(-LATE_S, abs=0.05)
+    table = parquet.read_table(delivered / "out" / "observations")
+    assert table.num_rows == answer["observations"]
+    assert set(table["station"].to_pylist()) == {"north", "south"}
+    shared = {one.catalog_number: one for one in read_elements(delivered / "out" / "elements.kvn")}
+    old = {one.catalog_number: one for one in made_up(3)[:3]}
+    assert sorted(shared) == [90001, 90002, 90003]
+    for number in (90002, 90003):
+        assert shared[number].mean_anomaly_deg == pytest.approx(old[number].mean_anomaly_deg)
+    site = read_stations(delivered / "stations.toml")[0].site
+    for at, station in ((1234.0, site), (40_000.0, site)):
+        lag_deg = LATE_S * old[90001].mean_motion_rev_day / 240.0
+        true = Propagator(
+            replace(old[90001], mean_anomaly_deg=old[90001].mean_anomaly_deg - lag_deg), station
+        )
+        refined = Propagator(shared[90001], station)
+        assert refined.at(EPOCH.plus(at)).range_km == pytest.approx(true.at(EPOCH.plus(at)).range_km, abs=0.3)
+
+
+def test_nothing_delivered_is_one_line(delivered: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (delivered / "empty").mkdir()
+    words = ["network", "collect", str(delivered / "empty"), "--stations", str(delivered / "stations.toml")]
+    assert run([*words, "--elements", str(delivered / "made_up.tle"), "--out", str(delivered / "out")]) == 2
+    assert "no station has delivered anything; it needs folders north, south" in capsys.readouterr().err
