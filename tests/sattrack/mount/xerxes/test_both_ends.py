@@ -336,7 +336,7 @@ class TestStop:
         for motion in (pair.place(*FAR), MOVE, pair.place(-30.0, -20.0)):
             pair.want(motion, 1.5)
             want(pair.session, Stop())
-            for _ in range(60):
+            for _ in range(100):
                 assert not pair.session.stopped or pair.at_rest() or pair.on_the_sky()
                 pair.step()
             assert pair.session.stopped

@@ -150,7 +150,7 @@ def test_stop_brings_the_antenna_to_rest(antenna: VirtualAntenna) -> None:
     antenna.say("TD 0 40 0 0")
     antenna.run_for(2.0)
     assert antenna.say("STOP") == "STOP ACK"
-    antenna.run_for(2.0)
+    antenna.run_for(4.0)
     told = position(antenna)
     assert told["servo"] == "IDLE"
     assert told["c1"] == ",,"
@@ -163,7 +163,7 @@ def test_local_ends_the_trajectory_and_refuses_another(antenna: VirtualAntenna) 
     antenna.say("TD 0 40 0 0")
     antenna.run_for(2.0)
     antenna.station.controller.switch(False, to_ns(antenna.now_utc_s))
-    antenna.run_for(2.0)
+    antenna.run_for(4.0)
     assert antenna.station.session.stopped
     assert antenna.say("TD 0 40 0 0") == "TD NAK 8"
     assert position(antenna)["mode"] == "LOCAL"

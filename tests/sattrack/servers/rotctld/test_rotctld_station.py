@@ -67,7 +67,7 @@ def test_stop_brings_the_mount_to_rest(rotator: VirtualRotator) -> None:
     rotator.say("P 300 30")
     rotator.run_for(2.0)
     assert rotator.say("S") == "RPRT 0\n"
-    rotator.run_for(2.0)
+    rotator.run_for(4.0)
     assert rotator.station.session.stopped
     since = len(rotator.truths)
     rotator.run_for(10.0)
@@ -82,7 +82,7 @@ def test_anybody_may_stop_whoever_commands() -> None:
     rotator.run_for(1.0)
     assert rotator.say("P 100 30", client=2) == "RPRT -9\n"
     assert rotator.say("S", client=2) == "RPRT 0\n"
-    rotator.run_for(2.0)
+    rotator.run_for(4.0)
     assert rotator.station.session.stopped
 
 
@@ -172,7 +172,7 @@ def test_after_an_interlock_positions_are_rejected_until_reset(rotator: VirtualR
     rotator.say("P 200 45")
     rotator.run_for(5.0)
     rotator.station.safety._trip("obedience")
-    rotator.run_for(2.0)
+    rotator.run_for(4.0)
     assert rotator.say("P 210 45") == "RPRT -9\n"
     assert rotator.station.session.stopped
     assert rotator.say("R 1") == "RPRT 0\n"
