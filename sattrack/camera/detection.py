@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
+from sattrack.camera.shape import CENTROID_FLOOR_PX, Point, Prepared, fitted_point
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -42,11 +44,8 @@ MOST_CANDIDATES = 60
 AMBIGUOUS = 0.6
 """Of two points, the brighter one counts where the other has less than this share of its flux."""
 RIDGE_SNR = 3.0
-CENTROID_FLOOR_PX = 0.03
 MOST_CHI = 3.0
 EDGE_PX = 4
-SHARPEST = 0.8
-"""Of a star's middle pixel, the eight about it have at least so much light together; of a hot one none."""
 Kind = Literal["point", "streak", "none"]
 T_STAR, T_EVEN = 0.35, 2.0
 
@@ -158,19 +157,7 @@ class Detector:
         return x1 + (x1 - x0) * share, y1 + (y1 - y0) * share, EXPECTED_WITHIN_PX + 0.3 * moved
 
 
-class _Prepared(NamedTuple):
-    """An image less its background; its noise; its filtered significance; what must not be used."""
-
-    image: Pixels
-    noise: float
-    snr: Pixels
-    bad: NDArray[np.bool_]
-    saturated: float
-    gain: float | None
-    """Electrons for each unit, where the camera says so."""
-
-
-def _prepared(frame: Frame, psf_px: float) -> _Prepared | str:
+def _prepared(frame: Frame, psf_px: float) -> Prepared | str:
     """Return a frame ready to be looked at, or why nothing can be seen in it."""
     import sep
 
@@ -211,7 +198,7 @@ def _prepared(frame: Frame, psf_px: float) -> _Prepared | str:
     smooth /= max(spread, white, 1e-12)
     said = frame.header.get("EGAIN")
     gain = float(said) if isinstance(said, int | float) and said > 0.0 else None
-    return _Prepared(image, noise, smooth, bad | full, saturated, gain)
+    return Prepared(image, noise, smooth, bad | full, saturated, gain)
 
 
 def _clipped_sigma(values: Pixels) -> float:
@@ -224,7 +211,7 @@ def _clipped_sigma(values: Pixels) -> float:
     return float(np.std(kept)) / 0.945
 
 
-def _streaks(prepared: _Prepared) -> list[Streak]:
+def _streaks(prepared: Prepared) -> list[Streak]:
     """Return what is long in a frame, the brightest first."""
     import sep
 
@@ -355,7 +342,7 @@ def _angle(velocity: tuple[float, float] | float | None) -> float | None:
 
 
 def _point_target(
-    prepared: _Prepared,
+    prepared: Prepared,
     long: list[Streak],
     trail: _Trail,
     near: tuple[float, float, float] | None,
@@ -390,12 +377,12 @@ def _point_target(
     peaks = np.concatenate([peaks, on_streaks])
     # The strongest first, and only so many: what looks like more is no satellite among stars.
     peaks = peaks[np.argsort(peaks[:, 3] - peaks[:, 2])][:MOST_CANDIDATES]
-    points: list[_Point] = []
+    points: list[Point] = []
     for x, y, height, ridge, angle in peaks:
         snr = height - ridge
         expected_here = near is not None and math.hypot(x - near[0], y - near[1]) <= near[2]
         if snr >= SURE_SNR or expected_here:
-            found = _fitted(prepared, x, y, snr, ridge, angle, psf_px)
+            found = fitted_point(prepared, x, y, snr, ridge, angle, psf_px)
             if found is not None and not any(
                 math.hypot(found.x - o.x, found.y - o.y) < 3.0 * psf_px for o in points
             ):
@@ -411,18 +398,9 @@ def _because(none: Detection, why: str) -> Detection:
     return Detection("none", why=why, stars=none.stars, saturated=none.saturated, streaks=none.streaks)
 
 
-class _Point(NamedTuple):
-    x: float
-    y: float
-    sigma_px: float
-    snr: float
-    flux: float
-    peak: float
-
-
 def _chosen(
-    prepared: _Prepared,
-    points: list[_Point],
+    prepared: Prepared,
+    points: list[Point],
     trailing: bool,
     near: tuple[float, float, float] | None,
     none: Detection,
@@ -558,164 +536,6 @@ def _standing_out(
     return kept
 
 
-def _fitted(
-    prepared: _Prepared, x: float, y: float, snr: float, ridge: float, angle_deg: float, psf_px: float
-) -> _Point | None:
-    """Return a point as a Gaussian fits it; None where its shape is not that of a star's image."""
-    half = max(4, math.ceil(3.2 * psf_px))
-    col, row = round(x), round(y)
-    height, width = prepared.image.shape
-    if not (half <= col < width - half and half <= row < height - half):
-        return None
-    box = (slice(row - half, row + half + 1), slice(col - half, col + half + 1))
-    data = prepared.image[box].astype(np.float64)
-    good = ~prepared.bad[box]
-    dy, dx = np.mgrid[-half : half + 1, -half : half + 1].astype(np.float64)
-    variance = np.full(data.shape, prepared.noise**2)
-    if ridge > 0.0:
-        under = _ridge_under(prepared.image, col, row, half, angle_deg, psf_px)
-        data -= under
-        variance *= 1.3
-    if good.sum() < 0.6 * good.size:
-        return _saturated_point(prepared, box, col, row, half, snr, psf_px)
-    fit = _gauss_newton(data, np.sqrt(variance), good, dx, dy, (x - col, y - row), psf_px)
-    if fit is None:
-        return None
-    (flux, ox, oy, sky, sigma), covariance, residual, dof = fit
-    top = data - sky
-    around = float(top[half - 1 : half + 2, half - 1 : half + 2].sum()) - float(top[half, half])
-    sharp = around < SHARPEST * float(top[half, half])
-    limit = 1.9 + (0.25 * snr) ** 2 / dof + 0.01 * ridge
-    if sharp or residual > limit or flux <= 0.0:
-        return None
-    if _is_long(data - sky, np.sqrt(variance), good, dx - ox, dy - oy, (flux, sigma)):
-        return None
-    grown = math.sqrt(max(1.0, residual))
-    of_place = math.sqrt(max(covariance[1, 1], covariance[2, 2])) * grown
-    if prepared.gain is not None:
-        # The satellite's own photons: their share of a place is sigma over the root of their number.
-        of_place = math.hypot(of_place, sigma / math.sqrt(max(flux * prepared.gain, 1.0)))
-    peak = float(prepared.image[box].max())
-    return _Point(col + ox, row + oy, math.hypot(of_place, CENTROID_FLOOR_PX), snr, flux, peak)
-
-
-def _is_long(
-    data: Array, noise: Array, good: NDArray[np.bool_], dx: Array, dy: Array, shape: tuple[float, float]
-) -> bool:
-    """Tell whether an image is longer than wide by more than noise makes it: its second moments in a window.
-
-    `dx`, `dy` are from its middle, `shape` its flux and the sigma of a Gaussian that fits it.
-    """
-    flux, sigma = shape
-    window = good * np.exp(-(dx * dx + dy * dy) / (2.0 * (1.5 * sigma) ** 2))
-    across, crossed = window * (dx * dx - dy * dy), 2.0 * window * dx * dy
-    bell = flux / (2.0 * math.pi * sigma * sigma) * np.exp(-(dx * dx + dy * dy) / (2.0 * sigma * sigma))
-    size = float((bell * window * (dx * dx + dy * dy)).sum())
-    length = math.hypot(float((data * across).sum()), float((data * crossed).sum()))
-    spread = math.sqrt(float(((noise * across) ** 2).sum() + ((noise * crossed) ** 2).sum()) / 2.0)
-    return length > 0.2 * size + 3.7 * spread
-
-
-def _ridge_under(image: Pixels, col: int, row: int, half: int, angle_deg: float, psf_px: float) -> Array:
-    """Return what a streak has under a point, by its neighbouring parts in the direction where it goes on."""
-    along = math.radians(angle_deg)
-    dy, dx = np.mgrid[-half : half + 1, -half : half + 1].astype(np.float64)
-    parts = []
-    for step in psf_px * (5.0 + 2.0 * np.arange(6)):
-        y = row + dy + step * math.sin(along)
-        x = col + dx + step * math.cos(along)
-        parts.append(map_coordinates(image, [y, x], order=1, mode="nearest"))
-    under: Array = np.median(np.array(parts), axis=0)
-    return under
-
-
-def _gauss_newton(
-    data: Array,
-    noise: Array,
-    good: NDArray[np.bool_],
-    dx: Array,
-    dy: Array,
-    start: tuple[float, float],
-    psf: float,
-) -> tuple[Array, Array, float, int] | None:
-    """Fit flux, x, y, sky and sigma of a pixel-integrated Gaussian; None where it goes elsewhere.
-
-    Returns the values, their covariance, the squared residuals for each degree of freedom, and their number.
-    """
-    from scipy.special import erf
-
-    root = math.sqrt(2.0)
-
-    def parts(centre: float, at: Array, sigma: float) -> tuple[Array, Array, Array]:
-        low, high = (at - 0.5 - centre) / sigma, (at + 0.5 - centre) / sigma
-        value = 0.5 * (erf(high / root) - erf(low / root))
-        bell_low, bell_high = (np.exp(-0.5 * e * e) / math.sqrt(2.0 * math.pi) for e in (low, high))
-        return value, (bell_low - bell_high) / sigma, (bell_low * low - bell_high * high) / sigma
-
-    axis_x, axis_y = dx[0], dy[:, 0]
-    weight = (good / noise).ravel()
-    values = np.array([max(float((data * good).sum()), 1e-9), *start, 0.0, psf])
-    damping = 1e-3
-    last = math.inf
-    for _ in range(25):
-        flux, x, y, sky, sigma = values
-        ex, ex_x, ex_s = parts(x, axis_x, sigma)
-        ey, ey_y, ey_s = parts(y, axis_y, sigma)
-        shape = np.outer(ey, ex)
-        model = flux * shape + sky
-        columns = np.stack(
-            [
-                shape.ravel(),
-                flux * np.outer(ey, ex_x).ravel(),
-                flux * np.outer(ey_y, ex).ravel(),
-                np.ones(shape.size),
-                flux * (np.outer(ey, ex_s) + np.outer(ey_s, ex)).ravel(),
-            ],
-            axis=1,
-        )
-        columns *= weight[:, None]
-        # Of a faint point the width is known better by the streaks than by itself.
-        prior = 1.0 / (0.15 * psf) ** 2
-        wanted = (data - model).ravel() * weight
-        normal = columns.T @ columns
-        normal[4, 4] += prior
-        right = columns.T @ wanted
-        right[4] += prior * (psf - sigma)
-        chi = float(wanted @ wanted) + prior * (psf - sigma) ** 2
-        try:
-            step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), right)
-        except np.linalg.LinAlgError:
-            return None
-        values = values + step
-        values[4] = min(max(values[4], 0.5 * psf), 2.0 * psf)
-        if abs(values[1] - start[0]) > 2.0 * psf or abs(values[2] - start[1]) > 2.0 * psf:
-            return None
-        if abs(last - chi) < 1e-3 * max(chi, 1.0) and abs(step[1]) + abs(step[2]) < 1e-3:
-            break
-        damping = damping / 3.0 if chi <= last else damping * 5.0
-        last = chi
-    if not 0.55 * psf < values[4] < 1.8 * psf:
-        return None
-    dof = int(good.sum()) - len(values)
-    return values, np.linalg.inv(normal), float(wanted @ wanted) / dof, dof
-
-
-def _saturated_point(
-    prepared: _Prepared, box: tuple[slice, slice], col: int, row: int, half: int, snr: float, psf_px: float
-) -> _Point | None:
-    """Return a point of which most is saturated, by the middle of what is."""
-    full = prepared.bad[box]
-    dy, dx = np.nonzero(full)
-    if not len(dx) or max(np.ptp(dx), np.ptp(dy)) >= 2 * half:
-        return None
-    spread = np.sort(np.linalg.eigvalsh(np.cov(np.stack([dx, dy])) + 1e-6 * np.eye(2)))
-    if spread[1] > 2.5 * spread[0] + 1.0:
-        return None
-    x, y = col - half + float(dx.mean()), row - half + float(dy.mean())
-    flux = float(prepared.image[box].sum())
-    return _Point(x, y, 0.3 * psf_px, snr, flux, float(prepared.image[box].max()))
-
-
 def _star_middles(long: list[Streak], trail: _Trail) -> tuple[Source, ...]:
     """Return the middles of the stars' streaks that are whole, and as long as most."""
     if trail.angle_deg is None or trail.length_px is None:
@@ -730,7 +550,7 @@ def _star_middles(long: list[Streak], trail: _Trail) -> tuple[Source, ...]:
 
 
 def _streak_target(
-    prepared: _Prepared, long: list[Streak], expected: Expected, exposure_s: float
+    prepared: Prepared, long: list[Streak], expected: Expected, exposure_s: float
 ) -> Detection:
     """Return the satellite as the streak that has the length and the direction that a run expects."""
     length, angle = _length(expected.target, exposure_s), _angle(expected.target)
@@ -747,7 +567,7 @@ def _streak_target(
     return _streak_found(prepared, fits, none)
 
 
-def _lone_streak(prepared: _Prepared, long: list[Streak], otherwise: Detection) -> Detection:
+def _lone_streak(prepared: Prepared, long: list[Streak], otherwise: Detection) -> Detection:
     """Return the one streak among round stars as the satellite, where there is just one."""
     if len(long) != 1:
         return otherwise
@@ -759,7 +579,7 @@ def _lone_streak(prepared: _Prepared, long: list[Streak], otherwise: Detection) 
     )
 
 
-def _streak_found(prepared: _Prepared, fits: list[Streak], none: Detection) -> Detection:
+def _streak_found(prepared: Prepared, fits: list[Streak], none: Detection) -> Detection:
     best = fits[0]
     if len(fits) > 1 and fits[1].flux > AMBIGUOUS * best.flux:
         return _because(none, f"{len(fits)} streaks are alike, and nothing tells which is the satellite")
@@ -784,7 +604,7 @@ def _streak_found(prepared: _Prepared, fits: list[Streak], none: Detection) -> D
     )
 
 
-def _ends(prepared: _Prepared, streak: Streak) -> tuple[float, float, float] | None:
+def _ends(prepared: Prepared, streak: Streak) -> tuple[float, float, float] | None:
     """Return the middle between the two ends of a streak, and one sigma; None where they do not fit.
 
     The light across the streak, summed at each distance along it, is an even strip with blurred ends.
@@ -830,7 +650,7 @@ def _ends(prepared: _Prepared, streak: Streak) -> tuple[float, float, float] | N
     return streak.x + middle * along_x, streak.y + middle * along_y, sigma
 
 
-def _round(prepared: _Prepared, long: list[Streak]) -> tuple[Source, ...]:
+def _round(prepared: Prepared, long: list[Streak]) -> tuple[Source, ...]:
     """Return the round things of a frame, the brightest first, without what belongs to a streak."""
     import sep
 

@@ -1,0 +1,200 @@
+"""Whether a peak has the shape of a star's image, and where exactly it is. No I/O."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Pixels = NDArray[np.float32]
+    Array = NDArray[np.float64]
+
+CENTROID_FLOOR_PX = 0.03
+SHARPEST = 0.8
+"""Of a star's middle pixel, the eight about it have at least so much light together; of a hot one none."""
+
+
+class Prepared(NamedTuple):
+    """An image less its background; its noise; its filtered significance; what must not be used."""
+
+    image: Pixels
+    noise: float
+    snr: Pixels
+    bad: NDArray[np.bool_]
+    saturated: float
+    gain: float | None
+    """Electrons for each unit, where the camera says so."""
+
+
+class Point(NamedTuple):
+    """A point that a Gaussian fits: its place and one sigma, pixels; its flux and peak above the sky."""
+
+    x: float
+    y: float
+    sigma_px: float
+    snr: float
+    flux: float
+    peak: float
+
+
+def fitted_point(
+    prepared: Prepared, x: float, y: float, snr: float, ridge: float, angle_deg: float, psf_px: float
+) -> Point | None:
+    """Return a point as a Gaussian fits it; None where its shape is not that of a star's image."""
+    half = max(4, math.ceil(3.2 * psf_px))
+    col, row = round(x), round(y)
+    height, width = prepared.image.shape
+    if not (half <= col < width - half and half <= row < height - half):
+        return None
+    box = (slice(row - half, row + half + 1), slice(col - half, col + half + 1))
+    data = prepared.image[box].astype(np.float64)
+    good = ~prepared.bad[box]
+    dy, dx = np.mgrid[-half : half + 1, -half : half + 1].astype(np.float64)
+    variance = np.full(data.shape, prepared.noise**2)
+    if ridge > 0.0:
+        under = _ridge_under(prepared.image, col, row, half, angle_deg, psf_px)
+        data -= under
+        variance *= 1.3
+    if good.sum() < 0.6 * good.size:
+        return _saturated_point(prepared, box, col, row, half, snr, psf_px)
+    fit = _gauss_newton(data, np.sqrt(variance), good, dx, dy, (x - col, y - row), psf_px)
+    if fit is None:
+        return None
+    (flux, ox, oy, sky, sigma), covariance, residual, dof = fit
+    top = data - sky
+    around = float(top[half - 1 : half + 2, half - 1 : half + 2].sum()) - float(top[half, half])
+    sharp = around < SHARPEST * float(top[half, half])
+    limit = 1.9 + (0.25 * snr) ** 2 / dof + 0.01 * ridge
+    if sharp or residual > limit or flux <= 0.0:
+        return None
+    if _is_long(data - sky, np.sqrt(variance), good, dx - ox, dy - oy, (flux, sigma)):
+        return None
+    grown = math.sqrt(max(1.0, residual))
+    of_place = math.sqrt(max(covariance[1, 1], covariance[2, 2])) * grown
+    if prepared.gain is not None:
+        # The satellite's own photons: their share of a place is sigma over the root of their number.
+        of_place = math.hypot(of_place, sigma / math.sqrt(max(flux * prepared.gain, 1.0)))
+    peak = float(prepared.image[box].max())
+    return Point(col + ox, row + oy, math.hypot(of_place, CENTROID_FLOOR_PX), snr, flux, peak)
+
+
+def _is_long(
+    data: Array, noise: Array, good: NDArray[np.bool_], dx: Array, dy: Array, shape: tuple[float, float]
+) -> bool:
+    """Tell whether an image is longer than wide by more than noise makes it: its second moments in a window.
+
+    `dx`, `dy` are from its middle, `shape` its flux and the sigma of a Gaussian that fits it.
+    """
+    flux, sigma = shape
+    window = good * np.exp(-(dx * dx + dy * dy) / (2.0 * (1.5 * sigma) ** 2))
+    across, crossed = window * (dx * dx - dy * dy), 2.0 * window * dx * dy
+    bell = flux / (2.0 * math.pi * sigma * sigma) * np.exp(-(dx * dx + dy * dy) / (2.0 * sigma * sigma))
+    size = float((bell * window * (dx * dx + dy * dy)).sum())
+    length = math.hypot(float((data * across).sum()), float((data * crossed).sum()))
+    spread = math.sqrt(float(((noise * across) ** 2).sum() + ((noise * crossed) ** 2).sum()) / 2.0)
+    return length > 0.2 * size + 3.7 * spread
+
+
+def _ridge_under(image: Pixels, col: int, row: int, half: int, angle_deg: float, psf_px: float) -> Array:
+    """Return what a streak has under a point, by its neighbouring parts in the direction where it goes on."""
+    along = math.radians(angle_deg)
+    dy, dx = np.mgrid[-half : half + 1, -half : half + 1].astype(np.float64)
+    parts = []
+    for step in psf_px * (5.0 + 2.0 * np.arange(6)):
+        y = row + dy + step * math.sin(along)
+        x = col + dx + step * math.cos(along)
+        parts.append(map_coordinates(image, [y, x], order=1, mode="nearest"))
+    under: Array = np.median(np.array(parts), axis=0)
+    return under
+
+
+def _gauss_newton(
+    data: Array,
+    noise: Array,
+    good: NDArray[np.bool_],
+    dx: Array,
+    dy: Array,
+    start: tuple[float, float],
+    psf: float,
+) -> tuple[Array, Array, float, int] | None:
+    """Fit flux, x, y, sky and sigma of a pixel-integrated Gaussian; None where it goes elsewhere.
+
+    Returns the values, their covariance, the squared residuals for each degree of freedom, and their number.
+    """
+    from scipy.special import erf
+
+    root = math.sqrt(2.0)
+
+    def parts(centre: float, at: Array, sigma: float) -> tuple[Array, Array, Array]:
+        low, high = (at - 0.5 - centre) / sigma, (at + 0.5 - centre) / sigma
+        value = 0.5 * (erf(high / root) - erf(low / root))
+        bell_low, bell_high = (np.exp(-0.5 * e * e) / math.sqrt(2.0 * math.pi) for e in (low, high))
+        return value, (bell_low - bell_high) / sigma, (bell_low * low - bell_high * high) / sigma
+
+    axis_x, axis_y = dx[0], dy[:, 0]
+    weight = (good / noise).ravel()
+    values = np.array([max(float((data * good).sum()), 1e-9), *start, 0.0, psf])
+    damping = 1e-3
+    last = math.inf
+    for _ in range(25):
+        flux, x, y, sky, sigma = values
+        ex, ex_x, ex_s = parts(x, axis_x, sigma)
+        ey, ey_y, ey_s = parts(y, axis_y, sigma)
+        shape = np.outer(ey, ex)
+        model = flux * shape + sky
+        columns = np.stack(
+            [
+                shape.ravel(),
+                flux * np.outer(ey, ex_x).ravel(),
+                flux * np.outer(ey_y, ex).ravel(),
+                np.ones(shape.size),
+                flux * (np.outer(ey, ex_s) + np.outer(ey_s, ex)).ravel(),
+            ],
+            axis=1,
+        )
+        columns *= weight[:, None]
+        # Of a faint point the width is known better by the streaks than by itself.
+        prior = 1.0 / (0.15 * psf) ** 2
+        wanted = (data - model).ravel() * weight
+        normal = columns.T @ columns
+        normal[4, 4] += prior
+        right = columns.T @ wanted
+        right[4] += prior * (psf - sigma)
+        chi = float(wanted @ wanted) + prior * (psf - sigma) ** 2
+        try:
+            step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), right)
+        except np.linalg.LinAlgError:
+            return None
+        values = values + step
+        values[4] = min(max(values[4], 0.5 * psf), 2.0 * psf)
+        if abs(values[1] - start[0]) > 2.0 * psf or abs(values[2] - start[1]) > 2.0 * psf:
+            return None
+        if abs(last - chi) < 1e-3 * max(chi, 1.0) and abs(step[1]) + abs(step[2]) < 1e-3:
+            break
+        damping = damping / 3.0 if chi <= last else damping * 5.0
+        last = chi
+    if not 0.55 * psf < values[4] < 1.8 * psf:
+        return None
+    dof = int(good.sum()) - len(values)
+    return values, np.linalg.inv(normal), float(wanted @ wanted) / dof, dof
+
+
+def _saturated_point(
+    prepared: Prepared, box: tuple[slice, slice], col: int, row: int, half: int, snr: float, psf_px: float
+) -> Point | None:
+    """Return a point of which most is saturated, by the middle of what is."""
+    full = prepared.bad[box]
+    dy, dx = np.nonzero(full)
+    if not len(dx) or max(np.ptp(dx), np.ptp(dy)) >= 2 * half:
+        return None
+    spread = np.sort(np.linalg.eigvalsh(np.cov(np.stack([dx, dy])) + 1e-6 * np.eye(2)))
+    if spread[1] > 2.5 * spread[0] + 1.0:
+        return None
+    x, y = col - half + float(dx.mean()), row - half + float(dy.mean())
+    flux = float(prepared.image[box].sum())
+    return Point(x, y, 0.3 * psf_px, snr, flux, float(prepared.image[box].max()))
