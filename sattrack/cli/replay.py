@@ -126,8 +126,8 @@ def command(context: CommandContext, files: tuple[Path, ...], **options: Any) ->
     """
     speed = options["speed"]
     shown = options["tui"] or options["stream"]
-    if speed is not None and not (shown and 0.0 < speed <= 1000.0):
-        raise BadInputError("--speed: give a factor up to 1000, with --tui or --stream")
+    if speed is not None and not (shown and 0.01 <= speed <= 1000.0):
+        raise BadInputError("--speed: give a factor from 0.01 to 1000, with --tui or --stream")
     if len(files) > 1 and (shown or options["settings"] or options["law"]):
         raise BadInputError("--tui, --stream, --set and --law take one recording at a time")
     if len(files) > 1:

@@ -52,7 +52,7 @@ OLD_AFTER_S = 3.0
 """A session that has been silent for longer is reported."""
 HANGS_AFTER_S = 5.0
 """One that has been silent for longer is replaced; its guardian has taken the mount from it by then."""
-BEGINS_WITHIN_S = 120.0
+BEGINS_WITHIN_S = 60.0
 """How long a session may take to send its first line."""
 KILLED_WITHIN_S = 10.0
 RECORDING_TROUBLE = ("the recording ", "the disk ")
@@ -154,7 +154,9 @@ class PassSession:
 
     @property
     def _hangs(self) -> bool:
-        within_s = BEGINS_WITHIN_S if self._last_utc_s is None else HANGS_AFTER_S
+        # One that must end has nothing left to begin.
+        begins = self._last_utc_s is None and self._end_reason is None
+        within_s = BEGINS_WITHIN_S if begins else HANGS_AFTER_S
         return self._summary is None and self._silent_s > within_s
 
     def _report_silence(self) -> None:

@@ -97,7 +97,8 @@ run {night} --seed 3 --mount sim                | --seed needs --virtual
 replay                                          | missing argument 'FILES...'; see
 replay none.mcap                                | check the name
 replay {tle}                                    | not an MCAP file
-replay {pass} --speed 0                         | give a factor up to 1000
+replay {pass} --speed 0                         | give a factor from 0.01 to 1000
+replay {pass} --stream --speed 1e-300           | give a factor from 0.01 to 1000
 replay {pass} --part 7                          | give --part from 1 to 1
 report none.mcap                                | check the name
 report {pass} --tdm {tle}                       | give another name

@@ -10,6 +10,7 @@ import signal
 import socket
 import sqlite3
 import sys
+import time
 from random import Random
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, cast
@@ -568,6 +569,16 @@ def test_a_session_that_stands_still_is_told_of_and_ended_so_that_another_can_fo
     at, order = machine.step(at, Followed(utc_s=one.start_utc_s + 5.0, attempt=attempt))
     assert isinstance(order, Follow)
     assert order.part == 2
+
+
+def test_a_session_that_stands_still_before_its_first_line_does_not_hold_up_a_stop(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hanging(monkeypatch)
+    began_s = time.monotonic()
+    mute = "import os, signal; os.kill(os.getpid(), signal.SIGSTOP)"
+    assert session(tmp_path, mute, Listener("operator")).run().ended_by == "operator"
+    assert time.monotonic() - began_s < 0.5 * night_processes.BEGINS_WITHIN_S
 
 
 def test_a_stop_by_an_operator_is_what_ended_a_session_that_was_killed_for_it(
