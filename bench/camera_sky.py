@@ -18,8 +18,8 @@ import warnings
 import numpy as np
 
 from sattrack.mount.model import mean_sidereal_deg
-from sattrack.mount.simulator.camera import AxisPath, SkyCamera, make_sky
-from sattrack.mount.simulator.hidden import CameraSettings, Hidden, split_delays_s
+from sattrack.mount.simulator.camera import SkyCamera, TruePath, make_sky
+from sattrack.mount.simulator.hidden import Hidden, SimulatedCamera, split_delays_s
 from sattrack.mount.simulator.installation import SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
 from sattrack.mount.simulator.night_sky import LIGHT_KM_S, NightSky, Stars
@@ -72,7 +72,7 @@ def directions_of(ha_deg, dec_deg):
 
 def resting(ha_deg, dec_deg):
     """A path of axes that stand still."""
-    path = AxisPath()
+    path = TruePath()
     path.add(START_S - 10.0, ha_deg, dec_deg, 0.0, 0.0)
     path.add(START_S + 3600.0, ha_deg, dec_deg, 0.0, 0.0)
     return path
@@ -83,7 +83,7 @@ def following(sky, seconds, begin_s=START_S, off_deg=(0.0, 0.0)):
     utc_s = begin_s + np.arange(-0.5, seconds + 0.5, 0.05)
     none = np.zeros_like(utc_s)
     ha, dec = axes_of(sky.satellite(0, utc_s, none, none).directions)
-    path = AxisPath()
+    path = TruePath()
     rates = np.gradient(ha, utc_s, edge_order=2), np.gradient(dec, utc_s, edge_order=2)
     for one in zip(utc_s, ha + off_deg[0], dec + off_deg[1], *rates, strict=True):
         path.add(*map(float, one))
@@ -178,7 +178,7 @@ def projection(rotation=12.0, mirror=0, beyond=False):
     directions = directions_of(-ra, dec)
     sky = NightSky(SITE, (), NONE, NO_AIR)
     hidden = Hidden(rotation=rotation, mirror=mirror)
-    camera = SkyCamera(sky, CameraSettings(scale), hidden, START_S)
+    camera = SkyCamera(sky, SimulatedCamera(scale), hidden, START_S)
     path = resting(ha0 + 180.0, 180.0 - dec0) if beyond else resting(ha0, dec0)
     exposure = camera._exposure(START_S, 0.1, path)
     columns, rows, _ = camera._project(exposure, np.repeat(directions[None], len(exposure.utc_s), axis=0))
@@ -201,7 +201,7 @@ def one_star_camera(magnitude=6.0, exposure_s=1.0, **hidden):
     stars = lone_star(30.0, 20.0, magnitude, START_S + 0.5 * exposure_s)
     sky = NightSky(SITE, (), stars, NO_AIR)
     quiet = {"hot": 0, "read_noise": 0.0, "sky": 40.0, "full_well": 1e7}
-    return SkyCamera(sky, CameraSettings(2.5, 320, 240), Hidden(**(quiet | hidden)), START_S)
+    return SkyCamera(sky, SimulatedCamera(2.5, 320, 240), Hidden(**(quiet | hidden)), START_S)
 
 
 def electrons(camera, frame):
@@ -234,11 +234,11 @@ def noise(level=8.0):
     # The brightness at which a pixel of 2.5 arcseconds gets `level` electrons in a second.
     bright = 20.0 - 2.5 * math.log10(level / 2.5**2)
     hidden = Hidden(hot=0, read_noise=0.0, sky=bright, full_well=5000.0)
-    camera = SkyCamera(sky, CameraSettings(2.5, 640, 480), hidden, START_S)
+    camera = SkyCamera(sky, SimulatedCamera(2.5, 640, 480), hidden, START_S)
     one, two = (electrons(camera, camera.frame(START_S + k, 1.0, resting(0.0, 20.0))) for k in (0, 2))
     share = float(np.var(one - two) / 2.0 / one.mean())
     hidden = Hidden(hot=0, read_noise=3.0, sky=60.0, full_well=5000.0)
-    camera = SkyCamera(sky, CameraSettings(2.5, 640, 480), hidden, START_S)
+    camera = SkyCamera(sky, SimulatedCamera(2.5, 640, 480), hidden, START_S)
     dark = electrons(camera, camera.frame(START_S, 1.0, resting(0.0, 20.0)))
     return share, float(one.mean()) / level, float(dark.std()) / 3.0
 
@@ -268,7 +268,7 @@ def shadow():
 def offsets():
     """Worst difference, arcseconds, of a satellite's offset from what the axes were off by; of its pixels."""
     sky = NightSky(SITE, [demo_pass.elements()], NONE, NO_AIR)
-    camera = SkyCamera(sky, CameraSettings(), Hidden(hot=0, magnitude=4.0), START_S)
+    camera = SkyCamera(sky, SimulatedCamera(), Hidden(hot=0, magnitude=4.0), START_S)
     path = following(sky, 120.0, off_deg=(0.0, 60.0 / 3600.0))
     worst = pixel = 0.0
     for after in (5.0, 60.0, 110.0):
@@ -287,7 +287,7 @@ def offsets():
 class SeenMount(SimulatedMount):
     """A simulated mount whose true axes are noted at every turn of its loop."""
 
-    path: AxisPath
+    path: TruePath
 
     def tick(self, now_utc_s):
         status, truth = super().tick(now_utc_s)
@@ -308,14 +308,14 @@ def followed(hidden=None):
     delays = SimulatorProfile(command_delay_s=command_s, status_delay_s=status_s)
     place = SimulatedSite(SITE.latitude_deg, SITE.longitude_deg)
     mount = SeenMount(facts.profile, place, hardware=delays)
-    mount.path = AxisPath(keep_s=3600.0)
+    mount.path = TruePath(keep_s=3600.0)
     begin_s = facts.started_utc_s
     run = VirtualRun(build_engine(facts), mount, begin_s, NoRecording())
     end_s = run.run()
     air = Refraction(facts.pressure_hpa, facts.temperature_c)
     sky = NightSky(SITE, [demo_pass.elements()], NONE, air)
     zero_deg = sky.hour_angle_zero_deg(mean_sidereal_deg(begin_s, SITE.longitude_deg), begin_s)
-    camera = SkyCamera(sky, CameraSettings(), hidden, begin_s, hour_angle_zero_deg=zero_deg)
+    camera = SkyCamera(sky, SimulatedCamera(), hidden, begin_s, hour_angle_zero_deg=zero_deg)
     starts = np.arange(begin_s + 75.0, end_s - 10.0, 1.0)
     seen = [camera.seen(float(start), 0.1, mount.path) for start in starts]
     return np.array([(one.dx_arcsec, one.dy_arcsec) for one in seen])
@@ -331,7 +331,7 @@ def solved():
         max_fov_deg=6.5, min_fov_deg=5.0, star_max_magnitude=8.0, epoch_proper_motion_year=None
     )
     middle_s = START_S + 0.25
-    path = AxisPath()
+    path = TruePath()
     sidereal_deg_s = 15.041067 / 3600.0
     for t in np.arange(0.0, 1.0, 0.05):
         path.add(float(START_S + t), float(-20.0 + sidereal_deg_s * t), 40.0, sidereal_deg_s, 0.0)
@@ -341,7 +341,7 @@ def solved():
     worst, turned, mirrors = 0.0, 0.0, True
     for rotation, mirror in ((0.0, 0), (12.0, 0), (200.0, 0), (12.0, 1)):
         hidden = Hidden(rotation=rotation, mirror=mirror, fwhm=30.0, pressure=0.0)
-        camera = SkyCamera(make_sky(SITE, [], hidden, 0), CameraSettings(15.0), hidden, START_S)
+        camera = SkyCamera(make_sky(SITE, [], hidden, 0), SimulatedCamera(15.0), hidden, START_S)
         picture = camera.frame(START_S, 0.5, path).pixels.astype(np.float32)
         found = tetra3rs.CentroidExtractor().extract(picture)
         solution = database.solve_from_centroids(
@@ -360,7 +360,7 @@ def speed():
     """Processor milliseconds of a frame of 1.2 megapixels with some 50 stars, and of an offset."""
     hidden = Hidden(faint=70.0)
     sky = make_sky(SITE, [demo_pass.elements()], hidden, 0)
-    camera = SkyCamera(sky, CameraSettings(), hidden, START_S)
+    camera = SkyCamera(sky, SimulatedCamera(), hidden, START_S)
     path = following(sky, 20.0)
     columns, rows, light_of = camera.stars(START_S + 1.0, 0.1, path)
     stars = (np.abs(columns[0] - 640) < 640) & (np.abs(rows[0] - 480) < 480) & (light_of > 0.0)

@@ -12,7 +12,7 @@ import time
 
 import numpy as np
 
-from sattrack.network.assign import Assignment, Station, assign, greedy
+from sattrack.network.assign import Assignment, StationPasses, assign, greedy
 
 STATIONS, DAY_S, VISITS = 20, 86400.0, 6
 
@@ -33,7 +33,7 @@ def drawn(seed: int, each: int) -> Assignment:
         fits = end[:, None] + slew <= start[None, :]
         clash = ~(fits | fits.T)
         np.fill_diagonal(clash, val=False)
-        stations.append(Station(np.arange(each) + k * each, clash))
+        stations.append(StationPasses(np.arange(each) + k * each, clash))
         high = np.sin(np.radians(rng.uniform(10.0, 90.0, each)))
         starts.append(start)
         ends.append(end)

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from sattrack.camera.detection import ExpectedMotion
+from sattrack.core.angles import wrap180
 from sattrack.views.messages import LEAST_SIGMA_ARCSEC, MOST_SIGMA_ARCSEC, Observation, SeenOffset
 
 if TYPE_CHECKING:
@@ -20,8 +22,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sattrack.camera.detection import Detection, Source
+    from sattrack.camera.detection import Detection, PointSource
     from sattrack.camera.frames import Frame
+    from sattrack.views.run import TrackView
 
     Array = NDArray[np.float64]
 
@@ -31,6 +34,8 @@ SCALE_SHARE = 0.3
 """By which share the true scale may differ from what was said, for a field to be solved."""
 SOLVE_WITHIN_MS = 400
 STEP_PX = 10.0
+LONGEST_GAP_S = 3.0
+FOLLOWING = frozenset({"tracking"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +91,7 @@ class Solver:
         """Take tetra3rs' database, and the image's width on the sky by its scale, degrees."""
         self._database, self._fov_deg = database, fov_deg
 
-    def solve(self, shape: tuple[int, int], stars: Sequence[Source]) -> Solution | None:
+    def solve(self, shape: tuple[int, int], stars: Sequence[PointSource]) -> Solution | None:
         """Return where an image of a shape (height, width) looks, by its stars; None where none fits."""
         height, width = shape
         if len(stars) < FEWEST_STARS:
@@ -175,7 +180,7 @@ def _step(ra_deg: float, dec_deg: float, to_ra_deg: float, to_dec_deg: float) ->
     return math.degrees(math.atan2(east, north)), math.degrees(math.hypot(east, north)) * 3600.0
 
 
-class Seen(NamedTuple):
+class Centred(NamedTuple):
     """What one frame comes to: what is printed of it, and what is sent to a run, if anything."""
 
     utc: str
@@ -200,7 +205,7 @@ class Seen(NamedTuple):
 
 def centred(
     frame: Frame, seen: Detection, geometry: ImageGeometry, solution: Solution | None, camera: str
-) -> Seen:
+) -> Centred:
     """Return a detection as offsets from the image's middle, and as a message for a run.
 
     Where the field was solved it is an observation of a direction among the stars, and the scale is that of
@@ -209,7 +214,9 @@ def centred(
     utc = frame.utc.isoformat("microseconds")
     solved = None if solution is None else solution.document()
     scale = geometry.scale_arcsec_px if solution is None else solution.scale_arcsec_px
-    nothing = Seen(utc, frame.exposure_s, seen.kind, None, None, None, None, solved, seen.why, camera, None)
+    nothing = Centred(
+        utc, frame.exposure_s, seen.kind, None, None, None, None, solved, seen.why, camera, None
+    )
     if seen.kind == "none" or seen.x is None or seen.y is None or seen.sigma_px is None:
         return nothing
     middle_x, middle_y = frame.middle
@@ -272,3 +279,46 @@ def contradiction(said: ImageGeometry, solution: Solution) -> str | None:
             f"the stars show that the image {shown}: {'give' if solution.flipped else 'omit'} --flip"
         )
     return "; ".join(wrong) or None
+
+
+def expected(views: Sequence[TrackView], utc_s: float, geometry: ImageGeometry) -> ExpectedMotion | None:
+    """Return how stars and the satellite move in an image of an instant, pixels a second.
+
+    None where the views do not reach to the instant, or no scale is known. While the mount follows, the
+    satellite stands in the image; before, both are told by the directions of target and mount in two views.
+    """
+    scale = geometry.scale_arcsec_px
+    known = [one for one in views if one.mount_ra_deg is not None and one.mount_dec_deg is not None]
+    if scale is None or len(known) < 2:
+        return None
+    last = min(range(1, len(known)), key=lambda i: abs(known[i].utc_s - utc_s))
+    one, other = known[max(0, last - 5)], known[last]
+    span_s = other.utc_s - one.utc_s
+    if abs(other.utc_s - utc_s) > LONGEST_GAP_S or span_s <= 0.0:
+        return None
+    assert one.mount_ra_deg is not None
+    assert one.mount_dec_deg is not None
+    assert other.mount_ra_deg is not None
+    assert other.mount_dec_deg is not None
+    mount = _rates(one.mount_ra_deg, one.mount_dec_deg, other.mount_ra_deg, other.mount_dec_deg, span_s)
+    stars = in_image(-mount[0], -mount[1], scale, geometry)
+    if other.phase in FOLLOWING:
+        return ExpectedMotion(stars, 0.0)
+    target = _rates(one.target_ra_deg, one.target_dec_deg, other.target_ra_deg, other.target_dec_deg, span_s)
+    return ExpectedMotion(stars, in_image(target[0] - mount[0], target[1] - mount[1], scale, geometry))
+
+
+def _rates(ra: float, dec: float, to_ra: float, to_dec: float, span_s: float) -> tuple[float, float]:
+    """Return motion east and north on the sky, arcseconds a second."""
+    east = wrap180(to_ra - ra) * math.cos(math.radians(0.5 * (dec + to_dec)))
+    return east * 3600.0 / span_s, (to_dec - dec) * 3600.0 / span_s
+
+
+def in_image(east: float, north: float, scale: float, geometry: ImageGeometry) -> tuple[float, float] | float:
+    """Return a motion in the image, pixels a second; its speed alone where the rotation is not known."""
+    if geometry.rotation_deg is None:
+        return math.hypot(east, north) / scale
+    angle = math.radians(geometry.rotation_deg)
+    up = east * math.sin(angle) + north * math.cos(angle)
+    right = -east * math.cos(angle) + north * math.sin(angle)
+    return (-right if geometry.flipped else right) / scale, up / scale

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
-from sattrack.camera.shape import CENTROID_FLOOR_PX, Point, Prepared, fitted_point
+from sattrack.camera.shape import CENTROID_FLOOR_PX, Point, PreparedImage, fitted_point
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -64,7 +64,7 @@ class Streak(NamedTuple):
     snr: float
 
 
-class Source(NamedTuple):
+class PointSource(NamedTuple):
     """Something round in a frame."""
 
     x: float
@@ -73,7 +73,7 @@ class Source(NamedTuple):
     snr: float
 
 
-class Expected(NamedTuple):
+class ExpectedMotion(NamedTuple):
     """What a run says of a frame: how stars and the satellite move in the image, in pixels a second.
 
     A velocity is a pair, or a speed alone where the camera's rotation is not known. `near` is where the
@@ -96,7 +96,7 @@ class Detection:
     snr: float | None = None
     why: str | None = None
     """Why there is nothing, in words."""
-    stars: tuple[Source, ...] = ()
+    stars: tuple[PointSource, ...] = ()
     """The other things, the brightest first: the middles of streaks that are whole, or points."""
     saturated: float = 0.0
     """The share of pixels that are."""
@@ -114,14 +114,14 @@ class Detector:
     """The last places of the satellite: UTC, x, y."""
     _psf_seen: int = 0
 
-    def look(self, frame: Frame, expected: Expected | None = None) -> Detection:
+    def look(self, frame: Frame, expected: ExpectedMotion | None = None) -> Detection:
         """Return what is seen in a frame."""
         prepared = _prepared(frame, self.psf_px)
         if isinstance(prepared, str):
             return Detection("none", why=prepared)
         long = _streaks(prepared)
         self._learn_psf(prepared.image, long)
-        expected = expected or Expected()
+        expected = expected or ExpectedMotion()
         near = expected.near or self._near(float(frame.utc.unix_s))
         trail = _trail(long, expected, frame.exposure_s)
         wanted = _length(expected.target, frame.exposure_s)
@@ -157,7 +157,7 @@ class Detector:
         return x1 + (x1 - x0) * share, y1 + (y1 - y0) * share, EXPECTED_WITHIN_PX + 0.3 * moved
 
 
-def _prepared(frame: Frame, psf_px: float) -> Prepared | str:
+def _prepared(frame: Frame, psf_px: float) -> PreparedImage | str:
     """Return a frame ready to be looked at, or why nothing can be seen in it."""
     import sep
 
@@ -198,7 +198,7 @@ def _prepared(frame: Frame, psf_px: float) -> Prepared | str:
     smooth /= max(spread, white, 1e-12)
     said = frame.header.get("EGAIN")
     gain = float(said) if isinstance(said, int | float) and said > 0.0 else None
-    return Prepared(image, noise, smooth, bad | full, saturated, gain)
+    return PreparedImage(image, noise, smooth, bad | full, saturated, gain)
 
 
 def _clipped_sigma(values: Pixels) -> float:
@@ -211,7 +211,7 @@ def _clipped_sigma(values: Pixels) -> float:
     return float(np.std(kept)) / 0.945
 
 
-def _streaks(prepared: Prepared) -> list[Streak]:
+def _streaks(prepared: PreparedImage) -> list[Streak]:
     """Return what is long in a frame, the brightest first."""
     import sep
 
@@ -298,7 +298,7 @@ class _Trail(NamedTuple):
     length_px: float | None
 
 
-def _trail(long: list[Streak], expected: Expected, exposure_s: float) -> _Trail:
+def _trail(long: list[Streak], expected: ExpectedMotion, exposure_s: float) -> _Trail:
     """Return how stars trail: as the frame shows it, else as the run expects it."""
     by_run = _length(expected.stars, exposure_s)
     angle = _common_angle(long)
@@ -342,7 +342,7 @@ def _angle(velocity: tuple[float, float] | float | None) -> float | None:
 
 
 def _point_target(
-    prepared: Prepared,
+    prepared: PreparedImage,
     long: list[Streak],
     trail: _Trail,
     near: tuple[float, float, float] | None,
@@ -399,7 +399,7 @@ def _because(none: Detection, why: str) -> Detection:
 
 
 def _chosen(
-    prepared: Prepared,
+    prepared: PreparedImage,
     points: list[Point],
     trailing: bool,
     near: tuple[float, float, float] | None,
@@ -415,7 +415,7 @@ def _chosen(
     there = sorted(there, key=lambda one: -one.flux)
     best = there[0]
     if near is None and not trailing and len(there) > 1:
-        stars = tuple(Source(one.x, one.y, one.flux, one.snr) for one in points)
+        stars = tuple(PointSource(one.x, one.y, one.flux, one.snr) for one in points)
         why = "stars do not trail, and nothing tells the satellite from them"
         return Detection("none", why=why, stars=stars, saturated=prepared.saturated, streaks=none.streaks)
     if len(there) > 1 and there[1].flux > AMBIGUOUS * best.flux:
@@ -536,12 +536,12 @@ def _standing_out(
     return kept
 
 
-def _star_middles(long: list[Streak], trail: _Trail) -> tuple[Source, ...]:
+def _star_middles(long: list[Streak], trail: _Trail) -> tuple[PointSource, ...]:
     """Return the middles of the stars' streaks that are whole, and as long as most."""
     if trail.angle_deg is None or trail.length_px is None:
         return ()
     return tuple(
-        Source(one.x, one.y, one.flux, one.snr)
+        PointSource(one.x, one.y, one.flux, one.snr)
         for one in long
         if one.whole
         and _apart(one.angle_deg, trail.angle_deg) < 5.0
@@ -550,7 +550,7 @@ def _star_middles(long: list[Streak], trail: _Trail) -> tuple[Source, ...]:
 
 
 def _streak_target(
-    prepared: Prepared, long: list[Streak], expected: Expected, exposure_s: float
+    prepared: PreparedImage, long: list[Streak], expected: ExpectedMotion, exposure_s: float
 ) -> Detection:
     """Return the satellite as the streak that has the length and the direction that a run expects."""
     length, angle = _length(expected.target, exposure_s), _angle(expected.target)
@@ -567,7 +567,7 @@ def _streak_target(
     return _streak_found(prepared, fits, none)
 
 
-def _lone_streak(prepared: Prepared, long: list[Streak], otherwise: Detection) -> Detection:
+def _lone_streak(prepared: PreparedImage, long: list[Streak], otherwise: Detection) -> Detection:
     """Return the one streak among round stars as the satellite, where there is just one."""
     if len(long) != 1:
         return otherwise
@@ -579,7 +579,7 @@ def _lone_streak(prepared: Prepared, long: list[Streak], otherwise: Detection) -
     )
 
 
-def _streak_found(prepared: Prepared, fits: list[Streak], none: Detection) -> Detection:
+def _streak_found(prepared: PreparedImage, fits: list[Streak], none: Detection) -> Detection:
     best = fits[0]
     if len(fits) > 1 and fits[1].flux > AMBIGUOUS * best.flux:
         return _because(none, f"{len(fits)} streaks are alike, and nothing tells which is the satellite")
@@ -604,7 +604,7 @@ def _streak_found(prepared: Prepared, fits: list[Streak], none: Detection) -> De
     )
 
 
-def _ends(prepared: Prepared, streak: Streak) -> tuple[float, float, float] | None:
+def _ends(prepared: PreparedImage, streak: Streak) -> tuple[float, float, float] | None:
     """Return the middle between the two ends of a streak, and one sigma; None where they do not fit.
 
     The light across the streak, summed at each distance along it, is an even strip with blurred ends.
@@ -650,7 +650,7 @@ def _ends(prepared: Prepared, streak: Streak) -> tuple[float, float, float] | No
     return streak.x + middle * along_x, streak.y + middle * along_y, sigma
 
 
-def _round(prepared: Prepared, long: list[Streak]) -> tuple[Source, ...]:
+def _round(prepared: PreparedImage, long: list[Streak]) -> tuple[PointSource, ...]:
     """Return the round things of a frame, the brightest first, without what belongs to a streak."""
     import sep
 
@@ -661,5 +661,5 @@ def _round(prepared: Prepared, long: list[Streak]) -> tuple[Source, ...]:
             continue
         if any(math.hypot(one["x"] - s.x, one["y"] - s.y) < 0.5 * s.length_px for s in long):
             continue
-        sources.append(Source(float(one["x"]), float(one["y"]), float(one["flux"]), float(one["peak"])))
+        sources.append(PointSource(float(one["x"]), float(one["y"]), float(one["flux"]), float(one["peak"])))
     return tuple(sources)

@@ -6,6 +6,7 @@ middle of the first pixel at (0, 0).
 
 from __future__ import annotations
 
+import importlib
 import math
 import re
 from dataclasses import dataclass, field
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from sattrack.core.errors import BadInputError
+from sattrack.core.errors import BadInputError, SattrackError
 from tle.errors import TimeFormatError
 from tle.instants import DAY_S, UNIX_EPOCH_MJD, Utc
 
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 AGREE_S = 0.05
 """By how much dates of one exposure may contradict one another, beside a tenth of the exposure."""
 COLOURS = 3
+EXTRAS = {"astropy": "camera", "PIL": "camera", "sep": "camera", "tetra3rs": "camera", "cv2": "v4l"}
+EXTRAS |= {"indipyclient": "indi"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,3 +214,12 @@ def grey(pixels: NDArray[Any]) -> NDArray[Any]:
     if pixels.ndim != 2:
         raise ValueError(f"it has {pixels.ndim} dimensions")
     return pixels
+
+
+def needed(module: str, what: str) -> Any:
+    """Import a package of an extra; raises SattrackError, naming what to install."""
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        extra = EXTRAS[module.partition(".")[0]]
+        raise SattrackError(f"{what} needs {module}: pip install 'sattrack[{extra}]'") from None

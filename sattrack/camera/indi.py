@@ -13,8 +13,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from sattrack.camera.frames import Frame, fits_exposure, grey
-from sattrack.camera.sources import needed
+from sattrack.camera.frames import Frame, fits_exposure, grey, needed
 from sattrack.core.errors import BadInputError, SattrackError
 from tle.instants import Utc
 
@@ -56,13 +55,13 @@ class IndiCamera:
     def _made(self, package: Any, host: str, port: int) -> Any:
         blobs, device = self._blobs, self._device
 
-        class Client(package.IPyClient):  # type: ignore[misc]
+        class IndiClient(package.IPyClient):  # type: ignore[misc]
             async def rxevent(self, event: Any) -> None:
                 if event.eventtype == "SetBLOB" and event.devicename == device:
                     for member in event.values():
                         blobs.put(bytes(member))
 
-        client = Client(indihost=host, indiport=port)
+        client = IndiClient(indihost=host, indiport=port)
         client.enable_reports = False
         return client
 

@@ -19,7 +19,7 @@ SHARPEST = 0.8
 """Of a star's middle pixel, the eight about it have at least so much light together; of a hot one none."""
 
 
-class Prepared(NamedTuple):
+class PreparedImage(NamedTuple):
     """An image less its background; its noise; its filtered significance; what must not be used."""
 
     image: Pixels
@@ -43,7 +43,7 @@ class Point(NamedTuple):
 
 
 def fitted_point(
-    prepared: Prepared, x: float, y: float, snr: float, ridge: float, angle_deg: float, psf_px: float
+    prepared: PreparedImage, x: float, y: float, snr: float, ridge: float, angle_deg: float, psf_px: float
 ) -> Point | None:
     """Return a point as a Gaussian fits it; None where its shape is not that of a star's image."""
     half = max(4, math.ceil(3.2 * psf_px))
@@ -185,7 +185,13 @@ def _gauss_newton(
 
 
 def _saturated_point(
-    prepared: Prepared, box: tuple[slice, slice], col: int, row: int, half: int, snr: float, psf_px: float
+    prepared: PreparedImage,
+    box: tuple[slice, slice],
+    col: int,
+    row: int,
+    half: int,
+    snr: float,
+    psf_px: float,
 ) -> Point | None:
     """Return a point of which most is saturated, by the middle of what is."""
     full = prepared.bad[box]

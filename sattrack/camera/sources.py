@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import re
 import time
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from sattrack.camera.frames import Frame, fits_exposure, grey, name_exposure, text_exposure
+from sattrack.camera.frames import Frame, fits_exposure, grey, name_exposure, needed, text_exposure
 from sattrack.core.errors import BadInputError, SattrackError
 from tle.instants import Utc
 
@@ -24,18 +23,7 @@ FITS_SUFFIXES = {".fits", ".fit", ".fts"}
 PNG_SUFFIXES = {".png"}
 POLL_S = 0.1
 FORMS = "folder:DIR, alpaca://HOST:PORT/N, indi://HOST:PORT/NAME or v4l:/dev/video0"
-EXTRAS = {"astropy": "camera", "PIL": "camera", "sep": "camera", "tetra3rs": "camera", "cv2": "v4l"}
-EXTRAS |= {"indipyclient": "indi"}
 LONGEST_TEXT = 100_000
-
-
-def needed(module: str, what: str) -> Any:
-    """Import a package of an extra; raises SattrackError, naming what to install."""
-    try:
-        return importlib.import_module(module)
-    except ImportError:
-        extra = EXTRAS[module.partition(".")[0]]
-        raise SattrackError(f"{what} needs {module}: pip install 'sattrack[{extra}]'") from None
 
 
 class FrameSource(Protocol):

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from typing import IO
 
-    from sattrack.camera.centring import ImageGeometry, Seen, Solution, Solver
-    from sattrack.camera.detection import Detection, Detector, Expected
+    from sattrack.camera.centring import Centred, ImageGeometry, Solution, Solver
+    from sattrack.camera.detection import Detection, Detector, ExpectedMotion
     from sattrack.camera.frames import Frame
     from sattrack.camera.sources import FrameSource
 
@@ -77,7 +77,8 @@ def command(context: CommandContext, source: str, **options: Any) -> int:
       sattrack camera alpaca://192.0.2.7:11111/0 --scale 2.5 --rotation 12
     """
     from sattrack.camera.detection import Detector
-    from sattrack.camera.sources import SourceOptions, needed, open_source
+    from sattrack.camera.frames import needed
+    from sattrack.camera.sources import SourceOptions, open_source
 
     needed("sep", "a camera")
     geometry = _geometry(context, options)
@@ -279,11 +280,11 @@ class RunLink:
                     with contextlib.suppress(msgspec.MsgspecError):
                         self._views = [*self._views[-40:], msgspec.json.decode(line, type=TrackView)]
 
-    def expected(self, frame: Frame, geometry: ImageGeometry) -> Expected | None:
+    def expected(self, frame: Frame, geometry: ImageGeometry) -> ExpectedMotion | None:
         """Return how stars and the satellite move in an image, by the run's views about its instant."""
-        from sattrack.camera.motion import expected
+        from sattrack.camera.centring import expected
 
-        return expected(self._views, float(frame.utc.unix_s), geometry, frame.middle)
+        return expected(self._views, float(frame.utc.unix_s), geometry)
 
     def send(self, message: Any) -> bool:
         """Send an observation; return whether it went."""
@@ -340,7 +341,7 @@ class Looker:
         self._making: subprocess.Popen[bytes] | None = None
         self._told = ""
 
-    def look(self, frame: Frame, expected: Expected | None) -> tuple[Seen, Detection]:
+    def look(self, frame: Frame, expected: ExpectedMotion | None) -> tuple[Centred, Detection]:
         """Return what one frame comes to."""
         from sattrack.camera.centring import centred
 
@@ -371,7 +372,7 @@ class Looker:
     def _made_solver(self, fov_deg: float) -> Solver | None:
         """Return the solver; None while its index is made, and where there will be none."""
         from sattrack.camera.centring import Solver
-        from sattrack.camera.sources import needed
+        from sattrack.camera.frames import needed
         from sattrack.camera.star_index import LEAST_FOV_DEG, LONGEST_FOV_DEG, index_file, start_making
 
         if not LEAST_FOV_DEG <= fov_deg <= LONGEST_FOV_DEG:
@@ -451,7 +452,7 @@ def _items(camera: FrameSource, run: RunLink | None) -> Iterator[Frame | Sattrac
         yield item
 
 
-def _save(frame: Frame, folder: Path, name: str, seen: Seen) -> None:
+def _save(frame: Frame, folder: Path, name: str, seen: Centred) -> None:
     from sattrack.camera.sources import save_frame
 
     solved = seen.solved or {}
@@ -472,7 +473,7 @@ def _light(frame: Frame, detection: Detection) -> float:
     return 1.4 if share < LEVEL[0] else 1.0
 
 
-def _print(as_json: bool, seen: Seen) -> None:
+def _print(as_json: bool, seen: Centred) -> None:
     if as_json:
         sys.stdout.write(json.dumps(seen.document(), allow_nan=False) + "\n")
         sys.stdout.flush()

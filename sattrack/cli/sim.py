@@ -19,7 +19,7 @@ from sattrack.core.toml_text import read_toml
 from sattrack.mount.alpaca.link import DEFAULT_PORT as ALPACA_PORT
 from sattrack.mount.profiles import ProfileFile, load_profile_file
 from sattrack.mount.simulator.hidden import GRAMMAR as HIDDEN_GRAMMAR
-from sattrack.mount.simulator.hidden import CameraSettings, Hidden, parse_hidden, split_delays_s
+from sattrack.mount.simulator.hidden import Hidden, SimulatedCamera, parse_hidden, split_delays_s
 from sattrack.mount.simulator.installation import GRAMMAR, parse_faults, simulator_profile
 from sattrack.mount.simulator.mount import SimulatedSite
 from sattrack.mount.simulator.process import ClockSetting, SimulatorConfig, make_clock, make_server
@@ -214,7 +214,7 @@ class CameraOptions:
         exposure: float,
         every: float,
     ) -> None:
-        self.settings = CameraSettings.parse(camera)
+        self.settings = SimulatedCamera.parse(camera)
         self.satellites, self.frames = satellites, frames
         self.exposure, self.every = exposure, every
         self.port = camera_port or 0

@@ -37,7 +37,7 @@ _MOST_FOR_HIGHS = 12_000
 _SLOWEST, _PATIENCE, _EVERY = 0.004, 4, 5
 
 
-class Station:
+class StationPasses:
     """The passes of one station by index, in order of their ends, and which of them clash (n, n).
 
     Of two that do not clash the one that ends first comes first.
@@ -96,7 +96,7 @@ class Assignment:
 
     start_s: Array
     value: Array
-    stations: Sequence[Station]
+    stations: Sequence[StationPasses]
     fresh: Index
     together: dict[int, Index] = field(default_factory=dict)
     kept: Index = field(default_factory=lambda: np.empty(0, dtype=np.intp))

@@ -12,7 +12,7 @@ import numpy as np
 import tomli_w
 
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.network.assign import Assigned, Assignment, Station, assign
+from sattrack.network.assign import Assigned, Assignment, StationPasses, assign
 from sattrack.network.dataset import MANIFEST
 from sattrack.network.search import NO_PYARROW
 from sattrack.network.stations import station_named
@@ -86,7 +86,7 @@ class Mounted:
 
 
 @dataclass(frozen=True, slots=True)
-class Passes:
+class NightPasses:
     """Passes that may be followed, in columns: station by index, POSIX seconds, degrees."""
 
     station: NDArray[np.intp]
@@ -98,9 +98,9 @@ class Passes:
     start_altaz_deg: Array
     end_altaz_deg: Array
 
-    def take(self, which: NDArray[Any]) -> Passes:
+    def take(self, which: NDArray[Any]) -> NightPasses:
         """Return some of them."""
-        return Passes(*(getattr(self, name)[which] for name in self.__slots__))
+        return NightPasses(*(getattr(self, name)[which] for name in self.__slots__))
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +108,7 @@ class Night:
     """The outcome: the passes taken, each with what it adds and whether another station looks as well."""
 
     span: Span
-    passes: Passes
+    passes: NightPasses
     worths: Array
     together: NDArray[np.bool_]
     assigned: Assigned
@@ -151,7 +151,7 @@ def data_set_span(folder: Path) -> Span:
 
 def read_passes(
     folder: Path, stations: Sequence[Mounted], wishes: Wishes, elements: Mapping[int, Elements]
-) -> Passes:
+) -> NightPasses:
     """Return the passes of a data set that are worth following, the most valuable of each station.
 
     Raises BadInputError for a folder that is no data set, or lacks a station.
@@ -169,7 +169,9 @@ def read_passes(
         begun = _begun(some, one.station.name, wishes)
         some = some.take(np.union1d(order, begun))
         found.append(some)
-    return Passes(*(np.concatenate([getattr(one, name) for one in found]) for name in Passes.__slots__))
+    return NightPasses(
+        *(np.concatenate([getattr(one, name) for one in found]) for name in NightPasses.__slots__)
+    )
 
 
 def _age_days(elements: Mapping[int, Elements], number: int, at_s: float) -> float:
@@ -193,7 +195,9 @@ def _read(place: Path) -> dict[str, Any]:
     return rows
 
 
-def _worth_following(rows: dict[str, Any], index: int, one: Mounted, wishes: Wishes, span: Span) -> Passes:
+def _worth_following(
+    rows: dict[str, Any], index: int, one: Mounted, wishes: Wishes, span: Span
+) -> NightPasses:
     top = rows["culminate_utc"]
     low, high = np.nan_to_num(rows["rise_utc"], nan=span[0]), np.nan_to_num(rows["set_utc"], nan=span[1])
     middle = np.clip(top, low + 0.5 * wishes.longest_s, np.maximum(high - 0.5 * wishes.longest_s, low))
@@ -219,7 +223,7 @@ def _worth_following(rows: dict[str, Any], index: int, one: Mounted, wishes: Wis
         at_edge = np.stack([skyline.altitude_deg(np.nan_to_num(azimuth)) + 0.0 * top, azimuth])
         return np.where(cut, np.stack([rows["max_alt_deg"], rows["culminate_az_deg"]]), at_edge).T
 
-    found = Passes(
+    found = NightPasses(
         np.full(len(top), index, dtype=np.intp),
         rows["number"],
         rows["name"],
@@ -235,7 +239,7 @@ def _worth_following(rows: dict[str, Any], index: int, one: Mounted, wishes: Wis
     return found.take(np.flatnonzero(keep))
 
 
-def _begun(passes: Passes, station: str, wishes: Wishes) -> NDArray[np.intp]:
+def _begun(passes: NightPasses, station: str, wishes: Wishes) -> NDArray[np.intp]:
     """Return which passes of a station have begun by an earlier assignment, and are not closed."""
     begun = {
         (one["catalog_number"], float(Utc.parse(one["start_utc"]).unix_s))
@@ -265,7 +269,7 @@ def _axes(altaz_deg: Array, one: Mounted) -> list[Place]:
     return [axes_of(ha, dec, one.profile, latitude) for ha, dec in pairs]
 
 
-def _clash(passes: Passes, one: Mounted, settle_s: float) -> NDArray[np.bool_]:
+def _clash(passes: NightPasses, one: Mounted, settle_s: float) -> NDArray[np.bool_]:
     """Return which passes of a station, in order of their ends, do not fit one after the other."""
     count = len(passes.value)
     overheads = [
@@ -286,7 +290,7 @@ def _clash(passes: Passes, one: Mounted, settle_s: float) -> NDArray[np.bool_]:
 
 
 def together_of(
-    passes: Passes, stations: Sequence[Mounted], baseline_km: float
+    passes: NightPasses, stations: Sequence[Mounted], baseline_km: float
 ) -> dict[int, NDArray[np.intp]]:
     """Return of each pass those of other stations, far enough away, that show the satellite at once."""
     places = np.array([one.station.site.itrs_km for one in stations])
@@ -307,7 +311,7 @@ def together_of(
     return {one: np.array(sorted(others), dtype=np.intp) for one, others in found.items()}
 
 
-def _fresh(passes: Passes, wishes: Wishes, start_s: float) -> NDArray[np.intp]:
+def _fresh(passes: NightPasses, wishes: Wishes, start_s: float) -> NDArray[np.intp]:
     """Return the number of each pass' satellite and time in which one counts in full; -1 where none does."""
     numbers: dict[tuple[int, int], int] = {}
     fresh = np.full(len(passes.value), -1, dtype=np.intp)
@@ -320,7 +324,7 @@ def _fresh(passes: Passes, wishes: Wishes, start_s: float) -> NDArray[np.intp]:
 
 
 def plan_night(
-    passes: Passes,
+    passes: NightPasses,
     stations: Sequence[Mounted],
     wishes: Wishes,
     elements: Mapping[int, Elements],
@@ -352,7 +356,7 @@ def plan_night(
         problem = Assignment(
             passes.start_s,
             value,
-            [Station(w, clash) for w, clash in zip(members, clashes, strict=True)],
+            [StationPasses(w, clash) for w, clash in zip(members, clashes, strict=True)],
             fresh,
             together,
             kept,
@@ -391,7 +395,7 @@ def plan_night(
 def _refused(
     file: Path,
     mine: NDArray[np.intp],
-    passes: Passes,
+    passes: NightPasses,
     one: Mounted,
     elements: Mapping[int, Elements],
     span: Span,
@@ -418,7 +422,7 @@ def _iso(utc_s: float) -> str:
     return Utc(float(utc_s)).isoformat("seconds")
 
 
-def schedule_text(passes: Passes, one: Mounted, wishes: Wishes, span: Span) -> str:
+def schedule_text(passes: NightPasses, one: Mounted, wishes: Wishes, span: Span) -> str:
     """Return a station's schedule for `sattrack run`: its passes at fixed times."""
     site = one.station.site
     where = f"{site.latitude_deg},{site.longitude_deg},{site.height_m}"

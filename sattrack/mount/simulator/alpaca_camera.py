@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sattrack.mount.simulator.camera import Frame, SkyCamera
+    from sattrack.mount.simulator.camera import RenderedFrame, SkyCamera
 
 NOT_IMPLEMENTED = 0x400
 LEAST_S, MOST_S = 0.0001, 600.0
@@ -33,7 +33,7 @@ TRUE = {"true": True, "false": False}
 WHOLE_NUMBERS = ("BinX", "BinY", "NumX", "NumY", "StartX", "StartY", "Gain", "ReadoutMode")
 
 
-class Exposure(NamedTuple):
+class RunningExposure(NamedTuple):
     """An exposure as it was asked for: its start in truth, its length, and what of the sensor is read."""
 
     start_utc_s: float
@@ -45,7 +45,7 @@ class Exposure(NamedTuple):
     width: int
     height: int
 
-    def cut(self, frame: Frame) -> NDArray[np.uint16]:
+    def cut(self, frame: RenderedFrame) -> NDArray[np.uint16]:
         """Return the image array, [x][y], of a picture of the whole sensor."""
         pixels, bins = frame.pixels, self.binning
         if bins > 1:
@@ -57,7 +57,7 @@ class Exposure(NamedTuple):
 
 
 @dataclass(slots=True)
-class AlpacaCamera:
+class SimulatedAlpacaCamera:
     """Camera 0. Whoever serves it takes the picture of `exposure` when that has ended, and delivers it."""
 
     camera: SkyCamera
@@ -65,10 +65,10 @@ class AlpacaCamera:
     name = "Simulated camera"
     unique_id = "8b3e2f50-5c0f-4f0e-9f37-0d1a52f7c6e2"
     connected: bool = False
-    exposure: Exposure | None = None
+    exposure: RunningExposure | None = None
     image: NDArray[np.uint16] | None = None
     _settings: dict[str, int] | None = None
-    _last: tuple[Exposure, Frame] | None = None
+    _last: tuple[RunningExposure, RenderedFrame] | None = None
     _failure: str | None = None
 
     def ask(self, member: str, _: Mapping[str, str], now: float) -> Any:
@@ -101,7 +101,9 @@ class AlpacaCamera:
         else:
             raise RefusedError(NOT_IMPLEMENTED, f"{member} is not implemented")
 
-    def deliver(self, exposure: Exposure, frame: Frame | None, failure: str | None = None) -> None:
+    def deliver(
+        self, exposure: RunningExposure, frame: RenderedFrame | None, failure: str | None = None
+    ) -> None:
         """Take the picture of an exposure, or why there is none; one that was aborted is dropped."""
         if self.exposure != exposure:
             return
@@ -215,7 +217,7 @@ class AlpacaCamera:
             ],
         }
 
-    def _taken(self) -> tuple[Exposure, Frame]:
+    def _taken(self) -> tuple[RunningExposure, RenderedFrame]:
         if self._last is None:
             raise RefusedError(INVALID_OPERATION, "No exposure has been made")
         return self._last
@@ -261,5 +263,5 @@ class AlpacaCamera:
             if not (values[number] > 0 and values[start] + values[number] <= most):
                 raise RefusedError(INVALID_VALUE, f"{start} and {number} leave the sensor's {most} pixels")
         window = (values[name] for name in ("StartX", "StartY", "NumX", "NumY"))
-        self.exposure = Exposure(now, seconds, values["Gain"], bins, *window)
+        self.exposure = RunningExposure(now, seconds, values["Gain"], bins, *window)
         self.image = self._failure = None

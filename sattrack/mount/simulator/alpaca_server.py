@@ -31,7 +31,7 @@ from sattrack.core.channel import LineReader
 from sattrack.core.clock import SystemClock
 from sattrack.core.errors import SattrackError
 from sattrack.mount.model import mean_sidereal_deg
-from sattrack.mount.simulator.alpaca_camera import AlpacaCamera, Exposure
+from sattrack.mount.simulator.alpaca_camera import RunningExposure, SimulatedAlpacaCamera
 from sattrack.mount.simulator.alpaca_telescope import (
     INVALID_VALUE,
     NOT_CONNECTED,
@@ -40,8 +40,8 @@ from sattrack.mount.simulator.alpaca_telescope import (
     SimulatedTelescope,
     TelescopeSettings,
 )
-from sattrack.mount.simulator.camera import AxisPath, SkyCamera, make_sky
-from sattrack.mount.simulator.hidden import CameraSettings, Hidden
+from sattrack.mount.simulator.camera import SkyCamera, TruePath, make_sky
+from sattrack.mount.simulator.hidden import Hidden, SimulatedCamera
 from sattrack.mount.simulator.mount import SimulatedSite, Truth
 from sattrack.mount.simulator.process import ClockSetting, make_clock
 from tle.elements import Elements
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
 
     from sattrack.core.clock import Clock
-    from sattrack.mount.simulator.camera import Frame
+    from sattrack.mount.simulator.camera import RenderedFrame
 
 LOOK_EVERY_S = 0.02
 REMEMBERED = 60000
@@ -194,15 +194,15 @@ class AlpacaServer:
         self,
         clock: Clock,
         telescope: AlpacaTelescope | None = None,
-        camera: AlpacaCamera | None = None,
+        camera: SimulatedAlpacaCamera | None = None,
         config: CameraConfig | None = None,
     ) -> None:
         self._clock, self._config = clock, config
         self._telescope, self._camera = telescope, camera
-        self._devices: dict[str, AlpacaTelescope | AlpacaCamera] = {
+        self._devices: dict[str, AlpacaTelescope | SimulatedAlpacaCamera] = {
             device.kind: device for device in (telescope, camera) if device is not None
         }
-        self.path = AxisPath()
+        self.path = TruePath()
         self.requests: Counter[str] = Counter()
         self._transactions = 0
         self._trail: deque[SimulatedPlace] = deque(maxlen=REMEMBERED)
@@ -279,7 +279,11 @@ class AlpacaServer:
         return web.Response(body=msgspec.json.encode(body), content_type="application/json")
 
     def _do(
-        self, device: AlpacaTelescope | AlpacaCamera, method: str, member: str, fields: Mapping[str, str]
+        self,
+        device: AlpacaTelescope | SimulatedAlpacaCamera,
+        method: str,
+        member: str,
+        fields: Mapping[str, str],
     ) -> Any:
         if not device.connected and member not in FREE:
             raise RefusedError(NOT_CONNECTED, f"The {device.kind} is not connected")
@@ -296,7 +300,7 @@ class AlpacaServer:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _expose(self, device: AlpacaCamera) -> None:
+    async def _expose(self, device: SimulatedAlpacaCamera) -> None:
         """Take the picture of the exposure that goes on, when it has ended."""
         begun = device.exposure
         while (exposure := device.exposure) is not None and begun is not None:
@@ -317,7 +321,7 @@ class AlpacaServer:
             start_s = math.ceil(self.now() / config.every_s) * config.every_s
             end_s = start_s + config.exposure_s
             await asyncio.sleep((end_s - self.now()) / self._clock.speed)
-            exposure = Exposure(start_s, config.exposure_s, 0, 1, 0, 0, size.width, size.height)
+            exposure = RunningExposure(start_s, config.exposure_s, 0, 1, 0, 0, size.width, size.height)
             frame, _ = await self._picture(camera, exposure)
             if frame is None:
                 continue
@@ -328,7 +332,9 @@ class AlpacaServer:
                 sys.stderr.write(f"sattrack: no more pictures are written to {folder}: {error}\n")
                 return
 
-    async def _picture(self, camera: SkyCamera, exposure: Exposure) -> tuple[Frame | None, str | None]:
+    async def _picture(
+        self, camera: SkyCamera, exposure: RunningExposure
+    ) -> tuple[RenderedFrame | None, str | None]:
         """Return the picture of an exposure that has ended, or why there is none."""
         end_s = exposure.start_utc_s + exposure.seconds
         until_s = time.monotonic() + LATEST_PATH_S
@@ -414,7 +420,7 @@ class CameraConfig(msgspec.Struct, frozen=True):
 
     site: SimulatedSite
     elements: str
-    settings: CameraSettings
+    settings: SimulatedCamera
     hidden: Hidden
     begin_utc_s: float
     clock_offset_s: float = 0.0
@@ -433,7 +439,7 @@ class CameraStarted(msgspec.Struct, frozen=True):
     error: str = ""
 
 
-def make_camera(config: CameraConfig, telescope: SimulatedTelescope | None = None) -> AlpacaCamera:
+def make_camera(config: CameraConfig, telescope: SimulatedTelescope | None = None) -> SimulatedAlpacaCamera:
     """Return the camera, of a telescope here or else of a mount elsewhere.
 
     Raises BadInputError where no stars are installed.
@@ -448,7 +454,7 @@ def make_camera(config: CameraConfig, telescope: SimulatedTelescope | None = Non
         camera.hour_angle_zero_deg = sky.hour_angle_zero_deg(sidereal_deg, begin_s)
     elif telescope.settings.alignment != "altaz":
         camera.hour_angle_zero_deg = sky.hour_angle_zero_deg(telescope.sidereal_h(begin_s) * 15.0, begin_s)
-    return AlpacaCamera(camera)
+    return SimulatedAlpacaCamera(camera)
 
 
 def telescope_server(settings: TelescopeSettings, config: CameraConfig | None) -> AlpacaServer:
@@ -492,7 +498,7 @@ async def _answer_discovery(port: int) -> None:
         await asyncio.get_running_loop().create_datagram_endpoint(lambda: _DiscoveryAnswers(port), sock=one)
 
 
-async def _serve_camera(config: CameraConfig, camera: AlpacaCamera) -> None:
+async def _serve_camera(config: CameraConfig, camera: SimulatedAlpacaCamera) -> None:
     server = AlpacaServer(make_clock(config.clock), camera=camera, config=config)
     decoder = msgspec.json.Decoder(Truth)
     reader = LineReader(sys.stdin.fileno())

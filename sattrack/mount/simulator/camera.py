@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sattrack.mount.simulator.hidden import CameraSettings, Hidden
+    from sattrack.mount.simulator.hidden import Hidden, SimulatedCamera
     from sattrack.mount.simulator.mount import Truth
     from tle.elements import Elements
     from tle.site import Site
@@ -74,7 +74,7 @@ def make_sky(site: Site, satellites: Sequence[Elements], hidden: Hidden, seed: i
     return NightSky(site, satellites, stars, Refraction(pressure, temperature))
 
 
-class AxisPath:
+class TruePath:
     """Where the true axes were over time, degrees: at the instants noted, and by a cubic between them."""
 
     def __init__(self, keep_s: float = KEPT_S) -> None:
@@ -105,11 +105,11 @@ class AxisPath:
             old = bisect_left(self._utc_s, utc_s - self._keep_s)
             del self._utc_s[:old], self._rows[:old]
 
-    def part(self, from_s: float, to_s: float) -> AxisPath:
+    def part(self, from_s: float, to_s: float) -> TruePath:
         """Return a copy of the path about a span of time."""
         first = max(0, bisect_left(self._utc_s, from_s) - 1)
         last = bisect_left(self._utc_s, to_s) + 1
-        copy = AxisPath()
+        copy = TruePath()
         copy._utc_s, copy._rows = self._utc_s[first:last], self._rows[first:last]
         return copy
 
@@ -140,7 +140,7 @@ class AxisPath:
         return angles[0], angles[1]
 
 
-class Seen(NamedTuple):
+class TrueOffset(NamedTuple):
     """A satellite in an exposure, without rendering.
 
     `utc_s` is mid-exposure by the camera's clock, `true_utc_s` in truth. The offset from the image's centre
@@ -158,7 +158,7 @@ class Seen(NamedTuple):
     inside: bool
 
 
-class Frame(NamedTuple):
+class RenderedFrame(NamedTuple):
     """A picture: rows from the top, 16 bits. `utc_s` is its start by the camera's clock."""
 
     pixels: NDArray[np.uint16]
@@ -189,7 +189,7 @@ class SkyCamera:
     """
 
     sky: NightSky
-    settings: CameraSettings
+    settings: SimulatedCamera
     hidden: Hidden
     begin_utc_s: float
     seed: int = 0
@@ -225,14 +225,14 @@ class SkyCamera:
             clear[(since >= low) & (since < high)] = 0.0
         return clear
 
-    def seen(self, start_utc_s: float, exposure_s: float, path: AxisPath, index: int = 0) -> Seen:
+    def seen(self, start_utc_s: float, exposure_s: float, path: TruePath, index: int = 0) -> TrueOffset:
         """Return where a satellite is seen in an exposure; raises ValueError where the axes are not known."""
         exposure = self._exposure(start_utc_s, exposure_s, path)
         columns, rows, electrons_s = self._satellite(index, exposure)
         column, row = float(columns.mean()), float(rows.mean())
         width, height, scale = self.settings.width, self.settings.height, self.settings.scale_arcsec_px
         middle = start_utc_s + 0.5 * exposure_s
-        return Seen(
+        return TrueOffset(
             middle + self.hidden.clock,
             middle,
             (column - 0.5 * (width - 1)) * scale,
@@ -243,12 +243,12 @@ class SkyCamera:
             -0.5 <= column <= width - 0.5 and -0.5 <= row <= height - 0.5,
         )
 
-    def stars(self, start_utc_s: float, exposure_s: float, path: AxisPath) -> tuple[Array, Array, Array]:
+    def stars(self, start_utc_s: float, exposure_s: float, path: TruePath) -> tuple[Array, Array, Array]:
         """Return the stars' columns and rows over an exposure, (n, stars) each, and their electrons."""
         columns, rows, electrons_s = self._stars(self._exposure(start_utc_s, exposure_s, path))
         return columns, rows, electrons_s.mean(axis=0) * exposure_s
 
-    def frame(self, start_utc_s: float, exposure_s: float, path: AxisPath, gain: int = 0) -> Frame:
+    def frame(self, start_utc_s: float, exposure_s: float, path: TruePath, gain: int = 0) -> RenderedFrame:
         """Return the picture of an exposure; the same arguments give the same one."""
         exposure = self._exposure(start_utc_s, exposure_s, path)
         settings, hidden = self.settings, self.hidden
@@ -265,13 +265,13 @@ class SkyCamera:
         rng = np.random.Generator(np.random.SFC64([self.seed, 2, round(start_utc_s * 1e3)]))
         sky = 10.0 ** (-0.4 * (hidden.sky - hidden.zero_point)) * self._scale_arcsec_px**2 * exposure_s
         pixels = self._digital(light, sky, exposure_s, gain, rng)
-        return Frame(pixels, start_utc_s + hidden.clock, exposure_s, gain)
+        return RenderedFrame(pixels, start_utc_s + hidden.clock, exposure_s, gain)
 
     def electrons_per_adu(self, gain: int) -> float:
         """Return the electrons in a step of the converter; a unit of gain is 0.1 dB."""
         return self.hidden.full_well / (MOST_ADU - self.hidden.bias) * float(10.0 ** (-gain / GAIN_UNITS))
 
-    def write(self, frame: Frame, path: Path) -> None:
+    def write(self, frame: RenderedFrame, path: Path) -> None:
         """Write a picture as FITS, first row at the bottom. Raises OSError, BadInputError without astropy."""
         try:
             from astropy.io import fits
@@ -309,7 +309,7 @@ class SkyCamera:
     def _scale_arcsec_px(self) -> float:
         return self.settings.scale_arcsec_px * self.hidden.scale
 
-    def _exposure(self, start_utc_s: float, exposure_s: float, path: AxisPath) -> _Exposure:
+    def _exposure(self, start_utc_s: float, exposure_s: float, path: TruePath) -> _Exposure:
         """Return n instants, the middles of n equal parts of the exposure."""
         count = min(MOST_NODES, max(5, math.ceil(exposure_s / NODE_S)) | 1)
         utc_s = np.linspace(start_utc_s, start_utc_s + exposure_s, 2 * count + 1)[1::2]

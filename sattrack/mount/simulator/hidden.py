@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from sattrack.mount.model import MountProfile
 
 
-class CameraSettings(msgspec.Struct, frozen=True):
+class SimulatedCamera(msgspec.Struct, frozen=True):
     """What a user is told of the camera: arcseconds per pixel at the centre, and its size in pixels."""
 
     scale_arcsec_px: float = 2.5
@@ -21,7 +21,7 @@ class CameraSettings(msgspec.Struct, frozen=True):
     height: int = 960
 
     @classmethod
-    def parse(cls, text: str) -> CameraSettings:
+    def parse(cls, text: str) -> SimulatedCamera:
         """Return the settings of "SCALE" or "SCALE,WIDTH,HEIGHT". Raises BadInputError."""
         parts = text.split(",")
         try:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from camera_frames import Canvas, star_streaks
 
-from sattrack.camera.detection import Detection, Detector, Expected
+from sattrack.camera.detection import Detection, Detector, ExpectedMotion
 from sattrack.camera.frames import Frame
 from tle.instants import Utc
 
@@ -18,7 +18,9 @@ FWHM_APERTURE = 1.255
 """Signal over noise in a filter that matches a Gaussian, over that in an aperture of one FWHM radius."""
 
 
-def seen(pixels: np.ndarray, expected: Expected | None = None, detector: Detector | None = None) -> Detection:
+def seen(
+    pixels: np.ndarray, expected: ExpectedMotion | None = None, detector: Detector | None = None
+) -> Detection:
     frame = Frame(np.asarray(pixels, dtype=np.float32), Utc(START_S), 0.1, "a frame", 65535.0)
     return (detector or Detector()).look(frame, expected)
 
@@ -129,11 +131,11 @@ def test_a_streak_among_stars_is_found_by_its_middle() -> None:
     for _ in range(20):
         canvas.point(rng.uniform(20, 490), rng.uniform(20, 360), canvas.flux_of(rng.uniform(20, 100)))
     canvas.streak(260.4, 170.2, 70.0, 25.0, 8.0 * canvas.noise)
-    one = seen(canvas.exposed(rng), Expected(stars=0.0, target=700.0))
+    one = seen(canvas.exposed(rng), ExpectedMotion(stars=0.0, target=700.0))
     assert one.kind == "streak"
     assert one.x == pytest.approx(260.4, abs=0.5)
     assert one.y == pytest.approx(170.2, abs=0.5)
-    assert seen(canvas.exposed(rng), Expected(stars=0.0, target=1500.0)).kind == "none"
+    assert seen(canvas.exposed(rng), ExpectedMotion(stars=0.0, target=1500.0)).kind == "none"
 
 
 def test_a_hot_pixel_is_none_however_sharp_stars_are() -> None:

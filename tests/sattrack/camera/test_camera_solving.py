@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sattrack.camera.centring import ImageGeometry, Solver, centred, contradiction
-from sattrack.camera.detection import Detection, Source
+from sattrack.camera.centring import ImageGeometry, Solver, centred, contradiction, in_image
+from sattrack.camera.detection import Detection, PointSource
 from sattrack.camera.frames import Frame
-from sattrack.camera.motion import in_image
 from sattrack.camera.star_index import start_making
 from sattrack.views.messages import Observation, SeenOffset
 from tle.instants import Utc
@@ -52,13 +51,13 @@ def wcs_of(ra: float, dec: float, rotation_deg: float, flipped: bool, scale: flo
     return wcs
 
 
-def stars_in(wcs: Any, ra: float, dec: float, rng: np.random.Generator) -> list[Source]:
+def stars_in(wcs: Any, ra: float, dec: float, rng: np.random.Generator) -> list[PointSource]:
     found = []
     for star in catalogue().cone_search(ra, dec, 9.0):
         x, y = (float(each) for each in wcs.wcs_world2pix(star.ra_deg, star.dec_deg, 0))
         if 0 <= x < WIDTH and 0 <= y < HEIGHT:
             flux = 10.0 ** (-0.4 * star.magnitude)
-            found.append(Source(x + rng.normal(0, 0.1), y + rng.normal(0, 0.1), flux, 50.0))
+            found.append(PointSource(x + rng.normal(0, 0.1), y + rng.normal(0, 0.1), flux, 50.0))
     return sorted(found, key=lambda one: -one.flux)[:40]
 
 
@@ -109,7 +108,8 @@ def test_what_is_no_field_is_not_solved(solver: Solver) -> None:
     rng = np.random.default_rng(2)
     for _ in range(20):
         stars = [
-            Source(rng.uniform(0, WIDTH), rng.uniform(0, HEIGHT), rng.uniform(1, 9), 9.0) for _ in range(20)
+            PointSource(rng.uniform(0, WIDTH), rng.uniform(0, HEIGHT), rng.uniform(1, 9), 9.0)
+            for _ in range(20)
         ]
         assert solver.solve((HEIGHT, WIDTH), stars) is None
     assert solver.solve((HEIGHT, WIDTH), stars[:4]) is None

@@ -11,7 +11,7 @@ import pytest
 from network_builders import START, written
 
 from sattrack.cli.main import run
-from sattrack.network.assign import Assignment, Station, assign, exclusive_sets, greedy
+from sattrack.network.assign import Assignment, StationPasses, assign, exclusive_sets, greedy
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -34,7 +34,7 @@ def drawn(rng: np.random.Generator, stations: int, each: int, satellites: int) -
         fits = until[:, None] + slew <= begin[None, :]
         clash = ~(fits | fits.T)
         np.fill_diagonal(clash, val=False)
-        groups.append(Station(np.arange(each) + len(start), clash))
+        groups.append(StationPasses(np.arange(each) + len(start), clash))
         start += begin.tolist()
         end += until.tolist()
         members += rng.integers(0, satellites, each).tolist()

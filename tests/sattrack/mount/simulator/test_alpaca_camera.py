@@ -113,15 +113,15 @@ def test_a_telescope_and_its_camera_share_a_server() -> None:
 
 
 def test_json_and_bytes_have_the_columns_first_and_the_top_left_first() -> None:
-    from sattrack.mount.simulator.alpaca_camera import AlpacaCamera, Exposure
-    from sattrack.mount.simulator.camera import Frame
+    from sattrack.mount.simulator.alpaca_camera import RunningExposure, SimulatedAlpacaCamera
+    from sattrack.mount.simulator.camera import RenderedFrame
 
     pixels = np.arange(12, dtype=np.uint16).reshape(3, 4)
-    exposure = Exposure(0.0, 1.0, 0, 1, 0, 0, 4, 3)
-    image = exposure.cut(Frame(pixels, 0.0, 1.0, 0))
+    exposure = RunningExposure(0.0, 1.0, 0, 1, 0, 0, 4, 3)
+    image = exposure.cut(RenderedFrame(pixels, 0.0, 1.0, 0))
     # Row 0 is the top one; ImageArray[x][y]: x to the right, y down.
     assert image.tolist() == [[0, 4, 8], [1, 5, 9], [2, 6, 10], [3, 7, 11]]
-    device = AlpacaCamera(camera=None)  # type: ignore[arg-type]
+    device = SimulatedAlpacaCamera(camera=None)  # type: ignore[arg-type]
     device.image = image
     sent = device.image_bytes(7, 9)
     head = (

@@ -14,10 +14,10 @@ from sgp4.api import Satrec
 
 from sattrack.core.errors import BadInputError
 from sattrack.mount.model import MountProfile
-from sattrack.mount.simulator.camera import AxisPath, Frame, SkyCamera
+from sattrack.mount.simulator.camera import RenderedFrame, SkyCamera, TruePath
 from sattrack.mount.simulator.hidden import (
-    CameraSettings,
     Hidden,
+    SimulatedCamera,
     cloud_windows,
     parse_hidden,
     split_delays_s,
@@ -32,10 +32,10 @@ if TYPE_CHECKING:
 START_S = camera_sky.START_S
 
 
-def demo_camera(**hidden: object) -> tuple[SkyCamera, AxisPath]:
+def demo_camera(**hidden: object) -> tuple[SkyCamera, TruePath]:
     """A camera of a mount that follows the demo pass' elements exactly, and its path."""
     sky = NightSky(camera_sky.SITE, [demo_pass.elements()], camera_sky.NONE, camera_sky.NO_AIR)
-    camera = SkyCamera(sky, CameraSettings(), Hidden(**hidden), START_S)  # type: ignore[arg-type]
+    camera = SkyCamera(sky, SimulatedCamera(), Hidden(**hidden), START_S)  # type: ignore[arg-type]
     return camera, camera_sky.following(sky, 130.0)
 
 
@@ -126,7 +126,7 @@ def test_a_pass_followed_by_its_elements_stays_in_the_middle() -> None:
 def test_a_misaligned_pole_is_where_it_is_hidden(latitude_sign: int) -> None:
     latitude = 50.0 * latitude_sign
     sky = NightSky(Site(latitude, 5.0, 0.0), (), camera_sky.NONE, camera_sky.NO_AIR)
-    camera = SkyCamera(sky, CameraSettings(), Hidden(polar_az=6.0, polar_alt=4.0), START_S)
+    camera = SkyCamera(sky, SimulatedCamera(), Hidden(polar_az=6.0, polar_alt=4.0), START_S)
     path = camera_sky.resting(10.0, 90.0 * latitude_sign)
     # The true pole itself is up to 0.6 arcseconds off the geodetic latitude, by polar motion.
     east, north, up = camera._exposure(START_S, 0.1, path).sight[0]
@@ -136,11 +136,11 @@ def test_a_misaligned_pole_is_where_it_is_hidden(latitude_sign: int) -> None:
 
 def test_an_altaz_mount_has_the_zenith_above() -> None:
     sky = NightSky(camera_sky.SITE, [demo_pass.elements()], camera_sky.NONE, camera_sky.NO_AIR)
-    camera = SkyCamera(sky, CameraSettings(), Hidden(), START_S, alignment="altaz")
+    camera = SkyCamera(sky, SimulatedCamera(), Hidden(), START_S, alignment="altaz")
     utc_s = np.linspace(START_S + 10.0, START_S + 10.1, 101)
     east, north, up = sky.satellite(0, utc_s, 0.0 * utc_s, 0.0 * utc_s).directions.T
     azimuth, altitude = np.degrees(np.arctan2(east, north)), np.degrees(np.arcsin(up))
-    path = AxisPath()
+    path = TruePath()
     rates = np.gradient(azimuth, utc_s), np.gradient(altitude, utc_s)
     for row in zip(utc_s, azimuth + 0.01, altitude + 0.1, *rates, strict=True):
         path.add(*map(float, row))
@@ -173,7 +173,7 @@ def test_a_satellite_in_the_shadow_is_dark_unless_it_shines_by_itself(shadow: in
     latitude = math.degrees(math.atan2(place_km[2], math.hypot(*place_km[:2])))
     site = Site(latitude, math.remainder(longitude, 360.0), 0.0)
     sky = NightSky(site, [demo_pass.elements()], camera_sky.NONE, camera_sky.NO_AIR)
-    camera = SkyCamera(sky, CameraSettings(), Hidden(shadow=shadow), START_S)
+    camera = SkyCamera(sky, SimulatedCamera(), Hidden(shadow=shadow), START_S)
     seen = camera.seen(start_s, 0.1, camera_sky.resting(0.0, latitude))
     assert seen.electrons == pytest.approx(electrons)
 
@@ -210,7 +210,7 @@ def test_a_fits_file_has_its_first_row_at_the_bottom(tmp_path: Path) -> None:
     camera, _ = demo_camera()
     pixels = np.zeros((960, 1280), dtype=np.uint16)
     pixels[0, 3] = 65535
-    camera.write(Frame(pixels, START_S, 0.25, 100), tmp_path / "one.fits")
+    camera.write(RenderedFrame(pixels, START_S, 0.25, 100), tmp_path / "one.fits")
     with fits.open(tmp_path / "one.fits") as opened:
         assert opened[0].data[-1, 3] == 65535
         assert opened[0].header["DATE-OBS"] == "2026-10-02T13:03:00.000000"
@@ -226,7 +226,7 @@ def test_without_stars_one_line_says_what_to_install(monkeypatch: pytest.MonkeyP
 
 def test_a_path_is_met_between_its_points() -> None:
     # A cubic goes through any parabola: rates change evenly.
-    path = AxisPath()
+    path = TruePath()
     for t in (0.0, 0.05, 0.1):
         path.add(START_S + t, 1.0 + t + 5.0 * t * t, 2.0 - t, 1.0 + 10.0 * t, -1.0)
     t = np.array([0.01, 0.06, 0.093])
