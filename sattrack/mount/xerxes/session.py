@@ -61,6 +61,7 @@ from sattrack.mount.xerxes.datagrams import (
     status_readings,
 )
 from sattrack.mount.xerxes.flags import (
+    NEAR_DEG,
     NO_RATES,
     AbortFlag,
     AxisRates,
@@ -220,7 +221,9 @@ class Session:
             beyond_pole=status.side_of_pier,
         )
         may_move = not self._move.over or status.ack_move_ra or status.ack_move_dec
-        self.sample = self._standstill.see(sample, self._abort.state is StopState.HEARD, may_move)
+        goal = self._slew.target
+        arrived = goal is not None and _off_target_deg(goal, status) < NEAR_DEG
+        self.sample = self._standstill.see(sample, self._abort.state is StopState.HEARD, may_move, arrived)
         self.status = _made_good(status, sample, self.sample)
         self._follow_acknowledgements(self.status, arrival_utc_s)
         return self.sample

@@ -354,12 +354,19 @@ class Fields:
     """When it was so last."""
 
     def see(
-        self, sample: StatusSample, rests: bool, positions: Positions, move_axis: bool, aborted: bool
+        self,
+        sample: StatusSample,
+        rests: bool,
+        positions: Positions,
+        move_axis: bool,
+        aborted: bool,
+        arrived: bool,
     ) -> None:
         """Compare a status' fields with positions; `move_axis` where Slewing may be true at rest.
 
         `aborted` after an abort was acknowledged: a rate that then goes on beside positions that repeat is
-        that of no axis, or of one whose encoder hangs and that does not obey.
+        that of no axis, or of one whose encoder hangs and that does not obey. `arrived` where it is at the
+        goal of a slew: an axis whose encoder hung there was braking.
         """
         rates_deg_s, last_deg_s = positions.rates_deg_s(), positions.last_rates_deg_s()
         live = [repeats_s < WINDOWS_S[0] for repeats_s in positions.repeats_s]
@@ -391,7 +398,7 @@ class Fields:
         self._agreed[SLEWING, False] += rests and not sample.slewing
         stands = rests and sample.slewing and not move_axis
         rates_tell = self._rates_say_rest(sample) and not (self.doubtful(RA_RATE) or self.doubtful(DEC_RATE))
-        stands = stands and (all(live) or not self.confirmed(SLEWING) or rates_tell)
+        stands = stands and (all(live) or arrived or not self.confirmed(SLEWING) or rates_tell)
         self._hold(SLEWING, "stays true while positions stand", stands, now_utc_s)
         self._hold(SLEWING, "stays false while positions move", fast and not sample.slewing, now_utc_s)
 
@@ -468,11 +475,13 @@ class Standstill:
         """Count positions from a status on that acknowledges the stop."""
         self._since_utc_s = arrival_utc_s
 
-    def see(self, sample: StatusSample, aborted: bool, move_axis: bool) -> StatusSample:
+    def see(
+        self, sample: StatusSample, aborted: bool, move_axis: bool, arrived: bool = False
+    ) -> StatusSample:
         """Take a status; return it with fields that mean nothing made good from positions.
 
         `aborted` tells whether an abort of the stop in force has been acknowledged, `move_axis` whether a
-        MoveAxis may be in force, at any rate.
+        MoveAxis may be in force, at any rate, `arrived` whether it is where a slew leads.
         """
         self._sample = sample
         self.positions.take(
@@ -480,7 +489,7 @@ class Standstill:
         )
         rates = self.positions.rates_deg_s()
         rests = self.positions.rest() is not None and not self._may_hang
-        self.fields.see(sample, rests, self.positions, move_axis, aborted)
+        self.fields.see(sample, rests, self.positions, move_axis, aborted, arrived)
         believed = self._believed(sample, rests, rates or (0.0, 0.0))
         mean_deg_s = 0.0 if rates is None or rests else max(abs(rate) for rate in rates)
         # The mean of a window falls for a while after the axis has stopped.
