@@ -12,7 +12,6 @@ import numpy as np
 from sattrack.camera.frames import Frame, grey, parse_utc
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.alpaca.client import AlpacaDevice, AlpacaRefusalError, NoAnswerError, value_in
-from tle.instants import Utc
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sattrack.camera.sources import SourceOptions
+    from tle.instants import Utc
 
 START_EXPOSURE_S = 0.1
 AUTO_S = (0.005, 0.5)
@@ -106,7 +106,7 @@ class AlpacaCamera:
     def _frame(self, number: int) -> Frame:
         exposure_s = self.exposure_s or START_EXPOSURE_S
         self._device.put("startexposure", Duration=f"{exposure_s:g}", Light="true")
-        begun = Utc.now()
+        begun = self._options.now()
         until_s = time.monotonic() + exposure_s + READ_WITHIN_S
         time.sleep(exposure_s)
         while not self._device.get("imageready"):

@@ -15,12 +15,12 @@ import numpy as np
 
 from sattrack.camera.frames import Frame, fits_exposure, grey, needed
 from sattrack.core.errors import BadInputError, SattrackError
-from tle.instants import Utc
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from sattrack.camera.sources import SourceOptions
+    from tle.instants import Utc
 
 START_EXPOSURE_S = 0.1
 AUTO_S = (0.005, 0.5)
@@ -104,7 +104,7 @@ class IndiCamera:
             while not self._blobs.empty():
                 self._blobs.get()
             self._send("CCD_EXPOSURE", {"CCD_EXPOSURE_VALUE": f"{exposure_s:g}"})
-            begun = Utc.now()
+            begun = self._options.now()
             try:
                 data = self._blobs.get(timeout=exposure_s + READ_WITHIN_S)
             except queue.Empty:

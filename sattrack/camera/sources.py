@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from sattrack.camera.frames import Frame, fits_exposure, grey, name_exposure, needed, text_exposure
+from sattrack.core.clock import Clock, SystemClock
 from sattrack.core.errors import BadInputError, SattrackError
 from tle.instants import Utc
 
@@ -44,11 +45,19 @@ class FrameSource(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class SourceOptions:
-    """What options say of a source: the exposure in seconds (None: by itself), the latency of its dates."""
+    """What options say of a source: the exposure in seconds (None: by itself), the latency of its dates.
+
+    `clock` dates what a live camera itself does not.
+    """
 
     exposure_s: float | None = None
     latency_s: float = 0.0
     watch: bool = False
+    clock: Clock = field(default_factory=SystemClock)
+
+    def now(self) -> Utc:
+        """Return the instant that it is by the clock."""
+        return Utc(self.clock.utc_s(time.monotonic()))
 
 
 def open_source(text: str, options: SourceOptions) -> FrameSource:
@@ -223,7 +232,7 @@ class VideoSource:
         number = 0
         while True:
             good, pixels = self._capture.read()
-            came = Utc.now()
+            came = self._options.now()
             if not good:
                 yield SattrackError(f"v4l:{self._device}: no frame came")
                 return

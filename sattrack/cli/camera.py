@@ -87,10 +87,17 @@ def command(context: CommandContext, source: str, **options: Any) -> int:
         os.nice(NICE)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
     run = _awaited(options["pid"]) if options["child"] else _run(options["pid"])
-    camera = open_source(source, given)
+    try:
+        camera = open_source(source, given)
+    except SattrackError:
+        if run is not None:
+            run.close()
+        raise
     look = Looker(Detector(), geometry, options["name"] or "camera", options["solve"], waits=run is None)
     try:
-        return _watch(context, camera, look, run, options["save"])
+        # Files that are there are all looked at, whether or not a run ends meanwhile.
+        outlives = source.startswith("folder:") and not options["watch"]
+        return _watch(context, _items(camera, None if outlives else run), camera, look, run, options["save"])
     finally:
         camera.close()
         if run is not None:
@@ -410,11 +417,16 @@ class Looker:
 
 
 def _watch(
-    context: CommandContext, camera: FrameSource, look: Looker, run: RunLink | None, save: Path | None
+    context: CommandContext,
+    items: Iterator[Frame | SattrackError],
+    camera: FrameSource,
+    look: Looker,
+    run: RunLink | None,
+    save: Path | None,
 ) -> int:
     """Look at frame after frame; return the exit code."""
     seen_frames = refused = 0
-    for item in _items(camera, run):
+    for item in items:
         if isinstance(item, SattrackError):
             refused += 1
             if refused <= MOST_REFUSALS_TOLD:
@@ -432,8 +444,6 @@ def _watch(
             _save(item, save, look.name, seen)
         camera.adjust(_light(item, detection))
         _print(context.json, seen)
-        if run is not None and run.ended:
-            break
     if can_draw_lines_anew() and not context.json:
         click.echo(err=True)
     if refused > MOST_REFUSALS_TOLD:
@@ -444,6 +454,7 @@ def _watch(
 
 
 def _items(camera: FrameSource, run: RunLink | None) -> Iterator[Frame | SattrackError]:
+    """Yield a camera's frames until the run ends."""
     for item in camera.frames():
         if run is not None:
             run.hear()

@@ -244,7 +244,7 @@ def test_the_command_says_what_it_compared_and_exits_0(
 ) -> None:
     assert run(["replay", str(short)]) == 0
     told = capsys.readouterr().out
-    counts = f"{held_in_short['command']} commands from {held_in_short['status']} statuses in 19 s of the run"
+    counts = f"{held_in_short['command']} commands from {held_in_short['status']} statuses in 20 s of the run"
     assert told.startswith(f"the same, to the last byte: {counts}\n")
     assert "compared byte for byte: the same code, libraries and kind of processor" in told
 
