@@ -9,12 +9,13 @@ from __future__ import annotations
 import gc
 import os
 import shutil
+import signal
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator
+    from collections.abc import Callable, Generator, Iterator
 
 REQUIRED = os.environ.get("SATTRACK_REAL_PROGRAMS") == "required"
 
@@ -58,3 +59,11 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 def program() -> Callable[[str], str]:
     """Return a function that tells where a program is, and skips or fails the test where it is not there."""
     return path_of
+
+
+@pytest.fixture
+def hang_ups() -> Iterator[None]:
+    """Let hang-ups have their usual effect, also where the suite was begun by nohup."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)

@@ -789,6 +789,7 @@ def test_a_check_names_file_line_and_column_of_what_is_wrong(
     assert "night.toml:2:1" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("hang_ups")
 def test_a_hang_up_reloads_without_a_terminal_and_is_no_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

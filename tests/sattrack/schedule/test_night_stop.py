@@ -272,6 +272,7 @@ def test_a_runner_that_the_system_ends_in_a_pass_goes_on_with_it_and_one_that_a_
     assert (first.cause == "stopped") != goes_on
 
 
+@pytest.mark.usefixtures("hang_ups")
 @pytest.mark.skipif(shutil.which("setsid") is None, reason="gives a program a terminal of its own")
 def test_a_runner_whose_terminal_is_closed_ends_as_one_that_may_be_restarted(tmp_path: Path) -> None:
     plan = small(tmp_path, longest_s=90.0)
