@@ -120,6 +120,14 @@ class Intervals:
         """Return where those of each of so many passes begin, and where all end, shape (count + 1,)."""
         return np.searchsorted(self.owner, np.arange(count + 1))
 
+    def ends(self, count: int) -> tuple[Array, Array]:
+        """Return the first and last second of those of each of so many passes, (count,); NaN without any."""
+        starts = self.starts(count)
+        some = starts[1:] > starts[:-1]
+        first, last = np.full(count, np.nan), np.full(count, np.nan)
+        first[some], last[some] = self.first_s[starts[:-1][some]], self.last_s[starts[1:][some] - 1]
+        return first, last
+
 
 @dataclass(frozen=True, slots=True)
 class FactColumns:

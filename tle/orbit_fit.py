@@ -267,6 +267,21 @@ class ObservedFit:
             return None
         return (self.last.along_s - self.first.along_s) / minutes
 
+    def document(self) -> dict[str, float | int | str | None]:
+        """Return the bias at the last observation used, and of how many it is, for JSON."""
+        used = int(self.fit.used.sum())
+        return {
+            "along_s": self.last.along_s,
+            "along_sigma_s": self.last.along_sigma_s,
+            "drift_s_min": self.drift_s_min,
+            "cross_deg": self.last.cross_deg,
+            "cross_sigma_deg": self.last.cross_sigma_deg,
+            "at_utc": self.last.utc.isoformat(),
+            "used": used,
+            "rejected": len(self.observations) - used,
+            "rms_arcsec": self.fit.rms_arcsec,
+        }
+
 
 def fit_observations(elements: Elements, seen: Sequence[Observation]) -> ObservedFit | None:
     """Return the fit to observations of one satellite in order of time; None where they agree on no orbit.

@@ -270,7 +270,7 @@ def contradiction(said: ImageGeometry, solution: Solution) -> str | None:
                 f"--scale is {said.scale_arcsec_px:g}, the stars show {solution.scale_arcsec_px:.4g}"
             )
     if said.rotation_deg is not None:
-        off = (solution.rotation_deg - said.rotation_deg + 180.0) % 360.0 - 180.0
+        off = wrap180(solution.rotation_deg - said.rotation_deg)
         if abs(off) > 1.0:
             wrong.append(f"--rotation is {said.rotation_deg:g}, the stars show {solution.rotation_deg:.1f}")
     if said.flipped is not None and said.flipped != solution.flipped:

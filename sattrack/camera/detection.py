@@ -44,10 +44,9 @@ MOST_CANDIDATES = 60
 AMBIGUOUS = 0.6
 """Of two points, the brighter one counts where the other has less than this share of its flux."""
 RIDGE_SNR = 3.0
-MOST_CHI = 3.0
 EDGE_PX = 4
 Kind = Literal["point", "streak", "none"]
-T_STAR, T_EVEN = 0.35, 2.0
+T_EVEN = 2.0
 
 
 class Streak(NamedTuple):

@@ -6,7 +6,6 @@ middle of the first pixel at (0, 0).
 
 from __future__ import annotations
 
-import importlib
 import math
 import re
 from dataclasses import dataclass, field
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.core.errors import BadInputError
 from tle.errors import TimeFormatError
 from tle.instants import DAY_S, UNIX_EPOCH_MJD, Utc
 
@@ -28,8 +27,6 @@ if TYPE_CHECKING:
 AGREE_S = 0.05
 """By how much dates of one exposure may contradict one another, beside a tenth of the exposure."""
 COLOURS = 3
-EXTRAS = {"astropy": "camera", "PIL": "camera", "sep": "camera", "tetra3rs": "camera", "cv2": "v4l"}
-EXTRAS |= {"indipyclient": "indi"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +163,7 @@ def text_exposure(text: str, name: str, exposure_s: float | None = None) -> Expo
         said = _SHARPCAP_EXPOSURE.search(text)
         length_s = exposure_s
         if said is not None:
-            length_s = float(said[1]) * (0.001 if said[2] == "ms" else 1.0)
+            length_s = _length_s(*said.groups())
         for key, share in (("MidCapture", 0.0), ("StartCapture", 0.5), ("EndCapture", -0.5)):
             if key in sharpcap:
                 return _shifted(parse_utc(sharpcap[key], f"{name}: {key}"), share, length_s, name)
@@ -178,9 +175,7 @@ def text_exposure(text: str, name: str, exposure_s: float | None = None) -> Expo
             year, month, date = (day[i : i + 2] for i in order)
             iso = f"20{year}-{month}-{date}T{clock[:2]}:{clock[2:4]}:{clock[4:]}Z"
             shutter = re.fullmatch(r"([0-9.]+)(ms|s)", fields.get("Shutter", ""))
-            length_s = (
-                exposure_s if shutter is None else float(shutter[1]) * (0.001 if shutter[2] == "ms" else 1.0)
-            )
+            length_s = exposure_s if shutter is None else _length_s(*shutter.groups())
             return _shifted(parse_utc(iso, f"{name}: {key}"), share, length_s, name)
     return None
 
@@ -204,6 +199,10 @@ def _shifted(utc: Utc, share: float, length_s: float | None, name: str) -> Expos
     return Exposure(utc.plus(share * length_s), length_s)
 
 
+def _length_s(number: str, unit: str) -> float:
+    return float(number) * (0.001 if unit == "ms" else 1.0)
+
+
 def grey(pixels: NDArray[Any]) -> NDArray[Any]:
     """Return an image of one plane: of colours, their mean. Raises ValueError for what is no image."""
     if pixels.ndim == COLOURS and pixels.shape[2] in {3, 4}:
@@ -214,12 +213,3 @@ def grey(pixels: NDArray[Any]) -> NDArray[Any]:
     if pixels.ndim != 2:
         raise ValueError(f"it has {pixels.ndim} dimensions")
     return pixels
-
-
-def needed(module: str, what: str) -> Any:
-    """Import a package of an extra; raises SattrackError, naming what to install."""
-    try:
-        return importlib.import_module(module)
-    except ImportError:
-        extra = EXTRAS[module.partition(".")[0]]
-        raise SattrackError(f"{what} needs {module}: pip install 'sattrack[{extra}]'") from None

@@ -13,8 +13,8 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from sattrack.camera.frames import Frame, fits_exposure, grey, needed
-from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.camera.frames import Frame, fits_exposure, grey
+from sattrack.core.errors import BadInputError, SattrackError, needed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -37,8 +37,8 @@ class IndiCamera:
         named = _URL.fullmatch(url)
         if named is None:
             raise BadInputError(f"indi:{url}: write indi://HOST:PORT/NAME, with the name of the INDI device")
-        package = needed("indipyclient", f"indi:{url}")
-        needed("astropy.io.fits", "reading FITS")
+        package = needed("indipyclient", f"indi:{url}", "indi")
+        needed("astropy.io.fits", "reading FITS", "camera")
         self._url, self._device, self._options = f"indi:{url}", unquote(named[3]), options
         self.exposure_s: float | None = options.exposure_s or START_EXPOSURE_S
         self._blobs: queue.SimpleQueue[bytes] = queue.SimpleQueue()
@@ -116,7 +116,7 @@ class IndiCamera:
                 yield error
 
     def _frame(self, data: bytes, begun: Utc, exposure_s: float, number: int) -> Frame:
-        fits = needed("astropy.io.fits", "reading FITS")
+        fits = needed("astropy.io.fits", "reading FITS", "camera")
         try:
             with fits.open(io.BytesIO(data)) as file:
                 header = {key: file[0].header[key] for key in file[0].header if key}

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from sattrack.camera.frames import Frame, fits_exposure, grey, name_exposure, needed, text_exposure
+from sattrack.camera.frames import Frame, fits_exposure, grey, name_exposure, text_exposure
 from sattrack.core.clock import Clock, SystemClock
-from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.core.errors import BadInputError, SattrackError, needed
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ def read_frame(path: Path, options: SourceOptions) -> Frame:
 
 
 def _read_fits(path: Path, options: SourceOptions) -> Frame:
-    fits = needed("astropy.io.fits", f"{path}: reading FITS")
+    fits = needed("astropy.io.fits", f"{path}: reading FITS", "camera")
     try:
         with fits.open(path, memmap=False) as file:
             part = next((one for one in file if getattr(one, "data", None) is not None), None)
@@ -163,7 +163,7 @@ def _full_scale(kind: np.dtype[Any], header: dict[str, Any]) -> float | None:
 
 
 def _read_png(path: Path, options: SourceOptions) -> Frame:
-    images = needed("PIL.Image", f"{path}: reading PNG")
+    images = needed("PIL.Image", f"{path}: reading PNG", "camera")
     try:
         with images.open(path) as file:
             file.load()
@@ -212,7 +212,7 @@ class VideoSource:
     """
 
     def __init__(self, device: str, options: SourceOptions) -> None:
-        self._cv2 = needed("cv2", f"v4l:{device}")
+        self._cv2 = needed("cv2", f"v4l:{device}", "v4l")
         number = re.fullmatch(r"/dev/video(\d+)", device)
         self._capture = self._cv2.VideoCapture(int(number[1]) if number else device)
         if not self._capture.isOpened():
@@ -263,7 +263,7 @@ def save_frame(frame: Frame, folder: Path, camera: str, solved: dict[str, float]
 
     Raises SattrackError.
     """
-    fits = needed("astropy.io.fits", "--save")
+    fits = needed("astropy.io.fits", "--save", "camera")
     begun = frame.utc.plus(-0.5 * frame.exposure_s)
     top = np.asarray(frame.pixels)
     whole = bool(

@@ -142,8 +142,7 @@ def _fitted(elements: Elements, seen: Sequence[Observation]) -> ObservedFit:
 
 
 def _document(found: ObservedFit) -> dict[str, Any]:
-    fit, last = found.fit, found.last
-    used = int(fit.used.sum())
+    fit = found.fit
     rows = [
         {
             "utc": one.utc.isoformat(),
@@ -157,18 +156,7 @@ def _document(found: ObservedFit) -> dict[str, Any]:
         )
     ]
     return {
-        "bias": {
-            "along_s": last.along_s,
-            "along_sigma_s": last.along_sigma_s,
-            "drift_s_min": found.drift_s_min,
-            "cross_deg": last.cross_deg,
-            "cross_sigma_deg": last.cross_sigma_deg,
-            "at_utc": last.utc.isoformat(),
-            "used": used,
-            "rejected": len(rows) - used,
-            "rms_arcsec": fit.rms_arcsec,
-            "scatter": fit.scatter,
-        },
+        "bias": {**found.document(), "scatter": fit.scatter},
         "observations": rows,
     }
 

@@ -21,8 +21,8 @@ import click
 import msgspec
 
 from sattrack.cli.common import CommandContext, can_draw_lines_anew, common_options, given, renew, tell
-from sattrack.core.channel import see_off
-from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.core.channel import LineReader, see_off
+from sattrack.core.errors import BadInputError, SattrackError, needed
 from sattrack.core.process import ending_with_us, self_command
 
 if TYPE_CHECKING:
@@ -77,10 +77,9 @@ def command(context: CommandContext, source: str, **options: Any) -> int:
       sattrack camera alpaca://192.0.2.7:11111/0 --scale 2.5 --rotation 12
     """
     from sattrack.camera.detection import Detector
-    from sattrack.camera.frames import needed
     from sattrack.camera.sources import SourceOptions, open_source
 
-    needed("sep", "a camera")
+    needed("sep", "a camera", "camera")
     geometry = _geometry(context, options)
     given = SourceOptions(_exposure_s(options["exposure"]), options["latency"], options["watch"])
     if options["child"]:
@@ -260,29 +259,22 @@ class RunLink:
         """Connect. Raises SattrackError where that is no run."""
         from sattrack.tui.attached import welcomed
 
-        self._connection, self._lines, welcome = welcomed(pid, "camera")
-        self._connection.setblocking(False)
-        self._rest = b""
+        self._connection, _, welcome = welcomed(pid, "camera")
+        self._lines = LineReader(self._connection.fileno(), 1 << 20)
         self.name = welcome.name
-        self.ended = False
         self._views: list[Any] = []
+
+    @property
+    def ended(self) -> bool:
+        """Whether the run is over."""
+        return self._lines.ended
 
     def hear(self) -> None:
         """Take the views that have come; `ended` once the run is over."""
         from sattrack.views.run import TrackView
 
-        while not self.ended and select.select([self._connection], [], [], 0.0)[0]:
-            try:
-                data = self._connection.recv(1 << 20)
-            except BlockingIOError:
-                return
-            except OSError:
-                data = b""
-            if not data:
-                self.ended = True
-                return
-            *lines, self._rest = (self._rest + data).split(b"\n")
-            for line in lines:
+        while not self.ended and select.select([self._lines], [], [], 0.0)[0]:
+            for line in self._lines.lines():
                 if line.startswith(b'{"type":"view"'):
                     with contextlib.suppress(msgspec.MsgspecError):
                         self._views = [*self._views[-40:], msgspec.json.decode(line, type=TrackView)]
@@ -302,13 +294,12 @@ class RunLink:
         except BlockingIOError:
             return False
         except OSError:
-            self.ended = True
+            self._lines.ended = True
             return False
         return True
 
     def close(self) -> None:
         """Leave the run."""
-        self._lines.close()
         self._connection.close()
 
 
@@ -379,7 +370,6 @@ class Looker:
     def _made_solver(self, fov_deg: float) -> Solver | None:
         """Return the solver; None while its index is made, and where there will be none."""
         from sattrack.camera.centring import Solver
-        from sattrack.camera.frames import needed
         from sattrack.camera.star_index import LEAST_FOV_DEG, LONGEST_FOV_DEG, index_file, start_making
 
         if not LEAST_FOV_DEG <= fov_deg <= LONGEST_FOV_DEG:
@@ -387,7 +377,7 @@ class Looker:
             self._unsolved(f"a field of {fov_deg:.2g}° is not solved: the star catalogue is for {span}")
             return None
         try:
-            package = needed("tetra3rs", "solving")
+            package = needed("tetra3rs", "solving", "camera")
         except SattrackError as error:
             self._unsolved(f"fields are not solved: {error}")
             return None

@@ -19,6 +19,7 @@ import msgspec
 
 from sattrack.core.clock import Clock, make_clock
 from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.core.files import replace_file
 from sattrack.core.local_time import use_zone
 from sattrack.core.process import self_command
 from sattrack.settings import NO_ELEMENTS, NO_SITE, Settings, find_settings_file, load_settings
@@ -182,10 +183,8 @@ def tell(text: str) -> None:
 
 def write_file(path: Path, text: str) -> None:
     """Put text into a file whole: a file that is read meanwhile, or was there, is never left half written."""
-    part = path.with_name(f".{path.name}.part")
     try:
-        part.write_text(text, encoding="utf-8")
-        part.replace(path)
+        replace_file(path, text.encode())
     except OSError as error:
         raise SattrackError(f"{path}: cannot be written: {error.strerror or error}") from error
 

@@ -23,6 +23,7 @@ from sattrack.cli.common import (
     show,
     table,
     tell,
+    write_file,
 )
 from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError
 from sattrack.runtime import demo_pass
@@ -218,10 +219,10 @@ def _clock_truth(calibrator: Calibrator, site: Site, stated_s: float | None) -> 
 def _write(target: Path, base: ProfileFile, found: Findings, name: str | None) -> MountProfile:
     """Write the profile, whole or not at all."""
     from sattrack.calibration.profile import calibrated
-    from sattrack.mount.profiles import profile_text, write_profile
+    from sattrack.mount.profiles import profile_text
 
     profile = calibrated(base, found, name, f"sattrack {__version__}")
-    write_profile(target, profile_text(profile))
+    write_file(target, profile_text(profile))
     return profile
 
 

@@ -229,13 +229,7 @@ def _texts(
         dated = [one.epoch.unix_s if one.catalog_number else math.nan for one in every]
         return _instants(np.array(dated), none, quote)
 
-    starts = facts.sunlit.starts(len(block))
-    some = starts[1:] > starts[:-1]
-    lit_from, lit_to = np.full(len(block), np.nan), np.full(len(block), np.nan)
-    lit_from[some], lit_to[some] = (
-        facts.sunlit.first_s[starts[:-1][some]],
-        facts.sunlit.last_s[starts[1:][some] - 1],
-    )
+    lit_from, lit_to = facts.sunlit.ends(len(block))
     azimuths = {
         "rise_az_deg": np.where(np.isnan(found.rise_s), np.nan, found.rise_az_deg)[block.index],
         "set_az_deg": np.where(np.isnan(found.set_s), np.nan, found.set_az_deg)[block.index],

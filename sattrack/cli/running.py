@@ -15,11 +15,10 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from sattrack.cli.common import JsonLines, can_draw_lines_anew, renew, tell
+from sattrack.cli.common import JsonLines, can_draw_lines_anew, renew, tell, write_file
 from sattrack.control.biases import Camera
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.mount.profiles import write_profile
 from sattrack.runtime.control_arbiter import (
     ControlArbiter,
     Observers,
@@ -525,7 +524,7 @@ def learn_profile(target: Path | None, base: ProfileFile, summary: Summary) -> N
         tell(f"{target} was not written: the pass was too short, or too rough, to learn from")
         return
     check_new_profile(target)
-    write_profile(target, learnt_text(profile, learnt, base.name, f"{summary.name} on {summary.ended_utc}"))
+    write_file(target, learnt_text(profile, learnt, base.name, f"{summary.name} on {summary.ended_utc}"))
     tell(f"learnt, and written to {target}: {', '.join(learnt)}")
 
 

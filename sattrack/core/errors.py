@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+import importlib
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -62,6 +63,15 @@ class Origin(NamedTuple):
     def wrong(self, words: str) -> BadInputError:
         """Return the error that says what is wrong here."""
         return BadInputError(f"{self}: {words}")
+
+
+def needed(module: str, what: str, extra: str) -> Any:
+    """Import a package of an extra; raises SattrackError, naming what needs it and how to install it."""
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        package = module.partition(".")[0]
+        raise SattrackError(f"{what} needs {package}: pip install 'sattrack[{extra}]'") from None
 
 
 def meant(given: str, known: Iterable[str]) -> str:

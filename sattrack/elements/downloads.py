@@ -14,7 +14,6 @@ import hashlib
 import json
 import os
 import re
-import tempfile
 import time
 import zlib
 from contextlib import contextmanager, suppress
@@ -28,6 +27,7 @@ import aiohttp
 
 from sattrack import __version__
 from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.core.files import replace_file
 from tle.elements import Elements
 from tle.errors import ElementsError, TleError, printable
 from tle.sources import (
@@ -296,16 +296,7 @@ class DownloadCache:
     def _write(self, path: Path, data: bytes) -> None:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            handle, temporary = tempfile.mkstemp(dir=self.folder, prefix=".part-")
-            try:
-                with os.fdopen(handle, "wb") as file:
-                    file.write(data)
-                    file.flush()
-                    os.fsync(file.fileno())
-                Path(temporary).replace(path)
-            except BaseException:
-                Path(temporary).unlink(missing_ok=True)
-                raise
+            replace_file(path, data)
         except OSError as error:
             raise self._unusable(error) from error
 

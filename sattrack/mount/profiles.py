@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from sattrack.core.errors import SattrackError
 from sattrack.core.toml_text import read_toml
 from sattrack.mount.model import MountProfile
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 class ProfileFile(MountProfile, frozen=True, forbid_unknown_fields=True):
@@ -41,21 +40,6 @@ def profile_text(profile: MountProfile) -> str:
 
     values = msgspec.to_builtins(profile)
     return tomli_w.dumps(_without_nothing(values))
-
-
-def write_profile(target: Path, text: str) -> None:
-    """Write a profile's text, whole or not at all. Raises SattrackError."""
-    try:
-        with tempfile.NamedTemporaryFile(
-            "w", encoding="utf-8", dir=target.parent, prefix=f".{target.name}.", delete=False
-        ) as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        Path(file.name).chmod(0o644)
-        Path(file.name).replace(target)
-    except OSError as error:
-        raise SattrackError(f"{target}: cannot be written: {error.strerror}") from error
 
 
 def _without_nothing(table: dict[str, Any]) -> dict[str, Any]:

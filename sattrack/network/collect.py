@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.network.dataset import write_whole
-from sattrack.network.search import NO_PYARROW
+from sattrack.core.files import replace_file
+from sattrack.network.search import parquet_modules
 from sattrack.recording.export import seen_in
 from sattrack.runtime.facts import open_recording
 from tle.errors import AmbiguousSatelliteError, ObservationError, SatelliteNotFoundError, TleError
@@ -130,10 +130,10 @@ def write_collected(folder: Path, found: Collected, elements: Sequence[Elements]
         for name, rows in found.by_station.items():
             place = folder / "observations" / f"station={name}"
             place.mkdir(parents=True, exist_ok=True)
-            write_whole(place / "observations.parquet", _parquet(rows, found))
+            replace_file(place / "observations.parquet", _parquet(rows, found))
         biases = json.dumps([_bias(fit) for fit in found.fits.values()], indent=1, allow_nan=False)
-        write_whole(folder / "biases.json", biases.encode() + b"\n")
-        write_whole(folder / "elements.kvn", _elements_text(found, elements).encode())
+        replace_file(folder / "biases.json", biases.encode() + b"\n")
+        replace_file(folder / "elements.kvn", _elements_text(found, elements).encode())
     except OSError as error:
         raise SattrackError(f"{folder}: cannot be written: {error.strerror or error}") from error
 
@@ -154,28 +154,12 @@ def _elements_text(found: Collected, elements: Sequence[Elements]) -> str:
 
 
 def _bias(found: ObservedFit) -> dict[str, Any]:
-    used = int(found.fit.used.sum())
-    return {
-        "catalog_number": found.elements.catalog_number,
-        "name": found.elements.name,
-        "along_s": found.last.along_s,
-        "along_sigma_s": found.last.along_sigma_s,
-        "drift_s_min": found.drift_s_min,
-        "cross_deg": found.last.cross_deg,
-        "cross_sigma_deg": found.last.cross_sigma_deg,
-        "at_utc": found.last.utc.isoformat(),
-        "used": used,
-        "rejected": len(found.observations) - used,
-        "rms_arcsec": found.fit.rms_arcsec,
-    }
+    elements = found.elements
+    return {"catalog_number": elements.catalog_number, "name": elements.name, **found.document()}
 
 
 def _parquet(rows: Sequence[tuple[Observation, int]], found: Collected) -> bytes:
-    try:
-        import pyarrow
-        from pyarrow import parquet
-    except ImportError:
-        raise SattrackError(NO_PYARROW) from None
+    pyarrow, parquet = parquet_modules()
     fitted: dict[int, tuple[tuple[float, float] | None, bool]] = {
         id(one): (alone, bool(used))
         for fit in found.fits.values()

@@ -14,6 +14,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.core.files import PART, replace_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from typing import Self
 
 MANIFEST, JOURNAL = "_manifest.json", "_partitions.jsonl"
-_PART = ".part"
 _MANY = 3
 
 
@@ -72,7 +72,7 @@ class DataSet:
         try:
             there = json.loads(path.read_text(encoding="utf-8"))
         except FileNotFoundError:
-            others = [one.name for one in self.folder.iterdir() if not one.name.endswith(_PART)]
+            others = [one.name for one in self.folder.iterdir() if not one.name.endswith(PART)]
             if others and others != [JOURNAL]:
                 raise BadInputError(
                     f"{self.folder}: holds {others[0]} and no data set; give an empty or a new folder"
@@ -91,7 +91,7 @@ class DataSet:
 
     def _begin(self, manifest: Mapping[str, Any]) -> Any:
         journal = (self.folder / JOURNAL).open("a+b")
-        write_whole(self.folder / MANIFEST, json.dumps(manifest, indent=1, sort_keys=True).encode() + b"\n")
+        replace_file(self.folder / MANIFEST, json.dumps(manifest, indent=1, sort_keys=True).encode() + b"\n")
         return journal
 
     def _read(self) -> None:
@@ -108,7 +108,8 @@ class DataSet:
         for path in paths:
             one, file = self.done.get(path), self.folder / path
             with suppress(OSError):
-                file.with_name(f".{file.name}{_PART}").unlink(missing_ok=True)
+                for part in file.parent.glob(f".{file.name}.*{PART}"):
+                    part.unlink(missing_ok=True)
                 if one is not None and _sum_of(file) == one.sha256:
                     found[path] = one
         self.done = dict(found)
@@ -119,7 +120,7 @@ class DataSet:
         one = Finished(path, passes, len(data), hashlib.sha256(data).hexdigest())
         try:
             (self.folder / path).parent.mkdir(parents=True, exist_ok=True)
-            write_whole(self.folder / path, data)
+            replace_file(self.folder / path, data)
             # What was cut off in the last line must not spoil this one.
             self._journal.write(b"\n" + _line(one))
             self._journal.flush()
@@ -131,7 +132,7 @@ class DataSet:
     def finish(self) -> None:
         """Put the journal in order, so that it is the same however the work went. Raises SattrackError."""
         try:
-            write_whole(
+            replace_file(
                 self.folder / JOURNAL, b"\n".join(_line(self.done[p]) for p in sorted(self.done)) + b"\n"
             )
         except OSError as error:
@@ -142,26 +143,6 @@ class DataSet:
             f"{self.folder}: cannot be written: {error.strerror or error}; {len(self.done)} files are "
             "finished and stay: the same command goes on from there"
         )
-
-
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file that is never there but whole, also after a loss of power. Raises OSError."""
-    part = path.with_name(f".{path.name}{_PART}")
-    try:
-        with part.open("wb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
-        part.replace(path)
-    except OSError:
-        with suppress(OSError):
-            part.unlink()
-        raise
-    holder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(holder)
-    finally:
-        os.close(holder)
 
 
 def _line(one: Finished) -> bytes:

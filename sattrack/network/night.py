@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import tomli_w
 
-from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.core.errors import BadInputError
 from sattrack.network.assign import Assigned, Assignment, StationPasses, assign
 from sattrack.network.dataset import MANIFEST
-from sattrack.network.search import NO_PYARROW
+from sattrack.network.search import parquet_modules
 from sattrack.network.stations import station_named
 from sattrack.safety.route import axes_of
 from sattrack.schedule.candidates import Loaded, PlanSituation
@@ -180,10 +180,7 @@ def _age_days(elements: Mapping[int, Elements], number: int, at_s: float) -> flo
 
 
 def _read(place: Path) -> dict[str, Any]:
-    try:
-        from pyarrow import parquet
-    except ImportError:
-        raise SattrackError(NO_PYARROW) from None
+    _, parquet = parquet_modules()
     table = parquet.read_table(place, columns=["catalog_number", "name", *_COLUMNS, *_FIELDS])
     rows: dict[str, Any] = {"number": table["catalog_number"].to_numpy().astype(np.intp)}
     rows["name"] = np.array(table["name"].to_pylist(), dtype=object)

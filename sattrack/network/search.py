@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import sattrack
-from sattrack.core.errors import SattrackError
+from sattrack.core.errors import needed
 from tle.errors import EarthOrientationWarning
 from tle.facts import fact_columns
 from tle.instants import DAY_S, Utc
@@ -31,14 +31,12 @@ if TYPE_CHECKING:
 
     from sattrack.network.stations import Station
     from tle.elements import Elements
-    from tle.facts import FactColumns
     from tle.passes import CataloguePasses, HorizonMask
     from tle.site import Site
 
     Index = NDArray[np.intp]
     Columns = dict[str, NDArray[Any]]
 
-NO_PYARROW = "a network's data set needs pyarrow: pip install 'sattrack[parquet]'"
 PACKAGES = ("numpy", "sgp4", "pyerfa", "astropy-iers-data", "pyarrow")
 """Packages whose version may change the last bit of a file."""
 INSTANTS = ("rise_utc", "culminate_utc", "set_utc", "sunlit_from_utc", "sunlit_to_utc")
@@ -179,7 +177,9 @@ def _columns(passes: CataloguePasses, index: Index) -> Columns:
     facts, found = fact_columns(passes, index), passes.found
     start_s = float(passes.start.unix_s)
     count, obj = len(index), found.obj[index]
-    lit_from, lit_to, lit_s = _light(facts, count)
+    lit = facts.sunlit
+    lit_from, lit_to = lit.ends(count)
+    lit_s = np.bincount(lit.owner, lit.last_s - lit.first_s, minlength=count)
     seconds = {
         "rise_utc": found.rise_s[index],
         "culminate_utc": found.culminate_s[index],
@@ -192,7 +192,7 @@ def _columns(passes: CataloguePasses, index: Index) -> Columns:
         "rise_az_deg": np.where(np.isnan(found.rise_s), np.nan, found.rise_az_deg)[index],
         "culminate_az_deg": found.culminate_az_deg[index],
         "set_az_deg": np.where(np.isnan(found.set_s), np.nan, found.set_az_deg)[index],
-        "sunlit_s": lit_s,
+        "sunlit_s": np.where(facts.known, lit_s, np.nan),
     } | {name: getattr(facts, name) for name in NUMBERS if hasattr(facts, name)}
     every = passes.elements
     names, which = np.unique(obj, return_inverse=True)
@@ -206,16 +206,6 @@ def _columns(passes: CataloguePasses, index: Index) -> Columns:
     }
 
 
-def _light(facts: FactColumns, count: int) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Return the first and last sunlit second of each pass, NaN without any, and how many there are."""
-    lit, starts = facts.sunlit, facts.sunlit.starts(count)
-    some = starts[1:] > starts[:-1]
-    first, last = np.full(count, np.nan), np.full(count, np.nan)
-    first[some], last[some] = lit.first_s[starts[:-1][some]], lit.last_s[starts[1:][some] - 1]
-    seconds = np.bincount(lit.owner, lit.last_s - lit.first_s, minlength=count)
-    return first, last, np.where(facts.known, seconds, np.nan)
-
-
 def _instants(unix_s: NDArray[np.float64]) -> NDArray[Any]:
     missing = np.isnan(unix_s)
     ms = np.rint(np.where(missing, 0.0, unix_s) * 1000.0).astype(np.int64).astype("datetime64[ms]")
@@ -223,12 +213,14 @@ def _instants(unix_s: NDArray[np.float64]) -> NDArray[Any]:
     return ms
 
 
+def parquet_modules() -> tuple[Any, Any]:
+    """Import `pyarrow` and `pyarrow.parquet`; raises SattrackError where they are not there."""
+    what, extra = "a network's data set", "parquet"
+    return needed("pyarrow", what, extra), needed("pyarrow.parquet", what, extra)
+
+
 def _parquet(table: Columns) -> bytes:
-    try:
-        import pyarrow
-        from pyarrow import parquet
-    except ImportError:
-        raise SattrackError(NO_PYARROW) from None
+    pyarrow, parquet = parquet_modules()
     instant = pyarrow.timestamp("ms", tz="UTC")
     columns = {}
     for name, column in table.items():

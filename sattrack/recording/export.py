@@ -23,7 +23,7 @@ import numpy as np
 from sattrack import __version__
 from sattrack.control.stages import RunStage
 from sattrack.core.angles import wrap180
-from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.core.errors import BadInputError, needed
 from sattrack.mount.xerxes.datagrams import (
     COMMAND_FIELDS,
     STATUS_FIELDS,
@@ -209,11 +209,8 @@ def write_json(columns: Columns, path: Path) -> None:
 
 def write_parquet(columns: Columns, path: Path) -> None:
     """Write a table as Parquet; raises SattrackError where pyarrow is not there, BadInputError."""
-    try:
-        import pyarrow
-        from pyarrow import parquet
-    except ImportError:
-        raise SattrackError("Parquet needs pyarrow: pip install 'sattrack[parquet]'") from None
+    pyarrow = needed("pyarrow", "Parquet", "parquet")
+    parquet = needed("pyarrow.parquet", "Parquet", "parquet")
     try:
         parquet.write_table(pyarrow.table(columns), path)
     except OSError as error:

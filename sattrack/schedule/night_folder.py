@@ -22,6 +22,7 @@ import tomli_w
 
 from sattrack.core.clock import decode_utc, encode_utc
 from sattrack.core.errors import SattrackError
+from sattrack.core.files import replace_file
 from sattrack.schedule import machine
 from sattrack.schedule.night import (
     Event,
@@ -347,7 +348,7 @@ def encoded(what: Any) -> bytes:
     return msgspec.json.encode(what, enc_hook=encode_utc)
 
 
-STATUS, PROFILE, PART = "status.json", "mount.toml", ".part-"
+STATUS, PROFILE = "status.json", "mount.toml"
 SUMMARIES, RECORDINGS, ELEMENTS = "summaries", "recordings", "elements"
 OLD_AFTER_S = 3.0
 BYTES_PER_GB = 1e9
@@ -474,17 +475,10 @@ class NightFiles:
 
     def _write(self, name: str, data: bytes) -> None:
         path = self.folder / name
-        temporary = None
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=PART)
-            with os.fdopen(handle, "wb") as file:
-                file.write(data)
-            Path(temporary).chmod(0o644)
-            Path(temporary).replace(path)
+            replace_file(path, data, synced=False)
         except OSError as error:
-            if temporary is not None:
-                Path(temporary).unlink(missing_ok=True)
             raise SattrackError(f"cannot write {path}: {error.strerror}") from None
 
 

@@ -152,7 +152,7 @@ def test_what_goes_wrong_is_told_and_what_was_kept_stays_whole(tmp_path, manner,
         assert "\n" not in client.told[0]
         assert "<" not in client.told[0]
         assert {path: path.read_bytes() for path in tmp_path.glob("*.elements")} == before
-        assert not list(tmp_path.glob(".part-*"))
+        assert not list(tmp_path.glob(".*.part"))
         with pytest.raises(DownloadError, match="celestrak:stations: ") as error:
             Client(tmp_path / "empty", server.url, timeout_s=0.3).fetch("celestrak:stations")
         assert words.split(":")[0] in str(error.value)
@@ -239,7 +239,7 @@ def test_a_full_disk_loses_nothing(tmp_path, monkeypatch):
         assert client.fetch("celestrak:active") == CSV
         assert "downloads cannot be kept there: No space left on device" in client.told[0]
         assert {path: path.read_bytes() for path in tmp_path.glob("*.elements")} == before
-        assert not list(tmp_path.glob(".part-*"))
+        assert not list(tmp_path.glob(".*.part"))
 
 
 def test_space_track_gets_the_credentials_of_the_environment_and_is_asked_once_an_hour(tmp_path):
@@ -384,7 +384,7 @@ def test_no_body_raises_anything_but_a_download_error(tmp_path):
             assert len(said) < 700
 
         any_body()
-    assert not list(tmp_path.glob(".part-*"))
+    assert not list(tmp_path.glob(".*.part"))
 
 
 def test_damaged_files_count_as_none(tmp_path):

@@ -133,7 +133,7 @@ def test_finished_files_are_verified_and_kept(
     kept = {file: file.stat().st_mtime_ns for file in files[2:]}
     files[0].write_bytes(files[0].read_bytes()[:-1] + b"?")
     files[1].unlink()
-    (files[1].parent / ".passes.parquet.part").write_bytes(b"half")
+    (files[1].parent / ".passes.parquet.1.part").write_bytes(b"half")
     with (out / dataset.JOURNAL).open("ab") as stream:
         stream.write(b'{"path": "station=nor')
     capsys.readouterr()

@@ -16,7 +16,7 @@ from sattrack.control.axes import Axes
 from sattrack.control.engine_view import LOOSE_FACTOR, learnt_view
 from sattrack.core.errors import BadInputError
 from sattrack.mount.model import AxisLimits, CalibrationRecord, MountProfile
-from sattrack.mount.profiles import load_profile_file, write_profile
+from sattrack.mount.profiles import load_profile_file
 from sattrack.runtime.flight import RunStatistics, summarise
 from sattrack.views.formatting import summary_lines
 from sattrack.views.run import LearntView
@@ -131,7 +131,7 @@ def test_a_learnt_profile_is_written_loaded_and_followed_with_no_worse(
 ) -> None:
     learnt, target = learnt_of(fly(number=12)), tmp_path / "mine.toml"
     profile, changed = with_learnt(TOLD, learnt, "mine")
-    write_profile(target, learnt_text(profile, changed, TOLD.name, "a pass"))
+    target.write_text(learnt_text(profile, changed, TOLD.name, "a pass"))
     text = target.read_text()
     assert text.startswith("# Learnt while following a pass, from one pass: not calibrated.")
     assert len(changed) == 4
@@ -188,7 +188,7 @@ def test_what_only_the_simulated_mount_needs_is_kept(tmp_path: Path) -> None:
     target.write_text('name = "sim"\n[simulator]\nseed = 3\n')
     profile, changed = with_learnt(load_profile_file(target), LEARNT, "new")
     again = tmp_path / "new.toml"
-    write_profile(again, learnt_text(profile, changed, "sim", "a pass"))
+    again.write_text(learnt_text(profile, changed, "sim", "a pass"))
     assert load_profile_file(again).simulator == {"seed": 3}
 
 

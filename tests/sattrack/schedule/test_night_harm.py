@@ -398,7 +398,7 @@ def test_a_status_on_a_full_disk_takes_the_place_of_the_last_and_leaves_nothing_
     def full(*_: Any, **__: Any) -> Any:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("sattrack.schedule.night_folder.os.fdopen", full)
+    monkeypatch.setattr("pathlib.Path.replace", full)
     with pytest.raises(Exception, match="No space left on device"):
         NightFiles(tmp_path, "night.toml").tell(view)
     monkeypatch.undo()

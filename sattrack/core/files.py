@@ -1,0 +1,39 @@
+"""Files that other programs read while they are written."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+PART = ".part"
+
+
+def replace_file(path: Path, data: bytes, *, synced: bool = True) -> None:
+    """Write a file that is never there half written; `synced`, not after a loss of power either.
+
+    A process that is killed meanwhile leaves `.NAME.PID.part` behind. Raises OSError.
+    """
+    part = path.with_name(f".{path.name}.{os.getpid()}{PART}")
+    try:
+        with part.open("wb") as stream:
+            stream.write(data)
+            stream.flush()
+            if synced:
+                os.fsync(stream.fileno())
+        part.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            part.unlink()
+        raise
+    if synced:
+        # Not every file system can do it; the file itself is whole by now.
+        with suppress(OSError):
+            holder = os.open(path.parent, os.O_RDONLY)
+            try:
+                os.fsync(holder)
+            finally:
+                os.close(holder)
