@@ -70,17 +70,21 @@ class RunProgress:
 
     def show(self, view: TrackView) -> None:
         """Take one state."""
+        self.tell(view.utc_s, view.phase, lambda: progress_line(view))
+
+    def tell(self, utc_s: float, phase: str, words: Callable[[], str]) -> None:
+        """Take one state, as a phase and words."""
         terminal = can_draw_lines_anew()
         if self.quiet_off_terminal and not sys.stderr.isatty():
             return
-        due = view.utc_s - self._shown_utc_s >= (1.0 if terminal else SECONDS_BETWEEN_LINES)
-        if view.phase == self._phase and not due:
+        due = utc_s - self._shown_utc_s >= (1.0 if terminal else SECONDS_BETWEEN_LINES)
+        if phase == self._phase and not due:
             return
-        self._phase, self._shown_utc_s = view.phase, view.utc_s
+        self._phase, self._shown_utc_s = phase, utc_s
         if terminal:
-            renew(progress_line(view))
+            renew(words())
         else:
-            click.echo(progress_line(view), err=True)
+            click.echo(words(), err=True)
 
     def end(self) -> None:
         """Leave the renewed line."""
@@ -580,32 +584,16 @@ def follow_by_antenna(context: CommandContext, request: RunRequest, old_elements
     times = local_time.span(plan.start_utc_s, plan.end_utc_s)
     label = ready.propagator.elements.label
     tell(f"{label} from {times}, {ready.max_alt_deg:.1f}° high")
-    stop, progress = StopRequest(), AntennaProgress(label)
-    flight = AntennaFlight(ready, stop, progress.show)
+    stop, progress = StopRequest(), RunProgress(quiet_off_terminal=True)
+
+    def show(run: AntcnRun, now_utc_s: float) -> None:
+        error = "" if run.error_arcsec is None else f"  error {run.error_arcsec:.1f}″"
+        line = f"{local_time.clock(now_utc_s)}  {label}  {run.phase.value}{error}"
+        progress.tell(now_utc_s, run.phase.value, lambda: line)
+
+    flight = AntennaFlight(ready, stop, show)
     summary = flight.fly()
     progress.end()
     for text in flight.warnings():
         tell(text)
     return finish(summary, stop.asked, context.json)
-
-
-class AntennaProgress:
-    """A line that renews itself on a terminal, once a second."""
-
-    def __init__(self, label: str) -> None:
-        self._label = label
-        self._shown_utc_s = float("-inf")
-
-    def show(self, run: AntcnRun, now_utc_s: float) -> None:
-        """Take one state."""
-        if not sys.stderr.isatty() or now_utc_s - self._shown_utc_s < 1.0:
-            return
-        self._shown_utc_s = now_utc_s
-        clock = local_time.clock(now_utc_s)
-        error = "" if run.error_arcsec is None else f"  error {run.error_arcsec:.1f}″"
-        renew(f"{clock}  {self._label}  {run.phase.value}{error}")
-
-    def end(self) -> None:
-        """Leave the renewed line."""
-        if sys.stderr.isatty() and self._shown_utc_s > 0.0:
-            click.echo(err=True)

@@ -17,22 +17,19 @@ HorizonPoint = tuple[float, float]
 """Azimuth (0 to 360, from north through east) and altitude of the skyline there, degrees."""
 
 
-class SafetyLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The bounds that are the site's own; degrees and seconds.
+class SiteLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The bounds that are the site's own but for its skyline; degrees and seconds.
 
-    `floor_altitude_deg` holds in every direction, `horizon` where it stands higher: points of rising azimuth,
-    straight between them and round through north, none for no skyline. `optical` says that there is a
-    telescope with optics on the mount: then a cone about the Sun is forbidden, of `sun_cone_deg` where that
-    is given and 15° where it is not. `moon_cone_deg` is the same about the Moon, 0 for none.
-    `longest_fault_s` is the longest time for which commands, statuses or both may be lost without a limit
-    being passed.
-    `clock_tolerance_s` is how far the mount's sidereal clock may be from ours.
+    `floor_altitude_deg` holds in every direction. `optical` says that there is a telescope with optics on the
+    mount: then a cone about the Sun is forbidden, of `sun_cone_deg` where that is given and 15° where it is
+    not. `moon_cone_deg` is the same about the Moon, 0 for none. `longest_fault_s` is the longest time for
+    which commands, statuses or both may be lost without a limit being passed. `clock_tolerance_s` is how far
+    the mount's sidereal clock may be from ours.
 
     Raises ValueError, naming the key, for a bound that cannot be one or that contradicts another.
     """
 
     floor_altitude_deg: float = 0.0
-    horizon: tuple[HorizonPoint, ...] = ()
     optical: bool = True
     sun_cone_deg: float | None = None
     moon_cone_deg: float = 0.0
@@ -58,16 +55,15 @@ class SafetyLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             )
         if not (math.isfinite(self.clock_tolerance_s) and self.clock_tolerance_s > 0.0):
             raise ValueError(f"clock_tolerance_s is {self.clock_tolerance_s:g}; it must be above 0")
-        self._check_cones()
-        self._check_horizon()
+        self._check_cones(self.floor_altitude_deg)
 
-    def _check_cones(self) -> None:
+    def _check_cones(self, lowest_deg: float) -> None:
         if self.optical and self.sun_cone_deg == 0.0:
             raise ValueError(
                 "sun_cone_deg is 0, but there is a telescope with optics: "
                 "say optical = false where there is none"
             )
-        sky_deg = 90.0 - max([self.floor_altitude_deg, *self._lowest_skyline()])
+        sky_deg = 90.0 - lowest_deg
         for name, cone_deg in (("sun_cone_deg", self.sun_deg), ("moon_cone_deg", self.moon_cone_deg)):
             if not (math.isfinite(cone_deg) and cone_deg >= 0.0):
                 raise ValueError(f"{name} is {cone_deg:g}; it must be 0 or more")
@@ -77,8 +73,22 @@ class SafetyLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                     "the body there, nothing could be pointed at; give a narrower cone or a lower floor"
                 )
 
-    def _lowest_skyline(self) -> list[float]:
-        return [min(altitude for _, altitude in self.horizon)] if self.horizon else []
+
+class SafetyLimits(SiteLimits, frozen=True, forbid_unknown_fields=True):
+    """The bounds that are the site's own, with its skyline.
+
+    `horizon` holds where it stands higher than the floor: points of rising azimuth, straight between them and
+    round through north, none for no skyline.
+    """
+
+    horizon: tuple[HorizonPoint, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check every bound, and each against the others."""
+        super().__post_init__()
+        if self.horizon:
+            self._check_horizon()
+            self._check_cones(max(self.floor_altitude_deg, min(altitude for _, altitude in self.horizon)))
 
     def _check_horizon(self) -> None:
         azimuths = [azimuth for azimuth, _ in self.horizon]

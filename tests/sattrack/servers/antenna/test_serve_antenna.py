@@ -23,7 +23,6 @@ import pytest
 from antenna_setup import SITE
 
 from sattrack.cli.main import run
-from sattrack.cli.running import AntennaProgress
 from sattrack.control.tracker import TrackPlan
 from sattrack.core.errors import BadInputError, LinkLostError, SafetyLimitError
 from sattrack.runtime.system import StopRequest
@@ -286,7 +285,7 @@ def test_no_controller_is_a_lost_link() -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    flight = AntennaFlight(make_pass(f"antenna://127.0.0.1:{port}"), StopRequest(), AntennaProgress("X").show)
+    flight = AntennaFlight(make_pass(f"antenna://127.0.0.1:{port}"), StopRequest(), lambda *_: None)
 
     with pytest.raises(LinkLostError, match="no antenna controller"):
         flight.fly()
