@@ -103,13 +103,17 @@ Examples:
 SERVERS = {
     "alpaca": "The mount as an ASCOM telescope for programs that speak Alpaca, over HTTP.",
     "antenna": "The mount as an antenna for a VLBI Field System, on TCP or a serial line.",
+    "lx200": "The mount as an LX200 telescope for SkySafari, Stellarium and others, on TCP.",
     "rotctld": "The mount as a rotator for gpredict and other clients of Hamlib, on TCP.",
+    "stellarium": "The mount as a telescope by Stellarium's own protocol, on TCP.",
     "web": "The screen of the active run, in a browser.",
 }
 SERVER_PLACES = {
     "alpaca": "serve_alpaca:command",
     "antenna": "serve_antenna:command",
+    "lx200": "serve_alpaca:lx200",
     "rotctld": "serve:rotctld",
+    "stellarium": "serve_alpaca:stellarium",
     "web": "attach:web",
 }
 SERVE_HELP = """Make the mount available to other people's programs.

@@ -1,11 +1,11 @@
-"""`sattrack serve alpaca`: the mount as an ASCOM telescope for whatever speaks Alpaca."""
+"""`sattrack serve alpaca`, `lx200` and `stellarium`: the mount as a telescope for other programs."""
 
 from __future__ import annotations
 
 import platform
 from contextlib import ExitStack
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 import msgspec
@@ -16,12 +16,13 @@ from sattrack.cli.serve import (
     Log,
     caller_limits,
     caller_options,
+    check_port,
     end_of_service,
     reached_from_outside,
     what_is_served,
 )
 from sattrack.core.clock import SimulatedClock
-from sattrack.core.errors import InterruptedRunError
+from sattrack.core.errors import BadInputError, InterruptedRunError
 from sattrack.mount.alpaca.link import GatewayLink
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.mount.requests import FineRate, Park
@@ -31,7 +32,6 @@ from sattrack.runtime.connection import connected
 from sattrack.runtime.facts import check_site
 from sattrack.runtime.system import StopRequest, stopping
 from sattrack.servers.alpaca.serve import (
-    PROGRAM,
     AlpacaLoop,
     AlpacaTask,
     ClockNumbers,
@@ -47,11 +47,13 @@ from sattrack.settings import SiteSettings
 
 if TYPE_CHECKING:
     import socket
+    from collections.abc import Callable, Sequence
 
-    from sattrack.cli.serve import Served
+    from sattrack.cli.serve import Command, Served
     from sattrack.mount.alpaca.device import DeviceFacts, RateSpan
     from sattrack.mount.model import MountProfile
     from sattrack.mount.profiles import ProfileFile
+    from sattrack.runtime.callers import CallerLimits
     from sattrack.runtime.connection import Connection
     from sattrack.runtime.mounts import MountAddress
     from sattrack.servers.alpaca.telescope import Spans
@@ -61,10 +63,22 @@ MOST_CLIENTS = 1000
 BACKLOG = 256
 
 
-@click.command("alpaca")
+ALPACA, LX200, STELLARIUM = "alpaca", "lx200", "stellarium"
+PORTS = {ALPACA: 11111, LX200: 4030, STELLARIUM: 10001}
+NAMES = {ALPACA: "Alpaca", LX200: "LX200", STELLARIUM: "Stellarium's own protocol"}
+
+
+def also(*protocols: str) -> Callable[[Command], Command]:
+    """Add the other protocols that one telescope may be served by at the same time."""
+    metavar = " ".join(f"[{one}[:PORT]]" for one in protocols)
+    return click.argument("others", nargs=-1, metavar=metavar)
+
+
+@click.command(ALPACA)
+@also(LX200, STELLARIUM)
 @mount_option
 @profile_option
-@caller_options(11111, idle_s=300.0, requests_per_s=2000.0)
+@caller_options(PORTS[ALPACA], idle_s=300.0, requests_per_s=2000.0)
 @click.option(
     "--discovery/--no-discovery", default=True, show_default=True, help="Answer discovery on UDP port 32227."
 )
@@ -85,26 +99,87 @@ BACKLOG = 256
 def command(context: CommandContext, **options: Any) -> int:
     """Serve the mount as an ASCOM telescope (Alpaca, ITelescopeV4) over HTTP, until interrupted.
 
-    docs/alpaca.md tells what each member does, and of the actions TrackSatellite, Bias and Passes.
+    docs/alpaca.md tells what each member does, and of the actions TrackSatellite, Bias and Passes. With lx200
+    or stellarium, the same telescope is served by those protocols too.
 
     \b
     Examples:
       sattrack serve alpaca --mount sim
       sattrack serve alpaca --host 0.0.0.0 --allow 192.0.2.0/24
+      sattrack serve alpaca lx200 stellarium --mount sim
     """
+    return serve_telescope(context, ALPACA, options)
+
+
+@click.command(LX200)
+@also(STELLARIUM)
+@mount_option
+@profile_option
+@caller_options(PORTS[LX200], idle_s=300.0, requests_per_s=1000.0)
+@click.option("--serial", "device", metavar="DEVICE", help="Serve a serial line too, as /dev/ttyUSB0.")
+@click.option("--baud", default=9600, show_default=True, help="Baud of the serial line; 8N1.")
+@common_options("site", "clock", "json")
+def lx200(context: CommandContext, **options: Any) -> int:
+    """Serve the mount as an LX200 telescope on TCP, until interrupted: for SkySafari, Stellarium, INDI.
+
+    docs/planetarium.md lists the commands.
+
+    \b
+    Examples:
+      sattrack serve lx200 --mount sim
+      sattrack serve lx200 --host 0.0.0.0 --allow 192.0.2.0/24
+      sattrack serve lx200 --serial /dev/ttyUSB0
+    """
+    return serve_telescope(context, LX200, options)
+
+
+@click.command(STELLARIUM)
+@also(LX200)
+@mount_option
+@profile_option
+@caller_options(PORTS[STELLARIUM], idle_s=300.0, requests_per_s=1000.0)
+@common_options("site", "clock", "json")
+def stellarium(context: CommandContext, **options: Any) -> int:
+    """Serve the mount by Stellarium's own telescope protocol, until interrupted.
+
+    In Stellarium: telescope control, "External software or a remote computer", port 10001, J2000.
+
+    \b
+    Examples:
+      sattrack serve stellarium --mount sim
+    """
+    return serve_telescope(context, STELLARIUM, options)
+
+
+class Ends(NamedTuple):
+    """What clients reach: listening sockets by protocol, a serial line's descriptor, sockets of discovery."""
+
+    listeners: dict[str, socket.socket]
+    serial: int | None
+    discovery: Sequence[socket.socket]
+    no_discovery: str | None
+    """Why discovery is not answered, although it was asked for."""
+
+    @property
+    def ports(self) -> dict[str, int]:
+        """The TCP port of each protocol."""
+        return {protocol: int(one.getsockname()[1]) for protocol, one in self.listeners.items()}
+
+
+def serve_telescope(context: CommandContext, first: str, options: dict[str, Any]) -> int:
+    """Serve one telescope by one protocol or several; return the exit code."""
     callers = caller_limits(options, MOST_CLIENTS)
-    served = what_is_served(context, options["mount_url"], options["profile"], "Alpaca's clients live")
+    ports = _ports(first, options)
+    served = what_is_served(
+        context, options["mount_url"], options["profile"], "the clients of a telescope live"
+    )
     check_site(served.described.mount, served.site)
     limits = context.settings.safety.limits()
     mount = "the simulated mount" if served.address is None else str(served.address)
     stop, log = StopRequest(), Log(served.clock)
     with ExitStack() as closing:
         closing.callback(log.close)
-        listener = closing.enter_context(listen(options["host"], options["port"], BACKLOG))
-        port = int(listener.getsockname()[1])
-        sockets, trouble = discovery_sockets(options["host"]) if options["discovery"] else ((), None)
-        for one in sockets:
-            closing.callback(one.close)
+        ends = _opened(ports, options, closing)
         connection = closing.enter_context(
             connected(served.address, served.described, served.site, served.clock)
         )
@@ -112,56 +187,105 @@ def command(context: CommandContext, **options: Any) -> int:
         served = replace(served, described=described)
         abilities = abilities_of(connection, served.address, described.mount)
         station = TelescopeStation(described.mount, limits, served.site, mount, engine_maker(limits))
-        server = start_http_process(_task(context, served, options, (listener, *sockets), mount, abilities))
+        server = start_http_process(_task(context, served, options, ends, mount, abilities))
         closing.callback(server.close)
         closing.enter_context(stopping(stop))
         if context.json:
-            JsonLines().write({"listening": port, "host": options["host"]})
-        log.tell(
-            program_line(
-                f"Alpaca is on {options['host']}:{port}; Ctrl-C stops the mount and ends it", PROGRAM
-            )
-        )
+            ports = ends.ports
+            JsonLines().write({"listening": ports[first], "host": options["host"], "ports": ports})
+        for text in _announcements(ends, options, callers):
+            log.tell(program_line(text, first))
         if (refused := refusals(connection, served.address)) is not None:
             tell(refused)
-        for text in (trouble, reached_from_outside(PROGRAM, options["host"], port, callers.allowed)):
-            if text is not None:
-                log.tell(program_line(text, PROGRAM))
-        AlpacaLoop(connection, stop, station, server, log.tell).run()
+        AlpacaLoop(connection, stop, station, server, log.tell, first).run()
     if stop.asked and station.had_orders and station.mount_stopped is None:
         raise InterruptedRunError("interrupted; the mount was not moving, and goes on as it was")
     return end_of_service(station.mount_stopped, stop)
+
+
+def _opened(ports: dict[str, int], options: dict[str, Any], closing: ExitStack) -> Ends:
+    """Open what clients reach. Raises SattrackError."""
+    listeners = {
+        protocol: closing.enter_context(listen(options["host"], port, BACKLOG))
+        for protocol, port in ports.items()
+    }
+    sockets, trouble = discovery_sockets(options["host"]) if options.get("discovery") else ((), None)
+    for one in sockets:
+        closing.callback(one.close)
+    return Ends(listeners, _serial_line(options, closing), sockets, trouble)
+
+
+def _announcements(ends: Ends, options: dict[str, Any], callers: CallerLimits) -> list[str]:
+    """Return where clients find the telescope, and what is to be known about that."""
+    host, texts = options["host"], []
+    for protocol, port in ends.ports.items():
+        texts.append(f"{NAMES[protocol]} is on {host}:{port}; Ctrl-C stops the mount and ends it")
+        warning = reached_from_outside(protocol, host, port, callers.allowed)
+        texts += [] if warning is None else [warning]
+    if ends.serial is not None:
+        texts.append(f"{NAMES[LX200]} is on {options['device']} too")
+    return texts if ends.no_discovery is None else [*texts, ends.no_discovery]
+
+
+def _serial_line(options: dict[str, Any], closing: ExitStack) -> int | None:
+    """Return the descriptor of the serial line; None without one. Raises SattrackError."""
+    if options.get("device") is None:
+        return None
+    from sattrack.servers.antenna.serve import SerialChannel
+
+    line = SerialChannel(options["device"], options["baud"], "8N1")
+    closing.callback(line.close)
+    return line.fileno()
+
+
+def _ports(first: str, options: dict[str, Any]) -> dict[str, int]:
+    """Return the ports by protocol, of the first and of the others. Raises BadInputError."""
+    ports = {first: int(options["port"])}
+    for text in options["others"]:
+        protocol, _, number = text.partition(":")
+        known = {one for one in (LX200, STELLARIUM) if one != first}
+        if protocol not in known or protocol in ports:
+            choice = " or ".join(sorted(known - set(ports)))
+            raise BadInputError(f"{text}: serve {first} takes {choice or 'no more'} beside it")
+        if number and not number.isdecimal():
+            raise BadInputError(f"{text}: write {protocol}, or {protocol}:PORT")
+        ports[protocol] = int(number or PORTS[protocol])
+        check_port(ports[protocol])
+    return ports
 
 
 def _task(
     context: CommandContext,
     served: Served,
     options: dict[str, Any],
-    sockets: tuple[socket.socket, ...],
+    ends: Ends,
     mount: str,
     abilities: Abilities,
 ) -> AlpacaTask:
-    """Return the task of the process that clients talk to; the first socket is the one for HTTP."""
+    """Return the task of the process that clients talk to."""
     clock = served.clock
-    listener, *discovery = sockets
+    numbers = {protocol: one.fileno() for protocol, one in ends.listeners.items()}
     return AlpacaTask(
-        listener=listener.fileno(),
-        discovery=tuple(one.fileno() for one in discovery),
-        port=int(listener.getsockname()[1]),
+        listener=numbers.get(ALPACA),
+        lx200=numbers.get(LX200),
+        serial=ends.serial,
+        stellarium=numbers.get(STELLARIUM),
+        discovery=tuple(one.fileno() for one in ends.discovery),
+        port=next(iter(ends.ports.values())),
         version=__version__,
         host=platform.node(),
         callers=options["clients"],
         idle_s=options["idle"],
         requests_per_s=options["requests"],
         allowed=tuple(options["allow"]) or None,
-        names=options["names"],
+        names=options.get("names", ()),
         satellites=Satellites(
-            elements=_elements(context, served),
+            elements=_elements(context, served) if ALPACA in ends.listeners else [],
             site=SiteSettings(served.site.latitude_deg, served.site.longitude_deg, served.site.height_m),
             profile=served.described.mount,
             limits=context.settings.safety.limits(),
             min_alt_deg=context.settings.min_altitude_deg,
-            refraction=options["refraction"],
+            refraction=options.get("refraction", "auto"),
             mount=mount,
         ),
         abilities=abilities,

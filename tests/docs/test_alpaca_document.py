@@ -7,7 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from sattrack.servers.alpaca.process import MOST_BODY_BYTES, MOST_LINE_BYTES, MOST_WAITING, REQUEST_WITHIN_S
+from sattrack.servers.alpaca.connections import MOST_WAITING, REQUEST_WITHIN_S
+from sattrack.servers.alpaca.process import MOST_BODY_BYTES, MOST_LINE_BYTES
 from sattrack.servers.alpaca.protocol import ACTIONS, MEMBERS, Number, read_action
 
 ROOT = Path(__file__).resolve().parents[2]

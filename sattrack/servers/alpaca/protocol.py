@@ -414,6 +414,8 @@ MEMBERS = (
 BY_PATH = {member.path: member for member in MEMBERS}
 ACTIONS = ("TrackSatellite", "Bias", "Passes")
 MOST_HOURS = 48.0
+MOVING_BY_RATES = "moving by MoveAxis"
+"""What a telescope does whose axes turn at rates of their own."""
 
 
 class MoveOrder(msgspec.Struct, frozen=True, tag="move"):

@@ -54,7 +54,6 @@ if TYPE_CHECKING:
     from sattrack.servers.alpaca.station import TelescopeStation
     from tle.passes import Pass
 
-PROGRAM = "alpaca"
 PORT = 32227
 """UDP port of discovery."""
 MOST_LOGGED = 5
@@ -77,10 +76,11 @@ class AlpacaLoop(StationLoop):
 
     driver: TelescopeStation
     server: AlpacaHttpProcess
+    program: str = "alpaca"
 
     def tell(self, words: str) -> None:
         """See StationLoop."""
-        self.log(program_line(words, PROGRAM))
+        self.log(program_line(words, self.program))
 
     def serve(self, ready: list[Any]) -> None:
         """Take orders, and begin those that may begin now."""
@@ -252,7 +252,8 @@ def start_http_process(task: AlpacaTask) -> AlpacaHttpProcess:
     ours, theirs = socket.socketpair()
     with theirs:
         # A Ctrl-C is for the feeding process, which ends this one when the mount stands.
-        inherits = (theirs.fileno(), task.listener, *task.discovery)
+        ports = (one for one in (task.listener, task.lx200, task.serial, task.stellarium) if one is not None)
+        inherits = (theirs.fileno(), *ports, *task.discovery)
         process = start_process("sattrack.servers.alpaca.process", str(theirs.fileno()), inherits=inherits)
     with contextlib.suppress(OSError):
         ours.sendall(encode_task(task))
@@ -268,7 +269,12 @@ def start_http_process(task: AlpacaTask) -> AlpacaHttpProcess:
 class AlpacaTask(msgspec.Struct, frozen=True):
     """The task of the HTTP process, sent at its start; descriptors are inherited."""
 
-    listener: int
+    listener: int | None
+    """The port of HTTP; with None Alpaca is not served."""
+    lx200: int | None
+    serial: int | None
+    """A serial line on which LX200 is served too."""
+    stellarium: int | None
     discovery: tuple[int, ...]
     port: int
     version: str

@@ -40,6 +40,7 @@ from sattrack.mount.requests import (
 )
 from sattrack.mount.xerxes.link import LinkState
 from sattrack.servers.alpaca.protocol import (
+    MOVING_BY_RATES,
     BiasOrder,
     Fault,
     FineOrder,
@@ -492,7 +493,7 @@ def as_request(axis: int, rate_deg_s: float) -> MoveAxis:
 class Drive:
     """A MoveAxis of one axis or both, a procedure of the console, until both axes are ended."""
 
-    doing = "moving by MoveAxis"
+    doing = MOVING_BY_RATES
 
     def __init__(self, axis: int, rate_deg_s: float) -> None:
         self._rates = {axis: rate_deg_s}

@@ -31,7 +31,9 @@ from sattrack.servers.alpaca.protocol import (
     Form,
     MoveOrder,
     Number,
+    Passes,
     TrackOrder,
+    TrackSatellite,
     read_action,
     read_form,
 )
@@ -301,6 +303,10 @@ class ServedTelescope:
         """How many clients are connected."""
         return len(self._connected)
 
+    def connected(self, client: int) -> bool:
+        """Return whether a client is connected."""
+        return client in self._connected
+
     def get(self, path: str, form: Form, client: int, now_utc_s: float) -> Any:
         """Return the answer of a member's GET. Raises BadRequest, Fault."""
         member = self._member(path, "GET")
@@ -315,11 +321,11 @@ class ServedTelescope:
         for parameter in takes:
             parameter.check(values[parameter.name])
         if member.name == "Connected":
-            return client in self._connected
+            return self.connected(client)
         if member.path.startswith("target"):
             return self._target(member.name)
         if member.heard:
-            return reported_value(self._heard(now_utc_s), self.device, member.name, values)
+            return reported_value(self.heard(now_utc_s), self.device, member.name, values)
         return fixed_value(self.state, self.device, member.name, values, now_utc_s)
 
     def put(self, path: str, form: Form, client: int, now_utc_s: float) -> Order | CustomAction | None:
@@ -338,6 +344,13 @@ class ServedTelescope:
         if member.unparked and self._is_parked(member, now_utc_s):
             raise Fault(Number.PARKED, f"{member.name}: the mount is parked, and is woken at its own console")
         return self._order(member.name, values, now_utc_s)
+
+    def order(self, member: str, client: int, now_utc_s: float, **values: float) -> Order | None:
+        """Return the order of a member's PUT for a client of another protocol. Raises Fault."""
+        form = Form(tuple((name, str(value)) for name, value in values.items()), any_case=False)
+        order = self.put(member, form, client, now_utc_s)
+        assert not isinstance(order, TrackSatellite | Passes), "an action is no member"
+        return order
 
     def _member(self, path: str, verb: str) -> Member:
         member = BY_PATH.get(path)
@@ -359,8 +372,8 @@ class ServedTelescope:
         if member.connected and not self._connected:
             raise Fault(Number.NOT_CONNECTED, f"{member.name}: no client is connected")
 
-    def _heard(self, now_utc_s: float) -> TelescopeState:
-        """Return the mount's state; raises Fault where it is not heard."""
+    def heard(self, now_utc_s: float) -> TelescopeState:
+        """Return the mount's newest state; raises Fault where it is not heard."""
         state = self.state
         if state is None or not state.heard or abs(now_utc_s - state.utc_s) > OLDEST_STATE_S:
             raise Fault(
@@ -371,7 +384,7 @@ class ServedTelescope:
 
     def _is_parked(self, member: Member, now_utc_s: float) -> bool:
         """Return whether the mount is parked; raises Fault where it is not heard, but for a stop."""
-        state = self.state if member.name == "AbortSlew" else self._heard(now_utc_s)
+        state = self.state if member.name == "AbortSlew" else self.heard(now_utc_s)
         return state is not None and state.at_park
 
     def _target(self, name: str) -> float:
@@ -384,7 +397,7 @@ class ServedTelescope:
         if not connects:
             self._connected.pop(client, None)
             return
-        self._heard(now_utc_s)
+        self.heard(now_utc_s)
         self._connected[client] = None
         self._connected.move_to_end(client)
         if len(self._connected) > MOST_CONNECTED:
@@ -423,13 +436,13 @@ class ServedTelescope:
     def _track(self, on: bool, now_utc_s: float) -> TrackOrder | None:
         if not self.device.abilities.sets_tracking:
             raise Fault(Number.NOT_IMPLEMENTED, "Tracking is as the telescope's own programs set it")
-        state = self._heard(now_utc_s)
+        state = self.heard(now_utc_s)
         if on and state.at_park:
             raise Fault(Number.PARKED, "Tracking: the mount is parked, and is woken at its own console")
         return None if on == state.tracking else TrackOrder(on)
 
     def _fine(self, name: str, value: float, now_utc_s: float) -> FineOrder:
-        if value and not self._heard(now_utc_s).tracking:
+        if value and not self.heard(now_utc_s).tracking:
             message = f"{name} is an offset to tracking, and the mount is not tracking: set Tracking first"
             raise Fault(Number.INVALID_OPERATION, message)
         of_ra = name == "RightAscensionRate"
@@ -449,7 +462,7 @@ class ServedTelescope:
             raise Fault(Number.NOT_IMPLEMENTED, f"{name}: the mount's profile has no {place} position")
         if name == "FindHome":
             return FindHome()
-        return None if self._heard(now_utc_s).at_park else Park()
+        return None if self.heard(now_utc_s).at_park else Park()
 
     def _move(self, axis: int, rate_deg_s: float) -> MoveOrder:
         spans = self.device.axis_rates_deg_s(axis)
@@ -462,7 +475,7 @@ class ServedTelescope:
         return MoveOrder(axis, rate_deg_s)
 
     def _pulse(self, direction: int, duration_ms: int, now_utc_s: float) -> PulseGuide | None:
-        state = self._heard(now_utc_s)
+        state = self.heard(now_utc_s)
         if state.slewing or not state.tracking or state.pulse_guiding:
             why = "slews" if state.slewing else "guides already" if state.tracking else "is not tracking"
             raise Fault(Number.INVALID_OPERATION, f"PulseGuide: the mount {why}")
@@ -478,7 +491,7 @@ class ServedTelescope:
         ra_deg = ra_h * 15.0 % 360.0
         if name.startswith("Slew"):
             return Slew(ra_deg, dec_deg)
-        if not self._heard(now_utc_s).tracking:
+        if not self.heard(now_utc_s).tracking:
             raise Fault(
                 Number.INVALID_OPERATION, f"{name}: the mount is not tracking; a slew sets it tracking"
             )

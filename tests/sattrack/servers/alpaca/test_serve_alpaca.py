@@ -360,7 +360,7 @@ def test_the_mount_of_another_program_is_not_served_and_its_owner_is_named(
         (["--requests", "nan"], "--requests nan"),
         (["--requests", "inf"], "--requests inf: 1 or more, 1e+06 at most"),
         (["--allow", "nobody"], "--allow nobody"),
-        (["--clock", "2026-10-02T13:00:00Zx2"], "Alpaca's clients live in real time"),
+        (["--clock", "2026-10-02T13:00:00Zx2"], "the clients of a telescope live in real time"),
     ],
 )
 def test_options_that_cannot_be_are_named(
