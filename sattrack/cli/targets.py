@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sattrack.core.errors import BadInputError
 from tle.errors import AmbiguousSatelliteError, SatelliteNotFoundError
 
 if TYPE_CHECKING:
@@ -39,14 +38,14 @@ def find_target(
     """
     if ephemeris is not None:
         return _objects_of(ephemeris, [key])[0]
-    from tle.bodies import find_body, star_number
+    from tle.bodies import find_body, read_star, star_number
 
     body = find_body(key)
     by_number = key.strip().casefold().startswith("hip")
     if body is not None or not (by_number or _has_no(elements(), key)):
         return body
     number = star_number(key)
-    return None if number is None else _star(context, number, key)
+    return None if number is None else read_star(number, key, context.settings.stars)
 
 
 def _objects_of(ephemeris: Path, keys: Sequence[str]) -> list[Ephemeris]:
@@ -68,17 +67,6 @@ def _has_no(elements: list[Elements], key: str) -> bool:
     except AmbiguousSatelliteError:
         return False
     return False
-
-
-def _star(context: CommandContext, number: int, key: str) -> Ephemeris:
-    from tle.bodies import read_star
-
-    if context.settings.stars is None:
-        raise BadInputError(
-            f"{key}: no star catalogue: set stars in sattrack.toml to a file of the Hipparcos catalogue "
-            "(hip_main.dat of CDS I/239), or give RA,DEC"
-        )
-    return read_star(context.settings.stars, number, key)
 
 
 def find_targets(
