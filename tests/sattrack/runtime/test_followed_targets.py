@@ -203,3 +203,44 @@ def test_the_sun_is_followed_through_a_stated_filter_only():
 def test_an_antenna_takes_element_sets_only(capsys):
     assert run(["track", "Moon", *SITE, "--mount", "antenna://localhost:9"]) == 2
     assert "fed from element sets only" in capsys.readouterr().err
+
+
+LAUNCH = """# name: Launch
+t_s,lat_deg,lon_deg,height_m
+""" + "".join(f"{t},52.2,{4.6 + 2e-5 * t * t},{10 + 12.5 * t * t}\n" for t in range(0, 121, 5))
+T0 = "2026-10-02T13:05:00Z"
+
+
+def launch():
+    (one,) = parse_ephemerides(LAUNCH.encode(), "launch.csv", LEIDEN, Utc.parse(T0))
+    return one
+
+
+def test_a_launch_is_followed_from_its_pad_and_replayed_without_the_table(capsys, tmp_path):
+    table, recording = tmp_path / "launch.csv", tmp_path / "launch.mcap"
+    table.write_text(LAUNCH)
+    summary = track(capsys, recording, str(table), "--t0", T0, "--clock", "2026-10-02T13:03:00Z")
+    assert (summary["name"], summary["ended_by"]) == ("Launch", "set")
+    assert summary["ended_utc"].startswith("2026-10-02T13:07:0")
+    assert summary["on_target_s"] > 90.0
+    assert summary["true_rms_arcsec"] < 0.2
+    table.unlink()
+    replayed(recording)
+
+
+def test_a_launch_that_is_over_is_refused_and_one_under_way_is_followed(capsys, tmp_path):
+    table = tmp_path / "launch.csv"
+    table.write_text(LAUNCH)
+    common = (str(table), *SITE, "--mount", "sim", "--virtual", "--json", "--t0", T0)
+    assert run(["track", *common, "--clock", "2026-10-02T14:00:00Z"]) == 1
+    assert "launch.csv is from 2026-10-02T13:05:00.000Z to 2026-10-02T13:07:00.000Z: ask within that" in capsys.readouterr().err
+    assert run(["track", *common, "--clock", "2026-10-02T13:05:40Z"]) == 0
+    assert json.loads(capsys.readouterr().out)["summary"]["on_target_s"] > 30.0
+
+
+def test_what_is_no_orbit_rests_before_its_first_row_and_after_its_last():
+    facts = prepare(request(launch())).facts
+    here = [Propagator(facts.target, LEIDEN).at(Utc(seconds(T0) + s)) for s in (-3000.0, 0.0, 120.0, 4000.0)]
+    for rested, moving in (here[:2], here[:1:-1]):
+        assert rested.az_deg == pytest.approx(moving.az_deg, abs=1e-6)
+        assert rested.alt_deg == pytest.approx(moving.alt_deg, abs=1e-6)
