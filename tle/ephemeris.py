@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
@@ -364,6 +365,8 @@ class TableEphemeris:
         self.provenance = provenance
         self.sigma_km = sigma_km
         """The standard deviation of places that the file states as a whole, None where it states none."""
+        self.t0: Utc | None = None
+        """From when the table counts its times; None where they are absolute."""
         usable = [one for one in segments if len(one.since_s) > 1]
         if not usable:
             raise EphemerisError(
@@ -408,6 +411,13 @@ class TableEphemeris:
     def ranged(self) -> bool:
         """Tell whether the distance is known."""
         return self.segments[0].frame.kind != "SIGHT"
+
+    def later(self, seconds: float) -> TableEphemeris:
+        """Return the same path, begun so much later."""
+        moved = copy(self)
+        moved.segments = tuple(replace(one, zero_s=one.zero_s + seconds) for one in self.segments)
+        moved.t0 = None if self.t0 is None else self.t0.plus(seconds)
+        return moved
 
     def covariance(self, at: Utc) -> Covariance | None:
         """Return the covariance of the nearest instant for which the file gives one."""

@@ -74,6 +74,7 @@ class TargetFacts(msgspec.Struct, frozen=True):
     catalog_number: int = 0
     source: str = ""
     sigma_km: float | None = None
+    t0: Utc | None = None
     segments: tuple[SegmentFacts, ...] = ()
     body: BodyFacts | None = None
 
@@ -82,7 +83,7 @@ class TargetFacts(msgspec.Struct, frozen=True):
         if self.body is not None:
             parts = {key: np.array(rows) for key, rows in self.body.parts.items()}
             return Body(self.name, self.body.star, parts)
-        return TableEphemeris(
+        table = TableEphemeris(
             self.name,
             [_segment(one) for one in self.segments],
             self.provenance,
@@ -91,6 +92,8 @@ class TargetFacts(msgspec.Struct, frozen=True):
             source=self.source,
             sigma_km=self.sigma_km,
         )
+        table.t0 = self.t0
+        return table
 
 
 def target_facts(target: Ephemeris, begin_utc_s: float, end_utc_s: float) -> TargetFacts:
@@ -116,6 +119,7 @@ def target_facts(target: Ephemeris, begin_utc_s: float, end_utc_s: float) -> Tar
         target.catalog_number,
         target.source,
         None if known is None else known.sigma_km,
+        target.t0,
         _kept_segments(target, end_utc_s, begin_s, end_s),
     )
 

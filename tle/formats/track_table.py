@@ -117,16 +117,16 @@ def parse_track(lines: Lines, site: Site | None = None, t0: Utc | None = None) -
         raise lines.error(header.line, f"no two rows are nearer than {gap_s:g} s: say more by # gap_s")
     name = header.notes.get("name") or re.sub(r"\.[^.]*$", "", lines.source.rpartition("/")[2]) or "track"
     words = segments[0].interpolation.words
-    return [
-        TableEphemeris(
-            printable(name),
-            segments,
-            f"table of {', '.join(sorted(kind))}, {words}",
-            epoch=utc_of_tai(zero_s, float(since_s[0])),
-            source=lines.source,
-            sigma_km=sigma_m / 1000.0 or None,
-        )
-    ]
+    found = TableEphemeris(
+        printable(name),
+        segments,
+        f"table of {', '.join(sorted(kind))}, {words}",
+        epoch=utc_of_tai(zero_s, float(since_s[0])),
+        source=lines.source,
+        sigma_km=sigma_m / 1000.0 or None,
+    )
+    found.t0 = t0
+    return [found]
 
 
 def _noted(lines: Lines, header: _Header, key: str, default: float) -> float:
