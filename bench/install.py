@@ -28,6 +28,7 @@ PACKAGED = (
     "sattrack/servers/templates/index.html",
     "sattrack/servers/templates/list.html",
     "sattrack/tui/console.tcss",
+    "tle/data/hipparcos_bright.dat.gz",
     "share/man/man1/sattrack.1",
 )
 """Files that the program needs and that are no Python modules."""

@@ -23,7 +23,7 @@ from tle.earth import EarthOrientation
 from tle.ephemeris import Frame, Span, leaps_s
 from tle.errors import BodyError, SourceError
 from tle.instants import ARRAYS, DAY_S, FLOATS, MJD_JD, TT_MINUS_TAI_S, UNIX_EPOCH_MJD, Utc
-from tle.sources import gunzipped
+from tle.sources import gunzipped, plain_name
 from tle.sun import AU_KM, LIGHT_KM_S
 
 if TYPE_CHECKING:
@@ -305,29 +305,48 @@ def find_body(key: str) -> Body | None:
 
 
 def star_number(key: str) -> int | None:
-    """Return the Hipparcos number of HIP 91262, or of a star's name; None where a key is neither."""
+    """Return the Hipparcos number of HIP 91262, or of a star's name; None where a key is neither.
+
+    The names are those of the IAU, and older ones; case, accents and punctuation do not count.
+    """
     match = re.fullmatch(r"hip\s*(\d{1,6})", key.strip(), re.ASCII | re.IGNORECASE)
     if match is not None:
         return int(match[1])
-    from skyfield.named_stars import named_star_dict
-
-    wanted = key.strip().casefold()
-    return next((number for name, number in named_star_dict.items() if name.casefold() == wanted), None)
+    return _named_stars().get(plain_name(key))
 
 
-def read_star(path: str | Path, number: int, name: str) -> Body:
-    """Return a star of the Hipparcos catalogue (ESA SP-1200, CDS I/239), from its file hip_main.dat.
+@lru_cache(maxsize=1)
+def _packaged_stars() -> bytes:
+    packed = (resources.files("tle") / "data" / "hipparcos_bright.dat.gz").read_bytes()
+    return gunzipped(packed, _MOST_BYTES)
 
-    Places are ICRS at J1991.25; the file may be packed by gzip. Raises SourceError, and BodyError where the
-    star is not there, or has no place, proper motion and parallax.
+
+@lru_cache(maxsize=1)
+def _named_stars() -> dict[str, int]:
+    found = re.findall(rb"^H\|(\d+)\|([^|]+)\|", _packaged_stars(), re.MULTILINE)
+    return {
+        plain_name(name): int(number) for number, names in found for name in names.decode("ascii").split(",")
+    }
+
+
+def read_star(number: int, name: str, path: str | Path | None = None) -> Body:
+    """Return a star of the Hipparcos catalogue (ESA SP-1200, CDS I/239), ICRS at J1991.25.
+
+    It is one of the packaged stars to magnitude 6.5, or from a file hip_main.dat, packed by gzip or not.
+    Raises SourceError, and BodyError where it is not there, or has no place, proper motion and parallax.
     """
     try:
-        data = Path(path).read_bytes()
+        data = _packaged_stars() if path is None else Path(path).read_bytes()
         if data[:2] == b"\x1f\x8b":
             data = gunzipped(data, _MOST_BYTES)
     except (OSError, EOFError, ValueError, zlib.error) as error:
         raise SourceError(f"{path}: cannot read the star catalogue: {error}") from None
     found = re.search(rb"^H\| *%d\|.*$" % number, data, re.MULTILINE)
+    if found is None and path is None:
+        raise BodyError(
+            f"HIP {number} is none of the packaged stars, to magnitude 6.5: set stars in sattrack.toml to a "
+            "file of the Hipparcos catalogue (hip_main.dat of CDS I/239), or give RA,DEC"
+        )
     if found is None:
         raise BodyError(f"{path}: HIP {number} is not in this star catalogue: give RA,DEC instead")
     line = data.count(b"\n", 0, found.start()) + 1

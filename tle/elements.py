@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from tle.earth import EarthOrientation
-    from tle.ephemeris import Covariance, States
+    from tle.ephemeris import Covariance, Ephemeris, States
     from tle.instants import Instant, Quantity
 
 _SGP4_EPOCH_JD = 2433281.5
@@ -279,3 +279,15 @@ def expected_along_arcsec(elements: Elements, at: Instant) -> float:
     height_km = max(elements.perigee_km, _LOWEST_KM)
     speed_km_s = math.sqrt(MU_KM3_S2 * (2.0 / (RADIUS_KM + height_km) - 1.0 / elements.semi_major_axis_km))
     return math.degrees(math.atan(expected_along_s(elements, at) * speed_km_s / height_km)) * 3600.0
+
+
+def expected_error_m(source: Elements | Ephemeris, at: Utc) -> float | None:
+    """Return by how much places of a source miss its object at an instant, typically, in metres.
+
+    Of elements what `expected_along_s` is on the orbit, else what the source states; None where it does not.
+    """
+    if isinstance(source, Elements):
+        speed_km_s = math.sqrt(MU_KM3_S2 / source.semi_major_axis_km)
+        return 1000.0 * speed_km_s * expected_along_s(source, at)
+    known = source.covariance(at)
+    return None if known is None else 1000.0 * known.sigma_km

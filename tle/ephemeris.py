@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
@@ -31,7 +32,9 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
 
-FrameKind = Literal["ITRF", "GCRF", "EME2000", "TOD", "TEME"]
+FrameKind = Literal["ITRF", "GCRF", "EME2000", "TOD", "TEME", "GROUND", "SIGHT"]
+CARRIED: tuple[FrameKind, ...] = ("GROUND", "SIGHT")
+"""The ITRF of what is no orbit: a time bias moves it against the Earth. In `SIGHT` only directions count."""
 Span = tuple[Utc, Utc]
 
 BEFORE, AFTER, GAP = 101, 102, 103
@@ -139,7 +142,7 @@ class Frame:
         if self.kind == "TEME":
             return (*r, *v, *a)
         turn = earth.rotation(unix_s)
-        if self.kind == "ITRF":
+        if self.kind == "ITRF" or self.kind in CARRIED:
             return _from_itrf(turn, r, v, a, fn)
         equinoxes = -turn[2]
         if self.kind == "TOD" and self.at is None:
@@ -362,6 +365,8 @@ class TableEphemeris:
         self.provenance = provenance
         self.sigma_km = sigma_km
         """The standard deviation of places that the file states as a whole, None where it states none."""
+        self.t0: Utc | None = None
+        """From when the table counts its times; None where they are absolute."""
         usable = [one for one in segments if len(one.since_s) > 1]
         if not usable:
             raise EphemerisError(
@@ -404,8 +409,15 @@ class TableEphemeris:
 
     @property
     def ranged(self) -> bool:
-        """Tell that the distance is known."""
-        return True
+        """Tell whether the distance is known."""
+        return self.segments[0].frame.kind != "SIGHT"
+
+    def later(self, seconds: float) -> TableEphemeris:
+        """Return the same path, begun so much later."""
+        moved = copy(self)
+        moved.segments = tuple(replace(one, zero_s=one.zero_s + seconds) for one in self.segments)
+        moved.t0 = None if self.t0 is None else self.t0.plus(seconds)
+        return moved
 
     def covariance(self, at: Utc) -> Covariance | None:
         """Return the covariance of the nearest instant for which the file gives one."""
@@ -436,7 +448,8 @@ class TableStates:
         self._starts = np.array([float(one.span[0].unix_s) for one in ephemeris.segments])
         self._ends = np.array([float(one.span[1].unix_s) for one in ephemeris.segments])
         for one in ephemeris.segments:
-            _check_gravity(one, ephemeris, earth)
+            if one.frame.kind not in CARRIED:
+                _check_gravity(one, ephemeris, earth)
 
     def at(self, unix_s: float, later_s: float) -> State:
         """Return the state at POSIX seconds of UTC plus `later_s`. Raises EphemerisSpanError."""
@@ -446,7 +459,8 @@ class TableStates:
             raise self._outside(index, moved)
         one = self._ephemeris.segments[index]
         native = one.native((unix_s - one.zero_s) + leaps_s(unix_s) + later_s).tolist()
-        return (*one.frame.to_teme(self._earth, moved, tuple(native), FLOATS), 0)
+        turned_s = unix_s if one.frame.kind in CARRIED else moved
+        return (*one.frame.to_teme(self._earth, turned_s, tuple(native), FLOATS), 0)
 
     def at_many(self, unix_s: Array, later_s: Quantity) -> State:
         """Return states at an array of instants: NaN, and an error number last, where there are no rows."""
@@ -462,7 +476,8 @@ class TableStates:
             at = unix_s[rows]
             later = later_s[rows] if isinstance(later_s, np.ndarray) else later_s
             native = one.native_many((at - one.zero_s) + leaps_s(at) + later)
-            states[:, rows] = one.frame.to_teme(self._earth, at + later, tuple(native), ARRAYS)
+            turned_s = at if one.frame.kind in CARRIED else at + later
+            states[:, rows] = one.frame.to_teme(self._earth, turned_s, tuple(native), ARRAYS)
         return (*states, error)
 
     def _outside(self, index: int, moved: float) -> EphemerisSpanError:

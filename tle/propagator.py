@@ -104,8 +104,8 @@ class Propagator:
             f"{site.longitude_deg:g}, {site.height_m:g} m: {self.place} place{air}{bias}>"
         )
 
-    def with_elements(self, elements: Elements) -> Propagator:
-        """Return the same propagator for other elements, without a bias. Raises PropagationError."""
+    def with_elements(self, elements: Elements | Ephemeris) -> Propagator:
+        """Return the same propagator for another object, without a bias. Raises PropagationError."""
         return Propagator(
             elements, self.site, NO_BIAS, self.earth, self.refraction, self.place, self.diurnal_aberration
         )

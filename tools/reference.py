@@ -50,7 +50,7 @@ MEANINGS = {
     "min_altitude_deg": "follow above this altitude",
     "fetch_by_name": "fetch a named satellite from CelesTrak when no elements are set",
     "zone": "time zone in which times are shown, such as `Europe/Amsterdam`; the system's if left out",
-    "stars": "a file of the Hipparcos catalogue (`hip_main.dat` of CDS I/239), for targets such as `Vega`",
+    "stars": "a file of the Hipparcos catalogue (`hip_main.dat` of CDS I/239), for fainter stars than 6.5",
     "safety.floor_altitude_deg": "lowest altitude in every direction",
     "safety.horizon": "file of the skyline: azimuth and altitude on each line",
     "safety.optical": "whether the telescope has optics; `false` switches the Sun's cone off",

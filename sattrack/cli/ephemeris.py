@@ -120,7 +120,7 @@ def command(context: CommandContext, target: str, **options: Any) -> int:
     if options["plot"]:
         _plot(options["plot"], elements, seen)
     absent = set() if elements.ranged else {"range_km", "range_rate_km_s"}
-    if isinstance(elements, Body) and elements.shines:
+    if elements.shines if isinstance(elements, Body) else not elements.ranged:
         absent.add("sunlit")
     _print(seen, "json" if context.json else options["style"], frozenset(absent))
     return 0

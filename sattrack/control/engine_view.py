@@ -23,6 +23,8 @@ from sattrack.views.run import (
     TrackView,
 )
 from tle.bodies import Body
+from tle.elements import expected_error_m
+from tle.instants import Utc
 
 if TYPE_CHECKING:
     from sattrack.control.engine import Engine
@@ -55,9 +57,9 @@ def view_of(engine: Engine, now_utc_s: float) -> TrackView:
         name=followed.label,
         catalog_number=followed.catalog_number or None,
         mount=spec.mount_name,
-        start_utc_s=spec.plan.start_utc_s,
-        culminate_utc_s=spec.culminate_utc_s,
-        end_utc_s=spec.plan.end_utc_s,
+        start_utc_s=tracker.plan.start_utc_s,
+        culminate_utc_s=spec.culminate_utc_s + tracker.slipped_s,
+        end_utc_s=tracker.plan.end_utc_s,
         max_alt_deg=spec.max_alt_deg,
         elements_age_s=None if isinstance(followed, Body) else now_utc_s - float(followed.epoch.unix_s),
         target_ra_deg=float(target.ra_deg),
@@ -90,6 +92,9 @@ def view_of(engine: Engine, now_utc_s: float) -> TrackView:
         learnt=learnt_view(engine),
         stages=tuple(engine.stages),
         loop=loop_view(tracker, now_utc_s),
+        t0_utc_s=tracker.t0_utc_s,
+        source=followed.provenance,
+        expected_error_m=expected_error_m(followed, Utc(now_utc_s)),
     )
 
 

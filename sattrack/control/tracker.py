@@ -18,7 +18,8 @@ from sattrack.control.rest import Rest
 from sattrack.control.steering import Steering
 from sattrack.control.target import Detour, SatelliteTarget, TargetState, sky_error
 from sattrack.mount.model import Hold, Motion, MountProfile, MoveAxes, Slew, StatusSample, Stop
-from sattrack.views.messages import Go, Jog, Message, Observation, Pause, Search, SeenOffset, StopNow
+from sattrack.views.messages import Go, Jog, Message, Observation, Pause, Search, SeenOffset, Slip, StopNow
+from tle.ephemeris import TableEphemeris
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -82,6 +83,8 @@ class Tracker:
         self._way = Approach(profile, self.direction_at, plan.law.feeder)
         self._stand = MountPlace(0.0, 0.0, 0.0)
         self._near = 0
+        self.slipped_s = 0.0
+        """How much later T0 is than the plan began with."""
         self._moved_by_rates = False
         """Whether the mount is in MoveAxis as a pause ends."""
         self.phase = Phase.WAITING
@@ -100,8 +103,42 @@ class Tracker:
 
     def use(self, propagator: Propagator) -> None:
         """Take directions from another propagator of the same satellite from now on."""
+        if self.slipped_s and isinstance(propagator.elements, TableEphemeris):
+            propagator = propagator.with_elements(propagator.elements.later(self.slipped_s))
         self.steering.biases.use(propagator)
         self._satellite.forget()
+
+    @property
+    def t0_utc_s(self) -> float | None:
+        """When the launch that is followed begins; None for anything else."""
+        known = self.steering.biases.course.propagator.elements
+        t0 = known.t0 if isinstance(known, TableEphemeris) else None
+        return None if t0 is None else float(t0.unix_s)
+
+    def _slip(self, seconds: float, now_utc_s: float) -> None:
+        """Have T0 later by some seconds, and all that was planned."""
+        propagator = self.steering.biases.course.propagator
+        known = propagator.elements
+        if not isinstance(known, TableEphemeris) or known.t0 is None:
+            self.steering.tell("only a table from T0 slips", now_utc_s)
+            return
+        if self.phase is Phase.STOPPING:
+            return
+        self.steering.tell(None, now_utc_s)
+        self.slipped_s += seconds
+        # Detours are those of the path at its old time.
+        self.plan = msgspec.structs.replace(
+            self.plan,
+            start_utc_s=self.plan.start_utc_s + seconds,
+            end_utc_s=self.plan.end_utc_s + seconds,
+            detours=(),
+        )
+        self._satellite = SatelliteTarget(self.direction_at, ())
+        self.steering.biases.use(propagator.with_elements(known.later(seconds)))
+        if self.phase is Phase.SLEWING:
+            self.phase = Phase.WAITING
+        elif self.phase is Phase.TRACKING:
+            self.phase, self._near = Phase.ACQUIRING, 0
 
     @property
     def trouble(self) -> str | None:
@@ -138,6 +175,8 @@ class Tracker:
                 self._go_on(now_utc_s)
             case Jog():
                 self._jog(message, now_utc_s)
+            case Slip():
+                self._slip(message.seconds, now_utc_s)
             case SeenOffset() if (why := self._not_seen(message)) is not None:
                 self.steering.estimator.refuse(why)
             case Search() if self.rest is not None:

@@ -14,7 +14,15 @@ import numpy as np
 
 from tle.bodies import Body, StarPlace
 from tle.earth import EarthOrientation
-from tle.ephemeris import Frame, FrameKind, Interpolation, Segment, TableEphemeris, leaps_s
+from tle.ephemeris import (
+    CARRIED,
+    Frame,
+    FrameKind,
+    Interpolation,
+    Segment,
+    TableEphemeris,
+    leaps_s,
+)
 from tle.errors import EphemerisError
 from tle.instants import Utc
 from tle.propagator import gravity_km_s2
@@ -29,6 +37,8 @@ if TYPE_CHECKING:
 
 MARGIN_S = 1800.0
 """How long before the run, and after its end, there are places: for screens, slews and biases."""
+REST_S = 86400.0
+"""How long something that is no orbit is kept at rest before its first row, and after its last."""
 STEP_S = 60.0
 """The step of rows that continue a table beyond its ends."""
 
@@ -64,6 +74,7 @@ class TargetFacts(msgspec.Struct, frozen=True):
     catalog_number: int = 0
     source: str = ""
     sigma_km: float | None = None
+    t0: Utc | None = None
     segments: tuple[SegmentFacts, ...] = ()
     body: BodyFacts | None = None
 
@@ -72,7 +83,7 @@ class TargetFacts(msgspec.Struct, frozen=True):
         if self.body is not None:
             parts = {key: np.array(rows) for key, rows in self.body.parts.items()}
             return Body(self.name, self.body.star, parts)
-        return TableEphemeris(
+        table = TableEphemeris(
             self.name,
             [_segment(one) for one in self.segments],
             self.provenance,
@@ -81,13 +92,16 @@ class TargetFacts(msgspec.Struct, frozen=True):
             source=self.source,
             sigma_km=self.sigma_km,
         )
+        table.t0 = self.t0
+        return table
 
 
 def target_facts(target: Ephemeris, begin_utc_s: float, end_utc_s: float) -> TargetFacts:
     """Return what is kept of a target for a run between two instants, POSIX seconds.
 
     Of a table it is the rows from which the places of the run are interpolated, continued beyond the table's
-    ends by gravity alone, so that a slew can be planned before its first row, and a bias lead past its last.
+    ends, so that a slew can be planned before its first row, and a bias lead past its last: by gravity alone,
+    or at rest what is no orbit.
     Raises TleError, and EphemerisError for a target of another kind.
     """
     begin_s, end_s = begin_utc_s - MARGIN_S, end_utc_s + MARGIN_S
@@ -105,6 +119,7 @@ def target_facts(target: Ephemeris, begin_utc_s: float, end_utc_s: float) -> Tar
         target.catalog_number,
         target.source,
         None if known is None else known.sigma_km,
+        target.t0,
         _kept_segments(target, end_utc_s, begin_s, end_s),
     )
 
@@ -139,6 +154,9 @@ def _kept_segments(
         if float(one.span[1].unix_s) > max(first_s, begin_s)
         and float(one.span[0].unix_s) < min(last_s, end_s)
     ]
+    if target.segments[0].frame.kind in CARRIED:
+        rest = (_rest(kept[0], 0, first_s - REST_S), _rest(kept[-1], -1, last_s + REST_S))
+        return (rest[0], *kept, rest[1])
     states = target.states(EarthOrientation.installed())
     if begin_s < first_s:
         kept.insert(0, _fall(states.at(first_s, 0.0), first_s, begin_s - first_s))
@@ -165,6 +183,22 @@ def _rows(one: Segment, begin_s: float, end_s: float) -> SegmentFacts:
         one.interpolation.rows,
         one.interpolation.with_velocities,
         (max(one.use_s[0], begin), min(one.use_s[1], end)),
+    )
+
+
+def _rest(rows: SegmentFacts, end: int, to_utc_s: float) -> SegmentFacts:
+    """Return a place fixed to the Earth, kept from the first or last row of a table to an instant."""
+    at_s = rows.use_s[end]
+    to_s = to_utc_s + float(leaps_s(to_utc_s)) - rows.zero_s
+    since_s = sorted((at_s, to_s))
+    place = rows.place_km[end]
+    return msgspec.structs.replace(
+        rows,
+        since_s=since_s,
+        place_km=[place, place],
+        velocity_km_s=[[0.0] * 3] * 2,
+        rows=2,
+        use_s=(since_s[0], since_s[1]),
     )
 
 

@@ -86,6 +86,8 @@ class TrackApp(RunKeys):
         Binding("r", "reset", "reset frame"),
         Binding("0", "clear_bias", "clear bias"),
         Binding("m", "drop_remembered", "drop remembered bias"),
+        Binding("plus", "slip(1)", "T0 later"),
+        Binding("minus", "slip(-1)", "T0 earlier"),
         Binding("v", "sky", "sky alone"),
     ]
 

@@ -233,7 +233,7 @@ class TimesPanel(Panel):
             self._row("culmination", view.culminate_utc_s, view.utc_s),
             labelled("", f"at {view.max_alt_deg:.1f}°", cells=12),
             self._row(last, view.end_utc_s, view.utc_s),
-            labelled("elements", _elements(scene), cells=12),
+            labelled(*_source(scene), cells=12),
             labelled("recording", _recording(scene, self.content_size.width - 12), cells=12),
         ]
 
@@ -406,7 +406,7 @@ class RunPanel(Panel):
 
     def full(self, scene: Scene) -> list[Row]:
         """Return the row."""
-        row = labelled("elements", _elements(scene))
+        row = labelled(*_source(scene))
         expected = field_of(scene.sky, scene.view)
         if expected is not None:
             along, across = (
@@ -443,8 +443,21 @@ class FieldPanel(Panel):
         ]
 
 
-def _elements(scene: Scene) -> Part:
-    return "-" if scene.view.elements_age_s is None else f"{_elements_age(scene)} old"
+def _source(scene: Scene) -> tuple[str, Part]:
+    """Return what gives the target's places, as a label and its figures."""
+    view = scene.view
+    if view.source is None or view.source.startswith("SGP4"):
+        old = "-" if view.elements_age_s is None else f"{_elements_age(scene)} old"
+        return "elements", old
+    words = [view.source]
+    if view.expected_error_m is not None:
+        words.append(f"{view.expected_error_m:.3g} m")
+    if view.t0_utc_s is not None:
+        since_s = math.floor(view.utc_s - view.t0_utc_s)
+        words.insert(0, f"T{since_s:+d} s")
+    elif view.elements_age_s is not None:
+        words.append(f"{_elements_age(scene)} old")
+    return "source", ", ".join(words)
 
 
 def _elements_age(scene: Scene) -> str:

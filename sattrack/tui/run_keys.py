@@ -151,6 +151,11 @@ class RunKeys(ScreenApp):
         if self._may_move():
             self._send(DropRemembered())
 
+    def action_slip(self, way: int) -> None:
+        """Have the T0 of a launch later, or earlier."""
+        if self._may_move():
+            self._send_all(self._offsets.slip(way))
+
     def _send_all(self, messages: Sequence[Message]) -> None:
         for message in messages:
             self._send(message)

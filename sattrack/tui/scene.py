@@ -10,7 +10,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, NamedTuple
 
 from sattrack.views import formatting
-from sattrack.views.messages import ClearBias, Nudge, OffsetBy, Search
+from sattrack.views.messages import ClearBias, Nudge, OffsetBy, Search, Slip
 from sattrack.views.run import STARTER
 
 if TYPE_CHECKING:
@@ -364,6 +364,7 @@ SWEEP_PERIOD_S = 20.0
 GRADUAL_STEPS = 10.0
 GRADUAL_S = 20.0
 """A gradual nudge goes ten steps in so many seconds."""
+SLIP_S = 10.0
 UNDO_AT_MOST = 100
 SHOWN_AFTER_S = 0.5
 """After how long a view shows what was asked for at the latest."""
@@ -448,6 +449,11 @@ class OffsetKeys:
         self._keep_totals(view, None)
         self._asked.clear()
         return [ClearBias()]
+
+    def slip(self, way: int) -> list[Message]:
+        """Have the T0 of a launch later, or earlier, by a step."""
+        self._keep(Slip(-way * SLIP_S))
+        return [Slip(way * SLIP_S)]
 
     def undo(self, view: TrackView | None = None) -> list[Message]:
         """Take back what was done last to the offsets."""

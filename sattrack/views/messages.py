@@ -3,7 +3,7 @@
 To a run, from an operator or a camera's program:
 
 `{"type":"nudge","along_s":0.1}`, `{"type":"clear_bias"}`, `{"type":"drop_remembered"}`, `{"type":"stop"}`,
-`{"type":"pause"}`, `{"type":"jog","dec_rate_deg_s":0.1}`, `{"type":"go"}`,
+`{"type":"pause"}`, `{"type":"jog","dec_rate_deg_s":0.1}`, `{"type":"go"}`, `{"type":"slip","seconds":60}`,
 `{"type":"offset","what":"along_s","how":"add","value":0.5}`,
 `{"type":"search","how":"spiral","spacing_deg":0.05,"speed_deg_s":0.05}`,
 `{"type":"observation","utc":"2026-10-02T13:05:24.5Z","ra_deg":1.2,"dec_deg":3.4,"frame":"icrs",
@@ -44,6 +44,7 @@ axes' own angles; the camera's two directions. Degrees but for the first."""
 How = Literal["add", "set", "rate", "gradual", "stop", "reset"]
 SearchHow = Literal["spiral", "sweep", "auto", "stop", "cancel"]
 ObservedFrame = Literal["icrs", "j2000", "of_date"]
+MOST_SLIP_S = 86400.0
 MOST_SIGMA_ARCSEC = 3600.0
 LEAST_SIGMA_ARCSEC = 0.01
 LEAST_SIGMA_PX = 0.001
@@ -88,6 +89,17 @@ class Jog(msgspec.Struct, frozen=True, tag="jog", forbid_unknown_fields=True):
 
     ra_rate_deg_s: float | None = None
     dec_rate_deg_s: float | None = None
+
+
+class Slip(msgspec.Struct, frozen=True, tag="slip", forbid_unknown_fields=True):
+    """The T0 of the launch that is followed is later by so many seconds than was known; negative: earlier."""
+
+    seconds: float
+
+    def __post_init__(self) -> None:
+        """Raise ValueError for more than MOST_SLIP_S."""
+        if not abs(self.seconds) <= MOST_SLIP_S:
+            raise ValueError(f"seconds {self.seconds:g} is outside -{MOST_SLIP_S:g} to {MOST_SLIP_S:g}")
 
 
 class OffsetBy(msgspec.Struct, frozen=True, tag="offset", forbid_unknown_fields=True):
@@ -215,7 +227,7 @@ class SeenOffset(msgspec.Struct, frozen=True, tag="offset", forbid_unknown_field
 
 
 TaggedMessage = (
-    Nudge | ClearBias | DropRemembered | StopNow | OffsetBy | Search | Observation | Pause | Go | Jog
+    Nudge | ClearBias | DropRemembered | StopNow | OffsetBy | Search | Observation | Pause | Go | Jog | Slip
 )
 """The messages that their types tell apart."""
 Message = TaggedMessage | SeenOffset

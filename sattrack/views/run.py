@@ -229,6 +229,12 @@ class TrackView(msgspec.Struct, frozen=True, tag="view"):
     """The last stages, the newest at the end."""
     loop: LoopView | None = None
     """None where no camera is set and no observation has come."""
+    t0_utc_s: float | None = None
+    """T0 of a launch, as it stands; None for anything else."""
+    source: str | None = None
+    """What gives the target's places."""
+    expected_error_m: float | None = None
+    """By how much they miss it, typically; None where nothing tells."""
 
 
 class SkyPoint(msgspec.Struct, frozen=True, array_like=True):

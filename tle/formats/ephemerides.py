@@ -1,4 +1,4 @@
-"""Files of ephemerides: CPF, OEM and SP3, told apart by what is in them, packed or not."""
+"""Files of ephemerides: CPF, OEM, SP3 and tables, told apart by what is in them, packed or not."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tle.errors import EphemerisError, SatelliteNotFoundError, SourceError
-from tle.formats import cpf, oem, sp3
+from tle.formats import cpf, oem, sp3, track_table
 from tle.formats.rows import Lines
 from tle.sources import gunzipped, listed, plain_name
 
 if TYPE_CHECKING:
     from tle.ephemeris import TableEphemeris
+    from tle.instants import Utc
+    from tle.site import Site
 
 _MOST_BYTES = 512 * 1024 * 1024
 _COMPRESSED = b"\x1f\x9d"
@@ -23,9 +25,12 @@ _READERS = (
 )
 
 
-def read_ephemerides(path: str | Path) -> list[TableEphemeris]:
+def read_ephemerides(
+    path: str | Path, site: Site | None = None, t0: Utc | None = None
+) -> list[TableEphemeris]:
     """Return the ephemerides in a file, which may be packed by gzip or compress.
 
+    A table of directions needs the site that they are seen from, one of seconds from T0 the instant of T0.
     Raises SourceError where it cannot be read, and EphemerisError with the line where it cannot be used.
     """
     try:
@@ -33,19 +38,28 @@ def read_ephemerides(path: str | Path) -> list[TableEphemeris]:
     except (OSError, ValueError) as error:
         why = (error.strerror or str(error)) if isinstance(error, OSError) else str(error)
         raise SourceError(f"{path}: cannot read the ephemeris: {why}") from None
-    return parse_ephemerides(data, str(path))
+    return parse_ephemerides(data, str(path), site, t0)
 
 
-def parse_ephemerides(data: bytes, source: str = "") -> list[TableEphemeris]:
-    """Return the ephemerides in what a file holds. Raises EphemerisError, naming the line."""
+def parse_ephemerides(
+    data: bytes, source: str = "", site: Site | None = None, t0: Utc | None = None
+) -> list[TableEphemeris]:
+    """Return the ephemerides in what a file holds, see `read_ephemerides`. Raises EphemerisError."""
     text = _unpacked(data, source)
     if not text.strip():
-        raise EphemerisError("it is empty: give a CPF, OEM or SP3 file", source=source)
+        raise EphemerisError("it is empty: give a CPF, OEM or SP3 file, or a table", source=source)
     lines = Lines(text, source)
+    if track_table.recognised(lines):
+        return track_table.parse_track(lines, site, t0)
+    if t0 is not None:
+        raise lines.error(0, "its times are absolute: --t0 goes with a table whose first column is t_s")
     for recognised, parse in _READERS:
         if recognised(lines):
             return parse(lines)
-    raise lines.error(0, "this is neither CPF nor OEM nor SP3: give a file of one of these")
+    raise lines.error(
+        0,
+        "this is neither CPF nor OEM nor SP3, nor a table that begins with utc or t_s: give a file of these",
+    )
 
 
 def _unpacked(data: bytes, source: str) -> bytes:

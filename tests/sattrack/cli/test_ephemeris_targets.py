@@ -110,9 +110,11 @@ def test_a_star_is_one_of_the_catalogue_that_the_settings_name(ask, tmp_path):
     ]
     assert rows[0] == rows[1]
     assert rows[0]["ra_deg"] == pytest.approx(279.46, abs=0.01)
-    code, _, err = ask("Vega", *SPAN)
+    # Without that setting it is one of the packaged stars.
+    assert json.loads(ask("Vega", "--json", *SPAN)[1])[0] == rows[0]
+    code, _, err = ask("HIP 87937", *SPAN)
     assert code == 2
-    assert "no star catalogue: set stars in sattrack.toml" in err
+    assert "none of the packaged stars, to magnitude 6.5: set stars in sattrack.toml" in err
     # A satellite of that name is the satellite.
     sets.write_text("\n".join(["VEGA", *ISS, ""]))
     row = json.loads(ask("Vega", "--config", str(settings), "--elements", str(sets), "--json", *SPAN)[1])[0]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
+import msgspec
 import numpy as np
 import pytest
 from ephemeris_files import elements, oem_text
@@ -23,10 +24,11 @@ from sattrack.runtime.facts import (
     open_recording,
     prepare,
 )
+from sattrack.runtime.flight import fly_virtual
 from sattrack.runtime.rehearse import choose_nth_pass
 from sattrack.runtime.target_facts import MARGIN_S, target_facts
 from sattrack.safety import SafetyLimits
-from sattrack.views.messages import Observation
+from sattrack.views.messages import Observation, Slip, decode_message
 from tle.bodies import find_body
 from tle.formats.ephemerides import parse_ephemerides
 from tle.instants import Utc
@@ -203,3 +205,87 @@ def test_the_sun_is_followed_through_a_stated_filter_only():
 def test_an_antenna_takes_element_sets_only(capsys):
     assert run(["track", "Moon", *SITE, "--mount", "antenna://localhost:9"]) == 2
     assert "fed from element sets only" in capsys.readouterr().err
+
+
+LAUNCH = """# name: Launch
+t_s,lat_deg,lon_deg,height_m
+""" + "".join(f"{t},52.2,{4.6 + 2e-5 * t * t},{10 + 12.5 * t * t}\n" for t in range(0, 121, 5))
+T0 = "2026-10-02T13:05:00Z"
+
+
+def launch():
+    (one,) = parse_ephemerides(LAUNCH.encode(), "launch.csv", LEIDEN, Utc.parse(T0))
+    return one
+
+
+def test_a_launch_is_followed_from_its_pad_and_replayed_without_the_table(capsys, tmp_path):
+    table, recording = tmp_path / "launch.csv", tmp_path / "launch.mcap"
+    table.write_text(LAUNCH)
+    summary = track(capsys, recording, str(table), "--t0", T0, "--clock", "2026-10-02T13:03:00Z")
+    assert (summary["name"], summary["ended_by"]) == ("Launch", "set")
+    assert summary["ended_utc"].startswith("2026-10-02T13:07:0")
+    assert summary["on_target_s"] > 90.0
+    assert summary["true_rms_arcsec"] < 0.2
+    table.unlink()
+    replayed(recording)
+
+
+def test_a_launch_that_is_over_is_refused_and_one_under_way_is_followed(capsys, tmp_path):
+    table = tmp_path / "launch.csv"
+    table.write_text(LAUNCH)
+    common = (str(table), *SITE, "--mount", "sim", "--virtual", "--json", "--t0", T0)
+    assert run(["track", *common, "--clock", "2026-10-02T14:00:00Z"]) == 1
+    words = "launch.csv is from 2026-10-02T13:05:00.000Z to 2026-10-02T13:07:00.000Z: ask within that"
+    assert words in capsys.readouterr().err
+    assert run(["track", *common, "--clock", "2026-10-02T13:05:40Z"]) == 0
+    assert json.loads(capsys.readouterr().out)["summary"]["on_target_s"] > 30.0
+
+
+def test_what_is_no_orbit_rests_before_its_first_row_and_after_its_last():
+    facts = prepare(request(launch())).facts
+    here = [Propagator(facts.target, LEIDEN).at(Utc(seconds(T0) + s)) for s in (-3000.0, 0.0, 120.0, 4000.0)]
+    for rested, moving in (here[:2], here[:1:-1]):
+        assert rested.az_deg == pytest.approx(moving.az_deg, abs=1e-6)
+        assert rested.alt_deg == pytest.approx(moving.alt_deg, abs=1e-6)
+
+
+def test_t0_slips_in_a_run_and_the_launch_is_followed_at_its_new_time(tmp_path):
+    recording = tmp_path / "launch.mcap"
+    prepared = prepare(request(launch(), clock_option="2026-10-02T13:03:00Z", record=recording))
+    views = []
+    held = (seconds("2026-10-02T13:04:50Z"), Slip(60.0)), (seconds("2026-10-02T13:05:30Z"), Slip(-20.0))
+    summary = fly_virtual(prepared, views.append, messages=held)
+    assert summary.ended_by == "set"
+    # 120 s of the path after T0, which is 40 s later.
+    assert seconds(summary.ended_utc) == pytest.approx(seconds(T0) + 160.0, abs=3.0)
+    assert summary.on_target_s > 90.0
+    assert summary.true_rms_arcsec < 0.2
+    assert {round(view.t0_utc_s - seconds(T0)) for view in views} == {0, 60, 40}
+    assert views[-1].end_utc_s == pytest.approx(seconds(T0) + 160.0)
+    replayed(recording)
+
+
+def test_t0_that_slips_while_it_is_followed_is_caught_up_with():
+    prepared = prepare(request(launch(), clock_option="2026-10-02T13:03:00Z"))
+    views = []
+    summary = fly_virtual(prepared, views.append, messages=((seconds(T0) + 70.0, Slip(-5.0)),))
+    assert summary.ended_by == "set"
+    assert seconds(summary.ended_utc) == pytest.approx(seconds(T0) + 115.0, abs=3.0)
+    last = [view for view in views if view.error is not None and view.phase == "tracking"][-1]
+    assert last.utc_s > seconds(T0) + 100.0
+    assert last.error.total_arcsec < 2.0
+
+
+def test_only_a_launch_slips():
+    engine = build_engine(prepare(request(rows())).facts)
+    before = engine.tracker.plan
+    engine.operate(Slip(10.0), engine.spec.started_utc_s)
+    assert engine.tracker.plan == before
+    assert engine.tracker.steering.refusal == "only a table from T0 slips"
+
+
+@pytest.mark.parametrize("line", ['{"type":"slip"}', '{"type":"slip","seconds":1e6}'])
+def test_a_slip_without_seconds_or_of_more_than_a_day_is_no_message(line):
+    with pytest.raises(msgspec.MsgspecError):
+        decode_message(line.encode())
+    assert decode_message(b'{"type":"slip","seconds":-90}') == Slip(-90.0)

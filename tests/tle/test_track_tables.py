@@ -1,0 +1,225 @@
+"""Tables of az/alt, RA/Dec and latitude/longitude/height against skyfield, ERFA and closed forms."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import erfa
+import numpy as np
+import pytest
+
+from tle.bias import Bias
+from tle.earth import EarthOrientation
+from tle.errors import EphemerisError, EphemerisSpanError
+from tle.formats.ephemerides import parse_ephemerides
+from tle.instants import Utc
+from tle.propagator import Propagator
+from tle.site import Site
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from tle.ephemeris import TableEphemeris
+
+    Array = NDArray[np.float64]
+
+START = "2026-03-01T20:00:00Z"
+START_S = float(Utc.parse(START).unix_s)
+LEIDEN = Site(52.15, 4.49, 12.0)
+ARCSEC = np.pi / 648000.0
+
+
+def stamp(since_s: float) -> str:
+    return Utc(START_S + since_s).isoformat("microseconds")
+
+
+def read(text: str, t0: Utc | None = None, site: Site | None = LEIDEN) -> TableEphemeris:
+    (one,) = parse_ephemerides(text.encode(), "track.csv", site, t0)
+    return one
+
+
+def table(columns: str, times: Array, path: Callable[[float], tuple[float, ...]], notes: str = "") -> str:
+    rows = [",".join([stamp(t), *(f"{value:.12f}" for value in path(t))]) for t in times.tolist()]
+    return "\n".join([notes + columns, *rows, ""])
+
+
+def apart_arcsec(az: float, alt: float, wanted: tuple[float, float]) -> float:
+    return float(erfa.seps(*np.radians([az, alt]), *np.radians(wanted)) / ARCSEC)
+
+
+def rate(path: Callable[[float], float], t: float) -> float:
+    """Return the derivative of an angle by differences of fourth order, at steps that floats hold exactly."""
+    step = 1.0 / 16.0
+    near, far = ((path(t + s) - path(t - s) + 180.0) % 360.0 - 180.0 for s in (step, 2.0 * step))
+    return (8.0 * near - far) / (12.0 * step)
+
+
+def overhead(t: float) -> tuple[float, float]:
+    """Return alt and az of something that flies straight at 7.5 km/s, 500 km up."""
+    east, north = 7.5 * (t - 150.0), -400.0
+    return float(np.degrees(np.arctan2(500.0, np.hypot(east, north)))), float(
+        np.degrees(np.arctan2(east, north)) % 360.0
+    )
+
+
+def test_az_and_alt_are_met_between_rows_with_the_rates_of_the_path() -> None:
+    one = read(table("utc,alt_deg,az_deg", np.arange(301.0), overhead))
+    seen_by = Propagator(one, LEIDEN)
+    for t in (0.5, 77.25, 149.625, 150.5, 222.75, 299.5):
+        seen = seen_by.at(Utc(START_S + t))
+        assert apart_arcsec(seen.az_deg, seen.alt_deg, overhead(t)[::-1]) < 0.01
+        assert seen.alt_rate_deg_s == pytest.approx(rate(lambda s: overhead(s)[0], t), abs=1e-4 / 3600)
+        assert seen.az_rate_deg_s == pytest.approx(rate(lambda s: overhead(s)[1], t), abs=1e-4 / 3600)
+    assert not one.ranged
+
+
+@pytest.mark.parametrize("t", [3.25, 149.625, 297.0])
+@pytest.mark.parametrize("steps", ["even", "uneven"])
+def test_rates_are_derivatives_of_the_places_given(t: float, steps: str) -> None:
+    times = np.arange(0.0, 301.0, 5.0)
+    if steps == "uneven":
+        times = times + 2.0 * np.sin(times)
+    seen_by = Propagator(read(table("utc,alt_deg,az_deg", times, overhead)), LEIDEN)
+    now = seen_by.at(Utc(START_S + t))
+    for name in ("alt", "az", "dec", "ra", "ha"):
+
+        def path(s: float, field: str = f"{name}_deg") -> float:
+            return float(getattr(seen_by.at(Utc(START_S + s)), field))
+
+        assert getattr(now, f"{name}_rate_deg_s") == pytest.approx(rate(path, t), abs=1e-4 / 3600), name
+
+
+def test_rates_do_not_jump_at_rows_of_noise() -> None:
+    noise = np.random.default_rng(1).normal(0.0, 0.01, 62)
+    times = np.arange(0.0, 301.0, 5.0)
+    seen_by = Propagator(
+        read(table("utc,alt_deg,az_deg", times, lambda t: (30.0 + t / 10.0 + noise[int(t / 5)], 90.0))),
+        LEIDEN,
+    )
+    for row in times[1:-1].tolist():
+        before, after = (seen_by.at(Utc(START_S + row + s)).alt_rate_deg_s for s in (-1e-5, 1e-5))
+        assert before == pytest.approx(after, abs=1e-6)
+
+
+def aircraft(t: float) -> tuple[float, float, float]:
+    return 52.3 - 1e-3 * t, 4.2 + 2e-3 * t + 1e-6 * t * t, 9000.0 + 5.0 * t
+
+
+@pytest.fixture(scope="module")
+def scale() -> Any:
+    from skyfield.api import load
+
+    at = EarthOrientation.installed().orientation(Utc(START_S))
+    made = load.timescale(delta_t=69.184 - at.dut1_s)
+    made.polar_motion_table = [0.0], [at.xp_arcsec], [at.yp_arcsec]
+    return made
+
+
+@pytest.mark.parametrize("relative", [False, True])
+def test_an_aircraft_is_seen_where_skyfield_has_it(scale: Any, relative: bool) -> None:
+    from skyfield.api import wgs84
+
+    times = np.arange(0.0, 301.0, 10.0)
+    text, t0 = table("utc,lat_deg,lon_deg,height_m", times, aircraft, "# name: G-ABCD\n"), None
+    if relative:
+        rows = "\n".join(",".join(map(str, (t, *aircraft(t)))) for t in times.tolist())
+        text, t0 = f"# name: G-ABCD\nt_s,lat_deg,lon_deg,height_m\n{rows}", Utc(START_S)
+    one = read(text, t0)
+    assert (one.label, one.ranged) == ("G-ABCD", True)
+    here = wgs84.latlon(LEIDEN.latitude_deg, LEIDEN.longitude_deg, LEIDEN.height_m)
+    for t in (4.3, 151.9, 296.0):
+        lat, lon, height = aircraft(t)
+        moment = scale.tt_jd(2440587.5 + START_S / 86400.0, (t + 69.184) / 86400.0)
+        alt, az, distance = (wgs84.latlon(lat, lon, height) - here).at(moment).altaz()
+        seen = Propagator(one, LEIDEN, place="geometric").at(Utc(START_S + t))
+        assert apart_arcsec(seen.az_deg, seen.alt_deg, (az.degrees, alt.degrees)) < 0.01
+        assert seen.range_km == pytest.approx(distance.km, abs=1e-5)
+        # Light time and aberration together are those of its motion against the Earth, 0.2 km/s.
+        apparent = Propagator(one, LEIDEN).at(Utc(START_S + t))
+        assert apart_arcsec(apparent.az_deg, apparent.alt_deg, (az.degrees, alt.degrees)) < 0.2
+
+
+def test_a_time_bias_moves_what_flies_and_not_the_ground_below() -> None:
+    one = read(table("utc,alt_deg,az_deg", np.arange(301.0), overhead))
+    seen = Propagator(one, LEIDEN).at(Utc(START_S + 100.0), Bias(20.0))
+    assert apart_arcsec(seen.az_deg, seen.alt_deg, overhead(120.0)[::-1]) < 0.01
+
+
+@pytest.mark.parametrize(("step", "unit"), [(1.0, 10.0), (600.0, 3000.0)])
+def test_places_among_the_stars_are_seen_where_erfa_has_them(step: float, unit: float) -> None:
+    def path(t: float) -> tuple[float, float]:
+        return 80.0 + t / unit, 20.0 + t / unit / 2.0
+
+    times = step * np.arange(40.0)
+    one = read(table("utc,ra_deg,dec_deg", times, path))
+    mas = ARCSEC / 1000.0
+    for t in (1.5 * step, 20.25 * step, 38.1 * step):
+        at = EarthOrientation.installed().orientation(Utc(START_S + t))
+        ra, dec = np.radians(path(t))
+        day = (START_S + t) // 86400.0
+        utc = 2440587.5 + day, (START_S + t - 86400.0 * day) / 86400.0
+        place = *np.radians([LEIDEN.longitude_deg, LEIDEN.latitude_deg]), LEIDEN.height_m
+        poles = at.xp_arcsec * ARCSEC, at.yp_arcsec * ARCSEC
+        air = 0.0, 0.0, 0.0, 0.5
+        az, zenith, *_ = erfa.atco13(ra, dec, 0.0 * mas, 0.0, 0.0, 0.0, *utc, at.dut1_s, *place, *poles, *air)
+        seen = Propagator(one, LEIDEN).at(Utc(START_S + t))
+        assert apart_arcsec(seen.az_deg, seen.alt_deg, (np.degrees(az), 90.0 - np.degrees(zenith))) < 0.01
+
+
+def test_of_date_is_the_right_ascension_that_comes_back() -> None:
+    one = read(
+        table(
+            "utc,ra_deg,dec_deg",
+            np.arange(0.0, 7200.0, 600.0),
+            lambda t: (t / 100.0, 45.0),
+            "# frame: of_date\n",
+        )
+    )
+    seen = Propagator(one, LEIDEN).at(Utc(START_S + 3333.0))
+    assert (seen.ra_deg, seen.dec_deg) == pytest.approx((33.33, 45.0), abs=0.005 / 3600)
+
+
+def test_gaps_and_ends_are_told() -> None:
+    times = np.concatenate([np.arange(0.0, 60.0), np.arange(200.0, 260.0)])
+    one = read(table("utc,alt_deg,az_deg", times, overhead))
+    assert [float(last.unix_s - first.unix_s) for first, last in one.spans] == [59.0, 59.0]
+    with pytest.raises(EphemerisSpanError, match=r"a gap in track.csv from .*20:00:59.000Z to .*03:20.000Z"):
+        Propagator(one, LEIDEN).at(Utc(START_S + 100.0))
+    with pytest.raises(EphemerisSpanError, match="ask within that"):
+        Propagator(one, LEIDEN).at(Utc(START_S + 261.0))
+    whole = read(table("utc,alt_deg,az_deg", times, overhead, "# gap_s: 200\n"))
+    assert len(whole.spans) == 1
+
+
+ROWS = f"{stamp(0)},10,20\n{stamp(1)},11,21\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("utc,alt_deg\n" + ROWS, r"track.csv:1: its columns are none of"),
+        (f"utc,alt_deg,az_deg\n{ROWS}{stamp(1)},12,22\n", "track.csv:4: its time is not after"),
+        (f"utc,alt_deg,az_deg\n{ROWS}{stamp(2)},12\n", "track.csv:4: a row has 1 numbers where 2"),
+        (f"utc,alt_deg,az_deg\n{ROWS}{stamp(2)},91,22\n", "track.csv:4: alt_deg is 91: 90 is the most"),
+        (f"utc,alt_deg,az_deg\n{ROWS}{stamp(2)},x,22\n", "track.csv:4: a row: 'x' is no number"),
+        (f"utc,alt_deg,az_deg\n{ROWS}2026-02-30T00:00:00Z,1,22\n", "track.csv:4: .* is no time"),
+        (f"utc,alt_deg,az_deg\n{stamp(0)},10,20\n", "track.csv:1: it has not two rows"),
+        ("# gap_s: -1\nutc,alt_deg,az_deg\n" + ROWS, "track.csv:2: # gap_s: -1: give a number above 0"),
+        ("# frame: b1950\nutc,ra_deg,dec_deg\n" + ROWS, "track.csv:2: frame 'b1950' is not known"),
+        ("t_s,alt_deg,az_deg\n0,1,2\n1,2,3\n", "its times count from T0: give --t0 UTC"),
+        ("# t0: soon\nt_s,alt_deg,az_deg\n0,1,2\n1,2,3\n", "track.csv:2: # t0: "),
+    ],
+)
+def test_a_bad_table_is_refused_with_its_line(text: str, words: str) -> None:
+    with pytest.raises(EphemerisError, match=words):
+        read(text)
+
+
+def test_directions_want_a_site_and_absolute_times_no_t0() -> None:
+    text = "utc,alt_deg,az_deg\n" + ROWS
+    with pytest.raises(EphemerisError, match="directions hold for one site: give --site"):
+        read(text, site=None)
+    with pytest.raises(EphemerisError, match="its times are UTC"):
+        read(text, t0=Utc(START_S))

@@ -1,0 +1,286 @@
+"""Tables of where something is or is seen: CSV of time with az/alt, RA/Dec, or latitude/longitude/height.
+
+The first line that is no comment names the columns, the time first: `utc` (ISO 8601) or `t_s` (seconds from
+T0). Comments before it say more: `# name: Balloon 7`, `# frame: of_date` (RA/Dec are ICRS without), `# gap_s:
+60`, `# sigma_m: 30`. Rows become places fixed to the Earth, with the velocities that the rows tell: degree 7
+and velocities by seven rows where they are evenly spaced, degree 3 by three where not; both without a jump in
+rate. Directions hold for one site, and are of light as it arrives, without air.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+import erfa
+import numpy as np
+
+from tle.earth import EarthOrientation
+from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris, leaps_s, utc_of_tai
+from tle.errors import TleError, printable
+from tle.formats.rows import Lines, tai_s
+from tle.instants import ARRAYS, DAY_S, MJD_JD, TT_MINUS_TAI_S, UNIX_EPOCH_MJD, Utc
+from tle.sun import LIGHT_KM_S
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from tle.site import Site
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+_COLUMNS = {
+    ("lat_deg", "lon_deg", "height_m"): (90.0, 360.0, 1e8),
+    ("alt_deg", "az_deg"): (90.0, 360.0),
+    ("dec_deg", "ra_deg"): (90.0, 360.0),
+}
+"""What rows may give, and the largest values."""
+_FRAMES = ("icrs", "of_date")
+# A direction has no distance. This one is short for light, and long for the rounding of places.
+_NEAR_KM = 10.0
+_LIGHT_TIME_S = _NEAR_KM / LIGHT_KM_S
+# Directions among the stars turn with the sky against the Earth: rows are put in between, no further apart.
+_STEP_S = 60.0
+_GAP_STEPS = 10.0
+_STENCIL = 7
+_EVEN = 1e-6
+_SLOPE_STEP_S = 0.5
+
+
+class _Header(NamedTuple):
+    line: int
+    """Of the names of the columns, from 0."""
+    columns: list[str]
+    notes: dict[str, str]
+
+
+def recognised(lines: Lines) -> bool:
+    """Tell whether a text begins as such a table does."""
+    return _header(lines) is not None
+
+
+def _header(lines: Lines) -> _Header | None:
+    notes = {}
+    for line in range(min(len(lines), 200)):
+        text = lines.text(line).removeprefix("\ufeff")
+        if text.startswith("#"):
+            key, _, value = text.lstrip("# ").partition(":")
+            notes[key.strip().casefold()] = value.strip()
+        elif text:
+            columns = [word.strip().casefold() for word in text.split(",")]
+            return _Header(line, columns, notes) if columns[0] in ("utc", "t_s") else None
+    return None
+
+
+def parse_track(lines: Lines, site: Site | None = None, t0: Utc | None = None) -> list[TableEphemeris]:
+    """Return what a table gives, as seen from a site, its T0 being `t0`. Raises EphemerisError."""
+    header = _header(lines)
+    assert header is not None
+    kind = next((kind for kind in _COLUMNS if set(kind) <= set(header.columns)), None)
+    if kind is None:
+        names = "; ".join(",".join(sorted(one)) for one in _COLUMNS)
+        raise lines.error(header.line, f"its columns are none of {names}: name them after utc or t_s")
+    if len(kind) == 2 and site is None:
+        raise lines.error(header.line, "directions hold for one site: give --site")
+    relative = header.columns[0] == "t_s"
+    if relative and t0 is None:
+        t0 = _noted_t0(lines, header)
+    if not relative and t0 is not None:
+        raise lines.error(header.line, "its times are UTC: --t0 goes with a table whose first column is t_s")
+    rows = np.arange(header.line + 1, lines.last + 1)
+    rows = rows[(lines.first_bytes[rows] != 0) & (lines.first_bytes[rows] != ord("#"))]
+    if len(rows) < 2:
+        raise lines.error(header.line, "it has not two rows: nothing to interpolate")
+    plain = Lines(lines.data.replace(b",", b" "), lines.source)
+    zero_s, since_s, values = _rows(plain, rows, header.columns, t0)
+    wrong = np.flatnonzero(np.diff(since_s) <= 0.0)
+    if len(wrong):
+        raise lines.error(int(rows[wrong[0] + 1]), "its time is not after that of the row before it")
+    chosen = [values[:, header.columns.index(name) - 1] for name in kind]
+    for name, column, most in zip(kind, chosen, _COLUMNS[kind], strict=True):
+        bad = np.flatnonzero(np.abs(column) > most)
+        if len(bad):
+            raise lines.error(int(rows[bad[0]]), f"{name} is {column[bad[0]]:g}: {most:g} is the most")
+    gap_s = _noted(lines, header, "gap_s", _GAP_STEPS * float(np.median(np.diff(since_s))))
+    sigma_m = _noted(lines, header, "sigma_m", 0.0)
+    frame = header.notes.get("frame", _FRAMES[0]).casefold()
+    if frame not in _FRAMES:
+        raise lines.error(header.line, f"frame {printable(frame)!r} is not known: icrs or of_date")
+    cuts = np.flatnonzero(np.diff(since_s) > gap_s) + 1
+    segments = []
+    for part in np.split(np.arange(len(rows)), cuts):
+        if len(part) > 1:
+            track = _Track(zero_s, since_s[part], np.stack([column[part] for column in chosen]))
+            segments.append(_segment(track, kind, frame, site, lines.number(int(rows[part[0]]))))
+    if not segments:
+        raise lines.error(header.line, f"no two rows are nearer than {gap_s:g} s: say more by # gap_s")
+    name = header.notes.get("name") or re.sub(r"\.[^.]*$", "", lines.source.rpartition("/")[2]) or "track"
+    words = segments[0].interpolation.words
+    found = TableEphemeris(
+        printable(name),
+        segments,
+        f"table of {', '.join(sorted(kind))}, {words}",
+        epoch=utc_of_tai(zero_s, float(since_s[0])),
+        source=lines.source,
+        sigma_km=sigma_m / 1000.0 or None,
+    )
+    found.t0 = t0
+    return [found]
+
+
+def _noted(lines: Lines, header: _Header, key: str, default: float) -> float:
+    """Return a number that a comment gives, positive."""
+    text = header.notes.get(key)
+    if text is None:
+        return default
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 < value < float("inf"):
+        raise lines.error(header.line, f"# {key}: {printable(text)}: give a number above 0")
+    return value
+
+
+def _noted_t0(lines: Lines, header: _Header) -> Utc:
+    try:
+        return Utc.parse(header.notes["t0"])
+    except KeyError:
+        raise lines.error(header.line, "its times count from T0: give --t0 UTC") from None
+    except TleError as error:
+        raise lines.error(header.line, f"# t0: {error}") from None
+
+
+def _rows(lines: Lines, rows: Index, columns: list[str], t0: Utc | None) -> tuple[float, Array, Array]:
+    """Return a zero (TAI, POSIX seconds), seconds after it, and the other columns, shape (n, k)."""
+    if columns[0] == "utc":
+        days, seconds = lines.take_stamps(rows)
+        zero_s, since_s = tai_s("UTC", days, seconds)
+        return zero_s, since_s, lines.numbers(rows, len(columns) - 1, "a row")
+    assert t0 is not None
+    values = lines.numbers(rows, len(columns), "a row")
+    unix_s = float(t0.unix_s)
+    return unix_s + float(leaps_s(unix_s)), values[:, 0], values[:, 1:]
+
+
+class _Track(NamedTuple):
+    """Rows without a gap: seconds after a zero (TAI), shape (n,), and what they give, shape (2 or 3, n)."""
+
+    zero_s: float
+    since_s: Array
+    values: Array
+
+    def unix_s(self, since_s: Array) -> Array:
+        """Return POSIX seconds of UTC."""
+        tai = self.zero_s + since_s
+        unix_s: Array = tai - leaps_s(tai - leaps_s(tai))
+        return unix_s
+
+
+def _segment(track: _Track, kind: tuple[str, ...], frame: str, site: Site | None, line: int) -> Segment:
+    """Return rows as places fixed to the Earth, with velocities."""
+    since_s = track.since_s
+    first, second = np.radians(track.values[:2])
+    if kind[0] == "lat_deg":
+        places = erfa.gd2gc(1, second, first, track.values[2]) / 1000.0
+        return _curve(track.zero_s, since_s, places, Frame("GROUND", "WGS 84"), line)
+    assert site is not None
+    if kind[0] == "dec_deg":
+        return _of_the_sky(track, frame, site, line)
+    level = np.cos(first)
+    u = np.stack([level * np.sin(second), level * np.cos(second), np.sin(first)], axis=1)
+    places = np.array(site.itrs_km) + _NEAR_KM * u @ np.array([site.east, site.north, site.up])
+    return _curve(track.zero_s, since_s, places, Frame("SIGHT", "horizon"), line)
+
+
+def _curve(zero_s: float, since_s: Array, places: Array, frame: Frame, line: int) -> Segment:
+    """Return rows with the velocities that they tell: no piece of the curve jumps in rate."""
+    steps = np.diff(since_s)
+    step = float(steps.mean())
+    even = len(since_s) >= _STENCIL and bool((np.abs(steps - step) < _EVEN * step).all())
+    slopes = _even_slopes(places, step) if even else _slopes(since_s, places)
+    interpolation = Interpolation(4 if even else 2, True)
+    use = float(since_s[0]), float(since_s[-1])
+    if frame.kind == "SIGHT":
+        since_s = since_s - _LIGHT_TIME_S
+    return Segment(zero_s, since_s, places, slopes, frame, interpolation, use, line)
+
+
+def _slopes(since_s: Array, places: Array) -> Array:
+    """Return derivatives of the parabolas through three rows each."""
+    order: Literal[1, 2] = 2 if len(since_s) > 2 else 1
+    columns = [np.gradient(column, since_s, edge_order=order) for column in places.T]
+    return np.stack(columns, axis=1)
+
+
+def _even_slopes(places: Array, step: float) -> Array:
+    """Return derivatives of polynomials through seven rows each, about the row but for the ends."""
+    nodes = np.arange(float(_STENCIL))
+    powers = np.vander(nodes, increasing=True)
+    growth = np.zeros_like(powers)
+    growth[:, 1:] = powers[:, :-1] * np.arange(1.0, _STENCIL)
+    weights = growth @ np.linalg.inv(powers) / step
+    half, count = _STENCIL // 2, len(places)
+    slopes = np.empty_like(places)
+    slopes[half : count - half] = sum(
+        w * places[k : count - _STENCIL + 1 + k] for k, w in enumerate(weights[half].tolist())
+    )
+    slopes[:half] = weights[:half] @ places[:_STENCIL]
+    slopes[count - half :] = weights[-half:] @ places[-_STENCIL:]
+    return slopes
+
+
+def _of_the_sky(track: _Track, frame: str, site: Site, line: int) -> Segment:
+    """Return right ascensions and declinations as places near the site, a row a minute at least."""
+    dec, ra = np.radians(track.values)
+    if frame == "icrs":
+        ra, dec = _seen(track, ra, dec, site)
+    u = np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=1)
+    kind = Frame("GCRF", "ICRS") if frame == "icrs" else Frame("TOD", "of date")
+    among_stars = _curve(track.zero_s, track.since_s, u, kind, line)
+    counts = np.maximum(1, np.ceil(np.diff(track.since_s) / _STEP_S)).astype(np.intp)
+    part = np.concatenate([np.arange(count) / count for count in counts.tolist()])
+    since_s = np.append(
+        np.repeat(track.since_s[:-1], counts) + part * np.repeat(np.diff(track.since_s), counts),
+        track.since_s[-1],
+    )
+    earth = EarthOrientation.installed()
+
+    def places(at_s: Array) -> Array:
+        unix_s = track.unix_s(at_s)
+        teme = kind.to_teme(earth, unix_s, tuple(among_stars.native_many(at_s)), ARRAYS)[:3]
+        still = np.zeros((9, len(unix_s)))
+        turned = []
+        for axis in range(3):
+            still[:] = 0.0
+            still[axis] = 1.0
+            along = Frame("ITRF", "ITRF").to_teme(earth, unix_s, tuple(still), ARRAYS)[:3]
+            turned.append(sum(a * b for a, b in zip(along, teme, strict=True)))
+        return np.array(site.itrs_km) + _NEAR_KM * np.stack(turned, axis=1)
+
+    slopes = (places(since_s + _SLOPE_STEP_S) - places(since_s - _SLOPE_STEP_S)) / (2.0 * _SLOPE_STEP_S)
+    sight, use = Frame("SIGHT", kind.written), among_stars.use_s
+    left_s, curve = since_s - _LIGHT_TIME_S, Interpolation(2, True)
+    return Segment(track.zero_s, left_s, places(since_s), slopes, sight, curve, use, line)
+
+
+def _seen(track: _Track, ra: Array, dec: Array, site: Site) -> tuple[Array, Array]:
+    """Return directions of the ICRS as light arrives, bent by the Sun and aberrated, in the GCRS's axes."""
+    unix_s = track.unix_s(track.since_s)
+    earth = EarthOrientation.installed()
+    days = np.floor(unix_s / DAY_S)
+    tt = (unix_s - days * DAY_S + leaps_s(unix_s) + TT_MINUS_TAI_S) / DAY_S
+    julian = days + UNIX_EPOCH_MJD + MJD_JD
+    matrices = earth.celestial_matrix(Utc(unix_s))
+    still = [np.full(len(unix_s), k) for k in (*site.itrs_km, *np.zeros(6))]
+    moving = Frame("ITRF", "ITRF").to_teme(earth, unix_s, tuple(still), ARRAYS)
+    equinoxes = earth.rotation(unix_s)[2]
+    c, s = np.cos(equinoxes), np.sin(equinoxes)
+    pv = np.zeros(len(unix_s), dtype=erfa.dt_pv)
+    for name, (x, y, z) in (("p", moving[:3]), ("v", moving[3:6])):
+        of_date = np.stack([x * c - y * s, x * s + y * c, z], axis=1)
+        pv[name] = np.einsum("nij,ni->nj", matrices, of_date) * 1000.0
+    astrometry = erfa.apcs13(julian, tt, pv)
+    seen: tuple[Array, Array] = erfa.atciqz(ra, dec, astrometry)
+    return seen
