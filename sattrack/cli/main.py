@@ -103,6 +103,7 @@ Examples:
 SERVERS = {
     "alpaca": "The mount as an ASCOM telescope for programs that speak Alpaca, over HTTP.",
     "antenna": "The mount as an antenna for a VLBI Field System, on TCP or a serial line.",
+    "indi": "The mount as an INDI telescope for KStars, PHD2 and others, on TCP.",
     "lx200": "The mount as an LX200 telescope for SkySafari, Stellarium and others, on TCP.",
     "rotctld": "The mount as a rotator for gpredict and other clients of Hamlib, on TCP.",
     "stellarium": "The mount as a telescope by Stellarium's own protocol, on TCP.",
@@ -111,6 +112,7 @@ SERVERS = {
 SERVER_PLACES = {
     "alpaca": "serve_alpaca:command",
     "antenna": "serve_antenna:command",
+    "indi": "serve_alpaca:indi",
     "lx200": "serve_alpaca:lx200",
     "rotctld": "serve:rotctld",
     "stellarium": "serve_alpaca:stellarium",

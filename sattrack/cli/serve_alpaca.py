@@ -63,9 +63,9 @@ MOST_CLIENTS = 1000
 BACKLOG = 256
 
 
-ALPACA, LX200, STELLARIUM = "alpaca", "lx200", "stellarium"
-PORTS = {ALPACA: 11111, LX200: 4030, STELLARIUM: 10001}
-NAMES = {ALPACA: "Alpaca", LX200: "LX200", STELLARIUM: "Stellarium's own protocol"}
+ALPACA, INDI, LX200, STELLARIUM = "alpaca", "indi", "lx200", "stellarium"
+PORTS = {ALPACA: 11111, INDI: 7624, LX200: 4030, STELLARIUM: 10001}
+NAMES = {ALPACA: "Alpaca", INDI: "INDI", LX200: "LX200", STELLARIUM: "Stellarium's own protocol"}
 
 
 def also(*protocols: str) -> Callable[[Command], Command]:
@@ -75,7 +75,7 @@ def also(*protocols: str) -> Callable[[Command], Command]:
 
 
 @click.command(ALPACA)
-@also(LX200, STELLARIUM)
+@also(INDI, LX200, STELLARIUM)
 @mount_option
 @profile_option
 @caller_options(PORTS[ALPACA], idle_s=300.0, requests_per_s=2000.0)
@@ -99,8 +99,8 @@ def also(*protocols: str) -> Callable[[Command], Command]:
 def command(context: CommandContext, **options: Any) -> int:
     """Serve the mount as an ASCOM telescope (Alpaca, ITelescopeV4) over HTTP, until interrupted.
 
-    docs/alpaca.md tells what each member does, and of the actions TrackSatellite, Bias and Passes. With lx200
-    or stellarium, the same telescope is served by those protocols too.
+    docs/alpaca.md tells what each member does, and of the actions TrackSatellite, Bias and Passes. With indi,
+    lx200 or stellarium, the same telescope is served by those protocols too.
 
     \b
     Examples:
@@ -112,7 +112,7 @@ def command(context: CommandContext, **options: Any) -> int:
 
 
 @click.command(LX200)
-@also(STELLARIUM)
+@also(INDI, STELLARIUM)
 @mount_option
 @profile_option
 @caller_options(PORTS[LX200], idle_s=300.0, requests_per_s=1000.0)
@@ -133,8 +133,26 @@ def lx200(context: CommandContext, **options: Any) -> int:
     return serve_telescope(context, LX200, options)
 
 
+@click.command(INDI)
+@also(LX200, STELLARIUM)
+@mount_option
+@profile_option
+@caller_options(PORTS[INDI], idle_s=300.0, requests_per_s=1000.0)
+@common_options("site", "clock", "json")
+def indi(context: CommandContext, **options: Any) -> int:
+    """Serve the mount as an INDI telescope on TCP, until interrupted: for KStars, PHD2 and an indiserver.
+
+    docs/planetarium.md lists the properties.
+
+    \b
+    Examples:
+      sattrack serve indi --mount sim
+    """
+    return serve_telescope(context, INDI, options)
+
+
 @click.command(STELLARIUM)
-@also(LX200)
+@also(INDI, LX200)
 @mount_option
 @profile_option
 @caller_options(PORTS[STELLARIUM], idle_s=300.0, requests_per_s=1000.0)
@@ -243,7 +261,7 @@ def _ports(first: str, options: dict[str, Any]) -> dict[str, int]:
     ports = {first: int(options["port"])}
     for text in options["others"]:
         protocol, _, number = text.partition(":")
-        known = {one for one in (LX200, STELLARIUM) if one != first}
+        known = {one for one in PORTS if one not in {ALPACA, first}}
         if protocol not in known or protocol in ports:
             choice = " or ".join(sorted(known - set(ports)))
             raise BadInputError(f"{text}: serve {first} takes {choice or 'no more'} beside it")
@@ -268,6 +286,7 @@ def _task(
     return AlpacaTask(
         listener=numbers.get(ALPACA),
         lx200=numbers.get(LX200),
+        indi=numbers.get(INDI),
         serial=ends.serial,
         stellarium=numbers.get(STELLARIUM),
         discovery=tuple(one.fileno() for one in ends.discovery),

@@ -1,4 +1,4 @@
-"""Planetarium programs' connections, beside Alpaca's: LX200 over TCP or a serial line, and Stellarium's own.
+"""Planetarium programs' connections, beside Alpaca's: INDI, LX200 on TCP or a serial line, Stellarium's own.
 
 A client's commands are carried out one after another, but a stop does not wait for those before it: it drops
 those that could move the mount and have not begun. Motions that a client's keys have begun end with it.
@@ -11,26 +11,40 @@ import contextlib
 import os
 import time
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from sattrack.mount.requests import Abort
 from sattrack.runtime.callers import READ_BYTES, Bucket
+from sattrack.servers.alpaca.indi import (
+    ABORT,
+    MOVERS,
+    ClientView,
+    IndiDevice,
+    MessageReader,
+    TrackElements,
+)
 from sattrack.servers.alpaca.lx200 import Asked, CommandReader, Lx200Client
 from sattrack.servers.alpaca.protocol import Fault
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Awaitable, Callable, Coroutine
+    from xml.etree.ElementTree import Element
 
     from sattrack.core.clock import Clock
     from sattrack.servers.alpaca.connections import ClientConnection, FeederLine, OpenConnections
     from sattrack.servers.alpaca.telescope import ServedTelescope
 
 STOP = "Q"
-MOVERS = ("M", "C", "h", "A", "T")
+LX200_MOVERS = ("M", "C", "h", "A", "T")
 """How commands begin that can move the mount."""
 BURST_S = 0.2
 """A connection that was silent may send the commands of so much time at once."""
 QUOTED = 20
+FINISH_WITHIN_S = 10.0
+"""What a client has sent before it left is carried out within this time, or not at all."""
+EVERY_S = 0.2
+"""So often clients that are told so hear where the telescope points."""
+Item = TypeVar("Item")
 
 
 @dataclass(slots=True)
@@ -42,8 +56,11 @@ class Planetariums:
     connections: OpenConnections
     clock: Clock
     requests_per_s: float
+    follow: Callable[[str], Awaitable[object]]
+    """Follows the satellite of two-line elements; raises Fault."""
     _count: int = 0
-    _stops: set[asyncio.Task[None]] = field(default_factory=set)
+    _indi: IndiDevice | None = None
+    _tasks: set[asyncio.Task[object]] = field(default_factory=set)
 
     def protocol(
         self, serve: Callable[[asyncio.StreamReader, asyncio.StreamWriter], object]
@@ -71,11 +88,12 @@ class Planetariums:
         commands = CommandReader(noisy=is_serial)
         client = Lx200Client(self.telescope, self._number(), gives_reasons=is_serial)
         waiting: asyncio.Queue[str] = asyncio.Queue()
-        worker = asyncio.create_task(self._obey(client, waiting, writer, connection))
+        worker = self._beside(self._obey(client, waiting, writer, connection))
         try:
             while not worker.done() and (data := await reader.read(READ_BYTES)):
                 found = commands.read(data)
                 if found is None:
+                    _drop(waiting, lambda _: True)
                     self.channel.log(f"an LX200 client was hung up on: it sent {data[:QUOTED]!r}")
                     break
                 for command in found:
@@ -83,11 +101,12 @@ class Planetariums:
                         self._stop(client, waiting)
                     else:
                         waiting.put_nowait(command)
+            await _finish(waiting, worker)
         except ConnectionError:
             pass
         finally:
             worker.cancel()
-            self._aside(self._carry_out(client.left()))
+            self._beside(self._carry_out(client.left()))
             self._leave(client.client)
             writer.close()
 
@@ -97,7 +116,7 @@ class Planetariums:
 
         connection = self.connections.by_transport.get(writer.transport)
         gotos, number = GotoReader(), self._number()
-        places = asyncio.create_task(self._tell_places(writer, connection))
+        places = self._beside(self._tell_places(writer, connection))
         try:
             while not places.done() and (data := await reader.read(READ_BYTES)):
                 found = gotos.read(data)
@@ -112,6 +131,87 @@ class Planetariums:
             places.cancel()
             self._leave(number)
             writer.close()
+
+    async def indi(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Serve one INDI client until it is gone."""
+        connection = self.connections.by_transport.get(writer.transport)
+        device = self._indi = self._indi or IndiDevice(self.telescope, self._number())
+        caller, messages, view = self._number(), MessageReader(), ClientView(device)
+        waiting: asyncio.Queue[Element] = asyncio.Queue()
+        aside = [
+            self._beside(self._obey_indi(device, view, caller, waiting, writer, connection)),
+            self._beside(self._tell_changes(view, writer, connection)),
+        ]
+        try:
+            while not any(one.done() for one in aside) and (data := await reader.read(READ_BYTES)):
+                found = messages.read(data)
+                if found is None:
+                    _drop(waiting, lambda _: True)
+                    self.channel.log(f"an INDI client was hung up on: it sent {data[:QUOTED]!r}")
+                    break
+                for message in found:
+                    if message.get("name") == ABORT:
+                        _drop(waiting, lambda one: one.get("name") in MOVERS)
+                        self._beside(self._take(device, view, message, caller))
+                    else:
+                        waiting.put_nowait(message)
+            await _finish(waiting, aside[0])
+        except ConnectionError:
+            pass
+        finally:
+            for one in aside:
+                one.cancel()
+            self._beside(self._carry_out(device.left(caller)))
+            writer.close()
+
+    async def _obey_indi(
+        self,
+        device: IndiDevice,
+        view: ClientView,
+        caller: int,
+        waiting: asyncio.Queue[Element],
+        writer: asyncio.StreamWriter,
+        connection: ClientConnection | None,
+    ) -> None:
+        pace = _Pace(self.requests_per_s)
+        while True:
+            message = await waiting.get()
+            await pace.keep()
+            if connection is not None:
+                connection.begins()
+            try:
+                if message.tag == "getProperties":
+                    writer.write(view.definitions(message, self._now_s()))
+                else:
+                    await self._take(device, view, message, caller)
+            finally:
+                waiting.task_done()
+                if connection is not None:
+                    connection.ends()
+
+    async def _take(self, device: IndiDevice, view: ClientView, message: Element, caller: int) -> None:
+        name = message.get("name", "")
+        view.tell_again(name)
+        try:
+            asked = device.take(message, caller, self._now_s())
+            if isinstance(asked, TrackElements):
+                await self.follow(asked.text)
+            elif asked is not None:
+                await self._carry_out(asked)
+        except Fault as fault:
+            device.refuse(name, fault.message)
+        finally:
+            device.carried_out(name)
+
+    async def _tell_changes(
+        self, view: ClientView, writer: asyncio.StreamWriter, connection: ClientConnection | None
+    ) -> None:
+        while True:
+            writer.write(view.changes(self._now_s()))
+            await writer.drain()
+            if connection is not None:
+                connection.lives()
+            await asyncio.sleep(EVERY_S)
 
     def _number(self) -> int:
         self._count -= 1
@@ -132,19 +232,16 @@ class Planetariums:
         connection: ClientConnection | None,
     ) -> None:
         """Carry out a client's commands as they come, at the pace that clients are allowed."""
-        loop, rate = asyncio.get_running_loop(), self.requests_per_s
-        bucket = Bucket(rate, BURST_S * rate, loop.time())
+        pace = _Pace(self.requests_per_s)
         while True:
             command = await waiting.get()
-            bucket.fill(loop.time())
-            bucket.left -= 1.0
-            if bucket.left < 0.0:
-                await asyncio.sleep(-bucket.left / rate)
+            await pace.keep()
             if connection is not None:
                 connection.begins()
             try:
                 writer.write(await self._answer(client, command))
             finally:
+                waiting.task_done()
                 if connection is not None:
                     connection.ends()
             await writer.drain()
@@ -168,26 +265,29 @@ class Planetariums:
 
     def _stop(self, client: Lx200Client, waiting: asyncio.Queue[str]) -> None:
         """Stop at once; what was to move the mount and has not begun is dropped."""
-        kept = []
-        while not waiting.empty():
-            kept.append(waiting.get_nowait())
-        for command in kept:
-            if not command.startswith(MOVERS):
-                waiting.put_nowait(command)
+        _drop(waiting, lambda command: command.startswith(LX200_MOVERS))
         try:
             answer = client.answer(STOP, self._now_s())
         except Fault:
             answer = Asked((Abort(),))
         if isinstance(answer, Asked):
-            self._aside(self._carry_out(answer))
+            self._beside(self._carry_out(answer))
 
-    def _aside(self, work: object) -> None:
-        task = asyncio.ensure_future(work)  # type: ignore[call-overload]
-        self._stops.add(task)
-        task.add_done_callback(self._stops.discard)
+    def _beside(self, work: Coroutine[Any, Any, object]) -> asyncio.Task[object]:
+        """Do something beside what a connection waits for; what breaks there is logged."""
+        task = asyncio.ensure_future(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._over)
+        return task
+
+    def _over(self, task: asyncio.Task[object]) -> None:
+        self._tasks.discard(task)
+        error = None if task.cancelled() else task.exception()
+        if error is not None and not isinstance(error, ConnectionError):
+            self.channel.log(f"a defect of sattrack: {error!r}")
 
     async def _tell_places(self, writer: asyncio.StreamWriter, connection: ClientConnection | None) -> None:
-        from sattrack.servers.alpaca.stellarium import EVERY_S, of_j2000, position
+        from sattrack.servers.alpaca.stellarium import of_j2000, position
         from tle.earth import EarthOrientation
 
         earth, site = EarthOrientation.installed(), self.telescope.device.site
@@ -225,3 +325,34 @@ class Planetariums:
                 await self.channel.order(order)
         except Fault as fault:
             self.channel.log(f"Stellarium's goto was refused: {fault.message}")
+
+
+class _Pace:
+    """The pace that clients are allowed."""
+
+    def __init__(self, rate: float) -> None:
+        self._rate, self._loop = rate, asyncio.get_running_loop()
+        self._bucket = Bucket(rate, BURST_S * rate, self._loop.time())
+
+    async def keep(self) -> None:
+        """Count one request; wait where they come too fast."""
+        self._bucket.fill(self._loop.time())
+        self._bucket.left -= 1.0
+        if self._bucket.left < 0.0:
+            await asyncio.sleep(-self._bucket.left / self._rate)
+
+
+def _drop(waiting: asyncio.Queue[Item], dropped: Callable[[Item], bool]) -> None:
+    """Take out of a queue what is to be dropped."""
+    for _ in range(waiting.qsize()):
+        item = waiting.get_nowait()
+        if not dropped(item):
+            waiting.put_nowait(item)
+        waiting.task_done()
+
+
+async def _finish(waiting: asyncio.Queue[Any], worker: asyncio.Task[object]) -> None:
+    """Let what a client has sent be carried out, although it is gone: programs send a command and leave."""
+    carried_out = asyncio.ensure_future(waiting.join())
+    await asyncio.wait((carried_out, worker), timeout=FINISH_WITHIN_S, return_when=asyncio.FIRST_COMPLETED)
+    carried_out.cancel()

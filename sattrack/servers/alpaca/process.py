@@ -49,6 +49,7 @@ if TYPE_CHECKING:
 
     from sattrack.core.clock import Clock
     from sattrack.runtime.callers import CallerLimits
+    from sattrack.runtime.facts import RunFacts
     from sattrack.servers.alpaca.protocol import CustomAction, Order
     from sattrack.servers.alpaca.serve import AlpacaTask, Satellites
 
@@ -102,6 +103,15 @@ class Actions:
         if isinstance(asked, Passes):
             return _text(await self._computed(self._satellites.passes, asked, now_utc_s))
         facts = await self._computed(self._satellites.facts, asked, now_utc_s)
+        return await self._follow(facts, order)
+
+    async def follow(self, text: str, order: Callable[[Order], Awaitable[None]]) -> str:
+        """Follow the satellite of a text of elements; return its pass as `do` does. Raises Fault."""
+        now_utc_s = self._clock.utc_s(time.monotonic())
+        facts = await self._computed(self._satellites.facts_of, text, now_utc_s)
+        return await self._follow(facts, order)
+
+    async def _follow(self, facts: RunFacts, order: Callable[[Order], Awaitable[None]]) -> str:
         from sattrack.runtime.facts import encode_facts
 
         await order(FollowOrder(msgspec.Raw(encode_facts(facts))))
@@ -322,8 +332,13 @@ async def serve(task: AlpacaTask, reader: asyncio.StreamReader, writer: asyncio.
             keepalive_timeout=task.idle_s,
         )
         listeners.append((task.listener, http))
-    others = Planetariums(telescope, channel, connections, clock, task.requests_per_s)
-    for number, serve_one in ((task.lx200, others.lx200), (task.stellarium, others.stellarium)):
+    follow = functools.partial(actions.follow, order=channel.order)
+    others = Planetariums(telescope, channel, connections, clock, task.requests_per_s, follow)
+    for number, serve_one in (
+        (task.lx200, others.lx200),
+        (task.indi, others.indi),
+        (task.stellarium, others.stellarium),
+    ):
         if number is not None:
             listeners.append((number, functools.partial(others.protocol, serve_one)))
     servers = [

@@ -252,7 +252,11 @@ def start_http_process(task: AlpacaTask) -> AlpacaHttpProcess:
     ours, theirs = socket.socketpair()
     with theirs:
         # A Ctrl-C is for the feeding process, which ends this one when the mount stands.
-        ports = (one for one in (task.listener, task.lx200, task.serial, task.stellarium) if one is not None)
+        ports = (
+            one
+            for one in (task.listener, task.lx200, task.indi, task.serial, task.stellarium)
+            if one is not None
+        )
         inherits = (theirs.fileno(), *ports, *task.discovery)
         process = start_process("sattrack.servers.alpaca.process", str(theirs.fileno()), inherits=inherits)
     with contextlib.suppress(OSError):
@@ -272,6 +276,7 @@ class AlpacaTask(msgspec.Struct, frozen=True):
     listener: int | None
     """The port of HTTP; with None Alpaca is not served."""
     lx200: int | None
+    indi: int | None
     serial: int | None
     """A serial line on which LX200 is served too."""
     stellarium: int | None
@@ -353,6 +358,21 @@ class Satellites(msgspec.Struct, frozen=True):
         except TleError as error:
             raise Fault(Number.INVALID_OPERATION, str(error)) from error
         return [_row(elements, seen) for seen in found]
+
+    def facts_of(self, text: str, now_utc_s: float) -> RunFacts:
+        """Return the facts of a run of the one satellite that a text of elements is of. Raises Fault."""
+        from sattrack.servers.alpaca.protocol import TrackSatellite
+        from tle.sources import parse_elements
+
+        found = parse_elements(text)
+        good = [one for one in found if isinstance(one, Elements)]
+        if len(good) != 1:
+            why = next(
+                (str(one) for one in found if not isinstance(one, Elements)), "one satellite's are needed"
+            )
+            raise Fault(Number.INVALID_VALUE, f"the elements: {why}")
+        alone = msgspec.structs.replace(self, elements=good)
+        return alone.facts(TrackSatellite(str(good[0].catalog_number)), now_utc_s)
 
     def facts(self, asked: TrackSatellite, now_utc_s: float) -> RunFacts:
         """Return the facts of a run: the pass in progress, else the next. Raises Fault."""

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 GOTO = struct.Struct("<HHqIi")
 POSITION = struct.Struct("<HHqIii")
 TURN = 2**32
-EVERY_S = 0.2
-"""So often clients hear where the telescope points."""
 _ROUNDS = 3
 
 

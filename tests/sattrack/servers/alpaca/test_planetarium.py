@@ -1,4 +1,4 @@
-"""LX200 and Stellarium's own protocol: what stands in the documents, and what INDI's drivers make of it."""
+"""LX200, INDI and Stellarium's own protocol: what stands in the documents, and what INDI's programs do."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ import threading
 import time
 from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Self
+from xml.etree import ElementTree
 
 import pytest
 from alpaca_serving import serving
@@ -22,6 +24,7 @@ from serving import PATIENCE_S, serving_program
 
 from sattrack.mount.model import MountProfile, Slew
 from sattrack.mount.requests import Abort
+from sattrack.servers.alpaca import indi
 from sattrack.servers.alpaca.lx200 import Asked, CommandReader, Lx200Client
 from sattrack.servers.alpaca.protocol import MOVING_BY_RATES, Fault, MoveOrder, TelescopeState
 from sattrack.servers.alpaca.stellarium import GotoReader, of_date, of_j2000, position
@@ -34,6 +37,7 @@ if TYPE_CHECKING:
 
 NOW_S = datetime(2026, 10, 2, 21, 5, 7, tzinfo=UTC).timestamp()
 LEIDEN = Site(52.1541, 4.4908, 0.0)
+EXAMPLES = Path(__file__).parents[4] / "examples"
 STATE = TelescopeState(
     utc_s=NOW_S,
     heard=True,
@@ -315,23 +319,19 @@ def test_motion_begun_with_a_key_ends_with_the_connection() -> None:
         assert other.ask(":GD#") == other.ask(":GD#")
 
 
-DRIVER = "LX200 Classic"
-
-
 class Indi:
-    """INDI's LX200 driver in its own server, by INDI's own command line programs."""
+    """A device of an INDI server, by INDI's own command line programs."""
 
-    def __init__(self, port: int, program: Callable[[str], str]) -> None:
-        self._port, self._program = port, program
+    def __init__(self, port: int, device: str, program: Callable[[str], str]) -> None:
+        self._port, self._device, self._program = port, device, program
 
     def set(self, text: str) -> None:
-        command = [self._program("indi_setprop"), "-p", str(self._port), f"{DRIVER}.{text}"]
+        command = [self._program("indi_setprop"), "-p", str(self._port), f"{self._device}.{text}"]
         subprocess.run(command, check=True, capture_output=True, timeout=PATIENCE_S)
 
     def get(self, name: str) -> str:
-        command = [
-            self._program("indi_getprop"), "-p", str(self._port), "-t", "2", "-1", f"{DRIVER}.{name}",
-        ]  # fmt: skip
+        getprop, port = self._program("indi_getprop"), str(self._port)
+        command = [getprop, "-p", port, "-t", "2", "-1", f"{self._device}.{name}"]
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=PATIENCE_S)
         return done.stdout.strip()
 
@@ -346,25 +346,31 @@ class Indi:
 
 
 @contextmanager
-def indi(program: Callable[[str], str]) -> Iterator[Indi]:
+def indi_server(program: Callable[[str], str], *drivers: str) -> Iterator[int]:
+    """Run INDI's own server with drivers, each a path or DEVICE@HOST:PORT; give its port."""
     port = free_port()
-    command = [program("indiserver"), "-p", str(port), program("indi_lx200classic")]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        [program("indiserver"), "-p", str(port), *drivers],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
     try:
-        client = Indi(port, program)
-        client.until("CONNECTION.CONNECT", bool)
-        yield client
+        yield port
     finally:
         process.terminate()
         process.wait(timeout=PATIENCE_S)
 
 
-def drive(client: Indi) -> None:
-    """Slew, sync, guide, move, stop, and be refused, by INDI's driver."""
+def drive(client: Indi, *, stays: bool = True) -> None:
+    """Slew, move, stop and be refused, by what INDI's clients send.
+
+    `stays` tells that whoever talks to the mount stays connected: motion begun with a key ends with it.
+    """
+    client.until("CONNECTION.CONNECT", bool)
     client.set("CONNECTION.CONNECT=On")
-    client.until("EQUATORIAL_EOD_COORD.DEC", lambda value: value == "15")
-    assert float(client.get("GEOGRAPHIC_COORD.LAT")) == pytest.approx(52.15, abs=0.02)
-    assert float(client.get("GEOGRAPHIC_COORD.LONG")) == pytest.approx(4.49, abs=0.02)
+    client.until("EQUATORIAL_EOD_COORD.DEC", lambda value: abs(float(value or 0.0) - 15.0) < 0.01)
+    assert client.number("GEOGRAPHIC_COORD.LAT") == pytest.approx(52.15, abs=0.02)
+    assert client.number("GEOGRAPHIC_COORD.LONG") == pytest.approx(4.49, abs=0.02)
     ra_h = client.number("EQUATORIAL_EOD_COORD.RA")
     client.set(f"EQUATORIAL_EOD_COORD.RA={(ra_h + 0.5) % 24.0};DEC=40")
     client.until("EQUATORIAL_EOD_COORD._STATE", lambda value: value == "Busy")
@@ -372,7 +378,7 @@ def drive(client: Indi) -> None:
     assert client.number("EQUATORIAL_EOD_COORD.RA") == pytest.approx((ra_h + 0.5) % 24.0, abs=0.001)
     assert client.number("EQUATORIAL_EOD_COORD.DEC") == pytest.approx(40.0, abs=0.01)
     client.set("TELESCOPE_MOTION_NS.MOTION_NORTH=On")
-    client.until("EQUATORIAL_EOD_COORD.DEC", lambda value: float(value or 0.0) > 40.1)
+    client.until("EQUATORIAL_EOD_COORD.DEC", lambda value: float(value or 0.0) > (40.1 if stays else 40.001))
     client.set("TELESCOPE_MOTION_NS.MOTION_NORTH=Off")
     client.set("TELESCOPE_ABORT_MOTION.ABORT=On")
     client.until("TELESCOPE_ABORT_MOTION._STATE", lambda value: value == "Ok")
@@ -384,9 +390,14 @@ def drive(client: Indi) -> None:
         assert client.number("EQUATORIAL_EOD_COORD.RA") < 24.0
 
 
+CLASSIC = "LX200 Classic"
+
+
 @pytest.mark.needs("indiserver", "indi_lx200classic")
-def test_indis_driver_slews_moves_and_stops_the_mount_over_tcp(program: Callable[[str], str]) -> None:
-    with serving_program("lx200") as served, indi(program) as client:
+def test_indis_lx200_driver_slews_moves_and_stops_the_mount_over_tcp(program: Callable[[str], str]) -> None:
+    with serving_program("lx200") as served, indi_server(program, program("indi_lx200classic")) as port:
+        client = Indi(port, CLASSIC, program)
+        client.until("CONNECTION.CONNECT", bool)
         client.set("CONNECTION_MODE.CONNECTION_TCP=On")
         client.set(f"DEVICE_ADDRESS.ADDRESS=127.0.0.1;PORT={served.port}")
         drive(client)
@@ -416,14 +427,165 @@ def serial_line() -> Iterator[tuple[str, str]]:
 
 
 @pytest.mark.needs("indiserver", "indi_lx200classic")
-def test_indis_driver_slews_moves_and_stops_the_mount_over_a_serial_line(
+def test_indis_lx200_driver_slews_moves_and_stops_the_mount_over_a_serial_line(
     program: Callable[[str], str],
 ) -> None:
     with (
         serial_line() as (ours, theirs),
-        indi(program) as client,
         serving_program("lx200", "--serial", ours),
+        indi_server(program, program("indi_lx200classic")) as port,
     ):
+        client = Indi(port, CLASSIC, program)
+        client.until("CONNECTION.CONNECT", bool)
         client.set("CONNECTION_MODE.CONNECTION_SERIAL=On")
         client.set(f"DEVICE_PORT.PORT={theirs}")
         drive(client)
+
+
+@pytest.mark.needs("indiserver", "indi_getprop")
+def test_indis_clients_slew_move_and_stop_the_mount_itself_and_behind_their_own_server(
+    program: Callable[[str], str],
+) -> None:
+    with (
+        serving_program("indi") as served,
+        indi_server(program, f"{indi.DEVICE}@127.0.0.1:{served.port}") as port,
+    ):
+        direct, behind = Indi(served.port, indi.DEVICE, program), Indi(port, indi.DEVICE, program)
+        drive(direct, stays=False)
+        direct.set("EQUATORIAL_EOD_COORD.RA=1;DEC=-85")
+        behind.until("EQUATORIAL_EOD_COORD._STATE", lambda value: value == "Alert")
+        behind.set("TELESCOPE_MOTION_NS.MOTION_NORTH=On")
+        behind.until("EQUATORIAL_EOD_COORD.DEC", lambda value: float(value or 0.0) > 41.0)
+        direct.set("TELESCOPE_ABORT_MOTION.ABORT=On")
+        direct.until("TELESCOPE_TRACK_STATE.TRACK_OFF", lambda value: value == "On")
+
+
+@pytest.mark.needs("indi_getprop")
+def test_a_satellite_that_kstars_would_send_is_followed_and_let_go(program: Callable[[str], str]) -> None:
+    lines = (EXAMPLES / "iss_leiden.tle").read_text().splitlines()[-2:]
+    with serving_program("indi", "--clock", "2026-10-02T13:03:00Z") as served:
+        client = Indi(served.port, indi.DEVICE, program)
+        client.set("CONNECTION.CONNECT=On")
+        client.set("SAT_TRACKING_STAT.SAT_TRACK=On;SAT_HALT=Off")
+        client.until("SAT_TRACKING_STAT._STATE", lambda value: value == "Alert")
+        client.set("SAT_TLE_TEXT.TLE=" + "\n".join(lines))
+        client.set("SAT_TRACKING_STAT.SAT_TRACK=On;SAT_HALT=Off")
+        client.until("SAT_TRACKING_STAT.SAT_TRACK", lambda value: value == "On")
+        client.set("SAT_TRACKING_STAT.SAT_TRACK=Off;SAT_HALT=On")
+        client.until("SAT_TRACKING_STAT.SAT_TRACK", lambda value: value == "Off")
+
+
+@pytest.mark.needs("indiserver", "indi_simulator_telescope")
+def test_properties_are_those_of_indis_own_telescope(program: Callable[[str], str]) -> None:
+    """Kind, permission, rule and elements of each are as INDI's simulator has them."""
+    with indi_server(program, program("indi_simulator_telescope")) as port:
+        client = Indi(port, "Telescope Simulator", program)
+        client.until("CONNECTION.CONNECT", bool)
+        client.set("CONNECTION.CONNECT=On")
+        client.until("GEOGRAPHIC_COORD.LAT", bool)
+        with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S) as line:
+            line.sendall(b'<getProperties version="1.7"/>')
+            text = b""
+            while b'name="GUIDE_RATE"' not in text:
+                text += line.recv(65536)
+    whole = text[: text.rindex(b"<def")].decode()
+    theirs = {one.get("name"): one for one in ElementTree.fromstring(f"<all>{whole}</all>")}
+    missing = {name for name in indi.BY_NAME if name not in theirs}
+    assert missing == {"SAT_TLE_TEXT", "SAT_PASS_WINDOW", "SAT_TRACKING_STAT"}
+    for name, vector in indi.BY_NAME.items():
+        if name in missing:
+            continue
+        there = theirs[name]
+        assert there.tag == f"def{vector.kind}Vector"
+        assert there.get("perm") == ("rw" if vector.is_set else "ro")
+        assert there.get("rule", "") == vector.rule
+        elements = [one.get("name") for one in there]
+        ours = [one[0] for one in vector.elements]
+        assert ours == elements[: len(ours)]
+        assert name == "TELESCOPE_TRACK_MODE" or ours == elements
+
+
+def test_xml_comes_whole_from_any_pieces_and_other_protocols_are_hung_up_on() -> None:
+    sent = b'<getProperties version="1.7"/>\n<newSwitchVector device="sattrack" name="X"><oneSwitch name="A">'
+    sent += b"\nOn\n</oneSwitch></newSwitchVector>\n"
+    for size in (1, 7, 1000):
+        reader = indi.MessageReader()
+        found = [one.tag for i in range(0, len(sent), size) for one in reader.read(sent[i : i + size]) or []]
+        assert found == ["getProperties", "newSwitchVector"]
+    for other in (
+        b"GET / HTTP/1.1\r\n\r\n<newSwitchVector/>",
+        b"\x16\x03\x01\x02",
+        b"<!DOCTYPE x [<!ENTITY a 'b'>]><x/>",
+        b"<a><b><c><d/></c></b></a>",
+        b"<a/>words<a/>",
+        b"</indi>",
+        b"<a x='" + 70000 * b"y",
+    ):
+        assert indi.MessageReader().read(other) is None
+
+
+def indi_device(state: TelescopeState = STATE) -> indi.IndiDevice:
+    telescope = client_of(state).telescope
+    device = indi.IndiDevice(telescope, -1)
+    assert device.take(message("Switch", "CONNECTION", CONNECT="On"), 1, NOW_S) is None
+    return device
+
+
+def message(kind: str, name: str, **values: str) -> ElementTree.Element:
+    vector = ElementTree.Element(f"new{kind}Vector", device=indi.DEVICE, name=name)
+    for element, text in values.items():
+        ElementTree.SubElement(vector, f"one{kind}", name=element).text = text
+    return vector
+
+
+@pytest.mark.parametrize(
+    ("asked", "why"),
+    [
+        (message("Number", "EQUATORIAL_EOD_COORD", RA="x", DEC="1"), "'x' is no number"),
+        (message("Number", "EQUATORIAL_EOD_COORD", RA="1", DEC="91"), "Declination is 91"),
+        (message("Number", "GEOGRAPHIC_COORD", LAT="12", LONG="4"), "the site is set to 52.1541"),
+        (message("Text", "TIME_UTC", UTC="2026-10-02T22:05:07", OFFSET="2"), "clock is .3600 s off"),
+        (message("Switch", "SAT_TRACKING_STAT", SAT_TRACK="On"), "send the satellite's elements first"),
+    ],
+)
+def test_what_cannot_be_set_is_told_with_its_reason(asked: ElementTree.Element, why: str) -> None:
+    device = indi_device()
+    with pytest.raises(Fault) as fault:
+        device.take(asked, 1, NOW_S)
+    assert re.search(why, fault.value.message)
+
+
+def test_nothing_is_moved_before_a_client_connects_but_a_stop_always_stops() -> None:
+    device = indi.IndiDevice(client_of().telescope, -1)
+    with pytest.raises(Fault, match="connect first"):
+        device.take(message("Number", "EQUATORIAL_EOD_COORD", RA="1", DEC="40"), 1, NOW_S)
+    asked = device.take(message("Switch", "TELESCOPE_ABORT_MOTION", ABORT="On"), 1, NOW_S)
+    assert isinstance(asked, Asked)
+    assert asked.orders == (Abort(),)
+    other = message("Switch", "TELESCOPE_ABORT_MOTION", ABORT="On")
+    other.set("device", "CCD Simulator")
+    assert device.take(other, 1, NOW_S) is None
+
+
+def test_a_client_hears_what_changed_and_nothing_else() -> None:
+    device = indi_device()
+    view = indi.ClientView(device)
+    assert view.changes(NOW_S) == b""
+    defined = view.definitions(ElementTree.Element("getProperties", device=indi.DEVICE), NOW_S)
+    assert defined.count(b"<def") == len(indi.VECTORS) + sum(len(one.elements) for one in indi.VECTORS)
+    assert view.changes(NOW_S + 1.0) == b""
+    device.telescope.state = TelescopeState(utc_s=NOW_S, heard=True, ra_h=5.6, dec_deg=-5.3, tracking=True)
+    told = ElementTree.fromstring(b"<all>" + view.changes(NOW_S) + b"</all>")
+    assert {one.get("name") for one in told} == {"EQUATORIAL_EOD_COORD"}
+    device.refuse("TELESCOPE_PARK", "no <place>")
+    told = ElementTree.fromstring(b"<all>" + view.changes(NOW_S) + b"</all>")
+    assert [one.get("message", one.get("state")) for one in told] == ["Alert", "no <place>"]
+
+
+def test_keys_of_an_indi_client_end_with_it_and_with_nobody_else() -> None:
+    device = indi_device()
+    asked = device.take(message("Switch", "TELESCOPE_MOTION_WE", MOTION_WEST="On"), 7, NOW_S)
+    assert isinstance(asked, Asked)
+    assert [(one.axis, one.rate_deg_s) for one in asked.orders if isinstance(one, MoveOrder)] == [(0, 0.5)]
+    assert device.left(8).orders == ()
+    assert device.left(7).orders == (MoveOrder(0, 0.0),)
