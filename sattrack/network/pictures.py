@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sattrack.core.angles import wrap180
 from sattrack.recording.rendering import STYLE, label_times, new_figure, save, times
 from tle.instants import Utc
 
@@ -54,7 +55,7 @@ def _title(night: Night, stations: Sequence[Mounted]) -> str:
 
 def _map(axes: Any, night: Night, stations: Sequence[Mounted]) -> None:
     """Draw the stations, larger the more they follow, and lines between those that look at once."""
-    longitude = np.array([(one.station.longitude_deg + 180.0) % 360.0 - 180.0 for one in stations])
+    longitude = np.array([wrap180(one.station.longitude_deg) for one in stations])
     latitude = np.array([one.station.latitude_deg for one in stations])
     for pair in sorted(_pairs(night)):
         axes.plot(longitude[list(pair)], latitude[list(pair)], color=LINK, linewidth=0.8, zorder=1)
