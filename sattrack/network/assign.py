@@ -2,16 +2,18 @@
 
 What ties stations together, a satellite's fresh pass and two looking at once, changes values only: any plans
 of the stations go together. So those ties get prices (Lagrange), by which each station's best plan is found
-exactly; prices that fit make the bound small. HiGHS closes the gap that is left:
-each pass is a variable, 0 or 1; of sets of a station's passes of which no two fit one is taken; two more
-variables of a pass, from 0 to 1, say whether it is the fresh one and whether another station looks as well.
+exactly; prices that fit make the bound small. HiGHS closes the gap that is left: at once, or of many passes
+one part after another. Each pass is a variable, 0 or 1; of sets of a station's passes of which no two fit
+one is taken; two more variables of a pass, from 0 to 1, say whether it is the fresh one and whether another
+station looks as well.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
@@ -30,11 +32,12 @@ if TYPE_CHECKING:
 NO_HIGHS = "network assign needs HiGHS: pip install 'sattrack[cluster]'"
 _TAKEN = 0.5
 _MUST = 1e9
-_SHARE = 0.3
+_SHARE = 0.7
 """Share of the time after which prices are left and HiGHS begins."""
-_MOST_FOR_HIGHS = 12_000
-"""Of more passes HiGHS does not even relax the problem within a minute: prices have all the time."""
-_SLOWEST, _PATIENCE, _EVERY = 0.004, 4, 5
+_MOST, _MOST_AT_ONCE, _MOST_S = 12_000, 1_000, 5.0
+"""Of more passes than the first HiGHS takes parts of the second size, each for that many seconds."""
+_SWEEPS = 3
+_SLOWEST, _PATIENCE, _EVERY, _NOTICED = 0.004, 4, 10, 1e-4
 
 
 class StationPasses:
@@ -45,12 +48,16 @@ class StationPasses:
 
     def __init__(self, members: Index, clash: NDArray[np.bool_]) -> None:
         self.members, self.clash = members, clash
-        before: list[tuple[int, list[int]]] = []
-        for one in range(len(members)):
-            clashing = np.flatnonzero(clash[:one, one])
+
+    @cached_property
+    def _before(self) -> list[tuple[int, list[int]]]:
+        """What may come before each pass: all up to an index, and some more."""
+        before = []
+        for one in range(len(self.members)):
+            clashing = np.flatnonzero(self.clash[:one, one])
             first = int(clashing[0]) if len(clashing) else one
-            before.append((first, (first + np.flatnonzero(~clash[first:one, one])).tolist()))
-        self._before = before
+            before.append((first, (first + np.flatnonzero(~self.clash[first:one, one])).tolist()))
+        return before
 
     def best(self, worth: Array, kept: Index) -> tuple[float, Index]:
         """Return the largest sum of worths (by index) of a plan with those that are kept, and the plan."""
@@ -159,86 +166,104 @@ def greedy(problem: Assignment) -> Index:
     return np.array(sorted(taken), dtype=np.intp)
 
 
-class _Prices:
-    """Prices of the ties between stations, and the bound and the plans that they lead to."""
+class _Ties:
+    """What ties passes of several stations together, in pairs by index.
+
+    `one`, `other`: each pass and each that is at once with it. `near_of`, `near`: the same, and each tied
+    pass with itself. `fresh_of`, `fresh_near`: those of the latter that have one number in `fresh`.
+    """
 
     def __init__(self, problem: Assignment) -> None:
-        self._problem = problem
-        self._of = [np.repeat(one, len(others)) for one, others in problem.together.items()]
-        self._one = np.concatenate([np.empty(0, dtype=np.intp), *self._of])
-        self._other = np.concatenate([np.empty(0, dtype=np.intp), *problem.together.values()])
-        self._tied = np.zeros(len(problem.value), dtype=bool)
-        self._tied[self._one] = True
-        self._groups = int(problem.fresh.max(initial=-1)) + 1
-        self._grouped = problem.fresh >= 0
-        self.fresh, self.together = np.zeros(self._groups + 1), np.zeros(len(problem.value))
+        rows, none = problem.together, np.empty(0, dtype=np.intp)
+        self.one = np.concatenate([none, *(np.repeat(one, len(others)) for one, others in rows.items())])
+        self.other = np.concatenate([none, *rows.values()])
+        tied = np.unique(self.one)
+        self.near_of = np.concatenate([self.one, tied])
+        self.near = np.concatenate([self.other, tied])
+        number = problem.fresh[self.near_of]
+        same = (number >= 0) & (number == problem.fresh[self.near])
+        self.fresh_of, self.fresh_near = self.near_of[same], self.near[same]
+        self.is_tied = np.zeros(len(problem.value), dtype=bool)
+        self.is_tied[tied] = True
 
-    def look(self) -> tuple[float, Index, NDArray[Any], NDArray[Any]]:
-        """Return the bound, the passes taken, and the slopes of the bound by both kinds of prices."""
-        problem, size = self._problem, len(self._problem.value)
-        as_fresh = (1.0 - problem.repeat) * problem.value - self.fresh[problem.fresh]
-        as_one = problem.parallax * problem.value - self.together
-        is_fresh, is_one = self._grouped & (as_fresh > 0.0), self._tied & (as_one > 0.0)
+
+class _Prices:
+    """Prices of the ties between stations, and the bound and the plans that they lead to.
+
+    The prices are an array of three parts: of each fresh stretch (and one of no meaning, for passes without),
+    of each pass that another is at once with it, and of each pass the last row of `_tie_rows`.
+    """
+
+    def __init__(self, problem: Assignment, ties: _Ties) -> None:
+        self._problem, self._ties = problem, ties
+        self._groups = int(problem.fresh.max(initial=-1)) + 1
+        self._is_grouped = problem.fresh >= 0
+
+    def look(self, prices: Array) -> tuple[float, Index, Array]:
+        """Return the bound, the passes taken, and the slopes of the bound by all prices."""
+        problem, ties, size = self._problem, self._ties, len(self._problem.value)
+        fresh, together, tight = np.split(prices, [self._groups + 1, self._groups + 1 + size])
+        as_fresh = (1.0 - problem.repeat) * problem.value - fresh[problem.fresh]
+        as_fresh -= _sums(ties.fresh_near, tight[ties.fresh_of], size)
+        as_one = problem.parallax * problem.value - together - tight
+        is_fresh, is_one = self._is_grouped & (as_fresh > 0.0), ties.is_tied & (as_one > 0.0)
         worth = (
             problem.repeat * problem.value + np.where(is_fresh, as_fresh, 0.0) + np.where(is_one, as_one, 0.0)
         )
-        worth += np.bincount(self._other, self.together[self._one], minlength=size)
+        worth += _sums(ties.other, together[ties.one], size) + _sums(ties.near, tight[ties.near_of], size)
         worth[problem.value <= 0.0] = -math.inf
-        total, taken = 0.0, []
-        for station in problem.stations:
-            best, chosen = station.best(worth, problem.kept)
-            total += best
-            taken.append(chosen)
+        plans = [station.best(worth, problem.kept) for station in problem.stations]
+        taken = np.concatenate([chosen for _, chosen in plans])
         x = np.zeros(size)
-        chosen_all = np.concatenate(taken)
-        x[chosen_all] = 1.0
-        by_fresh = np.bincount(
-            problem.fresh[self._grouped], (x * is_fresh)[self._grouped], minlength=self._groups + 1
-        )
-        slope = 1.0 - by_fresh
-        slope[-1] = 0.0
-        partners = np.bincount(self._one, x[self._other], minlength=size) - x * is_one
-        return total + float(np.sum(self.fresh[:-1])), chosen_all, slope, np.where(self._tied, partners, 0.0)
+        x[taken] = 1.0
+        fresh_x, one_x = x * is_fresh, x * is_one
+        left = 1.0 - _sums(problem.fresh[self._is_grouped], fresh_x[self._is_grouped], self._groups + 1)
+        left[-1] = 0.0
+        partners = _sums(ties.one, x[ties.other], size) - one_x
+        room = _sums(ties.near_of, x[ties.near], size) - one_x
+        room -= _sums(ties.fresh_of, fresh_x[ties.fresh_near], size)
+        bound = sum(best for best, _ in plans) + float(np.sum(fresh[:-1]))
+        return bound, taken, np.concatenate([left, partners * ties.is_tied, room * ties.is_tied])
 
     def descend(self, plain: Index, until_s: float, gap: float) -> tuple[Index, float, float]:
         """Return the best choice met with its value, and the least bound, within a time."""
         problem, best = self._problem, plain
-        value, bound, least = problem.worth(plain), math.inf, math.inf
+        value, bound = problem.worth(plain), math.inf
         pace, stale = 1.0, 0
+        prices = np.zeros(self._groups + 1 + 2 * len(problem.value))
         for number in count():
             if pace < _SLOWEST or time.monotonic() > until_s:
                 break
-            total, taken, slope, ties = self.look()
-            stale = 0 if total < least - 1e-4 * abs(least) else stale + 1
-            least, bound = min(least, total), min(bound, total)
+            total, taken, slope = self.look(prices)
+            stale = 0 if total < bound * (1.0 - _NOTICED) else stale + 1
+            bound = min(bound, total)
             if number % _EVERY == 0:
-                improved = _improved(problem, taken)
-                if (found := problem.worth(improved)) > value:
-                    best, value = improved, found
+                for _ in range(_SWEEPS):
+                    taken = _improved(problem, self._ties, taken)
+                if (found := problem.worth(taken)) > value:
+                    best, value = taken, found
             if bound - value <= gap * bound:
                 break
             if stale >= _PATIENCE:
                 pace, stale = 0.7 * pace, 0
             # A price of zero does not fall further.
-            slope[(self.fresh <= 0.0) & (slope > 0.0)] = 0.0
-            ties[(self.together <= 0.0) & (ties > 0.0)] = 0.0
-            square = float(slope @ slope + ties @ ties)
+            slope = np.where((prices <= 0.0) & (slope > 0.0), 0.0, slope)
+            square = float(np.sum(slope * slope))
             if square == 0.0:
                 break
-            step = pace * (total - value) / square
-            self.fresh = np.maximum(self.fresh - step * slope, 0.0)
-            self.together = np.maximum(self.together - step * ties, 0.0)
+            prices = np.maximum(prices - pace * (total - value) / square * slope, 0.0)
         return best, value, bound
 
 
-def _improved(problem: Assignment, taken: Index) -> Index:
+def _sums(which: Index, values: Array, size: int) -> Array:
+    """Return the sums of values by index, shape (size,)."""
+    return np.bincount(which, values, minlength=size).astype(np.float64, copy=False)
+
+
+def _improved(problem: Assignment, ties: _Ties, taken: Index) -> Index:
     """Return a choice in which each station in turn has the best plan beside those of the others."""
-    is_taken = np.zeros(len(problem.value), dtype=bool)
+    size, is_taken = len(problem.value), np.zeros(len(problem.value), dtype=bool)
     is_taken[taken] = True
-    rows = [(one, others) for one, others in problem.together.items()]
-    one_of = np.concatenate([np.empty(0, dtype=np.intp), *(np.repeat(one, len(o)) for one, o in rows)])
-    other_of = np.concatenate([np.empty(0, dtype=np.intp), *(others for _, others in rows)])
-    size = len(problem.value)
     for station in problem.stations:
         is_taken[station.members] = False
         best = np.zeros(int(problem.fresh.max(initial=-1)) + 2)
@@ -246,11 +271,10 @@ def _improved(problem: Assignment, taken: Index) -> Index:
         np.maximum.at(best, problem.fresh[others], problem.value[others])
         extra = np.where(problem.fresh >= 0, np.maximum(problem.value - best[problem.fresh], 0.0), 0.0)
         worth = problem.repeat * problem.value + (1.0 - problem.repeat) * extra
-        partners = np.bincount(one_of, is_taken[other_of], minlength=size)
+        partners = _sums(ties.one, is_taken[ties.other], size)
         worth += problem.parallax * problem.value * (partners > 0)
-        lonely = is_taken[one_of] & (partners[one_of] == 0)
-        gains = problem.parallax * problem.value[one_of] * lonely
-        worth += np.bincount(other_of, gains, minlength=size)
+        lonely = is_taken[ties.one] & (partners[ties.one] == 0)
+        worth += _sums(ties.other, problem.parallax * problem.value[ties.one] * lonely, size)
         worth[problem.value <= 0.0] = -math.inf
         is_taken[station.best(worth, problem.kept)[1]] = True
     return np.flatnonzero(is_taken)
@@ -280,94 +304,124 @@ def assign(problem: Assignment, seconds: float = 60.0, gap: float = 1e-4) -> Ass
         import highspy
     except ImportError:
         raise SattrackError(NO_HIGHS) from None
-    begun_s = time.monotonic()
-    plain = greedy(problem)
+    until_s = time.monotonic() + seconds
     size = len(problem.value)
     if size == 0:
-        return Assigned(plain, 0.0, 0.0)
-    is_large = size > _MOST_FOR_HIGHS
-    until_s = begun_s + (seconds if is_large else _SHARE * seconds)
-    found, value, bound = _Prices(problem).descend(plain, until_s, gap)
-    if is_large or bound - value <= gap * bound:
-        return Assigned(found, value, max(value, bound))
-    model, start = _model(problem, found, highspy)
+        return Assigned(np.empty(0, dtype=np.intp), 0.0, 0.0)
+    for station in problem.stations:
+        kept = np.isin(station.members, problem.kept)
+        if station.clash[np.ix_(kept, kept)].any():
+            raise SattrackError("what has begun cannot all be kept: passes of one station overlap")
+    prices = _Prices(problem, _Ties(problem))
+    found, value, bound = prices.descend(greedy(problem), until_s - (1.0 - _SHARE) * seconds, gap)
+    order = np.argsort(problem.start_s, kind="stable")
+    most = size if size <= _MOST else _MOST_AT_ONCE
+    before = -math.inf
+    # Anew, as long as it leads to something better.
+    while value > before * (1.0 + _NOTICED):
+        before = value
+        for low in range(0, size, most if most == size else most // 2):
+            left_s = until_s - time.monotonic()
+            allowed_s = left_s if most == size else _MOST_S
+            if bound - value <= gap * bound or left_s < allowed_s or left_s <= 0.0:
+                break
+            part, which = _part(problem, order[low : low + most], found)
+            known = np.flatnonzero(np.isin(which, found))
+            taken, above = _solved(part, known, allowed_s, gap * most / size, highspy)
+            if (better := problem.worth(which[taken])) > value:
+                found, value = which[taken], better
+            if most == size:
+                return Assigned(found, value, max(value, min(bound, above)))
+    return Assigned(found, value, max(value, bound))
+
+
+def _part(problem: Assignment, free: Index, taken: Index) -> tuple[Assignment, Index]:
+    """Return the problem of passes that are free to be taken beside some that are, and their indices."""
+    which = np.union1d(free, taken)
+    place = np.full(len(problem.value), -1, dtype=np.intp)
+    place[which] = np.arange(len(which))
+    stations = []
+    for station in problem.stations:
+        own = np.flatnonzero(place[station.members] >= 0)
+        stations.append(StationPasses(place[station.members[own]], station.clash[np.ix_(own, own)]))
+    together = {}
+    for k, one in enumerate(which.tolist()):
+        others = place[problem.together[one]] if one in problem.together else place[:0]
+        if (others >= 0).any():
+            together[k] = others[others >= 0]
+    kept = np.union1d(np.intersect1d(problem.kept, which), np.setdiff1d(taken, free))
+    return (
+        replace(
+            problem,
+            start_s=problem.start_s[which],
+            value=problem.value[which],
+            stations=stations,
+            fresh=problem.fresh[which],
+            together=together,
+            kept=place[kept],
+        ),
+        which,
+    )
+
+
+def _solved(
+    problem: Assignment, known: Index, seconds: float, gap: float, highspy: Any
+) -> tuple[Index, float]:
+    """Return the best choice that HiGHS finds, beginning with a known one, and its bound."""
+    model, start = _model(problem, known, highspy)
     solver = highspy.Highs()
     for name, value in (
         ("output_flag", False),
-        ("time_limit", max(1.0, begun_s + seconds - time.monotonic())),
+        ("time_limit", seconds),
         ("mip_rel_gap", gap),
         ("mip_abs_gap", 1e-9),
         ("random_seed", 0),
     ):
         solver.setOptionValue(name, value)
     solver.passModel(model)
-    known = highspy.HighsSolution()
-    known.col_value = start.tolist()
-    solver.setSolution(known)
+    solution = highspy.HighsSolution()
+    solution.col_value = start.tolist()
+    solver.setSolution(solution)
     solver.run()
-    status, info = solver.getModelStatus(), solver.getInfo()
-    if status == highspy.HighsModelStatus.kInfeasible:
-        raise SattrackError("what has begun cannot all be kept: passes of one station overlap")
     columns = np.array(solver.getSolution().col_value)
-    taken = np.flatnonzero(columns[:size] > _TAKEN) if len(columns) else found
-    if problem.worth(taken) > value:
-        found, value = taken, problem.worth(taken)
-    if math.isfinite(info.mip_dual_bound):
-        bound = min(bound, float(info.mip_dual_bound))
-    return Assigned(found, value, max(value, bound))
+    taken = np.flatnonzero(columns[: len(problem.value)] > _TAKEN) if len(columns) else known
+    bound = float(solver.getInfo().mip_dual_bound)
+    return taken, bound if math.isfinite(bound) else math.inf
 
 
-def _model(problem: Assignment, plain: Index, highspy: object) -> tuple[object, Array]:
-    """Return the problem as HiGHS takes it, and the greedy choice as its columns.
+def _model(problem: Assignment, known: Index, highspy: Any) -> tuple[Any, Array]:
+    """Return the problem as HiGHS takes it, and a known choice as its columns.
 
     Columns: taken (n), fresh (n), together (n).
     """
     size, value = len(problem.value), problem.value
-    rows: list[tuple[list[int], list[float]]] = []
-    for station in problem.stations:
-        order = np.argsort(problem.start_s[station.members], kind="stable")
-        members = station.members[order]
-        sets = exclusive_sets(station.clash[np.ix_(order, order)])
-        rows += [(members[one].tolist(), [1.0] * len(one)) for one in sets]
-    first_linked = len(rows)
-    groups: dict[int, list[int]] = {}
-    upper = np.concatenate([np.ones(size), np.zeros(2 * size)])
-    for one in range(size):
-        if problem.fresh[one] >= 0:
-            groups.setdefault(int(problem.fresh[one]), []).append(size + one)
-            upper[size + one] = 1.0
-            rows.append(([size + one, one], [1.0, -1.0]))
-        if one in problem.together:
-            upper[2 * size + one] = 1.0
-            others = problem.together[one].tolist()
-            rows.append(([2 * size + one, one], [1.0, -1.0]))
-            rows.append(([2 * size + one, *others], [1.0, *[-1.0] * len(others)]))
-    last_linked = len(rows)
-    rows += [(columns, [1.0] * len(columns)) for columns in groups.values() if len(columns) > 1]
-    most = np.ones(len(rows))
-    most[first_linked:last_linked] = 0.0
-    lower = np.zeros(3 * size)
+    sets, ties = _exclusive_rows(problem), _tie_rows(problem)
+    rows = [(columns, [1.0] * len(columns)) for columns in sets] + ties
+    upper, lower = np.ones(3 * size), np.zeros(3 * size)
     lower[problem.kept] = 1.0
     # What is worth nothing is not taken: so a station that is closed takes nothing either.
     upper[:size][(value <= 0.0) & (lower[:size] == 0.0)] = 0.0
-    lp = highspy.HighsLp()  # type: ignore[attr-defined]
+    upper[size : 2 * size] = problem.fresh >= 0
+    upper[2 * size :] = [one in problem.together for one in range(size)]
+    lp = highspy.HighsLp()
     lp.num_col_, lp.num_row_ = 3 * size, len(rows)
-    lp.sense_ = highspy.ObjSense.kMaximize  # type: ignore[attr-defined]
+    lp.sense_ = highspy.ObjSense.kMaximize
     lp.col_cost_ = np.concatenate(
         [problem.repeat * value, (1.0 - problem.repeat) * value, problem.parallax * value]
     )
     lp.col_lower_, lp.col_upper_ = lower, upper
-    lp.row_lower_, lp.row_upper_ = np.full(len(rows), -math.inf), most
-    lp.a_matrix_.format_ = highspy.MatrixFormat.kRowwise  # type: ignore[attr-defined]
+    lp.row_lower_ = np.full(len(rows), -math.inf)
+    lp.row_upper_ = np.repeat([1.0, 0.0], [len(sets), len(ties)])
+    lp.a_matrix_.format_ = highspy.MatrixFormat.kRowwise
     lp.a_matrix_.start_ = np.cumsum([0, *(len(columns) for columns, _ in rows)]).astype(np.int32)
     lp.a_matrix_.index_ = np.array([c for columns, _ in rows for c in columns], dtype=np.int32)
     lp.a_matrix_.value_ = np.array([f for _, factors in rows for f in factors], dtype=np.float64)
-    kinds = highspy.HighsVarType  # type: ignore[attr-defined]
+    kinds = highspy.HighsVarType
     lp.integrality_ = [kinds.kInteger] * size + [kinds.kContinuous] * (2 * size)
     start = np.zeros(3 * size)
-    start[plain] = 1.0
+    start[known] = 1.0
     best: dict[int, int] = {}
-    for one in plain.tolist():
+    for one in known.tolist():
         group = int(problem.fresh[one])
         if group >= 0 and (group not in best or value[one] > value[best[group]]):
             best[group] = one
@@ -375,3 +429,36 @@ def _model(problem: Assignment, plain: Index, highspy: object) -> tuple[object, 
             start[2 * size + one] = 1.0
     start[[size + one for one in best.values()]] = 1.0
     return lp, start
+
+
+def _exclusive_rows(problem: Assignment) -> list[list[int]]:
+    """Return sets of columns of which one may be taken: passes that clash, fresh ones of one stretch."""
+    found: list[list[int]] = []
+    for station in problem.stations:
+        order = np.argsort(problem.start_s[station.members], kind="stable")
+        members = station.members[order]
+        found += [members[one].tolist() for one in exclusive_sets(station.clash[np.ix_(order, order)])]
+    groups: dict[int, list[int]] = {}
+    for one in np.flatnonzero(problem.fresh >= 0).tolist():
+        groups.setdefault(int(problem.fresh[one]), []).append(len(problem.value) + one)
+    return found + [columns for columns in groups.values() if len(columns) > 1]
+
+
+def _tie_rows(problem: Assignment) -> list[tuple[list[int], list[float]]]:
+    """Return columns and factors whose sum is at most zero: what ties passes together.
+
+    A pass is fresh, or together, only if it is taken; together only if another is. The last row follows for
+    whole choices, not for shares of them: of a pass and those at once with it more are taken than one is
+    fresh, if they are together. Without it half a pass could be both.
+    """
+    size, found = len(problem.value), []
+    for one in range(size):
+        if problem.fresh[one] >= 0:
+            found.append(([size + one, one], [1.0, -1.0]))
+        if one in problem.together:
+            near = [one, *problem.together[one].tolist()]
+            fresh = [size + k for k in near if 0 <= problem.fresh[k] == problem.fresh[one]]
+            found.append(([2 * size + one, one], [1.0, -1.0]))
+            found.append(([2 * size + one, *near[1:]], [1.0] + [-1.0] * (len(near) - 1)))
+            found.append(([2 * size + one, *fresh, *near], [1.0] * (1 + len(fresh)) + [-1.0] * len(near)))
+    return found

@@ -96,6 +96,23 @@ def test_small_networks_get_the_best_of_all_choices(seed: int) -> None:
         assert not station.clash[np.ix_(mine, mine)].any()
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_many_passes_are_chosen_part_by_part_below_a_bound_that_holds(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sattrack.network.assign._MOST", 0)
+    monkeypatch.setattr("sattrack.network.assign._MOST_AT_ONCE", 4)
+    problem = drawn(np.random.default_rng(seed), 3, 4, 3)
+    found = assign(problem, seconds=20.0, gap=0.0)
+    best = counted(problem)
+    assert problem.worth(greedy(problem)) <= found.value == pytest.approx(problem.worth(found.taken))
+    assert found.value <= best * (1.0 + 1e-9)
+    assert best * (1.0 - 1e-9) <= found.bound <= 1.05 * best
+    for station in problem.stations:
+        mine = np.flatnonzero(np.isin(station.members, found.taken))
+        assert not station.clash[np.ix_(mine, mine)].any()
+
+
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.soak)])
 def test_twenty_stations_with_two_thousand_passes_are_within_two_percent(seed: int) -> None:
     problem = drawn(np.random.default_rng(seed), 20, 100, 400)
