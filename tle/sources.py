@@ -165,18 +165,22 @@ def find(elements: Sequence[Elements], key: str) -> Elements:
     )
 
 
-def newest(elements: Iterable[Elements]) -> list[Elements]:
-    """Return one set for each object, that of the newest epoch, in the order of first appearance.
+def newest(elements: Iterable[Elements], at: Utc | None = None) -> list[Elements]:
+    """Return one set for each object, in the order of first appearance: the newest, or the nearest to `at`.
 
     Sets of one number are of one object, unless their designators contradict each other.
     """
+
+    def worth(one: Elements) -> float:
+        return float(one.epoch.unix_s) if at is None else -abs(one.epoch - at)
+
     best: dict[int, list[Elements]] = {}
     for one in elements:
         known = best.setdefault(one.catalog_number, [])
-        for at, other in enumerate(known):
+        for k, other in enumerate(known):
             if one.designator == other.designator or not (one.designator and other.designator):
-                if other.epoch < one.epoch:
-                    known[at] = one
+                if worth(other) < worth(one):
+                    known[k] = one
                 break
         else:
             known.append(one)
@@ -314,7 +318,7 @@ def listed(names: Sequence[str]) -> str:
 
 def is_fetched(source: str) -> bool:
     """Tell whether a source is a URL or a provider's short name, which only a fetcher can read."""
-    return "://" in source or source.startswith(("celestrak:", "spacetrack:"))
+    return "://" in source or source.startswith(("celestrak:", "celestrak-sup:", "spacetrack:"))
 
 
 def _texts(source: str | Path, fetch: Callable[[str], str] | None) -> list[tuple[str, str]]:

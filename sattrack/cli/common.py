@@ -71,7 +71,7 @@ class CommandContext:
         raise BadInputError(NO_SITE)
 
     def followed(
-        self, target: str, mount_url: str | None, ephemeris: Path | None
+        self, target: str, mount_url: str | None, files: Sequence[Path]
     ) -> tuple[list[Elements] | None, Site | None, Ephemeris | None]:
         """Return what to follow a target with: elements or another ephemeris, and the site.
 
@@ -79,9 +79,12 @@ class CommandContext:
         Raises what `elements` and `site` may.
         """
         from sattrack.cli.targets import find_target
+        from tle.elements import Elements
 
         known = self.known_elements()
-        found = find_target(self, target, ephemeris, known)
+        found = find_target(self, target, files, known)
+        if isinstance(found, Elements):
+            return [found], self.site(), None
         if found is not None:
             return None, self.site(), found
         if mount_url in (None, "sim") and not self.sources() and not self.has_site():
@@ -98,7 +101,7 @@ class CommandContext:
         return self.element_sources or self.settings.elements
 
     def elements(self, *satellites: str) -> list[Elements]:
-        """Read all element sources, the newest epoch of an object winning.
+        """Read all element sources, the epoch of an object that is nearest to now winning.
 
         Where none is set, the named satellites are fetched one by one from CelesTrak.
         Sets that are refused beside good ones are named on standard error. Raises BadInputError, TleError.
@@ -115,7 +118,7 @@ class CommandContext:
             first = str(sets.rejected[0]).splitlines()[0]
             count = len(sets.rejected) + len(sets.accepted)
             tell(f"{len(sets.rejected)} of {count} element sets refused, the first: {first}")
-        return newest(sets.accepted)
+        return newest(sets.accepted, self.now())
 
     def fetched(self, satellites: Sequence[str]) -> list[Elements]:
         """Return elements of satellites as CelesTrak has them; raises BadInputError where that cannot be."""
@@ -376,8 +379,8 @@ def common_options(*used: str) -> Callable[[Callable[..., Any]], Callable[..., A
             multiple=True,
             metavar="SRC",
             hidden="elements" not in used,
-            help="File, folder or URL of elements, "
-            "celestrak:GROUP, celestrak:NUMBER, spacetrack:NUMBER or - (standard input).",
+            help="File, folder or URL of elements, celestrak:GROUP, celestrak:NUMBER, celestrak-sup:GROUP, "
+            "spacetrack:NUMBER, spacetrack:NUMBER@DAY or - (standard input).",
         )
         @click.option(
             "--clock",

@@ -3,26 +3,33 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 import msgspec
+import numpy as np
 
 from sattrack.cli.common import CommandContext, common_options, satellite_names, tell, write_file
+from sattrack.cli.targets import candidates, ephemeris_option
 from sattrack.core.errors import BadInputError
 from sattrack.runtime.bias_memory import BiasMemory, KeptBias, describe, memory_file
+from tle.bodies import Body
 from tle.elements import expected_along_arcsec, expected_along_s, propagation_error
 from tle.errors import PropagationError, TleError
 from tle.instants import Utc
+from tle.propagator import Propagator
 from tle.sources import WRITTEN, ElementSets, find, is_fetched, newest, write_elements
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from tle.elements import Elements
+    from tle.ephemeris import Ephemeris
     from tle.formats.observations import Observation
+    from tle.site import Site
 
 _DAY_S = 86400.0
 
@@ -153,6 +160,59 @@ def check(
         for row in residuals or []:
             click.echo(_line(row))
     return 1 if sets.rejected else 0
+
+
+@command.command("compare")
+@click.argument("satellite")
+@ephemeris_option
+@common_options("site", "elements", "clock", "json")
+def compare(context: CommandContext, satellite: str, ephemeris: tuple[Path, ...]) -> int:
+    """Compare the ephemerides of SATELLITE that files and element sources have, the best one first.
+
+    The angle is how far each is seen from the best one, at the first instant at which that has a place.
+
+    \b
+    Examples:
+      sattrack elements compare 25544 --elements celestrak:stations --elements celestrak-sup:iss
+      sattrack elements compare lageos1 --ephemeris lageos1.cpf --elements celestrak:resource
+    """
+    known = candidates(context, satellite, ephemeris)
+    at = known[0].at
+    site = context.site() if context.has_site() else None
+    rows = []
+    for one in known:
+        off = None if site is None else _apart_arcsec(known[0].target, one.target, site, at)
+        age_s = None if isinstance(one.target, Body) else at - one.target.epoch
+        rows.append(
+            {
+                "source": one.origin,
+                "provenance": one.target.provenance,
+                "age_days": None if age_s is None else age_s / _DAY_S,
+                "expected_error_m": one.error_m,
+                "over": one.ended,
+                "from_best_arcsec": off,
+            }
+        )
+    if context.json:
+        click.echo(json.dumps({"utc": at.isoformat("seconds"), "ephemerides": rows}))
+    else:
+        for one, row in zip(known, rows, strict=True):
+            away = (
+                "" if row["from_best_arcsec"] is None else f", {row['from_best_arcsec']:.1f}″ from the best"
+            )
+            click.echo(f"{one.text}{away}")
+    return 0
+
+
+def _apart_arcsec(
+    best: Elements | Ephemeris, other: Elements | Ephemeris, site: Site, at: Utc
+) -> float | None:
+    """Return how far apart two ephemerides of one object are seen; None where the other has no place."""
+    try:
+        one, two = (Propagator(each, site).at(at).unit for each in (best, other))
+    except PropagationError:
+        return None
+    return math.degrees(2.0 * math.asin(min(1.0, 0.5 * float(np.linalg.norm(one - two))))) * 3600.0
 
 
 def _places(context: CommandContext, sources: tuple[str, ...]) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fnmatch
+import json
 import math
 import os
 import sys
@@ -55,6 +56,7 @@ _SORTS = ("rise", "altitude", "magnitude", "rate", "name")
 @click.option(
     "--judged", is_flag=True, help="Show for each pass whether the mount can follow it, and why not."
 )
+@click.option("--transits", is_flag=True, help="Only where a satellite crosses the disc of Sun or Moon.")
 @profile_option
 @click.option(
     "--max-rate",
@@ -101,6 +103,7 @@ def command(context: CommandContext, targets: tuple[str, ...], **options: Any) -
       sattrack passes ISS
       sattrack passes --dark --sunlit --min-alt 30 --sort altitude
       sattrack passes ISS --hours 72 --format ics > iss.ics
+      sattrack passes ISS --hours 480 --transits
     """
     _check(options)
     style = _style(options, context.json)
@@ -116,6 +119,9 @@ def command(context: CommandContext, targets: tuple[str, ...], **options: Any) -
         tell(f"warning: {text}")
     _tell_age(passes)
     _tell_failures(passes, bool(targets))
+    if options["transits"]:
+        _show_transits(passes, style)
+        return 0
     separations = style in ("json", "csv")
     table = _table(passes, known, separations, options).sorted(options["sort"])
     table = _judged(context, table, options)
@@ -125,6 +131,26 @@ def command(context: CommandContext, targets: tuple[str, ...], **options: Any) -
         plot_passes(options["plot"], table)
     _show_passes(table, style, options)
     return 0
+
+
+def _show_transits(passes: CataloguePasses, style: str) -> None:
+    """Print what crosses Sun and Moon. Raises BadInputError for a style that has no transits."""
+    from sattrack.cli.passes_output import transit_lines, transit_rows
+    from tle.facts import fact_columns
+    from tle.transits import find_transits
+
+    if style not in ("table", "json"):
+        raise BadInputError(f"--transits is printed as a table or as json, not as {style}")
+    progress = _progress("looked at {done} of {total} passes", len(passes))
+    found = find_transits(passes, fact_columns(passes, progress=progress, workers=os.cpu_count() or 1))
+    if style == "json":
+        click.echo(json.dumps(transit_rows(found), allow_nan=False))
+    elif found:
+        click.echo("\n".join(transit_lines(found)))
+    else:
+        tell("nothing crosses Sun or Moon in this time")
+    if any(one.body == "Sun" for one in found):
+        tell("look at the Sun through a solar filter only: without one it blinds, and burns a camera")
 
 
 def _show_passes(table: PassTable, style: str, options: dict[str, Any]) -> None:

@@ -23,7 +23,7 @@ from tle.instants import Utc
 from tle.propagator import Propagator
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
 
     from icalendar import Event
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from tle.elements import Elements
     from tle.facts import FactColumns, PassFacts
     from tle.passes import CataloguePasses, Horizon, Pass
+    from tle.transits import Transit
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
@@ -534,4 +535,48 @@ def _draw_pass(sky: Any, row: Row, passes: CataloguePasses, colour: str) -> None
             color=colour,
             fontsize="small",
             annotation_clip=False,
+        )
+
+
+def transit_rows(transits: Sequence[Transit]) -> list[dict[str, Any]]:
+    """Return transits as JSON has them."""
+    return [
+        {
+            "name": one.target.name,
+            "catalog_number": one.target.catalog_number or None,
+            "body": one.body,
+            "utc": one.utc.isoformat("milliseconds"),
+            "begin_utc": one.begin_utc.isoformat("milliseconds"),
+            "end_utc": one.end_utc.isoformat("milliseconds"),
+            "duration_s": round(one.duration_s, 4),
+            "time_sigma_s": one.sigma_s,
+            "separation_deg": one.separation_deg,
+            "body_diameter_deg": 2.0 * one.radius_deg,
+            "alt_deg": one.alt_deg,
+            "az_deg": one.az_deg,
+            "range_km": one.range_km,
+            "sunlit": one.sunlit,
+            "path_width_km": one.width_km,
+            "path_centre_km": one.off_line_km,
+        }
+        for one in transits
+    ]
+
+
+def transit_lines(transits: Sequence[Transit]) -> Iterator[str]:
+    """Yield the lines of a table of transits, times in the zone that is set."""
+    yield "Time          Lasts  Before Alt°  Az°  Off     Size    Path km Middle km Range km  Satellite"
+    date = None
+    for one in transits:
+        unix_s = float(one.utc.unix_s)
+        if local_time.date(unix_s) != date:
+            date = local_time.date(unix_s)
+            yield date
+        whole_s = math.floor(unix_s)
+        time = f"{local_time.clock(whole_s)}.{math.floor(100.0 * (unix_s - whole_s)):02d}"
+        off, size = one.separation_deg * 60.0, one.radius_deg * 120.0
+        yield (
+            f"{time:<12s}{one.duration_s:6.2f}s  {one.body:<6s}{one.alt_deg:5.0f}{one.az_deg:5.0f}"
+            f"{off:6.2f}′{size:7.2f}′{one.width_km:10.1f}{one.off_line_km:10.2f}{one.range_km:9.0f}"
+            f"  {printable(one.target.label)}"
         )

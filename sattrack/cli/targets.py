@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from sattrack.cli.common import tell
 from sattrack.core.errors import BadInputError
+from tle.elements import expected_error_m
 from tle.errors import AmbiguousSatelliteError, SatelliteNotFoundError
 
 if TYPE_CHECKING:
@@ -16,43 +18,144 @@ if TYPE_CHECKING:
     from sattrack.cli.common import CommandContext
     from tle.elements import Elements
     from tle.ephemeris import Ephemeris
+    from tle.instants import Utc
 
 
-_T0 = "sattrack.t0"
+_T0, _SOURCE = "sattrack.t0", "sattrack.source"
+UNSTATED_M = 100.0
+"""What a file that states no error is taken to miss: what laser predictions and operators do in some days."""
 
 
 def ephemeris_option(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add --ephemeris and --t0 to a command; the first comes as `ephemeris`, a path or None.
+    """Add --ephemeris, --t0 and --source to a command; the first comes as `ephemeris`, a tuple of paths.
 
-    The second is kept in the context of click, from which `_objects_of` takes it.
+    The others are kept in the context of click, from which this module takes them.
     """
-    function = click.option(
-        "--t0",
-        metavar="UTC",
-        expose_value=False,
-        callback=lambda ctx, _, value: ctx.meta.update({_T0: value}),
-        help="When T0 is, of a table whose times count from it.",
-    )(function)
-    return click.option(
-        "--ephemeris",
-        type=click.Path(path_type=Path, dir_okay=False),
-        metavar="FILE",
-        help="TARGET is an object of this CPF, OEM or SP3 file, or of this table (CSV).",
-    )(function)
+    for option in (
+        click.option(
+            "--source",
+            metavar="WORD",
+            expose_value=False,
+            callback=lambda ctx, _, value: ctx.meta.update({_SOURCE: value}),
+            help="Of several ephemerides of TARGET, elements among them, the one whose file or name has this "
+            "in it; `best` for the least expected error, as without it where --ephemeris is repeated.",
+        ),
+        click.option(
+            "--t0",
+            metavar="UTC",
+            expose_value=False,
+            callback=lambda ctx, _, value: ctx.meta.update({_T0: value}),
+            help="When T0 is, of a table whose times count from it.",
+        ),
+        click.option(
+            "--ephemeris",
+            type=click.Path(path_type=Path, dir_okay=False),
+            multiple=True,
+            metavar="FILE",
+            help="TARGET is an object of this CPF, OEM or SP3 file, or of this table (CSV); may be repeated.",
+        ),
+    ):
+        function = option(function)
+    return function
+
+
+class Candidate(NamedTuple):
+    """One ephemeris of a target, and where it comes from."""
+
+    origin: str
+    target: Elements | Ephemeris
+    at: Utc
+    """When it is first asked: now, or where its places begin."""
+    ended: bool
+    """Whether its places end before now."""
+
+    @property
+    def error_m(self) -> float | None:
+        """Give by how much it misses its object, typically; None where it does not say."""
+        return expected_error_m(self.target, self.at)
+
+    @property
+    def worth(self) -> tuple[bool, float]:
+        """Give what is least for the best one."""
+        error_m = self.error_m
+        return self.ended, UNSTATED_M if error_m is None else error_m
+
+    @property
+    def text(self) -> str:
+        """Say what it is in one line."""
+        error_m = self.error_m
+        miss = "states no error" if error_m is None else f"expected error {error_m:.3g} m"
+        over = ", over" if self.ended else ""
+        return f"{self.origin}: {self.target.provenance}, {miss}{over}"
+
+
+def candidates(context: CommandContext, key: str, files: Sequence[Path]) -> list[Candidate]:
+    """Return all ephemerides of a target that files and element sources have, the best one first.
+
+    Raises SatelliteNotFoundError where none has it, TleError, BadInputError.
+    """
+    from tle.sources import find, newest
+
+    now, missing = context.now(), None
+    found: list[Candidate] = []
+    for path in files:
+        try:
+            (one,) = _objects_of(context, path, [key])
+            found.append(_candidate(str(path), one, now))
+        except SatelliteNotFoundError as error:
+            missing = missing or error
+    for source in context.sources():
+        try:
+            sets = newest(context.load([source]).accepted, now)
+            found.append(_candidate(source, find(sets, key), now))
+        except SatelliteNotFoundError as error:
+            missing = missing or error
+    if not found:
+        raise missing or BadInputError(f"{key}: give --ephemeris FILE or --elements SRC")
+    return sorted(found, key=lambda one: one.worth)
+
+
+def _candidate(origin: str, target: Elements | Ephemeris, now: Utc) -> Candidate:
+    spans = target.spans
+    later = [max(now, first) for first, last in spans if now <= last]
+    at = now if not spans else min(later, default=spans[-1][1])
+    return Candidate(origin, target, at, bool(spans) and not later)
+
+
+def _chosen(
+    context: CommandContext, key: str, files: Sequence[Path], word: str | None
+) -> Ephemeris | Elements:
+    """Return the ephemeris that a word names, the best without one; tell what there is."""
+    known = candidates(context, key, files)
+    meant = known
+    if word not in (None, "best"):
+        assert word is not None
+        meant = [
+            one for one in known if word.casefold() in f"{one.origin} {one.target.provenance}".casefold()
+        ]
+    if not meant:
+        listed = "; ".join(one.text for one in known)
+        raise BadInputError(f"--source {word}: none of the ephemerides of {key} is called so: {listed}")
+    for one in known:
+        tell(f"{'using' if one is meant[0] else 'not  '} {one.text}")
+    return meant[0].target
 
 
 def find_target(
-    context: CommandContext, key: str, ephemeris: Path | None, elements: Callable[[], list[Elements]]
-) -> Ephemeris | None:
+    context: CommandContext, key: str, files: Sequence[Path], elements: Callable[[], list[Elements]]
+) -> Ephemeris | Elements | None:
     """Return what TARGET is where it has no elements, None where it is a satellite that must have some.
 
-    It is an object of the ephemeris file where one is given, a table where TARGET ends in `.csv`, else Sun,
-    Moon, a planet, RA,DEC, or a star by its number, or by its name where no satellite has it: then alone are
-    `elements` asked for.
+    It is an object of an ephemeris file where one is given, the best one where several are or --source is,
+    a table where TARGET ends in `.csv`, else Sun, Moon, a planet, RA,DEC, or a star by its number, or by its
+    name where no satellite has it: then alone are `elements` asked for.
     Raises TleError, BadInputError.
     """
-    if ephemeris is not None:
-        return _objects_of(context, ephemeris, [key])[0]
+    word = click.get_current_context().meta.get(_SOURCE)
+    if word is not None or len(files) > 1:
+        return _chosen(context, key, files, word)
+    if files:
+        return _objects_of(context, files[0], [key])[0]
     if key.casefold().endswith(".csv"):
         return _objects_of(context, Path(key), [])[0]
     if click.get_current_context().meta.get(_T0) is not None:
@@ -92,20 +195,22 @@ def _has_no(elements: list[Elements], key: str) -> bool:
 
 
 def find_targets(
-    context: CommandContext, keys: Sequence[str], ephemeris: Path | None
+    context: CommandContext, keys: Sequence[str], files: Sequence[Path]
 ) -> list[Elements | Ephemeris]:
     """Return what a user means by each TARGET; without any, everything in the file, or in the elements.
 
     Elements are read where a satellite of theirs may be asked for. Raises TleError, BadInputError.
     """
-    if ephemeris is not None:
-        return list(_objects_of(context, ephemeris, keys))
+    if len(files) == 1 and click.get_current_context().meta.get(_SOURCE) is None:
+        return list(_objects_of(context, files[0], keys))
+    if not keys and files:
+        raise BadInputError("name a target: of several files one ephemeris is chosen for each")
     if not keys:
         return list(context.elements())
     from tle.sources import find
 
     known = context.known_elements()
-    others = [find_target(context, key, None, known) for key in keys]
+    others = [find_target(context, key, files, known) for key in keys]
     missing = [key for key, other in zip(keys, others, strict=True) if other is None]
     elements = (known() or context.elements(*missing)) if missing else []
     return [other or find(elements, key) for key, other in zip(keys, others, strict=True)]

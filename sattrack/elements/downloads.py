@@ -18,6 +18,7 @@ import time
 import zlib
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from datetime import date, timedelta
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -55,6 +56,8 @@ CELESTRAK = "celestrak"
 SPACE_TRACK = "space-track"
 DOWNLOAD_EVERY_S = 2 * 3600.0
 SPACE_TRACK_EVERY_S = 3600.0
+# What was is asked for once; only of the last days something new may come.
+HISTORY_EVERY_S = 24 * 3600.0
 # Seconds, and how many requests Space-Track allows within them.
 SPACE_TRACK_LIMITS = ((60.0, 30), (3600.0, 300))
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
@@ -91,7 +94,7 @@ class Query:
 def query_of(source: str, environ: Mapping[str, str]) -> Query:
     """Return the query that a short name or a URL stands for. Raises BadInputError."""
     kind, _, what = source.partition(":")
-    if kind == "celestrak":
+    if kind in ("celestrak", "celestrak-sup"):
         return _celestrak(source, what.strip(), _base(environ, CELESTRAK_VARIABLE, CELESTRAK_URL))
     if kind == "spacetrack":
         return _space_track(source, what.strip(), _base(environ, SPACE_TRACK_VARIABLE, SPACE_TRACK_URL))
@@ -147,34 +150,52 @@ def _base(environ: Mapping[str, str], variable: str, default: str) -> str:
 
 
 def _celestrak(source: str, what: str, base: str) -> Query:
+    """Return a query of CelesTrak's GP data, or of its supplemental ones, by operators' ephemerides."""
+    supplemental = source.startswith("celestrak-sup:")
     if re.fullmatch(r"\d{1,9}", what, re.ASCII):
         asked = f"CATNR={int(what)}"
     elif launch := re.fullmatch(r"(\d{4}-\d{3})[A-Za-z]{0,3}", what, re.ASCII):
         asked = f"INTDES={launch.group(1)}"
     elif re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9-]{0,40}", what, re.ASCII):
-        asked = f"GROUP={what.lower()}"
+        asked = f"{'FILE' if supplemental else 'GROUP'}={what.lower()}"
     elif name := re.fullmatch(r"name=\s*([^\x00-\x1f]{3,60}?)\s*", what):
         asked = f"NAME={quote(name.group(1).upper())}"
     else:
         raise BadInputError(
-            f"{source}: write celestrak:GROUP (such as celestrak:active), celestrak:25544 (a number) "
-            "or celestrak:name=HUBBLE (three letters at least)"
+            f"{source}: write celestrak:GROUP (such as celestrak:active), celestrak:25544 (a number), "
+            "celestrak:name=HUBBLE (three letters at least), or celestrak-sup:starlink"
         )
-    url = f"{base}/NORAD/elements/gp.php?{asked}&FORMAT=csv"
+    page = "supplemental/sup-gp.php" if supplemental else "gp.php"
+    url = f"{base}/NORAD/elements/{page}?{asked}&FORMAT=csv"
     return Query(source, url, CELESTRAK, DOWNLOAD_EVERY_S)
 
 
 def _space_track(source: str, what: str, base: str) -> Query:
+    what, _, day = what.partition("@")
+    kind, order = "gp", "NORAD_CAT_ID"
     if re.fullmatch(r"\d{1,9}(,\d{1,9})*", what, re.ASCII):
         asked = f"NORAD_CAT_ID/{what}"
-    elif what.lower() in ("all", "active"):
+        if day:
+            kind, order, asked = "gp_history", "EPOCH", f"{asked}/EPOCH/{_days_about(source, day)}"
+    elif what.lower() in ("all", "active") and not day:
         asked = "decay_date/null-val/epoch/%3Enow-30"
     else:
         raise BadInputError(
-            f"{source}: write spacetrack:all, spacetrack:25544 or spacetrack:25544,100534 (catalogue numbers)"
+            f"{source}: write spacetrack:all, spacetrack:25544 or spacetrack:25544,100534 (numbers), or "
+            " spacetrack:25544@2026-10-02"
         )
-    url = f"{base}/basicspacedata/query/class/gp/{asked}/orderby/NORAD_CAT_ID/format/json"
-    return Query(source, url, SPACE_TRACK, SPACE_TRACK_EVERY_S, _login(source, base))
+    url = f"{base}/basicspacedata/query/class/{kind}/{asked}/orderby/{order}/format/json"
+    every_s = HISTORY_EVERY_S if day else SPACE_TRACK_EVERY_S
+    return Query(source, url, SPACE_TRACK, every_s, _login(source, base))
+
+
+def _days_about(source: str, day: str) -> str:
+    """Return the range of epochs from the day before a day to the day after it, ends of days."""
+    try:
+        middle = date.fromisoformat(day)
+    except ValueError:
+        raise BadInputError(f"{source}: {day!r} is no day: write it as 2026-10-02") from None
+    return f"{middle - timedelta(days=1)}--{middle + timedelta(days=2)}"
 
 
 def _url(source: str, celestrak: str, space_track: str) -> Query:

@@ -32,7 +32,7 @@ f         arrows move by track, sky (→ east, ↑ north), axes or camera
 s  w      search: spiral / sweep along the track; again: keep it there
 Esc       end the search, back in its centre
 r  0      take back the offsets of this frame / all, searches and all
-m  + -    drop the remembered bias / a launch's T0: 10 s later, earlier
+m  + -    drop the remembered bias / T0 of a launch later, earlier
 n  b      leave this satellite for the next pass / the one before
 c         take control of the run, or give it up; a stop is anybody's
 v  t      the sky alone, or all / next theme: night, red, contrast

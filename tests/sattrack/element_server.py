@@ -127,6 +127,7 @@ def element_server(manner: str = "well") -> Iterator[ElementServer]:
     async def serve() -> None:
         app = web.Application()
         app.router.add_get("/NORAD/elements/gp.php", server.celestrak)
+        app.router.add_get("/NORAD/elements/supplemental/sup-gp.php", server.celestrak)
         app.router.add_post("/ajaxauth/login", server.login)
         app.router.add_get("/basicspacedata/query/{rest:.*}", server.space_track)
         runner = web.AppRunner(app, shutdown_timeout=0.1, handler_cancellation=True, access_log=None)

@@ -133,3 +133,70 @@ print("imported:", "skyfield" in sys.modules)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "imported: False"
+
+
+@pytest.fixture
+def three(tmp_path):
+    """Old elements, fresh ones, and rows made of the fresh ones that state 20 m."""
+    old, fresh, table = tmp_path / "old.tle", tmp_path / "fresh.tle", tmp_path / "rows.oem"
+    fresh.write_text("\n".join(["ISS", *ISS, ""]))
+    # The same orbit, its epoch ten days before, its checksum with it.
+    first = ISS[0].replace("26275", "26265")
+    old.write_text("\n".join(["ISS", with_checksum(first), ISS[1], ""]))
+    table.write_text(oem_text("2026-10-02T12:50:00Z", 40))
+    return old, fresh, table
+
+
+def with_checksum(line):
+    total = sum(int(c) if c.isdigit() else c == "-" for c in line[:68])
+    return f"{line[:68]}{total % 10}"
+
+
+AT = ("--clock", "2026-10-02T13:00:00Z")
+
+
+def test_the_ephemerides_of_an_object_are_compared_and_the_best_is_taken(capsys, three):
+    old, fresh, table = map(str, three)
+    sources = ("--elements", old, "--elements", fresh, "--ephemeris", table, *AT)
+    assert run(["elements", "compare", "ISS", *sources, *LEIDEN, "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["ephemerides"]
+    assert [row["source"] for row in rows] == [table, fresh, old]
+    assert [row["expected_error_m"] is None for row in rows] == [True, False, False]
+    assert rows[1]["expected_error_m"] < 1000.0 < rows[2]["expected_error_m"]
+    assert rows[1]["age_days"] == pytest.approx(0.53, abs=0.01)
+    # The rows were made of the fresh elements; those of another day are elsewhere on the orbit.
+    assert rows[0]["from_best_arcsec"] == 0.0
+    assert rows[1]["from_best_arcsec"] < 1.0
+    assert rows[2]["from_best_arcsec"] > 3600.0
+    assert run(["elements", "compare", "ISS", *sources]) == 0
+    assert capsys.readouterr().out.splitlines()[0].startswith(f"{table}: OEM by SGP4")
+
+
+@pytest.mark.parametrize(("word", "taken"), [("best", "fresh.tle"), ("OLD.tle", "old.tle")])
+def test_a_source_is_chosen_by_a_word(ask, three, word, taken):
+    old, fresh, _ = map(str, three)
+    code, _, err = ask("ISS", "--elements", old, "--elements", fresh, *AT, *SPAN, "--source", word)
+    assert code == 0
+    assert sorted(line.split()[1] for line in err.splitlines()[:2]) == ["not", "using"]
+    assert next(line for line in err.splitlines() if "using" in line).split(":")[1].endswith(taken)
+
+
+def test_of_two_files_the_one_that_has_places_is_taken(ask, three, tmp_path):
+    _, _, table = map(str, three)
+    ended = tmp_path / "ended.oem"
+    ended.write_text(oem_text("2026-10-01T12:50:00Z", 40))
+    code, _, err = ask("ISS", "--ephemeris", str(ended), "--ephemeris", table, *AT, *SPAN)
+    assert code == 0
+    assert f"using {table}" in err
+    assert "states no error, over" in err
+
+
+def test_a_source_that_is_none_is_refused_with_what_there_is(ask, three):
+    old, *_ = map(str, three)
+    code, out, err = ask("ISS", "--elements", old, *SPAN, "--source", "supplemental")
+    assert (code, out) == (2, "")
+    assert "--source supplemental: none of the ephemerides of ISS is called so" in err
+    assert old in err
+    code, _, err = ask("nothing", "--elements", old, *SPAN, "--source", "best")
+    assert code == 2
+    assert "no satellite 'nothing' in the elements" in err

@@ -77,3 +77,25 @@ def test_bodies_rise_and_set_when_skyfield_has_them_do_so(capsys, name, key):
     kernel.close()
     assert rows[0]["catalog_number"] is None
     assert rows[0]["elements_epoch"] is None
+
+
+def test_transits_are_listed_with_time_length_and_strip(capsys, tmp_path):
+    sets = tmp_path / "sets.tle"
+    sets.write_text("\n".join(["ISS (ZARYA)", *ISS, ""]))
+    arguments = ["passes", "ISS", "--elements", str(sets), *LEIDEN, "--transits"]
+    span = ["--from", "2026-10-02T00:00:00Z", "--hours", "360"]
+    assert run([*arguments, *span, "--json"]) == 0
+    shown = capsys.readouterr()
+    rows = json.loads(shown.out)
+    assert {row["body"] for row in rows} == {"Sun", "Moon"}
+    for row in rows:
+        assert row["name"] == "ISS (ZARYA)"
+        assert row["begin_utc"] < row["utc"] < row["end_utc"]
+        assert 0.0 < row["duration_s"] < 3.0
+        assert 2.0 * row["separation_deg"] < row["body_diameter_deg"] < 0.57
+        assert row["path_centre_km"] < 0.5 * row["path_width_km"] + 1.0
+    assert "look at the Sun through a solar filter only" in shown.err
+    assert run([*arguments, *span]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 1 + 2 * len(rows)
+    assert run([*arguments, *span, "--format", "ics"]) == 2
+    assert "printed as a table or as json" in capsys.readouterr().err

@@ -324,9 +324,43 @@ def test_credentials_come_from_the_keyring_where_the_environment_has_none(monkey
     assert asked == [(KEYRING_SERVICE, None), (KEYRING_SERVICE, "nobody")]
 
 
+def test_supplemental_data_come_by_the_name_of_their_file_or_of_a_satellite(tmp_path):
+    with element_server() as server:
+        client = Client(tmp_path, server.url)
+        for source in ("celestrak-sup:Starlink", "celestrak-sup:25544", "celestrak:starlink"):
+            sets = load_elements(source, fetch=client.fetch)
+            assert [one.catalog_number for one in sets.accepted] == [25544, 100534]
+        assert server.asked == [
+            "FILE=starlink&FORMAT=csv",
+            "CATNR=25544&FORMAT=csv",
+            "GROUP=starlink&FORMAT=csv",
+        ]
+        assert (
+            query_of("celestrak-sup:iss", {}).url
+            == "https://celestrak.org/NORAD/elements/supplemental/sup-gp.php?FILE=iss&FORMAT=csv"
+        )
+
+
+def test_the_elements_of_a_day_come_from_the_history_and_are_asked_for_once(tmp_path):
+    with element_server() as server:
+        client = Client(tmp_path, server.url, **RIGHT)
+        sets = load_elements("spacetrack:25544@2026-10-02", fetch=client.fetch)
+        assert sets.accepted[0].catalog_number == 25544
+        assert server.asked == [
+            "/basicspacedata/query/class/gp_history/NORAD_CAT_ID/25544/EPOCH/2026-10-01--2026-10-04"
+            "/orderby/EPOCH/format/json"
+        ]
+        client.later(20.0 * HOUR_S)
+        client.fetch("spacetrack:25544@2026-10-02")
+        assert len(server.asked) == 1
+
+
 @pytest.mark.parametrize(
     ("source", "words"),
     [
+        ("spacetrack:25544@soon", "'soon' is no day: write it as 2026-10-02"),
+        ("spacetrack:all@2026-10-02", "write spacetrack:all, spacetrack:25544"),
+        ("celestrak-sup:", "or celestrak-sup:starlink"),
         ("celestrak:", "write celestrak:GROUP"),
         ("celestrak:a&b", "write celestrak:GROUP"),
         ("celestrak:1234567890", "GROUP=1234567890"),
