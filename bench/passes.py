@@ -9,7 +9,7 @@ for the command's start. Times are compared with skyfield's own root of its alti
 within a tenth of a second of it.
 
 Run it as `python bench/passes.py CATALOGUE` with a TLE file, gzipped or not; `--each N` takes N instead of
-300, `--workers N` the number of processes (all processors without it). It needs skyfield, but
+300, `--workers N` the number of threads (as many as processors without it). It needs skyfield, but
 with `--command`, which measures the command with a whole catalogue and nothing else. Ratios of time by
 the clock shrink where other work leaves ours fewer processors than there are; those of the processors' own
 time, of one against the sum of all, do not.
@@ -55,7 +55,7 @@ PEERS = ("skyfield", "sgp4", "numpy")
 
 
 def timescale():  # type: ignore[no-untyped-def]
-    # Imported here, so that processes which search for us do without.
+    # Imported here, so that `--command` does without.
     from skyfield.api import load
     from skyfield.timelib import Timescale
 
@@ -183,7 +183,7 @@ def main() -> None:
     versions = ", ".join(f"{p} {version(p)}" for p in PEERS)
     print(
         f"{versions}; {len(catalogue)} objects, {HOURS:.0f} h, above {MIN_ALT_DEG:.0f}°, "
-        f"{given.workers} processes"
+        f"{given.workers} threads"
     )
     compare_catalogue(catalogue, names, given)
     one_satellite(next((e for e in catalogue if e.catalog_number == ISS), catalogue[0]))

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     Flags = NDArray[np.bool_]
 
 ROUND_TERMS, ECCENTRIC_TERMS = 8, 14
+_ARC = 2 + 3 * ROUND_TERMS
 # What a fit may miss: 0.1 m, passed in 13 µs in a low orbit; farther off 0.02″ as seen from the site.
 FIT_KM, FIT_RAD = 1e-4, 1e-7
 MOST_HALVINGS = 8
@@ -81,10 +82,10 @@ def basis_of(terms: int) -> Basis:
 
 
 class Sampler(Protocol):
-    """Tells where objects are: east, north, up of the site in km, shape (3, k, n), NaN where unknown."""
+    """Tells where objects are: east, north, up of the site in km, shape (3, n, k), NaN where unknown."""
 
     def __call__(self, obj: Index, since_s: Array, /) -> Array:
-        """Return the places of objects by index (k,) at (k, n) seconds since the span's start."""
+        """Return the places of objects by index (k,) at (n, k) seconds since the span's start."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,8 +244,8 @@ def _fit(obj: Index, first: Array, last: Array, sample: Sampler, terms: int) -> 
     """Return Chebyshev coefficients, shape (terms, 3, k)."""
     basis = basis_of(terms)
     half = 0.5 * (last - first)
-    times = (0.5 * (first + last))[:, None] + half[:, None] * basis.nodes
-    return _mixed(basis.to_chebyshev, np.ascontiguousarray(sample(obj, times).transpose(2, 0, 1)))
+    times = 0.5 * (first + last) + half * basis.nodes[:, None]
+    return _mixed(basis.to_chebyshev, sample(obj, times).swapaxes(0, 1))
 
 
 def _mixed(matrix: Array, columns: Array) -> Array:
@@ -349,7 +350,9 @@ def least(value: Callable[[Array], Array], low: Array, high: Array, rounds: int 
 class Crossings:
     """Times above the horizon in seconds since the span's start, NaN where cut by its ends; shapes (p,).
 
-    `peak_run` (m,) tells for each highest point of the altitude in `peak_s` to which of them it belongs.
+    `arc` (p, 26) is the arc of eight terms on which all of such a time lies: its middle and half length,
+    seconds, and its coefficients as `Arcs` has them; NaN where there is no such one. `peak_run` (m,) tells
+    for each highest point of the altitude in `peak_s` to which of them it belongs.
     """
 
     obj: Index
@@ -360,8 +363,20 @@ class Crossings:
     set_az_deg: Array
     culminate_az_deg: Array
     max_alt_deg: Array
+    arc: Array
     peak_run: Index
     peak_s: Array
+
+    def on_arc(self, first_s: Array, last_s: Array) -> Array:
+        """Return the polynomials of times that have an arc, from -1 at first_s to 1 at last_s, (8, 3, p)."""
+        middle_s, half_s = self.arc[:, 0], self.arc[:, 1]
+        powers = np.ascontiguousarray(self.arc[:, 2:].T).reshape(ROUND_TERMS, 3, -1)
+        shift = (0.5 * (first_s + last_s) - middle_s) / half_s
+        for first in range(ROUND_TERMS - 1):
+            for k in range(ROUND_TERMS - 2, first - 1, -1):
+                powers[k] += shift * powers[k + 1]
+        powers *= (0.5 * (last_s - first_s) / half_s) ** np.arange(ROUND_TERMS)[:, None, None]
+        return powers
 
     def renamed(self, names: Index) -> Crossings:
         """Return the same with each object's index replaced by the one that `names` gives it."""
@@ -382,7 +397,7 @@ def find_crossings(arcs: Arcs, horizon: Horizon) -> Crossings:
     """Return the times above the horizon on arcs, in order of object and time."""
     if len(arcs.obj) == 0:
         none, no = np.empty(0), np.empty(0, dtype=np.intp)
-        return Crossings(no, none, none, none, none, none, none, none, no, none)
+        return Crossings(no, none, none, none, none, none, none, none, np.empty((0, _ARC)), no, none)
     looks = _look(arcs, horizon)
     return _runs(arcs, horizon, looks)
 
@@ -566,6 +581,12 @@ def _runs(arcs: Arcs, horizon: Horizon, looks: _Looks) -> Crossings:
     order = np.lexsort((alt, owner))
     best = order[np.searchsorted(owner[order], np.arange(count), side="right") - 1]
     rise_az, set_az = az[len(peak) : len(peak) + count], az[len(peak) + count :]
+    arc = np.full((count, _ARC), np.nan)
+    if len(arcs.powers) == ROUND_TERMS:
+        on_one = np.flatnonzero(looks.arc[first] == looks.arc[last])
+        own = looks.arc[first[on_one]]
+        arc[on_one, 0], arc[on_one, 1] = arcs.mid_s[own], arcs.half_s[own]
+        arc[on_one, 2:] = arcs.columns(own).reshape(_ARC - 2, -1).T
     return Crossings(
         obj=arcs.obj[looks.arc[first]],
         rise_s=rise_s,
@@ -575,6 +596,7 @@ def _runs(arcs: Arcs, horizon: Horizon, looks: _Looks) -> Crossings:
         set_az_deg=np.where(np.isnan(set_s), np.nan, set_az),
         culminate_az_deg=az[best],
         max_alt_deg=alt[best],
+        arc=arc,
         peak_run=run[peak],
         peak_s=seconds[peak],
     )
@@ -628,6 +650,7 @@ def crossings_of(passes: Sequence[Pass], obj: int, start_s: float) -> Crossings:
         set_az_deg=column("set_az_deg"),
         culminate_az_deg=column("culminate_az_deg"),
         max_alt_deg=column("max_alt_deg"),
+        arc=np.full((len(passes), _ARC), np.nan),
         peak_run=np.array([k for k, _ in tops], dtype=np.intp),
         peak_s=np.array([s for _, s in tops], dtype=np.float64),
     )
@@ -638,7 +661,7 @@ def joined(pieces: Sequence[Crossings]) -> Crossings:
     pieces = [p for p in pieces if len(p.obj)] or list(pieces[:1])
     if not pieces:
         none, no = np.empty(0), np.empty(0, dtype=np.intp)
-        return Crossings(no, none, none, none, none, none, none, none, no, none)
+        return Crossings(no, none, none, none, none, none, none, none, np.empty((0, _ARC)), no, none)
     columns = {f.name: np.concatenate([getattr(p, f.name) for p in pieces]) for f in fields(Crossings)}
     starts = np.cumsum([0, *(len(p.obj) for p in pieces[:-1])])
     columns["peak_run"] = np.concatenate([p.peak_run + s for p, s in zip(pieces, starts, strict=True)])

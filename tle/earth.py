@@ -32,12 +32,12 @@ from tle.instants import (
     functions_for,
     tai_minus_utc_s,
 )
-from tle.site import EARTH_RADIUS_KM, FLATTENING, Site, Vector
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from tle.instants import Instant, Quantity
+    from tle.site import Site, Vector
 
     Array = NDArray[np.float64]
 
@@ -413,26 +413,22 @@ class Ground:
         # Cosine and sine of the latitude: how the vertical is made of the equator's plane and the pole.
         phi = math.radians(site.latitude_deg)
         self.up_axis = (math.cos(phi), math.sin(phi))
-        self._centre = tuple(
-            -sum(a * b for a, b in zip(axis, site.itrs_km, strict=True))
-            for axis in (site.east, site.north, site.up)
-        )
         self.axes = (site.east, site.north, site.up)
+        self.equatorial_km = self.equatorial(np.array(self.axes) @ np.array(site.itrs_km))
 
     def turn_rad(self, start_s: float, since_s: Array) -> Array:
         """Return the Earth's turn, GMST82, with the middle day's offset: good to a thousandth of a second."""
         return _even(since_s, self._knots_s[0] - start_s) + self._turn
 
-    def stretched(self, place: Array, part: float = 1.0) -> Array:
-        """Return a place east, north, up from the Earth's centre, in equatorial radii, shape (3, ...).
+    def equatorial(self, place: Array) -> Array:
+        """Return a place or direction east, north, up, shape (3, ...), in the axes of the equator.
 
-        Stretched along the pole so that the ellipsoid of WGS 84 becomes a ball of radius 1. With a `part` of
-        0 the site is taken for the Earth's centre, as for differences of places.
+        They are to the meridian on the equator, to the west, and to the pole. `equatorial_km` is where the
+        site itself is in these axes, from the Earth's centre.
         """
-        east, north, up = (place[i] - part * self._centre[i] for i in range(3))
+        east, north, up = place
         cos, sin = self.up_axis
-        more = (north * cos + up * sin) * (1.0 / (1.0 - FLATTENING) - 1.0)
-        return np.stack([east, north + more * cos, up + more * sin]) / EARTH_RADIUS_KM
+        return np.stack([cos * up - sin * north, -east, sin * up + cos * north])
 
     def east_north_up(self, unix_s: Array, teme_km: tuple[Array, Array, Array]) -> Array:
         """Return places relative to the site, shape (3, ...), of positions in TEME at POSIX seconds."""

@@ -77,21 +77,13 @@ class EphemerisSearch(CatalogueSearch):
         return found.renamed(np.array([obj], dtype=np.intp))
 
 
-class EphemerisPasses(CataloguePasses):
-    """Passes of objects of which some are not propagated by SGP4."""
-
-    def search(self) -> EphemerisSearch:
-        """Return what knows the ways of the objects."""
-        return EphemerisSearch(self.task)
-
-
 def find_ephemeris_passes(
     objects: Sequence[Elements | Ephemeris],
     site: Site,
     start: Utc,
     hours: float,
     horizon: Horizon | float = 10.0,
-) -> EphemerisPasses:
+) -> CataloguePasses:
     """Return the passes of a few objects over a site, geometric and airless, as `find_catalogue_passes` does.
 
     What has no place in the span is listed in `failed`. Raises TimeRangeError, SiteError, EphemerisError.
@@ -109,4 +101,4 @@ def find_ephemeris_passes(
             pieces.append(search.find(index))
         except PropagationError as error:
             failed.append((one, error))
-    return EphemerisPasses(task, joined(pieces), failed)
+    return CataloguePasses(search, joined(pieces), failed)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -21,11 +20,11 @@ from tle.crossings import (
     roots,
     select,
 )
-from tle.earth import EarthOrientation, Ground
 from tle.errors import SourceError
 from tle.instants import Utc
-from tle.passes import CatalogueSearch, read_table
-from tle.sun import SUN_RADIUS_KM, sun_and_moon
+from tle.passes import mapping, read_table
+from tle.site import EARTH_RADIUS_KM, FLATTENING
+from tle.sun import SUN_RADIUS_KM, SunAndMoon
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -36,7 +35,6 @@ if TYPE_CHECKING:
     from tle.crossings import Crossings
     from tle.instants import Quantity
     from tle.passes import CataloguePasses, CatalogueSearch
-    from tle.sun import SkyBody
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
@@ -44,7 +42,7 @@ if TYPE_CHECKING:
 _STEP_S, _LONG_STEP_S, _LONG_S = 10.0, 60.0, 3600.0
 _CLOSE_S = 1e-2
 # Fewer would cost more in calls than a processor's cache gives back.
-_LOOKS_A_CHUNK = 120000
+_LOOKS_A_CHUNK = 80000
 # Fewer passes are looked at sooner than threads start to pay.
 _FEWEST_TO_SHARE = 2000
 _SHORTEST_HALF_S = 1e-6
@@ -54,10 +52,13 @@ _SHRINKS = (1.0 / 8.0, 1.0 / 64.0)
 _DOUBTFUL = 0.03
 # Sun and Moon turn by 2.5° in half of a piece near the Earth, by 40° in one of deep space.
 _SKY_TERMS, _DEEP_SKY_TERMS = 6, 14
-# Rows of polynomials, east, north, up: the satellite from the site (km, km/s) and from the Earth's centre
-# (stretched), Sun and Moon from the site (unit vectors), the Sun from the Earth's centre (stretched).
-PLACE, VELOCITY, STRETCHED = slice(0, 3), slice(3, 6), slice(6, 9)
-SUN, MOON, SUN_STRETCHED = slice(9, 12), slice(12, 15), slice(15, 18)
+# Rows of polynomials, to the meridian on the equator, to the west, to the pole: the satellite from the site
+# (km, km/s), Sun and Moon from the site, in units of how far they are in the middle of the arc.
+PLACE, VELOCITY, SUN, MOON = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
+# In these units along the three axes, 1/km, the ellipsoid of WGS 84 is a ball of radius 1.
+_PER_KM = (1.0 / EARTH_RADIUS_KM, 1.0 / EARTH_RADIUS_KM, 1.0 / (1.0 - FLATTENING) / EARTH_RADIUS_KM)
+# Between every fourth look, at most 240 s, what `_over_limb` gives bends by less than this.
+_FOURTH, _NEAR_LIMB = 4, 0.2
 Interval = tuple[Utc, Utc]
 _Looked = tuple["list[Array]", "Intervals", "Intervals"]
 """Numbers of some passes in the order of NUMBERS, and when they are sunlit and in penumbra."""
@@ -200,8 +201,8 @@ def fact_columns(
     the work is numpy's, which lets other threads run. The result is the same.
     """
     chosen = np.arange(len(passes)) if index is None else np.asarray(index, dtype=np.intp)
-    search = passes.search()
-    bodies = sun_and_moon(search.ground, search.earth, (search.start_s, search.span_s))
+    search = passes.search
+    sky = SunAndMoon(search.ground, search.earth, passes.task.span)
     numbers = np.full((len(NUMBERS), len(chosen)), np.nan)
     known = np.zeros(len(chosen), dtype=bool)
     sunlit: list[Intervals] = []
@@ -209,7 +210,7 @@ def fact_columns(
 
     def look(chunk: tuple[Index, bool, int]) -> tuple[Index, Index, _Looked | None]:
         part, is_deep, looks = chunk
-        arcs = _PassArcs(search, select(passes.found, chosen[part]), is_deep, looks, bodies)
+        arcs = _PassArcs(search, select(passes.found, chosen[part]), is_deep, looks, sky)
         names = part[arcs.known]
         return (
             part,
@@ -218,7 +219,7 @@ def fact_columns(
         )
 
     done = 0
-    with _mapping(workers if len(chosen) >= _FEWEST_TO_SHARE else 1) as mapped:
+    with mapping(workers if len(chosen) >= _FEWEST_TO_SHARE else 1) as mapped:
         for part, names, looked in mapped(look, list(_chunks(search, select(passes.found, chosen)))):
             if looked is not None:
                 known[names] = True
@@ -232,18 +233,6 @@ def fact_columns(
     return FactColumns(
         known, sun_alt, sun, moon, ha_rate, dec_rate, bright, _joined(sunlit), _joined(penumbra)
     )
-
-
-@contextmanager
-def _mapping(workers: int) -> Iterator[Callable[..., Iterator[tuple[Index, Index, _Looked | None]]]]:
-    """Give `map`, or one that shares the work among threads and gives results in the same order."""
-    if workers <= 1:
-        yield map
-        return
-    from concurrent.futures import ThreadPoolExecutor
-
-    with ThreadPoolExecutor(workers) as pool:
-        yield pool.map
 
 
 def _chunks(search: CatalogueSearch, found: Crossings) -> Iterator[tuple[Index, bool, int]]:
@@ -264,7 +253,8 @@ def _chunks(search: CatalogueSearch, found: Crossings) -> Iterator[tuple[Index, 
     # Four sizes an octave, so that arrays are even.
     quarter = np.exp2(np.floor(np.log2(np.maximum(looks, 4.0))) - 2.0)
     looks = (np.ceil(np.maximum(looks, 4.0) / quarter) * quarter).astype(np.intp) + 1
-    kind = (2 * deep + (e >= ROUND_BELOW)[obj]) * (looks.max() + 1) + looks
+    kind = 4 * np.isnan(found.arc[:, 0]) + 2 * deep + (e >= ROUND_BELOW)[obj]
+    kind = kind * (looks.max() + 1) + looks
     order = np.argsort(kind, kind="stable")
     for group in np.split(order, np.flatnonzero(np.diff(kind[order])) + 1):
         count = int(looks[group[0]])
@@ -275,12 +265,9 @@ def _chunks(search: CatalogueSearch, found: Crossings) -> Iterator[tuple[Index, 
 
 def sun_altitudes_deg(passes: CataloguePasses) -> Array:
     """Return the Sun's geometric altitude at the culmination of each pass, shape (n,): the quickest fact."""
-    task = passes.task
-    earth = task.earth or EarthOrientation.installed()
-    ground = Ground(task.site, earth, *task.span)
-    sun, _ = sun_and_moon(ground, earth, task.span)
-    altitude, _ = altaz_deg(sun.east_north_up(task.span[0] + passes.found.culminate_s))
-    return altitude
+    search = passes.search
+    sky = SunAndMoon(search.ground, search.earth, passes.task.span)
+    return altaz_deg(sky.east_north_up(search.start_s + passes.found.culminate_s)[:, 0])[0]
 
 
 class _PassArcs:
@@ -295,19 +282,24 @@ class _PassArcs:
         found: Crossings,
         deep: bool,
         looks: int,
-        bodies: tuple[SkyBody, SkyBody],
+        sky: SunAndMoon,
     ) -> None:
-        self._search = search
-        self._sun, self._moon = bodies
+        self._search, self._sky = search, sky
         first, last = search.ends(found)
-        arcs, without = search.arcs(Windows(found.obj, first, last), deep)
-        self.known = np.flatnonzero(~np.isin(found.obj, without))
+        self.known = self._pass = np.arange(len(found.obj))
+        if np.isnan(found.arc[0, 0]):
+            arcs, without = search.arcs(Windows(found.obj, first, last), deep)
+            self.known = np.flatnonzero(~np.isin(found.obj, without))
+            self._pass = np.searchsorted(self.known, arcs.window)
+            self._mid_s, half_s, powers = arcs.mid_s, arcs.half_s, arcs.powers
+        else:
+            self._mid_s, half_s = 0.5 * (first + last), 0.5 * (last - first)
+            powers = found.on_arc(first, last)
         self._obj, self._top_s = found.obj[self.known], found.culminate_s[self.known]
-        self._pass = np.searchsorted(self.known, arcs.window)
         self._starts = np.searchsorted(self._pass, np.arange(len(self.known)))
-        self._mid_s, self._half_s = arcs.mid_s, np.maximum(arcs.half_s, _SHORTEST_HALF_S)
+        self._half_s = np.maximum(half_s, _SHORTEST_HALF_S)
         self._x = np.linspace(-1.0, 1.0, looks)
-        self._rows = self._polynomials(arcs.powers, _DEEP_SKY_TERMS if deep else _SKY_TERMS)
+        self._rows = self._polynomials(powers, _DEEP_SKY_TERMS if deep else _SKY_TERMS)
         powers = self._x[:, None] ** np.arange(len(self._rows))
         self._looks = np.einsum("jt,trk->rjk", powers, self._rows)
 
@@ -315,39 +307,33 @@ class _PassArcs:
         """Return polynomials of all rows, shape (terms, rows, arcs)."""
         terms, _, count = powers.shape
         terms = max(terms, sky_terms)
-        rows = np.zeros((terms, 18, count))
-        rows[: len(powers), PLACE] = powers
-        rows[: len(powers) - 1, VELOCITY] = powers[1:] * (
-            np.arange(1.0, len(powers))[:, None, None] / self._half_s
-        )
-        ground = self._search.ground
-        rows[: len(powers), STRETCHED] = ground.stretched(powers.swapaxes(0, 1), 0.0).swapaxes(0, 1)
-        rows[0, STRETCHED] = ground.stretched(powers[0])
-        basis = basis_of(sky_terms)
+        rows = np.zeros((terms, 12, count))
+        ground, basis = self._search.ground, basis_of(sky_terms)
+        rows[: len(powers), PLACE] = ground.equatorial(powers.swapaxes(0, 1)).swapaxes(0, 1)
+        rows[:-1, VELOCITY] = rows[1:, PLACE] * (np.arange(1.0, terms)[:, None, None] / self._half_s)
         unix_s = self._search.start_s + self._mid_s + self._half_s * basis.nodes[:, None]
-        sun, moon = (body.east_north_up(unix_s.ravel()) for body in (self._sun, self._moon))
-        sky = np.concatenate([_unit(sun), _unit(moon), ground.stretched(sun)]).reshape(9, sky_terms, count)
-        rows[:sky_terms, SUN.start : SUN_STRETCHED.stop] = np.einsum(
-            "st,tdk->sdk", basis.to_powers @ basis.to_chebyshev, sky.swapaxes(0, 1)
-        )
-        # How far the Sun is, and what stretching makes of that, hardly change along an arc.
-        self._sun_km = np.sqrt(np.sum(sun * sun, axis=0)).reshape(sky_terms, count)[sky_terms // 2]
-        stretched = np.sqrt(np.sum((rows[0, SUN_STRETCHED] - rows[0, STRETCHED]) ** 2, axis=0))
-        away = np.sqrt(np.sum((rows[0, SUN] * self._sun_km - rows[0, PLACE]) ** 2, axis=0))
-        self._radius = SUN_RADIUS_KM * stretched / away
+        sky = ground.equatorial(self._sky.east_north_up(unix_s))
+        away = np.sqrt(np.sum(sky[:, :, sky_terms // 2] ** 2, axis=0))
+        rows[:sky_terms, SUN.start :] = np.einsum(
+            "st,dbtk->sbdk", basis.to_powers @ basis.to_chebyshev, sky / away[:, None]
+        ).reshape(sky_terms, 6, count)
+        self._sun_km = away[0]
+        # What stretching makes of the Sun's distance hardly changes along an arc.
+        towards = rows[0, SUN] * self._sun_km - rows[0, PLACE]
+        stretched = towards * np.array(_PER_KM)[:, None]
+        self._radius = SUN_RADIUS_KM * np.sqrt(np.sum(stretched**2, axis=0) / np.sum(towards**2, axis=0))
         return rows
 
     def numbers(self, magnitudes: Mapping[int, float], separations: bool) -> list[Array]:
         """Return the facts of each pass that is known, in the order of `NUMBERS`."""
-        sun_alt_deg, _ = altaz_deg(self._sun.east_north_up(self._search.start_s + self._top_s))
-        axis = self._search.ground.up_axis
+        tops = self._sky.east_north_up(self._search.start_s + self._top_s)
         sun = moon = np.full(len(self.known), np.nan)
         if separations:
             sun, moon = (self._least((PLACE, body), _minus_cosine, _angle) for body in (SUN, MOON))
-        ha_time = self._least((PLACE, VELOCITY), lambda q, v: _ha_time(q, v, axis))
-        dec_rate = self._least((PLACE, VELOCITY), lambda q, v: -_dec_rate(q, v, axis))
+        ha_time = self._least((PLACE, VELOCITY), _ha_time)
+        dec_rate = self._least((PLACE, VELOCITY), lambda q, v: -_dec_rate(q, v))
         return [
-            sun_alt_deg,
+            altaz_deg(tops[:, 0])[0],
             sun * DEG_PER_RAD,
             moon * DEG_PER_RAD,
             DEG_PER_RAD / ha_time,
@@ -413,18 +399,22 @@ class _PassArcs:
 
     def _intervals(self, side: float) -> Intervals:
         """Return the intervals with the Sun's lower (-1) or upper (+1) edge above the limb, by pass."""
-        satellite, sun = self._looks[STRETCHED], self._looks[SUN_STRETCHED]
-        positive = (_over_limb(satellite, sun, self._radius, side) > 0.0).T.ravel()
         count = len(self._x)
+        some = [*range(0, count - 1, _FOURTH), count - 1]
+        rough = self._over_limb(self._looks[PLACE, some], self._looks[SUN, some], side)
+        above = np.repeat(rough[:1] > 0.0, count, axis=0)
+        near = np.flatnonzero(np.abs(rough).min(axis=0) < _NEAR_LIMB)
+        place, sun = (np.take(self._looks[rows], near, axis=2) for rows in (PLACE, SUN))
+        above[:, near] = self._over_limb(place, sun, side, near) > 0.0
+        positive = above.T.ravel()
         owner = np.repeat(self._pass, count)
         change = np.flatnonzero((positive[1:] != positive[:-1]) & (owner[1:] == owner[:-1]))
         arc, look = np.divmod(change, count)
-        radius = self._radius[arc]
-        rows = np.concatenate([self._rows[:, r][:, :, arc] for r in (STRETCHED, SUN_STRETCHED)], axis=1)
+        rows = np.concatenate([self._rows[:, r][:, :, arc] for r in (PLACE, SUN)], axis=1)
 
         def over_limb(x: Array) -> Array:
             there = places(rows, x)
-            return _over_limb(there[:3], there[3:], radius, side)
+            return self._over_limb(there[:3], there[3:], side, arc)
 
         x = roots(
             over_limb,
@@ -453,15 +443,26 @@ class _PassArcs:
         intrinsic = np.array([magnitudes.get(number, math.nan) for number in numbers])[self._pass]
         q, sun = self._looks[PLACE], self._looks[SUN] * self._sun_km
         bright = magnitude(intrinsic, np.sqrt(np.sum(q * q, axis=0)), _angle(-q, sun - q))
-        seen = _over_limb(self._looks[STRETCHED], self._looks[SUN_STRETCHED], self._radius, 1.0) > 0.0
+        seen = self._over_limb(q, self._looks[SUN], 1.0) > 0.0
         best = np.where(seen & ~np.isnan(bright), bright, math.inf).min(axis=0)
         best = np.minimum.reduceat(best, self._starts)
         return np.where(np.isfinite(best), best, np.nan)
 
+    def _over_limb(self, place: Array, sun: Array, side: float, arc: Index | slice = slice(None)) -> Array:
+        """Return something that has the sign of the angle of the Sun's edge above the Earth's limb.
 
-def _unit(place: Array) -> Array:
-    unit: Array = place / np.sqrt(np.sum(place * place, axis=0))
-    return unit
+        `place` and `sun` are those of the rows, each on its arc; `side` is -1 for the Sun's lower edge,
+        +1 for the upper one. With α the angle of the Sun from the Earth's centre, β the Earth's radius and ρ
+        the Sun's, all as seen from the satellite at a distance of d Earth radii: d (cos(β - side ρ) - cos α).
+        """
+        sun_km, site = self._sun_km[arc], self._search.ground.equatorial_km
+        a, b, c = (k * (q + s) for k, q, s in zip(_PER_KM, place, site, strict=True))
+        x, y, z = (k * (u * sun_km - q) for k, u, q in zip(_PER_KM, sun, place, strict=True))
+        distance = np.sqrt(x * x + y * y + z * z)
+        sine = self._radius[arc] / distance
+        level = np.sqrt(np.maximum(a * a + b * b + c * c - 1.0, 0.0))
+        over: Array = level * np.sqrt(1.0 - sine * sine) + side * sine + (a * x + b * y + c * z) / distance
+        return over
 
 
 def _vertex(x: Array, step: float, values: Array, low: Array, high: Array) -> Array:
@@ -482,51 +483,25 @@ def _parabola(values: Array, x: Array) -> Array:
 
 
 def _minus_cosine(place: Array, body: Array) -> Array:
-    """Return minus the cosine of the angle of a place from a unit vector."""
+    """Return minus the cosine of the angle of a place from another."""
     (a, b, c), (x, y, z) = place, body
-    cosine: Array = (a * x + b * y + c * z) / np.sqrt(a * a + b * b + c * c)
+    cosine: Array = (a * x + b * y + c * z) / np.sqrt((a * a + b * b + c * c) * (x * x + y * y + z * z))
     return -cosine
 
 
-def _equatorial(place: Array, velocity: Array, up_axis: tuple[float, float]) -> list[tuple[Array, Array]]:
-    """Return components, with rates, to the meridian on the equator, to the west, and to the pole."""
-    (x, y, z), (dx, dy, dz), (cos, sin) = place, velocity, up_axis
-    return [
-        (cos * z - sin * y, cos * dz - sin * dy),
-        (-x, -dx),
-        (sin * z + cos * y, sin * dz + cos * dy),
-    ]
-
-
-def _ha_time(place: Array, velocity: Array, up_axis: tuple[float, float]) -> Array:
+def _ha_time(place: Array, velocity: Array) -> Array:
     """Return the inverse of the size of the rate of hour angle, s/rad: near the pole a parabola in time."""
-    (x, dx), (y, dy), _ = _equatorial(place, velocity, up_axis)
+    (x, y, _), (dx, dy, _) = place, velocity
     time: Array = (x * x + y * y + 1e-40) / (np.abs(x * dy - y * dx) + 1e-300)
     return time
 
 
-def _dec_rate(place: Array, velocity: Array, up_axis: tuple[float, float]) -> Array:
+def _dec_rate(place: Array, velocity: Array) -> Array:
     """Return the size of the rate of declination, rad/s."""
-    (x, dx), (y, dy), (z, dz) = _equatorial(place, velocity, up_axis)
+    (x, y, z), (dx, dy, dz) = place, velocity
     xy2 = x * x + y * y + 1e-40
     rate: Array = np.abs(dz * xy2 - z * (x * dx + y * dy)) / (np.sqrt(xy2) * (xy2 + z * z))
     return rate
-
-
-def _over_limb(satellite: Array, sun: Array, radius: Array, side: float) -> Array:
-    """Return something that has the sign of the angle of the Sun's edge above the Earth's limb.
-
-    `side` is -1 for the lower edge, +1 for the upper one, `radius` the Sun's in stretched equatorial radii of
-    the Earth. With α the angle of the Sun from the Earth's centre, β the Earth's radius and ρ the Sun's, all
-    as seen from the satellite at distance d: d (cos(β - side ρ) - cos α).
-    """
-    a, b, c = satellite
-    x, y, z = sun - satellite
-    distance = np.sqrt(x * x + y * y + z * z)
-    sine = radius / distance
-    level = np.sqrt(np.maximum(a * a + b * b + c * c - 1.0, 0.0))
-    over: Array = level * np.sqrt(1.0 - sine * sine) + side * sine + (a * x + b * y + c * z) / distance
-    return over
 
 
 def _angle(one: Array, other: Array) -> Array:

@@ -79,10 +79,6 @@ class NearEarth(NamedTuple):
         """Give the time of one revolution by Brouwer's mean motion, in seconds."""
         return 120.0 * math.pi / self.no
 
-    def column(self) -> NearEarth:
-        """Return the same with shapes (n, 1), to go with instants of shape (n, m)."""
-        return NearEarth(*(values[:, None] for values in self))
-
     def advanced(self, unix_s: float) -> NearEarth:
         """Return the same in single precision, with angles at POSIX seconds instead of at the epoch.
 

@@ -7,11 +7,12 @@ this process or by several.
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
 import numpy as np
 
@@ -34,12 +35,11 @@ from tle.earth import EarthOrientation, Ground
 from tle.elements import DECAYED, Elements
 from tle.errors import EphemerisError, PropagationError, SiteError, SourceError, TimeRangeError, printable
 from tle.instants import DAY_S, Utc, as_utc
-from tle.near_earth import DEEP_SPACE_MIN, brouwer_mean_motion, start_near_earth
+from tle.near_earth import DEEP_SPACE_MIN, start_near_earth
 from tle.prefilter import drag_share, near_crossings, near_places
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from concurrent.futures import Future
 
     from numpy.typing import NDArray
 
@@ -65,9 +65,8 @@ _FAILURE_CLOSE_S = 0.01
 _STRETCHES_A_CHUNK = 48000
 _DEEP_A_CHUNK = 150
 _STRETCHES_A_SECOND = 8.0 / 6000.0
-# A process takes longer to start than this many objects take to be searched.
-_FEWEST_TO_SHARE = 4000
-_AHEAD = 2
+# Elements. Arrays of so long rows meet a single row without copies of it: half the time.
+_BUFFER = 512
 _CELL_DEG = 0.1
 _CELLS = 3600
 
@@ -162,12 +161,13 @@ class CataloguePasses(Sequence[SatellitePass]):
 
     def __init__(
         self,
-        task: SearchTask,
+        search: CatalogueSearch,
         found: Crossings,
         failed: list[tuple[Elements, PropagationError]],
     ) -> None:
-        """Keep what `find_catalogue_passes` was asked and what it found."""
-        self.task = task
+        """Keep a search, which knows the ways of the objects, and what it found."""
+        self.search = search
+        self.task = task = search.task
         self.elements = task.elements
         self.start = Utc(task.span[0])
         self.found = found
@@ -179,10 +179,6 @@ class CataloguePasses(Sequence[SatellitePass]):
         return (
             f"<CataloguePasses, {len(self)} of {len(self.elements)} objects in {hours:g} h from {self.start}>"
         )
-
-    def search(self) -> CatalogueSearch:
-        """Return what knows the ways of the objects."""
-        return CatalogueSearch(self.task)
 
     def __len__(self) -> int:
         """Return how many passes there are."""
@@ -226,9 +222,9 @@ def find_catalogue_passes(
 
     `horizon` is a least altitude in degrees, or a `Horizon` with a mask.
     No pass longer than half a second is missed; see `prefilter` and `crossings` for the proof. `progress` is
-    called now and then with how many objects are done and how many there are. `workers` above 1 share large
-    catalogues among as many processes; a script that asks for them must guard its own work by
-    `if __name__ == "__main__"`. Raises TimeRangeError, SiteError; what SGP4 refuses is listed in `failed`.
+    called now and then with how many objects are done and how many there are. `workers` threads share large
+    catalogues: most of the work is numpy's, which lets other threads run. Raises TimeRangeError, SiteError;
+    what SGP4 refuses is listed in `failed`.
     """
     start = as_utc(start)
     check_hours(hours)
@@ -238,14 +234,39 @@ def find_catalogue_passes(
     pieces: list[Crossings] = []
     left: list[int] = []
     done = 0
-    for count, found, rest in shared(search, search.chunks(), workers):
-        pieces.append(found)
-        left += rest
-        done += count
-        if progress is not None:
-            progress(done, len(elements))
+    chunks = search.chunks()
+    with mapping(min(workers, len(chunks))) as mapped:
+        for count, found, rest in mapped(search.run, chunks):
+            pieces.append(found)
+            left += rest
+            done += count
+            if progress is not None:
+                progress(done, len(elements))
     failed = search.one_by_one(sorted(left), pieces)
-    return CataloguePasses(task, joined(pieces), failed)
+    return CataloguePasses(search, joined(pieces), failed)
+
+
+@contextmanager
+def mapping(workers: int) -> Iterator[Callable[..., Iterator[Any]]]:
+    """Give `map`, or one that shares the work among threads; results come in any order."""
+    if workers <= 1:
+        yield lambda work, items: map(partial(_in_small_buffers, work), items)
+        return
+    from concurrent.futures import ThreadPoolExecutor
+
+    with ThreadPoolExecutor(workers) as pool:
+        # The first and the last by turns: deep space is at one end, and its SGP4 lets no other thread run.
+        yield lambda work, items: pool.map(
+            partial(_in_small_buffers, work),
+            [items[k // 2 if k % 2 == 0 else -1 - k // 2] for k in range(len(items))],
+        )
+
+
+def _in_small_buffers(work: Callable[[Any], Any], item: Any) -> Any:
+    """Return what work makes of an item; numpy copies rows into buffers only where these hold several."""
+    with np.errstate():
+        np.setbufsize(_BUFFER)
+        return work(item)
 
 
 @dataclass(frozen=True, slots=True)
@@ -402,7 +423,7 @@ def ephemeris_arcs(propagators: Sequence[Propagator], windows: Windows, start_s:
         places = np.empty((3, *since_s.shape))
         for one in np.unique(obj).tolist():
             rows = obj == one
-            places[:, rows] = _horizontal_places_km(propagators[one], start_s, since_s[rows])
+            places[:, :, rows] = _horizontal_places_km(propagators[one], start_s, since_s[:, rows])
         return places
 
     pieces = even_pieces(windows, np.full(len(windows.obj), LONGEST_PIECE_S))
@@ -497,14 +518,6 @@ class SearchTask:
     earth: EarthOrientation | None
 
 
-@dataclass(frozen=True, slots=True)
-class Chunk:
-    """Objects to be searched together, by index; `near` is None where they are in deep space."""
-
-    index: Index
-    near: NearEarth | None
-
-
 class CatalogueSearch:
     """A search for the passes of many objects, a chunk at a time. Raises TimeRangeError, SiteError."""
 
@@ -517,33 +530,36 @@ class CatalogueSearch:
         self.earth = task.earth or EarthOrientation.installed()
         self.ground = Ground(task.site, self.earth, self.start_s, self.span_s)
 
-    def chunks(self) -> list[Chunk]:
-        """Return all objects in chunks of like eccentricity, as Kepler's equation likes; deep space first."""
+    @cached_property
+    def starts(self) -> NearEarth:
+        """Give what SGP4 starts from for each object; of deep space the orbit alone counts."""
+        return start_near_earth(self.elements)
+
+    def chunks(self) -> list[tuple[Index, bool]]:
+        """Return all objects, by index, in chunks, each with whether it is in deep space, those first.
+
+        Those of a chunk are of like eccentricity, as Kepler's equation likes.
+        """
         if not self.elements:
             return []
-        period_s = 120.0 * math.pi / brouwer_mean_motion(self.elements)
-        order = np.argsort([e.eccentricity for e in self.elements], kind="stable")
-        is_deep = period_s[order] >= DEEP_SPACE_MIN * 60.0
+        order = np.argsort(self.starts.ecco, kind="stable")
+        is_deep = self.are_deep(order)
         near, deep = order[~is_deep], order[is_deep]
         near_size = max(1, int(_STRETCHES_A_CHUNK / max(1.0, self.span_s * _STRETCHES_A_SECOND)))
         deep_size = max(1, int(_DEEP_A_CHUNK / max(1.0, self.span_s / DAY_S)))
-        c = start_near_earth([self.elements[i] for i in near.tolist()])
-        parts = [np.arange(k, min(k + near_size, len(near))) for k in range(0, len(near), near_size)]
         return [
-            *(Chunk(deep[k : k + deep_size], None) for k in range(0, len(deep), deep_size)),
-            *(Chunk(near[part], c.take(part)) for part in parts),
+            *((deep[k : k + deep_size], True) for k in range(0, len(deep), deep_size)),
+            *((near[k : k + near_size], False) for k in range(0, len(near), near_size)),
         ]
 
-    def run(self, chunk: Chunk) -> Found:
+    def run(self, chunk: tuple[Index, bool]) -> Found:
         """Search one chunk."""
-        return self._deep(chunk.index) if chunk.near is None else self._near(chunk.index, chunk.near)
+        index, deep = chunk
+        return self._deep(index) if deep else self._near(index)
 
     def are_deep(self, obj: Index) -> NDArray[np.bool_]:
         """Tell which objects, by index, take 225 minutes or longer to go round."""
-        if len(obj) == 0:
-            return np.empty(0, dtype=bool)
-        period_s = 120.0 * math.pi / brouwer_mean_motion([self.elements[i] for i in obj.tolist()])
-        deep: NDArray[np.bool_] = period_s >= DEEP_SPACE_MIN * 60.0
+        deep: NDArray[np.bool_] = self.starts.period_s[obj] >= DEEP_SPACE_MIN * 60.0
         return deep
 
     def ends(self, found: Crossings) -> tuple[Array, Array]:
@@ -552,14 +568,12 @@ class CatalogueSearch:
 
     def shapes(self, obj: Index) -> tuple[Array, Array]:
         """Return how long pieces of the ways of objects by index may be, seconds, and the eccentricities."""
-        elements = [self.elements[i] for i in obj.tolist()]
-        e = np.array([one.eccentricity for one in elements])
-        return longest_piece_s(np.array([one.period_s for one in elements]), e), e
+        e = self.starts.ecco[obj]
+        return longest_piece_s(self.starts.period_s[obj], e), e
 
     def arcs(self, windows: Windows, deep: bool) -> tuple[Arcs, Index]:
         """Return the ways of objects, all deep or all near, in windows, and objects that have none."""
         names, obj = np.unique(windows.obj, return_inverse=True)
-        elements = [self.elements[i] for i in names.tolist()]
         longest_s, e = self.shapes(names)
         local = Windows(obj, windows.first_s, windows.last_s)
         pieces = even_pieces(local, longest_s[obj])
@@ -568,7 +582,7 @@ class CatalogueSearch:
             records = self._deep_space(names)
             arcs, without = fit_arcs(local, pieces, records.places, terms)
         else:
-            c = start_near_earth(elements)
+            c = self.starts.take(names)
             arcs, without = fit_arcs(
                 local, pieces, lambda o, s: near_places(c, self.ground, self.start_s, o, s), terms
             )
@@ -616,8 +630,8 @@ class CatalogueSearch:
                 DECAYED,
             )
 
-    def _near(self, chunk: Index, c: NearEarth) -> Found:
-        found, left = near_crossings(c, self.ground, self.task.span, self.horizon)
+    def _near(self, chunk: Index) -> Found:
+        found, left = near_crossings(self.starts.take(chunk), self.ground, self.task.span, self.horizon)
         return len(chunk), found.renamed(chunk), chunk[left].tolist()
 
     def _deep_space(self, obj: Index) -> DeepSpace:
@@ -633,54 +647,6 @@ class CatalogueSearch:
         arcs, without = fit_arcs(windows, pieces, records.places, terms)
         found = find_crossings(arcs, self.horizon)
         return len(chunk), found.renamed(chunk), chunk[without].tolist()
-
-
-def shared(search: CatalogueSearch, chunks: list[Chunk], workers: int) -> Iterator[Found]:
-    """Yield what is found in each chunk, in any order, the work shared among so many processes."""
-    if workers <= 1 or len(search.elements) * max(1.0, search.span_s / DAY_S) < _FEWEST_TO_SHARE:
-        for chunk in chunks:
-            yield search.run(chunk)
-    else:
-        yield from _by_processes(search, chunks, workers)
-
-
-def _by_processes(search: CatalogueSearch, chunks: list[Chunk], workers: int) -> Iterator[Found]:
-    """Yield what is found in each chunk by processes of their own."""
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
-
-    flying: deque[Future[Found]] = deque()
-    # What others search comes with the chunk; SGP4 for deep space, which needs the elements, stays here.
-    todo = deque(chunk for chunk in chunks if chunk.near is not None)
-    own = deque(chunk for chunk in chunks if chunk.near is None)
-    with ProcessPoolExecutor(
-        workers - 1,
-        mp_context=get_context("spawn"),
-        initializer=_begin,
-        initargs=(replace(search.task, elements=()),),
-    ) as pool:
-        while own or todo or flying:
-            while todo and len(flying) < _AHEAD * (workers - 1):
-                flying.append(pool.submit(_search_chunk, todo.popleft()))
-            # This process works along, so that nothing waits while the others start.
-            if own or todo:
-                yield search.run((own or todo).popleft())
-            while flying and (flying[0].done() or not (own or todo)):
-                yield flying.popleft().result()
-
-
-class _Process:
-    """The search of this process when it works for another."""
-
-    search: CatalogueSearch
-
-
-def _begin(task: SearchTask) -> None:
-    _Process.search = CatalogueSearch(task)
-
-
-def _search_chunk(chunk: Chunk) -> Found:
-    return _Process.search.run(chunk)
 
 
 def read_table(path: str | Path, subject: str) -> list[tuple[int, str, list[str]]]:

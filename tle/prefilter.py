@@ -451,9 +451,9 @@ def _interleaved(one: Array, other: Array) -> Array:
 
 
 def near_places(c: NearEarth, ground: Ground, start_s: float, obj: Index, since_s: Array) -> Array:
-    """Return places east, north, up, km, shape (3, k, n), of objects by index (k,) at (k, n) seconds."""
+    """Return places east, north, up, km, shape (3, n, k), of objects by index (k,) at (n, k) seconds."""
     unix_s = start_s + since_s
-    return ground.east_north_up(unix_s, teme_km(c.spread(obj).column(), unix_s))
+    return ground.east_north_up(unix_s, teme_km(c.spread(obj), unix_s))
 
 
 class MeanOrbits(NamedTuple):
@@ -618,14 +618,14 @@ class DeepSpace:
         )
 
     def places(self, obj: Index, since_s: Array) -> Array:
-        """Return places east, north, up, km, shape (3, k, n), of objects by index (k,) at (k, n) seconds."""
+        """Return places east, north, up, km, shape (3, n, k), of objects by index (k,) at (n, k) seconds."""
         unix_s = self._start_s + since_s
         days = np.floor(unix_s / DAY_S)
-        jd, fraction = days + UNIX_EPOCH_JD, (unix_s - days * DAY_S) / DAY_S
+        jd, fraction = (days + UNIX_EPOCH_JD).T, ((unix_s - days * DAY_S) / DAY_S).T
         # Resonant orbits are integrated from the epoch on: one object after the other, in order of time.
-        order = np.lexsort((since_s[:, 0], obj))
+        order = np.lexsort((since_s[0], obj))
         jd, fraction = jd[order], fraction[order]
-        places = np.full((*since_s.shape, 3), np.nan)
+        places = np.full((*jd.shape, 3), np.nan)
         edges = np.flatnonzero(np.diff(obj[order], prepend=-1, append=-1)).tolist()
         for low, high in pairwise(edges):
             record = self._records[int(obj[order[low]])]
@@ -635,7 +635,7 @@ class DeepSpace:
             if code.any():
                 r[code != 0] = math.nan
             places[order[low:high]] = r.reshape(high - low, -1, 3)
-        x, y, z = np.ascontiguousarray(places.transpose(2, 0, 1))
+        x, y, z = np.ascontiguousarray(places.transpose(2, 1, 0))
         return self._ground.east_north_up(unix_s, (x, y, z))
 
     def mean_orbits(self) -> MeanOrbits:

@@ -13,8 +13,6 @@ from tle.instants import DAY_S, TT_MINUS_TAI_S, UNIX_EPOCH_JD, UNIX_EPOCH_MJD, U
 from tle.site import EARTH_RADIUS_KM, FLATTENING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
     from tle.earth import EarthOrientation, Ground
@@ -75,37 +73,25 @@ def moon_km(at: Utc) -> NDArray[np.float64]:
     return place if at.is_array else place[0]
 
 
-class SkyBody:
-    """Where a body stands: east, north, up of the site in km, geometric, shape (3, m), by interpolation."""
+class SunAndMoon:
+    """Where both stand over a site, geometric, by interpolation."""
 
-    def __init__(
-        self,
-        place_km: Callable[[Utc], Array],
-        ground: Ground,
-        earth: EarthOrientation,
-        span: tuple[float, float],
-        step_s: float,
-    ) -> None:
-        """Look the body up over a span, first second (POSIX) and length. Raises TimeRangeError."""
+    def __init__(self, ground: Ground, earth: EarthOrientation, span: tuple[float, float]) -> None:
+        """Look them up over a span, first second (POSIX) and length. Raises TimeRangeError."""
         start_s, span_s = span
-        self._times = start_s + np.linspace(0.0, span_s, math.ceil(span_s / step_s) + 2)
-        at = Utc(self._times)
-        of_date = np.einsum("nij,nj->in", earth.celestial_matrix(at), place_km(at))
-        equinoxes = np.broadcast_to(earth.rotation(self._times)[2], self._times.shape)
-        self._teme = turned((of_date[0], of_date[1], of_date[2]), -equinoxes)
         self._ground = ground
+        self._tables: list[tuple[Array, tuple[Array, Array, Array]]] = []
+        for place_km, step_s in ((sun_km, _SUN_STEP_S), (moon_km, _MOON_STEP_S)):
+            times = start_s + np.linspace(0.0, span_s, math.ceil(span_s / step_s) + 2)
+            at = Utc(times)
+            of_date = np.einsum("nij,nj->in", earth.celestial_matrix(at), place_km(at))
+            equinoxes = np.broadcast_to(earth.rotation(times)[2], times.shape)
+            self._tables.append((times, turned((of_date[0], of_date[1], of_date[2]), -equinoxes)))
 
     def east_north_up(self, unix_s: Array) -> Array:
-        """Return the place at POSIX seconds within the span."""
-        x, y, z = (np.interp(unix_s, self._times, column) for column in self._teme)
+        """Return places at POSIX seconds within the span, km, shape (3, 2, ...): the Sun's, the Moon's."""
+        x, y, z = (
+            np.stack([np.interp(unix_s, times, teme[axis]) for times, teme in self._tables])
+            for axis in range(3)
+        )
         return self._ground.east_north_up(unix_s, (x, y, z))
-
-
-def sun_and_moon(
-    ground: Ground, earth: EarthOrientation, span: tuple[float, float]
-) -> tuple[SkyBody, SkyBody]:
-    """Return both over a span."""
-    return (
-        SkyBody(sun_km, ground, earth, span, _SUN_STEP_S),
-        SkyBody(moon_km, ground, earth, span, _MOON_STEP_S),
-    )

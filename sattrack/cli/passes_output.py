@@ -177,7 +177,7 @@ def judged_table(table: PassTable, profile: MountProfile, limits: SafetyLimits) 
     ability = ability_at(task.site, profile, limits)
     begin_s = task.span[0]
     obj = found.obj[table.index].tolist()
-    first, last = (begin_s + edge[table.index] for edge in table.passes.search().ends(found))
+    first, last = (begin_s + edge[table.index] for edge in table.passes.search.ends(found))
     why_not = tuple(
         verdict_on(task.elements[o], task.site, ends, ability, task.earth).why_not
         for o, ends in zip(obj, zip(first.tolist(), last.tolist(), strict=True), strict=True)
@@ -187,10 +187,9 @@ def judged_table(table: PassTable, profile: MountProfile, limits: SafetyLimits) 
 
 def write_json(table: PassTable, write: Callable[[str], object]) -> None:
     """Write one JSON array, a block of rows at a time."""
-    opening = "["
+    opening, objects = "[", _objects(table, json.dumps, "null", '"')
     for block in table.blocks():
-        columns = _texts(block, _json_numbers, "null", '"')
-        columns["name"] = _of_objects(block, lambda every: [json.dumps(one.name) for one in every])
+        columns = _texts(block, objects, _json_numbers, "null", '"')
         columns["feasible"] = _feasible(block, ("true", "false", "null"))
         columns["why_not"] = [json.dumps(why) for why in block.why_not] or ["null"] * len(block)
         columns.update(_lists(block))
@@ -205,9 +204,9 @@ def write_csv(table: PassTable, write: Callable[[str], object]) -> None:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(_SINGLE)
+    objects = _objects(table, str, "", "")
     for block in table.blocks():
-        columns = _texts(block, _numbers, "", "")
-        columns["name"] = _of_objects(block, lambda every: [one.name for one in every])
+        columns = _texts(block, objects, _numbers, "", "")
         columns["feasible"] = _feasible(block, ("True", "False", ""))
         columns["why_not"] = [why or "" for why in block.why_not] or [""] * len(block)
         writer.writerows(zip(*(columns[key] for key in _SINGLE), strict=True))
@@ -217,18 +216,30 @@ def write_csv(table: PassTable, write: Callable[[str], object]) -> None:
     write(out.getvalue())
 
 
+def _objects(
+    table: PassTable, text: Callable[[str], str], none: str, quote: str
+) -> dict[int, tuple[str, str, str]]:
+    """Return name, catalogue number and epoch of each object that has a pass, by index, as text."""
+    names = np.unique(table.passes.found.obj[table.index]).tolist()
+    every = [table.passes.elements[o] for o in names]
+    numbers = [str(one.catalog_number) if one.catalog_number else none for one in every]
+    dated = [one.epoch.unix_s if one.catalog_number else math.nan for one in every]
+    epochs = _instants(np.array(dated), none, quote)
+    return dict(zip(names, zip((text(one.name) for one in every), numbers, epochs, strict=True), strict=True))
+
+
 def _texts(
-    block: PassTable, numbers: Callable[[Array], list[str]], none: str, quote: str
+    block: PassTable,
+    objects: dict[int, tuple[str, str, str]],
+    numbers: Callable[[Array], list[str]],
+    none: str,
+    quote: str,
 ) -> dict[str, list[str]]:
-    """Return the fields that are one number or instant, as text by name; `none` where there is none."""
+    """Return the fields that are one number, instant or name, as text; `none` where there is none."""
     found, start_s, facts = block.passes.found, block.passes.task.span[0], block.facts
 
     def instants(since_s: Array) -> list[str]:
         return _instants(start_s + since_s, none, quote)
-
-    def epochs(every: list[Elements]) -> list[str]:
-        dated = [one.epoch.unix_s if one.catalog_number else math.nan for one in every]
-        return _instants(np.array(dated), none, quote)
 
     lit_from, lit_to = facts.sunlit.ends(len(block))
     azimuths = {
@@ -241,11 +252,11 @@ def _texts(
         "culminate_az_deg": found.culminate_az_deg[block.index],
         **{name: getattr(facts, name) for name in NUMBERS},
     }
+    own = [objects[o] for o in found.obj[block.index].tolist()]
     return {
-        "catalog_number": _of_objects(
-            block, lambda every: [str(one.catalog_number) if one.catalog_number else none for one in every]
-        ),
-        "elements_epoch": _of_objects(block, epochs),
+        "name": [name for name, _, _ in own],
+        "catalog_number": [number for _, number, _ in own],
+        "elements_epoch": [epoch for _, _, epoch in own],
         "rise_utc": instants(found.rise_s[block.index]),
         "culminate_utc": instants(found.culminate_s[block.index]),
         "set_utc": instants(found.set_s[block.index]),
@@ -270,13 +281,6 @@ def _lists(block: PassTable) -> dict[str, list[str]]:
 
 def _bracketed(items: list[str], starts: Index) -> list[str]:
     return [f"[{', '.join(items[low:high])}]" for low, high in pairwise(starts.tolist())]
-
-
-def _of_objects(block: PassTable, texts: Callable[[list[Elements]], list[str]]) -> list[str]:
-    """Return a text of each row's elements, made once for each object."""
-    names, which = np.unique(block.passes.found.obj[block.index], return_inverse=True)
-    made = texts([block.passes.elements[o] for o in names.tolist()])
-    return [made[k] for k in which.tolist()]
 
 
 def _instants(unix_s: Array, none: str, quote: str) -> list[str]:
@@ -335,7 +339,7 @@ def table_lines(table: PassTable, now_utc_s: float | None) -> Iterator[str]:
         first_s = start_s + np.where(np.isnan(found.rise_s), found.culminate_s, found.rise_s)[block.index]
         alts_deg = found.max_alt_deg[block.index].tolist()
         facts = block.facts.items(start_s)
-        labels = _of_objects(block, lambda every: [one.label for one in every])
+        labels = [block.passes.elements[o].label for o in found.obj[block.index].tolist()]
         why_not = block.why_not or (None,) * len(block)
         for first, rise, top, end, *rest in zip(
             first_s.tolist(), *moments, alts_deg, facts, labels, why_not, strict=True

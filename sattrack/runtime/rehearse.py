@@ -77,7 +77,7 @@ from tle.errors import TleError
 from tle.instants import Utc
 from tle.passes import find_passes
 from tle.propagator import Propagator
-from tle.sun import sun_and_moon
+from tle.sun import SunAndMoon
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -260,10 +260,10 @@ class Rehearsal:
         site, earth = self.propagator.site, self.propagator.earth
         middle_s = 0.5 * float(self.path.utc_s[0] + self.path.utc_s[-1])
         span = (middle_s - 1.0, 2.0)
-        sun, moon = sun_and_moon(Ground(site, earth, *span), earth, span)
+        places = SunAndMoon(Ground(site, earth, *span), earth, span).east_north_up(np.array(middle_s))
         found = []
-        for name, colour, body in (("Sun", "#edae49", sun), ("Moon", "#c9c9d4", moon)):
-            east, north, up = (float(x[0]) for x in body.east_north_up(np.array([middle_s])))
+        for name, colour, place in zip(("Sun", "Moon"), ("#edae49", "#c9c9d4"), places.T, strict=True):
+            east, north, up = place.tolist()
             altitude = math.degrees(math.atan2(up, math.hypot(east, north)))
             found.append((name, colour, (altitude, math.degrees(math.atan2(east, north)) % 360.0)))
         return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import erfa
 import numpy as np
@@ -18,7 +19,7 @@ from tle.elements import Elements
 from tle.errors import SourceError
 from tle.facts import magnitude, pass_facts, read_magnitudes, sun_altitudes_deg
 from tle.instants import Utc
-from tle.passes import find_catalogue_passes
+from tle.passes import CataloguePasses, find_catalogue_passes
 from tle.propagator import Propagator
 from tle.site import Site
 from tle.sun import moon_km
@@ -107,6 +108,14 @@ def assert_same(one, other):
     for name in ("sunlit", "penumbra"):
         edges, others = ([t.unix_s for pair in getattr(f, name) for t in pair] for f in (one, other))
         assert edges == pytest.approx(others, abs=0.02)
+
+
+def test_facts_on_the_searchs_arcs_are_those_by_sgp4():
+    found = PASSES.found
+    assert 0 < np.isnan(found.arc[:, 0]).sum() < len(PASSES) / 2
+    without = CataloguePasses(PASSES.search, replace(found, arc=np.full_like(found.arc, np.nan)), [])
+    for one, other in zip(ALONE, pass_facts(without), strict=True):
+        assert_same(one, other)
 
 
 @given(st.permutations(range(len(PASSES))), st.integers(1, len(PASSES)))

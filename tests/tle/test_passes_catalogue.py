@@ -312,7 +312,7 @@ def test_deep_space_stays_within_the_margin_of_its_prefilter(catalogue, start, h
     margin_km = deep_margin_km(orbits, started(orbits), axes_km(orbits), span[1])
     for part in np.linspace(0.0, 1.0, 9):
         rough = mean_places(orbits, ground, span, part * span[1])
-        true = objects.places(index, np.full((len(index), 1), part * span[1]))[:, :, 0]
+        true = objects.places(index, np.full((1, len(index)), part * span[1]))[:, 0]
         off = np.linalg.norm(true - rough, axis=0)
         assert (off < 0.5 * margin_km).all()
 
