@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sattrack.cli.common import CommandContext, common_options, tell
+from sattrack.core import local_time
 from sattrack.core.errors import BadInputError, SattrackError
 from tle.errors import TleError
 
@@ -45,7 +46,7 @@ _SHOWN = 20
 @click.option(
     "--plot", type=click.Path(path_type=Path, dir_okay=False), help="Draw the biases there (PNG, SVG, PDF)."
 )
-@common_options("site", "json")
+@common_options("site", "json", "utc")
 def command(
     context: CommandContext,
     source: str,
@@ -179,8 +180,8 @@ def _lines(found: ObservedFit) -> list[str]:
     age_days = float(found.elements.age_s(last.utc)) / 86400.0
     lines = [
         f"{found.elements.label} ({found.elements.catalog_number}), elements {age_days:.2f} days old",
-        f"  observations {used} used of {len(fit.used)}, {found.first.utc.isoformat('seconds')} to "
-        f"{last.utc.isoformat('seconds')}",
+        f"  observations {used} used of {len(fit.used)}, "
+        f"{local_time.span(float(found.first.utc.unix_s), float(last.utc.unix_s))}",
         f"  along        {last.along_s:+.4f} ± {last.along_sigma_s:.4f} s at the last"
         + ("" if drift is None else f", drifting by {drift:+.4f} s a minute"),
         f"  across       {last.cross_deg:+.5f} ± {last.cross_sigma_deg:.5f}°",
@@ -193,7 +194,8 @@ def _lines(found: ObservedFit) -> list[str]:
     ]
     for one, off_arcsec in out[:_SHOWN]:
         where = f"{one.source}:{one.line}" if one.source and one.line else one.source
-        lines.append(f"  left out     {one.utc.isoformat()}  {off_arcsec:.1f}″ off  {where}".rstrip())
+        at = local_time.instant(float(one.utc.unix_s), 3)
+        lines.append(f"  left out     {at}  {off_arcsec:.1f}″ off  {where}".rstrip())
     if len(out) > _SHOWN:
         lines.append(f"  left out     {len(out) - _SHOWN} more")
     lines.append(f"  use          --bias-along {last.along_s:.4f} --bias-cross {last.cross_deg:.5f}")

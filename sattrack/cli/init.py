@@ -165,6 +165,7 @@ def _ask(question: str, usual: str | None, check: Callable[[str], object]) -> st
         try:
             answer = str(click.prompt(question, default=usual, err=True)).strip()
         except click.Abort:
+            click.echo(err=True)
             raise BadInputError(
                 "no answer: nothing is written; `sattrack init --yes --site LAT,LON,HEIGHT` asks nothing"
             ) from None

@@ -132,8 +132,11 @@ PLAIN_TEXT = (
     ("is not a valid float", "is not a number"),
     ("is not a valid integer", "is not a whole number"),
     ("Got unexpected extra", "unexpected"),
+    ("requires an argument", "needs a value after it"),
 )
 """click's terms, and the plain English for them."""
+EXTRA_OF = {"scipy": "camera"}
+"""The extra that brings a package which modules import at their beginning."""
 POSIX_ONLY = ("fcntl", "grp", "pty", "pwd", "resource", "termios", "tty")
 CHECK_NAME = "; check the name and the folder"
 
@@ -225,38 +228,47 @@ def run(arguments: list[str]) -> int:
     except click.exceptions.Abort:
         return 130
     except Exception as error:  # noqa: BLE001 - a defect is one line too; --debug shows all of it
-        return _report_error(error, "--debug" in arguments)
+        return _report_error(error, arguments)
     return result if isinstance(result, int) else 0
 
 
-def _report_error(error: Exception, debug: bool) -> int:
+def _report_error(error: Exception, arguments: list[str]) -> int:
     """Report an error on standard error; return its exit code."""
     code: int = getattr(error, "exit_code", 1)
     if isinstance(error, click.exceptions.NoArgsIsHelpError):
         error.show()
         return code
-    if debug and not isinstance(error, click.ClickException):
+    if "--debug" in arguments and not isinstance(error, click.ClickException):
         traceback.print_exception(error)
     if not isinstance(error, BrokenPipeError):
-        click.echo(f"sattrack: {_error_text(error)}", err=True)
+        click.echo(f"sattrack: {_error_text(error, arguments)}", err=True)
     if isinstance(error, OSError):
         _forget_output()
     return code
 
 
-def _error_text(error: Exception) -> str:
+def _error_text(error: Exception, arguments: list[str]) -> str:
     if isinstance(error, click.UsageError):
-        return _usage_text(error)
+        return _usage_text(error, arguments)
     if isinstance(error, click.ClickException):
         return error.format_message()
     if isinstance(error, SattrackError | TleError):
         return f"{error}{CHECK_NAME if str(error).endswith(os.strerror(errno.ENOENT)) else ''}"
-    if isinstance(error, ModuleNotFoundError) and error.name in POSIX_ONLY:
-        return f"this needs Linux, macOS or WSL: Python has no {error.name} here; calculations do not"
+    if isinstance(error, ModuleNotFoundError) and (needed := _needed((error.name or "").partition(".")[0])):
+        return needed
     if isinstance(error, OSError):
         where = "" if error.filename is None else f"{error.filename}: "
         return f"{where}{error.strerror or error}; --debug shows where"
     return f"a defect of sattrack: {error!r}; --debug shows where"
+
+
+def _needed(module: str) -> str:
+    """Return what to do about a module that is not there; nothing where that is a defect."""
+    if module in EXTRA_OF:
+        return f"this needs {module}: pip install 'sattrack[{EXTRA_OF[module]}]'"
+    if module in POSIX_ONLY:
+        return f"this needs Linux, macOS or WSL: Python has no {module} here; calculations do not"
+    return ""
 
 
 def _forget_output() -> None:
@@ -265,7 +277,7 @@ def _forget_output() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _usage_text(error: click.UsageError) -> str:
+def _usage_text(error: click.UsageError, arguments: list[str]) -> str:
     """Return what is wrong with a command line, and what to do, in one line."""
     text = " ".join(error.format_message().split()).rstrip(".")
     for technical, plain in PLAIN_TEXT:
@@ -281,5 +293,9 @@ def _usage_text(error: click.UsageError) -> str:
     elif isinstance(error, click.NoSuchOption):
         shown = [one for one in error.ctx.command.params if isinstance(one, click.Option) and not one.hidden]
         options = ["--help", *(each for one in shown for each in one.opts if each.startswith("--"))]
-        text = f"no such option {error.option_name}{meant(error.option_name, options)}"
+        # Of -mount click tells -m only.
+        name = next((word for word in arguments if re.match(rf"{re.escape(error.option_name)}\w", word)), "")
+        text = f"no such option {name or error.option_name}{meant(name or error.option_name, options)}"
+    elif re.search(r"[–—]\w", text):
+        text += "; options begin with --, two hyphens"
     return f"{text}{'' if text.endswith('?') else ';'} see `{error.ctx.command_path} --help`"

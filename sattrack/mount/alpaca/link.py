@@ -145,7 +145,9 @@ def parse_alpaca(url: str, resolve: bool = True) -> AlpacaAddress:
     try:
         host = socket.gethostbyname(parts.hostname) if resolve else parts.hostname
     except (OSError, UnicodeError) as error:
-        raise BadInputError(f"--mount {url}: no such host {parts.hostname!r}") from error
+        raise BadInputError(
+            f"--mount {url}: no such host {parts.hostname!r}; check the name, or give its IP address"
+        ) from error
     return AlpacaAddress(host, port, int(device_text), hz)
 
 

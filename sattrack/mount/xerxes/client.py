@@ -118,7 +118,9 @@ def parse_address(url: str) -> Address:
     try:
         host = socket.gethostbyname(parts.hostname)
     except (OSError, UnicodeError) as error:
-        raise BadInputError(f"--mount {url}: no such host {parts.hostname!r}") from error
+        raise BadInputError(
+            f"--mount {url}: no such host {parts.hostname!r}; check the name, or give its IP address"
+        ) from error
     place = IPv4Address(host)
     if place.is_unspecified or place.is_multicast or host == "255.255.255.255":
         raise BadInputError(f"--mount {url}: {host} is the address of no mount; write that of its computer")
