@@ -197,7 +197,7 @@ def trend_rows(reports: Sequence[Report]) -> list[tuple[str, ...]]:
         label = "" if bias is None or bias.source == "observations" else " (nudge)"
         rows.append(
             (
-                _began(one),
+                f"{local_time.date(iso_unix_s(one.began_utc))} {local_time.clock(iso_unix_s(one.began_utc))}",
                 one.name,
                 _number(None if error is None else error.rms_arcsec, 3),
                 _number(None if error is None else error.peak_arcsec, 3),
