@@ -112,7 +112,7 @@ def _chosen(
 
 
 def _of(elements: Elements, seen: Sequence[Observation]) -> list[Observation]:
-    """Return the observations of the satellite, and those that name none; the others are told of."""
+    """Return the observations of the satellite, and those that name none; the others are reported."""
     from tle.sources import find
 
     mine = []

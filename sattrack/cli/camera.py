@@ -66,7 +66,7 @@ TRY_AGAIN_S = 0.1
 @click.option("--child", is_flag=True, hidden=True)
 @common_options("json", "utc")
 def command(context: CommandContext, source: str, **options: Any) -> int:
-    """Find the satellite in the frames of a camera, and send where it is to the run that goes on.
+    """Find the satellite in the frames of a camera, and send where it is to the active run.
 
     SOURCE is folder:DIR (FITS, PNG), alpaca://HOST:PORT/N, indi://HOST:PORT/NAME or v4l:/dev/video0. Without
     a run, what is seen is only printed.

@@ -136,7 +136,7 @@ def check_elements(facts: ElementFacts, now_utc_s: float) -> CheckResult:
         )
     refusal = "" if not facts.refused else f", {facts.refused} refused, the first: {facts.first_refusal}"
     if not facts.epochs_utc_s:
-        ways = ("`sattrack elements check` tells what is wrong with each",)
+        ways = ("`sattrack elements check` says what is wrong with each",)
         return CheckResult(
             "elements", "bad", f"no set in {', '.join(facts.sources)} can be used{refusal}", ways
         )
@@ -153,7 +153,7 @@ def check_elements(facts: ElementFacts, now_utc_s: float) -> CheckResult:
     if old == len(ages):
         todo.append("fetch new ones (`sattrack elements get`): these are off by arcminutes along track")
     if facts.refused:
-        todo.append("`sattrack elements check` tells what is wrong with those refused")
+        todo.append("`sattrack elements check` says what is wrong with those refused")
     return CheckResult("elements", "warn" if todo else "ok", what, tuple(todo))
 
 

@@ -120,10 +120,10 @@ def command(**options: Any) -> int:
 
 
 def collected(options: dict[str, Any], ask: Callable[..., str] | None) -> Answers:
-    """Return the answers: the options', else what `ask` is told, else what is usual.
+    """Return the answers: the options', else those given to `ask`, else the usual ones.
 
     `ask` takes a question, the usual answer, and a check that raises for an answer that cannot be; it is None
-    where nobody is to be asked. Raises BadInputError, SiteError.
+    where nobody must be asked. Raises BadInputError, SiteError.
     """
     city = None if options["city"] is None else find_city(options["city"])
     site = None if options["site_text"] is None else Site.parse(options["site_text"])

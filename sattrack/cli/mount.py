@@ -94,7 +94,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class MountCall:
-    """Which mount a verb is for, and how it is to be met; `address` None is the simulated one."""
+    """Which mount a verb is for, and how to reach it; `address` None is the simulated one."""
 
     context: CommandContext
     address: MountAddress | None
@@ -172,7 +172,7 @@ class VerbResult(msgspec.Struct, frozen=True):
     reason: str | None
     ended_by: str
     mount_stopped: bool | None
-    """Whether the mount was told to stop at the end and seen at rest; null where it was not told to."""
+    """Whether the mount was stopped at the end and seen at rest; null where it was not stopped."""
     hour_angle_deg: float | None
     mount: str
     status: Status | None

@@ -209,7 +209,7 @@ def status_lines(view: ScheduleView) -> list[str]:
     if view.stopped_utc is not None:
         at = local_time.instant(iso_unix_s(view.stopped_utc))
         stopped = f"STOPPED BY AN OPERATOR at {at} ({printable(str(view.stopped_by))})"
-        lines.append(f"{stopped}: nothing is followed; `{view.resume}` goes on")
+        lines.append(f"{stopped}: nothing is followed; `{view.resume}` resumes")
     lines += [f"TROUBLE: {printable(text)}" for text in view.troubles]
     if view.weather is not None:
         lines.append(f"weather: {printable(view.weather)}")
@@ -327,7 +327,7 @@ def _asked_line(one: EntryOutcome) -> str:
 
 
 def _conditions(plan: SchedulePlan) -> str:
-    weather = "nobody is asked about the weather" if plan.weather is None else f"weather by {plan.weather}"
+    weather = "the weather is not checked" if plan.weather is None else f"weather by {plan.weather}"
     return f"     {printable(weather)}; the mount is {'parked' if plan.park_at_end else 'left'} at the end"
 
 

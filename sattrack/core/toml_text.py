@@ -191,7 +191,7 @@ class KeyPositions:
     """Where the keys and values of one file stand."""
 
     def __init__(self, file: str, spots: dict[KeyPath, TextSpot], columns: bool = True) -> None:
-        """Keep what the scanner found; without `columns`, lines are told alone."""
+        """Keep what the scanner found; without `columns`, only lines are given."""
         self.file = file
         self._spots = spots
         self.columns = columns

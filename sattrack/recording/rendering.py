@@ -122,7 +122,7 @@ def _apart(times: TimeFigures) -> str:
 
 def _bias(bias: BiasFigures | None) -> str:
     if bias is None:
-        return "not known: no observation in it, and a mount that follows tells nothing of the satellite"
+        return "not known: no observation in it, and a mount that follows shows nothing of the satellite"
     at = local_time.instant(iso_unix_s(bias.utc), 3)
     if bias.source == "nudge":
         return (
@@ -173,7 +173,7 @@ def nothing_to_change(report: Report) -> str:
     """Return the text where there is no advice: "nothing" only where everything could be measured."""
     if report.acquired and not report.ra.untold and not report.dec.untold:
         return "nothing"
-    return "nothing, as far as this recording tells"
+    return "nothing, as far as this recording shows"
 
 
 def all_rows(report: Report) -> list[tuple[str, str]]:

@@ -353,7 +353,7 @@ def prepare(request: RunRequest) -> Prepared:
 
 
 def _check_sun(target: Elements | Ephemeris, request: RunRequest) -> None:
-    """Raise BadInputError where the Sun is to be followed without a filter that the profile states.
+    """Raise BadInputError where the Sun is the target without a filter that the profile states.
 
     The cone that the limits keep about the Sun is not opened by that: its owner must.
     """

@@ -194,7 +194,7 @@ class GoesOn(msgspec.Struct, frozen=True):
     def __str__(self) -> str:
         """Return it as text."""
         who = f"its guardian, process {self.pid}"
-        return f"{who}, goes on telling it to stop since {local_time.localised(self.since_utc)}; {self.heard}"
+        return f"{who}, still sends it stops, since {local_time.localised(self.since_utc)}; {self.heard}"
 
 
 class Stopped(msgspec.Struct, frozen=True):

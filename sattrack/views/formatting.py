@@ -521,7 +521,7 @@ def _bias_lines(summary: Summary) -> list[str]:
         return lines
     counts = f"{estimate.accepted} taken, {estimate.rejected} rejected, {estimate.refused} refused"
     if estimate.begun_anew:
-        counts += f"; begun anew {estimate.begun_anew} times"
+        counts += f"; restarted {estimate.begun_anew} times"
     lines.append(f"  observations: {counts}")
     if estimate.along_s is not None and estimate.cross_deg is not None:
         lines.append(

@@ -128,7 +128,7 @@ def test_without_observations_a_nudge_is_told_as_one_and_nothing_as_nothing(
 ) -> None:
     assert report_of(short, capsys)["bias"] is None
     assert run(["report", str(short)]) == 0
-    assert "a mount that follows tells nothing of the satellite" in capsys.readouterr().out
+    assert "a mount that follows shows nothing of the satellite" in capsys.readouterr().out
     nudged = nudge(tmp_path / "nudged.mcap", short)
     bias = report_of(nudged, capsys)["bias"]
     assert bias["source"] == "nudge"
