@@ -467,7 +467,7 @@ def _ask(context: CommandContext, name: str, request: Request, options: dict[str
 
 
 @click.command("status")
-@mount_options
+@functools.partial(mount_options, shared=("site", "clock", "json", "utc"))
 def status(context: CommandContext, **options: Any) -> int:
     """Show the mount's whole status once, with units, the link, and the offset of the mount's clock.
 
