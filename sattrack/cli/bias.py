@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sattrack.cli.common import CommandContext, common_options, tell
+from sattrack.cli.common import CommandContext, RenamedOption, common_options, tell
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError, SattrackError
 from tle.errors import TleError
@@ -39,8 +39,12 @@ _SHOWN = 20
     "--stations", type=click.Path(path_type=Path, dir_okay=False), help="List of the stations' places."
 )
 @click.option(
+    "--output",
     "--out",
+    "out",
+    cls=RenamedOption,
     type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
     help="Write the refined elements there: OMM (KVN) with their covariance.",
 )
 @click.option(
@@ -65,7 +69,7 @@ def command(
     \b
     Examples:
       sattrack bias iss.tle --observations seen.csv --site 52.1541,4.4908,0
-      sattrack bias iss.tle --observations seen.jsonl --out refined.kvn --plot biases.png
+      sattrack bias iss.tle --observations seen.jsonl --output refined.kvn --plot biases.png
     """
     seen = _read(context, (*observations, *more), stations)
     elements = _chosen(context, source, satellite, seen)
