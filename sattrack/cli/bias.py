@@ -61,7 +61,7 @@ def command(
     out: Path | None,
     plot: Path | None,
 ) -> int:
-    """Fit a satellite's orbit to its OBSERVATIONS, and tell by how far the ELEMENTS miss it.
+    """Fit a satellite's orbit to its OBSERVATIONS, and say by how far the ELEMENTS miss it.
 
     The bias is that of the instant of the last observation used. Observations that contradict the others
     are left out and named.

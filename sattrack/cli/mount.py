@@ -448,7 +448,7 @@ def park(context: CommandContext, drives_on: bool, **options: Any) -> int:
 @click.command("home")
 @mount_options
 def home(context: CommandContext, **options: Any) -> int:
-    """Go to the home position and watch the way there.
+    """Go to the home position, and wait until it is there.
 
     The protocol has no acknowledgement for it: it ends as "sent, unconfirmed" unless the mount reports that
     it is at home.
@@ -471,7 +471,7 @@ def _ask(context: CommandContext, name: str, request: Request, options: dict[str
 def status(context: CommandContext, **options: Any) -> int:
     """Show the mount's whole status once, with units, the link, and the offset of the mount's clock.
 
-    Nothing is sent, so whatever drives the mount is not disturbed. If a session on this machine owns the
+    Nothing is sent, so the program that drives the mount is not disturbed. If a session here owns the
     mount, the status is as that session receives it. Only a silent mount on this machine that nobody owns,
     which is a simulated one, is sent datagrams without a command.
 
