@@ -138,7 +138,11 @@ PLAIN_TEXT = (
 EXTRA_OF = {"scipy": "camera"}
 """The extra that brings a package which modules import at their beginning."""
 POSIX_ONLY = ("fcntl", "grp", "pty", "pwd", "resource", "termios", "tty")
-CHECK_NAME = "; check the name and the folder"
+ADVICE = {
+    os.strerror(errno.ENOENT): "; check the name and the folder",
+    os.strerror(errno.EACCES): "; choose another folder, or change who may use this one",
+}
+"""What to do, by the system's words at the end of a message."""
 
 
 class LazyGroup(click.Group):
@@ -253,12 +257,12 @@ def _error_text(error: Exception, arguments: list[str]) -> str:
     if isinstance(error, click.ClickException):
         return error.format_message()
     if isinstance(error, SattrackError | TleError):
-        return f"{error}{CHECK_NAME if str(error).endswith(os.strerror(errno.ENOENT)) else ''}"
+        return f"{error}{ADVICE.get(str(error).rpartition(': ')[2], '')}"
     if isinstance(error, ModuleNotFoundError) and (needed := _needed((error.name or "").partition(".")[0])):
         return needed
     if isinstance(error, OSError):
         where = "" if error.filename is None else f"{error.filename}: "
-        return f"{where}{error.strerror or error}; --debug shows where"
+        return f"{where}{error.strerror or error}{ADVICE.get(error.strerror or '', '; --debug shows where')}"
     return f"a defect of sattrack: {error!r}; --debug shows where"
 
 

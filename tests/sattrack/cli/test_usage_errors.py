@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import shlex
 import subprocess
 import sys
@@ -252,6 +254,22 @@ def test_a_wrong_setting_is_told_with_file_line_table_and_the_nearest_key(
     path.write_text(text)
     assert run(["passes", "--config", str(path)]) == 2
     assert capsys.readouterr() == ("", f"sattrack: {path}:{words}\n")
+
+
+def test_a_folder_that_is_closed_to_the_user_is_told_with_what_to_do(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Root may read and write everywhere: the system's refusal is made here."""
+
+    def exists(path: Path) -> bool:
+        if path.suffix == ".html":
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+        return path in Path.cwd().parents
+
+    monkeypatch.setattr(Path, "exists", exists)
+    assert run(["report", f"{EXAMPLES}/passes/clean.mcap", "--output", "/root/x.html"]) in {1, 2}
+    advice = "choose another folder, or change who may use this one"
+    assert capsys.readouterr() == ("", f"sattrack: /root/x.html: Permission denied; {advice}\n")
 
 
 @pytest.mark.parametrize("name", ["ISSS", "ISS (ZARIA)", "zariya"])
