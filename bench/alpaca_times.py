@@ -51,7 +51,7 @@ def wait(until: Callable[[], bool]) -> None:
     deadline = time.monotonic() + 60.0
     while not until():
         if time.monotonic() > deadline:
-            raise SystemExit("the mount did not do as it was told within a minute")
+            raise SystemExit("the mount did not obey within a minute")
 
 
 def read_times(scope: Telescope, times: int) -> dict[str, list[float]]:

@@ -13,6 +13,7 @@ from sattrack.core.errors import BadInputError
 from sattrack.core.local_time import is_zone
 from sattrack.core.toml_text import line_of_key, read_toml
 from sattrack.safety.limits import SafetyLimits, SiteLimits
+from tle.errors import SiteError
 from tle.site import Site
 
 
@@ -51,6 +52,13 @@ class SiteSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     latitude_deg: float
     longitude_deg: float
     height_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where a number is out of range."""
+        try:
+            self.place()
+        except SiteError as error:
+            raise ValueError(str(error)) from None
 
     def place(self) -> Site:
         """Return the site; raises SiteError where a number is out of range."""
@@ -160,10 +168,11 @@ def load_settings(explicit: Path | None = None) -> Settings:
         mount = msgspec.structs.replace(mount, profile=str(here / mount.profile))
     safety = settings.safety
     if settings.min_altitude_deg < safety.floor_altitude_deg:
+        line = line_of_key(path, "floor_altitude_deg") or line_of_key(path, "min_altitude_deg")
         raise BadInputError(
-            f"{path}{line_of_key(path, 'floor_altitude_deg')}: safety.floor_altitude_deg is "
-            f"{safety.floor_altitude_deg:g}, above min_altitude_deg, {settings.min_altitude_deg:g}: nothing "
-            "is followed below the floor"
+            f"{path}{line}: safety.floor_altitude_deg is {safety.floor_altitude_deg:g}, above "
+            f"min_altitude_deg, {settings.min_altitude_deg:g}: nothing is followed below the floor; "
+            "raise min_altitude_deg, or lower the floor"
         )
     if safety.horizon is not None:
         safety = msgspec.structs.replace(safety, horizon=str(here / safety.horizon))

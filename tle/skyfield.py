@@ -44,6 +44,14 @@ from tle.instants import (
 )
 from tle.site import Site
 
+__all__ = ["from_skyfield", "to_skyfield"]
+
+
+def __dir__() -> list[str]:
+    """Show what the module offers, not what it imports."""
+    return __all__
+
+
 _DESIGNATOR = re.compile(r"(\d\d)?(\d\d)-?(\d{3}[A-Z]{1,3})", re.ASCII)
 # Where directions end, and with them what is asked of a table.
 _END = Utc.parse("2057-01-01")

@@ -52,7 +52,9 @@ _QUERY = r"https?://[^\s\"'<>]*/(?:sup-)?gp\.php\?([^\s\"'<>]*)"
 _HEAD = 2000
 COMMON_NAMES = {
     "iss": 25544,
+    "internationalspacestation": 25544,
     "hubble": 20580,
+    "hubblespacetelescope": 20580,
     "tiangong": 48274,
     "css": 48274,
 }
@@ -336,6 +338,11 @@ def _texts(source: str | Path, fetch: Callable[[str], str] | None) -> list[tuple
             return [(source, fetch(source))]
     path = Path(source)
     try:
+        if not path.exists() and (scheme := re.match(r"([A-Za-z]{2,}):[\w-]", str(source))):
+            raise SourceError(
+                f"{source}: no provider {scheme[1]!r}: write celestrak:GROUP, spacetrack:NUMBER, "
+                "a URL or a file"
+            )
         if not path.is_dir():
             return [(str(path), _read_file(path))]
         files = sorted(p for p in path.iterdir() if p.is_file() and not p.name.startswith("."))

@@ -74,7 +74,7 @@ def find_transits(passes: CataloguePasses, facts: FactColumns) -> list[Transit]:
 
     Raises PropagationError, BodyError.
     """
-    ends = passes.search().ends(passes.found)
+    ends = passes.search.ends(passes.found)
     site, start_s = passes.task.site, passes.task.span[0]
     found: list[Transit] = []
     for body, near_deg in (("Sun", facts.min_sun_separation_deg), ("Moon", facts.min_moon_separation_deg)):

@@ -114,7 +114,7 @@ class Calibrator:
         return None if self.ending is None else self.ending.at_rest
 
     def due(self) -> float:
-        """Return when the next datagram is to be sent."""
+        """Return when the next datagram must be sent."""
         return self._sender.due()
 
     def tick(self, now_utc_s: float) -> bytes:
@@ -182,7 +182,7 @@ SOON_S = 0.002
 
 
 class Sender:
-    """Keeps what is to be said, and when it is due next."""
+    """The next command, and when it is due."""
 
     def __init__(self, begin_utc_s: float) -> None:
         self.said = Command()
@@ -541,7 +541,7 @@ class Script:
         if part < MOVES_AT_LEAST:
             words = "acknowledges MoveAxis but does not move: are the drives on?"
         elif part > LARGEST_GAIN:
-            words = f"moves {part:.1f} times as fast as it was told"
+            words = f"moves {part:.1f} times as fast as commanded"
         if words is not None:
             raise CalibrationEndedError(EndKind.DOUBT, f"the {AXIS_WORDS[axis]} axis {words}")
 

@@ -39,7 +39,7 @@ CLEARLY = 0.7
 
 
 class TurnForecast:
-    """Foretells turns, in seconds of the mount's clock, from two statuses or more in order."""
+    """Predicts turns, in seconds of the mount's clock, from two statuses or more in order."""
 
     def __init__(self, heard: Sequence[HeardStatus]) -> None:
         self._at = {h.counter: h.mount_s for h in heard}
@@ -55,7 +55,7 @@ class TurnForecast:
         self.mean_s = max(LEAST_TURN_S, self.mean_s)
 
     def next_after(self, mount_s: float) -> float:
-        """Return the first turn foretold at or after a second of the mount's clock."""
+        """Return the first turn predicted at or after a second of the mount's clock."""
         counter = self._last
         while True:
             counter += 1
@@ -209,7 +209,7 @@ class RoundTrip:
     """Typical round trip and its standard uncertainty, seconds; `scatter_s` is that of single datagrams.
 
     `fastest_s` has the shortest delay of a status in place of the typical one: it belongs to instants that
-    are told by the fastest arrivals.
+    are given by the fastest arrivals.
     """
 
     seconds: float

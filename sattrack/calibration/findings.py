@@ -228,7 +228,7 @@ def _refuse_readings(seen: Observations) -> None:
 def dated_by_requests(seen: Observations) -> ClockTruth | None:
     """Return what is known of a clock that says the middle of each request, on our own clock.
 
-    Which part of the way there and back the way there is, it cannot tell. None where too little was heard.
+    It cannot tell which part of the round trip is the way there. None where too little was heard.
     """
     if len(seen.log.heard) < FEWEST_BRACKETS:
         return None

@@ -302,7 +302,7 @@ class CalibrationGuard:
             raise CalibrationEndedError(
                 EndKind.REFUSED,
                 f"the mount's sidereal time is {off_s:.0f} s from that of the site given: set the mount's "
-                "clock, or check --site; where the Sun is cannot be told otherwise",
+                "clock, or check --site; otherwise the Sun's direction is unknown",
             )
         if status.site_deg is not None:
             latitude_deg, longitude_deg = status.site_deg

@@ -176,7 +176,7 @@ def axis_response(parts: Sequence[Steady]) -> AxisResponse | None:
 
 
 def _free(parts: Sequence[Steady]) -> list[Steady]:
-    """Return the motions without the fastest, where those fall short of what the others foretell."""
+    """Return the motions without the fastest, where those fall short of what the others predict."""
     kept = list(parts)
     while kept:
         top = max(abs(p.commanded_deg_s) for p in kept) * 0.99

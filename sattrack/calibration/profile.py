@@ -260,7 +260,7 @@ def _motion_text(found: Measured | None) -> str:
 
 def _lag_text(motion: AxisMotion) -> str:
     if motion.lag is None:
-        return "could not be told; left as it was"
+        return "could not be measured; left as it was"
     return f"{motion.lag.seconds * 1e3:.1f} ± {motion.lag.sigma_s * 1e3:.1f} ms"
 
 

@@ -106,7 +106,7 @@ class Measured:
 class Braking:
     """How an axis stops from a rate, counted from the mount's reading of the command.
 
-    `acceleration_deg_s2` is what stops may be foretold with: the axis' limit where `limited`, else
+    `acceleration_deg_s2` is what stops may be predicted with: the axis' limit where `limited`, else
     rate^2 / (2 distance), which is lower. Both are None where it stops too quickly to be measured.
     """
 
@@ -170,7 +170,7 @@ def turns_sigma_s(seconds: Sequence[Array]) -> float:
 def braking(stops: Sequence[Transient], lag_s: float = 0.0) -> Braking | None:
     """Return how an axis brakes from the fastest of its rates, or None where too little was seen of it.
 
-    A limit is told only if it and `lag_s`, the servo's, foretell the stop that was seen, or a longer one.
+    A limit is given only if it and `lag_s`, the servo's, predict the stop that was seen, or a longer one.
     """
     stop = measured(stops)
     if stop is None:

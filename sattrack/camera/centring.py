@@ -285,7 +285,7 @@ def expected(views: Sequence[TrackView], utc_s: float, geometry: ImageGeometry) 
     """Return how stars and the satellite move in an image of an instant, pixels a second.
 
     None where the views do not reach to the instant, or no scale is known. While the mount follows, the
-    satellite stands in the image; before, both are told by the directions of target and mount in two views.
+    satellite stands in the image; before, both are given by the directions of target and mount in two views.
     """
     scale = geometry.scale_arcsec_px
     known = [one for one in views if one.mount_ra_deg is not None and one.mount_dec_deg is not None]

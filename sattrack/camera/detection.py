@@ -415,10 +415,10 @@ def _chosen(
     best = there[0]
     if near is None and not trailing and len(there) > 1:
         stars = tuple(PointSource(one.x, one.y, one.flux, one.snr) for one in points)
-        why = "stars do not trail, and nothing tells the satellite from them"
+        why = "stars do not trail, and nothing distinguishes the satellite from them"
         return Detection("none", why=why, stars=stars, saturated=prepared.saturated, streaks=none.streaks)
     if len(there) > 1 and there[1].flux > AMBIGUOUS * best.flux:
-        return _because(none, f"{len(there)} points are alike, and nothing tells which is the satellite")
+        return _because(none, f"{len(there)} points are alike, and nothing shows which is the satellite")
     return Detection(
         "point",
         best.x,
@@ -461,7 +461,7 @@ def _on_streaks(snr: Pixels, long: list[Streak], least: float, psf_px: float) ->
     """Return of each streak what stands out most of what is typical of it; rows as `_peaks` gives them.
 
     Typical is the median along a streak, at each distance from its middle line, and so is the noise there.
-    Near its ends nothing is told.
+    Near its ends nothing is known.
     """
     found = []
     across = 0.5 * psf_px * np.arange(-6.0, 7.0)
@@ -581,7 +581,7 @@ def _lone_streak(prepared: PreparedImage, long: list[Streak], otherwise: Detecti
 def _streak_found(prepared: PreparedImage, fits: list[Streak], none: Detection) -> Detection:
     best = fits[0]
     if len(fits) > 1 and fits[1].flux > AMBIGUOUS * best.flux:
-        return _because(none, f"{len(fits)} streaks are alike, and nothing tells which is the satellite")
+        return _because(none, f"{len(fits)} streaks are alike, and nothing shows which is the satellite")
     if not best.whole:
         return _because(none, "the streak leaves the image: its middle is unknown")
     if best.snr < SURE_SNR:

@@ -22,6 +22,7 @@ from sattrack.cli.common import (
     tell,
     tui_possible,
 )
+from sattrack.core import local_time
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.process import self_command
 from sattrack.runtime.view_server import SUPPORTED, feeders
@@ -100,7 +101,8 @@ def welcome_of(pid: int) -> Welcome | None:
 
 def welcome_text(welcome: Welcome) -> str:
     """Return what a run is."""
-    return f"{welcome.name} with {welcome.mount}, `{welcome.command}`, since {welcome.since_utc}"
+    since = local_time.localised(welcome.since_utc)
+    return f"{welcome.name} with {welcome.mount}, `{welcome.command}`, since {since}"
 
 
 def _terminal() -> str:
@@ -196,7 +198,9 @@ def _runs(pid: int | None, known: dict[int, str]) -> dict[int, str]:
         if each not in known:
             welcome = welcome_of(each)
             if welcome is not None:
-                known[each] = f"{welcome.name} with {welcome.mount}, since {welcome.since_utc}"
+                known[each] = (
+                    f"{welcome.name} with {welcome.mount}, since {local_time.localised(welcome.since_utc)}"
+                )
     return {each: known[each] for each in found if each in known}
 
 

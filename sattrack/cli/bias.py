@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sattrack.cli.common import CommandContext, common_options, tell
+from sattrack.cli.common import CommandContext, RenamedOption, common_options, tell
+from sattrack.core import local_time
 from sattrack.core.errors import BadInputError, SattrackError
 from tle.errors import TleError
 
@@ -38,14 +39,18 @@ _SHOWN = 20
     "--stations", type=click.Path(path_type=Path, dir_okay=False), help="List of the stations' places."
 )
 @click.option(
+    "--output",
     "--out",
+    "out",
+    cls=RenamedOption,
     type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
     help="Write the refined elements there: OMM (KVN) with their covariance.",
 )
 @click.option(
     "--plot", type=click.Path(path_type=Path, dir_okay=False), help="Draw the biases there (PNG, SVG, PDF)."
 )
-@common_options("site", "json")
+@common_options("site", "json", "utc")
 def command(
     context: CommandContext,
     source: str,
@@ -56,7 +61,7 @@ def command(
     out: Path | None,
     plot: Path | None,
 ) -> int:
-    """Fit a satellite's orbit to its OBSERVATIONS, and tell by how far the ELEMENTS miss it.
+    """Fit a satellite's orbit to its OBSERVATIONS, and say by how far the ELEMENTS miss it.
 
     The bias is that of the instant of the last observation used. Observations that contradict the others
     are left out and named.
@@ -64,7 +69,7 @@ def command(
     \b
     Examples:
       sattrack bias iss.tle --observations seen.csv --site 52.1541,4.4908,0
-      sattrack bias iss.tle --observations seen.jsonl --out refined.kvn --plot biases.png
+      sattrack bias iss.tle --observations seen.jsonl --output refined.kvn --plot biases.png
     """
     seen = _read(context, (*observations, *more), stations)
     elements = _chosen(context, source, satellite, seen)
@@ -111,7 +116,7 @@ def _chosen(
 
 
 def _of(elements: Elements, seen: Sequence[Observation]) -> list[Observation]:
-    """Return the observations of the satellite, and those that name none; the others are told of."""
+    """Return the observations of the satellite, and those that name none; the others are reported."""
     from tle.sources import find
 
     mine = []
@@ -167,8 +172,8 @@ def _lines(found: ObservedFit) -> list[str]:
     age_days = float(found.elements.age_s(last.utc)) / 86400.0
     lines = [
         f"{found.elements.label} ({found.elements.catalog_number}), elements {age_days:.2f} days old",
-        f"  observations {used} used of {len(fit.used)}, {found.first.utc.isoformat('seconds')} to "
-        f"{last.utc.isoformat('seconds')}",
+        f"  observations {used} used of {len(fit.used)}, "
+        f"{local_time.span(float(found.first.utc.unix_s), float(last.utc.unix_s))}",
         f"  along        {last.along_s:+.4f} ± {last.along_sigma_s:.4f} s at the last"
         + ("" if drift is None else f", drifting by {drift:+.4f} s a minute"),
         f"  across       {last.cross_deg:+.5f} ± {last.cross_sigma_deg:.5f}°",
@@ -181,7 +186,8 @@ def _lines(found: ObservedFit) -> list[str]:
     ]
     for one, off_arcsec in out[:_SHOWN]:
         where = f"{one.source}:{one.line}" if one.source and one.line else one.source
-        lines.append(f"  left out     {one.utc.isoformat()}  {off_arcsec:.1f}″ off  {where}".rstrip())
+        at = local_time.instant(float(one.utc.unix_s), 3)
+        lines.append(f"  left out     {at}  {off_arcsec:.1f}″ off  {where}".rstrip())
     if len(out) > _SHOWN:
         lines.append(f"  left out     {len(out) - _SHOWN} more")
     lines.append(f"  use          --bias-along {last.along_s:.4f} --bias-cross {last.cross_deg:.5f}")

@@ -21,6 +21,7 @@ import click
 import msgspec
 
 from sattrack.cli.common import CommandContext, can_draw_lines_anew, common_options, given, renew, tell
+from sattrack.core import local_time
 from sattrack.core.channel import LineReader, see_off
 from sattrack.core.errors import BadInputError, SattrackError, needed
 from sattrack.core.process import ending_with_us, self_command
@@ -66,7 +67,7 @@ TRY_AGAIN_S = 0.1
 @click.option("--child", is_flag=True, hidden=True)
 @common_options("json", "utc")
 def command(context: CommandContext, source: str, **options: Any) -> int:
-    """Find the satellite in the frames of a camera, and send where it is to the run that goes on.
+    """Find the satellite in the frames of a camera, and send where it is to the active run.
 
     SOURCE is folder:DIR (FITS, PNG), alpaca://HOST:PORT/N, indi://HOST:PORT/NAME or v4l:/dev/video0. Without
     a run, what is seen is only printed.
@@ -479,10 +480,13 @@ def _print(as_json: bool, seen: Centred) -> None:
         sys.stdout.write(json.dumps(seen.document(), allow_nan=False) + "\n")
         sys.stdout.flush()
         return
+    from sattrack.views.formatting import iso_unix_s
+
+    clock = local_time.clock(iso_unix_s(seen.utc), 3)
     if seen.kind == "none":
-        text = f"{seen.utc[11:23]}  nothing: {seen.why}"
+        text = f"{clock}  nothing: {seen.why}"
     elif seen.dx_arcsec is None:
-        text = f"{seen.utc[11:23]}  {seen.kind}  SNR {seen.snr}, in pixels: no --scale"
+        text = f"{clock}  {seen.kind}  SNR {seen.snr}, in pixels: no --scale"
     else:
         solved = (
             ""
@@ -490,7 +494,7 @@ def _print(as_json: bool, seen: Centred) -> None:
             else f"  field {seen.solved['ra_deg']:.3f} {seen.solved['dec_deg']:+.3f}"
         )
         text = (
-            f"{seen.utc[11:23]}  {seen.kind:<6} right {seen.dx_arcsec:8.2f}″  up {seen.dy_arcsec:8.2f}″  "
+            f"{clock}  {seen.kind:<6} right {seen.dx_arcsec:8.2f}″  up {seen.dy_arcsec:8.2f}″  "
             f"± {seen.sigma_arcsec:.2f}″  SNR {seen.snr:.0f}{solved}"
         )
     if can_draw_lines_anew() and sys.stdout.isatty():

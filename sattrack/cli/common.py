@@ -285,9 +285,10 @@ def bias_options(function: Callable[..., Any]) -> Callable[..., Any]:
         "auto for real mounts, on for simulated ones too, nudge also for an operator's nudge, or off.",
     )(function)
     function = click.option(
-        "--camera-flip",
         "--flip",
+        "--camera-flip",
         "camera_flip",
+        cls=RenamedOption,
         is_flag=True,
         help="The camera's image is mirrored.",
     )(function)
@@ -297,9 +298,10 @@ def bias_options(function: Callable[..., Any]) -> Callable[..., Any]:
         help="Search by itself where the satellite is lost and may be out of the camera's field.",
     )(function)
     return click.option(
-        "--camera-rotation",
         "--rotation",
+        "--camera-rotation",
         "camera_rotation",
+        cls=RenamedOption,
         type=float,
         metavar="DEG",
         help="Position angle of the camera's y axis, from north through east; 0 unless the settings say so.",
@@ -502,7 +504,7 @@ class SettingsWatch:
         if not changed:
             return None
         names = ", ".join(str(path) for path in changed)
-        kept = f"{names} changed meanwhile: what ran kept the settings with which it began"
+        kept = f"{names} changed during the run: the run kept the settings of its start"
         try:
             load_settings(self._config).safety.limits()
         except SattrackError as error:

@@ -19,6 +19,7 @@ import click
 import msgspec
 
 from sattrack.cli.common import CommandContext, common_options, profile_option
+from sattrack.core import local_time
 from sattrack.core.errors import SattrackError
 from sattrack.core.realtime import how_to_grant, undisturbed
 from sattrack.mount.model import MountProfile
@@ -50,8 +51,16 @@ LEAST_COLUMNS, LEAST_ROWS = 80, 24
 LITTLE_SPACE_BYTES = 200e6
 NO_SPACE_BYTES = 10e6
 UNEVEN_MS = 10.0
-EXTRAS = {"tui": "the terminal screen", "plot": "plots to files", "keyring": "passwords in the key ring"}
-EXTRA_MODULES = {"tui": ("textual", "textual_plot"), "plot": ("matplotlib",), "keyring": ("keyring",)}
+EXTRAS = {
+    "tui": "the terminal screen",
+    "plot": "plots to files, biases in reports",
+    "keyring": "passwords in the key ring",
+}
+EXTRA_MODULES = {
+    "tui": ("textual", "textual_plot"),
+    "plot": ("matplotlib", "filterpy"),
+    "keyring": ("keyring",),
+}
 COLOURS = {"ok": "green", "warn": "yellow", "bad": "red"}
 
 
@@ -127,23 +136,24 @@ def check_elements(facts: ElementFacts, now_utc_s: float) -> CheckResult:
         )
     refusal = "" if not facts.refused else f", {facts.refused} refused, the first: {facts.first_refusal}"
     if not facts.epochs_utc_s:
-        ways = ("`sattrack elements check` tells what is wrong with each",)
+        ways = ("`sattrack elements check` says what is wrong with each",)
         return CheckResult(
             "elements", "bad", f"no set in {', '.join(facts.sources)} can be used{refusal}", ways
         )
     newest_s, oldest_s = max(facts.epochs_utc_s), min(facts.epochs_utc_s)
     ages = [(now_utc_s - epoch_s) / DAY_S for epoch_s in facts.epochs_utc_s]
     old = sum(abs(age) > OLD_ELEMENTS_DAYS for age in ages)
+    epochs = [Utc(epoch_s).isoformat("seconds") for epoch_s in sorted({oldest_s, newest_s})]
     what = (
-        f"{len(ages)} objects, epochs {Utc(oldest_s).isoformat('seconds')} to "
-        f"{Utc(newest_s).isoformat('seconds')}, the newest {_age(now_utc_s - newest_s)}, "
-        f"{old} more than {OLD_ELEMENTS_DAYS:g} days off{refusal}"
+        f"{len(ages)} {'object' if len(ages) == 1 else 'objects'}, "
+        f"{'epoch' if len(epochs) == 1 else 'epochs'} {' to '.join(epochs)}, "
+        f"the newest {_age(now_utc_s - newest_s)}, {old} more than {OLD_ELEMENTS_DAYS:g} days off{refusal}"
     )
     todo: list[str] = []
     if old == len(ages):
         todo.append("fetch new ones (`sattrack elements get`): these are off by arcminutes along track")
     if facts.refused:
-        todo.append("`sattrack elements check` tells what is wrong with those refused")
+        todo.append("`sattrack elements check` says what is wrong with those refused")
     return CheckResult("elements", "warn" if todo else "ok", what, tuple(todo))
 
 
@@ -334,7 +344,7 @@ class _PatientCommand(click.Command):
     default=Path(),
     help="Where recordings will go; default: the current folder.",
 )
-@common_options("site", "elements", "clock", "json")
+@common_options("site", "elements", "clock", "json", "utc")
 def command(context: CommandContext, **options: Any) -> int:
     """Report what is in order, what is not, and what to do. Nothing is sent to the mount; nothing is changed.
 
@@ -357,7 +367,7 @@ def command(context: CommandContext, **options: Any) -> int:
 
 def _tell(check: CheckResult) -> None:
     state = click.style(f"{check.state:<4}", fg=COLOURS[check.state])
-    click.echo(f"{state}  {check.subject:<9} {check.what}")
+    click.echo(f"{state}  {check.subject:<9} {local_time.localised(check.what)}")
     for way in check.do:
         click.echo(f"{'':<16}→ {way}")
 

@@ -14,8 +14,10 @@ import numpy as np
 
 from sattrack.cli.common import CommandContext, common_options, satellite_names, tell, write_file
 from sattrack.cli.targets import candidates, ephemeris_option
+from sattrack.core import local_time
 from sattrack.core.errors import BadInputError
 from sattrack.runtime.bias_memory import BiasMemory, KeptBias, describe, memory_file
+from sattrack.views.formatting import iso_unix_s
 from tle.bodies import Body
 from tle.elements import expected_along_arcsec, expected_along_s, propagation_error
 from tle.errors import PropagationError, TleError
@@ -100,7 +102,7 @@ def get(
 
 @command.command("show")
 @click.argument("satellites", nargs=-1, shell_complete=satellite_names)
-@common_options("elements", "clock", "json")
+@common_options("elements", "clock", "json", "utc")
 def show(context: CommandContext, satellites: tuple[str, ...]) -> int:
     """Show the elements of the SATELLITES and what their age means; without any, one line for each set.
 
@@ -118,11 +120,11 @@ def show(context: CommandContext, satellites: tuple[str, ...]) -> int:
     elif satellites:
         click.echo("\n\n".join(_description(row) for row in rows))
     else:
-        click.echo(f"{'number':>9}  {'designator':<11} {'epoch UTC':<24} {'age d':>8}  name")
+        click.echo(f"{'number':>9}  {'designator':<11} {'epoch':<28} {'age d':>8}  name")
         for row in rows:
             click.echo(
                 f"{row['catalog_number']:>9}  {row['designator'] or '-':<11} "
-                f"{row['epoch_utc'][:23] + 'Z':<24} {row['age_days']:>8.2f}  {row['name'] or '-'}"
+                f"{_epoch(row, 3):<28} {row['age_days']:>8.2f}  {row['name'] or '-'}"
             )
     return 0
 
@@ -269,13 +271,18 @@ def _why_not(one: Elements, now: Utc) -> str | None:
     return None
 
 
+def _epoch(row: dict[str, Any], decimals: int = 0) -> str:
+    """Return the epoch as date, local time and zone."""
+    utc_s = iso_unix_s(row["epoch_utc"])
+    return f"{local_time.date(utc_s)} {local_time.clock(utc_s, decimals)} {local_time.zone_name(utc_s)}"
+
+
 def _description(row: dict[str, Any]) -> str:
     """Return what a person wants to know of an object, several lines."""
-    epoch = row["epoch_utc"][:19].replace("T", " ")
     age = f"{abs(row['age_days']):.2f} days {'old' if row['age_days'] >= 0.0 else 'to come'}"
     lines = [
         f"{row['name'] or 'no name'}   {row['catalog_number']}   {row['designator'] or '-'}",
-        f"  epoch        {epoch} UTC, {age}",
+        f"  epoch        {_epoch(row)}, {age}",
         f"  period       {row['period_min']:.2f} min",
         f"  apogee       {row['apogee_km']:.0f} km",
         f"  perigee      {row['perigee_km']:.0f} km",
@@ -371,7 +378,7 @@ def _line(row: dict[str, Any]) -> str:
 @click.option(
     "--drop", "dropped", type=int, multiple=True, metavar="ENTRY", help="Do not offer this one again."
 )
-@common_options("json")
+@common_options("json", "utc")
 def biases(context: CommandContext, dropped: tuple[int, ...]) -> int:
     """Show the biases remembered from earlier passes, the newest first, as they were found.
 
@@ -399,9 +406,11 @@ def biases(context: CommandContext, dropped: tuple[int, ...]) -> int:
 def _bias_lines(entries: Sequence[KeptBias], now_utc_s: float) -> list[str]:
     lines = []
     for one in entries:
-        epoch = Utc(one.elements_epoch_utc_s).isoformat("seconds")
+        epoch = local_time.instant(one.elements_epoch_utc_s)
         state = "  DROPPED" if one.dropped else ""
         name = one.name or str(one.catalog_number)
         lines.append(f"{one.entry:4d}  {name} ({one.catalog_number}), elements of {epoch}{state}")
-        lines.append(f"      {describe(one, now_utc_s)}; by the {one.made_by}, {one.mount}")
+        lines.append(
+            f"      {local_time.localised(describe(one, now_utc_s))}; by the {one.made_by}, {one.mount}"
+        )
     return lines

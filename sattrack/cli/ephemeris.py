@@ -14,6 +14,7 @@ import numpy as np
 
 from sattrack.cli.common import CommandContext, common_options, satellite_names, tell
 from sattrack.cli.targets import ephemeris_option, find_targets
+from sattrack.core import local_time
 from sattrack.core.errors import BadInputError
 from tle.bias import Bias
 from tle.bodies import Body
@@ -86,7 +87,7 @@ _TABLE = (
 @click.option(
     "--plot", type=click.Path(path_type=Path, dir_okay=False), help="Sky track and rates as an image."
 )
-@common_options("site", "elements", "clock", "json")
+@common_options("site", "elements", "clock", "json", "utc")
 def command(context: CommandContext, target: str, **options: Any) -> int:
     """Give directions and rates of TARGET.
 
@@ -147,7 +148,7 @@ def _tell_about(elements: Elements | Ephemeris, propagator: Propagator, seen: Di
         propagator.at(seen.utc[0])
     if len(failed):
         first = seen.utc[int(failed[0])]
-        why = f"SGP4 error {int(seen.error[failed[0]])}, the first at {first.isoformat('seconds')}"
+        why = f"SGP4 error {int(seen.error[failed[0]])}, the first at {_instant(first)}"
         if not isinstance(elements, Elements):
             why = _why_none(propagator, first)
         tell(f"{elements.label}: {len(failed)} of {len(seen.utc)} instants have no position ({why})")
@@ -171,7 +172,11 @@ def _why_none(propagator: Propagator, at: Utc) -> str:
         propagator.at(at)
     except PropagationError as error:
         return str(error)
-    return f"the first at {at.isoformat('seconds')}"
+    return f"the first at {_instant(at)}"
+
+
+def _instant(at: Utc) -> str:
+    return local_time.instant(float(at.unix_s))
 
 
 def _columns(seen: Direction, absent: frozenset[str]) -> dict[str, list[Any]]:
@@ -207,15 +212,22 @@ def _print(seen: Direction, style: str, absent: frozenset[str]) -> None:
 
 
 def _print_table(times: list[Utc], columns: dict[str, list[Any]]) -> None:
-    click.echo("UTC".ljust(24) + "".join(title.rjust(width) for _, title, width, _ in _TABLE) + "  Sun")
+    """Print a table, its times local, with a line for each day."""
+    click.echo("Time".ljust(13) + "".join(title.rjust(width) for _, title, width, _ in _TABLE) + "  Sun")
+    day = ""
     for i, t in enumerate(times):
+        utc_s = float(t.unix_s)
+        date = f"{local_time.day(utc_s)}, {local_time.zone_name(utc_s)}"
+        if date != day:
+            click.echo(date)
+            day = date
         cells = []
         for name, _, width, decimals in _TABLE:
             value = columns[name][i]
             cells.append(("-" if value is None else f"{value:.{decimals}f}").rjust(width))
         lit = columns["sunlit"][i]
         cells.append({None: "  -", True: "  lit", False: "  dark"}[lit])
-        click.echo(t.isoformat("milliseconds") + "".join(cells))
+        click.echo(local_time.clock(utc_s, 3).ljust(13) + "".join(cells))
 
 
 def _plot(path: Path, elements: Elements | Ephemeris, seen: Direction) -> None:
@@ -232,7 +244,7 @@ def _plot(path: Path, elements: Elements | Ephemeris, seen: Direction) -> None:
     sky.set_title("Sky, seen from below")
     rates.plot(minutes, seen.ha_rate_deg_s, label="hour angle")
     rates.plot(minutes, seen.dec_rate_deg_s, label="declination")
-    rates.set_xlabel(f"minutes after {seen.utc[0].isoformat('seconds')}")
+    rates.set_xlabel(f"minutes after {_instant(seen.utc[0])}")
     rates.set_ylabel("rate, °/s")
     rates.legend()
     rates.grid(visible=True, alpha=0.3)

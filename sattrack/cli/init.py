@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 USUAL_ELEMENTS = "celestrak:stations"
 USUAL_MOUNT = "sim"
 CENTRE_WARNING = (
-    "this is the middle of the city: 10 km from it a satellite stands up to a degree elsewhere; for a real "
-    "mount, write your own coordinates (a phone shows them) into the file"
+    "The site is the middle of the city. 10 km away a satellite appears up to a degree elsewhere. For a real "
+    "mount, write your own coordinates (a phone shows them) into the file."
 )
 FAMOUS = ("ISS", "Tiangong")
 """Of a long list of elements, whose passes are shown at the end."""
@@ -72,7 +72,7 @@ class Answers:
 @click.option("--mount", "mount_url", metavar="URL", help="sim, xerxes://…, alpaca://…; alpaca searches.")
 @click.option("--elements", "sources", multiple=True, metavar="SRC", help="A file, or celestrak:GROUP.")
 @click.option("--config", type=click.Path(path_type=Path), help="The file to write (./sattrack.toml).")
-@click.option("--yes", is_flag=True, help="Ask nothing: what no option says is as usual.")
+@click.option("--yes", is_flag=True, help="Ask nothing: use the usual values for what no option gives.")
 @click.option("--force", is_flag=True, help="Overwrite the file if there is one.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON document on standard output.")
 @click.option("--debug", is_flag=True, help="Show tracebacks.")
@@ -104,7 +104,11 @@ def command(**options: Any) -> int:
         if note is not None:
             tell(note)
     passes = _tonight(path, options["as_json"])
-    if options["as_json"]:
+    if not options["as_json"]:
+        click.echo(
+            "\nNext: `sattrack rehearse SATELLITE` checks a pass, `sattrack track SATELLITE` follows it."
+        )
+    else:
         site = answers.site
         document = {
             "settings": str(path),
@@ -120,10 +124,10 @@ def command(**options: Any) -> int:
 
 
 def collected(options: dict[str, Any], ask: Callable[..., str] | None) -> Answers:
-    """Return the answers: the options', else what `ask` is told, else what is usual.
+    """Return the answers: the options', else those given to `ask`, else the usual ones.
 
     `ask` takes a question, the usual answer, and a check that raises for an answer that cannot be; it is None
-    where nobody is to be asked. Raises BadInputError, SiteError.
+    where nobody must be asked. Raises BadInputError, SiteError.
     """
     city = None if options["city"] is None else find_city(options["city"])
     site = None if options["site_text"] is None else Site.parse(options["site_text"])
@@ -165,6 +169,7 @@ def _ask(question: str, usual: str | None, check: Callable[[str], object]) -> st
         try:
             answer = str(click.prompt(question, default=usual, err=True)).strip()
         except click.Abort:
+            click.echo(err=True)
             raise BadInputError(
                 "no answer: nothing is written; `sattrack init --yes --site LAT,LON,HEIGHT` asks nothing"
             ) from None

@@ -29,18 +29,18 @@ COMMANDS = {
     "passes": "List the coming passes of one satellite, some, or a whole catalogue.",
     "rehearse": "Run the coming pass against the mount's limits: what is lost, and why.",
     "track": "Follow the pass now in progress, else the next one.",
-    "camera": "Find the satellite in a camera's frames, and centre it by them.",
+    "camera": "Find the satellite in a camera's frames, and centre it.",
     "attach": "Watch a run that was started elsewhere, or take control of it.",
     "run": "Follow a schedule of passes; --dry-run prints its plan.",
     "replay": "Run a recording through today's code and compare every output.",
-    "report": "Print errors, mount, link and satellite of recorded passes.",
+    "report": "Report the errors of recorded passes, and what to change.",
     "recording": "Show what is in a recording, or export it.",
     "bias": "Fit observations of a satellite: the bias to use, and refined elements.",
     "biases": "List the biases remembered from earlier passes, or drop one.",
     "stop": "Stop the mount, from any terminal.",
     "mount": "Look at a mount, and operate it by hand: status, watch, slew, park, ...",
     "sim": "Start the simulated mount alone, on UDP.",
-    "network": "Many stations: passes over all, who follows what, what they saw.",
+    "network": "Plan the passes of many stations, and collect what they saw.",
     "serve": "Serve the mount to other programs: antenna, alpaca, rotctld, web.",
     "elements": "Fetch, show and check element sets.",
     "doctor": "Check settings, clock, elements, priority and mount, and say what to do.",
@@ -138,10 +138,17 @@ PLAIN_TEXT = (
     ("is not a valid float", "is not a number"),
     ("is not a valid integer", "is not a whole number"),
     ("Got unexpected extra", "unexpected"),
+    ("requires an argument", "needs a value after it"),
 )
 """click's terms, and the plain English for them."""
+EXTRA_OF = {"scipy": "camera"}
+"""The extra that brings a package which modules import at their beginning."""
 POSIX_ONLY = ("fcntl", "grp", "pty", "pwd", "resource", "termios", "tty")
-CHECK_NAME = "; check the name and the folder"
+ADVICE = {
+    os.strerror(errno.ENOENT): "; check the name and the folder",
+    os.strerror(errno.EACCES): "; choose another folder, or change who may use this one",
+}
+"""What to do, by the system's words at the end of a message."""
 
 
 class LazyGroup(click.Group):
@@ -231,38 +238,47 @@ def run(arguments: list[str]) -> int:
     except click.exceptions.Abort:
         return 130
     except Exception as error:  # noqa: BLE001 - a defect is one line too; --debug shows all of it
-        return _report_error(error, "--debug" in arguments)
+        return _report_error(error, arguments)
     return result if isinstance(result, int) else 0
 
 
-def _report_error(error: Exception, debug: bool) -> int:
+def _report_error(error: Exception, arguments: list[str]) -> int:
     """Report an error on standard error; return its exit code."""
     code: int = getattr(error, "exit_code", 1)
     if isinstance(error, click.exceptions.NoArgsIsHelpError):
         error.show()
         return code
-    if debug and not isinstance(error, click.ClickException):
+    if "--debug" in arguments and not isinstance(error, click.ClickException):
         traceback.print_exception(error)
     if not isinstance(error, BrokenPipeError):
-        click.echo(f"sattrack: {_error_text(error)}", err=True)
+        click.echo(f"sattrack: {_error_text(error, arguments)}", err=True)
     if isinstance(error, OSError):
         _forget_output()
     return code
 
 
-def _error_text(error: Exception) -> str:
+def _error_text(error: Exception, arguments: list[str]) -> str:
     if isinstance(error, click.UsageError):
-        return _usage_text(error)
+        return _usage_text(error, arguments)
     if isinstance(error, click.ClickException):
         return error.format_message()
     if isinstance(error, SattrackError | TleError):
-        return f"{error}{CHECK_NAME if str(error).endswith(os.strerror(errno.ENOENT)) else ''}"
-    if isinstance(error, ModuleNotFoundError) and error.name in POSIX_ONLY:
-        return f"this needs Linux, macOS or WSL: Python has no {error.name} here; calculations do not"
+        return f"{error}{ADVICE.get(str(error).rpartition(': ')[2], '')}"
+    if isinstance(error, ModuleNotFoundError) and (needed := _needed((error.name or "").partition(".")[0])):
+        return needed
     if isinstance(error, OSError):
         where = "" if error.filename is None else f"{error.filename}: "
-        return f"{where}{error.strerror or error}; --debug shows where"
+        return f"{where}{error.strerror or error}{ADVICE.get(error.strerror or '', '; --debug shows where')}"
     return f"a defect of sattrack: {error!r}; --debug shows where"
+
+
+def _needed(module: str) -> str:
+    """Return what to do about a module that is not there; nothing where that is a defect."""
+    if module in EXTRA_OF:
+        return f"this needs {module}: pip install 'sattrack[{EXTRA_OF[module]}]'"
+    if module in POSIX_ONLY:
+        return f"this needs Linux, macOS or WSL: Python has no {module} here; calculations do not"
+    return ""
 
 
 def _forget_output() -> None:
@@ -271,7 +287,7 @@ def _forget_output() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _usage_text(error: click.UsageError) -> str:
+def _usage_text(error: click.UsageError, arguments: list[str]) -> str:
     """Return what is wrong with a command line, and what to do, in one line."""
     text = " ".join(error.format_message().split()).rstrip(".")
     for technical, plain in PLAIN_TEXT:
@@ -287,5 +303,9 @@ def _usage_text(error: click.UsageError) -> str:
     elif isinstance(error, click.NoSuchOption):
         shown = [one for one in error.ctx.command.params if isinstance(one, click.Option) and not one.hidden]
         options = ["--help", *(each for one in shown for each in one.opts if each.startswith("--"))]
-        text = f"no such option {error.option_name}{meant(error.option_name, options)}"
+        # Of -mount click tells -m only.
+        name = next((word for word in arguments if re.match(rf"{re.escape(error.option_name)}\w", word)), "")
+        text = f"no such option {name or error.option_name}{meant(name or error.option_name, options)}"
+    elif re.search(r"[–—]\w", text):
+        text += "; options begin with --, two hyphens"
     return f"{text}{'' if text.endswith('?') else ';'} see `{error.ctx.command_path} --help`"

@@ -94,7 +94,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class MountCall:
-    """Which mount a verb is for, and how it is to be met; `address` None is the simulated one."""
+    """Which mount a verb is for, and how to reach it; `address` None is the simulated one."""
 
     context: CommandContext
     address: MountAddress | None
@@ -172,7 +172,7 @@ class VerbResult(msgspec.Struct, frozen=True):
     reason: str | None
     ended_by: str
     mount_stopped: bool | None
-    """Whether the mount was told to stop at the end and seen at rest; null where it was not told to."""
+    """Whether the mount was stopped at the end and seen at rest; null where it was not stopped."""
     hour_angle_deg: float | None
     mount: str
     status: Status | None
@@ -448,7 +448,7 @@ def park(context: CommandContext, drives_on: bool, **options: Any) -> int:
 @click.command("home")
 @mount_options
 def home(context: CommandContext, **options: Any) -> int:
-    """Go to the home position and watch the way there.
+    """Go to the home position, and wait until it is there.
 
     The protocol has no acknowledgement for it: it ends as "sent, unconfirmed" unless the mount reports that
     it is at home.
@@ -467,11 +467,11 @@ def _ask(context: CommandContext, name: str, request: Request, options: dict[str
 
 
 @click.command("status")
-@mount_options
+@functools.partial(mount_options, shared=("site", "clock", "json", "utc"))
 def status(context: CommandContext, **options: Any) -> int:
     """Show the mount's whole status once, with units, the link, and the offset of the mount's clock.
 
-    Nothing is sent, so whatever drives the mount is not disturbed. If a session on this machine owns the
+    Nothing is sent, so the program that drives the mount is not disturbed. If a session here owns the
     mount, the status is as that session receives it. Only a silent mount on this machine that nobody owns,
     which is a simulated one, is sent datagrams without a command.
 

@@ -14,6 +14,7 @@ import click
 
 from sattrack.cli.common import CommandContext, common_options, renew, tell, write_file
 from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.core.local_time import duration
 from tle.errors import EarthOrientationWarning
 from tle.instants import Utc
 
@@ -356,18 +357,7 @@ def _progress() -> Callable[[int, int, int], None] | None:
         begun.append((time.monotonic(), done))
         passed_s, fresh = begun[-1][0] - begun[0][0], done - begun[0][1]
         del begun[1:]
-        left = f", about {_duration(passed_s / fresh * (total - done))} left" if fresh else ""
+        left = f", about {duration(passed_s / fresh * (total - done))} left" if fresh else ""
         renew(f"{done} of {total} partitions, {count} passes{left}" if done < total else "")
 
     return show
-
-
-def _duration(seconds: float) -> str:
-    minutes = math.ceil(seconds / 60.0)
-    return (
-        f"{seconds:.0f} s"
-        if seconds < 90.0
-        else f"{minutes // 60} h {minutes % 60} min"
-        if minutes > 90
-        else f"{minutes} min"
-    )

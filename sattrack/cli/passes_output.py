@@ -437,7 +437,7 @@ def event_of(uid: str, made: Utc, span: tuple[Utc, Utc], summary: str, descripti
 def _found(row: Row, start: Utc, end: Utc) -> Event:
     seen = row.seen
     top = seen.culminate_utc
-    text = [f"Highest at {top.isoformat('seconds')}, azimuth {seen.culminate_az_deg:.0f}°."]
+    text = [f"Highest at {local_time.instant(float(top.unix_s))}, azimuth {seen.culminate_az_deg:.0f}°."]
     if row.facts is not None:
         text.append(f"Sun at {row.facts.sun_alt_deg:.0f}°.")
         text.append("Sunlit." if row.facts.sunlit else "Not sunlit.")
@@ -452,10 +452,10 @@ def _found(row: Row, start: Utc, end: Utc) -> Event:
 
 def _planned(one: PlannedPass, made: Utc) -> Event:
     text = [
-        f"Highest at {one.culminate_utc[:19]}Z: {one.max_alt_deg:.0f}°.",
+        f"Highest at {local_time.localised(one.culminate_utc)}: {one.max_alt_deg:.0f}°.",
         f"From azimuth {one.start_az_deg:.0f}° to {one.end_az_deg:.0f}°.",
         f"{one.useful_s:.0f} useful seconds, priority {one.priority:g}.",
-        f"The mount sets out by {one.leave_utc[:19]}Z.",
+        f"The mount leaves by {local_time.localised(one.leave_utc)}.",
         *(["Shortened."] if one.shortened else []),
         f"Asked by {printable(one.asked_by)}",
         *([f"Before: {'; '.join(one.before)}"] if one.before else []),
@@ -534,7 +534,7 @@ def _draw_pass(sky: Any, row: Row, passes: CataloguePasses, colour: str) -> None
     )
     if seen.rise_utc is not None:
         sky.annotate(
-            seen.rise_utc.isoformat("seconds")[11:16],
+            local_time.clock(float(seen.rise_utc.unix_s))[:5],
             xy=(angle[0], radius[0]),
             color=colour,
             fontsize="small",

@@ -21,6 +21,7 @@ from sattrack.cli.common import (
     table,
     tell,
 )
+from sattrack.core import local_time
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.recording.export import (
     ERROR,
@@ -36,6 +37,7 @@ from sattrack.recording.report import make_report
 from sattrack.recording.trace import trace
 from sattrack.runtime.bias_memory import keep_fit
 from sattrack.runtime.facts import engine_of, open_recording
+from sattrack.views.formatting import iso_unix_s
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -68,7 +70,7 @@ def command() -> None:
 @command.command("info")
 @click.argument("file", type=click.Path(path_type=Path))
 @_part
-@common_options("json")
+@common_options("json", "utc")
 def info(context: CommandContext, file: Path, part: int) -> int:
     """Show what a recording holds, where it was made, and what is wrong with it.
 
@@ -90,8 +92,11 @@ def info(context: CommandContext, file: Path, part: int) -> int:
 def _lines(view: RecordingView, facts: RunFacts, parts: int) -> list[str]:
     site = facts.site
     made = view.environment
+    times = "nothing in it"
+    if view.began_utc is not None and view.ended_utc is not None:
+        times = local_time.span(iso_unix_s(view.began_utc), iso_unix_s(view.ended_utc))
     lines = [
-        f"{facts.target.label}, {view.began_utc} to {view.ended_utc} ({view.seconds:.0f} s)",
+        f"{facts.target.label}, {times} ({view.seconds:.0f} s)",
         f"mount {facts.mount_name}, profile {facts.profile.name}; "
         f"site {site.latitude_deg:.4f}, {site.longitude_deg:.4f}, {site.height_m:.0f} m",
         f"format {view.format_version}, sattrack {view.program_version}"
@@ -222,7 +227,7 @@ def write_tdm(recording: Recording, facts: RunFacts, out: Path) -> None:
     show_default=True,
     help="Keep the fitted biases for the next pass: auto for real mounts, on for all, off for none.",
 )
-@common_options("json")
+@common_options("json", "utc")
 def report(context: CommandContext, files: tuple[Path, ...], **options: Any) -> int:
     """Report what recorded passes show: error, link, gains, delays, the satellite's biases, what to change.
 

@@ -20,11 +20,12 @@ from sattrack.cli.common import (
     tell,
 )
 from sattrack.cli.targets import ephemeris_option
+from sattrack.core import local_time
 from sattrack.core.errors import BadInputError
 from sattrack.recording.rendering import INK, PALE, label_times, new_figure, save, sky_axes, times
 from sattrack.runtime.facts import REFRACTION_MODES
+from sattrack.views.formatting import iso_unix_s
 from tle.errors import printable
-from tle.instants import Utc
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -74,7 +75,7 @@ ROWS = 9
 @click.option(
     "--plot", type=click.Path(path_type=Path, dir_okay=False), help="Chart of the pass as an image (PNG)."
 )
-@common_options("site", "elements", "clock", "json")
+@common_options("site", "elements", "clock", "json", "utc")
 def command(context: CommandContext, target: str, number: int, **options: Any) -> int:
     """Show before a pass of TARGET what the mount cannot follow: what is lost, when, and to which limit.
 
@@ -125,14 +126,14 @@ def command(context: CommandContext, target: str, number: int, **options: Any) -
     if context.json:
         click.echo(msgspec.json.encode(rehearsal.report).decode())
     else:
-        show(*_shown(rehearsal.report))
+        show(*_shown(rehearsal.report, None if prepared.practising else float(context.now().unix_s)))
     return 0 if rehearsal.report.go else NO_GO
 
 
-def _shown(report: RehearsalReport) -> list[str | Table]:
-    """Return the report for a terminal."""
+def _shown(report: RehearsalReport, now_utc_s: float | None) -> list[str | Table]:
+    """Return the report for a terminal; without `now_utc_s` not how long it is until the pass."""
     return [
-        *_head(report),
+        *_head(report, now_utc_s),
         *_lost(report),
         *_limits(report),
         *_keyholes(report),
@@ -143,9 +144,14 @@ def _shown(report: RehearsalReport) -> list[str | Table]:
     ]
 
 
-def _head(report: RehearsalReport) -> list[str | Table]:
+def _head(report: RehearsalReport, now_utc_s: float | None) -> list[str | Table]:
+    start_s = iso_unix_s(report.start_utc)
+    begins = ""
+    if now_utc_s is not None:
+        word = "begins" if start_s > now_utc_s - 1.0 else "began"
+        begins = f"{word} {local_time.until(start_s - now_utc_s)}, "
     return [
-        f"{printable(report.name)} from {report.start_utc[:19]}Z to {_clock(report.end_utc, report)}, "
+        f"{printable(report.name)}: {local_time.span(start_s, iso_unix_s(report.end_utc))}, {begins}"
         f"{report.max_alt_deg:.1f}° high at {_clock(report.culminate_utc, report)}, "
         f"with {printable(report.profile)}",
         click.style(report.verdict, fg="green" if report.go else "red", bold=True),
@@ -153,9 +159,8 @@ def _head(report: RehearsalReport) -> list[str | Table]:
 
 
 def _clock(utc: str, report: RehearsalReport, decimals: int = 0) -> str:
-    """Return the time of day of an instant, after month and day where a pass goes on past midnight."""
-    first = 11 if report.start_utc[:10] == report.end_utc[:10] else 5
-    return utc[first : 19 + (decimals + 1 if decimals else 0)].replace("T", " ")
+    """Return the time of day of an instant, with the day where it is not that of the pass's start."""
+    return local_time.moment(iso_unix_s(utc), iso_unix_s(report.start_utc), decimals)
 
 
 def _lost(report: RehearsalReport) -> list[str | Table]:
@@ -210,7 +215,7 @@ def _keyholes(report: RehearsalReport) -> list[str | Table]:
 def _sides(report: RehearsalReport) -> list[str | Table]:
     cables = report.cables
     return [
-        f"\nSide: {report.sides.words}\n"
+        f"\nSide: {local_time.localised(report.sides.words, iso_unix_s(report.start_utc))}\n"
         f"Cables: the hour angle axis stands between {cables.low_deg:.0f}° and {cables.high_deg:.0f}°, "
         f"of {cables.limit_deg:g}° either way\n"
     ]
@@ -297,7 +302,7 @@ def plot_rehearsal(path: Path, rehearsal: Rehearsal) -> None:
     _draw_run(figure.add_subplot(grid[1, 1], sharex=rates), rehearsal)
     _draw_cut(figure.add_subplot(grid[2, 1], sharex=rates), rehearsal)
     figure.suptitle(
-        f"{report.name}, {report.start_utc[:10]} {report.start_utc[11:19]} to {report.end_utc[11:19]} UTC\n"
+        f"{report.name}, {local_time.span(iso_unix_s(report.start_utc), iso_unix_s(report.end_utc))}\n"
         f"{report.verdict}",
         color="#2a7f4f" if report.go else BAD,
         fontsize="medium",
@@ -308,8 +313,7 @@ def plot_rehearsal(path: Path, rehearsal: Rehearsal) -> None:
 
 def _stretches(rehearsal: Rehearsal) -> list[tuple[float, float, str]]:
     return [
-        (float(Utc.parse(lost.from_utc).unix_s), float(Utc.parse(lost.to_utc).unix_s), lost.limit)
-        for lost in rehearsal.report.lost
+        (iso_unix_s(lost.from_utc), iso_unix_s(lost.to_utc), lost.limit) for lost in rehearsal.report.lost
     ]
 
 
@@ -376,7 +380,7 @@ def _mark_minutes(sky: Any, rehearsal: Rehearsal) -> None:
         labelled.append(here)
         sky.plot([angle], [radius], "o", color="white", markersize=5, markeredgecolor=INK, zorder=5)
         sky.annotate(
-            Utc(float(at)).isoformat("seconds")[11:16],
+            local_time.clock(float(at))[:5],
             (angle, radius),
             xytext=(6, 5),
             textcoords="offset points",
@@ -464,7 +468,7 @@ def _draw_run(axes: Any, rehearsal: Rehearsal) -> None:
 
 def _draw_cut(axes: Any, rehearsal: Rehearsal) -> None:
     loss = rehearsal.report.link_loss
-    at = [Utc.parse(moment.utc).datetime() for moment in loss.curve]
+    at = times([iso_unix_s(moment.utc) for moment in loss.curve])
     seconds = [np.nan if m.seconds_to_limit is None else m.seconds_to_limit for m in loss.curve]
     axes.plot(at, seconds, color=BAD, linewidth=1.8, label="to the first limit, rates held")
     if loss.watchdog_s is not None:

@@ -92,7 +92,7 @@ class ViewsAtOnce(JsonLines):
 @click.command("replay")
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
-    "--tui", is_flag=True, help="Show the run in the terminal UI: pause, step, wind; ? lists the keys."
+    "--tui", is_flag=True, help="Show the run in the terminal UI: pause, step, jump; ? lists the keys."
 )
 @click.option(
     "--stream", is_flag=True, help="Write views as JSON lines to standard output, as they were recorded."

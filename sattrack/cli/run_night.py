@@ -191,7 +191,7 @@ def refuse_stopped(file: Path, folder: Path) -> None:
     """Raise InterruptedRunError where an operator's stop stands."""
     stop = stop_of(folder)
     if stop is not None:
-        raise InterruptedRunError(f"{file}: {stop}; `{resume_command(str(file), folder)}` goes on")
+        raise InterruptedRunError(f"{file}: {stop}; `{resume_command(str(file), folder)}` resumes")
 
 
 def _driven(

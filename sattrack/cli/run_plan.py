@@ -15,6 +15,7 @@ import numpy as np
 
 from sattrack.cli.common import renew, tell
 from sattrack.cli.run_report import plan_lines
+from sattrack.core import local_time
 from sattrack.core.angles import altitude_deg
 from sattrack.core.errors import BadInputError
 from sattrack.mount.alpaca.link import parse_alpaca
@@ -394,8 +395,8 @@ def _draw_hours(axis: Any, span: tuple[float, float]) -> None:
     hours = (span[1] - span[0]) / 3600.0
     step_s = next((s for s in (300.0, 600.0, 1800.0, 3600.0, 7200.0) if hours * 3600.0 / s <= 16.0), 10800.0)
     ticks = np.arange(math.ceil(span[0] / step_s) * step_s, span[1], step_s)
-    axis.set_xticks(ticks, [Utc(float(t)).isoformat("seconds")[11:16] for t in ticks], fontsize=8)
-    axis.set_xlabel(f"{Utc(span[0]).isoformat('seconds')[:10]}, UTC", fontsize=8, loc="left")
+    axis.set_xticks(ticks, [local_time.clock(float(t))[:5] for t in ticks], fontsize=8)
+    axis.set_xlabel(f"{local_time.day(span[0])}, {local_time.zone_name(span[0])}", fontsize=8, loc="left")
 
 
 def _legend(figure: Any, plan: SchedulePlan) -> None:

@@ -179,7 +179,7 @@ def progress_line(view: ScheduleView) -> str:
     text = f"{clock}  {printable(view.doing)}"
     following = next((one for one in view.passes if one.number == view.next_number), None)
     if following is not None and view.next_in_s is not None and view.next_in_s > 0.0:
-        text += f"  in {duration(view.next_in_s)}  ({following.max_alt_deg:.0f}° high)"
+        text += f"  {local_time.until(view.next_in_s)}  ({following.max_alt_deg:.0f}° high)"
     over = sum(one.state not in ("waiting", "in progress") for one in view.passes)
     return f"{text}  {over} of {len(view.passes)} over  mount {view.mount}"
 
@@ -209,7 +209,7 @@ def status_lines(view: ScheduleView) -> list[str]:
     if view.stopped_utc is not None:
         at = local_time.instant(iso_unix_s(view.stopped_utc))
         stopped = f"STOPPED BY AN OPERATOR at {at} ({printable(str(view.stopped_by))})"
-        lines.append(f"{stopped}: nothing is followed; `{view.resume}` goes on")
+        lines.append(f"{stopped}: nothing is followed; `{view.resume}` resumes")
     lines += [f"TROUBLE: {printable(text)}" for text in view.troubles]
     if view.weather is not None:
         lines.append(f"weather: {printable(view.weather)}")
@@ -232,9 +232,9 @@ def _line(one: SchedulePassView, view: ScheduleView) -> str:
     held = limits_text(one)
     why += f"; {held}" if held else ""
     if not one.on_target_s and one.lost_to:
-        why += "  foretold: " + ", ".join(f"{lost.seconds:.0f} s to the {lost.limit}" for lost in one.lost_to)
+        why += "  expected: " + ", ".join(f"{lost.seconds:.0f} s to the {lost.limit}" for lost in one.lost_to)
     if one.number == view.next_number and view.next_in_s is not None and view.next_in_s > 0.0:
-        why += f"  in {duration(view.next_in_s)}"
+        why += f"  {local_time.until(view.next_in_s)}"
     return (
         f"{one.number:3d}  {iso_clock(one.start_utc)}   {iso_clock(one.end_utc)}  {one.max_alt_deg:5.1f}  "
         f"{one.state:<11}  {printable(one.name)}{why}"
@@ -242,7 +242,7 @@ def _line(one: SchedulePassView, view: ScheduleView) -> str:
 
 
 MOST_LOST = 60
-_HEAD = "  #  Start      End       Idle     Slew s  Alt°   Sun°  Useful s  Value     Satellite"
+_HEAD = "  #  Start      End             Idle  Slew s  Alt°   Sun°  Useful s  Value     Satellite"
 _LOST_HEAD = "     Start      End       Alt°  Value     Why"
 
 
@@ -287,8 +287,9 @@ def _pass_lines(one: PlannedPass) -> list[str]:
     if one.priority != 1.0:
         text += f"  priority {one.priority:g}"
     lines = [
-        f"{one.number:3d}  {iso_clock(one.start_utc)}   {iso_clock(one.end_utc)}  {duration(one.idle_s):>7}  "
-        f"{one.slew_s:6.1f}  {one.max_alt_deg:5.1f}  {sun:>4}  {one.useful_s:8.0f}  {one.value:8.0f}  {text}"
+        f"{one.number:3d}  {iso_clock(one.start_utc)}   {iso_clock(one.end_utc)}  "
+        f"{local_time.duration(one.idle_s):>10}  {one.slew_s:6.1f}  {one.max_alt_deg:5.1f}  "
+        f"{sun:>4}  {one.useful_s:8.0f}  {one.value:8.0f}  {text}"
     ]
     indent = " " * 5
     extra = [("before", list(one.before)), ("after", list(one.after))]
@@ -314,8 +315,8 @@ def _total(plan: SchedulePlan) -> str:
     count = len(plan.passes)
     return (
         f"{count} {'pass' if count == 1 else 'passes'}, {plan.useful_s:.0f} useful seconds, "
-        f"value {plan.value:.0f}; {duration(plan.slew_s)} of slews, "
-        f"{duration(plan.idle_s)} idle before and between; {len(plan.lost)} lost"
+        f"value {plan.value:.0f}; {local_time.duration(plan.slew_s)} of slews, "
+        f"{local_time.duration(plan.idle_s)} idle before and between; {len(plan.lost)} lost"
     )
 
 
@@ -326,18 +327,8 @@ def _asked_line(one: EntryOutcome) -> str:
 
 
 def _conditions(plan: SchedulePlan) -> str:
-    weather = "nobody is asked about the weather" if plan.weather is None else f"weather by {plan.weather}"
+    weather = "the weather is not checked" if plan.weather is None else f"weather by {plan.weather}"
     return f"     {printable(weather)}; the mount is {'parked' if plan.park_at_end else 'left'} at the end"
-
-
-def duration(seconds: float) -> str:
-    """Return seconds as 95s, 12m05s or 3h07m."""
-    whole = round(seconds)
-    if whole < 100:
-        return f"{whole}s"
-    if whole < 3600:
-        return f"{whole // 60}m{whole % 60:02d}s"
-    return f"{whole // 3600}h{whole % 3600 // 60:02d}m"
 
 
 def _span(from_utc: str, to_utc: str) -> str:

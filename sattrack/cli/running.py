@@ -285,7 +285,7 @@ def fly_and_tell(
 ) -> tuple[Summary, bool]:
     """Fly a run in real time, and what is armed after it; return the last summary, and whether a signal came.
 
-    With `control`, messages come on standard input; which of them did nothing is said at the end. With
+    With `control`, messages come on standard input; those that did nothing are reported at the end. With
     `observations`, what `--observations` takes, observations come from there. `again` prepares a pass that
     was armed during the one before; None where that cannot be. A screen on it is waited for after a run, as
     long as it is there: what is armed then begins at once.

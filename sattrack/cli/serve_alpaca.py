@@ -217,7 +217,7 @@ def serve_telescope(context: CommandContext, first: str, options: dict[str, Any]
             tell(refused)
         AlpacaLoop(connection, stop, station, server, log.tell, first).run()
     if stop.asked and station.had_orders and station.mount_stopped is None:
-        raise InterruptedRunError("interrupted; the mount was not moving, and goes on as it was")
+        raise InterruptedRunError("interrupted; the mount was not moving, and continues as it was")
     return end_of_service(station.mount_stopped, stop)
 
 
@@ -388,7 +388,7 @@ def _gains(profile: MountProfile) -> tuple[float, float]:
 
 
 def _own_rates(borne: tuple[RateSpan, ...], gain: float, sky_deg_s: float) -> Spans:
-    """Return the rates of an axis itself, whichever way it turns, that come of the rates that it bears."""
+    """Return an axis' own rates, in either direction, for the rates that it may have."""
     return tuple(
         (gain * span.low_deg_s + (sky_deg_s if span.low_deg_s else 0.0), gain * span.high_deg_s - sky_deg_s)
         for span in borne

@@ -71,7 +71,7 @@ class StopProgress:
         if self._begun_s is None or now_s - self._shown_s < SHOW_EVERY_S:
             return
         self._shown, self._shown_s = True, now_s
-        text = f"told to stop {now_s - self._begun_s:.0f} s ago; waiting until the mount is seen at rest"
+        text = f"sent a stop {now_s - self._begun_s:.0f} s ago; waiting until the mount is seen at rest"
         renew(text)
 
     def wipe(self) -> None:
@@ -245,7 +245,7 @@ def _chosen(mounts: Mounts, as_json: bool) -> Mounts:
         return mounts
     if len(mounts.real()) == 1:
         for owner in filter(is_simulated, mounts.sessions):
-            tell(f"goes on: {_line(owner)}; `sattrack stop --all` stops it too")
+            tell(f"still runs: {_line(owner)}; `sattrack stop --all` stops it too")
         return mounts.real()
     for number, line in enumerate(mounts.lines(), start=1):
         click.echo(f"{number}  {line}", err=True)

@@ -31,7 +31,7 @@ HANDSHAKE_S = 0.6
 LET_GO_S = 0.3
 """What it takes to end MoveAxis and see the mount stand, before it can slew."""
 SETTLES_S = 1.0
-"""What a slew by an unknown mount takes beyond its estimate, until it is said to be over."""
+"""What a slew by an unknown mount takes beyond its estimate, until it counts as over."""
 RATES_WITHIN_DEG = 20.0
 """How far off rates are taken at all: they go straight on, where slews are led round what is in the way."""
 ROUNDS = 8
@@ -299,7 +299,7 @@ class Approach:
         self._failed += 1
         if self._failed < SLEWS_TRIED:
             return ApproachStep.PLAN
-        self.trouble = f"was told {SLEWS_TRIED} times to slew, and {words}"
+        self.trouble = f"got {SLEWS_TRIED} slew commands, and {words}"
         return ApproachStep.GIVE_UP
 
     def _lead_s(self, intercept: Intercept) -> float:

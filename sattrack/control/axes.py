@@ -49,7 +49,7 @@ EDGE_PERIODS = 2.0
 
 @dataclass(slots=True)
 class MountLoop:
-    """Foretells turns; `period_s` is the nominal period, which holds until enough turns were seen."""
+    """Predicts turns; `period_s` is the nominal period, which holds until enough turns were seen."""
 
     period_s: float
     _turns: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
@@ -352,7 +352,7 @@ class Axes:
         self._strain_deg_s, self._jolts_deg_s = [0.0, 0.0], [0.0, 0.0]
 
     def _is_stuck(self, sample: StatusSample, ra_moved_deg: float, dec_moved_deg: float) -> bool:
-        """Tell whether an axis is said to stand where it stood to the last bit, though commands moved it."""
+        """Tell whether an axis is reported where it stood to the last bit, though commands moved it."""
         seen, self._seen_deg = self._seen_deg, (sample.ra_deg, sample.dec_deg)
         if seen is None:
             return False

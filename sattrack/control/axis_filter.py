@@ -478,7 +478,7 @@ class AxisFilter:
         self._kalman.blur(own, 0.5 * rate_variance * seconds, rate_variance, self._walks * seconds)
 
     def stand_at(self, position_deg: float) -> None:
-        """Take a place as it is seen, of an axis whose motion nobody foretells; all else stays as it is."""
+        """Take a place as it is seen, of an axis whose motion nothing predicts; all else stays as it is."""
         known = self._kalman
         known.state[0] += wrap180(position_deg - float(known.state[0]))
         known.covariance[0] = known.covariance[:, 0] = 0.0

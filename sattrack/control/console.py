@@ -6,7 +6,7 @@ by being asked for again: silence ends it.
 A console with an operator before it, without I/O: obeys orders until the operator leaves.
 
 Where it hears the mount obey somebody else, and nothing was asked of it from here, it keeps silent until it
-is told to stop the mount.
+must stop the mount.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class Console(Driver):
     """One mount under manual operation.
 
     `site` None: nothing that altitude decides about can be asked for. `stranger_hosts` and the count in
-    `session.health.strangers` are told by whoever has the socket.
+    `session.health.strangers` are set by the owner of the socket.
     """
 
     def __init__(
@@ -167,7 +167,7 @@ class Console(Driver):
     def _take(self, sample: StatusSample, restarts: int) -> None:
         """Take in a sample; `restarts` of the mount had been seen before it."""
         if self.session.health.restarts > restarts and isinstance(self.session.wanted, MoveAxes):
-            self._stop("restart", "the mount restarted meanwhile: it is not set going again unasked")
+            self._stop("restart", "the mount restarted meanwhile: it is not moved again until you ask")
         longitude_deg = self._longitude_deg()
         if longitude_deg is not None:
             ours_deg = mean_sidereal_deg(sample.arrival_utc_s, longitude_deg)
@@ -183,7 +183,7 @@ class Console(Driver):
     def request(self, request: Request, now_utc_s: float) -> RequestRefused | None:
         """Have a request carried out; return why not, where it is refused."""
         if self.procedure is not None and not isinstance(request, Abort | Slew | Park):
-            return self._refuse(RequestRefused("something is under way: SPACE stops it"))
+            return self._refuse(RequestRefused("an operation is in progress: SPACE stops it"))
         return self.begin(procedure_for(request, self.profile), now_utc_s)
 
     def begin(self, procedure: Procedure, now_utc_s: float) -> RequestRefused | None:
@@ -322,7 +322,7 @@ class Console(Driver):
         if self.jogs.blocked and (self.stopping or not fresh):
             return RequestRefused("stopped: let the key go, and jog once the mount is at rest")
         if isinstance(self.session.wanted, Slew) or self.procedure is not None:
-            return RequestRefused("something is under way: SPACE stops it, then jog")
+            return RequestRefused("an operation is in progress: SPACE stops it, then jog")
         if self.link_state is not LinkState.UP:
             return RequestRefused("the mount is not heard: nothing is moved blindly")
         refusal = self._objection(move)
@@ -514,7 +514,7 @@ class ConsoleSession:
         self.console.fail(words)
 
     def tick(self, now_utc_s: float) -> bytes | None:
-        """Return the datagram to send now, None while nothing is to be sent; call once a period."""
+        """Return the datagram to send now, None while there is nothing to send; call once a period."""
         if self._owner is not None:
             self.finished = self.leaving
             return None

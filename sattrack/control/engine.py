@@ -146,7 +146,7 @@ class Engine(Driver):
         if self.tracker.ended_by is not None:
             return
         if self.safety.keeps_first:
-            self._give_up("error", f"{self.spec.mount_name} was told to stop: {KEEPS_FIRST}")
+            self._give_up("error", f"{self.spec.mount_name} was sent a stop: {KEEPS_FIRST}")
         if self.spec.profile.move_axis != "edge" or self._missed_s < EDGES_MISSED_S:
             return
         low, high = FALLEN
@@ -155,7 +155,7 @@ class Engine(Driver):
             self._give_up(
                 "error",
                 f"{self.spec.mount_name} moves only while the MoveAxis flag is up: move_axis is held, and "
-                "the profile says edge; it was told to stop",
+                "the profile says edge; it was sent a stop",
             )
 
     def _count(self, error: ErrorView, counter: int, seconds: float) -> None:
@@ -265,8 +265,8 @@ class Engine(Driver):
         elif self.tracker.phase is Phase.STOPPING:
             self.session.apply(self.clear(motion, now_utc_s))
         if self.tracker.ended_by == "error" and self.message is None:
-            why = self.tracker.trouble or "did not do as it was told"
-            self.message = f"{self.spec.mount_name} {why}; it was told to stop"
+            why = self.tracker.trouble or "did not obey"
+            self.message = f"{self.spec.mount_name} {why}; it was sent a stop"
         if self.stop is None and self.tracker.phase is Phase.STOPPING:
             self.stop = StopProcedure(now_utc_s)
         datagram = self.compose(now_utc_s)

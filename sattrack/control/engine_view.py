@@ -304,7 +304,7 @@ def search_view(tracker: Tracker, utc_s: float) -> SearchView | None:
 
 
 def estimate_view(tracker: Tracker, utc_s: float, unused: int) -> EstimateView | None:
-    """Return what observations say, and what became of them; None where none have come.
+    """Return what observations say, and the outcome; None where none have come.
 
     `unused` counts what came and was not even tried.
     """
@@ -355,7 +355,8 @@ def observation_warnings(tracker: Tracker, malformed: int, dropped: int) -> list
     words.extend(estimator.camera_words)
     if estimator.begun_anew:
         words.append(
-            f"the estimate began anew {estimator.begun_anew} times: what was rejected agreed with itself"
+            f"the estimate restarted {estimator.begun_anew} times: "
+            "the rejected observations agreed with one another"
         )
     if malformed:
         words.append(f"{malformed} lines were neither messages nor observations")

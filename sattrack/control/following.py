@@ -60,7 +60,7 @@ class Follower:
 
     @property
     def command_delay_s(self) -> float:
-        """From sending to the mailbox, as it is reckoned with, seconds."""
+        """From sending to the mailbox, as assumed, seconds."""
         return self._history.delay_s
 
     @property
@@ -262,7 +262,7 @@ class RateFit:
     def __init__(self) -> None:
         self.samples = 0
         self.fastest_deg_s = self.fastest_asked_deg_s = 0.0
-        """The fastest rates that were seen and commanded, whichever way."""
+        """The fastest rates that were seen and commanded, in either direction."""
         self._sums = [0.0, 0.0, 0.0, 0.0, 0.0]
 
     def take(self, commanded_deg_s: float, seen_deg_s: float) -> None:

@@ -181,7 +181,7 @@ class ManualOperation:
             undone = console.outcome.state not in DONE and not self._stops
             self._end("done", console.outcome, now_utc_s, stop=undone and not console.at_rest)
         elif self._link_gone(now_utc_s):
-            words = f"no status from {console.mount_name}: nobody knows whether it obeyed"
+            words = f"no status from {console.mount_name}: it is unknown whether it obeyed"
             self._end("link", Outcome(TicketState.FAILED, False, words), now_utc_s, stop=True)
         elif self._timeout_s is not None and now_utc_s - self._since_utc_s > self._timeout_s:
             words = f"not done within {self._timeout_s:g} s"

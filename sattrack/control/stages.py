@@ -269,7 +269,7 @@ def unforeseen(attempt: Attempt) -> str | None:
     seen = [axis for axis in attempt.axes if axis.typical_arcsec is not None]
     off = " and ".join(f"{axis.typical_arcsec:.0f}″ in {axis.name}" for axis in seen)
     return (
-        f"the mount moved as no servo explains, and the filters began anew {known.restarts} times; it was "
+        f"the mount moved as no servo explains, and the filters restarted {known.restarts} times; it was "
         f"off by {off or 'too much'}, typically: see to drives, balance and link, then {CALIBRATE}"
     )
 

@@ -88,7 +88,7 @@ class Steering:
 
     @property
     def remembered(self) -> RememberedView | None:
-        """The bias of an earlier pass, and what became of it."""
+        """The bias of an earlier pass, and its outcome."""
         known = self._remembered
         if known is None or known.state != "in force" or not self._following_estimate:
             return known
@@ -188,7 +188,7 @@ class Steering:
         read = self.estimator.reading(begins_s, self.biases.course, fed=True)
         field_deg = self.cameras.field_deg
         if read is None:
-            return "auto refused: nothing was seen yet that tells where to search"
+            return "auto refused: nothing seen yet shows where to search"
         if field_deg is None:
             return "auto refused: the camera's field is not known; give --fov, or set it in [camera]"
         going = self.biases.course.going(begins_s + read.along_s)

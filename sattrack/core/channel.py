@@ -1,6 +1,6 @@
-"""Lines between processes, one message of JSON each, over a pipe or a socket. Nobody here waits for a reader.
+"""Lines between processes, one message of JSON each, over a pipe or a socket. No writer waits for a reader.
 
-How long a line may be is bounded, and so is what waits to be sent: a reader that does not keep up is one that
+How long a line may be is bounded, and so is what waits there: a reader that does not keep up is one that
 has gone.
 """
 

@@ -7,6 +7,7 @@ process's own, as the system's tools have it; processes that this one starts inh
 from __future__ import annotations
 
 import os
+import re
 import time
 import zoneinfo
 from datetime import UTC, datetime
@@ -14,6 +15,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 _SYSTEM_ZONES = "/usr/share/zoneinfo"
+_STAMP = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(?:\.\d{1,6})?Z")
 
 
 def is_zone(name: str) -> bool:
@@ -53,9 +55,11 @@ def zone_name(utc_s: float) -> str:
     return _at(utc_s).tzname() or f"{_at(utc_s):%z}"
 
 
-def clock(utc_s: float) -> str:
-    """Return the time of day, 21:04:09, rounded to the second."""
-    return f"{_at(round(utc_s)):%H:%M:%S}"
+def clock(utc_s: float, decimals: int = 0) -> str:
+    """Return the time of day, 21:04:09, rounded to the second or to decimals of it."""
+    rounded = round(utc_s, decimals)
+    text = f"{_at(rounded):%H:%M:%S}"
+    return f"{text}.{round(rounded % 1.0 * 10**decimals):0{decimals}d}" if decimals else text
 
 
 def day(utc_s: float) -> str:
@@ -69,9 +73,15 @@ def date(utc_s: float) -> str:
     return f"{_at(round(utc_s)):%Y-%m-%d}"
 
 
-def instant(utc_s: float) -> str:
+def instant(utc_s: float, decimals: int = 0) -> str:
     """Return day, time and zone, Sun 22 Nov 2026 21:04:09 CET."""
-    return f"{day(utc_s)} {clock(utc_s)} {zone_name(utc_s)}"
+    return f"{day(utc_s)} {clock(utc_s, decimals)} {zone_name(utc_s)}"
+
+
+def moment(utc_s: float, beside_s: float, decimals: int = 0) -> str:
+    """Return the time of day, after weekday and date where the day is another than that of `beside_s`."""
+    other = "" if day(utc_s) == day(beside_s) else f"{_at(round(utc_s)):%a} {_at(round(utc_s)).day} "
+    return other + clock(utc_s, decimals)
 
 
 def span(start_utc_s: float, end_utc_s: float) -> str:
@@ -81,18 +91,34 @@ def span(start_utc_s: float, end_utc_s: float) -> str:
     return f"{start} {clock(start_utc_s)} to {other}{clock(end_utc_s)} {zone_name(end_utc_s)}"
 
 
+def duration(seconds: float) -> str:
+    """Return a length of time, whatever its sign: 40 s, 3 min, 6 h 27 min, 3.5 days."""
+    size = abs(seconds)
+    if size < 59.5:
+        return f"{size:.0f} s"
+    if size < 3600.0 - 30.0:
+        return f"{size / 60.0:.0f} min"
+    if size >= 48 * 3600.0 - 30.0:
+        return f"{size / 86400.0:.1f} days"
+    hours, minutes = divmod(round(size / 60.0), 60)
+    return f"{hours} h {minutes} min" if minutes else f"{hours} h"
+
+
 def until(seconds: float) -> str:
     """Return how long it is until then: in 6 h 27 min, in 40 s, now, 3 min ago."""
-    size = abs(seconds)
-    if size < 1.0:
+    if abs(seconds) < 1.0:
         return "now"
-    if size < 60.0:
-        text = f"{size:.0f} s"
-    elif size < 3600.0 - 30.0:
-        text = f"{size / 60.0:.0f} min"
-    elif size < 48 * 3600.0 - 30.0:
-        hours, minutes = divmod(round(size / 60.0), 60)
-        text = f"{hours} h {minutes} min" if minutes else f"{hours} h"
-    else:
-        text = f"{size / 86400.0:.1f} days"
-    return f"in {text}" if seconds > 0.0 else f"{text} ago"
+    return f"in {duration(seconds)}" if seconds > 0.0 else f"{duration(seconds)} ago"
+
+
+def localised(text: str, beside_s: float | None = None) -> str:
+    """Return a text with its UTC stamps (2026-11-22T20:04:09Z) as people read them.
+
+    Each becomes `instant`, or `moment` where `beside_s` tells which day the reader has in mind.
+    """
+
+    def shown(stamp: re.Match[str]) -> str:
+        utc_s = datetime.fromisoformat(stamp[0]).timestamp()
+        return instant(utc_s) if beside_s is None else moment(utc_s, beside_s)
+
+    return _STAMP.sub(shown, text)

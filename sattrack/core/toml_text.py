@@ -191,7 +191,7 @@ class KeyPositions:
     """Where the keys and values of one file stand."""
 
     def __init__(self, file: str, spots: dict[KeyPath, TextSpot], columns: bool = True) -> None:
-        """Keep what the scanner found; without `columns`, lines are told alone."""
+        """Keep what the scanner found; without `columns`, only lines are given."""
         self.file = file
         self._spots = spots
         self.columns = columns
@@ -251,6 +251,8 @@ def _syntax(message: str, text: str, file: str) -> BadInputError:
     row = lines[line - 1] if 0 < line <= len(lines) else ""
     if match[1] == "Invalid value" and re.match(r"\s*[A-Za-z_-]+\s*=\s*[A-Za-z]", row):
         hint = "; text stands in quotes"
+    elif re.search(r"=\s*[+-]?\d+,\d+\s*$", row):
+        hint = "; write a decimal point, not a comma"
     return Origin(file, line, column).wrong(f"not a TOML file: {match[1]}{hint}")
 
 
@@ -299,7 +301,7 @@ def _explained(message: str, document: Any, positions: KeyPositions, kind: type)
         if choices:
             message = f"{name} is {_shown(given)}; give one of {', '.join(choices)}"
         for word, plain in _PLAIN_WORDS.items():
-            message = re.sub(rf"expected {word}\b", f"give {plain}", message)
+            message = re.sub(rf"expected {word}\b", f"give {plain.replace('NAME', name)}", message)
     missing = re.fullmatch(r"Object missing required field `(.*)`", message)
     if missing is not None:
         message = f"{missing[1]} is missing{where}"
@@ -312,7 +314,7 @@ _PLAIN_WORDS = {
     "int": "a whole number",
     "bool": "true or false",
     "array": "a list in [ ]",
-    "object": "a table",
+    "object": "a table, [NAME] and its keys below",
 }
 
 
@@ -367,7 +369,7 @@ def _keys_at(kind: Any, path: KeyPath, document: Any) -> list[str]:
 def _choices(kind: Any, path: KeyPath, document: Any) -> list[str]:
     found: dict[str, None] = {}
     for info in _types_at(kind, path, document):
-        if isinstance(info, msgspec.inspect.StructType):
+        if isinstance(info, msgspec.inspect.StructType) and info.tag is not None:
             found[str(info.tag)] = None
         elif isinstance(info, msgspec.inspect.LiteralType):
             found |= dict.fromkeys(str(value) for value in info.values)

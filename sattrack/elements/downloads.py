@@ -29,6 +29,7 @@ import aiohttp
 from sattrack import __version__
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.files import replace_file
+from sattrack.core.local_time import duration
 from tle.elements import Elements
 from tle.errors import ElementsError, TleError, printable
 from tle.sources import (
@@ -332,6 +333,9 @@ class DownloadError(SattrackError):
     """Elements could not be had from the network, and none were kept; the message says why."""
 
 
+_OFFLINE = "; check the network, or bring a file and give --elements FILE"
+
+
 class _UnreachableError(DownloadError):
     """No server answered, so that asking again soon bothers nobody."""
 
@@ -379,9 +383,7 @@ class Downloads:
                     reason = str(error)
         if kept is None:
             raise DownloadError(f"{source}: {reason}")
-        self._tell(
-            f"{source}: using what was fetched {age_words(self._now() - kept.fetched_unix_s)} ago: {reason}"
-        )
+        self._tell(f"{source}: using what was fetched {_since(kept, self._now())} ago: {reason}")
         return kept.text
 
     def fetch_satellite(self, satellite: str) -> list[Elements]:
@@ -405,7 +407,7 @@ class Downloads:
         names = []
         for url, kept in self._cache.all_kept():
             found = [one for one in parse_elements(kept.text) if isinstance(one, Elements)]
-            ago = f"{age_words(self._now() - kept.fetched_unix_s)} ago"
+            ago = f"{_since(kept, self._now())} ago"
             name = urlsplit(url).query.partition("&")[0] or url
             names.append(f"{name} ({len(found)} objects, {ago})")
             with suppress(TleError):
@@ -414,7 +416,8 @@ class Downloads:
                 return one
         held = ", ".join(names[:_SHOWN]) if names else "nothing"
         raise DownloadError(
-            f"no elements of {satellite}: {error}; kept from earlier downloads: {held}; "
+            f"no elements of {satellite}: {str(error).removesuffix(_OFFLINE)}; "
+            f"kept from earlier downloads: {held}; "
             f"save {query.url} as a file on another computer, and give it with --elements FILE"
         ) from error
 
@@ -428,8 +431,8 @@ class Downloads:
         waited_s = min((now - unix_s for unix_s in last if unix_s <= now), default=query.every_s)
         if waited_s < query.every_s:
             return (
-                f"asked {age_words(waited_s)} ago, and once in {age_words(query.every_s)} is allowed: "
-                f"again in {age_words(query.every_s - waited_s)}"
+                f"asked {duration(waited_s)} ago, and once in {duration(query.every_s)} is allowed: "
+                f"again in {duration(query.every_s - waited_s)}"
             )
         return self._over_limit(query, now)
 
@@ -442,7 +445,7 @@ class Downloads:
             # Two requests: the login and the query.
             if len(within) + 2 > most:
                 wait_s = within[len(within) + 1 - most] + span_s - now
-                return f"{most} requests in {age_words(span_s)} are allowed: again in {age_words(wait_s)}"
+                return f"{most} requests in {duration(span_s)} are allowed: again in {duration(wait_s)}"
         return None
 
     def _download(self, query: Query) -> str:
@@ -485,7 +488,9 @@ class Downloads:
         except TimeoutError:
             raise DownloadError("the server took too long to answer: try again later") from None
         except aiohttp.ClientConnectorError as error:
-            raise _UnreachableError(f"cannot reach {error.host}: {error.strerror or error}") from None
+            raise _UnreachableError(
+                f"cannot reach {error.host}: {error.strerror or error}{_OFFLINE}"
+            ) from None
         except aiohttp.ClientPayloadError:
             raise DownloadError("what the server sent was cut off: try again later") from None
         except aiohttp.ClientError as error:
@@ -521,16 +526,9 @@ class Downloads:
         return _unpacked(bytes(data))
 
 
-def age_words(seconds: float) -> str:
-    """Return a span of time as a person says it: 40 s, 12 min, 2 h, 3.5 days."""
-    seconds = max(0.0, seconds)
-    if seconds < 90.0:
-        return f"{seconds:.0f} s"
-    if seconds < 5400.0:
-        return f"{seconds / 60.0:.0f} min"
-    if seconds < 2 * 86400.0:
-        return f"{seconds / 3600.0:.3g} h"
-    return f"{seconds / 86400.0:.3g} days"
+def _since(kept: Kept, now_unix_s: float) -> str:
+    """Return how long something has been kept; a clock that was set back since counts as no time."""
+    return duration(max(0.0, now_unix_s - kept.fetched_unix_s))
 
 
 def _checked(data: bytes) -> str:

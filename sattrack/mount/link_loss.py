@@ -63,8 +63,8 @@ _REPORTED = (
     f"{STOPS_SENT_S:g} s, and the run ends with exit code 4"
 )
 _UNREPORTED = (
-    f"{_REPORTED}, telling that the mount did not confirm; "
-    f"the guardian goes on, once in {STOPS_SLOW_S:g} s for "
+    f"{_REPORTED}, saying that the mount did not confirm; "
+    f"the guardian continues, once in {STOPS_SLOW_S:g} s for "
     f"{STOPS_SLOW_FOR_S:g} s, then once in {STOPS_SLOWEST_S:g} s, at full rate when it hears the mount"
 )
 _SEES = "sees that the mount does not follow, and stops when an interlock trips; stops are lost as well"

@@ -240,7 +240,7 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def braking_deg_s2(self) -> tuple[float, float]:
-        """Accelerations that stops are foretold with, right ascension first: measured ones less two sigma."""
+        """Accelerations to predict stops with, right ascension first: measured ones less two sigma."""
         record = self.calibration
         ra, dec = self.ra.max_acceleration_deg_s2, self.dec.max_acceleration_deg_s2
         if record is None:

@@ -39,7 +39,7 @@ class Abort(msgspec.Struct, frozen=True, tag="abort", forbid_unknown_fields=True
 class FindHome(msgspec.Struct, frozen=True, tag="home", forbid_unknown_fields=True):
     """Go to the home position; the protocol has it as not used yet.
 
-    `in_daylight` says that the way there is free of the Sun where nobody but the operator can know.
+    `in_daylight` says that the path is free of the Sun where nobody but the operator can know.
     """
 
     in_daylight: bool = False

@@ -50,7 +50,7 @@ def collect(
 ) -> Collected:
     """Read what all stations delivered, and fit each satellite's orbit to it.
 
-    What cannot be read, or is of an unknown satellite, is told and left out. Raises BadInputError where no
+    What is unreadable, or of an unknown satellite, is reported and left out. Raises BadInputError where no
     station delivered anything.
     """
     found = Collected()

@@ -141,7 +141,7 @@ class DataSet:
     def _trouble(self, error: OSError) -> SattrackError:
         return SattrackError(
             f"{self.folder}: cannot be written: {error.strerror or error}; {len(self.done)} files are "
-            "finished and stay: the same command goes on from there"
+            "finished and stay: the same command continues from there"
         )
 
 

@@ -53,7 +53,7 @@ class Station(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Check name, place and altitude."""
         if not NAME.fullmatch(self.name):
             raise ValueError(
-                f"name is {self.name!r}; begin with a letter, go on with letters, digits, - _ . (40 at most)"
+                f"name is {self.name!r}; begin with a letter, then letters, digits, - _ . (40 at most)"
             )
         _within("latitude_deg", self.latitude_deg, -90.0, 90.0, "degrees north")
         _within("longitude_deg", self.longitude_deg, -180.0, 360.0, "degrees east")

@@ -465,7 +465,7 @@ def with_flips(sides: Sides, flips_utc: tuple[str, ...]) -> Sides:
     """Return the same with the instants at which the mount goes over to the other side."""
     if not flips_utc:
         return sides
-    when = ", ".join(_clock(utc) for utc in flips_utc)
+    when = ", ".join(flips_utc)
     words = f"{sides.words}; it goes over to the other side at {when}"
     return msgspec.structs.replace(sides, words=words, flips_utc=flips_utc)
 
@@ -493,14 +493,10 @@ def _words(rule: Rule, own: SideOption, best: SideOption) -> str:
     there = SIDE_WORDS[best.again_side or "normal"]
     if best.stop_utc is None:
         return (
-            f"by itself the mount begins from {side}; let it begin only at {_clock(best.again_utc)}, "
+            f"by itself the mount begins from {side}; let it begin only at {best.again_utc}, "
             f"from {there}: {saves}"
         )
     return (
-        f"the mount begins from {side}; stop it at {_clock(best.stop_utc)} and track again: it is on the "
-        f"satellite at {_clock(best.again_utc)}, from {there}: {saves}"
+        f"the mount begins from {side}; stop it at {best.stop_utc} and track again: it is on the "
+        f"satellite at {best.again_utc}, from {there}: {saves}"
     )
-
-
-def _clock(utc: str | None) -> str:
-    return "" if utc is None else utc[11:19]

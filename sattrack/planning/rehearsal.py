@@ -264,7 +264,7 @@ class RehearsalReport(msgspec.Struct, frozen=True):
 SETTLED_S = 1.5
 """A loss at the beginning that is no longer than this is the control's settling; longer, the way there."""
 NEAR_S = 3.0
-"""How far from a stretch that kinematics foretell a lost one of the run may be and have its cause."""
+"""How far from a stretch that kinematics predict a lost one of the run may be and have its cause."""
 AXIS_LIMITS = ("hour_angle", "declination", "pier")
 """Limits of the axes' places: others are of directions on the sky, the same from either side."""
 HELD_SHARE = 0.3
@@ -351,7 +351,7 @@ def _held_by(begin: float, end: float, performance: Performance) -> str | None:
 
 
 def _overlap(loss: PredictedLoss, begin: float, end: float) -> float:
-    """Return what a foretold loss and a stretch have in common, as a share of what both take together."""
+    """Return what a predicted loss and a stretch have in common, as a share of what both take together."""
     common = min(loss.end_utc_s + NEAR_S, end) - max(loss.begin_utc_s - NEAR_S, begin)
     return common / (max(loss.end_utc_s, end) - min(loss.begin_utc_s, begin) + NEAR_S)
 

@@ -2,7 +2,7 @@
 
 An anonymous recording is moved to another longitude and hour, so that it can be shown and still be run again.
 Labels alone hide nothing: sidereal time with UTC gives the longitude, and so do directions to a satellite
-with its elements. So the site goes round the Earth's axis, and all instants with the sidereal time that it
+with its elements. So the site moves round the Earth's axis, and all instants with the sidereal time that it
 has there: right ascensions, hour angles and every datagram stay what they were. What cannot be moved is
 in docs/recordings.md: the latitude, and the orbit's own numbers.
 """

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 import numpy as np
+
+from sattrack.core.errors import SattrackError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -48,13 +50,11 @@ def smooth_track(utc_s: Array, values: Array) -> Track:
     A sample's noise is taken from how samples scatter about their neighbours; the model is a rate that walks
     at random, as fast as to forget in TRACK_TIME_S.
     """
-    from filterpy.kalman import KalmanFilter
-
     count = len(values)
     noise = max(_scatter(values), LEAST_NOISE_ARCSEC)
     steps = np.clip(np.diff(utc_s, prepend=utc_s[0]), 1e-6, None)
     walk = noise**2 / TRACK_TIME_S**3
-    kalman = KalmanFilter(dim_x=2, dim_z=1)
+    kalman = _kalman_filter(2, 1)
     kalman.x = np.array([[values[0]], [0.0]])
     kalman.P = np.diag([noise**2, (noise / TRACK_TIME_S) ** 2 * 10.0])
     kalman.H, kalman.R = np.array([[1.0, 0.0]]), np.array([[noise**2]])
@@ -69,6 +69,15 @@ def smooth_track(utc_s: Array, values: Array) -> Track:
         innovations[i] = float(kalman.y[0, 0]) / math.sqrt(float(kalman.S[0, 0]))
     smooth, spread, _, _ = kalman.rts_smoother(means, covariances, Fs=moves, Qs=spreads)
     return Track(smooth[:, 0, 0], np.sqrt(spread[:, 0, 0]), innovations, noise)
+
+
+def _kalman_filter(states: int, measured: int) -> Any:
+    """Return a filter with so many states and measured values; raises SattrackError without filterpy."""
+    try:
+        from filterpy.kalman import KalmanFilter
+    except ImportError:
+        raise SattrackError("fits to observations need filterpy: pip install 'sattrack[plot]'") from None
+    return KalmanFilter(dim_x=states, dim_z=measured)
 
 
 def _scatter(values: Array) -> float:
@@ -146,9 +155,7 @@ def fit_biases(observed: Sequence[ObservedBias]) -> BiasFit | None:
 
 
 def _smoothed(taken: Sequence[ObservedBias], rejected: int) -> BiasFit:
-    from filterpy.kalman import KalmanFilter
-
-    kalman = KalmanFilter(dim_x=4, dim_z=2)
+    kalman = _kalman_filter(4, 2)
     kalman.P = np.diag(np.square(PRIOR_SIGMAS))
     kalman.H = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
     middle_utc_s = float(np.mean([one.utc_s for one in taken]))

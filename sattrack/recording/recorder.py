@@ -250,7 +250,7 @@ class BackgroundRecorder(Sink):
     """A recorder behind a queue and a thread, so that a slow disk never holds the loop.
 
     The loop takes no lock that the thread may hold: a thread that is kept from running would hold it up.
-    `trouble` says what went wrong, if anything did; the run goes on without its recording then.
+    `trouble` says what went wrong, if anything did; the run continues without its recording then.
     """
 
     def __init__(self, recorder: Recorder, patience_s: float = CLOSE_PATIENCE_S) -> None:

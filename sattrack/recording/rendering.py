@@ -6,17 +6,18 @@ import base64
 import html
 import importlib
 import io
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta, timezone
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sattrack.control.stages import RunStage
+from sattrack.core import local_time
 from sattrack.core.errors import BadInputError
 from sattrack.mount.xerxes.datagrams import DatagramError, decode_command
 from sattrack.recording.fits import Track, smooth_track, spectrum
 from sattrack.recording.report import repeating
-from sattrack.views.formatting import named
+from sattrack.views.formatting import iso_unix_s, named
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -48,7 +49,7 @@ img { max-width: 100% } .what { color: #5b6b80 } .bad { color: #b3263a }
 def report_rows(report: Report) -> list[tuple[str, str]]:
     """Return a report as pairs of a name and a value, both text."""
     rows = [
-        ("pass", f"{named(report.name, report.catalog_number)}, {report.began_utc}"),
+        ("pass", f"{named(report.name, report.catalog_number)}, {_began(report)}"),
         ("mount", report.mount),
         ("followed", f"{report.followed_s:.0f} s, {report.samples} samples; ended by {report.ended_by}"),
     ]
@@ -79,6 +80,10 @@ def report_rows(report: Report) -> list[tuple[str, str]]:
     for name, axis in (("hour angle axis", report.ra), ("declination axis", report.dec)):
         rows += [(name, words) for words in (_axis(axis), *_untold(axis)) if words]
     return rows
+
+
+def _began(report: Report) -> str:
+    return local_time.instant(iso_unix_s(report.began_utc))
 
 
 def _missed(report: Report) -> str:
@@ -117,11 +122,12 @@ def _apart(times: TimeFigures) -> str:
 
 def _bias(bias: BiasFigures | None) -> str:
     if bias is None:
-        return "not known: no observation in it, and a mount that follows tells nothing of the satellite"
+        return "not known: no observation in it, and a mount that follows shows nothing of the satellite"
+    at = local_time.instant(iso_unix_s(bias.utc), 3)
     if bias.source == "nudge":
         return (
-            f"{bias.along_s:+.3f} s along, {bias.cross_deg:+.4f}° across: the operator's last word, "
-            f"at {bias.utc}, not measured"
+            f"{bias.along_s:+.3f} s along, {bias.cross_deg:+.4f}° across: the operator's last nudge, at "
+            f"{at}, not measured"
         )
     along, along_sigma, cross, cross_sigma = (
         60.0 * (value or 0.0)
@@ -134,7 +140,7 @@ def _bias(bias: BiasFigures | None) -> str:
     )
     return (
         f"{bias.along_s:+.4f} ± {bias.along_sigma_s or 0.0:.4f} s along, "
-        f"{bias.cross_deg:+.5f} ± {bias.cross_sigma_deg or 0.0:.5f}° across, as of {bias.utc}; "
+        f"{bias.cross_deg:+.5f} ± {bias.cross_sigma_deg or 0.0:.5f}° across, as of {at}; "
         f"drift {along:+.4f} ± {along_sigma:.4f} s and {cross:+.4f} ± {cross_sigma:.4f} km a minute; "
         f"from {bias.observations} observations, {bias.rejected} left out"
     )
@@ -167,7 +173,7 @@ def nothing_to_change(report: Report) -> str:
     """Return the text where there is no advice: "nothing" only where everything could be measured."""
     if report.acquired and not report.ra.untold and not report.dec.untold:
         return "nothing"
-    return "nothing, as far as this recording tells"
+    return "nothing, as far as this recording shows"
 
 
 def all_rows(report: Report) -> list[tuple[str, str]]:
@@ -191,7 +197,7 @@ def trend_rows(reports: Sequence[Report]) -> list[tuple[str, ...]]:
         label = "" if bias is None or bias.source == "observations" else " (nudge)"
         rows.append(
             (
-                one.began_utc,
+                f"{local_time.date(iso_unix_s(one.began_utc))} {local_time.clock(iso_unix_s(one.began_utc))}",
                 one.name,
                 _number(None if error is None else error.rms_arcsec, 3),
                 _number(None if error is None else error.peak_arcsec, 3),
@@ -211,7 +217,7 @@ def _number(value: float | None, digits: int) -> str:
 
 def report_html(reports: Sequence[tuple[Report, Mapping[str, Any]]], trend: Any | None, version: str) -> str:
     """Return one HTML file with figures and plots; nothing in it is fetched from anywhere."""
-    title = "Recorded passes" if len(reports) > 1 else f"{reports[0][0].name}, {reports[0][0].began_utc}"
+    title = "Recorded passes" if len(reports) > 1 else f"{reports[0][0].name}, {_began(reports[0][0])}"
     parts = [
         "<!doctype html>",
         '<html lang="en"><head><meta charset="utf-8">',
@@ -229,7 +235,7 @@ def report_html(reports: Sequence[tuple[Report, Mapping[str, Any]]], trend: Any 
             parts.append(_image("Trend", trend))
     for report, plots in reports:
         if len(reports) > 1:
-            parts.append(f"<h1>{html.escape(report.name)}, {html.escape(report.began_utc)}</h1>")
+            parts.append(f"<h1>{html.escape(report.name)}, {html.escape(_began(report))}</h1>")
         parts += _sections(report, plots)
     parts.append(f'<p class="what">sattrack {html.escape(version)}</p></body></html>')
     return "\n".join(parts) + "\n"
@@ -286,12 +292,14 @@ def times(utc_s: Sequence[float] | NDArray[np.float64]) -> list[datetime]:
 
 
 def label_times(axes: Any) -> None:
-    """Have an axis of instants show the time of day, UTC."""
+    """Have an axis of instants show the local time of day; call it when the axis has its data."""
     dates = importlib.import_module("matplotlib.dates")
-    locator = dates.AutoDateLocator(minticks=4, maxticks=10)
+    begin_s = dates.num2date(axes.get_xlim()[0]).timestamp()
+    zone = timezone(timedelta(seconds=local_time.offset_s(begin_s)))
+    locator = dates.AutoDateLocator(tz=zone, minticks=4, maxticks=10)
     axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(dates.DateFormatter("%H:%M:%S", tz=UTC))
-    axes.set_xlabel("UTC", fontsize="small", loc="right")
+    axes.xaxis.set_major_formatter(dates.DateFormatter("%H:%M:%S", tz=zone))
+    axes.set_xlabel(local_time.zone_name(begin_s), fontsize="small", loc="right")
 
 
 def save_divergence(path: Path, name: str, outputs: Sequence[Output], result: Replay) -> None:
@@ -337,7 +345,9 @@ def save(figure: Any, path: Path) -> None:
     """Write a figure; raises BadInputError where that cannot be."""
     try:
         figure.savefig(path, dpi=110)
-    except (OSError, ValueError) as error:
+    except OSError as error:
+        raise BadInputError(f"{path}: cannot write the plot: {error.strerror or error}") from None
+    except ValueError as error:
         raise BadInputError(f"{path}: cannot write the plot: {error}") from None
 
 
@@ -533,7 +543,7 @@ def trend(reports: Sequence[Report]) -> Any | None:
         return None
     figure = new_figure(WIDTH, 6.4)
     errors, biases, gains = figure.subplots(3, 1, sharex=True)
-    labels = [f"{one.began_utc[:10]}\n{one.name}" for one in followed]
+    labels = [f"{local_time.date(iso_unix_s(one.began_utc))}\n{one.name}" for one in followed]
     number = np.arange(len(followed))
     seen = [one.error for one in followed if one.error]
     errors.semilogy(number, [one.rms_arcsec for one in seen], "o-", color=RA, label="RMS")

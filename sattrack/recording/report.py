@@ -486,7 +486,7 @@ def _why_missed(profile: MountProfile, missed: MissedFigures | None, times: Time
             found.append(
                 f"{100.0 * axis.at_rate_limit:.0f} % of the commands in {name} were at the rate limit and "
                 f"{100.0 * axis.at_acceleration_limit:.0f} % at the acceleration limit: `sattrack rehearse` "
-                "tells whether the mount is fast enough for the pass"
+                "shows whether the mount is fast enough for the pass"
             )
         if axis.typical_arcsec > ONE_AXIS * other.typical_arcsec:
             found.append(f"only {name} was far off: look for what is peculiar to that axis")

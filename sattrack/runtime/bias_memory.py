@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import msgspec
 
+from sattrack.core import local_time
 from sattrack.core.errors import SattrackError
 from sattrack.runtime.mounts import SIMULATED
 from sattrack.views.run import RememberedView
@@ -401,9 +402,7 @@ def _trouble(error: sqlite3.Error | OSError) -> str:
 
 def describe(bias: KeptBias, at_utc_s: float) -> str:
     """Return a bias as text, with the time from its own instant to another."""
-    hours = abs(at_utc_s - bias.utc_s) / 3600.0
-    when = f"{hours:.1f} h" if hours < 48.0 else f"{hours / 24.0:.1f} days"
-    when += " before" if bias.utc_s <= at_utc_s else " later"
+    when = local_time.duration(at_utc_s - bias.utc_s) + (" before" if bias.utc_s <= at_utc_s else " later")
     if bias.source == "nudge":
         return f"{bias.along_s:+.3f} s along, {bias.cross_deg or 0.0:+.4f}° across, nudged {when}"
     return (

@@ -24,13 +24,13 @@ Networks: TypeAlias = tuple[ipaddress.IPv4Network | ipaddress.IPv6Network, ...]
 READ_BYTES = 256
 """Bytes of one read: a flood of commands delays the mount's next datagram by a few milliseconds at most."""
 MOST_WAITING_BYTES = 65536
-"""A caller that asks and does not read is hung up on when so much waits for it."""
+"""A caller that asks and does not read is disconnected when so much waits for it."""
 _PORT = re.compile(r":\d*\Z")
 Key = TypeVar("Key")
 ONE_ADDRESS = 0.875
 """The share of all callers that may come from one address."""
 BUSY_S = 2.0
-"""A caller that asked for something so lately is not hung up on to make room for one like it."""
+"""A caller that asked for something so lately is not disconnected to make room for one like it."""
 
 
 class Seat(NamedTuple):
@@ -76,7 +76,7 @@ class CallerLimits:
     callers: int = 256
     """So many at once."""
     idle_s: float = 300.0
-    """One that was silent for so long is hung up on."""
+    """One that was silent for so long is disconnected."""
     requests_per_s: float = 1000.0
     allowed: Networks | None = None
     elsewhere_s: float = BUSY_S
@@ -89,7 +89,7 @@ class CallerLimits:
         return any(ipaddress.ip_address(address) in network for network in self.allowed)
 
     def admit(self, address: str, seats: Mapping[Key, Seat], now_s: float) -> tuple[str | None, list[Key]]:
-        """Return why an address may not call now, if so; and who must be hung up on to make room for it.
+        """Return why an address may not call now, if so; and who must be disconnected to make room for it.
 
         A client without a request gives way first, then the one that has been silent longest: of the caller's
         own address where that has its share, else of the address that has most callers.
@@ -137,7 +137,7 @@ class Opening:
     _over: bool = False
 
     def take(self, data: bytes) -> bytes | None:
-        """Take bytes as they come; return those that may be obeyed, None where it must be hung up on."""
+        """Take bytes as they come; return those that may be obeyed, None where it must be disconnected."""
         if self._over:
             return data
         self._kept += data

@@ -168,7 +168,7 @@ class Guarded:
         """See MountGuard."""
         if not self.deposed:
             return self._lost
-        rest = "was told to stop, and NOT SEEN AT REST" if self.mount_stopped is False else "is being stopped"
+        rest = "was sent a stop, and NOT SEEN AT REST" if self.mount_stopped is False else "is being stopped"
         if self.mount_stopped:
             rest = "was stopped and seen at rest"
         return f"this process stood still, so its guardian took the mount from it: {self._name} {rest}"

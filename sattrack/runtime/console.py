@@ -251,9 +251,9 @@ def stop_directly(address: MountAddress, profile: MountProfile, waiting: Callabl
         )
     if stop.mount_stopped:
         return MountStop(mount, "direct", True, None, None, "stopped and seen at rest")
-    words = "it was told to stop and IS NOT AT REST" if stop.mount_stopped is False else "it was told to stop"
+    words = "it was sent a stop and IS NOT AT REST" if stop.mount_stopped is False else "it was sent a stop"
     if stop.mount_stopped is None:
-        words += ", but is NOT HEARD: nobody knows whether it obeyed"
+        words += ", but is NOT HEARD: it is unknown whether it obeyed"
     words = f"{words}; {goes_on}; look after it, and stop it by its own console; {GIVE_UP}"
     return MountStop(mount, "direct", stop.mount_stopped, None, None, words, goes_on)
 

@@ -15,6 +15,7 @@ import msgspec
 from sattrack.control.biases import MOST_ALONG_S, MOST_CROSS_DEG, Camera, Cameras
 from sattrack.control.engine import Engine, RunSpec
 from sattrack.control.tracker import TrackPlan
+from sattrack.core import local_time
 from sattrack.core.angles import wrap180
 from sattrack.core.clock import Clock, decode_utc, encode_utc, make_clock
 from sattrack.core.errors import BadInputError, SattrackError
@@ -159,7 +160,7 @@ def choose_pass(
     if not passes:
         raise SattrackError(
             f"{target.label} does not rise above {min_alt_deg:g}° at this site within "
-            f"{SEARCH_HOURS:g} hours of {now.isoformat('seconds')}; "
+            f"{SEARCH_HOURS:g} hours of {local_time.instant(float(now.unix_s))}; "
             "try a lower --min-alt, or another satellite"
         )
     if culminate_utc_s is None:
@@ -170,7 +171,7 @@ def choose_pass(
     if passes[0].rise_utc is None and culminate_utc_s < float(now.unix_s):
         # Past its highest, what is left of the pass in progress is highest now.
         return passes[0]
-    when = Utc(culminate_utc_s).isoformat("seconds")
+    when = local_time.instant(culminate_utc_s)
     raise SattrackError(f"{target.label} has no pass above {min_alt_deg:g}° that culminates about {when}")
 
 
@@ -352,7 +353,7 @@ def prepare(request: RunRequest) -> Prepared:
 
 
 def _check_sun(target: Elements | Ephemeris, request: RunRequest) -> None:
-    """Raise BadInputError where the Sun is to be followed without a filter that the profile states.
+    """Raise BadInputError where the Sun is the target without a filter that the profile states.
 
     The cone that the limits keep about the Sun is not opened by that: its owner must.
     """

@@ -384,7 +384,7 @@ class Guardian:
         self._reported = True
         # A feeder that hangs would hold the mount, and this process, for ever.
         self._end_feeder()
-        self._note("was told to give up; the mount is NOT KNOWN AT REST")
+        self._note("gave up on request; the mount is NOT KNOWN AT REST")
 
     def _nobody_there(self, now_s: float) -> bool:
         """Return whether a simulated mount, or a gateway, has ended itself.
@@ -409,7 +409,7 @@ class Guardian:
             rest = f"stopped the mount: seen at rest after {time.monotonic() - self._begun_s:.1f} s"
         elif self._goes_on_utc is not None:
             rest = (
-                f"goes on telling the mount to stop, which is NOT KNOWN AT REST, as process {os.getpid()}; "
+                f"still sends stops to the mount, which is NOT KNOWN AT REST, as process {os.getpid()}; "
                 f"{STOP_OR_GIVE_UP}; or stop it by its own console"
             )
         self._note(rest)

@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import msgspec
 
+from sattrack.core import local_time
 from sattrack.core.channel import LineReader, taken_names
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.alpaca.link import AlpacaAddress, parse_alpaca
@@ -173,7 +174,7 @@ class Owner(msgspec.Struct, frozen=True):
         if self.goes_on is not None:
             return f"`{self.command}` has ended, the mount NOT KNOWN AT REST; {self.goes_on}"
         doing = "" if self.state == "running" else f", {self.state}"
-        return f"`{self.command}`, process {self.pid}{doing}, since {self.since_utc}"
+        return f"`{self.command}`, process {self.pid}{doing}, since {local_time.localised(self.since_utc)}"
 
 
 class Ask(msgspec.Struct, frozen=True):
@@ -193,7 +194,7 @@ class GoesOn(msgspec.Struct, frozen=True):
     def __str__(self) -> str:
         """Return it as text."""
         who = f"its guardian, process {self.pid}"
-        return f"{who}, goes on telling it to stop since {self.since_utc}; {self.heard}"
+        return f"{who}, still sends it stops, since {local_time.localised(self.since_utc)}; {self.heard}"
 
 
 class Stopped(msgspec.Struct, frozen=True):

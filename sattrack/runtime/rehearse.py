@@ -20,6 +20,7 @@ import numpy as np
 from sattrack.control.approach import slew_time_s
 from sattrack.control.engine import Engine, safety_of
 from sattrack.control.tracker import ACQUIRED_AFTER_SAMPLES, FOLLOWING, Phase
+from sattrack.core import local_time
 from sattrack.core.angles import altitude_deg, azimuth_deg
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.process import gc_paused
@@ -429,7 +430,7 @@ def choose_nth_pass(prepared: Prepared, number: int, min_alt_deg: float) -> Prep
     if number > len(found):
         raise SattrackError(
             f"--pass {number}: {target.label} has {len(found)} passes above {min_alt_deg:g}° within "
-            f"{SEARCH_HOURS:g} hours of {now.isoformat('seconds')}"
+            f"{SEARCH_HOURS:g} hours of {local_time.instant(float(now.unix_s))}"
         )
     chosen = found[number - 1]
     plan = plan_for(chosen, now, target)

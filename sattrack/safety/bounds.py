@@ -123,7 +123,7 @@ RETREAT_STEP_DEG = 0.05
 BESIDE_DEG = (15.0, 30.0, 45.0, 60.0, 70.0, 80.0)
 """Directions beside the best way out of a cone that are tried as well."""
 ESCAPE_NEAR_DEG = 0.3
-"""On the way out of a cone, axes may go along limits that are as near as this, but no nearer to them."""
+"""On the way out of a cone, axes may go along limits this near, but no nearer to them."""
 SAME_DEG = 1e-6
 CONES = frozenset({"sun", "moon"})
 """Rows that move by themselves."""

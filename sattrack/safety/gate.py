@@ -444,7 +444,7 @@ GUIDE_RATE_DEG_S = SIDEREAL_RATE_DEG_S
 SLOWEST_DRIFT_S = 30.0
 """A drift that reaches a limit within this is ended."""
 NO_SUN = (
-    "where the Sun is cannot be told without a site: give --site LAT,LON,HEIGHT, or say optical = false "
+    "the Sun's direction is unknown without a site: give --site LAT,LON,HEIGHT, or say optical = false "
     "under [safety] where there are no optics"
 )
 
@@ -523,7 +523,7 @@ class RequestChecks:
         if home is None:
             if self._bounds.sun_is_up and not request.in_daylight:
                 return (
-                    "the mount profile has no home position, so nobody knows the way there, and the Sun is "
+                    "the mount profile has no home position, so the path there is unknown, and the Sun is "
                     "up: put home into the profile, or say --in-daylight"
                 )
             return None

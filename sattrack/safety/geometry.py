@@ -1,7 +1,7 @@
 """Where axes point, and bounds over whole boxes of axis angles. Degrees; pure functions.
 
 Axes stand at 0 on the meridian and the equator; the hour angle axis turns west, and a declination axis
-beyond 90° either way points past a pole. All that is said of a direction holds there too. A box is what
+beyond 90° either way points past a pole. All rules for a direction hold there too. A box is what
 lies between two angles of either axis: a way between two places lies in it whatever the axes' timing.
 """
 

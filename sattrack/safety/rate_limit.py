@@ -197,7 +197,7 @@ WORTH = 0.04
 GOOD_ENOUGH = 0.98
 HALVINGS = 5
 SMALLEST_SHARE = 0.5**HALVINGS
-"""Slower than this share of what could be it rests."""
+"""An axis slower than this share of its possible rate counts as resting."""
 NO_WAY = (0.0, 0.0)
 
 

@@ -232,7 +232,7 @@ def reachable(profile: MountProfile, latitude_deg: float) -> list[Place]:
 
 
 def clear_places(goal: Place, latitude_deg: float, profile: MountProfile, judge: Judge) -> Iterator[Place]:
-    """Yield places where the mount can wait, in rings about a goal, as near as may be, the nearest first."""
+    """Yield places where the mount can wait, in rings about a goal, the nearest first."""
     hour_angle, dec = direction_of(goal)
     widen = 1.0 / max(0.05, math.cos(math.radians(dec)))
 

@@ -294,7 +294,7 @@ class Former(NamedTuple):
 
 
 class Belief(StrEnum):
-    """What becomes of a status' place."""
+    """How the place in a status is treated."""
 
     GOES_ON = "goes on"
     DOUBTED = "doubted"

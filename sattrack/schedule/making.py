@@ -458,7 +458,7 @@ class _Maker:
                 f"{self._value:.0f}, the best there is {self._bound:.0f} at most"
             )
         if self._situation.profile.park is None:
-            notes.append("the profile has no park position: the first slew is not reckoned")
+            notes.append("the profile has no park position: the first slew is not counted")
         return tuple(notes)
 
     def _planned(self, place: int) -> PlannedPass:

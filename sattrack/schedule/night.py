@@ -71,7 +71,7 @@ class NightPass(msgspec.Struct, frozen=True):
     """Where its elements came from, as the schedule names it; None for all that is set."""
     renewable: bool = False
     lost_to: tuple[LostTo, ...] = ()
-    """What the mount's limits take of it, as the plan foretells."""
+    """What the mount's limits take of it, as the plan predicts."""
 
     @property
     def name(self) -> str:
@@ -80,7 +80,7 @@ class NightPass(msgspec.Struct, frozen=True):
 
 
 class Result(msgspec.Struct, frozen=True):
-    """What became of a pass: "done", or "partly" or "lost" to a cause that has a name."""
+    """The outcome of a pass: "done", or "partly" or "lost" to a cause that has a name."""
 
     state: str
     cause: str | None = None

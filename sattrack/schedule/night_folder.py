@@ -272,7 +272,7 @@ class Journal:
             self._refused(error)
 
     def _refused(self, error: Exception) -> None:
-        self.trouble = f"{self._file}: the journal cannot be written: {error}; the run goes on without it"
+        self.trouble = f"{self._file}: the journal cannot be written: {error}; the run continues without it"
 
     def beat(self, beat: Heartbeat) -> None:
         """Keep a sign of life in the place of the last one."""
@@ -465,7 +465,7 @@ class NightFiles:
         try:
             left = self._free(self.folder)
         except OSError as error:
-            return f"{self.folder}: nobody knows how full the disk is: {error.strerror}; passes go unrecorded"
+            return f"{self.folder}: the disk's free space is unknown: {error.strerror}; passes go unrecorded"
         if left >= LEAST_FREE_BYTES:
             return None
         return (
@@ -516,9 +516,11 @@ def open_run(folder: Path, utc_s: float, durable: bool = True) -> OpenedRun:
     name = set_aside(file, utc_s)
     words = why if name is None else f"{why}; it was set aside as {name}"
     if view is None:
-        return OpenedRun(Journal(file, durable), Run(), words=f"{words}, and the night begins anew")
+        return OpenedRun(Journal(file, durable), Run(), words=f"{words}, and the night starts again")
     recovered = _recovered(view)
-    return OpenedRun(Journal(file, durable), Run(), recovered, f"{words}, and the night goes on by {STATUS}")
+    return OpenedRun(
+        Journal(file, durable), Run(), recovered, f"{words}, and the night continues from {STATUS}"
+    )
 
 
 def _last_view(folder: Path) -> ScheduleView | None:

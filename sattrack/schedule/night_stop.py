@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from sattrack.core import local_time
 from sattrack.core.errors import SattrackError
 from sattrack.runtime.system import handling, this_command, this_user, utc_now
 from tle.instants import Utc
@@ -79,7 +80,7 @@ class OperatorStop(msgspec.Struct, frozen=True):
 
     def __str__(self) -> str:
         """Say it in words."""
-        return f"stopped by an operator ({self.by}) at {self.since_utc}"
+        return f"stopped by an operator ({self.by}) at {local_time.localised(self.since_utc)}"
 
 
 class ListedRun(msgspec.Struct, frozen=True):

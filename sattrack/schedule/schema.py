@@ -622,7 +622,7 @@ def _conditions(parts: list[tuple[int, str]], origin: Origin) -> Conditions:
             except ValueError as error:
                 raise here.moved(match.start(1)).wrong(f"{words!r}: {error}") from None
             if pattern in seen:
-                raise here.wrong(f"{words!r}: that is said twice; keep one")
+                raise here.wrong(f"{words!r}: given twice; keep one")
             seen.add(pattern)
             found |= given
             break

@@ -7,6 +7,7 @@ from collections import Counter
 from html import escape
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from sattrack.core import local_time
 from sattrack.schedule.night import (
     Event,
     Followed,
@@ -241,11 +242,11 @@ def text_lines(run: Run, schedule: str) -> list[str]:
     """Return the summary as lines of text."""
     lines = [
         headline(run),
-        f"{printable(schedule)}: {_iso(run.night_from_utc_s)} to {_iso(run.night_to_utc_s)}",
+        f"{printable(schedule)}: {local_time.span(run.night_from_utc_s, run.night_to_utc_s)}",
         "",
     ]
     if run.passes:
-        lines.append("  #  Start UTC  State   On target s   RMS ″  Satellite")
+        lines.append("  #  Start      State   On target s   RMS ″  Satellite")
     for one, result in _rows(run):
         lines.append(_line(one, result))
         if result is not None and result.recordings:
@@ -286,9 +287,9 @@ td.n, th.n {{ text-align: right; font-variant-numeric: tabular-nums; }}
 @media (prefers-color-scheme: dark) {{ body {{ background: #15171a; color: #ddd; }} a {{ color: #8ab4f8; }} }}
 </style></head><body>
 <h1>{escape(headline(run))}</h1>
-<p>{escape(schedule)}: {_iso(run.night_from_utc_s)} to {_iso(run.night_to_utc_s)}</p>
+<p>{escape(schedule)}: {local_time.span(run.night_from_utc_s, run.night_to_utc_s)}</p>
 <table>
-<tr><th class="n">#</th><th>Start UTC</th><th>Satellite</th><th>State</th><th class="n">On target s</th>
+<tr><th class="n">#</th><th>Start</th><th>Satellite</th><th>State</th><th class="n">On target s</th>
 <th class="n">RMS ″</th><th class="n">Peak ″</th><th>Recordings</th></tr>
 {rows}
 </table>
@@ -301,7 +302,7 @@ def _rows(run: Run) -> list[tuple[NightPass, Result | None]]:
 
 
 def _line(one: NightPass, result: Result | None) -> str:
-    start = _iso(one.start_utc_s)[11:19]
+    start = local_time.clock(one.start_utc_s)
     if result is None:
         return f"{one.number:3d}  {start}   not reached                   {printable(one.name)}"
     whole_s = one.end_utc_s - one.start_utc_s
@@ -330,9 +331,10 @@ def _row(one: NightPass, result: Result | None, recordings: str) -> str:
         links = "<br>".join(
             f'<a href="{escape(recordings + name)}">{escape(name)}</a>' for name in result.recordings
         )
+    start = f"{local_time.day(one.start_utc_s)} {local_time.clock(one.start_utc_s)}"
     numbers = "".join(f'<td class="n">{cell}</td>' for cell in cells)
     return (
-        f'<tr><td class="n">{one.number}</td><td>{_iso(one.start_utc_s)[:19].replace("T", " ")}</td>'
+        f'<tr><td class="n">{one.number}</td><td>{start}</td>'
         f'<td>{escape(one.name)}</td><td><span style="color:{colour}">{state}</span>{why}</td>'
         f"{numbers}<td>{links}</td></tr>"
     )

@@ -204,7 +204,7 @@ class SlewTransitions:
     def slews_s(self, before: Index, after: int) -> Array:
         """Return of those what the slew between takes.
 
-        As `sattrack.safety.route.slew_s` reckons it, and what a way round takes longer where that is known.
+        As `sattrack.safety.route.slew_s` computes it, and what a way round takes longer where that is known.
         """
         gap = np.abs(self.leave[before] - self.want[after])
         slews: Array = HANDSHAKE_S + np.maximum(
@@ -432,7 +432,7 @@ def joined(
     """Return nodes of those taken that leave no time unused between two that follow one another.
 
     The later one is entered as soon as the mount can be there, or the earlier one left as late as it may,
-    whichever way the time between two is shared. `needed_s` gives the seconds from one node to another.
+    however the time between two is shared. `needed_s` gives the seconds from one node to another.
     """
     starts = [{node.start_utc_s} for node in taken]
     ends = [{node.end_utc_s} for node in taken]

@@ -58,7 +58,7 @@ HEADERS = {
 STATIC = Path(textual_serve.__file__).parent / "static"
 PAGE = Path(__file__).parent / "templates" / "index.html"
 LIST = Path(__file__).parent / "templates" / "list.html"
-NO_RUN = "No run goes on that can be looked at. This page looks again by itself."
+NO_RUN = "No run is active. This page checks again by itself."
 
 
 def machine_addresses() -> tuple[str, ...]:
@@ -312,7 +312,7 @@ class RunServer(Server):
 def listed(runs: Mapping[int, str]) -> str:
     """Return the page that links to each run, or says that there is none."""
     links = "".join(f'<p><a href="/run/{pid}">{escape(words)}</a></p>\n' for pid, words in runs.items())
-    words = f"{len(runs)} runs go on:" if runs else NO_RUN
+    words = f"{len(runs)} runs are active:" if runs else NO_RUN
     return LIST.read_text(encoding="utf-8").replace("{{ words }}", words).replace("{{ links }}", links)
 
 

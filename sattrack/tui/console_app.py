@@ -370,7 +370,7 @@ def _state(view: AntennaView, ink: Inks) -> Text:
             f"\nsafety stopped the mount: {view.tripped}; x makes it ready again", ink.spoken[Tone.BAD]
         )
     elif view.outside_limits:
-        words_of_limit = "\nthe trajectory is beyond the limits: the axes are held as near as may be"
+        words_of_limit = "\nthe trajectory is beyond the limits: the axes are held as near as possible"
         text.append(words_of_limit, ink.spoken[Tone.NOTICE])
     return text
 

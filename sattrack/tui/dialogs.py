@@ -90,7 +90,7 @@ schedule's: `sattrack run FILE` runs one, `--status` shows the same.
 LOG_TEXT = """\
 SPACE     STOP everything, at once
 ↑ ↓       scroll; PgUp PgDn Home End go further. Scrolled back, the
-          log keeps its place; at its end it follows what is said.
+          log keeps its place; at its end it follows new lines.
 f         what is shown: all, warnings, people
 1 to 5    live, tonight's passes, mount, schedule, log
 

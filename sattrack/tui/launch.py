@@ -78,7 +78,7 @@ def fly_with_tui(
     """Run `command` (a feeder with `--stream --control`) under the screen; return its exit code.
 
     With `stay`, the screen of an ended run remains until it is left, so that it can be read. However the
-    screen ends, the mount is told to stop, and the feeder has `patience_s` to bring it to rest. A feeder that
+    screen ends, the mount is stopped, and the feeder has `patience_s` to bring it to rest. A feeder that
     reported that it is left running is left alone. `show` stands in for the screen; it returns whether it was
     interrupted. `helpers` is what the screen starts itself.
     """
@@ -111,7 +111,7 @@ def watch_with_tui(
 ) -> int:
     """Run `command` (a console with `--stream --control`) under the screen; return its exit code.
 
-    However the screen ends, the console is told to leave, and has `patience_s` to bring to rest what it has
+    However the screen ends, the console must leave, and has `patience_s` to bring to rest what it has
     set going. `show` stands in for the screen; it returns whether it was interrupted. `first` is sent as soon
     as the mount is heard.
     """
@@ -328,7 +328,7 @@ def end_with_the_terminal(process: Endable, patience_s: float) -> None:
     """Watch standard input from now on, where that is a terminal; its end ends the process, and this one.
 
     A pseudo-terminal or a pipe may vanish without a signal; a screen would then wait for keys for ever, and
-    the run with it, with nobody at the stop key. The process is told to stop the mount, has `patience_s` for
+    the run with it, with nobody at the stop key. The process must stop the mount, has `patience_s` for
     that, and is ended by force after it: its guardian stops the mount then. Nothing is written any more:
     there is nobody to read.
     """

@@ -425,7 +425,7 @@ def status_groups(view: ConsoleView) -> tuple[Group, ...]:
 
 def status_text(view: ConsoleView, *more: Group) -> str:
     """Return a status as a table to be read, with `more` groups at its beginning."""
-    rows = [f"{view.mount}  {Utc(view.utc_s).isoformat('milliseconds')}  profile {view.profile}"]
+    rows = [f"{view.mount}  {local_time.instant(view.utc_s, 3)}  profile {view.profile}"]
     for group in (*more, *status_groups(view)):
         rows += ["", group.title]
         rows += [f"  {line.name:<14}{line.value}" for line in group.lines]
@@ -521,7 +521,7 @@ def _bias_lines(summary: Summary) -> list[str]:
         return lines
     counts = f"{estimate.accepted} taken, {estimate.rejected} rejected, {estimate.refused} refused"
     if estimate.begun_anew:
-        counts += f"; begun anew {estimate.begun_anew} times"
+        counts += f"; restarted {estimate.begun_anew} times"
     lines.append(f"  observations: {counts}")
     if estimate.along_s is not None and estimate.cross_deg is not None:
         lines.append(

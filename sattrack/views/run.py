@@ -49,7 +49,7 @@ class SearchView(msgspec.Struct, frozen=True):
 
 
 class EstimateView(msgspec.Struct, frozen=True):
-    """What observations say of the biases, each with one sigma, and what became of the observations.
+    """What observations say of the biases, each with one sigma, and the outcome of the observations.
 
     The biases are those of the view's instant, None before the first was taken; `last_utc_s` is the instant
     of the newest that was.
@@ -105,7 +105,7 @@ class LoopView(msgspec.Struct, frozen=True):
 
 
 class RememberedView(msgspec.Struct, frozen=True):
-    """The bias of an earlier pass with which this one began: what it is from, and what became of it.
+    """The bias of an earlier pass with which this one began: what it is from, and its outcome.
 
     `source` is "observations", with the distance across the track and sigmas grown by age, or "nudge", an
     operator's, with an angle and none. `state` is "in force", "replaced" (by this pass' observations),
@@ -153,7 +153,7 @@ class LearntView(msgspec.Struct, frozen=True):
     dec_gain: float | None
     dec_gain_sigma: float | None
     command_delay_s: float
-    """As it is reckoned with: the profile's, or less where commands were seen to be read sooner."""
+    """As assumed: the profile's, or less where commands were seen to be read sooner."""
     settling_s: float
     """Time constant with which an error is taken out, of the slower axis."""
     restarts: int
@@ -252,7 +252,7 @@ class PathPoint(SkyPoint, frozen=True, array_like=True):
 
 
 class PassView(msgspec.Struct, frozen=True, tag="pass"):
-    """What does not change during a pass and is told once, before it: the sky over the site, what to expect.
+    """What does not change during a pass and is sent once, before it: the sky over the site, what to expect.
 
     Degrees, UTC as POSIX seconds. `path` is what is fed without offsets, from the beginning of the following
     to its end.

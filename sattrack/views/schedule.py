@@ -10,7 +10,7 @@ import msgspec
 
 
 class LostTo(msgspec.Struct, frozen=True):
-    """A stretch of a pass that a limit of the mount takes, as foretold: no part of its useful seconds.
+    """A stretch of a pass that a limit of the mount takes, as predicted: no part of its useful seconds.
 
     Where an axis is too slow, as in the keyhole, `peak_rate_deg_s` is what is asked of it at most, and
     `limit_rate_deg_s` what it can.
@@ -47,7 +47,7 @@ class SchedulePassView(msgspec.Struct, frozen=True):
     parts: int = 0
     recordings: tuple[str, ...] = ()
     lost_to: tuple[LostTo, ...] = ()
-    """What the mount's limits take of it, as the plan foretells."""
+    """What the mount's limits take of it, as the plan predicts."""
     held_s: dict[str, float] = {}
     """Seconds that each limit took; `rejoining_s` went on the way back."""
     rejoining_s: float = 0.0

@@ -41,7 +41,7 @@ def put(line: str, first: int, text: str) -> str:
         (ONE, TWO[:-1] + "x", FieldError, 2, (69, 69), "checksum must be a digit"),
         (ONE[:50], TWO, LineLengthError, 1, (51, 69), "cut off: 50 of 69"),
         (ONE, TWO[:68], LineLengthError, 2, (69, 69), "cut off: 68 of 69"),
-        (ONE + " 0.0", TWO, LineLengthError, 1, (70, 73), "goes on after"),
+        (ONE + " 0.0", TWO, LineLengthError, 1, (70, 73), "continues after"),
         (TWO, ONE, SwappedLinesError, 1, (1, 1), "line 2 stands before line 1"),
         (ONE, TDRS3[1], MismatchedLinesError, 2, (3, 7), "line 2 is of object 19548, line 1 of object 25544"),
         (put(ONE, 3, "I5544"), TWO, FieldError, 1, (3, 7), "'I5544' is no number, nor an Alpha-5"),

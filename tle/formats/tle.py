@@ -289,7 +289,7 @@ def _check_frame(line: ElementLine, number: int) -> None:
     if length > _LENGTH:
         raise line.error(
             LineLengthError,
-            f"line {number} goes on after its {_LENGTH} columns: {length} columns: remove what follows",
+            f"line {number} continues after its {_LENGTH} columns: {length} columns: remove what follows",
             (_LENGTH + 1, length),
         )
     for column in _SPACES[number]:

@@ -96,7 +96,7 @@ class AlpacaAddress(NamedTuple):
         return f"{self}: Alpaca telescopes are parked, sent home and given other rates by their own programs"
 
     def seen_from(self, site: Site) -> AlpacaAddress:
-        """Return the address with the site's own place to reckon sidereal time and altitudes by."""
+        """Return the address with the site's own place for sidereal time and altitudes."""
         return self._replace(longitude_deg=site.longitude_deg, latitude_deg=site.latitude_deg)
 
     def to_stop(self) -> AlpacaAddress:
@@ -145,7 +145,9 @@ def parse_alpaca(url: str, resolve: bool = True) -> AlpacaAddress:
     try:
         host = socket.gethostbyname(parts.hostname) if resolve else parts.hostname
     except (OSError, UnicodeError) as error:
-        raise BadInputError(f"--mount {url}: no such host {parts.hostname!r}") from error
+        raise BadInputError(
+            f"--mount {url}: no such host {parts.hostname!r}; check the name, or give its IP address"
+        ) from error
     return AlpacaAddress(host, port, int(device_text), hz)
 
 
@@ -172,7 +174,7 @@ class GatewayRefusal(msgspec.Struct, frozen=True, tag=True):
 
 
 class GatewayNews(msgspec.Struct, frozen=True, tag=True):
-    """What is the matter with the telescope; None where nothing is any more."""
+    """What is wrong with the telescope; None where nothing is any more."""
 
     words: str | None
 

@@ -233,7 +233,7 @@ class SimulatedAlpacaCamera:
                 max(0.0, min(100.0, 100.0 * (now - self.exposure.start_utc_s) / self.exposure.seconds))
             )
         if self.image is None:
-            raise RefusedError(INVALID_OPERATION, "No exposure goes on")
+            raise RefusedError(INVALID_OPERATION, "No exposure is in progress")
         return 100
 
     def _set(self, name: str, value: int) -> None:
@@ -252,7 +252,7 @@ class SimulatedAlpacaCamera:
     def _start(self, seconds: float, now: float) -> None:
         values, size = self._values(), self.camera.settings
         if self.exposure is not None:
-            raise RefusedError(INVALID_OPERATION, "An exposure goes on")
+            raise RefusedError(INVALID_OPERATION, "An exposure is in progress")
         if not LEAST_S <= seconds <= MOST_S:
             raise RefusedError(INVALID_VALUE, f"Duration {seconds:g} is outside {LEAST_S:g} to {MOST_S:g} s")
         bins = values["BinX"]

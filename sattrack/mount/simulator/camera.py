@@ -144,7 +144,7 @@ class TrueOffset(NamedTuple):
     """A satellite in an exposure, without rendering.
 
     `utc_s` is mid-exposure by the camera's clock, `true_utc_s` in truth. The offset from the image's centre
-    is the mean over the exposure, in arcseconds by the scale that users are told. `electrons` are those of
+    is the mean over the exposure, in arcseconds by the scale that users see. `electrons` are those of
     the whole exposure, 0 in the shadow, behind clouds and below the horizon.
     """
 
@@ -302,7 +302,7 @@ class SkyCamera:
 
     @property
     def focal_length_mm(self) -> float:
-        """The focal length that goes with the scale that users are told."""
+        """The focal length that goes with the scale that users see."""
         return PIXEL_UM * 1e-3 / (self.settings.scale_arcsec_px * ARCSEC)
 
     @property

@@ -1,4 +1,4 @@
-"""What a simulated camera is said to be, and what is hidden from those who use it: settings without numpy."""
+"""What users know of a simulated camera, and what is hidden from those who use it: settings without numpy."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class SimulatedCamera(msgspec.Struct, frozen=True):
-    """What a user is told of the camera: arcseconds per pixel at the centre, and its size in pixels."""
+    """What a user knows of the camera: arcseconds per pixel at the centre, and its size in pixels."""
 
     scale_arcsec_px: float = 2.5
     width: int = 1280
@@ -48,7 +48,7 @@ NotNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 
 
 class Hidden(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What no client is told, by the keys of `--hidden`; units are those of `GRAMMAR`."""
+    """What no client knows, by the keys of `--hidden`; units are those of `GRAMMAR`."""
 
     along: float = 0.0
     along_drift: float = 0.0

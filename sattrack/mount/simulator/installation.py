@@ -400,8 +400,8 @@ GRAMMAR = (
     ("reorder=1%", "share held back for 80 ms, so that later ones overtake it"),
     ("corrupt=0.1%", "share in which one bit is turned"),
     ("delay=20ms~5ms", "delay, uniform within what follows ~"),
-    ("freeze@30s+2s", "at 30 s the program stands still for 2 s; the drives go on"),
-    ("crash@60s+5s", "at 60 s the program ends; 5 s later it starts anew"),
+    ("freeze@30s+2s", "at 30 s the program stands still for 2 s; the drives continue"),
+    ("crash@60s+5s", "at 60 s the program ends; 5 s later it starts again"),
     ("drive@90s", "both drives lose their power, until a restart; drive-ra@, drive-dec@: one of them"),
     ("clock-step@40s+0.5s", "the mount's clock is set ahead by 0.5 s, or back with -0.5s"),
     ("silent@20s+3s", "no status for 3 s, commands still obeyed; silent:SECONDS: from then on"),
@@ -443,7 +443,7 @@ class WireFaults(msgspec.Struct, frozen=True):
     jitter_s: float = 0.0
 
     def over(self, law: WireLaw) -> WireLaw:
-        """Return what becomes of a wire's own law."""
+        """Return the law of a wire as it is now."""
         law = replace(
             law, loss=self.loss, duplicate=self.duplicate, reorder=self.reorder, corrupt=self.corrupt
         )

@@ -118,7 +118,9 @@ def parse_address(url: str) -> Address:
     try:
         host = socket.gethostbyname(parts.hostname)
     except (OSError, UnicodeError) as error:
-        raise BadInputError(f"--mount {url}: no such host {parts.hostname!r}") from error
+        raise BadInputError(
+            f"--mount {url}: no such host {parts.hostname!r}; check the name, or give its IP address"
+        ) from error
     place = IPv4Address(host)
     if place.is_unspecified or place.is_multicast or host == "255.255.255.255":
         raise BadInputError(f"--mount {url}: {host} is the address of no mount; write that of its computer")
@@ -198,7 +200,7 @@ class UdpLink:
 
     @property
     def trouble(self) -> str | None:
-        """What is the matter with the mount, where something stands between that tells; None for nothing."""
+        """What is wrong with the mount, if something in between reports it; None for nothing."""
         return None
 
     def send(self, data: bytes) -> None:
@@ -263,8 +265,9 @@ def bind(peer_host: str, port: int) -> socket.socket:
     except OSError as error:
         bound.close()
         raise SattrackError(
-            f"UDP port {port} cannot be had: {error.strerror}; "
-            "is another sattrack running, or a guardian that goes on with a stop? `sattrack stop` shows it; "
+            f"UDP port {port} is not available: {error.strerror}; "
+            "is another sattrack running, or a guardian that still stops the mount? "
+            "`sattrack stop` lists both; "
             "choose another port, or end that one (a guardian by `sattrack stop --give-up`)"
         ) from error
     return bound

@@ -209,7 +209,7 @@ class AbortFlag:
 
     @property
     def acknowledged(self) -> bool:
-        """Whether an abort of this stop was acknowledged, be it one that another client sent.
+        """Whether an abort of this stop was acknowledged, even one that another client sent.
 
         One that is sent again may go without an answer.
         """

@@ -225,7 +225,7 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
         return self._ha_deg + math.remainder(ha_deg - self._ha_deg, 360.0)
 
     def _wanted(self, utc_s: float) -> Pair:
-        """Return hour angle and declination of the trajectory at an instant, as near as the axes can turn."""
+        """Return hour angle and declination of the trajectory at an instant, as the axes can turn."""
         state = self._target.commanded(to_ns(utc_s))
         if state is None:
             # The satellite has ended on the way: stand where it was, until the next turn stops the mount.

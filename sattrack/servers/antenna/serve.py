@@ -213,10 +213,10 @@ class AntennaLoop(StationLoop):
         self._logged_caller = caller
         if self.server.disconnected != self._logged_disconnected:
             self._logged_disconnected = self.server.disconnected
-            self.tell("a second caller was hung up on: one antenna, one antcn")
+            self.tell("a second caller was disconnected: one antenna, one antcn")
         if self.server.foreign != self._logged_foreign:
             self._logged_foreign = self.server.foreign
-            self.tell("a caller that speaks HTTP or TLS was hung up on")
+            self.tell("a caller that speaks HTTP or TLS was disconnected")
 
 
 @dataclass(slots=True)

@@ -111,7 +111,7 @@ class Straight:
         return AxisState(*(float(figure) for figure in self.exact(utc_ns)))
 
     def turned(self, turns: int) -> Straight:
-        """Return the trajectory moved by turns of the first axis."""
+        """Return the trajectory moved by whole turns of the first axis."""
         return Straight(self.start._replace(first_deg=self.start.first_deg + 360 * turns), self.epoch_ns)
 
 

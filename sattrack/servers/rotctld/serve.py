@@ -161,7 +161,7 @@ class RotctldServer:
         idle = [n for n, caller in self.callers.items() if now_s - caller.heard_s > self.limits.idle_s]
         for number in idle:
             self.rotator.log_lines.append(
-                f"client {number} was silent for {self.limits.idle_s:g} s and is hung up on"
+                f"client {number} was silent for {self.limits.idle_s:g} s and is disconnected"
             )
             self._hang_up(number)
         for caller in self.callers.values():
@@ -186,7 +186,7 @@ class RotctldServer:
             accepted = caller.opening.take(data)
             if accepted is None:
                 self.rotator.log_lines.append(
-                    f"client {caller.client.number} speaks HTTP or TLS and is hung up on"
+                    f"client {caller.client.number} speaks HTTP or TLS and is disconnected"
                 )
                 return False
             caller.client.receive(accepted)
@@ -256,11 +256,11 @@ class RotctldServer:
             objection, idle = self.limits.admit(address[0], seats, now_s)
             if objection is not None:
                 self.refused += 1
-                self.rotator.log_lines.append(f"{address[0]} was hung up on: {objection}")
+                self.rotator.log_lines.append(f"{address[0]} was disconnected: {objection}")
                 connection.close()
                 continue
             for number in idle:
-                self.rotator.log_lines.append(f"client {number} is hung up on: it makes room for another")
+                self.rotator.log_lines.append(f"client {number} is disconnected: it makes room for another")
                 self._hang_up(number)
             gone += idle
             number = self._next_number

@@ -83,7 +83,7 @@ def test_a_station_that_is_set_up_is_fine(
     for subject in ("settings", "site", "elements", "profile", "link", "disk"):
         assert checks[subject]["state"] == "ok", checks[subject]
     assert checks["settings"]["what"] == "sattrack.toml is in force"
-    assert "1 objects" in checks["elements"]["what"]
+    assert "1 object, epoch 2026" in checks["elements"]["what"]
 
 
 def test_wrong_settings_are_a_line_of_their_own_and_the_rest_is_examined_without_them(

@@ -56,7 +56,7 @@ def test_show_tells_what_a_person_wants_to_know(csv_file, capsys):
     out, err = ran(capsys, "elements", "show", "iss", "--elements", csv_file, *NOW)
     lines = out.splitlines()
     assert lines[0] == "ISS (ZARYA)   25544   1998-067A"
-    assert lines[1] == "  epoch        2026-10-02 00:19:52 UTC, 0.99 days old"
+    assert lines[1] == "  epoch        2026-10-02 00:19:53 UTC, 0.99 days old"
     # 1440 / 15.48707684 minutes; by hand, n = 1.126255e-3 rad/s, a = 6798.6 km, over 6378.135 km.
     assert lines[2] == "  period       92.98 min"
     assert lines[3] == "  apogee       425 km"

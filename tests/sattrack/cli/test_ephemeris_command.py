@@ -93,10 +93,21 @@ def test_the_formats_agree(ask):
         assert {k: str(v).lower() if k == "sunlit" else str(v) for k, v in row.items()} == dict(cells)
     code, out, err = ask()
     assert (code, err) == (0, "")
-    head, first, _ = out.splitlines()
-    assert head.split()[:2] == ["UTC", "RA"]
-    assert first.split()[:3] == ["2026-10-02T13:01:06.000Z", "130.628333", "-1.012520"]
+    head, day, first, _ = out.splitlines()
+    assert head.split()[:2] == ["Time", "RA"]
+    assert day == "Fri 2 Oct 2026, UTC"
+    assert first.split()[:3] == ["13:01:06.000", "130.628333", "-1.012520"]
     assert first.split()[-1] == "lit"
+
+
+def test_the_table_is_in_local_time_with_a_line_for_each_day(ask, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sattrack.toml").write_text('zone = "Asia/Kathmandu"\n')
+    midnight = ("--from", "2026-10-02T18:14:30Z", "--to", "2026-10-02T18:15:00Z", "--step", "30")
+    _, before, first, after, second = ask(*midnight)[1].splitlines()
+    assert (before[:14], first[:8]) == ("Fri 2 Oct 2026", "23:59:30")
+    assert (after[:14], second[:8]) == ("Sat 3 Oct 2026", "00:00:00")
+    assert ask(*midnight, "--utc")[1].splitlines()[2].startswith("18:14:30.000 ")
 
 
 @pytest.mark.parametrize(

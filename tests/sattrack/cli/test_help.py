@@ -128,7 +128,13 @@ def test_a_renamed_option_shows_its_present_name_and_takes_the_former_one() -> N
     renamed = [
         (name, one) for name, each in LEAVES.items() for one in each.params if isinstance(one, RenamedOption)
     ]
-    assert {former for _, one in renamed for former in one.opts[1:]} == {"--html", "--png", "--out"}
+    assert {former for _, one in renamed for former in one.opts[1:]} == {
+        "--camera-flip",
+        "--camera-rotation",
+        "--html",
+        "--out",
+        "--png",
+    }
     for name, one in renamed:
         text = LEAVES[name].get_help(click.Context(LEAVES[name], info_name=name))
         assert all(f"{former} " not in text for former in one.opts[1:])

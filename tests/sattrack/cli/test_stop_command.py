@@ -190,7 +190,7 @@ def test_the_only_mount_the_only_real_one_and_all_of_them_are_stopped_at_once(
     out, err = capsys.readouterr()
     for each in sessions:
         assert (f"stopping {each.mount}: asking `{each.command}`" in err) == (each in expected)
-        assert (f"goes on: {each.mount}" in err) == (each not in expected)
+        assert (f"still runs: {each.mount}" in err) == (each not in expected)
     assert out.count("stopped and seen at rest") == len(expected)
 
 

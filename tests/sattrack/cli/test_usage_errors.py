@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -139,6 +142,48 @@ elements check                                  | elements
 elements check none.tle                         | check the name
 elements get {tle} --format yaml                | is not one of 'csv',
 doctor --mnt sim                                | did you mean '--mount'?
+passes ISS                                      | give it with --elements FILE
+passes Hubble --site 52,4,0                     | save http
+passes '' {at}                                  | which hold ISS
+passes 25 544 {at}                              | no satellite '25'
+ephemeris Vega --site 52,4,0                    | set stars in sattrack.toml
+ephemeris Vegga {at}                            | which hold ISS (ZARYA) (25544)
+passes ISS --elements {tle} --site Leiden       | write LAT,LON,HEIGHT as 52.15,4.49,0
+passes ISS --elements {tle} --site '52.1 4.4 0' | write LAT,LON,HEIGHT as 52.15,4.49,0
+passes ISS --elements {tle} --site 52,1,4,9,0   | write LAT,LON,HEIGHT as 52.15,4.49,0
+passes ISS --elements {tle} --site "52°9'N,4°29'E,0" | must be numbers, as 52.15,4.49,0
+passes ISS --elements {tle} --site 4.49         | write LAT,LON,HEIGHT as 52.15,4.49,0
+passes ISS --elements {tle} --site              | needs a value after it
+passes {at} --from tonight                      | write UTC as 2026-10-02T13:05:24.5Z
+passes {at} --from 02/10/2026                   | write UTC as 2026-10-02T13:05:24.5Z
+passes {at} --from 2026-10-02T25:00:00Z         | hour must be in 0..23
+passes {at} --hours 6h                          | '6h' is not a number
+ephemeris ISS {at} --step 0.00001               | give a longer step
+track ISS {at} --mount 192.0.2.7                | write sim, xerxes://
+track ISS {at} --mount xerxes:192.0.2.7         | write xerxes://HOST:PORT?listen=PORT
+track ISS {at} --mount xerxes://mount.invalid:1 | check the name, or give its IP address
+mount status                                    | --mount sim is a simulated one for practice
+mount status --mount simulator                  | write sim, xerxes://
+passes ISS --site 52,4,0 --elements {readme}    | give a TLE, 3LE or OMM file
+passes ISS --site 52,4,0 --elements empty.tle   | is empty
+passes ISS --site 52,4,0 --elements celestrack:visual | write celestrak:GROUP
+report {readme}                                 | not an MCAP file
+replay tonight                                  | check the name and the folder
+report                                          | missing argument 'FILES...'; see
+report {pass} --output /nowhere/x.html          | check the name and the folder
+passes {at} --plot                              | needs a value after it
+rehearse ISS {at} --plot /nowhere/p.png         | the folder does not exist
+--mount sim track ISS                           | see `sattrack --help`
+Track ISS                                       | did you mean 'track'?
+track ISS -mount sim                            | did you mean '--mount'?
+track 'ISS --mount sim'                         | --mount sim is a simulated one
+track ISS —mount sim                            | options begin with --, two hyphens
+help                                            | see `sattrack --help`
+passes {at} --json --csv                        | give only one
+elements get celestrak:stations                 | check the network, or bring a file
+passes ISS --site 52,4,0 --elements https://celestrak.invalid/x | check the network, or bring a file
+passes ISS --site 52,4,0 --elements spacetrack:25544 | set SATTRACK_SPACETRACK_USER
+init --yes --city Leiden --mount sim --config /nowhere/b.toml | make it first
 """
 """Command lines, and what to do in the answer of each."""
 
@@ -153,7 +198,9 @@ def test_a_wrong_command_line_is_answered_in_one_line_with_what_to_do(
     line, _, advice = case.partition(" | ")
     places = {"at": " ".join(ELEMENTS), "tle": ELEMENTS[1], "night": f"{EXAMPLES}/night.toml"}
     places["pass"] = f"{EXAMPLES}/passes/clean.mcap"
-    assert run(line.format(**places).split()) in {1, 2}
+    places["readme"] = f"{EXAMPLES.parent}/README.md"
+    (tmp_path / "empty.tle").touch()
+    assert run(shlex.split(line.format(**places))) in {1, 2}
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
     assert err.startswith("sattrack: ")
@@ -173,6 +220,31 @@ def test_a_wrong_command_line_is_answered_in_one_line_with_what_to_do(
         ("[site]\nlatitude_deg = 1\n", "1: longitude_deg is missing in [site]"),
         ("[screen]\ntheme = 'rde'\n", "2: theme is 'rde'; did you mean 'red'?"),
         ("[site\n", "1:6: not a TOML file: Expected ']' at the end of a table declaration"),
+        ("site = 'Leiden'\n", "1: site is 'Leiden'; give a table, [site] and its keys below"),
+        (
+            "[site]\nlatitude_deg = 52,1\n",
+            "2:18: not a TOML file: Expected newline or end of document after a statement; "
+            "write a decimal point, not a comma",
+        ),
+        (
+            "[site]\nlatitude_deg = 952.1\nlongitude_deg = 4.4\n",
+            "1: the site's latitude of 952.1 is outside -90 to 90 degrees north",
+        ),
+        ("elements = 'iss.tle'\n", "1: elements is 'iss.tle'; give a list in [ ]"),
+        ("mount = 'sim'\n", "1: mount is 'sim'; give a table, [mount] and its keys below"),
+        ("zone = 'CEST'\n", "1: zone 'CEST' is no time zone: write it as Europe/Amsterdam, or UTC"),
+        ("zone = +2\n", "1: zone is 2; give text in quotes"),
+        (
+            "min_altitude_deg = -20\n",
+            "1: safety.floor_altitude_deg is 0, above min_altitude_deg, -20: nothing is followed below the "
+            "floor; raise min_altitude_deg, or lower the floor",
+        ),
+        ("[screen]\n[screen]\n", "2:8: not a TOML file: Cannot declare ('screen',) twice"),
+        (
+            "[camera]\nscale = 2\n",
+            "2: unknown key 'scale' in [camera]; there are fov_deg, "
+            "scale_arcsec_px, rotation_deg, flipped, kind",
+        ),
     ],
 )
 def test_a_wrong_setting_is_told_with_file_line_table_and_the_nearest_key(
@@ -182,6 +254,22 @@ def test_a_wrong_setting_is_told_with_file_line_table_and_the_nearest_key(
     path.write_text(text)
     assert run(["passes", "--config", str(path)]) == 2
     assert capsys.readouterr() == ("", f"sattrack: {path}:{words}\n")
+
+
+def test_a_folder_that_is_closed_to_the_user_is_told_with_what_to_do(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Root may read and write everywhere: the system's refusal is made here."""
+
+    def exists(path: Path) -> bool:
+        if path.suffix == ".html":
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+        return path in Path.cwd().parents
+
+    monkeypatch.setattr(Path, "exists", exists)
+    assert run(["report", f"{EXAMPLES}/passes/clean.mcap", "--output", "/root/x.html"]) in {1, 2}
+    advice = "choose another folder, or change who may use this one"
+    assert capsys.readouterr() == ("", f"sattrack: /root/x.html: Permission denied; {advice}\n")
 
 
 @pytest.mark.parametrize("name", ["ISSS", "ISS (ZARIA)", "zariya"])

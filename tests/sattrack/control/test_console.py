@@ -483,7 +483,7 @@ class TestJogs:
         bench.console.request(Slew(sky(bench, 30.0), 60.0), bench.now_s)
         bench.turn()
         assert bench.console.jog(0.5, None, bench.now_s) == RequestRefused(
-            "something is under way: SPACE stops it, then jog"
+            "an operation is in progress: SPACE stops it, then jog"
         )
         bench = self.bench()
         bench.cut = True

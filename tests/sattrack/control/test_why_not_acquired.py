@@ -53,7 +53,7 @@ def test_nothing_is_said_where_nothing_tells() -> None:
         ({"dec": DEC._replace(ratio=1.08)}, "declination moved +8 % against what was commanded"),
         (
             {"learnt": learnt(restarts=5)},
-            "the filters began anew 5 times; it was off by 3″ in right ascension and 4″ in declination",
+            "the filters restarted 5 times; it was off by 3″ in right ascension and 4″ in declination",
         ),
         ({"followed_s": 0.0}, "it followed for 0.0 s only"),
     ],

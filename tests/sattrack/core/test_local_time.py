@@ -9,7 +9,20 @@ from zoneinfo import ZoneInfo
 
 import pytest
 
-from sattrack.core.local_time import clock, date, day, instant, is_zone, span, until, use_zone, zone_name
+from sattrack.core.local_time import (
+    clock,
+    date,
+    day,
+    duration,
+    instant,
+    is_zone,
+    localised,
+    moment,
+    span,
+    until,
+    use_zone,
+    zone_name,
+)
 
 # Central Europe turned its clocks back on 2026-10-25 at 01:00 UTC.
 SUMMER_S = datetime(2026, 10, 25, 0, 59, 59, tzinfo=UTC).timestamp()
@@ -46,6 +59,25 @@ def test_times_are_those_of_the_python_library_in_any_zone(zone):
 )  # fmt: skip
 def test_how_long_it_is_until_then(seconds, text):
     assert until(seconds) == text
+    assert text in (f"in {duration(seconds)}", f"{duration(seconds)} ago", "now")
+
+
+def test_decimals_are_rounded_and_never_carry_into_a_sixtieth_second():
+    use_zone("Europe/Amsterdam")
+    assert clock(SUMMER_S + 0.96, 1) == "02:00:00.0"
+    assert clock(SUMMER_S + 0.04, 3) == "02:59:59.040"
+    assert moment(WINTER_S + 86400.0, WINTER_S) == "Mon 26 02:00:00"
+    assert moment(WINTER_S + 60.0, WINTER_S) == "02:01:00"
+
+
+def test_stamps_within_a_text_become_local_and_nothing_else_does():
+    use_zone("Asia/Kathmandu")
+    text = "from 2026-10-02T18:14:30Z to 2026-10-02T18:15:00.250Z, day 2026-10-02"
+    assert localised(text) == (
+        "from Fri 2 Oct 2026 23:59:30 +0545 to Sat 3 Oct 2026 00:00:00 +0545, day 2026-10-02"
+    )
+    begin_s = datetime(2026, 10, 2, 18, 14, 30, tzinfo=UTC).timestamp()
+    assert localised(text, begin_s) == "from 23:59:30 to Sat 3 00:00:00, day 2026-10-02"
 
 
 def test_what_is_no_zone_is_refused():
@@ -70,6 +102,25 @@ def test_passes_are_listed_in_the_settings_zone_and_with_utc_in_utc(tmp_path):
     # docs/passes.md: the pass over Leiden rises at 13:01:55 UTC; Tokyo is 9 h ahead.
     assert (local[2][:6], utc[2][:6]) == ("22:01:", "13:01:")
     assert '"rise_utc": "2026-10-02T13:01:' in listed(tmp_path, "--json")[0]
+
+
+def test_a_rehearsal_is_shown_in_the_settings_zone_and_with_utc_in_utc(tmp_path):
+    (tmp_path / "sattrack.toml").write_text('zone = "Pacific/Auckland"\n')
+    (tmp_path / "iss.tle").write_text(ISS)
+    words = ("rehearse", "ISS", "--elements", "iss.tle", "--site", "52.1541,4.4908,0")
+    # Summer time begins there on 27 September 2026: 13 h ahead. docs/passes.md has the times.
+    zones = (
+        ((), "Sat 3 Oct 2026 02:01:59 to 02:08:49 NZDT"),
+        (("--utc",), "Fri 2 Oct 2026 13:01:59 to 13:08:49 UTC"),
+    )
+    for options, shown in zones:
+        command = [sys.executable, "-m", "sattrack", *words, "--clock", "2026-10-02T06:35:00Z", "--pass", "3"]
+        done = subprocess.run(
+            [*command, *options], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+        )
+        head = done.stdout.splitlines()[0]
+        assert shown in head, done
+        assert "begins in 6 h 27 min" in head
 
 
 def test_a_zone_that_is_none_is_named_with_its_line(tmp_path):

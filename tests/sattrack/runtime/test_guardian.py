@@ -165,7 +165,7 @@ def test_a_mount_that_is_not_known_at_rest_is_stopped_on_until_somebody_gives_up
     assert arrivals == [8, 9, 10]
     owner = owner_of(address.name)
     assert owner is not None
-    with pytest.raises(Taken, match=f"not known at rest: .*its guardian, process {pid}, goes on"):
+    with pytest.raises(Taken, match=f"not known at rest: .*its guardian, process {pid}, still sends"):
         claim(address)
     given_up = ask_give_up(owner)
     assert given_up is not None

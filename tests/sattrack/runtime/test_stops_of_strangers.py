@@ -199,7 +199,7 @@ def test_a_link_cut_for_longer_than_a_session_waits_leaves_a_guardian_that_stops
             refused = capsys.readouterr().err
             assert refused.count("\n") == 1
             assert "is not known at rest: `sattrack mount move" in refused
-            assert f"process {guardian}, goes on telling it to stop since" in refused
+            assert f"process {guardian}, still sends it stops, since" in refused
             assert "`sattrack stop --give-up` ends that" in refused
 
             mount.wait_s(max(0.0, cut_s + CUT_S - time.time()))
@@ -214,7 +214,7 @@ def test_a_link_cut_for_longer_than_a_session_waits_leaves_a_guardian_that_stops
             said = feeder.end()
     assert feeder.process.returncode == 4
     assert ended_s - cut_s < CUT_S
-    assert "goes on telling the mount to stop, which is NOT KNOWN AT REST" in said
+    assert "still sends stops to the mount, which is NOT KNOWN AT REST" in said
     assert "seen at rest after" in (tmp_path / "sattrack" / "guardian.log").read_text()
 
 
@@ -234,7 +234,7 @@ def test_a_stop_tells_that_it_goes_on_and_may_be_given_up(
             assert not stopped["at_rest"]
             assert stopped["goes_on"]["pid"] == guardian
             assert "hear" in stopped["goes_on"]["heard"]
-            assert "goes on telling it to stop since" in stopped["words"]
+            assert "still sends it stops, since" in stopped["words"]
             assert is_guardian(guardian)
             assert run(["stop", "--mount", mount.url, "--give-up"]) == 0
             assert f"process {guardian} gave up" in capsys.readouterr().out

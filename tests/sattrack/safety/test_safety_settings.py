@@ -178,7 +178,7 @@ def test_a_run_keeps_the_limits_with_which_it_began(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("later", "says"),
     [
-        ("floor_altitude_deg = 8.0", "kept the settings with which it began; the next command takes them"),
+        ("floor_altitude_deg = 8.0", "kept the settings of its start; the next command takes them"),
         ("sun_cone_deg = 0.0", "the next command will refuse them: {path}:2: sun_cone_deg is 0, but"),
         (None, None),
     ],

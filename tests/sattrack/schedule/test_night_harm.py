@@ -357,7 +357,7 @@ def test_a_full_disk_ends_no_run_and_what_happened_meanwhile_is_kept_when_there_
         journal.append(event, at, order)
         journal.beat(Heartbeat(world.now))
         troubles.append(journal.trouble)
-    assert all("the run goes on without it" in str(trouble) for trouble in troubles)
+    assert all("the run continues without it" in str(trouble) for trouble in troubles)
     next(disk)
     journal.beat(Heartbeat(world.now))
     assert journal.trouble is None
@@ -383,7 +383,7 @@ def test_a_run_that_starts_on_a_full_disk_goes_on_by_its_journal(
     before = [part.name for part in parts_of(night[0] / FILE_NAME)]
     taken = open_run(night[0], BEGIN)
     assert (taken.words, taken.run) == (None, night[1])
-    assert "the run goes on without it" in str(taken.journal.trouble)
+    assert "the run continues without it" in str(taken.journal.trouble)
     taken.journal.append(StopAsked(utc_s=BEGIN), taken.run, End(why="x"))
     assert [part.name for part in parts_of(night[0] / FILE_NAME)] == before
 

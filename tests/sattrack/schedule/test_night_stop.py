@@ -121,8 +121,8 @@ def test_after_a_stop_nothing_is_followed_until_a_person_resumes(
     for _ in range(2):
         assert run(plan.arguments("run")) == 130
         err = capsys.readouterr().err
-        assert "stopped by an operator (`sattrack stop`, process 7, user 8) at 20" in err
-        assert f"sattrack run {tmp_path}/nights.toml --resume --folder {tmp_path}/run` goes on" in err
+        assert "stopped by an operator (`sattrack stop`, process 7, user 8) at " in err
+        assert f"sattrack run {tmp_path}/nights.toml --resume --folder {tmp_path}/run` resumes" in err
     assert run([*plan.arguments("run"), "--resume"]) == 0
     (night,) = told(plan.journal()).nights
     assert {result.state for result in night.results} == {"done"}
@@ -175,7 +175,7 @@ def test_a_stop_ends_a_runner_between_passes_and_the_journal_tells_of_it(
     finally:
         runner.kill()
     assert runner.returncode == 130
-    assert "--resume` goes on" in err
+    assert "--resume` resumes" in err
     *_, last = told_events(tmp_path / "night.run")
     assert last["event"] == "stop asked"
     assert "stopped by an operator (`sattrack" in last["words"]

@@ -220,7 +220,7 @@ def test_callers_beyond_what_is_allowed_are_hung_up_on_while_the_others_are_busy
         while here.server.refused < 1:
             here.serve()
         assert hung_up_on(third)
-    words = "127.0.0.1 was hung up on: there are 2 busy clients already, as many as --clients allows"
+    words = "127.0.0.1 was disconnected: there are 2 busy clients already, as many as --clients allows"
     assert words in here.rotator.log_lines
     while here.server.callers:
         here.serve()

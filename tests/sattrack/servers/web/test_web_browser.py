@@ -96,7 +96,7 @@ def test_the_page_is_served_to_whom_it_is_for_and_fetches_nothing_from_elsewhere
         assert "HttpOnly" in headers["Set-Cookie"]
         code, text, headers = fetched(address, Cookie=cookie)
         assert (code, headers["Refresh"]) == (200, "3; url=/")
-        assert "No run goes on" in text
+        assert "No run is active" in text
         run.bind(name_for(os.getpid()))
         code, text, headers = fetched(address, Cookie=cookie)
         assert code == 200
@@ -182,7 +182,7 @@ def test_no_screen_outlives_its_visitor_or_the_page() -> None:
     with started(sys.executable, "-m", "sattrack", "demo", "--headless", "--json") as demo:
         for drawn in (False, True):
             with page(run=demo.pid) as url:
-                while "No run goes on" in fetched(url)[1]:
+                while "No run is active" in fetched(url)[1]:
                     pass
                 asyncio.run(visited(url, demo.pid, drawn, None))
         for number in (signal.SIGTERM, signal.SIGKILL):
