@@ -10,12 +10,16 @@ import gc
 import os
 import shutil
 import signal
+import sys
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator
+
+# Tests and program stay compiled, whatever is set: to do it anew is two thirds of each worker's collection.
+sys.dont_write_bytecode = False
 
 REQUIRED = os.environ.get("SATTRACK_REAL_PROGRAMS") == "required"
 

@@ -9,7 +9,8 @@ from safety_draws import Judged, draw, fly
 from sattrack.safety import bounds, rate_limit
 
 SHORT_S = 45.0
-RUNS, PARTS = 10, 2
+RUNS = 10
+FEW = (1, 3, 4)
 FOUND_BY = {"hour_angle": 1, "sun": 13}
 """A run, of those, in which a row that is left out shows."""
 
@@ -19,13 +20,13 @@ def flown(seed: int, longest_s: float = SHORT_S) -> tuple[str, Judged]:
     return drawn.words, fly(drawn)
 
 
-@pytest.mark.parametrize("part", range(PARTS))
-def test_no_limit_is_passed_and_every_run_ends_at_rest(part: int) -> None:
-    share = RUNS // PARTS
-    for seed in range(part * share, (part + 1) * share):
-        words, judged = flown(seed)
-        assert not judged.violated, (words, judged.nearest_deg)
-        assert judged.at_rest, words
+@pytest.mark.parametrize(
+    "seed", [n if n in FEW else pytest.param(n, marks=pytest.mark.soak) for n in range(RUNS)]
+)
+def test_no_limit_is_passed_and_every_run_ends_at_rest(seed: int) -> None:
+    words, judged = flown(seed)
+    assert not judged.violated, (words, judged.nearest_deg)
+    assert judged.at_rest, words
 
 
 def test_a_mount_gets_out_of_a_corner_between_a_skyline_and_the_suns_cone_that_closes_on_it() -> None:
