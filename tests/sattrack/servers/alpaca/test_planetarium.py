@@ -256,6 +256,9 @@ class Line:
         while (heard := self.ask(text)) != answer:
             assert time.monotonic() < until_s, heard
 
+    def send(self, data: bytes) -> None:
+        self._line.sendall(data)
+
     def is_hung_up_on(self) -> bool:
         try:
             return self._line.recv(1) == b""
@@ -289,9 +292,9 @@ def test_several_protocols_serve_one_telescope_and_each_may_stop_it() -> None:
         assert lx200.ask(":CM#") == b"Coordinates     matched.        #"
         # A goto of Stellarium's is seen by LX200, and stopped by it.
         ra_raw = int(ra_h / 24.0 * 2**32) % 2**32
-        stellarium._line.sendall(struct.pack("<HHqIi", 20, 0, 0, ra_raw, int(5.0 / 360.0 * 2**32)))
+        stellarium.send(struct.pack("<HHqIi", 20, 0, 0, ra_raw, int(5.0 / 360.0 * 2**32)))
         lx200.until(":D#", b"\x7f#")
-        lx200._line.sendall(b":Q#")
+        lx200.send(b":Q#")
         lx200.until(":D#", b"#")
         assert lx200.ask(":GW#") == b"PN1#"
         for junk in (
@@ -301,7 +304,7 @@ def test_several_protocols_serve_one_telescope_and_each_may_stop_it() -> None:
         ):
             for port in (lx200_port, stellarium_port):
                 with Line(port) as other:
-                    other._line.sendall(junk)
+                    other.send(junk)
                     other._line.shutdown(socket.SHUT_WR)
                     while not other.is_hung_up_on():
                         pass
@@ -312,7 +315,7 @@ def test_several_protocols_serve_one_telescope_and_each_may_stop_it() -> None:
 
 def test_motion_begun_with_a_key_ends_with_the_connection() -> None:
     with serving_program("lx200") as served, Line(served.port) as line, Line(served.port) as other:
-        line._line.sendall(b":RM#:Mn#")
+        line.send(b":RM#:Mn#")
         line.until(":D#", b"\x7f#")
         line.close()
         other.until(":D#", b"#")
@@ -464,13 +467,17 @@ def test_indis_clients_slew_move_and_stop_the_mount_itself_and_behind_their_own_
 @pytest.mark.needs("indi_getprop")
 def test_a_satellite_that_kstars_would_send_is_followed_and_let_go(program: Callable[[str], str]) -> None:
     lines = (EXAMPLES / "iss_leiden.tle").read_text().splitlines()[-2:]
-    with serving_program("indi", "--clock", "2026-10-02T13:03:00Z") as served:
+    with serving_program("indi", "--clock", "2026-10-02T13:03:00Z") as served, Line(served.port) as line:
         client = Indi(served.port, indi.DEVICE, program)
         client.set("CONNECTION.CONNECT=On")
         client.set("SAT_TRACKING_STAT.SAT_TRACK=On;SAT_HALT=Off")
         client.until("SAT_TRACKING_STAT._STATE", lambda value: value == "Alert")
-        client.set("SAT_TLE_TEXT.TLE=" + "\n".join(lines))
-        client.set("SAT_TRACKING_STAT.SAT_TRACK=On;SAT_HALT=Off")
+        # INDI's own program sends the first line of a text alone.
+        for one in (
+            message("Text", "SAT_TLE_TEXT", TLE="\n".join(lines)),
+            message("Switch", "SAT_TRACKING_STAT", SAT_TRACK="On", SAT_HALT="Off"),
+        ):
+            line.send(ElementTree.tostring(one))
         client.until("SAT_TRACKING_STAT.SAT_TRACK", lambda value: value == "On")
         client.set("SAT_TRACKING_STAT.SAT_TRACK=Off;SAT_HALT=On")
         client.until("SAT_TRACKING_STAT.SAT_TRACK", lambda value: value == "Off")
