@@ -25,6 +25,7 @@ VERSIONS = ("3.11", "3.12", "3.13")
 DEMO = ("demo", "--headless", "--seconds", "5", "--json")
 PACKAGED = (
     "sattrack/data/cities.csv.gz",
+    "sattrack/data/land.txt.gz",
     "sattrack/servers/templates/index.html",
     "sattrack/servers/templates/list.html",
     "sattrack/tui/console.tcss",

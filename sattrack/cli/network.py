@@ -75,6 +75,7 @@ def passes(
     check_hours(hours)
     engine = _engine(workers, cluster)
     stations = read_stations(stations_file)
+    _tell_in_the_sea(stations)
     elements = context.elements()
     begin = Utc.parse(start) if start else context.now()
     _tell_orientation(stations, begin, hours)
@@ -334,6 +335,19 @@ def _engine(workers: int | None, cluster: str | None) -> Engine:
 
         return DaskCluster(cluster, tell)
     return in_this_process if workers is None else LocalWorkers(workers)
+
+
+def _tell_in_the_sea(stations: list[Station]) -> None:
+    """Warn of stations whose place is high, and far from land: a sign or two numbers may be exchanged."""
+    from sattrack.network.land import offshore_km
+
+    for one in stations:
+        if one.height_m > 500.0 and (away_km := offshore_km(one.latitude_deg, one.longitude_deg)) > 50.0:
+            tell(
+                f"warning: {one.name}: {one.height_m:g} m high at {one.latitude_deg:g}° north, "
+                f"{one.longitude_deg:g}° east, which is in the sea, {away_km:.0f} km from land: check its "
+                "signs, unless it is on an island of a few kilometres"
+            )
 
 
 def _tell_orientation(stations: list[Station], begin: Utc, hours: float) -> None:

@@ -239,7 +239,7 @@ class _Prices:
             bound = min(bound, total)
             if number % _EVERY == 0:
                 for _ in range(_SWEEPS):
-                    taken = _improved(problem, self._ties, taken)
+                    taken = _improved(problem, self._ties, taken, problem.stations)
                 if (found := problem.worth(taken)) > value:
                     best, value = taken, found
             if bound - value <= gap * bound:
@@ -260,11 +260,11 @@ def _sums(which: Index, values: Array, size: int) -> Array:
     return np.bincount(which, values, minlength=size).astype(np.float64, copy=False)
 
 
-def _improved(problem: Assignment, ties: _Ties, taken: Index) -> Index:
-    """Return a choice in which each station in turn has the best plan beside those of the others."""
+def _improved(problem: Assignment, ties: _Ties, taken: Index, stations: Sequence[StationPasses]) -> Index:
+    """Return a choice in which some stations in turn have the best plan beside those of the others."""
     size, is_taken = len(problem.value), np.zeros(len(problem.value), dtype=bool)
     is_taken[taken] = True
-    for station in problem.stations:
+    for station in stations:
         is_taken[station.members] = False
         best = np.zeros(int(problem.fresh.max(initial=-1)) + 2)
         others = np.flatnonzero(is_taken & (problem.fresh >= 0))
@@ -294,8 +294,10 @@ class Assigned:
         return max(0.0, self.bound - self.value) / self.bound if self.bound > 0.0 else 0.0
 
 
-def assign(problem: Assignment, seconds: float = 60.0, gap: float = 1e-4) -> Assigned:
-    """Return the best choice found within a time, never worth less than the greedy one.
+def assign(
+    problem: Assignment, seconds: float = 60.0, gap: float = 1e-4, known: Index | None = None
+) -> Assigned:
+    """Return the best choice found within a time, never worth less than the greedy one, nor a known one.
 
     It ends sooner where the bound is within a share `gap`. Raises SattrackError without HiGHS, or where the
     passes that are kept exclude each other.
@@ -312,8 +314,11 @@ def assign(problem: Assignment, seconds: float = 60.0, gap: float = 1e-4) -> Ass
         kept = np.isin(station.members, problem.kept)
         if station.clash[np.ix_(kept, kept)].any():
             raise SattrackError("what has begun cannot all be kept: passes of one station overlap")
+    start = greedy(problem)
+    if known is not None and problem.worth(known) > problem.worth(start):
+        start = known
     prices = _Prices(problem, _Ties(problem))
-    found, value, bound = prices.descend(greedy(problem), until_s - (1.0 - _SHARE) * seconds, gap)
+    found, value, bound = prices.descend(start, until_s - (1.0 - _SHARE) * seconds, gap)
     order = np.argsort(problem.start_s, kind="stable")
     most = size if size <= _MOST else _MOST_AT_ONCE
     before = -math.inf
@@ -333,6 +338,11 @@ def assign(problem: Assignment, seconds: float = 60.0, gap: float = 1e-4) -> Ass
             if most == size:
                 return Assigned(found, value, max(value, min(bound, above)))
     return Assigned(found, value, max(value, bound))
+
+
+def repaired(problem: Assignment, taken: Index, stations: Sequence[StationPasses]) -> Index:
+    """Return a choice in which some stations have the best plan beside what the others take already."""
+    return _improved(problem, _Ties(problem), taken, stations)
 
 
 def _part(problem: Assignment, free: Index, taken: Index) -> tuple[Assignment, Index]:

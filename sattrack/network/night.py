@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass, field
-from itertools import pairwise
+import time
+from dataclasses import dataclass, field, replace
+from itertools import count, pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import tomli_w
 
 from sattrack.core.errors import BadInputError
-from sattrack.network.assign import Assigned, Assignment, StationPasses, assign
+from sattrack.network.assign import Assigned, Assignment, StationPasses, assign, repaired
 from sattrack.network.dataset import MANIFEST
 from sattrack.network.search import parquet_modules
 from sattrack.network.stations import station_named
@@ -41,7 +42,9 @@ if TYPE_CHECKING:
 DARK_SUN_DEG = -6.0
 MOST_A_STATION = 2000
 LEAST_COMMON_S = 60.0
-_MOST_ROUNDS = 8
+_LEAST_SEARCH_S = 2.0
+_MOST_ROUNDS = 6
+"""So often passes with a conflict are tried in other plans, before they are left out."""
 _COLUMNS = ("rise_utc", "culminate_utc", "set_utc", "sunlit_from_utc", "sunlit_to_utc")
 _FIELDS = ("max_alt_deg", "rise_az_deg", "culminate_az_deg", "set_az_deg", "sun_alt_deg")
 
@@ -349,30 +352,28 @@ def plan_night(
     value[kept] = np.maximum(value[kept], 1e-6)
     fresh, together = _fresh(passes, wishes, span[0]), together_of(passes, stations, wishes.baseline_km)
     left_out: set[int] = set()
-    for number in range(_MOST_ROUNDS):
+    checked: list[set[tuple[int, int]]] = [set() for _ in stations]
+    until_s, again = time.monotonic() + seconds, list[int]()
+    found = Assigned(np.empty(0, dtype=np.intp), 0.0, math.inf)
+    for number in count():
+        every = [StationPasses(w, clash) for w, clash in zip(members, clashes, strict=True)]
         problem = Assignment(
-            passes.start_s,
-            value,
-            [StationPasses(w, clash) for w, clash in zip(members, clashes, strict=True)],
-            fresh,
-            together,
-            kept,
-            wishes.repeat,
-            wishes.parallax,
+            passes.start_s, value, every, fresh, together, kept, wishes.repeat, wishes.parallax
         )
-        found = assign(problem, seconds)
-        taken, refused = found.taken, 0
+        found = _chosen(problem, found, [every[k] for k in again], until_s - time.monotonic())
+        again = []
         for k, one in enumerate(stations):
             if progress is not None:
                 progress("planned", k, len(stations))
-            mine = np.intersect1d(members[k], taken)
+            mine = np.intersect1d(members[k], found.taken)
             mine = mine[np.argsort(passes.start_s[mine], kind="stable")]
             file = folder / f"{one.station.name}.toml"
             file.write_text(schedule_text(passes.take(mine), one, wishes, span), encoding="utf-8")
-            for lost, others in _refused(file, mine, passes, one, elements, span):
-                refused += 1
+            refused = _refused(file, mine, passes, one, elements, span, checked[k])
+            again += [k] if refused else []
+            for lost, others in refused:
                 rows = np.flatnonzero(np.isin(members[k], others))
-                if len(rows) and number < _MOST_ROUNDS - 2 and lost not in kept:
+                if len(rows) and number < _MOST_ROUNDS and lost not in kept:
                     own = np.flatnonzero(members[k] == lost)
                     clashes[k][own, rows] = clashes[k][rows, own] = True
                 else:
@@ -381,12 +382,25 @@ def plan_night(
                     left_out.add(lost)
         if progress is not None:
             progress("planned", len(stations), len(stations))
-        if not refused:
+        if not again:
             break
+    taken = found.taken
     worths = problem.worths(taken)
     order = np.lexsort((passes.station[taken], passes.start_s[taken]))
     shared = np.array([bool(np.isin(together.get(int(k), ()), taken).any()) for k in taken], dtype=bool)
     return Night(span, passes.take(taken[order]), worths[order], shared[order], found, len(left_out))
+
+
+def _chosen(problem: Assignment, before: Assigned, again: Sequence[StationPasses], left_s: float) -> Assigned:
+    """Return a choice, begun with one of a problem that allowed more: its bound holds for this one too.
+
+    It takes half of the time that is left; where little is, some stations alone are planned `again`.
+    """
+    known = repaired(problem, before.taken, again)
+    found = Assigned(known, problem.worth(known), before.bound)
+    if left_s > _LEAST_SEARCH_S or math.isinf(before.bound):
+        found = assign(problem, 0.5 * left_s, known=known)
+    return replace(found, bound=max(found.value, min(found.bound, before.bound)))
 
 
 def _refused(
@@ -396,19 +410,30 @@ def _refused(
     one: Mounted,
     elements: Mapping[int, Elements],
     span: Span,
+    checked: set[tuple[int, int]],
 ) -> list[tuple[int, list[int]]]:
-    """Return the passes of a schedule that its planner loses, each with those that it conflicts with."""
-    if not len(mine):
+    """Return the passes of a schedule that its planner loses, each with those that it conflicts with.
+
+    What the planner allows, each pass and the way from one to the next, depends on those two alone: passes
+    that follow each other as in `checked` are left out, and those that it allows are added there (-1: none).
+    """
+    pairs = set(pairwise([-1, *mine.tolist(), -1]))
+    fresh = np.isin(mine, list({k for pair in pairs - checked for k in pair}))
+    if not fresh.any():
         return []
     known = Loaded([elements[int(n)] for n in dict.fromkeys(passes.number[mine].tolist())], False, str(file))
     situation = PlanSituation(span, span[0], one.station.site, one.profile, one.limits)
-    plan, _ = make_plan(load_schedule(file), situation, lambda _: known)
+    schedule = load_schedule(file)
+    entries = tuple(entry for entry, is_fresh in zip(schedule.entries, fresh, strict=True) if is_fresh)
+    plan, _ = make_plan(replace(schedule, entries=entries), situation, lambda _: known)
     at = {(int(passes.number[k]), _iso(passes.start_s[k])): int(k) for k in mine.tolist()}
     taken = [at[p.catalog_number, _short(p.start_utc)] for p in plan.passes]
-    return [
-        (at[lost.catalog_number, _short(lost.start_utc)], [taken[number - 1] for number in lost.with_numbers])
+    refused = {
+        at[lost.catalog_number, _short(lost.start_utc)]: [taken[number - 1] for number in lost.with_numbers]
         for lost in plan.lost
-    ]
+    }
+    checked |= {pair for pair in pairs if not refused.keys() & set(pair)}
+    return list(refused.items())
 
 
 def _short(utc: str) -> str:

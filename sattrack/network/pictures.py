@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sattrack.core.angles import wrap180
+from sattrack.network.land import coast_lines
 from sattrack.recording.rendering import STYLE, label_times, new_figure, save, times
 from tle.instants import Utc
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
     from sattrack.network.night import Mounted, Night
 
-ALONE, TOGETHER, LINK = "#1b7f5c", "#d9822b", "#e3b27a"
+ALONE, TOGETHER, LINK, LAND = "#1b7f5c", "#d9822b", "#e3b27a", "#eceff1"
 _LANE_INCH = 0.28
 
 
@@ -54,9 +55,13 @@ def _title(night: Night, stations: Sequence[Mounted]) -> str:
 
 
 def _map(axes: Any, night: Night, stations: Sequence[Mounted]) -> None:
-    """Draw the stations, larger the more they follow, and lines between those that look at once."""
+    """Draw land, the stations, larger the more they follow, and lines between those that look at once."""
     longitude = np.array([wrap180(one.station.longitude_deg) for one in stations])
     latitude = np.array([one.station.latitude_deg for one in stations])
+    for line in coast_lines():
+        for turn in (-360.0, 0.0, 360.0):
+            if (np.abs(line[:, 0] + turn) < 180.0).any():
+                axes.fill(line[:, 0] + turn, line[:, 1], facecolor=LAND, edgecolor="0.7", linewidth=0.4)
     for pair in sorted(_pairs(night)):
         axes.plot(longitude[list(pair)], latitude[list(pair)], color=LINK, linewidth=0.8, zorder=1)
     counts = np.bincount(night.passes.station, minlength=len(stations))
@@ -72,7 +77,8 @@ def _map(axes: Any, night: Night, stations: Sequence[Mounted]) -> None:
     axes.set(xlim=(-180.0, 180.0), ylim=(-90.0, 90.0), xlabel="longitude, °", ylabel="latitude, °")
     axes.set_xticks(range(-180, 181, 30))
     axes.set_yticks(range(-90, 91, 30))
-    axes.grid(color="0.92")
+    axes.grid(color="0.85", linewidth=0.4)
+    axes.set_axisbelow(True)
 
 
 def _pairs(night: Night) -> set[tuple[int, int]]:

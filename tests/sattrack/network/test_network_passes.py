@@ -19,6 +19,7 @@ from network_builders import START, STATIONS, contents, made_up, written
 
 from sattrack.cli.main import run
 from sattrack.network import dataset
+from sattrack.network.land import offshore_km
 from sattrack.network.stations import read_stations
 from tle.facts import pass_facts
 from tle.instants import Utc
@@ -334,3 +335,35 @@ def test_objects_that_sgp4_refuses_are_counted_and_named(
     assert run(arguments) == 0
     assert "1 of 5 objects left out, the first: DECAYING" in capsys.readouterr().err
     assert np.isin(95003, parquet.read_table(tmp_path / "out")["catalog_number"]) == False  # noqa: E712
+
+
+@pytest.mark.parametrize(
+    ("latitude_deg", "longitude_deg", "at_least_km", "at_most_km"),
+    [
+        pytest.param(28.76, -17.88, 0, 0, id="La Palma"),
+        pytest.param(28.76, 342.12, 0, 0, id="La Palma, counted eastward"),
+        pytest.param(19.82, -155.47, 0, 0, id="Mauna Kea"),
+        pytest.param(67.5, 179.9, 0, 0, id="Chukotka, east"),
+        pytest.param(67.5, -179.9, 0, 0, id="Chukotka, west"),
+        pytest.param(-89.99, 10.0, 0, 0, id="the south pole"),
+        pytest.param(42.0, 51.0, 50, 200, id="the Caspian Sea"),
+        pytest.param(0.0, 0.0, 500, 650, id="the Gulf of Guinea"),
+        pytest.param(90.0, 0.0, 680, 730, id="the north pole, 707 km from Kaffeklubben Island"),
+        # 48° 52.6' S, 123° 23.6' W: Lukatela's place of 1992.
+        pytest.param(-48.877, -123.393, 2600, 2730, id="Point Nemo, 2,688 km from land"),
+    ],
+)
+def test_land_and_sea_are_where_they_are(
+    latitude_deg: float, longitude_deg: float, at_least_km: float, at_most_km: float
+) -> None:
+    assert at_least_km <= offshore_km(latitude_deg, longitude_deg) <= at_most_km
+
+
+def test_a_high_station_at_sea_is_warned_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    elements, stations = written(tmp_path, low=2)
+    stations.write_text(STATIONS.replace("149.0617", "-149.0617"))
+    words = ["network", "passes", "--stations", str(stations), "--elements", str(elements)]
+    assert run([*words, "--from", START, "--hours", "1", "--out", str(tmp_path / "passes")]) == 0
+    printed = capsys.readouterr().err.splitlines()
+    assert [line for line in printed if "south: 1165 m high" in line and "in the sea, 1" in line]
+    assert not [line for line in printed if "north:" in line]
