@@ -36,6 +36,8 @@ PAGES = [
     ROOT / "docs" / "tutorial.md",
     *sorted((ROOT / "docs" / "howto").glob("*.md")),
 ]
+NIGHTS = ROOT / "docs" / "nights.md"
+"""Shows what its example prints, which docs/howto/unattended.md runs."""
 FENCE = re.compile(
     r"(?:^<!-- (?P<mark>[^\n]*?) -->\n)?^```(?P<kind>\w*)\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL
 )
@@ -115,6 +117,9 @@ def test_commands_run_as_shown(page: Path, tmp_path: Path) -> None:
             )
             assert done.returncode == 0, (block.text, done.stdout, done.stderr)
             printed = done.stdout
+            if "examples/night.toml --virtual" in block.text:
+                assert block.text in NIGHTS.read_text(encoding="utf-8")
+                assert printed in [one.text for one in blocks(NIGHTS)]
         elif block.kind == "" and not block.mark and not block.after and printed is not None:
             assert matches(block.text, printed), (block.text, printed)
             printed = None

@@ -7,11 +7,9 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.cli.main import run
 from sattrack.cli.run import command
 from sattrack.core.errors import InterruptedRunError, TerminatedRunError
 from sattrack.schedule import machine, schema
@@ -20,9 +18,6 @@ from sattrack.schedule.machine import BROKE_OFF
 from sattrack.schedule.night import NightPass, Result, RunState
 from sattrack.schedule.night_processes import as_environment, facts_of
 from sattrack.schedule.schema import Terms
-
-if TYPE_CHECKING:
-    import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "nights.md"
@@ -46,16 +41,6 @@ def test_the_table_is_the_machine_that_runs(tmp_path: Path) -> None:
     spoilt = check(tmp_path)
     assert spoilt.returncode == 1
     assert "run python -m tools.nights" in spoilt.stderr
-
-
-def test_the_run_of_the_example_ends_as_printed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(ROOT)
-    shown = next(block for _, block in BLOCKS if "examples/night.toml --virtual" in block)
-    words = shlex.split(shown.partition("sattrack run examples")[2].replace("\\\n", " "))
-    assert run(["run", f"examples{words[0]}", *words[1:-1], str(tmp_path / "tonight")]) == 0
-    assert capsys.readouterr().out in [block for _, block in BLOCKS]
 
 
 def test_the_schedule_of_the_page_loads_and_every_key_is_told(tmp_path: Path) -> None:

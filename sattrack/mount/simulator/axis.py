@@ -155,12 +155,6 @@ class Reference:
         """Whether a place that was asked for has not been reached."""
         return self._way is not None
 
-    @property
-    def _room_deg(self) -> float:
-        """How far it is to the nearer end of its travel."""
-        low, high = self.travel_deg
-        return min(self.position_deg - low, high - self.position_deg)
-
     def place(self, position_deg: float, rate_deg_s: float) -> None:
         """Begin anew somewhere, at a rate."""
         self.position_deg, self.rate_deg_s, self.acceleration_deg_s2 = position_deg, rate_deg_s, 0.0
@@ -187,9 +181,11 @@ class Reference:
         if self._way is not None:
             self._step_path(self._way, seconds)
             return
-        fastest = max(abs(self.rate_deg_s), abs(self._asked_deg_s))
+        rate, asked = abs(self.rate_deg_s), abs(self._asked_deg_s)
+        fastest = rate if rate > asked else asked
         reach = fastest * (seconds + fastest / self.max_acceleration_deg_s2)
-        if self._room_deg > reach:
+        low, high = self.travel_deg
+        if self.position_deg - low > reach and high - self.position_deg > reach:
             self.limited = False
             self._step_ramp(seconds, self._asked_deg_s)
             return
@@ -198,8 +194,9 @@ class Reference:
     def _step_near_limit(self, seconds: float, fastest: float) -> None:
         """Let time pass within reach of the limit: in small steps from where braking may begin."""
         braking = fastest * fastest / self.max_acceleration_deg_s2
+        low, high = self.travel_deg
         while seconds > 0.0:
-            room = self._room_deg - braking
+            room = min(self.position_deg - low, high - self.position_deg) - braking
             if room > fastest * LIMIT_STEP_S:
                 step_s, allowed = min(seconds, room / fastest), self._asked_deg_s
             else:
@@ -324,11 +321,23 @@ class Plant:
         self.current_a = self.acceleration_deg_s2 * servo.inertia_a_per_deg_s2 + friction_a
 
     def follow(self, reference: Reference, seconds: float) -> None:
-        """Let time pass for the reference and for the servo that follows it."""
-        omega = 2.0 * math.pi * self.servo.bandwidth_hz
+        """Let time pass for the reference and for the servo that follows it.
+
+        A simulated pass spends much of its time here: what stays the same from step to step is computed once.
+        """
+        servo = self.servo
+        omega = 2.0 * math.pi * servo.bandwidth_hz
         steps = max(1, math.ceil(seconds / min(STEP_S, STEP_OF_BANDWIDTH / omega)))
         dt = seconds / steps
-        stiffness, drag = omega * omega, 2.0 * self.servo.damping * omega
+        stiffness, drag, inertia = omega * omega, 2.0 * servo.damping * omega, servo.inertia_a_per_deg_s2
+        ahead_a = servo.friction_feedforward * servo.friction_a
+        against_a = max(servo.friction_a, servo.stiction_a) + servo.ripple_a
+        limit_a = self.max_acceleration_deg_s2 * TORQUE_MARGIN * inertia + against_a
+        if servo.current_limit_a is not None:
+            limit_a = min(limit_a, servo.current_limit_a)
+        gain = 2.0 * math.pi * servo.integral_hz * omega**2 * inertia
+        # More than from all friction one way to all the other way is never of use.
+        most_a = 2.0 * against_a
         for _ in range(steps):
             # Both are compared at one instant, the step's beginning, and then moved alike: otherwise a steady
             # rate would leave a steady offset.
@@ -338,8 +347,17 @@ class Plant:
             reference.step(dt)
             # The mean over the step: what it has to be for the reference to be where it will be.
             wanted = (reference.rate_deg_s - before) / dt + stiffness * behind + drag * slow
-            self._drive(wanted, behind, before, dt)
-            self.push(self.current_a, dt)
+            current_a = wanted * inertia
+            if before:
+                current_a += math.copysign(ahead_a, before)
+            current_a += self._integral_a
+            if -limit_a < current_a < limit_a:
+                if gain and abs(behind) > INTEGRAL_REST_DEG:
+                    self._integral_a = max(-most_a, min(most_a, self._integral_a + gain * behind * dt))
+            else:
+                current_a = math.copysign(limit_a, current_a)
+            self.current_a = current_a
+            self.push(current_a, dt)
 
     def coast(self, seconds: float) -> None:
         """Let time pass without power: friction alone, until it stands."""
@@ -355,25 +373,6 @@ class Plant:
         stands = moving_s < seconds
         self.rate_deg_s = 0.0 if stands else self.rate_deg_s + acceleration * moving_s
         self.acceleration_deg_s2 = 0.0 if stands else acceleration
-
-    def _drive(self, wanted_deg_s2: float, behind_deg: float, reference_rate_deg_s: float, dt: float) -> None:
-        """Set the current that the servo sends for an acceleration."""
-        servo = self.servo
-        against_a = max(servo.friction_a, servo.stiction_a) + servo.ripple_a
-        wanted_a = wanted_deg_s2 * servo.inertia_a_per_deg_s2
-        if servo.friction_feedforward and reference_rate_deg_s:
-            wanted_a += math.copysign(servo.friction_feedforward * servo.friction_a, reference_rate_deg_s)
-        limit_a = self.max_acceleration_deg_s2 * TORQUE_MARGIN * servo.inertia_a_per_deg_s2 + against_a
-        if servo.current_limit_a is not None:
-            limit_a = min(limit_a, servo.current_limit_a)
-        self.current_a = max(-limit_a, min(limit_a, wanted_a + self._integral_a))
-        if servo.integral_hz and abs(behind_deg) > INTEGRAL_REST_DEG and abs(self.current_a) < limit_a:
-            stiffness = (2.0 * math.pi * servo.bandwidth_hz) ** 2
-            gain = 2.0 * math.pi * servo.integral_hz * stiffness * servo.inertia_a_per_deg_s2
-            self._integral_a += gain * behind_deg * dt
-            # More than from all friction one way to all the other way is never of use.
-            most_a = 2.0 * against_a
-            self._integral_a = max(-most_a, min(most_a, self._integral_a))
 
     def push(self, current_a: float, seconds: float) -> None:
         """Let a short time pass by Newton's law under a drive's current, its ripple and friction."""

@@ -262,7 +262,8 @@ def test_a_satellite_is_fetched_by_name_where_no_elements_are_set(server, capsys
     assert {row["catalog_number"] for row in json.loads(out)} == {25544}
     assert "no elements are set: those of ISS are from 127.0.0.1" in err
     # What was fetched is kept: the second command asks nobody.
-    ran(capsys, "track", "iss", "--mount", "sim", "--virtual", *SITE, "--clock", "2026-10-02T13:00:00Z")
+    high = ("--clock", "2026-10-02T13:00:00Z", "--min-alt", "75")
+    ran(capsys, "track", "iss", "--mount", "sim", "--virtual", *SITE, *high)
     assert asked_for(server) == ["CATNR=25544"]
 
 
@@ -311,7 +312,7 @@ def test_a_name_is_not_asked_for_where_the_settings_forbid_it(server, capsys, tm
 
 
 def test_practice_needs_no_elements_and_asks_nobody(server, capsys):
-    ran(capsys, "rehearse", "ISS", "--json")
+    ran(capsys, "rehearse", "ISS", "--json", "--min-alt", "75")
     assert server.asked == []
 
 
@@ -328,9 +329,10 @@ def test_elements_too_old_to_find_the_satellite_with_are_refused(csv_file, capsy
 
 
 def test_old_elements_are_followed_where_that_is_asked_for_and_the_summary_says_so(csv_file, capsys):
-    out, _ = ran(capsys, *LATER, "2026-10-22T12:00:00Z", "--elements", csv_file, "--old-elements")
+    old = ("--elements", csv_file, "--old-elements", "--min-alt", "30")
+    out, _ = ran(capsys, *LATER, "2026-10-22T12:00:00Z", *old)
     assert "  against elements 21 days old" in out.splitlines()
-    out, _ = ran(capsys, *LATER, "2026-10-02T12:00:00Z", "--elements", csv_file)
+    out, _ = ran(capsys, *LATER, "2026-10-02T12:00:00Z", "--elements", csv_file, "--min-alt", "75")
     assert "against elements" not in out
 
 
@@ -338,4 +340,4 @@ def test_elements_whose_error_is_beyond_the_field_are_refused(csv_file, capsys):
     four_days = (*LATER, "2026-10-06T12:00:00Z", "--elements", csv_file)
     _, err = ran(capsys, *four_days, "--fov", "0.05", code=2)
     assert "off along its track, out of a field of 0.05°" in err.splitlines()[-1]
-    ran(capsys, *four_days, "--fov", "5")
+    ran(capsys, *four_days, "--fov", "5", "--min-alt", "60")

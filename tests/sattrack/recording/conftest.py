@@ -4,11 +4,19 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from mcap.reader import make_reader
 
 from sattrack.cli.main import run
+from sattrack.recording.trace import trace
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from sattrack.recording.format import Recording
+    from sattrack.recording.trace import Trace
 
 DATA = Path(__file__).parent / "data"
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
@@ -25,6 +33,21 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("short") / "short.mcap"
     assert run([*SHORT, "--record", str(path)]) == 0
     return path
+
+
+@pytest.fixture(scope="module")
+def traced_once() -> Iterator[None]:
+    """Make each recording's run again once for the module, however many commands report it."""
+    made: dict[Path, Trace] = {}
+
+    def once(recording: Recording, *more: Any) -> Trace:
+        if recording.path not in made:
+            made[recording.path] = trace(recording, *more)
+        return made[recording.path]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sattrack.cli.recording.trace", once)
+        yield
 
 
 @pytest.fixture(scope="session")

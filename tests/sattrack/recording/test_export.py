@@ -138,6 +138,7 @@ def test_parquet_holds_what_csv_holds(short: Path, tmp_path: Path) -> None:
     assert table["dec_deg"] == [struct.unpack_from("<d", e.data, 24)[0] for e in entries]
 
 
+@pytest.mark.usefixtures("traced_once")
 def test_a_reports_figures_can_be_made_again_from_the_exported_errors(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import random
 import socket
 import subprocess
 import sys
+import tempfile
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import bias as bench
@@ -16,6 +20,7 @@ import pytest
 from flight_runs import until
 from programs import ended, free_port, sattrack
 
+from sattrack.cli import main
 from sattrack.control.biases import Course
 from sattrack.recording.format import OPERATOR, VIEW, Recording
 from sattrack.recording.replay import replay
@@ -58,6 +63,19 @@ def solutions(
 
 
 def fly(lines: list[bytes], *options: str) -> tuple[dict[str, Any], str]:
+    """Run the command in this process, on lines from its standard input."""
+    out, err = io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, tempfile.TemporaryFile() as stream:
+        stream.write(b"".join(lines))
+        stream.seek(0)
+        patch.setattr("sys.stdin", SimpleNamespace(buffer=stream))
+        with redirect_stdout(out), redirect_stderr(err):
+            assert main.run([*TRACK, *options]) == 0, err.getvalue()
+    return json.loads(out.getvalue())["summary"], err.getvalue()
+
+
+def fly_apart(lines: list[bytes], *options: str) -> tuple[dict[str, Any], str]:
+    """Run the command as users do."""
     done = subprocess.run(
         [sys.executable, "-m", "sattrack", *TRACK, *options],
         input=b"".join(lines),
@@ -72,7 +90,7 @@ def test_a_late_satellite_is_found_and_kept_when_observations_end_and_the_record
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "pass.mcap"
-    summary, _ = fly(solutions(15, true_satellite()), "--record", str(path))
+    summary, _ = fly_apart(solutions(15, true_satellite()), "--record", str(path))
     estimate = summary["estimate"]
     assert (estimate["accepted"], estimate["rejected"], estimate["refused"]) == (15, 0, 0)
     assert estimate["along_s"] == pytest.approx(LATE_S, abs=4.0 * estimate["along_sigma_s"])
@@ -256,9 +274,7 @@ def searching(run: subprocess.Popen[str]) -> dict[str, Any]:
 def test_options_that_make_no_sense_are_refused(
     options: list[str], words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from sattrack.cli.main import run
-
-    assert run(["track", "25544", "--mount", "sim", "--headless", *options]) == 2
+    assert main.run(["track", "25544", "--mount", "sim", "--headless", *options]) == 2
     err = capsys.readouterr().err
     assert words in err
     assert len(err.splitlines()) == 1

@@ -148,9 +148,9 @@ def test_a_stop_ends_a_paused_run() -> None:
 
 def test_before_the_pass_a_pause_holds_the_slew_back(whole: Flown) -> None:
     begins_s = whole.run.views[0].start_utc_s - CULMINATION_S
-    messages = ((begins_s - 64.0, Pause()), (begins_s + 5.0, Go()), (begins_s + 40.0, StopNow()))
+    messages = ((begins_s - 27.0, Pause()), (begins_s + 5.0, Go()), (begins_s + 40.0, StopNow()))
     flown = fly(messages=messages, min_alt_deg=30.0)
-    assert spread(flown, begins_s - 62.0, begins_s + 5.0) == pytest.approx((0.0, 0.0), abs=1e-5)
+    assert spread(flown, begins_s - 26.0, begins_s + 5.0) == pytest.approx((0.0, 0.0), abs=1e-5)
     assert flown.summary.acquired_after_s is not None
     assert flown.summary.acquired_after_s < 3.0
     assert flown.error_arcsec(begins_s + 25.0, begins_s + 40.0) < 1.0

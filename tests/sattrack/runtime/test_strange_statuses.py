@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 import pytest
+from late_start import late
 
 from sattrack.control.target import sky_error
 from sattrack.core.angles import altitude_deg
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from sattrack.views.run import Summary, TrackView
 
 CULMINATION_S = float(Utc.parse("2026-10-02T13:05:24Z").unix_s)
-LEAD_S = 3.0
 Span = tuple[float, float]
 
 
@@ -107,8 +107,8 @@ def fly(
         plan = msgspec.structs.replace(
             facts.plan, start_utc_s=end_s - around_end_s[0], end_utc_s=end_s + around_end_s[1]
         )
-        began_s = plan.start_utc_s - plan.approach_s - LEAD_S
-        facts = msgspec.structs.replace(facts, plan=plan, started_utc_s=began_s)
+        facts = msgspec.structs.replace(facts, plan=plan)
+    facts = late(facts)
     site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg)
     mount = SimulatedMount(facts.profile, site, demo_pass.START)
     run = StrangeRun(build_engine(facts), mount, facts.started_utc_s, NoRecording(), (), **strange)

@@ -58,7 +58,7 @@ def test_the_whole_pass_is_followed_within_an_arcsecond(capsys: pytest.CaptureFi
 def test_the_same_command_prints_the_same_summary(capsys: pytest.CaptureFixture[str]) -> None:
     printed = []
     for _ in range(2):
-        assert run(["track", "ISS", "--virtual", "--mount", "sim", "--json", "--min-alt", "60"]) == 0
+        assert run(["track", "ISS", "--virtual", "--mount", "sim", "--json", "--min-alt", "75"]) == 0
         printed.append(capsys.readouterr().out)
     assert printed[0] == printed[1]
 
@@ -69,6 +69,7 @@ def test_nudges_move_the_target_and_are_followed() -> None:
         (CULMINATION_S - 60.0, Nudge(along_s=0.5)),
         (CULMINATION_S - 50.0, Nudge(cross_deg=0.1)),
         (CULMINATION_S - 30.0, ClearBias()),
+        (CULMINATION_S - 15.0, StopNow()),
     )
     summary = fly_virtual(prepared(30.0), views.append, messages)
     at = {round(view.utc_s - CULMINATION_S): view for view in views}
@@ -110,7 +111,7 @@ def test_the_operators_stop_ends_the_run_at_once_with_the_mount_at_rest() -> Non
 
 
 def test_signs_turned_in_mount_and_profile_make_no_difference() -> None:
-    plan = prepared()
+    plan = prepared(60.0)
     turned = msgspec.structs.replace(
         plan.facts, profile=msgspec.structs.replace(plan.facts.profile, ra_rate_sign=-1, dec_rate_sign=-1)
     )
@@ -120,7 +121,7 @@ def test_signs_turned_in_mount_and_profile_make_no_difference() -> None:
 
 
 def test_absolute_rates_are_followed_as_well() -> None:
-    plan = prepared()
+    plan = prepared(60.0)
     absolute = msgspec.structs.replace(
         plan.facts, profile=msgspec.structs.replace(plan.facts.profile, additive=False)
     )

@@ -45,12 +45,12 @@ ONE_SHOT_FLAGS: dict[type[Any], str] = {
     FindHome: "FindHomeCmd",
     PulseGuide: "PulseGuideCmd",
 }
-TEN_MINUTES = 1.0 / 6.0
+FIVE_MINUTES = 1.0 / 12.0
 DAYS = pytest.mark.parametrize(
     ("hours", "how"),
     [
-        pytest.param(TEN_MINUTES, "held", id="10 min-held"),
-        pytest.param(TEN_MINUTES, "edge", id="10 min-edge"),
+        pytest.param(FIVE_MINUTES, "held", id="5 min-held"),
+        pytest.param(FIVE_MINUTES, "edge", id="5 min-edge"),
         pytest.param(24.0, "held", id="24 h-held", marks=pytest.mark.soak),
         pytest.param(24.0, "edge", id="24 h-edge", marks=pytest.mark.soak),
     ],
