@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from sattrack.tui.feeds import HelperOptions
     from sattrack.tui.scene import Appearance
     from tle.elements import Elements
-    from tle.ephemeris import Ephemeris
     from tle.instants import Utc
     from tle.sources import ElementSets
 
@@ -69,28 +68,6 @@ class CommandContext:
         if self.settings.site is not None:
             return self.settings.site.place()
         raise BadInputError(NO_SITE)
-
-    def followed(
-        self, target: str, mount_url: str | None, files: Sequence[Path]
-    ) -> tuple[list[Elements] | None, Site | None, Ephemeris | None]:
-        """Return what to follow a target with: elements or another ephemeris, and the site.
-
-        All are None for practice, which is with a simulated mount where neither elements nor a site are set.
-        Raises what `elements` and `site` may.
-        """
-        from sattrack.cli.targets import find_target
-        from tle.elements import Elements
-
-        known = self.known_elements()
-        found = find_target(self, target, files, known)
-        if isinstance(found, Elements):
-            return [found], self.site(), None
-        if found is not None:
-            return None, self.site(), found
-        if mount_url in (None, "sim") and not self.sources() and not self.has_site():
-            return None, None, None
-        site = self.site()
-        return known() or self.elements(target), site, None
 
     def known_elements(self) -> Callable[[], list[Elements]]:
         """Return what reads all element sources, when it is first called, and none where none is set."""

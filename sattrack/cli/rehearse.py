@@ -19,7 +19,7 @@ from sattrack.cli.common import (
     table,
     tell,
 )
-from sattrack.cli.targets import ephemeris_option
+from sattrack.cli.targets import ephemeris_option, followed
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError
 from sattrack.recording.rendering import INK, PALE, label_times, new_figure, save, sky_axes, times
@@ -99,7 +99,7 @@ def command(context: CommandContext, target: str, number: int, **options: Any) -
     if plot is not None and not plot.absolute().parent.is_dir():
         raise BadInputError(f"{plot}: the folder does not exist")
     min_alt_deg = context.settings.min_altitude_deg if options["min_alt"] is None else options["min_alt"]
-    elements, site, found = context.followed(target, "sim", options["ephemeris"])
+    elements, site, found = followed(context, target, "sim", options["ephemeris"])
     request = RunRequest(
         satellite=target,
         target=found,

@@ -386,9 +386,11 @@ def camera_fields(settings: Settings, options: dict[str, Any]) -> dict[str, Any]
 
 def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> int:
     """Follow a satellite by what the command line says; return the exit code. Raises what that may."""
+    from sattrack.cli.targets import followed
+
     url = options["mount_url"] or context.settings.mount.url
     _check_options(context, url, options)
-    elements, site, target = context.followed(satellite, url, options["ephemeris"])
+    elements, site, target = followed(context, satellite, url, options["ephemeris"])
     request = RunRequest(
         satellite=satellite,
         mount_url=url,

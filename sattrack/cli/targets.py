@@ -19,11 +19,34 @@ if TYPE_CHECKING:
     from tle.elements import Elements
     from tle.ephemeris import Ephemeris
     from tle.instants import Utc
+    from tle.site import Site
 
 
 _T0, _SOURCE = "sattrack.t0", "sattrack.source"
 UNSTATED_M = 100.0
 """What a file that states no error is taken to miss: what laser predictions and operators do in some days."""
+
+
+def followed(
+    context: CommandContext, target: str, mount_url: str | None, files: Sequence[Path]
+) -> tuple[list[Elements] | None, Site | None, Ephemeris | None]:
+    """Return what to follow a target with: elements or another ephemeris, and the site.
+
+    All are None for practice, which is with a simulated mount where neither elements nor a site are set.
+    Raises what the context's `elements` and `site` may.
+    """
+    from tle.elements import Elements
+
+    known = context.known_elements()
+    found = find_target(context, target, files, known)
+    if isinstance(found, Elements):
+        return [found], context.site(), None
+    if found is not None:
+        return None, context.site(), found
+    if mount_url in (None, "sim") and not context.sources() and not context.has_site():
+        return None, None, None
+    site = context.site()
+    return known() or context.elements(target), site, None
 
 
 def ephemeris_option(function: Callable[..., Any]) -> Callable[..., Any]:
