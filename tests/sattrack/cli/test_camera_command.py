@@ -115,7 +115,8 @@ def test_in_virtual_time_offsets_of_another_mount_are_not_used(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_frames(tmp_path, [(249.5, 149.5), None])
-    practice = ("track", "ISS", "--mount", "sim", "--virtual", "--json", "--bias-memory", "off")
+    high = ("--min-alt", "75", "--bias-memory", "off")
+    practice = ("track", "ISS", "--mount", "sim", "--virtual", "--json", *high)
     summary = ran(capsys, *practice, "--camera", f"guide=folder:{tmp_path}", "--scale", "2")
     assert "1 frames were not solved" in summary[1]
     camera = summary[0][-1]["summary"]["camera"]

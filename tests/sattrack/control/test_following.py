@@ -1,6 +1,6 @@
 """Passes in the bench's harness: true axes against the satellite, one seed of each scenario.
 
-By default only what is above 45° of a pass, where rates are highest and change fastest; the soak runs
+By default only what is above 55° of a pass, where rates are highest and change fastest; the soak runs
 follow whole passes, as the bench does.
 """
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from feeder_harness import Scenario
 
 ISS, KANOPUS = 0, 1
-WHOLE_DEG, HIGH_DEG = 10.0, 45.0
+WHOLE_DEG, HIGH_DEG = 10.0, 55.0
 
 
 @functools.cache

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import erfa
+import msgspec
 import numpy as np
 import pytest
 from rehearsal_draws import draw, noisy
@@ -49,9 +51,11 @@ class Watched(VirtualRun):
         self._slewing = slewing
 
 
-def flown(seed: int) -> tuple[RunFacts, Watched]:
+def flown(seed: int, longest_s: float = math.inf) -> tuple[RunFacts, Watched]:
     prepared = noisy(draw(seed), seed, sticky=False)
     facts = prepared.facts
+    end_utc_s = min(facts.plan.end_utc_s, facts.plan.start_utc_s + longest_s)
+    facts = msgspec.structs.replace(facts, plan=msgspec.structs.replace(facts.plan, end_utc_s=end_utc_s))
     site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
     mount = SimulatedMount(facts.profile, site, demo_pass.START, simulator_profile(prepared.simulator))
     run = Watched(build_engine(facts), mount, facts.started_utc_s, NoRecording())
@@ -78,7 +82,7 @@ def test_a_target_is_taken_up_again_as_it_comes_out_of_the_suns_cone(seed: int) 
 
 def test_a_mount_waits_at_the_end_of_its_travel_and_is_not_worn_by_slews_that_lead_nowhere() -> None:
     """The satellite rises 60° beyond where the hour angle ends, and comes there after 110 s."""
-    facts, run = flown(120)
+    facts, run = flown(120, 130.0)
     begin, limit = facts.plan.start_utc_s, facts.profile.hour_angle_limit_deg
     waiting = [ha for t, ha, _ in run.axes if begin < t < begin + 100.0]
     assert max(waiting) < -limit + 8.0

@@ -106,7 +106,7 @@ def test_bodies_and_directions_are_followed_and_replayed_without_skyfield(
     capsys, tmp_path, target, monkeypatch
 ):
     recording = tmp_path / "body.mcap"
-    begin = ("--clock", "2026-10-02T23:00:00Z", "--to", "2026-10-02T23:02:00Z")
+    begin = ("--clock", "2026-10-02T23:00:00Z", "--to", "2026-10-02T23:01:30Z")
     summary = track(capsys, recording, target, *begin)
     assert summary["on_target_s"] > 60.0
     assert summary["true_rms_arcsec"] < 0.1

@@ -61,6 +61,15 @@ CLEAN = Wires()
 LAGGING = Wires(shortest=3, longest=3)
 LOSSY = Wires(loss=0.3, doubling=0.3)
 ROUGH = Wires(loss=0.2, doubling=0.2, longest=3)
+
+
+def seeds(count: int) -> pytest.MarkDecorator:
+    """Take one seed by default, and the others as a soak."""
+    return pytest.mark.parametrize(
+        "seed", [0, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(1, count))]
+    )
+
+
 ALL_WIRES = pytest.mark.parametrize(
     "wires", [CLEAN, LAGGING, LOSSY, ROUGH], ids=["clean", "lagging", "lossy", "rough"]
 )
@@ -186,7 +195,7 @@ class Pair:
 
 class TestSlew:
     @ALL_WIRES
-    @pytest.mark.parametrize("seed", range(4))
+    @seeds(4)
     def test_every_slew_launches_once_and_done_is_there(self, wires: Wires, seed: int) -> None:
         pair = Pair(wires, seed)
         places = [pair.place(4.0, 3.0), pair.place(-6.0, 10.0), pair.place(0.0, -15.0)]
@@ -201,7 +210,7 @@ class TestSlew:
         assert pair.is_done()
 
     @ALL_WIRES
-    @pytest.mark.parametrize("seed", range(3))
+    @seeds(3)
     def test_asked_every_turn_it_launches_once(self, wires: Wires, seed: int) -> None:
         pair = Pair(wires, seed)
         place = pair.place(4.0, 3.0)
@@ -317,7 +326,7 @@ class TestStop:
         assert pair.at_rest()
 
     @pytest.mark.parametrize("wires", [LAGGING, LOSSY, ROUGH], ids=["lagging", "lossy", "rough"])
-    @pytest.mark.parametrize("seed", range(2))
+    @seeds(2)
     @pytest.mark.parametrize("state", STATES)
     def test_over_bad_wires_the_axes_come_to_rest_and_stay(self, state: str, wires: Wires, seed: int) -> None:
         pair = played(STATES[state], wires, seed)
@@ -329,7 +338,7 @@ class TestStop:
             assert pair.at_rest()
 
     @pytest.mark.parametrize("wires", [LAGGING, LOSSY, ROUGH], ids=["lagging", "lossy", "rough"])
-    @pytest.mark.parametrize("seed", range(3))
+    @seeds(3)
     def test_stopped_is_said_only_of_a_mount_that_stands(self, wires: Wires, seed: int) -> None:
         """Of one that stood when it last spoke: the word lags by the way back."""
         pair = Pair(wires, seed)
@@ -444,7 +453,7 @@ class TestTheLastMotionWins:
 
 class TestMove:
     @ALL_WIRES
-    @pytest.mark.parametrize("seed", range(3))
+    @seeds(3)
     def test_streamed_rates_arrive(self, wires: Wires, seed: int) -> None:
         pair = Pair(wires, seed)
         for turn in range(100):
@@ -504,7 +513,7 @@ class TestMove:
 
 
 class TestAccounts:
-    @pytest.mark.parametrize("seed", range(4))
+    @seeds(4)
     def test_all_datagrams_are_accounted_for(self, seed: int) -> None:
         pair = Pair(LOSSY, seed)
         pair.want(MOVE, 10.0)
@@ -519,7 +528,7 @@ class TestAccounts:
         assert health.duplicate > 0
         assert (health.late, health.rejected, health.restarts) == (0, 0, 0)
 
-    @pytest.mark.parametrize("seed", range(4))
+    @seeds(4)
     def test_reordered_statuses_are_no_restart(self, seed: int) -> None:
         pair = Pair(ROUGH, seed)
         pair.want(MOVE, 10.0)
