@@ -384,7 +384,7 @@ def camera_fields(settings: Settings, options: dict[str, Any]) -> dict[str, Any]
 def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> int:
     """Follow a satellite by what the command line says; return the exit code. Raises what that may."""
     url = options["mount_url"] or context.settings.mount.url
-    _check_options(context, url, options)
+    _check_options(context, url, {**options, "target": satellite})
     elements, site, target = context.followed(satellite, url, options["ephemeris"])
     request = RunRequest(
         satellite=satellite,
@@ -409,7 +409,8 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
         if target is not None:
             raise BadInputError(f"{target.label}: an antenna's controller is fed from element sets only")
         return follow_by_antenna(context, request, options["old_elements"])
-    observations = options["observations"]
+    # What is followed by its own reports is heard where observations come from.
+    observations = satellite if satellite.startswith("adsb:") else options["observations"]
     prepared = prepare(request)
     known = prepared.facts.elements
     if known is not None and not (prepared.practising or options["old_elements"]):
@@ -472,6 +473,8 @@ def _check_options(context: CommandContext, url: str | None, options: dict[str, 
     mount_address(url)
     check_new_profile(options["learn_profile"])
     virtual, observations = options["virtual"], options["observations"]
+    if options["target"].startswith("adsb:") and (virtual or observations is not None):
+        raise BadInputError("an aircraft is heard in real time, and alone: omit --virtual and --observations")
     if virtual and (options["stream"] or options["control"]):
         raise BadInputError("--stream and --control need real time; omit --virtual")
     check_observations(observations, options["control"], context.sources())
