@@ -389,7 +389,7 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
     from sattrack.cli.targets import followed
 
     url = options["mount_url"] or context.settings.mount.url
-    _check_options(context, url, options)
+    _check_options(context, url, {**options, "target": satellite})
     elements, site, target = followed(context, satellite, url, options["ephemeris"])
     request = RunRequest(
         satellite=satellite,
@@ -414,7 +414,8 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
         if target is not None:
             raise BadInputError(f"{target.label}: an antenna's controller is fed from element sets only")
         return follow_by_antenna(context, request, options["old_elements"])
-    observations = options["observations"]
+    # What is followed by its own reports is heard where observations come from.
+    observations = satellite if satellite.startswith("adsb:") else options["observations"]
     prepared = prepare(request)
     known = prepared.facts.elements
     if known is not None and not (prepared.practising or options["old_elements"]):
@@ -477,6 +478,8 @@ def _check_options(context: CommandContext, url: str | None, options: dict[str, 
     mount_address(url)
     check_new_profile(options["learn_profile"])
     virtual, observations = options["virtual"], options["observations"]
+    if options["target"].startswith("adsb:") and (virtual or observations is not None):
+        raise BadInputError("an aircraft is heard in real time, and alone: omit --virtual and --observations")
     if virtual and (options["stream"] or options["control"]):
         raise BadInputError("--stream and --control need real time; omit --virtual")
     check_observations(observations, options["control"], context.sources())

@@ -179,6 +179,12 @@ def find_target(
         return _chosen(context, key, files, word)
     if files:
         return _objects_of(context, files[0], [key])[0]
+    if key.startswith("adsb:"):
+        from sattrack.runtime.adsb import aircraft_now
+
+        if context.clock_option is not None:
+            raise BadInputError("--clock: aircraft are received now; omit it")
+        return aircraft_now(key)
     if key.casefold().endswith(".csv"):
         return _objects_of(context, Path(key), [])[0]
     if click.get_current_context().meta.get(_T0) is not None:

@@ -18,8 +18,21 @@ from sattrack.control.rest import Rest
 from sattrack.control.steering import Steering
 from sattrack.control.target import Detour, SatelliteTarget, TargetState, sky_error
 from sattrack.mount.model import Hold, Motion, MountProfile, MoveAxes, Slew, StatusSample, Stop
-from sattrack.views.messages import Go, Jog, Message, Observation, Pause, Search, SeenOffset, Slip, StopNow
+from sattrack.views.messages import (
+    Go,
+    Jog,
+    Message,
+    Observation,
+    Pause,
+    PlaceFix,
+    Search,
+    SeenOffset,
+    Slip,
+    StopNow,
+)
 from tle.ephemeris import TableEphemeris
+from tle.errors import EphemerisError
+from tle.fixes import FIXES, PREDICTED_S, Fix, path_of
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -29,6 +42,8 @@ if TYPE_CHECKING:
     from tle.propagator import Propagator
 
 ACQUIRED_AFTER_SAMPLES = 10
+LATE_FIX_S = 10.0
+"""How old a report of a place may be."""
 LOST_ARCSEC = 120.0
 
 
@@ -115,6 +130,31 @@ class Tracker:
         t0 = known.t0 if isinstance(known, TableEphemeris) else None
         return None if t0 is None else float(t0.unix_s)
 
+    def _fix(self, message: PlaceFix, now_utc_s: float) -> None:
+        """Go on by a new report of what is followed, from where it was fed."""
+        propagator = self.steering.biases.course.propagator
+        known = propagator.elements
+        utc_s = float(Utc.parse(message.utc).unix_s)
+        if not isinstance(known, TableEphemeris) or not known.provenance.startswith(FIXES):
+            self.steering.tell("fixes are of what is followed by them only", now_utc_s)
+            return
+        if not float(known.epoch.unix_s) < utc_s <= now_utc_s + LATE_FIX_S or utc_s < now_utc_s - LATE_FIX_S:
+            self.steering.tell(f"the fix of {message.utc} is not news", now_utc_s)
+            return
+        east, north, up = message.east_m_s, message.north_m_s, message.up_m_s
+        fix = Fix(utc_s, message.lat_deg, message.lon_deg, message.height_m, east, north, up)
+        try:
+            path = path_of(known.name, fix, known, now_utc_s)
+            self.steering.biases.use(propagator.with_elements(path))
+        except EphemerisError as error:
+            self.steering.tell(str(error), now_utc_s)
+            return
+        # Of the past, only what is needed is kept.
+        start_s = max(self.plan.start_utc_s, now_utc_s)
+        self.plan = msgspec.structs.replace(
+            self.plan, start_utc_s=start_s, end_utc_s=utc_s + PREDICTED_S, detours=()
+        )
+
     def _slip(self, seconds: float, now_utc_s: float) -> None:
         """Have T0 later by some seconds, and all that was planned."""
         propagator = self.steering.biases.course.propagator
@@ -177,6 +217,8 @@ class Tracker:
                 self._jog(message, now_utc_s)
             case Slip():
                 self._slip(message.seconds, now_utc_s)
+            case PlaceFix():
+                self._fix(message, now_utc_s)
             case SeenOffset() if (why := self._not_seen(message)) is not None:
                 self.steering.estimator.refuse(why)
             case Search() if self.rest is not None:

@@ -18,6 +18,7 @@ import msgspec
 
 from sattrack.core.channel import LineReader
 from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.runtime.adsb import PREFIX, AdsbFeed
 from sattrack.views.messages import (
     Arm,
     Disarm,
@@ -26,6 +27,7 @@ from sattrack.views.messages import (
     Message,
     Observation,
     Pause,
+    PlaceFix,
     SeenOffset,
     SessionMessage,
     StopNow,
@@ -348,12 +350,12 @@ class Observers:
             return
         self._queue.append(line)
 
-    def observations(self, most: int = A_TICK) -> Sequence[Observation | SeenOffset]:
+    def observations(self, most: int = A_TICK) -> Sequence[Observation | SeenOffset | PlaceFix]:
         """Return the oldest observations that have come and were not returned yet, without waiting."""
         for source in self._sources:
             for line in source.lines():
                 self.put(line)
-        found: list[Observation | SeenOffset] = []
+        found: list[Observation | SeenOffset | PlaceFix] = []
         malformed = 0
         while self._queue and len(found) < most and malformed < MOST_MALFORMED_A_TICK:
             try:
@@ -415,10 +417,12 @@ def check_source(text: str | None) -> int | None:
 
 
 def open_observers(text: str | None) -> Observers:
-    """Return the observers for `--observations`, "stdin", "udp:PORT" or None.
+    """Return the observers for `--observations`, "stdin", "udp:PORT" or None, or for an aircraft followed.
 
     Raises BadInputError for anything else, SattrackError where the port is not available.
     """
+    if text is not None and text.startswith(PREFIX):
+        return Observers([AdsbFeed(text)])
     port = check_source(text)
     if port is not None:
         return Observers([UdpLines(port)])

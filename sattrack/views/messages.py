@@ -9,7 +9,8 @@ To a run, from an operator or a camera's program:
 `{"type":"observation","utc":"2026-10-02T13:05:24.5Z","ra_deg":1.2,"dec_deg":3.4,"frame":"icrs",
 "sigma_arcsec":20}`,
 `{"type":"offset","utc":"2026-10-02T13:05:24.5Z","dx_arcsec":12.5,"dy_arcsec":-3,"sigma_arcsec":2}`,
-`{"type":"offset","utc":"2026-10-02T13:05:24.5Z","dx_px":8.3,"dy_px":-2,"sigma_px":0.2,"camera":"guide"}`.
+`{"type":"offset","utc":"2026-10-02T13:05:24.5Z","dx_px":8.3,"dy_px":-2,"sigma_px":0.2,"camera":"guide"}`,
+`{"type":"fix","utc":"2026-10-02T13:05:24.5Z","lat_deg":52.2,"lon_deg":4.6,"height_m":9000,"east_m_s":220}`.
 
 About its control: `{"type":"take_control"}`, `{"type":"yield_control"}`, `{"type":"leave_running"}`,
 `{"type":"arm","catalog_number":25544,"culminate_utc_s":1790946324.4}`.
@@ -45,6 +46,7 @@ How = Literal["add", "set", "rate", "gradual", "stop", "reset"]
 SearchHow = Literal["spiral", "sweep", "auto", "stop", "cancel"]
 ObservedFrame = Literal["icrs", "j2000", "of_date"]
 MOST_SLIP_S = 86400.0
+MOST_FIX_M_S = 10000.0
 MOST_SIGMA_ARCSEC = 3600.0
 LEAST_SIGMA_ARCSEC = 0.01
 LEAST_SIGMA_PX = 0.001
@@ -100,6 +102,26 @@ class Slip(msgspec.Struct, frozen=True, tag="slip", forbid_unknown_fields=True):
         """Raise ValueError for more than MOST_SLIP_S."""
         if not abs(self.seconds) <= MOST_SLIP_S:
             raise ValueError(f"seconds {self.seconds:g} is outside -{MOST_SLIP_S:g} to {MOST_SLIP_S:g}")
+
+
+class PlaceFix(msgspec.Struct, frozen=True, tag="fix", forbid_unknown_fields=True):
+    """Where what is followed by its own reports was, and how it moved: WGS 84, metres and metres a second."""
+
+    utc: str
+    lat_deg: float
+    lon_deg: float
+    height_m: float
+    east_m_s: float = 0.0
+    north_m_s: float = 0.0
+    up_m_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Raise ValueError for what is no instant, no place, or faster than anything that reports so."""
+        _check_utc(self.utc)
+        if not (abs(self.lat_deg) <= 89.9 and abs(self.lon_deg) <= 360.0 and abs(self.height_m) <= 1e6):
+            raise ValueError("lat_deg, lon_deg and height_m are no place that can be followed")
+        if not all(abs(v) <= MOST_FIX_M_S for v in (self.east_m_s, self.north_m_s, self.up_m_s)):
+            raise ValueError(f"a velocity of more than {MOST_FIX_M_S:g} m/s")
 
 
 class OffsetBy(msgspec.Struct, frozen=True, tag="offset", forbid_unknown_fields=True):
@@ -227,7 +249,18 @@ class SeenOffset(msgspec.Struct, frozen=True, tag="offset", forbid_unknown_field
 
 
 TaggedMessage = (
-    Nudge | ClearBias | DropRemembered | StopNow | OffsetBy | Search | Observation | Pause | Go | Jog | Slip
+    Nudge
+    | ClearBias
+    | DropRemembered
+    | StopNow
+    | OffsetBy
+    | Search
+    | Observation
+    | Pause
+    | Go
+    | Jog
+    | Slip
+    | PlaceFix
 )
 """The messages that their types tell apart."""
 Message = TaggedMessage | SeenOffset
@@ -283,6 +316,7 @@ _ALL: msgspec.json.Decoder[TaggedMessage | SessionMessage] = msgspec.json.Decode
 # Two types of one name cannot be told apart by it: offsets that were seen have a decoder of their own.
 _SEEN_OFFSETS: msgspec.json.Decoder[SeenOffset] = msgspec.json.Decoder(SeenOffset)
 _OBSERVATIONS: msgspec.json.Decoder[Observation] = msgspec.json.Decoder(Observation)
+_FIXES: msgspec.json.Decoder[PlaceFix] = msgspec.json.Decoder(PlaceFix)
 _ORDERS: msgspec.json.Decoder[ConsoleMessage] = msgspec.json.Decoder(ConsoleMessage)
 
 
@@ -301,17 +335,19 @@ def decode_said(line: bytes | str) -> Message | SessionMessage:
     return _SEEN_OFFSETS.decode(line) if _is_seen_offset(line) else _ALL.decode(line)
 
 
-def decode_observation(line: bytes) -> Observation | SeenOffset:
-    """Return the observation of one JSON line, or the offset; raises msgspec.MsgspecError.
+def decode_observation(line: bytes) -> Observation | SeenOffset | PlaceFix:
+    """Return the observation of one JSON line, the offset, or the fix; raises msgspec.MsgspecError.
 
     The type of an observation may be left out.
     """
+    if b'"fix"' in line:
+        return _FIXES.decode(line)
     return _SEEN_OFFSETS.decode(line) if _is_seen_offset(line) else _OBSERVATIONS.decode(line)
 
 
 def is_observation(line: bytes) -> bool:
-    """Tell whether a line looks like an observation or an offset that was seen."""
-    return b'"observation"' in line or _is_seen_offset(line)
+    """Tell whether a line looks like an observation, a fix, or an offset that was seen."""
+    return b'"observation"' in line or b'"fix"' in line or _is_seen_offset(line)
 
 
 def _is_seen_offset(line: bytes | str) -> bool:

@@ -184,17 +184,17 @@ def _segment(track: _Track, kind: tuple[str, ...], frame: str, site: Site | None
     first, second = np.radians(track.values[:2])
     if kind[0] == "lat_deg":
         places = erfa.gd2gc(1, second, first, track.values[2]) / 1000.0
-        return _curve(track.zero_s, since_s, places, Frame("GROUND", "WGS 84"), line)
+        return curve(track.zero_s, since_s, places, Frame("GROUND", "WGS 84"), line)
     assert site is not None
     if kind[0] == "dec_deg":
         return _of_the_sky(track, frame, site, line)
     level = np.cos(first)
     u = np.stack([level * np.sin(second), level * np.cos(second), np.sin(first)], axis=1)
     places = np.array(site.itrs_km) + _NEAR_KM * u @ np.array([site.east, site.north, site.up])
-    return _curve(track.zero_s, since_s, places, Frame("SIGHT", "horizon"), line)
+    return curve(track.zero_s, since_s, places, Frame("SIGHT", "horizon"), line)
 
 
-def _curve(zero_s: float, since_s: Array, places: Array, frame: Frame, line: int) -> Segment:
+def curve(zero_s: float, since_s: Array, places: Array, frame: Frame, line: int) -> Segment:
     """Return rows with the velocities that they tell: no piece of the curve jumps in rate."""
     steps = np.diff(since_s)
     step = float(steps.mean())
@@ -238,7 +238,7 @@ def _of_the_sky(track: _Track, frame: str, site: Site, line: int) -> Segment:
         ra, dec = _seen(track, ra, dec, site)
     u = np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=1)
     kind = Frame("GCRF", "ICRS") if frame == "icrs" else Frame("TOD", "of date")
-    among_stars = _curve(track.zero_s, track.since_s, u, kind, line)
+    among_stars = curve(track.zero_s, track.since_s, u, kind, line)
     counts = np.maximum(1, np.ceil(np.diff(track.since_s) / _STEP_S)).astype(np.intp)
     part = np.concatenate([np.arange(count) / count for count in counts.tolist()])
     since_s = np.append(
@@ -261,8 +261,8 @@ def _of_the_sky(track: _Track, frame: str, site: Site, line: int) -> Segment:
 
     slopes = (places(since_s + _SLOPE_STEP_S) - places(since_s - _SLOPE_STEP_S)) / (2.0 * _SLOPE_STEP_S)
     sight, use = Frame("SIGHT", kind.written), among_stars.use_s
-    left_s, curve = since_s - _LIGHT_TIME_S, Interpolation(2, True)
-    return Segment(track.zero_s, left_s, places(since_s), slopes, sight, curve, use, line)
+    left_s, cubic = since_s - _LIGHT_TIME_S, Interpolation(2, True)
+    return Segment(track.zero_s, left_s, places(since_s), slopes, sight, cubic, use, line)
 
 
 def _seen(track: _Track, ra: Array, dec: Array, site: Site) -> tuple[Array, Array]:
