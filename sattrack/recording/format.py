@@ -118,9 +118,9 @@ VIEW = "view"
 SUMMARY = "summary"
 CHANNELS = {
     RUN: "json",
-    STATUS: "xerxes-status",
-    COMMAND: "xerxes-command",
-    REPEAT: "xerxes-command",
+    STATUS: "ros1",
+    COMMAND: "ros1",
+    REPEAT: "ros1",
     OPERATOR: "json",
     VIEW: "json",
     FAILURE: "json",

@@ -42,8 +42,17 @@ if TYPE_CHECKING:
 
     _Content = bytes | Message | TrackView | Summary | Failure | RunHeader
 
-JSON_SCHEMA, LAYOUT = "jsonschema", "layout.csv"
-"""Encodings of schemas: the well-known one, and our own, a line a field of a datagram."""
+JSON_SCHEMA, ROS_SCHEMA = "jsonschema", "ros1msg"
+"""Encodings of schemas. ROS 1 has a message's fields one after the other, little-endian, as datagrams do."""
+_ROS_TYPES = {
+    "8s": "uint8[8]",
+    "d": "float64",
+    "i": "int32",
+    "q": "int64",
+    "Q": "uint64",
+    "B": "uint8",
+    "?": "bool",
+}
 
 
 class ChannelSchema(NamedTuple):
@@ -60,18 +69,21 @@ def channel_schemas() -> dict[str, ChannelSchema]:
     References are written out and null is left out of JSON types, as not all readers know them: a field that
     has a default may be null.
     """
-    status = ChannelSchema("xerxes.Status", LAYOUT, _layout(STATUS_FIELDS))
-    command = ChannelSchema("xerxes.Command", LAYOUT, _layout(COMMAND_FIELDS))
+    status = ChannelSchema("xerxes/Status", ROS_SCHEMA, _ros_message(STATUS_FIELDS))
+    command = ChannelSchema("xerxes/Command", ROS_SCHEMA, _ros_message(COMMAND_FIELDS))
     kinds = {RUN: RunHeader, VIEW: TrackView, SUMMARY: Summary, FAILURE: Failure}
     found = {topic: _json(f"sattrack.{kind.__name__}", kind) for topic, kind in kinds.items()}
     found[OPERATOR] = _json("sattrack.Message", TaggedMessage, SeenOffset)
     return found | {STATUS: status, COMMAND: command, REPEAT: command}
 
 
-def _layout(fields: Sequence[Field]) -> bytes:
-    """Return a datagram's fields, little-endian: offset, type as `struct` writes it, name with its unit."""
-    lines = [f"{one.offset},{one.kind.value.replace('S', 's')},{one.name}" for one in fields]
-    return "\n".join(["offset,type,name", *lines, ""]).encode()
+def _ros_message(fields: Sequence[Field]) -> bytes:
+    """Return a datagram's fields as a definition of a ROS 1 message: type, and name with its unit.
+
+    What a mount may write as an integer or as a number with a fraction is eight bytes.
+    """
+    lines = [f"{_ROS_TYPES[one.kind.value.replace('S', 's')]} {one.name}\n" for one in fields]
+    return "".join(lines).encode()
 
 
 def _json(name: str, *kinds: Any) -> ChannelSchema:
@@ -97,8 +109,10 @@ def _plain(schema: dict[str, Any], parts: dict[str, Any]) -> dict[str, Any]:
         return {"type": "object", "properties": fields}
     if schema.get("type") == "array":
         items = schema.get("items") or next(iter(schema.get("prefixItems", ())), None)
-        return {"type": "array", "items": _plain(items, parts) if items else {"type": "object"}}
-    return {"type": schema.get("type", "object")}
+        return {"type": "array", "items": _plain(items or {}, parts)}
+    kind = schema.get("type", "object")
+    # Foxglove takes no object without properties.
+    return {"type": "object", "properties": {}} if kind == "object" else {"type": kind}
 
 
 FLUSH_EVERY_S = 0.8
@@ -184,17 +198,18 @@ class Recorder(Sink):
     """
 
     def __init__(self, stream: BinaryIO, spec: msgspec.Raw, header: RunHeader | None = None) -> None:
-        """Write the header, so that the file opens from the first moment; a copy has its original's."""
+        """Write what the channels are; the header, a copy's its original's, gets the first message's time."""
         self._stream = stream
         self._writer = Writer(stream, compression=CompressionType.ZSTD)
-        self._sequence = 0
+        self._sequence = 1
         self._flushed_utc_s = 0.0
         self._channels: dict[str, int] = {}
-        header = header or RunHeader(FORMAT_VERSION, __version__, spec, fingerprint(), here())
+        self._header: RunHeader | None
+        self._header = header or RunHeader(FORMAT_VERSION, __version__, spec, fingerprint(), here())
         with self._troubled():
-            self._begin(_encoded(header))
+            self._begin()
 
-    def _begin(self, header: bytes) -> None:
+    def _begin(self) -> None:
         self._writer.start(profile=PROFILE, library=f"sattrack {__version__}")
         schemas, known = channel_schemas(), dict[ChannelSchema, int]()
         for topic, encoding in CHANNELS.items():
@@ -202,7 +217,6 @@ class Recorder(Sink):
             if schema not in known:
                 known[schema] = self._writer.register_schema(*schema)
             self._channels[topic] = self._writer.register_channel(topic, encoding, known[schema])
-        self._add(RUN, 0.0, header)
         self._writer.flush()  # type: ignore[no-untyped-call]
 
     def _put(self, topic: str, utc_s: float, content: _Content) -> None:
@@ -227,11 +241,18 @@ class Recorder(Sink):
         """Finish the file, as far as the disk lets it."""
         with self._troubled():
             if self.trouble is None:
+                self._write_header(0.0)
                 self._writer.finish()  # type: ignore[no-untyped-call]
         with self._troubled():
             self._stream.close()
 
+    def _write_header(self, utc_s: float) -> None:
+        if self._header is not None:
+            header, self._header = _encoded(self._header), None
+            self._writer.add_message(self._channels[RUN], to_ns(utc_s), header, to_ns(utc_s), 1)
+
     def _add(self, topic: str, utc_s: float, data: bytes) -> None:
+        self._write_header(utc_s)
         self._sequence += 1
         at = to_ns(utc_s)
         self._writer.add_message(self._channels[topic], at, data, at, self._sequence)

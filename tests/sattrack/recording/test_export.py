@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from mcap.reader import make_reader
+from mcap_ros1.decoder import DecoderFactory
 
 from sattrack.cli.main import run
 from sattrack.recording.export import SeenDirection, tdm_text
@@ -197,19 +198,45 @@ def test_every_channel_is_described_to_other_tools(short: Path) -> None:
     for topic, schema in by_topic.items():
         if schema.encoding == "jsonschema":
             described = json.loads(schema.data)
-            assert described["type"] == "object"
             assert "$ref" not in schema.data.decode()
+            # Foxglove's rules: every object names its properties, every array its items.
+            nested = [described]
+            while nested:
+                one = nested.pop()
+                assert one["type"] != "object" or isinstance(one["properties"], dict), topic
+                nested += [*one.get("properties", {}).values(), *([one["items"]] if "items" in one else [])]
             if topic in messages:
                 assert set(json.loads(messages[topic])) <= set(described["properties"]), topic
-        else:
-            fields = list(csv.DictReader(schema.data.decode().splitlines()))
-            last = fields[-1]
-            end = int(last["offset"]) + struct.calcsize("<" + last["type"])
-            assert end == len(messages.get(topic, bytes(end))), topic
-    status = {one["name"]: one for one in csv.DictReader(by_topic["status"].data.decode().splitlines())}
-    place = status["site_latitude_deg"]
-    (latitude_deg,) = struct.unpack_from("<" + place["type"], messages["status"], int(place["offset"]))
-    assert latitude_deg == pytest.approx(52.1541)
+
+
+def test_another_reader_decodes_the_datagrams_with_their_names(short: Path) -> None:
+    with short.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        decoded = {
+            channel.topic: (message.data, found)
+            for _, channel, message, found in reader.iter_decoded_messages(["status", "command"])
+        }
+    data, status = decoded["status"]
+    assert status.site_latitude_deg == pytest.approx(52.1541)
+    assert (status.azimuth_deg,) == struct.unpack_from("<d", data, 16)
+    assert status.connected
+    assert bytes(status.dec_rate_dtics_s) == data[32:40]
+    data, command = decoded["command"]
+    assert command.header == 0x5555AAAA
+    assert (command.counter,) == struct.unpack_from("<q", data, 8)
+    assert (command.move_ra_rate_deg_s,) == struct.unpack_from("<d", data, 40)
+
+
+def test_other_tools_see_a_recording_that_begins_when_the_run_does(short: Path) -> None:
+    with short.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        times = [
+            message.log_time for _, channel, message in make_reader(stream).iter_messages(["run", "status"])
+        ]
+    assert summary.statistics.message_start_time == min(times)
+    assert max(times) - min(times) < 600e9
 
 
 def test_a_tdm_gives_the_observations_back_to_a_reader_of_its_own(short: Path, tmp_path: Path) -> None:
