@@ -81,7 +81,7 @@ MODELS = (
 
 @dataclass(frozen=True, slots=True)
 class Transient:
-    """One change between rest and a rate: how far the axis is from where it would be had it changed at once.
+    """One change between rest and a rate: how far the axis is from its place if it had changed at once.
 
     Against seconds since the mount read the command; positive where it goes on after a stop, or stays behind.
     """

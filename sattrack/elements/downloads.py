@@ -330,7 +330,7 @@ class DownloadCache:
 
 
 class DownloadError(SattrackError):
-    """Elements could not be had from the network, and none were kept; the message says why."""
+    """Elements could not be fetched from the network, and none were kept; the message says why."""
 
 
 _OFFLINE = "; check the network, or bring a file and give --elements FILE"

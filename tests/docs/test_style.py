@@ -22,7 +22,7 @@ NEWCOMERS = [
 ]
 FOREIGN = (
     r"\b(?:is|are|was|were|be|not) (?:not )?to be (?:had|found out|had at)\b",
-    r"\bto be had\b",
+    r"\bbe had\b",
     r"\b(?:is|are|was|were) to be\b",
     r"\bhad better\b",
     r"\bwhat becomes of\b",

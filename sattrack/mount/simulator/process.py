@@ -87,7 +87,7 @@ class SimulatorServer:
         except OSError as error:
             self._socket.close()
             raise SattrackError(
-                f"UDP port {port} on {host} cannot be had: {error.strerror}; choose another with --port"
+                f"UDP port {port} on {host} is not available: {error.strerror}; choose another with --port"
             ) from error
 
     @property

@@ -272,7 +272,7 @@ def test_a_port_that_is_taken_is_told(capsys: pytest.CaptureFixture[str]) -> Non
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
         assert run(["mount", "abort", "--mount", f"xerxes://127.0.0.1:9?listen={port}"]) == 1
-    assert f"UDP port {port} cannot be had" in capsys.readouterr().err
+    assert f"UDP port {port} is not available" in capsys.readouterr().err
 
 
 def test_strangers_are_dropped_and_counted_by_address() -> None:

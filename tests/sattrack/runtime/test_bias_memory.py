@@ -149,7 +149,7 @@ def test_a_pass_begins_with_what_was_remembered_and_says_so(memory: BiasMemory, 
     path = tmp_path / "second.mcap"
     prepared = ready(record=path)
     (words,) = prepared.notes
-    assert "+0.800 ± 0.028 s along, -0.50 ± 0.02 km across, from 14 observations 1.6 h before" in words
+    assert "+0.800 ± 0.028 s along, -0.50 ± 0.02 km across, from 14 observations 1 h 36 min before" in words
     summary, views = fly(prepared)
     middle = views[len(views) // 2]
     assert middle.remembered is not None

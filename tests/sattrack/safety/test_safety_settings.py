@@ -205,5 +205,5 @@ def test_settings_that_change_while_a_command_runs_are_told_of(
     if says is None:
         assert "meanwhile" not in err
     else:
-        assert f"{path} changed meanwhile" in err
+        assert f"{path} changed during the run" in err
         assert says.format(path=path) in err

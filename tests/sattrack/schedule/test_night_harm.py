@@ -303,7 +303,7 @@ def test_without_a_status_too_a_damaged_journal_begins_the_night_anew(tmp_path: 
     (tmp_path / FILE_NAME).write_bytes(b"no journal" * 1000)
     (tmp_path / "status.json").write_bytes(b'{"type":')
     taken = open_run(tmp_path, BEGIN)
-    assert "the night begins anew" in str(taken.words)
+    assert "the night starts again" in str(taken.words)
     assert (taken.run, taken.recovered) == (Run(), None)
 
 

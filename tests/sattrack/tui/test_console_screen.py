@@ -203,7 +203,7 @@ class TestWords:
 
     def test_the_text_of_a_status_has_every_field(self) -> None:
         text = status_text(VIEW)
-        assert text.startswith("xerxes://192.0.2.7:15001  2026-10-02T13:04:31.400Z  profile hill\n")
+        assert text.startswith("xerxes://192.0.2.7:15001  Fri 2 Oct 2026 13:04:31.400 UTC  profile hill\n")
         # Six flags acknowledge; every other field has a line, but for the two rates, which have two.
         lines = sum(len(group.lines) for group in status_groups(VIEW)[:5])
         assert lines == len(STATUS.__struct_fields__) - 2 - 2 + 2 + 2

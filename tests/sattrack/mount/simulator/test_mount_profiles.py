@@ -181,7 +181,7 @@ def test_a_port_in_use_is_named() -> None:
     served = Served()
     try:
         clock = SimulatedClock(T0, 0.0)
-        with pytest.raises(SattrackError, match=f"UDP port {served.server.port} on 127.0.0.1 cannot be had"):
+        with pytest.raises(SattrackError, match=f"port {served.server.port} on 127.0.0.1 is not available"):
             SimulatorServer(Installation(served.mount), clock, "127.0.0.1", served.server.port, None)
     finally:
         served.close()
