@@ -93,6 +93,10 @@ class RunFacts(msgspec.Struct, frozen=True):
         return self.followed.target()
 
 
+# Made once, under the lock of the import: msgspec's first look at a type is not safe in two threads.
+_DECODER = msgspec.json.Decoder(RunFacts, dec_hook=decode_utc)
+
+
 def encode_facts(facts: RunFacts) -> bytes:
     """Return the facts as JSON; floats come back as they were."""
     return msgspec.json.encode(facts, enc_hook=encode_utc)
@@ -100,7 +104,7 @@ def encode_facts(facts: RunFacts) -> bytes:
 
 def decode_facts(data: bytes | msgspec.Raw) -> RunFacts:
     """Return the facts that JSON holds; raises msgspec.ValidationError."""
-    return msgspec.json.decode(data, type=RunFacts, dec_hook=decode_utc)
+    return _DECODER.decode(data)
 
 
 def build_engine(facts: RunFacts) -> Engine:
