@@ -180,7 +180,7 @@ def test_the_readme_tells_what_a_rehearsal_expects() -> None:
     readme = PAGES[0].read_text(encoding="utf-8")
     for name, row in (("elements", "| elements 0.5 days old |"), ("clock", "10 ms |"), ("delay", "5 ms |")):
         assert f"{row} {parts[name]['along_arcsec']:.0f}″ |" in readme
-    assert f"the elements add {parts['elements']['across_arcsec']:.0f}″" in readme
+    assert f"the elements err by {parts['elements']['across_arcsec']:.0f}″" in readme
 
 
 def test_a_difference_in_the_output_shows() -> None:
