@@ -97,8 +97,9 @@ class DaskCluster:
         if scheme not in ("tcp", "tls") or not host or not port.isdecimal():
             raise BadInputError(f"--cluster {address!r} is no address of a scheduler: write tcp://HOST:8786")
         self._address, self._tell = address, tell
-        # What Dask logs of lost connections is told in a line of our own.
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)
+        # A line of our own reports lost connections. Dask gives some of its loggers a level of their own.
+        for name in [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]:
+            logging.getLogger(name).setLevel(logging.CRITICAL)
 
     def __call__(self, elements: Sequence[Elements], works: Sequence[StationDay]) -> Iterator[Done]:
         """Yield the work done, in any order. Raises SattrackError where the cluster is not there or unfit."""
@@ -111,7 +112,7 @@ class DaskCluster:
                         yield work, partition
                         del left[work.path]
                 except (_LostClusterError, CommClosedError, CancelledError, OSError) as error:
-                    why = str(error) or type(error).__name__
+                    why = (str(error) or type(error).__name__).splitlines()[0].rstrip(":")
                     self._tell(f"the scheduler at {self._address} is gone ({why}); waiting for it")
                     _close(client)
                     client = self._connected(PATIENCE_S)

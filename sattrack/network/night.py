@@ -353,14 +353,16 @@ def plan_night(
     fresh, together = _fresh(passes, wishes, span[0]), together_of(passes, stations, wishes.baseline_km)
     left_out: set[int] = set()
     checked: list[set[tuple[int, int]]] = [set() for _ in stations]
-    until_s, again = time.monotonic() + seconds, list[int]()
+    left_s, again = seconds, list[int]()
     found = Assigned(np.empty(0, dtype=np.intp), 0.0, math.inf)
     for number in count():
         every = [StationPasses(w, clash) for w, clash in zip(members, clashes, strict=True)]
         problem = Assignment(
             passes.start_s, value, every, fresh, together, kept, wishes.repeat, wishes.parallax
         )
-        found = _chosen(problem, found, [every[k] for k in again], until_s - time.monotonic())
+        begun_s = time.monotonic()
+        found = _chosen(problem, found, [every[k] for k in again], left_s)
+        left_s -= time.monotonic() - begun_s
         again = []
         for k, one in enumerate(stations):
             if progress is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import signal
 import socket
 import subprocess
@@ -189,3 +190,11 @@ def test_workers_and_cluster_do_not_go_together(
     assert run(words) == 2
     assert "give --workers or --cluster, not both" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_dask_logs_no_lost_connection_beside_our_line() -> None:
+    from sattrack.network.cluster import DaskCluster
+
+    DaskCluster("tcp://127.0.0.1:1", print)
+    assert not logging.getLogger("distributed.client").isEnabledFor(logging.ERROR)
+    assert not logging.getLogger("distributed.core").isEnabledFor(logging.ERROR)
