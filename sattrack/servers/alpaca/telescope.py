@@ -439,7 +439,8 @@ class ServedTelescope:
         state = self.heard(now_utc_s)
         if on and state.at_park:
             raise Fault(Number.PARKED, "Tracking: the mount is parked, and is woken at its own console")
-        return None if on == state.tracking else TrackOrder(on)
+        # A stop that is not over ends the tracking that is still there.
+        return None if on == state.tracking and state.doing != "stopping" else TrackOrder(on)
 
     def _fine(self, name: str, value: float, now_utc_s: float) -> FineOrder:
         if value and not self.heard(now_utc_s).tracking:

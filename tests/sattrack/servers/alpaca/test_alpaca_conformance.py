@@ -466,6 +466,17 @@ def test_tracking_is_ended_by_a_stop_and_set_again(move_axis: Any, additive: boo
     assert scope.truths[-1].hour_angle_axis_deg == pytest.approx(stands, abs=1e-4)
 
 
+def test_tracking_is_not_granted_by_name_only_while_a_stop_ends_it(scope: VirtualTelescope) -> None:
+    scope.put("moveaxis", Axis=1, Rate=1.0)
+    scope.run_for(1.0)
+    scope.put("abortslew")
+    assert scope.fault_of("tracking", Tracking="True") is Number.INVALID_OPERATION
+    scope.run_for(3.0)
+    assert scope.get("tracking") is False
+    assert scope.put("tracking", Tracking="True") is None
+    assert scope.get("tracking") is True
+
+
 def test_offset_rates_are_refused_where_there_is_no_tracking_to_offset(scope: VirtualTelescope) -> None:
     scope.put("tracking", Tracking="False")
     for rate in ("RightAscensionRate", "DeclinationRate"):
