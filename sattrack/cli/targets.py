@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from sattrack.cli.common import tell
 from sattrack.core.errors import BadInputError
 from tle.elements import expected_error_m
 from tle.errors import AmbiguousSatelliteError, SatelliteNotFoundError
@@ -160,7 +159,7 @@ def _chosen(
         listed = "; ".join(one.text for one in known)
         raise BadInputError(f"--source {word}: none of the ephemerides of {key} is called so: {listed}")
     for one in known:
-        tell(f"{'using' if one is meant[0] else 'not  '} {one.text}")
+        click.echo(f"sattrack: {'using' if one is meant[0] else 'not  '} {one.text}", err=True)
     return meant[0].target
 
 
