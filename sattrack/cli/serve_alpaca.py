@@ -234,7 +234,7 @@ def _opened(ports: dict[str, int], options: dict[str, Any], closing: ExitStack) 
 
 
 def _announcements(ends: Ends, options: dict[str, Any], callers: CallerLimits) -> list[str]:
-    """Return where clients find the telescope, and what is to be known about that."""
+    """Return where clients find the telescope, with warnings."""
     host, texts = options["host"], []
     for protocol, port in ends.ports.items():
         texts.append(f"{NAMES[protocol]} is on {host}:{port}; Ctrl-C stops the mount and ends it")

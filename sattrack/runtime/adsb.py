@@ -36,7 +36,7 @@ _BEAST_BYTES = {0x31: 2, 0x32: 7, 0x33: 14}
 
 
 class Aircraft:
-    """What an aircraft has told of its place and velocity, by its ICAO address in hexadecimal."""
+    """The last reports of an aircraft, its place and velocity, by its ICAO address in hexadecimal."""
 
     def __init__(self, icao: str) -> None:
         self.icao = icao.upper()

@@ -138,7 +138,7 @@ class MessageReader:
         self._root: Element | None = None
 
     def read(self, data: bytes) -> list[Element] | None:
-        """Return the messages that are complete; None where it must be hung up on."""
+        """Return the messages that are complete; None where the client must be disconnected."""
         self._size += len(data)
         found: list[Element] = []
         try:
@@ -402,7 +402,7 @@ _TAKES: dict[str, Callable[[IndiDevice, Mapping[str, str], float], Asked | Track
 
 
 class ClientView:
-    """What one client was told; `definitions` and `changes` give what it is to be told."""
+    """What one client knows of the device; `definitions` and `changes` give what it does not know yet."""
 
     def __init__(self, device: IndiDevice) -> None:
         self._device = device

@@ -43,7 +43,7 @@ QUOTED = 20
 FINISH_WITHIN_S = 10.0
 """What a client has sent before it left is carried out within this time, or not at all."""
 EVERY_S = 0.2
-"""So often clients that are told so hear where the telescope points."""
+"""So often clients hear where the telescope points, without asking."""
 Item = TypeVar("Item")
 
 
@@ -94,7 +94,7 @@ class Planetariums:
                 found = commands.read(data)
                 if found is None:
                     _drop(waiting, lambda _: True)
-                    self.channel.log(f"an LX200 client was hung up on: it sent {data[:QUOTED]!r}")
+                    self.channel.log(f"an LX200 client was disconnected: it sent {data[:QUOTED]!r}")
                     break
                 for command in found:
                     if command == STOP:
@@ -121,7 +121,7 @@ class Planetariums:
             while not places.done() and (data := await reader.read(READ_BYTES)):
                 found = gotos.read(data)
                 if found is None:
-                    self.channel.log(f"a Stellarium was hung up on: it sent {data[:QUOTED]!r}")
+                    self.channel.log(f"a Stellarium was disconnected: it sent {data[:QUOTED]!r}")
                     break
                 for ra_deg, dec_deg in found[-1:]:
                     await self._goto(number, ra_deg, dec_deg)
@@ -147,7 +147,7 @@ class Planetariums:
                 found = messages.read(data)
                 if found is None:
                     _drop(waiting, lambda _: True)
-                    self.channel.log(f"an INDI client was hung up on: it sent {data[:QUOTED]!r}")
+                    self.channel.log(f"an INDI client was disconnected: it sent {data[:QUOTED]!r}")
                     break
                 for message in found:
                     if message.get("name") == ABORT:
@@ -343,7 +343,7 @@ class _Pace:
 
 
 def _drop(waiting: asyncio.Queue[Item], dropped: Callable[[Item], bool]) -> None:
-    """Take out of a queue what is to be dropped."""
+    """Take some items out of a queue."""
     for _ in range(waiting.qsize()):
         item = waiting.get_nowait()
         if not dropped(item):

@@ -129,7 +129,7 @@ sim --port -1                                   | 0 takes a free one
 sim --faults explode                            | write loss=3%
 sim --profile none.toml                         | check the name
 sim --telescope x.toml                          | it needs --alpaca
-serve lx200                                     | see `sattrack serve --help`
+serve nexstar                                   | see `sattrack serve --help`
 serve alpaca --mount sim --port 99999           | 0 takes a free one
 serve alpaca --mount sim --allow everyone       | write 192.0.2.7 or 192.0.2.0/24
 serve antenna --mount sim --axes xy             | is not one of 'hadec', 'azel'
@@ -146,7 +146,7 @@ passes ISS                                      | give it with --elements FILE
 passes Hubble --site 52,4,0                     | save http
 passes '' {at}                                  | which hold ISS
 passes 25 544 {at}                              | no satellite '25'
-ephemeris Vega --site 52,4,0                    | set stars in sattrack.toml
+ephemeris 'HIP 5' --site 52,4,0                 | set stars in sattrack.toml
 ephemeris Vegga {at}                            | which hold ISS (ZARYA) (25544)
 passes ISS --elements {tle} --site Leiden       | write LAT,LON,HEIGHT as 52.15,4.49,0
 passes ISS --elements {tle} --site '52.1 4.4 0' | write LAT,LON,HEIGHT as 52.15,4.49,0
