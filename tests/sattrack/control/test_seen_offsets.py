@@ -308,7 +308,7 @@ def loop_view_of(loop: Loop, at_s: float) -> LoopView:
 def test_a_search_that_is_asked_for_is_refused_while_nothing_was_seen_or_no_field_is_known() -> None:
     loop = Loop()
     loop.steering.obey(Search("auto"), BEGIN_S)
-    assert "nothing was seen" in (loop.steering.refusal or "")
+    assert "nothing seen yet" in (loop.steering.refusal or "")
     loop.run(10.0)
     loop.steering.obey(Search("auto"), BEGIN_S + 10.0)
     assert "the camera's field is not known" in (loop.steering.refusal or "")

@@ -36,7 +36,7 @@ def test_the_pass_that_is_meant_is_taken(now: str, culminates: str | None, sets:
 def test_a_pass_that_is_over_or_was_none_is_refused_by_name(culminates: str) -> None:
     about = float(Utc.parse(culminates).unix_s)
     with pytest.raises(
-        SattrackError, match=f"ISS .* no pass above 10° that culminates about {culminates[:16]}"
+        SattrackError, match=f"ISS .* no pass above 10° that culminates about .* {culminates[11:16]}"
     ):
         choose_pass(
             demo_pass.elements(), demo_pass.SITE.place(), Utc.parse("2026-10-02T13:20:00Z"), 10.0, about
