@@ -66,8 +66,9 @@ class IndiCamera:
         return client
 
     def _serve(self) -> None:
-        asyncio.set_event_loop(self._loop)
-        self._loop.run_until_complete(self._client.asyncrun())
+        # The runner closes the loop.
+        with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
+            runner.run(self._client.asyncrun())
 
     def _find(self) -> None:
         until_s = time.monotonic() + FOUND_WITHIN_S
