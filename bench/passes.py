@@ -9,7 +9,7 @@ for the command's start. Times are compared with skyfield's own root of its alti
 within a tenth of a second of it.
 
 Run it as `python bench/passes.py CATALOGUE` with a TLE file, gzipped or not; `--each N` takes N instead of
-300, `--workers N` the number of threads (as many as processors without it). It needs skyfield, but
+300, `--workers N` the number of processes (as many as processors without it). It needs skyfield, but
 with `--command`, which measures the command with a whole catalogue and nothing else. Ratios of time by
 the clock shrink where other work leaves ours fewer processors than there are; those of the processors' own
 time, of one against the sum of all, do not.
@@ -183,7 +183,7 @@ def main() -> None:
     versions = ", ".join(f"{p} {version(p)}" for p in PEERS)
     print(
         f"{versions}; {len(catalogue)} objects, {HOURS:.0f} h, above {MIN_ALT_DEG:.0f}°, "
-        f"{given.workers} threads"
+        f"{given.workers} processes"
     )
     compare_catalogue(catalogue, names, given)
     one_satellite(next((e for e in catalogue if e.catalog_number == ISS), catalogue[0]))
@@ -308,27 +308,51 @@ def whole_command(catalogue: Path) -> None:
     command += ["--site", ",".join(str(value) for value in SITE), "--from", START.isoformat()]
     kinds = ((), ("--json",), ("--csv",), ("--dark", "--sunlit"), ("--name", "COSMOS*"))
     for options in kinds:
-        ratios, told = [], (0.0, 0.0, 0.0)
+        ratios, spent = [], (0.0, 0.0)
         for _ in range(ROUNDS):
             bare = run_whole([*command, "--name", _NOBODY])
-            told = run_whole([*command, *options])
-            ratios.append(told[1] / bare[1])
+            spent = run_whole([*command, *options])
+            ratios.append(spent[1] / bare[1])
         ratios.sort()
         print(
-            f"the command for the whole catalogue, {' '.join(('passes', *options))}: {told[0]:.1f} s, "
-            f"{told[1]:.1f} s of processors, {told[2]:.0f} MiB; {statistics.median(ratios):.1f} times the "
-            f"processors' time of reading the catalogue alone ({ratios[0]:.1f} to {ratios[-1]:.1f})"
+            f"the command for the whole catalogue, {' '.join(('passes', *options))}: {spent[0]:.1f} s, "
+            f"{spent[1]:.1f} s of processors, {memory_mib([*command, *options]):.0f} MiB; "
+            f"{statistics.median(ratios):.1f} times the processors' time of reading the catalogue alone "
+            f"({ratios[0]:.1f} to {ratios[-1]:.1f})"
         )
 
 
-def run_whole(command: list[str]) -> tuple[float, float, float]:
-    """Run a command; return its seconds by the clock and of processors, and the MiB that it held at most."""
-    start = time.perf_counter()
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    _, _, used = os.wait4(process.pid, 0)
-    process.returncode = 0
-    spent = time.perf_counter() - start
-    return spent, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0
+def run_whole(command: list[str]) -> tuple[float, float]:
+    """Run a command; return its seconds by the clock and of processors, those of its children included."""
+    before_s, start = processor_s(), time.perf_counter()
+    subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
+    return time.perf_counter() - start, processor_s() - before_s
+
+
+def memory_mib(command: list[str]) -> float:
+    """Run a command; return the most that it and its children held, what they share counted once (Linux)."""
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        most = 0.0
+        while process.poll() is None:
+            most = max(most, sum(_share_mib(pid) for pid in [process.pid, *_children(process.pid)]))
+            time.sleep(0.1)
+    return most
+
+
+def _children(pid: int) -> list[int]:
+    try:
+        return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    except OSError:
+        return []
+
+
+def _share_mib(pid: int) -> float:
+    """Return what a process holds, its part of what it shares with others; 0 where it has ended."""
+    try:
+        lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
+    except OSError:
+        return 0.0
+    return sum(float(line.split()[1]) for line in lines if line.startswith("Pss:")) / 1024.0
 
 
 if __name__ == "__main__":

@@ -22,9 +22,10 @@ from tle.crossings import (
 )
 from tle.errors import SourceError
 from tle.instants import Utc
-from tle.passes import mapping, read_table
+from tle.passes import read_table
 from tle.site import EARTH_RADIUS_KM, FLATTENING
 from tle.sun import SUN_RADIUS_KM, SunAndMoon
+from tle.workers import mapping
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -197,8 +198,8 @@ def fact_columns(
     """Return the facts of passes by index, of all without one; separations from Sun and Moon only if wanted.
 
     `magnitudes` are intrinsic ones by catalogue number; see `magnitude`. `progress` is called now and then
-    with how many passes are done and how many there are. `workers` threads share very many passes: most of
-    the work is numpy's, which lets other threads run. The result is the same.
+    with how many passes are done and how many there are. `workers` share very many passes, see
+    `workers.mapping`. The result is the same.
     """
     chosen = np.arange(len(passes)) if index is None else np.asarray(index, dtype=np.intp)
     search = passes.search

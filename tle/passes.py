@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, overload
+from typing import TYPE_CHECKING, NamedTuple, overload
 
 import numpy as np
 
@@ -37,6 +36,7 @@ from tle.errors import EphemerisError, PropagationError, SiteError, SourceError,
 from tle.instants import DAY_S, Utc, as_utc
 from tle.near_earth import DEEP_SPACE_MIN, start_near_earth
 from tle.prefilter import drag_share, near_crossings, near_places
+from tle.workers import mapping
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -65,8 +65,6 @@ _FAILURE_CLOSE_S = 0.01
 _STRETCHES_A_CHUNK = 48000
 _DEEP_A_CHUNK = 150
 _STRETCHES_A_SECOND = 8.0 / 6000.0
-# Elements. Arrays of so long rows meet a single row without copies of it: half the time.
-_BUFFER = 512
 _CELL_DEG = 0.1
 _CELLS = 3600
 
@@ -222,8 +220,8 @@ def find_catalogue_passes(
 
     `horizon` is a least altitude in degrees, or a `Horizon` with a mask.
     No pass longer than half a second is missed; see `prefilter` and `crossings` for the proof. `progress` is
-    called now and then with how many objects are done and how many there are. `workers` threads share large
-    catalogues: most of the work is numpy's, which lets other threads run. Raises TimeRangeError, SiteError;
+    called now and then with how many objects are done and how many there are. `workers` share large
+    catalogues, see `workers.mapping`. Raises TimeRangeError, SiteError;
     what SGP4 refuses is listed in `failed`.
     """
     start = as_utc(start)
@@ -244,29 +242,6 @@ def find_catalogue_passes(
                 progress(done, len(elements))
     failed = search.one_by_one(sorted(left), pieces)
     return CataloguePasses(search, joined(pieces), failed)
-
-
-@contextmanager
-def mapping(workers: int) -> Iterator[Callable[..., Iterator[Any]]]:
-    """Give `map`, or one that shares the work among threads; results come in any order."""
-    if workers <= 1:
-        yield lambda work, items: map(partial(_in_small_buffers, work), items)
-        return
-    from concurrent.futures import ThreadPoolExecutor
-
-    with ThreadPoolExecutor(workers) as pool:
-        # The first and the last by turns: deep space is at one end, and its SGP4 lets no other thread run.
-        yield lambda work, items: pool.map(
-            partial(_in_small_buffers, work),
-            [items[k // 2 if k % 2 == 0 else -1 - k // 2] for k in range(len(items))],
-        )
-
-
-def _in_small_buffers(work: Callable[[Any], Any], item: Any) -> Any:
-    """Return what work makes of an item; numpy copies rows into buffers only where these hold several."""
-    with np.errstate():
-        np.setbufsize(_BUFFER)
-        return work(item)
 
 
 @dataclass(frozen=True, slots=True)

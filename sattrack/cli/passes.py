@@ -157,9 +157,9 @@ def _show_passes(table: PassTable, style: str, options: dict[str, Any]) -> None:
     from sattrack.cli.passes_output import table_lines, write_csv, write_json
 
     if style == "json":
-        write_json(table, sys.stdout.write)
+        write_json(table, sys.stdout.write, os.cpu_count() or 1)
     elif style == "csv":
-        write_csv(table, sys.stdout.write)
+        write_csv(table, sys.stdout.write, os.cpu_count() or 1)
     elif style == "ics":
         from sattrack.cli.passes_output import passes_calendar
 

@@ -21,6 +21,7 @@ from tle.errors import printable
 from tle.facts import NUMBERS
 from tle.instants import Utc
 from tle.propagator import Propagator
+from tle.workers import mapping
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -185,35 +186,56 @@ def judged_table(table: PassTable, profile: MountProfile, limits: SafetyLimits) 
     return replace(table, judged=True, why_not=why_not)
 
 
-def write_json(table: PassTable, write: Callable[[str], object]) -> None:
-    """Write one JSON array, a block of rows at a time."""
-    opening, objects = "[", _objects(table, json.dumps, "null", '"')
-    for block in table.blocks():
+def write_json(table: PassTable, write: Callable[[str], object], workers: int = 1) -> None:
+    """Write one JSON array, a block of rows at a time; `workers` share those, see `tle.workers.mapping`."""
+    objects = _objects(table, json.dumps, "null", '"')
+
+    def text(block: PassTable) -> str:
         columns = _texts(block, objects, _json_numbers, "null", '"')
         columns["feasible"] = _feasible(block, ("true", "false", "null"))
         columns["why_not"] = [json.dumps(why) for why in block.why_not] or ["null"] * len(block)
         columns.update(_lists(block))
-        rows = (_JSON_ROW % row for row in zip(*(columns[key] for key in _FIELDS), strict=True))
-        write(opening + ", ".join(rows))
+        return ", ".join(_JSON_ROW % row for row in zip(*(columns[key] for key in _FIELDS), strict=True))
+
+    opening = "["
+    for rows in _block_texts(table, text, workers):
+        write(opening + rows)
         opening = ", "
     write("[]\n" if opening == "[" else "]\n")
 
 
-def write_csv(table: PassTable, write: Callable[[str], object]) -> None:
-    """Write the fields of JSON that are single values, with a line of titles."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(_SINGLE)
+def write_csv(table: PassTable, write: Callable[[str], object], workers: int = 1) -> None:
+    """Write the fields of JSON that are single values, with a line of titles, shared as by `write_json`."""
     objects = _objects(table, str, "", "")
-    for block in table.blocks():
+
+    def text(block: PassTable) -> str:
         columns = _texts(block, objects, _numbers, "", "")
         columns["feasible"] = _feasible(block, ("True", "False", ""))
         columns["why_not"] = [why or "" for why in block.why_not] or [""] * len(block)
-        writer.writerows(zip(*(columns[key] for key in _SINGLE), strict=True))
-        write(out.getvalue())
-        out.seek(0)
-        out.truncate()
-    write(out.getvalue())
+        return _csv_lines(zip(*(columns[key] for key in _SINGLE), strict=True))
+
+    write(_csv_lines([_SINGLE]))
+    for rows in _block_texts(table, text, workers):
+        write(rows)
+
+
+def _csv_lines(rows: Iterable[Sequence[str]]) -> str:
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows(rows)
+    return out.getvalue()
+
+
+def _block_texts(table: PassTable, text: Callable[[PassTable], str], workers: int) -> Iterator[str]:
+    """Yield the text of each block of rows, in their order."""
+    blocks = [np.arange(k, min(k + _ROWS_A_BLOCK, len(table))) for k in range(0, len(table), _ROWS_A_BLOCK)]
+    early: dict[int, str] = {}
+    with mapping(min(workers, len(blocks))) as mapped:
+        following = 0
+        for number, made in mapped(lambda k: (k, text(table.take(blocks[k]))), range(len(blocks))):
+            early[number] = made
+            while following in early:
+                yield early.pop(following)
+                following += 1
 
 
 def _objects(

@@ -49,7 +49,7 @@ img { max-width: 100% } .what { color: #5b6b80 } .bad { color: #b3263a }
 def report_rows(report: Report) -> list[tuple[str, str]]:
     """Return a report as pairs of a name and a value, both text."""
     rows = [
-        ("pass", f"{named(report.name, report.catalog_number)}, {_began(report)}"),
+        ("pass", f"{named(report.name, report.catalog_number)}, recorded from {_began(report)}"),
         ("mount", report.mount),
         ("followed", f"{report.followed_s:.0f} s, {report.samples} samples; ended by {report.ended_by}"),
     ]

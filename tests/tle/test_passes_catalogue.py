@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -343,7 +344,9 @@ def test_skyfield_finds_the_same(catalogue):
     assert compared > 80
 
 
-def test_two_at_work_find_what_one_does(catalogue):
+@pytest.mark.parametrize("forks", [True, False])
+def test_two_at_work_find_what_one_does(catalogue, forks, monkeypatch):
+    monkeypatch.setattr("tle.workers._may_fork", lambda: forks and sys.platform == "linux")
     # Just enough that the work is shared.
     chosen = catalogue[::7]
     reported = []

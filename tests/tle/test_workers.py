@@ -1,0 +1,111 @@
+"""Work shared among processes: the same results, whatever happens to the processes."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from tle.workers import mapping
+
+ITEMS = range(37)
+forks = pytest.mark.skipif(sys.platform != "linux", reason="threads share the work elsewhere")
+
+
+@pytest.fixture
+def forked(monkeypatch):
+    """Let processes share the work here too, though the test runner may have a thread."""
+    monkeypatch.setattr("tle.workers._may_fork", lambda: True)
+
+
+@forks
+def test_results_are_those_of_one(forked):
+    for workers in (1, 2, 5, 100):
+        with mapping(workers) as mapped:
+            assert sorted(mapped(lambda k: k * k, ITEMS)) == [k * k for k in ITEMS]
+        with mapping(workers) as mapped:
+            assert list(mapped(lambda k: k, ())) == []
+
+
+@forks
+def test_processes_do_the_work_and_end(forked):
+    with mapping(3) as mapped:
+        places = set(mapped(lambda _: os.getpid(), ITEMS))
+    assert os.getpid() not in places
+    assert 1 <= len(places) <= 3
+    assert multiprocessing.active_children() == []
+
+
+def test_a_program_with_threads_is_not_copied():
+    done = threading.Event()
+    other = threading.Thread(target=done.wait)
+    other.start()
+    try:
+        with mapping(2) as mapped:
+            assert set(mapped(lambda _: os.getpid(), ITEMS)) == {os.getpid()}
+    finally:
+        done.set()
+        other.join()
+
+
+@forks
+@pytest.mark.parametrize("workers", [1, 2])
+def test_what_work_raises_is_raised_here(workers, forked):
+    def work(k: int) -> int:
+        if k == 20:
+            raise ValueError("the twentieth")
+        return k
+
+    with mapping(workers) as mapped, pytest.raises(ValueError, match="the twentieth"):
+        list(mapped(work, ITEMS))
+    assert multiprocessing.active_children() == []
+
+
+@forks
+@pytest.mark.parametrize("fatal", [lambda k: k == 5, lambda _: True], ids=["one dies", "all die"])
+def test_work_of_a_process_that_dies_is_done_all_the_same(fatal, forked):
+    own = os.getpid()
+
+    def work(k: int) -> int:
+        if fatal(k) and os.getpid() != own:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return k
+
+    with mapping(2) as mapped:
+        assert sorted(mapped(work, ITEMS)) == list(ITEMS)
+
+
+@forks
+def test_an_iteration_given_up_leaves_no_process(forked):
+    with mapping(2) as mapped:
+        results = mapped(lambda k: k, ITEMS)
+        next(results)
+        results.close()
+    assert multiprocessing.active_children() == []
+
+
+@forks
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_processes_end_with_their_parent(end):
+    """Each holds the writing end of this test's pipe: it is at its end when the last of them is gone."""
+    program = (
+        "import signal, sys\n"
+        "from tle.workers import mapping\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "with mapping(2) as mapped:\n"
+        "    for k, _ in enumerate(mapped(lambda k: sum(range(20_000)), range(10**6))):\n"
+        "        if k == 20:\n"
+        "            print('works', flush=True)\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    ) as parent:
+        assert parent.stdout is not None
+        assert parent.stdout.readline() == b"works\n"
+        parent.send_signal(end)
+        assert parent.stdout.read() == b""

@@ -1,0 +1,145 @@
+"""Large work shared among processors: by processes where the system forks, by threads elsewhere.
+
+What searches and looks at passes is many short calls of numpy, which threads of one interpreter can hardly
+share. Processes that are forked hold all of their parent's memory at once and send back results alone.
+"""
+
+from __future__ import annotations
+
+import gc
+import multiprocessing
+import signal
+import sys
+import threading
+import warnings
+from contextlib import contextmanager
+from functools import partial
+from multiprocessing.connection import Connection, wait
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    Work = Callable[[Any], Any]
+
+# Elements. Arrays of so long rows meet a single row without copies of it: half the time.
+_BUFFER = 512
+# Items handed out to a process beyond the one it works on, so that it need not wait for the next.
+_AHEAD = 2
+
+
+@contextmanager
+def mapping(workers: int) -> Iterator[Callable[[Work, Sequence[Any]], Iterator[Any]]]:
+    """Give `map` over a sequence, shared by so many workers; results come in any order.
+
+    Processes are used on Linux by a program with one thread that may have children; they end with the
+    iteration. Work of one that dies is done here. Results, and what work raises, must be picklable.
+    """
+    if workers <= 1:
+        yield lambda work, items: map(partial(_in_small_buffers, work), items)
+    elif _may_fork():
+        yield lambda work, items: _forked(partial(_in_small_buffers, work), items, workers)
+    else:
+        from concurrent.futures import ThreadPoolExecutor
+
+        with ThreadPoolExecutor(workers) as pool:
+            yield lambda work, items: pool.map(partial(_in_small_buffers, work), _by_turns(items))
+
+
+def _may_fork() -> bool:
+    """Tell whether this process can be forked: locks that other threads hold stay locked in the copy."""
+    alone = threading.active_count() == 1
+    return sys.platform == "linux" and alone and not multiprocessing.current_process().daemon
+
+
+def _by_turns(items: Sequence[Any]) -> list[Any]:
+    """Return the first and the last in alternation: deep space comes first, and its SGP4 stops other threads."""
+    return [items[k // 2 if k % 2 == 0 else -1 - k // 2] for k in range(len(items))]
+
+
+def _in_small_buffers(work: Work, item: Any) -> Any:
+    """Return what work makes of an item; numpy copies rows into buffers only where these hold several."""
+    with np.errstate():
+        np.setbufsize(_BUFFER)
+        return work(item)
+
+
+def _forked(work: Work, items: Sequence[Any], workers: int) -> Iterator[Any]:
+    """Yield what work makes of each item, done by copies of this process. Raises what work raises."""
+    context = multiprocessing.get_context("fork")
+    todo = iter(range(len(items)))
+    given: dict[Connection, list[int]] = {}
+    copies = []
+    try:
+        for _ in range(min(workers, len(items))):
+            ours, theirs = context.Pipe()
+            others = [*given, ours]
+            copies.append(context.Process(target=_serve, args=(work, items, theirs, others), daemon=True))
+            with warnings.catch_warnings():
+                # The threads that Python counts here are those of numpy's algebra, which knows of forks.
+                warnings.simplefilter("ignore", DeprecationWarning)
+                copies[-1].start()
+            theirs.close()
+            given[ours] = []
+        for connection in list(given) * _AHEAD:
+            _give(connection, given, todo)
+        lost: list[int] = []
+        while given:
+            for connection in [one for one in wait(list(given)) if isinstance(one, Connection)]:
+                try:
+                    done, result = connection.recv()
+                except (EOFError, ConnectionError):
+                    lost += given.pop(connection)
+                    continue
+                given[connection].remove(done)
+                if isinstance(result, Exception):
+                    raise result
+                _give(connection, given, todo)
+                yield result
+        for k in [*lost, *todo]:
+            yield work(items[k])
+    finally:
+        for connection in given:
+            connection.close()
+        for copy in copies:
+            copy.terminate()
+            copy.join()
+
+
+def _give(connection: Connection, given: dict[Connection, list[int]], todo: Iterator[int]) -> None:
+    """Hand the next item to a process; one that has nothing left is let go."""
+    following = next(todo, None)
+    if following is not None:
+        given[connection].append(following)
+        try:
+            connection.send(following)
+        except ConnectionError:
+            # It is dead: reading says so, and its items are counted then.
+            return
+    elif not given[connection]:
+        del given[connection]
+        connection.close()
+
+
+def _serve(work: Work, items: Sequence[Any], connection: Connection, others: list[Connection]) -> None:
+    """Work on the items asked for until the other end is closed."""
+    # An interrupt from the keyboard reaches all processes of a terminal: the first of them answers it.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    # What was inherited is not looked through for garbage: that would copy it.
+    gc.freeze()
+    # Else the parent's end would stay open here, and its death would not be seen.
+    for other in others:
+        other.close()
+    try:
+        while True:
+            k = connection.recv()
+            try:
+                result = work(items[k])
+            except Exception as error:  # noqa: BLE001 - it is raised where the work was asked for
+                result = error
+            connection.send((k, result))
+    except (EOFError, ConnectionError):
+        return
