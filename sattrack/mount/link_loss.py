@@ -40,7 +40,7 @@ TURN_S = 0.15
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """One row. A time is None where nothing of ours ends the motion: the mount holds its last rate for ever.
+    """One row. A time is None where nothing of ours ends the motion: the mount holds its last rate forever.
 
     `during_s` counts from the fault's begin while it lasts, `by_watchdog` where the watchdog's own time comes
     on top; `after_s` from the fault's end, for a run that is to stop. Braking comes on top of both.
@@ -69,7 +69,7 @@ _UNREPORTED = (
 )
 _SEES = "sees that the mount does not follow, and stops when an interlock trips; stops are lost as well"
 _OBEYS = "obeys: brakes to rest"
-_HOLDS = "**holds its last rate for ever**"
+_HOLDS = "**holds its last rate forever**"
 _BRAKES = "brakes to rest once `watchdog_s` have passed without a command"
 _ABORTS = "the guardian sends the stop from the same port until positions show both axes at rest"
 _DEAD = "nothing is left that could send"

@@ -127,7 +127,7 @@ class LocalWorkers:
     def __call__(self, elements: Sequence[Elements], works: Sequence[StationDay]) -> Iterator[Done]:
         """Yield the work done, in any order. Raises SattrackError where workers die again and again."""
         todo, breaks = deque(works), 0
-        # By a file: a process that dies while it is started would leave us writing to its pipe for ever.
+        # By a file: a process that dies while it is started would leave us writing to its pipe forever.
         with TemporaryDirectory(prefix="sattrack-") as folder:
             file = Path(folder) / "elements"
             file.write_bytes(pickle.dumps(elements))

@@ -382,7 +382,7 @@ class Guardian:
         """Go on no more, as somebody has asked."""
         self._goes_on_utc = None
         self._reported = True
-        # A feeder that hangs would hold the mount, and this process, for ever.
+        # A feeder that hangs would hold the mount, and this process, forever.
         self._end_feeder()
         self._note("gave up on request; the mount is NOT KNOWN AT REST")
 

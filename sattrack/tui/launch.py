@@ -327,7 +327,7 @@ def _say(text: str) -> None:
 def end_with_the_terminal(process: Endable, patience_s: float) -> None:
     """Watch standard input from now on, where that is a terminal; its end ends the process, and this one.
 
-    A pseudo-terminal or a pipe may vanish without a signal; a screen would then wait for keys for ever, and
+    A pseudo-terminal or a pipe may vanish without a signal; a screen would then wait for keys forever, and
     the run with it, with nobody at the stop key. The process must stop the mount, has `patience_s` for
     that, and is ended by force after it: its guardian stops the mount then. Nothing is written any more:
     there is nobody to read.

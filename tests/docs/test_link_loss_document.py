@@ -40,4 +40,4 @@ def test_every_row_has_a_way_out_and_all_that_ends_by_itself_says_when() -> None
         assert row.way_out
         assert not (row.by_watchdog and row.watchdog is not True)
         # What a watchdog ends, only a watchdog ends.
-        assert (row.during_s is None) <= ("for ever" in row.mounts or "until" in row.mounts)
+        assert (row.during_s is None) <= ("forever" in row.mounts or "until" in row.mounts)

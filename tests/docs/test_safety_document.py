@@ -41,7 +41,7 @@ def test_the_contract_is_the_one_of_the_page_on_lost_links() -> None:
         return text.partition("BEGIN contract")[2].partition("-->")[2].partition("<!-- END contract")[0]
 
     assert contract("safety.md") == contract("link-loss.md")
-    assert "for ever" in contract("safety.md")
+    assert "forever" in contract("safety.md")
 
 
 def test_every_setting_is_explained_with_its_default() -> None:

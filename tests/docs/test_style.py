@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import click
@@ -56,6 +58,8 @@ FOREIGN = (
     r"\bwherewith\b",
     r"\bhenceforth\b",
 )
+UNUSED_RULES = ("typography", "lexical_illusions", "dates_times", "spelling")
+"""Rules of proselint that tables, terminals' output and options such as `--from` break on every page."""
 HEADLINE = re.compile(
     r"^#+ (?:What (?:it|becomes|makes|is (?:not|known|kept|run|remembered))"
     r"|How (?:near|well it|soon|far|it) |Who may$)"
@@ -139,3 +143,23 @@ def test_a_foreign_word_shows_and_code_does_not_count() -> None:
     assert not found_in("```\nit is to be had\n```\nand `is told`.")
     assert HEADLINE.match("## What becomes of a link that is lost")
     assert not HEADLINE.match("## What happens if the link is lost")
+
+
+def proselint(*files: Path) -> list[str]:
+    """Return what proselint says of files, by the rules that are used."""
+    said = subprocess.run(
+        [str(Path(sys.executable).with_name("proselint")), "check", *map(str, files)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert said.stderr == ""
+    lines = [line for line in said.stdout.splitlines() if re.match(r".+?:\d+:\d+: ", line)]
+    return [line for line in lines if not line.split(": ")[1].startswith(UNUSED_RULES)]
+
+
+def test_proselint_has_nothing_to_say(tmp_path):
+    assert proselint(*PAGES, ROOT / "CHANGELOG.md") == []
+    poor = tmp_path / "poor.md"
+    poor.write_text("It waits for ever.\n")
+    assert len(proselint(poor)) == 1

@@ -277,7 +277,7 @@ class OrderQueue:
         self._come.set()
 
     async def run(self) -> None:
-        """Work for ever."""
+        """Work forever."""
         while True:
             await self._come.wait()
             self._come.clear()

@@ -313,7 +313,7 @@ class AlpacaServer:
             device.deliver(exposure, *await self._picture(device.camera, exposure))
 
     async def _take_frames(self, camera: SkyCamera, config: CameraConfig, folder: Path) -> None:
-        """Take a picture at each multiple of `every_s`, for ever, and write it as FITS."""
+        """Take a picture at each multiple of `every_s`, forever, and write it as FITS."""
         size = config.settings
         names = (one.stem[6:] for one in folder.glob("frame_??????.fits"))
         number = max((int(name) for name in names if name.isdigit()), default=0)

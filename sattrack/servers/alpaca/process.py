@@ -206,7 +206,7 @@ class Front:
         return self.server.finish(pending)
 
     async def tend(self) -> None:
-        """Look after connections, for ever; log how many were refused."""
+        """Look after connections, forever; log how many were refused."""
         logged, logged_s = (0, 0), -LOG_EVERY_S
         loop = asyncio.get_running_loop()
         while True:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.usefixtures("radio_dish")
 WITHIN_S = 10.0
-"""Long for a busy machine; what nobody stops moves for ever."""
+"""Long for a busy machine; what nobody stops moves forever."""
 HARMLESS = encode_command(Command(6))
 MOVING = encode_command(Command(7, move_ra=True, move_ra_rate_deg_s=1.0))
 EDGE = Path(__file__).parents[3] / "examples" / "profiles" / "edge.toml"

@@ -85,6 +85,6 @@ def test_a_program_ends_with_the_screen_that_started_it_also_when_that_is_killed
         assert screen.stdout is not None
         assert screen.stdout.readline() == b"started\n"
         screen.kill()
-        # The simulated mount would go on for ever; it holds the pipe's other end as long as it lives.
+        # The simulated mount would go on forever; it holds the pipe's other end as long as it lives.
         assert select.select([screen.stdout], [], [], 60.0)[0]
         screen.stdout.read()

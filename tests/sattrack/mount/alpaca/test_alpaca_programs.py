@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 CULMINATES_AFTER_S = 75.0
 REST_WITHIN_S = 30.0
-"""Long for a busy machine; what is left alone moves for ever."""
+"""Long for a busy machine; what is left alone moves forever."""
 
 
 def run(*arguments: str) -> int:

@@ -64,7 +64,7 @@ class Launch:
 
 @dataclass
 class PaperMount:
-    """The stand-in. `silent` commands are launched and not acknowledged, `sticky` ones acknowledged for ever.
+    """The stand-in. `silent` commands are launched and not acknowledged, `sticky` ones acknowledged forever.
 
     `deaf` hears nothing; `stuck` never ends a slew or a pulse; `unmoved` acknowledges a sync without obeying.
     """
