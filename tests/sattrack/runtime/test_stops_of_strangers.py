@@ -76,6 +76,14 @@ class Stranger:
             )
         assert there, self.truths[-1:]
 
+    def wait_until_moved_by(self, feeder: Feeder) -> None:
+        """Wait until the mount is fast; what a feeder that ended before that said is the failure's text."""
+        with self._changed:
+            self._changed.wait_for(
+                lambda: feeder.process.poll() is not None or self.speed_deg_s() > FAST_DEG_S, PATIENCE_S
+            )
+        assert self.speed_deg_s() > FAST_DEG_S, feeder.end()
+
     def wait_s(self, seconds: float) -> None:
         """Let the mount go on for so long."""
         until_s = time.time() + seconds
@@ -123,6 +131,7 @@ def stranger(**parameters: Any) -> Iterator[Stranger]:
         with ended(subprocess.Popen(command, **pipes)) as process:
             mount = Stranger(process, ours)
             try:
+                mount.wait_until(fast=False)
                 yield mount
             finally:
                 mount.end()
@@ -139,7 +148,7 @@ def killed_with_its_guardian(mount: Stranger) -> None:
     """Leave the mount moving with nobody to stop it."""
     feeder = move(mount)
     try:
-        mount.wait_until(fast=True)
+        mount.wait_until_moved_by(feeder)
         guardian = feeder.guardian()
         feeder.process.send_signal(signal.SIGSTOP)
         subprocess.run(["kill", "-9", str(guardian)], check=True)
@@ -184,7 +193,7 @@ def test_a_link_cut_for_longer_than_a_session_waits_leaves_a_guardian_that_stops
     with stranger() as mount:
         feeder = move(mount)
         try:
-            mount.wait_until(fast=True)
+            mount.wait_until_moved_by(feeder)
             guardian = feeder.guardian()
             mount.cut, cut_s = True, time.time()
             feeder.process.wait(CUT_S)
@@ -224,7 +233,7 @@ def test_a_stop_tells_that_it_goes_on_and_may_be_given_up(
     with stranger() as mount:
         feeder = move(mount)
         try:
-            mount.wait_until(fast=True)
+            mount.wait_until_moved_by(feeder)
             guardian = feeder.guardian()
             mount.cut = True
             feeder.process.kill()
