@@ -44,7 +44,8 @@ def report(verdicts: list[Verdict], took_s: float) -> None:
     stood = sorted(v.standstill_s for v in verdicts if not math.isnan(v.standstill_s))
     if stood:
         print(
-            f"| stop to standstill, in reach | {stood[len(stood) // 2]:.2f} s (median), {stood[-1]:.2f} s (worst) |"
+            f"| stop to standstill, in reach | {stood[len(stood) // 2]:.2f} s (median), "
+            f"{stood[-1]:.2f} s (worst) |"
         )
     errors = sorted(v.recovered_arcsec for v in verdicts if v.recovery_checked)
     if errors:

@@ -54,6 +54,10 @@ AT_LIMIT_DEG = 2.0
 """So near to a limit a run may be held."""
 RATE_MARGIN = 1.15
 """By how much an axis may overshoot the largest rate: a servo's and its gain's share."""
+WEIGHED_SEEDS, WEIGHED_FROM_S, WEIGHED_EVERY_S = 8, 12.0, 6.0
+"""In which storms the program's memory is counted, from when on, and how often."""
+GROWTH_PER_S = 250.0
+"""Objects. A buffer that fills up to its bound grows by some a period, one without a bound for ever."""
 ENDS_WITHIN_S = STOPS_MOVING_S + 10.0
 FLAGS = slice(73, 81)
 RATES = slice(32, 48)
@@ -120,6 +124,7 @@ class Watcher(Judging):
         self._sizes: list[tuple[float, int]] = []
         self._drives_fail = any(fault.kind == "drive" for fault in storm.faults)
         self._settled = False
+        self._weighed_s = WEIGHED_FROM_S
         facts = storm.facts
         self._reach_s = (
             facts.limits.longest_fault_s
@@ -142,7 +147,8 @@ class Watcher(Judging):
 
     def turn(self, world: World, axes: Axes) -> None:
         self.path.append(axes)
-        if world.now_s - self._knowledge_s > self._reach_s:
+        # Whoever has let go of a mount has seen it at rest: it is not out of reach but stopped.
+        if world.somebody_sends and world.now_s - self._knowledge_s > self._reach_s:
             self._unreached_s = axes.utc_s
         self._judge_limits(world, axes)
         self._judge_rates(world, axes)
@@ -170,7 +176,7 @@ class Watcher(Judging):
 
     def _judge_stop(self, world: World, axes: Axes) -> None:
         due_s = self._stop_due_s
-        if due_s is None:
+        if due_s is None or world.abandoned:
             return
         moving = axes.speed_deg_s > 2.0 * REST_RATE_DEG_S
         if not moving and self._rested_s is None:
@@ -190,7 +196,8 @@ class Watcher(Judging):
     def _settles_s(self) -> float:
         hard = self.storm.hardware
         late_s = float(self.storm.parameters.get("abort_delay_s", 0.0))
-        return SETTLES_S + late_s + hard.max_rate_deg_s / hard.acceleration_deg_s2
+        # A mount may count its delay from each abort anew; they are raised after ever longer pauses.
+        return SETTLES_S + 3.0 * late_s + hard.max_rate_deg_s / hard.acceleration_deg_s2
 
     # the wire
 
@@ -218,10 +225,17 @@ class Watcher(Judging):
 
     def arrived(self, world: World, sent: Sent) -> None:
         del world
-        knows_s = sent.utc_s if sent.who == "guardian" or not moves(sent.data) else sent.knows_utc_s
+        # A stop is obeyed whatever its sender knew; a datagram without flags stops a held motion only.
+        stops = bool(sent.data[FLAGS][0]) or (
+            self.storm.hardware.move_axis == "held" and not moves(sent.data)
+        )
+        knows_s = sent.utc_s if stops else sent.knows_utc_s
         self._knowledge_s = max(self._knowledge_s, knows_s)
 
     def period(self, world: World, engine: Engine) -> None:
+        if self.storm.seed % WEIGHED_SEEDS == 0 and world.at_s > self._weighed_s:
+            self._weighed_s += WEIGHED_EVERY_S
+            self._sizes.append((world.at_s, held(engine)))
         ended_by = engine.tracker.ended_by
         if self._ended_by is not None and ended_by != self._ended_by:
             self.violated("once", world, f"ended by {self._ended_by}, then by {ended_by}")
@@ -252,6 +266,11 @@ class Watcher(Judging):
         ran_s = world.storm.begin_s + ended.ended_s
         if person_s is not None and ran_s - person_s > ENDS_WITHIN_S + self._away_s(person_s):
             self.violated("once", world, f"it ran on for {ran_s - person_s:.0f} s after a person's stop")
+        if len(self._sizes) > 1:
+            (begin_s, first), (end_s, last) = self._sizes[0], self._sizes[-1]
+            if (last - first) / (end_s - begin_s) > GROWTH_PER_S:
+                grown = f"{last - first} objects more after {end_s - begin_s:.0f} s"
+                self.violated("memory", world, grown)
         self._judge_recording(world, ended)
 
     def _away_s(self, from_s: float) -> float:
@@ -263,7 +282,7 @@ class Watcher(Judging):
         )
 
     def _judge_recording(self, world: World, ended: Ended) -> None:
-        if self.storm.fault_free or not ended.recording or self.storm.seed % 4:
+        if self.storm.fault_free or not ended.recording:
             return
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "storm.mcap"
@@ -298,10 +317,13 @@ def held(engine: Any) -> int:
     return len(seen)
 
 
-def judged(storm: Storm, tracing: bool = False) -> tuple[Verdict, Ended]:
-    """Run a storm, and where that tells something the same one without faults; return the verdict."""
+def judged(storm: Storm, tracing: bool = False, world_of: type[World] = World) -> tuple[Verdict, Ended]:
+    """Run a storm, and where that tells something the same one without faults; return the verdict.
+
+    `world_of` makes the world of the first: tests put sabotage there.
+    """
     watcher = Watcher(storm)
-    world = World(storm, watcher, tracing)
+    world = world_of(storm, watcher, tracing)
     ended = world.run()
     if comparable(storm, ended):
         fair = Watcher(storm.fair())
@@ -315,6 +337,9 @@ def comparable(storm: Storm, ended: Ended) -> bool:
     if ended.summary is None or ended.summary.ended_by != "set" or ended.summary.on_target_s == 0.0:
         return False
     # A pause takes as long as it takes to see the mount at rest, which faults prolong.
+    if any(fault.kind in {"clock", "step", "sleep"} for fault in storm.faults):
+        # Whoever's clock was set, what is followed by it is somewhere else: nothing tells which was right.
+        return False
     return all(one.channel == "starter" and "pause" not in one.line for one in storm.people)
 
 
@@ -324,7 +349,8 @@ def judge_recovery(world: World, watcher: Watcher, fair: Watcher, fair_ended: En
     summary = fair_ended.summary
     if summary is None or summary.ended_by != "set":
         return
-    begin_s = storm.begin_s + storm.storm_ends_s + RECOVERED_S
+    calm_s = max(storm.begin_s + storm.storm_ends_s, storm.facts.plan.start_utc_s + RECOVERED_S)
+    begin_s = calm_s + RECOVERED_S
     end_s = storm.facts.plan.end_utc_s - 0.5
     if fair.nearest_deg(begin_s - RECOVERED_S, end_s) < AT_LIMIT_DEG:
         # What keeps a run at a limit lets it go sooner or later by where it came from.

@@ -1,4 +1,4 @@
-"""The mounts of a storm: those of `bench/strangers` and the package's own, with what befalls their programs."""
+"""The mounts of a storm: `bench/strangers` and the package's own, and what befalls their programs."""
 
 from __future__ import annotations
 

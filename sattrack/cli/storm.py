@@ -29,9 +29,9 @@ BENCH = Path(sattrack.__file__).parents[1] / "bench"
 def command(context: CommandContext, seed: int, fair: bool, statuses: bool) -> int:
     """Run the whole program in a virtual world with the faults of a seed, and print what happened.
 
-    No mount is moved. A storm draws a pass, a mount, limits, faults of the link, the mount and the machine, and
-    what people do. Its invariants are judged by the true axes. Needs the source tree. Exit code 1 where an
-    invariant was violated.
+    No mount is moved. A seed gives a pass, a mount, limits, faults of the link, the mount and the machine,
+    and what people do. The invariants are judged by the true axes. This needs the source tree. Exit code 1
+    where an invariant was violated.
 
     \b
     Examples:
