@@ -36,6 +36,8 @@ MOST_HOUR_ANGLE_DEG = 85.0
 LOWEST_DEG = 8.0
 CLEAR_DEG = 2.0
 MAX_RATE_DEG_S = 6.0
+SERVED_SEEDS = 7
+"""One in so many storms is over a server."""
 LATE_MOST_S = 0.5
 """How much later than its fellows a datagram may come: what a stop is safe from (docs/reliability.md)."""
 
@@ -107,6 +109,8 @@ class Storm:
     faults: tuple[Fault, ...]
     people: tuple[Person, ...]
     watchdog: bool = False
+    served: bool = False
+    """Whether the program is `serve rotctld` in place of `track`."""
     fault_free: bool = field(default=False)
 
     @property
@@ -137,6 +141,8 @@ def draw(seed: int) -> Storm:
         stands = drawn_start(dice, facts) if facts is not None else None
         if facts is not None and stands is not None:
             break
+    people = drawn_people(dice, facts)
+    served = seed % SERVED_SEEDS == SERVED_SEEDS - 1
     return Storm(
         seed=seed,
         hardware=hardware,
@@ -146,8 +152,9 @@ def draw(seed: int) -> Storm:
         commands=drawn_way(dice, hardware.command_delay_s, 0.0),
         statuses=drawn_way(dice, hardware.status_delay_s, 0.002),
         faults=faults,
-        people=drawn_people(dice, facts),
+        people=tuple(one for one in people if one.channel == "stop" or not served),
         watchdog=watchdog,
+        served=served,
     )
 
 

@@ -32,10 +32,12 @@ from sattrack.mount.xerxes.standstill import REST_RATE_DEG_S
 from sattrack.recording.format import Recording
 from sattrack.recording.replay import Choice, replay
 from sattrack.runtime.facts import engine_of
+from sattrack.runtime.guardian import Word
+from storm.served import ServedWorld
 from storm.world import Judging, World
 
 if TYPE_CHECKING:
-    from sattrack.control.engine import Engine
+    from sattrack.control.driver import Driver
     from storm.draws import Storm
     from storm.mounts import Axes
     from storm.world import Ended, Sent
@@ -232,11 +234,10 @@ class Watcher(Judging):
         knows_s = sent.utc_s if stops else sent.knows_utc_s
         self._knowledge_s = max(self._knowledge_s, knows_s)
 
-    def period(self, world: World, engine: Engine) -> None:
+    def period(self, world: World, driver: Driver, ended_by: str | None) -> None:
         if self.storm.seed % WEIGHED_SEEDS == 0 and world.at_s > self._weighed_s:
             self._weighed_s += WEIGHED_EVERY_S
-            self._sizes.append((world.at_s, held(engine)))
-        ended_by = engine.tracker.ended_by
+            self._sizes.append((world.at_s, held(driver)))
         if self._ended_by is not None and ended_by != self._ended_by:
             self.violated("once", world, f"ended by {self._ended_by}, then by {ended_by}")
         if ended_by is not None and self._ended_by is None:
@@ -257,7 +258,9 @@ class Watcher(Judging):
         elif ended.summary is not None:
             verdict.ended_by = ended.summary.ended_by
             verdict.why = ended.summary.message or ""
-        elif world.page[6]:
+        elif self.storm.served and not world.page[Word.DEPOSED]:
+            verdict.ended_by, verdict.why = self._ended_by or "error", str(ended.error or "")
+        elif world.page[Word.DEPOSED]:
             verdict.ended_by, verdict.why = "deposed", str(ended.error)
         else:
             verdict.ended_by = "raised"
@@ -317,12 +320,14 @@ def held(engine: Any) -> int:
     return len(seen)
 
 
-def judged(storm: Storm, tracing: bool = False, world_of: type[World] = World) -> tuple[Verdict, Ended]:
+def judged(storm: Storm, tracing: bool = False, world_of: type[World] | None = None) -> tuple[Verdict, Ended]:
     """Run a storm, and where that tells something the same one without faults; return the verdict.
 
     `world_of` makes the world of the first: tests put sabotage there.
     """
     watcher = Watcher(storm)
+    if world_of is None:
+        world_of = ServedWorld if storm.served else World
     world = world_of(storm, watcher, tracing)
     ended = world.run()
     if comparable(storm, ended):

@@ -39,6 +39,7 @@ from storm.mounts import mount_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from sattrack.control.driver import Driver
     from sattrack.control.engine import Engine
     from sattrack.views.messages import Message, SessionMessage
     from sattrack.views.run import Summary, TrackView
@@ -116,8 +117,8 @@ class Judging:
     def arrived(self, world: World, sent: Sent) -> None:
         """Take a datagram that has just arrived at a mount that can read it."""
 
-    def period(self, world: World, engine: Engine) -> None:
-        """Take the state of the program, once a period."""
+    def period(self, world: World, driver: Driver, ended_by: str | None) -> None:
+        """Take the program's driver, and by what its run has ended, once a period."""
 
     def ended(self, world: World, ended: Ended) -> None:
         """Take the end."""
@@ -628,7 +629,7 @@ class World:
     def _show(self, view: TrackView) -> None:
         engine = self.ended.engine
         assert engine is not None
-        self.judge.period(self, engine)
+        self.judge.period(self, engine, engine.tracker.ended_by)
         if self._tracing:
             held = f" held at {view.holding}" if getattr(view, "holding", None) else ""
             error = "" if view.error is None else f", error {view.error.total_arcsec:.1f}″"

@@ -36,7 +36,7 @@ def quiet(*faults: Fault) -> Storm:
     return replace(draw(SEED).fair(), faults=faults, people=(), fault_free=False)
 
 
-def violated(storm: Storm, world_of: type[World] = World) -> set[str]:
+def violated(storm: Storm, world_of: type[World] | None = None) -> set[str]:
     verdict, _ = judged(storm, world_of=world_of)
     return {one.invariant for one in verdict.violations}
 
