@@ -44,6 +44,7 @@ COMMANDS = {
     "serve": "Serve the mount to other programs: antenna, alpaca, rotctld, web.",
     "elements": "Fetch, show and check element sets.",
     "doctor": "Check settings, clock, elements, priority and mount, and say what to do.",
+    "storm": "Run the program through a storm of faults, in virtual time, from a seed.",
 }
 GROUPS = {
     "Observe": ("demo", "track", "camera", "run", "attach", "stop"),
@@ -51,7 +52,7 @@ GROUPS = {
     "Plan": ("passes", "ephemeris", "rehearse", "elements", "bias", "biases", "network"),
     "Recordings": ("report", "replay", "recording"),
     "Servers": ("serve",),
-    "Set up and check": ("init", "doctor"),
+    "Set up and check": ("init", "doctor", "storm"),
 }
 """The commands of each section of the help; one that is in none is listed last."""
 PLACES = {

@@ -244,19 +244,25 @@ class Guardian:
         self._watch = FeederWatch(self.words, self.task.hang_after_s)
 
     def run(self) -> None:
-        """FeederWatch to the end."""
+        """Watch to the end."""
         looked_s = time.monotonic()
-        while not self._over():
+        while not self.over:
             self._wait()
             now_s = time.monotonic()
-            if self._stop is None:
-                self._judge(now_s - looked_s)
-            else:
-                self._stop_mount(now_s)
+            self.turn(now_s, now_s - looked_s)
             looked_s = now_s
         self._answer_all()
 
-    def _over(self) -> bool:
+    def turn(self, now_s: float, elapsed_s: float) -> None:
+        """Judge the feeder, or send what is due to the mount; `elapsed_s` is the time since the last turn."""
+        if self._stop is None:
+            self._judge(elapsed_s)
+        else:
+            self._stop_mount(now_s)
+
+    @property
+    def over(self) -> bool:
+        """Whether the feeder has ended, and nothing is left to stop."""
         if self._stop is not None:
             return self._gone and self._reported and self._goes_on_utc is None
         return self._gone and not self._left_moving()
@@ -285,15 +291,18 @@ class Guardian:
             self._receive(client)
         for client in [client for client in self.clients if client.heard is not None]:
             self._show(client)
-        if self._stop is not None and self.link in readable:
-            arrivals = self.link.receive()
-            heard = [self._stop.receive(one.data, one.monotonic_s * self.task.speed) for one in arrivals]
-            # Only a status ends the waiting; any program may send something to this port.
-            if (
-                any(sample is not None for sample in heard)
-                and self._due_s - time.monotonic() > self._period_s
-            ):
-                self._due_s = time.monotonic()
+        if self.link in readable:
+            self.hear()
+
+    def hear(self) -> None:
+        """Take what the mount has sent, where it is the guardian's to stop."""
+        if self._stop is None:
+            return
+        arrivals = self.link.receive()
+        heard = [self._stop.receive(one.data, one.monotonic_s * self.task.speed) for one in arrivals]
+        # Only a status ends the waiting; any program may send something to this port.
+        if any(sample is not None for sample in heard) and self._due_s - time.monotonic() > self._period_s:
+            self._due_s = time.monotonic()
 
     def _receive_from_feeder(self) -> None:
         try:

@@ -59,6 +59,8 @@ def mount_address(url: str | None) -> MountAddress | None:
             f"no mount: give --mount {FORMS}, or set [mount] url in sattrack.toml; "
             "--mount sim is a simulated one for practice"
         )
+    if not url.isprintable():
+        raise BadInputError(f"--mount {url!r}: what cannot be printed is in no address; write sim, {FORMS}")
     scheme = url.partition(":")[0]
     if url == SIMULATED:
         return None

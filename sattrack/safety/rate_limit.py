@@ -126,6 +126,8 @@ class Ahead:
         """How long it takes until the mount acts on what is decided now."""
         self.horizon_s = self.latency_s + limits.longest_fault_s
         """How long it may take until it acts on what is decided next."""
+        self.edges_wait_s = EDGE_PERIODS * profile.period_s + limits.longest_fault_s
+        """How long rates may be in force on a mount that takes them by edges, from when they were judged."""
 
     def outlook(
         self, spots: Sequence[Spot], now: RateRanges, nears: Sequence[Mapping[str, float]] | None = None

@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, TypeVar
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -353,6 +353,8 @@ class HeldMove:
     acknowledgement seen up and then down since, or a silence so long that none is to come.
     """
 
+    waits: ClassVar[int] = 0
+    """New rates never wait."""
     state: HeldState = HeldState.OVER
     _statuses: int = 0
     """Statuses since the last datagram with rates."""
@@ -398,6 +400,8 @@ class HeldMove:
 class EdgeMove:
     """MoveAxis on a mount that reads edges: every change of rate is an edge of its own."""
 
+    waits: int = 0
+    """Datagrams for which new rates have waited for the handshake of those before."""
     _flags: OneShot = field(default_factory=OneShot)
     _latched: AxisRates = NO_RATES
     _in_force: AxisRates = NO_RATES
@@ -410,6 +414,7 @@ class EdgeMove:
     def compose(self, wish: AxisRates) -> Sent:
         """Return what the next datagram says; NO_RATES asks for the end."""
         begins = False
+        self.waits = 0 if self._flags.state is Handshake.IDLE or wish == self._latched else self.waits + 1
         if self._flags.state is Handshake.IDLE:
             # What is wanted is wanted whole: an axis that it does not name has its motion ended.
             ending = AxisRates(*(None if rate is None else 0.0 for rate in self._in_force))

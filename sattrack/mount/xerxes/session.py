@@ -306,6 +306,11 @@ class Session:
         return self._move.over
 
     @property
+    def rates_wait_s(self) -> float:
+        """For how long new rates have waited for a mount that takes them by edges; 0 for any other."""
+        return self._move.waits * self.profile.period_s
+
+    @property
     def fine_rate(self) -> FineRate:
         """The fine rates that every datagram asks for."""
         return self._launches.fine_rate

@@ -8,11 +8,13 @@ from typing import Any
 
 import pytest
 from safety_stand import LATITUDE_DEG, LONGITUDE_DEG, PERIOD_S, T0, Stand, axis_speed_deg_s, steadily
+from strangers import velocity_servo
 
+from sattrack.control.driver import Driver
 from sattrack.core.angles import altitude_deg, separation_deg
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile, MoveAxes, Slew, mean_sidereal_deg
 from sattrack.mount.simulator.mount import StartPosition
-from sattrack.safety import SafetyLimits
+from sattrack.safety import Safety, SafetyLimits
 from sattrack.safety.bodies import Body, sun_over
 from sattrack.safety.rate_limit import nearest_rates
 
@@ -225,3 +227,49 @@ def test_what_is_held_keeps_its_rates_for_one_period_and_only_while_they_lead_pa
     for one, _ in kept:
         # The turn after a look sends what that look found.
         assert stand.sent[int(one)] == stand.sent[int(one) - 1]
+
+
+def led_at_the_floor(begin_deg: float) -> tuple[float, str | None]:
+    """Lead a mount of edges down to 20° altitude; return its lowest altitude, and what interlock stopped it.
+
+    It never acknowledges MoveAxis: each new rate waits for the end of a handshake.
+    """
+    profile = MountProfile(move_axis="edge")
+    limits = SafetyLimits(floor_altitude_deg=20.0, optical=False, longest_fault_s=0.5)
+    driver = Driver(profile, Safety(profile, limits, LATITUDE_DEG, LONGITUDE_DEG, holds=True))
+    mount = velocity_servo.Mount(
+        velocity_servo.Parameters(
+            latitude_deg=LATITUDE_DEG,
+            longitude_deg=LONGITUDE_DEG,
+            start_utc_s=T0,
+            dec_deg=begin_deg,
+            move_axis="edge",
+            move_ack=False,
+            acceleration_deg_s2=10.0,
+        )
+    )
+    lowest, rate = math.inf, 0.0
+    for _ in range(round(12.0 / PERIOD_S)):
+        now_s = mount.next_turn_s
+        driver.receive(mount.turn(), now_s + 0.001)
+        truth = mount.truth()
+        lowest = min(lowest, altitude_deg(truth.hour_angle_deg, truth.dec_deg, LATITUDE_DEG))
+        rate = max(-5.0, rate - 0.25)
+        wish = MoveAxes(SIDEREAL_RATE_DEG_S, rate)
+        driver.session.apply(driver.clear(wish, now_s + 0.02))
+        mount.receive(driver.compose(now_s + 0.02))
+    return lowest, driver.safety.tripped
+
+
+@pytest.mark.parametrize("begin_deg", [0.0, 5.0, 10.0, 20.0])
+def test_rates_that_do_not_reach_a_mount_that_takes_edges_hold_nothing_and_it_is_stopped(
+    begin_deg: float,
+) -> None:
+    lowest, tripped = led_at_the_floor(begin_deg)
+    assert lowest >= 20.0
+    assert tripped == "altitude"
+
+
+def test_such_a_mount_would_pass_the_floor_if_it_were_not_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Safety, "in_time", lambda _, cleared, __: cleared)
+    assert min(led_at_the_floor(begin_deg)[0] for begin_deg in (0.0, 5.0, 10.0, 20.0)) < 19.0

@@ -1,0 +1,403 @@
+"""What must hold in every storm, judged at every step by the true axes and by what went over the wire.
+
+Nothing here asks the program what it believes. What it was promised (docs/safety.md, docs/link-loss.md) is:
+
+* `limit`: the axes keep inside the limits while the mount is *in reach*: what it obeys is no older, from the
+  status behind it to the datagram obeyed, than `longest_fault_s`, the link's own delays and RESPONSE_S. Once
+  a mount that got out of limits out of reach is in reach again, it goes no farther out after RECOVERS_S.
+* `stop`: from SETTLES_S after a stop was due and the mount in reach, the axes rest against standstill or the
+  sky, to the end of the world.
+* `stale`: no datagram changes the motion in force on knowledge older than KNOWS_S.
+* `owner`: feeder and guardian never both send.
+* `once`: a run ends, once, and says by what.
+* `replay`: its recording, as far as it goes, replays to the last byte.
+* `memory`: what the program holds does not grow with the length of the run.
+* `recovery`: RECOVERED_S after the last fault the axes are where those of the same run without faults are.
+"""
+
+from __future__ import annotations
+
+import gc
+import math
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from safety_draws import Judge
+
+from sattrack.core.errors import BadInputError
+from sattrack.mount.link_loss import STOPS_MOVING_S
+from sattrack.mount.xerxes.standstill import REST_RATE_DEG_S
+from sattrack.recording.format import Recording
+from sattrack.recording.replay import Choice, replay
+from sattrack.runtime.facts import engine_of
+from sattrack.runtime.guardian import Word
+from storm.served import ServedWorld
+from storm.world import Judging, World
+
+if TYPE_CHECKING:
+    from sattrack.control.driver import Driver
+    from storm.draws import Storm
+    from storm.mounts import Axes
+    from storm.world import Ended, Sent
+
+RESPONSE_S = 0.25
+"""Turns of the mount's loop and ours, between a status and what obeys it."""
+RECOVERS_S = 3.0
+SETTLES_S = 2.0
+KNOWS_S = 2.2
+"""The oldest status on which the program may move, and two periods."""
+SAME_RATE_DEG_S = 0.05
+RECOVERED_S = 5.0
+OFF_ARCSEC = 2.0
+"""What counts as on target."""
+AT_LIMIT_DEG = 2.0
+"""So near to a limit a run may be held."""
+RATE_MARGIN = 1.15
+"""By how much an axis may overshoot the largest rate: a servo's and its gain's share."""
+WEIGHED_SEEDS, WEIGHED_FROM_S, WEIGHED_EVERY_S = 8, 12.0, 6.0
+"""In which storms the program's memory is counted, from when on, and how often."""
+GROWTH_PER_S = 250.0
+"""Objects. A buffer that fills up to its bound grows by some a period, one without a bound for ever."""
+ENDS_WITHIN_S = STOPS_MOVING_S + 10.0
+FLAGS = slice(73, 81)
+RATES = slice(32, 48)
+NAMES = ("limit", "rate", "stop", "stale", "owner", "once", "replay", "memory", "recovery")
+
+
+@dataclass
+class Violation:
+    """One broken promise."""
+
+    invariant: str
+    at_s: float
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.invariant} at {self.at_s:.2f} s: {self.text}"
+
+
+@dataclass
+class Verdict:
+    """What came of one storm."""
+
+    seed: int
+    violations: list[Violation] = field(default_factory=list)
+    ended_by: str = ""
+    seconds: float = 0.0
+    standstill_s: float = math.nan
+    """From the stop until both axes stood, where the mount was in reach all that time."""
+    recovered_arcsec: float = math.nan
+    recovery_checked: bool = False
+    replayed: bool = False
+    faults: tuple[str, ...] = ()
+    why: str = ""
+
+
+def moves(data: bytes) -> bool:
+    """Tell whether a datagram has MoveAxis, slew, home, park or pulse up; abort is none."""
+    flags = data[FLAGS]
+    return any(flags[1:])
+
+
+class Watcher(Judging):
+    """Judges one run."""
+
+    def __init__(self, storm: Storm) -> None:
+        self.storm = storm
+        self.verdict = Verdict(storm.seed, faults=tuple(fault.kind for fault in storm.faults))
+        self.path: list[Axes] = []
+        self._nearest: list[float] = []
+        """How near the axes were to the nearest limit at each of these, degrees."""
+        self._clear = Judge(storm.facts)
+        self._knowledge_s = storm.begin_s
+        """Of when the status is behind the newest datagram that the mount has obeyed."""
+        self._in_reach_since_s = storm.begin_s
+        self._unreached_s = -math.inf
+        """When the mount was last out of reach."""
+        self._out: dict[str, float] = {}
+        """How far outside a limit the axes are that passed it out of reach."""
+        self._stop_due_s: float | None = None
+        self._rested_s: float | None = None
+        self._last: dict[str, bytes] = {}
+        self._guardian_s: float | None = None
+        self._ended_by: str | None = None
+        self._sizes: list[tuple[float, int]] = []
+        self._drives_fail = any(fault.kind == "drive" for fault in storm.faults)
+        self._settled = False
+        self._weighed_s = WEIGHED_FROM_S
+        facts = storm.facts
+        self._reach_s = (
+            facts.limits.longest_fault_s
+            + facts.profile.command_delay_s
+            + facts.profile.status_delay_s
+            + RESPONSE_S
+        )
+
+    def violated(self, name: str, world: World, text: str) -> None:
+        if not any(one.invariant == name for one in self.verdict.violations):
+            self.verdict.violations.append(Violation(name, world.at_s, text))
+            world.trace("VIOLATED", f"{name}: {text}")
+
+    def nearest_deg(self, begin_s: float, end_s: float) -> float:
+        """Return how near the axes came to any limit between two instants, degrees."""
+        pairs = zip(self.path, self._nearest, strict=True)
+        return min((near for axes, near in pairs if begin_s < axes.utc_s < end_s), default=-math.inf)
+
+    # the axes
+
+    def turn(self, world: World, axes: Axes) -> None:
+        self.path.append(axes)
+        # Whoever has let go of a mount has seen it at rest: it is not out of reach but stopped.
+        if world.somebody_sends and world.now_s - self._knowledge_s > self._reach_s:
+            self._unreached_s = axes.utc_s
+        self._judge_limits(world, axes)
+        self._judge_rates(world, axes)
+        self._judge_stop(world, axes)
+
+    def _judge_limits(self, world: World, axes: Axes) -> None:
+        found = self._clear.clearances(axes.hour_angle_deg, axes.dec_axis_deg, axes.utc_s)
+        self._nearest.append(min(found.values()))
+        excused = self._drives_fail or axes.utc_s - self._unreached_s < RECOVERS_S
+        for name, clearance in found.items():
+            if clearance >= 0.0:
+                self._out.pop(name, None)
+            elif excused:
+                self._out[name] = min(clearance, self._out.get(name, 0.0))
+            elif name not in self._out:
+                self.violated("limit", world, f"{name} passed by {-clearance:.3f}°")
+            elif clearance < self._out[name] - 0.5 and axes.speed_deg_s > 10.0 * REST_RATE_DEG_S:
+                self.violated("limit", world, f"{name}: farther out, {-clearance:.3f}°, in reach again")
+
+    def _judge_rates(self, world: World, axes: Axes) -> None:
+        most = RATE_MARGIN * (self.storm.hardware.max_rate_deg_s + 0.01)
+        fastest = max(abs(axes.hour_angle_rate_deg_s), abs(axes.dec_rate_deg_s))
+        if fastest > most:
+            self.violated("rate", world, f"{fastest:.2f} °/s")
+
+    def _judge_stop(self, world: World, axes: Axes) -> None:
+        due_s = self._stop_due_s
+        if due_s is None or world.abandoned:
+            return
+        moving = axes.speed_deg_s > 2.0 * REST_RATE_DEG_S
+        if not moving and self._rested_s is None:
+            self._rested_s = axes.utc_s
+            if self._unreached_s < due_s - RECOVERS_S:
+                self.verdict.standstill_s = axes.utc_s - due_s
+        if not moving:
+            self._settled = True
+        since_s = max(due_s, self._unreached_s) + self._settles_s
+        if moving and axes.utc_s > since_s and not self._drives_fail:
+            again = ", again" if self._settled else ""
+            self.violated(
+                "stop", world, f"{axes.speed_deg_s:.3f} °/s{again}, {axes.utc_s - due_s:.1f} s after"
+            )
+
+    @property
+    def _settles_s(self) -> float:
+        hard = self.storm.hardware
+        late_s = float(self.storm.parameters.get("abort_delay_s", 0.0))
+        # A mount may count its delay from each abort anew; they are raised after ever longer pauses.
+        return SETTLES_S + 3.0 * late_s + hard.max_rate_deg_s / hard.acceleration_deg_s2
+
+    # the wire
+
+    def sent(self, world: World, sent: Sent) -> None:
+        if sent.who == "guardian" and self._guardian_s is None:
+            self._guardian_s = sent.utc_s
+            self._stop_due(sent.utc_s)
+        elif sent.who == "feeder" and self._guardian_s is not None:
+            self.violated("owner", world, "the feeder sends, and so does its guardian")
+        if sent.who == "guardian" and moves(sent.data):
+            self.violated("stop", world, "the guardian moves the mount")
+        before = self._last.get(sent.who, b"")
+        age_s = sent.utc_s - sent.heard_utc_s
+        if moves(sent.data) and age_s > KNOWS_S and self._changes(before, sent.data):
+            self.violated("stale", world, f"a motion on a status heard {age_s:.2f} s before")
+        self._last[sent.who] = sent.data
+
+    def _changes(self, before: bytes, data: bytes) -> bool:
+        import struct
+
+        if before[FLAGS] != data[FLAGS]:
+            return True
+        was, now = struct.unpack("<2d", before[RATES]), struct.unpack("<2d", data[RATES])
+        return max(abs(one - other) for one, other in zip(was, now, strict=True)) > SAME_RATE_DEG_S
+
+    def arrived(self, world: World, sent: Sent) -> None:
+        del world
+        # A stop is obeyed whatever its sender knew; a datagram without flags stops a held motion only.
+        stops = bool(sent.data[FLAGS][0]) or (
+            self.storm.hardware.move_axis == "held" and not moves(sent.data)
+        )
+        knows_s = sent.utc_s if stops else sent.knows_utc_s
+        self._knowledge_s = max(self._knowledge_s, knows_s)
+
+    def period(self, world: World, driver: Driver, ended_by: str | None) -> None:
+        if self.storm.seed % WEIGHED_SEEDS == 0 and world.at_s > self._weighed_s:
+            self._weighed_s += WEIGHED_EVERY_S
+            self._sizes.append((world.at_s, held(driver)))
+        if self._ended_by is not None and ended_by != self._ended_by:
+            self.violated("once", world, f"ended by {self._ended_by}, then by {ended_by}")
+        if ended_by is not None and self._ended_by is None:
+            self._ended_by = ended_by
+            self._stop_due(world.now_s)
+
+    def _stop_due(self, utc_s: float) -> None:
+        if self._stop_due_s is None:
+            self._stop_due_s = utc_s
+
+    # the end
+
+    def ended(self, world: World, ended: Ended) -> None:
+        verdict = self.verdict
+        verdict.seconds = ended.over_s
+        if ended.killed:
+            verdict.ended_by = "kill"
+        elif ended.summary is not None:
+            verdict.ended_by = ended.summary.ended_by
+            verdict.why = ended.summary.message or ""
+        elif self.storm.served and not world.page[Word.DEPOSED]:
+            verdict.ended_by, verdict.why = self._ended_by or "error", str(ended.error or "")
+        elif world.page[Word.DEPOSED]:
+            verdict.ended_by, verdict.why = "deposed", str(ended.error)
+        else:
+            verdict.ended_by = "raised"
+            self.violated("once", world, f"the run ended with {ended.error!r}")
+        person_s = world.stopped_by_person_s
+        ran_s = world.storm.begin_s + ended.ended_s
+        if person_s is not None and ran_s - person_s > ENDS_WITHIN_S + self._away_s(person_s):
+            self.violated("once", world, f"it ran on for {ran_s - person_s:.0f} s after a person's stop")
+        if len(self._sizes) > 1:
+            (begin_s, first), (end_s, last) = self._sizes[0], self._sizes[-1]
+            if (last - first) / (end_s - begin_s) > GROWTH_PER_S:
+                grown = f"{last - first} objects more after {end_s - begin_s:.0f} s"
+                self.violated("memory", world, grown)
+        self._judge_recording(world, ended)
+
+    def _away_s(self, from_s: float) -> float:
+        """How long the machine slept since."""
+        return sum(
+            f.lasts_s
+            for f in self.storm.faults
+            if f.kind == "sleep" and self.storm.begin_s + f.end_s > from_s
+        )
+
+    def _judge_recording(self, world: World, ended: Ended) -> None:
+        if self.storm.fault_free or not ended.recording:
+            return
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "storm.mcap"
+            path.write_bytes(ended.recording)
+            try:
+                recording = Recording(path)
+            except BadInputError as error:
+                if any(one.kind in {"disk", "kill"} and one.at_s < 2.0 for one in self.storm.faults):
+                    return
+                self.violated("replay", world, f"the recording cannot be read: {error}")
+                return
+            found = replay(recording, engine_of, choice=Choice("bytes", "the same code"))
+        self.verdict.replayed = True
+        if found.divergence is not None:
+            where = found.divergence.utc_s - self.storm.begin_s
+            self.violated("replay", world, f"differs {found.differing} times, first at {where:.2f} s")
+
+
+def held(engine: Any) -> int:
+    """Return how many objects an engine holds, all that it refers to counted."""
+    seen: set[int] = set()
+    waiting = [engine]
+    while waiting:
+        one = waiting.pop()
+        if id(one) in seen or isinstance(one, type):
+            continue
+        seen.add(id(one))
+        if isinstance(one, dict | list | tuple | set) or type(one).__module__.startswith(
+            ("sattrack", "tle", "collections")
+        ):
+            waiting.extend(gc.get_referents(one))
+    return len(seen)
+
+
+def judged(storm: Storm, tracing: bool = False, world_of: type[World] | None = None) -> tuple[Verdict, Ended]:
+    """Run a storm, and where that tells something the same one without faults; return the verdict.
+
+    `world_of` makes the world of the first: tests put sabotage there.
+    """
+    watcher = Watcher(storm)
+    if world_of is None:
+        world_of = ServedWorld if storm.served else World
+    world = world_of(storm, watcher, tracing)
+    ended = world.run()
+    if comparable(storm, ended):
+        fair = Watcher(storm.fair())
+        fair_ended = World(storm.fair(), fair).run()
+        judge_recovery(world, watcher, fair, fair_ended)
+    return watcher.verdict, ended
+
+
+def comparable(storm: Storm, ended: Ended) -> bool:
+    """Tell whether a run went on after its storm, and differs from a fair one by its faults only."""
+    if ended.summary is None or ended.summary.ended_by != "set" or ended.summary.on_target_s == 0.0:
+        return False
+    # A pause takes as long as it takes to see the mount at rest, which faults prolong.
+    if any(fault.kind in {"clock", "step", "sleep"} for fault in storm.faults):
+        # Whoever's clock was set, what is followed by it is somewhere else: nothing tells which was right.
+        return False
+    return all(one.channel == "starter" and "pause" not in one.line for one in storm.people)
+
+
+def judge_recovery(world: World, watcher: Watcher, fair: Watcher, fair_ended: Ended) -> None:
+    """Compare the axes of both runs from RECOVERED_S after the storm to the end of the pass."""
+    storm = watcher.storm
+    summary = fair_ended.summary
+    if summary is None or summary.ended_by != "set":
+        return
+    calm_s = max(storm.begin_s + storm.storm_ends_s, storm.facts.plan.start_utc_s + RECOVERED_S)
+    begin_s = calm_s + RECOVERED_S
+    end_s = storm.facts.plan.end_utc_s - 0.5
+    if fair.nearest_deg(begin_s - RECOVERED_S, end_s) < AT_LIMIT_DEG:
+        # What keeps a run at a limit lets it go sooner or later by where it came from.
+        return
+    other = [axes for axes in fair.path if begin_s - 1.0 < axes.utc_s < end_s + 1.0]
+    worst = 0.0
+    for axes in watcher.path:
+        if begin_s < axes.utc_s < end_s:
+            worst = max(worst, _apart_arcsec(axes, other))
+    watcher.verdict.recovered_arcsec = worst
+    watcher.verdict.recovery_checked = True
+    bound = max(OFF_ARCSEC, 2.0 * (summary.reported_peak_arcsec or 0.0))
+    if worst > bound:
+        watcher.violated("recovery", world, f"{worst:.2f}″ off, 5 s after the storm and later")
+
+
+def _apart_arcsec(axes: Axes, path: list[Axes]) -> float:
+    """Return how far axes are from where a path is at that instant, arcseconds on the sky."""
+    import bisect
+
+    at = bisect.bisect_left(path, axes.utc_s, key=lambda one: one.utc_s)
+    at = min(max(at, 1), len(path) - 1)
+    one, two = path[at - 1], path[at]
+    # Between two turns the axes move evenly enough: rates differ by less than an arcsecond's worth.
+    h = two.utc_s - one.utc_s
+    s = (axes.utc_s - one.utc_s) / h
+    ha, dec = (
+        _hermite(p0, p1, v0 * h, v1 * h, s)
+        for p0, p1, v0, v1 in (
+            (one.hour_angle_deg, two.hour_angle_deg, one.hour_angle_rate_deg_s, two.hour_angle_rate_deg_s),
+            (one.dec_axis_deg, two.dec_axis_deg, one.dec_rate_deg_s, two.dec_rate_deg_s),
+        )
+    )
+    across = (axes.hour_angle_deg - ha) * math.cos(math.radians(dec))
+    return 3600.0 * math.hypot(across, axes.dec_axis_deg - dec)
+
+
+def _hermite(p0: float, p1: float, m0: float, m1: float, s: float) -> float:
+    """Return a cubic's value between two places with their slopes."""
+    return (
+        (1.0 + 2.0 * s) * (1.0 - s) ** 2 * p0
+        + s * (1.0 - s) ** 2 * m0
+        + s * s * (3.0 - 2.0 * s) * p1
+        + s * s * (s - 1.0) * m1
+    )

@@ -1,0 +1,85 @@
+"""Storms of faults over the whole program in a virtual world: what was tried, and what broke.
+
+python bench/storms.py --seeds 200 [--first 0] [--jobs 1] [--log FILE]
+
+Prints the violations with their seeds, and the table of docs/reliability.md. `sattrack storm --seed N` runs
+one of them again with a trace. With `--log` each verdict is kept as a line of JSON, so that an interrupted
+series goes on where it was. Exit code 1 where an invariant was violated.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import resource
+import sys
+from collections import Counter
+from multiprocessing import Pool
+from pathlib import Path
+
+import msgspec
+from storm.draws import KINDS_OF_FAULTS, draw
+from storm.invariants import NAMES, Verdict, judged
+
+
+def one(seed: int) -> Verdict:
+    return judged(draw(seed))[0]
+
+
+def report(verdicts: list[Verdict], took_s: float) -> None:
+    tried = Counter(kind for verdict in verdicts for kind in verdict.faults)
+    hours = sum(verdict.seconds for verdict in verdicts) / 3600.0
+    print(f"| storms | {len(verdicts)} |")
+    print(
+        f"| faults | {sum(tried.values())}: " + ", ".join(f"{tried[k]} {k}" for k in KINDS_OF_FAULTS) + " |"
+    )
+    ends = Counter(verdict.ended_by for verdict in verdicts)
+    print("| runs ended by | " + ", ".join(f"{name} {count}" for name, count in ends.most_common()) + " |")
+    broken = Counter(one.invariant for verdict in verdicts for one in verdict.violations)
+    print(
+        "| violations | "
+        + (", ".join(f"{name} {broken[name]}" for name in NAMES if broken[name]) or "0")
+        + " |"
+    )
+    stood = sorted(v.standstill_s for v in verdicts if not math.isnan(v.standstill_s))
+    if stood:
+        print(
+            f"| stop to standstill, in reach | {stood[len(stood) // 2]:.2f} s (median), "
+            f"{stood[-1]:.2f} s (worst) |"
+        )
+    errors = sorted(v.recovered_arcsec for v in verdicts if v.recovery_checked)
+    if errors:
+        print(
+            f"| error 5 s after the storm, against the same run without faults | {len(errors)} runs, "
+            f"{errors[len(errors) // 2]:.2f}″ (median), {errors[-1]:.2f}″ (worst) |"
+        )
+    print(f"| recordings replayed to the last byte | {sum(v.replayed for v in verdicts)} |")
+    print(f"| virtual time | {hours:.2f} h, {hours / (took_s / 60.0):.2f} h a minute of one core |")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=200)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--log", type=Path)
+    chosen = parser.parse_args()
+    lines = chosen.log.read_bytes().splitlines() if chosen.log is not None and chosen.log.exists() else []
+    verdicts = [msgspec.json.decode(line, type=Verdict) for line in lines]
+    seeds = range(chosen.first + len(verdicts), chosen.first + chosen.seeds)
+    with Pool(chosen.jobs, maxtasksperchild=200) as pool:
+        for verdict in pool.imap(one, seeds, chunksize=2):
+            verdicts.append(verdict)
+            if chosen.log is not None:
+                with chosen.log.open("ab") as log:
+                    log.write(msgspec.json.encode(verdict) + b"\n")
+            for violation in verdict.violations:
+                print(f"seed {verdict.seed}: {violation}", flush=True)
+        pool.close()
+        pool.join()
+    report(verdicts, sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2]))
+    return 1 if any(verdict.violations for verdict in verdicts) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,164 @@
+"""Each invariant of the storms with a world or a driver that breaks it: none of them is blind."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+from unittest.mock import patch
+
+import msgspec
+from storm.draws import Fault, Storm, draw
+from storm.invariants import Watcher, judged
+from storm.world import Guard, Sent, World
+
+from sattrack.control.engine import Engine
+from sattrack.mount.xerxes.datagrams import Command, encode_command
+from sattrack.recording.recorder import Recorder
+from sattrack.runtime.facts import build_engine
+from sattrack.safety import SafetyLimits
+from sattrack.views.messages import Nudge
+
+if TYPE_CHECKING:
+    import pytest
+
+    from sattrack.runtime.facts import RunFacts
+
+SEED = 8
+"""Divisible by whatever invariants look at some seeds only; a quiet run of a velocity servo."""
+MOVES = encode_command(
+    Command(5, move_ra=True, move_dec=True, move_ra_rate_deg_s=0.5, move_dec_rate_deg_s=0.5)
+)
+
+
+def quiet(*faults: Fault) -> Storm:
+    """Return a run with these faults and nobody about."""
+    return replace(draw(SEED).fair(), faults=faults, people=(), fault_free=False)
+
+
+def violated(storm: Storm, world_of: type[World] | None = None) -> set[str]:
+    verdict, _ = judged(storm, world_of=world_of)
+    return {one.invariant for one in verdict.violations}
+
+
+def test_the_quiet_run_breaks_nothing() -> None:
+    assert violated(quiet()) == set()
+
+
+class WithEngine(World):
+    """A world whose program has another driver."""
+
+    def engine(self) -> Engine:
+        engine = build_engine(self.facts)
+        engine.__class__ = self.driver
+        return engine
+
+    driver: type[Engine] = Engine
+
+    @property
+    def facts(self) -> RunFacts:
+        return self.storm.facts
+
+
+def test_limit() -> None:
+    class Blind(WithEngine):
+        @property
+        def facts(self) -> RunFacts:
+            return msgspec.structs.replace(self.storm.facts, limits=SafetyLimits(optical=False))
+
+    storm = quiet()
+    strict = msgspec.structs.replace(storm.facts, limits=SafetyLimits(floor_altitude_deg=89.0, optical=False))
+    assert "limit" in violated(replace(storm, facts=strict), Blind)
+
+
+def test_rate() -> None:
+    class Unclamped(WithEngine):
+        class driver(Engine):  # noqa: N801 - it overrides an attribute
+            def tick(self, now_utc_s: float) -> bytes:
+                super().tick(now_utc_s)
+                command = Command(9, move_ra=True, move_ra_rate_deg_s=5.0, move_dec=True)
+                return encode_command(command)
+
+    storm = quiet()
+    slower = replace(storm.hardware, max_rate_deg_s=1.0)
+    watcher = Watcher(replace(storm, hardware=slower))
+    Unclamped(storm, watcher).run()
+    assert "rate" in {one.invariant for one in watcher.verdict.violations}
+
+
+def test_stop() -> None:
+    class Afterwards(World):
+        def _linger(self) -> None:
+            self.leave(Sent(self.now_s, "stranger", MOVES, self.now_s, self.now_s))
+            super()._linger()
+
+    assert violated(quiet(), Afterwards) == {"stop"}
+
+
+def test_stale() -> None:
+    class Reckless(WithEngine):
+        class driver(Engine):  # noqa: N801 - it overrides an attribute
+            def tick(self, now_utc_s: float) -> bytes:
+                datagram = super().tick(now_utc_s)
+                age_s = self.session.health.age_s(now_utc_s)
+                if age_s is None or age_s < 1.0:
+                    return datagram
+                rate = math.sin(now_utc_s)
+                return encode_command(Command(7, move_ra=True, move_ra_rate_deg_s=rate))
+
+    assert "stale" in violated(quiet(Fault(10.0, "silent", 5.0)), Reckless)
+
+
+def test_owner() -> None:
+    class Deaf(Guard):
+        deposed = False  # type: ignore[assignment]
+
+        def beat(self, datagram: bytes | None = None) -> bool:
+            super().beat(datagram)
+            return True
+
+    with patch("storm.world.Guard", Deaf):
+        assert "owner" in violated(quiet(Fault(10.0, "stall", 3.0)))
+
+
+def test_once() -> None:
+    class Fickle(WithEngine):
+        class driver(Engine):  # noqa: N801 - it overrides an attribute
+            def tick(self, now_utc_s: float) -> bytes:
+                if self.tracker.ended_by == "set" and self.session.health.sent % 3 == 0:
+                    self.tracker.ended_by = "operator"
+                return super().tick(now_utc_s)
+
+    assert violated(quiet(), Fickle) == {"once"}
+
+
+def test_replay(monkeypatch: pytest.MonkeyPatch) -> None:
+    write = Recorder.status
+
+    def forgetful(self: Recorder, utc_s: float, data: bytes) -> None:
+        if data[104] % 16:
+            write(self, utc_s, data)
+
+    monkeypatch.setattr(Recorder, "status", forgetful)
+    assert violated(quiet()) == {"replay"}
+
+
+def test_memory() -> None:
+    class Hoarder(WithEngine):
+        class driver(Engine):  # noqa: N801 - it overrides an attribute
+            def tick(self, now_utc_s: float) -> bytes:
+                self.held_s |= {f"{now_utc_s} {k}": 0.0 for k in range(20)}
+                return super().tick(now_utc_s)
+
+    assert "memory" in violated(quiet(), Hoarder)
+
+
+def test_recovery() -> None:
+    class Astray(WithEngine):
+        class driver(Engine):  # noqa: N801 - it overrides an attribute
+            def tick(self, now_utc_s: float) -> bytes:
+                if self.session.health.sent == 400:
+                    self.operate(Nudge(along_s=0.1), now_utc_s)
+                return super().tick(now_utc_s)
+
+    assert "recovery" in violated(quiet(Fault(10.0, "cut", 0.1)), Astray)

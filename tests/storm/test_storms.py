@@ -1,0 +1,79 @@
+"""The whole program in storms of faults: no invariant breaks, and a seed gives the same storm each time."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from storm.draws import KINDS_OF_FAULTS, Fault, draw
+from storm.invariants import Watcher, judged
+from storm.world import Judging, Sent, World
+
+from sattrack.cli.main import run
+
+SEEDS = range(10)
+SOAKED = range(1000)
+REGRESSIONS = [
+    int(line.split()[0])
+    for line in (Path(__file__).parent / "regressions.txt").read_text().splitlines()
+    if line and not line.startswith("#")
+]
+
+
+@pytest.mark.parametrize("seed", [*SEEDS, *REGRESSIONS])
+def test_no_invariant_breaks(seed: int) -> None:
+    verdict, _ = judged(draw(seed))
+    assert [str(one) for one in verdict.violations] == []
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", SOAKED)
+def test_no_invariant_breaks_in_a_thousand(seed: int) -> None:
+    verdict, _ = judged(draw(seed))
+    assert [str(one) for one in verdict.violations] == []
+
+
+class Wire(Judging):
+    """Keeps a digest of all that was sent, and of where the axes were."""
+
+    def __init__(self) -> None:
+        self.digest = hashlib.sha256()
+
+    def sent(self, world: World, sent: Sent) -> None:
+        self.digest.update(f"{world.at_s!r} {sent.who}".encode() + sent.data)
+
+    def turn(self, world: World, axes: object) -> None:
+        self.digest.update(repr(axes).encode())
+
+
+def test_a_seed_gives_the_same_storm_to_the_last_byte() -> None:
+    digests = []
+    for _ in range(2):
+        wire = Wire()
+        World(draw(3), wire).run()
+        digests.append(wire.digest.hexdigest())
+    assert digests[0] == digests[1]
+
+
+def test_every_kind_of_fault_is_drawn() -> None:
+    assert {fault.kind for seed in range(400) for fault in draw(seed).faults} == set(KINDS_OF_FAULTS)
+
+
+@pytest.mark.parametrize("kind", ["kill", "sleep"])
+def test_after_the_end_of_the_process_the_guardian_or_the_program_stops_the_mount(kind: str) -> None:
+    storm = replace(draw(4).fair(), faults=(Fault(12.0, kind, 30.0 if kind == "sleep" else 0.0),))
+    watcher = Watcher(storm)
+    ended = World(storm, watcher).run()
+    assert not watcher.verdict.violations
+    assert ended.killed == (kind == "kill")
+    assert watcher.path[-1].speed_deg_s < 0.001
+
+
+def test_a_storm_can_be_looked_at(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["storm", "--seed", "0", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["storm"]["seed"] == 0
+    assert {"fault", "command", "program"} <= {one["what"] for one in document["trace"]}
