@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from sattrack.cli.common import tell
 from sattrack.core.errors import BadInputError
 from tle.elements import expected_error_m
 from tle.errors import AmbiguousSatelliteError, SatelliteNotFoundError
@@ -206,7 +207,12 @@ def _objects_of(context: CommandContext, ephemeris: Path, keys: Sequence[str]) -
     t0 = click.get_current_context().meta.get(_T0)
     site = context.site() if context.has_site() else None
     known = read_ephemerides(ephemeris, site, None if t0 is None else Utc.parse(t0))
-    return [find_ephemeris(known, key) for key in keys] if keys else list(known)
+    if keys:
+        return [find_ephemeris(known, key) for key in keys]
+    refused = list(known[0].refused.values())
+    if refused:
+        tell(f"{len(refused)} of {len(refused) + len(known)} objects left out, the first: {refused[0]}")
+    return list(known)
 
 
 def _has_no(elements: list[Elements], key: str) -> bool:
