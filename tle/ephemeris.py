@@ -17,7 +17,7 @@ import erfa
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from tle.earth import to_tirs, turned
+from tle.earth import EarthOrientation, to_tirs, turned
 from tle.errors import EphemerisError, EphemerisSpanError
 from tle.instants import ARRAYS, DAY_S, FLOATS, UNIX_EPOCH_MJD, Utc, tai_minus_utc_s
 from tle.propagator import gravity_km_s2
@@ -25,7 +25,7 @@ from tle.propagator import gravity_km_s2
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from tle.earth import EarthOrientation, Triple
+    from tle.earth import Triple
     from tle.instants import Functions, Quantity
     from tle.propagator import State
 
@@ -365,6 +365,8 @@ class TableEphemeris:
         self.provenance = provenance
         self.sigma_km = sigma_km
         """The standard deviation of places that the file states as a whole, None where it states none."""
+        self.refused: dict[str, EphemerisError] = {}
+        """Other objects of the same file that cannot be placed, by name, and why."""
         self.t0: Utc | None = None
         """From when the table counts its times; None where they are absolute."""
         usable = [one for one in segments if len(one.since_s) > 1]
@@ -385,6 +387,9 @@ class TableEphemeris:
                     line=after.line,
                 )
         self.segments = tuple(usable)
+        for one in usable:
+            if one.frame.kind not in CARRIED:
+                _check_gravity(one, self)
 
     @property
     def label(self) -> str:
@@ -435,7 +440,7 @@ class TableEphemeris:
         return Covariance(at, self.frame, matrix)
 
     def states(self, earth: EarthOrientation, bent: bool = False) -> TableStates:
-        """Return what gives the states. Raises EphemerisError for rows that are no satellite's."""
+        """Return what gives the states."""
         return TableStates(self, earth)
 
 
@@ -447,9 +452,6 @@ class TableStates:
         self._earth = earth
         self._starts = np.array([float(one.span[0].unix_s) for one in ephemeris.segments])
         self._ends = np.array([float(one.span[1].unix_s) for one in ephemeris.segments])
-        for one in ephemeris.segments:
-            if one.frame.kind not in CARRIED:
-                _check_gravity(one, ephemeris, earth)
 
     def at(self, unix_s: float, later_s: float) -> State:
         """Return the state at POSIX seconds of UTC plus `later_s`. Raises EphemerisSpanError."""
@@ -500,14 +502,18 @@ class TableStates:
         )
 
 
-def _check_gravity(one: Segment, ephemeris: TableEphemeris, earth: EarthOrientation) -> None:
-    """Raise EphemerisError where rows near the Earth, interpolated, do not fall as gravity has it."""
+def _check_gravity(one: Segment, ephemeris: TableEphemeris) -> None:
+    """Raise EphemerisError where rows near the Earth, interpolated, do not fall as gravity has it.
+
+    The Earth's orientation does not count at this precision.
+    """
     widest = np.argsort(np.diff(one.since_s))[-_WIDEST:]
     even = np.linspace(0, len(one.since_s) - 2, _PROBES).astype(np.intp)
     pieces = np.unique(np.concatenate([even, widest]))
     since = 0.5 * (one.since_s[pieces] + one.since_s[pieces + 1])
-    unix_s = np.array([float(utc_of_tai(one.zero_s, s).unix_s) for s in since.tolist()])
-    state = one.frame.to_teme(earth, unix_s, tuple(one.native_many(since)), ARRAYS)
+    tai_s = one.zero_s + since
+    unix_s = tai_s - leaps_s(tai_s)
+    state = one.frame.to_teme(EarthOrientation.fixed(0.0), unix_s, tuple(one.native_many(since)), ARRAYS)
     place, pull = np.array(state[:3]), np.array(state[6:9])
     height = np.sqrt(np.sum(place * place, axis=0))
     buried = np.flatnonzero(height < _LOWEST_KM)

@@ -85,17 +85,30 @@ class CommandContext:
         """
         from tle.sources import newest
 
-        sources = self.sources()
-        if not sources:
+        if not self.sources():
             return newest(self.fetched(satellites))
-        sets = self.load(sources)
+        return newest([one for _, accepted in self.load_each() for one in accepted], self.now())
+
+    def load_each(self) -> list[tuple[str, list[Elements]]]:
+        """Read each element source; sets that are refused beside good ones are named on standard error.
+
+        Raises TleError, SattrackError.
+        """
+        from tle.sources import ElementSets
+
+        loaded, sets = [], ElementSets()
+        for source in self.sources():
+            one = self.load([source])
+            loaded.append((source, one.accepted))
+            sets.accepted.extend(one.accepted)
+            sets.rejected.extend(one.rejected)
         if sets.rejected and not sets.accepted:
             raise sets.rejected[0]
         if sets.rejected:
             first = str(sets.rejected[0]).splitlines()[0]
             count = len(sets.rejected) + len(sets.accepted)
             tell(f"{len(sets.rejected)} of {count} element sets refused, the first: {first}")
-        return newest(sets.accepted, self.now())
+        return loaded
 
     def fetched(self, satellites: Sequence[str]) -> list[Elements]:
         """Return elements of satellites as CelesTrak has them; raises BadInputError where that cannot be."""

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from sattrack.cli.common import CommandContext, common_options, satellite_names, tell, write_file
-from sattrack.cli.targets import candidates, ephemeris_option
+from sattrack.cli.targets import Wanted, candidates, ephemeris_option
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError
 from sattrack.runtime.bias_memory import BiasMemory, KeptBias, describe, memory_file
@@ -171,16 +171,18 @@ def check(
 def compare(context: CommandContext, satellite: str, ephemeris: tuple[Path, ...]) -> int:
     """Compare the ephemerides of SATELLITE that files and element sources have, the best one first.
 
-    The angle is how far each is seen from the best one, at the first instant at which that has a place.
+    They are compared for the pass in progress, else the next, where a site is set; else for now. The angle is
+    how far each is seen from the best one when the pass is highest.
 
     \b
     Examples:
       sattrack elements compare 25544 --elements celestrak:stations --elements celestrak-sup:iss
       sattrack elements compare lageos1 --ephemeris lageos1.cpf --elements celestrak:resource
     """
-    known = candidates(context, satellite, ephemeris)
-    at = known[0].at
     site = context.site() if context.has_site() else None
+    wanted = Wanted(context.now(), context.settings.min_altitude_deg)
+    known = candidates(context, satellite, ephemeris, wanted, site)
+    at = known[0].window.at
     rows = []
     for one in known:
         off = None if site is None else _apart_arcsec(known[0].target, one.target, site, at)
@@ -191,7 +193,8 @@ def compare(context: CommandContext, satellite: str, ephemeris: tuple[Path, ...]
                 "provenance": one.target.provenance,
                 "age_days": None if age_s is None else age_s / _DAY_S,
                 "expected_error_m": one.error_m,
-                "over": one.ended,
+                "over": one.over,
+                "whole_pass": one.whole,
                 "from_best_arcsec": off,
             }
         )

@@ -99,9 +99,9 @@ def command(context: CommandContext, target: str, **options: Any) -> int:
       sattrack ephemeris ISS --from 2026-10-02T13:04:00Z --to 2026-10-02T13:07:00Z
       sattrack ephemeris Moon --step 60 --refraction --format csv
     """
-    (elements,) = find_targets(context, [target], options["ephemeris"])
-    site = context.site()
     start = Utc.parse(options["start"]) if options["start"] else context.now()
+    (elements,) = find_targets(context, [target], options["ephemeris"], start)
+    site = context.site()
     stop = Utc.parse(options["stop"]) if options["stop"] else start.plus(_DEFAULT_SPAN_S)
     times = Utc.range(start, stop, options["step_s"])
     propagator = Propagator(

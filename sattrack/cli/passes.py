@@ -107,8 +107,8 @@ def command(context: CommandContext, targets: tuple[str, ...], **options: Any) -
     """
     _check(options)
     style = _style(options, context.json)
-    chosen = _chosen(context, targets, options)
     start = Utc.parse(options["start"]) if options["start"] else context.now()
+    chosen = _chosen(context, targets, start, options)
     known = _magnitudes(options)
     if options["faintest"] is not None:
         chosen = [e for e in chosen if e.catalog_number in known]
@@ -206,11 +206,11 @@ def _check(options: dict[str, Any]) -> None:
 
 
 def _chosen(
-    context: CommandContext, keys: Sequence[str], options: dict[str, Any]
+    context: CommandContext, keys: Sequence[str], start: Utc, options: dict[str, Any]
 ) -> Sequence[Elements | Ephemeris]:
     """Return the targets named, or all of the source without names, that match the pattern."""
     pattern = options["pattern"]
-    chosen = find_targets(context, list(dict.fromkeys(keys)), options["ephemeris"])
+    chosen = find_targets(context, list(dict.fromkeys(keys)), options["ephemeris"], start)
     if pattern is None:
         return chosen
     matching = [e for e in chosen if fnmatch.fnmatchcase(e.name.casefold(), pattern.casefold())]

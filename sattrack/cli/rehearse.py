@@ -19,7 +19,7 @@ from sattrack.cli.common import (
     table,
     tell,
 )
-from sattrack.cli.targets import ephemeris_option, followed
+from sattrack.cli.targets import Wanted, ephemeris_option, followed
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError
 from sattrack.recording.rendering import INK, PALE, label_times, new_figure, save, sky_axes, times
@@ -99,13 +99,15 @@ def command(context: CommandContext, target: str, number: int, **options: Any) -
     if plot is not None and not plot.absolute().parent.is_dir():
         raise BadInputError(f"{plot}: the folder does not exist")
     min_alt_deg = context.settings.min_altitude_deg if options["min_alt"] is None else options["min_alt"]
-    elements, site, found = followed(context, target, "sim", options["ephemeris"])
+    wanted = Wanted(context.now(), min_alt_deg, number)
+    found = followed(context, target, "sim", options["ephemeris"], wanted)
     request = RunRequest(
         satellite=target,
-        target=found,
+        target=found.target,
         mount_url="sim",
-        elements=elements,
-        site=site,
+        elements=found.elements,
+        site=found.site,
+        culminate_utc_s=found.culminate_utc_s,
         clock_option=context.clock_option,
         min_alt_deg=min_alt_deg,
         refraction=options["refraction"],
@@ -115,7 +117,9 @@ def command(context: CommandContext, target: str, number: int, **options: Any) -
         profile=context.profile(options["profile"]),
         limits=context.settings.safety.limits(),
     )
-    prepared = choose_nth_pass(prepare(request), number, min_alt_deg)
+    prepared = prepare(request)
+    if found.culminate_utc_s is None:
+        prepared = choose_nth_pass(prepared, number, min_alt_deg)
     if prepared.practising:
         tell("no elements or site set: rehearsing the built-in ISS pass over Leiden")
     clock = read_kernel_clock()

@@ -386,18 +386,24 @@ def camera_fields(settings: Settings, options: dict[str, Any]) -> dict[str, Any]
 
 def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> int:
     """Follow a satellite by what the command line says; return the exit code. Raises what that may."""
-    from sattrack.cli.targets import followed
+    from sattrack.cli.targets import Wanted, followed
 
     url = options["mount_url"] or context.settings.mount.url
     _check_options(context, url, {**options, "target": satellite})
-    elements, site, target = followed(context, satellite, url, options["ephemeris"])
+    min_alt_deg = context.settings.min_altitude_deg if options["min_alt"] is None else options["min_alt"]
+    between = (_utc_s(options["begin"]), _utc_s(options["end"]))
+    now = context.now()
+    begin = now if between[0] is None else max(now, Utc(between[0]))
+    elements, site, target, _ = followed(
+        context, satellite, url, options["ephemeris"], Wanted(begin, min_alt_deg)
+    )
     request = RunRequest(
         satellite=satellite,
         mount_url=url,
         elements=elements,
         site=site,
         clock_option=context.clock_option,
-        min_alt_deg=context.settings.min_altitude_deg if options["min_alt"] is None else options["min_alt"],
+        min_alt_deg=min_alt_deg,
         refraction=options["refraction"],
         bias_along_s=options["bias_along"],
         bias_cross_deg=options["bias_cross"],
@@ -407,7 +413,7 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
         profile=context.profile(options["profile"], url),
         limits=context.settings.safety.limits(),
         memory=options["bias_memory"],
-        between=(_utc_s(options["begin"]), _utc_s(options["end"])),
+        between=between,
         target=target,
     )
     if is_antenna(url):

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from sattrack.cli.common import tell
 from sattrack.core.errors import BadInputError
-from tle.elements import expected_error_m
-from tle.errors import AmbiguousSatelliteError, SatelliteNotFoundError
+from tle.elements import Elements, expected_error_m
+from tle.errors import AmbiguousSatelliteError, PropagationError, SatelliteNotFoundError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from sattrack.cli.common import CommandContext
-    from tle.elements import Elements
     from tle.ephemeris import Ephemeris
     from tle.instants import Utc
     from tle.site import Site
@@ -26,26 +27,63 @@ UNSTATED_M = 100.0
 """What a file that states no error is taken to miss: what laser predictions and operators do in some days."""
 
 
-def followed(
-    context: CommandContext, target: str, mount_url: str | None, files: Sequence[Path]
-) -> tuple[list[Elements] | None, Site | None, Ephemeris | None]:
-    """Return what to follow a target with: elements or another ephemeris, and the site.
+class Followed(NamedTuple):
+    """What to follow a target with: elements or another ephemeris, and from where.
 
     All are None for practice, which is with a simulated mount where neither elements nor a site are set.
+    `culminate_utc_s` is about when the pass is highest, where several ephemerides were compared for it.
+    """
+
+    elements: list[Elements] | None
+    site: Site | None
+    target: Elements | Ephemeris | None
+    culminate_utc_s: float | None = None
+
+
+def followed(
+    context: CommandContext,
+    target: str,
+    mount_url: str | None,
+    files: Sequence[Path],
+    wanted: Wanted,
+) -> Followed:
+    """Return what to follow a target with: of several ephemerides the best one for the pass that is wanted.
+
     Raises what the context's `elements` and `site` may.
     """
-    from tle.elements import Elements
+    from tle.sources import newest
 
-    known = context.known_elements()
-    found = find_target(context, target, files, known)
-    if isinstance(found, Elements):
-        return [found], context.site(), None
-    if found is not None:
-        return None, context.site(), found
-    if mount_url in (None, "sim") and not context.sources() and not context.has_site():
-        return None, None, None
+    loaded = functools.cache(context.load_each)
+
+    def known() -> list[Elements]:
+        return newest([one for _, sets in loaded() for one in sets], context.now())
+
+    if len(files) <= 1 and _word() is None:
+        found = find_target(context, target, files, known)
+        if found is not None:
+            return Followed(None, context.site(), found)
+        if mount_url in (None, "sim") and not context.sources() and not context.has_site():
+            return Followed(None, None, None)
+        if not context.sources():
+            site = context.site()
+            return Followed(context.elements(target), site, None)
     site = context.site()
-    return known() or context.elements(target), site, None
+    chosen = _chosen(_origins(context, target, files, loaded()), target, wanted, site)
+    culminate_utc_s = None
+    if chosen.window.first != chosen.window.last:
+        culminate_utc_s = _culmination_s(chosen, site, wanted)
+    if not isinstance(chosen.target, Elements):
+        return Followed(None, site, chosen.target, culminate_utc_s)
+    # Others may be asked for later; of this object it is the set that was chosen.
+    elements = [chosen.target if _same(one, chosen.target) else one for one in known()]
+    return Followed(elements, site, None, culminate_utc_s)
+
+
+def _same(one: Elements, other: Elements) -> bool:
+    """Tell whether two sets are of one object."""
+    from tle.sources import newest
+
+    return one.catalog_number == other.catalog_number and len(newest([one, other])) == 1
 
 
 def ephemeris_option(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -81,101 +119,210 @@ def ephemeris_option(function: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
+class Wanted(NamedTuple):
+    """Which pass is wanted: the so-manyth from an instant on, above an altitude."""
+
+    begin: Utc
+    min_alt_deg: float
+    number: int = 1
+
+
+class Window(NamedTuple):
+    """When an ephemeris is asked: for a whole pass, whose error counts at an instant; or for one instant."""
+
+    first: Utc
+    at: Utc
+    last: Utc
+
+
 class Candidate(NamedTuple):
-    """One ephemeris of a target, and where it comes from."""
+    """One ephemeris of a target, where it comes from, and when it is asked."""
 
     origin: str
     target: Elements | Ephemeris
-    at: Utc
-    """When it is first asked: now, or where its places begin."""
-    ended: bool
-    """Whether its places end before now."""
+    window: Window
 
     @property
     def error_m(self) -> float | None:
         """Give by how much it misses its object, typically; None where it does not say."""
-        return expected_error_m(self.target, self.at)
+        return expected_error_m(self.target, self.window.at)
 
     @property
-    def worth(self) -> tuple[bool, float]:
+    def over(self) -> bool:
+        """Tell whether its places end before it is asked."""
+        spans = self.target.spans
+        return bool(spans) and spans[-1][1] < self.window.first
+
+    @property
+    def whole(self) -> bool:
+        """Tell whether it has places for the whole of the time."""
+        spans = self.target.spans
+        first, _, last = self.window
+        return not spans or any(low <= first and last <= high for low, high in spans)
+
+    @property
+    def worth(self) -> tuple[bool, bool, float]:
         """Give what is least for the best one."""
         error_m = self.error_m
-        return self.ended, UNSTATED_M if error_m is None else error_m
+        return self.over, not self.whole, UNSTATED_M if error_m is None else error_m
 
     @property
     def text(self) -> str:
         """Say what it is in one line."""
-        error_m = self.error_m
-        miss = "states no error" if error_m is None else f"expected error {error_m:.3g} m"
-        over = ", over" if self.ended else ""
-        return f"{self.origin}: {self.target.provenance}, {miss}{over}"
+        error_m, at = self.error_m, self.window.at.isoformat("seconds")
+        miss = "states no error" if error_m is None else f"expected error {error_m:.3g} m at {at}"
+        lack = "" if self.whole else ", not for the whole pass"
+        if self.over:
+            lack = f", over since {self.target.spans[-1][1].isoformat('seconds')}"
+        return f"{self.origin}: {self.target.provenance}, {miss}{lack}"
 
 
-def candidates(context: CommandContext, key: str, files: Sequence[Path]) -> list[Candidate]:
+class _Origin(NamedTuple):
+    """A file or element source, and all that it has of one object: ephemerides, or sets of several epochs."""
+
+    name: str
+    targets: Sequence[Elements | Ephemeris]
+
+    def best(self, window: Window) -> Candidate:
+        """Return its best one for a time."""
+        return min((Candidate(self.name, one, window) for one in self.targets), key=lambda one: one.worth)
+
+
+def candidates(
+    context: CommandContext, key: str, files: Sequence[Path], wanted: Wanted, site: Site | None
+) -> list[Candidate]:
     """Return all ephemerides of a target that files and element sources have, the best one first.
 
+    Without a site it is the best one at the beginning, else for the pass that is wanted.
     Raises SatelliteNotFoundError where none has it, TleError, BadInputError.
     """
+    return _ranked(_origins(context, key, files, context.load_each()), wanted, site)
+
+
+def _ranked(origins: list[_Origin], wanted: Wanted, site: Site | None) -> list[Candidate]:
+    now = Window(wanted.begin, wanted.begin, wanted.begin)
+    window = now if site is None else _pass_window(origins, wanted, site) or now
+    if not any(one.best(window).whole for one in origins):
+        # Of none that has places now, the one that has some first.
+        starts = [low for one in origins for low, _ in one.best(window).target.spans if low >= window.first]
+        window = Window(*[min(starts)] * 3) if starts else window
+    return sorted((one.best(window) for one in origins), key=lambda one: one.worth)
+
+
+def _origins(
+    context: CommandContext, key: str, files: Sequence[Path], loaded: list[tuple[str, list[Elements]]]
+) -> list[_Origin]:
+    """Return what files and element sources have of one object."""
     from tle.sources import find, newest
 
-    now, missing = context.now(), None
-    found: list[Candidate] = []
+    missing: SatelliteNotFoundError | None = None
+    found: list[_Origin] = []
     for path in files:
         try:
-            (one,) = _objects_of(context, path, [key])
-            found.append(_candidate(str(path), one, now))
+            found.append(_Origin(str(path), _objects_of(context, path, [key])))
         except SatelliteNotFoundError as error:
             missing = missing or error
-    for source in context.sources():
+    sets = [one for _, accepted in loaded for one in accepted]
+    if sets:
         try:
-            sets = newest(context.load([source]).accepted, now)
-            found.append(_candidate(source, find(sets, key), now))
+            meant = find(newest(sets, context.now()), key)
         except SatelliteNotFoundError as error:
             missing = missing or error
+        else:
+            for source, accepted in loaded:
+                of_it = [one for one in accepted if _same(one, meant)]
+                found += [_Origin(source, of_it)] if of_it else []
     if not found:
         raise missing or BadInputError(f"{key}: give --ephemeris FILE or --elements SRC")
-    return sorted(found, key=lambda one: one.worth)
+    return found
 
 
-def _candidate(origin: str, target: Elements | Ephemeris, now: Utc) -> Candidate:
-    spans = target.spans
-    later = [max(now, first) for first, last in spans if now <= last]
-    at = now if not spans else min(later, default=spans[-1][1])
-    return Candidate(origin, target, at, bool(spans) and not later)
+def _passes(target: Elements | Ephemeris, site: Site, wanted: Wanted) -> list[tuple[Window, float]]:
+    """Return from when to when passes can be followed by an ephemeris, and how long that is, seconds."""
+    from sattrack.runtime.facts import SEARCH_HOURS, plan_for
+    from tle.instants import Utc
+    from tle.passes import find_passes
+    from tle.propagator import Propagator
+
+    try:
+        seen = find_passes(Propagator(target, site), wanted.begin, SEARCH_HOURS, wanted.min_alt_deg)
+    except PropagationError:
+        return []
+    plans = [(plan_for(one, wanted.begin, target), one.culminate_utc) for one in seen]
+    return [
+        (Window(Utc(plan.start_utc_s), top, Utc(plan.end_utc_s)), plan.end_utc_s - plan.start_utc_s)
+        for plan, top in plans
+    ]
 
 
-def _chosen(
-    context: CommandContext, key: str, files: Sequence[Path], word: str | None
-) -> Ephemeris | Elements:
-    """Return the ephemeris that a word names, the best without one; tell what there is."""
-    known = candidates(context, key, files)
-    meant = known
+def _pass_window(origins: list[_Origin], wanted: Wanted, site: Site) -> Window | None:
+    """Return when the wanted pass is, by whichever ephemeris has the most of it; None where there is none.
+
+    What overlaps is one pass, which ephemerides place a little differently.
+    """
+    begin = Window(wanted.begin, wanted.begin, wanted.begin)
+    seen = [one for origin in origins for one in _passes(origin.best(begin).target, site, wanted)]
+    passes: list[list[tuple[Window, float]]] = []
+    for one in sorted(seen, key=lambda one: float(one[0].first.unix_s)):
+        if passes and any(one[0].first <= other.last for other, _ in passes[-1]):
+            passes[-1].append(one)
+        else:
+            passes.append([one])
+    if not 0 < wanted.number <= len(passes):
+        return None
+    return max(passes[wanted.number - 1], key=lambda one: one[1])[0]
+
+
+def _culmination_s(chosen: Candidate, site: Site, wanted: Wanted) -> float | None:
+    """Return when the chosen ephemeris has the pass highest; None where it has it not."""
+    first, _, last = chosen.window
+    for window, _ in _passes(chosen.target, site, wanted):
+        if window.first <= last and first <= window.last:
+            return float(window.at.unix_s)
+    return None
+
+
+def _word() -> str | None:
+    word: str | None = click.get_current_context().meta.get(_SOURCE)
+    return word
+
+
+def _chosen(origins: list[_Origin], key: str, wanted: Wanted, site: Site | None) -> Candidate:
+    """Return the ephemeris that --source names, the best without it; tell what there is."""
+    word = _word()
+    meant = origins
     if word not in (None, "best"):
         assert word is not None
         meant = [
-            one for one in known if word.casefold() in f"{one.origin} {one.target.provenance}".casefold()
+            _Origin(name, kept)
+            for name, targets in origins
+            if (kept := [one for one in targets if word.casefold() in f"{name} {one.provenance}".casefold()])
         ]
     if not meant:
-        listed = "; ".join(one.text for one in known)
+        listed = "; ".join(one.text for one in _ranked(origins, wanted, site))
         raise BadInputError(f"--source {word}: none of the ephemerides of {key} is called so: {listed}")
-    for one in known:
-        click.echo(f"sattrack: {'using' if one is meant[0] else 'not  '} {one.text}", err=True)
-    return meant[0].target
+    if len(meant) == len(meant[0].targets) == len(origins) == 1 and word is None:
+        return Candidate(meant[0].name, meant[0].targets[0], Window(*[wanted.begin] * 3))
+    best = _ranked(meant, wanted, site)[0]
+    if word is None and len(origins) == 1:
+        return best
+    tell(f"using {best.text}")
+    for one in _ranked(origins, wanted, site):
+        if one.origin != best.origin:
+            tell(f"not   {one._replace(window=best.window).text}")
+    return best
 
 
 def find_target(
     context: CommandContext, key: str, files: Sequence[Path], elements: Callable[[], list[Elements]]
-) -> Ephemeris | Elements | None:
+) -> Ephemeris | None:
     """Return what TARGET is where it has no elements, None where it is a satellite that must have some.
 
-    It is an object of an ephemeris file where one is given, the best one where several are or --source is,
-    a table where TARGET ends in `.csv`, else Sun, Moon, a planet, RA,DEC, or a star by its number, or by its
-    name where no satellite has it: then alone are `elements` asked for.
+    It is an object of an ephemeris file where one is given, a table where TARGET ends in `.csv`, else Sun,
+    Moon, a planet, RA,DEC, or a star by its number, or by its name where no satellite has it: then alone are
+    `elements` asked for.
     Raises TleError, BadInputError.
     """
-    word = click.get_current_context().meta.get(_SOURCE)
-    if word is not None or len(files) > 1:
-        return _chosen(context, key, files, word)
     if files:
         return _objects_of(context, files[0], [key])[0]
     if key.startswith("adsb:"):
@@ -206,7 +353,12 @@ def _objects_of(context: CommandContext, ephemeris: Path, keys: Sequence[str]) -
     t0 = click.get_current_context().meta.get(_T0)
     site = context.site() if context.has_site() else None
     known = read_ephemerides(ephemeris, site, None if t0 is None else Utc.parse(t0))
-    return [find_ephemeris(known, key) for key in keys] if keys else list(known)
+    if keys:
+        return [find_ephemeris(known, key) for key in keys]
+    refused = list(known[0].refused.values())
+    if refused:
+        tell(f"{len(refused)} of {len(refused) + len(known)} objects left out, the first: {refused[0]}")
+    return list(known)
 
 
 def _has_no(elements: list[Elements], key: str) -> bool:
@@ -223,18 +375,23 @@ def _has_no(elements: list[Elements], key: str) -> bool:
 
 
 def find_targets(
-    context: CommandContext, keys: Sequence[str], files: Sequence[Path]
+    context: CommandContext, keys: Sequence[str], files: Sequence[Path], at: Utc
 ) -> list[Elements | Ephemeris]:
     """Return what a user means by each TARGET; without any, everything in the file, or in the elements.
 
-    Elements are read where a satellite of theirs may be asked for. Raises TleError, BadInputError.
+    Of several ephemerides it is the best one at an instant. Elements are read where a satellite of theirs may
+    be asked for. Raises TleError, BadInputError.
     """
-    if len(files) == 1 and click.get_current_context().meta.get(_SOURCE) is None:
+    if len(files) == 1 and _word() is None:
         return list(_objects_of(context, files[0], keys))
     if not keys and files:
         raise BadInputError("name a target: of several files one ephemeris is chosen for each")
     if not keys:
         return list(context.elements())
+    if files or _word() is not None:
+        wanted = Wanted(at, 0.0)
+        loaded = context.load_each()
+        return [_chosen(_origins(context, key, files, loaded), key, wanted, None).target for key in keys]
     from tle.sources import find
 
     known = context.known_elements()

@@ -14,7 +14,7 @@ from collections import deque
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypedDict
 
 import msgspec
 import numpy as np
@@ -53,7 +53,8 @@ from sattrack.runtime.loop import RealtimeLoop
 from sattrack.runtime.system import stopping
 from sattrack.views.messages import Message, StopNow, decode_message
 from sattrack.views.run import DatagramsView, PeriodView, Summary
-from tle.elements import Elements
+from tle.bodies import Body
+from tle.elements import Elements, expected_error_m
 from tle.errors import TleError
 from tle.instants import DAY_S, Utc
 
@@ -262,6 +263,7 @@ def summarise(engine: Engine, statistics: RunStatistics, ended_utc_s: float) -> 
         learnt=learnt_view(engine),
         why_not_acquired=why,
         elements_age_days=age_days(spec.propagator.elements, spec.started_utc_s),
+        **source_fields(spec.propagator.elements, spec.culminate_utc_s),
     )
 
 
@@ -270,6 +272,24 @@ def age_days(source: Elements | Ephemeris, utc_s: float) -> float | None:
     if not isinstance(source, Elements):
         return None
     return round(float(source.age_s(Utc(utc_s))) / DAY_S, 3)
+
+
+class SourceFields(TypedDict):
+    """What a summary says of the source of a target's place; see `Summary`."""
+
+    source: str
+    source_age_s: float | None
+    expected_error_m: float | None
+
+
+def source_fields(source: Elements | Ephemeris, culminate_utc_s: float) -> SourceFields:
+    """Return what a summary says of what gave the target's place, as of when the pass was highest."""
+    age_s = culminate_utc_s - float(source.epoch.unix_s)
+    return {
+        "source": source.provenance,
+        "source_age_s": None if isinstance(source, Body) else round(age_s, 3),
+        "expected_error_m": expected_error_m(source, Utc(culminate_utc_s)),
+    }
 
 
 def _seconds_between(first_s: float | None, second_s: float | None) -> float | None:

@@ -377,6 +377,12 @@ class Summary(msgspec.Struct, frozen=True):
     """How old the elements were when the run began; negative where they are of a later epoch."""
     camera: CameraSummary | None = None
     """Null where no camera was started with the run."""
+    source: str | None = None
+    """What gave the target's place: elements, a file or a body."""
+    source_age_s: float | None = None
+    """How old that was when the pass was highest; negative where it is of a later epoch, null for a body."""
+    expected_error_m: float | None = None
+    """By how much it missed the target then, typically; null where it states no error."""
 
 
 class SummaryLine(msgspec.Struct, frozen=True):

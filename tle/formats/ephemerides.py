@@ -46,7 +46,7 @@ def parse_ephemerides(
 ) -> list[TableEphemeris]:
     """Return the ephemerides in what a file holds, see `read_ephemerides`. Raises EphemerisError."""
     text = _unpacked(data, source)
-    if not text.strip():
+    if not text[:1000].strip() and not text.strip():
         raise EphemerisError("it is empty: give a CPF, OEM or SP3 file, or a table", source=source)
     lines = Lines(text, source)
     if track_table.recognised(lines):
@@ -124,12 +124,16 @@ def _uncompressed(data: bytes, most: int) -> bytes:
 def find_ephemeris(ephemerides: list[TableEphemeris], key: str) -> TableEphemeris:
     """Return the ephemeris of the object that a user means, by number or name as its file writes it.
 
-    Case and punctuation do not count. Raises SatelliteNotFoundError, saying what the file holds.
+    Case and punctuation do not count. Raises SatelliteNotFoundError, saying what the file holds, and
+    EphemerisError with the line for an object that the file has, but that cannot be placed.
     """
     wanted = plain_name(key)
     for one in ephemerides:
         if wanted and wanted in {str(one.catalog_number or ""), *map(plain_name, one.names)}:
             return one
+    for name, error in ephemerides[0].refused.items():
+        if plain_name(name) == wanted:
+            raise error
     names = [
         one.name if not one.catalog_number else f"{one.name} ({one.catalog_number})" for one in ephemerides
     ]

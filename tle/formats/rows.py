@@ -14,6 +14,8 @@ from tle.errors import EphemerisError, printable
 from tle.instants import DAY_S, MJD_JD, TT_MINUS_TAI_S, UNIX_EPOCH_MJD, tai_minus_utc_s
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
@@ -24,6 +26,7 @@ _BLANKS = bytes.maketrans(b"\t\r", b"  ")
 # Room for the widest time, so that every line can be looked at so far.
 _STAMP = 40
 _LARGEST = 1e15
+_AT_ONCE = 10_000
 _FIRST_YEAR, _LAST_YEAR = 1972, 2100
 _STAMPS = (
     re.compile(rb"(\d{4})-(\d\d)-(\d\d)T(\d\d):(\d\d):(\d\d)(\.\d*)?Z?"),
@@ -58,9 +61,10 @@ class Lines:
         self.data = data
         self._numbers = numbers
         # Tabs and carriage returns are blanks.
-        text = data.translate(_BLANKS)
-        text += b" " * _STAMP if text.endswith(b"\n") else b"\n" + b" " * _STAMP
-        raw = np.frombuffer(bytearray(text), dtype=np.uint8)
+        blank = b"\t" in data or b"\r" in data
+        text = bytearray(data.translate(_BLANKS) if blank else data)
+        text += b" " * _STAMP if data.endswith(b"\n") else b"\n" + b" " * _STAMP
+        raw = np.frombuffer(text, dtype=np.uint8)
         newlines = np.flatnonzero(raw == _NEWLINE)
         self.ends: Index = newlines
         self.starts: Index = np.concatenate([[0], newlines[:-1] + 1])
@@ -121,42 +125,71 @@ class Lines:
         Raises EphemerisError for a line with other than so many numbers, or with what is none.
         """
         counts = (count,) if isinstance(count, int) else count
-        if len(which) == 0:
-            return np.empty((0, counts[0]))
+        values = np.empty((len(which), counts[0]))
+        for k in range(0, len(which), _AT_ONCE):
+            values[k : k + _AT_ONCE] = self._numbers_at_once(which[k : k + _AT_ONCE], counts, what)
+        return values
+
+    def _numbers_at_once(self, which: Index, counts: tuple[int, ...], what: str) -> Array:
+        """Return the numbers of so few lines that their bytes stay in the processor's cache."""
         raw = self._only(which)
-        inked = raw != _BLANK
-        begins = inked.copy()
-        begins[1:] &= ~inked[:-1]
-        words = np.flatnonzero(begins)
+        words = _begins(raw)
         base = self.starts[which[0]]
-        found = np.searchsorted(words, self.ends[which] - base) - np.searchsorted(
-            words, self.starts[which] - base
-        )
-        wrong = np.flatnonzero(~np.isin(found, counts))
+        found = np.searchsorted(words, self.ends[which] - base)
+        found -= np.searchsorted(words, self.starts[which] - base)
+        right = found == counts[0]
+        for other in counts[1:]:
+            right |= found == other
+        wrong = np.flatnonzero(~right)
         if len(wrong):
             line = int(which[wrong[0]])
             places = " or ".join(map(str, counts))
             raise self.error(
                 line, f"{what} has {found[wrong[0]]} numbers where {places} belong: {self._quoted(line)}"
             )
-        return self._parsed(which, raw, found, counts[0], what)
-
-    def parsed(self, columns: NDArray[np.uint8], which: Index, what: str) -> Array:
-        """Return the numbers in bytes that were cut out of lines, three a line, shape (n, 3)."""
-        values = self._floats(columns.ravel(), 3 * len(which))
+        values = _floats(raw, words)
         if values is None:
-            for k, row in enumerate(columns):
-                words = row.tobytes().decode("ascii", "replace").split()
-                if len(words) != 3 or not all(_is_number(word) for word in words):
-                    line = int(which[k])
-                    raise self.error(line, f"{what} has no three numbers: {self._quoted(line)}")
-            raise self.error(int(which[0]), f"{what} cannot be read")
-        return self._finite(values.reshape(-1, 3), which, what)
+            raise self._bad_number(which, what)
+        least = counts[0]
+        if len(words) != least * len(which):
+            ends = np.cumsum(found)
+            place = np.arange(len(words)) - np.repeat(ends - found, found)
+            values = values[place < least]
+        return self._finite(values.reshape(len(which), least), which, what)
+
+    def fixed_numbers(self, which: Index, columns: Sequence[tuple[int, int]], what: str) -> Array:
+        """Return the numbers that stand in columns (first, end) of lines, shape (n, number of columns).
+
+        Raises EphemerisError.
+        """
+        wide = sum(end - first + 1 for first, end in columns)
+        values = np.empty((len(which), len(columns)))
+        for k in range(0, len(which), _AT_ONCE):
+            some = which[k : k + _AT_ONCE]
+            cut = np.full((len(some), wide), _BLANK, dtype=np.uint8)
+            at = 0
+            for first, end in columns:
+                cut[:, at : at + end - first] = self.fixed(some, first, end)
+                at += end - first + 1
+            raw = cut.ravel()
+            words = _begins(raw)
+            found = _floats(raw, words) if len(words) == len(columns) * len(some) else None
+            if found is None:
+                raise self._bad_columns(cut, some, len(columns), what)
+            values[k : k + _AT_ONCE] = self._finite(found.reshape(len(some), -1), some, what)
+        return values
+
+    def _bad_columns(self, cut: NDArray[np.uint8], which: Index, count: int, what: str) -> EphemerisError:
+        for line, row in zip(which.tolist(), cut, strict=True):
+            words = row.tobytes().decode("ascii", "replace").split()
+            if len(words) != count or not all(_is_number(word) for word in words):
+                return self.error(line, f"{what} has not {count} numbers: {self._quoted(line)}")
+        return self.error(int(which[0]), f"{what} cannot be read")
 
     def _finite(self, rows: Array, which: Index, what: str) -> Array:
-        bad = np.flatnonzero(~(np.abs(rows) < _LARGEST).all(axis=1))
-        if len(bad):
-            line = int(which[bad[0]])
+        good = np.abs(rows) < _LARGEST
+        if not good.all():
+            line = int(which[np.flatnonzero(~good.all(axis=1))[0]])
             raise self.error(line, f"{what} holds a number that is not finite: {self._quoted(line)}")
         return rows
 
@@ -164,36 +197,13 @@ class Lines:
         """Return the bytes from the first to the last of lines, with blanks in place of all others."""
         first, last = int(which[0]), int(which[-1])
         raw = self.raw[self.starts[first] : self.ends[last] + 1].copy()
-        kept = np.zeros(last - first + 1, dtype=bool)
-        kept[which - first] = True
-        lengths = self.ends[first : last + 1] - self.starts[first : last + 1] + 1
-        if not kept.all():
+        if last - first + 1 != len(which):
+            kept = np.zeros(last - first + 1, dtype=bool)
+            kept[which - first] = True
+            lengths = self.ends[first : last + 1] - self.starts[first : last + 1] + 1
             raw[~np.repeat(kept, lengths)] = _BLANK
         raw[raw == _NEWLINE] = _BLANK
         return raw
-
-    def _parsed(self, which: Index, raw: NDArray[np.uint8], found: Index, least: int, what: str) -> Array:
-        total = int(found.sum())
-        values = self._floats(raw, total)
-        if values is None:
-            raise self._bad_number(which, what)
-        if total != least * len(which):
-            ends = np.cumsum(found)
-            place = np.arange(total) - np.repeat(ends - found, found)
-            values = values[place < least]
-        return self._finite(values.reshape(len(which), least), which, what)
-
-    @staticmethod
-    def _floats(raw: NDArray[np.uint8], total: int) -> Array | None:
-        import warnings
-
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", DeprecationWarning)
-            try:
-                values = np.fromstring(raw.tobytes(), dtype=np.float64, sep=" ")
-            except (DeprecationWarning, ValueError):
-                return None
-        return values if len(values) == total else None
 
     def _bad_number(self, which: Index, what: str) -> EphemerisError:
         for line in which.tolist():
@@ -213,15 +223,17 @@ class Lines:
 
         CCSDS times, 2026-11-22T18:30:00.5 or 2026-326T18:30:00.5. Raises EphemerisError.
         """
-        first = self._firsts[which]
-        width = self._widths(first)
         days, seconds = np.zeros(len(which), dtype=np.intp), np.zeros(len(which))
-        for size in np.unique(width).tolist():
-            rows = np.flatnonzero(width == size)
-            columns = first[rows][:, None] + np.arange(size)
-            stamps = self.raw[columns]
-            days[rows], seconds[rows] = self._stamps(which[rows], stamps)
-            self.raw[columns] = _BLANK
+        for k in range(0, len(which), _AT_ONCE):
+            some = which[k : k + _AT_ONCE]
+            first = self._firsts[some]
+            width = self._widths(first)
+            for size in np.unique(width).tolist():
+                rows = np.flatnonzero(width == size)
+                columns = first[rows][:, None] + np.arange(size)
+                stamps = self.raw[columns]
+                days[k + rows], seconds[k + rows] = self._stamps(some[rows], stamps)
+                self.raw[columns] = _BLANK
         return days, seconds
 
     def _widths(self, first: Index) -> Index:
@@ -284,6 +296,37 @@ class Lines:
         return self.error(
             line, f"{shown!r} is no time: it must be like 2026-11-22T18:30:00.5, from {_FIRST_YEAR} on"
         )
+
+
+def _begins(raw: NDArray[np.uint8]) -> Index:
+    """Return where words begin in bytes that have no blanks but spaces."""
+    inked = raw != _BLANK
+    inked[1:] &= ~inked[:-1]
+    return np.flatnonzero(inked)
+
+
+def _floats(raw: NDArray[np.uint8], words: Index) -> Array | None:
+    """Return the numbers in bytes whose words begin there; None where one is none. `raw` is written on."""
+    import msgspec
+
+    # As JSON, which is read several times faster than by numpy; but it has no leading zeros and no plus.
+    plain = raw.tobytes()
+    raw[words[1:] - 1] = ord(",")
+    try:
+        found = msgspec.json.decode(b"[" + raw.tobytes() + b"]", type=list[float])
+    except msgspec.MsgspecError:
+        found = []
+    if len(found) == len(words):
+        return np.fromiter(found, np.float64, len(found))
+    import warnings
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)
+        try:
+            values = np.fromstring(plain, dtype=np.float64, sep=" ")
+        except (DeprecationWarning, ValueError):
+            return None
+    return values if len(values) == len(words) else None
 
 
 def _is_number(word: str) -> bool:

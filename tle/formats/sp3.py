@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris, utc_of_tai
-from tle.errors import printable
+from tle.errors import EphemerisError, printable
 from tle.formats.rows import Lines, days_of, is_no_date, is_time_system, tai_s
 
 if TYPE_CHECKING:
@@ -51,7 +51,10 @@ def recognised(lines: Lines) -> bool:
 
 
 def parse_sp3(lines: Lines) -> list[TableEphemeris]:
-    """Return every satellite of an SP3 file. Raises EphemerisError, naming the line."""
+    """Return every satellite of an SP3 file whose rows can be interpolated; the others are in `refused`.
+
+    Raises EphemerisError, naming the line, where there is none.
+    """
     header = _header(lines)
     firsts = lines.raw[lines.starts]
     seconds = lines.raw[np.minimum(lines.starts + 1, len(lines.raw) - 1)]
@@ -75,21 +78,29 @@ def parse_sp3(lines: Lines) -> list[TableEphemeris]:
     made = utc_of_tai(zero_s, float(since[0]))
     rows = {kind: _rows(lines, np.flatnonzero(firsts == ord(kind)), kind) for kind in "PV"}
     note = ", frame not stated" if header.frame.written == "Earth-fixed" else ""
-    found = []
+    found: list[TableEphemeris] = []
+    refused: dict[str, EphemerisError] = {}
     for name, exponent in header.satellites.items():
         segments = _segments(lines, name, header, (zero_s, since, epochs), rows)
         if not any(len(one.since_s) > 1 for one in segments):
             continue
-        found.append(
-            TableEphemeris(
+        words = f"SP3-{header.version} by {header.agency}, {segments[0].interpolation.words}{note}"
+        sigma_km = None if exponent == 0 else 2.0**exponent * 1e-6
+        try:
+            one = TableEphemeris(
                 name,
                 segments,
-                f"SP3-{header.version} by {header.agency}, {segments[0].interpolation.words}{note}",
+                words,
                 epoch=made,
                 source=lines.source,
-                sigma_km=None if exponent == 0 else 2.0**exponent * 1e-6,
+                sigma_km=sigma_km,
             )
-        )
+            one.refused = refused
+            found.append(one)
+        except EphemerisError as error:
+            refused[name] = error
+    if refused and not found:
+        raise next(iter(refused.values()))
     if not found:
         raise lines.error(
             int(epochs[0]) if len(epochs) else 0,
@@ -215,10 +226,7 @@ def _rows(lines: Lines, which: Index, kind: str) -> _Rows:
             "of 14 columns: it is cut off",
         )
     names = np.ascontiguousarray(lines.fixed(which, 1, 4)).view("S3").ravel()
-    columns = np.full((len(which), 45), 32, dtype=np.uint8)
-    for k in range(3):
-        columns[:, 15 * k : 15 * k + 14] = lines.fixed(which, 4 + 14 * k, 18 + 14 * k)
-    values = lines.parsed(columns, which, f"a line {kind}")
+    values = lines.fixed_numbers(which, ((4, 18), (18, 32), (32, 46)), f"a line {kind}")
     found, owner, count = np.unique(names, return_inverse=True, return_counts=True)
     parts = np.split(np.argsort(owner, kind="stable"), np.cumsum(count)[:-1])
     satellites = [_satellite(name.decode("latin-1")) for name in found]

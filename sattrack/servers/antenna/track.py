@@ -16,7 +16,7 @@ from sattrack.core.clock import SystemClock
 from sattrack.core.errors import BadInputError, SafetyLimitError, SattrackError
 from sattrack.core.realtime import undisturbed
 from sattrack.runtime.facts import choose_pass, plan_for
-from sattrack.runtime.flight import age_days
+from sattrack.runtime.flight import age_days, source_fields
 from sattrack.runtime.system import StopRequest, stopping
 from sattrack.safety.bodies import moon_over, sun_over
 from sattrack.servers.antenna.antcn import Antcn, AntcnRun
@@ -259,4 +259,5 @@ class AntennaFlight:
             mount_stopped=run.mount_stopped,
             message=message,
             elements_age_days=age_days(ready.propagator.elements, started_utc_s),
+            **source_fields(ready.propagator.elements, 0.5 * (ready.plan.start_utc_s + ready.plan.end_utc_s)),
         )

@@ -191,6 +191,40 @@ def test_of_two_files_the_one_that_has_places_is_taken(ask, three, tmp_path):
     assert "states no error, over" in err
 
 
+def test_the_best_is_that_for_the_pass_and_not_for_now(capsys, three, tmp_path):
+    _, fresh, table = map(str, three)
+    # Rows that hold now, hours before the pass, and rows that end in the middle of it.
+    early, half = tmp_path / "early.oem", tmp_path / "half.oem"
+    early.write_text(oem_text("2026-10-02T11:45:00Z", 40))
+    half.write_text(oem_text("2026-10-02T12:45:00Z", 20))
+    now = ("--clock", "2026-10-02T12:10:00Z", *LEIDEN)
+    sources = ("--ephemeris", str(early), "--ephemeris", str(half), "--elements", fresh)
+    assert run(["elements", "compare", "ISS", *sources, *now, "--json"]) == 0
+    compared = json.loads(capsys.readouterr().out)
+    rows = compared["ephemerides"]
+    assert compared["utc"].startswith("2026-10-02T13:05:")
+    assert [row["source"] for row in rows] == [fresh, str(half), str(early)]
+    assert [row["over"] for row in rows] == [False, False, True]
+    assert [row["whole_pass"] for row in rows] == [True, False, False]
+    virtual = ("--mount", "sim", "--virtual", "--json")
+    assert run(["track", "ISS", *sources, *now, *virtual]) == 0
+    printed = capsys.readouterr()
+    assert f"using {fresh}" in printed.err
+    assert f"not   {early}" in printed.err
+    summary = json.loads(printed.out.splitlines()[-1])["summary"]
+    assert summary["ended_by"] == "set"
+    assert "SGP4" in summary["source"]
+    assert summary["source_age_s"] == pytest.approx(0.53 * 86400.0, abs=1000.0)
+    assert summary["expected_error_m"] == pytest.approx(rows[0]["expected_error_m"], rel=0.01)
+    assert run(["track", "ISS", *sources, "--ephemeris", table, *now, *virtual]) == 0
+    printed = capsys.readouterr()
+    assert f"using {table}" in printed.err
+    summary = json.loads(printed.out.splitlines()[-1])["summary"]
+    assert summary["source"].startswith("OEM by SGP4")
+    assert summary["source_age_s"] is not None
+    assert summary["expected_error_m"] is None
+
+
 def test_a_source_that_is_none_is_refused_with_what_there_is(ask, three):
     old, *_ = map(str, three)
     code, out, err = ask("ISS", "--elements", old, *SPAN, "--source", "supplemental")
