@@ -25,6 +25,7 @@ from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackErr
 from sattrack.core.process import self_command
 from sattrack.runtime import demo_pass
 from sattrack.runtime.mounts import is_antenna, mount_address
+from sattrack.runtime.target_facts import target_facts
 from sattrack.schedule.candidates import named_by
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.making import make_plan
@@ -43,6 +44,7 @@ from sattrack.schedule.night_stop import (
     unlist_night,
 )
 from sattrack.schedule.virtual_executor import SimulatedStation, Troubles, VirtualExecutor
+from tle.elements import Elements
 from tle.errors import TleError
 from tle.instants import Utc
 from tle.sources import newest
@@ -61,10 +63,11 @@ if TYPE_CHECKING:
     from sattrack.schedule.night_executor import Executor
     from sattrack.schedule.night_folder import Journal
     from sattrack.schedule.night_stop import OperatorStop
-    from tle.elements import Elements
 
 
 VIRTUAL_DAYS = 1.0
+KEPT_BEFORE_S = 600.0
+"""How long before the mount must set out at the latest a pass may be begun."""
 TASKS_WITHIN_S = 30.0
 """How long those who are notified are waited for at the end."""
 
@@ -99,12 +102,13 @@ def _night_pass(
     number: int, one: Chosen, schedule: Schedule, load: Callable[[str | None], Loaded]
 ) -> NightPass:
     candidate = one.candidate
-    entry = schedule.entries[candidate.entry]
+    target, entry = candidate.elements, schedule.entries[candidate.entry]
+    is_satellite = isinstance(target, Elements)
     top = Utc(candidate.culminate_utc_s).isoformat("seconds")
     return NightPass(
-        key=f"{candidate.elements.catalog_number}@{top}",
+        key=f"{target.catalog_number or target.label}@{top}",
         number=number,
-        elements=candidate.elements,
+        elements=target if isinstance(target, Elements) else None,
         start_utc_s=round(one.start_utc_s, 3),
         culminate_utc_s=round(candidate.culminate_utc_s, 3),
         end_utc_s=round(one.end_utc_s, 3),
@@ -115,8 +119,13 @@ def _night_pass(
         terms=entry.terms,
         asked_by=entry.label,
         source=entry.source,
-        renewable=load(entry.source).renewable,
+        renewable=is_satellite and load(entry.source).renewable,
         lost_to=one.lost_to,
+        followed=None
+        if isinstance(target, Elements)
+        else target_facts(target, one.leave_utc_s - KEPT_BEFORE_S, one.end_utc_s),
+        asked=candidate.asked,
+        ephemeris=entry.ephemeris,
     )
 
 
@@ -139,12 +148,14 @@ def check_schedule(context: CommandContext, file: Path, options: dict[str, Any])
     mount_url = _mount_url(context, options)
     profile = within_half_a_turn(context.profile(options["profile"], mount_url))
     settings = _settings(context, schedule, profile, mount_address(mount_url), options)
-    situation_of(
+    situation = situation_of(
         context, schedule, profile, (settings.from_utc_s, settings.from_utc_s + 1.0), settings.from_utc_s
     )
     load = loader(context, schedule)
     for entry in schedule.entries:
-        named_by(entry, load(entry.source))
+        if not entry.satellites:
+            load(entry.source)
+        named_by(entry, load, situation)
     return Checked(schedule, mount_url, profile, settings)
 
 
@@ -384,6 +395,7 @@ def renewer(context: CommandContext, schedule: Schedule) -> Callable[[NightPass]
 
     def renew(one: NightPass) -> Elements | None:
         sources = (*context.sources(), *schedule.elements) if one.source is None else (one.source,)
+        assert one.elements is not None
         number = one.elements.catalog_number
         found = [each for each in newest(context.load(sources).accepted) if each.catalog_number == number]
         return found[0] if found and found[0].epoch.unix_s > one.elements.epoch.unix_s else None

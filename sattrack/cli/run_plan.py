@@ -155,6 +155,7 @@ def situation_of(
         limits=limits,
         magnitudes={} if schedule.magnitudes is None else read_magnitudes(schedule.magnitudes),
         workers=os.cpu_count() or 1,
+        stars=context.settings.stars,
     )
 
 

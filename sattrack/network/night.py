@@ -429,9 +429,11 @@ def _refused(
     entries = tuple(entry for entry, is_fresh in zip(schedule.entries, fresh, strict=True) if is_fresh)
     plan, _ = make_plan(replace(schedule, entries=entries), situation, lambda _: known)
     at = {(int(passes.number[k]), _iso(passes.start_s[k])): int(k) for k in mine.tolist()}
-    taken = [at[p.catalog_number, _short(p.start_utc)] for p in plan.passes]
+    taken = [at[p.catalog_number or 0, _short(p.start_utc)] for p in plan.passes]
     refused = {
-        at[lost.catalog_number, _short(lost.start_utc)]: [taken[number - 1] for number in lost.with_numbers]
+        at[lost.catalog_number or 0, _short(lost.start_utc)]: [
+            taken[number - 1] for number in lost.with_numbers
+        ]
         for lost in plan.lost
     }
     checked |= {pair for pair in pairs if not refused.keys() & set(pair)}

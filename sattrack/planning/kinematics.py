@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from sattrack.safety.limits import SafetyLimits
     from tle.earth import EarthOrientation
     from tle.elements import Elements
+    from tle.ephemeris import Ephemeris
     from tle.site import Site
 
     Array = NDArray[np.float64]
@@ -224,7 +225,7 @@ class Verdict(NamedTuple):
 
 
 def verdict_on(
-    elements: Elements,
+    elements: Elements | Ephemeris,
     site: Site,
     span: tuple[float, float],
     ability: Ability,

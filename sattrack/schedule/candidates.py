@@ -12,11 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sattrack.core.angles import altitude_deg
-from sattrack.core.errors import meant
+from sattrack.core.errors import BadInputError, meant
 from sattrack.planning.kinematics import ability_at, verdict_on
 from sattrack.planning.path import Pointing, body_place_deg, margins_deg
 from sattrack.safety.bodies import sun_over
-from tle.errors import AmbiguousSatelliteError, SatelliteNotFoundError
+from sattrack.schedule.night import number_of_name
+from tle.elements import Elements
+from tle.ephemeris_passes import find_ephemeris_passes
+from tle.errors import AmbiguousSatelliteError, SatelliteNotFoundError, TleError
 from tle.facts import pass_facts, sun_altitudes_deg
 from tle.instants import DAY_S, Utc
 from tle.passes import Horizon, HorizonMask, find_catalogue_passes
@@ -32,12 +35,13 @@ if TYPE_CHECKING:
     from sattrack.schedule.file import Schedule, ScheduleEntry
     from sattrack.schedule.night import FollowedPass
     from sattrack.schedule.transitions import CandidatePath
-    from tle.elements import Elements
+    from tle.ephemeris import Ephemeris
     from tle.facts import PassFacts
     from tle.passes import CataloguePasses, SatellitePass
     from tle.site import Site
 
     Span = tuple[float, float]
+    Load = Callable[[str | None], "Loaded"]
     Progress = Callable[[str, int, int], None]
     Cut = tuple[Span, tuple[str, str] | None]
     """What of a pass may be followed, and why it is lost all the same."""
@@ -70,6 +74,8 @@ class PlanSituation:
     followed: tuple[FollowedPass, ...] = ()
     """What the run has followed already, by culmination: it counts where a rule takes only so many."""
     workers: int = 1
+    stars: str | None = None
+    """The file of all stars of the Hipparcos catalogue, where there is one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +91,7 @@ class Candidate:
 
     number: int
     entry: int
-    elements: Elements
+    elements: Elements | Ephemeris
     start_utc_s: float
     culminate_utc_s: float
     end_utc_s: float
@@ -102,6 +108,14 @@ class Candidate:
     late_s: float = 0.0
     foretold: tuple[PredictedLoss, ...] = ()
     """What the mount's limits take of it; no part of `useful`, unless it is run though infeasible."""
+
+    asked: str = ""
+    """What the schedule calls the target, where that has no elements."""
+
+    @property
+    def object_number(self) -> int:
+        """Give what tells the target from others."""
+        return self.elements.catalog_number or number_of_name(self.elements.label)
 
     @property
     def useful_s(self) -> float:
@@ -147,15 +161,17 @@ class EntrySearch:
         self._number, self._entry, self._situation = number, entry, situation
         self._progress = progress
         self._by_name = bool(entry.satellites)
+        self._asked: dict[int, str] = {}
 
-    def run(self, loaded: Loaded, magnitudes_known: bool) -> list[Candidate]:
+    def run(self, load: Load, magnitudes_known: bool) -> list[Candidate]:
         """Return those that are reported. Raises BadInputError that names the entry, TleError."""
         entry, span = self._entry, self._situation.span
         if entry.conditions.brighter_than is not None and not magnitudes_known:
             raise entry.origin.wrong(
                 "the rule asks for magnitudes, which element sets do not tell: set magnitudes = FILE"
             )
-        chosen = self._chosen(loaded)
+        self._load = load
+        chosen = self._chosen()
         if entry.fixed is not None:
             clipped = (max(entry.fixed[0], span[0]), min(entry.fixed[1], span[1]))
             if clipped != entry.fixed:
@@ -174,9 +190,9 @@ class EntrySearch:
         if entry.fixed is not None and not len(passes):
             words = f"below {entry.terms.min_altitude_deg:g}° or the skyline throughout"
             return [self._not_fixed(chosen[0], TOO_LOW, words)]
-        return self._candidates(passes, windows, loaded)
+        return self._candidates(passes, windows)
 
-    def _not_fixed(self, elements: Elements, why: str, words: str) -> Candidate:
+    def _not_fixed(self, elements: Elements | Ephemeris, why: str, words: str) -> Candidate:
         """Return the pass by fixed times that cannot be."""
         low, high = self._entry.fixed or self._situation.span
         instants = np.linspace(low, high, 60)
@@ -197,9 +213,10 @@ class EntrySearch:
             lost=(why, words),
         )
 
-    def _chosen(self, loaded: Loaded) -> list[Elements]:
+    def _chosen(self) -> Sequence[Elements | Ephemeris]:
         entry = self._entry
         if not self._by_name:
+            loaded = self._load(entry.source)
             glob = entry.conditions.named.casefold()
             matching = [
                 e for e in loaded.elements if not glob or fnmatch.fnmatchcase(e.name.casefold(), glob)
@@ -210,9 +227,11 @@ class EntrySearch:
                     f"matches no object: {loaded.name} holds {len(loaded.elements)}, none{of}"
                 )
             return self._launched(matching)
-        return self._launched(named_by(entry, loaded))
+        named = named_by(entry, self._load, self._situation)
+        self._asked = {id(one): key for key, one in named.items()}
+        return self._launched(list(named.values()))
 
-    def _launched(self, found: list[Elements]) -> list[Elements]:
+    def _launched(self, found: Sequence[Elements | Ephemeris]) -> Sequence[Elements | Ephemeris]:
         """Return those of some satellites that were launched when and as what the conditions ask for."""
         c = self._entry.conditions
         if not (c.designator or c.launched_from or c.launched_before):
@@ -221,36 +240,41 @@ class EntrySearch:
         kept = [
             e
             for e in found
-            if (year := re.match(r"\d{4}(?=-)", e.designator))
+            if isinstance(e, Elements)
+            and (year := re.match(r"\d{4}(?=-)", e.designator))
             and low <= int(year[0]) < high
             and fnmatch.fnmatchcase(e.designator, c.designator.upper() or "*")
         ]
         if found and not kept:
-            unknown = sum(not re.match(r"\d{4}-", e.designator) for e in found)
+            unknown = sum(not (isinstance(e, Elements) and re.match(r"\d{4}-", e.designator)) for e in found)
             self.found.notes.append(
                 f"none of {len(found)} objects has the launch or designator asked for"
                 + (f"; {unknown} have no designator" if unknown else "")
             )
         return kept
 
-    def _passes(self, chosen: Sequence[Elements], span: Span) -> CataloguePasses:
+    def _passes(self, chosen: Sequence[Elements | Ephemeris], span: Span) -> CataloguePasses:
         situation = self._situation
         skyline = situation.limits.horizon
         mask = None
         if skyline:
             mask = HorizonMask(tuple(a for a, _ in skyline), tuple(h for _, h in skyline))
         progress = self._progress
+        horizon, hours = Horizon(self._entry.terms.min_altitude_deg, mask), (span[1] - span[0]) / 3600.0
+        elements = [one for one in chosen if isinstance(one, Elements)]
+        if len(elements) < len(chosen):
+            return find_ephemeris_passes(chosen, situation.site, Utc(span[0]), hours, horizon)
         return find_catalogue_passes(
-            chosen,
+            elements,
             situation.site,
             Utc(span[0]),
-            (span[1] - span[0]) / 3600.0,
-            Horizon(self._entry.terms.min_altitude_deg, mask),
+            hours,
+            horizon,
             workers=situation.workers,
             progress=None if progress is None else lambda done, total: progress("searched", done, total),
         )
 
-    def _candidates(self, passes: CataloguePasses, windows: list[Span], loaded: Loaded) -> list[Candidate]:
+    def _candidates(self, passes: CataloguePasses, windows: list[Span]) -> list[Candidate]:
         """Return the passes that are reported: of a rule only those that meet its conditions."""
         self.found.passes = len(passes)
         if not len(passes):
@@ -277,7 +301,7 @@ class EntrySearch:
             None if progress is None else lambda done, total: progress("looked at", done, total),
         )
         known = dict(zip(wanted, facts, strict=True))
-        made = (self._candidate(seen[k], known[k], sun_deg, cut, loaded) for k, cut, sun_deg in kept)
+        made = (self._candidate(seen[k], known[k], sun_deg, cut) for k, cut, sun_deg in kept)
         return [one for one in made if one is not None]
 
     def _sun_deg(self, one: SatellitePass, cut: Cut, at_culmination_deg: float) -> float:
@@ -299,16 +323,25 @@ class EntrySearch:
         begin, end = passes.start, passes.start.plus(passes.task.span[1])
         low = float((one.seen.rise_utc or begin).unix_s)
         high = float((one.seen.set_utc or end).unix_s)
+        is_cut = (one.seen.rise_utc is None, one.seen.set_utc is None)
+        for first, last in one.elements.spans:
+            # Where rows begin or end, so does all that there is of the pass.
+            if first <= one.seen.culminate_utc <= last:
+                is_cut = (
+                    is_cut[0] and float(first.unix_s) <= low,
+                    is_cut[1] and float(last.unix_s) >= high,
+                )
+                low, high = max(low, float(first.unix_s)), min(high, float(last.unix_s))
         return [
-            self._cut(one, (low, high), (max(low, a), min(high, b)))
+            self._cut(one, any(is_cut), (low, high), (max(low, a), min(high, b)))
             for a, b in windows
             if a < high and b > low
         ]
 
-    def _cut(self, one: SatellitePass, seen: Span, span: Span) -> Cut:
+    def _cut(self, one: SatellitePass, is_cut: bool, seen: Span, span: Span) -> Cut:
         terms, fixed = self._entry.terms, self._entry.fixed
         always = one.seen.rise_utc is None and one.seen.set_utc is None
-        is_whole = span == fixed if fixed is not None else span == seen and not self._is_cut(one)
+        is_whole = span == fixed if fixed is not None else span == seen and not is_cut
         lost: tuple[str, str] | None = None
         if fixed is not None and not (always or is_whole or terms.shorten):
             off_s = fixed[1] - fixed[0] - (span[1] - span[0])
@@ -320,10 +353,6 @@ class EntrySearch:
         elif not (always or is_whole or terms.shorten):
             lost = (CUT, "not whole within the plan's time or its window; shorten = true takes a part")
         return span, lost
-
-    @staticmethod
-    def _is_cut(one: SatellitePass) -> bool:
-        return one.seen.rise_utc is None or one.seen.set_utc is None
 
     def _keep_before_facts(self, one: SatellitePass, sun_deg: float, cut: Cut) -> bool:
         """Return whether a pass is reported, by what is known at once; count those of a rule that are not."""
@@ -353,7 +382,6 @@ class EntrySearch:
         facts: PassFacts | None,
         sun_deg: float,
         cut: Cut,
-        loaded: Loaded,
     ) -> Candidate | None:
         span, lost = cut
         entry, terms = self._entry, self._entry.terms
@@ -382,10 +410,11 @@ class EntrySearch:
             sun_alt_deg=sun_deg,
             magnitude=None if facts is None else facts.magnitude,
             may_join=terms.shorten or (entry.fixed is None and one.seen.rise_utc is None),
+            asked=self._asked.get(id(one.elements), ""),
         )
-        why = lost or next(self._reasons(made, facts, loaded), None)
+        why = lost or next(self._reasons(made, facts), None)
         if why is None and terms.if_elements_old == "run":
-            age = self._too_old(made, loaded)
+            age = self._too_old(made)
             made = made if age is None else replace(made, notes=(age,))
         if why is None:
             return made
@@ -408,7 +437,7 @@ class EntrySearch:
             span[0] + least_s if top_utc_s >= span[1] else top_utc_s,
         )
 
-    def _reasons(self, one: Candidate, facts: PassFacts | None, loaded: Loaded) -> Iterator[tuple[str, str]]:
+    def _reasons(self, one: Candidate, facts: PassFacts | None) -> Iterator[tuple[str, str]]:
         """Yield why a pass is none, or is not what was asked for, the first thing first."""
         entry, c = self._entry, self._entry.conditions
         terms = entry.terms
@@ -431,12 +460,15 @@ class EntrySearch:
             yield FAINT, f"magnitude {shown}, not below {c.brighter_than:g}"
         if c.slower_than_deg_s is not None and fastest >= c.slower_than_deg_s:
             yield FAST, f"an axis turns {fastest:.2f} °/s, not below {c.slower_than_deg_s:g} °/s"
-        old = self._too_old(one, loaded)
+        old = self._too_old(one)
         if old is not None and terms.if_elements_old == "skip":
             yield OLD, old
 
-    def _too_old(self, one: Candidate, loaded: Loaded) -> str | None:
+    def _too_old(self, one: Candidate) -> str | None:
         """Note the age of elements that are too old; those of a provider are renewed before the pass."""
+        if not isinstance(one.elements, Elements):
+            return None
+        loaded = self._load(self._entry.source)
         at = self._situation.now_utc_s if loaded.renewable else one.culminate_utc_s
         days = abs(at - float(one.elements.epoch.unix_s)) / DAY_S
         if days <= self._entry.terms.elements_oldest_days:
@@ -445,19 +477,72 @@ class EntrySearch:
         return f"elements {days:.1f} days old {when}, more than {self._entry.terms.elements_oldest_days:g}"
 
 
-def named_by(entry: ScheduleEntry, loaded: Loaded) -> list[Elements]:
-    """Return the satellites that an entry names, each once. Raises BadInputError with its place."""
-    chosen: dict[int, Elements] = {}
+def named_by(entry: ScheduleEntry, load: Load, situation: PlanSituation) -> dict[str, Elements | Ephemeris]:
+    """Return what an entry names, by what it calls it, each once. Raises BadInputError with its place."""
+    chosen: dict[int, tuple[str, Elements | Ephemeris]] = {}
     for key in entry.satellites:
-        try:
-            one = find(loaded.elements, key)
-        except AmbiguousSatelliteError as error:
-            raise entry.origin.wrong(str(error)) from None
-        except SatelliteNotFoundError as error:
-            hint = meant(key, [e.name for e in loaded.elements if e.name])
-            raise entry.origin.wrong(f"{error}{hint}") from None
-        chosen[one.catalog_number] = one
-    return list(chosen.values())
+        one = _in_a_file(key, entry, situation) or _body(key, entry, load, situation)
+        if one is None:
+            one = _satellite(key, entry, load(entry.source).elements)
+        chosen[one.catalog_number or number_of_name(one.label)] = (key, one)
+    return dict(chosen.values())
+
+
+def _in_a_file(key: str, entry: ScheduleEntry, situation: PlanSituation) -> Ephemeris | None:
+    """Return an object of the entry's file, None where it has none."""
+    if entry.ephemeris is None:
+        return None
+    from tle.formats.ephemerides import find_ephemeris, read_ephemerides
+
+    try:
+        return find_ephemeris(read_ephemerides(entry.ephemeris, situation.site), key)
+    except TleError as error:
+        raise entry.origin.wrong(str(error)) from None
+
+
+def _body(key: str, entry: ScheduleEntry, load: Load, situation: PlanSituation) -> Ephemeris | None:
+    """Return a body, a direction, or a star by its number or by a name that no satellite has; else None."""
+    if key.startswith("adsb:"):
+        raise entry.origin.wrong(f"{key}: an aircraft is heard only now: follow it with sattrack track")
+    if key.casefold().endswith(".csv"):
+        raise entry.origin.wrong(f"{key}: name the table as ephemeris, and what it holds as satellite")
+    from tle.bodies import find_body, read_star, star_number
+
+    try:
+        body = find_body(key)
+        if body is not None and body.name == "Sun":
+            raise entry.origin.wrong(
+                "the Sun is in no schedule: follow it with sattrack track, its filter on"
+            )
+        number = None if body is not None else star_number(key)
+        if number is None:
+            return body
+        if not key.strip().casefold().startswith("hip") and _has(key, entry, load):
+            return None
+        return read_star(number, key, situation.stars)
+    except TleError as error:
+        raise entry.origin.wrong(str(error)) from None
+
+
+def _has(key: str, entry: ScheduleEntry, load: Load) -> bool:
+    """Tell whether a satellite has a name; none has where no elements are set."""
+    try:
+        find(load(entry.source).elements, key)
+    except (BadInputError, SatelliteNotFoundError):
+        return False
+    except AmbiguousSatelliteError:
+        return True
+    return True
+
+
+def _satellite(key: str, entry: ScheduleEntry, known: list[Elements]) -> Elements:
+    try:
+        return find(known, key)
+    except AmbiguousSatelliteError as error:
+        raise entry.origin.wrong(str(error)) from None
+    except SatelliteNotFoundError as error:
+        hint = meant(key, [e.name for e in known if e.name])
+        raise entry.origin.wrong(f"{error}{hint}") from None
 
 
 MOST_CANDIDATES = 2000
@@ -472,7 +557,7 @@ a verdict asks for nine tenths."""
 def gather(
     schedule: Schedule,
     situation: PlanSituation,
-    load: Callable[[str | None], Loaded],
+    load: Load,
     progress: Progress | None = None,
 ) -> tuple[list[Candidate], list[Found]]:
     """Return all candidates in order of time, not judged yet, and of each entry what it came to.
@@ -484,9 +569,9 @@ def gather(
     found: list[Found] = []
     for number, entry in enumerate(schedule.entries):
         search = EntrySearch(number, entry, situation, progress)
-        candidates += search.run(load(entry.source), schedule.magnitudes is not None)
+        candidates += search.run(load, schedule.magnitudes is not None)
         found.append(search.found)
-    candidates.sort(key=lambda one: (one.start_utc_s, one.end_utc_s, one.elements.catalog_number, one.entry))
+    candidates.sort(key=lambda one: (one.start_utc_s, one.end_utc_s, one.object_number, one.entry))
     candidates = _most_valuable(candidates)
     return [replace(one, number=number) for number, one in enumerate(candidates)], found
 

@@ -56,7 +56,8 @@ MOST_FILES = 100
 class ScheduleEntry:
     """Requested passes: a rule's, some satellites', or one by fixed times.
 
-    `satellites` are keys as `tle.sources.find` takes them, empty for all of `source` (None: of all elements).
+    `satellites` are keys as `tle.sources.find` takes them, or bodies, stars and directions, or the objects of
+    a file, `ephemeris`; empty for all of `source` (None: of all elements).
     `windows` gives those that touch a span of POSIX seconds, None for no window; `fixed` is such a span.
     """
 
@@ -65,6 +66,7 @@ class ScheduleEntry:
     terms: Terms
     satellites: tuple[str, ...] = ()
     source: str | None = None
+    ephemeris: str | None = None
     conditions: Conditions = NO_CONDITIONS
     windows: Windows | None = None
     fixed: tuple[float, float] | None = None
@@ -174,7 +176,7 @@ class _ScheduleReader:
         for number, entry in enumerate(table.passes):
             self.entries.append(_pass_entry(entry, ("passes", number), at, path, zone, defaults))
         for number, fixed in enumerate(table.fixed):
-            self.entries.append(_fixed_entry(fixed, ("fixed", number), at, zone, defaults))
+            self.entries.append(_fixed_entry(fixed, ("fixed", number), at, path, zone, defaults))
         if table.fixed_list is not None:
             lines = read_list(table.fixed_list, zone, at.value("fixed_list"))
             self.entries += [_line_entry(line, PassOptions(), defaults) for line in lines]
@@ -267,6 +269,7 @@ def _pass_entry(
         terms=terms,
         satellites=satellites,
         source=source,
+        ephemeris=None if entry.ephemeris is None else str(path.parent / entry.ephemeris),
         conditions=conditions,
         windows=_windows(entry, key, at, zone),
     )
@@ -302,7 +305,7 @@ def _windows(entry: PassEntry, key: tuple[str, int], at: KeyPositions, zone: tzi
 
 
 def _fixed_entry(
-    entry: FixedEntry, key: tuple[str, int], at: KeyPositions, zone: tzinfo, defaults: PassOptions
+    entry: FixedEntry, key: tuple[str, int], at: KeyPositions, path: Path, zone: tzinfo, defaults: PassOptions
 ) -> ScheduleEntry:
     start, end = (
         _moment(text, zone, at.value(*key, name))
@@ -311,10 +314,13 @@ def _fixed_entry(
     if end <= start:
         raise at.value(*key, "end").wrong(f"{entry.satellite}: ends before it starts; swap start and end")
     line = FixedLine(entry.satellite, start, end, at.key(*key), None, entry.name or "")
-    return _line_entry(line, entry, defaults)
+    ephemeris = None if entry.ephemeris is None else str(path.parent / entry.ephemeris)
+    return _line_entry(line, entry, defaults, ephemeris)
 
 
-def _line_entry(line: FixedLine, wishes: PassOptions, defaults: PassOptions) -> ScheduleEntry:
+def _line_entry(
+    line: FixedLine, wishes: PassOptions, defaults: PassOptions, ephemeris: str | None = None
+) -> ScheduleEntry:
     """Return the entry of a pass by fixed times; these count much more than others by default."""
     terms = terms_of(wishes, msgspec.structs.replace(defaults, priority=None), priority=FIXED_PRIORITY)
     if line.priority is not None:
@@ -324,6 +330,7 @@ def _line_entry(line: FixedLine, wishes: PassOptions, defaults: PassOptions) -> 
         origin=line.origin,
         terms=terms,
         satellites=(line.satellite,),
+        ephemeris=ephemeris,
         fixed=(line.start_utc_s, line.end_utc_s),
     )
 

@@ -29,6 +29,8 @@ from sattrack.schedule.transitions import (
     whole_and_cut,
 )
 from sattrack.views.schedule import EntryOutcome, LostPass, LostTo, PlannedPass, Rehearsed, SchedulePlan
+from tle.bodies import Body
+from tle.elements import expected_error_m
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -471,8 +473,12 @@ class _Maker:
         return PlannedPass(
             number=place + 1,
             name=one.elements.name,
-            catalog_number=one.elements.catalog_number,
-            elements_epoch=one.elements.epoch.isoformat("seconds"),
+            catalog_number=one.elements.catalog_number or None,
+            elements_epoch=None
+            if isinstance(one.elements, Body)
+            else one.elements.epoch.isoformat("seconds"),
+            source=one.elements.provenance,
+            expected_error_m=expected_error_m(one.elements, Utc(one.culminate_utc_s)),
             start_utc=_iso(node.start_utc_s),
             culminate_utc=_iso(one.culminate_utc_s),
             end_utc=_iso(node.end_utc_s),
@@ -552,7 +558,7 @@ class _Maker:
         """Return the place in the plan of the same satellite at the same time, None where there is none."""
         for place, k in enumerate(self._chosen):
             other = self._candidates[self._set.nodes[k].candidate]
-            same = other.elements.catalog_number == one.elements.catalog_number
+            same = other.object_number == one.object_number
             if same and other.start_utc_s < one.end_utc_s and other.end_utc_s > one.start_utc_s:
                 return place
         return None
@@ -561,7 +567,7 @@ class _Maker:
         entry = self._schedule.entries[one.entry]
         return LostPass(
             name=one.elements.name,
-            catalog_number=one.elements.catalog_number,
+            catalog_number=one.elements.catalog_number or None,
             start_utc=_iso(one.start_utc_s),
             culminate_utc=_iso(one.culminate_utc_s),
             end_utc=_iso(one.end_utc_s),

@@ -6,12 +6,14 @@ Plain data that JSON keeps, as the journal does; instants are POSIX seconds of U
 from __future__ import annotations
 
 import math
+import zlib
 from enum import StrEnum
 from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 from msgspec.structs import replace
 
+from sattrack.runtime.target_facts import TargetFacts
 from sattrack.schedule.schema import Terms
 from sattrack.views.run import SAME_PASS_S
 from sattrack.views.schedule import LostTo
@@ -20,6 +22,7 @@ from tle.instants import DAY_S
 
 if TYPE_CHECKING:
     from sattrack.schedule.schema import Action
+    from tle.ephemeris import Ephemeris
 
 
 class RunState(StrEnum):
@@ -56,7 +59,8 @@ class NightPass(msgspec.Struct, frozen=True):
 
     key: str
     number: int
-    elements: Elements
+    elements: Elements | None
+    """None where `followed` has what is followed."""
     start_utc_s: float
     culminate_utc_s: float
     end_utc_s: float
@@ -72,11 +76,35 @@ class NightPass(msgspec.Struct, frozen=True):
     renewable: bool = False
     lost_to: tuple[LostTo, ...] = ()
     """What the mount's limits take of it, as the plan predicts."""
+    followed: TargetFacts | None = None
+    asked: str = ""
+    """What the schedule calls the target."""
+    ephemeris: str | None = None
+    """The file that it is an object of."""
+
+    @property
+    def target(self) -> Elements | Ephemeris:
+        """Give what is followed, made anew."""
+        if self.elements is not None:
+            return self.elements
+        assert self.followed is not None
+        return self.followed.target()
 
     @property
     def name(self) -> str:
         """Its satellite's name, or number."""
-        return self.elements.label
+        return self.elements.label if self.followed is None and self.elements else self.target.label
+
+    @property
+    def catalog_number(self) -> int | None:
+        """Its satellite's number, None where it has none."""
+        known = self.elements or self.followed
+        return None if known is None else known.catalog_number or None
+
+    @property
+    def object_number(self) -> int:
+        """What tells its target from others."""
+        return self.catalog_number or number_of_name(self.name)
 
 
 class Result(msgspec.Struct, frozen=True):
@@ -138,12 +166,13 @@ class FinishedPass(msgspec.Struct, frozen=True):
     """A pass that has a result already, by its satellite and when it is highest."""
 
     catalog_number: int
+    """As `NightPass.object_number` has it."""
     culminate_utc_s: float
 
     def is_pass(self, one: NightPass) -> bool:
         """Return whether it is this one."""
         near = abs(one.culminate_utc_s - self.culminate_utc_s) < SAME_PASS_S
-        return one.elements.catalog_number == self.catalog_number and near
+        return one.object_number == self.catalog_number and near
 
 
 class Recovered(msgspec.Struct, frozen=True):
@@ -424,6 +453,11 @@ class FollowedPass(NamedTuple):
     catalog_number: int
     culminate_utc_s: float
     asked_by: str
+
+
+def number_of_name(name: str) -> int:
+    """Return a number, below 0, for what has none in the catalogue."""
+    return -zlib.crc32(name.encode())
 
 
 def mean_noon_s(longitude_deg: float) -> float:

@@ -288,7 +288,7 @@ class LiveExecutor:
             except (SattrackError, TleError) as error:
                 words = f"{one.name}: elements are not renewed: {str(error).splitlines()[0]}"
         used = elements or one.elements
-        age_days = (one.start_utc_s - float(used.epoch.unix_s)) / DAY_S
+        age_days = 0.0 if used is None else (one.start_utc_s - float(used.epoch.unix_s)) / DAY_S
         if age_days > one.terms.elements_oldest_days and one.terms.if_elements_old == "skip":
             old = f"{age_days:.1f} days old at the pass, {one.terms.elements_oldest_days:g} are allowed"
             return PassPrepared(utc_s=context.now(), cause="elements too old", words=old)
@@ -427,12 +427,16 @@ class LiveExecutor:
     def _track_command(self, one: NightPass, recording: str | None) -> list[str]:
         context, terms = self.context, one.terms
         iso = [Utc(utc_s).isoformat("milliseconds") for utc_s in (one.start_utc_s, one.end_utc_s)]
+        target, ephemeris = one.asked, () if one.ephemeris is None else ("--ephemeris", one.ephemeris)
+        if one.elements is not None:
+            target = str(one.elements.catalog_number)
+            ephemeris = ("--elements", str(self.files.elements(one)))
         return context.command(
-            *("track", str(one.elements.catalog_number), "--headless", "--stream", "--control"),
+            *("track", target, "--headless", "--stream", "--control"),
             # The schedule has its own rule for old elements, and it was asked already.
             "--old-elements",
             *(() if recording is None else ("--record", str((self.files.folder / recording).absolute()))),
-            *("--elements", str(self.files.elements(one))),
+            *ephemeris,
             *("--from", iso[0], "--to", iso[1]),
             *("--min-alt", f"{terms.min_altitude_deg:g}"),
             *("--bias-along", f"{terms.bias_along_s:g}", "--bias-cross", f"{terms.bias_cross_deg:g}"),

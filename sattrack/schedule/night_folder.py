@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import shutil
 import sqlite3
 import tempfile
@@ -33,6 +34,7 @@ from sattrack.schedule.night import (
     PassAttempt,
     Recovered,
     Run,
+    number_of_name,
 )
 from sattrack.schedule.night_stop import holder, resume_command, stop_of
 from sattrack.schedule.summary import page, summary_name, text_lines
@@ -244,7 +246,7 @@ class Journal:
             run, _ = machine.step(run, msgspec.json.decode(row[2], type=Event, dec_hook=decode_utc))
             pairs = zip(run.passes, run.results, strict=False)
             found |= {
-                FollowedPass(one.elements.catalog_number, one.culminate_utc_s, one.asked_by)
+                FollowedPass(one.object_number, one.culminate_utc_s, one.asked_by)
                 for one, result in pairs
                 if result.on_target_s > 0.0
             }
@@ -349,6 +351,13 @@ def encoded(what: Any) -> bytes:
 
 
 STATUS, PROFILE = "status.json", "mount.toml"
+
+
+def name_part(name: str) -> str:
+    """Return a target's name as part of a file's name."""
+    return re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_") or "target"
+
+
 SUMMARIES, RECORDINGS, ELEMENTS = "summaries", "recordings", "elements"
 OLD_AFTER_S = 3.0
 BYTES_PER_GB = 1e9
@@ -392,7 +401,7 @@ class NightFiles:
     def recording(self, one: NightPass, part: int) -> str:
         """Return the name in the folder of a new recording of an attempt at a pass."""
         start = Utc(one.start_utc_s).isoformat("seconds").translate({ord(c): None for c in "-:"})
-        stem = f"{RECORDINGS}/{start}-{one.elements.catalog_number}"
+        stem = f"{RECORDINGS}/{start}-{one.catalog_number or name_part(one.name)}"
         try:
             (self.folder / RECORDINGS).mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -405,6 +414,7 @@ class NightFiles:
 
     def elements(self, one: NightPass) -> Path:
         """Write the elements that a pass is followed by; return where."""
+        assert one.elements is not None
         name = f"{ELEMENTS}/{one.elements.catalog_number}.json"
         return self._write_somewhere(name, write_elements([one.elements], "json").encode())
 
@@ -535,7 +545,9 @@ def _recovered(view: ScheduleView) -> Recovered | None:
     try:
         begin, end = (float(Utc.parse(text).unix_s) for text in (view.from_utc, view.to_utc))
         over = tuple(
-            FinishedPass(one.catalog_number, float(Utc.parse(one.culminate_utc).unix_s))
+            FinishedPass(
+                one.catalog_number or number_of_name(one.name), float(Utc.parse(one.culminate_utc).unix_s)
+            )
             for one in view.passes
             if one.state in ("done", "partly", "lost")
         )

@@ -447,7 +447,7 @@ def leave_out_taken(schedule: Schedule, candidates: list[Candidate], situation: 
         nights = {
             _night(each.culminate_utc_s, noon_s)
             for each in situation.followed
-            if each.catalog_number == one.elements.catalog_number
+            if each.catalog_number == one.object_number
         }
         lost = None
         if c.once_a_run and nights:
@@ -499,7 +499,7 @@ def _once(asked: Sequence[Candidate], a_run: bool, noon_s: float) -> Iterator[Pa
     sets: dict[tuple[int, int], set[int]] = {}
     for one in asked:
         night = 0 if a_run else _night(one.culminate_utc_s, noon_s)
-        sets.setdefault((one.elements.catalog_number, night), set()).add(one.number)
+        sets.setdefault((one.object_number, night), set()).add(one.number)
     words = f"the rule takes each satellite once a {'run' if a_run else 'night'}"
     for members in sets.values():
         if len(members) > 1:

@@ -151,7 +151,7 @@ def _pass_view(one: NightPass, result: Result | None, current: bool, run: Run) -
     return SchedulePassView(
         number=one.number,
         name=one.name,
-        catalog_number=one.elements.catalog_number,
+        catalog_number=one.catalog_number,
         start_utc=_iso(one.start_utc_s),
         culminate_utc=_iso(one.culminate_utc_s),
         end_utc=_iso(one.end_utc_s),

@@ -28,7 +28,7 @@ from sattrack.mount.simulator.mount import SimulatedMount, StartPosition
 from sattrack.planning.trace import TabledPropagator
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime.connection import simulated_site
-from sattrack.runtime.facts import RunFacts, build_engine, with_detours
+from sattrack.runtime.facts import RunFacts, build_engine, with_detours, with_followed
 from sattrack.runtime.flight import VirtualRun, summarise
 from sattrack.runtime.mounts import SIMULATED
 from sattrack.schedule.night import (
@@ -41,6 +41,7 @@ from sattrack.schedule.night import (
     Followed,
     MakePlan,
     Mount,
+    NightPass,
     NotPlanned,
     Parked,
     ParkMount,
@@ -63,6 +64,7 @@ from sattrack.schedule.summary import headline
 from sattrack.schedule.transitions import slew_of
 from sattrack.settings import SiteSettings
 from sattrack.views.messages import Search, StopNow
+from tle.elements import Elements
 from tle.errors import TleError
 from tle.refraction import Refraction
 
@@ -75,7 +77,7 @@ if TYPE_CHECKING:
     from sattrack.mount.simulator.mount import Truth
     from sattrack.safety import SafetyLimits
     from sattrack.schedule.candidates import Candidate
-    from sattrack.schedule.night import Event, NightPass, Order, Run
+    from sattrack.schedule.night import Event, Order, Run
     from sattrack.schedule.night_folder import Journal
     from sattrack.schedule.schema import Terms
     from sattrack.views.messages import Message
@@ -531,21 +533,21 @@ def planned_facts(
 ) -> RunFacts:
     """Return the facts of a pass' run, by the terms of its schedule, in standard air."""
     air = Refraction.standard(site.height_m)
-    return with_detours(
-        RunFacts(
-            elements=one.elements,
-            site=SiteSettings(site.latitude_deg, site.longitude_deg, site.height_m),
-            refraction="auto",
-            pressure_hpa=air.pressure_hpa,
-            temperature_c=air.temperature_c,
-            plan=plan,
-            culminate_utc_s=one.culminate_utc_s,
-            max_alt_deg=one.max_alt_deg,
-            profile=mount,
-            limits=limits,
-            bias_along_s=terms.bias_along_s,
-            bias_cross_deg=terms.bias_cross_deg,
-            mount_name=SIMULATED,
-            started_utc_s=started_utc_s,
-        )
+    facts = RunFacts(
+        elements=one.elements if isinstance(one.elements, Elements) else None,
+        followed=one.followed if isinstance(one, NightPass) else None,
+        site=SiteSettings(site.latitude_deg, site.longitude_deg, site.height_m),
+        refraction="auto",
+        pressure_hpa=air.pressure_hpa,
+        temperature_c=air.temperature_c,
+        plan=plan,
+        culminate_utc_s=one.culminate_utc_s,
+        max_alt_deg=one.max_alt_deg,
+        profile=mount,
+        limits=limits,
+        bias_along_s=terms.bias_along_s,
+        bias_cross_deg=terms.bias_cross_deg,
+        mount_name=SIMULATED,
+        started_utc_s=started_utc_s,
     )
+    return with_detours(facts if isinstance(one, NightPass) else with_followed(facts, one.elements))

@@ -33,7 +33,7 @@ class SchedulePassView(msgspec.Struct, frozen=True):
 
     number: int
     name: str
-    catalog_number: int
+    catalog_number: int | None
     start_utc: str
     culminate_utc: str
     end_utc: str
@@ -121,8 +121,8 @@ class PlannedPass(msgspec.Struct, frozen=True):
 
     number: int
     name: str
-    catalog_number: int
-    elements_epoch: str
+    catalog_number: int | None
+    elements_epoch: str | None
     start_utc: str
     culminate_utc: str
     end_utc: str
@@ -155,13 +155,17 @@ class PlannedPass(msgspec.Struct, frozen=True):
     lost_to: tuple[LostTo, ...] = ()
     rehearsed: Rehearsed | None = None
     notes: tuple[str, ...] = ()
+    source: str = ""
+    """What gives the target's place."""
+    expected_error_m: float | None = None
+    """By how much it misses the target when the pass is highest, typically; None where it states none."""
 
 
 class LostPass(msgspec.Struct, frozen=True):
     """One pass that is not in the plan, and why; `with_numbers` are the planned ones it conflicts with."""
 
     name: str
-    catalog_number: int
+    catalog_number: int | None
     start_utc: str
     culminate_utc: str
     end_utc: str

@@ -27,7 +27,7 @@ def test_each_example_is_a_schedule(number: int, tmp_path: Path) -> None:
 
 
 def test_there_are_examples() -> None:
-    assert len(EXAMPLES) == 3
+    assert len(EXAMPLES) == 4
 
 
 def test_the_plan_of_the_example_is_as_printed(
