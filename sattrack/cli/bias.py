@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sattrack.cli.common import CommandContext, RenamedOption, common_options, tell
+from sattrack.cli.common import (
+    PLOT,
+    CommandContext,
+    OutputFile,
+    RenamedOption,
+    common_options,
+    tell,
+)
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError, SattrackError
 from tle.errors import TleError
@@ -43,13 +50,11 @@ _SHOWN = 20
     "--out",
     "out",
     cls=RenamedOption,
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=OutputFile(),
     metavar="FILE",
     help="Write the refined elements there: OMM (KVN) with their covariance.",
 )
-@click.option(
-    "--plot", type=click.Path(path_type=Path, dir_okay=False), help="Draw the biases there (PNG, SVG, PDF)."
-)
+@click.option("--plot", type=PLOT, help="Draw the biases there (PNG, SVG, PDF).")
 @common_options("site", "json", "utc")
 def command(
     context: CommandContext,

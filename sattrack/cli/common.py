@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import functools
 import importlib.util
 import os
@@ -180,6 +181,41 @@ def write_file(path: Path, text: str) -> None:
         replace_file(path, text.encode())
     except OSError as error:
         raise SattrackError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+class OutputFile(click.Path):
+    """A file that a command writes: what will keep it from being written is reported before the work.
+
+    `new`: there must be no such file yet; `endings`: its name ends in one of them, if in any.
+    """
+
+    def __init__(self, new: bool = False, endings: Sequence[str] = ()) -> None:
+        super().__init__(path_type=Path)
+        self.name = "file"
+        self._new, self._endings = new, endings
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the path; raises BadInputError, OSError."""
+        path = super().convert(value, param, ctx)
+        if ctx is not None and ctx.resilient_parsing:
+            return path
+        what = f"{param.opts[0]} {path}" if isinstance(param, click.Option) else f"{path}"
+        folder = path.absolute().parent
+        if path.is_dir():
+            raise BadInputError(f"{what}: is a folder; give a file")
+        if path.exists() and self._new:
+            raise BadInputError(f"{what}: exists already; give another name")
+        if not folder.is_dir():
+            raise BadInputError(f"{what}: there is no folder {folder}; make it first")
+        if not os.access(path if path.exists() else folder, os.W_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+        if path.suffix and self._endings and path.suffix.lower() not in self._endings:
+            raise BadInputError(f"{what}: its ending is unknown; give one of {', '.join(self._endings)}")
+        return path
+
+
+PLOT_ENDINGS = (".png", ".svg", ".pdf", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".eps", ".ps")
+PLOT = OutputFile(endings=PLOT_ENDINGS)
 
 
 def table(*heads: str, rows: Iterable[Sequence[str]] = ()) -> Table:

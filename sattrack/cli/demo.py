@@ -10,6 +10,7 @@ import click
 
 from sattrack.cli.common import (
     CommandContext,
+    OutputFile,
     appearance,
     bias_options,
     common_options,
@@ -44,7 +45,7 @@ SHORTEST_S = 5.0
 @profile_option
 @click.option("--headless", is_flag=True, help="No terminal UI.")
 @click.option("--seconds", type=float, metavar="N", help="End after this many real seconds in total.")
-@click.option("--record", type=click.Path(), help="Write every input and output to a new MCAP file.")
+@click.option("--record", type=OutputFile(new=True), help="Write every input and output to a new MCAP file.")
 @stream_options
 @bias_options
 @fov_option

@@ -12,7 +12,14 @@ import click
 import msgspec
 import numpy as np
 
-from sattrack.cli.common import CommandContext, common_options, satellite_names, tell, write_file
+from sattrack.cli.common import (
+    CommandContext,
+    OutputFile,
+    common_options,
+    satellite_names,
+    tell,
+    write_file,
+)
 from sattrack.cli.targets import Wanted, candidates, ephemeris_option
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError
@@ -57,7 +64,7 @@ def command() -> None:
 )
 @click.option(
     "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=OutputFile(),
     help="Write to this file instead of standard output.",
 )
 @common_options("elements", "json")

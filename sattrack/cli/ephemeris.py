@@ -6,13 +6,18 @@ import csv
 import json
 import sys
 import warnings
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
 
-from sattrack.cli.common import CommandContext, common_options, satellite_names, tell
+from sattrack.cli.common import (
+    PLOT,
+    CommandContext,
+    common_options,
+    satellite_names,
+    tell,
+)
 from sattrack.cli.targets import ephemeris_option, find_targets
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError
@@ -25,6 +30,8 @@ from tle.propagator import Propagator
 from tle.refraction import Refraction
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from tle.direction import Direction
     from tle.ephemeris import Ephemeris
     from tle.site import Site
@@ -84,9 +91,7 @@ _TABLE = (
 @click.option(
     "--format", "style", type=click.Choice(["table", "csv", "json"]), default="table", show_default=True
 )
-@click.option(
-    "--plot", type=click.Path(path_type=Path, dir_okay=False), help="Sky track and rates as an image."
-)
+@click.option("--plot", type=PLOT, help="Sky track and rates as an image.")
 @common_options("site", "elements", "clock", "json", "utc")
 def command(context: CommandContext, target: str, **options: Any) -> int:
     """Give directions and rates of TARGET.

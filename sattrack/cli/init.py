@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from sattrack.cli.common import CommandContext, tell, write_file
+from sattrack.cli.common import CommandContext, OutputFile, tell, write_file
 from sattrack.core.errors import BadInputError, SattrackError, meant
 from sattrack.core.local_time import is_zone
 from sattrack.runtime.mounts import FORMS, LISTEN_S, listen, mount_address, usual_profile
@@ -71,7 +71,7 @@ class Answers:
 @click.option("--zone", metavar="NAME", help="Time zone, as Europe/Amsterdam; the city's or the system's.")
 @click.option("--mount", "mount_url", metavar="URL", help="sim, xerxes://…, alpaca://…; alpaca searches.")
 @click.option("--elements", "sources", multiple=True, metavar="SRC", help="A file, or celestrak:GROUP.")
-@click.option("--config", type=click.Path(path_type=Path), help="The file to write (./sattrack.toml).")
+@click.option("--config", type=OutputFile(), help="The file to write (./sattrack.toml).")
 @click.option("--yes", is_flag=True, help="Ask nothing: use the usual values for what no option gives.")
 @click.option("--force", is_flag=True, help="Overwrite the file if there is one.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON document on standard output.")
@@ -90,8 +90,6 @@ def command(**options: Any) -> int:
     path = options["config"] or Path(FILE_NAME)
     if path.exists() and not options["force"]:
         raise BadInputError(f"{path}: exists already; --force overwrites it, --config names another file")
-    if not path.absolute().parent.is_dir():
-        raise BadInputError(f"{path}: there is no folder {path.absolute().parent}; make it first")
     ask = None if options["yes"] else _ask
     answers = collected(options, ask)
     write_file(path, settings_text(answers, path))

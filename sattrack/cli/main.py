@@ -140,6 +140,7 @@ PLAIN_TEXT = (
     ("is not a valid integer", "is not a whole number"),
     ("Got unexpected extra", "unexpected"),
     ("requires an argument", "needs a value after it"),
+    ("is a directory", "is a folder; give a file"),
 )
 """click's terms, and the plain English for them."""
 EXTRA_OF = {"scipy": "camera"}
@@ -147,6 +148,7 @@ EXTRA_OF = {"scipy": "camera"}
 POSIX_ONLY = ("fcntl", "grp", "pty", "pwd", "resource", "termios", "tty")
 ADVICE = {
     os.strerror(errno.ENOENT): "; check the name and the folder",
+    os.strerror(errno.EISDIR): "; give a file",
     os.strerror(errno.EACCES): "; choose another folder, or change who may use this one",
 }
 """What to do, by the system's words at the end of a message."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import time
 from contextlib import ExitStack
@@ -15,6 +14,7 @@ import msgspec
 from sattrack import __version__
 from sattrack.cli.common import (
     CommandContext,
+    OutputFile,
     RenamedOption,
     common_options,
     mount_option,
@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from tle.site import Site
 
 LARGEST_UNCERTAINTY_S = 1.0
-FILE = click.Path(path_type=Path)
 
 
 @click.command("calibrate")
@@ -50,13 +49,13 @@ FILE = click.Path(path_type=Path)
     "--out",
     "out",
     cls=RenamedOption,
-    type=FILE,
+    type=OutputFile(),
     metavar="FILE",
     help="The mount profile to write.",
 )
 @click.option(
     "--update",
-    type=FILE,
+    type=OutputFile(),
     metavar="FILE",
     help="A profile to update with the findings; its other values stay.",
 )
@@ -70,7 +69,10 @@ FILE = click.Path(path_type=Path)
     help="Uncertainty of the mount's clock and ours, seconds; with it, the delays are separated.",
 )
 @click.option(
-    "--sim-profile", type=FILE, metavar="FILE", help="With --mount sim: the profile of the simulated mount."
+    "--sim-profile",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="With --mount sim: the profile of the simulated mount.",
 )
 @common_options("site", "clock", "json")
 def command(context: CommandContext, **options: Any) -> int:
@@ -129,9 +131,6 @@ def _target(options: dict[str, Any]) -> Path:
         raise BadInputError("no output file: give --output FILE, or --update FILE for an existing profile")
     if target.exists() and target != update and not options["force"]:
         raise BadInputError(f"--output {target}: the file exists; give --force to overwrite it, or --update")
-    folder = target.parent
-    if target.is_dir() or not folder.is_dir() or not os.access(folder, os.W_OK):
-        raise BadInputError(f"{target}: cannot be written; give a file in an existing folder of yours")
     return target
 
 

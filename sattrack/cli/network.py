@@ -12,7 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sattrack.cli.common import CommandContext, common_options, renew, tell, write_file
+from sattrack.cli.common import (
+    PLOT_ENDINGS,
+    CommandContext,
+    OutputFile,
+    common_options,
+    renew,
+    tell,
+    write_file,
+)
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.local_time import duration
 from tle.errors import EarthOrientationWarning
@@ -141,7 +149,10 @@ def passes(
     "--seconds", default=60.0, show_default=True, metavar="S", help="Search for the best for S seconds."
 )
 @click.option(
-    "--plot", type=_path, metavar="FILE", help="Map and timeline of the night: PNG, SVG, PDF or HTML."
+    "--plot",
+    type=OutputFile(endings=(*PLOT_ENDINGS, ".html", ".htm")),
+    metavar="FILE",
+    help="Map and timeline of the night: PNG, SVG, PDF or HTML.",
 )
 @common_options("elements", "clock", "json")
 def assign(

@@ -15,7 +15,15 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from sattrack.cli.common import CommandContext, common_options, profile_option, renew, satellite_names, tell
+from sattrack.cli.common import (
+    PLOT,
+    CommandContext,
+    common_options,
+    profile_option,
+    renew,
+    satellite_names,
+    tell,
+)
 from sattrack.cli.targets import ephemeris_option, find_targets
 from sattrack.core.errors import BadInputError, SattrackError
 from tle.elements import Elements
@@ -88,9 +96,7 @@ _SORTS = ("rise", "altitude", "magnitude", "rate", "name")
 )
 @click.option("--csv", "as_csv", is_flag=True, hidden=True)
 @click.option("--ics", "as_ics", is_flag=True, hidden=True)
-@click.option(
-    "--plot", type=click.Path(path_type=Path, dir_okay=False), help="Sky chart of the passes as an image."
-)
+@click.option("--plot", type=PLOT, help="Sky chart of the passes as an image.")
 @common_options("site", "elements", "clock", "json", "utc")
 def command(context: CommandContext, targets: tuple[str, ...], **options: Any) -> int:
     """List coming passes of each TARGET, of all satellites if none is named.

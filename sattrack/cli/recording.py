@@ -13,6 +13,7 @@ import msgspec
 from sattrack import __version__
 from sattrack.cli.common import (
     CommandContext,
+    OutputFile,
     RenamedOption,
     common_options,
     renew,
@@ -115,7 +116,7 @@ def _lines(view: RecordingView, facts: RunFacts, parts: int) -> list[str]:
 
 @command.command("export")
 @click.argument("file", type=click.Path(path_type=Path))
-@click.argument("out", type=click.Path(path_type=Path))
+@click.argument("out", type=OutputFile(new=True))
 @click.option("--format", "kind", type=click.Choice(FORMATS), help="Default: by the ending of OUT.")
 @click.option(
     "--table",
@@ -143,8 +144,6 @@ def export(context: CommandContext, file: Path, out: Path, **options: Any) -> in
     kind = options["kind"] or out.suffix.removeprefix(".")
     if kind not in FORMATS:
         raise BadInputError(f"{out}: unknown ending; give --format {'|'.join(FORMATS)}")
-    if out.exists():
-        raise BadInputError(f"{out}: exists already; give another name")
     recording, facts = open_recording(file, options["part"])
     for text in recording.problems:
         tell(f"{file}: {text}")
@@ -205,7 +204,7 @@ def write_tdm(recording: Recording, facts: RunFacts, out: Path) -> None:
     "--html",
     "html_file",
     cls=RenamedOption,
-    type=_path,
+    type=OutputFile(new=True),
     metavar="FILE",
     help="Write figures and plots to one HTML file.",
 )
@@ -214,11 +213,16 @@ def write_tdm(recording: Recording, facts: RunFacts, out: Path) -> None:
     "--png",
     "folder",
     cls=RenamedOption,
-    type=_path,
+    type=click.Path(path_type=Path, file_okay=False),
     metavar="FOLDER",
     help="Write each plot as an image (PNG) into this folder.",
 )
-@click.option("--tdm", type=_path, metavar="FILE", help="The observations of one recording as a CCSDS TDM.")
+@click.option(
+    "--tdm",
+    type=OutputFile(new=True),
+    metavar="FILE",
+    help="The observations of one recording as a CCSDS TDM.",
+)
 @click.option("--part", default=1, show_default=True, help="Which recording, if a file holds several.")
 @click.option(
     "--bias-memory",
@@ -242,9 +246,6 @@ def report(context: CommandContext, files: tuple[Path, ...], **options: Any) -> 
     html_file, folder, tdm = options["html_file"], options["folder"], options["tdm"]
     if tdm is not None and len(files) > 1:
         raise BadInputError("--tdm takes one recording at a time")
-    for out in (html_file, tdm):
-        if out is not None and out.exists():
-            raise BadInputError(f"{out}: exists already; give another name")
     found = []
     for number, file in enumerate(files):
         recording, facts = open_recording(file, options["part"])
@@ -282,6 +283,7 @@ def _draw(
     try:
         if html_file is not None:
             html_file.write_text(report_html(plots, over_time, __version__), encoding="utf-8")
+            tell(f"the report is in {html_file}")
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -11,6 +10,7 @@ import msgspec
 import numpy as np
 
 from sattrack.cli.common import (
+    PLOT,
     CommandContext,
     common_options,
     profile_option,
@@ -29,6 +29,7 @@ from tle.errors import printable
 
 if TYPE_CHECKING:
     from datetime import datetime
+    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -72,9 +73,7 @@ ROWS = 9
 )
 @click.option("--min-alt", type=float, metavar="DEG", help="Follow above this altitude (10, or as set).")
 @click.option("--fov", "fov_deg", type=float, metavar="DEG", help="Field of view to compare the error with.")
-@click.option(
-    "--plot", type=click.Path(path_type=Path, dir_okay=False), help="Chart of the pass as an image (PNG)."
-)
+@click.option("--plot", type=PLOT, help="Chart of the pass as an image (PNG).")
 @common_options("site", "elements", "clock", "json", "utc")
 def command(context: CommandContext, target: str, number: int, **options: Any) -> int:
     """Show before a pass of TARGET what the mount cannot follow: what is lost, when, and to which limit.
@@ -96,8 +95,6 @@ def command(context: CommandContext, target: str, number: int, **options: Any) -
     if fov_deg is not None and not (math.isfinite(fov_deg) and 0.0 < fov_deg <= 180.0):
         raise BadInputError(f"--fov {fov_deg:g}: give the field's diameter in degrees, above 0")
     plot = options["plot"]
-    if plot is not None and not plot.absolute().parent.is_dir():
-        raise BadInputError(f"{plot}: the folder does not exist")
     min_alt_deg = context.settings.min_altitude_deg if options["min_alt"] is None else options["min_alt"]
     wanted = Wanted(context.now(), min_alt_deg, number)
     found = followed(context, target, "sim", options["ephemeris"], wanted)

@@ -7,7 +7,15 @@ from typing import Any
 
 import click
 
-from sattrack.cli.common import CommandContext, RenamedOption, common_options, mount_option, profile_option
+from sattrack.cli.common import (
+    PLOT,
+    CommandContext,
+    OutputFile,
+    RenamedOption,
+    common_options,
+    mount_option,
+    profile_option,
+)
 from sattrack.core.errors import BadInputError
 
 
@@ -53,13 +61,13 @@ from sattrack.core.errors import BadInputError
     "--png",
     "plot",
     cls=RenamedOption,
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=PLOT,
     metavar="FILE",
     help="With --dry-run: the plan as a timeline, an image.",
 )
 @click.option(
     "--ics",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=OutputFile(),
     metavar="FILE",
     help="The same as a calendar.",
 )

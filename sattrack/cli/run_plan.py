@@ -52,10 +52,6 @@ DEFAULT_HOURS, MOST_DAYS = 24.0, 31.0
 def show_plan(context: CommandContext, file: Path, options: dict[str, Any]) -> int:
     """Make the plan of a schedule and show it. Raises BadInputError, SattrackError, TleError."""
     schedule = load_schedule(file)
-    for name in ("plot", "ics"):
-        path = options[name]
-        if path is not None and not path.absolute().parent.is_dir():
-            raise BadInputError(f"--{name} {path}: there is no such folder to write into")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", EarthOrientationWarning)
         warnings.simplefilter("always", RuntimeWarning)

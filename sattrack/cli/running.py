@@ -521,8 +521,6 @@ def check_new_profile(target: Path | None, speed: float = 1.0) -> None:
         )
     if target.exists():
         raise BadInputError(f"--learn-profile {target}: the file exists; give a new name")
-    if not target.parent.is_dir():
-        raise BadInputError(f"--learn-profile {target}: there is no folder {target.parent}; make it first")
 
 
 def learn_profile(target: Path | None, base: ProfileFile, summary: Summary) -> None:

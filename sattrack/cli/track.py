@@ -9,6 +9,7 @@ import click
 
 from sattrack.cli.common import (
     CommandContext,
+    OutputFile,
     appearance,
     bias_options,
     common_options,
@@ -34,12 +35,10 @@ from sattrack.cli.targets import ephemeris_option
 )
 @profile_option
 @click.option("--headless", is_flag=True, help="No terminal UI.")
-@click.option(
-    "--record", type=click.Path(path_type=Path), help="Write every input and output to a new MCAP file."
-)
+@click.option("--record", type=OutputFile(new=True), help="Write every input and output to a new MCAP file.")
 @click.option(
     "--learn-profile",
-    type=click.Path(path_type=Path),
+    type=OutputFile(),
     metavar="FILE",
     help="Write what the pass shows about the mount to a new profile.",
 )

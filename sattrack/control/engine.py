@@ -226,6 +226,7 @@ class Engine(Driver):
                 ra,
                 dec,
                 heard=self.session.sample is not None,
+                stopped=tracker.ended_by == "operator",
                 slewing=self._doing is Phase.SLEWING,
                 followed_s=self._missed_s,
                 clamped_s=self._clamped_s,

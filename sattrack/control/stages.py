@@ -115,6 +115,7 @@ STILL, TURNED, OFF = 0.1, -0.5, 0.05
 FALLS_SHORT, MOVES_DEG_S = 0.8, 0.02
 RESTARTS = 3
 CALIBRATE = "run `sattrack mount calibrate`"
+STOPPED = "the operator ended the run before the mount could follow"
 
 
 class AxisAttempt(NamedTuple):
@@ -136,6 +137,8 @@ class Attempt(NamedTuple):
     ra: AxisAttempt
     dec: AxisAttempt
     heard: bool = True
+    stopped: bool = False
+    """Whether an operator ended the run."""
     slewing: bool = False
     followed_s: float = 0.0
     clamped_s: float = 0.0
@@ -152,7 +155,7 @@ class Attempt(NamedTuple):
 def why_not(attempt: Attempt) -> str | None:
     """Return why, and what to do, in one line; None where nothing that was seen tells it."""
     found = next((words for reason in REASONS if (words := reason(attempt)) is not None), None)
-    if found is None or attempt.calibrated or CALIBRATE in found or not attempt.heard:
+    if found is None or found == STOPPED or attempt.calibrated or CALIBRATE in found or not attempt.heard:
         return found
     return f"{found} (the mount is not calibrated: {CALIBRATE})"
 
@@ -173,6 +176,12 @@ def held(attempt: Attempt) -> str | None:
         f"the {ROWS[name].name} limit held it for {attempt.held_s[name]:.0f} s ({ROWS[name].bound} sets it): "
         "`sattrack rehearse` shows that beforehand"
     )
+
+
+def stopped(attempt: Attempt) -> str | None:
+    """An operator ended the run before the mount could follow: no other reason counts, and no advice."""
+    early = attempt.slewing or attempt.followed_s < LEAST_FOLLOWED_S
+    return STOPPED if attempt.stopped and early else None
 
 
 def slewing(attempt: Attempt) -> str | None:
@@ -284,6 +293,7 @@ def too_short(attempt: Attempt) -> str | None:
 REASONS: tuple[Callable[[Attempt], str | None], ...] = (
     unheard,
     held,
+    stopped,
     slewing,
     too_fast,
     falls_short,

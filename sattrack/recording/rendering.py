@@ -36,6 +36,7 @@ SHORTEST_SHOWN_S = 1.0
 UNFITTED_S = 5.0
 """Shorter times are not shown: of the run's stages, and of what was left out of fits."""
 LEAST_SHARE = 0.005
+MISSED = "NEVER ON TARGET"
 STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #1b2a41; max-width: 62rem; margin: 2rem auto;
   padding: 0 1rem }
@@ -51,10 +52,12 @@ def report_rows(report: Report) -> list[tuple[str, str]]:
     rows = [
         ("pass", f"{named(report.name, report.catalog_number)}, recorded from {_began(report)}"),
         ("mount", report.mount),
-        ("followed", f"{report.followed_s:.0f} s, {report.samples} samples; ended by {report.ended_by}"),
+        ("followed", f"{report.followed_s:.0f} s, {report.samples} samples; {_end(report)}"),
     ]
-    if not report.acquired:
-        rows[:0] = [("NEVER ON TARGET", _missed(report))]
+    if not report.acquired and report.ended_by is not None:
+        rows[:0] = [(MISSED, _missed(report))]
+    elif not report.acquired:
+        rows.append(("not on target", f"as far as the file goes: {_missed(report)}"))
     if apart := _apart(report.times):
         rows.append(("counted apart", apart))
     if report.error is not None:
@@ -80,6 +83,10 @@ def report_rows(report: Report) -> list[tuple[str, str]]:
     for name, axis in (("hour angle axis", report.ra), ("declination axis", report.dec)):
         rows += [(name, words) for words in (_axis(axis), *_untold(axis)) if words]
     return rows
+
+
+def _end(report: Report) -> str:
+    return f"ended by {report.ended_by}" if report.ended_by else "the file does not show its end"
 
 
 def _began(report: Report) -> str:
@@ -177,12 +184,12 @@ def nothing_to_change(report: Report) -> str:
 
 
 def all_rows(report: Report) -> list[tuple[str, str]]:
-    """Return a report for a terminal: its rows, what to change, and what is wrong with the file."""
+    """Return a report for a terminal: what is wrong with the file, its rows, and what to change."""
     advice = report.advice or (nothing_to_change(report),)
     return [
+        *(("wrong with the file", words) for words in report.problems),
         *report_rows(report),
         *(("to change", words) for words in advice),
-        *(("wrong with the file", words) for words in report.problems),
     ]
 
 
@@ -242,16 +249,14 @@ def report_html(reports: Sequence[tuple[Report, Mapping[str, Any]]], trend: Any 
 
 
 def _sections(report: Report, plots: Mapping[str, Any]) -> list[str]:
-    parts = ["<table>"]
-    for number, (name, value) in enumerate(report_rows(report)):
-        tone = "what" if report.acquired or number else "bad"
+    parts = [f'<p class="bad">{html.escape("; ".join(report.problems))}</p>'] if report.problems else []
+    parts.append("<table>")
+    for name, value in report_rows(report):
+        tone = "bad" if name == MISSED else "what"
         parts.append(f'<tr><td class="{tone}">{html.escape(name)}</td><td>{html.escape(value)}</td></tr>')
     parts.append("</table><h2>What to change</h2><ul>")
     parts += [f"<li>{html.escape(words)}</li>" for words in report.advice or (nothing_to_change(report),)]
     parts.append("</ul>")
-    if report.problems:
-        words = "; ".join(report.problems)
-        parts.append(f'<p class="bad">{html.escape(words)}</p>')
     for title, figure in plots.items():
         parts.append(f"<h2>{html.escape(title)}</h2>{_image(title, figure)}")
     return parts

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 
-from sattrack.control.stages import KEYHOLE, RATE, RunStage
+from sattrack.control.stages import KEYHOLE, RATE, STOPPED, RunStage
 from sattrack.recording.fits import (
     SURE_SIGMAS,
     AxisFit,
@@ -32,6 +32,7 @@ from tle.propagator import Propagator
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from sattrack.control.engine import RunSpec
     from sattrack.mount.model import AxisLimits, MountProfile
     from sattrack.recording.format import Recording
     from sattrack.recording.trace import Trace
@@ -381,6 +382,8 @@ OFF_SHARE = 0.1
 """Share of the following off target from which on that is reported."""
 ONE_AXIS = 5.0
 """By so much one axis must be farther off than the other to be named alone."""
+CALIBRATE = "run sattrack mount calibrate"
+BUSY = "the mount is simulated: this machine was busy, or its delays were set otherwise"
 REPORTED_S = 1.0
 """Spans that are shorter than this are not reported."""
 
@@ -388,18 +391,23 @@ REPORTED_S = 1.0
 def advice(report: Report, run: Trace) -> list[str]:
     """Return what to change, the most important first; empty for nothing."""
     profile, times, link = run.engine.spec.profile, report.times, report.link
-    found = []
-    if not report.acquired:
+    simulated, found = run.engine.spec.simulated, []
+    if report.ended_by is None and not report.acquired:
+        # Cut off before the mount was on target: what kept it from there may lie in what is missing.
+        pass
+    elif not report.acquired:
         why = run.engine.why_not_acquired()
+        if why == STOPPED:
+            return [why]
         # The engine's reason is of today's commands: it holds where the mount was sent these. Of a run that
         # limits held, the limits' own messages say more.
         found += [why] if why is not None and run.result.agrees and not times.held_s else []
-        found += _why_missed(profile, report.missed, times)
+        found += _why_missed(run.engine.spec, report.missed, times)
     elif times.off_target_s > OFF_SHARE * times.following_s:
         found.append(_off_advice(run, times))
     if report.bias is not None:
         found += _bias_advice(report.bias)
-    found += _mount_advice(profile, report.ra, report.dec)
+    found += _mount_advice(profile, report.ra, report.dec, BUSY if simulated else CALIBRATE)
     found += _ripple_advice(report.ra, report.dec)
     if link is not None and link.lost > LOST_SHARE * max(1, link.received + link.lost):
         found.append(
@@ -428,8 +436,8 @@ def _bias_advice(bias: BiasFigures) -> list[str]:
     return found
 
 
-def _mount_advice(profile: MountProfile, ra: AxisFigures, dec: AxisFigures) -> list[str]:
-    """Return where gains and delays are surely not those of the profile."""
+def _mount_advice(profile: MountProfile, ra: AxisFigures, dec: AxisFigures, do: str) -> list[str]:
+    """Return where gains and delays are surely not those of the profile, and what to do about delays."""
     found = []
     for name, fit, gain in (("ra", ra, profile.ra_rate_gain), ("dec", dec, profile.dec_rate_gain)):
         if _is_off(fit.gain, fit.gain_sigma, gain, GAIN_OFF * gain):
@@ -442,12 +450,12 @@ def _mount_advice(profile: MountProfile, ra: AxisFigures, dec: AxisFigures) -> l
         if delay_ms < 0.0:
             found.append(
                 f"commands in {name} seem to act {-delay_ms:.0f} ms before they are sent: the profile dates "
-                "statuses wrongly (status_delay_s, clock_offset_s): run sattrack mount calibrate"
+                f"statuses wrongly (status_delay_s, clock_offset_s): {do}"
             )
         else:
             found.append(
                 f"commands in {name} act {delay_ms:.0f} ms after their tick, "
-                f"{expected_s * 1000.0:.0f} ms are expected: run sattrack mount calibrate"
+                f"{expected_s * 1000.0:.0f} ms are expected: {do}"
             )
     return found
 
@@ -469,7 +477,7 @@ def _is_off(value: float | None, sigma: float | None, expected: float, least: fl
     return abs(value - expected) > max(least, SURE_SIGMAS * sigma)
 
 
-def _why_missed(profile: MountProfile, missed: MissedFigures | None, times: TimeFigures) -> list[str]:
+def _why_missed(spec: RunSpec, missed: MissedFigures | None, times: TimeFigures) -> list[str]:
     """Return what may be done about a mount that was never on target."""
     held_s = sum(times.held_s.values())
     if held_s > times.acquiring_s:
@@ -490,8 +498,10 @@ def _why_missed(profile: MountProfile, missed: MissedFigures | None, times: Time
             )
         if axis.typical_arcsec > ONE_AXIS * other.typical_arcsec:
             found.append(f"only {name} was far off: look for what is peculiar to that axis")
-    if profile.calibration is None:
-        found.append("the mount's profile was never measured: run sattrack mount calibrate")
+    if spec.simulated:
+        return found
+    if spec.profile.calibration is None:
+        found.append(f"the mount's profile was never measured: {CALIBRATE}")
     return found or ["the recording does not tell why: measure the mount again, sattrack mount calibrate"]
 
 
@@ -501,8 +511,8 @@ def _off_advice(run: Trace, times: TimeFigures) -> str:
     ra, dec = (float(np.median(np.abs(error[off]))) for error in (run.ra_error, run.dec_error))
     spec = run.engine.spec
     measure = ""
-    if spec.profile.calibration is None:
-        measure = "; the mount's profile was never measured: run sattrack mount calibrate"
+    if spec.profile.calibration is None and not spec.simulated:
+        measure = f"; the mount's profile was never measured: {CALIBRATE}"
     return (
         f"the mount was more than {spec.plan.on_target_arcsec:g}″ off for {times.off_target_s:.0f} of the "
         f"{times.following_s:.0f} s that it followed, typically by {ra:.1f}″ in right ascension and "

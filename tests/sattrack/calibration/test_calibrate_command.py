@@ -44,7 +44,7 @@ class TestWhatIsWrongIsToldBeforeAnythingMoves:
         assert file.read_text(encoding="utf-8") == "name = 'precious'\n"
 
     def test_a_folder_that_is_not_there(self, tmp_path: Path) -> None:
-        with pytest.raises(BadInputError, match="cannot be written"):
+        with pytest.raises(BadInputError, match="there is no folder"):
             call("--mount", "sim", "--yes", "--out", str(tmp_path / "nowhere" / "mount.toml"))
 
     def test_a_profile_to_update_that_is_none(self, tmp_path: Path) -> None:

@@ -170,9 +170,35 @@ passes ISS --site 52,4,0 --elements celestrack:visual | write celestrak:GROUP
 report {readme}                                 | not an MCAP file
 replay tonight                                  | check the name and the folder
 report                                          | missing argument 'FILES...'; see
-report {pass} --output /nowhere/x.html          | check the name and the folder
+report {pass} --output /nowhere/x.html          | there is no folder /nowhere; make it first
 passes {at} --plot                              | needs a value after it
-rehearse ISS {at} --plot /nowhere/p.png         | the folder does not exist
+rehearse ISS {at} --plot /nowhere/p.png         | there is no folder /nowhere; make it first
+rehearse ISS {at} --plot x.xyz                  | --plot x.xyz: its ending is unknown; give one of .png, .svg
+ephemeris ISS {at} --plot /nowhere/p.png        | make it first
+passes {at} --plot x.xyz                        | give one of .png, .svg
+bias {tle} --observations x --plot x.docx       | give one of .png, .svg
+bias {tle} --observations x --output /nowhere/x | make it first
+run {night} --dry-run --plot /nowhere/p.png     | make it first
+run {night} --dry-run --ics adir                | --ics adir: is a folder; give a file
+track ISS {at} --mount sim --record /nowhere/x  | make it first
+track ISS {at} --mount sim --learn-profile adir | is a folder; give a file
+demo --record adir                              | is a folder; give a file
+report {pass} --output adir                     | is a folder; give a file
+recording export {pass} /nowhere/x.csv          | make it first
+network assign --stations x --passes x --out x --elements {tle} --plot x.gif | .html
+init --yes --city Leiden --config adir          | is a folder; give a file
+mount calibrate --mount sim --yes --output adir | is a folder; give a file
+elements get {tle} --output adir                | is a folder; give a file
+passes {at} --config adir                       | adir: cannot read the settings: Is a directory; give a file
+report adir                                     | Is a directory; give a file
+replay adir                                     | Is a directory; give a file
+recording info adir                             | Is a directory; give a file
+run adir                                        | Is a directory; give a file
+bias {tle} --observations adir                  | give a file
+passes {at} --horizon adir                      | is a folder; give a file
+rehearse ISS {at} --profile adir                | Is a directory; give a file
+ephemeris Mars {at} --ephemeris adir            | is a folder; give a file
+sim --telescope adir --alpaca                   | Is a directory; give a file
 --mount sim track ISS                           | see `sattrack --help`
 Track ISS                                       | did you mean 'track'?
 track ISS -mount sim                            | did you mean '--mount'?
@@ -200,6 +226,7 @@ def test_a_wrong_command_line_is_answered_in_one_line_with_what_to_do(
     places["pass"] = f"{EXAMPLES}/passes/clean.mcap"
     places["readme"] = f"{EXAMPLES.parent}/README.md"
     (tmp_path / "empty.tle").touch()
+    (tmp_path / "adir").mkdir()
     assert run(shlex.split(line.format(**places))) in {1, 2}
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)

@@ -41,6 +41,9 @@ def test_nothing_is_said_where_nothing_tells() -> None:
         ({"heard": False}, "never heard"),
         ({"held_s": {"sun": 40.0}}, "the sun limit held it for 40 s"),
         ({"slewing": True}, "still slewing"),
+        ({"slewing": True, "stopped": True}, "the operator ended the run"),
+        ({"followed_s": 0.0, "stopped": True}, "the operator ended the run"),
+        ({"dec": DEC._replace(ratio=0.02), "stopped": True}, "declination did not move"),
         ({"clamped_s": 30.0}, "faster than the axes may turn (max_rate_deg_s, 6 and 6 °/s) for 30 of 60 s"),
         ({"dec": DEC._replace(ratio=0.02)}, "declination did not move as commanded"),
         ({"ra": RA._replace(ratio=-0.9)}, "right ascension turned the other way: change ra_rate_sign"),
@@ -99,6 +102,7 @@ def test_that_a_mount_is_not_calibrated_is_appended_once() -> None:
     late = why(learnt=learnt(dec_lag_s=0.35), calibrated=False)
     assert late.count("calibrate`") == 1
     assert "calibrate" not in why(heard=False, calibrated=False)
+    assert why(slewing=True, stopped=True, calibrated=False).endswith("could follow")
 
 
 def fly(profile: dict[str, Any], seconds: float, number: int = 4, **hardware: Any) -> family.Run:

@@ -33,7 +33,8 @@ from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import RunRequest, prepare
 from sattrack.runtime.flight import fly_virtual
 from sattrack.safety import SafetyLimits
-from sattrack.views.messages import Go, Message, Nudge, Pause
+from sattrack.views.formatting import summary_lines
+from sattrack.views.messages import Go, Message, Nudge, Pause, StopNow
 from tle.bias import Bias, bias_from_observation
 from tle.formats.observations import Stations, read_observations
 from tle.instants import Utc
@@ -403,6 +404,37 @@ def test_a_pass_that_was_held_throughout_is_not_told_to_need_nothing(
     assert 'class="bad">NEVER ON TARGET' in (tmp_path / "walled.html").read_text()
 
 
+def test_a_pass_that_its_operator_ended_early_gets_no_advice(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    summary = flown(tmp_path / "early.mcap", messages=((-300.0, StopNow()),))
+    assert (summary.ended_by, summary.acquired_after_s, summary.mount_stopped) == ("operator", None, True)
+    (line,) = (line for line in summary_lines(summary) if "never on target" in line)
+    assert line == "  never on target: the operator ended the run before the mount could follow"
+    told = report_of(tmp_path / "early.mcap", capsys)
+    assert told["advice"] == ["the operator ended the run before the mount could follow"]
+
+
+def test_of_a_recording_that_is_cut_off_that_comes_first_and_nothing_is_guessed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole, cut = EXAMPLES / "passes" / "clean.mcap", tmp_path / "cut.mcap"
+    recording = Recording(whole)
+    for share in (3, 30):
+        cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // share])
+        assert Recording(cut).cut_off
+        assert run(["report", str(cut), "--output", str(tmp_path / f"{share}.html")]) == 0
+        lines_told = capsys.readouterr().out.splitlines()
+        assert lines_told[0].startswith("wrong with the file")
+        text = "\n".join(lines_told)
+        assert "cut off" in lines_told[0] or "cut off" in lines_told[1]
+        assert "the file does not show its end" in text
+        assert not re.search("None|NEVER|calibrate|rehearse", text)
+        page = (tmp_path / f"{share}.html").read_text()
+        assert page.index("cut off") < page.index("<table>")
+    assert not recording.cut_off
+
+
 def test_a_mount_that_follows_beside_the_satellite_is_not_told_to_need_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -456,7 +488,8 @@ def test_a_delay_that_the_profile_does_not_have_is_found(
         assert told[axis]["delay_s"] == pytest.approx(0.077, abs=0.002)
         assert told[axis]["delay_sigma_s"] < 0.002
     assert told["advice"] == [
-        f"commands in {axis} act 77 ms after their tick, 27 ms are expected: run sattrack mount calibrate"
+        f"commands in {axis} act 77 ms after their tick, 27 ms are expected: the mount is simulated: this "
+        "machine was busy, or its delays were set otherwise"
         for axis in ("right ascension", "declination")
     ]
 
