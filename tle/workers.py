@@ -55,7 +55,7 @@ def _may_fork() -> bool:
 
 
 def _by_turns(items: Sequence[Any]) -> list[Any]:
-    """Return the first and the last in alternation: deep space comes first, its SGP4 stops other threads."""
+    """Return the first and last in alternation: deep space comes first, and its SGP4 stops other threads."""
     return [items[k // 2 if k % 2 == 0 else -1 - k // 2] for k in range(len(items))]
 
 

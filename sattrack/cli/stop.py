@@ -325,7 +325,7 @@ def _stop_all(
     for owner, came in _as_they_come(ended, len(mounts.sessions), progress):
         if came is None:
             progress.begin(owner.mount, " directly: its session is gone")
-            keep(partial(stop_after, owner, profile, progress.show))
+            keep(partial(stop_after, owner, profile, progress.show, is_simulated(owner)))
         elif isinstance(came, SattrackError):
             failed.append(came)
         else:

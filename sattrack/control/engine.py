@@ -105,6 +105,7 @@ class Engine(Driver):
         """The phase before the run began to stop."""
         self._counted: set[int] = set()
         self._before: StatusSample | None = None
+        self._first_tick_utc_s: float | None = None
 
     def receive(self, data: bytes, arrival_utc_s: float) -> StatusSample | None:
         """Take one datagram from the mount; return its sample, None where it was refused."""
@@ -311,7 +312,11 @@ class Engine(Driver):
         if state is LinkState.LOST:
             words = f"{self.spec.mount_name} {self.session.health.did}; stop commands were sent"
             self._give_up("link", words)
-        elif state is LinkState.SILENT and now_utc_s - self.spec.started_utc_s > NO_ANSWER_AFTER_S:
+            return
+        # Nothing could be heard before the first datagram, however long this computer took to come to it.
+        if self._first_tick_utc_s is None:
+            self._first_tick_utc_s = now_utc_s
+        if state is LinkState.SILENT and now_utc_s - self._first_tick_utc_s > NO_ANSWER_AFTER_S:
             words = f"no status from {self.spec.mount_name} within {NO_ANSWER_AFTER_S:g} s"
             self._give_up("link", f"{words}; is it on, and set to send here?")
 

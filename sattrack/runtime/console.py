@@ -204,6 +204,8 @@ class DirectLoop(RealtimeLoop):
 
     driver: DirectStop
     waiting: Callable[[], None]
+    ends_with_session: bool = False
+    """Whether the mount is a simulated one that its session took with it, though it was heard just now."""
     nobody: bool = field(default=False, init=False)
     _asked_s: float = field(default_factory=time.monotonic, init=False)
 
@@ -222,7 +224,13 @@ class DirectLoop(RealtimeLoop):
         """Look whether a mount that is not heard is there at all."""
         self.waiting()
         now_s = time.monotonic()
-        if self.driver.session.sample is not None or now_s - self._asked_s < GONE_AFTER_S:
+        heard_s = 0.0
+        age_s = self.driver.session.health.age_s(now_s)
+        if age_s is not None:
+            if not self.ends_with_session:
+                return
+            heard_s = now_s - age_s
+        if now_s - max(self._asked_s, heard_s) < GONE_AFTER_S:
             return
         self._asked_s = now_s
         address = self.connection.link.address
@@ -231,10 +239,16 @@ class DirectLoop(RealtimeLoop):
             self.nobody = self.driver.stop.finished = True
 
 
-def stop_directly(address: MountAddress, profile: MountProfile, waiting: Callable[[], None]) -> MountStop:
+def stop_directly(
+    address: MountAddress,
+    profile: MountProfile,
+    waiting: Callable[[], None],
+    ends_with_session: bool = False,
+) -> MountStop:
     """Stop a mount that no session owns, by datagrams of our own, and see it at rest.
 
-    Raises SattrackError where another session comes in between, or the port is not available.
+    `ends_with_session` tells that it is a simulated one, which may end meanwhile as its session has. Raises
+    SattrackError where another session comes in between, or the port is not available.
     """
     wait_until_free(address, waiting)
     mount = address.name
@@ -242,7 +256,7 @@ def stop_directly(address: MountAddress, profile: MountProfile, waiting: Callabl
         # By the monotonic clock itself: nothing here depends on the time of day.
         connection = Connection(link, SimulatedClock(0.0, 0.0), guard=guard)
         stop = DirectStop(profile, time.monotonic())
-        loop = DirectLoop(connection, StopRequest(), stop, waiting)
+        loop = DirectLoop(connection, StopRequest(), stop, waiting, ends_with_session)
         loop.run()
         if loop.nobody:
             return MountStop(mount, "direct", None, None, None, NOBODY)
@@ -258,10 +272,12 @@ def stop_directly(address: MountAddress, profile: MountProfile, waiting: Callabl
     return MountStop(mount, "direct", stop.mount_stopped, None, None, words, goes_on)
 
 
-def stop_after(owner: Owner, profile: MountProfile, waiting: Callable[[], None]) -> MountStop:
+def stop_after(
+    owner: Owner, profile: MountProfile, waiting: Callable[[], None], simulated: bool
+) -> MountStop:
     """Stop directly a mount whose session has ended without knowing it at rest. Raises SattrackError."""
     address = owned_address(owner)
-    stopped = stop_directly(address, profile, waiting)
+    stopped = stop_directly(address, profile, waiting, ends_with_session=simulated)
     if stopped.words == NOBODY and address.host.startswith("127."):
         words = f"the simulated mount has ended with its session, `{owner.command}`, process {owner.pid}"
         return msgspec.structs.replace(stopped, by="gone", pid=owner.pid, command=owner.command, words=words)

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     import subprocess
     from collections.abc import Callable
 
+HEARD_AFTER_TURNS = 6
+
 
 @pytest.fixture(autouse=True)
 def alone(radio_dish: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -143,8 +145,8 @@ def test_nothing_to_stop_and_nobody_there(capsys: pytest.CaptureFixture[str]) ->
     assert err.endswith(f"sattrack: 127.0.0.1:{port}: nothing listens there\n")
 
 
-def session_of(mount: str, command: str) -> Owner:
-    return Owner(1, os.getuid(), f"sattrack {command}", "2026-03-01T00:00:00Z", mount, 15002)
+def session_of(mount: str, command: str, listen_port: int = 15002) -> Owner:
+    return Owner(1, os.getuid(), f"sattrack {command}", "2026-03-01T00:00:00Z", mount, listen_port)
 
 
 DOME = session_of("192.0.2.7:15001", "track 25544 --mount xerxes://192.0.2.7:15001?listen=15002")
@@ -311,3 +313,24 @@ def test_a_console_beside_an_owner_looks_on_and_its_stop_goes_through_the_owner(
             console.stdin.close()
             console.stdout.read()
             assert console.wait(30.0) == 0
+
+
+def test_a_simulated_mount_that_ends_while_it_is_stopped_is_gone(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with simulated_mount() as mount:
+        shown: list[int] = []
+
+        def show(_: object) -> None:
+            shown.append(1)
+            if len(shown) == HEARD_AFTER_TURNS:
+                mount.end()
+
+        session = session_of(f"127.0.0.1:{mount.port}", "serve rotctld --mount sim", free_port())
+        monkeypatch.setattr(stop_module.StopProgress, "show", show)
+        monkeypatch.setattr(stop_module, "stop_session", lambda *_: None)
+        monkeypatch.setattr(stop_module, "owners", lambda: [session])
+        assert run(["stop", "--all", "--json"]) == 0
+    told = document(capsys)
+    assert told["errors"] == []
+    assert [each["by"] for each in told["stopped"]] == ["gone"]

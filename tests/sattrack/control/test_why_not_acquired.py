@@ -11,6 +11,8 @@ import pytest
 
 from sattrack.control.stages import Attempt, AxisAttempt, why_not
 from sattrack.mount.model import AxisLimits, MountProfile
+from sattrack.runtime import demo_pass
+from sattrack.runtime.facts import RunRequest, build_engine, prepare
 from sattrack.runtime.flight import RunStatistics, failure, summarise
 from sattrack.views.run import LearntView
 from tle.instants import Utc
@@ -158,3 +160,23 @@ def test_a_gain_that_is_told_wrong_is_no_reason_once_the_mount_is_on_target() ->
     run = fly({}, 9.0, gains=(1.08, 0.92))
     assert run.engine.tracker.acquired_utc_s is not None
     assert run.engine.why_not_acquired() is None
+
+
+def test_a_computer_that_is_slow_to_begin_still_waits_for_the_mount() -> None:
+    request = RunRequest(
+        satellite=demo_pass.NAME,
+        mount_url="sim",
+        elements=None,
+        site=None,
+        clock_option=demo_pass.BEFORE_PASS,
+        min_alt_deg=10.0,
+    )
+    engine = build_engine(prepare(request).facts)
+    first_utc_s = engine.spec.started_utc_s + 10.0
+    for k in range(60):
+        engine.tick(first_utc_s + 0.05 * k)
+        assert engine.tracker.ended_by is None
+    for k in range(60, 63):
+        engine.tick(first_utc_s + 0.05 * k)
+    assert engine.tracker.ended_by == "link"
+    assert engine.message == "no status from sim within 3 s; is it on, and set to send here?"
