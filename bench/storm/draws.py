@@ -11,6 +11,7 @@ import random
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 from family import KINDS, Hardware
 from safety_draws import Judge, drawn_limits
 
@@ -36,6 +37,8 @@ MOST_HOUR_ANGLE_DEG = 85.0
 LOWEST_DEG = 8.0
 CLEAR_DEG = 2.0
 MAX_RATE_DEG_S = 6.0
+LED_FROM_SEED = 1000
+"""From this seed on, the pass crosses the floor."""
 SERVED_SEEDS = 7
 """One in so many storms is over a server."""
 LATE_MOST_S = 0.5
@@ -138,19 +141,25 @@ def draw(seed: int) -> Storm:
     end_s = max([QUIET_S + STORM_S, *(fault.end_s for fault in faults if fault.lasts_s < 60.0)]) + AFTER_S
     while True:
         facts = drawn_facts(dice, hardware, end_s, watchdog)
+        if facts is not None and seed >= LED_FROM_SEED:
+            facts = led_at_the_floor(dice, facts)
         stands = drawn_start(dice, facts) if facts is not None else None
         if facts is not None and stands is not None:
             break
+    # The order of the draws is part of what a seed means: seeds are kept in tests/storm/regressions.txt.
+    lies = drawn_lies(dice) if hardware.kind != "own" else {}
+    commands = drawn_way(dice, hardware.command_delay_s, 0.0)
+    statuses = drawn_way(dice, hardware.status_delay_s, 0.002)
     people = drawn_people(dice, facts)
-    served = seed % SERVED_SEEDS == SERVED_SEEDS - 1
+    served = seed % SERVED_SEEDS == SERVED_SEEDS - 2
     return Storm(
         seed=seed,
         hardware=hardware,
-        parameters=drawn_lies(dice) if hardware.kind != "own" else {},
+        parameters=lies,
         facts=facts,
         stands=stands,
-        commands=drawn_way(dice, hardware.command_delay_s, 0.0),
-        statuses=drawn_way(dice, hardware.status_delay_s, 0.002),
+        commands=commands,
+        statuses=statuses,
         faults=faults,
         people=tuple(one for one in people if one.channel == "stop" or not served),
         watchdog=watchdog,
@@ -274,6 +283,18 @@ def drawn_facts(dice: random.Random, hardware: Hardware, lasts_s: float, watchdo
         mount_name="storm",
         started_utc_s=begin_s,
     )
+
+
+def led_at_the_floor(dice: random.Random, facts: RunFacts) -> RunFacts:
+    """Return a run with a floor that the satellite is above for a part of the pass only."""
+    propagator = Propagator(facts.target, facts.site.place())
+    ends = (facts.started_utc_s, facts.plan.end_utc_s)
+    altitudes = [float(propagator.at(Utc(utc_s)).alt_deg) for utc_s in ends]
+    floor_deg = min(60.0, dice.uniform(min(altitudes), max(altitudes)))
+    limits = msgspec.structs.replace(
+        facts.limits, floor_altitude_deg=floor_deg, horizon=(), sun_cone_deg=None
+    )
+    return msgspec.structs.replace(facts, limits=limits)
 
 
 def drawn_start(dice: random.Random, facts: RunFacts) -> tuple[float, float] | None:

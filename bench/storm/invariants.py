@@ -20,6 +20,7 @@ from __future__ import annotations
 import gc
 import math
 import tempfile
+from collections import deque
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -56,10 +57,11 @@ AT_LIMIT_DEG = 2.0
 """So near to a limit a run may be held."""
 RATE_MARGIN = 1.15
 """By how much an axis may overshoot the largest rate: a servo's and its gain's share."""
+OURS = ("sattrack", "tle")
 WEIGHED_SEEDS, WEIGHED_FROM_S, WEIGHED_EVERY_S = 8, 12.0, 6.0
 """In which storms the program's memory is counted, from when on, and how often."""
-GROWTH_PER_S = 250.0
-"""Objects. A buffer that fills up to its bound grows by some a period, one without a bound for ever."""
+GROWTH_PER_S = 300.0
+"""Entries. A buffer that fills up to its bound grows by some a period, one without a bound for ever."""
 ENDS_WITHIN_S = STOPS_MOVING_S + 10.0
 FLAGS = slice(73, 81)
 RATES = slice(32, 48)
@@ -272,7 +274,7 @@ class Watcher(Judging):
         if len(self._sizes) > 1:
             (begin_s, first), (end_s, last) = self._sizes[0], self._sizes[-1]
             if (last - first) / (end_s - begin_s) > GROWTH_PER_S:
-                grown = f"{last - first} objects more after {end_s - begin_s:.0f} s"
+                grown = f"{last - first} entries more after {end_s - begin_s:.0f} s"
                 self.violated("memory", world, grown)
         self._judge_recording(world, ended)
 
@@ -304,20 +306,21 @@ class Watcher(Judging):
             self.violated("replay", world, f"differs {found.differing} times, first at {where:.2f} s")
 
 
-def held(engine: Any) -> int:
-    """Return how many objects an engine holds, all that it refers to counted."""
+def held(driver: Any) -> int:
+    """Return how many things a driver's containers hold, those in containers of theirs counted."""
     seen: set[int] = set()
-    waiting = [engine]
+    waiting = list(gc.get_referents(driver))
+    count = 0
     while waiting:
         one = waiting.pop()
         if id(one) in seen or isinstance(one, type):
             continue
         seen.add(id(one))
-        if isinstance(one, dict | list | tuple | set) or type(one).__module__.startswith(
-            ("sattrack", "tle", "collections")
-        ):
+        contains = isinstance(one, dict | list | tuple | set | deque)
+        count += len(one) if contains else 0
+        if contains or type(one).__module__.startswith(OURS):
             waiting.extend(gc.get_referents(one))
-    return len(seen)
+    return count
 
 
 def judged(storm: Storm, tracing: bool = False, world_of: type[World] | None = None) -> tuple[Verdict, Ended]:
