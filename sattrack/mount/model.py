@@ -183,6 +183,11 @@ class PointingTerms(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     stars: int
     axes: Literal["equatorial", "altaz"] = "equatorial"
 
+    @property
+    def most_deg(self) -> float:
+        """How far on the sky the telescope may look beside what is reported: all terms together."""
+        return sum(abs(value) for value, _ in self.terms.values()) / 3600.0
+
 
 class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What is known of one mount. Signs, delays and semantics are measured, never assumed for good.
