@@ -179,8 +179,8 @@ class PointingTerms(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     latitude_deg: float
     terms: dict[str, tuple[float, float]]
     rms_arcsec: float
-    held_out_rms_arcsec: float | None
     stars: int
+    held_out_rms_arcsec: float | None = None
     axes: Literal["equatorial", "altaz"] = "equatorial"
 
     @property

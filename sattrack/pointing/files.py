@@ -129,7 +129,7 @@ def read_model(text: str, where: str, utc: str, latitude_deg: float) -> Pointing
         except BadInputError as error:
             raise BadInputError(f"{where}:{number}: {error}") from None
         terms[words[0]] = values[0], values[1] if len(values) > 1 else 0.0
-    return PointingTerms(utc, latitude_deg, terms, rms_arcsec, None, stars)
+    return PointingTerms(utc, latitude_deg, terms, rms_arcsec, stars)
 
 
 def _lines(text: str, where: str) -> Iterator[tuple[int, str]]:

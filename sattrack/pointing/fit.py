@@ -41,7 +41,9 @@ SURE_SIGMAS, LEAST_TERM_ARCSEC = 3.5, 1.0
 WRONG_SIGMAS, LEAST_WRONG_ARCSEC = 6.0, 10.0
 """A star is wrong where it is off by so many robust sigmas, and by the second at least."""
 MOST_WRONG_SHARE, MOST_LEFT_ARCSEC = 0.34, 300.0
-"""Where more stars are wrong, or those that agree are farther off, nothing was measured."""
+FEWEST_TO_REFUSE = 5
+"""Where more stars are wrong, or those that agree are farther off, nothing was measured; fewer stars than the
+last may show terms that are not fitted yet."""
 BUMP_SIGMAS, LEAST_BUMP_ARCSEC, BUMP_SHARE = 8.0, 20.0, 0.5
 """A bump is one by so many times the noise, by the second at least, where it explains as large a share."""
 LEAST_EACH_SIDE = 4
@@ -115,8 +117,8 @@ class PointingFit:
             self.latitude_deg,
             pairs,
             round(self.rms_arcsec, 3),
-            None if held_out is None else round(held_out, 3),
             self.stars,
+            None if held_out is None else round(held_out, 3),
             self.axes,
         )
 
@@ -295,7 +297,7 @@ def _robust(sky: _Sky, names: tuple[str, ...], sigma_arcsec: float) -> tuple[Arr
         if (used == before_used).all():
             break
     left = rms(sky.residuals(names, values)[used])
-    if left > MOST_LEFT_ARCSEC:
+    if left > MOST_LEFT_ARCSEC and count >= FEWEST_TO_REFUSE:
         raise SattrackError(f"stars {NO_MODEL}: {left:.0f}″ are left")
     return values, used
 
@@ -331,6 +333,19 @@ def _better(one: PointingFit, than: PointingFit) -> bool:
     return (
         abs(float(one.values[-1])) > least
         and one.held_out_rms_arcsec < BETTER_SHARE * than.held_out_rms_arcsec
+    )
+
+
+def residuals_of(stars: Sequence[Star], terms: PointingTerms) -> PointingFit:
+    """Return a known model held against stars; its covariance is that of its sigmas alone."""
+    sky = _Sky(stars, terms.latitude_deg, terms.axes)
+    values = np.array([value for value, _ in terms.terms.values()])
+    sigmas = np.array([sigma for _, sigma in terms.terms.values()])
+    names = tuple(terms.terms)
+    used = np.ones(len(stars), dtype=bool)
+    left, before = sky.residuals(names, values), sky.residuals((), np.zeros(0))
+    return PointingFit(
+        names, values, np.diag(sigmas**2), left, before, used, None, terms.latitude_deg, terms.axes
     )
 
 

@@ -107,7 +107,7 @@ def test_a_model_is_read_as_rts2_reads_it() -> None:
 
 def test_a_model_is_written_in_the_layout_that_is_read() -> None:
     terms = PointingTerms(
-        "2026-11-22T20:00:00Z", 52.0, {"IH": (-120.5, 3.1), "ME": (7000.0, 0.25)}, 2.5, 3.0, 17
+        "2026-11-22T20:00:00Z", 52.0, {"IH": (-120.5, 3.1), "ME": (7000.0, 0.25)}, 2.5, 17, 3.0
     )
     lines = model_text(terms, "my mount").splitlines()
     assert lines[0] == "my mount 2026-11-22T20:00:00Z"
