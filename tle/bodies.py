@@ -329,6 +329,12 @@ def _named_stars() -> dict[str, int]:
     }
 
 
+def named_stars() -> list[Body]:
+    """Return the packaged stars that have a name of their own, each by its first one."""
+    found = re.findall(rb"^H\|(\d+)\|([^|]+)\|", _packaged_stars(), re.MULTILINE)
+    return [read_star(int(number), names.decode("ascii").split(",")[0]) for number, names in found]
+
+
 def read_star(number: int, name: str, path: str | Path | None = None) -> Body:
     """Return a star of the Hipparcos catalogue (ESA SP-1200, CDS I/239), ICRS at J1991.25.
 

@@ -7,7 +7,8 @@ velocities used here are derivatives, by differences (`Motion`).
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from copy import copy
+from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -51,6 +52,16 @@ _FEWEST_SHARED = 100
 Place = Literal["apparent", "geometric", "astrometric"]
 
 
+class Pointing(Protocol):
+    """What a mount's pointing errors do to a direction: it must be fed another one."""
+
+    def applied(self, u: Triple, u_rate: Triple, up: Triple, up_rate: Triple) -> tuple[Triple, Triple]:
+        """Return the direction to feed and its rate; the third axis of the vectors is the pole."""
+
+    def on_side(self, beyond_pole: bool) -> Pointing:
+        """Return the same for a side of the pole."""
+
+
 class Propagator:
     """Directions of one object from one site; `at` an instant or an array of instants.
 
@@ -59,7 +70,8 @@ class Propagator:
     (neither), "astrometric" (light time as the Solar System's barycentre has it; RA and Dec in the ICRF, as
     a plate solution gives them; altitude, azimuth and hour angle are those of the apparent place).
     `diurnal_aberration=False` leaves that effect of at most 0.3″ out. With `refraction` all quantities are
-    those of the raised direction; it does not go with the astrometric place. Earth orientation is that of the
+    those of the raised direction, and with `pointing` those of the direction that a mount must be fed to look
+    there; neither goes with the astrometric place. Earth orientation is that of the
     installed IERS table unless `earth` is given. Not to be shared between threads.
 
     Raises PlaceError, PropagationError where SGP4 refuses the elements, and EphemerisError for a table that
@@ -75,11 +87,12 @@ class Propagator:
         refraction: Refraction | None = None,
         place: Place = "apparent",
         diurnal_aberration: bool = True,
+        pointing: Pointing | None = None,
     ) -> None:
         """Start SGP4 and look the Earth's orientation up."""
         if place not in get_args(Place):
             raise PlaceError(f"{place!r} is no kind of place: give one of {', '.join(get_args(Place))}")
-        if place == "astrometric" and refraction is not None:
+        if place == "astrometric" and (refraction is not None or pointing is not None):
             raise PlaceError(
                 "an astrometric place knows no air: leave refraction out, or ask for the apparent place"
             )
@@ -88,6 +101,7 @@ class Propagator:
         self.bias = bias
         self.earth = earth or EarthOrientation.installed()
         self.refraction = refraction
+        self.pointing = pointing
         self.place: Place = place
         self.diurnal_aberration = diurnal_aberration
         self._states = elements.states(self.earth, bent=place == "apparent")
@@ -107,8 +121,21 @@ class Propagator:
     def with_elements(self, elements: Elements | Ephemeris) -> Propagator:
         """Return the same propagator for another object, without a bias. Raises PropagationError."""
         return Propagator(
-            elements, self.site, NO_BIAS, self.earth, self.refraction, self.place, self.diurnal_aberration
+            elements,
+            self.site,
+            NO_BIAS,
+            self.earth,
+            self.refraction,
+            self.place,
+            self.diurnal_aberration,
+            self.pointing,
         )
+
+    def pointed(self, pointing: Pointing | None) -> Propagator:
+        """Return the same propagator for a mount with other pointing errors."""
+        made = copy(self)
+        made.pointing = pointing
+        return made
 
     def of_date(self, t: Utc, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return vectors in TEME at one instant, shape (3,) or (3, n), by the true equator and equinox."""
@@ -117,7 +144,7 @@ class Propagator:
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ vectors
 
     def with_place(self, place: Place) -> Propagator:
-        """Return the same propagator for another kind of place, without refraction."""
+        """Return the same propagator for another kind of place, without refraction and pointing errors."""
         return Propagator(
             self.elements, self.site, self.bias, self.earth, None, place, self.diurnal_aberration
         )
@@ -187,6 +214,9 @@ class Propagator:
         if self.refraction is not None:
             up, up_rate = teme_axis(self.site.up, turn, fn)
             q, q_rate = self.refraction.refract(*unit_of(q, q_rate, fn), up, up_rate)
+        if self.pointing is not None:
+            up, up_rate = teme_axis(self.site.up, turn, fn)
+            q, q_rate = self.pointing.applied(*unit_of(q, q_rate, fn), up, up_rate)
         return q, q_rate, distance, distance_rate, (x, y, z), error, icrf
 
     def _icrf(

@@ -65,6 +65,7 @@ TRY_AGAIN_S = 0.1
 @click.option("--solve/--no-solve", default=True, help="Find the field among the stars.", show_default=True)
 @click.option("--run", "pid", type=int, metavar="PID", help="The process of the run, if several are active.")
 @click.option("--child", is_flag=True, hidden=True)
+@click.option("--alone", is_flag=True, hidden=True, help="Print what is seen, and send it to no run.")
 @common_options("json", "utc")
 def command(context: CommandContext, source: str, **options: Any) -> int:
     """Find the satellite in the frames of a camera, and send where it is to the active run.
@@ -83,10 +84,12 @@ def command(context: CommandContext, source: str, **options: Any) -> int:
     needed("sep", "a camera", "camera")
     geometry = _geometry(context, options)
     given = SourceOptions(_exposure_s(options["exposure"]), options["latency"], options["watch"])
-    if options["child"]:
+    if options["child"] or options["alone"]:
         os.nice(NICE)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    run = _awaited(options["pid"]) if options["child"] else _run(options["pid"])
+    run = None
+    if not options["alone"]:
+        run = _awaited(options["pid"]) if options["child"] else _run(options["pid"])
     try:
         camera = open_source(source, given)
     except SattrackError:
@@ -94,6 +97,8 @@ def command(context: CommandContext, source: str, **options: Any) -> int:
             run.close()
         raise
     look = Looker(Detector(), geometry, options["name"] or "camera", options["solve"], waits=run is None)
+    # Over the sky a misaligned mount turns each field otherwise.
+    look.lies_still = not options["alone"]
     try:
         # Files that are there are all looked at, whether or not a run ends meanwhile.
         outlives = source.startswith("folder:") and not options["watch"]
@@ -336,6 +341,8 @@ class Looker:
         """Take `waits`: whether frames wait for the solver, which takes its time once."""
         self.detector, self.geometry, self.name = detector, geometry, name
         self._solves, self._waits = solves, waits
+        self.lies_still = True
+        """Whether the image lies on the sky as it did in the frame before."""
         self._solver: Solver | None = None
         self._making: subprocess.Popen[bytes] | None = None
         self._told = ""
@@ -359,8 +366,8 @@ class Looker:
         if self._solver is None:
             return None
         solution = self._solver.solve(frame.pixels.shape, detection.stars)
-        if solution is None:
-            return None
+        if solution is None or not self.lies_still:
+            return solution
         wrong = contradiction(self.geometry, solution)
         if wrong is not None:
             self._tell(wrong)

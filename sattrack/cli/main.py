@@ -39,6 +39,7 @@ COMMANDS = {
     "biases": "List the biases remembered from earlier passes, or drop one.",
     "stop": "Stop the mount, from any terminal.",
     "mount": "Look at a mount, and operate it by hand: status, watch, slew, park, ...",
+    "star-run": "Measure pointing errors by stars, and keep the model in the mount's profile.",
     "sim": "Start the simulated mount alone, on UDP.",
     "network": "Plan the passes of many stations, and collect what they saw.",
     "serve": "Serve the mount to other programs: antenna, alpaca, rotctld, web.",
@@ -48,7 +49,7 @@ COMMANDS = {
 }
 GROUPS = {
     "Observe": ("demo", "track", "camera", "run", "attach", "stop"),
-    "Mount": ("mount", "sim"),
+    "Mount": ("mount", "star-run", "sim"),
     "Plan": ("passes", "ephemeris", "rehearse", "elements", "bias", "biases", "network"),
     "Recordings": ("report", "replay", "recording"),
     "Servers": ("serve",),
@@ -58,6 +59,7 @@ GROUPS = {
 PLACES = {
     "report": "recording:report",
     "biases": "elements:biases",
+    "star-run": "star_run:command",
     "mount": "main:mount",
     "serve": "main:serve",
     "network": "main:network",

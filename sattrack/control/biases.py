@@ -80,9 +80,9 @@ class Course:
 
     @property
     def airless(self) -> Propagator:
-        """The same without refraction: the air that raises a satellite raises the stars about it."""
+        """The same without refraction and pointing errors, which stars about a satellite share with it."""
         if self._airless is None:
-            bent = self.propagator.refraction is not None
+            bent = self.propagator.refraction is not None or self.propagator.pointing is not None
             self._airless = self.propagator.with_place("apparent") if bent else self.propagator
         return self._airless
 

@@ -105,6 +105,17 @@ def known_terms(sky: SkyTerms | None) -> KnownTerms | None:
     return KnownTerms(_expected(MOUNT_TERMS, sky.mount), cameras)
 
 
+def begun_anew(sky: SkyTerms | None, utc: str, model_arcsec: float) -> SkyTerms:
+    """Return what to begin passes with once a pointing model is fed: the mount points as well as that model.
+
+    What earlier passes showed of its pointing is in the model now; delay and cameras stay.
+    """
+    mount = {name: (0.0, model_arcsec / 3600.0) for name in MOUNT_TERMS if name.endswith("_deg")}
+    if sky is None:
+        return SkyTerms(utc, mount | {"delay_s": (0.0, LEAST_SIGMAS["delay_s"])})
+    return SkyTerms(utc, mount | {"delay_s": sky.mount["delay_s"]}, sky.cameras)
+
+
 def _expected(
     names: tuple[str, ...], terms: dict[str, tuple[float, float]]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -192,6 +192,7 @@ class Tracker:
     def take(self, sample: StatusSample) -> ErrorView:
         """Take in one sample; return its error on the sky, dated by the mount's own clock."""
         utc_s = self.follower.date(sample)
+        self._face(sample.beyond_pole)
         passage = self._satellite.passage
         seen = sample if passage is None else passage.unfolded(sample)
         believed = self.follower.take(seen, utc_s, self.phase in FOLLOWING)
@@ -203,6 +204,16 @@ class Tracker:
         if believed:
             self._judge(self.error)
         return self.error
+
+    def _face(self, beyond_pole: bool) -> None:
+        """Feed by the pointing model of the side of the pole on which the mount stands."""
+        propagator = self.steering.biases.course.propagator
+        if propagator.pointing is None:
+            return
+        side = propagator.pointing.on_side(beyond_pole)
+        if side is not propagator.pointing:
+            self.steering.biases.use(propagator.pointed(side))
+            self._satellite.forget()
 
     def operate(self, message: Message, now_utc_s: float) -> None:
         """Obey the operator, and listen to whoever observes."""

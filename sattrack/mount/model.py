@@ -168,6 +168,27 @@ class SkyTerms(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     cameras: dict[str, dict[str, tuple[float, float]]] = {}
 
 
+class PointingTerms(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A pointing model as a star run found it: values with one sigma each, arcseconds, by the terms' names.
+
+    `rms_arcsec` is what was left at the stars it was fitted to, on the sky; `held_out_rms_arcsec` at stars
+    that a fit without them predicts, None where there were too few. `sattrack.pointing.terms` defines terms.
+    """
+
+    utc: str
+    latitude_deg: float
+    terms: dict[str, tuple[float, float]]
+    rms_arcsec: float
+    stars: int
+    held_out_rms_arcsec: float | None = None
+    axes: Literal["equatorial", "altaz"] = "equatorial"
+
+    @property
+    def most_deg(self) -> float:
+        """How far on the sky the telescope may look beside what is reported: all terms together."""
+        return sum(abs(value) for value, _ in self.terms.values()) / 3600.0
+
+
 class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What is known of one mount. Signs, delays and semantics are measured, never assumed for good.
 
@@ -225,6 +246,8 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     calibration: CalibrationRecord | None = None
     sky: SkyTerms | None = None
     """What cameras have shown at earlier passes; what the next one begins with."""
+    pointing: PointingTerms | None = None
+    """By how much reports differ from where the telescope points; None where that is not known."""
 
     @property
     def dated_within_s(self) -> float | None:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from sattrack.control.tracker import TrackPlan
     from tle.direction import Direction
     from tle.instants import Instant
+    from tle.propagator import Pointing
 
     Array = NDArray[np.float64]
     Bools = NDArray[np.bool_]
@@ -175,9 +176,10 @@ class TabledPropagator(Propagator):
             real.refraction,
             real.place,
             real.diurnal_aberration,
+            real.pointing,
         )
         self._table_bias = bias
-        self._begin_utc_s = begin_utc_s
+        self._begin_utc_s, self._end_utc_s = begin_utc_s, end_utc_s
         count = max(2, math.ceil((end_utc_s - begin_utc_s) / STEP_S) + 2)
         self.seen = super().at(Utc(begin_utc_s + STEP_S * np.arange(count)), bias)
         units, rates = self.seen.unit, self.seen.unit_rate
@@ -185,6 +187,12 @@ class TabledPropagator(Propagator):
         # Of a row with NaN, where SGP4 fails, the instant alone is asked for, which raises.
         self._good = [bool(x) for x in np.all(np.isfinite(units), axis=1).ravel()]
         self._rows: list[list[float]] = np.concatenate([units, rates * STEP_S], axis=1).tolist()
+
+    def pointed(self, pointing: Pointing | None) -> TabledPropagator:
+        """See Propagator."""
+        return TabledPropagator(
+            super().pointed(pointing), self._table_bias, self._begin_utc_s, self._end_utc_s
+        )
 
     def at(self, t: Instant, bias: Bias | None = None) -> Direction:
         """See Propagator.at; of a single instant in the table, a `TabledDirection`."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from sattrack.control.stages import RunStage
 from sattrack.core import local_time
+from sattrack.core.angles import altitude_deg, azimuth_deg
 from sattrack.core.errors import BadInputError
 from sattrack.mount.xerxes.datagrams import DatagramError, decode_command
 from sattrack.recording.fits import Track, smooth_track, spectrum
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from sattrack.pointing.fit import PointingFit, Star
     from sattrack.recording.fits import BiasFit
     from sattrack.recording.replay import Output, Replay
     from sattrack.recording.report import AxisFigures, AxisMissed, BiasFigures, Report, TimeFigures
@@ -354,6 +356,47 @@ def save(figure: Any, path: Path) -> None:
         raise BadInputError(f"{path}: cannot write the plot: {error.strerror or error}") from None
     except ValueError as error:
         raise BadInputError(f"{path}: cannot write the plot: {error}") from None
+
+
+def save_pointing(path: Path, found: PointingFit, stars: Sequence[Star], name: str) -> None:
+    """Draw the residuals of pointing stars over the sky, before and after the model.
+
+    Raises BadInputError where that cannot be.
+    """
+    figure = new_figure(11.0, 6.0)
+    sides = figure.subplots(1, 2, subplot_kw={"projection": "polar"})
+    at = np.array([(star.hour_angle_deg, star.dec_deg) for star in stars])
+    zenith, azimuth = _on_chart(at, found.latitude_deg)
+    for axes, residuals, words in (
+        (sides[0], found.before_arcsec, "as the mount reports"),
+        (sides[1], found.residuals_arcsec, "with the model"),
+    ):
+        sky_axes(axes)
+        size = np.linalg.norm(residuals, axis=1)
+        middle = float(np.sqrt(np.mean(size[found.used] ** 2)))
+        step = 1e-3 * residuals / np.maximum(size, 1e-9)[:, None]
+        step[:, 0] /= np.cos(np.radians(at[:, 1]))
+        there, turned = _on_chart(at + step, found.latitude_deg)
+        right = zenith * np.sin(azimuth) - there * np.sin(turned)
+        up = there * np.cos(turned) - zenith * np.cos(azimuth)
+        arrows = (np.stack([right, up]) / np.maximum(np.hypot(right, up), 1e-12)) * size
+        axes.quiver(azimuth, zenith, *arrows, color=RA, width=0.005, scale=8.0 * max(middle, 1e-3))
+        axes.scatter(azimuth, zenith, s=12.0, c=np.where(found.used, INK, BAD), zorder=3)
+        unit = f"{middle:.1f}″" if middle < 100.0 else f"{middle / 60.0:.1f}′"
+        axes.set_title(f"{words}: {unit} RMS", fontsize="medium")
+    wrong = int((~found.used).sum())
+    left_out = f", {wrong} left out (red)" if wrong else ""
+    figure.suptitle(
+        f"{name}: {found.stars} stars{left_out}; arrows lead from the star to where the mount reports it"
+    )
+    save(figure, path)
+
+
+def _on_chart(places_deg: Array, latitude_deg: float) -> tuple[Array, Array]:
+    """Return distances from the zenith (degrees) and azimuths (radians) of hour angles and declinations."""
+    alt = [altitude_deg(h, d, latitude_deg) for h, d in places_deg.tolist()]
+    azimuth = [azimuth_deg(h, d, latitude_deg) for h, d in places_deg.tolist()]
+    return 90.0 - np.array(alt), np.radians(azimuth)
 
 
 WIDTH, HEIGHT = 9.5, 3.4

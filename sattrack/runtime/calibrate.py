@@ -115,7 +115,7 @@ def calibrate_live(
         link, guard = stack.enter_context(owned(address, profile, clock.speed, owned_as))
         stop = StopRequest()
         stack.enter_context(stopping(stop))
-        keys = stack.enter_context(_any_key())
+        keys = stack.enter_context(any_key())
         largest = link.largest_rates_deg_s
         try:
             period_s = (profile or address.usual_profile()).period_s
@@ -203,7 +203,7 @@ def ending_error(ending: Ending) -> SattrackError | None:
 
 
 @contextmanager
-def _any_key() -> Iterator[int | None]:
+def any_key() -> Iterator[int | None]:
     """Give the descriptor that becomes readable at a key, with the terminal set so that each counts."""
     if not sys.stdin.isatty():
         yield None

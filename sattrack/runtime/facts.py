@@ -21,6 +21,7 @@ from sattrack.core.clock import Clock, decode_utc, encode_utc, make_clock
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.model import MountProfile
 from sattrack.mount.profiles import ProfileFile
+from sattrack.pointing.terms import PointingModel
 from sattrack.runtime import demo_pass
 from sattrack.runtime.mounts import SIMULATED, mount_address
 from sattrack.runtime.target_facts import TargetFacts, target_facts
@@ -50,6 +51,8 @@ if TYPE_CHECKING:
 SEARCH_HOURS = 48.0
 SETTLING_PERIODS = 2.0
 REFRACTION_MODES = ("auto", "on", "off")
+MODEL_SITE_DEG = 0.1
+"""A pointing model that was found so far to the north or the south is another mount's."""
 
 
 class RunFacts(msgspec.Struct, frozen=True):
@@ -108,12 +111,13 @@ def decode_facts(data: bytes | msgspec.Raw) -> RunFacts:
 
 
 def build_engine(facts: RunFacts) -> Engine:
-    """Return a new engine for a run."""
+    """Return a new engine for a run. Raises BadInputError for a pointing model that is another mount's."""
     site = facts.site.place()
     air = Refraction(facts.pressure_hpa, facts.temperature_c)
     target = facts.target
-    bent = Propagator(target, site, refraction=air)
-    airless = Propagator(target, site)
+    pointing = pointing_of(facts.profile, site)
+    bent = Propagator(target, site, refraction=air, pointing=pointing)
+    airless = Propagator(target, site, pointing=pointing)
     spec = RunSpec(
         propagator=airless if facts.refraction == "off" else bent,
         if_mount_refracts=bent if facts.refraction == "on" else airless,
@@ -136,6 +140,25 @@ def build_engine(facts: RunFacts) -> Engine:
         remembered=facts.remembered,
     )
     return Engine(spec)
+
+
+def pointing_of(profile: MountProfile, site: Site) -> PointingModel | None:
+    """Return the pointing model of a profile, None where it has none.
+
+    Raises BadInputError where it was found elsewhere, or is not an equatorial mount's.
+    """
+    known = profile.pointing
+    if known is None:
+        return None
+    words = f"the pointing model of the profile {profile.name!r}, of {known.utc[:10]},"
+    if abs(known.latitude_deg - site.latitude_deg) > MODEL_SITE_DEG:
+        raise BadInputError(
+            f"{words} is of a mount at latitude {known.latitude_deg:.2f}°, and the site is at "
+            f"{site.latitude_deg:.2f}°: make one here with `sattrack star-run`, or give this mount's profile"
+        )
+    if known.axes != "equatorial":
+        raise BadInputError(f"{words} is an azimuth mount's: only equatorial mounts are fed by one")
+    return PointingModel.of(known)
 
 
 def first_bias(facts: RunFacts) -> Bias:

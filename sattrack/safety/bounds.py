@@ -140,6 +140,8 @@ class Bounds:
         self._latitude_deg = latitude_deg
         self._longitude_deg = longitude_deg
         self._fixed = fixed_regions(profile, limits, latitude_deg, PIER_MARGIN_DEG)
+        self._beside_deg = 0.0 if profile.pointing is None else profile.pointing.most_deg
+        """How far the telescope may look beside what the mount reports."""
         self._wanderers: list[tuple[str, Wanderer, float]] | None = None
         self._cones: list[Cone] = []
         self._memory, self._memory_of_cones = Memory(self._fixed), Memory(())
@@ -151,7 +153,8 @@ class Bounds:
     def look(self, utc_s: float | None, clock_gap_deg: float) -> bool:
         """Put Sun and Moon where they stand; False where they matter and are unknown.
 
-        A mount's clock that is off by an angle makes its directions off by as much: cones grow by it.
+        A mount's clock that is off by an angle makes its directions off by as much: cones grow by it, and by
+        what the profile's pointing model has between reports and the sky.
         """
         if utc_s is not None and self.utc_s is not None and 0.0 <= utc_s - self.utc_s < LOOK_S:
             return True
@@ -171,7 +174,8 @@ class Bounds:
             if name == "sun":
                 self.sun_is_up = up and self._limits.optical
             if up and cone_deg > 0.0:
-                cones.append(Cone(name, body, cone_deg + clock_gap_deg + SIDEREAL_RATE_DEG_S * LOOK_S))
+                meanwhile_deg = SIDEREAL_RATE_DEG_S * LOOK_S
+                cones.append(Cone(name, body, cone_deg + clock_gap_deg + meanwhile_deg + self._beside_deg))
         self._put(cones)
         return True
 

@@ -330,10 +330,19 @@ class SkyCamera:
         meridian, side, pole = self._mount
         outward = cos_1 * meridian + sin_1 * side
         right = cos_1 * side - sin_1 * meridian
-        sight = cos_2 * outward + sin_2 * pole
-        north = cos_2 * pole - sin_2 * outward
+        # The declination axis leans: the plane in which it turns the telescope leans with it.
+        cos_l, sin_l = math.cos(hidden.leaning * ARCSEC), math.sin(hidden.leaning * ARCSEC)
+        upright = cos_l * pole - sin_l * right
+        right = cos_l * right + sin_l * pole
+        sight = cos_2 * outward + sin_2 * upright
+        north = cos_2 * upright - sin_2 * outward
         cos_c, sin_c = math.cos(hidden.cone * ARCSEC), math.sin(hidden.cone * ARCSEC)
         sight, right = cos_c * sight + sin_c * right, cos_c * right - sin_c * sight
+        if hidden.flexure:
+            sunk = sight - hidden.flexure * ARCSEC * np.array([0.0, 0.0, 1.0])
+            sight = sunk / np.linalg.norm(sunk, axis=1, keepdims=True)
+            right = right - np.sum(right * sight, axis=1, keepdims=True) * sight
+            north = north - np.sum(north * sight, axis=1, keepdims=True) * sight
         turn = math.radians(hidden.rotation)
         y = math.cos(turn) * north - math.sin(turn) * right
         x = math.cos(turn) * right + math.sin(turn) * north

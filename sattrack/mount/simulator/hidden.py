@@ -62,6 +62,8 @@ class Hidden(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ha: float = 0.0
     dec: float = 0.0
     cone: float = 0.0
+    leaning: float = 0.0
+    flexure: float = 0.0
     rotation: float = 0.0
     mirror: Literal[0, 1] = 0
     scale: Annotated[float, msgspec.Meta(ge=0.1, le=10.0)] = 1.0
@@ -104,6 +106,8 @@ GRAMMAR = (
     ("ha=20", "arcsec; the hour angle axis points this far west of what it says"),
     ("dec=20", "arcsec; the declination axis points this far north of what it says"),
     ("cone=30", "arcsec; the camera looks this far west of square to the declination axis"),
+    ("leaning=60", "arcsec; the west end of the declination axis leans this far to the north"),
+    ("flexure=30", "arcsec; the tube sinks this far when it is level"),
     ("rotation=12", "degrees; position angle of the image's +y, north through east"),
     ("mirror=1", "the image is mirrored, left and right swapped"),
     ("scale=1.02", "factor on the arcseconds per pixel"),

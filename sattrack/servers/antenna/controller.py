@@ -8,11 +8,12 @@ refused by a Nak. `AntennaStation` joins it with the driver of the mount.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from enum import StrEnum
 from typing import TYPE_CHECKING, Literal
 
+from sattrack.pointing.terms import PointingModel
 from sattrack.servers.antenna.equipment import Antenna, Feedback, handle_focus
 from sattrack.servers.antenna.led_mount import PathDriver
 from sattrack.servers.antenna.protocol import (
@@ -39,6 +40,7 @@ from sattrack.servers.antenna.trajectory import (
     AxisState,
     ExactState,
     Path,
+    ProfileModel,
     SatelliteTarget,
     SkyPath,
     SkyTarget,
@@ -86,6 +88,10 @@ class AntennaStation(PathDriver):
     def __init__(self, antenna: Antenna, profile: MountProfile, limits: SafetyLimits) -> None:
         self.antenna = antenna
         self.controller = Controller(antenna, self)
+        if profile.pointing is not None and antenna.axes == "hadec":
+            targets = self.controller.sky_targets
+            model = ProfileModel(PointingModel.of(profile.pointing))
+            targets.reduction = replace(targets.reduction, model=model)
         super().__init__(self.controller, antenna.sky, antenna.axes, profile, limits)
 
     def receive_command(self, data: bytes, now_utc_s: float) -> tuple[bytes, bool]:

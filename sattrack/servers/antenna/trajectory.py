@@ -21,6 +21,7 @@ from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
+from sattrack.pointing.terms import first_order_deg
 from sattrack.servers.antenna.protocol import NS, Nak
 from tle.bias import NO_BIAS, Bias, apparent_unit
 from tle.earth import EarthOrientation, to_tirs
@@ -33,6 +34,7 @@ from tle.propagator import Propagator
 from tle.refraction import Refraction
 
 if TYPE_CHECKING:
+    from sattrack.pointing import terms
     from sattrack.servers.antenna.protocol import AntennaRequest
     from tle.site import Site
 
@@ -273,7 +275,8 @@ class SatelliteTarget:
 class PointingModel:
     """Corrections of equatorial axes, degrees, added to hour angle and declination to give axis positions.
 
-    ΔHA = ih + ch/cos δ + np·tan δ - ma·cos h·tan δ + me·sin h·tan δ; ΔDec = id + ma·sin h + me·cos h.
+    ΔHA = ih + ch/cos δ + np·tan δ - ma·cos h·tan δ + me·sin h·tan δ; ΔDec = id + ma·sin h + me·cos h: the
+    first order that `sattrack.pointing.terms` has of these terms.
     """
 
     ih: float = 0.0
@@ -285,12 +288,8 @@ class PointingModel:
 
     def correction(self, place: HaDec) -> HaDec:
         """Return the correction at a direction; within 0.1° of the pole, that at 0.1°."""
-        h = math.radians(place.ha_deg)
-        d = math.radians(max(-89.9, min(89.9, place.dec_deg)))
-        tan, sec = math.tan(d), 1.0 / math.cos(d)
-        turn = self.ih + self.ch * sec + self.np * tan
-        turn += (self.me * math.sin(h) - self.ma * math.cos(h)) * tan
-        return HaDec(turn, self.id + self.ma * math.sin(h) + self.me * math.cos(h))
+        terms = {name.upper(): getattr(self, name) for name in MODEL_TERMS}
+        return HaDec(*first_order_deg(terms, place.ha_deg, place.dec_deg))
 
     def axes(self, place: HaDec) -> HaDec:
         """Return the axes' positions for a direction."""
@@ -307,6 +306,22 @@ class PointingModel:
 
 
 @dataclass(frozen=True, slots=True)
+class ProfileModel:
+    """The pointing model of the mount's profile: in force until POINTING sets another, or none."""
+
+    model: terms.PointingModel
+
+    def axes(self, place: HaDec) -> HaDec:
+        """Return the axes' positions for a direction, on the normal side of the pole."""
+        first, second = self.model.axes_of(place.ha_deg, place.dec_deg)
+        return HaDec(float(first), float(second))
+
+    def inverse(self, axes: HaDec) -> HaDec:
+        """Return the direction of axes' positions."""
+        return HaDec(*self.model.direction_of(axes.ha_deg, axes.dec_deg))
+
+
+@dataclass(frozen=True, slots=True)
 class Reduction:
     """From a place of date to the antenna's axes."""
 
@@ -315,7 +330,7 @@ class Reduction:
     radec: tuple[float, float] = NO_OFFSET
     hadec: tuple[float, float] = NO_OFFSET
     azel: tuple[float, float] = NO_OFFSET
-    model: PointingModel = field(default_factory=PointingModel)
+    model: PointingModel | ProfileModel = field(default_factory=PointingModel)
 
     def positions(self, place: RaDec, utc_s: float) -> tuple[float, float]:
         """Return both axes' positions, degrees, on any turn."""

@@ -1,0 +1,394 @@
+"""`sattrack star-run`: measure a mount's pointing errors by stars, and keep the model in its profile."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import msgspec
+
+from sattrack.cli.common import (
+    CommandContext,
+    common_options,
+    mount_option,
+    profile_option,
+    renew,
+    renew_at_once,
+    show,
+    table,
+    tell,
+    write_file,
+)
+from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError
+
+if TYPE_CHECKING:
+    from sattrack.cli.mount import MountCall
+    from sattrack.mount.model import PointingTerms
+    from sattrack.mount.profiles import ProfileFile
+    from sattrack.pointing.files import RunParameters
+    from sattrack.pointing.fit import PointingFit, Star
+    from sattrack.runtime.star_run import RunSky, StarRun
+    from tle.refraction import Refraction
+    from tle.site import Site
+
+FILE = click.Path(path_type=Path, dir_okay=False)
+MOST_STARS = 200
+ANOTHER_MOUNT_ARCSEC, ANOTHER_MOUNT_TIMES = 60.0, 5.0
+"""A model that misses by more than both is another mount's, or of this one before it was moved."""
+
+
+@click.command("star-run")
+@click.option("--stars", default=20, show_default=True, metavar="N", help="How many stars at most.")
+@click.option("--camera", metavar="SOURCE", help="The camera, as for `sattrack camera`.")
+@click.option("--by-hand", is_flag=True, help="Without a camera: centre each star by the arrow keys, Enter.")
+@click.option("--scale", type=float, metavar="ARCSEC_PER_PIXEL", help="Arcseconds in a pixel of the camera.")
+@click.option("--exposure", default="1", show_default=True, metavar="S", help="Seconds.")
+@click.option("--latency", default=0.0, metavar="S", help="By how much the camera dates its frames too late.")
+@click.option(
+    "--until",
+    default=3.0,
+    show_default=True,
+    metavar="ARCSEC",
+    help="End once the fit predicts no more than this over the sky.",
+)
+@click.option(
+    "--data",
+    type=FILE,
+    default=Path("star-run.dat"),
+    show_default=True,
+    metavar="FILE",
+    help="The stars as they are measured, in TPOINT's layout.",
+)
+@click.option(
+    "--continue", "goes_on", is_flag=True, help="Go on with the run in --data that was cut off, and fit all."
+)
+@click.option("--force", is_flag=True, help="Overwrite --data and --output.")
+@click.option("--output", type=FILE, metavar="FILE", help="The profile to write; default: --profile's own.")
+@click.option("--model", type=FILE, metavar="FILE", help="Write the model in TPOINT's layout, too.")
+@click.option(
+    "--report", type=FILE, metavar="FILE", help="A picture: residuals before and after (PNG, SVG, PDF)."
+)
+@click.option("--verify", is_flag=True, help="Fit nothing: compare stars with the model in the profile.")
+@click.option("--fit-only", is_flag=True, help="Move nothing: fit the stars in --data.")
+@click.option("--yes", is_flag=True, help="Move without asking.")
+@mount_option
+@profile_option
+@common_options("site", "json")
+def command(context: CommandContext, **options: Any) -> int:
+    """Measure a mount's pointing errors by stars all over the sky, and keep the model in its profile.
+
+    The mount is slewed to each of N directions above floor and skyline. A camera's frames are solved among
+    the stars, so no alignment is needed before; --by-hand names stars instead, for you to centre.
+
+    \b
+    Examples:
+      sattrack star-run --camera alpaca://192.0.2.7:11111/0 --scale 2.5 --output mount.toml
+      sattrack star-run --stars 6 --verify --camera v4l:/dev/video0 --scale 20 --profile mount.toml
+      sattrack star-run --fit-only --data star-run.dat --output mount.toml
+    """
+    from sattrack.cli.mount import resolve
+
+    call = resolve(context, {**options, "timeout": None})
+    _check(options, call)
+    site = call.site
+    assert site is not None
+    known = _known(options, site)
+    if options["fit_only"]:
+        return _conclude(context, options, call.described, _fitted(known, site), known)
+    run = _ran(context, options, call, site, known)
+    if options["verify"]:
+        return _judge(context, options, call.described, run)
+    if run.trouble is not None and not run.counting:
+        raise run.trouble
+    if run.trouble is None and options["data"].exists():
+        with options["data"].open("a", encoding="utf-8") as file:
+            file.write("END\n")
+    code = _conclude(context, options, call.described, _fitted(run.counting, site), run.counting)
+    if run.trouble is not None:
+        raise type(run.trouble)(
+            f"{run.trouble}; {len(run.counting)} stars were fitted, and --continue goes on"
+        )
+    return code
+
+
+def _check(options: dict[str, Any], call: MountCall) -> None:
+    """Raise BadInputError, before anything moves, for what cannot be done."""
+    if not 1 <= options["stars"] <= MOST_STARS:
+        raise BadInputError(f"--stars {options['stars']}: give 1 to {MOST_STARS}")
+    if not options["until"] > 0.0:
+        raise BadInputError(f"--until {options['until']:g}: give arcseconds, above 0")
+    if not options["fit_only"]:
+        if (options["camera"] is None) == (not options["by_hand"]):
+            raise BadInputError("give --camera SOURCE, or --by-hand to centre the stars yourself")
+        if options["by_hand"] and not sys.stdin.isatty():
+            raise BadInputError("--by-hand: there is no terminal whose keys could centre a star")
+    if options["verify"]:
+        if call.described.pointing is None:
+            raise BadInputError(
+                f"--verify: the profile {call.described.name!r} has no pointing model; give --profile FILE"
+            )
+        return
+    target = _target(options)
+    if target is None:
+        return
+    if options["output"] is not None and target.exists() and not options["force"]:
+        raise BadInputError(f"--output {target}: the file exists; give --force to overwrite it")
+    if not target.parent.is_dir():
+        raise BadInputError(f"{target}: there is no such folder")
+
+
+def _target(options: dict[str, Any]) -> Path | None:
+    """Return the profile to write; None where only the figures are wanted."""
+    found: Path | None = options["output"] or options["profile"]
+    return found
+
+
+def _known(options: dict[str, Any], site: Site) -> list[Star]:
+    """Return the stars of a run that goes on.
+
+    Raises BadInputError where stars would be lost, or are of another mount.
+    """
+    from sattrack.pointing.files import END, read_stars
+
+    path = options["data"]
+    wanted = options["goes_on"] or options["fit_only"]
+    if options["verify"]:
+        return []
+    if not path.exists():
+        if wanted:
+            raise BadInputError(f"--data {path}: there is no such file")
+        return []
+    if not wanted and not options["force"]:
+        raise BadInputError(
+            f"--data {path}: stars are there already; give --continue to go on with them, or --force to "
+            "begin anew"
+        )
+    if not wanted:
+        path.unlink()
+        return []
+    text = path.read_text(encoding="utf-8", errors="replace")
+    run, stars = read_stars(text, str(path))
+    if abs(run.latitude_deg - site.latitude_deg) > 0.1:
+        raise BadInputError(
+            f"--data {path}: its stars were seen from latitude {run.latitude_deg:.2f}°, and the site is at "
+            f"{site.latitude_deg:.2f}°: they are another mount's"
+        )
+    if options["goes_on"]:
+        lines = [line for line in text.splitlines() if line.strip().upper() != END]
+        write_file(path, "\n".join(lines) + "\n")
+    return stars
+
+
+def _ran(
+    context: CommandContext, options: dict[str, Any], call: MountCall, site: Site, known: list[Star]
+) -> StarRun:
+    """Move the mount over the sky; return the run. Raises what ends it before anything was measured."""
+    from sattrack.control.console import ConsoleSession
+    from sattrack.pointing.terms import PointingModel
+    from sattrack.runtime.calibrate import any_key
+    from sattrack.runtime.console import attend
+    from sattrack.runtime.star_run import CameraProcess, RunSky, StarRun, read_keys
+    from tle.bodies import find_body
+    from tle.refraction import Refraction
+
+    _ask(options, call)
+    profile = call.described.mount
+    sky = RunSky(site, profile, context.settings.safety.limits(), Refraction.standard(site.height_m))
+    zero = find_body("0,0")
+    assert zero is not None
+    # The ephemeris is loaded before the loop begins, which it would hold up.
+    sky.seen(zero, call.clock.utc_s(time.monotonic()))
+    judged = None
+    if options["verify"]:
+        assert profile.pointing is not None
+        judged = PointingModel.of(profile.pointing)
+    with contextlib.ExitStack() as stack:
+        camera = None
+        if options["camera"] is not None:
+            camera = CameraProcess(options["camera"], _camera_words(options))
+            stack.callback(camera.close)
+        connection = stack.enter_context(call.connected())
+        keys = stack.enter_context(any_key()) if options["by_hand"] else None
+        stack.callback(renew)
+        session = ConsoleSession(call.console(), connection.now_utc_s())
+        run = StarRun(
+            session,
+            sky,
+            camera,
+            options["stars"],
+            options["until"],
+            _say,
+            _keeper(options, sky, known),
+            stars=list(known),
+            judged=judged,
+            known=len(known),
+        )
+
+        def orders(now_utc_s: float) -> None:
+            for key in [] if keys is None else read_keys(keys):
+                run.key(key, now_utc_s)
+            run.step(now_utc_s)
+
+        def shown(now_utc_s: float) -> None:
+            del now_utc_s
+            if sys.stderr.isatty():
+                renew_at_once(run.doing)
+
+        if attend(session, connection, shown, orders):
+            kept = f"; {options['data']} has what was measured: --continue goes on" if run.stars else ""
+            raise InterruptedRunError(f"interrupted{kept}")
+    if run.trouble is None and session.mount_stopped is False:
+        raise SattrackError("the mount did not confirm the stop at the end: look after it")
+    return run
+
+
+def _say(words: str) -> None:
+    renew()
+    tell(words)
+
+
+def _camera_words(options: dict[str, Any]) -> list[str]:
+    from sattrack.cli.common import given
+
+    words = ["--exposure", options["exposure"], "--latency", str(options["latency"])]
+    if options["scale"] is not None:
+        words += ["--scale", str(options["scale"])]
+    if options["camera"].startswith("folder:"):
+        words.append("--watch")
+    config = given("--config")
+    return words if config is None else [*words, "--config", str(config)]
+
+
+def _ask(options: dict[str, Any], call: MountCall) -> None:
+    tell(f"{call.name} is slewed all over the sky above the floor; Ctrl-C stops it")
+    if options["yes"] or call.address is None:
+        return
+    if not sys.stdin.isatty():
+        raise BadInputError("no consent: there is no terminal to ask on; give --yes if the mount may move")
+    if not click.confirm("May it move?", err=True):
+        raise InterruptedRunError("not started; nothing was moved")
+
+
+def _keeper(options: dict[str, Any], sky: RunSky, known: list[Star]) -> Any:
+    """Return what writes each star to the file of the run, which it begins with the first."""
+    from sattrack.pointing.files import star_line, stars_head
+
+    path = options["data"]
+    begun = [bool(known)]
+
+    def keep(star: Star) -> None:
+        if options["verify"]:
+            return
+        text = star_line(star)
+        if not begun[0]:
+            text = stars_head("sattrack star-run", _parameters(sky.site, sky.air)) + text
+            begun[0] = True
+        try:
+            with path.open("a", encoding="utf-8") as file:
+                file.write(text)
+        except OSError as error:
+            raise SattrackError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+    return keep
+
+
+def _parameters(site: Site, air: Refraction | None) -> RunParameters:
+    from sattrack.pointing.files import RunParameters
+    from sattrack.runtime.system import utc_now
+
+    temperature, pressure = (10.0, 0.0) if air is None else (air.temperature_c, air.pressure_hpa)
+    return RunParameters(site.latitude_deg, utc_now()[:10], temperature, pressure, site.height_m)
+
+
+def _fitted(stars: list[Star], site: Site) -> PointingFit:
+    from sattrack.pointing.fit import fit
+
+    return fit(stars, site.latitude_deg)
+
+
+def _conclude(
+    context: CommandContext,
+    options: dict[str, Any],
+    described: ProfileFile,
+    found: PointingFit,
+    stars: list[Star],
+) -> int:
+    """Write profile, model and picture, and print what was found."""
+    from sattrack.control.estimate import begun_anew
+    from sattrack.mount.profiles import profile_text
+    from sattrack.pointing.files import model_text
+    from sattrack.runtime.system import utc_now
+
+    terms = found.terms(utc_now())
+    target = _target(options)
+    if target is not None:
+        left = terms.held_out_rms_arcsec or terms.rms_arcsec
+        sky = begun_anew(described.sky, terms.utc, left)
+        name = described.name if options["output"] is None else Path(options["output"]).stem
+        written = msgspec.structs.replace(described, name=name, pointing=terms, sky=sky)
+        write_file(target, profile_text(written))
+    if options["model"] is not None:
+        write_file(options["model"], model_text(terms, described.name))
+    if options["report"] is not None:
+        from sattrack.recording.rendering import save_pointing
+
+        save_pointing(options["report"], found, stars, described.name)
+    wrong = len(stars) - found.stars
+    if wrong:
+        tell(f"{wrong} of {len(stars)} stars contradict the others and were left out: wrongly solved?")
+    _print(context, terms)
+    if target is not None and not context.json:
+        tell(f"written to {target}")
+    return 0
+
+
+def _print(context: CommandContext, terms: PointingTerms) -> None:
+    if context.json:
+        click.echo(msgspec.json.encode({"model": _document(terms)}).decode())
+        return
+    rows = [(name, f"{value:+.1f}″", f"± {sigma:.1f}″") for name, (value, sigma) in terms.terms.items()]
+    show(table("term", ">value", ">sigma", rows=rows))
+    held_out = terms.held_out_rms_arcsec
+    apart = "too few stars to hold any out" if held_out is None else f"held out {held_out:.1f}″"
+    click.echo(f"{terms.stars} stars: {terms.rms_arcsec:.1f}″ RMS left, {apart}")
+
+
+def _document(terms: PointingTerms) -> dict[str, Any]:
+    return {
+        "terms": {
+            name: {"arcsec": value, "sigma_arcsec": sigma} for name, (value, sigma) in terms.terms.items()
+        },
+        "rms_arcsec": terms.rms_arcsec,
+        "held_out_rms_arcsec": terms.held_out_rms_arcsec,
+        "stars": terms.stars,
+        "utc": terms.utc,
+    }
+
+
+def _judge(context: CommandContext, options: dict[str, Any], described: ProfileFile, run: StarRun) -> int:
+    """Print how far the profile's model misses stars; raise SattrackError where it is another mount's."""
+    from sattrack.pointing.fit import residuals_of
+
+    terms = described.pointing
+    assert terms is not None
+    if not run.stars:
+        raise run.trouble or SattrackError("no star was measured: there is nothing to verify the model with")
+    found = residuals_of(run.stars, terms)
+    missed = found.rms_arcsec
+    judged = msgspec.structs.replace(terms, held_out_rms_arcsec=round(missed, 3), stars=len(run.stars))
+    if options["report"] is not None:
+        from sattrack.recording.rendering import save_pointing
+
+        save_pointing(options["report"], found, run.stars, described.name)
+    _print(context, judged)
+    usual = terms.held_out_rms_arcsec or terms.rms_arcsec
+    if missed > max(ANOTHER_MOUNT_ARCSEC, ANOTHER_MOUNT_TIMES * usual):
+        raise SattrackError(
+            f"the model of {terms.utc[:10]} misses {len(run.stars)} stars by {missed:.0f}″, and its own by "
+            f"{usual:.1f}″: it is another mount's, or this one was moved or synced since; make a new one"
+        )
+    return 0

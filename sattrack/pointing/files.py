@@ -1,0 +1,228 @@
+"""Pointing models and pointing stars as text in TPOINT's layouts. No I/O.
+
+A file of stars: a caption; option lines that begin with a colon (`:EQUAT`, `:NODA`); the run's parameters
+(latitude as degrees, minutes and seconds; year, month, day; °C, hPa, metres); then a line for each star:
+right ascension and declination (J2000, sexagesimal), proper motions, 2000.0, the mount's right ascension and
+declination, and the sidereal time in hours and minutes. A declination beyond 90° is past the pole. `END` ends
+it; `!` begins a comment. As rts2-tpm of RTS2 writes it (its source, src/db/tpm.cpp).
+
+A model: a caption; method, number of stars, RMS, two refraction constants; a term, its value and its sigma a
+line, arcseconds, `=` before a term that was held; `END`. As RTS2 reads it (lib/rts2tel/tpointmodel.cpp).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import erfa
+
+from sattrack.core.errors import BadInputError
+from sattrack.mount.model import PointingTerms
+from sattrack.pointing.fit import Star
+from sattrack.pointing.terms import checked
+from tle.refraction import Refraction
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+END = "END"
+_NOON = 0.5
+
+
+class RunParameters(NamedTuple):
+    """Where and in what air stars were measured; a pressure of 0 bends nothing. `date` is year-month-day."""
+
+    latitude_deg: float
+    date: str
+    temperature_c: float
+    pressure_hpa: float
+    height_m: float
+
+
+def stars_head(caption: str, run: RunParameters) -> str:
+    """Return what a file of stars begins with."""
+    latitude, date = _sexagesimal(run.latitude_deg, 1), " ".join(run.date.split("-"))
+    return (
+        f"{_one_line(caption)}\n:EQUAT\n:NODA\n {latitude} {date} "
+        f"{run.temperature_c:.1f} {run.pressure_hpa:.1f} {run.height_m:.1f}\n"
+    )
+
+
+def star_line(star: Star) -> str:
+    """Return the line of a star."""
+    ra, dec = star.icrs_deg
+    mount_ra = (star.sidereal_deg - star.axis_hour_angle_deg) % 360.0
+    minutes = star.sidereal_deg % 360.0 * 4.0
+    return (
+        f" {_sexagesimal(ra / 15.0, 5)} {_sexagesimal(dec, 4, sign=True)} 0 0 2000.0 "
+        f"{_sexagesimal(mount_ra / 15.0, 5)} {_sexagesimal(star.axis_dec_deg, 4, sign=True)} "
+        f"{int(minutes // 60.0):02d} {minutes % 60.0:010.7f}\n"
+    )
+
+
+def read_stars(text: str, where: str) -> tuple[RunParameters, list[Star]]:
+    """Return what a file of stars holds, in its order; one without END was cut off, and is as good.
+
+    Raises BadInputError, naming the line and what was expected there.
+    """
+    lines = _lines(text, where)
+    options = []
+    run = None
+    stars: list[Star] = []
+    for number, line in lines:
+        if line.startswith(":"):
+            options.append(line[1:].strip().split()[0].upper())
+            continue
+        if line.upper() == END:
+            break
+        at = f"{where}:{number}"
+        if run is None:
+            if "EQUAT" not in options:
+                raise BadInputError(f"{where}: it has no :EQUAT: only stars of equatorial mounts are read")
+            run = _run(line, at)
+        else:
+            stars.append(_star(line, at, run))
+    if run is None:
+        raise BadInputError(f"{where}: it ends before the latitude, the date and the air of its stars")
+    return run, stars
+
+
+def model_text(terms: PointingTerms, caption: str) -> str:
+    """Return a model as a file."""
+    head = f"{_one_line(caption)} {terms.utc}\nT {terms.stars:5d} {terms.rms_arcsec:9.4f} 0.0 0.0\n"
+    rows = [f"  {name:<9}{value:12.4f}{sigma:11.5f}\n" for name, (value, sigma) in terms.terms.items()]
+    return head + "".join(rows) + END + "\n"
+
+
+def read_model(text: str, where: str, utc: str, latitude_deg: float) -> PointingTerms:
+    """Return the model of a file, for an equatorial mount at a latitude, dated as given.
+
+    Raises BadInputError, naming the line.
+    """
+    lines = list(_lines(text, where))
+    if not lines:
+        raise BadInputError(f"{where}: it ends after its caption")
+    number, second = lines[0]
+    try:
+        _, count, rms = second.split()[:3]
+        stars, rms_arcsec = int(count), float(rms)
+    except ValueError:
+        raise BadInputError(
+            f"{where}:{number}: {second!r}: here stand method, number of stars and RMS, as `T 20 3.1 0 0`"
+        ) from None
+    terms: dict[str, tuple[float, float]] = {}
+    for number, line in lines[1:]:
+        if line.upper() == END:
+            break
+        words = line.replace("=", " ").replace("&", " ").split()
+        try:
+            values = [float(word) for word in words[1:3]]
+            if not values or not all(map(math.isfinite, values)):
+                raise ValueError
+        except ValueError:
+            raise BadInputError(
+                f"{where}:{number}: {line!r}: write a term, its value and its sigma, in arcseconds"
+            ) from None
+        try:
+            checked((words[0],))
+        except BadInputError as error:
+            raise BadInputError(f"{where}:{number}: {error}") from None
+        terms[words[0]] = values[0], values[1] if len(values) > 1 else 0.0
+    return PointingTerms(utc, latitude_deg, terms, rms_arcsec, stars)
+
+
+def _lines(text: str, where: str) -> Iterator[tuple[int, str]]:
+    """Yield number and text of the lines after the caption that say something."""
+    captioned = False
+    for number, line in enumerate(text.splitlines(), 1):
+        plain = line.split("!")[0].strip()
+        if not plain:
+            continue
+        if captioned:
+            yield number, plain
+        captioned = True
+    if not captioned:
+        raise BadInputError(f"{where}: it is empty")
+
+
+def _run(line: str, at: str) -> RunParameters:
+    words = line.split()
+    try:
+        degrees, minutes, seconds = words[0], float(words[1]), float(words[2])
+        latitude = abs(float(degrees)) + minutes / 60.0 + seconds / 3600.0
+        latitude = -latitude if degrees.startswith("-") else latitude
+        year, month, day = (int(float(word)) for word in words[3:6])
+        temperature, pressure, height = (float(word) for word in words[6:9])
+        Refraction(pressure, temperature)
+    except (ValueError, IndexError) as error:
+        raise BadInputError(
+            f"{at}: {line!r}: here stand latitude (d m s), year, month, day, °C, hPa and metres ({error})"
+        ) from None
+    if not abs(latitude) <= 90.0:
+        raise BadInputError(f"{at}: a latitude of {latitude:g}° is none")
+    return RunParameters(latitude, f"{year:04d}-{month:02d}-{day:02d}", temperature, pressure, height)
+
+
+def _star(line: str, at: str, run: RunParameters) -> Star:
+    words = line.split()
+    try:
+        ra, dec = 15.0 * _angle(words[0:3]), _angle(words[3:6])
+        pm_ra, pm_dec, epoch = (float(word) for word in words[6:9])
+        mount_ra, mount_dec = 15.0 * _angle(words[9:12]), _angle(words[12:15])
+        sidereal = 15.0 * (float(words[15]) + float(words[16]) / 60.0)
+    except (ValueError, IndexError):
+        raise BadInputError(
+            f"{at}: {line!r}: here stand a star's RA and Dec, proper motions, 2000.0, the mount's RA and "
+            "Dec, and the sidereal time (h m)"
+        ) from None
+    if epoch != 2000.0 or pm_ra or pm_dec:
+        raise BadInputError(f"{at}: give places of J2000 with proper motions of 0, at the date of the run")
+    if not abs(dec) <= 90.0 or not abs(mount_dec) <= 270.0:
+        raise BadInputError(f"{at}: a declination of {dec if abs(dec) > 90.0 else mount_dec:g}° is none")
+    hour_angle, seen_dec = observed(ra, dec, sidereal, run)
+    axis = math.remainder(sidereal - mount_ra, 360.0)
+    return Star(hour_angle, seen_dec, axis, mount_dec, (ra, dec), sidereal)
+
+
+def observed(ra_deg: float, dec_deg: float, sidereal_deg: float, run: RunParameters) -> tuple[float, float]:
+    """Return hour angle and declination at which a direction of the ICRS is seen, refracted, by ERFA."""
+    year, month, day = (int(word) for word in run.date.split("-"))
+    first, second = erfa.cal2jd(year, month, day)
+    second += _NOON
+    longitude = math.radians(sidereal_deg) - float(erfa.gst06a(first, second, first, second))
+    latitude = math.radians(run.latitude_deg)
+    air = (0.0, 0.0, 0.0, 0.55)
+    place = (longitude, latitude, run.height_m, 0.0, 0.0)
+    radians = math.radians(ra_deg), math.radians(dec_deg)
+    azimuth, zenith, hour_angle, dec, *_ = (
+        float(one) for one in erfa.atco13(*radians, 0.0, 0.0, 0.0, 0.0, first, second, 0.0, *place, *air)
+    )
+    if run.pressure_hpa <= 0.0:
+        return math.degrees(hour_angle), math.degrees(dec)
+    true = 90.0 - math.degrees(zenith)
+    bend = float(Refraction(run.pressure_hpa, run.temperature_c).bend_deg(true)[0])
+    hour_angle, dec = (float(one) for one in erfa.ae2hd(azimuth, math.radians(true + bend), latitude))
+    return math.degrees(hour_angle), math.degrees(dec)
+
+
+def _angle(words: Sequence[str]) -> float:
+    """Return the value of three words: degrees or hours, minutes, seconds."""
+    whole, minutes, seconds = words
+    if not (0.0 <= float(minutes) < 60.0 and 0.0 <= float(seconds) < 60.0001):
+        raise ValueError
+    value = abs(float(whole)) + float(minutes) / 60.0 + float(seconds) / 3600.0
+    return -value if whole.startswith("-") else value
+
+
+def _sexagesimal(value: float, places: int, sign: bool = False) -> str:
+    unit = 10**places
+    count = round(abs(value) * 3600.0 * unit)
+    whole, rest = divmod(count, 3600 * unit)
+    minutes, seconds = divmod(rest, 60 * unit)
+    before = "-" if value < 0.0 else "+" if sign else ""
+    return f"{before}{whole:02d} {minutes:02d} {seconds / unit:0{places + 3}.{places}f}"
+
+
+def _one_line(caption: str) -> str:
+    return " ".join(caption.replace("!", " ").split())[:70] or "pointing"

@@ -1,0 +1,285 @@
+"""The terms of a pointing model, and where a mount stands when its telescope points in a direction.
+
+A term's name is that of P. T. Wallace's TPOINT. Its value is what it adds to the direction to give the
+position that the mount reports, so IH is reported minus true hour angle. Index errors, collimation,
+non-perpendicularity and the tilt of the polar axis are rotations here, exact at any size; their first order
+is TPOINT's formulas. Flexure bends the direction before them, all other terms are added to the axes.
+
+The frame: x towards the meridian on the equator, y 90° west of it, z the pole. An azimuth axis is an hour
+angle axis at a latitude of 90° whose hour angle is minus the azimuth; there x is north, y west, z up.
+Wallace, "A rigorous algorithm for telescope pointing", Proc. SPIE 4848, 125 (2002).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from sattrack.core.errors import BadInputError
+from tle.instants import functions_for
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from sattrack.mount.model import PointingTerms
+    from tle.earth import Triple
+    from tle.instants import Functions, Quantity
+
+    Added = tuple[Quantity, Quantity]
+
+Axes = Literal["equatorial", "altaz"]
+ARCSEC = math.pi / 648000.0
+GEOMETRY = ("IH", "ID", "CH", "NP", "MA", "ME")
+FLEXURE = ("TF", "TX")
+ALTAZ = {
+    "IA": ("IH", 1.0),
+    "IE": ("ID", 1.0),
+    "CA": ("CH", 1.0),
+    "NPAE": ("NP", 1.0),
+    "AN": ("ME", -1.0),
+    "AW": ("MA", -1.0),
+    "TF": ("TF", 1.0),
+    "TX": ("TX", 1.0),
+    "ACES": ("HCES", 1.0),
+    "ACEC": ("HCEC", -1.0),
+    "ECES": ("DCES", 1.0),
+    "ECEC": ("DCEC", 1.0),
+}
+"""Terms of an azimuth mount, by the equatorial ones that they are with an hour angle of minus the azimuth."""
+NEAREST_POLE_DEG = 0.1
+"""Nearer to the pole of the axes, terms that grow with the declination's tangent are what they are here."""
+_STEP_RAD = 1e-4
+_INVERSE_ROUNDS = 12
+_HARMONIC = re.compile(r"H([HDX])([SC])([HD])(\d?)(?:([SC])([HD])(\d?))?")
+_POLYNOMIAL = re.compile(r"P([HD])([HD])(\d?)")
+
+
+Formula = Callable[["Functions", "Quantity", "Quantity", float, float], "Added"]
+
+
+def _sag(fn: Functions, h: Quantity, d: Quantity, sin_p: float, cos_p: float) -> Added:
+    down = cos_p * fn.cos(h) * fn.sin(d) - sin_p * fn.cos(d)
+    return cos_p * fn.sin(h) / fn.cos(d), down
+
+
+def _sag_by_air(fn: Functions, h: Quantity, d: Quantity, sin_p: float, cos_p: float) -> Added:
+    sine = sin_p * fn.sin(d) + cos_p * fn.cos(d) * fn.cos(h)
+    along, down = _sag(fn, h, d, sin_p, cos_p)
+    return along / sine, down / sine
+
+
+FORMULAS: dict[str, Formula] = {
+    "IH": lambda fn, h, d, s, c: (1.0 + 0.0 * h, 0.0 * d),
+    "ID": lambda fn, h, d, s, c: (0.0 * h, 1.0 + 0.0 * d),
+    "CH": lambda fn, h, d, s, c: (1.0 / fn.cos(d), 0.0 * d),
+    "NP": lambda fn, h, d, s, c: (fn.tan(d), 0.0 * d),
+    "MA": lambda fn, h, d, s, c: (-fn.cos(h) * fn.tan(d), fn.sin(h)),
+    "ME": lambda fn, h, d, s, c: (fn.sin(h) * fn.tan(d), fn.cos(h)),
+    "TF": _sag,
+    "TX": _sag_by_air,
+    "DAF": lambda fn, h, d, s, c: (-(c * fn.cos(h) + s * fn.tan(d)), 0.0 * d),
+    "FO": lambda fn, h, d, s, c: (0.0 * h, fn.cos(h)),
+    "HCES": lambda fn, h, d, s, c: (fn.sin(h), 0.0 * d),
+    "HCEC": lambda fn, h, d, s, c: (fn.cos(h), 0.0 * d),
+    "DCES": lambda fn, h, d, s, c: (0.0 * h, fn.sin(d)),
+    "DCEC": lambda fn, h, d, s, c: (0.0 * h, fn.cos(d)),
+}
+"""What one radian of a term adds to hour angle h and declination d, to first order, by the sine and the
+cosine of the latitude."""
+
+
+def _sum_of(fn: Functions, h: Quantity, d: Quantity, latitude_rad: float, name: str) -> Added:
+    formula = FORMULAS.get(name)
+    if formula is None:
+        return _general(fn, h, d, name)
+    return formula(fn, h, d, math.sin(latitude_rad), math.cos(latitude_rad))
+
+
+def _general(fn: Functions, h: Quantity, d: Quantity, name: str) -> Added:
+    """Return the same of harmonics (HDSH2: Δδ by sin 2h; X: on the sky) and polynomials (PHD1: Δh by δ)."""
+    if (found := _HARMONIC.fullmatch(name)) is not None:
+        result, *waves = found.groups()
+        value: Quantity = 1.0 + 0.0 * h
+        for wave, of, times in (waves[:3], waves[3:]):
+            if wave is not None:
+                angle = float(times or 1) * (h if of == "H" else d)
+                value = value * (fn.sin(angle) if wave == "S" else fn.cos(angle))
+    elif (found := _POLYNOMIAL.fullmatch(name)) is not None:
+        result, of, power = found.groups()
+        value = (h if of == "H" else d) ** int(power or 1)
+    else:
+        raise BadInputError(f"{name!r} is no term of a pointing model that is known here")
+    if result == "D":
+        return 0.0 * h, value
+    return (value if result == "H" else value / fn.cos(d)), 0.0 * d
+
+
+def checked(names: tuple[str, ...], axes: Axes = "equatorial") -> tuple[str, ...]:
+    """Return names of terms as they are. Raises BadInputError for one that is none of such a mount."""
+    for name in names:
+        if axes == "altaz":
+            if name not in ALTAZ:
+                raise BadInputError(f"{name!r} is no term of an azimuth mount: {', '.join(ALTAZ)}")
+        elif name not in GEOMETRY + FLEXURE:
+            _sum_of(functions_for(0.0), 0.1, 0.1, 0.5, name)
+    return names
+
+
+def first_order_deg(
+    terms_deg: Mapping[str, float], hour_angle_deg: float, dec_deg: float, latitude_deg: float = 0.0
+) -> tuple[float, float]:
+    """Return what terms add to hour angle and declination by TPOINT's own formulas, degrees.
+
+    Within NEAREST_POLE_DEG of the pole it is what they add there. Raises BadInputError for an unknown term.
+    """
+    fn, most = functions_for(0.0), 90.0 - NEAREST_POLE_DEG
+    h, d = math.radians(hour_angle_deg), math.radians(max(-most, min(most, dec_deg)))
+    turn = lift = 0.0
+    for name, value in terms_deg.items():
+        along, up = _sum_of(fn, h, d, math.radians(latitude_deg), name)
+        turn, lift = turn + value * float(along), lift + value * float(up)
+    return turn, lift
+
+
+@dataclass(frozen=True)
+class PointingModel:
+    """A mount's pointing model for one side of the pole; values in arcseconds by the names of the terms.
+
+    Raises BadInputError for a term that is not known.
+    """
+
+    terms: Mapping[str, float]
+    latitude_deg: float
+    axes: Axes = "equatorial"
+    beyond_pole: bool = False
+    _own: dict[str, float] = field(init=False, repr=False, compare=False)
+    _added: tuple[tuple[str, float], ...] = field(init=False, repr=False, compare=False)
+    _place: tuple[float, float, float, float] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Look the terms up."""
+        checked(tuple(self.terms), self.axes)
+        own = dict.fromkeys(GEOMETRY + FLEXURE, 0.0)
+        added = []
+        for name, arcsec in self.terms.items():
+            known, sign = ALTAZ[name] if self.axes == "altaz" else (name, 1.0)
+            if known in own:
+                own[known] = sign * arcsec * ARCSEC
+            else:
+                added.append((known, sign * arcsec * ARCSEC))
+        latitude = math.radians(90.0 if self.axes == "altaz" else self.latitude_deg)
+        tilt = math.hypot(own["MA"], own["ME"])
+        along = (1.0, 0.0) if tilt == 0.0 else (own["ME"] / tilt, own["MA"] / tilt)
+        object.__setattr__(self, "_own", own)
+        object.__setattr__(self, "_added", tuple(added))
+        object.__setattr__(self, "_place", (latitude, tilt, *along))
+
+    @classmethod
+    def of(cls, terms: PointingTerms, beyond_pole: bool = False) -> PointingModel:
+        """Return the model of a profile."""
+        values = {name: value for name, (value, _) in terms.terms.items()}
+        return cls(values, terms.latitude_deg, terms.axes, beyond_pole)
+
+    def on_side(self, beyond_pole: bool) -> PointingModel:
+        """Return the same for a side of the pole."""
+        return self if beyond_pole == self.beyond_pole else replace(self, beyond_pole=beyond_pole)
+
+    def axes_of(self, hour_angle_deg: Quantity, dec_deg: Quantity) -> tuple[Quantity, Quantity]:
+        """Return where the axes stand for a direction, degrees; declinations beyond 90° past the pole."""
+        h, d = _RAD * hour_angle_deg, _RAD * dec_deg
+        fn = functions_for(h + d)
+        cos_d = fn.cos(d)
+        first, second = self._axes((cos_d * fn.cos(h), cos_d * fn.sin(h), fn.sin(d)), fn)
+        return first / _RAD, second / _RAD
+
+    def direction_of(self, hour_angle_deg: float, dec_deg: float) -> tuple[float, float]:
+        """Return the direction that reported hour angle and declination of this side point in, degrees."""
+        h, d = math.radians(hour_angle_deg), math.radians(dec_deg)
+        wanted = np.array([math.cos(d) * math.cos(h), math.cos(d) * math.sin(h), math.sin(d)])
+        at = wanted
+        for _ in range(_INVERSE_ROUNDS):
+            at = at + wanted - np.array(self._moved((at[0], at[1], at[2]), functions_for(0.0)))
+            at = at / np.linalg.norm(at)
+        x, y, z = at.tolist()
+        return math.degrees(math.atan2(y, x)), math.degrees(math.atan2(z, math.hypot(x, y)))
+
+    def applied(self, u: Triple, u_rate: Triple, up: Triple, up_rate: Triple) -> tuple[Triple, Triple]:
+        """Return the direction that an equatorial mount reports when it points along u, and its rate.
+
+        Unit vectors in a frame whose third axis is the celestial pole; `up` is the zenith there.
+        """
+        fn = functions_for(u[0])
+        flat = fn.sqrt(up[0] * up[0] + up[1] * up[1])
+        mx, my = up[0] / flat, up[1] / flat
+        # The meridian goes round with the Earth.
+        spin = (up[0] * up_rate[1] - up[1] * up_rate[0]) / (flat * flat)
+        x, y, z = u[0] * mx + u[1] * my, u[0] * my - u[1] * mx, u[2]
+        dx = u_rate[0] * mx + u_rate[1] * my - spin * y
+        dy = u_rate[0] * my - u_rate[1] * mx + spin * x
+        dz = u_rate[2]
+        there = self._moved((x, y, z), fn)
+        speed = fn.sqrt(dx * dx + dy * dy + dz * dz) + 1e-15
+        step = _STEP_RAD / speed
+        later = self._moved((x + step * dx, y + step * dy, z + step * dz), fn)
+        sooner = self._moved((x - step * dx, y - step * dy, z - step * dz), fn)
+        rx, ry, rz = ((b - a) / (2.0 * step) for a, b in zip(sooner, later, strict=True))
+        px, py, pz = there
+        rx, ry = rx + spin * py, ry - spin * px
+        return (px * mx + py * my, px * my - py * mx, pz), (rx * mx + ry * my, rx * my - ry * mx, rz)
+
+    def _moved(self, v: Triple, fn: Functions) -> Triple:
+        first, second = self._axes(v, fn)
+        cos_d = fn.cos(second)
+        return cos_d * fn.cos(first), cos_d * fn.sin(first), fn.sin(second)
+
+    def _axes(self, v: Triple, fn: Functions) -> tuple[Quantity, Quantity]:
+        """Return the axes' angles, rad, for a vector of any length near 1 along the direction."""
+        own, (latitude, tilt, ux, uy) = self._own, self._place
+        x, y, z = v
+        if own["TF"] or own["TX"]:
+            length = fn.sqrt(x * x + y * y + z * z)
+            x, y, z = x / length, y / length, z / length
+            px, pz = math.cos(latitude), math.sin(latitude)
+            sine = x * px + z * pz
+            down = own["TF"] + (own["TX"] / fn.where(sine > _LEAST_SINE, sine, _LEAST_SINE))
+            x, y, z = x - down * (px - sine * x), y + down * sine * y, z - down * (pz - sine * z)
+        if tilt:
+            c, s = math.cos(tilt), math.sin(tilt)
+            level = x * ux + y * uy
+            more = level * (c - 1.0) - z * s
+            x, y, z = x + more * ux, y + more * uy, z * c + level * s
+        h, cos_d = fn.atan2(y, x), fn.sqrt(x * x + y * y)
+        length = fn.sqrt(cos_d * cos_d + z * z)
+        cos_d, sin_d = cos_d / length, z / length
+        sin_n, cos_n = math.sin(own["NP"]), math.cos(own["NP"])
+        # How far the declination axis must be turned past the direction for the telescope to reach it.
+        sine = (math.sin(own["CH"]) + sin_n * sin_d) / (cos_n * fn.where(cos_d > 1e-9, cos_d, 1e-9))
+        sine = fn.where(sine > 1.0, 1.0, fn.where(sine < -1.0, -1.0, sine))
+        cosine = fn.sqrt(1.0 - sine * sine)
+        if self.beyond_pole:
+            cosine = -cosine
+        first = h + fn.atan2(sine, cosine)
+        second = fn.atan2(cos_n * sin_d + sin_n * cos_d * sine, cos_d * cosine)
+        if self.beyond_pole:
+            # Past the elevated pole, whichever sign the declination has.
+            turn = 2.0 * math.pi if self.latitude_deg >= 0.0 else -2.0 * math.pi
+            second = second + turn * fn.where(second * turn < 0.0, 1.0, 0.0)
+        at = first, second
+        first, second = first + own["IH"], second + own["ID"]
+        if self._added:
+            limit = math.pi / 2.0 - math.radians(NEAREST_POLE_DEG)
+            beside = fn.where(at[1] > 0.0, 1.0, -1.0) * (math.pi - limit if self.beyond_pole else limit)
+            near = fn.where(fn.cos(at[1]) ** 2 < math.cos(limit) ** 2, beside, at[1])
+            for name, value in self._added:
+                along, lift = _sum_of(fn, at[0], near, latitude, name)
+                first, second = first + value * along, second + value * lift
+        return first, second
+
+
+_RAD = math.pi / 180.0
+_LEAST_SINE = math.sin(math.radians(5.0))

@@ -1,0 +1,480 @@
+"""A star run: slews over the sky, finds where the telescope really looks, and fits the pointing model to it.
+
+`StarRun` decides, called once a period by the loop that feeds the mount; it reads no clock. The camera is a
+process of its own (`sattrack camera`): what it solves comes as lines.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import select
+import subprocess
+from collections import deque
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from sattrack.core.channel import LineReader, see_off
+from sattrack.core.errors import LinkLostError, SattrackError
+from sattrack.core.process import ending_with_us, self_command
+from sattrack.mount.model import Slew, mean_sidereal_deg
+from sattrack.mount.requests import Sync, TicketState
+from sattrack.mount.xerxes.link import LinkState
+from sattrack.planning.path import skyline_deg
+from sattrack.pointing.fit import PointingFit, Star, find_bump, fit, rms
+from sattrack.pointing.tour import chosen, grid_deg, toured
+from sattrack.views.messages import Jog
+from tle.bodies import Body, StarPlace, named_stars
+from tle.instants import Utc
+from tle.propagator import Propagator
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from sattrack.control.console import ConsoleSession
+    from sattrack.mount.model import MountProfile, StatusSample
+    from sattrack.pointing.terms import PointingModel
+    from sattrack.safety import SafetyLimits
+    from tle.refraction import Refraction
+    from tle.site import Site
+
+    Array = NDArray[np.float64]
+
+LEAST_ALT_DEG, CLEAR_DEG = 20.0, 2.0
+"""Lower than the first no star is looked at, nor nearer to the floor and the skyline than the second."""
+POLE_DEG = 5.0
+"""Nearer to the pole the hour angle tells nothing."""
+SYNC_DEG = 3.0
+"""A mount whose reports are off by more where it stands is synced before it is slewed."""
+SETTLE_S = 1.5
+HEARD_WITHIN_S = 6.0
+SEEN_WITHIN_S, FRAMES_A_PLACE = 25.0, 4
+"""How long a frame of a place is waited for, and how many are looked at until one is solved."""
+STARTS_WITHIN_S = 90.0
+"""How long the camera's first frame may take: the index of stars may have to be made."""
+MOST_MISSED = 6
+FEWEST_TO_PREDICT, FEWEST_STARS = 8, 12
+"""With fewer stars a fit has not all terms of a mount; and a run does not end early, whatever it predicts."""
+END_WITHIN_S = 3.0
+STEPS_DEG_S = (0.002, 0.01, 0.05, 0.25)
+"""Rates by which an operator centres a star."""
+
+
+class Solved(NamedTuple):
+    """A frame: the middle of its exposure (POSIX seconds), its length, and where it looks in the ICRS."""
+
+    utc_s: float
+    exposure_s: float
+    icrs_deg: tuple[float, float] | None
+
+
+class CameraProcess:
+    """`sattrack camera` beside us; `poll` gives the frames that have come since."""
+
+    def __init__(self, source: str, words: Sequence[str]) -> None:
+        """Start it. Raises OSError."""
+        self.source = source
+        self._process = subprocess.Popen(
+            [*self_command(), "camera", source, "--json", "--alone", *words],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            env=ending_with_us(),
+            start_new_session=True,
+        )
+        assert self._process.stdout is not None
+        self._descriptor = self._process.stdout.fileno()
+        self._lines = LineReader(self._descriptor, 1 << 20)
+
+    @property
+    def ended(self) -> bool:
+        """Whether no more frames will come."""
+        return self._lines.ended
+
+    def poll(self) -> list[Solved]:
+        """Return the frames that have come since the last call."""
+        found: list[Solved] = []
+        while not self.ended and select.select([self._descriptor], [], [], 0.0)[0]:
+            for line in self._lines.lines():
+                one = json.loads(line)
+                field_of = one["solved"]
+                icrs = None if field_of is None else (field_of["ra_deg"], field_of["dec_deg"])
+                found.append(Solved(float(Utc.parse(one["utc"]).unix_s), one["exposure_s"], icrs))
+        return found
+
+    def close(self) -> None:
+        """End it."""
+        self._process.terminate()
+        see_off(self._process, END_WITHIN_S)
+
+
+@dataclass(slots=True)
+class RunSky:
+    """Directions of the sky over a site, and what must be kept clear of."""
+
+    site: Site
+    profile: MountProfile
+    limits: SafetyLimits
+    air: Refraction | None = None
+    """None for a mount that applies refraction itself."""
+
+    def seen(self, body: Body, utc_s: float, model: PointingModel | None = None) -> Any:
+        """Return where a body is seen, or where a mount with a pointing model must be fed."""
+        propagator = Propagator(body, self.site, refraction=self.air, pointing=model)
+        return propagator.at(Utc(utc_s))
+
+    def clear(self, places_deg: Array) -> NDArray[np.bool_]:
+        """Tell of hour angles and declinations, shape (n, 2), which may be looked at."""
+        h, d = np.radians(places_deg).T
+        p = math.radians(self.site.latitude_deg)
+        up = math.sin(p) * np.sin(d) + math.cos(p) * np.cos(d) * np.cos(h)
+        north = math.cos(p) * np.sin(d) - math.sin(p) * np.cos(d) * np.cos(h)
+        azimuth = np.degrees(np.arctan2(-np.cos(d) * np.sin(h), north)) % 360.0
+        low = np.maximum(LEAST_ALT_DEG, skyline_deg(azimuth, self.limits) + CLEAR_DEG)
+        lowest, highest = self.profile.dec_axis_limits_deg
+        within = (places_deg[:, 1] > lowest + CLEAR_DEG) & (places_deg[:, 1] < highest - CLEAR_DEG)
+        far = np.abs(places_deg[:, 0]) < self.profile.hour_angle_limit_deg - CLEAR_DEG
+        away = np.abs(places_deg[:, 1]) < 90.0 - POLE_DEG
+        good: NDArray[np.bool_] = (np.degrees(np.arcsin(np.clip(up, -1.0, 1.0))) > low) & within & far & away
+        return good
+
+    def grid(self) -> Array:
+        """Return directions that may be looked at, all over the sky."""
+        places = grid_deg(self.site.latitude_deg)
+        good: Array = places[self.clear(places)]
+        return good
+
+    def tour(
+        self, places_deg: Array, count: int, done: Sequence[tuple[float, float]], start: tuple[float, float]
+    ) -> Any:
+        """Return the rows of so many places away from those `done`, in the order in which to look at them."""
+        rows = chosen(places_deg, count, np.array(done) if done else None)
+        axes = places_deg[rows]
+        west = (axes[:, 0] > 0.0) & (self.profile.pier_rule == "hour_angle")
+        # Past the pole the hour angle axis stands half a turn on, and the declination axis beyond 90°.
+        side = np.where(west[:, None], np.stack([axes[:, 0] - 180.0, 180.0 - axes[:, 1]], axis=1), axes)
+        return rows[toured(side, start)]
+
+
+class Stage(Enum):
+    """What a run is doing."""
+
+    LISTENING = "listening to the mount"
+    HERE = "looking where the telescope stands"
+    SLEWING = "slewing"
+    SETTLING = "settling"
+    LOOKING = "looking"
+    CENTRING = "waiting for you to centre the star"
+    OVER = "over"
+
+
+@dataclass(slots=True)
+class StarRun:
+    """One run; call `step` once a period, and `finish` is what came of it.
+
+    `camera` None: the operator centres named stars by `key`. With `judged` no model is fitted: stars are
+    compared with that one.
+    """
+
+    session: ConsoleSession
+    sky: RunSky
+    camera: CameraProcess | None
+    most: int
+    until_arcsec: float
+    tell: Callable[[str], None]
+    keep: Callable[[Star], None]
+    stars: list[Star] = field(default_factory=list)
+    judged: PointingModel | None = None
+    stage: Stage = Stage.LISTENING
+    trouble: SattrackError | None = None
+    """Why it ended before it was done."""
+    bumped_at: int = 0
+    """The first star that counts: before it the mount stood otherwise."""
+    fitted: PointingFit | None = None
+    known: int = 0
+    """How many of the stars are of an earlier run."""
+    _queue: deque[Body] = field(default_factory=deque)
+    _done: list[tuple[float, float]] = field(default_factory=list)
+    """Where was looked, or will be: hour angles and declinations."""
+    _body: Body | None = None
+    _begun_s: float | None = None
+    _since_s: float = 0.0
+    _first_frame_seen: bool = False
+    _frames: int = 0
+    _missed: int = 0
+    _samples: deque[StatusSample] = field(default_factory=lambda: deque(maxlen=4000))
+    _speed: int = 1
+
+    @property
+    def doing(self) -> str:
+        """What goes on, in words."""
+        name = "" if self._body is None else f" {self._body.name}"
+        return f"{len(self.stars) - self.known} of {self.most}: {self.stage.value}{name}"
+
+    @property
+    def counting(self) -> list[Star]:
+        """The stars since the mount was last bumped."""
+        return self.stars[self.bumped_at :]
+
+    def step(self, now_utc_s: float) -> None:
+        """Go on with the run."""
+        console = self.session.console
+        self._begun_s = now_utc_s if self._begun_s is None else self._begun_s
+        sample = console.sample
+        if sample is not None and (not self._samples or self._samples[-1] is not sample):
+            self._samples.append(sample)
+        if self.stage is Stage.OVER:
+            return
+        if console.link_state is LinkState.LOST or (
+            sample is None and now_utc_s - self._begun_s > HEARD_WITHIN_S
+        ):
+            self.end(LinkLostError(f"no status from {console.mount_name}"), now_utc_s)
+            return
+        if sample is None:
+            return
+        match self.stage:
+            case Stage.LISTENING:
+                self._listen(sample, now_utc_s)
+            case Stage.SLEWING:
+                self._slew(now_utc_s)
+            case Stage.SETTLING:
+                if now_utc_s - self._since_s >= SETTLE_S:
+                    self._go(Stage.LOOKING if self.camera is not None else Stage.CENTRING, now_utc_s)
+            case Stage.HERE | Stage.LOOKING:
+                self._look(now_utc_s)
+
+    def end(self, trouble: SattrackError | None, now_utc_s: float) -> None:
+        """End the run, and leave the mount."""
+        self.stage, self.trouble = Stage.OVER, trouble
+        self.session.interrupt(now_utc_s)
+
+    def key(self, text: str, now_utc_s: float) -> None:
+        """Obey a key of the operator who centres a star: arrows move, + and - set the speed."""
+        if text == "q":
+            self.end(None, now_utc_s)
+        if self.stage is not Stage.CENTRING or self._body is None:
+            return
+        rate = STEPS_DEG_S[self._speed]
+        moves = {"\x1b[A": (0.0, rate), "\x1b[B": (0.0, -rate), "\x1b[C": (-rate, 0.0), "\x1b[D": (rate, 0.0)}
+        if text in moves:
+            self.session.obey(Jog(*moves[text]), now_utc_s)
+        elif text in {"+", "-"}:
+            self._speed = min(len(STEPS_DEG_S) - 1, max(0, self._speed + (1 if text == "+" else -1)))
+            self.tell(f"{STEPS_DEG_S[self._speed]:g} °/s")
+        elif text in {"\r", "\n"}:
+            self._take(self._body, now_utc_s, 0.2, now_utc_s)
+        elif text == "s":
+            self._next(now_utc_s)
+
+    def _go(self, stage: Stage, now_utc_s: float) -> None:
+        self.stage, self._since_s, self._frames = stage, now_utc_s, 0
+
+    def _listen(self, sample: StatusSample, now_utc_s: float) -> None:
+        if sample.does_refraction:
+            self.sky.air = None
+        self._done = [(star.hour_angle_deg, star.dec_deg) for star in self.stars]
+        self._queue.extend(self._planned(self.most, now_utc_s))
+        if not self._queue:
+            words = "nothing of the sky may be looked at: see the floor, the skyline and the axes' limits"
+            self.end(SattrackError(words), now_utc_s)
+        elif self.camera is None or self.stars:
+            self._next(now_utc_s)
+        else:
+            self._go(Stage.HERE, now_utc_s)
+
+    def _planned(self, count: int, now_utc_s: float) -> list[Body]:
+        """Return what to look at from here on."""
+        sidereal = mean_sidereal_deg(now_utc_s, self.sky.site.longitude_deg)
+        bodies = fields(self.sky, sidereal) if self.camera is not None else named_stars()
+        # Precession since the catalogue's epoch does not matter here.
+        stars = [body.star for body in bodies if body.star is not None]
+        places = np.array([[math.remainder(sidereal - one.ra_deg, 360.0), one.dec_deg] for one in stars])
+        good: NDArray[np.intp] = np.flatnonzero(self.sky.clear(places)) if len(places) else np.zeros(0, int)
+        if not len(good):
+            return []
+        start = self._axes(self._samples[-1], sidereal)
+        rows = self.sky.tour(places[good], count, self._done, start)
+        self._done += [(float(h), float(d)) for h, d in places[good][rows]]
+        return [bodies[good[row]] for row in rows]
+
+    def _axes(self, sample: StatusSample, sidereal_deg: float) -> tuple[float, float]:
+        """Return where the axes stand by a status: hour angle and declination, past the pole beyond 90°."""
+        hour_angle, dec = math.remainder(sidereal_deg - sample.ra_deg, 360.0), sample.dec_deg
+        if not sample.beyond_pole:
+            return hour_angle, dec
+        pole = 180.0 if self.sky.site.latitude_deg >= 0.0 else -180.0
+        return math.remainder(hour_angle + 180.0, 360.0), pole - dec
+
+    def _next(self, now_utc_s: float) -> None:
+        """Slew to the next place, or end where there is enough."""
+        missing = self.most - (len(self.stars) - self.known)
+        if not self._queue and missing > 0:
+            self._queue.extend(self._planned(missing, now_utc_s))
+        if not self._queue or missing <= 0:
+            self.end(None, now_utc_s)
+            return
+        self._body = self._queue.popleft()
+        model = self.judged
+        if model is None and self.counting and self.fitted is not None:
+            model = self.fitted.model
+        if model is not None:
+            model = model.on_side(self._samples[-1].beyond_pole)
+        fed = self.sky.seen(self._body, now_utc_s, model)
+        self._go(Stage.SLEWING, now_utc_s)
+        refusal = self._ask(Slew(float(fed.ra_deg), float(fed.dec_deg)), now_utc_s)
+        if refusal is not None:
+            self._miss(f"not slewed to: {refusal}", now_utc_s)
+
+    def _ask(self, request: Slew | Sync, now_utc_s: float) -> str | None:
+        """Ask for something; return why it is refused, None where it goes on."""
+        self.session.obey(request, now_utc_s)
+        console = self.session.console
+        return (console.refusal or "refused") if console.procedure is None else None
+
+    def _slew(self, now_utc_s: float) -> None:
+        console = self.session.console
+        if console.trouble is not None:
+            self.end(SattrackError(f"{console.trouble}: {console.refusal}"), now_utc_s)
+        elif console.outcome is not None:
+            if console.outcome.state is TicketState.COMPLETE:
+                self._go(Stage.SETTLING, now_utc_s)
+            else:
+                self._miss(f"not reached: {console.outcome.reason or 'the mount did not obey'}", now_utc_s)
+
+    def _look(self, now_utc_s: float) -> None:
+        """Take the first solved frame that began since the mount stands."""
+        assert self.camera is not None
+        for frame in self.camera.poll():
+            if frame.utc_s - 0.5 * frame.exposure_s < self._since_s:
+                continue
+            self._first_frame_seen = True
+            self._frames += 1
+            if frame.icrs_deg is not None:
+                if self.stage is Stage.HERE:
+                    self._found_here(frame, now_utc_s)
+                else:
+                    ra, dec = frame.icrs_deg
+                    body = Body(f"{ra:.4f},{dec:.4f}", StarPlace(ra, dec))
+                    self._take(body, frame.utc_s, frame.exposure_s, now_utc_s)
+                return
+        waited_s = now_utc_s - self._since_s
+        if self.camera.ended:
+            self.end(SattrackError(f"{self.camera.source}: the camera ended"), now_utc_s)
+        elif waited_s > (SEEN_WITHIN_S if self._first_frame_seen else STARTS_WITHIN_S):
+            words = "no frame came" if not self._frames else "no field was found among the stars: clouds?"
+            self._unseen(words, now_utc_s)
+        elif self._frames >= FRAMES_A_PLACE:
+            self._unseen("no field was found among the stars: clouds?", now_utc_s)
+
+    def _unseen(self, words: str, now_utc_s: float) -> None:
+        if self.stage is Stage.HERE:
+            self.tell(f"{words}; going on by what the mount reports")
+            self._next(now_utc_s)
+        else:
+            self._miss(words, now_utc_s)
+
+    def _found_here(self, frame: Solved, now_utc_s: float) -> None:
+        """Sync a mount whose reports have little to do with the sky; others are modelled as they are."""
+        assert frame.icrs_deg is not None
+        there = self.sky.seen(Body("here", StarPlace(*frame.icrs_deg)), frame.utc_s)
+        sample = self._samples[-1]
+        axes = self._axes(sample, float(there.ra_deg) + float(there.ha_deg))
+        before = Star(float(there.ha_deg), float(there.dec_deg), *axes)
+        off_deg = rms(fit([before], self.sky.site.latitude_deg, names=("IH", "ID")).before_arcsec) / 3600.0
+        if off_deg > SYNC_DEG:
+            self.tell(f"the mount's reports are off by {off_deg:.1f}°: it is synced on the field it looks at")
+            sync = Sync(float(there.ra_deg), float(there.dec_deg))
+            refusal = self._ask(sync, now_utc_s)
+            if refusal is not None:
+                self.end(SattrackError(f"the mount cannot be synced: {refusal}"), now_utc_s)
+                return
+            self._body = None
+            self._go(Stage.SLEWING, now_utc_s)
+            return
+        self._next(now_utc_s)
+
+    def _miss(self, words: str, now_utc_s: float) -> None:
+        """Leave a place out."""
+        self._missed += 1
+        name = "the field" if self._body is None else self._body.name
+        self.tell(f"{name}: {words}")
+        if self._missed >= MOST_MISSED:
+            self.end(
+                SattrackError(f"{MOST_MISSED} places in a row gave no star, the last: {words}"), now_utc_s
+            )
+            return
+        self._next(now_utc_s)
+
+    def _take(self, body: Body, utc_s: float, exposure_s: float, now_utc_s: float) -> None:
+        """Take a star in: where it was, and where the mount stood for it in the mean of its statuses."""
+        seen = self.sky.seen(body, utc_s)
+        sidereal = float(seen.ra_deg) + float(seen.ha_deg)
+        near = [one for one in self._samples if abs(one.arrival_utc_s - utc_s) <= 0.5 * exposure_s + 0.3]
+        places = np.array([self._axes(one, sidereal) for one in near or [self._samples[-1]]])
+        first = places[0, 0] + float(np.mean((places[:, 0] - places[0, 0] + 180.0) % 360.0 - 180.0))
+        assert body.star is not None
+        icrs = body.star.ra_deg, body.star.dec_deg
+        axes = first, float(np.mean(places[:, 1]))
+        star = Star(float(seen.ha_deg), float(seen.dec_deg), *axes, icrs, sidereal % 360.0)
+        self._missed = 0
+        self.stars.append(star)
+        self.keep(star)
+        if self.judged is None:
+            self._fit(now_utc_s)
+        if self.stage is not Stage.OVER:
+            self._next(now_utc_s)
+
+    def _fit(self, now_utc_s: float) -> None:
+        """Fit what there is; end the run where it predicts as little as was asked."""
+        latitude = self.sky.site.latitude_deg
+        bump = find_bump(self.counting, latitude)
+        if bump is not None:
+            self.bumped_at += bump.before_star
+            self.tell(
+                f"the mount was moved before star {self.bumped_at + 1}, by {bump.moved_arcsec:.0f}″ on the "
+                "sky: the stars before it are left out"
+            )
+            # What was measured before does not count: the stars are chosen anew.
+            self.most += bump.before_star
+            self._done = [(star.hour_angle_deg, star.dec_deg) for star in self.counting]
+            self._queue.clear()
+        try:
+            self.fitted = fit(self.counting, latitude)
+        except SattrackError as error:
+            self.tell(str(error))
+            return
+        count = len(self.stars) - self.known
+        off = rms(self.fitted.before_arcsec[-1:]) / 60.0
+        text = f"{count} of {self.most}: off by {off:.1f}′"
+        if len(self.counting) < FEWEST_TO_PREDICT:
+            self.tell(text)
+            return
+        predicted = self.fitted.predicted_arcsec(self.sky.grid())
+        left = rms(self.fitted.residuals_arcsec[-1:])
+        self.tell(f"{text}, the model leaves {left:.1f}″ here and predicts {predicted:.1f}″ over the sky")
+        if len(self.counting) >= FEWEST_STARS and predicted <= self.until_arcsec:
+            self.end(None, now_utc_s)
+
+
+def fields(sky: RunSky, sidereal_deg: float) -> list[Body]:
+    """Return directions all over the sky, for a camera that finds any field."""
+    places = [((sidereal_deg - h) % 360.0, d) for h, d in sky.grid().tolist()]
+    return [Body(f"{ra:.2f},{dec:+.2f}", StarPlace(ra, dec)) for ra, dec in places]
+
+
+def read_keys(descriptor: int) -> list[str]:
+    """Return the keys that were pressed since, each as the terminal sends it."""
+    if not select.select([descriptor], [], [], 0.0)[0]:
+        return []
+    text = os.read(descriptor, 64).decode(errors="replace")
+    keys: list[str] = []
+    while text:
+        length = 3 if text.startswith("\x1b[") else 1
+        keys.append(text[:length])
+        text = text[length:]
+    return keys

@@ -1,0 +1,152 @@
+"""`sattrack star-run` as a user types it: stars from a file, and everything that must be refused unmoved."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import TYPE_CHECKING, Any
+
+import erfa
+import numpy as np
+import pytest
+from strangers.tilted_mount import TiltedMount, local
+
+from sattrack.cli.main import run
+from sattrack.mount.profiles import load_profile_file
+from sattrack.pointing.terms import PointingModel
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SITE = "52.0,4.5,0"
+MOUNT = TiltedMount(52.0, 3000.0, -2000.0, 400.0, 60.0, 500.0, -300.0, 20.0)
+
+
+def sexagesimal(value: float) -> str:
+    whole, rest = divmod(abs(value) * 3600.0, 3600.0)
+    minutes, seconds = divmod(rest, 60.0)
+    return f"{'-' if value < 0 else '+'}{whole:02.0f} {minutes:02.0f} {min(seconds, 59.9999):08.5f}"
+
+
+@pytest.fixture(scope="module")
+def stars() -> str:
+    """Return a file of stars of a stranger's mount, seen through no air, by ERFA."""
+    rng = np.random.default_rng(2)
+    first, second = erfa.cal2jd(2026, 11, 22)
+    lines = ["a stranger's run", ":EQUAT", ":NODA", " 52 00 00.0 2026 11 22 10 0 0"]
+    while len(lines) < 20:
+        lst, ra, dec = rng.uniform(0.0, 24.0), rng.uniform(0.0, 24.0), rng.uniform(-20.0, 80.0)
+        longitude = math.radians(15.0 * lst) - erfa.gst06a(first, second + 0.5, first, second + 0.5)
+        _, zenith, h, d, *_ = erfa.atco13(
+            math.radians(15.0 * ra), math.radians(dec), 0, 0, 0, 0, first, second + 0.5, 0.0,
+            longitude, math.radians(52.0), 0.0, 0, 0, 0, 0, 0, 0.55,
+        )  # fmt: skip
+        if zenith > math.radians(65.0):
+            continue
+        place = math.degrees(h), math.degrees(d)
+        axes = MOUNT.stands(local(*place, 52.0), place) + rng.normal(0.0, 2.0 / 3600.0, 2)
+        mount_ra = (lst - axes[0] / 15.0) % 24.0
+        hours = int(lst)
+        lines.append(
+            f" {sexagesimal(ra)[1:]} {sexagesimal(dec)} 0 0 2000.0 {sexagesimal(mount_ra)[1:]} "
+            f"{sexagesimal(axes[1])} {hours:02d} {(lst - hours) * 60.0:.7f}"
+        )
+    return "\n".join([*lines, "END", ""])
+
+
+def ran(capsys: pytest.CaptureFixture[str], *words: str, code: int = 0) -> tuple[str, str]:
+    assert run(["star-run", "--site", SITE, "--mount", "sim", *words]) == code
+    out, err = capsys.readouterr()
+    assert "Traceback" not in err
+    return out, err
+
+
+def test_stars_in_a_file_become_a_model_in_the_profile(
+    stars: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data, profile, model, picture = (
+        tmp_path / name for name in ("run.dat", "mine.toml", "tp.dat", "sky.png")
+    )
+    data.write_text(stars)
+    words = ["--fit-only", "--data", str(data), "--output", str(profile), "--model", str(model)]
+    out, _ = ran(capsys, *words, "--json")
+    document: dict[str, Any] = json.loads(out)
+    found = document["model"]
+    assert {"terms", "rms_arcsec", "held_out_rms_arcsec", "stars"} <= set(found)
+    assert found["stars"] == 16
+    truth = {"ME": 3000.0, "MA": -2000.0, "CH": 400.0, "NP": 60.0, "IH": 500.0, "ID": -300.0, "TF": -20.0}
+    for name, value in truth.items():
+        term = found["terms"][name]
+        assert abs(term["arcsec"] - value) < 4.0 * term["sigma_arcsec"]
+    assert found["rms_arcsec"] < 5.0
+    kept = load_profile_file(profile)
+    assert kept.pointing is not None
+    assert kept.pointing.terms["ME"][0] == found["terms"]["ME"]["arcsec"]
+    assert kept.sky is not None
+    assert kept.sky.mount["cone_deg"][0] == 0.0
+    axes = PointingModel.of(kept.pointing).axes_of(20.0, 30.0)
+    assert MOUNT.looks(*axes) == pytest.approx(local(20.0, 30.0, 52.0), abs=5.0 / 206264.8)
+    assert model.read_text().rstrip().endswith("END")
+    pytest.importorskip("matplotlib")
+    ran(capsys, *words, "--report", str(picture), "--force")
+    assert picture.read_bytes()[:4] == b"\x89PNG"
+
+
+def test_another_sites_stars_are_refused(
+    stars: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = tmp_path / "run.dat"
+    data.write_text(stars)
+    _, err = ran(capsys, "--fit-only", "--data", str(data), "--site", "31,4.5,0", code=2)
+    assert "another mount's" in err
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        ([], "give --camera SOURCE, or --by-hand"),
+        (["--camera", "folder:.", "--by-hand"], "give --camera SOURCE, or --by-hand"),
+        (["--by-hand"], "no terminal"),
+        (["--camera", "folder:.", "--stars", "0"], "--stars 0"),
+        (["--camera", "folder:.", "--until", "-3"], "--until -3"),
+        (["--camera", "folder:.", "--verify"], "has no pointing model"),
+        (["--camera", "folder:.", "--continue", "--data", "no.dat"], "no such file"),
+        (["--camera", "folder:.", "--output", "no/where.toml"], "no such folder"),
+        (["--fit-only", "--data", "no.dat"], "no such file"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_before_anything_moves(
+    words: list[str],
+    text: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert text in ran(capsys, *words, code=2)[1]
+
+
+def test_stars_that_are_there_are_not_lost(
+    stars: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = tmp_path / "run.dat"
+    data.write_text(stars)
+    _, err = ran(capsys, "--camera", "folder:.", "--data", str(data), code=2)
+    assert "--continue" in err
+    assert "--force" in err
+    assert data.read_text() == stars
+
+
+def test_a_model_of_another_latitude_feeds_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    profile = tmp_path / "other.toml"
+    profile.write_text(
+        'name = "other"\n[pointing]\nutc = "2026-11-22T00:00:00Z"\nlatitude_deg = -30.0\nrms_arcsec = 2.0\n'
+        "stars = 12\n[pointing.terms]\nIH = [100.0, 2.0]\n"
+    )
+    words = ["track", "ISS", "--mount", "sim", "--virtual", "--headless", "--profile", str(profile)]
+    assert run(words) == 2
+    err = capsys.readouterr().err
+    assert "the pointing model of the profile 'other', of 2026-11-22," in err
+    assert "at latitude -30.00°" in err

@@ -1,0 +1,155 @@
+"""Fits of pointing models to a stranger's mount, and to measurements that others have fitted."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from strangers.tilted_mount import TiltedMount, apart_arcsec, local
+
+from sattrack.core.errors import SattrackError
+from sattrack.pointing.fit import Star, core_terms, find_bump, fit
+from sattrack.pointing.tour import chosen, grid_deg, slewed_deg, toured
+
+LATITUDE = 47.0
+MOUNT = TiltedMount(LATITUDE, 5000.0, -3000.0, 500.0, 60.0, 900.0, -700.0, 25.0)
+
+
+def sky() -> np.ndarray:
+    """Return directions above 20°, hour angle and declination."""
+    places = grid_deg(LATITUDE)
+    return places[np.array([local(h, d, LATITUDE)[2] for h, d in places]) > 0.34]
+
+
+def measured(mount: TiltedMount, count: int, seed: int = 1, noise_arcsec: float = 2.0) -> list[Star]:
+    """Return stars as a mount with noisy encoders shows them."""
+    rng = np.random.default_rng(seed)
+    places = sky()[chosen(sky(), count)]
+    found = []
+    for h, d in places.tolist():
+        axes = mount.stands(local(h, d, LATITUDE), (h, d)) + rng.normal(0.0, noise_arcsec / 3600.0, 2)
+        found.append(Star(h, d, float(axes[0]), float(axes[1])))
+    return found
+
+
+def missed(mount: TiltedMount, stars: list[Star]) -> float:
+    """Return by how much the telescope misses the sky with the model of some stars, RMS."""
+    model = fit(stars, LATITUDE).model
+    off = [apart_arcsec(mount.looks(*model.axes_of(h, d)), local(h, d, LATITUDE)) for h, d in sky() + 1.5]
+    return math.sqrt(sum(one * one for one in off) / len(off))
+
+
+def test_a_mount_that_is_far_off_is_found_again_within_arcseconds() -> None:
+    found = fit(measured(MOUNT, 15), LATITUDE)
+    values = dict(zip(found.names, found.values, strict=True))
+    sigmas = dict(zip(found.names, np.sqrt(np.diag(found.covariance)), strict=True))
+    truth = {"ME": 5000.0, "MA": -3000.0, "CH": 500.0, "NP": 60.0, "IH": 900.0, "ID": -700.0, "TF": -25.0}
+    assert set(truth) <= set(found.names)
+    for name, value in truth.items():
+        assert abs(values[name] - value) < 4.0 * sigmas[name]
+        assert sigmas[name] < 20.0
+    assert missed(MOUNT, measured(MOUNT, 15)) < 5.0
+    assert found.predicted_arcsec(sky()) == pytest.approx(missed(MOUNT, measured(MOUNT, 15)), rel=1.0)
+
+
+def test_a_star_without_noise_leaves_nothing() -> None:
+    assert fit(measured(MOUNT, 12, noise_arcsec=0.0), LATITUDE).rms_arcsec < 0.01
+
+
+def test_few_stars_give_few_terms() -> None:
+    assert core_terms(2) == ("IH", "ID")
+    assert fit(measured(MOUNT, 3), LATITUDE).names == ("IH", "ID", "MA", "ME")
+    assert fit(measured(MOUNT, 3), LATITUDE).held_out_rms_arcsec is not None
+
+
+def test_no_star_at_all_is_said() -> None:
+    with pytest.raises(SattrackError, match="no star was measured"):
+        fit([], LATITUDE)
+
+
+def test_a_wrongly_solved_star_is_left_out() -> None:
+    stars = measured(MOUNT, 14)
+    stars[5] = stars[5]._replace(hour_angle_deg=stars[5].hour_angle_deg + 9.0, dec_deg=12.0)
+    found = fit(stars, LATITUDE)
+    assert list(np.flatnonzero(~found.used)) == [5]
+    assert missed(MOUNT, stars) < 6.0
+
+
+def test_stars_that_contradict_one_another_are_refused() -> None:
+    stars = [one._replace(dec_deg=one.dec_deg + 3.0 * (k % 2)) for k, one in enumerate(measured(MOUNT, 14))]
+    with pytest.raises(SattrackError, match="contradict"):
+        fit(stars, LATITUDE)
+
+
+def test_a_term_beyond_the_geometry_is_taken_in_only_where_it_helps() -> None:
+    stars = measured(MOUNT, 25)
+    assert set(fit(stars, LATITUDE).names) == {"IH", "ID", "MA", "ME", "CH", "NP", "TF"}
+    wave = [40.0 / 3600.0 * math.sin(math.radians(2.0 * one.axis_dec_deg)) for one in stars]
+    eccentric = [
+        one._replace(axis_dec_deg=one.axis_dec_deg + more) for one, more in zip(stars, wave, strict=True)
+    ]
+    assert "HDSD2" in fit(eccentric, LATITUDE).names
+    assert fit(eccentric, LATITUDE).rms_arcsec < 5.0
+
+
+@pytest.mark.parametrize("first", [4, 8, 11])
+def test_a_bump_is_found_where_it_was(first: int) -> None:
+    moved = dataclasses.replace(MOUNT, pole_up=MOUNT.pole_up + 200.0, zero_ha=MOUNT.zero_ha - 150.0)
+    stars = [*measured(MOUNT, 16)[:first], *measured(moved, 16)[first:]]
+    bump = find_bump(stars, LATITUDE)
+    assert bump is not None
+    assert bump.before_star == first
+    assert 50.0 < bump.moved_arcsec < 400.0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_mount_that_was_not_bumped_is_not_said_to_be(seed: int) -> None:
+    stars = measured(MOUNT, 16, seed)
+    assert find_bump(stars, LATITUDE) is None
+    stars[9] = stars[9]._replace(dec_deg=stars[9].dec_deg - 4.0)
+    assert find_bump(stars, LATITUDE) is None
+
+
+def test_both_sides_of_the_pole_share_one_model() -> None:
+    rng = np.random.default_rng(3)
+    stars = []
+    for h, d in sky()[chosen(sky(), 16)].tolist():
+        near = (h, d) if h < 0.0 else (h + 180.0, 180.0 - d)
+        axes = MOUNT.stands(local(h, d, LATITUDE), near) + rng.normal(0.0, 2.0 / 3600.0, 2)
+        stars.append(Star(h, d, float(axes[0]), float(axes[1])))
+    found = fit(stars, LATITUDE)
+    values = dict(zip(found.names, found.values, strict=True))
+    assert values["CH"] == pytest.approx(500.0, abs=5.0)
+    assert found.rms_arcsec < 6.0
+
+
+def test_an_azimuth_mount_is_an_equatorial_one_at_the_pole() -> None:
+    mount, rng = TiltedMount(90.0, 900.0, -500.0, 300.0, 40.0, 200.0, -150.0, 20.0), np.random.default_rng(5)
+    stars = []
+    for _ in range(18):
+        azimuth, altitude = rng.uniform(0.0, 360.0), rng.uniform(20.0, 75.0)
+        axes = mount.stands(local(-azimuth, altitude, 90.0), (-azimuth, altitude))
+        stars.append(Star(azimuth, altitude, -axes[0], axes[1]))
+    found = fit(stars, 33.0, "altaz")
+    values = dict(zip(found.names, found.values, strict=True))
+    expected = {"AN": -900.0, "AW": 500.0, "CA": 300.0, "NPAE": 40.0, "IA": 200.0, "IE": -150.0, "TF": -20.0}
+    assert values == pytest.approx(expected, abs=0.05)
+
+
+def test_a_tour_sees_all_of_the_sky_early_and_slews_little() -> None:
+    places = sky()
+    rows = chosen(places, 24)
+    assert len(set(rows.tolist())) == 24
+    first = places[rows[:8]]
+    # Eight caps that hold all the sky above 20° have a radius of 23° at least.
+    looks = np.array([local(h, d, LATITUDE) for h, d in places])
+    near = np.max(looks @ np.array([local(h, d, LATITUDE) for h, d in first]).T, axis=1)
+    assert math.degrees(math.acos(near.min())) < 45.0
+    order = toured(places[rows], (0.0, 40.0))
+    assert sorted(order.tolist()) == list(range(24))
+    assert set(order[:8].tolist()) == set(range(8))
+    way = sum(slewed_deg(*places[rows][order[k : k + 2]]) for k in range(7))
+    straight = sum(slewed_deg(*places[rows][k : k + 2]) for k in range(7))
+    assert way < 0.7 * straight

@@ -1,0 +1,144 @@
+"""The terms of a pointing model against a stranger's mount of rotated vectors, and TPOINT's own formulas."""
+
+from __future__ import annotations
+
+import math
+import random
+
+import numpy as np
+import pytest
+from strangers.tilted_mount import TiltedMount, apart_arcsec, local
+
+from sattrack.core.errors import BadInputError
+from sattrack.pointing.terms import PointingModel, first_order_deg
+from sattrack.runtime import demo_pass
+from tle.instants import Utc
+from tle.propagator import Propagator
+from tle.refraction import Refraction
+from tle.site import Site
+
+ISS = demo_pass.elements()
+SITES = (52.0, -35.0, 3.0)
+
+
+def modelled(mount: TiltedMount, beyond_pole: bool = False) -> PointingModel:
+    """Return the terms that a stranger's errors are called here."""
+    terms = {
+        "ME": mount.pole_up,
+        "MA": mount.pole_west,
+        "CH": mount.cone,
+        "NP": mount.leaning,
+        "IH": mount.zero_ha,
+        "ID": mount.zero_dec,
+        "TF": -mount.sag,
+    }
+    return PointingModel(terms, mount.latitude_deg, beyond_pole=beyond_pole)
+
+
+@pytest.mark.parametrize("beyond", [False, True])
+@pytest.mark.parametrize("latitude", SITES)
+def test_axes_of_a_mount_two_degrees_off_look_where_they_must(latitude: float, beyond: bool) -> None:
+    mount = TiltedMount(latitude, 4000.0, -6000.0, 600.0, 200.0, 900.0, -500.0, 30.0)
+    model, rng = modelled(mount, beyond), random.Random(1)
+    for _ in range(60):
+        h, d = rng.uniform(-80.0, 80.0), math.copysign(1.0, latitude) * rng.uniform(-45.0, 80.0)
+        axes = model.axes_of(h, d)
+        assert (abs(axes[1]) > 90.0) == beyond
+        # Flexure is taken at the direction itself, not at the unbent one: its square is left.
+        assert apart_arcsec(mount.looks(*axes), local(h, d, latitude)) < 0.005
+        assert model.direction_of(*axes) == pytest.approx((h, d), abs=1e-8)
+
+
+def test_arrays_give_what_single_directions_give() -> None:
+    model = PointingModel({"ME": 300.0, "CH": 500.0, "TF": 20.0, "FO": 9.0, "HDSH2": 5.0, "PHD2": 3.0}, 40.0)
+    h, d = np.array([-50.0, 10.0, 70.0]), np.array([-20.0, 30.0, 89.99])
+    many = model.axes_of(h, d)
+    for row in range(3):
+        assert model.axes_of(float(h[row]), float(d[row])) == pytest.approx((many[0][row], many[1][row]))
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("IH", (1.0, 0.0)),
+        ("ID", (0.0, 1.0)),
+        ("CH", (1.0 / math.cos(0.5), 0.0)),
+        ("NP", (math.tan(0.5), 0.0)),
+        ("MA", (-math.cos(0.7) * math.tan(0.5), math.sin(0.7))),
+        ("ME", (math.sin(0.7) * math.tan(0.5), math.cos(0.7))),
+        (
+            "TF",
+            (
+                math.cos(0.9) * math.sin(0.7) / math.cos(0.5),
+                math.cos(0.9) * math.cos(0.7) * math.sin(0.5) - math.sin(0.9) * math.cos(0.5),
+            ),
+        ),
+        ("DAF", (-(math.cos(0.9) * math.cos(0.7) + math.sin(0.9) * math.tan(0.5)), 0.0)),
+        ("FO", (0.0, math.cos(0.7))),
+        ("HCES", (math.sin(0.7), 0.0)),
+        ("HCEC", (math.cos(0.7), 0.0)),
+        ("DCES", (0.0, math.sin(0.5))),
+        ("DCEC", (0.0, math.cos(0.5))),
+        ("HDSH2", (0.0, math.sin(1.4))),
+        ("HXCHSD", (math.cos(0.7) * math.sin(0.5) / math.cos(0.5), 0.0)),
+        ("PDD2", (0.0, 0.25)),
+    ],
+)
+def test_a_small_term_is_what_tpoint_calls_it(name: str, expected: tuple[float, float]) -> None:
+    h, d, latitude = (math.degrees(x) for x in (0.7, 0.5, 0.9))
+    assert first_order_deg({name: 1.0}, h, d, latitude) == pytest.approx(expected)
+    axes = PointingModel({name: 1.0}, latitude).axes_of(h, d)
+    added = (axes[0] - h) * 3600.0, (axes[1] - d) * 3600.0
+    assert added == pytest.approx(expected, abs=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("IA", (-1.0, 0.0)),
+        ("IE", (0.0, 1.0)),
+        ("CA", (-1.0 / math.cos(0.5), 0.0)),
+        ("NPAE", (-math.tan(0.5), 0.0)),
+        ("AN", (-math.sin(0.7) * math.tan(0.5), -math.cos(0.7))),
+        ("AW", (-math.cos(0.7) * math.tan(0.5), math.sin(0.7))),
+        ("TF", (0.0, -math.cos(0.5))),
+    ],
+)
+def test_an_azimuth_mounts_small_term_is_what_tpoint_calls_it(
+    name: str, expected: tuple[float, float]
+) -> None:
+    azimuth, altitude = math.degrees(0.7), math.degrees(0.5)
+    axes = PointingModel({name: 1.0}, 33.0, "altaz").axes_of(-azimuth, altitude)
+    added = (-axes[0] - azimuth) * 3600.0, (axes[1] - altitude) * 3600.0
+    assert added == pytest.approx(expected, abs=2e-5)
+
+
+def test_an_unknown_term_is_refused_by_its_name() -> None:
+    with pytest.raises(BadInputError, match="'XYZ'"):
+        PointingModel({"XYZ": 1.0}, 52.0)
+
+
+def test_a_satellites_rates_are_the_derivatives_of_what_the_mount_is_fed() -> None:
+    model = PointingModel({"ME": 4000.0, "MA": -6000.0, "CH": 600.0, "NP": 120.0, "TF": -30.0}, 52.0)
+    site = Site(52.0, 4.5, 0.0)
+    fed = Propagator(ISS, site, refraction=Refraction(), pointing=model)
+    plain = Propagator(ISS, site, refraction=Refraction())
+    begin = float(ISS.epoch.unix_s)
+    seen = 0
+    for step in range(0, 86400, 120):
+        t = begin + step
+        if float(plain.at(Utc(t)).alt_deg) < 5.0:
+            continue
+        seen += 1
+        here, sooner, later = (fed.at(Utc(t + s)) for s in (0.0, -0.05, 0.05))
+        turn = (float(later.ra_deg) - float(sooner.ra_deg) + 180.0) % 360.0 - 180.0
+        assert float(here.ra_rate_deg_s) == pytest.approx(turn / 0.1, abs=3e-6)
+        assert float(here.dec_rate_deg_s) == pytest.approx(
+            (float(later.dec_deg) - float(sooner.dec_deg)) / 0.1, abs=3e-6
+        )
+        sky = plain.at(Utc(t))
+        axes = model.axes_of(float(sky.ha_deg), float(sky.dec_deg))
+        off = (float(here.ha_deg) - axes[0] + 180.0) % 360.0 - 180.0
+        assert off == pytest.approx(0.0, abs=0.1 / 3600.0)
+        assert float(here.dec_deg) == pytest.approx(axes[1], abs=0.1 / 3600.0)
+    assert seen > 5

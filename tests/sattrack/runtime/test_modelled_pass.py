@@ -1,0 +1,102 @@
+"""Passes with a mount that has pointing errors: where its telescope looks, by a stranger's geometry."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import TYPE_CHECKING
+
+import camera_sky
+import msgspec
+import numpy as np
+import pytest
+from strangers.tilted_mount import TiltedMount, apart_arcsec
+
+from sattrack.mount.model import MountProfile, PointingTerms, mean_sidereal_deg
+from sattrack.mount.simulator.camera import TruePath
+from sattrack.mount.simulator.installation import SimulatorProfile
+from sattrack.mount.simulator.mount import SimulatedSite, StartPosition
+from sattrack.mount.simulator.night_sky import NightSky
+from sattrack.recording.recorder import NoRecording
+from sattrack.runtime import demo_pass
+from sattrack.runtime.facts import RunRequest, build_engine, prepare
+from sattrack.runtime.flight import VirtualRun
+from sattrack.runtime.rehearse import rehearse
+from sattrack.safety import SafetyLimits
+from sattrack.safety.bounds import Bounds
+from tle.instants import Utc
+from tle.refraction import Refraction
+
+if TYPE_CHECKING:
+    from sattrack.runtime.facts import Prepared
+
+SITE = camera_sky.SITE
+MOUNT = TiltedMount(SITE.latitude_deg, 4000.0, -3500.0, 600.0, 90.0, 700.0, -900.0, 30.0)
+TERMS = {"ME": 4000.0, "MA": -3500.0, "CH": 600.0, "NP": 90.0, "IH": 700.0, "ID": -900.0, "TF": -30.0}
+MODEL = PointingTerms(
+    "2026-10-01T00:00:00Z", SITE.latitude_deg, {name: (value, 1.0) for name, value in TERMS.items()}, 2.0, 20
+)
+
+
+def prepared(modelled: bool, pier_rule: str = "never") -> Prepared:
+    """Return the practice pass, with or without the model in the profile."""
+    request = RunRequest("25544", "sim", None, None, demo_pass.BEFORE_PASS, 10.0, virtual=True)
+    made = prepare(request)
+    profile = msgspec.structs.replace(
+        made.facts.profile, pointing=MODEL if modelled else None, pier_rule=pier_rule
+    )
+    return dataclasses.replace(made, facts=msgspec.structs.replace(made.facts, profile=profile))
+
+
+def looked_beside_arcsec(made: Prepared, flip: str) -> np.ndarray:
+    """Fly a pass; return every two seconds how far the stranger's telescope looks beside the satellite."""
+    facts = made.facts
+    place = SimulatedSite(SITE.latitude_deg, SITE.longitude_deg)
+    hardware = SimulatorProfile(flip=flip)  # type: ignore[arg-type]
+    mount = camera_sky.SeenMount(facts.profile, place, StartPosition(), hardware)
+    mount.path = TruePath(keep_s=3600.0)
+    begin_s = facts.started_utc_s
+    end_s = VirtualRun(build_engine(facts), mount, begin_s, NoRecording()).run()
+    sky = NightSky(
+        SITE, [demo_pass.elements()], camera_sky.NONE, Refraction(facts.pressure_hpa, facts.temperature_c)
+    )
+    zero_deg = sky.hour_angle_zero_deg(mean_sidereal_deg(begin_s, SITE.longitude_deg), begin_s)
+    at_s = np.arange(begin_s + 80.0, end_s - 12.0, 2.0)
+    first, second = mount.path.at(at_s)
+    there = sky.satellite(0, at_s, 0.0 * at_s, 0.0 * at_s).directions
+    return np.array(
+        [
+            apart_arcsec(MOUNT.looks(h + zero_deg, d), one)
+            for h, d, one in zip(first, second, there, strict=True)
+        ]
+    )
+
+
+@pytest.mark.parametrize("flip", ["never", "hour_angle"])
+def test_a_modelled_mount_keeps_its_telescope_on_the_satellite(flip: str) -> None:
+    without, with_model = (looked_beside_arcsec(prepared(modelled, flip), flip) for modelled in (False, True))
+    assert float(np.median(without)) > 1800.0
+    # Time, refraction and the mount's clock are the same in both: what is left is the servo and the model.
+    assert float(np.sqrt(np.mean(with_model**2))) < 0.5
+    assert float(with_model.max()) < 5.0
+
+
+def test_a_rehearsal_takes_the_axes_where_the_model_has_them() -> None:
+    paths = [rehearse(prepared(modelled)).path for modelled in (False, True)]
+    plain, fed = (path.pointing for path in paths)
+    rows = np.searchsorted(plain.utc_s, fed.utc_s[::50].clip(plain.utc_s[0], plain.utc_s[-1]))
+    rows = rows.clip(0, len(plain.utc_s) - 1)
+    off = np.abs(plain.dec_axis_deg[rows] - fed.dec_axis_deg[::50])
+    assert 0.3 < float(off.max()) < 2.5
+
+
+def test_the_cone_about_the_sun_grows_by_what_the_model_may_hide() -> None:
+    noon_s = float(Utc.parse("2026-06-21T11:40:00Z").unix_s)
+    limits = SafetyLimits(optical=True)
+    boxes = []
+    for profile in (MountProfile(), MountProfile(pointing=MODEL)):
+        bounds = Bounds(profile, limits, SITE.latitude_deg, SITE.longitude_deg)
+        assert bounds.look(noon_s, 0.0)
+        boxes.append(next(cone.cone_deg for cone in bounds._cones if cone.name == "sun"))
+    assert boxes[1] - boxes[0] == pytest.approx(sum(map(abs, TERMS.values())) / 3600.0)
+    assert math.isfinite(boxes[0])

@@ -1,0 +1,222 @@
+"""Star runs in virtual time, on a mount whose errors are a stranger's, under a sky by ERFA."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import erfa
+import numpy as np
+import pytest
+from console_builders import SITE, Bench
+from strangers.tilted_mount import TiltedMount, apart_arcsec, local
+
+from sattrack.control.console import ConsoleSession
+from sattrack.core.errors import SattrackError
+from sattrack.mount.simulator.mount import StartPosition
+from sattrack.pointing.files import RunParameters, read_stars, star_line, stars_head
+from sattrack.pointing.fit import Star, fit
+from sattrack.pointing.terms import PointingModel
+from sattrack.runtime.star_run import RunSky, Solved, Stage, StarRun
+from sattrack.safety import SafetyLimits
+from tle.bodies import find_body
+from tle.refraction import Refraction
+
+LATITUDE, LONGITUDE = SITE.latitude_deg, SITE.longitude_deg
+AIR = Refraction(1010.0, 10.0)
+MOUNT = TiltedMount(LATITUDE, 4000.0, -3500.0, 600.0, 90.0, 700.0, -900.0, 30.0)
+FRAME_S, EXPOSURE_S = 1.5, 0.5
+LIMITS = SafetyLimits()
+UNIX_EPOCH_JD = 2440587.5
+
+
+@dataclass
+class StrangeSky:
+    """What a camera on a stranger's mount solves: where it looks, by ERFA, noise of a second of arc added."""
+
+    bench: Bench
+    mount: TiltedMount = MOUNT
+    source: str = "strange"
+    ended: bool = False
+    cloudy: bool = False
+    wrong: bool = False
+    _due_s: float = 0.0
+    _rng: Any = field(default_factory=lambda: np.random.default_rng(11))
+
+    def poll(self) -> list[Solved]:
+        if self.bench.now_s < self._due_s or self.bench.truth is None:
+            return []
+        self._due_s = self.bench.now_s + FRAME_S
+        if self.cloudy:
+            return [Solved(self.bench.now_s, EXPOSURE_S, None)]
+        truth = self.bench.truth
+        tube = self.mount.looks(truth.hour_angle_axis_deg, truth.dec_axis_deg)
+        tube = tube + self._rng.normal(0.0, 1.0 / 206264.8, 3)
+        tube = tube / np.linalg.norm(tube)
+        azimuth, zenith = math.atan2(tube[0], tube[1]), math.acos(tube[2])
+        day = self.bench.now_s / 86400.0
+        ra, dec = erfa.atoc13(
+            "A", azimuth, zenith, UNIX_EPOCH_JD, day, 0.0, math.radians(LONGITUDE), math.radians(LATITUDE),
+            0.0, 0.0, 0.0, AIR.pressure_hpa, AIR.temperature_c, 0.0, 0.55,
+        )  # fmt: skip
+        seen = math.degrees(ra), math.degrees(dec)
+        if self.wrong:
+            seen = (seen[0] + 40.0) % 360.0, -seen[1]
+        return [Solved(self.bench.now_s, EXPOSURE_S, seen)]
+
+
+@dataclass
+class Flight:
+    """A run in virtual time to its end."""
+
+    bench: Bench
+    camera: StrangeSky
+    run: StarRun
+    words: list[str]
+    kept: list[Star]
+    begun_s: float
+
+    @property
+    def minutes(self) -> float:
+        return (self.bench.now_s - self.begun_s) / 60.0
+
+    def missed_arcsec(self) -> float:
+        """Return by how much the telescope misses the sky by the model, RMS."""
+        assert self.run.fitted is not None
+        sample = self.bench.console.sample
+        assert sample is not None
+        zero = find_body("0,0")
+        assert zero is not None
+        seen = self.run.sky.seen(zero, sample.arrival_utc_s)
+        fast_deg = math.remainder(sample.sidereal_h * 15.0 - float(seen.ra_deg) - float(seen.ha_deg), 360.0)
+        off = []
+        for h, d in self.run.sky.grid()[::7] + 1.7:
+            axes = self.run.fitted.model.axes_of(h, d)
+            looks = self.camera.mount.looks(axes[0] + fast_deg, axes[1])
+            off.append(apart_arcsec(looks, local(h, d, LATITUDE)))
+        return math.sqrt(sum(one * one for one in off) / len(off))
+
+
+def flown(
+    most: int = 14,
+    known: tuple[Star, ...] = (),
+    judged: PointingModel | None = None,
+    mount: TiltedMount = MOUNT,
+    limits: SafetyLimits = LIMITS,
+    each: Any = None,
+    **camera: Any,
+) -> Flight:
+    """Return a run that is over; `each` is called once a period with the flight."""
+    bench = Bench(start=StartPosition(10.0, 40.0), limits=limits)
+    words: list[str] = []
+    kept: list[Star] = []
+    sky = RunSky(SITE, bench.profile, bench.limits, AIR)
+    session = ConsoleSession(bench.console, bench.now_s)
+    seen = StrangeSky(bench, mount, **camera)
+    run = StarRun(
+        session, sky, seen, most, 3.0, words.append, kept.append,  # type: ignore[arg-type]
+        stars=list(known), judged=judged, known=len(known),
+    )  # fmt: skip
+    flight = Flight(bench, seen, run, words, kept, bench.now_s)
+    while not session.finished:
+        bench.turn(session)
+        run.step(bench.now_s)
+        if each is not None:
+            each(flight)
+        assert flight.minutes < 30.0, run.doing
+    return flight
+
+
+def test_from_nothing_a_mount_two_degrees_off_points_within_five_arcseconds() -> None:
+    flight = flown(30)
+    assert flight.run.trouble is None
+    assert flight.run.stage is Stage.OVER
+    assert 12 <= len(flight.kept) <= 30
+    assert flight.minutes < 10.0
+    assert flight.missed_arcsec() < 5.0
+    assert flight.bench.console.mount_stopped in {None, True}
+
+
+def test_a_mount_whose_reports_have_nothing_to_do_with_the_sky_is_synced_first() -> None:
+    flight = flown(13, mount=replace(MOUNT, zero_ha=5.0 * 3600.0, zero_dec=-4.0 * 3600.0))
+    assert any("synced" in words for words in flight.words)
+    assert flight.run.fitted is not None
+    assert float(np.linalg.norm(flight.run.fitted.before_arcsec, axis=1).max()) < 6.0 * 3600.0
+    assert flight.run.fitted.rms_arcsec < 5.0
+
+
+def test_clouds_for_good_end_the_run_and_say_so() -> None:
+    flight = flown(cloudy=True)
+    assert isinstance(flight.run.trouble, SattrackError)
+    assert "clouds" in str(flight.run.trouble)
+    assert not flight.kept
+
+
+def test_clouds_that_pass_cost_places_not_the_run() -> None:
+    def drift(flight: Flight) -> None:
+        flight.camera.cloudy = len(flight.kept) == 4 and 60.0 < flight.bench.now_s - flight.begun_s < 110.0
+
+    flight = flown(13, each=drift)
+    assert flight.run.trouble is None
+    assert flight.run.fitted is not None
+    assert flight.run.fitted.rms_arcsec < 5.0
+
+
+def test_a_wrongly_solved_star_is_left_out() -> None:
+    def mistake(flight: Flight) -> None:
+        flight.camera.wrong = len(flight.kept) == 5
+
+    flight = flown(14, each=mistake)
+    assert flight.run.fitted is not None
+    assert int((~flight.run.fitted.used).sum()) == 1
+    assert flight.missed_arcsec() < 6.0
+
+
+def test_a_mount_that_is_bumped_is_found_out_and_measured_anew() -> None:
+    def bump(flight: Flight) -> None:
+        if len(flight.kept) == 6:
+            flight.camera.mount = replace(MOUNT, pole_up=MOUNT.pole_up + 400.0, zero_ha=MOUNT.zero_ha + 300.0)
+
+    flight = flown(14, each=bump)
+    assert any("moved before star 7" in words for words in flight.words)
+    assert flight.run.bumped_at == 6
+    assert flight.missed_arcsec() < 6.0
+
+
+def test_a_run_that_was_cut_off_goes_on_where_it_was() -> None:
+    def cut(flight: Flight) -> None:
+        if len(flight.kept) == 7:
+            flight.run.end(None, flight.bench.now_s)
+
+    first = flown(14, each=cut)
+    assert len(first.kept) == 7
+    head = stars_head("cut", RunParameters(LATITUDE, "2026-09-21", 10.0, 1010.0, 0.0))
+    _, known = read_stars(head + "".join(star_line(star) for star in first.kept), "cut.dat")
+    for star, read in zip(first.kept, known, strict=True):
+        assert read.hour_angle_deg == pytest.approx(star.hour_angle_deg, abs=1.5 / 3600.0)
+        assert read.dec_deg == pytest.approx(star.dec_deg, abs=1.0 / 3600.0)
+    second = flown(8, known=tuple(known))
+    assert len(second.kept) <= 8
+    assert len(second.run.stars) == 7 + len(second.kept)
+    assert fit(second.run.stars, LATITUDE).rms_arcsec < 6.0
+    # It looks where the first has not.
+    old = [local(star.hour_angle_deg, star.dec_deg, LATITUDE) for star in known]
+    nearest = max(
+        float(np.max(np.array(old) @ local(s.hour_angle_deg, s.dec_deg, LATITUDE))) for s in second.kept
+    )
+    assert math.degrees(math.acos(nearest)) > 5.0
+
+
+def test_a_model_is_judged_by_stars_and_not_fitted() -> None:
+    truth = {"ME": 4000.0, "MA": -3500.0, "CH": 600.0, "NP": 90.0, "IH": 700.0, "ID": -900.0, "TF": -30.0}
+    flight = flown(5, judged=PointingModel(truth, LATITUDE))
+    assert len(flight.kept) == 5
+    assert flight.run.fitted is None
+
+
+def test_nothing_that_may_be_looked_at_is_said_before_anything_moves() -> None:
+    floor = SafetyLimits(floor_altitude_deg=89.0, optical=False)
+    flight = flown(5, limits=floor)
+    assert "nothing of the sky may be looked at" in str(flight.run.trouble)
+    assert not flight.bench.flags()
