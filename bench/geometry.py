@@ -1,6 +1,6 @@
 """Mounts whose axes point anywhere, each followed for a minute in virtual time; and their axes found.
 
-python bench/geometry.py [--draws N] [--first N] [--jobs N] [--only follow|find|wrong]
+python bench/geometry.py [--draws N] [--first N] [--jobs N] [--only follow|find] [--verbose]
 
 The drives, timers, links and passes are those of `bench/family.py`, with the mounts of `bench/strangers`.
 What such a mount calls hour angle and declination are the angles of its axes, and these point anywhere: drawn
@@ -21,7 +21,7 @@ import statistics
 import struct
 import sys
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import erfa
 import family
@@ -29,15 +29,15 @@ import msgspec
 import numpy as np
 from strangers.alpaca_two_axes import Parameters, Telescope
 
+from sattrack.calibration.axes_in_space import AxesFinder, find_axes
 from sattrack.control.engine import Engine
 from sattrack.control.target import TargetState, sky_error
+from sattrack.core.errors import SattrackError
 from sattrack.mount.geometry import AxisFrame, AxisGeometry
 from sattrack.mount.model import MountProfile, SitePlace
+from sattrack.safety import SafetyLimits
 from tle.instants import Utc
 from tle.propagator import Propagator
-
-if TYPE_CHECKING:
-    from sattrack.safety import SafetyLimits
 
 STRANGERS = ("velocity_servo", "position_servo", "planner")
 STATUS_PLACE = struct.Struct("<24xd8xd8xd")
@@ -45,6 +45,7 @@ STATUS_PLACE = struct.Struct("<24xd8xd8xd")
 FASTEST_DEG_S, WIDEST_DEG, STEEPEST_DEG = 3.0, 150.0, 80.0
 """Passes through a keyhole, or round the back, are no equatorial mount's either."""
 BOUND = 1.5
+ANYWHERE = SafetyLimits(floor_altitude_deg=-90.0, optical=False)
 LEAST_ARCSEC = 0.02
 """About what the encoders and the dates of samples allow: smaller errors count as this."""
 
@@ -241,27 +242,124 @@ def follow(number: int) -> Followed:
     )
 
 
+class Found(NamedTuple):
+    """How far a found geometry's axes are from the true ones; NaN and the reason where none was found."""
+
+    number: int
+    pole_deg: float
+    axes_deg: float
+    cone_deg: float
+    own_arcsec: float
+    true_arcsec: float
+    why: str
+
+
+class Finding(AxesRun):
+    """The motions by which a draw's axes are found."""
+
+    def __init__(self, axes: AxesDraw) -> None:
+        site = axes.drawn.site
+        plain = msgspec.structs.replace(profile_of(axes), geometry=None, ra_rate_sign=1, dec_rate_sign=1)
+        super().__init__(axes)
+        self.engine = AxesFinder(  # type: ignore[assignment]
+            plain, ANYWHERE, (site.latitude_deg, site.longitude_deg), axes.drawn.begin_s
+        )
+
+    def _client_turn(self, now_s: float, _: Any) -> None:
+        finder: Any = self.engine
+        self._carry(self.drawn.hardware.command_delay_s, now_s, self._arrives, finder.tick(now_s))
+        self._at(now_s + family.PERIOD_S, self._client_turn, None)
+        self.ended_by = "done" if finder.finished else None
+
+
+def find(number: int) -> Found:
+    """Find the axes of a draw that reports the sky, and follow with what was found."""
+    axes = draw(number)
+    axes = axes._replace(geometry=msgspec.structs.replace(axes.geometry, reports="sky"))
+    site = axes.drawn.site
+    # Not where the first axis points: nobody could tell its angle there.
+    rng = random.Random(f"find {number}")
+    stands = (axes.drawn.stands[0], axes.zeros_deg[1] + rng.uniform(-55.0, 55.0))
+    axes = axes._replace(drawn=replace(axes.drawn, stands=stands, start_s=axes.drawn.begin_s + 300.0))
+    run = Finding(axes).run()
+    finder: Any = run.engine
+    try:
+        if finder.words is not None:
+            raise SattrackError(finder.words)
+        found = find_axes(finder.legs, site.latitude_deg)
+    except SattrackError as error:
+        return Found(number, math.nan, math.nan, math.nan, math.nan, math.nan, str(error))
+    true = axes.geometry
+    poles = [
+        math.radians(angle)
+        for one in (found.geometry, true)
+        for angle in (one.pole_azimuth_deg, one.pole_altitude_deg)
+    ]
+    apart = math.degrees(erfa.seps(*poles))
+    followed = draw(number)
+    followed = followed._replace(geometry=msgspec.structs.replace(followed.geometry, reports="sky"))
+    signs = [1 if gain > 0.0 else -1 for gain in found.gains]
+    profile = msgspec.structs.replace(
+        profile_of(followed),
+        geometry=found.geometry,
+        ra_rate_sign=signs[0],
+        dec_rate_sign=signs[1],
+    )
+    return Found(
+        number,
+        min(apart, 180.0 - apart),
+        found.geometry.axes_deg - true.axes_deg,
+        abs(found.geometry.cone_deg) - abs(true.cone_deg),
+        AxesRun(followed, profile=profile).run().settled_rms_arcsec(),
+        AxesRun(followed).run().settled_rms_arcsec(),
+        "",
+    )
+
+
+def tell_followed(followed: list[Followed]) -> None:
+    """Print how mounts were followed with."""
+    ratios = [one.own_arcsec / max(one.equatorial_arcsec, LEAST_ARCSEC) for one in followed]
+    known = sorted(ratio for ratio in ratios if math.isfinite(ratio))
+    print(f"followed with: {len(known)} of {len(followed)} mounts")
+    print(f"error over the equatorial one: median {statistics.median(known):.2f}, most {known[-1]:.2f}")
+    print(f"within {BOUND}: {sum(ratio <= BOUND for ratio in known)}")
+
+
+def tell_found(found: list[Found]) -> None:
+    """Print how well axes were found."""
+    known = [one for one in found if not one.why]
+    print(f"found: {len(known)} of {len(found)} mounts")
+    for name, offs in (
+        ("pole", [one.pole_deg for one in known]),
+        ("angle between the axes", [abs(one.axes_deg) for one in known]),
+        ("cone", [abs(one.cone_deg) for one in known]),
+    ):
+        print(f"{name} off by: median {3600 * statistics.median(offs):.2f}″, most {3600 * max(offs):.2f}″")
+    ratios = [one.own_arcsec / max(one.true_arcsec, LEAST_ARCSEC) for one in known]
+    finite = [ratio for ratio in ratios if math.isfinite(ratio)]
+    print(f"error with what was found over that with the truth: most {max(finite):.2f} of {len(finite)}")
+
+
 def main() -> int:
     """Print the figures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--draws", type=int, default=200)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--only", choices=("follow", "find"))
     parser.add_argument("--verbose", action="store_true")
     options = parser.parse_args()
     numbers = range(options.first, options.first + options.draws)
+    parts = {"follow": (follow, tell_followed), "find": (find, tell_found)}
     with multiprocessing.Pool(options.jobs) as pool:
-        followed = []
-        for one in pool.imap(follow, numbers):
-            followed.append(one)
-            if options.verbose:
-                print(one, flush=True)
-    ratios = [one.own_arcsec / max(one.equatorial_arcsec, LEAST_ARCSEC) for one in followed]
-    lost = sum(not math.isfinite(ratio) for ratio in ratios)
-    known = sorted(ratio for ratio in ratios if math.isfinite(ratio))
-    print(f"mounts {len(followed)}, not followed {lost}")
-    print(f"error over the equatorial one: median {statistics.median(known):.2f}, most {known[-1]:.2f}")
-    print(f"within {BOUND}: {sum(ratio <= BOUND for ratio in known)}")
+        for name in (options.only,) if options.only else parts:
+            work, tell = parts[name]
+            done: list[Any] = []
+            for one in pool.imap(work, numbers):
+                done.append(one)
+                if options.verbose:
+                    print(one, flush=True)
+            tell(done)
     return 0
 
 

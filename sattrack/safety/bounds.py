@@ -183,6 +183,11 @@ class Bounds:
         self._put(cones)
         return True
 
+    @property
+    def cones(self) -> tuple[Cone, ...]:
+        """The cones about what is up, as of the last look."""
+        return tuple(self._cones)
+
     def _put(self, cones: list[Cone]) -> None:
         self._cones, self._memory_of_cones = cones, Memory(cones)
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from enum import StrEnum
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 from sattrack.mount.model import (
@@ -305,11 +306,13 @@ def _disobeys(commanded_deg_s: float, moved_deg_s: float) -> bool:
     return stays or went > 2.0 * commanded + RUNAWAY_DEG_S
 
 
-BLOCK_S, BLOCKS, FEWEST_BLOCKS = 0.4, 16, 8
+BLOCK_S, BLOCKS, FEWEST_BLOCKS = 0.4, 20, 6
+JUMP_DEG_S = 0.25
+"""A change of rates from block to block that servos, whatever they are, need not answer at once."""
 LAGS = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
 """By how many blocks motion may come after its command."""
 GAINS = (0.4, 1.6)
-UNEXPLAINED, EXPLAINED = 0.1, 0.4
+UNEXPLAINED, EXPLAINED = 0.15, 0.4
 """Axes lie elsewhere where gains leave this share of the motion, squared, and a mixture of both commanded
 rates leaves less than that share of what the gains do."""
 NEAR_POLE_DEG = 80.0
@@ -357,20 +360,32 @@ class AxesWatch:
             self.askew = self._is_askew()
 
     def _is_askew(self) -> bool:
-        rows = self._rows(math.ceil(max(LAGS)))
-        if not rows:
+        most = math.ceil(max(LAGS))
+        rows = self._rows(most, self._quiet(most))
+        if not rows or len(rows[0][1]) < FEWEST_BLOCKS:
             return False
         size = sum([x * x + y * y for _, went in rows[:1] for x, y in went])
         by_gains = min([sum(_by_gain(asked, went, axis)[1] for axis in (0, 1)) for asked, went in rows])
         by_both = min([sum(_left_by_both(asked, went, axis) for axis in (0, 1)) for asked, went in rows])
         return by_gains > UNEXPLAINED * size and by_both < EXPLAINED * by_gains
 
+    def _quiet(self, most: int) -> list[int]:
+        """Return the blocks before which commands changed so little that any servo has answered them."""
+        blocks = list(self._blocks)
+        jumps = [
+            max(abs(late[0] - soon[0]), abs(late[1] - soon[1])) > JUMP_DEG_S * BLOCK_S
+            for soon, late in pairwise(blocks)
+        ]
+        return [k for k in range(most, len(blocks)) if not any(jumps[k - most : k])]
+
     def turned(self) -> tuple[bool, bool] | None:
-        """Return of each axis whether its rate has the other sign; None where signs do not explain the motion.
+        """Return of each axis whether its rate has the other sign; None where signs explain no motion.
 
         Also by the little that is known when a mount has just been stopped.
         """
-        rows = self._rows(1 if len(self._blocks) < FEWEST_BLOCKS else math.ceil(max(LAGS)))
+        count = len(self._blocks)
+        most = 1 if count < 2 * FEWEST_BLOCKS else math.ceil(max(LAGS))
+        rows = self._rows(most, list(range(most, count)))
         best: tuple[float, tuple[bool, bool]] = (math.inf, (False, False))
         for asked, went in rows:
             fits = [
@@ -381,10 +396,10 @@ class AxesWatch:
         size = sum([x * x + y * y for _, went in rows[:1] for x, y in went])
         return best[1] if not rows or best[0] <= TURNED_LEAVES * size else None
 
-    def _rows(self, most: int) -> list[tuple[list[Pair], list[Pair]]]:
-        """Return what was asked and what came of it, in blocks, by each lag; nothing for too little motion."""
+    def _rows(self, most: int, which: list[int]) -> list[tuple[list[Pair], list[Pair]]]:
+        """Return what was asked and what came of it, in blocks, by each lag; nothing without motion."""
         blocks = list(self._blocks)
-        went: list[Pair] = [(c, d) for _, _, c, d in blocks[most:]]
+        went: list[Pair] = [blocks[k][2:] for k in which]
         if sum([x * x + y * y for x, y in went]) <= len(went) * (2.0 * LEAST_ASKED_DEG_S * BLOCK_S) ** 2:
             return []
         found = []
@@ -393,7 +408,7 @@ class AxesWatch:
             if lag > most:
                 break
             asked: list[Pair] = []
-            for k in range(most, len(blocks)):
+            for k in which:
                 late, later = blocks[k - whole], blocks[k - whole - (part > 0.0)]
                 asked.append(
                     ((1.0 - part) * late[0] + part * later[0], (1.0 - part) * late[1] + part * later[1])
