@@ -104,6 +104,7 @@ MEANINGS = {
     "home": "the same of the home position",
     "readings": "types of the status fields that the protocol leaves open; written by a calibration",
     "calibration": "what a calibration measured; written by it",
+    "geometry": "how the axes lie; left out: equatorial. See [Axes that are not equatorial](geometry.md)",
     "sky": "what cameras have shown of the mount and of themselves; written by `--learn-profile`",
 }
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sattrack.control.following import FeederLaw
+    from sattrack.control.target import TargetState
     from sattrack.mount.model import AxisLimits, MountProfile
     from tle.direction import Direction
 
@@ -157,7 +158,7 @@ class Approach:
     """Plans ways to one target, and judges how they go. `trouble` says in words why it was given up."""
 
     def __init__(
-        self, profile: MountProfile, target_at: Callable[[float], Direction], law: FeederLaw
+        self, profile: MountProfile, target_at: Callable[[float], Direction | TargetState], law: FeederLaw
     ) -> None:
         self._profile = profile
         self._law = law

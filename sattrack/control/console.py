@@ -124,11 +124,6 @@ class Console(Driver):
         return self.session.status
 
     @property
-    def sample(self) -> StatusSample | None:
-        """The same, as the tracker sees it."""
-        return self.session.sample
-
-    @property
     def stands(self) -> bool:
         """Whether the mount's positions say standstill, sidereal tracking not counted as such."""
         stance = self.session.stance

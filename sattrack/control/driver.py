@@ -10,14 +10,17 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+import msgspec
+
 from sattrack.mount.link_loss import STOP_LINGER_S, longest_stop_s
-from sattrack.mount.model import Hold, MoveAxes, Stop, seen_of
+from sattrack.mount.model import Hold, MoveAxes, StatusSample, Stop, seen_of
 from sattrack.mount.xerxes.link import LinkState
 from sattrack.mount.xerxes.session import Session
 from sattrack.safety import ROWS, Safety, SafetyLimits
 
 if TYPE_CHECKING:
-    from sattrack.mount.model import Cleared, Motion, MountProfile, Status, StatusSample
+    from sattrack.mount.geometry import AxisFrame
+    from sattrack.mount.model import Cleared, Motion, MountProfile, Status
     from tle.site import Site
 
 NO_ANSWER_AFTER_S = 3.0
@@ -87,8 +90,12 @@ class StopProcedure:
 class Driver:
     """One mount: the session with it, the safety that clears its motions, and the stop at the end.
 
-    Subclasses decide which motion is wanted.
+    Subclasses decide which motion is wanted. Those with `by_axes` think in the angles of the mount's axes,
+    where its profile has a geometry: a right ascension is then the mount's sidereal time less the angle of
+    the first axis, a declination that of the second. The others move no such mount.
     """
+
+    by_axes = False
 
     def __init__(self, profile: MountProfile, safety: Safety) -> None:
         self.profile = profile
@@ -98,8 +105,16 @@ class Driver:
         """State of the link as of the last tick."""
         self.stop: StopProcedure | None = None
         """The stop at the end, once it has begun."""
+        self.frame = profile.frame
+        """The axes in space; None for an equatorial mount."""
+        self._by_axes: StatusSample | None = None
         self.in_force: Motion = Hold()
         """The motion last sent: to a mount that takes rates by edges, not each of them is."""
+
+    @property
+    def sample(self) -> StatusSample | None:
+        """The last sample, by the angles of the axes where the profile has a geometry."""
+        return self.session.sample if self.frame is None else self._by_axes
 
     @property
     def finished(self) -> bool:
@@ -119,14 +134,20 @@ class Driver:
     def receive(self, data: bytes, arrival_utc_s: float) -> StatusSample | None:
         """Take one datagram from the mount; return its sample, None where it was refused."""
         sample = self.session.receive(data, arrival_utc_s)
-        if sample is not None and self.session.status is not None:
-            self.safety.watch(seen_of(self.session.status, arrival_utc_s), self.in_force)
+        if sample is None or self.session.status is None:
+            return sample
+        seen = seen_of(self.session.status, arrival_utc_s)
+        if self.frame is not None:
+            sample = sample_by_axes(sample, self.frame)
+            seen = msgspec.structs.replace(seen, ra_deg=sample.ra_deg, dec_deg=sample.dec_deg)
+            self._by_axes = sample
+        self.safety.watch(seen, self.in_force)
         return sample
 
     def clear(self, motion: Motion, now_utc_s: float) -> Cleared:
         """Return a motion as far as safety lets the mount make it; before its first status, only a stop."""
-        sample = self.session.sample
-        if sample is None:
+        sample = self.sample
+        if sample is None or (self.frame is not None and not self.by_axes):
             return self.safety.clear(motion if isinstance(motion, Hold) else Stop(), 0.0, 0.0, 0.0)
         age_s = max(0.0, now_utc_s - sample.arrival_utc_s)
         lst_deg = sample.sidereal_h * 15.0
@@ -150,6 +171,25 @@ class Driver:
         """The motion that the last datagram asks for, None where the mount takes no new rates from it."""
         wanted = self.session.wanted
         return self.session.begun_move if isinstance(wanted, MoveAxes) else wanted
+
+
+def sample_by_axes(sample: StatusSample, frame: AxisFrame) -> StatusSample:
+    """Return a sample with the angles of the axes in place of the reported direction."""
+    sidereal_deg = sample.sidereal_h * 15.0
+    reported = sidereal_deg - sample.ra_deg, sample.dec_deg, sample.ra_drive_deg_s, sample.dec_drive_deg_s
+    first, second, first_rate, second_rate = frame.of_report(*reported)
+    return StatusSample(
+        counter=sample.counter,
+        arrival_utc_s=sample.arrival_utc_s,
+        sidereal_h=sample.sidereal_h,
+        ra_deg=(sidereal_deg - first) % 360.0,
+        dec_deg=second,
+        slewing=sample.slewing,
+        does_refraction=sample.does_refraction,
+        ra_drive_deg_s=first_rate,
+        dec_drive_deg_s=second_rate,
+        beyond_pole=sample.beyond_pole,
+    )
 
 
 class DirectStop(Driver):

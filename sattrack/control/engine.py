@@ -66,6 +66,8 @@ class RunSpec:
 class Engine(Driver):
     """One run with one mount, from the first datagram to the mount seen at rest."""
 
+    by_axes = True
+
     def __init__(self, spec: RunSpec) -> None:
         super().__init__(spec.profile, safety_of(spec))
         self.spec = spec
@@ -249,7 +251,8 @@ class Engine(Driver):
         """Return the datagram to send now; call once a period."""
         if not self.failed:
             self._watch_link(now_utc_s)
-        arrived = self.session.slew_state is SlewState.DONE and self.safety.on_last_leg
+        arrived = self.session.slew_state is SlewState.DONE or self.safety.led_there
+        arrived = arrived and self.safety.on_last_leg
         rest = self.tracker.rest
         stopped = rest is not None and self.session.stopped
         motion = self.tracker.step(now_utc_s, arrived, stopped, self.safety.holding is not None)
@@ -273,7 +276,7 @@ class Engine(Driver):
             self.stop = StopProcedure(now_utc_s)
         datagram = self.compose(now_utc_s)
         if self.sent_motion is not None:
-            self.tracker.note_sent(self.sent_motion, now_utc_s)
+            self.tracker.note_sent(self.sent_motion, now_utc_s, self.safety.led)
         return datagram
 
     def _end_jogs(self, cleared: Cleared, now_utc_s: float) -> Cleared:
@@ -324,12 +327,22 @@ class Engine(Driver):
         self.message = words
         self.tracker.end(why)
 
+    @property
+    def pointing_deg(self) -> tuple[float, float] | None:
+        """Right ascension and declination to which the mount points, by its last status; None before it."""
+        sample = self.sample
+        if sample is None or self.frame is None:
+            return None if sample is None else (sample.ra_deg, sample.dec_deg)
+        sidereal_deg = sample.sidereal_h * 15.0
+        hour_angle_deg, dec_deg = self.frame.direction(sidereal_deg - sample.ra_deg, sample.dec_deg)
+        return (sidereal_deg - hour_angle_deg) % 360.0, dec_deg
+
     def true_error(self, counter: int, utc_s: float, ra_deg: float, dec_deg: float) -> ErrorView | None:
         """Return the error of a simulated mount's true axes; None outside the time that figures count."""
         if self.failed or counter not in self._counted:
             return None
         self._counted.remove(counter)
-        return sky_error(utc_s, ra_deg, dec_deg, self.tracker.direction_at(utc_s))
+        return sky_error(utc_s, ra_deg, dec_deg, self.tracker.fed_at(utc_s))
 
     @property
     def phase(self) -> str:
@@ -345,7 +358,8 @@ class Engine(Driver):
     @property
     def led_out(self) -> bool:
         """Whether safety slews a paused mount, of which nothing is asked, out of a cone."""
-        return self.tracker.rest is not None and isinstance(self.session.wanted, Slew)
+        slews = isinstance(self.session.wanted, Slew) or self.safety.led is not None
+        return self.tracker.rest is not None and slews
 
     def view(self, now_utc_s: float) -> TrackView:
         """Return what anyone who looks may see, as of an instant."""

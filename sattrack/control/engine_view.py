@@ -21,6 +21,7 @@ from sattrack.views.run import (
     PauseView,
     SearchView,
     TrackView,
+    TwoAxesView,
 )
 from tle.bodies import Body
 from tle.elements import expected_error_m
@@ -45,12 +46,13 @@ LOOSE_FACTOR = 2.0
 
 def view_of(engine: Engine, now_utc_s: float) -> TrackView:
     """Return what anyone who looks may see of a run, as of an instant (UTC, POSIX seconds)."""
-    spec, tracker, sample = engine.spec, engine.tracker, engine.session.sample
+    spec, tracker, sample = engine.spec, engine.tracker, engine.sample
     followed = spec.propagator.elements
     error = tracker.error
     fresh = error is not None and 0.0 <= now_utc_s - error.utc_s < STALE_AFTER_S
     # Target and mount are shown for one instant: a tick apart they would seem to disagree.
     target = tracker.direction_at(error.utc_s if error is not None and fresh else now_utc_s)
+    place = engine.pointing_deg
     return TrackView(
         utc_s=now_utc_s,
         phase=engine.phase,
@@ -67,8 +69,8 @@ def view_of(engine: Engine, now_utc_s: float) -> TrackView:
         target_alt_deg=float(target.alt_deg),
         target_az_deg=float(target.az_deg),
         range_km=float(target.range_km) if followed.ranged else None,
-        mount_ra_deg=None if sample is None else sample.ra_deg,
-        mount_dec_deg=None if sample is None else sample.dec_deg,
+        mount_ra_deg=None if place is None else place[0],
+        mount_dec_deg=None if place is None else place[1],
         error=error,
         rms_10s_arcsec=engine.rms_10s_arcsec,
         rms_pass_arcsec=engine.reported.rms_arcsec,
@@ -95,6 +97,23 @@ def view_of(engine: Engine, now_utc_s: float) -> TrackView:
         t0_utc_s=tracker.t0_utc_s,
         source=followed.provenance,
         expected_error_m=expected_error_m(followed, Utc(now_utc_s)),
+        axes=_axes_view(engine),
+    )
+
+
+def _axes_view(engine: Engine) -> TwoAxesView | None:
+    sample, frame = engine.sample, engine.frame
+    if sample is None or frame is None:
+        return None
+    first_deg = math.remainder(sample.sidereal_h * 15.0 - sample.ra_deg, 360.0)
+    rates = sample.ra_drive_deg_s, sample.dec_drive_deg_s
+    return TwoAxesView(
+        first_deg=first_deg,
+        second_deg=sample.dec_deg,
+        first_rate_deg_s=rates[0],
+        second_rate_deg_s=rates[1],
+        field_angle_deg=frame.field_angle_deg(first_deg, sample.dec_deg),
+        field_rate_deg_s=frame.field_rate_deg_s(first_deg, sample.dec_deg, *rates),
     )
 
 

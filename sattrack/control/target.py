@@ -61,7 +61,7 @@ class TargetState(msgspec.Struct, frozen=True, gc=False):
     dec_rate_deg_s: float
 
     @classmethod
-    def at(cls, known: Direction, late_s: float = 0.0) -> TargetState:
+    def at(cls, known: Direction | TargetState, late_s: float = 0.0) -> TargetState:
         """Return a known direction's target, so much later that its rates make up for that."""
         ra_rate, dec_rate = float(known.ra_rate_deg_s), float(known.dec_rate_deg_s)
         ra, dec = float(known.ra_deg), float(known.dec_deg)
@@ -91,11 +91,13 @@ def sky_error(utc_s: float, ra_deg: float, dec_deg: float, target: Direction | T
 class SatelliteTarget:
     """A satellite by its direction at an instant, led round the celestial pole by detours."""
 
-    def __init__(self, direction_at: Callable[[float], Direction], detours: tuple[Detour, ...]) -> None:
+    def __init__(
+        self, direction_at: Callable[[float], Direction | TargetState], detours: tuple[Detour, ...]
+    ) -> None:
         self._direction_at = direction_at
         self.passage = Passage(detours) if detours else None
         """The detours that are ahead."""
-        self._predicted: deque[tuple[float, Direction]] = deque(maxlen=PREDICTIONS_KEPT)
+        self._predicted: deque[tuple[float, Direction | TargetState]] = deque(maxlen=PREDICTIONS_KEPT)
         """The target at the ends of the intervals that the last commands are for."""
 
     def forget(self) -> None:

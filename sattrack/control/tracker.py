@@ -6,6 +6,7 @@ socket or random number, so the same inputs give the same outputs to the last bi
 
 from __future__ import annotations
 
+import math
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,17 @@ from sattrack.control.following import ControlLaw, Follower
 from sattrack.control.rest import Rest
 from sattrack.control.steering import Steering
 from sattrack.control.target import Detour, SatelliteTarget, TargetState, sky_error
-from sattrack.mount.model import Hold, Motion, MountProfile, MoveAxes, Slew, StatusSample, Stop
+from sattrack.mount.model import (
+    SIDEREAL_RATE_DEG_S,
+    Hold,
+    Motion,
+    MountProfile,
+    MoveAxes,
+    Slew,
+    StatusSample,
+    Stop,
+    mean_sidereal_deg,
+)
 from sattrack.views.messages import (
     Go,
     Jog,
@@ -42,6 +53,8 @@ if TYPE_CHECKING:
     from tle.propagator import Propagator
 
 ACQUIRED_AFTER_SAMPLES = 10
+CLOCK_SET_DEG, CLOCK_SAMPLES = 0.01, 400
+"""A jump by which the mount's clock was set, and how many samples its error is averaged over."""
 LATE_FIX_S = 10.0
 """How old a report of a place may be."""
 LOST_ARCSEC = 120.0
@@ -94,8 +107,12 @@ class Tracker:
         self.steering = Steering(propagator, profile, bias, cameras, plan.start_utc_s, remembered)
         self.follower = Follower(profile, propagator.site.longitude_deg, plan.law)
         """Knows the mount's clock and axes, and learns of the mount while it follows."""
-        self._satellite = SatelliteTarget(self.direction_at, plan.detours)
-        self._way = Approach(profile, self.direction_at, plan.law.feeder)
+        self._frame = profile.frame
+        self._longitude_deg = propagator.site.longitude_deg
+        self._clock_gap_deg, self._clock_samples = 0.0, 0
+        """How far the mount's sidereal clock is ahead of mean sidereal time, in the mean of late."""
+        self._satellite = SatelliteTarget(self.fed_at, plan.detours)
+        self._way = Approach(profile, self.fed_at, plan.law.feeder)
         self._stand = MountPlace(0.0, 0.0, 0.0)
         self._near = 0
         self.slipped_s = 0.0
@@ -173,7 +190,7 @@ class Tracker:
             end_utc_s=self.plan.end_utc_s + seconds,
             detours=(),
         )
-        self._satellite = SatelliteTarget(self.direction_at, ())
+        self._satellite = SatelliteTarget(self.fed_at, ())
         self.steering.biases.use(propagator.with_elements(known.later(seconds)))
         if self.phase is Phase.SLEWING:
             self.phase = Phase.WAITING
@@ -189,10 +206,41 @@ class Tracker:
         """Return where the satellite is fed at an instant, all offsets of that instant applied."""
         return self.steering.biases.at(utc_s)
 
+    def fed_at(self, utc_s: float) -> Direction | TargetState:
+        """Return what the mount is fed at an instant: that direction, or the angles of its axes for it.
+
+        Where the mount reports the sky, its own clock is taken on both ways, and what it is off drops out.
+        """
+        known, frame = self.direction_at(utc_s), self._frame
+        if frame is None:
+            return known
+        sidereal_deg = mean_sidereal_deg(utc_s, self._longitude_deg) + self._clock_gap_deg
+        if frame.geometry.reports == "sky":
+            hour_angle_deg = sidereal_deg - float(known.ra_deg)
+            hour_angle_rate = SIDEREAL_RATE_DEG_S - float(known.ra_rate_deg_s)
+        else:
+            hour_angle_deg, hour_angle_rate = float(known.ha_deg), float(known.ha_rate_deg_s)
+        first, second, first_rate, second_rate = frame.angles(
+            hour_angle_deg, float(known.dec_deg), hour_angle_rate, float(known.dec_rate_deg_s)
+        )
+        ra_deg = (sidereal_deg - first) % 360.0
+        return TargetState(ra_deg, second, SIDEREAL_RATE_DEG_S - first_rate, second_rate)
+
+    def _note_clock(self, sidereal_deg: float, utc_s: float) -> None:
+        gap_deg = math.remainder(sidereal_deg - mean_sidereal_deg(utc_s, self._longitude_deg), 360.0)
+        off_deg = math.remainder(gap_deg - self._clock_gap_deg, 360.0)
+        if not self._clock_samples or abs(off_deg) > CLOCK_SET_DEG:
+            self._clock_gap_deg, self._clock_samples = gap_deg, 1
+        else:
+            self._clock_samples = min(self._clock_samples + 1, CLOCK_SAMPLES)
+            self._clock_gap_deg += off_deg / self._clock_samples
+
     def take(self, sample: StatusSample) -> ErrorView:
         """Take in one sample; return its error on the sky, dated by the mount's own clock."""
         utc_s = self.follower.date(sample)
         self._face(sample.beyond_pole)
+        if self._frame is not None:
+            self._note_clock(sample.sidereal_h * 15.0, utc_s)
         passage = self._satellite.passage
         seen = sample if passage is None else passage.unfolded(sample)
         believed = self.follower.take(seen, utc_s, self.phase in FOLLOWING)
@@ -241,6 +289,8 @@ class Tracker:
 
     def _not_seen(self, seen: SeenOffset) -> str | None:
         """Return why an offset says nothing of where the target is: the mount was not on it."""
+        if self._frame is not None and self._frame.turns_field:
+            return "the field of this mount's camera rotates on the sky: offsets are not taken from it"
         utc_s, on_s = float(Utc.parse(seen.utc).unix_s), self._on_target_utc_s
         if self.phase is not Phase.TRACKING:
             return "the mount is not on the target"
@@ -385,9 +435,9 @@ class Tracker:
         """Return the delay of the next datagram beyond one period from now, seconds."""
         return self.follower.send_shift_s(now_utc_s, self.phase in FOLLOWING)
 
-    def note_sent(self, motion: Motion, now_utc_s: float) -> None:
-        """Note what was really sent, after safety had its say."""
-        self._way.sent(motion)
+    def note_sent(self, motion: Motion, now_utc_s: float, led: Slew | None = None) -> None:
+        """Note what was really sent, after safety had its say; `led` is the slew that rates stand for."""
+        self._way.sent(led or motion)
         passage = self._satellite.passage
         if passage is not None and isinstance(motion, MoveAxes):
             motion = passage.turned(motion)

@@ -11,6 +11,8 @@ from typing import Literal, NamedTuple
 
 import msgspec
 
+from sattrack.mount.geometry import AxisFrame, AxisGeometry
+
 SIDEREAL_DAY_S = 86164.0905
 SIDEREAL_RATE_DEG_S = 360.0 / SIDEREAL_DAY_S
 """Rate of the hour angle of a fixed direction, degrees per second of UTC."""
@@ -248,6 +250,16 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What cameras have shown at earlier passes; what the next one begins with."""
     pointing: PointingTerms | None = None
     """By how much reports differ from where the telescope points; None where that is not known."""
+    geometry: AxisGeometry | None = None
+    """How the axes lie; None for an equatorial mount. Hour angles and declinations of this profile (limits,
+    zones, park, home, and those of `ra` and `dec`) are then the angles of the first and the second axis."""
+
+    @property
+    def frame(self) -> AxisFrame | None:
+        """The axes in space, None for an equatorial mount."""
+        if self.geometry is None or self.stands_at is None:
+            return None
+        return AxisFrame(self.geometry, self.stands_at.latitude_deg)
 
     @property
     def dated_within_s(self) -> float | None:
@@ -312,6 +324,20 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             if not 0.0 <= value < 5.0:
                 raise ValueError(f"{name} is {value:g}; delays are 0 s or more, and below 5 s")
         self._check_travel()
+        self._check_geometry()
+
+    def _check_geometry(self) -> None:
+        if self.geometry is None:
+            return
+        if self.stands_at is None:
+            raise ValueError("geometry is given without stands_at: axes lie so at one site only; give both")
+        if self.geometry.reports == "sky" and self.additive:
+            raise ValueError(
+                'additive is true, and geometry.reports is "sky": only mounts are driven '
+                "whose MoveAxis takes the place of their tracking, which turns both axes"
+            )
+        if self.through_pole:
+            raise ValueError("through_pole is true: only equatorial mounts are led through their pole")
 
     def _check_travel(self) -> None:
         low, high = self.dec_axis_limits_deg
@@ -337,6 +363,11 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                     f"{name} is at declination {place.dec_deg:g}, "
                     f"outside dec_axis_limits_deg, {low:g} to {high:g}"
                 )
+
+
+def horizon_latitude_deg(profile: MountProfile, latitude_deg: float) -> float:
+    """Return the latitude at which an equatorial mount sees the horizon as this one does at a site's."""
+    return latitude_deg if profile.geometry is None else profile.geometry.pole_altitude_deg
 
 
 def _surely(value: float, sigma: float | None) -> float:

@@ -18,7 +18,7 @@ import numpy as np
 from sattrack.control.approach import MARGIN_S, slew_time_s
 from sattrack.control.stages import KEYHOLE, RATE
 from sattrack.core.angles import wrap180
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, horizon_latitude_deg
 from sattrack.planning.path import axis_path, find_keyholes, margins_deg, stretches
 from tle.bias import NO_BIAS
 from tle.instants import Utc
@@ -55,7 +55,10 @@ LEAST_SHARE = 0.9
 
 @dataclass(frozen=True, slots=True)
 class Ability:
-    """What is followed with: the mount, the site's limits and latitude, and how near counts as on target."""
+    """What is followed with: the mount, the site's limits, and how near counts as on target.
+
+    The latitude is the site's, or that at which an equatorial mount sees the horizon as this one's axes do.
+    """
 
     profile: MountProfile
     limits: SafetyLimits
@@ -214,7 +217,8 @@ ON_TARGET_DEG = 2.0 / 3600.0
 
 def ability_at(site: Site, profile: MountProfile, limits: SafetyLimits) -> Ability:
     """Return what passes at a site are judged by."""
-    return Ability(profile, limits, site.latitude_deg, ON_TARGET_DEG, profile.through_pole)
+    latitude_deg = horizon_latitude_deg(profile, site.latitude_deg)
+    return Ability(profile, limits, latitude_deg, ON_TARGET_DEG, profile.through_pole)
 
 
 class Verdict(NamedTuple):
@@ -239,12 +243,12 @@ def verdict_on(
     if not end > begin:
         return Verdict("the pass has no duration")
     propagator = Propagator(elements, site, earth=earth, refraction=Refraction.standard(site.height_m))
-    path = axis_path(propagator, NO_BIAS, _instants(begin, end, STEP_S))
+    path = axis_path(propagator, NO_BIAS, _instants(begin, end, STEP_S), ability.profile.frame)
     dec = path.pointing.dec_axis_deg
     if not np.isfinite(dec).all():
         return Verdict("the elements have it come down before the pass ends")
     if _may_be_too_fast(path, ability.profile.ra):
-        path = axis_path(propagator, NO_BIAS, _instants(begin, end, FINE_STEP_S))
+        path = axis_path(propagator, NO_BIAS, _instants(begin, end, FINE_STEP_S), ability.profile.frame)
     beyond = ability.profile.pier_rule == "hour_angle" and _is_west(path.pointing.hour_angle_axis_deg[0])
     lost = losses(path.seen_from(beyond, ability.latitude_deg), ability)
     return Verdict(why_not(lost, end - begin), tuple(lost))

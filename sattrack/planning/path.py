@@ -35,8 +35,10 @@ if TYPE_CHECKING:
     from sattrack.mount.model import AxisLimits, MountProfile
     from tle.bias import Bias
     from tle.propagator import Propagator
+    from tle.site import Site
 
     Array = NDArray[np.float64]
+    from sattrack.mount.geometry import AxisFrame
     from sattrack.mount.model import PierZone
     from sattrack.safety.bodies import Wanderer
     from sattrack.safety.limits import SafetyLimits
@@ -140,21 +142,24 @@ class AxisPath:
         ).wound_anew()
 
 
-def axis_path(propagator: Propagator, bias: Bias, utc_s: Array) -> AxisPath:
+def axis_path(propagator: Propagator, bias: Bias, utc_s: Array, frame: AxisFrame | None = None) -> AxisPath:
     """Return the way of a satellite at rising instants, three or more, seen from the normal side of the pier.
 
-    Accelerations are differences of the rates. Instants at which SGP4 fails are NaN. Raises TimeRangeError.
+    `frame` is that of axes that are not equatorial: hour angle and declination are then those axes' angles,
+    and Sun and Moon are seen from their pole. Accelerations are differences of the rates. Instants at which
+    SGP4 fails are NaN. Raises TimeRangeError.
     """
     seen: Any = propagator.at(Utc(utc_s), bias)
-    hour_angle = np.asarray(seen.ha_deg)
+    place = (seen.ha_deg, seen.dec_deg, seen.ha_rate_deg_s, seen.dec_rate_deg_s)
+    hour_angle, dec, ha_rate, dec_rate = (np.asarray(one) for one in place)
+    if frame is not None:
+        hour_angle, dec, ha_rate, dec_rate = frame.angles(hour_angle, dec, ha_rate, dec_rate, fn=np)
     axis = np.full_like(hour_angle, np.nan)
     good = np.isfinite(hour_angle)
     axis[good] = np.degrees(np.unwrap(np.radians(hour_angle[good])))
-    site = propagator.site
-    bodies = [body_place_deg(name, site.latitude_deg, site.longitude_deg, utc_s) for name in _OVER]
-    ha_rate, dec_rate = np.asarray(seen.ha_rate_deg_s), np.asarray(seen.dec_rate_deg_s)
+    bodies = bodies_deg(propagator.site, utc_s, frame)
     return AxisPath(
-        Pointing(utc_s, axis, np.asarray(seen.dec_deg), *bodies[0], *bodies[1]),
+        Pointing(utc_s, axis, dec, *bodies[0], *bodies[1]),
         ha_rate,
         dec_rate,
         np.gradient(ha_rate, utc_s),
@@ -167,6 +172,14 @@ def axis_path(propagator: Propagator, bias: Bias, utc_s: Array) -> AxisPath:
 
 LOOK_S = 120.0
 _OVER = {"sun": sun_over, "moon": moon_over}
+
+
+def bodies_deg(site: Site, utc_s: Array, frame: AxisFrame | None = None) -> list[tuple[Array, Array]]:
+    """Return hour angle and declination of Sun and Moon at rising instants, seen from the mount's pole."""
+    places = [body_place_deg(name, site.latitude_deg, site.longitude_deg, utc_s) for name in _OVER]
+    if frame is None:
+        return places
+    return [frame.square.angles(*place, fn=np)[:2] for place in places]
 
 
 def body_place_deg(name: str, latitude_deg: float, longitude_deg: float, utc_s: Array) -> tuple[Array, Array]:
@@ -241,14 +254,18 @@ def margins_deg(
     """Return by limit how far inside it the axes stand, degrees; negative outside."""
     altitude = _altitude_deg(pointing.hour_angle_axis_deg, pointing.dec_axis_deg, latitude_deg)
     low, high = profile.dec_axis_limits_deg
+    geometry = profile.geometry
+    loose_deg = 0.0 if geometry is None else geometry.off_square_deg
     found = {
-        "altitude": altitude - limits.floor_altitude_deg,
+        "altitude": altitude - limits.floor_altitude_deg - loose_deg,
         "hour_angle": profile.hour_angle_limit_deg - np.abs(pointing.hour_angle_axis_deg),
         "declination": np.minimum(pointing.dec_axis_deg - low, high - pointing.dec_axis_deg),
     }
     if limits.horizon:
         azimuth = _azimuth_deg(pointing, latitude_deg)
-        found["horizon"] = altitude - skyline_deg(azimuth, limits)
+        if geometry is not None:
+            azimuth = (azimuth + geometry.pole_azimuth_deg) % 360.0
+        found["horizon"] = altitude - skyline_deg(azimuth, limits) - loose_deg
     if profile.pier_zones:
         found["pier"] = _clear_of_pier_deg(pointing, profile.pier_zones)
     # Below the horizon a body does no harm.
@@ -258,7 +275,7 @@ def margins_deg(
     )
     for name, cone_deg, hour_angle, dec in cones:
         if cone_deg > 0.0:
-            apart = _separation_deg(pointing, hour_angle, dec) - cone_deg
+            apart = _separation_deg(pointing, hour_angle, dec) - cone_deg - loose_deg
             height = _altitude_deg(hour_angle, dec, latitude_deg)
             found[name] = np.where(height > UP_DEG, apart, np.inf)
     return found
@@ -634,7 +651,7 @@ def detours_for(
         return ()
     duration_s = plan.end_utc_s - plan.start_utc_s
     count = min(MOST_SAMPLES, max(8, math.ceil(duration_s / STEP_S) + 1))
-    path = axis_path(propagator, bias, np.linspace(plan.start_utc_s, plan.end_utc_s, count))
+    path = axis_path(propagator, bias, np.linspace(plan.start_utc_s, plan.end_utc_s, count), profile.frame)
     if not np.isfinite(path.pointing.dec_axis_deg).all():
         return ()
     found = find_keyholes(path, profile, plan.on_target_arcsec / 3600.0)

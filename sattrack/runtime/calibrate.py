@@ -15,7 +15,13 @@ from typing import TYPE_CHECKING, Any
 from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.guard import FLOOR_ALTITUDE_DEG, EndKind, Plan, Surroundings, sun_hour_angle_and_dec
 from sattrack.core.angles import altitude_deg, separation_deg
-from sattrack.core.errors import InterruptedRunError, LinkLostError, SafetyLimitError, SattrackError
+from sattrack.core.errors import (
+    BadInputError,
+    InterruptedRunError,
+    LinkLostError,
+    SafetyLimitError,
+    SattrackError,
+)
 from sattrack.mount.profiles import ProfileFile, load_profile_file
 from sattrack.mount.simulator.mount import StartPosition
 from sattrack.runtime import demo_pass
@@ -111,6 +117,10 @@ def calibrate_live(
     Any key on the terminal, and any signal that would end the process, brings the mount to rest and ends the
     run. Raises SattrackError where the port is not available.
     """
+    if profile is not None and profile.geometry is not None:
+        raise BadInputError(
+            f"the profile {profile.name!r} has a geometry: rates of such a mount are not calibrated yet"
+        )
     with ExitStack() as stack:
         link, guard = stack.enter_context(owned(address, profile, clock.speed, owned_as))
         stop = StopRequest()

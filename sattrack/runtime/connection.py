@@ -26,6 +26,7 @@ from sattrack.core.channel import PipedProcess
 from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import SattrackError
 from sattrack.core.process import self_command
+from sattrack.mount.alpaca.link import AlpacaAddress
 from sattrack.mount.simulator.installation import simulator_profile
 from sattrack.mount.simulator.mount import SimulatedSite, Truth
 from sattrack.mount.simulator.process import ClockSetting, Ready, SimulatorConfig
@@ -273,6 +274,8 @@ def owned(
     with contextlib.ExitStack() as stack:
         held = claim(address)
         stack.callback(held.close)
+        if isinstance(address, AlpacaAddress) and profile is not None and profile.geometry is not None:
+            address = address._replace(axes_known=True)
         link = stack.enter_context(open_link(address))
         profile = profile or address.usual_profile()
         guard = Guarded(link, held.fileno(), profile, speed, name or str(address), address.name)

@@ -24,7 +24,7 @@ from sattrack.core import local_time
 from sattrack.core.angles import altitude_deg, azimuth_deg
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.process import gc_paused
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, horizon_latitude_deg
 from sattrack.mount.simulator.installation import SimulatorProfile, simulator_profile
 from sattrack.mount.simulator.mount import SimulatedMount, StartPosition
 from sattrack.planning.budget import PROBE_S, Circumstances, error_budget
@@ -286,11 +286,11 @@ def rehearse(
     ability = Ability(
         facts.profile,
         facts.limits,
-        facts.site.latitude_deg,
+        horizon_latitude_deg(facts.profile, facts.site.latitude_deg),
         plan.on_target_arcsec / 3600.0,
         detours=bool(plan.detours),
     )
-    straight = axis_path(propagator, spec.bias, _instants(plan))
+    straight = axis_path(propagator, spec.bias, _instants(plan), facts.profile.frame)
     if not np.isfinite(straight.pointing.dec_axis_deg).all():
         label = spec.propagator.elements.label
         raise SattrackError(f"{label}: its elements have it come down before the pass ends; get newer ones")
@@ -335,7 +335,7 @@ def rehearse(
         ),
         cables=cables(taken, facts.profile),
         link_loss=link_loss_view(
-            link_loss(taken, facts.profile, facts.limits, facts.site.latitude_deg),
+            link_loss(taken, facts.profile, facts.limits, ability.latitude_deg),
             facts.profile.watchdog_s,
             LOOKED_S,
         ),
@@ -598,6 +598,10 @@ def pass_scene(facts: RunFacts, clock_error_s: float | None = None) -> PassView:
     columns = (utc_s, seen.alt_deg, seen.az_deg, along_deg_s)
     rows = np.column_stack(columns)
     along, across = _expected_arcsec(facts, spec, clock_error_s)
+    profile, dec_deg = facts.profile, seen.dec_deg
+    if profile.frame is not None:
+        dec_deg = profile.frame.angles(seen.ha_deg, dec_deg, fn=np).second_deg
+    geometry = profile.geometry
     return PassView(
         latitude_deg=site.latitude_deg,
         longitude_deg=site.longitude_deg,
@@ -611,13 +615,14 @@ def pass_scene(facts: RunFacts, clock_error_s: float | None = None) -> PassView:
         moon_cone_deg=limits.moon_cone_deg,
         floor_altitude_deg=limits.floor_altitude_deg,
         horizon=limits.horizon,
-        keyhole_deg=keyhole_deg(seen.dec_deg, seen.unit_rate, facts.profile.ra.max_rate_deg_s),
+        keyhole_deg=keyhole_deg(dec_deg, seen.unit_rate, profile.ra.max_rate_deg_s),
         command_delay_s=facts.profile.command_delay_s,
         delays_measured=facts.profile.calibration is not None,
         along_arcsec=along,
         across_arcsec=across,
         fov_deg=facts.fov_deg,
         can_park=facts.profile.park is not None,
+        mount_pole_deg=None if geometry is None else (geometry.pole_altitude_deg, geometry.pole_azimuth_deg),
     )
 
 
@@ -643,7 +648,7 @@ def _low(alt_deg: float) -> bool:
 
 
 def keyhole_deg(dec_deg: Array, unit_rate: Array, max_rate_deg_s: float) -> float | None:
-    """Return the distance from the pole within which an hour angle axis is too slow for a satellite, degrees.
+    """Return the distance from the pole within which the first axis is too slow for a satellite, degrees.
 
     At a distance p it passes a pole with the hour angle turning by v / sin p, v the speed on the sky where it
     is nearest (`unit_rate`, radians a second, shape (n, 3)). None where it is too fast everywhere.

@@ -11,13 +11,14 @@ import math
 from typing import TYPE_CHECKING
 
 from sattrack.core.angles import altitude_deg
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, horizon_latitude_deg
 from sattrack.safety.geometry import Box
 from sattrack.safety.regions import Cone, Region, Travel, fixed_regions, judge_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from sattrack.mount.geometry import AxisFrame
     from sattrack.mount.model import MountProfile
     from sattrack.safety.bodies import Body, Wanderer
     from sattrack.safety.limits import SafetyLimits
@@ -139,7 +140,12 @@ class Bounds:
         self._limits = limits
         self._latitude_deg = latitude_deg
         self._longitude_deg = longitude_deg
-        self._fixed = fixed_regions(profile, limits, latitude_deg, PIER_MARGIN_DEG)
+        frame = profile.frame
+        self._frame = None if frame is None else frame.square
+        self.horizon_latitude_deg = horizon_latitude_deg(profile, latitude_deg)
+        """The latitude at which an equatorial mount sees the horizon as this one does."""
+        self._loose_deg = 0.0 if frame is None else frame.geometry.off_square_deg
+        self._fixed = fixed_regions(profile, limits, self.horizon_latitude_deg, PIER_MARGIN_DEG)
         self._beside_deg = 0.0 if profile.pointing is None else profile.pointing.most_deg
         """How far the telescope may look beside what the mount reports."""
         self._wanderers: list[tuple[str, Wanderer, float]] | None = None
@@ -174,10 +180,17 @@ class Bounds:
             if name == "sun":
                 self.sun_is_up = up and self._limits.optical
             if up and cone_deg > 0.0:
-                meanwhile_deg = SIDEREAL_RATE_DEG_S * LOOK_S
-                cones.append(Cone(name, body, cone_deg + clock_gap_deg + meanwhile_deg + self._beside_deg))
+                wide_deg = cone_deg + self._loose_deg + self._beside_deg
+                wide_deg += clock_gap_deg + SIDEREAL_RATE_DEG_S * LOOK_S
+                seen = body if self._frame is None else seen_by(body, self._frame)
+                cones.append(Cone(name, seen, wide_deg))
         self._put(cones)
         return True
+
+    @property
+    def cones(self) -> tuple[Cone, ...]:
+        """The cones about what is up, as of the last look."""
+        return tuple(self._cones)
 
     def _put(self, cones: list[Cone]) -> None:
         self._cones, self._memory_of_cones = cones, Memory(cones)
@@ -296,6 +309,15 @@ class Bounds:
 
     def _is_up(self, body: Body) -> bool:
         return altitude_deg(body.hour_angle_deg, body.dec_deg, self._latitude_deg) > UP_DEG
+
+
+def seen_by(body: Body, frame: AxisFrame) -> Body:
+    """Return a body by the angles of axes that point to it."""
+    from sattrack.safety.bodies import Body
+
+    first, second, _, _ = frame.angles(body.hour_angle_deg, body.dec_deg)
+    h, d = math.radians(first), math.radians(second)
+    return Body(first, second, math.cos(d) * math.cos(h), math.cos(d) * math.sin(h), math.sin(d))
 
 
 def _beside(way: tuple[float, float], place: tuple[float, float]) -> list[tuple[float, float]]:

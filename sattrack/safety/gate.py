@@ -40,7 +40,14 @@ from sattrack.safety.geometry import Box, Place
 from sattrack.safety.rate_limit import Ahead, Spot, nearest_rates, within
 from sattrack.safety.slews import SlewGate
 from sattrack.safety.table import ROWS
-from sattrack.safety.watch import BACKWARD_S, FASTER, OLDEST_STATUS_S, Belief, PositionFilter, Watch
+from sattrack.safety.watch import (
+    BACKWARD_S,
+    FASTER,
+    OLDEST_STATUS_S,
+    Belief,
+    PositionFilter,
+    Watch,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -48,7 +55,12 @@ if TYPE_CHECKING:
     from sattrack.mount.model import Stance
     from sattrack.safety.limits import SafetyLimits
     from sattrack.safety.rate_limit import RateRanges
+    from sattrack.safety.watch import Former
 
+BY_HAND = (
+    "the profile has a geometry: satellites are followed with such a mount, and nothing else is asked "
+    "of it but stops"
+)
 STEP_SHARE = 2.0
 """A mean rate over a ramp is reached by a command twice as large, so steps may be so much of a ramp."""
 HELD_ANEW_S = 0.07
@@ -78,15 +90,19 @@ class Safety:
     ) -> None:
         self._profile = profile
         self._limits = limits
-        self._latitude_deg = latitude_deg
         self._holds = holds
         self._bounds = Bounds(profile, limits, latitude_deg, longitude_deg)
+        latitude_deg = self._bounds.horizon_latitude_deg
         self._watch = Watch(profile, limits.longest_fault_s, longitude_deg, limits.clock_tolerance_s)
         self._slews = SlewGate(profile, self._bounds, latitude_deg, detours=holds)
         self.tripped: str | None = None
         """Name of the interlock that stopped the mount."""
         self.holding: str | None = None
         """Name of the limit at which the stream of rates is held."""
+        self.led: Slew | None = None
+        """The slew that rates lead along, of a mount that is not left to slew by itself."""
+        self.led_there = False
+        """Whether they have led to its end."""
         self.clamping = False
         """Whether the last command's rates were cut to the axes' limits."""
         self._slewing = False
@@ -112,6 +128,11 @@ class Safety:
         self._asked = RequestChecks(profile, limits, latitude_deg, parts)
 
     @property
+    def _leads(self) -> bool:
+        """Whether slews are made by rates: how a mount that is not equatorial slews, nobody knows."""
+        return self._profile.geometry is not None
+
+    @property
     def cause(self) -> str | None:
         """What makes the mount disobey, as far as its motion tells it."""
         return self._watch.cause
@@ -135,6 +156,7 @@ class Safety:
         place = self._believed(seen, seconds)
         if tripped is None and self._slews.strays(place, seen):
             tripped = "obedience"
+            self._watch.stray()
         if tripped is not None and self.tripped is None and isinstance(commanded, MoveAxes | Slew):
             self._trip(tripped)
 
@@ -173,7 +195,8 @@ class Safety:
         `sidereal_deg` is the mount's local sidereal time, `ra_deg`, `dec_deg` where it was `age_s` ago;
         `utc_s` is the instant now, POSIX seconds, without which the Sun's place is not known.
         """
-        self.clamping = False
+        self.clamping = self.led_there = False
+        self.led = None
         if self.tripped is not None or isinstance(motion, Stop):
             self._escape = None
             self._let_go()
@@ -196,19 +219,19 @@ class Safety:
         if isinstance(motion, Slew):
             # Should the axes be elsewhere after all, they stray from what the slew is judged by.
             start = place if former is None else former.place
-            slews = self._slewing and self._slews.under_way
+            slews = self._slewing and self._slews.under_way and not self._leads
             cleared = self._clear_slew(motion, sidereal_deg, (ra_deg, dec_deg), start, age_s)
-            if isinstance(cleared, Cleared):
-                return cleared
-            if slews or not (self._holds and self._streams):
+            if isinstance(cleared, Slew) and not self._leads:
+                return Cleared(cleared)
+            if isinstance(cleared, Slew):
+                self.led, self.led_there = cleared, self._slews.is_there((ra_deg, dec_deg))
+                motion = self._slews.rates_from(place, sidereal_deg)
+            elif slews or not (self._holds and self._streams):
                 return self._trip(cleared)
-            # A pass that goes on is held where it is, and takes up its target when that comes back.
-            motion = MoveAxes(SIDEREAL_RATE_DEG_S, 0.0)
-        self._slews.forget()
-        spots = [Spot(place, age_s)]
-        if former is not None:
-            spots.append(Spot(former.place, age_s + former.older_s))
-        return self._clear_move(motion, spots, utc_s)
+            else:
+                # A pass that goes on is held where it is, and takes up its target when that comes back.
+                motion = MoveAxes(SIDEREAL_RATE_DEG_S, 0.0)
+        return self._clear_move(motion, spots_of(place, former, age_s), utc_s)
 
     def _unfit(
         self, motion: MoveAxes | Slew, mount: tuple[float, float, float], age_s: float, utc_s: float | None
@@ -232,8 +255,8 @@ class Safety:
 
     def _clear_slew(
         self, slew: Slew, sidereal_deg: float, reported: tuple[float, float], place: Place, age_s: float
-    ) -> Cleared | str:
-        """Clear a slew from a place, in legs; or return the limit that leaves no way."""
+    ) -> Slew | str:
+        """Return the leg to slew now, from a place; or the limit that leaves no way."""
         self._sent.clear()
         self.holding = None
         braking = self._ahead.reach(Spot(place, age_s), self._in_force(age_s, None), REST)
@@ -242,7 +265,7 @@ class Safety:
             # The mount tracks the sky where it has arrived.
             waits = Box.between(place, place).grown(0.0, SIDEREAL_RATE_DEG_S, 0.0, 0.0)
             allowed = self._bounds.violated(waits, {}, 0.0, INSIDE_MARGIN_DEG) or allowed
-        return allowed if isinstance(allowed, str) else Cleared(allowed)
+        return allowed
 
     def _while_idle(
         self, sidereal_deg: float, ra_deg: float, dec_deg: float, utc_s: float | None
@@ -275,6 +298,8 @@ class Safety:
         if isinstance(request, Abort):
             return ClearedRequest(request)
         refused = objection(request, self._profile)
+        if self._leads:
+            refused = BY_HAND
         if refused is None and stance is None:
             refused = "the mount has not been heard yet"
         if refused is None and self.tripped is not None:
@@ -299,6 +324,8 @@ class Safety:
 
     def _clear_move(self, move: MoveAxes, spots: Sequence[Spot], utc_s: float | None) -> Cleared:
         """Clear rates for every spot where the axes may be; the first is the one that is reported."""
+        if self.led is None:
+            self._slews.forget()
         self._streams = True
         wish = axis_rates(move, self._standing.beyond_pole)
         clipped = self._clipped(wish)
@@ -437,6 +464,14 @@ class Safety:
         self.tripped = name
         self._let_go()
         return Cleared(Stop())
+
+
+def spots_of(place: Place, former: Former | None, age_s: float) -> list[Spot]:
+    """Return where the axes may be: the place that is reported, and the former one where that is in doubt."""
+    spots = [Spot(place, age_s)]
+    if former is not None:
+        spots.append(Spot(former.place, age_s + former.older_s))
+    return spots
 
 
 Rates = tuple[float, float]

@@ -232,17 +232,35 @@ class Cone:
 def fixed_regions(
     profile: MountProfile, limits: SafetyLimits, latitude_deg: float, pier_margin_deg: float
 ) -> list[Region]:
-    """Return all regions that stay where they are."""
-    limit = profile.hour_angle_limit_deg
+    """Return all regions that stay where they are; the latitude is `Bounds.horizon_latitude_deg`.
+
+    Axes that are not square, and a tube that leans, point elsewhere than their angles say by no more than
+    both together: so much wider are the limits of the sky.
+    """
+    limit, geometry = profile.hour_angle_limit_deg, profile.geometry
+    loose_deg = 0.0 if geometry is None else geometry.off_square_deg
+    horizon = [(azimuth, altitude + loose_deg) for azimuth, altitude in limits.horizon]
+    if geometry is not None:
+        horizon = _turned_horizon(horizon, geometry.pole_azimuth_deg)
     regions: list[Region] = [
         Travel("hour_angle", -limit, limit),
         Travel("declination", *profile.dec_axis_limits_deg),
-        Floor(limits.floor_altitude_deg, latitude_deg),
+        Floor(limits.floor_altitude_deg + loose_deg, latitude_deg),
     ]
-    if limits.horizon:
-        regions.append(Skyline(limits.horizon, latitude_deg))
+    if horizon:
+        regions.append(Skyline(horizon, latitude_deg))
     regions.extend(PierCollision(zone, pier_margin_deg) for zone in profile.pier_zones)
     return regions
+
+
+def _turned_horizon(points: list[HorizonPoint], by_deg: float) -> list[HorizonPoint]:
+    """Return a skyline by azimuths from another zero, in order; walls keep the order of their two points."""
+    if not by_deg % TURN_DEG:
+        return points
+    turned = [
+        ((azimuth - by_deg) % TURN_DEG, azimuth < by_deg % TURN_DEG, altitude) for azimuth, altitude in points
+    ]
+    return [(azimuth, altitude) for azimuth, _, altitude in sorted(turned, key=lambda one: one[:2])]
 
 
 def judge_of(region: Region) -> Callable[[Box, float], bool]:

@@ -6,11 +6,11 @@ import math
 from typing import TYPE_CHECKING
 
 from sattrack.core.angles import separation_deg
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile, Slew
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile, MoveAxes, Slew
 from sattrack.safety.geometry import Box, Place
 
 if TYPE_CHECKING:
-    from sattrack.mount.model import Seen
+    from sattrack.mount.model import AxisLimits, Seen
     from sattrack.safety.bounds import Bounds
     from sattrack.safety.route import Judge, Route
 
@@ -18,6 +18,8 @@ THERE_DEG = 0.1
 """A slew that ends farther from its goal was not carried out."""
 WAITS_S = 70.0
 """How long the mount may wait at the target until it follows, tracking the sky."""
+BRAKING_SHARE, CLOSES_S = 0.2, 1.0
+"""How a slew by rates ends: a share of the axes' acceleration, and the time constant of the last of it."""
 STRAYED_DEG = 1.0
 STRAYED_STATUSES = 3
 
@@ -208,11 +210,32 @@ class SlewGate:
         if self._judge_leaving(place)(drifted, seconds) is None:
             self._box = wider
 
+    def rates_from(self, place: Place, sidereal_deg: float) -> MoveAxes:
+        """Return the rates that lead from a place along the leg under way, each axis in its own time."""
+        from sattrack.safety.route import axes_of
+
+        leg = self._legs[0]
+        goal = axes_of(sidereal_deg - leg.ra_deg, leg.dec_deg, self._profile, self._latitude_deg)
+        profile = self._profile
+        first, second = (
+            _closing_deg_s(to - at, axis)
+            for to, at, axis in zip(goal, place, (profile.ra, profile.dec), strict=True)
+        )
+        return MoveAxes(-first, second)
+
     def is_there(self, reported: tuple[float, float]) -> bool:
         """Tell whether the mount reports to be where the leg under way ends."""
         leg = self._legs[0]
         off = separation_deg(reported[0], reported[1], leg.ra_deg, leg.dec_deg)
         return math.isfinite(off) and off < THERE_DEG
+
+
+def _closing_deg_s(gap_deg: float, axis: AxisLimits) -> float:
+    """Return the rate that closes a gap, from which a share of the acceleration can still brake."""
+    size = abs(gap_deg)
+    braking = math.sqrt(2.0 * BRAKING_SHARE * axis.max_acceleration_deg_s2 * size)
+    fastest = min(axis.slew_rate_deg_s, axis.max_rate_deg_s)
+    return math.copysign(min(size / CLOSES_S, braking, fastest), gap_deg)
 
 
 def _slew_to(place: Place, sidereal_deg: float) -> Slew:

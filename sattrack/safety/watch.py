@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from enum import StrEnum
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 from sattrack.mount.model import (
@@ -59,6 +60,11 @@ KEEPS_FIRST = (
     "the axes go on at the rates that the mount took first, whatever is commanded: move_axis is edge, and "
     "the profile says held"
 )
+NAMES, FIELDS = ("the first axis", "the second axis"), ("ra_rate_sign", "dec_rate_sign")
+ELSEWHERE = (
+    "the axes do not lie as the geometry in the profile says, which is another mount's: give this mount's "
+    "profile, or calibrate it"
+)
 RA_AND_DEC = 3
 OLDEST_STATUS_S = STATUS_LOST_S
 """Age of the last status from which on the mount is not moved any more."""
@@ -85,6 +91,7 @@ class Watch:
         self._commanded_s = 0.0
         self._first: list[tuple[float, float]] = []
         """The first rates of the stream that is in force."""
+        self._axes = None if profile.geometry is None else AxesWatch()
         self.cause: str | None = None
         """What makes the mount disobey, as far as its motion tells it."""
         self.moved = MoveAxes(0.0, 0.0)
@@ -128,6 +135,8 @@ class Watch:
             self._commanded.clear()
             self._window_s = self._commanded_s = 0.0
             self._first.clear()
+            if self._axes is not None:
+                self._axes.forget()
             return None
         if len(self._first) < FIRST:
             self._first.append((commanded.ra_rate_deg_s, commanded.dec_rate_deg_s))
@@ -137,6 +146,9 @@ class Watch:
         self._disobeyed_s = self._disobeyed_s + seconds if disobeyed else 0.0
         # The window is kept in either case: it tells the cause.
         strays = self._strays(moved, commanded, seconds)
+        if self._axes is not None:
+            self._axes.see(seconds, moved, commanded, self._before)
+            strays = strays or self._axes.askew
         # A command that is lost is not disobeyed.
         if not strays and self._disobeyed_s <= DISOBEDIENT_FOR_S + self._fault_s:
             return None
@@ -149,6 +161,16 @@ class Watch:
         commanded = list(self._commanded)[-len(self._window) :]
         if self.keeps_first:
             return KEEPS_FIRST
+        if self._axes is not None:
+            turned = self._axes.turned()
+            if turned is None:
+                return ELSEWHERE
+            for name, field, is_turned in zip(NAMES, FIELDS, turned, strict=True):
+                if is_turned:
+                    return (
+                        f"rates came out with the other sign in {name}: turn {field} in the profile, unless "
+                        "its geometry is another mount's"
+                    )
         still = 0
         for axis, name, field in ((1, "right ascension", "ra"), (2, "declination", "dec")):
             pairs = [(c[axis], m[axis] / m[0]) for c, m in zip(commanded, self._window, strict=True)]
@@ -161,6 +183,11 @@ class Watch:
                 return f"rates came out with the other sign in {name}: turn {sign} in the profile"
             still += axis if abs(ratio) < STILL else 0
         return self._still_text(still)
+
+    def stray(self) -> None:
+        """Note that the mount has left the way of a slew that rates lead it along."""
+        if self._axes is not None:
+            self.cause = self._likely_cause() or ELSEWHERE
 
     @property
     def keeps_first(self) -> bool:
@@ -277,6 +304,138 @@ def _disobeys(commanded_deg_s: float, moved_deg_s: float) -> bool:
     commanded, went = abs(commanded_deg_s), abs(moved_deg_s)
     stays = commanded > DISOBEDIENT_DEG_S and moved_deg_s * commanded_deg_s < 0.05 * commanded * commanded
     return stays or went > 2.0 * commanded + RUNAWAY_DEG_S
+
+
+BLOCK_S, BLOCKS, FEWEST_BLOCKS = 0.4, 20, 6
+JUMP_DEG_S = 0.25
+"""A change of rates from block to block that servos, whatever they are, need not answer at once."""
+LAGS = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
+"""By how many blocks motion may come after its command."""
+GAINS = (0.4, 1.6)
+UNEXPLAINED, EXPLAINED = 0.15, 0.4
+"""Axes lie elsewhere where gains leave this share of the motion, squared, and a mixture of both commanded
+rates leaves less than that share of what the gains do."""
+NEAR_POLE_DEG = 80.0
+"""Nearer to its pole than this, the first angle says little of the first axis' rate."""
+TURNED_LEAVES = 0.3
+"""Share of the motion, squared, that turned signs may leave."""
+Pair = tuple[float, float]
+Block = tuple[float, float, float, float]
+"""How far both axes were to go, and went, degrees."""
+
+
+class AxesWatch:
+    """Tells of a mount with a geometry whether each commanded rate moves the angle that it should."""
+
+    def __init__(self) -> None:
+        self._blocks: deque[Block] = deque(maxlen=BLOCKS)
+        self._open: Block = (0.0, 0.0, 0.0, 0.0)
+        self._open_s = 0.0
+        self.askew = False
+        """Whether the axes lie otherwise than the profile says."""
+
+    def forget(self) -> None:
+        """Begin anew."""
+        self._blocks.clear()
+        self._open, self._open_s = (0.0, 0.0, 0.0, 0.0), 0.0
+
+    def see(self, seconds: float, moved: MoveAxes, commanded: MoveAxes, at: Seen | None) -> None:
+        """Take the rates commanded and seen over some seconds, of the reported angles."""
+        if at is None or abs(at.dec_deg) > NEAR_POLE_DEG:
+            self.forget()
+            return
+        rates = (
+            SIDEREAL_RATE_DEG_S - commanded.ra_rate_deg_s,
+            commanded.dec_rate_deg_s,
+            SIDEREAL_RATE_DEG_S - moved.ra_rate_deg_s,
+            moved.dec_rate_deg_s,
+        )
+        a, b, c, d = (sum_ + rate * seconds for sum_, rate in zip(self._open, rates, strict=True))
+        self._open, self._open_s = (a, b, c, d), self._open_s + seconds
+        if self._open_s < BLOCK_S:
+            return
+        self._blocks.append(self._open)
+        self._open, self._open_s = (0.0, 0.0, 0.0, 0.0), 0.0
+        if len(self._blocks) >= FEWEST_BLOCKS:
+            self.askew = self._is_askew()
+
+    def _is_askew(self) -> bool:
+        most = math.ceil(max(LAGS))
+        rows = self._rows(most, self._quiet(most))
+        if not rows or len(rows[0][1]) < FEWEST_BLOCKS:
+            return False
+        size = sum([x * x + y * y for _, went in rows[:1] for x, y in went])
+        by_gains = min([sum(_by_gain(asked, went, axis)[1] for axis in (0, 1)) for asked, went in rows])
+        by_both = min([sum(_left_by_both(asked, went, axis) for axis in (0, 1)) for asked, went in rows])
+        return by_gains > UNEXPLAINED * size and by_both < EXPLAINED * by_gains
+
+    def _quiet(self, most: int) -> list[int]:
+        """Return the blocks before which commands changed so little that any servo has answered them."""
+        blocks = list(self._blocks)
+        jumps = [
+            max(abs(late[0] - soon[0]), abs(late[1] - soon[1])) > JUMP_DEG_S * BLOCK_S
+            for soon, late in pairwise(blocks)
+        ]
+        return [k for k in range(most, len(blocks)) if not any(jumps[k - most : k])]
+
+    def turned(self) -> tuple[bool, bool] | None:
+        """Return of each axis whether its rate has the other sign; None where signs explain no motion.
+
+        Also by the little that is known when a mount has just been stopped.
+        """
+        count = len(self._blocks)
+        most = 1 if count < 2 * FEWEST_BLOCKS else math.ceil(max(LAGS))
+        rows = self._rows(most, list(range(most, count)))
+        best: tuple[float, tuple[bool, bool]] = (math.inf, (False, False))
+        for asked, went in rows:
+            fits = [
+                min((_by_gain(asked, went, axis, sense)[1], sense) for sense in (1.0, -1.0))
+                for axis in (0, 1)
+            ]
+            best = min(best, (fits[0][0] + fits[1][0], (fits[0][1] < 0.0, fits[1][1] < 0.0)))
+        size = sum([x * x + y * y for _, went in rows[:1] for x, y in went])
+        return best[1] if not rows or best[0] <= TURNED_LEAVES * size else None
+
+    def _rows(self, most: int, which: list[int]) -> list[tuple[list[Pair], list[Pair]]]:
+        """Return what was asked and what came of it, in blocks, by each lag; nothing without motion."""
+        blocks = list(self._blocks)
+        went: list[Pair] = [blocks[k][2:] for k in which]
+        if sum([x * x + y * y for x, y in went]) <= len(went) * (2.0 * LEAST_ASKED_DEG_S * BLOCK_S) ** 2:
+            return []
+        found = []
+        for lag in LAGS:
+            whole, part = int(lag), lag % 1.0
+            if lag > most:
+                break
+            asked: list[Pair] = []
+            for k in which:
+                late, later = blocks[k - whole], blocks[k - whole - (part > 0.0)]
+                asked.append(
+                    ((1.0 - part) * late[0] + part * later[0], (1.0 - part) * late[1] + part * later[1])
+                )
+            found.append((asked, went))
+        return found
+
+
+def _by_gain(asked: list[Pair], went: list[Pair], axis: int, sense: float = 1.0) -> tuple[float, float]:
+    """Return the gain of one axis that explains its motion best, and the square of what it leaves."""
+    pairs = [(sense * c[axis], m[axis]) for c, m in zip(asked, went, strict=True)]
+    square = sum([c * c for c, _ in pairs])
+    gain = sum([c * m for c, m in pairs]) / square if square else 1.0
+    gain = max(GAINS[0], min(GAINS[1], gain))
+    return gain, sum([(m - gain * c) ** 2 for c, m in pairs])
+
+
+def _left_by_both(asked: list[Pair], went: list[Pair], axis: int) -> float:
+    """Return the square of an axis' motion that a mixture of both commanded rates leaves."""
+    aa = sum([a * a for a, _ in asked]) + 1e-12
+    bb = sum([b * b for _, b in asked]) + 1e-12
+    ab = sum([a * b for a, b in asked])
+    am = sum([a * m[axis] for (a, _), m in zip(asked, went, strict=True)])
+    bm = sum([b * m[axis] for (_, b), m in zip(asked, went, strict=True)])
+    determinant = aa * bb - ab * ab
+    one, other = (am * bb - bm * ab) / determinant, (bm * aa - am * ab) / determinant
+    return sum([(m[axis] - one * a - other * b) ** 2 for (a, b), m in zip(asked, went, strict=True)])
 
 
 PROOF = 3

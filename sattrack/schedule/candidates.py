@@ -14,7 +14,7 @@ import numpy as np
 from sattrack.core.angles import altitude_deg
 from sattrack.core.errors import BadInputError, meant
 from sattrack.planning.kinematics import ability_at, verdict_on
-from sattrack.planning.path import Pointing, body_place_deg, margins_deg
+from sattrack.planning.path import Pointing, bodies_deg, margins_deg
 from sattrack.safety.bodies import sun_over
 from sattrack.schedule.night import number_of_name
 from tle.elements import Elements
@@ -616,13 +616,9 @@ class Judge:
         if self.knows(one) or self._schedule.entries[one.entry].terms.if_infeasible == "run":
             return one
         at, site, ability = path.utc_s, self._site, self._ability
-        bodies = [
-            place
-            for name in ("sun", "moon")
-            for place in body_place_deg(name, site.latitude_deg, site.longitude_deg, at)
-        ]
-        pointing = Pointing(at, path.hour_angle_axis_deg, path.dec_axis_deg, *bodies)
-        margins = margins_deg(pointing, ability.profile, ability.limits, site.latitude_deg)
+        sun, moon = bodies_deg(site, at, ability.profile.frame)
+        pointing = Pointing(at, path.hour_angle_axis_deg, path.dec_axis_deg, *sun, *moon)
+        margins = margins_deg(pointing, ability.profile, ability.limits, ability.latitude_deg)
         name, margin = min(margins.items(), key=lambda item: -float(np.mean(item[1] < -PAST_DEG)))
         share = float(np.mean(margin < -PAST_DEG))
         if share <= PAST_SHARE:

@@ -16,7 +16,7 @@ import erfa
 import numpy as np
 
 from sattrack.core.angles import altitude_deg, azimuth_deg
-from sattrack.mount.model import Slew, mean_sidereal_deg
+from sattrack.mount.model import Slew, horizon_latitude_deg, mean_sidereal_deg
 from sattrack.safety.bounds import HOLD_MARGIN_DEG, Bounds
 from sattrack.safety.geometry import Place
 from sattrack.safety.regions import is_clear
@@ -79,7 +79,9 @@ def place_of(action: SlewAction, utc_s: float, site: Site, profile: MountProfile
         if star is None:
             star = Star(float(action.ra_deg or 0.0), float(action.dec_deg or 0.0), 0.0, 0.0)
         hour_angle, dec = hour_angle_and_dec_deg(star, utc_s, site.longitude_deg)
-    return axes_of(hour_angle, dec, profile, site.latitude_deg)
+    if profile.frame is not None:
+        hour_angle, dec, _, _ = profile.frame.angles(hour_angle, dec)
+    return axes_of(hour_angle, dec, profile, horizon_latitude_deg(profile, site.latitude_deg))
 
 
 def slew_of(action: SlewAction, utc_s: float, site: Site, profile: MountProfile) -> Slew:
@@ -275,7 +277,8 @@ class RoutedSlews:
         site, profile = situation.site, situation.profile
         self._site, self._profile = site, profile
         self._bounds = _KnownBounds(profile, situation.limits, site.latitude_deg, site.longitude_deg)
-        self._gate = SlewGate(profile, self._bounds, site.latitude_deg, detours=True)
+        self._latitude_deg = self._bounds.horizon_latitude_deg
+        self._gate = SlewGate(profile, self._bounds, self._latitude_deg, detours=True)
 
     def extra_s(self, leave: Place, want: Place, utc_s: float) -> float:
         """Return the seconds more than straight from one place of the axes to another at an instant.
@@ -294,7 +297,7 @@ class RoutedSlews:
             return 0.0
         total, at = 0.0, leave
         for leg in legs:
-            there = axes_of(sidereal_deg - leg.ra_deg, leg.dec_deg, self._profile, self._site.latitude_deg)
+            there = axes_of(sidereal_deg - leg.ra_deg, leg.dec_deg, self._profile, self._latitude_deg)
             total += slew_s(at, there, self._profile)
             at = there
         return max(0.0, total - slew_s(leave, want, self._profile))
@@ -352,11 +355,14 @@ def path_of(candidate: Candidate, site: Site, profile: MountProfile) -> Candidat
     count = min(max(math.ceil(duration_s / STEP_S) + 1, FEWEST), MOST)
     utc_s = np.linspace(candidate.start_utc_s, candidate.end_utc_s, count)
     seen: Any = Propagator(candidate.elements, site).at(Utc(utc_s))
-    hour_angle = np.degrees(np.unwrap(np.radians(np.asarray(seen.ha_deg))))
-    dec = np.asarray(seen.dec_deg)
-    first = axes_of(float(hour_angle[0]), float(dec[0]), profile, site.latitude_deg)
+    hour_angle, dec = np.asarray(seen.ha_deg), np.asarray(seen.dec_deg)
+    if profile.frame is not None:
+        hour_angle, dec, _, _ = profile.frame.angles(hour_angle, dec, fn=np)
+    hour_angle = np.degrees(np.unwrap(np.radians(hour_angle)))
+    latitude_deg = horizon_latitude_deg(profile, site.latitude_deg)
+    first = axes_of(float(hour_angle[0]), float(dec[0]), profile, latitude_deg)
     beyond = abs(first.dec_deg) > 90.0
-    axis_dec = math.copysign(180.0, site.latitude_deg) - dec if beyond else dec
+    axis_dec = math.copysign(180.0, latitude_deg) - dec if beyond else dec
     azimuth = np.degrees(np.unwrap(np.radians(np.asarray(seen.az_deg))))
     return CandidatePath(
         utc_s,

@@ -204,7 +204,11 @@ class ChartedSky:
 
     @property
     def pole(self) -> SkySpot:
-        """The celestial pole that is up."""
+        """The end of the mount's first axis that is up: the celestial pole, of an equatorial mount."""
+        mount_pole = self.pass_view.mount_pole_deg
+        if mount_pole is not None:
+            alt_deg, az_deg = mount_pole
+            return SkySpot(abs(alt_deg), (az_deg if alt_deg >= 0.0 else az_deg + 180.0) % 360.0)
         latitude = self.pass_view.latitude_deg
         return SkySpot(abs(latitude), 0.0 if latitude >= 0.0 else 180.0)
 

@@ -91,6 +91,21 @@ class CameraView(msgspec.Struct, frozen=True):
     clock_sigma_s: float
 
 
+class TwoAxesView(msgspec.Struct, frozen=True):
+    """How the axes of a mount with a geometry stand, by its last status: degrees, degrees a second.
+
+    `field_angle_deg` is the position angle on the sky, north through east, in which growing second angles
+    lead: a camera on the tube turns with it, at `field_rate_deg_s`.
+    """
+
+    first_deg: float
+    second_deg: float
+    first_rate_deg_s: float
+    second_rate_deg_s: float
+    field_angle_deg: float
+    field_rate_deg_s: float
+
+
 class LoopView(msgspec.Struct, frozen=True):
     """What closes the loop on the sky: "elements" alone, a "camera" (or plate solutions), or it is "lost".
 
@@ -235,6 +250,8 @@ class TrackView(msgspec.Struct, frozen=True, tag="view"):
     """What gives the target's places."""
     expected_error_m: float | None = None
     """By how much they miss it, typically; None where nothing tells."""
+    axes: TwoAxesView | None = None
+    """How the axes stand; None for an equatorial mount, of which hour angle and declination tell it."""
 
 
 class SkyPoint(msgspec.Struct, frozen=True, array_like=True):
@@ -274,7 +291,7 @@ class PassView(msgspec.Struct, frozen=True, tag="pass"):
     horizon: tuple[tuple[float, float], ...]
     """Azimuth and altitude of the skyline; empty for none."""
     keyhole_deg: float | None
-    """Distance from the celestial pole within which the hour angle axis is too slow for this satellite."""
+    """Distance from the mount's pole within which its first axis is too slow for this satellite."""
     command_delay_s: float
     delays_measured: bool
     along_arcsec: float | None
@@ -284,6 +301,8 @@ class PassView(msgspec.Struct, frozen=True, tag="pass"):
     """Diameter of the camera's field of view."""
     can_park: bool = False
     """Whether the mount's profile has a park position."""
+    mount_pole_deg: tuple[float, float] | None = None
+    """Altitude and azimuth to which the first axis points; None for an equatorial mount."""
 
 
 class PeriodView(msgspec.Struct, frozen=True):

@@ -351,13 +351,17 @@ class Bridge:
             self._tracked_before = self._standing.tracking
 
     def _tracking_first(self, now_s: float) -> list[Order]:
-        """Have tracking on before a motion, so that the same rate always means the same."""
-        if self._standing.tracking or not self.facts.can_set_tracking:
+        """Have tracking on before a motion, so that the same rate always means the same.
+
+        Off, where it turns both axes: a MoveAxis of 0 is rest only there.
+        """
+        wanted = not self.facts.follows_by_both
+        if self._standing.tracking is wanted or not self.facts.can_set_tracking:
             return []
         if now_s - self._tracking_asked_s < TRACKING_AGAIN_S:
             return []
         self._tracking_asked_s = now_s
-        return [tracking_order(True)]
+        return [tracking_order(wanted)]
 
     def _wants_move(self) -> bool:
         command = self._command

@@ -45,12 +45,21 @@ class DeviceFacts(msgspec.Struct, frozen=True):
     primary_rates: tuple[RateSpan, ...] = ()
     secondary_rates: tuple[RateSpan, ...] = ()
 
+    axes_known: bool = False
+    """Whether the profile that it is driven by tells how its axes lie."""
+
+    @property
+    def follows_by_both(self) -> bool:
+        """Whether it follows the sky with both axes, so that a MoveAxis of 0 sets either going."""
+        return self.axes_known or self.alignment_mode == ALT_AZ
+
     def objection(self, stops_only: bool = False) -> str | None:
         """Return why it cannot be driven, or only stopped, as text; None where it can."""
-        if self.alignment_mode == ALT_AZ and not stops_only:
+        if self.alignment_mode == ALT_AZ and not (stops_only or self.axes_known):
             return (
                 f"{self.name} is an alt-azimuth telescope (AlignmentMode 0): its MoveAxis turns azimuth and "
-                "altitude, and sattrack leads hour angle and declination; use an equatorial telescope"
+                "altitude; give --profile with a [geometry] to `sattrack track`, which `sattrack mount "
+                "calibrate` measures"
             )
         if not (self.primary_rates and self.secondary_rates):
             return f"{self.name} has no MoveAxis on both axes: satellites cannot be followed with it"

@@ -471,6 +471,7 @@ async def run(config: GatewayConfig, channel: Channel) -> None:
             raise SattrackError(f"{config.address}: {error}; {config.address.silence_advice}") from error
         except AlpacaRefusalError as error:
             raise SattrackError(f"{config.address}: {error}") from error
+        facts = msgspec.structs.replace(facts, axes_known=config.address.axes_known)
         objection = facts.objection(config.address.stops_only)
         if objection is not None:
             raise SattrackError(f"{config.address}: {objection}")

@@ -47,6 +47,8 @@ class AlpacaAddress(NamedTuple):
     """That of the same site, for a telescope that does not tell its own."""
     stops_only: bool = False
     """Whether nothing but stops is asked of it: a stop is refused no telescope."""
+    axes_known: bool = False
+    """Whether the profile that it is driven by tells how its axes lie."""
 
     def __str__(self) -> str:
         """Return it as a user would write it."""

@@ -24,6 +24,8 @@ Where the paper is silent:
 * A drive fault cuts the power of its axis alone. After a restart the mount tracks the sky, its counter begins
   anew, syncs are forgotten, and encoders read within half a turn of their zero: cable wrap by them may
   be a turn off.
+* With a geometry that reports the sky, an axis at rest stands, and what is reported, rates too, is the sky
+  direction to which both axes point. With one that reports the axes' angles, nothing differs but the profile.
 * Refraction, where the mount does it: axes point to where the air bends the light to, reported coordinates
   are those without air. MoveAxis rates are the axes'.
 """
@@ -34,7 +36,7 @@ import math
 import struct
 from dataclasses import dataclass, field
 from operator import attrgetter
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
@@ -44,6 +46,9 @@ from sattrack.mount.simulator.axis import Axis
 from sattrack.mount.simulator.drives import DTICS_S_PER_DEG_S, GUIDE_RATE_DTICS_S, DrivenAxis, Encoder, Mode
 from sattrack.mount.simulator.installation import SimulatorProfile
 from sattrack.mount.simulator.sky import SimulatedSky, direction, horizontal, is_beyond_pole
+
+if TYPE_CHECKING:
+    from sattrack.mount.geometry import AxisFrame
 
 COMMAND_HEADER = 0x5555AAAA
 STATUS_HEADER = b"XERXESxx"
@@ -212,6 +217,7 @@ class SimulatedMount:
     _ra: DrivenAxis = field(init=False)
     _dec: DrivenAxis = field(init=False)
     _sky: SimulatedSky = field(init=False)
+    _frame: AxisFrame | None = field(init=False)
     _types: dict[str, str] = field(init=False)
     _flags: FlagWatch = field(default_factory=FlagWatch)
     _mailbox: MailboxCommand = field(default_factory=MailboxCommand)
@@ -229,6 +235,9 @@ class SimulatedMount:
         offset_s = hardware.clock_offset_s
         offset_s = (profile.clock_offset_s or 0.0) if offset_s is None else offset_s
         self._sky = SimulatedSky(self.site.latitude_deg, self.site.longitude_deg, hardware, offset_s)
+        frame = self.profile.frame
+        self._frame = frame if frame is not None and frame.geometry.reports == "sky" else None
+        sky_rate_deg_s = 0.0 if self._frame is not None else SIDEREAL_RATE_DEG_S
         self._ra, self._dec = (
             DrivenAxis(
                 Axis(
@@ -239,12 +248,12 @@ class SimulatedMount:
                 Encoder(
                     profile.encoder_tics, zero_deg, hardware.encoder_noise_tics, f"{name} {hardware.seed}"
                 ),
-                sky_rate_deg_s,
+                rest_deg_s,
                 profile.additive,
                 limits.slew_rate_deg_s,
             )
-            for name, limits, (low_deg, high_deg), zero_deg, sky_rate_deg_s in (
-                ("ra", profile.ra, self._ha_travel_deg, hardware.ra_encoder_zero_deg, SIDEREAL_RATE_DEG_S),
+            for name, limits, (low_deg, high_deg), zero_deg, rest_deg_s in (
+                ("ra", profile.ra, self._ha_travel_deg, hardware.ra_encoder_zero_deg, sky_rate_deg_s),
                 ("dec", profile.dec, profile.dec_axis_limits_deg, hardware.dec_encoder_zero_deg, 0.0),
             )
         )
@@ -482,6 +491,13 @@ class SimulatedMount:
         hour_angle_deg, dec_deg = direction(ra_axis_deg, dec_axis_deg)
         altitude_deg, azimuth_deg = horizontal(hour_angle_deg, dec_deg, self.site.latitude_deg)
         ra_deg, dec_deg = self._sky.reported(ra_axis_deg, dec_axis_deg)
+        ra_rate, dec_rate = self._ra.axis.velocity_deg_s, self._dec.axis.velocity_deg_s
+        if self._frame is not None:
+            hour_angle_deg, dec_deg, ra_rate, dec_rate = self._frame.sky(
+                ra_axis_deg, dec_axis_deg, ra_rate, dec_rate
+            )
+            ra_deg = (self._sky.sidereal_deg - hour_angle_deg) % 360.0
+            altitude_deg, azimuth_deg = horizontal(hour_angle_deg, dec_deg, self.site.latitude_deg)
         acks, slewing = self._flags.acknowledged, self.slewing
         tells_places = self.hardware.reports_home_and_park
         flags = (
@@ -505,9 +521,9 @@ class SimulatedMount:
             altitude_deg,
             azimuth_deg,
             dec_deg,
-            self._eight("dec_rate_dtics_s", round(self._dec.axis.velocity_deg_s * DTICS_S_PER_DEG_S)),
+            self._eight("dec_rate_dtics_s", round(dec_rate * DTICS_S_PER_DEG_S)),
             ra_deg / 15.0,
-            self._eight("ra_rate_dtics_s", round(self._ra.axis.velocity_deg_s * DTICS_S_PER_DEG_S)),
+            self._eight("ra_rate_dtics_s", round(ra_rate * DTICS_S_PER_DEG_S)),
             self._sky.sidereal_deg / 15.0,
             self.site.height_m,
             self.site.latitude_deg,

@@ -1,0 +1,367 @@
+"""Mounts whose axes point anywhere, each followed for a minute in virtual time; and their axes found.
+
+python bench/geometry.py [--draws N] [--first N] [--jobs N] [--only follow|find] [--verbose]
+
+The drives, timers, links and passes are those of `bench/family.py`, with the mounts of `bench/strangers`.
+What such a mount calls hour angle and declination are the angles of its axes, and these point anywhere: drawn
+at random, with either sense and any zero. Half of the mounts report those angles, the others right ascension
+and declination of where the tube points. That is computed by the rotations of `strangers/alpaca_two_axes.py`
+and by ERFA, which know nothing of this program. Each draw is followed with those axes, and by the same drives
+as an equatorial mount, at that pass and at another: an error depends on the rates of a pass. The error is
+that of the tube on the sky.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import multiprocessing
+import random
+import statistics
+import struct
+import sys
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import erfa
+import family
+import msgspec
+import numpy as np
+from strangers.alpaca_two_axes import Parameters, Telescope
+
+from sattrack.calibration.axes_in_space import AxesFinder, find_axes
+from sattrack.control.engine import Engine
+from sattrack.control.target import TargetState, sky_error
+from sattrack.core.errors import SattrackError
+from sattrack.mount.geometry import AxisFrame, AxisGeometry
+from sattrack.mount.model import MountProfile, SitePlace
+from sattrack.safety import SafetyLimits
+from tle.instants import Utc
+from tle.propagator import Propagator
+
+STRANGERS = ("velocity_servo", "position_servo", "planner")
+STATUS_PLACE = struct.Struct("<24xd8xd8xd")
+"""Where a status has declination, right ascension and sidereal time."""
+FASTEST_DEG_S, WIDEST_DEG, STEEPEST_DEG = 3.0, 150.0, 80.0
+"""Passes through a keyhole, or round the back, are no equatorial mount's either."""
+BOUND = 1.5
+ANYWHERE = SafetyLimits(floor_altitude_deg=-90.0, optical=False)
+LEAST_ARCSEC = 0.02
+"""About what the encoders and the dates of samples allow: smaller errors count as this."""
+
+
+class AxesDraw(NamedTuple):
+    """Axes in space, and how the drives' angles count on them."""
+
+    drawn: family.Draw
+    geometry: AxisGeometry
+    senses: tuple[int, int]
+    zeros_deg: tuple[float, float]
+
+
+class Tube:
+    """Where drives of certain angles point a tube, by a stranger's rotations and ERFA."""
+
+    def __init__(self, axes: AxesDraw) -> None:
+        own = axes.geometry
+        self._latitude_deg = axes.drawn.site.latitude_deg
+        self._counts = tuple(zip(axes.senses, axes.zeros_deg, strict=True))
+        self._telescope = Telescope(
+            Parameters(
+                latitude_deg=self._latitude_deg,
+                pole_azimuth_deg=own.pole_azimuth_deg,
+                pole_altitude_deg=own.pole_altitude_deg,
+                axes_deg=own.axes_deg,
+                cone_deg=own.cone_deg,
+            ),
+            0.0,
+        )
+
+    def horizontal(self, first_deg: float, second_deg: float) -> tuple[float, float]:
+        """Return azimuth and altitude of the tube, degrees, from the angles of the drives."""
+        first, second = (
+            sense * (angle - zero)
+            for angle, (sense, zero) in zip((first_deg, second_deg), self._counts, strict=True)
+        )
+        # It counts the first angle from the other end of the meridian.
+        self._telescope.angles = [first - 180.0, second]
+        return self._telescope.horizontal()
+
+    def sky(self, first_deg: float, second_deg: float) -> tuple[float, float]:
+        """Return hour angle and declination of the tube, degrees, from the angles of the drives."""
+        azimuth, altitude = (math.radians(angle) for angle in self.horizontal(first_deg, second_deg))
+        hour_angle, dec = erfa.ae2hd(azimuth, altitude, math.radians(self._latitude_deg))
+        return math.degrees(hour_angle), math.degrees(dec)
+
+
+def draw(number: int) -> AxesDraw:
+    """Draw a mount and its axes; the same number gives the same ones."""
+    drawn = family.draw(number, STRANGERS)
+    rng = random.Random(f"axes {number}")
+    # Friction depends on which way an axis turns, and when it turns round: another axis has another.
+    hardware = replace(drawn.hardware, additive=False, stiction=0.0, ripple=0.0)
+    while True:
+        pole_altitude = math.degrees(math.asin(rng.uniform(-1.0, 1.0)))
+        geometry = AxisGeometry(
+            rng.uniform(0.0, 360.0),
+            pole_altitude,
+            90.0 + rng.choice((0.0, rng.uniform(-2.0, 2.0))),
+            rng.choice((0.0, rng.uniform(-1.0, 1.0))),
+            reports=("sky", "axes")[number % 2],
+        )
+        path = _path(drawn, AxisFrame(geometry, drawn.site.latitude_deg))
+        rates = np.max(np.abs(path[:, 2:]))
+        if rates < FASTEST_DEG_S and np.max(np.abs(path[:, 0])) < WIDEST_DEG:
+            break
+    senses = (rng.choice((1, -1)), rng.choice((1, -1)))
+    zeros = (rng.uniform(-30.0, 30.0), rng.uniform(-5.0, 5.0))
+    # The drives' declination stays one that can be reported.
+    if np.max(np.abs(path[:, 1])) > STEEPEST_DEG:
+        zeros = (zeros[0], 0.0)
+    stands = (
+        path[0, 0] + rng.uniform(-20.0, 20.0),
+        max(-80.0, min(80.0, path[0, 1] + rng.uniform(-20.0, 20.0))),
+    )
+    angles = tuple(zero + sense * angle for zero, sense, angle in zip(zeros, senses, stands, strict=True))
+    drawn = replace(drawn, hardware=hardware, stands=(angles[0], angles[1]))
+    return AxesDraw(drawn, geometry, senses, zeros)
+
+
+def _path(drawn: family.Draw, frame: AxisFrame) -> Any:
+    propagator = Propagator(drawn.elements, drawn.site)
+    rows = []
+    for k in range(family.LOOKS + 1):
+        seen = propagator.at(Utc(drawn.start_s + k * family.LASTS_S / family.LOOKS))
+        rows.append(frame.angles(seen.ha_deg, seen.dec_deg, seen.ha_rate_deg_s, seen.dec_rate_deg_s))
+    return np.array(rows)
+
+
+def profile_of(axes: AxesDraw) -> MountProfile:
+    """Return what a calibration knows of the drives, and the axes."""
+    hard, geometry = axes.drawn.hardware, axes.geometry
+    known = family.profile_of(hard, "truth")
+    # A commanded rate of the stranger's turns the angle that it counts by its own sign.
+    signs = [sign * sense for sign, sense in zip(hard.signs, axes.senses, strict=True)]
+    if geometry.reports == "axes":
+        geometry = msgspec.structs.replace(
+            geometry,
+            first_sense=axes.senses[0],
+            second_sense=axes.senses[1],
+            first_zero_deg=axes.zeros_deg[0],
+            second_zero_deg=axes.zeros_deg[1],
+        )
+    site = axes.drawn.site
+    return msgspec.structs.replace(
+        known,
+        geometry=geometry,
+        ra_rate_sign=signs[0],
+        dec_rate_sign=signs[1],
+        hour_angle_limit_deg=360.0,
+        stands_at=SitePlace(site.latitude_deg, site.longitude_deg),
+    )
+
+
+class SkyStranger(family.Stranger):
+    """A stranger that reports where its tube points, or the angles of its drives."""
+
+    def __init__(self, axes: AxesDraw) -> None:
+        super().__init__(axes.drawn)
+        self._tube, self._sky = Tube(axes), axes.geometry.reports == "sky"
+
+    def turn(self) -> bytes:
+        status = super().turn()
+        if not self._sky:
+            return status
+        dec, ra_h, sidereal_h = STATUS_PLACE.unpack_from(status)
+        hour_angle, dec = self._tube.sky(15.0 * (sidereal_h - ra_h), dec)
+        ra_h = (sidereal_h - hour_angle / 15.0) % 24.0
+        packed = bytearray(status)
+        for offset, value in ((24, dec), (40, ra_h)):
+            struct.pack_into("<d", packed, offset, value)
+        return bytes(packed)
+
+
+class AxesRun(family.Run):
+    """One draw, with its own axes."""
+
+    def __init__(
+        self, axes: AxesDraw, profile: MountProfile | None = None, limits: SafetyLimits | None = None
+    ) -> None:
+        super().__init__(axes.drawn, profile=profile or profile_of(axes))
+        if limits is not None:
+            self.engine = Engine(replace(self.engine.spec, limits=limits))
+        self.mount = SkyStranger(axes)
+        self.tube_deg: list[tuple[float, float, float]] = []
+        """Instant, azimuth and altitude of the tube, at every turn of the mount."""
+        self._tube, self._reports_sky = Tube(axes), axes.geometry.reports == "sky"
+
+    def _judge(self, truth: family.Axes) -> None:
+        angles = truth.hour_angle_deg, truth.dec_axis_deg
+        self.tube_deg.append((truth.utc_s, *self._tube.horizontal(*angles)))
+        hour_angle, dec = self._tube.sky(*angles)
+        sidereal = truth.ra_deg + truth.hour_angle_deg
+        errors = []
+        for utc_s in (truth.utc_s + self.dated_late_s, truth.utc_s):
+            seen = self.propagator.at(Utc(utc_s))
+            # What reports the sky is steered by what it reports: its sidereal clock is its own.
+            target = float(seen.ra_deg) if self._reports_sky else -float(seen.ha_deg)
+            ours = sidereal - hour_angle if self._reports_sky else -hour_angle
+            goal = TargetState(target, float(seen.dec_deg), 0.0, 0.0)
+            errors.append(sky_error(utc_s, ours, dec, goal).total_arcsec)
+        self.errors.append(family.Error(truth.utc_s, *errors))
+
+
+class Followed(NamedTuple):
+    """RMS errors with a mount's own axes and as an equatorial one, arcseconds; NaN where never acquired."""
+
+    number: int
+    own_arcsec: float
+    equatorial_arcsec: float
+    peak_rate_deg_s: float
+    why: str
+
+
+def others(number: int) -> tuple[int, ...]:
+    """Return the draws whose passes an equatorial mount of the same drives follows."""
+    return (number, number + 1000)
+
+
+def follow(number: int) -> Followed:
+    """Follow a draw with both."""
+    axes = draw(number)
+    path = _path(axes.drawn, AxisFrame(axes.geometry, axes.drawn.site.latitude_deg))
+    run = AxesRun(axes).run()
+    passes = [replace(family.draw(one, STRANGERS), hardware=axes.drawn.hardware) for one in others(number)]
+    squares = [family.Run(plain, "truth").run().settled_rms_arcsec() ** 2 for plain in passes]
+    return Followed(
+        number,
+        run.settled_rms_arcsec(),
+        math.sqrt(statistics.fmean(squares)),
+        float(np.max(np.abs(path[:, 2:]))),
+        "" if run.ended_by is None else f"{run.ended_by}: {run.message}",
+    )
+
+
+class Found(NamedTuple):
+    """How far a found geometry's axes are from the true ones; NaN and the reason where none was found."""
+
+    number: int
+    pole_deg: float
+    axes_deg: float
+    cone_deg: float
+    own_arcsec: float
+    true_arcsec: float
+    why: str
+
+
+class Finding(AxesRun):
+    """The motions by which a draw's axes are found."""
+
+    def __init__(self, axes: AxesDraw) -> None:
+        site = axes.drawn.site
+        plain = msgspec.structs.replace(profile_of(axes), geometry=None, ra_rate_sign=1, dec_rate_sign=1)
+        super().__init__(axes)
+        self.engine = AxesFinder(  # type: ignore[assignment]
+            plain, ANYWHERE, (site.latitude_deg, site.longitude_deg), axes.drawn.begin_s
+        )
+
+    def _client_turn(self, now_s: float, _: Any) -> None:
+        finder: Any = self.engine
+        self._carry(self.drawn.hardware.command_delay_s, now_s, self._arrives, finder.tick(now_s))
+        self._at(now_s + family.PERIOD_S, self._client_turn, None)
+        self.ended_by = "done" if finder.finished else None
+
+
+def find(number: int) -> Found:
+    """Find the axes of a draw that reports the sky, and follow with what was found."""
+    axes = draw(number)
+    axes = axes._replace(geometry=msgspec.structs.replace(axes.geometry, reports="sky"))
+    site = axes.drawn.site
+    # Not where the first axis points: nobody could tell its angle there.
+    rng = random.Random(f"find {number}")
+    stands = (axes.drawn.stands[0], axes.zeros_deg[1] + rng.uniform(-55.0, 55.0))
+    axes = axes._replace(drawn=replace(axes.drawn, stands=stands, start_s=axes.drawn.begin_s + 300.0))
+    run = Finding(axes).run()
+    finder: Any = run.engine
+    try:
+        if finder.words is not None:
+            raise SattrackError(finder.words)
+        found = find_axes(finder.legs, site.latitude_deg)
+    except SattrackError as error:
+        return Found(number, math.nan, math.nan, math.nan, math.nan, math.nan, str(error))
+    true = axes.geometry
+    poles = [
+        math.radians(angle)
+        for one in (found.geometry, true)
+        for angle in (one.pole_azimuth_deg, one.pole_altitude_deg)
+    ]
+    apart = math.degrees(erfa.seps(*poles))
+    followed = draw(number)
+    followed = followed._replace(geometry=msgspec.structs.replace(followed.geometry, reports="sky"))
+    signs = [1 if gain > 0.0 else -1 for gain in found.gains]
+    profile = msgspec.structs.replace(
+        profile_of(followed),
+        geometry=found.geometry,
+        ra_rate_sign=signs[0],
+        dec_rate_sign=signs[1],
+    )
+    return Found(
+        number,
+        min(apart, 180.0 - apart),
+        found.geometry.axes_deg - true.axes_deg,
+        abs(found.geometry.cone_deg) - abs(true.cone_deg),
+        AxesRun(followed, profile=profile).run().settled_rms_arcsec(),
+        AxesRun(followed).run().settled_rms_arcsec(),
+        "",
+    )
+
+
+def tell_followed(followed: list[Followed]) -> None:
+    """Print how mounts were followed with."""
+    ratios = [one.own_arcsec / max(one.equatorial_arcsec, LEAST_ARCSEC) for one in followed]
+    known = sorted(ratio for ratio in ratios if math.isfinite(ratio))
+    print(f"followed with: {len(known)} of {len(followed)} mounts")
+    print(f"error over the equatorial one: median {statistics.median(known):.2f}, most {known[-1]:.2f}")
+    print(f"within {BOUND}: {sum(ratio <= BOUND for ratio in known)}")
+
+
+def tell_found(found: list[Found]) -> None:
+    """Print how well axes were found."""
+    known = [one for one in found if not one.why]
+    print(f"found: {len(known)} of {len(found)} mounts")
+    for name, offs in (
+        ("pole", [one.pole_deg for one in known]),
+        ("angle between the axes", [abs(one.axes_deg) for one in known]),
+        ("cone", [abs(one.cone_deg) for one in known]),
+    ):
+        print(f"{name} off by: median {3600 * statistics.median(offs):.2f}″, most {3600 * max(offs):.2f}″")
+    ratios = [one.own_arcsec / max(one.true_arcsec, LEAST_ARCSEC) for one in known]
+    finite = [ratio for ratio in ratios if math.isfinite(ratio)]
+    print(f"error with what was found over that with the truth: most {max(finite):.2f} of {len(finite)}")
+
+
+def main() -> int:
+    """Print the figures."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--draws", type=int, default=200)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--only", choices=("follow", "find"))
+    parser.add_argument("--verbose", action="store_true")
+    options = parser.parse_args()
+    numbers = range(options.first, options.first + options.draws)
+    parts = {"follow": (follow, tell_followed), "find": (find, tell_found)}
+    with multiprocessing.Pool(options.jobs) as pool:
+        for name in (options.only,) if options.only else parts:
+            work, tell = parts[name]
+            done: list[Any] = []
+            for one in pool.imap(work, numbers):
+                done.append(one)
+                if options.verbose:
+                    print(one, flush=True)
+            tell(done)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
