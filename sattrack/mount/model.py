@@ -331,6 +331,11 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             return
         if self.stands_at is None:
             raise ValueError("geometry is given without stands_at: axes lie so at one site only; give both")
+        if self.pointing is not None:
+            raise ValueError(
+                "pointing and geometry are both given: a pointing model is applied to equatorial mounts only; "
+                "leave one of them out"
+            )
         if self.geometry.reports == "sky" and self.additive:
             raise ValueError(
                 'additive is true, and geometry.reports is "sky": only mounts are driven '

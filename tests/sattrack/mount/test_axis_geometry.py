@@ -13,7 +13,7 @@ import pytest
 
 from bench.strangers.alpaca_two_axes import Parameters, Telescope
 from sattrack.mount.geometry import AxisFrame, AxisGeometry
-from sattrack.mount.model import AxesPosition, MountProfile, SitePlace
+from sattrack.mount.model import AxesPosition, MountProfile, PointingTerms, SitePlace
 
 SIDEREAL_DEG_S = 360.98564736629 / 86400.0
 MOUNTS = range(200)
@@ -147,6 +147,10 @@ def test_axes_that_are_not_square_leave_a_hole_about_the_pole(cone_deg: float, a
     [
         ({"stands_at": None}, "geometry is given without stands_at"),
         ({"additive": True}, "additive is true"),
+        (
+            {"pointing": PointingTerms("2026-01-01T00:00:00Z", 52.0, {"IH": (10.0, 1.0)}, 5.0, 9)},
+            "pointing and geometry are both given",
+        ),
         ({"through_pole": True}, "through_pole is true"),
         (
             {"geometry": {"pole_azimuth_deg": 0.0, "pole_altitude_deg": 91.0}},
