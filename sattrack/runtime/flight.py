@@ -134,8 +134,9 @@ def fly_live(
         stack.enter_context(stopping(stop))
         ended_utc_s = loop.run()
         summary = summarise(engine, loop.statistics, ended_utc_s)
-        if summary.message is not None and link.trouble is not None:
-            summary = msgspec.structs.replace(summary, message=f"{summary.message}; {link.trouble}")
+        trouble = "the simulated mount has ended: nothing moves" if connection.gone else link.trouble
+        if summary.message is not None and trouble is not None:
+            summary = msgspec.structs.replace(summary, message=f"{summary.message}; {trouble}")
         summary = _remembered(summary, engine, prepared, ended_utc_s)
         if guard.deposed:
             summary = msgspec.structs.replace(summary, mount_stopped=guard.mount_stopped)
@@ -382,12 +383,18 @@ class LiveLoop(RealtimeLoop):
     observers: Observers | None = None
     statistics: RunStatistics = field(default_factory=RunStatistics)
 
+    @property
+    def over(self) -> bool:
+        """See RealtimeLoop. A simulated mount that has ended needs no stop."""
+        no_mount = self.driver.stop is not None and self.connection.gone
+        return self.driver.finished or self.connection.guard.deposed or no_mount
+
     def run(self) -> float:
         """Run to the end; return the UTC instant of the end, POSIX seconds."""
         self.feed()
         guard, link = self.connection.guard, self.connection.link
         self.guarded(self.heed_guard)
-        if self.driver.finished and not guard.deposed:
+        if self.over and not guard.deposed:
             guard.release(self.rest)
         self.guarded(self._show_end)
         self.statistics.strangers, self.statistics.unsent = link.strangers, link.unsent
