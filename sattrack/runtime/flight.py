@@ -27,6 +27,7 @@ from sattrack.core.errors import (
     LinkLostError,
     SafetyLimitError,
     SattrackError,
+    meant,
 )
 from sattrack.core.figures import RunningError, quantile
 from sattrack.core.toml_text import read_toml
@@ -597,8 +598,9 @@ def read_law(path: Path | None, settings: Sequence[str], base: ControlLaw) -> Co
         name, equals, number = setting.partition("=")
         group, _, key = name.strip().partition(".")
         if not equals or group not in values or key not in values[group]:
-            known = ", ".join(f"{g}.{k}" for g, table in values.items() for k in table)
-            raise BadInputError(f"--set {setting}: give one of {known}, = and a number")
+            near = meant(name, [f"{g}.{k}" for g, table in values.items() for k in table])
+            words = f"--set {setting}: give KEY=N{near}"
+            raise BadInputError(f"{words}{'' if near else ','} docs/recordings.md lists the keys")
         try:
             values[group][key] = float(number)
         except ValueError:
