@@ -23,7 +23,7 @@ from tle.earth import EarthOrientation
 from tle.ephemeris import Frame, Span, leaps_s
 from tle.errors import BodyError, SourceError
 from tle.instants import ARRAYS, DAY_S, FLOATS, MJD_JD, TT_MINUS_TAI_S, UNIX_EPOCH_MJD, Utc
-from tle.sources import gunzipped, plain_name
+from tle.sources import BODIES, gunzipped, plain_name
 from tle.sun import AU_KM, LIGHT_KM_S
 
 if TYPE_CHECKING:
@@ -35,17 +35,9 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-_TARGETS = {
-    "sun": "sun",
-    "moon": "moon",
-    "mercury": "mercury",
-    "venus": "venus",
-    "mars": "mars",
-    "jupiter": "jupiter barycenter",
-    "saturn": "saturn barycenter",
-    "uranus": "uranus barycenter",
-    "neptune": "neptune barycenter",
-    "pluto": "pluto barycenter",
+# From Jupiter on, the file has the centres of mass with the moons.
+_TARGETS = {one.casefold(): one.casefold() for one in BODIES[:5]} | {
+    one.casefold(): f"{one.casefold()} barycenter" for one in BODIES[5:]
 }
 _DE421 = (Utc.parse("1973-01-02"), Utc.parse("2053-10-08"))
 # Places are looked up for a quarter of a day at a time, and written as a polynomial of so many terms.
@@ -281,6 +273,9 @@ def _kernel() -> tuple[Any, Any]:
         ) from None
 
 
+_ANGLE = re.compile(r"\s*[+-]?\d+[\d\s:.hmsd°'′\"″]*$")
+
+
 def find_body(key: str) -> Body | None:
     """Return the body that a user means: Sun, Moon, a planet, or RA,DEC in the ICRS; None where it is none.
 
@@ -291,7 +286,7 @@ def find_body(key: str) -> Body | None:
     if name.casefold() in _TARGETS:
         return Body(name.capitalize())
     parts = name.split(",") if "," in name else name.split()
-    if len(parts) != 2 or not re.fullmatch(r"[\d\s:.,hms+-]+", name):
+    if len(parts) != 2 or not (re.fullmatch(r"[\d\s:.,hms+-]+", name) or all(map(_ANGLE.match, parts))):
         return None
     ra_deg = _angle(parts[0], 15.0)
     dec_deg = _angle(parts[1], 1.0)

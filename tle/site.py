@@ -69,7 +69,10 @@ class Site:
         try:
             numbers = [float(part) for part in parts]
         except ValueError:
-            raise SiteError(f"{text!r} is no site: LAT,LON,HEIGHT must be numbers, as 52.15,4.49,0") from None
+            raise SiteError(
+                f"{text!r} is no site: LAT,LON,HEIGHT must be numbers, as 52.15,4.49,0; "
+                "south and west are negative, without letters"
+            ) from None
         return cls(*numbers)
 
 

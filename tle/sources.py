@@ -50,6 +50,8 @@ _SIX_DIGITS_SINCE = Utc.parse("2026-07-11T00:00:00Z")
 # Compiled where it is used: most runs need none of these.
 _QUERY = r"https?://[^\s\"'<>]*/(?:sup-)?gp\.php\?([^\s\"'<>]*)"
 _HEAD = 2000
+BODIES = ("Sun", "Moon", "Mercury", "Venus", "Mars", "Jupiter", "Saturn", "Uranus", "Neptune", "Pluto")
+"""The bodies that can be targets beside satellites; `tle.bodies` knows where they are."""
 COMMON_NAMES = {
     "iss": 25544,
     "internationalspacestation": 25544,
@@ -242,15 +244,15 @@ def lacks_new_objects(source: str, text: str, accepted: Sequence[Elements]) -> b
 
 
 def _meant(elements: Sequence[Elements], key: str) -> str:
-    """Return "; did you mean ...?" where a name, or a word of one, looks like the key, else nothing."""
+    """Return "; did you mean ...?" where a name, a word of one or a body looks like the key, else nothing."""
     from difflib import get_close_matches
 
-    names: dict[str, Elements] = {}
+    names = {plain_name(body): body for body in BODIES}
     for one in elements:
         for text in (one.name, *one.name.split()):
-            names.setdefault(plain_name(text), one)
+            names.setdefault(plain_name(text), f"{one.label} ({one.catalog_number})")
     near = [] if key.isdigit() else get_close_matches(plain_name(key), names, n=1, cutoff=0.75)
-    return f"; did you mean {names[near[0]].label} ({names[near[0]].catalog_number})?" if near else ""
+    return f"; did you mean {names[near[0]]}?" if near else ""
 
 
 def _by_number(elements: Sequence[Elements], key: str) -> list[Elements]:

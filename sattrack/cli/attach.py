@@ -25,6 +25,7 @@ from sattrack.cli.common import (
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.process import self_command
+from sattrack.runtime.callers import listen
 from sattrack.runtime.view_server import SUPPORTED, feeders
 
 if TYPE_CHECKING:
@@ -177,6 +178,8 @@ def web(
         raise SattrackError("the browser's screen needs textual-serve: pip install 'sattrack[web]'")
     if token is not None and len(token) < FEWEST_CHARACTERS:
         raise BadInputError(f"--token: {len(token)} characters; give {FEWEST_CHARACTERS} or more")
+    if ":" not in host:
+        listen(host, port).close()
     from sattrack.servers.web import Visit, needs_token, new_token, serve
 
     if token is None and needs_token(host):

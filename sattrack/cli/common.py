@@ -196,7 +196,7 @@ class OutputFile(click.Path):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the path; raises BadInputError, OSError."""
-        path = super().convert(value, param, ctx)
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
         if ctx is not None and ctx.resilient_parsing:
             return path
         what = f"{param.opts[0]} {path}" if isinstance(param, click.Option) else f"{path}"

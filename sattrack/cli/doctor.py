@@ -25,8 +25,9 @@ from sattrack.core.realtime import how_to_grant, undisturbed
 from sattrack.mount.model import MountProfile
 from sattrack.runtime.system import read_kernel_clock
 from sattrack.settings import find_settings_file, load_settings
-from sattrack.views.formatting import OLD_ELEMENTS_DAYS
+from sattrack.views.formatting import OLD_ELEMENTS_DAYS, arcsec
 from tle.earth import earth_orientation_age
+from tle.elements import expected_along_arcsec
 from tle.errors import TleError
 from tle.instants import DAY_S, Utc
 from tle.sources import newest
@@ -52,15 +53,19 @@ LITTLE_SPACE_BYTES = 200e6
 NO_SPACE_BYTES = 10e6
 UNEVEN_MS = 10.0
 EXTRAS = {
-    "tui": "the terminal screen",
-    "plot": "plots to files, biases in reports",
-    "keyring": "passwords in the key ring",
+    "tui": ("the terminal screen", "textual", "textual_plot"),
+    "plot": ("plots to files, biases in reports", "matplotlib", "filterpy"),
+    "web": ("the screen in a browser", "textual_serve"),
+    "serial": ("serial lines", "serial"),
+    "camera": ("cameras, FITS, PNG", "sep", "tetra3rs", "astropy", "PIL", "scipy"),
+    "indi": ("cameras by INDI", "indipyclient"),
+    "v4l": ("webcams", "cv2"),
+    "adsb": ("aircraft", "pyModeS"),
+    "cluster": ("many stations", "dask", "distributed", "highspy"),
+    "parquet": ("Parquet files", "pyarrow"),
+    "keyring": ("passwords in the key ring", "keyring"),
 }
-EXTRA_MODULES = {
-    "tui": ("textual", "textual_plot"),
-    "plot": ("matplotlib", "filterpy"),
-    "keyring": ("keyring",),
-}
+"""What each optional part is for, and the modules that it brings."""
 COLOURS = {"ok": "green", "warn": "yellow", "bad": "red"}
 
 
@@ -83,6 +88,8 @@ class ElementFacts:
     first_refusal: str | None = None
     error: str | None = None
     """Why a source could not be read."""
+    along_arcsec: tuple[float, ...] = ()
+    """By how much each may be off along its track now, at its largest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +158,8 @@ def check_elements(facts: ElementFacts, now_utc_s: float) -> CheckResult:
     )
     todo: list[str] = []
     if old == len(ages):
-        todo.append("fetch new ones (`sattrack elements get`): these are off by arcminutes along track")
+        best = f": expect {arcsec(min(facts.along_arcsec))} along track" if facts.along_arcsec else ""
+        todo.append(f"fetch new ones (`sattrack elements get`){best}{' at best' if len(ages) > 1 else ''}")
     if facts.refused:
         todo.append("`sattrack elements check` says what is wrong with those refused")
     return CheckResult("elements", "warn" if todo else "ok", what, tuple(todo))
@@ -231,8 +239,9 @@ def check_extras(installed: Mapping[str, bool]) -> CheckResult:
     missing = [name for name in EXTRAS if not installed.get(name, False)]
     if not missing:
         return CheckResult("extras", "ok", f"all installed: {', '.join(EXTRAS)}")
-    what = "not installed: " + ", ".join(f"{name} ({EXTRAS[name]})" for name in missing)
-    ways = (f"pip install 'sattrack[{','.join(missing)}]'",)
+    what = "not installed: " + ", ".join(f"{name} ({EXTRAS[name][0]})" for name in missing)
+    wanted = "tui" if "tui" in missing else missing[0] if len(missing) == 1 else "NAME,NAME"
+    ways = (f"pip install 'sattrack[{wanted}]'",)
     return CheckResult("extras", "warn" if "tui" in missing else "ok", what, ways)
 
 
@@ -377,7 +386,7 @@ def _checks(context: CommandContext, options: dict[str, Any]) -> Iterator[CheckR
     yield check_settings(path, settings_error)
     yield _check_site(context)
     now = context.now()
-    yield check_elements(_element_facts(context), float(now.unix_s))
+    yield check_elements(_element_facts(context, now), float(now.unix_s))
     yield _check_earth(now)
     yield check_clock(read_kernel_clock())
     with undisturbed() as grant:
@@ -390,7 +399,7 @@ def _checks(context: CommandContext, options: dict[str, Any]) -> Iterator[CheckR
     yield check_extras(
         {
             name: all(importlib.util.find_spec(module) is not None for module in modules)
-            for name, modules in EXTRA_MODULES.items()
+            for name, (_, *modules) in EXTRAS.items()
         }
     )
     yield from _check_mount(context, options["mount_url"] or context.settings.mount.url, options["profile"])
@@ -406,7 +415,7 @@ def _check_site(context: CommandContext) -> CheckResult:
         return check_site(None, str(error))
 
 
-def _element_facts(context: CommandContext) -> ElementFacts:
+def _element_facts(context: CommandContext, now: Utc) -> ElementFacts:
     sources = context.sources()
     if not sources:
         return ElementFacts(())
@@ -414,9 +423,11 @@ def _element_facts(context: CommandContext) -> ElementFacts:
         sets = context.load(sources)
     except (SattrackError, TleError) as error:
         return ElementFacts(sources, error=str(error))
+    known = newest(sets.accepted)
     return ElementFacts(
         sources,
-        epochs_utc_s=tuple(float(elements.epoch.unix_s) for elements in newest(sets.accepted)),
+        epochs_utc_s=tuple(float(elements.epoch.unix_s) for elements in known),
+        along_arcsec=tuple(expected_along_arcsec(elements, now) for elements in known),
         refused=len(sets.rejected),
         first_refusal=str(sets.rejected[0]).splitlines()[0] if sets.rejected else None,
     )

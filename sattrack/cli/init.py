@@ -37,6 +37,8 @@ CENTRE_WARNING = (
     "The site is the middle of the city. 10 km away a satellite appears up to a degree elsewhere. For a real "
     "mount, write your own coordinates (a phone shows them) into the file."
 )
+NEXT = "`sattrack rehearse SATELLITE` checks a pass, `sattrack track SATELLITE` follows it."
+NEXT_WITHOUT_ELEMENTS = "`sattrack init --force --elements FILE` with a file; `sattrack demo` needs none."
 FAMOUS = ("ISS", "Tiangong")
 """Of a long list of elements, whose passes are shown at the end."""
 MOST_LISTED = 5
@@ -103,9 +105,7 @@ def command(**options: Any) -> int:
             tell(note)
     passes = _tonight(path, options["as_json"])
     if not options["as_json"]:
-        click.echo(
-            "\nNext: `sattrack rehearse SATELLITE` checks a pass, `sattrack track SATELLITE` follows it."
-        )
+        click.echo(f"\nNext: {NEXT if passes is not None else NEXT_WITHOUT_ELEMENTS}")
     else:
         site = answers.site
         document = {
@@ -346,7 +346,7 @@ floor_altitude_deg = 0
 
 
 def _tonight(path: Path, as_json: bool) -> Any:
-    """Print the passes of the coming night by the new settings; as JSON, return them. None: there are none.
+    """Print the passes of the coming night by the new settings, or as JSON return them; None: not possible.
 
     What keeps them from being found is reported, and no error: the settings are written.
     """
@@ -367,7 +367,7 @@ def _tonight(path: Path, as_json: bool) -> Any:
         if not as_json:
             click.echo("\nThe coming 24 hours:")
             passes.main(words, standalone_mode=False)
-            return None
+            return []
         with redirect_stdout(io.StringIO()) as out:
             passes.main([*words, "--json"], standalone_mode=False)
         return json.loads(out.getvalue())

@@ -87,6 +87,7 @@ def command(context: CommandContext, target: str, number: int, **options: Any) -
       sattrack rehearse ISS
       sattrack rehearse ISS --pass 2 --plot pass.png
     """
+    from sattrack.cli.running import too_old
     from sattrack.runtime.facts import RunRequest, prepare
     from sattrack.runtime.rehearse import choose_nth_pass, rehearse
     from sattrack.runtime.system import read_kernel_clock
@@ -119,6 +120,10 @@ def command(context: CommandContext, target: str, number: int, **options: Any) -
         prepared = choose_nth_pass(prepared, number, min_alt_deg)
     if prepared.practising:
         tell("no elements or site set: rehearsing the built-in ISS pass over Leiden")
+    elif prepared.facts.elements is not None:
+        old = too_old(prepared.facts.elements, prepared.facts.plan.start_utc_s, fov_deg)
+        if old is not None:
+            tell(f"`sattrack track` refuses this pass: {old}")
     clock = read_kernel_clock()
     error_s = clock.estimated_error_s if clock is not None and clock.synchronised else None
     rehearsal = rehearse(prepared, error_s, fov_deg)

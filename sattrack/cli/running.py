@@ -494,21 +494,27 @@ def _check_options(context: CommandContext, url: str | None, options: dict[str, 
 
 
 def check_age(elements: Elements, start_utc_s: float, fov_deg: float | None) -> None:
-    """Raise BadInputError where elements are too old to find the satellite with.
+    """Raise BadInputError where elements are too old to find the satellite with."""
+    why = too_old(elements, start_utc_s, fov_deg)
+    if why is not None:
+        raise BadInputError(f"{why}, or give --old-elements")
 
-    That is when they are more than OLDEST_DAYS off the pass, or when the error to expect along the track is
+
+def too_old(elements: Elements, start_utc_s: float, fov_deg: float | None) -> str | None:
+    """Return why elements are too old for a pass, and what to do; None where they are not.
+
+    They are when they are more than OLDEST_DAYS off the pass, or when the error to expect along the track is
     larger than half the camera's field of view.
     """
     age_days = abs(start_utc_s - float(elements.epoch.unix_s)) / DAY_S
     what = f"the elements of {elements.label} are {age_days:.0f} days off the pass"
-    do = f"fetch new ones (`sattrack elements get {elements.catalog_number}`), or give --old-elements"
+    do = f"fetch new ones (`sattrack elements get {elements.catalog_number}`)"
     if age_days > OLDEST_DAYS:
-        raise BadInputError(f"{what}, {OLDEST_DAYS:g} are allowed: {do}")
+        return f"{what}, {OLDEST_DAYS:g} are allowed: {do}"
     error_deg = expected_along_arcsec(elements, Utc(start_utc_s)) / 3600.0
     if fov_deg is not None and error_deg > fov_deg / 2.0:
-        raise BadInputError(
-            f"{what}: expect it {error_deg:.2g}° off along its track, out of a field of {fov_deg:g}°: {do}"
-        )
+        return f"{what}: expect it {error_deg:.2g}° off along its track, out of a field of {fov_deg:g}°: {do}"
+    return None
 
 
 def check_new_profile(target: Path | None, speed: float = 1.0) -> None:

@@ -33,6 +33,9 @@ _AT = re.compile(r" - at `\$([^`]*)`$")
 _STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+)\]")
 _SYNTAX = re.compile(r"^(.*?) \(at (?:line (\d+), column (\d+)|end of document)\)$")
 _UNKNOWN = re.compile(r"Object contains unknown field `(.*)`")
+QUOTED = re.compile(r"'(.*?)'")
+_TOML = re.compile(r"^\s*(\[|[\w.\"'-]+\s*=)", re.MULTILINE)
+"""What a line of TOML looks like."""
 _TAG = re.compile(r"Invalid value '(.*)'")
 
 
@@ -225,14 +228,18 @@ class KeyPositions:
         return path in self._spots
 
 
-def read_typed(text: str, file: str, kind: type[T], columns: bool = True) -> tuple[T, KeyPositions]:
-    """Return what a text says, and where.
+def read_typed(
+    text: str, file: str, kind: type[T], columns: bool = True, what: str = "this"
+) -> tuple[T, KeyPositions]:
+    """Return what a text says, and where; `what` names it in errors ("the settings").
 
     Raises BadInputError with file, line and column; without `columns`, with file, line and table.
     """
     try:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
+        if _TOML.search(text) is None:
+            raise Origin(file).wrong(f"this is not a TOML file, as {what} must be") from None
         raise _syntax(str(error), text, file) from None
     positions = KeyPositions(file, toml_positions(text), columns)
     try:
@@ -249,11 +256,46 @@ def _syntax(message: str, text: str, file: str) -> BadInputError:
     line, column = (int(match[2]), int(match[3])) if match[2] else (len(lines), len(lines[-1]) + 1)
     hint = ""
     row = lines[line - 1] if 0 < line <= len(lines) else ""
+    slip = _slip(match[1], lines, line, bool(match[2]))
+    if slip is not None:
+        return Origin(file, slip[0]).wrong(slip[1])
     if match[1] == "Invalid value" and re.match(r"\s*[A-Za-z_-]+\s*=\s*[A-Za-z]", row):
         hint = "; text stands in quotes"
     elif re.search(r"=\s*[+-]?\d+,\d+\s*$", row):
         hint = "; write a decimal point, not a comma"
     return Origin(file, line, column).wrong(f"not a TOML file: {match[1]}{hint}")
+
+
+def _slip(message: str, lines: list[str], line: int, inside: bool) -> tuple[int, str] | None:
+    """Return line and words for what is commonly wrong; None for anything else.
+
+    `line` is where the parser stopped, `inside` whether that was before the end.
+    """
+    row = lines[line - 1]
+    twice = re.match(r"Cannot declare \((.*?),?\) twice", message)
+    if twice is not None:
+        return line, f"[{'.'.join(re.findall(QUOTED, twice[1]))}] stands twice: merge them"
+    if message == "Cannot overwrite a value":
+        return line, f"{row.partition('=')[0].strip()} stands twice: keep one of them"
+    if message == 'Expected "\'"':
+        line = next((k for k, one in enumerate(lines, start=1) if one.count("'") % 2), line)
+    if message == 'Expected "\'"' or ("Illegal character '\\n'" in message and re.search("[\"']", row)):
+        return line, "the quote is not closed on this line"
+    opened = _unclosed(lines[: line - inside])
+    if opened and message in ("Unclosed array", "Invalid value") and not (inside and not _TOML.match(row)):
+        return opened, "[ is not closed: write ] after the last value"
+    return None
+
+
+def _unclosed(lines: list[str]) -> int:
+    """Return the line, from 1, of the last list in [ ] if it is not closed by then, else 0."""
+    depth = 0
+    for number in range(len(lines), 0, -1):
+        row = lines[number - 1].partition("#")[0]
+        depth += row.count("[") - row.count("]")
+        if re.search(r"=\s*\[", row):
+            return number if depth > 0 else 0
+    return 0
 
 
 def _without_times(value: Any) -> Any:
@@ -388,7 +430,7 @@ def read_toml(path: Path, kind: type[T], what: str) -> T:
         raise BadInputError(f"{path}: cannot read {what}: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise BadInputError(f"{path}: cannot read {what}: it is not UTF-8 text") from error
-    return read_typed(text, str(path), kind, columns=False)[0]
+    return read_typed(text, str(path), kind, columns=False, what=what)[0]
 
 
 def line_of_key(path: Path, name: str) -> str:

@@ -333,11 +333,13 @@ class DownloadError(SattrackError):
     """Elements could not be fetched from the network, and none were kept; the message says why."""
 
 
-_OFFLINE = "; check the network, or bring a file and give --elements FILE"
-
-
 class _UnreachableError(DownloadError):
     """No server answered, so that asking again soon bothers nobody."""
+
+
+def _bring(query: Query) -> str:
+    """Return how to get elements without the network, as the end of a message."""
+    return f"save {query.url} as a file on another computer, and give it with --elements FILE"
 
 
 class Downloads:
@@ -382,7 +384,7 @@ class Downloads:
                 except DownloadError as error:
                     reason = str(error)
         if kept is None:
-            raise DownloadError(f"{source}: {reason}")
+            raise DownloadError(f"{source}: {reason}; check the network, or {_bring(query)}")
         self._tell(f"{source}: using what was fetched {_since(kept, self._now())} ago: {reason}")
         return kept.text
 
@@ -416,9 +418,7 @@ class Downloads:
                 return one
         held = ", ".join(names[:_SHOWN]) if names else "nothing"
         raise DownloadError(
-            f"no elements of {satellite}: {str(error).removesuffix(_OFFLINE)}; "
-            f"kept from earlier downloads: {held}; "
-            f"save {query.url} as a file on another computer, and give it with --elements FILE"
+            f"no elements of {satellite}: {error}; kept from earlier downloads: {held}"
         ) from error
 
     def _why_not(self, query: Query, fetched_unix_s: float | None) -> str | None:
@@ -488,9 +488,7 @@ class Downloads:
         except TimeoutError:
             raise DownloadError("the server took too long to answer: try again later") from None
         except aiohttp.ClientConnectorError as error:
-            raise _UnreachableError(
-                f"cannot reach {error.host}: {error.strerror or error}{_OFFLINE}"
-            ) from None
+            raise _UnreachableError(f"cannot reach {error.host}: {error.strerror or error}") from None
         except aiohttp.ClientPayloadError:
             raise DownloadError("what the server sent was cut off: try again later") from None
         except aiohttp.ClientError as error:

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from sattrack.core.errors import BadInputError
 from sattrack.core.toml_text import read_toml
 from sattrack.mount.model import MountProfile
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+
+OF_SETTINGS = re.compile("unknown key '(elements|site|mount|min_altitude_deg|safety|camera|screen|zone)'")
+"""What is wrong with a settings file that is given for a profile."""
 
 
 class ProfileFile(MountProfile, frozen=True, forbid_unknown_fields=True):
@@ -31,7 +37,13 @@ def profile_file(profile: MountProfile) -> ProfileFile:
 
 def load_profile_file(path: Path) -> ProfileFile:
     """Return what a profile file says. Raises BadInputError, naming file, line and key."""
-    return read_toml(path, ProfileFile, "the mount profile")
+    try:
+        return read_toml(path, ProfileFile, "the mount profile")
+    except BadInputError as error:
+        if OF_SETTINGS.search(str(error)) is None:
+            raise
+        what = "this is a settings file, not a mount's profile; `profile` in its [mount] names one"
+        raise BadInputError(f"{path}: {what}") from None
 
 
 def profile_text(profile: MountProfile) -> str:

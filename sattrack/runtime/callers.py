@@ -5,6 +5,7 @@ All of this program's servers follow these rules; any client that reaches their 
 
 from __future__ import annotations
 
+import errno
 import ipaddress
 import math
 import re
@@ -237,6 +238,10 @@ def listen(host: str, port: int, backlog: int = 4) -> socket.socket:
         listener.listen(backlog)
     except OSError as error:
         listener.close()
+        if isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL:
+            raise SattrackError(
+                f"--host {host}: no address of this machine: give 127.0.0.1, 0.0.0.0 for all, or its own"
+            ) from error
         raise SattrackError(
             f"TCP port {port} on {host} is not available: {error.strerror}; choose another with --port"
         ) from error

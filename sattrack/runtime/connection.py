@@ -34,7 +34,7 @@ from sattrack.mount.xerxes.client import Address, nobody_listens
 from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.runtime import demo_pass
 from sattrack.runtime.guardian import GuardianTask, Release, Word, create_page, note_status, open_page
-from sattrack.runtime.mounts import Owner, claim, open_link, open_listener
+from sattrack.runtime.mounts import SIMULATED, Owner, claim, open_link, open_listener
 from sattrack.runtime.system import this_command, this_user, utc_now
 
 if TYPE_CHECKING:
@@ -126,6 +126,7 @@ class Guarded:
                 listen_port=link.listen_port,
             ),
             local=not name.startswith("xerxes://"),
+            simulated=name == SIMULATED,
         )
         self._name = name
         self._beats = 0
@@ -301,6 +302,11 @@ class Connection:
         """What an Alpaca telescope at the other end is; None for other mounts, and where it is overheard."""
         return getattr(self.link, "facts", None)
 
+    @property
+    def gone(self) -> bool:
+        """Whether the simulated mount that was started for us has ended: nothing is left that could move."""
+        return self.simulated is not None and self.simulated.running.process.poll() is not None
+
     def now_utc_s(self) -> float:
         """Return the instant that is now, UTC."""
         return self.clock.utc_s(time.monotonic())
@@ -330,7 +336,7 @@ def connected(
             stack.callback(simulated.close)
             address = simulated.address
         if own:
-            name = None if simulated is None else "sim"
+            name = None if simulated is None else SIMULATED
             link, guard = stack.enter_context(owned(address, described.mount, clock.speed, name))
             yield Connection(link, clock, simulated, guard)
             return

@@ -405,7 +405,7 @@ def _until(plan: TrackPlan, end_utc_s: float | None, name: str) -> TrackPlan:
     if plan.start_utc_s >= end_utc_s:
         raise SattrackError(
             f"--to {Utc(end_utc_s).isoformat('seconds')}: {name} can be followed from "
-            f"{Utc(plan.start_utc_s).isoformat('seconds')} on"
+            f"{Utc(plan.start_utc_s).isoformat('seconds')} on; give a later --to"
         )
     return msgspec.structs.replace(plan, end_utc_s=min(plan.end_utc_s, end_utc_s))
 

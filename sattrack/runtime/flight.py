@@ -27,6 +27,7 @@ from sattrack.core.errors import (
     LinkLostError,
     SafetyLimitError,
     SattrackError,
+    meant,
 )
 from sattrack.core.figures import RunningError, quantile
 from sattrack.core.toml_text import read_toml
@@ -135,8 +136,9 @@ def fly_live(
         stack.enter_context(stopping(stop))
         ended_utc_s = loop.run()
         summary = summarise(engine, loop.statistics, ended_utc_s)
-        if summary.message is not None and link.trouble is not None:
-            summary = msgspec.structs.replace(summary, message=f"{summary.message}; {link.trouble}")
+        trouble = "the simulated mount has ended: nothing moves" if connection.gone else link.trouble
+        if summary.message is not None and trouble is not None:
+            summary = msgspec.structs.replace(summary, message=f"{summary.message}; {trouble}")
         summary = _remembered(summary, engine, prepared, ended_utc_s)
         if guard.deposed:
             summary = msgspec.structs.replace(summary, mount_stopped=guard.mount_stopped)
@@ -402,12 +404,18 @@ class LiveLoop(RealtimeLoop):
     observers: Observers | None = None
     statistics: RunStatistics = field(default_factory=RunStatistics)
 
+    @property
+    def over(self) -> bool:
+        """See RealtimeLoop. A simulated mount that has ended needs no stop."""
+        no_mount = self.driver.stop is not None and self.connection.gone
+        return self.driver.finished or self.connection.guard.deposed or no_mount
+
     def run(self) -> float:
         """Run to the end; return the UTC instant of the end, POSIX seconds."""
         self.feed()
         guard, link = self.connection.guard, self.connection.link
         self.guarded(self.heed_guard)
-        if self.driver.finished and not guard.deposed:
+        if self.over and not guard.deposed:
             guard.release(self.rest)
         self.guarded(self._show_end)
         self.statistics.strangers, self.statistics.unsent = link.strangers, link.unsent
@@ -610,8 +618,9 @@ def read_law(path: Path | None, settings: Sequence[str], base: ControlLaw) -> Co
         name, equals, number = setting.partition("=")
         group, _, key = name.strip().partition(".")
         if not equals or group not in values or key not in values[group]:
-            known = ", ".join(f"{g}.{k}" for g, table in values.items() for k in table)
-            raise BadInputError(f"--set {setting}: give one of {known}, = and a number")
+            near = meant(name, [f"{g}.{k}" for g, table in values.items() for k in table])
+            words = f"--set {setting}: give KEY=N{near}"
+            raise BadInputError(f"{words}{'' if near else ','} docs/recordings.md lists the keys")
         try:
             values[group][key] = float(number)
         except ValueError:

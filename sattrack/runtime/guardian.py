@@ -166,6 +166,8 @@ class GuardianTask(msgspec.Struct, frozen=True):
     owner: Owner
     local: bool = False
     """Whether the mount is a program of this machine, simulated or a gateway, that may end."""
+    simulated: bool = False
+    """Whether it is the simulated mount that the feeder has started."""
 
 
 @dataclass(slots=True)
@@ -314,7 +316,10 @@ class Guardian:
         """Decide whether the mount is the guardian's from here on."""
         if self.words[Word.RELEASED] == Release.NOT_CONFIRMED and self._left_moving():
             self._take_over("ended without seeing the mount at rest")
-            self._go_on(time.monotonic())
+            if self.task.simulated and self._refused():
+                self._conclude()
+            else:
+                self._go_on(time.monotonic())
             return
         if self._gone:
             if self._left_moving():
@@ -400,7 +405,6 @@ class Guardian:
 
         Behind another address on this machine may be a tunnel to a mount that moves on.
         """
-        address = self.task.address
         assert self._stop is not None
         age_s = self._stop.session.health.age_s(now_s * self.task.speed)
         heard_s = self._begun_s if age_s is None else now_s - age_s / self.task.speed
@@ -408,7 +412,11 @@ class Guardian:
         if not (self.task.local and now_s - since_s > GONE_AFTER_S):
             return False
         self._asked_s = now_s
-        return nobody_listens(address, encode_command(Command(abort=True)), ASK_WITHIN_S)
+        return self._refused()
+
+    def _refused(self) -> bool:
+        """Return whether the mount's host says that nothing listens at its port."""
+        return nobody_listens(self.task.address, encode_command(Command(abort=True)), ASK_WITHIN_S)
 
     def _report_stop(self) -> None:
         """Report what was done, on the feeder's terminal and in a file."""

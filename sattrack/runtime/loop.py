@@ -89,6 +89,11 @@ class RealtimeLoop:
         """What the guardian learns of the mount at the end."""
         return self.driver.mount_stopped
 
+    @property
+    def over(self) -> bool:
+        """Whether nothing more must be sent."""
+        return self.driver.finished or self.connection.guard.deposed
+
     def readers(self) -> Sequence[Any]:
         """Return what to wait for beside the mount."""
         return ()
@@ -162,7 +167,7 @@ class RealtimeLoop:
         """Feed the mount until the driver is finished, or the mount is taken away."""
         with undisturbed() as self.grant:
             self._due_s = time.monotonic()
-            while not self.driver.finished and not self.connection.guard.deposed:
+            while not self.over:
                 self.guarded(self._wait_until_due)
                 self.guarded(self.heed_guard)
                 self.guarded(self._obey)

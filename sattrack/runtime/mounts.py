@@ -45,6 +45,7 @@ MountAddress: TypeAlias = Address | AlpacaAddress
 SIMULATED = "sim"
 """The name of the simulated mount, as `--mount` has it."""
 FORMS = "xerxes://HOST:PORT?listen=PORT or alpaca://HOST:PORT/DEVICE"
+ANTENNAS = "antenna://HOST:PORT or antenna:///dev/ttyUSB0"
 
 
 def is_antenna(url: str | None) -> bool:
@@ -69,7 +70,7 @@ def mount_address(url: str | None) -> MountAddress | None:
     if scheme == "alpaca":
         return parse_alpaca(url)
     if scheme != "xerxes":
-        raise BadInputError(f"--mount {url}: write sim, {FORMS}")
+        raise BadInputError(f"--mount {url}: write sim, {FORMS}; for `sattrack track` also {ANTENNAS}")
     return parse_address(url)
 
 

@@ -153,7 +153,7 @@ class _ScheduleReader:
         text = self.text_of(path, asked_at, "the schedule")
         if len(self.files) > MOST_FILES:
             raise asked_at.wrong(f"more than {MOST_FILES} files are included; join some")
-        table, at = read_typed(text, str(path), ScheduleText)
+        table, at = read_typed(text, str(path), ScheduleText, what="a schedule")
         if chain:
             for key in ONLY_AT_THE_TOP:
                 if at.has(key):

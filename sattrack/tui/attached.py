@@ -270,7 +270,9 @@ def welcomed(pid: int, name: str) -> tuple[socket.socket, BinaryIO, Welcome]:
         first = _MESSAGES.decode(lines.readline())
     except (OSError, msgspec.MsgspecError):
         connection.close()
-        raise SattrackError(f"process {pid} has no run to watch, or does not answer") from None
+        raise SattrackError(
+            f"process {pid} has no run to watch, or does not answer; without --run, `sattrack attach` lists"
+        ) from None
     if not isinstance(first, Welcome):
         connection.close()
         raise SattrackError(

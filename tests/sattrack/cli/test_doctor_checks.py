@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import msgspec
@@ -9,6 +10,7 @@ import pytest
 
 from sattrack.cli import doctor
 from sattrack.cli.doctor import CheckResult, ElementFacts, TerminalFacts
+from sattrack.cli.main import run
 from sattrack.core.realtime import Grant
 from sattrack.mount.model import CalibrationRecord, MountProfile
 from sattrack.mount.xerxes.link import LinkHealth
@@ -20,6 +22,7 @@ from tle.site import Site
 NOW_S = 1_790_000_000.0
 DAY_S = 86400.0
 SIZE = (120, 40)
+EXAMPLES = Path(__file__).parents[3] / "examples"
 CALIBRATION = CalibrationRecord(
     utc="2026-09-01T20:00:00Z",
     program="sattrack 0.1",
@@ -62,6 +65,22 @@ def test_elements_are_judged_by_age_and_refusals(facts: ElementFacts, state: str
     assert check.state == state
     assert says in check.what
     assert bool(check.do) is (state != "ok")
+
+
+def test_old_elements_are_off_by_what_a_pass_of_them_is_refused_for(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    elements = ("--elements", str(EXAMPLES / "iss_leiden.tle"), "--site", "52,4,0")
+    later = (*elements, "--clock", "2026-11-23T05:00:00Z")
+    run(["doctor", *later])
+    (off,) = re.findall(r"expect ([0-9.]+)° along track", capsys.readouterr().out)
+    assert 20.0 < float(off) < 90.0
+    run(["rehearse", "ISS", *later])
+    out, err = capsys.readouterr()
+    assert "`sattrack track` refuses this pass: the elements of ISS (ZARYA) are 5" in err
+    assert "14 are allowed: fetch new ones (`sattrack elements get 25544`)" in err
+    (along,) = re.findall(r"^all +([0-9.]+)", out, re.MULTILINE)
+    assert float(along) / 3600.0 == pytest.approx(float(off), rel=0.8)
 
 
 @pytest.mark.parametrize(
@@ -140,6 +159,9 @@ def test_only_the_terminal_screen_is_missed() -> None:
     everything = dict.fromkeys(doctor.EXTRAS, True)
     assert doctor.check_extras(everything).state == "ok"
     assert doctor.check_extras(everything | {"plot": False}).state == "ok"
+    some = doctor.check_extras(everything | {"camera": False, "serial": False})
+    assert some.what == "not installed: serial (serial lines), camera (cameras, FITS, PNG)"
+    assert some.do == ("pip install 'sattrack[NAME,NAME]'",)
     without = doctor.check_extras(everything | {"tui": False})
     assert (without.state, without.do) == ("warn", ("pip install 'sattrack[tui]'",))
 

@@ -129,7 +129,11 @@ def test_a_file_that_is_there_is_overwritten_only_with_force(folder, capsys):
 
 def test_without_a_network_the_settings_are_written_all_the_same(folder, capsys):
     assert run(["init", "--yes", "--site", "52,4,0"]) == 0
-    assert "passes cannot be listed yet" in capsys.readouterr().err
+    out, err = capsys.readouterr()
+    assert "passes cannot be listed yet" in err
+    assert "/NORAD/elements/gp.php?GROUP=stations&FORMAT=csv as a file on another computer" in err
+    assert "Next: `sattrack init --force --elements FILE`" in out
+    assert "rehearse" not in out
     assert tomllib.loads((folder / "sattrack.toml").read_text())["elements"] == ["celestrak:stations"]
 
 

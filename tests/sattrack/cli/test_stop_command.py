@@ -17,7 +17,7 @@ from sattrack.cli import stop as stop_module
 from sattrack.cli.main import run
 from sattrack.core.errors import SattrackError
 from sattrack.runtime.console import MountStop
-from sattrack.runtime.mounts import Owner, owner_of
+from sattrack.runtime.mounts import Owner, owner_of, owners
 
 if TYPE_CHECKING:
     import subprocess
@@ -334,3 +334,25 @@ def test_a_simulated_mount_that_ends_while_it_is_stopped_is_gone(
     told = document(capsys)
     assert told["errors"] == []
     assert [each["by"] for each in told["stopped"]] == ["gone"]
+
+
+def test_a_simulated_mount_that_died_needs_no_stop_and_no_console(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with ended(sattrack("demo", "--headless", "--seconds", "60")) as session:
+        assert session.stderr is not None
+        assert "link up" in next(line for line in session.stderr if "link up" in line)
+        children = Path(f"/proc/{session.pid}/task/{session.pid}/children").read_text().split()
+        of = {pid: Path(f"/proc/{pid}/cmdline").read_text() for pid in children}
+        (simulator,) = (pid for pid, line in of.items() if "simulator.process" in line)
+        (guardian,) = (int(pid) for pid, line in of.items() if "runtime.guardian" in line)
+        (mine,) = (one for one in owners() if one.pid == session.pid)
+        os.kill(int(simulator), signal.SIGKILL)
+        assert run(["stop", "--mount", f"xerxes://{mine.mount}?listen={free_port()}"]) == 0
+        out, err = capsys.readouterr()
+        assert "the simulated mount has ended with its session" in out
+        assert "NOT KNOWN AT REST" not in out + err
+        session.communicate(timeout=30.0)
+        assert session.returncode in {4, 130}
+    with pytest.raises(ProcessLookupError):
+        os.kill(guardian, 0)

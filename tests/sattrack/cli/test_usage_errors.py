@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import shlex
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -95,7 +96,21 @@ attach --run first                              | is not a whole number
 run                                             | missing argument 'FILE'; see
 run none.toml                                   | there is no file none.toml
 run {night} --plot x.png                        | --plot needs --dry-run
-run {tle} --dry-run                             | not a TOML file
+run {tle} --dry-run                             | this is not a TOML file, as a schedule must be
+passes {at} --config {tle}                      | this is not a TOML file, as the settings must be
+rehearse ISS {at} --profile settings.toml       | this is a settings file, not a mount's profile
+rehearse 25h,12d {at}                           | is no direction: write RA,DEC as 83.6331,22.0145
+ephemeris 99h,10 {at}                           | is no direction: write RA,DEC as 83.6331,22.0145
+passes Pluton {at}                              | did you mean Pluto?
+ephemeris Jupitr {at}                           | did you mean Jupiter?
+serve web --host 300.1.1.1                      | --host 300.1.1.1: no address of this machine: give 127.0.0.1
+serve web --port {taken}                        | is not available: Address already in use; choose another
+serve rotctld --mount sim --port {taken}        | Address already in use; choose another with --port
+replay {pass} --set feeder.setling_s=1          | did you mean 'feeder.settling_s'? docs/recordings.md lists
+attach --run 1 --json                           | without --run, `sattrack attach` lists
+track ISS {at} --mount sim --virtual --clock 2026-10-02T13:00:00Z --to 2026-10-02T12:00Z | give a later --to
+track ISS {at} --mount eqmod://com3             | for `sattrack track` also antenna://HOST:PORT
+passes ISS --elements {tle} --site 52.15N,4.4E,0m | south and west are negative, without letters
 run {night} --seed 3 --mount sim                | --seed needs --virtual
 replay                                          | missing argument 'FILES...'; see
 replay none.mcap                                | check the name
@@ -206,8 +221,9 @@ track 'ISS --mount sim'                         | --mount sim is a simulated one
 track ISS —mount sim                            | options begin with --, two hyphens
 help                                            | see `sattrack --help`
 passes {at} --json --csv                        | give only one
-elements get celestrak:stations                 | check the network, or bring a file
-passes ISS --site 52,4,0 --elements https://celestrak.invalid/x | check the network, or bring a file
+elements get celestrak:stations                 | check the network, or save http
+passes {site} --elements celestrak:stations     | /NORAD/elements/gp.php?GROUP=stations&FORMAT=csv as a file
+passes {site} --elements https://celestrak.invalid/x | check the network, or save https://celestrak.invalid/x
 passes ISS --site 52,4,0 --elements spacetrack:25544 | set SATTRACK_SPACETRACK_USER
 init --yes --city Leiden --mount sim --config /nowhere/b.toml | make it first
 """
@@ -222,12 +238,20 @@ def test_a_wrong_command_line_is_answered_in_one_line_with_what_to_do(
         monkeypatch.setenv(variable, str(tmp_path))
     monkeypatch.chdir(tmp_path)
     line, _, advice = case.partition(" | ")
-    places = {"at": " ".join(ELEMENTS), "tle": ELEMENTS[1], "night": f"{EXAMPLES}/night.toml"}
+    places = {
+        "at": " ".join(ELEMENTS),
+        "tle": ELEMENTS[1],
+        "night": f"{EXAMPLES}/night.toml",
+        "site": "ISS --site 52,4,0",
+    }
     places["pass"] = f"{EXAMPLES}/passes/clean.mcap"
     places["readme"] = f"{EXAMPLES.parent}/README.md"
     (tmp_path / "empty.tle").touch()
+    (tmp_path / "settings.toml").write_text("elements = []\n[site]\nlatitude_deg = 1\nlongitude_deg = 2\n")
     (tmp_path / "adir").mkdir()
-    assert run(shlex.split(line.format(**places))) in {1, 2}
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        places["taken"] = str(taken.getsockname()[1])
+        assert run(shlex.split(line.format(**places))) in {1, 2}
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
     assert err.startswith("sattrack: ")
@@ -266,7 +290,16 @@ def test_a_wrong_command_line_is_answered_in_one_line_with_what_to_do(
             "1: safety.floor_altitude_deg is 0, above min_altitude_deg, -20: nothing is followed below the "
             "floor; raise min_altitude_deg, or lower the floor",
         ),
-        ("[screen]\n[screen]\n", "2:8: not a TOML file: Cannot declare ('screen',) twice"),
+        ("[screen]\n[screen]\n", "2: [screen] stands twice: merge them"),
+        ("zone = 'UTC'\nzone = 'UTC'\n", "2: zone stands twice: keep one of them"),
+        ('[site]\nlatitude_deg = "52\nheight_m = 1\n', "2: the quote is not closed on this line"),
+        ("zone = 'UTC\nheight_m = 1\n", "1: the quote is not closed on this line"),
+        ("elements = ['a',\n 'b',\n[site]\n", "1: [ is not closed: write ] after the last value"),
+        ("elements = ['a'\n\nzone = 'UTC'\n", "1: [ is not closed: write ] after the last value"),
+        ("elements = [\n iss.tle,\n]\n", "2:2: not a TOML file: Invalid value"),
+        ("elements = [\n 'a'\n 'b']\n", "3:2: not a TOML file: Unclosed array"),
+        ("elements = ['a', [\n", "1: [ is not closed: write ] after the last value"),
+        ("ISS (ZARYA)\n", " this is not a TOML file, as the settings must be"),
         (
             "[camera]\nscale = 2\n",
             "2: unknown key 'scale' in [camera]; there are fov_deg, "

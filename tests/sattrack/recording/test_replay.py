@@ -343,9 +343,10 @@ def test_another_law_tells_what_it_would_have_done_and_judges_nothing(
 @pytest.mark.parametrize(
     ("setting", "words"),
     [
-        ("feeder.x=1", "give one of feeder.settling_s"),
-        ("settling_s=1", "give one of feeder.settling_s"),
-        ("feeder.settling_s", "give one of feeder.settling_s"),
+        ("feeder.x=1", "give KEY=N"),
+        ("settling_s=1", "did you mean 'feeder.settling_s'?"),
+        ("feeder.setling_s=1", "did you mean 'feeder.settling_s'? docs/recordings.md lists the keys"),
+        ("feeder.settling_s", "did you mean 'feeder.settling_s'?"),
         ("feeder.settling_s=fast", "'fast' is no number"),
         ("feeder.braking_share=1.5", "braking_share is 1.5"),
     ],
