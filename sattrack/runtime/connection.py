@@ -33,7 +33,7 @@ from sattrack.mount.xerxes.client import Address, nobody_listens
 from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.runtime import demo_pass
 from sattrack.runtime.guardian import GuardianTask, Release, Word, create_page, note_status, open_page
-from sattrack.runtime.mounts import Owner, claim, open_link, open_listener
+from sattrack.runtime.mounts import SIMULATED, Owner, claim, open_link, open_listener
 from sattrack.runtime.system import this_command, this_user, utc_now
 
 if TYPE_CHECKING:
@@ -123,6 +123,7 @@ class Guarded:
                 since_utc=utc_now(),
                 mount=owned_as,
                 listen_port=link.listen_port,
+                simulated=name == SIMULATED,
             ),
             local=not name.startswith("xerxes://"),
         )
@@ -327,7 +328,7 @@ def connected(
             stack.callback(simulated.close)
             address = simulated.address
         if own:
-            name = None if simulated is None else "sim"
+            name = None if simulated is None else SIMULATED
             link, guard = stack.enter_context(owned(address, described.mount, clock.speed, name))
             yield Connection(link, clock, simulated, guard)
             return
