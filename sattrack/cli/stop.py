@@ -127,7 +127,7 @@ class Mounts:
 
     def real(self) -> Mounts:
         """Return those that are not known to be simulated."""
-        sessions = tuple(each for each in self.sessions if not is_simulated(each))
+        sessions = tuple(each for each in self.sessions if not each.simulated)
         return Mounts(
             sessions, self.unowned, tuple(night for night in self.nights if night.mount is not None)
         )
@@ -138,17 +138,11 @@ class Mounts:
 
 def _moves(night: ListedRun, owner: Owner) -> bool:
     """Tell whether a session may be one of a schedule's run; a simulated mount has no name before it runs."""
-    return night.mount == owner.mount or (night.mount is None and is_simulated(owner))
-
-
-def is_simulated(owner: Owner) -> bool:
-    """Tell whether a session's own command says that its mount is simulated; in doubt it is not."""
-    text = owner.command.replace("=", " ").split()
-    return text[1:2] == ["demo"] or "--mount sim" in " ".join(text)
+    return night.mount == owner.mount or (night.mount is None and owner.simulated)
 
 
 def _line(owner: Owner) -> str:
-    return f"{owner.mount}  {owner}{' (simulated)' if is_simulated(owner) else ''}"
+    return f"{owner.mount}  {owner}{' (simulated)' if owner.simulated else ''}"
 
 
 @click.command("stop")
@@ -225,7 +219,7 @@ def _own_sessions() -> list[Owner]:
 def _mounts(mount_url: str | None, address: MountAddress | None) -> Mounts:
     """Return the mounts to stop: that of `--mount`, else every one of this user's, and the settings'."""
     if mount_url is None:
-        sessions = sorted(_own_sessions(), key=is_simulated)
+        sessions = sorted(_own_sessions(), key=lambda owner: owner.simulated)
         nights = listed_nights()
     else:
         owner = None if address is None else owner_of(address.name)
@@ -244,8 +238,9 @@ def _chosen(mounts: Mounts, as_json: bool) -> Mounts:
     if len(mounts) <= 1:
         return mounts
     if len(mounts.real()) == 1:
-        for owner in filter(is_simulated, mounts.sessions):
-            tell(f"still runs: {_line(owner)}; `sattrack stop --all` stops it too")
+        for owner in mounts.sessions:
+            if owner.simulated:
+                tell(f"still runs: {_line(owner)}; `sattrack stop --all` stops it too")
         return mounts.real()
     for number, line in enumerate(mounts.lines(), start=1):
         click.echo(f"{number}  {line}", err=True)
@@ -325,7 +320,7 @@ def _stop_all(
     for owner, came in _as_they_come(ended, len(mounts.sessions), progress):
         if came is None:
             progress.begin(owner.mount, " directly: its session is gone")
-            keep(partial(stop_after, owner, profile, progress.show, is_simulated(owner)))
+            keep(partial(stop_after, owner, profile, progress.show))
         elif isinstance(came, SattrackError):
             failed.append(came)
         else:

@@ -124,6 +124,7 @@ class Guarded:
                 since_utc=utc_now(),
                 mount=owned_as,
                 listen_port=link.listen_port,
+                simulated=name == SIMULATED,
             ),
             local=not name.startswith("xerxes://"),
             simulated=name == SIMULATED,

@@ -272,12 +272,10 @@ def stop_directly(
     return MountStop(mount, "direct", stop.mount_stopped, None, None, words, goes_on)
 
 
-def stop_after(
-    owner: Owner, profile: MountProfile, waiting: Callable[[], None], simulated: bool
-) -> MountStop:
+def stop_after(owner: Owner, profile: MountProfile, waiting: Callable[[], None]) -> MountStop:
     """Stop directly a mount whose session has ended without knowing it at rest. Raises SattrackError."""
     address = owned_address(owner)
-    stopped = stop_directly(address, profile, waiting, ends_with_session=simulated)
+    stopped = stop_directly(address, profile, waiting, owner.simulated)
     if stopped.words == NOBODY and address.host.startswith("127."):
         words = f"the simulated mount has ended with its session, `{owner.command}`, process {owner.pid}"
         return msgspec.structs.replace(stopped, by="gone", pid=owner.pid, command=owner.command, words=words)

@@ -171,6 +171,8 @@ class Owner(msgspec.Struct, frozen=True):
     """"running", "stopping", "hangs" or "ended without a word"."""
     goes_on: GoesOn | None = None
     """Who goes on stopping the mount where the session has ended without seeing it at rest."""
+    simulated: bool = False
+    """Whether the mount is a simulated one of the session's own, which ends with it."""
 
     def __str__(self) -> str:
         """Return it as text."""

@@ -18,6 +18,7 @@ from sattrack.cli.main import run
 from sattrack.core.errors import SattrackError
 from sattrack.runtime.console import MountStop
 from sattrack.runtime.mounts import Owner, owner_of, owners
+from sattrack.schedule.night_stop import ListedRun, locked
 
 if TYPE_CHECKING:
     import subprocess
@@ -59,6 +60,7 @@ def test_a_session_stops_its_mount_and_ends(
         first = owner(mount)
         assert first.pid == session.pid
         assert "mount move --ra-rate -1" in first.command
+        assert not first.simulated
 
         assert run(["mount", "slew", "5h", "10", "--mount", mount.url, *SITE]) == 1
         assert f"process {session.pid}, since" in capsys.readouterr().err
@@ -145,14 +147,15 @@ def test_nothing_to_stop_and_nobody_there(capsys: pytest.CaptureFixture[str]) ->
     assert err.endswith(f"sattrack: 127.0.0.1:{port}: nothing listens there\n")
 
 
-def session_of(mount: str, command: str, listen_port: int = 15002) -> Owner:
-    return Owner(1, os.getuid(), f"sattrack {command}", "2026-03-01T00:00:00Z", mount, listen_port)
+def session_of(mount: str, command: str, listen_port: int = 15002, simulated: bool = False) -> Owner:
+    words, since = f"sattrack {command}", "2026-03-01T00:00:00Z"
+    return Owner(1, os.getuid(), words, since, mount, listen_port, simulated=simulated)
 
 
 DOME = session_of("192.0.2.7:15001", "track 25544 --mount xerxes://192.0.2.7:15001?listen=15002")
 YARD = session_of("192.0.2.8:15001", "run night.toml")
-DEMO = session_of("127.0.0.1:40001", "demo --headless")
-PRACTICE = session_of("127.0.0.1:40002", "track 25544 --mount=sim")
+DEMO = session_of("127.0.0.1:40001", "demo --headless", simulated=True)
+PRACTICE = session_of("127.0.0.1:40002", "track 25544", simulated=True)
 
 
 @pytest.fixture
@@ -326,7 +329,7 @@ def test_a_simulated_mount_that_ends_while_it_is_stopped_is_gone(
             if len(shown) == HEARD_AFTER_TURNS:
                 mount.end()
 
-        session = session_of(f"127.0.0.1:{mount.port}", "serve rotctld --mount sim", free_port())
+        session = session_of(f"127.0.0.1:{mount.port}", "serve rotctld", free_port(), True)
         monkeypatch.setattr(stop_module.StopProgress, "show", show)
         monkeypatch.setattr(stop_module, "stop_session", lambda *_: None)
         monkeypatch.setattr(stop_module, "owners", lambda: [session])
@@ -356,3 +359,19 @@ def test_a_simulated_mount_that_died_needs_no_stop_and_no_console(
         assert session.returncode in {4, 130}
     with pytest.raises(ProcessLookupError):
         os.kill(guardian, 0)
+
+
+def test_a_stop_of_a_simulated_mount_stops_the_schedule_that_moves_it(tmp_path: Path) -> None:
+    """Its sessions' commands are long: what is kept of them need not tell the mount."""
+    session = session_of("127.0.0.1:40001", "track 25544 --headless --stream --control", simulated=True)
+    with locked(tmp_path):
+        night = ListedRun(str(tmp_path), "night.toml", None)
+        mounts = stop_module.Mounts((session,), None, (night,))
+        assert stop_module._chosen(mounts, as_json=True).nights == (night,)
+
+
+def test_an_embedded_mounts_session_says_that_it_is_simulated() -> None:
+    with ended(sattrack("demo", "--headless", "--json")) as demo:
+        assert demo.stderr is not None
+        next(line for line in demo.stderr if "waiting" in line or "slewing" in line)
+        assert [each.simulated for each in owners() if each.pid == demo.pid] == [True]
