@@ -14,12 +14,14 @@ import pytest
 from numpy.typing import NDArray
 
 from tle.earth import EarthOrientation
+from tle.elements import Elements, expected_error_m
 from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris
 from tle.errors import EphemerisError, EphemerisSpanError, SatelliteNotFoundError, SourceError
 from tle.formats.ephemerides import find_ephemeris, parse_ephemerides, read_ephemerides
 from tle.instants import ARRAYS, Utc
 from tle.propagator import Propagator
 from tle.site import Site
+from tle.sources import parse_elements
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -112,6 +114,41 @@ def test_a_low_orbit_at_six_minutes_is_found_again_as_well_as_its_gravity_lets(c
     # The Earth's uneven field moves Stella, 800 km high, by a metre between rows so far apart.
     (one,) = read_ephemerides(cases / "ephemerides/sp3/nsgf.orb.stella.v00.sp3.gz")
     assert missed_mm(one.segments[0], 3).max() < 1300.0
+
+
+# Of Space-Track, for the day after the file's; from the tests of CS-SI/Orekit.
+LAGEOS_2 = (
+    "1 22195U 92070B   16045.51027931 -.00000009  00000-0  00000+0 0  9990\n"
+    "2 22195  52.6508 132.9147 0137738 336.2706   1.6348  6.47294052551192\n"
+)
+
+
+def test_predictions_and_elements_of_one_day_agree_within_what_they_state(cases: Path) -> None:
+    (one,) = read_ephemerides(cases / "ephemerides/Lageos2/lageos2_cpf_160213_5441.sgf")
+    (elements,) = parse_elements(LAGEOS_2)
+    assert isinstance(elements, Elements)
+    first, last = (float(end.unix_s) for end in one.spans[0])
+    at = np.linspace(first, last, 200)
+    places = [np.array(each.states(EARTH).at_many(at, 0.0)[:3]) for each in (one, elements)]
+    apart_m = 1000.0 * np.linalg.norm(places[1] - places[0], axis=0)
+    stated_m = np.array([expected_error_m(elements, Utc(t)) or 0.0 for t in at.tolist()])
+    assert apart_m.min() > 50.0
+    assert np.sqrt(np.mean((apart_m / stated_m) ** 2)) < 1.2
+    assert (apart_m / stated_m).max() < 2.0
+
+
+def test_two_files_of_one_day_agree_within_what_they_state(cases: Path) -> None:
+    whole = read_ephemerides(cases / "ephemerides/sp3/gbm18432.sp3.Z")
+    for part in read_ephemerides(cases / "ephemerides/sp3/three-hours.sp3"):
+        other = find_ephemeris(whole, part.name)
+        at = np.linspace(*(float(end.unix_s) for end in part.spans[0]), 200)
+        places = [np.array(each.states(EARTH).at_many(at, 0.0)[:3]) for each in (part, other)]
+        apart_m = 1000.0 * np.linalg.norm(places[1] - places[0], axis=0)
+        stated_m = expected_error_m(part, Utc(float(at[0])))
+        assert stated_m is not None
+        # The polynomials lean to one side where the rows of one end, and are apart there alone.
+        assert 1e-3 < apart_m.max() < 0.02 * stated_m
+        assert apart_m[60:140].max() < 1e-4
 
 
 def test_the_same_orbit_is_the_same_in_gcrf_and_itrf(cases: Path) -> None:
