@@ -108,6 +108,9 @@ class Ended:
 class Judging:
     """Is shown all that happens in a world; a subclass judges."""
 
+    def violated(self, name: str, world: World, text: str) -> None:
+        """Take a broken promise that the world itself has seen."""
+
     def turn(self, world: World, axes: Axes) -> None:
         """Take where the axes are, at a turn of the mount's loop, or while its program stands still."""
 
@@ -119,6 +122,12 @@ class Judging:
 
     def period(self, world: World, driver: Driver, ended_by: str | None) -> None:
         """Take the program's driver, and by what its run has ended, once a period."""
+
+    def stopping(self, world: World) -> None:
+        """Take notice that a person, or the program by itself, stops the mount, and the run goes on."""
+
+    def told(self, world: World, moves: bool) -> None:
+        """Take a person's order to a run that goes on; `moves` where it sets the mount going."""
 
     def ended(self, world: World, ended: Ended) -> None:
         """Take the end."""
@@ -150,6 +159,7 @@ class Link:
         self._world, self._who = world, who
         self.address = Address("192.0.2.1", 7624, 7625)
         self.strangers = 0
+        self.stranger_hosts: list[str] = []
         self.unsent = 0
         self.trouble: str | None = None
         self.onlooker: Callable[[float, bytes], None] | None = None
