@@ -36,6 +36,7 @@ AFTER_S = 13.0
 MOST_HOUR_ANGLE_DEG = 85.0
 LOWEST_DEG = 8.0
 CLEAR_DEG = 2.0
+STOPS_AFTER_S = 8.0
 MAX_RATE_DEG_S = 6.0
 LED_FROM_SEED = 1000
 """From this seed on, the pass crosses the floor."""
@@ -115,6 +116,8 @@ class Storm:
     program: Literal["track", "rotctld", "console"] = "track"
     """`sattrack track`, `serve rotctld`, or the manual console, `mount watch`."""
     fault_free: bool = field(default=False)
+    late_most_s: float = LATE_MOST_S
+    """By how much a datagram that is held back comes late at most."""
 
     @property
     def begin_s(self) -> float:
@@ -124,6 +127,14 @@ class Storm:
     def storm_ends_s(self) -> float:
         """When the last fault is over, seconds after the begin."""
         return max((fault.end_s for fault in self.faults), default=0.0)
+
+    def overtaken(self, late_s: float) -> Storm:
+        """Return a short run in which a fifth of the commands comes late, and nothing else is wrong."""
+        fair = self.fair()
+        plan = msgspec.structs.replace(self.facts.plan, end_utc_s=self.begin_s + STOPS_AFTER_S)
+        facts = msgspec.structs.replace(self.facts, plan=plan)
+        commands = replace(fair.commands, late=0.2)
+        return replace(fair, facts=facts, commands=commands, people=(), late_most_s=late_s)
 
     def fair(self) -> Storm:
         """Return the same without faults."""

@@ -33,7 +33,6 @@ from sattrack.runtime.mounts import Owner
 from sattrack.runtime.system import StopRequest
 from sattrack.runtime.view_server import ViewClientEvent
 from sattrack.views.messages import decode_said, is_observation
-from storm.draws import LATE_MOST_S
 from storm.mounts import mount_of
 
 if TYPE_CHECKING:
@@ -421,7 +420,7 @@ class World:
                 continue
             delay_s = law.delay_s + dice.uniform(0.0, law.jitter_s)
             if dice.random() < law.late:
-                delay_s += dice.uniform(0.0, LATE_MOST_S)
+                delay_s += dice.uniform(0.0, self.storm.late_most_s)
             arrives_s = max(now_s + delay_s, self._held_until_s[way])
             yield arrives_s, self._spoilt(data) if dice.random() < law.corrupt else data
 
