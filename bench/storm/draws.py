@@ -9,7 +9,7 @@ import json
 import math
 import random
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 from family import KINDS, Hardware
@@ -36,11 +36,12 @@ AFTER_S = 13.0
 MOST_HOUR_ANGLE_DEG = 85.0
 LOWEST_DEG = 8.0
 CLEAR_DEG = 2.0
+STOPS_AFTER_S = 8.0
 MAX_RATE_DEG_S = 6.0
 LED_FROM_SEED = 1000
 """From this seed on, the pass crosses the floor."""
-SERVED_SEEDS = 7
-"""One in so many storms is over a server."""
+PROGRAMS: dict[int, Literal["rotctld", "console"]] = {3: "console", 5: "rotctld"}
+"""Of seeds, by their remainder of 7; the others are over `track`."""
 LATE_MOST_S = 0.5
 """How much later than its fellows a datagram may come: what a stop is safe from (docs/reliability.md)."""
 
@@ -112,9 +113,11 @@ class Storm:
     faults: tuple[Fault, ...]
     people: tuple[Person, ...]
     watchdog: bool = False
-    served: bool = False
-    """Whether the program is `serve rotctld` in place of `track`."""
+    program: Literal["track", "rotctld", "console"] = "track"
+    """`sattrack track`, `serve rotctld`, or the manual console, `mount watch`."""
     fault_free: bool = field(default=False)
+    late_most_s: float = LATE_MOST_S
+    """By how much a datagram that is held back comes late at most."""
 
     @property
     def begin_s(self) -> float:
@@ -124,6 +127,14 @@ class Storm:
     def storm_ends_s(self) -> float:
         """When the last fault is over, seconds after the begin."""
         return max((fault.end_s for fault in self.faults), default=0.0)
+
+    def overtaken(self, late_s: float) -> Storm:
+        """Return a short run in which a fifth of the commands comes late, and nothing else is wrong."""
+        fair = self.fair()
+        plan = msgspec.structs.replace(self.facts.plan, end_utc_s=self.begin_s + STOPS_AFTER_S)
+        facts = msgspec.structs.replace(self.facts, plan=plan)
+        commands = replace(fair.commands, late=0.2)
+        return replace(fair, facts=facts, commands=commands, people=(), late_most_s=late_s)
 
     def fair(self) -> Storm:
         """Return the same without faults."""
@@ -151,7 +162,7 @@ def draw(seed: int) -> Storm:
     commands = drawn_way(dice, hardware.command_delay_s, 0.0)
     statuses = drawn_way(dice, hardware.status_delay_s, 0.002)
     people = drawn_people(dice, facts)
-    served = seed % SERVED_SEEDS == SERVED_SEEDS - 2
+    program = PROGRAMS.get(seed % 7, "track")
     return Storm(
         seed=seed,
         hardware=hardware,
@@ -161,9 +172,9 @@ def draw(seed: int) -> Storm:
         commands=commands,
         statuses=statuses,
         faults=faults,
-        people=tuple(one for one in people if one.channel == "stop" or not served),
+        people=tuple(one for one in people if one.channel == "stop" or program == "track"),
         watchdog=watchdog,
-        served=served,
+        program=program,
     )
 
 

@@ -34,7 +34,7 @@ from sattrack.recording.format import Recording
 from sattrack.recording.replay import Choice, replay
 from sattrack.runtime.facts import engine_of
 from sattrack.runtime.guardian import Word
-from storm.served import ServedWorld
+from storm.programs import WORLDS
 from storm.world import Judging, World
 
 if TYPE_CHECKING:
@@ -246,6 +246,15 @@ class Watcher(Judging):
             self._ended_by = ended_by
             self._stop_due(world.now_s)
 
+    def stopping(self, world: World) -> None:
+        self._stop_due(world.now_s)
+
+    def told(self, world: World, moves: bool) -> None:
+        del world
+        if moves and self._ended_by is None:
+            self._stop_due_s = self._rested_s = None
+            self._settled = False
+
     def _stop_due(self, utc_s: float) -> None:
         if self._stop_due_s is None:
             self._stop_due_s = utc_s
@@ -260,7 +269,7 @@ class Watcher(Judging):
         elif ended.summary is not None:
             verdict.ended_by = ended.summary.ended_by
             verdict.why = ended.summary.message or ""
-        elif self.storm.served and not world.page[Word.DEPOSED]:
+        elif self.storm.program != "track" and not world.page[Word.DEPOSED]:
             verdict.ended_by, verdict.why = self._ended_by or "error", str(ended.error or "")
         elif world.page[Word.DEPOSED]:
             verdict.ended_by, verdict.why = "deposed", str(ended.error)
@@ -330,7 +339,7 @@ def judged(storm: Storm, tracing: bool = False, world_of: type[World] | None = N
     """
     watcher = Watcher(storm)
     if world_of is None:
-        world_of = ServedWorld if storm.served else World
+        world_of = WORLDS[storm.program]
     world = world_of(storm, watcher, tracing)
     ended = world.run()
     if comparable(storm, ended):

@@ -33,7 +33,6 @@ from sattrack.runtime.mounts import Owner
 from sattrack.runtime.system import StopRequest
 from sattrack.runtime.view_server import ViewClientEvent
 from sattrack.views.messages import decode_said, is_observation
-from storm.draws import LATE_MOST_S
 from storm.mounts import mount_of
 
 if TYPE_CHECKING:
@@ -108,6 +107,9 @@ class Ended:
 class Judging:
     """Is shown all that happens in a world; a subclass judges."""
 
+    def violated(self, name: str, world: World, text: str) -> None:
+        """Take a broken promise that the world itself has seen."""
+
     def turn(self, world: World, axes: Axes) -> None:
         """Take where the axes are, at a turn of the mount's loop, or while its program stands still."""
 
@@ -119,6 +121,12 @@ class Judging:
 
     def period(self, world: World, driver: Driver, ended_by: str | None) -> None:
         """Take the program's driver, and by what its run has ended, once a period."""
+
+    def stopping(self, world: World) -> None:
+        """Take notice that a person, or the program by itself, stops the mount, and the run goes on."""
+
+    def told(self, world: World, moves: bool) -> None:
+        """Take a person's order to a run that goes on; `moves` where it sets the mount going."""
 
     def ended(self, world: World, ended: Ended) -> None:
         """Take the end."""
@@ -150,6 +158,7 @@ class Link:
         self._world, self._who = world, who
         self.address = Address("192.0.2.1", 7624, 7625)
         self.strangers = 0
+        self.stranger_hosts: list[str] = []
         self.unsent = 0
         self.trouble: str | None = None
         self.onlooker: Callable[[float, bytes], None] | None = None
@@ -411,7 +420,7 @@ class World:
                 continue
             delay_s = law.delay_s + dice.uniform(0.0, law.jitter_s)
             if dice.random() < law.late:
-                delay_s += dice.uniform(0.0, LATE_MOST_S)
+                delay_s += dice.uniform(0.0, self.storm.late_most_s)
             arrives_s = max(now_s + delay_s, self._held_until_s[way])
             yield arrives_s, self._spoilt(data) if dice.random() < law.corrupt else data
 
