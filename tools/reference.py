@@ -105,6 +105,7 @@ MEANINGS = {
     "readings": "types of the status fields that the protocol leaves open; written by a calibration",
     "calibration": "what a calibration measured; written by it",
     "sky": "what cameras have shown of the mount and of themselves; written by `--learn-profile`",
+    "pointing": "the pointing model, date and residuals; written by `sattrack star-run`",
 }
 
 
