@@ -106,6 +106,7 @@ MEANINGS = {
     "calibration": "what a calibration measured; written by it",
     "geometry": "how the axes lie; left out: equatorial. See [Axes that are not equatorial](geometry.md)",
     "sky": "what cameras have shown of the mount and of themselves; written by `--learn-profile`",
+    "pointing": "the pointing model, date and residuals; written by `sattrack star-run`",
 }
 
 
