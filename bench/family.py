@@ -100,6 +100,7 @@ class Hardware:
     told_status_s: float
     told_acceleration_deg_s2: float
     max_rate_deg_s: float = 6.0
+    tracking: bool = True
 
 
 @dataclass(frozen=True)
@@ -210,6 +211,7 @@ class Stranger:
                 dec_sign=hard.signs[1],
                 move_axis=hard.move_axis,
                 additive=hard.additive,
+                tracking=hard.tracking,
                 timer=hard.timer,
                 timer_jitter_s=0.0005,
                 stiction=hard.stiction,

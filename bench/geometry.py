@@ -45,6 +45,8 @@ STATUS_PLACE = struct.Struct("<24xd8xd8xd")
 FASTEST_DEG_S, WIDEST_DEG, STEEPEST_DEG = 3.0, 150.0, 80.0
 """Passes through a keyhole, or round the back, are no equatorial mount's either."""
 BOUND = 1.5
+FOLLOWED_EVERY = 10
+"""One mount of so many is followed with by the axes that were found."""
 ANYWHERE = SafetyLimits(floor_altitude_deg=-90.0, optical=False)
 LEAST_ARCSEC = 0.02
 """About what the encoders and the dates of samples allow: smaller errors count as this."""
@@ -258,12 +260,8 @@ class Finding(AxesRun):
     """The motions by which a draw's axes are found."""
 
     def __init__(self, axes: AxesDraw) -> None:
-        site = axes.drawn.site
-        plain = msgspec.structs.replace(profile_of(axes), geometry=None, ra_rate_sign=1, dec_rate_sign=1)
         super().__init__(axes)
-        self.engine = AxesFinder(  # type: ignore[assignment]
-            plain, ANYWHERE, (site.latitude_deg, site.longitude_deg), axes.drawn.begin_s
-        )
+        self.engine = finder_of(axes, ANYWHERE)  # type: ignore[assignment]
 
     def _client_turn(self, now_s: float, _: Any) -> None:
         finder: Any = self.engine
@@ -272,30 +270,49 @@ class Finding(AxesRun):
         self.ended_by = "done" if finder.finished else None
 
 
-def find(number: int) -> Found:
-    """Find the axes of a draw that reports the sky, and follow with what was found."""
-    axes = draw(number)
-    axes = axes._replace(geometry=msgspec.structs.replace(axes.geometry, reports="sky"))
+def finder_of(axes: AxesDraw, limits: SafetyLimits) -> AxesFinder:
+    """Return what finds a draw's axes: it is told of the drives, and of the site."""
+    plain = msgspec.structs.replace(
+        profile_of(axes), geometry=None, ra_rate_sign=1, dec_rate_sign=1, ra_rate_gain=1.0, dec_rate_gain=1.0
+    )
     site = axes.drawn.site
-    # Not where the first axis points: nobody could tell its angle there.
+    return AxesFinder(plain, limits, (site.latitude_deg, site.longitude_deg), axes.drawn.begin_s)
+
+
+def draw_to_find(number: int) -> AxesDraw:
+    """Return a draw that reports the sky, not near where its first axis points: no angle is known there."""
+    axes = draw(number)
     rng = random.Random(f"find {number}")
     stands = (axes.drawn.stands[0], axes.zeros_deg[1] + rng.uniform(-55.0, 55.0))
-    axes = axes._replace(drawn=replace(axes.drawn, stands=stands, start_s=axes.drawn.begin_s + 300.0))
+    return axes._replace(
+        geometry=msgspec.structs.replace(axes.geometry, reports="sky"),
+        drawn=replace(
+            axes.drawn,
+            stands=stands,
+            start_s=axes.drawn.begin_s + 300.0,
+            hardware=replace(axes.drawn.hardware, tracking=False),
+        ),
+    )
+
+
+def poles_apart_deg(one: AxisGeometry, other: AxisGeometry) -> float:
+    """Return the angle between two first axes, whichever of their ends they are given by."""
+    angles = [(own.pole_azimuth_deg, own.pole_altitude_deg) for own in (one, other)]
+    apart = math.degrees(erfa.seps(*(math.radians(angle) for pair in angles for angle in pair)))
+    return min(apart, 180.0 - apart)
+
+
+def find(number: int) -> Found:
+    """Find the axes of a draw that reports the sky, and follow with what was found."""
+    axes = draw_to_find(number)
     run = Finding(axes).run()
     finder: Any = run.engine
     try:
         if finder.words is not None:
             raise SattrackError(finder.words)
-        found = find_axes(finder.legs, site.latitude_deg)
+        found = find_axes(finder.legs, axes.drawn.site.latitude_deg)
     except SattrackError as error:
         return Found(number, math.nan, math.nan, math.nan, math.nan, math.nan, str(error))
-    true = axes.geometry
-    poles = [
-        math.radians(angle)
-        for one in (found.geometry, true)
-        for angle in (one.pole_azimuth_deg, one.pole_altitude_deg)
-    ]
-    apart = math.degrees(erfa.seps(*poles))
     followed = draw(number)
     followed = followed._replace(geometry=msgspec.structs.replace(followed.geometry, reports="sky"))
     signs = [1 if gain > 0.0 else -1 for gain in found.gains]
@@ -305,13 +322,14 @@ def find(number: int) -> Found:
         ra_rate_sign=signs[0],
         dec_rate_sign=signs[1],
     )
+    follows = number % FOLLOWED_EVERY == 0
     return Found(
         number,
-        min(apart, 180.0 - apart),
-        found.geometry.axes_deg - true.axes_deg,
-        abs(found.geometry.cone_deg) - abs(true.cone_deg),
-        AxesRun(followed, profile=profile).run().settled_rms_arcsec(),
-        AxesRun(followed).run().settled_rms_arcsec(),
+        poles_apart_deg(found.geometry, axes.geometry),
+        found.geometry.axes_deg - axes.geometry.axes_deg,
+        abs(found.geometry.cone_deg) - abs(axes.geometry.cone_deg),
+        AxesRun(followed, profile=profile).run().settled_rms_arcsec() if follows else math.nan,
+        AxesRun(followed).run().settled_rms_arcsec() if follows else math.nan,
         "",
     )
 

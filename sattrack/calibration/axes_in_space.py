@@ -11,6 +11,7 @@ import math
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
+import msgspec
 import numpy as np
 
 from sattrack.control.driver import Driver, StopProcedure, limit_text
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sattrack.mount.model import MountProfile, StatusSample
+    from sattrack.mount.model import MountProfile, SitePlace, StatusSample
     from sattrack.safety import SafetyLimits
 
     Array = NDArray[np.float64]
@@ -48,6 +49,9 @@ FITS_DEG = 30.0 / 3600.0
 PLACE_SIGMA_DEG = 0.5 / 3600.0
 SQUARE_SIGMA_DEG = 1.0
 """What is presumed of the angle between the axes and of the cone, one sigma."""
+GAIN_UNSURE, AT_ZENITH_DEG = 0.05, 89.999
+ALIGNED_DEG = 2.0
+"""How near to celestial pole or zenith the first axis of an equatorial or an alt-azimuth mount is."""
 ROUNDS, STEP_DEG = 30, 1e-4
 STEPS_BACK = 8
 
@@ -79,7 +83,7 @@ def find_axes(legs: list[Leg], latitude_deg: float) -> FoundAxes:
         if separation_deg(*leg.before, *leg.after) < 0.02 * abs(leg.asked_deg):
             raise SattrackError(f"the {name} axis does not move at its MoveAxis")
     found = [_fitted(pole, legs, latitude_deg) for pole in _first_guesses(legs, latitude_deg)]
-    parameters, left = min(found, key=lambda one: one[1])
+    parameters, left, _ = min(found, key=lambda one: one[2])
     geometry = _geometry(parameters)
     if left > FITS_DEG:
         raise SattrackError(
@@ -100,6 +104,40 @@ def find_axes(legs: list[Leg], latitude_deg: float) -> FoundAxes:
                 "a second, or add to tracking"
             )
     return FoundAxes(geometry, gains, left)
+
+
+def with_axes(profile: MountProfile, found: FoundAxes, site: SitePlace) -> MountProfile:
+    """Return a profile with the axes that were found at a site, and the signs of their rates."""
+    own = found.geometry
+    angles = (own.pole_azimuth_deg, own.pole_altitude_deg, own.axes_deg, own.cone_deg)
+    azimuth, altitude, axes, cone = (round(angle, 4) for angle in angles)
+    if altitude > AT_ZENITH_DEG:
+        # An azimuth says no more there than where the first angle is 0: at the south, as usual.
+        azimuth = 0.0
+    rounded = AxisGeometry(azimuth, altitude, axes, cone)
+    first, second = found.gains
+    return msgspec.structs.replace(
+        profile,
+        additive=False,
+        geometry=rounded,
+        stands_at=site,
+        ra_rate_sign=1 if first > 0.0 else -1,
+        dec_rate_sign=1 if second > 0.0 else -1,
+        ra_rate_gain=_told(abs(first)),
+        dec_rate_gain=_told(abs(second)),
+    )
+
+
+def _told(gain: float) -> float:
+    """Return a gain where it surely is not 1: commands last about as long as they are meant to."""
+    return 1.0 if abs(gain - 1.0) < GAIN_UNSURE else round(gain, 3)
+
+
+def kind_of(geometry: AxisGeometry, latitude_deg: float) -> str:
+    """Return what a mount with such axes is called at a latitude."""
+    if AxisFrame(geometry, latitude_deg).from_celestial_deg < ALIGNED_DEG:
+        return "equatorial"
+    return "alt-azimuth" if geometry.pole_altitude_deg > 90.0 - ALIGNED_DEG else "neither"
 
 
 def _gain(legs: list[Leg], frame: AxisFrame, axis: int) -> float:
@@ -151,8 +189,8 @@ def _geometry(parameters: Array) -> AxisGeometry:
     return AxisGeometry(azimuth, altitude, 90.0 - skew, cone)
 
 
-def _fitted(pole: tuple[float, float], legs: list[Leg], latitude_deg: float) -> tuple[Array, float]:
-    """Return the parameters nearest to a first guess of the pole that fit best, and what is left, degrees.
+def _fitted(pole: tuple[float, float], legs: list[Leg], latitude_deg: float) -> tuple[Array, float, float]:
+    """Return the parameters from a first guess of the pole on, what is left, degrees, and what that costs.
 
     Gauss and Newton's steps, with skew and cone held to be small where motions do not show them.
     """
@@ -180,8 +218,8 @@ def _fitted(pole: tuple[float, float], legs: list[Leg], latitude_deg: float) -> 
         now, left, cost = there, left_there, cost_there
         if done:
             break
-    misfit = left[: len(legs)] * PLACE_SIGMA_DEG
-    return now, float(np.sqrt(np.mean(misfit * misfit)))
+    misfit = left[: 2 * len(legs)] * PLACE_SIGMA_DEG
+    return now, float(np.sqrt(np.sum(misfit * misfit) / len(legs))), cost
 
 
 def _tangents(pole: Array) -> tuple[Array, Array]:
@@ -207,6 +245,9 @@ def _left(parameters: Array, legs: list[Leg], latitude_deg: float) -> tuple[Arra
             across = math.cos(math.radians(0.5 * (after.second_deg + before.second_deg)))
             turned = math.remainder(after.first_deg - before.first_deg, 360.0)
             rows.append(turned * across / PLACE_SIGMA_DEG)
+        # Axes that do not reach a place say nothing of their angles there.
+        missed = separation_deg(*leg.after, *frame.direction(*after[:2]))
+        rows.append(missed / PLACE_SIGMA_DEG)
     left = np.array([*rows, *(parameters[3:] / SQUARE_SIGMA_DEG)])
     return left, float(left @ left)
 
@@ -215,9 +256,15 @@ class AxesFinder(Driver):
     """Makes the motions with one mount, and keeps where it pointed; `legs` is complete once `done`."""
 
     def __init__(
-        self, profile: MountProfile, limits: SafetyLimits, site: tuple[float, float], begin_utc_s: float
+        self,
+        profile: MountProfile,
+        limits: SafetyLimits,
+        site: tuple[float, float],
+        begin_utc_s: float,
+        fastest_deg_s: tuple[float, float] | None = None,
     ) -> None:
-        self._rates = tuple(min(LEG_DEG_S, 0.8 * axis.max_rate_deg_s) for axis in (profile.ra, profile.dec))
+        fastest = fastest_deg_s or (profile.ra.max_rate_deg_s, profile.dec.max_rate_deg_s)
+        self._rates = tuple(min(LEG_DEG_S, 0.8 * one) for one in fastest)
         super().__init__(profile, ProbeSafety(profile, limits, site, REACH_DEG, STOP_DEG))
         self.legs: list[Leg] = []
         self.words: str | None = None
@@ -305,8 +352,8 @@ class AxesFinder(Driver):
         while drift_deg_s > STANDS_DEG_S:
             if self._now_s > until_s:
                 raise SattrackError(
-                    f"the mount moves by {3600.0 * drift_deg_s:.0f}″/s where it is told to stand: MoveAxis adds "
-                    "to its tracking, or it does not obey; switch tracking off, and begin again"
+                    f"the mount moves by {3600.0 * drift_deg_s:.0f}″/s where it is told to stand: MoveAxis "
+                    "adds to its tracking, or it does not obey; switch tracking off, and begin again"
                 )
             yield from self._for(STANDS_S)
             seen = [one for one in self._places if one[0] > self._now_s - STANDS_S]

@@ -74,6 +74,11 @@ LARGEST_UNCERTAINTY_S = 1.0
     metavar="FILE",
     help="With --mount sim: the profile of the simulated mount.",
 )
+@click.option(
+    "--axes",
+    is_flag=True,
+    help="Find how the axes lie, and nothing else: for mounts that are not equatorial.",
+)
 @common_options("site", "clock", "json")
 def command(context: CommandContext, **options: Any) -> int:
     """Measure how a mount answers commands, by small bounded motions, and write its profile.
@@ -84,6 +89,7 @@ def command(context: CommandContext, **options: Any) -> int:
     \b
     Examples:
       sattrack mount calibrate --mount sim --output measured.toml
+      sattrack mount calibrate --mount alpaca://192.0.2.9:11111/0 --axes --output altaz.toml
     """
     from sattrack.calibration.profile import bounded
     from sattrack.runtime.calibrate import ending_error
@@ -99,8 +105,10 @@ def command(context: CommandContext, **options: Any) -> int:
         site = demo_pass.SITE.place()
     if address is not None:
         address = address.seen_from(site)
-    _ask(options["yes"], "sim" if address is None else str(address))
     limits = context.settings.safety.limits()
+    if options["axes"]:
+        return _find_axes(context, options, (base, limits, site), address, target)
+    _ask(options["yes"], "sim" if address is None else str(address))
     calibrator = _fly(context.clock(), site, (base.mount, limits), address, options["sim_profile"])
     assert calibrator.ending is not None
     error = ending_error(calibrator.ending)
@@ -110,6 +118,91 @@ def command(context: CommandContext, **options: Any) -> int:
     found = _conclude(calibrator, site, options["clock_true"], dated)
     profile = _write(target, bounded(base, calibrator.largest_rates_deg_s), found, options["name"])
     _tell(found, profile, target, context.json)
+    return 0
+
+
+def _find_axes(
+    context: CommandContext,
+    options: dict[str, Any],
+    described: tuple[ProfileFile, SafetyLimits, Site],
+    address: MountAddress | None,
+    target: Path,
+) -> int:
+    """Find how the axes lie, and write the profile."""
+    from sattrack.calibration.axes_in_space import LEG_DEG, REACH_DEG, STOP_DEG, find_axes, kind_of, with_axes
+    from sattrack.mount.model import SitePlace
+    from sattrack.mount.profiles import profile_text
+    from sattrack.runtime.calibrate import find_axes_live, start_practice_mount, surroundings
+
+    base, limits, site = described
+    name = "sim" if address is None else str(address)
+    tell(f"each axis will turn by {LEG_DEG:g}° at a time, {2.0 * LEG_DEG:g}° at most, for about a minute")
+    tell(f"{name} must stand clear wherever it may come within {REACH_DEG + STOP_DEG:g}°; any key stops it")
+    _consent(options["yes"])
+    clock = context.clock()
+    plain = msgspec.structs.replace(
+        base.mount, geometry=None, additive=False, ra_rate_sign=1, dec_rate_sign=1
+    )
+    plain = msgspec.structs.replace(plain, ra_rate_gain=1.0, dec_rate_gain=1.0)
+    with ExitStack() as stack:
+        owned_as = None
+        if address is None:
+            around = surroundings(site, plain, clock.utc_s(time.monotonic()), limits)
+            simulated = start_practice_mount(around, site, clock, options["sim_profile"])
+            stack.callback(simulated.close)
+            address, owned_as = simulated.address, "sim"
+        stack.callback(renew)
+        finder, alignment = find_axes_live(address, clock, _show, (plain, limits, site), owned_as)
+    rest = "the mount was stopped and seen at rest"
+    if finder.mount_stopped is False:
+        rest = "the mount was NOT seen at rest: look after it, and stop it by its own console"
+    if finder.words is not None:
+        raise SattrackError(f"{finder.words}; {rest}")
+    try:
+        found = find_axes(finder.legs, site.latitude_deg)
+    except SattrackError as error:
+        raise SattrackError(f"{error}; nothing was written; {rest}") from error
+    profile = with_axes(base.mount, found, SitePlace(site.latitude_deg, site.longitude_deg))
+    profile = msgspec.structs.replace(profile, name=options["name"] or profile.name)
+    write_file(target, profile_text(profile))
+    kind, own = kind_of(found.geometry, site.latitude_deg), profile.geometry
+    stated = {0: "alt-azimuth", 1: "equatorial", 2: "equatorial"}.get(-1 if alignment is None else alignment)
+    assert own is not None
+    notes = []
+    if stated is not None and stated != kind:
+        notes.append(f"AlignmentMode says {stated}, the motions do not: the profile has what they say")
+    if kind == "equatorial":
+        notes.append("this mount is equatorial: without --axes more is measured, and servers can use it")
+    for note in notes:
+        tell(note)
+    if context.json:
+        document = {
+            "geometry": own,
+            "kind": kind,
+            "left_arcsec": round(3600.0 * found.left_deg, 2),
+            "out": str(target),
+            "notes": notes,
+        }
+        click.echo(msgspec.json.encode({"axes": document}).decode())
+        return 0
+    show(
+        table(
+            "",
+            "",
+            rows=[
+                (
+                    "first axis",
+                    f"azimuth {own.pole_azimuth_deg:.3f}°, altitude {own.pole_altitude_deg:.3f}°: {kind}",
+                ),
+                ("between the axes", f"{own.axes_deg:.3f}°"),
+                ("cone", f"{own.cone_deg:.3f}°"),
+                ("positive rates", f"{profile.ra_rate_sign:+d} first, {profile.dec_rate_sign:+d} second"),
+                ("gains", f"{abs(found.gains[0]):.2f} first, {abs(found.gains[1]):.2f} second"),
+                ("places left", f"{3600.0 * found.left_deg:.1f}″"),
+            ],
+        )
+    )
+    tell(f"written to {target}")
     return 0
 
 
@@ -155,6 +248,10 @@ def _ask(consented: bool, mount_name: str) -> None:
         f"{mount_name} must stand clear, {FLOOR_ALTITUDE_DEG:g}° high and {SUN_CONE_DEG:g}° from "
         f"the Sun wherever it may come within {BOX_DEG:g}°; any key stops it"
     )
+    _consent(consented)
+
+
+def _consent(consented: bool) -> None:
     if consented:
         return
     if not sys.stdin.isatty():

@@ -256,6 +256,8 @@ class Engine(Driver):
         rest = self.tracker.rest
         stopped = rest is not None and self.session.stopped
         motion = self.tracker.step(now_utc_s, arrived, stopped, self.safety.holding is not None)
+        if self.frame is not None and isinstance(motion, Slew):
+            self.safety.choose_turn(self.tracker.onward_deg())
         if self.tracker.phase is not Phase.STOPPING:
             self._doing = self.tracker.phase
         if self.session.sample is not None:

@@ -53,6 +53,8 @@ if TYPE_CHECKING:
     from tle.propagator import Propagator
 
 ACQUIRED_AFTER_SAMPLES = 10
+ONWARD_STEPS, ONWARD_S = 40, 20.0
+"""Into how many steps the rest of a pass is cut to see how far the axes turn, and for how long that holds."""
 CLOCK_SET_DEG, CLOCK_SAMPLES = 0.01, 400
 """A jump by which the mount's clock was set, and how many samples its error is averaged over."""
 LATE_FIX_S = 10.0
@@ -111,6 +113,7 @@ class Tracker:
         self._longitude_deg = propagator.site.longitude_deg
         self._clock_gap_deg, self._clock_samples = 0.0, 0
         """How far the mount's sidereal clock is ahead of mean sidereal time, in the mean of late."""
+        self._onward: tuple[float, tuple[float, float]] | None = None
         self._satellite = SatelliteTarget(self.fed_at, plan.detours)
         self._way = Approach(profile, self.fed_at, plan.law.feeder)
         self._stand = MountPlace(0.0, 0.0, 0.0)
@@ -225,6 +228,24 @@ class Tracker:
         )
         ra_deg = (sidereal_deg - first) % 360.0
         return TargetState(ra_deg, second, SIDEREAL_RATE_DEG_S - first_rate, second_rate)
+
+    def onward_deg(self) -> tuple[float, float] | None:
+        """Return how far back and on the first axis turns from where it waits until the end of the plan.
+
+        None for an equatorial mount, and where the target cannot be computed.
+        """
+        if self._frame is None:
+            return None
+        begin_s, end_s = max(self.plan.start_utc_s, self._way.intercept.utc_s), self.plan.end_utc_s
+        if self._onward is None or abs(begin_s - self._onward[0]) > ONWARD_S:
+            turned, low, high, before = 0.0, 0.0, 0.0, None
+            for k in range(ONWARD_STEPS + 1):
+                utc_s = begin_s + (end_s - begin_s) * k / ONWARD_STEPS
+                now_deg = mean_sidereal_deg(utc_s, self._longitude_deg) - self.fed_at(utc_s).ra_deg
+                turned += 0.0 if before is None else math.remainder(float(now_deg) - before, 360.0)
+                low, high, before = min(low, turned), max(high, turned), float(now_deg)
+            self._onward = begin_s, (low, high)
+        return self._onward[1]
 
     def _note_clock(self, sidereal_deg: float, utc_s: float) -> None:
         gap_deg = math.remainder(sidereal_deg - mean_sidereal_deg(utc_s, self._longitude_deg), 360.0)

@@ -184,7 +184,13 @@ class AxisFrame:
     @property
     def turns_field(self) -> bool:
         """Whether a camera on the tube turns on the sky: the first axis is not the celestial one."""
-        return math.hypot(*self._rows[2][:2]) > math.sin(math.radians(STILL_FIELD_DEG))
+        return self.from_celestial_deg > STILL_FIELD_DEG
+
+    @property
+    def from_celestial_deg(self) -> float:
+        """How far the first axis is from the Earth's, either end."""
+        x, y, z = self._rows[2]
+        return math.degrees(math.atan2(math.hypot(x, y), abs(z)))
 
     @property
     def square(self) -> AxisFrame:

@@ -12,6 +12,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
+from sattrack.calibration.axes_in_space import AxesFinder
 from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.guard import FLOOR_ALTITUDE_DEG, EndKind, Plan, Surroundings, sun_hour_angle_and_dec
 from sattrack.core.angles import altitude_deg, separation_deg
@@ -22,6 +23,7 @@ from sattrack.core.errors import (
     SafetyLimitError,
     SattrackError,
 )
+from sattrack.mount.alpaca.link import AlpacaAddress
 from sattrack.mount.profiles import ProfileFile, load_profile_file
 from sattrack.mount.simulator.mount import StartPosition
 from sattrack.runtime import demo_pass
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
 
     from sattrack.calibration.calibrator import Ending
     from sattrack.core.clock import Clock
+    from sattrack.mount.alpaca.device import DeviceFacts
     from sattrack.mount.model import MountProfile
     from sattrack.runtime.connection import EmbeddedMount
     from sattrack.runtime.mounts import MountAddress
@@ -139,6 +142,71 @@ def calibrate_live(
         if ending is not None and ending.kind is not EndKind.DONE and link.trouble is not None:
             calibrator.ending = replace(ending, words=f"{ending.words}; {link.trouble}")
     return calibrator
+
+
+def find_axes_live(
+    address: MountAddress,
+    clock: Clock,
+    show: Callable[[str, float], None],
+    described: tuple[MountProfile, SafetyLimits, Site],
+    owned_as: str | None = None,
+) -> tuple[AxesFinder, int | None]:
+    """Make the motions that tell how a mount's axes lie; return them, and a telescope's AlignmentMode.
+
+    Interrupted as `calibrate_live`. Raises SattrackError where the port is not available, or the mount cannot
+    be moved on.
+    """
+    profile, limits, site = described
+    if isinstance(address, AlpacaAddress):
+        address = address._replace(axes_known=True)
+    with ExitStack() as stack:
+        link, guard = stack.enter_context(owned(address, profile, clock.speed, owned_as))
+        stop = StopRequest()
+        stack.enter_context(stopping(stop))
+        keys = stack.enter_context(_any_key())
+        place = (site.latitude_deg, site.longitude_deg)
+        fastest = link.largest_rates_deg_s
+        finder = AxesFinder(profile, limits, place, clock.utc_s(time.monotonic()), fastest)
+        FinderLoop(Connection(link, clock, guard=guard), stop, finder, show, keys).run()
+        facts: DeviceFacts | None = getattr(link, "facts", None)
+        return finder, None if facts is None else facts.alignment_mode
+
+
+@dataclass(slots=True)
+class FinderLoop(RealtimeLoop):
+    """Feeds the motions that tell how axes lie, to their end; `keys` as in `CalibrationLoop`."""
+
+    reported = (SattrackError,)
+
+    driver: AxesFinder
+    show: Callable[[str, float], None]
+    keys: int | None
+
+    def readers(self) -> list[Any]:
+        """See RealtimeLoop."""
+        return [] if self.keys is None else [self.keys]
+
+    def serve(self, ready: list[Any]) -> None:
+        """Stop the mount at a key."""
+        if self.keys is not None and self.keys in ready:
+            if not os.read(self.keys, _KEY_BYTES):
+                self.keys = None
+            self.driver.end("stopped by a key")
+
+    def interrupt(self, now_utc_s: float) -> None:
+        """See RealtimeLoop."""
+        del now_utc_s
+        self.driver.end("interrupted")
+
+    def fail(self, error: Exception, now_utc_s: float) -> None:
+        """See RealtimeLoop."""
+        del now_utc_s
+        self.driver.end(str(error))
+
+    def report(self) -> None:
+        """Show how far it has come."""
+        if self.ticks % 4 == 0:
+            self.show("turning one axis after the other", self.driver.part_done)
 
 
 @dataclass(slots=True)

@@ -177,6 +177,10 @@ class Safety:
         self._news = True
         return place
 
+    def choose_turn(self, onward_deg: tuple[float, float] | None) -> None:
+        """Take how far back and on the first axis turns from where it is led to, degrees."""
+        self._slews.onward_deg = onward_deg if self._leads else None
+
     def follow_on(self, former: Safety) -> None:
         """Take over how far the cables are wound from a former one, whose stop is over."""
         self._standing.follow_on(former._standing)

@@ -20,6 +20,8 @@ WAITS_S = 70.0
 """How long the mount may wait at the target until it follows, tracking the sky."""
 BRAKING_SHARE, CLOSES_S = 0.2, 1.0
 """How a slew by rates ends: a share of the axes' acceleration, and the time constant of the last of it."""
+TURN_MARGIN_DEG = 2.0
+"""How far inside the cables' limit a pass must stay for a turn of the axis to be chosen."""
 STRAYED_DEG = 1.0
 STRAYED_STATUSES = 3
 
@@ -34,6 +36,9 @@ class SlewGate:
         self._legs: list[Slew] = []
         self._box: Box | None = None
         self._astray = 0
+        self.onward_deg: tuple[float, float] | None = None
+        """How far back and on the first axis turns from a slew's target on, where rates lead it there and any
+        turn of its cables can be chosen; None where the mount slews by itself."""
 
     @property
     def on_last_leg(self) -> bool:
@@ -127,9 +132,9 @@ class SlewGate:
     def _route_from(
         self, place: Place, target: Slew, sidereal_deg: float, waits: bool
     ) -> tuple[Slew, ...] | str:
-        from sattrack.safety.route import axes_of, slew_s
+        from sattrack.safety.route import slew_s
 
-        goal = axes_of(sidereal_deg - target.ra_deg, target.dec_deg, self._profile, self._latitude_deg)
+        goal = self._goal(target, sidereal_deg, place)
         judge, leaving = self._judge, self._judge_leaving(place)
         # The mount tracks the sky there until it follows.
         drift_deg = SIDEREAL_RATE_DEG_S * (slew_s(place, goal, self._profile) + WAITS_S)
@@ -167,10 +172,20 @@ class SlewGate:
 
     def objection(self, target: Slew, sidereal_deg: float, place: Place) -> str | None:
         """Return the name of the row that the straight way to a target is not clear of, or None."""
+        return self.path_objection(place, self._goal(target, sidereal_deg, place))
+
+    def _goal(self, target: Slew, sidereal_deg: float, place: Place) -> Place:
+        """Return how the axes stand after a slew from a place, on the turn on which it can go on."""
         from sattrack.safety.route import axes_of
 
         goal = axes_of(sidereal_deg - target.ra_deg, target.dec_deg, self._profile, self._latitude_deg)
-        return self.path_objection(place, goal)
+        if self.onward_deg is None:
+            return goal
+        (back, on), limit = self.onward_deg, self._profile.hour_angle_limit_deg - TURN_MARGIN_DEG
+        turns = [goal.ha_deg + turn for turn in (0.0, -360.0, 360.0)]
+        fit = [ha for ha in turns if -limit <= ha + min(0.0, back) and ha + max(0.0, on) <= limit]
+        best = min(fit, key=lambda ha: abs(ha - place.ha_deg), default=goal.ha_deg)
+        return Place(best, goal.dec_deg)
 
     def path_objection(self, place: Place, goal: tuple[float, float]) -> str | None:
         """Return the name of the row that the way between two places is not clear of, or None."""
@@ -198,10 +213,9 @@ class SlewGate:
         return self._astray >= STRAYED_STATUSES
 
     def _enter(self, place: Place, sidereal_deg: float, braking: Box) -> None:
-        from sattrack.safety.route import axes_of, slew_s
+        from sattrack.safety.route import slew_s
 
-        leg = self._legs[0]
-        goal = axes_of(sidereal_deg - leg.ra_deg, leg.dec_deg, self._profile, self._latitude_deg)
+        goal = self._leg_end(place, sidereal_deg)
         self._box, self._astray = Box.between(place, goal), 0
         # Axes that still brake go on the old way for a while; that is no disobedience where nothing is near.
         wider = _hull(self._box, braking)
@@ -210,13 +224,17 @@ class SlewGate:
         if self._judge_leaving(place)(drifted, seconds) is None:
             self._box = wider
 
-    def rates_from(self, place: Place, sidereal_deg: float) -> MoveAxes:
-        """Return the rates that lead from a place along the leg under way, each axis in its own time."""
+    def _leg_end(self, place: Place, sidereal_deg: float) -> Place:
         from sattrack.safety.route import axes_of
 
         leg = self._legs[0]
-        goal = axes_of(sidereal_deg - leg.ra_deg, leg.dec_deg, self._profile, self._latitude_deg)
-        profile = self._profile
+        if leg == self._target:
+            return self._goal(leg, sidereal_deg, place)
+        return axes_of(sidereal_deg - leg.ra_deg, leg.dec_deg, self._profile, self._latitude_deg)
+
+    def rates_from(self, place: Place, sidereal_deg: float) -> MoveAxes:
+        """Return the rates that lead from a place along the leg under way, each axis in its own time."""
+        goal, profile = self._leg_end(place, sidereal_deg), self._profile
         first, second = (
             _closing_deg_s(to - at, axis)
             for to, at, axis in zip(goal, place, (profile.ra, profile.dec), strict=True)
