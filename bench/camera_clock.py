@@ -32,7 +32,7 @@ def run(folder: Path, clock_s: float, seconds: float) -> dict[str, Any]:
     same = ["--elements", str(elements), "--site", site, "--config", str(folder / "sattrack.toml")]
     quiet = {"stdin": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     listen = free_port()
-    hidden = f"clock={clock_s:g},along={AHEAD_S:g},magnitude=7,fwhm=14"
+    hidden = f"clock={clock_s:g},along={AHEAD_S:g},magnitude=7,fwhm=14,shadow=0"
     simulated = ["--camera", f"{SCALE:g},1280,960", "--hidden", hidden, "--peer", str(listen), "--port", "0"]
     with ExitStack() as stack:
         sim = stack.enter_context(ended(sattrack("sim", *simulated, "--json", *same, **quiet)))

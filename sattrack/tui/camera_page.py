@@ -505,7 +505,7 @@ def _frame_rows(picture: PictureView, loop: LoopView | None, age_s: float, count
     late: Row = [(f"  {age_s:.0f} s old", SPOKEN[Tone.NOTICE])] if age_s > OLD_S else []
     turned = turned_deg(picture, loop)
     scale = "no scale" if picture.scale_arcsec_px is None else f"{picture.scale_arcsec_px:.3g}″/px"
-    up = "up not known" if turned is None else f"up at {turned:.0f}°"
+    up = "up not known" if turned is None else f"up at {round(turned) % 360}°"
     field = "solved" if picture.solved else "not solved"
     return [
         _labelled("camera", (picture.camera, "bold"), *more),
