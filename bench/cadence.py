@@ -6,7 +6,8 @@ python bench/cadence.py --footprint
 Each run has the feeder follow a satellite that is up, with a simulated mount, over UDP on loopback,
 recording; beside it, C loops without and with real-time priority send at the same period. Periods are the
 differences of the kernel's own stamps at the sockets that the datagrams come to. Around them: nothing, the
-terminal UI drawing on a pseudo-terminal, CPU hogs (as many as the machine has CPUs, or as told), or both.
+terminal UI drawing on a pseudo-terminal, CPU hogs (as many as the machine has CPUs, or as told), or both; or
+a camera: the screen shows its pictures, `track --camera` looks at them, and `sim --camera` renders the sky.
 Other programs on the machine count as what they are: disturbance, and the same for all. `--footprint` tells
 what the feeder's process holds: modules and memory.
 """
@@ -57,7 +58,16 @@ REFUSED = 3
 KEPT_BYTES = 4000
 
 HOG = "import sys, time\nend = time.monotonic() + float(sys.argv[1])\nwhile time.monotonic() < end: pass"
-AROUND = {"idle": (False, False), "tui": (True, False), "hogs": (False, True), "both": (True, True)}
+AROUND = {
+    "idle": (False, False),
+    "tui": (True, False),
+    "hogs": (False, True),
+    "both": (True, True),
+    "camera": (True, False),
+}
+USUAL = ("idle", "tui", "hogs", "both")
+HALF_BLOCK = "▀".encode()
+"""What a picture is drawn with."""
 
 
 class Spread(NamedTuple):
@@ -122,6 +132,8 @@ class Screen:
 
     descriptor: int
     drawn: bytes = b""
+    pictured: bool = False
+    """Whether a picture was drawn."""
 
     def fileno(self) -> int:
         return self.descriptor
@@ -131,7 +143,9 @@ class Screen:
 
     def take(self) -> None:
         try:
-            self.drawn = (self.drawn + os.read(self.descriptor, 65536))[-KEPT_BYTES:]
+            data = os.read(self.descriptor, 65536)
+            self.drawn = (self.drawn + data)[-KEPT_BYTES:]
+            self.pictured |= HALF_BLOCK in data
         except OSError:
             # Linux says so when the other end of a pseudo-terminal has closed.
             return
@@ -152,8 +166,11 @@ def build_peer(folder: Path) -> Path | None:
 class Run:
     """One feeder, and the C loops beside it, for some seconds."""
 
-    def __init__(self, stack: ExitStack, folder: Path, peer: Path | None, seconds: float) -> None:
+    def __init__(
+        self, stack: ExitStack, folder: Path, peer: Path | None, seconds: float, camera: bool
+    ) -> None:
         self._stack, self._folder, self._peer, self._seconds = stack, folder, peer, seconds
+        self._camera = camera
         self._watched: list[Ear | Screen] = []
 
     def measure(self, realtime: bool, tui: bool, hogs: int) -> dict[str, Spread]:
@@ -173,12 +190,16 @@ class Run:
         )
         began_s = time.monotonic()
         self._listen(lambda: time.monotonic() < began_s + SETTLE_S)
+        if self._camera:
+            os.write(screen.descriptor, b"6")
         ears = {name: found for name, (found, _) in peers.items()} | {"feeder": ear}
         for each in ears.values():
             each.stamps_ns.clear()
         self._listen(lambda: time.monotonic() < began_s + lasts_s and feeder.poll() is None)
         if feeder.poll() is not None:
             raise SystemExit(f"the feeder ended before its time: {screen.drawn.decode(errors='replace')}")
+        if self._camera and not screen.pictured:
+            raise SystemExit("the screen showed no picture")
         for name, (_, process) in peers.items():
             if process.poll() == REFUSED:
                 print(f"  {name}: the priority was refused; left out")
@@ -204,13 +225,20 @@ class Run:
             self._folder, SETTLE_S + 0.5 * self._seconds, mean_motion_rev_day=REVOLUTIONS_A_DAY
         )
         sim_port, listen_port = free_port(), free_port()
-        sim = ("sim", "--port", str(sim_port), "--peer", str(listen_port), "--site", site)
+        sim = ["sim", "--port", str(sim_port), "--peer", str(listen_port), "--site", site]
+        looks = []
+        if self._camera:
+            camera_port = free_port()
+            sim += ["--camera", "--camera-port", str(camera_port), "--elements", str(elements)]
+            looks = ["--camera", f"alpaca://127.0.0.1:{camera_port}/0", "--scale", "2.5"]
         self._start([sys.executable, "-m", "sattrack", *sim])
+        if self._camera:
+            _await_port(camera_port)
         ear.forward_to = sim_port
         recording = self._folder / f"{time.monotonic_ns()}.mcap"
         command = [sys.executable, "-m", "sattrack", "track", "25544", "--site", site]
         command += ["--elements", str(elements), "--record", str(recording)]
-        command += ["--mount", f"xerxes://127.0.0.1:{ear.port}?listen={listen_port}"]
+        command += ["--mount", f"xerxes://127.0.0.1:{ear.port}?listen={listen_port}", *looks]
         environment = {**os.environ, VARIABLE: "1" if realtime else "0", "TERM": "xterm-256color"}
         controller, terminal = pty.openpty()
         fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", ROWS, COLUMNS, 0, 0))
@@ -241,6 +269,18 @@ class Run:
         while going():
             for each in select.select(self._watched, [], [], 0.1)[0]:
                 each.take()
+
+
+def _await_port(port: int) -> None:
+    """Wait until somebody listens on a TCP port of this machine."""
+    until_s = time.monotonic() + START_WITHIN_S
+    while True:
+        with socket.socket() as door:
+            if not door.connect_ex(("127.0.0.1", port)):
+                return
+        if time.monotonic() > until_s:
+            raise SystemExit("the simulated camera did not start")
+        time.sleep(0.1)
 
 
 def footprint() -> None:
@@ -283,7 +323,7 @@ def main() -> None:
     )
     parser.add_argument("--seconds", type=float, default=60.0, help="of each run")
     parser.add_argument("--minutes", type=float, help="of each run")
-    parser.add_argument("--around", nargs="+", choices=list(AROUND), default=list(AROUND))
+    parser.add_argument("--around", nargs="+", choices=list(AROUND), default=USUAL)
     parser.add_argument("--feeder", nargs="+", choices=["normal", "realtime"], default=["normal", "realtime"])
     parser.add_argument("--hogs", type=int, default=os.cpu_count() or 1, help="how many of them")
     parser.add_argument("--footprint", action="store_true", help="what the feeder's process holds")
@@ -305,7 +345,7 @@ def main() -> None:
             for kind in options.feeder:
                 tui, hogs = AROUND[around]
                 with ExitStack() as stack:
-                    spreads = Run(stack, folder, peer, seconds).measure(
+                    spreads = Run(stack, folder, peer, seconds, around == "camera").measure(
                         kind == "realtime", tui, hogs * options.hogs
                     )
                 spreads[f"feeder, {kind}".replace("realtime", "real-time")] = spreads.pop("feeder")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sattrack.camera.frames import Frame, grey, parse_utc
+from sattrack.camera.frames import AUTO_S, START_EXPOSURE_S, Frame, grey, more_light, parse_utc
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.alpaca.client import AlpacaDevice, AlpacaRefusalError, NoAnswerError, value_in
 
@@ -21,11 +21,6 @@ if TYPE_CHECKING:
     from sattrack.camera.sources import SourceOptions
     from tle.instants import Utc
 
-START_EXPOSURE_S = 0.1
-AUTO_S = (0.005, 0.5)
-"""Between these an exposure is chosen by itself: longer ones smear the satellite by what is not known yet."""
-GAIN_STEP = 0.1
-"""Of the camera's range of gains, where the longest exposure is not enough."""
 POLL_S = 0.005
 READ_WITHIN_S = 20.0
 MOST_IMAGE_BYTES = 1 << 29
@@ -120,6 +115,8 @@ class AlpacaCamera:
         taken_s = self._optional("lastexposureduration")
         length_s = exposure_s if taken_s is None else taken_s
         header = {} if self._gain_per_unit is None else {"EGAIN": self._gain_per_unit}
+        if self._gains[2] is not None:
+            header["GAIN"] = self._gains[2]
         return Frame(
             np.ascontiguousarray(pixels[::-1], dtype=np.float32),
             self._begun(begun).plus(0.5 * length_s - self._options.latency_s),
@@ -142,15 +139,13 @@ class AlpacaCamera:
 
     def adjust(self, factor: float) -> None:
         """See FrameSource: the exposure first, then the gain."""
-        if self._options.exposure_s is not None or factor == 1.0 or self.exposure_s is None:
+        if self._options.exposure_s is not None or self.exposure_s is None:
             return
-        before_s = self.exposure_s
-        self.exposure_s = min(max(before_s * factor, self._shortest_s, AUTO_S[0]), AUTO_S[1])
         low, high, gain = self._gains
-        if self.exposure_s != before_s or low is None or high is None or gain is None:
-            return
-        wanted = min(max(gain + (GAIN_STEP if factor > 1.0 else -GAIN_STEP) * (high - low), low), high)
-        if round(wanted) != round(gain):
+        known = None if low is None or high is None else (low, high)
+        exposures_s = (self._shortest_s, AUTO_S[1])
+        self.exposure_s, wanted = more_light(self.exposure_s, factor, exposures_s, gain, known)
+        if wanted is not None and wanted != gain:
             try:
                 self._device.put("gain", Gain=str(round(wanted)))
             except (AlpacaRefusalError, NoAnswerError):

@@ -14,8 +14,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from sattrack.camera.detection import ExpectedMotion
+from sattrack.camera.frames import reduced
 from sattrack.core.angles import wrap180
-from sattrack.views.messages import LEAST_SIGMA_ARCSEC, MOST_SIGMA_ARCSEC, Observation, SeenOffset
+from sattrack.views.messages import (
+    LEAST_SIGMA_ARCSEC,
+    MOST_SIGMA_ARCSEC,
+    Observation,
+    SeenOffset,
+    SolvedField,
+)
+from sattrack.views.picture import MOST_STARS_SHOWN, PictureView, StarView
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -194,11 +202,13 @@ class Centred(NamedTuple):
     why: str | None
     camera: str
     message: Observation | SeenOffset | None
+    field: SolvedField | None = None
+    """Where the middle pointed, for the camera's clock; None where no field was found."""
 
     def document(self) -> dict[str, Any]:
         """Return the line of `sattrack camera --json`."""
         return {
-            **{name: getattr(self, name) for name in self._fields if name != "message"},
+            **{name: getattr(self, name) for name in self._fields if name not in {"message", "field"}},
             "sent": None if self.message is None else self.message.__struct_config__.tag,
         }
 
@@ -217,6 +227,10 @@ def centred(
     nothing = Centred(
         utc, frame.exposure_s, seen.kind, None, None, None, None, solved, seen.why, camera, None
     )
+    if solution is not None:
+        middle = max(LEAST_SIGMA_ARCSEC, solution.rms_arcsec / math.sqrt(solution.stars))
+        field = SolvedField(utc, solution.ra_deg, solution.dec_deg, min(middle, MOST_SIGMA_ARCSEC), camera)
+        nothing = nothing._replace(field=field)
     if seen.kind == "none" or seen.x is None or seen.y is None or seen.sigma_px is None:
         return nothing
     middle_x, middle_y = frame.middle
@@ -240,7 +254,7 @@ def centred(
     if solution is not None:
         sigma = min(math.hypot(sigma, solution.rms_arcsec / math.sqrt(solution.stars)), MOST_SIGMA_ARCSEC)
         ra_deg, dec_deg = solution.place(right, up)
-        message = Observation(utc, ra_deg, dec_deg, "icrs", sigma)
+        message = Observation(utc, ra_deg, dec_deg, "icrs", sigma, camera=camera)
     else:
         message = SeenOffset(
             utc,
@@ -257,6 +271,46 @@ def centred(
         sigma_arcsec=round(sigma, 3),
         snr=snr,
         message=message,
+    )
+
+
+def picture(
+    frame: Frame, seen: Detection, geometry: ImageGeometry, result: Centred, side: int
+) -> PictureView:
+    """Return a frame for a screen, its longer side of `side` pixels at most, with what was seen in it."""
+    columns, rows, pixels = reduced(frame, side)
+    height, width = frame.pixels.shape
+    middle_x, middle_y = frame.middle
+    shown = seen.stars[:MOST_STARS_SHOWN]
+    most = max((one.flux for one in shown), default=0.0)
+    stars = tuple(
+        StarView(round(one.x - middle_x, 1), round(one.y - middle_y, 1), round(one.flux / most, 3))
+        for one in shown
+        if one.flux > 0.0
+    )
+    found = seen.kind != "none" and seen.x is not None and seen.y is not None
+    gain = frame.header.get("GAIN")
+    return PictureView(
+        result.camera,
+        result.utc,
+        frame.exposure_s,
+        width,
+        height,
+        columns,
+        rows,
+        pixels,
+        seen.kind if found else "none",
+        float(seen.x) - middle_x if found and seen.x is not None else None,
+        float(seen.y) - middle_y if found and seen.y is not None else None,
+        seen.sigma_px if found else None,
+        result.snr,
+        seen.why,
+        geometry.scale_arcsec_px,
+        geometry.rotation_deg,
+        geometry.flipped,
+        stars,
+        result.solved is not None,
+        float(gain) if isinstance(gain, int | float) else None,
     )
 
 

@@ -213,3 +213,64 @@ def grey(pixels: NDArray[Any]) -> NDArray[Any]:
     if pixels.ndim != 2:
         raise ValueError(f"it has {pixels.ndim} dimensions")
     return pixels
+
+
+START_EXPOSURE_S = 0.1
+AUTO_S = (0.005, 0.5)
+"""Between these an exposure is chosen by itself: longer ones smear the satellite by what is not known yet."""
+GAIN_STEP = 0.1
+"""Of the camera's range of gains, where the longest or shortest exposure is not enough."""
+
+
+def more_light(
+    exposure_s: float,
+    factor: float,
+    exposures_s: tuple[float, float],
+    gain: float | None,
+    gains: tuple[float, float] | None,
+) -> tuple[float, float | None]:
+    """Return exposure and gain for `factor` times the light: the exposure first, at its limit the gain.
+
+    Exposures stay within AUTO_S and what the camera can; gains are whole numbers, None where there are none.
+    """
+    low_s, high_s = max(AUTO_S[0], exposures_s[0]), max(exposures_s[0], min(AUTO_S[1], exposures_s[1]))
+    after_s = min(max(exposure_s * factor, low_s), high_s)
+    if factor == 1.0 or after_s != exposure_s or gain is None or gains is None or gains[1] <= gains[0]:
+        return (exposure_s if factor == 1.0 else after_s), gain
+    step = max(1.0, GAIN_STEP * (gains[1] - gains[0])) * (1.0 if factor > 1.0 else -1.0)
+    return after_s, float(round(min(max(gain + step, gains[0]), gains[1])))
+
+
+STRETCH_SIGMAS = 40.0
+"""So many times the noise of a reduced pixel is white at least, so that noise alone stays dark."""
+WHITE_SHARE = 99.9
+POINT_SIGMAS = 4.5
+"""Of a block's noise: what stands out further shows by itself, or a point would drown in its block."""
+
+
+def reduced(frame: Frame, side: int) -> tuple[int, int, bytes]:
+    """Return a frame as a small picture: columns, rows, and levels from 0 to 255 in rows from the top.
+
+    The longer side has `side` pixels at most. Each is the mean of a block, or its brightest pixel where that
+    stands out of the noise. A pixel counts as no brighter than its neighbour, so that hot ones do not show.
+    Levels grow as asinh from the sky's brightness on.
+    """
+    height, width = frame.pixels.shape
+    step = max(1, math.ceil(max(height, width) / side))
+    rows, columns = height // step, width // step
+    # What is left over lies on both sides alike, so that the middle stays the middle.
+    top, left = (height - rows * step) // 2, (width - columns * step) // 2
+    cut = frame.pixels[top : top + rows * step, left : left + columns * step]
+    paired = cut.copy()
+    np.minimum(cut[:, :-1], cut[:, 1:], out=paired[:, :-1])
+    blocks = paired.reshape(rows, step, columns, step)
+    mean, most = blocks.mean(axis=(1, 3)), blocks.max(axis=(1, 3))
+    sky = float(np.median(mean))
+    sample = cut[:: max(1, height // 256), :: max(1, width // 256)]
+    noise = max(1e-6, 1.4826 * float(np.median(np.abs(sample - np.median(sample)))))
+    value = np.maximum(mean - sky, most - sky - POINT_SIGMAS * noise)
+    fine = noise / step
+    white = max(STRETCH_SIGMAS * fine, float(np.percentile(value, WHITE_SHARE)))
+    shares = np.arcsinh(np.clip(value + fine, 0.0, None) / (3.0 * fine)) / math.asinh(white / (3.0 * fine))
+    levels = np.clip(255.0 * shares, 0.0, 255.0).astype(np.uint8)
+    return columns, rows, levels[::-1].tobytes()

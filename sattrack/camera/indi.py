@@ -13,7 +13,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from sattrack.camera.frames import Frame, fits_exposure, grey
+from sattrack.camera.frames import AUTO_S, START_EXPOSURE_S, Frame, fits_exposure, grey, more_light
 from sattrack.core.errors import BadInputError, SattrackError, needed
 
 if TYPE_CHECKING:
@@ -22,10 +22,11 @@ if TYPE_CHECKING:
     from sattrack.camera.sources import SourceOptions
     from tle.instants import Utc
 
-START_EXPOSURE_S = 0.1
-AUTO_S = (0.005, 0.5)
 FOUND_WITHIN_S = 10.0
 READ_WITHIN_S = 20.0
+GAINS = (("CCD_GAIN", "GAIN"), ("CCD_CONTROLS", "Gain"))
+"""Where drivers have the gain: a vector of its own, or among the camera's other controls."""
+FULL_8_BITS, FULL_16_BITS = 255.0, 65535.0
 _URL = re.compile(r"//([^/:]+):(\d+)/(.+)")
 
 
@@ -126,6 +127,9 @@ class IndiCamera:
             raise SattrackError(f"{self._url}: its frame is no FITS image: {error}") from None
         name = f"frame {number}"
         dated = any(key in header for key in ("DATE-OBS", "DATE-BEG", "DATE-AVG"))
+        gain = next((found[0] for one in GAINS if (found := self._number(*one)) is not None), None)
+        if gain is not None:
+            header.setdefault("GAIN", gain)
         utc = begun.plus(0.5 * exposure_s)
         if dated:
             utc, exposure_s = fits_exposure(header, name, exposure_s)
@@ -135,14 +139,39 @@ class IndiCamera:
             utc.plus(-self._options.latency_s),
             exposure_s,
             name,
-            65535.0 if header.get("BZERO") == 32768 else None,
+            FULL_8_BITS
+            if header.get("BITPIX") == 8
+            else FULL_16_BITS
+            if header.get("BZERO") == 32768
+            else None,
             header,
         )
 
     def adjust(self, factor: float) -> None:
-        """See FrameSource."""
-        if self._options.exposure_s is None and self.exposure_s is not None:
-            self.exposure_s = min(max(self.exposure_s * factor, AUTO_S[0]), AUTO_S[1])
+        """See FrameSource: the exposure first, then the gain, as far as the driver has one."""
+        if self._options.exposure_s is not None or self.exposure_s is None:
+            return
+        exposure = self._number("CCD_EXPOSURE", "CCD_EXPOSURE_VALUE")
+        exposures_s = AUTO_S if exposure is None or exposure[2] <= exposure[1] else exposure[1:]
+        gain = next(((*name, found) for name in GAINS if (found := self._number(*name)) is not None), None)
+        value, gains = (None, None) if gain is None else (gain[2][0], gain[2][1:])
+        self.exposure_s, wanted = more_light(self.exposure_s, factor, exposures_s, value, gains)
+        if gain is not None and wanted is not None and wanted != value:
+            self._send(gain[0], {gain[1]: f"{wanted:g}"})
+
+    def _number(self, vector: str, member: str) -> tuple[float, float, float] | None:
+        """Return a number of the driver's with its bounds; None where it has none of that name."""
+        device = self._client.data.get(self._device)
+        if device is None or vector not in device:
+            return None
+        found = device[vector].data.get(member)
+        if found is None:
+            return None
+        return (
+            float(found.getfloatvalue()),
+            float(found.getfloat(found.min)),
+            float(found.getfloat(found.max)),
+        )
 
     def close(self) -> None:
         """See FrameSource."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import struct
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +11,15 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from sattrack.camera.frames import Frame, fits_exposure, grey, name_exposure, text_exposure
+from sattrack.camera.frames import (
+    START_EXPOSURE_S,
+    Frame,
+    fits_exposure,
+    grey,
+    more_light,
+    name_exposure,
+    text_exposure,
+)
 from sattrack.core.clock import Clock, SystemClock
 from sattrack.core.errors import BadInputError, SattrackError, needed
 from tle.instants import Utc
@@ -204,6 +213,28 @@ def _image(pixels: NDArray[Any], path: Path) -> NDArray[np.float32]:
         raise BadInputError(f"{path}: it is no image: {error}") from None
 
 
+V4L_GAIN, V4L_EXPOSURE = 0x00980913, 0x009A0902
+"""V4L2_CID_GAIN and V4L2_CID_EXPOSURE_ABSOLUTE (steps of 0.1 ms), of linux/v4l2-controls.h."""
+QUERY_CONTROL = 0xC0445624
+"""VIDIOC_QUERYCTRL, of linux/videodev2.h: its structure has 68 bytes."""
+CONTROL = struct.Struct("=II32siiiiIII")
+CONTROL_DISABLED = 0x0001
+
+
+def v4l_range(device: str, control: int) -> tuple[float, float] | None:
+    """Return the least and the greatest value of a V4L2 control; None where the driver does not have it."""
+    import fcntl
+
+    answer = bytearray(CONTROL.pack(control, 0, b"", 0, 0, 0, 0, 0, 0, 0))
+    try:
+        with Path(device).open("rb", buffering=0) as opened:
+            fcntl.ioctl(opened, QUERY_CONTROL, answer)
+    except OSError:
+        return None
+    _, _, _, least, most, _, _, flags, *_ = CONTROL.unpack(answer)
+    return None if flags & CONTROL_DISABLED or most <= least else (float(least), float(most))
+
+
 class VideoSource:
     """A webcam or guide camera of this machine, through OpenCV.
 
@@ -249,9 +280,18 @@ class VideoSource:
 
     def adjust(self, factor: float) -> None:
         """See FrameSource."""
-        if self.exposure_s is not None and self._options.exposure_s is None:
-            self.exposure_s = min(max(self.exposure_s * factor, 1e-4), 1.0)
-            self._expose(self.exposure_s)
+        if self._options.exposure_s is not None or factor == 1.0:
+            return
+        # As long as nothing has to change, the driver's own automatic exposure goes on.
+        before_s = self.exposure_s or START_EXPOSURE_S
+        gains = v4l_range(self._device, V4L_GAIN)
+        gain = None if gains is None else float(self._capture.get(self._cv2.CAP_PROP_GAIN))
+        shown = v4l_range(self._device, V4L_EXPOSURE)
+        exposures_s = (1e-4, 1.0) if shown is None else (shown[0] * 1e-4, shown[1] * 1e-4)
+        self.exposure_s, wanted = more_light(before_s, factor, exposures_s, gain, gains)
+        self._expose(self.exposure_s)
+        if wanted is not None and wanted != gain:
+            self._capture.set(self._cv2.CAP_PROP_GAIN, wanted)
 
     def close(self) -> None:
         """See FrameSource."""

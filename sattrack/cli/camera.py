@@ -8,7 +8,6 @@ import os
 import re
 import select
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -22,7 +21,7 @@ import msgspec
 
 from sattrack.cli.common import CommandContext, can_draw_lines_anew, common_options, given, renew, tell
 from sattrack.core import local_time
-from sattrack.core.channel import LineReader, see_off
+from sattrack.core.channel import Channel, see_off
 from sattrack.core.errors import BadInputError, SattrackError, needed
 from sattrack.core.process import ending_with_us, self_command
 
@@ -265,10 +264,16 @@ class RunLink:
         """Connect. Raises SattrackError where that is no run."""
         from sattrack.tui.attached import welcomed
 
-        self._connection, _, welcome = welcomed(pid, "camera")
-        self._lines = LineReader(self._connection.fileno(), 1 << 20)
+        self._connection, lines, welcome = welcomed(pid, "camera", shows=True)
+        self._connection.setblocking(False)
+        # The welcome was read through a buffer, which holds the beginning of what follows.
+        begun = lines.peek()  # type: ignore[attr-defined]
+        self._lines = Channel(self._connection.fileno(), longest=1 << 20, begun=begun)
         self.name = welcome.name
         self._views: list[Any] = []
+        self._side = 0
+        """How large pictures are wanted, pixels; 0 for none."""
+        self._shown_s = float("-inf")
 
     @property
     def ended(self) -> bool:
@@ -277,13 +282,17 @@ class RunLink:
 
     def hear(self) -> None:
         """Take the views that have come; `ended` once the run is over."""
+        from sattrack.views.picture import PicturesWanted
         from sattrack.views.run import TrackView
 
+        self._lines.flush()
         while not self.ended and select.select([self._lines], [], [], 0.0)[0]:
             for line in self._lines.lines():
                 if line.startswith(b'{"type":"view"'):
                     with contextlib.suppress(msgspec.MsgspecError):
                         self._views = [*self._views[-40:], msgspec.json.decode(line, type=TrackView)]
+                elif line.startswith(b'{"type":"pictures_wanted"'):
+                    self._side = msgspec.json.decode(line, type=PicturesWanted).side
 
     def expected(self, frame: Frame, geometry: ImageGeometry) -> ExpectedMotion | None:
         """Return how stars and the satellite move in an image, by the run's views about its instant."""
@@ -295,14 +304,22 @@ class RunLink:
         """Send an observation; return whether it went."""
         from sattrack.views.messages import encode_message
 
-        try:
-            self._connection.send(encode_message(message), socket.MSG_DONTWAIT)
-        except BlockingIOError:
-            return False
-        except OSError:
-            self._lines.ended = True
-            return False
-        return True
+        self._lines.send(encode_message(message))
+        return not self._lines.ended
+
+    def show(self, frame: Frame, detection: Detection, geometry: ImageGeometry, seen: Centred) -> None:
+        """Send a frame to the screens that want pictures, if any; one that must wait is left out."""
+        from sattrack.camera.centring import picture
+        from sattrack.views.picture import MOST_PICTURE_BYTES, PICTURES_A_SECOND
+
+        now_s = time.monotonic()
+        due = now_s - self._shown_s >= 1.0 / PICTURES_A_SECOND
+        if not self._side or not due or self._lines.waiting or self.ended:
+            return
+        line = msgspec.json.encode(picture(frame, detection, geometry, seen, self._side)) + b"\n"
+        if len(line) <= MOST_PICTURE_BYTES:
+            self._shown_s = now_s
+            self._lines.send(line)
 
     def close(self) -> None:
         """Leave the run."""
@@ -436,8 +453,12 @@ def _watch(
             run.hear()
             expected = run.expected(item, look.geometry.of_header(item))
         seen, detection = look.look(item, expected)
+        if run is not None and seen.field is not None:
+            run.send(seen.field)
         if run is not None and seen.message is not None and not run.send(seen.message):
             seen = seen._replace(message=None)
+        if run is not None:
+            run.show(item, detection, look.geometry.of_header(item), seen)
         if save is not None:
             _save(item, save, look.name, seen)
         camera.adjust(_light(item, detection))

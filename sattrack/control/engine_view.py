@@ -13,6 +13,7 @@ from sattrack.core.angles import wrap180
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
 from sattrack.mount.xerxes.link import STALE_AFTER_S, LinkState
 from sattrack.safety import ROWS
+from sattrack.views.formatting import camera_clock_text
 from sattrack.views.run import (
     EstimateView,
     LearntView,
@@ -354,14 +355,17 @@ def loop_view(tracker: Tracker, utc_s: float) -> LoopView | None:
     """Return what closes the loop on the sky; None where no camera is set and no observation has come."""
     steering = tracker.steering
     estimator = steering.estimator
-    if not (steering.cameras.named or estimator.accepted or estimator.rejected or estimator.refused):
+    clocks = steering.clocks.views()
+    seen = estimator.accepted or estimator.rejected or estimator.refused or steering.last_seen
+    if not (steering.cameras.named or seen or clocks):
         return None
-    last_s = estimator.last_utc_s
+    last_s, guided, last = estimator.last_utc_s, steering.guided, steering.last_seen
     if estimator.filter is None or last_s is None:
-        return LoopView("elements")
+        return LoopView("elements", guided=guided, last=last, clocks=clocks)
     state = "lost" if utc_s - last_s > LOST_AFTER_S else "camera"
     sigma_arcsec = estimator.sigma_arcsec(utc_s, steering.biases.course)
-    return LoopView(state, max(0.0, utc_s - last_s), sigma_arcsec, steering.camera_views())
+    cameras = steering.camera_views()
+    return LoopView(state, max(0.0, utc_s - last_s), sigma_arcsec, cameras, guided, last, clocks)
 
 
 def observation_warnings(tracker: Tracker, malformed: int, dropped: int) -> list[str]:
@@ -372,6 +376,11 @@ def observation_warnings(tracker: Tracker, malformed: int, dropped: int) -> list
         counts = f"{estimator.rejected} rejected, {estimator.refused} refused, {estimator.accepted} taken"
         words.append(f"the last observation was not taken: {estimator.words} ({counts})")
     words.extend(estimator.camera_words)
+    words.extend(
+        f"camera {one.camera or 'without a name'}: {camera_clock_text(one)}"
+        for one in tracker.steering.clocks.views()
+        if one.corrected_s
+    )
     if estimator.begun_anew:
         words.append(
             f"the estimate restarted {estimator.begun_anew} times: "

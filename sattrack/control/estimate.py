@@ -158,6 +158,8 @@ class Estimator:
         """Why the last observation was not taken; None where it was."""
         self.last_utc_s: float | None = None
         """Instant of the newest observation that was taken."""
+        self._undo: tuple[FilterBank | None, float | None] | None = None
+        """What the last observation that was taken has changed; None where that is not known any more."""
 
     def sigma_arcsec(self, utc_s: float, course: Course) -> float | None:
         """Return how well it is known where the mount must point, one sigma in the worst direction."""
@@ -213,7 +215,7 @@ class Estimator:
 
     def forget(self) -> None:
         """Begin anew with the next observation."""
-        self.filter = self._rival = None
+        self.filter = self._rival = self._undo = None
 
     def reading(self, utc_s: float, course: Course, fed: bool = False) -> Reading | None:
         """Return what the estimate says of the biases at an instant; None without one, or where it says none.
@@ -226,14 +228,32 @@ class Estimator:
         except FAILURES:
             return None
 
+    def undo(self) -> bool:
+        """Give back what the last observation that was taken has changed; tell whether that was possible."""
+        if self._undo is None:
+            return False
+        (self.filter, self.last_utc_s), self._undo, self._rival = self._undo, None, None
+        self.accepted -= 1
+        self.rejected += 1
+        self.words = "it was rejected by hand"
+        return True
+
     def take(
-        self, seen: Observation, now_utc_s: float, course: Course, first: Bias, image: Image | None = None
+        self,
+        seen: Observation,
+        now_utc_s: float,
+        course: Course,
+        first: Bias,
+        image: Image | None = None,
+        *,
+        sure: bool = False,
     ) -> bool:
         """Take one observation in; tell whether it changed the estimate.
 
         `first` is what is fed without an estimate: the first observation is expected around that, or around
         what the elements say by themselves. With `image` it was seen in a camera's image, relative to where
-        the mount pointed.
+        the mount pointed. One that an operator is `sure` of begins an estimate where it contradicts the
+        present one.
         """
         utc_s = float(Utc.parse(seen.utc).unix_s)
         self.words = None
@@ -242,20 +262,25 @@ class Estimator:
         if elements is None or why is not None:
             self.refuse(why or "observations correct element sets only")
             return False
+        before, last_s = self.filter, self.last_utc_s
         try:
             sighting = _sighting(seen, utc_s, course, seen.frame)
             if image is not None:
                 sigma_rad = math.radians(math.hypot(seen.sigma_arcsec, SEEING_ARCSEC) / 3600.0)
                 sighting = replace(sighting, image=image, sigma_rad=sigma_rad)
-            if self.filter is None or self.filter.orbit.given is not elements:
+            if before is None or before.orbit.given is not elements:
+                before = None
                 self._begin(seen, sighting, course, elements, first)
             else:
-                self._go_on(self.filter, seen, sighting, course)
+                before = self._go_on(before, seen, sighting, course)
+            if sure:
+                self._believe(sighting, elements)
         except FAILURES as error:
             self.words = str(error)
         if self.words is not None:
             self.rejected += 1
             return False
+        self._undo = before, last_s
         self.accepted += 1
         self.last_utc_s = max(utc_s, self.last_utc_s or utc_s)
         return True
@@ -307,7 +332,16 @@ class Estimator:
         else:
             self.filter, self._rival = best, None
 
-    def _go_on(self, known: FilterBank, seen: Observation, sighting: Sighting, course: Course) -> None:
+    def _believe(self, sighting: Sighting, elements: Elements) -> None:
+        """Begin an estimate with an observation, if it contradicts the one there is."""
+        if self.words is None:
+            return
+        fresh = _fresh(sighting, self._orbit_of(elements), True, self._known)
+        if fresh is not None:
+            self.filter, self._rival, self.words = fresh, None, None
+
+    def _go_on(self, known: FilterBank, seen: Observation, sighting: Sighting, course: Course) -> FilterBank:
+        """Take an observation to the others, if it agrees with them; return the estimate before."""
         before = known.copy()
         taken = known.observe(sighting, GATE)
         if taken and not _credible(known):
@@ -315,6 +349,7 @@ class Estimator:
         if not taken:
             self.words = f"it contradicts the estimate{self._hint([before], seen, sighting, course)}"
         self._hear_rival(taken, sighting, known.orbit)
+        return before
 
     def _hear_rival(
         self, taken: bool, sighting: Sighting, orbit: CorrectableOrbit, least: int = ANEW_AFTER

@@ -18,6 +18,7 @@ from sattrack.control.biases import (
     forget_estimate,
     nudge_biases,
 )
+from sattrack.control.camera_clock import CameraClocks
 from sattrack.control.estimate import LOST_AFTER_S, Estimator, known_terms
 from sattrack.views.messages import (
     LEAST_SIGMA_ARCSEC,
@@ -25,6 +26,7 @@ from sattrack.views.messages import (
     MOST_SIGMA_ARCSEC,
     ClearBias,
     DropRemembered,
+    Guide,
     Nudge,
     Observation,
     OffsetBy,
@@ -82,6 +84,11 @@ class Steering:
         """Whether the estimate is news that is not followed yet."""
         self._following_estimate = False
         self._followed_s = float("-inf")
+        self.clocks = CameraClocks(profile)
+        self.guided = True
+        """Whether observations correct the target; else the last one is kept, and shown."""
+        self._kept: Observation | SeenOffset | None = None
+        """The last observation that was not taken, for the operator to accept."""
         self._remembered = remembered
         if remembered is not None and remembered.cross_km is not None:
             self.biases.begin_estimated(remembered.along_s, remembered.cross_km)
@@ -98,12 +105,11 @@ class Steering:
         """Do what a message says of offsets; others are none of its business."""
         begins_s, answer = self._begins_s(now_utc_s), None
         match message:
-            case Observation():
-                self._observe(message, now_utc_s, begins_s)
+            case Observation() | SeenOffset():
+                self._take(message, now_utc_s, begins_s)
                 return
-            case SeenOffset():
-                self._see(message, now_utc_s, begins_s)
-                return
+            case Guide():
+                answer = self._guide(message.how, now_utc_s, begins_s)
             case Nudge():
                 answer = nudge_biases(self.biases, message.along_s, message.cross_deg, begins_s)
             case OffsetBy():
@@ -121,6 +127,50 @@ class Steering:
                 clear_biases(self.biases, begins_s)
         self.tell(answer, now_utc_s)
 
+    def _take(
+        self, seen: Observation | SeenOffset, now_utc_s: float, begins_s: float, sure: bool = False
+    ) -> None:
+        """Take in what was seen; keep it for the operator where it is not taken."""
+        kept = seen
+        if not (self.guided or sure):
+            self._kept = seen
+            return
+        late_s = self.clocks.correction_s(seen.camera)
+        if late_s:
+            utc = Utc.parse(seen.utc).plus(-late_s).isoformat("microseconds")
+            seen = msgspec.structs.replace(seen, utc=utc)
+        if isinstance(seen, Observation):
+            self._observe(seen, now_utc_s, begins_s, sure=sure)
+        else:
+            self._see(seen, now_utc_s, begins_s, sure)
+        self._kept = None if self.estimator.words is None else kept
+
+    @property
+    def last_seen(self) -> str | None:
+        """What became of the last observation, in words; None before there was one."""
+        if self._kept is not None and not self.guided:
+            return "held"
+        return self.estimator.words or ("taken" if self.estimator.accepted else None)
+
+    def _guide(self, how: str, now_utc_s: float, begins_s: float) -> str | None:
+        """Obey the operator about observations; return why nothing was done, in words."""
+        if how in {"on", "off"}:
+            self.guided, self._kept = how == "on", None
+            return None
+        if how == "accept":
+            kept = self._kept
+            if kept is None:
+                return "nothing to accept: the last observation was taken"
+            self._take(kept, now_utc_s, begins_s, sure=True)
+            return None if self.estimator.words is None else f"not accepted: {self.estimator.words}"
+        if not self.estimator.undo():
+            return "nothing to reject: no observation was taken since"
+        self._estimated = self.estimator.filter is not None
+        if not self._estimated:
+            self._following_estimate = False
+            forget_estimate(self.biases, begins_s)
+        return None
+
     def keep_search(self, now_utc_s: float) -> None:
         """End a search that runs, keeping where it is."""
         begins_s = self._begins_s(now_utc_s)
@@ -132,6 +182,9 @@ class Steering:
 
         To be called once a period.
         """
+        if self.clocks.watch(self.biases.course):
+            # What was seen by the wrong dates is of another place.
+            self.estimator.forget()
         ended = self._search_if_lost(now_utc_s)
         due = self._following_estimate and now_utc_s - self._followed_s >= FOLLOW_AGAIN_S
         news = self.estimator.filter is not None and (self._estimated or due) and self._follow(now_utc_s)
@@ -172,7 +225,11 @@ class Steering:
         if not self.cameras.search_when_lost or last_s is None or now_utc_s - last_s < LOST_AFTER_S:
             return None
         begins_s = self._begins_s(now_utc_s)
-        if last_s == self._searched_since_s or self.biases.pattern_at(begins_s) is not None:
+        if (
+            not self.guided
+            or last_s == self._searched_since_s
+            or self.biases.pattern_at(begins_s) is not None
+        ):
             return None
         if self._search_by_covariance(begins_s) is not None:
             return None
@@ -231,7 +288,7 @@ class Steering:
         self._begun_s = max(self._begun_s, now_utc_s + self._delay_s)
         return self._begun_s
 
-    def _see(self, seen: SeenOffset, now_utc_s: float, begins_s: float) -> None:
+    def _see(self, seen: SeenOffset, now_utc_s: float, begins_s: float, sure: bool) -> None:
         """Take in the direction in which an offset was seen, relative to the one fed at its instant."""
         utc_s = float(Utc.parse(seen.utc).unix_s)
         if utc_s < self.biases.known_since_utc_s:
@@ -265,7 +322,7 @@ class Steering:
         dec_deg = math.degrees(math.atan2(there[2], math.hypot(there[0], there[1])))
         sigma_arcsec = min(MOST_SIGMA_ARCSEC, max(LEAST_SIGMA_ARCSEC, sigma))
         directed = Observation(seen.utc, ra_deg, dec_deg, "of_date", sigma_arcsec)
-        self._observe(directed, now_utc_s, begins_s, image)
+        self._observe(directed, now_utc_s, begins_s, image, sure=sure)
 
     def camera_views(self) -> tuple[CameraView, ...]:
         """Return the cameras whose offsets were taken, and what was found of them."""
@@ -303,12 +360,18 @@ class Steering:
         )
 
     def _observe(
-        self, seen: Observation, now_utc_s: float, begins_s: float, image: Image | None = None
+        self,
+        seen: Observation,
+        now_utc_s: float,
+        begins_s: float,
+        image: Image | None = None,
+        *,
+        sure: bool = False,
     ) -> None:
         """Take an observation in; the estimate is followed from the next period on."""
         along_s, cross_deg = self.biases.totals(begins_s)
         first = Bias(along_s, cross_deg)
-        if self.estimator.take(seen, now_utc_s, self.biases.course, first, image):
+        if self.estimator.take(seen, now_utc_s, self.biases.course, first, image, sure=sure):
             self._estimated = True
 
     def tell(self, words: str | None, now_utc_s: float) -> None:

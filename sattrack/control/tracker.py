@@ -39,6 +39,7 @@ from sattrack.views.messages import (
     Search,
     SeenOffset,
     Slip,
+    SolvedField,
     StopNow,
 )
 from tle.ephemeris import TableEphemeris
@@ -264,6 +265,7 @@ class Tracker:
             self._note_clock(sample.sidereal_h * 15.0, utc_s)
         passage = self._satellite.passage
         seen = sample if passage is None else passage.unfolded(sample)
+        self.steering.clocks.note(utc_s, sample.ra_deg, sample.dec_deg)
         believed = self.follower.take(seen, utc_s, self.phase in FOLLOWING)
         if self.rest is not None:
             self.rest.see(sample)
@@ -299,13 +301,16 @@ class Tracker:
                 self._slip(message.seconds, now_utc_s)
             case PlaceFix():
                 self._fix(message, now_utc_s)
+            case SolvedField():
+                if self.phase is Phase.TRACKING:
+                    self.steering.clocks.hear(message)
             case SeenOffset() if (why := self._not_seen(message)) is not None:
                 self.steering.estimator.refuse(why)
             case Search() if self.rest is not None:
                 self.steering.tell("the run is paused: go on before a search", now_utc_s)
             case _:
                 self.steering.obey(message, now_utc_s)
-        if not isinstance(message, Observation | SeenOffset):
+        if not isinstance(message, Observation | SeenOffset | SolvedField):
             self._satellite.forget()
 
     def _not_seen(self, seen: SeenOffset) -> str | None:

@@ -30,10 +30,11 @@ T = TypeVar("T")
 class LineReader:
     """Whole lines from a descriptor, without ever waiting for one."""
 
-    def __init__(self, descriptor: int, longest: int = READ_BYTES) -> None:
+    def __init__(self, descriptor: int, longest: int = READ_BYTES, begun: bytes = b"") -> None:
+        """Take `begun`: what somebody else has read of it already."""
         os.set_blocking(descriptor, False)
-        self._descriptor, self._longest = descriptor, longest
-        self._rest = b""
+        self._descriptor, self.longest = descriptor, longest
+        self._rest = begun
         self.ended = False
         """Whether the other end is gone, or was given up."""
         self.overlong = False
@@ -56,8 +57,8 @@ class LineReader:
         if not data:
             self.ended = True
         *lines, rest = (self._rest + data).split(b"\n")
-        allowed = [line for line in lines if len(line) <= self._longest]
-        self._rest = rest if len(rest) <= self._longest else b""
+        allowed = [line for line in lines if len(line) <= self.longest]
+        self._rest = rest if len(rest) <= self.longest else b""
         self.overlong |= len(allowed) < len(lines) or len(self._rest) < len(rest)
         return allowed
 
@@ -87,8 +88,9 @@ class Channel(LineReader):
         *,
         longest: int = READ_BYTES,
         most_waiting: int = MOST_WAITING_BYTES,
+        begun: bytes = b"",
     ) -> None:
-        super().__init__(descriptor, longest)
+        super().__init__(descriptor, longest, begun)
         self._writing = descriptor if writing is None else writing
         os.set_blocking(self._writing, False)
         self._most_waiting = most_waiting

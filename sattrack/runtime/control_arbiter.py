@@ -27,9 +27,10 @@ from sattrack.views.messages import (
     Message,
     Observation,
     Pause,
-    PlaceFix,
+    Reported,
     SeenOffset,
     SessionMessage,
+    SolvedField,
     StopNow,
     TakeControl,
     YieldControl,
@@ -301,7 +302,11 @@ class SessionInbox:
             self._strange += 1
             return []
         # Observations take longer than a turn has; they come by a channel of their own.
-        return [] if isinstance(message, Observation | SeenOffset) else self._obeyed_of(number, message)
+        return (
+            []
+            if isinstance(message, Observation | SeenOffset | SolvedField)
+            else self._obeyed_of(number, message)
+        )
 
     def _obeyed_of(self, number: int, message: object) -> list[Message]:
         obeyed = self._arbiter.hear(number, message)  # type: ignore[arg-type]
@@ -350,12 +355,12 @@ class Observers:
             return
         self._queue.append(line)
 
-    def observations(self, most: int = A_TICK) -> Sequence[Observation | SeenOffset | PlaceFix]:
+    def observations(self, most: int = A_TICK) -> Sequence[Reported]:
         """Return the oldest observations that have come and were not returned yet, without waiting."""
         for source in self._sources:
             for line in source.lines():
                 self.put(line)
-        found: list[Observation | SeenOffset | PlaceFix] = []
+        found: list[Reported] = []
         malformed = 0
         while self._queue and len(found) < most and malformed < MOST_MALFORMED_A_TICK:
             try:

@@ -72,7 +72,7 @@ if TYPE_CHECKING:
     from sattrack.runtime.facts import Prepared
     from sattrack.runtime.mounts import MountAddress
     from sattrack.runtime.system import StopRequest
-    from sattrack.views.messages import Observation, PlaceFix, SeenOffset
+    from sattrack.views.messages import Reported
     from sattrack.views.run import TrackView
     from tle.ephemeris import Ephemeris
 
@@ -155,7 +155,7 @@ def _remembered(summary: Summary, engine: Engine, prepared: Prepared, ended_utc_
     return msgspec.structs.replace(summary, bias_memory=kept)
 
 
-def _dated(seen: Observation | SeenOffset | PlaceFix, facts: RunFacts) -> tuple[float, Message]:
+def _dated(seen: Reported, facts: RunFacts) -> tuple[float, Message]:
     return max(facts.started_utc_s, float(Utc.parse(seen.utc).unix_s)), seen
 
 

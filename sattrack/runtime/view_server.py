@@ -27,6 +27,13 @@ import msgspec
 from sattrack.core.channel import Channel, start_process, taken_names
 from sattrack.runtime.callers import Bucket
 from sattrack.runtime.system import outlive, peer_of, this_command, this_user, utc_now
+from sattrack.views.picture import (
+    LEAST_SIDE,
+    MOST_PICTURE_BYTES,
+    MOST_SIDE,
+    PICTURES_A_SECOND,
+    PicturesWanted,
+)
 from sattrack.views.run import Farewell, SummaryLine, Welcome
 
 if TYPE_CHECKING:
@@ -56,6 +63,8 @@ MOST_UNSENT = 200
 """Messages that wait for the feeder, beyond which no new client is let in, and only stops are taken."""
 LAST_LINES_WITHIN_S = 2.0
 LONGEST_NAME = 40
+ANNOUNCED_AFTER_S = 0.2
+"""How long a client may take to say who it is, before the run is told that somebody came."""
 
 
 class ViewServerTask(msgspec.Struct, frozen=True):
@@ -83,6 +92,10 @@ class _Line(msgspec.Struct, frozen=True):
 
     type: str
     name: str = ""
+    pictures: int = 0
+    """In a hello: how large pictures are wanted; who asks for them gets nothing else."""
+    shows: bool = False
+    """In a hello: whether a camera has pictures."""
 
 
 class _Link(msgspec.Struct, frozen=True):
@@ -113,6 +126,13 @@ class ViewClient:
     number: int
     channel: Channel
     budget: Bucket
+    since_s: float = 0.0
+    announced: bool = False
+    """Whether the run was told of it; who only gets pictures is not announced."""
+    side: int = 0
+    """How large the pictures are that it wants; 0 for none."""
+    pictures: Bucket | None = None
+    """What a camera may still send."""
 
 
 def _state_in(line: bytes) -> tuple[object, ...]:
@@ -160,7 +180,8 @@ class ViewServer:
                 reads.append(self._listener)
             if self._unsent:
                 writes.append(self._feeder)
-        readable, writable, _ = select.select(reads, writes, [], 0.5)
+        silent = [one for one in self._clients if not one.announced and not one.side]
+        readable, writable, _ = select.select(reads, writes, [], ANNOUNCED_AFTER_S if silent else 0.5)
         if self._feeder in readable:
             self._take_news()
         if self._listener in readable:
@@ -169,6 +190,9 @@ class ViewServer:
             self._receive(client)
         for client in [one for one in self._clients if one.connection in writable]:
             self._send_to(client, b"")
+        for client in silent:
+            if time.monotonic() - client.since_s > ANNOUNCED_AFTER_S:
+                self._announce(client)
         self._send_to_feeder()
 
     def _take_news(self) -> None:
@@ -194,7 +218,8 @@ class ViewServer:
             self._newest = b""
             self._kept.pop(SUMMARY, None)
         for client in list(self._clients):
-            if kind != VIEW or len(client.channel.waiting) < MOST_WAITING_FOR_VIEWS:
+            slow = kind == VIEW and len(client.channel.waiting) >= MOST_WAITING_FOR_VIEWS
+            if not (slow or client.side):
                 self._send_to(client, line)
 
     def _remember(self, line: bytes) -> None:
@@ -212,10 +237,14 @@ class ViewServer:
     def _admit(self) -> None:
         with contextlib.suppress(OSError):
             connection, _ = self._listener.accept()
-            pid, user = peer_of(connection)
+            _, user = peer_of(connection)
             channel = Channel(connection.fileno(), longest=LONGEST_LINE, most_waiting=MOST_WAITING)
             client = ViewClient(
-                connection, self._count + 1, channel, Bucket(LINES_A_SECOND, MOST_AT_ONCE, time.monotonic())
+                connection,
+                self._count + 1,
+                channel,
+                Bucket(LINES_A_SECOND, MOST_AT_ONCE, time.monotonic()),
+                time.monotonic(),
             )
             refusal = self._refusal(user)
             if refusal is not None:
@@ -224,8 +253,16 @@ class ViewServer:
                 return
             self._count += 1
             self._clients.append(client)
-            self._unsent.append(ViewClientEvent(client.number, "came", f"process {pid}"))
             self._welcome(client)
+
+    def _announce(self, client: ViewClient) -> None:
+        """Tell the run that a client came, once."""
+        if client.announced or client.side:
+            return
+        client.announced = True
+        with contextlib.suppress(OSError):
+            pid, _ = peer_of(client.connection)
+            self._unsent.append(ViewClientEvent(client.number, "came", f"process {pid}"))
 
     def _refusal(self, user: int) -> str | None:
         if user not in (0, self._task.user):
@@ -259,6 +296,14 @@ class ViewServer:
             text = line.decode()
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
             return
+        if message.type == "picture":
+            self._pass_on(client, line)
+            return
+        if message.type == "hello" and (message.pictures or client.side):
+            client.side = max(LEAST_SIDE, min(MOST_SIDE, message.pictures))
+            self._tell_cameras()
+            return
+        self._announce(client)
         if message.type == "stop":
             stop = ViewClientEvent(client.number, "sent", text)
             if stop not in self._unsent:
@@ -269,8 +314,26 @@ class ViewServer:
         if message.type == "hello":
             name = "".join(each for each in message.name if each.isprintable())[:LONGEST_NAME]
             self._unsent.append(ViewClientEvent(client.number, "came", name or f"watcher {client.number}"))
+            if message.shows:
+                client.pictures = Bucket(PICTURES_A_SECOND, PICTURES_A_SECOND, time.monotonic())
+                client.channel.longest = MOST_PICTURE_BYTES
+                self._tell_cameras()
             return
         self._unsent.append(ViewClientEvent(client.number, "sent", text))
+
+    def _tell_cameras(self) -> None:
+        """Tell cameras how large pictures must be: as the one who wants the largest asks."""
+        side = max((one.side for one in self._clients), default=0)
+        wanted = msgspec.json.encode(PicturesWanted(side)) + b"\n"
+        for client in [one for one in self._clients if one.pictures is not None]:
+            self._send_to(client, wanted)
+
+    def _pass_on(self, camera: ViewClient, line: bytes) -> None:
+        """Send a picture to those who want pictures; who has not taken the last one yet misses it."""
+        if camera.pictures is None or not camera.pictures.take(time.monotonic()):
+            return
+        for client in [one for one in self._clients if one.side and not one.channel.waiting]:
+            self._send_to(client, line + b"\n")
 
     def _send_to_feeder(self) -> None:
         while self._unsent and self._ended_s is None:
@@ -292,7 +355,10 @@ class ViewServer:
         client.connection.close()
         if client in self._clients:
             self._clients.remove(client)
-            self._unsent.append(ViewClientEvent(client.number, "gone"))
+            if client.announced:
+                self._unsent.append(ViewClientEvent(client.number, "gone"))
+            if client.side:
+                self._tell_cameras()
 
 
 def name_for(pid: int) -> str:

@@ -9,6 +9,7 @@ from textual.binding import Binding, BindingType
 from textual.containers import Container, Horizontal
 
 from sattrack.tui import figures, look
+from sattrack.tui.camera_page import CameraPage
 from sattrack.tui.console_panels import MountPage
 from sattrack.tui.dialogs import LEAVE, STOP, TEXTS, HelpScreen, LeaveDialog
 from sattrack.tui.error_plot import ErrorHistory, ErrorPanel
@@ -139,6 +140,7 @@ class TrackApp(RunKeys):
         yield MountPage()
         yield SchedulePage()
         yield LogPage()
+        yield CameraPage()
         yield TapeBar()
         yield KeyBar()
         yield TooSmall()

@@ -18,6 +18,7 @@ from sattrack.runtime.mounts import ask_stop, owners
 from sattrack.runtime.view_server import feeders, name_for, started_by
 from sattrack.tui.feeds import BufferedFeed
 from sattrack.views.messages import StopNow, encode_message
+from sattrack.views.picture import PictureView
 from sattrack.views.run import Farewell, PassView, SessionView, TrackView, Welcome
 from tle.errors import TleError
 
@@ -116,6 +117,9 @@ STOP_WITHIN_S = 1.0
 """How long a stop may take to show, before it is sent another way."""
 LONGEST_UNREAD = 20_000
 
+PICTURE_SIDE = 160
+"""Pixels of the longer side of a picture: two in a cell, a screen of 160 columns."""
+_PICTURES: msgspec.json.Decoder[PictureView] = msgspec.json.Decoder(PictureView)
 _Message = TrackView | SessionView | Welcome | Farewell
 _MESSAGES: msgspec.json.Decoder[_Message] = msgspec.json.Decoder(_Message)
 
@@ -259,13 +263,20 @@ class AttachedRun(BufferedFeed):
                 self._sky = sky
 
 
-def welcomed(pid: int, name: str) -> tuple[socket.socket, BinaryIO, Welcome]:
-    """Connect to a run's gallery; return the connection, its lines and the welcome. Raises SattrackError."""
+def welcomed(
+    pid: int, name: str, pictures: int = 0, shows: bool = False
+) -> tuple[socket.socket, BinaryIO, Welcome]:
+    """Connect to a run's view server; return the connection, its lines and the welcome. Raises SattrackError.
+
+    With `pictures`, the pixels of a longer side, nothing but cameras' pictures follows; `shows` says that
+    there are some to be sent.
+    """
     connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     connection.settimeout(WELCOME_WITHIN_S)
     try:
         _connect(connection, name_for(pid))
-        connection.sendall(msgspec.json.encode({"type": "hello", "name": name}) + b"\n")
+        hello = {"type": "hello", "name": name, "pictures": pictures, "shows": shows}
+        connection.sendall(msgspec.json.encode(hello) + b"\n")
         lines = connection.makefile("rb")
         first = _MESSAGES.decode(lines.readline())
     except (OSError, msgspec.MsgspecError):
@@ -280,6 +291,70 @@ def welcomed(pid: int, name: str) -> tuple[socket.socket, BinaryIO, Welcome]:
         )
     connection.settimeout(None)
     return connection, lines, first
+
+
+class PictureLook:
+    """Gets the pictures of a run's cameras by a connection of its own, read by a thread; never waited for."""
+
+    def __init__(self) -> None:
+        self._connection: socket.socket | None = None
+        self._run: int | None = None
+        self._newest: dict[str, PictureView] = {}
+        self._changed = threading.Lock()
+
+    def open(self, pid: int) -> None:
+        """Begin to look at the cameras of the run of a process, unless that was begun."""
+        if self._run == pid:
+            return
+        self.close()
+        self._run = pid
+        threading.Thread(target=self._read, args=(pid,), name="pictures", daemon=True).start()
+
+    def take(self) -> dict[str, PictureView]:
+        """Return what has come since the last call: of each camera the newest picture, by its name."""
+        with self._changed:
+            found, self._newest = self._newest, {}
+        return found
+
+    def close(self) -> None:
+        """Stop looking: the cameras send nothing any more."""
+        with self._changed:
+            connection, self._connection, self._run = self._connection, None, None
+            self._newest = {}
+        if connection is not None:
+            with contextlib.suppress(OSError):
+                connection.shutdown(socket.SHUT_RDWR)
+
+    def _read(self, pid: int) -> None:
+        try:
+            connection, lines, _ = welcomed(pid, "", pictures=PICTURE_SIDE)
+        except SattrackError:
+            time.sleep(LOOK_EVERY_S)
+            self._leave(pid)
+            return
+        with self._changed:
+            left = self._run != pid
+            if not left:
+                self._connection = connection
+        with connection, lines, contextlib.suppress(OSError, ValueError):
+            for line in () if left else lines:
+                if b'"picture"' in line[:20]:
+                    self._see(pid, line)
+        self._leave(pid)
+
+    def _leave(self, pid: int) -> None:
+        """Have the next look connect anew."""
+        with self._changed:
+            if self._run == pid:
+                self._connection = self._run = None
+
+    def _see(self, pid: int, line: bytes) -> None:
+        with contextlib.suppress(msgspec.MsgspecError):
+            seen = _PICTURES.decode(line)
+            if seen.columns * seen.rows == len(seen.pixels) > 0:
+                with self._changed:
+                    if self._run == pid:
+                        self._newest[seen.camera] = seen
 
 
 def _connect(connection: socket.socket, name: str) -> None:

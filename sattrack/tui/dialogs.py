@@ -10,7 +10,7 @@ from textual.widgets import Input, Label, Static
 
 from sattrack.core.errors import BadInputError
 from sattrack.tui.panels import Dialog
-from sattrack.tui.scene import LIVE, LOG, MOUNT, SCHEDULE, TONIGHT
+from sattrack.tui.scene import CAMERA, LIVE, LOG, MOUNT, SCHEDULE, TONIGHT
 from sattrack.views.formatting import DEC_FORMS, RA_FORMS, parse_dec, parse_ra
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ SPACE     STOP, here and everywhere: the run ends, the mount rests
 p         pause: the mount rests, the run goes on; again, Enter: go on
 P         park: the run ends, the mount goes to its park position
 q         leave: asks whether the mount is to stop; Ctrl-C: it does
-1 to 5    live, tonight's passes, mount, schedule, log
+1 to 6    live, tonight's passes, mount, schedule, log, camera
 ← →       point behind / ahead of it on its track (it is late / early)
 ↑ ↓       point left / right of its motion (as it goes, from below)
 Shift     with an arrow: ten steps, spread over 20 s
@@ -50,7 +50,7 @@ a         follow it now, and leave what is followed, if you say so
 n  b      the same with the next pass of the list / the one before
 f         which passes: all, go, above 30°, sunlit by night
 g         look for passes again
-1 to 5    live, tonight's passes, mount, schedule, log
+1 to 6    live, tonight's passes, mount, schedule, log, camera
 
 Go and no-go are by the mount's limits, as `passes --judged` has
 them; why not stands below the list. A stop takes back what is armed.
@@ -68,7 +68,7 @@ P         park: the run ends, the mount goes to its park position and
           stops there, and the drives' power is cut
 j         once the run is over: operate the mount by hand, on the
           console's screen: jog, slew, sync, park, home
-1 to 5    live, tonight's passes, mount, schedule, log
+1 to 6    live, tonight's passes, mount, schedule, log, camera
 
 Every field of the mount's last status, as the run hears it. A mount
 has one owner at a time: while a run has it, nothing else moves it.
@@ -79,7 +79,7 @@ has one owner at a time: while a run has it, nothing else moves it.
 SCHEDULE_TEXT = """\
 SPACE     STOP everything, at once
 ↑ ↓       scroll; PgUp PgDn Home End go further
-1 to 5    live, tonight's passes, mount, schedule, log
+1 to 6    live, tonight's passes, mount, schedule, log, camera
 
 What the runner of a schedule says of it, where the run is one of a
 schedule's: `sattrack run FILE` runs one, `--status` shows the same.
@@ -92,12 +92,38 @@ SPACE     STOP everything, at once
 ↑ ↓       scroll; PgUp PgDn Home End go further. Scrolled back, the
           log keeps its place; at its end it follows new lines.
 f         what is shown: all, warnings, people
-1 to 5    live, tonight's passes, mount, schedule, log
+1 to 6    live, tonight's passes, mount, schedule, log, camera
 
 ?  Esc  q close this help
 """
 
-TEXTS = {LIVE: RUN_TEXT, TONIGHT: TONIGHT_TEXT, MOUNT: MOUNT_TEXT, SCHEDULE: SCHEDULE_TEXT, LOG: LOG_TEXT}
+CAMERA_TEXT = """\
+SPACE     STOP everything, at once
+g         guide by the camera, or leave its observations unused
+a         accept the last observation that was not taken
+r         reject the last one that was taken: its effect is undone
+← → ↑ ↓   move a cursor in the picture; a click puts it there
+Enter     move the mount so that what is under the cursor comes to the
+          middle; without a cursor, what was detected; u: undo
+Esc       take the cursor away
+f         next camera
+1 to 6    live, tonight's passes, mount, schedule, log, camera
+
+The cross is where the target should be, the corners where it was
+seen, the circle the field of view. Pictures come only while this
+screen is shown.
+
+?  Esc  q close this help
+"""
+
+TEXTS = {
+    LIVE: RUN_TEXT,
+    TONIGHT: TONIGHT_TEXT,
+    MOUNT: MOUNT_TEXT,
+    SCHEDULE: SCHEDULE_TEXT,
+    LOG: LOG_TEXT,
+    CAMERA: CAMERA_TEXT,
+}
 """By the screen that it lies over."""
 
 REPLAY_TEXT = """\

@@ -153,9 +153,13 @@ TitleBar, HeadlineBar, SessionBar, TapeBar, KeyBar { background: $panel; }
 Cautions { height: auto; max-height: 4; text-wrap: wrap; background: $surface; }
 
 #live { height: 1fr; }
-#tonight, #mount-page, #schedule, #log { display: none; height: 1fr; padding: 0 1; }
+#tonight, #mount-page, #schedule, #log, #camera { display: none; height: 1fr; padding: 0 1; }
 #tonight, #schedule, #log { text-wrap: nowrap; text-overflow: ellipsis; }
 .-page-tonight #live, .-page-mount #live, .-page-schedule #live, .-page-log #live { display: none; }
+.-page-camera #live { display: none; }
+.-page-camera #camera { display: block; }
+#picture { width: 1fr; height: 100%; text-wrap: nowrap; }
+#camera-state { width: 35; height: 100%; margin-left: 1; text-wrap: nowrap; text-overflow: ellipsis; }
 .-page-tonight #tonight, .-page-mount #mount-page { display: block; }
 .-page-schedule #schedule, .-page-log #log { display: block; }
 .-page-mount #mount-page { padding: 0; }
@@ -202,6 +206,7 @@ ErrorPlot > .plot--tick { color: $tick; text-style: none; }
     #below > #field { display: block; }
 }
 .-wide.-tall #tonight, .-wide.-tall #schedule, .-wide.-tall #log { border: round $secondary; }
+.-wide.-tall #camera-state { width: 46; border: round $secondary; padding: 0 1; }
 .-wide.-tall.-sky-alone #narrow-times { display: block; }
 .-wide.-tall.-huge {
     #below, #below > Panel { height: 13; }

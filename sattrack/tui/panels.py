@@ -13,7 +13,19 @@ from textual.widget import Widget
 
 from sattrack.core.local_time import zone_name
 from sattrack.tui.look import DIM, PLATE, SPOKEN
-from sattrack.tui.scene import LIVE, LOG, MOUNT, PAGES, SCHEDULE, TONIGHT, Scene, Tone, cautions, headline
+from sattrack.tui.scene import (
+    CAMERA,
+    LIVE,
+    LOG,
+    MOUNT,
+    PAGES,
+    SCHEDULE,
+    TONIGHT,
+    Scene,
+    Tone,
+    cautions,
+    headline,
+)
 from sattrack.views import formatting
 
 if TYPE_CHECKING:
@@ -499,7 +511,7 @@ ALONG = Key((("←", "left"), ("→", "right")), "along")
 ACROSS = Key((("↑", "up"), ("↓", "down")), "across")
 STEP = Key((("[ ", "left_square_bracket"), ("]", "right_square_bracket")), "step")
 PAUSE, GO, PARK = _key("p", "p", "pause"), _key("p", "p", "go on"), _key("P", "P", "park")
-MORE = _key("1-5", "2", "more")
+MORE, MORE_WITH_CAMERA = _key("1-5", "2", "more"), _key("1-6", "6", "more")
 TAKE_CONTROL = _key("c", "c", "take control")
 
 
@@ -554,15 +566,18 @@ class KeyBar(Panel, TouchBar[Scene]):
             return _spread((*tape, *ENDS), "   ")
         if scene.page == LIVE and not scene.ended:
             own = (*(WIDE_LIVE_KEYS if wide else LIVE_KEYS), PAUSE if scene.jog_rate is None else GO)
-            keys = (*(own if scene.in_control else LOOKING_ON_KEYS), MORE)
+            more = MORE if scene.view.loop is None else MORE_WITH_CAMERA
+            keys = (*(own if scene.in_control else LOOKING_ON_KEYS), more)
             return self._with_stop(_spread(keys, "  "), " ")
-        more = LIST_KEYS.get(scene.page, ()) if wide else ()
+        listed: tuple[Key, ...] = LIST_KEYS.get(scene.page, ()) if wide else ()
         if wide and scene.page == MOUNT and scene.jog_rate is not None:
-            more = (JOG, STEP, GO, PARK)
-        if more and not scene.in_control:
-            more = (*(key for key in more if key in HARMLESS_KEYS), TAKE_CONTROL)
-        pages = [*_pages(scene.page), *_spread(more, "  ", first=True)]
-        return self._with_stop(pages, "   ")
+            listed = (JOG, STEP, GO, PARK)
+        if listed and not scene.in_control:
+            listed = (*(key for key in listed if key in HARMLESS_KEYS), TAKE_CONTROL)
+        with_camera = scene.view.loop is not None or scene.page == CAMERA
+        gap = " " if with_camera and not wide else "  "
+        pages = [*_pages(scene.page, with_camera, gap), *_spread(listed, "  ", first=True)]
+        return self._with_stop(pages, gap if with_camera else "   ")
 
     def _with_stop(self, keys: list[Touch], gap: str) -> list[Touch]:
         """Return the keys and the stop behind them; the stop comes first where it would be cut off."""
@@ -574,6 +589,8 @@ class KeyBar(Panel, TouchBar[Scene]):
         return row
 
 
+SHORT_NAMES = {SCHEDULE: "sched"}
+"""Of screens, where there is no room for the whole ones."""
 STOP: Touch = (STOP_PLATE, PLATE[Tone.BAD], "space")
 
 
@@ -581,11 +598,14 @@ def _gap(text: str) -> Touch:
     return text, "", None
 
 
-def _pages(page: str) -> list[Touch]:
+def _pages(page: str, with_camera: bool, gap: str) -> list[Touch]:
     found: list[Touch] = []
     for key, name in PAGES.items():
+        if name == CAMERA and not with_camera:
+            continue
         style = PLATE[Tone.CALM] if name == page else DIM
-        found += [(f"{key} ", "bold", key), (name, style, key), _gap("  ")]
+        text = SHORT_NAMES.get(name, name) if len(gap) == 1 else name
+        found += [(f"{key} ", "bold", key), (text, style, key), _gap(gap)]
     return found[:-1]
 
 

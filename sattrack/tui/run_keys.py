@@ -11,15 +11,16 @@ import msgspec
 from textual.app import SuspendNotSupported
 
 from sattrack.core.errors import SattrackError
-from sattrack.tui.attached import folder_of, schedule_in
+from sattrack.tui.attached import PictureLook, folder_of, schedule_in
+from sattrack.tui.camera_page import CameraDesk, CameraPage
 from sattrack.tui.console_app import LAGGING_S
 from sattrack.tui.console_panels import FIRST_RATE, RATES, MountPage, jog_rates_deg_s
 from sattrack.tui.dialogs import PARK_TEXT, Question
 from sattrack.tui.look import ScreenApp
 from sattrack.tui.pages import LogBook, LogPage, PassList, SchedulePage, TonightPage, schedule_text
-from sattrack.tui.scene import LIVE, LOG, MOUNT, PAGE_CLASSES, PAUSED, SCHEDULE, TONIGHT
+from sattrack.tui.scene import CAMERA, LIVE, LOG, MOUNT, PAGE_CLASSES, PAUSED, SCHEDULE, TONIGHT
 from sattrack.views import formatting
-from sattrack.views.messages import Arm, DropRemembered, Go, Jog, Pause, StopNow
+from sattrack.views.messages import Arm, DropRemembered, Go, Guide, Jog, Pause, StopNow
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -95,6 +96,9 @@ class RunKeys(ScreenApp):
         """
         if self._screens.page == MOUNT:
             self._jog(east=-along, north=across)
+        elif self._screens.page == CAMERA:
+            self._screens.desk.move(along, across)
+            self._draw()
         elif self._screens.page != LIVE:
             self._scroll(lambda listed: listed.move(-across))
         elif self._may_move():
@@ -107,7 +111,7 @@ class RunKeys(ScreenApp):
 
     def action_undo(self) -> None:
         """Take back what was last done to the offsets."""
-        if self._may_move():
+        if self._screens.page in {LIVE, CAMERA} and self._may_command():
             self._send_all(self._offsets.undo(self._view))
 
     def action_step(self, by: int) -> None:
@@ -123,6 +127,9 @@ class RunKeys(ScreenApp):
         if self._screens.page == LIVE:
             self._offsets.turn_frame()
             self._draw()
+        elif self._screens.page == CAMERA:
+            self._screens.desk.turn()
+            self._draw()
         else:
             self._scroll(lambda listed: listed.turn_filter())
 
@@ -132,13 +139,18 @@ class RunKeys(ScreenApp):
             self._send_all(self._offsets.search(how, self._view))
 
     def action_cancel_search(self) -> None:
-        """End a search that runs, back in its centre."""
-        if self._may_move():
+        """End a search that runs, back in its centre; in a picture, take the cursor away."""
+        if self._screens.page == CAMERA:
+            self._screens.desk.point(None)
+            self._draw()
+        elif self._may_move():
             self._send_all(self._offsets.cancel_search(self._view))
 
     def action_reset(self) -> None:
-        """Take the offsets of the frame away."""
-        if self._may_move():
+        """Take the offsets of the frame away; on the camera's screen, reject the last observation."""
+        if self._screens.page == CAMERA:
+            self._guide("reject")
+        elif self._may_move():
             self._send_all(self._offsets.reset(self._view))
 
     def action_clear_bias(self) -> None:
@@ -156,6 +168,22 @@ class RunKeys(ScreenApp):
         if self._may_move():
             self._send_all(self._offsets.slip(way))
 
+    def _guide(self, how: str) -> None:
+        """Decide about the observations of a camera."""
+        if self._may_command() and not self._ended:
+            self._send(Guide(how))
+
+    def _centre(self) -> None:
+        """Move the target so that what is pointed to in the picture comes to its middle."""
+        if self._view is None or self._ended or not self._may_command():
+            return
+        shift = self._screens.desk.shift_deg(self._view.loop)
+        if isinstance(shift, str):
+            self._hint(shift)
+            return
+        self._send_all(self._offsets.shift(*shift, self._view))
+        self._screens.desk.point(None)
+
     def _send_all(self, messages: Sequence[Message]) -> None:
         for message in messages:
             self._send(message)
@@ -171,7 +199,10 @@ class RunKeys(ScreenApp):
         self._scroll(lambda listed: listed.page(by))
 
     def action_look_again(self) -> None:
-        """Search for the passes again."""
+        """Search for the passes again; on the camera's screen, guide by it or not."""
+        if self._screens.page == CAMERA:
+            loop = None if self._view is None else self._view.loop
+            self._guide("on" if loop is not None and not loop.guided else "off")
         if self._screens.page == TONIGHT:
             self._screens.look_again()
             self._draw()
@@ -182,14 +213,22 @@ class RunKeys(ScreenApp):
         Where there is no list of passes: go on with a pass that is paused.
         """
         scene = self.scene
-        if self._screens.page != TONIGHT:
+        if self._screens.page == CAMERA:
+            self._centre()
+        elif self._screens.page != TONIGHT:
             self._go_on()
         if self._screens.page == TONIGHT and scene is not None and self._may_command():
             self._order(self._screens.arm(scene, now=False))
 
     def action_follow(self, which: str) -> None:
-        """Leave this satellite for another: ask first where a pass is being followed."""
+        """Leave this satellite for another: ask first where a pass is being followed.
+
+        The key for the pass that is pointed to accepts an observation on the camera's screen.
+        """
         scene = self.scene
+        if which == "pointed" and self._screens.page == CAMERA:
+            self._guide("accept")
+            return
         if scene is None or (which == "pointed" and self._screens.page != TONIGHT) or not self._may_command():
             return
         by = {"next": 1, "before": -1}.get(which, 0)
@@ -351,6 +390,8 @@ class Screens:
         self.page = LIVE
         self.night = PassList()
         self.book = LogBook()
+        self.desk = CameraDesk()
+        self.pictures = PictureLook()
         self._console: ConsoleView | None = None
         self._heard_s = self._looked_s = 0.0
         self._ended = False
@@ -367,6 +408,7 @@ class Screens:
         if news.run is not None and self._helpers is not None and news.run != self._helpers.pid:
             self._helpers.pid = news.run
             self._helpers.look.close()
+            self.desk.forget()
         if news.session is not None:
             self.book.hear(news.session)
         if news.rewound:
@@ -387,6 +429,7 @@ class Screens:
     def draw(self, main: DOMNode, scene: Scene, now_s: float) -> None:
         """Draw the screen that is shown, and have what it needs brought."""
         self._look_at_mount(scene, now_s)
+        self._look_at_cameras(scene, now_s)
         if self.page == TONIGHT:
             main.query_one(TonightPage).draw(self.night, scene, self._search(scene.view.utc_s))
         elif self.page == MOUNT:
@@ -398,6 +441,8 @@ class Screens:
             main.query_one(SchedulePage).draw(self._as_of(view, scene, now_s), trouble)
         elif self.page == LOG:
             main.query_one(LogPage).draw(self.book)
+        elif self.page == CAMERA:
+            main.query_one(CameraPage).draw(self.desk, scene, now_s)
 
     def look_again(self) -> None:
         """Search for the passes again."""
@@ -429,6 +474,7 @@ class Screens:
 
     def close(self) -> None:
         """End what was started for them."""
+        self.pictures.close()
         if self._helpers is not None:
             self._helpers.close()
 
@@ -478,6 +524,14 @@ class Screens:
 
     def _gone_by(self, view: ScheduleView, now_s: float) -> ScheduleView:
         return msgspec.structs.replace(view, utc_s=view.utc_s + now_s - self._changed_s)
+
+    def _look_at_cameras(self, scene: Scene, now_s: float) -> None:
+        """Have pictures sent while they are shown, and at no other time."""
+        if self._helpers is None or self.page != CAMERA or scene.ended:
+            self.pictures.close()
+            return
+        self.pictures.open(self._helpers.pid)
+        self.desk.take(self.pictures.take(), now_s)
 
     def _look_at_mount(self, scene: Scene, now_s: float) -> None:
         if self._helpers is None:

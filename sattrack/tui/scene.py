@@ -40,7 +40,8 @@ def can_show(encoding: str | None) -> bool:
 
 
 LIVE, TONIGHT, MOUNT, SCHEDULE, LOG = "live", "tonight", "mount", "schedule", "log"
-PAGES = {"1": LIVE, "2": TONIGHT, "3": MOUNT, "4": SCHEDULE, "5": LOG}
+CAMERA = "camera"
+PAGES = {"1": LIVE, "2": TONIGHT, "3": MOUNT, "4": SCHEDULE, "5": LOG, "6": CAMERA}
 PAGE_CLASSES = {page: f"-page-{page}" for page in PAGES.values()}
 
 
@@ -436,6 +437,12 @@ class OffsetKeys:
     def cancel_search(self, view: TrackView | None) -> list[Message]:
         """End a search that runs, back in its centre."""
         return [Search("cancel")] if _searching(view) else []
+
+    def shift(self, east_deg: float, north_deg: float, view: TrackView | None) -> list[Message]:
+        """Move the target on the sky, as a picture shows it."""
+        moves = (("ra_cos_dec_deg", east_deg), ("dec_deg", north_deg))
+        self._keep(*(OffsetBy(what, "add", -value) for what, value in moves))
+        return self._expect([OffsetBy(what, "add", value) for what, value in moves], view)
 
     def reset(self, view: TrackView | None) -> list[Message]:
         """Take the offsets of the frame away."""

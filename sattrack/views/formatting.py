@@ -13,7 +13,7 @@ from tle.instants import Utc
 
 if TYPE_CHECKING:
     from sattrack.mount.model import Status
-    from sattrack.views.run import ConsoleView, LearntView, LoopView, Summary
+    from sattrack.views.run import ClockView, ConsoleView, LearntView, LoopView, Summary
 
 
 NOTHING = "–"
@@ -516,6 +516,8 @@ def _bias_lines(summary: Summary) -> list[str]:
         lines.append(f"  started with a remembered bias ({known.source}): {known.state}")
     if summary.bias_memory is not None:
         lines.append(f"  bias memory: {summary.bias_memory}")
+    clocks = () if summary.loop is None else summary.loop.clocks
+    lines += [f"  camera {one.camera}: {camera_clock_text(one)}" for one in clocks]
     estimate = summary.estimate
     if estimate is None:
         return lines
@@ -539,6 +541,13 @@ def loop_text(loop: LoopView, plain: bool = False) -> str:
     if loop.state == "lost":
         return f"lost, predicted {loop.predicted_s or 0.0:.0f} s{sigma}"
     return "elements only" if loop.state == "elements" else f"camera{sigma}"
+
+
+def camera_clock_text(clock: ClockView) -> str:
+    """Return what the stars say of a camera's clock, in a few words."""
+    side = "ahead" if clock.clock_s > 0.0 else "behind"
+    done = ", its dates are corrected" if clock.corrected_s else ""
+    return f"its clock is {abs(clock.clock_s):.3f} ± {clock.sigma_s:.3f} s {side} by the stars{done}"
 
 
 def learnt_line(learnt: LearntView) -> str:

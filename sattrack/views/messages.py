@@ -5,9 +5,11 @@ To a run, from an operator or a camera's program:
 `{"type":"nudge","along_s":0.1}`, `{"type":"clear_bias"}`, `{"type":"drop_remembered"}`, `{"type":"stop"}`,
 `{"type":"pause"}`, `{"type":"jog","dec_rate_deg_s":0.1}`, `{"type":"go"}`, `{"type":"slip","seconds":60}`,
 `{"type":"offset","what":"along_s","how":"add","value":0.5}`,
+`{"type":"guide","how":"off"}`,
 `{"type":"search","how":"spiral","spacing_deg":0.05,"speed_deg_s":0.05}`,
 `{"type":"observation","utc":"2026-10-02T13:05:24.5Z","ra_deg":1.2,"dec_deg":3.4,"frame":"icrs",
 "sigma_arcsec":20}`,
+`{"type":"field","utc":"2026-10-02T13:05:24.5Z","ra_deg":1.2,"dec_deg":3.4,"sigma_arcsec":2,"camera":"guide"}`,
 `{"type":"offset","utc":"2026-10-02T13:05:24.5Z","dx_arcsec":12.5,"dy_arcsec":-3,"sigma_arcsec":2}`,
 `{"type":"offset","utc":"2026-10-02T13:05:24.5Z","dx_px":8.3,"dy_px":-2,"sigma_px":0.2,"camera":"guide"}`,
 `{"type":"fix","utc":"2026-10-02T13:05:24.5Z","lat_deg":52.2,"lon_deg":4.6,"height_m":9000,"east_m_s":220}`.
@@ -44,6 +46,7 @@ Quantity = Literal[
 axes' own angles; the camera's two directions. Degrees but for the first."""
 How = Literal["add", "set", "rate", "gradual", "stop", "reset"]
 SearchHow = Literal["spiral", "sweep", "auto", "stop", "cancel"]
+GuideHow = Literal["on", "off", "accept", "reject"]
 ObservedFrame = Literal["icrs", "j2000", "of_date"]
 MOST_SLIP_S = 86400.0
 MOST_FIX_M_S = 10000.0
@@ -169,13 +172,29 @@ class Search(msgspec.Struct, frozen=True, tag="search", forbid_unknown_fields=Tr
         _given("period_s", self.period_s, self.how, self.how == "sweep")
 
 
-class Observation(msgspec.Struct, frozen=True, tag="observation", forbid_unknown_fields=True):
+class Guide(msgspec.Struct, frozen=True, tag="guide", forbid_unknown_fields=True):
+    """Have observations correct the target (`on`), or only be shown (`off`), or decide on the last one.
+
+    `accept` takes the last one that was not taken, whatever it contradicts; `reject` gives back what the last
+    one that was taken has changed.
+    """
+
+    how: str
+
+    def __post_init__(self) -> None:
+        """Raise ValueError for anything else."""
+        _one_of("how", self.how, get_args(GuideHow))
+
+
+class Observation(
+    msgspec.Struct, frozen=True, tag="observation", forbid_unknown_fields=True, omit_defaults=True
+):
     """Where the satellite was seen at an instant.
 
     `utc` is ISO 8601 with Z. Frames: "icrs" and "j2000" are astrometric, as a plate solution among catalogued
     stars gives; "of_date" is apparent, true equator and equinox of date, where the mount had to point to see
     it there (air included where the run includes it). `sigma_arcsec` is one standard deviation of each of the
-    two directions on the sky.
+    two directions on the sky. `camera` is what saw it, whose clock may be known.
     """
 
     utc: str
@@ -184,15 +203,32 @@ class Observation(msgspec.Struct, frozen=True, tag="observation", forbid_unknown
     frame: str
     sigma_arcsec: float
     catalog_number: int | None = None
+    camera: str | None = None
 
     def __post_init__(self) -> None:
         """Raise ValueError where a number cannot be one of an observation."""
         _check_utc(self.utc)
         _one_of("frame", self.frame, get_args(ObservedFrame))
-        if not 0.0 <= self.ra_deg <= 360.0:
-            raise ValueError(f"ra_deg {self.ra_deg:g} is outside 0 to 360")
-        if not -90.0 <= self.dec_deg <= 90.0:
-            raise ValueError(f"dec_deg {self.dec_deg:g} is outside -90 to 90")
+        _check_direction(self.ra_deg, self.dec_deg)
+        _check_sigma(self.sigma_arcsec)
+
+
+class SolvedField(msgspec.Struct, frozen=True, tag="field", forbid_unknown_fields=True):
+    """Where the middle of a camera's image pointed at the middle of an exposure: ICRS, by its stars.
+
+    It says nothing of the satellite, but when the camera's clock is compared with the mount's statuses.
+    """
+
+    utc: str
+    ra_deg: float
+    dec_deg: float
+    sigma_arcsec: float
+    camera: str | None = None
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where a number cannot be one of a field."""
+        _check_utc(self.utc)
+        _check_direction(self.ra_deg, self.dec_deg)
         _check_sigma(self.sigma_arcsec)
 
 
@@ -255,7 +291,9 @@ TaggedMessage = (
     | StopNow
     | OffsetBy
     | Search
+    | Guide
     | Observation
+    | SolvedField
     | Pause
     | Go
     | Jog
@@ -264,6 +302,8 @@ TaggedMessage = (
 )
 """The messages that their types tell apart."""
 Message = TaggedMessage | SeenOffset
+Reported = Observation | SeenOffset | SolvedField | PlaceFix
+"""What comes from those who observe: it needs no control."""
 
 
 class TakeControl(msgspec.Struct, frozen=True, tag="take_control", forbid_unknown_fields=True):
@@ -316,6 +356,7 @@ _ALL: msgspec.json.Decoder[TaggedMessage | SessionMessage] = msgspec.json.Decode
 # Two types of one name cannot be told apart by it: offsets that were seen have a decoder of their own.
 _SEEN_OFFSETS: msgspec.json.Decoder[SeenOffset] = msgspec.json.Decoder(SeenOffset)
 _OBSERVATIONS: msgspec.json.Decoder[Observation] = msgspec.json.Decoder(Observation)
+_FIELDS: msgspec.json.Decoder[SolvedField] = msgspec.json.Decoder(SolvedField)
 _FIXES: msgspec.json.Decoder[PlaceFix] = msgspec.json.Decoder(PlaceFix)
 _ORDERS: msgspec.json.Decoder[ConsoleMessage] = msgspec.json.Decoder(ConsoleMessage)
 
@@ -335,19 +376,21 @@ def decode_said(line: bytes | str) -> Message | SessionMessage:
     return _SEEN_OFFSETS.decode(line) if _is_seen_offset(line) else _ALL.decode(line)
 
 
-def decode_observation(line: bytes) -> Observation | SeenOffset | PlaceFix:
-    """Return the observation of one JSON line, the offset, or the fix; raises msgspec.MsgspecError.
+def decode_observation(line: bytes) -> Reported:
+    """Return the observation of one JSON line, the offset, field or fix; raises msgspec.MsgspecError.
 
     The type of an observation may be left out.
     """
     if b'"fix"' in line:
         return _FIXES.decode(line)
+    if b'"field"' in line:
+        return _FIELDS.decode(line)
     return _SEEN_OFFSETS.decode(line) if _is_seen_offset(line) else _OBSERVATIONS.decode(line)
 
 
 def is_observation(line: bytes) -> bool:
-    """Tell whether a line looks like an observation, a fix, or an offset that was seen."""
-    return b'"observation"' in line or b'"fix"' in line or _is_seen_offset(line)
+    """Tell whether a line looks like an observation, a field, a fix, or an offset that was seen."""
+    return any(name in line for name in (b'"observation"', b'"field"', b'"fix"')) or _is_seen_offset(line)
 
 
 def _is_seen_offset(line: bytes | str) -> bool:
@@ -369,6 +412,13 @@ def _check_utc(text: str) -> None:
         Utc.parse(text)
     except TimeFormatError as error:
         raise ValueError(f"utc: {error}") from None
+
+
+def _check_direction(ra_deg: float, dec_deg: float) -> None:
+    if not 0.0 <= ra_deg <= 360.0:
+        raise ValueError(f"ra_deg {ra_deg:g} is outside 0 to 360")
+    if not -90.0 <= dec_deg <= 90.0:
+        raise ValueError(f"dec_deg {dec_deg:g} is outside -90 to 90")
 
 
 def _check_sigma(sigma_arcsec: float) -> None:

@@ -106,6 +106,18 @@ class TwoAxesView(msgspec.Struct, frozen=True):
     field_rate_deg_s: float
 
 
+class ClockView(msgspec.Struct, frozen=True):
+    """What the stars in a camera's frames say of its clock, with one sigma; positive where it is ahead."""
+
+    camera: str
+    clock_s: float
+    sigma_s: float
+    frames: int
+    """How many solved fields that is from."""
+    corrected_s: float
+    """What is taken off its dates; 0 where the clock is not known to be off."""
+
+
 class LoopView(msgspec.Struct, frozen=True):
     """What closes the loop on the sky: "elements" alone, a "camera" (or plate solutions), or it is "lost".
 
@@ -117,6 +129,12 @@ class LoopView(msgspec.Struct, frozen=True):
     sigma_arcsec: float | None = None
     """How well it is known where the mount must point, one sigma in the worst direction."""
     cameras: tuple[CameraView, ...] = ()
+    guided: bool = True
+    """Whether observations correct the target; else they are only shown."""
+    last: str | None = None
+    """What became of the last observation: "taken", "held" while nothing is guided by them, or why not."""
+    clocks: tuple[ClockView, ...] = ()
+    """Of the cameras whose fields were solved while the mount followed."""
 
 
 class RememberedView(msgspec.Struct, frozen=True):

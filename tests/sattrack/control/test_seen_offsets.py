@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, cast
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -17,7 +18,7 @@ from sattrack.control.offset import KEPT
 from sattrack.control.steering import Steering
 from sattrack.mount.model import MountProfile
 from sattrack.runtime import demo_pass
-from sattrack.views.messages import OffsetBy, Search, SeenOffset
+from sattrack.views.messages import Guide, OffsetBy, Search, SeenOffset
 from tle.bias import NO_BIAS
 from tle.instants import Utc
 from tle.orbit_fit import STATES, CorrectableOrbit
@@ -321,3 +322,86 @@ def test_a_coarse_camera_hands_over_to_a_fine_one_that_looks_elsewhere() -> None
     assert loop.rms(20.0, 30.0) < 2.0
     found = {one.name: one.kind for one in loop.steering.camera_views()}
     assert found == {"finder": "coarse", "guide": "fine"}
+
+
+class TestGuidingByHand:
+    """What an operator decides about what a camera shows."""
+
+    def loop(self) -> Loop:
+        return Loop()
+
+    def told(self, loop: Loop, how: str) -> None:
+        loop.steering.obey(Guide(how), loop.times[-1] + BEGIN_S)
+
+    def test_unguided_the_target_stays_where_the_elements_have_it_until_guided_again(self) -> None:
+        loop = self.loop()
+        loop.times.append(0.0)
+        self.told(loop, "off")
+        loop.go_on(0.0, 10.0)
+        assert loop.steering.estimator.accepted == 0
+        assert not loop.steering.guided
+        assert loop.steering.last_seen == "held"
+        unled = loop.off_arcsec[-1]
+        self.told(loop, "on")
+        loop.go_on(10.0, 25.0)
+        assert loop.steering.last_seen == "taken"
+        assert loop.off_arcsec[-1] < 0.05 * unled
+
+    def test_one_that_is_held_is_taken_when_it_is_accepted(self) -> None:
+        loop = self.loop()
+        loop.times.append(0.0)
+        self.told(loop, "off")
+        loop.go_on(0.0, 3.0)
+        unled = loop.off_arcsec[-1]
+        self.told(loop, "accept")
+        assert loop.steering.estimator.accepted == 1
+        loop.waiting.clear()
+        loop.go_on(3.0, 8.0)
+        assert loop.steering.estimator.accepted == 1
+        assert min(loop.off_arcsec[-40:]) < 0.5 * unled
+
+    def test_one_that_contradicts_the_estimate_begins_another_when_it_is_accepted(self) -> None:
+        loop = self.loop()
+        loop.run(12.0)
+        now = BEGIN_S + 12.0
+        wild = msgspec.structs.replace(loop.seen(now - 0.5), dx_arcsec=900.0)
+        loop.steering.obey(wild, now)
+        assert loop.steering.last_seen is not None
+        assert "contradicts" in loop.steering.last_seen
+        before = loop.steering.biases.at(now + 6.0).unit
+        self.told(loop, "accept")
+        for tick in range(60):
+            loop.steering.watch(now + TICK_S * tick)
+        moved = loop.steering.biases.at(now + 6.0).unit - before
+        assert float(np.linalg.norm(moved)) / ARCSEC == pytest.approx(900.0, rel=0.3)
+
+    def test_rejecting_gives_back_what_the_last_one_changed_once(self) -> None:
+        loop = self.loop()
+        loop.run(12.0)
+        now = BEGIN_S + 12.0
+        steering, course = loop.steering, loop.steering.biases.course
+        before = steering.estimator.reading(now, course)
+        loop.steering.obey(loop.seen(now - 0.1), now)
+        assert steering.estimator.reading(now, course) != before
+        accepted = steering.estimator.accepted
+        self.told(loop, "reject")
+        assert steering.estimator.reading(now, course) == before
+        assert steering.estimator.accepted == accepted - 1
+        self.told(loop, "reject")
+        assert steering.estimator.accepted == accepted - 1
+        assert "nothing to reject" in (steering.refusal or "")
+
+    def test_the_first_one_rejected_leads_back_to_the_elements(self) -> None:
+        loop = self.loop()
+        loop.times.append(0.0)
+        self.told(loop, "off")
+        loop.go_on(0.0, 1.0)
+        self.told(loop, "accept")
+        assert loop.steering.estimator.accepted == 1
+        loop.go_on(1.0, 3.0)
+        self.told(loop, "reject")
+        assert loop.steering.estimator.accepted == 0
+        loop.go_on(3.0, 12.0)
+        plain = loop.steering.biases.course.propagator.at(Utc(BEGIN_S + 12.0)).unit
+        fed = loop.steering.biases.at(BEGIN_S + 12.0).unit
+        assert float(np.linalg.norm(fed - plain)) / ARCSEC < 1.0

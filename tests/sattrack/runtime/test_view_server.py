@@ -26,7 +26,9 @@ from sattrack.runtime.view_server import (
     feeders,
     name_for,
 )
+from sattrack.tui.attached import PictureLook
 from sattrack.views.messages import StopNow
+from sattrack.views.picture import MOST_PICTURE_BYTES, MOST_SIDE, PICTURES_A_SECOND
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -272,3 +274,77 @@ def test_an_observation_needs_no_control_and_waits_until_there_is_time(view_serv
         heard_until(inbox, lambda _: seen.extend(observers.observations()) or bool(seen))
     assert [(one.dx_px, one.dy_px) for one in seen] == [(3.0, -1.0)]
     assert arbiter.controller == 0, "the starter is in control as before"
+
+
+PICTURE = {
+    "type": "picture",
+    "camera": "guide",
+    "utc": "2026-10-02T13:05:24Z",
+    "exposure_s": 0.1,
+    "width": 640,
+    "height": 480,
+    "columns": 2,
+    "rows": 1,
+    "pixels": "AP8=",
+    "kind": "none",
+}
+
+
+def test_pictures_go_to_those_who_ask_and_cameras_are_told_how_large(view_server) -> None:
+    inbox = SessionInbox(ControlArbiter(False), None, view_server)
+    with visitors(4) as (camera, onlooker, small, large):
+        camera.say({"type": "hello", "name": "camera", "shows": True})
+        assert camera.next("pictures_wanted") == {"type": "pictures_wanted", "side": 0}
+        onlooker.say({"type": "hello", "name": "somebody"})
+        small.say({"type": "hello", "name": "", "pictures": 100})
+        assert camera.next("pictures_wanted")["side"] == 100
+        large.say({"type": "hello", "name": "", "pictures": 9999})
+        assert camera.next("pictures_wanted")["side"] == MOST_SIDE
+        heard_until(inbox, lambda _: inbox._arbiter.view().watching == 2)
+        assert sorted(one.name for one in inbox._arbiter.view().watchers) == ["camera", "somebody"]
+        # Who did not say that it is a camera has no pictures to show.
+        onlooker.say({**PICTURE, "camera": "false"})
+        camera.say(PICTURE)
+        assert small.next("picture") == large.next("picture") == PICTURE
+        large.close()
+        assert camera.next("pictures_wanted")["side"] == 100
+        small.close()
+        assert camera.next("pictures_wanted")["side"] == 0
+        heard_until(inbox, lambda _: inbox._arbiter.view().watching == 2)
+        view_server.show(msgspec.convert({"type": "view"}, dict))
+        assert onlooker.next("view") == {"type": "view"}
+
+
+def test_a_flood_of_pictures_reaches_nobody_and_one_that_is_too_large_ends_its_camera(view_server) -> None:
+    with visitors(2) as (camera, screen):
+        camera.say({"type": "hello", "name": "camera", "shows": True})
+        screen.say({"type": "hello", "name": "", "pictures": 100})
+        while camera.next("pictures_wanted")["side"] == 0:
+            pass
+        camera.say(*({**PICTURE, "snr": n} for n in range(200)))
+        camera.say({**PICTURE, "pixels": "A" * MOST_PICTURE_BYTES})
+        assert camera._lines.read() is not None
+        screen.door.settimeout(0.5)
+        found = []
+        with contextlib.suppress(TimeoutError):
+            while True:
+                found.append(screen.next("picture")["snr"])
+        assert found[0] == 0
+        assert len(found) <= 2 * PICTURES_A_SECOND
+
+
+def test_a_screen_gets_the_pictures_of_a_run_and_leaves_no_trace(view_server) -> None:
+    look = PictureLook()
+    with visitors() as (camera,):
+        camera.say({"type": "hello", "name": "camera", "shows": True})
+        look.open(os.getpid())
+        while camera.next("pictures_wanted")["side"] == 0:
+            pass
+        camera.say({**PICTURE, "pixels": "AAAA"}, PICTURE)
+        until_s = time.monotonic() + PATIENCE_S
+        while not (found := look.take()):
+            assert time.monotonic() < until_s
+            select.select([], [], [], 0.01)
+        assert found["guide"].pixels == b"\x00\xff"
+        look.close()
+        assert camera.next("pictures_wanted")["side"] == 0

@@ -16,13 +16,14 @@ from typing import TYPE_CHECKING
 FOLDER = Path(__file__).with_name("snapshots")
 sys.path.insert(0, str(Path(__file__).parent))
 
+from test_camera_screen import LOOP, FakePictures  # noqa: E402
 from test_other_screens import FakeHelpers, schedule_view  # noqa: E402
 from test_screen import following  # noqa: E402
 from tui_builders import SKY, VIEW, FakeFeed, HandClock, changed  # noqa: E402
 
 from sattrack.tui.app import TrackApp  # noqa: E402
 from sattrack.tui.feeds import News  # noqa: E402
-from sattrack.tui.scene import PAGES, Appearance  # noqa: E402
+from sattrack.tui.scene import CAMERA, PAGES, Appearance  # noqa: E402
 from sattrack.views.run import (  # noqa: E402
     STARTER,
     Armed,
@@ -57,11 +58,14 @@ async def screens(size: tuple[int, int], theme: str) -> dict[str, list[Strip]]:
     feed = FakeFeed([News(views, session=SESSION, sky=SKY)])
     app = TrackApp(feed, monotonic=HandClock(), appearance=Appearance(theme), helpers=FakeHelpers())  # type: ignore[arg-type]
     app._screens._read = lambda _: schedule_view()
+    app._screens.pictures = FakePictures()  # type: ignore[assignment]
     found: dict[str, list[Strip]] = {}
     async with app.run_test(size=size) as pilot:
         for name, keys in {**{page: (key,) for key, page in PAGES.items()}, **DIALOGS, **PAUSED}.items():
             if name in PAUSED:
                 feed.coming.append(News((paused,)))
+            if name in {CAMERA, "help"}:
+                feed.coming.append(News((changed(views[-1], loop=LOOP if name == CAMERA else None),)))
             await pilot.press("1", *keys)
             for _ in range(3 if name in {"live", "paused"} else 1):
                 # The chart's width follows from the layout, and the layout from that.

@@ -292,7 +292,7 @@ def test_the_help_shows_every_key_whole(size: tuple[int, int]) -> None:
         "p  ",
         "P  ",
         "Ctrl-C",
-        "1 to 5",
+        "1 to 6",
         "← →",
         "↑ ↓",
         "[ ]",

@@ -1,0 +1,164 @@
+"""A camera's clock by the stars in its frames, while a mount follows that points beside what it reports."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import erfa
+import msgspec
+import numpy as np
+import pytest
+
+from sattrack.control.biases import Cameras
+from sattrack.control.steering import Steering
+from sattrack.mount.model import MountProfile
+from sattrack.runtime import demo_pass
+from sattrack.views.formatting import camera_clock_text
+from sattrack.views.messages import Observation, SolvedField, decode_observation, encode_message
+from tle.bias import NO_BIAS, apparent_unit
+from tle.instants import Utc
+from tle.propagator import Propagator
+from tle.refraction import Refraction
+
+if TYPE_CHECKING:
+    from sattrack.views.run import ClockView
+
+CULMINATION_S = float(Utc.parse("2026-10-02T13:05:24Z").unix_s)
+BEGIN_S = CULMINATION_S - 70.0
+ARCSEC = math.pi / 648000.0
+TICK_S = 0.05
+
+
+def direction(ra_deg: float, dec_deg: float) -> np.ndarray:
+    return np.array(erfa.s2c(math.radians(ra_deg), math.radians(dec_deg)))
+
+
+def icrs_of(unit: np.ndarray, utc_s: float, propagator: Propagator) -> tuple[float, float]:
+    """Return the astrometric place that is seen in a direction of date, by iterating the forward way."""
+    t, guess = Utc(utc_s), np.array(unit)
+    for _ in range(8):
+        ra, dec = (math.degrees(one) for one in erfa.c2s(guess))
+        seen = apparent_unit(ra % 360.0, dec, t, "icrf", propagator.site, propagator.earth)
+        guess = guess + unit - seen
+        guess = guess / np.linalg.norm(guess)
+    ra, dec = (math.degrees(one) for one in erfa.c2s(guess))
+    return ra % 360.0, dec
+
+
+class Pass:
+    """A mount that follows the pass, its pole beside the true one, and a camera whose clock is off."""
+
+    def __init__(
+        self, clock_s: float, profile: MountProfile | None = None, noise_arcsec: float = 2.0
+    ) -> None:
+        self.clock_s, self.noise = clock_s, noise_arcsec
+        self.propagator = Propagator(
+            demo_pass.elements(), demo_pass.SITE.place(), refraction=Refraction.standard(0.0)
+        )
+        self.airless = self.propagator.with_place("apparent")
+        self.steering = Steering(
+            self.propagator, profile or MountProfile(), NO_BIAS, Cameras(), BEGIN_S - 5.0
+        )
+        self.rng = np.random.default_rng(5)
+
+    def pointed(self, utc_s: float) -> np.ndarray:
+        """Return where the telescope really points: the base is turned by 6′ about an axis in the equator."""
+        seen = self.propagator.at(Utc(utc_s))
+        sidereal = math.radians(float(seen.ra_deg) + float(seen.ha_deg))
+        axis = np.array([math.cos(sidereal + 1.0), math.sin(sidereal + 1.0), 0.0])
+        turned = seen.unit + np.cross(axis, seen.unit) * 360.0 * ARCSEC
+        return turned / np.linalg.norm(turned)
+
+    def field(self, utc_s: float, camera: str = "guide") -> SolvedField:
+        """Return what the stars of an exposure show, dated by the camera's clock."""
+        t = Utc(utc_s)
+        bent = self.propagator.at(t).unit - self.airless.at(t).unit
+        ra, dec = icrs_of(self.pointed(utc_s) - bent, utc_s, self.propagator)
+        ra += self.rng.normal(0.0, self.noise) / 3600.0 / math.cos(math.radians(dec))
+        dec += self.rng.normal(0.0, self.noise) / 3600.0
+        return SolvedField(Utc(utc_s + self.clock_s).isoformat("microseconds"), ra, dec, self.noise, camera)
+
+    def run(self, from_s: float, to_s: float, fields: bool = True) -> None:
+        for tick in range(round(from_s / TICK_S), round(to_s / TICK_S)):
+            now = BEGIN_S + tick * TICK_S
+            status = self.propagator.at(Utc(now))
+            self.steering.clocks.note(now, float(status.ra_deg), float(status.dec_deg))
+            if fields and tick % 10 == 0:
+                self.steering.clocks.hear(self.field(now - 0.1))
+            self.steering.watch(now)
+
+    @property
+    def clock(self) -> ClockView:
+        (found,) = self.steering.clocks.views()
+        return found
+
+
+@pytest.mark.parametrize("clock_s", [0.3, -0.3])
+def test_a_clock_that_is_off_is_found_within_its_sigma_and_corrected(clock_s: float) -> None:
+    one = Pass(clock_s)
+    one.run(0.0, 40.0)
+    found = one.clock
+    assert found.clock_s == pytest.approx(clock_s, abs=0.01)
+    assert found.corrected_s == found.clock_s
+    # A usual profile knows the delay of statuses to 20 ms, and nothing tells that from the clock.
+    assert 0.02 <= found.sigma_s < 0.03
+    side = "ahead" if clock_s > 0.0 else "behind"
+    words = f"its clock is {abs(found.clock_s):.3f} ± {found.sigma_s:.3f} s {side}"
+    assert words in camera_clock_text(found)
+    assert "corrected" in camera_clock_text(found)
+
+
+def test_a_right_clock_is_left_alone_all_the_time() -> None:
+    one = Pass(0.0)
+    for second in range(0, 60, 2):
+        one.run(float(second), second + 2.0)
+        assert one.clock.corrected_s == 0.0 if one.steering.clocks.views() else True
+    assert abs(one.clock.clock_s) < 0.01
+
+
+def test_sigmas_are_right_where_the_delays_were_measured() -> None:
+    off = []
+    for seed in range(12):
+        one = Pass(0.05, noise_arcsec=8.0)
+        one.rng = np.random.default_rng(seed)
+        one.steering.clocks._delay_s = 0.0
+        one.run(0.0, 14.0)
+        off.append((one.clock.clock_s - 0.05) / one.clock.sigma_s)
+    assert 0.3 < float(np.sqrt(np.mean(np.square(off)))) < 1.7
+
+
+def test_a_field_that_was_solved_wrongly_changes_nothing() -> None:
+    one = Pass(0.3)
+    one.run(0.0, 20.0)
+    before = one.clock
+    wrong = msgspec.structs.replace(one.field(BEGIN_S + 19.5), dec_deg=10.0)
+    one.steering.clocks.hear(wrong)
+    one.run(20.0, 21.0, fields=False)
+    assert one.clock.clock_s == pytest.approx(before.clock_s, abs=0.005)
+
+
+def test_observations_of_that_camera_are_dated_anew_and_others_are_not() -> None:
+    one = Pass(0.3)
+    one.run(0.0, 30.0)
+    for camera, along_s in (("guide", 0.0), (None, -0.3)):
+        one.steering.estimator.forget()
+        for second in range(30, 36):
+            now = BEGIN_S + second
+            seen = one.airless.at(Utc(now))
+            ra, dec = icrs_of(seen.unit, now, one.propagator)
+            utc = Utc(now + 0.3).isoformat("microseconds")
+            line = encode_message(Observation(utc, ra, dec, "icrs", 3.0, camera=camera))
+            message = decode_observation(line)
+            assert isinstance(message, Observation)
+            one.steering.obey(message, now + 1.0)
+        read = one.steering.estimator.reading(BEGIN_S + 35.0, one.steering.biases.course)
+        assert read is not None
+        assert read.along_s == pytest.approx(along_s, abs=0.02)
+
+
+def test_fields_from_before_the_mount_was_heard_are_dropped() -> None:
+    one = Pass(0.0)
+    one.steering.clocks.hear(one.field(BEGIN_S - 30.0))
+    one.run(0.0, 2.0, fields=False)
+    assert one.steering.clocks.views() == ()

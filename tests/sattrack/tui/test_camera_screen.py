@@ -1,0 +1,244 @@
+"""The cameras' screen: what it draws by colours and by characters, and what its keys send."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import pytest
+from test_other_screens import HERE, FakeHelpers, text_of
+from tui_builders import SKY, VIEW, FakeFeed, HandClock, changed
+
+from sattrack.tui.app import TrackApp
+from sattrack.tui.camera_page import PictureBox
+from sattrack.tui.feeds import News
+from sattrack.tui.scene import Appearance
+from sattrack.views.messages import Guide, OffsetBy, StopNow
+from sattrack.views.picture import PictureView, StarView
+from sattrack.views.run import LoopView
+
+if TYPE_CHECKING:
+    from textual.pilot import Pilot
+
+LOOP = LoopView("camera", 0.4, 1.2, guided=True, last="taken")
+WIDTH, HEIGHT, COLUMNS, ROWS = 640, 480, 160, 120
+SCALE = 2.0
+
+
+def picture(**changes: Any) -> PictureView:
+    """Return a dark frame, the satellite a quarter of it to the right of the middle and a quarter up."""
+    levels = bytearray(COLUMNS * ROWS)
+    levels[(ROWS // 4) * COLUMNS + 3 * COLUMNS // 4] = 255
+    made = PictureView(
+        camera="guide",
+        utc="2026-10-02T13:04:31.250Z",
+        exposure_s=0.1,
+        width=WIDTH,
+        height=HEIGHT,
+        columns=COLUMNS,
+        rows=ROWS,
+        pixels=bytes(levels),
+        kind="point",
+        right_px=162.0,
+        up_px=118.0,
+        sigma_px=0.2,
+        snr=21.0,
+        scale_arcsec_px=SCALE,
+        rotation_deg=0.0,
+        flipped=False,
+        stars=(StarView(-200.0, -100.0, 1.0), StarView(100.0, -150.0, 0.1)),
+    )
+    return msgspec.structs.replace(made, **changes)
+
+
+@dataclass
+class FakePictures:
+    """Hands out pictures, and keeps whether anybody looks."""
+
+    coming: dict[str, PictureView] = field(default_factory=lambda: {"guide": picture()})
+    open_for: int | None = None
+
+    def open(self, pid: int) -> None:
+        self.open_for = pid
+
+    def take(self) -> dict[str, PictureView]:
+        found, self.coming = self.coming, {}
+        return found
+
+    def close(self) -> None:
+        self.open_for = None
+
+
+@dataclass
+class Shown:
+    """What came of a screen: its text at the end, the rows of the picture, what was sent and looked at."""
+
+    sent: list[Any]
+    text: str
+    colours: list[list[tuple[str, str]]]
+    looked: list[int | None]
+
+
+def shown(
+    *keys: str,
+    pictures: dict[str, PictureView] | None = None,
+    size: tuple[int, int] = (80, 24),
+    plain: bool = False,
+    view: Any = None,
+    session: Any = HERE,
+    you: int = 0,
+) -> Shown:
+    """Open the cameras' screen, press keys, and return what came of it."""
+    news = News((view or changed(VIEW, loop=LOOP),), session=session, sky=SKY, you=you)
+    feed = FakeFeed([news])
+    found = Shown([], "", [], [])
+
+    async def run() -> None:
+        app = TrackApp(
+            feed,
+            monotonic=HandClock(),
+            helpers=FakeHelpers(),
+            appearance=Appearance(plain=plain),  # type: ignore[arg-type]
+        )
+        looks = FakePictures({"guide": picture()} if pictures is None else pictures)
+        app._screens.pictures = looks  # type: ignore[assignment]
+        async with app.run_test(size=size) as pilot:
+            found.looked.append(looks.open_for)
+            await pilot.press("6")
+            found.looked.append(looks.open_for)
+            await settle(app, pilot)
+            await pilot.press(*keys)
+            await settle(app, pilot)
+            found.text = text_of(app)
+            box = app.query_one(PictureBox)
+            for y in range(box.size.height):
+                cells: list[tuple[str, str]] = []
+                for segment in box.render_line(y):
+                    style = segment.style
+                    pair = (
+                        "" if style is None or style.color is None else style.color.name,
+                        "" if style is None or style.bgcolor is None else style.bgcolor.name,
+                    )
+                    cells += [pair] * len(segment.text)
+                found.colours.append(cells)
+            await pilot.press("1")
+            found.looked.append(looks.open_for)
+
+    asyncio.run(run())
+    found.sent = feed.sent
+    return found
+
+
+async def settle(app: TrackApp, pilot: Pilot[None]) -> None:
+    for _ in range(2):
+        app.look()
+        await pilot.pause()
+
+
+def lights(found: Shown) -> dict[tuple[int, int], str]:
+    """Return the colours of the picture's pixels by column and row."""
+    pixels = {}
+    for y, row in enumerate(found.colours):
+        for x, (upper, lower) in enumerate(row):
+            pixels[x, 2 * y], pixels[x, 2 * y + 1] = upper, lower
+    return pixels
+
+
+class TestPicture:
+    def test_a_point_lies_where_it_is_in_the_frame_and_keeps_its_light_when_it_shrinks(self) -> None:
+        found = shown(size=(120, 40))
+        pixels = lights(found)
+        wide, high = len(found.colours[0]), 2 * len(found.colours)
+        brightest = [at for at, colour in pixels.items() if colour == "#d0d6dc"]
+        scale = min(wide / WIDTH, high / HEIGHT)
+        x, y = wide / 2 + 162.0 * scale, high / 2 - 118.0 * scale
+        assert brightest
+        assert all(math.hypot(at[0] + 0.5 - x, at[1] + 0.5 - y) < 1.8 for at in brightest)
+
+    def test_it_says_what_leads_the_mount_what_was_seen_and_what_became_of_it(self) -> None:
+        text = shown(size=(120, 40)).text
+        for words in (
+            "camera ±1.2″",
+            "taken",
+            "point",
+            "SNR 21",
+            "+324″ right",
+            "+236″ up",
+            "guide",
+            "2″/px",
+        ):
+            assert words in text
+        lost = changed(VIEW, loop=LoopView("lost", 12.0, 80.0, guided=False, last="held"))
+        text = shown(size=(120, 40), view=lost).text
+        assert "lost, predicted 12 s ±80″" in text
+        assert "not followed" in text
+        assert "held" in text
+
+    def test_without_levels_of_light_a_chart_has_what_was_detected(self) -> None:
+        found = shown(size=(80, 24), plain=True)
+        assert found.text.isascii()
+        rows = found.text.splitlines()
+        assert [row.count("@") for row in rows if "@" in row] == [1]
+        assert any("*" in row for row in rows)
+        right, left = (next(row.index(mark) for row in rows if mark in row) for mark in "@*")
+        assert right > left
+        above = next(n for n, row in enumerate(rows) if "@" in row)
+        assert above < next(n for n, row in enumerate(rows) if "*" in row)
+
+    def test_a_small_screen_says_how_many_lines_it_hides(self) -> None:
+        assert "more lines: 80 × 24" in shown(size=(80, 14)).text
+        assert "more lines" not in shown(size=(80, 24)).text
+
+    def test_nothing_is_asked_for_while_the_screen_is_not_shown(self) -> None:
+        assert shown().looked == [None, 4321, None]
+
+    def test_without_a_picture_it_says_how_to_get_one(self) -> None:
+        assert "--camera" in shown(pictures={}).text
+
+
+class TestKeys:
+    def test_keys_guide_accept_and_reject(self) -> None:
+        assert shown("g", "a", "r").sent == [Guide("off"), Guide("accept"), Guide("reject")]
+        unguided = changed(VIEW, loop=msgspec.structs.replace(LOOP, guided=False))
+        assert shown("g", view=unguided).sent == [Guide("on")]
+
+    @pytest.mark.parametrize(
+        ("rotation", "flipped", "east", "north"),
+        # Up is at the position angle; not mirrored, right is 90° less than that.
+        [(0.0, False, -324, 236), (90.0, False, 236, 324), (0.0, True, 324, 236), (90.0, True, 236, -324)],
+    )
+    def test_what_was_detected_is_centred_by_east_and_north(
+        self, rotation: float, flipped: bool, east: float, north: float
+    ) -> None:
+        turned = picture(rotation_deg=rotation, flipped=flipped)
+        sent = shown("enter", "u", pictures={"guide": turned}).sent
+        values = [(one.what, one.how, round(3600.0 * one.value)) for one in sent]
+        assert values == [
+            ("ra_cos_dec_deg", "add", east),
+            ("dec_deg", "add", north),
+            ("ra_cos_dec_deg", "add", -east),
+            ("dec_deg", "add", -north),
+        ]
+
+    def test_the_cursor_is_centred_instead_and_esc_takes_it_away(self) -> None:
+        step = WIDTH / 24 * SCALE
+        sent = shown("left", "down", "enter").sent
+        assert all(isinstance(one, OffsetBy) for one in sent)
+        assert [3600.0 * one.value for one in sent] == pytest.approx([step, -step])
+        assert [round(3600.0 * one.value) for one in shown("left", "escape", "enter").sent] == [-324, 236]
+
+    def test_without_a_scale_nothing_is_sent_and_it_says_why(self) -> None:
+        found = shown("enter", pictures={"guide": picture(scale_arcsec_px=None)})
+        assert found.sent == []
+        assert "--scale" in found.text
+
+    def test_an_onlooker_is_offered_no_keys_and_can_stop_all_the_same(self) -> None:
+        away = msgspec.structs.replace(HERE, controller=9)
+        found = shown("g", "a", "r", "enter", "space", session=away, you=3, size=(120, 40))
+        assert found.sent == [StopNow()]
+        assert "accept" not in found.text
+        assert "centre" not in found.text
+        assert "accept" in shown(size=(120, 40)).text
