@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 PERIOD_NS = 50_000_000
 SO_TIMESTAMPNS = 35
+ABORT = 73
+"""Where a command has its flag to stop, by the protocol's table."""
 SETTLE_S = 4.0
 PLACE = demo_pass.SITE.place()
 WHERE = f"{PLACE.latitude_deg},{PLACE.longitude_deg},{PLACE.height_m}"
@@ -44,7 +46,10 @@ class Relay:
         self.back.connect(("127.0.0.1", mount_port))
         self.server: tuple[str, int] | None = None
         self.stamps: list[int] = []
+        self.stops: list[int] = []
+        """When datagrams came with which a stop begins, nanoseconds of the system's clock."""
         self.last_counter = -1
+        self._stopping = False
 
     def run_for(self, seconds: float) -> list[float]:
         """Hand on for a while; return by how much periods were off, ms."""
@@ -62,11 +67,15 @@ class Relay:
     def _from_server(self) -> None:
         data, notes, _, self.server = self.front.recvmsg(4096, 256)
         self.back.send(data)
+        (seconds, nanoseconds) = struct.unpack("qq", notes[0][2])
+        stamp, stopping = seconds * 10**9 + nanoseconds, data[ABORT] != 0
+        if stopping and not self._stopping:
+            self.stops.append(stamp)
+        self._stopping = stopping
         (counter,) = struct.unpack_from("<q", data, 8)
         if counter != self.last_counter:
             self.last_counter = counter
-            (seconds, nanoseconds) = struct.unpack("qq", notes[0][2])
-            self.stamps.append(seconds * 10**9 + nanoseconds)
+            self.stamps.append(stamp)
 
 
 def open_server(closing: ExitStack, *server: str) -> tuple[Relay, int]:

@@ -7,7 +7,7 @@ import os
 import re
 import sys
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,6 +41,7 @@ from tle.instants import DAY_S, Utc
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from contextlib import AbstractContextManager
 
     from sattrack.cli.camera import CamerasSeen
     from sattrack.cli.common import CommandContext
@@ -454,6 +455,7 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
                 from sattrack.cli.camera import camera_processes
 
                 seen = stack.enter_context(camera_processes(context, options))
+            stack.enter_context(_served(context, options, prepared))
             summary, interrupted = fly_and_tell(
                 prepared,
                 output,
@@ -465,6 +467,17 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
         summary = msgspec.structs.replace(summary, camera=_camera_summary(seen, summary))
     learn_profile(options["learn_profile"], request.profile, summary)
     return finish(summary, interrupted, context.json or options["stream"])
+
+
+def _served(
+    context: CommandContext, options: dict[str, Any], prepared: Prepared
+) -> AbstractContextManager[None]:
+    """Serve the run to other programs meanwhile, where that is asked for."""
+    if not options["serve"]:
+        return nullcontext()
+    from sattrack.cli.serve_alpaca import run_servers
+
+    return run_servers(context, options["serve"], options, prepared)
 
 
 def _camera_summary(seen: CamerasSeen, summary: Summary) -> CameraSummary:
@@ -488,6 +501,13 @@ def _check_options(context: CommandContext, url: str | None, options: dict[str, 
         raise BadInputError("an aircraft is heard in real time, and alone: omit --virtual and --observations")
     if virtual and (options["stream"] or options["control"]):
         raise BadInputError("--stream and --control need real time; omit --virtual")
+    if virtual and options["serve"]:
+        raise BadInputError("--serve needs real time: clients live there; omit --virtual")
+    if options["serve"]:
+        # Imported before the run's clock is read, because that takes long.
+        from sattrack.cli.serve_alpaca import run_ports
+
+        run_ports(options["serve"])
     check_observations(observations, options["control"], context.sources())
     if virtual and observations not in {None, "stdin"}:
         raise BadInputError(f"--observations {observations}: in virtual time they come from stdin")
@@ -578,6 +598,7 @@ NOT_WITH_ANTENNA = (
     "control",
     "observations",
     "cameras",
+    "serve",
     "profile",
     "learn_profile",
     "bias_memory",

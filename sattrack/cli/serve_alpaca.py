@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import platform
-from contextlib import ExitStack
+import socket
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -14,6 +16,7 @@ from sattrack import __version__
 from sattrack.cli.common import CommandContext, JsonLines, common_options, mount_option, profile_option, tell
 from sattrack.cli.serve import (
     Log,
+    Served,
     caller_limits,
     caller_options,
     check_port,
@@ -21,16 +24,20 @@ from sattrack.cli.serve import (
     reached_from_outside,
     what_is_served,
 )
+from sattrack.core.channel import Channel, see_off, start_process
 from sattrack.core.clock import SimulatedClock
-from sattrack.core.errors import BadInputError, InterruptedRunError
+from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError
 from sattrack.mount.alpaca.link import GatewayLink
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
+from sattrack.mount.profiles import profile_file
 from sattrack.mount.requests import FineRate, Park
 from sattrack.runtime import demo_pass
 from sattrack.runtime.callers import listen
 from sattrack.runtime.connection import connected
 from sattrack.runtime.facts import check_site
 from sattrack.runtime.system import StopRequest, stopping
+from sattrack.runtime.view_server import SUPPORTED
+from sattrack.servers.alpaca.run_station import RunServersTask
 from sattrack.servers.alpaca.serve import (
     AlpacaLoop,
     AlpacaTask,
@@ -43,29 +50,41 @@ from sattrack.servers.alpaca.serve import (
 from sattrack.servers.alpaca.station import TelescopeStation
 from sattrack.servers.alpaca.telescope import Abilities
 from sattrack.servers.antenna.protocol import program_line
+from sattrack.servers.antenna.trajectory import SiteSky
+from sattrack.servers.rotctld.serve import RotctldServer
 from sattrack.settings import SiteSettings
 
 if TYPE_CHECKING:
-    import socket
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
-    from sattrack.cli.serve import Command, Served
+    from sattrack.cli.serve import Command
     from sattrack.mount.alpaca.device import DeviceFacts, RateSpan
     from sattrack.mount.model import MountProfile
     from sattrack.mount.profiles import ProfileFile
     from sattrack.runtime.callers import CallerLimits
     from sattrack.runtime.connection import Connection
+    from sattrack.runtime.facts import Prepared
     from sattrack.runtime.mounts import MountAddress
     from sattrack.servers.alpaca.telescope import Spans
     from tle.elements import Elements
 
 MOST_CLIENTS = 1000
 BACKLOG = 256
+CALLERS = {"clients": 256, "idle": 300.0, "requests": 1000.0}
+"""What clients of a run are allowed."""
+CTRL_C = "Ctrl-C stops the mount and ends it"
+END_WITHIN_S = 5.0
 
 
-ALPACA, INDI, LX200, STELLARIUM = "alpaca", "indi", "lx200", "stellarium"
-PORTS = {ALPACA: 11111, INDI: 7624, LX200: 4030, STELLARIUM: 10001}
-NAMES = {ALPACA: "Alpaca", INDI: "INDI", LX200: "LX200", STELLARIUM: "Stellarium's own protocol"}
+ALPACA, INDI, LX200, ROTCTLD, STELLARIUM = "alpaca", "indi", "lx200", "rotctld", "stellarium"
+PORTS = {ALPACA: 11111, INDI: 7624, LX200: 4030, ROTCTLD: 4533, STELLARIUM: 10001}
+NAMES = {
+    ALPACA: "Alpaca",
+    INDI: "INDI",
+    LX200: "LX200",
+    ROTCTLD: "rotctld",
+    STELLARIUM: "Stellarium's own protocol",
+}
 
 
 def also(*protocols: str) -> Callable[[Command], Command]:
@@ -75,7 +94,7 @@ def also(*protocols: str) -> Callable[[Command], Command]:
 
 
 @click.command(ALPACA)
-@also(INDI, LX200, STELLARIUM)
+@also(INDI, LX200, ROTCTLD, STELLARIUM)
 @mount_option
 @profile_option
 @caller_options(PORTS[ALPACA], idle_s=300.0, requests_per_s=2000.0)
@@ -100,19 +119,19 @@ def command(context: CommandContext, **options: Any) -> int:
     """Serve the mount as an ASCOM telescope (Alpaca, ITelescopeV4) over HTTP, until interrupted.
 
     docs/alpaca.md tells what each member does, and of the actions TrackSatellite, Bias and Passes. With indi,
-    lx200 or stellarium, the same telescope is served by those protocols too.
+    lx200, rotctld or stellarium, the same mount is served by those protocols too.
 
     \b
     Examples:
       sattrack serve alpaca --mount sim
       sattrack serve alpaca --host 0.0.0.0 --allow 192.0.2.0/24
-      sattrack serve alpaca lx200 stellarium --mount sim
+      sattrack serve alpaca lx200 rotctld --mount sim
     """
     return serve_telescope(context, ALPACA, options)
 
 
 @click.command(LX200)
-@also(INDI, STELLARIUM)
+@also(INDI, ROTCTLD, STELLARIUM)
 @mount_option
 @profile_option
 @caller_options(PORTS[LX200], idle_s=300.0, requests_per_s=1000.0)
@@ -134,7 +153,7 @@ def lx200(context: CommandContext, **options: Any) -> int:
 
 
 @click.command(INDI)
-@also(LX200, STELLARIUM)
+@also(LX200, ROTCTLD, STELLARIUM)
 @mount_option
 @profile_option
 @caller_options(PORTS[INDI], idle_s=300.0, requests_per_s=1000.0)
@@ -152,7 +171,7 @@ def indi(context: CommandContext, **options: Any) -> int:
 
 
 @click.command(STELLARIUM)
-@also(INDI, LX200)
+@also(INDI, LX200, ROTCTLD)
 @mount_option
 @profile_option
 @caller_options(PORTS[STELLARIUM], idle_s=300.0, requests_per_s=1000.0)
@@ -205,8 +224,17 @@ def serve_telescope(context: CommandContext, first: str, options: dict[str, Any]
         served = replace(served, described=described)
         abilities = abilities_of(connection, served.address, described.mount)
         station = TelescopeStation(described.mount, limits, served.site, mount, engine_maker(limits))
-        server = start_http_process(_task(context, served, options, ends, mount, abilities))
+        elements = _elements(context, served) if ALPACA in ends.listeners else []
+        server = start_http_process(_task(context, served, options, ends, mount, abilities, elements))
         closing.callback(server.close)
+        rotctld = None
+        if ROTCTLD in ends.listeners:
+            rotator, info = (
+                station.share(SiteSky(served.site)),
+                f"sattrack {__version__}: {described.mount.name}",
+            )
+            rotctld = RotctldServer(ends.listeners[ROTCTLD], callers, rotator, info)
+            closing.callback(rotctld.close)
         closing.enter_context(stopping(stop))
         if context.json:
             ports = ends.ports
@@ -215,10 +243,59 @@ def serve_telescope(context: CommandContext, first: str, options: dict[str, Any]
             log.tell(program_line(text, first))
         if (refused := refusals(connection, served.address)) is not None:
             tell(refused)
-        AlpacaLoop(connection, stop, station, server, log.tell, first).run()
+        AlpacaLoop(connection, stop, station, server, log.tell, first, rotctld).run()
     if stop.asked and station.had_orders and station.mount_stopped is None:
         raise InterruptedRunError("interrupted; the mount was not moving, and continues as it was")
     return end_of_service(station.mount_stopped, stop)
+
+
+def run_ports(texts: Sequence[str]) -> dict[str, int]:
+    """Return the ports by protocol of `--serve`. Raises BadInputError."""
+    return _ports_of(texts, set(PORTS), "--serve")
+
+
+@contextmanager
+def run_servers(
+    context: CommandContext, texts: Sequence[str], options: dict[str, Any], prepared: Prepared
+) -> Iterator[None]:
+    """Serve a run of this process to clients meanwhile, by protocols as `PROTOCOL` or `PROTOCOL:PORT`.
+
+    Raises BadInputError, and SattrackError where a port is not available.
+    """
+    if not SUPPORTED:
+        raise SattrackError("--serve: runs can be served on Linux only")
+    if prepared.clock.speed != 1.0:
+        raise BadInputError("--serve: clients live in real time; give --clock no speed")
+    ports = run_ports(texts)
+    first = next(iter(ports))
+    callers = {"host": options["serve_host"], "allow": options["serve_allow"], "port": 0, **CALLERS}
+    limits, facts, log = caller_limits(callers, MOST_CLIENTS), prepared.facts, Log(prepared.clock)
+    served = Served(prepared.address, profile_file(facts.profile), facts.site.place(), prepared.clock)
+    with ExitStack() as closing:
+        closing.callback(log.close)
+        ends = _opened(ports, {**callers, "discovery": ALPACA in ports}, closing)
+        elements = [] if facts.elements is None else [facts.elements]
+        telescope = _task(context, served, callers, ends, facts.mount_name, Abilities(), elements)
+        rotctld = ends.listeners[ROTCTLD].fileno() if ROTCTLD in ports else None
+        task = RunServersTask(os.getpid(), telescope, rotctld, first)
+        ours, theirs = socket.socketpair()
+        with theirs:
+            numbers = (one.fileno() for one in (theirs, *ends.listeners.values(), *ends.discovery))
+            process = start_process(
+                "sattrack.servers.alpaca.run_process",
+                str(theirs.fileno()),
+                str(os.getpid()),
+                f"clients of {', '.join(ports)}",
+                inherits=tuple(numbers),
+            )
+        channel = Channel(ours.detach(), most_waiting=1 << 28)
+        closing.callback(see_off, process, END_WITHIN_S)
+        closing.callback(channel.close)
+        # Nothing is waited for: the run's clock goes, and clients wait at ports that are open.
+        channel.send(task.encode())
+        for text in _announcements(ends, callers, limits, "clients see the run, and may stop it"):
+            log.tell(program_line(text, first))
+        yield
 
 
 def _opened(ports: dict[str, int], options: dict[str, Any], closing: ExitStack) -> Ends:
@@ -233,11 +310,16 @@ def _opened(ports: dict[str, int], options: dict[str, Any], closing: ExitStack) 
     return Ends(listeners, _serial_line(options, closing), sockets, trouble)
 
 
-def _announcements(ends: Ends, options: dict[str, Any], callers: CallerLimits) -> list[str]:
+def _announcements(
+    ends: Ends,
+    options: dict[str, Any],
+    callers: CallerLimits,
+    more: str = "Ctrl-C stops the mount and ends it",
+) -> list[str]:
     """Return where clients find the telescope, with warnings."""
     host, texts = options["host"], []
     for protocol, port in ends.ports.items():
-        texts.append(f"{NAMES[protocol]} is on {host}:{port}; Ctrl-C stops the mount and ends it")
+        texts.append(f"{NAMES[protocol]} is on {host}:{port}; {more}")
         warning = reached_from_outside(protocol, host, port, callers.allowed)
         texts += [] if warning is None else [warning]
     if ends.serial is not None:
@@ -258,13 +340,19 @@ def _serial_line(options: dict[str, Any], closing: ExitStack) -> int | None:
 
 def _ports(first: str, options: dict[str, Any]) -> dict[str, int]:
     """Return the ports by protocol, of the first and of the others. Raises BadInputError."""
-    ports = {first: int(options["port"])}
-    for text in options["others"]:
+    known = {one for one in PORTS if one not in {ALPACA, first}}
+    others = _ports_of(options["others"], known, f"serve {first}", "beside it")
+    return {first: int(options["port"]), **others}
+
+
+def _ports_of(texts: Sequence[str], known: set[str], who: str, how: str = "") -> dict[str, int]:
+    """Return the ports by protocol of PROTOCOL or PROTOCOL:PORT, each once. Raises BadInputError."""
+    ports: dict[str, int] = {}
+    for text in texts:
         protocol, _, number = text.partition(":")
-        known = {one for one in PORTS if one not in {ALPACA, first}}
         if protocol not in known or protocol in ports:
             choice = " or ".join(sorted(known - set(ports)))
-            raise BadInputError(f"{text}: serve {first} takes {choice or 'no more'} beside it")
+            raise BadInputError(f"{text}: {who} takes {choice or 'no more'} {how}".rstrip())
         if number and not number.isdecimal():
             raise BadInputError(f"{text}: write {protocol}, or {protocol}:PORT")
         ports[protocol] = int(number or PORTS[protocol])
@@ -279,6 +367,7 @@ def _task(
     ends: Ends,
     mount: str,
     abilities: Abilities,
+    elements: list[Elements],
 ) -> AlpacaTask:
     """Return the task of the process that clients talk to."""
     clock = served.clock
@@ -290,7 +379,7 @@ def _task(
         serial=ends.serial,
         stellarium=numbers.get(STELLARIUM),
         discovery=tuple(one.fileno() for one in ends.discovery),
-        port=next(iter(ends.ports.values())),
+        port=ends.ports.get(ALPACA, 0),
         version=__version__,
         host=platform.node(),
         callers=options["clients"],
@@ -299,7 +388,7 @@ def _task(
         allowed=tuple(options["allow"]) or None,
         names=options.get("names", ()),
         satellites=Satellites(
-            elements=_elements(context, served) if ALPACA in ends.listeners else [],
+            elements=elements,
             site=SiteSettings(served.site.latitude_deg, served.site.longitude_deg, served.site.height_m),
             profile=served.described.mount,
             limits=context.settings.safety.limits(),

@@ -68,6 +68,25 @@ from sattrack.cli.targets import ephemeris_option
 @click.option(
     "--save", type=click.Path(path_type=Path), metavar="DIR", help="Keep the camera's frames there."
 )
+@click.option(
+    "--serve",
+    multiple=True,
+    metavar="PROTOCOL[:PORT]",
+    help="Let clients of alpaca, indi, lx200, rotctld or stellarium see and stop the run; may be repeated.",
+)
+@click.option(
+    "--serve-host",
+    default="127.0.0.1",
+    show_default=True,
+    metavar="ADDRESS",
+    help="Address to listen on for --serve. No authentication: anyone who reaches it can stop the run.",
+)
+@click.option(
+    "--serve-allow",
+    multiple=True,
+    metavar="ADDRESS",
+    help="Serve only this address or network, as 192.0.2.7 or 192.0.2.0/24; may be repeated.",
+)
 @stream_options
 @bias_options
 @fov_option
@@ -84,6 +103,7 @@ def command(context: CommandContext, target: str, **options: Any) -> int:
       sattrack track ISS --mount sim
       sattrack track ISS --record tonight.mcap
       sattrack track ISS --camera alpaca://192.0.2.7:11111/0 --scale 2.5
+      sattrack track ISS --serve alpaca --serve lx200
       sattrack track 25544 --mount 'xerxes://192.0.2.10:15001?listen=15002' --min-alt 25
     """
     url = options["mount_url"] or context.settings.mount.url

@@ -5,6 +5,7 @@ Live, a 20 Hz loop feeds it; in a test, a simulated mount in virtual time; in a 
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -95,6 +96,7 @@ class Engine(Driver):
         """Largest error while a limit held the mount, and on the way back."""
         self.message: str | None = None
         self.failed = False
+        self._first_tick_utc_s = math.inf
         self._recent = WindowedError()
         self._missed = WindowedError(), WindowedError()
         """Errors of both axes while the mount followed and had not been on target."""
@@ -107,7 +109,6 @@ class Engine(Driver):
         """The phase before the run began to stop."""
         self._counted: set[int] = set()
         self._before: StatusSample | None = None
-        self._first_tick_utc_s: float | None = None
 
     def receive(self, data: bytes, arrival_utc_s: float) -> StatusSample | None:
         """Take one datagram from the mount; return its sample, None where it was refused."""
@@ -312,16 +313,14 @@ class Engine(Driver):
 
     def _watch_link(self, now_utc_s: float) -> None:
         self.link_state = state = self.session.link_state(now_utc_s)
+        # A slow start, of whatever comes before the loop, is no silence of the mount's.
+        self._first_tick_utc_s = min(now_utc_s, self._first_tick_utc_s)
         if self.tracker.ended_by is not None:
             return
         if state is LinkState.LOST:
             words = f"{self.spec.mount_name} {self.session.health.did}; stop commands were sent"
             self._give_up("link", words)
-            return
-        # Nothing could be heard before the first datagram, however long this computer took to come to it.
-        if self._first_tick_utc_s is None:
-            self._first_tick_utc_s = now_utc_s
-        if state is LinkState.SILENT and now_utc_s - self._first_tick_utc_s > NO_ANSWER_AFTER_S:
+        elif state is LinkState.SILENT and now_utc_s - self._first_tick_utc_s > NO_ANSWER_AFTER_S:
             words = f"no status from {self.spec.mount_name} within {NO_ANSWER_AFTER_S:g} s"
             self._give_up("link", f"{words}; is it on, and set to send here?")
 

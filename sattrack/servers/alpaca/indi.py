@@ -270,7 +270,13 @@ class IndiDevice:
         order = self._order("moveaxis", now_utc_s, Axis=axis, Rate=rate_deg_s)
         self.turning[axis] = caller
         self._texts[name] = (key,)
-        return self._asked(name, order)
+        asked = self._asked(name, order)
+
+        def refused(why: str) -> bytes:
+            self.turning.pop(axis, None)
+            return asked.refused(why)
+
+        return asked._replace(refused=refused)
 
     def _take_telescope_track_state(self, values: Mapping[str, str], now_utc_s: float) -> Asked:
         on = _chosen(values, "") == "TRACK_ON"

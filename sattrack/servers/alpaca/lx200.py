@@ -189,7 +189,12 @@ class Lx200Client:
         axis, sense = DIRECTIONS[what]
         fastest = max((high for _, high in self.telescope.device.axis_rates_deg_s(axis)), default=0.0)
         rate_deg_s = sense * min(RATES_DEG_S[self._rate], fastest)
-        asked = self._ask("moveaxis", now_utc_s, Axis=axis, Rate=rate_deg_s)
+
+        def refused(_: str) -> bytes:
+            self.turning.discard(axis)
+            return b""
+
+        asked = self._ask("moveaxis", now_utc_s, refused=refused, Axis=axis, Rate=rate_deg_s)
         self.turning.add(axis)
         return asked
 

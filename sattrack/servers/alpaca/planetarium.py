@@ -98,6 +98,7 @@ class Planetariums:
                     break
                 for command in found:
                     if command == STOP:
+                        _note_whole(connection)
                         self._stop(client, waiting)
                     else:
                         waiting.put_nowait(command)
@@ -124,6 +125,7 @@ class Planetariums:
                     self.channel.log(f"a Stellarium was disconnected: it sent {data[:QUOTED]!r}")
                     break
                 for ra_deg, dec_deg in found[-1:]:
+                    _note_whole(connection)
                     await self._goto(number, ra_deg, dec_deg)
         except ConnectionError:
             pass
@@ -151,6 +153,7 @@ class Planetariums:
                     break
                 for message in found:
                     if message.get("name") == ABORT:
+                        _note_whole(connection)
                         _drop(waiting, lambda one: one.get("name") in MOVERS)
                         self._beside(self._take(device, view, message, caller))
                     else:
@@ -340,6 +343,13 @@ class _Pace:
         self._bucket.left -= 1.0
         if self._bucket.left < 0.0:
             await asyncio.sleep(-self._bucket.left / self._rate)
+
+
+def _note_whole(connection: ClientConnection | None) -> None:
+    """Note that a request was whole: what has come of it is no reason to hang up later."""
+    if connection is not None:
+        connection.begins()
+        connection.ends()
 
 
 def _drop(waiting: asyncio.Queue[Item], dropped: Callable[[Item], bool]) -> None:

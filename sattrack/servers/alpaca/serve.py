@@ -1,5 +1,8 @@
 """The feeding process of `sattrack serve alpaca`: its loop, and its channel to the process that serves HTTP.
 
+Clients of rotctld, where they are served beside others, come to this process: their positions count for the
+instant at which they arrive.
+
 At most one order begins in a period, as checking a slew's path may take milliseconds; a stop never waits, and
 cancels the earlier orders that have not begun. States that the HTTP process is too slow for are left out;
 answers are not. That process gets its task as one JSON line: the mount, the clients that may connect, and the
@@ -38,7 +41,7 @@ from sattrack.servers.alpaca.protocol import (
     encode,
 )
 from sattrack.servers.alpaca.telescope import Abilities
-from sattrack.servers.antenna.protocol import program_line
+from sattrack.servers.antenna.protocol import program_line, to_ns
 from sattrack.settings import SiteSettings
 from tle.elements import Elements
 from tle.errors import TleError
@@ -52,6 +55,7 @@ if TYPE_CHECKING:
     from sattrack.runtime.facts import RunFacts
     from sattrack.servers.alpaca.protocol import Passes, TelescopeState, TrackSatellite
     from sattrack.servers.alpaca.station import TelescopeStation
+    from sattrack.servers.rotctld.serve import RotctldServer
     from tle.passes import Pass
 
 PORT = 32227
@@ -77,6 +81,21 @@ class AlpacaLoop(StationLoop):
     driver: TelescopeStation
     server: AlpacaHttpProcess
     program: str = "alpaca"
+    rotctld: RotctldServer | None = None
+
+    def readers(self) -> list[Any]:
+        """See RealtimeLoop."""
+        return self.server.readers() + ([] if self.rotctld is None else self.rotctld.readers())
+
+    def writers(self) -> list[Any]:
+        """See RealtimeLoop."""
+        return self.server.writers() + ([] if self.rotctld is None else self.rotctld.writers())
+
+    def flush(self) -> None:
+        """See RealtimeLoop."""
+        self.server.flush()
+        if self.rotctld is not None:
+            self.rotctld.flush()
 
     def tell(self, words: str) -> None:
         """See StationLoop."""
@@ -87,10 +106,13 @@ class AlpacaLoop(StationLoop):
         if self.server.line in ready:
             self.server.take()
         self._begin_orders()
+        if self.rotctld is not None:
+            self.rotctld.serve(ready, lambda: to_ns(self.connection.now_utc_s()))
 
     def obey(self, now_utc_s: float) -> None:
         """Let another order begin; end where the HTTP process has ended."""
-        del now_utc_s
+        if self.rotctld is not None:
+            self.rotctld.tend(to_ns(now_utc_s))
         if self.server.ended and not self.driver.finished:
             raise SattrackError("the HTTP server's process is gone; the mount is being stopped")
         self.server.begin_period(time.monotonic())
@@ -110,6 +132,8 @@ class AlpacaLoop(StationLoop):
             self.tell(line)
         if len(lines) > MOST_LOGGED:
             self.tell(f"and {len(lines) - MOST_LOGGED} lines more")
+        for line in [] if self.rotctld is None else self.rotctld.report():
+            self.tell(f"rotctld: {line}")
         self.report_mount("satellite", "AbortSlew")
 
     def _begin_orders(self) -> None:

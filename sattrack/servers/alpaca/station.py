@@ -2,8 +2,7 @@
 
 A console drives the mount, as by hand; while a satellite is followed, an engine does, as in `track`. Both
 pass `safety`, and hand over what they know of the cables' winding. Each order begins a procedure of the
-console. MoveAxis is ASCOM's: rates of the axes themselves, in force until other rates are given. A slew
-during a slew stops the first one before it begins.
+console. Where clients of rotctld are served too, a path driver keeps the mount at their positions.
 """
 
 from __future__ import annotations
@@ -15,40 +14,27 @@ from sattrack.control.console import Console
 from sattrack.control.driver import StopProcedure
 from sattrack.control.manual_operation import (
     DONE,
-    MoveFor,
     Once,
     Outcome,
-    RequestRefused,
-    outcome_of,
-    procedure_for,
-    refused,
 )
 from sattrack.control.tracker import FOLLOWING
 from sattrack.core.angles import altitude_deg
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Hold, Slew
+from sattrack.mount.model import Hold, Slew
 from sattrack.mount.requests import (
     Abort,
-    EndMove,
-    FindHome,
     FineRate,
-    MoveAxis,
     Park,
-    PulseGuide,
-    Sync,
-    Ticket,
-    TicketState,
 )
 from sattrack.mount.xerxes.link import LinkState
+from sattrack.servers.alpaca.procedures import AfterStop, Drive, procedure_of, refuse
 from sattrack.servers.alpaca.protocol import (
-    MOVING_BY_RATES,
     BiasOrder,
     Fault,
-    FineOrder,
     FollowOrder,
     MoveOrder,
     Number,
-    TrackOrder,
 )
+from sattrack.servers.alpaca.shared_rotator import SharedRotator
 from sattrack.servers.alpaca.state import (
     Answers,
     MountState,
@@ -64,24 +50,19 @@ if TYPE_CHECKING:
     import msgspec
 
     from sattrack.control.engine import Engine
-    from sattrack.control.manual_operation import Procedure, ProcedureHost
+    from sattrack.control.manual_operation import Procedure
     from sattrack.mount.model import MountProfile, Status
     from sattrack.mount.xerxes.session import Session
     from sattrack.safety import Safety, SafetyLimits
     from sattrack.servers.alpaca.protocol import NumberedOrder, Order, TelescopeState
+    from sattrack.servers.antenna.led_mount import PathDriver
+    from sattrack.servers.antenna.trajectory import SiteSky
+    from sattrack.servers.rotctld.rotator import Rotator
     from tle.site import Site
 
 MOVING_KINDS = frozenset({"slew", "park", "home"})
 HELD_KINDS = frozenset({"sync", "fine", "tracking"})
 """Answered at their end, after a few datagrams."""
-PRIMARY = 0
-SECONDARY = 1
-MOVE_S = 0.1
-LEAST_DEG_S = 1e-6
-"""Practically none; 0 would be no edge to a mount that takes rates by edges."""
-SURE_AFTER_S = 0.15
-SEEN_WITHIN_S = 3.0
-"""How long a mount's positions must show the commanded state, and within what time."""
 
 
 class TelescopeStation:
@@ -104,6 +85,8 @@ class TelescopeStation:
         self._make_engine = make_engine
         self.console = self._new_console()
         self.engine: Engine | None = None
+        self.shared: SharedRotator | None = None
+        """The rotator that clients of rotctld see, where they are served too."""
         self.answers = Answers()
         self.log_lines: list[str] = []
         """Whoever logs them removes them."""
@@ -121,15 +104,25 @@ class TelescopeStation:
         self.finished = False
         self.mount_stopped: bool | None = None
 
+    def share(self, sky: SiteSky) -> Rotator:
+        """Return a rotator for clients of rotctld, of the same mount."""
+        self.shared = SharedRotator(sky, self.profile, self._limits, self._why_not_idle)
+        return self.shared.rotator
+
+    @property
+    def _driver(self) -> Console | Engine | PathDriver:
+        """What feeds the mount now."""
+        return self._path or self.engine or self.console
+
     @property
     def session(self) -> Session:
         """The session with the mount that is in force."""
-        return self.console.session if self.engine is None else self.engine.session
+        return self._driver.session
 
     @property
     def safety(self) -> Safety:
         """The gate of the motions."""
-        return self.console.safety if self.engine is None else self.engine.safety
+        return self._driver.safety
 
     @property
     def tripped(self) -> str | None:
@@ -149,35 +142,45 @@ class TelescopeStation:
     def receive(self, data: bytes, arrival_utc_s: float) -> None:
         """Take one datagram from the mount."""
         self._heard = (data, arrival_utc_s)
+        if self.shared is not None:
+            self.shared.receive(data, arrival_utc_s)
         if self.engine is not None:
             receive_or_stop(self.engine, data, arrival_utc_s)
-        else:
+        elif self._path is None:
             self.console.receive(data, arrival_utc_s)
         self._mount_state.see(self.session)
 
     def tick(self, now_utc_s: float) -> bytes:
         """Return the datagram to send now; call once a period."""
+        self._heed_rotator(now_utc_s)
         if self.engine is not None:
             datagram = tick_or_stop(self.engine, now_utc_s)
             if self.engine.finished:
                 self._leave_satellite()
+        elif self._path is not None:
+            datagram = self._path.tick(now_utc_s)
+            self._leave_path()
         else:
             datagram = self.console.tick(now_utc_s)
             self._look_at_procedure()
             self._look_for_trouble()
             self._make_ready()
         self.link = self.session.link_state(now_utc_s)
+        if self.shared is not None:
+            self.shared.link_up, self.shared.tripped = self.link_up, self.tripped
         self.answers.tick(self._drive is None and self.console.at_rest)
         self._watch_end(now_utc_s)
         return datagram
 
     def repeat(self) -> bytes | None:
         """Return what to send once more before the next datagram, None for nothing."""
-        return None if self.engine is None else self.engine.repeat()
+        driver = self._driver
+        return None if isinstance(driver, Console) else driver.repeat()
 
     def send_shift_s(self, now_utc_s: float) -> float:
         """Return the delay of the next `tick` beyond one period from now, seconds."""
-        return 0.0 if self.engine is None else self.engine.send_shift_s(now_utc_s)
+        driver = self._driver
+        return 0.0 if isinstance(driver, Console) else driver.send_shift_s(now_utc_s)
 
     def end(self, now_utc_s: float) -> None:
         """Bring the mount to rest, and be finished when it is seen there."""
@@ -189,6 +192,8 @@ class TelescopeStation:
         self._ending = StopProcedure(now_utc_s, needed=moving)
         if self.engine is not None:
             self.engine.operate(StopNow(), now_utc_s)
+        elif self._path is not None:
+            self._path.end(now_utc_s)
         elif moving:
             self.console.abort(now_utc_s)
 
@@ -213,6 +218,8 @@ class TelescopeStation:
         if self.engine is not None:
             slewing = self.engine.phase not in FOLLOWING or self.engine.tracker.acquired_utc_s is None
             following = followed(self.engine, now_utc_s)
+        elif self._path is not None:
+            slewing = not self._path.on_trajectory
         return state_of(
             self.session,
             self._mount_state,
@@ -247,6 +254,8 @@ class TelescopeStation:
     def _doing(self) -> str:
         if self.engine is not None:
             return f"following {self.engine.spec.propagator.elements.label} (TrackSatellite)"
+        if self._path is not None:
+            return "kept at positions of rotctld's clients"
         if self.console.stopping:
             return "stopping"
         return "idle" if self.console.procedure is None else self.console.procedure.doing
@@ -281,7 +290,7 @@ class TelescopeStation:
 
     def _check(self, order: Order) -> None:
         """Raise Fault where an order conflicts with the operation under way."""
-        if self.engine is not None:
+        if self.engine is not None or self._path is not None:
             raise Fault(Number.INVALID_OPERATION, f"the mount is {self._doing}: AbortSlew ends that")
         if self._mount_state.at_park(self.session):
             raise Fault(Number.PARKED, "the mount is parked, and only its own console takes it out of park")
@@ -326,6 +335,10 @@ class TelescopeStation:
         if self.engine is not None:
             self.engine.operate(StopNow(), now_utc_s)
             return
+        if self.shared is not None and self._path is not None:
+            rotator = self.shared.rotator
+            rotator.stop() if self.tripped is None else rotator.reset()
+            return
         if self._mount_state.at_park(self.session):
             raise Fault(Number.PARKED, "the mount is parked: its drives have no power")
         former = self._operation
@@ -335,14 +348,60 @@ class TelescopeStation:
         self._supersede(former)
         self._mount_state.moved("abort")
 
-    def _follow(self, order: FollowOrder, now_utc_s: float) -> None:
+    def _why_not_idle(self) -> str | None:
+        """Return why nothing of its own can move the mount now, as text; None where it can."""
         session = self.console.session
         idle = isinstance(session.wanted, Hold) and session.move_over and not session.busy
         status = session.status
-        if not idle or status is None or status.slewing:
-            raise Fault(Number.INVALID_OPERATION, f"the mount is {self._doing}: wait until that is over")
-        if self.tripped is not None:
-            raise Fault(Number.INVALID_OPERATION, "safety has stopped the mount: AbortSlew makes it ready")
+        if self._path is not None:
+            return None
+        if self._ending is not None:
+            return "the server is ending"
+        if self.engine is not None or not idle or status is None or status.slewing:
+            return f"the mount is {self._doing}: wait until that is over"
+        if self._mount_state.at_park(session):
+            return "the mount is parked"
+        return None if self.tripped is None else "safety has stopped the mount: AbortSlew makes it ready"
+
+    def _heed_rotator(self, now_utc_s: float) -> None:
+        """Do what clients of rotctld have asked for since the last datagram."""
+        if self.shared is None:
+            return
+        rotator, moved = self.shared.rotator, self._path is not None
+        stops, rotator.stop_asked = rotator.stop_asked, False
+        if stops and not moved:
+            rotator.reset_asked = False
+            if not self._mount_state.at_park(self.session):
+                self._abort(now_utc_s)
+        elif self.shared.wants_mount:
+            if (why := self._why_not_idle()) is not None:
+                # Something else has begun since it was asked.
+                rotator.stop()
+                rotator.stop_asked = False
+                self.log_lines.append(f"a position of rotctld's is dropped: {why}")
+                return
+            self.had_orders, self._failure = True, None
+            self.shared.begin(self.console.safety, self._heard)
+            self._mount_state.moved("move")
+
+    def _leave_path(self) -> None:
+        """Go on by the console, once the mount of rotctld's clients was stopped and is at rest."""
+        assert self.shared is not None
+        assert self._path is not None
+        if self._ending is not None:
+            self.finished, self.mount_stopped = self._path.finished, self._path.mount_stopped
+        elif (driver := self.shared.leave()) is not None:
+            self._go_on_by_console(driver.safety)
+            self._mount_state.moved("abort")
+
+    @property
+    def _path(self) -> PathDriver | None:
+        """What keeps the mount at the positions of rotctld's clients; None while nothing does."""
+        return None if self.shared is None else self.shared.driver
+
+    def _follow(self, order: FollowOrder, now_utc_s: float) -> None:
+        if (why := self._why_not_idle()) is not None:
+            raise Fault(Number.INVALID_OPERATION, why)
         try:
             engine = self._make_engine(order.facts, now_utc_s)
         except ValueError as error:
@@ -363,15 +422,18 @@ class TelescopeStation:
         if engine.mount_stopped is False:
             self._failure = "THE MOUNT DID NOT CONFIRM THE STOP: stop it by hand"
         self.log_lines.append(f"follows {engine.spec.propagator.elements.label} no more: {why}")
-        self.console = self._new_console()
-        self.console.safety.follow_on(engine.safety)
-        if self._heard is not None:
-            self.console.receive(*self._heard)
         self.engine = None
+        self._go_on_by_console(engine.safety)
         if self._ending is not None:
             # The engine has seen its stop through.
             self.mount_stopped = engine.mount_stopped
             self._ending.needed = False
+
+    def _go_on_by_console(self, former: Safety) -> None:
+        self.console = self._new_console()
+        self.console.safety.follow_on(former)
+        if self._heard is not None:
+            self.console.receive(*self._heard)
 
     def _look_at_procedure(self) -> None:
         """Settle the operation that has ended."""
@@ -426,7 +488,7 @@ class TelescopeStation:
             self._reset_at_rest = self.console.reset() is not None
 
     def _watch_end(self, now_utc_s: float) -> None:
-        if self._ending is None or self.finished or self.engine is not None:
+        if self._ending is None or self.finished or self.engine is not None or self._path is not None:
             return
         self.finished = self._ending.look(self.console.session, now_utc_s)
         if self._ending.needed:
@@ -460,174 +522,6 @@ class Operation:
     kind: str
     procedure: Procedure
     waiting: int | None = None
-
-
-def procedure_of(order: Order, profile: MountProfile, fine: FineRate) -> Procedure:
-    """Return the procedure that carries out an order; `fine` are the rates in force.
-
-    Raises TypeError for orders that are no procedure.
-    """
-    match order:
-        case Slew() | Sync() | Park() | FindHome() | PulseGuide():
-            return procedure_for(order, profile)
-        case FineOrder():
-            ra_deg_s = fine.ra_deg_s if order.ra_deg_s is None else order.ra_deg_s
-            dec_deg_s = fine.dec_deg_s if order.dec_deg_s is None else order.dec_deg_s
-            return procedure_for(FineRate(ra_deg_s, dec_deg_s), profile)
-        case TrackOrder():
-            return SetTracking(order.on)
-    raise TypeError(type(order))
-
-
-def as_request(axis: int, rate_deg_s: float) -> MoveAxis:
-    """Return the request that turns an axis at a rate of its own, westward or northward.
-
-    The primary axis' rate stands in place of sidereal tracking; a Xerxes mount adds its own MoveAxis rate to
-    that. Rate 0 is no standstill: it gives the axis back to what it did before, which is the sky.
-    """
-    if axis == SECONDARY:
-        return MoveAxis(dec_rate_deg_s=rate_deg_s)
-    return MoveAxis(ra_rate_deg_s=SIDEREAL_RATE_DEG_S - rate_deg_s if rate_deg_s else 0.0)
-
-
-class Drive:
-    """A MoveAxis of one axis or both, a procedure of the console, until both axes are ended."""
-
-    doing = MOVING_BY_RATES
-
-    def __init__(self, axis: int, rate_deg_s: float) -> None:
-        self._rates = {axis: rate_deg_s}
-        self._ticket: Ticket | None = None
-        self._ending: Ticket | None = None
-
-    @property
-    def moves(self) -> bool:
-        """Whether an axis moves by the last command."""
-        return any(self._rates.values())
-
-    def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
-        """See Procedure."""
-        (axis, rate_deg_s) = next(iter(self._rates.items()))
-        return self._ask(desk, as_request(axis, rate_deg_s), now_utc_s)
-
-    def change(
-        self, desk: ProcedureHost, axis: int, rate_deg_s: float, now_utc_s: float
-    ) -> RequestRefused | None:
-        """Turn an axis at another rate; the other axis goes on as it did."""
-        after = {**self._rates, axis: rate_deg_s}
-        if not any(after.values()):
-            self._rates = after
-            return self._end(desk, now_utc_s)
-        refusal = self._ask(desk, as_request(axis, rate_deg_s), now_utc_s)
-        if refusal is None:
-            self._rates, self._ending = after, None
-        return refusal
-
-    def step(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:
-        """See Procedure."""
-        del desk, now_utc_s
-        if self._ending is not None:
-            return outcome_of(self._ending)
-        ticket = self._ticket
-        if ticket is None or not ticket.settled or ticket.state is TicketState.COMPLETE:
-            return None
-        return outcome_of(ticket)
-
-    def _ask(self, desk: ProcedureHost, request: MoveAxis, now_utc_s: float) -> RequestRefused | None:
-        submitted = desk.submit(request, now_utc_s)
-        if isinstance(submitted, RequestRefused):
-            return submitted
-        self._ticket = submitted
-        return None
-
-    def _end(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
-        if self._ending is not None:
-            return None
-        submitted = desk.submit(EndMove(), now_utc_s)
-        if isinstance(submitted, RequestRefused):
-            return submitted
-        self._ending = submitted
-        return None
-
-
-class AfterStop:
-    """A stop to its end, then another procedure: the mount ignores a slew while it slews.
-
-    No path is searched while the mount moves: that may take longer than the next datagram can wait.
-    """
-
-    def __init__(self, then: Procedure) -> None:
-        self._then = then
-        self._stop: Ticket | None = None
-        self._begun = False
-
-    @property
-    def doing(self) -> str:
-        """The operation under way, as text."""
-        return self._then.doing if self._begun else "stopping before it slews elsewhere"
-
-    def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
-        """See Procedure."""
-        submitted = desk.submit(Abort(), now_utc_s)
-        if isinstance(submitted, RequestRefused):
-            return submitted
-        self._stop = submitted
-        return None
-
-    def step(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:
-        """See Procedure."""
-        if self._begun:
-            return self._then.step(desk, now_utc_s)
-        assert self._stop is not None
-        if not self._stop.settled:
-            return None
-        if self._stop.state is not TicketState.COMPLETE:
-            return outcome_of(self._stop)
-        self._begun = True
-        refusal = self._then.begin(desk, now_utc_s)
-        return None if refusal is None else refused(refusal)
-
-
-class SetTracking:
-    """Make a mount at rest follow the sky, by a MoveAxis and its end; or stand, by a stop.
-
-    The protocol has no other command for it and acknowledges neither: the mount's positions show the result.
-    """
-
-    def __init__(self, on: bool) -> None:
-        self.doing = "taking up tracking" if on else "ending tracking"
-        self._on = on
-        self._first: Procedure = MoveFor(MoveAxis(LEAST_DEG_S), MOVE_S) if on else Once(Abort(), "stopping")
-        self._begun_utc_s: float | None = None
-        self._so_since_utc_s: float | None = None
-
-    def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
-        """See Procedure."""
-        return self._first.begin(desk, now_utc_s)
-
-    def step(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:
-        """See Procedure."""
-        if self._begun_utc_s is None:
-            outcome = self._first.step(desk, now_utc_s)
-            if outcome is None or outcome.state not in {TicketState.COMPLETE, TicketState.UNCONFIRMED}:
-                return outcome
-            self._begun_utc_s = now_utc_s
-        if not desk.at_rest or desk.stands is self._on:
-            self._so_since_utc_s = None
-        elif self._so_since_utc_s is None:
-            self._so_since_utc_s = now_utc_s
-        if self._so_since_utc_s is not None and now_utc_s - self._so_since_utc_s >= SURE_AFTER_S:
-            return Outcome(TicketState.COMPLETE, True)
-        if now_utc_s - self._begun_utc_s < SEEN_WITHIN_S:
-            return None
-        reason = "the mount did not take up tracking" if self._on else "the mount goes on tracking by itself"
-        return Outcome(TicketState.FAILED, True, reason)
-
-
-def refuse(refusal: RequestRefused | None) -> None:
-    """Raise Fault for a refusal of the console."""
-    if refusal is not None:
-        raise Fault(Number.INVALID_OPERATION, refusal.words)
 
 
 def check_floor(order: Slew, status: Status | None, limits: SafetyLimits, latitude_deg: float) -> None:

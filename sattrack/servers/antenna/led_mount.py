@@ -135,6 +135,15 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
         turning = math.remainder(later.az_deg - here.az_deg, 360.0) / RATE_STEP_S
         return AxisState(here.az_deg, here.el_deg, turning, (later.el_deg - here.el_deg) / RATE_STEP_S)
 
+    @property
+    def rests(self) -> bool:
+        """Whether nothing that was asked of the mount moves it."""
+        return not self._moved or self.session.stopped
+
+    def continues(self, listener: PathDriver) -> None:
+        """Take over from one that has only listened so far on which turn the hour angle axis is."""
+        self._ha_deg = listener._ha_deg
+
     # What comes in, and what goes out.
 
     def receive(self, data: bytes, arrival_utc_s: float) -> StatusSample | None:

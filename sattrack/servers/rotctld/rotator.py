@@ -27,6 +27,8 @@ from sattrack.servers.antenna.trajectory import AxisState, AzEl, HaDec, Path, St
 from sattrack.servers.rotctld.reader import Code
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     Vector = NDArray[np.float64]
@@ -299,6 +301,10 @@ class Rotator:
     speed_level: int = 0
     path: Path | None = None
     reset_asked: bool = False
+    stop_asked: bool = False
+    """Whether a client has asked for a stop since this was set to False; without a path, others may move."""
+    why_busy: Callable[[], str | None] = lambda: None
+    """Tells why no client of this protocol may command the mount now, as text; None where they may."""
     commander: int | None = None
     log_lines: deque[str] = field(default_factory=lambda: deque(maxlen=REMEMBERED_LINES))
     """Whoever logs them removes them."""
@@ -360,7 +366,7 @@ class Rotator:
 
     def stop(self) -> Code:
         """Bring the mount to rest; any client may."""
-        self.path, self.commander = None, None
+        self.path, self.commander, self.stop_asked = None, None, True
         return Code.OK
 
     def reset(self) -> Code:
@@ -396,6 +402,9 @@ class Rotator:
         if not self.feedback.link_up:
             return Code.IO
         if self.feedback.tripped is not None:
+            return Code.REJECTED
+        if (why := self.why_busy()) is not None:
+            self.log_lines.append(f"client {client} was refused: {why}")
             return Code.REJECTED
         in_charge = self.commander not in {None, client} and now_s - self._heard_s <= COMMANDS_FOR_S
         if self.one_at_a_time and in_charge:

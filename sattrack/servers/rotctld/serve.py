@@ -42,8 +42,6 @@ class RotctldLoop(StationLoop):
 
     driver: RotatorStation
     server: RotctldServer
-    _logged_failures: int = field(default=0, init=False)
-    _failures_logged_s: float = field(default=0.0, init=False)
 
     def tell(self, words: str) -> None:
         """See StationLoop."""
@@ -51,36 +49,17 @@ class RotctldLoop(StationLoop):
 
     def serve(self, ready: list[Any]) -> None:
         """Serve the clients that have sent bytes, or wait for answers."""
-        self._gone(self.server.serve(ready, self._now_ns))
+        self.server.serve(ready, self._now_ns)
 
     def obey(self, now_utc_s: float) -> None:
         """Disconnect clients that are silent for too long."""
-        del now_utc_s
-        self._gone(self.server.tend(self._now_ns()))
+        self.server.tend(to_ns(now_utc_s))
 
     def report(self) -> None:
         """Log what has changed: clients, the commanding one, refusals, interlocks, the link."""
-        lines = self.driver.rotator.log_lines
-        for _ in range(min(MOST_LOGGED, len(lines))):
-            self.tell(lines.popleft())
-        if lines:
-            self.tell(f"and {len(lines)} lines more, or still more")
-            lines.clear()
-        self._report_failures()
+        for line in self.server.report():
+            self.tell(line)
         self.report_mount("position", "R")
-
-    def _report_failures(self) -> None:
-        count = self.server.failures + sum(caller.client.refused for caller in self.server.callers.values())
-        now_s = time.monotonic()
-        if count == self._logged_failures or now_s - self._failures_logged_s < LOG_FAILURES_EVERY_S:
-            return
-        self.tell(f"{count - self._logged_failures} requests were answered with a failure")
-        self._logged_failures, self._failures_logged_s = count, now_s
-
-    def _gone(self, numbers: list[int]) -> None:
-        for number in numbers:
-            self.driver.rotator.hang_up(number)
-            self.driver.rotator.log_lines.append(f"client {number} is gone")
 
     def _now_ns(self) -> int:
         return to_ns(self.connection.now_utc_s())
@@ -101,6 +80,8 @@ class RotctldServer:
     """Callers that were disconnected as they came."""
     failures: int = 0
     """Failed requests of callers that are gone."""
+    _logged_failures: int = 0
+    _failures_logged_s: float = 0.0
     _next_number: int = 1
     _always: tuple[socket.socket, socket.socket] = field(default_factory=socket.socketpair)
     """A socket that is always readable: waited on while requests are left over."""
@@ -153,6 +134,7 @@ class RotctldServer:
         gone += self._answer_all(now_ns(), until_s)
         if self.listener in ready:
             gone += self._accept()
+        self._note_gone(gone)
         return gone
 
     def tend(self, now_ns: int) -> list[int]:
@@ -167,7 +149,27 @@ class RotctldServer:
         for caller in self.callers.values():
             # Pauses that clients asked for come to an end.
             caller.more |= caller.client.paused and caller.client.pause_until_s <= now_ns / 1e9
+        self._note_gone(idle)
         return idle
+
+    def report(self) -> list[str]:
+        """Return the lines to log: clients, the commanding one, refusals."""
+        lines = self.rotator.log_lines
+        told = [lines.popleft() for _ in range(min(MOST_LOGGED, len(lines)))]
+        if lines:
+            told.append(f"and {len(lines)} lines more, or still more")
+            lines.clear()
+        count = self.failures + sum(caller.client.refused for caller in self.callers.values())
+        now_s = time.monotonic()
+        if count != self._logged_failures and now_s - self._failures_logged_s >= LOG_FAILURES_EVERY_S:
+            told.append(f"{count - self._logged_failures} requests were answered with a failure")
+            self._logged_failures, self._failures_logged_s = count, now_s
+        return told
+
+    def _note_gone(self, numbers: list[int]) -> None:
+        for number in numbers:
+            self.rotator.hang_up(number)
+            self.rotator.log_lines.append(f"client {number} is gone")
 
     def close(self) -> None:
         """Close everything."""

@@ -203,3 +203,15 @@ def test_an_unconfirmed_stop_outranks_the_interrupt() -> None:
     assert error is not None
     assert error.exit_code == 1
     assert "stop it by hand" in str(error)
+
+
+def test_a_start_that_takes_long_is_no_silence_of_the_mount() -> None:
+    facts = prepare(RunRequest("25544", "sim", None, None, None, 45.0, virtual=True)).facts
+    engine = build_engine(facts)
+    slow_s = facts.started_utc_s + 10.0
+    engine.tick(slow_s)
+    assert engine.tracker.ended_by is None
+    engine.tick(slow_s + 2.9)
+    assert engine.tracker.ended_by is None
+    engine.tick(slow_s + 3.1)
+    assert engine.tracker.ended_by == "link"

@@ -2,30 +2,35 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import os
 import re
 import select
 import socket
 import struct
-import subprocess
 import threading
 import time
 from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self, cast
 from xml.etree import ElementTree
 
 import pytest
 from alpaca_serving import serving
+from indi_programs import Indi, indi_server
 from programs import free_port
 from serving import PATIENCE_S, serving_program
 
+from sattrack.core.clock import SystemClock
 from sattrack.mount.model import MountProfile, Slew
 from sattrack.mount.requests import Abort
+from sattrack.runtime.callers import CallerLimits
 from sattrack.servers.alpaca import indi
+from sattrack.servers.alpaca.connections import ClientConnection, OpenConnections
 from sattrack.servers.alpaca.lx200 import Asked, CommandReader, Lx200Client
+from sattrack.servers.alpaca.planetarium import Planetariums
 from sattrack.servers.alpaca.protocol import MOVING_BY_RATES, Fault, MoveOrder, TelescopeState
 from sattrack.servers.alpaca.stellarium import GotoReader, of_date, of_j2000, position
 from sattrack.servers.alpaca.telescope import Device, ServedTelescope
@@ -34,6 +39,8 @@ from tle.site import Site
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+
+    from sattrack.servers.alpaca.connections import FeederLine
 
 NOW_S = datetime(2026, 10, 2, 21, 5, 7, tzinfo=UTC).timestamp()
 LEIDEN = Site(52.1541, 4.4908, 0.0)
@@ -322,49 +329,6 @@ def test_motion_begun_with_a_key_ends_with_the_connection() -> None:
         assert other.ask(":GD#") == other.ask(":GD#")
 
 
-class Indi:
-    """A device of an INDI server, by INDI's own command line programs."""
-
-    def __init__(self, port: int, device: str, program: Callable[[str], str]) -> None:
-        self._port, self._device, self._program = port, device, program
-
-    def set(self, text: str) -> None:
-        command = [self._program("indi_setprop"), "-p", str(self._port), f"{self._device}.{text}"]
-        subprocess.run(command, check=True, capture_output=True, timeout=PATIENCE_S)
-
-    def get(self, name: str) -> str:
-        getprop, port = self._program("indi_getprop"), str(self._port)
-        command = [getprop, "-p", port, "-t", "2", "-1", f"{self._device}.{name}"]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=PATIENCE_S)
-        return done.stdout.strip()
-
-    def until(self, name: str, holds: Callable[[str], bool]) -> str:
-        until_s = time.monotonic() + PATIENCE_S
-        while not holds(value := self.get(name)):
-            assert time.monotonic() < until_s, (name, value)
-        return value
-
-    def number(self, name: str) -> float:
-        return float(self.until(name, bool))
-
-
-@contextmanager
-def indi_server(program: Callable[[str], str], *drivers: str) -> Iterator[int]:
-    """Run INDI's own server with drivers, each a path or DEVICE@HOST:PORT; give its port."""
-    port = free_port()
-    process = subprocess.Popen(
-        # Its local socket has one name for all on this machine, unless another is given.
-        [program("indiserver"), "-p", str(port), "-u", f"/tmp/indiserver-{port}", *drivers],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    try:
-        yield port
-    finally:
-        process.terminate()
-        process.wait(timeout=PATIENCE_S)
-
-
 def drive(client: Indi, *, stays: bool = True) -> None:
     """Slew, move, stop and be refused, by what INDI's clients send.
 
@@ -597,3 +561,66 @@ def test_keys_of_an_indi_client_end_with_it_and_with_nobody_else() -> None:
     assert [(one.axis, one.rate_deg_s) for one in asked.orders if isinstance(one, MoveOrder)] == [(0, 0.5)]
     assert device.left(8).orders == ()
     assert device.left(7).orders == (MoveOrder(0, 0.0),)
+
+
+def test_a_client_that_only_ever_stops_is_not_taken_for_one_that_sends_half_requests() -> None:
+    async def stopped_once() -> bool:
+        connections = OpenConnections(CallerLimits(4, 300.0, 100.0, None))
+        reader, line = asyncio.StreamReader(), cast("FeederLine", SilentFeeder())
+        planetariums = Planetariums(
+            client_of().telescope, line, connections, SystemClock(), 100.0, cast("Any", None)
+        )
+        connection = ClientConnection(connections, lambda: Serving(reader))
+        transport = Transport()
+        connection.connection_made(transport)
+        connection.data_received(b":Q#")
+        serving = asyncio.ensure_future(planetariums.lx200(reader, cast("Any", Writer(transport))))
+        await line.stopped.wait()  # type: ignore[attr-defined]
+        later_s = asyncio.get_running_loop().time() + 60.0
+        overdue = connection.overdue(later_s, 300.0)
+        reader.feed_eof()
+        await serving
+        return overdue
+
+    assert asyncio.run(stopped_once()) is False
+
+
+class SilentFeeder:
+    """In place of the line to the feeding process: takes orders, and notes a stop."""
+
+    def __init__(self) -> None:
+        self.stopped = asyncio.Event()
+
+    async def order(self, order: object, waits: bool = False) -> None:
+        if isinstance(order, Abort):
+            self.stopped.set()
+
+    def log(self, text: str) -> None:
+        raise AssertionError(text)
+
+
+class Serving(asyncio.Protocol):
+    def __init__(self, reader: asyncio.StreamReader) -> None:
+        self._reader = reader
+
+    def data_received(self, data: bytes) -> None:
+        self._reader.feed_data(data)
+
+
+class Transport(asyncio.Transport):
+    def get_extra_info(self, name: str, default: object = None) -> object:
+        return ("127.0.0.1", 4030) if name == "peername" else default
+
+
+class Writer:
+    def __init__(self, transport: Transport) -> None:
+        self.transport = transport
+
+    def write(self, data: bytes) -> None:
+        pass
+
+    async def drain(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass

@@ -1,0 +1,57 @@
+"""INDI's own programs: its server with drivers, and a device of it by its command line clients."""
+
+from __future__ import annotations
+
+import subprocess
+import time
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from programs import free_port
+from serving import PATIENCE_S
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+
+class Indi:
+    """A device of an INDI server, by INDI's own command line programs."""
+
+    def __init__(self, port: int, device: str, program: Callable[[str], str]) -> None:
+        self._port, self._device, self._program = port, device, program
+
+    def set(self, text: str) -> None:
+        command = [self._program("indi_setprop"), "-p", str(self._port), f"{self._device}.{text}"]
+        subprocess.run(command, check=True, capture_output=True, timeout=PATIENCE_S)
+
+    def get(self, name: str) -> str:
+        getprop, port = self._program("indi_getprop"), str(self._port)
+        command = [getprop, "-p", port, "-t", "2", "-1", f"{self._device}.{name}"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=PATIENCE_S)
+        return done.stdout.strip()
+
+    def until(self, name: str, holds: Callable[[str], bool]) -> str:
+        until_s = time.monotonic() + PATIENCE_S
+        while not holds(value := self.get(name)):
+            assert time.monotonic() < until_s, (name, value)
+        return value
+
+    def number(self, name: str) -> float:
+        return float(self.until(name, bool))
+
+
+@contextmanager
+def indi_server(program: Callable[[str], str], *drivers: str) -> Iterator[int]:
+    """Run INDI's own server with drivers, each a path or DEVICE@HOST:PORT; give its port."""
+    port = free_port()
+    process = subprocess.Popen(
+        # Its local socket has one name for all on this machine, unless another is given.
+        [program("indiserver"), "-p", str(port), "-u", f"/tmp/indiserver-{port}", *drivers],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        yield port
+    finally:
+        process.terminate()
+        process.wait(timeout=PATIENCE_S)

@@ -1,0 +1,332 @@
+"""One mount for several protocols at once, rotctld among them; and a run that clients see and stop."""
+
+from __future__ import annotations
+
+import json
+import random
+import socket
+import subprocess
+import tempfile
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from alpaca_serving import say, serving
+from alpaca_stand import VirtualTelescope
+from antenna_harness import SITE
+from indi_programs import Indi
+from programs import ended, sattrack
+from serving import PATIENCE_S, WHERE, call, until
+from test_planetarium import Line
+
+from sattrack.cli.main import run
+from sattrack.mount.model import MoveAxes
+from sattrack.recording.format import COMMAND, OPERATOR, Recording
+from sattrack.runtime.view_server import SUPPORTED
+from sattrack.servers.alpaca.protocol import Number
+from sattrack.servers.antenna.trajectory import SiteSky
+from sattrack.servers.rotctld.reader import Code
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from sattrack.servers.antenna.trajectory import AzEl
+
+EXAMPLES = Path(__file__).parents[4] / "examples"
+IN_A_PASS = "2026-10-02T13:04:00Z"
+ABORT = 73
+"""Where a command has its flag to stop, by the protocol's table."""
+PROTOCOLS = ("alpaca", "indi", "lx200", "rotctld")
+
+
+def free_port() -> int:
+    """Return a TCP port that nobody has."""
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        return int(probe.getsockname()[1])
+
+
+class Shared(VirtualTelescope):
+    """A telescope in virtual time with a rotator beside it."""
+
+    def make_station(self) -> Any:
+        station = super().make_station()
+        self.rotator = station.share(SiteSky(SITE))
+        return station
+
+    def where(self) -> AzEl:
+        place = self.rotator.where(round(self.now_utc_s * 1e9))
+        assert place is not None
+        return place
+
+    def ask_and_give(self, member: str, **parameters: Any) -> None:
+        """Ask, and wait for no answer."""
+        order = getattr(self.ask("PUT", member, **parameters), "order", None)
+        if order is not None:
+            self.give(order)
+
+    def point(self, az_deg: float, el_deg: float) -> Code:
+        return self.rotator.point(1, az_deg, el_deg, self.now_utc_s)
+
+
+def test_a_rotators_position_is_reached_kept_and_let_go_by_another_protocols_stop() -> None:
+    scope = Shared()
+    here = scope.where()
+    assert scope.point(here.az_deg - 5.0, here.el_deg + 3.0) is Code.OK
+    scope.run_for(0.3)
+    assert scope.get("slewing") is True
+    for member, parameters in (
+        ("slewtocoordinatesasync", {"RightAscension": 3.0, "Declination": 50.0}),
+        ("synctocoordinates", {"RightAscension": 3.0, "Declination": 50.0}),
+        ("moveaxis", {"Axis": 0, "Rate": 0.5}),
+        ("park", {}),
+        ("findhome", {}),
+    ):
+        assert scope.fault_of(member, **parameters) is Number.INVALID_OPERATION
+    scope.wait_while("slewing")
+    for _ in range(2):
+        there = scope.where()
+        assert (there.az_deg, there.el_deg) == pytest.approx((here.az_deg - 5.0, here.el_deg + 3.0), abs=0.01)
+        scope.run_for(10.0)
+    scope.put("abortslew")
+    scope.wait_while("slewing")
+    scope.run_for(2.0)
+    assert scope.get("tracking") is False
+    scope.put("tracking", Tracking="True")
+    assert scope.point(here.az_deg, here.el_deg) is Code.OK
+    scope.run_for(0.3)
+    scope.wait_while("slewing")
+    assert scope.where().az_deg == pytest.approx(here.az_deg, abs=0.01)
+
+
+def test_a_rotators_stop_stops_what_others_began_and_its_positions_wait_for_nobody() -> None:
+    scope = Shared()
+    ra_h = scope.get("rightascension")
+    scope.put("slewtocoordinatesasync", RightAscension=(ra_h + 1.0) % 24.0, Declination=40.0)
+    scope.run_for(1.0)
+    assert scope.point(200.0, 45.0) is Code.REJECTED
+    assert "the mount is slewing" in scope.rotator.log_lines[-1]
+    assert scope.rotator.stop() is Code.OK
+    scope.run_for(0.1)
+    assert scope.station.session.wanted.__class__.__name__ == "Stop"
+    scope.run_for(3.0)
+    before = scope.where()
+    scope.run_for(5.0)
+    after = scope.where()
+    assert (after.az_deg, after.el_deg) == pytest.approx((before.az_deg, before.el_deg), abs=0.01)
+    assert scope.rotator.path is None
+
+
+def test_the_end_of_the_server_stops_what_a_rotator_began() -> None:
+    scope = Shared()
+    here = scope.where()
+    scope.point(here.az_deg - 60.0, here.el_deg)
+    scope.run_for(2.0)
+    assert isinstance(scope.station.session.wanted, MoveAxes)
+    scope.station.end(scope.now_utc_s)
+    until_s = scope.now_utc_s + 20.0
+    while not scope.station.finished:
+        assert scope.now_utc_s < until_s
+        scope.run_for(0.05)
+    assert scope.station.mount_stopped is True
+
+
+def fight(seed: int, seconds: float) -> None:
+    """Have two protocols' clients command at random; the mount has one owner, and stops when told to."""
+    chance = random.Random(seed)
+    scope = Shared()
+    ends_s = scope.now_utc_s + seconds
+    while scope.now_utc_s < ends_s:
+        pick = chance.randrange(8)
+        if pick == 0:
+            scope.point(chance.uniform(100.0, 260.0), chance.uniform(20.0, 80.0))
+        elif pick == 1:
+            scope.rotator.move(1, chance.choice(("up", "down", "left", "right")), 50, scope.now_utc_s)
+        elif pick == 2:
+            ra_h = (scope.get("siderealtime") + chance.uniform(-2.0, 2.0)) % 24.0
+            scope.ask_and_give(
+                "slewtocoordinatesasync", RightAscension=ra_h, Declination=chance.uniform(0, 70)
+            )
+        elif pick == 3:
+            scope.ask_and_give("moveaxis", Axis=chance.randrange(2), Rate=chance.choice((0.0, 0.2, -0.5)))
+        elif pick in (4, 5):
+            scope.ask_and_give("abortslew") if pick == 4 else scope.rotator.stop()
+            scope.run_for(0.11)
+            moving = isinstance(scope.station.session.wanted, MoveAxes)
+            assert not moving, "two datagrams after a stop something still moves the mount"
+        scope.run_for(chance.uniform(0.05, 4.0))
+        both = scope.station.engine is not None and scope.station.shared.driver is not None
+        assert not both
+        if scope.station.shared.driver is not None:
+            assert scope.station.console.procedure is None, "two own the motion"
+        assert scope.station.tripped is None, scope.station.tripped
+        place = scope.where()
+        assert place.el_deg > scope.limits.floor_altitude_deg - 0.1
+
+
+def test_two_clients_that_fight_leave_the_mount_with_one_owner() -> None:
+    fight(1, 300.0)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", range(24))
+def test_two_clients_that_fight_for_a_day_leave_the_mount_with_one_owner(seed: int) -> None:
+    fight(100 + seed, 3600.0)
+
+
+@pytest.mark.needs("rotctl")
+def test_hamlibs_client_and_alpacas_take_turns_with_one_mount() -> None:
+    port = free_port()
+    with serving(f"rotctld:{port}") as served, call(served.port) as line:
+        say(line, "PUT", "connect")
+        az_deg, el_deg = (float(word) for word in rotctl(port, "p").split())
+        assert rotctl(port, "P", f"{az_deg - 3.0:.2f}", f"{el_deg:.2f}") == ""
+        until(lambda: say(line, "GET", "slewing")["Value"] is True)
+        refused = say(line, "PUT", "moveaxis", "Axis=0&Rate=1")
+        assert refused["ErrorNumber"] == Number.INVALID_OPERATION
+        assert "kept at positions of rotctld's clients" in str(refused["ErrorMessage"])
+        until(lambda: say(line, "GET", "slewing")["Value"] is False)
+        assert float(rotctl(port, "p").split()[0]) == pytest.approx(az_deg - 3.0, abs=0.011)
+        say(line, "PUT", "abortslew")
+        until(lambda: say(line, "GET", "slewing")["Value"] is False)
+        until(lambda: say(line, "PUT", "moveaxis", "Axis=1&Rate=0.2")["ErrorNumber"] == 0)
+        assert "rejected" in rotctl(port, "P", f"{az_deg:.2f}", f"{el_deg:.2f}")
+        assert rotctl(port, "S") == ""
+        until(lambda: say(line, "GET", "slewing")["Value"] is False)
+
+
+def rotctl(port: int, *words: str) -> str:
+    command = ["rotctl", "-m", "2", "-r", f"127.0.0.1:{port}", *words]
+    done = subprocess.run(command, capture_output=True, timeout=PATIENCE_S, check=False)
+    return done.stdout.decode()
+
+
+@dataclass
+class ServedRun:
+    """A run of `track` that is served: its process, its recording, and the port of each protocol."""
+
+    process: subprocess.Popen[str]
+    record: Path
+    ports: dict[str, int]
+
+    def summary(self) -> dict[str, Any]:
+        out, _ = self.process.communicate(timeout=PATIENCE_S)
+        told: dict[str, Any] = json.loads(out)["summary"]
+        return told
+
+
+@contextmanager
+def served_run(*protocols: str) -> Iterator[ServedRun]:
+    with tempfile.TemporaryDirectory() as folder:
+        settings, record = Path(folder) / "radio.toml", Path(folder) / "run.mcap"
+        settings.write_text("[safety]\noptical = false\n")
+        ports = {one: free_port() for one in protocols}
+        options = [word for one, port in ports.items() for word in ("--serve", f"{one}:{port}")]
+        process = sattrack(
+            *("track", "25544", "--elements", str(EXAMPLES / "iss_leiden.tle"), "--mount", "sim"),
+            *("--site", WHERE, "--clock", IN_A_PASS, "--config", str(settings), "--headless", "--json"),
+            *("--record", str(record), *options),
+        )
+        with ended(process):
+            assert process.stderr is not None
+            for _ in protocols:
+                said = []
+                assert any(said.append(line) or "clients see the run" in line for line in process.stderr), (
+                    said
+                )
+            try:
+                yield ServedRun(process, record, ports)
+            except OSError as error:
+                raise AssertionError(process.communicate(timeout=PATIENCE_S)) from error
+
+
+pytestmark = pytest.mark.skipif(not SUPPORTED, reason="abstract names are Linux's")
+
+
+@pytest.mark.needs("rotctl", "indi_getprop")
+def test_clients_see_a_run_may_not_move_its_mount_and_may_stop_it(program: Callable[[str], str]) -> None:
+    with served_run(*PROTOCOLS) as seen, call(seen.ports["alpaca"]) as line:
+        until(lambda: say(line, "PUT", "connect")["ErrorNumber"] == 0)
+        until(lambda: say(line, "GET", "slewing").get("Value") is False)
+        assert say(line, "GET", "tracking")["Value"] is True
+        state = json.loads(str(say(line, "PUT", "action", "Action=Bias&Parameters=")["Value"]))
+        assert (state["catalog_number"], state["phase"], state["acquired"]) == (25544, "tracking", True)
+        indi = Indi(seen.ports["indi"], "sattrack", program)
+        indi.set("CONNECTION.CONNECT=On")
+        indi.until("SAT_TRACKING_STAT.SAT_TRACK", lambda value: value == "On")
+        with Line(seen.ports["lx200"]) as lx200:
+            places = [say(line, "GET", one)["Value"] for one in ("altitude", "azimuth")]
+            az_deg, el_deg = (float(word) for word in rotctl(seen.ports["rotctld"], "p").split())
+            assert (el_deg, az_deg) == pytest.approx(places, abs=1.5)
+            assert lx200.ask(":D#") == b"#"
+            moves = {
+                "slewtocoordinatesasync": "RightAscension=3&Declination=40",
+                "synctocoordinates": "RightAscension=3&Declination=40",
+                "moveaxis": "Axis=0&Rate=1",
+                "tracking": "Tracking=False",
+                "pulseguide": "Direction=0&Duration=500",
+                "action": 'Action=Bias&Parameters={"along_s": 1}',
+            }
+            for member, parameters in moves.items():
+                refused = say(line, "PUT", member, parameters)
+                assert refused["ErrorNumber"] == Number.INVALID_OPERATION, member
+                assert "the mount is following ISS (ZARYA) (sattrack track)" in str(refused["ErrorMessage"])
+            assert lx200.ask(":Sr03:00:00#", b"1") == b"1"
+            assert lx200.ask(":Sd+40*00:00#", b"1") == b"1"
+            assert lx200.ask(":MS#", b"1") == b"1"
+            assert b"not synchronised: the mount is following" in lx200.ask(":CM#")
+            lx200.send(b":Mn#:hP#:Mgn0500#")
+        for text in ("EQUATORIAL_EOD_COORD.RA=3;DEC=40", "TELESCOPE_MOTION_NS.MOTION_NORTH=On"):
+            indi.set(text)
+        indi.until("EQUATORIAL_EOD_COORD._STATE", lambda value: value == "Alert")
+        indi.until("TELESCOPE_MOTION_NS._STATE", lambda value: value != "Busy")
+        assert "rejected" in rotctl(seen.ports["rotctld"], "P", "100", "40")
+        say(line, "PUT", "abortslew")
+        summary = seen.summary()
+        assert summary["ended_by"] == "operator"
+        assert summary["mount_stopped"] is True
+        assert summary["reported_peak_arcsec"] < 30.0
+        said = [entry.data for entry in Recording(seen.record).entries() if entry.topic == OPERATOR]
+        assert {json.loads(data)["type"] for data in said} == {"stop"}
+        entries = list(Recording(seen.record).entries())
+        first = next(n for n, entry in enumerate(entries) if entry.topic == OPERATOR)
+        after = [entry.data for entry in entries[first:] if entry.topic == COMMAND]
+        assert 0xFF in {datagram[ABORT] for datagram in after[:2]}, "a stop takes effect within two datagrams"
+
+
+@pytest.mark.needs("rotctl", "indi_setprop")
+@pytest.mark.parametrize("protocol", ["indi", "lx200", "rotctld"])
+def test_a_stop_of_each_protocol_ends_the_run(protocol: str, program: Callable[[str], str]) -> None:
+    with served_run("alpaca", protocol) as seen, call(seen.ports["alpaca"]) as line:
+        until(lambda: say(line, "PUT", "connect")["ErrorNumber"] == 0)
+        until(lambda: say(line, "GET", "slewing").get("Value") is False)
+        port = seen.ports[protocol]
+        if protocol == "indi":
+            Indi(port, "sattrack", program).set("TELESCOPE_ABORT_MOTION.ABORT=On")
+        elif protocol == "lx200":
+            with Line(port) as lx200:
+                lx200.send(b":Q#")
+        else:
+            assert rotctl(port, "S") == ""
+        summary = seen.summary()
+        assert (summary["ended_by"], summary["mount_stopped"]) == ("operator", True)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--serve", "web"], "web: --serve takes alpaca or indi or lx200 or rotctld or stellarium"),
+        (["--serve", "alpaca:x"], "alpaca:x: write alpaca, or alpaca:PORT"),
+        (["--serve", "alpaca", "--serve", "alpaca"], "alpaca: --serve takes indi or lx200"),
+        (["--serve", "alpaca", "--virtual"], "--serve needs real time"),
+        (["--serve", "alpaca", "--serve-allow", "nowhere"], "--allow nowhere"),
+    ],
+)
+def test_what_cannot_be_served_is_named(
+    options: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    elements = str(EXAMPLES / "iss_leiden.tle")
+    fixed = ["--elements", elements, "--mount", "sim", "--site", WHERE, "--clock", IN_A_PASS, "--headless"]
+    assert run(["track", "25544", *fixed, *options]) == 2
+    assert words in capsys.readouterr().err
