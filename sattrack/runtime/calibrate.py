@@ -163,7 +163,7 @@ def find_axes_live(
         link, guard = stack.enter_context(owned(address, profile, clock.speed, owned_as))
         stop = StopRequest()
         stack.enter_context(stopping(stop))
-        keys = stack.enter_context(_any_key())
+        keys = stack.enter_context(any_key())
         place = (site.latitude_deg, site.longitude_deg)
         fastest = link.largest_rates_deg_s
         finder = AxesFinder(profile, limits, place, clock.utc_s(time.monotonic()), fastest)
