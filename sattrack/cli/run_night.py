@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections import Counter
 from dataclasses import dataclass, replace
@@ -166,6 +167,9 @@ def show_check(context: CommandContext, file: Path, options: dict[str, Any]) -> 
     except (SattrackError, TleError) as error:
         raise BadInputError(str(error).splitlines()[0]) from error
     count = len(checked.schedule.entries)
+    if context.json:
+        click.echo(json.dumps({"schedule": str(file), "entries": count, "mount": checked.mount_url}))
+        return 0
     click.echo(
         f"{file}: {count} {'entry' if count == 1 else 'entries'}, mount {checked.mount_url}: can be run"
     )

@@ -781,6 +781,19 @@ def test_a_check_reads_all_that_a_run_needs_and_moves_and_writes_nothing(
     assert sorted(one.name for one in tmp_path.iterdir()) == ["iss.json", "night.toml"]
 
 
+def test_a_check_with_json_prints_a_document_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from sattrack.runtime import demo_pass
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "night.toml").write_text('park_at_end = false\n[[passes]]\nsatellite = "25544"\n')
+    (tmp_path / "iss.json").write_text(write_elements([demo_pass.elements()], "json"))
+    site = ("--site", "52.1541,4.4908,0", "--mount", "sim", "--elements", "iss.json")
+    assert run(["run", "night.toml", "--check", "--json", *site]) == 0
+    assert json.loads(capsys.readouterr().out) == {"schedule": "night.toml", "entries": 1, "mount": "sim"}
+
+
 def test_a_check_names_file_line_and_column_of_what_is_wrong(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
