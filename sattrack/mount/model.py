@@ -333,7 +333,7 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError("geometry is given without stands_at: axes lie so at one site only; give both")
         if self.pointing is not None:
             raise ValueError(
-                "pointing and geometry are both given: a pointing model is applied to equatorial mounts only; "
+                "pointing and geometry are both given: pointing models are for equatorial mounts; "
                 "leave one of them out"
             )
         if self.geometry.reports == "sky" and self.additive:
