@@ -42,6 +42,8 @@ NEXT_WITHOUT_ELEMENTS = "`sattrack init --force --elements FILE` with a file; `s
 FAMOUS = ("ISS", "Tiangong")
 """Of a long list of elements, whose passes are shown at the end."""
 MOST_LISTED = 5
+RIVAL_RANK = 3.0
+"""Cities of a name count as of one size up to so many times the rank of the largest."""
 _LEAST_MATCH = 3
 
 
@@ -54,6 +56,16 @@ class City(NamedTuple):
     longitude_deg: float
     zone: str
 
+    @property
+    def place(self) -> str:
+        """Say which city it is, and where."""
+        north, east = (
+            "south" if self.latitude_deg < 0 else "north",
+            "west" if self.longitude_deg < 0 else "east",
+        )
+        where = f"{abs(self.latitude_deg):.2f}° {north}, {abs(self.longitude_deg):.2f}° {east}"
+        return f"{self.name}, {self.country}, {self.zone}: {where}"
+
 
 @dataclass(frozen=True, slots=True)
 class Answers:
@@ -63,7 +75,8 @@ class Answers:
     zone: str | None
     mount_url: str
     elements: tuple[str, ...]
-    is_city_centre: bool = False
+    place: str | None = None
+    """Which city it is, where the site is the middle of one."""
 
 
 @click.command("init")
@@ -99,7 +112,8 @@ def command(**options: Any) -> int:
     note = _mount_note(answers)
     if not options["as_json"]:
         click.echo(f"{path} is written. Every command in this folder reads it; change it with any editor.")
-        if answers.is_city_centre:
+        if answers.place is not None:
+            tell(answers.place)
             tell(CENTRE_WARNING)
         if note is not None:
             tell(note)
@@ -127,7 +141,7 @@ def collected(options: dict[str, Any], ask: Callable[..., str] | None) -> Answer
     `ask` takes a question, the usual answer, and a check that raises for an answer that cannot be; it is None
     where nobody must be asked. Raises BadInputError, SiteError.
     """
-    city = None if options["city"] is None else find_city(options["city"])
+    city = None if options["city"] is None else _chosen_city(options["city"], ask)
     site = None if options["site_text"] is None else Site.parse(options["site_text"])
     if city is not None and site is not None:
         raise BadInputError("--site and --city: give one of them")
@@ -136,6 +150,7 @@ def collected(options: dict[str, Any], ask: Callable[..., str] | None) -> Answer
             raise BadInputError("no site: give --site LAT,LON,HEIGHT or --city NAME")
         answer = ask("Where is the telescope? LAT,LON,HEIGHT (degrees, metres), or a city", None, place_of)
         city, site = place_of(answer)
+        city = city and _chosen_city(answer, ask)
     height_m = options["height_m"]
     if city is not None:
         if height_m is None:
@@ -158,7 +173,9 @@ def collected(options: dict[str, Any], ask: Callable[..., str] | None) -> Answer
         sources = (ask(question, USUAL_ELEMENTS, _source) if ask else USUAL_ELEMENTS,)
     for source in sources:
         _source(source)
-    return Answers(site, _zone(zone), _found_mount(_mount(mount_url)), tuple(sources), city is not None)
+    return Answers(
+        site, _zone(zone), _found_mount(_mount(mount_url)), tuple(sources), _place(city, ask is None)
+    )
 
 
 def _ask(question: str, usual: str | None, check: Callable[[str], object]) -> str:
@@ -183,19 +200,45 @@ def place_of(text: str) -> tuple[City | None, Site | None]:
     """Return the city or the site that a text names. Raises BadInputError, SiteError."""
     if any(c.isdigit() for c in text):
         return None, Site.parse(text)
-    return find_city(text), None
+    return find_cities(text)[0], None
 
 
-def find_city(name: str) -> City:
-    """Return the largest city of a name, "Paris" or "Paris, US". Raises BadInputError, naming near ones."""
+def _chosen_city(name: str, ask: Callable[..., str] | None) -> City:
+    """Return the city that a name means, the largest; of several of about one size, that answered."""
+    found = find_cities(name)
+    if len(found) == 1 or ask is None:
+        return found[0]
+    for number, one in enumerate(found, start=1):
+        click.echo(f"  {number}  {one.place}", err=True)
+
+    def check(answer: str) -> None:
+        if answer not in {str(number) for number in range(1, len(found) + 1)}:
+            raise BadInputError(f"{answer!r}: give a number from 1 to {len(found)}")
+
+    return found[int(ask(f"Which {found[0].name}?", "1", check)) - 1]
+
+
+def _place(city: City | None, unasked: bool) -> str | None:
+    """Return which city was taken, and how many others might have been meant where nobody was asked."""
+    if city is None:
+        return None
+    others = len(find_cities(f"{city.name}")) - 1 if unasked else 0
+    return city.place + (f"; {others} more are called so: --site gives one of them" if others else "")
+
+
+def find_cities(name: str) -> list[City]:
+    """Return the largest city of a name, "Paris" or "Paris, US", first, and those of about its size.
+
+    Raises BadInputError, naming near ones.
+    """
     wanted, _, country = (part.strip() for part in name.partition(","))
     every = _cities()
-    named = [one for one in every if _folded(one.name) == _folded(wanted)]
-    found = [one for one in named if country.upper() in ("", one.country)]
-    if found:
-        return found[0]
+    named = {rank: one for rank, one in enumerate(every, start=1) if _folded(one.name) == _folded(wanted)}
+    ranks = [rank for rank, one in named.items() if country.upper() in ("", one.country)]
+    if ranks:
+        return [named[rank] for rank in ranks if rank <= RIVAL_RANK * ranks[0]]
     if named:
-        there = ", ".join(sorted({one.country for one in named}))
+        there = ", ".join(sorted({one.country for one in named.values()}))
         raise BadInputError(f"{name!r}: there is no {wanted} in {country}, but in {there}")
     near = meant(wanted, [one.name for one in every]) if len(wanted) >= _LEAST_MATCH else ""
     raise BadInputError(
@@ -304,7 +347,7 @@ def settings_text(answers: Answers, path: Path) -> str:
     sources = [_as_kept(source, path) for source in answers.elements]
     site = answers.site
     centre = "\n".join(textwrap.wrap(CENTRE_WARNING, 100, initial_indent="# ", subsequent_indent="# "))
-    centre = f"{centre}\n" if answers.is_city_centre else ""
+    centre = f"{centre}\n" if answers.place else ""
     return f"""\
 # Settings of sattrack. Commands read --config FILE, else ./sattrack.toml, else that of the user's folder
 # for configuration. Options on the command line win. docs/settings.md has every key.

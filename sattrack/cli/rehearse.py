@@ -14,7 +14,9 @@ from sattrack.cli.common import (
     CommandContext,
     common_options,
     profile_option,
+    renew,
     satellite_names,
+    share_progress,
     show,
     table,
     tell,
@@ -126,7 +128,8 @@ def command(context: CommandContext, target: str, number: int, **options: Any) -
             tell(f"`sattrack track` refuses this pass: {old}")
     clock = read_kernel_clock()
     error_s = clock.estimated_error_s if clock is not None and clock.synchronised else None
-    rehearsal = rehearse(prepared, error_s, fov_deg)
+    rehearsal = rehearse(prepared, error_s, fov_deg, share_progress())
+    renew()
     if plot is not None:
         plot_rehearsal(plot, rehearsal)
     if context.json:

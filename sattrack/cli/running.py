@@ -19,6 +19,7 @@ from sattrack.cli.common import JsonLines, can_draw_lines_anew, renew, tell, wri
 from sattrack.control.biases import Camera
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.mount.alpaca.link import AlpacaAddress, check_server
 from sattrack.runtime.control_arbiter import (
     ControlArbiter,
     Observers,
@@ -494,7 +495,9 @@ def _check_options(context: CommandContext, url: str | None, options: dict[str, 
                 option = name.replace("_", "-").replace("cameras", "camera")
                 raise BadInputError(f"--{option} does not work with an antenna's controller; omit it")
         return
-    mount_address(url)
+    address = mount_address(url)
+    if isinstance(address, AlpacaAddress):
+        check_server(address)
     check_new_profile(options["learn_profile"])
     virtual, observations = options["virtual"], options["observations"]
     if options["target"].startswith("adsb:") and (virtual or observations is not None):

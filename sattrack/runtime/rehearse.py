@@ -81,7 +81,7 @@ from tle.propagator import Propagator
 from tle.sun import SunAndMoon
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from numpy.typing import NDArray
 
@@ -103,11 +103,17 @@ WELL_WITHIN, FAR_BEYOND = 0.3, 5.0
 """Off the target by less than such a share of what counts as on it, or more, it is clear which it is."""
 
 
+SHOWN_EVERY = 100
+"""Statuses from one report of the progress to the next."""
+
+
 @dataclass(slots=True)
 class RehearsedRun(VirtualRun):
     """A virtual run that notes each status' row."""
 
     trace: RehearsalTrace = field(default_factory=RehearsalTrace)
+    shown: Callable[[float], None] | None = None
+    """Takes the share of the pass that is done, now and then."""
     thinned: bool = False
     """Whether statuses are left out while nothing depends on them."""
     _sent: bool = True
@@ -140,6 +146,10 @@ class RehearsedRun(VirtualRun):
         if error is None:
             return
         trace = self.trace
+        if self.shown is not None and len(trace.utc_s) % SHOWN_EVERY == 0:
+            plan = tracker.plan
+            share = (now_utc_s - plan.start_utc_s) / (plan.end_utc_s - plan.start_utc_s)
+            self.shown(min(1.0, max(0.0, share)))
         trace.utc_s.append(error.utc_s)
         trace.total_arcsec.append(error.total_arcsec)
         trace.along_arcsec.append(error.along_arcsec)
@@ -175,7 +185,11 @@ def ideal_hardware(table: dict[str, Any]) -> SimulatorProfile:
 
 
 def perform(
-    facts: RunFacts, table: dict[str, Any], period_s: float, start: StartPosition = demo_pass.START
+    facts: RunFacts,
+    table: dict[str, Any],
+    period_s: float,
+    start: StartPosition = demo_pass.START,
+    shown: Callable[[float], None] | None = None,
 ) -> Performance:
     """Run a pass with its plan, profile and limits; `table` is the profile's `[simulator]`.
 
@@ -202,7 +216,8 @@ def perform(
     engine = Engine(spec)
     # How soon rates are held before a limit depends on the steps of the real loop.
     engine.safety = safety_of(replace(spec, profile=real))
-    run = RehearsedRun(engine, mount, facts.started_utc_s, NoRecording(), thinned=period_s <= FULL_PERIOD_S)
+    thinned = period_s <= FULL_PERIOD_S
+    run = RehearsedRun(engine, mount, facts.started_utc_s, NoRecording(), shown=shown, thinned=thinned)
     with gc_paused():
         ended_utc_s = run.run()
     trace = run.trace.arrays()
@@ -271,11 +286,15 @@ class Rehearsal:
 
 
 def rehearse(
-    prepared: Prepared, clock_error_s: float | None = None, fov_deg: float | None = None
+    prepared: Prepared,
+    clock_error_s: float | None = None,
+    fov_deg: float | None = None,
+    shown: Callable[[float], None] | None = None,
 ) -> Rehearsal:
     """Run a prepared pass beforehand, moving nothing.
 
-    `clock_error_s` is what is known of the machine's clock, `fov_deg` the field of view. Raises
+    `clock_error_s` is what is known of the machine's clock, `fov_deg` the field of view;
+    `shown` takes the share that is done, now and then. Raises
     BadInputError, SattrackError where the elements end before the pass does, TleError.
     """
     facts = prepared.facts
@@ -298,7 +317,7 @@ def rehearse(
     beyond = west and rule_of(facts.profile, hardware) == "hour_angle"
     period_s = loop_period_s(straight.seen_from(beyond, ability.latitude_deg), ability, plan)
     part = _beginning(facts)
-    performance = _performance(part, straight, prepared.simulator, period_s)
+    performance = _performance(part, straight, prepared.simulator, period_s, shown)
     path = _as_taken(straight, performance, ability)
     keyholes = find_keyholes(path, facts.profile, ability.tolerance_deg)
     lost = lost_stretches(performance, part.plan, path.until(part.plan.end_utc_s), ability, keyholes)
@@ -351,16 +370,22 @@ def rehearse(
     return Rehearsal(report, path, performance, ability, propagator)
 
 
-def _performance(facts: RunFacts, path: AxisPath, table: dict[str, Any], period_s: float) -> Performance:
+def _performance(
+    facts: RunFacts,
+    path: AxisPath,
+    table: dict[str, Any],
+    period_s: float,
+    shown: Callable[[float], None] | None,
+) -> Performance:
     """Run a pass from shortly before its beginning, or from as long before as a real run if that was late."""
     sooner = _sooner(facts, path)
-    performance = perform(sooner, table, period_s)
+    performance = perform(sooner, table, period_s, shown=shown)
     trace, acquired = performance.trace, performance.acquired_utc_s
     late = acquired is None or acquired > facts.plan.start_utc_s + LATE_S
     held = any(name is not None for name, got in zip(trace.holding, trace.acquired, strict=True) if not got)
     if late and not held and sooner.started_utc_s > facts.started_utc_s:
         # A slew that goes round what is in its way takes longer than a straight one.
-        performance = perform(facts, table, period_s)
+        performance = perform(facts, table, period_s, shown=shown)
     return performance
 
 

@@ -226,6 +226,18 @@ class GatewayLink(UdpLink):
                 self._trouble = _News.decode(line).words
 
 
+LOOK_WITHIN_S = 2.0
+
+
+def check_server(address: AlpacaAddress) -> None:
+    """Raise LinkLostError where the server's host says that nothing listens there; silence says nothing."""
+    with contextlib.suppress(OSError):
+        try:
+            socket.create_connection((address.host, address.port), LOOK_WITHIN_S).close()
+        except ConnectionRefusedError:
+            raise LinkLostError(f"{address}: nothing listens there: start the telescope's driver") from None
+
+
 def open_gateway(address: AlpacaAddress) -> GatewayLink:
     """Start a gateway and return the socket towards it.
 

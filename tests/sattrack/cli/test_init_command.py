@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from sattrack.cli.init import find_city
+from sattrack.cli.init import find_cities
 from sattrack.cli.main import run
 from sattrack.core.errors import BadInputError
 from sattrack.mount.alpaca.client import discover_telescopes
@@ -145,11 +145,23 @@ def test_a_command_without_settings_names_init(folder, capsys):
 
 
 def test_the_largest_city_of_a_name_is_meant_unless_a_country_is_named():
-    assert find_city("Birmingham").country == "GB"
-    assert find_city("birmingham, us").country == "US"
-    assert find_city("SAO PAULO").zone == "America/Sao_Paulo"
+    assert [one.country for one in find_cities("Birmingham")] == ["GB"]
+    assert [one.country for one in find_cities("birmingham, us")] == ["US"]
+    assert find_cities("SAO PAULO")[0].zone == "America/Sao_Paulo"
     with pytest.raises(BadInputError, match="list of cities"):
-        find_city("Xyzzyville")
+        find_cities("Xyzzyville")
+
+
+def test_of_cities_of_one_name_and_size_the_place_is_named_or_asked_for(folder, capsys):
+    assert run(["init", "--yes", "--city", "Springfield", "--elements", "iss.tle"]) == 0
+    err = capsys.readouterr().err
+    assert "Springfield, US, America/Chicago: 37.22° north, 93.30° west; 4 more are called so: --site" in err
+    done = typed(folder, "Springfield\n9\n2\n0\nsim\niss.tle\n", "--force")
+    assert done.returncode == 0, done.stderr
+    assert "give a number from 1 to 5" in done.stderr
+    settings = tomllib.loads((folder / "sattrack.toml").read_text())
+    assert settings["site"]["longitude_deg"] == -72.59
+    assert settings["zone"] == "America/New_York"
 
 
 class Answers(BaseHTTPRequestHandler):

@@ -337,3 +337,11 @@ def test_elements_that_come_down_in_the_pass_are_told() -> None:
     sinking = replace(prepared, facts=msgspec.structs.replace(prepared.facts, elements=elements))
     with pytest.raises(SattrackError, match="come down before the pass ends"):
         rehearse(sinking)
+
+
+def test_the_share_of_the_pass_that_is_done_is_shown_meanwhile() -> None:
+    shares: list[float] = []
+    rehearse(prepare(RunRequest("25544", "sim", None, None, None, 60.0, virtual=True)), shown=shares.append)
+    assert shares == sorted(shares)
+    assert len(shares) > 3
+    assert 0.5 < shares[-1] <= 1.0

@@ -424,7 +424,9 @@ def test_of_a_recording_that_is_cut_off_that_comes_first_and_nothing_is_guessed(
         cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // share])
         assert Recording(cut).cut_off
         assert run(["report", str(cut), "--output", str(tmp_path / f"{share}.html")]) == 0
-        lines_told = capsys.readouterr().out.splitlines()
+        out, err = capsys.readouterr()
+        lines_told = out.splitlines()
+        assert f"the report is in {tmp_path / f'{share}.html'}" in err
         assert lines_told[0].startswith("wrong with the file")
         text = "\n".join(lines_told)
         assert "cut off" in lines_told[0] or "cut off" in lines_told[1]
