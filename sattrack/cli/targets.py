@@ -98,7 +98,7 @@ def ephemeris_option(function: Callable[..., Any]) -> Callable[..., Any]:
             expose_value=False,
             callback=lambda ctx, _, value: ctx.meta.update({_SOURCE: value}),
             help="Of several ephemerides of TARGET, elements among them, the one whose file or name has this "
-            "in it; `best` for the least expected error, as without it where --ephemeris is repeated.",
+            "in it; `best` for the least expected error at the pass, as without it where there are several.",
         ),
         click.option(
             "--t0",
