@@ -484,7 +484,7 @@ def _planned(one: PlannedPass, made: Utc) -> Event:
         *([f"After: {'; '.join(one.after)}"] if one.after else []),
     ]
     event = event_of(
-        f"{one.catalog_number}-{_stamp(Utc.parse(one.culminate_utc))}-plan@sattrack",
+        f"{one.catalog_number or printable(one.name)}-{_stamp(Utc.parse(one.culminate_utc))}-plan@sattrack",
         made,
         (Utc.parse(one.start_utc), Utc.parse(one.end_utc)),
         f"{printable(one.name or str(one.catalog_number))} {one.max_alt_deg:.0f}°",

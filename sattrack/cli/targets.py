@@ -98,7 +98,7 @@ def ephemeris_option(function: Callable[..., Any]) -> Callable[..., Any]:
             expose_value=False,
             callback=lambda ctx, _, value: ctx.meta.update({_SOURCE: value}),
             help="Of several ephemerides of TARGET, elements among them, the one whose file or name has this "
-            "in it; `best` for the least expected error, as without it where --ephemeris is repeated.",
+            "in it; `best` for the least expected error at the pass, as without it where there are several.",
         ),
         click.option(
             "--t0",
@@ -307,9 +307,9 @@ def _chosen(origins: list[_Origin], key: str, wanted: Wanted, site: Site | None)
     if word is None and len(origins) == 1:
         return best
     tell(f"using {best.text}")
-    for one in _ranked(origins, wanted, site):
-        if one.origin != best.origin:
-            tell(f"not   {one._replace(window=best.window).text}")
+    others = [one.best(best.window) for one in origins if one.name != best.origin]
+    for one in sorted(others, key=lambda one: one.worth):
+        tell(f"not   {one.text}")
     return best
 
 
