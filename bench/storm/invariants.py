@@ -88,13 +88,14 @@ class Verdict:
     violations: list[Violation] = field(default_factory=list)
     ended_by: str = ""
     seconds: float = 0.0
-    standstill_s: float = math.nan
+    standstill_s: float | None = None
     """From the stop until both axes stood, where the mount was in reach all that time."""
-    recovered_arcsec: float = math.nan
-    recovery_checked: bool = False
+    recovered_arcsec: float | None = None
     replayed: bool = False
     faults: tuple[str, ...] = ()
     why: str = ""
+    took_s: float = 0.0
+    """Of a processor."""
 
 
 def moves(data: bytes) -> bool:
@@ -354,7 +355,7 @@ def comparable(storm: Storm, ended: Ended) -> bool:
     if ended.summary is None or ended.summary.ended_by != "set" or ended.summary.on_target_s == 0.0:
         return False
     # A pause takes as long as it takes to see the mount at rest, which faults prolong.
-    if any(fault.kind in {"clock", "step", "sleep"} for fault in storm.faults):
+    if any(fault.kind in {"clock", "step"} for fault in storm.faults):
         # Whoever's clock was set, what is followed by it is somewhere else: nothing tells which was right.
         return False
     return all(one.channel == "starter" and "pause" not in one.line for one in storm.people)
@@ -378,7 +379,6 @@ def judge_recovery(world: World, watcher: Watcher, fair: Watcher, fair_ended: En
         if begin_s < axes.utc_s < end_s:
             worst = max(worst, _apart_arcsec(axes, other))
     watcher.verdict.recovered_arcsec = worst
-    watcher.verdict.recovery_checked = True
     bound = max(OFF_ARCSEC, 2.0 * (summary.reported_peak_arcsec or 0.0))
     if worst > bound:
         watcher.violated("recovery", world, f"{worst:.2f}″ off, 5 s after the storm and later")

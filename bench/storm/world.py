@@ -135,6 +135,8 @@ class Judging:
 class Time:
     """`time` of the modules of one of the machine's processes."""
 
+    CLOCK_BOOTTIME = 7
+
     def __init__(self, world: World, feeder: bool) -> None:
         self._world, self._feeder = world, feeder
 
@@ -145,6 +147,10 @@ class Time:
 
     def time(self) -> float:
         return self._world.now_s + self._world.host_offset_s
+
+    def clock_gettime(self, clock: int) -> float:
+        assert clock == self.CLOCK_BOOTTIME
+        return self._world.monotonic_s + self._world.slept_s
 
     def sleep(self, seconds: float) -> None:
         self._world.run_until(self._world.now_s + seconds)

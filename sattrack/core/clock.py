@@ -15,6 +15,14 @@ from tle.instants import Utc
 
 FASTEST_LIVE_SPEED = 20.0
 SLEW_S_PER_S = 5e-4
+SHORTEST_SLEEP_S = 0.1
+"""Two clocks cannot be read at one instant: less may be the time in between."""
+
+
+def slept() -> float:
+    """Return for how long the machine has slept since its start, seconds; 0 where nothing tells."""
+    clock = getattr(time, "CLOCK_BOOTTIME", None)
+    return 0.0 if clock is None else time.clock_gettime(clock) - time.monotonic()
 
 
 class Clock(Protocol):
@@ -33,19 +41,25 @@ class SystemClock:
     """The machine's own UTC, without its steps.
 
     Where the machine's time is set while a run goes on, this clock does not jump but drifts there by
-    SLEW_S_PER_S: a jump of a millisecond would be five arcseconds on a fast satellite.
+    SLEW_S_PER_S: a jump of a millisecond would be five arcseconds on a fast satellite. Time in which the
+    machine slept passes at once: the monotonic clock stood, and the sky did not.
     """
 
     speed: float = 1.0
     _offset_s: float | None = None
     _read_s: float = 0.0
+    _slept_s: float = 0.0
 
     def utc_s(self, monotonic_s: float) -> float:
         """See Clock."""
         now_s = time.monotonic()
         offset_s = time.time() - now_s
+        slept_s = slept()
         if self._offset_s is None:
-            self._offset_s, self._read_s = offset_s, now_s
+            self._offset_s, self._read_s, self._slept_s = offset_s, now_s, slept_s
+        if slept_s - self._slept_s > SHORTEST_SLEEP_S:
+            self._offset_s += slept_s - self._slept_s
+            self._slept_s = slept_s
         most_s = SLEW_S_PER_S * max(0.0, now_s - self._read_s)
         self._offset_s += max(-most_s, min(most_s, offset_s - self._offset_s))
         self._read_s = now_s

@@ -6,14 +6,16 @@ datagram is being computed just then, which takes about a millisecond twenty tim
 
 from __future__ import annotations
 
+import math
 import select
 import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
+from sattrack.core.clock import SHORTEST_SLEEP_S, slept
 from sattrack.core.errors import SattrackError
 from sattrack.core.realtime import undisturbed
-from sattrack.mount.xerxes.datagrams import Command, encode_command
+from sattrack.mount.xerxes.datagrams import Command, encode_command, sets_going
 from sattrack.mount.xerxes.session import REPEAT_AFTER_PERIODS
 
 if TYPE_CHECKING:
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
 
     from sattrack.core.realtime import Grant
     from sattrack.mount.model import MountProfile
+    from sattrack.mount.xerxes.client import Arrival
     from sattrack.mount.xerxes.session import Session
     from sattrack.runtime.connection import Connection
     from sattrack.runtime.system import StopRequest
@@ -78,6 +81,10 @@ class RealtimeLoop:
     ticks: int = field(default=0, init=False)
     error: Exception | None = field(default=None, init=False)
     _due_s: float = field(default=0.0, init=False)
+    _computed_utc_s: float = field(default=math.inf, init=False)
+    """For which instant the last datagram was computed."""
+    _slept_s: float = field(default_factory=slept, init=False)
+    """For how long the machine had slept as the mount was last listened to."""
 
     @property
     def period_s(self) -> float:
@@ -127,7 +134,7 @@ class RealtimeLoop:
         raise NotImplementedError
 
     def sent(self, now_utc_s: float, datagram: bytes) -> None:
-        """Take notice of a datagram that has just left, computed for an instant."""
+        """Take notice of a datagram that was computed for an instant, and has left unless it was too late."""
 
     def repeat(self) -> None:
         """Send the last datagram once more, if that is wanted."""
@@ -204,7 +211,7 @@ class RealtimeLoop:
         """Send a datagram once more, a part of a period after the first; return it."""
         due_s = self._due_s + REPEAT_AFTER_PERIODS * self.period_s
         self._wait(lambda: due_s)
-        if self.stop.asked or self.connection.guard.deposed:
+        if self.stop.asked or self.connection.guard.deposed or self._too_late:
             return None
         datagram = repeat()
         if datagram is not None:
@@ -229,7 +236,7 @@ class RealtimeLoop:
             watched = [connection.link, *self.readers()]
             ready, takes_more, _ = select.select(watched, self.writers(), [], left_s)
             if connection.link in ready:
-                for arrival in connection.link.receive():
+                for arrival in self._arrivals():
                     self.take(arrival.data, connection.clock.utc_s(arrival.monotonic_s))
                 self.heard()
             self.serve(ready)
@@ -238,10 +245,24 @@ class RealtimeLoop:
             if time.monotonic() >= until_s():
                 return
 
+    @property
+    def _too_late(self) -> bool:
+        """Whether this process, or the machine, has stood still since the last datagram was computed."""
+        late_s = (self.connection.now_utc_s() - self._computed_utc_s) / self.connection.clock.speed
+        return late_s >= LATE_ENOUGH_TO_SKIP_S
+
+    def _arrivals(self) -> list[Arrival]:
+        """Return what the mount has sent, but for what waited while the machine slept: its age is unknown."""
+        arrivals, slept_s = self.connection.link.receive(), slept()
+        woken = slept_s - self._slept_s > SHORTEST_SLEEP_S
+        self._slept_s = slept_s
+        return [] if woken else arrivals
+
     def _send(self) -> None:
         """Compute the datagram and send it when it is due, to the guardian's knowledge."""
         connection, due_s = self.connection, self.due_s()
         now_utc_s = connection.clock.utc_s(max(due_s, time.monotonic()))
+        self._computed_utc_s = now_utc_s
         datagram = self.driver.tick(now_utc_s)
         while (left_s := due_s - time.monotonic()) > 0.0:
             # A client whose request comes while a datagram waits is answered at once.
@@ -249,7 +270,8 @@ class RealtimeLoop:
             if ready:
                 self.guarded(self.serve, ready)
         if connection.guard.beat(datagram) and datagram is not None:
-            connection.link.send(datagram)
+            if not (self._too_late and sets_going(datagram)):
+                connection.link.send(datagram)
             self.guarded(self.sent, now_utc_s, datagram)
 
     def _shift(self) -> None:

@@ -15,7 +15,8 @@ from storm.world import Judging, Sent, World
 from sattrack.cli.main import run
 
 SEEDS = range(10)
-SOAKED = range(1000)
+SOAKED = [*range(500), *range(1000, 1500)]
+"""From 1000 on the satellite crosses the floor."""
 REGRESSIONS = [
     int(line.split()[0])
     for line in (Path(__file__).parent / "regressions.txt").read_text().splitlines()
@@ -77,3 +78,11 @@ def test_a_storm_can_be_looked_at(capsys: pytest.CaptureFixture[str]) -> None:
     document = json.loads(capsys.readouterr().out)
     assert document["storm"]["seed"] == 0
     assert {"fault", "command", "program"} <= {one["what"] for one in document["trace"]}
+
+
+def test_without_the_source_tree_storms_say_what_they_need(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("sattrack.cli.storm.BENCH", tmp_path)
+    assert run(["storm", "--seed", "0"]) == 1
+    assert "storms need the source tree" in capsys.readouterr().err

@@ -133,6 +133,7 @@ _COMMAND = _codec(COMMAND_FIELDS, COMMAND_LENGTH, _PACKED)
 _COMMAND_READ = _codec(COMMAND_FIELDS, COMMAND_LENGTH, _UNPACKED)
 _STATUS = _codec(STATUS_FIELDS, STATUS_LENGTH, _PACKED)
 _STATUS_READ = _codec(STATUS_FIELDS, STATUS_LENGTH, _UNPACKED)
+_ABORT_AT = next(one.offset for one in COMMAND_FIELDS if one.name == "abort")
 _INT64 = struct.Struct("<q")
 _DOUBLE = struct.Struct("<d")
 _LARGEST_INTEGER = 2**53
@@ -201,6 +202,11 @@ DOUBTFUL = tuple(STATUS_FIELDS[i].name for i in _STATUS_EITHERS)
 """The fields whose type the paper leaves open."""
 APPENDIX_A = Readings("int64", "int64", "int64", "double", "double")
 _COUNTER = next(i for i, f in enumerate(STATUS_FIELDS) if f.name == "counter")
+
+
+def sets_going(datagram: bytes) -> bool:
+    """Tell whether a command datagram has a flag up that is not an abort's."""
+    return any(datagram[_ABORT_AT + 1 : COMMAND_LENGTH])
 
 
 def encode_command(command: Command) -> bytes:

@@ -46,6 +46,23 @@ def test_the_system_clock_does_not_step_where_the_machines_is_set(
         before_s = now_s
 
 
+def test_what_the_machine_slept_passes_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Linux: CLOCK_MONOTONIC stands while the machine sleeps, CLOCK_BOOTTIME goes on, as UTC does."""
+    instants = {"monotonic": 100.0, "utc": 1_790_000_000.0, "slept": 7.0}
+    monkeypatch.setattr(time, "monotonic", lambda: instants["monotonic"])
+    monkeypatch.setattr(time, "time", lambda: instants["utc"])
+    monkeypatch.setattr(time, "CLOCK_BOOTTIME", 7, raising=False)
+    monkeypatch.setattr(
+        time, "clock_gettime", lambda _: instants["monotonic"] + instants["slept"], raising=False
+    )
+    clock = SystemClock()
+    assert clock.utc_s(100.0) == 1_790_000_000.0
+    instants["slept"] += 26.0
+    instants["utc"] += 26.0
+    assert clock.utc_s(100.0) == pytest.approx(1_790_000_026.0, abs=1e-6)
+    assert clock.utc_s(101.0) == pytest.approx(1_790_000_027.0, abs=1e-6)
+
+
 @pytest.mark.parametrize(
     ("text", "start_s", "speed"),
     [
