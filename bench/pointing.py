@@ -23,7 +23,7 @@ import numpy as np
 from strangers.tilted_mount import TiltedMount, apart_arcsec, local
 
 from sattrack.core.errors import SattrackError
-from sattrack.pointing.fit import PointingFit, Star, find_bump, fit
+from sattrack.pointing.fit import Bump, PointingFit, Star, find_bump, fit
 from sattrack.pointing.tour import chosen, grid_deg, slewed_deg, toured
 
 if TYPE_CHECKING:
@@ -155,16 +155,23 @@ def troubles() -> list[str]:
         f"three stars: {', '.join(three.names)}; held out {held_out(mount, three.model):.0f}″",
         f"one wrong star of 20: left out {int((~robust.used).sum())}, "
         f"held out {held_out(mount, robust.model):.1f}″",
-        f"bumped before the 10th star: {bump}",
-        f"not bumped: {find_bump(good, LATITUDE_DEG)}",
+        f"bumped before the 10th star: {bumped_text(bump)}",
+        f"not bumped: {bumped_text(find_bump(good, LATITUDE_DEG))}",
     ]
     try:
         fit(
             [star._replace(dec_deg=star.dec_deg + 7.0 * (k % 2)) for k, star in enumerate(good)], LATITUDE_DEG
         )
-    except SattrackError as error:
-        lines.append(f"every second star wrong: {error}")
+    except SattrackError:
+        lines.append("every second star wrong: refused")
     return lines
+
+
+def bumped_text(bump: Bump | None) -> str:
+    """Return in words what was found of a bump."""
+    return (
+        "none found" if bump is None else f"before number {bump.before_star + 1}, by {bump.moved_arcsec:.0f}″"
+    )
 
 
 def main() -> None:

@@ -188,9 +188,9 @@ def _ran(
 ) -> StarRun:
     """Move the mount over the sky; return the run. Raises what ends it before anything was measured."""
     from sattrack.control.console import ConsoleSession
-    from sattrack.pointing.terms import PointingModel
     from sattrack.runtime.calibrate import any_key
     from sattrack.runtime.console import attend
+    from sattrack.runtime.facts import pointing_of
     from sattrack.runtime.star_run import CameraProcess, RunSky, StarRun, read_keys
     from tle.bodies import find_body
     from tle.refraction import Refraction
@@ -202,10 +202,7 @@ def _ran(
     assert zero is not None
     # The ephemeris is loaded before the loop begins, which it would hold up.
     sky.seen(zero, call.clock.utc_s(time.monotonic()))
-    judged = None
-    if options["verify"]:
-        assert profile.pointing is not None
-        judged = PointingModel.of(profile.pointing)
+    judged = pointing_of(profile, site) if options["verify"] else None
     with contextlib.ExitStack() as stack:
         camera = None
         if options["camera"] is not None:

@@ -105,6 +105,7 @@ def flown(
     mount: TiltedMount = MOUNT,
     limits: SafetyLimits = LIMITS,
     each: Any = None,
+    by_hand: bool = False,
     **camera: Any,
 ) -> Flight:
     """Return a run that is over; `each` is called once a period with the flight."""
@@ -115,7 +116,7 @@ def flown(
     session = ConsoleSession(bench.console, bench.now_s)
     seen = StrangeSky(bench, mount, **camera)
     run = StarRun(
-        session, sky, seen, most, 3.0, words.append, kept.append,  # type: ignore[arg-type]
+        session, sky, None if by_hand else seen, most, 3.0, words.append, kept.append,  # type: ignore[arg-type]
         stars=list(known), judged=judged, known=len(known),
     )  # fmt: skip
     flight = Flight(bench, seen, run, words, kept, bench.now_s)
@@ -206,6 +207,31 @@ def test_a_run_that_was_cut_off_goes_on_where_it_was() -> None:
         float(np.max(np.array(old) @ local(s.hour_angle_deg, s.dec_deg, LATITUDE))) for s in second.kept
     )
     assert math.degrees(math.acos(nearest)) > 5.0
+
+
+def test_an_operator_centres_named_stars_by_keys() -> None:
+    pressed: list[str] = []
+
+    def operate(flight: Flight) -> None:
+        run = flight.run
+        if run.stage is not Stage.CENTRING or flight.bench.console.moving:
+            return
+        # Left and up, then as long back, and the star is centred again: this mount has no errors.
+        wanted = ["+", "\x1b[D", "\x1b[C", "\r"] if len(flight.kept) == 1 else ["\r"]
+        key = wanted[min(len(pressed), len(wanted) - 1)] if len(flight.kept) == 1 else "\r"
+        if len(flight.kept) == 1:
+            pressed.append(key)
+        run.key(key, flight.bench.now_s)
+
+    flight = flown(3, by_hand=True, each=operate)
+    assert len(flight.kept) == 3
+    assert pressed == ["+", "\x1b[D", "\x1b[C", "\r"]
+    assert "move_ra" in flight.bench.flags()
+    assert "0.05 °/s" in flight.words
+    for star in (flight.kept[0], flight.kept[2]):
+        assert star.axis_dec_deg == pytest.approx(star.dec_deg, abs=0.01)
+        assert star.axis_hour_angle_deg == pytest.approx(star.hour_angle_deg, abs=0.05)
+    assert all(star.icrs_deg != (0.0, 0.0) for star in flight.kept)
 
 
 def test_a_model_is_judged_by_stars_and_not_fitted() -> None:
