@@ -352,7 +352,7 @@ class AxesFinder(Driver):
         while drift_deg_s > STANDS_DEG_S:
             if self._now_s > until_s:
                 raise SattrackError(
-                    f"the mount moves by {3600.0 * drift_deg_s:.0f}″/s where it is told to stand: MoveAxis "
+                    f"the mount moves by {3600.0 * drift_deg_s:.0f}″/s where it should stand: MoveAxis "
                     "adds to its tracking, or it does not obey; switch tracking off, and begin again"
                 )
             yield from self._for(STANDS_S)

@@ -43,7 +43,7 @@ class ProbeSafety(Safety):
         self._start: Direction | None = None
 
     def watch(self, seen: Seen, commanded: Motion) -> None:
-        """Take a status: its clock and its currents count; how it obeys is what is to be found out."""
+        """Take a status: its clock and its currents count. How it obeys is not known yet."""
         tripped = self._watch.see(seen, Hold())
         if tripped is not None and self.tripped is None and isinstance(commanded, MoveAxes):
             self.tripped = tripped
