@@ -337,9 +337,11 @@ def estimate_view(tracker: Tracker, utc_s: float, unused: int) -> EstimateView |
         none = (None, None, None, None)
         return EstimateView(*none, estimator.accepted, estimator.rejected, refused, estimator.last_utc_s)
     range_km = tracker.steering.biases.course.going(utc_s + known.along_s).range_km
+    # Dates that were corrected are as uncertain as the correction, all of them alike.
+    dates_s = max((one.sigma_s for one in tracker.steering.clocks.views() if one.corrected_s), default=0.0)
     return EstimateView(
         known.along_s,
-        known.along_sigma_s,
+        math.hypot(known.along_sigma_s, dates_s) if dates_s else known.along_sigma_s,
         math.degrees(math.atan(known.cross_km / range_km)),
         math.degrees(known.cross_sigma_km / range_km),
         estimator.accepted,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, cast
 
 import erfa
 import msgspec
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from sattrack.control.biases import Cameras
+from sattrack.control.engine_view import loop_view
 from sattrack.control.steering import Steering
 from sattrack.mount.model import MountProfile
 from sattrack.runtime import demo_pass
@@ -107,6 +109,10 @@ def test_a_clock_that_is_off_is_found_within_its_sigma_and_corrected(clock_s: fl
     words = f"its clock is {abs(found.clock_s):.3f} ± {found.sigma_s:.3f} s {side}"
     assert words in camera_clock_text(found)
     assert "corrected" in camera_clock_text(found)
+    loop = loop_view(cast("Any", SimpleNamespace(steering=one.steering)), BEGIN_S + 40.0)
+    assert loop is not None
+    assert loop.state == "elements"
+    assert loop.clocks == (found,)
 
 
 def test_a_right_clock_is_left_alone_all_the_time() -> None:
