@@ -329,7 +329,9 @@ def _settings(
 
 def _finish(run: Run, end: End | None, reporter: RunReporter, requests: NightRequests, file: Path) -> int:
     if end is None:
-        raise TerminatedRunError("terminated: its session was asked to stop the mount (see sessions.log); a restart continues from here")
+        raise TerminatedRunError(
+            "terminated: its session was asked to stop the mount, see sessions.log; a restart continues here"
+        )
     if end.interrupted:
         refuse_stopped(file, requests.folder)
         raise InterruptedRunError(f"{end.why}; run it again to continue with the coming passes")
