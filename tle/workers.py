@@ -7,20 +7,19 @@ share. Processes that are forked hold all of their parent's memory at once and s
 from __future__ import annotations
 
 import gc
-import multiprocessing
 import signal
 import sys
 import threading
 import warnings
 from contextlib import contextmanager
 from functools import partial
-from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
+    from multiprocessing.connection import Connection
 
     Work = Callable[[Any], Any]
 
@@ -50,8 +49,11 @@ def mapping(workers: int) -> Iterator[Callable[[Work, Sequence[Any]], Iterator[A
 
 def _may_fork() -> bool:
     """Tell whether this process can be forked: locks that other threads hold stay locked in the copy."""
-    alone = threading.active_count() == 1
-    return sys.platform == "linux" and alone and not multiprocessing.current_process().daemon
+    if sys.platform != "linux" or threading.active_count() > 1:
+        return False
+    import multiprocessing
+
+    return not multiprocessing.current_process().daemon
 
 
 def _by_turns(items: Sequence[Any]) -> list[Any]:
@@ -68,6 +70,10 @@ def _in_small_buffers(work: Work, item: Any) -> Any:
 
 def _forked(work: Work, items: Sequence[Any], workers: int) -> Iterator[Any]:
     """Yield what work makes of each item, done by copies of this process. Raises what work raises."""
+    # What computes one satellite's place needs none of this.
+    import multiprocessing
+    from multiprocessing.connection import Connection, wait
+
     context = multiprocessing.get_context("fork")
     todo = iter(range(len(items)))
     given: dict[Connection, list[int]] = {}
