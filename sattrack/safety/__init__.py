@@ -1,7 +1,8 @@
 """Limits and interlocks as one table, between everything that moves the mount and the wire.
 
 `Safety.clear` and `Safety.clear_request` are the only makers of `mount.Cleared` and
-`requests.ClearedRequest`, and a session takes motions in no other form.
+`requests.ClearedRequest`, and a session takes motions in no other form. `ProbeSafety` is the one for motions
+that find how axes lie.
 """
 
 from __future__ import annotations

@@ -265,7 +265,8 @@ def test_only_safety_makes_what_a_session_takes_and_nothing_else_composes_motion
     elsewhere only as a stop, or as nothing at all."""
     every = calls()
     assert {module for module, name, _ in every if name in ("Cleared", "ClearedRequest")} == {
-        "safety/gate.py"
+        "safety/gate.py",
+        "safety/probe.py",
     }
     composers = set()
     for module, name, call in every:
@@ -287,7 +288,7 @@ def test_only_safety_makes_what_a_session_takes_and_nothing_else_composes_motion
 
 def test_whoever_lets_a_session_speak_has_a_gate_of_its_own() -> None:
     every = calls()
-    gates = {module for module, name, _ in every if name == "Safety"}
+    gates = {module for module, name, _ in every if name in ("Safety", "ProbeSafety")}
     speakers = {module for module, name, _ in every if name == "compose"} - {"mount/xerxes/session.py"}
     assert len(speakers) >= 4
     assert speakers == gates
