@@ -147,7 +147,7 @@ class Steering:
 
     @property
     def last_seen(self) -> str | None:
-        """What became of the last observation, in words; None before there was one."""
+        """The outcome of the last observation, in words; None before there was one."""
         if self._kept is not None and not self.guided:
             return "held"
         return self.estimator.words or ("taken" if self.estimator.accepted else None)

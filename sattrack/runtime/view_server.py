@@ -64,7 +64,7 @@ MOST_UNSENT = 200
 LAST_LINES_WITHIN_S = 2.0
 LONGEST_NAME = 40
 ANNOUNCED_AFTER_S = 0.2
-"""How long a client may take to say who it is, before the run is told that somebody came."""
+"""How long a client may take to say who it is, before the run learns that somebody came."""
 
 
 class ViewServerTask(msgspec.Struct, frozen=True):
@@ -128,7 +128,7 @@ class ViewClient:
     budget: Bucket
     since_s: float = 0.0
     announced: bool = False
-    """Whether the run was told of it; who only gets pictures is not announced."""
+    """Whether the run knows of it; who only gets pictures is not announced."""
     side: int = 0
     """How large the pictures are that it wants; 0 for none."""
     pictures: Bucket | None = None

@@ -53,7 +53,7 @@ LIGHTS = 32
 NOISE_LEVEL = 40
 """Of 255: what is darker is noise, and drawn as the sky is."""
 OLD_S = 5.0
-"""A picture that is older is said to be."""
+"""A picture that is older has its age beside it."""
 CURSOR_STEPS = 24
 """So many presses of an arrow cross the picture."""
 CROSS_SHARE, GAP_SHARE = 0.08, 0.02

@@ -1,8 +1,8 @@
 """A camera's picture for screens, and who gets it: messages of cameras, view server and screens. No logic.
 
 A picture never passes the feeder. A client of the view server asks for pictures in its hello
-(`{"type":"hello","name":"","pictures":160}`), a camera says there that it has some (`"shows":true`) and is
-told what is wanted; it sends nothing while that is 0.
+(`{"type":"hello","name":"","pictures":160}`). A camera announces there that it has some (`"shows":true`); the
+view server answers how large they must be, and it sends none while that is 0.
 """
 
 from __future__ import annotations

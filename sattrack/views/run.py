@@ -132,7 +132,7 @@ class LoopView(msgspec.Struct, frozen=True):
     guided: bool = True
     """Whether observations correct the target; else they are only shown."""
     last: str | None = None
-    """What became of the last observation: "taken", "held" while nothing is guided by them, or why not."""
+    """The outcome of the last observation: "taken", "held" while nothing is guided by them, or why not."""
     clocks: tuple[ClockView, ...] = ()
     """Of the cameras whose fields were solved while the mount followed."""
 
