@@ -344,7 +344,7 @@ class _PatientCommand(click.Command):
     "--mount",
     "mount_url",
     metavar="URL",
-    help="Listen to this mount: xerxes://HOST:PORT?listen=PORT or alpaca://HOST:PORT/DEVICE.",
+    help="Listen to this mount: xerxes://HOST:PORT?listen=PORT, or alpaca or indi://HOST:PORT/DEVICE.",
 )
 @profile_option
 @click.option(

@@ -21,6 +21,7 @@ from sattrack.core.errors import BadInputError
 from sattrack.mount.alpaca.link import parse_alpaca
 from sattrack.mount.requests import Park
 from sattrack.runtime.facts import check_site
+from sattrack.runtime.mounts import GATEWAYS
 from sattrack.safety.bodies import sun_over
 from sattrack.schedule.candidates import Loaded, PlanSituation
 from sattrack.schedule.file import load_schedule
@@ -65,7 +66,8 @@ def show_plan(context: CommandContext, file: Path, options: dict[str, Any]) -> i
 def _plan(context: CommandContext, schedule: Schedule, options: dict[str, Any]) -> SchedulePlan:
     url = options["mount_url"] or context.settings.mount.url
     # A plan is made without a network too: a host that cannot be found does not matter.
-    address = parse_alpaca(url, resolve=False) if url is not None and url.startswith("alpaca:") else None
+    behind_gateway = url is not None and url.partition(":")[0] in GATEWAYS
+    address = parse_alpaca(url, resolve=False) if url is not None and behind_gateway else None
     profile = within_half_a_turn(context.profile(options["profile"], url))
     situation = _situation(context, schedule, profile, options)
     rehearse = rehearser(context, profile, schedule) if options["rehearse"] else None

@@ -44,8 +44,10 @@ MountAddress: TypeAlias = Address | AlpacaAddress
 """Where a real mount is; `open_link` opens a link to it, the same for all kinds."""
 SIMULATED = "sim"
 """The name of the simulated mount, as `--mount` has it."""
-FORMS = "xerxes://HOST:PORT?listen=PORT or alpaca://HOST:PORT/DEVICE"
+FORMS = "xerxes://HOST:PORT?listen=PORT, or alpaca or indi://HOST:PORT/DEVICE"
 ANTENNAS = "antenna://HOST:PORT or antenna:///dev/ttyUSB0"
+GATEWAYS = ("alpaca", "indi")
+"""Schemes of mounts behind a gateway."""
 
 
 def is_antenna(url: str | None) -> bool:
@@ -67,7 +69,7 @@ def mount_address(url: str | None) -> MountAddress | None:
         return None
     if is_antenna(url):
         raise BadInputError(f"--mount {url}: an antenna's controller is driven by `sattrack track` alone")
-    if scheme == "alpaca":
+    if scheme in GATEWAYS:
         return parse_alpaca(url)
     if scheme != "xerxes":
         raise BadInputError(f"--mount {url}: write sim, {FORMS}; for `sattrack track` also {ANTENNAS}")
@@ -76,7 +78,7 @@ def mount_address(url: str | None) -> MountAddress | None:
 
 def owned_address(owner: Owner) -> MountAddress:
     """Return where the mount is that a session on this machine owns."""
-    if owner.mount.startswith("alpaca:"):
+    if owner.mount.partition(":")[0] in GATEWAYS:
         return parse_alpaca(owner.mount)
     host, _, port = owner.mount.rpartition(":")
     return Address(host, int(port), owner.listen_port)
@@ -84,7 +86,7 @@ def owned_address(owner: Owner) -> MountAddress:
 
 def usual_profile(url: str | None) -> MountProfile:
     """Return the profile presumed of a mount of this kind; the default for a wrong URL."""
-    if url is not None and url.startswith("alpaca:"):
+    if url is not None and url.partition(":")[0] in GATEWAYS:
         with contextlib.suppress(BadInputError):
             return parse_alpaca(url).usual_profile()
     return MountProfile()

@@ -379,7 +379,7 @@ def link(view: ConsoleView) -> Group:
 
 def is_alpaca(view: ConsoleView) -> bool:
     """Tell whether the mount is an Alpaca telescope, whose statuses are made of what its driver tells."""
-    return view.mount.startswith("alpaca:")
+    return view.mount.startswith(("alpaca:", "indi:"))
 
 
 def alpaca_groups(view: ConsoleView, status: Status) -> tuple[Group, ...]:

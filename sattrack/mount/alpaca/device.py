@@ -44,6 +44,10 @@ class DeviceFacts(msgspec.Struct, frozen=True):
     has_device_state: bool = False
     primary_rates: tuple[RateSpan, ...] = ()
     secondary_rates: tuple[RateSpan, ...] = ()
+    moved_by: str = "MoveAxis"
+    """What turns its axes at rates."""
+    stops_without_rates: bool = False
+    """Whether it can be stopped where it has no such rates."""
 
     axes_known: bool = False
     """Whether the profile that it is driven by tells how its axes lie."""
@@ -61,8 +65,10 @@ class DeviceFacts(msgspec.Struct, frozen=True):
                 "altitude; give --profile with a [geometry] to `sattrack track`, which `sattrack mount "
                 "calibrate` measures"
             )
+        if stops_only and self.stops_without_rates:
+            return None
         if not (self.primary_rates and self.secondary_rates):
-            return f"{self.name} has no MoveAxis on both axes: satellites cannot be followed with it"
+            return f"{self.name} has no {self.moved_by} on both axes: satellites cannot be followed with it"
         for axis in (0, 1):
             if all(span.low_deg_s == span.high_deg_s for span in self.rates(axis)):
                 return (
@@ -80,7 +86,7 @@ class DeviceFacts(msgspec.Struct, frozen=True):
 
     def fastest_deg_s(self, axis: int) -> float:
         """Return the largest rate of one axis."""
-        return max(span.high_deg_s for span in self.rates(axis))
+        return max((span.high_deg_s for span in self.rates(axis)), default=0.0)
 
 
 class DeviceState(NamedTuple):
@@ -129,6 +135,16 @@ class SkyPlace(NamedTuple):
     dec_deg: float
     took_s: float = 0.0
     """How long the longer of the requests took."""
+
+
+class Reading(NamedTuple):
+    """What was read at once: members by Alpaca's names, and each coordinate with its instant, monotonic."""
+
+    asked_s: float
+    values: dict[str, Any]
+    ra: tuple[float, Any]
+    dec: tuple[float, Any]
+    took_s: float
 
 
 def nearest_rate(rate_deg_s: float, spans: tuple[RateSpan, ...]) -> float:

@@ -20,7 +20,7 @@ import subprocess
 import sys
 import time
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import aiohttp
 import msgspec
@@ -41,7 +41,7 @@ from sattrack.mount.alpaca.client import (
     value_in,
     with_ids,
 )
-from sattrack.mount.alpaca.device import DeviceFacts, SkyPlace, spans_of
+from sattrack.mount.alpaca.device import DeviceFacts, Reading, SkyPlace, spans_of
 from sattrack.mount.alpaca.link import BYE, GatewayConfig, GatewayNews, GatewayReady, GatewayRefusal
 
 if TYPE_CHECKING:
@@ -88,8 +88,11 @@ class AlpacaClient:
     address: AlpacaAddress
     _session: aiohttp.ClientSession = field(init=False)
     _transaction: int = 0
+    _has_state: bool = False
+    """Whether one request tells the whole state."""
+    _turns: int = 0
 
-    async def __aenter__(self) -> AlpacaClient:
+    async def __aenter__(self) -> Self:
         """Open."""
         timeout = aiohttp.ClientTimeout(total=ANSWER_WITHIN_S)
         connector = aiohttp.TCPConnector(limit=8, keepalive_timeout=60.0)
@@ -111,7 +114,7 @@ class AlpacaClient:
     async def _ask(self, method: str, member: str, fields: dict[str, str]) -> Any:
         self._transaction += 1
         given = with_ids(fields, self._transaction)
-        path = path_of("telescope", self.address.device, member)
+        path = path_of("telescope", int(self.address.device), member)
         where: dict[str, Any] = {"params": given} if method == "GET" else {"data": given}
         try:
             async with self._session.request(
@@ -149,7 +152,7 @@ class AlpacaClient:
             rates.append(spans_of(await self._perhaps("axisrates", [], Axis=axis)) if can else ())
         latitude, longitude = [await self._perhaps(m, None) for m in ("sitelatitude", "sitelongitude")]
         can_pulse_guide = bool(await self._perhaps("canpulseguide", False))
-        has_state = version >= 4 and isinstance(await self._perhaps("devicestate", None), list)
+        self._has_state = version >= 4 and isinstance(await self._perhaps("devicestate", None), list)
         return DeviceFacts(
             name=str(await self._perhaps("name", "telescope"))[:80],
             interface_version=version,
@@ -164,10 +167,45 @@ class AlpacaClient:
             can_sync=bool(await self._perhaps("cansync", False)),
             can_pulse_guide=can_pulse_guide,
             guide_rates_deg_s=await self._guide_rates() if can_pulse_guide else None,
-            has_device_state=has_state,
+            has_device_state=self._has_state,
             primary_rates=rates[0],
             secondary_rates=rates[1],
         )
+
+    async def read(self) -> Reading:
+        """Return where the telescope is, and how it stands, as far as that is asked at once.
+
+        Raises AlpacaRefusalError, NoAnswerError.
+        """
+        begun_s = time.monotonic()
+        if self._has_state:
+            at_s, state, took_s = await self._timed("devicestate")
+            values = {}
+            for one in state if isinstance(state, list) else []:
+                if isinstance(one, dict):
+                    values[str(one.get("Name", "")).lower()] = one.get("Value")
+            ra, dec = (at_s, values.get("rightascension")), (at_s, values.get("declination"))
+            return Reading(begun_s, values, ra, dec, took_s)
+        member = SLOW_MEMBERS[self._turns % len(SLOW_MEMBERS)]
+        self._turns += 1
+        (ra_s, ra_h, ra_took_s), (dec_s, dec_deg, dec_took_s), value = await asyncio.gather(
+            self._timed("rightascension"), self._timed("declination"), self._slow(member)
+        )
+        took_s = max(ra_took_s, dec_took_s)
+        return Reading(begun_s, {member: value}, (ra_s, ra_h), (dec_s, dec_deg), took_s)
+
+    async def _timed(self, member: str) -> tuple[float, Any, float]:
+        """Return the middle of a request, by the monotonic clock, what was answered, and how long it took."""
+        begun_s = time.monotonic()
+        value = await self.get(member)
+        ended_s = time.monotonic()
+        return 0.5 * (begun_s + ended_s), value, ended_s - begun_s
+
+    async def _slow(self, member: str) -> Any:
+        try:
+            return await self.get(member)
+        except AlpacaRefusalError:
+            return None
 
     async def _guide_rates(self) -> tuple[float, float] | None:
         """Return the guide rates in right ascension and declination, degrees a second; None for none."""
@@ -187,6 +225,28 @@ class AlpacaClient:
             if error.status is None or error.status >= 500:
                 raise
             return otherwise
+
+
+class TelescopeClient(Protocol):
+    """One telescope at the other end, in Alpaca's terms; an asynchronous context."""
+
+    async def __aenter__(self) -> Self:
+        """Open."""
+
+    async def __aexit__(self, *_: object) -> None:
+        """Close."""
+
+    async def connect(self) -> None:
+        """Connect to the telescope. Raises AlpacaRefusalError, NoAnswerError."""
+
+    async def facts(self) -> DeviceFacts:
+        """Return what it can do. Raises AlpacaRefusalError, NoAnswerError."""
+
+    async def put(self, member: str, *fields: tuple[str, str]) -> None:
+        """Carry out an order. Raises AlpacaRefusalError, NoAnswerError."""
+
+    async def read(self) -> Reading:
+        """Return where it is. Raises AlpacaRefusalError, NoAnswerError."""
 
 
 @dataclass(slots=True)
@@ -248,7 +308,7 @@ class Watched:
             self._process = start_process(
                 "sattrack.mount.alpaca.warden",
                 *(str(theirs.fileno()), str(os.getpid())),
-                *(self.address.host, str(self.address.port), str(self.address.device)),
+                *(self.address.scheme, self.address.host, str(self.address.port), str(self.address.device)),
                 inherits=(theirs.fileno(),),
             )
         ours.setblocking(False)
@@ -260,7 +320,7 @@ class OrderQueue:
     """One lane of orders, one after the other; on an axis' lane only the newest that waits counts."""
 
     lane: Lane
-    client: AlpacaClient
+    client: TelescopeClient
     bridge: Bridge
     waiting: list[Order] = field(default_factory=list)
     _come: asyncio.Event = field(default_factory=asyncio.Event)
@@ -309,7 +369,7 @@ class Gateway:
     """One session and one telescope, from the first turn to the end of both."""
 
     config: GatewayConfig
-    client: AlpacaClient
+    client: TelescopeClient
     facts: DeviceFacts
     channel: Channel
     watched: Watched
@@ -321,7 +381,6 @@ class Gateway:
     _left_s: float | None = None
     """When the session ended."""
     _bade_farewell: bool = False
-    _turns: int = 0
     _reported: str | None = None
     _silence: str | None = None
     """Why the telescope does not answer; None while it does."""
@@ -418,39 +477,9 @@ class Gateway:
             await self.client.connect()
 
     async def _read_place(self) -> SkyPlace:
-        if self.facts.has_device_state:
-            return await self._read_state()
-        member = SLOW_MEMBERS[self._turns % len(SLOW_MEMBERS)]
-        self._turns += 1
-        begun_s = time.monotonic()
-        (ra_s, ra_h, ra_took_s), (dec_s, dec_deg, dec_took_s), value = await asyncio.gather(
-            self._timed("rightascension"), self._timed("declination"), self._slow(member)
-        )
-        self.bridge.stand(self.bridge.standing.with_values(begun_s, {member: value}))
-        return self._place((ra_s, ra_h), (dec_s, dec_deg), max(ra_took_s, dec_took_s))
-
-    async def _read_state(self) -> SkyPlace:
-        begun_s = time.monotonic()
-        at_s, state, took_s = await self._timed("devicestate")
-        values = {}
-        for one in state if isinstance(state, list) else []:
-            if isinstance(one, dict):
-                values[str(one.get("Name", "")).lower()] = one.get("Value")
-        self.bridge.stand(self.bridge.standing.with_values(begun_s, values))
-        return self._place((at_s, values.get("rightascension")), (at_s, values.get("declination")), took_s)
-
-    async def _timed(self, member: str) -> tuple[float, Any, float]:
-        """Return the middle of a request, by the monotonic clock, what was answered, and how long it took."""
-        begun_s = time.monotonic()
-        value = await self.client.get(member)
-        ended_s = time.monotonic()
-        return 0.5 * (begun_s + ended_s), value, ended_s - begun_s
-
-    async def _slow(self, member: str) -> Any:
-        try:
-            return await self.client.get(member)
-        except AlpacaRefusalError:
-            return None
+        reading = await self.client.read()
+        self.bridge.stand(self.bridge.standing.with_values(reading.asked_s, reading.values))
+        return self._place(reading.ra, reading.dec, reading.took_s)
 
     def _place(self, ra: tuple[float, Any], dec: tuple[float, Any], took_s: float) -> SkyPlace:
         (ra_s, ra_h), (dec_s, dec_deg) = ra, dec
@@ -461,9 +490,18 @@ class Gateway:
         return SkyPlace(ra_utc_s, ra_h * 15.0 % 360.0, dec_utc_s, float(dec_deg), took_s)
 
 
+def client_of(address: AlpacaAddress) -> TelescopeClient:
+    """Return who talks to the telescope at an address."""
+    if address.scheme == "indi":
+        from sattrack.mount.indi.client import IndiClient
+
+        return IndiClient(address)
+    return AlpacaClient(address)
+
+
 async def run(config: GatewayConfig, channel: Channel) -> None:
     """Find the telescope and stand between. Raises SattrackError where it cannot be driven."""
-    async with AlpacaClient(config.address) as client:
+    async with client_of(config.address) as client:
         try:
             await client.connect()
             facts = await client.facts()

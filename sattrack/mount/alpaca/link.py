@@ -1,4 +1,4 @@
-"""An Alpaca telescope's gateway, started and ended, and the messages on its channel.
+"""An Alpaca or INDI telescope's gateway, started and ended, and the messages on its channel.
 
 Towards the session the gateway is a mount behind a UDP socket on loopback.
 """
@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 from typing import TYPE_CHECKING, NamedTuple
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, quote, unquote, urlsplit
 
 import msgspec
 
@@ -26,20 +26,23 @@ if TYPE_CHECKING:
     from tle.site import Site
 
 DEFAULT_PORT = 11111
+DEFAULT_PORTS = {"alpaca": DEFAULT_PORT, "indi": 7624}
 ON_TARGET_ARCSEC = 10.0
 DEFAULT_HZ = 10.0
 SLOWEST_HZ, FASTEST_HZ = 1.0, 20.0
 FORM = "write alpaca://HOST:PORT/DEVICE, as alpaca://192.0.2.9:11111/0"
+INDI_FORM = "write indi://HOST:PORT/DEVICE, as indi://192.0.2.9:7624/EQMod%20Mount"
 HALF_ROUND_TRIP_S = 0.015
 """What a telescope takes on either way where nothing is known of it."""
 
 
 class AlpacaAddress(NamedTuple):
-    """Where an Alpaca server listens, which of its telescopes is meant, and how often it is asked."""
+    """Where a server listens, which of its telescopes is meant, and how often it is asked."""
 
     host: str
     port: int
-    device: int
+    device: int | str
+    """The number of an Alpaca telescope, or the name of an INDI device."""
     hz: float = DEFAULT_HZ
     longitude_deg: float | None = None
     """That of the site whose sidereal time dates what is read; None: the telescope's own."""
@@ -52,7 +55,12 @@ class AlpacaAddress(NamedTuple):
 
     def __str__(self) -> str:
         """Return it as a user would write it."""
-        return f"alpaca://{self.host}:{self.port}/{self.device}"
+        return f"{self.scheme}://{self.host}:{self.port}/{quote(str(self.device))}"
+
+    @property
+    def scheme(self) -> str:
+        """The protocol: alpaca or indi."""
+        return "indi" if isinstance(self.device, str) else "alpaca"
 
     @property
     def server(self) -> str:
@@ -67,6 +75,11 @@ class AlpacaAddress(NamedTuple):
     @property
     def silence_advice(self) -> str:
         """What to check where it is not heard."""
+        if self.scheme == "indi":
+            return (
+                f"check that indiserver runs at {self.host}:{self.port} and that {self.device!r} is "
+                "a telescope of its drivers"
+            )
         return (
             f"check that the Alpaca server at {self.host}:{self.port} runs and that its telescope "
             f"{self.device} is the mount"
@@ -75,6 +88,11 @@ class AlpacaAddress(NamedTuple):
     @property
     def presumption(self) -> str | None:
         """What to say of a run without a calibration; None for nothing."""
+        if self.scheme == "indi":
+            return (
+                "this telescope is not calibrated: signs, gains and delays of its rates of tracking are "
+                "presumed; `sattrack mount calibrate` finds out"
+            )
         return (
             "this telescope is not calibrated: signs, gains, and whether MoveAxis replaces tracking, are "
             "presumed as the ASCOM standard has them; where it does not report its AlignmentMode, it is "
@@ -95,7 +113,8 @@ class AlpacaAddress(NamedTuple):
         """Return why a request cannot be made to this kind of mount, as text; None where it can."""
         if not isinstance(request, Park | FindHome | FineRate | TrackingRate):
             return None
-        return f"{self}: Alpaca telescopes are parked, sent home and given other rates by their own programs"
+        kind = "INDI" if self.scheme == "indi" else "Alpaca"
+        return f"{self}: {kind} telescopes are parked, sent home and given other rates by their own programs"
 
     def seen_from(self, site: Site) -> AlpacaAddress:
         """Return the address with the site's own place for sidereal time and altitudes."""
@@ -109,7 +128,7 @@ class AlpacaAddress(NamedTuple):
         """Return what is presumed of a telescope that was not calibrated: as the ASCOM standard has it."""
         limits = AxisLimits(max_rate_deg_s=4.0, max_acceleration_deg_s2=5.0, slew_rate_deg_s=4.0)
         return MountProfile(
-            name=f"alpaca-{self.host}-{self.device}",
+            name=f"{self.scheme}-{self.host}-{self.device}",
             ra=limits,
             dec=limits,
             additive=False,
@@ -122,24 +141,23 @@ class AlpacaAddress(NamedTuple):
 
 
 def parse_alpaca(url: str, resolve: bool = True) -> AlpacaAddress:
-    """Read `alpaca://HOST:PORT/DEVICE?hz=RATE`; raises BadInputError.
+    """Read `alpaca://HOST:PORT/DEVICE?hz=RATE`, or the same of `indi`; raises BadInputError.
 
     Without `resolve`, nobody is asked where the host is, and it stays as it was written.
     """
+    form = INDI_FORM if url.startswith("indi:") else FORM
     try:
         parts = urlsplit(url)
-        port = parts.port if parts.port is not None else DEFAULT_PORT
+        port = parts.port if parts.port is not None else DEFAULT_PORTS[parts.scheme]
         query = parse_qs(parts.query, keep_blank_values=True)
         if unknown := set(query) - {"hz"}:
             raise ValueError(f"{min(unknown)}= is no option")
         hz = float(query.get("hz", [str(DEFAULT_HZ)])[0])
-        device_text = parts.path.strip("/") or "0"
-        if not device_text.isdecimal():
-            raise ValueError(f"{device_text!r} is no device number")
+        device = _device_of(parts.scheme, unquote(parts.path.strip("/")))
     except ValueError as error:
-        raise BadInputError(f"--mount {url}: {error}; {FORM}") from error
+        raise BadInputError(f"--mount {url}: {error}; {form}") from error
     if parts.hostname is None:
-        raise BadInputError(f"--mount {url}: no host; {FORM}")
+        raise BadInputError(f"--mount {url}: no host; {form}")
     if not 1 <= port <= 65535:
         raise BadInputError(f"--mount {url}: the port is {port}; ports run from 1 to 65535")
     if not SLOWEST_HZ <= hz <= FASTEST_HZ:
@@ -150,7 +168,18 @@ def parse_alpaca(url: str, resolve: bool = True) -> AlpacaAddress:
         raise BadInputError(
             f"--mount {url}: no such host {parts.hostname!r}; check the name, or give its IP address"
         ) from error
-    return AlpacaAddress(host, port, int(device_text), hz)
+    return AlpacaAddress(host, port, device, hz)
+
+
+def _device_of(scheme: str, text: str) -> int | str:
+    """Return a device's number, or its name. Raises ValueError."""
+    if scheme == "indi":
+        if not text:
+            raise ValueError("no device")
+        return text
+    if not (text or "0").isdecimal():
+        raise ValueError(f"{text!r} is no device number")
+    return int(text or "0")
 
 
 class GatewayConfig(msgspec.Struct, frozen=True):

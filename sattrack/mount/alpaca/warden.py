@@ -1,9 +1,9 @@
 """The warden: a small process that stops the telescope when the gateway cannot do it any more.
 
-Arguments: the channel's descriptor, the gateway's process, host, port and device. The gateway says with each
-turn whether the telescope may be moving. Where it is gone, or stands still for HANG_AFTER_S while that is so,
-it is ended for good, and the telescope is stopped until it is seen at rest. Little but the standard
-library, so that it starts soon and takes little room.
+Arguments: the channel's descriptor, the gateway's process, and the telescope's protocol, host, port and
+device. The gateway says with each turn whether the telescope may be moving. Where it is gone, or stands still
+for HANG_AFTER_S while that is so, it is ended for good, and the telescope is stopped until it is seen at
+rest. Little but the standard library, so that it starts soon and takes little room.
 """
 
 from __future__ import annotations
@@ -15,11 +15,15 @@ import signal
 import socket
 import sys
 import time
+from typing import TYPE_CHECKING
 
 from sattrack.core.angles import wrap180
 from sattrack.mount.alpaca.client import PARKED, AlpacaDevice, AlpacaRefusalError, NoAnswerError
 from sattrack.mount.link_loss import STOPS_MOVING_S, STOPS_SENT_S
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
+
+if TYPE_CHECKING:
+    from sattrack.mount.indi.client import IndiDevice
 
 HANG_AFTER_S = 1.5
 ANSWER_WITHIN_S = 1.0
@@ -28,7 +32,7 @@ RESTS_DEG_S = 0.5 * SIDEREAL_RATE_DEG_S
 IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP, signal.SIGPIPE)
 
 
-def stop(telescope: AlpacaDevice) -> bool | None:
+def stop(telescope: AlpacaDevice | IndiDevice) -> bool | None:
     """Stop the telescope; return whether it was seen at rest, None where it was not heard."""
     begun_s = time.monotonic()
     heard = False
@@ -44,7 +48,7 @@ def stop(telescope: AlpacaDevice) -> bool | None:
     return False if heard else None
 
 
-def _refusal(telescope: AlpacaDevice, member: str, **fields: str) -> int | None:
+def _refusal(telescope: AlpacaDevice | IndiDevice, member: str, **fields: str) -> int | None:
     """Call a member; return the number of the refusal, None where it is obeyed. Raises Unheard."""
     try:
         telescope.put(member, **fields)
@@ -58,7 +62,7 @@ def _refusal(telescope: AlpacaDevice, member: str, **fields: str) -> int | None:
     return None
 
 
-def rests(telescope: AlpacaDevice) -> bool:
+def rests(telescope: AlpacaDevice | IndiDevice) -> bool:
     """Return whether it stands, or tracks the sky, by two looks at its place. Raises Refusal, Unheard."""
     looks = []
     for _ in range(2):
@@ -76,7 +80,7 @@ def rests(telescope: AlpacaDevice) -> bool:
     return not _slews(telescope) and max(off, abs(dec2 - dec1) / seconds) < RESTS_DEG_S
 
 
-def _slews(telescope: AlpacaDevice) -> bool:
+def _slews(telescope: AlpacaDevice | IndiDevice) -> bool:
     try:
         return telescope.get("slewing") is True
     except AlpacaRefusalError:
@@ -103,24 +107,33 @@ def watch(channel: socket.socket) -> str | None:
         word = data[-1:]
 
 
+def telescope_of(scheme: str, host: str, port: int, device: str) -> AlpacaDevice | IndiDevice:
+    """Return who asks the telescope at an address."""
+    if scheme == "indi":
+        from sattrack.mount.indi.client import IndiDevice
+
+        return IndiDevice(host, port, device, ANSWER_WITHIN_S)
+    return AlpacaDevice(f"{host}:{port}", "telescope", int(device), ANSWER_WITHIN_S)
+
+
 def main() -> int:
     """Run the process; returns its exit code."""
     for number in IGNORED:
         signal.signal(number, signal.SIG_IGN)
-    descriptor, gateway, host, port, device = sys.argv[1:]
+    descriptor, gateway, scheme, host, port, device = sys.argv[1:]
     why = watch(socket.socket(fileno=int(descriptor)))
     if why is None:
         return 0
     if os.getppid() == int(gateway):
         # It must not wake up and move on.
         os.kill(int(gateway), signal.SIGKILL)
-    at_rest = stop(AlpacaDevice(f"{host}:{port}", "telescope", int(device), ANSWER_WITHIN_S))
+    at_rest = stop(telescope_of(scheme, host, int(port), device))
     rest = {
         True: "stopped it: seen at rest",
         False: "sent it stops, and DID NOT SEE IT AT REST: stop it by its own console",
         None: "does NOT HEAR the telescope: stop it by its own console",
     }[at_rest]
-    words = f"the gateway to alpaca://{host}:{port}/{device} {why}; its warden {rest}"
+    words = f"the gateway to {scheme}://{host}:{port}/{device} {why}; its warden {rest}"
     with contextlib.suppress(OSError):
         os.write(2, f"sattrack: {words}\n".encode())
     return 0 if at_rest else 1

@@ -16,7 +16,7 @@ import socket
 import sys
 import threading
 import time
-from typing import Any
+from typing import Any, ClassVar
 
 import msgspec
 
@@ -29,7 +29,6 @@ from sattrack.views.run import SummaryLine, TrackView
 LONGEST_LINE = 1 << 28
 TASK_WITHIN_S = 10.0
 STOP = b'{"type":"stop"}\n'
-LOOK_EVERY_S = 0.25
 STOP_WITHIN_S = 0.5
 """How long a stop may take to show, before it is sent by the mount's guardian as well."""
 BEHIND_THE_RUN = 5
@@ -39,6 +38,8 @@ RunMessage = TrackView | SummaryLine
 
 class RunViews:
     """The run's view server, as one who looks on: views come, and stops go."""
+
+    LOOK_EVERY_S: ClassVar[float] = 0.25
 
     def __init__(self, pid: int, name: str) -> None:
         self._pid, self._name = pid, name
@@ -62,7 +63,7 @@ class RunViews:
         now_s = time.monotonic()
         if self._channel is not None or now_s < self._next_s:
             return
-        self._next_s = now_s + LOOK_EVERY_S
+        self._next_s = now_s + self.LOOK_EVERY_S
         connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             connection.connect(name_for(self._pid))
@@ -108,7 +109,7 @@ class RunViews:
             if found := self.news():
                 return found
             waited = [one for one in (*self.readers(), starter) if one is not None]
-            if starter in select.select(waited, [], [], LOOK_EVERY_S)[0]:
+            if starter in select.select(waited, [], [], self.LOOK_EVERY_S)[0]:
                 starter.lines()
         return []
 
@@ -127,7 +128,7 @@ def main() -> int:
     from sattrack.servers.alpaca.run_station import serve
 
     try:
-        serve(lines[0], starter, views, first)
+        serve(lines[0], starter, views, first, log)
     except SattrackError as error:
         log(f"sattrack: --serve: {error}; the run goes on without")
         return 1

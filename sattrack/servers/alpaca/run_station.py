@@ -18,7 +18,6 @@ from sattrack.runtime.connection import Connection
 from sattrack.runtime.mounts import OverheardLink, connection_to_watch, owned_address, owners
 from sattrack.runtime.system import StopRequest
 from sattrack.servers.alpaca.protocol import Fault, FollowedState, Number
-from sattrack.servers.alpaca.run_process import LOOK_EVERY_S, RunMessage, RunViews, log
 from sattrack.servers.alpaca.serve import AlpacaLoop, AlpacaTask, start_http_process
 from sattrack.servers.alpaca.shared_rotator import SharedRotator
 from sattrack.servers.alpaca.state import Answers, MountState, state_of
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
     from sattrack.core.channel import Channel
     from sattrack.core.clock import Clock
     from sattrack.servers.alpaca.protocol import NumberedOrder, TelescopeState
+    from sattrack.servers.alpaca.run_process import RunMessage, RunViews
 
 ACQUIRED = ("following", "paused")
 
@@ -176,10 +176,11 @@ class RunStation:
 class RunLink(OverheardLink):
     """What a run's sessions hear of their mounts, one after another, as each begins."""
 
-    def __init__(self, pid: int) -> None:
+    def __init__(self, pid: int, look_every_s: float) -> None:
         ours, self._silent = socket.socketpair()
         super().__init__(None, ours)  # type: ignore[arg-type]
         self._pid, self.ended = pid, True
+        self._look_every_s = look_every_s
         self._next_s = 0.0
 
     def look(self) -> None:
@@ -187,7 +188,7 @@ class RunLink(OverheardLink):
         now_s = time.monotonic()
         if not self.ended or now_s < self._next_s:
             return
-        self._next_s = now_s + LOOK_EVERY_S
+        self._next_s = now_s + self._look_every_s
         owner = next((one for one in owners() if one.pid == self._pid), None)
         connection = None if owner is None else connection_to_watch(owner.mount)
         if owner is not None and connection is not None:
@@ -229,8 +230,14 @@ class RunLoop(AlpacaLoop):
         """Report nothing: the run does."""
 
 
-def serve(line: bytes, starter: Channel, views: RunViews, first: Sequence[RunMessage]) -> None:
-    """Serve until the run is over, a task of one JSON line; `first` are the run's first views.
+def serve(
+    line: bytes,
+    starter: Channel,
+    views: RunViews,
+    first: Sequence[RunMessage],
+    log: Callable[[str], None],
+) -> None:
+    """Serve until the run is over, a task of one JSON line; `first` are the run's first views; `log` takes lines.
 
     Raises SattrackError where the clients' process does not come up.
     """
@@ -247,7 +254,7 @@ def serve(line: bytes, starter: Channel, views: RunViews, first: Sequence[RunMes
         info = f"sattrack: {station.profile.name}"
         listener = socket.socket(fileno=task.rotctld)
         rotctld = RotctldServer(listener, task.telescope.limits(), station.rotator, info)
-    connection = Connection(RunLink(task.pid), clock)
+    connection = Connection(RunLink(task.pid, views.LOOK_EVERY_S), clock)
     try:
         RunLoop(
             connection,

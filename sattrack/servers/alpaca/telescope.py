@@ -143,7 +143,8 @@ class Device:
     @property
     def info(self) -> str:
         """See DriverInfo."""
-        protocol = "ASCOM Alpaca" if self.mount.startswith("alpaca:") else "Xerxes mount control protocol"
+        protocols = {"alpaca": "ASCOM Alpaca", "indi": "INDI"}
+        protocol = protocols.get(self.mount.partition(":")[0], "Xerxes mount control protocol")
         return f"{MAKER} {self.version}, {protocol}"
 
     @property

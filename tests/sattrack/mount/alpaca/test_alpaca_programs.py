@@ -110,7 +110,7 @@ def gateways(telescope: AlpacaTelescope, kinds: tuple[str, ...] = (GATEWAY, WARD
     return found
 
 
-def stands_between(command_line: bytes) -> tuple[str, tuple[str, int, int] | None]:
+def stands_between(command_line: bytes) -> tuple[str, tuple[str, int, int | str] | None]:
     """The module of ours that a process runs, and the host, port and device of the telescope it was given."""
     words = command_line.rstrip(b"\0").decode(errors="replace").split("\0")
     if "-m" not in words[:-1]:
@@ -120,8 +120,8 @@ def stands_between(command_line: bytes) -> tuple[str, tuple[str, int, int] | Non
         told = json.loads(given[0])["address"]
         return module, (told[0], told[1], told[2])
     if module == WARDEN:
-        host, port, device = given[2:]
-        return module, (host, int(port), int(device))
+        host, port, device = given[3:]
+        return module, (host, int(port), int(device) if device.isdecimal() else device)
     return module, None
 
 

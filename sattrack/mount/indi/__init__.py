@@ -1,0 +1,1 @@
+"""INDI telescopes as mounts, in the terms of an Alpaca telescope, which the gateway speaks."""

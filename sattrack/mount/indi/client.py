@@ -1,0 +1,242 @@
+"""An INDI telescope over TCP: for the gateway, and for its warden, which waits for each answer.
+
+Drivers tell where the telescope is when they have asked it and it has moved, so places are dated by their
+arrival; one that stays where it is, is asked for.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import functools
+import select
+import socket
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Self
+
+from sattrack.mount.alpaca.client import ANSWER_WITHIN_S, AlpacaRefusalError, NoAnswerError, broken
+from sattrack.mount.alpaca.device import MEMBERS, Reading
+from sattrack.mount.indi.telescope import (
+    CONNECTION,
+    PLACE,
+    POLLING,
+    IndiTelescope,
+    Property,
+    Setting,
+)
+
+if TYPE_CHECKING:
+    from sattrack.mount.alpaca.device import DeviceFacts
+    from sattrack.mount.alpaca.link import AlpacaAddress
+
+FOUND_WITHIN_S = 10.0
+SETTLED_WITHIN_S = 1.0
+"""How long definitions may come after the first ones that matter."""
+QUIET_PERIODS = 1.5
+"""After so many periods without a place, the driver is asked for it."""
+REFUSED_WITHIN_S = 0.3
+"""A setting that the driver has not answered by then is taken for accepted."""
+READ_BYTES = 65536
+ALERT, REFUSED = "Alert", 0x500
+
+
+@dataclass(slots=True)
+class IndiClient:
+    """One telescope, as `AlpacaClient`; to be used as an asynchronous context."""
+
+    address: AlpacaAddress
+    telescope: IndiTelescope = field(init=False)
+    _writer: asyncio.StreamWriter | None = None
+    _listening: asyncio.Task[None] | None = None
+    _news: asyncio.Condition = field(default_factory=asyncio.Condition)
+    _placed_s: float = 0.0
+    """When the last place came, and the last one that was read."""
+    _read_s: float = 0.0
+    _lost: str | None = None
+
+    def __post_init__(self) -> None:
+        """Know nothing yet."""
+        self.telescope = IndiTelescope(str(self.address.device))
+
+    async def __aenter__(self) -> Self:
+        """Open."""
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        """Close."""
+        if self._listening is not None:
+            self._listening.cancel()
+        if self._writer is not None:
+            self._writer.close()
+
+    async def connect(self) -> None:
+        """Connect to the server, and its driver to the telescope. Raises NoAnswerError."""
+        if self._listening is None or self._listening.done():
+            await self._open()
+        telescope = self.telescope
+        if not await self._until(lambda: telescope.connected is not None, FOUND_WITHIN_S):
+            there = ", ".join(sorted(telescope.others)) or "no device"
+            raise NoAnswerError(f"no device {telescope.device!r} there; the server has {there}")
+        if telescope.connected is False:
+            await self._send(Setting("Switch", CONNECTION, {"CONNECT": "On"}))
+        if not await self._until(lambda: telescope.ready, FOUND_WITHIN_S):
+            raise NoAnswerError(
+                f"{telescope.device} is no telescope, or does not connect: {telescope.message}"
+            )
+        await self._until(lambda: False, SETTLED_WITHIN_S)
+        if POLLING in telescope.properties:
+            period = {"PERIOD_MS": f"{1000.0 / self.address.hz:.0f}"}
+            await self._send(Setting("Number", POLLING, period))
+
+    async def facts(self) -> DeviceFacts:
+        """Return what the telescope can do."""
+        return self.telescope.facts()
+
+    async def put(self, member: str, *fields: tuple[str, str]) -> None:
+        """Carry out an order. Raises AlpacaRefusalError, NoAnswerError."""
+        await self._send(*self.telescope.settings(member, dict(fields)))
+
+    async def read(self) -> Reading:
+        """Return the next place, dated by its arrival, and how the telescope stands. Raises NoAnswerError."""
+        came = await self._until(self._has_new_place, QUIET_PERIODS / self.address.hz)
+        if not came and self._writer is not None:
+            self._writer.write(self.telescope.question(PLACE))
+            came = await self._until(self._has_new_place, ANSWER_WITHIN_S)
+        if not came:
+            raise NoAnswerError(self._lost or f"no place came within {ANSWER_WITHIN_S:g} s")
+        self._read_s = self._placed_s
+        values = {member: self.telescope.value(member) for member in MEMBERS.values() if member != "athome"}
+        ra_h, dec_deg = self.telescope.value("rightascension"), self.telescope.value("declination")
+        return Reading(self._placed_s, values, (self._placed_s, ra_h), (self._placed_s, dec_deg), 0.0)
+
+    def _has_new_place(self) -> bool:
+        return self._placed_s > self._read_s
+
+    async def _open(self) -> None:
+        where = self.address.host, self.address.port
+        try:
+            async with asyncio.timeout(ANSWER_WITHIN_S):
+                reader, self._writer = await asyncio.open_connection(*where)
+        except TimeoutError as error:
+            raise NoAnswerError(f"it did not answer within {ANSWER_WITHIN_S:g} s") from error
+        except OSError as error:
+            raise NoAnswerError(broken(error)) from error
+        self._lost, self.telescope = None, IndiTelescope(self.telescope.device)
+        self._writer.write(self.telescope.greeting())
+        self._listening = asyncio.ensure_future(self._listen(reader))
+
+    async def _listen(self, reader: asyncio.StreamReader) -> None:
+        try:
+            while data := await reader.read(READ_BYTES):
+                now_s, before = time.monotonic(), _told(self.telescope)
+                self.telescope.feed(data)
+                if _told(self.telescope) != before:
+                    self._placed_s = now_s
+                await self._notify()
+            self._lost = "the INDI server has closed the connection"
+        except (NoAnswerError, OSError) as error:
+            self._lost = str(error)
+        await self._notify()
+
+    async def _notify(self) -> None:
+        async with self._news:
+            self._news.notify_all()
+
+    async def _until(self, holds: Any, within_s: float) -> bool:
+        """Wait until something holds; return whether it does."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(within_s), self._news:
+                await self._news.wait_for(lambda: holds() or self._lost is not None)
+        return bool(holds())
+
+    async def _send(self, *settings: Setting) -> None:
+        """Set properties, all before anything else is sent: rates of both axes go together."""
+        if self._writer is None or self._lost is not None:
+            raise NoAnswerError(self._lost or "not connected")
+        known = [(one.name, self.telescope.properties[one.name]) for one in settings]
+        told = [one.told for _, one in known]
+        for setting in settings:
+            self._writer.write(self.telescope.message_of(setting))
+        for (name, one), before in zip(known, told, strict=True):
+            answered = functools.partial(_answered, one, before)
+            if await self._until(answered, REFUSED_WITHIN_S) and one.state == ALERT:
+                raise AlpacaRefusalError(REFUSED, f"{name}: {self.telescope.message or 'Alert'}")
+
+
+def _answered(known: Property, before: int) -> bool:
+    return known.told > before
+
+
+def _told(telescope: IndiTelescope) -> int:
+    place = telescope.properties.get(PLACE)
+    return 0 if place is None else place.told
+
+
+class IndiDevice:
+    """One telescope, asked one thing at a time, as `AlpacaDevice`."""
+
+    def __init__(self, host: str, port: int, device: str, within_s: float) -> None:
+        self._where, self._within_s = (host, port), within_s
+        self._telescope = IndiTelescope(device)
+        self._line: socket.socket | None = None
+
+    def get(self, member: str) -> Any:
+        """Return a member's value; where it is a place, the next one. Raises as `AlpacaDevice`."""
+        self._connect()
+        if member == "rightascension":
+            told = _told(self._telescope)
+            self._send(self._telescope.question(PLACE))
+            self._until(lambda: _told(self._telescope) > told)
+        return self._telescope.value(member)
+
+    def put(self, member: str, **fields: str) -> None:
+        """Carry out an order. Raises as `AlpacaDevice`."""
+        self._connect()
+        for setting in self._telescope.settings(member, fields):
+            self._send(self._telescope.message_of(setting))
+
+    def _send(self, message: bytes) -> None:
+        assert self._line is not None
+        try:
+            self._line.sendall(message)
+        except OSError as error:
+            self._close()
+            raise NoAnswerError(broken(error)) from error
+
+    def _connect(self) -> None:
+        if self._line is not None:
+            return
+        try:
+            self._line = socket.create_connection(self._where, self._within_s)
+        except OSError as error:
+            raise NoAnswerError(broken(error)) from error
+        self._telescope = IndiTelescope(self._telescope.device)
+        self._send(self._telescope.greeting())
+        self._until(lambda: self._telescope.ready)
+        # Definitions come one after another.
+        with contextlib.suppress(NoAnswerError):
+            self._until(lambda: False)
+
+    def _until(self, holds: Any) -> None:
+        """Read until something holds. Raises NoAnswerError where that takes too long."""
+        assert self._line is not None
+        until_s = time.monotonic() + self._within_s
+        while not holds():
+            left_s = until_s - time.monotonic()
+            if left_s <= 0.0 or not select.select([self._line], [], [], left_s)[0]:
+                raise NoAnswerError(f"nothing came within {self._within_s:g} s")
+            try:
+                data = self._line.recv(READ_BYTES)
+            except OSError as error:
+                self._close()
+                raise NoAnswerError(broken(error)) from error
+            if not data:
+                self._close()
+                raise NoAnswerError("the INDI server has closed the connection")
+            self._telescope.feed(data)
+
+    def _close(self) -> None:
+        if self._line is not None:
+            self._line.close()
+            self._line = None

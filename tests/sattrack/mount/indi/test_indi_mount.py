@@ -1,0 +1,275 @@
+"""INDI telescopes as mounts, judged by INDI's own drivers; and messages as they stand in its paper."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree
+
+import pytest
+from indi_programs import Indi, indi_server
+from programs import ended, sattrack
+from serving import PATIENCE_S, WHERE
+
+from sattrack.cli.main import run
+from sattrack.core.errors import BadInputError
+from sattrack.mount.alpaca.client import AlpacaRefusalError, NoAnswerError
+from sattrack.mount.alpaca.link import parse_alpaca
+from sattrack.mount.indi.telescope import IndiTelescope
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+NAME = "Telescope Simulator"
+GATEWAY = b"sattrack.mount.alpaca.gateway_process"
+SAME_DEG = 0.001
+RESTS_DEG = 0.02
+"""What sidereal tracking that is off, and the program's own time, may move a place that is read twice."""
+DEFINITIONS = b"""
+<defSwitchVector device="T" name="CONNECTION" state="Ok" perm="rw" rule="OneOfMany">
+<defSwitch name="CONNECT">On</defSwitch><defSwitch name="DISCONNECT">Off</defSwitch></defSwitchVector>
+<defNumberVector device="T" name="EQUATORIAL_EOD_COORD" state="Idle" perm="rw">
+<defNumber name="RA" format="%010.6m" min="0" max="24" step="0">
+6.5
+</defNumber>
+<defNumber name="DEC" format="%010.6m" min="-90" max="90" step="0">
+-12.25
+</defNumber></defNumberVector>
+<defSwitchVector device="T" name="TELESCOPE_ABORT_MOTION" state="Idle" perm="rw" rule="AtMostOne">
+<defSwitch name="ABORT">Off</defSwitch></defSwitchVector>
+<defSwitchVector device="T" name="TELESCOPE_TRACK_MODE" state="Idle" perm="rw" rule="OneOfMany">
+<defSwitch name="TRACK_SIDEREAL">On</defSwitch>
+<defSwitch name="TRACK_CUSTOM">Off</defSwitch></defSwitchVector>
+<defNumberVector device="T" name="TELESCOPE_TRACK_RATE" state="Idle" perm="rw">
+<defNumber name="TRACK_RATE_RA" format="%.6f" min="-7200" max="7200" step="1">15.04</defNumber>
+<defNumber name="TRACK_RATE_DE" format="%.6f" min="-3600" max="3600" step="1">0</defNumber></defNumberVector>
+<defSwitchVector device="T" name="TELESCOPE_TRACK_STATE" state="Idle" perm="rw" rule="OneOfMany">
+<defSwitch name="TRACK_ON">Off</defSwitch><defSwitch name="TRACK_OFF">On</defSwitch></defSwitchVector>
+<setNumberVector device="Dome" name="EQUATORIAL_EOD_COORD">
+<oneNumber name="RA">1</oneNumber></setNumberVector>
+"""
+
+
+def telescope(pieces: int = 10_000) -> IndiTelescope:
+    made = IndiTelescope("T")
+    for i in range(0, len(DEFINITIONS), pieces):
+        made.feed(DEFINITIONS[i : i + pieces])
+    return made
+
+
+def settings(made: IndiTelescope, member: str, **fields: str) -> list[tuple[str, dict[str, str]]]:
+    """What is sent for an order, as INDI's messages say it."""
+    found = []
+    for one in made.settings(member, fields):
+        element = ElementTree.fromstring(made.message_of(one))
+        assert element.get("device") == "T"
+        found.append((element.get("name", ""), {each.get("name", ""): each.text or "" for each in element}))
+    return found
+
+
+@pytest.mark.parametrize("pieces", [1, 7, 10_000])
+def test_properties_are_read_from_any_pieces_and_other_devices_left_alone(pieces: int) -> None:
+    made = telescope(pieces)
+    assert made.ready
+    assert (made.value("rightascension"), made.value("declination")) == (6.5, -12.25)
+    assert made.value("slewing") is False
+    assert made.value("tracking") is False
+    facts = made.facts()
+    # 7200 and 3600 arcseconds a second.
+    assert (facts.fastest_deg_s(0), facts.fastest_deg_s(1)) == (2.0, 1.0)
+    assert (facts.can_slew, facts.can_pulse_guide, facts.objection()) == (False, False, None)
+    made.feed(
+        b'<setNumberVector device="T" name="EQUATORIAL_EOD_COORD" state="Busy">'
+        b'<oneNumber name="RA">7</oneNumber></setNumberVector>'
+    )
+    assert (made.value("rightascension"), made.value("declination")) == (7.0, -12.25)
+    assert made.value("slewing") is True
+    made.feed(b'<delProperty device="T"/>')
+    with pytest.raises(AlpacaRefusalError, match="not connected"):
+        made.value("rightascension")
+
+
+def test_what_is_no_indi_is_told() -> None:
+    with pytest.raises(NoAnswerError, match="no INDI"):
+        telescope().feed(b"HTTP/1.1 400 Bad Request\r\n\r\n<>")
+
+
+def test_rates_of_axes_are_rates_of_tracking_and_none_gives_sidereal_tracking_back() -> None:
+    made = telescope()
+    # A degree a second westward; declination stands.
+    assert settings(made, "moveaxis", Axis="0", Rate="1.0") == [
+        ("TELESCOPE_TRACK_RATE", {"TRACK_RATE_RA": "3600.000000", "TRACK_RATE_DE": "0.000000"}),
+        ("TELESCOPE_TRACK_MODE", {"TRACK_CUSTOM": "On"}),
+    ]
+    assert settings(made, "moveaxis", Axis="1", Rate="-0.5")[0] == (
+        "TELESCOPE_TRACK_RATE",
+        {"TRACK_RATE_RA": "3600.000000", "TRACK_RATE_DE": "-1800.000000"},
+    )
+    settings(made, "moveaxis", Axis="0", Rate="0")
+    assert settings(made, "moveaxis", Axis="1", Rate="0") == [
+        ("TELESCOPE_TRACK_RATE", {"TRACK_RATE_RA": "15.041067", "TRACK_RATE_DE": "0.000000"}),
+        ("TELESCOPE_TRACK_MODE", {"TRACK_SIDEREAL": "On"}),
+    ]
+    assert settings(made, "abortslew") == [("TELESCOPE_ABORT_MOTION", {"ABORT": "On"})]
+
+
+def test_a_rate_in_force_is_reversed_through_nothing_as_drivers_want_it() -> None:
+    made = telescope()
+    settings(made, "moveaxis", Axis="1", Rate="0.1")
+    made.feed(
+        b'<setSwitchVector device="T" name="TELESCOPE_TRACK_MODE" state="Ok">'
+        b'<oneSwitch name="TRACK_CUSTOM">On</oneSwitch></setSwitchVector>'
+    )
+    assert settings(made, "moveaxis", Axis="1", Rate="-0.1") == [
+        ("TELESCOPE_TRACK_RATE", {"TRACK_RATE_RA": "15.041067", "TRACK_RATE_DE": "0.000000"}),
+        ("TELESCOPE_TRACK_RATE", {"TRACK_RATE_RA": "15.041067", "TRACK_RATE_DE": "-360.000000"}),
+    ]
+
+
+def test_an_address_is_a_device_by_its_name() -> None:
+    address = parse_alpaca("indi://127.0.0.1/EQMod%20Mount?hz=4")
+    assert (address.host, address.port, address.device, address.hz) == ("127.0.0.1", 7624, "EQMod Mount", 4.0)
+    assert str(address) == "indi://127.0.0.1:7624/EQMod%20Mount"
+    with pytest.raises(BadInputError, match="no device; write indi://HOST:PORT/DEVICE"):
+        parse_alpaca("indi://127.0.0.1:7624")
+
+
+@pytest.fixture(autouse=True)
+def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    (tmp_path / "sattrack.toml").write_text("[safety]\noptical = false\n")
+    monkeypatch.chdir(tmp_path)
+
+
+needs_indi = pytest.mark.needs("indiserver", "indi_simulator_telescope", "indi_getprop", "indi_setprop")
+
+
+@pytest.fixture
+def simulator(program: Callable[[str], str]) -> Iterator[tuple[Indi, str]]:
+    """INDI's simulated telescope, tracking where its site has it high up, and its URL."""
+    with indi_server(program, program("indi_simulator_telescope")) as port:
+        client = Indi(port, NAME, program)
+        client.until("CONNECTION.CONNECT", bool)
+        client.set("CONNECTION.CONNECT=On")
+        client.until("GEOGRAPHIC_COORD.LAT", bool)
+        latitude, longitude, height = WHERE.split(",")
+        client.set(f"GEOGRAPHIC_COORD.LAT={latitude};LONG={longitude};ELEV={height}")
+        client.set("TELESCOPE_TRACK_STATE.TRACK_ON=On")
+        # It begins at the pole six hours off the meridian.
+        ra_h = (client.number("EQUATORIAL_EOD_COORD.RA") + 6.0) % 24.0
+        client.set(f"EQUATORIAL_EOD_COORD.RA={ra_h};DEC=40")
+        client.until("EQUATORIAL_EOD_COORD.DEC", lambda value: abs(float(value or 0.0) - 40.0) < 0.001)
+        client.until("EQUATORIAL_EOD_COORD._STATE", lambda value: value == "Ok")
+        yield client, f"indi://127.0.0.1:{port}/{NAME.replace(' ', '%20')}"
+
+
+def place(client: Indi) -> tuple[float, float]:
+    return 15.0 * client.number("EQUATORIAL_EOD_COORD.RA"), client.number("EQUATORIAL_EOD_COORD.DEC")
+
+
+def assert_rests(client: Indi) -> None:
+    """Nothing moves after a stop: once two looks have shown the same place, later ones do."""
+    client.until("TELESCOPE_TRACK_MODE.TRACK_CUSTOM", lambda value: value == "Off")
+    client.until("TELESCOPE_TRACK_RATE.TRACK_RATE_DE", lambda value: float(value or 1.0) == 0.0)
+    until_s = time.monotonic() + PATIENCE_S
+    while apart(before := place(client), after := place(client)) > SAME_DEG:
+        assert time.monotonic() < until_s, (before, after)
+    assert client.get("TELESCOPE_TRACK_MODE.TRACK_CUSTOM") == "Off"
+    for _ in range(3):
+        assert apart(after, place(client)) < RESTS_DEG
+
+
+def apart(one: tuple[float, float], other: tuple[float, float]) -> float:
+    return max(abs(a - b) for a, b in zip(one, other, strict=True))
+
+
+@needs_indi
+def test_indis_simulator_is_slewed_moved_and_seen_at_rest_by_hand(simulator: tuple[Indi, str]) -> None:
+    client, url = simulator
+    ra_deg, _ = place(client)
+    assert run(["mount", "slew", str(ra_deg - 5.0), "50", "--mount", url, "--site", WHERE]) == 0
+    assert place(client) == pytest.approx(((ra_deg - 5.0) % 360.0, 50.0), abs=0.01)
+    rates = ("--ra-rate", "0.2", "--dec-rate", "-0.5", "--seconds", "3")
+    assert run(["mount", "move", *rates, "--mount", url, "--site", WHERE]) == 0
+    moved_ra_deg, moved_dec_deg = place(client)
+    # 0.6° and -1.5°, but for what starting and stopping takes.
+    assert 0.3 < (moved_ra_deg - ra_deg + 5.0) % 360.0 < 0.9
+    assert -2.0 < moved_dec_deg - 50.0 < -1.0
+    assert_rests(client)
+
+
+@contextlib.contextmanager
+def moving(client: Indi, url: str) -> Iterator[subprocess.Popen[str]]:
+    """Have `mount move` turn the telescope for a minute."""
+    command = ("mount", "move", "--dec-rate", "0.2", "--seconds", "60", "--mount", url, "--site", WHERE)
+    with ended(sattrack(*command, stderr=subprocess.DEVNULL)) as process:
+        client.until("TELESCOPE_TRACK_RATE.TRACK_RATE_DE", lambda value: float(value or 0.0) > 700.0)
+        yield process
+
+
+@needs_indi
+def test_ctrl_c_leaves_nothing_moving(simulator: tuple[Indi, str]) -> None:
+    client, url = simulator
+    with moving(client, url) as process:
+        process.send_signal(signal.SIGINT)
+        assert process.wait(PATIENCE_S) == 130
+        assert_rests(client)
+
+
+@needs_indi
+def test_a_session_that_is_killed_leaves_nothing_moving(simulator: tuple[Indi, str]) -> None:
+    client, url = simulator
+    with moving(client, url) as process:
+        process.kill()
+        process.wait(PATIENCE_S)
+        assert_rests(client)
+
+
+@needs_indi
+def test_a_gateway_that_is_killed_leaves_nothing_moving(simulator: tuple[Indi, str]) -> None:
+    client, url = simulator
+    with moving(client, url) as process:
+        for folder in Path("/proc").glob("[0-9]*"):
+            with contextlib.suppress(OSError):
+                line = (folder / "cmdline").read_bytes()
+                if GATEWAY in line and f'"127.0.0.1",{url.split(":")[2].split("/")[0]}'.encode() in line:
+                    os.kill(int(folder.name), signal.SIGKILL)
+        assert process.wait(PATIENCE_S) == 4
+        assert_rests(client)
+
+
+@needs_indi
+@pytest.mark.needs("indi_lx200classic")
+def test_a_driver_without_fine_rates_is_refused_with_its_reason_but_stopped(
+    program: Callable[[str], str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with indi_server(program, program("indi_lx200classic")) as port:
+        client = Indi(port, "LX200 Classic", program)
+        client.until("SIMULATION.ENABLE", bool)
+        client.set("SIMULATION.ENABLE=On")
+        client.set("CONNECTION.CONNECT=On")
+        client.until("EQUATORIAL_EOD_COORD.RA", bool)
+        url = f"indi://127.0.0.1:{port}/LX200%20Classic"
+        assert (
+            run(["mount", "move", "--dec-rate", "0.2", "--seconds", "1", "--mount", url, "--site", WHERE])
+            == 1
+        )
+        assert "has no TELESCOPE_TRACK_RATE (rates of tracking) on both axes" in capsys.readouterr().err
+        assert run(["stop", "--mount", url]) == 0
+        assert "stopped and seen at rest" in capsys.readouterr().out
+
+
+@needs_indi
+def test_what_is_not_there_is_told_in_a_line(
+    simulator: tuple[Indi, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, url = simulator
+    assert run(["mount", "status", "--mount", url.replace("Simulator", "Nobody"), "--site", WHERE]) == 4
+    told = capsys.readouterr().err
+    assert "no device 'Telescope Nobody' there" in told
+    assert told.count("\n") == 1
