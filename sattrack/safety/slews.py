@@ -22,7 +22,11 @@ BRAKING_SHARE, CLOSES_S = 0.2, 1.0
 """How a slew by rates ends: a share of the axes' acceleration, and the time constant of the last of it."""
 TURN_MARGIN_DEG = 2.0
 """How far inside the cables' limit a pass must stay for a turn of the axis to be chosen."""
+EDGES_SLOWER = 5.0
+"""How much more gently where a rate acts on until the next edge."""
 STRAYED_DEG = 1.0
+LED_STRAYED_DEG = 6.0
+"""The same where rates lead: those of an edge mount may act on for half a second. Each is judged ahead."""
 STRAYED_STATUSES = 3
 
 
@@ -203,7 +207,7 @@ class SlewGate:
         if box is None or not seen.slewing:
             self._astray = 0
             return False
-        m = STRAYED_DEG
+        m = STRAYED_DEG if self._profile.geometry is None else LED_STRAYED_DEG
         grown = box.grown(m, m, m, m)
         inside = (
             grown.ha_low_deg <= place[0] <= grown.ha_high_deg
@@ -236,7 +240,7 @@ class SlewGate:
         """Return the rates that lead from a place along the leg under way, each axis in its own time."""
         goal, profile = self._leg_end(place, sidereal_deg), self._profile
         first, second = (
-            _closing_deg_s(to - at, axis)
+            _closing_deg_s(to - at, axis, profile.move_axis == "edge")
             for to, at, axis in zip(goal, place, (profile.ra, profile.dec), strict=True)
         )
         return MoveAxes(-first, second)
@@ -248,12 +252,12 @@ class SlewGate:
         return math.isfinite(off) and off < THERE_DEG
 
 
-def _closing_deg_s(gap_deg: float, axis: AxisLimits) -> float:
+def _closing_deg_s(gap_deg: float, axis: AxisLimits, by_edges: bool) -> float:
     """Return the rate that closes a gap, from which a share of the acceleration can still brake."""
-    size = abs(gap_deg)
-    braking = math.sqrt(2.0 * BRAKING_SHARE * axis.max_acceleration_deg_s2 * size)
+    size, slower = abs(gap_deg), EDGES_SLOWER if by_edges else 1.0
+    braking = math.sqrt(2.0 * BRAKING_SHARE / slower * axis.max_acceleration_deg_s2 * size)
     fastest = min(axis.slew_rate_deg_s, axis.max_rate_deg_s)
-    return math.copysign(min(size / CLOSES_S, braking, fastest), gap_deg)
+    return math.copysign(min(size / (slower * CLOSES_S), braking, fastest), gap_deg)
 
 
 def _slew_to(place: Place, sidereal_deg: float) -> Slew:
