@@ -18,8 +18,8 @@ THERE_DEG = 0.1
 """A slew that ends farther from its goal was not carried out."""
 WAITS_S = 70.0
 """How long the mount may wait at the target until it follows, tracking the sky."""
-BRAKING_SHARE, CLOSES_S = 0.2, 1.0
-"""How a slew by rates ends: a share of the axes' acceleration, and the time constant of the last of it."""
+RAMP_SHARE, BRAKING_SHARE, CLOSES_S = 0.5, 0.2, 1.0
+"""How a slew by rates begins and ends: shares of the axes' acceleration, and its last time constant."""
 TURN_MARGIN_DEG = 2.0
 """How far inside the cables' limit a pass must stay for a turn of the axis to be chosen."""
 EDGES_SLOWER = 5.0
@@ -40,6 +40,8 @@ class SlewGate:
         self._legs: list[Slew] = []
         self._box: Box | None = None
         self._astray = 0
+        self._led_deg_s = (0.0, 0.0)
+        """The rates that led along the leg last."""
         self.onward_deg: tuple[float, float] | None = None
         """How far back and on the first axis turns from a slew's target on, where rates lead it there and any
         turn of its cables can be chosen; None where the mount slews by itself."""
@@ -57,6 +59,7 @@ class SlewGate:
     def forget(self) -> None:
         """Something else is asked for."""
         self._target, self._legs, self._box, self._astray = None, [], None, 0
+        self._led_deg_s = (0.0, 0.0)
 
     def clear(
         self, target: Slew, sidereal_deg: float, reported: tuple[float, float], place: Place, braking: Box
@@ -239,10 +242,13 @@ class SlewGate:
     def rates_from(self, place: Place, sidereal_deg: float) -> MoveAxes:
         """Return the rates that lead from a place along the leg under way, each axis in its own time."""
         goal, profile = self._leg_end(place, sidereal_deg), self._profile
-        first, second = (
-            _closing_deg_s(to - at, axis, profile.move_axis == "edge")
-            for to, at, axis in zip(goal, place, (profile.ra, profile.dec), strict=True)
-        )
+        by_edges = profile.move_axis == "edge"
+        rates = []
+        for to, at, before, axis in zip(goal, place, self._led_deg_s, (profile.ra, profile.dec), strict=True):
+            most = RAMP_SHARE * axis.max_acceleration_deg_s2 * profile.period_s
+            wanted = _closing_deg_s(to - at, axis, by_edges)
+            rates.append(max(before - most, min(before + most, wanted)))
+        first, second = self._led_deg_s = (rates[0], rates[1])
         return MoveAxes(-first, second)
 
     def is_there(self, reported: tuple[float, float]) -> bool:
