@@ -353,9 +353,10 @@ def tell_found(found: list[Found]) -> None:
         ("cone", [abs(one.cone_deg) for one in known]),
     ):
         print(f"{name} off by: median {3600 * statistics.median(offs):.2f}″, most {3600 * max(offs):.2f}″")
-    ratios = [one.own_arcsec / max(one.true_arcsec, LEAST_ARCSEC) for one in known]
+    ratios = [max(one.own_arcsec, LEAST_ARCSEC) / max(one.true_arcsec, LEAST_ARCSEC) for one in known]
     finite = [ratio for ratio in ratios if math.isfinite(ratio)]
-    print(f"error with what was found over that with the truth: most {max(finite):.2f} of {len(finite)}")
+    near = sum(one <= BOUND for one in finite)
+    print(f"error with them over that with the true ones: {near} of {len(finite)} within {BOUND}")
 
 
 def main() -> int:

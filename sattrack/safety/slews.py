@@ -18,11 +18,15 @@ THERE_DEG = 0.1
 """A slew that ends farther from its goal was not carried out."""
 WAITS_S = 70.0
 """How long the mount may wait at the target until it follows, tracking the sky."""
-BRAKING_SHARE, CLOSES_S = 0.2, 1.0
-"""How a slew by rates ends: a share of the axes' acceleration, and the time constant of the last of it."""
+RAMP_SHARE, BRAKING_SHARE, CLOSES_S = 0.5, 0.2, 1.0
+"""How a slew by rates begins and ends: shares of the axes' acceleration, and its last time constant."""
 TURN_MARGIN_DEG = 2.0
 """How far inside the cables' limit a pass must stay for a turn of the axis to be chosen."""
+EDGES_SLOWER = 5.0
+"""How much more gently where a rate acts on until the next edge."""
 STRAYED_DEG = 1.0
+LED_STRAYED_DEG = 6.0
+"""The same where rates lead: those of an edge mount may act on for half a second. Each is judged ahead."""
 STRAYED_STATUSES = 3
 
 
@@ -36,6 +40,8 @@ class SlewGate:
         self._legs: list[Slew] = []
         self._box: Box | None = None
         self._astray = 0
+        self._led_deg_s = (0.0, 0.0)
+        """The rates that led along the leg last."""
         self.onward_deg: tuple[float, float] | None = None
         """How far back and on the first axis turns from a slew's target on, where rates lead it there and any
         turn of its cables can be chosen; None where the mount slews by itself."""
@@ -53,6 +59,7 @@ class SlewGate:
     def forget(self) -> None:
         """Something else is asked for."""
         self._target, self._legs, self._box, self._astray = None, [], None, 0
+        self._led_deg_s = (0.0, 0.0)
 
     def clear(
         self, target: Slew, sidereal_deg: float, reported: tuple[float, float], place: Place, braking: Box
@@ -203,7 +210,7 @@ class SlewGate:
         if box is None or not seen.slewing:
             self._astray = 0
             return False
-        m = STRAYED_DEG
+        m = STRAYED_DEG if self._profile.geometry is None else LED_STRAYED_DEG
         grown = box.grown(m, m, m, m)
         inside = (
             grown.ha_low_deg <= place[0] <= grown.ha_high_deg
@@ -235,10 +242,13 @@ class SlewGate:
     def rates_from(self, place: Place, sidereal_deg: float) -> MoveAxes:
         """Return the rates that lead from a place along the leg under way, each axis in its own time."""
         goal, profile = self._leg_end(place, sidereal_deg), self._profile
-        first, second = (
-            _closing_deg_s(to - at, axis)
-            for to, at, axis in zip(goal, place, (profile.ra, profile.dec), strict=True)
-        )
+        by_edges = profile.move_axis == "edge"
+        rates = []
+        for to, at, before, axis in zip(goal, place, self._led_deg_s, (profile.ra, profile.dec), strict=True):
+            most = RAMP_SHARE * axis.max_acceleration_deg_s2 * profile.period_s
+            wanted = _closing_deg_s(to - at, axis, by_edges)
+            rates.append(max(before - most, min(before + most, wanted)))
+        first, second = self._led_deg_s = (rates[0], rates[1])
         return MoveAxes(-first, second)
 
     def is_there(self, reported: tuple[float, float]) -> bool:
@@ -248,12 +258,12 @@ class SlewGate:
         return math.isfinite(off) and off < THERE_DEG
 
 
-def _closing_deg_s(gap_deg: float, axis: AxisLimits) -> float:
+def _closing_deg_s(gap_deg: float, axis: AxisLimits, by_edges: bool) -> float:
     """Return the rate that closes a gap, from which a share of the acceleration can still brake."""
-    size = abs(gap_deg)
-    braking = math.sqrt(2.0 * BRAKING_SHARE * axis.max_acceleration_deg_s2 * size)
+    size, slower = abs(gap_deg), EDGES_SLOWER if by_edges else 1.0
+    braking = math.sqrt(2.0 * BRAKING_SHARE / slower * axis.max_acceleration_deg_s2 * size)
     fastest = min(axis.slew_rate_deg_s, axis.max_rate_deg_s)
-    return math.copysign(min(size / CLOSES_S, braking, fastest), gap_deg)
+    return math.copysign(min(size / (slower * CLOSES_S), braking, fastest), gap_deg)
 
 
 def _slew_to(place: Place, sidereal_deg: float) -> Slew:
