@@ -63,9 +63,6 @@ def looked_beside_arcsec(made: Prepared, flip: str) -> np.ndarray:
     zero_deg = sky.hour_angle_zero_deg(mean_sidereal_deg(begin_s, SITE.longitude_deg), begin_s)
     at_s = np.arange(begin_s + 80.0, end_s - 12.0, 2.0)
     first, second = mount.path.at(at_s)
-    # Past the pole the pass ends where the declination axis has its stop.
-    within = np.cumprod(np.abs(second) < 185.0).astype(bool)
-    at_s, first, second = at_s[within], first[within], second[within]
     there = sky.satellite(0, at_s, 0.0 * at_s, 0.0 * at_s).directions
     return np.array(
         [
@@ -77,12 +74,15 @@ def looked_beside_arcsec(made: Prepared, flip: str) -> np.ndarray:
 
 @pytest.mark.parametrize("flip", ["never", "hour_angle"])
 def test_a_modelled_mount_keeps_its_telescope_on_the_satellite(flip: str) -> None:
-    without, with_model = (looked_beside_arcsec(prepared(modelled, flip), flip) for modelled in (False, True))
-    assert float(np.median(without)) > 1800.0
-    # Time, refraction and the mount's clock are the same in both: what is left is the servo and the model.
-    assert float(np.sqrt(np.mean(with_model**2))) < 1.0
-    assert float(with_model.max()) < 5.0
-    assert len(with_model) > 50
+    with_model = looked_beside_arcsec(prepared(True, flip), flip)
+    # A mount that flips leaves the target for some seconds on its way round; it is on it on both sides.
+    assert float(np.percentile(with_model, 85.0 if flip == "hour_angle" else 100.0)) < 1.0
+    assert float(with_model[:20].max()) < 1.0
+    assert float(with_model[-20:].max()) < 1.0
+
+
+def test_without_a_model_the_telescope_looks_a_degree_beside() -> None:
+    assert float(np.median(looked_beside_arcsec(prepared(False), "never"))) > 1800.0
 
 
 def test_a_rehearsal_takes_the_axes_where_the_model_has_them() -> None:
