@@ -237,7 +237,9 @@ def serve(
     first: Sequence[RunMessage],
     log: Callable[[str], None],
 ) -> None:
-    """Serve until the run is over, a task of one JSON line; `first` are the run's first views; `log` takes lines.
+    """Serve until the run is over, a task of one JSON line.
+
+    `first` are the run's first views; `log` takes lines.
 
     Raises SattrackError where the clients' process does not come up.
     """
