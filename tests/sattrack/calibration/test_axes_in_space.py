@@ -6,8 +6,8 @@ import math
 from dataclasses import replace
 from typing import Any
 
+import axes_anywhere
 import erfa
-import geometry
 import msgspec
 import pytest
 
@@ -18,11 +18,11 @@ from sattrack.mount.model import MountProfile, SitePlace
 from sattrack.safety import SafetyLimits
 
 LATITUDE_DEG = 47.0
-STRANGER = geometry.Telescope
+STRANGER = axes_anywhere.Telescope
 
 
 def motions(
-    stranger: geometry.Parameters, first: float = 200.0, second: float = 30.0, **how: Any
+    stranger: axes_anywhere.Parameters, first: float = 200.0, second: float = 30.0, **how: Any
 ) -> list[Leg]:
     """Return the motions of a stranger's telescope from drive angles on; `how` makes it disobey."""
     telescope = STRANGER(stranger, 0.0)
@@ -43,8 +43,8 @@ def motions(
     return legs
 
 
-def parameters(pole: tuple[float, float], **more: float) -> geometry.Parameters:
-    return geometry.Parameters(
+def parameters(pole: tuple[float, float], **more: float) -> axes_anywhere.Parameters:
+    return axes_anywhere.Parameters(
         latitude_deg=LATITUDE_DEG,
         pole_azimuth_deg=pole[0],
         pole_altitude_deg=pole[1],
@@ -92,20 +92,20 @@ def test_a_mount_that_does_not_fit_is_refused_with_the_reason(how: dict[str, Any
 
 @pytest.mark.parametrize("number", [3, 6])
 def test_a_whole_run_finds_the_axes_of_a_stranger_and_ends_at_rest(number: int) -> None:
-    axes = geometry.draw_to_find(number)
-    run = geometry.Finding(axes).run()
+    axes = axes_anywhere.draw_to_find(number)
+    run = axes_anywhere.Finding(axes).run()
     finder: Any = run.engine
     assert (finder.words, finder.finished, finder.mount_stopped) == (None, True, True)
     found = find_axes(finder.legs, axes.drawn.site.latitude_deg)
-    assert geometry.poles_apart_deg(found.geometry, axes.geometry) < 0.01
+    assert axes_anywhere.poles_apart_deg(found.geometry, axes.geometry) < 0.01
 
 
 def test_nothing_moves_where_a_limit_is_near() -> None:
-    axes = geometry.draw_to_find(3)
-    run = geometry.Finding(axes)
-    altitude = geometry.Tube(axes).horizontal(*axes.drawn.stands)[1]
+    axes = axes_anywhere.draw_to_find(3)
+    run = axes_anywhere.Finding(axes)
+    altitude = axes_anywhere.Tube(axes).horizontal(*axes.drawn.stands)[1]
     limits = SafetyLimits(floor_altitude_deg=altitude - 15.0, optical=False)
-    run.engine = geometry.finder_of(axes, limits)  # type: ignore[assignment]
+    run.engine = axes_anywhere.finder_of(axes, limits)  # type: ignore[assignment]
     run.run()
     finder: Any = run.engine
     assert "altitude limit" in finder.words
@@ -115,10 +115,10 @@ def test_nothing_moves_where_a_limit_is_near() -> None:
 
 
 def test_a_mount_that_runs_away_is_stopped_within_the_circle() -> None:
-    axes = geometry.draw_to_find(3)
+    axes = axes_anywhere.draw_to_find(3)
     fast = replace(axes.drawn.hardware, gains=(8.0, 8.0))
     axes = axes._replace(drawn=replace(axes.drawn, hardware=fast))
-    run = geometry.Finding(axes).run()
+    run = axes_anywhere.Finding(axes).run()
     finder: Any = run.engine
     assert "obedience limit" in finder.words
     assert finder.mount_stopped is True

@@ -300,7 +300,7 @@ def test_offline_with_nothing_kept_says_what_is_held_and_how_to_bring_a_file(ser
     assert line.startswith("sattrack: no elements of Hubble: ")
     assert "kept from earlier downloads: GROUP=stations (2 objects, 0 s ago)" in line
     assert f"save {server.url}/NORAD/elements/gp.php?CATNR=20580&FORMAT=csv as a file" in line
-    assert line.endswith("and give it with --elements FILE")
+    assert "and give it with --elements FILE" in line
 
 
 def test_a_name_is_not_asked_for_where_the_settings_forbid_it(server, capsys, tmp_path):

@@ -197,4 +197,4 @@ def test_plots(ask, tmp_path):
     assert path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     code, _, err = ask("--plot", str(tmp_path / "sky.xyz"))
     assert code == 2
-    assert "cannot write the plot" in err
+    assert "its ending is unknown" in err

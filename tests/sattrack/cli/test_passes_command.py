@@ -295,7 +295,7 @@ def test_a_chart(given: list[str], tmp_path: Path, capsys: pytest.CaptureFixture
     assert chart.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     capsys.readouterr()
     assert run(["passes", *given, "--plot", str(tmp_path / "no" / "sky.png")]) == 2
-    assert "cannot write the plot" in capsys.readouterr().err
+    assert "there is no folder" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

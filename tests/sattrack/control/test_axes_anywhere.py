@@ -9,7 +9,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
-import geometry
+import axes_anywhere
 import msgspec
 import pytest
 from astropy import units
@@ -24,11 +24,11 @@ SETTLED = 200
 """Turns of the mount after which it is on its target."""
 
 
-def drawn_at_target(number: int) -> geometry.AxesDraw:
+def drawn_at_target(number: int) -> axes_anywhere.AxesDraw:
     """Return a draw that begins on its target."""
-    axes = geometry.draw(number)
-    frame = geometry.AxisFrame(axes.geometry, axes.drawn.site.latitude_deg)
-    first, second = geometry._path(axes.drawn, frame)[0, :2]
+    axes = axes_anywhere.draw(number)
+    frame = axes_anywhere.AxisFrame(axes.geometry, axes.drawn.site.latitude_deg)
+    first, second = axes_anywhere._path(axes.drawn, frame)[0, :2]
     angles = [
         zero + sense * angle
         for zero, sense, angle in zip(axes.zeros_deg, axes.senses, (first, second), strict=True)
@@ -38,8 +38,8 @@ def drawn_at_target(number: int) -> geometry.AxesDraw:
 
 @pytest.mark.parametrize("number", [0, 1])
 def test_a_satellite_is_followed(number: int) -> None:
-    """The bound is several times what `python bench/geometry.py` prints of these draws."""
-    run = geometry.AxesRun(geometry.draw(number)).run()
+    """The bound is several times what `python bench/axes_anywhere.py` prints of these draws."""
+    run = axes_anywhere.AxesRun(axes_anywhere.draw(number)).run()
     assert run.ended_by is None
     assert 0.001 < run.settled_rms_arcsec() < 0.15
 
@@ -47,7 +47,7 @@ def test_a_satellite_is_followed(number: int) -> None:
 @pytest.mark.parametrize("number", [1, 8])
 def test_the_tube_stays_above_floor_and_skyline(number: int) -> None:
     axes = drawn_at_target(number)
-    heights = [alt for _, _, alt in geometry.AxesRun(axes).run().tube_deg][SETTLED:]
+    heights = [alt for _, _, alt in axes_anywhere.AxesRun(axes).run().tube_deg][SETTLED:]
     middle = 0.5 * (heights[0] + heights[-1])
     assert heights[0] > middle + 1.0, "a pass that falls"
     horizon = tuple((float(azimuth), middle) for azimuth in range(0, 361, 60))
@@ -55,7 +55,7 @@ def test_the_tube_stays_above_floor_and_skyline(number: int) -> None:
         SafetyLimits(floor_altitude_deg=middle, optical=False),
         SafetyLimits(horizon=horizon, floor_altitude_deg=-89.0, optical=False),
     ):
-        run = geometry.AxesRun(axes, limits=limits).run()
+        run = axes_anywhere.AxesRun(axes, limits=limits).run()
         begun, lowest = False, math.inf
         for _, _, altitude in run.tube_deg:
             begun = begun or altitude > middle + 0.2
@@ -68,7 +68,7 @@ def test_the_tube_stays_above_floor_and_skyline(number: int) -> None:
 def test_a_skyline_stands_where_its_azimuths_are() -> None:
     # A wall to one side of the pass is not met; one in its way is.
     axes = drawn_at_target(33)
-    azimuths = [azimuth for _, azimuth, _ in geometry.AxesRun(axes).run().tube_deg[SETTLED:]]
+    azimuths = [azimuth for _, azimuth, _ in axes_anywhere.AxesRun(axes).run().tube_deg[SETTLED:]]
     last = azimuths[len(azimuths) // 2]
     for beside_deg, met in ((0.0, True), (180.0, False)):
         wall = (last + beside_deg) % 360.0
@@ -79,13 +79,13 @@ def test_a_skyline_stands_where_its_azimuths_are() -> None:
             (float(az), 0.0) for az in range(0, 360, 60) if abs(math.remainder(az - wall, 360.0)) > 45.0
         ]
         limits = SafetyLimits(horizon=tuple(sorted([*points, *around])), optical=False)
-        run = geometry.AxesRun(axes, limits=limits).run()
+        run = axes_anywhere.AxesRun(axes, limits=limits).run()
         assert ("horizon" in run.engine.held_s) is met
         for _, azimuth, _ in run.tube_deg:
             assert abs(math.remainder(azimuth - wall, 360.0)) > 4.0
 
 
-def sun_apart_deg(axes: geometry.AxesDraw, tube: tuple[float, float, float]) -> tuple[float, float]:
+def sun_apart_deg(axes: axes_anywhere.AxesDraw, tube: tuple[float, float, float]) -> tuple[float, float]:
     """Return how far a tube is from the Sun, and the Sun's altitude, degrees, by astropy."""
     site = axes.drawn.site
     place = EarthLocation.from_geodetic(site.longitude_deg, site.latitude_deg, 0.0)
@@ -101,7 +101,9 @@ def sun_apart_deg(axes: geometry.AxesDraw, tube: tuple[float, float, float]) -> 
 @pytest.mark.parametrize(("number", "cone_deg"), [(29, 15.0), (33, 38.0), (6, 20.0)])
 def test_the_tube_stays_out_of_the_sun(number: int, cone_deg: float) -> None:
     axes = drawn_at_target(number)
-    run = geometry.AxesRun(axes, limits=SafetyLimits(floor_altitude_deg=-89.0, sun_cone_deg=cone_deg)).run()
+    run = axes_anywhere.AxesRun(
+        axes, limits=SafetyLimits(floor_altitude_deg=-89.0, sun_cone_deg=cone_deg)
+    ).run()
     begun, least = False, math.inf
     for tube in run.tube_deg[::10]:
         apart, sun_alt = sun_apart_deg(axes, tube)
@@ -118,15 +120,15 @@ def test_the_tube_stays_out_of_the_sun(number: int, cone_deg: float) -> None:
 def test_a_geometry_of_another_mount_is_noticed_in_seconds_named_and_stopped(
     number: int, other: tuple[float, float]
 ) -> None:
-    axes = geometry.draw(number)
-    profile = msgspec.structs.replace(geometry.profile_of(axes), geometry=AxisGeometry(*other))
+    axes = axes_anywhere.draw(number)
+    profile = msgspec.structs.replace(axes_anywhere.profile_of(axes), geometry=AxisGeometry(*other))
     moved_s = []
 
     def watch(run: Any, now_s: float) -> None:
         if isinstance(run.engine.in_force, MoveAxes):
             moved_s.append(now_s)
 
-    run = geometry.AxesRun(axes, profile=profile).run(watch)
+    run = axes_anywhere.AxesRun(axes, profile=profile).run(watch)
     assert run.ended_by == "limit:obedience"
     assert "geometry" in (run.message or "")
     assert moved_s[-1] - moved_s[0] < 5.0
@@ -134,9 +136,9 @@ def test_a_geometry_of_another_mount_is_noticed_in_seconds_named_and_stopped(
 
 @pytest.mark.parametrize("name", ["ra_rate_sign", "dec_rate_sign"])
 def test_a_wrong_sign_is_named_as_such(name: str) -> None:
-    axes = geometry.draw(4)
-    profile = geometry.profile_of(axes)
+    axes = axes_anywhere.draw(4)
+    profile = axes_anywhere.profile_of(axes)
     profile = msgspec.structs.replace(profile, **{name: -getattr(profile, name)})
-    run = geometry.AxesRun(axes, profile=profile).run()
+    run = axes_anywhere.AxesRun(axes, profile=profile).run()
     assert run.ended_by == "limit:obedience"
     assert f"turn {name}" in (run.message or "")

@@ -297,4 +297,4 @@ def test_nothing_is_written_over_and_an_unknown_ending_is_told(
     assert run(["recording", "export", str(short), str(tmp_path / "x.docx")]) == 2
     assert "unknown ending" in capsys.readouterr().err
     assert run(["recording", "export", str(short), str(tmp_path / "no" / "x.csv")]) == 2
-    assert "cannot be written" in capsys.readouterr().err
+    assert "there is no folder" in capsys.readouterr().err

@@ -39,6 +39,7 @@ class NotedEngine:
     told: list[str] = field(default_factory=list)
     failed: bool = False
     mount_stopped: bool = True
+    stop: None = None
     profile: MountProfile = field(default_factory=lambda: MountProfile(period_s=PERIOD_S))
     tracker: Any = field(default_factory=lambda: SimpleNamespace(ended_by=None))
     session: Any = field(default_factory=lambda: SimpleNamespace(health=SimpleNamespace(strangers=0)))

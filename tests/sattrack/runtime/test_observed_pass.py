@@ -149,7 +149,7 @@ def test_garbage_strangers_and_wrong_frames_leave_the_pass_as_it_was() -> None:
         b'{"type":"observation","utc":"2026-10-02T13:05:12Z","ra_deg":NaN}\n',
         *solutions(3, Propagator(other, demo_pass.SITE.place())),
         *solutions(3, on_track, BEGIN_S - 3600.0),
-        *(line.replace(b"null", b"38707") for line in solutions(3, on_track)),
+        *(line.replace(b"}", b',"catalog_number":38707}') for line in solutions(3, on_track)),
         *wrong_frame,
     ]
     summary, err = fly(lines)

@@ -321,7 +321,7 @@ def test_a_run_with_a_damaged_journal_goes_on_as_users_see_it(
     assert "it was set aside as journal.sqlite3.damaged-" in err
     assert "defect" not in err
     # The night was over: what was followed is not followed again.
-    assert not [row for row in rows(journal) if '"followed"' in row[2]]
+    assert not [row for row in rows(journal) if '"event":"followed"' in row[2]]
 
 
 def failing(journal: Journal, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:

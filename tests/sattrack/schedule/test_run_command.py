@@ -404,7 +404,7 @@ def test_only_the_most_valuable_of_very_many_are_weighed(
         (
             SPAN + '[[passes]]\nrule = "all"\n',
             ("--ics", "no/such/x.ics"),
-            "--ics no/such/x.ics: there is no such",
+            "--ics no/such/x.ics: there is no folder",
         ),
         (
             SPAN + '[[passes]]\nrule = "all"\n',

@@ -57,7 +57,7 @@ def utc_s(text: str) -> float:
             "[[passes]]\nsatellite = ISS\n",
             "night.toml:2:13: not a TOML file: Invalid value; text stands in quotes",
         ),
-        ('[[passes]]\nsatellite = "ISS\n', "night.toml:2:17: not a TOML file: "),
+        ('[[passes]]\nsatellite = "ISS\n', "night.toml:2: the quote is not closed"),
         ("", "night.toml: asks for no pass: write [[passes]], [[fixed]], fixed_list or [[imports]]"),
         (ISS + 'before = [{ do = "slw" }]\n', "night.toml:3:19: do is 'slw'; did you mean 'slew'?"),
         (

@@ -126,7 +126,7 @@ def test_a_port_that_is_taken_and_a_short_token_are_told_in_a_line() -> None:
     with page() as url:
         port = url.rstrip("/").rpartition(":")[2]
         for options, words in (
-            (("--port", port), "cannot listen on 127.0.0.1 port"),
+            (("--port", port), f"TCP port {port} on 127.0.0.1 is not available"),
             (("--token", "short"), "16 or more"),
         ):
             done = subprocess.run(

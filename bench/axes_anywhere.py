@@ -1,6 +1,6 @@
 """Mounts whose axes point anywhere, each followed for a minute in virtual time; and their axes found.
 
-python bench/geometry.py [--draws N] [--first N] [--jobs N] [--only follow|find] [--verbose]
+python bench/axes_anywhere.py [--draws N] [--first N] [--jobs N] [--only follow|find] [--verbose]
 
 The drives, timers, links and passes are those of `bench/family.py`, with the mounts of `bench/strangers`.
 What such a mount calls hour angle and declination are the angles of its axes, and these point anywhere: drawn
