@@ -11,6 +11,7 @@ import signal
 import sys
 import threading
 import warnings
+from collections import deque
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 _BUFFER = 512
 # Items handed out to a process beyond the one it works on, so that it need not wait for the next.
 _AHEAD = 2
+# So many processes in a row may die without a result in between.
+_MOST_DEATHS = 3
 
 
 @contextmanager
@@ -34,7 +37,7 @@ def mapping(workers: int) -> Iterator[Callable[[Work, Sequence[Any]], Iterator[A
     """Give `map` over a sequence, shared by so many workers; results come in any order.
 
     Processes are used on Linux by a program with one thread that may have children; they end with the
-    iteration. Work of one that dies is done here. Results, and what work raises, must be picklable.
+    iteration. One that dies is replaced. Results, and what work raises, must be picklable.
     """
     if workers <= 1:
         yield lambda work, items: map(partial(_in_small_buffers, work), items)
@@ -68,60 +71,86 @@ def _in_small_buffers(work: Work, item: Any) -> Any:
         return work(item)
 
 
+def spawned(work: Work, items: Sequence[Any], workers: int) -> Iterator[Any]:
+    """Yield what work makes of each item, in any order, done by so many new processes on any system.
+
+    They end with the iteration. One that dies is replaced; where several in a row die without a result, the
+    rest is done here. Work, items, results, and what work raises, must be picklable; work less than 64 kB.
+    """
+    return _shared(work, items, workers, fork=False)
+
+
 def _forked(work: Work, items: Sequence[Any], workers: int) -> Iterator[Any]:
-    """Yield what work makes of each item, done by copies of this process. Raises what work raises."""
+    """Yield what work makes of each item, done by copies of this process, which hold the items already."""
+    return _shared(lambda k: work(items[k]), range(len(items)), workers, fork=True)
+
+
+def _shared(work: Work, items: Sequence[Any], workers: int, *, fork: bool) -> Iterator[Any]:
+    """Yield what work makes of each item, done by processes. Raises what work raises."""
     # What computes one satellite's place needs none of this.
     import multiprocessing
     from multiprocessing.connection import Connection, wait
 
-    context = multiprocessing.get_context("fork")
-    todo = iter(range(len(items)))
-    given: dict[Connection, list[int]] = {}
-    copies = []
+    context = multiprocessing.get_context("fork") if fork else multiprocessing.get_context("spawn")
+    todo = deque(items)
+    given: dict[Connection, deque[Any]] = {}
+    started = []
+    deaths = 0
+
+    def start() -> None:
+        ours, theirs = context.Pipe()
+        others = [*given, ours] if fork else []
+        process = context.Process(target=_serve, args=(work, theirs, others), daemon=True)
+        with warnings.catch_warnings():
+            # The threads that Python counts here are those of numpy's algebra, which knows of forks.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            process.start()
+        started.append(process)
+        theirs.close()
+        given[ours] = deque()
+
     try:
         for _ in range(min(workers, len(items))):
-            ours, theirs = context.Pipe()
-            others = [*given, ours]
-            copies.append(context.Process(target=_serve, args=(work, items, theirs, others), daemon=True))
-            with warnings.catch_warnings():
-                # The threads that Python counts here are those of numpy's algebra, which knows of forks.
-                warnings.simplefilter("ignore", DeprecationWarning)
-                copies[-1].start()
-            theirs.close()
-            given[ours] = []
+            start()
         for connection in list(given) * _AHEAD:
             _give(connection, given, todo)
-        lost: list[int] = []
         while given:
             for connection in [one for one in wait(list(given)) if isinstance(one, Connection)]:
                 try:
-                    done, result = connection.recv()
-                except (EOFError, ConnectionError):
-                    lost += given.pop(connection)
+                    result = connection.recv()
+                except (EOFError, OSError):
+                    # At the end of the list: an item that is the death of each process delays no other.
+                    todo += given.pop(connection)
+                    connection.close()
+                    deaths += 1
+                    if todo and deaths < _MOST_DEATHS and (_may_fork() or not fork):
+                        start()
+                        _give(list(given)[-1], given, todo)
                     continue
-                given[connection].remove(done)
+                deaths = 0
+                given[connection].popleft()
                 if isinstance(result, Exception):
                     raise result
                 _give(connection, given, todo)
                 yield result
-        for k in [*lost, *todo]:
-            yield work(items[k])
+        while todo:
+            yield work(todo.popleft())
     finally:
         for connection in given:
             connection.close()
-        for copy in copies:
-            copy.terminate()
-            copy.join()
+        for process in started:
+            process.terminate()
+            process.join()
 
 
-def _give(connection: Connection, given: dict[Connection, list[int]], todo: Iterator[int]) -> None:
+def _give(connection: Connection, given: dict[Connection, deque[Any]], todo: deque[Any]) -> None:
     """Hand the next item to a process; one that has nothing left is let go."""
-    following = next(todo, None)
-    if following is not None:
-        given[connection].append(following)
+    if todo:
+        item = todo.popleft()
+        given[connection].append(item)
         try:
-            connection.send(following)
-        except ConnectionError:
+            connection.send(item)
+        except OSError:
             # It is dead: reading says so, and its items are counted then.
             return
     elif not given[connection]:
@@ -129,7 +158,7 @@ def _give(connection: Connection, given: dict[Connection, list[int]], todo: Iter
         connection.close()
 
 
-def _serve(work: Work, items: Sequence[Any], connection: Connection, others: list[Connection]) -> None:
+def _serve(work: Work, connection: Connection, others: list[Connection]) -> None:
     """Work on the items asked for until the other end is closed."""
     # An interrupt from the keyboard reaches all processes of a terminal: the first of them answers it.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
@@ -141,11 +170,11 @@ def _serve(work: Work, items: Sequence[Any], connection: Connection, others: lis
         other.close()
     try:
         while True:
-            k = connection.recv()
+            item = connection.recv()
             try:
-                result = work(items[k])
+                result = work(item)
             except Exception as error:  # noqa: BLE001 - it is raised where the work was asked for
                 result = error
-            connection.send((k, result))
-    except (EOFError, ConnectionError):
+            connection.send(result)
+    except (EOFError, OSError):
         return

@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-import os
 import pickle
-import threading
 import time
-from collections import deque
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from multiprocessing import get_context, parent_process
+from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import msgspec
 
-from sattrack.core.errors import SattrackError
 from sattrack.network.dataset import DataSet
 from sattrack.network.search import elements_sum, search_day, station_days, versions
+from tle.workers import spawned
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
-    from concurrent.futures import Future
 
     from sattrack.network.search import Partition, StationDay
     from sattrack.network.stations import Station
@@ -36,8 +30,6 @@ if TYPE_CHECKING:
 
 AHEAD = 2
 """Work handed out beyond what is being done, for each worker: more would only take memory."""
-MOST_BREAKS = 3
-"""So often in a row may worker processes die without any work finished in between."""
 
 
 @dataclass(slots=True)
@@ -125,64 +117,23 @@ class LocalWorkers:
         self._count = count
 
     def __call__(self, elements: Sequence[Elements], works: Sequence[StationDay]) -> Iterator[Done]:
-        """Yield the work done, in any order. Raises SattrackError where workers die again and again."""
-        todo, breaks = deque(works), 0
+        """Yield the work done, in any order."""
         # By a file: a process that dies while it is started would leave us writing to its pipe forever.
         with TemporaryDirectory(prefix="sattrack-") as folder:
             file = Path(folder) / "elements"
             file.write_bytes(pickle.dumps(elements))
-            while todo:
-                try:
-                    for done in self._by_one_pool(file, todo):
-                        breaks = 0
-                        yield done
-                except BrokenProcessPool:
-                    breaks += 1
-                    if breaks >= MOST_BREAKS:
-                        raise SattrackError(
-                            "worker processes die again and again: they were killed, or memory ran out; "
-                            "try fewer --workers"
-                        ) from None
-
-    def _by_one_pool(self, file: Path, todo: deque[StationDay]) -> Iterator[Done]:
-        """Yield work done and take it off the list. Raises BrokenProcessPool where a process dies."""
-        flying: dict[Future[Partition], StationDay] = {}
-        pool = ProcessPoolExecutor(
-            min(self._count, len(todo)),
-            mp_context=get_context("spawn"),
-            initializer=_begin_worker,
-            initargs=(file,),
-        )
-        try:
-            while todo or flying:
-                while todo and len(flying) < self._count + AHEAD:
-                    flying[pool.submit(_work, todo[0])] = todo[0]
-                    todo.popleft()
-                for future in wait(flying, return_when=FIRST_COMPLETED).done:
-                    partition = future.result()
-                    yield flying.pop(future), partition
-        finally:
-            todo.extendleft(flying.values())
-            pool.shutdown(wait=False, cancel_futures=True)
+            yield from spawned(_Searching(file), works, self._count)
 
 
-class _Worker:
-    """The elements of this process when it works for another."""
+class _Searching:
+    """The search of one process, which reads the elements once."""
 
-    elements: Sequence[Elements]
+    def __init__(self, file: Path) -> None:
+        self._file = file
 
+    @cached_property
+    def _elements(self) -> Sequence[Elements]:
+        return cast("Sequence[Elements]", pickle.loads(self._file.read_bytes()))
 
-def _begin_worker(file: Path) -> None:
-    _Worker.elements = pickle.loads(file.read_bytes())
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
-
-
-def _work(work: StationDay) -> Partition:
-    return search_day(_Worker.elements, work)
+    def __call__(self, work: StationDay) -> Done:
+        return work, search_day(self._elements, work)

@@ -8,10 +8,12 @@ import signal
 import subprocess
 import sys
 import threading
+from functools import partial
+from pathlib import Path
 
 import pytest
 
-from tle.workers import mapping
+from tle.workers import mapping, spawned
 
 ITEMS = range(37)
 forks = pytest.mark.skipif(sys.platform != "linux", reason="threads share the work elsewhere")
@@ -78,6 +80,41 @@ def test_work_of_a_process_that_dies_is_done_all_the_same(fatal, forked):
 
     with mapping(2) as mapped:
         assert sorted(mapped(work, ITEMS)) == list(ITEMS)
+
+
+@forks
+def test_a_process_killed_in_the_middle_of_a_long_result_is_replaced(forked):
+    """It waits to write more than a pipe holds, since nobody reads: what follows its death is cut short."""
+    with mapping(2) as mapped:
+        results = mapped(lambda k: bytes([k]) * 1_000_000, ITEMS)
+        found = [next(results)[0]]
+        for child in multiprocessing.active_children():
+            while Path(f"/proc/{child.pid}/stat").read_text().rpartition(")")[2].split()[0] != "S":
+                pass
+            child.kill()
+            child.join()
+        found += [result[0] for result in results]
+    assert sorted(found) == list(ITEMS)
+
+
+def test_new_processes_share_the_work_and_those_killed_while_they_start_are_replaced(tmp_path):
+    results = spawned(partial(_write_pid, tmp_path), ITEMS, 2)
+    found = []
+    for result in results:
+        found.append(result)
+        if len(found) in {1, 10}:
+            for child in multiprocessing.active_children():
+                child.kill()
+    assert sorted(found) == list(ITEMS)
+    pids = {int(file.name) for file in tmp_path.iterdir()}
+    assert 3 <= len(pids) <= 6
+    assert os.getpid() not in pids
+    assert multiprocessing.active_children() == []
+
+
+def _write_pid(folder: Path, k: int) -> int:
+    (folder / str(os.getpid())).touch()
+    return k
 
 
 @forks
