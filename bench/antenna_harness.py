@@ -13,7 +13,7 @@ from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartP
 from sattrack.runtime import demo_pass
 from sattrack.safety import SafetyLimits
 from sattrack.servers.antenna.controller import AntennaStation
-from sattrack.servers.antenna.equipment import Antenna, Focuser, SimulatedAxis
+from sattrack.servers.antenna.equipment import Antenna, Focuser, SimulatedFocusAxis
 from sattrack.servers.antenna.led_mount import axis_range
 from sattrack.servers.antenna.protocol import encode
 from sattrack.servers.antenna.trajectory import SiteSky
@@ -59,7 +59,7 @@ class VirtualAntenna:
 
     def make_station(self) -> AntennaStation:
         span = axis_range(self.profile, self.axes)
-        focuser = Focuser((SimulatedAxis(),))
+        focuser = Focuser((SimulatedFocusAxis(),))
         antenna = Antenna(self.sky, self.axes, span, self.stow, self.service, focuser, self.refraction)
         return AntennaStation(antenna, self.profile, self.limits)
 

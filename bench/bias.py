@@ -28,7 +28,7 @@ from sattrack.control.biases import Course
 from sattrack.control.estimate import GATE, Estimator
 from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import choose_pass
-from sattrack.views.messages import Observation
+from sattrack.views.messages import ObservationMessage
 from tle.bias import NO_BIAS, Bias, bias_from_observation
 from tle.instants import DAY_S, Utc
 from tle.orbit_fit import CorrectableOrbit
@@ -193,7 +193,7 @@ def true_satellite(elements: Elements, site: Site, ahead_s: float) -> Propagator
     return Propagator(replace(elements, epoch=Utc(float(elements.epoch.unix_s) - ahead_s)), site)
 
 
-def solution(true: Propagator, utc_s: float, rng: random.Random, sigma_arcsec: float) -> Observation:
+def solution(true: Propagator, utc_s: float, rng: random.Random, sigma_arcsec: float) -> ObservationMessage:
     """Return a plate solution of the true satellite at an instant, its noise drawn."""
     seen = true.with_place("astrometric").at(Utc(utc_s))
     return noisy(float(seen.ra_deg), float(seen.dec_deg), utc_s, rng, sigma_arcsec)
@@ -201,12 +201,12 @@ def solution(true: Propagator, utc_s: float, rng: random.Random, sigma_arcsec: f
 
 def noisy(
     ra_deg: float, dec_deg: float, utc_s: float, rng: random.Random, sigma_arcsec: float
-) -> Observation:
+) -> ObservationMessage:
     """Return an astrometric place with noise, as a message."""
     noise_deg = sigma_arcsec / 3600.0
     north_deg = rng.gauss(0.0, noise_deg)
     east_deg = rng.gauss(0.0, noise_deg) / math.cos(math.radians(dec_deg))
-    return Observation(
+    return ObservationMessage(
         Utc(utc_s).isoformat("microseconds"),
         (ra_deg + east_deg) % 360.0,
         dec_deg + north_deg,

@@ -14,7 +14,7 @@ import numpy as np
 from camera_frames import Canvas, star_streaks
 
 from sattrack.camera.detection import Detection, Detector
-from sattrack.camera.frames import Frame
+from sattrack.camera.frames import CameraFrame
 from tle.instants import Utc
 
 APERTURE = 1.255
@@ -23,7 +23,7 @@ START_S = 1790946324.0
 
 
 def look(detector: Detector, pixels: np.ndarray, number: int) -> Detection:
-    frame = Frame(pixels.astype(np.float32), Utc(START_S + 0.5 * number), 0.1, "frame", 65535.0)
+    frame = CameraFrame(pixels.astype(np.float32), Utc(START_S + 0.5 * number), 0.1, "frame", 65535.0)
     return detector.look(frame)
 
 

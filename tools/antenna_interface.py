@@ -9,7 +9,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from sattrack.servers.antenna.controller import Controller
-from sattrack.servers.antenna.equipment import Antenna, Feedback, Focuser, SimulatedAxis
+from sattrack.servers.antenna.equipment import Antenna, Feedback, Focuser, SimulatedFocusAxis
 from sattrack.servers.antenna.protocol import COMMANDS, NAK_MEANINGS, NS, AntennaCommand, CommandField, encode
 from sattrack.servers.antenna.trajectory import AxisRange, AxisState, SiteSky
 from tle.instants import Utc
@@ -109,7 +109,7 @@ def dialogue() -> str:
         AxisRange(-180.0, -200.0, 200.0, -89.9, 89.9),
         stow=(0.0, 80.0),
         service=(-45.0, 10.0),
-        focuser=Focuser((SimulatedAxis(), SimulatedAxis())),
+        focuser=Focuser((SimulatedFocusAxis(), SimulatedFocusAxis())),
     )
     controller = Controller(antenna, StandsStill())
     lines = []

@@ -56,7 +56,7 @@ ROUNDS, STEP_DEG = 30, 1e-4
 STEPS_BACK = 8
 
 
-class Leg(NamedTuple):
+class AxisTurn(NamedTuple):
     """One motion: the axis, the angle commanded, and where the tube pointed before and after.
 
     Places are hour angle and declination, degrees.
@@ -76,7 +76,7 @@ class FoundAxes(NamedTuple):
     left_deg: float
 
 
-def find_axes(legs: list[Leg], latitude_deg: float) -> FoundAxes:
+def find_axes(legs: list[AxisTurn], latitude_deg: float) -> FoundAxes:
     """Return the axes that explain motions at a latitude. Raises SattrackError, with the reason."""
     for leg in legs:
         name = ("first", "second")[leg.axis]
@@ -140,7 +140,7 @@ def kind_of(geometry: AxisGeometry, latitude_deg: float) -> str:
     return "alt-azimuth" if geometry.pole_altitude_deg > 90.0 - ALIGNED_DEG else "neither"
 
 
-def _gain(legs: list[Leg], frame: AxisFrame, axis: int) -> float:
+def _gain(legs: list[AxisTurn], frame: AxisFrame, axis: int) -> float:
     """Return the angle that an axis went over the one that was commanded."""
     own = [leg for leg in legs if leg.axis == axis]
     went = [
@@ -150,7 +150,7 @@ def _gain(legs: list[Leg], frame: AxisFrame, axis: int) -> float:
     return sum(a * w for a, w in zip(asked, went, strict=True)) / sum(a * a for a in asked)
 
 
-def _first_guesses(legs: list[Leg], latitude_deg: float) -> Iterator[tuple[float, float]]:
+def _first_guesses(legs: list[AxisTurn], latitude_deg: float) -> Iterator[tuple[float, float]]:
     """Yield azimuth and altitude of poles: square to the chords of the first axis, and all over the sky."""
     horizon = AxisFrame(AxisGeometry(0.0, 90.0), latitude_deg)
     places = [_unit(horizon, leg) for leg in ([legs[0].before] + [leg.after for leg in legs])]
@@ -189,7 +189,9 @@ def _geometry(parameters: Array) -> AxisGeometry:
     return AxisGeometry(azimuth, altitude, 90.0 - skew, cone)
 
 
-def _fitted(pole: tuple[float, float], legs: list[Leg], latitude_deg: float) -> tuple[Array, float, float]:
+def _fitted(
+    pole: tuple[float, float], legs: list[AxisTurn], latitude_deg: float
+) -> tuple[Array, float, float]:
     """Return the parameters from a first guess of the pole on, what is left, degrees, and what that costs.
 
     Gauss and Newton's steps, with skew and cone held to be small where motions do not show them.
@@ -233,7 +235,7 @@ def _stepped(parameters: Array, basis: tuple[Array, Array], step: Array) -> Arra
     return np.concatenate([pole / np.linalg.norm(pole), parameters[3:] + step[2:]])
 
 
-def _left(parameters: Array, legs: list[Leg], latitude_deg: float) -> tuple[Array, float]:
+def _left(parameters: Array, legs: list[AxisTurn], latitude_deg: float) -> tuple[Array, float]:
     """Return what motions and presumptions leave, in sigmas, and the sum of its squares."""
     frame = AxisFrame(_geometry(parameters), latitude_deg)
     rows = []
@@ -266,7 +268,7 @@ class AxesFinder(Driver):
         fastest = fastest_deg_s or (profile.ra.max_rate_deg_s, profile.dec.max_rate_deg_s)
         self._rates = tuple(min(LEG_DEG_S, 0.8 * one) for one in fastest)
         super().__init__(profile, ProbeSafety(profile, limits, site, REACH_DEG, STOP_DEG))
-        self.legs: list[Leg] = []
+        self.legs: list[AxisTurn] = []
         self.words: str | None = None
         """Why the motions ended before their time."""
         self.done = False
@@ -336,7 +338,7 @@ class AxesFinder(Driver):
             asked_deg = rate * (self._now_s - begun_s)
             self._wanted = MoveAxes(SIDEREAL_RATE_DEG_S, 0.0)
             after = yield from self._stands()
-            self.legs.append(Leg(axis, asked_deg, place, after))
+            self.legs.append(AxisTurn(axis, asked_deg, place, after))
             place = after
 
     def _for(self, seconds: float) -> Iterator[None]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sattrack.camera.frames import AUTO_S, START_EXPOSURE_S, Frame, grey, more_light, parse_utc
+from sattrack.camera.frames import AUTO_S, START_EXPOSURE_S, CameraFrame, grey, more_light, parse_utc
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.alpaca.client import AlpacaDevice, AlpacaRefusalError, NoAnswerError, value_in
 
@@ -87,7 +87,7 @@ class AlpacaCamera:
             return None
         return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
 
-    def frames(self) -> Iterator[Frame | SattrackError]:
+    def frames(self) -> Iterator[CameraFrame | SattrackError]:
         """See FrameSource; the end is an error that tells why."""
         number = 0
         while True:
@@ -98,7 +98,7 @@ class AlpacaCamera:
                 yield SattrackError(f"{self._url}: {error}")
                 time.sleep(1.0)
 
-    def _frame(self, number: int) -> Frame:
+    def _frame(self, number: int) -> CameraFrame:
         exposure_s = self.exposure_s or START_EXPOSURE_S
         self._device.put("startexposure", Duration=f"{exposure_s:g}", Light="true")
         begun = self._options.now()
@@ -117,7 +117,7 @@ class AlpacaCamera:
         header = {} if self._gain_per_unit is None else {"EGAIN": self._gain_per_unit}
         if self._gains[2] is not None:
             header["GAIN"] = self._gains[2]
-        return Frame(
+        return CameraFrame(
             np.ascontiguousarray(pixels[::-1], dtype=np.float32),
             self._begun(begun).plus(0.5 * length_s - self._options.latency_s),
             length_s,

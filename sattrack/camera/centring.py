@@ -19,7 +19,7 @@ from sattrack.core.angles import wrap180
 from sattrack.views.messages import (
     LEAST_SIGMA_ARCSEC,
     MOST_SIGMA_ARCSEC,
-    Observation,
+    ObservationMessage,
     SeenOffset,
     SolvedField,
 )
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sattrack.camera.detection import Detection, PointSource
-    from sattrack.camera.frames import Frame
+    from sattrack.camera.frames import CameraFrame
     from sattrack.views.run import TrackView
 
     Array = NDArray[np.float64]
@@ -58,7 +58,7 @@ class ImageGeometry:
     rotation_deg: float | None = None
     flipped: bool | None = None
 
-    def of_header(self, frame: Frame) -> ImageGeometry:
+    def of_header(self, frame: CameraFrame) -> ImageGeometry:
         """Return the same with the scale by the header's pixel size and focal length, if it has none."""
         if self.scale_arcsec_px is not None:
             return self
@@ -201,7 +201,7 @@ class Centred(NamedTuple):
     solved: dict[str, float] | None
     why: str | None
     camera: str
-    message: Observation | SeenOffset | None
+    message: ObservationMessage | SeenOffset | None
     field: SolvedField | None = None
     """Where the middle pointed, for the camera's clock; None where no field was found."""
 
@@ -214,7 +214,7 @@ class Centred(NamedTuple):
 
 
 def centred(
-    frame: Frame, seen: Detection, geometry: ImageGeometry, solution: Solution | None, camera: str
+    frame: CameraFrame, seen: Detection, geometry: ImageGeometry, solution: Solution | None, camera: str
 ) -> Centred:
     """Return a detection as offsets from the image's middle, and as a message for a run.
 
@@ -237,7 +237,7 @@ def centred(
     right, up = float(seen.x) - middle_x, float(seen.y) - middle_y
     snr = None if seen.snr is None else round(float(seen.snr), 2)
     sigma_px = float(seen.sigma_px)
-    message: Observation | SeenOffset
+    message: ObservationMessage | SeenOffset
     if scale is None:
         message = SeenOffset(
             utc,
@@ -254,7 +254,7 @@ def centred(
     if solution is not None:
         sigma = min(math.hypot(sigma, solution.rms_arcsec / math.sqrt(solution.stars)), MOST_SIGMA_ARCSEC)
         ra_deg, dec_deg = solution.place(right, up)
-        message = Observation(utc, ra_deg, dec_deg, "icrs", sigma, camera=camera)
+        message = ObservationMessage(utc, ra_deg, dec_deg, "icrs", sigma, camera=camera)
     else:
         message = SeenOffset(
             utc,
@@ -275,7 +275,7 @@ def centred(
 
 
 def picture(
-    frame: Frame, seen: Detection, geometry: ImageGeometry, result: Centred, side: int
+    frame: CameraFrame, seen: Detection, geometry: ImageGeometry, result: Centred, side: int
 ) -> PictureView:
     """Return a frame for a screen, its longer side of `side` pixels at most, with what was seen in it."""
     columns, rows, pixels = reduced(frame, side)

@@ -20,7 +20,7 @@ from sattrack.camera.shape import CENTROID_FLOOR_PX, Point, PreparedImage, fitte
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from sattrack.camera.frames import Frame
+    from sattrack.camera.frames import CameraFrame
 
     Pixels = NDArray[np.float32]
     Array = NDArray[np.float64]
@@ -113,7 +113,7 @@ class Detector:
     """The last places of the satellite: UTC, x, y."""
     _psf_seen: int = 0
 
-    def look(self, frame: Frame, expected: ExpectedMotion | None = None) -> Detection:
+    def look(self, frame: CameraFrame, expected: ExpectedMotion | None = None) -> Detection:
         """Return what is seen in a frame."""
         prepared = _prepared(frame, self.psf_px)
         if isinstance(prepared, str):
@@ -156,7 +156,7 @@ class Detector:
         return x1 + (x1 - x0) * share, y1 + (y1 - y0) * share, EXPECTED_WITHIN_PX + 0.3 * moved
 
 
-def _prepared(frame: Frame, psf_px: float) -> PreparedImage | str:
+def _prepared(frame: CameraFrame, psf_px: float) -> PreparedImage | str:
     """Return a frame ready to be looked at, or why nothing can be seen in it."""
     import sep
 

@@ -30,7 +30,7 @@ COLOURS = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class CameraFrame:
     """One exposure: `pixels[y, x]`, y up; the UTC of its middle; its exposure, seconds."""
 
     pixels: Pixels
@@ -248,7 +248,7 @@ POINT_SIGMAS = 4.5
 """Of a block's noise: what stands out further shows by itself, or a point would drown in its block."""
 
 
-def reduced(frame: Frame, side: int) -> tuple[int, int, bytes]:
+def reduced(frame: CameraFrame, side: int) -> tuple[int, int, bytes]:
     """Return a frame as a small picture: columns, rows, and levels from 0 to 255 in rows from the top.
 
     The longer side has `side` pixels at most. Each is the mean of a block, or its brightest pixel where that

@@ -13,7 +13,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from sattrack.camera.frames import AUTO_S, START_EXPOSURE_S, Frame, fits_exposure, grey, more_light
+from sattrack.camera.frames import AUTO_S, START_EXPOSURE_S, CameraFrame, fits_exposure, grey, more_light
 from sattrack.core.errors import BadInputError, SattrackError, needed
 
 if TYPE_CHECKING:
@@ -56,13 +56,13 @@ class IndiCamera:
     def _made(self, package: Any, host: str, port: int) -> Any:
         blobs, device = self._blobs, self._device
 
-        class IndiClient(package.IPyClient):  # type: ignore[misc]
+        class BlobClient(package.IPyClient):  # type: ignore[misc]
             async def rxevent(self, event: Any) -> None:
                 if event.eventtype == "SetBLOB" and event.devicename == device:
                     for member in event.values():
                         blobs.put(bytes(member))
 
-        client = IndiClient(indihost=host, indiport=port)
+        client = BlobClient(indihost=host, indiport=port)
         client.enable_reports = False
         return client
 
@@ -97,7 +97,7 @@ class IndiCamera:
 
         asyncio.run_coroutine_threadsafe(send(), self._loop).result(READ_WITHIN_S)
 
-    def frames(self) -> Iterator[Frame | SattrackError]:
+    def frames(self) -> Iterator[CameraFrame | SattrackError]:
         """See FrameSource."""
         number = 0
         while True:
@@ -117,7 +117,7 @@ class IndiCamera:
             except SattrackError as error:
                 yield error
 
-    def _frame(self, data: bytes, begun: Utc, exposure_s: float, number: int) -> Frame:
+    def _frame(self, data: bytes, begun: Utc, exposure_s: float, number: int) -> CameraFrame:
         fits = needed("astropy.io.fits", "reading FITS", "camera")
         try:
             with fits.open(io.BytesIO(data)) as file:
@@ -134,7 +134,7 @@ class IndiCamera:
         if dated:
             utc, exposure_s = fits_exposure(header, name, exposure_s)
         top_down = str(header.get("ROWORDER", "")).strip().upper() == "TOP-DOWN"
-        return Frame(
+        return CameraFrame(
             np.ascontiguousarray(pixels[::-1] if top_down else pixels, dtype=np.float32),
             utc.plus(-self._options.latency_s),
             exposure_s,

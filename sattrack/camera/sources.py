@@ -13,7 +13,7 @@ import numpy as np
 
 from sattrack.camera.frames import (
     START_EXPOSURE_S,
-    Frame,
+    CameraFrame,
     fits_exposure,
     grey,
     more_light,
@@ -42,7 +42,7 @@ class FrameSource(Protocol):
     exposure_s: float | None
     """The next exposure; None where it cannot be set."""
 
-    def frames(self) -> Iterator[Frame | SattrackError]:
+    def frames(self) -> Iterator[CameraFrame | SattrackError]:
         """Return the frames as they come; an error for one that cannot be used."""
 
     def adjust(self, factor: float) -> None:
@@ -97,7 +97,7 @@ class FolderSource:
             raise BadInputError(f"{folder}: there is no such folder")
         self._folder, self._options = folder, options
 
-    def frames(self) -> Iterator[Frame | SattrackError]:
+    def frames(self) -> Iterator[CameraFrame | SattrackError]:
         """See FrameSource."""
         done: set[str] = set()
         sizes: dict[str, int] = {}
@@ -131,14 +131,14 @@ class FolderSource:
         """See FrameSource."""
 
 
-def read_frame(path: Path, options: SourceOptions) -> Frame:
+def read_frame(path: Path, options: SourceOptions) -> CameraFrame:
     """Return the frame of a FITS or PNG file; raises BadInputError, naming it, SattrackError."""
     if path.suffix.lower() in FITS_SUFFIXES:
         return _read_fits(path, options)
     return _read_png(path, options)
 
 
-def _read_fits(path: Path, options: SourceOptions) -> Frame:
+def _read_fits(path: Path, options: SourceOptions) -> CameraFrame:
     fits = needed("astropy.io.fits", f"{path}: reading FITS", "camera")
     try:
         with fits.open(path, memmap=False) as file:
@@ -154,7 +154,7 @@ def _read_fits(path: Path, options: SourceOptions) -> Frame:
     image = _image(pixels, path)
     said = header.get("SATURATE")
     full = float(said) if isinstance(said, int | float) else _full_scale(pixels.dtype, header)
-    return Frame(
+    return CameraFrame(
         image[::-1] if top_down else image,
         exposure.utc.plus(-options.latency_s),
         exposure.exposure_s,
@@ -171,7 +171,7 @@ def _full_scale(kind: np.dtype[Any], header: dict[str, Any]) -> float | None:
     return 65535.0 if header.get("BZERO") == 32768 else None
 
 
-def _read_png(path: Path, options: SourceOptions) -> Frame:
+def _read_png(path: Path, options: SourceOptions) -> CameraFrame:
     images = needed("PIL.Image", f"{path}: reading PNG", "camera")
     try:
         with images.open(path) as file:
@@ -197,7 +197,7 @@ def _read_png(path: Path, options: SourceOptions) -> Frame:
             "no time in its name"
         )
     full = float(np.iinfo(pixels.dtype).max) if pixels.dtype.kind == "u" else None
-    return Frame(
+    return CameraFrame(
         _image(pixels, path)[::-1],
         exposure.utc.plus(-options.latency_s),
         exposure.exposure_s,
@@ -258,7 +258,7 @@ class VideoSource:
         self._capture.set(self._cv2.CAP_PROP_AUTO_EXPOSURE, 1)
         self._capture.set(self._cv2.CAP_PROP_EXPOSURE, exposure_s * 1e4)
 
-    def frames(self) -> Iterator[Frame | SattrackError]:
+    def frames(self) -> Iterator[CameraFrame | SattrackError]:
         """See FrameSource."""
         number = 0
         while True:
@@ -270,7 +270,7 @@ class VideoSource:
             number += 1
             exposure_s = self.exposure_s or 0.0
             full = float(np.iinfo(pixels.dtype).max) if pixels.dtype.kind == "u" else None
-            yield Frame(
+            yield CameraFrame(
                 np.ascontiguousarray(grey(pixels)[::-1], dtype=np.float32),
                 came.plus(-0.5 * exposure_s - self._options.latency_s),
                 exposure_s,
@@ -298,7 +298,7 @@ class VideoSource:
         self._capture.release()
 
 
-def save_frame(frame: Frame, folder: Path, camera: str, solved: dict[str, float] | None) -> Path:
+def save_frame(frame: CameraFrame, folder: Path, camera: str, solved: dict[str, float] | None) -> Path:
     """Write a frame as FITS, its first row at the bottom, with the headers of the field; return the file.
 
     Raises SattrackError.

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from sattrack.camera.centring import Centred, ImageGeometry, Solution, Solver
     from sattrack.camera.detection import Detection, Detector, ExpectedMotion
-    from sattrack.camera.frames import Frame
+    from sattrack.camera.frames import CameraFrame
     from sattrack.camera.sources import FrameSource
 
 MOST_REFUSALS_TOLD = 5
@@ -232,7 +232,7 @@ def put_solved_frames(
     """
     from sattrack.camera.detection import Detector
     from sattrack.camera.sources import SourceOptions, open_source
-    from sattrack.views.messages import Observation, encode_message
+    from sattrack.views.messages import ObservationMessage, encode_message
 
     seen, unsolved = CamerasSeen(), 0
     for number, text in enumerate(options["cameras"]):
@@ -248,7 +248,7 @@ def put_solved_frames(
                 continue
             found = look.look(item, None)[0]
             seen.add(found.document())
-            if isinstance(found.message, Observation):
+            if isinstance(found.message, ObservationMessage):
                 put(encode_message(found.message))
             else:
                 unsolved += found.message is not None
@@ -257,7 +257,7 @@ def put_solved_frames(
     return seen
 
 
-class RunLink:
+class ObservationLink:
     """The run to which observations go, through its view server; its views say how the sky moves."""
 
     def __init__(self, pid: int) -> None:
@@ -294,7 +294,7 @@ class RunLink:
                 elif line.startswith(b'{"type":"pictures_wanted"'):
                     self._side = msgspec.json.decode(line, type=PicturesWanted).side
 
-    def expected(self, frame: Frame, geometry: ImageGeometry) -> ExpectedMotion | None:
+    def expected(self, frame: CameraFrame, geometry: ImageGeometry) -> ExpectedMotion | None:
         """Return how stars and the satellite move in an image, by the run's views about its instant."""
         from sattrack.camera.centring import expected
 
@@ -307,7 +307,7 @@ class RunLink:
         self._lines.send(encode_message(message))
         return not self._lines.ended
 
-    def show(self, frame: Frame, detection: Detection, geometry: ImageGeometry, seen: Centred) -> None:
+    def show(self, frame: CameraFrame, detection: Detection, geometry: ImageGeometry, seen: Centred) -> None:
         """Send a frame to the screens that want pictures, if any; one that must wait is left out."""
         from sattrack.camera.centring import picture
         from sattrack.views.picture import MOST_PICTURE_BYTES, PICTURES_A_SECOND
@@ -326,7 +326,7 @@ class RunLink:
         self._connection.close()
 
 
-def _run(pid: int | None) -> RunLink | None:
+def _run(pid: int | None) -> ObservationLink | None:
     """Return the run that goes on, if there is one. Raises SattrackError, BadInputError for several."""
     from sattrack.cli.attach import chosen_run
     from sattrack.runtime.view_server import SUPPORTED, feeders
@@ -334,15 +334,15 @@ def _run(pid: int | None) -> RunLink | None:
     if pid is None and not (SUPPORTED and feeders()):
         tell("no run is active: what is seen is only printed")
         return None
-    return RunLink(chosen_run(pid))
+    return ObservationLink(chosen_run(pid))
 
 
-def _awaited(pid: int) -> RunLink:
+def _awaited(pid: int) -> ObservationLink:
     """Return the run that is about to begin in the process that has started this one."""
     until_s = time.monotonic() + RUN_WITHIN_S
     while True:
         try:
-            return RunLink(pid)
+            return ObservationLink(pid)
         except SattrackError:
             if time.monotonic() > until_s:
                 raise
@@ -364,7 +364,7 @@ class Looker:
         self._making: subprocess.Popen[bytes] | None = None
         self._told = ""
 
-    def look(self, frame: Frame, expected: ExpectedMotion | None) -> tuple[Centred, Detection]:
+    def look(self, frame: CameraFrame, expected: ExpectedMotion | None) -> tuple[Centred, Detection]:
         """Return what one frame comes to."""
         from sattrack.camera.centring import centred
 
@@ -372,7 +372,7 @@ class Looker:
         solution = self._solution(frame, detection)
         return centred(frame, detection, self.geometry.of_header(frame), solution, self.name), detection
 
-    def _solution(self, frame: Frame, detection: Detection) -> Solution | None:
+    def _solution(self, frame: CameraFrame, detection: Detection) -> Solution | None:
         from sattrack.camera.centring import FEWEST_STARS, ImageGeometry, contradiction
 
         scale = self.geometry.of_header(frame).scale_arcsec_px
@@ -433,10 +433,10 @@ class Looker:
 
 def _watch(
     context: CommandContext,
-    items: Iterator[Frame | SattrackError],
+    items: Iterator[CameraFrame | SattrackError],
     camera: FrameSource,
     look: Looker,
-    run: RunLink | None,
+    run: ObservationLink | None,
     save: Path | None,
 ) -> int:
     """Look at frame after frame; return the exit code."""
@@ -472,7 +472,7 @@ def _watch(
     return 0
 
 
-def _items(camera: FrameSource, run: RunLink | None) -> Iterator[Frame | SattrackError]:
+def _items(camera: FrameSource, run: ObservationLink | None) -> Iterator[CameraFrame | SattrackError]:
     """Yield a camera's frames until the run ends."""
     for item in camera.frames():
         if run is not None:
@@ -482,7 +482,7 @@ def _items(camera: FrameSource, run: RunLink | None) -> Iterator[Frame | Sattrac
         yield item
 
 
-def _save(frame: Frame, folder: Path, name: str, seen: Centred) -> None:
+def _save(frame: CameraFrame, folder: Path, name: str, seen: Centred) -> None:
     from sattrack.camera.sources import save_frame
 
     solved = seen.solved or {}
@@ -490,7 +490,7 @@ def _save(frame: Frame, folder: Path, name: str, seen: Centred) -> None:
     save_frame(frame, folder, name, fields)
 
 
-def _light(frame: Frame, detection: Detection) -> float:
+def _light(frame: CameraFrame, detection: Detection) -> float:
     """Return how many times the light the next exposure should take, by how bright the satellite is."""
     full = frame.saturation or 65535.0
     if detection.saturated > 0.02:

@@ -68,7 +68,7 @@ class City(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Answers:
+class InitialSettings:
     """What `init` was answered, as it is written down."""
 
     site: Site
@@ -135,7 +135,7 @@ def command(**options: Any) -> int:
     return 0
 
 
-def collected(options: dict[str, Any], ask: Callable[..., str] | None) -> Answers:
+def collected(options: dict[str, Any], ask: Callable[..., str] | None) -> InitialSettings:
     """Return the answers: the options', else those given to `ask`, else the usual ones.
 
     `ask` takes a question, the usual answer, and a check that raises for an answer that cannot be; it is None
@@ -173,7 +173,7 @@ def collected(options: dict[str, Any], ask: Callable[..., str] | None) -> Answer
         sources = (ask(question, USUAL_ELEMENTS, _source) if ask else USUAL_ELEMENTS,)
     for source in sources:
         _source(source)
-    return Answers(
+    return InitialSettings(
         site, _zone(zone), _found_mount(_mount(mount_url)), tuple(sources), _place(city, ask is None)
     )
 
@@ -317,7 +317,7 @@ def _source(source: str) -> None:
     read_elements(source)
 
 
-def _mount_note(answers: Answers) -> str | None:
+def _mount_note(answers: InitialSettings) -> str | None:
     """Try the mount, without moving it; return what is wrong, None where it answers or is simulated."""
     address: MountAddress | None = mount_address(answers.mount_url)
     if address is None:
@@ -342,7 +342,7 @@ def _as_kept(source: str, path: Path) -> str:
     return str(Path(source).absolute()) if beside.startswith("../..") else beside
 
 
-def settings_text(answers: Answers, path: Path) -> str:
+def settings_text(answers: InitialSettings, path: Path) -> str:
     """Return the settings file, with comments. Elements that are files are named relative to it."""
     sources = [_as_kept(source, path) for source in answers.elements]
     site = answers.site

@@ -29,7 +29,7 @@ from sattrack.runtime.connection import connected
 from sattrack.runtime.system import StopRequest, stopping
 from sattrack.servers.antenna.alpaca_focuser import FORM, parse_focuser, start_focusers
 from sattrack.servers.antenna.controller import AntennaStation
-from sattrack.servers.antenna.equipment import Antenna, Focuser, SimulatedAxis
+from sattrack.servers.antenna.equipment import Antenna, Focuser, SimulatedFocusAxis
 from sattrack.servers.antenna.led_mount import DEC_LIMIT_DEG, axis_range
 from sattrack.servers.antenna.protocol import Checksum, program_line, to_ns
 from sattrack.servers.antenna.serve import (
@@ -163,7 +163,7 @@ def _focusers(given: Sequence[str]) -> tuple[Focuser | None, list[FocuserConfig]
     if len(given) == 1 and given[0].isdecimal():
         if not 0 <= int(given[0]) <= MOST_FOCUS_AXES:
             raise BadInputError(f"--focus {given[0]}: a focuser has up to {MOST_FOCUS_AXES} axes")
-        axes = [SimulatedAxis() for _ in range(int(given[0]))]
+        axes = [SimulatedFocusAxis() for _ in range(int(given[0]))]
         return Focuser(axes) if axes else None, []
     if len(given) > MOST_FOCUS_AXES:
         raise BadInputError(f"--focus: there are up to {MOST_FOCUS_AXES} axes, and {len(given)} were given")

@@ -27,7 +27,7 @@ UNSTATED_M = 100.0
 """What a file that states no error is taken to miss: what laser predictions and operators do in some days."""
 
 
-class Followed(NamedTuple):
+class FollowedTarget(NamedTuple):
     """What to follow a target with: elements or another ephemeris, and from where.
 
     All are None for practice, which is with a simulated mount where neither elements nor a site are set.
@@ -46,7 +46,7 @@ def followed(
     mount_url: str | None,
     files: Sequence[Path],
     wanted: Wanted,
-) -> Followed:
+) -> FollowedTarget:
     """Return what to follow a target with: of several ephemerides the best one for the pass that is wanted.
 
     Raises what the context's `elements` and `site` may.
@@ -61,22 +61,22 @@ def followed(
     if len(files) <= 1 and _word() is None:
         found = find_target(context, target, files, known)
         if found is not None:
-            return Followed(None, context.site(), found)
+            return FollowedTarget(None, context.site(), found)
         if mount_url in (None, "sim") and not context.sources() and not context.has_site():
-            return Followed(None, None, None)
+            return FollowedTarget(None, None, None)
         if not context.sources():
             site = context.site()
-            return Followed(context.elements(target), site, None)
+            return FollowedTarget(context.elements(target), site, None)
     site = context.site()
     chosen = _chosen(_origins(context, target, files, loaded()), target, wanted, site)
     culminate_utc_s = None
     if chosen.window.first != chosen.window.last:
         culminate_utc_s = _culmination_s(chosen, site, wanted)
     if not isinstance(chosen.target, Elements):
-        return Followed(None, site, chosen.target, culminate_utc_s)
+        return FollowedTarget(None, site, chosen.target, culminate_utc_s)
     # Others may be asked for later; of this object it is the set that was chosen.
     elements = [chosen.target if _same(one, chosen.target) else one for one in known()]
-    return Followed(elements, site, None, culminate_utc_s)
+    return FollowedTarget(elements, site, None, culminate_utc_s)
 
 
 def _same(one: Elements, other: Elements) -> bool:
@@ -135,7 +135,7 @@ class Window(NamedTuple):
     last: Utc
 
 
-class Candidate(NamedTuple):
+class EphemerisChoice(NamedTuple):
     """One ephemeris of a target, where it comes from, and when it is asked."""
 
     origin: str
@@ -183,14 +183,16 @@ class _Origin(NamedTuple):
     name: str
     targets: Sequence[Elements | Ephemeris]
 
-    def best(self, window: Window) -> Candidate:
+    def best(self, window: Window) -> EphemerisChoice:
         """Return its best one for a time."""
-        return min((Candidate(self.name, one, window) for one in self.targets), key=lambda one: one.worth)
+        return min(
+            (EphemerisChoice(self.name, one, window) for one in self.targets), key=lambda one: one.worth
+        )
 
 
 def candidates(
     context: CommandContext, key: str, files: Sequence[Path], wanted: Wanted, site: Site | None
-) -> list[Candidate]:
+) -> list[EphemerisChoice]:
     """Return all ephemerides of a target that files and element sources have, the best one first.
 
     Without a site it is the best one at the beginning, else for the pass that is wanted.
@@ -199,7 +201,7 @@ def candidates(
     return _ranked(_origins(context, key, files, context.load_each()), wanted, site)
 
 
-def _ranked(origins: list[_Origin], wanted: Wanted, site: Site | None) -> list[Candidate]:
+def _ranked(origins: list[_Origin], wanted: Wanted, site: Site | None) -> list[EphemerisChoice]:
     now = Window(wanted.begin, wanted.begin, wanted.begin)
     window = now if site is None else _pass_window(origins, wanted, site) or now
     if not any(one.best(window).whole for one in origins):
@@ -273,7 +275,7 @@ def _pass_window(origins: list[_Origin], wanted: Wanted, site: Site) -> Window |
     return max(passes[wanted.number - 1], key=lambda one: one[1])[0]
 
 
-def _culmination_s(chosen: Candidate, site: Site, wanted: Wanted) -> float | None:
+def _culmination_s(chosen: EphemerisChoice, site: Site, wanted: Wanted) -> float | None:
     """Return when the chosen ephemeris has the pass highest; None where it has it not."""
     first, _, last = chosen.window
     for window, _ in _passes(chosen.target, site, wanted):
@@ -287,7 +289,7 @@ def _word() -> str | None:
     return word
 
 
-def _chosen(origins: list[_Origin], key: str, wanted: Wanted, site: Site | None) -> Candidate:
+def _chosen(origins: list[_Origin], key: str, wanted: Wanted, site: Site | None) -> EphemerisChoice:
     """Return the ephemeris that --source names, the best without it; tell what there is."""
     word = _word()
     meant = origins
@@ -302,7 +304,7 @@ def _chosen(origins: list[_Origin], key: str, wanted: Wanted, site: Site | None)
         listed = "; ".join(one.text for one in _ranked(origins, wanted, site))
         raise BadInputError(f"--source {word}: none of the ephemerides of {key} is called so: {listed}")
     if len(meant) == len(meant[0].targets) == len(origins) == 1 and word is None:
-        return Candidate(meant[0].name, meant[0].targets[0], Window(*[wanted.begin] * 3))
+        return EphemerisChoice(meant[0].name, meant[0].targets[0], Window(*[wanted.begin] * 3))
     best = _ranked(meant, wanted, site)[0]
     if word is None and len(origins) == 1:
         return best

@@ -35,7 +35,7 @@ from tle.orbit_fit import Image
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from sattrack.control.estimate import Reading
+    from sattrack.control.estimate import EstimatedBiases
     from sattrack.mount.model import MountProfile
     from sattrack.views.messages import OffsetBy, Search
     from tle.direction import Direction
@@ -544,7 +544,7 @@ def end_reached(biases: Biases, utc_s: float) -> str | None:
 
 
 def follow_estimate(
-    biases: Biases, read: Reading, first: bool, begins_utc_s: float, found: bool = True
+    biases: Biases, read: EstimatedBiases, first: bool, begins_utc_s: float, found: bool = True
 ) -> None:
     """Go to what observations say as of an instant, and on with its drift.
 

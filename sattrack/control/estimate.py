@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from sattrack.mount.model import SkyTerms
-from sattrack.views.messages import MOST_SIGMA_ARCSEC, Observation
+from sattrack.views.messages import MOST_SIGMA_ARCSEC, ObservationMessage
 from tle.bias import Bias, apparent_unit
 from tle.elements import Elements
 from tle.errors import PropagationError
@@ -81,7 +81,7 @@ than the second: mounts are set up anew, cameras are turned."""
 FRAMES: dict[str, Frame] = {"icrs": "icrf", "j2000": "j2000", "of_date": "of_date"}
 
 
-class Reading(NamedTuple):
+class EstimatedBiases(NamedTuple):
     """The estimate as biases at an instant: seconds along, km across, one sigma.
 
     Rates are what they gain a second, curves what the rates gain.
@@ -208,7 +208,9 @@ class Estimator:
         for utc_s in (self._start_utc_s, end_utc_s):
             seen = course.airless.at(Utc(utc_s))
             text = Utc(utc_s).isoformat()
-            sample = Observation(text, float(seen.ra_deg), float(seen.dec_deg), "icrs", MOST_SIGMA_ARCSEC)
+            sample = ObservationMessage(
+                text, float(seen.ra_deg), float(seen.dec_deg), "icrs", MOST_SIGMA_ARCSEC
+            )
             other = Estimator(self._catalog_number, self._start_utc_s)
             if other.take(sample, utc_s, course, Bias(0.0, 0.0)):
                 other.reading(utc_s, course)
@@ -217,7 +219,7 @@ class Estimator:
         """Begin anew with the next observation."""
         self.filter = self._rival = self._undo = None
 
-    def reading(self, utc_s: float, course: Course, fed: bool = False) -> Reading | None:
+    def reading(self, utc_s: float, course: Course, fed: bool = False) -> EstimatedBiases | None:
         """Return what the estimate says of the biases at an instant; None without one, or where it says none.
 
         With `fed` they lead to where the mount must be fed to, its own errors made up for where a camera on
@@ -240,7 +242,7 @@ class Estimator:
 
     def take(
         self,
-        seen: Observation,
+        seen: ObservationMessage,
         now_utc_s: float,
         course: Course,
         first: Bias,
@@ -285,7 +287,7 @@ class Estimator:
         self.last_utc_s = max(utc_s, self.last_utc_s or utc_s)
         return True
 
-    def distance(self, seen: Observation, course: Course) -> float:
+    def distance(self, seen: ObservationMessage, course: Course) -> float:
         """Return the squared Mahalanobis distance of an observation; infinite without an estimate."""
         if self.filter is None:
             return math.inf
@@ -296,7 +298,7 @@ class Estimator:
         self.words = words
         self.refused += 1
 
-    def _refusal(self, seen: Observation, utc_s: float, now_utc_s: float) -> str | None:
+    def _refusal(self, seen: ObservationMessage, utc_s: float, now_utc_s: float) -> str | None:
         if seen.catalog_number is not None and seen.catalog_number != self._catalog_number:
             return f"it is of satellite {seen.catalog_number}; {self._catalog_number} is followed"
         if utc_s > now_utc_s + FUTURE_S:
@@ -306,7 +308,7 @@ class Estimator:
         return None
 
     def _begin(
-        self, seen: Observation, sighting: Sighting, course: Course, elements: Elements, first: Bias
+        self, seen: ObservationMessage, sighting: Sighting, course: Course, elements: Elements, first: Bias
     ) -> None:
         """Begin with an observation where elements can be so far off, or where the operator found it."""
         self.filter = None
@@ -340,7 +342,9 @@ class Estimator:
         if fresh is not None:
             self.filter, self._rival, self.words = fresh, None, None
 
-    def _go_on(self, known: FilterBank, seen: Observation, sighting: Sighting, course: Course) -> FilterBank:
+    def _go_on(
+        self, known: FilterBank, seen: ObservationMessage, sighting: Sighting, course: Course
+    ) -> FilterBank:
         """Take an observation to the others, if it agrees with them; return the estimate before."""
         before = known.copy()
         taken = known.observe(sighting, GATE)
@@ -378,14 +382,16 @@ class Estimator:
             self._orbit = CorrectableOrbit(elements, Utc(self._start_utc_s))
         return self._orbit
 
-    def _otherwise(self, seen: Observation, sighting: Sighting, course: Course) -> Sighting:
+    def _otherwise(self, seen: ObservationMessage, sighting: Sighting, course: Course) -> Sighting:
         """Return the same observation as if it were of another frame; what was seen by the mount has one."""
         if sighting.image is not None:
             return sighting
         other = _other_frame(seen.frame)
         return _sighting(seen, float(sighting.utc.unix_s), course, other)
 
-    def _hint(self, known: list[FilterBank], seen: Observation, sighting: Sighting, course: Course) -> str:
+    def _hint(
+        self, known: list[FilterBank], seen: ObservationMessage, sighting: Sighting, course: Course
+    ) -> str:
         """Say what would explain an observation that does not fit."""
         distance = min(one.distance(self._otherwise(seen, sighting, course)) for one in known)
         if distance < GATE:
@@ -399,7 +405,7 @@ def _corrected_elements(course: Course) -> Elements | None:
     return source if isinstance(source, Elements) else None
 
 
-def _reading(known: FilterBank, utc_s: float, course: Course, fed: bool) -> Reading | None:
+def _reading(known: FilterBank, utc_s: float, course: Course, fed: bool) -> EstimatedBiases | None:
     along_s = float(known.correction_km[ALONG]) / known.orbit.speed_km_s
     there, spread = known.pointing(course.airless, Utc(utc_s), fed)
     now = _biases(there, utc_s, course, course.airless, (along_s, 0.0))
@@ -422,7 +428,7 @@ def _reading(known: FilterBank, utc_s: float, course: Course, fed: bool) -> Read
     ahead = ahead - (ahead @ there) * there
     ahead = ahead / math.sqrt(float(ahead @ ahead))
     left = np.cross(there, ahead)
-    return Reading(
+    return EstimatedBiases(
         along,
         cross,
         float(rates[0]),
@@ -465,7 +471,7 @@ def _led(sighting: Sighting, orbit: CorrectableOrbit, bias: Bias) -> NDArray[np.
     return led.correction_km
 
 
-def _sighting(seen: Observation, utc_s: float, course: Course, frame: str) -> Sighting:
+def _sighting(seen: ObservationMessage, utc_s: float, course: Course, frame: str) -> Sighting:
     t = Utc(utc_s)
     propagator = course.propagator if frame == "of_date" else course.airless
     unit = apparent_unit(seen.ra_deg, seen.dec_deg, t, FRAMES[frame], propagator.site, propagator.earth)

@@ -28,7 +28,7 @@ from sattrack.views.messages import (
     DropRemembered,
     Guide,
     Nudge,
-    Observation,
+    ObservationMessage,
     OffsetBy,
     Search,
     SeenOffset,
@@ -87,7 +87,7 @@ class Steering:
         self.clocks = CameraClocks(profile)
         self.guided = True
         """Whether observations correct the target; else the last one is kept, and shown."""
-        self._kept: Observation | SeenOffset | None = None
+        self._kept: ObservationMessage | SeenOffset | None = None
         """The last observation that was not taken, for the operator to accept."""
         self._remembered = remembered
         if remembered is not None and remembered.cross_km is not None:
@@ -105,7 +105,7 @@ class Steering:
         """Do what a message says of offsets; others are none of its business."""
         begins_s, answer = self._begins_s(now_utc_s), None
         match message:
-            case Observation() | SeenOffset():
+            case ObservationMessage() | SeenOffset():
                 self._take(message, now_utc_s, begins_s)
                 return
             case Guide():
@@ -128,7 +128,7 @@ class Steering:
         self.tell(answer, now_utc_s)
 
     def _take(
-        self, seen: Observation | SeenOffset, now_utc_s: float, begins_s: float, sure: bool = False
+        self, seen: ObservationMessage | SeenOffset, now_utc_s: float, begins_s: float, sure: bool = False
     ) -> None:
         """Take in what was seen; keep it for the operator where it is not taken."""
         kept = seen
@@ -139,7 +139,7 @@ class Steering:
         if late_s:
             utc = Utc.parse(seen.utc).plus(-late_s).isoformat("microseconds")
             seen = msgspec.structs.replace(seen, utc=utc)
-        if isinstance(seen, Observation):
+        if isinstance(seen, ObservationMessage):
             self._observe(seen, now_utc_s, begins_s, sure=sure)
         else:
             self._see(seen, now_utc_s, begins_s, sure)
@@ -321,7 +321,7 @@ class Steering:
         ra_deg = math.degrees(math.atan2(there[1], there[0])) % 360.0
         dec_deg = math.degrees(math.atan2(there[2], math.hypot(there[0], there[1])))
         sigma_arcsec = min(MOST_SIGMA_ARCSEC, max(LEAST_SIGMA_ARCSEC, sigma))
-        directed = Observation(seen.utc, ra_deg, dec_deg, "of_date", sigma_arcsec)
+        directed = ObservationMessage(seen.utc, ra_deg, dec_deg, "of_date", sigma_arcsec)
         self._observe(directed, now_utc_s, begins_s, image, sure=sure)
 
     def camera_views(self) -> tuple[CameraView, ...]:
@@ -361,7 +361,7 @@ class Steering:
 
     def _observe(
         self,
-        seen: Observation,
+        seen: ObservationMessage,
         now_utc_s: float,
         begins_s: float,
         image: Image | None = None,

@@ -33,7 +33,7 @@ from sattrack.views.messages import (
     Go,
     Jog,
     Message,
-    Observation,
+    ObservationMessage,
     Pause,
     PlaceFix,
     Search,
@@ -310,7 +310,7 @@ class Tracker:
                 self.steering.tell("the run is paused: go on before a search", now_utc_s)
             case _:
                 self.steering.obey(message, now_utc_s)
-        if not isinstance(message, Observation | SeenOffset | SolvedField):
+        if not isinstance(message, ObservationMessage | SeenOffset | SolvedField):
             self._satellite.forget()
 
     def _not_seen(self, seen: SeenOffset) -> str | None:

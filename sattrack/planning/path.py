@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Pointing:
+class AxisSamples:
     """How a mount's axes stand at instants (POSIX seconds of UTC), with what limits ask for; shape (n,).
 
     `hour_angle_axis_deg` is counted through turns, as cables count it; the declination axis passes 90° where
@@ -63,9 +63,9 @@ class Pointing:
     moon_hour_angle_deg: Array
     moon_dec_deg: Array
 
-    def at(self, samples: slice | NDArray[Any]) -> Pointing:
+    def at(self, samples: slice | NDArray[Any]) -> AxisSamples:
         """Return some of the samples, by indices or a mask."""
-        return Pointing(*(getattr(self, name)[samples] for name in Pointing.__slots__))
+        return AxisSamples(*(getattr(self, name)[samples] for name in AxisSamples.__slots__))
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ class AxisPath:
     speed on the sky in that frame.
     """
 
-    pointing: Pointing
+    pointing: AxisSamples
     hour_angle_rate_deg_s: Array
     dec_rate_deg_s: Array
     hour_angle_acceleration_deg_s2: Array
@@ -159,7 +159,7 @@ def axis_path(propagator: Propagator, bias: Bias, utc_s: Array, frame: AxisFrame
     axis[good] = np.degrees(np.unwrap(np.radians(hour_angle[good])))
     bodies = bodies_deg(propagator.site, utc_s, frame)
     return AxisPath(
-        Pointing(utc_s, axis, dec, *bodies[0], *bodies[1]),
+        AxisSamples(utc_s, axis, dec, *bodies[0], *bodies[1]),
         ha_rate,
         dec_rate,
         np.gradient(ha_rate, utc_s),
@@ -219,7 +219,7 @@ def _altitude_deg(hour_angle_deg: Array, dec_deg: Array, latitude_deg: float) ->
     return np.asarray(np.degrees(np.arcsin(np.clip(sine, -1.0, 1.0))))
 
 
-def _azimuth_deg(pointing: Pointing, latitude_deg: float) -> Array:
+def _azimuth_deg(pointing: AxisSamples, latitude_deg: float) -> Array:
     """Return the azimuth of where the axes point, from north through east, 0 to below 360 degrees."""
     h, d = np.radians(pointing.hour_angle_axis_deg), np.radians(pointing.dec_axis_deg)
     p = np.radians(latitude_deg)
@@ -228,7 +228,7 @@ def _azimuth_deg(pointing: Pointing, latitude_deg: float) -> Array:
     return np.asarray(np.degrees(np.arctan2(east, north)) % 360.0)
 
 
-def _separation_deg(pointing: Pointing, hour_angle_deg: Array, dec_deg: Array) -> Array:
+def _separation_deg(pointing: AxisSamples, hour_angle_deg: Array, dec_deg: Array) -> Array:
     """Return the distance on the sky between where the axes point and other directions, degrees."""
     h, d = np.radians(pointing.hour_angle_axis_deg), np.radians(pointing.dec_axis_deg)
     k, s = np.radians(hour_angle_deg), np.radians(dec_deg)
@@ -249,7 +249,7 @@ def skyline_deg(azimuths_deg: Array, limits: SafetyLimits) -> Array:
 
 
 def margins_deg(
-    pointing: Pointing, profile: MountProfile, limits: SafetyLimits, latitude_deg: float
+    pointing: AxisSamples, profile: MountProfile, limits: SafetyLimits, latitude_deg: float
 ) -> dict[str, Array]:
     """Return by limit how far inside it the axes stand, degrees; negative outside."""
     altitude = _altitude_deg(pointing.hour_angle_axis_deg, pointing.dec_axis_deg, latitude_deg)
@@ -281,7 +281,7 @@ def margins_deg(
     return found
 
 
-def _clear_of_pier_deg(pointing: Pointing, zones: tuple[PierZone, ...]) -> Array:
+def _clear_of_pier_deg(pointing: AxisSamples, zones: tuple[PierZone, ...]) -> Array:
     """Return the distance to the nearest zone's edge, in degrees of axis angles; negative within one."""
     hour_angle, dec = pointing.hour_angle_axis_deg, pointing.dec_axis_deg
     least = np.full(np.shape(hour_angle), np.inf)
@@ -354,7 +354,7 @@ class Keyhole:
 
 
 @dataclass(frozen=True, slots=True)
-class _Track:
+class _KeyholeTrack:
     """The target around a keyhole: seconds since an origin, unwrapped hour angle, its rate, declination."""
 
     origin_utc_s: float
@@ -493,7 +493,7 @@ def _keyhole(
     low, high = np.searchsorted(p.utc_s, [p.utc_s[first] - LONGEST_S, p.utc_s[last] + LONGEST_S])
     part = slice(int(low), int(high))
     origin = float(p.utc_s[nearest])
-    track = _Track(
+    track = _KeyholeTrack(
         origin,
         p.utc_s[part] - origin,
         p.hour_angle_axis_deg[part],
@@ -537,7 +537,7 @@ def _keyhole(
 class _DetourSearch:
     """The search for the way past one keyhole that loses least, within limits of the hour angle axis."""
 
-    track: _Track
+    track: _KeyholeTrack
     begin_s: float
     end_s: float
     limit_deg_s: float

@@ -17,7 +17,7 @@ import numpy as np
 from sattrack.mount.model import MountProfile
 from sattrack.planning.budget import Budget
 from sattrack.planning.kinematics import LEAST_SHARE, Ability, PredictedLoss, Sides, losses
-from sattrack.planning.path import JOIN_S, Pointing, margins_deg
+from sattrack.planning.path import JOIN_S, AxisSamples, margins_deg
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ MOMENTS = 400
 class MountPath(NamedTuple):
     """How the axes stand and turn at instants, degrees and degrees a second, shape (n,)."""
 
-    pointing: Pointing
+    pointing: AxisSamples
     hour_angle_rate_deg_s: Array
     dec_rate_deg_s: Array
 
@@ -56,7 +56,7 @@ def mount_path(path: AxisPath, trace: TraceArrays | None) -> MountPath:
     bodies = (p.sun_hour_angle_deg, p.sun_dec_deg, p.moon_hour_angle_deg, p.moon_dec_deg)
     turned = (np.degrees(np.unwrap(np.radians(column))) for column in bodies)
     there = (np.interp(utc_s, p.utc_s, column) for column in turned)
-    pointing = Pointing(utc_s, trace.hour_angle_axis_deg[rows], trace.dec_axis_deg[rows], *there)
+    pointing = AxisSamples(utc_s, trace.hour_angle_axis_deg[rows], trace.dec_axis_deg[rows], *there)
     return MountPath(pointing, trace.hour_angle_rate_deg_s[rows], trace.dec_rate_deg_s[rows])
 
 
@@ -95,7 +95,7 @@ def link_loss(taken: MountPath, profile: MountProfile, limits: SafetyLimits, lat
     names: list[str | None] = [None] * len(chosen)
     for k, i in enumerate(chosen.tolist()):
         for ahead in STRETCHES_S:
-            held = Pointing(
+            held = AxisSamples(
                 p.utc_s[i] + ahead,
                 p.hour_angle_axis_deg[i] + ha_rate[k] * ahead,
                 p.dec_axis_deg[i] + dec_rate[k] * ahead,

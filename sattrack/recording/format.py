@@ -28,7 +28,7 @@ import msgspec
 from sattrack.core.errors import BadInputError
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.mount.xerxes.datagrams import DatagramError, decode_status
-from sattrack.views.messages import Observation, decode_message
+from sattrack.views.messages import ObservationMessage, decode_message
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -467,7 +467,7 @@ FRAMES: dict[str, Frame] = {"icrs": "icrf", "j2000": "j2000", "of_date": "of_dat
 """What `tle` calls the frames of observations."""
 
 
-def observations(recording: Recording, catalog_number: int | None = None) -> list[Observation]:
+def observations(recording: Recording, catalog_number: int | None = None) -> list[ObservationMessage]:
     """Return the observations that came in during a run, in the order in which they came.
 
     With a catalogue number, those that are of another object are left out.
@@ -480,6 +480,6 @@ def observations(recording: Recording, catalog_number: int | None = None) -> lis
             message = decode_message(entry.data)
         except msgspec.MsgspecError:
             continue
-        if isinstance(message, Observation) and message.catalog_number in {None, catalog_number}:
+        if isinstance(message, ObservationMessage) and message.catalog_number in {None, catalog_number}:
             found.append(message)
     return found

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from sattrack.mount.model import AxisLimits, MountProfile
     from sattrack.recording.format import Recording
     from sattrack.recording.trace import Trace
-    from sattrack.views.messages import Observation
+    from sattrack.views.messages import ObservationMessage
 
 AT_LIMIT = 0.98
 """Of an axis' greatest rate, or acceleration, what counts as asking for all of it."""
@@ -331,7 +331,7 @@ def find_biases(recording: Recording, run: Trace) -> tuple[BiasFit | None, BiasF
     return fit, figures
 
 
-def _observed_bias(seen: Observation, propagator: Propagator) -> ObservedBias | None:
+def _observed_bias(seen: ObservationMessage, propagator: Propagator) -> ObservedBias | None:
     """Return the biases by one observation; None where no bias leads from the elements to it."""
     t = Utc.parse(seen.utc)
     try:

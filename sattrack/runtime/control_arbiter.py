@@ -25,7 +25,7 @@ from sattrack.views.messages import (
     Go,
     LeaveRunning,
     Message,
-    Observation,
+    ObservationMessage,
     Pause,
     Reported,
     SeenOffset,
@@ -304,7 +304,7 @@ class SessionInbox:
         # Observations take longer than a turn has; they come by a channel of their own.
         return (
             []
-            if isinstance(message, Observation | SeenOffset | SolvedField)
+            if isinstance(message, ObservationMessage | SeenOffset | SolvedField)
             else self._obeyed_of(number, message)
         )
 

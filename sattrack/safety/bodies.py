@@ -26,7 +26,7 @@ LOOK_S = 30.0
 EARTH_RADIUS_KM = 6378.1
 
 
-class Body(NamedTuple):
+class BodyDirection(NamedTuple):
     """One of them at one instant: hour angle and declination, degrees, and the unit vector of `Box`."""
 
     hour_angle_deg: float
@@ -47,7 +47,7 @@ class Wanderer:
         self._looked_at: float | None = None
         self._ra_deg = self._dec_deg = 0.0
 
-    def at(self, utc_s: float) -> Body:
+    def at(self, utc_s: float) -> BodyDirection:
         """Return where it stands at an instant of UTC (POSIX seconds)."""
         look = math.floor(utc_s / LOOK_S)
         if look != self._looked_at:
@@ -56,7 +56,9 @@ class Wanderer:
         hour_angle_deg = mean_sidereal_deg(utc_s, self._longitude_deg) - self._ra_deg
         h, d = math.radians(hour_angle_deg), math.radians(self._dec_deg)
         cos_dec = math.cos(d)
-        return Body(hour_angle_deg, self._dec_deg, cos_dec * math.cos(h), cos_dec * math.sin(h), math.sin(d))
+        return BodyDirection(
+            hour_angle_deg, self._dec_deg, cos_dec * math.cos(h), cos_dec * math.sin(h), math.sin(d)
+        )
 
     def _look(self, utc_s: float) -> None:
         at = Utc(utc_s)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from sattrack.mount.geometry import AxisFrame
     from sattrack.mount.model import MountProfile
-    from sattrack.safety.bodies import Body, Wanderer
+    from sattrack.safety.bodies import BodyDirection, Wanderer
     from sattrack.safety.limits import SafetyLimits
 
 ROOM_DEG = 4.0
@@ -307,17 +307,17 @@ class Bounds:
                 )
         return self._wanderers
 
-    def _is_up(self, body: Body) -> bool:
+    def _is_up(self, body: BodyDirection) -> bool:
         return altitude_deg(body.hour_angle_deg, body.dec_deg, self._latitude_deg) > UP_DEG
 
 
-def seen_by(body: Body, frame: AxisFrame) -> Body:
+def seen_by(body: BodyDirection, frame: AxisFrame) -> BodyDirection:
     """Return a body by the angles of axes that point to it."""
-    from sattrack.safety.bodies import Body
+    from sattrack.safety.bodies import BodyDirection
 
     first, second, _, _ = frame.angles(body.hour_angle_deg, body.dec_deg)
     h, d = math.radians(first), math.radians(second)
-    return Body(first, second, math.cos(d) * math.cos(h), math.cos(d) * math.sin(h), math.sin(d))
+    return BodyDirection(first, second, math.cos(d) * math.cos(h), math.cos(d) * math.sin(h), math.sin(d))
 
 
 def _beside(way: tuple[float, float], place: tuple[float, float]) -> list[tuple[float, float]]:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from sattrack.mount.model import MountProfile, PierZone
-    from sattrack.safety.bodies import Body
+    from sattrack.safety.bodies import BodyDirection
     from sattrack.safety.limits import HorizonPoint, SafetyLimits
 
 SMALLEST_DEG = 0.05
@@ -214,7 +214,7 @@ class _Polygon:
 class Cone:
     """Directions within a cone about the Sun or the Moon, as it stands at one instant."""
 
-    def __init__(self, name: str, body: Body, cone_deg: float) -> None:
+    def __init__(self, name: str, body: BodyDirection, cone_deg: float) -> None:
         self.name = name
         self.body, self.cone_deg = body, cone_deg
         self._middle = Toward(body.hour_angle_deg, body.dec_deg)

@@ -14,7 +14,7 @@ import numpy as np
 from sattrack.core.angles import altitude_deg
 from sattrack.core.errors import BadInputError, meant
 from sattrack.planning.kinematics import ability_at, verdict_on
-from sattrack.planning.path import Pointing, bodies_deg, margins_deg
+from sattrack.planning.path import AxisSamples, bodies_deg, margins_deg
 from sattrack.safety.bodies import sun_over
 from sattrack.schedule.night import number_of_name
 from tle.elements import Elements
@@ -617,7 +617,7 @@ class Judge:
             return one
         at, site, ability = path.utc_s, self._site, self._ability
         sun, moon = bodies_deg(site, at, ability.profile.frame)
-        pointing = Pointing(at, path.hour_angle_axis_deg, path.dec_axis_deg, *sun, *moon)
+        pointing = AxisSamples(at, path.hour_angle_axis_deg, path.dec_axis_deg, *sun, *moon)
         margins = margins_deg(pointing, ability.profile, ability.limits, ability.latitude_deg)
         name, margin = min(margins.items(), key=lambda item: -float(np.mean(item[1] < -PAST_DEG)))
         share = float(np.mean(margin < -PAST_DEG))

@@ -289,7 +289,7 @@ def between(name: str, value: float | None, low: float, high: float) -> None:
         raise ValueError(f"{name} is {value:g}; give {low:g} to {high:g}")
 
 
-class Star(NamedTuple):
+class StarCoordinates(NamedTuple):
     """Right ascension and declination, degrees; proper motions, mas a year, that in RA times cos Dec."""
 
     ra_deg: float
@@ -298,11 +298,11 @@ class Star(NamedTuple):
     pm_dec_mas: float
 
 
-def _star(ra: str, dec: str, pm_ra_mas: float, pm_dec_mas: float) -> Star:
+def _star(ra: str, dec: str, pm_ra_mas: float, pm_dec_mas: float) -> StarCoordinates:
     hours, minutes, seconds = (float(part) for part in ra.split())
     degrees, arcmin, arcsec = (float(part) for part in dec[1:].split())
     size = degrees + arcmin / 60.0 + arcsec / 3600.0
-    return Star(
+    return StarCoordinates(
         15.0 * (hours + minutes / 60.0 + seconds / 3600.0),
         -size if dec[0] == "-" else size,
         pm_ra_mas,
@@ -346,7 +346,7 @@ STARS = {
 }
 
 
-def find_star(name: str) -> Star | None:
+def find_star(name: str) -> StarCoordinates | None:
     """Return a star by its name in upper or lower case; None where it is not known."""
     return next((star for known, star in STARS.items() if known.casefold() == name.strip().casefold()), None)
 

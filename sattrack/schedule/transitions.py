@@ -23,7 +23,7 @@ from sattrack.safety.regions import is_clear
 from sattrack.safety.route import HANDSHAKE_S, RAMP, axes_of, direction_of, slew_s
 from sattrack.safety.slews import SlewGate
 from sattrack.schedule.planner import Problem
-from sattrack.schedule.schema import CommandAction, SlewAction, Star, find_star
+from sattrack.schedule.schema import CommandAction, SlewAction, StarCoordinates, find_star
 from tle.instants import DAY_S, Utc
 from tle.propagator import Propagator
 
@@ -77,7 +77,7 @@ def place_of(action: SlewAction, utc_s: float, site: Site, profile: MountProfile
     else:
         star = find_star(action.star) if action.star is not None else None
         if star is None:
-            star = Star(float(action.ra_deg or 0.0), float(action.dec_deg or 0.0), 0.0, 0.0)
+            star = StarCoordinates(float(action.ra_deg or 0.0), float(action.dec_deg or 0.0), 0.0, 0.0)
         hour_angle, dec = hour_angle_and_dec_deg(star, utc_s, site.longitude_deg)
     if profile.frame is not None:
         hour_angle, dec, _, _ = profile.frame.angles(hour_angle, dec)
@@ -90,7 +90,7 @@ def slew_of(action: SlewAction, utc_s: float, site: Site, profile: MountProfile)
     return Slew((mean_sidereal_deg(utc_s, site.longitude_deg) - hour_angle_deg) % 360.0, dec_deg)
 
 
-def hour_angle_and_dec_deg(star: Star, utc_s: float, longitude_deg: float) -> tuple[float, float]:
+def hour_angle_and_dec_deg(star: StarCoordinates, utc_s: float, longitude_deg: float) -> tuple[float, float]:
     """Return a star's apparent place of date, geocentric: hour angle (-180 to 180), declination.
 
     To some arcseconds: UT1 is taken as UTC, and parallax left out.

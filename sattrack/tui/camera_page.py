@@ -170,7 +170,7 @@ def turned_deg(picture: PictureView, loop: LoopView | None) -> float | None:
     return None
 
 
-class Fit(NamedTuple):
+class ImagePlacement(NamedTuple):
     """How a frame lies on the dots of a screen: left upper corner, size, and dots in a pixel of it."""
 
     left: float
@@ -180,7 +180,7 @@ class Fit(NamedTuple):
     scale: float
 
     @classmethod
-    def into(cls, across: int, down: int, picture: PictureView) -> Fit:
+    def into(cls, across: int, down: int, picture: PictureView) -> ImagePlacement:
         """Return the largest that fits into so many dots, which are as wide as high."""
         scale = min(across / picture.width, down / picture.height)
         wide = max(1, min(across, round(picture.width * scale)))
@@ -208,7 +208,9 @@ class Mark(NamedTuple):
     style: str
 
 
-def marks(fit: Fit, picture: PictureView, cursor: ImageSpot | None, fov_deg: float | None) -> Iterator[Mark]:
+def marks(
+    fit: ImagePlacement, picture: PictureView, cursor: ImageSpot | None, fov_deg: float | None
+) -> Iterator[Mark]:
     """Give what lies over a picture, what must not be hidden last."""
     if fov_deg is not None and picture.scale_arcsec_px is not None:
         radius = 0.5 * 3600.0 * fov_deg / picture.scale_arcsec_px
@@ -269,7 +271,7 @@ def _ramp(dark: str, light: str) -> tuple[str, ...]:
 
 
 def half_blocks(
-    picture: PictureView, size: tuple[int, int], theme: Theme, over: tuple[Mark, ...], fit: Fit
+    picture: PictureView, size: tuple[int, int], theme: Theme, over: tuple[Mark, ...], fit: ImagePlacement
 ) -> list[Strip]:
     """Return a picture in so many columns and rows of cells, with what lies over it."""
     columns, rows = size
@@ -314,7 +316,7 @@ def chart(picture: PictureView, size: tuple[int, int], cursor: ImageSpot | None,
     """Return what was detected, as rows of cells: without the picture's own light."""
     columns, rows = size
     canvas = DotCanvas(columns, rows, CHART_LAYERS, scene.plain)
-    fit = Fit.into(DOTS_ACROSS * columns, DOTS_DOWN * rows, picture)
+    fit = ImagePlacement.into(DOTS_ACROSS * columns, DOTS_DOWN * rows, picture)
     half = 0.5 * picture.width, 0.5 * picture.height
     corners = ((-1, 1), (1, 1), (1, -1), (-1, -1), (-1, 1))
     inset = 1.0 / fit.scale
@@ -375,9 +377,9 @@ class PictureBox(Redrawn):
     def _fov_deg(self) -> float | None:
         return None if self._scene is None or self._scene.sky is None else self._scene.sky.fov_deg
 
-    def _fit(self, picture: PictureView, across: int, down: int) -> Fit:
+    def _fit(self, picture: PictureView, across: int, down: int) -> ImagePlacement:
         columns, rows = self.content_size
-        return Fit.into(across * columns, down * rows, picture)
+        return ImagePlacement.into(across * columns, down * rows, picture)
 
     def render_line(self, y: int) -> Strip:
         """Draw one row."""

@@ -63,7 +63,7 @@ class Move(NamedTuple):
     plus: str
 
 
-class Frame(NamedTuple):
+class OffsetFrame(NamedTuple):
     """A frame: its name, and what left and right, down and up change."""
 
     name: str
@@ -72,18 +72,20 @@ class Frame(NamedTuple):
 
 
 FRAMES = (
-    Frame(
+    OffsetFrame(
         "track",
         Move("along_s", "along", "behind", "ahead"),
         Move("cross_deg", "across", "right of motion", "left"),
     ),
-    Frame("sky", Move("ra_cos_dec_deg", "RA sky", "west", "east"), Move("dec_deg", "Dec", "south", "north")),
-    Frame(
+    OffsetFrame(
+        "sky", Move("ra_cos_dec_deg", "RA sky", "west", "east"), Move("dec_deg", "Dec", "south", "north")
+    ),
+    OffsetFrame(
         "axes",
         Move("ra_axis_deg", "RA axis", "less", "more"),
         Move("dec_axis_deg", "Dec axis", "less", "more"),
     ),
-    Frame(
+    OffsetFrame(
         "camera", Move("camera_x_deg", "cam x", "less", "more"), Move("camera_y_deg", "cam y", "less", "more")
     ),
 )
@@ -130,7 +132,7 @@ class Scene:
     ended: bool = False
     """Whether the feeder's process has ended its stream."""
     summary: Summary | None = None
-    frame: Frame = TRACK
+    frame: OffsetFrame = TRACK
     """What the arrow keys move the target by."""
     sky: PassView | None = None
     """What is known of the pass beforehand; None where nothing is."""
@@ -387,7 +389,7 @@ class OffsetKeys:
         return STEPS[self._step]
 
     @property
-    def frame(self) -> Frame:
+    def frame(self) -> OffsetFrame:
         """In which frame the arrows move."""
         return FRAMES[self._frame]
 

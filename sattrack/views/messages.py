@@ -186,7 +186,7 @@ class Guide(msgspec.Struct, frozen=True, tag="guide", forbid_unknown_fields=True
         _one_of("how", self.how, get_args(GuideHow))
 
 
-class Observation(
+class ObservationMessage(
     msgspec.Struct, frozen=True, tag="observation", forbid_unknown_fields=True, omit_defaults=True
 ):
     """Where the satellite was seen at an instant.
@@ -292,7 +292,7 @@ TaggedMessage = (
     | OffsetBy
     | Search
     | Guide
-    | Observation
+    | ObservationMessage
     | SolvedField
     | Pause
     | Go
@@ -302,7 +302,7 @@ TaggedMessage = (
 )
 """The messages that their types tell apart."""
 Message = TaggedMessage | SeenOffset
-Reported = Observation | SeenOffset | SolvedField | PlaceFix
+Reported = ObservationMessage | SeenOffset | SolvedField | PlaceFix
 """What comes from those who observe: it needs no control."""
 
 
@@ -355,7 +355,7 @@ _ALL: msgspec.json.Decoder[TaggedMessage | SessionMessage] = msgspec.json.Decode
 )
 # Two types of one name cannot be told apart by it: offsets that were seen have a decoder of their own.
 _SEEN_OFFSETS: msgspec.json.Decoder[SeenOffset] = msgspec.json.Decoder(SeenOffset)
-_OBSERVATIONS: msgspec.json.Decoder[Observation] = msgspec.json.Decoder(Observation)
+_OBSERVATIONS: msgspec.json.Decoder[ObservationMessage] = msgspec.json.Decoder(ObservationMessage)
 _FIELDS: msgspec.json.Decoder[SolvedField] = msgspec.json.Decoder(SolvedField)
 _FIXES: msgspec.json.Decoder[PlaceFix] = msgspec.json.Decoder(PlaceFix)
 _ORDERS: msgspec.json.Decoder[ConsoleMessage] = msgspec.json.Decoder(ConsoleMessage)

@@ -28,7 +28,7 @@ from sattrack.safety import SafetyLimits
 from sattrack.servers.alpaca.protocol import MoveOrder, NumberedOrder
 from sattrack.servers.alpaca.station import TelescopeStation
 from sattrack.servers.antenna.controller import AntennaStation
-from sattrack.servers.antenna.equipment import Antenna, Focuser, SimulatedAxis
+from sattrack.servers.antenna.equipment import Antenna, Focuser, SimulatedFocusAxis
 from sattrack.servers.antenna.led_mount import axis_range
 from sattrack.servers.antenna.protocol import encode, to_ns
 from sattrack.servers.antenna.trajectory import SiteSky
@@ -148,7 +148,7 @@ def track() -> tuple[Driver, float]:
 
 def antenna() -> tuple[Driver, float]:
     profile = MountProfile()
-    focuser = Focuser((SimulatedAxis(),))
+    focuser = Focuser((SimulatedFocusAxis(),))
     parts = Antenna(SiteSky(SITE), "hadec", axis_range(profile, "hadec"), None, None, focuser, "off")
     station = AntennaStation(parts, profile, LIMITS)
     designate = once(lambda now: station.receive_command(encode("TD 50 15 -0.5 0.5"), now), BEGIN_UTC_S + 1.0)

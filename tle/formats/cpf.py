@@ -35,7 +35,7 @@ _LAST_MJD = 88_000
 _DIRECTIONS = {0: "common epoch", 1: "transmit", 2: "receive"}
 
 
-class _Header(NamedTuple):
+class _CpfHeader(NamedTuple):
     name: str
     producer: str
     version: int
@@ -89,7 +89,7 @@ def parse_cpf(lines: Lines) -> list[TableEphemeris]:
     ]
 
 
-def _segments(lines: Lines, kinds: NDArray[np.bytes_], header: _Header) -> list[Segment]:
+def _segments(lines: Lines, kinds: NDArray[np.bytes_], header: _CpfHeader) -> list[Segment]:
     """Return the rows between gaps, for use within the header's span."""
     which = np.flatnonzero(kinds == b"10")
     if len(which) == 0:
@@ -130,7 +130,7 @@ def _line_of(lines: Lines, kinds: NDArray[np.bytes_], kind: bytes) -> int:
     return int(found[0])
 
 
-def _header(lines: Lines, h1: int, h2: int) -> _Header:
+def _header(lines: Lines, h1: int, h2: int) -> _CpfHeader:
     """Return what the two first records say; the fields stand apart by blanks."""
     one, two = lines.text(h1).split(), lines.text(h2).split()
     try:
@@ -154,7 +154,7 @@ def _header(lines: Lines, h1: int, h2: int) -> _Header:
         raise lines.error(h2, f"reference frame {kind} is not known: 0 (body-fixed), 1 and 2 are read")
     if last <= first:
         raise lines.error(h2, f"the end {last.isoformat('seconds')} is not after the start")
-    return _Header(
+    return _CpfHeader(
         printable(name),
         printable(one[3]),
         version,

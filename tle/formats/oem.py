@@ -398,7 +398,7 @@ _STATE = ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")
 _COVARIANCE = tuple(f"C{row}_{column}" for k, row in enumerate(_STATE) for column in _STATE[: k + 1])
 
 
-class _Xml:
+class _OemXml:
     """An OEM in XML as the lines of its KVN, with the line of the XML from which each comes."""
 
     def __init__(self, source: str) -> None:
@@ -485,6 +485,6 @@ class _Xml:
 
 def _from_xml(lines: Lines) -> Lines:
     """Return an OEM in XML as lines of KVN that know where they come from. Raises EphemerisError."""
-    xml = _Xml(lines.source)
+    xml = _OemXml(lines.source)
     xml.run(lines.data)
     return Lines("\n".join(xml.lines).encode(), lines.source, xml.numbers)

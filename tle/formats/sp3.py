@@ -33,7 +33,7 @@ _DM_PER_KM = 1e4
 _NONE = np.empty(0, dtype=np.intp)
 
 
-class _Header(NamedTuple):
+class _Sp3Header(NamedTuple):
     version: str
     velocities: bool
     epochs: int
@@ -109,7 +109,7 @@ def parse_sp3(lines: Lines) -> list[TableEphemeris]:
     return found
 
 
-def _header(lines: Lines) -> _Header:
+def _header(lines: Lines) -> _Sp3Header:
     """Return what the lines before the first epoch say."""
     head = lines.text(0)
     text = lines.raw[lines.starts[0] : lines.ends[0]].tobytes().decode("ascii", "replace")
@@ -154,7 +154,7 @@ def _header(lines: Lines) -> _Header:
         raise lines.error(2, f"the header says {count} satellites and names {len(satellites)}")
     exponents += [0] * count
     frame = Frame("ITRF", "Earth-fixed" if name in ("", "UNDEF") else name)
-    return _Header(
+    return _Sp3Header(
         text[1],
         text[2] == "V",
         epochs,
@@ -236,7 +236,7 @@ def _rows(lines: Lines, which: Index, kind: str) -> _Rows:
 def _segments(
     lines: Lines,
     name: str,
-    header: _Header,
+    header: _Sp3Header,
     times: tuple[float, Array, Index],
     rows: dict[str, _Rows],
 ) -> list[Segment]:

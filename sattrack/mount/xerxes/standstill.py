@@ -94,7 +94,7 @@ class Position(NamedTuple):
     dec_deg: float
 
 
-class Fit(NamedTuple):
+class ParabolaFit(NamedTuple):
     """What a parabola through some positions of one axis says."""
 
     rate_deg_s: float
@@ -114,7 +114,7 @@ class Positions:
     _last: tuple[float, float, float, bool] | None = None
     _heard_utc_s: float = -math.inf
     """When the last status came, a position or not."""
-    _judged: dict[float, Fit | None] = field(default_factory=dict)
+    _judged: dict[float, ParabolaFit | None] = field(default_factory=dict)
     _recent: list[Position] | None = None
     """Those of the shortest window."""
     may_have_moved: bool = False
@@ -225,7 +225,7 @@ class Positions:
         early, late = _mean_rates_deg_s(kept[0], middle), _mean_rates_deg_s(middle, kept[-1])
         return 1.5 * late[0] - 0.5 * early[0], 1.5 * late[1] - 0.5 * early[1]
 
-    def rest(self, since_utc_s: float = -math.inf) -> Fit | None:
+    def rest(self, since_utc_s: float = -math.inf) -> ParabolaFit | None:
         """Return how the hour angle turns at rest, None where the axes are not known to rest.
 
         Only positions that came after `since_utc_s` count.
@@ -234,13 +234,13 @@ class Positions:
             self._judged[since_utc_s] = self._judge(since_utc_s)
         return self._judged[since_utc_s]
 
-    def _judge(self, since_utc_s: float) -> Fit | None:
+    def _judge(self, since_utc_s: float) -> ParabolaFit | None:
         if not self._kept or self._heard_utc_s - self._kept[-1].arrival_utc_s > OLD_AFTER_S:
             return None
         mean = self.rates_deg_s()
         if mean is not None and max(abs(rate) for rate in mean) > SURELY_MOVES_DEG_S:
             return None
-        shortest: tuple[Fit, Fit] | None = None
+        shortest: tuple[ParabolaFit, ParabolaFit] | None = None
         for span_s in WINDOWS_S:
             window = self._window(span_s, since_utc_s)
             parabola = None if window is None else Parabola.over([one.mount_s for one in window])
@@ -318,7 +318,7 @@ class Parabola(NamedTuple):
             return None
         return cls(first, second, total, second_squares, skew)
 
-    def fit(self, angles_deg: Sequence[float]) -> Fit:
+    def fit(self, angles_deg: Sequence[float]) -> ParabolaFit:
         """Fit an axis' angles at those instants by least squares."""
         count = len(angles_deg)
         mean_deg = sum(angles_deg) / count
@@ -331,10 +331,10 @@ class Parabola(NamedTuple):
         end = 2.0 * self.first[-1] - self.skew
         ahead = end + 2.0 * AHEAD_S
         error = noise * math.sqrt(1.0 / self.first_squares + ahead * ahead / self.second_squares)
-        return Fit(b1 + b2 * end, b1 + b2 * ahead, error, noise)
+        return ParabolaFit(b1 + b2 * end, b1 + b2 * ahead, error, noise)
 
 
-def _off(fit: Fit, middle_deg_s: float) -> float:
+def _off(fit: ParabolaFit, middle_deg_s: float) -> float:
     return max(abs(fit.rate_deg_s - middle_deg_s), abs(fit.ahead_deg_s - middle_deg_s))
 
 

@@ -175,7 +175,7 @@ class TrackElements(NamedTuple):
 
 
 @dataclass(slots=True)
-class IndiDevice:
+class ServedIndiDevice:
     """The device that all INDI clients see; `client` is its number at the telescope."""
 
     telescope: ServedTelescope
@@ -393,24 +393,24 @@ class IndiDevice:
         }
 
 
-_TAKES: dict[str, Callable[[IndiDevice, Mapping[str, str], float], Asked | TrackElements | None]] = {
-    "ON_COORD_SET": IndiDevice._take_on_coord_set,
-    "TELESCOPE_SLEW_RATE": IndiDevice._take_telescope_slew_rate,
-    PLACE: IndiDevice._take_equatorial_eod_coord,
-    TRACKING: IndiDevice._take_telescope_track_state,
-    PARK: IndiDevice._take_telescope_park,
-    "TIME_UTC": IndiDevice._take_time_utc,
-    "GEOGRAPHIC_COORD": IndiDevice._take_geographic_coord,
-    "SAT_TLE_TEXT": IndiDevice._take_sat_tle_text,
-    "SAT_PASS_WINDOW": IndiDevice._take_sat_pass_window,
-    SATELLITE_STATE: IndiDevice._take_sat_tracking_stat,
+_TAKES: dict[str, Callable[[ServedIndiDevice, Mapping[str, str], float], Asked | TrackElements | None]] = {
+    "ON_COORD_SET": ServedIndiDevice._take_on_coord_set,
+    "TELESCOPE_SLEW_RATE": ServedIndiDevice._take_telescope_slew_rate,
+    PLACE: ServedIndiDevice._take_equatorial_eod_coord,
+    TRACKING: ServedIndiDevice._take_telescope_track_state,
+    PARK: ServedIndiDevice._take_telescope_park,
+    "TIME_UTC": ServedIndiDevice._take_time_utc,
+    "GEOGRAPHIC_COORD": ServedIndiDevice._take_geographic_coord,
+    "SAT_TLE_TEXT": ServedIndiDevice._take_sat_tle_text,
+    "SAT_PASS_WINDOW": ServedIndiDevice._take_sat_pass_window,
+    SATELLITE_STATE: ServedIndiDevice._take_sat_tracking_stat,
 }
 
 
 class ClientView:
     """What one client knows of the device; `definitions` and `changes` give what it does not know yet."""
 
-    def __init__(self, device: IndiDevice) -> None:
+    def __init__(self, device: ServedIndiDevice) -> None:
         self._device = device
         self._told: dict[str, tuple[str, Values]] = {}
         self._last = device.messages[-1][0] if device.messages else 0

@@ -19,8 +19,8 @@ from sattrack.servers.alpaca.indi import (
     ABORT,
     MOVERS,
     ClientView,
-    IndiDevice,
     MessageReader,
+    ServedIndiDevice,
     TrackElements,
 )
 from sattrack.servers.alpaca.lx200 import Asked, CommandReader, Lx200Client
@@ -59,7 +59,7 @@ class Planetariums:
     follow: Callable[[str], Awaitable[object]]
     """Follows the satellite of two-line elements; raises Fault."""
     _count: int = 0
-    _indi: IndiDevice | None = None
+    _indi: ServedIndiDevice | None = None
     _tasks: set[asyncio.Task[object]] = field(default_factory=set)
 
     def protocol(
@@ -137,7 +137,7 @@ class Planetariums:
     async def indi(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Serve one INDI client until it is gone."""
         connection = self.connections.by_transport.get(writer.transport)
-        device = self._indi = self._indi or IndiDevice(self.telescope, self._number())
+        device = self._indi = self._indi or ServedIndiDevice(self.telescope, self._number())
         caller, messages, view = self._number(), MessageReader(), ClientView(device)
         waiting: asyncio.Queue[Element] = asyncio.Queue()
         aside = [
@@ -169,7 +169,7 @@ class Planetariums:
 
     async def _obey_indi(
         self,
-        device: IndiDevice,
+        device: ServedIndiDevice,
         view: ClientView,
         caller: int,
         waiting: asyncio.Queue[Element],
@@ -192,7 +192,7 @@ class Planetariums:
                 if connection is not None:
                     connection.ends()
 
-    async def _take(self, device: IndiDevice, view: ClientView, message: Element, caller: int) -> None:
+    async def _take(self, device: ServedIndiDevice, view: ClientView, message: Element, caller: int) -> None:
         name = message.get("name", "")
         view.tell_again(name)
         try:

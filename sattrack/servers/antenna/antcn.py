@@ -111,14 +111,14 @@ class AntcnRun:
         """Return the bytes to send now; call when `due_utc_s` says, and after every `receive`."""
         out, _ = self.line.tick(now_utc_s)
         self._watch(now_utc_s)
-        if out or self.finished or self.line.stage is not Stage.IDLE:
+        if out or self.finished or self.line.stage is not LineState.IDLE:
             return out
         message = self._next_message(now_utc_s)
         return b"" if message is None else self.line.send(message, now_utc_s)
 
     def due_utc_s(self, now_utc_s: float) -> float:
         """Return when `tick` must be called at the latest."""
-        if self.line.stage is not Stage.IDLE:
+        if self.line.stage is not LineState.IDLE:
             return min(self.line.due_utc_s(), now_utc_s + 0.1)
         td_s = math.inf if self._next_td_ns is None else self._next_td_ns / NS - LEAD_S
         return max(now_utc_s, min(td_s, self._next_ps_utc_s, now_utc_s + 0.1))
@@ -241,7 +241,7 @@ class AntcnRun:
         self.phase = AntcnPhase.TRACKING if near else AntcnPhase.ACQUIRING
 
 
-class Stage(Enum):
+class LineState(Enum):
     """The state of the line: what it waits for."""
 
     SYNCHRONISING = "silence after the synchronisation character"
@@ -268,7 +268,7 @@ class Antcn:
     time_out_s: float = TIME_OUT_S
     per_character: bool = False
     """Whether each character of a response after its first must come within the character time-out."""
-    stage: Stage = Stage.SYNCHRONISING
+    stage: LineState = LineState.SYNCHRONISING
     time_outs: int = 0
     garbled: int = 0
     """Responses that came with a wrong check."""
@@ -285,22 +285,22 @@ class Antcn:
 
     def synchronise(self, now_utc_s: float) -> bytes:
         """Return the synchronisation character; the line is idle once it has been silent for a while."""
-        self.stage = Stage.SYNCHRONISING
+        self.stage = LineState.SYNCHRONISING
         self._framer.reset()
         self._quiet_since_s = now_utc_s
         return SYNC
 
     def send(self, message: str, now_utc_s: float) -> bytes:
         """Return a command to send. Raises RuntimeError where the line waits for something else."""
-        if self.stage is not Stage.IDLE:
+        if self.stage is not LineState.IDLE:
             raise RuntimeError(f"the line waits for {self.stage.value}")
-        self.stage = Stage.WAITING
+        self.stage = LineState.WAITING
         self._sent, self._sent_utc_s, self._first_utc_s = message, now_utc_s, None
         return encode(message, self.check)
 
     def receive(self, data: bytes, now_utc_s: float) -> Answer | None:
         """Take bytes that came; return the transaction that they complete."""
-        if self.stage is not Stage.WAITING:
+        if self.stage is not LineState.WAITING:
             self._quiet_since_s = now_utc_s
             return None
         if self._first_utc_s is None and data:
@@ -310,17 +310,17 @@ class Antcn:
             if not isinstance(event, ReceivedLine) or event.fault is not None:
                 self.garbled += 1
                 continue
-            self.stage = Stage.IDLE
+            self.stage = LineState.IDLE
             return Answer(self._sent, event.message, self._sent_utc_s, self._first_utc_s, now_utc_s)
         return None
 
     def tick(self, now_utc_s: float) -> tuple[bytes, Answer | None]:
         """Return the bytes to send now, and a transaction that has timed out."""
-        if self.stage is Stage.SYNCHRONISING and now_utc_s - self._quiet_since_s >= idle_time_s(
+        if self.stage is LineState.SYNCHRONISING and now_utc_s - self._quiet_since_s >= idle_time_s(
             self.character_s
         ):
-            self.stage = Stage.IDLE
-        if self.stage is Stage.WAITING and now_utc_s >= self._expires_utc_s():
+            self.stage = LineState.IDLE
+        if self.stage is LineState.WAITING and now_utc_s >= self._expires_utc_s():
             self.time_outs += 1
             answer = Answer(self._sent, None, self._sent_utc_s, self._first_utc_s, now_utc_s)
             return self.synchronise(now_utc_s), answer
@@ -328,9 +328,9 @@ class Antcn:
 
     def due_utc_s(self) -> float:
         """Return when `tick` must be called next, if no bytes come before."""
-        if self.stage is Stage.SYNCHRONISING:
+        if self.stage is LineState.SYNCHRONISING:
             return self._quiet_since_s + idle_time_s(self.character_s)
-        return self._expires_utc_s() if self.stage is Stage.WAITING else math.inf
+        return self._expires_utc_s() if self.stage is LineState.WAITING else math.inf
 
     def _expires_utc_s(self) -> float:
         expires_utc_s = self._sent_utc_s + self.time_out_s

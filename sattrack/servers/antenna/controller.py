@@ -38,10 +38,10 @@ from sattrack.servers.antenna.protocol import (
 )
 from sattrack.servers.antenna.trajectory import (
     AxisState,
+    ElementsTarget,
     ExactState,
     Path,
     ProfileModel,
-    SatelliteTarget,
     SkyPath,
     SkyTarget,
     SkyTargets,
@@ -505,9 +505,9 @@ def bias_satellite(controller: Controller, request: AntennaRequest, now_ns: int)
     following = controller.held or controller.path
     bias = Bias(request.number("along"), request.number("cross"))
     hold = request.text("mode", "TRACK") == "HOLD"
-    if isinstance(following, SkyPath) and isinstance(following.target, SatelliteTarget):
+    if isinstance(following, SkyPath) and isinstance(following.target, ElementsTarget):
         near_deg = following.at(now_ns).first_deg
-        path = sky_targets.path(SatelliteTarget(following.target.propagator, bias), near_deg)
+        path = sky_targets.path(ElementsTarget(following.target.propagator, bias), near_deg)
         if hold:
             _hold(controller, path, now_ns)
         else:

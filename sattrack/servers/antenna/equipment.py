@@ -140,7 +140,7 @@ def swept_mm(from_mm: float, rate_mm_s: float, seconds: float, least_mm: float, 
 
 
 @dataclass(slots=True)
-class SimulatedAxis:
+class SimulatedFocusAxis:
     """A simulated axis; see `FocusAxis`."""
 
     least_mm: float = LEAST_MM

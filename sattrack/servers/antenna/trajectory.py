@@ -259,7 +259,7 @@ class J2000Source:
 
 
 @dataclass(frozen=True, slots=True)
-class SatelliteTarget:
+class ElementsTarget:
     """A satellite by its elements, with biases along and across its track."""
 
     propagator: Propagator
@@ -272,7 +272,7 @@ class SatelliteTarget:
 
 
 @dataclass(frozen=True, slots=True)
-class PointingModel:
+class AxisCorrections:
     """Corrections of equatorial axes, degrees, added to hour angle and declination to give axis positions.
 
     ΔHA = ih + ch/cos δ + np·tan δ - ma·cos h·tan δ + me·sin h·tan δ; ΔDec = id + ma·sin h + me·cos h: the
@@ -330,7 +330,7 @@ class Reduction:
     radec: tuple[float, float] = NO_OFFSET
     hadec: tuple[float, float] = NO_OFFSET
     azel: tuple[float, float] = NO_OFFSET
-    model: PointingModel | ProfileModel = field(default_factory=PointingModel)
+    model: AxisCorrections | ProfileModel = field(default_factory=AxisCorrections)
 
     def positions(self, place: RaDec, utc_s: float) -> tuple[float, float]:
         """Return both axes' positions, degrees, on any turn."""
@@ -469,7 +469,7 @@ class SkyTargets:
 
     def model(self, request: AntennaRequest) -> None:
         """Take a pointing model."""
-        model = PointingModel(*(request.number(term) for term in MODEL_TERMS))
+        model = AxisCorrections(*(request.number(term) for term in MODEL_TERMS))
         self.reduction = replace(self.reduction, model=model)
 
     def source(self, request: AntennaRequest) -> SkyTarget:
@@ -481,12 +481,12 @@ class SkyTargets:
             else J2000Source(coordinates, self._sky)
         )
 
-    def satellite(self, number: int, refracted: bool) -> SatelliteTarget:
+    def satellite(self, number: int, refracted: bool) -> ElementsTarget:
         """Return the satellite whose elements were sent. Raises StoreError or TleError."""
         site = self._sky.site
         air = Refraction.standard(site.height_m) if refracted else None
         propagator = Propagator(self.elements.elements(number), site, earth=self._sky.earth, refraction=air)
-        return SatelliteTarget(propagator, self.bias)
+        return ElementsTarget(propagator, self.bias)
 
     def path(self, target: SkyTarget, near_deg: float = 0.0) -> SkyPath:
         """Return the path of a target, turns of the first axis counted from near a place."""

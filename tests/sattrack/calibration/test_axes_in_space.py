@@ -11,7 +11,7 @@ import erfa
 import msgspec
 import pytest
 
-from sattrack.calibration.axes_in_space import LEGS, Leg, find_axes, kind_of, with_axes
+from sattrack.calibration.axes_in_space import LEGS, AxisTurn, find_axes, kind_of, with_axes
 from sattrack.core.errors import SattrackError
 from sattrack.mount.geometry import AxisFrame, AxisGeometry
 from sattrack.mount.model import MountProfile, SitePlace
@@ -23,7 +23,7 @@ STRANGER = axes_anywhere.Telescope
 
 def motions(
     stranger: axes_anywhere.Parameters, first: float = 200.0, second: float = 30.0, **how: Any
-) -> list[Leg]:
+) -> list[AxisTurn]:
     """Return the motions of a stranger's telescope from drive angles on; `how` makes it disobey."""
     telescope = STRANGER(stranger, 0.0)
     turns, slip = how.get("turns", (1.0, 1.0)), how.get("slip", 0.0)
@@ -39,7 +39,7 @@ def motions(
         before = place()
         telescope.angles[axis] += 4.0 * sense * turns[axis]
         telescope.angles[1 - axis] += slip * abs(telescope.angles[axis] - 200.0) if axis == 0 else 0.0
-        legs.append(Leg(axis, 4.0 * sense, before, place()))
+        legs.append(AxisTurn(axis, 4.0 * sense, before, place()))
     return legs
 
 

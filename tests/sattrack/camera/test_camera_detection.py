@@ -9,7 +9,7 @@ import pytest
 from camera_frames import Canvas, star_streaks
 
 from sattrack.camera.detection import Detection, Detector, ExpectedMotion
-from sattrack.camera.frames import Frame
+from sattrack.camera.frames import CameraFrame
 from tle.instants import Utc
 
 pytest.importorskip("sep", reason="detection needs the extra camera")
@@ -21,7 +21,7 @@ FWHM_APERTURE = 1.255
 def seen(
     pixels: np.ndarray, expected: ExpectedMotion | None = None, detector: Detector | None = None
 ) -> Detection:
-    frame = Frame(np.asarray(pixels, dtype=np.float32), Utc(START_S), 0.1, "a frame", 65535.0)
+    frame = CameraFrame(np.asarray(pixels, dtype=np.float32), Utc(START_S), 0.1, "a frame", 65535.0)
     return (detector or Detector()).look(frame, expected)
 
 

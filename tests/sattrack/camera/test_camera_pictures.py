@@ -5,25 +5,25 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sattrack.camera.frames import Frame, reduced
+from sattrack.camera.frames import CameraFrame, reduced
 from sattrack.views.picture import MOST_PICTURE_BYTES, MOST_SIDE
 from tle.instants import Utc
 
 UTC = Utc.parse("2026-10-02T13:05:24.5Z")
 
 
-def frame(width: int = 1280, height: int = 960, sky: float = 600.0, noise: float = 8.0) -> Frame:
+def frame(width: int = 1280, height: int = 960, sky: float = 600.0, noise: float = 8.0) -> CameraFrame:
     rng = np.random.default_rng(3)
     pixels = rng.normal(sky, noise, (height, width)).astype(np.float32)
-    return Frame(pixels, UTC, 0.1, "a")
+    return CameraFrame(pixels, UTC, 0.1, "a")
 
 
-def star(one: Frame, x: float, y: float, peak: float, sigma: float = 1.2) -> None:
+def star(one: CameraFrame, x: float, y: float, peak: float, sigma: float = 1.2) -> None:
     rows, columns = np.indices(one.pixels.shape)
     one.pixels[...] += peak * np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / (2.0 * sigma**2))
 
 
-def levels(one: Frame, side: int = 160) -> np.ndarray:
+def levels(one: CameraFrame, side: int = 160) -> np.ndarray:
     columns, rows, pixels = reduced(one, side)
     return np.frombuffer(pixels, np.uint8).reshape(rows, columns)
 
@@ -50,7 +50,7 @@ def test_a_faint_point_shows_and_noise_and_hot_pixels_do_not() -> None:
 
 @pytest.mark.parametrize("value", [0.0, 65535.0])
 def test_a_frame_of_one_value_is_a_picture_too(value: float) -> None:
-    one = Frame(np.full((48, 64), value, np.float32), UTC, 0.1, "a")
+    one = CameraFrame(np.full((48, 64), value, np.float32), UTC, 0.1, "a")
     assert len(set(levels(one, 16).ravel())) == 1
 
 

@@ -11,9 +11,9 @@ import pytest
 
 from sattrack.camera.centring import ImageGeometry, Solver, centred, contradiction, in_image
 from sattrack.camera.detection import Detection, PointSource
-from sattrack.camera.frames import Frame
+from sattrack.camera.frames import CameraFrame
 from sattrack.camera.star_index import start_making
-from sattrack.views.messages import Observation, SeenOffset
+from sattrack.views.messages import ObservationMessage, SeenOffset
 from tle.instants import Utc
 
 tetra3rs = pytest.importorskip("tetra3rs", reason="solving needs the extra camera")
@@ -94,9 +94,9 @@ def test_a_field_is_found_as_astropy_projects_it(
     assert "mirrored" in wrong
     assert ("--scale" in wrong) is (scale != SCALE)
     assert contradiction(ImageGeometry(scale, rotation, flipped), found) is None
-    frame = Frame(np.zeros((HEIGHT, WIDTH), dtype=np.float32), Utc(1790946324.0), 0.1, "f")
+    frame = CameraFrame(np.zeros((HEIGHT, WIDTH), dtype=np.float32), Utc(1790946324.0), 0.1, "f")
     seen = centred(frame, Detection("point", 700.0, 500.0, 0.2, 20.0), said, found, "guide")
-    assert isinstance(seen.message, Observation)
+    assert isinstance(seen.message, ObservationMessage)
     true_ra, true_dec = (float(each) for each in wcs.wcs_pix2world(700.0, 500.0, 0))
     assert seen.message.frame == "icrs"
     assert seen.message.dec_deg == pytest.approx(true_dec, abs=0.3 * scale / 3600.0)
@@ -128,7 +128,7 @@ def test_a_motion_on_the_sky_moves_so_in_the_image(rotation: float, flipped: boo
 
 
 def test_without_a_scale_an_offset_is_in_pixels_and_says_nothing_in_arcseconds() -> None:
-    frame = Frame(np.zeros((HEIGHT, WIDTH), dtype=np.float32), Utc(1790946324.0), 0.1, "f")
+    frame = CameraFrame(np.zeros((HEIGHT, WIDTH), dtype=np.float32), Utc(1790946324.0), 0.1, "f")
     seen = centred(frame, Detection("point", 700.0, 500.0, 0.2, 20.0), ImageGeometry(), None, "guide")
     assert isinstance(seen.message, SeenOffset)
     assert (seen.message.dx_px, seen.message.dy_px) == (60.5, 20.5)

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from sattrack.camera.alpaca import decode_image
-from sattrack.camera.frames import Frame
+from sattrack.camera.frames import CameraFrame
 from sattrack.camera.sources import SourceOptions, open_source, save_frame
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.alpaca.client import AlpacaRefusalError, NoAnswerError
@@ -81,7 +81,7 @@ def fits_bytes(pixels: np.ndarray, **header: object) -> bytes:
     return out.getvalue()
 
 
-def frames(text: str, options: SourceOptions) -> list[Frame | SattrackError]:
+def frames(text: str, options: SourceOptions) -> list[CameraFrame | SattrackError]:
     source = open_source(text, options)
     try:
         return list(source.frames())
@@ -98,8 +98,8 @@ def test_a_folder_gives_its_frames_in_order_and_names_what_is_none(tmp_path: Pat
     (tmp_path / "d.fits").write_bytes(b"no fits at all")
     (tmp_path / "notes.txt").write_text("nothing")
     first, second, undated, broken = frames(f"folder:{tmp_path}", SourceOptions(latency_s=0.1))
-    assert isinstance(first, Frame)
-    assert isinstance(second, Frame)
+    assert isinstance(first, CameraFrame)
+    assert isinstance(second, CameraFrame)
     assert abs(float(first.utc - MIDDLE) + 0.1) < 1e-6
     assert first.saturation == 65535.0
     assert first.pixels.tolist() == pixels.tolist()
@@ -118,7 +118,7 @@ def test_an_image_is_dated_by_the_settings_beside_it_and_has_its_top_row_first(t
     )
     images.fromarray(pixels).save(tmp_path / "y.png")
     found, undated = frames(f"folder:{tmp_path}", SourceOptions())
-    assert isinstance(found, Frame)
+    assert isinstance(found, CameraFrame)
     assert abs(float(found.utc - MIDDLE)) < 1e-6
     assert found.pixels.tolist() == pixels[::-1].tolist()
     assert "y.png: nothing dates it" in str(undated)
@@ -128,7 +128,7 @@ def test_a_frame_that_was_kept_reads_as_it_was(tmp_path: Path) -> None:
     fits = pytest.importorskip("astropy.io.fits")
     pixels = np.arange(1200, dtype=np.float32).reshape(30, 40)
     path = save_frame(
-        Frame(pixels, MIDDLE, 0.2, "f", header={"GAIN": 7}), tmp_path / "kept", "guide", {"RA": 1.5}
+        CameraFrame(pixels, MIDDLE, 0.2, "f", header={"GAIN": 7}), tmp_path / "kept", "guide", {"RA": 1.5}
     )
     header = fits.getheader(path)
     assert header["DATE-OBS"] == "2026-10-02T13:05:24.400000"
@@ -189,7 +189,7 @@ def test_an_indi_camera_is_asked_for_frames(capfd: pytest.CaptureFixture[str]) -
         frame = next(iter(camera.frames()))
         camera.close()
         server.join(10.0)
-    assert isinstance(frame, Frame)
+    assert isinstance(frame, CameraFrame)
     assert abs(float(frame.utc - MIDDLE)) < 1e-6
     assert frame.pixels.tolist() == pixels.tolist()
     assert b"0.2" in b"".join(heard)
@@ -208,5 +208,5 @@ def test_a_video_device_gives_frames_with_their_top_row_last(tmp_path: Path) -> 
     first, second, third, end = frames(f"v4l:{path}", SourceOptions())
     assert isinstance(end, SattrackError)
     for frame in (first, second, third):
-        assert isinstance(frame, Frame)
+        assert isinstance(frame, CameraFrame)
         assert frame.pixels[40:].mean() > 150.0 > 50.0 > frame.pixels[:8].mean()

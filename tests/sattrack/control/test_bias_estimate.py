@@ -10,9 +10,9 @@ import bias as bench
 import pytest
 
 from sattrack.control.biases import Course
-from sattrack.control.estimate import ANEW_AFTER, MODEL_ARCSEC, Estimator, Reading
+from sattrack.control.estimate import ANEW_AFTER, MODEL_ARCSEC, EstimatedBiases, Estimator
 from sattrack.runtime import demo_pass
-from sattrack.views.messages import Observation
+from sattrack.views.messages import ObservationMessage
 from tle.bias import NO_BIAS, Bias, bias_from_observation
 from tle.instants import Utc
 from tle.propagator import Propagator
@@ -34,24 +34,26 @@ def estimator() -> Estimator:
     return Estimator(25544, RISE_S)
 
 
-def seen(seconds: float, ahead_s: float = 3.0, sigma_arcsec: float = 20.0, seed: int = 1) -> Observation:
+def seen(
+    seconds: float, ahead_s: float = 3.0, sigma_arcsec: float = 20.0, seed: int = 1
+) -> ObservationMessage:
     true = bench.true_satellite(demo_pass.elements(), demo_pass.SITE.place(), ahead_s)
     rng = random.Random(f"{seed} {seconds}")
     return bench.solution(true, CULMINATION_S + seconds, rng, sigma_arcsec)
 
 
-def changed(one: Observation, **fields: object) -> Observation:
+def changed(one: ObservationMessage, **fields: object) -> ObservationMessage:
     values = {name: getattr(one, name) for name in one.__struct_fields__}
-    return Observation(**{**values, **fields})
+    return ObservationMessage(**{**values, **fields})
 
 
-def read(estimator: Estimator, course: Course, seconds: float = 0.0) -> Reading:
+def read(estimator: Estimator, course: Course, seconds: float = 0.0) -> EstimatedBiases:
     found = estimator.reading(CULMINATION_S + seconds, course)
     assert found is not None
     return found
 
 
-def take(estimator: Estimator, course: Course, one: Observation, first: Bias = NO_BIAS) -> bool:
+def take(estimator: Estimator, course: Course, one: ObservationMessage, first: Bias = NO_BIAS) -> bool:
     return estimator.take(one, float(Utc.parse(one.utc).unix_s) + 1.0, course, first)
 
 
@@ -70,7 +72,9 @@ def test_one_observation_says_what_the_full_inversion_says(
         refraction=course.propagator.refraction,
     )
     place = true.at(utc) if frame == "of_date" else true.with_place("astrometric").at(utc)
-    one = Observation(utc.isoformat("microseconds"), float(place.ra_deg), float(place.dec_deg), frame, 0.1)
+    one = ObservationMessage(
+        utc.isoformat("microseconds"), float(place.ra_deg), float(place.dec_deg), frame, 0.1
+    )
     assert take(estimator, course, one)
     known = read(estimator, course, seconds)
     expected = bias_from_observation(
@@ -158,7 +162,7 @@ def test_the_first_observation_in_a_wrong_frame_is_rejected_wherever_it_shows_ac
     for seconds in range(-200, 200, 10):
         utc = Utc(CULMINATION_S + seconds)
         place = true.with_place("astrometric").at(utc)
-        one = Observation(
+        one = ObservationMessage(
             utc.isoformat("microseconds"), float(place.ra_deg), float(place.dec_deg), "of_date", 20.0
         )
         told = bias_from_observation(course.propagator, one.ra_deg, one.dec_deg, utc)

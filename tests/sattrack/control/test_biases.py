@@ -17,7 +17,7 @@ from sattrack.control.biases import (
     end_reached,
     follow_estimate,
 )
-from sattrack.control.estimate import Reading
+from sattrack.control.estimate import EstimatedBiases
 from sattrack.control.offset import spiral
 from sattrack.mount.model import AxisLimits, MountProfile
 from sattrack.runtime import demo_pass
@@ -105,7 +105,7 @@ def all_at_once(biases: Biases) -> None:
     for what, value in biases_of.items():
         offset(biases, what, value, begins_s)
     assert change_offset(biases, OffsetBy("along_s", "rate", 0.01), begins_s + 0.5) is None
-    follow_estimate(biases, Reading(0.3, 0.2, 2e-3, 1e-4, 0.01, 0.01), False, begins_s + 1.0)
+    follow_estimate(biases, EstimatedBiases(0.3, 0.2, 2e-3, 1e-4, 0.01, 0.01), False, begins_s + 1.0)
 
 
 @pytest.mark.parametrize("late_s", [0.2, 0.8, 1.7, 5.0, 20.0, 21.3])

@@ -17,7 +17,7 @@ from sattrack.control.steering import Steering
 from sattrack.mount.model import MountProfile
 from sattrack.runtime import demo_pass
 from sattrack.views.formatting import camera_clock_text
-from sattrack.views.messages import Observation, SolvedField, decode_observation, encode_message
+from sattrack.views.messages import ObservationMessage, SolvedField, decode_observation, encode_message
 from tle.bias import NO_BIAS, apparent_unit
 from tle.instants import Utc
 from tle.propagator import Propagator
@@ -154,9 +154,9 @@ def test_observations_of_that_camera_are_dated_anew_and_others_are_not() -> None
             seen = one.airless.at(Utc(now))
             ra, dec = icrs_of(seen.unit, now, one.propagator)
             utc = Utc(now + 0.3).isoformat("microseconds")
-            line = encode_message(Observation(utc, ra, dec, "icrs", 3.0, camera=camera))
+            line = encode_message(ObservationMessage(utc, ra, dec, "icrs", 3.0, camera=camera))
             message = decode_observation(line)
-            assert isinstance(message, Observation)
+            assert isinstance(message, ObservationMessage)
             one.steering.obey(message, now + 1.0)
         read = one.steering.estimator.reading(BEGIN_S + 35.0, one.steering.biases.course)
         assert read is not None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sattrack.planning.path import AxisPath, Pointing
+from sattrack.planning.path import AxisPath, AxisSamples
 
 Array = NDArray[np.float64]
 
@@ -15,7 +15,7 @@ def path_of(utc_s: Array, hour_angle_deg: Array, dec_deg: Array) -> AxisPath:
     far, level = np.full_like(utc_s, 180.0), np.zeros_like(utc_s)
     ha_rate, dec_rate = np.gradient(hour_angle_deg, utc_s), np.gradient(dec_deg, utc_s)
     return AxisPath(
-        Pointing(utc_s, hour_angle_deg, dec_deg, far, level, far, level),
+        AxisSamples(utc_s, hour_angle_deg, dec_deg, far, level, far, level),
         ha_rate,
         dec_rate,
         np.gradient(ha_rate, utc_s),

@@ -11,7 +11,7 @@ from planning_builders import path_of
 
 from sattrack.mount.model import AxisLimits, MountProfile, PierZone
 from sattrack.planning.kinematics import Ability, choose_sides, losses, why_not
-from sattrack.planning.path import AxisPath, Pointing, axis_path, margins_deg
+from sattrack.planning.path import AxisPath, AxisSamples, axis_path, margins_deg
 from sattrack.planning.rehearsal import MountPath, link_loss
 from sattrack.planning.trace import TabledPropagator
 from sattrack.runtime import demo_pass
@@ -28,9 +28,9 @@ DARK = SafetyLimits(optical=False)
 TOLERANCE_DEG = 2.0 / 3600.0
 
 
-def pointing(ha: float, dec: float, sun: tuple[float, float] = (180.0, 0.0)) -> Pointing:
+def pointing(ha: float, dec: float, sun: tuple[float, float] = (180.0, 0.0)) -> AxisSamples:
     one = [np.array([value]) for value in (0.0, ha, dec, *sun, 180.0, 0.0)]
-    return Pointing(*one)
+    return AxisSamples(*one)
 
 
 def ability(profile: MountProfile, limits: SafetyLimits = DARK, latitude_deg: float = 0.0) -> Ability:

@@ -10,7 +10,7 @@ import pytest
 from sattrack.recording.format import FORMAT_VERSION, OPERATOR, REPEAT, Recording
 from sattrack.recording.replay import Tolerances, replay
 from sattrack.runtime.facts import engine_of, open_recording
-from sattrack.views.messages import Observation, decode_message
+from sattrack.views.messages import ObservationMessage, decode_message
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -36,7 +36,7 @@ def test_the_pass_with_faults_has_lost_and_repeated_datagrams_and_observations()
     entries = list(Recording(PASSES / "faults.mcap").entries())
     seen = [decode_message(entry.data) for entry in entries if entry.topic == OPERATOR]
     assert len(seen) > 30
-    assert all(isinstance(one, Observation) for one in seen)
+    assert all(isinstance(one, ObservationMessage) for one in seen)
     assert any(entry.topic == REPEAT for entry in entries)
 
 

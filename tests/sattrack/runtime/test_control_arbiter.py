@@ -11,7 +11,7 @@ from sattrack.views.messages import (
     Jog,
     LeaveRunning,
     Nudge,
-    Observation,
+    ObservationMessage,
     OffsetBy,
     Pause,
     Search,
@@ -29,7 +29,7 @@ MOVING = [
     Pause(),
     Go(),
     Jog(dec_rate_deg_s=0.1),
-    Observation("2026-10-02T13:05:24Z", 1.0, 2.0, "icrs", 5.0),
+    ObservationMessage("2026-10-02T13:05:24Z", 1.0, 2.0, "icrs", 5.0),
 ]
 
 

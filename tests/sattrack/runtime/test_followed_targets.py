@@ -28,7 +28,7 @@ from sattrack.runtime.flight import fly_virtual
 from sattrack.runtime.rehearse import choose_nth_pass
 from sattrack.runtime.target_facts import MARGIN_S, target_facts
 from sattrack.safety import SafetyLimits
-from sattrack.views.messages import Observation, Slip, decode_message
+from sattrack.views.messages import ObservationMessage, Slip, decode_message
 from tle.bodies import find_body
 from tle.formats.ephemerides import parse_ephemerides
 from tle.instants import Utc
@@ -125,7 +125,7 @@ def test_observations_of_what_has_no_elements_are_refused_in_a_live_run_too(targ
     engine = build_engine(facts)
     engine.expect_observations()
     utc_s = facts.plan.start_utc_s + 1.0
-    seen = Observation(Utc(utc_s).isoformat(), 83.6, 22.0, "icrs", 5.0)
+    seen = ObservationMessage(Utc(utc_s).isoformat(), 83.6, 22.0, "icrs", 5.0)
     engine.tracker.operate(seen, utc_s + 1.0)
     estimator = engine.tracker.steering.estimator
     assert (estimator.accepted, estimator.refused) == (0, 1)

@@ -21,7 +21,7 @@ from sattrack.runtime.control_arbiter import (
 )
 from sattrack.views.messages import (
     Nudge,
-    Observation,
+    ObservationMessage,
     OffsetBy,
     SeenOffset,
     StopNow,
@@ -36,7 +36,7 @@ GOOD = (
     b'{"type":"observation","utc":"2026-10-02T13:05:24.5Z","ra_deg":10.5,"dec_deg":-3.25,'
     b'"frame":"icrs","sigma_arcsec":20}'
 )
-SEEN = Observation("2026-10-02T13:05:24.5Z", 10.5, -3.25, "icrs", 20.0)
+SEEN = ObservationMessage("2026-10-02T13:05:24.5Z", 10.5, -3.25, "icrs", 20.0)
 OFFSET = (
     b'{"type":"offset","utc":"2026-10-02T13:05:24.5Z","dx_arcsec":12.5,"dy_arcsec":-3,"sigma_arcsec":2,'
     b'"camera":"guide"}'

@@ -15,7 +15,7 @@ from sattrack.core.angles import altitude_deg, separation_deg
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile, MoveAxes, Slew, mean_sidereal_deg
 from sattrack.mount.simulator.mount import StartPosition
 from sattrack.safety import Safety, SafetyLimits
-from sattrack.safety.bodies import Body, sun_over
+from sattrack.safety.bodies import BodyDirection, sun_over
 from sattrack.safety.rate_limit import nearest_rates
 
 DARK = SafetyLimits(floor_altitude_deg=-90.0, optical=False)
@@ -140,7 +140,7 @@ def test_axes_held_at_the_floor_go_along_it_out_of_the_way_of_a_sun_that_comes_d
         assert altitude_deg(*here, LATITUDE_DEG) > floor_deg, t
 
 
-def below(sun: Body, by_deg: float, beside_deg: float) -> StartPosition:
+def below(sun: BodyDirection, by_deg: float, beside_deg: float) -> StartPosition:
     """Return the axes that point so far from the Sun, so many degrees beside straight down from it."""
     far, turn = math.radians(by_deg), math.radians(beside_deg)
     p, h, d = (math.radians(x) for x in (LATITUDE_DEG, sun.hour_angle_deg, sun.dec_deg))

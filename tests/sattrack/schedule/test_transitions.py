@@ -15,7 +15,14 @@ from sattrack.safety.geometry import Place
 from sattrack.safety.limits import SafetyLimits
 from sattrack.safety.route import HANDSHAKE_S, RAMP, slew_s
 from sattrack.schedule.candidates import PlanSituation
-from sattrack.schedule.schema import STARS, CommandAction, SearchAction, SlewAction, Star, WebhookAction
+from sattrack.schedule.schema import (
+    STARS,
+    CommandAction,
+    SearchAction,
+    SlewAction,
+    StarCoordinates,
+    WebhookAction,
+)
 from sattrack.schedule.transitions import (
     ActionCost,
     Overhead,
@@ -123,7 +130,7 @@ def test_a_slew_whose_box_goes_below_the_horizon_is_led_round_and_takes_longer()
 def test_a_star_is_where_meeus_has_it() -> None:
     # Theta Persei on 2028 November 13.19 TD: Meeus, Astronomical Algorithms, 2nd ed., example 23.a.
     dec_deg = 49.0 + 13.0 / 60.0 + 42.48 / 3600.0
-    star = Star(
+    star = StarCoordinates(
         15.0 * (2.0 + 44.0 / 60.0 + 11.986 / 3600.0),
         dec_deg,
         0.03425 * 15.0e3 * math.cos(math.radians(dec_deg)),

@@ -496,9 +496,9 @@ def test_xml_comes_whole_from_any_pieces_and_other_protocols_are_hung_up_on() ->
         assert indi.MessageReader().read(other) is None
 
 
-def indi_device(state: TelescopeState = STATE) -> indi.IndiDevice:
+def indi_device(state: TelescopeState = STATE) -> indi.ServedIndiDevice:
     telescope = client_of(state).telescope
-    device = indi.IndiDevice(telescope, -1)
+    device = indi.ServedIndiDevice(telescope, -1)
     assert device.take(message("Switch", "CONNECTION", CONNECT="On"), 1, NOW_S) is None
     return device
 
@@ -528,7 +528,7 @@ def test_what_cannot_be_set_is_told_with_its_reason(asked: ElementTree.Element, 
 
 
 def test_nothing_is_moved_before_a_client_connects_but_a_stop_always_stops() -> None:
-    device = indi.IndiDevice(client_of().telescope, -1)
+    device = indi.ServedIndiDevice(client_of().telescope, -1)
     with pytest.raises(Fault, match="connect first"):
         device.take(message("Number", "EQUATORIAL_EOD_COORD", RA="1", DEC="40"), 1, NOW_S)
     asked = device.take(message("Switch", "TELESCOPE_ABORT_MOTION", ABORT="On"), 1, NOW_S)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sattrack.servers.antenna.controller import Controller
-from sattrack.servers.antenna.equipment import Antenna, Feedback, Focuser, SimulatedAxis
+from sattrack.servers.antenna.equipment import Antenna, Feedback, Focuser, SimulatedFocusAxis
 from sattrack.servers.antenna.protocol import NS
 from sattrack.servers.antenna.trajectory import AxisRange, AxisState, SiteSky
 from tle.instants import Utc
@@ -36,7 +36,7 @@ def make_controller(axes: str = "hadec", sky: SiteSky | None = None) -> Controll
         RANGE,
         stow=(0.0, 89.0),
         service=(-45.0, 10.0),
-        focuser=Focuser((SimulatedAxis(), SimulatedAxis())),
+        focuser=Focuser((SimulatedFocusAxis(), SimulatedFocusAxis())),
     )
     feedback = StandsStill()
     feedback.controller = Controller(antenna, feedback)

@@ -15,7 +15,7 @@ from sattrack.servers.antenna.antcn import (
     Antcn,
     AntcnPhase,
     AntcnRun,
-    Stage,
+    LineState,
     chord,
     epoch_utc_s,
     read_position,
@@ -41,13 +41,13 @@ def test_a_line_begins_with_the_synchronisation_character_and_silence() -> None:
     line = Antcn(CHARACTER_S)
     assert line.synchronise(10.0) == b"#"
     line.tick(10.005)
-    assert line.stage is Stage.SYNCHRONISING
+    assert line.stage is LineState.SYNCHRONISING
     # What still comes is thrown away, and the silence begins anew.
     assert line.receive(b"PS 1 2 3", 10.0055) is None
     line.tick(10.0075)
-    assert line.stage is Stage.SYNCHRONISING
+    assert line.stage is LineState.SYNCHRONISING
     line.tick(10.0116)
-    assert line.stage is Stage.IDLE
+    assert line.stage is LineState.IDLE
 
 
 def test_one_transaction_is_under_way_at_a_time() -> None:
@@ -58,7 +58,7 @@ def test_one_transaction_is_under_way_at_a_time() -> None:
     answer = line.receive(b"TD ACK A7\n", 2.2)
     assert answer is not None
     assert (answer.sent, answer.response, answer.first_character_utc_s) == ("PS", "TD ACK", 2.2)
-    assert line.stage is Stage.IDLE
+    assert line.stage is LineState.IDLE
 
 
 def test_a_time_out_synchronises_anew() -> None:
@@ -69,7 +69,7 @@ def test_a_time_out_synchronises_anew() -> None:
     assert out == b"#"
     assert answer is not None
     assert answer.response is None
-    assert line.stage is Stage.SYNCHRONISING
+    assert line.stage is LineState.SYNCHRONISING
     assert line.time_outs == 1
 
 

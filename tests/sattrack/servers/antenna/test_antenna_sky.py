@@ -10,7 +10,15 @@ from antenna_setup import NOON_NS, SITE, exchange, make_controller
 
 from sattrack.servers.antenna.controller import AntennaAction
 from sattrack.servers.antenna.protocol import NS, encode
-from sattrack.servers.antenna.trajectory import AzEl, HaDec, PointingModel, RaDec, Reduction, SiteSky, SkyPath
+from sattrack.servers.antenna.trajectory import (
+    AxisCorrections,
+    AzEl,
+    HaDec,
+    RaDec,
+    Reduction,
+    SiteSky,
+    SkyPath,
+)
 from tle.errors import DecayedError
 from tle.instants import Utc
 
@@ -111,7 +119,7 @@ def test_a_source_at_an_instant_is_a_fixed_direction() -> None:
 
 
 def test_the_pointing_model_and_its_inverse_undo_each_other() -> None:
-    model = PointingModel(0.1, -0.2, 0.05, 0.03, -0.02, 0.04)
+    model = AxisCorrections(0.1, -0.2, 0.05, 0.03, -0.02, 0.04)
     for place in (HaDec(0.0, 0.0), HaDec(75.0, 60.0), HaDec(-100.0, -20.0), HaDec(170.0, 80.0)):
         assert model.inverse(model.axes(place)) == pytest.approx(place, abs=1e-7)
 
@@ -132,7 +140,7 @@ def test_the_pointing_model_and_its_inverse_undo_each_other() -> None:
 def test_each_term_of_the_model_does_what_its_formula_says(
     term: str, place: HaDec, added: tuple[float, float]
 ) -> None:
-    assert PointingModel(**{term: 0.1}).correction(place) == pytest.approx(added, abs=1e-12)
+    assert AxisCorrections(**{term: 0.1}).correction(place) == pytest.approx(added, abs=1e-12)
 
 
 def test_a_pointing_model_moves_what_is_followed_and_its_inverse_tells_where_the_axes_point(
