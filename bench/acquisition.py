@@ -15,23 +15,18 @@ from __future__ import annotations
 import math
 import random
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from feeder_harness import Scenario, World
 from feeder_passes import Ours, Subject, hardware
+from random_passes import airless_facts, drawn_orbit, hour_angle_deg
 
-from sattrack.control.tracker import TrackPlan
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile, mean_sidereal_deg
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.mount.xerxes.datagrams import Command, encode_command
-from sattrack.runtime import demo_pass
-from sattrack.runtime.facts import RunFacts
-from sattrack.safety import SafetyLimits
-from sattrack.settings import SiteSettings
 from tle.instants import Utc
 from tle.propagator import Propagator
-from tle.site import Site
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -50,8 +45,6 @@ PAST_NO_POLE_DEG = 85.0
 SLIPS, THROWS = (-2.0, -0.7), (0.6, 1.8)
 """Decimal powers of how far, degrees. What lies between looks like axes that run away: safety stops those."""
 WITHIN_S = 2.0
-NO_LIMITS = SafetyLimits(floor_altitude_deg=-89.0, optical=False)
-"""What stands in the way is another matter: the mount's own limits are what counts here."""
 STEP_S = 0.005
 
 
@@ -99,35 +92,12 @@ def draw(number: int, seed: int) -> Draw:
     rng = random.Random(f"{seed} {number}")
     kind = KINDS[number % len(KINDS)]
     while True:
-        elements = replace(
-            demo_pass.elements(),
-            inclination_deg=rng.uniform(30.0, 120.0),
-            raan_deg=rng.uniform(0.0, 360.0),
-            mean_anomaly_deg=rng.uniform(0.0, 360.0),
-            mean_motion_rev_day=rng.uniform(12.5, 15.6),
-        )
-        site = Site(rng.uniform(-60.0, 60.0), rng.uniform(-180.0, 180.0), 0.0)
-        begin_s = float(elements.epoch.unix_s) + rng.uniform(0.0, 86400.0)
-        propagator = Propagator(elements, site)
+        orbit = drawn_orbit(rng, (12.5, 15.6))
+        begin_s, propagator = orbit[2], Propagator(*orbit[:2])
         begins_s = begin_s + (RISES_AFTER_S if kind == KINDS[0] else 0.0)
         if _stays_up(propagator, begins_s, begins_s + LASTS_S):
             break
-    facts = RunFacts(
-        elements=elements,
-        site=SiteSettings(site.latitude_deg, site.longitude_deg, 0.0),
-        refraction="off",
-        pressure_hpa=1010.0,
-        temperature_c=10.0,
-        plan=TrackPlan(begins_s, begins_s + 600.0),
-        culminate_utc_s=begins_s,
-        max_alt_deg=90.0,
-        profile=MountProfile(),
-        limits=NO_LIMITS,
-        bias_along_s=0.0,
-        bias_cross_deg=0.0,
-        mount_name="sim",
-        started_utc_s=begin_s,
-    )
+    facts = airless_facts(orbit, (begins_s, begins_s + 600.0), MountProfile(), mount_name="sim")
     subject = Subject(kind, facts, propagator)
     start = StartPosition(rng.uniform(-90.0, 90.0), rng.uniform(-30.0, 85.0))
     far = 10.0 ** (rng.uniform(*SLIPS) if rng.random() < 0.5 else rng.uniform(*THROWS))
@@ -142,14 +112,9 @@ def _stays_up(propagator: Propagator, begin_s: float, end_s: float) -> bool:
     seen = [propagator.at(Utc(t)) for t in (begin_s, 0.5 * (begin_s + end_s), end_s)]
     high = all(float(one.alt_deg) > LOWEST_DEG for one in seen)
     rates = [abs(float(one.ra_rate_deg_s)) for one in seen]
-    hour_angles = [_hour_angle(propagator, t) for t in (begin_s, end_s)]
+    hour_angles = [hour_angle_deg(propagator, t) for t in (begin_s, end_s)]
     # Not through the lower meridian either, where the cables end.
     return high and max(rates) < 4.0 and abs(hour_angles[0] - hour_angles[1]) < 150.0
-
-
-def _hour_angle(propagator: Propagator, utc_s: float) -> float:
-    ra_deg = float(propagator.at(Utc(utc_s)).ra_deg)
-    return (mean_sidereal_deg(utc_s, propagator.site.longitude_deg) - ra_deg + 180.0) % 360.0 - 180.0
 
 
 class Thrown(World):
@@ -207,7 +172,7 @@ def run(drawn: Draw) -> Outcome:
     start = drawn.start
     if drawn.kind in KINDS[3:]:
         target = drawn.subject.propagator.at(Utc(drawn.begin_s))
-        start = StartPosition(_hour_angle(drawn.subject.propagator, drawn.begin_s), float(target.dec_deg))
+        start = StartPosition(hour_angle_deg(drawn.subject.propagator, drawn.begin_s), float(target.dec_deg))
     scenario = Scenario(drawn.kind, (0.0, 0.0))
     mount = SimulatedMount(MountProfile(), site, start, hardware(scenario, drawn.seed))
     if drawn.kind == KINDS[2]:
@@ -240,7 +205,7 @@ def _bound_s(drawn: Draw, begin_s: float, axes: tuple[Moving, ...]) -> float:
         utc_s = begin_s + needed_s
         seen = propagator.at(Utc(utc_s))
         ends = (
-            Moving(_hour_angle(propagator, utc_s), SIDEREAL_RATE_DEG_S - float(seen.ra_rate_deg_s)),
+            Moving(hour_angle_deg(propagator, utc_s), SIDEREAL_RATE_DEG_S - float(seen.ra_rate_deg_s)),
             Moving(float(seen.dec_deg), float(seen.dec_rate_deg_s)),
         )
         takes_s = max(

@@ -26,25 +26,24 @@ from dataclasses import dataclass, field, replace
 from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from acquisition import NO_LIMITS, Moving, least_s
+from acquisition import Moving, least_s
 from feeder_harness import Timer as WindowsTimer
+from random_passes import airless_facts, drawn_orbit, hour_angle_deg
 
 from sattrack.control.target import TargetState, sky_error
-from sattrack.control.tracker import TrackPlan
 from sattrack.core.angles import wrap180
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile, mean_sidereal_deg
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile
 from sattrack.mount.simulator.installation import ServoSettings, SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.mount.xerxes.session import REPEAT_AFTER_PERIODS
-from sattrack.runtime import demo_pass
-from sattrack.runtime.facts import RunFacts, build_engine
-from sattrack.settings import SiteSettings
+from sattrack.runtime.facts import build_engine
 from tle.instants import Utc
 from tle.propagator import Propagator
-from tle.site import Site
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from tle.site import Site
 
 
 KINDS = ("velocity_servo", "position_servo", "planner", "own")
@@ -123,21 +122,13 @@ def draw(number: int, kinds: tuple[str, ...] = KINDS) -> Draw:
     hardware = _hardware(rng, kinds[number % len(kinds)])
     joined = rng.random() < 0.5
     while True:
-        elements = replace(
-            demo_pass.elements(),
-            inclination_deg=rng.uniform(30.0, 120.0),
-            raan_deg=rng.uniform(0.0, 360.0),
-            mean_anomaly_deg=rng.uniform(0.0, 360.0),
-            mean_motion_rev_day=rng.uniform(13.5, 15.9),
-        )
-        site = Site(rng.uniform(-60.0, 60.0), rng.uniform(-180.0, 180.0), 0.0)
-        begin_s = float(elements.epoch.unix_s) + rng.uniform(0.0, 86400.0)
+        elements, site, begin_s = drawn_orbit(rng, (13.5, 15.9))
         start_s = begin_s if joined else begin_s + RISES_AFTER_S
         propagator = Propagator(elements, site)
         if _possible(propagator, start_s, start_s + LASTS_S):
             break
     seen = propagator.at(Utc(start_s))
-    hour_angle = _hour_angle(propagator, start_s) + rng.uniform(-20.0, 20.0)
+    hour_angle = hour_angle_deg(propagator, start_s) + rng.uniform(-20.0, 20.0)
     dec = max(-80.0, min(80.0, float(seen.dec_deg) + rng.uniform(-20.0, 20.0)))
     return Draw(number, joined, elements, site, begin_s, start_s, (hour_angle, dec), hardware)
 
@@ -178,13 +169,43 @@ def _possible(propagator: Propagator, begin_s: float, end_s: float) -> bool:
     high = all(float(one.alt_deg) > LOWEST_DEG for one in seen)
     # Past the pole no mount is fast enough, and through the lower meridian the cables end.
     rates = [abs(float(one.ra_rate_deg_s)) for one in seen]
-    turns = [abs(_hour_angle(propagator, utc_s)) for utc_s in instants]
+    turns = [abs(hour_angle_deg(propagator, utc_s)) for utc_s in instants]
     return high and max(rates) < 3.0 and max(turns) < 150.0
 
 
-def _hour_angle(propagator: Propagator, utc_s: float) -> float:
-    ra_deg = float(propagator.at(Utc(utc_s)).ra_deg)
-    return wrap180(mean_sidereal_deg(utc_s, propagator.site.longitude_deg) - ra_deg)
+def parameters_of(hard: Hardware) -> dict[str, Any]:
+    """Return what the mounts of `bench/strangers` take of it."""
+    return {
+        "bandwidth_hz": hard.bandwidth_hz,
+        "damping": hard.damping,
+        "feedforward": hard.feedforward,
+        "acceleration_deg_s2": hard.acceleration_deg_s2,
+        "max_rate_deg_s": hard.max_rate_deg_s,
+        "ra_gain": hard.gains[0],
+        "dec_gain": hard.gains[1],
+        "ra_sign": hard.signs[0],
+        "dec_sign": hard.signs[1],
+        "move_axis": hard.move_axis,
+        "additive": hard.additive,
+        "timer": hard.timer,
+        "timer_jitter_s": 0.0005,
+        "stiction": hard.stiction,
+        "friction": 0.5 * hard.stiction,
+        "ripple": hard.ripple,
+    }
+
+
+def servo_of(hard: Hardware) -> ServoSettings:
+    """Return what the package's simulator takes of it."""
+    return ServoSettings(
+        bandwidth_hz=hard.bandwidth_hz,
+        damping=hard.damping,
+        integral_hz=0.1 * hard.bandwidth_hz,
+        friction_a=0.15 * hard.stiction,
+        stiction_a=0.3 * hard.stiction,
+        friction_feedforward=hard.feedforward,
+        ripple_a=0.15 * hard.ripple,
+    )
 
 
 class Stranger:
@@ -200,24 +221,9 @@ class Stranger:
                 start_utc_s=drawn.begin_s - 1.0,
                 hour_angle_deg=drawn.stands[0],
                 dec_deg=drawn.stands[1],
-                bandwidth_hz=hard.bandwidth_hz,
-                damping=hard.damping,
-                feedforward=hard.feedforward,
-                acceleration_deg_s2=hard.acceleration_deg_s2,
-                max_rate_deg_s=hard.max_rate_deg_s,
-                ra_gain=hard.gains[0],
-                dec_gain=hard.gains[1],
-                ra_sign=hard.signs[0],
-                dec_sign=hard.signs[1],
-                move_axis=hard.move_axis,
-                additive=hard.additive,
                 tracking=hard.tracking,
-                timer=hard.timer,
-                timer_jitter_s=0.0005,
-                stiction=hard.stiction,
-                friction=0.5 * hard.stiction,
-                ripple=hard.ripple,
                 seed=drawn.number,
+                **parameters_of(hard),
             )
         )
 
@@ -251,17 +257,8 @@ class Own:
             move_axis=hard.move_axis,
             additive=hard.additive,
         )
-        servo = ServoSettings(
-            bandwidth_hz=hard.bandwidth_hz,
-            damping=hard.damping,
-            integral_hz=0.1 * hard.bandwidth_hz,
-            friction_a=0.15 * hard.stiction,
-            stiction_a=0.3 * hard.stiction,
-            friction_feedforward=hard.feedforward,
-            ripple_a=0.15 * hard.ripple,
-        )
         settings = SimulatorProfile(
-            clock_offset_s=0.0, encoder_noise_tics=0.5, servo=servo, seed=drawn.number
+            clock_offset_s=0.0, encoder_noise_tics=0.5, servo=servo_of(hard), seed=drawn.number
         )
         site = SimulatedSite(drawn.site.latitude_deg, drawn.site.longitude_deg, 0.0)
         self._mount = SimulatedMount(profile, site, StartPosition(*drawn.stands), settings)
@@ -336,22 +333,8 @@ class Run:
         drawn = self.drawn
         self.propagator = Propagator(drawn.elements, drawn.site)
         self.profile = self.profile or profile_of(drawn.hardware, self.told)
-        facts = RunFacts(
-            elements=drawn.elements,
-            site=SiteSettings(drawn.site.latitude_deg, drawn.site.longitude_deg, 0.0),
-            refraction="off",
-            pressure_hpa=1010.0,
-            temperature_c=10.0,
-            plan=TrackPlan(drawn.start_s, drawn.start_s + 600.0),
-            culminate_utc_s=drawn.start_s,
-            max_alt_deg=90.0,
-            profile=self.profile,
-            limits=NO_LIMITS,
-            bias_along_s=0.0,
-            bias_cross_deg=0.0,
-            mount_name="drawn",
-            started_utc_s=drawn.begin_s,
-        )
+        orbit = drawn.elements, drawn.site, drawn.begin_s
+        facts = airless_facts(orbit, (drawn.start_s, drawn.start_s + 600.0), self.profile)
         self.engine = build_engine(facts)
         self.mount = Own(drawn) if drawn.hardware.kind == "own" else Stranger(drawn)
         self._rng = random.Random(f"link {drawn.number}")
@@ -428,7 +411,7 @@ class Run:
             ways = (
                 least_s(
                     Moving(drawn.stands[0] + SIDEREAL_RATE_DEG_S * (at - drawn.begin_s), SIDEREAL_RATE_DEG_S),
-                    Moving(_near(drawn.stands[0], _hour_angle(self.propagator, at)), ha_rate),
+                    Moving(_near(drawn.stands[0], hour_angle_deg(self.propagator, at)), ha_rate),
                     axis,
                 ),
                 least_s(

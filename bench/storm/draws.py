@@ -13,19 +13,15 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 from family import KINDS, Hardware
+from random_passes import airless_facts, drawn_orbit, hour_angle_deg
 from safety_draws import Judge, drawn_limits
 
-from sattrack.control.tracker import TrackPlan
-from sattrack.core.angles import wrap180
-from sattrack.mount.model import AxisLimits, MountProfile, PierZone, mean_sidereal_deg
-from sattrack.runtime import demo_pass
-from sattrack.runtime.facts import RunFacts
-from sattrack.settings import SiteSettings
+from sattrack.mount.model import AxisLimits, MountProfile, PierZone
 from tle.instants import Utc
 from tle.propagator import Propagator
-from tle.site import Site
 
 if TYPE_CHECKING:
+    from sattrack.runtime.facts import RunFacts
     from sattrack.safety import SafetyLimits
 
 QUIET_S = 6.0
@@ -254,46 +250,20 @@ def drawn_profile(dice: random.Random, hardware: Hardware, watchdog: bool) -> Mo
 
 def drawn_facts(dice: random.Random, hardware: Hardware, lasts_s: float, watchdog: bool) -> RunFacts | None:
     """Return a run with a random satellite that is high enough at first; None where this one is not."""
-    elements = replace(
-        demo_pass.elements(),
-        inclination_deg=dice.uniform(30.0, 120.0),
-        raan_deg=dice.uniform(0.0, 360.0),
-        mean_anomaly_deg=dice.uniform(0.0, 360.0),
-        mean_motion_rev_day=dice.uniform(12.5, 15.7),
-    )
-    site = Site(dice.uniform(-60.0, 60.0), dice.uniform(-180.0, 180.0), 0.0)
-    begin_s = float(elements.epoch.unix_s) + dice.uniform(0.0, 86400.0)
-    propagator = Propagator(elements, site)
+    orbit = drawn_orbit(dice, (12.5, 15.7))
+    begin_s, propagator = orbit[2], Propagator(*orbit[:2])
     instants = [begin_s + share * lasts_s for share in (0.0, 0.25, 0.5, 0.75, 1.0)]
     seen = [propagator.at(Utc(utc_s)) for utc_s in instants]
-    turns = [
-        abs(wrap180(mean_sidereal_deg(at_s, site.longitude_deg) - float(one.ra_deg)))
-        for at_s, one in zip(instants, seen, strict=True)
-    ]
     if not (
         all(float(one.alt_deg) > LOWEST_DEG for one in seen)
-        and max(turns) < MOST_HOUR_ANGLE_DEG
+        and max(abs(hour_angle_deg(propagator, at_s)) for at_s in instants) < MOST_HOUR_ANGLE_DEG
         and max(abs(float(one.ra_rate_deg_s)) for one in seen) < 3.0
     ):
         return None
     limits: SafetyLimits = drawn_limits(dice)
     start_s = begin_s + dice.choice((0.0, 0.0, 4.0))
-    return RunFacts(
-        elements=elements,
-        site=SiteSettings(site.latitude_deg, site.longitude_deg, 0.0),
-        refraction="off",
-        pressure_hpa=1010.0,
-        temperature_c=10.0,
-        plan=TrackPlan(start_s, begin_s + lasts_s),
-        culminate_utc_s=start_s,
-        max_alt_deg=90.0,
-        profile=drawn_profile(dice, hardware, watchdog),
-        limits=limits,
-        bias_along_s=0.0,
-        bias_cross_deg=0.0,
-        mount_name="storm",
-        started_utc_s=begin_s,
-    )
+    profile = drawn_profile(dice, hardware, watchdog)
+    return airless_facts(orbit, (start_s, begin_s + lasts_s), profile, limits, "storm")
 
 
 def led_at_the_floor(dice: random.Random, facts: RunFacts) -> RunFacts:
@@ -312,9 +282,7 @@ def drawn_start(dice: random.Random, facts: RunFacts) -> tuple[float, float] | N
     """Return where the axes stand at first, clear of all limits, near the target; None where nowhere is."""
     judge, propagator = Judge(facts), Propagator(facts.target, facts.site.place())
     seen = propagator.at(Utc(facts.plan.start_utc_s))
-    target_ha = wrap180(
-        mean_sidereal_deg(facts.plan.start_utc_s, facts.site.longitude_deg) - float(seen.ra_deg)
-    )
+    target_ha = hour_angle_deg(propagator, facts.plan.start_utc_s)
     for _ in range(30):
         ha = target_ha + dice.uniform(-15.0, 15.0)
         dec = float(seen.dec_deg) + dice.uniform(-15.0, 15.0)

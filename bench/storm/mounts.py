@@ -6,10 +6,11 @@ import importlib
 import random
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from family import parameters_of, servo_of
 from feeder_harness import Timer as WindowsTimer
 
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
-from sattrack.mount.simulator.installation import DRIVES, ServoSettings, SimulatorProfile
+from sattrack.mount.simulator.installation import DRIVES, SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 
 if TYPE_CHECKING:
@@ -46,28 +47,12 @@ class Stranger:
 
     def _switch_on(self, utc_s: float, stands: tuple[float, float], seed: int) -> None:
         storm, hard = self._storm, self._storm.hardware
-        drawn = {
+        drawn = parameters_of(hard) | {
             "latitude_deg": storm.facts.site.latitude_deg,
             "longitude_deg": storm.facts.site.longitude_deg,
             "start_utc_s": utc_s,
             "hour_angle_deg": stands[0],
             "dec_deg": stands[1],
-            "bandwidth_hz": hard.bandwidth_hz,
-            "damping": hard.damping,
-            "feedforward": hard.feedforward,
-            "acceleration_deg_s2": hard.acceleration_deg_s2,
-            "max_rate_deg_s": hard.max_rate_deg_s,
-            "ra_gain": hard.gains[0],
-            "dec_gain": hard.gains[1],
-            "ra_sign": hard.signs[0],
-            "dec_sign": hard.signs[1],
-            "move_axis": hard.move_axis,
-            "additive": hard.additive,
-            "timer": hard.timer,
-            "timer_jitter_s": 0.0005,
-            "stiction": hard.stiction,
-            "friction": 0.5 * hard.stiction,
-            "ripple": hard.ripple,
             "seed": seed,
         }
         self.mount: Any = self._module.Mount(self._module.Parameters(**(drawn | storm.parameters)))
@@ -121,17 +106,12 @@ class Own:
         from msgspec.structs import replace
 
         hard, site = storm.hardware, storm.facts.site
-        servo = ServoSettings(
-            bandwidth_hz=hard.bandwidth_hz,
-            damping=hard.damping,
-            integral_hz=0.1 * hard.bandwidth_hz,
-            friction_a=0.15 * hard.stiction,
-            stiction_a=0.3 * hard.stiction,
-            friction_feedforward=hard.feedforward,
-            ripple_a=0.15 * hard.ripple,
-        )
         settings = SimulatorProfile(
-            clock_offset_s=0.0, encoder_noise_tics=0.5, servo=servo, seed=storm.seed, hard_margin_deg=30.0
+            clock_offset_s=0.0,
+            encoder_noise_tics=0.5,
+            servo=servo_of(hard),
+            seed=storm.seed,
+            hard_margin_deg=30.0,
         )
         axis = replace(storm.facts.profile.ra, max_acceleration_deg_s2=hard.acceleration_deg_s2)
         profile = replace(
