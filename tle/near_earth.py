@@ -113,14 +113,6 @@ class MeanOrbit(NamedTuple):
     node: Array
 
 
-def brouwer_mean_motion(elements: Sequence[Elements]) -> Array:
-    """Return mean motions in rad/min, Kozai's of the element sets turned into Brouwer's; shape (n,)."""
-    kozai = np.array([e.mean_motion_rev_day for e in elements]) / REV_DAY_PER_RAD_MIN
-    e2 = np.array([e.eccentricity for e in elements]) ** 2
-    cos2 = np.cos(np.array([e.inclination_deg for e in elements]) * DEG) ** 2
-    return _brouwer(kozai, e2, cos2)
-
-
 def _brouwer(kozai: Array, e2: Array, cos2: Array) -> Array:
     ak = (XKE / kozai) ** (2.0 / 3.0)
     d1 = 0.75 * _J2 * (3.0 * cos2 - 1.0) / (np.sqrt(1.0 - e2) * (1.0 - e2))

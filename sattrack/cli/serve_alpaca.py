@@ -72,7 +72,6 @@ MOST_CLIENTS = 1000
 BACKLOG = 256
 CALLERS = {"clients": 256, "idle": 300.0, "requests": 1000.0}
 """What clients of a run are allowed."""
-CTRL_C = "Ctrl-C stops the mount and ends it"
 END_WITHIN_S = 5.0
 
 

@@ -7,7 +7,7 @@ declination, and the sidereal time in hours and minutes. A declination beyond 90
 it; `!` begins a comment. As rts2-tpm of RTS2 writes it (its source, src/db/tpm.cpp).
 
 A model: a caption; method, number of stars, RMS, two refraction constants; a term, its value and its sigma a
-line, arcseconds, `=` before a term that was held; `END`. As RTS2 reads it (lib/rts2tel/tpointmodel.cpp).
+line, arcseconds; `END`. As RTS2 reads it (lib/rts2tel/tpointmodel.cpp).
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import erfa
 
 from sattrack.core.errors import BadInputError
-from sattrack.mount.model import PointingTerms
 from sattrack.pointing.fit import Star
-from sattrack.pointing.terms import checked
 from tle.refraction import Refraction
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+
+    from sattrack.mount.model import PointingTerms
 
 END = "END"
 _NOON = 0.5
@@ -93,43 +93,6 @@ def model_text(terms: PointingTerms, caption: str) -> str:
     head = f"{_one_line(caption)} {terms.utc}\nT {terms.stars:5d} {terms.rms_arcsec:9.4f} 0.0 0.0\n"
     rows = [f"  {name:<9}{value:12.4f}{sigma:11.5f}\n" for name, (value, sigma) in terms.terms.items()]
     return head + "".join(rows) + END + "\n"
-
-
-def read_model(text: str, where: str, utc: str, latitude_deg: float) -> PointingTerms:
-    """Return the model of a file, for an equatorial mount at a latitude, dated as given.
-
-    Raises BadInputError, naming the line.
-    """
-    lines = list(_lines(text, where))
-    if not lines:
-        raise BadInputError(f"{where}: it ends after its caption")
-    number, second = lines[0]
-    try:
-        _, count, rms = second.split()[:3]
-        stars, rms_arcsec = int(count), float(rms)
-    except ValueError:
-        raise BadInputError(
-            f"{where}:{number}: {second!r}: here stand method, number of stars and RMS, as `T 20 3.1 0 0`"
-        ) from None
-    terms: dict[str, tuple[float, float]] = {}
-    for number, line in lines[1:]:
-        if line.upper() == END:
-            break
-        words = line.replace("=", " ").replace("&", " ").split()
-        try:
-            values = [float(word) for word in words[1:3]]
-            if not values or not all(map(math.isfinite, values)):
-                raise ValueError
-        except ValueError:
-            raise BadInputError(
-                f"{where}:{number}: {line!r}: write a term, its value and its sigma, in arcseconds"
-            ) from None
-        try:
-            checked((words[0],))
-        except BadInputError as error:
-            raise BadInputError(f"{where}:{number}: {error}") from None
-        terms[words[0]] = values[0], values[1] if len(values) > 1 else 0.0
-    return PointingTerms(utc, latitude_deg, terms, rms_arcsec, stars)
 
 
 def _lines(text: str, where: str) -> Iterator[tuple[int, str]]:

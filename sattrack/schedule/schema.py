@@ -205,7 +205,6 @@ class Weather(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return " ".join(self.command) if self.command is not None else str(self.alpaca)
 
 
-NOTICES = ("pass", "lost", "trouble", "morning")
 Notice = Literal["pass", "lost", "trouble", "morning"]
 
 

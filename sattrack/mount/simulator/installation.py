@@ -262,7 +262,6 @@ def _law(delay_s: float | None, jitter_s: float, otherwise_s: float) -> WireLaw:
 GRAIN_S = 1.0 / 64.0
 LATE_S = 0.001
 """The most that a Windows timer is late beyond the interrupt."""
-LEAST_GAP_S = 0.001
 
 
 @dataclass(slots=True)

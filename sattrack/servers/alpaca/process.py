@@ -232,8 +232,6 @@ class Discovery:
     """
 
     http_port: int
-    unanswered: int = 0
-    """Requests that came too fast."""
     _all: Bucket = field(default_factory=lambda: Bucket(ANSWERS_PER_S, ANSWERS_PER_S, 0.0))
     _each: OrderedDict[str, Bucket] = field(default_factory=OrderedDict)
 
@@ -248,7 +246,6 @@ class Discovery:
                 self._each.popitem(last=False)
         self._each.move_to_end(host)
         if not (each.take(now_s) and self._all.take(now_s)):
-            self.unanswered += 1
             return None
         return msgspec.json.encode({"AlpacaPort": self.http_port})
 

@@ -12,7 +12,6 @@ from sattrack.pointing.files import (
     RunParameters,
     model_text,
     observed,
-    read_model,
     read_stars,
     star_line,
     stars_head,
@@ -26,14 +25,6 @@ A run of two stars
  52 09 00.0 2026 11 22 10.0 1013.0 6.0
  05 16 41.35871 +45 59 52.7693 0 0 2000.0 05 18 40.00000 +46 01 00.0000 05 30.5
  19 50 46.99855 +08 52 05.9563 0 0 2000.0 07 52 00.00000 171 06 00.0000 20 00.0 1 2
-END
-"""
-MODEL = """T-point model of a telescope
-T   24   4.6100 0.00 0.00
-  IH       -120.5000    3.10000
-  ID         33.2500    1.20000
-= CH        500.0000
-  HDSD2       8.0000    1.00000
 END
 """
 
@@ -99,13 +90,7 @@ def test_a_file_that_was_cut_off_gives_its_whole_lines() -> None:
         read_stars("", "run.dat")
 
 
-def test_a_model_is_read_as_rts2_reads_it() -> None:
-    found = read_model(MODEL, "tp.dat", "2026-11-22T20:00:00Z", 52.0)
-    assert found.terms == {"IH": (-120.5, 3.1), "ID": (33.25, 1.2), "CH": (500.0, 0.0), "HDSD2": (8.0, 1.0)}
-    assert (found.stars, found.rms_arcsec) == (24, 4.61)
-
-
-def test_a_model_is_written_in_the_layout_that_is_read() -> None:
+def test_a_model_is_written_in_the_layout_that_rts2_reads() -> None:
     terms = PointingTerms(
         "2026-11-22T20:00:00Z", 52.0, {"IH": (-120.5, 3.1), "ME": (7000.0, 0.25)}, 2.5, 17, 3.0
     )
@@ -117,16 +102,3 @@ def test_a_model_is_written_in_the_layout_that_is_read() -> None:
         ["ME", "7000.0000", "0.25000"],
         ["END"],
     ]
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("HDSD2", "QQQ", "tp.dat:6: 'QQQ'"),
-        ("33.2500", "many", "tp.dat:4"),
-        ("T   24", "T   few", "tp.dat:2"),
-    ],
-)
-def test_a_bad_line_of_a_model_is_named(old: str, new: str, words: str) -> None:
-    with pytest.raises(BadInputError, match=words):
-        read_model(MODEL.replace(old, new), "tp.dat", "2026-11-22T20:00:00Z", 52.0)
