@@ -1,7 +1,7 @@
 """Where the satellite is in a frame: a point among the stars' streaks, or a streak among stars. No I/O.
 
 A matched filter gives every pixel the significance of a point there. Of its peaks those are left that are a
-point by their shape, and that stand out of whatever runs through them along the stars' streaks: a star's
+point by their shape, and that stand out of anything that runs through them along the stars' streaks: a star's
 streak, its ends and its noise do not. `sep` (Bertin & Arnouts 1996, A&AS 117, 393) takes the background, and
 finds what is long.
 """

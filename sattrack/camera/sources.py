@@ -2,26 +2,34 @@
 
 from __future__ import annotations
 
+import asyncio
+import io
+import queue
 import re
 import struct
+import threading
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
+from urllib.parse import unquote
 
 import numpy as np
 
 from sattrack.camera.frames import (
+    AUTO_S,
     START_EXPOSURE_S,
     CameraFrame,
     fits_exposure,
     grey,
     more_light,
     name_exposure,
+    parse_utc,
     text_exposure,
 )
 from sattrack.core.clock import Clock, SystemClock
 from sattrack.core.errors import BadInputError, SattrackError, needed
+from sattrack.mount.alpaca.client import AlpacaDevice, AlpacaRefusalError, NoAnswerError, value_in
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -32,6 +40,7 @@ if TYPE_CHECKING:
 FITS_SUFFIXES = {".fits", ".fit", ".fts"}
 PNG_SUFFIXES = {".png"}
 POLL_S = 0.1
+READ_WITHIN_S = 20.0
 FORMS = "folder:DIR, alpaca://HOST:PORT/N, indi://HOST:PORT/NAME or v4l:/dev/video0"
 LONGEST_TEXT = 100_000
 
@@ -75,12 +84,8 @@ def open_source(text: str, options: SourceOptions) -> FrameSource:
     if kind == "folder" and rest:
         return FolderSource(Path(rest), options)
     if kind == "alpaca":
-        from sattrack.camera.alpaca import AlpacaCamera
-
         return AlpacaCamera(rest, options)
     if kind == "indi":
-        from sattrack.camera.indi import IndiCamera
-
         return IndiCamera(rest, options)
     if kind == "v4l" and rest:
         return VideoSource(rest, options)
@@ -296,6 +301,300 @@ class VideoSource:
     def close(self) -> None:
         """See FrameSource."""
         self._capture.release()
+
+
+READY_POLL_S = 0.005
+MOST_IMAGE_BYTES = 1 << 29
+METADATA = struct.Struct("<iiIIiiiiiii")
+ELEMENTS = {1: "<i2", 2: "<i4", 3: "<f8", 4: "<f4", 5: "<u8", 6: "u1", 7: "<i8", 8: "<u2", 9: "<u4"}
+"""Types of the elements of ImageBytes, by their numbers (ASCOM Alpaca API Reference, ImageBytes)."""
+_ALPACA_URL = re.compile(r"//([^/]+)/(\d+)/?")
+
+
+def decode_image(kind: str, body: bytes) -> NDArray[Any]:
+    """Return the image of an answer to imagearray: [row][column], row 0 at the top.
+
+    Alpaca's arrays have the column first. Raises AlpacaRefusalError, NoAnswerError.
+    """
+    if "imagebytes" not in kind:
+        return _turned(np.asarray(value_in("imagearray", 200, body)))
+    if len(body) < METADATA.size:
+        raise NoAnswerError("its image is shorter than its own description")
+    version, number, _, _, start, _, element, rank, *dimensions = METADATA.unpack_from(body)
+    if number:
+        raise AlpacaRefusalError(number, body[start:].decode(errors="replace")[:200])
+    if version != 1 or element not in ELEMENTS or rank not in {2, 3} or min(dimensions[:rank]) <= 0:
+        raise NoAnswerError(
+            f"its image is of an unknown kind (version {version}, elements {element}, rank {rank})"
+        )
+    shape = tuple(dimensions[:rank])
+    count = int(np.prod(shape, dtype=np.int64))
+    if count * np.dtype(ELEMENTS[element]).itemsize > len(body) - start or start < METADATA.size:
+        raise NoAnswerError("its image is shorter than it says")
+    return _turned(np.frombuffer(body, ELEMENTS[element], count, start).reshape(shape))
+
+
+def _turned(columns: NDArray[Any]) -> NDArray[Any]:
+    if columns.ndim not in {2, 3} or columns.dtype.kind not in "uif":
+        raise NoAnswerError("its image is no array of numbers")
+    return np.swapaxes(columns, 0, 1)
+
+
+class AlpacaCamera:
+    """Exposes again and again, and reads each image as soon as it is there."""
+
+    def __init__(self, url: str, options: SourceOptions) -> None:
+        """Connect. Raises BadInputError for a URL that is none, SattrackError where there is no camera."""
+        named = _ALPACA_URL.fullmatch(url)
+        if named is None:
+            raise BadInputError(f"alpaca:{url}: write alpaca://HOST:PORT/N")
+        self._url = f"alpaca:{url}"
+        self._device = AlpacaDevice(named[1], "camera", int(named[2]), READ_WITHIN_S)
+        self._options = options
+        self.exposure_s: float | None = options.exposure_s or START_EXPOSURE_S
+        try:
+            self._device.put("connected", Connected="true")
+        except (AlpacaRefusalError, NoAnswerError) as error:
+            raise SattrackError(f"{self._url}: no camera: {error}") from None
+        self._shortest_s = float(self._optional("exposuremin") or AUTO_S[0])
+        self._full = self._optional("maxadu")
+        self._gain_per_unit = self._optional("electronsperadu")
+        self._gains = tuple(self._optional(name) for name in ("gainmin", "gainmax", "gain"))
+
+    def _optional(self, member: str) -> float | None:
+        try:
+            value = self._device.get(member)
+        except (AlpacaRefusalError, NoAnswerError):
+            return None
+        return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
+
+    def frames(self) -> Iterator[CameraFrame | SattrackError]:
+        """See FrameSource; the end is an error that tells why."""
+        number = 0
+        while True:
+            number += 1
+            try:
+                yield self._frame(number)
+            except (AlpacaRefusalError, NoAnswerError, ValueError) as error:
+                yield SattrackError(f"{self._url}: {error}")
+                time.sleep(1.0)
+
+    def _frame(self, number: int) -> CameraFrame:
+        exposure_s = self.exposure_s or START_EXPOSURE_S
+        self._device.put("startexposure", Duration=f"{exposure_s:g}", Light="true")
+        begun = self._options.now()
+        until_s = time.monotonic() + exposure_s + READ_WITHIN_S
+        time.sleep(exposure_s)
+        while not self._device.get("imageready"):
+            if time.monotonic() > until_s:
+                raise NoAnswerError("its exposure does not end")
+            time.sleep(READY_POLL_S)
+        kind, body = self._device.get_body(
+            "imagearray", "application/imagebytes, application/json", MOST_IMAGE_BYTES
+        )
+        pixels = grey(decode_image(kind, body))
+        taken_s = self._optional("lastexposureduration")
+        length_s = exposure_s if taken_s is None else taken_s
+        header = {} if self._gain_per_unit is None else {"EGAIN": self._gain_per_unit}
+        if self._gains[2] is not None:
+            header["GAIN"] = self._gains[2]
+        return CameraFrame(
+            np.ascontiguousarray(pixels[::-1], dtype=np.float32),
+            self._begun(begun).plus(0.5 * length_s - self._options.latency_s),
+            length_s,
+            f"frame {number}",
+            self._full,
+            header,
+        )
+
+    def _begun(self, by_us: Utc) -> Utc:
+        """Return when the exposure began, by the camera if it says so, else by us."""
+        try:
+            said = self._device.get("lastexposurestarttime")
+        except AlpacaRefusalError:
+            return by_us
+        try:
+            return parse_utc(str(said), "its lastexposurestarttime")
+        except BadInputError as error:
+            raise NoAnswerError(str(error)) from None
+
+    def adjust(self, factor: float) -> None:
+        """See FrameSource: the exposure first, then the gain."""
+        if self._options.exposure_s is not None or self.exposure_s is None:
+            return
+        low, high, gain = self._gains
+        known = None if low is None or high is None else (low, high)
+        exposures_s = (self._shortest_s, AUTO_S[1])
+        self.exposure_s, wanted = more_light(self.exposure_s, factor, exposures_s, gain, known)
+        if wanted is not None and wanted != gain:
+            try:
+                self._device.put("gain", Gain=str(round(wanted)))
+            except (AlpacaRefusalError, NoAnswerError):
+                return
+            self._gains = low, high, wanted
+
+    def close(self) -> None:
+        """See FrameSource: end an exposure that goes on; others may use the camera."""
+        try:
+            self._device.put("abortexposure")
+        except (AlpacaRefusalError, NoAnswerError):
+            return
+
+
+FOUND_WITHIN_S = 10.0
+GAINS = (("CCD_GAIN", "GAIN"), ("CCD_CONTROLS", "Gain"))
+"""Where drivers have the gain: a vector of its own, or among the camera's other controls."""
+FULL_8_BITS, FULL_16_BITS = 255.0, 65535.0
+_INDI_URL = re.compile(r"//([^/:]+):(\d+)/(.+)")
+
+
+class IndiCamera:
+    """Asks for one exposure after another; indipyclient runs in a thread with its own loop."""
+
+    def __init__(self, url: str, options: SourceOptions) -> None:
+        """Connect. Raises BadInputError for a URL that is none, SattrackError where there is no camera."""
+        named = _INDI_URL.fullmatch(url)
+        if named is None:
+            raise BadInputError(f"indi:{url}: write indi://HOST:PORT/NAME, with the name of the INDI device")
+        package = needed("indipyclient", f"indi:{url}", "indi")
+        needed("astropy.io.fits", "reading FITS", "camera")
+        self._url, self._device, self._options = f"indi:{url}", unquote(named[3]), options
+        self.exposure_s: float | None = options.exposure_s or START_EXPOSURE_S
+        self._blobs: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        self._client = self._made(package, named[1], int(named[2]))
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._serve, name="INDI", daemon=True)
+        self._thread.start()
+        try:
+            self._find()
+        except SattrackError:
+            self.close()
+            raise
+
+    def _made(self, package: Any, host: str, port: int) -> Any:
+        blobs, device = self._blobs, self._device
+
+        class BlobClient(package.IPyClient):  # type: ignore[misc]
+            async def rxevent(self, event: Any) -> None:
+                if event.eventtype == "SetBLOB" and event.devicename == device:
+                    for member in event.values():
+                        blobs.put(bytes(member))
+
+        client = BlobClient(indihost=host, indiport=port)
+        client.enable_reports = False
+        return client
+
+    def _serve(self) -> None:
+        # The runner closes the loop.
+        with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
+            runner.run(self._client.asyncrun())
+
+    def _find(self) -> None:
+        until_s = time.monotonic() + FOUND_WITHIN_S
+        asked = False
+        while time.monotonic() < until_s:
+            device = self._client.data.get(self._device)
+            if device is not None and "CCD_EXPOSURE" in device:
+                self._send("BLOB_ENABLE", {})
+                return
+            if device is not None and "CONNECTION" in device and not asked:
+                asked = True
+                self._send("CONNECTION", {"CONNECT": "On", "DISCONNECT": "Off"})
+            time.sleep(0.05)
+        known = ", ".join(self._client.data) or "no device"
+        raise SattrackError(f"{self._url}: no camera of that name; the server has {known}")
+
+    def _send(self, vector: str, members: dict[str, Any]) -> None:
+        client, device = self._client, self._device
+
+        async def send() -> None:
+            if vector == "BLOB_ENABLE":
+                await client.send_enableBLOB("Also", device)
+            else:
+                await client.send_newVector(device, vector, members=members)
+
+        asyncio.run_coroutine_threadsafe(send(), self._loop).result(READ_WITHIN_S)
+
+    def frames(self) -> Iterator[CameraFrame | SattrackError]:
+        """See FrameSource."""
+        number = 0
+        while True:
+            number += 1
+            exposure_s = self.exposure_s or START_EXPOSURE_S
+            while not self._blobs.empty():
+                self._blobs.get()
+            self._send("CCD_EXPOSURE", {"CCD_EXPOSURE_VALUE": f"{exposure_s:g}"})
+            begun = self._options.now()
+            try:
+                data = self._blobs.get(timeout=exposure_s + READ_WITHIN_S)
+            except queue.Empty:
+                yield SattrackError(f"{self._url}: no frame came within {READ_WITHIN_S:g} s")
+                continue
+            try:
+                yield self._frame(data, begun, exposure_s, number)
+            except SattrackError as error:
+                yield error
+
+    def _frame(self, data: bytes, begun: Utc, exposure_s: float, number: int) -> CameraFrame:
+        fits = needed("astropy.io.fits", "reading FITS", "camera")
+        try:
+            with fits.open(io.BytesIO(data)) as file:
+                header = {key: file[0].header[key] for key in file[0].header if key}
+                pixels = grey(np.asarray(file[0].data))
+        except (OSError, ValueError, TypeError) as error:
+            raise SattrackError(f"{self._url}: its frame is no FITS image: {error}") from None
+        name = f"frame {number}"
+        dated = any(key in header for key in ("DATE-OBS", "DATE-BEG", "DATE-AVG"))
+        gain = next((found[0] for one in GAINS if (found := self._number(*one)) is not None), None)
+        if gain is not None:
+            header.setdefault("GAIN", gain)
+        utc = begun.plus(0.5 * exposure_s)
+        if dated:
+            utc, exposure_s = fits_exposure(header, name, exposure_s)
+        top_down = str(header.get("ROWORDER", "")).strip().upper() == "TOP-DOWN"
+        return CameraFrame(
+            np.ascontiguousarray(pixels[::-1] if top_down else pixels, dtype=np.float32),
+            utc.plus(-self._options.latency_s),
+            exposure_s,
+            name,
+            FULL_8_BITS
+            if header.get("BITPIX") == 8
+            else FULL_16_BITS
+            if header.get("BZERO") == 32768
+            else None,
+            header,
+        )
+
+    def adjust(self, factor: float) -> None:
+        """See FrameSource: the exposure first, then the gain, as far as the driver has one."""
+        if self._options.exposure_s is not None or self.exposure_s is None:
+            return
+        exposure = self._number("CCD_EXPOSURE", "CCD_EXPOSURE_VALUE")
+        exposures_s = AUTO_S if exposure is None or exposure[2] <= exposure[1] else exposure[1:]
+        gain = next(((*name, found) for name in GAINS if (found := self._number(*name)) is not None), None)
+        value, gains = (None, None) if gain is None else (gain[2][0], gain[2][1:])
+        self.exposure_s, wanted = more_light(self.exposure_s, factor, exposures_s, value, gains)
+        if gain is not None and wanted is not None and wanted != value:
+            self._send(gain[0], {gain[1]: f"{wanted:g}"})
+
+    def _number(self, vector: str, member: str) -> tuple[float, float, float] | None:
+        """Return a number of the driver's with its bounds; None where it has none of that name."""
+        device = self._client.data.get(self._device)
+        if device is None or vector not in device:
+            return None
+        found = device[vector].data.get(member)
+        if found is None:
+            return None
+        return (
+            float(found.getfloatvalue()),
+            float(found.getfloat(found.min)),
+            float(found.getfloat(found.max)),
+        )
+
+    def close(self) -> None:
+        """See FrameSource."""
+        self._client.shutdown()
+        self._thread.join(5.0)
 
 
 def save_frame(frame: CameraFrame, folder: Path, camera: str, solved: dict[str, float] | None) -> Path:

@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from sattrack.camera.alpaca import decode_image
 from sattrack.camera.frames import CameraFrame
-from sattrack.camera.sources import SourceOptions, open_source, save_frame
+from sattrack.camera.sources import SourceOptions, decode_image, open_source, save_frame
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.alpaca.client import AlpacaRefusalError, NoAnswerError
 from tle.instants import Utc
