@@ -23,7 +23,7 @@ from sattrack.mount.model import Slew
 from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import RunRequest, prepare
 from sattrack.runtime.flight import fly_virtual
-from sattrack.runtime.rehearse import pass_scene
+from sattrack.runtime.pass_scene import pass_scene
 from sattrack.tui.app import TrackApp
 from sattrack.tui.console_app import ConsoleApp
 from sattrack.tui.feeds import ConsoleProcess, HelperOptions, Helpers, Latest, News

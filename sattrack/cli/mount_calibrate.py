@@ -30,6 +30,7 @@ from sattrack.runtime import demo_pass
 from sattrack.settings import NO_SITE
 
 if TYPE_CHECKING:
+    from sattrack.calibration.axes_in_space import FoundAxes
     from sattrack.calibration.calibrator import Calibrator
     from sattrack.calibration.findings import ClockTruth, Findings
     from sattrack.core.clock import Clock
@@ -165,9 +166,8 @@ def _find_axes(
     profile = with_axes(base.mount, found, SitePlace(site.latitude_deg, site.longitude_deg))
     profile = msgspec.structs.replace(profile, name=options["name"] or profile.name)
     write_file(target, profile_text(profile))
-    kind, own = kind_of(found.geometry, site.latitude_deg), profile.geometry
+    kind = kind_of(found.geometry, site.latitude_deg)
     stated = {0: "alt-azimuth", 1: "equatorial", 2: "equatorial"}.get(-1 if alignment is None else alignment)
-    assert own is not None
     notes = []
     if stated is not None and stated != kind:
         notes.append(f"AlignmentMode says {stated}, the motions do not: the profile has what they say")
@@ -177,7 +177,7 @@ def _find_axes(
         tell(note)
     if context.json:
         document = {
-            "geometry": own,
+            "geometry": profile.geometry,
             "kind": kind,
             "left_arcsec": round(3600.0 * found.left_deg, 2),
             "out": str(target),
@@ -185,6 +185,14 @@ def _find_axes(
         }
         click.echo(msgspec.json.encode({"axes": document}).decode())
         return 0
+    _show_axes(profile, found, kind)
+    tell(f"written to {target}")
+    return 0
+
+
+def _show_axes(profile: MountProfile, found: FoundAxes, kind: str) -> None:
+    own = profile.geometry
+    assert own is not None
     show(
         table(
             "",
@@ -202,8 +210,6 @@ def _find_axes(
             ],
         )
     )
-    tell(f"written to {target}")
-    return 0
 
 
 def _check(options: dict[str, Any], address: MountAddress | None) -> None:

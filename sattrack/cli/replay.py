@@ -206,7 +206,7 @@ def _try(context: CommandContext, recording: Recording, facts: RunFacts, law: Co
 
 def _give_all(recording: Recording, facts: RunFacts) -> int:
     """Write the facts of the pass, then all views, for the screen."""
-    from sattrack.runtime.rehearse import pass_scene
+    from sattrack.runtime.pass_scene import pass_scene
 
     views = ViewsAtOnce(recording)
     with contextlib.suppress(TleError):

@@ -26,6 +26,7 @@ from sattrack.safety.bodies import sun_over
 from sattrack.schedule.candidates import Loaded, PlanSituation
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.making import SAME, make_plan
+from sattrack.views.formatting import iso_unix_s
 from tle.errors import EarthOrientationWarning, printable
 from tle.facts import read_magnitudes
 from tle.instants import Utc
@@ -250,7 +251,7 @@ def plot_plan(path: Path, plan: SchedulePlan, site: Site) -> None:
         raise BadInputError("--plot needs matplotlib: pip install 'sattrack[plot]'") from None
     days = _days(plan)
     lost = [one for one in plan.lost if one.reason != SAME]
-    lanes = [_lanes([one for one in lost if low <= _s(one.start_utc) < high]) for low, high in days]
+    lanes = [_lanes([one for one in lost if low <= iso_unix_s(one.start_utc) < high]) for low, high in days]
     heights = [2.2 + 0.22 * max((lane for _, lane in packed), default=0) for packed in lanes]
     figure = Figure(figsize=(14.0, 1.1 + sum(heights)), layout="constrained")
     axes = figure.subplots(len(days), 1, squeeze=False, height_ratios=heights)[:, 0]
@@ -267,7 +268,7 @@ def plot_plan(path: Path, plan: SchedulePlan, site: Site) -> None:
 
 def _days(plan: SchedulePlan) -> list[tuple[float, float]]:
     """Return the spans to draw, of a day at most each, as many as can be read."""
-    low, high = _s(plan.from_utc), _s(plan.to_utc)
+    low, high = iso_unix_s(plan.from_utc), iso_unix_s(plan.to_utc)
     count = min(max(1, math.ceil((high - low) / 86400.0 - 1e-9)), DAYS_DRAWN)
     return [(low + 86400.0 * k, min(low + 86400.0 * (k + 1), high)) for k in range(count)]
 
@@ -277,7 +278,7 @@ def _lanes(lost: list[LostPass]) -> list[tuple[LostPass, int]]:
     ends: list[float] = []
     packed = []
     for one in sorted(lost, key=lambda x: x.start_utc):
-        start, end = _s(one.start_utc), _s(one.end_utc)
+        start, end = iso_unix_s(one.start_utc), iso_unix_s(one.end_utc)
         lane = next((k for k, last in enumerate(ends) if last + 30.0 <= start), len(ends))
         if lane >= MOST_LANES:
             continue
@@ -291,9 +292,9 @@ def _lanes(lost: list[LostPass]) -> list[tuple[LostPass, int]]:
 def _draw_day(
     axis: Any, plan: SchedulePlan, day: tuple[float, float], packed: list[tuple[LostPass, int]], site: Site
 ) -> None:
-    taken = [one for one in plan.passes if day[0] <= _s(one.start_utc) < day[1]]
+    taken = [one for one in plan.passes if day[0] <= iso_unix_s(one.start_utc) < day[1]]
     shown: list[PlannedPass | LostPass] = [*taken, *(lost for lost, _ in packed)]
-    instants = [_s(t) for one in shown for t in (one.start_utc, one.end_utc)]
+    instants = [iso_unix_s(t) for one in shown for t in (one.start_utc, one.end_utc)]
     low = max(min(instants, default=day[0]) - MARGIN_S, day[0] - MARGIN_S)
     high = max(instants, default=day[1]) + MARGIN_S
     axis.set_xlim(low, high)
@@ -304,7 +305,7 @@ def _draw_day(
         _draw_pass(axis, one)
     _draw_names(axis, taken, (low, high))
     for lost, lane in packed:
-        start, end = _s(lost.start_utc), _s(lost.end_utc)
+        start, end = iso_unix_s(lost.start_utc), iso_unix_s(lost.end_utc)
         axis.barh(
             -lane,
             end - start,
@@ -322,8 +323,8 @@ def _draw_day(
 
 
 def _draw_pass(axis: Any, one: PlannedPass) -> None:
-    start, end = _s(one.start_utc), _s(one.end_utc)
-    at = _s(one.leave_utc)
+    start, end = iso_unix_s(one.start_utc), iso_unix_s(one.end_utc)
+    at = iso_unix_s(one.leave_utc)
     for seconds, colour in ((one.slew_s, SLEW), (one.before_s, AROUND), (one.settle_s, SLEW)):
         axis.barh(0.0, seconds, left=at, height=0.5, color=colour, linewidth=0.0, zorder=3)
         at += seconds
@@ -338,7 +339,7 @@ def _draw_names(axis: Any, taken: list[PlannedPass], span: tuple[float, float]) 
     """Write names above the passes, moved aside where they would cover each other, with a line to each."""
     width = span[1] - span[0]
     apart = NAMES_APART * width
-    wanted = np.array([0.5 * (_s(one.start_utc) + _s(one.end_utc)) for one in taken])
+    wanted = np.array([0.5 * (iso_unix_s(one.start_utc) + iso_unix_s(one.end_utc)) for one in taken])
     if len(taken) * apart > width:
         return
     places = _spread(wanted, apart, span)
@@ -412,7 +413,3 @@ def _legend(figure: Any, plan: SchedulePlan) -> None:
     if any(why not in LOST for why in reasons):
         handles.append(Patch(color=OTHER, label="lost: otherwise"))
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=8, frameon=False)
-
-
-def _s(utc: str) -> float:
-    return float(Utc.parse(utc).unix_s)

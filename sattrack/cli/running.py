@@ -118,7 +118,7 @@ def announcement(facts: RunFacts) -> list[str]:
 
 
 def _uncalibrated(facts: RunFacts) -> str | None:
-    from sattrack.runtime.rehearse import uncalibrated
+    from sattrack.runtime.pass_scene import uncalibrated
 
     return uncalibrated(facts)
 
@@ -162,7 +162,7 @@ class Stream(JsonLines):
 
     def tell_scene(self, facts: RunFacts) -> None:
         """Say what does not change during a pass, before it."""
-        from sattrack.runtime.rehearse import pass_scene
+        from sattrack.runtime.pass_scene import pass_scene
         from sattrack.runtime.system import read_kernel_clock
 
         clock = read_kernel_clock()
@@ -439,6 +439,20 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
     )
     if isinstance(output, Stream) and options["scene"]:
         output.tell_scene(prepared.facts)
+    summary, interrupted = _flown(context, request, prepared, output, options, observations)
+    learn_profile(options["learn_profile"], request.profile, summary)
+    return finish(summary, interrupted, context.json or options["stream"])
+
+
+def _flown(
+    context: CommandContext,
+    request: RunRequest,
+    prepared: Prepared,
+    output: Stream | RunProgress,
+    options: dict[str, Any],
+    observations: str | None,
+) -> tuple[Summary, bool]:
+    """Return a run's summary, and whether it was interrupted."""
     if request.virtual:
         observers = None if observations is None else read_all(sys.stdin.buffer)
         if options["cameras"]:
@@ -466,8 +480,7 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
             )
     if options["cameras"]:
         summary = msgspec.structs.replace(summary, camera=_camera_summary(seen, summary))
-    learn_profile(options["learn_profile"], request.profile, summary)
-    return finish(summary, interrupted, context.json or options["stream"])
+    return summary, interrupted
 
 
 def _served(

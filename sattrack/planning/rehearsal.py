@@ -145,13 +145,14 @@ PRESUMED_OFF_S = 0.02
 """Delay that may well be missing in a profile that was not measured."""
 
 
-def uncalibrated_text(profile: MountProfile, fastest_deg_s: float, when: str) -> str:
+def uncalibrated_text(profile: MountProfile, fastest_deg_s: float) -> str:
     """Return what a profile that was not measured costs where the satellite is fastest on the sky."""
     default = profile.name == MountProfile().name
     whose = "the default profile's" if default else f"those of the profile {profile.name!r}, not measured"
     return (
         f"uncalibrated: delays and gains are {whose}; {1000.0 * PRESUMED_OFF_S:g} ms of delay are up to "
-        f"{3600.0 * PRESUMED_OFF_S * fastest_deg_s:.0f}″ {when}; run `sattrack mount calibrate`"
+        f"{3600.0 * PRESUMED_OFF_S * fastest_deg_s:.0f}″ at this pass's fastest; "
+        "run `sattrack mount calibrate`"
     )
 
 
@@ -484,7 +485,7 @@ def keyhole_view(keyhole: Keyhole, followed: bool) -> KeyholeView:
     )
 
 
-def link_loss_view(loss: LinkLoss, watchdog_s: float | None, looked_s: float) -> LinkLossView:
+def link_loss_view(loss: LinkLoss, watchdog_s: float | None) -> LinkLossView:
     """Return the curve of a cut link as it is reported."""
     moments = tuple(
         CutMoment(
@@ -496,7 +497,7 @@ def link_loss_view(loss: LinkLoss, watchdog_s: float | None, looked_s: float) ->
         for i, (utc_s, seconds, limit) in enumerate(zip(loss.utc_s, loss.seconds, loss.limits, strict=True))
     )
     inside = None if loss.rests_inside is None else bool(np.all(loss.rests_inside))
-    return LinkLossView(watchdog_s, looked_s, moments[loss.worst], inside, moments)
+    return LinkLossView(watchdog_s, LOOKED_S, moments[loss.worst], inside, moments)
 
 
 def _iso(utc_s: float) -> str:

@@ -362,7 +362,8 @@ def _state(view: AntennaView, ink: Inks) -> Text:
     if view.doing != view.servo:
         text.append(f"  {view.doing.lower()},")
     text.append(f" {view.servo.lower()}", ink.spoken[servo])
-    text.append("   mount ").append(*_good_or_bad(view.link_up, "heard", "NOT HEARD", ink))
+    heard, tone = ("heard", Tone.GOOD) if view.link_up else ("NOT HEARD", Tone.BAD)
+    text.append("   mount ").append(heard, ink.spoken[tone])
     text.append("   antcn ").append("connected" if view.caller else "not connected")
     text.append(f"   {view.refused} refused")
     if view.tripped is not None:
@@ -373,10 +374,6 @@ def _state(view: AntennaView, ink: Inks) -> Text:
         words_of_limit = "\nthe trajectory is beyond the limits: the axes are held as near as possible"
         text.append(words_of_limit, ink.spoken[Tone.NOTICE])
     return text
-
-
-def _good_or_bad(good: bool, well: str, ill: str, ink: Inks) -> tuple[str, str]:
-    return (well, ink.spoken[Tone.GOOD]) if good else (ill, ink.spoken[Tone.BAD])
 
 
 def _axes(view: AntennaView, ink: Inks) -> Text:

@@ -207,7 +207,7 @@ def attach_with_tui(pid: int, name: str, appearance: Appearance, helpers: Helper
 
 def sky_of_run(facts: RunFacts) -> PassView:
     """Return the sky of a run from its facts."""
-    from sattrack.runtime.rehearse import pass_scene
+    from sattrack.runtime.pass_scene import pass_scene
     from sattrack.runtime.system import read_kernel_clock
 
     clock = read_kernel_clock()

@@ -13,7 +13,6 @@ from sattrack.tui.scene import Tone, why_ended
 from sattrack.views import formatting
 from sattrack.views.messages import Arm, Disarm
 from sattrack.views.run import SAME_PASS_S
-from tle.instants import Utc
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -327,7 +326,7 @@ def schedule_text(view: ScheduleView) -> str:
 def next_in_s(view: ScheduleView) -> float | None:
     """Return in how many seconds the next pass begins; None if none comes, or it has begun."""
     coming = _coming(view)
-    left_s = 0.0 if coming is None else _utc_s(coming.start_utc) - view.utc_s
+    left_s = 0.0 if coming is None else formatting.iso_unix_s(coming.start_utc) - view.utc_s
     return left_s if view.running and left_s > 0.0 else None
 
 
@@ -347,7 +346,7 @@ def _count(view: ScheduleView) -> Row:
 
 def _state(view: ScheduleView, one: SchedulePassView) -> Row:
     """Return the outcome of a pass, or the time to its beginning or end."""
-    coming_s, left_s = _utc_s(one.start_utc) - view.utc_s, _utc_s(one.end_utc) - view.utc_s
+    coming_s, left_s = (formatting.iso_unix_s(utc) - view.utc_s for utc in (one.start_utc, one.end_utc))
     if not view.running:
         coming_s = left_s = 0.0
     if coming_s > 0.0 and (one.number == view.current or one is _coming(view)):
@@ -362,10 +361,6 @@ def _state(view: ScheduleView, one: SchedulePassView) -> Row:
     if one.words or one.cause:
         row.append((f"  {one.words or one.cause}", DIM))
     return row
-
-
-def _utc_s(utc: str) -> float:
-    return float(Utc.parse(utc).unix_s)
 
 
 MOST_LINES = 2000

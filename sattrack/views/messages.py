@@ -175,8 +175,8 @@ class Search(msgspec.Struct, frozen=True, tag="search", forbid_unknown_fields=Tr
 class Guide(msgspec.Struct, frozen=True, tag="guide", forbid_unknown_fields=True):
     """Have observations correct the target (`on`), or only be shown (`off`), or decide on the last one.
 
-    `accept` takes the last one that was not taken, whatever it contradicts; `reject` gives back what the last
-    one that was taken has changed.
+    `accept` takes the last one that was not taken, although it contradicts others; `reject` gives back what
+    the last one that was taken has changed.
     """
 
     how: str
@@ -353,7 +353,7 @@ _MESSAGES: msgspec.json.Decoder[TaggedMessage] = msgspec.json.Decoder(TaggedMess
 _ALL: msgspec.json.Decoder[TaggedMessage | SessionMessage] = msgspec.json.Decoder(
     TaggedMessage | SessionMessage
 )
-# Two types of one name cannot be told apart by it: offsets that were seen have a decoder of their own.
+# It cannot distinguish two types of one name: offsets that were seen have a decoder of their own.
 _SEEN_OFFSETS: msgspec.json.Decoder[SeenOffset] = msgspec.json.Decoder(SeenOffset)
 _OBSERVATIONS: msgspec.json.Decoder[ObservationMessage] = msgspec.json.Decoder(ObservationMessage)
 _FIELDS: msgspec.json.Decoder[SolvedField] = msgspec.json.Decoder(SolvedField)

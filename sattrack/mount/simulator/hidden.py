@@ -131,22 +131,22 @@ GRAMMAR = (
 """What may be hidden: an example of each, and what it means."""
 
 
-def parse_hidden(text: str, where: str = "--hidden") -> Hidden:
+def parse_hidden(text: str) -> Hidden:
     """Read `KEY=VALUE,...` of `GRAMMAR`. Raises BadInputError, naming the key and what may stand there."""
     values: dict[str, str] = {}
     for part in filter(None, (word.strip() for word in text.split(","))):
         key, mark, value = part.partition("=")
         if key not in Hidden.__struct_fields__:
             raise BadInputError(
-                f"{where} {part}: no key is called {key!r}; there are {', '.join(Hidden.__struct_fields__)}"
+                f"--hidden {part}: no key is called {key!r}; there are {', '.join(Hidden.__struct_fields__)}"
             )
         if not mark or key in values:
-            raise BadInputError(f"{where} {part}: {'given twice' if mark else f'write {key}=VALUE'}")
+            raise BadInputError(f"--hidden {part}: {'given twice' if mark else f'write {key}=VALUE'}")
         values[key] = value.strip()
     try:
         return msgspec.convert(values, Hidden, strict=False)
     except msgspec.ValidationError as error:
-        raise BadInputError(f"{where} {text}: {error}") from None
+        raise BadInputError(f"--hidden {text}: {error}") from None
 
 
 def cloud_windows(text: str) -> list[tuple[float, float]]:

@@ -493,12 +493,9 @@ def _readable(raw: bytes) -> str:
     return "".join(chr(b) if _is_message_byte(b) else "?" for b in raw)
 
 
-def character_time_out_s(baud: int, bits_per_character: int = 10) -> float:
-    """Return the character time-out of a serial line, seconds.
-
-    `bits_per_character` counts start, parity and stop bits: 10 for 7E1 as for 8N1.
-    """
-    return CHARACTER_TIMES * bits_per_character / baud
+def character_time_out_s(baud: int) -> float:
+    """Return the character time-out of a serial line, seconds; a character takes 10 bits, 7E1 or 8N1."""
+    return CHARACTER_TIMES * 10 / baud
 
 
 def idle_time_s(character_s: float) -> float:

@@ -16,7 +16,7 @@ from sattrack.mount.model import CalibrationRecord, MountProfile
 from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import RunRequest, build_engine, prepare
 from sattrack.runtime.flight import RunStatistics, summarise
-from sattrack.runtime.rehearse import keyhole_deg, pass_scene, uncalibrated
+from sattrack.runtime.pass_scene import keyhole_deg, pass_scene, uncalibrated
 from sattrack.views.formatting import summary_lines
 
 FACTS = prepare(
