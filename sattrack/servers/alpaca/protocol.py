@@ -216,6 +216,19 @@ def _reported(name: str, does: str) -> Member:
     return Member(name, does, read="yes", heard=True)
 
 
+def _property(
+    name: str,
+    does: str,
+    kind: ValueKind,
+    span: tuple[float, float] = (-math.inf, math.inf),
+    write: Access = "yes",
+    heard: bool = False,
+    unparked: bool = False,
+) -> Member:
+    takes = (Parameter(name, kind, *span),)
+    return Member(name, does, "yes", write, takes, heard=heard, unparked=unparked)
+
+
 def _lacks(name: str, does: str, takes: tuple[Parameter, ...], read: Access = "absent") -> Member:
     return Member(name, does, read=read, write="absent", takes=takes)
 
@@ -278,58 +291,45 @@ MEMBERS = (
     _reads("CanSyncAltAz", "false"),
     _reads("CanUnpark", "false: a parked mount is woken at its own console"),
     _reported("Declination", "as reported, degrees of date"),
-    Member(
+    _property(
         "DeclinationRate",
         "the fine rate in declination, arcseconds a second; AbortSlew ends it",
-        read="yes",
-        write="yes",
-        takes=(Parameter("DeclinationRate", "float"),),
+        "float",
         heard=True,
         unparked=True,
     ),
-    Member(
-        "DoesRefraction",
-        "as the mount reports it",
-        read="yes",
-        write="absent",
-        takes=(Parameter("DoesRefraction", "bool"),),
-        heard=True,
-    ),
+    _property("DoesRefraction", "as the mount reports it", "bool", write="absent", heard=True),
     _reads("EquatorialSystem", "1: equator and equinox of date"),
     Member("FocalLength", "unknown", read="absent"),
-    Member(
+    _property(
         "GuideRateDeclination",
         "as the mount reports it, degrees a second",
-        read="yes",
+        "float",
         write="absent",
-        takes=(Parameter("GuideRateDeclination", "float"),),
         heard=True,
     ),
-    Member(
+    _property(
         "GuideRateRightAscension",
         "as the mount reports it, degrees a second",
-        read="yes",
+        "float",
         write="absent",
-        takes=(Parameter("GuideRateRightAscension", "float"),),
         heard=True,
     ),
     _reported("IsPulseGuiding", "whether a pulse is under way"),
     _reported("RightAscension", "as reported, hours of date"),
-    Member(
+    _property(
         "RightAscensionRate",
         "the fine rate in right ascension, seconds of it a sidereal second; AbortSlew ends it",
-        read="yes",
-        write="yes",
-        takes=(Parameter("RightAscensionRate", "float"),),
+        "float",
         heard=True,
         unparked=True,
     ),
-    Member(
+    _property(
         "SideOfPier",
         "0, or 1 where the status says beyond the pole",
-        read="yes",
+        "int",
+        span=(0, 1),
         write="absent",
-        takes=(Parameter("SideOfPier", "int", 0, 1),),
         heard=True,
     ),
     _reported("SiderealTime", "the mount's own clock, hours"),
@@ -338,43 +338,17 @@ MEMBERS = (
     _lacks("SiteLongitude", "the mount's, else the site's", (Parameter("SiteLongitude", "float"),), "yes"),
     _reported("Slewing", "true in a slew, park, home or MoveAxis; an error where the last one failed"),
     _lacks("SlewSettleTime", "none", (Parameter("SlewSettleTime", "int"),)),
-    Member(
-        "TargetDeclination",
-        "what was set, or slewed or synced to last",
-        read="yes",
-        write="yes",
-        takes=(Parameter("TargetDeclination", "float", -90.0, 90.0),),
-    ),
-    Member(
-        "TargetRightAscension",
-        "what was set, or slewed or synced to last",
-        read="yes",
-        write="yes",
-        takes=(Parameter("TargetRightAscension", "float", 0.0, 24.0),),
-    ),
-    Member(
+    _property("TargetDeclination", "what was set, or slewed or synced to last", "float", span=(-90.0, 90.0)),
+    _property("TargetRightAscension", "what was set, or slewed or synced to last", "float", span=(0.0, 24.0)),
+    _property(
         "Tracking",
         "whether the drive turns with the sky, or will after what moves it; false at rest after AbortSlew",
-        read="yes",
-        write="yes",
-        takes=(Parameter("Tracking", "bool"),),
+        "bool",
         heard=True,
     ),
-    Member(
-        "TrackingRate",
-        "0, sidereal; nothing else can be set",
-        read="yes",
-        write="yes",
-        takes=(Parameter("TrackingRate", "int", 0, 0),),
-    ),
+    _property("TrackingRate", "0, sidereal; nothing else can be set", "int", span=(0, 0)),
     _reads("TrackingRates", "0 alone"),
-    Member(
-        "UTCDate",
-        "this computer's clock",
-        read="yes",
-        write="absent",
-        takes=(Parameter("UTCDate", "text"),),
-    ),
+    _property("UTCDate", "this computer's clock", "text", write="absent"),
     Member(
         "AxisRates",
         "the mount's own, else from 0, to the profile's limit; sidereal less on axis 0",
