@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from pathlib import Path
 from typing import Literal
@@ -10,6 +9,7 @@ from typing import Literal
 import msgspec
 
 from sattrack.core.errors import BadInputError
+from sattrack.core.files import user_folder
 from sattrack.core.local_time import is_zone
 from sattrack.core.toml_text import line_of_key, read_toml
 from sattrack.safety.limits import SafetyLimits, SiteLimits
@@ -131,8 +131,7 @@ NO_ELEMENTS = "no elements: give --elements FILE or celestrak:GROUP, or run `sat
 
 def user_settings_file() -> Path:
     """Return the path of the user's own settings file, whether or not it exists."""
-    base = os.environ.get("XDG_CONFIG_HOME")
-    return (Path(base) if base else Path.home() / ".config") / "sattrack" / FILE_NAME
+    return user_folder("XDG_CONFIG_HOME", ".config") / FILE_NAME
 
 
 def find_settings_file(explicit: Path | None) -> Path | None:

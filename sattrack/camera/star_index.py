@@ -11,6 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+from sattrack.core.files import user_folder
 from sattrack.core.process import end_with_starter, ending_with_us, self_command
 
 FOV_STEP = 1.1
@@ -26,9 +27,7 @@ NICE = 10
 
 def index_file(fov_deg: float) -> Path:
     """Return the file of the index for a field, whether or not it exists."""
-    base = os.environ.get("XDG_CACHE_HOME")
-    folder = (Path(base) if base else Path.home() / ".cache") / "sattrack"
-    return folder / f"stars-{round(math.log(fov_deg, FOV_STEP))}.bin"
+    return user_folder("XDG_CACHE_HOME", ".cache") / f"stars-{round(math.log(fov_deg, FOV_STEP))}.bin"
 
 
 def start_making(path: Path, fov_deg: float) -> subprocess.Popen[bytes]:

@@ -1,15 +1,25 @@
-"""Files that other programs read while they are written."""
+"""The user's folders, and files that other programs read while they are written."""
 
 from __future__ import annotations
 
 import os
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from collections.abc import Mapping
 
 PART = ".part"
+
+
+def user_folder(variable: str, usual: str, environ: Mapping[str, str] | None = None) -> Path:
+    """Return this program's folder below that of a variable, else below `usual` in the home folder.
+
+    A variable that holds a relative path does not count ("XDG Base Directory Specification" 0.8).
+    """
+    base = Path((os.environ if environ is None else environ).get(variable, ""))
+    return (base if base.is_absolute() else Path.home() / usual) / "sattrack"
 
 
 def replace_file(path: Path, data: bytes, *, synced: bool = True) -> None:

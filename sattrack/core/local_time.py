@@ -45,7 +45,7 @@ def _at(utc_s: float) -> datetime:
 
 
 def offset_s(utc_s: float) -> float:
-    """Return by how much the zone is ahead of UTC at an instant, seconds."""
+    """Return the zone's offset from UTC at an instant, seconds, positive east."""
     offset = _at(utc_s).utcoffset()
     return 0.0 if offset is None else offset.total_seconds()
 
@@ -92,7 +92,7 @@ def span(start_utc_s: float, end_utc_s: float) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Return a length of time, whatever its sign: 40 s, 3 min, 6 h 27 min, 3.5 days."""
+    """Return a length of time without its sign: 40 s, 3 min, 6 h 27 min, 3.5 days."""
     size = abs(seconds)
     if size < 59.5:
         return f"{size:.0f} s"

@@ -20,7 +20,6 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import date, timedelta
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, urlsplit
 
@@ -28,7 +27,7 @@ import aiohttp
 
 from sattrack import __version__
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.core.files import replace_file
+from sattrack.core.files import replace_file, user_folder
 from sattrack.core.local_time import duration
 from tle.elements import Elements
 from tle.errors import ElementsError, TleError, printable
@@ -44,6 +43,7 @@ from tle.sources import (
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
+    from pathlib import Path
 
 CELESTRAK_URL = "https://celestrak.org"
 SPACE_TRACK_URL = "https://www.space-track.org"
@@ -86,7 +86,7 @@ class Query:
 
     @property
     def data(self) -> str:
-        """Name what is asked for whatever its format: providers count downloads of a group, in any."""
+        """Name what is asked for, without its format: providers count downloads of a group, in any."""
         address, _, asked = self.url.partition("?")
         parts = sorted(part for part in asked.split("&") if not part.upper().startswith("FORMAT="))
         return f"{address}?{'&'.join(parts)}"
@@ -248,9 +248,7 @@ def _whole(data: bytes) -> tuple[str, Kept | None]:
 
 def user_cache_folder(environ: Mapping[str, str]) -> Path:
     """Return the folder for downloads: under XDG_CACHE_HOME where that is set, else the user's .cache."""
-    base = environ.get("XDG_CACHE_HOME", "")
-    home = Path(base) if Path(base).is_absolute() else Path.home() / ".cache"
-    return home / "sattrack" / "elements"
+    return user_folder("XDG_CACHE_HOME", ".cache", environ) / "elements"
 
 
 class DownloadCache:
@@ -369,7 +367,7 @@ class Downloads:
         self._refused: dict[str, str] = {}
 
     def fetch(self, source: str) -> str:
-        """Return the element text of a URL or short name, from the network or, told so, as kept before.
+        """Return the element text of a URL or short name, from the network or, if asked, as kept before.
 
         Raises DownloadError where neither gives any, BadInputError for a source that means nothing or
         credentials that are nowhere.

@@ -9,23 +9,23 @@ from __future__ import annotations
 
 import hashlib
 import math
-import os
 import sqlite3
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import msgspec
 
 from sattrack.core import local_time
 from sattrack.core.errors import SattrackError
+from sattrack.core.files import user_folder
 from sattrack.runtime.mounts import SIMULATED
 from sattrack.views.run import RememberedView
 from tle.instants import DAY_S, Utc
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator
+    from pathlib import Path
 
     from sattrack.control.engine import Engine
     from sattrack.recording.fits import BiasFit
@@ -256,11 +256,9 @@ def worth_keeping(bias: KeptBias) -> bool:
     return bias.observations >= LEAST_OBSERVATIONS and (bias.along_sigma_s or 0.0) <= MOST_ALONG_SIGMA_S
 
 
-def memory_file(environ: Mapping[str, str] | None = None) -> Path:
+def memory_file() -> Path:
     """Return the user's own file: under XDG_DATA_HOME where that is set, else .local/share at home."""
-    base = (os.environ if environ is None else environ).get("XDG_DATA_HOME", "")
-    home = Path(base) if Path(base).is_absolute() else Path.home() / ".local" / "share"
-    return home / "sattrack" / FILE_NAME
+    return user_folder("XDG_DATA_HOME", ".local/share") / FILE_NAME
 
 
 def orbit_of(elements: Elements) -> str:

@@ -22,12 +22,12 @@ import time
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import partial
-from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
 from sattrack.control.driver import DirectStop
+from sattrack.core.files import user_folder
 from sattrack.mount.link_loss import STOPS_SLOW_FOR_S, STOPS_SLOW_S, STOPS_SLOWEST_S
 from sattrack.mount.model import MountProfile
 from sattrack.mount.xerxes.client import Address, UdpLink, nobody_listens
@@ -44,6 +44,9 @@ from sattrack.runtime.mounts import (
     Stopped,
 )
 from sattrack.runtime.system import outlive, utc_now
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 SIZE = mmap.PAGESIZE
 STATUSES_AT = 1024
@@ -546,8 +549,7 @@ class Guardian:
 
 def log_path() -> Path:
     """Return the file in which guardians say what they did: $XDG_STATE_HOME/sattrack/guardian.log."""
-    home = os.environ.get("XDG_STATE_HOME") or "~/.local/state"
-    return Path(home).expanduser() / "sattrack" / "guardian.log"
+    return user_folder("XDG_STATE_HOME", ".local/state") / "guardian.log"
 
 
 def main() -> int:

@@ -25,6 +25,7 @@ import msgspec
 
 from sattrack.core import local_time
 from sattrack.core.errors import SattrackError
+from sattrack.core.files import user_folder
 from sattrack.runtime.system import handling, this_command, this_user, utc_now
 from tle.instants import Utc
 
@@ -238,8 +239,9 @@ def handling_signals(requests: NightRequests) -> Iterator[None]:
 
 
 def _list_folder(home: str | None = None) -> Path:
-    state = os.environ.get("XDG_STATE_HOME") if home is None else None
-    return Path(state or f"{home or '~'}/.local/state").expanduser() / "sattrack" / "nights"
+    if home is None:
+        return user_folder("XDG_STATE_HOME", ".local/state") / "nights"
+    return Path(home).expanduser() / ".local/state/sattrack/nights"
 
 
 def _record(folder: Path) -> Path:

@@ -87,10 +87,14 @@ def fly(prepared: Prepared, *messages: tuple[float, Message]) -> tuple[Summary, 
     return fly_virtual(prepared, views.append, messages), views
 
 
-def test_the_file_is_where_the_user_keeps_data(tmp_path: Path) -> None:
-    assert memory_file({"XDG_DATA_HOME": str(tmp_path)}) == tmp_path / "sattrack" / "biases.sqlite3"
+def test_the_file_is_where_the_user_keeps_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    assert memory_file() == tmp_path / "sattrack" / "biases.sqlite3"
     home = Path.home() / ".local" / "share" / "sattrack" / "biases.sqlite3"
-    assert memory_file({}) == memory_file({"XDG_DATA_HOME": "relative"}) == home
+    monkeypatch.setenv("XDG_DATA_HOME", "relative")
+    assert memory_file() == home
+    monkeypatch.delenv("XDG_DATA_HOME")
+    assert memory_file() == home
 
 
 def test_a_fit_comes_back_less_certain_the_older_it_is(memory: BiasMemory) -> None:
