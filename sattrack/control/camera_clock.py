@@ -92,7 +92,8 @@ class CameraClocks:
     def __init__(self, profile: MountProfile) -> None:
         self._delay_s = DELAY_S if profile.calibration is None else MEASURED_DELAY_S
         self._statuses: deque[tuple[float, float, float]] = deque(maxlen=REMEMBERED)
-        self._waiting: deque[SolvedField] = deque(maxlen=MOST_WAITING)
+        self.waiting: deque[SolvedField] = deque(maxlen=MOST_WAITING)
+        """Fields whose statuses have not come yet."""
         self._clocks: dict[str, _Clock] = {}
 
     def note(self, utc_s: float, ra_deg: float, dec_deg: float) -> None:
@@ -102,7 +103,7 @@ class CameraClocks:
 
     def hear(self, seen: SolvedField) -> None:
         """Keep a field until the statuses about its date have come."""
-        self._waiting.append(seen)
+        self.waiting.append(seen)
 
     def correction_s(self, camera: str | None) -> float:
         """Return by how much a camera's dates are late: what must be taken off them."""
@@ -112,11 +113,11 @@ class CameraClocks:
     def watch(self, course: Course) -> bool:
         """Use the fields whose statuses have come; tell whether a correction has changed by much."""
         changed = False
-        for _ in range(len(self._waiting)):
-            seen = self._waiting.popleft()
+        for _ in range(len(self.waiting)):
+            seen = self.waiting.popleft()
             utc_s = float(Utc.parse(seen.utc).unix_s)
             if not self._statuses or utc_s + HALF_S > self._statuses[-1][0]:
-                self._waiting.append(seen)
+                self.waiting.append(seen)
             elif utc_s - HALF_S >= self._statuses[0][0]:
                 changed |= self._use(seen, utc_s, course)
         return changed

@@ -182,7 +182,7 @@ class Steering:
 
         To be called once a period.
         """
-        if self.clocks.watch(self.biases.course):
+        if self.clocks.waiting and self.clocks.watch(self.biases.course):
             # What was seen by the wrong dates is of another place.
             self.estimator.forget()
         ended = self._search_if_lost(now_utc_s)

@@ -223,7 +223,7 @@ class Safety:
         if isinstance(motion, Slew):
             # Should the axes be elsewhere after all, they stray from what the slew is judged by.
             start = place if former is None else former.place
-            slews = self._slewing and self._slews.under_way and not self._leads
+            slews = self._slewing and self._slews.target is not None and not self._leads
             cleared = self._clear_slew(motion, sidereal_deg, (ra_deg, dec_deg), start, age_s)
             if isinstance(cleared, Slew) and not self._leads:
                 return Cleared(cleared)
@@ -328,7 +328,7 @@ class Safety:
 
     def _clear_move(self, move: MoveAxes, spots: Sequence[Spot], utc_s: float | None) -> Cleared:
         """Clear rates for every spot where the axes may be; the first is the one that is reported."""
-        if self.led is None:
+        if self.led is None and self._slews.target is not None:
             self._slews.forget()
         self._streams = True
         wish = axis_rates(move, self._standing.beyond_pole)

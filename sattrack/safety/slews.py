@@ -36,7 +36,8 @@ class SlewGate:
     def __init__(self, profile: MountProfile, bounds: Bounds, latitude_deg: float, detours: bool) -> None:
         self._profile, self._bounds, self._latitude_deg = profile, bounds, latitude_deg
         self._detours = detours
-        self._target: Slew | None = None
+        self.target: Slew | None = None
+        """The slew that was cleared since anything else was asked for."""
         self._legs: list[Slew] = []
         self._box: Box | None = None
         self._astray = 0
@@ -51,14 +52,9 @@ class SlewGate:
         """Whether what is under way goes to the target itself."""
         return len(self._legs) <= 1
 
-    @property
-    def under_way(self) -> bool:
-        """Whether a slew has been cleared since something else was asked for."""
-        return self._target is not None
-
     def forget(self) -> None:
         """Something else is asked for."""
-        self._target, self._legs, self._box, self._astray = None, [], None, 0
+        self.target, self._legs, self._box, self._astray = None, [], None, 0
         self._led_deg_s = (0.0, 0.0)
 
     def clear(
@@ -68,11 +64,11 @@ class SlewGate:
 
         `braking` is where axes that move may come until they stand.
         """
-        if target != self._target:
+        if target != self.target:
             found = self._legs_to(target, sidereal_deg, place)
             if isinstance(found, str):
                 return found
-            self._target, self._legs = target, list(found)
+            self.target, self._legs = target, list(found)
             self._enter(place, sidereal_deg, braking)
         elif not self.on_last_leg and self.is_there(reported):
             self._legs.pop(0)
@@ -225,7 +221,7 @@ class SlewGate:
         goal = self._leg_end(place, sidereal_deg)
         self._box, self._astray = Box.between(place, goal), 0
         # Axes that still brake go on the old way for a while; that is no disobedience where nothing is near.
-        wider = _hull(self._box, braking)
+        wider = self._box.with_box(braking)
         seconds = slew_s(place, goal, self._profile)
         drifted = wider.grown(0.0, SIDEREAL_RATE_DEG_S * seconds, 0.0, 0.0)
         if self._judge_leaving(place)(drifted, seconds) is None:
@@ -235,7 +231,7 @@ class SlewGate:
         from sattrack.safety.route import axes_of
 
         leg = self._legs[0]
-        if leg == self._target:
+        if leg == self.target:
             return self._goal(leg, sidereal_deg, place)
         return axes_of(sidereal_deg - leg.ra_deg, leg.dec_deg, self._profile, self._latitude_deg)
 
@@ -271,12 +267,3 @@ def _slew_to(place: Place, sidereal_deg: float) -> Slew:
 
     hour_angle_deg, dec_deg = direction_of(place)
     return Slew((sidereal_deg - hour_angle_deg) % 360.0, dec_deg)
-
-
-def _hull(one: Box, other: Box) -> Box:
-    return Box(
-        min(one.ha_low_deg, other.ha_low_deg),
-        max(one.ha_high_deg, other.ha_high_deg),
-        min(one.dec_low_deg, other.dec_low_deg),
-        max(one.dec_high_deg, other.dec_high_deg),
-    )

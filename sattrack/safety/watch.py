@@ -57,7 +57,7 @@ AT_LIMIT_SHARE = 0.9
 FIRST = 8
 """Commands at the beginning of a stream of which a mount that takes edges takes one."""
 KEEPS_FIRST = (
-    "the axes go on at the rates that the mount took first, whatever is commanded: move_axis is edge, and "
+    "the axes go on at the rates that the mount took first, not those commanded: move_axis is edge, and "
     "the profile says held"
 )
 NAMES, FIELDS = ("the first axis", "the second axis"), ("ra_rate_sign", "dec_rate_sign")
@@ -100,6 +100,8 @@ class Watch:
         """Statuses in a row whose clock was too far from ours."""
         self._clock_known = False
         self.clock_gap_deg = 0.0
+        self.clock_is_off = False
+        """Whether the mount's clock is too far from ours to tell how it stands to the Sun."""
         """How far the mount's sidereal clock is from ours."""
 
     def seconds_to(self, seen: Seen) -> float:
@@ -278,14 +280,9 @@ class Watch:
         off = gap_deg > self._tolerance_s * SIDEREAL_RATE_DEG_S
         self._clock_off = self._clock_off + 1 if off else 0
         if not off or self._clock_off >= CLOCK_PROOF or not self._clock_known:
-            self.clock_gap_deg = gap_deg
+            self.clock_gap_deg, self.clock_is_off = gap_deg, off
             self._clock_known = True
         return "clock" if self.clock_is_off else None
-
-    @property
-    def clock_is_off(self) -> bool:
-        """Whether the mount's clock is too far from ours to tell how it stands to the Sun."""
-        return self.clock_gap_deg > self._tolerance_s * SIDEREAL_RATE_DEG_S
 
     def _forget(self) -> None:
         self._window.clear()
@@ -308,7 +305,7 @@ def _disobeys(commanded_deg_s: float, moved_deg_s: float) -> bool:
 
 BLOCK_S, BLOCKS, FEWEST_BLOCKS = 0.4, 20, 6
 JUMP_DEG_S = 0.25
-"""A change of rates from block to block that servos, whatever they are, need not answer at once."""
+"""A change of rates from block to block that a servo of any kind need not answer at once."""
 LAGS = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
 """By how many blocks motion may come after its command."""
 GAINS = (0.4, 1.6)
@@ -478,13 +475,8 @@ class PositionFilter:
         """Whether a second place has gone together with the first."""
         self.moved = MoveAxes(0.0, 0.0)
         """The rates of the reported place between the last two statuses that are believed."""
-
-    @property
-    def former(self) -> Former | None:
+        self.former: Former | None = None
         """Where the axes were before the place reported last, which nothing has borne out; else None."""
-        if self._claimed is None or self._believed is None:
-            return None
-        return Former(self._believed, self._believed_s)
 
     def see(self, place: Place, seconds: float, moved: MoveAxes) -> Belief:
         """Take a status' place, how long after the one before it came, and the rates between the two."""
@@ -509,6 +501,7 @@ class PositionFilter:
             self.moved = moved
             self._believe(place)
             return Belief.BORNE_OUT
+        self.former = Former(self._believed, self._believed_s)
         return Belief.DOUBTED
 
     def _near(self, one: Place, other: Place, seconds: float) -> bool:
@@ -520,4 +513,4 @@ class PositionFilter:
 
     def _believe(self, place: Place) -> None:
         self._believed, self._believed_s = place, 0.0
-        self._claimed, self._claims = None, 0
+        self._claimed, self._claims, self.former = None, 0, None

@@ -163,6 +163,8 @@ class Session:
     _acks: AckWatch = field(init=False)
     _move: HeldMove | EdgeMove = field(init=False)
     _launches: Launches = field(init=False)
+    _signs: tuple[tuple[int, int], tuple[int, int]] = field(init=False)
+    """Of the axes' rates, short of the pole and beyond it."""
     _repeats: Repeats = field(init=False)
     _wanted: Motion = field(default_factory=Hold)
     _move_axes: tuple[bool, bool] = (True, True)
@@ -180,6 +182,7 @@ class Session:
         self._sequence = StatusSequence(self.health)
         self._acks = AckWatch(self.health)
         self._launches = Launches(self.profile)
+        self._signs = self.profile.signs(False), self.profile.signs(True)
         self._repeats = Repeats(self.profile)
         self._move = self._make_move()
 
@@ -471,7 +474,7 @@ class Session:
 
     def _wire_rates(self, move: MoveAxes) -> AxisRates:
         profile = self.profile
-        ra_sign, dec_sign = profile.signs(self.status is not None and self.status.side_of_pier)
+        ra_sign, dec_sign = self._signs[self.status is not None and self.status.side_of_pier]
         westward = (0.0 if profile.additive else SIDEREAL_RATE_DEG_S) - move.ra_rate_deg_s
         ra = ra_sign * westward / profile.ra_rate_gain
         dec = dec_sign * move.dec_rate_deg_s / profile.dec_rate_gain
