@@ -288,11 +288,16 @@ def _show_progress(source: str, count: int | None) -> None:
     renew("" if count is None else f"{source}: {count / 1e6:.1f} MB")
 
 
-def profile_option(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add `--profile FILE`, handed on as `profile`."""
-    return click.option(
-        "--profile", type=click.Path(path_type=Path), metavar="FILE", help="The mount's profile (TOML)."
-    )(function)
+profile_option = click.option(
+    "--profile", type=click.Path(path_type=Path), metavar="FILE", help="The mount's profile (TOML)."
+)
+fov_option = click.option(
+    "--fov",
+    "fov_deg",
+    type=float,
+    metavar="DEG",
+    help="Diameter of the camera's field of view, shown with the expected error.",
+)
 
 
 def bias_options(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -368,17 +373,6 @@ def appearance(context: CommandContext, theme: str | None, plain: bool) -> Appea
 
     screen = context.settings.screen
     return Appearance(theme or screen.theme, plain or screen.ascii or not can_show(sys.stdout.encoding))
-
-
-def fov_option(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add `--fov DEG`, handed on as `fov_deg`."""
-    return click.option(
-        "--fov",
-        "fov_deg",
-        type=float,
-        metavar="DEG",
-        help="Diameter of the camera's field of view, shown with the expected error.",
-    )(function)
 
 
 SHARED = ("site", "elements", "clock", "json", "utc")

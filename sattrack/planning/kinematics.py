@@ -276,7 +276,7 @@ def _instants(begin: float, end: float, step_s: float) -> np.ndarray[tuple[int],
 
 
 def _is_west(hour_angle_deg: float) -> bool:
-    return (float(hour_angle_deg) + 180.0) % 360.0 - 180.0 > 0.0
+    return wrap180(float(hour_angle_deg)) > 0.0
 
 
 Rule = Literal["never", "hour_angle"]

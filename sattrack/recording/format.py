@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
+from sattrack.core.angles import wrap180
 from sattrack.core.errors import BadInputError
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.mount.xerxes.datagrams import DatagramError, decode_status
@@ -450,7 +451,7 @@ def clock_steps(recording: Recording) -> list[ClockStep]:
             turned_deg = (sidereal_h - before[1]) * 15.0
             passed_s = entry.utc_s - before[0]
             # The mount's clock gives the time within a day; the difference is taken the short way round.
-            off_deg = (passed_s * SIDEREAL_RATE_DEG_S - turned_deg + 180.0) % 360.0 - 180.0
+            off_deg = wrap180(passed_s * SIDEREAL_RATE_DEG_S - turned_deg)
             if abs(off_deg) > STEP_S * SIDEREAL_RATE_DEG_S:
                 found.append(
                     ClockStep(Utc(entry.utc_s).isoformat("milliseconds"), off_deg / SIDEREAL_RATE_DEG_S)

@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from sattrack.core.angles import wrap180
 from sattrack.mount.model import mean_sidereal_deg
 
 if TYPE_CHECKING:
@@ -140,13 +141,13 @@ class SimulatedSky:
     def axes(self, ra_deg: float, dec_deg: float) -> tuple[float, float]:
         """Return the axes that a slew to a reported direction ends at.
 
-        The hour angle axis lies within half a turn of the meridian, whatever the cables would allow.
+        The hour angle axis lies within half a turn of the meridian, even where the cables allow more.
         """
         hour_angle_deg = self.sidereal_deg - (ra_deg - self._shift_ra_deg)
         hour_angle_deg, dec_deg = direction(hour_angle_deg, dec_deg - self._shift_dec_deg)
         if self.hardware.does_refraction:
             hour_angle_deg, dec_deg = refracted(hour_angle_deg, dec_deg, self.latitude_deg)
-        hour_angle_deg = (hour_angle_deg + 180.0) % 360.0 - 180.0
+        hour_angle_deg = wrap180(hour_angle_deg)
         if self.hardware.flip == "hour_angle" and hour_angle_deg > 0.0:
             return axes_beyond_pole(hour_angle_deg, dec_deg, self.latitude_deg)
         return hour_angle_deg, dec_deg
