@@ -282,7 +282,7 @@ def expected_along_arcsec(elements: Elements, at: Instant) -> float:
 
 
 def expected_error_m(source: Elements | Ephemeris, at: Utc) -> float | None:
-    """Return by how much places of a source miss its object at an instant, typically, in metres.
+    """Return the typical error of a source's places at an instant, metres.
 
     Of elements what `expected_along_s` is on the orbit, else what the source states; None where it does not.
     """

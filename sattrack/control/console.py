@@ -182,7 +182,7 @@ class Console(Driver):
         return self.begin(procedure_for(request, self.profile), now_utc_s)
 
     def begin(self, procedure: Procedure, now_utc_s: float) -> RequestRefused | None:
-        """Carry out a procedure, in place of whatever is under way; return why not, where it is refused."""
+        """Carry out a procedure, in place of any that is under way; return why not, where it is refused."""
         if self.jogs:
             # A jog lives by its key alone: nothing else may carry its motion on.
             self.jogs.clear()
@@ -281,7 +281,7 @@ class Console(Driver):
         return Safety(profile, self.limits, self.site.latitude_deg, self.site.longitude_deg)
 
     def path_to(self, request: Slew, now_utc_s: float) -> tuple[Slew, ...] | RequestRefused:
-        """Return the slews that lead to a direction past whatever is in the way."""
+        """Return the slews that lead to a direction past any obstacle."""
         refusal = self._objection(request)
         if refusal is not None:
             return refusal

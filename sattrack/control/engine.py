@@ -313,7 +313,7 @@ class Engine(Driver):
 
     def _watch_link(self, now_utc_s: float) -> None:
         self.link_state = state = self.session.link_state(now_utc_s)
-        # A slow start, of whatever comes before the loop, is no silence of the mount's.
+        # A slow start of anything before the loop is not a silence of the mount's.
         self._first_tick_utc_s = min(now_utc_s, self._first_tick_utc_s)
         if self.tracker.ended_by is not None:
             return

@@ -344,7 +344,7 @@ class ProcedureHost(Protocol):
         """Ask for one thing, if safety lets it."""
 
     def path_to(self, request: Slew, now_utc_s: float) -> tuple[Slew, ...] | RequestRefused:
-        """Return the slews that lead to a direction past whatever is in the way."""
+        """Return the slews that lead to a direction past any obstacle."""
 
 
 class Procedure(Protocol):

@@ -170,13 +170,13 @@ class _Session:
         return sum(one["nthreads"] for one in self._client.scheduler_info(n_workers=-1)["workers"].values())
 
     def _wait_for_workers(self) -> None:
-        until_s, told = time.monotonic() + PATIENCE_S, False
+        until_s, warned = time.monotonic() + PATIENCE_S, False
         while not self._slots():
             if self._client.status != "running":
                 raise _LostClusterError("no connection")
-            if not told and time.monotonic() > until_s - PATIENCE_S + LOOK_S:
+            if not warned and time.monotonic() > until_s - PATIENCE_S + LOOK_S:
                 self._tell("the scheduler has no workers yet; waiting")
-                told = True
+                warned = True
             if time.monotonic() > until_s:
                 raise SattrackError("the scheduler has no workers: start some with `dask worker`")
             with suppress(TimeoutError, asyncio.TimeoutError):

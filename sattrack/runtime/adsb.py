@@ -65,14 +65,18 @@ class Aircraft:
         # Of extended squitters (DF 17, 18) alone the address is in the clear.
         if len(message) != 14 or message[0] >> 3 not in (17, 18) or message[1:4].hex().upper() != self.icao:
             return None
-        told = self._decoder().decode(message.hex().upper(), timestamp=now_s)
-        if not told.get("crc_valid"):
+        got = self._decoder().decode(message.hex().upper(), timestamp=now_s)
+        if not got.get("crc_valid"):
             return None
-        self.callsign = told.get("callsign") or self.callsign
+        self.callsign = got.get("callsign") or self.callsign
         self._note(
-            told.get("altitude"), told.get("groundspeed"), told.get("track"), told.get("vertical_rate"), now_s
+            got.get("altitude"),
+            got.get("groundspeed"),
+            got.get("track"),
+            got.get("vertical_rate"),
+            now_s,
         )
-        return self._fix(told.get("latitude"), told.get("longitude"), now_s)
+        return self._fix(got.get("latitude"), got.get("longitude"), now_s)
 
     def _decoder(self) -> Any:
         if self._pipe is None:

@@ -2,7 +2,7 @@
 
 Axes stand at 0 on the meridian and the equator; the hour angle axis turns west, and a declination axis
 beyond 90° either way points past a pole. All rules for a direction hold there too. A box is what
-lies between two angles of either axis: a way between two places lies in it whatever the axes' timing.
+lies between two angles of either axis: a way between two places lies in it with any timing of the axes.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 Weighted interval scheduling with transitions: passes are intervals with values, and one may follow another
 where the time between them suffices. Dynamic programming over passes in order of their ends: the best chain
-that ends with a pass is its value and the best of the chains that may come before it. O(n²), whatever the
-transitions are: they need not obey the triangle inequality. Groups of which only so many may be chosen add
+that ends with a pass is its value and the best of the chains that may come before it. O(n²) for any
+transitions: they need not obey the triangle inequality. Groups of which only so many may be chosen add
 a dimension each, and only where the best plan without them takes too many.
 
 Rules that take each satellite once, or so many passes an hour, are packings: sets of which only so many may

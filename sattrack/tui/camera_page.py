@@ -146,7 +146,7 @@ class CameraDesk:
         return ImageSpot(picture.right_px, picture.up_px)
 
     def shift_deg(self, loop: LoopView | None) -> tuple[float, float] | str:
-        """Return how far east and north the mount must go for that; why it cannot be told, in words."""
+        """Return how far east and north the mount must go for that; why that is unknown, in words."""
         picture, spot = self.picture, self.pointed
         if picture is None or spot is None:
             return "nothing to centre: the arrows move a cursor in the picture"

@@ -1,4 +1,4 @@
-"""Files of ephemerides: CPF, OEM, SP3 and tables, told apart by what is in them, packed or not."""
+"""Files of ephemerides: CPF, OEM, SP3 and tables, recognised by content, packed or not."""
 
 from __future__ import annotations
 

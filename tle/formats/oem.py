@@ -119,7 +119,7 @@ def parse_oem(lines: Lines) -> list[TableEphemeris]:
 
 
 def _designator(text: str) -> str:
-    """Return an international designator as 1998-067A, whatever else as it is."""
+    """Return an international designator as 1998-067A, any other text as it is."""
     match = re.fullmatch(r"(\d{4})-?(\d{3})-?([A-Z]{1,3})", text.strip().upper(), re.ASCII)
     return f"{match[1]}-{match[2]}{match[3]}" if match else printable(text)
 

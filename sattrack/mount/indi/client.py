@@ -129,9 +129,9 @@ class IndiClient:
     async def _listen(self, reader: asyncio.StreamReader) -> None:
         try:
             while data := await reader.read(READ_BYTES):
-                now_s, before = time.monotonic(), _told(self.telescope)
+                now_s, before = time.monotonic(), _updates_of(self.telescope)
                 self.telescope.feed(data)
-                if _told(self.telescope) != before:
+                if _updates_of(self.telescope) != before:
                     self._placed_s = now_s
                 await self._notify()
             self._lost = "the INDI server has closed the connection"
@@ -155,22 +155,22 @@ class IndiClient:
         if self._writer is None or self._lost is not None:
             raise NoAnswerError(self._lost or "not connected")
         known = [(one.name, self.telescope.properties[one.name]) for one in settings]
-        told = [one.told for _, one in known]
+        updates = [one.updates for _, one in known]
         for setting in settings:
             self._writer.write(self.telescope.message_of(setting))
-        for (name, one), before in zip(known, told, strict=True):
+        for (name, one), before in zip(known, updates, strict=True):
             answered = functools.partial(_answered, one, before)
             if await self._until(answered, REFUSED_WITHIN_S) and one.state == ALERT:
                 raise AlpacaRefusalError(REFUSED, f"{name}: {self.telescope.message or 'Alert'}")
 
 
 def _answered(known: Property, before: int) -> bool:
-    return known.told > before
+    return known.updates > before
 
 
-def _told(telescope: IndiTelescope) -> int:
+def _updates_of(telescope: IndiTelescope) -> int:
     place = telescope.properties.get(PLACE)
-    return 0 if place is None else place.told
+    return 0 if place is None else place.updates
 
 
 class IndiDevice:
@@ -185,9 +185,9 @@ class IndiDevice:
         """Return a member's value; where it is a place, the next one. Raises as `AlpacaDevice`."""
         self._connect()
         if member == "rightascension":
-            told = _told(self._telescope)
+            updates = _updates_of(self._telescope)
             self._send(self._telescope.question(PLACE))
-            self._until(lambda: _told(self._telescope) > told)
+            self._until(lambda: _updates_of(self._telescope) > updates)
         return self._telescope.value(member)
 
     def put(self, member: str, **fields: str) -> None:

@@ -46,7 +46,7 @@ class Property:
     values: Members
     highest: dict[str, float] = field(default_factory=dict)
     """Largest value of each number, by its definition."""
-    told: int = 0
+    updates: int = 0
     """How many messages about it have come."""
 
 
@@ -117,11 +117,11 @@ class IndiTelescope:
         known = self.properties.get(name)
         if begin == "def" or known is None:
             highest = {one.get("name", ""): _number(one.get("max")) or 0.0 for one in element}
-            told = 0 if known is None else known.told
-            known = self.properties[name] = Property(kind, "Idle", {}, highest, told)
+            updates = 0 if known is None else known.updates
+            known = self.properties[name] = Property(kind, "Idle", {}, highest, updates)
         known.values |= values
         known.state = element.get("state", known.state)
-        known.told += 1
+        known.updates += 1
 
     # What the telescope can do, and how it stands.
 

@@ -270,7 +270,7 @@ class SimulatedMount:
         return self._ra.mode in BUSY or self._dec.mode in BUSY
 
     def receive(self, data: bytes) -> bool:
-        """Put a command datagram into the mailbox; whatever was there is gone. False where it is refused."""
+        """Put a command datagram into the mailbox, in place of the one there. False where it is refused."""
         command = MailboxCommand.read(data)
         if command is None:
             self.refused += 1

@@ -239,7 +239,7 @@ class UdpLink:
             self.stranger_hosts.append(host)
 
     def _arrived(self, ancillary: list[tuple[int, int, bytes]]) -> float:
-        # The order matters: whatever holds us up between the two readings makes the arrival late and never
+        # The order matters: any delay between the two readings makes the arrival late and never
         # early, and it is by the earliest arrivals that the mount's clock is known.
         kernel_now_s = time.time()
         now_s = time.monotonic()

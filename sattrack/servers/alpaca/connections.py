@@ -136,7 +136,7 @@ class ClientConnection(asyncio.Protocol):
         self.seat = self.seat._replace(asked_s=self._since_s)
 
     def lives(self) -> None:
-        """Note that it takes what it is sent: it is not silent for too long, whatever it asks for."""
+        """Note that it takes what it is sent: it is not silent for too long, even if it asks for nothing."""
         self._since_s = self._loop.time()
 
     def overdue(self, now_s: float, idle_s: float) -> bool:

@@ -438,7 +438,7 @@ class ClientView:
         return "".join(parts).encode()
 
     def tell_again(self, name: str) -> None:
-        """Have a property told again, though nothing of it has changed: who set it waits for an answer."""
+        """Have a property sent again, though nothing of it has changed: who set it waits for an answer."""
         if name in self._told:
             self._told[name] = ("", ())
 

@@ -1,7 +1,7 @@
 """A rotator beside the other protocols' telescope: one mount, moved by one of them at a time. No I/O.
 
-Clients of rotctld see the mount whatever moves it. Their positions move it while nothing else does, by a path
-driver of their own, and until somebody stops it: a rotator stays where it was sent.
+Clients of rotctld always see the mount. Their positions move it while nothing else does, by a path driver of
+their own, and until somebody stops it: a rotator stays where it was sent.
 """
 
 from __future__ import annotations

@@ -155,16 +155,16 @@ class RotctldServer:
     def report(self) -> list[str]:
         """Return the lines to log: clients, the commanding one, refusals."""
         lines = self.rotator.log_lines
-        told = [lines.popleft() for _ in range(min(MOST_LOGGED, len(lines)))]
+        shown = [lines.popleft() for _ in range(min(MOST_LOGGED, len(lines)))]
         if lines:
-            told.append(f"and {len(lines)} lines more, or still more")
+            shown.append(f"and {len(lines)} lines more, or still more")
             lines.clear()
         count = self.failures + sum(caller.client.refused for caller in self.callers.values())
         now_s = time.monotonic()
         if count != self._logged_failures and now_s - self._failures_logged_s >= LOG_FAILURES_EVERY_S:
-            told.append(f"{count - self._logged_failures} requests were answered with a failure")
+            shown.append(f"{count - self._logged_failures} requests were answered with a failure")
             self._logged_failures, self._failures_logged_s = count, now_s
-        return told
+        return shown
 
     def _note_gone(self, numbers: list[int]) -> None:
         for number in numbers:
