@@ -304,7 +304,7 @@ LINE_ROWS = (
     ),
     Row(
         "4.1",
-        "stow pins that the antenna does not have are told of",
+        "stow pins that the antenna does not have are reported as missing",
         (
             Step(0, b"PINS IN 11\n", b"PINS NAK 9 AD\n"),
             Step(0, b"PINS UP 1F\n", b"PINS NAK 5 A9\n"),
@@ -312,7 +312,7 @@ LINE_ROWS = (
     ),
     Row(
         "4.1",
-        "brakes that the antenna does not have are told of",
+        "brakes that the antenna does not have are reported as missing",
         (Step(0, b"BRAKES RELEASE F9\n", b"BRAKES NAK 9 2B\n"),),
     ),
     Row(

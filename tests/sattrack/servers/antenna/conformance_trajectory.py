@@ -465,7 +465,7 @@ TRAJECTORY_ROWS = (
     ),
     Row(
         "4.1.2",
-        "commanded is the trajectory at the epoch told",
+        "commanded is the trajectory at the epoch given",
         (
             Step(0, b"TD 10 20 0.25 -0.125 43200 FC\n", b"TD ACK A7\n"),
             Step(

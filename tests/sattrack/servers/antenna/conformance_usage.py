@@ -100,7 +100,7 @@ USAGE_ROWS = (
     ),
     Row(
         "5.0",
-        "sensors that the antenna does not have are told of",
+        "sensors that the antenna does not have are reported as missing",
         (Step(0, b"SENSORS 4D\n", b"SENSORS NAK 9 A0\n"),),
     ),
     Row(
@@ -143,7 +143,7 @@ USAGE_ROWS = (
     ),
     Row(
         "6.0",
-        "an axis of the focus that is not there is told of",
+        "an axis of the focus that is not there is reported as missing",
         (
             Step(0, b"FOCUS 1 1 1 93\n", b"FOCUS NAK 9 F3\n"),
             Step(0, b"FOCSWEEP 3 1 20\n", b"FOCSWEEP NAK 9 CF\n"),
@@ -180,7 +180,7 @@ USAGE_ROWS = (
     ),
     Row(
         "7.0",
-        "in local, time is told and not set",
+        "in local, time is sent and not set",
         (
             Step(0, b"TIME 4F\n", b"TIME 20728 43200.000000 D9\n"),
             Step(0, b"TIME 20728 43200.25 20\n", b"TIME NAK 8 A1\n"),
