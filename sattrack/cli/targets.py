@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 
 _T0, _SOURCE = "sattrack.t0", "sattrack.source"
+_DISAGREES = 5.0
+"""So many times what they state together are two ephemerides apart that cannot both be right."""
 
 
 class Followed(NamedTuple):
@@ -295,7 +298,28 @@ def _chosen(origins: list[_Origin], key: str, wanted: Wanted, site: Site | None)
     others = [one.best(best.window) for one in origins if one.name != best.origin]
     for one in sorted(others, key=lambda one: one.rank):
         tell(f"not   {one.text}")
+        _tell_disagreement(best, one)
     return best
+
+
+def _tell_disagreement(best: Candidate, other: Candidate) -> None:
+    """Tell where two ephemerides of one object are much further apart than they state."""
+    from tle.earth import EarthOrientation
+
+    at, earth = best.window.at, EarthOrientation.installed()
+    try:
+        places = [one.target.states(earth).at(float(at.unix_s), 0.0)[:3] for one in (best, other)]
+    except PropagationError:
+        return
+    if not (best.target.ranged and other.target.ranged):
+        return
+    apart_m = 1000.0 * math.dist(*places)
+    share = apart_m / math.hypot(best.rank.error_m, other.rank.error_m)
+    if share > _DISAGREES:
+        tell(
+            f"warning: {other.origin} has it {apart_m / 1000.0:.3g} km from where {best.origin} has it at "
+            f"{at.isoformat('seconds')}, {share:.0f} times what they state: one of the two is wrong"
+        )
 
 
 def find_target(
