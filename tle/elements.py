@@ -6,7 +6,7 @@ import math
 import re
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from sgp4.api import SGP4_ERRORS, WGS72, Satrec
 
@@ -49,6 +49,8 @@ _A_DAY_S = 0.05
 _SHARE_OF_DRAG = 0.15
 # Below this height nothing is in orbit, and angles would grow without bound.
 _LOWEST_KM = 100.0
+UNSTATED_M = 100.0
+"""What a file that states no error is taken to miss: what laser predictions and operators do in some days."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,3 +293,24 @@ def expected_error_m(source: Elements | Ephemeris, at: Utc) -> float | None:
         return 1000.0 * speed_km_s * expected_along_s(source, at)
     known = source.covariance(at)
     return None if known is None else 1000.0 * known.sigma_km
+
+
+class SourceRank(NamedTuple):
+    """How a source compares with others of the same object for a time; the least is the best."""
+
+    over: bool
+    """Its places end before."""
+    in_part: bool
+    """It has no places for some of the time."""
+    error_m: float
+    """By how much it misses its object, `UNSTATED_M` where it does not say."""
+
+
+def source_rank(source: Elements | Ephemeris, first: Utc, at: Utc, last: Utc) -> SourceRank:
+    """Return the rank of a source from one instant to another, whose error counts at a third."""
+    spans, error_m = source.spans, expected_error_m(source, at)
+    return SourceRank(
+        bool(spans) and spans[-1][1] < first,
+        bool(spans) and not any(low <= first and last <= high for low, high in spans),
+        UNSTATED_M if error_m is None else error_m,
+    )

@@ -53,6 +53,7 @@ _PIECES_AT_ONCE = 20_000
 _GRAVITY_SHARE, _MOVES_KM = 0.02, 0.05
 _HIGHEST_KM, _LOWEST_KM = 150_000.0, 1000.0
 _PROBES, _WIDEST = 60, 5
+_JUDGES = 20
 
 
 class Covariance(NamedTuple):
@@ -291,6 +292,38 @@ class Segment:
         pieces[:, 3:6, :-1] = pieces[:, :3, 1:] * _DEGREES[1:] / half[:, None, None]
         pieces[:, 6:, :-1] = pieces[:, 3:6, 1:] * _DEGREES[1:] / half[:, None, None]
         return pieces
+
+
+def missed_km(segment: Segment, held: Index) -> Array:
+    """Return by how much rows, by index, are missed when interpolated from all others, shape (m,)."""
+    others = np.delete(np.arange(len(segment.since_s)), held)
+    velocity = segment.velocity_km_s
+    without = replace(
+        segment,
+        since_s=segment.since_s[others],
+        place_km=segment.place_km[others],
+        velocity_km_s=None if velocity is None else velocity[others],
+    )
+    places = without.native_many(segment.since_s[held])[:3].T
+    missed: Array = np.linalg.norm(places - segment.place_km[held], axis=1)
+    return missed
+
+
+def without_poor_velocities(segment: Segment, by_places: Interpolation) -> Segment:
+    """Return the segment without its velocities where rows left out are found better by places alone.
+
+    Velocities that are not the derivative of the places spoil what is between the rows. Rows left out are far
+    from one another, and from the ends; where there are too few, the velocities are kept.
+    """
+    rows, count = by_places.rows, len(segment.since_s)
+    every = max(rows + 1, count // _JUDGES)
+    alone = replace(segment, velocity_km_s=None, interpolation=by_places)
+    squares = [0.0, 0.0]
+    for first in range(rows, min(rows + every, count - rows), every // 3):
+        held = np.arange(first, count - rows, every)
+        for k, one in enumerate((segment, alone)):
+            squares[k] += float(np.sum(missed_km(one, held) ** 2))
+    return alone if squares[1] < squares[0] else segment
 
 
 def _divided(x: Array, values: Array, slopes: Array | None) -> tuple[Array, Array]:

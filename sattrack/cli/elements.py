@@ -200,8 +200,8 @@ def compare(context: CommandContext, satellite: str, ephemeris: tuple[Path, ...]
                 "provenance": one.target.provenance,
                 "age_days": None if age_s is None else age_s / _DAY_S,
                 "expected_error_m": one.error_m,
-                "over": one.over,
-                "whole_pass": one.whole,
+                "over": one.rank.over,
+                "whole_pass": not one.rank.in_part,
                 "from_best_arcsec": off,
             }
         )

@@ -126,7 +126,7 @@ def _night_pass(
         if isinstance(target, Elements)
         else target_facts(target, one.leave_utc_s - KEPT_BEFORE_S, one.end_utc_s),
         asked=candidate.asked,
-        ephemeris=entry.ephemeris,
+        ephemeris=candidate.file,
     )
 
 

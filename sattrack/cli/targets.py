@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -10,7 +11,7 @@ import click
 
 from sattrack.cli.common import tell
 from sattrack.core.errors import BadInputError
-from tle.elements import Elements, expected_error_m
+from tle.elements import Elements, SourceRank, expected_error_m, source_rank
 from tle.errors import AmbiguousSatelliteError, PropagationError, SatelliteNotFoundError
 
 if TYPE_CHECKING:
@@ -23,8 +24,8 @@ if TYPE_CHECKING:
 
 
 _T0, _SOURCE = "sattrack.t0", "sattrack.source"
-UNSTATED_M = 100.0
-"""What a file that states no error is taken to miss: what laser predictions and operators do in some days."""
+_DISAGREES = 5.0
+"""So many times what they state together are two ephemerides apart that cannot both be right."""
 
 
 class FollowedTarget(NamedTuple):
@@ -148,31 +149,18 @@ class EphemerisChoice(NamedTuple):
         return expected_error_m(self.target, self.window.at)
 
     @property
-    def over(self) -> bool:
-        """Tell whether its places end before it is asked."""
-        spans = self.target.spans
-        return bool(spans) and spans[-1][1] < self.window.first
-
-    @property
-    def whole(self) -> bool:
-        """Tell whether it has places for the whole of the time."""
-        spans = self.target.spans
-        first, _, last = self.window
-        return not spans or any(low <= first and last <= high for low, high in spans)
-
-    @property
-    def worth(self) -> tuple[bool, bool, float]:
-        """Give what is least for the best one."""
-        error_m = self.error_m
-        return self.over, not self.whole, UNSTATED_M if error_m is None else error_m
+    def rank(self) -> SourceRank:
+        """Give how it compares with others."""
+        return source_rank(self.target, *self.window)
 
     @property
     def text(self) -> str:
         """Say what it is in one line."""
         error_m, at = self.error_m, self.window.at.isoformat("seconds")
         miss = "states no error" if error_m is None else f"expected error {error_m:.3g} m at {at}"
-        lack = "" if self.whole else ", not for the whole pass"
-        if self.over:
+        over, in_part, _ = self.rank
+        lack = ", not for the whole pass" if in_part else ""
+        if over:
             lack = f", over since {self.target.spans[-1][1].isoformat('seconds')}"
         return f"{self.origin}: {self.target.provenance}, {miss}{lack}"
 
@@ -186,7 +174,7 @@ class _Origin(NamedTuple):
     def best(self, window: Window) -> EphemerisChoice:
         """Return its best one for a time."""
         return min(
-            (EphemerisChoice(self.name, one, window) for one in self.targets), key=lambda one: one.worth
+            (EphemerisChoice(self.name, one, window) for one in self.targets), key=lambda one: one.rank
         )
 
 
@@ -204,11 +192,11 @@ def candidates(
 def _ranked(origins: list[_Origin], wanted: Wanted, site: Site | None) -> list[EphemerisChoice]:
     now = Window(wanted.begin, wanted.begin, wanted.begin)
     window = now if site is None else _pass_window(origins, wanted, site) or now
-    if not any(one.best(window).whole for one in origins):
+    if all(one.best(window).rank.in_part for one in origins):
         # Of none that has places now, the one that has some first.
         starts = [low for one in origins for low, _ in one.best(window).target.spans if low >= window.first]
         window = Window(*[min(starts)] * 3) if starts else window
-    return sorted((one.best(window) for one in origins), key=lambda one: one.worth)
+    return sorted((one.best(window) for one in origins), key=lambda one: one.rank)
 
 
 def _origins(
@@ -310,9 +298,30 @@ def _chosen(origins: list[_Origin], key: str, wanted: Wanted, site: Site | None)
         return best
     tell(f"using {best.text}")
     others = [one.best(best.window) for one in origins if one.name != best.origin]
-    for one in sorted(others, key=lambda one: one.worth):
+    for one in sorted(others, key=lambda one: one.rank):
         tell(f"not   {one.text}")
+        _tell_disagreement(best, one)
     return best
+
+
+def _tell_disagreement(best: Candidate, other: Candidate) -> None:
+    """Tell where two ephemerides of one object are much further apart than they state."""
+    from tle.earth import EarthOrientation
+
+    at, earth = best.window.at, EarthOrientation.installed()
+    try:
+        places = [one.target.states(earth).at(float(at.unix_s), 0.0)[:3] for one in (best, other)]
+    except PropagationError:
+        return
+    if not (best.target.ranged and other.target.ranged):
+        return
+    apart_m = 1000.0 * math.dist(*places)
+    share = apart_m / math.hypot(best.rank.error_m, other.rank.error_m)
+    if share > _DISAGREES:
+        tell(
+            f"warning: {other.origin} has it {apart_m / 1000.0:.3g} km from where {best.origin} has it at "
+            f"{at.isoformat('seconds')}, {share:.0f} times what they state: one of the two is wrong"
+        )
 
 
 def find_target(

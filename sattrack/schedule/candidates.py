@@ -7,7 +7,8 @@ import math
 import re
 from collections import Counter
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from sattrack.planning.kinematics import ability_at, verdict_on
 from sattrack.planning.path import AxisSamples, bodies_deg, margins_deg
 from sattrack.safety.bodies import sun_over
 from sattrack.schedule.night import number_of_name
-from tle.elements import Elements
+from tle.elements import Elements, SourceRank, source_rank
 from tle.ephemeris_passes import find_ephemeris_passes
 from tle.errors import AmbiguousSatelliteError, SatelliteNotFoundError, TleError
 from tle.facts import pass_facts, sun_altitudes_deg
@@ -110,7 +111,9 @@ class Candidate:
     """What the mount's limits take of it; no part of `useful`, unless it is run though infeasible."""
 
     asked: str = ""
-    """What the schedule calls the target, where that has no elements."""
+    """What the schedule calls the target."""
+    file: str | None = None
+    """The file that places it, None where none does."""
 
     @property
     def object_number(self) -> int:
@@ -161,7 +164,7 @@ class EntrySearch:
         self._number, self._entry, self._situation = number, entry, situation
         self._progress = progress
         self._by_name = bool(entry.satellites)
-        self._asked: dict[int, str] = {}
+        self._named: dict[int, Named] = {}
 
     def run(self, load: Load, magnitudes_known: bool) -> list[Candidate]:
         """Return those that are reported. Raises BadInputError that names the entry, TleError."""
@@ -228,8 +231,8 @@ class EntrySearch:
                 )
             return self._launched(matching)
         named = named_by(entry, self._load, self._situation)
-        self._asked = {id(one): key for key, one in named.items()}
-        return self._launched(list(named.values()))
+        self._named = {id(one.target): one for one in named}
+        return self._launched([one.target for one in named])
 
     def _launched(self, found: Sequence[Elements | Ephemeris]) -> Sequence[Elements | Ephemeris]:
         """Return those of some satellites that were launched when and as what the conditions ask for."""
@@ -302,7 +305,26 @@ class EntrySearch:
         )
         known = dict(zip(wanted, facts, strict=True))
         made = (self._candidate(seen[k], known[k], sun_deg, cut) for k, cut, sun_deg in kept)
-        return [one for one in made if one is not None]
+        return self._by_best_source([one for one in made if one is not None])
+
+    def _by_best_source(self, found: list[Candidate]) -> list[Candidate]:
+        """Return each pass once: where several ephemerides of an object have it, the one by the best of them.
+
+        One by which the pass is not lost comes first. What overlaps is one pass, placed a little differently.
+        """
+        passes: list[list[Candidate]] = []
+        for one in sorted(found, key=lambda one: (one.asked, one.start_utc_s)):
+            same = passes[-1] if passes and self._by_name and passes[-1][0].asked == one.asked else []
+            others = [each for each in same if each.elements is not one.elements]
+            if any(one.start_utc_s < each.end_utc_s for each in others):
+                same.append(one)
+            else:
+                passes.append([one])
+        if len(passes) == len(found):
+            return found
+        self.found.passes -= len(found) - len(passes)
+        best = [min(same, key=partial(_rank_among, same)) for same in passes]
+        return sorted(best, key=lambda one: one.start_utc_s)
 
     def _sun_deg(self, one: SatellitePass, cut: Cut, at_culmination_deg: float) -> float:
         """Return the Sun's altitude at the highest instant of what may be followed."""
@@ -395,6 +417,7 @@ class EntrySearch:
             )
         top = min(max(float(one.seen.culminate_utc.unix_s), span[0]), span[1])
         latest_start, earliest_end = self._shortest(span, top)
+        named = self._named.get(id(one.elements))
         made = Candidate(
             number=-1,
             entry=self._number,
@@ -410,7 +433,8 @@ class EntrySearch:
             sun_alt_deg=sun_deg,
             magnitude=None if facts is None else facts.magnitude,
             may_join=terms.shorten or (entry.fixed is None and one.seen.rise_utc is None),
-            asked=self._asked.get(id(one.elements), ""),
+            asked=named.key if named else "",
+            file=named.file if named else None,
         )
         why = lost or next(self._reasons(made, facts), None)
         if why is None and terms.if_elements_old == "run":
@@ -477,27 +501,56 @@ class EntrySearch:
         return f"elements {days:.1f} days old {when}, more than {self._entry.terms.elements_oldest_days:g}"
 
 
-def named_by(entry: ScheduleEntry, load: Load, situation: PlanSituation) -> dict[str, Elements | Ephemeris]:
-    """Return what an entry names, by what it calls it, each once. Raises BadInputError with its place."""
-    chosen: dict[int, tuple[str, Elements | Ephemeris]] = {}
+def _rank_among(same: Sequence[Candidate], one: Candidate) -> tuple[bool, SourceRank]:
+    """Return the rank of a candidate among those of one pass by several ephemerides; the least is best."""
+    first, last = min(each.start_utc_s for each in same), max(each.end_utc_s for each in same)
+    return one.lost is not None, source_rank(one.elements, Utc(first), Utc(one.culminate_utc_s), Utc(last))
+
+
+class Named(NamedTuple):
+    """What an entry names: by what, what that is, and the file that has it, None for others."""
+
+    key: str
+    target: Elements | Ephemeris
+    file: str | None = None
+
+
+def named_by(entry: ScheduleEntry, load: Load, situation: PlanSituation) -> list[Named]:
+    """Return what an entry names, each once, by every ephemeris that the entry gives for it.
+
+    Raises BadInputError with its place.
+    """
+    chosen: dict[int, list[Named]] = {}
     for key in entry.satellites:
-        one = _in_a_file(key, entry, situation) or _body(key, entry, load, situation)
-        if one is None:
-            one = _satellite(key, entry, load(entry.source).elements)
-        chosen[one.catalog_number or number_of_name(one.label)] = (key, one)
-    return dict(chosen.values())
+        found = _in_files(key, entry, situation)
+        if not found:
+            body = _body(key, entry, load, situation)
+            found = [Named(key, body or _satellite(key, entry, load(entry.source).elements))]
+        first = found[0].target
+        if found[0].file is not None and entry.source is not None:
+            same = str(first.catalog_number or key)
+            if _has(same, entry, load):
+                found.append(Named(key, _satellite(same, entry, load(entry.source).elements)))
+        chosen[first.catalog_number or number_of_name(first.label)] = found
+    return [one for found in chosen.values() for one in found]
 
 
-def _in_a_file(key: str, entry: ScheduleEntry, situation: PlanSituation) -> Ephemeris | None:
-    """Return an object of the entry's file, None where it has none."""
-    if entry.ephemeris is None:
-        return None
+def _in_files(key: str, entry: ScheduleEntry, situation: PlanSituation) -> list[Named]:
+    """Return an object of the entry's files, by each that has it; one of them must."""
     from tle.formats.ephemerides import find_ephemeris, read_ephemerides
 
-    try:
-        return find_ephemeris(read_ephemerides(entry.ephemeris, situation.site), key)
-    except TleError as error:
-        raise entry.origin.wrong(str(error)) from None
+    found: list[Named] = []
+    missing: SatelliteNotFoundError | None = None
+    for file in entry.ephemeris:
+        try:
+            found.append(Named(key, find_ephemeris(read_ephemerides(file, situation.site), key), file))
+        except SatelliteNotFoundError as error:
+            missing = missing or error
+        except TleError as error:
+            raise entry.origin.wrong(str(error)) from None
+    if missing is not None and not found:
+        raise entry.origin.wrong(str(missing))
+    return found
 
 
 def _body(key: str, entry: ScheduleEntry, load: Load, situation: PlanSituation) -> Ephemeris | None:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import csv
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime, time, timedelta, tzinfo
 from typing import TYPE_CHECKING, NamedTuple
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
@@ -57,7 +57,7 @@ class ScheduleEntry:
     """Requested passes: a rule's, some satellites', or one by fixed times.
 
     `satellites` are keys as `tle.sources.find` takes them, or bodies, stars and directions, or the objects of
-    a file, `ephemeris`; empty for all of `source` (None: of all elements).
+    files, `ephemeris`; empty for all of `source` (None: of all elements).
     `windows` gives those that touch a span of POSIX seconds, None for no window; `fixed` is such a span.
     """
 
@@ -66,7 +66,7 @@ class ScheduleEntry:
     terms: Terms
     satellites: tuple[str, ...] = ()
     source: str | None = None
-    ephemeris: str | None = None
+    ephemeris: tuple[str, ...] = ()
     conditions: Conditions = NO_CONDITIONS
     windows: Windows | None = None
     fixed: tuple[float, float] | None = None
@@ -125,6 +125,11 @@ def load_schedule(path: Path) -> Schedule:
         recordings=top.recordings,
         files=tuple(reader.files),
     )
+
+
+def _ephemerides(files: str | tuple[str, ...], path: Path) -> tuple[str, ...]:
+    """Return the paths of files beside the one that names them, one or several."""
+    return tuple(str(path.parent / one) for one in ((files,) if isinstance(files, str) else files))
 
 
 def _source(source: str, path: Path) -> str:
@@ -253,6 +258,7 @@ def _pass_entry(
         conditions, label = rule.conditions, entry.rule
     else:
         satellites = entry.satellites or (str(entry.satellite),)
+        source = None if entry.elements is None else _source(entry.elements, path)
         label = ", ".join(satellites)
         if entry.where is not None:
             conditions = parse_conditions(entry.where, at.inside(*key, "where"))
@@ -269,7 +275,7 @@ def _pass_entry(
         terms=terms,
         satellites=satellites,
         source=source,
-        ephemeris=None if entry.ephemeris is None else str(path.parent / entry.ephemeris),
+        ephemeris=_ephemerides(entry.ephemeris, path),
         conditions=conditions,
         windows=_windows(entry, key, at, zone),
     )
@@ -314,13 +320,14 @@ def _fixed_entry(
     if end <= start:
         raise at.value(*key, "end").wrong(f"{entry.satellite}: ends before it starts; swap start and end")
     line = FixedLine(entry.satellite, start, end, at.key(*key), None, entry.name or "")
-    ephemeris = None if entry.ephemeris is None else str(path.parent / entry.ephemeris)
-    return _line_entry(line, entry, defaults, ephemeris)
+    return replace(
+        _line_entry(line, entry, defaults),
+        ephemeris=_ephemerides(entry.ephemeris, path),
+        source=None if entry.elements is None else _source(entry.elements, path),
+    )
 
 
-def _line_entry(
-    line: FixedLine, wishes: PassOptions, defaults: PassOptions, ephemeris: str | None = None
-) -> ScheduleEntry:
+def _line_entry(line: FixedLine, wishes: PassOptions, defaults: PassOptions) -> ScheduleEntry:
     """Return the entry of a pass by fixed times; these count much more than others by default."""
     terms = terms_of(wishes, msgspec.structs.replace(defaults, priority=None), priority=FIXED_PRIORITY)
     if line.priority is not None:
@@ -330,7 +337,6 @@ def _line_entry(
         origin=line.origin,
         terms=terms,
         satellites=(line.satellite,),
-        ephemeris=ephemeris,
         fixed=(line.start_utc_s, line.end_utc_s),
     )
 

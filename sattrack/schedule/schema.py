@@ -436,7 +436,8 @@ class PassEntry(PassOptions, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     rule: str | None = None
     satellite: str | None = None
     satellites: tuple[str, ...] | None = None
-    ephemeris: str | None = None
+    ephemeris: str | tuple[str, ...] = ()
+    elements: str | None = None
     where: str | None = None
     from_: str | None = msgspec.field(default=None, name="from")
     to: str | None = None
@@ -448,8 +449,10 @@ class PassEntry(PassOptions, frozen=True, forbid_unknown_fields=True, kw_only=Tr
             raise ValueError("give one of rule, satellite and satellites: whose passes are these?")
         if self.satellites is not None and not self.satellites:
             raise ValueError("satellites is empty; name one")
-        if self.rule is not None and self.ephemeris is not None:
+        if self.rule is not None and self.ephemeris:
             raise ValueError("ephemeris is for an object by name: give satellite, as the file calls it")
+        if self.rule is not None and self.elements is not None:
+            raise ValueError("elements is for a satellite by name: write 'all of SOURCE' into the rule")
         if self.rule is not None and self.where is not None:
             raise ValueError("where is for satellites by name; write its conditions into the rule")
         if (self.from_ is None) != (self.to is None):
@@ -462,7 +465,8 @@ class FixedEntry(PassOptions, frozen=True, forbid_unknown_fields=True, kw_only=T
     satellite: str
     start: str
     end: str
-    ephemeris: str | None = None
+    ephemeris: str | tuple[str, ...] = ()
+    elements: str | None = None
     name: str | None = None
 
 

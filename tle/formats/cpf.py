@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from tle.earth import FIRST_MJD
-from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris, leaps_s
+from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris, leaps_s, without_poor_velocities
 from tle.errors import EphemerisError, TleError, printable
 from tle.formats.rows import Lines, tai_s
 from tle.instants import DAY_S, UNIX_EPOCH_MJD, Utc, tai_minus_utc_s
@@ -107,7 +107,7 @@ def _segments(lines: Lines, kinds: NDArray[np.bytes_], header: _CpfHeader) -> li
     _check_order(lines, which, since)
     velocities = _velocities(lines, which, kinds)
     use = [float(one.unix_s) + leaps_s(one.unix_s) - zero_s for one in (header.first, header.last)]
-    return [
+    segments = [
         Segment(
             zero_s,
             since[first:stop],
@@ -121,6 +121,9 @@ def _segments(lines: Lines, kinds: NDArray[np.bytes_], header: _CpfHeader) -> li
         for first, stop in _pieces(since, header.step_s)
         if min(use[1], float(since[stop - 1])) > max(use[0], float(since[first]))
     ]
+    if velocities is None:
+        return segments
+    return [without_poor_velocities(one, _LAGRANGE) for one in segments]
 
 
 def _line_of(lines: Lines, kinds: NDArray[np.bytes_], kind: bytes) -> int:

@@ -1,7 +1,7 @@
 """SP3, the orbits of navigation and geodetic satellites (versions a to d; Hilla 2016 for d).
 
 The format prescribes no interpolation; the IGS's practice is a polynomial of degree 10 or so. Rows with
-velocities are interpolated by Hermite's polynomial, others by Lagrange's.
+velocities are interpolated by Hermite's polynomial, others by Lagrange's, and so those with poor velocities.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris, utc_of_tai
+from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris, utc_of_tai, without_poor_velocities
 from tle.errors import EphemerisError, printable
 from tle.formats.rows import Lines, days_of, is_no_date, is_time_system, tai_s
 
@@ -269,7 +269,7 @@ def _segments(
     gap = np.zeros(len(at), dtype=bool)
     gap[1:] = np.diff(at) > _GAP * header.step_s + 1.0
     edges = [0, *(np.flatnonzero((gap | manoeuvre)[1:]) + 1).tolist(), len(at)] if len(at) else []
-    return [
+    segments = [
         Segment(
             zero_s,
             at[first:stop],
@@ -283,3 +283,6 @@ def _segments(
         )
         for first, stop in itertools.pairwise(edges)
     ]
+    if velocities is None:
+        return segments
+    return [without_poor_velocities(one, _LAGRANGE) for one in segments]

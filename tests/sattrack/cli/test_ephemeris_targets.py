@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 
@@ -189,6 +190,30 @@ def test_of_two_files_the_one_that_has_places_is_taken(ask, three, tmp_path):
     assert code == 0
     assert f"using {table}" in err
     assert "states no error, over" in err
+
+
+def test_two_sources_that_disagree_by_more_than_they_state_are_told(ask, three, tmp_path):
+    _, fresh, table = map(str, three)
+    late = tmp_path / "late.oem"
+    # A clock that was a minute off: the same rows, each a minute later.
+    begun, ended = (f"2026-10-02T{at}:00.000" for at in ("12:51", "13:29"))
+    lines = oem_text("2026-10-02T12:50:00Z", 40).splitlines()
+    head = next(k for k, line in enumerate(lines) if line == "META_STOP") + 1
+    times, places = zip(*(line.split(" ", 1) for line in lines[head:]), strict=True)
+    moved = [f"{time} {place}" for time, place in zip(times[1:], places[:-1], strict=True)]
+    meta = "\n".join(lines[:head]).replace("T12:50:00.000", "T12:51:00.000")
+    late.write_text("\n".join((meta, *moved)) + "\n")
+    assert moved[0].startswith(begun)
+    assert ended in late.read_text()
+    code, _, err = ask("ISS", "--ephemeris", table, "--ephemeris", str(late), *AT, *SPAN)
+    assert code == 0
+    (warning,) = [line for line in err.splitlines() if "warning" in line]
+    assert "late.oem" in warning
+    assert re.search(r" 4[56]\d km from where ", warning)
+    assert "one of the two is wrong" in warning
+    code, _, err = ask("ISS", "--ephemeris", table, "--elements", fresh, *AT, *SPAN, "--source", "best")
+    assert code == 0
+    assert "warning" not in err
 
 
 def test_the_best_is_that_for_the_pass_and_not_for_now(capsys, three, tmp_path):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
-from ephemeris_files import oem_text
+from ephemeris_files import ISS, oem_text
 
 from sattrack.cli.main import run
 
@@ -102,6 +102,10 @@ def test_they_are_rehearsed_and_run_in_virtual_time(capsys, schedule):
         ('satellite = "ISS"\nephemeris = "none.oem"', "none.oem: cannot read the ephemeris"),
         ('satellite = "Arcturrus"', "no elements"),
         ('rule = "all"\nephemeris = "iss.oem"', "ephemeris is for an object by name"),
+        ('rule = "all"\nelements = "iss.tle"', "elements is for a satellite by name"),
+        ('satellite = "HST"\nephemeris = ["iss.oem", "balloon.csv"]', "no object 'HST' in"),
+        ('satellite = "ISS"\nephemeris = ["iss.oem", "none.oem"]', "none.oem: cannot read the ephemeris"),
+        ('satellite = "ISS"\nephemeris = 7', "night.toml:5:13: "),
     ],
 )
 def test_what_cannot_be_scheduled_is_refused_with_its_line(capsys, schedule, entry, words):
@@ -112,3 +116,94 @@ def test_what_cannot_be_scheduled_is_refused_with_its_line(capsys, schedule, ent
     assert words in printed.err
     assert printed.err.count("\n") == 1
     assert "night.toml:" in printed.err
+
+
+COVARIANCE = """COVARIANCE_START
+EPOCH = 2026-10-02T13:05:00
+COV_REF_FRAME = RTN
+1e-4
+0 1e-4
+0 0 1e-4
+0 0 0 1e-9
+0 0 0 0 1e-9
+0 0 0 0 0 1e-9
+COVARIANCE_STOP
+"""
+SEVERAL = """
+from = 2026-10-02T12:45:00Z
+to = 2026-10-02T15:00:00Z
+park_at_end = false
+
+[defaults]
+if_sun_up = "run"
+
+[[passes]]
+satellite = "ISS"
+ephemeris = ["plain.oem", "stated.oem"]
+elements = "iss.tle"
+longest_s = 60
+"""
+
+
+@pytest.fixture
+def several(tmp_path):
+    text = oem_text("2026-10-02T12:50:00Z", 40)
+    (tmp_path / "plain.oem").write_text(text)
+    (tmp_path / "stated.oem").write_text(text.replace("SGP4", "CALM") + COVARIANCE)
+    (tmp_path / "iss.tle").write_text("\n".join(("ISS", *ISS)) + "\n")
+    path = tmp_path / "night.toml"
+    path.write_text(SEVERAL)
+    return path
+
+
+def test_each_pass_is_taken_by_the_best_of_the_ephemerides_of_its_entry(capsys, several):
+    # At 13:05 two files have it, and one states 17 m; at 14:41 the elements alone do.
+    assert run(["run", str(several), "--dry-run", "--json", *AROUND]) == 0
+    plan = json.loads(capsys.readouterr().out)
+    first, second = plan["passes"]
+    assert first["culminate_utc"][11:15] == "13:0"
+    assert "OEM by CALM" in first["source"]
+    assert first["expected_error_m"] == pytest.approx(17.3, abs=0.1)
+    assert second["culminate_utc"][11:15] == "14:4"
+    assert second["catalog_number"] == 25544
+    assert plan["lost"] == []
+    assert [one["passes"] for one in plan["asked"]] == [2]
+    assert run(["run", str(several), "--virtual", "--json", *AROUND]) == 0
+    capsys.readouterr()
+    assert run(["run", str(several), "--status", "--json"]) == 0
+    status = json.loads(capsys.readouterr().out)
+    assert [one["state"] for one in status["passes"]] == ["done", "done"]
+    assert all(one["rms_arcsec"] < 0.1 for one in status["passes"])
+
+
+def test_a_pass_of_which_the_best_file_lacks_some_is_taken_by_one_that_has_it_whole(capsys, several):
+    short = oem_text("2026-10-02T12:50:00Z", 15).replace("SGP4", "CALM") + COVARIANCE
+    (several.parent / "stated.oem").write_text(short)
+    several.write_text(SEVERAL.replace('elements = "iss.tle"\nlongest_s = 60', ""))
+    assert run(["run", str(several), "--dry-run", "--json", *AROUND]) == 0
+    (one,) = json.loads(capsys.readouterr().out)["passes"]
+    assert "OEM by SGP4" in one["source"]
+
+
+def test_an_entry_may_have_elements_of_its_own(capsys, several):
+    several.write_text(SEVERAL.replace('ephemeris = ["plain.oem", "stated.oem"]\n', ""))
+    assert run(["run", str(several), "--dry-run", "--json", *AROUND]) == 0
+    assert [one["name"] for one in json.loads(capsys.readouterr().out)["passes"]] == ["ISS", "ISS"]
+
+
+def test_elements_that_an_entry_names_and_that_are_not_there_are_refused(capsys, several):
+    (several.parent / "iss.tle").unlink()
+    assert run(["run", str(several), "--check", *AROUND]) == 2
+    printed = capsys.readouterr()
+    assert "iss.tle: cannot read elements: No such file" in printed.err
+    assert printed.err.count("\n") == 1
+
+
+def test_a_fixed_pass_is_by_the_best_of_its_ephemerides(capsys, several):
+    several.write_text(
+        'park_at_end = false\n\n[[fixed]]\nsatellite = "ISS"\nif_sun_up = "run"\n'
+        'ephemeris = ["plain.oem", "stated.oem"]\nstart = 2026-10-02T13:03:00Z\nend = 2026-10-02T13:06:00Z\n'
+    )
+    assert run(["run", str(several), "--dry-run", "--json", *AROUND]) == 0
+    (one,) = json.loads(capsys.readouterr().out)["passes"]
+    assert "OEM by CALM" in one["source"]
