@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -126,6 +127,11 @@ def _check(options: dict[str, Any], call: MountCall) -> None:
             raise BadInputError("give --camera SOURCE, or --by-hand to centre the stars yourself")
         if options["by_hand"] and not sys.stdin.isatty():
             raise BadInputError("--by-hand: there is no terminal whose keys could centre a star")
+    if call.described.mount.geometry is not None:
+        raise BadInputError(
+            f"the profile {call.described.name!r} has a geometry: star runs are for equatorial mounts; "
+            "`sattrack mount calibrate --axes` measures how its axes lie"
+        )
     if options["verify"]:
         if call.described.pointing is None:
             raise BadInputError(
@@ -211,7 +217,9 @@ def _ran(
         connection = stack.enter_context(call.connected())
         keys = stack.enter_context(any_key()) if options["by_hand"] else None
         stack.callback(renew)
-        session = ConsoleSession(call.console(), connection.now_utc_s())
+        # What the mount reports is measured: the run itself feeds it by its model.
+        own = msgspec.structs.replace(call.described, pointing=None)
+        session = ConsoleSession(replace(call, described=own).console(), connection.now_utc_s())
         run = StarRun(
             session,
             sky,

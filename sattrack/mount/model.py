@@ -530,12 +530,19 @@ class Seen(msgspec.Struct, frozen=True, gc=False):
     dec_current_a: float = 0.0
 
 
-def stance_of(status: Status, stands: bool) -> Stance:
-    """Return how a mount stands, for safety to judge; `stands` where its positions say standstill."""
+def stance_of(status: Status, stands: bool, frame: AxisFrame | None) -> Stance:
+    """Return how a mount stands, for safety to judge; `stands` where its positions say standstill.
+
+    With a `frame` right ascension and declination are those of the axes.
+    """
+    sidereal_deg, ra_deg, dec_deg = status.sidereal_h * 15.0, status.ra_h * 15.0, status.dec_deg
+    if frame is not None:
+        first_deg, dec_deg, _, _ = frame.of_report(sidereal_deg - ra_deg, dec_deg, 0.0, 0.0)
+        ra_deg = (sidereal_deg - first_deg) % 360.0
     return Stance(
-        sidereal_deg=status.sidereal_h * 15.0,
-        ra_deg=status.ra_h * 15.0,
-        dec_deg=status.dec_deg,
+        sidereal_deg=sidereal_deg,
+        ra_deg=ra_deg,
+        dec_deg=dec_deg,
         slewing=status.slewing,
         drives_at_rest=stands,
         beyond_pole=status.side_of_pier,
