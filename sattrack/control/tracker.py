@@ -252,7 +252,7 @@ class Tracker:
             self._sidereal.note(sample.sidereal_h * 15.0, utc_s)
         passage = self._satellite.passage
         seen = sample if passage is None else passage.unfolded(sample)
-        self.steering.clocks.note(utc_s, sample.ra_deg, sample.dec_deg)
+        self.steering.clocks.note(utc_s, *self._looks_at_deg(sample))
         believed = self.follower.take(seen, utc_s, self.phase in FOLLOWING)
         if self.rest is not None:
             self.rest.see(sample)
@@ -262,6 +262,14 @@ class Tracker:
         if believed:
             self._judge(self.error)
         return self.error
+
+    def _looks_at_deg(self, sample: StatusSample) -> tuple[float, float]:
+        """Return right ascension and declination to which the mount points, by its axes where they count."""
+        if self._frame is None:
+            return sample.ra_deg, sample.dec_deg
+        sidereal_deg = sample.sidereal_h * 15.0
+        hour_angle, dec = self._frame.direction(sidereal_deg - sample.ra_deg, sample.dec_deg)
+        return (sidereal_deg - hour_angle) % 360.0, dec
 
     def _face(self, beyond_pole: bool) -> None:
         """Feed by the pointing model of the side of the pole on which the mount stands."""
@@ -302,8 +310,6 @@ class Tracker:
 
     def _not_seen(self, seen: SeenOffset) -> str | None:
         """Return why an offset says nothing of where the target is: the mount was not on it."""
-        if self._frame is not None and self._frame.turns_field:
-            return "the field of this mount's camera rotates on the sky: offsets are not taken from it"
         utc_s, on_s = float(Utc.parse(seen.utc).unix_s), self._on_target_utc_s
         if self.phase is not Phase.TRACKING:
             return "the mount is not on the target"
