@@ -84,6 +84,8 @@ class Aim:
         self._by_axes = self._frame is not None and self._frame.geometry.reports == "axes"
         needs_air = self._model is not None or self._by_axes
         self._air = Refraction.standard(site.height_m) if needs_air else None
+        self.adds_air = True
+        """Whether directions are airless; else they are what the mount is fed, as they are."""
 
     def own_deg(self, ra_deg: float, dec_deg: float, at: MountInstant) -> tuple[float, float]:
         """Return where a mount stands for a direction of date: its own hour angle and declination, degrees.
@@ -94,8 +96,7 @@ class Aim:
         if not at.refracts:
             hour_angle, dec = self._bent(hour_angle, dec)
         if self._model is not None:
-            first, second = self._model.on_side(at.beyond_pole).axes_of(hour_angle, dec)
-            hour_angle, dec = float(first), float(second)
+            hour_angle, dec = self._model.on_side(at.beyond_pole).reported(hour_angle, dec)
         if self._frame is not None:
             hour_angle, dec, _, _ = self._frame.angles(hour_angle, dec)
         return hour_angle, dec
@@ -106,7 +107,7 @@ class Aim:
         if self._frame is not None:
             hour_angle, dec = self._frame.direction(hour_angle, dec)
         if self._model is not None:
-            hour_angle, dec = self._model.on_side(at.beyond_pole).direction_of(hour_angle, dec)
+            hour_angle, dec = self._model.on_side(at.beyond_pole).looks(hour_angle, dec)
         if not at.refracts:
             seen = hour_angle, dec
             for _ in range(AIR_ROUNDS):
@@ -133,7 +134,7 @@ class Aim:
 
     def _bent(self, hour_angle_deg: float, dec_deg: float) -> tuple[float, float]:
         """Return a direction as it is seen through the air."""
-        if self._air is None:
+        if self._air is None or not self.adds_air:
             return hour_angle_deg, dec_deg
         h, d, p = (math.radians(x) for x in (hour_angle_deg, dec_deg, self._site.latitude_deg))
         up = (math.cos(p), 0.0, math.sin(p))

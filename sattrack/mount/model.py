@@ -331,10 +331,12 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             return
         if self.stands_at is None:
             raise ValueError("geometry is given without stands_at: axes lie so at one site only; give both")
-        if self.pointing is not None:
+        if self.pointing is not None and (
+            self.pointing.axes != "altaz" or self.geometry.kind != "alt-azimuth"
+        ):
             raise ValueError(
-                "pointing and geometry are both given: pointing models are for equatorial mounts; "
-                "leave one of them out"
+                f"pointing is a model of {self.pointing.axes} axes, and geometry is {self.geometry.kind}: "
+                "a mount with a geometry has a model only where both are alt-azimuth; leave one of them out"
             )
         if self.geometry.reports == "sky" and self.additive:
             raise ValueError(
