@@ -1,6 +1,6 @@
 """How near a pointing model brings a mount to what it is told to point at: a stranger's mount, hidden errors.
 
-python bench/pointing.py [--draws N] [--stars N]
+python bench/pointing.py [--draws N] [--stars N] [--altaz]
 
 Each draw hides another mount (`strangers/tilted_mount.py`, rotations of vectors): polar axis up to 2° off in
 any direction, cone up to 10′, flexure up to 30″, a declination axis that leans up to 2′, index errors up to
@@ -10,6 +10,9 @@ each by trying, each axis shows 2″ of noise and each star is centred to 1″, 
 *minutes*: slews of 5°/s with 2°/s², 2 s of settling and 3 s for the frame and its solution.
 *held out*: where the telescope really looks when the model's axes are set for directions all over the sky,
 against the direction wanted, RMS. *within 2 sigma*: of all terms of all draws.
+
+With `--altaz` the first axis is up to 2° off the zenith instead: the same mount at the pole, its hour angles
+azimuths from the south. Directions within 5° of the zenith are left out.
 """
 
 from __future__ import annotations
@@ -47,11 +50,23 @@ class Draw(NamedTuple):
     within: list[bool]
 
 
-def hidden(rng: np.random.Generator) -> TiltedMount:
+ALTAZ_NAMES = {
+    "AN": ("pole_up", 1.0),
+    "AW": ("pole_west", -1.0),
+    "CA": ("cone", -1.0),
+    "NPAE": ("leaning", -1.0),
+    "IA": ("zero_ha", -1.0),
+    "IE": ("zero_dec", 1.0),
+}
+"""TPOINT's azimuth terms turn the other way round than hour angles of a mount at the pole."""
+ZENITH_DEG = 85.0
+
+
+def hidden(rng: np.random.Generator, latitude_deg: float = LATITUDE_DEG) -> TiltedMount:
     """Return a mount with errors drawn at random."""
     size, way = 7200.0 * math.sqrt(rng.random()), rng.uniform(0.0, 2.0 * math.pi)
     return TiltedMount(
-        LATITUDE_DEG,
+        latitude_deg,
         size * math.cos(way),
         size * math.sin(way),
         *(rng.uniform(-most, most) for most in (600.0, 120.0, 1800.0, 1800.0)),
@@ -68,15 +83,23 @@ def observed(ra_deg: float, dec_deg: float, seconds: float) -> tuple[float, floa
     return tuple(math.degrees(x) for x in (hour_angle, dec, math.pi / 2.0 - zenith, azimuth))
 
 
+def azimuths(mount: TiltedMount) -> bool:
+    """Tell whether a mount's first axis points to the zenith."""
+    return mount.latitude_deg == 90.0
+
+
 def look(mount: TiltedMount, place: tuple[float, float], seconds: float, rng: np.random.Generator) -> Star:
     """Return a star near a place (hour angle, declination) as the mount and its camera show it."""
     gst = math.degrees(erfa.gst06a(UTC_JD, seconds / 86400.0, UTC_JD, seconds / 86400.0))
-    h, d, *_ = observed((gst + LONGITUDE_DEG - place[0]) % 360.0, place[1], seconds)
+    h, d, altitude, azimuth = observed((gst + LONGITUDE_DEG - place[0]) % 360.0, place[1], seconds)
     wanted = local(h, d, LATITUDE_DEG)
     off = rng.normal(0.0, CENTROID_ARCSEC / 206264.8, 3)
     seen = wanted + off - wanted * float(off @ wanted)
-    axes = mount.stands(seen / np.linalg.norm(seen), place)
+    near = (math.remainder(azimuth - 180.0, 360.0), altitude) if azimuths(mount) else place
+    axes = mount.stands(seen / np.linalg.norm(seen), near)
     first, second = axes + rng.normal(0.0, ENCODER_ARCSEC / 3600.0, 2)
+    if azimuths(mount):
+        return Star(azimuth, altitude, float(first) + 180.0, float(second))
     return Star(h, d, float(first), float(second))
 
 
@@ -87,16 +110,30 @@ def slew_s(a: tuple[float, float], b: tuple[float, float]) -> float:
     return way / rate + rate / acceleration if way > ramp else 2.0 * math.sqrt(way / acceleration)
 
 
-def sky() -> np.ndarray:
+def sky(mount: TiltedMount) -> np.ndarray:
     """Return the directions that can be looked at."""
     places = grid_deg(LATITUDE_DEG)
     up = np.array([local(h, d, LATITUDE_DEG)[2] for h, d in places])
-    return places[up > math.sin(math.radians(LEAST_ALT_DEG))]
+    highest = math.sin(math.radians(ZENITH_DEG)) if azimuths(mount) else 1.0
+    return places[(up > math.sin(math.radians(LEAST_ALT_DEG))) & (up < highest)]
+
+
+def horizontal(places: np.ndarray) -> np.ndarray:
+    """Return azimuths and altitudes of hour angles and declinations."""
+    units = np.array([local(h, d, LATITUDE_DEG) for h, d in places])
+    azimuth = np.degrees(np.arctan2(units[:, 0], units[:, 1])) % 360.0
+    return np.stack([azimuth, np.degrees(np.arcsin(units[:, 2]))], axis=1)
+
+
+def fitted(mount: TiltedMount, stars: list[Star]) -> PointingFit:
+    """Return the model of a mount's stars."""
+    return fit(stars, LATITUDE_DEG, "altaz" if azimuths(mount) else "equatorial")
 
 
 def run(mount: TiltedMount, most: int, rng: np.random.Generator) -> tuple[PointingFit, float]:
     """Return the model that a run finds, and how long it took, minutes."""
-    places = sky()
+    places = sky(mount)
+    over = horizontal(places) if azimuths(mount) else places
     places = places[chosen(places, most)]
     places = places[toured(places, (0.0, LATITUDE_DEG))]
     stars, seconds, at = [], 0.0, (0.0, LATITUDE_DEG)
@@ -105,29 +142,35 @@ def run(mount: TiltedMount, most: int, rng: np.random.Generator) -> tuple[Pointi
         at = tuple(place)
         stars.append(look(mount, at, seconds, rng))
         if len(stars) >= FEWEST_STARS:
-            found = fit(stars, LATITUDE_DEG)
-            if found.predicted_arcsec(sky()) < ASKED_ARCSEC:
+            found = fitted(mount, stars)
+            if found.predicted_arcsec(over) < ASKED_ARCSEC:
                 break
-    return fit(stars, LATITUDE_DEG), seconds / 60.0
+    return fitted(mount, stars), seconds / 60.0
 
 
 def held_out(mount: TiltedMount, model: PointingModel) -> float:
     """Return by how much the telescope misses directions that no star was at, RMS, arcseconds."""
-    places = sky() + np.array([2.0, 1.0])
-    off = [
-        apart_arcsec(mount.looks(*model.axes_of(h, d)), local(h, d, LATITUDE_DEG))
-        for h, d in places
-        if local(h, d, LATITUDE_DEG)[2] > math.sin(math.radians(LEAST_ALT_DEG))
-    ]
+    places = sky(mount) + np.array([2.0, 1.0])
+    places = places[[local(h, d, LATITUDE_DEG)[2] > math.sin(math.radians(LEAST_ALT_DEG)) for h, d in places]]
+    off = []
+    for (h, d), (azimuth, altitude) in zip(places, horizontal(places), strict=True):
+        if azimuths(mount):
+            first, second = model.axes_of(-azimuth, altitude)
+            stands = -float(first) - 180.0, float(second)
+        else:
+            stands = model.axes_of(h, d)
+        off.append(apart_arcsec(mount.looks(*stands), local(h, d, LATITUDE_DEG)))
     return math.sqrt(sum(one * one for one in off) / len(off))
 
 
-def draw(number: int, most: int) -> Draw:
+def draw(number: int, most: int, latitude_deg: float) -> Draw:
     """Return what comes of one hidden mount."""
     rng = np.random.default_rng(number)
-    mount = hidden(rng)
+    mount = hidden(rng, latitude_deg)
     found, minutes = run(mount, most, rng)
     truth = {name: getattr(mount, known) for name, known in NAMES.items()} | {"TF": -mount.sag}
+    if azimuths(mount):
+        truth |= {name: sign * getattr(mount, known) for name, (known, sign) in ALTAZ_NAMES.items()}
     sigmas = np.sqrt(np.diag(found.covariance))
     within = [
         abs(value - truth.get(name, 0.0)) <= 2.0 * sigma
@@ -140,7 +183,7 @@ def troubles() -> list[str]:
     """Return what becomes of runs that go wrong, one line each."""
     rng = np.random.default_rng(7)
     mount = hidden(rng)
-    places = sky()[chosen(sky(), 20)]
+    places = sky(mount)[chosen(sky(mount), 20)]
     good = [look(mount, tuple(place), 20.0 * k, rng) for k, place in enumerate(places)]
     three = fit(good[:3], LATITUDE_DEG)
     wrong = list(good)
@@ -181,8 +224,10 @@ def main() -> None:
     )
     parser.add_argument("--draws", type=int, default=200)
     parser.add_argument("--stars", type=int, default=30)
+    parser.add_argument("--altaz", action="store_true")
     options = parser.parse_args()
-    draws = [draw(number, options.stars) for number in range(options.draws)]
+    latitude_deg = 90.0 if options.altaz else LATITUDE_DEG
+    draws = [draw(number, options.stars, latitude_deg) for number in range(options.draws)]
     print(f"{len(draws)} hidden mounts   median   95 %   worst")
     for name, values in (
         ("stars", [one.found.stars for one in draws]),
@@ -195,7 +240,8 @@ def main() -> None:
         print(f"{name:20} {middle:7.2f} {most:7.2f} {worst:7.2f}")
     within = [one for found in draws for one in found.within]
     print(f"terms within 2 sigma  {100.0 * sum(within) / len(within):.1f} % of {len(within)}")
-    print("\n".join(troubles()))
+    if not options.altaz:
+        print("\n".join(troubles()))
 
 
 if __name__ == "__main__":

@@ -60,7 +60,8 @@ MEANINGS = {
     "safety.clock_tolerance_s": "how far the mount's sidereal clock may differ from this computer's",
     "camera.fov_deg": "diameter of the field of view",
     "camera.scale_arcsec_px": "arcseconds in a pixel, for offsets in pixels",
-    "camera.rotation_deg": "position angle of the image's up, from north through east; 0 if left out",
+    "camera.rotation_deg": "position angle of the image's up, from north through east (from the tube's up "
+    "where the field rotates); 0 if left out",
     "camera.flipped": "whether the image is mirrored; not if left out",
     "camera.kind": "`coarse`: it finds the target; `fine`: the target is centred in it",
     "cameras": "tables `[cameras.NAME]` with the keys of `camera`, for offsets of the camera of that name",

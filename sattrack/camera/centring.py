@@ -68,6 +68,12 @@ class ImageGeometry:
         scale = math.degrees(size_um * 1e-3 / focal_mm) * 3600.0
         return ImageGeometry(scale, self.rotation_deg, self.flipped)
 
+    def turned(self, angle_deg: float) -> ImageGeometry:
+        """Return the same of a tube that is turned on the sky, north through east."""
+        if self.rotation_deg is None or not angle_deg:
+            return self
+        return ImageGeometry(self.scale_arcsec_px, wrap180(self.rotation_deg + angle_deg), self.flipped)
+
 
 class Solution(NamedTuple):
     """A field that was found among the stars: ICRS, degrees; the middle of the image."""

@@ -298,7 +298,16 @@ class ObservationLink:
         """Return how stars and the satellite move in an image, by the run's views about its instant."""
         from sattrack.camera.centring import expected
 
-        return expected(self._views, float(frame.utc.unix_s), geometry)
+        return expected(self._views, float(frame.utc.unix_s), geometry.turned(self.field_angle_deg(frame)))
+
+    def field_angle_deg(self, frame: CameraFrame) -> float:
+        """Return by how much the tube was turned against the sky at a frame; 0 for an equatorial mount."""
+        utc_s = float(frame.utc.unix_s)
+        known = [view for view in self._views if view.axes is not None]
+        if not known:
+            return 0.0
+        near = min(known, key=lambda view: abs(view.utc_s - utc_s))
+        return float(near.axes.field_angle_deg + (utc_s - near.utc_s) * near.axes.field_rate_deg_s)
 
     def send(self, message: Any) -> bool:
         """Send an observation; return whether it went."""
@@ -316,7 +325,8 @@ class ObservationLink:
         due = now_s - self._shown_s >= 1.0 / PICTURES_A_SECOND
         if not self._side or not due or self._lines.waiting or self.ended:
             return
-        line = msgspec.json.encode(picture(frame, detection, geometry, seen, self._side)) + b"\n"
+        lies = geometry.turned(self.field_angle_deg(frame))
+        line = msgspec.json.encode(picture(frame, detection, lies, seen, self._side)) + b"\n"
         if len(line) <= MOST_PICTURE_BYTES:
             self._shown_s = now_s
             self._lines.send(line)
@@ -364,15 +374,17 @@ class Looker:
         self._making: subprocess.Popen[bytes] | None = None
         self._told = ""
 
-    def look(self, frame: CameraFrame, expected: ExpectedMotion | None) -> tuple[Centred, Detection]:
-        """Return what one frame comes to."""
+    def look(
+        self, frame: CameraFrame, expected: ExpectedMotion | None, field_angle_deg: float = 0.0
+    ) -> tuple[Centred, Detection]:
+        """Return what one frame comes to; `field_angle_deg` is how the tube was turned against the sky."""
         from sattrack.camera.centring import centred
 
         detection = self.detector.look(frame, expected)
-        solution = self._solution(frame, detection)
+        solution = self._solution(frame, detection, field_angle_deg)
         return centred(frame, detection, self.geometry.of_header(frame), solution, self.name), detection
 
-    def _solution(self, frame: CameraFrame, detection: Detection) -> Solution | None:
+    def _solution(self, frame: CameraFrame, detection: Detection, field_angle_deg: float) -> Solution | None:
         from sattrack.camera.centring import FEWEST_STARS, ImageGeometry, contradiction
 
         scale = self.geometry.of_header(frame).scale_arcsec_px
@@ -385,11 +397,12 @@ class Looker:
         solution = self._solver.solve(frame.pixels.shape, detection.stars)
         if solution is None or not self.lies_still:
             return solution
-        wrong = contradiction(self.geometry, solution)
+        wrong = contradiction(self.geometry.turned(field_angle_deg), solution)
         if wrong is not None:
             self._tell(wrong)
         # What the stars have shown holds for frames without a solution too.
-        self.geometry = ImageGeometry(solution.scale_arcsec_px, solution.rotation_deg, solution.flipped)
+        shown = ImageGeometry(solution.scale_arcsec_px, solution.rotation_deg, solution.flipped)
+        self.geometry = shown.turned(-field_angle_deg)
         return solution
 
     def _made_solver(self, fov_deg: float) -> Solver | None:
@@ -452,7 +465,8 @@ def _watch(
         if run is not None:
             run.hear()
             expected = run.expected(item, look.geometry.of_header(item))
-        seen, detection = look.look(item, expected)
+        turned_deg = 0.0 if run is None else run.field_angle_deg(item)
+        seen, detection = look.look(item, expected, turned_deg)
         if run is not None and seen.field is not None:
             run.send(seen.field)
         if run is not None and seen.message is not None and not run.send(seen.message):

@@ -49,7 +49,7 @@ from sattrack.core.errors import (
 )
 from sattrack.core.process import self_command
 from sattrack.mount.alpaca.device import J2000_SYSTEM
-from sattrack.mount.model import LinkView, Readings, Slew, Status
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, LinkView, Readings, Slew, Status
 from sattrack.mount.requests import (
     Abort,
     FindHome,
@@ -160,6 +160,10 @@ def resolve(context: CommandContext, options: dict[str, Any], needs_site: bool =
         site = demo_pass.SITE.place()
     if site is not None and address is not None:
         address = address.seen_from(site)
+    if site is not None and needs_site and described.pointing is not None:
+        from sattrack.runtime.facts import pointing_of
+
+        pointing_of(described.mount, site)
     return MountCall(context, address, described, site, context.clock(), timeout_s)
 
 
@@ -174,6 +178,8 @@ class VerbResult(msgspec.Struct, frozen=True):
     mount_stopped: bool | None
     """Whether the mount was stopped at the end and seen at rest; null where it was not stopped."""
     hour_angle_deg: float | None
+    looks_at_deg: tuple[float, float] | None
+    """Right ascension and declination in which the telescope looks, by geometry and pointing model."""
     mount: str
     status: Status | None
     readings: Readings
@@ -231,6 +237,7 @@ def tell_result(
         ended_by=ended_by,
         mount_stopped=mount_stopped,
         hour_angle_deg=view.hour_angle_deg,
+        looks_at_deg=view.looks_at_deg,
         mount=view.mount,
         status=view.status,
         readings=view.readings,
@@ -284,7 +291,8 @@ def move(
 
     The rates are those of the reported right ascension and declination, in degrees of the axis per second: 0
     stays with the stars, positive goes east (right ascension grows) and north. An axis without a rate keeps
-    its motion. The mount's profile gives the signs of the motors.
+    its motion. The mount's profile gives the signs of the motors. With a geometry in the profile they are
+    rates of the axes: 0 stands, --ra-rate turns the first axis against its angle, --dec-rate the second.
 
     \b
     Examples:
@@ -293,11 +301,13 @@ def move(
     if not 0.0 < seconds <= LONGEST_MOVE_S:
         raise BadInputError(f"--seconds {seconds:g}: give seconds, above 0 and {LONGEST_MOVE_S:g} at most")
     call = resolve(context, options)
-    request = MoveAxis(ra_rate, dec_rate)
+    request = sent = MoveAxis(ra_rate, dec_rate)
+    if call.described.mount.geometry is not None:
+        sent = MoveAxis(SIDEREAL_RATE_DEG_S + (ra_rate or 0.0), dec_rate or 0.0)
     call.check(request)
     asked = {"type": "move", "ra_rate_deg_s": ra_rate, "dec_rate_deg_s": dec_rate, "seconds": seconds}
     text = f"{request_text(request)} for {seconds:g} s"
-    return perform(call, MoveFor(request, seconds), asked, text)
+    return perform(call, MoveFor(sent, seconds), asked, text)
 
 
 @click.command("pulse")
@@ -367,6 +377,9 @@ class DirectionCommand(click.Command):
 @mount_options
 def slew(context: CommandContext, ra: str, dec: str, **options: Any) -> int:
     """Go to RA and DEC, of date as the mount reports them, and track there. Ends when the slew has ended.
+
+    With a pointing model in the profile the telescope looks at RA and DEC, air included. A mount with a
+    geometry is led there by rates, and stopped at the end: then it tracks if it tracked before.
 
     \b
     Examples:

@@ -57,11 +57,6 @@ def what_is_served(
     """
     url, address = context.mount(mount_url)
     described = context.profile(profile, url)
-    if described.mount.geometry is not None:
-        raise BadInputError(
-            f"the profile {described.mount.name!r} has a geometry: only `sattrack track` follows with such a "
-            "mount; clients of a server point equatorial ones"
-        )
     practising = address is None and not context.has_site()
     site = demo_pass.SITE.place() if practising else context.site()
     clock = context.clock()

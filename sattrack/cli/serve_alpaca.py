@@ -435,10 +435,19 @@ def without_places(described: ProfileFile, address: MountAddress | None) -> Prof
 def abilities_of(connection: Connection, address: MountAddress | None, profile: MountProfile) -> Abilities:
     """Return what clients may ask of the mount at the other end of a connection."""
     link = connection.link
+    led = profile.geometry is not None
     if address is None or not isinstance(link, GatewayLink):
-        return Abilities()
+        return Abilities(syncs=not led, guides=not led, fine_rates=not led)
     facts = link.facts
     ra_gain, dec_gain = _gains(profile)
+    if led:
+        rates = (
+            _own_rates(facts.primary_rates, ra_gain, 0.0),
+            _own_rates(facts.secondary_rates, dec_gain, 0.0),
+        )
+        return Abilities(
+            syncs=False, guides=False, guide_rates=False, fine_rates=False, axis_rates_deg_s=rates
+        )
     return Abilities(
         slews=facts.can_slew,
         syncs=facts.can_sync,

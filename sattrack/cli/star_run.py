@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from sattrack.mount.profiles import ProfileFile
     from sattrack.pointing.files import RunParameters
     from sattrack.pointing.fit import PointingFit, Star
+    from sattrack.pointing.terms import Axes
     from sattrack.runtime.star_run import RunSky, StarRun
     from tle.refraction import Refraction
     from tle.site import Site
@@ -96,9 +98,10 @@ def command(context: CommandContext, **options: Any) -> int:
     _check(options, call)
     site = call.site
     assert site is not None
-    known = _known(options, site)
+    axes = _axes(call.described)
+    known = _known(options, site, axes)
     if options["fit_only"]:
-        return _conclude(context, options, call.described, _fitted(known, site), known)
+        return _conclude(context, options, call.described, _fitted(known, site, axes), known)
     run = _ran(context, options, call, site, known)
     if options["verify"]:
         return _judge(context, options, call.described, run)
@@ -107,7 +110,7 @@ def command(context: CommandContext, **options: Any) -> int:
     if run.trouble is None and options["data"].exists():
         with options["data"].open("a", encoding="utf-8") as file:
             file.write("END\n")
-    code = _conclude(context, options, call.described, _fitted(run.counting, site), run.counting)
+    code = _conclude(context, options, call.described, _fitted(run.counting, site, axes), run.counting)
     if run.trouble is not None:
         raise type(run.trouble)(
             f"{run.trouble}; {len(run.counting)} stars were fitted, and --continue goes on"
@@ -126,6 +129,12 @@ def _check(options: dict[str, Any], call: MountCall) -> None:
             raise BadInputError("give --camera SOURCE, or --by-hand to centre the stars yourself")
         if options["by_hand"] and not sys.stdin.isatty():
             raise BadInputError("--by-hand: there is no terminal whose keys could centre a star")
+    geometry = call.described.mount.geometry
+    if geometry is not None and geometry.kind != "alt-azimuth":
+        raise BadInputError(
+            f"the geometry of the profile {call.described.name!r} is {geometry.kind}: star runs are for "
+            "equatorial and alt-azimuth mounts; `sattrack mount calibrate --axes` measures how its axes lie"
+        )
     if options["verify"]:
         if call.described.pointing is None:
             raise BadInputError(
@@ -147,7 +156,12 @@ def _target(options: dict[str, Any]) -> Path | None:
     return found
 
 
-def _known(options: dict[str, Any], site: Site) -> list[Star]:
+def _axes(described: ProfileFile) -> Axes:
+    """Return what the mount's axes are."""
+    return "equatorial" if described.geometry is None else "altaz"
+
+
+def _known(options: dict[str, Any], site: Site, axes: Axes) -> list[Star]:
     """Return the stars of a run that goes on.
 
     Raises BadInputError where stars would be lost, or are of another mount.
@@ -171,7 +185,7 @@ def _known(options: dict[str, Any], site: Site) -> list[Star]:
         path.unlink()
         return []
     text = path.read_text(encoding="utf-8", errors="replace")
-    run, stars = read_stars(text, str(path))
+    run, stars = read_stars(text, str(path), axes)
     if abs(run.latitude_deg - site.latitude_deg) > 0.1:
         raise BadInputError(
             f"--data {path}: its stars were seen from latitude {run.latitude_deg:.2f}°, and the site is at "
@@ -211,7 +225,9 @@ def _ran(
         connection = stack.enter_context(call.connected())
         keys = stack.enter_context(any_key()) if options["by_hand"] else None
         stack.callback(renew)
-        session = ConsoleSession(call.console(), connection.now_utc_s())
+        # What the mount reports is measured: the run itself feeds it by its model.
+        own = msgspec.structs.replace(call.described, pointing=None)
+        session = ConsoleSession(replace(call, described=own).console(), connection.now_utc_s())
         run = StarRun(
             session,
             sky,
@@ -280,9 +296,9 @@ def _keeper(options: dict[str, Any], sky: RunSky, known: list[Star]) -> Any:
     def keep(star: Star) -> None:
         if options["verify"]:
             return
-        text = star_line(star)
+        text = star_line(star, sky.axes)
         if not begun[0]:
-            text = stars_head("sattrack star-run", _parameters(sky.site, sky.air)) + text
+            text = stars_head("sattrack star-run", _parameters(sky.site, sky.air), sky.axes) + text
             begun[0] = True
         try:
             with path.open("a", encoding="utf-8") as file:
@@ -301,10 +317,10 @@ def _parameters(site: Site, air: Refraction | None) -> RunParameters:
     return RunParameters(site.latitude_deg, utc_now()[:10], temperature, pressure, site.height_m)
 
 
-def _fitted(stars: list[Star], site: Site) -> PointingFit:
+def _fitted(stars: list[Star], site: Site, axes: Axes) -> PointingFit:
     from sattrack.pointing.fit import fit
 
-    return fit(stars, site.latitude_deg)
+    return fit(stars, site.latitude_deg, axes)
 
 
 def _conclude(

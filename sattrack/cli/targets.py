@@ -304,7 +304,7 @@ def _chosen(origins: list[_Origin], key: str, wanted: Wanted, site: Site | None)
     return best
 
 
-def _tell_disagreement(best: Candidate, other: Candidate) -> None:
+def _tell_disagreement(best: EphemerisChoice, other: EphemerisChoice) -> None:
     """Tell where two ephemerides of one object are much further apart than they state."""
     from tle.earth import EarthOrientation
 

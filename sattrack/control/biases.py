@@ -157,6 +157,7 @@ PATTERNS_KEPT = 4
 class Camera(NamedTuple):
     """How a camera's image lies on the sky: the position angle of its y axis, and whether it is mirrored.
 
+    On a mount whose field rotates the angle is that from the tube's own up, where growing second angles lead.
     Not mirrored, north up has east to the left. A coarse camera finds what a fine one is centred on.
     """
 
@@ -196,6 +197,9 @@ class Biases:
         self._profile = profile
         self._camera = camera
         self._rotation = math.radians(camera.rotation_deg)
+        frame = profile.frame
+        self._frame = frame if frame is not None and frame.turns_field else None
+        """The axes of a mount whose camera turns on the sky; None where it stands still."""
         self.course = Course(propagator)
         self.offsets = {ALONG: Offset(start.along_s), CROSS: Offset(start.cross_deg)}
         self.offsets |= {what: Offset() for what in ON_SKY}
@@ -215,7 +219,7 @@ class Biases:
     def at(self, utc_s: float) -> Direction:
         """Return the direction to feed at an instant."""
         direction = self._on_track(utc_s)
-        return direction.turned(self._turn(utc_s)) if self._turned else direction
+        return direction.turned(self._turn(utc_s, direction)) if self._turned else direction
 
     @property
     def known_since_utc_s(self) -> float:
@@ -232,10 +236,21 @@ class Biases:
         x, y, z = (float(value) for value in fed.unit)
         flat = max(1e-9, math.hypot(x, y))
         east, north = np.array([-y, x, 0.0]) / flat, np.array([-z * x, -z * y, flat * flat]) / flat
-        c, s = math.cos(math.radians(camera.rotation_deg)), math.sin(math.radians(camera.rotation_deg))
+        lies = math.radians(camera.rotation_deg) + self._field(fed)[0]
+        c, s = math.cos(lies), math.sin(lies)
         right = (east * c - north * s) * (1.0 if camera.flip else -1.0)
         up = north * c + east * s
         return Image(name, camera.kind == "coarse", fed.unit, fed.unit_rate, right, up, dx, dy)
+
+    def _field(self, fed: Direction) -> tuple[float, float]:
+        """Return how the tube is turned against the sky where it is fed to, and how fast: rad, rad/s."""
+        if self._frame is None:
+            return 0.0, 0.0
+        axes = self._frame.angles(
+            float(fed.ha_deg), float(fed.dec_deg), float(fed.ha_rate_deg_s), float(fed.dec_rate_deg_s)
+        )
+        turned = self._frame.field_angle_deg(axes.first_deg, axes.second_deg)
+        return math.radians(turned), math.radians(self._frame.field_rate_deg_s(*axes))
 
     def _on_track(self, utc_s: float) -> Direction:
         """Return the direction at an instant with all that is along the track and across it."""
@@ -336,7 +351,7 @@ class Biases:
             cross.acceleration * slope + 2.0 * cross.rate * off,
         )
 
-    def _turn(self, utc_s: float) -> SkyTurn:
+    def _turn(self, utc_s: float, fed: Direction) -> SkyTurn:
         at = {what: self.offsets[what].state(utc_s) for what in self._turned}
         east, north, pole, x, y = (
             at.get("ra_cos_dec_deg", REST),
@@ -345,13 +360,15 @@ class Biases:
             at.get("camera_x_deg", REST),
             at.get("camera_y_deg", REST),
         )
-        c, s = math.cos(self._rotation), math.sin(self._rotation)
+        turned, turning = self._field(fed) if x.value or y.value or x.rate or y.rate else (0.0, 0.0)
+        c, s = math.cos(self._rotation + turned), math.sin(self._rotation + turned)
+        to_east, to_north = x.value * c + y.value * s, y.value * c - x.value * s
         return SkyTurn(
-            east.value + x.value * c + y.value * s,
-            north.value - x.value * s + y.value * c,
+            east.value + to_east,
+            north.value + to_north,
             pole.value,
-            east.rate + x.rate * c + y.rate * s,
-            north.rate - x.rate * s + y.rate * c,
+            east.rate + x.rate * c + y.rate * s + turning * to_north,
+            north.rate - x.rate * s + y.rate * c - turning * to_east,
             pole.rate,
         )
 

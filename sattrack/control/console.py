@@ -18,8 +18,11 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from sattrack.control.aim import Aim, Lead, MountInstant, MountSidereal
 from sattrack.control.driver import Driver, StopProcedure, limit_text, site_warnings
+from sattrack.control.following import Follower
 from sattrack.control.manual_operation import (
+    DONE,
     LISTEN_S,
     LISTEN_STATUSES,
     Outcome,
@@ -53,13 +56,13 @@ from sattrack.mount.requests import (
     objection,
 )
 from sattrack.mount.xerxes.link import LinkState
-from sattrack.safety import Safety
+from sattrack.safety import ROWS, Safety
 from sattrack.settings import NO_SITE
 from sattrack.views.messages import ConsoleMessage, Jog, Leave, Reset
 from sattrack.views.run import AskedView, ConsoleView
 
 if TYPE_CHECKING:
-    from sattrack.mount.model import LinkView, Motion, MountProfile, Status, StatusSample
+    from sattrack.mount.model import AxesPosition, LinkView, Motion, MountProfile, Status, StatusSample
     from sattrack.safety import SafetyLimits
     from tle.site import Site
 
@@ -86,14 +89,27 @@ class Console(Driver):
     """One mount under manual operation.
 
     `site` None: nothing that altitude decides about can be asked for. `stranger_hosts` and the count in
-    `session.health.strangers` are set by the owner of the socket.
+    `session.health.strangers` are set by the owner of the socket. A mount with a geometry is led by rates,
+    to a direction and with the sky after it.
     """
+
+    by_axes = True
 
     def __init__(
         self, profile: MountProfile, limits: SafetyLimits, site: Site | None, mount_name: str
     ) -> None:
         self.limits, self.site = limits, site
         super().__init__(profile, self._new_safety(profile))
+        own = profile.frame is not None or profile.pointing is not None
+        self.sky_aim = Aim(profile, site) if own and site is not None else None
+        """Where the telescope looks; None where the mount's own coordinates are all that is known."""
+        self.lead: Lead | None = None
+        """What rates lead a mount with a geometry to, or keep it at; None while nothing does."""
+        self._left: Lead | None = None
+        """What it was kept at before a motion by hand."""
+        longitude_deg = 0.0 if site is None else site.longitude_deg
+        self._sidereal = MountSidereal(longitude_deg)
+        self._follower = None if self.frame is None else Follower(profile, longitude_deg)
         self.mount_name = mount_name
         self.outcome: Outcome | None = None
         """How the last procedure ended; None while one is under way."""
@@ -108,6 +124,7 @@ class Console(Driver):
         self.jogs = Jogs()
         self.asked: deque[RequestEntry] = deque(maxlen=REMEMBERED)
         self._count = 0
+        self._now_utc_s = 0.0
         self.refusal: str | None = None
         self._move_begun = False
         self._ending_ticks = 0
@@ -161,6 +178,12 @@ class Console(Driver):
 
     def _take(self, sample: StatusSample, restarts: int) -> None:
         """Take in a sample; `restarts` of the mount had been seen before it."""
+        if self._follower is not None:
+            utc_s = self._follower.date(sample)
+            self._follower.take(sample, utc_s, isinstance(self.in_force, MoveAxes))
+            self._sidereal.note(sample.sidereal_h * 15.0, utc_s)
+            if self.lead is not None:
+                self.lead.see(sample, utc_s)
         if self.session.health.restarts > restarts and isinstance(self.session.wanted, MoveAxes):
             self._stop("restart", "the mount restarted meanwhile: it is not moved again until you ask")
         longitude_deg = self._longitude_deg()
@@ -183,6 +206,7 @@ class Console(Driver):
 
     def begin(self, procedure: Procedure, now_utc_s: float) -> RequestRefused | None:
         """Carry out a procedure, in place of any that is under way; return why not, where it is refused."""
+        before = self.lead or self._left
         if self.jogs:
             # A jog lives by its key alone: nothing else may carry its motion on.
             self.jogs.clear()
@@ -190,6 +214,8 @@ class Console(Driver):
         refusal = procedure.begin(self, now_utc_s)
         if refusal is not None:
             return self._refuse(refusal)
+        moves = isinstance(self.session.wanted, MoveAxes) and self.lead is None
+        self._left = before if moves else None
         self.procedure, self.outcome, self.trouble, self.refusal = procedure, None, None, None
         self.jogs.clear()
         return None
@@ -199,6 +225,8 @@ class Console(Driver):
         refusal = self._objection(request)
         if refusal is not None:
             return refusal
+        if isinstance(request, MoveAxis) and self.frame is not None:
+            request = self._both_axes(request)
         status = self.session.status
         cleared = self.safety.clear_request(request, self.session.stance, now_utc_s)
         if isinstance(cleared, str):
@@ -206,6 +234,7 @@ class Console(Driver):
         if isinstance(request, Abort):
             self.jogs.blocked = True
         self._move_begun = False
+        self.lead = None
         ticket = self.session.submit(cleared)
         self._count += 1
         self.asked.append(RequestEntry(self._count, ticket, now_utc_s))
@@ -223,8 +252,10 @@ class Console(Driver):
         if refusal is not None:
             return self._refuse(refusal)
         self.refusal, self.trouble = None, None
+        if self.lead is not None:
+            self.lead, self._left = None, self.lead
         self.jogs.move(ra_rate_deg_s, dec_rate_deg_s, now_utc_s)
-        self._apply(self._jogged(), now_utc_s)
+        self._apply(self._jogged(now_utc_s), now_utc_s)
         return None
 
     def abort(self, now_utc_s: float) -> None:
@@ -248,6 +279,7 @@ class Console(Driver):
 
     def tick(self, now_utc_s: float) -> bytes:
         """Return the datagram to send now; call once a period."""
+        self._now_utc_s = now_utc_s
         self._watch_link(now_utc_s)
         if self.failed is None:
             self._end_jogs(now_utc_s)
@@ -261,6 +293,8 @@ class Console(Driver):
         elif self.stopping_since_utc_s is None:
             self.stopping_since_utc_s = now_utc_s
         datagram = self.compose(now_utc_s)
+        if self._follower is not None and self.sent_motion is not None:
+            self._follower.note_sent(self.sent_motion, now_utc_s)
         self._move_begun = self._move_begun or self.session.begun_move is not None
         return datagram
 
@@ -278,7 +312,116 @@ class Console(Driver):
     def _new_safety(self, profile: MountProfile) -> Safety:
         if self.site is None:
             return Safety(profile, self.limits, 0.0)
-        return Safety(profile, self.limits, self.site.latitude_deg, self.site.longitude_deg)
+        safety = Safety(profile, self.limits, self.site.latitude_deg, self.site.longitude_deg)
+        safety.choose_turn((0.0, 0.0))
+        return safety
+
+    # Where the telescope looks.
+
+    def _instant(self, now_utc_s: float) -> MountInstant:
+        """Return the instant of the last sample, and how the mount stands at it."""
+        sample = self.session.sample
+        assert sample is not None
+        return MountInstant(now_utc_s, sample.sidereal_h * 15.0, sample.does_refraction, sample.beyond_pole)
+
+    @property
+    def looks_at_deg(self) -> tuple[float, float] | None:
+        """Right ascension and declination of date in which the telescope looks.
+
+        None where the mount's own coordinates are all that is known of it.
+        """
+        sample = self.sample
+        return None if self.sky_aim is None or sample is None else self.sky_aim.looks_at_deg(sample)
+
+    def aim(
+        self, request: Slew, place: AxesPosition | None, now_utc_s: float
+    ) -> Slew | Lead | RequestRefused:
+        """Return the slew by which the telescope looks in a direction, or how rates lead it there."""
+        words = objection(request, self.profile)
+        refusal = self._objection(request) if words is None else RequestRefused(words)
+        if refusal is not None:
+            return refusal
+        if self.session.sample is None:
+            return RequestRefused("the mount has not been heard yet")
+        if self.frame is not None:
+            return self._led(request, place, now_utc_s)
+        if self.sky_aim is None or place is not None:
+            return request
+        at = self._instant(now_utc_s)
+        west = math.remainder(at.sidereal_deg - request.ra_deg, 360.0) > 0.0
+        at = at._replace(beyond_pole=west and self.profile.pier_rule == "hour_angle")
+        return Slew(*self._reported(request.ra_deg, request.dec_deg, at))
+
+    def synced(self, request: Sync, now_utc_s: float) -> Sync:
+        """Return what to have the mount report for a telescope that looks in a direction."""
+        if self.sky_aim is None or self.frame is not None or self.session.sample is None:
+            return request
+        return Sync(*self._reported(request.ra_deg, request.dec_deg, self._instant(now_utc_s)))
+
+    def _reported(self, ra_deg: float, dec_deg: float, at: MountInstant) -> tuple[float, float]:
+        """Return the right ascension and declination that an equatorial mount reports for a direction."""
+        assert self.sky_aim is not None
+        hour_angle, dec = self.sky_aim.own_deg(ra_deg, dec_deg, at)
+        if abs(dec) > 90.0:
+            hour_angle, dec = hour_angle + 180.0, math.copysign(180.0, dec) - dec
+        return (at.sidereal_deg - hour_angle) % 360.0, dec
+
+    def _led(self, request: Slew, place: AxesPosition | None, now_utc_s: float) -> Lead | RequestRefused:
+        """Begin to lead a mount with a geometry to a direction, or to a place of its axes."""
+        sample = self.sample
+        assert sample is not None
+        lead = self._lead_to(request.ra_deg, request.dec_deg, place, now_utc_s)
+        goal = lead.goal(sample, self.profile, now_utc_s)
+        way = self.path_to(goal, now_utc_s)
+        if self.safety.tripped is not None:
+            row = ROWS[self.safety.tripped]
+            way = RequestRefused(f"safety has stopped the mount ({row.watches}): {row.way_out}", True)
+        if isinstance(way, RequestRefused):
+            return way
+        lead.legs = list(way)
+        self._lead_on(lead)
+        return lead
+
+    def _lead_on(self, lead: Lead) -> None:
+        """Lead the mount so from now on."""
+        if not self.session.move_over or self.session.busy:
+            # A ticket of what was under way is not left behind.
+            self.session.apply(self.safety.clear(Hold(), 0.0, 0.0, 0.0))
+        self.lead, self._left = lead, None
+
+    def _lead_to(self, ra_deg: float, dec_deg: float, place: AxesPosition | None, now_utc_s: float) -> Lead:
+        assert self.sky_aim is not None
+        assert self._follower is not None
+        aim, clock, refracts = self.sky_aim, self._sidereal, self._instant(now_utc_s).refracts
+
+        def place_at(utc_s: float) -> tuple[float, float]:
+            if place is not None:
+                return place.hour_angle_deg, place.dec_deg
+            return aim.own_deg(ra_deg, dec_deg, MountInstant(utc_s, clock.at(utc_s), refracts))
+
+        return Lead(place_at, clock, self._follower, now_utc_s)
+
+    def keep_here(self, now_utc_s: float) -> RequestRefused | None:
+        """Keep the telescope of a mount with a geometry where it looks on the sky."""
+        looks = self.looks_at_deg
+        refusal = self._objection(Slew(0.0, 0.0))
+        if refusal is not None or looks is None:
+            return refusal or RequestRefused("the mount has not been heard yet")
+        if self.safety.tripped is not None:
+            return RequestRefused("safety has stopped the mount")
+        self._lead_on(self._lead_to(*looks, None, now_utc_s))
+        return None
+
+    def _both_axes(self, request: MoveAxis) -> MoveAxis:
+        """Return rates of both axes: one that is left out goes on, or stands."""
+        wanted = self.session.wanted
+        goes_on = isinstance(wanted, MoveAxes) and self.lead is None
+        before = wanted if goes_on else MoveAxes(SIDEREAL_RATE_DEG_S, 0.0)
+        assert isinstance(before, MoveAxes)
+        ra, dec = request.ra_rate_deg_s, request.dec_rate_deg_s
+        return MoveAxis(
+            before.ra_rate_deg_s if ra is None else ra, before.dec_rate_deg_s if dec is None else dec
+        )
 
     def path_to(self, request: Slew, now_utc_s: float) -> tuple[Slew, ...] | RequestRefused:
         """Return the slews that lead to a direction past any obstacle."""
@@ -326,12 +469,32 @@ class Console(Driver):
         cleared = self.safety.clear_request(move, self.session.stance, now_utc_s)
         return RequestRefused(cleared, by_safety=True) if isinstance(cleared, str) else None
 
-    def _jogged(self) -> Motion:
-        return MoveAxes(*self.jogs.rates_deg_s) if self.jogs else Hold()
+    def _jogged(self, now_utc_s: float) -> Motion:
+        if not self.jogs:
+            return Hold()
+        ra_rate, dec_rate = self.jogs.rates_deg_s
+        if self.frame is None:
+            return MoveAxes(ra_rate, dec_rate)
+        still = MoveAxes(SIDEREAL_RATE_DEG_S, 0.0)
+        looks = None if self._left is None else self.looks_at_deg
+        if looks is not None:
+            state = self._lead_to(*looks, None, now_utc_s).state_at(now_utc_s)
+            still = MoveAxes(state.ra_rate_deg_s, state.dec_rate_deg_s)
+        return MoveAxes(still.ra_rate_deg_s + ra_rate, still.dec_rate_deg_s + dec_rate)
 
     def _end_jogs(self, now_utc_s: float) -> None:
-        if self.jogs.end_over(now_utc_s):
-            self._apply(self._jogged(), now_utc_s)
+        if not self.jogs.end_over(now_utc_s):
+            return
+        if not self.jogs and self._left is not None:
+            self._keep_on(now_utc_s)
+        else:
+            self._apply(self._jogged(now_utc_s), now_utc_s)
+
+    def _keep_on(self, now_utc_s: float) -> None:
+        """After a motion by hand, keep the telescope where it looks now, as it was kept before."""
+        self._left = None
+        if self.safety.tripped is None:
+            self.keep_here(now_utc_s)
 
     def _step(self, now_utc_s: float) -> None:
         if self.procedure is None:
@@ -342,6 +505,10 @@ class Console(Driver):
 
     def _settle(self, outcome: Outcome) -> None:
         self.procedure, self.outcome = None, outcome
+        if outcome.state not in DONE:
+            self.lead = self._left = None
+        elif self._left is not None and self.session.move_over:
+            self._keep_on(self._now_utc_s)
         if isinstance(self.session.wanted, Slew):
             # It tracks there by itself; what it does later by other hands is not for us to undo.
             self._apply(Hold(), 0.0)
@@ -349,6 +516,7 @@ class Console(Driver):
     def _end_orphans(self, now_utc_s: float) -> None:
         """End a motion that neither a key nor a procedure stands for."""
         orphan = isinstance(self.session.wanted, MoveAxes) and not self.jogs and self.procedure is None
+        orphan = orphan and self.lead is None
         if orphan:
             self._apply(Hold(), now_utc_s)
         ending = isinstance(self.session.wanted, Hold) and not self.session.move_over
@@ -358,7 +526,9 @@ class Console(Driver):
             self._stop("move", "the end of the move was not acknowledged: the mount is being stopped")
 
     def _clear_again(self, now_utc_s: float) -> None:
-        wanted = self.session.wanted
+        wanted: Motion | None = self.session.wanted
+        if self.lead is not None:
+            wanted = self.lead.wanted(self.safety, now_utc_s)
         if isinstance(wanted, MoveAxes | Slew):
             self._apply(wanted, now_utc_s)
 
@@ -386,6 +556,7 @@ class Console(Driver):
 
     def _stop(self, why: str, words: str) -> None:
         """Bring the mount to rest unasked."""
+        self.lead = self._left = None
         self.trouble = why
         self.refusal = words
         self.jogs.block()
@@ -558,6 +729,7 @@ def view_of(console: Console, now_utc_s: float) -> ConsoleView:
         status=status,
         readings=msgspec.structs.replace(console.session.readings, tracking=console.tracking_reading),
         hour_angle_deg=hour_angle,
+        looks_at_deg=console.looks_at_deg,
         clock_offset_s=console.clock_offset_s,
         ra_rate_deg_s=rates.ra_rate_deg_s,
         dec_rate_deg_s=rates.dec_rate_deg_s,
@@ -580,6 +752,8 @@ def _doing(console: Console) -> str:
         return "stopping"
     if console.procedure is not None:
         return console.procedure.doing
+    if console.lead is not None:
+        return "keeping the telescope on the sky"
     return "jogging" if console.jogs else "idle"
 
 

@@ -28,6 +28,7 @@ from sattrack.mount.xerxes.link import LinkState
 from sattrack.views.formatting import degrees, hours
 
 if TYPE_CHECKING:
+    from sattrack.control.aim import Lead
     from sattrack.control.console import Console
     from sattrack.mount.model import AxesPosition, MountProfile, Status, StatusSample
 
@@ -179,7 +180,8 @@ class ManualOperation:
             self._end(console.trouble, console.outcome, now_utc_s, stop=True)
         elif console.outcome is not None:
             undone = console.outcome.state not in DONE and not self._stops
-            self._end("done", console.outcome, now_utc_s, stop=undone and not console.at_rest)
+            stop = console.lead is not None or (undone and not console.at_rest)
+            self._end("done", console.outcome, now_utc_s, stop=stop)
         elif self._link_gone(now_utc_s):
             words = f"no status from {console.mount_name}: it is unknown whether it obeyed"
             self._end("link", Outcome(TicketState.FAILED, False, words), now_utc_s, stop=True)
@@ -295,6 +297,7 @@ HOME_STARTS_WITHIN_S = 3.0
 HOME_WITHIN_S = 240.0
 SLEW_SETTLING_S = 2.0
 MOVE_BEGINS_WITHIN_S = 10.0
+NEVER_THERE = "the mount did not come to that direction: it is near the keyhole, or an axis is too slow"
 RESTS_WITHIN_S = 5.0
 """How long a stopped mount may take until its drives tell standstill."""
 
@@ -346,6 +349,20 @@ class ProcedureHost(Protocol):
     def path_to(self, request: Slew, now_utc_s: float) -> tuple[Slew, ...] | RequestRefused:
         """Return the slews that lead to a direction past any obstacle."""
 
+    def aim(
+        self, request: Slew, place: AxesPosition | None, now_utc_s: float
+    ) -> Slew | Lead | RequestRefused:
+        """Return the slew by which the telescope looks in a direction, or how rates lead it there.
+
+        With a `place` the request is how the mount gets its axes there.
+        """
+
+    def synced(self, request: Sync, now_utc_s: float) -> Sync:
+        """Return what to have the mount report for a telescope that looks in a direction."""
+
+    def keep_here(self, now_utc_s: float) -> RequestRefused | None:
+        """Keep the telescope of a mount with a geometry where it looks on the sky."""
+
 
 class Procedure(Protocol):
     """One thing that was asked for by hand."""
@@ -381,6 +398,8 @@ class Once:
 
     def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
         """See Procedure."""
+        if isinstance(self.request, Sync):
+            self.request = desk.synced(self.request, now_utc_s)
         asked = desk.submit(self.request, now_utc_s)
         if isinstance(asked, RequestRefused):
             return asked
@@ -395,15 +414,27 @@ class Once:
 
 @dataclass(slots=True)
 class SlewThere:
-    """A slew, or several one after the other where something lies on the straight way."""
+    """A slew, or several one after the other where something lies on the straight way.
+
+    `place` is where its axes come to stand, where it is a place of them and no direction of the sky.
+    """
 
     request: Slew
     doing: str = "slewing"
+    place: AxesPosition | None = None
     _left: list[Slew] = field(default_factory=list)
     _ticket: Ticket | None = None
+    _lead: Lead | None = None
 
     def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
         """See Procedure."""
+        aimed = desk.aim(self.request, self.place, now_utc_s)
+        if isinstance(aimed, RequestRefused):
+            return aimed
+        if not isinstance(aimed, Slew):
+            self._lead = aimed
+            return None
+        self.request = aimed
         way = desk.path_to(self.request, now_utc_s)
         if isinstance(way, RequestRefused):
             return way
@@ -412,6 +443,11 @@ class SlewThere:
 
     def step(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:
         """See Procedure."""
+        if self._lead is not None:
+            if self._lead.arrived:
+                return Outcome(TicketState.COMPLETE, False)
+            late = self._lead.overdue(now_utc_s)
+            return Outcome(TicketState.TIMED_OUT, False, NEVER_THERE) if late else None
         assert self._ticket is not None
         outcome = outcome_of(self._ticket)
         if outcome is None or not self._left or outcome.state is not TicketState.COMPLETE:
@@ -552,7 +588,7 @@ class ParkThere:
             )
         if sample is None:
             return RequestRefused("the mount has not been heard yet")
-        self._way = SlewThere(self._slew(park, sample))
+        self._way = SlewThere(self._slew(park, sample), place=park)
         return self._way.begin(desk, now_utc_s)
 
     def step(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:

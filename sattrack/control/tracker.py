@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from sattrack.control.aim import MountSidereal
 from sattrack.control.approach import Approach, ApproachStep, MountPlace
 from sattrack.control.biases import NO_CAMERAS, Cameras
 from sattrack.control.following import ControlLaw, Follower
@@ -27,7 +28,6 @@ from sattrack.mount.model import (
     Slew,
     StatusSample,
     Stop,
-    mean_sidereal_deg,
 )
 from sattrack.views.messages import (
     Go,
@@ -56,8 +56,6 @@ if TYPE_CHECKING:
 ACQUIRED_AFTER_SAMPLES = 10
 ONWARD_STEPS, ONWARD_S = 40, 20.0
 """Into how many steps the rest of a pass is cut to see how far the axes turn, and for how long that holds."""
-CLOCK_SET_DEG, CLOCK_SAMPLES = 0.01, 400
-"""A jump by which the mount's clock was set, and how many samples its error is averaged over."""
 LATE_FIX_S = 10.0
 """How old a report of a place may be."""
 LOST_ARCSEC = 120.0
@@ -111,9 +109,7 @@ class Tracker:
         self.follower = Follower(profile, propagator.site.longitude_deg, plan.law)
         """Knows the mount's clock and axes, and learns of the mount while it follows."""
         self._frame = profile.frame
-        self._longitude_deg = propagator.site.longitude_deg
-        self._clock_gap_deg, self._clock_samples = 0.0, 0
-        """How far the mount's sidereal clock is ahead of mean sidereal time, in the mean of late."""
+        self._sidereal = MountSidereal(propagator.site.longitude_deg)
         self._onward: tuple[float, tuple[float, float]] | None = None
         self._satellite = SatelliteTarget(self.fed_at, plan.detours)
         self._way = Approach(profile, self.fed_at, plan.law.feeder)
@@ -218,7 +214,7 @@ class Tracker:
         known, frame = self.direction_at(utc_s), self._frame
         if frame is None:
             return known
-        sidereal_deg = mean_sidereal_deg(utc_s, self._longitude_deg) + self._clock_gap_deg
+        sidereal_deg = self._sidereal.at(utc_s)
         if frame.geometry.reports == "sky":
             hour_angle_deg = sidereal_deg - float(known.ra_deg)
             hour_angle_rate = SIDEREAL_RATE_DEG_S - float(known.ra_rate_deg_s)
@@ -242,30 +238,21 @@ class Tracker:
             turned, low, high, before = 0.0, 0.0, 0.0, None
             for k in range(ONWARD_STEPS + 1):
                 utc_s = begin_s + (end_s - begin_s) * k / ONWARD_STEPS
-                now_deg = mean_sidereal_deg(utc_s, self._longitude_deg) - self.fed_at(utc_s).ra_deg
+                now_deg = self._sidereal.at(utc_s) - self.fed_at(utc_s).ra_deg
                 turned += 0.0 if before is None else math.remainder(float(now_deg) - before, 360.0)
                 low, high, before = min(low, turned), max(high, turned), float(now_deg)
             self._onward = begin_s, (low, high)
         return self._onward[1]
-
-    def _note_clock(self, sidereal_deg: float, utc_s: float) -> None:
-        gap_deg = math.remainder(sidereal_deg - mean_sidereal_deg(utc_s, self._longitude_deg), 360.0)
-        off_deg = math.remainder(gap_deg - self._clock_gap_deg, 360.0)
-        if not self._clock_samples or abs(off_deg) > CLOCK_SET_DEG:
-            self._clock_gap_deg, self._clock_samples = gap_deg, 1
-        else:
-            self._clock_samples = min(self._clock_samples + 1, CLOCK_SAMPLES)
-            self._clock_gap_deg += off_deg / self._clock_samples
 
     def take(self, sample: StatusSample) -> ErrorView:
         """Take in one sample; return its error on the sky, dated by the mount's own clock."""
         utc_s = self.follower.date(sample)
         self._face(sample.beyond_pole)
         if self._frame is not None:
-            self._note_clock(sample.sidereal_h * 15.0, utc_s)
+            self._sidereal.note(sample.sidereal_h * 15.0, utc_s)
         passage = self._satellite.passage
         seen = sample if passage is None else passage.unfolded(sample)
-        self.steering.clocks.note(utc_s, sample.ra_deg, sample.dec_deg)
+        self.steering.clocks.note(utc_s, *self._looks_at_deg(sample))
         believed = self.follower.take(seen, utc_s, self.phase in FOLLOWING)
         if self.rest is not None:
             self.rest.see(sample)
@@ -275,6 +262,14 @@ class Tracker:
         if believed:
             self._judge(self.error)
         return self.error
+
+    def _looks_at_deg(self, sample: StatusSample) -> tuple[float, float]:
+        """Return right ascension and declination to which the mount points, by its axes where they count."""
+        if self._frame is None:
+            return sample.ra_deg, sample.dec_deg
+        sidereal_deg = sample.sidereal_h * 15.0
+        hour_angle, dec = self._frame.direction(sidereal_deg - sample.ra_deg, sample.dec_deg)
+        return (sidereal_deg - hour_angle) % 360.0, dec
 
     def _face(self, beyond_pole: bool) -> None:
         """Feed by the pointing model of the side of the pole on which the mount stands."""
@@ -315,8 +310,6 @@ class Tracker:
 
     def _not_seen(self, seen: SeenOffset) -> str | None:
         """Return why an offset says nothing of where the target is: the mount was not on it."""
-        if self._frame is not None and self._frame.turns_field:
-            return "the field of this mount's camera rotates on the sky: offsets are not taken from it"
         utc_s, on_s = float(Utc.parse(seen.utc).unix_s), self._on_target_utc_s
         if self.phase is not Phase.TRACKING:
             return "the mount is not on the target"

@@ -331,10 +331,12 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             return
         if self.stands_at is None:
             raise ValueError("geometry is given without stands_at: axes lie so at one site only; give both")
-        if self.pointing is not None:
+        if self.pointing is not None and (
+            self.pointing.axes != "altaz" or self.geometry.kind != "alt-azimuth"
+        ):
             raise ValueError(
-                "pointing and geometry are both given: pointing models are for equatorial mounts; "
-                "leave one of them out"
+                f"pointing is a model of {self.pointing.axes} axes, and geometry is {self.geometry.kind}: "
+                "a mount with a geometry has a model only where both are alt-azimuth; leave one of them out"
             )
         if self.geometry.reports == "sky" and self.additive:
             raise ValueError(
@@ -530,12 +532,19 @@ class Seen(msgspec.Struct, frozen=True, gc=False):
     dec_current_a: float = 0.0
 
 
-def stance_of(status: Status, stands: bool) -> Stance:
-    """Return how a mount stands, for safety to judge; `stands` where its positions say standstill."""
+def stance_of(status: Status, stands: bool, frame: AxisFrame | None) -> Stance:
+    """Return how a mount stands, for safety to judge; `stands` where its positions say standstill.
+
+    With a `frame` right ascension and declination are those of the axes.
+    """
+    sidereal_deg, ra_deg, dec_deg = status.sidereal_h * 15.0, status.ra_h * 15.0, status.dec_deg
+    if frame is not None:
+        first_deg, dec_deg, _, _ = frame.of_report(sidereal_deg - ra_deg, dec_deg, 0.0, 0.0)
+        ra_deg = (sidereal_deg - first_deg) % 360.0
     return Stance(
-        sidereal_deg=status.sidereal_h * 15.0,
-        ra_deg=status.ra_h * 15.0,
-        dec_deg=status.dec_deg,
+        sidereal_deg=sidereal_deg,
+        ra_deg=ra_deg,
+        dec_deg=dec_deg,
         slewing=status.slewing,
         drives_at_rest=stands,
         beyond_pole=status.side_of_pier,

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
 
 NO_PARK = "the mount profile has no park position, and parking cuts the drives' power"
 PARKED_WITHIN_DEG = 0.5
+BY_OWN_MODEL = (
+    "the profile has a geometry, by which this program leads the mount: {} by the mount itself may turn both "
+    "axes, and is not asked of it"
+)
 INT32 = range(-(2**31), 2**31)
 LARGEST_FINE_RATE_DEG_S = 0.1
 """A fine rate adjusts the tracking; anything near an axis' own speeds is a slip of the unit."""
@@ -86,6 +90,17 @@ class TrackingRate(msgspec.Struct, frozen=True):
 Request = Slew | Sync | Abort | FindHome | Park | PulseGuide | MoveAxis | EndMove | FineRate | TrackingRate
 
 
+BY_ITSELF: dict[type, str] = {
+    Sync: "the profile has a geometry, which a sync would make wrong: sync with the mount's own program, "
+    "then run `sattrack mount calibrate --axes`",
+    FindHome: BY_OWN_MODEL.format("a way home"),
+    PulseGuide: BY_OWN_MODEL.format("a guide pulse"),
+    FineRate: BY_OWN_MODEL.format("a fine rate"),
+    TrackingRate: BY_OWN_MODEL.format("a tracking rate"),
+}
+"""Why a mount with a geometry is not asked for something."""
+
+
 class ClearedRequest(msgspec.Struct, frozen=True, gc=False):
     """A request that safety has let through: nothing else makes one."""
 
@@ -144,6 +159,8 @@ class Ticket:
 def objection(request: Request, profile: MountProfile) -> str | None:
     """Return why a request cannot be one, naming field and value, or None where nothing speaks against it."""
     objected = None
+    if profile.geometry is not None and type(request) in BY_ITSELF:
+        return BY_ITSELF[type(request)]
     match request:
         case Slew() | Sync():
             objected = _direction_objection(request.ra_deg, request.dec_deg)

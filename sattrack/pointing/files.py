@@ -3,8 +3,9 @@
 A file of stars: a caption; option lines that begin with a colon (`:EQUAT`, `:NODA`); the run's parameters
 (latitude as degrees, minutes and seconds; year, month, day; °C, hPa, metres); then a line for each star:
 right ascension and declination (J2000, sexagesimal), proper motions, 2000.0, the mount's right ascension and
-declination, and the sidereal time in hours and minutes. A declination beyond 90° is past the pole. `END` ends
-it; `!` begins a comment. As rts2-tpm of RTS2 writes it (its source, src/db/tpm.cpp).
+declination, and the sidereal time in hours and minutes. A declination beyond 90° is past the pole. Of an
+azimuth mount (`:ALTAZ`) the mount's azimuth and altitude stand there instead, both in degrees. `END` ends it;
+`!` begins a comment. As rts2-tpm of RTS2 writes it (its source, src/db/tpm.cpp).
 
 A model: a caption; method, number of stars, RMS, two refraction constants; a term, its value and its sigma a
 line, arcseconds; `END`. As RTS2 reads it (lib/rts2tel/tpointmodel.cpp).
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import erfa
 
+from sattrack.core.angles import altitude_deg, azimuth_deg
 from sattrack.core.errors import BadInputError
 from sattrack.pointing.fit import Star
 from tle.refraction import Refraction
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from sattrack.mount.model import PointingTerms
+    from sattrack.pointing.terms import Axes
 
 END = "END"
 _NOON = 0.5
@@ -40,32 +43,36 @@ class RunParameters(NamedTuple):
     height_m: float
 
 
-def stars_head(caption: str, run: RunParameters) -> str:
+def stars_head(caption: str, run: RunParameters, axes: Axes = "equatorial") -> str:
     """Return what a file of stars begins with."""
+    kind = ":EQUAT" if axes == "equatorial" else ":ALTAZ"
     latitude, date = _sexagesimal(run.latitude_deg, 1), " ".join(run.date.split("-"))
     return (
-        f"{_one_line(caption)}\n:EQUAT\n:NODA\n {latitude} {date} "
+        f"{_one_line(caption)}\n{kind}\n:NODA\n {latitude} {date} "
         f"{run.temperature_c:.1f} {run.pressure_hpa:.1f} {run.height_m:.1f}\n"
     )
 
 
-def star_line(star: Star) -> str:
+def star_line(star: Star, axes: Axes = "equatorial") -> str:
     """Return the line of a star."""
     ra, dec = star.icrs_deg
-    mount_ra = (star.sidereal_deg - star.axis_hour_angle_deg) % 360.0
+    first = (star.sidereal_deg - star.axis_hour_angle_deg) % 360.0 / 15.0
+    if axes == "altaz":
+        first = star.axis_hour_angle_deg % 360.0
     minutes = star.sidereal_deg % 360.0 * 4.0
     return (
         f" {_sexagesimal(ra / 15.0, 5)} {_sexagesimal(dec, 4, sign=True)} 0 0 2000.0 "
-        f"{_sexagesimal(mount_ra / 15.0, 5)} {_sexagesimal(star.axis_dec_deg, 4, sign=True)} "
+        f"{_sexagesimal(first, 5)} {_sexagesimal(star.axis_dec_deg, 4, sign=True)} "
         f"{int(minutes // 60.0):02d} {minutes % 60.0:010.7f}\n"
     )
 
 
-def read_stars(text: str, where: str) -> tuple[RunParameters, list[Star]]:
+def read_stars(text: str, where: str, axes: Axes = "equatorial") -> tuple[RunParameters, list[Star]]:
     """Return what a file of stars holds, in its order; one without END was cut off, and is as good.
 
-    Raises BadInputError, naming the line and what was expected there.
+    Raises BadInputError, naming the line and what was expected there, or where the mount has other axes.
     """
+    kind = "EQUAT" if axes == "equatorial" else "ALTAZ"
     lines = _lines(text, where)
     options = []
     run = None
@@ -78,11 +85,14 @@ def read_stars(text: str, where: str) -> tuple[RunParameters, list[Star]]:
             break
         at = f"{where}:{number}"
         if run is None:
-            if "EQUAT" not in options:
-                raise BadInputError(f"{where}: it has no :EQUAT: only stars of equatorial mounts are read")
+            if kind not in options:
+                other = "equatorial" if kind == "EQUAT" else "alt-azimuth"
+                raise BadInputError(
+                    f"{where}: it has no :{kind}, and the profile's mount is {other}: it is another mount's"
+                )
             run = _run(line, at)
         else:
-            stars.append(_star(line, at, run))
+            stars.append(_star(line, at, run, axes))
     if run is None:
         raise BadInputError(f"{where}: it ends before the latitude, the date and the air of its stars")
     return run, stars
@@ -127,12 +137,12 @@ def _run(line: str, at: str) -> RunParameters:
     return RunParameters(latitude, f"{year:04d}-{month:02d}-{day:02d}", temperature, pressure, height)
 
 
-def _star(line: str, at: str, run: RunParameters) -> Star:
+def _star(line: str, at: str, run: RunParameters, axes: Axes) -> Star:
     words = line.split()
     try:
         ra, dec = 15.0 * _angle(words[0:3]), _angle(words[3:6])
         pm_ra, pm_dec, epoch = (float(word) for word in words[6:9])
-        mount_ra, mount_dec = 15.0 * _angle(words[9:12]), _angle(words[12:15])
+        mount_first, mount_dec = _angle(words[9:12]), _angle(words[12:15])
         sidereal = 15.0 * (float(words[15]) + float(words[16]) / 60.0)
     except (ValueError, IndexError):
         raise BadInputError(
@@ -144,7 +154,10 @@ def _star(line: str, at: str, run: RunParameters) -> Star:
     if not abs(dec) <= 90.0 or not abs(mount_dec) <= 270.0:
         raise BadInputError(f"{at}: a declination of {dec if abs(dec) > 90.0 else mount_dec:g}° is none")
     hour_angle, seen_dec = observed(ra, dec, sidereal, run)
-    axis = math.remainder(sidereal - mount_ra, 360.0)
+    if axes == "altaz":
+        at_deg = hour_angle, seen_dec, run.latitude_deg
+        return Star(azimuth_deg(*at_deg), altitude_deg(*at_deg), mount_first, mount_dec, (ra, dec), sidereal)
+    axis = math.remainder(sidereal - 15.0 * mount_first, 360.0)
     return Star(hour_angle, seen_dec, axis, mount_dec, (ra, dec), sidereal)
 
 

@@ -197,8 +197,27 @@ class PointingModel:
         first, second = self._axes((cos_d * fn.cos(h), cos_d * fn.sin(h), fn.sin(d)), fn)
         return first / _RAD, second / _RAD
 
+    def reported(self, hour_angle_deg: float, dec_deg: float) -> tuple[float, float]:
+        """Return the hour angle and declination that a mount reports where it looks in a direction, degrees.
+
+        Beyond 90° the declination is past the pole.
+        """
+        if self.axes == "equatorial":
+            first, second = self.axes_of(hour_angle_deg, dec_deg)
+            return float(first), float(second)
+        west, altitude = swung(hour_angle_deg, dec_deg, self.latitude_deg)
+        first, second = self.axes_of(west, altitude)
+        return swung(float(first), float(second), self.latitude_deg)
+
+    def looks(self, hour_angle_deg: float, dec_deg: float) -> tuple[float, float]:
+        """Return the direction in which a mount looks that reports this hour angle and declination."""
+        if self.axes == "equatorial":
+            return self.direction_of(hour_angle_deg, dec_deg)
+        west, altitude = swung(hour_angle_deg, dec_deg, self.latitude_deg)
+        return swung(*self.direction_of(west, altitude), self.latitude_deg)
+
     def direction_of(self, hour_angle_deg: float, dec_deg: float) -> tuple[float, float]:
-        """Return the direction that reported hour angle and declination of this side point in, degrees."""
+        """Return the direction that the axes of this side point in, degrees: the inverse of `axes_of`."""
         h, d = math.radians(hour_angle_deg), math.radians(dec_deg)
         wanted = np.array([math.cos(d) * math.cos(h), math.cos(d) * math.sin(h), math.sin(d)])
         at = wanted
@@ -209,11 +228,13 @@ class PointingModel:
         return math.degrees(math.atan2(y, x)), math.degrees(math.atan2(z, math.hypot(x, y)))
 
     def applied(self, u: Triple, u_rate: Triple, up: Triple, up_rate: Triple) -> tuple[Triple, Triple]:
-        """Return the direction that an equatorial mount reports when it points along u, and its rate.
+        """Return the direction that the mount reports when it points along u, and its rate.
 
         Unit vectors in a frame whose third axis is the celestial pole; `up` is the zenith there.
         """
         fn = functions_for(u[0])
+        if self.axes == "altaz":
+            return self._applied_about_zenith(u, u_rate, up, up_rate, fn)
         flat = fn.sqrt(up[0] * up[0] + up[1] * up[1])
         mx, my = up[0] / flat, up[1] / flat
         # The meridian goes round with the Earth.
@@ -231,6 +252,23 @@ class PointingModel:
         px, py, pz = there
         rx, ry = rx + spin * py, ry - spin * px
         return (px * mx + py * my, px * my - py * mx, pz), (rx * mx + ry * my, rx * my - ry * mx, rz)
+
+    def _applied_about_zenith(
+        self, u: Triple, u_rate: Triple, up: Triple, up_rate: Triple, fn: Functions
+    ) -> tuple[Triple, Triple]:
+        """Return the same of an azimuth mount, whose axes go round with the zenith."""
+        base, turning = _horizon(up, up_rate, fn)
+        v = _times(base, u)
+        rate = _plus(_times(base, u_rate), _times(turning, u))
+        x, y, z = v
+        speed = fn.sqrt(_dot(rate, rate)) + 1e-15
+        step = _STEP_RAD / speed
+        dx, dy, dz = rate
+        there = self._moved(v, fn)
+        later = self._moved((x + step * dx, y + step * dy, z + step * dz), fn)
+        sooner = self._moved((x - step * dx, y - step * dy, z - step * dz), fn)
+        a, b, c = ((after - before) / (2.0 * step) for before, after in zip(sooner, later, strict=True))
+        return _back(base, there), _plus(_back(base, (a, b, c)), _back(turning, there))
 
     def _moved(self, v: Triple, fn: Functions) -> Triple:
         first, second = self._axes(v, fn)
@@ -279,6 +317,54 @@ class PointingModel:
                 along, lift = _sum_of(fn, at[0], near, latitude, name)
                 first, second = first + value * along, second + value * lift
         return first, second
+
+
+def swung(first_deg: float, second_deg: float, latitude_deg: float) -> tuple[float, float]:
+    """Return hour angle and declination as azimuth, west of north, and altitude; and those as these.
+
+    The meridian swings half a turn in between, so that the same turn leads both ways. Degrees.
+    """
+    h, d, p = (math.radians(angle) for angle in (first_deg, second_deg, latitude_deg))
+    x, y, z = math.cos(d) * math.cos(h), math.cos(d) * math.sin(h), math.sin(d)
+    north, up = z * math.cos(p) - x * math.sin(p), z * math.sin(p) + x * math.cos(p)
+    return math.degrees(math.atan2(y, north)), math.degrees(math.atan2(up, math.hypot(y, north)))
+
+
+def _horizon(up: Triple, up_rate: Triple, fn: Functions) -> tuple[tuple[Triple, ...], tuple[Triple, ...]]:
+    """Return north, west and up, and their rates, in a frame whose third axis is the celestial pole."""
+    a, b, c = up
+    da, db, dc = up_rate
+    north, change = (-c * a, -c * b, 1.0 - c * c), (-dc * a - c * da, -dc * b - c * db, -2.0 * c * dc)
+    size = fn.sqrt(_dot(north, north))
+    x, y, z = north[0] / size, north[1] / size, north[2] / size
+    along = x * change[0] + y * change[1] + z * change[2]
+    dx, dy, dz = ((one - along * part) / size for one, part in zip(change, (x, y, z), strict=True))
+    west = b * z - c * y, c * x - a * z, a * y - b * x
+    turning = (
+        db * z + b * dz - dc * y - c * dy,
+        dc * x + c * dx - da * z - a * dz,
+        da * y + a * dy - db * x - b * dx,
+    )
+    return ((x, y, z), west, up), ((dx, dy, dz), turning, up_rate)
+
+
+def _times(rows: tuple[Triple, ...], v: Triple) -> Triple:
+    first, second, third = (_dot(row, v) for row in rows)
+    return first, second, third
+
+
+def _back(rows: tuple[Triple, ...], v: Triple) -> Triple:
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    x, y, z = v
+    return a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z
+
+
+def _plus(one: Triple, other: Triple) -> Triple:
+    return one[0] + other[0], one[1] + other[1], one[2] + other[2]
+
+
+def _dot(one: Triple, other: Triple) -> Quantity:
+    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
 
 
 _RAD = math.pi / 180.0

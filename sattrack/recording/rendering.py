@@ -366,7 +366,11 @@ def save_pointing(path: Path, found: PointingFit, stars: Sequence[Star], name: s
     figure = new_figure(11.0, 6.0)
     sides = figure.subplots(1, 2, subplot_kw={"projection": "polar"})
     at = np.array([(star.hour_angle_deg, star.dec_deg) for star in stars])
-    zenith, azimuth = _on_chart(at, found.latitude_deg)
+    latitude_deg = found.latitude_deg
+    if found.axes == "altaz":
+        # Azimuth and altitude are hour angle and declination where the pole is overhead.
+        at, latitude_deg = at - np.array([180.0, 0.0]), 90.0
+    zenith, azimuth = _on_chart(at, latitude_deg)
     for axes, residuals, words in (
         (sides[0], found.before_arcsec, "as the mount reports"),
         (sides[1], found.residuals_arcsec, "with the model"),
@@ -376,7 +380,7 @@ def save_pointing(path: Path, found: PointingFit, stars: Sequence[Star], name: s
         middle = float(np.sqrt(np.mean(size[found.used] ** 2)))
         step = 1e-3 * residuals / np.maximum(size, 1e-9)[:, None]
         step[:, 0] /= np.cos(np.radians(at[:, 1]))
-        there, turned = _on_chart(at + step, found.latitude_deg)
+        there, turned = _on_chart(at + step, latitude_deg)
         right = zenith * np.sin(azimuth) - there * np.sin(turned)
         up = there * np.cos(turned) - zenith * np.cos(azimuth)
         arrows = (np.stack([right, up]) / np.maximum(np.hypot(right, up), 1e-12)) * size

@@ -341,6 +341,8 @@ def connected(
             link, guard = stack.enter_context(owned(address, described.mount, clock.speed, name))
             yield Connection(link, clock, simulated, guard)
             return
+        if isinstance(address, AlpacaAddress) and described.mount.geometry is not None:
+            address = address._replace(axes_known=True)
         yield Connection(stack.enter_context(open_listener(address)), clock, simulated)
 
 

@@ -156,8 +156,11 @@ def pointing_of(profile: MountProfile, site: Site) -> PointingModel | None:
             f"{words} is of a mount at latitude {known.latitude_deg:.2f}°, and the site is at "
             f"{site.latitude_deg:.2f}°: make one here with `sattrack star-run`, or give this mount's profile"
         )
-    if known.axes != "equatorial":
-        raise BadInputError(f"{words} is an azimuth mount's: only equatorial mounts are fed by one")
+    if known.axes != "equatorial" and profile.geometry is None:
+        raise BadInputError(
+            f"{words} is an azimuth mount's, and the profile has no geometry: `sattrack mount calibrate "
+            "--axes` measures it"
+        )
     return PointingModel.of(known)
 
 

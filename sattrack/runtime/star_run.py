@@ -26,6 +26,7 @@ from sattrack.mount.requests import Sync, TicketState
 from sattrack.mount.xerxes.link import LinkState
 from sattrack.planning.path import skyline_deg
 from sattrack.pointing.fit import PointingFit, Star, find_bump, fit, rms
+from sattrack.pointing.terms import swung
 from sattrack.pointing.tour import chosen, grid_deg, toured
 from sattrack.views.messages import Jog
 from tle.bodies import Body, StarPlace, named_stars
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
 
     from sattrack.control.console import ConsoleSession
     from sattrack.mount.model import MountProfile, StatusSample
-    from sattrack.pointing.terms import PointingModel
+    from sattrack.pointing.terms import Axes, PointingModel
     from sattrack.safety import SafetyLimits
     from tle.refraction import Refraction
     from tle.site import Site
@@ -123,6 +124,30 @@ class RunSky:
     air: Refraction | None = None
     """None for a mount that applies refraction itself."""
 
+    @property
+    def axes(self) -> Axes:
+        """What the mount's axes are."""
+        return "equatorial" if self.profile.geometry is None else "altaz"
+
+    def own_deg(self, hour_angle_deg: float, dec_deg: float) -> tuple[float, float]:
+        """Return a direction as stars of the mount have it: azimuth and altitude of an azimuth mount."""
+        if self.axes == "equatorial":
+            return hour_angle_deg, dec_deg
+        west, altitude = swung(hour_angle_deg, dec_deg, self.site.latitude_deg)
+        return -west % 360.0, altitude
+
+    def place_deg(self, star: Star) -> tuple[float, float]:
+        """Return hour angle and declination of a star."""
+        if self.axes == "equatorial":
+            return star.hour_angle_deg, star.dec_deg
+        return swung(-star.hour_angle_deg, star.dec_deg, self.site.latitude_deg)
+
+    def own_grid(self) -> Array:
+        """Return the directions of `grid` as stars of the mount have them."""
+        if self.axes == "equatorial":
+            return self.grid()
+        return np.array([self.own_deg(h, d) for h, d in self.grid().tolist()]).reshape(-1, 2)
+
     def seen(self, body: Body, utc_s: float, model: PointingModel | None = None) -> Any:
         """Return where a body is seen, or where a mount with a pointing model must be fed."""
         propagator = Propagator(body, self.site, refraction=self.air, pointing=model)
@@ -137,9 +162,12 @@ class RunSky:
         azimuth = np.degrees(np.arctan2(-np.cos(d) * np.sin(h), north)) % 360.0
         low = np.maximum(LEAST_ALT_DEG, skyline_deg(azimuth, self.limits) + CLEAR_DEG)
         lowest, highest = self.profile.dec_axis_limits_deg
-        within = (places_deg[:, 1] > lowest + CLEAR_DEG) & (places_deg[:, 1] < highest - CLEAR_DEG)
-        far = np.abs(places_deg[:, 0]) < self.profile.hour_angle_limit_deg - CLEAR_DEG
-        away = np.abs(places_deg[:, 1]) < 90.0 - POLE_DEG
+        first, second = places_deg.T
+        if self.profile.frame is not None:
+            first, second, _, _ = self.profile.frame.angles(first, second, fn=np)
+        within = (second > lowest + CLEAR_DEG) & (second < highest - CLEAR_DEG)
+        far = np.abs(first) < self.profile.hour_angle_limit_deg - CLEAR_DEG
+        away = np.abs(second) < 90.0 - POLE_DEG
         good: NDArray[np.bool_] = (np.degrees(np.arcsin(np.clip(up, -1.0, 1.0))) > low) & within & far & away
         return good
 
@@ -155,6 +183,9 @@ class RunSky:
         """Return the rows of so many places away from those `done`, in the order in which to look at them."""
         rows = chosen(places_deg, count, np.array(done) if done else None)
         axes = places_deg[rows]
+        if self.axes == "altaz":
+            axes = np.array([self.own_deg(h, d) for h, d in axes.tolist()]).reshape(-1, 2)
+            return rows[toured(axes, start)]
         west = (axes[:, 0] > 0.0) & (self.profile.pier_rule == "hour_angle")
         # Past the pole the hour angle axis stands half a turn on, and the declination axis beyond 90°.
         side = np.where(west[:, None], np.stack([axes[:, 0] - 180.0, 180.0 - axes[:, 1]], axis=1), axes)
@@ -225,7 +256,7 @@ class StarRun:
         """Go on with the run."""
         console = self.session.console
         self._begun_s = now_utc_s if self._begun_s is None else self._begun_s
-        sample = console.sample
+        sample = console.session.sample
         if sample is not None and (not self._samples or self._samples[-1] is not sample):
             self._samples.append(sample)
         if self.stage is Stage.OVER:
@@ -277,7 +308,10 @@ class StarRun:
     def _listen(self, sample: StatusSample, now_utc_s: float) -> None:
         if sample.does_refraction:
             self.sky.air = None
-        self._done = [(star.hour_angle_deg, star.dec_deg) for star in self.stars]
+        if self.session.console.sky_aim is not None:
+            # Stars are fed by the run's own model, and as they are seen.
+            self.session.console.sky_aim.adds_air = False
+        self._done = [self.sky.place_deg(star) for star in self.stars]
         self._queue.extend(self._planned(self.most, now_utc_s))
         if not self._queue:
             words = "nothing of the sky may be looked at: see the floor, the skyline and the axes' limits"
@@ -303,8 +337,17 @@ class StarRun:
         return [bodies[good[row]] for row in rows]
 
     def _axes(self, sample: StatusSample, sidereal_deg: float) -> tuple[float, float]:
-        """Return where the axes stand by a status: hour angle and declination, past the pole beyond 90°."""
+        """Return where the axes stand by a status: hour angle and declination, past the pole beyond 90°.
+
+        Azimuth and altitude that an azimuth mount's reports mean.
+        """
         hour_angle, dec = math.remainder(sidereal_deg - sample.ra_deg, 360.0), sample.dec_deg
+        frame = self.sky.profile.frame
+        if frame is not None:
+            if frame.geometry.reports == "axes":
+                own = sample.sidereal_h * 15.0 - sample.ra_deg, sample.dec_deg
+                hour_angle, dec = frame.direction(*frame.of_report(*own, 0.0, 0.0)[:2])
+            return self.sky.own_deg(hour_angle, dec)
         if not sample.beyond_pole:
             return hour_angle, dec
         pole = 180.0 if self.sky.site.latitude_deg >= 0.0 else -180.0
@@ -384,8 +427,16 @@ class StarRun:
         there = self.sky.seen(Body("here", StarPlace(*frame.icrs_deg)), frame.utc_s)
         sample = self._samples[-1]
         axes = self._axes(sample, float(there.ra_deg) + float(there.ha_deg))
-        before = Star(float(there.ha_deg), float(there.dec_deg), *axes)
-        off_deg = rms(fit([before], self.sky.site.latitude_deg, names=("IH", "ID")).before_arcsec) / 3600.0
+        before = Star(*self.sky.own_deg(float(there.ha_deg), float(there.dec_deg)), *axes)
+        zeros = fit([before], self.sky.site.latitude_deg, self.sky.axes)
+        off_deg = rms(zeros.before_arcsec) / 3600.0
+        if off_deg > SYNC_DEG and self.sky.axes == "altaz":
+            words = (
+                f"the mount's reports are off by {off_deg:.1f}°: sync it with its own program, then run "
+                "`sattrack mount calibrate --axes`"
+            )
+            self.end(SattrackError(words), now_utc_s)
+            return
         if off_deg > SYNC_DEG:
             self.tell(f"the mount's reports are off by {off_deg:.1f}°: it is synced on the field it looks at")
             sync = Sync(float(there.ra_deg), float(there.dec_deg))
@@ -420,7 +471,8 @@ class StarRun:
         assert body.star is not None
         icrs = body.star.ra_deg, body.star.dec_deg
         axes = first, float(np.mean(places[:, 1]))
-        star = Star(float(seen.ha_deg), float(seen.dec_deg), *axes, icrs, sidereal % 360.0)
+        own = self.sky.own_deg(float(seen.ha_deg), float(seen.dec_deg))
+        star = Star(*own, *axes, icrs, sidereal % 360.0)
         self._missed = 0
         self.stars.append(star)
         self.keep(star)
@@ -432,7 +484,7 @@ class StarRun:
     def _fit(self, now_utc_s: float) -> None:
         """Fit what there is; end the run where it predicts as little as was asked."""
         latitude = self.sky.site.latitude_deg
-        bump = find_bump(self.counting, latitude)
+        bump = find_bump(self.counting, latitude, self.sky.axes)
         if bump is not None:
             self.bumped_at += bump.before_star
             self.tell(
@@ -441,10 +493,10 @@ class StarRun:
             )
             # What was measured before does not count: the stars are chosen anew.
             self.most += bump.before_star
-            self._done = [(star.hour_angle_deg, star.dec_deg) for star in self.counting]
+            self._done = [self.sky.place_deg(star) for star in self.counting]
             self._queue.clear()
         try:
-            self.fitted = fit(self.counting, latitude)
+            self.fitted = fit(self.counting, latitude, self.sky.axes)
         except SattrackError as error:
             self.tell(str(error))
             return
@@ -454,7 +506,7 @@ class StarRun:
         if len(self.counting) < FEWEST_TO_PREDICT:
             self.tell(text)
             return
-        predicted = self.fitted.predicted_arcsec(self.sky.grid())
+        predicted = self.fitted.predicted_arcsec(self.sky.own_grid())
         left = rms(self.fitted.residuals_arcsec[-1:])
         self.tell(f"{text}, the model leaves {left:.1f}″ here and predicts {predicted:.1f}″ over the sky")
         if len(self.counting) >= FEWEST_STARS and predicted <= self.until_arcsec:

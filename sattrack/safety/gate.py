@@ -57,10 +57,6 @@ if TYPE_CHECKING:
     from sattrack.safety.rate_limit import RateRanges
     from sattrack.safety.watch import Former
 
-BY_HAND = (
-    "the profile has a geometry: satellites are followed with such a mount, and nothing else is asked "
-    "of it but stops"
-)
 STEP_SHARE = 2.0
 """A mean rate over a ramp is reached by a command twice as large, so steps may be so much of a ramp."""
 HELD_ANEW_S = 0.07
@@ -302,8 +298,8 @@ class Safety:
         if isinstance(request, Abort):
             return ClearedRequest(request)
         refused = objection(request, self._profile)
-        if self._leads:
-            refused = BY_HAND
+        if refused is None and self._leads and isinstance(request, Slew):
+            refused = "a mount with a geometry is led by rates, and not asked to slew by itself"
         if refused is None and stance is None:
             refused = "the mount has not been heard yet"
         if refused is None and self.tripped is not None:

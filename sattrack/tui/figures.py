@@ -204,7 +204,7 @@ class AxesPanel(Panel):
 
 
 class WherePanel(Panel):
-    """Where the satellite is."""
+    """Where the satellite is, and how the field of a camera on the tube turns where it does."""
 
     def full(self, scene: Scene) -> list[Row]:
         """Return a row for each coordinate."""
@@ -212,13 +212,22 @@ class WherePanel(Panel):
         low = view.target_alt_deg < 0.0
         alt = f"{view.target_alt_deg:.1f}°".replace("-", formatting.MINUS)
         below: Part = (" not up", SPOKEN[Tone.NOTICE]) if low else ""
-        return [
+        range_km = "-" if view.range_km is None else f"{view.range_km:.0f} km"
+        rows = [
             labelled("alt", (alt, "bold"), below, cells=7),
             labelled("az", (formatting.azimuth(view.target_az_deg), "bold"), cells=7),
-            labelled("range", ("-" if view.range_km is None else f"{view.range_km:.0f} km", "bold"), cells=7),
+            labelled("range", (range_km, "bold"), cells=7),
             labelled("RA", formatting.right_ascension(view.target_ra_deg), cells=7),
             labelled("Dec", formatting.degrees(view.target_dec_deg), cells=7),
         ]
+        if view.axes is not None:
+            angle = formatting.number(view.axes.field_angle_deg, 0, "°", sign=True)
+            rate = formatting.number(view.axes.field_rate_deg_s, 3, "°/s", sign=True)
+            rows.append(labelled("field", (f"{angle} {rate}", "bold"), cells=7))
+            if self.content_size.height < len(rows):
+                # The range is what a camera that turns can do without.
+                del rows[2]
+        return rows
 
 
 class TimesPanel(Panel):
@@ -379,9 +388,10 @@ class MountPanel(Panel):
     @staticmethod
     def _rates(scene: Scene) -> tuple[tuple[str, float, float | None, float], ...]:
         view = scene.view
+        first, second = ("RA", "Dec") if view.axes is None else ("ax 1", "ax 2")
         return (
-            ("RA", view.ra_rate_deg_s, view.ra_rate_reached_deg_s, view.max_ra_rate_deg_s),
-            ("Dec", view.dec_rate_deg_s, view.dec_rate_reached_deg_s, view.max_dec_rate_deg_s),
+            (first, view.ra_rate_deg_s, view.ra_rate_reached_deg_s, view.max_ra_rate_deg_s),
+            (second, view.dec_rate_deg_s, view.dec_rate_reached_deg_s, view.max_dec_rate_deg_s),
         )
 
 

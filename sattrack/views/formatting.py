@@ -248,9 +248,14 @@ def pointing(view: ConsoleView, status: Status) -> Group:
     name = "" if azimuth is None else " " + cardinal(azimuth)
     low = status.altitude_deg is not None and status.altitude_deg < view.floor_altitude_deg
     offset_s = view.clock_offset_s
+    own: tuple[StatusLine, ...] = ()
+    if view.looks_at_deg is not None:
+        ra_deg, dec_deg = view.looks_at_deg
+        own = (StatusLine("looks at RA", hours(ra_deg / 15.0)), StatusLine("looks at Dec", degrees(dec_deg)))
     return Group(
         "pointing",
         (
+            *own,
             StatusLine("RA", hours(status.ra_h)),
             StatusLine("Dec", degrees(status.dec_deg)),
             StatusLine("hour angle", hours(hour_angle, sign=True)),
@@ -442,7 +447,8 @@ def pointing_text(view: ConsoleView) -> str:
         return "not heard"
     doing = "slewing" if status.slewing else "at rest or tracking" if view.at_rest else "moving"
     altitude = number(status.altitude_deg, 1, "°")
-    return f"RA {hours(status.ra_h)}  Dec {degrees(status.dec_deg)}  alt {altitude}  {doing}"
+    ra_deg, dec_deg = view.looks_at_deg or (15.0 * status.ra_h, status.dec_deg)
+    return f"RA {hours(ra_deg / 15.0)}  Dec {degrees(dec_deg)}  alt {altitude}  {doing}"
 
 
 ALONG_AND_ACROSS = ("along_s", "cross_deg")

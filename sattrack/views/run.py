@@ -478,6 +478,9 @@ class ConsoleView(msgspec.Struct, frozen=True, tag="console"):
     tripped: str | None
     """The safety limit that stopped the mount."""
     warnings: tuple[str, ...]
+    looks_at_deg: tuple[float, float] | None = None
+    """Right ascension and declination of date in which the telescope looks, by geometry and pointing model;
+    null where the profile has neither."""
 
 
 STARTER = 0

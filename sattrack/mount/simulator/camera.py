@@ -422,10 +422,17 @@ def _mount_axes(hidden: Hidden, altitude: float, azimuth: float, alignment: str)
     """Return the mount's own meridian, side and pole as rows, east, north, up; the true pole is given.
 
     An axis that turns by a positive angle goes from the meridian to the side: hour angles westward,
-    azimuths eastward. A misaligned pole is the elevated one.
+    azimuths eastward. A misaligned pole is the elevated one; that of "altaz", the zenith, is tilted northward
+    by `polar_alt`, then eastward by `polar_az`.
     """
     if alignment == "altaz":
-        return np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+        (cos_n, sin_n), (cos_e, sin_e) = (
+            (math.cos(angle * ARCMIN), math.sin(angle * ARCMIN))
+            for angle in (hidden.polar_alt, hidden.polar_az)
+        )
+        north, raised = np.array([0.0, cos_n, -sin_n]), np.array([0.0, sin_n, cos_n])
+        aside = np.array([1.0, 0.0, 0.0])
+        return np.array([north, cos_e * aside - sin_e * raised, cos_e * raised + sin_e * aside])
     sense = math.copysign(1.0, altitude)
     tilted = altitude + sense * hidden.polar_alt * ARCMIN
     east = azimuth + sense * hidden.polar_az * ARCMIN

@@ -101,8 +101,11 @@ GRAMMAR = (
     ("cross_drift=10", "arcsec/min"),
     ("magnitude=5", "of the satellite in sunlight"),
     ("shadow=0", "the satellite shines in the Earth's shadow too"),
-    ("polar_az=3", "arcmin; the mount's pole is this far east of the true one"),
-    ("polar_alt=4", "arcmin; the mount's pole is this far too high"),
+    (
+        "polar_az=3",
+        "arcmin; the mount's pole is this far east of the true one; an azimuth axis is tilted east",
+    ),
+    ("polar_alt=4", "arcmin; the mount's pole is this far too high; an azimuth axis is tilted north"),
     ("ha=20", "arcsec; the hour angle axis points this far west of what it says"),
     ("dec=20", "arcsec; the declination axis points this far north of what it says"),
     ("cone=30", "arcsec; the camera looks this far west of square to the declination axis"),

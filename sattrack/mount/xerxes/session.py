@@ -78,6 +78,7 @@ from sattrack.mount.xerxes.standstill import Standstill
 from sattrack.mount.xerxes.tickets import Launchable, Launches, MotionTicket
 
 if TYPE_CHECKING:
+    from sattrack.mount.geometry import AxisFrame
     from sattrack.mount.model import Cleared, Stance, Status
     from sattrack.mount.requests import ClearedRequest
 
@@ -159,6 +160,7 @@ class Session:
     """Types of the doubtful fields, as far as statuses have shown them."""
     begun_move: MoveAxes | None = None
     """The MoveAxis motion that the last datagram began, None where it began none."""
+    _frame: AxisFrame | None = field(init=False)
     _sequence: StatusSequence = field(init=False)
     _acks: AckWatch = field(init=False)
     _move: HeldMove | EdgeMove = field(init=False)
@@ -179,6 +181,7 @@ class Session:
 
     def __post_init__(self) -> None:
         """Begin to count statuses."""
+        self._frame = self.profile.frame
         self._sequence = StatusSequence(self.health)
         self._acks = AckWatch(self.health)
         self._launches = Launches(self.profile)
@@ -341,8 +344,10 @@ class Session:
 
     @property
     def stance(self) -> Stance | None:
-        """How the mount stands, for safety to judge; None before the first status."""
-        return None if self.status is None else stance_of(self.status, self._standstill.stands)
+        """How the mount stands, by its axes, for safety to judge; None before the first status."""
+        if self.status is None:
+            return None
+        return stance_of(self.status, self._standstill.stands, self._frame)
 
     def taken_over(self) -> None:
         """Note that the mount may have been moving before its first status."""

@@ -189,7 +189,11 @@ class Launches:
         """
         released = all(flag.state is Handshake.IDLE for flag in (self._sync_flag, self._pulse_flag))
         may_rise = self._active is None and self._queue and clear and released
-        if may_rise and status is not None and not self._waits_for_rest(stance_of(status, stands)):
+        if (
+            may_rise
+            and status is not None
+            and not self._waits_for_rest(stance_of(status, stands, self.profile.frame))
+        ):
             self._launch(self._queue.popleft()[0], status, stands)
         active = self._active
         if active is None:
@@ -226,7 +230,7 @@ class Launches:
         flag = OneShot()
         if isinstance(ticket.request, Park):
             # It was judged when it was submitted; what counts is where the mount stands as the flag rises.
-            refused = park_objection(self.profile, stance_of(status, stands))
+            refused = park_objection(self.profile, stance_of(status, stands, self.profile.frame))
             if refused is not None:
                 ticket.become(TicketState.FAILED, refused)
                 return

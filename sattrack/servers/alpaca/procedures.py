@@ -54,6 +54,8 @@ def procedure_of(order: Order, profile: MountProfile, fine: FineRate) -> Procedu
     match order:
         case Slew() | Sync() | Park() | FindHome() | PulseGuide():
             return procedure_for(order, profile)
+        case TrackOrder() if profile.geometry is not None:
+            return KeepOnSky() if order.on else Once(Abort(), "ending tracking")
         case FineOrder():
             ra_deg_s = fine.ra_deg_s if order.ra_deg_s is None else order.ra_deg_s
             dec_deg_s = fine.dec_deg_s if order.dec_deg_s is None else order.dec_deg_s
@@ -63,14 +65,17 @@ def procedure_of(order: Order, profile: MountProfile, fine: FineRate) -> Procedu
     raise TypeError(type(order))
 
 
-def as_request(axis: int, rate_deg_s: float) -> MoveAxis:
+def as_request(axis: int, rate_deg_s: float, stands: bool) -> MoveAxis:
     """Return the request that turns an axis at a rate of its own, westward or northward.
 
     The primary axis' rate stands in place of sidereal tracking; a Xerxes mount adds its own MoveAxis rate to
-    that. Rate 0 is no standstill: it gives the axis back to what it did before, which is the sky.
+    that. Rate 0 is no standstill: it gives the axis back to what it did before, which is the sky. An axis of
+    a mount with a geometry `stands` then.
     """
     if axis == SECONDARY:
         return MoveAxis(dec_rate_deg_s=rate_deg_s)
+    if stands:
+        return MoveAxis(ra_rate_deg_s=SIDEREAL_RATE_DEG_S - rate_deg_s)
     return MoveAxis(ra_rate_deg_s=SIDEREAL_RATE_DEG_S - rate_deg_s if rate_deg_s else 0.0)
 
 
@@ -79,8 +84,8 @@ class Drive:
 
     doing = MOVING_BY_RATES
 
-    def __init__(self, axis: int, rate_deg_s: float) -> None:
-        self._rates = {axis: rate_deg_s}
+    def __init__(self, axis: int, rate_deg_s: float, stands: bool = False) -> None:
+        self._rates, self._stands = {axis: rate_deg_s}, stands
         self._ticket: Ticket | None = None
         self._ending: Ticket | None = None
 
@@ -92,7 +97,7 @@ class Drive:
     def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
         """See Procedure."""
         (axis, rate_deg_s) = next(iter(self._rates.items()))
-        return self._ask(desk, as_request(axis, rate_deg_s), now_utc_s)
+        return self._ask(desk, as_request(axis, rate_deg_s, self._stands), now_utc_s)
 
     def change(
         self, desk: ProcedureHost, axis: int, rate_deg_s: float, now_utc_s: float
@@ -102,7 +107,7 @@ class Drive:
         if not any(after.values()):
             self._rates = after
             return self._end(desk, now_utc_s)
-        refusal = self._ask(desk, as_request(axis, rate_deg_s), now_utc_s)
+        refusal = self._ask(desk, as_request(axis, rate_deg_s, self._stands), now_utc_s)
         if refusal is None:
             self._rates, self._ending = after, None
         return refusal
@@ -170,6 +175,21 @@ class AfterStop:
         self._begun = True
         refusal = self._then.begin(desk, now_utc_s)
         return None if refusal is None else refused(refusal)
+
+
+class KeepOnSky:
+    """Keep the telescope of a mount with a geometry where it looks."""
+
+    doing = "taking up tracking"
+
+    def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
+        """See Procedure."""
+        return desk.keep_here(now_utc_s)
+
+    def step(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:
+        """See Procedure."""
+        del desk, now_utc_s
+        return Outcome(TicketState.COMPLETE, False)
 
 
 class SetTracking:

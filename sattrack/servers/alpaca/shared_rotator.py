@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from sattrack.servers.antenna.equipment import Feedback
-from sattrack.servers.antenna.led_mount import PathDriver
+from sattrack.servers.antenna.led_mount import PathDriver, park_direction
 from sattrack.servers.rotctld.rotator import Rotator
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ class SharedRotator(Feedback):
         limits: SafetyLimits,
         why_busy: Callable[[], str | None],
     ) -> None:
-        self.rotator = Rotator(sky, self, profile.park, why_busy=why_busy)
+        self.rotator = Rotator(sky, self, park_direction(profile), why_busy=why_busy)
         self.driver: PathDriver | None = None
         """What moves the mount to clients' positions; None while they do not."""
         self._made = sky, profile, limits

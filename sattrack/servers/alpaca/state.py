@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from sattrack.control.engine_view import bias_fields
 from sattrack.control.manual_operation import NEAR_DEG, off_axes_deg
+from sattrack.core.angles import altitude_deg, azimuth_deg
 from sattrack.mount.model import DTICS_S_PER_DEG_S, SIDEREAL_RATE_DEG_S, AxesPosition
 from sattrack.servers.alpaca.protocol import Answered, Fault, FollowedState, Number, TelescopeState
 from sattrack.views.messages import OffsetBy
@@ -117,21 +118,35 @@ def state_of(  # noqa: PLR0913 - one argument for each value that statuses do no
     failure: str | None,
     tripped: str | None,
     following: FollowedState | None,
+    looks_at_deg: tuple[float, float] | None = None,
+    kept: bool | None = None,
 ) -> TelescopeState:
-    """Return the state of a mount that clients see, at an instant."""
+    """Return the state of a mount that clients see, at an instant.
+
+    `looks_at_deg` is where the telescope looks, if that differs from what the mount reports; `kept` whether
+    rates keep it on the sky, None for a mount that tracks by itself.
+    """
     status = session.status
     if status is None:
         return TelescopeState(utc_s=utc_s, heard=False, doing=doing, failure=failure)
     latitude, longitude, height = _site(status)
     fine = session.fine_rate
+    ra_h, dec_deg = status.ra_h % 24.0, status.dec_deg
+    altitude, azimuth = status.altitude_deg, status.azimuth_deg
+    if looks_at_deg is not None:
+        ra_h, dec_deg = looks_at_deg[0] / 15.0, looks_at_deg[1]
+    geometry = session.profile.geometry
+    if geometry is not None and geometry.reports == "axes" and session.profile.stands_at is not None:
+        place = 15.0 * (status.sidereal_h - ra_h), dec_deg, session.profile.stands_at.latitude_deg
+        altitude, azimuth = altitude_deg(*place), azimuth_deg(*place)
     return TelescopeState(
         utc_s=utc_s,
         heard=heard,
         measured_utc_s=_measured_utc_s(session, utc_s),
-        ra_h=status.ra_h % 24.0,
-        dec_deg=status.dec_deg,
-        altitude_deg=status.altitude_deg,
-        azimuth_deg=status.azimuth_deg,
+        ra_h=ra_h,
+        dec_deg=dec_deg,
+        altitude_deg=altitude,
+        azimuth_deg=azimuth,
         sidereal_h=status.sidereal_h % 24.0,
         site_latitude_deg=latitude,
         site_longitude_deg=longitude,
@@ -139,12 +154,12 @@ def state_of(  # noqa: PLR0913 - one argument for each value that statuses do no
         ra_guide_rate_deg_s=_rate(status.ra_guide_rate_dtics_s),
         dec_guide_rate_deg_s=_rate(status.dec_guide_rate_dtics_s),
         slewing=slewing,
-        tracking=mount_state.tracking(session),
+        tracking=mount_state.tracking(session) if kept is None else kept,
         at_home=mount_state.at_home(session) and not slewing,
         at_park=mount_state.at_park(session),
         pulse_guiding=pulsing or status.pulse_guiding,
         beyond_pole=status.side_of_pier,
-        does_refraction=status.does_refraction,
+        does_refraction=status.does_refraction or session.profile.pointing is not None,
         ra_offset_deg_s=fine.ra_deg_s,
         dec_offset_deg_s=fine.dec_deg_s,
         doing=doing,

@@ -231,7 +231,19 @@ class TelescopeStation:
             failure=self._failure,
             tripped=self.tripped,
             following=following,
+            looks_at_deg=self._looks_at_deg,
+            kept=None if self.profile.geometry is None else self._kept,
         )
+
+    @property
+    def _kept(self) -> bool:
+        """Whether a mount with a geometry is kept on the sky, or led to it."""
+        return self.engine is not None or self._path is not None or self.console.lead is not None
+
+    @property
+    def _looks_at_deg(self) -> tuple[float, float] | None:
+        aim, sample = self.console.sky_aim, self._driver.sample
+        return None if aim is None or sample is None else aim.looks_at_deg(sample)
 
     @property
     def _drive(self) -> Drive | None:
@@ -248,6 +260,9 @@ class TelescopeStation:
         """Whether the mount slews, or a stop is not yet over: nothing else can begin before."""
         ended = self.session.stopped and self.console.procedure is None
         status, stopping = self.session.status, self.console.stopping and not ended
+        if self.profile.geometry is not None:
+            # Rates that lead it, and keep it on the sky, are a slew to the mount itself.
+            return stopping or (self.console.lead is not None and not self.console.lead.arrived)
         return stopping or (self._drive is None and status is not None and status.slewing)
 
     @property
@@ -322,7 +337,8 @@ class TelescopeStation:
         drive = self._drive
         if drive is None:
             if order.rate_deg_s:
-                self._begin_operation("move", Drive(order.axis, order.rate_deg_s), now_utc_s)
+                stands = self.profile.geometry is not None
+                self._begin_operation("move", Drive(order.axis, order.rate_deg_s, stands), now_utc_s)
             return False
         refuse(drive.change(self.console, order.axis, order.rate_deg_s, now_utc_s))
         if drive.moves:
@@ -353,6 +369,10 @@ class TelescopeStation:
         session = self.console.session
         idle = isinstance(session.wanted, Hold) and session.move_over and not session.busy
         status = session.status
+        if self.console.lead is not None and self._path is None and self._ending is None:
+            return (
+                None if self.console.lead.arrived else f"the mount is {self._doing}: wait until that is over"
+            )
         if self._path is not None:
             return None
         if self._ending is not None:

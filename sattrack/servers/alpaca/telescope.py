@@ -64,7 +64,7 @@ NOTHING = object()
 _MEMBER = re.compile(r"[a-z]{1,40}")
 Spans = tuple[tuple[float, float], ...]
 MAKER = "sattrack"
-GERMAN, POLAR = 2, 1
+ALT_AZ, POLAR, GERMAN = 0, 1, 2
 ANY_RATE: Spans = ((0.0, 360.0),)
 FINE_RATES = frozenset({"RightAscensionRate", "DeclinationRate"})
 SIDEREAL_A_SECOND = 86400.0 / 86164.0905
@@ -155,6 +155,9 @@ class Device:
     @property
     def alignment(self) -> int:
         """See AlignmentMode: only a mount that changes pier sides is a German one."""
+        geometry = self.profile.geometry
+        if geometry is not None:
+            return ALT_AZ if geometry.kind == "alt-azimuth" else POLAR
         return GERMAN if self.profile.pier_rule == "hour_angle" else POLAR
 
     def max_rate_deg_s(self, axis: int) -> float:

@@ -9,14 +9,25 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Protocol
 
+from sattrack.control.aim import MountSidereal
 from sattrack.control.driver import Driver, StopProcedure
 from sattrack.control.following import Follower
 from sattrack.control.target import TargetSpan
-from sattrack.mount.model import Hold, Motion, MoveAxes, Stop
+from sattrack.mount.model import AxesPosition, Hold, Motion, MoveAxes, Stop
+from sattrack.pointing.terms import PointingModel
 from sattrack.safety import Safety
 from sattrack.servers.antenna.equipment import Feedback, Sensors
 from sattrack.servers.antenna.protocol import to_ns
-from sattrack.servers.antenna.trajectory import AxisKind, AxisRange, AxisState, AzEl, HaDec, Path, SiteSky
+from sattrack.servers.antenna.trajectory import (
+    AxisKind,
+    AxisRange,
+    AxisState,
+    AzEl,
+    HaDec,
+    Path,
+    ProfileModel,
+    SiteSky,
+)
 
 if TYPE_CHECKING:
     from sattrack.control.target import Pair
@@ -37,13 +48,24 @@ AMPERES = 0.01
 def axis_range(profile: MountProfile, kind: str) -> AxisRange:
     """Return how far a mount's axes turn, as the antenna interface counts them.
 
-    Where positions are azimuths there is no such axis: they are of wrap 0.
+    Where positions are azimuths, or hour angles of a mount with a geometry, there is no such axis: they are
+    of wrap 0.
     """
     if kind == "azel":
         return AxisRange(0.0, 0.0, 360.0, 0.0, 90.0)
+    if kind == "hadec" and profile.geometry is not None:
+        return AxisRange(-180.0, -180.0, 180.0, -90.0, 90.0)
     limit = profile.hour_angle_limit_deg
     low, high = profile.dec_axis_limits_deg
     return AxisRange(-180.0, -limit, limit, max(low, -DEC_LIMIT_DEG), min(high, DEC_LIMIT_DEG))
+
+
+def park_direction(profile: MountProfile) -> AxesPosition | None:
+    """Return the hour angle and declination of the profile's park position; None where it has none."""
+    park, frame = profile.park, profile.frame
+    if park is None or frame is None:
+        return park
+    return AxesPosition(*frame.direction(park.hour_angle_deg, park.dec_deg))
 
 
 class PathTarget(Protocol):
@@ -61,10 +83,13 @@ class PathTarget(Protocol):
 class PathDriver(Driver, Feedback):  # type: ignore[override]
     """One mount that follows the paths of a target, until `end` is called and the mount is seen at rest.
 
-    `kind` says what the target's positions are; the follower gets hour angle and declination. Reported right
-    ascension does not tell the turn of the hour angle axis: turns are counted from the first sample on, which
-    is taken to be within half a turn.
+    `kind` says what the target's positions are; the follower gets hour angle and declination, or the angles
+    of the axes of a mount with a geometry. Reported right ascension does not tell the turn of the first axis:
+    turns are counted from the first sample on, which is taken to be within half a turn. Positions that are
+    azimuths and elevations go through the profile's pointing model; whoever counts the axes has one himself.
     """
+
+    by_axes = True
 
     def __init__(
         self, target: PathTarget, sky: SiteSky, kind: AxisKind, profile: MountProfile, limits: SafetyLimits
@@ -75,7 +100,11 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
         self._ha_deg = 0.0
         self._target = target
         self._kind = kind
-        self._hour_angles = axis_range(profile, "hadec")
+        self._sidereal = MountSidereal(sky.site.longitude_deg)
+        self._model = None
+        if profile.pointing is not None and kind == "azel":
+            self._model = ProfileModel(PointingModel.of(profile.pointing))
+        self._hour_angles = axis_range(profile, "own")
         self._moved = False
         self._near = 0
         self._beyond = False
@@ -126,12 +155,17 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
         """Return where the axes are, as positions of the antenna's kind."""
         utc_s = utc_ns / 1e9
         axes = self._axes_at(utc_s)
-        if axes is None or self._kind == "hadec":
+        if axes is None or (self._kind == "hadec" and self.frame is None):
             return axes
         ha_deg, dec_deg, ha_rate, dec_rate = axes
-        here = self._sky.horizontal(HaDec(ha_deg, dec_deg), utc_s)
-        moved = HaDec(ha_deg + ha_rate * RATE_STEP_S, dec_deg + dec_rate * RATE_STEP_S)
-        later = self._sky.horizontal(moved, utc_s)
+        place = self._looks(HaDec(ha_deg, dec_deg), utc_s)
+        moved = self._looks(
+            HaDec(ha_deg + ha_rate * RATE_STEP_S, dec_deg + dec_rate * RATE_STEP_S), utc_s + RATE_STEP_S
+        )
+        if self._kind == "hadec":
+            turning = math.remainder(moved.ha_deg - place.ha_deg, 360.0) / RATE_STEP_S
+            return AxisState(*place, turning, (moved.dec_deg - place.dec_deg) / RATE_STEP_S)
+        here, later = self._sky.horizontal(place, utc_s), self._sky.horizontal(moved, utc_s)
         turning = math.remainder(later.az_deg - here.az_deg, 360.0) / RATE_STEP_S
         return AxisState(here.az_deg, here.el_deg, turning, (later.el_deg - here.el_deg) / RATE_STEP_S)
 
@@ -187,6 +221,30 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
         self._moved = True
         return motion
 
+    def _clock_deg(self, utc_s: float) -> float:
+        """Return how far the mount's sidereal clock is ahead of the true one."""
+        return math.remainder(self._sidereal.at(utc_s) - self._sky.sidereal_deg(utc_s), 360.0)
+
+    def _stands(self, place: HaDec, utc_s: float) -> HaDec:
+        """Return where the axes stand for a direction: a mount that reports the sky goes by its own clock."""
+        if self._model is not None:
+            place = self._model.axes(place)
+        if self.frame is None:
+            return place
+        ahead = self._clock_deg(utc_s)
+        own = ahead if self.frame.geometry.reports == "sky" else 0.0
+        first, second, _, _ = self.frame.angles(place.ha_deg + own, place.dec_deg)
+        return HaDec(first - ahead, second)
+
+    def _looks(self, axes: HaDec, utc_s: float) -> HaDec:
+        """Return the direction of axes that stand so."""
+        if self.frame is not None:
+            ahead = self._clock_deg(utc_s)
+            own = ahead if self.frame.geometry.reports == "sky" else 0.0
+            hour_angle, dec = self.frame.direction(axes.ha_deg + ahead, axes.dec_deg)
+            axes = HaDec(hour_angle - own, dec)
+        return axes if self._model is None else self._model.inverse(axes)
+
     @property
     def _following(self) -> bool:
         """Whether the mount moves by rates that were sent."""
@@ -195,6 +253,7 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
     def _take(self, sample: StatusSample) -> float:
         """Take in one sample; return its instant."""
         utc_s = self._follower.date(sample)
+        self._sidereal.note(sample.sidereal_h * 15.0, utc_s)
         self._follower.take(sample, utc_s, self._following)
         axes = self._follower.axes
         if axes is not None:
@@ -240,8 +299,11 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
             # The satellite has ended on the way: stand where it was, until the next turn stops the mount.
             return self._last_wanted
         ha_deg, dec_deg = state.first_deg, state.second_deg
-        if self._kind == "azel":
-            place = self._sky.equatorial(AzEl(ha_deg, dec_deg), utc_s)
+        if self._kind == "azel" or self.frame is not None:
+            seen = HaDec(ha_deg, dec_deg)
+            if self._kind == "azel":
+                seen = self._sky.equatorial(AzEl(ha_deg, dec_deg), utc_s)
+            place = self._stands(seen, utc_s)
             near_deg = self._wanted_ha_deg
             if near_deg is None:
                 axes_now = self._axes_at(utc_s)

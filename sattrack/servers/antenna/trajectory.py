@@ -313,12 +313,11 @@ class ProfileModel:
 
     def axes(self, place: HaDec) -> HaDec:
         """Return the axes' positions for a direction, on the normal side of the pole."""
-        first, second = self.model.axes_of(place.ha_deg, place.dec_deg)
-        return HaDec(float(first), float(second))
+        return HaDec(*self.model.reported(place.ha_deg, place.dec_deg))
 
     def inverse(self, axes: HaDec) -> HaDec:
         """Return the direction of axes' positions."""
-        return HaDec(*self.model.direction_of(axes.ha_deg, axes.dec_deg))
+        return HaDec(*self.model.looks(axes.ha_deg, axes.dec_deg))
 
 
 @dataclass(frozen=True, slots=True)

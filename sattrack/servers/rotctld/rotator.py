@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
-from sattrack.servers.antenna.led_mount import RATE_STEP_S, PathDriver
+from sattrack.servers.antenna.led_mount import RATE_STEP_S, PathDriver, park_direction
 from sattrack.servers.antenna.protocol import NS
 from sattrack.servers.antenna.trajectory import AxisState, AzEl, HaDec, Path, Straight
 from sattrack.servers.rotctld.reader import Code
@@ -462,5 +462,5 @@ class RotatorStation(PathDriver):
     def __init__(
         self, sky: SiteSky, profile: MountProfile, limits: SafetyLimits, one_at_a_time: bool = False
     ) -> None:
-        self.rotator = Rotator(sky, self, profile.park, one_at_a_time)
+        self.rotator = Rotator(sky, self, park_direction(profile), one_at_a_time)
         super().__init__(self.rotator, sky, "azel", profile, limits)

@@ -10,7 +10,9 @@ from dataclasses import replace
 from typing import Any
 
 import axes_anywhere
+import erfa
 import msgspec
+import numpy as np
 import pytest
 from astropy import units
 from astropy.coordinates import AltAz, EarthLocation, get_sun
@@ -19,6 +21,9 @@ from astropy.time import Time
 from sattrack.mount.geometry import AxisGeometry
 from sattrack.mount.model import MoveAxes
 from sattrack.safety import SafetyLimits
+from sattrack.views.messages import SeenOffset
+from tle.bias import Bias
+from tle.instants import Utc
 
 SETTLED = 200
 """Turns of the mount after which it is on its target."""
@@ -142,3 +147,82 @@ def test_a_wrong_sign_is_named_as_such(name: str) -> None:
     run = axes_anywhere.AxesRun(axes, profile=profile).run()
     assert run.ended_by == "limit:obedience"
     assert f"turn {name}" in (run.message or "")
+
+
+LATE_S = 0.4
+"""By how much the satellite is later than its elements say, in the passes with a camera."""
+
+
+def unit(azimuth_deg: float, altitude_deg: float) -> Any:
+    """Return a direction, east, north, up."""
+    azimuth, altitude = math.radians(azimuth_deg), math.radians(altitude_deg)
+    level = math.cos(altitude)
+    return np.array([level * math.sin(azimuth), level * math.cos(azimuth), math.sin(altitude)])
+
+
+class CameraOnTube:
+    """A camera on a stranger's tube: its image is turned by so much from the tube's own up."""
+
+    def __init__(self, axes: axes_anywhere.AxesDraw, turned_deg: float, told_deg: float | None) -> None:
+        self._tube, self._sense = axes_anywhere.Tube(axes), axes.senses[1]
+        self._turned, self._told = math.radians(turned_deg), told_deg
+        self._sent_s = -math.inf
+        self.off_arcsec: list[float] = []
+        self.first_arcsec = 0.0
+        self.site = axes.drawn.site
+
+    def satellite(self, run: Any, utc_s: float) -> Any:
+        """Return where the satellite really is, airless as the passes are."""
+        seen = run.propagator.at(Utc(utc_s), Bias(-LATE_S))
+        hour_angle = float(seen.ha_deg)
+        if run.profile.geometry.reports == "sky":
+            # Pointed by the mount's own clock.
+            truth = run.mount.truth()
+            hour_angle = truth.ra_deg + truth.hour_angle_deg - float(seen.ra_deg)
+        azimuth, altitude = erfa.hd2ae(
+            math.radians(hour_angle), math.radians(float(seen.dec_deg)), math.radians(self.site.latitude_deg)
+        )
+        return unit(math.degrees(azimuth), math.degrees(altitude))
+
+    def watch(self, run: Any, now_s: float) -> None:
+        """Send what is seen twice a second, once the mount follows."""
+        truth = run.mount.truth()
+        first, second = truth.hour_angle_deg, truth.dec_axis_deg
+        tube = unit(*self._tube.horizontal(first, second))
+        sat = self.satellite(run, truth.utc_s)
+        self.off_arcsec.append(float(np.linalg.norm(np.cross(tube, sat))) * 206264.8)
+        if now_s - self._sent_s < 0.5 or run.engine.tracker.phase != "tracking":
+            return
+        self.first_arcsec = self.first_arcsec or self.off_arcsec[-1]
+        self._sent_s = now_s
+        above = unit(*self._tube.horizontal(first, second + 0.01 * self._sense))
+        up = above - tube * float(above @ tube)
+        up = up / np.linalg.norm(up)
+        east = np.cross(up, tube)
+        image_up = up * math.cos(self._turned) + east * math.sin(self._turned)
+        image_right = np.cross(tube, image_up)
+        dx, dy = (float(sat @ one) * 206264.8 for one in (image_right, image_up))
+        utc = Utc(truth.utc_s - run.dated_late_s).isoformat("microseconds")
+        run.engine.operate(SeenOffset(utc, dx, dy, 1.0, "on the tube", rotation_deg=self._told), now_s)
+
+
+@pytest.mark.parametrize(("number", "turned_deg"), [(4, 0.0), (33, 130.0)])
+def test_offsets_of_a_camera_that_turns_on_the_sky_lead_to_the_satellite(
+    number: int, turned_deg: float
+) -> None:
+    axes = drawn_at_target(number)
+    frame = axes_anywhere.AxisFrame(axes.geometry, axes.drawn.site.latitude_deg)
+    assert frame.turns_field
+    camera = CameraOnTube(axes, turned_deg, turned_deg)
+    run = axes_anywhere.AxesRun(axes).run(camera.watch)
+    estimator = run.engine.tracker.steering.estimator
+    assert camera.first_arcsec > 60.0
+    assert estimator.accepted > 50
+    assert estimator.rejected + estimator.refused < 5
+    assert max(camera.off_arcsec[-200:]) < 5.0
+
+
+def test_a_camera_that_is_set_otherwise_does_not_lead_there() -> None:
+    camera = CameraOnTube(drawn_at_target(4), 0.0, 90.0)
+    axes_anywhere.AxesRun(drawn_at_target(4)).run(camera.watch)
+    assert max(camera.off_arcsec[-200:]) > 5.0

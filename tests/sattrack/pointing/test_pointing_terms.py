@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import random
 
+import erfa
 import numpy as np
 import pytest
 from strangers.tilted_mount import TiltedMount, apart_arcsec, local
 
 from sattrack.core.errors import BadInputError
-from sattrack.pointing.terms import PointingModel, first_order_deg
+from sattrack.pointing.terms import PointingModel, first_order_deg, swung
 from sattrack.runtime import demo_pass
 from tle.instants import Utc
 from tle.propagator import Propagator
@@ -118,8 +119,16 @@ def test_an_unknown_term_is_refused_by_its_name() -> None:
         PointingModel({"XYZ": 1.0}, 52.0)
 
 
-def test_a_satellites_rates_are_the_derivatives_of_what_the_mount_is_fed() -> None:
-    model = PointingModel({"ME": 4000.0, "MA": -6000.0, "CH": 600.0, "NP": 120.0, "TF": -30.0}, 52.0)
+EQUATORIAL = PointingModel({"ME": 4000.0, "MA": -6000.0, "CH": 600.0, "NP": 120.0, "TF": -30.0}, 52.0)
+AZIMUTH = PointingModel(
+    {"AN": 900.0, "AW": -700.0, "IA": 1200.0, "IE": -800.0, "CA": 300.0, "NPAE": 60.0, "TF": -30.0},
+    52.0,
+    "altaz",
+)
+
+
+@pytest.mark.parametrize("model", [EQUATORIAL, AZIMUTH])
+def test_a_satellites_rates_are_the_derivatives_of_what_the_mount_is_fed(model: PointingModel) -> None:
     site = Site(52.0, 4.5, 0.0)
     fed = Propagator(ISS, site, refraction=Refraction(), pointing=model)
     plain = Propagator(ISS, site, refraction=Refraction())
@@ -137,8 +146,17 @@ def test_a_satellites_rates_are_the_derivatives_of_what_the_mount_is_fed() -> No
             (float(later.dec_deg) - float(sooner.dec_deg)) / 0.1, abs=3e-6
         )
         sky = plain.at(Utc(t))
-        axes = model.axes_of(float(sky.ha_deg), float(sky.dec_deg))
+        axes = model.reported(float(sky.ha_deg), float(sky.dec_deg))
+        assert model.looks(*axes)[1] == pytest.approx(float(sky.dec_deg), abs=1e-8)
         off = (float(here.ha_deg) - axes[0] + 180.0) % 360.0 - 180.0
         assert off == pytest.approx(0.0, abs=0.1 / 3600.0)
         assert float(here.dec_deg) == pytest.approx(axes[1], abs=0.1 / 3600.0)
     assert seen > 5
+
+
+def test_azimuth_and_altitude_are_those_of_erfa() -> None:
+    for h, d in ((-40.0, 20.0), (70.0, 60.0), (150.0, 80.0)):
+        west, altitude = swung(h, d, 52.0)
+        azimuth, known = erfa.hd2ae(math.radians(h), math.radians(d), math.radians(52.0))
+        assert math.remainder(-west - math.degrees(azimuth), 360.0) == pytest.approx(0.0, abs=1e-9)
+        assert altitude == pytest.approx(math.degrees(known), abs=1e-9)

@@ -7,13 +7,16 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import erfa
+import msgspec
 import numpy as np
 import pytest
-from console_builders import SITE, Bench
+from console_builders import PROFILE, SITE, Bench
 from strangers.tilted_mount import TiltedMount, apart_arcsec, local
 
 from sattrack.control.console import ConsoleSession
 from sattrack.core.errors import SattrackError
+from sattrack.mount.geometry import AxisGeometry
+from sattrack.mount.model import MountProfile, SitePlace
 from sattrack.mount.simulator.mount import StartPosition
 from sattrack.pointing.files import RunParameters, read_stars, star_line, stars_head
 from sattrack.pointing.fit import Star, fit
@@ -26,6 +29,8 @@ from tle.refraction import Refraction
 LATITUDE, LONGITUDE = SITE.latitude_deg, SITE.longitude_deg
 AIR = Refraction(1010.0, 10.0)
 MOUNT = TiltedMount(LATITUDE, 4000.0, -3500.0, 600.0, 90.0, 700.0, -900.0, 30.0)
+ALTAZ = TiltedMount(90.0, 1500.0, -1100.0, 400.0, 60.0, 700.0, -900.0, 30.0)
+"""The same with its first axis at the zenith, or nearly."""
 FRAME_S, EXPOSURE_S = 1.5, 0.5
 LIMITS = SafetyLimits()
 UNIX_EPOCH_JD = 2440587.5
@@ -106,10 +111,11 @@ def flown(
     limits: SafetyLimits = LIMITS,
     each: Any = None,
     by_hand: bool = False,
+    profile: MountProfile = PROFILE,
     **camera: Any,
 ) -> Flight:
     """Return a run that is over; `each` is called once a period with the flight."""
-    bench = Bench(start=StartPosition(10.0, 40.0), limits=limits)
+    bench = Bench(profile, start=StartPosition(10.0, 40.0), limits=limits)
     words: list[str] = []
     kept: list[Star] = []
     sky = RunSky(SITE, bench.profile, bench.limits, AIR)
@@ -246,3 +252,62 @@ def test_nothing_that_may_be_looked_at_is_said_before_anything_moves() -> None:
     flight = flown(5, limits=floor)
     assert "nothing of the sky may be looked at" in str(flight.run.trouble)
     assert not flight.bench.flags()
+
+
+def alt_azimuth(reports: str) -> MountProfile:
+    return msgspec.structs.replace(
+        PROFILE,
+        geometry=AxisGeometry(0.0, 90.0, reports=reports),  # type: ignore[arg-type]
+        stands_at=SitePlace(LATITUDE, LONGITUDE),
+        additive=False,
+    )
+
+
+@pytest.mark.parametrize("reports", ["sky", "axes"])
+def test_an_alt_azimuth_mount_points_within_five_arcseconds_after_its_run(reports: str) -> None:
+    flight = flown(14, mount=ALTAZ, profile=alt_azimuth(reports))
+    assert flight.run.trouble is None
+    assert 12 <= len(flight.kept) <= 14
+    fitted = flight.run.fitted
+    assert fitted is not None
+    assert fitted.axes == "altaz"
+    assert {"AN", "AW", "IA", "IE", "CA", "NPAE"} <= set(fitted.names)
+    assert max(abs(value) for value in fitted.values.tolist()) > 1000.0
+    sample = flight.bench.console.sample
+    zero = find_body("0,0")
+    assert sample is not None
+    assert zero is not None
+    seen = flight.run.sky.seen(zero, sample.arrival_utc_s)
+    fast_deg = math.remainder(sample.sidereal_h * 15.0 - float(seen.ra_deg) - float(seen.ha_deg), 360.0)
+    frame = flight.bench.profile.frame
+    assert frame is not None
+    off = []
+    for h, d in flight.run.sky.grid()[::7] + 1.7:
+        # Fed as a run feeds it: what the mount reports there, and the axes with which it does.
+        told, dec = fitted.model.reported(h, d)
+        first, second, _, _ = frame.angles(told + (fast_deg if reports == "sky" else 0.0), dec)
+        off.append(apart_arcsec(ALTAZ.looks(first, second), local(h, d, LATITUDE)))
+    assert math.sqrt(sum(one * one for one in off) / len(off)) < 5.0
+
+
+def test_an_alt_azimuth_mount_that_is_far_off_is_not_synced() -> None:
+    far = replace(ALTAZ, zero_ha=6.0 * 3600.0)
+    flight = flown(13, mount=far, profile=alt_azimuth("sky"))
+    assert "sync it with its own program" in str(flight.run.trouble)
+    assert "sync" not in flight.bench.flags()
+
+
+def test_stars_of_an_alt_azimuth_mount_are_read_as_they_were_written() -> None:
+    flight = flown(3, mount=ALTAZ, profile=alt_azimuth("axes"))
+    head = stars_head("altaz", RunParameters(LATITUDE, "2026-09-21", 10.0, 1010.0, 0.0), "altaz")
+    text = head + "".join(star_line(star, "altaz") for star in flight.kept)
+    _, read = read_stars(text, "altaz.dat", "altaz")
+    for star, again in zip(flight.kept, read, strict=True):
+        assert again.axis_hour_angle_deg == pytest.approx(star.axis_hour_angle_deg % 360.0, abs=1e-5)
+        assert again.axis_dec_deg == pytest.approx(star.axis_dec_deg, abs=1e-5)
+        assert math.remainder(again.hour_angle_deg - star.hour_angle_deg, 360.0) == pytest.approx(
+            0.0, abs=2e-3
+        )
+        assert again.dec_deg == pytest.approx(star.dec_deg, abs=1e-3)
+    with pytest.raises(SattrackError, match="another mount's"):
+        read_stars(text, "altaz.dat")

@@ -10,7 +10,7 @@ from tui_builders import ERROR, SKY, SUMMARY, UTC_S, VIEW, FakeFeed, HandClock, 
 from sattrack.tui.app import TrackApp
 from sattrack.tui.feeds import News
 from sattrack.views.messages import StopNow
-from sattrack.views.run import PauseView
+from sattrack.views.run import PauseView, TwoAxesView
 
 if TYPE_CHECKING:
     from sattrack.views.run import TrackView
@@ -539,3 +539,13 @@ def test_a_long_headline_is_not_cut_for_it() -> None:
     (row,) = (row for row in drawn(paused) if "PAUSED" in row)
     assert "going on as soon as the mount is at rest; the pass lasts 4:17 more" in row
     assert "uncal" not in row
+
+
+@pytest.mark.parametrize("size", [SMALL, LARGE])
+def test_a_field_that_rotates_is_shown_with_its_rate(size: tuple[int, int]) -> None:
+    axes = TwoAxesView(40.0, 50.0, 0.3, -0.1, -123.4, 0.5123)
+    shown = "\n".join(drawn(changed(axes=axes), size=size))
+    assert "field  −123° +0.512°/s" in shown
+    assert "ax 1" in shown
+    assert "°/s" in shown
+    assert not any("field  " in row and "°/s" in row for row in drawn(VIEW, size=size))

@@ -1,0 +1,111 @@
+"""The mount verbs on an alt-azimuth Alpaca telescope that is a stranger's program."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import subprocess
+import sys
+import threading
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from programs import ended, sattrack
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+STRANGER = Path(__file__).parents[3] / "bench" / "strangers" / "alpaca_two_axes.py"
+PROFILE = """
+name = "altaz"
+additive = false
+[ra]
+max_rate_deg_s = 6.0
+max_acceleration_deg_s2 = 5.0
+[dec]
+max_rate_deg_s = 6.0
+max_acceleration_deg_s2 = 5.0
+[stands_at]
+latitude_deg = 52.0
+longitude_deg = 4.5
+[geometry]
+pole_azimuth_deg = 0.0
+pole_altitude_deg = 90.0
+"""
+
+
+class AltAz:
+    """The stranger, and what it says of itself."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        assert process.stdout is not None
+        self.url = f"alpaca://127.0.0.1:{json.loads(process.stdout.readline())['port']}/0"
+        self.truth: dict[str, float] = json.loads(process.stdout.readline())
+        threading.Thread(target=self._read, args=(process.stdout,), daemon=True).start()
+
+    def _read(self, lines: Any) -> None:
+        with contextlib.suppress(ValueError):
+            for line in lines:
+                self.truth = json.loads(line)
+
+
+@contextmanager
+def alt_az(**parameters: Any) -> Iterator[AltAz]:
+    command = [sys.executable, str(STRANGER), "--truth", "--parameters", json.dumps(parameters)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield AltAz(process)
+        finally:
+            process.kill()
+
+
+@pytest.fixture
+def profile(tmp_path: Path) -> Path:
+    path = tmp_path / "altaz.toml"
+    path.write_text(PROFILE, encoding="utf-8")
+    return path
+
+
+def called(mount: AltAz, profile: Path, *words: str) -> Any:
+    options = ("--mount", mount.url, "--profile", str(profile), "--site", "52,4.5,20")
+    with ended(sattrack("mount", *words, *options)) as process:
+        out, err = process.communicate(timeout=120.0)
+        return subprocess.CompletedProcess(process.args, process.returncode, out, err)
+
+
+@pytest.mark.parametrize("tracking", [False, True])
+def test_a_slew_goes_there_and_leaves_the_telescope_as_it_was(profile: Path, tracking: bool) -> None:
+    with alt_az(tracking=tracking) as mount:
+        before = mount.truth
+        ra, dec = (before["ra_deg"] + 15.0) % 360.0, before["dec_deg"] + 8.0
+        done = called(mount, profile, "slew", str(ra), str(dec), "--json")
+        assert done.returncode == 0, done.stderr
+        result = json.loads(done.stdout)
+        after = mount.truth
+        # Where the driver does not track, the sky has gone on since.
+        off = math.remainder(after["ra_deg"] - ra, 360.0)
+        assert abs(off) < 0.003 if tracking else 0.0 < off < 0.2
+        assert after["dec_deg"] == pytest.approx(dec, abs=0.02)
+        assert result["state"] == "complete"
+        assert result["mount_stopped"] is True
+        assert result["looks_at_deg"][1] == pytest.approx(after["dec_deg"], abs=0.02)
+
+
+def test_a_sync_and_a_pulse_are_refused_before_anything_is_sent(profile: Path) -> None:
+    with alt_az() as mount:
+        for words in (("sync", "10", "10"), ("pulse", "--ra", "300"), ("home",)):
+            done = called(mount, profile, *words)
+            assert done.returncode == 2
+            assert "geometry" in done.stderr
+            assert "nothing was sent" in done.stderr
+            assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_the_status_of_such_a_telescope_is_shown(profile: Path) -> None:
+    with alt_az() as mount:
+        done = called(mount, profile, "status")
+        assert done.returncode == 0, done.stderr
+        assert "looks at RA" in done.stdout
