@@ -295,13 +295,13 @@ class SeenMount(SimulatedMount):
         return status, truth
 
 
-def followed(hidden=None):
+def followed(hidden=None, min_alt_deg=10.0):
     """The practice pass followed in virtual time by the elements alone, and what a camera sees every second.
 
     Returns the offsets, arcseconds, (n, 2), from 75 s after the start: when the pass is followed.
     """
     hidden = Hidden() if hidden is None else hidden
-    request = RunRequest("25544", "sim", None, None, demo_pass.BEFORE_PASS, 10.0, virtual=True)
+    request = RunRequest("25544", "sim", None, None, demo_pass.BEFORE_PASS, min_alt_deg, virtual=True)
     prepared = prepare(dataclasses.replace(request, elements=None, site=None))
     facts = prepared.facts
     command_s, status_s = split_delays_s(hidden, facts.profile)

@@ -47,8 +47,8 @@ _MIDDLES = _STARTS + 0.5 * _WIDTHS
 _MOMENTS = np.array((np.ones(SHARES), _MIDDLES, _MIDDLES * _MIDDLES + _WIDTHS * _WIDTHS / 12.0))
 _LAGS_S = (*JUMPS_S, *KNOTS_S[2:])
 """All ends of lags; the first knots are jumps as well."""
-_SPAN_STARTS = [_LAGS_S.index(a) for a in KNOTS_S[:-1]]
-_SPAN_ENDS = [_LAGS_S.index(b) for b in KNOTS_S[1:]]
+_SPAN_STARTS, _SPAN_ENDS = slice(_PROMPT, -1), slice(_PROMPT + 1, None)
+"""Where among them the spans between the knots begin and end."""
 _SPAN_WIDTHS_S = np.diff(KNOTS_S)
 BEFORE_S = 10.0
 MOST_KEPT = 200
@@ -141,11 +141,13 @@ class Commanded:
         count = len(self._utc_s)
         for step in coming:
             self._append(step)
-        moved = np.array(self._at_lags(to_s)) - np.array(self._at_lags(from_s))
+        ends = np.array((self._at_lags(to_s), self._at_lags(from_s)))
         del self._utc_s[count:], self._steps[count:]
-        return np.concatenate(
-            (moved[:2, :_FIRST], (moved[2:, _SPAN_STARTS] - moved[2:, _SPAN_ENDS]) / _SPAN_WIDTHS_S), axis=1
-        )
+        moved = ends[0] - ends[1]
+        effects = np.empty((2, SHARES))
+        effects[:, :_FIRST] = moved[:2, :_FIRST]
+        effects[:, _FIRST:] = (moved[2:, _SPAN_STARTS] - moved[2:, _SPAN_ENDS]) / _SPAN_WIDTHS_S
+        return effects
 
     def _append(self, step: Step) -> None:
         begun_s, ra_rate, dec_rate, ra, dec, ra_sum, dec_sum = self._steps[-1]

@@ -29,7 +29,7 @@ def test_a_run_obeys_every_message_as_written() -> None:
     messages = [decode_message(line) for line in lines]
     assert isinstance(messages[-1], StopNow)
     timed = tuple((FIRST_S + BETWEEN_S * i, message) for i, message in enumerate(messages))
-    request = RunRequest("25544", "sim", None, None, None, 10.0, virtual=True)
+    request = RunRequest("25544", "sim", None, None, "2026-10-02T13:03:10Z", 10.0, virtual=True)
     warnings: set[str] = set()
     searches: set[str] = set()
     offsets: set[str] = set()

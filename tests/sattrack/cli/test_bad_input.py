@@ -206,7 +206,8 @@ def test_a_profile_is_not_learnt_from_an_antenna(tmp_path: Path, capsys: pytest.
 
 def test_a_virtual_pass_writes_what_it_learnt(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     target = tmp_path / "learnt.toml"
-    assert run(["track", "25544", *VIRTUAL, "--min-alt", "45", "--json", "--learn-profile", str(target)]) == 0
+    high = ("--clock", "2026-10-02T13:04:10Z", "--min-alt", "45")
+    assert run(["track", "25544", *VIRTUAL, *high, "--json", "--learn-profile", str(target)]) == 0
     out, err = capsys.readouterr()
     learnt = json.loads(out)["summary"]["learnt"]
     told = [line for line in err.splitlines() if f"learnt, and written to {target}" in line]

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 NOW = ("--clock", "2026-10-03T00:00:00Z")
 SITE = ("--site", "52.1541,4.4908,0")
 STARLINK = "100534"
-HIGH_PASS = ("--clock", "2026-10-02T07:30:00Z")
+HIGH_PASS = ("--clock", "2026-10-02T07:33:06Z")
+"""It rises above 70° at 07:33:22."""
 # Vallado et al. 2006, verification set: a rocket body whose perigee is inside the Earth.
 SUB_ORBITAL = (
     "1 28872U 05037B   05333.02012661  .25992681  00000-0  24476-3 0  1534",
@@ -262,7 +263,7 @@ def test_a_satellite_is_fetched_by_name_where_no_elements_are_set(server, capsys
     assert {row["catalog_number"] for row in json.loads(out)} == {25544}
     assert "no elements are set: those of ISS are from 127.0.0.1" in err
     # What was fetched is kept: the second command asks nobody.
-    high = ("--clock", "2026-10-02T13:00:00Z", "--min-alt", "75")
+    high = ("--clock", "2026-10-02T13:04:55Z", "--min-alt", "75")
     ran(capsys, "track", "iss", "--mount", "sim", "--virtual", *SITE, *high)
     assert asked_for(server) == ["CATNR=25544"]
 
@@ -330,14 +331,14 @@ def test_elements_too_old_to_find_the_satellite_with_are_refused(csv_file, capsy
 
 def test_old_elements_are_followed_where_that_is_asked_for_and_the_summary_says_so(csv_file, capsys):
     old = ("--elements", csv_file, "--old-elements", "--min-alt", "30")
-    out, _ = ran(capsys, *LATER, "2026-10-22T12:00:00Z", *old)
+    out, _ = ran(capsys, *LATER, "2026-10-23T02:59:50Z", *old)
     assert "  against elements 21 days old" in out.splitlines()
-    out, _ = ran(capsys, *LATER, "2026-10-02T12:00:00Z", "--elements", csv_file, "--min-alt", "75")
+    out, _ = ran(capsys, *LATER, "2026-10-02T13:04:55Z", "--elements", csv_file, "--min-alt", "75")
     assert "against elements" not in out
 
 
 def test_elements_whose_error_is_beyond_the_field_are_refused(csv_file, capsys):
-    four_days = (*LATER, "2026-10-06T12:00:00Z", "--elements", csv_file)
+    four_days = (*LATER, "2026-10-06T13:09:40Z", "--elements", csv_file)
     _, err = ran(capsys, *four_days, "--fov", "0.05", code=2)
     assert "off along its track, out of a field of 0.05°" in err.splitlines()[-1]
     ran(capsys, *four_days, "--fov", "5", "--min-alt", "60")

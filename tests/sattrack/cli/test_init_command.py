@@ -53,7 +53,7 @@ def test_what_is_typed_is_written_and_the_commands_read_it(folder):
     assert settings["zone"] == "Europe/Amsterdam"
     assert "The coming 24 hours:" in done.stdout
     assert "ISS (ZARYA)" in done.stdout
-    high = ("--clock", "2026-10-02T13:00:00Z", "--min-alt", "75")
+    high = ("--clock", "2026-10-02T13:04:55Z", "--min-alt", "75")
     assert run(["track", "ISS", "--virtual", "--json", *high]) == 0
 
 

@@ -370,7 +370,7 @@ def test_what_the_keyhole_takes_and_the_way_back_are_in_no_error(
         "sim",
         "--virtual",
         "--clock",
-        "2026-10-02T20:52:00Z",
+        "2026-10-02T20:55:10Z",
         "--record",
         str(path),
         "--json",

@@ -10,7 +10,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import pytest
@@ -18,6 +18,7 @@ import pytest
 from sattrack.cli.main import run
 from sattrack.core.errors import SattrackError
 from sattrack.recording.replay import replay
+from sattrack.recording.trace import trace
 from sattrack.runtime import demo_pass
 from sattrack.runtime.bias_memory import BiasMemory, KeptBias, memory_file, uses_memory, worth_keeping
 from sattrack.runtime.facts import Prepared, RunRequest, build_engine, engine_of, open_recording, prepare
@@ -30,6 +31,7 @@ from tle.propagator import Propagator
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from sattrack.recording.trace import Trace
     from sattrack.views.run import Summary, TrackView
 
 ELEMENTS = demo_pass.elements()
@@ -235,8 +237,15 @@ def test_simulated_mounts_touch_the_memory_only_where_they_are_told(memory: Bias
 
 
 def test_observations_of_a_pass_are_kept_and_a_report_of_it_has_the_last_word(
-    memory: BiasMemory, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    memory: BiasMemory, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    made: list[Trace] = []
+
+    def once(*of: Any) -> Trace:
+        made.extend([] if made else [trace(*of)])
+        return made[0]
+
+    monkeypatch.setattr("sattrack.cli.recording.trace", once)
     example = Path(__file__).resolve().parents[3] / "examples" / "passes" / "faults.mcap"
     _, facts = open_recording(example)
     assert run(["report", str(example), "--json"]) == 0

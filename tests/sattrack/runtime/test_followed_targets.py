@@ -81,16 +81,16 @@ def replayed(recording: Path) -> None:
 def test_a_satellite_of_a_file_is_followed_and_its_recording_needs_no_file(capsys, tmp_path):
     oem, recording = tmp_path / "iss.oem", tmp_path / "iss.mcap"
     oem.write_text(oem_text("2026-10-02T12:50:00Z", 40))
-    ends = ("--clock", BEFORE, "--to", "2026-10-02T13:03:30Z")
+    ends = ("--clock", "2026-10-02T13:01:35Z", "--to", "2026-10-02T13:03:00Z")
     summary = track(capsys, recording, "ISS", "--ephemeris", str(oem), *ends)
     assert (summary["name"], summary["catalog_number"], summary["ended_by"]) == ("ISS", None, "set")
-    assert summary["on_target_s"] > 85.0
+    assert summary["on_target_s"] > 55.0
     assert summary["true_rms_arcsec"] < 0.1
     oem.unlink()
     replayed(recording)
     _, facts = open_recording(recording)
     # What was followed is where SGP4 has the satellite.
-    at = Utc(seconds("2026-10-02T13:03:00Z"))
+    at = Utc(seconds("2026-10-02T13:02:45Z"))
     followed, made = (Propagator(one, LEIDEN).at(at) for one in (facts.target, elements()))
     assert followed.ra_deg == pytest.approx(made.ra_deg, abs=0.01 / 3600.0)
     assert run(["recording", "info", str(recording)]) == 0
@@ -106,9 +106,9 @@ def test_bodies_and_directions_are_followed_and_replayed_without_skyfield(
     capsys, tmp_path, target, monkeypatch
 ):
     recording = tmp_path / "body.mcap"
-    begin = ("--clock", "2026-10-02T23:00:00Z", "--to", "2026-10-02T23:01:30Z")
+    begin = ("--clock", "2026-10-02T23:00:00Z", "--to", "2026-10-02T23:01:10Z")
     summary = track(capsys, recording, target, *begin)
-    assert summary["on_target_s"] > 60.0
+    assert summary["on_target_s"] > 40.0
     assert summary["true_rms_arcsec"] < 0.1
 
     def absent():
@@ -177,7 +177,8 @@ def test_a_rehearsal_says_what_the_file_says_of_its_error(capsys, tmp_path):
     text = oem_text("2026-10-02T12:50:00Z", 40)
     covariance = "".join(f"{'0 ' * k}{1e-4 if k < 3 else 1e-10}\n" for k in range(6))
     oem.write_text(f"{text}COVARIANCE_START\nEPOCH = 2026-10-02T13:00:00\n{covariance}COVARIANCE_STOP\n")
-    assert run(["rehearse", "ISS", "--ephemeris", str(oem), *SITE, "--clock", BEFORE, "--json"]) == 0
+    high = ("--clock", BEFORE, "--min-alt", "60")
+    assert run(["rehearse", "ISS", "--ephemeris", str(oem), *SITE, *high, "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert (report["name"], report["catalog_number"], report["elements_epoch"]) == ("ISS", None, None)
     part = report["budget"]["parts"][0]
@@ -211,6 +212,7 @@ LAUNCH = """# name: Launch
 t_s,lat_deg,lon_deg,height_m
 """ + "".join(f"{t},52.2,{4.6 + 2e-5 * t * t},{10 + 12.5 * t * t}\n" for t in range(0, 121, 5))
 T0 = "2026-10-02T13:05:00Z"
+BEFORE_T0 = "2026-10-02T13:04:30Z"
 
 
 def launch():
@@ -221,7 +223,7 @@ def launch():
 def test_a_launch_is_followed_from_its_pad_and_replayed_without_the_table(capsys, tmp_path):
     table, recording = tmp_path / "launch.csv", tmp_path / "launch.mcap"
     table.write_text(LAUNCH)
-    summary = track(capsys, recording, str(table), "--t0", T0, "--clock", "2026-10-02T13:03:00Z")
+    summary = track(capsys, recording, str(table), "--t0", T0, "--clock", BEFORE_T0)
     assert (summary["name"], summary["ended_by"]) == ("Launch", "set")
     assert summary["ended_utc"].startswith("2026-10-02T13:07:0")
     assert summary["on_target_s"] > 90.0
@@ -251,7 +253,7 @@ def test_what_is_no_orbit_rests_before_its_first_row_and_after_its_last():
 
 def test_t0_slips_in_a_run_and_the_launch_is_followed_at_its_new_time(tmp_path):
     recording = tmp_path / "launch.mcap"
-    prepared = prepare(request(launch(), clock_option="2026-10-02T13:03:00Z", record=recording))
+    prepared = prepare(request(launch(), clock_option=BEFORE_T0, record=recording))
     views = []
     held = (seconds("2026-10-02T13:04:50Z"), Slip(60.0)), (seconds("2026-10-02T13:05:30Z"), Slip(-20.0))
     summary = fly_virtual(prepared, views.append, messages=held)
@@ -266,7 +268,7 @@ def test_t0_slips_in_a_run_and_the_launch_is_followed_at_its_new_time(tmp_path):
 
 
 def test_t0_that_slips_while_it_is_followed_is_caught_up_with():
-    prepared = prepare(request(launch(), clock_option="2026-10-02T13:03:00Z"))
+    prepared = prepare(request(launch(), clock_option=BEFORE_T0))
     views = []
     summary = fly_virtual(prepared, views.append, messages=((seconds(T0) + 70.0, Slip(-5.0)),))
     assert summary.ended_by == "set"

@@ -44,8 +44,7 @@ TRACK = [
     "--mount",
     "sim",
     "--json",
-    "--min-alt",
-    "70",
+    *("--min-alt", "70", "--clock", "2026-10-02T13:04:50Z"),
     "--observations",
     "stdin",
 ]

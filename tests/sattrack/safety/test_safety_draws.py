@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import msgspec
 import pytest
 import safety_run
 from safety_draws import Judged, draw, fly
@@ -30,9 +33,15 @@ def test_no_limit_is_passed_and_every_run_ends_at_rest(seed: int) -> None:
 
 
 def test_a_mount_gets_out_of_a_corner_between_a_skyline_and_the_suns_cone_that_closes_on_it() -> None:
-    words, judged = flown(1_000_171, 600.0)
-    assert not judged.violated, (words, judged.nearest_deg)
+    drawn = draw(1_000_171, 600.0)
+    # After three minutes in the corner it is on the satellite, which goes ever further from both.
+    plan = msgspec.structs.replace(drawn.facts.plan, end_utc_s=drawn.facts.plan.start_utc_s + 190.0)
+    judged = fly(replace(drawn, facts=msgspec.structs.replace(drawn.facts, plan=plan)))
+    assert not judged.violated, (drawn.words, judged.nearest_deg)
+    assert min(judged.nearest_deg[name] for name in ("horizon", "sun")) < 0.5, "it was in the corner"
+    assert judged.held_s > 100.0
     assert judged.ended_by == "set"
+    assert judged.at_rest
 
 
 @pytest.mark.soak

@@ -118,7 +118,7 @@ def test_calibration_refuses_axes_that_are_not_those_of_an_equatorial_mount() ->
         calibrate(settings, plan=SHORT)
 
 
-@pytest.mark.parametrize("gain", [0.71, 0.96, 1.04])
+@pytest.mark.parametrize("gain", [pytest.param(0.71, marks=pytest.mark.soak), 0.96, 1.04])
 def test_calibration_warns_of_a_gain_that_no_equatorial_mount_has(gain: float) -> None:
     _, found = calibrate(TelescopeSettings(ra_gain=gain), plan=SHORT)
     (note,) = found.notes
