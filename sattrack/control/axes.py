@@ -18,9 +18,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import msgspec
+import numpy as np
 
 from sattrack.control.axis_filter import (
     SETTLED_S,
+    SHARES,
     SURPRISE_SIGMAS,
     TURN_S,
     AxisFilter,
@@ -117,8 +119,8 @@ class MountLoop:
 
 
 KEPT = 400
-SOONER_S, SOONEST_S = 0.0005, 0.03
-"""By how much a delay is taken to be less, with each sample that says so, and in all."""
+MOST_OFF_S = 0.025
+"""How far the delay of the commands may be from the profile's."""
 
 
 class SentRates(msgspec.Struct, frozen=True, gc=False):
@@ -153,13 +155,17 @@ class CommandHistory:
         """Forget everything: the mount is on its own again."""
         self._sent.clear()
 
-    def arrives_early(self) -> None:
-        """Note that commands are read earlier than expected: they take less time than the profile says."""
-        self.delay_s = max(0.0, self._profile_delay_s - SOONEST_S, self.delay_s - SOONER_S)
+    def delay_changed(self, by_s: float) -> float:
+        """Return the delay that is nearest to one that is longer by so much, seconds."""
+        least_s, most_s = self._profile_delay_s - MOST_OFF_S, self._profile_delay_s + MOST_OFF_S
+        return max(0.0, least_s, min(most_s, self.delay_s + by_s))
 
-    def acting(self, tick_utc_s: float) -> SentRates:
-        """Return what acts from a loop instant of the mount until the next one."""
-        newest_that_counts = tick_utc_s - self.delay_s
+    def acting(self, tick_utc_s: float, longer_s: float = 0.0) -> SentRates:
+        """Return what acts from a loop instant of the mount until the next one.
+
+        `longer_s` is added to the delay.
+        """
+        newest_that_counts = tick_utc_s - self.delay_s - longer_s
         for sent in reversed(self._sent):
             if sent.sent_utc_s <= newest_that_counts:
                 return sent
@@ -196,6 +202,92 @@ class CommandHistory:
         return found
 
 
+TRIED_S = (-0.024, -0.012, -0.006, -0.003, 0.003, 0.006, 0.012, 0.024)
+"""By how much longer the commands may take than assumed."""
+PROOF = 6.0
+"""Logarithm of the likelihood ratio from which on another delay is believed."""
+LEAST_EVIDENCE = -30.0
+"""Evidence against a delay counts no further: it may be right later."""
+MOST_SQUARED_SIGMAS = 16.0
+"""What one sample may say for or against a delay: it may be a lost datagram's."""
+MISREAD_SAYS = 4.0
+"""What a sample says for a delay by which the command that explains it acted, and not the expected one."""
+EVIDENCE_LASTS = 0.999
+"""What the evidence of a sample counts over the next one's."""
+
+
+class DelayTrials:
+    """Tells whether the commands take longer or less long than assumed, by a bank of filters.
+
+    By another delay some commands act a turn later or earlier. For each of TRIED_S this follows how far the
+    state of a filter that assumes it would be from the one in use; it has the same covariance (a generalised
+    likelihood ratio: Willsky and Jones 1976). The delay that explains the samples better is believed.
+    """
+
+    def __init__(self, utc_s: float) -> None:
+        count = len(TRIED_S)
+        self.evidence = np.zeros(count)
+        """Logarithm of the likelihood of each over that of the delay in use."""
+        self.apart = np.zeros((2, count, 2 + SHARES))
+        """How far the states of both axes would be from those in use."""
+        self._differences = [Commanded(utc_s) for _ in TRIED_S]
+        self._differ_until_s = [-math.inf] * count
+
+    def predict(self, acted: list[Step], coming: list[Step], to_utc_s: float, axes: Axes) -> None:
+        """Go on to a sample; `acted` by the delay in use, since the last sample, and `coming` after this."""
+        history = axes.history
+        moved = np.zeros((len(TRIED_S), 2, SHARES))
+        for k, (longer_s, commanded) in enumerate(zip(TRIED_S, self._differences, strict=True)):
+            differ = [_less(history.acting(step.utc_s, longer_s), step) for step in acted]
+            for step in differ:
+                if step[1:] != commanded.last[1:]:
+                    commanded.add(step)
+            later = [_less(history.acting(step.utc_s, longer_s), step) for step in coming]
+            if any(step[1:] != (0.0, 0.0) for step in (*differ, *later)):
+                self._differ_until_s[k] = to_utc_s
+            if to_utc_s - self._differ_until_s[k] < 2.0 * SETTLED_S:
+                moved[k] = commanded.effects(acted[0].utc_s, to_utc_s, later)
+        for number, axis in enumerate((axes.ra, axes.dec)):
+            apart = self.apart[number]
+            apart[:, 0] += apart[:, 1:] @ axis.moves + moved[:, number] @ axis.shares
+
+    def correct(self, axes: Axes) -> None:
+        """Take the sample in as the axes' filters have just done."""
+        for apart, axis in zip(self.apart, (axes.ra, axes.dec), strict=True):
+            if axis.has_just_begun:
+                apart[:] = 0.0
+                continue
+            off_deg = apart[:, 0].copy()
+            left = axis.innovation_deg
+            before, after = left * left, (left - off_deg) ** 2
+            scale = 1.0 / axis.innovation_sigma_deg**2
+            says = np.minimum(before * scale, MOST_SQUARED_SIGMAS) - np.minimum(
+                after * scale, MOST_SQUARED_SIGMAS
+            )
+            if not axes.strained:
+                self.evidence += 0.5 * says
+            apart -= off_deg[:, None] * axis.kalman_gain
+        self.evidence = np.maximum(EVIDENCE_LASTS * self.evidence, LEAST_EVIDENCE)
+
+    def misread(self, step: Step, history: CommandHistory) -> None:
+        """Note that another command than the expected one has acted."""
+        for k, longer_s in enumerate(TRIED_S):
+            if _less(history.acting(step.utc_s, longer_s), step)[1:] == (0.0, 0.0):
+                self.evidence[k] += MISREAD_SAYS
+
+    @property
+    def proven(self) -> int | None:
+        """Which of TRIED_S is believed, if any."""
+        best = int(self.evidence.argmax())
+        return best if self.evidence[best] > PROOF else None
+
+
+def _less(acts: SentRates, step: Step) -> Step:
+    return Step(
+        step.utc_s, acts.ra_rate_deg_s - step.ra_rate_deg_s, acts.dec_rate_deg_s - step.dec_rate_deg_s
+    )
+
+
 GATE_DEG = 0.1
 OUTLIERS_BELIEVED = 5
 """Samples in a row that jump the same way are no glitch: the mount's coordinates have changed."""
@@ -208,9 +300,6 @@ EXPLAINED_SHARE = 0.25
 OTHERS = (-1, 1, -2)
 """Commands tried instead of the expected one, by their distance in the order of sending."""
 
-
-EARLY, EARLY_SIGMAS = 0.25, 3.0
-"""The share of commands read early from which on they count as arriving earlier than the profile says."""
 ANSWERED_S = 0.3
 """Time in which a change of rate has mostly come out."""
 SHAKEN_DEG_S, SHAKEN_FOR_S = 0.08, 6.0
@@ -245,6 +334,7 @@ class Axes:
     """How far the commands were to move the axes between the last two samples."""
     turned_over_s: float = 0.0
     """The time between those two; 0 where no commands explain the motion."""
+    trials: DelayTrials = field(init=False)
     misread: int = 0
     """Samples that were explained by another command than the expected one."""
 
@@ -252,6 +342,7 @@ class Axes:
         """Begin with axes that have moved by the command in force for long."""
         acting = self.history.acting(self.sample_utc_s)
         self._commanded = Commanded(self.sample_utc_s, acting.ra_rate_deg_s, acting.dec_rate_deg_s)
+        self.trials = DelayTrials(self.sample_utc_s)
 
     @classmethod
     def begin(
@@ -306,12 +397,28 @@ class Axes:
         self.outliers = 0
         self.ra.measure(sample.ra_deg, moved[0] / seconds)
         self.dec.measure(sample.dec_deg, moved[1] / seconds)
+        self._weigh_delays()
         return True
+
+    def _weigh_delays(self) -> None:
+        """Change the delay of the commands where the samples prove another."""
+        self.trials.correct(self)
+        proven = self.trials.proven
+        if proven is None:
+            return
+        history = self.history
+        delay_s = history.delay_changed(TRIED_S[proven])
+        if delay_s != history.delay_s:
+            history.delay_s = delay_s
+            for axis, apart in zip((self.ra, self.dec), self.trials.apart, strict=True):
+                axis.change(apart[proven])
+        self.trials = DelayTrials(self.sample_utc_s)
 
     def _advance(self, sample: StatusSample, utc_s: float, seconds: float) -> tuple[float, float]:
         """Predict by the commands that acted; return how far they moved the axes."""
         before = self._commanded.last
         acted, effect = self._explained(sample, utc_s, self.history.steps(self.sample_utc_s, utc_s))
+        coming = self._coming(utc_s)
         for step in acted:
             self._commanded.add(step)
         now = acted[-1]
@@ -329,7 +436,13 @@ class Axes:
             shaken = utc_s - self._shaken_utc_s[number] < SHAKEN_FOR_S
             axis.advance(seconds, 0.0, effect[number], axis.rough_deg(recent) + strain * seconds, shaken)
             moved.append(axis.moved_deg(effect[number]))
+        self.trials.predict(acted, coming, utc_s, self)
         return moved[0], moved[1]
+
+    @property
+    def strained(self) -> bool:
+        """Whether a drive is at its limit: its motion says little of when commands act."""
+        return any(self._strain_deg_s)
 
     def _strain(self, number: int, jolt_deg_s: float, gives_deg_s: float) -> float:
         """Return how far an axis may lag behind its rate after a change of it."""
@@ -349,6 +462,7 @@ class Axes:
         self.dec.stand_at(sample.dec_deg)
         self.sample_utc_s, self.outliers, self.turned_over_s = utc_s, 0, 0.0
         self._commanded = Commanded(utc_s)
+        self.trials = DelayTrials(utc_s)
         self._strain_deg_s, self._jolts_deg_s = [0.0, 0.0], [0.0, 0.0]
 
     def _is_stuck(self, sample: StatusSample, ra_moved_deg: float, dec_moved_deg: float) -> bool:
@@ -388,14 +502,6 @@ class Axes:
         )
         return (ra, dec), (last.ra_rate_deg_s, last.dec_rate_deg_s)
 
-    @property
-    def early(self) -> bool:
-        """Whether commands are seen to be read a turn earlier than expected, or about to be."""
-        return any(
-            axis.early > EARLY and axis.early > EARLY_SIGMAS * axis.early_sigma
-            for axis in (self.ra, self.dec)
-        )
-
     def _explained(
         self, sample: StatusSample, utc_s: float, expected: list[Step]
     ) -> tuple[list[Step], Array]:
@@ -427,4 +533,5 @@ class Axes:
         if best is now:
             return expected, effect
         self.misread += 1
+        self.trials.misread(best, self.history)
         return [best], self._commanded.effects(self.sample_utc_s, utc_s, [best, *coming])

@@ -325,6 +325,7 @@ class LeanKalmanFilter:
         self.state, self.covariance = state, covariance
         self.innovation_deg = 0.0
         self.innovation_variance = 1.0
+        self.gain = np.zeros(len(state))
 
     def foretell(self, moves: Array, moved_deg: float) -> None:
         """Predict: the position moves by `moves` times the rest of the state, and by `moved_deg`."""
@@ -350,7 +351,7 @@ class LeanKalmanFilter:
         self.innovation_deg = left = measured - float(self.state[0])
         self.innovation_variance = total = float(covariance[0, 0]) + variance
         row = covariance[0].copy()
-        gain = row / total
+        self.gain = gain = row / total
         self.state += gain * left
         covariance -= gain[:, None] * row[None, :]
 
@@ -364,7 +365,8 @@ class AxisFilter:
         self._walk = noise.walk_deg_sqrt_s**2
         self._walks = share_spread(noise.late_walk_sqrt_s, 0.0, noise.gain_walk_sqrt_s)
         self._reading = noise.position_deg**2
-        self._moves = np.zeros(1 + SHARES)
+        self.moves = np.zeros(1 + SHARES)
+        """How far the rest of the state moved the position in the last interval."""
         self._first_lag_s = noise.first_lag_s if lag_s is None else lag_s
         self.innovation_sigmas = 0.0
         """The last measurement's surprise, in its own expected sigma."""
@@ -420,9 +422,32 @@ class AxisFilter:
         self.lag: Lag = lag_of(shares)
         self.gain_error = self.lag.whole - 1.0
         self.lag_sigma_s = lag_sigma_s(known.covariance[2:, 2:])
-        self.early = float(shares[0])
-        """Share of the commands that is read a turn earlier than expected."""
-        self.early_sigma = math.sqrt(max(0.0, float(known.covariance[2, 2])))
+
+    @property
+    def shares(self) -> Array:
+        """The shares of the response."""
+        shares: Array = self._kalman.state[2:]
+        return shares
+
+    @property
+    def has_just_begun(self) -> bool:
+        """Whether no measurement was taken in since the filter began."""
+        return self._taken == 0
+
+    @property
+    def innovation_deg(self) -> float:
+        """The last measurement's surprise."""
+        return self._kalman.innovation_deg
+
+    @property
+    def kalman_gain(self) -> Array:
+        """What the last measurement's surprise changed the state by, over the surprise."""
+        return self._kalman.gain
+
+    def change(self, by: Array) -> None:
+        """Change the state: what was assumed of the commands was wrong."""
+        self._kalman.state += by
+        self._look()
 
     def expected_sigma_deg(self, jolt_deg_s: float) -> float:
         """Return how far off the next measurement may be, one sigma, after a change of the commanded rate."""
@@ -469,7 +494,7 @@ class AxisFilter:
             rate_variance += implausible * implausible * seconds / OVER_S
         own = rough * (self._walk * seconds + rough_deg * rough_deg / drifts)
         own += rate_variance * seconds * seconds / 3.0
-        moves = self._moves
+        moves = self.moves
         moves[0], moves[1:] = seconds, 0.0 if effects is None else effects
         self._kalman.foretell(moves, displacement_deg)
         self._kalman.state[1] *= 1.0 - seconds / self._noise.rate_fades_s
