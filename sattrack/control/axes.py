@@ -119,7 +119,7 @@ class MountLoop:
 
 
 KEPT = 400
-MOST_OFF_S = 0.025
+MOST_OFF_S = 0.03
 """How far the delay of the commands may be from the profile's."""
 
 
@@ -202,7 +202,7 @@ class CommandHistory:
         return found
 
 
-TRIED_S = (-0.024, -0.012, -0.006, -0.003, 0.003, 0.006, 0.012, 0.024)
+TRIED_S = (-0.012, -0.006, -0.003, 0.003, 0.006, 0.012)
 """By how much longer the commands may take than assumed."""
 PROOF = 6.0
 """Logarithm of the likelihood ratio from which on another delay is believed."""

@@ -309,6 +309,8 @@ TRUSTED_SAMPLES, TRUSTED_EVERY = 80, 20
 often it is brought up to date."""
 TRUSTED_SPREAD = 4.0
 """By how much its covariance grows then."""
+
+RESPREAD = 0.1
 Matrix = np.ndarray[tuple[int, int], np.dtype[np.float64]]
 
 
@@ -445,8 +447,10 @@ class AxisFilter:
         return self._kalman.gain
 
     def change(self, by: Array) -> None:
-        """Change the state: what was assumed of the commands was wrong."""
+        """Change the state: what was assumed of the commands was wrong, and what was learnt by it is doubtful."""
+        noise = self._noise
         self._kalman.state += by
+        self._kalman.covariance[2:, 2:] += RESPREAD * share_spread(noise.late, noise.turn, 0.0)
         self._look()
 
     def expected_sigma_deg(self, jolt_deg_s: float) -> float:
