@@ -155,10 +155,12 @@ class CommandHistory:
         """Forget everything: the mount is on its own again."""
         self._sent.clear()
 
-    def delay_changed(self, by_s: float) -> float:
-        """Return the delay that is nearest to one that is longer by so much, seconds."""
+    def change_delay(self, by_s: float) -> bool:
+        """Change the delay, as far as the profile lets it; return whether it is another one."""
+        before_s = self.delay_s
         least_s, most_s = self._profile_delay_s - MOST_OFF_S, self._profile_delay_s + MOST_OFF_S
-        return max(0.0, least_s, min(most_s, self.delay_s + by_s))
+        self.delay_s = max(0.0, least_s, min(most_s, before_s + by_s))
+        return self.delay_s != before_s
 
     def acting(self, tick_utc_s: float, longer_s: float = 0.0) -> SentRates:
         """Return what acts from a loop instant of the mount until the next one.
@@ -202,14 +204,15 @@ class CommandHistory:
         return found
 
 
-TRIED_S = (-0.012, -0.006, -0.003, 0.003, 0.006, 0.012)
+TRIED_S = np.array((-0.024, -0.012, -0.006, -0.003, 0.003, 0.006, 0.012, 0.024))
 """By how much longer the commands may take than assumed."""
-PROOF = 6.0
-"""Logarithm of the likelihood ratio from which on another delay is believed."""
+PROOF, FAR_PROOF = 6.0, 12.0
+"""Logarithm of the likelihood ratio from which on another delay is believed, and how much more the furthest
+of them needs: half a turn too much looks much like half a turn too little, read a turn late."""
 LEAST_EVIDENCE = -30.0
 """Evidence against a delay counts no further: it may be right later."""
 MOST_SQUARED_SIGMAS = 16.0
-"""What one sample may say for or against a delay: it may be a lost datagram's."""
+"""What one sample may say for or against a delay: a datagram may have been lost."""
 MISREAD_SAYS = 4.0
 """What a sample says for a delay by which the command that explains it acted, and not the expected one."""
 EVIDENCE_LASTS = 0.999
@@ -219,15 +222,15 @@ EVIDENCE_LASTS = 0.999
 class DelayTrials:
     """Tells whether the commands take longer or less long than assumed, by a bank of filters.
 
-    By another delay some commands act a turn later or earlier. For each of TRIED_S this follows how far the
-    state of a filter that assumes it would be from the one in use; it has the same covariance (a generalised
-    likelihood ratio: Willsky and Jones 1976). The delay that explains the samples better is believed.
+    By another delay some commands act a turn earlier or later. For each of TRIED_S this follows how far the
+    states of filters that assume it would be from those in use; the covariance is the same, and the ratio of
+    likelihoods decides (generalised likelihood ratio test: Willsky and Jones 1976).
     """
 
     def __init__(self, utc_s: float) -> None:
         count = len(TRIED_S)
-        self.evidence = np.zeros(count)
-        """Logarithm of the likelihood of each over that of the delay in use."""
+        self.evidence: Array = -FAR_PROOF * (TRIED_S / TRIED_S[-1]) ** 2
+        """Logarithm of the likelihood of each delay over that of the one in use."""
         self.apart = np.zeros((2, count, 2 + SHARES))
         """How far the states of both axes would be from those in use."""
         self._differences = [Commanded(utc_s) for _ in TRIED_S]
@@ -235,57 +238,51 @@ class DelayTrials:
 
     def predict(self, acted: list[Step], coming: list[Step], to_utc_s: float, axes: Axes) -> None:
         """Go on to a sample; `acted` by the delay in use, since the last sample, and `coming` after this."""
-        history = axes.history
-        moved = np.zeros((len(TRIED_S), 2, SHARES))
-        for k, (longer_s, commanded) in enumerate(zip(TRIED_S, self._differences, strict=True)):
-            differ = [_less(history.acting(step.utc_s, longer_s), step) for step in acted]
-            for step in differ:
+        moved = np.zeros((2, len(TRIED_S), SHARES))
+        for k, commanded in enumerate(self._differences):
+            differences = [self._difference(k, step, axes.history) for step in acted]
+            later = [self._difference(k, step, axes.history) for step in coming]
+            for step in differences:
                 if step[1:] != commanded.last[1:]:
                     commanded.add(step)
-            later = [_less(history.acting(step.utc_s, longer_s), step) for step in coming]
-            if any(step[1:] != (0.0, 0.0) for step in (*differ, *later)):
+            if any(step[1:] != (0.0, 0.0) for step in (*differences, *later)):
                 self._differ_until_s[k] = to_utc_s
             if to_utc_s - self._differ_until_s[k] < 2.0 * SETTLED_S:
-                moved[k] = commanded.effects(acted[0].utc_s, to_utc_s, later)
-        for number, axis in enumerate((axes.ra, axes.dec)):
-            apart = self.apart[number]
-            apart[:, 0] += apart[:, 1:] @ axis.moves + moved[:, number] @ axis.shares
+                moved[:, k] = commanded.effects(acted[0].utc_s, to_utc_s, later)
+        for apart, axis, axis_moved in zip(self.apart, (axes.ra, axes.dec), moved, strict=True):
+            apart[:, 0] += apart[:, 1:] @ axis.moves + axis_moved @ axis.shares
+
+    def _difference(self, k: int, step: Step, history: CommandHistory) -> Step:
+        """Return by how much other rates act from a step on by a delay that is tried."""
+        acts = history.acting(step.utc_s, float(TRIED_S[k]))
+        ra, dec = acts.ra_rate_deg_s - step.ra_rate_deg_s, acts.dec_rate_deg_s - step.dec_rate_deg_s
+        return Step(step.utc_s, ra, dec)
 
     def correct(self, axes: Axes) -> None:
-        """Take the sample in as the axes' filters have just done."""
+        """Take the sample in that the axes' filters have just taken in."""
         for apart, axis in zip(self.apart, (axes.ra, axes.dec), strict=True):
             if axis.has_just_begun:
                 apart[:] = 0.0
                 continue
-            off_deg = apart[:, 0].copy()
-            left = axis.innovation_deg
-            before, after = left * left, (left - off_deg) ** 2
-            scale = 1.0 / axis.innovation_sigma_deg**2
-            says = np.minimum(before * scale, MOST_SQUARED_SIGMAS) - np.minimum(
-                after * scale, MOST_SQUARED_SIGMAS
-            )
+            left_deg = axis.innovation_deg - apart[:, 0]
+            sigmas = np.array((axis.innovation_deg, *left_deg)) / axis.innovation_sigma_deg
+            squared = np.minimum(sigmas * sigmas, MOST_SQUARED_SIGMAS)
             if not axes.strained:
-                self.evidence += 0.5 * says
-            apart -= off_deg[:, None] * axis.kalman_gain
+                self.evidence += 0.5 * (squared[0] - squared[1:])
+            apart[:] -= apart[:, :1] * axis.kalman_gain
         self.evidence = np.maximum(EVIDENCE_LASTS * self.evidence, LEAST_EVIDENCE)
 
     def misread(self, step: Step, history: CommandHistory) -> None:
-        """Note that another command than the expected one has acted."""
-        for k, longer_s in enumerate(TRIED_S):
-            if _less(history.acting(step.utc_s, longer_s), step)[1:] == (0.0, 0.0):
+        """Note that a step has acted that was not the expected one."""
+        for k in range(len(TRIED_S)):
+            if self._difference(k, step, history)[1:] == (0.0, 0.0):
                 self.evidence[k] += MISREAD_SAYS
 
     @property
     def proven(self) -> int | None:
-        """Which of TRIED_S is believed, if any."""
+        """Which of TRIED_S is believed; None where the one in use is."""
         best = int(self.evidence.argmax())
         return best if self.evidence[best] > PROOF else None
-
-
-def _less(acts: SentRates, step: Step) -> Step:
-    return Step(
-        step.utc_s, acts.ra_rate_deg_s - step.ra_rate_deg_s, acts.dec_rate_deg_s - step.dec_rate_deg_s
-    )
 
 
 GATE_DEG = 0.1
@@ -335,6 +332,7 @@ class Axes:
     turned_over_s: float = 0.0
     """The time between those two; 0 where no commands explain the motion."""
     trials: DelayTrials = field(init=False)
+    """Other delays of the commands."""
     misread: int = 0
     """Samples that were explained by another command than the expected one."""
 
@@ -407,9 +405,7 @@ class Axes:
         if proven is None:
             return
         history = self.history
-        delay_s = history.delay_changed(TRIED_S[proven])
-        if delay_s != history.delay_s:
-            history.delay_s = delay_s
+        if history.change_delay(float(TRIED_S[proven])):
             for axis, apart in zip((self.ra, self.dec), self.trials.apart, strict=True):
                 axis.change(apart[proven])
         self.trials = DelayTrials(self.sample_utc_s)

@@ -310,7 +310,8 @@ often it is brought up to date."""
 TRUSTED_SPREAD = 4.0
 """By how much its covariance grows then."""
 
-RESPREAD = 0.1
+RELEARNT = 0.1
+"""How uncertain an axis' response becomes, over that of an unknown one, when the commands' delay changes."""
 Matrix = np.ndarray[tuple[int, int], np.dtype[np.float64]]
 
 
@@ -447,10 +448,10 @@ class AxisFilter:
         return self._kalman.gain
 
     def change(self, by: Array) -> None:
-        """Change the state: what was assumed of the commands was wrong, and what was learnt by it is doubtful."""
+        """Change the state: the commands acted at other times, and what was learnt of them is doubtful."""
         noise = self._noise
         self._kalman.state += by
-        self._kalman.covariance[2:, 2:] += RESPREAD * share_spread(noise.late, noise.turn, 0.0)
+        self._kalman.covariance[2:, 2:] += RELEARNT * share_spread(noise.late, noise.turn, 0.0)
         self._look()
 
     def expected_sigma_deg(self, jolt_deg_s: float) -> float:
