@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 import numpy as np
@@ -29,6 +29,7 @@ from sattrack.control.axis_filter import (
     Commanded,
     LoopTurn,
     Step,
+    answers_of,
     rest_of,
 )
 from sattrack.control.latency import LARGEST_PERIOD_ERROR
@@ -219,6 +220,16 @@ EVIDENCE_LASTS = 0.999
 """What the evidence of a sample counts over the next one's."""
 
 
+class Pulse(NamedTuple):
+    """Rates of both axes, degrees per second, between two instants, by one of the delays that are tried."""
+
+    trial: int
+    from_utc_s: float
+    to_utc_s: float
+    ra_rate_deg_s: float
+    dec_rate_deg_s: float
+
+
 class DelayTrials:
     """Tells whether the commands take longer or less long than assumed, by a bank of filters.
 
@@ -227,36 +238,41 @@ class DelayTrials:
     likelihoods decides (generalised likelihood ratio test: Willsky and Jones 1976).
     """
 
-    def __init__(self, utc_s: float) -> None:
+    def __init__(self) -> None:
         count = len(TRIED_S)
         self.evidence: Array = -FAR_PROOF * (TRIED_S / TRIED_S[-1]) ** 2
         """Logarithm of the likelihood of each delay over that of the one in use."""
         self.apart = np.zeros((2, count, 2 + SHARES))
         """How far the states of both axes would be from those in use."""
-        self._differences = [Commanded(utc_s) for _ in TRIED_S]
-        self._differ_until_s = [-math.inf] * count
+        self._pulses: list[Pulse] = []
 
     def predict(self, acted: list[Step], coming: list[Step], to_utc_s: float, axes: Axes) -> None:
         """Go on to a sample; `acted` by the delay in use, since the last sample, and `coming` after this."""
+        from_utc_s = acted[0].utc_s
+        oldest_s = from_utc_s - SETTLED_S
+        self._pulses = [pulse for pulse in self._pulses if pulse.to_utc_s > oldest_s]
+        self._pulses += self._differences(acted, to_utc_s, axes.history)
+        pulses = self._pulses + self._differences(coming, to_utc_s + TURN_S, axes.history)
         moved = np.zeros((2, len(TRIED_S), SHARES))
-        for k, commanded in enumerate(self._differences):
-            differences = [self._difference(k, step, axes.history) for step in acted]
-            later = [self._difference(k, step, axes.history) for step in coming]
-            for step in differences:
-                if step[1:] != commanded.last[1:]:
-                    commanded.add(step)
-            if any(step[1:] != (0.0, 0.0) for step in (*differences, *later)):
-                self._differ_until_s[k] = to_utc_s
-            if to_utc_s - self._differ_until_s[k] < 2.0 * SETTLED_S:
-                moved[:, k] = commanded.effects(acted[0].utc_s, to_utc_s, later)
+        if pulses:
+            trials, begins_s, ends_s, *rates = np.array(pulses).T
+            answers = answers_of(np.array((to_utc_s, from_utc_s))[:, None, None] - (begins_s, ends_s))
+            answer = answers[0, 0] - answers[0, 1] - answers[1, 0] + answers[1, 1]
+            its_own = trials == np.arange(len(TRIED_S))[:, None]
+            moved[:] = [(its_own * rate) @ answer for rate in rates]
         for apart, axis, axis_moved in zip(self.apart, (axes.ra, axes.dec), moved, strict=True):
             apart[:, 0] += apart[:, 1:] @ axis.moves + axis_moved @ axis.shares
 
-    def _difference(self, k: int, step: Step, history: CommandHistory) -> Step:
-        """Return by how much other rates act from a step on by a delay that is tried."""
-        acts = history.acting(step.utc_s, float(TRIED_S[k]))
-        ra, dec = acts.ra_rate_deg_s - step.ra_rate_deg_s, acts.dec_rate_deg_s - step.dec_rate_deg_s
-        return Step(step.utc_s, ra, dec)
+    def _differences(self, steps: list[Step], to_utc_s: float, history: CommandHistory) -> list[Pulse]:
+        """Return by what rates steps until an instant would differ by the delays that are tried."""
+        found = []
+        for step, ends_s in zip(steps, [*(step.utc_s for step in steps[1:]), to_utc_s], strict=True):
+            for k, longer_s in enumerate(TRIED_S.tolist()):
+                acts = history.acting(step.utc_s, longer_s)
+                ra, dec = acts.ra_rate_deg_s - step.ra_rate_deg_s, acts.dec_rate_deg_s - step.dec_rate_deg_s
+                if ra != 0.0 or dec != 0.0:
+                    found.append(Pulse(k, step.utc_s, ends_s, ra, dec))
+        return found
 
     def correct(self, axes: Axes) -> None:
         """Take the sample in that the axes' filters have just taken in."""
@@ -274,9 +290,9 @@ class DelayTrials:
 
     def misread(self, step: Step, history: CommandHistory) -> None:
         """Note that a step has acted that was not the expected one."""
-        for k in range(len(TRIED_S)):
-            if self._difference(k, step, history)[1:] == (0.0, 0.0):
-                self.evidence[k] += MISREAD_SAYS
+        differ = {pulse.trial for pulse in self._differences([step], math.inf, history)}
+        for k in set(range(len(TRIED_S))) - differ:
+            self.evidence[k] += MISREAD_SAYS
 
     @property
     def proven(self) -> int | None:
@@ -340,7 +356,7 @@ class Axes:
         """Begin with axes that have moved by the command in force for long."""
         acting = self.history.acting(self.sample_utc_s)
         self._commanded = Commanded(self.sample_utc_s, acting.ra_rate_deg_s, acting.dec_rate_deg_s)
-        self.trials = DelayTrials(self.sample_utc_s)
+        self.trials = DelayTrials()
 
     @classmethod
     def begin(
@@ -408,7 +424,7 @@ class Axes:
         if history.change_delay(float(TRIED_S[proven])):
             for axis, apart in zip((self.ra, self.dec), self.trials.apart, strict=True):
                 axis.change(apart[proven])
-        self.trials = DelayTrials(self.sample_utc_s)
+        self.trials = DelayTrials()
 
     def _advance(self, sample: StatusSample, utc_s: float, seconds: float) -> tuple[float, float]:
         """Predict by the commands that acted; return how far they moved the axes."""
@@ -458,7 +474,7 @@ class Axes:
         self.dec.stand_at(sample.dec_deg)
         self.sample_utc_s, self.outliers, self.turned_over_s = utc_s, 0, 0.0
         self._commanded = Commanded(utc_s)
-        self.trials = DelayTrials(utc_s)
+        self.trials = DelayTrials()
         self._strain_deg_s, self._jolts_deg_s = [0.0, 0.0], [0.0, 0.0]
 
     def _is_stuck(self, sample: StatusSample, ra_moved_deg: float, dec_moved_deg: float) -> bool:

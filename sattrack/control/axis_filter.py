@@ -181,12 +181,12 @@ def rest_of(step: Step, seconds: float) -> Array:
     return both
 
 
-def answered_s(shares: Array, seconds: float) -> float:
-    """Return how far a step of rate has moved the axis so long after it, over the step."""
-    since_s = np.maximum(seconds - _STARTS, 0.0)
+def answers_of(seconds: Array | float) -> Array:
+    """Return how far a step of rate has moved an axis so long after it by each share, over the step."""
+    since_s = np.maximum(np.asarray(seconds)[..., None] - _STARTS, 0.0)
     into_s = np.minimum(since_s, _WIDTHS)
-    moved_s = since_s - into_s + 0.5 * into_s * into_s / np.maximum(_WIDTHS, SHORTEST_S)
-    return float(shares.dot(moved_s))
+    moved_s: Array = since_s - into_s + 0.5 * into_s * into_s / np.maximum(_WIDTHS, SHORTEST_S)
+    return moved_s
 
 
 def lag_of(shares: Array) -> Lag:
@@ -464,7 +464,7 @@ class AxisFilter:
 
     def answers_s(self, seconds: float) -> float:
         """Return how far a step of rate has moved the axis so long after it, over the step."""
-        return answered_s(self._kalman.state[2:], seconds)
+        return float(self._kalman.state[2:].dot(answers_of(seconds)))
 
     def moved_deg(self, effects: Array) -> float:
         """Return how far commands move the axis, by their effects."""
