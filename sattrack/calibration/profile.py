@@ -88,7 +88,7 @@ def with_learnt(base: Profile, learnt: LearntView, name: str) -> tuple[Profile, 
             changes[f"{axis}_rate_gain"] = round(gain, 6)
             sigmas[f"{axis}_gain_sigma"] = gain_sigma
             lines.append(f"gain in {words} {gain:.5f} ± {gain_sigma:.5f}")
-    if learnt.command_delay_s < base.command_delay_s:
+    if learnt.command_delay_s != base.command_delay_s:
         changes["command_delay_s"] = round(learnt.command_delay_s, 5)
         lines.append(f"command delay {learnt.command_delay_s * 1e3:.1f} ms")
     if base.calibration is not None:

@@ -15,18 +15,21 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
+import numpy as np
 
 from sattrack.control.axis_filter import (
     SETTLED_S,
+    SHARES,
     SURPRISE_SIGMAS,
     TURN_S,
     AxisFilter,
     Commanded,
     LoopTurn,
     Step,
+    answers_of,
     rest_of,
 )
 from sattrack.control.latency import LARGEST_PERIOD_ERROR
@@ -117,8 +120,8 @@ class MountLoop:
 
 
 KEPT = 400
-SOONER_S, SOONEST_S = 0.0005, 0.03
-"""By how much a delay is taken to be less, with each sample that says so, and in all."""
+MOST_OFF_S = 0.03
+"""How far the delay of the commands may be from the profile's."""
 
 
 class SentRates(msgspec.Struct, frozen=True, gc=False):
@@ -153,13 +156,19 @@ class CommandHistory:
         """Forget everything: the mount is on its own again."""
         self._sent.clear()
 
-    def arrives_early(self) -> None:
-        """Note that commands are read earlier than expected: they take less time than the profile says."""
-        self.delay_s = max(0.0, self._profile_delay_s - SOONEST_S, self.delay_s - SOONER_S)
+    def change_delay(self, by_s: float) -> bool:
+        """Change the delay, as far as the profile lets it; return whether it is another one."""
+        before_s = self.delay_s
+        least_s, most_s = self._profile_delay_s - MOST_OFF_S, self._profile_delay_s + MOST_OFF_S
+        self.delay_s = max(0.0, least_s, min(most_s, before_s + by_s))
+        return self.delay_s != before_s
 
-    def acting(self, tick_utc_s: float) -> SentRates:
-        """Return what acts from a loop instant of the mount until the next one."""
-        newest_that_counts = tick_utc_s - self.delay_s
+    def acting(self, tick_utc_s: float, longer_s: float = 0.0) -> SentRates:
+        """Return what acts from a loop instant of the mount until the next one.
+
+        `longer_s` is added to the delay.
+        """
+        newest_that_counts = tick_utc_s - self.delay_s - longer_s
         for sent in reversed(self._sent):
             if sent.sent_utc_s <= newest_that_counts:
                 return sent
@@ -196,6 +205,102 @@ class CommandHistory:
         return found
 
 
+TRIED_S = np.array((-0.024, -0.012, -0.006, -0.003, 0.003, 0.006, 0.012, 0.024))
+"""By how much longer the commands may take than assumed."""
+PROOF, FAR_PROOF = 6.0, 12.0
+"""Logarithm of the likelihood ratio from which on another delay is believed, and how much more the furthest
+of them needs: half a turn too much looks much like half a turn too little, read a turn late."""
+LEAST_EVIDENCE = -30.0
+"""Evidence against a delay counts no further: it may be right later."""
+MOST_SQUARED_SIGMAS = 16.0
+"""What one sample may say for or against a delay: a datagram may have been lost."""
+MISREAD_SAYS = 4.0
+"""What a sample says for a delay by which the command that explains it acted, and not the expected one."""
+EVIDENCE_LASTS = 0.999
+"""What the evidence of a sample counts over the next one's."""
+
+
+class Pulse(NamedTuple):
+    """Rates of both axes, degrees per second, between two instants, by one of the delays that are tried."""
+
+    trial: int
+    from_utc_s: float
+    to_utc_s: float
+    ra_rate_deg_s: float
+    dec_rate_deg_s: float
+
+
+class DelayTrials:
+    """Tells whether the commands take longer or less long than assumed, by a bank of filters.
+
+    By another delay some commands act a turn earlier or later. For each of TRIED_S this follows how far the
+    states of filters that assume it would be from those in use; the covariance is the same, and the ratio of
+    likelihoods decides (generalised likelihood ratio test: Willsky and Jones 1976).
+    """
+
+    def __init__(self) -> None:
+        count = len(TRIED_S)
+        self.evidence: Array = -FAR_PROOF * (TRIED_S / TRIED_S[-1]) ** 2
+        """Logarithm of the likelihood of each delay over that of the one in use."""
+        self.apart = np.zeros((2, count, 2 + SHARES))
+        """How far the states of both axes would be from those in use."""
+        self._pulses: list[Pulse] = []
+
+    def predict(self, acted: list[Step], coming: list[Step], to_utc_s: float, axes: Axes) -> None:
+        """Go on to a sample; `acted` by the delay in use, since the last sample, and `coming` after this."""
+        from_utc_s = acted[0].utc_s
+        oldest_s = from_utc_s - SETTLED_S
+        self._pulses = [pulse for pulse in self._pulses if pulse.to_utc_s > oldest_s]
+        self._pulses += self._differences(acted, to_utc_s, axes.history)
+        pulses = self._pulses + self._differences(coming, to_utc_s + TURN_S, axes.history)
+        moved = np.zeros((2, len(TRIED_S), SHARES))
+        if pulses:
+            trials, begins_s, ends_s, *rates = np.array(pulses).T
+            answers = answers_of(np.array((to_utc_s, from_utc_s))[:, None, None] - (begins_s, ends_s))
+            answer = answers[0, 0] - answers[0, 1] - answers[1, 0] + answers[1, 1]
+            its_own = trials == np.arange(len(TRIED_S))[:, None]
+            moved[:] = [(its_own * rate) @ answer for rate in rates]
+        for apart, axis, axis_moved in zip(self.apart, (axes.ra, axes.dec), moved, strict=True):
+            apart[:, 0] += apart[:, 1:] @ axis.moves + axis_moved @ axis.shares
+
+    def _differences(self, steps: list[Step], to_utc_s: float, history: CommandHistory) -> list[Pulse]:
+        """Return by what rates steps until an instant would differ by the delays that are tried."""
+        found = []
+        for step, ends_s in zip(steps, [*(step.utc_s for step in steps[1:]), to_utc_s], strict=True):
+            for k, longer_s in enumerate(TRIED_S.tolist()):
+                acts = history.acting(step.utc_s, longer_s)
+                ra, dec = acts.ra_rate_deg_s - step.ra_rate_deg_s, acts.dec_rate_deg_s - step.dec_rate_deg_s
+                if ra != 0.0 or dec != 0.0:
+                    found.append(Pulse(k, step.utc_s, ends_s, ra, dec))
+        return found
+
+    def correct(self, axes: Axes) -> None:
+        """Take the sample in that the axes' filters have just taken in."""
+        for apart, axis in zip(self.apart, (axes.ra, axes.dec), strict=True):
+            if axis.has_just_begun:
+                apart[:] = 0.0
+                continue
+            left_deg = axis.innovation_deg - apart[:, 0]
+            sigmas = np.array((axis.innovation_deg, *left_deg)) / axis.innovation_sigma_deg
+            squared = np.minimum(sigmas * sigmas, MOST_SQUARED_SIGMAS)
+            if not axes.strained:
+                self.evidence += 0.5 * (squared[0] - squared[1:])
+            apart[:] -= apart[:, :1] * axis.kalman_gain
+        self.evidence = np.maximum(EVIDENCE_LASTS * self.evidence, LEAST_EVIDENCE)
+
+    def misread(self, step: Step, history: CommandHistory) -> None:
+        """Note that a step has acted that was not the expected one."""
+        differ = {pulse.trial for pulse in self._differences([step], math.inf, history)}
+        for k in set(range(len(TRIED_S))) - differ:
+            self.evidence[k] += MISREAD_SAYS
+
+    @property
+    def proven(self) -> int | None:
+        """Which of TRIED_S is believed; None where the one in use is."""
+        best = int(self.evidence.argmax())
+        return best if self.evidence[best] > PROOF else None
+
+
 GATE_DEG = 0.1
 OUTLIERS_BELIEVED = 5
 """Samples in a row that jump the same way are no glitch: the mount's coordinates have changed."""
@@ -208,9 +313,6 @@ EXPLAINED_SHARE = 0.25
 OTHERS = (-1, 1, -2)
 """Commands tried instead of the expected one, by their distance in the order of sending."""
 
-
-EARLY, EARLY_SIGMAS = 0.25, 3.0
-"""The share of commands read early from which on they count as arriving earlier than the profile says."""
 ANSWERED_S = 0.3
 """Time in which a change of rate has mostly come out."""
 SHAKEN_DEG_S, SHAKEN_FOR_S = 0.08, 6.0
@@ -245,6 +347,8 @@ class Axes:
     """How far the commands were to move the axes between the last two samples."""
     turned_over_s: float = 0.0
     """The time between those two; 0 where no commands explain the motion."""
+    trials: DelayTrials = field(init=False)
+    """Other delays of the commands."""
     misread: int = 0
     """Samples that were explained by another command than the expected one."""
 
@@ -252,6 +356,7 @@ class Axes:
         """Begin with axes that have moved by the command in force for long."""
         acting = self.history.acting(self.sample_utc_s)
         self._commanded = Commanded(self.sample_utc_s, acting.ra_rate_deg_s, acting.dec_rate_deg_s)
+        self.trials = DelayTrials()
 
     @classmethod
     def begin(
@@ -306,12 +411,26 @@ class Axes:
         self.outliers = 0
         self.ra.measure(sample.ra_deg, moved[0] / seconds)
         self.dec.measure(sample.dec_deg, moved[1] / seconds)
+        self._weigh_delays()
         return True
+
+    def _weigh_delays(self) -> None:
+        """Change the delay of the commands where the samples prove another."""
+        self.trials.correct(self)
+        proven = self.trials.proven
+        if proven is None:
+            return
+        history = self.history
+        if history.change_delay(float(TRIED_S[proven])):
+            for axis, apart in zip((self.ra, self.dec), self.trials.apart, strict=True):
+                axis.change(apart[proven])
+        self.trials = DelayTrials()
 
     def _advance(self, sample: StatusSample, utc_s: float, seconds: float) -> tuple[float, float]:
         """Predict by the commands that acted; return how far they moved the axes."""
         before = self._commanded.last
         acted, effect = self._explained(sample, utc_s, self.history.steps(self.sample_utc_s, utc_s))
+        coming = self._coming(utc_s)
         for step in acted:
             self._commanded.add(step)
         now = acted[-1]
@@ -329,7 +448,13 @@ class Axes:
             shaken = utc_s - self._shaken_utc_s[number] < SHAKEN_FOR_S
             axis.advance(seconds, 0.0, effect[number], axis.rough_deg(recent) + strain * seconds, shaken)
             moved.append(axis.moved_deg(effect[number]))
+        self.trials.predict(acted, coming, utc_s, self)
         return moved[0], moved[1]
+
+    @property
+    def strained(self) -> bool:
+        """Whether a drive is at its limit: its motion says little of when commands act."""
+        return any(self._strain_deg_s)
 
     def _strain(self, number: int, jolt_deg_s: float, gives_deg_s: float) -> float:
         """Return how far an axis may lag behind its rate after a change of it."""
@@ -349,6 +474,7 @@ class Axes:
         self.dec.stand_at(sample.dec_deg)
         self.sample_utc_s, self.outliers, self.turned_over_s = utc_s, 0, 0.0
         self._commanded = Commanded(utc_s)
+        self.trials = DelayTrials()
         self._strain_deg_s, self._jolts_deg_s = [0.0, 0.0], [0.0, 0.0]
 
     def _is_stuck(self, sample: StatusSample, ra_moved_deg: float, dec_moved_deg: float) -> bool:
@@ -388,14 +514,6 @@ class Axes:
         )
         return (ra, dec), (last.ra_rate_deg_s, last.dec_rate_deg_s)
 
-    @property
-    def early(self) -> bool:
-        """Whether commands are seen to be read a turn earlier than expected, or about to be."""
-        return any(
-            axis.early > EARLY and axis.early > EARLY_SIGMAS * axis.early_sigma
-            for axis in (self.ra, self.dec)
-        )
-
     def _explained(
         self, sample: StatusSample, utc_s: float, expected: list[Step]
     ) -> tuple[list[Step], Array]:
@@ -427,4 +545,5 @@ class Axes:
         if best is now:
             return expected, effect
         self.misread += 1
+        self.trials.misread(best, self.history)
         return [best], self._commanded.effects(self.sample_utc_s, utc_s, [best, *coming])

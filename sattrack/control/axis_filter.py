@@ -183,12 +183,12 @@ def rest_of(step: Step, seconds: float) -> Array:
     return both
 
 
-def answered_s(shares: Array, seconds: float) -> float:
-    """Return how far a step of rate has moved the axis so long after it, over the step."""
-    since_s = np.maximum(seconds - _STARTS, 0.0)
+def answers_of(seconds: Array | float) -> Array:
+    """Return how far a step of rate has moved an axis so long after it by each share, over the step."""
+    since_s = np.maximum(np.asarray(seconds)[..., None] - _STARTS, 0.0)
     into_s = np.minimum(since_s, _WIDTHS)
-    moved_s = since_s - into_s + 0.5 * into_s * into_s / np.maximum(_WIDTHS, SHORTEST_S)
-    return float(shares.dot(moved_s))
+    moved_s: Array = since_s - into_s + 0.5 * into_s * into_s / np.maximum(_WIDTHS, SHORTEST_S)
+    return moved_s
 
 
 def lag_of(shares: Array) -> Lag:
@@ -311,6 +311,9 @@ TRUSTED_SAMPLES, TRUSTED_EVERY = 80, 20
 often it is brought up to date."""
 TRUSTED_SPREAD = 4.0
 """By how much its covariance grows then."""
+
+RELEARNT = 0.1
+"""How uncertain an axis' response becomes, over that of an unknown one, when the commands' delay changes."""
 Matrix = np.ndarray[tuple[int, int], np.dtype[np.float64]]
 
 
@@ -327,6 +330,7 @@ class LeanKalmanFilter:
         self.state, self.covariance = state, covariance
         self.innovation_deg = 0.0
         self.innovation_variance = 1.0
+        self.gain = np.zeros(len(state))
 
     def foretell(self, moves: Array, moved_deg: float) -> None:
         """Predict: the position moves by `moves` times the rest of the state, and by `moved_deg`."""
@@ -352,7 +356,7 @@ class LeanKalmanFilter:
         self.innovation_deg = left = measured - float(self.state[0])
         self.innovation_variance = total = float(covariance[0, 0]) + variance
         row = covariance[0].copy()
-        gain = row / total
+        self.gain = gain = row / total
         self.state += gain * left
         covariance -= gain[:, None] * row[None, :]
 
@@ -366,7 +370,8 @@ class AxisFilter:
         self._walk = noise.walk_deg_sqrt_s**2
         self._walks = share_spread(noise.late_walk_sqrt_s, 0.0, noise.gain_walk_sqrt_s)
         self._reading = noise.position_deg**2
-        self._moves = np.zeros(1 + SHARES)
+        self.moves = np.zeros(1 + SHARES)
+        """How far the rest of the state moved the position in the last interval."""
         self._first_lag_s = noise.first_lag_s if lag_s is None else lag_s
         self.innovation_sigmas = 0.0
         """The last measurement's surprise, in its own expected sigma."""
@@ -422,9 +427,34 @@ class AxisFilter:
         self.lag: Lag = lag_of(shares)
         self.gain_error = self.lag.whole - 1.0
         self.lag_sigma_s = lag_sigma_s(known.covariance[2:, 2:])
-        self.early = float(shares[0])
-        """Share of the commands that is read a turn earlier than expected."""
-        self.early_sigma = math.sqrt(max(0.0, float(known.covariance[2, 2])))
+
+    @property
+    def shares(self) -> Array:
+        """The shares of the response."""
+        shares: Array = self._kalman.state[2:]
+        return shares
+
+    @property
+    def has_just_begun(self) -> bool:
+        """Whether no measurement was taken in since the filter began."""
+        return self._taken == 0
+
+    @property
+    def innovation_deg(self) -> float:
+        """The last measurement's surprise."""
+        return self._kalman.innovation_deg
+
+    @property
+    def kalman_gain(self) -> Array:
+        """What the last measurement's surprise changed the state by, over the surprise."""
+        return self._kalman.gain
+
+    def change(self, by: Array) -> None:
+        """Change the state: the commands acted at other times, and what was learnt of them is doubtful."""
+        noise = self._noise
+        self._kalman.state += by
+        self._kalman.covariance[2:, 2:] += RELEARNT * share_spread(noise.late, noise.turn, 0.0)
+        self._look()
 
     def expected_sigma_deg(self, jolt_deg_s: float) -> float:
         """Return how far off the next measurement may be, one sigma, after a change of the commanded rate."""
@@ -436,7 +466,7 @@ class AxisFilter:
 
     def answers_s(self, seconds: float) -> float:
         """Return how far a step of rate has moved the axis so long after it, over the step."""
-        return answered_s(self._kalman.state[2:], seconds)
+        return float(self._kalman.state[2:].dot(answers_of(seconds)))
 
     def moved_deg(self, effects: Array) -> float:
         """Return how far commands move the axis, by their effects."""
@@ -471,7 +501,7 @@ class AxisFilter:
             rate_variance += implausible * implausible * seconds / OVER_S
         own = rough * (self._walk * seconds + rough_deg * rough_deg / drifts)
         own += rate_variance * seconds * seconds / 3.0
-        moves = self._moves
+        moves = self.moves
         moves[0], moves[1:] = seconds, 0.0 if effects is None else effects
         self._kalman.foretell(moves, displacement_deg)
         self._kalman.state[1] *= 1.0 - seconds / self._noise.rate_fades_s

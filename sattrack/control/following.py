@@ -97,8 +97,6 @@ class Follower:
             self.learning.take(axes, sample, utc_s)
         else:
             self.learning.pause()
-        if axes.early:
-            self._history.arrives_early()
         if axes.lost:
             self.lost_utc_s = utc_s
             self._begin(sample, utc_s, following)

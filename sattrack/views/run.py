@@ -186,7 +186,7 @@ class LearntView(msgspec.Struct, frozen=True):
     dec_gain: float | None
     dec_gain_sigma: float | None
     command_delay_s: float
-    """As assumed: the profile's, or less where commands were seen to be read sooner."""
+    """As assumed: the profile's, or another one where the motion proved it."""
     settling_s: float
     """Time constant with which an error is taken out, of the slower axis."""
     restarts: int

@@ -61,7 +61,7 @@ def test_without_process_noise_it_is_least_squares_over_the_whole_history() -> N
     assert axis.disturbance_deg_s == pytest.approx(best[1], abs=1e-9)
     assert axis.position_deg == pytest.approx(float(gone @ best), abs=1e-9)
     assert axis.gain_error == pytest.approx(best[2:].sum() - 1.0, abs=1e-6)
-    assert axis.early == pytest.approx(best[2], abs=1e-6)
+    assert axis.shares[0] == pytest.approx(best[2], abs=1e-6)
     assert abs(axis.gain_error) > 1e-3
 
 

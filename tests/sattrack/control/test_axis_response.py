@@ -15,7 +15,7 @@ from sattrack.control.axis_filter import (
     SHARES,
     Commanded,
     Step,
-    answered_s,
+    answers_of,
     expected_shares,
     lag_of,
     lag_sigma_s,
@@ -143,7 +143,7 @@ def test_the_expected_servo_is_of_first_order_and_has_its_lag(lag_s: float) -> N
     assert lag_of(shares).mean_s == pytest.approx(max(0.0, lag_s), abs=0.003)
     for seconds in (0.05, 0.15, 0.55):
         true = seconds - lag_s * (1.0 - math.exp(-seconds / lag_s)) if lag_s > 0.0 else seconds
-        assert answered_s(shares, seconds) == pytest.approx(true, abs=0.004)
+        assert shares.dot(answers_of(seconds)) == pytest.approx(true, abs=0.004)
 
 
 @pytest.mark.parametrize(

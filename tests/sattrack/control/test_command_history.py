@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
-from sattrack.control.axes import SOONEST_S, CommandHistory, MountLoop, SentRates
+from sattrack.control.axes import MOST_OFF_S, CommandHistory, MountLoop, SentRates
 
 
 def history(*sent: tuple[float, float], delay_s: float = 0.010) -> CommandHistory:
@@ -54,10 +56,15 @@ def test_nothing_sent_moves_nothing() -> None:
     assert {step[1:] for step in made} == {(0.0, 0.0)}
 
 
-def test_commands_that_come_early_shorten_the_delay_within_bounds() -> None:
+def test_the_delay_changes_within_bounds_of_the_profiles() -> None:
     made, short = history(delay_s=0.050), history(delay_s=0.010)
-    for _ in range(1000):
-        made.arrives_early()
-        short.arrives_early()
-    assert made.delay_s == pytest.approx(0.050 - SOONEST_S)
+    assert made.change_delay(0.006)
+    assert made.delay_s == pytest.approx(0.056)
+    assert made.acting(1.060, longer_s=-0.006) == made.acting(1.066)
+    for by_s in (0.02, -0.02):
+        for _ in range(10):
+            made.change_delay(by_s)
+            short.change_delay(by_s)
+        assert not made.change_delay(by_s)
+        assert made.delay_s == pytest.approx(0.050 + math.copysign(MOST_OFF_S, by_s))
     assert short.delay_s == 0.0

@@ -20,6 +20,8 @@ soak = pytest.mark.soak
         pytest.param(18, "planner", "held", 0.009, marks=soak),
         (22, "planner", "edge", 0.34),
         (3, "own", "held", 0.07),
+        # Its delays are 6 and 3 ms from what the profile says: with those, the RMS was 0.047.
+        (2072, "velocity_servo", "held", 0.017),
         pytest.param(31, "own", "edge", 0.107, marks=soak),
     ],
 )

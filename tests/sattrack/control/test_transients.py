@@ -98,8 +98,6 @@ def follow(axes: Axes | None, history: CommandHistory, sample: StatusSample, utc
     if axes is None or not axes.follows(utc_s):
         return Axes.begin(MountProfile(), history, sample, utc_s)
     axes.take(sample, utc_s, commanded=True)
-    if axes.early:
-        history.arrives_early()
     return Axes.begin(MountProfile(), history, sample, utc_s) if axes.lost else axes
 
 
