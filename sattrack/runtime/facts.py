@@ -312,14 +312,7 @@ class Prepared:
 def prepare(request: RunRequest) -> Prepared:
     """Resolve a request, moving nothing. Raises BadInputError, SattrackError or TleError."""
     address = mount_address(request.mount_url)
-    if address is not None and request.clock_option is not None:
-        raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
-    if address is not None and request.virtual:
-        raise BadInputError("--virtual goes with --mount sim only; a real mount needs real time")
-    _check_bias(request)
-    floor_deg = request.limits.floor_altitude_deg
-    if request.min_alt_deg < floor_deg:
-        raise BadInputError(f"--min-alt {request.min_alt_deg:g}: the mount is kept above {floor_deg:g}°")
+    _check_request(request, simulated=address is None)
     nothing_set = request.elements is None and request.site is None and request.target is None
     practising = address is None and nothing_set
     elements, site = _object_and_site(request, practising)
@@ -454,7 +447,11 @@ def check_site(profile: MountProfile, site: Site) -> None:
         )
 
 
-def _check_bias(request: RunRequest) -> None:
+def _check_request(request: RunRequest, simulated: bool) -> None:
+    if not simulated and request.clock_option is not None:
+        raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
+    if not simulated and request.virtual:
+        raise BadInputError("--virtual goes with --mount sim only; a real mount needs real time")
     if not abs(request.bias_along_s) <= MOST_ALONG_S:
         raise BadInputError(f"--bias-along {request.bias_along_s}: give seconds, {MOST_ALONG_S:g} at most")
     if not abs(request.bias_cross_deg) <= MOST_CROSS_DEG:
@@ -467,6 +464,9 @@ def _check_bias(request: RunRequest) -> None:
         raise BadInputError("--search-lost needs the camera's field: give --fov, or fov_deg in [camera]")
     if request.fov_deg is not None and not 0.0 < request.fov_deg <= MOST_FIELD_DEG:
         raise BadInputError(f"--fov {request.fov_deg:g}: give the field's diameter in degrees, above 0")
+    floor_deg = request.limits.floor_altitude_deg
+    if request.min_alt_deg < floor_deg:
+        raise BadInputError(f"--min-alt {request.min_alt_deg:g}: the mount is kept above {floor_deg:g}°")
 
 
 def _object_and_site(request: RunRequest, practising: bool) -> tuple[list[Elements], Site]:

@@ -118,7 +118,7 @@ def fly(profile: dict[str, Any], seconds: float, number: int = 4, **hardware: An
     propagator = Propagator(drawn.elements, drawn.site)
     start_s = drawn.begin_s + family.RISES_AFTER_S
     where = family.TargetState.at(propagator.at(Utc(start_s)))
-    stands = family._hour_angle(propagator, start_s), where.dec_deg
+    stands = family.hour_angle_deg(propagator, start_s), where.dec_deg
     drawn = replace(drawn, joined=False, start_s=start_s, stands=stands, hardware=hard)
     run = family.Run(drawn, profile=msgspec.structs.replace(family.profile_of(hard, "default"), **profile))
 
