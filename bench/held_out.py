@@ -46,7 +46,9 @@ def one_out_mm(segment: Segment) -> np.ndarray:
 
 
 def scatter_mm(segment: Segment) -> float:
-    """Return the standard deviation of rows, all three axes, that their differences show."""
+    """Return the standard deviation of rows, all axes, that their differences show; NaN of uneven steps."""
+    if np.ptp(np.diff(segment.since_s)) > 1e-3:
+        return math.nan
     differences = np.diff(segment.place_km, n=ORDER, axis=0) * 1e6
     grown = math.comb(2 * ORDER, ORDER)
     return float(np.sqrt(np.sum(differences**2, axis=1).mean() / grown))

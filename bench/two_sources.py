@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tle.earth import EarthOrientation
-from tle.elements import Elements, expected_error_m
+from tle.elements import UNSTATED_M, Elements, expected_error_m
 from tle.errors import TleError
 from tle.formats.ephemerides import read_ephemerides
 from tle.instants import Utc
@@ -24,7 +24,7 @@ from tle.sources import read_elements
 if TYPE_CHECKING:
     from tle.ephemeris import Ephemeris
 
-INSTANTS, DAY_S, UNSTATED_M = 200, 86400.0, 100.0
+INSTANTS, DAY_S = 200, 86400.0
 
 
 def objects(path: str) -> list[Elements | Ephemeris]:

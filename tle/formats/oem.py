@@ -6,7 +6,6 @@ Segments are never interpolated across, and hold from USEABLE_START_TIME to USEA
 
 from __future__ import annotations
 
-import itertools
 import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from tle.ephemeris import FrameKind
+    from tle.instants import Quantity
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
@@ -46,6 +46,8 @@ _USUAL = Interpolation(6, True)
 _MOST_ROWS = 16
 # A step so many times the usual one, in which the object turns by so much about the Earth, is a gap.
 _GAP, _GAP_RAD = 4.0, 0.3
+# No polynomial goes from steps to others so many times longer or shorter.
+_UNEVEN = 3.0
 _COVARIANCE_ROWS = 6
 # Rows of numbers begin with what comes before this in ASCII.
 _LETTERS = ord("A")
@@ -302,8 +304,7 @@ def _segments(lines: Lines, block: _Block) -> list[Segment]:
     away = np.maximum(np.linalg.norm(rows[:-1, :3], axis=1), 1.0)
     turn = step * np.linalg.norm(rows[:-1, 3:6], axis=1) / away
     usual = float(np.median(step)) if len(step) else 0.0
-    gaps = np.flatnonzero((step > _GAP * usual) & (turn > _GAP_RAD)) + 1
-    edges = [0, *gaps.tolist(), len(since)]
+    missing = (step > _GAP * usual) & (turn > _GAP_RAD)
     return [
         Segment(
             zero_s,
@@ -317,9 +318,36 @@ def _segments(lines: Lines, block: _Block) -> list[Segment]:
             why="a gap" if low else "the end of a segment",
             covariances=covariances if low == 0 else (),
         )
-        for low, high in itertools.pairwise(edges)
+        for low, high in _stretches(step, missing)
         if max(use[0], float(since[low])) <= min(use[1], float(since[high - 1]))
     ]
+
+
+def _stretches(step: Array, missing: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return the rows, first and one past the last, by which a polynomial may go.
+
+    None goes across steps where rows are missing, nor from short steps to long ones: rows are close where
+    engines burn, and what a burn does to a few of them does not go on for minutes. Such stretches share a
+    row. A few steps that are shorter than those before and after them divide nothing.
+    """
+    changes = (np.flatnonzero(_uneven(step[1:], step[:-1]) & ~missing[1:] & ~missing[:-1]) + 1).tolist()
+    shared: list[int] = []
+    while changes:
+        some = [changes.pop(0)]
+        while changes and changes[0] - some[-1] < _USUAL.rows:
+            some.append(changes.pop(0))
+        before, after = float(step[some[0] - 1]), float(step[some[-1]])
+        if _uneven(before, after):
+            shared.append(some[-1] if after < before else some[0])
+    firsts = np.sort(np.concatenate([[0], np.flatnonzero(missing) + 1, shared])).astype(np.intp)
+    stops = firsts[1:] + np.isin(firsts[1:], shared)
+    return list(zip(firsts.tolist(), [*stops.tolist(), len(step) + 1], strict=True))
+
+
+def _uneven(one: Quantity, other: Quantity) -> NDArray[np.bool_]:
+    """Tell where steps are not of one kind."""
+    uneven: NDArray[np.bool_] = np.maximum(one, other) > _UNEVEN * np.minimum(one, other)
+    return uneven
 
 
 def _check_end(lines: Lines, which: Index) -> None:
@@ -487,4 +515,5 @@ def _from_xml(lines: Lines) -> Lines:
     """Return an OEM in XML as lines of KVN that know where they come from. Raises EphemerisError."""
     xml = _OemXml(lines.source)
     xml.run(lines.data)
-    return Lines("\n".join(xml.lines).encode(), lines.source, xml.numbers)
+    # Every line is whole: text of XML that ends in the middle has no end tags.
+    return Lines("".join(f"{line}\n" for line in xml.lines).encode(), lines.source, xml.numbers)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import erfa
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from tle.errors import EphemerisError, printable
 from tle.instants import DAY_S, MJD_JD, TT_MINUS_TAI_S, UNIX_EPOCH_MJD, tai_minus_utc_s
@@ -91,8 +92,12 @@ class Lines:
 
     def fixed(self, which: Index, first: int, last: int) -> NDArray[np.uint8]:
         """Return columns first to last of lines, shape (n, last - first); blanks beyond a line's end."""
-        columns = self.starts[which][:, None] + np.arange(first, last)
-        inside = columns < self.ends[which][:, None]
+        starts, ends = self.starts[which], self.ends[which]
+        if last <= len(self.raw) and (ends - starts >= last).all():
+            found: NDArray[np.uint8] = sliding_window_view(self.raw, last - first)[starts + first]
+            return found
+        columns = starts[:, None] + np.arange(first, last)
+        inside = columns < ends[:, None]
         return np.where(inside, self.raw[np.minimum(columns, len(self.raw) - 1)], np.uint8(_BLANK))
 
     def error(self, line: int, reason: str) -> EphemerisError:

@@ -225,11 +225,13 @@ def _rows(lines: Lines, which: Index, kind: str) -> _Rows:
             f"{printable(lines.text(line)[:46])!r} has no three {'places' if kind == 'P' else 'velocities'} "
             "of 14 columns: it is cut off",
         )
-    names = np.ascontiguousarray(lines.fixed(which, 1, 4)).view("S3").ravel()
+    names = lines.fixed(which, 1, 4) @ np.array([65536, 256, 1], dtype=np.uint32)
     values = lines.fixed_numbers(which, ((4, 18), (18, 32), (32, 46)), f"a line {kind}")
     found, owner, count = np.unique(names, return_inverse=True, return_counts=True)
+    # Sorted stably, small integers take one pass.
+    owner = owner.astype(np.min_scalar_type(len(found)))
     parts = np.split(np.argsort(owner, kind="stable"), np.cumsum(count)[:-1])
-    satellites = [_satellite(name.decode("latin-1")) for name in found]
+    satellites = [_satellite(name.to_bytes(3, "big").decode("latin-1")) for name in found.tolist()]
     return _Rows(which, values, dict(zip(satellites, parts, strict=True)))
 
 
