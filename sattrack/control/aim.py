@@ -81,7 +81,7 @@ class Aim:
 
             self._model = PointingModel.of(profile.pointing)
         self._site, self._earth = site, EarthOrientation.installed()
-        self._by_axes = self._frame is not None and self._frame.geometry.reports == "axes"
+        self._by_axes = self._frame is not None and self._frame.geometry.reports != "sky"
         needs_air = self._model is not None or self._by_axes
         self._air = Refraction.standard(site.height_m) if needs_air else None
         self.adds_air = True
@@ -168,7 +168,7 @@ class Lead:
 
     @property
     def arrived(self) -> bool:
-        """Whether the telescope is on its direction, as near as the mount gets."""
+        """Whether the telescope is on its direction."""
         return self._near >= ARRIVED_SAMPLES
 
     def overdue(self, now_utc_s: float) -> bool:

@@ -34,8 +34,9 @@ class AxisGeometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     which it turns clockwise by growing angles. With the pole at the zenith the azimuth still says where the
     first angle is 0: opposite to it. `axes_deg` is the angle between the axes, `cone_deg` by how much the
     tube leans towards the second axis. `reports` is "sky" where the mount reports right ascension and
-    declination by a model of its own, and "axes" where they are the angles of its axes. Then an angle is
-    `sense` times what is reported less `zero`.
+    declination by a model of its own, "horizon" where only its azimuth and altitude say where it points, and
+    "axes" where right ascension and declination are the angles of its axes. Then an angle is `sense` times
+    what is reported less `zero`.
 
     Raises ValueError, naming the field, for what no mount can be.
     """
@@ -44,7 +45,7 @@ class AxisGeometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     pole_altitude_deg: float
     axes_deg: float = 90.0
     cone_deg: float = 0.0
-    reports: Literal["sky", "axes"] = "sky"
+    reports: Literal["sky", "horizon", "axes"] = "sky"
     first_zero_deg: float = 0.0
     second_zero_deg: float = 0.0
     first_sense: Literal[-1, 1] = 1
@@ -65,10 +66,10 @@ class AxisGeometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             if not low <= value <= high:
                 raise ValueError(f"geometry.{name} is {value:g}; it goes from {low:g} to {high:g}")
         turned = self.first_zero_deg or self.second_zero_deg or min(self.first_sense, self.second_sense) < 0
-        if self.reports == "sky" and turned:
+        if self.reports != "axes" and turned:
             raise ValueError(
-                'geometry.reports is "sky": zero points and senses are of mounts that report the angles of '
-                "their axes; ra_rate_sign and dec_rate_sign turn commanded rates"
+                f'geometry.reports is "{self.reports}": zero points and senses are of mounts that report the '
+                "angles of their axes; ra_rate_sign and dec_rate_sign turn commanded rates"
             )
 
     @property
@@ -172,7 +173,7 @@ class AxisFrame:
     ) -> AxisAngles:
         """Return the axis angles that a mount means by what it reports, and their rates."""
         own = self.geometry
-        if own.reports == "sky":
+        if own.reports != "axes":
             return self.angles(hour_angle_deg, dec_deg, hour_angle_rate_deg_s, dec_rate_deg_s)
         return AxisAngles(
             own.first_sense * (hour_angle_deg - own.first_zero_deg),
@@ -180,6 +181,10 @@ class AxisFrame:
             own.first_sense * hour_angle_rate_deg_s,
             own.second_sense * dec_rate_deg_s,
         )
+
+    def of_horizon(self, azimuth_deg: float, altitude_deg: float) -> tuple[float, float]:
+        """Return hour angle (-180 to 180) and declination of an azimuth and an altitude."""
+        return _hour_angle_and_dec(_in_hour_angle(_unit(azimuth_deg, altitude_deg), self._latitude_deg))
 
     @property
     def turns_field(self) -> bool:

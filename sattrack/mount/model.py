@@ -338,11 +338,6 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 f"pointing is a model of {self.pointing.axes} axes, and geometry is {self.geometry.kind}: "
                 "a mount with a geometry has a model only where both are alt-azimuth; leave one of them out"
             )
-        if self.geometry.reports == "sky" and self.additive:
-            raise ValueError(
-                'additive is true, and geometry.reports is "sky": only mounts are driven '
-                "whose MoveAxis takes the place of their tracking, which turns both axes"
-            )
         if self.through_pole:
             raise ValueError("through_pole is true: only equatorial mounts are led through their pole")
 

@@ -344,7 +344,7 @@ class StarRun:
         hour_angle, dec = math.remainder(sidereal_deg - sample.ra_deg, 360.0), sample.dec_deg
         frame = self.sky.profile.frame
         if frame is not None:
-            if frame.geometry.reports == "axes":
+            if frame.geometry.reports != "sky":
                 own = sample.sidereal_h * 15.0 - sample.ra_deg, sample.dec_deg
                 hour_angle, dec = frame.direction(*frame.of_report(*own, 0.0, 0.0)[:2])
             return self.sky.own_deg(hour_angle, dec)

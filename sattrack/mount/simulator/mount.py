@@ -236,7 +236,7 @@ class SimulatedMount:
         offset_s = (profile.clock_offset_s or 0.0) if offset_s is None else offset_s
         self._sky = SimulatedSky(self.site.latitude_deg, self.site.longitude_deg, hardware, offset_s)
         frame = self.profile.frame
-        self._frame = frame if frame is not None and frame.geometry.reports == "sky" else None
+        self._frame = frame if frame is not None and frame.geometry.reports != "axes" else None
         sky_rate_deg_s = 0.0 if self._frame is not None else SIDEREAL_RATE_DEG_S
         self._ra, self._dec = (
             DrivenAxis(

@@ -199,6 +199,8 @@ class Session:
         except DatagramError:
             self.health.rejected += 1
             return None
+        if self._frame is not None and self._frame.geometry.reports == "horizon":
+            status = _by_horizon(status, self._frame)
         if not _plausible(status):
             self.health.rejected += 1
             return None
@@ -483,9 +485,22 @@ class Session:
         westward = (0.0 if profile.additive else SIDEREAL_RATE_DEG_S) - move.ra_rate_deg_s
         ra = ra_sign * westward / profile.ra_rate_gain
         dec = dec_sign * move.dec_rate_deg_s / profile.dec_rate_gain
+        if profile.additive and self._frame is not None and self._frame.geometry.reports != "axes":
+            first, second = self._tracking_deg_s(self._frame)
+            ra = ra_sign * (SIDEREAL_RATE_DEG_S - move.ra_rate_deg_s - first) / profile.ra_rate_gain
+            dec = dec_sign * (move.dec_rate_deg_s - second) / profile.dec_rate_gain
         if profile.move_axis == "edge" and not profile.additive:
             ra = ra or NEVER_ZERO_DEG_S
         return AxisRates(ra if self._move_axes[0] else None, dec if self._move_axes[1] else None)
+
+    def _tracking_deg_s(self, frame: AxisFrame) -> tuple[float, float]:
+        """Return the rates of both axes by which the mount tracks the sky, to which it adds MoveAxis."""
+        status = self.status
+        if status is None:
+            return SIDEREAL_RATE_DEG_S, 0.0
+        hour_angle_deg = 15.0 * (status.sidereal_h - status.ra_h)
+        own = frame.angles(hour_angle_deg, status.dec_deg, SIDEREAL_RATE_DEG_S, 0.0)
+        return own.first_rate_deg_s, own.second_rate_deg_s
 
     def _compose_slew(self, wanted: Slew) -> Command:
         status = self.status
@@ -573,6 +588,19 @@ def says_the_same(status: Status, last: Status) -> bool:
         and status.dec_deg == last.dec_deg
         and status.counter != last.counter
     )
+
+
+def _by_horizon(status: Status, frame: AxisFrame) -> Status:
+    """Return a status with right ascension and declination by its azimuth and altitude, and its own clock.
+
+    Without those two the declination is none.
+    """
+    azimuth, altitude = status.azimuth_deg, status.altitude_deg
+    if azimuth is None or altitude is None or not (math.isfinite(azimuth) and abs(altitude) <= 90.0):
+        return msgspec.structs.replace(status, dec_deg=math.nan)
+    hour_angle_deg, dec_deg = frame.of_horizon(azimuth, altitude)
+    ra_h = (status.sidereal_h - hour_angle_deg / 15.0) % 24.0
+    return msgspec.structs.replace(status, ra_h=ra_h, dec_deg=dec_deg)
 
 
 def _plausible(status: Status) -> bool:

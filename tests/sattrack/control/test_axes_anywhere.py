@@ -6,6 +6,7 @@ Where a tube really points is computed by a stranger's rotations (`bench/strange
 from __future__ import annotations
 
 import math
+import struct
 from dataclasses import replace
 from typing import Any
 
@@ -233,3 +234,78 @@ def test_a_camera_that_is_set_otherwise_does_not_lead_there() -> None:
     camera = CameraOnTube(drawn_at_target(4), 0.0, 90.0)
     axes_anywhere.AxesRun(drawn_at_target(4)).run(camera.watch)
     assert max(camera.off_arcsec[-200:]) > 5.0
+
+
+class HorizonStranger(axes_anywhere.SkyStranger):
+    """A stranger that tells azimuth and altitude alone; its right ascension and declination mean nothing."""
+
+    def turn(self) -> bytes:
+        status = bytearray(super().turn())
+        truth = self.truth()
+        azimuth, altitude = self._tube.horizontal(truth.hour_angle_deg, truth.dec_axis_deg)
+        struct.pack_into("<dd", status, 8, altitude, azimuth)
+        struct.pack_into("<d", status, 24, 12.5)
+        struct.pack_into("<d", status, 40, 3.0)
+        return bytes(status)
+
+
+class TrackingStranger(axes_anywhere.SkyStranger):
+    """A stranger that tracks the sky by both axes, found by trying, and adds MoveAxis to that."""
+
+    def __init__(self, axes: axes_anywhere.AxesDraw) -> None:
+        super().__init__(axes)
+        self._hard = axes.drawn.hardware
+
+    def tracking_deg_s(self) -> tuple[float, float]:
+        """Return by how much its drives must turn in a second, to stay on the sky."""
+        truth = self.truth()
+        at = np.array([truth.hour_angle_deg, truth.dec_axis_deg])
+        hour_angle, dec = self._tube.sky(*at)
+        step, moved = 1e-3, at
+        wanted = np.array([hour_angle + 0.5 * 360.98564736629 / 86400.0, dec])
+        for _ in range(4):
+            here = np.array(self._tube.sky(*moved))
+            slopes = np.stack(
+                [(np.array(self._tube.sky(*(moved + one))) - here) / step for one in step * np.eye(2)], axis=1
+            )
+            moved = moved + np.linalg.solve(slopes, np.remainder(wanted - here + 180.0, 360.0) - 180.0)
+        first, second = 2.0 * (moved - at)
+        return float(first), float(second)
+
+    def receive(self, data: bytes) -> None:
+        """Take a datagram: rates reach the drives with those of tracking added."""
+        packed = bytearray(data)
+        first, second = self.tracking_deg_s()
+        for flag, offset, own, sign, gain in (
+            (75, 40, first, self._hard.signs[0], self._hard.gains[0]),
+            (76, 32, second, self._hard.signs[1], self._hard.gains[1]),
+        ):
+            if packed[flag]:
+                (rate,) = struct.unpack_from("<d", packed, offset)
+                struct.pack_into("<d", packed, offset, rate + sign * own / gain)
+        super().receive(bytes(packed))
+
+
+def test_a_mount_that_tells_azimuth_and_altitude_alone_is_followed_with() -> None:
+    axes = drawn_at_target(4)
+    axes = axes._replace(geometry=msgspec.structs.replace(axes.geometry, reports="horizon"))
+    run = axes_anywhere.AxesRun(axes)
+    run.mount = HorizonStranger(axes)
+    run.run()
+    assert run.ended_by is None
+    assert 0.001 < run.settled_rms_arcsec() < 0.15
+
+
+def test_a_mount_that_adds_rates_to_its_tracking_by_both_axes_is_followed_with() -> None:
+    axes = drawn_at_target(4)
+    assert axes.geometry.reports == "sky"
+    profile = msgspec.structs.replace(axes_anywhere.profile_of(axes), additive=True)
+    run = axes_anywhere.AxesRun(axes, profile=profile)
+    run.mount = TrackingStranger(axes)
+    run.run()
+    assert run.ended_by is None
+    assert 0.001 < run.settled_rms_arcsec() < 0.15
+    # Nothing of its tracking is left for the filters to learn.
+    axes_now = run.engine.tracker.follower.axes
+    assert axes_now is not None
+    assert abs(axes_now.dec.disturbance_deg_s) < 0.5 / 3600.0

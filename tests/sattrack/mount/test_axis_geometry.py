@@ -146,7 +146,6 @@ def test_axes_that_are_not_square_leave_a_hole_about_the_pole(cone_deg: float, a
     ("changes", "says"),
     [
         ({"stands_at": None}, "geometry is given without stands_at"),
-        ({"additive": True}, "additive is true"),
         (
             {"pointing": PointingTerms("2026-01-01T00:00:00Z", 52.0, {"IH": (10.0, 1.0)}, 5.0, 9)},
             "pointing is a model of equatorial axes, and geometry is alt-azimuth",
