@@ -140,6 +140,7 @@ def test_parquet_holds_what_csv_holds(short: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("traced_once")
+@pytest.mark.usefixtures("traced_once")
 def test_a_reports_figures_can_be_made_again_from_the_exported_errors(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -173,26 +173,32 @@ def test_the_question_does_not_come_for_a_run_that_has_ended() -> None:
     assert not isinstance(app.screen_stack[-1] if app.screen_stack else None, LeaveDialog)
 
 
-@pytest.mark.parametrize("page", ["1", "2", "3"])
-@pytest.mark.parametrize("size", [(80, 24), (120, 40)])
-def test_who_looks_on_is_offered_control_and_no_key_that_needs_it(size: tuple[int, int], page: str) -> None:
-    async def rows(you: int) -> str:
-        app = TrackApp(told(ELSEWHERE, you), monotonic=HandClock())
-        async with app.run_test(size=size) as pilot:
-            await pilot.press(page)
-            await pilot.pause()
-            strips = app.screen._compositor.render_strips()
-            return "\n".join("".join(part.text for part in strip) for strip in strips)
+NEEDING = {"1": ("behind", "ahead", "↑↓ across", "p pause"), "2": ("Enter arm",), "3": ("P park",)}
+"""Keys of each page that need control."""
 
-    mover, watcher = asyncio.run(rows(ANNA)), asyncio.run(rows(STARTER))
-    needing = {"1": ("behind", "ahead", "↑↓ across", "p pause"), "2": ("Enter arm",), "3": ("P park",)}[page]
-    assert "arrows jog" not in watcher
-    if page == "1" or size[0] > 80:
-        for key in needing:
-            assert key in mover
-            assert key not in watcher
-        assert "c take control" in watcher
-    assert "SPACE STOP" in watcher
+
+@pytest.mark.parametrize("size", [(80, 24), (120, 40)])
+def test_who_looks_on_is_offered_control_and_no_key_that_needs_it(size: tuple[int, int]) -> None:
+    async def pages(you: int) -> dict[str, str]:
+        app, found = TrackApp(told(ELSEWHERE, you), monotonic=HandClock()), {}
+        async with app.run_test(size=size) as pilot:
+            for page in NEEDING:
+                await pilot.press(page)
+                await pilot.pause()
+                strips = app.screen._compositor.render_strips()
+                found[page] = "\n".join("".join(part.text for part in strip) for strip in strips)
+        return found
+
+    movers, watchers = asyncio.run(pages(ANNA)), asyncio.run(pages(STARTER))
+    for page, needing in NEEDING.items():
+        mover, watcher = movers[page], watchers[page]
+        assert "arrows jog" not in watcher
+        if page == "1" or size[0] > 80:
+            for key in needing:
+                assert key in mover
+                assert key not in watcher
+            assert "c take control" in watcher
+        assert "SPACE STOP" in watcher
 
 
 @pytest.mark.parametrize(
