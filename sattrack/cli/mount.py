@@ -29,7 +29,8 @@ from sattrack.cli.common import (
     tell,
     tui_possible,
 )
-from sattrack.control.console import Console, ConsoleSession, view_of
+from sattrack.control.console import Console, ConsoleSession
+from sattrack.control.console_view import view_of
 from sattrack.control.manual_operation import (
     DONE,
     Look,

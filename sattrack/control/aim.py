@@ -67,6 +67,11 @@ class MountInstant(NamedTuple):
     refracts: bool = False
     beyond_pole: bool = False
 
+    @classmethod
+    def of(cls, sample: StatusSample, utc_s: float) -> MountInstant:
+        """Return an instant at which a mount stands as in a sample."""
+        return cls(utc_s, sample.sidereal_h * 15.0, sample.does_refraction, sample.beyond_pole)
+
 
 class Aim:
     """Directions of the sky and a mount's coordinates: hour angle and declination, or the axes' angles."""
@@ -117,9 +122,15 @@ class Aim:
 
     def looks_at_deg(self, sample: StatusSample) -> tuple[float, float]:
         """Return the same of a sample, by the axes where the profile has a geometry."""
-        sidereal_deg = sample.sidereal_h * 15.0
-        at = MountInstant(sample.arrival_utc_s, sidereal_deg, sample.does_refraction, sample.beyond_pole)
-        return self.sky_deg(sidereal_deg - sample.ra_deg, sample.dec_deg, at)
+        at = MountInstant.of(sample, sample.arrival_utc_s)
+        return self.sky_deg(at.sidereal_deg - sample.ra_deg, sample.dec_deg, at)
+
+    def reported_deg(self, ra_deg: float, dec_deg: float, at: MountInstant) -> tuple[float, float]:
+        """Return the right ascension and declination that an equatorial mount reports for a direction."""
+        hour_angle, dec = self.own_deg(ra_deg, dec_deg, at)
+        if abs(dec) > 90.0:
+            hour_angle, dec = hour_angle + 180.0, math.copysign(180.0, dec) - dec
+        return (at.sidereal_deg - hour_angle) % 360.0, dec
 
     def _sidereal_deg(self, at: MountInstant) -> float:
         """Return the sidereal time by which a direction has its hour angle.

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from sattrack.control.console import Console, view_of
+from sattrack.control.console import Console
+from sattrack.control.console_view import view_of
 from sattrack.control.manual_operation import Look, ManualOperation
 from sattrack.mount.model import AxesPosition, MountProfile
 from sattrack.mount.simulator.installation import SimulatorProfile
