@@ -161,7 +161,11 @@ class SteppedClock:
 SIDEREAL_SECONDS_PER_SECOND = 1.00273790935
 BUCKET_S = 1.0
 BUCKETS = 60
-SHORTEST_DRIFT_BASE_S = 15.0
+USUAL_DRIFT = 35e-6
+"""Drift of a quartz clock, one sigma."""
+LEAST_LATENESS_S = 20e-6
+"""Arrivals are never more even than this."""
+REMEMBERED_DELAYS = 200
 LARGEST_DRIFT = 200e-6
 """Quartz clocks are better than this; a larger slope is delays, not drift."""
 STEP_S = 0.1
@@ -210,27 +214,32 @@ def lower_hull(points: Iterable[Point], onto: Sequence[Point] = ()) -> list[Poin
 def lower_envelope(
     points: list[Point],
     largest_drift: float = LARGEST_DRIFT,
-    shortest_base_s: float = SHORTEST_DRIFT_BASE_S,
+    stiffness_s: float = 0.0,
     hull_before_last: Sequence[Point] | None = None,
 ) -> Envelope:
-    """Return the line under all points (time, offset) that lies nearest to them on average.
+    """Return the most likely line under all points (time, offset), which are later than it by chance.
 
-    That line runs along the edge of the lower convex hull over the points' mean time. Needs one point or
-    more, in order of time. The slope is bounded by what clocks do, and is zero over too short a base.
-    Whoever knows the hull of all but the last point may hand it in.
+    Chance is exponential, and the slope is normal about zero: `stiffness_s` is the mean lateness over the
+    slope's variance. At 0 that is the line that lies nearest to the points on average: it runs along the
+    edge of the lower convex hull over their mean time. Needs one point or more, in order of time. The slope
+    is bounded by what clocks do. Whoever knows the hull of all but the last point may hand it in.
     """
-    base_s = points[-1][0] - points[0][0]
-    if base_s < shortest_base_s:
-        at_s, offset_s = min(points, key=lambda p: p[1])
+    at_s, offset_s = points[0]
+    if len(points) == 1:
         return Envelope(at_s, offset_s)
     hull = lower_hull(points if hull_before_last is None else points[-1:], hull_before_last or ())
     middle_s = sum([p[0] for p in points]) / len(points)
-    for left, right in pairwise(hull):
-        if right[0] >= middle_s:
-            slope = (right[1] - left[1]) / (right[0] - left[0])
-            drift = max(-largest_drift, min(largest_drift, slope))
-            return Envelope(left[0], min([y - drift * (t - left[0]) for t, y in points]), drift)
-    raise AssertionError("the hull spans the points' mean time")
+    edges = [(y - y0) / (t - t0) for (t0, y0), (t, y) in pairwise(hull)]
+    drift = -math.inf
+    # A line of a slope between those of its edges rests on a corner of the hull.
+    for (corner_s, _), upper in zip(hull, [*edges, math.inf], strict=True):
+        pull_s = len(points) * (middle_s - corner_s)
+        drift = max(drift, pull_s / stiffness_s if stiffness_s > 0.0 else math.copysign(math.inf, pull_s))
+        if drift <= upper:
+            break
+        drift = upper
+    drift = max(-largest_drift, min(largest_drift, drift))
+    return Envelope(at_s, min([y - drift * (t - at_s) for t, y in points]), drift)
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,7 +279,7 @@ class Arrivals:
         points = [
             ((n - first) * self.period_s, s - first_s - (n - first) * self.period_s) for n, s in self._lately
         ]
-        line = lower_envelope(points, LARGEST_PERIOD_ERROR, 0.0)
+        line = lower_envelope(points, LARGEST_PERIOD_ERROR)
         late_s = points[-1][1] - line.offset_at(points[-1][0])
         return late_s if late_s > HELD_UP_PERIODS * self.period_s else 0.0
 
@@ -302,6 +311,9 @@ class MountClock:
     _envelope: Envelope | None = None
     _astray: int = 0
     _known_delays: deque[float] = field(default_factory=lambda: deque(maxlen=TRUST_SAMPLES))
+    _lateness_s: float = 0.0
+    """By how much a status is later than the fastest, in the mean."""
+    _weighed: int = 0
 
     def __post_init__(self) -> None:
         """Believe the clock to be fine until it shows steps."""
@@ -393,6 +405,10 @@ class MountClock:
 
     def _take(self, mount_s: float, offset_s: float) -> None:
         newest = self._buckets[-1] if self._buckets else None
+        if self._envelope is not None:
+            self._weighed += 1
+            late_s = min(STEP_S, max(0.0, offset_s - self._envelope.offset_at(mount_s)))
+            self._lateness_s += (late_s - self._lateness_s) / min(self._weighed, REMEMBERED_DELAYS)
         if newest is not None and mount_s // BUCKET_S == newest[0] // BUCKET_S:
             if offset_s >= newest[1]:
                 return
@@ -400,4 +416,9 @@ class MountClock:
         else:
             self._buckets.append((mount_s, offset_s))
             self._hull_before_last = lower_hull(list(self._buckets)[:-1])
-        self._envelope = lower_envelope(list(self._buckets), hull_before_last=self._hull_before_last)
+        # The earliest of so many is later than the fastest by as much less.
+        lateness_s = max(LEAST_LATENESS_S, self._lateness_s * self.period_s / BUCKET_S)
+        stiffness_s = lateness_s / USUAL_DRIFT**2
+        self._envelope = lower_envelope(
+            list(self._buckets), stiffness_s=stiffness_s, hull_before_last=self._hull_before_last
+        )

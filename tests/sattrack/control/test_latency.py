@@ -34,8 +34,37 @@ def test_the_envelope_is_the_best_line_under_all_points(seed: int) -> None:
     assert envelope.offset_at(0.0) == pytest.approx(at_zero, abs=1e-7)
 
 
-def test_a_short_base_gives_no_drift() -> None:
-    assert lower_envelope([(0.0, 0.3), (5.0, 0.1), (9.0, 0.2)]) == Envelope(5.0, 0.1)
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("count", [1, 2, 5, 30])
+def test_a_usual_slope_is_likelier_than_another(seed: int, count: int) -> None:
+    """Held against all slopes of a fine grid: exponential lateness, a slope that is normal about zero."""
+    rng = random.Random(seed)
+    points = [(float(t), 0.5 + 5e-5 * t + rng.expovariate(4000.0)) for t in range(count)]
+    lateness_s, usual = 1.0 / 4000.0, 3e-5
+    slopes = np.arange(-200e-6, 200e-6, 1e-8)
+    t, y = np.array(points).T
+    offsets = (y - slopes[:, None] * t).min(axis=1)
+    late_s = (y - offsets[:, None] - slopes[:, None] * t).sum(axis=1)
+    best = int((late_s / lateness_s + 0.5 * (slopes / usual) ** 2).argmin())
+    envelope = lower_envelope(points, stiffness_s=lateness_s / usual**2)
+    assert envelope.drift == pytest.approx(slopes[best], abs=2e-8)
+    assert envelope.offset_at(0.0) == pytest.approx(offsets[best], abs=1e-6)
+
+
+def test_one_point_gives_no_drift() -> None:
+    assert lower_envelope([(5.0, 0.1)]) == Envelope(5.0, 0.1)
+
+
+@pytest.mark.parametrize("drift", [100e-6, -150e-6])
+def test_a_clock_that_drifts_dates_within_half_a_millisecond_from_the_first_seconds(drift: float) -> None:
+    rng = random.Random(6)
+    clock, worst = MountClock(status_delay_s=0.002), 0.0
+    for i in range(1200):
+        sampled = 1_000_000.0 + i * 0.05
+        arrival = sampled + 0.002 + rng.uniform(0.0, 0.002)
+        dated = clock.date(sidereal_h((sampled - 1_000_000.0) * (1.0 - drift)), arrival)
+        worst = max(worst, abs(dated - sampled)) if i > 60 else 0.0
+    assert worst < 5e-4
 
 
 def test_a_slope_no_clock_has_is_bounded() -> None:
