@@ -290,7 +290,7 @@ def test_views_are_streamed_and_a_stop_ends_the_showing(short: Path, held_in_sho
     done = subprocess.run(
         [*command, "--speed", "1000"], input=b"", capture_output=True, check=True, timeout=60.0
     )
-    whole = subprocess.run([*command[:-1], "--speed", "1000"], capture_output=True, check=True, timeout=60.0)
+    whole = subprocess.run([*command[:-1], "--speed", "1000"], capture_output=True, check=True, timeout=300.0)
     lines = [json.loads(line) for line in whole.stdout.splitlines()]
     assert [line["type"] for line in lines[:-1]] == ["view"] * (len(lines) - 1)
     assert len(lines) == held_in_short["view"] + 1
