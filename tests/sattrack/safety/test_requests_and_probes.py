@@ -9,11 +9,13 @@ import math
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+import erfa
 import pytest
 from driven_limits import SUN_DEC, SUN_WEST_HA, body_place
 from msgspec.structs import replace
 from safety_stand import LATITUDE_DEG, LONGITUDE_DEG, PERIOD_S, T0
 
+from sattrack.core.angles import separation_deg
 from sattrack.mount.geometry import AxisGeometry
 from sattrack.mount.model import (
     SIDEREAL_RATE_DEG_S,
@@ -420,3 +422,24 @@ def test_the_moon_is_kept_off_where_that_is_asked_for(cone_deg: float, off_deg: 
     found = safety.clear_request(slew, stance(hour_angle_deg + 1.0, dec_deg + 40.0), by_night_s)
     assert isinstance(found, str) == refused
     assert not refused or "keeps clear of the moon limit" in str(found)
+
+
+@pytest.mark.parametrize(
+    ("off_deg", "escapes", "leaves"), [(5.0, True, True), (5.0, False, False), (18.0, True, False)]
+)
+def test_an_idle_telescope_in_the_sun_is_led_out_where_it_is_ours_to_move(
+    off_deg: float, escapes: bool, leaves: bool
+) -> None:
+    safety = Safety(PROFILE, DAY, LATITUDE_DEG, LONGITUDE_DEG, True, escapes)
+    sidereal_deg = math.degrees(erfa.gmst82(2440587.5, T0 / 86400.0)) + LONGITUDE_DEG
+    ra_deg, dec_deg = sidereal_deg - SUN_WEST_HA, SUN_DEC + off_deg
+    safety.watch(Seen(T0, sidereal_deg, ra_deg, dec_deg), Hold())
+    found = safety.clear(Hold(), sidereal_deg, ra_deg, dec_deg, 0.0, T0).motion
+    assert isinstance(found, Slew) == leaves
+    if isinstance(found, Slew):
+        from_sun = separation_deg(sidereal_deg - found.ra_deg, found.dec_deg, SUN_WEST_HA, SUN_DEC)
+        assert 15.0 < from_sun < 20.0, "out of the cone, by the nearest way"
+        # It is asked for until the mount is there, and not any more then.
+        assert safety.clear(Hold(), sidereal_deg, ra_deg, dec_deg, 0.0, T0).motion == found
+        safety.watch(Seen(T0 + 1.0, sidereal_deg, found.ra_deg, found.dec_deg), Hold())
+        assert safety.clear(Hold(), sidereal_deg, found.ra_deg, found.dec_deg, 0.0, T0).motion == Hold()
