@@ -70,6 +70,7 @@ def answer(
 HIGH, LOW = stance(0.0, 30.0), stance(0.0, SOUTH_DEG + 20.5)
 EAST, WEST = stance(-81.98, 20.0), stance(81.98, 20.0)
 """Half a degree above the floor too; the sky goes up in the east and down in the west."""
+UP = SIDEREAL_RATE_DEG_S
 HILL = ((0.0, 30.0), (90.0, 5.0), (180.0, 5.0), (270.0, 5.0))
 
 
@@ -443,3 +444,32 @@ def test_an_idle_telescope_in_the_sun_is_led_out_where_it_is_ours_to_move(
         assert safety.clear(Hold(), sidereal_deg, ra_deg, dec_deg, 0.0, T0).motion == found
         safety.watch(Seen(T0 + 1.0, sidereal_deg, found.ra_deg, found.dec_deg), Hold())
         assert safety.clear(Hold(), sidereal_deg, found.ra_deg, found.dec_deg, 0.0, T0).motion == Hold()
+
+
+def least_distance_deg(axis: int, sense: float, again_after_s: float) -> float:
+    """Return how near to the end of its travel an axis may be sent towards it, at last by a status so old."""
+    profile = replace(PROFILE, hour_angle_limit_deg=100.0, dec_axis_limits_deg=(-20.0, 80.0))
+    wish = MoveAxes(SIDEREAL_RATE_DEG_S - 4.0 * sense, 0.0) if axis == 0 else MoveAxes(UP, 4.0 * sense)
+    end_deg = (100.0 * sense, 30.0 + 50.0 * sense)[axis]
+    for steps in range(8, 120):
+        at_deg = end_deg - sense * 0.25 * steps
+        ha, dec = (at_deg, 60.0) if axis == 0 else (0.0, at_deg)
+        safety = Safety(
+            profile, SafetyLimits(optical=False, floor_altitude_deg=-80.0), LATITUDE_DEG, holds=False
+        )
+        at = (SIDEREAL_DEG, SIDEREAL_DEG - ha, dec)
+        for k in range(3):
+            safety.watch(Seen(T0 + 0.05 * k, *at), Hold())
+        cleared = safety.clear(wish, *at, 0.0, T0 + 0.1).motion
+        if again_after_s:
+            cleared = safety.clear(wish, *at, again_after_s, T0 + 0.1 + again_after_s).motion
+        if cleared == wish:
+            return 0.25 * steps
+    raise AssertionError("it is never let through")
+
+
+@pytest.mark.parametrize("sense", [-1.0, 1.0])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_what_was_sent_since_the_last_status_counts_as_motion(axis: int, sense: float) -> None:
+    fresh, old = (least_distance_deg(axis, sense, again_after_s) for again_after_s in (0.0, 0.5))
+    assert old - fresh == pytest.approx(0.5 * 4.0, abs=0.6)
