@@ -14,6 +14,7 @@ line, arcseconds; `END`. As RTS2 reads it (lib/rts2tel/tpointmodel.cpp).
 from __future__ import annotations
 
 import math
+from datetime import date
 from typing import TYPE_CHECKING, NamedTuple
 
 import erfa
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
 
 END = "END"
 _NOON = 0.5
+_LARGEST = 1e6
+_FIRST_YEAR = 1960
 
 
 class RunParameters(NamedTuple):
@@ -79,7 +82,7 @@ def read_stars(text: str, where: str, axes: Axes = "equatorial") -> tuple[RunPar
     stars: list[Star] = []
     for number, line in lines:
         if line.startswith(":"):
-            options.append(line[1:].strip().split()[0].upper())
+            options += [word.upper() for word in line[1:].split()[:1]]
             continue
         if line.upper() == END:
             break
@@ -122,11 +125,14 @@ def _lines(text: str, where: str) -> Iterator[tuple[int, str]]:
 def _run(line: str, at: str) -> RunParameters:
     words = line.split()
     try:
-        degrees, minutes, seconds = words[0], float(words[1]), float(words[2])
-        latitude = abs(float(degrees)) + minutes / 60.0 + seconds / 3600.0
+        degrees, minutes, seconds = words[0], _number(words[1]), _number(words[2])
+        latitude = abs(_number(degrees)) + minutes / 60.0 + seconds / 3600.0
         latitude = -latitude if degrees.startswith("-") else latitude
-        year, month, day = (int(float(word)) for word in words[3:6])
-        temperature, pressure, height = (float(word) for word in words[6:9])
+        year, month, day = (int(_number(word)) for word in words[3:6])
+        utc = date(year, month, day)
+        if utc.year < _FIRST_YEAR:
+            raise ValueError(f"UTC begins with {_FIRST_YEAR}")
+        temperature, pressure, height = (_number(word) for word in words[6:9])
         Refraction(pressure, temperature)
     except (ValueError, IndexError) as error:
         raise BadInputError(
@@ -134,16 +140,16 @@ def _run(line: str, at: str) -> RunParameters:
         ) from None
     if not abs(latitude) <= 90.0:
         raise BadInputError(f"{at}: a latitude of {latitude:g}° is none")
-    return RunParameters(latitude, f"{year:04d}-{month:02d}-{day:02d}", temperature, pressure, height)
+    return RunParameters(latitude, utc.isoformat(), temperature, pressure, height)
 
 
 def _star(line: str, at: str, run: RunParameters, axes: Axes) -> Star:
     words = line.split()
     try:
         ra, dec = 15.0 * _angle(words[0:3]), _angle(words[3:6])
-        pm_ra, pm_dec, epoch = (float(word) for word in words[6:9])
+        pm_ra, pm_dec, epoch = (_number(word) for word in words[6:9])
         mount_first, mount_dec = _angle(words[9:12]), _angle(words[12:15])
-        sidereal = 15.0 * (float(words[15]) + float(words[16]) / 60.0)
+        sidereal = 15.0 * (_number(words[15]) + _number(words[16]) / 60.0)
     except (ValueError, IndexError):
         raise BadInputError(
             f"{at}: {line!r}: here stand a star's RA and Dec, proper motions, 2000.0, the mount's RA and "
@@ -182,12 +188,20 @@ def observed(ra_deg: float, dec_deg: float, sidereal_deg: float, run: RunParamet
     return math.degrees(hour_angle), math.degrees(dec)
 
 
+def _number(word: str) -> float:
+    """Return a number that can stand in such a file. Raises ValueError."""
+    value = float(word)
+    if not abs(value) <= _LARGEST:
+        raise ValueError(f"{word!r} is out of range")
+    return value
+
+
 def _angle(words: Sequence[str]) -> float:
     """Return the value of three words: degrees or hours, minutes, seconds."""
     whole, minutes, seconds = words
     if not (0.0 <= float(minutes) < 60.0 and 0.0 <= float(seconds) < 60.0001):
         raise ValueError
-    value = abs(float(whole)) + float(minutes) / 60.0 + float(seconds) / 3600.0
+    value = abs(_number(whole)) + float(minutes) / 60.0 + float(seconds) / 3600.0
     return -value if whole.startswith("-") else value
 
 

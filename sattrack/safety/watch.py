@@ -165,7 +165,7 @@ class Watch:
             return KEEPS_FIRST
         if self._axes is not None:
             turned = self._axes.turned()
-            if turned is None:
+            if turned is None or (self._axes.askew and not any(turned)):
                 return ELSEWHERE
             for name, field, is_turned in zip(NAMES, FIELDS, turned, strict=True):
                 if is_turned:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+from datetime import UTC, datetime
 
 import erfa
 import numpy as np
@@ -133,6 +134,11 @@ def test_biases_grow_at_their_rates():
     times = Utc(START.unix_s + np.arange(5.0))
     assert growing.along_at_s(times.unix_s) == pytest.approx([1.0, 1.01, 1.02, 1.03, 1.04])
     assert Bias(1.0, 0.2).cross_at_deg(times.unix_s) == 0.2
+
+
+def test_a_bias_grows_from_a_datetime_as_from_an_instant():
+    epoch = datetime(2026, 10, 2, 13, 1, 6, tzinfo=UTC)
+    assert Bias(1.0, 0.2, 0.01, -0.001, epoch).cross_at_deg(START.unix_s + 100.0) == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(
@@ -299,6 +305,16 @@ def test_uncertainties_are_those_of_many_noisy_observations():
     assert (exact.along_sigma_s, exact.cross_sigma_deg) == (0.0, 0.0)
 
 
+def test_uncertainties_are_one_arcsecond_of_direction_where_nothing_else_is_said():
+    propagator = Propagator(ELEMENTS, Site(*LEIDEN))
+    seen = propagator.at(START.plus(200.0))
+    found = bias_from_observation(propagator, seen.ra_deg, seen.dec_deg, START.plus(200.0))
+    ahead = propagator.at(START.plus(200.0), Bias(0.5))
+    arcsec_per_s = 2.0 * separation_arcsec(seen.ra_deg, seen.dec_deg, ahead.ra_deg, ahead.dec_deg)
+    assert found.along_sigma_s == pytest.approx(1.0 / arcsec_per_s, rel=0.01)
+    assert found.cross_sigma_deg == pytest.approx(1.0 / 3600.0, rel=0.001)
+
+
 def test_the_separation_is_that_of_the_plain_elements():
     propagator = Propagator(ELEMENTS, Site(*LEIDEN), Bias(99.0))
     plain, seen = propagator.at(START, Bias()), propagator.at(START, Bias(1.0, 0.1))
@@ -311,6 +327,8 @@ def test_observations_that_cannot_be():
     propagator = Propagator(ELEMENTS, Site(*LEIDEN))
     with pytest.raises(ObservationError, match="is no direction"):
         bias_from_observation(propagator, 10.0, 91.0, START)
+    with pytest.raises(ObservationError, match="is no direction"):
+        bias_from_observation(propagator, 10.0, -91.0, START)
     with pytest.raises(ObservationError, match="is no direction"):
         bias_from_observation(propagator, float("nan"), 0.0, START)
     with pytest.raises(ObservationError, match="standard deviation"):

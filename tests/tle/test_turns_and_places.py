@@ -117,6 +117,11 @@ def test_j2000_differs_from_icrf_by_the_frame_bias() -> None:
     assert 0.005 < np.linalg.norm(one - other) * 206265.0 < 0.025
 
 
+def test_an_apparent_direction_is_apparent_already() -> None:
+    found = apparent_unit(120.0, 20.0, Utc(CULMINATION_S), "of_date", LEIDEN, EarthOrientation.fixed(0.0))
+    assert found == pytest.approx(np.array(vector(120.0, 20.0)), abs=1e-15)
+
+
 def test_what_is_no_direction_and_no_frame_is_refused() -> None:
     earth = EarthOrientation.fixed(0.0)
     for ra_deg, dec_deg in ((10.0, 91.0), (math.nan, 0.0), (math.inf, 0.0), (0.0, math.nan)):

@@ -62,7 +62,7 @@ def value_in(member: str, status: int, body: bytes) -> Any:
     try:
         answer = json.loads(text)
         number = int(answer.get("ErrorNumber") or 0)
-    except (ValueError, TypeError, AttributeError, RecursionError) as error:
+    except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise NoAnswerError(f"its answer to {member} is no Alpaca answer") from error
     if number:
         raise AlpacaRefusalError(number, str(answer.get("ErrorMessage") or "no words")[:200])
@@ -99,7 +99,7 @@ def discover_telescopes(within_s: float = 1.5, port: int = DISCOVERY_PORT) -> li
         end_s = time.monotonic() + within_s
         while (left_s := end_s - time.monotonic()) > 0.0 and len(servers) < MOST_SERVERS:
             asker.settimeout(left_s)
-            with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+            with contextlib.suppress(OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
                 answer, (host, _) = asker.recvfrom(MOST_BYTES)
                 number = int(json.loads(answer)["AlpacaPort"])
                 if 0 < number <= LARGEST_PORT:
@@ -115,7 +115,7 @@ def _telescopes_at(server: str) -> list[FoundTelescope]:
             for one in devices
             if str(one["DeviceType"]).casefold() == "telescope"
         ]
-    except (AlpacaRefusalError, NoAnswerError, TypeError, KeyError, ValueError):
+    except (AlpacaRefusalError, NoAnswerError, TypeError, KeyError, ValueError, OverflowError):
         return []
 
 

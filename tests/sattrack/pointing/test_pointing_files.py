@@ -76,12 +76,22 @@ def test_what_is_written_is_read_again() -> None:
         ("0 0 2000.0 05", "0 0 1950.0 05", "run.dat:6: .*J2000"),
         ("171 06", "371 06", "run.dat:7: .*371"),
         ("+45 59 52.7693", "+45 61 52.7693", "run.dat:6"),
+        ("2026 11 22", "inf 11 22", "run.dat:5: .*'inf'"),
+        ("2026 11 22", "2026 0 22", "run.dat:5: .*month"),
+        ("2026 11 22", "202 11 22", "run.dat:5: .*1960"),
+        ("1013.0 6.0", "1013.0 nan", "run.dat:5: .*'nan'"),
+        ("05 30.5", "05 inf", "run.dat:6: .*sidereal time"),
+        ("05 18 40", "1e308 18 40", "run.dat:6: .*the mount's RA"),
     ],
 )
 def test_a_bad_line_of_stars_is_named(old: str, new: str, words: str) -> None:
     assert old in STARS
     with pytest.raises(BadInputError, match=words):
         read_stars(STARS.replace(old, new), "run.dat")
+
+
+def test_a_colon_alone_says_nothing() -> None:
+    assert read_stars(STARS.replace(":NODA", ":"), "run.dat") == read_stars(STARS, "run.dat")
 
 
 def test_a_file_that_was_cut_off_gives_its_whole_lines() -> None:

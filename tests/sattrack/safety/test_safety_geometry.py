@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 
 from sattrack.core.angles import azimuth_deg, separation_deg
-from sattrack.mount.model import MountProfile, PierZone
+from sattrack.mount.model import MountProfile, PierZone, Stance
+from sattrack.safety import SafetyLimits
 from sattrack.safety.bodies import moon_over, sun_over
+from sattrack.safety.gate import AxesState, stance_at
 from sattrack.safety.geometry import Box, Place, lowest_altitude_deg, meets_polygon, nearest_deg
 from sattrack.safety.regions import Cone, Floor, PierCollision, Skyline, Travel, is_clear
-from sattrack.safety.route import find_route
+from sattrack.safety.route import axes_of, direction_of, find_route
 
 
 def vector(ha_deg: float, dec_deg: float) -> np.ndarray:
@@ -237,3 +239,75 @@ def test_a_way_is_found_past_the_end_of_a_wall_from_close_beside_it() -> None:
             ha_deg = rng.uniform(min(one[0], other[0]), max(one[0], other[0]))
             dec_deg = rng.uniform(min(one[1], other[1]), max(one[1], other[1]))
             assert not in_the_way(ha_deg, dec_deg)
+
+
+@pytest.mark.parametrize("latitude_deg", [52.0, -33.0])
+@pytest.mark.parametrize("pier_rule", ["never", "hour_angle"])
+def test_axes_past_the_pole_point_where_they_point(pier_rule: str, latitude_deg: float) -> None:
+    profile = MountProfile(pier_rule=pier_rule)
+    rng = random.Random(5)
+    for _ in range(200):
+        place = Place(rng.uniform(-200.0, 200.0), rng.uniform(-269.0, 269.0))
+        hour_angle, dec = direction_of(place)
+        assert abs(dec) <= 90.0
+        assert angle_deg(vector(hour_angle, dec), vector(*place)) < 1e-6
+        axes = axes_of(hour_angle, dec, profile, latitude_deg)
+        assert angle_deg(vector(*axes), vector(*place)) < 1e-6
+        west = (hour_angle + 180.0) % 360.0 > 180.0
+        # By that rule the tube hangs in the west past the pole that is up.
+        past = math.copysign(1.0, latitude_deg) * axes.dec_deg > 90.0
+        assert past == (west and pier_rule == "hour_angle")
+
+
+@pytest.mark.parametrize("latitude_deg", [52.0, -33.0])
+def test_how_a_mount_stands_tells_its_axes_past_the_pole_too(latitude_deg: float) -> None:
+    rng = random.Random(6)
+    pole = math.copysign(1.0, latitude_deg)
+    for _ in range(200):
+        place = Place(rng.uniform(-170.0, 170.0), pole * rng.uniform(-80.0, 170.0))
+        stance = stance_at(Stance(123.0, 0.0, 0.0, False, True), place)
+        assert stance.beyond_pole == (abs(place.dec_deg) > 90.0)
+        seen = vector(stance.sidereal_deg - stance.ra_deg, stance.dec_deg)
+        assert angle_deg(seen, vector(*place)) < 1e-6
+        found = AxesState(latitude_deg).of(stance)
+        assert (found.ha_deg % 360.0, found.dec_deg) == pytest.approx((place.ha_deg % 360.0, place.dec_deg))
+
+
+def test_a_box_is_clear_of_a_skyline_only_where_all_of_it_is() -> None:
+    wall = Skyline([(0.0, 5.0), (90.0, 5.0), (170.0, 5.0), (180.0, 30.0), (190.0, 5.0), (270.0, 5.0)], 52.0)
+    rng = random.Random(9)
+    seen = set()
+    for _ in range(60):
+        ha, dec = rng.uniform(-60.0, 60.0), rng.uniform(-30.0, 10.0)
+        box = Box(ha, ha + rng.choice([1.0, 10.0, 40.0]), dec, dec + rng.choice([1.0, 5.0, 20.0]))
+        has = np.linspace(box.ha_low_deg, box.ha_high_deg, 15)
+        decs = np.linspace(box.dec_low_deg, box.dec_high_deg, 15)
+        least = min(
+            wall.clearance(Box(float(h), float(h), float(d), float(d))).some_deg for h in has for d in decs
+        )
+        found = is_clear(wall, box, 0.5)
+        seen.add(found)
+        assert not (found and least < 0.5)
+        # A place that is clear by far is not held back.
+        assert found or least < 3.0
+    assert seen == {True, False}
+
+
+@pytest.mark.parametrize(
+    ("points", "words"),
+    [
+        (((0.0, 5.0), (90.0, 5.0), (180.0, 90.0), (270.0, 5.0)), "horizon is 180 90 at one point"),
+        (((0.0, 5.0), (90.0, 5.0), (180.0, -91.0), (270.0, 5.0)), "horizon is 180 -91 at one point"),
+        (
+            ((0.0, 5.0), (90.0, 5.0), (180.0, 5.0), (270.0, 5.0), (361.0, 5.0)),
+            "horizon is 361 5 at one point",
+        ),
+        (((0.0, 5.0), (180.0, 5.0), (90.0, 5.0), (270.0, 5.0)), "90° comes after 180°"),
+        (((0.0, 5.0), (90.0, 5.0), (190.0, 5.0), (270.0, 5.0)), "not known between azimuths 90° and 190°"),
+        (((0.0, 5.0), (90.0, 5.0), (180.0, 5.0), (260.0, 5.0)), "not known between azimuths 260° and 0°"),
+    ],
+)
+def test_a_skyline_that_is_none_is_refused(points: tuple[tuple[float, float], ...], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        SafetyLimits(horizon=points)
+    assert SafetyLimits(horizon=((0.0, 5.0), (90.0, -1.0), (180.0, 89.0), (270.0, 5.0), (360.0, 5.0))).horizon

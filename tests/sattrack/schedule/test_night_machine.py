@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from random import Random
 
 import msgspec
@@ -22,6 +23,7 @@ from sattrack.schedule.night import (
     MakePlan,
     Mount,
     NightPass,
+    NotPlanned,
     Parked,
     ParkMount,
     PassAttempt,
@@ -225,6 +227,92 @@ def test_a_command_that_was_under_way_at_the_restart_is_not_run_again() -> None:
     run, order = machine.step(run, Started(utc_s=one.leave_utc_s, settings=settings(1.0)))
     assert order == DoStep(index=0, when="before", step=1)
     assert "not repeated" in run.notes[-1]
+
+
+def readying(one: NightPass) -> Run:
+    run = waiting_for(one)
+    run, _ = machine.step(run, Due(utc_s=one.leave_utc_s - 10.0))
+    run, _ = machine.step(run, PassPrepared(utc_s=one.leave_utc_s - 9.0))
+    run, order = machine.step(run, WeatherReported(utc_s=one.leave_utc_s - 8.0, safe=True))
+    assert isinstance(order, DoStep)
+    assert order.action_of(one) == one.terms.before[0]
+    return run
+
+
+def test_the_actions_before_a_pass_come_one_after_the_other_and_then_the_pass() -> None:
+    one = one_pass(
+        before=(CommandAction(run=("x",)), CommandAction(run=("y",))), after=(CommandAction(run=("z",)),)
+    )
+    run = readying(one)
+    run, order = machine.step(run, StepDone(utc_s=one.leave_utc_s, done=True))
+    assert order == DoStep(index=0, when="before", step=1)
+    assert order.action_of(one) == one.terms.before[1]
+    run, order = machine.step(run, StepDone(utc_s=one.leave_utc_s + 1.0, done=True))
+    assert order == Follow(index=0, part=1, from_utc_s=one.leave_utc_s + 1.0)
+    attempt = PassAttempt("set", one.end_utc_s, on_target_s=one.end_utc_s - one.start_utc_s)
+    run, order = machine.step(run, Followed(utc_s=one.end_utc_s, attempt=attempt))
+    assert order == DoStep(index=0, when="after", step=0)
+    assert order.action_of(one) == one.terms.after[0]
+    assert run.results[0].state == "done"
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_actions_that_last_into_the_pass_until_too_little_is_left_lose_it(count: int) -> None:
+    one = one_pass(before=(CommandAction(run=("x",)),) * count, least_s=60.0)
+    for left_s, order_type in ((61.0, Follow if count == 1 else DoStep), (58.0, Wait)):
+        run, order = machine.step(readying(one), StepDone(utc_s=one.end_utc_s - left_s, done=True))
+        assert isinstance(order, order_type)
+        assert [(one.state, one.cause) for one in run.results] == (
+            [("lost", "delay")] if left_s < 60.0 else []
+        )
+
+
+def test_a_pass_that_breaks_off_is_followed_on_after_pauses_that_grow_until_too_little_is_left() -> None:
+    one = one_pass()
+    one = replace(one, end_utc_s=one.start_utc_s + 600.0)
+    run, pauses = following(one), []
+    for k in range(8):
+        at = one.start_utc_s + 10.0 * k
+        run, order = machine.step(run, Followed(utc_s=at, attempt=PassAttempt("link", at, words="gone")))
+        assert isinstance(order, Follow)
+        pauses.append(order.pause_s)
+    assert pauses == [1.0, 2.0, 4.0, 8.0, 16.0, 30.0, 30.0, 30.0]
+    for left_s, goes_on in ((10.0, True), (8.0, False)):
+        at = one.end_utc_s - left_s
+        _, order = machine.step(following(one), Followed(utc_s=at, attempt=PassAttempt("link", at)))
+        assert isinstance(order, Follow) == goes_on
+
+
+def test_why_there_is_no_plan_is_noted_once_and_it_is_tried_again_in_ten_minutes() -> None:
+    run, _ = machine.step(Run(), Started(utc_s=BEGIN, settings=settings(1.0)))
+    at = BEGIN
+    for words, notes in (("no elements", 1), ("no elements", 1), ("no site", 2)):
+        run, order = machine.step(run, NotPlanned(utc_s=at, words=words))
+        assert order == Wait(until_utc_s=at + 600.0)
+        assert len(run.notes) == notes
+        assert run.notes[-1] == f"no plan: {words}"
+        at += 600.0
+        run, order = machine.step(run, Due(utc_s=at))
+        assert order == MakePlan()
+
+
+def test_elements_that_are_renewed_before_a_pass_are_those_that_are_followed() -> None:
+    one = one_pass()
+    run = waiting_for(one)
+    run, _ = machine.step(run, Due(utc_s=one.leave_utc_s - 10.0))
+    assert one.elements is not None
+    newer = dataclasses.replace(one.elements, name="NEWER")
+    run, _ = machine.step(run, PassPrepared(utc_s=one.leave_utc_s - 9.0, elements=newer, words="renewed"))
+    assert run.passes == (replace(one, elements=newer),)
+    assert run.notes[-1] == "renewed"
+
+
+def test_the_nights_summary_is_where_it_was_written_until_another_is() -> None:
+    run, _ = machine.step(Run(), Started(utc_s=BEGIN, settings=settings(5.0)))
+    for file, kept in (("one.txt", "one.txt"), (None, "one.txt"), ("two.txt", "two.txt")):
+        run = replace(run, state=RunState.SUMMING_UP, mount=Mount.PARKED)
+        run, _ = machine.step(run, SummedUp(utc_s=run.night_from_utc_s + 3600.0, file=file))
+        assert run.summary == kept
 
 
 def test_a_session_that_breaks_off_is_begun_again_while_enough_is_left_and_not_for_ever() -> None:
