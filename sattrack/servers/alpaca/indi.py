@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, NamedTuple, cast
@@ -184,6 +185,8 @@ class ServedIndiDevice:
     """The axes that clients' keys turn, and which client's."""
     messages: list[tuple[int, str]] = field(default_factory=list)
     """What was said last, numbered from 1."""
+    settings: Counter[str] = field(default_factory=Counter)
+    """How often clients have set each property: all of them hear the answer, though nothing of it changes."""
     _states: dict[str, str] = field(default_factory=dict)
     _waiting: set[str] = field(default_factory=set)
     """The properties whose orders are not under way yet."""
@@ -246,9 +249,16 @@ class ServedIndiDevice:
 
     def _take_on_coord_set(self, values: Mapping[str, str], _: float) -> None:
         self._on_coord = _chosen(values, self._on_coord)
+        self._states["ON_COORD_SET"] = OK
 
     def _take_telescope_slew_rate(self, values: Mapping[str, str], _: float) -> None:
         self._rate = _chosen(values, self._rate)
+        self._states["TELESCOPE_SLEW_RATE"] = OK
+
+    def _take_telescope_track_mode(self, values: Mapping[str, str], _: float) -> None:
+        if values.get("TRACK_SIDEREAL") != "On":
+            raise Fault(Number.INVALID_VALUE, "TELESCOPE_TRACK_MODE: this mount tracks at the sidereal rate")
+        self._states["TELESCOPE_TRACK_MODE"] = OK
 
     def _take_equatorial_eod_coord(self, values: Mapping[str, str], now_utc_s: float) -> Asked:
         ra_h, dec_deg = _read(values.get("RA")), _read(values.get("DEC"))
@@ -373,9 +383,11 @@ class ServedIndiDevice:
         over |= dict.fromkeys(GUIDES, not state.pulse_guiding)
         for name, is_over in over.items():
             if states.get(name) == BUSY and is_over and name not in self._waiting:
-                self._states[name] = states[name] = OK
+                self._states[name] = states[name] = IDLE if name in GUIDES else OK
         if state.slewing:
             states[PLACE] = BUSY
+        if states.get(TRACKING) != ALERT:
+            states[TRACKING] = BUSY if state.tracking else IDLE
         states[SATELLITE_STATE] = BUSY if following else states.get(SATELLITE_STATE, IDLE)
         states |= {name: BUSY if axis in self.turning else IDLE for name, axis in MOTIONS.items()}
         keys = {
@@ -396,6 +408,7 @@ class ServedIndiDevice:
 _TAKES: dict[str, Callable[[ServedIndiDevice, Mapping[str, str], float], Asked | TrackElements | None]] = {
     "ON_COORD_SET": ServedIndiDevice._take_on_coord_set,
     "TELESCOPE_SLEW_RATE": ServedIndiDevice._take_telescope_slew_rate,
+    "TELESCOPE_TRACK_MODE": ServedIndiDevice._take_telescope_track_mode,
     PLACE: ServedIndiDevice._take_equatorial_eod_coord,
     TRACKING: ServedIndiDevice._take_telescope_track_state,
     PARK: ServedIndiDevice._take_telescope_park,
@@ -413,6 +426,7 @@ class ClientView:
     def __init__(self, device: ServedIndiDevice) -> None:
         self._device = device
         self._told: dict[str, tuple[str, Values]] = {}
+        self._settings: dict[str, int] = {}
         self._last = device.messages[-1][0] if device.messages else 0
 
     def definitions(self, asked: Element, now_utc_s: float) -> bytes:
@@ -422,25 +436,24 @@ class ClientView:
         now = self._device.values(now_utc_s)
         names = [asked.get("name", "")] if asked.get("name") else [one.name for one in VECTORS]
         self._told |= {name: now[name] for name in names if name in now}
+        self._settings |= {name: self._device.settings[name] for name in names}
         return "".join(_definition(BY_NAME[name], *now[name]) for name in names if name in now).encode()
 
     def changes(self, now_utc_s: float) -> bytes:
         """Return what has changed of what this client knows."""
         parts = []
         for name, value in self._device.values(now_utc_s).items():
-            if name in self._told and self._told[name] != value and not self._is_clock(name, value):
-                self._told[name] = value
+            if name not in self._told:
+                continue
+            was_set = self._settings[name] != self._device.settings[name]
+            if was_set or (self._told[name] != value and not self._is_clock(name, value)):
+                self._told[name], self._settings[name] = value, self._device.settings[name]
                 parts.append(_setting(BY_NAME[name], *value))
         for number, words in self._device.messages:
             if number > self._last:
                 self._last = number
                 parts.append(f"<message device={quoteattr(DEVICE)} message={quoteattr(words)}/>\n")
         return "".join(parts).encode()
-
-    def tell_again(self, name: str) -> None:
-        """Have a property sent again, though nothing of it has changed: who set it waits for an answer."""
-        if name in self._told:
-            self._told[name] = ("", ())
 
     def _is_clock(self, name: str, value: tuple[str, Values]) -> bool:
         return name == "TIME_UTC" and self._told[name][0] == value[0]

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.mount.requests import Abort
-from sattrack.servers.alpaca.protocol import MOVING_BY_RATES, Fault, MoveOrder
+from sattrack.servers.alpaca.protocol import MOVING_BY_RATES, Fault, MoveOrder, TrackOrder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -136,7 +136,8 @@ class Lx200Client:
 
     def left(self) -> Asked:
         """Return what ends the motions of a client that is gone."""
-        return self._end_motion(self.turning)
+        ended = self._end_motion(self.turning)
+        return ended._replace(orders=tuple(one for one in ended.orders if isinstance(one, MoveOrder)))
 
     def _get(self, what: str, now_utc_s: float) -> bytes:
         device, now = self.telescope.device, self._local(now_utc_s)
@@ -216,7 +217,12 @@ class Lx200Client:
     def _end_motion(self, axes: set[int]) -> Asked:
         ends = sorted(self.turning & axes)
         self.turning.difference_update(ends)
-        return Asked(tuple(MoveOrder(axis, 0.0) for axis in ends))
+        orders: tuple[Order, ...] = tuple(MoveOrder(axis, 0.0) for axis in ends)
+        state = self.telescope.state
+        if ends and not self.turning and state is not None and not state.tracking:
+            # Most of these clients cannot set tracking: after a stop, a key is how they take it up.
+            orders = (*orders, TrackOrder(on=True))
+        return Asked(orders)
 
     def _to_target(
         self, member: str, done: bytes, refused: Callable[[str], bytes], now_utc_s: float

@@ -155,7 +155,7 @@ class Planetariums:
                     if message.get("name") == ABORT:
                         _note_whole(connection)
                         _drop(waiting, lambda one: one.get("name") in MOVERS)
-                        self._beside(self._take(device, view, message, caller))
+                        self._beside(self._take(device, message, caller))
                     else:
                         waiting.put_nowait(message)
             await _finish(waiting, aside[0])
@@ -186,15 +186,14 @@ class Planetariums:
                 if message.tag == "getProperties":
                     writer.write(view.definitions(message, self._now_s()))
                 else:
-                    await self._take(device, view, message, caller)
+                    await self._take(device, message, caller)
             finally:
                 waiting.task_done()
                 if connection is not None:
                     connection.ends()
 
-    async def _take(self, device: ServedIndiDevice, view: ClientView, message: Element, caller: int) -> None:
+    async def _take(self, device: ServedIndiDevice, message: Element, caller: int) -> None:
         name = message.get("name", "")
-        view.tell_again(name)
         try:
             asked = device.take(message, caller, self._now_s())
             if isinstance(asked, TrackElements):
@@ -205,6 +204,7 @@ class Planetariums:
             device.refuse(name, fault.message)
         finally:
             device.carried_out(name)
+            device.settings[name] += 1
 
     async def _tell_changes(
         self, view: ClientView, writer: asyncio.StreamWriter, connection: ClientConnection | None

@@ -69,8 +69,7 @@ def as_request(axis: int, rate_deg_s: float, stands: bool) -> MoveAxis:
     """Return the request that turns an axis at a rate of its own, westward or northward.
 
     The primary axis' rate stands in place of sidereal tracking; a Xerxes mount adds its own MoveAxis rate to
-    that. Rate 0 is no standstill: it gives the axis back to what it did before, which is the sky. An axis of
-    a mount with a geometry `stands` then.
+    that. Rate 0 gives the axis back to what it did before: it follows the sky, or `stands`.
     """
     if axis == SECONDARY:
         return MoveAxis(dec_rate_deg_s=rate_deg_s)
@@ -80,12 +79,16 @@ def as_request(axis: int, rate_deg_s: float, stands: bool) -> MoveAxis:
 
 
 class Drive:
-    """A MoveAxis of one axis or both, a procedure of the console, until both axes are ended."""
+    """A MoveAxis of one axis or both, a procedure of the console, until both axes are ended.
+
+    `stands` tells that an axis at rate 0 stands; `stops` that the mount did not track before, so that it
+    stands afterwards too. The protocol's own end of MoveAxis would set it tracking.
+    """
 
     doing = MOVING_BY_RATES
 
-    def __init__(self, axis: int, rate_deg_s: float, stands: bool = False) -> None:
-        self._rates, self._stands = {axis: rate_deg_s}, stands
+    def __init__(self, axis: int, rate_deg_s: float, *, stands: bool = False, stops: bool = False) -> None:
+        self._rates, self._stands, self._stops = {axis: rate_deg_s}, stands or stops, stops
         self._ticket: Ticket | None = None
         self._ending: Ticket | None = None
 
@@ -97,7 +100,10 @@ class Drive:
     def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
         """See Procedure."""
         (axis, rate_deg_s) = next(iter(self._rates.items()))
-        return self._ask(desk, as_request(axis, rate_deg_s, self._stands), now_utc_s)
+        request = as_request(axis, rate_deg_s, self._stands)
+        if self._stops and axis == SECONDARY:
+            request = MoveAxis(SIDEREAL_RATE_DEG_S, rate_deg_s)
+        return self._ask(desk, request, now_utc_s)
 
     def change(
         self, desk: ProcedureHost, axis: int, rate_deg_s: float, now_utc_s: float
@@ -132,7 +138,7 @@ class Drive:
     def _end(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
         if self._ending is not None:
             return None
-        submitted = desk.submit(EndMove(), now_utc_s)
+        submitted = desk.submit(Abort() if self._stops else EndMove(), now_utc_s)
         if isinstance(submitted, RequestRefused):
             return submitted
         self._ending = submitted

@@ -365,7 +365,9 @@ MEMBERS = (
     ),
     _does("AbortSlew", "stops everything; makes ready what safety stopped"),
     _does("FindHome", "goes to the profile's home position"),
-    _does("MoveAxis", "turns an axis; 0 gives it back to the sky", AXIS, Parameter("Rate", "float")),
+    _does(
+        "MoveAxis", "turns an axis; 0 gives it back to what it did before", AXIS, Parameter("Rate", "float")
+    ),
     Member("Park", "slews to the park position, stops, cuts the drives' power", write="yes"),
     _does(
         "PulseGuide",

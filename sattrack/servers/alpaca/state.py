@@ -70,9 +70,9 @@ class MountState:
             self._parked = False
 
     def moved(self, kind: str) -> None:
-        """Note that an operation begins: "slew" and "move" end in tracking."""
+        """Note that an operation begins: "slew" and "follow" end in tracking, "move" in what was before."""
         self._home = None
-        self._tracking = self._tracking or kind in {"slew", "move"}
+        self._tracking = self._tracking or kind in {"slew", "follow"}
 
     def parked(self, session: Session) -> None:
         """Note that the drives' power was cut."""

@@ -338,7 +338,9 @@ class TelescopeStation:
         if drive is None:
             if order.rate_deg_s:
                 stands = self.profile.geometry is not None
-                self._begin_operation("move", Drive(order.axis, order.rate_deg_s, stands), now_utc_s)
+                stops = not stands and not self._mount_state.tracking(self.session)
+                drive = Drive(order.axis, order.rate_deg_s, stands=stands, stops=stops)
+                self._begin_operation("move", drive, now_utc_s)
             return False
         refuse(drive.change(self.console, order.axis, order.rate_deg_s, now_utc_s))
         if drive.moves:
@@ -402,7 +404,7 @@ class TelescopeStation:
                 return
             self.had_orders, self._failure = True, None
             self.shared.begin(self.console.safety, self._heard)
-            self._mount_state.moved("move")
+            self._mount_state.moved("follow")
 
     def _leave_path(self) -> None:
         """Go on by the console, once the mount of rotctld's clients was stopped and is at rest."""
@@ -430,7 +432,7 @@ class TelescopeStation:
         if self._heard is not None:
             receive_or_stop(engine, *self._heard)
         self.engine, self._failure = engine, None
-        self._mount_state.moved("move")
+        self._mount_state.moved("follow")
         self.log_lines.append(f"follows {engine.spec.propagator.elements.label}")
 
     def _leave_satellite(self) -> None:

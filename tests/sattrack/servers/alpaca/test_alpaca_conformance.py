@@ -250,6 +250,42 @@ def test_both_axes_move_at_rates_of_their_own_and_each_ends_by_itself(scope: Vir
     assert scope.get("tracking") is True
 
 
+@pytest.mark.parametrize("additive", [True, False])
+@pytest.mark.parametrize("first", [0, 1])
+def test_a_mount_that_did_not_track_stands_after_moveaxis_and_its_other_axis_stands_meanwhile(
+    first: int, additive: bool
+) -> None:
+    scope = VirtualTelescope(profile=replace(PROFILE, additive=additive))
+    scope.put("tracking", Tracking="False")
+    stands = scope.truths[-1]
+    scope.put("moveaxis", Axis=first, Rate=1.0)
+    assert scope.get("tracking") is False
+    scope.run_for(2.0)
+    moved = scope.truths[-1]
+    turned = moved.hour_angle_axis_deg - stands.hour_angle_axis_deg, moved.dec_deg - stands.dec_deg
+    assert turned[first] > 1.0
+    assert abs(turned[1 - first]) < 1e-3
+    scope.put("moveaxis", Axis=1 - first, Rate=0.5)
+    scope.put("moveaxis", Axis=first, Rate=0)
+    scope.run_for(2.0)
+    before = scope.truths[-1]
+    scope.run_for(1.0)
+    after = scope.truths[-1]
+    still = (
+        after.hour_angle_axis_deg - before.hour_angle_axis_deg
+        if first == 0
+        else after.dec_deg - before.dec_deg
+    )
+    assert abs(still) < 1e-4
+    scope.put("moveaxis", Axis=1 - first, Rate=0)
+    assert scope.get("slewing") is False
+    scope.run_for(2.0)
+    assert scope.get("tracking") is False
+    before = scope.truths[-1].hour_angle_axis_deg
+    scope.run_for(10.0)
+    assert scope.truths[-1].hour_angle_axis_deg == pytest.approx(before, abs=1e-4)
+
+
 def test_a_rate_is_changed_in_mid_move_without_a_stop(scope: VirtualTelescope) -> None:
     for rate in (0.5, 2.0, -1.0):
         scope.put("moveaxis", Axis=1, Rate=rate)

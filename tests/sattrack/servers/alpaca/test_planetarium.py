@@ -31,7 +31,13 @@ from sattrack.servers.alpaca import indi
 from sattrack.servers.alpaca.connections import ClientConnection, OpenConnections
 from sattrack.servers.alpaca.lx200 import Asked, CommandReader, Lx200Client
 from sattrack.servers.alpaca.planetarium import Planetariums
-from sattrack.servers.alpaca.protocol import MOVING_BY_RATES, Fault, MoveOrder, TelescopeState
+from sattrack.servers.alpaca.protocol import (
+    MOVING_BY_RATES,
+    Fault,
+    MoveOrder,
+    TelescopeState,
+    TrackOrder,
+)
 from sattrack.servers.alpaca.stellarium import GotoReader, of_date, of_j2000, position
 from sattrack.servers.alpaca.telescope import Device, ServedTelescope
 from tle.earth import EarthOrientation
@@ -163,6 +169,17 @@ def test_direction_keys_turn_west_and_north_at_the_rate_chosen_and_end_one_by_on
     assert moved(client, "Qn") == []
     assert [(one.axis, one.rate_deg_s) for one in client.left().orders] == [(0, 0.0)]
     assert client.left().orders == ()
+
+
+def test_a_key_takes_up_tracking_after_a_stop_and_a_lost_connection_does_not() -> None:
+    standing = client_of(TelescopeState(utc_s=NOW_S, heard=True, doing=MOVING_BY_RATES, slewing=True))
+    moved(standing, "Mn"), moved(standing, "Mw")
+    for command, orders in (("Qn", (MoveOrder(1, 0.0),)), ("Qw", (MoveOrder(0, 0.0), TrackOrder(on=True)))):
+        asked = standing.answer(command, NOW_S)
+        assert isinstance(asked, Asked)
+        assert asked.orders == orders
+    moved(standing, "Mn")
+    assert standing.left().orders == (MoveOrder(1, 0.0),)
 
 
 def test_a_stop_ends_the_keys_motion_and_anything_else_stops_the_mount_heard_or_not() -> None:
