@@ -78,18 +78,27 @@ class SourceOptions:
         return Utc(self.clock.utc_s(time.monotonic()))
 
 
+def check_source(text: str) -> tuple[str, str]:
+    """Return kind and place of a source; raises BadInputError where it can be no camera, or is not there."""
+    kind, colon, rest = text.partition(":")
+    if kind in ("alpaca", "indi") or (kind == "v4l" and rest):
+        return kind, rest
+    if kind == "folder" and rest:
+        if not Path(rest).is_dir():
+            raise BadInputError(f"{rest}: there is no such folder")
+        return kind, rest
+    missing = "" if colon or Path(text).exists() else ", and there is no such file"
+    raise BadInputError(f"{text!r} is no camera{missing}: write {FORMS}")
+
+
 def open_source(text: str, options: SourceOptions) -> FrameSource:
     """Return a source by its name on the command line; raises BadInputError, SattrackError."""
-    kind, _, rest = text.partition(":")
-    if kind == "folder" and rest:
+    kind, rest = check_source(text)
+    if kind == "folder":
         return FolderSource(Path(rest), options)
     if kind == "alpaca":
         return AlpacaCamera(rest, options)
-    if kind == "indi":
-        return IndiCamera(rest, options)
-    if kind == "v4l" and rest:
-        return VideoSource(rest, options)
-    raise BadInputError(f"{text!r} is no camera: write {FORMS}")
+    return IndiCamera(rest, options) if kind == "indi" else VideoSource(rest, options)
 
 
 class FolderSource:
@@ -98,8 +107,6 @@ class FolderSource:
     exposure_s: float | None = None
 
     def __init__(self, folder: Path, options: SourceOptions) -> None:
-        if not folder.is_dir():
-            raise BadInputError(f"{folder}: there is no such folder")
         self._folder, self._options = folder, options
 
     def frames(self) -> Iterator[CameraFrame | SattrackError]:

@@ -23,7 +23,7 @@ from sattrack.cli.common import (
     tui_possible,
 )
 from sattrack.core import local_time
-from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.core.errors import BadInputError, SattrackError, how_to_install
 from sattrack.core.process import self_command
 from sattrack.runtime.callers import listen
 from sattrack.runtime.view_server import SUPPORTED, feeders
@@ -54,7 +54,7 @@ def command(context: CommandContext, pid: int | None, name: str | None, **option
     if context.json:
         return _as_json(pid, name)
     if importlib.util.find_spec("textual_plot") is None:
-        raise SattrackError("the screen needs textual: pip install 'sattrack[tui]'")
+        raise SattrackError(f"the screen needs textual: {how_to_install('tui')}")
     from sattrack.tui.launch import SEEN_BY_BROWSER, attach_with_tui
 
     if not (tui_possible() or SEEN_BY_BROWSER in os.environ):
@@ -175,7 +175,7 @@ def web(
       sattrack serve web --host 0.0.0.0 --port 8137
     """
     if importlib.util.find_spec("textual_serve") is None:
-        raise SattrackError("the browser's screen needs textual-serve: pip install 'sattrack[web]'")
+        raise SattrackError(f"the browser's screen needs textual-serve: {how_to_install('web')}")
     if token is not None and len(token) < FEWEST_CHARACTERS:
         raise BadInputError(f"--token: {len(token)} characters; give {FEWEST_CHARACTERS} or more")
     if ":" not in host:

@@ -26,7 +26,7 @@ from sattrack.core.errors import BadInputError, SattrackError, needed
 from sattrack.core.process import ending_with_us, self_command
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
     from typing import IO
 
     from sattrack.camera.centring import Centred, ImageGeometry, Solution, Solver
@@ -163,6 +163,19 @@ def _named(text: str, number: int) -> tuple[str, str]:
     if equals and re.fullmatch(r"[\w.-]+", name):
         return name, source
     return ("camera" if number == 0 else f"camera-{number + 1}"), text
+
+
+def check_cameras(texts: Sequence[str]) -> None:
+    """Raise BadInputError for a source that can be no camera, SattrackError where an extra is missing."""
+    from sattrack.camera.sources import check_source
+
+    for number, text in enumerate(texts):
+        try:
+            check_source(_named(text, number)[1])
+        except BadInputError as error:
+            raise BadInputError(f"--camera {text}: {error}") from None
+    if texts:
+        needed("sep", "a camera", "camera")
 
 
 @contextlib.contextmanager

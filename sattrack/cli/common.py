@@ -170,6 +170,17 @@ class CommandContext:
         return url, address
 
 
+def read_settings(explicit: Path | None) -> Settings:
+    """Return the settings in force; raises BadInputError also where they name what can be no mount."""
+    settings = load_settings(explicit)
+    path = find_settings_file(explicit)
+    if path is not None and settings.mount.url not in (None, "sim"):
+        from sattrack.runtime.mounts import check_setting
+
+        check_setting(path, settings.mount.url)
+    return settings
+
+
 def tell(text: str) -> None:
     """Tell the user something on standard error, in one line."""
     click.echo(f"sattrack: {text}", err=True)
@@ -379,11 +390,11 @@ SHARED = ("site", "elements", "clock", "json", "utc")
 """The options that a command takes if they mean something there."""
 
 
-def common_options(*used: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def common_options(*used: str, goes_on: bool = False) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Add --config, --debug and the shared options; the function's first argument becomes a CommandContext.
 
     `used` are those of SHARED that mean something to the command. Scripts may give the others too: they are
-    accepted, hidden, and do nothing.
+    accepted, hidden, and do nothing. With `goes_on`, wrong settings are told, and the built-in ones are used.
     """
 
     def add(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -437,7 +448,13 @@ def common_options(*used: str) -> Callable[[Callable[..., Any]], Callable[..., A
             debug: bool,
             **rest: Any,
         ) -> Any:
-            settings = load_settings(config)
+            try:
+                settings = read_settings(config)
+            except BadInputError as error:
+                if not goes_on:
+                    raise
+                tell(f"{error}; going on without the settings")
+                settings = Settings()
             use_zone("UTC" if utc else settings.zone)
             context = CommandContext(settings, site_option, element_sources, clock_option, as_json, debug)
             named = (settings.safety.horizon, settings.mount.profile, rest.get("profile"))

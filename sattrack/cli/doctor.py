@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 import msgspec
 
-from sattrack.cli.common import CommandContext, common_options, profile_option
+from sattrack.cli.common import CommandContext, common_options, profile_option, read_settings
 from sattrack.core import local_time
-from sattrack.core.errors import SattrackError
+from sattrack.core.errors import SattrackError, how_to_install
 from sattrack.core.realtime import how_to_grant, undisturbed
 from sattrack.mount.model import MountProfile
 from sattrack.runtime.system import read_kernel_clock
-from sattrack.settings import find_settings_file, load_settings
+from sattrack.settings import find_settings_file
 from sattrack.views.formatting import OLD_ELEMENTS_DAYS, arcsec
 from tle.earth import earth_orientation_age
 from tle.elements import expected_along_arcsec
@@ -241,7 +241,7 @@ def check_extras(installed: Mapping[str, bool]) -> CheckResult:
         return CheckResult("extras", "ok", f"all installed: {', '.join(EXTRAS)}")
     what = "not installed: " + ", ".join(f"{name} ({EXTRAS[name][0]})" for name in missing)
     wanted = "tui" if "tui" in missing else missing[0] if len(missing) == 1 else "NAME,NAME"
-    ways = (f"pip install 'sattrack[{wanted}]'",)
+    ways = (how_to_install(wanted),)
     return CheckResult("extras", "warn" if "tui" in missing else "ok", what, ways)
 
 
@@ -332,7 +332,7 @@ class _PatientCommand(click.Command):
         """Read the settings first, only to see whether they can be read."""
         ctx.meta[__name__] = find_settings_file(ctx.params["config"]), None
         try:
-            load_settings(ctx.params["config"])
+            read_settings(ctx.params["config"])
         except SattrackError as error:
             ctx.meta[__name__] = ctx.params["config"], str(error)
             ctx.params["config"] = Path(os.devnull)
@@ -344,7 +344,8 @@ class _PatientCommand(click.Command):
     "--mount",
     "mount_url",
     metavar="URL",
-    help="Listen to this mount: xerxes://HOST:PORT?listen=PORT, or alpaca or indi://HOST:PORT/DEVICE.",
+    help="Listen to this mount: xerxes://HOST:PORT?listen=PORT, alpaca://HOST:PORT/DEVICE or "
+    "indi://HOST:PORT/DEVICE.",
 )
 @profile_option
 @click.option(

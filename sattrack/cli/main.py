@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sattrack import __version__
-from sattrack.core.errors import SattrackError, meant
+from sattrack.core.errors import SattrackError, how_to_install, meant
 from tle.errors import TleError
 
 if TYPE_CHECKING:
@@ -280,7 +280,7 @@ def _error_text(error: Exception, arguments: list[str]) -> str:
 def _needed(module: str) -> str:
     """Return what to do about a module that is not there; nothing where that is a defect."""
     if module in EXTRA_OF:
-        return f"this needs {module}: pip install 'sattrack[{EXTRA_OF[module]}]'"
+        return f"this needs {module}: {how_to_install(EXTRA_OF[module])}"
     if module in POSIX_ONLY:
         return f"this needs Linux, macOS or WSL: Python has no {module} here; calculations do not"
     return ""

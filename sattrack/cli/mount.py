@@ -47,6 +47,7 @@ from sattrack.core.errors import (
     LinkLostError,
     SafetyLimitError,
     SattrackError,
+    how_to_install,
 )
 from sattrack.core.process import self_command
 from sattrack.mount.alpaca.device import J2000_SYSTEM
@@ -130,7 +131,7 @@ class MountCall:
         if self.address is None:
             return "the simulated mount did not answer"
         if sent and connection.refused():
-            return f"nothing listens on {self.address.name}"
+            return f"nothing listens for UDP on {self.address.name}"
         return self.address.silence_advice
 
 
@@ -594,7 +595,7 @@ def watch(context: CommandContext, stream: bool, control: bool, park: bool, **op
     if stream:
         return _stream(call, control)
     if importlib.util.find_spec("textual") is None:
-        raise SattrackError("the screen needs textual: pip install 'sattrack[tui]'")
+        raise SattrackError(f"the screen needs textual: {how_to_install('tui')}")
     if not tui_possible():
         raise BadInputError(
             f"watch needs {needed_terminal()}; `sattrack mount status` shows one status, "

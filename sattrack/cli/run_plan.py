@@ -17,7 +17,7 @@ from sattrack.cli.common import renew, tell
 from sattrack.cli.run_report import plan_lines
 from sattrack.core import local_time
 from sattrack.core.angles import altitude_deg
-from sattrack.core.errors import BadInputError
+from sattrack.core.errors import BadInputError, how_to_install
 from sattrack.mount.alpaca.link import parse_alpaca
 from sattrack.mount.requests import Park
 from sattrack.runtime.facts import check_site
@@ -248,7 +248,7 @@ def plot_plan(path: Path, plan: SchedulePlan, site: Site) -> None:
     try:
         from matplotlib.figure import Figure
     except ImportError:
-        raise BadInputError("--plot needs matplotlib: pip install 'sattrack[plot]'") from None
+        raise BadInputError(f"--plot needs matplotlib: {how_to_install('plot')}") from None
     days = _days(plan)
     lost = [one for one in plan.lost if one.reason != SAME]
     lanes = [_lanes([one for one in lost if low <= iso_unix_s(one.start_utc) < high]) for low, high in days]

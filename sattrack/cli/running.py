@@ -525,6 +525,10 @@ def _check_options(context: CommandContext, url: str | None, options: dict[str, 
 
         run_ports(options["serve"])
     check_observations(observations, options["control"], context.sources())
+    if options["cameras"]:
+        from sattrack.cli.camera import check_cameras
+
+        check_cameras(options["cameras"])
     if virtual and observations not in {None, "stdin"}:
         raise BadInputError(f"--observations {observations}: in virtual time they come from stdin")
 

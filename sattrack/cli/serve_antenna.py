@@ -22,7 +22,7 @@ from sattrack.cli.common import (
     tui_possible,
 )
 from sattrack.cli.serve import Log, check_idle, check_port, end_of_service, what_is_served
-from sattrack.core.errors import BadInputError
+from sattrack.core.errors import BadInputError, how_to_install
 from sattrack.core.process import self_command
 from sattrack.runtime.callers import CallerLimits, listen
 from sattrack.runtime.connection import connected
@@ -175,7 +175,7 @@ def _with_console(context: CommandContext, options: dict[str, Any]) -> int:
     if options["stream"] or options["control"]:
         raise BadInputError("--console is for people, --stream and --control are for programs: give either")
     if not tui_possible():
-        raise BadInputError("--console needs a terminal, and textual: pip install 'sattrack[tui]'")
+        raise BadInputError(f"--console needs a terminal, and textual: {how_to_install('tui')}")
     from sattrack.tui.launch import serve_with_console
 
     arguments = [one for one in sys.argv[1:] if one != "--console"]

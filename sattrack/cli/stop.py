@@ -154,7 +154,7 @@ def _line(owner: Owner) -> str:
     help="Stop nothing; end the guardians that keep sending stops.",
 )
 @profile_option
-@common_options("json")
+@common_options("json", goes_on=True)
 def command(
     context: CommandContext, mount_url: str | None, every: bool, give_up: bool, profile: Path | None
 ) -> int:

@@ -31,7 +31,8 @@ from sattrack.cli.targets import ephemeris_option
     "--mount",
     "mount_url",
     metavar="URL",
-    help="sim, xerxes://HOST:PORT?listen=PORT, alpaca or indi://HOST:PORT/DEVICE, or antenna://HOST:PORT.",
+    help="sim, xerxes://HOST:PORT?listen=PORT, alpaca://HOST:PORT/DEVICE, indi://HOST:PORT/DEVICE, or "
+    "antenna://HOST:PORT.",
 )
 @profile_option
 @click.option("--headless", is_flag=True, help="No terminal UI.")

@@ -65,13 +65,18 @@ class Origin(NamedTuple):
         return BadInputError(f"{self}: {words}")
 
 
+def how_to_install(*extras: str) -> str:
+    """Return how to install extras. The package index knows another project by our name: not from there."""
+    return f"run `pip install '.[{','.join(extras)}]'` in the folder of the clone"
+
+
 def needed(module: str, what: str, extra: str) -> Any:
     """Import a package of an extra; raises SattrackError, naming what needs it and how to install it."""
     try:
         return importlib.import_module(module)
     except ImportError:
         package = module.partition(".")[0]
-        raise SattrackError(f"{what} needs {package}: pip install 'sattrack[{extra}]'") from None
+        raise SattrackError(f"{what} needs {package}: {how_to_install(extra)}") from None
 
 
 def meant(given: str, known: Iterable[str]) -> str:

@@ -124,7 +124,7 @@ def credentials(environ: Mapping[str, str]) -> tuple[str, str]:
     if kept is None:
         raise BadInputError(
             f"no credentials for Space-Track: set {USER_VARIABLE} and {PASSWORD_VARIABLE}, or keep them in "
-            f"the system's keyring under {KEYRING_SERVICE} (with sattrack[keyring] installed)"
+            f"the system's keyring under {KEYRING_SERVICE} (with the extra `keyring` installed)"
         )
     return kept
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sattrack.core.errors import SattrackError
+from sattrack.core.errors import SattrackError, how_to_install
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
 
-NO_HIGHS = "network assign needs HiGHS: pip install 'sattrack[cluster]'"
+NO_HIGHS = f"network assign needs HiGHS: {how_to_install('cluster')}"
 _TAKEN = 0.5
 _MUST = 1e9
 _SHARE = 0.7

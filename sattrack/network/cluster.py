@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 import sattrack
-from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.core.errors import BadInputError, SattrackError, how_to_install
 from sattrack.network.engine import AHEAD
 from sattrack.network.search import elements_sum, search_day, versions
 
@@ -20,7 +20,7 @@ try:
     from distributed import wait as wait_for
     from distributed.comm.core import CommClosedError
 except ImportError:
-    raise SattrackError("--cluster needs dask and distributed: pip install 'sattrack[cluster]'") from None
+    raise SattrackError(f"--cluster needs dask and distributed: {how_to_install('cluster')}") from None
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

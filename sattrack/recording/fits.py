@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import msgspec
 import numpy as np
 
-from sattrack.core.errors import SattrackError
+from sattrack.core.errors import SattrackError, how_to_install
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -76,7 +76,7 @@ def _kalman_filter(states: int, measured: int) -> Any:
     try:
         from filterpy.kalman import KalmanFilter
     except ImportError:
-        raise SattrackError("fits to observations need filterpy: pip install 'sattrack[plot]'") from None
+        raise SattrackError(f"fits to observations need filterpy: {how_to_install('plot')}") from None
     return KalmanFilter(dim_x=states, dim_z=measured)
 
 

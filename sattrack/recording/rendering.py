@@ -14,7 +14,7 @@ import numpy as np
 from sattrack.control.stages import RunStage
 from sattrack.core import local_time
 from sattrack.core.angles import altitude_deg, azimuth_deg
-from sattrack.core.errors import BadInputError
+from sattrack.core.errors import BadInputError, how_to_install
 from sattrack.mount.xerxes.datagrams import DatagramError, decode_command
 from sattrack.recording.fits import Track, smooth_track, spectrum
 from sattrack.recording.report import repeating
@@ -279,7 +279,7 @@ def new_figure(width: float, height: float) -> Any:
     try:
         module = importlib.import_module("matplotlib.figure")
     except ImportError:
-        raise BadInputError("plots need matplotlib: pip install 'sattrack[plot]'") from None
+        raise BadInputError(f"plots need matplotlib: {how_to_install('plot')}") from None
     return module.Figure(figsize=(width, height), layout="constrained", facecolor="white")
 
 

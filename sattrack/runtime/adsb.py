@@ -14,7 +14,7 @@ import socket
 import time
 from typing import TYPE_CHECKING, Any
 
-from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.core.errors import BadInputError, SattrackError, how_to_install
 from sattrack.views.messages import PlaceFix, encode_message
 from tle.fixes import Fix, path_of
 from tle.instants import Utc
@@ -84,7 +84,7 @@ class Aircraft:
                 from pyModeS import PipeDecoder
             except ImportError:
                 raise SattrackError(
-                    "Beast frames need pyModeS: pip install 'sattrack[adsb]', or take port 30003"
+                    f"Beast frames need pyModeS: {how_to_install('adsb')}, or take port 30003"
                 ) from None
             self._pipe = PipeDecoder()
         return self._pipe

@@ -153,7 +153,7 @@ def attend_console_session(
     return attend(console_session, connection, show, obey)
 
 
-NOBODY = "nothing listens there"
+NOBODY = "nothing listens for UDP there"
 GIVE_UP = "`sattrack stop --give-up` ends that"
 FREE_WITHIN_S = 10.0
 """How long a session that has stopped its mount may take to close its recording and end."""

@@ -27,7 +27,8 @@ import msgspec
 
 from sattrack.core import local_time
 from sattrack.core.channel import LineReader, taken_names
-from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.core.errors import BadInputError, SattrackError, meant
+from sattrack.core.toml_text import line_of_key
 from sattrack.mount.alpaca.link import AlpacaAddress, parse_alpaca
 from sattrack.mount.model import MountProfile
 from sattrack.mount.xerxes.client import Address, Arrival, UdpLink, parse_address
@@ -44,10 +45,11 @@ MountAddress: TypeAlias = Address | AlpacaAddress
 """Where a real mount is; `open_link` opens a link to it, the same for all kinds."""
 SIMULATED = "sim"
 """The name of the simulated mount, as `--mount` has it."""
-FORMS = "xerxes://HOST:PORT?listen=PORT, or alpaca or indi://HOST:PORT/DEVICE"
+FORMS = "xerxes://HOST:PORT?listen=PORT, alpaca://HOST:PORT/DEVICE or indi://HOST:PORT/DEVICE"
 ANTENNAS = "antenna://HOST:PORT or antenna:///dev/ttyUSB0"
 GATEWAYS = ("alpaca", "indi")
 """Schemes of mounts behind a gateway."""
+KINDS = (SIMULATED, "xerxes", *GATEWAYS, "antenna")
 
 
 def is_antenna(url: str | None) -> bool:
@@ -55,8 +57,11 @@ def is_antenna(url: str | None) -> bool:
     return url is not None and url.partition(":")[0] == "antenna"
 
 
-def mount_address(url: str | None) -> MountAddress | None:
-    """Read `--mount`: None for the simulated mount. Raises BadInputError."""
+def mount_address(url: str | None, resolve: bool = True) -> MountAddress | None:
+    """Read `--mount`: None for the simulated mount. Raises BadInputError.
+
+    Without `resolve`, nobody is asked where the host is, and it stays as it was written.
+    """
     if url is None:
         raise BadInputError(
             f"no mount: give --mount {FORMS}, or set [mount] url in sattrack.toml; "
@@ -70,10 +75,24 @@ def mount_address(url: str | None) -> MountAddress | None:
     if is_antenna(url):
         raise BadInputError(f"--mount {url}: an antenna's controller is driven by `sattrack track` alone")
     if scheme in GATEWAYS:
-        return parse_alpaca(url)
+        return parse_alpaca(url, resolve)
     if scheme != "xerxes":
-        raise BadInputError(f"--mount {url}: write sim, {FORMS}; for `sattrack track` also {ANTENNAS}")
-    return parse_address(url)
+        raise BadInputError(
+            f"--mount {url}: write sim, {FORMS}; for `sattrack track` also {ANTENNAS}{meant(scheme, KINDS)}"
+        )
+    return parse_address(url, resolve)
+
+
+def check_setting(settings_file: Path, url: str | None) -> None:
+    """Raise BadInputError, naming file and key, where `[mount] url` can be no mount; no host is looked up."""
+    if url is None or is_antenna(url):
+        return
+    try:
+        mount_address(url, resolve=False)
+    except BadInputError as error:
+        text = str(error).removeprefix("--mount ")
+        line = line_of_key(settings_file, "url")
+        raise BadInputError(f"{settings_file}{line}: url in [mount] is {text}") from None
 
 
 def owned_address(owner: Owner) -> MountAddress:

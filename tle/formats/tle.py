@@ -47,7 +47,7 @@ _LINE_2 = re.compile(
 )
 _LENGTH = 69
 _ELEMENT_LINE = re.compile(r"[12] [ 0-9A-Z][ 0-9]{3}[0-9]|[12] .{30,}", re.ASCII)
-_ANY_ELEMENT_LINE = re.compile(rf"^(?:{_ELEMENT_LINE.pattern})", re.ASCII | re.MULTILINE)
+_ANY_ELEMENT_LINE = re.compile(r"^[ \t]*[12][ \t](?:[ 0-9A-Z][ 0-9]{3}[0-9]|.{30,})", re.ASCII | re.MULTILINE)
 _SPACES = {1: (2, 9, 18, 33, 44, 53, 62, 64), 2: (2, 8, 17, 26, 34, 43, 52)}
 _SECTION = re.compile(r"\[\d{1,9}\]", re.ASCII)
 _MARK = re.compile(r"^\[\d{1,9}\][ \t\r]*$", re.MULTILINE | re.ASCII)
@@ -160,6 +160,13 @@ def is_element_line(text: str) -> bool:
     return text[:2] in ("1 ", "2 ") and _ELEMENT_LINE.match(text) is not None
 
 
+def _is_meant_so(text: str) -> bool:
+    """Tell whether a line looks like one of a set once blanks stand for tabs, and none before it."""
+    return is_element_line(text) or (
+        (text[0] in " \t" or "\t" in text) and is_element_line(text.lstrip().replace("\t", " "))
+    )
+
+
 def read_tle(text: str, source: str = "") -> Iterator[Elements | ElementsError]:
     """Yield, in the order of the text, the elements of each set or the reason it is refused.
 
@@ -170,7 +177,7 @@ def read_tle(text: str, source: str = "") -> Iterator[Elements | ElementsError]:
     at = 0
     while at < len(lines):
         name: tuple[int, str] | None = None
-        if not is_element_line(lines[at][1]):
+        if not _is_meant_so(lines[at][1]):
             name = lines[at]
             at += 1
         if at + 1 < len(lines):
@@ -197,7 +204,7 @@ def parse_set(line1: str, line2: str, name: str = "") -> Elements:
 def _group(lines: list[tuple[int, str]], at: int) -> list[tuple[int, str]]:
     """Return the one or two element lines from a place on that make one set."""
     group: list[tuple[int, str]] = []
-    while at < len(lines) and len(group) < 2 and is_element_line(lines[at][1]):
+    while at < len(lines) and len(group) < 2 and _is_meant_so(lines[at][1]):
         group.append(lines[at])
         at += 1
         if len(group) == 1 and at < len(lines) and _starts_another_set(group[0][1], lines[at][1]):
@@ -221,6 +228,8 @@ def _set_or_refusal(name: ElementLine | None, group: list[ElementLine]) -> Eleme
                 "neither a satellite's name before two element lines, nor an element line: remove it",
             )
         if len(group) == 1:
+            _check_blanks(group[0], group[0].text.lstrip()[0])
+            _check_length(group[0], group[0].text[0])
             wanted = "2" if group[0].text[0] == "1" else "1"
             raise group[0].error(MissingLineError, f"line {wanted} of this set is missing: {AGAIN}")
         return parse_lines(group[0], group[1], clean_name(name.text) if name else "")
@@ -242,8 +251,25 @@ def parse_lines(first: ElementLine, second: ElementLine, name: str) -> Elements:
     """Return the elements of two lines, every column checked. Raises a subclass of ElementsError."""
     if first.text[:1] == "2" and second.text[:1] == "1":
         raise first.error(SwappedLinesError, "line 2 stands before line 1: put line 1 first", (1, 1))
+    wrong_sum: ChecksumError | None = None
     for line, number in ((first, 1), (second, 2)):
-        _check_frame(line, number)
+        try:
+            _check_frame(line, number)
+        except ChecksumError as error:
+            wrong_sum = wrong_sum or error
+    if wrong_sum is None:
+        return _elements(first, second, name)
+    try:
+        _elements(first, second, name)
+    except ElementsError as error:
+        # A letter among digits says more than the sum that it spoils.
+        if type(error) is FieldError and error.line == wrong_sum.line:
+            raise
+    raise wrong_sum
+
+
+def _elements(first: ElementLine, second: ElementLine, name: str) -> Elements:
+    """Return the elements of two lines whose frames are sound. Raises as `parse_lines`."""
     number = _catalog_number(first)
     if number != _catalog_number(second):
         raise second.error(
@@ -275,10 +301,46 @@ def parse_lines(first: ElementLine, second: ElementLine, name: str) -> Elements:
 
 def _check_frame(line: ElementLine, number: int) -> None:
     """Check what both lines have alike: number, length, blanks between the columns, checksum."""
-    length = len(line.text)
+    _check_blanks(line, number)
     if line.text[:2] != f"{number} ":
         raise line.error(
             MissingLineError, f"line {number} of the set must begin with '{number} ': {AGAIN}", (1, 2)
+        )
+    _check_length(line, number)
+    for column in _SPACES[number]:
+        if line.columns(column, column) != " ":
+            raise line.error(
+                FieldError,
+                f"line {number}, column {column} must be blank, not {line.columns(column, column)!r}: "
+                f"the columns have shifted, {AGAIN}",
+                (column, column),
+            )
+    _check_sum(line, number)
+
+
+def _check_blanks(line: ElementLine, number: int | str) -> None:
+    """Refuse tabs, which shift columns, and blanks before the line."""
+    tab = line.text.find("\t") + 1
+    if tab:
+        raise line.error(
+            FieldError, f"line {number}, column {tab} is a tab: lines have blanks only: {AGAIN}", (tab, tab)
+        )
+    before = len(line.text) - len(line.text.lstrip(" "))
+    if before:
+        raise line.error(
+            FieldError,
+            f"line {number} begins with {before} blanks: remove them",
+            (1, before),
+        )
+
+
+def _check_length(line: ElementLine, number: int | str) -> None:
+    length = len(line.text)
+    if is_element_line(line.text[_LENGTH:].lstrip()):
+        raise line.error(
+            LineLengthError,
+            f"two lines of a set stand on one: begin a new line after column {_LENGTH}",
+            (_LENGTH + 1, length),
         )
     if length < _LENGTH:
         raise line.error(
@@ -292,15 +354,6 @@ def _check_frame(line: ElementLine, number: int) -> None:
             f"line {number} continues after its {_LENGTH} columns: {length} columns: remove what follows",
             (_LENGTH + 1, length),
         )
-    for column in _SPACES[number]:
-        if line.columns(column, column) != " ":
-            raise line.error(
-                FieldError,
-                f"line {number}, column {column} must be blank, not {line.columns(column, column)!r}: "
-                f"the columns have shifted, {AGAIN}",
-                (column, column),
-            )
-    _check_sum(line, number)
 
 
 def _check_sum(line: ElementLine, number: int) -> None:

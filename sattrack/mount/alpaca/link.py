@@ -30,7 +30,10 @@ DEFAULT_PORTS = {"alpaca": DEFAULT_PORT, "indi": 7624}
 ON_TARGET_ARCSEC = 10.0
 DEFAULT_HZ = 10.0
 SLOWEST_HZ, FASTEST_HZ = 1.0, 20.0
-FORM = "write alpaca://HOST:PORT/DEVICE, as alpaca://192.0.2.9:11111/0"
+FORM = (
+    "write alpaca://HOST:PORT/DEVICE, as alpaca://192.0.2.9:11111/0; "
+    "`sattrack init --mount alpaca` finds out which answer"
+)
 INDI_FORM = "write indi://HOST:PORT/DEVICE, as indi://192.0.2.9:7624/EQMod%20Mount"
 HALF_ROUND_TRIP_S = 0.015
 """What a telescope takes on either way where nothing is known of it."""
@@ -145,8 +148,10 @@ def parse_alpaca(url: str, resolve: bool = True) -> AlpacaAddress:
 
     Without `resolve`, nobody is asked where the host is, and it stays as it was written.
     """
-    form = INDI_FORM if url.startswith("indi:") else FORM
+    form = INDI_FORM if url.partition(":")[0] == "indi" else FORM
     try:
+        if "://" not in url:
+            raise ValueError("no host")
         parts = urlsplit(url)
         port = parts.port if parts.port is not None else DEFAULT_PORTS[parts.scheme]
         query = parse_qs(parts.query, keep_blank_values=True)

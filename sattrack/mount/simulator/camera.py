@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
-from sattrack.core.errors import BadInputError
+from sattrack.core.errors import BadInputError, how_to_install
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.mount.simulator.hidden import cloud_windows
 from sattrack.mount.simulator.night_sky import NightSky, Stars, catalogue, faint_stars
@@ -276,7 +276,7 @@ class SkyCamera:
         try:
             from astropy.io import fits
         except ImportError:
-            raise BadInputError("FITS files need astropy: pip install 'sattrack[camera-sim]'") from None
+            raise BadInputError(f"FITS files need astropy: {how_to_install('camera-sim')}") from None
         image = fits.PrimaryHDU(np.ascontiguousarray(frame.pixels[::-1]))
         site = self.sky.site
         for name, value, comment in (

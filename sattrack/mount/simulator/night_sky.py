@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import erfa
 import numpy as np
 
-from sattrack.core.errors import BadInputError
+from sattrack.core.errors import BadInputError, how_to_install
 from tle.earth import EarthOrientation
 from tle.instants import DAY_S, TT_MINUS_TAI_S, UNIX_EPOCH_JD, Utc
 from tle.refraction import Refraction
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-NO_STARS = "the simulated sky needs star positions: pip install 'sattrack[camera-sim]'"
+NO_STARS = f"the simulated sky needs star positions: {how_to_install('camera-sim')}"
 LIGHT_KM_S = 299792.458
 EARTH_TURN_RAD_S = 7.292115e-5
 EARTH_KM = 6378.137

@@ -96,8 +96,11 @@ class Address(NamedTuple):
         return MountProfile()
 
 
-def parse_address(url: str) -> Address:
-    """Read `xerxes://HOST:PORT?listen=PORT`; raises BadInputError."""
+def parse_address(url: str, resolve: bool = True) -> Address:
+    """Read `xerxes://HOST:PORT?listen=PORT`; raises BadInputError.
+
+    Without `resolve`, nobody is asked where the host is, and it stays as it was written.
+    """
     try:
         parts = urlsplit(url)
         port = parts.port if parts.port is not None else DEFAULT_PORT
@@ -115,6 +118,8 @@ def parse_address(url: str) -> Address:
     for number, what in ((port, "the mount's port"), (listen, "listen")):
         if not 1 <= number <= 65535:
             raise BadInputError(f"--mount {url}: {what} is {number}; ports run from 1 to 65535")
+    if not resolve:
+        return Address(parts.hostname, port, listen)
     try:
         host = socket.gethostbyname(parts.hostname)
     except (OSError, UnicodeError) as error:

@@ -19,7 +19,7 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any, Protocol, get_args
 from urllib.parse import parse_qs, urlsplit
 
-from sattrack.core.errors import BadInputError, LinkLostError, SattrackError
+from sattrack.core.errors import BadInputError, LinkLostError, SattrackError, how_to_install
 from sattrack.runtime.callers import MOST_WAITING_BYTES, READ_BYTES, CallerLimits, Opening, Seat, TcpChannel
 from sattrack.runtime.loop import StationLoop
 from sattrack.servers.antenna.protocol import (
@@ -369,9 +369,7 @@ class SerialChannel:
         try:
             import serial
         except ImportError as error:
-            raise BadInputError(
-                "serial lines need pyserial: install it with `pip install 'sattrack[serial]'`"
-            ) from error
+            raise BadInputError(f"serial lines need pyserial: {how_to_install('serial')}") from error
         found = _FRAMING.fullmatch(framing)
         if found is None:
             raise BadInputError(f"framing {framing!r}: write bits, parity, stop bits, as 7E1 or 8N1")

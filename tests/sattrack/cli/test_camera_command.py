@@ -107,8 +107,10 @@ def test_a_missing_extra_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, "sep", None)
-    err = ran(capsys, "camera", f"folder:{tmp_path}", code=1)[1]
-    assert "pip install 'sattrack[camera]'" in err
+    practice = ("track", "ISS", "--mount", "sim", "--headless", "--camera")
+    for command in (("camera",), practice):
+        err = ran(capsys, *command, f"folder:{tmp_path}", code=1)[1]
+        assert "run `pip install '.[camera]'` in the folder of the clone" in err
 
 
 def test_in_virtual_time_offsets_of_another_mount_are_not_used(

@@ -161,9 +161,9 @@ def test_only_the_terminal_screen_is_missed() -> None:
     assert doctor.check_extras(everything | {"plot": False}).state == "ok"
     some = doctor.check_extras(everything | {"camera": False, "serial": False})
     assert some.what == "not installed: serial (serial lines), camera (cameras, FITS, PNG)"
-    assert some.do == ("pip install 'sattrack[NAME,NAME]'",)
+    assert some.do == ("run `pip install '.[NAME,NAME]'` in the folder of the clone",)
     without = doctor.check_extras(everything | {"tui": False})
-    assert (without.state, without.do) == ("warn", ("pip install 'sattrack[tui]'",))
+    assert (without.state, without.do) == ("warn", ("run `pip install '.[tui]'` in the folder of the clone",))
 
 
 def test_an_uncalibrated_profile_matters_for_a_real_mount_only() -> None:

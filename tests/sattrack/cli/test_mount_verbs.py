@@ -186,7 +186,7 @@ def test_a_mount_that_is_not_heard_ends_with_4_and_says_what_to_check(
     assert run(["mount", "status", "--mount", url, "--timeout", "0.3"]) == 4
     assert capsys.readouterr().err == (
         f"sattrack: no status from xerxes://127.0.0.1:{port} within 0.3 s; "
-        f"nothing listens on 127.0.0.1:{port}\n"
+        f"nothing listens for UDP on 127.0.0.1:{port}\n"
     )
     assert run(["mount", "status", "--mount", url, "--timeout", "0.1", "--json"]) == 4
     told = document(capsys.readouterr().out)

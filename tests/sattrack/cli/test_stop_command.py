@@ -144,7 +144,7 @@ def test_nothing_to_stop_and_nobody_there(capsys: pytest.CaptureFixture[str]) ->
     assert run(["stop", "--mount", f"xerxes://127.0.0.1:{port}?listen={free_port()}", "--json"]) == 4
     out, err = capsys.readouterr()
     assert json.loads(out)["stopped"][0]["at_rest"] is None
-    assert err.endswith(f"sattrack: 127.0.0.1:{port}: nothing listens there\n")
+    assert err.endswith(f"sattrack: 127.0.0.1:{port}: nothing listens for UDP there\n")
 
 
 def session_of(mount: str, command: str, listen_port: int = 15002, simulated: bool = False) -> Owner:

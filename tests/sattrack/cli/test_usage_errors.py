@@ -227,6 +227,15 @@ passes {site} --elements celestrak:stations     | /NORAD/elements/gp.php?GROUP=s
 passes {site} --elements https://celestrak.invalid/x | check the network, or save https://celestrak.invalid/x
 passes ISS --site 52,4,0 --elements spacetrack:25544 | set SATTRACK_SPACETRACK_USER
 init --yes --city Leiden --mount sim --config /nowhere/b.toml | make it first
+track ISS {at} --mount alpaca                   | --mount alpaca: no host; write alpaca://HOST:PORT/DEVICE
+track ISS {at} --mount indi                     | --mount indi: no host; write indi://HOST:PORT/DEVICE
+mount status --mount alpaca                     | `sattrack init --mount alpaca` finds out which answer
+serve rotctld --mount indi                      | write indi://HOST:PORT/DEVICE
+stop --mount alpaca:192.0.2.7/0                 | no host; write alpaca://HOST:PORT/DEVICE
+track ISS {at} --mount ALPACA                   | did you mean 'alpaca'?
+track ISS {at} --mount Sim                      | did you mean 'sim'?
+mount status --mount simm                       | did you mean 'sim'?
+track ISS {at} --mount sim --camera nocam.fits  | 'nocam.fits' is no camera, and there is no such file
 """
 """Command lines, and what to do in the answer of each."""
 
@@ -300,6 +309,17 @@ def test_a_wrong_command_line_is_answered_in_one_line_with_what_to_do(
         ("elements = [\n iss.tle,\n]\n", "2:2: not a TOML file: Invalid value"),
         ("elements = [\n 'a'\n 'b']\n", "3:2: not a TOML file: Unclosed array"),
         ("elements = ['a', [\n", "1: [ is not closed: write ] after the last value"),
+        (
+            "[mount]\nprofile = 'm.toml'\nurl = 'alpaca'\n",
+            "3: url in [mount] is alpaca: no host; write alpaca://HOST:PORT/DEVICE, as "
+            "alpaca://192.0.2.9:11111/0; `sattrack init --mount alpaca` finds out which answer",
+        ),
+        (
+            "[mount]\nurl = 'sin'\n",
+            "2: url in [mount] is sin: write sim, xerxes://HOST:PORT?listen=PORT, alpaca://HOST:PORT/DEVICE "
+            "or indi://HOST:PORT/DEVICE; for `sattrack track` also antenna://HOST:PORT or "
+            "antenna:///dev/ttyUSB0; did you mean 'sim'?",
+        ),
         ("ISS (ZARYA)\n", " this is not a TOML file, as the settings must be"),
         (
             "[camera]\nscale = 2\n",

@@ -323,7 +323,7 @@ def test_without_pyarrow_it_says_so(
 ) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     assert run(command(folder, tmp_path / "out")) == 1
-    assert "pip install 'sattrack[parquet]'" in capsys.readouterr().err
+    assert "run `pip install '.[parquet]'` in the folder of the clone" in capsys.readouterr().err
 
 
 def test_objects_that_sgp4_refuses_are_counted_and_named(

@@ -126,7 +126,10 @@ def test_parquet_needs_pyarrow_and_says_so_in_a_line(
 ) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     assert run(["recording", "export", str(short), str(tmp_path / "short.parquet")]) == 1
-    assert capsys.readouterr().err == "sattrack: Parquet needs pyarrow: pip install 'sattrack[parquet]'\n"
+    assert (
+        capsys.readouterr().err
+        == "sattrack: Parquet needs pyarrow: run `pip install '.[parquet]'` in the folder of the clone\n"
+    )
 
 
 def test_parquet_holds_what_csv_holds(short: Path, tmp_path: Path) -> None:

