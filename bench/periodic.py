@@ -240,6 +240,7 @@ def follow(
         )
         hidden = msgspec.structs.replace(hidden, ha_wave=turned)
     site = facts.site.place()
+    assert facts.elements is not None
     sky = make_sky(site, [facts.elements], hidden, seed)
     begin_s = facts.started_utc_s
     zero_deg = sky.hour_angle_zero_deg(mean_sidereal_deg(begin_s, site.longitude_deg), begin_s)

@@ -113,6 +113,7 @@ class Steering:
 
     def obey(self, message: Message, now_utc_s: float) -> None:
         """Do what a message says of offsets; others are none of its business."""
+        self.last_offset = None
         begins_s, answer = self._begins_s(now_utc_s), None
         match message:
             case ObservationMessage() | SeenOffset():
@@ -300,7 +301,6 @@ class Steering:
 
     def _see(self, seen: SeenOffset, now_utc_s: float, begins_s: float, sure: bool) -> None:
         """Take in the direction in which an offset was seen, relative to the one fed at its instant."""
-        self.last_offset = None
         utc_s = float(Utc.parse(seen.utc).unix_s)
         if utc_s < self.biases.known_since_utc_s:
             self.estimator.refuse(f"it is of {seen.utc}: what was fed then is not known any more")

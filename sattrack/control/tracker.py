@@ -113,7 +113,7 @@ class Tracker:
         self._north = propagator.site.latitude_deg >= 0.0
         self._sidereal = MountSidereal(propagator.site.longitude_deg)
         self._table = None if profile.periodic is None else PeriodicTable(profile.periodic)
-        self._judge_of_table = None if self._table is None else TableJudge(self._table.most_arcsec)
+        self._judge_of_table = None if profile.periodic is None else TableJudge(profile.periodic)
         self.table_left = False
         """Whether the profile's periodic errors were left aside: they are not this mount's any more."""
         self._onward: tuple[float, tuple[float, float]] | None = None
@@ -248,15 +248,20 @@ class Tracker:
         """
         if self._table is None:
             return None
+        there = self._reported_stand(utc_s)
+        first, second = self._table.error_deg(there)
+        folded = self._frame is None and self._stand.beyond_pole
+        along = first * abs(math.cos(math.radians(there.second_deg)))
+        return 3600.0 * along, 3600.0 * (-second if folded else second)
+
+    def _reported_stand(self, utc_s: float) -> AxisStand:
+        """Return the angles of the axes, and their rates, that the mount is fed at an instant."""
         fed = self.fed_at(utc_s)
         hour_angle_deg = self._sidereal.at(utc_s) - float(fed.ra_deg)
         hour_angle_rate = SIDEREAL_RATE_DEG_S - float(fed.ra_rate_deg_s)
-        second_deg = float(fed.dec_deg)
-        there = AxisStand(hour_angle_deg, second_deg, hour_angle_rate, float(fed.dec_rate_deg_s))
-        first, second = self._table.error_deg(self._on_axes(there))
-        folded = self._frame is None and self._stand.beyond_pole
-        along = first * math.cos(math.radians(second_deg))
-        return 3600.0 * along, 3600.0 * (-second if folded else second)
+        return self._on_axes(
+            AxisStand(hour_angle_deg, float(fed.dec_deg), hour_angle_rate, float(fed.dec_rate_deg_s))
+        )
 
     def onward_deg(self) -> tuple[float, float] | None:
         """Return how far back and on the first axis turns from where it waits until the end of the plan.
@@ -351,10 +356,10 @@ class Tracker:
         judge, seen = self._judge_of_table, self.steering.last_offset
         if not isinstance(message, SeenOffset) or judge is None or seen is None or self._table is None:
             return
-        added = self.periodic_arcsec(seen.utc_s)
-        if added is None:
-            return
-        judge.take(seen.utc_s, seen[1:], added)
+        there = self._reported_stand(seen.utc_s)
+        sense = -1.0 if self._frame is None and self._stand.beyond_pole else 1.0
+        level = abs(math.cos(math.radians(there.second_deg)))
+        judge.take(seen.utc_s, (seen.first_arcsec, sense * seen.second_arcsec), there, level)
         if judge.harms:
             self._table, self.table_left = None, True
             self._satellite.forget()

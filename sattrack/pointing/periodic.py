@@ -3,8 +3,9 @@
 A gear or an encoder errs by a function of its angle, here a sum of waves. A wave that an axis goes through
 faster than a servo follows is left out, little by little: fed, it would come late and make things worse.
 
-Whether a table still holds, a camera shows during a pass. `TableJudge` compares what it sees in a few seconds
-with what the table does in them: the satellite of a mount whose table is right does not move with it.
+Whether a table still holds, a camera shows during a pass: the satellite of a mount whose table is right does
+not move with the axes' angles. A wave that is half a wave beside the true one shows as twice its size, less
+what the camera's corrections hide meanwhile. `TableJudge` looks for that.
 """
 
 from __future__ import annotations
@@ -13,7 +14,11 @@ import math
 from collections import deque
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from sattrack.mount.model import PeriodicErrors, PointingTerms, Wave
 
 TURNED_DEG = 30.0
@@ -24,11 +29,15 @@ ROUNDS = 3
 BESIDE_DEG = 8.0
 """Beside the angles that passes have covered, a table fades out over so much."""
 JUMPS = 3.0
-BEFORE_S, LEAST_BEFORE = 8.0, 3
+"""An offset that jumps by so many times all waves together is not their doing."""
+BEFORE_S, LEAST_BEFORE = 20.0, 5
 """An offset is compared with the mean of those of so many seconds before, where there are so many."""
-HARMS_SHARE, SURE_SIGMAS, LEAST_SEEN = 0.15, 5.0, 30
-"""A table is left aside where the satellite moves with so much of it, so surely, in so many offsets. What the
-camera corrects meanwhile hides most of a slow wave."""
+CORRECTED_HZ = 0.05
+"""Of a wave that comes so often a second, the camera's corrections leave 0.7 times; of slower ones less."""
+FADES = 0.993
+"""What an offset says counts by so much less with each one after it: the first ones are of the way there."""
+HARMS_SHARE, SURE_SIGMAS, LEAST_SEEN = 0.5, 4.0, 60.0
+"""A table is left aside where the satellite moves with so much of a wave, so surely, in so many offsets."""
 
 
 class AxisStand(NamedTuple):
@@ -57,7 +66,6 @@ class PeriodicTable:
             for waves in (errors.first, errors.second)
         )
         self._seen = errors.first_seen_deg, errors.second_seen_deg
-        self.most_arcsec = sum(wave.size_arcsec for wave in (*errors.first, *errors.second))
 
     def error_deg(self, stand: AxisStand) -> tuple[float, float]:
         """Return by how much the axes stand past the angles that they report, degrees."""
@@ -109,44 +117,73 @@ def _known(spans: tuple[tuple[float, float], ...], angle_deg: float) -> tuple[fl
 
 
 class TableJudge:
-    """Tells whether a table does harm, by offsets of a camera; both on the sky, arcseconds."""
+    """Tells whether a table does harm, by offsets of a camera whose corrections the run feeds."""
 
-    def __init__(self, most_arcsec: float) -> None:
-        """Take how much the table adds at most: what jumps farther than it can is not its doing."""
-        self._most_arcsec = JUMPS * most_arcsec
-        self._last: deque[tuple[float, float, float, float, float]] = deque()
-        self._count = 0
-        self._with = self._of_table = self._of_seen = 0.0
+    def __init__(self, errors: PeriodicErrors) -> None:
+        self._sums = tuple(_AxisSums(waves) for waves in (errors.first, errors.second))
+        self._most_arcsec = JUMPS * sum(wave.size_arcsec for wave in (*errors.first, *errors.second))
 
-    def take(self, utc_s: float, seen: tuple[float, float], fed: tuple[float, float]) -> None:
-        """Take where the satellite was seen beside the image's middle, and what the table had added there.
+    def take(self, utc_s: float, seen: tuple[float, float], stand: AxisStand, level: float) -> None:
+        """Take where the satellite was seen, arcseconds on the sky towards growing angles of the axes.
 
-        Both towards growing angles of the two axes.
+        `stand` is what the axes reported then, `level` what an angle of the first axis is worth on the sky.
         """
-        while self._last and not 0.0 < utc_s - self._last[0][0] <= BEFORE_S:
-            self._last.popleft()
-        count = len(self._last)
-        if count >= LEAST_BEFORE:
-            means = [sum(one[k] for one in self._last) / count for k in (1, 2, 3, 4)]
-            moved = [now - mean for now, mean in zip((*seen, *fed), means, strict=True)]
-            if math.hypot(*moved[:2]) < self._most_arcsec:
-                self._count += 1
-                for k in (0, 1):
-                    self._with += moved[k] * moved[2 + k]
-                    self._of_table += moved[2 + k] ** 2
-                    self._of_seen += moved[k] ** 2
-        self._last.append((utc_s, *seen, *fed))
+        angles, rates = stand[:2], stand[2:]
+        for sums, off, angle, rate, worth in zip(self._sums, seen, angles, rates, (level, 1.0), strict=True):
+            sums.take(utc_s, off, angle, rate, worth, self._most_arcsec)
 
     @property
     def harms(self) -> bool:
-        """Whether the satellite surely moves with the table: without it, it would stand stiller."""
-        if self._count < LEAST_SEEN or self._of_table <= 0.0:
+        """Whether a wave of the table surely makes more of an error than it takes away."""
+        return any(sums.harms for sums in self._sums)
+
+
+class _AxisSums:
+    """How the satellite moves with each wave of one axis: normal equations, and how many offsets are in."""
+
+    def __init__(self, waves: tuple[Wave, ...]) -> None:
+        self._cycles = np.array([wave.cycles for wave in waves], dtype=np.float64)
+        self._sizes = np.array([wave.size_arcsec for wave in waves])
+        count = 2 * len(waves)
+        self._normal, self._pull, self._square = np.zeros((count, count)), np.zeros(count), 0.0
+        self._rates = self._count = 0.0
+        self._last: deque[tuple[float, NDArray[np.float64]]] = deque()
+
+    def take(
+        self, utc_s: float, off: float, angle_deg: float, rate_deg_s: float, worth: float, most: float
+    ) -> None:
+        """Take an offset along this axis, compared with the mean of those before it."""
+        if not len(self._cycles):
+            return
+        angles = np.radians(angle_deg) * self._cycles
+        row = np.array([off, *(worth * np.sin(angles)), *(worth * np.cos(angles))])
+        while self._last and not 0.0 < utc_s - self._last[0][0] <= BEFORE_S:
+            self._last.popleft()
+        if len(self._last) >= LEAST_BEFORE:
+            moved = row - np.mean([one for _, one in self._last], axis=0)
+            if abs(moved[0]) < most:
+                self._normal = FADES * self._normal + np.outer(moved[1:], moved[1:])
+                self._pull = FADES * self._pull + moved[0] * moved[1:]
+                self._square = FADES * self._square + float(moved[0]) ** 2
+                self._rates = FADES * self._rates + abs(rate_deg_s)
+                self._count = FADES * self._count + 1.0
+        self._last.append((utc_s, row))
+
+    @property
+    def harms(self) -> bool:
+        """See TableJudge."""
+        count = len(self._cycles)
+        if not count or self._count < LEAST_SEEN:
             return False
-        share = self._with / self._of_table
-        left = max(0.0, self._of_seen - share * self._with) / (2.0 * self._count)
+        inverse = np.linalg.inv(self._normal + 1e-9 * np.eye(2 * count))
+        found = inverse @ self._pull
         # Neighbours share the offsets before them: what one of them says, half of the next says too.
-        sigma = math.sqrt(2.0 * left / self._of_table)
-        return share - SURE_SIGMAS * sigma > HARMS_SHARE
+        left = 2.0 * max(0.0, self._square - float(found @ self._pull)) / self._count
+        sizes = np.hypot(found[:count], found[count:])
+        sigmas = np.sqrt(left * np.maximum(np.diag(inverse)[:count], np.diag(inverse)[count:]))
+        often = self._cycles * self._rates / self._count / 360.0
+        shows = often / np.hypot(often, CORRECTED_HZ)
+        return bool(np.any(sizes - SURE_SIGMAS * sigmas > HARMS_SHARE * shows * self._sizes))
 
 
 def zeros_moved(errors: PeriodicErrors, before: PointingTerms, after: PointingTerms) -> bool:

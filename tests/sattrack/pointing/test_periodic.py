@@ -81,24 +81,39 @@ def test_past_the_pole_and_back_is_the_same_direction(north: bool) -> None:
     assert (back.first_deg % 360.0, *back[1:]) == pytest.approx((10.0, 70.0, 0.1, 0.2))
 
 
-def judged(share: float, seed: int, noise_arcsec: float = 1.5) -> bool:
-    """Tell what a judge says of a satellite that moves with a share of a table of 10″, and drifts."""
-    judge, rng = TableJudge(10.0), random.Random(seed)
-    for k in range(240):
-        angle = math.radians(7.0 * 0.7 * k)
-        table = 10.0 * math.sin(angle), 4.0 * math.cos(1.3 * angle)
-        seen = [share * one + 0.02 * k + rng.gauss(0.0, noise_arcsec) for one in table]
-        judge.take(float(k), (seen[0], seen[1]), table)
+def judged(turned_deg: float, seed: int, share: float = 1.0, corrected_hz: float = 0.0) -> bool:
+    """Tell what a judge says of a mount whose gear has a share of a table's wave, turned; with noise of 1.5″.
+
+    Corrections take a slow wave away as a filter of first order does.
+    """
+    wave = Wave(7, 6.0, -8.0, 0.1)
+    judge, rng = TableJudge(PeriodicErrors("", 3, (wave,), ())), random.Random(seed)
+    rate_deg_s, followed, before = 0.5, 0.0, 0.0
+    for k in range(300):
+        angle = math.radians(7.0 * rate_deg_s * k)
+        turned = angle + math.radians(turned_deg)
+        true = share * (6.0 * math.sin(turned) - 8.0 * math.cos(turned))
+        left = 6.0 * math.sin(angle) - 8.0 * math.cos(angle) - true
+        followed = left if not corrected_hz else followed * math.exp(-math.tau * corrected_hz) + left - before
+        before = left
+        seen = followed + rng.gauss(0.0, 1.5), rng.gauss(0.0, 1.5)
+        judge.take(float(k), seen, AxisStand(rate_deg_s * k, 30.0, rate_deg_s, 0.2), 1.0)
     return judge.harms
 
 
-def test_a_table_is_left_aside_where_the_satellite_moves_with_it_and_never_where_it_stands_still() -> None:
-    assert all(judged(1.0, seed) for seed in range(5))
-    # A camera's corrections hide most of a slow wave.
-    assert all(judged(0.5, seed) for seed in range(5))
-    assert not any(judged(0.0, seed) for seed in range(20))
-    # A little wear is better than no table.
-    assert not any(judged(0.1, seed) for seed in range(5))
+@pytest.mark.parametrize("turned_deg", [120.0, 180.0, -100.0])
+def test_a_table_of_a_gear_that_was_turned_is_left_aside_though_a_camera_corrects(turned_deg: float) -> None:
+    assert all(judged(turned_deg, seed, corrected_hz=0.05) for seed in range(5))
+
+
+def test_a_table_is_left_aside_where_there_is_nothing_of_the_kind() -> None:
+    assert all(judged(0.0, seed, share=0.0) for seed in range(5))
+
+
+def test_a_table_that_holds_or_nearly_is_never_left_aside() -> None:
+    for corrected_hz in (0.0, 0.02, 0.05, 0.1):
+        assert not any(judged(0.0, seed, corrected_hz=corrected_hz) for seed in range(10))
+        assert not any(judged(5.0, seed, 0.95, corrected_hz) for seed in range(5))
 
 
 def test_a_star_run_shows_that_zero_points_have_moved() -> None:
