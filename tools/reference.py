@@ -108,6 +108,7 @@ MEANINGS = {
     "geometry": "how the axes lie; left out: equatorial. See [Axes that are not equatorial](geometry.md)",
     "sky": "what cameras have shown of the mount and of themselves; written by `--learn-profile`",
     "pointing": "the pointing model, date and residuals; written by `sattrack star-run`",
+    "periodic": "errors of the axes that repeat in a turn; written by `sattrack report --learn-profile`",
 }
 
 

@@ -6,14 +6,19 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 
+from sattrack.control.estimate import begun_anew
 from sattrack.mount.model import AxisLimits, CalibrationRecord, MeasuredMotion, MountProfile
 from sattrack.mount.profiles import profile_text
+from sattrack.pointing.periodic import wave_text
 from tle.instants import Utc
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from sattrack.calibration.findings import Findings, Interval, RateFields, SlewingField
     from sattrack.calibration.motion import AxisMotion, AxisResponse
     from sattrack.calibration.servo import Measured
+    from sattrack.pointing.learn import HeldOut, Learnt
     from sattrack.views.run import LearntView
 
 
@@ -99,6 +104,40 @@ def with_learnt(base: Profile, learnt: LearntView, name: str) -> tuple[Profile, 
         named = ", ".join(name or "without a name" for name in learnt.sky.cameras)
         lines.append(f"delay split {delay_s * 1e3:+.1f} ± {sigma_s * 1e3:.1f} ms, pointing, camera {named}")
     return msgspec.structs.replace(base, **changes), lines
+
+
+def with_passes(base: Profile, found: Learnt, passes: int, name: str) -> Profile:
+    """Return a profile with what cameras showed at recorded passes."""
+    pointing, sky = base.pointing, base.sky
+    if pointing is not None and found.terms is not None:
+        terms = {
+            term: (round(value + found.terms[term][0], 3), round(found.terms[term][1], 3))
+            for term, (value, _) in pointing.terms.items()
+        }
+        utc = found.terms_held_out[-1].utc
+        pointing = msgspec.structs.replace(pointing, utc=utc, terms=terms, passes=pointing.passes + passes)
+        sky = begun_anew(sky, utc, pointing.held_out_rms_arcsec or pointing.rms_arcsec)
+    return msgspec.structs.replace(base, name=name, periodic=found.periodic, pointing=pointing, sky=sky)
+
+
+def passes_lines(found: Learnt) -> list[str]:
+    """Return what recorded passes have taught, in words."""
+    lines = []
+    if found.periodic is not None:
+        for words, waves in (("first", found.periodic.first), ("second", found.periodic.second)):
+            if waves:
+                lines.append(f"errors of the {words} axis: {', '.join(wave_text(wave) for wave in waves)}")
+        lines.append(_held_out_text("these errors", found.held_out))
+    if found.terms is not None:
+        changes = (f"{name} {value:+.1f} ± {sigma:.1f}″" for name, (value, sigma) in found.terms.items())
+        lines.append(f"pointing model: {', '.join(changes)}")
+        lines.append(_held_out_text("that", found.terms_held_out))
+    return [*lines, *found.notes]
+
+
+def _held_out_text(what: str, outcome: Sequence[HeldOut]) -> str:
+    parts = (f"{one.without_arcsec:.2f}″ to {one.with_arcsec:.2f}″" for one in outcome)
+    return f"{what} bring each pass, held out of the fit, from {', '.join(parts)}"
 
 
 def learnt_text(profile: MountProfile, lines: list[str], base_name: str, when: str) -> str:

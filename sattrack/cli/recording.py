@@ -21,6 +21,7 @@ from sattrack.cli.common import (
     show,
     table,
     tell,
+    write_file,
 )
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError, SattrackError
@@ -37,7 +38,7 @@ from sattrack.recording.rendering import TREND_HEADS, all_rows, report_html, tre
 from sattrack.recording.report import make_report
 from sattrack.recording.trace import trace
 from sattrack.runtime.bias_memory import keep_fit
-from sattrack.runtime.facts import engine_of, open_recording
+from sattrack.runtime.facts import SAME_SITE_DEG, engine_of, open_recording
 from sattrack.views.formatting import iso_unix_s
 
 if TYPE_CHECKING:
@@ -231,6 +232,18 @@ def write_tdm(recording: Recording, facts: RunFacts, out: Path) -> None:
     show_default=True,
     help="Keep the fitted biases for the next pass: auto for real mounts, on for all, off for none.",
 )
+@click.option(
+    "--learn-profile",
+    type=OutputFile(new=True),
+    metavar="FILE",
+    help="Write a new profile with what cameras showed of the mount at these passes.",
+)
+@click.option(
+    "--profile",
+    type=_path,
+    metavar="FILE",
+    help="The profile that --learn-profile corrects; default: that of the last recording.",
+)
 @common_options("json", "utc")
 def report(context: CommandContext, files: tuple[Path, ...], **options: Any) -> int:
     """Report what recorded passes show: error, link, gains, delays, the satellite's biases, what to change.
@@ -238,14 +251,20 @@ def report(context: CommandContext, files: tuple[Path, ...], **options: Any) -> 
     Several files also give the trend over them. Biases are fitted from the observations that came in during
     the run; without observations, the operator's last nudge is reported as such.
 
+    --learn-profile takes two passes or more with a camera. It finds errors of the axes that repeat in a turn,
+    and corrects the pointing model, where passes that are held out of the fit become better by it.
+
     \b
     Examples:
       sattrack report tonight.mcap
       sattrack report tonight.mcap --output tonight.html
+      sattrack report monday.mcap tuesday.mcap --learn-profile mount.toml
     """
     html_file, folder, tdm = options["html_file"], options["folder"], options["tdm"]
     if tdm is not None and len(files) > 1:
         raise BadInputError("--tdm takes one recording at a time")
+    if options["profile"] is not None and options["learn_profile"] is None:
+        raise BadInputError("--profile is what --learn-profile corrects: give that too, or neither")
     found = []
     for number, file in enumerate(files):
         recording, facts = open_recording(file, options["part"])
@@ -263,12 +282,51 @@ def report(context: CommandContext, files: tuple[Path, ...], **options: Any) -> 
         _draw(found, html_file, folder)
     if context.json:
         click.echo(msgspec.json.encode(reports if len(reports) > 1 else reports[0]).decode())
-        return 0
-    for report in reports:
-        show(table("", "", rows=all_rows(report)), *([""] if len(reports) > 1 else []))
-    if len(reports) > 1:
-        show(table(*TREND_HEADS, rows=trend_rows(reports)))
+    else:
+        for report in reports:
+            show(table("", "", rows=all_rows(report)), *([""] if len(reports) > 1 else []))
+        if len(reports) > 1:
+            show(table(*TREND_HEADS, rows=trend_rows(reports)))
+    if options["learn_profile"] is not None:
+        passes = [(recording, facts, run) for recording, facts, run, _, _ in found]
+        _learn(passes, options["learn_profile"], options["profile"])
     return 0
+
+
+def _learn(passes: Sequence[tuple[Recording, RunFacts, Trace]], target: Path, base: Path | None) -> None:
+    """Write a profile with what cameras showed at passes. Raises SattrackError where they contradict."""
+    from sattrack.calibration.profile import passes_lines, with_passes
+    from sattrack.mount.profiles import load_profile_file, profile_file, profile_text
+    from sattrack.pointing.learn import learn
+    from sattrack.recording.fits import NoFit
+    from sattrack.recording.sky_residuals import sky_residuals
+
+    ordered = sorted(passes, key=lambda one: one[1].started_utc_s)
+    last = ordered[-1][1]
+    profile = profile_file(last.profile) if base is None else load_profile_file(base)
+    seen, names = [], []
+    for recording, facts, run in ordered:
+        apart_deg = abs(facts.site.latitude_deg - last.site.latitude_deg)
+        if max(apart_deg, abs(facts.site.longitude_deg - last.site.longitude_deg)) > SAME_SITE_DEG:
+            raise BadInputError(f"{recording.path}: it is of another site than the last: another mount's")
+        one = sky_residuals(recording, run, profile.mount)
+        if isinstance(one, NoFit):
+            tell(f"{recording.path}: left out: {one.why}")
+            continue
+        seen.append(one)
+        names.append(str(recording.path))
+    if not seen:
+        raise SattrackError(f"{target} was not written: no camera saw anything at these passes")
+    found = learn(seen, names, profile.periodic)
+    lines = passes_lines(found)
+    for line in lines:
+        tell(line)
+    if found.periodic == profile.periodic and found.terms is None:
+        tell(f"{target} was not written: nothing was learnt")
+        return
+    head = "".join(f"# {line}\n" for line in (f"Learnt from {len(seen)} recorded passes.", *lines))
+    write_file(target, f"{head}\n{profile_text(with_passes(profile, found, len(seen), target.stem))}")
+    tell(f"written to {target}")
 
 
 def _draw(

@@ -334,6 +334,7 @@ def _conclude(
     from sattrack.control.estimate import begun_anew
     from sattrack.mount.profiles import profile_text
     from sattrack.pointing.files import model_text
+    from sattrack.pointing.periodic import zeros_moved
     from sattrack.runtime.system import utc_now
 
     terms = found.terms(utc_now())
@@ -342,7 +343,12 @@ def _conclude(
         left = terms.held_out_rms_arcsec or terms.rms_arcsec
         sky = begun_anew(described.sky, terms.utc, left)
         name = described.name if options["output"] is None else Path(options["output"]).stem
-        written = msgspec.structs.replace(described, name=name, pointing=terms, sky=sky)
+        periodic = described.periodic
+        former = described.pointing
+        if periodic is not None and former is not None and zeros_moved(periodic, former, terms):
+            tell("the periodic errors are left out: the zero points have moved since they were learnt")
+            periodic = None
+        written = msgspec.structs.replace(described, name=name, pointing=terms, sky=sky, periodic=periodic)
         write_file(target, profile_text(written))
     if options["model"] is not None:
         write_file(options["model"], model_text(terms, described.name))

@@ -167,6 +167,15 @@ class Camera(NamedTuple):
     kind: Literal["coarse", "fine"] = "fine"
     fov_deg: float | None = None
 
+    def on_axes(self, dx: float, dy: float) -> tuple[float, float]:
+        """Return a place in the image, right and up, towards growing hour angle and declination.
+
+        On a mount whose field rotates: towards growing angles of its axes.
+        """
+        c, s = math.cos(math.radians(self.rotation_deg)), math.sin(math.radians(self.rotation_deg))
+        right = -dx if self.flip else dx
+        return right * c - dy * s, right * s + dy * c
+
 
 UPRIGHT = Camera()
 

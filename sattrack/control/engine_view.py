@@ -99,6 +99,7 @@ def view_of(engine: Engine, now_utc_s: float) -> TrackView:
         source=followed.provenance,
         expected_error_m=expected_error_m(followed, Utc(now_utc_s)),
         axes=_axes_view(engine),
+        periodic_arcsec=tracker.periodic_arcsec(error.utc_s if error is not None and fresh else now_utc_s),
     )
 
 
@@ -190,6 +191,11 @@ def _warnings(engine: Engine) -> tuple[str, ...]:
     if tracker.steering.refusal is not None:
         warnings.append(tracker.steering.refusal)
     warnings.extend(observation_warnings(tracker, engine.malformed, engine.dropped))
+    if tracker.table_left:
+        warnings.append(
+            "the profile's periodic errors are not this mount's any more, and were left aside: it was homed "
+            "or synced elsewhere; learn them anew with `sattrack report --learn-profile`"
+        )
     if session.intruder is not None:
         warnings.append(session.intruder)
     warnings.extend(session.ignored_fields)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
@@ -57,6 +57,14 @@ SAME_ALONG_S, SAME_CROSS_KM = 2e-6, 1e-5
 """An estimate that differs by less from what is fed, hundredths of an arcsecond, is no news."""
 
 
+class OffsetOnAxes(NamedTuple):
+    """A satellite beside the middle of an image, arcseconds towards growing angles of the two axes."""
+
+    utc_s: float
+    first_arcsec: float
+    second_arcsec: float
+
+
 class Steering:
     """The offsets and the estimate of one run, and what was last not done of what was asked."""
 
@@ -89,6 +97,8 @@ class Steering:
         """Whether observations correct the target; else the last one is kept, and shown."""
         self._kept: ObservationMessage | SeenOffset | None = None
         """The last observation that was not taken, for the operator to accept."""
+        self.last_offset: OffsetOnAxes | None = None
+        """Where a camera saw the satellite last; None where that offset could not be used."""
         self._remembered = remembered
         if remembered is not None and remembered.cross_km is not None:
             self.biases.begin_estimated(remembered.along_s, remembered.cross_km)
@@ -103,6 +113,7 @@ class Steering:
 
     def obey(self, message: Message, now_utc_s: float) -> None:
         """Do what a message says of offsets; others are none of its business."""
+        self.last_offset = None
         begins_s, answer = self._begins_s(now_utc_s), None
         match message:
             case ObservationMessage() | SeenOffset():
@@ -294,7 +305,7 @@ class Steering:
         if utc_s < self.biases.known_since_utc_s:
             self.estimator.refuse(f"it is of {seen.utc}: what was fed then is not known any more")
             return
-        camera = self._camera_of(seen)
+        camera = self.camera_of(seen)
         scale_arcsec = 1.0 if seen.dx_px is None else camera.scale_arcsec_px
         if scale_arcsec is None:
             name = seen.camera or "NAME"
@@ -315,6 +326,7 @@ class Steering:
             self.estimator.refuse(f"offsets go to {MOST_OFFSET_ARCSEC:g} arcseconds either way")
             return
         self._seen_by[seen.camera or ""] = camera
+        self.last_offset = OffsetOnAxes(utc_s, *camera.on_axes(dx, dy))
         x, y = math.radians(dx / 3600.0), math.radians(dy / 3600.0)
         image = self.biases.image_at(utc_s, x, y, camera, seen.camera or "")
         there = image.fed + x * image.right + y * image.up
@@ -350,7 +362,7 @@ class Steering:
             )
         return tuple(found)
 
-    def _camera_of(self, seen: SeenOffset) -> Camera:
+    def camera_of(self, seen: SeenOffset) -> Camera:
         """Return how the camera's image lies: as the message says, else as the run knows it by its name."""
         known = self.cameras.named.get(seen.camera or "", self.cameras.other)
         return known._replace(

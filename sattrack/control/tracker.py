@@ -29,6 +29,7 @@ from sattrack.mount.model import (
     StatusSample,
     Stop,
 )
+from sattrack.pointing.periodic import AxisStand, PeriodicTable, TableJudge, past_pole
 from sattrack.views.messages import (
     Go,
     Jog,
@@ -109,7 +110,12 @@ class Tracker:
         self.follower = Follower(profile, propagator.site.longitude_deg, plan.law)
         """Knows the mount's clock and axes, and learns of the mount while it follows."""
         self._frame = profile.frame
+        self._north = propagator.site.latitude_deg >= 0.0
         self._sidereal = MountSidereal(propagator.site.longitude_deg)
+        self._table = None if profile.periodic is None else PeriodicTable(profile.periodic)
+        self._judge_of_table = None if profile.periodic is None else TableJudge(profile.periodic)
+        self.table_left = False
+        """Whether the profile's periodic errors were left aside: they are not this mount's any more."""
         self._onward: tuple[float, tuple[float, float]] | None = None
         self._satellite = SatelliteTarget(self.fed_at, plan.detours)
         self._way = Approach(profile, self.fed_at, plan.law.feeder)
@@ -212,19 +218,50 @@ class Tracker:
         Where the mount reports the sky, its own clock is taken on both ways, and what it is off drops out.
         """
         known, frame = self.direction_at(utc_s), self._frame
-        if frame is None:
+        if frame is None and self._table is None:
             return known
         sidereal_deg = self._sidereal.at(utc_s)
-        if frame.geometry.reports == "sky":
+        if frame is None or frame.geometry.reports == "sky":
             hour_angle_deg = sidereal_deg - float(known.ra_deg)
             hour_angle_rate = SIDEREAL_RATE_DEG_S - float(known.ra_rate_deg_s)
         else:
             hour_angle_deg, hour_angle_rate = float(known.ha_deg), float(known.ha_rate_deg_s)
-        first, second, first_rate, second_rate = frame.angles(
-            hour_angle_deg, float(known.dec_deg), hour_angle_rate, float(known.dec_rate_deg_s)
+        stand = AxisStand(hour_angle_deg, float(known.dec_deg), hour_angle_rate, float(known.dec_rate_deg_s))
+        if frame is not None:
+            stand = AxisStand(*frame.angles(*stand))
+        if self._table is not None:
+            stand = self._on_axes(self._table.reported(self._on_axes(stand)))
+        ra_deg = (sidereal_deg - stand.first_deg) % 360.0
+        ra_rate_deg_s = SIDEREAL_RATE_DEG_S - stand.first_rate_deg_s
+        return TargetState(ra_deg, stand.second_deg, ra_rate_deg_s, stand.second_rate_deg_s)
+
+    def _on_axes(self, stand: AxisStand) -> AxisStand:
+        """Return an equatorial mount's direction as the angles of its axes, or those as a direction."""
+        if self._frame is not None or not self._stand.beyond_pole:
+            return stand
+        return past_pole(stand, self._north)
+
+    def periodic_arcsec(self, utc_s: float) -> tuple[float, float] | None:
+        """Return by how much the axes stand past what is fed, on the sky; None without a table.
+
+        Towards growing hour angles and declinations, or along the two axes of a mount with a geometry.
+        """
+        if self._table is None:
+            return None
+        there = self._reported_stand(utc_s)
+        first, second = self._table.error_deg(there)
+        folded = self._frame is None and self._stand.beyond_pole
+        along = first * abs(math.cos(math.radians(there.second_deg)))
+        return 3600.0 * along, 3600.0 * (-second if folded else second)
+
+    def _reported_stand(self, utc_s: float) -> AxisStand:
+        """Return the angles of the axes, and their rates, that the mount is fed at an instant."""
+        fed = self.fed_at(utc_s)
+        hour_angle_deg = self._sidereal.at(utc_s) - float(fed.ra_deg)
+        hour_angle_rate = SIDEREAL_RATE_DEG_S - float(fed.ra_rate_deg_s)
+        return self._on_axes(
+            AxisStand(hour_angle_deg, float(fed.dec_deg), hour_angle_rate, float(fed.dec_rate_deg_s))
         )
-        ra_deg = (sidereal_deg - first) % 360.0
-        return TargetState(ra_deg, second, SIDEREAL_RATE_DEG_S - first_rate, second_rate)
 
     def onward_deg(self) -> tuple[float, float] | None:
         """Return how far back and on the first axis turns from where it waits until the end of the plan.
@@ -248,7 +285,7 @@ class Tracker:
         """Take in one sample; return its error on the sky, dated by the mount's own clock."""
         utc_s = self.follower.date(sample)
         self._face(sample.beyond_pole)
-        if self._frame is not None:
+        if self._frame is not None or self._table is not None:
             self._sidereal.note(sample.sidereal_h * 15.0, utc_s)
         passage = self._satellite.passage
         seen = sample if passage is None else passage.unfolded(sample)
@@ -265,10 +302,15 @@ class Tracker:
 
     def _looks_at_deg(self, sample: StatusSample) -> tuple[float, float]:
         """Return right ascension and declination to which the mount points, by its axes where they count."""
-        if self._frame is None:
+        if self._frame is None and self._table is None:
             return sample.ra_deg, sample.dec_deg
         sidereal_deg = sample.sidereal_h * 15.0
-        hour_angle, dec = self._frame.direction(sidereal_deg - sample.ra_deg, sample.dec_deg)
+        stand = AxisStand(sidereal_deg - sample.ra_deg, sample.dec_deg)
+        if self._table is not None:
+            there = self._on_axes(stand)
+            first, second = self._table.error_deg(there)
+            stand = self._on_axes(AxisStand(there.first_deg + first, there.second_deg + second))
+        hour_angle, dec = stand[:2] if self._frame is None else self._frame.direction(*stand[:2])
         return (sidereal_deg - hour_angle) % 360.0, dec
 
     def _face(self, beyond_pole: bool) -> None:
@@ -305,7 +347,21 @@ class Tracker:
                 self.steering.tell("the run is paused: go on before a search", now_utc_s)
             case _:
                 self.steering.obey(message, now_utc_s)
+        self._judge_table(message)
         if not isinstance(message, ObservationMessage | SeenOffset | SolvedField):
+            self._satellite.forget()
+
+    def _judge_table(self, message: Message) -> None:
+        """Leave the periodic errors aside where an offset that was used shows that they do harm."""
+        judge, seen = self._judge_of_table, self.steering.last_offset
+        if not isinstance(message, SeenOffset) or judge is None or seen is None or self._table is None:
+            return
+        there = self._reported_stand(seen.utc_s)
+        sense = -1.0 if self._frame is None and self._stand.beyond_pole else 1.0
+        level = abs(math.cos(math.radians(there.second_deg)))
+        judge.take(seen.utc_s, (seen.first_arcsec, sense * seen.second_arcsec), there, level)
+        if judge.harms:
+            self._table, self.table_left = None, True
             self._satellite.forget()
 
     def _not_seen(self, seen: SeenOffset) -> str | None:

@@ -169,7 +169,7 @@ class AxisFrame:
         return AxisAngles(first, second_deg, first_rate, second_rate)
 
     def of_report(
-        self, hour_angle_deg: float, dec_deg: float, hour_angle_rate_deg_s: float, dec_rate_deg_s: float
+        self, hour_angle_deg: Any, dec_deg: Any, hour_angle_rate_deg_s: Any, dec_rate_deg_s: Any
     ) -> AxisAngles:
         """Return the axis angles that a mount means by what it reports, and their rates."""
         own = self.geometry

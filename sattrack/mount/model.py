@@ -184,11 +184,52 @@ class PointingTerms(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     stars: int
     held_out_rms_arcsec: float | None = None
     axes: Literal["equatorial", "altaz"] = "equatorial"
+    passes: int = 0
+    """How many recorded passes have corrected it since."""
 
     @property
     def most_deg(self) -> float:
         """How far on the sky the telescope may look beside what is reported: all terms together."""
         return sum(abs(value) for value, _ in self.terms.values()) / 3600.0
+
+
+class Wave(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One wave of an axis' error: its cycles in a turn, sine and cosine in arcseconds, one sigma of each."""
+
+    cycles: int
+    sin_arcsec: float
+    cos_arcsec: float
+    sigma_arcsec: float
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where it is none."""
+        if self.cycles < 1:
+            raise ValueError(f"cycles is {self.cycles}; it must be 1 or more")
+
+    @property
+    def size_arcsec(self) -> float:
+        """Its amplitude."""
+        return math.hypot(self.sin_arcsec, self.cos_arcsec)
+
+
+class PeriodicErrors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """By how much each axis stands past the angle that it reports, as waves of that angle.
+
+    The angle of the first axis of an equatorial mount is the mount's sidereal time less the right ascension
+    that it reports, of the second the declination, both counted on past the pole; with a geometry the angles
+    of its axes. `first_seen_deg` and `second_seen_deg` are the spans of angles, from 0 to 360, that passes
+    have covered: elsewhere nothing is known, and nothing corrected. `without_arcsec` and `with_arcsec` are
+    what was left on the sky, RMS, at passes that were held out of the fit, without the waves and with them.
+    """
+
+    utc: str
+    passes: int
+    first: tuple[Wave, ...] = ()
+    second: tuple[Wave, ...] = ()
+    first_seen_deg: tuple[tuple[float, float], ...] = ()
+    second_seen_deg: tuple[tuple[float, float], ...] = ()
+    without_arcsec: float | None = None
+    with_arcsec: float | None = None
 
 
 class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -250,6 +291,8 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What cameras have shown at earlier passes; what the next one begins with."""
     pointing: PointingTerms | None = None
     """By how much reports differ from where the telescope points; None where that is not known."""
+    periodic: PeriodicErrors | None = None
+    """Errors of the axes that repeat in a turn; None where none are known."""
     geometry: AxisGeometry | None = None
     """How the axes lie; None for an equatorial mount. Hour angles and declinations of this profile (limits,
     zones, park, home, and those of `ra` and `dec`) are then the angles of the first and the second axis."""

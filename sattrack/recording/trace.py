@@ -76,6 +76,8 @@ class Trace:
     acquired: bool
     """Whether the mount was ever on target."""
     steady: NDArray[np.bool_]
+    beyond_pole: NDArray[np.bool_]
+    """Whether the mount stood past the pole."""
     sent_utc_s: Array
     sent: Array
     sky_utc_s: Array
@@ -210,6 +212,7 @@ class _Columns:
             sample.sidereal_h,
             float(sample.counter),
             float(_steady(engine.tracker.steering.biases, error.utc_s)),
+            float(sample.beyond_pole),
         )
         last_s = next((one.columns[0] for one in reversed(self.samples) if one.sky), -math.inf)
         sky: tuple[float, ...] = ()
@@ -274,7 +277,7 @@ def trace(
     result = replay(recording, build, watch=columns, progress=progress)
     engine = columns.engine or build(recording.header.spec)
     columns.sort(engine, None, near=False)
-    samples = np.array([one.columns for one in columns.samples]).reshape(-1, 12).T
+    samples = np.array([one.columns for one in columns.samples]).reshape(-1, 13).T
     doing = np.array(columns.doing, dtype=np.int8)
     sky = [
         (one.columns[0], *one.sky)
@@ -291,6 +294,7 @@ def trace(
         held=np.array(columns.held, dtype=str),
         acquired=columns.acquired,
         steady=samples[11] > 0.0,
+        beyond_pole=samples[12] > 0.0,
         sent_utc_s=sent[:, 0],
         sent=sent[:, 1:],
         sky_utc_s=np.array(sky).reshape(-1, 3)[:, 0],

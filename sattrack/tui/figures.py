@@ -203,6 +203,9 @@ class AxesPanel(Panel):
         return rows
 
 
+PLACE_ROWS = 5
+
+
 class WherePanel(Panel):
     """Where the satellite is, and how the field of a camera on the tube turns where it does."""
 
@@ -224,9 +227,12 @@ class WherePanel(Panel):
             angle = formatting.number(view.axes.field_angle_deg, 0, "°", sign=True)
             rate = formatting.number(view.axes.field_rate_deg_s, 3, "°/s", sign=True)
             rows.append(labelled("field", (f"{angle} {rate}", "bold"), cells=7))
-            if self.content_size.height < len(rows):
-                # The range is what a camera that turns can do without.
-                del rows[2]
+        if view.periodic_arcsec is not None:
+            first, second = (formatting.number(one, 1, "″", sign=True) for one in view.periodic_arcsec)
+            rows.append(labelled("gears", (f"{first} {second}", "bold"), cells=7))
+        # The range is what one who needs these can do without, then the place by the stars.
+        for _ in range(min(len(rows) - PLACE_ROWS, len(rows) - self.content_size.height)):
+            del rows[2]
         return rows
 
 

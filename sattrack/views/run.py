@@ -270,6 +270,9 @@ class TrackView(msgspec.Struct, frozen=True, tag="view"):
     """By how much they miss it, typically; None where nothing tells."""
     axes: TwoAxesView | None = None
     """How the axes stand; None for an equatorial mount, of which hour angle and declination tell it."""
+    periodic_arcsec: tuple[float, float] | None = None
+    """By how much the axes stand past what is fed, on the sky, along the first and the second: the profile's
+    periodic errors, which are fed; None where none are."""
 
 
 class SkyPoint(msgspec.Struct, frozen=True, array_like=True):

@@ -19,7 +19,7 @@ import numpy as np
 
 from sattrack.core.errors import BadInputError, how_to_install
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
-from sattrack.mount.simulator.hidden import cloud_windows
+from sattrack.mount.simulator.hidden import cloud_windows, waves
 from sattrack.mount.simulator.night_sky import NightSky, Stars, catalogue, faint_stars
 from tle.instants import Utc
 from tle.refraction import Refraction
@@ -324,6 +324,9 @@ class SkyCamera:
         hidden = self.hidden
         first = np.radians(first_deg + self.hour_angle_zero_deg) + hidden.ha * ARCSEC
         second = np.radians(second_deg) + hidden.dec * ARCSEC
+        # What repeats in a turn is the gear's and the encoder's: it goes by their own angles.
+        first = first + _waved(hidden.ha_wave, first_deg)
+        second = second + _waved(hidden.dec_wave, second_deg)
         cos_1, sin_1, cos_2, sin_2 = (
             wave(angle)[:, None] for angle in (first, second) for wave in (np.cos, np.sin)
         )
@@ -440,6 +443,14 @@ def _mount_axes(hidden: Hidden, altitude: float, azimuth: float, alignment: str)
     frame = np.array([[0.0, -sin_t, cos_t], [-1.0, 0.0, 0.0], [0.0, cos_t, sin_t]])
     turn = np.array([[cos_e, sin_e, 0.0], [-sin_e, cos_e, 0.0], [0.0, 0.0, 1.0]])
     return np.asarray(frame @ turn.T)
+
+
+def _waved(text: str, angle_deg: Array) -> Array:
+    """Return by how much an axis points past its angle, rad."""
+    total = np.zeros_like(angle_deg)
+    for arcsec, cycles, phase_deg in waves(text):
+        total += arcsec * ARCSEC * np.sin(np.radians(cycles * angle_deg + phase_deg))
+    return total
 
 
 def _normal_level(share: float) -> float:

@@ -64,6 +64,8 @@ class Hidden(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     cone: float = 0.0
     leaning: float = 0.0
     flexure: float = 0.0
+    ha_wave: str = ""
+    dec_wave: str = ""
     rotation: float = 0.0
     mirror: Literal[0, 1] = 0
     scale: Annotated[float, msgspec.Meta(ge=0.1, le=10.0)] = 1.0
@@ -85,12 +87,14 @@ class Hidden(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     temperature: Annotated[float, msgspec.Meta(ge=-100.0, le=60.0)] | None = None
 
     def __post_init__(self) -> None:
-        """Raise ValueError where a number is none, or clouds cannot be read."""
+        """Raise ValueError where a number is none, or clouds or waves cannot be read."""
         for name in self.__struct_fields__:
             value = getattr(self, name)
             if isinstance(value, float) and not math.isfinite(value):
                 raise ValueError(f"{name} is {value:g}; it must be a number")
         cloud_windows(self.clouds)
+        waves(self.ha_wave)
+        waves(self.dec_wave)
 
 
 GRAMMAR = (
@@ -111,6 +115,12 @@ GRAMMAR = (
     ("cone=30", "arcsec; the camera looks this far west of square to the declination axis"),
     ("leaning=60", "arcsec; the west end of the declination axis leans this far to the north"),
     ("flexure=30", "arcsec; the tube sinks this far when it is level"),
+    (
+        "ha_wave=10x7@40",
+        "arcsec, a turn, degrees; the hour angle axis points 10″ sin(7 angle + 40°) west of what it says. "
+        "Several are joined by +",
+    ),
+    ("dec_wave=10x7@40", "the same of the declination axis, to the north"),
     ("rotation=12", "degrees; position angle of the image's +y, north through east"),
     ("mirror=1", "the image is mirrored, left and right swapped"),
     ("scale=1.02", "factor on the arcseconds per pixel"),
@@ -163,6 +173,22 @@ def cloud_windows(text: str) -> list[tuple[float, float]]:
     if any(not 0.0 <= low < high for low, high in windows):
         raise ValueError(f"clouds {text!r}: each window needs a later end, e.g. 20-40")
     return windows
+
+
+def waves(text: str) -> list[tuple[float, float, float]]:
+    """Return the waves of `10x7@40+3x60`: arcseconds, cycles a turn, degrees. Raises ValueError."""
+    found = []
+    for one in filter(None, text.split("+")):
+        size, _, rest = one.partition("x")
+        cycles, _, phase = rest.partition("@")
+        try:
+            wave = float(size), float(cycles), float(phase or 0.0)
+        except ValueError:
+            wave = (math.nan,) * 3
+        if not all(map(math.isfinite, wave)):
+            raise ValueError(f"wave {one!r}: write arcseconds x cycles a turn @ degrees, e.g. 10x7@40")
+        found.append(wave)
+    return found
 
 
 def split_delays_s(hidden: Hidden, profile: MountProfile) -> tuple[float, float]:

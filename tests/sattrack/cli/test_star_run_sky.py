@@ -1,4 +1,8 @@
-"""A star run as a user types it: an alt-azimuth telescope and its camera under a rendered sky, over HTTP."""
+"""A star run as a user types it: an alt-azimuth telescope and its camera under a rendered sky, over HTTP.
+
+It takes minutes of real time. tests/sattrack/runtime/test_star_run.py asks the same numbers of a run in
+virtual time, tests/sattrack/camera/test_camera_solving.py solves fields.
+"""
 
 from __future__ import annotations
 
@@ -26,6 +30,7 @@ pole_altitude_deg = 90.0
 EAST_ARCMIN, NORTH_ARCMIN = 20.0, 15.0
 
 
+@pytest.mark.soak
 @pytest.mark.skipif(importlib.util.find_spec("tetra3rs") is None, reason="needs the solver")
 def test_a_star_run_finds_the_tilt_of_an_azimuth_axis_under_a_rendered_sky(tmp_path: Path) -> None:
     (tmp_path / "mount.toml").write_text(PROFILE, encoding="utf-8")
@@ -46,7 +51,7 @@ def test_a_star_run_finds_the_tilt_of_an_azimuth_axis_under_a_rendered_sky(tmp_p
             "--profile", "mount.toml", "--output", "modelled.toml", "--site", SITE, "--yes",
         )  # fmt: skip
         with ended(sattrack(*words, cwd=tmp_path)) as run:
-            out, err = run.communicate(timeout=300.0)
+            out, err = run.communicate(timeout=900.0)
     assert run.returncode == 0, err
     model = json.loads(out)["model"]
     values = {name: term["arcsec"] for name, term in model["terms"].items()}

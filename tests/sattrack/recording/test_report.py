@@ -190,6 +190,18 @@ def test_several_files_show_their_trend_in_order_of_time(
     assert run(["report", str(short), str(observed), "--tdm", str(tmp_path / "x.tdm")]) == 2
 
 
+def test_passes_without_a_camera_teach_no_profile(
+    short: Path, traced_once: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = tmp_path / "learnt.toml"
+    assert run(["report", str(short), "--learn-profile", str(target)]) == 1
+    told = capsys.readouterr().err
+    assert f"{short}: left out: cameras saw 0 times where the axes pointed; it takes 40" in told
+    assert not target.exists()
+    assert run(["report", str(short), "--profile", str(target)]) == 2
+    assert "--learn-profile" in capsys.readouterr().err
+
+
 def test_a_track_is_smoothed_as_far_as_its_sigma_says() -> None:
     rng = np.random.default_rng(2)
     at = np.arange(0.0, 60.0, 0.05)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
 import erfa
 import msgspec
@@ -13,10 +15,12 @@ import pytest
 from console_builders import PROFILE, SITE, Bench
 from strangers.tilted_mount import TiltedMount, apart_arcsec, local
 
+from sattrack.cli.main import run
 from sattrack.control.console import ConsoleSession
 from sattrack.core.errors import SattrackError
 from sattrack.mount.geometry import AxisGeometry
 from sattrack.mount.model import MountProfile, SitePlace
+from sattrack.mount.profiles import profile_text
 from sattrack.mount.simulator.mount import StartPosition
 from sattrack.pointing.files import RunParameters, read_stars, star_line, stars_head
 from sattrack.pointing.fit import Star, fit
@@ -26,12 +30,16 @@ from sattrack.safety import SafetyLimits
 from tle.bodies import find_body
 from tle.refraction import Refraction
 
+if TYPE_CHECKING:
+    from pathlib import Path
+
 LATITUDE, LONGITUDE = SITE.latitude_deg, SITE.longitude_deg
 AIR = Refraction(1010.0, 10.0)
 MOUNT = TiltedMount(LATITUDE, 4000.0, -3500.0, 600.0, 90.0, 700.0, -900.0, 30.0)
 ALTAZ = TiltedMount(90.0, 1500.0, -1100.0, 400.0, 60.0, 700.0, -900.0, 30.0)
 """The same with its first axis at the zenith, or nearly."""
 FRAME_S, EXPOSURE_S = 1.5, 0.5
+EAST_ARCMIN, NORTH_ARCMIN = 20.0, 15.0
 LIMITS = SafetyLimits()
 UNIX_EPOCH_JD = 2440587.5
 
@@ -121,17 +129,17 @@ def flown(
     sky = RunSky(SITE, bench.profile, bench.limits, AIR)
     session = ConsoleSession(bench.console, bench.now_s)
     seen = StrangeSky(bench, mount, **camera)
-    run = StarRun(
+    star_run = StarRun(
         session, sky, None if by_hand else seen, most, 3.0, words.append, kept.append,  # type: ignore[arg-type]
         stars=list(known), judged=judged, known=len(known),
     )  # fmt: skip
-    flight = Flight(bench, seen, run, words, kept, bench.now_s)
+    flight = Flight(bench, seen, star_run, words, kept, bench.now_s)
     while not session.finished:
         bench.turn(session)
-        run.step(bench.now_s)
+        star_run.step(bench.now_s)
         if each is not None:
             each(flight)
-        assert flight.minutes < 30.0, run.doing
+        assert flight.minutes < 30.0, star_run.doing
     return flight
 
 
@@ -219,15 +227,15 @@ def test_an_operator_centres_named_stars_by_keys() -> None:
     pressed: list[str] = []
 
     def operate(flight: Flight) -> None:
-        run = flight.run
-        if run.stage is not Stage.CENTRING or flight.bench.console.moving:
+        star_run = flight.run
+        if star_run.stage is not Stage.CENTRING or flight.bench.console.moving:
             return
         # Left and up, then as long back, and the star is centred again: this mount has no errors.
         wanted = ["+", "\x1b[D", "\x1b[C", "\r"] if len(flight.kept) == 1 else ["\r"]
         key = wanted[min(len(pressed), len(wanted) - 1)] if len(flight.kept) == 1 else "\r"
         if len(flight.kept) == 1:
             pressed.append(key)
-        run.key(key, flight.bench.now_s)
+        star_run.key(key, flight.bench.now_s)
 
     flight = flown(3, by_hand=True, each=operate)
     assert len(flight.kept) == 3
@@ -297,8 +305,34 @@ def test_an_alt_azimuth_mount_that_is_far_off_is_not_synced() -> None:
     assert "sync" not in flight.bench.flags()
 
 
+@cache
+def three_altaz_stars() -> Flight:
+    tilted = TiltedMount(90.0, pole_up=-60.0 * NORTH_ARCMIN, pole_west=-60.0 * EAST_ARCMIN)
+    return flown(3, mount=tilted, profile=alt_azimuth("axes"))
+
+
+def test_three_stars_in_a_file_tell_the_tilt_of_an_azimuth_axis(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What tests/sattrack/cli/test_star_run_sky.py takes minutes for, under a rendered sky."""
+    flight, profile = three_altaz_stars(), alt_azimuth("axes")
+    data, given, written = (tmp_path / name for name in ("run.dat", "mount.toml", "modelled.toml"))
+    head = stars_head("altaz", RunParameters(LATITUDE, "2026-09-21", 10.0, 1010.0, 0.0), "altaz")
+    data.write_text(head + "".join(star_line(star, "altaz") for star in flight.kept), encoding="utf-8")
+    given.write_text(profile_text(profile), encoding="utf-8")
+    words = ["star-run", "--fit-only", "--json", "--mount", "sim", "--site", f"{LATITUDE},{LONGITUDE},0"]
+    words += ["--data", str(data), "--profile", str(given), "--output", str(written)]
+    assert run(words) == 0
+    terms = json.loads(capsys.readouterr().out)["model"]["terms"]
+    assert set(terms) == {"IA", "IE", "AN", "AW"}
+    assert abs(terms["AW"]["arcsec"]) == pytest.approx(60.0 * EAST_ARCMIN, abs=15.0)
+    assert abs(terms["AN"]["arcsec"]) == pytest.approx(60.0 * NORTH_ARCMIN, abs=15.0)
+    assert ":ALTAZ" in data.read_text(encoding="utf-8")
+    assert "[pointing.terms]" in written.read_text(encoding="utf-8")
+
+
 def test_stars_of_an_alt_azimuth_mount_are_read_as_they_were_written() -> None:
-    flight = flown(3, mount=ALTAZ, profile=alt_azimuth("axes"))
+    flight = three_altaz_stars()
     head = stars_head("altaz", RunParameters(LATITUDE, "2026-09-21", 10.0, 1010.0, 0.0), "altaz")
     text = head + "".join(star_line(star, "altaz") for star in flight.kept)
     _, read = read_stars(text, "altaz.dat", "altaz")
