@@ -9,11 +9,13 @@ from __future__ import annotations
 import argparse
 import math
 import time
+from collections import Counter
+from dataclasses import dataclass
 
 import numpy as np
 from camera_frames import Canvas, star_streaks
 
-from sattrack.camera.detection import Detection, Detector
+from sattrack.camera.detection import Detection, Detector, ExpectedMotion
 from sattrack.camera.frames import CameraFrame
 from tle.instants import Utc
 
@@ -22,9 +24,11 @@ APERTURE = 1.255
 START_S = 1790946324.0
 
 
-def look(detector: Detector, pixels: np.ndarray, number: int) -> Detection:
-    frame = CameraFrame(pixels.astype(np.float32), Utc(START_S + 0.5 * number), 0.1, "frame", 65535.0)
-    return detector.look(frame)
+def look(
+    detector: Detector, pixels: np.ndarray, number: int, expected: ExpectedMotion | None = None
+) -> Detection:
+    utc = Utc(START_S + 0.5 * number)
+    return detector.look(CameraFrame(pixels.astype(np.float32), utc, EXPOSURE_S, "frame", 65535.0), expected)
 
 
 def sequences(frames: int, snr: float, psf_px: float, single: bool, seed: int) -> None:
@@ -63,17 +67,62 @@ def sequences(frames: int, snr: float, psf_px: float, single: bool, seed: int) -
     )
 
 
-def empty(frames: int, streaks: int, seed: int) -> None:
+@dataclass
+class Empty:
+    """A kind of frames without a satellite: streaks of stars, their lengths (pixels), and what else there is.
+
+    `led`: by what a run says of the stars' motion; `round_stars` do not trail, and the satellite would.
+    """
+
+    name: str
+    streaks: int = 50
+    lengths: tuple[float, float] = (30.0, 150.0)
+    hot: int = 0
+    led: bool = False
+    round_stars: int = 0
+
+
+EMPTY = (
+    Empty("noise alone", streaks=0),
+    Empty("50 streaks of 30 to 150 px"),
+    Empty("50 streaks, 300 hot pixels", hot=300, led=True),
+    Empty("50 streaks of 8 to 40 px", lengths=(8.0, 40.0), led=True),
+    Empty("200 streaks of 30 to 150 px", streaks=200, led=True),
+    Empty("100 round stars, mount waiting", streaks=0, hot=100, led=True, round_stars=100),
+)
+EXPOSURE_S = 0.1
+
+
+def empty(frames: int, kind: Empty, seed: int) -> None:
     """Print how often something is found where there is nothing; of a canvas come ten frames."""
     rng = np.random.default_rng(seed)
-    wrong = total = 0
-    while total < frames:
+    found: Counter[str] = Counter()
+    spent_s = 0.0
+    for _ in range(math.ceil(frames / 10)):
         canvas = Canvas(psf_px=1.2)
-        star_streaks(canvas, rng, streaks, rng.uniform(30, 150), rng.uniform(0, 180))
+        length, angle = rng.uniform(*kind.lengths), rng.uniform(0, 180)
+        star_streaks(canvas, rng, kind.streaks, length, angle)
+        for _ in range(kind.round_stars):
+            flux = canvas.flux_of(5.0 * 10.0 ** rng.uniform(0.0, 2.0))
+            canvas.point(rng.uniform(0, canvas.width), rng.uniform(0, canvas.height), flux)
+        hot = rng.integers((canvas.height, canvas.width), size=(kind.hot, 2))
+        motion = tuple(
+            float(length / EXPOSURE_S * part(math.radians(angle))) for part in (math.cos, math.sin)
+        )
+        stars, target = ((0.0, 0.0), motion) if kind.round_stars else (motion, 0.0)
+        expected = ExpectedMotion(stars, target) if kind.led else None
         for number in range(10):
-            wrong += look(Detector(), canvas.exposed(rng), number).kind != "none"
-            total += 1
-    print(f"no satellite, {streaks:2d} streaks, frames {total:5d}  found {wrong}", flush=True)
+            pixels = canvas.exposed(rng).astype(np.float32)
+            pixels[hot[:, 0], hot[:, 1]] += rng.exponential(3000.0, kind.hot)
+            looks_s = time.process_time()
+            found[look(Detector(), pixels, number, expected).kind] += 1
+            spent_s += time.process_time() - looks_s
+    total = found.total()
+    false = ", ".join(f"{n} {name}" for name, n in found.items() if name != "none") or "0"
+    each_ms = 1e3 * spent_s / total
+    print(
+        f"no satellite, {kind.name:<32} {total:5d} frames, {each_ms:3.0f} ms each  false: {false}", flush=True
+    )
 
 
 def speed(frames: int) -> None:
@@ -102,15 +151,19 @@ def speed(frames: int) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--frames", type=int, default=1000)
-    frames = parser.parse_args().frames
+    parser.add_argument("--frames", type=int, default=1000, help="of each kind")
+    parser.add_argument("--empty", action="store_true", help="only frames without a satellite")
+    options = parser.parse_args()
+    frames = options.frames
     speed(10)
+    for number, kind in enumerate(EMPTY):
+        empty(frames, kind, 20 + number)
+    if options.empty:
+        return
     sequences(frames, 8.0, 1.2, True, 11)
     sequences(frames, 8.0, 1.2, False, 12)
     sequences(frames, 20.0, 1.2, True, 13)
     sequences(frames // 2, 8.0, 1.6, True, 14)
-    empty(frames, 50, 15)
-    empty(frames, 0, 16)
 
 
 if __name__ == "__main__":

@@ -47,6 +47,7 @@ from sattrack.runtime.flight import VirtualRun
 from sattrack.views.messages import SeenOffset
 from tle.bias import NO_BIAS, Bias
 from tle.instants import Utc
+from tle.orbit_fit import cross_product
 
 if TYPE_CHECKING:
     from feeder_passes import Subject
@@ -67,6 +68,8 @@ CLOUDS_S = (60.0, 80.0)
 SETTLED_S = 10.0
 SCALE_ARCSEC_PX = 2.0
 STEP_S = 0.1
+SHOWN_EVERY = 100
+POLE = np.array([0.0, 0.0, 1.0])
 DIVERGED_ARCSEC = 60.0
 
 
@@ -124,7 +127,7 @@ class Satellite:
         _, r, v = elements.satrec().sgp4(*julian(middle_s + hidden.late_s))
         r, v = np.array(r), np.array(v)
         out = r / np.linalg.norm(r)
-        left = np.cross(r, v) / np.linalg.norm(np.cross(r, v))
+        left = cross_product(r, v) / np.linalg.norm(cross_product(r, v))
         range_km = float(subject.propagator.at(Utc(middle_s)).range_km)
         # Higher is later along the track, seen from below: the angle is the way over the range.
         r = r + range_km * (-hidden.drift * out + hidden.cross_rad * left)
@@ -155,7 +158,7 @@ def turned(u: Array, sidereal: float, turn: tuple[float, float, float], sign: in
     if angle == 0.0:
         return u
     k = axis / angle * sign
-    return u * math.cos(angle) + np.cross(k, u) * math.sin(angle) + k * (k @ u) * (1.0 - math.cos(angle))
+    return u * math.cos(angle) + cross_product(k, u) * math.sin(angle) + k * (k @ u) * (1.0 - math.cos(angle))
 
 
 def direction(ra_deg: float, dec_deg: float) -> Array:
@@ -191,12 +194,12 @@ class Sky:
         """
         u, sidereal = self.satellite.at(utc_s)
         c = turned(pointing, sidereal, self.hidden.polar)
-        east = np.cross([0.0, 0.0, 1.0], pointing)
-        north = turned(np.cross(pointing, east / np.linalg.norm(east)), sidereal, self.hidden.polar)
+        east = cross_product(POLE, pointing)
+        north = turned(cross_product(pointing, east / np.linalg.norm(east)), sidereal, self.hidden.polar)
         angle = math.radians(self.camera.rotation_deg + self.hidden.rotation_deg)
-        east = np.cross(north, c)
+        east = cross_product(north, c)
         up = math.cos(angle) * north + math.sin(angle) * east
-        right = -np.cross(c, up) if self.camera.flip != self.hidden.mirrored else np.cross(c, up)
+        right = -cross_product(c, up) if self.camera.flip != self.hidden.mirrored else cross_product(c, up)
         along = float(u @ c)
         return float(u @ right) / along, float(u @ up) / along
 
@@ -233,7 +236,7 @@ class Sky:
         off, later = self.wanted(utc_s) - u, self.wanted(utc_s + 0.5)
         ahead = later - (later @ u) * u
         ahead = ahead / np.linalg.norm(ahead)
-        for axis in (ahead, np.cross(u, ahead)):
+        for axis in (ahead, cross_product(u, ahead)):
             self.in_sigmas.append(float(off @ axis) / math.sqrt(float(axis @ spread @ axis)))
 
     def cloudy(self, utc_s: float) -> bool:
@@ -300,8 +303,10 @@ def without_mount(sky: Sky, profile: MountProfile) -> Result:
     waiting: list[tuple[float, SeenOffset]] = []
     now, tick, next_frame_s = sky.begin_s, 0, sky.begin_s
     while now < sky.end_s:
-        pointing = fed(now + sky.hidden.delay_s).unit
-        if now >= next_frame_s:
+        exposed = now >= next_frame_s
+        if exposed or tick % 2 == 0:
+            pointing = fed(now + sky.hidden.delay_s).unit
+        if exposed:
             next_frame_s += FRAME_S
             if not sky.cloudy(now):
                 if sky.first_s is None:
@@ -409,30 +414,39 @@ def main() -> None:
     options = parser.parse_args()
     print(f"truth {options.truth}, {'a virtual mount' if options.mount else 'no mount'}")
     print(HEAD)
-    for subject in subjects():
-        if options.name not in {None, subject.name}:
-            continue
-        found = []
-        for seed in range(options.first, options.first + options.seeds):
-            rng = random.Random(f"{subject.name} {seed}")
-            hidden = replace(Hidden.drawn(rng), **WRONG.get(options.wrong, {}))
-            sky = Sky(subject, hidden, rng, options.truth)
-            profile = subject.facts.profile
-            if options.next:
-                profile = learnt_before(sky, seed)
-            one = with_mount(sky, seed) if options.mount else without_mount(sky, profile)
-            found.append(one)
-            if options.verbose:
-                spans = ((10, 20), (20, 40), (40, 60), (110, 400))
-                parts = ", ".join(f"{a}-{b} s {sky.rms(a, b):.2f}" for a, b in spans)
-                words = "; ".join(one.words)
-                print(
-                    f"  seed {seed}: rms {one.rms_arcsec:.2f}, clouds {one.clouds_arcsec:.2f}, worst "
-                    f"{one.worst_arcsec:.2f}, rejected {one.rejected}, anew {one.begun_anew}; "
-                    f"{parts}; {words}",
-                    flush=True,
-                )
-        print(row(subject.name, found), flush=True)
+    found: dict[str, list[Result]] = {}
+    for seed in range(options.first, options.first + options.seeds):
+        for subject in subjects():
+            if options.name in {None, subject.name}:
+                one = of_seed(subject, seed, options)
+                found.setdefault(subject.name, []).append(one)
+                if options.verbose:
+                    print(f"  {subject.name}, seed {seed}: {detailed(one)}", flush=True)
+        done = seed + 1 - options.first
+        if done % SHOWN_EVERY == 0 or done == options.seeds:
+            for name, results in found.items():
+                print(row(name, results), flush=True)
+
+
+def of_seed(subject: Subject, seed: int, options: argparse.Namespace) -> Result:
+    """Run one seed of a pass."""
+    rng = random.Random(f"{subject.name} {seed}")
+    hidden = replace(Hidden.drawn(rng), **WRONG.get(options.wrong, {}))
+    sky = Sky(subject, hidden, rng, options.truth)
+    if options.mount:
+        return with_mount(sky, seed)
+    return without_mount(sky, learnt_before(sky, seed) if options.next else subject.facts.profile)
+
+
+def detailed(one: Result) -> str:
+    """Return the figures of one seed."""
+    parts = ", ".join(
+        f"{a}-{b} s {one.sky.rms(a, b):.2f}" for a, b in ((10, 20), (20, 40), (40, 60), (110, 400))
+    )
+    return (
+        f"rms {one.rms_arcsec:.2f}, clouds {one.clouds_arcsec:.2f}, worst {one.worst_arcsec:.2f}, "
+        f"rejected {one.rejected}, anew {one.begun_anew}; {parts}; {'; '.join(one.words)}"
+    )
 
 
 WRONG: dict[str, dict[str, Any]] = {

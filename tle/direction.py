@@ -349,4 +349,6 @@ def unit_of(q: Triple, q_rate: Triple, fn: Functions) -> tuple[Triple, Triple]:
 
 def stacked(q: Triple) -> NDArray[np.float64]:
     """Return the components of a vector as an array, shape (3,) or (n, 3)."""
+    if isinstance(q[0], float):
+        return np.array(q)
     return np.stack(np.broadcast_arrays(*q), axis=-1)

@@ -52,6 +52,8 @@ _RELINEARISE_KM = 5.0
 _MOST_STEPS, _WHOLE_STEPS, _HALF_STEPS = 32, 4, 12
 _SETTLED_KM, _SETTLED_SIGMAS, _SETTLED_PRIOR_SIGMAS = 1e-4, 0.02, 0.02
 _WORST_SQUARE = 36.0
+_FAR, _FAR_STEPS = 4.0, 3
+"""A sighting that lies so many times beyond the gate, step after step, needs no further ones."""
 _FORGETTING = 0.98
 _BETTER = 3.0
 _HOPELESS = 40.0
@@ -136,14 +138,24 @@ class OrbitFilter:
 
         With `mount` it is where the mount must point by its own idea, its errors made up for.
         """
-        seen = propagator.with_elements(self.orbit.corrected(self.correction_km)).at(t)
-        by_state = propagator.of_date(t, self._partials.states(t)[:3]) / float(seen.range_km)
-        by_mount = mount_terms(seen) * float(mount)
-        u = seen.unit + by_mount @ self._state[STATES : STATES + MOUNT]
-        by = np.hstack([by_state - np.outer(seen.unit, seen.unit @ by_state), by_mount])
+        unit, pointed, by_mount, range_km = self._pointing(propagator, t, mount)
+        by_state = propagator.of_date(t, self._partials.states(t)[:3]) / range_km
+        by = np.hstack([by_state - np.outer(unit, unit @ by_state), by_mount])
         n = STATES + MOUNT
         spread: Array = by @ self._grown(t)[:n, :n] @ by.T
-        return u / math.sqrt(float(u @ u)), spread
+        return pointed, spread
+
+    def direction(self, propagator: Propagator, t: Utc, mount: bool) -> Array:
+        """Return the unit vector of `pointing` alone."""
+        return self._pointing(propagator, t, mount)[1]
+
+    def _pointing(self, propagator: Propagator, t: Utc, mount: bool) -> tuple[Array, Array, Array, float]:
+        """Return where the satellite is seen, where to point, what the mount's terms do, and the range."""
+        seen = propagator.with_elements(self.orbit.corrected(self.correction_km)).at(t)
+        unit = seen.unit
+        by_mount = mount_terms(seen, unit, seen.unit_rate) * float(mount)
+        u = unit + by_mount @ self._state[STATES : STATES + MOUNT]
+        return unit, u / math.sqrt(float(u @ u)), by_mount, float(seen.range_km)
 
     def distance(self, sighting: Sighting) -> float:
         """Return the squared Mahalanobis distance of a sighting from what is expected of it (two degrees)."""
@@ -162,7 +174,7 @@ class OrbitFilter:
     def weigh(self, sighting: Sighting, gate: float) -> tuple[bool, float]:
         """Take a sighting in as `observe` does; return whether, and the logarithm of how likely it was."""
         self._meet(sighting)
-        solved = self._solve(sighting, self._grown(sighting.utc))
+        solved = self._solve(sighting, self._grown(sighting.utc), _FAR * max(gate, _WORST_SQUARE))
         if solved is None or not solved.distance <= gate:
             self.rejected += 1
             size = 2.0 * math.log(self._noisier * sighting.sigma_rad) if solved is None else solved.size
@@ -211,11 +223,15 @@ class OrbitFilter:
         grown[TURN_X:DELAY, TURN_X:DELAY] += _TURN_WALK_RAD2_S * seconds * np.eye(3)
         return grown
 
-    def _solve(self, sighting: Sighting, covariance: Array) -> _Solved | None:
-        """Return state, covariance and squared distance with a sighting; None where none leads there."""
+    def _solve(self, sighting: Sighting, covariance: Array, far: float = math.inf) -> _Solved | None:
+        """Return state, covariance and squared distance with a sighting; None where none leads there.
+
+        Where whole steps leave it beyond `far`, a squared distance, only distance and size are of use.
+        """
         prior, at, partials = self._state, self._state, self._partials
         noise = (self._noisier * sighting.sigma_rad) ** 2 * np.eye(2)
         sigmas = np.sqrt(np.diag(covariance)) + 1e-12
+        beyond = 0
         for number in range(_MOST_STEPS):
             try:
                 if float(np.abs(at[:STATES] - partials.at_km).max()) > _RELINEARISE_KM:
@@ -223,14 +239,22 @@ class OrbitFilter:
                 off, by_state, range_km = self._compared(sighting, at, partials)
             except PropagationError:
                 return None
-            spread = by_state @ covariance @ by_state.T + noise
+            by_spread = by_state @ covariance
+            spread = by_spread @ by_state.T + noise
             gap = off + by_state @ (at - prior)
-            gain = np.linalg.solve(spread, by_state @ covariance).T
+            (a, b), (c, d) = spread.tolist()
+            determinant = a * d - b * c
+            weight = np.array([[d, -b], [-c, a]]) / determinant
+            gain = by_spread.T @ weight
+            distance, size = float(gap @ weight @ gap), 0.5 * math.log(determinant)
             wanted = prior + gain @ gap
             step = wanted - at
             longest = float(np.abs(step[:STATES]).max())
             if longest > LONGEST_STEP_KM:
                 step = step * (LONGEST_STEP_KM / longest)
+            beyond = beyond + 1 if distance > far and longest <= LONGEST_STEP_KM else 0
+            if beyond == _FAR_STEPS and number < _WHOLE_STEPS:
+                return _Solved(prior, covariance, distance, size, partials)
             if number >= _WHOLE_STEPS and sighting.image is not None:
                 step = (0.5 if number < _HALF_STEPS else 0.25) * step
             at = at + step
@@ -245,8 +269,6 @@ class OrbitFilter:
                 kept = np.eye(len(at)) - gain @ by_state
                 # Joseph's form keeps it symmetric and positive.
                 left = kept @ covariance @ kept.T + gain @ noise @ gain.T
-                distance = float(gap @ np.linalg.solve(spread, gap))
-                size = 0.5 * math.log(float(np.linalg.det(spread)))
                 return _Solved(at, 0.5 * (left + left.T), distance, size, partials)
         return None
 
@@ -259,13 +281,13 @@ class OrbitFilter:
             return plain._replace(by_state=np.hstack([plain.by_state, nothing]))
         propagator = sighting.propagator.with_elements(self.orbit.corrected(at[:STATES]))
         seen = propagator.at(sighting.utc)
-        range_km = float(seen.range_km)
+        range_km, unit, rate = float(seen.range_km), seen.unit, seen.unit_rate
         by_orbit = propagator.of_date(sighting.utc, partials.states(sighting.utc)[:3]) / range_km
-        by_mount = mount_terms(seen)
+        by_mount = mount_terms(seen, unit, rate)
         slot = self._slot(image.camera)
         terms = at[slot : slot + CAMERA]
-        drift = seen.unit_rate - image.fed_rate
-        u = seen.unit + by_mount @ at[STATES : STATES + MOUNT] - terms[CLOCK] * drift
+        drift = rate - image.fed_rate
+        u = unit + by_mount @ at[STATES : STATES + MOUNT] - terms[CLOCK] * drift
         place, by_u, by_terms = _in_image(image, u, terms)
         by_terms[:, CLOCK] = by_u @ -drift
         by_state = np.zeros((2, len(at)))
@@ -365,6 +387,10 @@ class FilterBank:
         """See OrbitFilter."""
         return self.best.pointing(propagator, t, mount)
 
+    def direction(self, propagator: Propagator, t: Utc, mount: bool) -> Array:
+        """See OrbitFilter."""
+        return self.best.direction(propagator, t, mount)
+
     def distance(self, sighting: Sighting) -> float:
         """Return the squared distance of a sighting; before the first, from where the usual errors lead."""
         if self.accepted:
@@ -442,21 +468,20 @@ def _in_image(image: Image, u: Array, terms: Array) -> tuple[Array, Array, Array
     return turned + terms[MIDDLE_X:], by_u, by_terms
 
 
-def mount_terms(seen: Direction) -> Array:
-    """Return how a direction's unit vector is moved by the mount's terms, shape (3, 6).
+def mount_terms(seen: Direction, u: Array, rate: Array) -> Array:
+    """Return how a direction's unit vector `u`, of that `rate`, is moved by the mount's terms, shape (3, 6).
 
     Three turns about axes fixed to the Earth, rad: in the equator towards the meridian and 90° from it, and
     the pole; a second by which the mount is ahead; then on the sky along right ascension and declination.
     """
-    u = seen.unit
     meridian = math.radians(float(seen.ra_deg) + float(seen.ha_deg))
     c, s = math.cos(meridian), math.sin(meridian)
-    x, y, z = (float(value) for value in u)
+    x, y, z = u.tolist()
     flat = max(1e-6, math.hypot(x, y))
     east = -y / flat, x / flat, 0.0
     north = -z * east[1], z * east[0], flat
-    rate = seen.unit_rate
-    pace = rate[0] + EARTH_RAD_S * y, rate[1] - EARTH_RAD_S * x, rate[2]
+    vx, vy, vz = rate.tolist()
+    pace = vx + EARTH_RAD_S * y, vy - EARTH_RAD_S * x, vz
     # The columns are cross products of the axes (c, s, 0), (s, -c, 0) and (0, 0, 1) with u.
     turns = (s * z, -c * z, c * y - s * x), (-c * z, -s * z, s * y + c * x), (-y, x, 0.0)
     return np.array([*turns, pace, east, north]).T

@@ -336,12 +336,18 @@ class Partials:
         self.at_km = at_km
         steps = [np.zeros(STATES), *(_STEP_KM * row for row in np.eye(STATES))]
         self._records = [orbit.corrected(at_km + step).satrec() for step in steps]
+        # A filter asks for the same instant at each of its steps.
+        self._last: tuple[float, Array] | None = None
 
     def states(self, t: Utc) -> Array:
         """Return km and km/s a km of each correction, TEME, shape (6, 6): a column a correction."""
+        if self._last is not None and self._last[0] == t.unix_s:
+            return self._last[1]
         jd, fraction = _jd(t)
-        here, *moved = (np.concatenate(record.sgp4(jd, fraction)[1:]) for record in self._records)
-        return np.stack([(there - here) / _STEP_KM for there in moved], axis=1)
+        states = np.array([(*r, *v) for _, r, v in (record.sgp4(jd, fraction) for record in self._records)])
+        by_state: Array = (states[1:] - states[0]).T / _STEP_KM
+        self._last = float(t.unix_s), by_state
+        return by_state
 
 
 def compared(orbit: CorrectableOrbit, sighting: Sighting, at_km: Array, partials: Partials) -> Compared:
@@ -372,7 +378,13 @@ def track_basis(u: Array, by_state: Array) -> Array:
     """Return the directions on the sky along the track and left of it, shape (2, 3)."""
     m = by_state[:, ALONG] - (by_state[:, ALONG] @ u) * u
     m = m / math.sqrt(float(m @ m))
-    return np.array([m, np.cross(u, m)])
+    return np.array([m, cross_product(u, m)])
+
+
+def cross_product(a: Array, b: Array) -> Array:
+    """Return the cross product of two vectors, shape (3,): numpy's own takes ten times as long."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def _jd(t: Utc) -> tuple[float, float]:

@@ -15,8 +15,9 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 CENTROID_FLOOR_PX = 0.03
-SHARPEST = 0.8
-"""Of a star's middle pixel, the eight about it have at least so much light together; of a hot one none."""
+SHARPEST, SURELY_SHARP = 0.8, 0.3
+"""Of a star's middle pixel, the eight about it have at least so much light together; of a hot one none.
+With less than the second it needs no fit."""
 
 
 class PreparedImage(NamedTuple):
@@ -62,13 +63,14 @@ def fitted_point(
         variance *= 1.3
     if good.sum() < 0.6 * good.size:
         return _saturated_point(prepared, box, col, row, half, snr, psf_px)
-    fit = _gauss_newton(data, np.sqrt(variance), good, dx, dy, (x - col, y - row), psf_px)
+    hot = _around(data, half) < SURELY_SHARP * float(data[half, half])
+    start = (x - col, y - row)
+    fit = None if hot else _gauss_newton(data, np.sqrt(variance), good, dx, dy, start, psf_px)
     if fit is None:
         return None
     (flux, ox, oy, sky, sigma), covariance, residual, dof = fit
     top = data - sky
-    around = float(top[half - 1 : half + 2, half - 1 : half + 2].sum()) - float(top[half, half])
-    sharp = around < SHARPEST * float(top[half, half])
+    sharp = _around(top, half) < SHARPEST * float(top[half, half])
     limit = 1.9 + (0.25 * snr) ** 2 / dof + 0.01 * ridge
     if sharp or residual > limit or flux <= 0.0:
         return None
@@ -81,6 +83,11 @@ def fitted_point(
         of_place = math.hypot(of_place, sigma / math.sqrt(max(flux * prepared.gain, 1.0)))
     peak = float(prepared.image[box].max())
     return Point(col + ox, row + oy, math.hypot(of_place, CENTROID_FLOOR_PX), snr, flux, peak)
+
+
+def _around(data: Array, half: int) -> float:
+    """Return the light of the eight pixels about the middle one."""
+    return float(data[half - 1 : half + 2, half - 1 : half + 2].sum()) - float(data[half, half])
 
 
 def _is_long(

@@ -10,6 +10,7 @@ better than the estimate does, it takes its place: no wrong start, manoeuvre or 
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -22,7 +23,7 @@ from tle.elements import Elements
 from tle.errors import PropagationError
 from tle.instants import Utc
 from tle.orbit_filter import CAMERA_TERMS, MOUNT_TERMS, FilterBank, KnownTerms, OrbitFilter
-from tle.orbit_fit import ALONG, STATES, CorrectableOrbit, Expected, Image, Sighting
+from tle.orbit_fit import ALONG, STATES, CorrectableOrbit, Expected, Image, Sighting, cross_product
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -52,6 +53,8 @@ RIVAL_SHARE = 3
 """A rival takes over with so many times as many observations as the estimate took since it began."""
 RIVAL_WIDER, RIVAL_NOISIER = 3.0, 1.5
 """A rival expects so many times the errors of elements of that age, and those of what is observed."""
+MOST_UNHEARD = 50
+"""Older ones begin no rival any more."""
 BETTER_FRAME = 9.0
 """How much nearer, as a squared distance, the first observation may lie in another frame than its own."""
 LINE_S = 2.0
@@ -135,6 +138,15 @@ def _named(
     }
 
 
+class _Unheard(NamedTuple):
+    """What a rival has to be held against: whether the estimate took it, and how many a rival needs."""
+
+    taken: bool
+    sighting: Sighting
+    orbit: CorrectableOrbit
+    least: int = ANEW_AFTER
+
+
 class Estimator:
     """The estimate of one run's orbit, from the observations handed to it.
 
@@ -150,6 +162,8 @@ class Estimator:
         self._rival: FilterBank | None = None
         self._since_rival = 0
         """How many the estimate took since the rival began."""
+        self._unheard: deque[_Unheard] = deque(maxlen=MOST_UNHEARD)
+        """What no rival was held against yet, because none could have won by it."""
         self.accepted = 0
         self.rejected = 0
         self.refused = 0
@@ -217,7 +231,8 @@ class Estimator:
 
     def forget(self) -> None:
         """Begin anew with the next observation."""
-        self.filter = self._rival = self._undo = None
+        self.filter = self._undo = None
+        self._end_rival()
 
     def reading(self, utc_s: float, course: Course, fed: bool = False) -> EstimatedBiases | None:
         """Return what the estimate says of the biases at an instant; None without one, or where it says none.
@@ -234,7 +249,8 @@ class Estimator:
         """Give back what the last observation that was taken has changed; tell whether that was possible."""
         if self._undo is None:
             return False
-        (self.filter, self.last_utc_s), self._undo, self._rival = self._undo, None, None
+        (self.filter, self.last_utc_s), self._undo = self._undo, None
+        self._end_rival()
         self.accepted -= 1
         self.rejected += 1
         self.words = "it was rejected by hand"
@@ -249,13 +265,14 @@ class Estimator:
         image: Image | None = None,
         *,
         sure: bool = False,
+        patient: bool = False,
     ) -> bool:
         """Take one observation in; tell whether it changed the estimate.
 
         `first` is what is fed without an estimate: the first observation is expected around that, or around
         what the elements say by themselves. With `image` it was seen in a camera's image, relative to where
         the mount pointed. One that an operator is `sure` of begins an estimate where it contradicts the
-        present one.
+        present one. A rival takes most of the time: who is `patient` leaves it to `catch_up`.
         """
         utc_s = float(Utc.parse(seen.utc).unix_s)
         self.words = None
@@ -277,6 +294,8 @@ class Estimator:
                 before = self._go_on(before, seen, sighting, course)
             if sure:
                 self._believe(sighting, elements)
+            if not patient:
+                self.catch_up(MOST_UNHEARD)
         except FAILURES as error:
             self.words = str(error)
         if self.words is not None:
@@ -286,6 +305,18 @@ class Estimator:
         self.accepted += 1
         self.last_utc_s = max(utc_s, self.last_utc_s or utc_s)
         return True
+
+    def catch_up(self, most: int = 1) -> bool:
+        """Hold so many observations against the rival where it may win by them; tell whether it did."""
+        estimate = self.filter
+        for _ in range(most):
+            if not (self._unheard and self._may_win()):
+                break
+            try:
+                self._hear_rival(self._unheard.popleft())
+            except FAILURES:
+                self._rival = None
+        return self.filter is not estimate
 
     def distance(self, seen: ObservationMessage, course: Course) -> float:
         """Return the squared Mahalanobis distance of an observation; infinite without an estimate."""
@@ -321,18 +352,21 @@ class Estimator:
         ]
         best = min(starts, key=lambda one: one.distance(sighting))
         distance = best.distance(sighting)
-        other = self._otherwise(seen, sighting, course)
-        in_other = min(one.distance(other) for one in starts)
+        in_other = distance
+        if not by_camera:
+            other = self._otherwise(seen, sighting, course)
+            in_other = min(one.distance(other) for one in starts)
         if distance > GATE or in_other + BETTER_FRAME < distance:
             self.words = f"the elements are not so far off{self._hint(starts, seen, sighting, course)}"
-            self._hear_rival(False, sighting, orbit)
+            self._keep_for_rival(_Unheard(False, sighting, orbit))
         elif sighting.image is not None and _apart_deg(sighting, first) > FAR_DEG:
             self.words = f"it lies far from what is fed: {CONFIRMED_BY} that agree are needed"
-            self._hear_rival(False, sighting, orbit, CONFIRMED_BY)
+            self._keep_for_rival(_Unheard(False, sighting, orbit, CONFIRMED_BY))
         elif not (best.observe(sighting, GATE) and _credible(best)):
             self.words = "it lies nowhere near the satellite's track: another satellite's?"
         else:
-            self.filter, self._rival = best, None
+            self.filter = best
+            self._end_rival()
 
     def _believe(self, sighting: Sighting, elements: Elements) -> None:
         """Begin an estimate with an observation, if it contradicts the one there is."""
@@ -340,7 +374,8 @@ class Estimator:
             return
         fresh = _fresh(sighting, self._orbit_of(elements), True, self._known)
         if fresh is not None:
-            self.filter, self._rival, self.words = fresh, None, None
+            self.filter, self.words = fresh, None
+            self._end_rival()
 
     def _go_on(
         self, known: FilterBank, seen: ObservationMessage, sighting: Sighting, course: Course
@@ -352,33 +387,56 @@ class Estimator:
             self.filter, taken = before, False
         if not taken:
             self.words = f"it contradicts the estimate{self._hint([before], seen, sighting, course)}"
-        self._hear_rival(taken, sighting, known.orbit)
+        self._keep_for_rival(_Unheard(taken, sighting, known.orbit))
         return before
 
-    def _hear_rival(
-        self, taken: bool, sighting: Sighting, orbit: CorrectableOrbit, least: int = ANEW_AFTER
-    ) -> None:
-        """Hold an observation against the rival too; let it begin with one that was rejected, win or end."""
+    def _keep_for_rival(self, one: _Unheard) -> None:
+        """Keep an observation as long as a rival that may win has to be held against it."""
+        kept = self._unheard
+        kept.append(one)
+        if self._rival is None:
+            while kept and (kept[0].taken or sum(each.taken for each in kept) >= ANEW_AFTER):
+                kept.popleft()
+
+    def _may_win(self) -> bool:
+        """Tell whether a rival that takes all it is held against would have enough of them."""
+        if self._rival is not None:
+            return True
+        taken = 0
+        for count, one in enumerate(reversed(self._unheard), 1):
+            if not one.taken and count >= max(self._unheard[-1].least, RIVAL_SHARE * taken):
+                return True
+            taken += one.taken
+        return False
+
+    def _end_rival(self) -> None:
+        self._rival = None
+        self._unheard.clear()
+
+    def _hear_rival(self, one: _Unheard) -> None:
+        """Hold an observation against the rival; let it begin with one that was rejected, win or end."""
         rival = self._rival
         if rival is not None:
-            self._since_rival += taken
-            if rival.observe(sighting, GATE) or taken:
-                self._judge_rival(rival, least)
+            self._since_rival += one.taken
+            if rival.observe(one.sighting, GATE) or one.taken:
+                self._judge_rival(rival, one.least)
                 return
-        if not taken and (rival is None or rival.rejected >= rival.accepted):
-            self._rival, self._since_rival = _fresh(sighting, orbit, least == ANEW_AFTER, self._known), 0
+        if not one.taken and (rival is None or rival.rejected >= rival.accepted):
+            usual = one.least != ANEW_AFTER
+            self._rival, self._since_rival = _fresh(one.sighting, one.orbit, not usual, self._known), 0
 
     def _judge_rival(self, rival: FilterBank, least: int) -> None:
         """Let a rival win that has taken enough, and end one that the estimate has outlived."""
         if rival.accepted >= max(least, RIVAL_SHARE * self._since_rival) and _credible(rival):
             self.begun_anew += least == ANEW_AFTER
-            self.filter, self._rival, self.words = rival, None, None
+            self.filter, self.words = rival, None
+            self._end_rival()
         elif self._since_rival >= ANEW_AFTER:
             self._rival = None
 
     def _orbit_of(self, elements: Elements) -> CorrectableOrbit:
         if self._orbit is None or self._orbit.given is not elements:
-            self._rival = None
+            self._end_rival()
             self._orbit = CorrectableOrbit(elements, Utc(self._start_utc_s))
         return self._orbit
 
@@ -393,6 +451,8 @@ class Estimator:
         self, known: list[FilterBank], seen: ObservationMessage, sighting: Sighting, course: Course
     ) -> str:
         """Say what would explain an observation that does not fit."""
+        if sighting.image is not None:
+            return ": another object's, or noise?"
         distance = min(one.distance(self._otherwise(seen, sighting, course)) for one in known)
         if distance < GATE:
             return f": in the frame {_other_frame(seen.frame)} it would fit"
@@ -412,22 +472,25 @@ def _reading(known: FilterBank, utc_s: float, course: Course, fed: bool) -> Esti
     if now is None:
         return None
     along, cross, pace = now
-    steps = []
+    steps = [np.zeros(2)]
     for at_s in (utc_s + 0.5 * LINE_S, utc_s + LINE_S):
-        later, _ = known.pointing(course.airless, Utc(at_s), fed)
-        then = _biases(later, at_s, course, course.airless, (along, cross))
+        later = known.direction(course.airless, Utc(at_s), fed)
+        # Expected on the line through those before it, each takes one step of Newton's.
+        along_s, cross_km = (along, cross) + 2.0 * steps[-1]
+        then = _biases(later, at_s, course, course.airless, (along_s, cross_km))
         if then is None:
             return None
         steps.append(np.array(then[:2]) - (along, cross))
     # A parabola through the three.
-    rates = (4.0 * steps[0] - steps[1]) / LINE_S
-    curves = 4.0 * (steps[1] - 2.0 * steps[0]) / LINE_S**2
+    _, halfway, whole = steps
+    rates = (4.0 * halfway - whole) / LINE_S
+    curves = 4.0 * (whole - 2.0 * halfway) / LINE_S**2
     range_km = course.going(utc_s + along).range_km
     cross_deg = math.degrees(math.atan(cross / range_km))
     ahead = course.airless.at(Utc(utc_s), Bias(along + DIFFERENCE_S, cross_deg)).unit - there
     ahead = ahead - (ahead @ there) * there
     ahead = ahead / math.sqrt(float(ahead @ ahead))
-    left = np.cross(there, ahead)
+    left = cross_product(there, ahead)
     return EstimatedBiases(
         along,
         cross,
@@ -508,12 +571,12 @@ def _biases(
         pace = math.sqrt(float(by_along @ by_along))
         if not pace > 0.0:
             return None
-        ahead, left = by_along / pace, np.cross(here, by_along / pace)
-        height = max(-1.0, min(1.0, float(unit @ left)))
+        ahead = by_along / pace
         step_s = math.atan2(float(unit @ ahead), float(unit @ here)) / pace
         along_s += max(-MOST_STEP_S, min(MOST_STEP_S, step_s))
         if abs(step_s) < NEAR_S:
             range_km = course.going(utc_s + along_s).range_km
+            height = max(-1.0, min(1.0, float(unit @ cross_product(here, ahead))))
             cross_km = range_km * math.tan(math.radians(cross_deg) + math.asin(height))
             return along_s, cross_km, pace
     return None

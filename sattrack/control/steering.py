@@ -196,6 +196,7 @@ class Steering:
         if self.clocks.waiting and self.clocks.watch(self.biases.course):
             # What was seen by the wrong dates is of another place.
             self.estimator.forget()
+        self._estimated |= self.estimator.catch_up()
         ended = self._search_if_lost(now_utc_s)
         due = self._following_estimate and now_utc_s - self._followed_s >= FOLLOW_AGAIN_S
         news = self.estimator.filter is not None and (self._estimated or due) and self._follow(now_utc_s)
@@ -383,7 +384,7 @@ class Steering:
         """Take an observation in; the estimate is followed from the next period on."""
         along_s, cross_deg = self.biases.totals(begins_s)
         first = Bias(along_s, cross_deg)
-        if self.estimator.take(seen, now_utc_s, self.biases.course, first, image, sure=sure):
+        if self.estimator.take(seen, now_utc_s, self.biases.course, first, image, sure=sure, patient=True):
             self._estimated = True
 
     def tell(self, words: str | None, now_utc_s: float) -> None:

@@ -121,6 +121,8 @@ class Tracker:
         self._way = Approach(profile, self.fed_at, plan.law.feeder)
         self._stand = MountPlace(0.0, 0.0, 0.0)
         self._near = 0
+        self._news: bool | None = None
+        """Whether the offsets have changed; None where that was not looked at yet."""
         self.slipped_s = 0.0
         """How much later T0 is than the plan began with."""
         self._moved_by_rates = False
@@ -373,6 +375,11 @@ class Tracker:
             return f"it is of {seen.utc}, before the mount was on the target"
         return None
 
+    def prepare(self, now_utc_s: float) -> None:
+        """Look at estimate and searches for the next `step`, a period later, which then need not."""
+        if self.phase is not Phase.STOPPING:
+            self._news = self.steering.watch(now_utc_s + self._profile.period_s)
+
     def step(self, now_utc_s: float, slew_done: bool, stopped: bool = False, held: bool = False) -> Motion:
         """Return the motion wanted from now on; call once a period, after the samples that came.
 
@@ -383,8 +390,11 @@ class Tracker:
             self.end("set")
         if self.phase is Phase.STOPPING:
             return Stop()
-        if self.steering.watch(now_utc_s):
+        if self._news is None:
+            self._news = self.steering.watch(now_utc_s)
+        if self._news:
             self._satellite.forget()
+        self._news = None
         if self.rest is not None:
             return self._rests(self.rest, now_utc_s, stopped)
         if self.follower.axes is None:

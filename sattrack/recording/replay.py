@@ -302,6 +302,7 @@ class _Run:
             engine.receive(entry.data, entry.utc_s)
         elif entry.topic == COMMAND:
             self._compare(entry, engine.tick(entry.utc_s))
+            engine.prepare(entry.utc_s)
             self.result.ticks += 1
         elif entry.topic == REPEAT:
             self._compare(entry, engine.repeat() or b"")

@@ -210,6 +210,30 @@ def test_a_wrong_start_is_left_once_many_in_a_row_agree(course: Course, estimato
     assert known.along_s == pytest.approx(3.0, abs=4.0 * known.along_sigma_s)
 
 
+def test_a_patient_caller_gets_the_same_estimate_some_calls_later(
+    course: Course, estimator: Estimator
+) -> None:
+    patient = Estimator(25544, RISE_S)
+    ones = [seen(-100.0, 3.0), *(seen(float(s), -40.0, 3.0) for s in range(-99, -85))]
+    for one in ones:
+        take(estimator, course, one)
+        assert not patient.catch_up() or one is ones[-1]
+        patient.take(one, CULMINATION_S, course, NO_BIAS, patient=True)
+    calls = next(n for n in range(1, 50) if patient.catch_up())
+    assert calls <= len(ones)
+    assert (estimator.begun_anew, patient.begun_anew) == (1, 1)
+    assert read(patient, course, -85.0).along_s == pytest.approx(
+        read(estimator, course, -85.0).along_s, abs=0.01
+    )
+
+
+def test_no_rival_is_computed_while_none_can_win(course: Course, estimator: Estimator) -> None:
+    for s in range(30):
+        take(estimator, course, seen(s - 100.0, 3.0 if s % 3 < 2 else -20.0, 3.0))
+    assert (estimator.accepted, estimator.rejected, estimator.begun_anew) == (20, 10, 0)
+    assert estimator._rival is None
+
+
 def test_what_the_operator_found_far_off_is_where_observations_are_expected(
     course: Course, estimator: Estimator
 ) -> None:

@@ -18,6 +18,7 @@ from sattrack.control.offset import KEPT
 from sattrack.control.steering import Steering
 from sattrack.mount.model import MountProfile
 from sattrack.runtime import demo_pass
+from sattrack.runtime.facts import RunRequest, build_engine, prepare
 from sattrack.views.messages import Guide, OffsetBy, Search, SeenOffset
 from tle.bias import NO_BIAS
 from tle.instants import Utc
@@ -405,3 +406,19 @@ class TestGuidingByHand:
         plain = loop.steering.biases.course.propagator.at(Utc(BEGIN_S + 12.0)).unit
         fed = loop.steering.biases.at(BEGIN_S + 12.0).unit
         assert float(np.linalg.norm(fed - plain)) / ARCSEC < 1.0
+
+
+def test_a_tick_that_was_prepared_does_not_wait_for_the_estimate(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reading an estimate takes milliseconds, and a datagram is computed two before it is due."""
+    facts = prepare(RunRequest("25544", "sim", None, None, None, 10.0, virtual=True)).facts
+    engine = build_engine(facts)
+    now_s, period_s = facts.started_utc_s, facts.profile.period_s
+    looked: list[float] = []
+    monkeypatch.setattr(engine.tracker.steering, "watch", lambda at_s: bool(looked.append(at_s)))
+    engine.tick(now_s)
+    engine.prepare(now_s)
+    assert looked == [now_s, now_s + period_s], "once without having been prepared, and for the next"
+    engine.tick(now_s + period_s)
+    assert len(looked) == 2
+    engine.tick(now_s + 2.0 * period_s)
+    assert looked[2:] == [now_s + 2.0 * period_s], "as it was not prepared"
