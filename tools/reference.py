@@ -97,6 +97,7 @@ MEANINGS = {
     "period_s": "time between commands",
     "command_delay_s": "mean delay from sending to the mount",
     "status_delay_s": "shortest delay from the mount's sample to us",
+    "abort_delay_s": "how much later than other commands an abort acts",
     "clock_offset_s": "the mount's sidereal clock ahead of the true one; estimated if left out",
     "encoder_tics": "encoder counts in a turn",
     "watchdog_s": "silence after which the mount stops by itself; left out: it never does",

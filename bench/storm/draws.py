@@ -155,6 +155,8 @@ def draw(seed: int) -> Storm:
             break
     # The order of the draws is part of what a seed means: seeds are kept in tests/storm/regressions.txt.
     lies = drawn_lies(dice) if hardware.kind != "own" else {}
+    late_abort = msgspec.structs.replace(facts.profile, abort_delay_s=lies.get("abort_delay_s", 0.0))
+    facts = msgspec.structs.replace(facts, profile=late_abort)
     commands = drawn_way(dice, hardware.command_delay_s, 0.0)
     statuses = drawn_way(dice, hardware.status_delay_s, 0.002)
     people = drawn_people(dice, facts)

@@ -227,7 +227,7 @@ def standstill_s(row: Loss, profile: MountProfile, rate_deg_s: float | None = No
     """
     if row.during_s is None:
         return NEVER_S
-    own_s = 0.0
+    own_s = profile.abort_delay_s
     if row.by_watchdog:
         if profile.watchdog_s is None:
             raise ValueError(f"{row.key}: the profile has no watchdog_s")
@@ -237,4 +237,6 @@ def standstill_s(row: Loss, profile: MountProfile, rate_deg_s: float | None = No
 
 def standstill_after_s(row: Loss, profile: MountProfile, rate_deg_s: float | None = None) -> float:
     """Return the longest time from a fault's end to both axes at rest, for a run that is to stop."""
-    return NEVER_S if row.after_s is None else row.after_s + braking_s(profile, rate_deg_s)
+    if row.after_s is None:
+        return NEVER_S
+    return row.after_s + profile.abort_delay_s + braking_s(profile, rate_deg_s)

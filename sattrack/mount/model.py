@@ -277,6 +277,8 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     period_s: float = 0.05
     command_delay_s: float = 0.0003
     status_delay_s: float = 0.0001
+    abort_delay_s: float = 0.0
+    """How much later than any other command an abort acts; until then the axes go on as they did."""
     clock_offset_s: float | None = None
     """The mount's sidereal clock ahead of local mean sidereal time by UTC at the site, seconds; None where it
     is not known, and arrivals must tell when a status was sampled."""
@@ -360,6 +362,7 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         delays = {
             "command_delay_s": self.command_delay_s,
             "status_delay_s": self.status_delay_s,
+            "abort_delay_s": self.abort_delay_s,
             "ra.lag_s": self.ra.lag_s,
             "dec.lag_s": self.dec.lag_s,
         }

@@ -20,6 +20,7 @@ from sattrack.control.stages import KEYHOLE, RATE
 from sattrack.core.angles import wrap180
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, horizon_latitude_deg
 from sattrack.planning.path import axis_path, find_keyholes, margins_deg, stretches
+from sattrack.safety.rate_limit import unheeded_s
 from tle.bias import NO_BIAS
 from tle.instants import Utc
 from tle.propagator import Propagator
@@ -107,17 +108,18 @@ def outside(path: AxisPath, ability: Ability) -> list[PredictedLoss]:
     """Return the stretches in which a path is past a limit of place, by limit.
 
     On the way to a limit the axes are held so much sooner that they would stop inside if nothing were heard
-    from this side for the longest fault.
+    from this side for the longest fault, and an abort acted as late as the profile says.
     """
     found = []
     limits = ability.limits
     margins = margins_deg(path.pointing, ability.profile, limits, ability.latitude_deg)
     speed = np.hypot(path.hour_angle_rate_deg_s, path.dec_rate_deg_s) + SIDEREAL_RATE_DEG_S
+    ahead_s = unheeded_s(ability.profile, limits.longest_fault_s)
     for name, margin in margins.items():
         finite = np.where(np.isfinite(margin), margin, FAR_DEG)
         # A body that comes above the horizon comes no nearer by that.
         closing = np.clip(-np.gradient(finite, path.utc_s), 0.0, 1.1 * speed)
-        for first, last in stretches(margin < NEAR_DEG + limits.longest_fault_s * closing):
+        for first, last in stretches(margin < NEAR_DEG + ahead_s * closing):
             least = float(np.min(margin[first : last + 1]))
             words = f"goes {-least:.1f}° past the limit" if least < 0.0 else f"comes to {least:.1f}° from it"
             speed_deg_s = float(np.max(path.sky_rate_deg_s[first : last + 1])) - SIDEREAL_RATE_DEG_S

@@ -35,7 +35,7 @@ BRAKING_SHARE = 0.8
 
 
 class Delays(NamedTuple):
-    """How old what was seen is, how long until a command acts, and how long no other may arrive; seconds."""
+    """How old what was seen is, how long until a command acts, and how long no other may act; seconds."""
 
     age_s: float
     latency_s: float
@@ -88,6 +88,15 @@ def latency_s(profile: MountProfile) -> float:
     return PERIODS_UNTIL_OBEYED * profile.period_s + JITTER_S + delay_s + edge_s
 
 
+def unheeded_s(profile: MountProfile, longest_fault_s: float) -> float:
+    """Return for how long a rate that is in force may go on although it must end, seconds.
+
+    What would end it is lost for the longest fault; and what ends it at last may be an abort, which some
+    mounts obey later than any other command.
+    """
+    return longest_fault_s + profile.abort_delay_s
+
+
 def standstill_s(rate_deg_s: float, latency_s: float, acceleration_deg_s2: float) -> float:
     """Return within what time an axis stands after a stop is asked for, a lost datagram not counted."""
     return latency_s + abs(rate_deg_s) / (BRAKING_SHARE * acceleration_deg_s2)
@@ -120,11 +129,12 @@ class Ahead:
     """Looks ahead for one mount among its bounds."""
 
     def __init__(self, profile: MountProfile, limits: SafetyLimits, bounds: Bounds) -> None:
-        self._limits, self._bounds = limits, bounds
+        self._bounds = bounds
+        self._unheeded_s = unheeded_s(profile, limits.longest_fault_s)
         self._braking_deg_s2 = profile.braking_deg_s2
         self.latency_s = latency_s(profile)
         """How long it takes until the mount acts on what is decided now."""
-        self.horizon_s = self.latency_s + limits.longest_fault_s
+        self.horizon_s = self.latency_s + self._unheeded_s
         """How long it may take until it acts on what is decided next."""
         self.edges_wait_s = EDGE_PERIODS * profile.period_s + limits.longest_fault_s
         """How long rates may be in force on a mount that takes them by edges, from when they were judged."""
@@ -150,7 +160,7 @@ class Ahead:
         return Box(*ha.deg(rates[0]), *dec.deg(rates[1]))
 
     def _reaches(self, spot: Spot, now: RateRanges) -> tuple[AxisReach, AxisReach]:
-        delays = Delays(spot.age_s, self.latency_s, self._limits.longest_fault_s)
+        delays = Delays(spot.age_s, self.latency_s, self._unheeded_s)
         (ha_low, dec_low), (ha_high, dec_high) = now
         ha_deg, dec_deg = spot.place
         ha_braking, dec_braking = self._braking_deg_s2

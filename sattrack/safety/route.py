@@ -94,19 +94,34 @@ def slew_s(one: Place, other: Place, profile: MountProfile) -> float:
     return HANDSHAKE_S + max(times)
 
 
+def overshoot_deg(one: Place, other: Place, profile: MountProfile) -> tuple[float, float]:
+    """Return how far past its end each axis may come where a slew is aborted, signed, degrees.
+
+    Until an abort acts, `abort_delay_s`, an axis may go on at the rate that it has, also while it brakes.
+    """
+    found = []
+    for begin, end, axis in zip(one, other, (profile.ra, profile.dec), strict=True):
+        gap_deg = end - begin
+        fastest = min(axis.slew_rate_deg_s, math.sqrt(2.0 * axis.max_acceleration_deg_s2 * abs(gap_deg)))
+        found.append(math.copysign(fastest * profile.abort_delay_s, gap_deg))
+    return found[0], found[1]
+
+
 def path_boxes(one: Place, other: Place, profile: MountProfile) -> Iterator[Box]:
     """Yield boxes that hold all of a slew's way."""
     # The mount joins the sky, which moves on while it slews.
     drift_deg = SIDEREAL_RATE_DEG_S * slew_s(one, other, profile)
+    ha, dec = overshoot_deg(one, other, profile)
+    ahead = (max(0.0, -ha), max(0.0, ha) + drift_deg, max(0.0, -dec), max(0.0, dec))
     if profile.slew_path == "any":
-        yield Box.between(one, other).grown(0.0, drift_deg, 0.0, 0.0)
+        yield Box.between(one, other).grown(*ahead)
         return
     for k in range(PIECES):
         ends = [
             (one[0] + (other[0] - one[0]) * part, one[1] + (other[1] - one[1]) * part)
             for part in (k / PIECES, (k + 1) / PIECES)
         ]
-        yield Box.between(ends[0], ends[1]).grown(0.0, drift_deg, 0.0, 0.0)
+        yield Box.between(ends[0], ends[1]).grown(*ahead)
 
 
 def blocked(

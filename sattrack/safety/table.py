@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from sattrack.safety.rate_limit import Delays, closing_s, latency_s, standstill_s
+from sattrack.safety.rate_limit import Delays, closing_s, latency_s, standstill_s, unheeded_s
 from sattrack.safety.watch import (
     CLOCK_PROOF,
     DISOBEDIENT_FOR_S,
@@ -62,13 +62,14 @@ def promise_s(row: Interlock, profile: MountProfile, longest_fault_s: float, rat
         return 0.0
     slower = min(profile.braking_deg_s2)
     noticed_s = row.noticed_s + (longest_fault_s if row.faults_pass else 0.0)
-    return noticed_s + profile.period_s + standstill_s(rate_deg_s, latency_s(profile), slower)
+    obeyed_s = profile.period_s + profile.abort_delay_s
+    return noticed_s + obeyed_s + standstill_s(rate_deg_s, latency_s(profile), slower)
 
 
 def closing_promise_s(profile: MountProfile, longest_fault_s: float, rate_deg_s: float) -> float:
     """Return within what time a stream held at a limit comes nearer no faster than CREEP_DEG_S."""
-    slower = min(profile.braking_deg_s2)
-    return closing_s(rate_deg_s, Delays(0.0, latency_s(profile), longest_fault_s), slower)
+    delays = Delays(0.0, latency_s(profile), unheeded_s(profile, longest_fault_s))
+    return closing_s(rate_deg_s, delays, min(profile.braking_deg_s2))
 
 
 AHEAD = "where the axes would rest if no command arrived for `longest_fault_s`"

@@ -30,13 +30,8 @@ def test_no_invariant_breaks(seed: int) -> None:
     assert [str(one) for one in verdict.violations] == []
 
 
-OPEN = {1138, 1140}
-"""Mounts whose abort acts later than safety knows (docs/reliability.md)."""
-LATE_ABORT = pytest.mark.xfail(reason="an abort that acts late passes a limit", strict=True)
-
-
 @pytest.mark.soak
-@pytest.mark.parametrize("seed", [pytest.param(n, marks=LATE_ABORT) if n in OPEN else n for n in SOAKED])
+@pytest.mark.parametrize("seed", SOAKED)
 def test_no_invariant_breaks_in_a_thousand(seed: int) -> None:
     verdict, _ = judged(draw(seed))
     assert [str(one) for one in verdict.violations] == []
