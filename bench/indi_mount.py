@@ -37,7 +37,11 @@ class Driver:
             self.port = int(probe.getsockname()[1])
         command = ["indiserver", "-p", str(self.port), "-u", f"/tmp/indiserver-{self.port}"]
         quiet = subprocess.DEVNULL
-        driver = subprocess.Popen([*command, "indi_simulator_telescope"], stdout=quiet, stderr=quiet)
+        # The driver keeps its state in the home folder: a telescope once parked begins parked.
+        home = {**os.environ, "HOME": closing.enter_context(tempfile.TemporaryDirectory())}
+        driver = subprocess.Popen(
+            [*command, "indi_simulator_telescope"], env=home, stdout=quiet, stderr=quiet
+        )
         closing.callback(driver.wait)
         closing.callback(driver.terminate)
         self.until("CONNECTION.CONNECT")

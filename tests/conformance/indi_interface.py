@@ -17,7 +17,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, NamedTuple, cast
 from xml.etree import ElementTree
 
-from alpaca_telescope import Finding
+from conformu_checks import Finding
 
 from sattrack.servers.alpaca.indi import DEVICE
 

@@ -23,10 +23,10 @@ for folder in ("tests/sattrack/servers/alpaca", "tests/sattrack", "bench", "."):
 
 import alpaca_requests  # noqa: E402 - found beside this file
 import alpaca_serving  # noqa: E402
-import alpaca_telescope  # noqa: E402
+import conformu_checks  # noqa: E402
 import indi_interface  # noqa: E402
 from alpaca.telescope import Telescope  # noqa: E402
-from alpaca_telescope import Bench, Finding  # noqa: E402
+from conformu_checks import Bench, Finding  # noqa: E402
 from indi_programs import indi_server  # noqa: E402
 from serving import serving_program  # noqa: E402
 
@@ -39,14 +39,14 @@ PAGE = ROOT / "docs" / "conformance.md"
 GERMAN = 'pier_rule = "hour_angle"\n[simulator]\nflip = "hour_angle"\n'
 Checks = tuple["Callable[[Bench], None]", ...]
 GROUPS: dict[str, Checks] = {
-    "properties": alpaca_telescope.QUICK,
-    "methods": (*alpaca_telescope.METHODS, *alpaca_telescope.AFTER_EVERYTHING),
-    "German mount": alpaca_telescope.OF_A_GERMAN_MOUNT,
+    "properties": conformu_checks.QUICK,
+    "methods": (*conformu_checks.METHODS, *conformu_checks.AFTER_EVERYTHING),
+    "German mount": conformu_checks.OF_A_GERMAN_MOUNT,
     **{
-        f"offset rates {at:+g} h": (alpaca_telescope.offset_motion(at),)
-        for at in alpaca_telescope.HOUR_ANGLES_H
+        f"offset rates {at:+g} h": (conformu_checks.offset_motion(at),)
+        for at in conformu_checks.HOUR_ANGLES_H
     },
-    "pulses": tuple(alpaca_telescope.pulse_motion(at) for at in alpaca_telescope.HOUR_ANGLES_H),
+    "pulses": tuple(conformu_checks.pulse_motion(at) for at in conformu_checks.HOUR_ANGLES_H),
 }
 
 

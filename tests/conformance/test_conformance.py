@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote, urlencode
 
-import alpaca_telescope
+import conformu_checks
 import pytest
 from alpaca_requests import READ, Client, Request, all_requests, objections
 from alpaca_stand import VirtualTelescope
@@ -112,7 +112,7 @@ def test_what_does_not_hold_is_what_the_page_says_and_no_more() -> None:
         "TELESCOPE_MOTION_NS MOTION_NORTH",
         "TELESCOPE_MOTION_WE MOTION_WEST",
     }
-    assert set(alpaca_telescope.CANS) <= set(ROWS)
+    assert set(conformu_checks.CANS) <= set(ROWS)
 
 
 @pytest.mark.soak

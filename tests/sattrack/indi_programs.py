@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import subprocess
+import tempfile
 import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -45,14 +47,17 @@ def indi_server(program: Callable[[str], str], *drivers: str) -> Iterator[int]:
     """Run INDI's own server with drivers, each a path or DEVICE@HOST:PORT; give its port."""
     with socket.create_server(("127.0.0.1", 0)) as probe:
         port = probe.getsockname()[1]
-    process = subprocess.Popen(
-        # Its local socket has one name for all on this machine, unless another is given.
-        [program("indiserver"), "-p", str(port), "-u", f"/tmp/indiserver-{port}", *drivers],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    try:
-        yield port
-    finally:
-        process.terminate()
-        process.wait(timeout=PATIENCE_S)
+    with tempfile.TemporaryDirectory() as folder:
+        process = subprocess.Popen(
+            # Its local socket has one name for all on this machine, unless another is given.
+            [program("indiserver"), "-p", str(port), "-u", f"/tmp/indiserver-{port}", *drivers],
+            # The drivers keep their state in the home folder: a telescope once parked begins parked.
+            env={**os.environ, "HOME": folder},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            yield port
+        finally:
+            process.terminate()
+            process.wait(timeout=PATIENCE_S)

@@ -5,13 +5,17 @@ from __future__ import annotations
 import select
 import socket
 import struct
-import subprocess
 import time
+from typing import TYPE_CHECKING
 
 import pytest
+from indi_programs import indi_server
 
 from sattrack.camera.frames import more_light
 from sattrack.camera.sources import CONTROL, SourceOptions, open_source, v4l_range
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 FINDS_WITHIN_S = 20.0
 
@@ -50,17 +54,11 @@ def test_a_v4l2_query_has_the_kernels_size_and_what_is_no_camera_has_no_gain() -
 
 @pytest.mark.needs("indiserver")
 @pytest.mark.needs("indi_simulator_ccd")
-def test_indis_own_simulated_camera_is_exposed_longer_and_then_with_more_gain() -> None:
+def test_indis_own_simulated_camera_is_exposed_longer_and_then_with_more_gain(
+    program: Callable[[str], str],
+) -> None:
     pytest.importorskip("indipyclient")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    server = subprocess.Popen(
-        ["indiserver", "-p", str(port), "indi_simulator_ccd"],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    try:
+    with indi_server(program, program("indi_simulator_ccd")) as port:
         until_s = time.monotonic() + FINDS_WITHIN_S
         while True:
             with socket.socket() as door:
@@ -77,9 +75,6 @@ def test_indis_own_simulated_camera_is_exposed_longer_and_then_with_more_gain() 
                 break
             camera.adjust(3.0)
         camera.close()
-    finally:
-        server.terminate()
-        server.wait()
     exposures, written, gains = zip(*seen, strict=True)
     assert exposures == pytest.approx((0.1, 0.3, 0.5, 0.5))
     assert written == pytest.approx(exposures)

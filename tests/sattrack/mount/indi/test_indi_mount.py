@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import signal
 import subprocess
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
+import erfa
 import pytest
 from indi_programs import Indi, indi_server
 from programs import ended, sattrack
@@ -160,8 +162,9 @@ def simulator(program: Callable[[str], str]) -> Iterator[tuple[Indi, str]]:
         latitude, longitude, height = WHERE.split(",")
         client.set(f"GEOGRAPHIC_COORD.LAT={latitude};LONG={longitude};ELEV={height}")
         client.set("TELESCOPE_TRACK_STATE.TRACK_ON=On")
-        # It begins at the pole six hours off the meridian.
-        ra_h = (client.number("EQUATORIAL_EOD_COORD.RA") + 6.0) % 24.0
+        # By the sidereal time, as its first right ascensions are those of no site yet.
+        sidereal = erfa.gmst82(2440587.5, time.time() / 86400.0) + math.radians(float(longitude))
+        ra_h = math.degrees(sidereal) / 15.0 % 24.0
         client.set(f"EQUATORIAL_EOD_COORD.RA={ra_h};DEC=40")
         client.until("EQUATORIAL_EOD_COORD.DEC", lambda value: abs(float(value or 0.0) - 40.0) < 0.001)
         client.until("EQUATORIAL_EOD_COORD._STATE", lambda value: value == "Ok")
