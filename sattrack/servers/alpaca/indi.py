@@ -208,7 +208,8 @@ class ServedIndiDevice:
         if vector.name == "CONNECTION":
             order = "connect" if values.get("CONNECT") == "On" else "disconnect"
             self.telescope.order(order, self.client, now_utc_s)
-        elif not self.telescope.connected(self.client):
+        elif vector.name in MOVERS and not self.telescope.connected(self.client):
+            # KStars sends its time and place as soon as it sees the properties.
             raise Fault(Number.NOT_CONNECTED, "connect first")
         if vector.name in MOTIONS:
             return self._turn(vector.name, values, caller, now_utc_s)
