@@ -7,8 +7,9 @@ What such a mount calls hour angle and declination are the angles of its axes, a
 at random, with either sense and any zero. Half of the mounts report those angles, the others right ascension
 and declination of where the tube points. That is computed by the rotations of `strangers/alpaca_two_axes.py`
 and by ERFA, which know nothing of this program. Each draw is followed with those axes, and by the same drives
-as an equatorial mount, at that pass and at another: an error depends on the rates of a pass. The error is
-that of the tube on the sky.
+as an equatorial mount, at that pass and at another. An error depends on what a pass asks: so the equatorial
+mount follows too, of forty passes, the two that ask most nearly the same rates and accelerations of it. The
+error is that of the tube on the sky.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import statistics
 import struct
 import sys
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import erfa
 import family
@@ -39,12 +40,16 @@ from sattrack.safety import SafetyLimits
 from tle.instants import Utc
 from tle.propagator import Propagator
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
 STRANGERS = ("velocity_servo", "position_servo", "planner")
 STATUS_PLACE = struct.Struct("<24xd8xd8xd")
 """Where a status has declination, right ascension and sidereal time."""
 FASTEST_DEG_S, WIDEST_DEG, STEEPEST_DEG = 3.0, 150.0, 80.0
 """Passes through a keyhole, or round the back, are no equatorial mount's either."""
 BOUND = 1.5
+ALIKE_OF = 40
 FOLLOWED_EVERY = 10
 """One mount of so many is followed with by the axes that were found."""
 ANYWHERE = SafetyLimits(floor_altitude_deg=-90.0, optical=False)
@@ -214,11 +219,15 @@ class AxesRun(family.Run):
 
 
 class Followed(NamedTuple):
-    """RMS errors with a mount's own axes and as an equatorial one, arcseconds; NaN where never acquired."""
+    """RMS errors with a mount's own axes and as an equatorial one, arcseconds; NaN where never acquired.
+
+    `alike_arcsec` is that of the equatorial mount at passes that ask as much of its axes.
+    """
 
     number: int
     own_arcsec: float
     equatorial_arcsec: float
+    alike_arcsec: float
     peak_rate_deg_s: float
     why: str
 
@@ -228,17 +237,41 @@ def others(number: int) -> tuple[int, ...]:
     return (number, number + 1000)
 
 
+def asked(path: Any) -> Any:
+    """Return the most that a path asks: rate and acceleration of its faster axis, as logarithms."""
+    step_s = family.LASTS_S / family.LOOKS
+    rates = np.abs(path[:, 2:]).max()
+    accelerations = np.abs(np.diff(path[:, 2:], axis=0)).max() / step_s
+    return np.log([rates, accelerations])
+
+
+def alike(number: int, path: Any) -> list[int]:
+    """Return the two of ALIKE_OF draws that ask most nearly of an equatorial mount what a path does."""
+    apart = []
+    for one in range(number + 1000, number + 1000 * (ALIKE_OF + 1), 1000):
+        drawn = family.draw(one, STRANGERS)
+        pole = AxisGeometry(0.0, drawn.site.latitude_deg)
+        plain = _path(drawn, AxisFrame(pole, drawn.site.latitude_deg))
+        apart.append((float(np.linalg.norm(asked(plain) - asked(path))), one))
+    return [one for _, one in sorted(apart)[:2]]
+
+
 def follow(number: int) -> Followed:
     """Follow a draw with both."""
     axes = draw(number)
     path = _path(axes.drawn, AxisFrame(axes.geometry, axes.drawn.site.latitude_deg))
     run = AxesRun(axes).run()
-    passes = [replace(family.draw(one, STRANGERS), hardware=axes.drawn.hardware) for one in others(number)]
-    squares = [family.Run(plain, "truth").run().settled_rms_arcsec() ** 2 for plain in passes]
+
+    def as_equatorial(numbers: Iterable[int]) -> float:
+        passes = [replace(family.draw(one, STRANGERS), hardware=axes.drawn.hardware) for one in numbers]
+        squares = [family.Run(plain, "truth").run().settled_rms_arcsec() ** 2 for plain in passes]
+        return math.sqrt(statistics.fmean(squares))
+
     return Followed(
         number,
         run.settled_rms_arcsec(),
-        math.sqrt(statistics.fmean(squares)),
+        as_equatorial(others(number)),
+        as_equatorial(alike(number, path)),
         float(np.max(np.abs(path[:, 2:]))),
         "" if run.ended_by is None else f"{run.ended_by}: {run.message}",
     )
@@ -336,11 +369,19 @@ def find(number: int) -> Found:
 
 def tell_followed(followed: list[Followed]) -> None:
     """Print how mounts were followed with."""
-    ratios = [one.own_arcsec / max(one.equatorial_arcsec, LEAST_ARCSEC) for one in followed]
-    known = sorted(ratio for ratio in ratios if math.isfinite(ratio))
-    print(f"followed with: {len(known)} of {len(followed)} mounts")
-    print(f"error over the equatorial one: median {statistics.median(known):.2f}, most {known[-1]:.2f}")
-    print(f"within {BOUND}: {sum(ratio <= BOUND for ratio in known)}")
+    for words, errors in (
+        ("at any pass", [one.equatorial_arcsec for one in followed]),
+        ("at passes that ask as much of it", [one.alike_arcsec for one in followed]),
+    ):
+        ratios = [
+            one.own_arcsec / max(error, LEAST_ARCSEC) for one, error in zip(followed, errors, strict=True)
+        ]
+        known = sorted(ratio for ratio in ratios if math.isfinite(ratio))
+        near = sum(ratio <= BOUND for ratio in known)
+        print(
+            f"followed with: {len(known)} of {len(followed)} mounts; error over the equatorial one's {words}:"
+        )
+        print(f"  median {statistics.median(known):.2f}, most {known[-1]:.2f}, within {BOUND}: {near}")
 
 
 def tell_found(found: list[Found]) -> None:

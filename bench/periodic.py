@@ -9,10 +9,8 @@ ERFA and SGP4, no formula of the fit. Passes of two orbits are followed in virtu
 the satellite is early or late and beside its elements, the camera's image is turned, with 1.5″ of noise.
 
 `sattrack report --learn-profile` learns from the first passes. Later ones are followed without what was
-learnt, with it, and with it after the first gear was turned by half a wave. *axes*: how far the axes stand
-past what is fed, in truth, RMS over the pass, but for a line in time of each axis, which orbit and pointing
-model take. *seen*: the satellite from the middle of the image, RMS from 20 s after the first frame on, the
-camera correcting.
+learnt, with it, and with it after the first gear was turned by half a wave. *seen*: the satellite from the
+middle of the image, RMS from 20 s after the first frame on, while the camera corrects.
 """
 
 from __future__ import annotations
@@ -26,7 +24,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import msgspec
-import numpy as np
 
 from sattrack.cli.main import run as sattrack
 from sattrack.control.biases import Camera
@@ -144,8 +141,6 @@ class Followed:
 
     seen: list[tuple[float, float]] = field(default_factory=list)
     """Seconds since the first frame, and how far the satellite is from the middle of the image."""
-    beside: list[tuple[float, float]] = field(default_factory=list)
-    """By how much the axes stand past what is fed, along each axis on the sky."""
     table_left: bool = False
     warnings: tuple[str, ...] = ()
 
@@ -153,16 +148,6 @@ class Followed:
         """Return the error that the camera shows once it has settled."""
         off = [one for since, one in self.seen if since >= SETTLED_S]
         return math.sqrt(sum(one * one for one in off) / len(off))
-
-    def beside_rms(self) -> float:
-        """Return by how much the axes stand beside what is fed, but for a line in time of each axis.
-
-        A zero point that is off and one that drifts are the orbit's and the pointing model's too.
-        """
-        off = np.array(self.beside)
-        at = np.arange(len(off))
-        left = off - np.stack([np.polyval(np.polyfit(at, one, 1), at) for one in off.T], axis=1)
-        return float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
 
 
 class WatchedRun(VirtualRun):
@@ -194,7 +179,6 @@ class WatchedRun(VirtualRun):
         self._first_s = min(self._first_s, seen.true_utc_s)
         off = math.hypot(seen.dx_arcsec, seen.dy_arcsec)
         self._found.seen.append((seen.true_utc_s - self._first_s, off))
-        self._note_axes(truth)
         if self._guided and seen.inside:
             noise = [self._rng.gauss(0.0, NOISE_ARCSEC) for _ in (0, 1)]
             message = SeenOffset(
@@ -205,21 +189,6 @@ class WatchedRun(VirtualRun):
                 camera="guide",
             )
             self._at(truth.utc_s + self._rng.uniform(*LATE_S), self._operate, message)
-
-    def _note_axes(self, truth: Truth) -> None:
-        """Note the hidden waves at the axes' angles, less what is fed for them."""
-        hidden = self._camera.hidden
-        true = [
-            sum(size * math.sin(math.radians(n * angle + phase)) for size, n, phase in waves(text))
-            for text, angle in (
-                (hidden.ha_wave, truth.hour_angle_axis_deg),
-                (hidden.dec_wave, truth.dec_axis_deg),
-            )
-        ]
-        level = abs(math.cos(math.radians(truth.dec_axis_deg)))
-        fed = self.engine.tracker.periodic_arcsec(truth.utc_s) or (0.0, 0.0)
-        sense = -1.0 if truth.beyond_pole else 1.0
-        self._found.beside.append((true[0] * level - fed[0], true[1] - sense * fed[1]))
 
 
 def follow(
@@ -270,10 +239,10 @@ def figures(mount: Mount, passes: list[RunFacts], profile: MountProfile, seed: i
         mount.rng.setstate(state)
         found.append(follow(passes[-1], mount, own, 100 * seed + len(passes), turned_deg=turned_deg))
     one, other, turned = found
+    left = ["left aside" if each.table_left else "kept" for each in found]
     return (
-        f"axes {one.beside_rms():.2f}″ to {other.beside_rms():.2f}″, seen {one.seen_rms():.2f}″ to "
-        f"{other.seen_rms():.2f}″{', table left aside' if other.table_left else ''}; gear turned: seen "
-        f"{turned.seen_rms():.2f}″, table {'left aside' if turned.table_left else 'kept'}"
+        f"seen {one.seen_rms():.2f}″ to {other.seen_rms():.2f}″, table {left[1]}; gear turned: seen "
+        f"{turned.seen_rms():.2f}″, table {left[2]}"
     )
 
 
