@@ -78,7 +78,7 @@ COMPUTED: dict[type[ast.operator], type[ast.operator]] = {
     ast.Mod: ast.FloorDiv, ast.Pow: ast.Mult, ast.BitOr: ast.BitAnd, ast.BitAnd: ast.BitOr,
     ast.LShift: ast.RShift, ast.RShift: ast.LShift, ast.MatMult: ast.Mult,
 }  # fmt: skip
-NOT_CODE = frozenset({"annotation", "returns", "decorator_list"})
+NOT_CODE, FROZEN = frozenset({"annotation", "returns", "decorator_list"}), (ast.ClassDef, "keywords")
 
 
 class Mutant(NamedTuple):
@@ -135,7 +135,11 @@ def _nodes(tree: ast.AST) -> list[ast.AST]:
             continue
         found.append(node)
         for field, value in ast.iter_fields(node):
-            if field not in NOT_CODE and not isinstance(node, ast.JoinedStr):
+            if (
+                field not in NOT_CODE
+                and not isinstance(node, ast.JoinedStr)
+                and (type(node), field) != FROZEN
+            ):
                 each = value if isinstance(value, list) else [value]
                 left += [one for one in each if isinstance(one, ast.AST)]
     return found
