@@ -241,7 +241,8 @@ def readying(one: NightPass) -> Run:
 
 def test_the_actions_before_a_pass_come_one_after_the_other_and_then_the_pass() -> None:
     one = one_pass(
-        before=(CommandAction(run=("x",)), CommandAction(run=("y",))), after=(CommandAction(run=("z",)),)
+        before=(CommandAction(run=("x",)), CommandAction(run=("y",))),
+        after=(CommandAction(run=("z",)), CommandAction(run=("w",))),
     )
     run = readying(one)
     run, order = machine.step(run, StepDone(utc_s=one.leave_utc_s, done=True))
@@ -254,6 +255,57 @@ def test_the_actions_before_a_pass_come_one_after_the_other_and_then_the_pass() 
     assert order == DoStep(index=0, when="after", step=0)
     assert order.action_of(one) == one.terms.after[0]
     assert run.results[0].state == "done"
+    run, order = machine.step(run, StepDone(utc_s=one.end_utc_s + 1.0, done=False, words="exit 1"))
+    assert order == DoStep(index=0, when="after", step=1)
+    assert run.notes[-1] == f"{one.name}: {one.terms.after[0].words}: exit 1"
+    run, order = machine.step(run, StepDone(utc_s=one.end_utc_s + 2.0, done=True))
+    assert order == Wait(until_utc_s=one.end_utc_s + 2.0)
+    assert run.state is RunState.WAITING
+
+
+def test_a_pass_that_an_action_may_cost_is_lost_to_it_in_its_words() -> None:
+    one = one_pass(before=(CommandAction(run=("x",), if_it_fails="skip"),))
+    run, order = machine.step(readying(one), StepDone(utc_s=one.leave_utc_s, done=False, words="exit 1"))
+    assert isinstance(order, Wait)
+    (result,) = run.results
+    assert (result.state, result.cause) == ("lost", "command")
+    assert result.words == f"{one.terms.before[0].words}: exit 1"
+
+
+def test_a_pass_is_prepared_a_minute_and_a_half_before_the_mount_sets_out() -> None:
+    one = one_pass()
+    run, order = machine.step(replace(waiting_for(one), mount=Mount.PARKED), Due(utc_s=BEGIN + 1.0))
+    assert order == Wait(until_utc_s=one.leave_utc_s - 90.0)
+    _, order = machine.step(run, Due(utc_s=one.leave_utc_s - 90.0))
+    assert order == Prepare(index=0, wake=True)
+
+
+def test_the_same_bad_weather_is_told_once() -> None:
+    first, second = drawn_passes(Random(1), 1, BEGIN + 3000.0, BEGIN + 80000.0)[:2]
+    passes = [replace(one, terms=Terms(if_weather_unsafe="skip")) for one in (first, second)]
+    run, _ = machine.step(Run(), Started(utc_s=BEGIN, settings=settings(1.0)))
+    run, _ = machine.step(run, Planned(utc_s=BEGIN, passes=tuple(passes)))
+    run, _ = machine.step(run, Due(utc_s=first.leave_utc_s - 10.0))
+    run, _ = machine.step(run, PassPrepared(utc_s=first.leave_utc_s - 9.0))
+    run, _ = machine.step(run, WeatherReported(utc_s=first.leave_utc_s - 8.0, safe=False, words="rain"))
+    assert (run.results[0].cause, run.results[0].words, run.weather) == ("weather", "rain", "rain")
+
+
+def test_after_a_night_the_next_begins_empty_and_after_the_last_the_run_ends() -> None:
+    run = replace(following(one_pass()), settings=settings(2.0), others={"lost": 3})
+    run = replace(run, state=RunState.SUMMING_UP, mount=Mount.PARKED, results=(Result("done"),))
+    first_end = run.night_to_utc_s
+    run, order = machine.step(run, SummedUp(utc_s=run.night_to_utc_s))
+    assert (run.night, run.passes, run.results, run.others) == (2, (), (), {})
+    assert order == Wait(until_utc_s=first_end)
+    assert run.night_from_utc_s == first_end
+    # The machine sleeps through all the rest.
+    late = BEGIN + 40.0 * 86400.0
+    run, order = machine.step(replace(run, state=RunState.SUMMING_UP), SummedUp(utc_s=late))
+    while not isinstance(order, End):
+        run, order = machine.step(replace(run, state=RunState.SUMMING_UP), SummedUp(utc_s=late))
+        assert run.night < 5
+    assert run.night_to_utc_s == settings(2.0).to_utc_s
 
 
 @pytest.mark.parametrize("count", [1, 2])
