@@ -36,8 +36,12 @@ STOPS_AFTER_S = 8.0
 MAX_RATE_DEG_S = 6.0
 LED_FROM_SEED = 1000
 """From this seed on, the pass crosses the floor."""
-PROGRAMS: dict[int, Literal["rotctld", "console"]] = {3: "console", 5: "rotctld"}
+Program = Literal["track", "rotctld", "console", "alpaca", "antenna"]
+PROGRAMS: dict[int, Program] = {3: "console", 5: "rotctld"}
 """Of seeds, by their remainder of 7; the others are over `track`."""
+SERVERS_FROM_SEED = 5000
+SERVERS: dict[int, Program] = {1: "alpaca", 6: "antenna"}
+"""From this seed on these are others still."""
 LATE_MOST_S = 0.5
 """How much later than its fellows a datagram may come: what a stop is safe from (docs/reliability.md)."""
 
@@ -109,8 +113,9 @@ class Storm:
     faults: tuple[Fault, ...]
     people: tuple[Person, ...]
     watchdog: bool = False
-    program: Literal["track", "rotctld", "console"] = "track"
-    """`sattrack track`, `serve rotctld`, or the manual console, `mount watch`."""
+    program: Program = "track"
+    """`sattrack track`, `serve rotctld`, `serve alpaca --rotctld`, `serve antenna`, or the manual console,
+    `mount watch`."""
     fault_free: bool = field(default=False)
     late_most_s: float = LATE_MOST_S
     """By how much a datagram that is held back comes late at most."""
@@ -124,13 +129,16 @@ class Storm:
         """When the last fault is over, seconds after the begin."""
         return max((fault.end_s for fault in self.faults), default=0.0)
 
-    def overtaken(self, late_s: float) -> Storm:
-        """Return a short run in which a fifth of the commands comes late, and nothing else is wrong."""
+    def overtaken(self, late_s: float, both: bool) -> Storm:
+        """Return a short run in which a fifth of the commands comes late, and nothing else is wrong.
+
+        `both`: a fifth of the statuses as well.
+        """
         fair = self.fair()
         plan = msgspec.structs.replace(self.facts.plan, end_utc_s=self.begin_s + STOPS_AFTER_S)
         facts = msgspec.structs.replace(self.facts, plan=plan)
-        commands = replace(fair.commands, late=0.2)
-        return replace(fair, facts=facts, commands=commands, people=(), late_most_s=late_s)
+        commands, statuses = replace(fair.commands, late=0.2), replace(fair.statuses, late=0.2 * both)
+        return replace(fair, facts=facts, commands=commands, statuses=statuses, people=(), late_most_s=late_s)
 
     def fair(self) -> Storm:
         """Return the same without faults."""
@@ -160,7 +168,8 @@ def draw(seed: int) -> Storm:
     commands = drawn_way(dice, hardware.command_delay_s, 0.0)
     statuses = drawn_way(dice, hardware.status_delay_s, 0.002)
     people = drawn_people(dice, facts)
-    program = PROGRAMS.get(seed % 7, "track")
+    programs = PROGRAMS | SERVERS if seed >= SERVERS_FROM_SEED else PROGRAMS
+    program = programs.get(seed % 7, "track")
     return Storm(
         seed=seed,
         hardware=hardware,

@@ -90,6 +90,8 @@ class Verdict:
     seconds: float = 0.0
     standstill_s: float | None = None
     """From the stop until both axes stood, where the mount was in reach all that time."""
+    left_at_rest: bool = True
+    """Whether the axes rested at the very end, some time after everybody had let go of the mount."""
     recovered_arcsec: float | None = None
     replayed: bool = False
     faults: tuple[str, ...] = ()
@@ -265,6 +267,7 @@ class Watcher(Judging):
     def ended(self, world: World, ended: Ended) -> None:
         verdict = self.verdict
         verdict.seconds = ended.over_s
+        verdict.left_at_rest = self.path[-1].speed_deg_s <= 2.0 * REST_RATE_DEG_S
         if ended.killed:
             verdict.ended_by = "kill"
         elif ended.summary is not None:

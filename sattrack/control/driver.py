@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.mount.link_loss import STOP_LINGER_S, longest_stop_s
+from sattrack.mount.link_loss import STOP_LINGER_S, lets_go_after_s, longest_stop_s
 from sattrack.mount.model import Hold, MoveAxes, StatusSample, Stop, seen_of
 from sattrack.mount.xerxes.link import LinkState
 from sattrack.mount.xerxes.session import Session
@@ -73,6 +73,7 @@ class StopProcedure:
         elif self._rest_utc_s is None:
             self._rest_utc_s = now_utc_s
         rested = self._rest_utc_s is not None and now_utc_s - self._rest_utc_s >= STOP_LINGER_S
+        rested = rested and waited_s >= lets_go_after_s(session.health.overtaken_s)
         heard = session.sample is not None
         if self.finished:
             if rested and self.needed:

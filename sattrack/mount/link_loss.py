@@ -22,6 +22,10 @@ STOPS_MOVING_S = 60.0
 """How long it stops one that answers but does not come to rest."""
 STOP_LINGER_S = 0.25
 """Flag-free datagrams after the rest was seen, so that no late one is the last that the mount gets."""
+OVERTAKEN_SHARE = 1.5
+MOST_OVERTAKEN_S = 10.0
+"""Where datagrams overtake one another, a mount is let go of so much later than the stop's begin as the worst
+of them was overtaken by, and half as much: one with a motion may still be under way."""
 STOPS_SLOW_S = 1.0
 STOPS_SLOWEST_S = 5.0
 STOPS_SLOW_FOR_S = 60.0
@@ -203,6 +207,11 @@ CONTRACT = (
     ),
 )
 ROWS = {row.key: row for row in CONTRACT}
+
+
+def lets_go_after_s(overtaken_s: float) -> float:
+    """Return for how long a stop lasts at least on a link that has had datagrams overtaken by so much."""
+    return min(OVERTAKEN_SHARE * overtaken_s, MOST_OVERTAKEN_S)
 
 
 def longest_stop_s(heard: bool) -> float:

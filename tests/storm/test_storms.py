@@ -86,3 +86,9 @@ def test_without_the_source_tree_storms_say_what_they_need(
     monkeypatch.setattr("sattrack.cli.storm.BENCH", tmp_path)
     assert run(["storm", "--seed", "0"]) == 1
     assert "storms need the source tree" in capsys.readouterr().err
+
+
+def test_a_late_motion_does_not_outlast_a_stop_where_the_link_is_seen_to_reorder() -> None:
+    """Of a fifth of the datagrams each way, up to 8 s late, some come after the mount was seen at rest."""
+    verdict, _ = judged(draw(212).overtaken(8.0, both=True))
+    assert verdict.left_at_rest

@@ -97,6 +97,8 @@ class LinkHealth:
     foreign_acks: int = 0
     repeated: int = 0
     frozen: int = 0
+    overtaken_s: float = 0.0
+    """By how much a status has come later than one that the mount sent after it, at most."""
     state: LinkState = LinkState.SILENT
     froze: bool = False
     """Whether frozen statuses are all that came since the last accepted one."""
@@ -189,7 +191,7 @@ class StatusSequence:
             if 0 < ahead <= TRUSTED_JUMP + TRUSTED_JUMP_PER_S * silence_s:
                 self._note_missing(last + 1, counter, arrival_utc_s)
             elif not self._is_restart(counter, last, arrival_utc_s):
-                self._count_refused(counter, ahead)
+                self._count_refused(counter, ahead, arrival_utc_s)
                 return False
         self.health.hear(arrival_utc_s, 1 if last is None else counter - last)
         self._last, self._last_arrival_s = counter, arrival_utc_s
@@ -204,16 +206,17 @@ class StatusSequence:
         if len(self._missing) > 2 * REMEMBERED:
             self._missing = {number: at for number, at in self._missing.items() if number > end - REMEMBERED}
 
-    def _count_refused(self, counter: int, ahead: int) -> None:
+    def _count_refused(self, counter: int, ahead: int, arrival_utc_s: float) -> None:
         if ahead == 0:
             self.health.duplicate += 1
         elif ahead > 0:
             self.health.rejected += 1
         else:
             self.health.late += 1
-            if counter in self._missing:
-                del self._missing[counter]
+            missed_utc_s = self._missing.pop(counter, None)
+            if missed_utc_s is not None:
                 self.health.lost -= 1
+                self.health.overtaken_s = max(self.health.overtaken_s, arrival_utc_s - missed_utc_s)
 
     def _is_restart(self, counter: int, last: int, arrival_utc_s: float) -> bool:
         latecomer = arrival_utc_s - self._missing.get(counter, -math.inf) < LATE_WITHIN_S

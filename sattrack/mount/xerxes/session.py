@@ -182,6 +182,7 @@ class Session:
     def __post_init__(self) -> None:
         """Begin to count statuses."""
         self._frame = self.profile.frame
+        self._standstill.late_statuses = math.ceil(self.profile.abort_delay_s / self.profile.period_s)
         self._sequence = StatusSequence(self.health)
         self._acks = AckWatch(self.health)
         self._launches = Launches(self.profile)

@@ -449,6 +449,8 @@ class Standstill:
 
     positions: Positions = field(default_factory=Positions)
     fields: Fields = field(default_factory=Fields)
+    late_statuses: int = 0
+    """How many more statuses than from other mounts show motion before an abort acts."""
     slowing: bool = False
     """Whether the last status showed it slower than the one before."""
     _sample: StatusSample | None = None
@@ -469,11 +471,14 @@ class Standstill:
     def asked(self) -> None:
         """Begin with a stop that was not asked for before."""
         self._stood = self._turning = self._stops_turned = 0
-        self._patience = NOT_SLOWING_STATUSES
+        self._patience = NOT_SLOWING_STATUSES + self.late_statuses
 
     def acknowledged(self, arrival_utc_s: float) -> None:
         """Count positions from a status on that acknowledges the stop."""
         self._since_utc_s = arrival_utc_s
+        if self.late_statuses:
+            # Sent again too soon, it would act later still.
+            self._not_slowing = 0
 
     def see(
         self, sample: StatusSample, aborted: bool, move_axis: bool, arrived: bool = False

@@ -148,7 +148,7 @@ class Client:
 
     def _stop(self, request: RotctldRequest, now_ns: int) -> str:
         del request, now_ns
-        return done(self.rotator.stop())
+        return done(self.rotator.stop(self.number))
 
     def _park(self, request: RotctldRequest, now_ns: int) -> str:
         del request
@@ -157,7 +157,7 @@ class Client:
     def _reset(self, request: RotctldRequest, now_ns: int) -> str:
         del now_ns
         need(scan_integer(request.words[0]))
-        return done(self.rotator.reset())
+        return done(self.rotator.reset(self.number))
 
     def _move(self, request: RotctldRequest, now_ns: int) -> str:
         first, second = words_of(request)

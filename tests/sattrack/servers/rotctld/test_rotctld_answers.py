@@ -244,6 +244,22 @@ def test_where_one_commands_the_others_wait_until_it_is_silent_or_gone_or_stops(
     assert ask(second, b"P 30 40\n", at_s=23.0) == b"RPRT 0\n"
 
 
+def test_a_program_that_goes_on_sending_positions_does_not_undo_the_stop_of_another() -> None:
+    rotator = make_rotator()
+    program, person = Client(1, rotator), Client(2, rotator)
+    assert ask(program, b"P 10 20\n") == b"RPRT 0\n"
+    assert ask(person, b"S\n", at_s=0.5) == b"RPRT 0\n"
+    for second in range(1, 30):
+        assert ask(program, b"P 10 20\n", at_s=float(second)) == b"RPRT -9\n"
+    assert rotator.path is None
+    assert ask(program, b"P 10 20\n", at_s=40.0) == b"RPRT 0\n"
+    rotator.stop()
+    assert ask(program, b"P 10 20\n", at_s=41.0) == b"RPRT -9\n"
+    assert ask(program, b"S\nP 10 20\n", at_s=42.0) == b"RPRT 0\n" * 2
+    rotator.stop()
+    assert ask(Client(3, rotator), b"P 10 20\n", at_s=43.0) == b"RPRT 0\n"
+
+
 def test_a_client_that_asks_for_many_things_waits_its_turn() -> None:
     client = Client(1, make_rotator())
     client.receive(b"p\n" * 10)
