@@ -146,7 +146,8 @@ class CommandContext:
 
         configured = self.settings.mount.profile
         path = explicit if explicit is not None or configured is None else Path(configured)
-        return profile_file(usual_profile(mount_url)) if path is None else load_profile_file(path)
+        url = mount_url or self.settings.mount.url
+        return profile_file(usual_profile(url)) if path is None else load_profile_file(path)
 
     def clock(self) -> Clock:
         """Return the clock to run by, the simulated one started now."""
@@ -192,6 +193,16 @@ def write_file(path: Path, text: str) -> None:
         replace_file(path, text.encode())
     except OSError as error:
         raise SattrackError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def how_to_renew(sources: Sequence[str], catalog_number: int | None = None) -> str:
+    """Return how to get newer elements than those of some sources, of one satellite or of many."""
+    from tle.sources import is_fetched
+
+    if all(is_fetched(source) for source in sources):
+        return "fetch new ones (`sattrack elements get`)"
+    wanted = "celestrak:GROUP" if catalog_number is None else catalog_number
+    return f"fetch new ones: `sattrack elements get {wanted} --output new.csv`, then give --elements new.csv"
 
 
 class OutputFile(click.Path):

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 import msgspec
 
-from sattrack.cli.common import CommandContext, common_options, profile_option, read_settings
+from sattrack.cli.common import CommandContext, common_options, how_to_renew, profile_option, read_settings
 from sattrack.core import local_time
 from sattrack.core.errors import SattrackError, how_to_install
 from sattrack.core.realtime import how_to_grant, undisturbed
@@ -90,6 +90,8 @@ class ElementFacts:
     """Why a source could not be read."""
     along_arcsec: tuple[float, ...] = ()
     """By how much each may be off along its track now, at its largest."""
+    only_number: int | None = None
+    """The catalogue number where they are of one object alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +161,8 @@ def check_elements(facts: ElementFacts, now_utc_s: float) -> CheckResult:
     todo: list[str] = []
     if old == len(ages):
         best = f": expect {arcsec(min(facts.along_arcsec))} along track" if facts.along_arcsec else ""
-        todo.append(f"fetch new ones (`sattrack elements get`){best}{' at best' if len(ages) > 1 else ''}")
+        do = how_to_renew(facts.sources, facts.only_number)
+        todo.append(f"{do}{best}{' at best' if len(ages) > 1 else ''}")
     if facts.refused:
         todo.append("`sattrack elements check` says what is wrong with those refused")
     return CheckResult("elements", "warn" if todo else "ok", what, tuple(todo))
@@ -430,6 +433,7 @@ def _element_facts(context: CommandContext, now: Utc) -> ElementFacts:
         epochs_utc_s=tuple(float(elements.epoch.unix_s) for elements in known),
         along_arcsec=tuple(expected_along_arcsec(elements, now) for elements in known),
         refused=len(sets.rejected),
+        only_number=known[0].catalog_number if len(known) == 1 else None,
         first_refusal=str(sets.rejected[0]).splitlines()[0] if sets.rejected else None,
     )
 

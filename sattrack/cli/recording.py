@@ -205,7 +205,7 @@ def write_tdm(recording: Recording, facts: RunFacts, out: Path) -> None:
     "--html",
     "html_file",
     cls=RenamedOption,
-    type=OutputFile(new=True),
+    type=OutputFile(new=True, endings=(".html", ".htm")),
     metavar="FILE",
     help="Write figures and plots to one HTML file.",
 )

@@ -63,6 +63,12 @@ ROWS = 9
     metavar="N",
     help="1 is the pass in progress, or the next.",
 )
+@click.option(
+    "--mount",
+    "mount_url",
+    metavar="URL",
+    help="Without a profile, presume what is usual of this kind of mount (as set); nothing is sent to it.",
+)
 @profile_option
 @click.option("--refraction", type=click.Choice(REFRACTION_MODES), default="auto", show_default=True)
 @click.option("--bias-along", type=float, default=0.0, metavar="S", help="Seconds; positive leads.")
@@ -114,7 +120,7 @@ def command(context: CommandContext, target: str, number: int, **options: Any) -
         bias_along_s=options["bias_along"],
         bias_cross_deg=options["bias_cross"],
         virtual=True,
-        profile=context.profile(options["profile"]),
+        profile=context.profile(options["profile"], _checked(options["mount_url"])),
         limits=context.settings.safety.limits(),
     )
     prepared = prepare(request)
@@ -123,7 +129,8 @@ def command(context: CommandContext, target: str, number: int, **options: Any) -
     if prepared.practising:
         tell("no elements or site set: rehearsing the built-in ISS pass over Leiden")
     elif prepared.facts.elements is not None:
-        old = too_old(prepared.facts.elements, prepared.facts.plan.start_utc_s, fov_deg)
+        start_s = prepared.facts.plan.start_utc_s
+        old = too_old(prepared.facts.elements, start_s, fov_deg, context.sources())
         if old is not None:
             tell(f"`sattrack track` refuses this pass: {old}")
     clock = read_kernel_clock()
@@ -137,6 +144,15 @@ def command(context: CommandContext, target: str, number: int, **options: Any) -
     else:
         show(*_shown(rehearsal.report, None if prepared.practising else float(context.now().unix_s)))
     return 0 if rehearsal.report.go else NO_GO
+
+
+def _checked(mount_url: str | None) -> str | None:
+    """Return the URL of a mount; raises BadInputError where it can be none."""
+    from sattrack.runtime.mounts import is_antenna, mount_address
+
+    if mount_url is not None and not is_antenna(mount_url):
+        mount_address(mount_url, resolve=False)
+    return mount_url
 
 
 def _shown(report: RehearsalReport, now_utc_s: float | None) -> list[str | Table]:

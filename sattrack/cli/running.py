@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from sattrack.cli.common import JsonLines, can_draw_lines_anew, renew, tell, write_file
+from sattrack.cli.common import JsonLines, can_draw_lines_anew, how_to_renew, renew, tell, write_file
 from sattrack.control.biases import Camera
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError, SattrackError
@@ -41,7 +41,7 @@ from tle.errors import TleError
 from tle.instants import DAY_S, Utc
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from contextlib import AbstractContextManager
 
     from sattrack.cli.camera import CamerasSeen
@@ -427,7 +427,7 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
     prepared = prepare(request)
     known = prepared.facts.elements
     if known is not None and not (prepared.practising or options["old_elements"]):
-        check_age(known, prepared.facts.plan.start_utc_s, request.fov_deg)
+        check_age(known, prepared.facts.plan.start_utc_s, request.fov_deg, context.sources())
     check_new_profile(options["learn_profile"], prepared.clock.speed)
     if prepared.practising:
         text = "no elements or site set: practising with the built-in ISS pass over Leiden"
@@ -533,22 +533,24 @@ def _check_options(context: CommandContext, url: str | None, options: dict[str, 
         raise BadInputError(f"--observations {observations}: in virtual time they come from stdin")
 
 
-def check_age(elements: Elements, start_utc_s: float, fov_deg: float | None) -> None:
+def check_age(elements: Elements, start_utc_s: float, fov_deg: float | None, sources: Sequence[str]) -> None:
     """Raise BadInputError where elements are too old to find the satellite with."""
-    why = too_old(elements, start_utc_s, fov_deg)
+    why = too_old(elements, start_utc_s, fov_deg, sources)
     if why is not None:
         raise BadInputError(f"{why}, or give --old-elements")
 
 
-def too_old(elements: Elements, start_utc_s: float, fov_deg: float | None) -> str | None:
-    """Return why elements are too old for a pass, and what to do; None where they are not.
+def too_old(
+    elements: Elements, start_utc_s: float, fov_deg: float | None, sources: Sequence[str]
+) -> str | None:
+    """Return why elements of some sources are too old for a pass, and what to do; None where they are not.
 
     They are when they are more than OLDEST_DAYS off the pass, or when the error to expect along the track is
     larger than half the camera's field of view.
     """
     age_days = abs(start_utc_s - float(elements.epoch.unix_s)) / DAY_S
     what = f"the elements of {elements.label} are {age_days:.0f} days off the pass"
-    do = f"fetch new ones (`sattrack elements get {elements.catalog_number}`)"
+    do = how_to_renew(sources, elements.catalog_number)
     if age_days > OLDEST_DAYS:
         return f"{what}, {OLDEST_DAYS:g} are allowed: {do}"
     error_deg = expected_along_arcsec(elements, Utc(start_utc_s)) / 3600.0
@@ -636,7 +638,7 @@ def follow_by_antenna(context: CommandContext, request: RunRequest, old_elements
     plan = ready.plan
     known = ready.propagator.elements
     if isinstance(known, Elements) and not old_elements:
-        check_age(known, plan.start_utc_s, request.fov_deg)
+        check_age(known, plan.start_utc_s, request.fov_deg, context.sources())
     times = local_time.span(plan.start_utc_s, plan.end_utc_s)
     label = ready.propagator.elements.label
     tell(f"{label} from {times}, {ready.max_alt_deg:.1f}° high")

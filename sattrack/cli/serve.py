@@ -136,10 +136,10 @@ def caller_limits(options: dict[str, Any], most_clients: int) -> CallerLimits:
     return CallerLimits(options["clients"], options["idle"], options["requests"], allowed)
 
 
-def check_port(port: int) -> None:
-    """Raise BadInputError for a number that is no port."""
+def check_port(port: int, given: str = "--port") -> None:
+    """Raise BadInputError for a number that is no port; `given` is what it was given as."""
     if not 0 <= port <= 65535:
-        raise BadInputError(f"--port {port}: ports run to 65535; 0 takes a free one")
+        raise BadInputError(f"{given} {port}: ports run to 65535; 0 takes a free one")
 
 
 def _networks(given: Sequence[str]) -> Networks | None:

@@ -215,7 +215,8 @@ def serve_telescope(context: CommandContext, first: str, options: dict[str, Any]
     stop, log = StopRequest(), Log(served.clock)
     with ExitStack() as closing:
         closing.callback(log.close)
-        ends = _opened(ports, options, closing)
+        chosen_by = {first: "--port"} | {other: f"{other}:PORT" for other in ports if other != first}
+        ends = _opened(ports, options, closing, chosen_by)
         connection = closing.enter_context(
             connected(served.address, served.described, served.site, served.clock)
         )
@@ -272,7 +273,8 @@ def run_servers(
     served = Served(prepared.address, profile_file(facts.profile), facts.site.place(), prepared.clock)
     with ExitStack() as closing:
         closing.callback(log.close)
-        ends = _opened(ports, {**callers, "discovery": ALPACA in ports}, closing)
+        chosen_by = {protocol: f"--serve {protocol}:PORT" for protocol in ports}
+        ends = _opened(ports, {**callers, "discovery": ALPACA in ports}, closing, chosen_by)
         elements = [] if facts.elements is None else [facts.elements]
         telescope = _task(context, served, callers, ends, facts.mount_name, Abilities(), elements)
         rotctld = ends.listeners[ROTCTLD].fileno() if ROTCTLD in ports else None
@@ -297,10 +299,12 @@ def run_servers(
         yield
 
 
-def _opened(ports: dict[str, int], options: dict[str, Any], closing: ExitStack) -> Ends:
-    """Open what clients reach. Raises SattrackError."""
+def _opened(
+    ports: dict[str, int], options: dict[str, Any], closing: ExitStack, chosen_by: dict[str, str]
+) -> Ends:
+    """Open what clients reach; `chosen_by` has how each protocol's port is given. Raises SattrackError."""
     listeners = {
-        protocol: closing.enter_context(listen(options["host"], port, BACKLOG))
+        protocol: closing.enter_context(listen(options["host"], port, BACKLOG, chosen_by[protocol]))
         for protocol, port in ports.items()
     }
     sockets, trouble = discovery_sockets(options["host"]) if options.get("discovery") else ((), None)
@@ -355,7 +359,7 @@ def _ports_of(texts: Sequence[str], known: set[str], who: str, how: str = "") ->
         if number and not number.isdecimal():
             raise BadInputError(f"{text}: write {protocol}, or {protocol}:PORT")
         ports[protocol] = int(number or PORTS[protocol])
-        check_port(ports[protocol])
+        check_port(ports[protocol], f"{who} {protocol}, port")
     return ports
 
 

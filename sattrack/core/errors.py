@@ -83,7 +83,7 @@ def meant(given: str, known: Iterable[str]) -> str:
     """Return "; did you mean ...?" where something known looks like what was given, else nothing."""
     from difflib import get_close_matches
 
-    choices = list(known)
-    folded = {choice.casefold(): choice for choice in choices}
-    near = get_close_matches(given.casefold(), folded, n=1, cutoff=0.6)
+    # The hyphens before options make nothing alike.
+    folded = {choice.casefold().lstrip("-"): choice for choice in known}
+    near = get_close_matches(given.casefold().lstrip("-"), folded, n=1, cutoff=0.6)
     return f"; did you mean {folded[near[0]]!r}?" if near else ""

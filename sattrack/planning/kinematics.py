@@ -89,14 +89,16 @@ class PredictedLoss:
         return self.end_utc_s - self.begin_utc_s
 
 
-def losses(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None = None) -> list[PredictedLoss]:
+def losses(
+    path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None = None, begun: bool = False
+) -> list[PredictedLoss]:
     """Return what of a path cannot be followed, in order, not overlapping.
 
     At a limit of place the mount is held until the target comes back. The path must hold no NaN; where its
-    keyholes are known already they need not be searched.
+    keyholes are known already they need not be searched. `begun` as in `outside`.
     """
     found: list[PredictedLoss] = []
-    every = [*outside(path, ability), *_too_fast(path, ability, keyholes)]
+    every = [*outside(path, ability, begun), *_too_fast(path, ability, keyholes)]
     for loss in sorted(every, key=lambda one: one.begin_utc_s):
         begin = max([loss.begin_utc_s, *(other.end_utc_s for other in found)])
         if begin < loss.end_utc_s:
@@ -104,11 +106,13 @@ def losses(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None = No
     return found
 
 
-def outside(path: AxisPath, ability: Ability) -> list[PredictedLoss]:
+def outside(path: AxisPath, ability: Ability, begun: bool = False) -> list[PredictedLoss]:
     """Return the stretches in which a path is past a limit of place, by limit.
 
     On the way to a limit the axes are held so much sooner that they would stop inside if nothing were heard
-    from this side for the longest fault, and an abort acted as late as the profile says.
+    from this side for the longest fault, and an abort acted as late as the profile says. A target that is
+    past a limit at the path's beginning is joined when it comes out, unless it was followed there: `begun`
+    where the path is the rest of one.
     """
     found = []
     limits = ability.limits
@@ -123,7 +127,8 @@ def outside(path: AxisPath, ability: Ability) -> list[PredictedLoss]:
             least = float(np.min(margin[first : last + 1]))
             words = f"goes {-least:.1f}° past the limit" if least < 0.0 else f"comes to {least:.1f}° from it"
             speed_deg_s = float(np.max(path.sky_rate_deg_s[first : last + 1])) - SIDEREAL_RATE_DEG_S
-            left_behind = name in NO_WAY_ROUND and speed_deg_s > CREEPING_DEG_S
+            joined_later = first == 0 and not begun
+            left_behind = name in NO_WAY_ROUND and speed_deg_s > CREEPING_DEG_S and not joined_later
             end = -1 if left_behind else last
             found.append(PredictedLoss(float(path.utc_s[first]), float(path.utc_s[end]), name, words))
             if left_behind:

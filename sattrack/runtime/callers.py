@@ -228,8 +228,11 @@ class TcpChannel:
         self._connection.close()
 
 
-def listen(host: str, port: int, backlog: int = 4) -> socket.socket:
-    """Return a listening TCP socket. Raises SattrackError, naming address and port, where there is none."""
+def listen(host: str, port: int, backlog: int = 4, how: str = "--port") -> socket.socket:
+    """Return a listening TCP socket; `how` names what another port is chosen with.
+
+    Raises SattrackError, naming address and port, where there is none.
+    """
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     listener.setblocking(False)
@@ -243,6 +246,6 @@ def listen(host: str, port: int, backlog: int = 4) -> socket.socket:
                 f"--host {host}: no address of this machine: give 127.0.0.1, 0.0.0.0 for all, or its own"
             ) from error
         raise SattrackError(
-            f"TCP port {port} on {host} is not available: {error.strerror}; choose another with --port"
+            f"TCP port {port} on {host} is not available: {error.strerror}; choose another with {how}"
         ) from error
     return listener

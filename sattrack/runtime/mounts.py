@@ -107,7 +107,7 @@ def usual_profile(url: str | None) -> MountProfile:
     """Return the profile presumed of a mount of this kind; the default for a wrong URL."""
     if url is not None and url.partition(":")[0] in GATEWAYS:
         with contextlib.suppress(BadInputError):
-            return parse_alpaca(url).usual_profile()
+            return parse_alpaca(url, resolve=False).usual_profile()
     return MountProfile()
 
 

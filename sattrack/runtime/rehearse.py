@@ -540,7 +540,7 @@ def _later(path: AxisPath, from_utc_s: float, ability: Ability) -> tuple[LostStr
     first = int(np.searchsorted(path.utc_s, from_utc_s))
     if len(path.utc_s) - first < 3:
         return ()
-    found = losses(path.part(first, len(path.utc_s)), ability)
+    found = losses(path.part(first, len(path.utc_s)), ability, begun=True)
     return tuple(
         LostStretch(
             _iso(loss.begin_utc_s), _iso(loss.end_utc_s), round(loss.seconds, 3), loss.limit, loss.words

@@ -21,8 +21,9 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import msgspec
 
-from sattrack.core.errors import Origin, meant
+from sattrack.core.errors import BadInputError, Origin, meant
 from sattrack.core.toml_text import KeyPositions, read_typed
+from sattrack.mount.profiles import OF_SETTINGS
 from sattrack.schedule.schema import (
     FIXED_PRIORITY,
     NO_CONDITIONS,
@@ -158,7 +159,7 @@ class _ScheduleReader:
         text = self.text_of(path, asked_at, "the schedule")
         if len(self.files) > MOST_FILES:
             raise asked_at.wrong(f"more than {MOST_FILES} files are included; join some")
-        table, at = read_typed(text, str(path), ScheduleText, what="a schedule")
+        table, at = _read_table(text, path)
         if chain:
             for key in ONLY_AT_THE_TOP:
                 if at.has(key):
@@ -221,15 +222,25 @@ class _ScheduleReader:
         return text
 
 
-def _beside(path: Path, asked_by: str) -> str:
-    """Return a hint at another file of the folder that may have been meant."""
+def _read_table(text: str, path: Path) -> tuple[ScheduleText, KeyPositions]:
+    """Return what a file says. Raises BadInputError with the place."""
     try:
-        return meant(
-            path.name,
-            sorted(one.name for one in path.parent.iterdir() if one.is_file() and str(one) != asked_by),
-        )
+        return read_typed(text, str(path), ScheduleText, what="a schedule")
+    except BadInputError as error:
+        if OF_SETTINGS.search(str(error)) is None:
+            raise
+        what = "this is a settings file, not a schedule: docs/schedules.md says what stands in one"
+        raise Origin(str(path)).wrong(what) from None
+
+
+def _beside(path: Path, asked_by: str) -> str:
+    """Return a hint at another file of the same kind, in the same folder, that may have been meant."""
+    try:
+        others = [one for one in path.parent.iterdir() if one.is_file() and str(one) != asked_by]
     except OSError:
         return ""
+    near = meant(path.stem, sorted(one.stem for one in others if one.suffix == path.suffix))
+    return f"{near[:-2]}{path.suffix}{near[-2:]}" if near else ""
 
 
 def _zone(name: str, where: Origin) -> tzinfo:

@@ -73,12 +73,15 @@ def test_old_elements_are_off_by_what_a_pass_of_them_is_refused_for(
     elements = ("--elements", str(EXAMPLES / "iss_leiden.tle"), "--site", "52,4,0")
     later = (*elements, "--clock", "2026-11-23T05:00:00Z")
     run(["doctor", *later])
-    (off,) = re.findall(r"expect ([0-9.]+)° along track", capsys.readouterr().out)
+    doctor_says = capsys.readouterr().out
+    (off,) = re.findall(r"expect ([0-9.]+)° along track", doctor_says)
     assert 20.0 < float(off) < 90.0
     run(["rehearse", "ISS", *later, "--min-alt", "30"])
     out, err = capsys.readouterr()
     assert "`sattrack track` refuses this pass: the elements of ISS (ZARYA) are 5" in err
-    assert "14 are allowed: fetch new ones (`sattrack elements get 25544`)" in err
+    renew = "fetch new ones: `sattrack elements get 25544 --output new.csv`, then give --elements new.csv"
+    assert f"14 are allowed: {renew}" in err
+    assert renew in doctor_says
     (along,) = re.findall(r"^all +([0-9.]+)", out, re.MULTILINE)
     assert float(along) / 3600.0 == pytest.approx(float(off), rel=0.8)
 

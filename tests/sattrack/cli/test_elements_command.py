@@ -325,7 +325,8 @@ def test_elements_too_old_to_find_the_satellite_with_are_refused(csv_file, capsy
     _, err = ran(capsys, *LATER, "2026-10-22T12:00:00Z", "--elements", csv_file, code=2)
     assert err.splitlines()[-1] == (
         "sattrack: the elements of ISS (ZARYA) are 21 days off the pass, 14 are allowed: "
-        "fetch new ones (`sattrack elements get 25544`), or give --old-elements"
+        "fetch new ones: `sattrack elements get 25544 --output new.csv`, then give --elements new.csv, "
+        "or give --old-elements"
     )
 
 

@@ -38,6 +38,7 @@ ELEMENTS = ("--elements", str(EXAMPLES / "iss_leiden.tle"), "--site", "52,4,0")
         ),
         (["ephemeris"], "missing argument 'TARGET'; see `sattrack ephemeris --help`"),
         (["stop", "extra"], "unexpected argument (extra); see `sattrack stop --help`"),
+        (["track", "ISS", "--output", "x"], "no such option --output; see `sattrack track --help`"),
     ],
 )
 def test_a_wrong_command_line_is_told_in_one_line_with_what_was_meant(
@@ -227,6 +228,11 @@ passes {site} --elements celestrak:stations     | /NORAD/elements/gp.php?GROUP=s
 passes {site} --elements https://celestrak.invalid/x | check the network, or save https://celestrak.invalid/x
 passes ISS --site 52,4,0 --elements spacetrack:25544 | set SATTRACK_SPACETRACK_USER
 init --yes --city Leiden --mount sim --config /nowhere/b.toml | make it first
+report {pass} --output report.pdf               | its ending is unknown; give one of .html
+run settings.toml                               | this is a settings file, not a schedule
+rehearse ISS {at} --mount simm                  | did you mean 'sim'?
+track ISS {at} --mount sim --serve alpaca:99999 | --serve alpaca, port 99999: ports run to 65535
+serve alpaca lx200:{taken} --mount sim --port 0 | choose another with lx200:PORT
 track ISS {at} --mount alpaca                   | --mount alpaca: no host; write alpaca://HOST:PORT/DEVICE
 track ISS {at} --mount indi                     | --mount indi: no host; write indi://HOST:PORT/DEVICE
 mount status --mount alpaca                     | `sattrack init --mount alpaca` finds out which answer
@@ -351,6 +357,28 @@ def test_a_folder_that_is_closed_to_the_user_is_told_with_what_to_do(
     assert run(["report", f"{EXAMPLES}/passes/clean.mcap", "--output", "/closed/x.html"]) in {1, 2}
     advice = "choose another folder, or change who may use this one"
     assert capsys.readouterr() == ("", f"sattrack: /closed/x.html: Permission denied; {advice}\n")
+
+
+def test_a_run_that_cannot_be_served_says_how_its_ports_are_chosen(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        practice = ("--mount", "sim", "--headless", "--old-elements", "--serve", f"alpaca:{port}")
+        assert run(["track", "ISS", *ELEMENTS, *practice]) == 1
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last.endswith("Address already in use; choose another with --serve alpaca:PORT")
+
+
+def test_a_schedule_that_is_not_there_is_told_with_a_file_of_its_kind_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("noline2.tle", "night.toml"):
+        (tmp_path / name).touch()
+    for given, hint in (("nofile.toml", ""), ("nihgt.toml", "; did you mean 'night.toml'?")):
+        assert run(["run", given]) == 2
+        assert capsys.readouterr().err == f"sattrack: {given}: there is no file {given}{hint}\n"
 
 
 @pytest.mark.parametrize("name", ["ISSS", "ISS (ZARIA)", "zariya"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +61,22 @@ def test_only_what_can_be_followed_is_left(slow_mount: str, without_optics: str)
     asked = ("--profile", slow_mount, "--config", without_optics)
     judged, left = passes("--judged", *asked), passes("--feasible", *asked)
     assert left == [one for one in judged if one["feasible"]]
+
+
+@pytest.mark.soak
+def test_a_pass_that_rises_by_the_sun_is_judged_as_it_is_rehearsed() -> None:
+    """The mount waits at the cone's edge, and joins the satellite where it comes out."""
+    there = ("--elements", ISS, "--site", "52.15833,4.49306,0", "--clock", "2026-11-23T14:30:00Z")
+    rehearsed, judged = (
+        json.loads(CliRunner().invoke(cli, [*words, *there, "--json"]).stdout)
+        for words in (("rehearse", "ISS"), ("passes", "ISS", "--judged", "--hours", "1"))
+    )
+    assert rehearsed["lost"][0]["limit"] == "sun"
+    words = re.fullmatch(r"sun: .*; (\d+) s of (\d+) s lost", judged[0]["why_not"])
+    assert words is not None
+    assert [float(word) for word in words.groups()] == pytest.approx(
+        [rehearsed["lost_s"], rehearsed["pass_s"]], abs=2.0
+    )
 
 
 def test_passes_by_the_sun_are_not_for_optics() -> None:

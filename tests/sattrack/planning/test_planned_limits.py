@@ -140,6 +140,19 @@ def test_what_is_beyond_a_limit_of_travel_is_lost_with_its_reason() -> None:
     assert why_not(losses(path, ability(MountProfile())), 100.0) is None
 
 
+def test_a_target_that_begins_by_the_sun_is_joined_where_it_comes_out() -> None:
+    # At 1 °/s from the Sun: the mount waits at its cone, 15° and a tenth away. A target that was followed
+    # before is out of reach for good.
+    time_s = np.linspace(0.0, 80.0, 801)
+    path = path_of(time_s, time_s, np.zeros_like(time_s))
+    path = replace(path, pointing=replace(path.pointing, sun_hour_angle_deg=np.zeros_like(time_s)))
+    (joined,) = losses(path, ability(MountProfile(), SafetyLimits()))
+    assert (joined.limit, joined.begin_utc_s) == ("sun", 0.0)
+    assert joined.end_utc_s == pytest.approx(15.1, abs=0.11)
+    (left,) = losses(path, ability(MountProfile(), SafetyLimits()), begun=True)
+    assert left.end_utc_s == 80.0
+
+
 def test_a_target_that_stands_still_is_lost_while_the_sun_goes_by_and_no_longer() -> None:
     # The Sun passes over a target on the meridian at a quarter of a degree a minute: 15° either way is 2 h.
     time_s = np.linspace(0.0, 28800.0, 5761)
