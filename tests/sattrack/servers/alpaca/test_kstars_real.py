@@ -92,7 +92,7 @@ def test_what_kstars_sent_slews_and_stops() -> None:
 
 @contextmanager
 def kstars(program: Callable[[str], str]) -> Iterator[Callable[..., bool]]:
-    """Run it on a message bus of its own; give what calls its INDI client and tells whether that went well."""
+    """Run it on a message bus of its own; give what calls its INDI client and tells whether it went well."""
     with tempfile.TemporaryDirectory() as folder:
         config = Path(folder) / ".config" / "kstarsrc"
         config.parent.mkdir()
