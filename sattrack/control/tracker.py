@@ -123,6 +123,8 @@ class Tracker:
         self._near = 0
         self._news: bool | None = None
         """Whether the offsets have changed; None where that was not looked at yet."""
+        self._next_utc_s = -math.inf
+        """When the next `step` is expected, where it was prepared."""
         self.slipped_s = 0.0
         """How much later T0 is than the plan began with."""
         self._moved_by_rates = False
@@ -352,6 +354,9 @@ class Tracker:
         self._judge_table(message)
         if not isinstance(message, ObservationMessage | SeenOffset | SolvedField):
             self._satellite.forget()
+        elif self._news is not None:
+            # It came after the next step was prepared, and is to count there.
+            self._news |= self.steering.watch(self._next_utc_s)
 
     def _judge_table(self, message: Message) -> None:
         """Leave the periodic errors aside where an offset that was used shows that they do harm."""
@@ -378,7 +383,8 @@ class Tracker:
     def prepare(self, now_utc_s: float) -> None:
         """Look at estimate and searches for the next `step`, a period later, which then need not."""
         if self.phase is not Phase.STOPPING:
-            self._news = self.steering.watch(now_utc_s + self._profile.period_s)
+            self._next_utc_s = now_utc_s + self._profile.period_s
+            self._news = self.steering.watch(self._next_utc_s)
 
     def step(self, now_utc_s: float, slew_done: bool, stopped: bool = False, held: bool = False) -> Motion:
         """Return the motion wanted from now on; call once a period, after the samples that came.

@@ -63,6 +63,9 @@ class NotedEngine:
             raise ArithmeticError("no next turn")
         return self.shift_s
 
+    def prepare(self, _: float) -> None:
+        """Nothing is computed beforehand."""
+
     def operate(self, message: object, _: float) -> None:
         self.operated.append(message)
 
