@@ -34,7 +34,7 @@ from sattrack.runtime.flight import failure, fly_live, fly_virtual
 from sattrack.runtime.mounts import is_antenna, mount_address
 from sattrack.runtime.system import StopRequest, stopping
 from sattrack.runtime.view_server import ViewServerLink, open_view_server
-from sattrack.views.formatting import OLD_ELEMENTS_DAYS, loop_text, summary_lines
+from sattrack.views.formatting import OLD_ELEMENTS_DAYS, loop_text, phase_text, summary_lines
 from sattrack.views.run import CameraSummary, Summary, SummaryLine, TrackView
 from tle.elements import Elements, expected_along_arcsec
 from tle.errors import TleError
@@ -72,7 +72,7 @@ class RunProgress:
 
     def show(self, view: TrackView) -> None:
         """Take one state."""
-        self.tell(view.utc_s, view.phase, lambda: progress_line(view))
+        self.tell(view.utc_s, phase_text(view), lambda: progress_line(view))
 
     def tell(self, utc_s: float, phase: str, words: Callable[[], str]) -> None:
         """Take one state, as a phase and words."""
@@ -147,7 +147,7 @@ def progress_line(view: TrackView) -> str:
         error = rms = ""
     loop = f"  {loop_text(view.loop)}" if view.loop is not None else ""
     return (
-        f"{clock}  {view.name}  {view.phase:<9} "
+        f"{clock}  {view.name}  {phase_text(view):<9} "
         f"alt {view.target_alt_deg:5.1f}°  az {view.target_az_deg:5.1f}°{error}{rms}{loop}  "
         f"link {view.link.state}"
     )
