@@ -435,7 +435,7 @@ def common_options(*used: str, goes_on: bool = False) -> Callable[[Callable[...,
     """Add --config, --debug and the shared options; the function's first argument becomes a CommandContext.
 
     `used` are those of SHARED that mean something to the command. Scripts may give the others too: they are
-    accepted, hidden, and do nothing. With `goes_on`, wrong settings are told, and the built-in ones are used.
+    accepted, hidden, and do nothing. With `goes_on`, wrong settings are reported, and the built-in ones hold.
     """
 
     def add(function: Callable[..., Any]) -> Callable[..., Any]:
