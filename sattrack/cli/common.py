@@ -134,10 +134,10 @@ class CommandContext:
 
         try:
             sets = load_elements(*sources, fetch=_fetcher())
-        except SourceError as error:
+        except (SourceError, BadInputError) as error:
             if self.element_sources or self.settings_file is None or not set(sources) <= set(self.sources()):
                 raise
-            raise SourceError(self._by_settings("elements", error)) from None
+            raise type(error)(self.by_settings("elements", error)) from None
         for note in sets.notes:
             tell(note)
         return sets
@@ -160,9 +160,9 @@ class CommandContext:
         except BadInputError as error:
             if explicit is not None:
                 raise
-            raise BadInputError(self._by_settings("profile", error)) from None
+            raise BadInputError(self.by_settings("profile", error)) from None
 
-    def _by_settings(self, key: str, error: Exception) -> str:
+    def by_settings(self, key: str, error: Exception) -> str:
         """Return an error's text after where the settings name what it is about."""
         file = self.settings_file
         return str(error) if file is None else f"{file}{line_of_key(file, key)}: {key}: {error}"

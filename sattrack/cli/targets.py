@@ -13,7 +13,7 @@ import click
 from sattrack.cli.common import tell
 from sattrack.core.errors import BadInputError
 from tle.elements import Elements, SourceRank, expected_error_m, source_rank
-from tle.errors import AmbiguousSatelliteError, PropagationError, SatelliteNotFoundError
+from tle.errors import AmbiguousSatelliteError, PropagationError, SatelliteNotFoundError, SourceError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -367,7 +367,10 @@ def find_target(
     if body is not None or not (by_number or _has_no(elements(), key)):
         return body
     number = star_number(key)
-    return None if number is None else read_star(number, key, context.settings.stars)
+    try:
+        return None if number is None else read_star(number, key, context.settings.stars)
+    except SourceError as error:
+        raise SourceError(context.by_settings("stars", error)) from None
 
 
 def _objects_of(context: CommandContext, ephemeris: Path, keys: Sequence[str]) -> list[Ephemeris]:

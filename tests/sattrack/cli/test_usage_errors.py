@@ -375,13 +375,27 @@ def test_a_folder_that_is_closed_to_the_user_is_told_with_what_to_do(
     assert capsys.readouterr() == ("", f"sattrack: /closed/x.html: Permission denied; {advice}\n")
 
 
-def test_what_a_source_of_the_settings_lacks_is_told_with_the_settings(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("line", "target", "says"),
+    [
+        ("elements = ['no']", "ISS", "2: elements: {folder}/no: cannot read elements: No such file"),
+        ("elements = ['celestrak:a b']", "ISS", "2: elements: celestrak:a b: write celestrak:GROUP"),
+        ("stars = 'no'", "HIP 5", "2: stars: {folder}/no: cannot read the star catalogue: No such file"),
+        (
+            "mount = {profile = 'no'}",
+            "Moon",
+            "2: profile: {folder}/no: cannot read the mount profile: No such",
+        ),
+    ],
+)
+def test_a_file_that_the_settings_name_is_missed_with_the_name_of_its_key(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], line: str, target: str, says: str
 ) -> None:
     path = tmp_path / "s.toml"
-    path.write_text("zone = 'UTC'\nelements = ['nofile.tle']\n[site]\nlatitude_deg = 1\nlongitude_deg = 2\n")
-    assert run(["passes", "--config", str(path)]) in {1, 2}
-    assert capsys.readouterr().err.startswith(f"sattrack: {path}:2: elements: {tmp_path}/nofile.tle: ")
+    path.write_text(f"zone = 'UTC'\n{line}\n")
+    rehearse = ["rehearse", target, "--site", "52,4,0", "--mount", "sim", "--clock", "2026-10-02T12:50:00Z"]
+    assert run([*rehearse, "--config", str(path)]) == 2
+    assert capsys.readouterr().err.startswith(f"sattrack: {path}:{says.format(folder=tmp_path)}")
 
 
 def test_a_start_that_is_past_is_told(capsys: pytest.CaptureFixture[str]) -> None:
