@@ -62,7 +62,7 @@ class SiteSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def place(self) -> Site:
         """Return the site; raises SiteError where a number is out of range."""
-        return Site(self.latitude_deg, self.longitude_deg, self.height_m)
+        return Site(self.latitude_deg, self.longitude_deg, self.height_m).on_ground()
 
 
 class MountSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -159,6 +159,11 @@ def load_settings(explicit: Path | None = None) -> Settings:
             f"{path}{line_of_key(path, 'zone')}: zone {settings.zone!r} is no time zone: "
             "write it as Europe/Amsterdam, or UTC"
         )
+    if not -90.0 <= settings.min_altitude_deg <= 90.0:
+        raise BadInputError(
+            f"{path}{line_of_key(path, 'min_altitude_deg')}: min_altitude_deg is "
+            f"{settings.min_altitude_deg:g}; give degrees above the horizon, 90 at most"
+        )
     here = path.parent
     elements = tuple(s if s == "-" or _names_a_provider(s) else str(here / s) for s in settings.elements)
     stars = None if settings.stars is None else str(here / settings.stars)
@@ -175,7 +180,10 @@ def load_settings(explicit: Path | None = None) -> Settings:
         )
     if safety.horizon is not None:
         safety = msgspec.structs.replace(safety, horizon=str(here / safety.horizon))
-        safety.limits()
+        try:
+            safety.limits()
+        except BadInputError as error:
+            raise BadInputError(f"{path}{line_of_key(path, 'horizon')}: horizon: {error}") from None
     return msgspec.structs.replace(settings, elements=elements, stars=stars, mount=mount, safety=safety)
 
 

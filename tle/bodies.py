@@ -341,7 +341,8 @@ def read_star(number: int, name: str, path: str | Path | None = None) -> Body:
         if data[:2] == b"\x1f\x8b":
             data = gunzipped(data, _MOST_BYTES)
     except (OSError, EOFError, ValueError, zlib.error) as error:
-        raise SourceError(f"{path}: cannot read the star catalogue: {error}") from None
+        why = getattr(error, "strerror", None) or error
+        raise SourceError(f"{path}: cannot read the star catalogue: {why}") from None
     found = re.search(rb"^H\| *%d\|.*$" % number, data, re.MULTILINE)
     if found is None and path is None:
         raise BodyError(

@@ -11,6 +11,8 @@ from tle.errors import PackageError, SiteError
 EARTH_RADIUS_KM = 6378.137
 FLATTENING = 1.0 / 298.257223563
 _LOWEST_M, _HIGHEST_M = -12000.0, 100000.0
+LOWEST_GROUND_M, HIGHEST_GROUND_M = -500.0, 9000.0
+"""No ground is lower than the Dead Sea's shore or higher than the highest summit, above the ellipsoid."""
 
 Vector = tuple[float, float, float]
 
@@ -62,7 +64,7 @@ class Site:
 
     @classmethod
     def parse(cls, text: str) -> Site:
-        """Return the site of "LAT,LON" or "LAT,LON,HEIGHT". Raises SiteError."""
+        """Return the site on the ground of "LAT,LON" or "LAT,LON,HEIGHT". Raises SiteError."""
         parts = [part.strip() for part in text.split(",")]
         if len(parts) not in (2, 3):
             raise SiteError(f"{text!r} is no site: write LAT,LON,HEIGHT as 52.15,4.49,0")
@@ -73,7 +75,13 @@ class Site:
                 f"{text!r} is no site: LAT,LON,HEIGHT must be numbers, as 52.15,4.49,0; "
                 "south and west are negative, without letters"
             ) from None
-        return cls(*numbers)
+        return cls(*numbers).on_ground()
+
+    def on_ground(self) -> Site:
+        """Return the site itself; raises SiteError where no ground is so low or so high."""
+        unit = "metres: no ground on Earth lies outside"
+        _check("height", self.height_m, LOWEST_GROUND_M, HIGHEST_GROUND_M, unit)
+        return self
 
 
 def _check(name: str, value: float, least: float, most: float, unit: str) -> None:

@@ -23,8 +23,9 @@ from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.files import replace_file
 from sattrack.core.local_time import use_zone
 from sattrack.core.process import self_command
+from sattrack.core.toml_text import line_of_key
 from sattrack.settings import NO_ELEMENTS, NO_SITE, Settings, find_settings_file, load_settings
-from tle.errors import TleError
+from tle.errors import SourceError, TleError
 from tle.site import Site
 
 if TYPE_CHECKING:
@@ -57,6 +58,7 @@ class CommandContext:
     clock_option: str | None
     json: bool
     debug: bool
+    settings_file: Path | None = None
 
     def has_site(self) -> bool:
         """Tell whether a site was given anywhere."""
@@ -107,8 +109,7 @@ class CommandContext:
             raise sets.rejected[0]
         if sets.rejected:
             first = str(sets.rejected[0]).splitlines()[0]
-            count = len(sets.rejected) + len(sets.accepted)
-            tell(f"{len(sets.rejected)} of {count} element sets refused, the first: {first}")
+            tell(f"{_refused_text(sets)}, the first: {first}")
         return loaded
 
     def fetched(self, satellites: Sequence[str]) -> list[Elements]:
@@ -131,7 +132,12 @@ class CommandContext:
         """
         from tle.sources import load_elements
 
-        sets = load_elements(*sources, fetch=_fetcher())
+        try:
+            sets = load_elements(*sources, fetch=_fetcher())
+        except (SourceError, BadInputError) as error:
+            if self.element_sources or self.settings_file is None or not set(sources) <= set(self.sources()):
+                raise
+            raise type(error)(self.by_settings("elements", error)) from None
         for note in sets.notes:
             tell(note)
         return sets
@@ -147,7 +153,19 @@ class CommandContext:
         configured = self.settings.mount.profile
         path = explicit if explicit is not None or configured is None else Path(configured)
         url = mount_url or self.settings.mount.url
-        return profile_file(usual_profile(url)) if path is None else load_profile_file(path)
+        if path is None:
+            return profile_file(usual_profile(url))
+        try:
+            return load_profile_file(path)
+        except BadInputError as error:
+            if explicit is not None:
+                raise
+            raise BadInputError(self.by_settings("profile", error)) from None
+
+    def by_settings(self, key: str, error: Exception) -> str:
+        """Return an error's text after where the settings name what it is about."""
+        file = self.settings_file
+        return str(error) if file is None else f"{file}{line_of_key(file, key)}: {key}: {error}"
 
     def clock(self) -> Clock:
         """Return the clock to run by, the simulated one started now."""
@@ -193,6 +211,18 @@ def write_file(path: Path, text: str) -> None:
         replace_file(path, text.encode())
     except OSError as error:
         raise SattrackError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def _refused_text(sets: ElementSets) -> str:
+    """Return how many element sets were refused, and how many files hold none."""
+    from tle.errors import FormatError
+
+    empty = sum(isinstance(error, FormatError) and error.line is None for error in sets.rejected)
+    refused = len(sets.rejected) - empty
+    parts = [f"{empty} {'file holds' if empty == 1 else 'files hold'} no element sets"] if empty else []
+    if refused:
+        parts.append(f"{refused} of {refused + len(sets.accepted)} element sets refused")
+    return " and ".join(parts)
 
 
 def how_to_renew(sources: Sequence[str], catalog_number: int | None = None) -> str:
@@ -405,7 +435,7 @@ def common_options(*used: str, goes_on: bool = False) -> Callable[[Callable[...,
     """Add --config, --debug and the shared options; the function's first argument becomes a CommandContext.
 
     `used` are those of SHARED that mean something to the command. Scripts may give the others too: they are
-    accepted, hidden, and do nothing. `goes_on` tells of wrong settings, and uses the built-in ones.
+    accepted, hidden, and do nothing. With `goes_on`, wrong settings are reported, and the built-in ones hold.
     """
 
     def add(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -467,7 +497,15 @@ def common_options(*used: str, goes_on: bool = False) -> Callable[[Callable[...,
                 tell(f"{error}; going on without the settings")
                 settings = Settings()
             use_zone("UTC" if utc else settings.zone)
-            context = CommandContext(settings, site_option, element_sources, clock_option, as_json, debug)
+            context = CommandContext(
+                settings,
+                site_option,
+                element_sources,
+                clock_option,
+                as_json,
+                debug,
+                find_settings_file(config),
+            )
             named = (settings.safety.horizon, settings.mount.profile, rest.get("profile"))
             watch = SettingsWatch(config, [Path(path) for path in named if path is not None])
             result = function(context, **rest)

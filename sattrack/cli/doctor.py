@@ -273,8 +273,13 @@ def check_profile(
     return CheckResult("profile", "ok", what)
 
 
-def check_link(mount: str, health: LinkHealth | None, listened_s: float, error: str | None) -> CheckResult:
-    """Judge the link by what came while nothing was sent; `health` None where nobody listened."""
+def check_link(
+    mount: str, health: LinkHealth | None, listened_s: float, error: str | None, advice: str = ""
+) -> CheckResult:
+    """Judge the link by what came while nothing was sent; `health` None where nobody listened.
+
+    `advice` is what to check where nothing came.
+    """
     if error is not None:
         return CheckResult("link", "bad", error)
     if health is None:
@@ -282,7 +287,7 @@ def check_link(mount: str, health: LinkHealth | None, listened_s: float, error: 
     if health.received == 0:
         beside = f", {health.rejected} datagrams that are no status" if health.rejected else ""
         beside += f", {health.strangers} from other hosts" if health.strangers else ""
-        ways = ("is the mount on, set to send to this host and port, and no firewall between?",)
+        ways = (f"{advice or 'check that the mount is on and sends here'}; is there a firewall between?",)
         return CheckResult("link", "bad", f"{mount}: no status within {listened_s:g} s{beside}", ways)
     rate = "" if health.rate_hz is None else f", {health.rate_hz:.1f} a second"
     jitter_ms = None if health.jitter_s is None else 1e3 * health.jitter_s
@@ -483,7 +488,7 @@ def _check_link(url: str, profile: MountProfile) -> CheckResult:
         health = None if address is None else listen(address, profile)
     except SattrackError as refusal:
         return check_link(url, None, LISTEN_S, str(refusal))
-    return check_link(url, health, LISTEN_S, None)
+    return check_link(url, health, LISTEN_S, None, "" if address is None else address.silence_advice)
 
 
 def _check_disk(folder: Path) -> CheckResult:

@@ -7,6 +7,8 @@ import gzip
 import io
 import json
 import os
+import re
+import shlex
 import textwrap
 import unicodedata
 from contextlib import redirect_stdout, suppress
@@ -17,12 +19,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from sattrack.cli.common import CommandContext, OutputFile, tell, write_file
+from sattrack.cli.common import CommandContext, OutputFile, how_to_renew, tell, write_file
 from sattrack.core.errors import BadInputError, SattrackError, meant
 from sattrack.core.local_time import is_zone
 from sattrack.runtime.mounts import FORMS, LISTEN_S, listen, mount_address, usual_profile
 from sattrack.settings import FILE_NAME, load_settings
 from tle.errors import SourceError, TleError
+from tle.instants import DAY_S
 from tle.site import Site
 from tle.sources import is_fetched
 
@@ -30,6 +33,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sattrack.runtime.mounts import MountAddress
+    from tle.elements import Elements
+    from tle.instants import Utc
 
 USUAL_ELEMENTS = "celestrak:stations"
 USUAL_MOUNT = "sim"
@@ -37,8 +42,9 @@ CENTRE_WARNING = (
     "The site is the middle of the city. 10 km away a satellite appears up to a degree elsewhere. For a real "
     "mount, write your own coordinates (a phone shows them) into the file."
 )
+HEIGHT = "Height above the sea in metres; the list of cities has none"
 NEXT = "`sattrack rehearse SATELLITE` checks a pass, `sattrack track SATELLITE` follows it."
-NEXT_WITHOUT_ELEMENTS = "`sattrack init --force --elements FILE` with a file; `sattrack demo` needs none."
+NEXT_WITHOUT_ELEMENTS = "`%s --elements FILE` with a file; `sattrack demo` needs none."
 FAMOUS = ("ISS", "Tiangong")
 """Of a long list of elements, whose passes are shown at the end."""
 MOST_LISTED = 5
@@ -72,7 +78,7 @@ class InitialSettings:
     """What `init` was answered, as it is written down."""
 
     site: Site
-    zone: str | None
+    zone: str
     mount_url: str
     elements: tuple[str, ...]
     place: str | None = None
@@ -111,15 +117,18 @@ def command(**options: Any) -> int:
     load_settings(path)
     note = _mount_note(answers)
     if not options["as_json"]:
-        click.echo(f"{path} is written. Every command in this folder reads it; change it with any editor.")
+        everywhere = "Every command in this folder reads it"
+        readers = everywhere if path == Path(FILE_NAME) else f"Commands read it with --config {path}"
+        click.echo(f"{path} is written. {readers}; change it with any editor.")
         if answers.place is not None:
             tell(answers.place)
             tell(CENTRE_WARNING)
         if note is not None:
             tell(note)
-    passes = _tonight(path, options["as_json"])
+    passes, too_old = _tonight(path, options["as_json"])
     if not options["as_json"]:
-        click.echo(f"\nNext: {NEXT if passes is not None else NEXT_WITHOUT_ELEMENTS}")
+        following = NEXT if passes is not None else NEXT_WITHOUT_ELEMENTS % _again(answers)
+        click.echo(f"\nNext: {too_old or following}")
     else:
         site = answers.site
         document = {
@@ -154,8 +163,8 @@ def collected(options: dict[str, Any], ask: Callable[..., str] | None) -> Initia
     height_m = options["height_m"]
     if city is not None:
         if height_m is None:
-            height_m = float(ask("Height above the sea in metres", "0", _height_m)) if ask else 0.0
-        site = Site(city.latitude_deg, city.longitude_deg, height_m)
+            height_m = float(ask(HEIGHT, "0", _height_m)) if ask else 0.0
+        site = Site(city.latitude_deg, city.longitude_deg, height_m).on_ground()
     elif height_m is not None:
         raise BadInputError("--height goes with --city; --site has the height as its third number")
     assert site is not None
@@ -166,7 +175,7 @@ def collected(options: dict[str, Any], ask: Callable[..., str] | None) -> Initia
     mount_url = options["mount_url"]
     if mount_url is None:
         question = f"Mount: sim (simulated), {FORMS}, or alpaca to search"
-        mount_url = ask(question, USUAL_MOUNT, _mount) if ask else USUAL_MOUNT
+        mount_url = _answered_mount(ask, question) if ask else USUAL_MOUNT
     sources = options["sources"]
     if not sources:
         question = "Satellites: celestrak:stations, celestrak:visual, or a file of elements"
@@ -178,6 +187,33 @@ def collected(options: dict[str, Any], ask: Callable[..., str] | None) -> Initia
     )
 
 
+def _again(answers: InitialSettings) -> str:
+    """Return the command line that writes the same settings anew, but for the elements."""
+    site = answers.site
+    place = f"{site.latitude_deg},{site.longitude_deg},{site.height_m}"
+    given = ["--site", place, "--zone", answers.zone, "--mount", answers.mount_url, *_file_option()]
+    return f"sattrack init --force --yes {shlex.join(given)}"
+
+
+def _without_asking() -> str:
+    """Return this command line as it would have to be to ask nothing."""
+    given = click.get_current_context().params
+    options = [("--site", given["site_text"]), ("--city", given["city"]), ("--height", given["height_m"])]
+    options += [("--zone", given["zone"]), ("--mount", given["mount_url"])]
+    options += [("--elements", source) for source in given["sources"]]
+    if given["site_text"] is None and given["city"] is None:
+        options.insert(0, ("--site", "LAT,LON,HEIGHT"))
+    words = [word for name, value in options if value is not None for word in (name, str(value))]
+    words += [*_file_option(), *(["--force"] if given["force"] else [])]
+    return f"sattrack init --yes {shlex.join(words)}"
+
+
+def _file_option() -> list[str]:
+    """Return the option that names the file to write, where one was given."""
+    file = click.get_current_context().params["config"]
+    return [] if file is None else ["--config", str(file)]
+
+
 def _ask(question: str, usual: str | None, check: Callable[[str], object]) -> str:
     """Ask until the answer can be one; the end of standard input ends the command with nothing written."""
     while True:
@@ -186,7 +222,7 @@ def _ask(question: str, usual: str | None, check: Callable[[str], object]) -> st
         except click.Abort:
             click.echo(err=True)
             raise BadInputError(
-                "no answer: nothing is written; `sattrack init --yes --site LAT,LON,HEIGHT` asks nothing"
+                f"no answer: nothing is written; `{_without_asking()}` asks nothing"
             ) from None
         try:
             check(answer)
@@ -260,7 +296,7 @@ def _folded(name: str) -> str:
 
 def _height_m(text: str) -> float:
     try:
-        return Site(0.0, 0.0, float(text)).height_m
+        return Site(0.0, 0.0, float(text)).on_ground().height_m
     except ValueError:
         raise BadInputError(f"{text!r} is no height: write metres, as 120") from None
 
@@ -283,6 +319,16 @@ def _mount(url: str) -> str:
     return url
 
 
+def _answered_mount(ask: Callable[..., str], question: str) -> str:
+    """Return the mount that is answered; where a search finds none, or several, the question is put again."""
+    while True:
+        answer = ask(question, USUAL_MOUNT, _mount)
+        try:
+            return _found_mount(answer)
+        except SattrackError as error:
+            click.echo(f"  {error}", err=True)
+
+
 def _found_mount(url: str) -> str:
     """Return the URL of a mount; `alpaca` stands for the one telescope that answers discovery."""
     if url != "alpaca":
@@ -290,6 +336,7 @@ def _found_mount(url: str) -> str:
     # HTTP's modules are many; without a search they are not needed.
     from sattrack.mount.alpaca.client import discover_telescopes
 
+    tell("searching the network for Alpaca telescopes")
     found = discover_telescopes()
     if not found:
         raise BadInputError(
@@ -314,6 +361,10 @@ def _source(source: str) -> None:
 
     if source == "-":
         raise SourceError("standard input cannot be kept in settings: give a file or celestrak:GROUP")
+    if re.fullmatch(r"[\w-]+", source) and not Path(source).exists():
+        raise BadInputError(
+            f"{source}: there is no such file; for CelesTrak's group of that name write celestrak:{source}"
+        )
     read_elements(source)
 
 
@@ -388,18 +439,21 @@ floor_altitude_deg = 0
 """
 
 
-def _tonight(path: Path, as_json: bool) -> Any:
+def _tonight(path: Path, as_json: bool) -> tuple[Any, str | None]:
     """Print the passes of the coming night by the new settings, or as JSON return them; None: not possible.
 
-    What keeps them from being found is reported, and no error: the settings are written.
+    What keeps them from being found is reported, and no error: the settings are written. Returned as well is
+    what to do where all elements are too old for `track`.
     """
     from sattrack.cli.passes import command as passes
     from tle.sources import find, newest
 
+    old = None
     try:
         settings = load_settings(path)
         context = CommandContext(settings, None, (), None, as_json, False)
         elements = newest(context.load(settings.elements).accepted)
+        old = _all_too_old(elements, settings.elements, context.now())
         words = ["--config", str(path), "--hours", "24"]
         known = []
         for name in FAMOUS:
@@ -410,10 +464,24 @@ def _tonight(path: Path, as_json: bool) -> Any:
         if not as_json:
             click.echo("\nThe coming 24 hours:")
             passes.main(words, standalone_mode=False)
-            return []
+            return [], old
         with redirect_stdout(io.StringIO()) as out:
             passes.main([*words, "--json"], standalone_mode=False)
-        return json.loads(out.getvalue())
+        return json.loads(out.getvalue()), old
     except (SattrackError, TleError) as error:
         tell(f"passes cannot be listed yet: {error}")
+        return None, old
+
+
+def _all_too_old(elements: list[Elements], sources: tuple[str, ...], now: Utc) -> str | None:
+    """Return what to do where all elements are too old for `track`; None where some are not."""
+    from sattrack.cli.running import OLDEST_DAYS
+
+    days = min((abs(now - one.epoch) / DAY_S for one in elements), default=0.0)
+    if days <= OLDEST_DAYS:
         return None
+    number = elements[0].catalog_number if len(elements) == 1 else None
+    return (
+        f"{how_to_renew(sources, number)}. `sattrack track` follows with elements of {OLDEST_DAYS:g} days at "
+        f"most, and these are {days:.0f} days old."
+    )

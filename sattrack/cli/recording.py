@@ -258,7 +258,7 @@ def report(context: CommandContext, files: tuple[Path, ...], **options: Any) -> 
     Examples:
       sattrack report tonight.mcap
       sattrack report tonight.mcap --output tonight.html
-      sattrack report one.mcap another.mcap --learn-profile mount.toml
+      sattrack report night1.mcap night2.mcap --learn-profile mount.toml
     """
     html_file, folder, tdm = options["html_file"], options["folder"], options["tdm"]
     if tdm is not None and len(files) > 1:

@@ -18,7 +18,7 @@ import msgspec
 from sattrack.cli.common import JsonLines, can_draw_lines_anew, how_to_renew, renew, tell, write_file
 from sattrack.control.biases import Camera
 from sattrack.core import local_time
-from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.core.errors import BadInputError, LinkLostError, SattrackError
 from sattrack.mount.alpaca.link import AlpacaAddress, check_server
 from sattrack.runtime.control_arbiter import (
     ControlArbiter,
@@ -34,7 +34,7 @@ from sattrack.runtime.flight import failure, fly_live, fly_virtual
 from sattrack.runtime.mounts import is_antenna, mount_address
 from sattrack.runtime.system import StopRequest, stopping
 from sattrack.runtime.view_server import ViewServerLink, open_view_server
-from sattrack.views.formatting import OLD_ELEMENTS_DAYS, loop_text, summary_lines
+from sattrack.views.formatting import OLD_ELEMENTS_DAYS, loop_text, phase_text, summary_lines
 from sattrack.views.run import CameraSummary, Summary, SummaryLine, TrackView
 from tle.elements import Elements, expected_along_arcsec
 from tle.errors import TleError
@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from sattrack.cli.common import CommandContext
     from sattrack.mount.profiles import ProfileFile
     from sattrack.runtime.facts import Prepared, RunFacts
+    from sattrack.runtime.mounts import MountAddress
     from sattrack.servers.antenna.antcn import AntcnRun
     from sattrack.settings import Settings
     from sattrack.views.run import Armed, SessionView
@@ -72,7 +73,7 @@ class RunProgress:
 
     def show(self, view: TrackView) -> None:
         """Take one state."""
-        self.tell(view.utc_s, view.phase, lambda: progress_line(view))
+        self.tell(view.utc_s, phase_text(view), lambda: progress_line(view))
 
     def tell(self, utc_s: float, phase: str, words: Callable[[], str]) -> None:
         """Take one state, as a phase and words."""
@@ -147,7 +148,7 @@ def progress_line(view: TrackView) -> str:
         error = rms = ""
     loop = f"  {loop_text(view.loop)}" if view.loop is not None else ""
     return (
-        f"{clock}  {view.name}  {view.phase:<9} "
+        f"{clock}  {view.name}  {phase_text(view):<9} "
         f"alt {view.target_alt_deg:5.1f}°  az {view.target_az_deg:5.1f}°{error}{rms}{loop}  "
         f"link {view.link.state}"
     )
@@ -198,13 +199,19 @@ def check_observations(source: str | None, control: bool, elements: tuple[str, .
         raise BadInputError("--observations stdin: the elements come from there; give them as a file")
 
 
-def finish(summary: Summary, interrupted: bool, as_json: bool) -> int:
-    """Tell the summary; raises the error whose exit code the run ends with, else returns 0."""
+def finish(summary: Summary, interrupted: bool, as_json: bool, address: MountAddress | None = None) -> int:
+    """Tell the summary; raises the error whose exit code the run ends with, else returns 0.
+
+    Where a mount at an address was never heard, the error says what to check.
+    """
     if as_json:
         click.echo(msgspec.json.encode(SummaryLine(summary)).decode())
     else:
         click.echo("\n".join(summary_lines(summary)))
     error = failure(summary, interrupted)
+    if isinstance(error, LinkLostError) and summary.mount_stopped is None and address is not None:
+        heard = str(error).removesuffix("; is it on, and set to send here?")
+        raise LinkLostError(f"{heard}; {address.silence_advice}")
     if error is not None:
         raise error
     return 0
@@ -396,6 +403,8 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
     between = (_utc_s(options["begin"]), _utc_s(options["end"]))
     now = context.now()
     begin = now if between[0] is None else max(now, Utc(between[0]))
+    if between[0] is not None and between[0] < float(now.unix_s) - 1.0:
+        tell(f"--from {options['begin']} is past: the pass in progress now, or the next, is followed")
     elements, site, target, _ = followed(
         context, satellite, url, options["ephemeris"], Wanted(begin, min_alt_deg)
     )
@@ -441,7 +450,7 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
         output.tell_scene(prepared.facts)
     summary, interrupted = _flown(context, request, prepared, output, options, observations)
     learn_profile(options["learn_profile"], request.profile, summary)
-    return finish(summary, interrupted, context.json or options["stream"])
+    return finish(summary, interrupted, context.json or options["stream"], prepared.address)
 
 
 def _flown(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -12,7 +13,7 @@ import click
 from sattrack.cli.common import tell
 from sattrack.core.errors import BadInputError
 from tle.elements import Elements, SourceRank, expected_error_m, source_rank
-from tle.errors import AmbiguousSatelliteError, PropagationError, SatelliteNotFoundError
+from tle.errors import AmbiguousSatelliteError, PropagationError, SatelliteNotFoundError, SourceError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -324,6 +325,18 @@ def _tell_disagreement(best: EphemerisChoice, other: EphemerisChoice) -> None:
         )
 
 
+def _check_key(key: str) -> None:
+    """Raise BadInputError for what names no target, but something that belongs elsewhere."""
+    if not key.strip():
+        raise BadInputError("TARGET is empty: give a satellite's number, designator or name")
+    if set("./") & set(key) and Path(key).is_file():
+        raise BadInputError(f"{key} is a file: give it with --elements, and name a satellite as TARGET")
+    if re.fullmatch(r"\s*[+-]?\d{1,3}[:hd]\d+.*", key) and "," not in key:
+        raise BadInputError(
+            f"{key!r} is one angle: a direction has two, RA,DEC, in degrees as 83.6331,22.0145"
+        )
+
+
 def find_target(
     context: CommandContext, key: str, files: Sequence[Path], elements: Callable[[], list[Elements]]
 ) -> Ephemeris | None:
@@ -344,6 +357,7 @@ def find_target(
         return aircraft_now(key)
     if key.casefold().endswith(".csv"):
         return _objects_of(context, Path(key), [])[0]
+    _check_key(key)
     if click.get_current_context().meta.get(_T0) is not None:
         raise BadInputError("--t0 goes with a table whose times count from it: track launch.csv --t0 UTC")
     from tle.bodies import find_body, read_star, star_number
@@ -353,7 +367,10 @@ def find_target(
     if body is not None or not (by_number or _has_no(elements(), key)):
         return body
     number = star_number(key)
-    return None if number is None else read_star(number, key, context.settings.stars)
+    try:
+        return None if number is None else read_star(number, key, context.settings.stars)
+    except SourceError as error:
+        raise SourceError(context.by_settings("stars", error)) from None
 
 
 def _objects_of(context: CommandContext, ephemeris: Path, keys: Sequence[str]) -> list[Ephemeris]:

@@ -85,5 +85,5 @@ def meant(given: str, known: Iterable[str]) -> str:
 
     # The hyphens before options make nothing alike.
     folded = {choice.casefold().lstrip("-"): choice for choice in known}
-    near = get_close_matches(given.casefold().lstrip("-"), folded, n=1, cutoff=0.6)
+    near = get_close_matches(given.casefold().lstrip("-"), folded, n=1, cutoff=0.65)
     return f"; did you mean {folded[near[0]]!r}?" if near else ""

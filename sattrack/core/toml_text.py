@@ -36,6 +36,7 @@ _UNKNOWN = re.compile(r"Object contains unknown field `(.*)`")
 QUOTED = re.compile(r"'(.*?)'")
 _TOML = re.compile(r"^\s*(\[|[\w.\"'-]+\s*=)", re.MULTILINE)
 """What a line of TOML looks like."""
+_YES_OR_NO = {"yes", "no", "on", "off", "true", "false"}
 _TAG = re.compile(r"Invalid value '(.*)'")
 
 
@@ -260,7 +261,8 @@ def _syntax(message: str, text: str, file: str) -> BadInputError:
     if slip is not None:
         return Origin(file, slip[0]).wrong(slip[1])
     if match[1] == "Invalid value" and re.match(r"\s*[A-Za-z_-]+\s*=\s*[A-Za-z]", row):
-        hint = "; text stands in quotes"
+        word = row.partition("=")[2].partition("#")[0].strip()
+        hint = "; write true or false" if word.casefold() in _YES_OR_NO else "; text stands in quotes"
     elif re.search(r"=\s*[+-]?\d+,\d+\s*$", row):
         hint = "; write a decimal point, not a comma"
     return Origin(file, line, column).wrong(f"not a TOML file: {match[1]}{hint}")

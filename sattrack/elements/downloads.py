@@ -337,7 +337,8 @@ class _UnreachableError(DownloadError):
 
 def _bring(query: Query) -> str:
     """Return how to get elements without the network, as the end of a message."""
-    return f"save {query.url} as a file on another computer, and give it with --elements FILE"
+    how = "`passes`, `track` and others take it by --elements FILE"
+    return f"save {query.url} as a file on another computer: {how}"
 
 
 class Downloads:
@@ -376,13 +377,16 @@ class Downloads:
         with self._cache.alone(query.provider):
             kept = self._cache.read(query.url)
             reason = self._why_not(query, kept.fetched_unix_s if kept else None)
+            advice = f"check the network, or {_bring(query)}"
             if reason is None:
                 try:
                     return self._download(query)
                 except DownloadError as error:
                     reason = str(error)
+                    if query.url == source and not isinstance(error, _UnreachableError):
+                        advice = "check the address"
         if kept is None:
-            raise DownloadError(f"{source}: {reason}; check the network, or {_bring(query)}")
+            raise DownloadError(f"{source}: {reason}; {advice}")
         self._tell(f"{source}: using what was fetched {_since(kept, self._now())} ago: {reason}")
         return kept.text
 

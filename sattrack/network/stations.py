@@ -23,13 +23,11 @@ import msgspec
 from sattrack.core.errors import BadInputError, Origin, meant
 from sattrack.core.toml_text import read_typed
 from tle.passes import Horizon, HorizonMask
-from tle.site import Site
+from tle.site import HIGHEST_GROUND_M, LOWEST_GROUND_M, Site
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-LOWEST_M, HIGHEST_M = -500.0, 8900.0
-"""No ground is lower than the Dead Sea's shore or higher than the highest summit, above the ellipsoid."""
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.-]{0,39}")
 REQUIRED = ("name", "latitude_deg", "longitude_deg")
 
@@ -57,7 +55,13 @@ class Station(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             )
         _within("latitude_deg", self.latitude_deg, -90.0, 90.0, "degrees north")
         _within("longitude_deg", self.longitude_deg, -180.0, 360.0, "degrees east")
-        _within("height_m", self.height_m, LOWEST_M, HIGHEST_M, "metres: no ground on Earth lies outside")
+        _within(
+            "height_m",
+            self.height_m,
+            LOWEST_GROUND_M,
+            HIGHEST_GROUND_M,
+            "metres: no ground on Earth lies outside",
+        )
         _within("min_altitude_deg", self.min_altitude_deg, -5.0, 89.0, "degrees")
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
     from sattrack.views.run import PassView, TrackView
 
 ARCSEC = 3600.0
+MOST_UNTIL = len("in 1:45:05")
+"""What the narrowest column of times has room for."""
 SIGMAS = 2.0
 FIELD_ROOM = 1.08
 CENTRE, PLAIN_CENTRE = "×", "x"
@@ -270,7 +273,12 @@ class TimesPanel(Panel):
 
     @staticmethod
     def _row(name: str, at_s: float, now_s: float) -> Row:
-        return labelled(name, formatting.clock(at_s), "  ", (_until(at_s - now_s), "bold"), cells=12)
+        until = _until(at_s - now_s)
+        if len(until) > MOST_UNTIL:
+            # Hours off, its seconds matter less than its unit; the headline has them.
+            until = re.sub(r":\d\d(?= |$)", " h", until)
+        gap = " " if len(until) == MOST_UNTIL else "  "
+        return labelled(name, formatting.clock(at_s), gap, (until, "bold"), cells=12)
 
 
 def _ends(scene: Scene) -> tuple[str, str]:

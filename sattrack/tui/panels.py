@@ -511,7 +511,7 @@ ALONG = Key((("←", "left"), ("→", "right")), "along")
 ACROSS = Key((("↑", "up"), ("↓", "down")), "across")
 STEP = Key((("[ ", "left_square_bracket"), ("]", "right_square_bracket")), "step")
 PAUSE, GO, PARK = _key("p", "p", "pause"), _key("p", "p", "go on"), _key("P", "P", "park")
-MORE, MORE_WITH_CAMERA = _key("1-5", "2", "more"), _key("1-6", "6", "more")
+MORE, MORE_WITH_CAMERA = _key("1-6", "2", "more"), _key("1-6", "6", "more")
 TAKE_CONTROL = _key("c", "c", "take control")
 
 

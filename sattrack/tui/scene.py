@@ -221,7 +221,7 @@ def _under_way(scene: Scene) -> Headline:
 def _coming(view: TrackView) -> Headline:
     left_s = view.start_utc_s - view.utc_s
     when = f" in {formatting.span(left_s)}" if left_s > 0.0 else ""
-    if view.phase == "slewing":
+    if formatting.phase_text(view) == "slewing":
         return Headline("SLEWING", f"to where the satellite will come by{when}", Tone.CALM)
     return Headline(
         "WAITING", f"for the pass to begin{when}" if when else "until it can be followed", Tone.CALM

@@ -13,7 +13,7 @@ from tle.instants import Utc
 
 if TYPE_CHECKING:
     from sattrack.mount.model import Status
-    from sattrack.views.run import ClockView, ConsoleView, LearntView, LoopView, Summary
+    from sattrack.views.run import ClockView, ConsoleView, LearntView, LoopView, Summary, TrackView
 
 
 NOTHING = "–"
@@ -23,6 +23,8 @@ ARCSEC_PER_SECOND = 15.041
 """How far the sky turns in a second of UTC."""
 CARDINALS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 ARCSEC_PER_DEG = 3600.0
+STANDING_DEG_S = 0.01
+"""A mount whose axes move by less does not slew; one that tracks turns by 0.0042 degrees a second."""
 HOUR_S = 3600.0
 DAY_S = 86400.0
 
@@ -55,6 +57,13 @@ def arcsec(value: float | None, sign: bool = False) -> str:
 def clock(utc_s: float) -> str:
     """Return the local time of day of an instant, to the second that has begun."""
     return local_time.clock(math.floor(utc_s))
+
+
+def phase_text(view: TrackView) -> str:
+    """Return the phase of a run; a mount that stands where the satellite will come by waits."""
+    rates = view.ra_rate_reached_deg_s, view.dec_rate_reached_deg_s
+    stands = all(rate is not None and abs(rate) < STANDING_DEG_S for rate in rates)
+    return "waiting" if view.phase == "slewing" and stands else view.phase
 
 
 def date(utc_s: float) -> str:

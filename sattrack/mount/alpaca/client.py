@@ -58,7 +58,10 @@ def value_in(member: str, status: int, body: bytes) -> Any:
     """Return the value that an answer gives, None where it gives none. Raises Refusal, Unheard."""
     text = body.decode(errors="replace")
     if status != 200:
-        raise NoAnswerError(f"it answered {member} with HTTP status {status}: {text.strip()[:120]}", status)
+        said = " ".join(text.split())
+        if said.startswith("<"):
+            said = "a page of a web server, which is no Alpaca server"
+        raise NoAnswerError(f"it answered {member} with HTTP status {status}: {said[:120]}", status)
     try:
         answer = json.loads(text)
         number = int(answer.get("ErrorNumber") or 0)

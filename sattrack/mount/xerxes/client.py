@@ -58,8 +58,8 @@ class Address(NamedTuple):
     def silence_advice(self) -> str:
         """What to check where it is not heard."""
         return (
-            f"check that the mount is on, that {self.host}:{self.port} is its address and port, and that its "
-            f"own window sends to this machine's address, port {self.listen_port}"
+            f"check that the mount is on, that {self.host}:{self.port} is its address and UDP port, and that "
+            f"its own window sends to this machine's address, port {self.listen_port}"
         )
 
     @property

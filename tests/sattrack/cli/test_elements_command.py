@@ -180,6 +180,13 @@ def test_what_the_network_refuses_is_one_line_and_ends_with_one(server, capsys):
     assert err.count("\n") == 1
 
 
+def test_files_of_a_folder_without_elements_count_as_files(tmp_path, capsys):
+    (tmp_path / "iss.csv").write_text(CSV)
+    (tmp_path / "notes.txt").write_text("clear tonight\n")
+    _, err = ran(capsys, "elements", "show", "25544", "--elements", str(tmp_path))
+    assert err.startswith(f"sattrack: 1 file holds no element sets, the first: {tmp_path}/notes.txt: ")
+
+
 def test_sets_refused_beside_good_ones_are_told_and_do_not_stop_a_command(tmp_path, capsys):
     path = tmp_path / "mixed.csv"
     path.write_text(CSV.replace(".00032284", "1.0"))
@@ -301,7 +308,7 @@ def test_offline_with_nothing_kept_says_what_is_held_and_how_to_bring_a_file(ser
     assert line.startswith("sattrack: no elements of Hubble: ")
     assert "kept from earlier downloads: GROUP=stations (2 objects, 0 s ago)" in line
     assert f"save {server.url}/NORAD/elements/gp.php?CATNR=20580&FORMAT=csv as a file" in line
-    assert "and give it with --elements FILE" in line
+    assert "`track` and others take it by --elements FILE" in line
 
 
 def test_a_name_is_not_asked_for_where_the_settings_forbid_it(server, capsys, tmp_path):

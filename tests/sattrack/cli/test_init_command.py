@@ -11,9 +11,11 @@ import tomllib
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from typing import TYPE_CHECKING
+from unittest.mock import Mock
 
 import pytest
 
+from sattrack.cli import init
 from sattrack.cli.init import find_cities
 from sattrack.cli.main import run
 from sattrack.core.errors import BadInputError
@@ -83,6 +85,25 @@ def test_an_answer_that_never_comes_writes_nothing(folder):
     assert done.returncode == 2
     assert done.stderr.splitlines()[-1].endswith("`sattrack init --yes --site LAT,LON,HEIGHT` asks nothing")
     assert not (folder / "sattrack.toml").exists()
+    done = typed(folder, "0\n", "--city", "Leiden", "--config", "my own.toml")
+    again = "`sattrack init --yes --city Leiden --config 'my own.toml'` asks nothing"
+    assert done.stderr.splitlines()[-1].endswith(again)
+
+
+def test_a_search_that_finds_no_telescope_is_answered_at_once_and_asked_again(folder, monkeypatch):
+    monkeypatch.setattr(init, "_found_mount", Mock(side_effect=[BadInputError("none answered"), "sim"]))
+    answers = iter(["alpaca", "sim"])
+    assert init._answered_mount(lambda *_: next(answers), "Mount") == "sim"
+
+
+def test_elements_too_old_to_track_by_are_told_where_track_would_be_next(folder, capsys):
+    words = ("--yes", "--site", "52.1541,4.4908,0", "--elements", "iss.tle", "--mount", "sim")
+    assert run(["init", *words]) == 0
+    last = capsys.readouterr().out.splitlines()[-1]
+    renew = "`sattrack elements get 25544 --output new.csv`, then give --elements new.csv"
+    assert last.startswith(
+        f"Next: fetch new ones: {renew}. `sattrack track` follows with elements of 14 days"
+    )
 
 
 def test_options_alone_ask_nothing_and_json_has_the_passes(folder, capsys):
@@ -132,7 +153,9 @@ def test_without_a_network_the_settings_are_written_all_the_same(folder, capsys)
     out, err = capsys.readouterr()
     assert "passes cannot be listed yet" in err
     assert "/NORAD/elements/gp.php?GROUP=stations&FORMAT=csv as a file on another computer" in err
-    assert "Next: `sattrack init --force --elements FILE`" in out
+    again = "sattrack init --force --yes --site 52.0,4.0,0.0 --zone "
+    assert f"Next: `{again}" in out
+    assert "--mount sim --elements FILE`" in out
     assert "rehearse" not in out
     assert tomllib.loads((folder / "sattrack.toml").read_text())["elements"] == ["celestrak:stations"]
 

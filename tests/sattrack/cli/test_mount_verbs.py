@@ -195,7 +195,7 @@ def test_a_mount_that_is_not_heard_ends_with_4_and_says_what_to_check(
         deaf.bind(("127.0.0.1", port))
         assert run(["mount", "status", "--mount", url, "--timeout", "0.1"]) == 4
     err = capsys.readouterr().err
-    assert f"that 127.0.0.1:{port} is its address and port" in err
+    assert f"that 127.0.0.1:{port} is its address and UDP port" in err
     assert f"sends to this machine's address, port {listen}" in err
 
 

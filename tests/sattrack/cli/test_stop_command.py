@@ -10,6 +10,7 @@ import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import pytest
 from programs import SITE, Mount, ended, free_port, sattrack, simulated_mount
 
@@ -17,7 +18,7 @@ from sattrack.cli import stop as stop_module
 from sattrack.cli.main import run
 from sattrack.core.errors import SattrackError
 from sattrack.runtime.console import MountStop
-from sattrack.runtime.mounts import Owner, owner_of, owners
+from sattrack.runtime.mounts import GoesOn, Owner, owner_of, owners
 from sattrack.schedule.night_stop import ListedRun, locked
 
 if TYPE_CHECKING:
@@ -169,6 +170,16 @@ def stopped(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     monkeypatch.setattr(stop_module, "stop_session", stop)
     return mounts
+
+
+def test_a_guardian_that_goes_on_is_told_in_a_sentence_of_its_own(
+    stopped: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    goes_on = GoesOn(7, "2026-11-23T12:00:00Z", "it turns at 1 °/s")
+    monkeypatch.setattr(stop_module, "owners", lambda: [msgspec.structs.replace(DOME, goes_on=goes_on)])
+    assert run(["stop"]) == 0
+    assert stopped == [DOME.mount]
+    assert f"stopping {DOME.mount}: `{DOME.command}` has ended, the mount" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

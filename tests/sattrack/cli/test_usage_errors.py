@@ -159,9 +159,15 @@ elements check                                  | elements
 elements check none.tle                         | check the name
 elements get {tle} --format yaml                | is not one of 'csv',
 doctor --mnt sim                                | did you mean '--mount'?
-passes ISS                                      | give it with --elements FILE
+passes ISS                                      | `passes`, `track` and others take it by --elements FILE
 passes Hubble --site 52,4,0                     | save http
-passes '' {at}                                  | which hold ISS
+passes '' {at}                                  | TARGET is empty: give a satellite's number
+track 12:30:00 {at} --mount sim                 | '12:30:00' is one angle: a direction has two, RA,DEC
+track {readme} {at} --mount sim                 | README.md is a file: give it with --elements
+passes ISS {tle} {at}                           | iss_leiden.tle is a file: give it with --elements
+passes ISS --elements {tle} --site 52,4,-5000   | height of -5000.0 is outside -500 to 9000 metres
+init --yes --city Leiden --height 100000        | height of 100000.0 is outside -500 to 9000 metres
+init --yes --city Leiden --elements stations    | write celestrak:stations
 passes 25 544 {at}                              | no satellite '25'
 ephemeris 'HIP 5' --site 52,4,0                 | set stars in sattrack.toml
 ephemeris Vegga {at}                            | which hold ISS (ZARYA) (25544)
@@ -326,6 +332,16 @@ def test_a_wrong_command_line_is_answered_in_one_line_with_what_to_do(
             "or indi://HOST:PORT/DEVICE; for `sattrack track` also antenna://HOST:PORT or "
             "antenna:///dev/ttyUSB0; did you mean 'sim'?",
         ),
+        ("[safety]\noptical = yes\n", "2:11: not a TOML file: Invalid value; write true or false"),
+        (
+            "min_altitude_deg = 100\n",
+            "1: min_altitude_deg is 100; give degrees above the horizon, 90 at most",
+        ),
+        (
+            "[site]\nlatitude_deg = 1\nlongitude_deg = 2\nheight_m = 100000\n",
+            "1: the site's height of 100000.0 is outside -500 to 9000 metres: no ground on Earth lies "
+            "outside",
+        ),
         ("ISS (ZARYA)\n", " this is not a TOML file, as the settings must be"),
         (
             "[camera]\nscale = 2\n",
@@ -357,6 +373,35 @@ def test_a_folder_that_is_closed_to_the_user_is_told_with_what_to_do(
     assert run(["report", f"{EXAMPLES}/passes/clean.mcap", "--output", "/closed/x.html"]) in {1, 2}
     advice = "choose another folder, or change who may use this one"
     assert capsys.readouterr() == ("", f"sattrack: /closed/x.html: Permission denied; {advice}\n")
+
+
+@pytest.mark.parametrize(
+    ("line", "target", "says"),
+    [
+        ("elements = ['no']", "ISS", "2: elements: {folder}/no: cannot read elements: No such file"),
+        ("elements = ['celestrak:a b']", "ISS", "2: elements: celestrak:a b: write celestrak:GROUP"),
+        ("stars = 'no'", "HIP 5", "2: stars: {folder}/no: cannot read the star catalogue: No such file"),
+        (
+            "mount = {profile = 'no'}",
+            "Moon",
+            "2: profile: {folder}/no: cannot read the mount profile: No such",
+        ),
+    ],
+)
+def test_a_file_that_the_settings_name_is_missed_with_the_name_of_its_key(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], line: str, target: str, says: str
+) -> None:
+    path = tmp_path / "s.toml"
+    path.write_text(f"zone = 'UTC'\n{line}\n")
+    rehearse = ["rehearse", target, "--site", "52,4,0", "--mount", "sim", "--clock", "2026-10-02T12:50:00Z"]
+    assert run([*rehearse, "--config", str(path)]) == 2
+    assert capsys.readouterr().err.startswith(f"sattrack: {path}:{says.format(folder=tmp_path)}")
+
+
+def test_a_start_that_is_past_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    high = ("--min-alt", "75", "--clock", "2026-10-02T13:04:55Z", "--from", "2026-10-01T00:00:00Z")
+    assert run(["track", "ISS", *ELEMENTS, "--mount", "sim", "--virtual", *high]) in {0, 1}
+    assert "--from 2026-10-01T00:00:00Z is past: the pass in progress now" in capsys.readouterr().err
 
 
 def test_a_run_that_cannot_be_served_says_how_its_ports_are_chosen(

@@ -104,7 +104,9 @@ def test_a_mount_that_does_not_answer(tmp_path: Path) -> None:
     assert code == 4
     assert summary["ended_by"] == "link"
     assert summary["mount_stopped"] is None
+    listen = arguments[arguments.index("--mount") + 1].rpartition("=")[2]
     assert "no status from xerxes://127.0.0.1:" in err.splitlines()[-1]
+    assert f"sends to this machine's address, port {listen}" in err.splitlines()[-1]
 
 
 def test_a_port_in_use_is_named(tmp_path: Path) -> None:

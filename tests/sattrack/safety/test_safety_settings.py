@@ -100,7 +100,7 @@ def test_a_mask_with_gaps_or_unsorted_is_refused_with_file_and_line(
     path = tmp_path / "s.toml"
     path.write_text('[safety]\nhorizon = "hills.txt"\n', encoding="utf-8")
     err = refusal(capsys, (*TRACK, "--config", str(path)))
-    assert err.startswith(str(tmp_path / "hills.txt") + says)
+    assert err.startswith(f"{path}:2: horizon: {tmp_path}/hills.txt{says}")
 
 
 @pytest.mark.parametrize("door", DOORS)

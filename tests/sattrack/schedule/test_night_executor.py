@@ -234,6 +234,7 @@ def test_a_weather_command_is_safe_where_it_ends_with_0_in_time(tmp_path: Path) 
         (200, b"<html>", False, "no Alpaca answer"),
         (200, b"[1]", False, "no Alpaca answer"),
         (400, b"what?", False, "issafe with HTTP status 400"),
+        (404, b"<html>\n<p>no\n", False, "404: a page of a web server, which is no Alpaca server"),
     ],
 )
 def test_an_alpaca_safety_monitor_is_asked_whether_it_is_safe(

@@ -150,7 +150,7 @@ def test_a_mouse_alone_nudges_turns_to_every_screen_and_stops() -> None:
         await touch(app, pilot, "↑↓", 1)
         assert feed.sent == [Nudge(along_s=0.1), Nudge(along_s=-0.1), Nudge(cross_deg=-0.05)]
         feed.sent.clear()
-        await touch(app, pilot, "1-5 more")
+        await touch(app, pilot, "1-6 more")
         for page in ("tonight", "mount", "schedule", "log", "live"):
             await touch(app, pilot, page)
             assert app._screens.page == page

@@ -97,8 +97,18 @@ def test_the_whole_small_screen() -> None:
         " along    +0.050 s  asked +0.100 s   ← behind  → ahead on track by 0.1 s",
         " across   −0.0100°  asked −0.0200°   ↑ left  ↓ right of motion by 0.01°",
         " elements 12.8 h old   recording pass.mcap",
-        " ←→ along  ↑↓ across  [ ] step  p pause  1-5 more  SPACE STOP   q leave  ? help",
+        " ←→ along  ↑↓ across  [ ] step  p pause  1-6 more  SPACE STOP   q leave  ? help",
     ]
+
+
+def test_no_time_is_cut_where_a_pass_begins_hours_later() -> None:
+    for later_s, shown in (
+        (6305.0, "14:49:36 in 1:45:05"),
+        (60305.0, "in 16:45 h"),
+        (360305.0, "in 4 d 4 h"),
+    ):
+        text = "\n".join(drawn(changed(start_utc_s=UTC_S + later_s), size=LARGE))
+        assert f"{shown} │" in text
 
 
 @pytest.mark.parametrize("size", [SMALL, LARGE, HUGE])
@@ -187,6 +197,14 @@ def test_before_anything_is_heard_no_number_is_made_up() -> None:
 def test_the_headline_says_how_things_are() -> None:
     headlines = [
         (changed(phase="slewing"), "SLEWING  to where the satellite will come by"),
+        (
+            changed(phase="slewing", ra_rate_reached_deg_s=-2.0, dec_rate_reached_deg_s=0.0),
+            "SLEWING  to where the satellite will come by",
+        ),
+        (
+            changed(phase="slewing", ra_rate_reached_deg_s=0.0042, dec_rate_reached_deg_s=0.0),
+            "WAITING  until it can be followed",
+        ),
         (changed(phase="acquiring"), "ACQUIRING  closing in on the satellite"),
         (changed(error={"total_arcsec": 12.3}), "TRACKING  off the satellite by 12.3″"),
         (changed(link={"state": "stale"}), "TRACKING  blind: no fresh status from the mount"),
