@@ -45,6 +45,8 @@ EARTH_RAD_S = 7.2921159e-5
 # One sigma of each: rad, but for the delay (s), the scale (a share) and the clock (s).
 _TURN_RAD, _DELAY_S, _CONE_RAD = math.radians(0.1), 0.02, math.radians(0.03)
 _ROTATION_RAD, _SCALE, _CLOCK_S, _MIDDLE_RAD = math.radians(4.0), 0.02, 0.1, math.radians(0.5)
+_ANY_SCALE = 0.5
+"""Of a camera whose reducer, or binning, is not what was set."""
 _TURN_WALK_RAD2_S = math.radians(0.05 / 3600.0) ** 2
 """How the turn of the base changes, as bending and worm gears make it."""
 _LEAST_ALONG = 0.2
@@ -195,7 +197,8 @@ class OrbitFilter:
         middle = _MIDDLE_RAD if image.coarse else 0.0
         loose = self._looser
         mean = np.zeros(CAMERA)
-        sigma = np.array([loose * _ROTATION_RAD, loose * _SCALE, _CLOCK_S, middle, middle])
+        scale = _ANY_SCALE if loose > 1.0 else _SCALE
+        sigma = np.array([loose * _ROTATION_RAD, scale, _CLOCK_S, middle, middle])
         if image.camera in self._terms.cameras:
             mean, sigma = (one * _CAMERA_UNITS for one in self._terms.cameras[image.camera])
         n = len(self._state)
@@ -299,7 +302,8 @@ class OrbitFilter:
 
 class _Member(NamedTuple):
     """What a filter of a bank expects: `wider` errors of elements, `kicked` accelerations, the terms that
-    are known, `looser` rotation and scale of cameras, a mirrored image; and how likely that is, a logarithm.
+    are known, a `looser` rotation and any scale of cameras, a mirrored image; and how likely that is, a
+    logarithm.
     """
 
     wider: float = 1.0

@@ -43,6 +43,8 @@ PSF_PX = (0.6, 6.0)
 MOST_CANDIDATES = 60
 AMBIGUOUS = 0.6
 """Of two points, the brighter one counts where the other has less than this share of its flux."""
+MOST_STANDING = 3
+"""More points than that are stars, where a run says that stars trail and the frame shows no trail."""
 RIDGE_SNR = 3.0
 EDGE_PX = 4
 Kind = Literal["point", "streak", "none"]
@@ -295,6 +297,8 @@ class _Trail(NamedTuple):
     known: bool
     angle_deg: float | None
     length_px: float | None
+    shown: bool = False
+    """Whether the frame shows it, and not the run alone."""
 
 
 def _trail(long: list[Streak], expected: ExpectedMotion, exposure_s: float) -> _Trail:
@@ -305,7 +309,7 @@ def _trail(long: list[Streak], expected: ExpectedMotion, exposure_s: float) -> _
     if len(alike) > 1:
         # The faint ones come in pieces; the brightest are whole.
         whole = [one for one in alike if one.whole] or alike
-        return _Trail(True, angle, float(np.median([one.length_px for one in whole[:9]])))
+        return _Trail(True, angle, float(np.median([one.length_px for one in whole[:9]])), True)
     return _Trail(by_run is not None, _angle(expected.stars), by_run)
 
 
@@ -390,6 +394,8 @@ def _point_target(
             break
     if not points:
         return _because(none, "nothing that stands out has the shape of a point")
+    if trailing and not trail.shown and len(points) > MOST_STANDING:
+        return _because(none, "the stars stand still: does this camera look along the mount?")
     return _chosen(prepared, points, trailing, near, none)
 
 

@@ -53,6 +53,8 @@ RIVAL_SHARE = 3
 """A rival takes over with so many times as many observations as the estimate took since it began."""
 RIVAL_WIDER, RIVAL_NOISIER = 3.0, 1.5
 """A rival expects so many times the errors of elements of that age, and those of what is observed."""
+REFUTED_BY, REFUTED_SHARE = 20, 5
+"""So many rejected observations, and so many times as many as it took, refute an estimate."""
 MOST_UNHEARD = 50
 """Older ones begin no rival any more."""
 BETTER_FRAME = 9.0
@@ -244,6 +246,15 @@ class Estimator:
             return None if self.filter is None else _reading(self.filter, utc_s, course, fed)
         except FAILURES:
             return None
+
+    @property
+    def refuted(self) -> bool:
+        """Whether so much contradicts the estimate that the elements are the better guess.
+
+        A satellite's own observations agree with one another: a rival that begins with them wins long before.
+        """
+        known = self.filter
+        return known is not None and known.rejected >= max(REFUTED_BY, REFUTED_SHARE * known.accepted)
 
     def undo(self) -> bool:
         """Give back what the last observation that was taken has changed; tell whether that was possible."""

@@ -178,9 +178,13 @@ class Steering:
             return "nothing to reject: no observation was taken since"
         self._estimated = self.estimator.filter is not None
         if not self._estimated:
-            self._following_estimate = False
-            forget_estimate(self.biases, begins_s)
+            self._leave_estimate(begins_s)
         return None
+
+    def _leave_estimate(self, begins_s: float) -> None:
+        """Follow what is known without observations."""
+        self._estimated = self._following_estimate = False
+        forget_estimate(self.biases, begins_s)
 
     def keep_search(self, now_utc_s: float) -> None:
         """End a search that runs, keeping where it is."""
@@ -386,6 +390,10 @@ class Steering:
         first = Bias(along_s, cross_deg)
         if self.estimator.take(seen, now_utc_s, self.biases.course, first, image, sure=sure, patient=True):
             self._estimated = True
+        elif self.estimator.refuted:
+            self.estimator.forget()
+            self._leave_estimate(begins_s)
+            self.tell("observations contradict one another: back to the elements", now_utc_s)
 
     def tell(self, words: str | None, now_utc_s: float) -> None:
         """Keep why something was not done, until something else has been done some seconds later."""

@@ -151,3 +151,15 @@ def test_a_hot_pixel_is_none_however_sharp_stars_are() -> None:
     canvas.point(201.2, 150.4, canvas.flux_of(25.0))
     one = seen(canvas.exposed(rng), detector=detector)
     assert one.x == pytest.approx(201.2, abs=0.2)
+
+
+def test_stars_that_stand_still_while_the_mount_follows_are_no_satellite() -> None:
+    """The frames are of a camera that is not on the mount: the run says that stars trail."""
+    canvas, rng = small(), np.random.default_rng(3)
+    for number in range(12):
+        x, y = rng.uniform(30.0, 350.0, 2)
+        canvas.point(x, y, canvas.flux_of(400.0 if number == 0 else rng.uniform(15.0, 60.0)))
+    one = seen(canvas.exposed(rng), ExpectedMotion(stars=(700.0, 0.0), target=0.0))
+    assert one.kind == "none"
+    assert one.why is not None
+    assert "stand still" in one.why

@@ -13,7 +13,7 @@ import pytest
 
 from sattrack.control.biases import UPRIGHT, Biases, Camera, Cameras
 from sattrack.control.engine_view import loop_view
-from sattrack.control.estimate import CONFIRMED_BY
+from sattrack.control.estimate import CONFIRMED_BY, REFUTED_BY
 from sattrack.control.offset import KEPT
 from sattrack.control.steering import Steering
 from sattrack.mount.model import MountProfile
@@ -422,3 +422,19 @@ def test_a_tick_that_was_prepared_does_not_wait_for_the_estimate(monkeypatch: py
     assert len(looked) == 2
     engine.tick(now_s + 2.0 * period_s)
     assert looked[2:] == [now_s + 2.0 * period_s], "as it was not prepared"
+
+
+def test_what_almost_everything_contradicts_is_left_for_the_elements() -> None:
+    """Noise that is taken for the satellite would otherwise be extrapolated, seconds away within minutes."""
+    loop, rng, now_s, back = Loop(), np.random.default_rng(1), BEGIN_S, "back to the elements"
+    steering = loop.steering
+    for number in range(REFUTED_BY + 1):
+        assert back not in (steering.refusal or "")
+        now_s += 0.5
+        dx, dy = (float(one) for one in rng.uniform(-1500.0, 1500.0, 2)) if number else (200.0, 150.0)
+        utc = Utc(now_s - 0.3).isoformat("microseconds")
+        steering.obey(SeenOffset(utc, dx, dy, 2.0, "guide"), now_s)
+        steering.watch(now_s)
+        assert (abs(steering.biases.totals(now_s + 10.0)[0]) > 0.02) == (number < REFUTED_BY)
+    assert back in (steering.refusal or "")
+    assert steering.biases.totals(now_s + 10.0) == (0.0, 0.0)

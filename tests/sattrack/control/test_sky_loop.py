@@ -39,7 +39,7 @@ def test_the_satellite_is_held_in_the_middle_of_an_image_whose_sky_is_hidden() -
     ("hidden", "words"),
     [
         ({"mirrored": True}, "mirrored"),
-        ({"scale": 1.25}, "times as large as set"),
+        ({"scale": 1.6}, "times as large as set"),
         ({"rotation_deg": 30.0}, "turned by"),
         ({"clock_s": 0.3}, "s ahead"),
     ],
