@@ -97,21 +97,29 @@ class MountLoop:
         mean_s = self._origin_s + self._instants_s / count
         return mean_s + (counter - self._numbers / count) * self.mean_period_s
 
-    def shift_s(self, arrival_utc_s: float) -> float:
+    def shift_s(self, arrival_utc_s: float, early_s: float | None = None) -> float:
         """Return the delay at which datagrams should arrive, after this instant, seconds.
 
-        Halfway between two turns, neither timer nor network make it uncertain which of them reads a datagram.
+        Halfway between two turns, neither timer nor network make it uncertain which of them reads a datagram;
+        or `early_s` before a turn.
         """
         if not self._turns:
             return 0.0
+        half_s = 0.5 * self.mean_period_s
         ahead_s = self.first_from(arrival_utc_s) - arrival_utc_s
-        return ahead_s - 0.5 * self.mean_period_s
+        if early_s is None:
+            return ahead_s - half_s
+        return (ahead_s - early_s + half_s) % self.mean_period_s - half_s
 
     def send_shift_s(
-        self, arrival_utc_s: float, most_s: float = MOST_SHIFT_S, share: float = SHIFT_SHARE
+        self,
+        arrival_utc_s: float,
+        most_s: float = MOST_SHIFT_S,
+        share: float = SHIFT_SHARE,
+        early_s: float | None = None,
     ) -> float:
         """Return the delay of the next datagram beyond one period, seconds: a bounded share of the shift."""
-        return max(-most_s, min(most_s, share * self.shift_s(arrival_utc_s)))
+        return max(-most_s, min(most_s, share * self.shift_s(arrival_utc_s, early_s)))
 
     def first_from(self, utc_s: float) -> float:
         """Return the first turn expected at or after an instant. Needs one turn noted."""

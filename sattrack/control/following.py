@@ -33,6 +33,8 @@ UNDATED_AT_MOST = 15
 """Samples in a row dated no later than the one before that are left out: a clock is learnt anew meanwhile."""
 MOST_EDGE_PERIODS = 12.0
 """The longest that the rates of one edge act: until the next, which the handshake lets through."""
+ANSWERED_AHEAD_S = 0.006
+"""How long before the next datagram of a handshake the status that answers the last one is to be here."""
 
 
 class Follower:
@@ -188,9 +190,19 @@ class Follower:
     def send_shift_s(self, now_utc_s: float, following: bool = True) -> float:
         """Return the delay of the next datagram beyond one period from now, seconds."""
         arrival_utc_s = now_utc_s + self._history.delay_s
+        early_s = self._early_s() if self._profile.move_axis == "edge" else None
         if not following:
-            return self._loop.send_shift_s(arrival_utc_s, IDLE_SHIFT_S, IDLE_SHIFT_SHARE)
-        return self._loop.send_shift_s(arrival_utc_s)
+            return self._loop.send_shift_s(arrival_utc_s, IDLE_SHIFT_S, IDLE_SHIFT_SHARE, early_s)
+        return self._loop.send_shift_s(arrival_utc_s, early_s=early_s)
+
+    def _early_s(self) -> float:
+        """Return how long before a turn of the mount datagrams of a handshake should arrive, seconds.
+
+        The status that answers is to be here shortly before the next datagram is sent: then the handshake
+        takes no turn more than the delays make it. Only their sum counts, whichever way it is split.
+        """
+        ahead_s = ANSWERED_AHEAD_S + self.clock.lateness_s
+        return -(self._history.delay_s + self._profile.status_delay_s + ahead_s) % self._loop.mean_period_s
 
 
 class FeederLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -356,6 +356,11 @@ class MountClock:
         return self.steps.step_s if self.steps.coarse else None
 
     @property
+    def lateness_s(self) -> float:
+        """By how much a status is later than the fastest, in the mean; 0 where the clock is known."""
+        return self._lateness_s
+
+    @property
     def drift(self) -> float:
         """Our clock's rate against the mount's, less one."""
         return 0.0 if self._envelope is None else self._envelope.drift

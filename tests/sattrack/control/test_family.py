@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import family
 import pytest
 
@@ -36,3 +38,11 @@ def test_a_drawn_mount_is_acquired_and_followed(
     assert outcome.late_s <= 5.0
     assert 0.001 < outcome.rms_arcsec <= most_rms_arcsec
     assert not outcome.lost
+
+
+def test_a_handshake_takes_no_turn_more_than_the_delays_make_it() -> None:
+    """Its delays are 7 and 18 ms from what the profile says, and only their sum counts."""
+    run = family.Run(drawn := family.draw(3056)).run()
+    there_and_back_s = drawn.hardware.command_delay_s + drawn.hardware.status_delay_s
+    turns = 2 * math.ceil(there_and_back_s / family.PERIOD_S)
+    assert run.engine.tracker.follower.acting_s == pytest.approx(turns * family.PERIOD_S, abs=1e-3)

@@ -61,3 +61,6 @@ def test_sending_falls_into_step_halfway_between_turns() -> None:
         shifted = (arrival + loop.shift_s(arrival)) % 0.05
         assert shifted == pytest.approx(0.025, abs=1e-9)
         assert abs(loop.shift_s(arrival)) <= 0.0251
+        early = (arrival + loop.shift_s(arrival, early_s=0.01)) % 0.05
+        assert early == pytest.approx(0.04, abs=1e-9)
+        assert abs(loop.shift_s(arrival, early_s=0.01)) <= 0.0251
