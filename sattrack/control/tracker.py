@@ -352,10 +352,13 @@ class Tracker:
             case _:
                 self.steering.obey(message, now_utc_s)
         self._judge_table(message)
+        self._look_again(message)
+
+    def _look_again(self, message: Message) -> None:
+        """Have a message count in the next step, also where that was prepared before it came."""
         if not isinstance(message, ObservationMessage | SeenOffset | SolvedField):
             self._satellite.forget()
         elif self._news is not None:
-            # It came after the next step was prepared, and is to count there.
             self._news |= self.steering.watch(self._next_utc_s)
 
     def _judge_table(self, message: Message) -> None:
