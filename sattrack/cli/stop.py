@@ -305,7 +305,8 @@ def _stop_all(
     failed: list[SattrackError] = []
     ended: queue.SimpleQueue[tuple[Owner, MountStop | SattrackError | None]] = queue.SimpleQueue()
     for owner in mounts.sessions:
-        progress.begin(owner.mount, f": asking {owner}" if owner.goes_on is None else f": {owner}")
+        asked = owner.goes_on is None and owner.state in ("running", "stopping")
+        progress.begin(owner.mount, f": asking {owner}" if asked else f": {owner}")
         threading.Thread(target=_stop_one, args=(owner, ended), name="stop", daemon=True).start()
 
     def keep(stop: Callable[[], MountStop]) -> None:

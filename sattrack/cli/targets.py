@@ -331,7 +331,7 @@ def _check_key(key: str) -> None:
         raise BadInputError("TARGET is empty: give a satellite's number, designator or name")
     if set("./") & set(key) and Path(key).is_file():
         raise BadInputError(f"{key} is a file: give it with --elements, and name a satellite as TARGET")
-    if re.fullmatch(r"\s*[+-]?\d{1,3}[:hd]\d+.*", key) and "," not in key:
+    if re.fullmatch(r"\s*[+-]?\d{1,3}[:hd]\d[\d:dhms.]*\s*", key):
         raise BadInputError(
             f"{key!r} is one angle: a direction has two, RA,DEC, in degrees as 83.6331,22.0145"
         )

@@ -189,7 +189,7 @@ class Owner(msgspec.Struct, frozen=True):
     mount: str
     listen_port: int
     state: str = "running"
-    """"running", "stopping", "hangs" or "ended without a word"."""
+    """"running", "stopping", or what follows "it": "does not answer", "hangs, …", "ended without …"."""
     goes_on: GoesOn | None = None
     """Who goes on stopping the mount where the session has ended without seeing it at rest."""
     simulated: bool = False
@@ -199,8 +199,8 @@ class Owner(msgspec.Struct, frozen=True):
         """Return it as text."""
         if self.goes_on is not None:
             return f"`{self.command}` has ended, the mount NOT KNOWN AT REST; {self.goes_on}"
-        doing = "" if self.state == "running" else f", {self.state}"
-        return f"`{self.command}`, process {self.pid}{doing}, since {local_time.localised(self.since_utc)}"
+        doing = {"running": "", "stopping": "; it is stopping"}.get(self.state, f"; it {self.state}")
+        return f"`{self.command}`, process {self.pid}, since {local_time.localised(self.since_utc)}{doing}"
 
 
 class Ask(msgspec.Struct, frozen=True):

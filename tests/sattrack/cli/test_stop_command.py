@@ -176,10 +176,17 @@ def test_a_guardian_that_goes_on_is_told_in_a_sentence_of_its_own(
     stopped: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     goes_on = GoesOn(7, "2026-11-23T12:00:00Z", "it turns at 1 °/s")
-    monkeypatch.setattr(stop_module, "owners", lambda: [msgspec.structs.replace(DOME, goes_on=goes_on)])
-    assert run(["stop"]) == 0
-    assert stopped == [DOME.mount]
-    assert f"stopping {DOME.mount}: `{DOME.command}` has ended, the mount" in capsys.readouterr().err
+    gone = "ended without a word, its guardian stops the mount"
+    for owner, says in (
+        (msgspec.structs.replace(DOME, goes_on=goes_on), f"`{DOME.command}` has ended, the mount"),
+        (msgspec.structs.replace(DOME, state=gone), f"`{DOME.command}`, process {DOME.pid}, since "),
+    ):
+        monkeypatch.setattr(stop_module, "owners", lambda one=owner: [one])
+        assert run(["stop"]) == 0
+        assert stopped.pop() == DOME.mount
+        err = capsys.readouterr().err
+        assert f"stopping {DOME.mount}: {says}" in err
+    assert f"; it {gone}\n" in err
 
 
 @pytest.mark.parametrize(

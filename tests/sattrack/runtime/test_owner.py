@@ -102,7 +102,8 @@ def test_an_owner_that_does_not_answer_is_named_by_its_process(
     monkeypatch.setattr(mounts_module, "ANSWER_WITHIN_S", 0.3)
     held = claim(address)
     try:
-        with pytest.raises(Taken, match=rf"process {os.getpid()}, does not answer, .*kill {os.getpid()}"):
+        own = os.getpid()
+        with pytest.raises(Taken, match=rf"process {own}, since .*; it does not answer; .*kill {own}"):
             claim(address)
         silent = owner_of(address.name)
         assert silent is not None
