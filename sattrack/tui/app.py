@@ -9,6 +9,7 @@ from textual.binding import Binding, BindingType
 from textual.containers import Container, Horizontal
 
 from sattrack.tui import figures, look
+from sattrack.tui.attached import PICTURE_SIDE
 from sattrack.tui.camera_page import CameraPage
 from sattrack.tui.console_panels import MountPage
 from sattrack.tui.dialogs import LEAVE, STOP, TEXTS, HelpScreen, LeaveDialog
@@ -27,6 +28,7 @@ from sattrack.tui.scene import (
 )
 from sattrack.tui.sky_chart import NotesPanel, SkyPanel, chart_columns
 from sattrack.views.messages import LeaveRunning, StopNow, TakeControl, YieldControl
+from sattrack.views.picture import MOST_SIDE
 from sattrack.views.run import STARTER
 
 if TYPE_CHECKING:
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
     from textual.dom import DOMNode
 
     from sattrack.tui.feeds import Feed, Helpers
+    from sattrack.tui.graphics import CellOfPixels
     from sattrack.tui.scene import Appearance
     from sattrack.views.messages import Message, SessionMessage
     from sattrack.views.run import PassView, SessionView, Summary, TrackView
@@ -49,7 +52,7 @@ class TrackApp(RunKeys):
     """Shows a run and takes the operator's keys.
 
     With `stay`, the screen of an ended run remains until it is left. `monotonic` is this process's own
-    clock, seconds.
+    clock, seconds. `cell` is a terminal's that has sixels, in pixels.
     """
 
     TITLE = "sattrack"
@@ -99,8 +102,10 @@ class TrackApp(RunKeys):
         monotonic: Callable[[], float] = time.monotonic,
         appearance: Appearance = DEFAULT_APPEARANCE,
         helpers: Helpers | None = None,
+        cell: CellOfPixels | None = None,
     ) -> None:
         super().__init__(appearance)
+        self._cell = cell
         self._feed = feed
         self._stay = stay
         self._monotonic = monotonic
@@ -117,7 +122,7 @@ class TrackApp(RunKeys):
         """Whether no more views will come."""
         self._offsets = OffsetKeys()
         self._rest = RestState()
-        self._screens = Screens(helpers)
+        self._screens = Screens(helpers, PICTURE_SIDE if cell is None else MOST_SIDE)
         self._session: SessionView | None = None
         self._you = STARTER
         self._refused_s: float | None = None
@@ -140,7 +145,7 @@ class TrackApp(RunKeys):
         yield MountPage()
         yield SchedulePage()
         yield LogPage()
-        yield CameraPage()
+        yield CameraPage(self._cell)
         yield TapeBar()
         yield KeyBar()
         yield TooSmall()

@@ -296,7 +296,8 @@ def welcomed(
 class PictureLook:
     """Gets the pictures of a run's cameras by a connection of its own, read by a thread; never waited for."""
 
-    def __init__(self) -> None:
+    def __init__(self, side: int = PICTURE_SIDE) -> None:
+        self._side = side
         self._connection: socket.socket | None = None
         self._run: int | None = None
         self._newest: dict[str, PictureView] = {}
@@ -327,7 +328,7 @@ class PictureLook:
 
     def _read(self, pid: int) -> None:
         try:
-            connection, lines, _ = welcomed(pid, "", pictures=PICTURE_SIDE)
+            connection, lines, _ = welcomed(pid, "", pictures=self._side)
         except SattrackError:
             time.sleep(LOOK_EVERY_S)
             self._leave(pid)

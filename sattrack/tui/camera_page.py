@@ -1,7 +1,7 @@
 """The page of a run's cameras: the picture, what was seen in it, and whether it leads the mount.
 
-The picture is drawn with half blocks, two pixels in a cell. Where colours do not tell levels of light apart,
-a chart shows what was detected instead.
+The picture is drawn in real pixels where the terminal has them (`graphics`), else with half blocks, two of
+its pixels in a cell. Where colours do not tell levels of light apart, a chart shows what was detected.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from textual.containers import Horizontal
 from textual.content import Content
 from textual.strip import Strip
 
+from sattrack.tui.graphics import RealPicture, painted
 from sattrack.tui.look import DIM, SPOKEN, ScreenApp, concrete
 from sattrack.tui.panels import (
     DOTS_ACROSS,
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from textual.events import Click
     from textual.theme import Theme
 
+    from sattrack.tui.graphics import CellOfPixels
     from sattrack.tui.scene import Scene
     from sattrack.views.picture import PictureView
     from sattrack.views.run import LoopView
@@ -200,6 +202,13 @@ class ImagePlacement(NamedTuple):
         return ImageSpot(right, (self.top + 0.5 * self.down - y) / self.scale)
 
 
+class ImageDots(NamedTuple):
+    """So many dots of a screen, across and down."""
+
+    across: int
+    down: int
+
+
 class Mark(NamedTuple):
     """A dot of what is drawn over the picture, and its style."""
 
@@ -227,7 +236,8 @@ def marks(
         yield from _corners(*fit.place(picture.right_px, picture.up_px), max(3, round(0.04 * short)))
     if cursor is not None:
         x, y = fit.place(*cursor)
-        for out in range(-2, 3):
+        reach = max(2, round(0.02 * short))
+        for out in range(-reach, reach + 1):
             yield Mark(x + out, y + out, CURSOR)
             yield Mark(x + out, y - out, CURSOR)
 
@@ -254,6 +264,12 @@ def scaled(picture: PictureView, across: int, down: int) -> Levels:
     return levels
 
 
+def lit(levels: Levels) -> Levels:
+    """Return levels from 0 to 255 without what is noise."""
+    above = np.maximum(levels, NOISE_LEVEL).astype(np.uint16) - NOISE_LEVEL
+    return (above * 255 // (255 - NOISE_LEVEL)).astype(np.uint8)
+
+
 @lru_cache(maxsize=4096)
 def _style(upper: str, lower: str) -> Style:
     return Style.parse(f"{upper} on {lower}")
@@ -277,9 +293,7 @@ def half_blocks(
     columns, rows = size
     dark = concrete("$background", theme)
     ramp = _ramp(dark, concrete("$foreground", theme))
-    levels = scaled(picture, fit.across, fit.down)
-    lights = np.maximum(levels, NOISE_LEVEL).astype(np.uint16) - NOISE_LEVEL
-    lights = lights * (LIGHTS - 1) // (255 - NOISE_LEVEL)
+    lights = lit(scaled(picture, fit.across, fit.down)).astype(np.uint16) * (LIGHTS - 1) // 255
     pixels = [[dark] * columns for _ in range(2 * rows)]
     top, left = int(fit.top), int(fit.left)
     for y, row in enumerate(lights):
@@ -414,13 +428,29 @@ class PictureBox(Redrawn):
 
     def on_click(self, event: Click) -> None:
         """Put the cursor where the picture was clicked."""
+        across, down = (1, 2) if self._blocks else (DOTS_ACROSS, DOTS_DOWN)
+        columns, rows = self.content_size
+        spot = (event.x + 0.5) * across, (event.y + 0.5) * down
+        self.point(ImageDots(across * columns, down * rows), *spot)
+
+    def point(self, dots: ImageDots, x: float, y: float) -> None:
+        """Put the cursor on a dot of so many."""
         picture = self._desk.picture
         if picture is None or self._scene is None or not self._scene.in_control:
             return
-        across, down = (1, 2) if self._blocks else (DOTS_ACROSS, DOTS_DOWN)
-        fit = self._fit(picture, across, down)
-        self._desk.point(fit.spot((event.x + 0.5) * across, (event.y + 0.5) * down))
+        self._desk.point(ImagePlacement.into(*dots, picture).spot(x, y))
         self.draw(self._desk, self._scene)
+
+    def paint(self, real: RealPicture, now_s: float) -> None:
+        """Have the picture shown in real pixels, where it has changed: those need no colours of the text."""
+        picture, dots = self._desk.picture, ImageDots(*real.dots)
+        state = picture, self._desk.cursor, dots, self.app.theme, self._fov_deg
+        if picture is None or not all(dots) or not real.wants(state, now_s):
+            return
+        fit = ImagePlacement.into(*dots, picture)
+        over = marks(fit, picture, self._desk.cursor, self._fov_deg)
+        levels = lit(scaled(picture, fit.across, fit.down))
+        real.show(painted(levels, fit, dots, over, self._theme))
 
 
 class CameraState(Redrawn):
@@ -540,15 +570,29 @@ def _apart(right_px: float, up_px: float, scale: float | None) -> str:
 class CameraPage(Horizontal):
     """The picture, and beside it what it comes to."""
 
-    def __init__(self) -> None:
+    def __init__(self, cell: CellOfPixels | None = None) -> None:
         super().__init__(id="camera")
+        self._cell = cell
 
     def compose(self) -> ComposeResult:
         """Make both."""
         yield PictureBox()
+        if self._cell is not None:
+            yield RealPicture(self._cell)
         yield CameraState()
 
     def draw(self, desk: CameraDesk, scene: Scene, now_s: float) -> None:
         """Draw the newest picture."""
-        self.query_one(PictureBox).draw(desk, scene)
+        box = self.query_one(PictureBox)
+        box.draw(desk, scene)
+        for real in self.query(RealPicture):
+            shown = desk.picture is not None and not (scene.plain or self.app.no_color) and real.possible
+            real.display, box.display = shown, not shown
+            if shown:
+                box.paint(real, now_s)
         self.query_one(CameraState).draw(desk, scene, desk.age_s(now_s))
+
+    def on_real_picture_pointed(self, event: RealPicture.Pointed) -> None:
+        """Put the cursor where the picture was clicked."""
+        dots = ImageDots(*self.query_one(RealPicture).dots)
+        self.query_one(PictureBox).point(dots, event.x, event.y)

@@ -5,15 +5,19 @@ Light: the screens take a while to load, and are imported while the process star
 
 from __future__ import annotations
 
+import fcntl
 import importlib
 import os
+import re
 import select
 import signal
 import stat
+import struct
 import sys
 import termios
 import threading
 import time
+import tty
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Protocol, TypeVar
@@ -31,6 +35,7 @@ if TYPE_CHECKING:
 
     from sattrack.runtime.facts import RunFacts
     from sattrack.tui.feeds import ConsoleFeed, Feed, HelperOptions
+    from sattrack.tui.graphics import CellOfPixels
     from sattrack.tui.look import ScreenApp
     from sattrack.tui.scene import Appearance
     from sattrack.views.messages import ConsoleMessage
@@ -50,6 +55,11 @@ SHOW_AFTER_S = 0.4
 """How long after the feeder's start the screen is there without a view, to say that one will come."""
 GRACE_S = 2.0
 BROKE = "the screen broke"
+WHAT_ARE_YOU, ATTRIBUTES, SIXELS = b"\x1b[c", re.compile(rb"\x1b\[\?([\d;]*)c"), b"4"
+"""Every terminal is asked that ("primary device attributes"); the answer lists what it has."""
+ANSWERS_WITHIN_S = 0.3
+NO_ANSWER = frozenset({"dumb", "linux"})
+STOPPING_KEYS = (b" ", b"q", b"\x11")
 
 ProcessT = TypeVar("ProcessT", bound="Endable")
 
@@ -82,6 +92,7 @@ def fly_with_tui(
     reported that it is left running is left alone. `show` stands in for the screen; it returns whether it was
     interrupted. `helpers` is what the screen starts itself.
     """
+    cell = _sixel_cell(appearance) if show is None else None
     begun_s = time.monotonic()
     feeder = FeederProcess(command)
     end_with_the_terminal(feeder, patience_s)
@@ -90,7 +101,8 @@ def fly_with_tui(
         from sattrack.tui.app import TrackApp
 
         started = None if helpers is None else Helpers.of(helpers, feeder.pid)
-        return run_until_left(TrackApp(feed, stay, appearance=appearance, helpers=started), stopping=True)
+        app = TrackApp(feed, stay, appearance=appearance, helpers=started, cell=cell)
+        return run_until_left(app, stopping=True)
 
     def comes() -> bool:
         if show is not None:
@@ -213,6 +225,40 @@ def sky_of_run(facts: RunFacts) -> PassView:
     clock = read_kernel_clock()
     known = clock is not None and clock.synchronised
     return pass_scene(facts, clock.estimated_error_s if clock is not None and known else None)
+
+
+def _sixel_cell(appearance: Appearance) -> CellOfPixels | None:
+    """Return what tells the pixels of a cell, where the terminal says at once that it draws sixels.
+
+    Its answer comes as keys do. So this is asked before anything is set going, never where a run goes on
+    already: a stop may be typed there at once. An answer that comes later is no key to the screen. Raises
+    KeyboardInterrupt where a stop or a quit is typed meanwhile.
+    """
+    terminal = os.isatty(STDIN) and os.isatty(STDOUT) and os.environ.get("TERM", "dumb") not in NO_ANSWER
+    if not terminal or appearance.plain or os.environ.get("NO_COLOR") or _cell_px() is None:
+        return None
+    mode, heard, answer = termios.tcgetattr(STDIN), b"", None
+    until_s = time.monotonic() + ANSWERS_WITHIN_S
+    try:
+        tty.setcbreak(STDIN, termios.TCSANOW)
+        os.write(STDOUT, WHAT_ARE_YOU)
+        while answer is None and select.select([STDIN], [], [], max(0.0, until_s - time.monotonic()))[0]:
+            more = os.read(STDIN, 1024)
+            if not more:
+                break
+            heard += more
+            answer = ATTRIBUTES.search(heard)
+    finally:
+        termios.tcsetattr(STDIN, termios.TCSANOW, mode)
+    if any(key in ATTRIBUTES.sub(b"", heard) for key in STOPPING_KEYS):
+        raise KeyboardInterrupt
+    return None if answer is None or SIXELS not in answer[1].split(b";") else _cell_px
+
+
+def _cell_px() -> tuple[int, int] | None:
+    """Return the pixels of the terminal's cells, across and down; None where it does not tell them."""
+    rows, columns, across, down = struct.unpack("HHHH", fcntl.ioctl(STDOUT, termios.TIOCGWINSZ, bytes(8)))
+    return (across // columns, down // rows) if rows and columns and across and down else None
 
 
 def run_until_left(app: ScreenApp, stopping: bool = False) -> bool:

@@ -159,6 +159,7 @@ Cautions { height: auto; max-height: 4; text-wrap: wrap; background: $surface; }
 .-page-camera #live { display: none; }
 .-page-camera #camera { display: block; }
 #picture { width: 1fr; height: 100%; text-wrap: nowrap; }
+#real-picture { width: 1fr; height: 100%; display: none; }
 #camera-state { width: 35; height: 100%; margin-left: 1; text-wrap: nowrap; text-overflow: ellipsis; }
 .-page-tonight #tonight, .-page-mount #mount-page { display: block; }
 .-page-schedule #schedule, .-page-log #log { display: block; }

@@ -11,7 +11,7 @@ import msgspec
 from textual.app import SuspendNotSupported
 
 from sattrack.core.errors import SattrackError
-from sattrack.tui.attached import PictureLook, folder_of, schedule_in
+from sattrack.tui.attached import PICTURE_SIDE, PictureLook, folder_of, schedule_in
 from sattrack.tui.camera_page import CameraDesk, CameraPage
 from sattrack.tui.console_app import LAGGING_S
 from sattrack.tui.console_panels import FIRST_RATE, RATES, MountPage, jog_rates_deg_s
@@ -383,7 +383,10 @@ class Screens:
     """Tonight, mount, schedule and log. `helpers` None: there is nothing but the log."""
 
     def __init__(
-        self, helpers: Helpers | None, read: Callable[[Path], ScheduleView | None] = schedule_in
+        self,
+        helpers: Helpers | None,
+        picture_side: int = PICTURE_SIDE,
+        read: Callable[[Path], ScheduleView | None] = schedule_in,
     ) -> None:
         self._read = read
         self._helpers = helpers
@@ -391,7 +394,7 @@ class Screens:
         self.night = PassList()
         self.book = LogBook()
         self.desk = CameraDesk()
-        self.pictures = PictureLook()
+        self.pictures = PictureLook(picture_side)
         self._console: ConsoleView | None = None
         self._heard_s = self._looked_s = 0.0
         self._ended = False

@@ -3,18 +3,29 @@
 from __future__ import annotations
 
 import asyncio
+import fcntl
 import math
+import os
+import pty
+import re
+import struct
+import termios
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
+from unittest.mock import patch
 
 import msgspec
+import numpy as np
 import pytest
 from test_other_screens import HERE, FakeHelpers, text_of
+from textual.geometry import Region
 from tui_builders import SKY, VIEW, FakeFeed, HandClock, changed
 
+from sattrack.tui import launch
 from sattrack.tui.app import TrackApp
-from sattrack.tui.camera_page import PictureBox
+from sattrack.tui.camera_page import ImagePlacement, PictureBox
 from sattrack.tui.feeds import News
+from sattrack.tui.graphics import DOT, RealPicture
 from sattrack.tui.scene import Appearance
 from sattrack.views.messages import Guide, OffsetBy, StopNow
 from sattrack.views.picture import PictureView, StarView
@@ -22,10 +33,13 @@ from sattrack.views.run import LoopView
 
 if TYPE_CHECKING:
     from textual.pilot import Pilot
+    from textual.strip import Strip
 
 LOOP = LoopView("camera", 0.4, 1.2, guided=True, last="taken")
 WIDTH, HEIGHT, COLUMNS, ROWS = 640, 480, 160, 120
 SCALE = 2.0
+CELL = (10, 20)
+"""Pixels of a terminal's cell."""
 
 
 def picture(**changes: Any) -> PictureView:
@@ -242,3 +256,135 @@ class TestKeys:
         assert "accept" not in found.text
         assert "centre" not in found.text
         assert "accept" in shown(size=(120, 40)).text
+
+
+class TestRealPixels:
+    def test_frames_are_drawn_as_sixels_and_a_click_puts_the_cursor_there(self) -> None:
+        async def run() -> None:
+            news = News((changed(VIEW, loop=LOOP),), session=HERE, sky=SKY, you=0)
+            clock, looks, cells = HandClock(), FakePictures(), [CELL]
+            app = TrackApp(FakeFeed([news]), monotonic=clock, helpers=FakeHelpers(), cell=lambda: cells[0])
+            app._screens.pictures = looks  # type: ignore[assignment]
+            async with app.run_test(size=(80, 24)) as pilot:
+                await pilot.press("6")
+                await settle(app, pilot)
+                real, box = app.query_one(RealPicture), app.query_one(PictureBox)
+                assert (real.display, box.display) == (True, False)
+                right, up = brightest(real)
+                assert (right, up) == pytest.approx((162.0, 118.0), abs=4.0)
+                fit = ImagePlacement.into(*real.dots, picture())
+                x, y = (DOT * dot for dot in fit.place(right, up))
+                await pilot.click(RealPicture, offset=(int(x) // CELL[0], int(y) // CELL[1]))
+                assert app._screens.desk.cursor == pytest.approx((162.0, 118.0), abs=20.0), "within a cell"
+                await pilot.press("escape")
+                dark = bytearray(COLUMNS * ROWS)
+                dark[ROWS // 2 * COLUMNS + COLUMNS // 4] = 255
+                looks.coming = {"guide": picture(pixels=bytes(dark), right_px=None, up_px=None, kind="none")}
+                await settle(app, pilot)
+                assert brightest(real) == (right, up), "a terminal takes long to draw"
+                clock.now_s += 1.0
+                with patch.object(real, "refresh", wraps=real.refresh) as drawn:
+                    await settle(app, pilot)
+                assert drawn.called
+                assert brightest(real) == pytest.approx((-158.0, -2.0), abs=4.0)
+                cells[0] = None
+                await settle(app, pilot)
+                assert (real.display, box.display) == (False, True)
+                cells[0] = CELL
+                await settle(app, pilot)
+                await pilot.press("question_mark")
+                assert not any("\x1b" in strip.text for strip in lines(real)), (
+                    "it would be drawn over the help"
+                )
+
+        asyncio.run(run())
+
+    @pytest.mark.parametrize(
+        ("answer", "terminal", "shows"),
+        [
+            (b"\x1b[?63;1;2;4;6;9;15;16;22;28c", "xterm", True),
+            (b"\x1b[?62;4c", "dumb", False),
+            (b"\x1b[?1;2c", "xterm", False),
+            (b"\x1b[?64;14;24c", "xterm", False),
+            (b"", "xterm", False),
+            (b"6\x1b[?62;4c", "xterm", True),
+            (b"\x1b[?62;4cq", "xterm", KeyboardInterrupt),
+            (b" ", "xterm", KeyboardInterrupt),
+        ],
+    )
+    def test_a_terminal_is_asked_and_keys_that_stop_are_not_lost(
+        self, answer: bytes, terminal: str, shows: Any, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        controller, ours = pty.openpty()
+        monkeypatch.setattr(launch, "STDIN", ours)
+        monkeypatch.setattr(launch, "STDOUT", ours)
+        monkeypatch.setenv("TERM", terminal)
+        monkeypatch.delenv("NO_COLOR", raising=False)
+        fcntl.ioctl(ours, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 80 * CELL[0], 24 * CELL[1]))
+        mode = termios.tcgetattr(ours)
+        try:
+            os.write(controller, answer)
+            if shows is KeyboardInterrupt:
+                with pytest.raises(KeyboardInterrupt):
+                    launch._sixel_cell(Appearance())
+            else:
+                found = launch._sixel_cell(Appearance())
+                assert (found and found()) == (CELL if shows else None)
+            assert termios.tcgetattr(ours) == mode
+            monkeypatch.setenv("NO_COLOR", "1")
+            os.write(controller, b"\x1b[?62;4c")
+            assert launch._sixel_cell(Appearance()) is None
+            monkeypatch.delenv("NO_COLOR")
+            assert launch._sixel_cell(Appearance(plain=True)) is None
+            fcntl.ioctl(ours, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+            assert launch._sixel_cell(Appearance()) is None, "its pixels are not known"
+        finally:
+            os.close(ours)
+            os.close(controller)
+
+
+def lines(real: RealPicture) -> list[Strip]:
+    return real.render_lines(Region(0, 0, *real.size))
+
+
+def brightest(real: RealPicture) -> tuple[float, float]:
+    """Return the pixels of the frame that are brightest where the terminal has drawn what it was sent."""
+    *above, last = lines(real)
+    beyond = f"\x1b[{real.size.width}C"
+    assert {strip.text for strip in above} == {beyond}
+    x, y = real.region.offset
+    found = re.fullmatch(
+        rf"\x1b7\x1b\[{y + 1};{x + 1}H\x1bP0;1q(.*)\x1b\\\x1b8{re.escape(beyond)}", last.text
+    )
+    assert found
+    light = of_sixels(found[1])
+    assert light.shape == (real.size.height * CELL[1], real.size.width * CELL[0])
+    y, x = np.unravel_index(int(light.argmax()), light.shape)
+    return tuple(ImagePlacement.into(*real.dots, picture()).spot(x / DOT, y / DOT))
+
+
+def of_sixels(text: str) -> Any:
+    """Return the light of each pixel, as the VT340's manual has a terminal draw sixels; -1: not drawn."""
+    size = re.match(r'"1;1;(\d+);(\d+)', text)
+    assert size
+    across, down = int(size[1]), int(size[2])
+    light, colours = np.full((down + 6, across), -1), dict[str, int]()
+    x = y = 0
+    now = ""
+    for number, shares, times, sixel, end in re.findall(
+        r"#(\d+)((?:;\d+){4})?|(?:!(\d+))?([?-~])|([$-])", text[size.end() :]
+    ):
+        if shares:
+            colours[number] = sum(int(one) for one in shares.split(";")[2:])
+        elif number:
+            now = number
+        elif end:
+            x, y = 0, y + 6 * (end == "-")
+        else:
+            for row in range(6):
+                if (ord(sixel) - 63) >> row & 1:
+                    light[y + row, x : x + int(times or 1)] = colours[now]
+            x += int(times or 1)
+    assert (light[:down] >= 0).all()
+    assert (light[down:] == -1).all()
+    return light[:down]
