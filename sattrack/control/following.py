@@ -34,7 +34,7 @@ UNDATED_AT_MOST = 15
 MOST_EDGE_PERIODS = 12.0
 """The longest that the rates of one edge act: until the next, which the handshake lets through."""
 ANSWERED_AHEAD_S = 0.006
-"""How long before the next datagram of a handshake the status that answers the last one is to be here."""
+"""A status that answers a handshake's datagram should arrive this long before the next is sent."""
 
 
 class Follower:
@@ -198,11 +198,13 @@ class Follower:
     def _early_s(self) -> float:
         """Return how long before a turn of the mount datagrams of a handshake should arrive, seconds.
 
-        The status that answers is to be here shortly before the next datagram is sent: then the handshake
-        takes no turn more than the delays make it. Only their sum counts, whichever way it is split.
+        The delays leave a part of the period to spare. It is shared between the wait at the mount and that
+        here, where the answer must not miss the next datagram: else the handshake takes a turn more. Only the
+        sum of the delays counts for this, not how it is split.
         """
-        ahead_s = ANSWERED_AHEAD_S + self.clock.lateness_s
-        return -(self._history.delay_s + self._profile.status_delay_s + ahead_s) % self._loop.mean_period_s
+        period_s = self._loop.mean_period_s
+        spare_s = -(self._history.delay_s + self._profile.status_delay_s) % period_s
+        return (spare_s - max(0.5 * spare_s, ANSWERED_AHEAD_S + self.clock.lateness_s)) % period_s
 
 
 class FeederLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
