@@ -95,6 +95,11 @@ def test_a_mount_that_falls_silent_is_told_to_stop_all_the_same(tmp_path: Path) 
     assert "stop it by hand" in err.splitlines()[-1]
     assert "Traceback" not in err
     assert_at_rest(truth)
+    # A guardian goes on with a mount that nobody has seen at rest, until somebody gives up.
+    url = arguments[arguments.index("--mount") + 1]
+    with ended(sattrack("stop", "--mount", url, "--give-up")) as given_up:
+        given_up.communicate(timeout=60.0)
+    assert given_up.returncode == 0
 
 
 def test_a_mount_that_does_not_answer(tmp_path: Path) -> None:
