@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 import msgspec
 from feeder_harness import Link, Scenario, World
@@ -19,6 +20,9 @@ from tle.instants import Utc
 from tle.propagator import Propagator
 from tle.refraction import Refraction
 from tle.site import Site
+
+if TYPE_CHECKING:
+    from tle.passes import Pass
 
 KANOPUS = (
     "1 38707U 12039A   24247.82317651  .00138984  00000-0  16635-2 0  9998",
@@ -78,10 +82,15 @@ def subjects(above_deg: float = 10.0) -> list[Subject]:
 
 
 def _subject(name: str, elements: Elements, site: Site, now: Utc, above_deg: float) -> Subject:
-    found = choose_pass(elements, site, now, above_deg)
+    facts = pass_facts(choose_pass(elements, site, now, above_deg), elements, site, now, BEFORE_S)
+    return Subject(name, facts, Propagator(elements, site, refraction=Refraction.standard(site.height_m)))
+
+
+def pass_facts(found: Pass, elements: Elements, site: Site, now: Utc, before_s: float) -> RunFacts:
+    """Return a run of a pass with the usual air, no limits but the default ones, so long before its start."""
     plan = plan_for(found, now, elements)
     air = Refraction.standard(site.height_m)
-    facts = RunFacts(
+    return RunFacts(
         elements=elements,
         site=SiteSettings(site.latitude_deg, site.longitude_deg, site.height_m),
         refraction="auto",
@@ -95,9 +104,8 @@ def _subject(name: str, elements: Elements, site: Site, now: Utc, above_deg: flo
         bias_along_s=0.0,
         bias_cross_deg=0.0,
         mount_name="sim",
-        started_utc_s=plan.start_utc_s - BEFORE_S,
+        started_utc_s=plan.start_utc_s - before_s,
     )
-    return Subject(name, facts, Propagator(elements, site, refraction=air))
 
 
 class Ours:

@@ -24,6 +24,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import msgspec
+from feeder_passes import pass_facts
 
 from sattrack.cli.main import run as sattrack
 from sattrack.control.biases import Camera
@@ -35,14 +36,12 @@ from sattrack.mount.simulator.mount import SimulatedMount, Truth
 from sattrack.recording.recorder import NoRecording, Recorder, Sink, create
 from sattrack.runtime import demo_pass
 from sattrack.runtime.connection import simulated_site
-from sattrack.runtime.facts import RunFacts, build_engine, encode_facts, plan_for
+from sattrack.runtime.facts import RunFacts, build_engine, encode_facts
 from sattrack.runtime.flight import VirtualRun, summarise
-from sattrack.safety import SafetyLimits
 from sattrack.views.messages import SeenOffset
 from tle.instants import Utc
 from tle.passes import find_passes
 from tle.propagator import Propagator
-from tle.refraction import Refraction
 
 FRAME_S, EXPOSURE_S, NOISE_ARCSEC = 1.0, 0.05, 1.5
 LATE_S = (0.3, 0.9)
@@ -57,7 +56,6 @@ def passes_of_demo(count: int) -> list[RunFacts]:
     """Return passes over Leiden of the practice pass' satellite, and of one in a polar orbit, by time."""
     iss, site = demo_pass.elements(), demo_pass.SITE.place()
     polar = replace(iss, name="POLAR", catalog_number=90001, inclination_deg=98.0)
-    air = Refraction.standard(site.height_m)
     now, found = Utc.parse(demo_pass.BEFORE_PASS), []
     every = [
         (float(one.culminate_utc.unix_s), one, elements)
@@ -69,26 +67,8 @@ def passes_of_demo(count: int) -> list[RunFacts]:
             continue
         if one.rise_utc is None or one.set_utc is None:
             continue
-        plan = plan_for(one, now, elements)
-        found.append(
-            RunFacts(
-                elements=elements,
-                site=demo_pass.SITE,
-                refraction="auto",
-                pressure_hpa=air.pressure_hpa,
-                temperature_c=air.temperature_c,
-                plan=plan,
-                culminate_utc_s=float(one.culminate_utc.unix_s),
-                max_alt_deg=float(one.max_alt_deg),
-                profile=MountProfile(),
-                limits=SafetyLimits(),
-                bias_along_s=0.0,
-                bias_cross_deg=0.0,
-                mount_name="sim",
-                started_utc_s=plan.start_utc_s - 40.0,
-                cameras={"guide": Camera(0.0, False, SCALE)},
-            )
-        )
+        facts = pass_facts(one, elements, site, now, before_s=40.0)
+        found.append(msgspec.structs.replace(facts, cameras={"guide": Camera(0.0, False, SCALE)}))
         if len(found) == count:
             break
     return found

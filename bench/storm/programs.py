@@ -108,14 +108,14 @@ class ServedWorld(World):
         self._dice_of_clients = random.Random(f"clients {self.storm.seed}")
         self._propagator = Propagator(facts.target, facts.site.place())
         self._clients = [Client(number, station.rotator) for number in (1, 2)]
-        self._path: object = None
-        self._sent_s = self._stopped_s = -math.inf
         self.at(self.now_s + 0.3, self._follow)
         self.serve(station)
 
     def serve(self, driver: Any) -> None:
         """Serve a station until the end of the pass."""
         self._first: str | None = None
+        self._path: object = None
+        self._sent_s = self._stopped_s = -math.inf
         link: Any = Link(self, "feeder")
         connection = Connection(link, SystemClock(), None, Guard(self))
         loop = ServedLoop(
@@ -191,8 +191,6 @@ class TelescopeWorld(ServedWorld):
         self._open: dict[int, Any] = {}
         self._number = 0
         self._stopped_by: tuple[str | None, bool] = (None, False)
-        self._path: object = None
-        self._sent_s = self._stopped_s = -math.inf
         self.at(self.now_s + 0.7, self._want)
         self.at(self.now_s + self._dice_of_clients.uniform(0.5, 20.0), self._send_for_a_while)
         self.serve(station)
@@ -284,7 +282,6 @@ class AntennaWorld(ServedWorld):
         self._station, self._clients = station, []
         self._dice_of_clients = random.Random(f"clients {self.storm.seed}")
         self._came: list[bytes] = []
-        self._path: object = None
         self._was_tripped: str | None = None
         self.at(self.now_s + 0.5, self._ask_for_satellite, False)
         self.at(self.now_s + 4.0, self._say)

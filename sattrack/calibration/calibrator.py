@@ -30,6 +30,7 @@ from sattrack.calibration.guard import (
     Surroundings,
 )
 from sattrack.control.driver import DirectStop
+from sattrack.core.errors import UNHEARD
 from sattrack.mount.model import MountProfile
 from sattrack.mount.xerxes.datagrams import Command
 
@@ -415,7 +416,7 @@ class Script:
             words = f"{heard} statuses from the mount in {LISTEN_S + LISTEN_ON_S:g} s"
             if heard == 0:
                 words = f"no status from the mount within {LISTEN_S:g} s"
-            raise CalibrationEndedError(EndKind.LINK, f"{words}; is it on, and set to send here?")
+            raise CalibrationEndedError(EndKind.LINK, f"{words}; {UNHEARD}")
 
     def _toggle(self) -> Steps:
         """Raise the abort flag and lower it, at instants that tell the most; the axes stand all the while."""

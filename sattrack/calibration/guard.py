@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sattrack.core.angles import altitude_deg, separation_deg, wrap180
+from sattrack.core.errors import UNHEARD
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, STATUS_LOST_S, mean_sidereal_deg
 from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.mount.xerxes.session import says_the_same
@@ -266,9 +267,7 @@ class CalibrationGuard:
         """Allow motion from where the mount stands, or raise CalibrationEndedError that says why not."""
         last = log.last
         if last is None:
-            raise CalibrationEndedError(
-                EndKind.LINK, "no status from the mount; is it on, and set to send here?"
-            )
+            raise CalibrationEndedError(EndKind.LINK, f"no status from the mount; {UNHEARD}")
         self._refuse_state(last, log)
         self._refuse_place(last, now_utc_s)
         self._began = self._before = last

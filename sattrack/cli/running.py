@@ -18,7 +18,7 @@ import msgspec
 from sattrack.cli.common import JsonLines, can_draw_lines_anew, how_to_renew, renew, tell, write_file
 from sattrack.control.biases import Camera
 from sattrack.core import local_time
-from sattrack.core.errors import BadInputError, LinkLostError, SattrackError
+from sattrack.core.errors import UNHEARD, BadInputError, LinkLostError, SattrackError
 from sattrack.mount.alpaca.link import AlpacaAddress, check_server
 from sattrack.runtime.control_arbiter import (
     ControlArbiter,
@@ -210,7 +210,7 @@ def finish(summary: Summary, interrupted: bool, as_json: bool, address: MountAdd
         click.echo("\n".join(summary_lines(summary)))
     error = failure(summary, interrupted)
     if isinstance(error, LinkLostError) and summary.mount_stopped is None and address is not None:
-        heard = str(error).removesuffix("; is it on, and set to send here?")
+        heard = str(error).removesuffix(f"; {UNHEARD}")
         raise LinkLostError(f"{heard}; {address.silence_advice}")
     if error is not None:
         raise error

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from sattrack.control.estimate import EstimatedBiases
     from sattrack.mount.model import MountProfile
-    from sattrack.views.messages import OffsetBy, Search
+    from sattrack.views.messages import OffsetBy, Search, SeenOffset
     from tle.direction import Direction
     from tle.propagator import Propagator
 
@@ -166,6 +166,19 @@ class Camera(NamedTuple):
     scale_arcsec_px: float | None = None
     kind: Literal["coarse", "fine"] = "fine"
     fov_deg: float | None = None
+
+    def in_arcsec(self, seen: SeenOffset) -> tuple[float, float, float] | None:
+        """Return an offset and its sigma in arcseconds; None where it is in pixels of unknown size."""
+        scale = 1.0 if seen.dx_px is None else self.scale_arcsec_px
+        if scale is None:
+            return None
+        values = (
+            (seen.dx_arcsec, seen.dy_arcsec, seen.sigma_arcsec)
+            if seen.dx_px is None
+            else (seen.dx_px, seen.dy_px, seen.sigma_px)
+        )
+        dx, dy, sigma = (scale * (one or 0.0) for one in values)
+        return dx, dy, sigma
 
     def on_axes(self, dx: float, dy: float) -> tuple[float, float]:
         """Return a place in the image, right and up, towards growing hour angle and declination.

@@ -16,6 +16,7 @@ from sattrack.control.engine_view import HOLDING, learnt_view, view_of
 from sattrack.control.stages import Attempt, AxisAttempt, RunStage, Situation, Stages, why_not
 from sattrack.control.target import sky_error
 from sattrack.control.tracker import FOLLOWING, Phase, Tracker, TrackPlan
+from sattrack.core.errors import UNHEARD
 from sattrack.core.figures import RunningError, WindowedError
 from sattrack.mount.model import LONGEST_STEP_S, Slew, StatusSample, Stop
 from sattrack.mount.xerxes.flags import SlewState
@@ -331,7 +332,7 @@ class Engine(Driver):
             self._give_up("link", words)
         elif state is LinkState.SILENT and now_utc_s - self._first_tick_utc_s > NO_ANSWER_AFTER_S:
             words = f"no status from {self.spec.mount_name} within {NO_ANSWER_AFTER_S:g} s"
-            self._give_up("link", f"{words}; is it on, and set to send here?")
+            self._give_up("link", f"{words}; {UNHEARD}")
 
     def _give_up(self, why: str, words: str) -> None:
         self.message = words

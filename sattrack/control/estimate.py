@@ -433,8 +433,8 @@ class Estimator:
                 self._judge_rival(rival, one.least)
                 return
         if not one.taken and (rival is None or rival.rejected >= rival.accepted):
-            usual = one.least != ANEW_AFTER
-            self._rival, self._since_rival = _fresh(one.sighting, one.orbit, not usual, self._known), 0
+            self._rival = _fresh(one.sighting, one.orbit, one.least == ANEW_AFTER, self._known)
+            self._since_rival = 0
 
     def _judge_rival(self, rival: FilterBank, least: int) -> None:
         """Let a rival win that has taken enough, and end one that the estimate has outlived."""

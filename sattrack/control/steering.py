@@ -311,22 +311,15 @@ class Steering:
             self.estimator.refuse(f"it is of {seen.utc}: what was fed then is not known any more")
             return
         camera = self.camera_of(seen)
-        scale_arcsec = 1.0 if seen.dx_px is None else camera.scale_arcsec_px
-        if scale_arcsec is None:
+        in_arcsec = camera.in_arcsec(seen)
+        if in_arcsec is None:
             name = seen.camera or "NAME"
             self.estimator.refuse(
                 f"it is in pixels, and their size is not known: give scale_arcsec_px, or set it in "
                 f"[cameras.{name}] of sattrack.toml"
             )
             return
-        dx, dy, sigma = (
-            scale_arcsec * ((in_px if in_arcsec is None else in_arcsec) or 0.0)
-            for in_arcsec, in_px in (
-                (seen.dx_arcsec, seen.dx_px),
-                (seen.dy_arcsec, seen.dy_px),
-                (seen.sigma_arcsec, seen.sigma_px),
-            )
-        )
+        dx, dy, sigma = in_arcsec
         if not max(abs(dx), abs(dy)) <= MOST_OFFSET_ARCSEC:
             self.estimator.refuse(f"offsets go to {MOST_OFFSET_ARCSEC:g} arcseconds either way")
             return

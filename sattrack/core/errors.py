@@ -65,6 +65,10 @@ class Origin(NamedTuple):
         return BadInputError(f"{self}: {words}")
 
 
+UNHEARD = "is it on, and set to send here?"
+"""What to check where a mount is not heard, whose address is not known."""
+
+
 def how_to_install(*extras: str) -> str:
     """Return how to install extras. The package index knows another project by our name: not from there."""
     return f"run `pip install '.[{','.join(extras)}]'` in the folder of the clone"
@@ -79,11 +83,14 @@ def needed(module: str, what: str, extra: str) -> Any:
         raise SattrackError(f"{what} needs {package}: {how_to_install(extra)}") from None
 
 
-def meant(given: str, known: Iterable[str]) -> str:
-    """Return "; did you mean ...?" where something known looks like what was given, else nothing."""
+def meant(given: str, known: Iterable[str], ending: str = "") -> str:
+    """Return "; did you mean ...?" where something known looks like what was given, else nothing.
+
+    `ending` follows what is known.
+    """
     from difflib import get_close_matches
 
     # The hyphens before options make nothing alike.
     folded = {choice.casefold().lstrip("-"): choice for choice in known}
     near = get_close_matches(given.casefold().lstrip("-"), folded, n=1, cutoff=0.65)
-    return f"; did you mean {folded[near[0]]!r}?" if near else ""
+    return f"; did you mean {folded[near[0]] + ending!r}?" if near else ""

@@ -108,6 +108,7 @@ class _Pass:
 
     seen: PassResiduals
     weight: Array = field(init=False)
+    columns: Array = field(init=False)
     nuisance: Array = field(init=False)
     inverse: Array = field(init=False)
 
@@ -121,8 +122,8 @@ class _Pass:
         """Take the mount's terms as unknown at this pass, or but for what changes from pass to pass."""
         prior = self.seen.prior
         sigmas = np.hypot(prior.mean_arcsec, prior.apart_arcsec) if pass_alone else prior.apart_arcsec
-        columns = np.concatenate([self.seen.own, self.seen.terms * sigmas], axis=2)
-        self.nuisance = self.white(columns)
+        self.columns = np.concatenate([self.seen.own, self.seen.terms * sigmas], axis=2)
+        self.nuisance = self.white(self.columns)
         normal = self.nuisance.T @ self.nuisance + np.eye(self.nuisance.shape[1])
         self.inverse = np.linalg.inv(normal).astype(np.float64)
 
@@ -131,9 +132,9 @@ class _Pass:
         weights = self.weight[:, None] if values.ndim == 2 else self.weight[:, None, None]
         return (values * weights).reshape(2 * len(values), *values.shape[2:])
 
-    def fitted(self) -> Array:
-        """Return the nuisance's values, in their sigmas."""
-        found: Array = self.inverse @ (self.nuisance.T @ self.white(self.seen.left))
+    def fitted(self, explained: Array | float = 0.0) -> Array:
+        """Return the nuisance's values, in their sigmas, once `explained`, (n, 2), is taken away."""
+        found: Array = self.inverse @ (self.nuisance.T @ self.white(self.seen.left - explained))
         return found
 
     def off(self, values: Array) -> Array:
@@ -160,11 +161,7 @@ class _Pass:
             self.set_nuisance(pass_alone=True)
 
     def _plain_left(self, explained: Array) -> Array:
-        values = self.inverse @ (self.nuisance.T @ self.white(self.seen.left - explained))
-        prior = self.seen.prior
-        sigmas = np.hypot(prior.mean_arcsec, prior.apart_arcsec)
-        columns = np.concatenate([self.seen.own, self.seen.terms * sigmas], axis=2)
-        left: Array = self.seen.left - explained - columns @ values
+        left: Array = self.seen.left - explained - self.columns @ self.fitted(explained)
         return left
 
     def waves(self, axis: int, cycles: Array) -> Array:

@@ -19,6 +19,7 @@ import platform
 import struct
 import zlib
 from collections import Counter
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -35,6 +36,7 @@ from tle.instants import Utc
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from sattrack.views.messages import Message
     from tle.bias import Frame
 
 
@@ -468,19 +470,21 @@ FRAMES: dict[str, Frame] = {"icrs": "icrf", "j2000": "j2000", "of_date": "of_dat
 """What `tle` calls the frames of observations."""
 
 
+def messages(recording: Recording) -> Iterator[tuple[float, Message]]:
+    """Yield the messages that came in a run, and when, UTC as POSIX seconds; what is none is left out."""
+    for entry in recording.entries():
+        if entry.topic == OPERATOR:
+            with suppress(msgspec.MsgspecError):
+                yield entry.utc_s, decode_message(entry.data)
+
+
 def observations(recording: Recording, catalog_number: int | None = None) -> list[ObservationMessage]:
     """Return the observations that came in during a run, in the order in which they came.
 
     With a catalogue number, those that are of another object are left out.
     """
-    found = []
-    for entry in recording.entries():
-        if entry.topic != OPERATOR:
-            continue
-        try:
-            message = decode_message(entry.data)
-        except msgspec.MsgspecError:
-            continue
-        if isinstance(message, ObservationMessage) and message.catalog_number in {None, catalog_number}:
-            found.append(message)
-    return found
+    return [
+        message
+        for _, message in messages(recording)
+        if isinstance(message, ObservationMessage) and message.catalog_number in {None, catalog_number}
+    ]

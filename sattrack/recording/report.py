@@ -21,9 +21,9 @@ from sattrack.recording.fits import (
     one_way,
     repeats,
 )
-from sattrack.recording.format import FRAMES, OPERATOR, observations
+from sattrack.recording.format import FRAMES, messages, observations
 from sattrack.safety import ROWS
-from sattrack.views.messages import Nudge, OffsetBy, decode_message
+from sattrack.views.messages import Nudge, OffsetBy
 from tle.bias import bias_from_observation
 from tle.errors import ObservationError
 from tle.instants import Utc
@@ -355,14 +355,9 @@ def _observed_bias(seen: ObservationMessage, propagator: Propagator) -> Observed
 def _nudged(recording: Recording, run: Trace) -> BiasFigures | None:
     """Return the bias that was in force after the operator's last word about it; None without one."""
     last_utc_s = None
-    for entry in recording.entries():
-        if entry.topic == OPERATOR:
-            try:
-                message = decode_message(entry.data)
-            except msgspec.MsgspecError:
-                continue
-            if isinstance(message, Nudge | OffsetBy):
-                last_utc_s = entry.utc_s
+    for utc_s, message in messages(recording):
+        if isinstance(message, Nudge | OffsetBy):
+            last_utc_s = utc_s
     if last_utc_s is None:
         return None
     view = run.engine.view(float(run.utc_s[-1]) if len(run.utc_s) else last_utc_s)

@@ -10,17 +10,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import msgspec
 import numpy as np
 
+from sattrack.core.angles import wrap180
 from sattrack.mount.model import mean_sidereal_deg
 from sattrack.pointing.learn import PassResiduals, Prior
+from sattrack.pointing.periodic import AxisStand, past_pole
 from sattrack.pointing.terms import FORMULAS, PointingModel
 from sattrack.recording.fits import NoFit
-from sattrack.recording.format import FRAMES, OPERATOR
-from sattrack.views.messages import ObservationMessage, SeenOffset, SolvedField, decode_message
+from sattrack.recording.format import FRAMES, messages
+from sattrack.views.messages import ObservationMessage, SeenOffset, SolvedField
 from tle.bias import apparent_unit
 from tle.direction import teme_axis
 from tle.elements import Elements
@@ -80,13 +81,7 @@ def _seen(recording: Recording, run: Trace) -> _Seen:
     steering, site = run.engine.tracker.steering, run.engine.spec.propagator.site
     earth = run.engine.spec.propagator.earth
     known_s, rows = run.utc_s[run.following], []
-    for entry in recording.entries():
-        if entry.topic != OPERATOR:
-            continue
-        try:
-            message = decode_message(entry.data)
-        except msgspec.MsgspecError:
-            continue
+    for _, message in messages(recording):
         if not isinstance(message, SeenOffset | SolvedField | ObservationMessage):
             continue
         utc_s = float(Utc.parse(message.utc).unix_s) - steering.clocks.correction_s(message.camera)
@@ -95,17 +90,10 @@ def _seen(recording: Recording, run: Trace) -> _Seen:
             continue
         if isinstance(message, SeenOffset):
             camera = steering.camera_of(message)
-            scale = 1.0 if message.dx_px is None else camera.scale_arcsec_px
-            if scale is None or camera.kind == "coarse":
+            in_arcsec = camera.in_arcsec(message)
+            if in_arcsec is None or camera.kind == "coarse":
                 continue
-            dx, dy, sigma = (
-                scale * (one or 0.0)
-                for one in (
-                    (message.dx_arcsec, message.dy_arcsec, message.sigma_arcsec)
-                    if message.dx_px is None
-                    else (message.dx_px, message.dy_px, message.sigma_px)
-                )
-            )
+            dx, dy, sigma = in_arcsec
             rows.append((OFFSET, utc_s, *camera.on_axes(dx, dy), 0.0, 0.0, 0.0, sigma))
         else:
             field = isinstance(message, SolvedField)
@@ -177,7 +165,7 @@ class _PassSky:
         offset = seen.offset.T * np.array([[1.0], [sense]])
         base = np.where(seen.kind == PLACE, here, reported)
         gap = looked - base
-        gap[0] = (gap[0] + 180.0) % 360.0 - 180.0
+        gap[0] = wrap180(gap[0])
         own = [*self._of_orbit(fed, at, scale), *self._of_dates(rate * scale), *self._of_image(offset)]
         terms = self._of_terms(directed, at, scale)
         terms[:, :, seen.kind == PLACE] = 0.0
@@ -216,8 +204,8 @@ class _PassSky:
             first, second = self._past_pole(first, second)
         return np.array([np.unwrap(first, period=360.0), second])
 
-    def _past_pole(self, first: Array, second: Array) -> tuple[Array, Array]:
-        return first + 180.0, math.copysign(180.0, self._bent.site.latitude_deg) - second
+    def _past_pole(self, first: Any, second: Any) -> tuple[Any, Any]:
+        return past_pole(AxisStand(first, second), self._bent.site.latitude_deg >= 0.0)[:2]
 
     def _wanted(self, unit: Array, utc_s: Array, model: PointingModel | None = None) -> Array:
         """Return the axes' angles for directions of date, (n, 3), airless, by the pointing model; (2, n)."""
@@ -251,7 +239,7 @@ class _PassSky:
     def _moved(self, one: Array, other: Array, scale: Array) -> Array:
         """Return by how much wanted angles differ, on the sky."""
         apart = one - other
-        apart[0] = (apart[0] + 180.0) % 360.0 - 180.0
+        apart[0] = wrap180(apart[0])
         moved: Array = (apart * scale).T
         return moved
 

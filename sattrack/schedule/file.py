@@ -239,8 +239,7 @@ def _beside(path: Path, asked_by: str) -> str:
         others = [one for one in path.parent.iterdir() if one.is_file() and str(one) != asked_by]
     except OSError:
         return ""
-    near = meant(path.stem, sorted(one.stem for one in others if one.suffix == path.suffix))
-    return f"{near[:-2]}{path.suffix}{near[-2:]}" if near else ""
+    return meant(path.stem, sorted(one.stem for one in others if one.suffix == path.suffix), path.suffix)
 
 
 def _zone(name: str, where: Origin) -> tzinfo:

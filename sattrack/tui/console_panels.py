@@ -10,6 +10,7 @@ from textual.containers import Container, Vertical
 from textual.content import Content
 from textual.widgets import Static
 
+from sattrack.core.errors import UNHEARD
 from sattrack.core.local_time import zone_name
 from sattrack.mount.model import DTICS_S_PER_DEG_S
 from sattrack.tui.look import DIM, PLATE, SPOKEN
@@ -141,9 +142,7 @@ def cautions(scene: ConsoleScene) -> tuple[Caution, ...]:
         advice = next((do for begins, do in _ADVICE if text.startswith(begins)), "")
         found.append(Caution(text, advice, Tone.BAD if view.link.state == "lost" else Tone.NOTICE))
     if view.link.state == "silent":
-        found.append(
-            Caution("the mount has not answered yet", "is it on, and set to send here?", Tone.NOTICE)
-        )
+        found.append(Caution("the mount has not answered yet", UNHEARD, Tone.NOTICE))
     return tuple(found)
 
 

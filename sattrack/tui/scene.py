@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, NamedTuple
 
+from sattrack.core.errors import UNHEARD
 from sattrack.views import formatting
 from sattrack.views.messages import ClearBias, Nudge, OffsetBy, Search, Slip
 from sattrack.views.run import STARTER
@@ -332,9 +333,7 @@ def _cautions(scene: Scene) -> tuple[Caution, ...]:
         advice = next((do for begins, do in _ADVICE if text.startswith(begins)), "")
         found.append(Caution(text, advice, Tone.BAD if view.link.state == "lost" else Tone.NOTICE))
     if view.link.state == "silent" and view.ended_by is None:
-        found.append(
-            Caution("the mount has not answered yet", "is it on, and set to send here?", Tone.NOTICE)
-        )
+        found.append(Caution("the mount has not answered yet", UNHEARD, Tone.NOTICE))
     if view.elements_age_s is not None and view.elements_age_s > OLD_ELEMENTS_S:
         nudge = ": ← → nudge" if scene.in_control else ""
         old = f"elements are {formatting.age(view.elements_age_s)} old"

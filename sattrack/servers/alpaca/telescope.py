@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from sattrack.core.errors import UNHEARD
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Slew
 from sattrack.mount.requests import LARGEST_FINE_RATE_DEG_S, Abort, FindHome, Park, PulseGuide, Sync
 from sattrack.servers.alpaca.protocol import (
@@ -382,7 +383,7 @@ class ServedTelescope:
         if state is None or not state.heard or abs(now_utc_s - state.utc_s) > OLDEST_STATE_S:
             raise Fault(
                 Number.DRIVER,
-                f"the mount at {self.device.mount} is not heard: is it on, and set to send here?",
+                f"the mount at {self.device.mount} is not heard: {UNHEARD}",
             )
         return state
 
