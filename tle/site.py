@@ -11,7 +11,7 @@ from tle.errors import PackageError, SiteError
 EARTH_RADIUS_KM = 6378.137
 FLATTENING = 1.0 / 298.257223563
 _LOWEST_M, _HIGHEST_M = -12000.0, 100000.0
-LOWEST_GROUND_M, HIGHEST_GROUND_M = -500.0, 9000.0
+LOWEST_GROUND_M, HIGHEST_GROUND_M = -500.0, 8900.0
 """No ground is lower than the Dead Sea's shore or higher than the highest summit, above the ellipsoid."""
 
 Vector = tuple[float, float, float]

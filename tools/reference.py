@@ -43,7 +43,7 @@ UNITS = {
 MEANINGS = {
     "site.latitude_deg": "north is positive",
     "site.longitude_deg": "east is positive",
-    "site.height_m": "above the WGS 84 ellipsoid, -500 to 9000",
+    "site.height_m": "above the WGS 84 ellipsoid, -500 to 8900",
     "elements": "files, folders, URLs, `celestrak:GROUP`; see [elements](elements.md#sources)",
     "mount.url": "the mount: `sim`, `xerxes://…`, `alpaca://…`, `antenna://…`",
     "mount.profile": "the file that describes the mount, beside the settings",

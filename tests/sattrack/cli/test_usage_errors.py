@@ -165,8 +165,8 @@ passes '' {at}                                  | TARGET is empty: give a satell
 track 12:30:00 {at} --mount sim                 | '12:30:00' is one angle: a direction has two, RA,DEC
 track {readme} {at} --mount sim                 | README.md is a file: give it with --elements
 passes ISS {tle} {at}                           | iss_leiden.tle is a file: give it with --elements
-passes ISS --elements {tle} --site 52,4,-5000   | height of -5000.0 is outside -500 to 9000 metres
-init --yes --city Leiden --height 100000        | height of 100000.0 is outside -500 to 9000 metres
+passes ISS --elements {tle} --site 52,4,-5000   | height of -5000.0 is outside -500 to 8900 metres
+init --yes --city Leiden --height 100000        | height of 100000.0 is outside -500 to 8900 metres
 init --yes --city Leiden --elements stations    | write celestrak:stations
 passes 25 544 {at}                              | no satellite '25'
 ephemeris 'HIP 5' --site 52,4,0                 | set stars in sattrack.toml
@@ -339,7 +339,7 @@ def test_a_wrong_command_line_is_answered_in_one_line_with_what_to_do(
         ),
         (
             "[site]\nlatitude_deg = 1\nlongitude_deg = 2\nheight_m = 100000\n",
-            "1: the site's height of 100000.0 is outside -500 to 9000 metres: no ground on Earth lies "
+            "1: the site's height of 100000.0 is outside -500 to 8900 metres: no ground on Earth lies "
             "outside",
         ),
         ("ISS (ZARYA)\n", " this is not a TOML file, as the settings must be"),

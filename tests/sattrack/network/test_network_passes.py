@@ -274,8 +274,8 @@ def _line_of(pid: str) -> str:
         ("name,latitude_deg,longitude_deg\na,1,2\nA,3,4\n", ":3: a station 'A' is in line 2 already"),
         (STATIONS + STATIONS, ":12: a station 'north' is in line 1 already"),
         (
-            "name,latitude_deg,longitude_deg,height_m\nsea,0,-30,9001\n",
-            ":2: height_m is 9001; give -500 to 9000",
+            "name,latitude_deg,longitude_deg,height_m\nsea,0,-30,9000\n",
+            ":2: height_m is 9000; give -500 to 8900",
         ),
         ("name,latitude_deg,longitude_deg\na,91,2\n", ":2: latitude_deg is 91; give -90 to 90"),
         ("name,latitude_deg,longitude_deg\na,nan,2\n", ":2: latitude_deg is nan; give -90 to 90"),
