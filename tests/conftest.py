@@ -14,9 +14,14 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from hypothesis import settings
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator
+
+# The same inputs at each run: a verdict is about the code. `--hypothesis-profile default` draws others.
+settings.register_profile("same", derandomize=True)
+settings.load_profile("same")
 
 # Tests and program stay compiled, whatever is set: to do it anew is two thirds of each worker's collection.
 sys.dont_write_bytecode = False

@@ -22,6 +22,7 @@ import erfa
 from sattrack.core.angles import altitude_deg, azimuth_deg
 from sattrack.core.errors import BadInputError
 from sattrack.pointing.fit import Star
+from tle.errors import RefractionError
 from tle.refraction import Refraction
 
 if TYPE_CHECKING:
@@ -134,7 +135,7 @@ def _run(line: str, at: str) -> RunParameters:
             raise ValueError(f"UTC begins with {_FIRST_YEAR}")
         temperature, pressure, height = (_number(word) for word in words[6:9])
         Refraction(pressure, temperature)
-    except (ValueError, IndexError) as error:
+    except (ValueError, IndexError, RefractionError) as error:
         raise BadInputError(
             f"{at}: {line!r}: here stand latitude (d m s), year, month, day, °C, hPa and metres ({error})"
         ) from None

@@ -376,6 +376,7 @@ END
 
 @ANY
 @given(CUTS)
+@example([(0.5, 4, ""), (0.375, 1, "")])
 @pytest.mark.parametrize("axes", ["equatorial", "altaz"])
 def test_files_of_stars_for_a_pointing_model(axes: str, cuts: list[tuple[float, int, str]]) -> None:
     text = spoilt(STARS.replace("EQUAT", "ALTAZ" if axes == "altaz" else "EQUAT"), cuts)
