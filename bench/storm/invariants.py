@@ -116,9 +116,9 @@ class Watcher(Judging):
         self._nearest: list[float] = []
         """How near the axes were to the nearest limit at each of these, degrees."""
         self._clear = Judge(storm.facts)
-        self._knowledge_s = storm.begin_s
-        """Of when the status is behind the newest datagram that the mount has obeyed."""
-        self._in_reach_since_s = storm.begin_s
+        self._knowledge_s = self._waiting_s = storm.begin_s
+        """Of when the status is behind the newest datagram that the mount has obeyed; and behind the newest
+        that has come, which it obeys at its next turn."""
         self._unreached_s = -math.inf
         """When the mount was last out of reach."""
         self._out: dict[str, float] = {}
@@ -157,6 +157,8 @@ class Watcher(Judging):
         # Whoever has let go of a mount has seen it at rest: it is not out of reach but stopped.
         if world.somebody_sends and world.now_s - self._knowledge_s > self._reach_s:
             self._unreached_s = axes.utc_s
+        # What has come while its program stood still is obeyed from now on.
+        self._knowledge_s = self._waiting_s
         self._judge_limits(world, axes)
         self._judge_rates(world, axes)
         self._judge_stop(world, axes)
@@ -164,7 +166,9 @@ class Watcher(Judging):
     def _judge_limits(self, world: World, axes: Axes) -> None:
         found = self._clear.clearances(axes.hour_angle_deg, axes.dec_axis_deg, axes.utc_s)
         self._nearest.append(min(found.values()))
-        excused = self._drives_fail or axes.utc_s - self._unreached_s < RECOVERS_S
+        # A mount that was brought to rest and tracks by itself goes on with the sky; nobody commands it.
+        left_tracking = self._settled and axes.speed_deg_s <= 2.0 * REST_RATE_DEG_S
+        excused = self._drives_fail or left_tracking or axes.utc_s - self._unreached_s < RECOVERS_S
         for name, clearance in found.items():
             if clearance >= 0.0:
                 self._out.pop(name, None)
@@ -237,7 +241,7 @@ class Watcher(Judging):
             self.storm.hardware.move_axis == "held" and not moves(sent.data)
         )
         knows_s = sent.utc_s if stops else sent.knows_utc_s
-        self._knowledge_s = max(self._knowledge_s, knows_s)
+        self._waiting_s = max(self._waiting_s, knows_s)
 
     def period(self, world: World, driver: Driver, ended_by: str | None) -> None:
         if self.storm.seed % WEIGHED_SEEDS == 0 and world.at_s > self._weighed_s:

@@ -247,6 +247,7 @@ class TelescopeWorld(ServedWorld):
             self.judge.told(self, not isinstance(order, Abort | BiasOrder) and order != MoveOrder(0, 0.0))
             self._station.obey(NumberedOrder(self._number, order), now_utc_s)
             if isinstance(order, Abort):
+                self._stopped_s = now_utc_s
                 self.judge.stopping(self)
         self._take_answers()
 

@@ -271,9 +271,9 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     stands_at: SitePlace | None = None
     """The site that the profile was made at; None for a profile that may be used anywhere."""
     through_pole: bool = False
+    """Whether following may go through the celestial pole, on to the other side of the pier."""
     solar_filter: bool = False
     """Whether a filter is fitted through which the Sun may be looked at."""
-    """Whether following may go through the celestial pole, on to the other side of the pier."""
     period_s: float = 0.05
     command_delay_s: float = 0.0003
     status_delay_s: float = 0.0001

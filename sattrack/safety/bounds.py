@@ -138,6 +138,7 @@ class Bounds:
         self, profile: MountProfile, limits: SafetyLimits, latitude_deg: float, longitude_deg: float | None
     ) -> None:
         self._limits = limits
+        self.longest_fault_s = limits.longest_fault_s
         self._latitude_deg = latitude_deg
         self._longitude_deg = longitude_deg
         frame = profile.frame

@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from msgspec.structs import replace
+
 from sattrack.core.angles import separation_deg
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile, MoveAxes, Slew
 from sattrack.safety.geometry import Box, Place
+from sattrack.safety.rate_limit import unheeded_s
 
 if TYPE_CHECKING:
     from sattrack.mount.model import AxisLimits, Seen
@@ -34,6 +37,9 @@ class SlewGate:
     """The slew that is asked for, in legs; without `detours` it is one leg or none."""
 
     def __init__(self, profile: MountProfile, bounds: Bounds, latitude_deg: float, detours: bool) -> None:
+        if profile.abort_delay_s:
+            # The fault that rates must outlast may as well hold up the abort of a slew.
+            profile = replace(profile, abort_delay_s=unheeded_s(profile, bounds.longest_fault_s))
         self._profile, self._bounds, self._latitude_deg = profile, bounds, latitude_deg
         self._detours = detours
         self.target: Slew | None = None

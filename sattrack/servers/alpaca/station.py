@@ -279,6 +279,8 @@ class TelescopeStation:
         """Begin an order; return whether its answer comes later. Raises Fault."""
         order = numbered.order
         if isinstance(order, Abort):
+            if self.shared is not None:
+                self.shared.rotator.stops_others()
             self._abort(now_utc_s)
             return False
         if isinstance(order, BiasOrder):

@@ -309,11 +309,11 @@ class Rotator:
     log_lines: deque[str] = field(default_factory=lambda: deque(maxlen=REMEMBERED_LINES))
     """Whoever logs them removes them."""
     _heard_s: float = -math.inf
-    _stopped: int | None = None
-    """The client that commanded when another stopped the mount: a program that goes on sending positions does
-    not undo that."""
-    _refused_s: float = -math.inf
-    """When that client's last position came."""
+    _pointed_s: dict[int, float] = field(default_factory=dict)
+    """When the last position of each client came, obeyed or refused."""
+    _stopped: set[int] = field(default_factory=set)
+    """The clients that were sending positions when somebody else stopped the mount: a program that goes on
+    sending them does not undo that."""
     _sent_az_deg: float | None = None
     _plunged: bool = False
     _shown: tuple[int, AzEl | None] | None = None
@@ -326,7 +326,10 @@ class Rotator:
         """Go to a position, or on along the track that it continues."""
         if not self.reach.holds(az_deg, el_deg):
             return Code.INVALID
-        objection = self._objection(client, now_s) or self._outlasts_stop(client, now_s)
+        before_s, self._pointed_s[client] = self._pointed_s.get(client, -math.inf), now_s
+        if now_s - before_s > COMMANDS_FOR_S:
+            self._stopped.discard(client)
+        objection = self._objection(client, now_s) or self._outlasts_stop(client)
         if objection is not None:
             return objection
         anew = not isinstance(self.path, SmoothedTrack) or self.commander != client
@@ -371,31 +374,28 @@ class Rotator:
 
     def stop(self, client: int | None = None) -> Code:
         """Bring the mount to rest; any client may. None: somebody else, not by this protocol."""
-        if client is not None and client == self._stopped:
-            self._stopped = None
-        if self.commander is not None and self.commander != client:
-            self._stopped, self._refused_s = self.commander, self._heard_s
+        self.stops_others(client)
         self.path, self.commander, self.stop_asked = None, None, True
         return Code.OK
+
+    def stops_others(self, client: int | None = None) -> None:
+        """Have a stop hold for every client that sends positions but this one; None: for every one."""
+        self._stopped = self._pointed_s.keys() - {client}
 
     def reset(self, client: int | None = None) -> Code:
         """Bring the mount to rest, and make it ready again after safety has stopped it."""
         self.reset_asked = True
         return self.stop(client)
 
-    def _outlasts_stop(self, client: int, now_s: float) -> Code | None:
+    def _outlasts_stop(self, client: int) -> Code | None:
         """Return why a position is refused that only goes on where another's stop has ended a track, or None.
 
         A client that stops the mount itself, connects anew or has been silent for a while has a person at it;
         and after another's new command there is nothing left of the stop.
         """
-        if client != self._stopped:
+        if client not in self._stopped:
             return None
-        if now_s - self._refused_s > COMMANDS_FOR_S:
-            self._stopped = None
-            return None
-        self._refused_s = now_s
-        self.log_lines.append(f"client {client} was refused: the mount was stopped while it commanded")
+        self.log_lines.append(f"client {client} was refused: the mount was stopped while it sent positions")
         return Code.REJECTED
 
     def narrow(self, name: str, value_deg: float) -> Code:
@@ -416,6 +416,8 @@ class Rotator:
 
     def hang_up(self, client: int) -> None:
         """Note that a client has disconnected: a slew goes on to its end, a track soon comes to rest."""
+        self._pointed_s.pop(client, None)
+        self._stopped.discard(client)
         if client == self.commander:
             self.commander = None
             if isinstance(self.path, SmoothedTrack):
@@ -439,7 +441,8 @@ class Rotator:
     def _take_over(self, client: int, now_s: float) -> None:
         if client != self.commander:
             self.log_lines.append(f"client {client} commands")
-        self.commander, self._heard_s, self._stopped = client, now_s, None
+        self.commander, self._heard_s = client, now_s
+        self._stopped.clear()
 
     def where(self, utc_ns: int) -> AzEl | None:
         """Return where the mount points, in the client's count of turns; None where it is not known.

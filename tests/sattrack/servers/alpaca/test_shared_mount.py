@@ -123,6 +123,30 @@ def test_a_rotators_stop_stops_what_others_began_and_its_positions_wait_for_nobo
     assert scope.rotator.path is None
 
 
+@pytest.mark.parametrize("resumes", ["stops itself", "is silent"])
+def test_alpacas_stop_holds_for_a_program_whose_positions_were_refused_before(resumes: str) -> None:
+    scope = Shared()
+    here = scope.where()
+    ra_h = scope.get("rightascension")
+    scope.put("slewtocoordinatesasync", RightAscension=(ra_h + 1.0) % 24.0, Declination=40.0)
+    scope.run_for(1.0)
+    assert scope.point(here.az_deg, here.el_deg) is Code.REJECTED
+    scope.put("abortslew")
+    for _ in range(12):
+        scope.run_for(1.0)
+        assert scope.point(here.az_deg, here.el_deg) is Code.REJECTED
+    assert "the mount was stopped" in scope.rotator.log_lines[-1]
+    assert scope.station.session.wanted.__class__.__name__ != "MoveAxes"
+    if resumes == "stops itself":
+        assert scope.rotator.stop(1) is Code.OK
+        scope.run_for(3.0)
+    else:
+        scope.run_for(10.5)
+    assert scope.point(here.az_deg, here.el_deg) is Code.OK
+    scope.run_for(0.3)
+    assert isinstance(scope.station.session.wanted, MoveAxes)
+
+
 def test_the_end_of_the_server_stops_what_a_rotator_began() -> None:
     scope = Shared()
     here = scope.where()
