@@ -203,4 +203,4 @@ class EarthOrientationWarning(UserWarning):
 
 def printable(text: str) -> str:
     """Return text with control characters replaced by `?`, column for column, fit for a terminal."""
-    return "".join(c if c.isprintable() else "?" for c in text)
+    return text if text.isprintable() else "".join(c if c.isprintable() else "?" for c in text)

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 
 from safety_draws import Judge
 
-from sattrack.core.errors import BadInputError
+from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.link_loss import STOPS_MOVING_S
 from sattrack.mount.xerxes.standstill import REST_RATE_DEG_S
 from sattrack.recording.format import Recording
@@ -283,6 +283,7 @@ class Watcher(Judging):
             verdict.ended_by, verdict.why = "deposed", str(ended.error)
         else:
             verdict.ended_by = "raised"
+        if verdict.ended_by == "raised" or not isinstance(ended.error, SattrackError | None):
             self.violated("once", world, f"the run ended with {ended.error!r}")
         person_s = world.stopped_by_person_s
         ran_s = world.storm.begin_s + ended.ended_s

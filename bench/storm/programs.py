@@ -18,7 +18,6 @@ import msgspec
 from sattrack.control.console import Console, ConsoleSession
 from sattrack.core.angles import wrap180
 from sattrack.core.clock import SystemClock
-from sattrack.core.errors import SattrackError
 from sattrack.mount.model import Slew, mean_sidereal_deg
 from sattrack.mount.requests import SETTLED, Abort
 from sattrack.runtime.connection import Connection
@@ -38,7 +37,7 @@ from sattrack.servers.antenna.trajectory import SiteSky
 from sattrack.servers.rotctld.answers import Client
 from sattrack.servers.rotctld.rotator import RotatorStation
 from sattrack.views.messages import Jog, Leave
-from storm.world import Guard, Link, World
+from storm.world import RAISED, Guard, Link, World
 from tle.elements import Elements
 from tle.instants import DAY_S, Utc
 from tle.propagator import Propagator
@@ -124,7 +123,7 @@ class ServedWorld(World):
         loop.world = self
         try:
             loop.run()
-        except SattrackError as error:
+        except RAISED as error:
             self.ended.error = error
             self.trace("program", f"raised {error!r}")
 
@@ -387,7 +386,7 @@ class ConsoleWorld(World):
         loop = ConsoleLoop(connection, StopRequest(), session, self._look, self._obey)
         try:
             loop.run()
-        except SattrackError as error:
+        except RAISED as error:
             self.ended.error = error
             self.trace("program", f"raised {error!r}")
         left = [ticket.request for ticket, _ in self._tickets.values() if not ticket.settled]

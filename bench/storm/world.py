@@ -58,6 +58,8 @@ RECORDED_SEEDS = 4
 """One in so many storms is recorded, and replayed."""
 RESOLUTION_S = 1e-6
 """The least step of time: an instant of UTC cannot be told from the next below a quarter of it."""
+RAISED = (SattrackError, OSError, ValueError, ArithmeticError, LookupError, AttributeError, TypeError)
+"""What a program may end with; all but the first are defects of it."""
 MOST_GUARDED_S = 60.0
 """How long a guardian is watched that goes on with a mount which it does not see at rest."""
 
@@ -620,7 +622,7 @@ class World:
             self.ended.summary = summarise(engine, loop.statistics, ended_utc_s)
             sink.summary(ended_utc_s, self.ended.summary)
             self.trace("program", f"ended by {self.ended.summary.ended_by}: {self.ended.summary.message}")
-        except (SattrackError, OSError, ValueError, ArithmeticError, LookupError) as error:
+        except RAISED as error:
             self.ended.error = error
             self.trace("program", f"raised {error!r}")
         finally:

@@ -43,6 +43,17 @@ if TYPE_CHECKING:
 
 
 _NIGHT_DEG, _HIGH_DEG = -6.0, 60.0
+_HIGH, _AT_NIGHT = click.style("%5.1f", bold=True), click.style("%5.0f", fg="blue")
+_LIGHT = {
+    (light, night): click.style(f"{light:6}", fg=colour)
+    for light, colours in (
+        ("lit", ("yellow", "green")),
+        ("partly", ("yellow", "green")),
+        ("dark", ("bright_black", "bright_black")),
+    )
+    for night, colour in enumerate(colours)
+}
+"""How the satellite is lit, by whether it is night."""
 _HEAD = "Rise      Az°  Top       Az°   Alt°  Set       Az°   HA °/s Dec °/s  Sun°   Mag  Light   Satellite"
 _SINGLE = (
     "name",
@@ -345,7 +356,7 @@ def table_lines(table: PassTable, now_utc_s: float | None) -> Iterator[str]:
         if len(coming):
             yield f"The next pass begins {local_time.until(float(coming.min()) - now_utc_s)}."
     yield click.style(_HEAD, bold=True)
-    day = ""
+    day, minute = "", None
     ends = (begins_s, begins_s + span_s)
     changes = local_time.offset_s(ends[0]) != local_time.offset_s(ends[1])
     for block in table.blocks():
@@ -366,10 +377,12 @@ def table_lines(table: PassTable, now_utc_s: float | None) -> Iterator[str]:
         for first, rise, top, end, *rest in zip(
             first_s.tolist(), *moments, alts_deg, facts, labels, why_not, strict=True
         ):
-            date = f"{local_time.day(first)}, {local_time.zone_name(first)}"
-            if date != day:
-                yield click.style(date, bold=True)
-                day = date
+            # No zone begins a day, or changes, within a minute.
+            if minute != (minute := round(first) // 60):
+                date = f"{local_time.day(first)}, {local_time.zone_name(first)}"
+                if date != day:
+                    yield click.style(date, bold=True)
+                    day = date
             yield _line((rise, top, end), *rest)
 
 
@@ -381,20 +394,19 @@ def _line(
     why_not: str | None,
 ) -> str:
     rise, top, end = moments
-    cells = [rise, top, click.style(f"{max_alt_deg:5.1f}", bold=max_alt_deg >= _HIGH_DEG), end]
+    cells = [rise, top, (_HIGH if max_alt_deg >= _HIGH_DEG else "%5.1f") % max_alt_deg, end]
     if facts is None:
         return "  ".join([*cells, f"{'-':>7} {'-':>7} {'-':>5} {'-':>5}  -     ", label])
     night = facts.sun_alt_deg <= _NIGHT_DEG
     light = "lit" if facts.sunlit and not facts.penumbra else "partly" if facts.sunlit else "dark"
     bright = "-" if facts.magnitude is None else f"{facts.magnitude:.1f}"
-    colour = ("green" if night else "yellow") if facts.sunlit else "bright_black"
     return "  ".join(
         [
             *cells,
             f"{facts.peak_ha_rate_deg_s:7.3f} {facts.peak_dec_rate_deg_s:7.3f} "
-            + click.style(f"{facts.sun_alt_deg:5.0f}", fg="blue" if night else None)
+            + (_AT_NIGHT if night else "%5.0f") % facts.sun_alt_deg
             + f" {bright:>5}",
-            click.style(f"{light:6}", fg=colour),
+            _LIGHT[light, night],
             printable(label) + ("" if why_not is None else f"  NOT: {why_not}"),
         ]
     )

@@ -314,6 +314,8 @@ OUTLIERS_BELIEVED = 5
 """Samples in a row that jump the same way are no glitch: the mount's coordinates have changed."""
 GAP_S = 5.0
 """A gap in the samples after which the filters begin anew."""
+SAME_S = 1e-3
+"""Samples that are dated no further apart are of one turn of the mount's loop, or one is misdated."""
 STUCK_DEG, STUCK_TICS = 2.0 / 3600.0, 3.0
 """A reported place that stays the same to the last bit while commands move the axis so far is no reading."""
 EXPLAINED_SHARE = 0.25
@@ -393,7 +395,7 @@ class Axes:
 
     def follows(self, utc_s: float) -> bool:
         """Tell whether a sample of an instant can be joined to those before."""
-        return 0.0 < utc_s - self.sample_utc_s < GAP_S
+        return SAME_S < utc_s - self.sample_utc_s < GAP_S
 
     def take(self, sample: StatusSample, utc_s: float, commanded: bool) -> bool:
         """Bring the filters to a sample; tell whether it was believed.

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
-from sattrack.control.axes import EDGE_PERIODS, Axes, CommandHistory, MountLoop, SentRates
+from sattrack.control.axes import EDGE_PERIODS, SAME_S, Axes, CommandHistory, MountLoop, SentRates
 from sattrack.control.axis_filter import TURN_S, Noise
 from sattrack.control.latency import KnownClock, MountClock
 from sattrack.core.angles import wrap180
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 IDLE_SHIFT_S, IDLE_SHIFT_SHARE = 0.002, 0.2
 """How fast the sending falls into step with the mount's loop before anything is followed."""
 UNDATED_AT_MOST = 15
-"""Samples in a row dated no later than the one before that are left out: a clock is learnt anew meanwhile."""
+"""Samples in a row dated no later than the one before are left out: a clock is learnt anew meanwhile."""
 MOST_EDGE_PERIODS = 12.0
 """The longest that the rates of one edge act: until the next, which the handshake lets through."""
 ANSWERED_AHEAD_S = 0.006
@@ -87,7 +87,7 @@ class Follower:
         `following` where the mount moves by the rates that were sent, and not by a plan of its own.
         """
         axes = self.axes
-        undated = axes is not None and utc_s <= axes.sample_utc_s
+        undated = axes is not None and utc_s - axes.sample_utc_s <= SAME_S
         self._undated = self._undated + 1 if undated else 0
         if 0 < self._undated <= UNDATED_AT_MOST:
             return False
