@@ -30,7 +30,7 @@ _STRINGS = (
 )
 T = TypeVar("T")
 _AT = re.compile(r" - at `\$([^`]*)`$")
-_STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+)\]")
+_STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+)\]|\[\.\.\.\]")
 _SYNTAX = re.compile(r"^(.*?) \(at (?:line (\d+), column (\d+)|end of document)\)$")
 _UNKNOWN = re.compile(r"Object contains unknown field `(.*)`")
 QUOTED = re.compile(r"'(.*?)'")
@@ -316,7 +316,10 @@ def _explained(message: str, document: Any, positions: KeyPositions, kind: type)
     found = _AT.search(message)
     path: KeyPath = ()
     if found is not None:
-        path = tuple(int(number) if number else name for name, number in _STEP.findall(found[1]))
+        for name, number in _STEP.findall(found[1]):
+            # The decoder does not tell which of the names in a table it was whose names are free.
+            part = int(number) if number else name or _refused_name(document, path, kind)
+            path = (*path, part)
         message = message[: found.start()]
     table = ".".join(str(part) for part in path if isinstance(part, str))
     where = "" if positions.columns or not table else f" in [{table}]"
@@ -350,6 +353,26 @@ def _explained(message: str, document: Any, positions: KeyPositions, kind: type)
     if missing is not None:
         message = f"{missing[1]} is missing{where}"
     return place.wrong(message)
+
+
+def _refused_name(document: Any, path: KeyPath, kind: type) -> str:
+    """Return the first name in a table with free names whose value is refused."""
+    table = _value_at(document, path)
+    for name, value in table.items():
+        try:
+            msgspec.convert(_with(document, path, {name: value}), kind)
+        except msgspec.ValidationError:
+            return str(name)
+    return str(next(iter(table)))
+
+
+def _with(document: Any, path: KeyPath, value: Any) -> Any:
+    """Return a document with another value at a path."""
+    if not path:
+        return value
+    changed = document.copy()
+    changed[path[0]] = _with(document[path[0]], path[1:], value)
+    return changed
 
 
 _PLAIN_WORDS = {
@@ -396,6 +419,8 @@ def _inner(info: Any, part: str | int) -> list[Any]:
         found = [field.type for field in info.fields if field.encode_name == part]
     elif isinstance(info, kinds.VarTupleType | kinds.ListType):
         found = [info.item_type]
+    elif isinstance(info, kinds.DictType):
+        found = [info.value_type]
     else:
         found = []
     return [inner for one in found for inner in (one.types if isinstance(one, kinds.UnionType) else [one])]

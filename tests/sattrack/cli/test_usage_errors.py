@@ -348,6 +348,16 @@ def test_a_wrong_command_line_is_answered_in_one_line_with_what_to_do(
             "2: unknown key 'scale' in [camera]; there are fov_deg, "
             "scale_arcsec_px, rotation_deg, flipped, kind",
         ),
+        (
+            '[cameras.main]\nkind = "fine"\n[cameras.guide]\nfov_deg = 400\n',
+            "4: fov_deg is 400; give the field's diameter, above 0 to 180 degrees",
+        ),
+        (
+            '[cameras.main]\nkind = "fine"\n[cameras.guide]\nscale = 2\n',
+            "4: unknown key 'scale' in [cameras.guide]; there are fov_deg, "
+            "scale_arcsec_px, rotation_deg, flipped, kind",
+        ),
+        ('[cameras.main]\nkind = "fin"\n', "2: kind is 'fin'; did you mean 'fine'?"),
     ],
 )
 def test_a_wrong_setting_is_told_with_file_line_table_and_the_nearest_key(
