@@ -24,7 +24,7 @@ from sattrack.cli.targets import Wanted, candidates, ephemeris_option
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError
 from sattrack.runtime.bias_memory import BiasMemory, KeptBias, describe, memory_file
-from sattrack.views.formatting import iso_unix_s
+from sattrack.views.formatting import arcsec, iso_unix_s
 from tle.bodies import Body
 from tle.elements import expected_along_arcsec, expected_along_s, propagation_error
 from tle.errors import PropagationError, TleError
@@ -298,7 +298,7 @@ def _description(row: dict[str, Any]) -> str:
         f"  perigee      {row['perigee_km']:.0f} km",
         f"  inclination  {row['inclination_deg']:.4f}°",
         f"  expect it    within about {row['expected_along_s']:.2g} s along its track: "
-        f"{row['expected_along_arcsec']:.0f}″ overhead, if it has not manoeuvred",
+        f"{arcsec(row['expected_along_arcsec'])} overhead, if it has not manoeuvred",
     ]
     if row["cannot_be_followed"]:
         lines.append(f"  but          {row['cannot_be_followed']}")
