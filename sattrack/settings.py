@@ -88,7 +88,7 @@ class CameraSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         """Raise ValueError where a number cannot be one of a camera."""
         if self.fov_deg is not None and not 0.0 < self.fov_deg <= 180.0:
-            raise ValueError(f"fov_deg is {self.fov_deg:g}; give the field's diameter, above 0 to 180 degrees")
+            raise ValueError(f"fov_deg is {self.fov_deg:g}; give the field's diameter, above 0 to 180°")
         if self.scale_arcsec_px is not None and not 0.0 < self.scale_arcsec_px <= 3600.0:
             raise ValueError(
                 f"scale_arcsec_px is {self.scale_arcsec_px:g}; give arcseconds in a pixel, above 0 to 3600"

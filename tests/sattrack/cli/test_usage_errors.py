@@ -350,7 +350,7 @@ def test_a_wrong_command_line_is_answered_in_one_line_with_what_to_do(
         ),
         (
             '[cameras.main]\nkind = "fine"\n[cameras.guide]\nfov_deg = 400\n',
-            "4: fov_deg is 400; give the field's diameter, above 0 to 180 degrees",
+            "4: fov_deg is 400; give the field's diameter, above 0 to 180°",
         ),
         (
             '[cameras.main]\nkind = "fine"\n[cameras.guide]\nscale = 2\n',
