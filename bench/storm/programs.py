@@ -115,6 +115,7 @@ class ServedWorld(World):
         self._first: str | None = None
         self._path: object = None
         self._sent_s = self._stopped_s = -math.inf
+        self._led = True
         link: Any = Link(self, "feeder")
         connection = Connection(link, SystemClock(), None, Guard(self))
         loop = ServedLoop(
@@ -156,8 +157,10 @@ class ServedWorld(World):
             return
         self._path = rotator.path
         if self._path is None:
-            self._stopped_s = now_utc_s
-            self.judge.stopping(self)
+            # A position that something else had forestalled is dropped, and stops nothing.
+            if self._led:
+                self._stopped_s = now_utc_s
+                self.judge.stopping(self)
         elif rotator.commander != 1 or self._stopped_s == -math.inf:
             self.judge.told(self, True)
 
@@ -260,6 +263,7 @@ class TelescopeWorld(ServedWorld):
         """Show the judge how the program stands, once a period."""
         del driver
         station = self._station
+        self._led = station._path is not None
         ending = station._ending is not None
         stopped_by = (station.tripped or station.console.trouble, ending)
         if stopped_by != self._stopped_by:
