@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.integrate import DOP853
 
 from tle.earth import EarthOrientation
 from tle.instants import DAY_S, UNIX_EPOCH_JD, Utc
@@ -83,6 +82,8 @@ class IntegratedMotion:
         self._earth, self._air = EarthOrientation.installed(), air
         _, r, v = elements.satrec().sgp4(*julian(first_s))
         begin = np.array([*r, *v]) if state is None else state
+        from scipy.integrate import DOP853
+
         solver = DOP853(self._slope, 0.0, begin, last_s - first_s, rtol=1e-11, atol=1e-9)
         grid, states = np.arange(0.0, last_s - first_s, GRID_S), []
         at = 0
@@ -96,6 +97,8 @@ class IntegratedMotion:
 
     def state_before(self, state: Array, from_s: float, to_s: float) -> Array:
         """Return the state at an earlier instant that leads to a state at `from_s`."""
+        from scipy.integrate import DOP853
+
         solver = DOP853(
             self._slope, from_s - self._first_s, state, to_s - self._first_s, rtol=1e-11, atol=1e-9
         )

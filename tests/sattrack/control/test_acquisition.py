@@ -5,7 +5,6 @@ from __future__ import annotations
 import acquisition as bench
 import numpy as np
 import pytest
-from scipy.optimize import linprog
 
 from sattrack.control.approach import chase_time_s, plan_intercept
 from sattrack.control.following import FeederLaw, correction_deg_s
@@ -16,6 +15,8 @@ AXIS = AxisLimits(max_rate_deg_s=6.0, max_acceleration_deg_s2=10.0, slew_rate_de
 
 def reachable(begin: bench.Moving, end: bench.Moving, axis: AxisLimits, seconds: float) -> bool:
     """Tell by a linear programme over 200 steps of constant acceleration whether there is a way in time."""
+    from scipy.optimize import linprog
+
     steps = 200
     step_s = seconds / steps
     rates = np.tril(np.ones((steps, steps))) * step_s

@@ -16,9 +16,6 @@ import family
 import msgspec
 import numpy as np
 import pytest
-from astropy import units
-from astropy.coordinates import AltAz, EarthLocation, get_sun
-from astropy.time import Time
 
 from sattrack.mount.geometry import AxisGeometry
 from sattrack.mount.model import MoveAxes
@@ -100,6 +97,10 @@ def test_a_skyline_stands_where_its_azimuths_are() -> None:
 
 def sun_apart_deg(axes: axes_anywhere.AxesDraw, tube_deg: Any) -> tuple[Any, Any]:
     """Return how far a tube is from the Sun, and the Sun's altitude, at each instant, degrees, by astropy."""
+    from astropy import units
+    from astropy.coordinates import AltAz, EarthLocation, get_sun
+    from astropy.time import Time
+
     site = axes.drawn.site
     place = EarthLocation.from_geodetic(site.longitude_deg, site.latitude_deg, 0.0)
     utc_s, azimuth, altitude = np.array(tube_deg).T

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from filterpy.kalman import KalmanFilter
 
 from sattrack.control import axis_filter
 from sattrack.control.axis_filter import SHARES, AxisFilter, LeanKalmanFilter, Noise
@@ -119,6 +118,8 @@ def test_wrap180(angle: float, wrapped: float) -> None:
 
 @pytest.mark.parametrize("size", [3, 2 + SHARES])
 def test_the_lean_filter_gives_the_numbers_of_filterpy(size: int) -> None:
+    from filterpy.kalman import KalmanFilter
+
     dice = np.random.default_rng(8)
     first, spreads = np.array([10.0, *[0.0] * (size - 1)]), np.array([1e-4, 1e-5, *[4e-4] * (size - 2)])
     theirs, ours = KalmanFilter(dim_x=size, dim_z=1, dim_u=1), LeanKalmanFilter(first, np.diag(spreads))

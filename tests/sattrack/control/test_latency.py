@@ -6,7 +6,6 @@ import random
 
 import numpy as np
 import pytest
-from scipy.optimize import linprog
 
 from sattrack.control.latency import SIDEREAL_SECONDS_PER_SECOND, Envelope, MountClock, lower_envelope
 
@@ -17,6 +16,8 @@ def sidereal_h(mount_s: float, start_h: float = 3.0) -> float:
 
 def line_under_by_linear_programme(points: list[tuple[float, float]]) -> tuple[float, float]:
     """Offset at 0 and slope of the line under all points with the least mean distance to them."""
+    from scipy.optimize import linprog
+
     t, y = np.array(points).T
     solved = linprog(
         [-len(t), -t.sum()], A_ub=np.column_stack([np.ones_like(t), t]), b_ub=y, bounds=[(None, None)] * 2
