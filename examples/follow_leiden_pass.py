@@ -1,4 +1,4 @@
-"""Follow the example's pass in virtual time with a nudge on the way, and print how near the mount kept.
+"""Follow the high part of a pass in virtual time with a nudge on the way, and print how near the mount kept.
 
 Run from the project's root: python examples/follow_leiden_pass.py
 """
@@ -16,14 +16,14 @@ HERE = Path(__file__).parent
 
 
 def main() -> None:
-    """Fly the pass."""
+    """Follow it."""
     request = RunRequest(
         satellite="ISS (ZARYA)",
         mount_url="sim",
         elements=read_elements(HERE / "iss_leiden.tle"),
         site=Site(52.1541, 4.4908, 0.0),
         clock_option="2026-10-02T13:00:00Z",
-        min_alt_deg=10.0,
+        min_alt_deg=60.0,
         virtual=True,
     )
     nudge_at = Utc.parse("2026-10-02T13:05:00Z").unix_s

@@ -15,7 +15,8 @@ EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 def test_it_follows_the_pass() -> None:
     script = EXAMPLES / "follow_leiden_pass.py"
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True)
-    assert done.stdout.startswith("ISS (ZARYA): on target for 408 s, then ended by set\n")
+    # By skyfield the satellite is above 60° for 64.2 s; a second goes until the mount moves with it.
+    assert done.stdout.startswith("ISS (ZARYA): on target for 63 s, then ended by set\n")
 
 
 def test_its_facts_are_those_of_the_built_in_pass() -> None:

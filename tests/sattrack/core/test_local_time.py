@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
+import io
 from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
 from zoneinfo import ZoneInfo
 
 import pytest
 
+from sattrack.cli.main import run
 from sattrack.core.local_time import (
     clock,
     date,
@@ -23,6 +25,9 @@ from sattrack.core.local_time import (
     use_zone,
     zone_name,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 # Central Europe turned its clocks back on 2026-10-25 at 01:00 UTC.
 SUMMER_S = datetime(2026, 10, 25, 0, 59, 59, tzinfo=UTC).timestamp()
@@ -86,46 +91,58 @@ def test_what_is_no_zone_is_refused():
         assert not is_zone(name)
 
 
-def listed(folder, *options: str) -> list[str]:
-    words = ("passes", "--elements", "-", "--site", "52.1541,4.4908,0", "--from", "2026-10-02T12:00:00Z")
-    command = [sys.executable, "-m", "sattrack", *words, "--hours", "2", *options]
-    done = subprocess.run(
-        command, cwd=folder, input=ISS, capture_output=True, text=True, timeout=60, check=True
-    )
-    return done.stdout.splitlines()
+@pytest.fixture
+def sattrack(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., list[str]]:
+    """Run commands in a folder of the test's own; what one prints is given by lines."""
+    monkeypatch.chdir(tmp_path)
+
+    def printed(*words: str) -> list[str]:
+        capsys.readouterr()
+        assert run(list(words)) == 0
+        return capsys.readouterr().out.splitlines()
+
+    return printed
 
 
-def test_passes_are_listed_in_the_settings_zone_and_with_utc_in_utc(tmp_path):
+def test_passes_are_listed_in_the_settings_zone_and_with_utc_in_utc(
+    sattrack, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def listed(*options: str) -> list[str]:
+        monkeypatch.setattr("sys.stdin", io.StringIO(ISS))
+        words = ("passes", "--elements", "-", "--site", "52.1541,4.4908,0", "--from", "2026-10-02T12:00:00Z")
+        return sattrack(*words, "--hours", "2", *options)
+
     (tmp_path / "sattrack.toml").write_text('zone = "Asia/Tokyo"\n')
-    local, utc = listed(tmp_path), listed(tmp_path, "--utc")
+    local, utc = listed(), listed("--utc")
     assert (local[1], utc[1]) == ("Fri 2 Oct 2026, JST", "Fri 2 Oct 2026, UTC")
     # docs/passes.md: the pass over Leiden rises at 13:01:55 UTC; Tokyo is 9 h ahead.
     assert (local[2][:6], utc[2][:6]) == ("22:01:", "13:01:")
-    assert '"rise_utc": "2026-10-02T13:01:' in listed(tmp_path, "--json")[0]
+    assert '"rise_utc": "2026-10-02T13:01:' in listed("--json")[0]
 
 
-def test_a_rehearsal_is_shown_in_the_settings_zone_and_with_utc_in_utc(tmp_path):
+def test_a_rehearsal_is_shown_in_the_settings_zone_and_with_utc_in_utc(sattrack, tmp_path: Path):
     (tmp_path / "sattrack.toml").write_text('zone = "Pacific/Auckland"\n')
     (tmp_path / "iss.tle").write_text(ISS)
-    words = ("rehearse", "ISS", "--elements", "iss.tle", "--site", "52.1541,4.4908,0")
-    # Summer time begins there on 27 September 2026: 13 h ahead. docs/passes.md has the times.
+    words = ("rehearse", "ISS", "--elements", "iss.tle", "--site", "52.1541,4.4908,0", "--min-alt", "65")
+    # Summer time begins there on 27 September 2026: 13 h ahead. By skyfield the satellite is above 65° from
+    # 13:04:59.1 to 13:05:50.9 UTC.
     zones = (
-        ((), "Sat 3 Oct 2026 02:01:59 to 02:08:49 NZDT"),
-        (("--utc",), "Fri 2 Oct 2026 13:01:59 to 13:08:49 UTC"),
+        ((), "Sat 3 Oct 2026 02:04:59 to 02:05:50 NZDT"),
+        (("--utc",), "Fri 2 Oct 2026 13:04:59 to 13:05:50 UTC"),
     )
     for options, shown in zones:
-        command = [sys.executable, "-m", "sattrack", *words, "--clock", "2026-10-02T06:35:00Z", "--pass", "3"]
-        done = subprocess.run(
-            [*command, *options], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
-        )
-        head = done.stdout.splitlines()[0]
-        assert shown in head, done
-        assert "begins in 6 h 27 min" in head
+        head = sattrack(*words, "--clock", "2026-10-02T06:35:00Z", *options)[0]
+        assert shown in head
+        assert "begins in 6 h 30 min" in head
 
 
-def test_a_zone_that_is_none_is_named_with_its_line(tmp_path):
-    (tmp_path / "sattrack.toml").write_text('\nzone = "Nowhere/Land"\n')
-    command = [sys.executable, "-m", "sattrack", "passes"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
-    assert done.returncode == 2
-    assert done.stderr.startswith("sattrack: sattrack.toml:2: zone 'Nowhere/Land' is no time zone")
+def test_a_zone_that_is_none_is_named_with_its_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.chdir(tmp_path)
+    Path("sattrack.toml").write_text('\nzone = "Nowhere/Land"\n')
+    assert run(["passes"]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("sattrack: sattrack.toml:2: zone 'Nowhere/Land' is no time zone")

@@ -81,7 +81,7 @@ def replayed(recording: Path) -> None:
 def test_a_satellite_of_a_file_is_followed_and_its_recording_needs_no_file(capsys, tmp_path):
     oem, recording = tmp_path / "iss.oem", tmp_path / "iss.mcap"
     oem.write_text(oem_text("2026-10-02T12:50:00Z", 40))
-    ends = ("--clock", "2026-10-02T13:01:35Z", "--to", "2026-10-02T13:03:00Z")
+    ends = ("--clock", "2026-10-02T13:01:50Z", "--to", "2026-10-02T13:03:00Z")
     summary = track(capsys, recording, "ISS", "--ephemeris", str(oem), *ends)
     assert (summary["name"], summary["catalog_number"], summary["ended_by"]) == ("ISS", None, "set")
     assert summary["on_target_s"] > 55.0
@@ -106,9 +106,9 @@ def test_bodies_and_directions_are_followed_and_replayed_without_skyfield(
     capsys, tmp_path, target, monkeypatch
 ):
     recording = tmp_path / "body.mcap"
-    begin = ("--clock", "2026-10-02T23:00:00Z", "--to", "2026-10-02T23:01:10Z")
+    begin = ("--clock", "2026-10-02T23:00:00Z", "--to", "2026-10-02T23:00:55Z")
     summary = track(capsys, recording, target, *begin)
-    assert summary["on_target_s"] > 40.0
+    assert summary["on_target_s"] > 30.0
     assert summary["true_rms_arcsec"] < 0.1
 
     def absent():
@@ -210,7 +210,7 @@ def test_an_antenna_takes_element_sets_only(capsys):
 
 LAUNCH = """# name: Launch
 t_s,lat_deg,lon_deg,height_m
-""" + "".join(f"{t},52.2,{4.6 + 2e-5 * t * t},{10 + 12.5 * t * t}\n" for t in range(0, 121, 5))
+""" + "".join(f"{t},52.2,{4.6 + 2e-5 * t * t},{10 + 12.5 * t * t}\n" for t in range(0, 61, 5))
 T0 = "2026-10-02T13:05:00Z"
 BEFORE_T0 = "2026-10-02T13:04:30Z"
 
@@ -225,8 +225,8 @@ def test_a_launch_is_followed_from_its_pad_and_replayed_without_the_table(capsys
     table.write_text(LAUNCH)
     summary = track(capsys, recording, str(table), "--t0", T0, "--clock", BEFORE_T0)
     assert (summary["name"], summary["ended_by"]) == ("Launch", "set")
-    assert summary["ended_utc"].startswith("2026-10-02T13:07:0")
-    assert summary["on_target_s"] > 90.0
+    assert summary["ended_utc"].startswith("2026-10-02T13:06:0")
+    assert summary["on_target_s"] > 45.0
     assert summary["true_rms_arcsec"] < 0.2
     table.unlink()
     replayed(recording)
@@ -237,15 +237,15 @@ def test_a_launch_that_is_over_is_refused_and_one_under_way_is_followed(capsys, 
     table.write_text(LAUNCH)
     common = (str(table), *SITE, "--mount", "sim", "--virtual", "--json", "--t0", T0)
     assert run(["track", *common, "--clock", "2026-10-02T14:00:00Z"]) == 1
-    words = "launch.csv is from 2026-10-02T13:05:00.000Z to 2026-10-02T13:07:00.000Z: ask within that"
+    words = "launch.csv is from 2026-10-02T13:05:00.000Z to 2026-10-02T13:06:00.000Z: ask within that"
     assert words in capsys.readouterr().err
-    assert run(["track", *common, "--clock", "2026-10-02T13:05:40Z"]) == 0
+    assert run(["track", *common, "--clock", "2026-10-02T13:05:10Z"]) == 0
     assert json.loads(capsys.readouterr().out)["summary"]["on_target_s"] > 30.0
 
 
 def test_what_is_no_orbit_rests_before_its_first_row_and_after_its_last():
     facts = prepare(request(launch())).facts
-    here = [Propagator(facts.target, LEIDEN).at(Utc(seconds(T0) + s)) for s in (-3000.0, 0.0, 120.0, 4000.0)]
+    here = [Propagator(facts.target, LEIDEN).at(Utc(seconds(T0) + s)) for s in (-3000.0, 0.0, 60.0, 4000.0)]
     for rested, moving in (here[:2], here[:1:-1]):
         assert rested.az_deg == pytest.approx(moving.az_deg, abs=1e-6)
         assert rested.alt_deg == pytest.approx(moving.alt_deg, abs=1e-6)
@@ -258,23 +258,23 @@ def test_t0_slips_in_a_run_and_the_launch_is_followed_at_its_new_time(tmp_path):
     held = (seconds("2026-10-02T13:04:50Z"), Slip(60.0)), (seconds("2026-10-02T13:05:30Z"), Slip(-20.0))
     summary = fly_virtual(prepared, views.append, messages=held)
     assert summary.ended_by == "set"
-    # 120 s of the path after T0, which is 40 s later.
-    assert seconds(summary.ended_utc) == pytest.approx(seconds(T0) + 160.0, abs=3.0)
-    assert summary.on_target_s > 90.0
+    # 60 s of the path after T0, which is 40 s later.
+    assert seconds(summary.ended_utc) == pytest.approx(seconds(T0) + 100.0, abs=3.0)
+    assert summary.on_target_s > 45.0
     assert summary.true_rms_arcsec < 0.2
     assert {round(view.t0_utc_s - seconds(T0)) for view in views} == {0, 60, 40}
-    assert views[-1].end_utc_s == pytest.approx(seconds(T0) + 160.0)
+    assert views[-1].end_utc_s == pytest.approx(seconds(T0) + 100.0)
     replayed(recording)
 
 
 def test_t0_that_slips_while_it_is_followed_is_caught_up_with():
     prepared = prepare(request(launch(), clock_option=BEFORE_T0))
     views = []
-    summary = fly_virtual(prepared, views.append, messages=((seconds(T0) + 70.0, Slip(-5.0)),))
+    summary = fly_virtual(prepared, views.append, messages=((seconds(T0) + 25.0, Slip(-5.0)),))
     assert summary.ended_by == "set"
-    assert seconds(summary.ended_utc) == pytest.approx(seconds(T0) + 115.0, abs=3.0)
+    assert seconds(summary.ended_utc) == pytest.approx(seconds(T0) + 55.0, abs=3.0)
     last = [view for view in views if view.error is not None and view.phase == "tracking"][-1]
-    assert last.utc_s > seconds(T0) + 100.0
+    assert last.utc_s > seconds(T0) + 45.0
     assert last.error.total_arcsec < 2.0
     # Where the table has it five seconds later; the air raises it by less than the bound.
     there = Propagator(launch(), LEIDEN).at(Utc(last.error.utc_s + 5.0))
