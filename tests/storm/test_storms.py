@@ -60,7 +60,14 @@ def test_a_seed_gives_the_same_storm_to_the_last_byte() -> None:
 
 
 def test_every_kind_of_fault_is_drawn() -> None:
-    assert {fault.kind for seed in range(400) for fault in draw(seed).faults} == set(KINDS_OF_FAULTS)
+    missing = set(KINDS_OF_FAULTS)
+    for seed in range(400):
+        drawn = {fault.kind for fault in draw(seed).faults}
+        assert drawn <= set(KINDS_OF_FAULTS)
+        missing -= drawn
+        if not missing:
+            break
+    assert not missing
 
 
 @pytest.mark.parametrize("kind", ["kill", "sleep"])

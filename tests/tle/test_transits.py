@@ -83,7 +83,10 @@ class Sky:
 
 def sampled(sky: Sky) -> list[tuple[float, str, float, float]]:
     """Return instant, body, separation (degrees) and duration of all transits that sampling shows."""
-    coarse = np.arange(0.0, DAYS * 86400.0, 10.0)
+    # It is above the horizon for more than a minute before it is 9° high.
+    minutes = np.arange(0.0, DAYS * 86400.0, 60.0)
+    risen = minutes[sky.altitude_deg(minutes) > 0.0]
+    coarse = (risen[:, None] + np.arange(-30.0, 30.0, 10.0)).ravel()
     up = coarse[sky.altitude_deg(coarse) > 9.0]
     transits = []
     for body in RADIUS_KM:
@@ -91,6 +94,10 @@ def sampled(sky: Sky) -> list[tuple[float, str, float, float]]:
         # The satellite goes less than 7° in 5 s.
         near_by = np.r_[True, apart[1:] <= apart[:-1]] & np.r_[apart[:-1] < apart[1:], True]
         for near in up[near_by & (apart < np.radians(7.0))].tolist():
+            apart, radius = sky.apart(body, near + np.arange(-5.0, 5.01, 0.1))
+            if np.all(apart > radius + np.radians(0.2)):
+                # It goes less than 0.07° until the nearest of these instants.
+                continue
             fine = near + np.arange(-5.0, 5.01, 0.01)
             apart, radius = sky.apart(body, fine)
             inside = apart < radius

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import math
 import subprocess
@@ -13,7 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from programs import ended, sattrack
+
+from sattrack.cli.main import run
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -71,9 +73,9 @@ def profile(tmp_path: Path) -> Path:
 
 def called(mount: AltAz, profile: Path, *words: str) -> Any:
     options = ("--mount", mount.url, "--profile", str(profile), "--site", "52,4.5,20")
-    with ended(sattrack("mount", *words, *options)) as process:
-        out, err = process.communicate(timeout=120.0)
-        return subprocess.CompletedProcess(process.args, process.returncode, out, err)
+    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
+        code = run(["mount", *words, *options])
+    return subprocess.CompletedProcess(words, code, out.getvalue(), err.getvalue())
 
 
 @pytest.mark.parametrize("tracking", [False, True])

@@ -55,7 +55,7 @@ def test_a_satellite_is_followed(number: int) -> None:
     assert 0.001 < run.settled_rms_arcsec() < 0.15
 
 
-@pytest.mark.parametrize("number", [1, 8])
+@pytest.mark.parametrize("number", [1, pytest.param(8, marks=pytest.mark.soak)])
 def test_the_tube_stays_above_floor_and_skyline(number: int) -> None:
     axes = drawn_at_target(number)
     (_, first), (_, last) = passes_at(axes, SETTLED_S), passes_at(axes, family.LASTS_S)
@@ -112,7 +112,9 @@ def sun_apart_deg(axes: axes_anywhere.AxesDraw, tube_deg: Any) -> tuple[Any, Any
     return sun.separation(pointing).deg, sun.alt.deg
 
 
-@pytest.mark.parametrize(("number", "cone_deg"), [(29, 15.0), (33, 38.0), (6, 20.0)])
+@pytest.mark.parametrize(
+    ("number", "cone_deg"), [(29, 15.0), (33, 38.0), pytest.param(6, 20.0, marks=pytest.mark.soak)]
+)
 def test_the_tube_stays_out_of_the_sun(number: int, cone_deg: float) -> None:
     axes = drawn_at_target(number)
     run = axes_anywhere.AxesRun(

@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from late_start import late
 from rehearsal import LOST_WITHIN_S, PEAKS_WITHIN, compare, within
 from rehearsal_draws import draw, fly, noisy
 
@@ -33,7 +34,7 @@ from tle.propagator import Propagator
 from tle.refraction import Refraction
 from tle.site import Site
 
-SHORT_PASSES = (*(pytest.param(seed, marks=pytest.mark.soak) for seed in (17, 52)), 69, 123, 175)
+SHORT_PASSES = (*(pytest.param(seed, marks=pytest.mark.soak) for seed in (17, 52, 123)), 69, 175)
 """Seeds of short passes: 69 loses to the cables' end, 175 to the Sun, the others nothing."""
 TOO_FAST = 189
 """Seed of a short pass that is rehearsed at 20 Hz, as its mount is too slow for it."""
@@ -158,7 +159,7 @@ def polar(through_pole: bool) -> Prepared:
     )
     plan = prepared.facts.plan
     shorter = msgspec.structs.replace(plan, end_utc_s=min(plan.end_utc_s, plan.start_utc_s + 100.0))
-    return replace(prepared, facts=msgspec.structs.replace(prepared.facts, plan=shorter))
+    return replace(prepared, facts=late(msgspec.structs.replace(prepared.facts, plan=shorter)))
 
 
 def test_through_the_pole_a_run_loses_less_than_half_of_what_clipping_does() -> None:
@@ -323,11 +324,11 @@ def test_limits_that_contradict_are_told_in_one_line(
 
 
 def test_a_later_pass_is_rehearsed_by_its_number() -> None:
-    _, first = invoke("ISS", "--json", "--min-alt", "60")
-    _, second = invoke("ISS", "--json", "--min-alt", "60", "--pass", "2")
+    _, first = invoke("ISS", "--json", "--min-alt", "70")
+    _, second = invoke("ISS", "--json", "--min-alt", "70", "--pass", "2")
     one, other = json.loads(first), json.loads(second)
     gap_s = float(Utc.parse(other["start_utc"]).unix_s) - float(Utc.parse(one["start_utc"]).unix_s)
-    # Above 60° again one or more revolutions later.
+    # Above 70° again one or more revolutions later.
     assert gap_s > 5000.0
 
 

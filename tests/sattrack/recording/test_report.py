@@ -83,7 +83,17 @@ def observed(tmp_path_factory: pytest.TempPathFactory) -> Path:
         stream.write("\n".join(seen).encode() + b"\n")
         stream.seek(0)
         patched.setattr("sys.stdin", type("Input", (), {"buffer": stream})())
-        options = ["--min-alt", "45", "--observations", "stdin", "--record", str(path)]
+        # It begins 28 s before the pass: enough for any slew.
+        options = [
+            "--min-alt",
+            "45",
+            "--clock",
+            "2026-10-02T13:04:00Z",
+            "--observations",
+            "stdin",
+            "--record",
+            str(path),
+        ]
         profile = ["--profile", str(EXAMPLES / "profiles" / "realistic.toml")]
         code = run(["track", "25544", "--virtual", "--mount", "sim", "--json", *profile, *options])
     assert code == 0
