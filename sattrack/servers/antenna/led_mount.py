@@ -107,6 +107,8 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
         self._hour_angles = axis_range(profile, "own")
         self._moved = False
         self._near = 0
+        self._judged: Path | None = None
+        """The trajectory by which the last status was judged."""
         self._beyond = False
         self._wanted_ha_deg: float | None = None
         self._last_wanted: Pair = (0.0, 0.0)
@@ -126,7 +128,11 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
     @property
     def on_trajectory(self) -> bool:  # type: ignore[override]
         """Whether the mount is heard, follows the trajectory, and was within 10″ of it of late."""
-        return self._near >= SAMPLES_ON_TRAJECTORY and self.link_up and self.tripped is None
+        if self._near < SAMPLES_ON_TRAJECTORY or not self.link_up or self.tripped is not None:
+            return False
+        axes = self._follower.axes
+        # A trajectory taken since the last status: that status was judged by the one before.
+        return self._target.path is self._judged or (axes is not None and self._is_near(axes.sample_utc_s))
 
     @property
     def outside_limits(self) -> bool:  # type: ignore[override]
@@ -321,16 +327,19 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
 
     def _judge(self, utc_s: float) -> None:
         """See whether the axes are on the trajectory."""
+        self._judged = self._target.path
+        self._near = self._near + 1 if self._is_near(utc_s) else 0
+
+    def _is_near(self, utc_s: float) -> bool:
+        """Return whether the axes were within 10″ of the trajectory now in force at an instant."""
         axes = self._axes_at(utc_s)
         if axes is None or self._target.path is None:
-            self._near = 0
-            return
+            return False
         ha_deg, dec_deg = self._wanted(utc_s)
         off_deg = math.hypot(
             (axes.first_deg - ha_deg) * math.cos(math.radians(dec_deg)), axes.second_deg - dec_deg
         )
-        near = off_deg <= ON_TRAJECTORY_DEG and not self._beyond
-        self._near = self._near + 1 if near else 0
+        return off_deg <= ON_TRAJECTORY_DEG and not self._beyond
 
     def _reset(self) -> None:
         if not self._target.reset_asked:

@@ -52,6 +52,17 @@ def test_a_new_source_is_slewed_to_and_joined(antenna: VirtualAntenna) -> None:
     assert position(antenna)["servo"] == "TRACKING"
 
 
+@pytest.mark.parametrize("said", ["TD 15 45", "FIXED 15 45", "STOW"])
+def test_a_new_place_is_not_reached_before_the_mount_is_there(antenna: VirtualAntenna, said: str) -> None:
+    """`onsource` may ask right after `source`, before any status was judged against the new trajectory."""
+    antenna.say("TD 20 40 0 0")
+    antenna.run_for(9.0)
+    antenna.say("TD 20.001 40 0 0")
+    assert position(antenna)["servo"] == "TRACKING"
+    assert antenna.say(said).endswith("ACK")
+    assert position(antenna)["servo"] == "SLEWING"
+
+
 def test_what_position_status_tells_is_where_the_axes_are(antenna: VirtualAntenna) -> None:
     antenna.say("TD 20 40 0.5 -0.25")
     antenna.run_for(8.0)
