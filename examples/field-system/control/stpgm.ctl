@@ -1,0 +1,1 @@
+* No programs of the station's own besides antcn.
