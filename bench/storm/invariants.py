@@ -180,6 +180,10 @@ class Watcher(Judging):
                 self.violated("limit", world, f"{name}: farther out, {-clearance:.3f}°, in reach again")
 
     def _judge_rates(self, world: World, axes: Axes) -> None:
+        freezes = [one for one in self.storm.faults if one.kind == "freeze"]
+        if any(one.at_s < world.at_s < one.end_s + RECOVERS_S for one in freezes):
+            # A mount whose program has stood still catches up with its own plan, as fast as its drives can.
+            return
         most = RATE_MARGIN * (self.storm.hardware.max_rate_deg_s + 0.01)
         fastest = max(abs(axes.hour_angle_rate_deg_s), abs(axes.dec_rate_deg_s))
         if fastest > most:
