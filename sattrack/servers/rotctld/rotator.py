@@ -310,7 +310,7 @@ class Rotator:
     """Whoever logs them removes them."""
     _heard_s: float = -math.inf
     _pointed_s: dict[int, float] = field(default_factory=dict)
-    """When the last position of each client came, obeyed or refused."""
+    """When the last position of each client came, obeyed or refused, out of reach or not."""
     _stopped: set[int] = field(default_factory=set)
     """The clients that were sending positions when somebody else stopped the mount: a program that goes on
     sending them does not undo that."""
@@ -324,11 +324,11 @@ class Rotator:
 
     def point(self, client: int, az_deg: float, el_deg: float, now_s: float) -> Code:
         """Go to a position, or on along the track that it continues."""
-        if not self.reach.holds(az_deg, el_deg):
-            return Code.INVALID
         before_s, self._pointed_s[client] = self._pointed_s.get(client, -math.inf), now_s
         if now_s - before_s > COMMANDS_FOR_S:
             self._stopped.discard(client)
+        if not self.reach.holds(az_deg, el_deg):
+            return Code.INVALID
         objection = self._objection(client, now_s) or self._outlasts_stop(client)
         if objection is not None:
             return objection

@@ -147,6 +147,19 @@ def test_alpacas_stop_holds_for_a_program_whose_positions_were_refused_before(re
     assert isinstance(scope.station.session.wanted, MoveAxes)
 
 
+def test_alpacas_stop_holds_for_a_program_whose_satellite_rises_later() -> None:
+    """What it sends from below the horizon is no position, but it is no silence either."""
+    scope = Shared()
+    here = scope.where()
+    assert scope.point(here.az_deg, -5.0) is Code.INVALID
+    scope.put("abortslew")
+    for _ in range(12):
+        scope.run_for(1.0)
+        assert scope.point(here.az_deg, -5.0) is Code.INVALID
+    assert scope.point(here.az_deg, here.el_deg) is Code.REJECTED
+    assert "the mount was stopped" in scope.rotator.log_lines[-1]
+
+
 def test_the_end_of_the_server_stops_what_a_rotator_began() -> None:
     scope = Shared()
     here = scope.where()
