@@ -102,7 +102,7 @@ def test_gpredict_follows_a_satellite_with_the_mount(tmp_path: Path) -> None:
         environment = {**os.environ, "HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path / ".config")}
         environment["DISPLAY"] = DISPLAY
         quiet = subprocess.DEVNULL
-        for command in (["Xvfb", DISPLAY, "-screen", "0", "1280x900x24"], ["gpredict"]):
+        for command in (["Xvfb", DISPLAY, "-noreset", "-screen", "0", "1280x900x24"], ["gpredict"]):
             process = subprocess.Popen(command, env=environment, stdout=quiet, stderr=quiet)
             closing.callback(process.wait)
             closing.callback(process.kill)
