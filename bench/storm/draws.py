@@ -36,7 +36,7 @@ STOPS_AFTER_S = 8.0
 MAX_RATE_DEG_S = 6.0
 LED_FROM_SEED = 1000
 """From this seed on, the pass crosses the floor."""
-Program = Literal["track", "rotctld", "console", "alpaca", "antenna"]
+Program = Literal["track", "rotctld", "console", "alpaca", "antenna", "fight"]
 PROGRAMS: dict[int, Program] = {3: "console", 5: "rotctld"}
 """Of seeds, by their remainder of 7; the others are over `track`."""
 SERVERS_FROM_SEED = 5000
@@ -114,8 +114,8 @@ class Storm:
     people: tuple[Person, ...]
     watchdog: bool = False
     program: Program = "track"
-    """`sattrack track`, `serve rotctld`, `serve alpaca --rotctld`, `serve antenna`, or the manual console,
-    `mount watch`."""
+    """`sattrack track`, `serve rotctld`, `serve alpaca --rotctld` (as a fight, too), `serve antenna`, or the
+    manual console, `mount watch`."""
     fault_free: bool = field(default=False)
     late_most_s: float = LATE_MOST_S
     """By how much a datagram that is held back comes late at most."""
@@ -139,6 +139,12 @@ class Storm:
         facts = msgspec.structs.replace(self.facts, plan=plan)
         commands, statuses = replace(fair.commands, late=0.2), replace(fair.statuses, late=0.2 * both)
         return replace(fair, facts=facts, commands=commands, statuses=statuses, people=(), late_most_s=late_s)
+
+    def fight(self, hours: float) -> Storm:
+        """Return so many hours of two clients that want the same mount, without faults but of the link."""
+        plan = msgspec.structs.replace(self.facts.plan, end_utc_s=self.begin_s + 3600.0 * hours)
+        facts = msgspec.structs.replace(self.facts, plan=plan)
+        return replace(self, facts=facts, faults=(), people=(), program="fight")
 
     def fair(self) -> Storm:
         """Return the same without faults."""

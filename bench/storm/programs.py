@@ -33,7 +33,7 @@ from sattrack.servers.antenna.controller import AntennaStation
 from sattrack.servers.antenna.equipment import Antenna
 from sattrack.servers.antenna.led_mount import axis_range
 from sattrack.servers.antenna.protocol import encode, to_ns
-from sattrack.servers.antenna.trajectory import SiteSky
+from sattrack.servers.antenna.trajectory import HaDec, SiteSky
 from sattrack.servers.rotctld.answers import Client
 from sattrack.servers.rotctld.rotator import RotatorStation
 from sattrack.views.messages import Jog, Leave
@@ -145,8 +145,13 @@ class ServedWorld(World):
         if self.now_s - self._sent_s > SILENT_S:
             self._stopped_s = -math.inf
         self._sent_s = self.now_s
+        az_deg, alt_deg = self._place()
+        self._clients[0].receive(f"P {az_deg:.3f} {alt_deg:.3f}\n".encode())
+
+    def _place(self) -> tuple[float, float]:
+        """Return azimuth and altitude of what that client follows."""
         seen = self._propagator.at(Utc(self.now_s))
-        self._clients[0].receive(f"P {float(seen.az_deg):.3f} {float(seen.alt_deg):.3f}\n".encode())
+        return float(seen.az_deg), float(seen.alt_deg)
 
     def answer(self, now_utc_s: float) -> None:
         """Answer what has come; another's stop holds for a client that only goes on sending positions."""
@@ -174,6 +179,8 @@ class ServedWorld(World):
 SENDS_FOR_S = 6.0
 """How long a client of rotctld sends positions, and is silent, in the mean."""
 ORDERS_EVERY_S = 2.5
+SWINGS = ((0.0, 60.0, 311.0), (25.0, 40.0, 173.0))
+"""Of hour angle and declination, degrees, where a fight's positions swing about, how far, and in how long."""
 
 
 class TelescopeWorld(ServedWorld):
@@ -272,6 +279,26 @@ class TelescopeWorld(ServedWorld):
             if any(stopped_by):
                 self.judge.stopping(self)
         self.judge.period(self, station, "operator" if ending else None)
+
+
+class FightWorld(TelescopeWorld):
+    """The same for hours: one client of rotctld streams positions, one of Alpaca wants what it wants.
+
+    The positions swing through the sky, now and then beyond what the mount may reach.
+    """
+
+    positions = 0
+
+    @property
+    def orders(self) -> int:
+        return self._number
+
+    def _place(self) -> tuple[float, float]:
+        self.positions += 1
+        since_s = self.now_s - self.storm.begin_s
+        ha, dec = (middle + wide * math.sin(math.tau * since_s / every_s) for middle, wide, every_s in SWINGS)
+        place = SiteSky(self.storm.facts.site.place()).horizontal(HaDec(ha, dec), self.now_s)
+        return place.az_deg, place.el_deg
 
 
 class AntennaWorld(ServedWorld):
@@ -449,5 +476,6 @@ WORLDS: dict[str, type[World]] = {
     "console": ConsoleWorld,
     "alpaca": TelescopeWorld,
     "antenna": AntennaWorld,
+    "fight": FightWorld,
 }
 """The world of each program."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from storm.draws import KINDS_OF_FAULTS, Fault, draw
 from storm.invariants import Watcher, judged
 from storm.world import Judging, Sent, World
+from storms import fought
 
 from sattrack.cli.main import run
 
@@ -28,6 +30,13 @@ REGRESSIONS = [
 def test_no_invariant_breaks(seed: int) -> None:
     verdict, _ = judged(draw(seed))
     assert [str(one) for one in verdict.violations] == []
+
+
+@pytest.mark.parametrize(("seed", "hours"), [(6001, 0.01), pytest.param(6000, 1.0, marks=pytest.mark.soak)])
+def test_two_clients_that_fight_for_a_mount_break_nothing(seed: int, hours: float) -> None:
+    verdict, _ = fought(draw(seed).fight(hours))
+    assert [str(one) for one in verdict.violations] == []
+    assert re.match(r"[1-9]\d* orders by one client, [1-9]\d* positions", verdict.why), verdict.why
 
 
 @pytest.mark.soak
