@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
-from sattrack.camera.shape import CENTROID_FLOOR_PX, Point, PreparedImage, fitted_point
+from sattrack.camera.shape import CENTROID_FLOOR_PX, Point, PreparedImage, fitted_point, is_point_for_sure
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -386,8 +386,10 @@ def _point_target(
         expected_here = near is not None and math.hypot(x - near[0], y - near[1]) <= near[2]
         if snr >= SURE_SNR or expected_here:
             found = fitted_point(prepared, x, y, snr, ridge, angle, psf_px)
-            if found is not None and not any(
-                math.hypot(found.x - o.x, found.y - o.y) < 3.0 * psf_px for o in points
+            if found is None or any(math.hypot(found.x - o.x, found.y - o.y) < 3.0 * psf_px for o in points):
+                continue
+            if trail.length_px is None or is_point_for_sure(
+                prepared, found, trail.length_px, angles[:1] or everywhere[::4], psf_px
             ):
                 points.append(found)
         if len(points) >= 8:

@@ -9,6 +9,8 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     Pixels = NDArray[np.float32]
@@ -18,6 +20,8 @@ CENTROID_FLOOR_PX = 0.03
 SHARPEST, SURELY_SHARP = 0.8, 0.3
 """Of a star's middle pixel, the eight about it have at least so much light together; of a hot one none.
 With less than the second it needs no fit."""
+SURELY_POINT = 100.0
+"""How much likelier than a star's trail a point must be: a field has many faint stars, and one satellite."""
 
 
 class PreparedImage(NamedTuple):
@@ -83,6 +87,49 @@ def fitted_point(
         of_place = math.hypot(of_place, sigma / math.sqrt(max(flux * prepared.gain, 1.0)))
     peak = float(prepared.image[box].max())
     return Point(col + ox, row + oy, math.hypot(of_place, CENTROID_FLOOR_PX), snr, flux, peak)
+
+
+def is_point_for_sure(
+    prepared: PreparedImage, point: Point, length_px: float, angles_deg: Sequence[float], psf_px: float
+) -> bool:
+    """Tell whether a point fits much better than a star's trail of a known length in any of some directions.
+
+    The likelihood ratio of the two images, of the best flux each. A trail may lie shifted along itself: noise
+    says where on it a point was seen.
+    """
+    half = math.ceil(length_px + 3.0 * psf_px)
+    col, row = round(point.x), round(point.y)
+    height, width = prepared.image.shape
+    low, high = max(0, row - half), min(height, row + half + 1)
+    left, right = max(0, col - half), min(width, col + half + 1)
+    data = np.where(prepared.bad[low:high, left:right], 0.0, prepared.image[low:high, left:right])
+    dy, dx = np.mgrid[low:high, left:right].astype(np.float64)
+    dx, dy = dx - point.x, dy - point.y
+    least = _explains(data, dx, dy, 0.0, psf_px) - 2.0 * math.log(SURELY_POINT) * prepared.noise**2
+    shifts = np.linspace(-0.5, 0.5, 2 * math.ceil(length_px / psf_px / 2.0) + 1) * length_px
+    for angle in np.radians(angles_deg).tolist():
+        along, across = (
+            dx * math.cos(angle) + dy * math.sin(angle),
+            dy * math.cos(angle) - dx * math.sin(angle),
+        )
+        if any(_explains(data, along - shift, across, length_px, psf_px) > least for shift in shifts):
+            return False
+    return True
+
+
+def _explains(data: Array, along: Array, across: Array, length_px: float, psf_px: float) -> float:
+    """Return by how much a Gaussian swept over a length, of the best flux, lessens the sum of squares."""
+    from scipy.special import erf
+
+    # A pixel's own width widens the image by a twelfth of a square.
+    sigma = math.hypot(psf_px, 0.289)
+    bell = np.exp(-0.5 * (across / sigma) ** 2)
+    if length_px > 0.0:
+        scale = math.sqrt(2.0) * sigma
+        bell *= erf((along + 0.5 * length_px) / scale) - erf((along - 0.5 * length_px) / scale)
+    else:
+        bell *= np.exp(-0.5 * (along / sigma) ** 2)
+    return max(0.0, float((data * bell).sum())) ** 2 / float((bell * bell).sum())
 
 
 def _around(data: Array, half: int) -> float:

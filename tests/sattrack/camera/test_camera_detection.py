@@ -62,6 +62,28 @@ def test_nothing_is_found_where_there_is_nothing(length: float) -> None:
         assert seen(canvas.exposed(rng)).kind == "none"
 
 
+@pytest.mark.parametrize("direction", [True, False])
+def test_short_trails_of_faint_stars_are_no_satellites_and_hide_none(direction: bool) -> None:
+    rng = np.random.default_rng(8)
+    length, angle = 9.0, 35.0
+    speed = length / 0.1
+    velocity = (speed * math.cos(math.radians(angle)), speed * math.sin(math.radians(angle)))
+    expected = ExpectedMotion(velocity if direction else speed, 0.0)
+    found = 0
+    for _ in range(8):
+        canvas = small()
+        star_streaks(canvas, rng, 40, length, angle)
+        for _ in range(3):
+            assert seen(canvas.exposed(rng), expected).kind == "none"
+        x, y = rng.uniform(40, 470), rng.uniform(40, 340)
+        canvas.point(x, y, canvas.flux_of(16.0))
+        one = seen(canvas.exposed(rng), expected)
+        if one.x is not None and one.y is not None:
+            assert math.hypot(one.x - x, one.y - y) < 1.0
+            found += 1
+    assert found >= 7
+
+
 def test_hot_pixels_and_cosmic_rays_are_no_satellite() -> None:
     rng = np.random.default_rng(6)
     canvas = small()
