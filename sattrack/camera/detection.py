@@ -46,6 +46,8 @@ AMBIGUOUS = 0.6
 MOST_STANDING = 3
 """More points than that are stars, where a run says that stars trail and the frame shows no trail."""
 RIDGE_SNR = 3.0
+FEWEST_BESIDE = 3
+"""Places on each side of a peak at which a star's trail through it is looked for."""
 EDGE_PX = 4
 Kind = Literal["point", "streak", "none"]
 T_EVEN = 2.0
@@ -363,7 +365,7 @@ def _point_target(
     angles = [] if trail.angle_deg is None else [trail.angle_deg]
     angles += [one.angle_deg for one in long[:8] if all(_apart(one.angle_deg, a) > 3.0 for a in angles)]
     rest = math.inf if trail.length_px is None else (trail.length_px / 2.0 / psf_px - 5.0) / 2.0
-    samples = int(min(max(rest, 3), 12))
+    samples = int(min(max(rest, FEWEST_BESIDE), 12))
     everywhere = list(np.arange(0.0, 180.0, 3.75))
     # Stars' streaks that lie beside a peak pass it at up to about half a right angle.
     beside = [one for one in everywhere if angles and _apart(one, angles[0]) < 45.0]
@@ -388,8 +390,9 @@ def _point_target(
             found = fitted_point(prepared, x, y, snr, ridge, angle, psf_px)
             if found is None or any(math.hypot(found.x - o.x, found.y - o.y) < 3.0 * psf_px for o in points):
                 continue
-            if trail.length_px is None or is_point_for_sure(
-                prepared, found, trail.length_px, angles[:1] or everywhere[::4], psf_px
+            # Of a longer trail more is seen on both sides of a peak than the peak itself tells.
+            if rest >= FEWEST_BESIDE or is_point_for_sure(
+                prepared, found, trail.length_px or 0.0, angles[:1] or everywhere[::4], psf_px
             ):
                 points.append(found)
         if len(points) >= 8:
