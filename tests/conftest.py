@@ -26,6 +26,10 @@ settings.load_profile("same")
 # Tests and program stay compiled, whatever is set: to do it anew is two thirds of each worker's collection.
 sys.dont_write_bytecode = False
 
+# Each worker, and each program that it starts, has one thread for linear algebra: of more, on a machine that
+# is busy anyway, each spins while it waits for the other. Read when numpy is loaded.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 REQUIRED = os.environ.get("SATTRACK_REAL_PROGRAMS") == "required"
 
 
