@@ -42,20 +42,22 @@ def prepared(min_alt_deg: float = 45.0, **changes: object) -> Prepared:
     return replace(made, facts=late(made.facts))
 
 
-def test_the_whole_pass_is_followed_within_an_arcsecond(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["track", "25544", "--virtual", "--mount", "sim", "--json"]) == 0
+def test_a_pass_is_followed_within_an_arcsecond(capsys: pytest.CaptureFixture[str]) -> None:
+    """The whole one of seven minutes is followed in the README and in the tutorial."""
+    assert run(["track", "25544", "--virtual", "--mount", "sim", "--json", "--min-alt", "45"]) == 0
     out = capsys.readouterr().out
     summary = json.loads(out)["summary"]
     assert summary["true_rms_arcsec"] <= 0.05
     assert summary["reported_rms_arcsec"] <= 0.05
     assert summary["true_peak_arcsec"] <= 0.5
     assert summary["acquired_after_s"] <= 2.0
-    # From 10° to 10° the pass lasts 409 s (made with another library: 13:01:59.5 to 13:08:48.6 UTC).
-    assert summary["on_target_s"] == pytest.approx(408.5, abs=1.0)
+    # From 45° to 45° the pass lasts 112 s (made with another library: 13:04:28.4 to 13:06:20.5 UTC).
+    assert summary["on_target_s"] == pytest.approx(111.5, abs=1.0)
     assert summary["ended_by"] == "set"
     assert summary["mount_stopped"] is True
     assert summary["calibrated"] is False
-    assert summary["datagrams"]["sent"] == pytest.approx(20 * 475.0, abs=4)
+    # 20 a second, from 65 s before the pass until the mount was seen at rest for two seconds.
+    assert summary["datagrams"]["sent"] == pytest.approx(20 * (65.0 + 112.1 + 2.3), abs=4)
 
 
 def test_the_same_command_prints_the_same_summary(capsys: pytest.CaptureFixture[str]) -> None:
@@ -161,11 +163,12 @@ def test_a_pass_by_the_pole_of_the_mount_is_survived() -> None:
         elements=[elements],
         site=Site(60.0, -28.0, 0.0),
         clock_option="2024-09-05T04:25:00Z",
-        min_alt_deg=10.0,
+        min_alt_deg=30.0,
         virtual=True,
     )
     views: list[TrackView] = []
-    summary = fly_virtual(prepare(request), views.append)
+    made = prepare(request)
+    summary = fly_virtual(replace(made, facts=late(made.facts)), views.append)
     assert max(abs(view.target_dec_deg) for view in views) > 87.0
     assert any("rate limit" in words for view in views for words in view.warnings)
     assert summary.ended_by == "set"
@@ -175,4 +178,4 @@ def test_a_pass_by_the_pole_of_the_mount_is_survived() -> None:
     assert summary.reported_peak_arcsec < 120.0
     assert summary.lost_peak_arcsec is not None
     assert summary.lost_peak_arcsec > 120.0
-    assert summary.on_target_s > 200.0
+    assert summary.on_target_s > 120.0
