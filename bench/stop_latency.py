@@ -29,6 +29,7 @@ PROTOCOLS = ("alpaca", "indi", "lx200", "rotctld")
 PATIENCE_S = 60.0
 AHEAD_S = 90.0
 WAIT_S = 0.5
+AT_REST_DEG_S = 0.006
 HTTP = (
     "{method} /api/v1/telescope/0/{member} HTTP/1.1\r\nHost: localhost\r\n"
     "Content-Type: application/x-www-form-urlencoded\r\nContent-Length: {length}\r\n\r\n{form}"
@@ -39,8 +40,15 @@ STOPS = {
     b'<oneSwitch name="ABORT">On</oneSwitch></newSwitchVector>\n',
     "lx200": b":Q#",
     "rotctld": b"S\n",
+    "antenna": b"STOP 66\n",
 }
-GREETINGS = {"alpaca": b"", "indi": b'<getProperties version="1.7"/>\n', "lx200": b":GR#", "rotctld": b"p\n"}
+GREETINGS = {
+    "alpaca": b"",
+    "indi": b'<getProperties version="1.7"/>\n',
+    "lx200": b":GR#",
+    "rotctld": b"p\n",
+    "antenna": b"PS C3\n",
+}
 
 
 class Client:
@@ -144,6 +152,42 @@ def of_serve(stops: int) -> dict[str, list[float]]:
     return found
 
 
+def of_antenna(stops: int) -> dict[str, list[float]]:
+    """Return the latencies of `serve antenna`."""
+    found: list[float] = []
+    with ExitStack() as closing:
+        folder = Path(closing.enter_context(tempfile.TemporaryDirectory()))
+        stand, port = Stand(closing, WHERE), free_port()
+        quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL}
+        words = ("--mount", stand.url, "--port", str(port), "--site", WHERE, "--config", settings(folder))
+        server = closing.enter_context(ended(sattrack("serve", "antenna", *words, **quiet)))
+        closing.callback(server.communicate)
+        closing.callback(server.send_signal, signal.SIGINT)
+        assert server.stderr is not None
+        if not any("the mount is heard" in line for line in server.stderr):
+            raise SystemExit("the mount was not heard")
+        client = Client("antenna", port)
+        for _ in range(stops):
+            first, second = said(client.line, "PS")[3:5]
+            said(client.line, f"TD {first} {second} 0 0.3")
+            time.sleep(WAIT_S)
+            found.append(client.stop(stand.relay))
+            client.line.recv(65536)
+            while any(abs(float(rate)) > AT_REST_DEG_S for rate in said(client.line, "PS")[7:9]):
+                time.sleep(0.05)
+    return {"antenna": found}
+
+
+def said(line: socket.socket, message: str) -> list[str]:
+    """Say something on the antenna interface; return the fields of the response, without its check."""
+    text = f"{message} "
+    line.sendall(f"{text}{sum(text.encode()) % 256:02X}\n".encode())
+    answer = b""
+    while not answer.endswith(b"\n"):
+        answer += line.recv(65536)
+    return answer.decode().split()[:-1]
+
+
 def of_track(runs: int) -> dict[str, list[float]]:
     """Return the latencies of `track --serve`, by protocol."""
     return {protocol: [of_run(protocol) for _ in range(runs)] for protocol in PROTOCOLS}
@@ -188,7 +232,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=5)
     options = parser.parse_args()
     if options.stops:
-        report("serve, client to datagram", of_serve(options.stops))
+        report("serve, client to datagram", of_serve(options.stops) | of_antenna(options.stops))
     if options.runs:
         report("track --serve, client to datagram", of_track(options.runs))
     print(f"with a load of {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors")
