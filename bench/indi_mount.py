@@ -12,14 +12,13 @@ import argparse
 import json
 import os
 import shutil
-import socket
 import subprocess
 import tempfile
 import time
 from contextlib import ExitStack
 from pathlib import Path
 
-from programs import ended, satellite, sattrack
+from programs import ended, free_port, satellite, sattrack
 
 NAME = "Telescope Simulator"
 AHEAD_S = 70.0
@@ -33,8 +32,7 @@ class Driver:
     """INDI's simulated telescope behind its server."""
 
     def __init__(self, closing: ExitStack) -> None:
-        with socket.create_server(("127.0.0.1", 0)) as probe:
-            self.port = int(probe.getsockname()[1])
+        self.port = free_port()
         command = ["indiserver", "-p", str(self.port), "-u", f"/tmp/indiserver-{self.port}"]
         quiet = subprocess.DEVNULL
         # The driver keeps its state in the home folder: a telescope once parked begins parked.

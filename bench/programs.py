@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
+import os
 import socket
 import subprocess
 import sys
@@ -36,11 +38,25 @@ PATIENCE_S = 60.0
 """For what takes a moment; nothing is measured by it."""
 
 
+PORTS = range(20000, 32000)
+"""Below those that a system gives to whoever asks for any: nobody gets one between our look and its use."""
+_first = 1009 * os.getpid() % len(PORTS)
+_ports = itertools.cycle([*PORTS[_first:], *PORTS[:_first]])
+
+
 def free_port() -> int:
-    """Return a UDP port of this machine's that nobody has."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    """Return a port of this machine's that nobody has, for UDP or TCP; each process looks from another on."""
+    return next(port for port in _ports if _is_free(port))
+
+
+def _is_free(port: int) -> bool:
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind(("127.0.0.1", port))
+        socket.create_server(("127.0.0.1", port)).close()
+    except OSError:
+        return False
+    return True
 
 
 def elements_of_today(**changes: float) -> tuple[str, str]:

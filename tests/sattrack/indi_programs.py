@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import socket
 import subprocess
 import tempfile
 import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from programs import free_port
 from serving import PATIENCE_S
 
 if TYPE_CHECKING:
@@ -45,8 +45,7 @@ class Indi:
 @contextmanager
 def indi_server(program: Callable[[str], str], *drivers: str) -> Iterator[int]:
     """Run INDI's own server with drivers, each a path or DEVICE@HOST:PORT; give its port."""
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        port = probe.getsockname()[1]
+    port = free_port()
     with tempfile.TemporaryDirectory() as folder:
         process = subprocess.Popen(
             # Its local socket has one name for all on this machine, unless another is given.

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from network_builders import START, contents, written
+from programs import free_port
 
 from sattrack import __version__
 from sattrack.cli.main import run
@@ -70,13 +71,6 @@ def worker(port: int, before: str = "") -> ExitStack:
     )
     stack.process = started  # type: ignore[attr-defined]
     return stack
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        number: int = probe.getsockname()[1]
-        return number
 
 
 def command(folder: Path, out: Path, *more: str) -> list[str]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import random
-import socket
 import subprocess
 import tempfile
 from contextlib import contextmanager
@@ -18,7 +17,7 @@ from alpaca_serving import say, serving
 from alpaca_stand import VirtualTelescope
 from antenna_harness import SITE
 from indi_programs import Indi
-from programs import ended, sattrack
+from programs import ended, free_port, sattrack
 from serving import PATIENCE_S, WHERE, call, until
 from test_planetarium import Line
 from test_planetarium import message as new_vector
@@ -44,12 +43,6 @@ IN_A_PASS = "2026-10-02T13:04:00Z"
 ABORT = 73
 """Where a command has its flag to stop, by the protocol's table."""
 PROTOCOLS = ("alpaca", "indi", "lx200", "rotctld")
-
-
-def free_port() -> int:
-    """Return a TCP port that nobody has."""
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        return int(probe.getsockname()[1])
 
 
 class Shared(VirtualTelescope):

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from antenna_setup import SITE
+from programs import free_port
 
 from sattrack.cli.main import run
 from sattrack.control.tracker import TrackPlan
@@ -282,10 +283,7 @@ def test_addresses_say_how_the_line_is_spoken_to() -> None:
 
 
 def test_no_controller_is_a_lost_link() -> None:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    flight = AntennaFlight(make_pass(f"antenna://127.0.0.1:{port}"), StopRequest(), lambda *_: None)
+    flight = AntennaFlight(make_pass(f"antenna://127.0.0.1:{free_port()}"), StopRequest(), lambda *_: None)
 
     with pytest.raises(LinkLostError, match="no antenna controller"):
         flight.fly()

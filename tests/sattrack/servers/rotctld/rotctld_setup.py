@@ -9,6 +9,7 @@ import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from programs import free_port
 from serving import PATIENCE_S, SITE
 
 from sattrack.mount.model import AxesPosition
@@ -77,9 +78,7 @@ def say(line: socket.socket, words: bytes) -> bytes:
 @contextmanager
 def hamlibs_own() -> Iterator[int]:
     """Run `rotctld -m 1` on a free port."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     quiet = subprocess.DEVNULL
     process = subprocess.Popen(
         ["rotctld", "-m", "1", "-T", "127.0.0.1", "-t", str(port)], stdout=quiet, stderr=quiet
