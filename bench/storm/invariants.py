@@ -126,6 +126,8 @@ class Watcher(Judging):
         self._stop_due_s: float | None = None
         self._rested_s: float | None = None
         self._last: dict[str, bytes] = {}
+        self._moved_s = -math.inf
+        """When the last datagram left that moves the mount."""
         self._guardian_s: float | None = None
         self._ended_by: str | None = None
         self._sizes: list[tuple[float, int]] = []
@@ -166,8 +168,9 @@ class Watcher(Judging):
     def _judge_limits(self, world: World, axes: Axes) -> None:
         found = self._clear.clearances(axes.hour_angle_deg, axes.dec_axis_deg, axes.utc_s)
         self._nearest.append(min(found.values()))
-        # A mount that was brought to rest and tracks by itself goes on with the sky; nobody commands it.
-        left_tracking = self._settled and axes.speed_deg_s <= 2.0 * REST_RATE_DEG_S
+        # A mount that tracks by itself, and that nobody commands, goes on with the sky.
+        left_alone = axes.utc_s - self._moved_s > SETTLES_S
+        left_tracking = left_alone and axes.speed_deg_s <= 2.0 * REST_RATE_DEG_S
         excused = self._drives_fail or left_tracking or axes.utc_s - self._unreached_s < RECOVERS_S
         for name, clearance in found.items():
             if clearance >= 0.0:
@@ -229,6 +232,8 @@ class Watcher(Judging):
         if moves(sent.data) and age_s > KNOWS_S and self._changes(before, sent.data):
             self.violated("stale", world, f"a motion on a status heard {age_s:.2f} s before")
         self._last[sent.who] = sent.data
+        if moves(sent.data):
+            self._moved_s = sent.utc_s
 
     def _changes(self, before: bytes, data: bytes) -> bool:
         import struct
