@@ -63,6 +63,8 @@ HELD_ANEW_S = 0.07
 """What is held keeps its rates for so long, while they keep inside, before better ones are looked for."""
 OUTSIDE_PROOF = 3
 """Axes count as outside when so many clearances in a row find them there: one status may be wrong."""
+LED_SHARES = (0.7, 0.5, 0.35, 0.25, 0.15, 0.08)
+"""Shares of its rates by which a led slew is slower near a limit, so that a fault would not lead past it."""
 
 
 class Safety:
@@ -342,8 +344,10 @@ class Safety:
             outlook = self._ahead.outlook(spots, now, nears)
             if not self._holds:
                 inward = outlook.limit(wanted)
-                if inward is not None:
+                slower = None if inward is None or self.led is None else self._slower(wanted, outlook.limit)
+                if inward is not None and slower is None:
                     return self._trip(inward)
+                wanted = slower or wanted
             else:
                 outside = self._proven_outside(spots)
                 if outside is not None and outside not in CONES:
@@ -356,6 +360,14 @@ class Safety:
         if utc_s is not None:
             self._sent.append((utc_s, *wanted))
         return Cleared(self._as_move(wanted, move, wish))
+
+    def _slower(self, wanted: Rates, ahead: Callable[[Rates], str | None]) -> Rates | None:
+        """Return the rates at which a led slew comes near a limit; None where no motion is clear of it."""
+        for share in LED_SHARES:
+            rates = share * wanted[0], share * wanted[1]
+            if ahead(rates) is None:
+                return rates
+        return None
 
     def _proven_outside(self, spots: Sequence[Spot]) -> str | None:
         """Return the limit past which the axes have been found so often that they must be; or None."""

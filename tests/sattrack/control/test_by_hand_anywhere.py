@@ -15,11 +15,14 @@ import axes_anywhere
 import erfa
 import msgspec
 import pytest
+from console_builders import PROFILE, SITE, Bench
 
 from sattrack.control.console import Console, ConsoleSession
 from sattrack.control.manual_operation import ManualOperation, SlewThere, procedure_for
-from sattrack.mount.model import AxesPosition, Slew
+from sattrack.mount.geometry import AxisGeometry
+from sattrack.mount.model import AxesPosition, SitePlace, Slew
 from sattrack.mount.requests import FindHome, FineRate, Park, PulseGuide, Sync, TicketState
+from sattrack.mount.simulator.mount import StartPosition
 from sattrack.safety import SafetyLimits
 from sattrack.servers.alpaca.protocol import MoveOrder, NumberedOrder, TrackOrder
 from sattrack.servers.alpaca.station import TelescopeStation
@@ -127,6 +130,24 @@ SKY, AXES = (6, 12), (3, 15)
 """Draws whose tubes begin higher than 50°, where air matters little; that of the first one looks west."""
 BOUND_ARCSEC = 25.0
 """Slews end within 10″; the air of two models, and the clock of a mount, make the rest."""
+
+
+def test_a_slew_slows_down_before_a_limit_and_ends_beside_it() -> None:
+    """An azimuth mount led to 1° above the floor: at full speed a fault of a second would lead past it."""
+    geometry, place = AxisGeometry(0.0, 90.0), SitePlace(SITE.latitude_deg, SITE.longitude_deg)
+    profile = msgspec.structs.replace(PROFILE, geometry=geometry, stands_at=place, additive=False)
+    bench = Bench(profile, start=StartPosition(10.0, 50.0))
+    bench.run(2.0)
+    latitude = math.radians(SITE.latitude_deg)
+    hour_angle, dec = erfa.ae2hd(math.radians(190.0), math.radians(1.0), latitude)
+    sample = bench.console.session.sample
+    assert sample is not None
+    ra = (15.0 * sample.sidereal_h - math.degrees(hour_angle)) % 360.0
+    operation = bench.carry_out(SlewThere(Slew(ra, math.degrees(dec))))
+    assert operation.outcome is not None
+    assert operation.outcome.state is TicketState.COMPLETE
+    assert bench.truth is not None
+    assert bench.truth.dec_axis_deg == pytest.approx(1.0, abs=0.1)
 
 
 @pytest.mark.parametrize("number", [*SKY, *AXES])
