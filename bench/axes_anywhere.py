@@ -15,6 +15,7 @@ error is that of the tube on the sky.
 from __future__ import annotations
 
 import argparse
+import functools
 import math
 import multiprocessing
 import random
@@ -22,7 +23,7 @@ import statistics
 import struct
 import sys
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import erfa
 import family
@@ -40,16 +41,14 @@ from sattrack.safety import SafetyLimits
 from tle.instants import Utc
 from tle.propagator import Propagator
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
 STRANGERS = ("velocity_servo", "position_servo", "planner")
 STATUS_PLACE = struct.Struct("<24xd8xd8xd")
 """Where a status has declination, right ascension and sidereal time."""
 FASTEST_DEG_S, WIDEST_DEG, STEEPEST_DEG = 3.0, 150.0, 80.0
 """Passes through a keyhole, or round the back, are no equatorial mount's either."""
 BOUND = 1.5
-ALIKE_OF = 40
+PASSES = range(1000, 1400)
+"""The draws among whose passes those are chosen that ask as much of an equatorial mount."""
 FOLLOWED_EVERY = 10
 """One mount of so many is followed with by the axes that were found."""
 ANYWHERE = SafetyLimits(floor_altitude_deg=-90.0, optical=False)
@@ -221,20 +220,25 @@ class AxesRun(family.Run):
 class Followed(NamedTuple):
     """RMS errors with a mount's own axes and as an equatorial one, arcseconds; NaN where never acquired.
 
-    `alike_arcsec` is that of the equatorial mount at passes that ask as much of its axes.
+    The equatorial mount follows two passes that ask as much of its axes.
     """
 
     number: int
     own_arcsec: float
-    equatorial_arcsec: float
-    alike_arcsec: float
-    peak_rate_deg_s: float
+    equatorial_arcsec: tuple[float, float]
+    hardware: family.Hardware
     why: str
 
+    @property
+    def ratio(self) -> float:
+        """The error over the equatorial mount's at both passes, none less than LEAST_ARCSEC."""
+        square = statistics.fmean(error**2 for error in self.equatorial_arcsec)
+        return self.own_arcsec / max(math.sqrt(square), LEAST_ARCSEC)
 
-def others(number: int) -> tuple[int, ...]:
-    """Return the draws whose passes an equatorial mount of the same drives follows."""
-    return (number, number + 1000)
+    @property
+    def apart(self) -> float:
+        """The equatorial mount's larger error over its smaller one: what two passes alike differ by."""
+        return max(self.equatorial_arcsec) / max(min(self.equatorial_arcsec), LEAST_ARCSEC)
 
 
 def asked(path: Any) -> Any:
@@ -245,15 +249,22 @@ def asked(path: Any) -> Any:
     return np.log([rates, accelerations])
 
 
-def alike(number: int, path: Any) -> list[int]:
-    """Return the two of ALIKE_OF draws that ask most nearly of an equatorial mount what a path does."""
-    apart = []
-    for one in range(number + 1000, number + 1000 * (ALIKE_OF + 1), 1000):
-        drawn = family.draw(one, STRANGERS)
-        pole = AxisGeometry(0.0, drawn.site.latitude_deg)
-        plain = _path(drawn, AxisFrame(pole, drawn.site.latitude_deg))
-        apart.append((float(np.linalg.norm(asked(plain) - asked(path))), one))
-    return [one for _, one in sorted(apart)[:2]]
+@functools.cache
+def equatorial_passes() -> tuple[tuple[family.Draw, ...], Any]:
+    """Return the draws of PASSES, and what each asks of an equatorial mount, a row each."""
+    drawn = tuple(family.draw(one, STRANGERS) for one in PASSES)
+    poles = [AxisGeometry(0.0, one.site.latitude_deg) for one in drawn]
+    paths = [
+        _path(one, AxisFrame(pole, one.site.latitude_deg)) for one, pole in zip(drawn, poles, strict=True)
+    ]
+    return drawn, np.array([asked(path) for path in paths])
+
+
+def alike(path: Any) -> list[family.Draw]:
+    """Return the two of PASSES that ask most nearly of an equatorial mount what a path does."""
+    drawn, all_asked = equatorial_passes()
+    apart = np.linalg.norm(all_asked - asked(path), axis=1)
+    return [drawn[k] for k in np.argsort(apart)[:2]]
 
 
 def follow(number: int) -> Followed:
@@ -261,18 +272,13 @@ def follow(number: int) -> Followed:
     axes = draw(number)
     path = _path(axes.drawn, AxisFrame(axes.geometry, axes.drawn.site.latitude_deg))
     run = AxesRun(axes).run()
-
-    def as_equatorial(numbers: Iterable[int]) -> float:
-        passes = [replace(family.draw(one, STRANGERS), hardware=axes.drawn.hardware) for one in numbers]
-        squares = [family.Run(plain, "truth").run().settled_rms_arcsec() ** 2 for plain in passes]
-        return math.sqrt(statistics.fmean(squares))
-
+    passes = [replace(one, hardware=axes.drawn.hardware) for one in alike(path)]
+    first, second = (family.Run(plain, "truth").run().settled_rms_arcsec() for plain in passes)
     return Followed(
         number,
         run.settled_rms_arcsec(),
-        as_equatorial(others(number)),
-        as_equatorial(alike(number, path)),
-        float(np.max(np.abs(path[:, 2:]))),
+        (first, second),
+        axes.drawn.hardware,
         "" if run.ended_by is None else f"{run.ended_by}: {run.message}",
     )
 
@@ -369,19 +375,19 @@ def find(number: int) -> Found:
 
 def tell_followed(followed: list[Followed]) -> None:
     """Print how mounts were followed with."""
-    for words, errors in (
-        ("at any pass", [one.equatorial_arcsec for one in followed]),
-        ("at passes that ask as much of it", [one.alike_arcsec for one in followed]),
+    ratios = sorted(one.ratio for one in followed if math.isfinite(one.ratio))
+    near = sum(ratio <= BOUND for ratio in ratios)
+    print(f"followed with: {len(ratios)} of {len(followed)} mounts; error over the equatorial one's:")
+    print(f"  median {statistics.median(ratios):.2f}, most {ratios[-1]:.2f}, within {BOUND}: {near}")
+    apart = [one.apart for one in followed]
+    alike_too = sum(one <= BOUND for one in apart)
+    print(f"two passes of the equatorial one: most {max(apart):.2f}, within {BOUND}: {alike_too}")
+    for name, own in (
+        ("no datagram lost or late", lambda hard: not hard.loss and not hard.jitter_s),
+        ("some lost or late", lambda hard: hard.loss or hard.jitter_s),
     ):
-        ratios = [
-            one.own_arcsec / max(error, LEAST_ARCSEC) for one, error in zip(followed, errors, strict=True)
-        ]
-        known = sorted(ratio for ratio in ratios if math.isfinite(ratio))
-        near = sum(ratio <= BOUND for ratio in known)
-        print(
-            f"followed with: {len(known)} of {len(followed)} mounts; error over the equatorial one's {words}:"
-        )
-        print(f"  median {statistics.median(known):.2f}, most {known[-1]:.2f}, within {BOUND}: {near}")
+        some = [one for one in followed if own(one.hardware)]
+        print(f"  {name}: {sum(one.ratio <= BOUND for one in some)} of {len(some)} within {BOUND}")
 
 
 def tell_found(found: list[Found]) -> None:
