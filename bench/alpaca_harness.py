@@ -7,11 +7,12 @@ TURN_JITTER_S, as an event loop's are. The truth is that of the simulated axes.
 from __future__ import annotations
 
 import random
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Any
 
 import msgspec
+from strangers.alpaca_two_axes import Parameters, Telescope
 
 from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.findings import Findings, conclude, dated_by_requests
@@ -22,7 +23,14 @@ from sattrack.core.figures import RunningError
 from sattrack.mount.alpaca.bridge import Bridge
 from sattrack.mount.alpaca.device import DeviceFacts, DeviceState, RateSpan, SkyPlace
 from sattrack.mount.alpaca.link import AlpacaAddress
-from sattrack.mount.simulator.alpaca_telescope import RefusedError, SimulatedTelescope
+from sattrack.mount.geometry import AxisGeometry
+from sattrack.mount.model import SitePlace
+from sattrack.mount.simulator.alpaca_telescope import (
+    RefusedError,
+    SimulatedPlace,
+    SimulatedTelescope,
+    TelescopeSettings,
+)
 from sattrack.runtime.facts import RunRequest, build_engine, prepare, suited_to
 
 if TYPE_CHECKING:
@@ -30,7 +38,6 @@ if TYPE_CHECKING:
 
     from sattrack.mount.alpaca.bridge import Order
     from sattrack.mount.model import MountProfile
-    from sattrack.mount.simulator.alpaca_telescope import TelescopeSettings
 
 TURN_JITTER_S = 0.001
 LOOPBACK_S = 0.0002
@@ -56,6 +63,50 @@ def facts_of(settings: TelescopeSettings) -> DeviceFacts:
     )
 
 
+class TwoAxes:
+    """A stranger's telescope (`strangers/alpaca_two_axes.py`) in virtual time, for `VirtualTelescope`."""
+
+    def __init__(self, parameters: Parameters, utc_s: float) -> None:
+        self.scope = Telescope(parameters, utc_s)
+
+    @property
+    def connected(self) -> bool:
+        return self.scope.connected
+
+    @connected.setter
+    def connected(self, value: bool) -> None:
+        self.scope.connected = value
+
+    @property
+    def parked(self) -> bool:
+        return self.scope.parked
+
+    def truth(self, utc_s: float) -> SimulatedPlace:
+        self.scope.advance(utc_s)
+        return SimulatedPlace(self.scope.now_s, *self.scope.equatorial(self.scope.now_s))
+
+    reported = truth
+
+    def slewing(self, utc_s: float) -> bool:
+        self.scope.advance(utc_s)
+        return self.scope.slewing()
+
+    def tracks(self) -> bool:
+        return self.scope.tracking
+
+    def track(self, on: bool, utc_s: float) -> None:
+        self.scope.advance(utc_s)
+        self.scope.tracking = on
+
+    def move_axis(self, axis: int, rate_deg_s: float, utc_s: float) -> None:
+        self.scope.advance(utc_s)
+        self.scope.move_axis(axis, rate_deg_s)
+
+    def abort(self, utc_s: float) -> None:
+        self.scope.advance(utc_s)
+        self.scope.moving, self.scope.aim = [None, None], None
+
+
 @dataclass
 class VirtualTelescope:
     """Gateway and telescope; `deliver` hears each status with its instant."""
@@ -64,11 +115,13 @@ class VirtualTelescope:
     begin_utc_s: float
     hz: float
     deliver: Callable[[bytes, float], None]
+    device: Any = None
+    """The telescope, if it is no `SimulatedTelescope` of the settings."""
     queue: list[tuple[float, int, Callable[[float], None]]] = field(default_factory=list)
     _number: int = 0
 
     def __post_init__(self) -> None:
-        self.telescope = SimulatedTelescope(self.settings, self.begin_utc_s)
+        self.telescope: Any = self.device or SimulatedTelescope(self.settings, self.begin_utc_s)
         self.telescope.connected = True
         self.bridge = Bridge(facts_of(self.settings), self.settings.longitude_deg)
         self._random = random.Random(self.settings.seed)
@@ -203,20 +256,55 @@ class PassResult:
     refusals: list[str]
     message: str | None
     errors: list[tuple[float, float]]
+    of_first_axis: list[tuple[float, float]] = field(default_factory=list)
+    """The same errors, each with how far the tube was from the first axis, degrees: of `TwoAxes` alone."""
+
+
+def follow_two_axes(
+    parameters: Parameters, hz: float = 10.0, seconds: float = 1e9, begins_s: float = 0.0
+) -> PassResult:
+    """Follow the practice pass with a stranger's two axes, whose geometry the profile has.
+
+    `begins_s` is by how much later than usual the run begins: in the middle of the pass.
+    """
+    settings = TelescopeSettings()
+    geometry = AxisGeometry(parameters.pole_azimuth_deg, parameters.pole_altitude_deg)
+    profile = msgspec.structs.replace(
+        address(settings, hz).usual_profile(),
+        geometry=geometry,
+        stands_at=SitePlace(settings.latitude_deg, settings.longitude_deg),
+        additive=False,
+        command_delay_s=0.5 * settings.latency_s,
+        status_delay_s=0.5 * settings.latency_s,
+    )
+    here = replace(parameters, latitude_deg=settings.latitude_deg, longitude_deg=settings.longitude_deg)
+    return follow(settings, profile, hz, seconds, lambda utc_s: TwoAxes(here, utc_s), begins_s)
 
 
 def follow(
-    settings: TelescopeSettings, profile: MountProfile, hz: float = 10.0, seconds: float = 1e9, **facts: Any
+    settings: TelescopeSettings,
+    profile: MountProfile,
+    hz: float = 10.0,
+    seconds: float = 1e9,
+    device: Callable[[float], Any] | None = None,
+    begins_s: float = 0.0,
+    **facts: Any,
 ) -> PassResult:
-    """Follow the practice pass in virtual time; true errors from the first acquisition on."""
+    """Follow the practice pass in virtual time; true errors from the first acquisition on.
+
+    `device` makes the telescope at an instant, if it is no `SimulatedTelescope`.
+    """
     prepared = prepare(RunRequest("ISS", "sim", None, None, None, min_alt_deg=10.0, virtual=True)).facts
     where = address(settings, hz)
     plan = suited_to(prepared.plan, profile, where.on_target_arcsec)
     made = msgspec.structs.replace(prepared, profile=profile, plan=plan, mount_name=str(where), **facts)
     engine = build_engine(made)
+    made = msgspec.structs.replace(made, started_utc_s=made.started_utc_s + begins_s)
     begin = made.started_utc_s
-    virtual = VirtualTelescope(settings, begin, hz, engine.receive)
+    made_device = None if device is None else device(begin)
+    virtual = VirtualTelescope(settings, begin, hz, engine.receive, made_device)
     true, errors = RunningError(), []
+    of_first_axis: list[tuple[float, float]] = []
 
     def client(now: float) -> None:
         if now - begin > seconds and engine.tracker.ended_by is None:
@@ -231,6 +319,9 @@ def follow(
             error = sky_error(now, place.ra_deg, place.dec_deg, engine.tracker.direction_at(now))
             true.add(error.total_arcsec)
             errors.append((now, error.total_arcsec))
+            if isinstance(made_device, TwoAxes):
+                from_pole_deg = 90.0 - abs(made_device.scope.angles[1])
+                of_first_axis.append((error.total_arcsec, from_pole_deg))
         virtual.at(now + LOOK_EVERY_S, look)
 
     virtual.at(begin, client)
@@ -245,4 +336,5 @@ def follow(
         virtual.refusals,
         engine.message,
         errors,
+        of_first_axis,
     )

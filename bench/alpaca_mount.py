@@ -3,9 +3,15 @@
 python bench/alpaca_mount.py            every variant calibrated, then the practice pass, in virtual time
 python bench/alpaca_mount.py --live [N] the first N with every part in a process of its own, 10 minutes each
 python bench/alpaca_mount.py --alpyca   what a request takes with alpyca, and with aiohttp
+python bench/alpaca_mount.py --two-axes the practice pass with a stranger's alt-azimuth telescope, and its
+                                        drives on other axes, in virtual time; `--two-axes --live` over HTTP
 
 In virtual time the ways of HTTP requests, the unevenness of the gateway's turns and the telescope's servos
 are simulated; live they are this machine's. Each variant is calibrated first, and its profile used.
+
+The stranger (`strangers/alpaca_two_axes.py`) was written from the ASCOM standard alone, and says itself where
+its tube points. The equatorial one is the measure: what its driver allows, the others may have. Directions
+within KEYHOLE_DEG of the first axis are counted apart.
 """
 
 from __future__ import annotations
@@ -18,12 +24,14 @@ import sys
 import tempfile
 import time
 import urllib.request
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
-from alpaca_harness import calibrate, follow
+from alpaca_harness import calibrate, follow, follow_two_axes
 from programs import satellite, simulated_telescope
+from strangers.alpaca_two_axes import Parameters
 
 from sattrack.control.target import sky_error
 from sattrack.core.figures import RunningError
@@ -34,9 +42,15 @@ from tle.refraction import Refraction
 from tle.site import Site
 from tle.sources import load_elements
 
+STRANGER = Path(__file__).parent / "strangers" / "alpaca_two_axes.py"
 CULMINATES_AFTER_S = 370.0
 """From the beginning of a live variant: time for the calibration."""
 REQUESTS = 50
+KEYHOLE_DEG = 15.0
+CALIBRATES_S = 130.0
+"""From the beginning of a live pass with two axes to its culmination: time to find the axes, and to rise."""
+AXES = {"alt-azimuth": (0.0, 90.0), "equatorial": (0.0, None), "tilted by 20°": (60.0, 70.0)}
+"""Azimuth and altitude of the first axis; None is the latitude."""
 VARIANTS: dict[str, tuple[TelescopeSettings, float]] = {
     "as the standard has it": (TelescopeSettings(), 10.0),
     "additive": (TelescopeSettings(additive=True), 10.0),
@@ -120,6 +134,94 @@ def live(name: str, settings: TelescopeSettings, hz: float) -> None:
         )
 
 
+def of_axes(azimuth_deg: float, altitude_deg: float | None, latitude_deg: float) -> Parameters:
+    return Parameters(
+        latitude_deg=latitude_deg,
+        pole_azimuth_deg=azimuth_deg,
+        pole_altitude_deg=latitude_deg if altitude_deg is None else altitude_deg,
+    )
+
+
+def told_apart(name: str, errors: list[tuple[float, float]], ended_by: str | None) -> None:
+    """Print errors (arcseconds) by how far the tube was from the first axis (degrees)."""
+    sides = []
+    for near in (False, True):
+        own = [error for error, from_pole_deg in errors if (from_pole_deg < KEYHOLE_DEG) is near]
+        figures = RunningError()
+        for error in own:
+            figures.add(error)
+        sides.append((len(own), figures.rms_arcsec or 0.0, figures.peak_arcsec or 0.0))
+    (_, rms, peak), (count, near_rms, _) = sides
+    keyhole = "" if not count else f", {near_rms:.2f}″ RMS within {KEYHOLE_DEG:g}° of the first axis"
+    print(f"{name:<16} true {rms:6.2f}″ RMS, {peak:7.2f}″ peak{keyhole}, ended by {ended_by}", flush=True)
+
+
+def two_axes() -> None:
+    """Follow the practice pass with a stranger's axes, in virtual time."""
+    for name, (azimuth, altitude) in AXES.items():
+        result = follow_two_axes(of_axes(azimuth, altitude, TelescopeSettings().latitude_deg))
+        told_apart(name, result.of_first_axis, result.ended_by)
+
+
+def live_two_axes() -> None:
+    """Find the axes and follow over HTTP, as a user would; the stranger tells the truth as it goes."""
+    for name, (azimuth, altitude) in AXES.items():
+        errors, ended_by = followed_live(azimuth, altitude)
+        told_apart(name, errors, ended_by)
+
+
+def followed_live(azimuth_deg: float, altitude_deg: float | None) -> tuple[list[tuple[float, float]], str]:
+    """Return errors (arcseconds) with the angle from the first axis (degrees), and what ended the run."""
+    with tempfile.TemporaryDirectory() as made:
+        folder = Path(made)
+        elements, below = satellite(folder, CALIBRATES_S)
+        passing = Site.parse(below)
+        # Beside the ground track it culminates at some 45°.
+        where = f"{passing.latitude_deg - 4.0:.3f},{passing.longitude_deg:.3f},0"
+        site = Site.parse(where)
+        config = folder / "sattrack.toml"
+        config.write_text("[safety]\noptical = false\n")
+        parameters = of_axes(azimuth_deg, altitude_deg, site.latitude_deg)
+        parameters = replace(parameters, longitude_deg=site.longitude_deg, elevation_m=0.0)
+        program = [sys.executable, str(STRANGER), "--truth", "--parameters", json.dumps(asdict(parameters))]
+        with subprocess.Popen(
+            program, stdin=subprocess.PIPE, stdout=(folder / "truth").open("w"), text=True
+        ) as stranger:
+            try:
+                port = _port(folder / "truth")
+                common = ("--mount", f"alpaca://127.0.0.1:{port}/0", "--site", where, "--config", str(config))
+                profile = folder / "telescope.toml"
+                sattrack("mount", "calibrate", "--axes", *common, "--out", str(profile), "--yes")
+                track = ("track", "25544", "--elements", str(elements), *common, "--profile", str(profile))
+                shown = sattrack(*track, "--headless", "--json", "--min-alt", "15")
+            finally:
+                stranger.kill()
+        summary = json.loads(shown)["summary"]
+        rows = [json.loads(line) for line in (folder / "truth").read_text().splitlines()[1:-1]]
+        loaded = load_elements(str(elements)).accepted[0]
+    target = Propagator(loaded, site, refraction=Refraction.standard(site.height_m))
+    ended = float(Utc.parse(summary["ended_utc"]).unix_s)
+    begun = ended - 3.0 - float(summary["on_target_s"])
+    errors = []
+    for row in rows:
+        if begun < row["utc_s"] < ended - 3.0:
+            seen = target.at(Utc(row["utc_s"]))
+            error = sky_error(row["utc_s"], row["ra_deg"], row["dec_deg"], seen).total_arcsec
+            errors.append((error, 90.0 - abs(row["second_deg"])))
+    return errors, str(summary["ended_by"])
+
+
+def _port(path: Path) -> int:
+    """Return the port that a stranger has written first."""
+    until = time.monotonic() + 30.0
+    while time.monotonic() < until:
+        line = path.read_text().partition("\n")
+        if line[1]:
+            return int(json.loads(line[0])["port"])
+        time.sleep(0.05)
+    raise SystemExit("the stranger's telescope did not start")
+
+
 def sattrack(*arguments: str) -> str:
     program = [sys.executable, "-m", "sattrack", *arguments]
     done = subprocess.run(program, check=False, capture_output=True, text=True)
@@ -161,9 +263,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--live", type=int, nargs="?", const=len(LIVE), help="in real time, so many")
     parser.add_argument("--alpyca", action="store_true", help="what a request takes")
+    parser.add_argument("--two-axes", action="store_true", help="a stranger's axes: alt-azimuth and others")
     options = parser.parse_args()
     if options.alpyca:
         requests()
+    elif options.two_axes:
+        (live_two_axes if options.live else two_axes)()
     elif options.live:
         for name in list(LIVE)[: options.live]:
             live(name, *LIVE[name])

@@ -6,13 +6,16 @@ import math
 from datetime import UTC, datetime
 
 import pytest
-from alpaca_harness import calibrate, follow
+from alpaca_harness import calibrate, follow, follow_two_axes
+from alpaca_mount import AXES, KEYHOLE_DEG, followed_live, of_axes
 from skyfield.api import load
+from strangers.alpaca_two_axes import Parameters
 
 from sattrack.calibration.guard import CalibrationEndedError, Leg, Plan
 from sattrack.mount.simulator.alpaca_telescope import SimulatedPlace, SimulatedTelescope, TelescopeSettings
 
 BOUND_ARCSEC = 10.0
+STRANGER = Parameters(azimuth_deg=200.0, altitude_deg=45.0)
 LASTS_S = 150.0
 """From the slew to a minute and a half into the pass."""
 SHORT = Plan(
@@ -139,3 +142,34 @@ def test_calibration_warns_of_an_alt_azimuth_telescope_on_the_meridian() -> None
     gain = math.cos(math.radians(altitude_deg)) / math.cos(math.radians(7.0))
     assert found.ra.gain == pytest.approx(gain, rel=0.02)
     assert any(note.startswith("WARNING: the right ascension axis") for note in found.notes)
+
+
+def test_a_strangers_alt_azimuth_telescope_is_followed_as_near_as_its_driver_allows() -> None:
+    """A part of what `python bench/alpaca_mount.py --two-axes` prints, the bound several times that."""
+    result = follow_two_axes(STRANGER, seconds=50.0, begins_s=60.0)
+    assert result.message is None
+    assert result.stopped
+    assert result.refusals == []
+    assert len(result.errors) > 500
+    assert result.true.rms_arcsec is not None
+    assert result.true.rms_arcsec < 4.0
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("name", [name for name in AXES if name != "alt-azimuth"])
+def test_whole_passes_are_followed_with_a_strangers_axes_anywhere(name: str) -> None:
+    azimuth, altitude = AXES[name]
+    result = follow_two_axes(of_axes(azimuth, altitude, TelescopeSettings().latitude_deg))
+    assert result.ended_by == "set"
+    away = [error for error, from_pole_deg in result.of_first_axis if from_pole_deg > KEYHOLE_DEG]
+    assert len(away) > 10000
+    assert math.sqrt(sum(one * one for one in away) / len(away)) < 3.0
+
+
+@pytest.mark.soak
+def test_a_strangers_alt_azimuth_telescope_is_calibrated_and_followed_over_http() -> None:
+    errors, ended_by = followed_live(0.0, 90.0)
+    assert ended_by == "set"
+    away = [error for error, from_pole_deg in errors if from_pole_deg > KEYHOLE_DEG]
+    assert len(away) > 1000
+    assert math.sqrt(sum(one * one for one in away) / len(away)) < 20.0
