@@ -12,13 +12,16 @@ each by trying, each axis shows 2″ of noise and each star is centred to 1″, 
 against the direction wanted, RMS. *within 2 sigma*: of all terms of all draws.
 
 With `--altaz` the first axis is up to 2° off the zenith instead: the same mount at the pole, its hour angles
-azimuths from the south. Directions within 5° of the zenith are left out.
+azimuths from the south. Its index errors are anything, up to 10° in altitude: as in a star run, the zero
+points are first set by the field at which it looks when it is switched on. Directions within 5° of the zenith
+are left out.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import erfa
@@ -26,8 +29,13 @@ import numpy as np
 from strangers.tilted_mount import TiltedMount, apart_arcsec, local
 
 from sattrack.core.errors import SattrackError
+from sattrack.mount.geometry import AxisGeometry
+from sattrack.mount.model import MountProfile, SitePlace
 from sattrack.pointing.fit import Bump, PointingFit, Star, find_bump, fit
+from sattrack.pointing.terms import swung
 from sattrack.pointing.tour import chosen, grid_deg, slewed_deg, toured
+from sattrack.runtime.star_run import aligned, seen_with
+from tle.site import Site
 
 if TYPE_CHECKING:
     from sattrack.pointing.terms import PointingModel
@@ -39,6 +47,13 @@ ASKED_ARCSEC = 3.0
 ENCODER_ARCSEC, CENTROID_ARCSEC = 2.0, 1.0
 FEWEST_STARS = 12
 NAMES = {"ME": "pole_up", "MA": "pole_west", "CH": "cone", "NP": "leaning", "IH": "zero_ha", "ID": "zero_dec"}
+
+
+SITE = Site(LATITUDE_DEG, LONGITUDE_DEG, HEIGHT_M)
+ALTAZ = MountProfile(
+    geometry=AxisGeometry(0.0, 90.0), stands_at=SitePlace(LATITUDE_DEG, LONGITUDE_DEG), additive=False
+)
+"""What is known of an azimuth mount that is switched on."""
 
 
 class Draw(NamedTuple):
@@ -65,11 +80,12 @@ ZENITH_DEG = 85.0
 def hidden(rng: np.random.Generator, latitude_deg: float = LATITUDE_DEG) -> TiltedMount:
     """Return a mount with errors drawn at random."""
     size, way = 7200.0 * math.sqrt(rng.random()), rng.uniform(0.0, 2.0 * math.pi)
+    zeros = (1800.0, 1800.0) if latitude_deg < 90.0 else (648000.0, 36000.0)
     return TiltedMount(
         latitude_deg,
         size * math.cos(way),
         size * math.sin(way),
-        *(rng.uniform(-most, most) for most in (600.0, 120.0, 1800.0, 1800.0)),
+        *(rng.uniform(-most, most) for most in (600.0, 120.0, *zeros)),
         rng.uniform(0.0, 30.0),
     )
 
@@ -95,7 +111,10 @@ def look(mount: TiltedMount, place: tuple[float, float], seconds: float, rng: np
     wanted = local(h, d, LATITUDE_DEG)
     off = rng.normal(0.0, CENTROID_ARCSEC / 206264.8, 3)
     seen = wanted + off - wanted * float(off @ wanted)
-    near = (math.remainder(azimuth - 180.0, 360.0), altitude) if azimuths(mount) else place
+    near = place
+    if azimuths(mount):
+        # What the axes show there, their index errors included.
+        near = azimuth - 180.0 + mount.zero_ha / 3600.0, altitude + mount.zero_dec / 3600.0
     axes = mount.stands(seen / np.linalg.norm(seen), near)
     first, second = axes + rng.normal(0.0, ENCODER_ARCSEC / 3600.0, 2)
     if azimuths(mount):
@@ -114,7 +133,9 @@ def sky(mount: TiltedMount) -> np.ndarray:
     """Return the directions that can be looked at."""
     places = grid_deg(LATITUDE_DEG)
     up = np.array([local(h, d, LATITUDE_DEG)[2] for h, d in places])
-    highest = math.sin(math.radians(ZENITH_DEG)) if azimuths(mount) else 1.0
+    # Beyond 90° what an azimuth mount reports is another direction's.
+    told_deg = ZENITH_DEG - max(0.0, mount.zero_dec / 3600.0)
+    highest = math.sin(math.radians(told_deg)) if azimuths(mount) else 1.0
     return places[(up > math.sin(math.radians(LEAST_ALT_DEG))) & (up < highest)]
 
 
@@ -130,8 +151,22 @@ def fitted(mount: TiltedMount, stars: list[Star]) -> PointingFit:
     return fit(stars, LATITUDE_DEG, "altaz" if azimuths(mount) else "equatorial")
 
 
-def run(mount: TiltedMount, most: int, rng: np.random.Generator) -> tuple[PointingFit, float]:
-    """Return the model that a run finds, and how long it took, minutes."""
+def switched_on(mount: TiltedMount, rng: np.random.Generator) -> MountProfile:
+    """Return the profile of an azimuth mount with the zero points of the field at which it looks."""
+    places = sky(mount)
+    star = look(mount, tuple(places[rng.integers(len(places))]), 0.0, rng)
+    looks, told = (
+        swung(-azimuth, altitude, LATITUDE_DEG)
+        for azimuth, altitude in (star[:2], (star.axis_hour_angle_deg, star.axis_dec_deg))
+    )
+    return aligned(ALTAZ, looks, told)
+
+
+def run(
+    mount: TiltedMount, most: int, rng: np.random.Generator
+) -> tuple[PointingFit, float, tuple[float, float]]:
+    """Return the model that a run finds, how long it took, minutes, and zero points of the axes, degrees."""
+    profile = switched_on(mount, rng) if azimuths(mount) else None
     places = sky(mount)
     over = horizontal(places) if azimuths(mount) else places
     places = places[chosen(places, most)]
@@ -140,15 +175,18 @@ def run(mount: TiltedMount, most: int, rng: np.random.Generator) -> tuple[Pointi
     for place in places:
         seconds += slew_s(at, place) + 5.0
         at = tuple(place)
-        stars.append(look(mount, at, seconds, rng))
+        star = look(mount, at, seconds, rng)
+        stars.append(star if profile is None else seen_with(star, ALTAZ, profile, SITE))
         if len(stars) >= FEWEST_STARS:
             found = fitted(mount, stars)
             if found.predicted_arcsec(over) < ASKED_ARCSEC:
                 break
-    return fitted(mount, stars), seconds / 60.0
+    own = None if profile is None else profile.geometry
+    zeros = (0.0, 0.0) if own is None else (own.first_zero_deg, own.second_zero_deg)
+    return fitted(mount, stars), seconds / 60.0, zeros
 
 
-def held_out(mount: TiltedMount, model: PointingModel) -> float:
+def held_out(mount: TiltedMount, model: PointingModel, zeros_deg: tuple[float, float] = (0.0, 0.0)) -> float:
     """Return by how much the telescope misses directions that no star was at, RMS, arcseconds."""
     places = sky(mount) + np.array([2.0, 1.0])
     places = places[[local(h, d, LATITUDE_DEG)[2] > math.sin(math.radians(LEAST_ALT_DEG)) for h, d in places]]
@@ -156,7 +194,7 @@ def held_out(mount: TiltedMount, model: PointingModel) -> float:
     for (h, d), (azimuth, altitude) in zip(places, horizontal(places), strict=True):
         if azimuths(mount):
             first, second = model.axes_of(-azimuth, altitude)
-            stands = -float(first) - 180.0, float(second)
+            stands = -float(first) - 180.0 + zeros_deg[0], float(second) + zeros_deg[1]
         else:
             stands = model.axes_of(h, d)
         off.append(apart_arcsec(mount.looks(*stands), local(h, d, LATITUDE_DEG)))
@@ -167,16 +205,20 @@ def draw(number: int, most: int, latitude_deg: float) -> Draw:
     """Return what comes of one hidden mount."""
     rng = np.random.default_rng(number)
     mount = hidden(rng, latitude_deg)
-    found, minutes = run(mount, most, rng)
+    found, minutes, zeros = run(mount, most, rng)
     truth = {name: getattr(mount, known) for name, known in NAMES.items()} | {"TF": -mount.sag}
     if azimuths(mount):
-        truth |= {name: sign * getattr(mount, known) for name, (known, sign) in ALTAZ_NAMES.items()}
+        known = replace(
+            mount, zero_ha=mount.zero_ha - 3600.0 * zeros[0], zero_dec=mount.zero_dec - 3600.0 * zeros[1]
+        )
+        truth |= {name: sign * getattr(known, field) for name, (field, sign) in ALTAZ_NAMES.items()}
     sigmas = np.sqrt(np.diag(found.covariance))
+    # Index errors are angles: a turn more is none.
     within = [
-        abs(value - truth.get(name, 0.0)) <= 2.0 * sigma
+        abs(math.remainder(value - truth.get(name, 0.0), 1296000.0)) <= 2.0 * sigma
         for name, value, sigma in zip(found.names, found.values, sigmas, strict=True)
     ]
-    return Draw(found, minutes, held_out(mount, found.model), within)
+    return Draw(found, minutes, held_out(mount, found.model, zeros), within)
 
 
 def troubles() -> list[str]:

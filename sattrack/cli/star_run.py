@@ -28,7 +28,8 @@ from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackErr
 
 if TYPE_CHECKING:
     from sattrack.cli.mount import MountCall
-    from sattrack.mount.model import PointingTerms
+    from sattrack.control.console import ConsoleSession
+    from sattrack.mount.model import MountProfile, PointingTerms
     from sattrack.mount.profiles import ProfileFile
     from sattrack.pointing.files import RunParameters
     from sattrack.pointing.fit import PointingFit, Star
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 
 FILE = click.Path(path_type=Path, dir_okay=False)
 MOST_STARS = 200
+GEARS_TURNED = "the periodic errors are left out: the zero points have moved since they were learnt"
 ANOTHER_MOUNT_ARCSEC, ANOTHER_MOUNT_TIMES = 60.0, 5.0
 """A model that misses by more than both is another mount's, or of this one before it was moved."""
 
@@ -99,12 +101,14 @@ def command(context: CommandContext, **options: Any) -> int:
     site = call.site
     assert site is not None
     axes = _axes(call.described)
-    known = _known(options, site, axes)
+    known, mount = _known(options, site, call.described.mount)
+    call = _with_mount(call, mount)
     if options["fit_only"]:
         return _conclude(context, options, call.described, _fitted(known, site, axes), known)
     run = _ran(context, options, call, site, known)
     if options["verify"]:
         return _judge(context, options, call.described, run)
+    call = _with_mount(call, run.sky.profile)
     if run.trouble is not None and not run.counting:
         raise run.trouble
     if run.trouble is None and options["data"].exists():
@@ -161,21 +165,36 @@ def _axes(described: ProfileFile) -> Axes:
     return "equatorial" if described.geometry is None else "altaz"
 
 
-def _known(options: dict[str, Any], site: Site, axes: Axes) -> list[Star]:
-    """Return the stars of a run that goes on.
+def _with_mount(call: MountCall, mount: MountProfile) -> MountCall:
+    """Return the call with what was found of the mount's zero points in its profile."""
+    described = call.described
+    if mount.geometry == described.geometry:
+        return call
+    if described.periodic is not None:
+        tell(GEARS_TURNED)
+    limits = mount.dec_axis_limits_deg
+    aligned = msgspec.structs.replace(
+        described, geometry=mount.geometry, dec_axis_limits_deg=limits, periodic=None
+    )
+    return replace(call, described=aligned)
+
+
+def _known(options: dict[str, Any], site: Site, mount: MountProfile) -> tuple[list[Star], MountProfile]:
+    """Return the stars of a run that goes on, and the mount's profile, with their zero points if far off.
 
     Raises BadInputError where stars would be lost, or are of another mount.
     """
     from sattrack.pointing.files import END, read_stars
+    from sattrack.runtime.star_run import aligned_by, seen_with, without_zeros
 
     path = options["data"]
     wanted = options["goes_on"] or options["fit_only"]
     if options["verify"]:
-        return []
+        return [], mount
     if not path.exists():
         if wanted:
             raise BadInputError(f"--data {path}: there is no such file")
-        return []
+        return [], mount
     if not wanted and not options["force"]:
         raise BadInputError(
             f"--data {path}: stars are there already; give --continue to go on with them, or --force to "
@@ -183,9 +202,9 @@ def _known(options: dict[str, Any], site: Site, axes: Axes) -> list[Star]:
         )
     if not wanted:
         path.unlink()
-        return []
+        return [], mount
     text = path.read_text(encoding="utf-8", errors="replace")
-    run, stars = read_stars(text, str(path), axes)
+    run, stars = read_stars(text, str(path), "equatorial" if mount.geometry is None else "altaz")
     if abs(run.latitude_deg - site.latitude_deg) > 0.1:
         raise BadInputError(
             f"--data {path}: its stars were seen from latitude {run.latitude_deg:.2f}°, and the site is at "
@@ -194,7 +213,8 @@ def _known(options: dict[str, Any], site: Site, axes: Axes) -> list[Star]:
     if options["goes_on"]:
         lines = [line for line in text.splitlines() if line.strip().upper() != END]
         write_file(path, "\n".join(lines) + "\n")
-    return stars
+    found = aligned_by(stars, mount, site)
+    return [seen_with(star, without_zeros(mount), found, site) for star in stars], found
 
 
 def _ran(
@@ -203,60 +223,80 @@ def _ran(
     """Move the mount over the sky; return the run. Raises what ends it before anything was measured."""
     from sattrack.control.console import ConsoleSession
     from sattrack.runtime.calibrate import any_key
-    from sattrack.runtime.console import attend
     from sattrack.runtime.facts import pointing_of
-    from sattrack.runtime.star_run import CameraProcess, RunSky, StarRun, read_keys
+    from sattrack.runtime.star_run import CameraProcess, StarRun
     from tle.bodies import find_body
-    from tle.refraction import Refraction
 
     _ask(options, call)
-    profile = call.described.mount
-    sky = RunSky(site, profile, context.settings.safety.limits(), Refraction.standard(site.height_m))
     zero = find_body("0,0")
     assert zero is not None
     # The ephemeris is loaded before the loop begins, which it would hold up.
-    sky.seen(zero, call.clock.utc_s(time.monotonic()))
-    judged = pointing_of(profile, site) if options["verify"] else None
+    _sky(context, call, site).seen(zero, call.clock.utc_s(time.monotonic()))
     with contextlib.ExitStack() as stack:
         camera = None
         if options["camera"] is not None:
             camera = CameraProcess(options["camera"], _camera_words(options))
             stack.callback(camera.close)
-        connection = stack.enter_context(call.connected())
         keys = stack.enter_context(any_key()) if options["by_hand"] else None
         stack.callback(renew)
-        # What the mount reports is measured: the run itself feeds it by its model.
-        own = msgspec.structs.replace(call.described, pointing=None)
-        session = ConsoleSession(replace(call, described=own).console(), connection.now_utc_s())
-        run = StarRun(
-            session,
-            sky,
-            camera,
-            options["stars"],
-            options["until"],
-            _say,
-            _keeper(options, sky, known),
-            stars=list(known),
-            judged=judged,
-            known=len(known),
-        )
 
-        def orders(now_utc_s: float) -> None:
-            for key in [] if keys is None else read_keys(keys):
-                run.key(key, now_utc_s)
-            run.step(now_utc_s)
+        def one(call: MountCall, realigned: bool) -> StarRun:
+            sky = _sky(context, call, site)
+            judged = pointing_of(call.described.mount, site) if options["verify"] else None
+            with call.connected() as connection:
+                # What the mount reports is measured: the run itself feeds it by its model.
+                own = msgspec.structs.replace(call.described, pointing=None)
+                session = ConsoleSession(replace(call, described=own).console(), connection.now_utc_s())
+                run = StarRun(
+                    session,
+                    sky,
+                    camera,
+                    options["stars"],
+                    options["until"],
+                    _say,
+                    _keeper(options, sky, known),
+                    stars=list(known),
+                    judged=judged,
+                    known=len(known),
+                    realigned=realigned,
+                )
+                _attend(run, session, connection, keys, options)
+            return run
 
-        def shown(now_utc_s: float) -> None:
-            del now_utc_s
-            if sys.stderr.isatty():
-                renew_at_once(run.doing)
+        run = one(call, False)
+        return run if run.alignment is None else one(_with_mount(call, run.alignment), True)
 
-        if attend(session, connection, shown, orders):
-            kept = f"; {options['data']} has what was measured: --continue goes on" if run.stars else ""
-            raise InterruptedRunError(f"interrupted{kept}")
+
+def _sky(context: CommandContext, call: MountCall, site: Site) -> RunSky:
+    from sattrack.runtime.star_run import RunSky
+    from tle.refraction import Refraction
+
+    limits = context.settings.safety.limits()
+    return RunSky(site, call.described.mount, limits, Refraction.standard(site.height_m))
+
+
+def _attend(
+    run: StarRun, session: ConsoleSession, connection: Any, keys: int | None, options: dict[str, Any]
+) -> None:
+    """Carry a run out to its end. Raises where it is interrupted, or the mount is not seen at rest."""
+    from sattrack.runtime.console import attend
+    from sattrack.runtime.star_run import read_keys
+
+    def orders(now_utc_s: float) -> None:
+        for key in [] if keys is None else read_keys(keys):
+            run.key(key, now_utc_s)
+        run.step(now_utc_s)
+
+    def shown(now_utc_s: float) -> None:
+        del now_utc_s
+        if sys.stderr.isatty():
+            renew_at_once(run.doing)
+
+    if attend(session, connection, shown, orders):
+        kept = f"; {options['data']} has what was measured: --continue goes on" if run.stars else ""
+        raise InterruptedRunError(f"interrupted{kept}")
     if run.trouble is None and session.mount_stopped is False:
         raise SattrackError("the mount did not confirm the stop at the end: look after it")
-    return run
 
 
 def _say(words: str) -> None:
@@ -289,14 +329,15 @@ def _ask(options: dict[str, Any], call: MountCall) -> None:
 def _keeper(options: dict[str, Any], sky: RunSky, known: list[Star]) -> Any:
     """Return what writes each star to the file of the run, which it begins with the first."""
     from sattrack.pointing.files import star_line, stars_head
+    from sattrack.runtime.star_run import seen_with, without_zeros
 
-    path = options["data"]
+    path, mount = options["data"], sky.profile
     begun = [bool(known)]
 
     def keep(star: Star) -> None:
         if options["verify"]:
             return
-        text = star_line(star, sky.axes)
+        text = star_line(seen_with(star, mount, without_zeros(mount), sky.site), sky.axes)
         if not begun[0]:
             text = stars_head("sattrack star-run", _parameters(sky.site, sky.air), sky.axes) + text
             begun[0] = True
@@ -346,7 +387,7 @@ def _conclude(
         periodic = described.periodic
         former = described.pointing
         if periodic is not None and former is not None and zeros_moved(periodic, former, terms):
-            tell("the periodic errors are left out: the zero points have moved since they were learnt")
+            tell(GEARS_TURNED)
             periodic = None
         written = msgspec.structs.replace(described, name=name, pointing=terms, sky=sky, periodic=periodic)
         write_file(target, profile_text(written))

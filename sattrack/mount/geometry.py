@@ -36,7 +36,8 @@ class AxisGeometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     tube leans towards the second axis. `reports` is "sky" where the mount reports right ascension and
     declination by a model of its own, "horizon" where only its azimuth and altitude say where it points, and
     "axes" where right ascension and declination are the angles of its axes. Then an angle is `sense` times
-    what is reported less `zero`.
+    what is reported less `zero`. A mount that reports directions and was never aligned has zero points too:
+    an angle is that of the reported direction, less `zero`.
 
     Raises ValueError, naming the field, for what no mount can be.
     """
@@ -65,17 +66,28 @@ class AxisGeometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             value = getattr(self, name)
             if not low <= value <= high:
                 raise ValueError(f"geometry.{name} is {value:g}; it goes from {low:g} to {high:g}")
-        turned = self.first_zero_deg or self.second_zero_deg or min(self.first_sense, self.second_sense) < 0
-        if self.reports != "axes" and turned:
+        if self.reports != "axes" and min(self.first_sense, self.second_sense) < 0:
             raise ValueError(
-                f'geometry.reports is "{self.reports}": zero points and senses are of mounts that report the '
-                "angles of their axes; ra_rate_sign and dec_rate_sign turn commanded rates"
+                f'geometry.reports is "{self.reports}": senses are of mounts that report the angles of their '
+                "axes; ra_rate_sign and dec_rate_sign turn commanded rates"
             )
 
     @property
     def off_square_deg(self) -> float:
         """How far at most the tube points from where it would with square axes and no cone."""
         return abs(90.0 - self.axes_deg) + abs(self.cone_deg)
+
+    @property
+    def has_zeros(self) -> bool:
+        """Whether the mount reports something else than where its axes point."""
+        return self.first_zero_deg != 0.0 or self.second_zero_deg != 0.0
+
+    @property
+    def told_range_deg(self) -> tuple[float, float]:
+        """From where to where the second angle is known: what is reported of it goes from -90 to 90°."""
+        ends = (self.second_sense * (end - self.second_zero_deg) for end in (-90.0, 90.0))
+        low, high = sorted(ends)
+        return low, high
 
     @property
     def kind(self) -> str:
@@ -169,18 +181,50 @@ class AxisFrame:
         return AxisAngles(first, second_deg, first_rate, second_rate)
 
     def of_report(
-        self, hour_angle_deg: Any, dec_deg: Any, hour_angle_rate_deg_s: Any, dec_rate_deg_s: Any
+        self,
+        hour_angle_deg: Any,
+        dec_deg: Any,
+        hour_angle_rate_deg_s: Any = 0.0,
+        dec_rate_deg_s: Any = 0.0,
+        fn: Any = math,
     ) -> AxisAngles:
         """Return the axis angles that a mount means by what it reports, and their rates."""
         own = self.geometry
         if own.reports != "axes":
-            return self.angles(hour_angle_deg, dec_deg, hour_angle_rate_deg_s, dec_rate_deg_s)
+            told = self.angles(hour_angle_deg, dec_deg, hour_angle_rate_deg_s, dec_rate_deg_s, fn=fn)
+            if not own.has_zeros:
+                return told
+            first = (told.first_deg - own.first_zero_deg + 180.0) % 360.0 - 180.0
+            return told._replace(first_deg=first, second_deg=told.second_deg - own.second_zero_deg)
         return AxisAngles(
             own.first_sense * (hour_angle_deg - own.first_zero_deg),
             own.second_sense * (dec_deg - own.second_zero_deg),
             own.first_sense * hour_angle_rate_deg_s,
             own.second_sense * dec_rate_deg_s,
         )
+
+    def reported(self, first_deg: float, second_deg: float) -> tuple[float, float]:
+        """Return the hour angle and declination that the mount reports with its axes at these angles."""
+        own = self.geometry
+        if own.reports != "axes":
+            return self.direction(first_deg + own.first_zero_deg, second_deg + own.second_zero_deg)
+        return (
+            own.first_sense * first_deg + own.first_zero_deg,
+            own.second_sense * second_deg + own.second_zero_deg,
+        )
+
+    def aligned(self, direction_deg: tuple[float, float], reported_deg: tuple[float, float]) -> AxisGeometry:
+        """Return the geometry with the zero points of a mount that looks there while it reports that.
+
+        Both are hour angle and declination.
+        """
+        own, looks = self.geometry, self.angles(*direction_deg)
+        told = self.of_report(*reported_deg)
+        first_deg = math.remainder(
+            own.first_zero_deg + own.first_sense * (told.first_deg - looks.first_deg), 360.0
+        )
+        second_deg = own.second_zero_deg + own.second_sense * (told.second_deg - looks.second_deg)
+        return msgspec.structs.replace(own, first_zero_deg=first_deg, second_zero_deg=second_deg)
 
     def of_horizon(self, azimuth_deg: float, altitude_deg: float) -> tuple[float, float]:
         """Return hour angle (-180 to 180) and declination of an azimuth and an altitude."""

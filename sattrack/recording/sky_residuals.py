@@ -195,10 +195,9 @@ class _PassSky:
         """Return the axes' angles that are reported, shape (2, n), the first unwrapped."""
         first, second = sidereal_deg - ra_deg, dec_deg
         if self._frame is not None:
-            own = self._frame.geometry
-            if own.reports == "axes":
-                return np.array(self._frame.of_report(first, second, 0.0, 0.0)[:2])
-            found = self._frame.angles(first, second, fn=np)
+            found = self._frame.of_report(first, second, fn=np)
+            if self._frame.geometry.reports == "axes":
+                return np.array(found[:2])
             first, second = found.first_deg, found.second_deg
         elif self._beyond:
             first, second = self._past_pole(first, second)

@@ -16,12 +16,14 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import msgspec
 import numpy as np
 
+from sattrack.core.angles import separation_deg
 from sattrack.core.channel import LineReader, see_off
 from sattrack.core.errors import LinkLostError, SattrackError
 from sattrack.core.process import ending_with_us, self_command
-from sattrack.mount.model import Slew, mean_sidereal_deg
+from sattrack.mount.model import MountProfile, Slew, mean_sidereal_deg
 from sattrack.mount.requests import Sync, TicketState
 from sattrack.mount.xerxes.link import LinkState
 from sattrack.planning.path import skyline_deg
@@ -39,7 +41,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sattrack.control.console import ConsoleSession
-    from sattrack.mount.model import MountProfile, StatusSample
+    from sattrack.mount.geometry import AxisGeometry
+    from sattrack.mount.model import StatusSample
     from sattrack.pointing.terms import Axes, PointingModel
     from sattrack.safety import SafetyLimits
     from tle.refraction import Refraction
@@ -52,7 +55,14 @@ LEAST_ALT_DEG, CLEAR_DEG = 20.0, 2.0
 POLE_DEG = 5.0
 """Nearer to the pole the hour angle tells nothing."""
 SYNC_DEG = 3.0
-"""A mount whose reports are off by more where it stands is synced before it is slewed."""
+"""A mount whose reports are off by more where it stands is synced before it is slewed.
+
+An azimuth mount gets zero points instead: what a sync does to its axes, nobody knows.
+"""
+ALIKE_DEG = 0.5
+"""How near two frames must be solved for a mount to be far off; it may stand still, or follow the sky."""
+ZENITH_KEPT_DEG = 1.0
+"""How far an azimuth mount stays from where its reports pass over the zenith."""
 SETTLE_S = 1.5
 HEARD_WITHIN_S = 6.0
 SEEN_WITHIN_S, FRAMES_A_PLACE = 25.0, 4
@@ -229,6 +239,10 @@ class StarRun:
     fitted: PointingFit | None = None
     known: int = 0
     """How many of the stars are of an earlier run."""
+    realigned: bool = False
+    """Whether the mount's zero points are already those of a field."""
+    alignment: MountProfile | None = None
+    """The profile with which to begin again: an azimuth mount was found to have other zero points."""
     _queue: deque[Body] = field(default_factory=deque)
     _done: list[tuple[float, float]] = field(default_factory=list)
     """Where was looked, or will be: hour angles and declinations."""
@@ -236,6 +250,8 @@ class StarRun:
     _begun_s: float | None = None
     _since_s: float = 0.0
     _first_frame_seen: bool = False
+    _seen_first: tuple[float, float] | None = None
+    """Where the last frame looked that shows a mount far off."""
     _frames: int = 0
     _missed: int = 0
     _samples: deque[StatusSample] = field(default_factory=lambda: deque(maxlen=4000))
@@ -344,9 +360,13 @@ class StarRun:
         hour_angle, dec = math.remainder(sidereal_deg - sample.ra_deg, 360.0), sample.dec_deg
         frame = self.sky.profile.frame
         if frame is not None:
-            if frame.geometry.reports != "sky":
-                own = sample.sidereal_h * 15.0 - sample.ra_deg, sample.dec_deg
-                hour_angle, dec = frame.direction(*frame.of_report(*own, 0.0, 0.0)[:2])
+            # What reports the sky does so by its own clock.
+            mounts_deg = sample.sidereal_h * 15.0
+            hour_angle, dec = frame.direction(
+                *frame.of_report(mounts_deg - sample.ra_deg, sample.dec_deg)[:2]
+            )
+            if frame.geometry.reports == "sky":
+                hour_angle += sidereal_deg - mounts_deg
             return self.sky.own_deg(hour_angle, dec)
         if not sample.beyond_pole:
             return hour_angle, dec
@@ -430,12 +450,10 @@ class StarRun:
         before = Star(*self.sky.own_deg(float(there.ha_deg), float(there.dec_deg)), *axes)
         zeros = fit([before], self.sky.site.latitude_deg, self.sky.axes)
         off_deg = rms(zeros.before_arcsec) / 3600.0
+        if off_deg > SYNC_DEG and not self._seen_twice(frame.icrs_deg):
+            return
         if off_deg > SYNC_DEG and self.sky.axes == "altaz":
-            words = (
-                f"the mount's reports are off by {off_deg:.1f}°: sync it with its own program, then run "
-                "`sattrack mount calibrate --axes`"
-            )
-            self.end(SattrackError(words), now_utc_s)
+            self._align(there, sample, off_deg, now_utc_s)
             return
         if off_deg > SYNC_DEG:
             self.tell(f"the mount's reports are off by {off_deg:.1f}°: it is synced on the field it looks at")
@@ -448,6 +466,27 @@ class StarRun:
             self._go(Stage.SLEWING, now_utc_s)
             return
         self._next(now_utc_s)
+
+    def _seen_twice(self, icrs_deg: tuple[float, float]) -> bool:
+        """Tell whether the frame before was solved alike: one that was wrong would lead everything astray."""
+        before, self._seen_first = self._seen_first, icrs_deg
+        return before is not None and separation_deg(*before, *icrs_deg) < ALIKE_DEG
+
+    def _align(self, there: Any, sample: StatusSample, off_deg: float, now_utc_s: float) -> None:
+        """End the run, for another with the zero points of the field that the telescope looks at."""
+        words = f"the mount's reports are off by {off_deg:.1f}°"
+        if self.judged is not None or self.realigned:
+            why = "the model is of other zero points: make a new star run" if self.judged else "they jump"
+            self.end(SattrackError(f"{words}: {why}"), now_utc_s)
+            return
+        frame, mounts_deg = self.sky.profile.frame, sample.sidereal_h * 15.0
+        assert frame is not None
+        own = frame.geometry.reports == "sky"
+        hour_angle = mounts_deg - float(there.ra_deg) if own else float(there.ha_deg)
+        looks, told = (hour_angle, float(there.dec_deg)), (mounts_deg - sample.ra_deg, sample.dec_deg)
+        self.alignment = aligned(self.sky.profile, looks, told)
+        self.tell(f"{words}: it gets the zero points of the field it looks at")
+        self.end(None, now_utc_s)
 
     def _miss(self, words: str, now_utc_s: float) -> None:
         """Leave a place out."""
@@ -517,6 +556,76 @@ def fields(sky: RunSky, sidereal_deg: float) -> list[Body]:
     """Return directions all over the sky, for a camera that finds any field."""
     places = [((sidereal_deg - h) % 360.0, d) for h, d in sky.grid().tolist()]
     return [Body(f"{ra:.2f},{dec:+.2f}", StarPlace(ra, dec)) for ra, dec in places]
+
+
+def aligned(
+    profile: MountProfile, direction_deg: tuple[float, float], reported_deg: tuple[float, float]
+) -> MountProfile:
+    """Return the profile of a mount that looks there while it reports that: hour angles and declinations."""
+    frame = profile.frame
+    assert frame is not None
+    found = frame.aligned(direction_deg, reported_deg)
+    zeros = round(found.first_zero_deg, 4), round(found.second_zero_deg, 4)
+    geometry = msgspec.structs.replace(found, first_zero_deg=zeros[0], second_zero_deg=zeros[1])
+    # Limits of former zero points are no limits any more.
+    former, usual = _told_limits_deg(frame.geometry), MountProfile().dec_axis_limits_deg
+    own = [
+        free if math.isclose(limit, told, abs_tol=1e-6) else limit
+        for limit, told, free in zip(profile.dec_axis_limits_deg, former, usual, strict=True)
+    ]
+    told = _told_limits_deg(geometry)
+    limits = max(own[0], told[0]), min(own[1], told[1])
+    return msgspec.structs.replace(profile, geometry=geometry, dec_axis_limits_deg=limits)
+
+
+def _told_limits_deg(geometry: AxisGeometry) -> tuple[float, float]:
+    """Return from where to where the second axis may turn, for what the mount reports to tell where it is."""
+    if not geometry.second_zero_deg:
+        return MountProfile().dec_axis_limits_deg
+    low, high = geometry.told_range_deg
+    return low + ZENITH_KEPT_DEG, high - ZENITH_KEPT_DEG
+
+
+def without_zeros(profile: MountProfile) -> MountProfile:
+    """Return the profile of the same mount without zero points: so its stars are kept in a file."""
+    if profile.geometry is None:
+        return profile
+    geometry = msgspec.structs.replace(profile.geometry, first_zero_deg=0.0, second_zero_deg=0.0)
+    return msgspec.structs.replace(profile, geometry=geometry)
+
+
+def seen_with(star: Star, before: MountProfile, after: MountProfile, site: Site) -> Star:
+    """Return a star measured with one profile as it is with another, whose zero points may differ."""
+    old, new = before.frame, after.frame
+    if old is None or new is None or before.geometry == after.geometry:
+        return star
+    axes = swung(-star.axis_hour_angle_deg, star.axis_dec_deg, site.latitude_deg)
+    looks = new.direction(*new.of_report(*old.reported(*old.angles(*axes)[:2]))[:2])
+    west, altitude = swung(*looks, site.latitude_deg)
+    return star._replace(axis_hour_angle_deg=-west % 360.0, axis_dec_deg=altitude)
+
+
+def aligned_by(stars: Sequence[Star], profile: MountProfile, site: Site) -> MountProfile:
+    """Return the profile with the zero points of stars as a file keeps them, if its own are far off.
+
+    Raises SattrackError where the stars contradict one another.
+    """
+    bare = without_zeros(profile)
+    frame = bare.frame
+    if frame is None or not stars:
+        return profile
+    found = fit([seen_with(star, bare, profile, site) for star in stars], site.latitude_deg, "altaz")
+    if rms(found.before_arcsec[found.used]) <= SYNC_DEG * 3600.0:
+        return profile
+    star = stars[int(np.flatnonzero(found.used)[0])]
+    looks, told = (
+        swung(-azimuth, altitude, site.latitude_deg)
+        for azimuth, altitude in (
+            (star.hour_angle_deg, star.dec_deg),
+            (star.axis_hour_angle_deg, star.axis_dec_deg),
+        )
+    )
+    return aligned(profile, looks, frame.reported(*frame.angles(*told)[:2]))
 
 
 def read_keys(descriptor: int) -> list[str]:

@@ -493,8 +493,9 @@ class SimulatedMount:
         ra_deg, dec_deg = self._sky.reported(ra_axis_deg, dec_axis_deg)
         ra_rate, dec_rate = self._ra.axis.velocity_deg_s, self._dec.axis.velocity_deg_s
         if self._frame is not None:
+            own = self._frame.geometry
             hour_angle_deg, dec_deg, ra_rate, dec_rate = self._frame.sky(
-                ra_axis_deg, dec_axis_deg, ra_rate, dec_rate
+                ra_axis_deg + own.first_zero_deg, dec_axis_deg + own.second_zero_deg, ra_rate, dec_rate
             )
             ra_deg = (self._sky.sidereal_deg - hour_angle_deg) % 360.0
             altitude_deg, azimuth_deg = horizontal(hour_angle_deg, dec_deg, self.site.latitude_deg)

@@ -136,7 +136,8 @@ def state_of(  # noqa: PLR0913 - one argument for each value that statuses do no
     if looks_at_deg is not None:
         ra_h, dec_deg = looks_at_deg[0] / 15.0, looks_at_deg[1]
     geometry = session.profile.geometry
-    if geometry is not None and geometry.reports == "axes" and session.profile.stands_at is not None:
+    told = geometry is None or not (geometry.reports == "axes" or geometry.has_zeros)
+    if not told and session.profile.stands_at is not None:
         place = 15.0 * (status.sidereal_h - ra_h), dec_deg, session.profile.stands_at.latitude_deg
         altitude, azimuth = altitude_deg(*place), azimuth_deg(*place)
     return TelescopeState(

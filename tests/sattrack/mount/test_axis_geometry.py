@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import random
-from typing import Any
+from typing import Any, Literal
 
 import erfa
 import msgspec
@@ -180,3 +180,31 @@ def test_a_profile_with_a_geometry_that_cannot_be_is_refused(changes: dict[str, 
         return
     with pytest.raises(ValueError, match=says):
         MountProfile(**good | changes)
+
+
+@pytest.mark.parametrize("reports", ["sky", "axes"])
+@pytest.mark.parametrize("number", range(20))
+def test_zero_points_are_found_from_where_a_stranger_s_tube_looks_and_what_it_reports(
+    number: int, reports: Literal["sky", "axes"]
+) -> None:
+    """The mount takes its angles for others by so much, and reports by them."""
+    frame, telescope, rng = drawn(number)
+    zeros = rng.uniform(-170.0, 170.0), rng.uniform(-9.0, 9.0)
+    plain = msgspec.structs.replace(frame.geometry, reports=reports)
+    found = AxisFrame(plain, telescope.p.latitude_deg)
+    for angles in ([20.0, 30.0], [-75.0, -60.0]):
+        looks = sky_of(telescope, list(angles))
+        counted = [angle + zero for angle, zero in zip(angles, zeros, strict=True)]
+        # The stranger counts the first angle from the other end of the meridian.
+        told = sky_of(telescope, counted) if reports == "sky" else (counted[0] + 180.0, counted[1])
+        if found.geometry.has_zeros:
+            means = found.of_report(*told)
+            assert math.remainder(means.first_deg - 180.0 - angles[0], 360.0) == pytest.approx(0.0, abs=1e-6)
+            assert means.second_deg == pytest.approx(angles[1], abs=1e-6)
+            back = found.reported(means.first_deg, means.second_deg)
+            assert math.remainder(back[0] - told[0], 360.0) == pytest.approx(0.0, abs=1e-6)
+            assert back[1] == pytest.approx(told[1], abs=1e-6)
+        else:
+            found = AxisFrame(found.aligned(looks, told), telescope.p.latitude_deg)
+    assert math.remainder(found.geometry.first_zero_deg - zeros[0], 360.0) == pytest.approx(0.0, abs=1e-6)
+    assert found.geometry.second_zero_deg == pytest.approx(zeros[1], abs=1e-6)
