@@ -195,7 +195,7 @@ def apart(one: tuple[float, float], other: tuple[float, float]) -> float:
 def test_indis_simulator_is_slewed_moved_and_seen_at_rest_by_hand(simulator: tuple[Indi, str]) -> None:
     client, url = simulator
     ra_deg, _ = place(client)
-    assert run(["mount", "slew", str(ra_deg - 5.0), "50", "--mount", url, "--site", WHERE]) == 0
+    assert run(["mount", "slew", str((ra_deg - 5.0) % 360.0), "50", "--mount", url, "--site", WHERE]) == 0
     assert place(client) == pytest.approx(((ra_deg - 5.0) % 360.0, 50.0), abs=0.01)
     rates = ("--ra-rate", "0.2", "--dec-rate", "-0.5", "--seconds", "3")
     assert run(["mount", "move", *rates, "--mount", url, "--site", WHERE]) == 0
