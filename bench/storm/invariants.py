@@ -132,6 +132,7 @@ class Watcher(Judging):
         self._ended_by: str | None = None
         self._sizes: list[tuple[float, int]] = []
         self._drives_fail = any(fault.kind == "drive" for fault in storm.faults)
+        self._freezes = [fault for fault in storm.faults if fault.kind == "freeze"]
         self._settled = False
         self._weighed_s = WEIGHED_FROM_S
         facts = storm.facts
@@ -183,8 +184,7 @@ class Watcher(Judging):
                 self.violated("limit", world, f"{name}: farther out, {-clearance:.3f}°, in reach again")
 
     def _judge_rates(self, world: World, axes: Axes) -> None:
-        freezes = [one for one in self.storm.faults if one.kind == "freeze"]
-        if any(one.at_s < world.at_s < one.end_s + RECOVERS_S for one in freezes):
+        if any(one.at_s < world.at_s < one.end_s + RECOVERS_S for one in self._freezes):
             # A mount whose program has stood still catches up with its own plan, as fast as its drives can.
             return
         most = RATE_MARGIN * (self.storm.hardware.max_rate_deg_s + 0.01)

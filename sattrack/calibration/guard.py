@@ -42,7 +42,7 @@ def sun_hour_angle_and_dec(utc_s: float, site: Site) -> tuple[float, float]:
     x, y, z = (float(c) for c in earth.celestial_matrix(at) @ sun_km(at))
     right_ascension = math.degrees(math.atan2(y, x))
     sidereal = float(earth.local_apparent_sidereal_deg(at, site))
-    hour_angle = (sidereal - right_ascension + 180.0) % 360.0 - 180.0
+    hour_angle = wrap180(sidereal - right_ascension)
     return hour_angle, math.degrees(math.atan2(z, math.hypot(x, y)))
 
 
@@ -58,7 +58,7 @@ def true_clocks(utc_s: float, site: Site) -> dict[str, float]:
     equinoxes_deg = float(np.degrees(earth.rotation(utc_s)[2]))
 
     def ahead_s(sidereal_deg: float) -> float:
-        return ((sidereal_deg - plain + 180.0) % 360.0 - 180.0) / SIDEREAL_RATE_DEG_S
+        return wrap180(sidereal_deg - plain) / SIDEREAL_RATE_DEG_S
 
     return {
         "mean, UT1 taken as UTC": 0.0,

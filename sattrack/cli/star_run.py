@@ -101,7 +101,7 @@ def command(context: CommandContext, **options: Any) -> int:
     site = call.site
     assert site is not None
     axes = _axes(call.described)
-    known, mount = _known(options, site, call.described.mount)
+    known, mount = _known(options, site, axes, call.described.mount)
     call = _with_mount(call, mount)
     if options["fit_only"]:
         return _conclude(context, options, call.described, _fitted(known, site, axes), known)
@@ -179,7 +179,9 @@ def _with_mount(call: MountCall, mount: MountProfile) -> MountCall:
     return replace(call, described=aligned)
 
 
-def _known(options: dict[str, Any], site: Site, mount: MountProfile) -> tuple[list[Star], MountProfile]:
+def _known(
+    options: dict[str, Any], site: Site, axes: Axes, mount: MountProfile
+) -> tuple[list[Star], MountProfile]:
     """Return the stars of a run that goes on, and the mount's profile, with their zero points if far off.
 
     Raises BadInputError where stars would be lost, or are of another mount.
@@ -204,7 +206,7 @@ def _known(options: dict[str, Any], site: Site, mount: MountProfile) -> tuple[li
         path.unlink()
         return [], mount
     text = path.read_text(encoding="utf-8", errors="replace")
-    run, stars = read_stars(text, str(path), "equatorial" if mount.geometry is None else "altaz")
+    run, stars = read_stars(text, str(path), axes)
     if abs(run.latitude_deg - site.latitude_deg) > 0.1:
         raise BadInputError(
             f"--data {path}: its stars were seen from latitude {run.latitude_deg:.2f}°, and the site is at "

@@ -18,6 +18,8 @@ from typing import Any, Literal, NamedTuple
 
 import msgspec
 
+from sattrack.core.angles import wrap180
+
 MOST_OFF_DEG = 20.0
 """How far the axes may be from square, and the tube from square to the second axis."""
 STILL_FIELD_DEG = 0.5
@@ -172,7 +174,7 @@ class AxisFrame:
             first = first - fn.atan2(y0, x0)
             first_rate = first_rate - (x0 * y0_by - y0 * x0_by) / (x0 * x0 + y0 * y0 + 1e-24) * second_rate
         degrees = 180.0 / math.pi
-        first = (first * degrees + 180.0) % 360.0 - 180.0
+        first = wrap180(first * degrees)
         second_deg = second * degrees
         if beyond:
             # Past the pole that is above the horizon, as `safety` counts it.
@@ -194,7 +196,7 @@ class AxisFrame:
             told = self.angles(hour_angle_deg, dec_deg, hour_angle_rate_deg_s, dec_rate_deg_s, fn=fn)
             if not own.has_zeros:
                 return told
-            first = (told.first_deg - own.first_zero_deg + 180.0) % 360.0 - 180.0
+            first = wrap180(told.first_deg - own.first_zero_deg)
             return told._replace(first_deg=first, second_deg=told.second_deg - own.second_zero_deg)
         return AxisAngles(
             own.first_sense * (hour_angle_deg - own.first_zero_deg),

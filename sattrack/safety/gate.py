@@ -344,10 +344,11 @@ class Safety:
             outlook = self._ahead.outlook(spots, now, nears)
             if not self._holds:
                 inward = outlook.limit(wanted)
-                slower = None if inward is None or self.led is None else self._slower(wanted, outlook.limit)
-                if inward is not None and slower is None:
-                    return self._trip(inward)
-                wanted = slower or wanted
+                if inward is not None:
+                    slower = None if self.led is None else self._slower(wanted, outlook.limit)
+                    if slower is None:
+                        return self._trip(inward)
+                    wanted = slower
             else:
                 outside = self._proven_outside(spots)
                 if outside is not None and outside not in CONES:
