@@ -2,9 +2,10 @@
 
 Nothing here asks the program what it believes. What it was promised (docs/safety.md, docs/link-loss.md) is:
 
-* `limit`: the axes keep inside the limits while the mount is *in reach*: what it obeys is no older, from the
-  status behind it to the datagram obeyed, than `longest_fault_s`, the link's own delays and RESPONSE_S. Once
-  a mount that got out of limits out of reach is in reach again, it goes no farther out after RECOVERS_S.
+* `limit`: the axes keep inside the limits while the mount is *in reach*: it has obeyed a datagram within the
+  last `longest_fault_s` and TURNS_S, and what it obeys is no older, from the status behind it on, than
+  `longest_fault_s`, the link's own delays and RESPONSE_S. Once a mount that got out of limits out of reach is
+  in reach again, it goes no farther out after RECOVERS_S.
 * `stop`: from SETTLES_S after a stop was due and the mount in reach, the axes rest against standstill or the
   sky, to the end of the world.
 * `stale`: no datagram changes the motion in force on knowledge older than KNOWS_S.
@@ -45,6 +46,8 @@ if TYPE_CHECKING:
 
 RESPONSE_S = 0.25
 """Turns of the mount's loop and ours, between a status and what obeys it."""
+TURNS_S = 0.1
+"""One of the mount's loop and one of ours."""
 RECOVERS_S = 3.0
 SETTLES_S = 2.0
 KNOWS_S = 2.2
@@ -57,6 +60,7 @@ AT_LIMIT_DEG = 2.0
 """So near to a limit a run may be held."""
 RATE_MARGIN = 1.15
 """By how much an axis may overshoot the largest rate: a servo's and its gain's share."""
+MEAN_TURNS = 20
 OURS = ("sattrack", "tle")
 WEIGHED_SEEDS, WEIGHED_FROM_S, WEIGHED_EVERY_S = 8, 12.0, 6.0
 """In which storms the program's memory is counted, from when on, and how often."""
@@ -119,6 +123,8 @@ class Watcher(Judging):
         self._knowledge_s = self._waiting_s = storm.begin_s
         """Of when the status is behind the newest datagram that the mount has obeyed; and behind the newest
         that has come, which it obeys at its next turn."""
+        self._obeyed_s = self._came_s = storm.begin_s
+        """When the newest of them came."""
         self._unreached_s = -math.inf
         """When the mount was last out of reach."""
         self._out: dict[str, float] = {}
@@ -128,6 +134,8 @@ class Watcher(Judging):
         self._last: dict[str, bytes] = {}
         self._moved_s = -math.inf
         """When the last datagram left that moves the mount."""
+        self._aborted = False
+        """Whether it was an abort, and nothing since moved the mount."""
         self._guardian_s: float | None = None
         self._ended_by: str | None = None
         self._sizes: list[tuple[float, int]] = []
@@ -158,10 +166,11 @@ class Watcher(Judging):
     def turn(self, world: World, axes: Axes) -> None:
         self.path.append(axes)
         # Whoever has let go of a mount has seen it at rest: it is not out of reach but stopped.
-        if world.somebody_sends and world.now_s - self._knowledge_s > self._reach_s:
+        silent = world.now_s - self._obeyed_s > self.storm.facts.limits.longest_fault_s + TURNS_S
+        if world.somebody_sends and (silent or world.now_s - self._knowledge_s > self._reach_s):
             self._unreached_s = axes.utc_s
         # What has come while its program stood still is obeyed from now on.
-        self._knowledge_s = self._waiting_s
+        self._knowledge_s, self._obeyed_s = self._waiting_s, self._came_s
         self._judge_limits(world, axes)
         self._judge_rates(world, axes)
         self._judge_stop(world, axes)
@@ -170,7 +179,7 @@ class Watcher(Judging):
         found = self._clear.clearances(axes.hour_angle_deg, axes.dec_axis_deg, axes.utc_s)
         self._nearest.append(min(found.values()))
         # A mount that tracks by itself, and that nobody commands, goes on with the sky.
-        left_alone = axes.utc_s - self._moved_s > SETTLES_S
+        left_alone = self._aborted or axes.utc_s - self._moved_s > SETTLES_S
         left_tracking = left_alone and axes.speed_deg_s <= 2.0 * REST_RATE_DEG_S
         excused = self._drives_fail or left_tracking or axes.utc_s - self._unreached_s < RECOVERS_S
         for name, clearance in found.items():
@@ -197,6 +206,9 @@ class Watcher(Judging):
         if due_s is None or world.abandoned:
             return
         moving = axes.speed_deg_s > 2.0 * REST_RATE_DEG_S
+        if moving and self._settled:
+            # A servo that hunts in its stiction stays where it is.
+            moving = self._mean_of(axes).speed_deg_s > 2.0 * REST_RATE_DEG_S
         if not moving and self._rested_s is None:
             self._rested_s = axes.utc_s
             if self._unreached_s < due_s - RECOVERS_S:
@@ -209,6 +221,15 @@ class Watcher(Judging):
             self.violated(
                 "stop", world, f"{axes.speed_deg_s:.3f} °/s{again}, {axes.utc_s - due_s:.1f} s after"
             )
+
+    def _mean_of(self, axes: Axes) -> Axes:
+        """Return the axes with their mean rates over the last turns."""
+        then = self.path[-min(len(self.path), MEAN_TURNS)]
+        since_s = max(axes.utc_s - then.utc_s, 1e-3)
+        return axes._replace(
+            hour_angle_rate_deg_s=(axes.hour_angle_deg - then.hour_angle_deg) / since_s,
+            dec_rate_deg_s=(axes.dec_axis_deg - then.dec_axis_deg) / since_s,
+        )
 
     @property
     def _settles_s(self) -> float:
@@ -233,7 +254,9 @@ class Watcher(Judging):
             self.violated("stale", world, f"a motion on a status heard {age_s:.2f} s before")
         self._last[sent.who] = sent.data
         if moves(sent.data):
-            self._moved_s = sent.utc_s
+            self._moved_s, self._aborted = sent.utc_s, False
+        elif sent.data[FLAGS][0]:
+            self._aborted = True
 
     def _changes(self, before: bytes, data: bytes) -> bool:
         import struct
@@ -244,7 +267,7 @@ class Watcher(Judging):
         return max(abs(one - other) for one, other in zip(was, now, strict=True)) > SAME_RATE_DEG_S
 
     def arrived(self, world: World, sent: Sent) -> None:
-        del world
+        self._came_s = world.now_s
         # A stop is obeyed whatever its sender knew; a datagram without flags stops a held motion only.
         stops = bool(sent.data[FLAGS][0]) or (
             self.storm.hardware.move_axis == "held" and not moves(sent.data)
