@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import queue
 import select
 import signal
@@ -12,7 +13,7 @@ import sys
 import tempfile
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -97,6 +98,29 @@ def call(port: int, host: str = "127.0.0.1") -> socket.socket:
     line = socket.create_connection((host, port), timeout=PATIENCE_S)
     line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return line
+
+
+@contextmanager
+def serial_line() -> Iterator[tuple[str, str]]:
+    """Give the two ends of a serial line: two pseudo-terminals, back to back."""
+    (one, its_end), (other, other_end) = os.openpty(), os.openpty()
+    ended = threading.Event()
+
+    def carry() -> None:
+        while not ended.is_set():
+            for number in select.select([one, other], [], [], 0.05)[0]:
+                with suppress(OSError):
+                    os.write(other if number == one else one, os.read(number, 1024))
+
+    carrying = threading.Thread(target=carry)
+    carrying.start()
+    try:
+        yield os.ttyname(its_end), os.ttyname(other_end)
+    finally:
+        ended.set()
+        carrying.join()
+        for number in (one, its_end, other, other_end):
+            os.close(number)
 
 
 def serve_owned_mount(server: str) -> int:

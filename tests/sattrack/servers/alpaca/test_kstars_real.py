@@ -133,7 +133,7 @@ def kstars(program: Callable[[str], str]) -> Iterator[Callable[..., bool]]:
 
 @pytest.mark.soak
 @pytest.mark.needs("kstars", "dbus-daemon", "dbus-send", "indi_getprop")
-def test_kstars_slews_and_stops_the_mount(program: Callable[[str], str]) -> None:
+def test_kstars_slews_stops_tracks_and_syncs_the_mount(program: Callable[[str], str]) -> None:
     with serving_program("indi") as served, kstars(program) as call:
         mount = Indi(served.port, DEVICE, program)
         until(lambda: call("connect", "string:127.0.0.1", f"int32:{served.port}"))
@@ -150,3 +150,10 @@ def test_kstars_slews_and_stops_the_mount(program: Callable[[str], str]) -> None
         put("Switch", "TELESCOPE_ABORT_MOTION", "ABORT", "string:On")
         mount.until("TELESCOPE_TRACK_STATE.TRACK_OFF", lambda value: value == "On")
         assert mount.number("EQUATORIAL_EOD_COORD.DEC") < 60.0
+        mount.until("EQUATORIAL_EOD_COORD._STATE", lambda value: value != "Busy")
+        put("Switch", "TELESCOPE_TRACK_STATE", "TRACK_ON", "string:On")
+        mount.until("TELESCOPE_TRACK_STATE.TRACK_ON", lambda value: value == "On")
+        put("Switch", "ON_COORD_SET", "SYNC", "string:On")
+        mount.until("ON_COORD_SET.SYNC", lambda value: value == "On")
+        put("Number", "EQUATORIAL_EOD_COORD", "DEC", "double:61")
+        mount.until("EQUATORIAL_EOD_COORD.DEC", lambda value: abs(float(value or 0.0) - 61.0) < 0.01)

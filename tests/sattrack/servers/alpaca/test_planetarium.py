@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import os
 import re
-import select
 import socket
 import struct
-import threading
 import time
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, cast
@@ -21,7 +18,7 @@ import pytest
 from alpaca_serving import serving
 from indi_programs import Indi, indi_server
 from programs import free_port
-from serving import PATIENCE_S, serving_program
+from serving import PATIENCE_S, serial_line, serving_program
 
 from sattrack.core.clock import SystemClock
 from sattrack.mount.model import MountProfile, Slew
@@ -44,7 +41,7 @@ from tle.earth import EarthOrientation
 from tle.site import Site
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from sattrack.servers.alpaca.connections import FeederLine
 
@@ -347,7 +344,7 @@ def test_motion_begun_with_a_key_ends_with_the_connection() -> None:
 
 
 def drive(client: Indi, *, stays: bool = True) -> None:
-    """Slew, move, stop and be refused, by what INDI's clients send.
+    """Slew, sync, move, stop, track and be refused, by what INDI's clients send.
 
     `stays` tells that whoever talks to the mount stays connected: motion begun with a key ends with it.
     """
@@ -365,6 +362,13 @@ def drive(client: Indi, *, stays: bool = True) -> None:
     client.set("TELESCOPE_MOTION_NS.MOTION_NORTH=On")
     client.until("EQUATORIAL_EOD_COORD.DEC", lambda value: float(value or 0.0) > (40.1 if stays else 40.001))
     client.set("TELESCOPE_MOTION_NS.MOTION_NORTH=Off")
+    # A mount that moves is not synced.
+    client.until("EQUATORIAL_EOD_COORD._STATE", lambda value: value != "Busy")
+    client.set("ON_COORD_SET.SYNC=On")
+    client.set(f"EQUATORIAL_EOD_COORD.RA={(ra_h + 0.52) % 24.0};DEC=40.8")
+    client.until("EQUATORIAL_EOD_COORD.DEC", lambda value: float(value or 0.0) > 40.79)
+    assert client.number("EQUATORIAL_EOD_COORD.RA") == pytest.approx((ra_h + 0.52) % 24.0, abs=0.001)
+    client.set("ON_COORD_SET.TRACK=On")
     client.set("TELESCOPE_ABORT_MOTION.ABORT=On")
     client.until("TELESCOPE_ABORT_MOTION._STATE", lambda value: value == "Ok")
     client.set("EQUATORIAL_EOD_COORD.RA=1;DEC=-85")
@@ -386,29 +390,6 @@ def test_indis_lx200_driver_slews_moves_and_stops_the_mount_over_tcp(program: Ca
         client.set("CONNECTION_MODE.CONNECTION_TCP=On")
         client.set(f"DEVICE_ADDRESS.ADDRESS=127.0.0.1;PORT={served.port}")
         drive(client)
-
-
-@contextmanager
-def serial_line() -> Iterator[tuple[str, str]]:
-    """Give the two ends of a serial line: two pseudo-terminals, back to back."""
-    (one, its_end), (other, other_end) = os.openpty(), os.openpty()
-    ended = threading.Event()
-
-    def carry() -> None:
-        while not ended.is_set():
-            for number in select.select([one, other], [], [], 0.05)[0]:
-                with contextlib.suppress(OSError):
-                    os.write(other if number == one else one, os.read(number, 1024))
-
-    carrying = threading.Thread(target=carry)
-    carrying.start()
-    try:
-        yield os.ttyname(its_end), os.ttyname(other_end)
-    finally:
-        ended.set()
-        carrying.join()
-        for number in (one, its_end, other, other_end):
-            os.close(number)
 
 
 @pytest.mark.needs("indiserver", "indi_lx200classic")
@@ -443,6 +424,9 @@ def test_indis_clients_slew_move_and_stop_the_mount_itself_and_behind_their_own_
         behind.until("EQUATORIAL_EOD_COORD.DEC", lambda value: float(value or 0.0) > 41.0)
         direct.set("TELESCOPE_ABORT_MOTION.ABORT=On")
         direct.until("TELESCOPE_TRACK_STATE.TRACK_OFF", lambda value: value == "On")
+        behind.until("EQUATORIAL_EOD_COORD._STATE", lambda value: value != "Busy")
+        behind.set("TELESCOPE_TRACK_STATE.TRACK_ON=On")
+        direct.until("TELESCOPE_TRACK_STATE.TRACK_ON", lambda value: value == "On")
 
 
 @pytest.mark.needs("indi_getprop")

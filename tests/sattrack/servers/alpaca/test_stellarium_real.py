@@ -2,30 +2,37 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import subprocess
 import tempfile
-from contextlib import contextmanager
-from datetime import datetime
+import time
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import erfa
 import numpy as np
 import pytest
-from alpaca_serving import say, serving
+from indi_programs import Indi
 from programs import ended, free_port
-from serving import call, until
+from serving import serial_line, serving_program, until
 
+from sattrack.servers.alpaca.indi import DEVICE
 from sattrack.servers.alpaca.stellarium import GotoReader
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 DEFAULTS = Path("/usr/share/stellarium/data/default_cfg.ini")
-TELESCOPES = """{"1": {"circles": [], "connect_at_startup": true, "connection": "remote", "delay": 500000,
-"equinox": "J2000", "host_name": "127.0.0.1", "name": "sattrack", "tcp_port": %d}, "version": "0.4.1"}"""
+TELESCOPE = {
+    "circles": [],
+    "connect_at_startup": True,
+    "delay": 500000,
+    "equinox": "J2000",
+    "name": "sattrack",
+}
 SCRIPT = 'core.wait(2); core.selectObjectByName("Kochab", false);'
 KOCHAB_DEG = (222.676357, 74.155504)
 """Right ascension and declination of J2000, by Hipparcos. At Leiden it never sets."""
@@ -40,8 +47,8 @@ def test_the_place_that_stellarium_sent_is_that_of_its_star() -> None:
 
 
 @contextmanager
-def stellarium(port: int, program: Callable[[str], str]) -> Iterator[Callable[[], object]]:
-    """Run it with its first telescope at a port; give what presses its key to slew to what is selected."""
+def stellarium(program: Callable[[str], str], **telescope: object) -> Iterator[Callable[[], object]]:
+    """Run it with one telescope; give what presses its key to slew to what is selected."""
     with tempfile.TemporaryDirectory() as folder:
         home = Path(folder)
         settings = DEFAULTS.read_text().replace("fullscreen ", "unused ")
@@ -50,7 +57,10 @@ def stellarium(port: int, program: Callable[[str], str]) -> Iterator[Callable[[]
         )
         for path, text in (
             ("config.ini", settings),
-            ("modules/TelescopeControl/telescopes.json", TELESCOPES % port),
+            (
+                "modules/TelescopeControl/telescopes.json",
+                json.dumps({"1": TELESCOPE | telescope, "version": "0.4.1"}),
+            ),
             ("scripts/select.ssc", SCRIPT),
         ):
             (home / path).parent.mkdir(parents=True, exist_ok=True)
@@ -94,26 +104,33 @@ def stellarium(port: int, program: Callable[[str], str]) -> Iterator[Callable[[]
 
 
 @pytest.mark.soak
-@pytest.mark.needs("Xvfb", "stellarium", "xdotool")
-def test_stellarium_sends_the_mount_to_a_star(program: Callable[[str], str]) -> None:
-    port = free_port()
-    with (
-        serving(f"stellarium:{port}") as served,
-        stellarium(port, program) as press,
-        call(served.port) as line,
-    ):
-        say(line, "PUT", "connect")
+@pytest.mark.needs("Xvfb", "stellarium", "xdotool", "indi_getprop")
+@pytest.mark.parametrize("by", ["its own protocol", "LX200"])
+def test_stellarium_sends_the_mount_to_a_star(by: str, program: Callable[[str], str]) -> None:
+    with ExitStack() as stack:
+        port = free_port()
+        if by == "LX200":
+            ours, theirs = stack.enter_context(serial_line())
+            server, *options = "lx200", "--serial", ours
+            at = {"connection": "internal", "device_model": "Meade LX200 (compatible)", "serial_port": theirs}
+        else:
+            server, *options = "stellarium", "--port", str(port)
+            at = {"connection": "remote", "host_name": "127.0.0.1"}
+        seen = free_port()
+        stack.enter_context(serving_program(server, f"indi:{seen}", *options))
+        press = stack.enter_context(stellarium(program, tcp_port=port, **at))
+        mount = Indi(seen, DEVICE, program)
+        mount.set("CONNECTION.CONNECT=On")
 
         def slews() -> bool:
             press()
-            return bool(say(line, "GET", "slewing")["Value"])
+            return mount.get("EQUATORIAL_EOD_COORD._STATE") == "Busy"
 
         until(slews)
-        until(lambda: say(line, "GET", "slewing")["Value"] is False)
-        utc_s = datetime.fromisoformat(str(say(line, "GET", "utcdate")["Value"])).timestamp()
-        here = [float(str(say(line, "GET", one)["Value"])) for one in ("rightascension", "declination")]
+        mount.until("EQUATORIAL_EOD_COORD._STATE", lambda value: value != "Busy")
+        here = [mount.number(f"EQUATORIAL_EOD_COORD.{one}") for one in ("RA", "DEC")]
         ra, dec = np.radians(KOCHAB_DEG)
-        star = erfa.pnm06a(2440587.5, utc_s / 86400.0) @ erfa.s2c(ra, dec)
+        star = erfa.pnm06a(2440587.5, time.time() / 86400.0) @ erfa.s2c(ra, dec)
         there = erfa.s2c(math.radians(here[0] * 15.0), math.radians(here[1]))
         # Aberration and proper motion are below half a minute of arc together.
         assert math.degrees(erfa.sepp(star, there)) * 3600.0 < 60.0
