@@ -270,6 +270,9 @@ class TelescopeWorld(ServedWorld):
         """Show the judge how the program stands, once a period."""
         del driver
         station = self._station
+        for line in station.log_lines:
+            self.trace("log", line)
+        station.log_lines.clear()
         self._led = station._path is not None
         ending = station._ending is not None
         stopped_by = (station.tripped or station.console.trouble, ending)
