@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import msgspec
 from feeder_harness import Link, Scenario, World
 
+from sattrack.core.angles import wrap180
 from sattrack.mount.model import MountProfile, mean_sidereal_deg
 from sattrack.mount.simulator.installation import ServoSettings, SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
@@ -154,7 +155,7 @@ def world(subject: Subject, scenario: Scenario, seed: int, bandwidth_hz: float =
     begin_s = facts.started_utc_s
     target = subject.propagator.at(Utc(begin_s))
     hour_angle = mean_sidereal_deg(begin_s, facts.site.longitude_deg) - float(target.ra_deg)
-    start = StartPosition((hour_angle + 180.0) % 360.0 - 180.0, float(target.dec_deg))
+    start = StartPosition(wrap180(hour_angle), float(target.dec_deg))
     truth = MountProfile(
         ra_rate_gain=scenario.gain, dec_rate_gain=scenario.gain, move_axis=scenario.move_axis
     )

@@ -21,6 +21,7 @@ import erfa
 import msgspec
 from sgp4.api import Satrec
 
+from sattrack.core.angles import wrap180
 from sattrack.runtime import demo_pass
 from tle.elements import Elements
 from tle.instants import Utc
@@ -75,7 +76,7 @@ def site_below(lines: tuple[str, str], ahead_s: float) -> str:
     assert error == 0
     longitude = math.degrees(math.atan2(r[1], r[0]) - erfa.gmst82(jd, fraction))
     latitude = math.degrees(math.atan2(r[2], math.hypot(r[0], r[1])))
-    return f"{latitude:.3f},{(longitude + 180.0) % 360.0 - 180.0:.3f},0"
+    return f"{latitude:.3f},{wrap180(longitude):.3f},0"
 
 
 def satellite(folder: Path, culminates_after_s: float, **changes: float) -> tuple[Path, str]:

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sattrack.control.latency import SIDEREAL_SECONDS_PER_SECOND
+from sattrack.core.angles import wrap180
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Readings, Status
 from sattrack.mount.xerxes.datagrams import DOUBTFUL, DatagramError, decode_status, status_readings
 from sattrack.mount.xerxes.link import RESTART_PROOF
@@ -137,7 +138,7 @@ class StatusLog:
             status.counter,
             arrival_utc_s,
             self._mount_seconds(status.sidereal_h, before),
-            reference + (hour_angle - reference + 180.0) % 360.0 - 180.0,
+            reference + wrap180(hour_angle - reference),
             status.dec_deg,
             status,
         )

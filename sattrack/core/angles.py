@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing
+
+Angles = TypeVar("Angles", float, "np.typing.NDArray[np.float64]")
 
 
-def wrap180(angle_deg: float) -> float:
-    """Return an angle in -180 to 180."""
+def wrap180(angle_deg: Angles) -> Angles:
+    """Return an angle, or each of an array, in -180 to 180."""
     return (angle_deg + 180.0) % 360.0 - 180.0
 
 

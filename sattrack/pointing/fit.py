@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from sattrack.core.angles import wrap180
 from sattrack.core.errors import SattrackError
 from sattrack.mount.model import PointingTerms
 from sattrack.pointing.terms import ALTAZ, PointingModel
@@ -162,8 +163,8 @@ class _Sky:
                 h[rows], d[rows] = model.on_side(side).axes_of(
                     self.direction[0][rows], self.direction[1][rows]
                 )
-        first = (self.reported[0] - h + 180.0) % 360.0 - 180.0
-        second = (self.reported[1] - d + 180.0) % 360.0 - 180.0
+        first = wrap180(self.reported[0] - h)
+        second = wrap180(self.reported[1] - d)
         return 3600.0 * np.stack([first * np.cos(np.radians(self.reported[1])), second], axis=1)
 
     def jacobian(self, names: tuple[str, ...], values: Array) -> Array:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import msgspec
 import numpy as np
 
-from sattrack.core.angles import separation_deg
+from sattrack.core.angles import separation_deg, wrap180
 from sattrack.core.channel import LineReader, see_off
 from sattrack.core.errors import LinkLostError, SattrackError
 from sattrack.core.process import ending_with_us, self_command
@@ -506,7 +506,7 @@ class StarRun:
         sidereal = float(seen.ra_deg) + float(seen.ha_deg)
         near = [one for one in self._samples if abs(one.arrival_utc_s - utc_s) <= 0.5 * exposure_s + 0.3]
         places = np.array([self._axes(one, sidereal) for one in near or [self._samples[-1]]])
-        first = places[0, 0] + float(np.mean((places[:, 0] - places[0, 0] + 180.0) % 360.0 - 180.0))
+        first = places[0, 0] + float(np.mean(wrap180(places[:, 0] - places[0, 0])))
         assert body.star is not None
         icrs = body.star.ra_deg, body.star.dec_deg
         axes = first, float(np.mean(places[:, 1]))

@@ -10,7 +10,7 @@ import math
 from collections import deque
 from typing import TYPE_CHECKING
 
-from sattrack.core.angles import altitude_deg
+from sattrack.core.angles import altitude_deg, wrap180
 from sattrack.mount.model import (
     SIDEREAL_RATE_DEG_S,
     Cleared,
@@ -662,7 +662,7 @@ class AxesState:
         before = self.hour_angle_deg or 0.0
         axis_deg = hour_angle_deg + (180.0 if beyond_pole else 0.0)
         dec_axis_deg = math.copysign(180.0, self._latitude_deg) - dec_deg if beyond_pole else dec_deg
-        return Place(before + (axis_deg - before + 180.0) % 360.0 - 180.0, dec_axis_deg)
+        return Place(before + wrap180(axis_deg - before), dec_axis_deg)
 
     def of(self, stance: Stance) -> Place:
         """Return the axes' angles as a mount stands."""

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import erfa
 import numpy as np
 
-from sattrack.core.angles import altitude_deg, azimuth_deg
+from sattrack.core.angles import altitude_deg, azimuth_deg, wrap180
 from sattrack.mount.model import Slew, horizon_latitude_deg, mean_sidereal_deg
 from sattrack.safety.bounds import HOLD_MARGIN_DEG, Bounds
 from sattrack.safety.geometry import Place
@@ -102,7 +102,7 @@ def hour_angle_and_dec_deg(star: StarCoordinates, utc_s: float, longitude_deg: f
         ra, dec, pm_ra, star.pm_dec_mas * _MAS_RAD, 0.0, 0.0, day, _TT_MINUS_UTC_S / DAY_S
     )
     turned = math.degrees(erfa.era00(day, 0.0) - float(ri)) + longitude_deg
-    return (turned + 180.0) % 360.0 - 180.0, math.degrees(float(di))
+    return wrap180(turned), math.degrees(float(di))
 
 
 def cost_before(
