@@ -332,6 +332,76 @@ UNSTRAINED_SHARE = 0.5
 the drive limits the motion, which says nothing of the servo."""
 
 
+AT_LIMIT_SAMPLES = 3
+"""Samples in a row in which a drive accelerates towards a rate that it should have had: it can do no more."""
+MISSED_S = 0.03
+"""What an axis is off its rate then at least, over the acceleration told: less is its servo's answer."""
+WEAKEST_SHARE = 0.25
+"""Share of the acceleration told that any drive has: a motion with less is that of a command gone astray."""
+
+
+class Turn(NamedTuple):
+    """An axis between two samples: how fast it was seen to go, and how fast it should have by commands."""
+
+    seconds: float
+    seen_deg_s: float
+    predicted_deg_s: float
+
+
+class Drive:
+    """How fast the drive of one axis changes its rate: what is told, or less where its motion shows that.
+
+    A drive that is weaker than told falls behind its commands while they change, in place too. A servo that
+    catches that up runs faster than commanded, beyond what a law that reckons with the told acceleration can
+    brake: the axis would swing about its target for good.
+    """
+
+    def __init__(self, told_deg_s2: float) -> None:
+        self._told_deg_s2 = told_deg_s2
+        self.acceleration_deg_s2 = told_deg_s2
+        self._place_deg: float | None = None
+        self._before: Turn | None = None
+        self._at_limit = 0
+        """Samples in a row at which the drive was at its limit."""
+        self._most_deg_s2 = 0.0
+        """The acceleration that it reached in those."""
+
+    @property
+    def surely_deg_s2(self) -> float:
+        """The acceleration up to which a change of rate comes out as the servo's answer."""
+        return min(UNSTRAINED_SHARE * self._told_deg_s2, self.acceleration_deg_s2)
+
+    def forget(self) -> None:
+        """Note that the axis moved by a plan of its own."""
+        self._place_deg = self._before = None
+        self._at_limit = 0
+
+    def see(self, place_deg: float, predicted_deg: float, seconds: float) -> None:
+        """Take a reported place, and how far the commands should have moved the axis since the last one."""
+        last_deg, self._place_deg = self._place_deg, place_deg
+        if last_deg is None:
+            return
+        turn = Turn(seconds, wrap180(place_deg - last_deg) / seconds, predicted_deg / seconds)
+        before, self._before = self._before, turn
+        if before is None:
+            return
+        change_deg_s2 = 2.0 * (turn.seen_deg_s - before.seen_deg_s) / (turn.seconds + before.seconds)
+        reached = abs(change_deg_s2)
+        towards = math.copysign(1.0, change_deg_s2)
+        missed = min(
+            towards * (rate - turn.seen_deg_s) for rate in (before.predicted_deg_s, turn.predicted_deg_s)
+        )
+        if missed > MISSED_S * self._told_deg_s2 and reached > WEAKEST_SHARE * self._told_deg_s2:
+            self._at_limit += 1
+            self._most_deg_s2 = max(self._most_deg_s2, reached)
+            if self._at_limit >= AT_LIMIT_SAMPLES:
+                self.acceleration_deg_s2 = min(self._told_deg_s2, self._most_deg_s2)
+            return
+        self._at_limit, self._most_deg_s2 = 0, 0.0
+        # It can do what it has just done.
+        self.acceleration_deg_s2 = min(self._told_deg_s2, max(self.acceleration_deg_s2, reached))
+
+
 @dataclass(slots=True)
 class Axes:
     """Filters of right ascension and declination, as of the last sample."""
@@ -359,6 +429,8 @@ class Axes:
     """The time between those two; 0 where no commands explain the motion."""
     trials: DelayTrials = field(init=False)
     """Other delays of the commands."""
+    drives: tuple[Drive, Drive] = field(init=False)
+    """How fast both axes change their rates."""
     misread: int = 0
     """Samples that were explained by another command than the expected one."""
 
@@ -367,6 +439,8 @@ class Axes:
         acting = self.history.acting(self.sample_utc_s)
         self._commanded = Commanded(self.sample_utc_s, acting.ra_rate_deg_s, acting.dec_rate_deg_s)
         self.trials = DelayTrials()
+        profile = self.profile
+        self.drives = Drive(profile.ra.max_acceleration_deg_s2), Drive(profile.dec.max_acceleration_deg_s2)
 
     @classmethod
     def begin(
@@ -386,7 +460,12 @@ class Axes:
             ra, dec = former.ra, former.dec
             ra.begin_anew(sample.ra_deg)
             dec.begin_anew(sample.dec_deg)
-        return cls(profile, history, ra, dec, utc_s)
+        begun = cls(profile, history, ra, dec, utc_s)
+        if former is not None:
+            begun.drives = former.drives
+            for drive in begun.drives:
+                drive.forget()
+        return begun
 
     @property
     def lost(self) -> bool:
@@ -409,6 +488,8 @@ class Axes:
             return True
         moved = self._advance(sample, utc_s, seconds)
         self.sample_utc_s, self.turned_over_s, self.predicted_deg = utc_s, seconds, moved
+        for drive, place, to in zip(self.drives, (sample.ra_deg, sample.dec_deg), moved, strict=True):
+            drive.see(place, to, seconds)
         if self._is_stuck(sample, *moved):
             return False
         # No axis gets further from the prediction than by running full speed the other way.
@@ -446,11 +527,12 @@ class Axes:
         now = acted[-1]
         self.rates_deg_s = now[1:]
         jolts = (now.ra_rate_deg_s - before.ra_rate_deg_s, now.dec_rate_deg_s - before.dec_rate_deg_s)
-        limits = (self.profile.ra.max_acceleration_deg_s2, self.profile.dec.max_acceleration_deg_s2)
         moved = []
         fades = math.exp(-seconds / ANSWERED_S)
-        for number, (axis, jolt, limit) in enumerate(zip((self.ra, self.dec), jolts, limits, strict=True)):
-            strain = self._strain(number, jolt, UNSTRAINED_SHARE * limit * seconds)
+        for number, (axis, jolt, drive) in enumerate(
+            zip((self.ra, self.dec), jolts, self.drives, strict=True)
+        ):
+            strain = self._strain(number, jolt, drive.surely_deg_s2 * seconds)
             recent = self._jolts_deg_s[number] * fades + abs(jolt)
             self._jolts_deg_s[number] = recent
             if recent > SHAKEN_DEG_S:
@@ -485,6 +567,8 @@ class Axes:
         self.sample_utc_s, self.outliers, self.turned_over_s = utc_s, 0, 0.0
         self._commanded = Commanded(utc_s)
         self.trials = DelayTrials()
+        for drive in self.drives:
+            drive.forget()
         self._strain_deg_s, self._jolts_deg_s = [0.0, 0.0], [0.0, 0.0]
 
     def _is_stuck(self, sample: StatusSample, ra_moved_deg: float, dec_moved_deg: float) -> bool:

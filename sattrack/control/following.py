@@ -25,7 +25,7 @@ from sattrack.mount.model import MoveAxes
 if TYPE_CHECKING:
     from sattrack.control.axis_filter import AxisFilter
     from sattrack.control.target import Pair, Target
-    from sattrack.mount.model import AxisLimits, Motion, MountProfile, StatusSample
+    from sattrack.mount.model import Motion, MountProfile, StatusSample
 
 IDLE_SHIFT_S, IDLE_SHIFT_SHARE = 0.002, 0.2
 """How fast the sending falls into step with the mount's loop before anything is followed."""
@@ -132,6 +132,7 @@ class Follower:
         span = target.span(acts + ahead_s, interval, bound_for)
         rates = []
         for number, (axis, limits) in enumerate(((axes.ra, profile.ra), (axes.dec, profile.dec))):
+            most_deg_s2 = axes.drives[number].acceleration_deg_s2
             begin, move, bend = (
                 span.begin_deg[number],
                 span.move_deg[number],
@@ -139,8 +140,8 @@ class Follower:
             )
             way = AxisCourse(begin, move, interval, bend, ahead_s)
             limit = share * limits.max_rate_deg_s
-            rate = rate_deg_s(way, span.bound_deg[number], axis, limits, limit, law)
-            rates.append(ramped_deg_s(rate, before[number], limits, interval, law))
+            rate = rate_deg_s(way, span.bound_deg[number], axis, most_deg_s2, limit, law)
+            rates.append(ramped_deg_s(rate, before[number], most_deg_s2, interval, law))
         return MoveAxes(rates[0], rates[1])
 
     def _ahead_s(self, axes: Axes) -> float:
@@ -436,13 +437,14 @@ def rate_deg_s(
     way: AxisCourse,
     bound_for_deg: float,
     axis: AxisFilter,
-    limits: AxisLimits,
+    most_deg_s2: float,
     limit_deg_s: float,
     law: FeederLaw = LAW,
 ) -> float:
     """Return the rate to command over the acting interval.
 
     `bound_for_deg` is where what was commanded so far leads the axis, a mean lag after the interval begins.
+    `most_deg_s2` is the axis' acceleration.
     """
     late_s = axis.lag.mean_s - way.ahead_s
     rate, bend = way.move_deg / way.interval_s, way.acceleration_deg_s2
@@ -453,14 +455,14 @@ def rate_deg_s(
     wanted_deg -= (0.5 * axis.lag.variance_s2 + chord_s2) * bend
     takes_s = settling_s(way.interval_s, axis.lag.mean_s, axis.lag_sigma_s, law)
     error_deg = bound_for_deg - wanted_deg
-    correction = correction_deg_s(error_deg, limits.max_acceleration_deg_s2, limit_deg_s, takes_s, law)
+    correction = correction_deg_s(error_deg, most_deg_s2, limit_deg_s, takes_s, law)
     asked = rate + bend * late_s - axis.disturbance_deg_s + correction
     return float(asked / (1.0 + axis.gain_error))
 
 
 def ramped_deg_s(
-    wanted_deg_s: float, before_deg_s: float, limits: AxisLimits, interval_s: float, law: FeederLaw = LAW
+    wanted_deg_s: float, before_deg_s: float, most_deg_s2: float, interval_s: float, law: FeederLaw = LAW
 ) -> float:
     """Return a rate that is no further from the one before than a share of the acceleration allows."""
-    most = law.ramp_share * limits.max_acceleration_deg_s2 * interval_s
+    most = law.ramp_share * most_deg_s2 * interval_s
     return max(before_deg_s - most, min(before_deg_s + most, wanted_deg_s))

@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from sattrack.control.axes import OUTLIERS_BELIEVED, Axes, CommandHistory, MountLoop, SentRates
+from sattrack.control.axes import OUTLIERS_BELIEVED, Axes, CommandHistory, Drive, MountLoop, SentRates
 from sattrack.mount.model import MountProfile, StatusSample
 
 PERIOD_S = 0.05
@@ -130,3 +130,52 @@ def test_coordinates_that_jump_by_some_degrees_lead_the_filter_astray_for_moment
     assert mount.axes is not None
     assert abs(mount.axes.ra.gain_error) < 0.02
     assert abs(mount.axes.ra.disturbance_deg_s) < 0.02
+
+
+TOLD_DEG_S2 = 5.0
+STEP_DEG_S, STEP_TURNS = 0.8, 6
+
+
+def climbed(drive: Drive, acceleration_deg_s2: float, lag_s: float = 0.0) -> None:
+    """Let an axis climb stairs of rate, as its acceleration and its servo's lag let it; the lag is known."""
+    place = rate = answer = 0.0
+    short_s = 0.001
+    for turn in range(8 * STEP_TURNS):
+        commanded, predicted, before = STEP_DEG_S * (turn // STEP_TURNS), 0.0, place
+        for _ in range(round(PERIOD_S / short_s)):
+            answer += (commanded - answer) * (min(1.0, short_s / lag_s) if lag_s else 1.0)
+            most = acceleration_deg_s2 * short_s
+            rate += max(-most, min(most, answer - rate))
+            predicted += answer * short_s
+            place += rate * short_s
+        assert place >= before
+        drive.see(place % 360.0, predicted, PERIOD_S)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.5, 0.7])
+def test_a_drive_that_is_weaker_than_told_is_known_by_its_motion(share: float) -> None:
+    drive = Drive(TOLD_DEG_S2)
+    climbed(drive, share * TOLD_DEG_S2)
+    assert drive.acceleration_deg_s2 == pytest.approx(share * TOLD_DEG_S2, rel=0.01)
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 0.05, 0.2])
+def test_a_servo_that_lags_as_is_known_of_it_is_no_weak_drive(lag_s: float) -> None:
+    drive = Drive(TOLD_DEG_S2)
+    climbed(drive, 4.0 * TOLD_DEG_S2, lag_s)
+    assert drive.acceleration_deg_s2 == TOLD_DEG_S2
+
+
+def test_a_drive_that_was_taken_for_weak_shows_that_it_is_not() -> None:
+    drive = Drive(TOLD_DEG_S2)
+    climbed(drive, 0.4 * TOLD_DEG_S2)
+    drive.forget()
+    climbed(drive, 4.0 * TOLD_DEG_S2)
+    assert drive.acceleration_deg_s2 == TOLD_DEG_S2
+
+
+def test_a_drive_that_misses_a_command_or_stands_still_is_not_taken_for_weak() -> None:
+    drive, rng = Drive(TOLD_DEG_S2), random.Random(5)
+    for _ in range(200):
+        drive.see(rng.gauss(0.0, 0.1 * ARCSEC), 1.0 * PERIOD_S, PERIOD_S)
+    assert drive.acceleration_deg_s2 == TOLD_DEG_S2

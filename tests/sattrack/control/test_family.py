@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import family
 import pytest
@@ -38,6 +39,43 @@ def test_a_drawn_mount_is_acquired_and_followed(
     assert outcome.late_s <= 5.0
     assert 0.001 < outcome.rms_arcsec <= most_rms_arcsec
     assert not outcome.lost
+
+
+def weak(number: int) -> family.Draw:
+    """Return a mount that catches up what its drive leaves behind; the drive has half of what is told."""
+    drawn = family.draw(number, ("position_servo",))
+    hard = drawn.hardware
+    slack = replace(
+        hard,
+        move_axis="edge",
+        feedforward=0.1 * hard.feedforward,
+        told_acceleration_deg_s2=2.0 * hard.acceleration_deg_s2,
+    )
+    return replace(drawn, joined=True, start_s=drawn.begin_s, hardware=slack)
+
+
+def acquired_after_s(drawn: family.Draw) -> float:
+    """Return how long after the earliest possible instant it is acquired; no further is it followed."""
+    run = family.Run(drawn)
+
+    def watch(run: family.Run, _: float) -> None:
+        if run.engine.tracker.acquired_utc_s is not None:
+            run.ended_by = "acquired"
+
+    run.run(watch)
+    assert run.ended_by == "acquired", run.message
+    assert run.engine.tracker.acquired_utc_s is not None
+    return run.engine.tracker.acquired_utc_s - run.earliest_s()
+
+
+def test_a_drive_with_half_of_the_acceleration_told_does_not_swing_about_the_target() -> None:
+    """It once swung by 3°/s, until safety stopped it: it does not obey."""
+    assert acquired_after_s(family.draw(1389)) < 12.0
+
+
+@pytest.mark.parametrize("number", [3, pytest.param(7, marks=soak), pytest.param(11, marks=soak)])
+def test_servos_that_catch_up_with_weak_drives_are_acquired(number: int) -> None:
+    assert acquired_after_s(weak(number)) < 15.0
 
 
 def test_a_handshake_takes_no_turn_more_than_the_delays_make_it() -> None:
