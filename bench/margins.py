@@ -74,7 +74,10 @@ def answers(loop: Loop) -> np.ndarray:
         comes -= rest_of((AT_REST, *sent_before)[-1], SETTLED_S)
         way = AxisCourse(0.0, 0.0, interval_s, 0.0, 0.0)
         bound_for_deg = stands_deg + float(comes[0] @ shares)
-        sent.append(rate_deg_s(way, bound_for_deg, known, AXIS, AXIS.max_rate_deg_s) / PULSE_DEG_S)
+        sent.append(
+            rate_deg_s(way, bound_for_deg, known, AXIS.max_acceleration_deg_s2, AXIS.max_rate_deg_s)
+            / PULSE_DEG_S
+        )
     return np.array(sent)
 
 
