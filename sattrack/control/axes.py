@@ -349,11 +349,11 @@ class Turn(NamedTuple):
 
 
 class Drive:
-    """How fast the drive of one axis changes its rate: what is told, or less where its motion shows that.
+    """How fast the drive of one axis changes its rate: the profile's acceleration, or less where that shows.
 
-    A drive that is weaker than told falls behind its commands while they change, in place too. A servo that
-    catches that up runs faster than commanded, beyond what a law that reckons with the told acceleration can
-    brake: the axis would swing about its target for good.
+    A drive that is weaker than its profile says falls behind its commands while they change, in place too. A
+    servo that catches that up runs faster than commanded. A law that counts on the profile's acceleration
+    cannot brake that, and the axis would swing about its target for good.
     """
 
     def __init__(self, told_deg_s2: float) -> None:
