@@ -18,7 +18,7 @@ from sattrack.cli.main import run
 
 SEEDS = [*range(50), *range(1000, 1050), *range(5000, 5100)]
 SOAKED = [*range(50, 500), *range(1050, 1500), *range(5100, 5600)]
-"""From 1000 on the satellite crosses the floor, from 5000 on the Alpaca and antenna servers are among them."""
+"""From 1000 on the satellite crosses the floor; from 5000 on Alpaca and the antenna are among the servers."""
 REGRESSIONS = [
     int(line.split()[0])
     for line in (Path(__file__).parent / "regressions.txt").read_text().splitlines()
