@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import importlib
+import io
 import os
 import re
 import sys
@@ -148,6 +149,10 @@ PLAIN_TEXT = (
 EXTRA_OF = {"scipy": "camera"}
 """The extra that brings a package which modules import at their beginning."""
 POSIX_ONLY = ("fcntl", "grp", "pty", "pwd", "resource", "termios", "tty")
+UNIX_COMMANDS = frozenset({"demo", "track", "run", "attach", "stop", "mount", "star-run", "sim", "serve"})
+"""Commands, and groups of them, that need processes, signals and sockets which Windows does not have."""
+CALCULATING = ("virtual", "dry_run", "check", "fit_only")
+"""Options with which such a command only calculates."""
 ADVICE = {
     os.strerror(errno.ENOENT): "; check the name and the folder",
     os.strerror(errno.EISDIR): "; give a file",
@@ -184,6 +189,8 @@ class LazyGroup(click.Group):
             return None
         module, _, attribute = self._places.get(cmd_name, f"{cmd_name}:command").partition(":")
         command: click.Command = getattr(importlib.import_module(f"sattrack.cli.{module}"), attribute)
+        if sys.platform == "win32" and not UNIX_COMMANDS.isdisjoint({self.name, cmd_name}):
+            _refuse_to_run(command)
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -206,6 +213,23 @@ class LazyGroup(click.Group):
         )
 
 
+def _refuse_to_run(command: click.Command) -> None:
+    """Let a command that needs Unix say so; its help is shown, and what only calculates runs."""
+    run_it = command.callback
+
+    def refuse(*arguments: Any, **options: Any) -> Any:
+        if run_it is not None and any(options.get(name) for name in CALCULATING):
+            return run_it(*arguments, **options)
+        raise SattrackError(
+            f"`{click.get_current_context().command_path}` needs Linux, macOS or WSL, the Linux of Windows; "
+            "here sattrack calculates: passes, ephemeris, rehearse, report, replay, and "
+            "`track --mount sim --virtual`"
+        )
+
+    if not isinstance(command, click.Group):
+        command.callback = refuse
+
+
 cli = click.version_option(__version__, prog_name="sattrack")(
     LazyGroup(
         "sattrack",
@@ -224,16 +248,21 @@ serve = LazyGroup("serve", SERVERS, SERVER_PLACES, help=SERVE_HELP)
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the command line and end the process with the exit code that CLI users rely on."""
     arguments = list(sys.argv[1:] if argv is None else argv)
-    _open_closed_streams()
+    _prepare_streams()
     sys.exit(run(arguments))
 
 
-def _open_closed_streams() -> None:
-    """Open those of the three standard streams that were closed at the start, to nowhere."""
+def _prepare_streams() -> None:
+    """Open those of the three standard streams that were closed at the start, to nowhere.
+
+    What an older encoding than UTF-8 cannot write, such as the sign of arcseconds, becomes a question mark.
+    """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             # It takes the lowest free number, which is the closed stream's.
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+        sys.stdout.reconfigure(errors="replace")
 
 
 def run(arguments: list[str]) -> int:

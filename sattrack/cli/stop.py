@@ -179,6 +179,9 @@ def command(
         raise BadInputError("give either --mount or --all")
     url = mount_url or context.settings.mount.url
     mounts = _mounts(mount_url, _address(url))
+    if not sys.platform.startswith("linux"):
+        # Sessions have no names to be found by.
+        tell("a running session is found on Linux only: press Space or Ctrl-C in its own terminal, too")
     if not (mounts or mounts.nights):
         raise BadInputError(
             "nothing to stop: no session of yours moves a mount on this machine; "

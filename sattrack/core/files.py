@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
+import sys
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -20,6 +21,17 @@ def user_folder(variable: str, usual: str, environ: Mapping[str, str] | None = N
     """
     base = Path((os.environ if environ is None else environ).get(variable, ""))
     return (base if base.is_absolute() else Path.home() / usual) / "sattrack"
+
+
+def lock_file(file: IO[Any], *, wait: bool = True) -> None:
+    """Keep an open file from other processes that ask so, until it is closed or this process ends.
+
+    Raises OSError where another has it and this must not `wait`. Windows has no such lock: none is taken.
+    """
+    if sys.platform != "win32":
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def replace_file(path: Path, data: bytes, *, synced: bool = True) -> None:

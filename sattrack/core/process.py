@@ -49,6 +49,11 @@ def end_with_starter() -> None:
         sys.exit(128 + signal.SIGKILL)
 
 
+def signals_here(*names: str) -> tuple[signal.Signals, ...]:
+    """Return the signals of these names that this system has; Windows has few."""
+    return tuple(getattr(signal, name) for name in names if hasattr(signal, name))
+
+
 @contextmanager
 def gc_paused() -> Iterator[None]:
     """Keep the collector of cycles away: a run makes none, but many objects that it would look through."""

@@ -9,7 +9,6 @@ is kept in the user's cache folder, a line of JSON and then the text as it came,
 from __future__ import annotations
 
 import asyncio
-import fcntl
 import hashlib
 import json
 import os
@@ -27,7 +26,7 @@ import aiohttp
 
 from sattrack import __version__
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.core.files import replace_file, user_folder
+from sattrack.core.files import lock_file, replace_file, user_folder
 from sattrack.core.local_time import duration
 from tle.elements import Elements
 from tle.errors import ElementsError, TleError, printable
@@ -306,7 +305,7 @@ class DownloadCache:
             raise self._unusable(error) from error
         with file:
             # Closing the file gives the lock back, as the end of the process does.
-            fcntl.flock(file, fcntl.LOCK_EX)
+            lock_file(file)
             yield
 
     def _path(self, name: str, kind: str) -> Path:

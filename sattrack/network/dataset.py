@@ -6,7 +6,6 @@ Parquet pass by files whose names begin with an underscore.
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import os
@@ -14,7 +13,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.core.files import PART, replace_file
+from sattrack.core.files import PART, lock_file, replace_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -52,7 +51,7 @@ class DataSet:
         except OSError as error:
             raise self._trouble(error) from error
         try:
-            fcntl.flock(self._journal, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock_file(self._journal, wait=False)
         except OSError:
             self._journal.close()
             raise SattrackError(f"{folder}: another process is writing this data set") from None

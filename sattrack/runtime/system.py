@@ -16,13 +16,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from sattrack.core.process import signals_here
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-STOPPING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
-IGNORED_SIGNALS = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
+STOPPING_SIGNALS = signals_here("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT")
+IGNORED_SIGNALS = signals_here("SIGTSTP", "SIGTTIN", "SIGTTOU")
 """A suspended run could not stop the mount."""
-OUTLIVED_SIGNALS = (*STOPPING_SIGNALS, signal.SIGTSTP, signal.SIGPIPE)
+OUTLIVED_SIGNALS = (*STOPPING_SIGNALS, *signals_here("SIGTSTP", "SIGPIPE"))
 """Ignored by a process that must outlive its run."""
 
 
@@ -114,8 +116,8 @@ def this_command() -> str:
 
 
 def this_user() -> int:
-    """Return the number of the user who runs this."""
-    return os.getuid()
+    """Return the number of the user who runs this; -1 on Windows, where users have none."""
+    return -1 if sys.platform == "win32" else os.getuid()
 
 
 def utc_now() -> str:

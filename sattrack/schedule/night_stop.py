@@ -8,12 +8,11 @@ empty or damaged one counts as well.
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import hashlib
 import os
-import pwd
 import shlex
 import signal
+import sys
 import threading
 import time
 from contextlib import contextmanager
@@ -25,7 +24,8 @@ import msgspec
 
 from sattrack.core import local_time
 from sattrack.core.errors import SattrackError
-from sattrack.core.files import user_folder
+from sattrack.core.files import lock_file, user_folder
+from sattrack.core.process import signals_here
 from sattrack.runtime.system import handling, this_command, this_user, utc_now
 from tle.instants import Utc
 
@@ -48,7 +48,7 @@ def locked(folder: Path) -> Iterator[None]:
         raise SattrackError(f"cannot keep the journal in {folder}: {error.strerror}") from None
     with file:
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock_file(file, wait=False)
         except OSError:
             who = file.read(PID_CELLS).decode("ascii", "replace").strip() or "another process"
             raise SattrackError(
@@ -62,6 +62,10 @@ def locked(folder: Path) -> Iterator[None]:
 
 def holder(folder: Path) -> int | None:
     """Return the process number of the runner of a folder; None where none runs."""
+    if sys.platform == "win32":
+        return None
+    import fcntl
+
     try:
         with (folder / LOCK_NAME).open("r", encoding="ascii") as file:
             try:
@@ -225,15 +229,9 @@ def handling_signals(requests: NightRequests) -> Iterator[None]:
     def terminate() -> None:
         requests.terminated = True
 
-    handlers = {
-        signal.SIGINT: interrupt,
-        signal.SIGQUIT: interrupt,
-        signal.SIGTERM: terminate,
-        signal.SIGHUP: hang_up,
-    }
+    handlers = dict.fromkeys(signals_here("SIGINT", "SIGQUIT"), interrupt) | {signal.SIGTERM: terminate}
     # Whoever starts a program by nohup wants it to outlive its terminal.
-    if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:
-        del handlers[signal.SIGHUP]
+    handlers |= {one: hang_up for one in signals_here("SIGHUP") if signal.getsignal(one) != signal.SIG_IGN}
     with handling(handlers):
         yield
 
@@ -274,6 +272,8 @@ def listed_nights() -> list[ListedRun]:
     """Return the runs on this user's list; root has everybody's."""
     lists = [_list_folder()]
     if this_user() == 0:
+        import pwd
+
         lists += [_list_folder(user.pw_dir) for user in pwd.getpwall() if user.pw_uid != 0]
     found: dict[str, ListedRun] = {}
     for listed in lists:

@@ -28,6 +28,7 @@ import msgspec
 from sattrack.core.channel import Channel, start_process
 from sattrack.core.clock import Clock, SystemClock
 from sattrack.core.errors import SattrackError
+from sattrack.core.process import signals_here
 from sattrack.core.realtime import go_before_others
 from sattrack.mount.alpaca.bridge import Bridge
 from sattrack.mount.alpaca.client import (
@@ -51,7 +52,7 @@ if TYPE_CHECKING:
 MOST_WARDENS = 3
 END_WITHIN_S = 2.0
 MOVING, RESTING, FAREWELL = b"m", b"r", b"b"
-IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGPIPE)
+IGNORED = signals_here("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGPIPE")
 CONNECTED_WITHIN_S = 10.0
 LOOK_AGAIN_S = 0.2
 BEHIND_AT_MOST_S = 0.5

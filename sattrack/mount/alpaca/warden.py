@@ -18,6 +18,7 @@ import time
 from typing import TYPE_CHECKING
 
 from sattrack.core.angles import wrap180
+from sattrack.core.process import signals_here
 from sattrack.mount.alpaca.client import PARKED, AlpacaDevice, AlpacaRefusalError, NoAnswerError
 from sattrack.mount.link_loss import STOPS_MOVING_S, STOPS_SENT_S
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
@@ -29,7 +30,7 @@ HANG_AFTER_S = 1.5
 ANSWER_WITHIN_S = 1.0
 AGAIN_S = 0.3
 RESTS_DEG_S = 0.5 * SIDEREAL_RATE_DEG_S
-IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP, signal.SIGPIPE)
+IGNORED = signals_here("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP", "SIGPIPE")
 
 
 def stop(telescope: AlpacaDevice | IndiDevice) -> bool | None:
