@@ -74,7 +74,7 @@ def command(
     \b
     Examples:
       sattrack bias iss.tle --observations seen.csv --site 52.1541,4.4908,0
-      sattrack bias iss.tle --observations seen.jsonl --output refined.kvn --plot biases.png
+      sattrack bias iss.tle --observations seen.jsonl --output refined.kvn
     """
     seen = _read(context, (*observations, *more), stations)
     elements = _chosen(context, source, satellite, seen)

@@ -29,7 +29,7 @@ from tle.errors import SourceError, TleError
 from tle.site import Site
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from click.shell_completion import CompletionItem
     from rich.table import Table
@@ -354,41 +354,47 @@ fov_option = click.option(
 
 def bias_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options of a run about observations and the camera that makes them."""
-    function = click.option(
-        "--observations",
-        metavar="SOURCE",
-        help="Read observed directions of the satellite as JSON lines: udp:PORT (on this machine) or stdin.",
-    )(function)
-    function = click.option(
-        "--bias-memory",
-        type=click.Choice(("auto", "on", "nudge", "off")),
-        default="auto",
-        show_default=True,
-        help="Start with the bias that earlier passes found for the same elements, and keep the new one: "
-        "auto for real mounts, on for simulated ones too, nudge also for an operator's nudge, or off.",
-    )(function)
-    function = click.option(
-        "--flip",
-        "--camera-flip",
-        "camera_flip",
-        cls=RenamedOption,
-        is_flag=True,
-        help="The camera's image is mirrored.",
-    )(function)
-    function = click.option(
-        "--search-lost",
-        is_flag=True,
-        help="Search by itself where the satellite is lost and may be out of the camera's field.",
-    )(function)
-    return click.option(
-        "--rotation",
-        "--camera-rotation",
-        "camera_rotation",
-        cls=RenamedOption,
-        type=float,
-        metavar="DEG",
-        help="Position angle of the camera's y axis, from north through east; 0 unless the settings say so.",
-    )(function)
+    for option in (
+        click.option(
+            "--bias-memory",
+            type=click.Choice(("auto", "on", "nudge", "off")),
+            default="auto",
+            show_default=True,
+            help="Start with the bias that earlier passes found for the same elements, and keep the new one: "
+            "auto for real mounts, on for simulated ones too, nudge also for an operator's nudge, or off.",
+        ),
+        click.option(
+            "--observations",
+            metavar="SOURCE",
+            help="Read observed directions of the satellite as JSON lines: udp:PORT (of this machine) or "
+            "stdin.",
+        ),
+        click.option(
+            "--search-lost",
+            is_flag=True,
+            help="Search by itself where the satellite is lost and may be out of the camera's field.",
+        ),
+        click.option(
+            "--flip",
+            "--camera-flip",
+            "camera_flip",
+            cls=RenamedOption,
+            is_flag=True,
+            help="The camera's image is mirrored.",
+        ),
+        click.option(
+            "--rotation",
+            "--camera-rotation",
+            "camera_rotation",
+            cls=RenamedOption,
+            type=float,
+            metavar="DEG",
+            help="Position angle of the camera's y axis, from north through east; 0 unless the settings say "
+            "so.",
+        ),
+    ):
+        function = option(function)
+    return function
 
 
 def stream_options(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -461,7 +467,7 @@ def common_options(*used: str, goes_on: bool = False) -> Callable[[Callable[...,
             "clock_option",
             metavar="UTC[xSPEED]",
             hidden="clock" not in used,
-            help="Run as if this were the current time.",
+            help="Run as if this were the current time; x10 after it runs ten times as fast.",
         )
         @click.option(
             "--json",
@@ -506,6 +512,7 @@ def common_options(*used: str, goes_on: bool = False) -> Callable[[Callable[...,
                 debug,
                 find_settings_file(config),
             )
+            _keep_inputs(rest, [*element_sources, find_settings_file(config)])
             named = (settings.safety.horizon, settings.mount.profile, rest.get("profile"))
             watch = SettingsWatch(config, [Path(path) for path in named if path is not None])
             result = function(context, **rest)
@@ -517,6 +524,27 @@ def common_options(*used: str, goes_on: bool = False) -> Callable[[Callable[...,
         return wrapper
 
     return add
+
+
+def _keep_inputs(options: Mapping[str, Any], others: Iterable[Path | str | None]) -> None:
+    """Raise BadInputError where a file to be written is one that the command reads; `others` are read too."""
+    outputs = {
+        one.name: one.opts[0]
+        for one in click.get_current_context().command.params
+        if isinstance(one.type, OutputFile) and options.get(one.name or "") is not None
+    }
+    given = [one for name, one in options.items() if name not in outputs]
+    read = [*others, *(each for one in given for each in (one if isinstance(one, tuple) else (one,)))]
+    for name, option in outputs.items():
+        path = Path(options[name or ""])
+        if any(_same_file(path, one) for one in read if isinstance(one, str | Path)):
+            raise BadInputError(f"{option} {path}: this command reads that file; give another name")
+
+
+def _same_file(one: Path, other: Path | str) -> bool:
+    with contextlib.suppress(OSError, ValueError):
+        return one.samefile(other)
+    return False
 
 
 MOST_COMPLETED_BYTES = 2_000_000

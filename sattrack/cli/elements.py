@@ -54,7 +54,7 @@ def command() -> None:
     """
 
 
-@command.command("get")
+@command.command("get", short_help="Fetch or read element sets, and write the newest of each object.")
 @click.argument("sources", nargs=-1)
 @click.option(
     "--satellite", "satellites", multiple=True, metavar="SAT", help="Only this one; may be repeated."
@@ -103,11 +103,11 @@ def get(
         click.echo(text, nl=False)
     else:
         write_file(output, text)
-        tell(f"{len(chosen)} element sets written to {output}")
+        tell(f"{len(chosen)} element {'set' if len(chosen) == 1 else 'sets'} written to {output}")
     return 1 if sets.rejected else 0
 
 
-@command.command("show")
+@command.command("show", short_help="Show elements, and what their age means.")
 @click.argument("satellites", nargs=-1, shell_complete=satellite_names)
 @common_options("elements", "clock", "json", "utc")
 def show(context: CommandContext, satellites: tuple[str, ...]) -> int:
@@ -136,7 +136,7 @@ def show(context: CommandContext, satellites: tuple[str, ...]) -> int:
     return 0
 
 
-@command.command("check")
+@command.command("check", short_help="Report which element sets are refused, and why.")
 @click.argument("sources", nargs=-1)
 @click.option(
     "--observations",
@@ -171,7 +171,7 @@ def check(
     return 1 if sets.rejected else 0
 
 
-@command.command("compare")
+@command.command("compare", short_help="Compare what several sources say of one satellite.")
 @click.argument("satellite")
 @ephemeris_option
 @common_options("site", "elements", "clock", "json")
@@ -183,8 +183,8 @@ def compare(context: CommandContext, satellite: str, ephemeris: tuple[Path, ...]
 
     \b
     Examples:
-      sattrack elements compare 25544 --elements celestrak:stations --elements celestrak-sup:iss
-      sattrack elements compare lageos1 --ephemeris lageos1.cpf --elements celestrak:resource
+      sattrack elements compare ISS --elements old.tle --elements new.tle
+      sattrack elements compare lageos1 --ephemeris lageos1.cpf
     """
     site = context.site() if context.has_site() else None
     wanted = Wanted(context.now(), context.settings.min_altitude_deg)

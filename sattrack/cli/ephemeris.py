@@ -62,7 +62,7 @@ _TABLE = (
     ("ha_deg", "HA °", 12, 6),
     ("alt_deg", "Alt °", 11, 5),
     ("az_deg", "Az °", 11, 5),
-    ("range_km", "Range km", 12, 3),
+    ("range_km", "Range km", 16, 3),
     ("range_rate_km_s", "km/s", 10, 5),
 )
 
@@ -89,7 +89,12 @@ _TABLE = (
 @click.option("--temperature", type=float, metavar="C", help="At the site; default: by its height.")
 @click.option("--no-diurnal-aberration", is_flag=True, help="Omit this effect of up to 0.3″.")
 @click.option(
-    "--format", "style", type=click.Choice(["table", "csv", "json"]), default="table", show_default=True
+    "--format",
+    "style",
+    type=click.Choice(["table", "csv", "json"]),
+    default="table",
+    show_default=True,
+    help="A table of local times, csv, or json.",
 )
 @click.option("--plot", type=PLOT, help="Sky track and rates as an image.")
 @common_options("site", "elements", "clock", "json", "utc")

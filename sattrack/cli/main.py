@@ -102,7 +102,7 @@ NETWORK_HELP = """Plan and gather the work of many stations.
 
 \b
 Examples:
-  sattrack network passes --stations stations.toml --elements visual.tle --out passes
+  sattrack network passes --stations s.toml --elements v.tle --output passes
 """
 SERVERS = {
     "alpaca": "The mount as an ASCOM telescope for programs that speak Alpaca, over HTTP.",

@@ -136,15 +136,22 @@ class MountCall:
 
 
 def mount_options(
-    function: Callable[..., Any], shared: tuple[str, ...] = ("site", "clock", "json")
+    function: Callable[..., Any], shared: tuple[str, ...] = ("site", "clock", "json"), ends: bool = True
 ) -> Callable[..., Any]:
-    """Add the options of every verb; the function's first argument becomes a CommandContext."""
+    """Add the options of every verb; the function's first argument becomes a CommandContext.
+
+    One that `ends` by itself has a time limit.
+    """
     options: tuple[Callable[[Callable[..., Any]], Callable[..., Any]], ...] = (
         common_options(*shared),
         profile_option,
         mount_option,
         click.option(
-            "--timeout", type=float, metavar="S", help="Stop the mount and give up after this time."
+            "--timeout",
+            type=float,
+            metavar="S",
+            hidden=not ends,
+            help="Give up after this time; a motion is stopped.",
         ),
     )
     return functools.reduce(lambda made, option: option(made), options, function)
@@ -569,7 +576,7 @@ def _silence_text(call: MountCall, view: ConsoleView, advice: str) -> str:
 )
 @click.option("--park", is_flag=True, help="Park at once, as the key p does; SPACE stops it.")
 @screen_options
-@functools.partial(mount_options, shared=("site", "clock", "utc"))
+@functools.partial(mount_options, shared=("site", "clock", "utc"), ends=False)
 def watch(context: CommandContext, stream: bool, control: bool, park: bool, **options: Any) -> int:
     """Operate a mount by hand, full screen: every field of its status live; jog, slew, sync, park, stop.
 

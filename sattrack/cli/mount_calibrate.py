@@ -90,7 +90,7 @@ def command(context: CommandContext, **options: Any) -> int:
     \b
     Examples:
       sattrack mount calibrate --mount sim --output measured.toml
-      sattrack mount calibrate --mount alpaca://192.0.2.9:11111/0 --axes --output altaz.toml
+      sattrack mount calibrate --mount alpaca://192.0.2.9/0 --axes --output a.toml
     """
     from sattrack.calibration.profile import bounded
     from sattrack.runtime.calibrate import ending_error

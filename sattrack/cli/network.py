@@ -16,6 +16,7 @@ from sattrack.cli.common import (
     PLOT_ENDINGS,
     CommandContext,
     OutputFile,
+    RenamedOption,
     common_options,
     renew,
     tell,
@@ -50,7 +51,16 @@ _stations_option = click.option(
 @click.option(
     "--hours", type=float, default=24.0, show_default=True, metavar="H", help="Length of the search, hours."
 )
-@click.option("--out", type=_path, required=True, metavar="DIR", help="The folder of the data set.")
+@click.option(
+    "--output",
+    "--out",
+    "out",
+    cls=RenamedOption,
+    type=_path,
+    required=True,
+    metavar="DIR",
+    help="The folder of the data set.",
+)
 @click.option(
     "--workers", type=click.IntRange(1, 1024), metavar="N", help="Share the work among N local processes."
 )
@@ -73,8 +83,8 @@ def passes(
 
     \b
     Examples:
-      sattrack network passes --stations stations.toml --elements visual.tle --out passes --workers 4
-      sattrack network passes --stations stations.csv --hours 72 --out passes --cluster tcp://10.0.0.2:8786
+      sattrack network passes --stations s.toml --elements v.tle --output passes
+      sattrack network passes --stations s.csv --output passes --cluster tcp://10.0.0.2:8786
     """
     from sattrack.network.engine import make_data_set
     from sattrack.network.stations import read_stations
@@ -107,7 +117,16 @@ def passes(
 @click.option(
     "--passes", "data", type=_path, required=True, metavar="DIR", help="The data set of their passes."
 )
-@click.option("--out", type=_path, required=True, metavar="DIR", help="The folder of the schedules.")
+@click.option(
+    "--output",
+    "--out",
+    "out",
+    cls=RenamedOption,
+    type=_path,
+    required=True,
+    metavar="DIR",
+    help="The folder of the schedules.",
+)
 @click.option("--priorities", type=_path, metavar="FILE", help="Catalogue number and priority on each line.")
 @click.option(
     "--seen", type=_path, metavar="FILE", help="Catalogue number and UTC of the last sight on each line."
@@ -170,8 +189,7 @@ def assign(
 
     \b
     Examples:
-      sattrack network assign --stations stations.toml --passes passes --elements visual.tle --out night
-      sattrack network assign --stations s.toml --passes passes --out night --previous night/assignment.json
+      sattrack network assign --stations s.toml --passes passes --output night
     """
     from sattrack.network.night import data_set_span, plan_night, read_passes
     from sattrack.network.stations import read_stations
@@ -295,7 +313,16 @@ def _numbers(file: Path | None, subject: str, read: Callable[[str], float]) -> d
 @click.command("collect")
 @click.argument("folder", type=_path, metavar="FOLDER")
 @_stations_option
-@click.option("--out", type=_path, required=True, metavar="DIR", help="The folder of the results.")
+@click.option(
+    "--output",
+    "--out",
+    "out",
+    cls=RenamedOption,
+    type=_path,
+    required=True,
+    metavar="DIR",
+    help="The folder of the results.",
+)
 @common_options("elements", "json")
 def collect(context: CommandContext, folder: Path, stations_file: Path, out: Path) -> int:
     """Gather what the stations have seen, and refine the elements for all of them.
@@ -305,7 +332,7 @@ def collect(context: CommandContext, folder: Path, stations_file: Path, out: Pat
 
     \b
     Examples:
-      sattrack network collect delivered --stations stations.toml --elements visual.tle --out seen
+      sattrack network collect delivered --stations s.toml --output seen
     """
     from sattrack.network.collect import collect as gather
     from sattrack.network.collect import write_collected

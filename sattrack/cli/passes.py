@@ -221,7 +221,9 @@ def _chosen(
         return chosen
     matching = [e for e in chosen if fnmatch.fnmatchcase(e.name.casefold(), pattern.casefold())]
     if not matching:
-        raise SattrackError(f"no satellite's name matches {pattern!r}: try a wider pattern, as '*{pattern}*'")
+        raise SattrackError(
+            f"no satellite's name matches {pattern!r}; `sattrack elements show` lists the names"
+        )
     return matching
 
 

@@ -69,7 +69,7 @@ def command() -> None:
     """
 
 
-@command.command("info")
+@command.command("info", short_help="Show what a recording holds, and what is wrong with it.")
 @click.argument("file", type=click.Path(path_type=Path))
 @_part
 @common_options("json", "utc")
@@ -115,7 +115,7 @@ def _lines(view: RecordingView, facts: RunFacts, parts: int) -> list[str]:
     return lines
 
 
-@command.command("export")
+@command.command("export", short_help="Write a recording in another format.")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.argument("out", type=OutputFile(new=True))
 @click.option("--format", "kind", type=click.Choice(FORMATS), help="Default: by the ending of OUT.")

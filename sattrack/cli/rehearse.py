@@ -67,10 +67,16 @@ ROWS = 9
     "--mount",
     "mount_url",
     metavar="URL",
-    help="Without a profile, presume what is usual of this kind of mount (as set); nothing is sent to it.",
+    help="Without a profile, assume what is usual of this kind of mount; nothing is sent to it.",
 )
 @profile_option
-@click.option("--refraction", type=click.Choice(REFRACTION_MODES), default="auto", show_default=True)
+@click.option(
+    "--refraction",
+    type=click.Choice(REFRACTION_MODES),
+    default="auto",
+    show_default=True,
+    help="Raise directions by the air's refraction; auto where the mount does not.",
+)
 @click.option("--bias-along", type=float, default=0.0, metavar="S", help="Seconds; positive leads.")
 @click.option(
     "--bias-cross",
@@ -102,7 +108,7 @@ def command(context: CommandContext, target: str, number: int, **options: Any) -
 
     fov_deg = options["fov_deg"]
     if fov_deg is not None and not (math.isfinite(fov_deg) and 0.0 < fov_deg <= 180.0):
-        raise BadInputError(f"--fov {fov_deg:g}: give the field's diameter in degrees, above 0")
+        raise BadInputError(f"--fov {fov_deg:g}: give the field's diameter in degrees, above 0 to 180")
     plot = options["plot"]
     min_alt_deg = context.settings.min_altitude_deg if options["min_alt"] is None else options["min_alt"]
     wanted = Wanted(context.now(), min_alt_deg, number)

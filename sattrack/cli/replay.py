@@ -128,6 +128,8 @@ def command(context: CommandContext, files: tuple[Path, ...], **options: Any) ->
     shown = options["tui"] or options["stream"]
     if speed is not None and not (shown and 0.01 <= speed <= 1000.0):
         raise BadInputError("--speed: give a factor from 0.01 to 1000, with --tui or --stream")
+    if options["fov_deg"] is not None and not shown:
+        raise BadInputError("--fov needs --tui: it is drawn on the screen")
     if len(files) > 1 and (shown or options["settings"] or options["law"]):
         raise BadInputError("--tui, --stream, --set and --law take one recording at a time")
     if len(files) > 1:

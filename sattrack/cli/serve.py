@@ -124,11 +124,19 @@ def check_idle(idle_s: float) -> None:
         raise BadInputError(f"--idle {idle_s:g}: 1 or more, {LONGEST_IDLE_S:g} at most")
 
 
+def only_with_serial(*names: str) -> None:
+    """Raise BadInputError where one of these options was given, and no serial line."""
+    context = click.get_current_context()
+    for name in names:
+        if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
+            raise BadInputError(f"--{name} needs --serial DEVICE")
+
+
 def caller_limits(options: dict[str, Any], most_clients: int) -> CallerLimits:
     """Return what `caller_options` let callers take. Raises BadInputError."""
     check_port(options["port"])
     if not 1 <= options["clients"] <= most_clients:
-        raise BadInputError(f"--clients {options['clients']}: from 1 to {most_clients}")
+        raise BadInputError(f"--clients {options['clients']}: give 1 to {most_clients}")
     check_idle(options["idle"])
     if not 1.0 <= options["requests"] <= MOST_REQUESTS:
         raise BadInputError(f"--requests {options['requests']:g}: 1 or more, {MOST_REQUESTS:g} at most")

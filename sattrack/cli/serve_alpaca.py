@@ -21,6 +21,7 @@ from sattrack.cli.serve import (
     caller_options,
     check_port,
     end_of_service,
+    only_with_serial,
     reached_from_outside,
     what_is_served,
 )
@@ -333,6 +334,7 @@ def _announcements(
 def _serial_line(options: dict[str, Any], closing: ExitStack) -> int | None:
     """Return the descriptor of the serial line; None without one. Raises SattrackError."""
     if options.get("device") is None:
+        only_with_serial("baud")
         return None
     from sattrack.servers.antenna.serve import SerialChannel
 

@@ -21,7 +21,14 @@ from sattrack.cli.common import (
     screen_options,
     tui_possible,
 )
-from sattrack.cli.serve import Log, check_idle, check_port, end_of_service, what_is_served
+from sattrack.cli.serve import (
+    Log,
+    check_idle,
+    check_port,
+    end_of_service,
+    only_with_serial,
+    what_is_served,
+)
 from sattrack.core.errors import BadInputError, how_to_install
 from sattrack.core.process import self_command
 from sattrack.runtime.callers import CallerLimits, listen
@@ -67,8 +74,16 @@ MOST_FOCUS_AXES = 3
     help="Seconds of silence after which antcn makes room for a caller from another address.",
 )
 @click.option("--serial", "device", metavar="DEVICE", help="Serve a serial line instead, as /dev/ttyUSB0.")
-@click.option("--baud", type=click.Choice([str(b) for b in BAUDS]), default="9600", show_default=True)
-@click.option("--framing", default=DEFAULT_FRAMING, show_default=True, help="Bits, parity, stop bits.")
+@click.option(
+    "--baud",
+    type=click.Choice([str(b) for b in BAUDS]),
+    default="9600",
+    show_default=True,
+    help="Baud, with --serial.",
+)
+@click.option(
+    "--framing", default=DEFAULT_FRAMING, show_default=True, help="Bits, parity, stop bits, with --serial."
+)
 @click.option("--crc", is_flag=True, help="Use CRC-16 (CCITT) in four digits instead of the sum in two.")
 @click.option(
     "--axes",
@@ -193,6 +208,7 @@ def _server(options: dict[str, Any]) -> tuple[AntennaServer, str]:
         return AntennaServer(
             channel=reopen(), reopen=reopen
         ), f"{device}, {options['baud']} baud, {options['framing']}"
+    only_with_serial("baud", "framing")
     check_port(options["port"])
     check_idle(options["idle"])
     limits = CallerLimits(callers=1, elsewhere_s=options["idle"])

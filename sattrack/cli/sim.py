@@ -39,23 +39,24 @@ CAMERA_WITHIN_S = 30.0
 CAMERA_ENDS_WITHIN_S = 5.0
 DEFAULT_CAMERA = "2.5,1280,960"
 
-FAULTS_HELP = "\n".join(
-    (
-        "Faults, separated by commas; those with = are for one way alone as in loss-status=3%:",
-        *(f"{example:22}{meaning}" for example, meaning in GRAMMAR),
-    )
-)
+WORDS = {
+    "Faults, separated by commas; one with = can be for one way alone, as loss-status=3%": GRAMMAR,
+    "Keys of --hidden, separated by commas, with their units": HIDDEN_GRAMMAR,
+}
+"""Of the values of options: what each word means."""
 
 
-HIDDEN_HELP = "\n".join(
-    (
-        "Keys of --hidden, separated by commas, with their units:",
-        *(f"{example:22}{meaning}" for example, meaning in HIDDEN_GRAMMAR),
-    )
-)
+class SimCommand(click.Command):
+    """A command whose help explains the words of its values."""
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the words below the options."""
+        for title, grammar in WORDS.items():
+            with formatter.section(title):
+                formatter.write_dl(grammar)
 
 
-@click.command("sim", epilog=f"\b\n{FAULTS_HELP}\n\n\b\n{HIDDEN_HELP}")
+@click.command("sim", cls=SimCommand)
 @click.option(
     "--port",
     type=int,
@@ -132,7 +133,7 @@ def command(
     Examples:
       sattrack sim --profile edge.toml
       sattrack sim --faults loss=3%,silent@20s+3s
-      sattrack sim --camera --elements iss.tle --hidden along=1,cross=60,rotation=12
+      sattrack sim --camera --elements iss.tle --hidden along=1,rotation=12
     """
     for number in (port, peer):
         if number is not None and not 0 <= number <= 65535:

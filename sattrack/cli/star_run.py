@@ -14,6 +14,7 @@ import msgspec
 
 from sattrack.cli.common import (
     CommandContext,
+    RenamedOption,
     common_options,
     mount_option,
     profile_option,
@@ -74,7 +75,13 @@ ANOTHER_MOUNT_ARCSEC, ANOTHER_MOUNT_TIMES = 60.0, 5.0
 @click.option("--output", type=FILE, metavar="FILE", help="The profile to write; default: --profile's own.")
 @click.option("--model", type=FILE, metavar="FILE", help="Write the model in TPOINT's layout, too.")
 @click.option(
-    "--report", type=FILE, metavar="FILE", help="A picture: residuals before and after (PNG, SVG, PDF)."
+    "--plot",
+    "--report",
+    "report",
+    cls=RenamedOption,
+    type=FILE,
+    metavar="FILE",
+    help="Draw the residuals before and after the fit there (PNG, SVG, PDF).",
 )
 @click.option("--verify", is_flag=True, help="Fit nothing: compare stars with the model in the profile.")
 @click.option("--fit-only", is_flag=True, help="Move nothing: fit the stars in --data.")
@@ -90,8 +97,8 @@ def command(context: CommandContext, **options: Any) -> int:
 
     \b
     Examples:
-      sattrack star-run --camera alpaca://192.0.2.7:11111/0 --scale 2.5 --output mount.toml
-      sattrack star-run --stars 6 --verify --camera v4l:/dev/video0 --scale 20 --profile mount.toml
+      sattrack star-run --camera alpaca://192.0.2.7/0 --scale 2.5 --output m.toml
+      sattrack star-run --verify --camera v4l:/dev/video0 --scale 20 --stars 6
       sattrack star-run --fit-only --data star-run.dat --output mount.toml
     """
     from sattrack.cli.mount import resolve

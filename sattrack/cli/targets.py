@@ -99,22 +99,22 @@ def ephemeris_option(function: Callable[..., Any]) -> Callable[..., Any]:
             metavar="WORD",
             expose_value=False,
             callback=lambda ctx, _, value: ctx.meta.update({_SOURCE: value}),
-            help="Of several ephemerides of TARGET, elements among them, the one whose file or name has this "
-            "in it; `best` for the least expected error at the pass, as without it where there are several.",
+            help="Which ephemeris of TARGET to use if there are several, elements among them: the one with "
+            "WORD in its name or its file's; `best`, the default, has the least expected error at the pass.",
         ),
         click.option(
             "--t0",
             metavar="UTC",
             expose_value=False,
             callback=lambda ctx, _, value: ctx.meta.update({_T0: value}),
-            help="When T0 is, of a table whose times count from it.",
+            help="The instant T0, for a table whose times count from it.",
         ),
         click.option(
             "--ephemeris",
             type=click.Path(path_type=Path, dir_okay=False),
             multiple=True,
             metavar="FILE",
-            help="TARGET is an object of this CPF, OEM or SP3 file, or of this table (CSV); may be repeated.",
+            help="Take TARGET from this CPF, OEM or SP3 file, or table (CSV); may be repeated.",
         ),
     ):
         function = option(function)

@@ -43,7 +43,13 @@ from sattrack.cli.targets import ephemeris_option
     metavar="FILE",
     help="Write what the pass shows about the mount to a new profile.",
 )
-@click.option("--refraction", type=click.Choice(("auto", "on", "off")), default="auto", show_default=True)
+@click.option(
+    "--refraction",
+    type=click.Choice(("auto", "on", "off")),
+    default="auto",
+    show_default=True,
+    help="Raise directions by the air's refraction; auto where the mount does not.",
+)
 @click.option("--bias-along", default=0.0, metavar="S", help="Seconds; positive leads.")
 @click.option(
     "--bias-cross", default=0.0, metavar="DEG", help="Degrees; positive to the left, seen from below."
@@ -69,6 +75,8 @@ from sattrack.cli.targets import ephemeris_option
 @click.option(
     "--save", type=click.Path(path_type=Path), metavar="DIR", help="Keep the camera's frames there."
 )
+@bias_options
+@fov_option
 @click.option(
     "--serve",
     multiple=True,
@@ -89,8 +97,6 @@ from sattrack.cli.targets import ephemeris_option
     help="Serve only this address or network, as 192.0.2.7 or 192.0.2.0/24; may be repeated.",
 )
 @stream_options
-@bias_options
-@fov_option
 @screen_options
 @common_options("site", "elements", "clock", "json", "utc")
 def command(context: CommandContext, target: str, **options: Any) -> int:

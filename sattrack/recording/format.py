@@ -212,8 +212,10 @@ class Recording:
         parts = list(_parts(data, self._note))
         self.parts = len(parts)
         if not 1 <= part <= max(1, len(parts)):
-            there = f"{len(parts)} recordings, no number {part}"
-            raise BadInputError(f"{path}: holds {there}; give --part from 1 to {len(parts)}")
+            there = (
+                "one recording; omit --part" if len(parts) == 1 else f"{len(parts)}; give --part 1 to that"
+            )
+            raise BadInputError(f"{path}: there is no recording number {part}: it holds {there}")
         if not parts:
             raise BadInputError(f"{path}: {_why_none(data, bool(self.problems))}")
         (first, *self._entries), self.cut_off = parts[part - 1]
@@ -273,14 +275,14 @@ class _VersionOnly(msgspec.Struct):
 
 def _why_none(data: bytes, damaged: bool) -> str:
     if not data.startswith(MAGIC):
-        return "no recording of sattrack: not an MCAP file" + (
+        return "not an MCAP file; give one that --record wrote" + (
             ", or its beginning is lost" if damaged else ""
         )
     if damaged:
         return "no recording that can be read: its beginning is damaged, and with it the run's facts"
     if len(data) < 2000:  # a header and nothing else
         return "no recording that can be read: it ends before the run's facts were written"
-    return "no recording of sattrack: an MCAP file of another program"
+    return "an MCAP file without the facts of a run: of another program, or cut off; copy it again"
 
 
 def _parts(data: bytes, note: Callable[[str], None]) -> Iterator[tuple[list[Entry], bool]]:

@@ -31,7 +31,7 @@ from sattrack.views.run import SAME_PASS_S, RememberedView
 from tle.bias import Bias
 from tle.bodies import Body
 from tle.elements import Elements
-from tle.errors import EphemerisError, TleError
+from tle.errors import EphemerisError, SatelliteNotFoundError, TleError
 from tle.instants import Utc
 from tle.passes import Pass, find_passes
 from tle.propagator import Propagator
@@ -463,7 +463,9 @@ def _check_request(request: RunRequest, simulated: bool) -> None:
     if request.search_when_lost and request.fov_deg is None:
         raise BadInputError("--search-lost needs the camera's field: give --fov, or fov_deg in [camera]")
     if request.fov_deg is not None and not 0.0 < request.fov_deg <= MOST_FIELD_DEG:
-        raise BadInputError(f"--fov {request.fov_deg:g}: give the field's diameter in degrees, above 0")
+        raise BadInputError(
+            f"--fov {request.fov_deg:g}: give the field's diameter in degrees, above 0 to {MOST_FIELD_DEG:g}"
+        )
     floor_deg = request.limits.floor_altitude_deg
     if request.min_alt_deg < floor_deg:
         raise BadInputError(f"--min-alt {request.min_alt_deg:g}: the mount is kept above {floor_deg:g}°")
@@ -471,7 +473,15 @@ def _check_request(request: RunRequest, simulated: bool) -> None:
 
 def _object_and_site(request: RunRequest, practising: bool) -> tuple[list[Elements], Site]:
     if practising:
-        return [demo_pass.elements()], demo_pass.SITE.place()
+        known = [demo_pass.elements()]
+        try:
+            find(known, request.satellite)
+        except SatelliteNotFoundError:
+            raise BadInputError(
+                f"{request.satellite}: neither elements nor site are set, and only the built-in pass of the "
+                "ISS can be practised without: run `sattrack init`"
+            ) from None
+        return known, demo_pass.SITE.place()
     if request.elements is None and request.target is None:
         raise BadInputError(NO_ELEMENTS)
     if request.site is None:

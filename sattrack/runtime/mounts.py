@@ -65,7 +65,7 @@ def mount_address(url: str | None, resolve: bool = True) -> MountAddress | None:
     if url is None:
         raise BadInputError(
             f"no mount: give --mount {FORMS}, or set [mount] url in sattrack.toml; "
-            "--mount sim is a simulated one for practice"
+            "--mount sim is a simulated one for practice; `sattrack init` asks for all that"
         )
     if not url.isprintable():
         raise BadInputError(f"--mount {url!r}: what cannot be printed is in no address; write sim, {FORMS}")

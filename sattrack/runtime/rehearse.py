@@ -440,7 +440,7 @@ def choose_nth_pass(prepared: Prepared, number: int, min_alt_deg: float) -> Prep
     if number > len(found):
         raise SattrackError(
             f"--pass {number}: {target.label} has {len(found)} passes above {min_alt_deg:g}° within "
-            f"{SEARCH_HOURS:g} hours of {local_time.instant(float(now.unix_s))}"
+            f"{SEARCH_HOURS:g} hours of {local_time.instant(float(now.unix_s))}; give a number up to that"
         )
     chosen = found[number - 1]
     plan = plan_for(chosen, now, target)

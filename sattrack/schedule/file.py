@@ -214,7 +214,10 @@ class _ScheduleReader:
         try:
             text = path.read_text(encoding="utf-8-sig")
         except FileNotFoundError:
-            raise asked_at.wrong(f"there is no file {path}{_beside(path, asked_at.file)}") from None
+            name = "there is no such file" if str(path) == asked_at.file else f"there is no file {path}"
+            raise asked_at.wrong(
+                f"{name}{_beside(path, asked_at.file) or '; check the name and the folder'}"
+            ) from None
         except (OSError, ValueError) as error:
             why = "it is no UTF-8 text" if isinstance(error, ValueError) else error.strerror
             raise asked_at.wrong(f"cannot read {what} in {path}: {why}") from None

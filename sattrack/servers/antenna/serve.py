@@ -381,7 +381,10 @@ class SerialChannel:
         except ValueError as error:
             raise BadInputError(f"{device}: {error}") from error
         except serial.SerialException as error:
-            raise SattrackError(f"{device} cannot be opened: {_reason(error)}; is it another's?") from error
+            raise SattrackError(
+                f"{device} cannot be opened: {_reason(error)}; check the name and the cable, and that "
+                "no other program has it open"
+            ) from error
         self._empty = 0
         self._check_parity(parity)
 

@@ -139,6 +139,7 @@ def test_a_renamed_option_shows_its_present_name_and_takes_the_former_one() -> N
         "--html",
         "--out",
         "--png",
+        "--report",
     }
     for name, one in renamed:
         text = LEAVES[name].get_help(click.Context(LEAVES[name], info_name=name))

@@ -88,7 +88,7 @@ def test_stars_in_a_file_become_a_model_in_the_profile(
     assert MOUNT.looks(*axes) == pytest.approx(local(20.0, 30.0, 52.0), abs=5.0 / 206264.8)
     assert model.read_text().rstrip().endswith("END")
     pytest.importorskip("matplotlib")
-    ran(capsys, *words, "--report", str(picture), "--force")
+    ran(capsys, *words, "--plot", str(picture), "--force")
     assert picture.read_bytes()[:4] == b"\x89PNG"
 
 

@@ -78,24 +78,32 @@ passes {at} --magnitude 4                       | needs --magnitudes FILE
 passes {at} --sort colour                       | is not one of 'rise',
 passes {at} --horizon none.txt                  | check the name
 passes {at} --json --format csv                 | give only one
-passes {at} --name XYZ*                         | try a wider pattern
+passes {at} --name XYZ*                         | `sattrack elements show` lists the names
 passes {at} --jsn                               | did you mean '--json'?
 passes Zaria {at}                               | did you mean ISS (ZARYA) (25544)?
 passes {at} --clock tomorrow                    | 2026
 rehearse                                        | missing argument 'TARGET'; see
 rehearse ISS {at} --pass 0                      | count from 1
 rehearse ISS {at} --fov -1                      | above 0
+rehearse ISS {at} --fov 400                     | above 0 to 180
+rehearse ISS {at} --pass 99                     | give a number up to that
+rehearse HST                                    | only the built-in pass of the ISS
 rehearse Hubble {at}                            | which hold ISS (ZARYA) (25544)
 track                                           | missing argument 'TARGET'; see
 track ISS {at}                                  | --mount sim
 track ISS {at} --mount foo                      | write sim, xerxes://
+track ISS {at} --mount sim --virtual --fov 181  | above 0 to 180
+serve antenna --mount sim --framing 8N1         | --framing needs --serial
+serve lx200 --mount sim --baud 4800             | --baud needs --serial
+elements get mine.tle --output mine.tle         | this command reads that file; give another name
+elements get {tle} --config settings.toml --output settings.toml | this command reads that file
 track ISS {at} --mount sim --virtual --min-alt 99 | 99
 track ISS {at} --refraction maybe               | is not one of 'auto', 'on', 'off'
 track ISS {at} --mount sim --virtual --bias-cross 120 | 120
 attach --run 999999                             | needs a terminal; --json is for programs
 attach --run first                              | is not a whole number
 run                                             | missing argument 'FILE'; see
-run none.toml                                   | there is no file none.toml
+run none.toml                                   | none.toml: there is no such file; check the name
 run {night} --plot x.png                        | --plot needs --dry-run
 run {tle} --dry-run                             | this is not a TOML file, as a schedule must be
 passes {at} --config {tle}                      | this is not a TOML file, as the settings must be
@@ -119,7 +127,8 @@ replay none.mcap                                | check the name
 replay {tle}                                    | not an MCAP file
 replay {pass} --speed 0                         | give a factor from 0.01 to 1000
 replay {pass} --stream --speed 1e-300           | give a factor from 0.01 to 1000
-replay {pass} --part 7                          | give --part from 1 to 1
+replay {pass} --part 7                          | it holds one recording; omit --part
+replay {pass} --fov 2                           | --fov needs --tui
 report none.mcap                                | check the name
 report {pass} --tdm {tle}                       | give another name
 recording exprot                                | did you mean 'export'?
@@ -151,7 +160,7 @@ serve alpaca --mount sim --port 99999           | 0 takes a free one
 serve alpaca --mount sim --allow everyone       | write 192.0.2.7 or 192.0.2.0/24
 serve antenna --mount sim --axes xy             | is not one of 'hadec', 'azel'
 serve antenna --mount sim --focus 9             | up to 3 axes
-serve rotctld --mount sim --clients 0           | from 1 to 500
+serve rotctld --mount sim --clients 0           | give 1 to 500
 serve web --token short                         | give 16 or more
 elements gte                                    | did you mean 'get'?
 elements show Zaria --elements {tle}            | did you mean ISS (ZARYA) (25544)?
@@ -270,6 +279,7 @@ def test_a_wrong_command_line_is_answered_in_one_line_with_what_to_do(
     places["readme"] = f"{EXAMPLES.parent}/README.md"
     (tmp_path / "empty.tle").touch()
     (tmp_path / "settings.toml").write_text("elements = []\n[site]\nlatitude_deg = 1\nlongitude_deg = 2\n")
+    (tmp_path / "mine.tle").write_bytes(Path(ELEMENTS[1]).read_bytes())
     (tmp_path / "adir").mkdir()
     with socket.create_server(("127.0.0.1", 0)) as taken:
         places["taken"] = str(taken.getsockname()[1])
@@ -431,9 +441,9 @@ def test_a_schedule_that_is_not_there_is_told_with_a_file_of_its_kind_alone(
     monkeypatch.chdir(tmp_path)
     for name in ("noline2.tle", "night.toml"):
         (tmp_path / name).touch()
-    for given, hint in (("nofile.toml", ""), ("nihgt.toml", "; did you mean 'night.toml'?")):
+    for given, hint in (("nofile.toml", "; check the name and the folder"), ("nihgt.toml", "; did you mean 'night.toml'?")):
         assert run(["run", given]) == 2
-        assert capsys.readouterr().err == f"sattrack: {given}: there is no file {given}{hint}\n"
+        assert capsys.readouterr().err == f"sattrack: {given}: there is no such file{hint}\n"
 
 
 @pytest.mark.parametrize("name", ["ISSS", "ISS (ZARIA)", "zariya"])

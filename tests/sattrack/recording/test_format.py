@@ -102,7 +102,7 @@ def test_two_recordings_in_one_file_are_told_and_both_can_be_had(short: Path, tm
         assert not recording.cut_off
         assert list(recording.entries()) == list(Recording(short).entries())
         assert any("2 recordings in one file" in words for words in recording.problems)
-    with pytest.raises(BadInputError, match="holds 2 recordings, no number 3"):
+    with pytest.raises(BadInputError, match="no recording number 3: it holds 2"):
         Recording(both, 3)
     both.write_bytes(data[: len(data) // 2] + data)
     assert Recording(both, 1).cut_off
@@ -112,7 +112,7 @@ def test_two_recordings_in_one_file_are_told_and_both_can_be_had(short: Path, tm
 def test_what_is_no_recording_is_refused_in_one_line(tmp_path: Path) -> None:
     path = tmp_path / "other.mcap"
     path.write_bytes(b"something else entirely" * 200)
-    with pytest.raises(BadInputError, match=r"other\.mcap: no recording of sattrack: not an MCAP file"):
+    with pytest.raises(BadInputError, match=r"other\.mcap: not an MCAP file; give one that --record wrote"):
         Recording(path)
     path.write_bytes(b"")
     with pytest.raises(BadInputError, match=r"other\.mcap: is empty"):
@@ -132,7 +132,7 @@ def test_an_mcap_file_of_another_program_is_refused(tmp_path: Path) -> None:
         for i in range(500):
             writer.add_message(channel, i, bytes([i % 256]) * 40, i)
         writer.finish()
-    with pytest.raises(BadInputError, match="an MCAP file of another program"):
+    with pytest.raises(BadInputError, match="of another program, or cut off"):
         Recording(path)
 
 

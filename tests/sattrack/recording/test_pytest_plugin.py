@@ -113,4 +113,4 @@ def test_what_is_no_recording_fails_in_a_line(pytester: pytest.Pytester) -> None
     (folder / "broken.mcap").write_bytes(b"nothing of the kind")
     result = pytester.runpytest(*PLUGIN)
     result.assert_outcomes(failed=1)
-    result.stdout.fnmatch_lines(["*broken.mcap: no recording of sattrack*"])
+    result.stdout.fnmatch_lines(["*broken.mcap: not an MCAP file*"])

@@ -15,7 +15,6 @@ import pytest
 from programs import ended, sattrack
 
 from sattrack.cli.main import run
-from sattrack.cli.sim import HIDDEN_HELP
 from sattrack.mount.simulator.hidden import GRAMMAR, Hidden, parse_hidden
 
 if TYPE_CHECKING:
@@ -133,10 +132,9 @@ def test_json_and_bytes_have_the_columns_first_and_the_top_left_first() -> None:
 
 def test_the_help_shows_every_key_and_every_example_is_one(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["sim", "--help"]) == 0
-    shown = capsys.readouterr().out
+    shown = "".join(capsys.readouterr().out.split())
     for example, meaning in GRAMMAR:
-        assert example in shown
-        assert meaning.split(";")[0] in HIDDEN_HELP
+        assert "".join(f"{example}{meaning}".split()) in shown
         assert parse_hidden(example) != Hidden() or example.split("=")[0] in (
             "magnitude", "fwhm", "sky", "zero_point", "read_noise", "full_well", "bias", "hot"
         )  # fmt: skip

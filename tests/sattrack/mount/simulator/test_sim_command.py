@@ -9,7 +9,6 @@ import pytest
 from simulator_bench import SITE
 
 from sattrack.cli.main import run
-from sattrack.cli.sim import FAULTS_HELP
 from sattrack.mount.simulator.installation import GRAMMAR, SimulatorProfile, parse_faults
 from sattrack.mount.simulator.process import SimulatorConfig, make_server
 
@@ -46,10 +45,9 @@ def test_a_profile_that_is_not_there_is_named(capsys: pytest.CaptureFixture[str]
 
 def test_the_help_shows_every_fault_and_every_example_is_one(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["sim", "--help"]) == 0
-    shown = capsys.readouterr().out
+    shown = "".join(capsys.readouterr().out.split())
     for example, meaning in GRAMMAR:
-        assert example in shown
-        assert meaning in FAULTS_HELP
+        assert "".join(f"{example}{meaning}".split()) in shown
         assert parse_faults(example) != parse_faults(None)
     assert "silent:SECONDS" in shown
     assert "loss-status=3%" in shown
