@@ -93,13 +93,13 @@ class AlpacaAddress(NamedTuple):
         """What to say of a run without a calibration; None for nothing."""
         if self.scheme == "indi":
             return (
-                "this telescope is not calibrated: signs, gains and delays of its rates of tracking are "
-                "presumed; `sattrack mount calibrate` finds out"
+                "this telescope is not calibrated: signs, gains and delays of its tracking rates are "
+                "assumed; `sattrack mount calibrate` finds out"
             )
         return (
             "this telescope is not calibrated: signs, gains, and whether MoveAxis replaces tracking, are "
-            "presumed as the ASCOM standard has them; where it does not report its AlignmentMode, it is "
-            "taken for an equatorial one; `sattrack mount calibrate` finds out"
+            "assumed as the ASCOM standard has them; a telescope that does not report its AlignmentMode is "
+            "assumed to be equatorial; `sattrack mount calibrate` finds out"
         )
 
     @property

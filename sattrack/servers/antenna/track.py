@@ -11,6 +11,7 @@ import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from sattrack.core import local_time
 from sattrack.core.angles import altitude_deg, separation_deg
 from sattrack.core.clock import SystemClock
 from sattrack.core.errors import BadInputError, SafetyLimitError, SattrackError
@@ -114,7 +115,7 @@ def check_bodies(ready: AntennaPass, limits: SafetyLimits, site: Site) -> None:
             up = altitude_deg(there.hour_angle_deg, there.dec_deg, site.latitude_deg) > SUN_DOWN_DEG
             if up and apart < cone_deg:
                 raise SafetyLimitError(
-                    f"the pass comes within {apart:.1f}° of the {name} at {Utc(utc_s).isoformat('seconds')}; "
+                    f"the pass comes within {apart:.1f}° of the {name} at {local_time.instant(utc_s)}; "
                     f"{cone_deg:g}° are kept: see [safety] in sattrack.toml"
                 )
             # The two cannot come nearer than this within the next step.

@@ -441,7 +441,10 @@ def test_a_schedule_that_is_not_there_is_told_with_a_file_of_its_kind_alone(
     monkeypatch.chdir(tmp_path)
     for name in ("noline2.tle", "night.toml"):
         (tmp_path / name).touch()
-    for given, hint in (("nofile.toml", "; check the name and the folder"), ("nihgt.toml", "; did you mean 'night.toml'?")):
+    for given, hint in (
+        ("nofile.toml", "; check the name and the folder"),
+        ("nihgt.toml", "; did you mean 'night.toml'?"),
+    ):
         assert run(["run", given]) == 2
         assert capsys.readouterr().err == f"sattrack: {given}: there is no such file{hint}\n"
 
