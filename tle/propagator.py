@@ -17,8 +17,9 @@ from tle.bias import NO_BIAS, Bias
 from tle.direction import Direction, Sight, stacked, teme_axis, unit_of
 from tle.earth import EarthOrientation, Rotation, Triple, turned
 from tle.elements import MU_KM3_S2, RADIUS_KM, Elements, propagation_error
-from tle.errors import PlaceError
+from tle.errors import ElementsError, PlaceError, SiteError
 from tle.instants import ARRAYS, DAY_S, FLOATS, UNIX_EPOCH_JD, Functions, Utc, as_utc, functions_for
+from tle.site import Site
 from tle.sun import LIGHT_KM_S, earth_velocity_km_s
 
 if TYPE_CHECKING:
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from tle.ephemeris import Ephemeris
     from tle.instants import Instant, Quantity
     from tle.refraction import Refraction
-    from tle.site import Site
 
 _TERMS = 10
 _FEWEST_A_PART = 40
@@ -50,6 +50,7 @@ _J2_RADIUS2_KM2 = 1.082616e-3 * RADIUS_KM**2
 _PARTS_PER_TURN = 24
 _FEWEST_SHARED = 100
 Place = Literal["apparent", "geometric", "astrometric"]
+_FOREIGN = "of skyfield's objects tle.skyfield.from_skyfield makes ours"
 
 
 class Pointing(Protocol):
@@ -90,6 +91,10 @@ class Propagator:
         pointing: Pointing | None = None,
     ) -> None:
         """Start SGP4 and look the Earth's orientation up."""
+        if not hasattr(elements, "states"):
+            raise ElementsError(f"{elements!r} is no tle.Elements and no ephemeris: {_FOREIGN}")
+        if not isinstance(site, Site):
+            raise SiteError(f"{site!r} is no tle.Site: {_FOREIGN}")
         if place not in get_args(Place):
             raise PlaceError(f"{place!r} is no kind of place: give one of {', '.join(get_args(Place))}")
         if place == "astrometric" and (refraction is not None or pointing is not None):

@@ -85,5 +85,9 @@ class Site:
 
 
 def _check(name: str, value: float, least: float, most: float, unit: str) -> None:
-    if not least <= value <= most:
+    try:
+        inside = least <= value <= most
+    except TypeError:
+        raise SiteError(f"the site's {name} is {value!r}: give a number, {unit}") from None
+    if not inside:
         raise SiteError(f"the site's {name} of {value} is outside {least:.0f} to {most:.0f} {unit}")

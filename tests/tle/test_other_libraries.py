@@ -99,6 +99,14 @@ def _fields(elements):
     return {name: getattr(elements, name) for name in Elements.__dataclass_fields__}
 
 
+def test_a_propagator_says_how_to_bring_what_is_skyfields(builtin):
+    satellite = EarthSatellite(*ISS, None, builtin)
+    with pytest.raises(ElementsError, match="from_skyfield makes ours"):
+        Propagator(satellite, LEIDEN)
+    with pytest.raises(SiteError, match="from_skyfield makes ours"):
+        Propagator(from_skyfield(satellite), wgs84.latlon(52.0, 4.0))
+
+
 @pytest.mark.parametrize("place", [LEIDEN, PARANAL])
 def test_places_of_skyfield_are_sites(place):
     latlon = wgs84.latlon(*place[:2], elevation_m=place[2])

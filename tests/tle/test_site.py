@@ -37,6 +37,7 @@ def test_the_horizon_has_three_axes():
         ((0.0, float("inf")), "longitude of inf"),
         ((0.0, 0.0, 2e5), "height of 200000.0 is outside"),
         ((0.0, 0.0, float("nan")), "height of nan"),
+        (("52", 4.5), "latitude is '52': give a number, degrees north"),
     ],
 )
 def test_places_that_are_none_are_refused(numbers, words):
