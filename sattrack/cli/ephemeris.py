@@ -110,8 +110,8 @@ def command(context: CommandContext, target: str, **options: Any) -> int:
       sattrack ephemeris Moon --step 60 --refraction --format csv
     """
     start = Utc.parse(options["start"]) if options["start"] else context.now()
-    (elements,) = find_targets(context, [target], options["ephemeris"], start)
     site = context.site()
+    (elements,) = find_targets(context, [target], options["ephemeris"], start)
     stop = Utc.parse(options["stop"]) if options["stop"] else start.plus(_DEFAULT_SPAN_S)
     times = Utc.range(start, stop, options["step_s"])
     propagator = Propagator(

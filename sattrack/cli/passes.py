@@ -114,6 +114,8 @@ def command(context: CommandContext, targets: tuple[str, ...], **options: Any) -
     _check(options)
     style = _style(options, context.json)
     start = Utc.parse(options["start"]) if options["start"] else context.now()
+    if targets:
+        context.site()  # asked for before the network is
     chosen = _chosen(context, targets, start, options)
     known = _magnitudes(options)
     if options["faintest"] is not None:

@@ -68,6 +68,8 @@ ephemeris ISS {at} --from 2026-10-02T13:00:00Z --to 2026-10-02T12:00:00Z | give 
 ephemeris ISS {at} --format xml                 | is not one of 'table', 'csv', 'json'
 ephemeris ISS {at} --place here                 | is not one of 'apparent', 'geometric', 'astrometric'
 ephemeris ISS --elements {tle}                  | run `sattrack init`
+ephemeris ISS                                   | no site: give --site LAT,LON,HEIGHT, or run `sattrack init`
+passes Tiangong                                 | no site: give --site LAT,LON,HEIGHT, or run `sattrack init`
 ephemeris ISS --site 52,4,0 --elements none.tle | check the name
 ephemeris ISS {at} --refraction --pressure -5   | outside 0 to 1200 hPa
 ephemeris ISS --site 52,4,0 --config none.toml  | none.toml
@@ -168,7 +170,7 @@ elements check                                  | elements
 elements check none.tle                         | check the name
 elements get {tle} --format yaml                | is not one of 'csv',
 doctor --mnt sim                                | did you mean '--mount'?
-passes ISS                                      | `passes`, `track` and others take it by --elements FILE
+passes ISS --site 52,4,0                          | `passes`, `track` and others take it by --elements FILE
 passes Hubble --site 52,4,0                     | save http
 passes '' {at}                                  | TARGET is empty: give a satellite's number
 track 12:30:00 {at} --mount sim                 | '12:30:00' is one angle: a direction has two, RA,DEC
