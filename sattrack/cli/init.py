@@ -106,7 +106,7 @@ def command(**options: Any) -> int:
     Examples:
       sattrack init
       sattrack init --yes --city Leiden --mount sim
-      sattrack init --yes --site 52.1541,4.4908,6 --mount alpaca --elements celestrak:visual
+      sattrack init --yes --site 52.15,4.49,6 --elements celestrak:visual
     """
     path = options["config"] or Path(FILE_NAME)
     if path.exists() and not options["force"]:

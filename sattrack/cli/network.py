@@ -84,7 +84,7 @@ def passes(
     \b
     Examples:
       sattrack network passes --stations s.toml --elements v.tle --output passes
-      sattrack network passes --stations s.csv --output passes --cluster tcp://10.0.0.2:8786
+      sattrack network passes --stations s.csv --output passes --workers 4
     """
     from sattrack.network.engine import make_data_set
     from sattrack.network.stations import read_stations

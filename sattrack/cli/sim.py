@@ -40,7 +40,7 @@ CAMERA_ENDS_WITHIN_S = 5.0
 DEFAULT_CAMERA = "2.5,1280,960"
 
 WORDS = {
-    "Faults, separated by commas; one with = can be for one way alone, as loss-status=3%": GRAMMAR,
+    "Faults, separated by commas; with = also for one way alone, as loss-status=3%": GRAMMAR,
     "Keys of --hidden, separated by commas, with their units": HIDDEN_GRAMMAR,
 }
 """Of the values of options: what each word means."""

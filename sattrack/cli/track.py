@@ -111,7 +111,7 @@ def command(context: CommandContext, target: str, **options: Any) -> int:
       sattrack track ISS --record tonight.mcap
       sattrack track ISS --camera alpaca://192.0.2.7:11111/0 --scale 2.5
       sattrack track ISS --serve alpaca --serve lx200
-      sattrack track 25544 --mount 'xerxes://192.0.2.10:15001?listen=15002' --min-alt 25
+      sattrack track 25544 --mount 'xerxes://192.0.2.7:15001?listen=15001'
     """
     url = options["mount_url"] or context.settings.mount.url
     if _wants_screen(context, options, url) and tui_possible():

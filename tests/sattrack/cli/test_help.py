@@ -148,6 +148,15 @@ def test_a_renamed_option_shows_its_present_name_and_takes_the_former_one() -> N
     assert parsed(["report", "a.mcap", "--png", "x"]).params["folder"] == Path("x")
 
 
+@pytest.mark.parametrize("name", sorted(LEAVES))
+def test_help_fits_80_columns_and_each_option_says_what_it_does(name: str) -> None:
+    command = LEAVES[name]
+    text = command.get_help(click.Context(command, info_name=name, terminal_width=80))
+    assert [line for line in text.splitlines() if len(line) > 80] == []
+    shown = [one for one in command.params if isinstance(one, click.Option) and not one.hidden]
+    assert [one.opts for one in shown if not one.help] == []
+
+
 def test_passes_has_one_option_for_the_form_and_takes_the_former_flags() -> None:
     assert parsed(["passes", "--format", "ics"]).params["style"] == "ics"
     assert parsed(["passes", "--ics"]).params["as_ics"]
