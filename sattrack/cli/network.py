@@ -132,11 +132,26 @@ def passes(
     "--seen", type=_path, metavar="FILE", help="Catalogue number and UTC of the last sight on each line."
 )
 @click.option(
-    "--gap", "gap_hours", default=12.0, show_default=True, metavar="H", help="Fresh again after H hours."
+    "--gap",
+    "gap_hours",
+    default=12.0,
+    show_default=True,
+    metavar="H",
+    help="Once in H hours, a pass of a satellite counts in full.",
 )
-@click.option("--repeat", default=0.25, show_default=True, metavar="SHARE", help="What other passes count.")
 @click.option(
-    "--parallax", default=0.5, show_default=True, metavar="SHARE", help="What two stations at once add."
+    "--repeat",
+    default=0.25,
+    show_default=True,
+    metavar="SHARE",
+    help="What its other passes count, as a share.",
+)
+@click.option(
+    "--parallax",
+    default=0.5,
+    show_default=True,
+    metavar="SHARE",
+    help="What it adds if two stations see a satellite at once, as a share.",
 )
 @click.option(
     "--baseline",
@@ -144,7 +159,7 @@ def passes(
     default=100.0,
     show_default=True,
     metavar="KM",
-    help="How far apart those are.",
+    help="How far apart two such stations are at least.",
 )
 @click.option(
     "--longest",
@@ -154,9 +169,12 @@ def passes(
     metavar="S",
     help="Follow for S seconds at most.",
 )
-@click.option("--any-light", is_flag=True, help="By day and in the Earth's shadow too.")
+@click.option("--any-light", is_flag=True, help="Take passes by day and in the Earth's shadow, too.")
 @click.option(
-    "--closed", multiple=True, metavar="STATION=FROM/TO", help="Bad weather there; may be repeated."
+    "--closed",
+    multiple=True,
+    metavar="STATION=FROM/TO",
+    help="The station takes nothing in that time; may be repeated.",
 )
 @click.option(
     "--previous",
@@ -165,7 +183,11 @@ def passes(
     help="An earlier assignment.json: what has begun by now is kept.",
 )
 @click.option(
-    "--seconds", default=60.0, show_default=True, metavar="S", help="Search for the best for S seconds."
+    "--seconds",
+    default=60.0,
+    show_default=True,
+    metavar="S",
+    help="Search for the best plan for S seconds at most.",
 )
 @click.option(
     "--plot",
