@@ -256,7 +256,7 @@ def _link_loss(report: RehearsalReport) -> list[str | Table]:
     loss = report.link_loss
     head = f"If the link is cut and the mount holds its rates: {_cut(loss.worst, report)}"
     if loss.watchdog_s is None:
-        end = "The mount has no watchdog: nothing on this side can stop it then"
+        end = "The mount has no watchdog: with the link cut, only a switch for its power can stop it"
     elif loss.rests_inside:
         end = f"Its watchdog ({loss.watchdog_s:g} s) brings it to rest before any limit, whenever that is"
     else:

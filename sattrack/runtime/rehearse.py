@@ -570,10 +570,11 @@ def _notes(facts: RunFacts, part: RunFacts, performance: Performance) -> tuple[s
     notes = []
     if part is not facts:
         notes.append(
-            f"the first {LONGEST_RUN_S / 60.0:.0f} minutes were run; of the rest kinematics tell what is lost"
+            f"only the first {LONGEST_RUN_S / 60.0:.0f} minutes were simulated; for the rest, rates and "
+            "limits alone show what is lost"
         )
     if performance.period_s != facts.profile.period_s:
-        notes.append(f"slow enough to be run in steps of {performance.period_s:g} s")
+        notes.append(f"rehearsed in steps of {performance.period_s:g} s: this pass is slow enough for that")
     if facts.profile.calibration is None:
         notes.append(uncalibrated_text(facts.profile, fastest_deg_s(facts)))
     return tuple(notes)
