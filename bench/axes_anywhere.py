@@ -304,7 +304,7 @@ class Finding(AxesRun):
 
     def _client_turn(self, now_s: float, _: Any) -> None:
         finder: Any = self.engine
-        self._carry(self.drawn.hardware.command_delay_s, now_s, self._arrives, finder.tick(now_s))
+        self._command(now_s, finder.tick(now_s))
         self._at(now_s + family.PERIOD_S, self._client_turn, None)
         self.ended_by = "done" if finder.finished else None
 

@@ -9,8 +9,9 @@ each delay by up to 20 ms. The judge is the mount's own account of its axes. Wha
 samples makes is known (rate times its error), and is taken off: no datagram tells it.
 
 With `--oracle` each draw is followed by one that knows the mount as well: delays, gains and acceleration, and
-from a pass before this one how the servo answers. It has the same link, timer and encoders. So the ratio is
-what it costs not to know the mount; it says nothing of what another control law could do.
+from a pass before this one how the servo answers. It has the same link, timer and encoders, and its statuses
+are lost or late as those of the other were. So the ratio is what it costs not to know the mount; it says
+nothing of what another control law could do.
 """
 
 from __future__ import annotations
@@ -320,14 +321,20 @@ class Error(NamedTuple):
 
 @dataclass
 class Run:
-    """One draw, run to its end; `profile` in place of what is told, where there is one."""
+    """One draw, run to its end; `profile` in place of what is told, where there is one.
+
+    Statuses are lost and late as in the run `like`, where there is one.
+    """
 
     drawn: Draw
     told: str = "default"
     profile: MountProfile | None = None
+    like: Run | None = None
     errors: list[Error] = field(default_factory=list)
     ended_by: str | None = None
     message: str | None = None
+    late_s: list[float] = field(default_factory=list)
+    """By how much each status came late, beyond the delay; infinite where it was lost."""
 
     def __post_init__(self) -> None:
         drawn = self.drawn
@@ -359,30 +366,41 @@ class Run:
         self._order += 1
         heappush(self._queue, (utc_s, self._order, happen, what))
 
-    def _carry(self, delay_s: float, now_s: float, happen: Callable[..., None], data: bytes) -> None:
+    def _lateness_s(self) -> float:
+        """Draw by how much a datagram comes late; infinite where it is lost."""
         hard = self.drawn.hardware
-        if self._rng.random() >= hard.loss:
-            self._at(now_s + delay_s + self._rng.uniform(0.0, hard.jitter_s), happen, data)
+        return self._rng.uniform(0.0, hard.jitter_s) if self._rng.random() >= hard.loss else math.inf
+
+    def _command(self, now_s: float, data: bytes) -> None:
+        self._carry(now_s + self.drawn.hardware.command_delay_s + self._lateness_s(), self._arrives, data)
+
+    def _carry(self, utc_s: float, happen: Callable[..., None], data: bytes) -> None:
+        if utc_s < math.inf:
+            self._at(utc_s, happen, data)
 
     def _client_turn(self, now_s: float, _: Any) -> None:
         engine = self.engine
         data = engine.tick(now_s)
         self.ended_by, self.message = engine.tracker.ended_by, engine.message
-        self._carry(self.drawn.hardware.command_delay_s, now_s, self._arrives, data)
+        self._command(now_s, data)
         self._at(now_s + REPEAT_AFTER_PERIODS * PERIOD_S, self._copy, None)
         self._at(now_s + PERIOD_S + engine.send_shift_s(now_s), self._client_turn, None)
 
     def _copy(self, now_s: float, _: Any) -> None:
         data = self.engine.repeat()
         if data is not None:
-            self._carry(self.drawn.hardware.command_delay_s, now_s, self._arrives, data)
+            self._command(now_s, data)
 
     def _arrives(self, _: float, data: bytes) -> None:
         self.mount.receive(data)
 
     def _mount_turn(self, now_s: float, _: Any) -> None:
         status = self.mount.turn()
-        self._carry(self.drawn.hardware.status_delay_s, now_s, self._status, status)
+        late_s, turn = self._lateness_s(), len(self.late_s)
+        if self.like is not None and turn < len(self.like.late_s):
+            late_s = self.like.late_s[turn]
+        self.late_s.append(late_s)
+        self._carry(now_s + self.drawn.hardware.status_delay_s + late_s, self._status, status)
         self._judge(self.mount.truth())
         self._at(self.mount.next_turn_s, self._mount_turn, None)
 
@@ -508,9 +526,9 @@ class Outcome:
         )
 
 
-def oracle_arcsec(drawn: Draw) -> float:
-    """Return the RMS of a run that knows the mount, from a run before it with the same mount."""
-    before, knows = Run(drawn, "truth").run(), Run(drawn, "truth")
+def oracle_arcsec(run: Run) -> float:
+    """Return the RMS of one that knows the mount of a run, from a run before it with the same mount."""
+    before, knows = Run(run.drawn, "truth").run(), Run(run.drawn, "truth", like=run)
     axes = before.engine.tracker.follower.axes
     if axes is not None:
         axes.sample_utc_s = -math.inf
@@ -520,9 +538,9 @@ def oracle_arcsec(drawn: Draw) -> float:
 
 def follow(arguments: tuple[int, str, tuple[str, ...], bool]) -> Outcome:
     number, told, kinds, oracle = arguments
-    drawn = draw(number, kinds)
-    outcome = Run(drawn, told).run().outcome()
-    return replace(outcome, oracle_arcsec=oracle_arcsec(drawn)) if oracle else outcome
+    run = Run(draw(number, kinds), told).run()
+    outcome = run.outcome()
+    return replace(outcome, oracle_arcsec=oracle_arcsec(run)) if oracle else outcome
 
 
 def main() -> int:
