@@ -1,6 +1,6 @@
 """A family of mounts drawn at random, each followed for a minute in virtual time.
 
-python bench/family.py [--draws N] [--first N] [--jobs N] [--told default|truth] [--only KIND] [--oracle]
+python bench/family.py [--draws N] [--first N] [--jobs N] [--told TOLD] [--only KIND] [--oracle] [--all]
 
 The mounts are those of `bench/strangers`, written from the protocol's paper without sight of this program,
 and the package's own simulator. A draw is a satellite, a site, a mount that stands somewhere, its servo,
@@ -290,8 +290,8 @@ class Own:
 
 
 def profile_of(hard: Hardware, told: str) -> MountProfile:
-    """Return what the program is told of a mount: the default with its delays, or what is true."""
-    known = told != "default"
+    """Return what the program is told of a mount: the default with rough or true delays, or what is true."""
+    known, dated = told == "truth", told != "default"
     axis = AxisLimits(
         max_acceleration_deg_s2=hard.acceleration_deg_s2 if known else hard.told_acceleration_deg_s2,
         slew_rate_deg_s=6.0,
@@ -306,8 +306,8 @@ def profile_of(hard: Hardware, told: str) -> MountProfile:
         dec_rate_gain=hard.gains[1] if known else 1.0,
         additive=hard.additive,
         move_axis=hard.move_axis,
-        command_delay_s=hard.command_delay_s + 0.5 * hard.jitter_s if known else hard.told_command_s,
-        status_delay_s=hard.status_delay_s if known else hard.told_status_s,
+        command_delay_s=hard.command_delay_s + 0.5 * hard.jitter_s if dated else hard.told_command_s,
+        status_delay_s=hard.status_delay_s if dated else hard.told_status_s,
     )
 
 
@@ -548,7 +548,7 @@ def main() -> int:
     parser.add_argument("--draws", type=int, default=500)
     parser.add_argument("--first", type=int, default=0, help="number of the first draw: its seed")
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--told", choices=("default", "truth"), default="default")
+    parser.add_argument("--told", choices=tuple(TOLD), default="default")
     parser.add_argument("--only", choices=KINDS)
     parser.add_argument("--oracle", action="store_true", help="the RMS of one that knows the mount, too")
     parser.add_argument("--all", action="store_true", help="a line for each draw")
@@ -572,6 +572,7 @@ def main() -> int:
 
 TOLD = {
     "default": "signs, meaning of MoveAxis and rough delays; acceleration up to twice or half of it, gain 1",
+    "delays": "signs, meaning of MoveAxis and delays; acceleration up to twice or half of it, gain 1",
     "truth": "everything but the servo",
 }
 
