@@ -225,6 +225,9 @@ def drawn_start(dice: random.Random, facts: RunFacts) -> StartPosition | None:
     return None
 
 
+SUN_KNOWN_DEG = 0.01
+
+
 class Judge:
     """Tells how far inside of each limit two axes are, degrees; hour angle with its turns."""
 
@@ -247,7 +250,8 @@ class Judge:
         if self._horizon:
             found["horizon"] = altitude - self._skyline_deg(self._azimuth_deg(here))
         if limits.sun_deg and self.sun_altitude_deg(utc_s) > -3.0:
-            found["sun"] = angle_deg(here, vector(*self._sun_place(utc_s))) - limits.sun_deg
+            apart_deg = angle_deg(here, vector(*self._sun_place(utc_s)))
+            found["sun"] = apart_deg - limits.sun_deg + SUN_KNOWN_DEG
         for zone in profile.pier_zones:
             found["pier"] = min(found.get("pier", math.inf), zone_distance_deg(zone, ha, dec))
         return found
@@ -256,7 +260,7 @@ class Judge:
         return 90.0 - angle_deg(vector(*self._sun_place(utc_s)), self._zenith)
 
     def _sun_place(self, utc_s: float) -> tuple[float, float]:
-        """Hour angle and declination by the Almanac's low-precision formula, good to 0.01°."""
+        """Hour angle and declination by the Almanac's low-precision formula, good to SUN_KNOWN_DEG."""
         minute = math.floor(utc_s / 60.0)
         if minute != self._sun[0]:
             days = utc_s / 86400.0 - 10957.5
