@@ -128,7 +128,7 @@ def test_instants_come_back_as_the_same_float(instant: float) -> None:
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
     other = tmp_path / "other.mcap"
     other.write_bytes(b"something else entirely" * 20)
-    with pytest.raises(BadInputError, match=r"other\.mcap: no recording"):
+    with pytest.raises(BadInputError, match=r"other\.mcap: not an MCAP file; give"):
         Recording(other)
     with pytest.raises(BadInputError, match="cannot be read"):
         Recording(tmp_path / "absent.mcap")

@@ -154,7 +154,7 @@ def test_the_mount_of_another_program_is_not_served_and_its_owner_is_named(
     ("arguments", "says"),
     [
         (("--port", "70000"), "ports run to 65535"),
-        (("--clients", "0"), "--clients 0: from 1 to 500"),
+        (("--clients", "0"), "--clients 0: give 1 to 500"),
         (("--idle", "0"), "--idle 0: 1 or more"),
         (("--idle", "nan"), "--idle nan: 1 or more"),
         (("--idle", "1e300"), "--idle 1e+300: 1 or more, 86400 at most"),

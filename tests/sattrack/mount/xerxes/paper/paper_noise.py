@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import random
     from collections.abc import Callable
 
-HOW_MANY = [pytest.param(5_000, id="5,000"), pytest.param(1_000_000, id="10^6", marks=pytest.mark.soak)]
+HOW_MANY = [pytest.param(20_000, id="20,000"), pytest.param(1_000_000, id="10^6", marks=pytest.mark.soak)]
 GROWTH_BYTES = 8_192
 """What a run of any length may leave behind: counters that grew past small integers, a bounded history."""
 COMMAND = pack_command(
