@@ -135,7 +135,7 @@ class Watcher(Judging):
         self._moved_s = -math.inf
         """When the last datagram left that moves the mount."""
         self._aborted = False
-        """Whether it was an abort, and nothing since moved the mount."""
+        """Whether an abort left after it."""
         self._guardian_s: float | None = None
         self._ended_by: str | None = None
         self._sizes: list[tuple[float, int]] = []

@@ -352,6 +352,12 @@ fov_option = click.option(
 )
 
 
+def refraction_option(text: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return the option that says whether directions are raised by the air's refraction."""
+    modes = click.Choice(("auto", "on", "off"))
+    return click.option("--refraction", type=modes, default="auto", show_default=True, help=text)
+
+
 def bias_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options of a run about observations and the camera that makes them."""
     for option in (
@@ -512,7 +518,7 @@ def common_options(*used: str, goes_on: bool = False) -> Callable[[Callable[...,
                 debug,
                 find_settings_file(config),
             )
-            _keep_inputs(rest, [*element_sources, find_settings_file(config)])
+            _keep_inputs(rest, [*element_sources, context.settings_file])
             named = (settings.safety.horizon, settings.mount.profile, rest.get("profile"))
             watch = SettingsWatch(config, [Path(path) for path in named if path is not None])
             result = function(context, **rest)

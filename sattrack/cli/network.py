@@ -45,22 +45,27 @@ _stations_option = click.option(
 )
 
 
+def _output_option(text: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return the option that names the folder to write."""
+    return click.option(
+        "--output",
+        "--out",
+        "out",
+        cls=RenamedOption,
+        type=_path,
+        required=True,
+        metavar="DIR",
+        help=text,
+    )
+
+
 @click.command("passes")
 @_stations_option
 @click.option("--from", "start", metavar="UTC", help="Start of the search; default: now.")
 @click.option(
     "--hours", type=float, default=24.0, show_default=True, metavar="H", help="Length of the search, hours."
 )
-@click.option(
-    "--output",
-    "--out",
-    "out",
-    cls=RenamedOption,
-    type=_path,
-    required=True,
-    metavar="DIR",
-    help="The folder of the data set.",
-)
+@_output_option("The folder of the data set.")
 @click.option(
     "--workers", type=click.IntRange(1, 1024), metavar="N", help="Share the work among N local processes."
 )
@@ -117,16 +122,7 @@ def passes(
 @click.option(
     "--passes", "data", type=_path, required=True, metavar="DIR", help="The data set of their passes."
 )
-@click.option(
-    "--output",
-    "--out",
-    "out",
-    cls=RenamedOption,
-    type=_path,
-    required=True,
-    metavar="DIR",
-    help="The folder of the schedules.",
-)
+@_output_option("The folder of the schedules.")
 @click.option("--priorities", type=_path, metavar="FILE", help="Catalogue number and priority on each line.")
 @click.option(
     "--seen", type=_path, metavar="FILE", help="Catalogue number and UTC of the last sight on each line."
@@ -335,16 +331,7 @@ def _numbers(file: Path | None, subject: str, read: Callable[[str], float]) -> d
 @click.command("collect")
 @click.argument("folder", type=_path, metavar="FOLDER")
 @_stations_option
-@click.option(
-    "--output",
-    "--out",
-    "out",
-    cls=RenamedOption,
-    type=_path,
-    required=True,
-    metavar="DIR",
-    help="The folder of the results.",
-)
+@_output_option("The folder of the results.")
 @common_options("elements", "json")
 def collect(context: CommandContext, folder: Path, stations_file: Path, out: Path) -> int:
     """Gather what the stations have seen, and refine the elements for all of them.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -14,6 +13,7 @@ from sattrack.cli.common import (
     CommandContext,
     common_options,
     profile_option,
+    refraction_option,
     renew,
     satellite_names,
     share_progress,
@@ -23,9 +23,7 @@ from sattrack.cli.common import (
 )
 from sattrack.cli.targets import Wanted, ephemeris_option, followed
 from sattrack.core import local_time
-from sattrack.core.errors import BadInputError
 from sattrack.recording.rendering import INK, PALE, label_times, new_figure, save, sky_axes, times
-from sattrack.runtime.facts import REFRACTION_MODES
 from sattrack.views.formatting import iso_unix_s
 from tle.errors import printable
 
@@ -70,13 +68,7 @@ ROWS = 9
     help="Without a profile, assume what is usual of this kind of mount; nothing is sent to it.",
 )
 @profile_option
-@click.option(
-    "--refraction",
-    type=click.Choice(REFRACTION_MODES),
-    default="auto",
-    show_default=True,
-    help="Raise directions by the air's refraction; auto where the mount does not.",
-)
+@refraction_option("Raise directions by the air's refraction; auto where the mount does not.")
 @click.option("--bias-along", type=float, default=0.0, metavar="S", help="Seconds; positive leads.")
 @click.option(
     "--bias-cross",
@@ -102,13 +94,12 @@ def command(context: CommandContext, target: str, number: int, **options: Any) -
       sattrack rehearse ISS --pass 2 --plot pass.png
     """
     from sattrack.cli.running import too_old
-    from sattrack.runtime.facts import RunRequest, prepare
+    from sattrack.runtime.facts import RunRequest, check_field, prepare
     from sattrack.runtime.rehearse import choose_nth_pass, rehearse
     from sattrack.runtime.system import read_kernel_clock
 
     fov_deg = options["fov_deg"]
-    if fov_deg is not None and not (math.isfinite(fov_deg) and 0.0 < fov_deg <= 180.0):
-        raise BadInputError(f"--fov {fov_deg:g}: give the field's diameter in degrees, above 0 to 180")
+    check_field(fov_deg)
     plot = options["plot"]
     min_alt_deg = context.settings.min_altitude_deg if options["min_alt"] is None else options["min_alt"]
     wanted = Wanted(context.now(), min_alt_deg, number)

@@ -13,7 +13,15 @@ import click
 import msgspec
 
 from sattrack import __version__
-from sattrack.cli.common import CommandContext, JsonLines, common_options, mount_option, profile_option, tell
+from sattrack.cli.common import (
+    CommandContext,
+    JsonLines,
+    common_options,
+    mount_option,
+    profile_option,
+    refraction_option,
+    tell,
+)
 from sattrack.cli.serve import (
     Log,
     Served,
@@ -101,13 +109,7 @@ def also(*protocols: str) -> Callable[[Command], Command]:
 @click.option(
     "--discovery/--no-discovery", default=True, show_default=True, help="Answer discovery on UDP port 32227."
 )
-@click.option(
-    "--refraction",
-    type=click.Choice(("auto", "on", "off")),
-    default="auto",
-    show_default=True,
-    help="For satellites: raise directions by the air's refraction; auto where the mount does not.",
-)
+@refraction_option("For satellites: raise directions by the air's refraction; auto where the mount does not.")
 @click.option(
     "--name",
     "names",

@@ -18,6 +18,7 @@ from sattrack.cli.common import (
     common_options,
     mount_option,
     profile_option,
+    refraction_option,
     screen_options,
     tui_possible,
 )
@@ -102,13 +103,7 @@ MOST_FOCUS_AXES = 3
     metavar="N|URL",
     help=f"Axes of a simulated focuser, 1 to 3; or {FORM}, once for each axis.",
 )
-@click.option(
-    "--refraction",
-    type=click.Choice(["auto", "on", "off"]),
-    default="auto",
-    show_default=True,
-    help="For satellites by elements. What is sent as positions is taken as it is.",
-)
+@refraction_option("For satellites by elements. What is sent as positions is taken as it is.")
 @click.option("--console", is_flag=True, help="The controller's console, full screen.")
 @click.option("--stream", is_flag=True, help="Write views as JSON lines to standard output, four a second.")
 @click.option(

@@ -15,6 +15,7 @@ from sattrack.cli.common import (
     common_options,
     fov_option,
     profile_option,
+    refraction_option,
     satellite_names,
     screen_options,
     stream_options,
@@ -43,13 +44,7 @@ from sattrack.cli.targets import ephemeris_option
     metavar="FILE",
     help="Write what the pass shows about the mount to a new profile.",
 )
-@click.option(
-    "--refraction",
-    type=click.Choice(("auto", "on", "off")),
-    default="auto",
-    show_default=True,
-    help="Raise directions by the air's refraction; auto where the mount does not.",
-)
+@refraction_option("Raise directions by the air's refraction; auto where the mount does not.")
 @click.option("--bias-along", default=0.0, metavar="S", help="Seconds; positive leads.")
 @click.option(
     "--bias-cross", default=0.0, metavar="DEG", help="Degrees; positive to the left, seen from below."

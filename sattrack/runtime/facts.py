@@ -50,7 +50,6 @@ if TYPE_CHECKING:
 
 SEARCH_HOURS = 48.0
 SETTLING_PERIODS = 2.0
-REFRACTION_MODES = ("auto", "on", "off")
 MODEL_SITE_DEG = 0.1
 """A pointing model that was found so far to the north or the south is another mount's."""
 
@@ -447,6 +446,14 @@ def check_site(profile: MountProfile, site: Site) -> None:
         )
 
 
+def check_field(fov_deg: float | None) -> None:
+    """Raise BadInputError where a field's diameter, in degrees, is none."""
+    if fov_deg is not None and not 0.0 < fov_deg <= MOST_FIELD_DEG:
+        raise BadInputError(
+            f"--fov {fov_deg:g}: give the field's diameter in degrees, above 0 to {MOST_FIELD_DEG:g}"
+        )
+
+
 def _check_request(request: RunRequest, simulated: bool) -> None:
     if not simulated and request.clock_option is not None:
         raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
@@ -462,10 +469,7 @@ def _check_request(request: RunRequest, simulated: bool) -> None:
         raise BadInputError(f"--camera-rotation {request.camera_rotation_deg}: give degrees, -360 to 360")
     if request.search_when_lost and request.fov_deg is None:
         raise BadInputError("--search-lost needs the camera's field: give --fov, or fov_deg in [camera]")
-    if request.fov_deg is not None and not 0.0 < request.fov_deg <= MOST_FIELD_DEG:
-        raise BadInputError(
-            f"--fov {request.fov_deg:g}: give the field's diameter in degrees, above 0 to {MOST_FIELD_DEG:g}"
-        )
+    check_field(request.fov_deg)
     floor_deg = request.limits.floor_altitude_deg
     if request.min_alt_deg < floor_deg:
         raise BadInputError(f"--min-alt {request.min_alt_deg:g}: the mount is kept above {floor_deg:g}°")

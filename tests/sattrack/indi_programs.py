@@ -38,6 +38,10 @@ class Indi:
             assert time.monotonic() < until_s, (name, value)
         return value
 
+    def settle(self) -> None:
+        """Wait until it says of its place that it moves no more; no answer is no place."""
+        self.until("EQUATORIAL_EOD_COORD._STATE", lambda value: value not in {"", "Busy"})
+
     def number(self, name: str) -> float:
         return float(self.until(name, bool))
 

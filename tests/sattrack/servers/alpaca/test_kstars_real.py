@@ -150,7 +150,7 @@ def test_kstars_slews_stops_tracks_and_syncs_the_mount(program: Callable[[str], 
         put("Switch", "TELESCOPE_ABORT_MOTION", "ABORT", "string:On")
         mount.until("TELESCOPE_TRACK_STATE.TRACK_OFF", lambda value: value == "On")
         assert mount.number("EQUATORIAL_EOD_COORD.DEC") < 60.0
-        mount.until("EQUATORIAL_EOD_COORD._STATE", lambda value: value not in {"", "Busy"})
+        mount.settle()
         put("Switch", "TELESCOPE_TRACK_STATE", "TRACK_ON", "string:On")
         mount.until("TELESCOPE_TRACK_STATE.TRACK_ON", lambda value: value == "On")
         put("Switch", "ON_COORD_SET", "SYNC", "string:On")

@@ -128,7 +128,7 @@ def test_stellarium_sends_the_mount_to_a_star(by: str, program: Callable[[str], 
             return mount.get("EQUATORIAL_EOD_COORD._STATE") == "Busy"
 
         until(slews)
-        mount.until("EQUATORIAL_EOD_COORD._STATE", lambda value: value not in {"", "Busy"})
+        mount.settle()
         here = [mount.number(f"EQUATORIAL_EOD_COORD.{one}") for one in ("RA", "DEC")]
         ra, dec = np.radians(KOCHAB_DEG)
         star = erfa.pnm06a(2440587.5, time.time() / 86400.0) @ erfa.s2c(ra, dec)
