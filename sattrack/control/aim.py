@@ -30,9 +30,10 @@ CLOCK_SET_DEG, CLOCK_SAMPLES = 0.01, 400
 """A jump by which the mount's clock was set, and how many samples its error is averaged over."""
 DIFFERENCE_S = 0.5
 AIR_ROUNDS = 4
-ARRIVED_ARCSEC, ARRIVED_SAMPLES = 10.0, 5
-NEAR_ARCSEC, NEAR_AFTER_S = 180.0, 10.0
-"""A mount that does not come nearer than this within so long has arrived all the same."""
+ON_ARCSEC, CLOSE_ARCSEC, NEAR_ARCSEC = 2.0, 10.0, 180.0
+"""A mount has arrived that stays on its direction. One that comes only close has after `CLOSE_S`, and one
+that comes only near after `NEAR_S`."""
+ARRIVED_SAMPLES, CLOSE_S, NEAR_S = 5, 2.0, 10.0
 LED_WITHIN_S = 240.0
 
 
@@ -223,5 +224,6 @@ class Lead:
         if self._there_utc_s is None:
             return
         error = sky_error(utc_s, sample.ra_deg, sample.dec_deg, self._target.state(utc_s)).total_arcsec
-        late = utc_s - self._there_utc_s > NEAR_AFTER_S
-        self._near = self._near + 1 if error <= (NEAR_ARCSEC if late else ARRIVED_ARCSEC) else 0
+        waited_s = utc_s - self._there_utc_s
+        most = NEAR_ARCSEC if waited_s > NEAR_S else CLOSE_ARCSEC if waited_s > CLOSE_S else ON_ARCSEC
+        self._near = self._near + 1 if error <= most else 0
