@@ -64,8 +64,9 @@ MEAN_TURNS = 20
 OURS = ("sattrack", "tle")
 WEIGHED_SEEDS, WEIGHED_FROM_S, WEIGHED_EVERY_S = 8, 12.0, 6.0
 """In which storms the program's memory is counted, from when on, and how often."""
-GROWTH_PER_S = 300.0
-"""Entries. A buffer that fills up to its bound grows by some a period, one without a bound for ever."""
+GROWTH_PER_S, FILLS_UP_S = 300.0, 20.0
+"""Entries. A buffer that fills up to its bound grows by some a period, one without a bound for ever; those of
+a pass that begins fill up in less than so long."""
 ENDS_WITHIN_S = STOPS_MOVING_S + 10.0
 FLAGS = slice(73, 81)
 RATES = slice(32, 48)
@@ -277,7 +278,7 @@ class Watcher(Judging):
 
     def period(self, world: World, driver: Driver, ended_by: str | None) -> None:
         if self.storm.seed % WEIGHED_SEEDS == 0 and world.at_s > self._weighed_s:
-            self._weighed_s += WEIGHED_EVERY_S
+            self._weighed_s = world.at_s + WEIGHED_EVERY_S
             self._sizes.append((world.at_s, held(driver)))
         if self._ended_by is not None and ended_by != self._ended_by:
             self.violated("once", world, f"ended by {self._ended_by}, then by {ended_by}")
@@ -323,7 +324,8 @@ class Watcher(Judging):
             self.violated("once", world, f"it ran on for {ran_s - person_s:.0f} s after a person's stop")
         if len(self._sizes) > 1:
             (begin_s, first), (end_s, last) = self._sizes[0], self._sizes[-1]
-            if (last - first) / (end_s - begin_s) > GROWTH_PER_S:
+            span_s = max(end_s - begin_s, FILLS_UP_S)
+            if (last - first) / span_s > GROWTH_PER_S:
                 grown = f"{last - first} entries more after {end_s - begin_s:.0f} s"
                 self.violated("memory", world, grown)
         self._judge_recording(world, ended)

@@ -32,10 +32,10 @@ MOVES = encode_command(
 )
 
 
-def quiet(*faults: Fault) -> Storm:
-    """Return a run of LASTS_S with these faults and nobody about."""
+def quiet(*faults: Fault, lasts_s: float = LASTS_S) -> Storm:
+    """Return a run with these faults and nobody about."""
     fair = draw(SEED).fair()
-    plan = msgspec.structs.replace(fair.facts.plan, end_utc_s=fair.begin_s + LASTS_S)
+    plan = msgspec.structs.replace(fair.facts.plan, end_utc_s=fair.begin_s + lasts_s)
     facts = msgspec.structs.replace(fair.facts, plan=plan)
     return replace(fair, facts=facts, faults=faults, people=(), fault_free=False)
 
@@ -154,7 +154,7 @@ def test_memory() -> None:
                 self.held_s |= {f"{now_utc_s} {k}": 0.0 for k in range(20)}
                 return super().tick(now_utc_s)
 
-    assert "memory" in violated(quiet(), Hoarder)
+    assert "memory" in violated(quiet(lasts_s=2.0 * LASTS_S), Hoarder)
 
 
 def test_recovery() -> None:

@@ -129,10 +129,10 @@ def follow(table: Mapping[tuple[State | None, str], State], state: State, event:
 QUIET_STATUSES = 10
 """Statuses without an acknowledgement after which none is on its way any more: half a second."""
 ABORT_AGAIN_TICKS = 8
-MISSED_TICKS = 24
-DIP_TICKS = 3
-"""Of so many statuses without the abort's acknowledgement its flag is down for the last few: a mount that has
-missed the edge sees another."""
+MISSED_TICKS, DIP_TICKS, LONGEST_MISSED_TICKS = 21, 3, 336
+"""After so many datagrams without the abort's acknowledgement its flag is down for a few: a mount that has
+missed the edge sees another. The next time it is up for twice as long: a mount that obeys an abort late may
+count its delay anew from each edge."""
 NEVER_SEEN_AFTER = 5
 """Statuses after a slew's acknowledgement without motion that mean it was too short to be seen."""
 NEAR_DEG = 0.5
@@ -240,8 +240,15 @@ class AbortFlag:
         self._blind_left = max(0, self._blind_left - 1) if standing else 0
         self._ticks += 1
         self._raised_ticks = self._raised_ticks + 1 if self.flag.up else 0
-        dips = self._raised_ticks % MISSED_TICKS >= MISSED_TICKS - DIP_TICKS
-        return (self.flag.up and not dips) or again, self.flag.up or again
+        return (self.flag.up and not self._dips) or again, self.flag.up or again
+
+    @property
+    def _dips(self) -> bool:
+        """Whether a raised flag is down for a moment."""
+        left, up = self._raised_ticks, MISSED_TICKS
+        while left >= up + DIP_TICKS:
+            left, up = left - up - DIP_TICKS, min(2 * up, LONGEST_MISSED_TICKS)
+        return left >= up
 
     def see(self, ack: bool, wanted: bool) -> bool:
         """Take one status, `wanted` while a stop is; tell whether it acknowledges the stop."""
