@@ -83,7 +83,7 @@ def patience_table() -> str:
         (flags.EDGE_ACK_WITHIN_STATUSES, "the same for an edge of MoveAxis"),
         (
             flags.MISSED_TICKS,
-            "without one in a stop: the abort's flag falls for the last 3, and rises again",
+            "without one in a stop: the abort's flag falls for 3, then rises for twice as long as before",
         ),
         (flags.NEVER_SEEN_AFTER, "after its acknowledgement without Slewing: a slew too short to be seen"),
         (tickets.SHOWN_WITHIN, "in which what was acknowledged must show"),
