@@ -190,6 +190,10 @@ class Watcher(Judging):
                 self._out[name] = min(clearance, self._out.get(name, 0.0))
             elif name not in self._out:
                 self.violated("limit", world, f"{name} passed by {-clearance:.3f}°")
+            elif abs(axes.dec_axis_deg) > 90.0:
+                # It went past the pole out of reach. What it reports does not tell so: its limits are those
+                # of the other side, until its rates turn out to be of the other sign.
+                continue
             elif clearance < self._out[name] - 0.5 and axes.speed_deg_s > 10.0 * REST_RATE_DEG_S:
                 self.violated("limit", world, f"{name}: farther out, {-clearance:.3f}°, in reach again")
 
@@ -236,8 +240,10 @@ class Watcher(Judging):
     def _settles_s(self) -> float:
         hard = self.storm.hardware
         late_s = float(self.storm.parameters.get("abort_delay_s", 0.0))
+        # A position servo that has fallen behind goes on to where it was to be, and brakes once more.
+        brakes = 2.0 if hard.kind == "position_servo" else 1.0
         # A mount may count its delay from each abort anew; they are raised after ever longer pauses.
-        return SETTLES_S + 3.0 * late_s + hard.max_rate_deg_s / hard.acceleration_deg_s2
+        return SETTLES_S + 3.0 * late_s + brakes * hard.max_rate_deg_s / hard.acceleration_deg_s2
 
     # the wire
 

@@ -380,8 +380,11 @@ class Session:
                 self._slew.drop()
                 return request
             case Abort():
-                # Asked for again, it is sent again; and nothing that moves an axis outlasts it.
-                self._abort.ask()
+                # Asked for again, it is sent again, unless the one before is yet to act: the mount might
+                # count its delay anew. Nothing that moves an axis outlasts it.
+                heard = isinstance(self._wanted, Stop) and self._abort.state is StopState.HEARD
+                if not (heard and self._standstill.acts_later(self.profile.abort_delay_s)):
+                    self._abort.ask()
                 self._launches.fine_rate = FineRate()
                 return Stop()
             case MoveAxis():
