@@ -467,7 +467,7 @@ class Session:
         if self._standstill.goes_again and self._abort.goes_again():
             self._standstill.again(0.0 if self.sample is None else self.sample.arrival_utc_s)
         up, sent = self._abort.compose(self.status is not None and self.status.ack_abort)
-        self._note_sent(sent)
+        self._note_sent(sent or self._abort.state is StopState.HEARD)
         return self._command(abort=up)
 
     def _compose_move(self, wish: AxisRates, meant: MoveAxes) -> Command:
