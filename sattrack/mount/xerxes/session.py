@@ -176,6 +176,8 @@ class Session:
     _slew: SlewFlag = field(default_factory=SlewFlag)
     _standstill: Standstill = field(default_factory=Standstill)
     _motion_ticket: MotionTicket | None = None
+    _acts_until: int = 0
+    """Count of datagrams by which an acknowledged abort acts; 0 once anything that moves was asked for."""
     _since_slew_ticks: int = QUIET_TICKS
     _since_other_ticks: int = QUIET_TICKS
 
@@ -264,6 +266,7 @@ class Session:
         motion = self._motion_of(cleared.request)
         if motion is None:
             self._launches.submit(ticket)
+            self._acts_until = 0
             return ticket
         self._supersede("another motion was asked for")
         if not isinstance(cleared.request, EndMove):
@@ -367,10 +370,18 @@ class Session:
             self._slew.want(motion)
         else:
             self._slew.drop()
-        if isinstance(motion, Stop) and not isinstance(self._wanted, Stop):
-            self._abort.ask()
+        if not isinstance(motion, Stop | Hold):
+            self._acts_until = 0
+        elif isinstance(motion, Stop) and not isinstance(self._wanted, Stop):
+            if not self._abort_acts_later:
+                self._abort.ask()
             self._standstill.asked()
         self._wanted = motion
+
+    @property
+    def _abort_acts_later(self) -> bool:
+        """Whether an abort was acknowledged and is yet to act: sent again, the mount might count anew."""
+        return self._abort.state is StopState.HEARD and self.health.sent < self._acts_until
 
     def _motion_of(self, request: Request) -> Motion | None:
         """Return the motion that a request makes the wanted one; None for those that are launched beside."""
@@ -380,10 +391,8 @@ class Session:
                 self._slew.drop()
                 return request
             case Abort():
-                # Asked for again, it is sent again, unless the one before is yet to act: the mount might
-                # count its delay anew. Nothing that moves an axis outlasts it.
-                heard = isinstance(self._wanted, Stop) and self._abort.state is StopState.HEARD
-                if not (heard and self._standstill.acts_later(self.profile.abort_delay_s)):
+                # Asked for again, it is sent again; and nothing that moves an axis outlasts it.
+                if not self._abort_acts_later:
                     self._abort.ask()
                 self._launches.fine_rate = FineRate()
                 return Stop()
@@ -414,6 +423,7 @@ class Session:
         """Forget what a mount that has restarted cannot know of."""
         self._move = self._make_move()
         self._abort.begin_anew()
+        self._acts_until = 0
         self._slew.begin_anew()
         self._launches.begin_anew()
         self._acks.forget()
@@ -464,7 +474,7 @@ class Session:
 
     def _compose_stop(self) -> Command:
         self._slew.flag.happen("withdraw")
-        if self._standstill.goes_again and self._abort.goes_again():
+        if self._standstill.goes_again and not self._abort_acts_later and self._abort.goes_again():
             self._standstill.again(0.0 if self.sample is None else self.sample.arrival_utc_s)
         up, sent = self._abort.compose(self.status is not None and self.status.ack_abort)
         self._note_sent(sent or self._abort.state is StopState.HEARD)
@@ -554,6 +564,7 @@ class Session:
         self._move.see(status)
         if self._abort.see(status.ack_abort, isinstance(self._wanted, Stop)):
             self._standstill.acknowledged(arrival_utc_s)
+            self._acts_until = self.health.sent + self._standstill.late_statuses
             self._move.stopped()
         if self._abort.acks_not_ours == 1:
             self._standstill.acknowledged(arrival_utc_s)

@@ -480,10 +480,6 @@ class Standstill:
             # Sent again too soon, it would act later still.
             self._not_slowing = 0
 
-    def acts_later(self, abort_delay_s: float) -> bool:
-        """Tell whether an abort that was acknowledged is yet to act on a mount that obeys so much later."""
-        return self._sample is not None and self._sample.arrival_utc_s - self._since_utc_s < abort_delay_s
-
     def see(
         self, sample: StatusSample, aborted: bool, move_axis: bool, arrived: bool = False
     ) -> StatusSample:

@@ -42,6 +42,7 @@ from sattrack.mount.model import (
     StatusSample,
     Stop,
 )
+from sattrack.mount.requests import Abort, ClearedRequest, TicketState
 from sattrack.mount.xerxes.datagrams import Command, decode_command, encode_status
 from sattrack.mount.xerxes.flags import (
     HANDSHAKE,
@@ -461,6 +462,39 @@ class TestAbort:
         command = client.send()
         assert command.abort
         assert moving_flags(command) == []
+
+    @pytest.mark.parametrize("between", [None, Hold()])
+    def test_a_stop_asked_for_again_leaves_an_abort_that_is_yet_to_act(self, between: Motion | None) -> None:
+        """A mount that obeys it 1.5 s late, counted from the newest edge, must not see another."""
+        client = Client(MountProfile(abort_delay_s=1.5))
+        client.hear(slewing=True, ra_rate_dtics_s=dtics(1.25))
+        assert client.asks(Stop()).abort
+        client.hear(ack_abort=True, slewing=True, ra_rate_dtics_s=dtics(1.25))
+        assert not client.send().abort
+        if between is not None:
+            want(client.session, between)
+        for _ in range(10):
+            client.hear(slewing=True, ra_rate_dtics_s=dtics(1.25))
+            assert not client.send().abort
+        ticket = client.session.submit(ClearedRequest(Abort()))
+        for _ in range(15):
+            assert not client.send().abort
+            client.hear(slewing=True, ra_rate_dtics_s=dtics(1.25))
+        for _ in range(SEEN_AT_REST_STATUSES + 60):
+            assert not client.send().abort
+            client.hear(ra_rate_dtics_s=0)
+        assert ticket.state is TicketState.COMPLETE
+
+    def test_a_mount_that_moved_since_an_abort_is_sent_another(self) -> None:
+        client = Client(MountProfile(abort_delay_s=1.5))
+        client.hear()
+        assert client.asks(Stop()).abort
+        client.hear(ack_abort=True, ra_rate_dtics_s=0)
+        client.send()
+        client.hear(ra_rate_dtics_s=0)
+        client.asks(MOVE)
+        client.hear(ra_rate_dtics_s=0)
+        assert client.asks(Stop()).abort
 
     def test_a_mount_set_going_again_by_a_late_datagram_is_stopped_again(self, client: Client) -> None:
         """The mount ignores the counter: a late slew is a second rising edge, after the abort's end too."""
