@@ -323,6 +323,7 @@ def test_a_pass_that_breaks_off_is_followed_on_after_pauses_that_grow_until_too_
         at = one.start_utc_s + 10.0 * k
         run, order = machine.step(run, Followed(utc_s=at, attempt=PassAttempt("link", at, words="gone")))
         assert isinstance(order, Follow)
+        assert order.part == run.part == k + 2
         pauses.append(order.pause_s)
     assert pauses == [1.0, 2.0, 4.0, 8.0, 16.0, 30.0, 30.0, 30.0]
     for left_s, goes_on in ((10.0, True), (8.0, False)):
@@ -346,12 +347,13 @@ def test_why_there_is_no_plan_is_noted_once_and_it_is_tried_again_in_ten_minutes
 
 def test_elements_that_are_renewed_before_a_pass_are_those_that_are_followed() -> None:
     one = one_pass()
-    run = waiting_for(one)
-    run, _ = machine.step(run, Due(utc_s=one.leave_utc_s - 10.0))
+    later = replace(one, key="later", number=2)
+    run, _ = machine.step(waiting_for(one), Due(utc_s=one.leave_utc_s - 10.0))
+    run = replace(run, passes=(one, later, later), results=())
     assert one.elements is not None
     newer = dataclasses.replace(one.elements, name="NEWER")
     run, _ = machine.step(run, PassPrepared(utc_s=one.leave_utc_s - 9.0, elements=newer, words="renewed"))
-    assert run.passes == (replace(one, elements=newer),)
+    assert run.passes == (replace(one, elements=newer), later, later)
     assert run.notes[-1] == "renewed"
 
 
@@ -359,8 +361,8 @@ def test_the_nights_summary_is_where_it_was_written_until_another_is() -> None:
     run, _ = machine.step(Run(), Started(utc_s=BEGIN, settings=settings(5.0)))
     for file, kept in (("one.txt", "one.txt"), (None, "one.txt"), ("two.txt", "two.txt")):
         run = replace(run, state=RunState.SUMMING_UP, mount=Mount.PARKED)
-        run, _ = machine.step(run, SummedUp(utc_s=run.night_from_utc_s + 3600.0, file=file))
-        assert run.summary == kept
+        run, _ = machine.step(run, SummedUp(utc_s=run.night_from_utc_s + 3600.0, file=file, words="written"))
+        assert (run.summary, run.message, run.notes) == (kept, "written", ())
 
 
 def test_a_session_that_breaks_off_is_begun_again_while_enough_is_left_and_not_for_ever() -> None:
@@ -590,7 +592,8 @@ def again(utc_s: float, nights: float = 3.0) -> Started:
         (S.PARKING, {"tries": 1, "passes": (ONE,)}, Parked(utc_s=NOW, mount=Mount.AT_PARK),
          Wait(until_utc_s=NOW), S.WAITING),
         (S.PARKING, {"tries": 1}, Parked(utc_s=NOW, mount=Mount.PARKED), SumUp(), S.SUMMING_UP),
-        # The morning.
+        # The morning, and the end.
+        (S.WAITING, {}, StopAsked(utc_s=NOW, words="x"), End(why="x", interrupted=True), S.STOPPED),
         (S.SUMMING_UP, {}, again(MORNING), SumUp(), S.SUMMING_UP),
         (S.SUMMING_UP, {}, SummedUp(utc_s=MORNING), Wait(until_utc_s=MORNING), S.RESTING),
         (S.SUMMING_UP, {"settings": settings(86_000.5 / 86_400.0)}, SummedUp(utc_s=MORNING),
@@ -607,8 +610,10 @@ def test_what_is_done_in_a_state_follows_from_the_event_and_from_what_is_left(
 
 
 def test_how_often_parking_was_tried_is_counted_from_one_and_anew_after_a_restart() -> None:
-    run, _ = machine.step(replace(NIGHT, state=S.WAITING), Due(utc_s=NOW))
-    assert run.tries == 1
+    for known in ({}, {"passes": (replace(ONE, leave_utc_s=NOW + 1900.0),)}):
+        run, order = machine.step(replace(NIGHT, state=S.WAITING, **known), Due(utc_s=NOW))
+        assert isinstance(order, ParkMount)
+        assert run.tries == 1
     run, _ = machine.step(replace(run, state=S.PAUSING, tries=3), Due(utc_s=NOW))
     assert run.tries == 4
     assert machine.step(run, again(NOW))[0].tries == 1
@@ -649,8 +654,9 @@ def test_bad_weather_is_asked_about_again_and_reported_where_it_has_changed() ->
         run, _ = machine.step(run, Due(utc_s=NOW))
     told = f"{PLAIN.name}: the weather is unsafe: "
     assert found == [told + "rain", None, told + "fog"]
-    run, _ = machine.step(run, WeatherReported(utc_s=NOW, safe=True, words="clear"))
-    assert run.weather == "clear"
+    for one in (PLAIN, ONE):
+        clear = WeatherReported(utc_s=NOW, safe=True, words="clear")
+        assert machine.step(replace(run, passes=(one,)), clear)[0].weather == "clear"
 
 
 @pytest.mark.parametrize(
@@ -664,7 +670,8 @@ def test_bad_weather_is_asked_about_again_and_reported_where_it_has_changed() ->
     ],
 )
 def test_the_result_of_a_pass_is_told_in_a_line_and_is_no_note(attempt: PassAttempt, message: str) -> None:
-    run = replace(following(PLAIN), notes=("x",), noted_night=1)
+    begun = PassAttempt("link", NOW)
+    run = replace(following(PLAIN), notes=("x",), noted_night=1, attempts=(begun,), step=2, tries=3)
     run, _ = machine.step(run, Followed(utc_s=PLAIN.end_utc_s, attempt=attempt))
     assert run.message == f"{PLAIN.name}: {message}"
     assert run.notes == ("x",)
