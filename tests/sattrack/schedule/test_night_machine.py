@@ -510,6 +510,7 @@ NIGHT = Run(
 SLEW, PROGRAM = SlewAction(star="Vega"), CommandAction(run=("x",))
 ONE = one_pass(before=(SLEW, PROGRAM, SLEW), after=(SLEW, PROGRAM))
 PLAIN, LATE_S = one_pass(), ONE.end_utc_s - 5.0
+PREPARED_S = ONE.leave_utc_s - 90.0
 NOW, MORNING = BEGIN + 3000.0, NIGHT.night_to_utc_s
 DONE = (Result("done"),)
 S = RunState
@@ -554,6 +555,10 @@ def again(utc_s: float, nights: float = 3.0) -> Started:
         (S.WAITING, {"passes": (ONE,)}, Due(utc_s=ONE.leave_utc_s - 90.0), Prepare(index=0, wake=False),
          S.PREPARING),
         (S.WAITING, {"passes": (ONE,)}, Due(utc_s=LATE_S), Wait(until_utc_s=LATE_S), S.WAITING),
+        # At its park position the mount is looked at again where half an hour is left after half an hour.
+        *((S.WAITING, {"passes": (ONE,), "mount": Mount.AT_PARK, "parked_utc_s": PREPARED_S - left_s},
+           Due(utc_s=PREPARED_S - left_s), Wait(until_utc_s=until_s), S.WAITING)
+          for left_s, until_s in ((3590.0, PREPARED_S), (3610.0, PREPARED_S - 1810.0))),
         (S.HOLDING, {"passes": (ONE,)}, Due(utc_s=NOW), AskWeather(), S.ASKING),
         # Actions before a pass: a slew may come twice, a program may not.
         (S.READYING, {"passes": (ONE,)}, again(NOW), DoStep(index=0, when="before", step=0), S.READYING),
