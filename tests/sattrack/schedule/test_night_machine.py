@@ -47,6 +47,7 @@ from sattrack.schedule.night import (
     Wait,
     WeatherReported,
     mean_noon_s,
+    number_of_name,
 )
 from sattrack.schedule.schema import CommandAction, SlewAction, Terms
 from tle.instants import Utc
@@ -691,6 +692,9 @@ def test_what_is_planned_is_told_and_notes_are_of_one_night_and_the_last_twelve(
         )
         assert planned.message == f"night 1: {words}; 2 are lost"
         assert (planned.notes, planned.others) == ((), {"x": 2})
+        for night, notes in ((1, ("x",)), (2, ())):
+            before = replace(run, notes=("x",), noted_night=1, night=night)
+            assert machine.step(before, Planned(utc_s=BEGIN, passes=passes))[0].notes == notes
     noted = planned
     for k in range(14):
         noted, _ = machine.step(noted, ClockSet(utc_s=BEGIN, seconds=float(k)))
@@ -766,6 +770,12 @@ def test_a_recovered_run_goes_on_in_its_night_with_what_is_known_of_it() -> None
     later = replace(ONE, key="other", culminate_utc_s=ONE.culminate_utc_s + 239.0 + 1.0)
     run, _ = machine.step(run, Planned(utc_s=NOW, passes=(ONE, later)))
     assert run.passes == (replace(later, number=1),)
+
+
+def test_what_has_no_number_in_the_catalogue_has_one_of_its_own() -> None:
+    numbers = [number_of_name(name) for name in ("Moon", "moon", "Mars", "Moon")]
+    assert max(numbers) < 0
+    assert len(set(numbers)) == 3
 
 
 @pytest.mark.parametrize(("longitude_deg", "noon_s"), [(0.0, 43_200.0), (4.5, 42_120.0), (-120.0, 72_000.0)])
