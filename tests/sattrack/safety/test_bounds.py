@@ -14,7 +14,7 @@ from safety_stand import LATITUDE_DEG, LONGITUDE_DEG, T0
 from sattrack.core.angles import altitude_deg, separation_deg
 from sattrack.mount.geometry import AxisGeometry
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile, PierZone, SitePlace
-from sattrack.safety import SafetyLimits
+from sattrack.safety import ROWS, SafetyLimits
 from sattrack.safety.bounds import Bounds, ClearRoom
 from sattrack.safety.geometry import Box
 from sattrack.safety.rate_limit import (
@@ -27,6 +27,7 @@ from sattrack.safety.rate_limit import (
     unheeded_s,
 )
 from sattrack.safety.regions import PierCollision, Travel, is_clear
+from sattrack.safety.table import closing_promise_s, promise_s
 
 DARK = SafetyLimits(floor_altitude_deg=-90.0, optical=False)
 ZONE = PierZone("pier", ((-20.0, 60.0), (20.0, 60.0), (20.0, 88.0), (-20.0, 88.0)))
@@ -293,6 +294,33 @@ def test_delays_are_summed_as_the_documentation_has_them() -> None:
     rate = 0.1 * math.e**3
     assert closing_s(-rate, Delays(9.0, 0.2, 1.0), 10.0) == pytest.approx(3.0 * 1.2 + 0.2 + rate / 8.0)
     assert closing_s(0.05, Delays(9.0, 0.2, 1.0), 10.0) == pytest.approx(0.2 + 0.05 / 8.0)
+
+
+@pytest.mark.parametrize(
+    ("row", "noticed_s"),
+    [
+        ("command", 0.0),
+        ("altitude", 0.0),
+        # Three statuses; half a second and one; two seconds; three and eight statuses, and the longest fault.
+        ("clock", 0.15),
+        ("current", 0.55),
+        ("status_age", 2.0),
+        ("obedience", 3.4 + 1.5),
+    ],
+)
+def test_a_row_promises_rest_after_it_is_noticed_obeyed_and_braked(row: str, noticed_s: float) -> None:
+    """From 4 °/s, with 80 % of the slower axis' 5 °/s²; the abort is obeyed a period and its delay later."""
+    slow = AxisLimits(max_acceleration_deg_s2=5.0)
+    profile = MountProfile(dec=slow, abort_delay_s=0.3)
+    rests_s = noticed_s + 0.05 + 0.3 + 0.2004 + 4.0 / (0.8 * 5.0)
+    assert promise_s(ROWS[row], profile, 1.5, 4.0) == pytest.approx(rests_s)
+    assert (
+        promise_s(ROWS["rate"], profile, 1.5, 4.0)
+        == promise_s(ROWS["acceleration"], profile, 1.5, 4.0)
+        == 0.0
+    )
+    closes_s = math.log(4.0 / 0.1) * (0.2004 + 1.5 + 0.3) + 0.2004 + 1.0
+    assert closing_promise_s(profile, 1.5, 4.0) == pytest.approx(closes_s)
 
 
 @pytest.mark.parametrize("signs", [(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0)])

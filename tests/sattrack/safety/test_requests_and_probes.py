@@ -192,6 +192,13 @@ def test_a_mount_that_nobody_knows_is_not_moved_blindly(
     assert probed(probe(), 0.0, dec_deg, age_s) == wanted
 
 
+def test_a_mount_that_nobody_knows_is_not_moved_while_its_clock_is_off() -> None:
+    safety, right_deg = probe(), math.degrees(erfa.gmst82(2440587.5, T0 / 86400.0)) + LONGITUDE_DEG
+    safety.watch(Seen(T0, right_deg + 1.0, 0.0, 40.0), Hold())
+    assert safety.tripped is None
+    assert probed(safety, 0.0, 40.0) == "clock"
+
+
 def test_a_mount_that_nobody_knows_rests_or_is_moved_and_never_slews() -> None:
     safety = probe()
     at = (SIDEREAL_DEG, SIDEREAL_DEG, 40.0, 0.0, T0)
