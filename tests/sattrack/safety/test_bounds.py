@@ -161,6 +161,10 @@ def test_without_time_or_place_nobody_knows_where_the_sun_is() -> None:
         assert found.look(utc_s, 0.0) == knows
         assert found.sun_is_up
         assert bool(found.cones) == knows
+    # What was known of a moment ago is not gone by.
+    found = bounds(limits=DAY)
+    assert not found.look(None, 0.0)
+    assert (found.cones, found.utc_s) == ((), None)
 
 
 def test_a_mount_of_other_axes_sees_the_sun_by_their_angles() -> None:
@@ -253,6 +257,15 @@ def test_a_zone_holds_on_its_side_of_the_pier_by_half_a_degree_and_after_any_tur
                     assert is_clear(zone, box, 0.1) == (not (within and struck[k]))
                     inside = -20.0 < ha < 20.0 and 60.0 < dec < 88.0
                     assert (zone.clearance(box).least_deg < 0.0) == bool(inside and struck[k])
+
+
+def test_a_zone_that_is_wider_than_half_a_turn_holds_everywhere_in_it() -> None:
+    zone = PierCollision(
+        PierZone("ring", ((-170.0, 60.0), (170.0, 60.0), (170.0, 88.0), (-170.0, 88.0))), 0.5
+    )
+    for ha in range(-530, 531, 20):
+        place = (float(ha), 70.0)
+        assert is_clear(zone, Box.between(place, place), 0.1) == (abs(math.remainder(ha, 360.0)) > 170.5)
 
 
 # How far an axis may come: it goes on at 2 °/s up or 1 °/s down for 0.3 s and until it obeys, 0.2 s; what is

@@ -133,6 +133,22 @@ def test_home_is_looked_for_by_day_only_where_its_way_is_known_to_be_clear() -> 
     assert "not clear of the sun" in str(answer(FindHome(), stance(SUN_WEST_HA - 25.0, SUN_DEC), DAY, beyond))
 
 
+def test_without_a_place_on_earth_nothing_that_moves_optics_is_let_through() -> None:
+    for request, moves in (
+        (Slew(SIDEREAL_DEG, 40.0), True),
+        (MoveAxis(None, 1.0), True),
+        (FindHome(), True),
+        (FineRate(0.0, 0.0), True),
+        (PulseGuide(100, 0), True),
+        (Sync(SIDEREAL_DEG, 40.0), False),
+    ):
+        safety = Safety(PROFILE, DAY, LATITUDE_DEG)
+        found = safety.clear_request(request, HIGH, T0)
+        assert ("the Sun's direction is unknown without a site" in str(found)) == moves
+    assert "the Sun's direction is unknown without a site" in str(safety.path_to(Slew(0.0, 40.0), HIGH, T0))
+    assert safety.drift_objection(FineRate(0.0, 0.0), HIGH, T0) == "sun"
+
+
 def test_a_mount_stands_for_its_park_position_before_its_power_is_cut() -> None:
     parks = replace(PROFILE, park=AxesPosition(10.0, 60.0))
     assert answer(Park(), stance(10.0, 60.0), profile=parks) is None

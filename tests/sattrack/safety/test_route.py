@@ -185,7 +185,10 @@ def test_where_every_way_is_closed_the_straight_ones_row_is_named() -> None:
 @pytest.mark.parametrize("pier_rule", ["never", "hour_angle"])
 def test_no_direction_is_far_from_a_place_that_can_be_reached(pier_rule: str) -> None:
     """Twelve degrees apart, half of that either way at the most: 8.5° on the sky."""
-    places = [direction_of(one) for one in reachable(MountProfile(pier_rule=pier_rule), 52.0)]
+    axes = reachable(MountProfile(pier_rule=pier_rule), 52.0)
+    assert all(abs(one.ha_deg) <= 180.0 and -90.0 <= one.dec_deg <= 270.0 for one in axes)
+    assert pier_rule != "never" or all(one.dec_deg <= 90.0 for one in axes)
+    places = [direction_of(one) for one in axes]
     rng = random.Random(2)
     for _ in range(100):
         ha, dec = rng.uniform(-180.0, 180.0), rng.uniform(-84.0, 90.0)

@@ -80,6 +80,11 @@ def test_the_place_in_a_box_that_is_nearest_to_a_direction_is_as_far_as_told() -
         assert told >= nearest - 0.75 * step - 1e-5
 
 
+def test_the_direction_opposite_to_a_place_is_half_a_turn_from_it() -> None:
+    for ha, dec in ((0.0, 0.0), (0.0, 90.0), (120.0, -30.0)):
+        assert nearest_deg(Box(ha, ha, dec, dec), ha + 180.0, -dec) == pytest.approx(180.0, abs=1e-5)
+
+
 def test_azimuths_are_those_of_erfa() -> None:
     for ha, dec in ((-170.0, 10.0), (30.0, -20.0), (0.0, 80.0), (100.0, 89.0)):
         azimuth, _ = erfa.hd2ae(math.radians(ha), math.radians(dec), math.radians(52.0))

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import pytest
+from driven_limits import sun_place
 from msgspec.structs import replace
 from safety_stand import LATITUDE_DEG, LONGITUDE_DEG, T0
 
+from sattrack.core.angles import separation_deg
 from sattrack.mount.geometry import AxisGeometry
 from sattrack.mount.model import (
     AxisLimits,
@@ -20,7 +23,7 @@ from sattrack.mount.model import (
 )
 from sattrack.safety import SafetyLimits
 from sattrack.safety.bounds import Bounds
-from sattrack.safety.geometry import Box, Place, meets_polygon
+from sattrack.safety.geometry import Box, Place, meets_polygon, nearest_deg
 from sattrack.safety.slews import SlewGate
 
 DARK = SafetyLimits(floor_altitude_deg=-90.0, optical=False)
@@ -181,3 +184,20 @@ def test_a_detour_is_taken_leg_by_leg_and_judged_anew_at_each() -> None:
             break
     assert legs[-1] == target
     assert len(legs) >= 2
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_target_in_the_suns_cone_is_waited_for_on_its_own_side_of_the_sun(side: float) -> None:
+    """Ten degrees from the Sun, as seen from the other side of it: the way there leads round the cone."""
+    ha, dec = sun_place(T0)
+    gate = slew_gate(detours=True, limits=replace(DARK, sun_cone_deg=15.0))
+    start = Place(ha - side * 40.0, dec)
+    target = Slew(-(ha + side * 10.0), dec)
+    legs = gate.route(target, 0.0, start, waits=True)
+    assert not isinstance(legs, str)
+    ends = [start, *(Place(ha + math.remainder(-leg.ra_deg - ha, 360.0), leg.dec_deg) for leg in legs)]
+    assert len(legs) >= 2
+    assert separation_deg(*ends[-1], ha + side * 10.0, dec) < 7.0
+    for one, other in pairwise(ends):
+        assert nearest_deg(Box.between(one, other), ha, dec) >= 15.0
+    assert gate.route(target, 0.0, start) == "sun"

@@ -313,6 +313,20 @@ def test_axes_lie_elsewhere_where_gains_leave_more_than_a_seventh_of_the_motion(
     assert axes_watch(turned_by(angle_deg), size=0.042).askew == askew
 
 
+def test_blocks_from_before_the_pole_or_another_motion_are_forgotten() -> None:
+    for forgets in (False, True):
+        watching = axes_watch(turned_by(40.0), blocks=9)
+        if forgets:
+            watching.forget()
+        at = Seen(None, 0.0, 10.0, 40.0)
+        for k in range(9, 18):
+            first, second = 0.3 * math.cos(math.radians(45.0 * k)), 0.3 * math.sin(math.radians(45.0 * k))
+            went = turned_by(40.0)(k, first, second)
+            told, moved = (MoveAxes(SIDEREAL_RATE_DEG_S - x, y) for x, y in ((first, second), went))
+            watching.see(BLOCK_S, moved, told, at)
+        assert watching.askew != forgets
+
+
 @pytest.mark.parametrize(("share", "askew"), [(0.3, True), (0.37, True), (0.43, False), (0.6, False)])
 def test_motion_that_nothing_explains_is_no_sign_of_axes_that_lie_elsewhere(
     share: float, askew: bool
