@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import random
 from itertools import pairwise
+from typing import Any
 
 import erfa
 import numpy as np
@@ -220,16 +221,16 @@ def test_regions_are_judged_by_a_margin_as_their_clearance_tells(margin_deg: flo
     assert len(found) >= 2 * len(regions) - 2
 
 
-def in_the_way(ha_deg: float, dec_deg: float) -> bool:
+def in_the_way(ha_deg: Any, dec_deg: Any) -> Any:
     """A wall two degrees thick that slants, and ends at 44° of declination."""
-    return dec_deg < 44.0 and abs(ha_deg + 38.0 - 0.8 * (dec_deg - 38.0)) < 2.0
+    return (dec_deg < 44.0) & (abs(ha_deg + 38.0 - 0.8 * (dec_deg - 38.0)) < 2.0)
 
 
 def meets_the_wall(box: Box, seconds: float) -> str | None:
     del seconds
-    has = np.linspace(box.ha_low_deg, box.ha_high_deg, 60)
-    decs = np.linspace(box.dec_low_deg, box.dec_high_deg, 60)
-    return "horizon" if any(in_the_way(float(h), float(d)) for h in has for d in decs) else None
+    has = np.linspace(box.ha_low_deg, box.ha_high_deg, 60)[:, None]
+    decs = np.linspace(box.dec_low_deg, box.dec_high_deg, 60)[None, :]
+    return "horizon" if np.any(in_the_way(has, decs)) else None
 
 
 def test_a_way_is_found_past_the_end_of_a_wall_from_close_beside_it() -> None:
@@ -278,18 +279,40 @@ def test_how_a_mount_stands_tells_its_axes_past_the_pole_too(latitude_deg: float
         assert (found.ha_deg % 360.0, found.dec_deg) == pytest.approx((place.ha_deg % 360.0, place.dec_deg))
 
 
-def test_a_box_is_clear_of_a_skyline_only_where_all_of_it_is() -> None:
-    wall = Skyline([(0.0, 5.0), (90.0, 5.0), (170.0, 5.0), (180.0, 30.0), (190.0, 5.0), (270.0, 5.0)], 52.0)
+def test_a_box_about_the_zenith_meets_a_wall_on_the_other_side_of_it() -> None:
+    """On the meridian, at 60.5° of declination, it is 81.5° high in the north: the wall, 82°."""
+    wall, box = Skyline(NORTH_WALL, 52.0), Box(-0.5, 0.5, 42.0, 60.5)
+    assert wall.clearance(box).least_deg <= -0.5
+    assert not is_clear(wall, box, 0.1)
+
+
+SOUTH_WALL = ((0.0, 5.0), (90.0, 5.0), (170.0, 5.0), (180.0, 30.0), (190.0, 5.0), (270.0, 5.0))
+NORTH_WALL = ((0.0, 82.0), (20.0, 5.0), (90.0, 5.0), (180.0, 5.0), (270.0, 5.0), (340.0, 5.0))
+
+
+@pytest.mark.parametrize(
+    ("points", "begin_dec"),
+    [
+        pytest.param(SOUTH_WALL, (-30.0, 10.0), id="south"),
+        pytest.param(NORTH_WALL, (40.0, 60.0), id="zenith"),
+    ],
+)
+def test_a_box_is_clear_of_a_skyline_only_where_all_of_it_is(
+    points: tuple[tuple[float, float], ...], begin_dec: tuple[float, float]
+) -> None:
+    wall = Skyline(points, 52.0)
     rng = random.Random(9)
     seen = set()
     for _ in range(60):
-        ha, dec = rng.uniform(-60.0, 60.0), rng.uniform(-30.0, 10.0)
+        ha, dec = rng.uniform(-60.0, 60.0), rng.uniform(*begin_dec)
         box = Box(ha, ha + rng.choice([1.0, 10.0, 40.0]), dec, dec + rng.choice([1.0, 5.0, 20.0]))
         has = np.linspace(box.ha_low_deg, box.ha_high_deg, 15)
         decs = np.linspace(box.dec_low_deg, box.dec_high_deg, 15)
         least = min(
             wall.clearance(Box(float(h), float(h), float(d), float(d))).some_deg for h in has for d in decs
         )
+        # Of places 2° above all of it, only that is told.
+        assert least > 2.0 or wall.clearance(box).least_deg <= least + 1e-9
         found = is_clear(wall, box, 0.5)
         seen.add(found)
         assert not (found and least < 0.5)
