@@ -85,6 +85,36 @@ def test_a_way_may_leave_what_it_begins_near_but_come_no_nearer(
     assert bounds().leaving(place, seconds) == pytest.approx(left, abs=1e-9)
 
 
+def test_a_box_keeps_its_margin_from_every_limit_but_those_that_are_lowered() -> None:
+    found = bounds()
+    for ha, dec, margins, margin_deg, name in (
+        (39.85, 0.0, {}, 0.1, None),
+        (39.95, 0.0, {}, 0.1, "hour_angle"),
+        (39.95, 0.0, {}, 0.01, None),
+        (39.95, 0.0, {"hour_angle": 0.04}, 0.1, None),
+        (39.95, 0.0, {"hour_angle": 0.06}, 0.1, "hour_angle"),
+        (39.95, 0.0, {"declination": 0.0}, 0.1, "hour_angle"),
+        (45.0, 0.0, {"hour_angle": -math.inf}, 0.1, None),
+        (0.0, 99.95, {}, 0.1, "declination"),
+        (0.0, 59.6, {}, 0.1, "pier"),
+        (0.0, 59.4, {}, 0.1, None),
+        (0.0, 59.6, {"pier": 0.05}, 0.1, None),
+    ):
+        assert found.violated(Box(ha, ha, dec, dec), margins, 0.0, margin_deg) == name
+    found = bounds(MountProfile(), DAY)
+    sun = found.cones[0].body
+    for clear_deg, seconds, margins, name in (
+        (0.105, 0.0, {}, None),
+        (0.095, 0.0, {}, "sun"),
+        (0.105, 5.0, {}, "sun"),
+        (0.125, 5.0, {}, None),
+        (0.095, 5.0, {"sun": 0.09}, None),
+    ):
+        dec = sun.dec_deg + WIDE_DEG + clear_deg
+        box = Box(sun.hour_angle_deg, sun.hour_angle_deg, dec, dec)
+        assert found.violated(box, margins, seconds) == name
+
+
 def test_rates_come_nearer_at_any_part_of_their_way() -> None:
     near = {"hour_angle": 0.05}
     found = bounds()

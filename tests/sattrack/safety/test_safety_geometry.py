@@ -122,6 +122,32 @@ def test_a_box_meets_a_polygon_that_shares_a_point_with_it(
     assert meets_polygon(box, zone) is meets
 
 
+def apart(one: np.ndarray, other: np.ndarray) -> bool:
+    """Tell whether two convex polygons are apart: then a line along an edge of either is between them."""
+    for polygon in (one, other):
+        for edge in np.roll(polygon, -1, axis=0) - polygon:
+            normal = np.array([-edge[1], edge[0]])
+            first, second = one @ normal, other @ normal
+            if first.max() < second.min() or second.max() < first.min():
+                return True
+    return False
+
+
+def test_boxes_meet_triangles_that_no_line_keeps_from_them() -> None:
+    rng, seen = random.Random(12), set()
+    for _ in range(400):
+        left, low = rng.uniform(-10.0, 10.0), rng.uniform(-10.0, 10.0)
+        box = Box(left, left + rng.choice((0.1, 4.0)), low, low + rng.choice((0.1, 4.0)))
+        corners = tuple((rng.uniform(-10.0, 10.0), rng.uniform(-10.0, 10.0)) for _ in range(3))
+        square = np.array(
+            [(x, y) for x, y in ((box[0], box[2]), (box[1], box[2]), (box[1], box[3]), (box[0], box[3]))]
+        )
+        meets = not apart(square, np.array(corners))
+        assert meets_polygon(box, corners) is meets
+        seen.add(meets)
+    assert seen == {True, False}
+
+
 def almanac_sun(days: float) -> np.ndarray:
     """The Astronomical Almanac's low-precision Sun, good to 0.01°: unit vector, equator of date."""
     mean, anomaly = 280.460 + 0.9856474 * days, math.radians(357.528 + 0.9856003 * days)
