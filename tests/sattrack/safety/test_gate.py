@@ -141,6 +141,21 @@ def test_what_was_sent_counts_until_the_mount_has_obeyed_what_came_after_it() ->
         assert (cleared.motion == wish) == lets
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize(("rate_deg_s", "lets"), [(-4.0, False), (4.0, True), (0.0, True)])
+def test_what_statuses_show_counts_though_nobody_sent_it(axis: int, rate_deg_s: float, lets: bool) -> None:
+    """One degree before its end an axis goes 4 °/s: in 0.2 s and the braking, 1.8°."""
+    safety, end_deg = gate(), (-40.0, -50.0)[axis]
+    for k in range(6):
+        at_deg = end_deg + 1.0 - rate_deg_s * 0.05 * (5 - k)
+        ha, dec = (at_deg, 0.0) if axis == 0 else (0.0, at_deg)
+        sidereal_deg = SIDEREAL_DEG + 0.05 * k * S
+        safety.watch(Seen(None, sidereal_deg, sidereal_deg - ha, dec), Hold())
+    wish = MoveAxes(S + 0.01, 0.0) if axis == 0 else MoveAxes(S, -0.01)
+    cleared = safety.clear(wish, sidereal_deg, sidereal_deg - ha, dec, 0.0, T0)
+    assert (cleared.motion == wish) == lets
+
+
 @pytest.mark.parametrize("back_s", [0.4, 0.6])
 def test_our_clock_may_go_back_by_half_a_second(back_s: float) -> None:
     safety = gate()

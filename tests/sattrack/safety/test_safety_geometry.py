@@ -54,6 +54,8 @@ def test_no_place_in_a_box_is_farther_from_its_middle_than_its_radius() -> None:
     for box, places in boxes(150):
         *middle, radius_deg = box.circle
         assert farthest_deg(np.array(middle), places) <= radius_deg + 1e-5
+        if box.ha_low_deg == box.ha_high_deg:
+            assert radius_deg == pytest.approx(0.5 * (box.dec_high_deg - box.dec_low_deg))
 
 
 def test_no_place_in_a_box_is_lower_than_its_lowest_altitude() -> None:
