@@ -175,6 +175,7 @@ def test_the_sun_is_looked_at_once_a_second_and_counts_from_three_degrees_below_
         (DAY, ["sun"], True),
         (DARK, [], False),
         (replace(DARK, sun_cone_deg=20.0), ["sun"], False),
+        (replace(DARK, sun_cone_deg=0.5), ["sun"], False),
         (replace(DARK, moon_cone_deg=5.0), [], False),
     ],
 )

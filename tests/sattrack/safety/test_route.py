@@ -196,6 +196,24 @@ def test_a_way_through_a_corridor_turns_where_the_corridor_does(west: float, nor
     assert find_route(goal, start, PROFILE, judge, judge, 52.0) == Route(back)
 
 
+@pytest.mark.parametrize("west", [1.0, -1.0])
+def test_of_two_corridors_the_quicker_is_taken(west: float) -> None:
+    """By 24° along the equator and back for 12°, or by 6° the other way and back for 18°."""
+    start, goal = Place(0.0, 0.0), Place(12.0 * west, 24.0)
+    ways = [(Place(ha * west, 0.0), Place(ha * west, 24.0), goal) for ha in (24.0, -6.0)]
+    parts = [
+        Box.between(one, other).grown(0.5, 0.5, 0.5, 0.5)
+        for legs in ways
+        for one, other in pairwise((start, *legs))
+    ]
+
+    def judge(box: Box, seconds: float) -> str | None:
+        del seconds
+        return None if any(part.with_box(box) == part for part in parts) else "horizon"
+
+    assert find_route(start, goal, PROFILE, judge, judge, 52.0) == Route(ways[1])
+
+
 def test_where_every_way_is_closed_the_straight_ones_row_is_named() -> None:
     start, goal = Place(0.0, 0.0), Place(12.0, 12.0)
 

@@ -186,6 +186,18 @@ def test_a_detour_is_taken_leg_by_leg_and_judged_anew_at_each() -> None:
     assert len(legs) >= 2
 
 
+def test_a_detour_that_is_closed_on_the_way_ends_with_the_name_of_what_closes_it() -> None:
+    wall = PierZone("wall", ((-5.0, -20.0), (5.0, -20.0), (5.0, 60.0), (-5.0, 60.0)))
+    gate = slew_gate(replace(FREE, pier_zones=(wall,), dec_axis_limits_deg=(-15.0, 89.0)), detours=True)
+    start, target = Place(-40.0, 10.0), Slew(-40.0, 10.0)
+    leg = gate.clear(target, 0.0, (40.0, 10.0), start, Box.between(start, start))
+    assert isinstance(leg, Slew)
+    assert leg != target
+    # What is reported is the end of the leg, but the axes are believed to be in the zone.
+    inside = Place(0.0, 30.0)
+    assert gate.clear(target, 0.0, (leg.ra_deg, leg.dec_deg), inside, Box.between(inside, inside)) == "pier"
+
+
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_target_in_the_suns_cone_is_waited_for_on_its_own_side_of_the_sun(side: float) -> None:
     """Ten degrees from the Sun, as seen from the other side of it: the way there leads round the cone."""

@@ -266,8 +266,9 @@ def test_the_actions_before_a_pass_come_one_after_the_other_and_then_the_pass() 
     run, order = machine.step(run, StepDone(utc_s=one.end_utc_s + 1.0, done=False, words="exit 1"))
     assert order == DoStep(index=0, when="after", step=1)
     assert run.notes[-1] == f"{one.name}: {one.terms.after[0].words}: exit 1"
-    run, order = machine.step(run, StepDone(utc_s=one.end_utc_s + 2.0, done=True))
+    run, order = machine.step(run, StepDone(utc_s=one.end_utc_s + 2.0, done=False, words="exit 2"))
     assert order == Wait(until_utc_s=one.end_utc_s + 2.0)
+    assert run.notes[-1] == f"{one.name}: {one.terms.after[1].words}: exit 2"
     assert run.state is RunState.WAITING
 
 
@@ -482,6 +483,16 @@ def test_a_night_slept_through_is_left_out_and_the_one_in_progress_planned() -> 
     run, order = machine.step(run, SummedUp(utc_s=late))
     assert isinstance(order, Wait)
     assert run.night_from_utc_s <= late < run.night_to_utc_s
+
+
+def test_of_nights_that_were_all_slept_through_the_last_is_gone_on_with() -> None:
+    run, _ = machine.step(Run(), Started(utc_s=BEGIN, settings=settings(5.0)))
+    late = SummedUp(utc_s=BEGIN + 40.0 * 86_400.0)
+    run, order = machine.step(replace(run, state=RunState.SUMMING_UP), late)
+    assert (run.state, run.night_to_utc_s) == (RunState.RESTING, BEGIN + 5.0 * 86_400.0)
+    assert order == Wait(until_utc_s=run.night_from_utc_s)
+    _, order = machine.step(replace(run, state=RunState.SUMMING_UP), late)
+    assert isinstance(order, End)
 
 
 def test_a_schedule_without_an_end_goes_on_night_after_night_at_the_sites_noon() -> None:
