@@ -174,15 +174,18 @@ def test_past_a_pillar_close_by_one_axis_turns_at_a_time() -> None:
 
 @pytest.mark.parametrize("west", [1.0, -1.0])
 @pytest.mark.parametrize("north", [1.0, -1.0])
-def test_a_way_through_a_corridor_turns_where_the_corridor_does(west: float, north: float) -> None:
-    """Along the equator for 24°, then 24° of declination, then back for 12°; a degree wide."""
+@pytest.mark.parametrize("far", [24.0, -24.0, 36.0])
+def test_a_way_through_a_corridor_turns_where_the_corridor_does(
+    west: float, north: float, far: float
+) -> None:
+    """Along the equator at first, then by 24° of declination, then back; a degree wide."""
     start, goal = Place(0.0, 0.0), Place(12.0 * west, 24.0 * north)
     corridor = [
         Box.between(one, other).grown(0.5, 0.5, 0.5, 0.5)
         for one, other in (
-            ((0.0, 0.0), (24.0 * west, 0.0)),
-            ((24.0 * west, 0.0), (24.0 * west, 24.0 * north)),
-            ((24.0 * west, 24.0 * north), goal),
+            ((0.0, 0.0), (far * west, 0.0)),
+            ((far * west, 0.0), (far * west, 24.0 * north)),
+            ((far * west, 24.0 * north), goal),
         )
     ]
 
@@ -190,7 +193,7 @@ def test_a_way_through_a_corridor_turns_where_the_corridor_does(west: float, nor
         del seconds
         return None if any(part.with_box(box) == part for part in corridor) else "horizon"
 
-    corners = (Place(24.0 * west, 0.0), Place(24.0 * west, 24.0 * north), goal)
+    corners = (Place(far * west, 0.0), Place(far * west, 24.0 * north), goal)
     assert find_route(start, goal, PROFILE, judge, judge, 52.0) == Route(corners)
     back = (*reversed(corners[:-1]), start)
     assert find_route(goal, start, PROFILE, judge, judge, 52.0) == Route(back)

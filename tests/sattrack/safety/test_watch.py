@@ -124,8 +124,9 @@ def test_another_motion_begins_anew_and_so_does_a_stream_that_was_interrupted() 
 
 
 def statuses(count: int, **known: float) -> list[Seen]:
-    step_deg = PERIOD_S * SIDEREAL_RATE_DEG_S
-    return [Seen(None, k * step_deg, 359.99 + 0.005 * k, 20.0 - 0.01 * k, **known) for k in range(count)]
+    # The mount's sidereal time goes through 0h.
+    times_deg = [(359.9995 + k * PERIOD_S * SIDEREAL_RATE_DEG_S) % 360.0 for k in range(count)]
+    return [Seen(None, times_deg[k], 359.99 + 0.005 * k, 20.0 - 0.01 * k, **known) for k in range(count)]
 
 
 def test_rates_between_statuses_are_differences_round_the_circle() -> None:
