@@ -50,6 +50,9 @@ def refuses(request: Request, ha_deg: float, dec_deg: float, beyond_pole: bool =
         (FineRate(-0.04, 0.0), 0, -1.0, 30.0 * (0.04 - S)),
         (FineRate(0.0, 0.02), 1, 1.0, 0.6),
         (FineRate(0.0, -0.02), 1, -1.0, 0.6),
+        # Motions for the latency, 0.2004 s, and the longest fault; then they brake.
+        (MoveAxis(None, -1.0), 1, -1.0, 1.2004 + 1.0 / 16.0),
+        (MoveAxis(-1.0, None), 0, 1.0, 1.2004 * (1.0 + S) + (1.0 + S) ** 2 / 16.0),
         (PulseGuide(60_000, 0), 0, 1.0, 120.0 * S),
         (PulseGuide(60_000, 120_000), 0, 1.0, 180.0 * S),
         (PulseGuide(60_000, 120_000), 1, 1.0, 120.0 * S),

@@ -290,11 +290,12 @@ def test_a_pass_is_prepared_a_minute_and_a_half_before_the_mount_sets_out() -> N
 
 
 def test_after_a_night_the_next_begins_empty_and_after_the_last_the_run_ends() -> None:
-    run = replace(following(one_pass()), settings=settings(2.0), others={"lost": 3})
+    over = (FinishedPass(25544, BEGIN),)
+    run = replace(following(one_pass()), settings=settings(2.0), others={"lost": 3}, over=over)
     run = replace(run, state=RunState.SUMMING_UP, mount=Mount.PARKED, results=(Result("done"),))
     first_end = run.night_to_utc_s
     run, order = machine.step(run, SummedUp(utc_s=run.night_to_utc_s))
-    assert (run.night, run.passes, run.results, run.others) == (2, (), (), {})
+    assert (run.night, run.passes, run.results, run.others, run.over) == (2, (), (), {}, ())
     assert order == Wait(until_utc_s=first_end)
     assert run.night_from_utc_s == first_end
     # The machine sleeps through all the rest.
