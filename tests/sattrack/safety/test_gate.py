@@ -17,9 +17,11 @@ from sattrack.mount.model import (
     Slew,
     Stance,
     Stop,
+    mean_sidereal_deg,
 )
 from sattrack.mount.requests import FineRate, MoveAxis, PulseGuide, Request
 from sattrack.safety import Safety, SafetyLimits
+from sattrack.safety.bodies import sun_over
 from sattrack.safety.gate import AxesState, axis_rates
 from sattrack.safety.geometry import Place
 
@@ -224,6 +226,18 @@ def test_axes_outside_are_stopped_by_the_third_status_that_finds_them_there() ->
     rates = [(one.ra_rate_deg_s, one.dec_rate_deg_s) if isinstance(one, MoveAxes) else one for one in found]
     assert rates == [held, held, *[Stop()] * 4]
     assert safety.tripped == "hour_angle"
+
+
+@pytest.mark.parametrize(("clear_deg", "dec_deg_s"), [(0.5, 0.0), (0.05, 0.05), (-0.02, 0.07)])
+def test_axes_that_rest_beside_the_sun_give_way_to_it_at_once(clear_deg: float, dec_deg_s: float) -> None:
+    """North of it, where the way out is up: at 0.05 °/s, and faster by what they are inside its cone."""
+    sun = sun_over(LATITUDE_DEG, 4.5).at(T0)
+    sidereal_deg = mean_sidereal_deg(T0, 4.5)
+    ra_deg, dec_deg = sidereal_deg - sun.hour_angle_deg, sun.dec_deg + 15.0 + S + clear_deg
+    safety = Safety(MountProfile(), SafetyLimits(floor_altitude_deg=-90.0), LATITUDE_DEG, 4.5, holds=True)
+    found = safety.clear(MoveAxes(S, 0.0), sidereal_deg, ra_deg, dec_deg, 0.0, T0).motion
+    assert isinstance(found, MoveAxes)
+    assert (found.ra_rate_deg_s, found.dec_rate_deg_s) == pytest.approx((S, dec_deg_s), abs=1e-3)
 
 
 @pytest.mark.parametrize("latitude_deg", [52.0, -33.0])
