@@ -35,14 +35,14 @@ if TYPE_CHECKING:
 
 Frame = Literal["of_date", "icrf", "j2000"]
 _ALONG_STEP_S = 0.05
-_CROSS_STEP_DEG = 0.01
 _LONGEST_STEP_S = 30.0
 _MOST_STEPS = 40
-# A solution so far across the track is looked for along the whole orbit too, at so many places.
-_FAR_DEG, _PLACES = 5.0, 180
-_FARTHEST_DEG = 30.0
+# Places all round the orbit, and how far across the track a satellite may be that is looked for from there.
+_PLACES, _FARTHEST_DEG = 180, 30.0
 # The rounding of SGP4's time since epoch moves a low satellite by 1e-11 rad at 60 days and 7e-9 at a century.
 _CLOSE_RAD = 5e-8
+# A hundredth of Neptune's motion, and 30 times that of a star, by the Earth's.
+_STANDS_RAD_S = 1e-10
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,8 @@ class Bias:
         """Check the numbers; take a datetime or a Time of another package as the epoch."""
         if self.epoch is not None:
             object.__setattr__(self, "epoch", as_utc(self.epoch))
-        if not math.isfinite(self.along_s + self.cross_deg + self.along_rate + self.cross_rate_deg_s):
+        numbers = (self.along_s, self.cross_deg, self.along_rate, self.cross_rate_deg_s)
+        if not all(map(math.isfinite, numbers)):
             raise BiasError("a bias is not a finite number: give seconds along and degrees across the track")
         if abs(self.cross_deg) > 90.0:
             raise BiasError(f"a cross-track bias of {self.cross_deg}° is beyond 90°: give degrees on the sky")
@@ -135,17 +136,14 @@ def bias_from_observation(
     model = _Model(seen, t)
     plain = model.unit(0.0, 0.0)
     along_s, cross_deg = _solve(model, observed, _orbit_s(propagator))
-    jacobian, _, m, n = model.slopes(along_s, cross_deg)
+    _, m, n, speed = model.frame(along_s, cross_deg)
     motion = seen.at(t, Bias(along_s, cross_deg)).unit_rate
-    moved = np.array([motion @ m, motion @ n]) * sigma_time_s
-    spread = np.eye(2) * (sigma_arcsec * ARCSEC) ** 2 + np.outer(moved, moved)
-    inverse = np.linalg.inv(jacobian)
-    covariance = inverse @ spread @ inverse.T
+    sigma = sigma_arcsec * ARCSEC
     return BiasEstimate(
         along_s,
         cross_deg,
-        math.sqrt(covariance[0, 0]),
-        math.sqrt(covariance[1, 1]),
+        math.hypot(sigma, float(motion @ m) * sigma_time_s) / speed,
+        math.degrees(math.hypot(sigma, float(motion @ n) * sigma_time_s)),
         _angle(plain, observed) / ARCSEC,
     )
 
@@ -167,10 +165,9 @@ def apparent_unit(
     if frame == "of_date":
         return measured
     velocity = earth_velocity_km_s(t)
-    # The light's own velocity against the barycentre, added to the observer's, has length c again.
-    ahead = float(measured @ velocity)
-    length = math.sqrt(ahead * ahead + LIGHT_KM_S**2 - float(velocity @ velocity)) - ahead
-    of_date = earth.celestial_matrix(t) @ (measured * length + velocity)
+    # The light's own velocity against the barycentre, added to the observer's, has length c again, to 5e-9.
+    own = measured * (LIGHT_KM_S - float(measured @ velocity))
+    of_date = earth.celestial_matrix(t) @ (own + velocity)
     seen: NDArray[np.float64] = of_date + _diurnal_km_s(t, site, earth)
     return seen / math.sqrt(float(seen @ seen))
 
@@ -185,23 +182,24 @@ class _Model:
     def unit(self, along_s: float, cross_deg: float) -> NDArray[np.float64]:
         return self._propagator.at(self._t, Bias(along_s, cross_deg)).unit
 
-    def slopes(
+    def frame(
         self, along_s: float, cross_deg: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return d(direction)/d(along, cross) in the tangent plane, the direction, and the plane's axes."""
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], float]:
+        """Return the direction, the axes along and across its track, and its speed along, rad/s of bias.
+
+        A bias across turns the direction about the axis along by just so much.
+        """
         u = self.unit(along_s, cross_deg)
         later, sooner = (self.unit(along_s + s * _ALONG_STEP_S, cross_deg) for s in (1.0, -1.0))
         by_along = (later - sooner) / (2.0 * _ALONG_STEP_S)
-        left, right = (self.unit(along_s, cross_deg + s * _CROSS_STEP_DEG) for s in (1.0, -1.0))
-        by_cross = (left - right) / (2.0 * _CROSS_STEP_DEG)
-        m = by_along - (by_along @ u) * u
-        size = float(np.linalg.norm(m))
-        if size < 1e-12:
-            raise ObservationError("the satellite moves along the line of sight: no bias follows from it")
-        m = m / size
-        n = np.cross(u, m)
-        jacobian = np.array([[by_along @ m, by_cross @ m], [by_along @ n, by_cross @ n]])
-        return jacobian, u, m, n
+        along = by_along - (by_along @ u) * u
+        speed = float(np.linalg.norm(along))
+        if speed < _STANDS_RAD_S:
+            raise ObservationError(
+                "the object stands still on the sky: no bias along its track follows from that"
+            )
+        m = along / speed
+        return u, m, np.cross(u, m), speed
 
 
 def _solve(model: _Model, observed: NDArray[np.float64], places_s: Sequence[float]) -> tuple[float, float]:
@@ -210,16 +208,11 @@ def _solve(model: _Model, observed: NDArray[np.float64], places_s: Sequence[floa
     `places_s` are biases along the track all round the orbit: elements of weeks ago may be minutes off.
     """
     found = _newton(model, observed, 0.0)
-    if not places_s or (found is not None and abs(found[1]) < _FAR_DEG):
-        return _bias(found)
-    nearest_s = max(places_s, key=lambda along_s: float(model.unit(along_s, 0.0) @ observed))
-    again = _newton(model, observed, nearest_s)
-    if again is not None and abs(again[1]) < (_FARTHEST_DEG if found is None else 0.5 * abs(found[1])):
-        return again
-    return _bias(found)
-
-
-def _bias(found: tuple[float, float] | None) -> tuple[float, float]:
+    if found is None and places_s:
+        nearest_s = max(places_s, key=lambda along_s: float(model.unit(along_s, 0.0) @ observed))
+        found = _newton(model, observed, nearest_s)
+        if found is not None and abs(found[1]) > _FARTHEST_DEG:
+            found = None
     if found is None:
         raise ObservationError(
             "no bias along the track leads from the elements to the observed direction: "
@@ -233,34 +226,30 @@ def _orbit_s(propagator: Propagator) -> Sequence[float]:
     if not isinstance(propagator.elements, Elements):
         return ()
     half = 0.5 * propagator.elements.period_s
-    places: list[float] = np.linspace(-half, half, _PLACES, endpoint=False).tolist()
+    places: list[float] = np.linspace(-half, half, _PLACES).tolist()
     return places
 
 
 def _newton(model: _Model, observed: NDArray[np.float64], along_s: float) -> tuple[float, float] | None:
     """Return the biases that lead to a direction, by Newton's method with bounded steps along the track.
 
-    It goes on until a step no longer halves the miss: then only rounding is left, at most 0.01 arcsec. None
+    It goes on until a step no longer lessens the miss: then only rounding is left, at most 0.01 arcsec. None
     where it comes to no end.
     """
     cross_deg = 0.0
     best, least_miss = (along_s, cross_deg), math.inf
     for _ in range(_MOST_STEPS):
-        jacobian, u, m, n = model.slopes(along_s, cross_deg)
+        u, m, n, speed = model.frame(along_s, cross_deg)
         # Angles of the observation in the frame of the track: along it as a turn, across it as a height.
-        height = float(np.clip(observed @ n, -1.0, 1.0))
-        off = np.array([math.atan2(observed @ m, observed @ u), math.asin(height)])
-        miss = float(np.abs(off).max())
-        if min(miss, least_miss) < _CLOSE_RAD and not miss < 0.5 * least_miss:
-            return best if least_miss < miss else (along_s, cross_deg)
+        up, ahead = float(observed @ u), float(observed @ m)
+        turn, height = math.atan2(ahead, up), math.atan2(float(observed @ n), math.hypot(up, ahead))
+        miss = max(abs(turn), abs(height))
         if miss < least_miss:
             best, least_miss = (along_s, cross_deg), miss
-        try:
-            step = np.linalg.solve(jacobian, off)
-        except np.linalg.LinAlgError:
-            return None
-        along_s += float(max(-_LONGEST_STEP_S, min(_LONGEST_STEP_S, step[0])))
-        cross_deg = max(-89.0, min(89.0, cross_deg + float(step[1])))
+        elif least_miss < _CLOSE_RAD:
+            return best
+        along_s += max(-_LONGEST_STEP_S, min(_LONGEST_STEP_S, turn / speed))
+        cross_deg = max(-89.0, min(89.0, cross_deg + math.degrees(height)))
     return None
 
 

@@ -449,7 +449,8 @@ class Safety:
             return (ha, dec), (ha, dec)
         sent = self._sent
         since_s = utc_s - age_s - self._ahead.latency_s
-        while len(sent) > 1 and sent[0][0] < since_s:
+        # A rate is in force until the one after it is obeyed.
+        while len(sent) > 1 and sent[1][0] < since_s:
             sent.popleft()
         has, decs = [ha], [dec]
         for _, ha, dec in sent:

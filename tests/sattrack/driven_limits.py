@@ -60,6 +60,34 @@ def sun_place(utc_s: float) -> tuple[float, float]:
     return body_place(x, math.cos(tilt) * y, math.sin(tilt) * y, utc_s)
 
 
+def moon_place(utc_s: float) -> tuple[float, float]:
+    """The Almanac's low-precision Moon: 0.3°; from the site it stands up to 1° lower."""
+    t = (utc_s / 86400.0 - 10957.5) / 36525.0
+
+    def wave(size: float, phase: float, turns: float) -> float:
+        return size * math.sin(math.radians(phase + turns * t))
+
+    longitude = math.radians(
+        218.32
+        + 481267.881 * t
+        + wave(6.29, 135.0, 477198.87)
+        - wave(1.27, 259.3, -413335.36)
+        + wave(0.66, 235.7, 890534.22)
+        + wave(0.21, 269.9, 954397.74)
+        - wave(0.19, 357.5, 35999.05)
+        - wave(0.11, 186.5, 966404.03)
+    )
+    latitude = math.radians(
+        wave(5.13, 93.3, 483202.02)
+        + wave(0.28, 228.2, 960400.89)
+        - wave(0.28, 318.3, 6003.15)
+        - wave(0.17, 217.6, -407332.21)
+    )
+    x, y = math.cos(latitude) * math.cos(longitude), math.cos(latitude) * math.sin(longitude)
+    c, s = math.cos(math.radians(23.439)), math.sin(math.radians(23.439))
+    return body_place(x, c * y - s * math.sin(latitude), s * y + c * math.sin(latitude), utc_s)
+
+
 def from_sun(truth: Truth, t: float) -> float:
     return angle_deg(direction(truth), vector(*sun_place(T0 + t)))
 

@@ -13,9 +13,10 @@ import pytest
 from geometry import itrs_km, site_below, site_that_sees_it_at_the_pole, skyfield_timescale
 from sgp4.api import Satrec
 from skyfield.api import EarthSatellite, wgs84
-from tle_facts import ISS, LEIDEN, MOLNIYA, PARANAL, STARLINK_ALPHA5, TDRS3, separation_arcsec, unit
+from tle_facts import ISS, LEIDEN, MOLNIYA, PARANAL, STARLINK_ALPHA5, TDRS3, separation_arcsec
 
 from tle.bias import Bias, bias_from_observation
+from tle.bodies import find_body
 from tle.earth import EarthOrientation
 from tle.elements import Elements
 from tle.errors import BiasError, ObservationError, PlaceError
@@ -133,7 +134,7 @@ def test_biases_grow_at_their_rates():
         assert propagator.at(t).unit == pytest.approx(propagator.at(t, fixed).unit, abs=1e-6)
     times = Utc(START.unix_s + np.arange(5.0))
     assert growing.along_at_s(times.unix_s) == pytest.approx([1.0, 1.01, 1.02, 1.03, 1.04])
-    assert Bias(1.0, 0.2).cross_at_deg(times.unix_s) == 0.2
+    assert (Bias(1.0, 0.2).along_at_s(times.unix_s), Bias(1.0, 0.2).cross_at_deg(times.unix_s)) == (1.0, 0.2)
 
 
 def test_a_bias_grows_from_a_datetime_as_from_an_instant():
@@ -282,25 +283,26 @@ def test_the_mean_equator_of_j2000_is_that_of_the_icrf_but_for_the_frame_bias():
     assert (found.along_s, found.cross_deg) == pytest.approx((2.0, 0.1), abs=1e-7)
 
 
-def test_uncertainties_are_those_of_many_noisy_observations():
-    propagator = Propagator(ELEMENTS, Site(*LEIDEN))
-    t = START.plus(200.0)
-    sigma_arcsec, sigma_time_s = 5.0, 0.01
+def test_uncertainties_are_those_that_the_errors_of_direction_and_time_make():
+    """To first order: the squares of what each error changes, one by one, added up."""
+    propagator, t = Propagator(ELEMENTS, Site(*LEIDEN)), START.plus(200.0)
     seen = propagator.at(t, Bias(1.0, 0.2))
-    estimate = bias_from_observation(
-        propagator, seen.ra_deg, seen.dec_deg, t, "of_date", sigma_arcsec, sigma_time_s
-    )
-    random = np.random.default_rng(11)
-    found = []
-    for _ in range(400):
-        at = t.plus(float(random.normal(0.0, sigma_time_s)))
-        true = propagator.at(at, Bias(1.0, 0.2))
-        off = random.normal(0.0, sigma_arcsec / 3600.0, 2)
-        ra_deg = true.ra_deg + off[0] / math.cos(math.radians(true.dec_deg))
-        found.append(bias_from_observation(propagator, ra_deg, true.dec_deg + off[1], t))
-    # 400 trials give a standard deviation to 3.5 %.
-    assert np.std([f.along_s for f in found]) == pytest.approx(estimate.along_sigma_s, rel=0.12)
-    assert np.std([f.cross_deg for f in found]) == pytest.approx(estimate.cross_sigma_deg, rel=0.12)
+    east_deg = 1.0 / 3600.0 / math.cos(math.radians(seen.dec_deg))
+    variances = np.zeros(2)
+    for d_ra, d_dec, d_t, sigma in (
+        (east_deg, 0.0, 0.0, 5.0),
+        (0.0, 1.0 / 3600.0, 0.0, 5.0),
+        (0.0, 0.0, 0.001, 10.0),
+    ):
+        one, other = (
+            bias_from_observation(
+                propagator, seen.ra_deg + s * d_ra, seen.dec_deg + s * d_dec, t.plus(s * d_t)
+            )
+            for s in (0.5, -0.5)
+        )
+        variances += (sigma * np.array([one.along_s - other.along_s, one.cross_deg - other.cross_deg])) ** 2
+    found = bias_from_observation(propagator, seen.ra_deg, seen.dec_deg, t, "of_date", 5.0, 0.01)
+    assert (found.along_sigma_s, found.cross_sigma_deg) == pytest.approx(np.sqrt(variances), rel=1e-3)
     exact = bias_from_observation(propagator, seen.ra_deg, seen.dec_deg, t, "of_date", 0.0)
     assert (exact.along_sigma_s, exact.cross_sigma_deg) == (0.0, 0.0)
 
@@ -335,8 +337,27 @@ def test_observations_that_cannot_be():
         bias_from_observation(propagator, 10.0, 0.0, START, sigma_arcsec=-1.0)
     with pytest.raises(PlaceError, match="'b1950' is no frame"):
         bias_from_observation(propagator, 10.0, 0.0, START, "b1950")
-    pole = unit(0.0, 90.0)
-    assert pole[2] == 1.0
     high = dataclasses.replace(ELEMENTS, mean_motion_rev_day=1.0)
     with pytest.raises(ObservationError, match="no bias along the track leads"):
         bias_from_observation(Propagator(high, Site(*LEIDEN)), 100.0, -89.9, START)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_an_observation_square_to_the_track_is_refused_as_one(side):
+    propagator = Propagator(ELEMENTS, Site(*LEIDEN), place="geometric")
+    behind, here, ahead = (propagator.at(START, Bias(along_s)).unit for along_s in (-0.01, 0.0, 0.01))
+    x, y, z = side * np.cross(here, ahead - behind)
+    ra_deg, dec_deg = math.degrees(math.atan2(y, x)), math.degrees(math.atan2(z, math.hypot(x, y)))
+    with pytest.raises(ObservationError, match="no bias along the track leads"):
+        bias_from_observation(propagator, ra_deg, dec_deg, START)
+
+
+def test_what_goes_round_no_orbit_has_biases_while_it_moves_and_is_near():
+    star, moon = (Propagator(find_body(name), Site(*LEIDEN)) for name in ("279.0,38.0", "moon"))
+    with pytest.raises(ObservationError, match="stands still on the sky"):
+        bias_from_observation(star, 279.0, 38.0, START)
+    seen = moon.at(START, Bias(20.0, 0.001))
+    found = bias_from_observation(moon, seen.ra_deg, seen.dec_deg, START)
+    assert (found.along_s, found.cross_deg) == pytest.approx((20.0, 0.001), abs=1e-3)
+    with pytest.raises(ObservationError, match="no bias along the track leads"):
+        bias_from_observation(moon, seen.ra_deg + 10.0, seen.dec_deg, START)

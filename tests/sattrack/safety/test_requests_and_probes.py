@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import erfa
 import pytest
-from driven_limits import SUN_DEC, SUN_WEST_HA, body_place
+from driven_limits import SUN_DEC, SUN_WEST_HA, moon_place
 from msgspec.structs import replace
 from safety_stand import LATITUDE_DEG, LONGITUDE_DEG, PERIOD_S, T0
 
@@ -133,6 +133,22 @@ def test_home_is_looked_for_by_day_only_where_its_way_is_known_to_be_clear() -> 
     assert "not clear of the sun" in str(answer(FindHome(), stance(SUN_WEST_HA - 25.0, SUN_DEC), DAY, beyond))
 
 
+def test_without_a_place_on_earth_nothing_that_moves_optics_is_let_through() -> None:
+    for request, moves in (
+        (Slew(SIDEREAL_DEG, 40.0), True),
+        (MoveAxis(None, 1.0), True),
+        (FindHome(), True),
+        (FineRate(0.0, 0.0), True),
+        (PulseGuide(100, 0), True),
+        (Sync(SIDEREAL_DEG, 40.0), False),
+    ):
+        safety = Safety(PROFILE, DAY, LATITUDE_DEG)
+        found = safety.clear_request(request, HIGH, T0)
+        assert ("the Sun's direction is unknown without a site" in str(found)) == moves
+    assert "the Sun's direction is unknown without a site" in str(safety.path_to(Slew(0.0, 40.0), HIGH, T0))
+    assert safety.drift_objection(FineRate(0.0, 0.0), HIGH, T0) == "sun"
+
+
 def test_a_mount_stands_for_its_park_position_before_its_power_is_cut() -> None:
     parks = replace(PROFILE, park=AxesPosition(10.0, 60.0))
     assert answer(Park(), stance(10.0, 60.0), profile=parks) is None
@@ -190,6 +206,13 @@ def test_a_mount_that_nobody_knows_is_not_moved_blindly(
     dec_deg: float, age_s: float, wanted: str | None
 ) -> None:
     assert probed(probe(), 0.0, dec_deg, age_s) == wanted
+
+
+def test_a_mount_that_nobody_knows_is_not_moved_while_its_clock_is_off() -> None:
+    safety, right_deg = probe(), math.degrees(erfa.gmst82(2440587.5, T0 / 86400.0)) + LONGITUDE_DEG
+    safety.watch(Seen(T0, right_deg + 1.0, 0.0, 40.0), Hold())
+    assert safety.tripped is None
+    assert probed(safety, 0.0, 40.0) == "clock"
 
 
 def test_a_mount_that_nobody_knows_rests_or_is_moved_and_never_slews() -> None:
@@ -381,34 +404,6 @@ def test_the_turn_of_the_axis_is_chosen_on_which_the_pass_can_go_on(
     safety = Safety(profile, DARK, LATITUDE_DEG, LONGITUDE_DEG)
     safety.choose_turn(onward_deg)
     assert led(safety, (150.0, 50.0), (-20.0, 50.0))[-1][0] == pytest.approx(turns_to, abs=1.0)
-
-
-def moon_place(utc_s: float) -> tuple[float, float]:
-    """The Almanac's low-precision Moon: 0.3°; from the site it stands up to 1° lower."""
-    t = (utc_s / 86400.0 - 10957.5) / 36525.0
-
-    def wave(size: float, phase: float, turns: float) -> float:
-        return size * math.sin(math.radians(phase + turns * t))
-
-    longitude = math.radians(
-        218.32
-        + 481267.881 * t
-        + wave(6.29, 135.0, 477198.87)
-        - wave(1.27, 259.3, -413335.36)
-        + wave(0.66, 235.7, 890534.22)
-        + wave(0.21, 269.9, 954397.74)
-        - wave(0.19, 357.5, 35999.05)
-        - wave(0.11, 186.5, 966404.03)
-    )
-    latitude = math.radians(
-        wave(5.13, 93.3, 483202.02)
-        + wave(0.28, 228.2, 960400.89)
-        - wave(0.28, 318.3, 6003.15)
-        - wave(0.17, 217.6, -407332.21)
-    )
-    x, y = math.cos(latitude) * math.cos(longitude), math.cos(latitude) * math.sin(longitude)
-    c, s = math.cos(math.radians(23.439)), math.sin(math.radians(23.439))
-    return body_place(x, c * y - s * math.sin(latitude), s * y + c * math.sin(latitude), utc_s)
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import random
 from itertools import pairwise
+from typing import Any
 
 import erfa
 import numpy as np
@@ -53,6 +54,8 @@ def test_no_place_in_a_box_is_farther_from_its_middle_than_its_radius() -> None:
     for box, places in boxes(150):
         *middle, radius_deg = box.circle
         assert farthest_deg(np.array(middle), places) <= radius_deg + 1e-5
+        if box.ha_low_deg == box.ha_high_deg:
+            assert radius_deg == pytest.approx(0.5 * (box.dec_high_deg - box.dec_low_deg))
 
 
 def test_no_place_in_a_box_is_lower_than_its_lowest_altitude() -> None:
@@ -78,6 +81,11 @@ def test_the_place_in_a_box_that_is_nearest_to_a_direction_is_as_far_as_told() -
         assert told <= nearest + 1e-5
         step = max(box.ha_high_deg - box.ha_low_deg, box.dec_high_deg - box.dec_low_deg) / 24.0
         assert told >= nearest - 0.75 * step - 1e-5
+
+
+def test_the_direction_opposite_to_a_place_is_half_a_turn_from_it() -> None:
+    for ha, dec in ((0.0, 0.0), (0.0, 90.0), (120.0, -30.0)):
+        assert nearest_deg(Box(ha, ha, dec, dec), ha + 180.0, -dec) == pytest.approx(180.0, abs=1e-5)
 
 
 def test_azimuths_are_those_of_erfa() -> None:
@@ -114,6 +122,32 @@ def test_a_box_meets_a_polygon_that_shares_a_point_with_it(
     box: Box, zone: tuple[tuple[float, float], ...], meets: bool
 ) -> None:
     assert meets_polygon(box, zone) is meets
+
+
+def apart(one: np.ndarray, other: np.ndarray) -> bool:
+    """Tell whether two convex polygons are apart: then a line along an edge of either is between them."""
+    for polygon in (one, other):
+        for edge in np.roll(polygon, -1, axis=0) - polygon:
+            normal = np.array([-edge[1], edge[0]])
+            first, second = one @ normal, other @ normal
+            if first.max() < second.min() or second.max() < first.min():
+                return True
+    return False
+
+
+def test_boxes_meet_triangles_that_no_line_keeps_from_them() -> None:
+    rng, seen = random.Random(12), set()
+    for _ in range(400):
+        left, low = rng.uniform(-10.0, 10.0), rng.uniform(-10.0, 10.0)
+        box = Box(left, left + rng.choice((0.1, 4.0)), low, low + rng.choice((0.1, 4.0)))
+        corners = tuple((rng.uniform(-10.0, 10.0), rng.uniform(-10.0, 10.0)) for _ in range(3))
+        square = np.array(
+            [(x, y) for x, y in ((box[0], box[2]), (box[1], box[2]), (box[1], box[3]), (box[0], box[3]))]
+        )
+        meets = not apart(square, np.array(corners))
+        assert meets_polygon(box, corners) is meets
+        seen.add(meets)
+    assert seen == {True, False}
 
 
 def almanac_sun(days: float) -> np.ndarray:
@@ -215,16 +249,16 @@ def test_regions_are_judged_by_a_margin_as_their_clearance_tells(margin_deg: flo
     assert len(found) >= 2 * len(regions) - 2
 
 
-def in_the_way(ha_deg: float, dec_deg: float) -> bool:
+def in_the_way(ha_deg: Any, dec_deg: Any) -> Any:
     """A wall two degrees thick that slants, and ends at 44° of declination."""
-    return dec_deg < 44.0 and abs(ha_deg + 38.0 - 0.8 * (dec_deg - 38.0)) < 2.0
+    return (dec_deg < 44.0) & (abs(ha_deg + 38.0 - 0.8 * (dec_deg - 38.0)) < 2.0)
 
 
 def meets_the_wall(box: Box, seconds: float) -> str | None:
     del seconds
-    has = np.linspace(box.ha_low_deg, box.ha_high_deg, 60)
-    decs = np.linspace(box.dec_low_deg, box.dec_high_deg, 60)
-    return "horizon" if any(in_the_way(float(h), float(d)) for h in has for d in decs) else None
+    has = np.linspace(box.ha_low_deg, box.ha_high_deg, 60)[:, None]
+    decs = np.linspace(box.dec_low_deg, box.dec_high_deg, 60)[None, :]
+    return "horizon" if np.any(in_the_way(has, decs)) else None
 
 
 def test_a_way_is_found_past_the_end_of_a_wall_from_close_beside_it() -> None:
@@ -273,18 +307,40 @@ def test_how_a_mount_stands_tells_its_axes_past_the_pole_too(latitude_deg: float
         assert (found.ha_deg % 360.0, found.dec_deg) == pytest.approx((place.ha_deg % 360.0, place.dec_deg))
 
 
-def test_a_box_is_clear_of_a_skyline_only_where_all_of_it_is() -> None:
-    wall = Skyline([(0.0, 5.0), (90.0, 5.0), (170.0, 5.0), (180.0, 30.0), (190.0, 5.0), (270.0, 5.0)], 52.0)
+def test_a_box_about_the_zenith_meets_a_wall_on_the_other_side_of_it() -> None:
+    """On the meridian, at 60.5° of declination, it is 81.5° high in the north: the wall, 82°."""
+    wall, box = Skyline(NORTH_WALL, 52.0), Box(-0.5, 0.5, 42.0, 60.5)
+    assert wall.clearance(box).least_deg <= -0.5
+    assert not is_clear(wall, box, 0.1)
+
+
+SOUTH_WALL = ((0.0, 5.0), (90.0, 5.0), (170.0, 5.0), (180.0, 30.0), (190.0, 5.0), (270.0, 5.0))
+NORTH_WALL = ((0.0, 82.0), (20.0, 5.0), (90.0, 5.0), (180.0, 5.0), (270.0, 5.0), (340.0, 5.0))
+
+
+@pytest.mark.parametrize(
+    ("points", "begin_dec"),
+    [
+        pytest.param(SOUTH_WALL, (-30.0, 10.0), id="south"),
+        pytest.param(NORTH_WALL, (40.0, 60.0), id="zenith"),
+    ],
+)
+def test_a_box_is_clear_of_a_skyline_only_where_all_of_it_is(
+    points: tuple[tuple[float, float], ...], begin_dec: tuple[float, float]
+) -> None:
+    wall = Skyline(points, 52.0)
     rng = random.Random(9)
     seen = set()
     for _ in range(60):
-        ha, dec = rng.uniform(-60.0, 60.0), rng.uniform(-30.0, 10.0)
+        ha, dec = rng.uniform(-60.0, 60.0), rng.uniform(*begin_dec)
         box = Box(ha, ha + rng.choice([1.0, 10.0, 40.0]), dec, dec + rng.choice([1.0, 5.0, 20.0]))
         has = np.linspace(box.ha_low_deg, box.ha_high_deg, 15)
         decs = np.linspace(box.dec_low_deg, box.dec_high_deg, 15)
         least = min(
             wall.clearance(Box(float(h), float(h), float(d), float(d))).some_deg for h in has for d in decs
         )
+        # Of places 2° above all of it, only that is told.
+        assert least > 2.0 or wall.clearance(box).least_deg <= least + 1e-9
         found = is_clear(wall, box, 0.5)
         seen.add(found)
         assert not (found and least < 0.5)

@@ -33,14 +33,6 @@ if TYPE_CHECKING:
 
 
 @pytest.mark.parametrize("name", ROWS)
-def test_the_true_axes_are_held_just_inside_each_limit(name: str) -> None:
-    stand = flown(name)
-    assert stand.safety.holding == name
-    assert stand.safety.tripped is None
-    assert 0.0 <= nearest(name, stand) < 1.0
-
-
-@pytest.mark.parametrize("name", ROWS)
 @pytest.mark.parametrize("begin_s", [1.0, 2.5, 3.2, 4.0, 6.0])
 @pytest.mark.parametrize("way", ["deaf", "silent", "cut"])
 def test_the_longest_fault_at_any_time_passes_no_limit(name: str, begin_s: float, way: str) -> None:
@@ -69,19 +61,6 @@ def test_without_the_longest_fault_a_limit_is_passed_when_commands_are_lost() ->
     assert nearest("hour_angle", lost) < 0.0
 
 
-@pytest.mark.parametrize("name", [name for name in ROWS if name != "sun"])
-def test_a_hold_brings_the_axes_to_creep_within_its_promise(name: str) -> None:
-    """Held, axes close up to the limit ever more slowly: to half the rate within the promised standstill."""
-    stand = flown(name)
-    assert stand.met_s is not None
-    speeds = {t: axis_speed_deg_s(truth) for t, truth in stand.truths}
-    promise = standstill_s(6.0, LATENCY_S, 10.0)
-    before = max(speed for t, speed in speeds.items() if t <= stand.met_s)
-    later = [speed for t, speed in speeds.items() if t >= stand.met_s + promise]
-    assert max(later) < before
-    assert speeds[max(speeds)] < 0.02
-
-
 @pytest.mark.parametrize("rate", [0.5, 3.0, 6.0])
 @pytest.mark.parametrize("lost_s", [0.0, 1.0])
 def test_a_stop_stands_within_its_promise(rate: float, lost_s: float) -> None:
@@ -96,49 +75,6 @@ def test_a_stop_stands_within_its_promise(rate: float, lost_s: float) -> None:
     stopped = replace(stand, truths=[], sent=[], deaf=cut).run(70.0 / rate)
     assert stopped.standstill_s <= standstill_s(rate, LATENCY_S, 10.0) + lost_s
     assert max(truth.hour_angle_axis_deg for _, truth in stopped.truths) <= 40.0
-
-
-def test_a_rate_beyond_the_axis_is_cut() -> None:
-    stand = Stand(steadily(18.0, 0.0), DARK, StartPosition(-100.0, 40.0)).run(3.0)
-    assert max(axis_speed_deg_s(truth) for _, truth in stand.truths) <= 6.0 + 1e-9
-
-
-def test_a_mount_that_turns_the_wrong_way_is_stopped() -> None:
-    real = MountProfile(ra_rate_sign=-1)
-    stand = Stand(steadily(2.0, 0.0), DARK, StartPosition(0.0, 40.0), real=real).run(6.0)
-    assert stand.safety.tripped == "obedience"
-    assert axis_speed_deg_s(stand.truths[-1][1]) < 1e-3
-    assert abs(stand.truths[-1][1].hour_angle_axis_deg) < 6.0
-
-
-def test_a_mount_that_is_silent_for_too_long_is_stopped() -> None:
-    stand = Stand(steadily(1.0, 0.0), DARK, StartPosition(-60.0, 40.0), silent=(2.0, 9.0)).run(9.0)
-    assert stand.safety.tripped == "status_age"
-    assert axis_speed_deg_s(stand.truths[-1][1]) < 1e-3
-
-
-def test_a_mount_whose_clock_is_set_far_off_is_stopped() -> None:
-    stand = Stand(steadily(0.5, 0.0), DARK, StartPosition(-60.0, 40.0))
-    stand.run(2.0)
-    stand.mount.step_clock(100.0)
-    stand.run(4.0)
-    assert stand.safety.tripped == "clock"
-
-
-def test_a_drive_that_draws_too_much_is_stopped() -> None:
-    weak = AxisLimits(max_current_a=0.4)
-    profile = MountProfile(ra=weak)
-    stand = Stand(steadily(1.0, 0.0), DARK, StartPosition(-60.0, 40.0), profile).run(4.0)
-    assert stand.safety.tripped == "current"
-    assert axis_speed_deg_s(stand.truths[-1][1]) < 1e-3
-
-
-def test_a_number_that_is_none_stops_the_mount() -> None:
-    stand = Stand(lambda t: MoveAxes(math.nan if t > 1.0 else 1.0, 0.0), DARK, StartPosition(0.0, 40.0)).run(
-        4.0
-    )
-    assert stand.safety.tripped == "command"
-    assert axis_speed_deg_s(stand.truths[-1][1]) < 1e-3
 
 
 def across_the_sun() -> tuple[Stand, Slew]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from random import Random
+from typing import Any
 
 import msgspec
 import pytest
@@ -18,18 +19,22 @@ from sattrack.schedule.night import (
     Due,
     End,
     Event,
+    FinishedPass,
     Follow,
     Followed,
     MakePlan,
     Mount,
     NightPass,
     NotPlanned,
+    Order,
     Parked,
     ParkMount,
     PassAttempt,
     PassPrepared,
     Planned,
     Prepare,
+    Recovered,
+    Reread,
     Result,
     Run,
     RunSettings,
@@ -38,10 +43,13 @@ from sattrack.schedule.night import (
     StepDone,
     StopAsked,
     SummedUp,
+    SumUp,
     Wait,
     WeatherReported,
+    mean_noon_s,
+    number_of_name,
 )
-from sattrack.schedule.schema import CommandAction, Terms
+from sattrack.schedule.schema import CommandAction, SlewAction, Terms
 from tle.instants import Utc
 
 NIGHTS = 3.0
@@ -258,8 +266,9 @@ def test_the_actions_before_a_pass_come_one_after_the_other_and_then_the_pass() 
     run, order = machine.step(run, StepDone(utc_s=one.end_utc_s + 1.0, done=False, words="exit 1"))
     assert order == DoStep(index=0, when="after", step=1)
     assert run.notes[-1] == f"{one.name}: {one.terms.after[0].words}: exit 1"
-    run, order = machine.step(run, StepDone(utc_s=one.end_utc_s + 2.0, done=True))
+    run, order = machine.step(run, StepDone(utc_s=one.end_utc_s + 2.0, done=False, words="exit 2"))
     assert order == Wait(until_utc_s=one.end_utc_s + 2.0)
+    assert run.notes[-1] == f"{one.name}: {one.terms.after[1].words}: exit 2"
     assert run.state is RunState.WAITING
 
 
@@ -280,23 +289,13 @@ def test_a_pass_is_prepared_a_minute_and_a_half_before_the_mount_sets_out() -> N
     assert order == Prepare(index=0, wake=True)
 
 
-def test_the_same_bad_weather_is_told_once() -> None:
-    first, second = drawn_passes(Random(1), 1, BEGIN + 3000.0, BEGIN + 80000.0)[:2]
-    passes = [replace(one, terms=Terms(if_weather_unsafe="skip")) for one in (first, second)]
-    run, _ = machine.step(Run(), Started(utc_s=BEGIN, settings=settings(1.0)))
-    run, _ = machine.step(run, Planned(utc_s=BEGIN, passes=tuple(passes)))
-    run, _ = machine.step(run, Due(utc_s=first.leave_utc_s - 10.0))
-    run, _ = machine.step(run, PassPrepared(utc_s=first.leave_utc_s - 9.0))
-    run, _ = machine.step(run, WeatherReported(utc_s=first.leave_utc_s - 8.0, safe=False, words="rain"))
-    assert (run.results[0].cause, run.results[0].words, run.weather) == ("weather", "rain", "rain")
-
-
 def test_after_a_night_the_next_begins_empty_and_after_the_last_the_run_ends() -> None:
-    run = replace(following(one_pass()), settings=settings(2.0), others={"lost": 3})
+    over = (FinishedPass(25544, BEGIN),)
+    run = replace(following(one_pass()), settings=settings(2.0), others={"lost": 3}, over=over)
     run = replace(run, state=RunState.SUMMING_UP, mount=Mount.PARKED, results=(Result("done"),))
     first_end = run.night_to_utc_s
     run, order = machine.step(run, SummedUp(utc_s=run.night_to_utc_s))
-    assert (run.night, run.passes, run.results, run.others) == (2, (), (), {})
+    assert (run.night, run.passes, run.results, run.others, run.over) == (2, (), (), {}, ())
     assert order == Wait(until_utc_s=first_end)
     assert run.night_from_utc_s == first_end
     # The machine sleeps through all the rest.
@@ -327,6 +326,7 @@ def test_a_pass_that_breaks_off_is_followed_on_after_pauses_that_grow_until_too_
         at = one.start_utc_s + 10.0 * k
         run, order = machine.step(run, Followed(utc_s=at, attempt=PassAttempt("link", at, words="gone")))
         assert isinstance(order, Follow)
+        assert order.part == run.part == k + 2
         pauses.append(order.pause_s)
     assert pauses == [1.0, 2.0, 4.0, 8.0, 16.0, 30.0, 30.0, 30.0]
     for left_s, goes_on in ((10.0, True), (8.0, False)):
@@ -350,12 +350,13 @@ def test_why_there_is_no_plan_is_noted_once_and_it_is_tried_again_in_ten_minutes
 
 def test_elements_that_are_renewed_before_a_pass_are_those_that_are_followed() -> None:
     one = one_pass()
-    run = waiting_for(one)
-    run, _ = machine.step(run, Due(utc_s=one.leave_utc_s - 10.0))
+    later = replace(one, key="later", number=2)
+    run, _ = machine.step(waiting_for(one), Due(utc_s=one.leave_utc_s - 10.0))
+    run = replace(run, passes=(one, later, later), results=())
     assert one.elements is not None
     newer = dataclasses.replace(one.elements, name="NEWER")
     run, _ = machine.step(run, PassPrepared(utc_s=one.leave_utc_s - 9.0, elements=newer, words="renewed"))
-    assert run.passes == (replace(one, elements=newer),)
+    assert run.passes == (replace(one, elements=newer), later, later)
     assert run.notes[-1] == "renewed"
 
 
@@ -363,8 +364,8 @@ def test_the_nights_summary_is_where_it_was_written_until_another_is() -> None:
     run, _ = machine.step(Run(), Started(utc_s=BEGIN, settings=settings(5.0)))
     for file, kept in (("one.txt", "one.txt"), (None, "one.txt"), ("two.txt", "two.txt")):
         run = replace(run, state=RunState.SUMMING_UP, mount=Mount.PARKED)
-        run, _ = machine.step(run, SummedUp(utc_s=run.night_from_utc_s + 3600.0, file=file))
-        assert run.summary == kept
+        run, _ = machine.step(run, SummedUp(utc_s=run.night_from_utc_s + 3600.0, file=file, words="written"))
+        assert (run.summary, run.message, run.notes) == (kept, "written", ())
 
 
 def test_a_session_that_breaks_off_is_begun_again_while_enough_is_left_and_not_for_ever() -> None:
@@ -411,6 +412,9 @@ def test_unsafe_weather_costs_the_pass_at_once_or_nothing_where_the_schedule_say
     run, _ = machine.step(run, PassPrepared(utc_s=one.leave_utc_s - 9.0))
     run, _ = machine.step(run, WeatherReported(utc_s=one.leave_utc_s, safe=False, words="rain"))
     assert run.state is state
+    lost = [(one.state, one.cause, one.words) for one in run.results]
+    assert lost == ([("lost", "weather", "rain")] if policy == "skip" else [])
+    assert run.weather == "rain"
 
 
 def test_a_stop_from_any_terminal_ends_the_run_and_moves_nothing_more() -> None:
@@ -482,6 +486,16 @@ def test_a_night_slept_through_is_left_out_and_the_one_in_progress_planned() -> 
     assert run.night_from_utc_s <= late < run.night_to_utc_s
 
 
+def test_of_nights_that_were_all_slept_through_the_last_is_gone_on_with() -> None:
+    run, _ = machine.step(Run(), Started(utc_s=BEGIN, settings=settings(5.0)))
+    late = SummedUp(utc_s=BEGIN + 40.0 * 86_400.0)
+    run, order = machine.step(replace(run, state=RunState.SUMMING_UP), late)
+    assert (run.state, run.night_to_utc_s) == (RunState.RESTING, BEGIN + 5.0 * 86_400.0)
+    assert order == Wait(until_utc_s=run.night_from_utc_s)
+    _, order = machine.step(replace(run, state=RunState.SUMMING_UP), late)
+    assert isinstance(order, End)
+
+
 def test_a_schedule_without_an_end_goes_on_night_after_night_at_the_sites_noon() -> None:
     at = RunSettings(BEGIN, None, 41_522.0)
     run, _ = machine.step(Run(), Started(utc_s=BEGIN, settings=at))
@@ -497,3 +511,309 @@ def test_a_schedule_without_an_end_goes_on_night_after_night_at_the_sites_noon()
 def test_an_event_that_means_nothing_is_a_defect_that_is_named() -> None:
     with pytest.raises(machine.NoRowError, match="StepDone while planning"):
         machine.step(Run(), StepDone(utc_s=BEGIN, done=True))
+
+
+NIGHT = Run(
+    settings=settings(3.0),
+    mount=Mount.AT_REST,
+    night=1,
+    night_from_utc_s=BEGIN,
+    night_to_utc_s=BEGIN + 86_000.0,
+)
+SLEW, PROGRAM = SlewAction(star="Vega"), CommandAction(run=("x",))
+ONE = one_pass(before=(SLEW, PROGRAM, SLEW), after=(SLEW, PROGRAM))
+PLAIN, LATE_S = one_pass(), ONE.end_utc_s - 5.0
+PREPARED_S = ONE.leave_utc_s - 90.0
+NOW, MORNING = BEGIN + 3000.0, NIGHT.night_to_utc_s
+DONE = (Result("done"),)
+S = RunState
+
+
+def again(utc_s: float, nights: float = 3.0) -> Started:
+    return Started(utc_s=utc_s, settings=settings(nights))
+
+
+@pytest.mark.parametrize(
+    ("state", "known", "event", "order", "next_state"),
+    [
+        # The night begins, or is taken up.
+        (S.PLANNING, {}, again(BEGIN - 9.0), Wait(until_utc_s=BEGIN), S.RESTING),
+        (S.PLANNING, {}, again(BEGIN), MakePlan(), S.PLANNING),
+        (S.PLANNING, {}, again(MORNING - 1.0), MakePlan(), S.PLANNING),
+        (S.PLANNING, {}, again(MORNING), SumUp(), S.SUMMING_UP),
+        (S.PLANLESS, {}, again(NOW), Wait(until_utc_s=NOW + 600.0), S.PLANLESS),
+        (S.PLANLESS, {}, Due(utc_s=NOW), MakePlan(), S.PLANNING),
+        (S.PLANLESS, {}, Due(utc_s=MORNING), ParkMount(power_off=True), S.PARKING),
+        (S.PLANLESS, {"mount": Mount.PARKED}, Due(utc_s=MORNING), SumUp(), S.SUMMING_UP),
+        (S.PLANLESS, {}, Reread(utc_s=NOW, settings=settings(3.0)), MakePlan(), S.PLANNING),
+        (S.STOPPED, {}, again(BEGIN - 9.0), Wait(until_utc_s=BEGIN), S.RESTING),
+        (S.STOPPED, {"passes": (ONE,)}, again(NOW), Wait(until_utc_s=NOW), S.WAITING),
+        (S.STOPPED, {}, again(NOW), MakePlan(), S.PLANNING),
+        (S.ENDED, {}, again(MORNING), Wait(until_utc_s=MORNING), S.RESTING),
+        (S.ENDED, {}, again(MORNING, 86_000.5 / 86_400.0), End(why="all nights are over"), S.ENDED),
+        (S.RESTING, {}, again(NOW), Wait(until_utc_s=BEGIN), S.RESTING),
+        (S.RESTING, {}, Reread(utc_s=NOW, settings=settings(3.0)), Wait(until_utc_s=BEGIN), S.RESTING),
+        (S.RESTING, {}, Due(utc_s=BEGIN - 9.0), Wait(until_utc_s=BEGIN), S.RESTING),
+        (S.RESTING, {}, Due(utc_s=BEGIN), MakePlan(), S.PLANNING),
+        # Between passes.
+        *((s, {"passes": (ONE,)}, again(NOW), Wait(until_utc_s=NOW), S.WAITING)
+          for s in (S.WAITING, S.PREPARING, S.ASKING, S.HOLDING)),
+        (S.WAITING, {}, Due(utc_s=NOW), ParkMount(power_off=True), S.PARKING),
+        (S.WAITING, {"mount": Mount.PARKED}, Due(utc_s=NOW), SumUp(), S.SUMMING_UP),
+        (S.WAITING, {"settings": replace(settings(3.0), park=False)}, Due(utc_s=NOW), SumUp(), S.SUMMING_UP),
+        (S.WAITING, {"passes": (ONE,)}, Due(utc_s=ONE.leave_utc_s - 1900.0), ParkMount(power_off=False),
+         S.PARKING),
+        (S.WAITING, {"passes": (ONE,)}, Due(utc_s=ONE.leave_utc_s - 1880.0),
+         Wait(until_utc_s=ONE.leave_utc_s - 90.0), S.WAITING),
+        (S.WAITING, {"passes": (ONE,)}, Due(utc_s=ONE.leave_utc_s - 90.0), Prepare(index=0, wake=False),
+         S.PREPARING),
+        (S.WAITING, {"passes": (ONE,)}, Due(utc_s=LATE_S), Wait(until_utc_s=LATE_S), S.WAITING),
+        # At its park position the mount is looked at again where half an hour is left after half an hour.
+        *((S.WAITING, {"passes": (ONE,), "mount": Mount.AT_PARK, "parked_utc_s": PREPARED_S - left_s},
+           Due(utc_s=PREPARED_S - left_s), Wait(until_utc_s=until_s), S.WAITING)
+          for left_s, until_s in ((3590.0, PREPARED_S), (3610.0, PREPARED_S - 1810.0))),
+        (S.HOLDING, {"passes": (ONE,)}, Due(utc_s=NOW), AskWeather(), S.ASKING),
+        # Actions before a pass: a slew may come twice, a program may not.
+        (S.READYING, {"passes": (ONE,)}, again(NOW), DoStep(index=0, when="before", step=0), S.READYING),
+        (S.READYING, {"passes": (ONE,), "step": 1}, again(NOW), DoStep(index=0, when="before", step=2),
+         S.READYING),
+        (S.READYING, {"passes": (ONE,), "step": 3}, again(NOW), Follow(index=0, part=1, from_utc_s=NOW),
+         S.FOLLOWING),
+        (S.READYING, {"passes": (ONE,), "step": 1}, again(LATE_S), Wait(until_utc_s=LATE_S), S.WAITING),
+        (S.READYING, {"passes": (ONE,)}, again(LATE_S), Wait(until_utc_s=LATE_S), S.WAITING),
+        (S.READYING, {"passes": (ONE,), "step": 3}, Due(utc_s=NOW), Follow(index=0, part=1, from_utc_s=NOW),
+         S.FOLLOWING),
+        (S.READYING, {"passes": (ONE,), "step": 3}, Due(utc_s=LATE_S), Wait(until_utc_s=LATE_S), S.WAITING),
+        # Those after it.
+        (S.FOLLOWING, {"passes": (ONE,), "part": 1}, again(ONE.end_utc_s),
+         DoStep(index=0, when="after", step=0), S.FINISHING),
+        (S.FOLLOWING, {"passes": (PLAIN,), "part": 1}, again(PLAIN.end_utc_s),
+         Wait(until_utc_s=PLAIN.end_utc_s), S.FINISHING),
+        (S.FINISHING, {"passes": (ONE,), "results": DONE}, again(NOW),
+         DoStep(index=0, when="after", step=0), S.FINISHING),
+        (S.FINISHING, {"passes": (ONE,), "results": DONE, "step": 1}, again(NOW), Wait(until_utc_s=NOW),
+         S.FINISHING),
+        (S.FINISHING, {"passes": (PLAIN,), "results": DONE}, again(NOW), Wait(until_utc_s=NOW), S.WAITING),
+        (S.FINISHING, {"passes": (ONE,), "results": DONE, "step": 1}, StepDone(utc_s=NOW, done=True),
+         Wait(until_utc_s=NOW), S.WAITING),
+        (S.FINISHING, {"passes": (ONE,), "results": DONE}, Due(utc_s=NOW), Wait(until_utc_s=NOW), S.WAITING),
+        # Parking: five times, a minute apart.
+        (S.PARKING, {"passes": (ONE,), "tries": 3}, again(NOW), ParkMount(power_off=False), S.PARKING),
+        (S.PARKING, {"tries": 3}, again(NOW), ParkMount(power_off=True), S.PARKING),
+        (S.PAUSING, {"tries": 3}, again(NOW), ParkMount(power_off=True), S.PARKING),
+        (S.PAUSING, {"tries": 3}, Due(utc_s=NOW), ParkMount(power_off=True), S.PARKING),
+        (S.PARKING, {"tries": 4}, Parked(utc_s=NOW, mount=Mount.AT_REST), Wait(until_utc_s=NOW + 60.0),
+         S.PAUSING),
+        (S.PARKING, {"tries": 5}, Parked(utc_s=NOW, mount=Mount.AT_REST), SumUp(), S.SUMMING_UP),
+        (S.PARKING, {"tries": 5, "passes": (ONE,)}, Parked(utc_s=NOW, mount=Mount.AT_REST),
+         Wait(until_utc_s=NOW), S.WAITING),
+        (S.PARKING, {"tries": 1, "passes": (ONE,)}, Parked(utc_s=NOW, mount=Mount.AT_PARK),
+         Wait(until_utc_s=NOW), S.WAITING),
+        (S.PARKING, {"tries": 1}, Parked(utc_s=NOW, mount=Mount.PARKED), SumUp(), S.SUMMING_UP),
+        # The morning, and the end.
+        (S.WAITING, {}, StopAsked(utc_s=NOW, words="x"), End(why="x", interrupted=True), S.STOPPED),
+        (S.SUMMING_UP, {}, again(MORNING), SumUp(), S.SUMMING_UP),
+        (S.SUMMING_UP, {}, SummedUp(utc_s=MORNING), Wait(until_utc_s=MORNING), S.RESTING),
+        (S.SUMMING_UP, {"settings": settings(86_000.5 / 86_400.0)}, SummedUp(utc_s=MORNING),
+         End(why="all nights are over"), S.ENDED),
+        (S.SUMMING_UP, {"settings": replace(settings(3.0), to_utc_s=None)}, SummedUp(utc_s=MORNING),
+         Wait(until_utc_s=MORNING), S.RESTING),
+    ],
+)  # fmt: skip
+def test_what_is_done_in_a_state_follows_from_the_event_and_from_what_is_left(
+    state: RunState, known: dict[str, Any], event: Event, order: Order, next_state: RunState
+) -> None:
+    run, given = machine.step(replace(NIGHT, state=state, **known), event)
+    assert (given, run.state) == (order, next_state)
+
+
+def test_how_often_parking_was_tried_is_counted_from_one_and_anew_after_a_restart() -> None:
+    for known in ({}, {"passes": (replace(ONE, leave_utc_s=NOW + 1900.0),)}):
+        run, order = machine.step(replace(NIGHT, state=S.WAITING, **known), Due(utc_s=NOW))
+        assert isinstance(order, ParkMount)
+        assert run.tries == 1
+    run, _ = machine.step(replace(run, state=S.PAUSING, tries=3), Due(utc_s=NOW))
+    assert run.tries == 4
+    assert machine.step(run, again(NOW))[0].tries == 1
+
+
+@pytest.mark.parametrize(
+    ("state", "seconds", "slept", "words", "waits_s"),
+    [
+        (S.WAITING, 1799.0, False, "the computer's clock was set ahead by 1799 s", 0.0),
+        (S.WAITING, -1800.0, False, "the computer's clock was set back by 0.50 h", 0.0),
+        (S.HOLDING, 9000.0, True, "the computer slept for 2.50 h", 0.0),
+        (S.PAUSING, 90.0, False, "the computer's clock was set ahead by 90 s", 60.0),
+        (S.RESTING, 90.0, False, "the computer's clock was set ahead by 90 s", 500.0),
+    ],
+)
+def test_a_clock_that_was_set_is_reported_and_what_is_waited_for_is_waited_for_anew(
+    state: RunState, seconds: float, slept: bool, words: str, waits_s: float
+) -> None:
+    run = replace(NIGHT, state=state, night_from_utc_s=NOW + 500.0)
+    run, order = machine.step(run, ClockSet(utc_s=NOW, seconds=seconds, slept=slept))
+    assert (run.message, run.notes) == (words, (words,))
+    assert order == Wait(until_utc_s=NOW + waits_s)
+
+
+@pytest.mark.parametrize("late_s", [0.0, 3600.0])
+def test_a_resting_run_whose_clock_was_set_into_its_night_begins_at_once(late_s: float) -> None:
+    run = replace(NIGHT, state=S.RESTING)
+    _, order = machine.step(run, ClockSet(utc_s=BEGIN + late_s, seconds=late_s))
+    assert order == Wait(until_utc_s=BEGIN + late_s)
+
+
+def test_bad_weather_is_asked_about_again_and_reported_where_it_has_changed() -> None:
+    run, found = replace(NIGHT, state=S.ASKING, passes=(PLAIN,)), []
+    for words in ("rain", "rain", "fog"):
+        run, order = machine.step(run, WeatherReported(utc_s=NOW, safe=False, words=words))
+        assert order == Wait(until_utc_s=NOW + 30.0)
+        found.append(run.message)
+        run, _ = machine.step(run, Due(utc_s=NOW))
+    told = f"{PLAIN.name}: the weather is unsafe: "
+    assert found == [told + "rain", None, told + "fog"]
+    for one in (PLAIN, ONE):
+        clear = WeatherReported(utc_s=NOW, safe=True, words="clear")
+        assert machine.step(replace(run, passes=(one,)), clear)[0].weather == "clear"
+
+
+@pytest.mark.parametrize(
+    ("attempt", "message"),
+    [
+        (PassAttempt("set", NOW, 1000.0, rms_arcsec=0.234), "done, 1000 s on target, 0.23″ RMS"),
+        (PassAttempt("set", NOW, 1000.0), "done"),
+        (PassAttempt("limit:sun", NOW, 10.0, 0.2, words="the Sun"), "partly, limit:sun: the Sun"),
+        (PassAttempt("weather", NOW), "lost, weather"),
+        (PassAttempt("set", NOW, 1000.0, held_s={"sun": 9.0}), "done; 9 s to the sun limit"),
+    ],
+)
+def test_the_result_of_a_pass_is_told_in_a_line_and_is_no_note(attempt: PassAttempt, message: str) -> None:
+    begun = PassAttempt("link", NOW)
+    run = replace(following(PLAIN), notes=("x",), noted_night=1, attempts=(begun,), step=2, tries=3)
+    run, _ = machine.step(run, Followed(utc_s=PLAIN.end_utc_s, attempt=attempt))
+    assert run.message == f"{PLAIN.name}: {message}"
+    assert run.notes == ("x",)
+    assert (run.step, run.part, run.attempts, run.tries) == (0, 0, (), 0)
+
+
+def test_what_is_planned_is_told_and_notes_are_of_one_night_and_the_last_twelve() -> None:
+    run, _ = machine.step(Run(), again(BEGIN))
+    for passes, words in (((PLAIN,), "1 pass planned"), ((), "0 passes planned")):
+        planned, _ = machine.step(
+            run, Planned(utc_s=BEGIN, passes=passes, words="2 are lost", others={"x": 2})
+        )
+        assert planned.message == f"night 1: {words}; 2 are lost"
+        assert (planned.notes, planned.others) == ((), {"x": 2})
+        for night, notes in ((1, ("x",)), (2, ())):
+            before = replace(run, notes=("x",), noted_night=1, night=night)
+            assert machine.step(before, Planned(utc_s=BEGIN, passes=passes))[0].notes == notes
+    noted = planned
+    for k in range(14):
+        noted, _ = machine.step(noted, ClockSet(utc_s=BEGIN, seconds=float(k)))
+    assert noted.notes == tuple(f"the computer's clock was set ahead by {k} s" for k in range(2, 14))
+    assert machine.step(replace(noted, night=2), ClockSet(utc_s=BEGIN, seconds=60.0))[0].notes == (
+        "the computer's clock was set ahead by 60 s",
+    )
+
+
+def test_a_mount_that_was_not_parked_is_told_of_and_is_left_alone_until_it_has_moved() -> None:
+    failed = Parked(utc_s=NOW, mount=Mount.AT_REST, words="no answer")
+    run, _ = machine.step(replace(NIGHT, state=S.PARKING, tries=1), failed)
+    assert run.message == "the mount is not parked: no answer"
+    run, _ = machine.step(replace(NIGHT, state=S.PARKING, tries=5, passes=(ONE,)), failed)
+    assert (run.message, run.mount, run.parked_utc_s) == ("NOT PARKED: no answer", Mount.UNKNOWN, NOW)
+    _, order = machine.step(run, Due(utc_s=ONE.leave_utc_s - 1900.0))
+    assert order == Wait(until_utc_s=ONE.leave_utc_s - 90.0)
+    there = Parked(utc_s=NOW, mount=Mount.AT_PARK, words="at park")
+    run, _ = machine.step(replace(NIGHT, state=S.PARKING, tries=1, passes=(ONE,)), there)
+    assert (run.message, run.mount) == ("at park", Mount.AT_PARK)
+
+
+@pytest.mark.parametrize(
+    ("event", "state", "cause", "words"),
+    [
+        (Due(utc_s=LATE_S), S.WAITING, "missed", "nothing could begin it until"),
+        (again(LATE_S), S.READYING, "missed", "the runner was restarted too late for it"),
+        (Due(utc_s=LATE_S), S.READYING, "delay", "what is done before it took too long"),
+        (PassPrepared(utc_s=NOW, cause="elements too old", words="9 days"), S.PREPARING, "elements too old",
+         "9 days"),
+        (WeatherReported(utc_s=LATE_S, safe=True), S.ASKING, "missed", "nothing could begin it until"),
+    ],
+)  # fmt: skip
+def test_a_pass_that_is_lost_is_lost_to_a_cause_in_words(
+    event: Event, state: RunState, cause: str, words: str
+) -> None:
+    run, order = machine.step(replace(NIGHT, state=state, passes=(ONE,)), event)
+    (result,) = run.results
+    if cause == "missed" and state is not S.READYING:
+        words += f" {LATE_S - ONE.start_utc_s:.0f} s after its start"
+    assert (result.state, result.cause, result.words) == ("lost", cause, words)
+    assert run.message == f"{ONE.name}: lost, {cause}: {words}"
+    assert (order, run.state) == (Wait(until_utc_s=event.utc_s), S.WAITING)
+
+
+def test_drives_that_were_woken_are_on_and_a_pass_that_is_prepared_waits_for_the_weather() -> None:
+    run = replace(NIGHT, state=S.PREPARING, passes=(PLAIN,), mount=Mount.PARKED)
+    for woken, mount in ((False, Mount.PARKED), (True, Mount.AT_REST)):
+        after, order = machine.step(run, PassPrepared(utc_s=NOW, woken=woken))
+        assert (after.mount, order, after.state) == (mount, AskWeather(), S.ASKING)
+
+
+def test_whoever_stops_the_mount_in_a_pass_ends_the_run_with_what_was_said() -> None:
+    for ended_by, words, why in (
+        ("operator", None, "stopped by the operator"),
+        ("stopped", "a hand", "a hand"),
+    ):
+        attempt = PassAttempt(ended_by, NOW, 3.0, words=words)
+        run, order = machine.step(following(PLAIN), Followed(utc_s=NOW, attempt=attempt))
+        assert (order, run.state) == (End(why=why, interrupted=True), S.STOPPED)
+
+
+def test_a_recovered_run_goes_on_in_its_night_with_what_is_known_of_it() -> None:
+    over = FinishedPass(ONE.object_number, ONE.culminate_utc_s + 119.0)
+    noon = BEGIN - 1678.0 + 86_400.0
+    known = Recovered(4, BEGIN, noon, Mount.AT_PARK, (over,), "one.html")
+    for at_s, night, kept in ((noon - 1.0, 4, (over,)), (noon, 5, ())):
+        started = Started(utc_s=at_s, settings=settings(3.0), recovered=known, words="x")
+        run, _ = machine.step(Run(), started)
+        assert (run.night, run.over, run.mount, run.summary) == (night, kept, Mount.AT_PARK, "one.html")
+        assert run.night_from_utc_s <= at_s < run.night_to_utc_s
+    run, _ = machine.step(Run(), Started(utc_s=NOW, settings=settings(3.0), recovered=known))
+    later = replace(ONE, key="other", culminate_utc_s=ONE.culminate_utc_s + 239.0 + 1.0)
+    run, _ = machine.step(run, Planned(utc_s=NOW, passes=(ONE, later)))
+    assert run.passes == (replace(later, number=1),)
+
+
+def test_what_has_no_number_in_the_catalogue_has_one_of_its_own() -> None:
+    numbers = [number_of_name(name) for name in ("Moon", "moon", "Mars", "Moon")]
+    assert max(numbers) < 0
+    assert len(set(numbers)) == 3
+
+
+@pytest.mark.parametrize(("longitude_deg", "noon_s"), [(0.0, 43_200.0), (4.5, 42_120.0), (-120.0, 72_000.0)])
+def test_nights_change_at_the_sites_mean_noon(longitude_deg: float, noon_s: float) -> None:
+    """Fifteen degrees east are an hour earlier."""
+    assert mean_noon_s(longitude_deg) == noon_s
+
+
+@pytest.mark.parametrize(
+    ("from_s", "to_s", "ends"),
+    [
+        # BEGIN is noon in UTC: the site's, at 41522 s, was 1678 s before.
+        (0.0, 3.0 * 86_400.0, [84_722.0, 171_122.0, 259_200.0]),
+        (-1678.0, 86_400.0, [86_400.0]),
+        (0.0, 84_722.0 + 14_399.0, [84_722.0 + 14_399.0]),
+        (0.0, 84_722.0 + 14_401.0, [84_722.0, 84_722.0 + 14_401.0]),
+    ],
+)
+def test_a_night_ends_at_noon_and_a_few_hours_at_the_end_are_no_night_of_their_own(
+    from_s: float, to_s: float, ends: list[float]
+) -> None:
+    at = RunSettings(BEGIN + from_s, BEGIN + to_s, 41_522.0)
+    run, order = machine.step(Run(), Started(utc_s=BEGIN - 9000.0, settings=at))
+    assert (run.night_from_utc_s, run.state) == (BEGIN + from_s, S.RESTING)
+    found = []
+    while not isinstance(order, End):
+        found.append(run.night_to_utc_s - BEGIN)
+        run, order = machine.step(replace(run, state=S.SUMMING_UP), SummedUp(utc_s=run.night_to_utc_s - 60.0))
+    assert found == pytest.approx(ends)

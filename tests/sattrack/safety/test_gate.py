@@ -1,0 +1,260 @@
+"""What the gate lets through at its bounds: requests by hand, ramps, ages, and what counts as in force."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from msgspec.structs import replace
+
+from sattrack.mount.model import (
+    SIDEREAL_RATE_DEG_S,
+    Cleared,
+    Hold,
+    MountProfile,
+    MoveAxes,
+    Seen,
+    Slew,
+    Stance,
+    Stop,
+    mean_sidereal_deg,
+)
+from sattrack.mount.requests import FineRate, MoveAxis, PulseGuide, Request
+from sattrack.safety import Safety, SafetyLimits
+from sattrack.safety.bodies import sun_over
+from sattrack.safety.gate import AxesState, axis_rates
+from sattrack.safety.geometry import Place
+
+S = SIDEREAL_RATE_DEG_S
+LATITUDE_DEG, T0 = 52.0, 1_790_000_000.0
+DARK = SafetyLimits(floor_altitude_deg=-90.0, optical=False)
+PROFILE = MountProfile(hour_angle_limit_deg=40.0, dec_axis_limits_deg=(-50.0, 130.0))
+SIDEREAL_DEG = 100.0
+
+
+def gate(holds: bool = False, profile: MountProfile = PROFILE, fault_s: float = 1.0) -> Safety:
+    return Safety(profile, replace(DARK, longest_fault_s=fault_s), LATITUDE_DEG, holds=holds)
+
+
+def refuses(request: Request, ha_deg: float, dec_deg: float, beyond_pole: bool = False) -> bool:
+    """Tell whether a request is refused with the axes at a place, beyond the pole by half a turn."""
+    ra_deg = SIDEREAL_DEG - ha_deg + (180.0 if beyond_pole else 0.0)
+    stance = Stance(SIDEREAL_DEG, ra_deg % 360.0, dec_deg, False, True, beyond_pole)
+    return isinstance(gate().clear_request(request, stance, T0), str)
+
+
+@pytest.mark.parametrize(
+    ("request_", "axis", "sense", "way_deg"),
+    [
+        # Fine rates for half a minute, pulses for as long as they last, at no more than the sky's own rate.
+        (FineRate(0.0, 0.0), 0, 1.0, 30.0 * S),
+        (FineRate(0.04, 0.0), 0, 1.0, 30.0 * (S + 0.04)),
+        (FineRate(-0.04, 0.0), 0, -1.0, 30.0 * (0.04 - S)),
+        (FineRate(0.0, 0.02), 1, 1.0, 0.6),
+        (FineRate(0.0, -0.02), 1, -1.0, 0.6),
+        # Motions for the latency, 0.2004 s, and the longest fault; then they brake.
+        (MoveAxis(None, -1.0), 1, -1.0, 1.2004 + 1.0 / 16.0),
+        (MoveAxis(-1.0, None), 0, 1.0, 1.2004 * (1.0 + S) + (1.0 + S) ** 2 / 16.0),
+        (PulseGuide(60_000, 0), 0, 1.0, 120.0 * S),
+        (PulseGuide(60_000, 120_000), 0, 1.0, 180.0 * S),
+        (PulseGuide(60_000, 120_000), 1, 1.0, 120.0 * S),
+        (PulseGuide(120_000, -60_000), 1, -1.0, 60.0 * S),
+        (PulseGuide(0, 60_000), 0, 1.0, 60.0 * S),
+    ],
+    ids=repr,
+)
+def test_what_drifts_to_a_limit_is_refused_from_its_way_and_its_margin_on(
+    request_: Request, axis: int, sense: float, way_deg: float
+) -> None:
+    end_deg = ((-40.0, 40.0), (-50.0, 130.0))[axis][int(sense > 0.0)]
+    for more_deg, refused in ((-0.002, True), (0.002, False)):
+        at_deg = end_deg - sense * (0.1 + way_deg + more_deg)
+        if axis == 0:
+            assert refuses(request_, at_deg, 0.0) == refused
+        elif at_deg <= 90.0:
+            assert refuses(request_, 0.0, at_deg) == refused
+        else:
+            # Past the pole the reported declination falls while the axis turns on.
+            turned = replace(request_, **{
+                name: -getattr(request_, name) for name in ("dec_deg_s", "dec_ms") if hasattr(request_, name)
+            })  # fmt: skip
+            assert refuses(turned, 0.0, 180.0 - at_deg, True) == refused
+
+
+def test_an_axis_that_is_not_asked_for_goes_with_the_sky() -> None:
+    for ha_deg, request_, refused in (
+        (-39.85, MoveAxis(None, 1.0), False),
+        (39.85, MoveAxis(None, 1.0), False),
+        (-39.85, MoveAxis(1.0, None), True),
+        (39.85, MoveAxis(-1.0, None), True),
+        (-39.85, MoveAxis(-1.0, None), False),
+    ):
+        assert refuses(request_, ha_deg, 0.0) == refused
+    for dec_deg, request_, refused in (
+        (-49.85, MoveAxis(1.0, None), False),
+        (-49.85, MoveAxis(None, -1.0), True),
+    ):
+        assert refuses(request_, 0.0, dec_deg) == refused
+
+
+@pytest.mark.parametrize("beyond_pole", [False, True])
+def test_rates_of_axes_are_those_of_the_hour_angle_and_of_the_axis_declination(beyond_pole: bool) -> None:
+    sense = -1.0 if beyond_pole else 1.0
+    assert axis_rates(MoveAxes(0.3, 0.2), beyond_pole) == (S - 0.3, sense * 0.2)
+
+
+def sent(
+    safety: Safety, wish: MoveAxes, utc_s: float | None, dec_deg: float = 0.0, age_s: float = 0.0
+) -> tuple[float, float]:
+    """Clear a wish on the meridian; return the rates of the axes that come out."""
+    motion = safety.clear(wish, SIDEREAL_DEG, SIDEREAL_DEG, dec_deg, age_s, utc_s).motion
+    assert isinstance(motion, MoveAxes)
+    return S - motion.ra_rate_deg_s, motion.dec_rate_deg_s
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_stream_steps_by_twice_what_the_axes_can_do_since_the_last_and_slows_at_once(sense: float) -> None:
+    """10 °/s² make 0.5 °/s in a period; what came sooner than that counts as one."""
+    for later_s, step in ((0.05, 1.0), (0.02, 1.0), (0.1, 2.0), (0.15, 3.0)):
+        for axis in (0, 1):
+            safety = gate(holds=True)
+            assert sent(safety, MoveAxes(S, 0.0), T0) == (0.0, 0.0)
+            fast = MoveAxes(S - 4.0 * sense, 0.0) if axis == 0 else MoveAxes(S, 4.0 * sense)
+            assert sent(safety, fast, T0 + later_s)[axis] == pytest.approx(sense * step, abs=1e-4)
+            assert sent(safety, fast, T0 + later_s + 0.05)[axis] == pytest.approx(
+                sense * min(4.0, step + 1.0)
+            )
+            assert sent(safety, MoveAxes(S, 0.0), T0 + later_s + 0.1) == pytest.approx((0.0, 0.0))
+            # Through rest, a step in the other direction is one from rest.
+            assert sent(safety, fast, T0 + later_s + 0.15)[axis] == pytest.approx(sense, abs=1e-4)
+            back = MoveAxes(S + 4.0 * sense, 0.0) if axis == 0 else MoveAxes(S, -4.0 * sense)
+            assert sent(safety, back, T0 + later_s + 0.2)[axis] == pytest.approx(-sense, abs=1e-4)
+    # By hand, and where nobody knows when, there is no ramp.
+    for safety, utc_s in ((gate(), T0), (gate(holds=True), None)):
+        sent(safety, MoveAxes(S, 0.0), utc_s)
+        assert sent(safety, MoveAxes(S, 4.0), utc_s)[1] == pytest.approx(4.0)
+
+
+def test_what_was_sent_counts_until_the_mount_has_obeyed_what_came_after_it() -> None:
+    """Latency is 0.2004 s. At 4 °/s an axis comes 0.8 + 1 = 1.8° on its way, and brakes."""
+    for later_s, lets in ((0.15, False), (0.19, False), (0.26, True), (5.0, True)):
+        safety = gate()
+        assert sent(safety, MoveAxes(S, -4.0), T0, -20.0) == pytest.approx((0.0, -4.0))
+        safety.clear(MoveAxes(S, 0.0), SIDEREAL_DEG, SIDEREAL_DEG, -30.0, 0.0, T0 + 0.05)
+        wish = MoveAxes(S, -0.01)
+        cleared = safety.clear(wish, SIDEREAL_DEG, SIDEREAL_DEG, -49.0, 0.0, T0 + 0.05 + later_s)
+        assert (cleared.motion == wish) == lets
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize(("rate_deg_s", "lets"), [(-4.0, False), (4.0, True), (0.0, True)])
+def test_what_statuses_show_counts_though_nobody_sent_it(axis: int, rate_deg_s: float, lets: bool) -> None:
+    """One degree before its end an axis goes 4 °/s: in 0.2 s and the braking, 1.8°."""
+    safety, end_deg = gate(), (-40.0, -50.0)[axis]
+    for k in range(6):
+        at_deg = end_deg + 1.0 - rate_deg_s * 0.05 * (5 - k)
+        ha, dec = (at_deg, 0.0) if axis == 0 else (0.0, at_deg)
+        sidereal_deg = SIDEREAL_DEG + 0.05 * k * S
+        safety.watch(Seen(None, sidereal_deg, sidereal_deg - ha, dec), Hold())
+    wish = MoveAxes(S + 0.01, 0.0) if axis == 0 else MoveAxes(S, -0.01)
+    cleared = safety.clear(wish, sidereal_deg, sidereal_deg - ha, dec, 0.0, T0)
+    assert (cleared.motion == wish) == lets
+
+
+@pytest.mark.parametrize("back_s", [0.4, 0.6])
+def test_our_clock_may_go_back_by_half_a_second(back_s: float) -> None:
+    safety = gate()
+    safety.clear(MoveAxes(S, 0.0), SIDEREAL_DEG, SIDEREAL_DEG, 0.0, 0.0, T0)
+    safety.clear(MoveAxes(S, 0.0), SIDEREAL_DEG, SIDEREAL_DEG, 0.0, 0.0, T0 - 0.3)
+    safety.clear(MoveAxes(S, 0.0), SIDEREAL_DEG, SIDEREAL_DEG, 0.0, 0.0, T0 - back_s)
+    assert safety.tripped == (None if back_s < 0.5 else "clock")
+
+
+@pytest.mark.parametrize(("age_s", "tripped"), [(1.99, None), (2.01, "status_age"), (math.nan, "command")])
+def test_a_status_may_be_two_seconds_old(age_s: float, tripped: str | None) -> None:
+    for motion in (MoveAxes(S, 0.0), Slew(SIDEREAL_DEG, 10.0)):
+        safety = gate()
+        safety.clear(motion, SIDEREAL_DEG, SIDEREAL_DEG, 0.0, age_s, T0)
+        assert safety.tripped == tripped
+
+
+@pytest.mark.parametrize("place", [(math.nan, 0.0, 0.0), (0.0, math.inf, 0.0), (0.0, 0.0, math.nan)])
+def test_a_place_that_is_none_moves_nothing(place: tuple[float, float, float]) -> None:
+    for motion in (MoveAxes(S, 0.0), Slew(0.0, 10.0)):
+        safety = gate()
+        assert safety.clear(motion, *place, 0.0, T0).motion == Stop()
+        assert safety.tripped == "command"
+
+
+def test_a_mount_by_edges_is_stopped_where_the_rates_that_hold_it_wait_too_long() -> None:
+    """Six periods and the longest fault; where nothing is held, rates may wait."""
+    edge = replace(PROFILE, move_axis="edge")
+    for fault_s in (0.5, 1.0):
+        for over_s in (-0.01, 0.01):
+            safety = gate(holds=True, profile=edge, fault_s=fault_s)
+            cleared = Cleared(MoveAxes(S, 0.0))
+            assert safety.in_time(cleared, 99.0) == cleared
+            safety.holding = "declination"
+            found = safety.in_time(cleared, 0.3 + fault_s + over_s)
+            assert found.motion == (Stop() if over_s > 0.0 else cleared.motion)
+            assert safety.tripped == ("declination" if over_s > 0.0 else None)
+
+
+@pytest.mark.parametrize(
+    ("commanded", "trips"),
+    [(MoveAxes(1.0, 0.0), True), (Slew(0.0, 0.0), True), (Hold(), False), (Stop(), False)],
+)
+def test_an_interlock_stops_what_moves(commanded: MoveAxes | Slew | Hold | Stop, trips: bool) -> None:
+    profile = replace(PROFILE, ra=replace(PROFILE.ra, max_current_a=1.0))
+    safety = gate(profile=profile)
+    for k in range(30):
+        safety.watch(Seen(None, k * 0.05 * S, 0.05 * k, 20.0, ra_current_a=2.0), commanded)
+    assert safety.tripped == ("current" if trips else None)
+
+
+def test_axes_outside_are_stopped_by_the_third_status_that_finds_them_there() -> None:
+    """A stream by which they are led out is let go on until then, and they are not led farther out."""
+    safety, found = gate(holds=True), []
+    for k in range(6):
+        at = (SIDEREAL_DEG, SIDEREAL_DEG - 40.5, 0.0)
+        safety.watch(Seen(None, *at), MoveAxes(S, 0.0))
+        for _ in range(2):
+            # Clearances without news count once.
+            motion = safety.clear(MoveAxes(S - 1.0, 0.0), *at, 0.0, T0 + 0.05 * k).motion
+        found.append(motion)
+    held = pytest.approx((S, 0.0))
+    rates = [(one.ra_rate_deg_s, one.dec_rate_deg_s) if isinstance(one, MoveAxes) else one for one in found]
+    assert rates == [held, held, *[Stop()] * 4]
+    assert safety.tripped == "hour_angle"
+
+
+@pytest.mark.parametrize(("clear_deg", "dec_deg_s"), [(0.5, 0.0), (0.05, 0.05), (-0.02, 0.07)])
+def test_axes_that_rest_beside_the_sun_give_way_to_it_at_once(clear_deg: float, dec_deg_s: float) -> None:
+    """North of it, where the way out is up: at 0.05 °/s, and faster by what they are inside its cone."""
+    sun = sun_over(LATITUDE_DEG, 4.5).at(T0)
+    sidereal_deg = mean_sidereal_deg(T0, 4.5)
+    ra_deg, dec_deg = sidereal_deg - sun.hour_angle_deg, sun.dec_deg + 15.0 + S + clear_deg
+    safety = Safety(MountProfile(), SafetyLimits(floor_altitude_deg=-90.0), LATITUDE_DEG, 4.5, holds=True)
+    found = safety.clear(MoveAxes(S, 0.0), sidereal_deg, ra_deg, dec_deg, 0.0, T0).motion
+    assert isinstance(found, MoveAxes)
+    assert (found.ra_rate_deg_s, found.dec_rate_deg_s) == pytest.approx((S, dec_deg_s), abs=1e-3)
+
+
+@pytest.mark.parametrize("latitude_deg", [52.0, -33.0])
+def test_turns_are_counted_on_from_where_the_axis_was(latitude_deg: float) -> None:
+    axes = AxesState(latitude_deg)
+    assert axes.place(350.0, 40.0, False) == Place(-10.0, 40.0)
+    assert axes.place(190.0, 40.0, False) == Place(-170.0, 40.0)
+    axes.take(Place(370.0, 40.0), False)
+    assert axes.place(350.0, 40.0, False) == Place(350.0, 40.0)
+    assert axes.place(175.0, 40.0, False) == Place(535.0, 40.0)
+    pole = math.copysign(180.0, latitude_deg)
+    assert axes.place(190.0, 40.0, True) == Place(370.0, pole - 40.0)
+    later = AxesState(latitude_deg)
+    later.follow_on(axes)
+    assert later.place(0.0, 40.0, False) == Place(360.0, 40.0)
+    later.take(Place(0.0, 40.0), False)
+    later.begin_anew()
+    assert later.hour_angle_deg == 370.0
+    axes.begin_anew()
+    assert axes.hour_angle_deg is None

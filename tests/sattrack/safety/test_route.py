@@ -1,0 +1,289 @@
+"""Ways of slews in closed form: how long they take, what they sweep, and where to wait."""
+
+from __future__ import annotations
+
+import math
+import random
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from sattrack.core.angles import separation_deg
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile
+from sattrack.safety.geometry import Box, Place, nearest_deg
+from sattrack.safety.route import (
+    Route,
+    _Grid,
+    blocked,
+    clear_places,
+    direction_of,
+    find_route,
+    overshoot_deg,
+    path_boxes,
+    reachable,
+    slew_s,
+)
+
+PROFILE = MountProfile(
+    ra=AxisLimits(slew_rate_deg_s=5.0, max_acceleration_deg_s2=10.0),
+    dec=AxisLimits(slew_rate_deg_s=4.0, max_acceleration_deg_s2=2.0),
+)
+HERE = Place(-10.0, 20.0)
+
+
+def free(box: Box, seconds: float) -> str | None:
+    del box, seconds
+    return None
+
+
+@pytest.mark.parametrize(
+    ("there", "seconds"),
+    [
+        # 2 s of handshake; the way; ramps one and a half times as long as they need be, at either end.
+        (Place(40.0, 20.0), 2.0 + 50.0 / 5.0 + 2.0 * 1.5 * 5.0 / 10.0),
+        (Place(-60.0, 20.0), 2.0 + 50.0 / 5.0 + 2.0 * 1.5 * 5.0 / 10.0),
+        (Place(-10.0, -10.0), 2.0 + 30.0 / 4.0 + 2.0 * 1.5 * 4.0 / 2.0),
+        (Place(40.0, 50.0), 2.0 + 30.0 / 4.0 + 2.0 * 1.5 * 4.0 / 2.0),
+    ],
+)
+def test_a_slew_takes_as_long_as_its_slower_axis(there: Place, seconds: float) -> None:
+    assert slew_s(HERE, there, PROFILE) == pytest.approx(seconds)
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_an_aborted_slew_goes_on_at_the_rate_that_its_way_lets_it_reach(sense: float) -> None:
+    """Over 0.5° an axis of 10 °/s² gets to 3.16 °/s and one of 2 °/s² to 1.41 °/s."""
+    profile = replace(PROFILE, abort_delay_s=0.3)
+    for gap, ha, dec in ((0.5, math.sqrt(10.0), math.sqrt(2.0)), (50.0, 5.0, 4.0)):
+        there = Place(HERE[0] + sense * gap, HERE[1] - sense * gap)
+        assert overshoot_deg(HERE, there, profile) == pytest.approx((0.3 * sense * ha, -0.3 * sense * dec))
+    assert overshoot_deg(HERE, Place(40.0, 30.0), PROFILE) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("there", [Place(40.0, 50.0), Place(-60.0, -10.0)])
+@pytest.mark.parametrize("abort_delay_s", [0.0, 0.3])
+def test_a_slew_sweeps_all_between_its_ends_what_the_sky_moves_and_what_an_abort_lets_pass(
+    there: Place, abort_delay_s: float
+) -> None:
+    profile = replace(PROFILE, abort_delay_s=abort_delay_s)
+    drift = SIDEREAL_RATE_DEG_S * slew_s(HERE, there, PROFILE)
+    up, down = (abort_delay_s, 0.0) if there[0] > HERE[0] else (0.0, abort_delay_s)
+    ends = (
+        min(HERE[0], there[0]) - 5.0 * down,
+        max(HERE[0], there[0]) + 5.0 * up + drift,
+        min(HERE[1], there[1]) - 4.0 * down,
+        max(HERE[1], there[1]) + 4.0 * up,
+    )
+    (whole,) = path_boxes(HERE, there, profile)
+    assert tuple(whole) == pytest.approx(ends)
+    parts = list(path_boxes(HERE, there, replace(profile, slew_path="together")))
+    assert len(parts) == 24
+    for k, part in enumerate(parts):
+        for at in (k / 24.0, (k + 1) / 24.0):
+            ha, dec = (a + at * (b - a) for a, b in zip(HERE, there, strict=True))
+            assert part.ha_low_deg - 1e-9 <= ha <= part.ha_high_deg + 1e-9
+            assert part.dec_low_deg - 1e-9 <= dec <= part.dec_high_deg + 1e-9
+        assert part.ha_high_deg - part.ha_low_deg == pytest.approx(50.0 / 24.0 + drift + 5.0 * abort_delay_s)
+        assert part.dec_high_deg - part.dec_low_deg == pytest.approx(30.0 / 24.0 + 4.0 * abort_delay_s)
+
+
+def test_a_way_is_judged_until_its_end() -> None:
+    there, asked = Place(40.0, 20.0), []
+
+    def judge(box: Box, seconds: float) -> str | None:
+        asked.append((box, seconds))
+        return "sun" if seconds > 20.0 else None
+
+    assert blocked(HERE, there, PROFILE, judge) is None
+    assert blocked(HERE, there, PROFILE, judge, 6.4) is None
+    assert blocked(HERE, there, PROFILE, judge, 6.6) == "sun"
+    assert [seconds for _, seconds in asked] == pytest.approx([13.5, 19.9, 20.1])
+    assert {box for box, _ in asked} == set(path_boxes(HERE, there, PROFILE))
+
+
+def test_a_free_way_is_straight_and_a_goal_that_is_not_free_has_none() -> None:
+    goal = Place(40.0, 20.0)
+    assert find_route(HERE, goal, PROFILE, free, free, 52.0) == Route((goal,))
+
+    def goal_closes(box: Box, seconds: float) -> str | None:
+        return "moon" if seconds >= 13.4 and box.ha_high_deg >= 40.0 else None
+
+    assert find_route(HERE, goal, PROFILE, goal_closes, goal_closes, 52.0) == Route((), "moon")
+
+
+def walled(box: Box) -> bool:
+    """A wall on the meridian from the south up to 35° of declination."""
+    return box.ha_low_deg <= 0.0 <= box.ha_high_deg and box.dec_low_deg <= 35.0
+
+
+@pytest.mark.parametrize("latitude_deg", [52.0])
+def test_a_detour_is_judged_leg_by_leg_each_from_when_it_begins(latitude_deg: float) -> None:
+    start, goal, asked = Place(-30.0, 0.0), Place(30.0, 0.0), []
+
+    def judge(box: Box, seconds: float) -> str | None:
+        asked.append((box, seconds))
+        return "horizon" if walled(box) else None
+
+    def leaving(box: Box, _: float) -> str | None:
+        return "horizon" if walled(box) else None
+
+    route = find_route(start, goal, PROFILE, judge, leaving, latitude_deg)
+    assert route.blocked_by is None
+    assert route.legs[-1] == goal
+    ways = list(pairwise((start, *route.legs)))
+    assert not any(walled(box) for one, other in ways for box in path_boxes(one, other, PROFILE))
+    begins_s = np.cumsum([slew_s(one, other, PROFILE) for one, other in ways])
+    for (one, other), until_s in list(zip(ways, begins_s, strict=True))[1:]:
+        boxes = set(path_boxes(one, other, PROFILE))
+        assert [s for box, s in asked if box in boxes][-1] == pytest.approx(until_s)
+    # No place of the grid gets there sooner by one leg: 36° is the lowest that clears the wall.
+    best = (
+        min(
+            slew_s(start, via, PROFILE) + slew_s(via, goal, PROFILE)
+            for via in reachable(PROFILE, latitude_deg)
+            if not any(
+                walled(box) for a, b in ((start, via), (via, goal)) for box in path_boxes(a, b, PROFILE)
+            )
+        )
+        if len(ways) == 2
+        else math.inf
+    )
+    assert begins_s[-1] <= best + 1e-9
+
+
+def test_past_a_pillar_close_by_one_axis_turns_at_a_time() -> None:
+    """Pillars stand on either side of a gap that is too narrow for both axes at once."""
+    start, goal = Place(0.0, 0.0), Place(12.0, 12.0)
+
+    def judge(box: Box, seconds: float) -> str | None:
+        del seconds
+        apart = box.ha_high_deg - box.ha_low_deg, box.dec_high_deg - box.dec_low_deg
+        return "pier" if min(apart) > 0.5 else None
+
+    route = find_route(start, goal, PROFILE, judge, judge, 52.0)
+    assert route.blocked_by is None
+    steps = [(b[0] - a[0], b[1] - a[1]) for a, b in pairwise((start, *route.legs))]
+    assert all((ha == 0.0) != (dec == 0.0) for ha, dec in steps)
+    assert all((one[0] == 0.0) != (other[0] == 0.0) for one, other in pairwise(steps)), (
+        "it turns at each place"
+    )
+    assert np.abs(steps).sum(axis=0).tolist() == [12.0, 12.0], "there is no shorter way"
+
+
+@pytest.mark.parametrize("west", [1.0, -1.0])
+@pytest.mark.parametrize("north", [1.0, -1.0])
+@pytest.mark.parametrize("far", [24.0, -24.0, 36.0])
+def test_a_way_through_a_corridor_turns_where_the_corridor_does(
+    west: float, north: float, far: float
+) -> None:
+    """Along the equator at first, then by 24° of declination, then back; a degree wide."""
+    start, goal = Place(0.0, 0.0), Place(12.0 * west, 24.0 * north)
+    corridor = [
+        Box.between(one, other).grown(0.5, 0.5, 0.5, 0.5)
+        for one, other in (
+            ((0.0, 0.0), (far * west, 0.0)),
+            ((far * west, 0.0), (far * west, 24.0 * north)),
+            ((far * west, 24.0 * north), goal),
+        )
+    ]
+
+    def judge(box: Box, seconds: float) -> str | None:
+        del seconds
+        return None if any(part.with_box(box) == part for part in corridor) else "horizon"
+
+    corners = (Place(far * west, 0.0), Place(far * west, 24.0 * north), goal)
+    assert find_route(start, goal, PROFILE, judge, judge, 52.0) == Route(corners)
+    back = (*reversed(corners[:-1]), start)
+    assert find_route(goal, start, PROFILE, judge, judge, 52.0) == Route(back)
+
+
+@pytest.mark.parametrize("west", [1.0, -1.0])
+def test_of_two_corridors_the_quicker_is_taken(west: float) -> None:
+    """By 24° along the equator and back for 12°, or by 6° the other way and back for 18°."""
+    start, goal = Place(0.0, 0.0), Place(12.0 * west, 24.0)
+    ways = [(Place(ha * west, 0.0), Place(ha * west, 24.0), goal) for ha in (24.0, -6.0)]
+    parts = [
+        Box.between(one, other).grown(0.5, 0.5, 0.5, 0.5)
+        for legs in ways
+        for one, other in pairwise((start, *legs))
+    ]
+
+    def judge(box: Box, seconds: float) -> str | None:
+        del seconds
+        return None if any(part.with_box(box) == part for part in parts) else "horizon"
+
+    assert find_route(start, goal, PROFILE, judge, judge, 52.0) == Route(ways[1])
+
+
+def test_where_every_way_is_closed_the_straight_ones_row_is_named() -> None:
+    start, goal = Place(0.0, 0.0), Place(12.0, 12.0)
+
+    def judge(box: Box, seconds: float) -> str | None:
+        del seconds
+        return "altitude" if box.widest_deg > 0.5 else None
+
+    assert find_route(start, goal, PROFILE, judge, lambda *_: "sun", 52.0) == Route((), "sun")
+
+
+@pytest.mark.parametrize("pier_rule", ["never", "hour_angle"])
+def test_no_direction_is_far_from_a_place_that_can_be_reached(pier_rule: str) -> None:
+    """Twelve degrees apart, half of that either way at the most: 8.5° on the sky."""
+    axes = reachable(MountProfile(pier_rule=pier_rule), 52.0)
+    assert all(abs(one.ha_deg) <= 180.0 and -90.0 <= one.dec_deg <= 270.0 for one in axes)
+    assert pier_rule != "never" or all(one.dec_deg <= 90.0 for one in axes)
+    places = [direction_of(one) for one in axes]
+    rng = random.Random(2)
+    for _ in range(100):
+        ha, dec = rng.uniform(-180.0, 180.0), rng.uniform(-84.0, 90.0)
+        assert min(separation_deg(ha, dec, *place) for place in places) <= math.hypot(6.0, 6.0)
+
+
+@pytest.mark.parametrize("goal", [Place(10.0, 0.0), Place(10.0, 60.0), Place(-40.0, -35.0)])
+@pytest.mark.parametrize("radius_deg", [0.0, 0.9, 5.0, 33.0])
+def test_places_to_wait_at_come_in_rings_the_nearest_first_each_as_near_as_there_is_room(
+    goal: Place, radius_deg: float
+) -> None:
+    """Beside a circle, a place keeps a quarter of a degree; it is looked for to 0.3°, from 0.6° on."""
+
+    def judge(box: Box, seconds: float) -> str | None:
+        sides_deg = box.dec_high_deg - box.dec_low_deg, box.ha_high_deg - box.ha_low_deg
+        assert (seconds, *sides_deg) == pytest.approx((0.0, 0.5, 0.75))
+        return "sun" if nearest_deg(box, *goal) < radius_deg else None
+
+    found = []
+    for place in clear_places(goal, 52.0, MountProfile(), judge):
+        found.append(separation_deg(*place, *goal))
+        if len(found) == 24:
+            break
+    assert min(found) >= radius_deg
+    if radius_deg <= 5.0:
+        assert found[0] <= max(0.6, radius_deg + 1.1)
+        assert max(found) <= max(0.6, radius_deg * 1.05 + 1.1)
+    else:
+        assert found[0] <= radius_deg * 1.2
+
+
+def test_the_coarse_grid_knows_of_each_box_whether_it_holds_a_closed_cell() -> None:
+    start, goal = Place(-100.0, -60.0), Place(100.0, 60.0)
+
+    def judge(box: Box, seconds: float) -> str | None:
+        assert box.widest_deg == seconds == 0.0
+        return "pier" if math.hypot(box.ha_low_deg, box.dec_low_deg) < 20.0 else None
+
+    grid = _Grid([Place(-60.0, 60.0)], start, goal, PROFILE, judge)
+    rng = random.Random(3)
+    seen = set()
+    for _ in range(300):
+        one, other = (Place(rng.uniform(-100.0, 100.0), rng.uniform(-60.0, 60.0)) for _ in range(2))
+        box = Box.between(one, other)
+        away = math.hypot(*(max(low, 0.0) - min(high, 0.0) for low, high in (box[:2], box[2:])))
+        is_open = bool(grid._open(np.array(one), np.array(other)))
+        # Cells of four degrees: by three more, or three less, there is no doubt.
+        assert is_open or away < 23.0
+        assert not is_open or away > 17.0
+        seen.add(is_open)
+    assert seen == {True, False}
+    assert float(grid._seconds(np.array(start), np.array(goal))) == 2.0 + max(200.0 / 5.0, 120.0 / 4.0)
+    assert next(grid.ways()) == (Place(-60.0, 60.0), goal)

@@ -1,0 +1,215 @@
+"""Slews: their turn of the cables, their legs, how rates lead them, and when they have strayed."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from driven_limits import sun_place
+from msgspec.structs import replace
+from safety_stand import LATITUDE_DEG, LONGITUDE_DEG, T0
+
+from sattrack.core.angles import separation_deg
+from sattrack.mount.geometry import AxisGeometry
+from sattrack.mount.model import (
+    AxisLimits,
+    MountProfile,
+    PierZone,
+    Seen,
+    SitePlace,
+    Slew,
+)
+from sattrack.safety import SafetyLimits
+from sattrack.safety.bounds import Bounds
+from sattrack.safety.geometry import Box, Place, meets_polygon, nearest_deg
+from sattrack.safety.slews import SlewGate
+
+DARK = SafetyLimits(floor_altitude_deg=-90.0, optical=False)
+FREE = MountProfile(hour_angle_limit_deg=360.0)
+LED = replace(FREE, geometry=AxisGeometry(0.0, 52.0), stands_at=SitePlace(LATITUDE_DEG, LONGITUDE_DEG))
+
+
+def bounds(profile: MountProfile, limits: SafetyLimits) -> Bounds:
+    found = Bounds(profile, limits, LATITUDE_DEG, LONGITUDE_DEG)
+    assert found.look(T0, 0.0)
+    return found
+
+
+def slew_gate(profile: MountProfile = FREE, detours: bool = False, limits: SafetyLimits = DARK) -> SlewGate:
+    found = bounds(profile, limits)
+    return SlewGate(profile, found, LATITUDE_DEG, detours)
+
+
+def begun(gate: SlewGate, start: Place, target: Slew, braking: Box | None = None) -> SlewGate:
+    """Clear a slew from a place, the mount's clock at nought."""
+    braking = Box.between(start, start) if braking is None else braking
+    assert gate.clear(target, 0.0, (-start[0], start[1]), start, braking) == target
+    return gate
+
+
+@pytest.mark.parametrize("geometry", [False, True])
+@pytest.mark.parametrize("side", ["east", "west", "south", "north"])
+def test_a_mount_strays_by_the_third_status_in_a_row_outside_of_what_its_slew_was_judged_by(
+    geometry: bool, side: str
+) -> None:
+    """A degree about the box of both ends; six where rates lead."""
+    profile = LED if geometry else FREE
+    start, target = Place(-20.0, 30.0), Slew(-10.0, 50.0)
+    loose = 6.0 if geometry else 1.0
+    for out_deg, strays in ((-0.01, False), (0.01, True)):
+        place = {
+            "east": Place(-20.0 - loose - out_deg, 40.0),
+            "west": Place(10.0 + loose + out_deg, 40.0),
+            "south": Place(0.0, 30.0 - loose - out_deg),
+            "north": Place(0.0, 50.0 + loose + out_deg),
+        }[side]
+        gate, slewing = begun(slew_gate(profile), start, target), Seen(None, 0.0, 0.0, 0.0, slewing=True)
+        assert [gate.strays(place, slewing) for _ in range(3)] == [False, False, strays]
+        gate = begun(slew_gate(profile), start, target)
+        places = (place, place, start, place, place)
+        assert [gate.strays(one, slewing) for one in places] == [False] * 5
+        assert not gate.strays(place, replace(slewing, slewing=False))
+        assert [gate.strays(place, slewing) for _ in range(2)] == [False] * 2
+        gate.forget()
+        assert [gate.strays(place, slewing) for _ in range(3)] == [False] * 3
+
+
+def test_axes_that_still_brake_have_not_strayed_where_nothing_is_near() -> None:
+    start, target, slewing = Place(-20.0, 30.0), Slew(-10.0, 50.0), Seen(None, 0.0, 0.0, 0.0, slewing=True)
+    braking, place = Box(-25.0, -20.0, 22.0, 30.0), Place(-24.0, 23.0)
+    gate = begun(slew_gate(), start, target, braking)
+    assert [gate.strays(place, slewing) for _ in range(3)] == [False] * 3
+    gate = begun(slew_gate(replace(FREE, dec_axis_limits_deg=(23.0, 90.0))), start, target, braking)
+    assert [gate.strays(place, slewing) for _ in range(3)] == [False, False, True]
+
+
+@pytest.mark.parametrize(
+    ("off_deg", "is_there"), [(0.0, True), (0.09, True), (0.11, False), (math.nan, False)]
+)
+def test_a_mount_is_where_its_slew_ends_by_a_tenth_of_a_degree(off_deg: float, is_there: bool) -> None:
+    gate = begun(slew_gate(), Place(-20.0, 30.0), Slew(-10.0, 60.0))
+    assert gate.is_there((-10.0, 60.0 + off_deg)) == is_there
+    assert gate.is_there((-10.0 + 2.0 * off_deg, 60.0)) == is_there
+    assert gate.on_last_leg
+
+
+@pytest.mark.parametrize("move_axis", ["held", "edge"])
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_led_slew_begins_by_half_of_a_ramp_and_ends_by_what_can_brake(move_axis: Any, sense: float) -> None:
+    """A last time constant of 1 s, or 5 s by edges; a fifth, or a 25th, of the acceleration brakes."""
+    slower = 5.0 if move_axis == "edge" else 1.0
+    profile = replace(
+        LED,
+        move_axis=move_axis,
+        ra=AxisLimits(max_rate_deg_s=3.0, slew_rate_deg_s=9.0, max_acceleration_deg_s2=4.0),
+        dec=AxisLimits(max_rate_deg_s=9.0, slew_rate_deg_s=2.5, max_acceleration_deg_s2=2.0),
+    )
+    for gap in (0.2, 2.0, 30.0):
+        start = Place(0.0, 40.0)
+        gate = begun(slew_gate(profile), start, Slew(-sense * gap, 40.0 + sense * gap))
+        steps = []
+        for _ in range(200):
+            led = gate.rates_from(start, 0.0)
+            steps.append((-led.ra_rate_deg_s, led.dec_rate_deg_s))
+        ramps = (0.5 * 4.0 * profile.period_s, 0.5 * 2.0 * profile.period_s)
+        ends = [
+            min(gap / slower, math.sqrt(0.4 / slower * acceleration * gap), fastest)
+            for acceleration, fastest in ((4.0, 3.0), (2.0, 2.5))
+        ]
+        for axis in (0, 1):
+            rates = [sense * step[axis] for step in steps]
+            assert rates == pytest.approx([min(ends[axis], ramps[axis] * (k + 1)) for k in range(200)])
+        gate.forget()
+        assert gate.target is None
+
+
+@pytest.mark.parametrize(
+    ("onward_deg", "from_deg", "turn_deg"),
+    [
+        # The cables turn 240° either way, of which 2° are left over: 150° west is 210° east as well.
+        (None, -20.0, 150.0),
+        ((0.0, 0.0), -20.0, 150.0),
+        ((0.0, 0.0), -60.0, -210.0),
+        ((0.0, 87.9), -20.0, 150.0),
+        ((0.0, 88.1), -20.0, -210.0),
+        ((-27.9, 0.0), -60.0, -210.0),
+        ((-28.1, 0.0), -60.0, 150.0),
+        ((-28.1, 88.1), -60.0, 150.0),
+    ],
+)
+def test_the_turn_is_the_nearest_on_which_what_follows_keeps_two_degrees_from_the_cables_end(
+    onward_deg: tuple[float, float] | None, from_deg: float, turn_deg: float
+) -> None:
+    gate = slew_gate(replace(LED, hour_angle_limit_deg=240.0))
+    gate.onward_deg = onward_deg
+    start = Place(from_deg, 60.0)
+    begun(gate, start, Slew(-150.0, 60.0))
+    towards = -gate.rates_from(start, 0.0).ra_rate_deg_s
+    assert math.copysign(1.0, towards) == math.copysign(1.0, turn_deg - from_deg)
+
+
+def test_a_slew_of_a_mount_that_obeys_aborts_late_is_judged_with_the_longest_fault() -> None:
+    """At 10 °/s it passes its end by 10 * (0.3 + 1) degrees, where the profile has a delay at all."""
+    for delay_s, past_deg in ((0.0, 0.0), (0.3, 13.0)):
+        for more_deg, blocked_by in ((-0.2, "declination"), (0.2, None)):
+            end_deg = 80.0 + past_deg + 0.1 + more_deg
+            profile = replace(FREE, abort_delay_s=delay_s, dec_axis_limits_deg=(-90.0, end_deg))
+            gate = slew_gate(profile)
+            assert gate.objection(Slew(0.0, 80.0), 0.0, Place(0.0, 0.0)) == blocked_by
+            assert gate.path_objection(Place(0.0, 0.0), (0.0, 80.0)) == blocked_by
+
+
+def test_a_detour_is_taken_leg_by_leg_and_judged_anew_at_each() -> None:
+    """A zone of the pier stands between start and goal, from the equator up to 60° of declination."""
+    wall = PierZone("wall", ((-5.0, -20.0), (5.0, -20.0), (5.0, 60.0), (-5.0, 60.0)))
+    profile = replace(FREE, pier_zones=(wall,), dec_axis_limits_deg=(-15.0, 89.0))
+    start, target = Place(-40.0, 10.0), Slew(-40.0, 10.0)
+    here = Box.between(start, start)
+    assert slew_gate(profile).clear(target, 0.0, (40.0, 10.0), start, here) == "pier"
+    gate = slew_gate(profile, detours=True)
+    place, legs = start, []
+    for _ in range(6):
+        leg = gate.clear(target, 0.0, (-place[0], place[1]), place, Box.between(place, place))
+        assert isinstance(leg, Slew)
+        legs.append(leg)
+        assert gate.on_last_leg == (leg == target)
+        # Until it is there, the same is asked for.
+        assert gate.clear(target, 0.0, (-place[0] + 1.0, place[1] + 5.0), place, here) == leg
+        end = Place(math.remainder(-leg.ra_deg, 360.0), leg.dec_deg)
+        assert not meets_polygon(Box.between(place, end), wall.corners)
+        place = end
+        if leg == target:
+            break
+    assert legs[-1] == target
+    assert len(legs) >= 2
+
+
+def test_a_detour_that_is_closed_on_the_way_ends_with_the_name_of_what_closes_it() -> None:
+    wall = PierZone("wall", ((-5.0, -20.0), (5.0, -20.0), (5.0, 60.0), (-5.0, 60.0)))
+    gate = slew_gate(replace(FREE, pier_zones=(wall,), dec_axis_limits_deg=(-15.0, 89.0)), detours=True)
+    start, target = Place(-40.0, 10.0), Slew(-40.0, 10.0)
+    leg = gate.clear(target, 0.0, (40.0, 10.0), start, Box.between(start, start))
+    assert isinstance(leg, Slew)
+    assert leg != target
+    # What is reported is the end of the leg, but the axes are believed to be in the zone.
+    inside = Place(0.0, 30.0)
+    assert gate.clear(target, 0.0, (leg.ra_deg, leg.dec_deg), inside, Box.between(inside, inside)) == "pier"
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_target_in_the_suns_cone_is_waited_for_on_its_own_side_of_the_sun(side: float) -> None:
+    """Ten degrees from the Sun, as seen from the other side of it: the way there leads round the cone."""
+    ha, dec = sun_place(T0)
+    gate = slew_gate(detours=True, limits=replace(DARK, sun_cone_deg=15.0))
+    start = Place(ha - side * 40.0, dec)
+    target = Slew(-(ha + side * 10.0), dec)
+    legs = gate.route(target, 0.0, start, waits=True)
+    assert not isinstance(legs, str)
+    ends = [start, *(Place(ha + math.remainder(-leg.ra_deg - ha, 360.0), leg.dec_deg) for leg in legs)]
+    assert len(legs) >= 2
+    assert separation_deg(*ends[-1], ha + side * 10.0, dec) < 7.0
+    for one, other in pairwise(ends):
+        assert nearest_deg(Box.between(one, other), ha, dec) >= 15.0
+    assert gate.route(target, 0.0, start) == "sun"
