@@ -18,11 +18,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from xerxes_builders import (
+    MOVE,
     PERIOD_S,
+    SEEN_AT_REST_STATUSES,
     SIDEREAL_DEG_S,
     SIDEREAL_DTICS_S,
     T0,
-    TIC_DEG,
+    TRACKING,
+    A,
+    B,
+    Client,
     dtics,
     moving_flags,
     overwritten,
@@ -38,11 +43,9 @@ from sattrack.mount.model import (
     MoveAxes,
     Readings,
     Slew,
-    Status,
-    StatusSample,
     Stop,
 )
-from sattrack.mount.xerxes.datagrams import Command, decode_command, encode_status
+from sattrack.mount.xerxes.datagrams import Command, encode_status
 from sattrack.mount.xerxes.flags import (
     HANDSHAKE,
     HELD,
@@ -61,73 +64,6 @@ from sattrack.mount.xerxes.session import Session
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from enum import Enum
-
-TRACKING = Status(
-    altitude_deg=50.0,
-    azimuth_deg=180.0,
-    dec_deg=20.0,
-    ra_h=10.0,
-    sidereal_h=9.0,
-    ra_rate_dtics_s=SIDEREAL_DTICS_S,
-    site_latitude_deg=48.0,
-    site_longitude_deg=11.0,
-)
-SEEN_AT_REST_STATUSES = 12
-"""Half a second of positions, and one more."""
-A = Slew(78.75, 12.25)
-B = Slew(150.0, -33.375)
-MOVE = MoveAxes(-1.25, -0.75)
-
-
-class Client:
-    """A session between statuses made by hand and datagrams read by eye."""
-
-    def __init__(self, profile: MountProfile | None = None) -> None:
-        self.session = Session(profile or MountProfile())
-        self.now = T0
-        self.counter = 0
-        self.turned_deg = 0.0
-        """How far the hour angle axis has turned."""
-
-    def status(self, counter: int | None = None, readings: Readings | None = None, **fields: Any) -> bytes:
-        self.counter = self.counter + 1 if counter is None else counter
-        gone_deg = (self.now - T0) * SIDEREAL_DEG_S
-        fields.setdefault("sidereal_h", TRACKING.sidereal_h + gone_deg / 15.0)
-        fields.setdefault("ra_h", TRACKING.ra_h + (gone_deg - self.turned_deg) / 15.0)
-        return encode_status(msgspec.structs.replace(TRACKING, counter=self.counter, **fields), readings)
-
-    def hear(self, **fields: Any) -> StatusSample | None:
-        """Give the session the mount's next status."""
-        self.now += PERIOD_S
-        self.turned_deg += fields.get("ra_rate_dtics_s", SIDEREAL_DTICS_S) / 10 * TIC_DEG * PERIOD_S
-        return self.session.receive(self.status(**fields), self.now)
-
-    def rest(self, **fields: Any) -> None:
-        """Have the mount's positions show rest for as long as it takes to be seen."""
-        for _ in range(SEEN_AT_REST_STATUSES):
-            self.hear(**{"ra_rate_dtics_s": 0} | fields)
-
-    def send(self) -> Command:
-        """Take the session's next datagram."""
-        data = self.session.compose()
-        assert len(data) == 82
-        return decode_command(data)
-
-    def slew_state(self) -> SlewState:
-        return self.session.slew_state
-
-    def asks(self, motion: Motion) -> Command:
-        want(self.session, motion)
-        return self.send()
-
-    def stopped_by_abort(self) -> None:
-        """Have a stop asked for, acknowledged and finished."""
-        assert self.asks(Stop()).abort
-        self.hear(ack_abort=True, ra_rate_dtics_s=0)
-        assert not self.send().abort
-        assert not self.session.stopped
-        self.rest()
-        assert self.session.stopped
 
 
 @pytest.fixture
