@@ -1022,6 +1022,18 @@ class TestAltAzimuth:
         # Of the axes: azimuth from the south, and altitude.
         assert client.session.stance.dec_deg == pytest.approx(62.0)
 
+    def test_due_west_the_hour_angle_is_that_of_the_textbook(self) -> None:
+        """sin(dec) = sin(latitude) sin(altitude), and sin(hour angle) = cos(altitude)/cos(dec)."""
+        client = self.client("horizon")
+        self.at(client, 77.0, 5.0, azimuth_deg=270.0, altitude_deg=40.0)
+        sample = client.session.sample
+        assert sample is not None
+        sin_dec = math.sin(math.radians(48.0)) * math.sin(math.radians(40.0))
+        assert sample.dec_deg == pytest.approx(math.degrees(math.asin(sin_dec)))
+        hour_angle = math.asin(math.cos(math.radians(40.0)) / math.sqrt(1.0 - sin_dec**2))
+        gone_deg = math.remainder(sample.sidereal_h * 15.0 - sample.ra_deg, 360.0)
+        assert gone_deg == pytest.approx(math.degrees(hour_angle))
+
     @pytest.mark.parametrize(
         ("azimuth_deg", "altitude_deg", "taken"),
         [
@@ -1156,6 +1168,29 @@ class TestWhatItTells:
         client.session.submit(ClearedRequest(Abort()))
         sent = client.send()
         assert (sent.ra_fine_rate_dtics_s, sent.dec_fine_rate_dtics_s) == (0, 0)
+
+    @pytest.mark.parametrize(
+        ("ra_share", "dec_share", "shows"),
+        [(1.0, 1.0, True), (0.81, 1.19, True), (0.79, 1.0, False), (1.0, 1.21, False), (0.0, 0.0, False)],
+    )
+    def test_fine_rates_show_where_both_drives_come_within_a_fifth_of_the_change(
+        self, ra_share: float, dec_share: float, shows: bool
+    ) -> None:
+        client = tracked(MountProfile())
+        ticket = client.session.submit(ClearedRequest(FineRate(0.01, -0.02)))
+        client.send()
+        ra, dec = SIDEREAL_DEG_S + ra_share * 0.01, -dec_share * 0.02
+        client.hear(ra_rate_dtics_s=dtics(ra), dec_rate_dtics_s=dtics(dec))
+        assert (ticket.state is TicketState.COMPLETE) is shows
+
+    def test_rates_go_on_under_a_ticket_and_another_motion_takes_its_place(self) -> None:
+        client = tracked(MountProfile())
+        ticket = client.session.submit(ClearedRequest(MoveAxis(0.5, 0.5)))
+        client.send()
+        want(client.session, MoveAxes(0.6, 0.6))
+        assert ticket.state is TicketState.RAISED
+        want(client.session, Hold())
+        assert (ticket.state, ticket.reason) == (TicketState.SUPERSEDED, "another motion was asked for")
 
     def test_a_slew_to_the_same_place_is_one_all_the_same(self) -> None:
         client = tracked(MountProfile())
