@@ -5,6 +5,7 @@ Flags and tickets are judged by themselves; what goes out is read by eye. At 20 
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
@@ -314,12 +315,16 @@ class TestFlags:
         slew.rests(30.0)
         assert slew.state is SlewState.DONE
 
-    def test_an_abort_without_an_answer_dips_for_the_last_3_of_24(self) -> None:
+    def test_an_abort_without_an_answer_dips_for_three_after_ever_longer_times(self) -> None:
+        """After 21 datagrams, then twice as many each time, and never more than 336: one second to 17."""
         abort = AbortFlag()
         abort.ask()
-        sent = [abort.compose(False) for _ in range(72)]
-        # The first datagram of the flag is the first of the 24.
-        assert [up for up, _ in sent] == [number % 24 < 21 for number in range(1, 73)]
+        sent = [abort.compose(False) for _ in range(1400)]
+        runs = [(up, len(list(run))) for up, run in itertools.groupby(up for up, _ in sent)]
+        # The edge itself is the first of the 21.
+        lasted = [20, 42, 84, 168, 336, 336, 336]
+        assert [count for up, count in runs if up][:7] == lasted
+        assert {count for up, count in runs[:-1] if not up} == {3}
         assert all(sending for _, sending in sent)
 
     def test_an_abort_whose_acknowledgement_stands_is_up_for_four_of_eight(self) -> None:
