@@ -56,6 +56,7 @@ from sattrack.mount.requests import (
     MoveAxis,
     Sync,
     TicketState,
+    TrackingRate,
 )
 from sattrack.mount.xerxes.datagrams import Command, encode_status
 from sattrack.mount.xerxes.flags import (
@@ -341,6 +342,21 @@ class TestMoveAxis:
         assert command.move_ra_rate_deg_s == pytest.approx(ra_sign * axis_rate, abs=1e-9)
         assert command.move_dec_rate_deg_s == pytest.approx(dec_sign * 0.2, abs=1e-9)
 
+    @pytest.mark.parametrize("beyond", [False, True])
+    @pytest.mark.parametrize(("told", "signs"), [((-1, -1), (-1, -1)), ((0, 0), (1, 1)), ((0, -1), (1, -1))])
+    def test_beyond_the_pole_signs_are_those_of_that_side(
+        self, beyond: bool, told: tuple[Any, Any], signs: tuple[int, int]
+    ) -> None:
+        profile = MountProfile(
+            ra_rate_sign_beyond_pole=told[0] or None, dec_rate_sign_beyond_pole=told[1] or None
+        )
+        client = Client(profile)
+        client.hear(side_of_pier=beyond)
+        command = client.asks(MoveAxes(-0.3, 0.2))
+        ra_sign, dec_sign = signs if beyond else (1, 1)
+        assert command.move_ra_rate_deg_s == pytest.approx(ra_sign * 0.3)
+        assert command.move_dec_rate_deg_s == pytest.approx(dec_sign * 0.2)
+
 
 class TestAbort:
     def test_it_is_alone_held_until_acknowledged_and_falls(self, client: Client) -> None:
@@ -513,6 +529,9 @@ class TestStopped:
         assert client.session.stopped
         assert client.session.sample is not None
         assert client.session.sample.ra_drive_deg_s == pytest.approx(0.0, abs=1e-6)
+        status = client.session.status
+        assert status is not None
+        assert (status.ra_rate_dtics_s, status.dec_rate_dtics_s) == pytest.approx((0.0, 0.0), abs=2.0)
         assert client.session.ignored_fields == (
             "the mount's RightAscensionRate is no number: positions are used instead",
             "the mount's DeclinationRate is no number: positions are used instead",
@@ -1034,6 +1053,22 @@ class TestAltAzimuth:
         gone_deg = math.remainder(sample.sidereal_h * 15.0 - sample.ra_deg, 360.0)
         assert gone_deg == pytest.approx(math.degrees(hour_angle))
 
+    def test_below_the_pole_right_ascension_stays_within_a_day(self) -> None:
+        """tan(hour angle) = -sin(A) cos(a) / (sin(a) cos(latitude) - cos(a) sin(latitude) cos(A))."""
+        client = self.client("horizon")
+        self.at(client, 77.0, 5.0, azimuth_deg=350.0, altitude_deg=10.0)
+        sample = client.session.sample
+        assert sample is not None
+        az, alt, lat = (math.radians(angle) for angle in (350.0, 10.0, 48.0))
+        hour_angle_deg = math.degrees(
+            math.atan2(
+                -math.sin(az) * math.cos(alt),
+                math.sin(alt) * math.cos(lat) - math.cos(alt) * math.sin(lat) * math.cos(az),
+            )
+        )
+        assert 135.0 < hour_angle_deg < 180.0
+        assert sample.ra_deg == pytest.approx((sample.sidereal_h * 15.0 - hour_angle_deg) % 360.0)
+
     @pytest.mark.parametrize(
         ("azimuth_deg", "altitude_deg", "taken"),
         [
@@ -1182,6 +1217,15 @@ class TestWhatItTells:
         ra, dec = SIDEREAL_DEG_S + ra_share * 0.01, -dec_share * 0.02
         client.hear(ra_rate_dtics_s=dtics(ra), dec_rate_dtics_s=dtics(dec))
         assert (ticket.state is TicketState.COMPLETE) is shows
+
+    def test_a_tracking_rate_shows_where_the_mount_goes_over_to_it(self) -> None:
+        for before, now, shows in ((0, 2, True), (0, 1, False), (2, 2, False)):
+            client = tracked(MountProfile())
+            client.hear(tracking_rate=before)
+            ticket = client.session.submit(ClearedRequest(TrackingRate(2)))
+            assert client.send().tracking_rate == 2
+            client.hear(tracking_rate=now)
+            assert (ticket.state is TicketState.COMPLETE) is shows
 
     def test_rates_go_on_under_a_ticket_and_another_motion_takes_its_place(self) -> None:
         client = tracked(MountProfile())

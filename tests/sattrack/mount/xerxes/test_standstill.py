@@ -681,6 +681,7 @@ class Stopping:
 class TestStops:
     @pytest.mark.parametrize("late", [0, 4])
     def test_it_goes_again_after_three_statuses_then_six_then_twelve(self, late: int) -> None:
+        assert Stopping(late).statuses_until_again() == 3 + late
         mount = Stopping(late)
         mount.see(2.0, slewing=True)
         # The first of them is slower than the one before.
