@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from sattrack.control import engine_view
+from sattrack.control.engine import Engine
 from sattrack.control.engine_view import (
     estimate_view,
     learnt_view,
@@ -294,6 +295,18 @@ class TestViews:
         assert (view.first_rate_deg_s, view.second_rate_deg_s) == (0.3, -0.2)
         assert engine_view._axes_view(made_run(sample=sample)) is None
         assert engine_view._axes_view(made_run(frame=profile.frame)) is None
+
+    def test_the_mount_points_where_its_axes_do(self) -> None:
+        """An alt-azimuth mount at 48° that looks south at an altitude of 62° looks at 20° of declination."""
+        profile = MountProfile(geometry=AxisGeometry(0.0, 90.0), stands_at=SitePlace(48.0, 11.0))
+        sample = StatusSample(1, NOW, 8.0, 120.0, 62.0, False, False, 0.0, 0.0)
+        points: Any = Engine.pointing_deg
+        assert points.fget(made_run(sample=sample, frame=profile.frame)) == pytest.approx((120.0, 20.0))
+        west = StatusSample(1, NOW, 8.0, 30.0, 0.0, False, False, 0.0, 0.0)
+        # On the horizon due west is the equator, 6 h from the meridian.
+        assert points.fget(made_run(sample=west, frame=profile.frame)) == pytest.approx((30.0, 0.0), abs=1e-9)
+        assert points.fget(made_run(sample=sample)) == (120.0, 62.0)
+        assert points.fget(made_run()) is None
 
     def test_a_pause_is_at_rest_unless_it_is_led_out(self) -> None:
         rest = Made(begun_utc_s=NOW, at_rest=True, jogging=False, going_on=True)
