@@ -206,8 +206,10 @@ class TestSearches:
         self, search: Search, limits: tuple[float, float], refused: str | None
     ) -> None:
         biases = Paced()
-        biases.bounds = lambda *_: ChangeLimits(*limits)  # type: ignore[method-assign]
+        asked: list[str] = []
+        biases.bounds = lambda what, *_: asked.append(what) or ChangeLimits(*limits)  # type: ignore[method-assign, func-returns-value]
         told = begin_search(biases, search, NOW)
+        assert asked == ["cross_deg" if search.how == "spiral" else "along_s"]
         assert (told is None) is (refused is None)
         if refused is not None:
             assert told is not None
