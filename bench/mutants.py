@@ -360,15 +360,20 @@ def _functions(path: str) -> dict[int, set[int]]:
 
 
 def tests_for(mutant: Mutant, mapped: Tests) -> list[tuple[float, str, str]]:
-    """Return the tests that execute a mutant's statement, or of one outside of functions its module."""
-    lines = _functions(mutant.path).get(mutant.line)
-    found = []
+    """Return the tests that execute a mutant's statement, or all of the files that run its module.
+
+    All, where none does: what runs on import alone is in no test, and a table is read without a line run.
+    """
+    lines = _functions(mutant.path).get(mutant.line, set())
+    found, others = [], []
     for file, tests in mapped.items():
+        runs = any(mutant.path in one["lines"] for one in tests.values())
         for name, one in tests.items():
-            run = one["lines"].get(mutant.path, ())
-            if run and (lines is None or not lines.isdisjoint(run)):
+            if not lines.isdisjoint(one["lines"].get(mutant.path, ())):
                 found.append((one["s"], name, file))
-    return sorted(found)
+            elif runs:
+                others.append((one["s"], name, file))
+    return sorted(found or others)
 
 
 def outcome_of(mutant: Mutant, mapped: Tests, budget_s: float) -> tuple[str, str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import select
 import signal
 import socket
 import threading
@@ -17,10 +16,7 @@ from programs import SITE, ended, free_port, sattrack, simulated_mount
 from sattrack.cli.main import run
 from sattrack.cli.mount import failure
 from sattrack.control.manual_operation import Outcome, RequestRefused
-from sattrack.core.errors import BadInputError
 from sattrack.mount.requests import TicketState
-from sattrack.mount.xerxes import client
-from sattrack.mount.xerxes.client import UdpLink, is_own_host, nobody_listens, parse_address
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -135,15 +131,6 @@ def test_an_address_that_is_no_mounts(
 ) -> None:
     assert run(["mount", "abort", "--mount", url]) == 2
     assert capsys.readouterr().err == f"sattrack: --mount {url}: {words}\n"
-
-
-def test_our_own_address_is_known_on_every_interface(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert is_own_host("127.0.0.1")
-    assert not is_own_host("192.0.2.7")
-    monkeypatch.setattr(client, "is_own_host", lambda host: host == "192.0.2.7")
-    with pytest.raises(BadInputError, match=r"both ends would be 192\.0\.2\.7:15001"):
-        parse_address("xerxes://192.0.2.7")
-    assert parse_address("xerxes://192.0.2.7?listen=15002").listen_port == 15002
 
 
 def test_no_site_and_no_mount_are_told(no_sockets: None, capsys: pytest.CaptureFixture[str]) -> None:
@@ -273,30 +260,6 @@ def test_a_port_that_is_taken_is_told(capsys: pytest.CaptureFixture[str]) -> Non
         port = taken.getsockname()[1]
         assert run(["mount", "abort", "--mount", f"xerxes://127.0.0.1:9?listen={port}"]) == 1
     assert f"UDP port {port} is not available" in capsys.readouterr().err
-
-
-def test_strangers_are_dropped_and_counted_by_address() -> None:
-    link = UdpLink(parse_address(f"xerxes://127.0.0.5:9?listen={free_port()}"))
-    try:
-        for number in (6, 7, 8, 9, 10, 11):
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
-                stranger.bind((f"127.0.0.{number}", 0))
-                stranger.sendto(b"x" * 160, ("127.0.0.1", link.listen_port))
-                stranger.sendto(b"x" * 160, ("127.0.0.1", link.listen_port))
-        assert select.select([link], [], [], 60.0)[0]
-        assert link.receive() == []
-        assert link.strangers == 12
-        assert link.stranger_hosts == ["127.0.0.6", "127.0.0.7", "127.0.0.8", "127.0.0.9"]
-    finally:
-        link.close()
-
-
-def test_only_an_answer_says_that_nobody_listens() -> None:
-    address = parse_address(f"xerxes://127.0.0.1:{free_port()}?listen={free_port()}")
-    assert nobody_listens(address, b"x")
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
-        listener.bind(("127.0.0.1", address.port))
-        assert not nobody_listens(address, b"x", within_s=0.05)
 
 
 def document(text: str) -> dict[str, Any]:

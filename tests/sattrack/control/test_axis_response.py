@@ -112,6 +112,18 @@ def shares_of(reached: np.ndarray) -> np.ndarray:
     return np.array([*[0.0] * len(JUMPS_S), *np.diff(reached)])
 
 
+@pytest.mark.parametrize("share", range(SHARES))
+def test_what_comes_out_at_once_or_evenly_has_the_moments_of_that(share: int) -> None:
+    """At one lag: no variance. Evenly between two: their mean, and the square of their distance over 12."""
+    shares = np.zeros(SHARES)
+    shares[share] = 1.25
+    jump = share < len(JUMPS_S)
+    k = share - len(JUMPS_S)
+    begins, ends = (JUMPS_S[share],) * 2 if jump else (KNOTS_S[k], KNOTS_S[k + 1])
+    found = lag_of(shares)
+    assert found == pytest.approx((0.5 * (begins + ends), (ends - begins) ** 2 / 12.0, 1.25), abs=1e-12)
+
+
 @pytest.mark.parametrize("lag_s", [0.05, 0.1, 0.2])
 def test_the_lag_of_a_first_order_servo(lag_s: float) -> None:
     """1 - exp(-t/τ): mean τ, variance τ²; what lies evenly between knots bends both by a little."""

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from sattrack.control.biases import Cameras
+from sattrack.control.camera_clock import BEFORE, TERMS, CameraClocks, _Clock
 from sattrack.control.engine_view import loop_view
 from sattrack.control.steering import Steering
 from sattrack.mount.model import MountProfile
@@ -168,3 +169,105 @@ def test_fields_from_before_the_mount_was_heard_are_dropped() -> None:
     one.steering.clocks.hear(one.field(BEGIN_S - 30.0))
     one.run(0.0, 2.0, fields=False)
     assert one.steering.clocks.views() == ()
+
+
+class TestByHand:
+    def test_fields_are_solved_by_least_squares_with_what_was_presumed(self) -> None:
+        """Rows over their sigmas, and one row a term over its own: numpy's solution of all of them."""
+        rng = np.random.default_rng(2)
+        clock = _Clock()
+        rows, offs = [np.diag(1.0 / BEFORE)], [np.zeros(TERMS)]
+        for sigma in (1e-5, 2e-5, 4e-5):
+            row = rng.normal(0.0, 1.0, (2, TERMS))
+            off = row @ (0.1 * BEFORE) + rng.normal(0.0, sigma, 2)
+            assert clock.take(row, off, sigma) is True
+            rows.append(row / sigma)
+            offs.append(off / sigma)
+        terms, spread = clock.solved()
+        design, right = np.concatenate(rows), np.concatenate(offs)
+        assert terms == pytest.approx(np.linalg.lstsq(design, right, rcond=None)[0], rel=1e-5, abs=1e-9)
+        inverse = np.linalg.inv(design.T @ design)
+        assert np.sqrt(np.diag(spread)) == pytest.approx(np.sqrt(np.diag(inverse)), rel=1e-6)
+        assert (clock.frames, clock.left_out) == (3, 0)
+
+    @pytest.mark.parametrize(
+        ("before", "off_arcsec", "sigma_arcsec", "taken"),
+        [(4, 61.0, 5.0, False), (4, 59.0, 5.0, True), (4, 61.0, 12.0, True), (3, 61.0, 5.0, True)],
+    )
+    def test_a_field_far_off_is_left_out_once_there_are_four(
+        self, before: int, off_arcsec: float, sigma_arcsec: float, taken: bool
+    ) -> None:
+        """Farther than an arcminute, and than six sigmas."""
+        clock = _Clock()
+        row = np.zeros((2, TERMS))
+        row[0, 4] = row[1, 5] = 1.0
+        for _ in range(before):
+            assert clock.take(row, np.zeros(2), 1e-3 * ARCSEC) is True
+        assert clock.take(row, np.array([0.0, off_arcsec * ARCSEC]), sigma_arcsec * ARCSEC) is taken
+        assert (clock.frames, clock.left_out) == ((before + 1, 0) if taken else (before, 1))
+
+    def test_between_statuses_the_mount_is_on_a_parabola(self) -> None:
+        clocks = CameraClocks(MountProfile())
+
+        def ra(t: float) -> float:
+            return 359.9 + 0.4 * t + 0.3 * t * t
+
+        def dec(t: float) -> float:
+            return 20.0 - 0.2 * t + 0.1 * t * t
+
+        for number in range(41):
+            t = 0.05 * number
+            clocks.note(BEGIN_S + t, ra(t) % 360.0, dec(t))
+        clocks.note(BEGIN_S + 1.0, 0.0, 0.0)
+        assert len(clocks._statuses) == 41
+        for t in (0.33, 1.02, 1.61):
+            here, rate = clocks._pointing(BEGIN_S + t)
+            alpha, delta = math.radians(ra(t)), math.radians(dec(t))
+            assert here == pytest.approx(np.array(erfa.s2c(alpha, delta)), abs=1e-8)
+            west, up = math.radians(0.4 + 0.6 * t) * math.cos(delta), math.radians(-0.2 + 0.2 * t)
+            assert math.hypot(*rate) == pytest.approx(math.hypot(west, up), rel=1e-4)
+            assert rate @ here == pytest.approx(0.0, abs=1e-4)
+
+    @pytest.mark.parametrize(
+        ("clock_s", "sigma_s", "frames", "corrected"),
+        [
+            (0.1, 0.01, 4, True),
+            (-0.1, 0.01, 4, True),
+            (0.1, 0.01, 3, False),
+            (0.031, 0.001, 9, True),
+            (0.029, 0.001, 9, False),
+            (0.19, 0.05, 9, False),
+            (0.21, 0.05, 9, True),
+            (0.9, 0.11, 9, False),
+        ],
+    )
+    def test_a_clock_is_corrected_by_four_sigmas_and_30_ms(
+        self, clock_s: float, sigma_s: float, frames: int, corrected: bool
+    ) -> None:
+        clocks, clock = CameraClocks(MountProfile()), _Clock(frames=frames)
+        clocks._read = lambda _: (clock_s, sigma_s)  # type: ignore[method-assign]
+        assert clocks._apply(clock) is corrected
+        assert clock.applied_s == clock.begun_s == (clock_s if corrected else 0.0)
+        if corrected:
+            # It follows what is found, and an estimate begins anew only where that goes far.
+            clocks._read = lambda _: (clock_s + 0.02, 0.001)  # type: ignore[method-assign]
+            assert clocks._apply(clock) is False
+            assert (clock.applied_s, clock.begun_s) == (clock_s + 0.02, clock_s)
+            clocks._read = lambda _: (clock_s + 0.04, 0.01)  # type: ignore[method-assign]
+            assert clocks._apply(clock) is True
+            assert clock.begun_s == clock_s + 0.04
+
+    def test_the_statuses_delay_limits_what_is_known(self) -> None:
+        clocks, clock = CameraClocks(MountProfile()), _Clock()
+        assert clocks._read(clock) == (0.0, pytest.approx(math.hypot(5.0, 0.02)))
+        clock.information[0, 0] = 0.01**-2
+        assert clocks._read(clock)[1] == pytest.approx(math.hypot(0.01, 0.02))
+        clocks._clocks["guide"] = clock
+        clock.applied_s, clock.frames = 0.3, 7
+        assert (clocks.correction_s("guide"), clocks.correction_s("other"), clocks.correction_s(None)) == (
+            0.3,
+            0.0,
+            0.0,
+        )
+        (view,) = clocks.views()
+        assert (view.camera, view.frames, view.corrected_s) == ("guide", 7, 0.3)

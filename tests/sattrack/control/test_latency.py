@@ -7,7 +7,17 @@ import random
 import numpy as np
 import pytest
 
-from sattrack.control.latency import SIDEREAL_SECONDS_PER_SECOND, Envelope, MountClock, lower_envelope
+from sattrack.control.latency import (
+    SIDEREAL_SECONDS_PER_SECOND,
+    Arrivals,
+    Envelope,
+    KnownClock,
+    MountClock,
+    TurnLine,
+    lower_envelope,
+    lower_hull,
+)
+from sattrack.mount.model import mean_sidereal_deg
 
 
 def sidereal_h(mount_s: float, start_h: float = 3.0) -> float:
@@ -122,3 +132,135 @@ def test_unevenness_of_a_coarse_timer_is_no_burst() -> None:
         arrival = 100.0 + np.ceil(i * 0.05 * 64.0) / 64.0 + rng.uniform(0.0, 0.001) + 0.01
         dated = clock.date(7.0, arrival, counter=i)
     assert dated == pytest.approx(arrival - 0.01, abs=1e-9)
+
+
+class TestByHand:
+    def test_the_hull_is_that_of_the_lowest_points(self) -> None:
+        points = [(0.0, 0.0), (1.0, 3.0), (2.0, 1.0), (3.0, 5.0), (4.0, 2.0), (5.0, 6.0)]
+        assert lower_hull(points) == [(0.0, 0.0), (4.0, 2.0), (5.0, 6.0)]
+        assert lower_hull(points[3:], lower_hull(points[:3])) == lower_hull(points)
+        before = lower_hull(points[:-1])
+        assert lower_envelope(points, 10.0, 0.0, before) == lower_envelope(points, 10.0)
+
+    def test_an_envelope_is_a_line(self) -> None:
+        assert Envelope(10.0, 0.5, 2e-4).offset_at(1010.0) == pytest.approx(0.7)
+        assert lower_envelope([(0.0, 0.0), (10.0, 0.02), (20.0, 0.0)], 1.0) == Envelope(0.0, 0.0, 0.0)
+
+    @pytest.mark.parametrize("slope", [5e-4, -5e-4])
+    def test_no_clock_drifts_by_more_than_200_in_a_million(self, slope: float) -> None:
+        points = [(float(t), slope * t) for t in range(5)]
+        bounded = 2e-4 if slope > 0.0 else -2e-4
+        envelope = lower_envelope(points)
+        assert envelope.drift == pytest.approx(bounded)
+        assert envelope.offset_at(0.0) == pytest.approx(min(y - bounded * t for t, y in points))
+
+    @pytest.mark.parametrize("late_s", [0.02, 0.031, 0.1])
+    def test_what_comes_later_than_three_fifths_of_a_period_was_held_up(self, late_s: float) -> None:
+        arrivals = Arrivals(0.05)
+        for counter in range(39):
+            arrivals.note(counter, 100.0 + 0.05 * counter)
+            assert arrivals.held_up_s == 0.0
+        arrivals.note(39, 100.0 + 0.05 * 39 + late_s)
+        assert arrivals.held_up_s == pytest.approx(late_s if late_s > 0.03 else 0.0)
+        # Statuses that are lost count as turns, and a count that goes back begins anew.
+        arrivals.note(45, 100.0 + 0.05 * 45)
+        assert arrivals.held_up_s == 0.0
+        arrivals.note(3, 300.0)
+        assert len(arrivals._lately) == 1
+
+    def test_a_known_clock_dates_to_the_nearest_instant_that_it_shows(self) -> None:
+        """Mean sidereal time is that of erfa; the clock is 0.25 s ahead of it."""
+        import erfa
+
+        utc_s, longitude_deg = 1_790_000_000.0, 11.0
+        day = 2440587.5 + utc_s / 86400.0
+        tt = day + (37.0 + 32.184) / 86400.0
+        shows_deg = np.degrees(erfa.gmst06(day, 0.0, tt, 0.0)) + longitude_deg
+        ahead_deg = 0.25 * 360.0 * SIDEREAL_SECONDS_PER_SECOND / 86400.0
+        known = KnownClock(longitude_deg, 0.25)
+        for near_s in (-40.0, 0.0, 3.0):
+            dated = known.date((shows_deg + ahead_deg) % 360.0 / 15.0, utc_s + near_s)
+            assert dated == pytest.approx(utc_s, abs=5e-3)
+
+    @pytest.mark.parametrize("off_s", [0.0, 0.014, 0.016, -0.016])
+    def test_a_known_clock_holds_while_the_fastest_arrivals_are_as_late_as_the_profile_has_them(
+        self, off_s: float
+    ) -> None:
+        clock = clock_known_to(0.02)
+        for number in range(60):
+            feed(clock, number, 0.02 + off_s)
+        assert clock.known_holds is (abs(off_s) < 0.015)
+        # Believing it again takes half of that.
+        for delay_s, holds in ((0.02 + 0.0074, True), (0.02 + 0.0076, False)):
+            again = clock_known_to(0.02)
+            for number in range(60):
+                feed(again, number, 0.06)
+            assert again.known_holds is False
+            for number in range(60, 110):
+                feed(again, number, delay_s)
+            assert again.known_holds is holds
+
+    def test_a_clock_that_was_set_is_taken_anew(self) -> None:
+        """At once where arrivals come before the envelope, after ten in a row where they come later."""
+        for step_s, after in ((-0.15, 10), (0.15, 1)):
+            clock, dates = MountClock(status_delay_s=0.01), []
+            for number in range(600):
+                sampled = 1000.0 + 0.05 * number
+                shown = sampled - 1000.0 + (step_s if number >= 300 else 0.0)
+                dates.append(clock.date(sidereal_h(shown), sampled + 0.01) - sampled)
+            assert max(map(abs, dates[:300])) < 1e-6
+            assert max(map(abs, dates[300 + after :])) < 1e-6
+            if after > 1:
+                assert dates[300 + after - 2] == pytest.approx(step_s, abs=1e-6)
+
+    def test_how_late_statuses_are_in_the_mean(self) -> None:
+        clock = MountClock(status_delay_s=0.0)
+        assert (clock.lateness_s, clock.drift, clock.coarse_step_s) == (0.0, 0.0, None)
+        for number in range(1000):
+            late_s = 0.004 if number % 2 else 0.0
+            clock.date(sidereal_h(0.05 * number), 50.0 + 0.05 * number + late_s)
+        assert clock.lateness_s == pytest.approx(0.002, rel=0.05)
+        assert clock.drift == pytest.approx(0.0, abs=2e-6)
+
+    def test_a_clock_that_runs_back_over_midnight_shows_less(self) -> None:
+        clock = MountClock(status_delay_s=0.0)
+        dated = [
+            clock.date(sidereal_h(shown, start_h=0.00001), 50.0 + late)
+            for shown, late in ((0.0, 0.0), (-0.04, 0.0), (0.05, 0.05))
+        ]
+        assert dated[2] - dated[1] == pytest.approx(0.09, abs=1e-6)
+
+
+def clock_known_to(status_delay_s: float) -> MountClock:
+    return MountClock(status_delay_s=status_delay_s, known=KnownClock(11.0, 0.0))
+
+
+def feed(clock: MountClock, number: int, delay_s: float) -> float:
+    """Have a clock that shows mean sidereal time date a sample; return by how much it is off."""
+    sampled = 1_790_000_000.0 + 0.05 * number
+    shown_h = mean_sidereal_deg(sampled, 11.0) % 360.0 / 15.0
+    return clock.date(shown_h, sampled + delay_s) - sampled
+
+
+class TestTurns:
+    def test_the_line_is_the_weighted_least_squares_line(self) -> None:
+        """numpy's, every turn counting 0.995 of the next."""
+        rng = np.random.default_rng(3)
+        line, period = TurnLine(0.05), 0.05
+        counters = np.cumsum(rng.integers(1, 4, 80))
+        instants = 1000.0 + 0.0502 * counters + rng.normal(0.0, 0.003, 80)
+        line.begin(int(counters[0]), float(instants[0]))
+        assert line.utc_s == instants[0]
+        for number in range(1, 80):
+            line.advance(int(counters[number]))
+            line.note(float(instants[number]))
+            weights = 0.995 ** np.arange(number, -1, -1)
+            fit = np.polyfit(
+                counters[: number + 1] - counters[number],
+                instants[: number + 1] - 1000.0,
+                1,
+                w=np.sqrt(weights),
+            )
+            assert line.utc_s == pytest.approx(1000.0 + fit[1], abs=1e-7)
+            assert line.noted == number + 1
+        assert line.period_s == period

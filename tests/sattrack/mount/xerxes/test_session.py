@@ -18,11 +18,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from xerxes_builders import (
+    MOVE,
     PERIOD_S,
+    SEEN_AT_REST_STATUSES,
     SIDEREAL_DEG_S,
     SIDEREAL_DTICS_S,
     T0,
     TIC_DEG,
+    TRACKING,
+    A,
+    B,
+    Client,
     dtics,
     moving_flags,
     overwritten,
@@ -31,19 +37,28 @@ from xerxes_builders import (
     want,
 )
 
+from sattrack.mount.geometry import AxisGeometry
 from sattrack.mount.model import (
+    SIDEREAL_RATE_DEG_S,
     Hold,
     Motion,
     MountProfile,
     MoveAxes,
     Readings,
+    SitePlace,
     Slew,
-    Status,
-    StatusSample,
     Stop,
 )
-from sattrack.mount.requests import Abort, ClearedRequest, TicketState
-from sattrack.mount.xerxes.datagrams import Command, decode_command, encode_status
+from sattrack.mount.requests import (
+    Abort,
+    ClearedRequest,
+    FineRate,
+    MoveAxis,
+    Sync,
+    TicketState,
+    TrackingRate,
+)
+from sattrack.mount.xerxes.datagrams import Command, encode_status
 from sattrack.mount.xerxes.flags import (
     HANDSHAKE,
     HELD,
@@ -62,73 +77,6 @@ from sattrack.mount.xerxes.session import Session
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from enum import Enum
-
-TRACKING = Status(
-    altitude_deg=50.0,
-    azimuth_deg=180.0,
-    dec_deg=20.0,
-    ra_h=10.0,
-    sidereal_h=9.0,
-    ra_rate_dtics_s=SIDEREAL_DTICS_S,
-    site_latitude_deg=48.0,
-    site_longitude_deg=11.0,
-)
-SEEN_AT_REST_STATUSES = 12
-"""Half a second of positions, and one more."""
-A = Slew(78.75, 12.25)
-B = Slew(150.0, -33.375)
-MOVE = MoveAxes(-1.25, -0.75)
-
-
-class Client:
-    """A session between statuses made by hand and datagrams read by eye."""
-
-    def __init__(self, profile: MountProfile | None = None) -> None:
-        self.session = Session(profile or MountProfile())
-        self.now = T0
-        self.counter = 0
-        self.turned_deg = 0.0
-        """How far the hour angle axis has turned."""
-
-    def status(self, counter: int | None = None, readings: Readings | None = None, **fields: Any) -> bytes:
-        self.counter = self.counter + 1 if counter is None else counter
-        gone_deg = (self.now - T0) * SIDEREAL_DEG_S
-        fields.setdefault("sidereal_h", TRACKING.sidereal_h + gone_deg / 15.0)
-        fields.setdefault("ra_h", TRACKING.ra_h + (gone_deg - self.turned_deg) / 15.0)
-        return encode_status(msgspec.structs.replace(TRACKING, counter=self.counter, **fields), readings)
-
-    def hear(self, **fields: Any) -> StatusSample | None:
-        """Give the session the mount's next status."""
-        self.now += PERIOD_S
-        self.turned_deg += fields.get("ra_rate_dtics_s", SIDEREAL_DTICS_S) / 10 * TIC_DEG * PERIOD_S
-        return self.session.receive(self.status(**fields), self.now)
-
-    def rest(self, **fields: Any) -> None:
-        """Have the mount's positions show rest for as long as it takes to be seen."""
-        for _ in range(SEEN_AT_REST_STATUSES):
-            self.hear(**{"ra_rate_dtics_s": 0} | fields)
-
-    def send(self) -> Command:
-        """Take the session's next datagram."""
-        data = self.session.compose()
-        assert len(data) == 82
-        return decode_command(data)
-
-    def slew_state(self) -> SlewState:
-        return self.session.slew_state
-
-    def asks(self, motion: Motion) -> Command:
-        want(self.session, motion)
-        return self.send()
-
-    def stopped_by_abort(self) -> None:
-        """Have a stop asked for, acknowledged and finished."""
-        assert self.asks(Stop()).abort
-        self.hear(ack_abort=True, ra_rate_dtics_s=0)
-        assert not self.send().abort
-        assert not self.session.stopped
-        self.rest()
-        assert self.session.stopped
 
 
 @pytest.fixture
@@ -394,6 +342,21 @@ class TestMoveAxis:
         assert command.move_ra_rate_deg_s == pytest.approx(ra_sign * axis_rate, abs=1e-9)
         assert command.move_dec_rate_deg_s == pytest.approx(dec_sign * 0.2, abs=1e-9)
 
+    @pytest.mark.parametrize("beyond", [False, True])
+    @pytest.mark.parametrize(("told", "signs"), [((-1, -1), (-1, -1)), ((0, 0), (1, 1)), ((0, -1), (1, -1))])
+    def test_beyond_the_pole_signs_are_those_of_that_side(
+        self, beyond: bool, told: tuple[Any, Any], signs: tuple[int, int]
+    ) -> None:
+        profile = MountProfile(
+            ra_rate_sign_beyond_pole=told[0] or None, dec_rate_sign_beyond_pole=told[1] or None
+        )
+        client = Client(profile)
+        client.hear(side_of_pier=beyond)
+        command = client.asks(MoveAxes(-0.3, 0.2))
+        ra_sign, dec_sign = signs if beyond else (1, 1)
+        assert command.move_ra_rate_deg_s == pytest.approx(ra_sign * 0.3)
+        assert command.move_dec_rate_deg_s == pytest.approx(dec_sign * 0.2)
+
 
 class TestAbort:
     def test_it_is_alone_held_until_acknowledged_and_falls(self, client: Client) -> None:
@@ -599,6 +562,9 @@ class TestStopped:
         assert client.session.stopped
         assert client.session.sample is not None
         assert client.session.sample.ra_drive_deg_s == pytest.approx(0.0, abs=1e-6)
+        status = client.session.status
+        assert status is not None
+        assert (status.ra_rate_dtics_s, status.dec_rate_dtics_s) == pytest.approx((0.0, 0.0), abs=2.0)
         assert client.session.ignored_fields == (
             "the mount's RightAscensionRate is no number: positions are used instead",
             "the mount's DeclinationRate is no number: positions are used instead",
@@ -1031,3 +997,324 @@ class TestStates:
         assert follow(HANDSHAKE, Handshake.RELEASING, "request") is Handshake.RELEASING
         assert follow(SLEW, SlewState.WAITING, "acknowledged") is SlewState.WAITING
         assert follow(LINK, LinkState.SILENT, LONG_QUIET) is LinkState.SILENT
+
+
+class TestAltAzimuth:
+    """An alt-azimuth mount in the plane of the meridian and due west: textbook rates of azimuth and altitude.
+
+    With the sky turning by w: on the southern meridian azimuth grows by w cos(dec)/cos(altitude), altitude by
+    nothing; due west altitude falls by w cos(latitude).
+    """
+
+    LATITUDE_DEG = 48.0
+
+    def client(self, reports: Literal["sky", "horizon", "axes"] = "sky", **changes: Any) -> Client:
+        geometry = AxisGeometry(0.0, 90.0, reports=reports)
+        stands_at = SitePlace(self.LATITUDE_DEG, 11.0)
+        return Client(MountProfile(geometry=geometry, stands_at=stands_at, **changes))
+
+    @staticmethod
+    def at(client: Client, hour_angle_deg: float, dec_deg: float, **fields: Any) -> None:
+        """Have the mount report a direction; its clock says 9 h and a little."""
+        client.now += PERIOD_S
+        sidereal_h = 9.0 + (client.now - T0) / 3600.0
+        ra_h = (sidereal_h - hour_angle_deg / 15.0) % 24.0
+        told = client.status(sidereal_h=sidereal_h, ra_h=ra_h, dec_deg=dec_deg, **fields)
+        assert client.session.receive(told, client.now) is not None
+
+    @pytest.mark.parametrize(
+        ("gains", "signs"), [((1.0, 1.0), (1, 1)), ((0.5, 2.0), (-1, 1)), ((1.0, 4.0), (1, -1))]
+    )
+    def test_what_it_is_sent_adds_to_its_tracking_of_the_sky(
+        self, gains: tuple[float, float], signs: tuple[Literal[-1, 1], Literal[-1, 1]]
+    ) -> None:
+        client = self.client(
+            ra_rate_gain=gains[0], dec_rate_gain=gains[1], ra_rate_sign=signs[0], dec_rate_sign=signs[1]
+        )
+        # The first axis is to turn by 0.5°/s, the second by 0.25°/s.
+        asked = MoveAxes(SIDEREAL_DEG_S - 0.5, 0.25)
+        unheard = client.asks(asked)
+        assert unheard.move_ra_rate_deg_s == pytest.approx(
+            signs[0] * (0.5 - SIDEREAL_DEG_S) / gains[0], abs=1e-8
+        )
+        assert unheard.move_dec_rate_deg_s == pytest.approx(signs[1] * 0.25 / gains[1], abs=1e-8)
+        self.at(client, 0.0, 20.0)
+        south = client.asks(asked)
+        azimuth_rate = SIDEREAL_DEG_S * math.cos(math.radians(20.0)) / math.cos(math.radians(62.0))
+        assert south.move_ra_rate_deg_s == pytest.approx(signs[0] * (0.5 - azimuth_rate) / gains[0], abs=1e-7)
+        assert south.move_dec_rate_deg_s == pytest.approx(signs[1] * 0.25 / gains[1], abs=1e-7)
+        # Due west: sin(altitude) = sin(dec)/sin(latitude), and cos(hour angle) = tan(dec)/tan(latitude).
+        hour_angle = math.degrees(math.acos(math.tan(math.radians(20.0)) / math.tan(math.radians(48.0))))
+        self.at(client, hour_angle, 20.0)
+        west = client.asks(asked)
+        falls = SIDEREAL_DEG_S * math.cos(math.radians(48.0))
+        assert west.move_dec_rate_deg_s == pytest.approx(signs[1] * (0.25 + falls) / gains[1], abs=1e-7)
+
+    @pytest.mark.parametrize(("reports", "additive"), [("axes", True), ("sky", False)])
+    def test_one_whose_axes_are_given_or_whose_rates_are_absolute_needs_no_frame(
+        self, reports: Literal["sky", "axes"], additive: bool
+    ) -> None:
+        client = self.client(reports, additive=additive)
+        self.at(client, 0.0, 20.0)
+        sent = client.asks(MoveAxes(0.3, 0.2))
+        turn = -0.3 + (0.0 if additive else SIDEREAL_DEG_S)
+        assert sent.move_ra_rate_deg_s == pytest.approx(turn, abs=1e-8)
+        assert sent.move_dec_rate_deg_s == pytest.approx(0.2, abs=1e-8)
+
+    def test_where_it_points_is_taken_from_azimuth_and_altitude(self) -> None:
+        client = self.client("horizon")
+        # On the southern meridian the declination is latitude + altitude - 90°, the hour angle 0.
+        self.at(client, 77.0, 5.0, azimuth_deg=180.0, altitude_deg=62.0)
+        assert client.session.sample is not None
+        assert client.session.sample.dec_deg == pytest.approx(20.0)
+        assert math.remainder(
+            client.session.sample.ra_deg - client.session.sample.sidereal_h * 15.0, 360.0
+        ) == (pytest.approx(0.0, abs=1e-9))
+        assert client.session.stance is not None
+        # Of the axes: azimuth from the south, and altitude.
+        assert client.session.stance.dec_deg == pytest.approx(62.0)
+
+    def test_due_west_the_hour_angle_is_that_of_the_textbook(self) -> None:
+        """sin(dec) = sin(latitude) sin(altitude), and sin(hour angle) = cos(altitude)/cos(dec)."""
+        client = self.client("horizon")
+        self.at(client, 77.0, 5.0, azimuth_deg=270.0, altitude_deg=40.0)
+        sample = client.session.sample
+        assert sample is not None
+        sin_dec = math.sin(math.radians(48.0)) * math.sin(math.radians(40.0))
+        assert sample.dec_deg == pytest.approx(math.degrees(math.asin(sin_dec)))
+        hour_angle = math.asin(math.cos(math.radians(40.0)) / math.sqrt(1.0 - sin_dec**2))
+        gone_deg = math.remainder(sample.sidereal_h * 15.0 - sample.ra_deg, 360.0)
+        assert gone_deg == pytest.approx(math.degrees(hour_angle))
+
+    def test_below_the_pole_right_ascension_stays_within_a_day(self) -> None:
+        """tan(hour angle) = -sin(A) cos(a) / (sin(a) cos(latitude) - cos(a) sin(latitude) cos(A))."""
+        client = self.client("horizon")
+        self.at(client, 77.0, 5.0, azimuth_deg=350.0, altitude_deg=10.0)
+        sample = client.session.sample
+        assert sample is not None
+        az, alt, lat = (math.radians(angle) for angle in (350.0, 10.0, 48.0))
+        hour_angle_deg = math.degrees(
+            math.atan2(
+                -math.sin(az) * math.cos(alt),
+                math.sin(alt) * math.cos(lat) - math.cos(alt) * math.sin(lat) * math.cos(az),
+            )
+        )
+        assert 135.0 < hour_angle_deg < 180.0
+        assert sample.ra_deg == pytest.approx((sample.sidereal_h * 15.0 - hour_angle_deg) % 360.0)
+
+    @pytest.mark.parametrize(
+        ("azimuth_deg", "altitude_deg", "taken"),
+        [
+            (180.0, 90.0, True),
+            (180.0, -90.0, True),
+            (180.0, 90.01, False),
+            (180.0, math.nan, False),
+            (math.nan, 62.0, False),
+            (math.inf, 62.0, False),
+        ],
+    )
+    def test_without_an_azimuth_and_an_altitude_it_points_nowhere(
+        self, azimuth_deg: float, altitude_deg: float, taken: bool
+    ) -> None:
+        client = self.client("horizon")
+        client.now += PERIOD_S
+        told = client.status(azimuth_deg=azimuth_deg, altitude_deg=altitude_deg)
+        assert (client.session.receive(told, client.now) is not None) is taken
+        assert client.session.health.rejected == (not taken)
+
+
+class TestWhatItTells:
+    def test_before_anything_was_heard(self) -> None:
+        session = Session(MountProfile())
+        assert (session.stance, session.sample, session.status) == (None, None, None)
+        assert (session.stopped, session.at_rest, session.busy, session.move_over) == (
+            False,
+            False,
+            False,
+            True,
+        )
+        assert (session.wanted, session.slew_state) == (Hold(), SlewState.NONE)
+        assert (session.rates_wait_s, session.fine_rate, session.begun_move) == (0.0, FineRate(), None)
+        assert (session.ignored_fields, session.intruder) == ((), None)
+
+    def test_the_types_of_doubtful_fields_as_far_as_they_have_shown(self, client: Client) -> None:
+        assert client.session.readings.ra_rate_dtics_s == "int64"
+        assert client.session.readings.dec_rate_dtics_s is None
+        doubles = Readings("double", "double", "double", "double", "double")
+        for _ in range(20):
+            client.hear(readings=doubles, dec_rate_dtics_s=7.0)
+        assert client.session.readings.dec_rate_dtics_s == client.session.readings.counter == "double"
+        for _ in range(20):
+            client.hear(readings=Readings("int64", "int64", "int64", "int64", "int64"))
+        # A rate of 0 tells nothing of its type: what was seen before stays.
+        assert client.session.readings.dec_rate_dtics_s == "double"
+        assert client.session.readings.counter == "int64"
+
+    def test_numbers_that_decide_nothing_and_are_none_become_none(self, client: Client) -> None:
+        assert client.hear(altitude_deg=math.nan, site_height_m=math.inf) is not None
+        status = client.session.status
+        assert status is not None
+        assert (status.altitude_deg, status.site_height_m) == (None, None)
+        assert (status.azimuth_deg, status.site_latitude_deg) == (180.0, 48.0)
+
+    def test_a_mount_in_motion_that_says_the_same_again_is_not_heard(self, client: Client) -> None:
+        said = {"sidereal_h": 9.5, "ra_h": 10.5, "dec_deg": 20.0}
+        assert client.hear(**said) is not None
+        assert client.hear(**said) is not None
+        want(client.session, MOVE)
+        assert client.hear(**said) is None
+        assert client.session.health.frozen == 1
+        want(client.session, Hold())
+        # Once frozen it takes another clock or place to be heard, moving or not.
+        assert client.hear(**said) is None
+        for name, value in list(said.items()):
+            said[name] = value + 0.01
+            assert client.hear(**said) is not None
+        assert client.hear(**said) is not None
+        assert client.session.health.frozen == 2
+
+    def test_a_move_is_told_with_the_datagram_that_begins_it(self) -> None:
+        held, edge = tracked(MountProfile()), tracked(MountProfile(move_axis="edge"))
+        for client, begins in ((held, [MOVE] * 3), (edge, [MOVE, None, None])):
+            want(client.session, MOVE)
+            told = []
+            for _ in range(3):
+                client.send()
+                told.append(client.session.begun_move)
+            assert told == begins
+            want(client.session, Hold())
+            client.send()
+        assert held.session.begun_move is None
+
+    def test_rates_that_wait_for_an_edge_mount_are_counted_in_seconds(self) -> None:
+        client = tracked(MountProfile(move_axis="edge"))
+        client.asks(MOVE)
+        client.asks(MoveAxes(0.5, 0.5))
+        client.send()
+        assert client.session.rates_wait_s == pytest.approx(2 * PERIOD_S)
+
+    def test_an_edge_mount_with_absolute_rates_is_never_sent_0_to_stand(self) -> None:
+        """A rate of 0 would end MoveAxis; one that adds to its tracking stands by what cancels it."""
+        for how, additive, rate in (("held", False, 0.0), ("edge", False, 1e-9), ("held", True, 0.0)):
+            client = tracked(MountProfile(move_axis=how, additive=additive))  # type: ignore[arg-type]
+            sent = client.asks(MoveAxes(0.0 if additive else SIDEREAL_RATE_DEG_S, 0.0))
+            assert (sent.move_ra, sent.move_ra_rate_deg_s) == (True, rate)
+        ended = tracked(MountProfile(move_axis="edge", additive=True))
+        assert ended.asks(MoveAxes(0.0, 0.5)).move_ra_rate_deg_s == 0.0
+
+    @pytest.mark.parametrize("moves", [MoveAxis(0.5, None), MoveAxis(None, 0.5)])
+    def test_moveaxis_of_one_axis_uses_its_flag_until_the_other_joins(self, moves: MoveAxis) -> None:
+        client = tracked(MountProfile())
+        first = client.session.submit(ClearedRequest(moves))
+        command = client.send()
+        ra = moves.ra_rate_deg_s is not None
+        assert (command.move_ra, command.move_dec) == (ra, not ra)
+        client.hear(ack_move_ra=ra, ack_move_dec=not ra, slewing=True)
+        assert first.state is TicketState.COMPLETE
+        other = MoveAxis(None, 0.25) if ra else MoveAxis(0.25, None)
+        second = client.session.submit(ClearedRequest(other))
+        command = client.send()
+        assert (command.move_ra, command.move_dec) == (True, True)
+        rates = (0.5, 0.25) if ra else (0.25, 0.5)
+        assert command.move_ra_rate_deg_s == pytest.approx(-rates[0])
+        assert command.move_dec_rate_deg_s == pytest.approx(rates[1])
+        client.hear(ack_move_ra=ra, ack_move_dec=not ra, slewing=True)
+        client.send()
+        assert second.state is TicketState.RAISED
+        client.hear(ack_move_ra=True, ack_move_dec=True, slewing=True)
+        assert second.state is TicketState.COMPLETE
+
+    def test_fine_rates_end_with_an_abort_and_stay_through_a_move(self) -> None:
+        client = tracked(MountProfile())
+        client.session.submit(ClearedRequest(FineRate(1e-3, -2e-3)))
+        sent = client.send()
+        # 2^26 tics a turn, tenths of a tic a second.
+        dtics_s = (round(1e-3 / TIC_DEG * 10), round(-2e-3 / TIC_DEG * 10))
+        assert (sent.ra_fine_rate_dtics_s, sent.dec_fine_rate_dtics_s) == dtics_s
+        sent = client.asks(MOVE)
+        assert (sent.ra_fine_rate_dtics_s, sent.dec_fine_rate_dtics_s) == dtics_s
+        client.session.submit(ClearedRequest(Abort()))
+        sent = client.send()
+        assert (sent.ra_fine_rate_dtics_s, sent.dec_fine_rate_dtics_s) == (0, 0)
+
+    @pytest.mark.parametrize(
+        ("ra_share", "dec_share", "shows"),
+        [(1.0, 1.0, True), (0.81, 1.19, True), (0.79, 1.0, False), (1.0, 1.21, False), (0.0, 0.0, False)],
+    )
+    def test_fine_rates_show_where_both_drives_come_within_a_fifth_of_the_change(
+        self, ra_share: float, dec_share: float, shows: bool
+    ) -> None:
+        client = tracked(MountProfile())
+        ticket = client.session.submit(ClearedRequest(FineRate(0.01, -0.02)))
+        client.send()
+        ra, dec = SIDEREAL_DEG_S + ra_share * 0.01, -dec_share * 0.02
+        client.hear(ra_rate_dtics_s=dtics(ra), dec_rate_dtics_s=dtics(dec))
+        assert (ticket.state is TicketState.COMPLETE) is shows
+
+    def test_a_tracking_rate_shows_where_the_mount_goes_over_to_it(self) -> None:
+        for before, now, shows in ((0, 2, True), (0, 1, False), (2, 2, False)):
+            client = tracked(MountProfile())
+            client.hear(tracking_rate=before)
+            ticket = client.session.submit(ClearedRequest(TrackingRate(2)))
+            assert client.send().tracking_rate == 2
+            client.hear(tracking_rate=now)
+            assert (ticket.state is TicketState.COMPLETE) is shows
+
+    def test_rates_go_on_under_a_ticket_and_another_motion_takes_its_place(self) -> None:
+        client = tracked(MountProfile())
+        ticket = client.session.submit(ClearedRequest(MoveAxis(0.5, 0.5)))
+        client.send()
+        want(client.session, MoveAxes(0.6, 0.6))
+        assert ticket.state is TicketState.RAISED
+        want(client.session, Hold())
+        assert (ticket.state, ticket.reason) == (TicketState.SUPERSEDED, "another motion was asked for")
+
+    def test_a_slew_to_the_same_place_is_one_all_the_same(self) -> None:
+        client = tracked(MountProfile())
+        for _ in range(2):
+            client.session.submit(ClearedRequest(A))
+            sent = [client.send() for _ in range(6)]
+            assert sent[-1].slew
+            client.hear(ack_slew=True, slewing=True)
+            client.send()
+            client.hear(slewing=False)
+
+    @pytest.mark.parametrize("off_deg", [0.24, 0.26])
+    def test_a_slew_is_complete_within_a_quarter_of_a_degree_of_its_target(self, off_deg: float) -> None:
+        client = tracked(MountProfile())
+        ticket = client.session.submit(ClearedRequest(A))
+        client.send()
+        client.hear(ack_slew=True, slewing=True)
+        client.send()
+        there = {"ra_h": A.ra_deg / 15.0, "dec_deg": A.dec_deg + off_deg}
+        for _ in range(40):
+            client.hear(**there)
+            client.send()
+        assert ticket.state is (TicketState.COMPLETE if off_deg < 0.25 else TicketState.FAILED)
+        assert ticket.reason == (
+            None if off_deg < 0.25 else f"the slew ended {off_deg:.2f}° away from its target"
+        )
+
+    def test_a_mount_that_restarts_has_lost_what_was_under_way(self) -> None:
+        client = tracked(MountProfile())
+        sync = client.session.submit(ClearedRequest(Sync(150.0, 20.0)))
+        client.send()
+        for counter in (1, 2, 3):
+            client.hear(counter=counter)
+        assert (sync.state, sync.reason) == (TicketState.FAILED, "the mount restarted meanwhile")
+        slew = client.session.submit(ClearedRequest(A))
+        while not client.send().slew:
+            client.hear()
+        for counter in (1, 2, 3):
+            client.hear(counter=counter)
+        assert (slew.state, slew.reason) == (TicketState.FAILED, "the mount restarted meanwhile")
+        assert client.session.wanted == Hold()
+
+
+def tracked(profile: MountProfile) -> Client:
+    """A client that has heard the mount track the sky until its rest is seen."""
+    client = Client(profile)
+    for _ in range(15):
+        client.hear()
+        client.send()
+    return client

@@ -6,11 +6,22 @@ import math
 import random
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 import rest
 
 from sattrack.mount.model import StatusSample
-from sattrack.mount.xerxes.standstill import CONTRADICTED_S, HANGS_S, REST_RATE_DEG_S, WINDOWS_S, Standstill
+from sattrack.mount.xerxes.standstill import (
+    AHEAD_S,
+    CONTRADICTED_S,
+    HANGS_S,
+    LEAST_NOISE_DEG,
+    REST_RATE_DEG_S,
+    WINDOWS_S,
+    Parabola,
+    Positions,
+    Standstill,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -324,3 +335,412 @@ def test_stops_of_mounts_that_others_have_written() -> None:
     assert [one.draw.seed for one in outcomes if one.called_s is None or one.early] == []
     assert len({one.draw.parameters["rate_fields"] for one in outcomes}) == 5
     assert len(outcomes) == 120
+
+
+class TestParabola:
+    """Against numpy's fit of a polynomial by least squares, and its covariance."""
+
+    def test_it_is_the_least_squares_fit(self) -> None:
+        dice = np.random.default_rng(5)
+        for count in (8, 11, 40):
+            times = np.sort(dice.uniform(0.0, 0.05 * count, count)) + 3.0
+            angles = 30.0 + 2.0 * times - 0.7 * times**2 + dice.normal(0.0, 0.01, count)
+            parabola = Parabola.over(times.tolist())
+            assert parabola is not None
+            fit = parabola.fit(angles.tolist())
+            coefficients = np.polyfit(times, angles, 2)
+            left = angles - np.polyval(coefficients, times)
+            noise = math.sqrt(float(left @ left) / (count - 3))
+            slope = np.polyder(coefficients)
+            design = np.vander(times - times[-1], 3)
+            gradient = np.array([2.0 * AHEAD_S, 1.0, 0.0])
+            variance = float(gradient @ np.linalg.inv(design.T @ design) @ gradient)
+            assert fit.rate_deg_s == pytest.approx(float(np.polyval(slope, times[-1])), rel=1e-6)
+            assert fit.ahead_deg_s == pytest.approx(float(np.polyval(slope, times[-1] + AHEAD_S)), rel=1e-6)
+            assert fit.noise_deg == pytest.approx(noise, rel=1e-6)
+            assert fit.error_deg_s == pytest.approx(noise * math.sqrt(variance), rel=1e-6)
+
+    def test_a_perfect_fit_is_not_believed_to_the_last_bit(self) -> None:
+        parabola = Parabola.over([0.05 * number for number in range(10)])
+        assert parabola is not None
+        assert parabola.fit([7.0] * 10).noise_deg == LEAST_NOISE_DEG
+
+    def test_times_of_two_instants_carry_none(self) -> None:
+        assert Parabola.over([0.0] * 5 + [1.0] * 5) is None
+
+
+STEP_S = 0.051
+"""A little more than a period, so that ten of them fill half a second in spite of rounding."""
+
+
+class Placed:
+    """Positions of one mount whose clock, hour angle and declination are told one by one."""
+
+    def __init__(self) -> None:
+        self.positions = Positions()
+
+    def take(
+        self,
+        seconds: float,
+        hour_angle: float,
+        dec: float,
+        clock_s: float | None = None,
+        beyond: bool = False,
+    ) -> None:
+        sidereal_deg = 359.99 + (seconds if clock_s is None else clock_s) * SIDEREAL_DEG_S
+        ra_deg = (sidereal_deg - hour_angle) % 360.0
+        self.positions.take(T0 + seconds, sidereal_deg % 360.0 / 15.0, ra_deg, dec, beyond)
+
+
+class TestPositions:
+    @pytest.mark.parametrize("begins_deg", [0.0, 179.9, -90.0])
+    def test_rates_of_even_acceleration(self, begins_deg: float) -> None:
+        """Hour angle a t²/2, declination -b t²/2: the mean over half a second is that at its middle."""
+        mount, a, b = Placed(), 3.0, 2.0
+        for number in range(60):
+            t = STEP_S * number
+            mount.take(t, begins_deg + 0.5 * a * t * t, 10.0 - 0.5 * b * t * t)
+            rates = mount.positions.rates_deg_s()
+            if number < 10:
+                assert rates is None
+                assert mount.positions.last_rates_deg_s() == (0.0, 0.0)
+            else:
+                middle_s = t - 5.0 * STEP_S
+                assert rates == pytest.approx((a * middle_s, -b * middle_s), abs=1e-4)
+                assert mount.positions.last_rates_deg_s() == pytest.approx((a * t, -b * t), abs=1e-4)
+
+    def test_positions_of_less_than_ten_a_second_are_too_few_for_the_shortest_window(self) -> None:
+        few, enough = Placed(), Placed()
+        for number in range(12):
+            few.take(0.1 * number, 0.0, 10.0 + 0.01 * number)
+            enough.take(0.07 * number, 0.0, 10.0 + 0.01 * number)
+        assert few.positions.rates_deg_s() is None
+        assert enough.positions.rates_deg_s() == pytest.approx((0.0, 0.01 / 0.07), abs=1e-6)
+
+    @pytest.mark.parametrize(("jump_s", "kept"), [(0.9, True), (-0.9, True), (1.1, False), (-1.1, False)])
+    def test_a_clock_that_jumps_makes_positions_begin_anew(self, jump_s: float, kept: bool) -> None:
+        mount = Placed()
+        for number in range(40):
+            t = 0.05 * number
+            mount.take(t, 0.0, 10.0 + t, clock_s=t + (jump_s if number >= 20 else 0.0))
+            if number == 29:
+                assert (mount.positions.rates_deg_s() is not None) is kept
+        assert mount.positions.rates_deg_s() == pytest.approx((0.0, 1.0), abs=1e-6)
+
+    def test_beyond_the_pole_positions_begin_anew(self) -> None:
+        mount = Placed()
+        for number in range(31):
+            mount.take(STEP_S * number, 0.0, 10.0 + 0.05 * number, beyond=number >= 20)
+            assert (mount.positions.rates_deg_s() is None) == (number < 10 or 20 <= number < 30)
+
+    def test_how_long_an_axis_repeats(self) -> None:
+        mount = Placed()
+        for number in range(41):
+            t = 0.05 * number
+            mount.take(t, SIDEREAL_DEG_S * t, 10.0 + min(t, 1.0))
+        # The hour angle turns with the sky: right ascension repeats from the first status on.
+        assert mount.positions.repeats_s == pytest.approx((math.inf, 1.0))
+        assert mount.positions.may_hang == (False, True)
+
+    @pytest.mark.parametrize(
+        ("axis", "speed_deg_s", "repeats_s", "hangs"),
+        [
+            (axis, *row)
+            for axis in (0, 1)
+            for row in (
+                (1.0, 0.20, False),
+                (1.0, 0.30, True),
+                (1.0, 1.95, True),
+                (1.0, 2.05, False),
+                (0.004, 1.0, False),
+                (0.012, 1.0, True),
+                (-0.02, 1.0, True),
+                (25.0, 1.0, False),
+            )
+        ],
+    )
+    def test_an_axis_that_moved_and_repeats_may_hang(
+        self, axis: int, speed_deg_s: float, repeats_s: float, hangs: bool
+    ) -> None:
+        """From half a window to two seconds, and not after less than 0.005°/s or a jump at over 20°/s."""
+        mount = Placed()
+        for number in range(round((1.0 + repeats_s) / 0.05) + 1):
+            t = 0.05 * number
+            moved = speed_deg_s * min(t, 1.0)
+            mount.take(t, moved if axis == 0 else 0.0, 10.0 + (moved if axis == 1 else 0.0))
+        assert mount.positions.may_hang == ((hangs, False) if axis == 0 else (False, hangs))
+
+    def test_a_clock_that_stands_is_replaced_after_two_and_a_half_seconds_of_new_places(self) -> None:
+        mount = Placed()
+        for number in range(80):
+            t = 0.05 * number
+            mount.take(t, 1.0 * t, 10.0 + 0.3 * t, clock_s=0.0)
+            rates = mount.positions.rates_deg_s()
+            assert (rates is None) == (number < 60)
+            if rates is not None:
+                assert rates == pytest.approx((1.0 + SIDEREAL_DEG_S, 0.3), abs=0.03)
+        assert mount.positions.rates_deg_s() == pytest.approx((1.0 + SIDEREAL_DEG_S, 0.3), abs=1e-6)
+
+    def test_rest_is_that_of_new_positions_and_none_older_than_a_second_and_a_half(self) -> None:
+        mount = Placed()
+        for number in range(40):
+            mount.take(0.05 * number, 0.0, 10.0)
+        last_s = T0 + 39 * 0.05
+        assert mount.positions.rest() is not None
+        assert mount.positions.rest(last_s - 0.65) is not None
+        assert mount.positions.rest(last_s - 0.45) is None
+        # The same status again, later: no position, but heard.
+        for after_s, rests in ((1.45, True), (1.55, False)):
+            mount.take(39 * 0.05 + after_s, 0.0, 10.0, clock_s=39 * 0.05)
+            assert (mount.positions.rest() is not None) is rests
+
+
+@pytest.mark.parametrize("share", [0.6, -0.6])
+@pytest.mark.parametrize("axis", ["hour angle", "declination"])
+def test_an_axis_clearly_slower_than_the_bound_is_at_rest(share: float, axis: str) -> None:
+    rate = share * REST_RATE_DEG_S
+    for sky_rate in (0.0, SKY):
+        mount = Watched(at(sky_rate + rate)) if axis == "hour angle" else Watched(at(sky_rate), at(rate))
+        mount.hear(1.0)
+        assert mount.standstill.at_rest
+
+
+@pytest.mark.parametrize("jump_deg", [(3.0, 0.0), (0.0, 3.0)])
+def test_a_sync_of_an_axis_that_stands_delays_rest_and_no_more(jump_deg: tuple[float, float]) -> None:
+    jumped = [0.0]
+    mount = Watched(lambda s: jump_deg[0] * jumped[0], lambda s: jump_deg[1] * jumped[0], rates=(0.0, 0.0))
+    mount.hear(2.0)
+    jumped[0] = 1.0
+    mount.hear(2 * PERIOD_S)
+    assert not mount.standstill.at_rest
+    mount.hear(WINDOWS_S[0] + PERIOD_S)
+    assert mount.standstill.at_rest
+
+
+class TestFieldsInTime:
+    """To the status: a contradiction begins with the first status that has it."""
+
+    @staticmethod
+    def ignored_after_s(mount: Watched, name: str, longest_s: float = 8.0) -> float:
+        while name not in mount.ignored:
+            assert mount.seconds < longest_s
+            mount.hear(PERIOD_S)
+        return mount.seconds
+
+    def test_a_number_that_is_none_goes_after_a_quarter_of_a_second(self) -> None:
+        mount = Watched(rates=(math.nan, 0.0))
+        # The first status comes at 0.05 s.
+        assert 0.29 < self.ignored_after_s(mount, "RightAscensionRate") < 0.36
+
+    @pytest.mark.parametrize(
+        ("rates", "slewing", "name"),
+        [
+            ((1.0, 0.0), False, "RightAscensionRate"),
+            ((SKY, 1.0), False, "DeclinationRate"),
+            ((SKY, 0.0), True, "Slewing"),
+        ],
+    )
+    def test_motion_that_positions_deny_goes_three_seconds_after_rest_is_seen(
+        self, rates: tuple[float, float], slewing: bool, name: str
+    ) -> None:
+        mount = Watched(rates=rates, slewing=slewing)
+        mount.hear(0.55)
+        assert mount.standstill.positions.rest() is None
+        mount.hear(PERIOD_S)
+        assert mount.standstill.positions.rest() is not None
+        after_s = self.ignored_after_s(mount, name) - 0.6
+        assert CONTRADICTED_S - 0.01 < after_s < CONTRADICTED_S + PERIOD_S + 0.01
+
+    def test_a_contradiction_that_ends_is_forgotten(self) -> None:
+        mount = Watched(rates=(1.0, 0.0))
+        mount.hear(3.0)
+        mount.rates = (SKY, 0.0)
+        mount.hear(PERIOD_S)
+        mount.rates = (1.0, 0.0)
+        mount.hear(2.9)
+        assert mount.ignored == set()
+        mount.hear(0.3)
+        assert mount.ignored == {"RightAscensionRate"}
+
+    @pytest.mark.parametrize(
+        ("rate", "reported", "names"),
+        [
+            # A third of the rate and 0.1°/s is what a field may be off.
+            (1.0, 0.62, set()),
+            (1.0, 0.58, {"RightAscensionRate"}),
+            (-1.0, 1.38, set()),
+            (-1.0, 1.42, {"RightAscensionRate"}),
+        ],
+    )
+    def test_a_rate_that_is_another_than_that_of_positions_goes(
+        self, rate: float, reported: float, names: set[str]
+    ) -> None:
+        mount = Watched(at(rate), rates=(reported, 0.0), slewing=True)
+        mount.hear(5.0)
+        assert mount.ignored == names
+
+    def test_what_goes_is_made_good_from_positions(self) -> None:
+        mount = Watched(at(1.0), at(-0.5))
+        mount.hear(5.0)
+        assert mount.ignored == {"RightAscensionRate", "DeclinationRate", "Slewing"}
+        mount.count, mount.seconds = mount.count + 1, mount.seconds + PERIOD_S
+        believed = mount.standstill.see(mount.sample(), aborted=True, move_axis=False)
+        assert believed.ra_drive_deg_s == pytest.approx(1.0, abs=1e-6)
+        assert believed.dec_drive_deg_s == pytest.approx(-0.5, abs=1e-6)
+        assert believed.slewing is True
+        assert mount.standstill.slowing is False
+
+    def test_a_single_number_that_is_none_is_made_good_at_once(self) -> None:
+        mount = Watched(at(1.0), at(-0.5), rates=(1.0, -0.5), slewing=True)
+        mount.hear(2.0)
+        mount.rates = (math.nan, -0.5)
+        mount.count, mount.seconds = mount.count + 1, mount.seconds + PERIOD_S
+        believed = mount.standstill.see(mount.sample(), aborted=True, move_axis=False)
+        assert believed.ra_drive_deg_s == pytest.approx(1.0, abs=1e-6)
+        assert (believed.dec_drive_deg_s, believed.slewing) == (-0.5, True)
+        mount.rates = (1.0, -0.5)
+        told = mount.sample()
+        assert mount.standstill.see(told, aborted=True, move_axis=False) is told
+
+    @pytest.mark.parametrize(("statuses", "confirmed"), [(9, False), (10, True)])
+    def test_ten_statuses_confirm_a_field(self, statuses: int, confirmed: bool) -> None:
+        mount = Watched(at(1.0), rates=(1.0, 0.0), slewing=True)
+        mount.hear(11 * PERIOD_S)
+        fields = mount.standstill.fields
+        assert not fields.confirmed("RightAscensionRate")
+        mount.hear(statuses * PERIOD_S)
+        assert fields.confirmed("RightAscensionRate") is confirmed
+        assert fields.confirmed("DeclinationRate") is False
+        # Of Slewing both its values must have been right.
+        assert fields.confirmed("Slewing") is False
+
+    def test_slewing_is_confirmed_by_motion_and_by_rest(self) -> None:
+        mount = Watched(lambda s: min(s, 2.0), rates=(1.0, 0.0), slewing=True)
+        mount.hear(2.0)
+        mount.slewing, mount.rates = False, (0.0, 0.0)
+        mount.hear(1.0)
+        assert mount.standstill.fields.confirmed("Slewing") is False
+        mount.hear(1.0 + 12 * PERIOD_S)
+        assert mount.standstill.fields.confirmed("Slewing") is True
+
+    def test_a_rate_that_was_wrong_lately_is_not_trusted_for_ten_seconds(self) -> None:
+        mount = Watched(at(1.0), rates=(1.0, 0.0), slewing=True)
+        mount.hear(3.0)
+        fields = mount.standstill.fields
+        assert fields.trusted("RightAscensionRate", T0 + mount.seconds) is True
+        mount.rates = (3.0, 0.0)
+        mount.hear(PERIOD_S)
+        wrong_s = T0 + mount.seconds
+        mount.rates = (1.0, 0.0)
+        assert fields.trusted("RightAscensionRate", wrong_s + 9.9) is False
+        assert fields.trusted("RightAscensionRate", wrong_s + 10.1) is True
+        assert fields.confirmed("RightAscensionRate") is True
+
+    def test_a_rate_that_was_wrong_in_sixteen_statuses_and_more_often_than_right_is_doubtful(self) -> None:
+        mount = Watched(at(1.0), rates=(3.0, 0.0), slewing=True)
+        mount.hear(26 * PERIOD_S)
+        fields = mount.standstill.fields
+        assert fields.doubtful("RightAscensionRate") is False
+        mount.hear(PERIOD_S)
+        assert fields.doubtful("RightAscensionRate") is True
+        mount.rates = (1.0, 0.0)
+        mount.hear(15 * PERIOD_S)
+        assert fields.doubtful("RightAscensionRate") is True
+        mount.hear(PERIOD_S)
+        assert fields.doubtful("RightAscensionRate") is False
+
+
+class Stopping:
+    """A mount whose abort was acknowledged, told by its drives; its positions stand."""
+
+    def __init__(self, late_statuses: int = 0) -> None:
+        self.standstill = Standstill(late_statuses=late_statuses)
+        self.standstill.asked()
+        self.seconds = 0.0
+
+    def see(
+        self, ra_drive: float, slewing: bool = False, dec_drive: float = 0.0, aborted: bool = True
+    ) -> None:
+        self.seconds += PERIOD_S
+        sidereal_h = 9.0 + self.seconds * SIDEREAL_DEG_S / 15.0
+        ra_deg = sidereal_h * 15.0 - 30.0
+        drives = ra_drive, dec_drive
+        sample = StatusSample(0, T0 + self.seconds, sidereal_h, ra_deg, 10.0, slewing, False, *drives)
+        self.standstill.see(sample, aborted, move_axis=True)
+
+    def statuses_until_again(self) -> int:
+        count = 0
+        while not self.standstill.goes_again:
+            assert count < 1000
+            self.see(1.0, slewing=True)
+            count += 1
+        self.standstill.again(T0 + self.seconds)
+        return count
+
+
+class TestStops:
+    @pytest.mark.parametrize("late", [0, 4])
+    def test_it_goes_again_after_three_statuses_then_six_then_twelve(self, late: int) -> None:
+        assert Stopping(late).statuses_until_again() == 3 + late
+        mount = Stopping(late)
+        mount.see(2.0, slewing=True)
+        # The first of them is slower than the one before.
+        first = 3 + late
+        assert [mount.statuses_until_again() for _ in range(3)] == [1 + first, 2 * first, 4 * first]
+        counts = [mount.statuses_until_again() for _ in range(8)]
+        assert max(counts) == counts[-1] == 320
+
+    def test_it_waits_while_the_mount_slows_down(self) -> None:
+        mount = Stopping()
+        for number in range(50):
+            mount.see(5.0 - 0.1 * number, slewing=True)
+            assert mount.standstill.slowing is (number > 0)
+            assert mount.standstill.goes_again is False
+
+    def test_axes_that_stood_and_follow_the_sky_have_turned_after_two_statuses(self) -> None:
+        mount = Stopping()
+        mount.see(SKY)
+        mount.see(SKY)
+        assert mount.standstill.turned is False
+        mount.see(0.0)
+        mount.see(SKY)
+        assert mount.standstill.turned is False
+        mount.see(SKY)
+        assert mount.standstill.turned is True
+        assert mount.standstill.goes_again is True
+        mount.standstill.again(T0)
+        assert mount.standstill.turned is False
+
+    def test_before_the_acknowledgement_and_in_motion_none_of_it_counts(self) -> None:
+        mount = Stopping()
+        mount.see(0.0, aborted=False)
+        mount.see(SKY)
+        mount.see(SKY)
+        assert mount.standstill.turned is False
+        mount.see(0.0)
+        mount.see(SKY, dec_drive=0.1)
+        mount.see(SKY)
+        mount.see(SKY)
+        assert mount.standstill.turned is False
+
+    def test_a_mount_that_took_to_the_sky_three_times_does_so_by_itself(self) -> None:
+        mount = Stopping()
+        turned = []
+        for _ in range(4):
+            for rate in (0.0, SKY, SKY):
+                mount.see(rate)
+            turned.append(mount.standstill.turned)
+            mount.standstill.again(T0)
+        assert turned == [True, True, True, False]
+        mount.standstill.asked()
+        for rate in (0.0, SKY, SKY):
+            mount.see(rate)
+        assert mount.standstill.turned is True
+
+    def test_a_stop_that_acts_late_counts_from_its_acknowledgement(self) -> None:
+        for late, again in ((0, True), (1, False)):
+            mount = Stopping(late)
+            for _ in range(3 + late):
+                mount.see(1.0, slewing=True)
+            mount.standstill.acknowledged(T0)
+            assert mount.standstill.goes_again is again

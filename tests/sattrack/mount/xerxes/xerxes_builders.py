@@ -1,4 +1,5 @@
-"""What the tests of the client's session and of the simulated mount share: units, motions, spoilt datagrams.
+"""What the tests of the client's session and of the simulated mount share: units, motions, spoilt datagrams,
+and a client that is told by hand what the mount says.
 
 The codec is used on the strength of test_datagrams.py, which holds it against bytes written by hand.
 """
@@ -7,16 +8,19 @@ from __future__ import annotations
 
 import math
 import struct
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import msgspec
 from hypothesis import strategies as st
 
-from sattrack.mount.model import Cleared
+from sattrack.mount.model import Cleared, MountProfile, MoveAxes, Slew, Status, Stop
+from sattrack.mount.xerxes.datagrams import decode_command, encode_status
+from sattrack.mount.xerxes.session import Session
 
 if TYPE_CHECKING:
-    from sattrack.mount.model import Motion
+    from sattrack.mount.model import Motion, Readings, StatusSample
     from sattrack.mount.xerxes.datagrams import Command
-    from sattrack.mount.xerxes.session import Session
+    from sattrack.mount.xerxes.flags import SlewState
 
 T0 = 1_790_000_000.0
 """Some second of UTC, POSIX."""
@@ -27,6 +31,74 @@ SIDEREAL_DEG_S = 360.0 * 1.00273790935 / 86400.0
 TIC_DEG = 360.0 / 2**26
 SIDEREAL_DTICS_S = 7789
 """The paper's figure for the tracking rate, encoder tics per second x 10."""
+
+
+TRACKING = Status(
+    altitude_deg=50.0,
+    azimuth_deg=180.0,
+    dec_deg=20.0,
+    ra_h=10.0,
+    sidereal_h=9.0,
+    ra_rate_dtics_s=SIDEREAL_DTICS_S,
+    site_latitude_deg=48.0,
+    site_longitude_deg=11.0,
+)
+SEEN_AT_REST_STATUSES = 12
+"""Half a second of positions, and one more."""
+A = Slew(78.75, 12.25)
+B = Slew(150.0, -33.375)
+MOVE = MoveAxes(-1.25, -0.75)
+
+
+class Client:
+    """A session between statuses made by hand and datagrams read by eye."""
+
+    def __init__(self, profile: MountProfile | None = None) -> None:
+        self.session = Session(profile or MountProfile())
+        self.now = T0
+        self.counter = 0
+        self.turned_deg = 0.0
+        """How far the hour angle axis has turned."""
+
+    def status(self, counter: int | None = None, readings: Readings | None = None, **fields: Any) -> bytes:
+        self.counter = self.counter + 1 if counter is None else counter
+        gone_deg = (self.now - T0) * SIDEREAL_DEG_S
+        fields.setdefault("sidereal_h", TRACKING.sidereal_h + gone_deg / 15.0)
+        fields.setdefault("ra_h", TRACKING.ra_h + (gone_deg - self.turned_deg) / 15.0)
+        return encode_status(msgspec.structs.replace(TRACKING, counter=self.counter, **fields), readings)
+
+    def hear(self, **fields: Any) -> StatusSample | None:
+        """Give the session the mount's next status."""
+        self.now += PERIOD_S
+        self.turned_deg += fields.get("ra_rate_dtics_s", SIDEREAL_DTICS_S) / 10 * TIC_DEG * PERIOD_S
+        return self.session.receive(self.status(**fields), self.now)
+
+    def rest(self, **fields: Any) -> None:
+        """Have the mount's positions show rest for as long as it takes to be seen."""
+        for _ in range(SEEN_AT_REST_STATUSES):
+            self.hear(**{"ra_rate_dtics_s": 0} | fields)
+
+    def send(self) -> Command:
+        """Take the session's next datagram."""
+        data = self.session.compose()
+        assert len(data) == 82
+        return decode_command(data)
+
+    def slew_state(self) -> SlewState:
+        return self.session.slew_state
+
+    def asks(self, motion: Motion) -> Command:
+        want(self.session, motion)
+        return self.send()
+
+    def stopped_by_abort(self) -> None:
+        """Have a stop asked for, acknowledged and finished."""
+        assert self.asks(Stop()).abort
+        self.hear(ack_abort=True, ra_rate_dtics_s=0)
+        assert not self.send().abort
+        assert not self.session.stopped
+        self.rest()
+        assert self.session.stopped
 
 
 def want(session: Session, motion: Motion) -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import random
-import socket
 import struct
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
@@ -18,7 +17,6 @@ from paper_link import Bench
 from paper_mount import LOOP_S, PaperMount
 from paper_packing import CommandRow, pack_command
 
-from sattrack.core.errors import BadInputError
 from sattrack.mount.model import AxesPosition, AxisLimits, MountProfile, Slew, Stance
 from sattrack.mount.requests import (
     Abort,
@@ -35,11 +33,10 @@ from sattrack.mount.requests import (
     TrackingRate,
     objection,
 )
-from sattrack.mount.xerxes.client import Address, UdpLink, parse_address
 from sattrack.safety import Safety, SafetyLimits
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
 How = Literal["held", "edge"]
 LATITUDE_DEG = 48.0
@@ -274,51 +271,7 @@ class TestTwoClients:
             assert bench.session.health.foreign_acks == bench.session.health.doubled_launches == 0
 
 
-@pytest.fixture
-def loopback() -> Iterator[tuple[UdpLink, socket.socket]]:
-    """Our link, and the socket of the mount that it was told of."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mount:
-        mount.bind(("127.0.0.1", 0))
-        link = UdpLink(Address("127.0.0.1", mount.getsockname()[1], 0))
-        yield link, mount
-        link.close()
-
-
 class TestStrangers:
-    def test_a_status_from_another_host_is_dropped_and_counted(
-        self, loopback: tuple[UdpLink, socket.socket]
-    ) -> None:
-        link, mount = loopback
-        status = PaperMount().turn()
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
-            stranger.bind(("127.0.0.2", 0))
-            for _ in range(3):
-                stranger.sendto(status, ("127.0.0.1", link.listen_port))
-            mount.sendto(status, ("127.0.0.1", link.listen_port))
-        assert [arrival.data for arrival in link.receive()] == [status]
-        assert link.strangers == 3
-
-    @pytest.mark.parametrize(
-        "url",
-        [
-            "xerxes://127.0.0.1:0?listen=15001",
-            "xerxes://127.0.0.1:65536?listen=15001",
-            "xerxes://127.0.0.1:-1?listen=15001",
-            "xerxes://127.0.0.1:x?listen=15001",
-            "xerxes://127.0.0.1:15002?listen=0",
-            "xerxes://127.0.0.1:15002?listen=65536",
-            "xerxes://127.0.0.1:15002?listen=x",
-            "xerxes://127.0.0.1:15001?listen=15001",
-            "xerxes://:15001",
-            "",
-        ],
-    )
-    def test_an_impossible_port_is_refused_in_one_line_that_names_it(self, url: str) -> None:
-        with pytest.raises(BadInputError) as refusal:
-            parse_address(url)
-        assert url in str(refusal.value)
-        assert "\n" not in str(refusal.value)
-
     def test_what_comes_of_a_command_datagram_s_own_port_is_no_status(self) -> None:
         """Both ends' ports mixed up, our own datagrams come back to us."""
         bench = Bench()

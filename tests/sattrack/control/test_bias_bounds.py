@@ -1,0 +1,321 @@
+"""What offsets may ask of a mount, and where a course is, by hand: paces, ranges and limits made up here."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from sattrack.control.biases import (
+    AxisPace,
+    Biases,
+    Camera,
+    Course,
+    Going,
+    begin_search,
+    change_offset,
+    end_reached,
+    nudge_biases,
+)
+from sattrack.control.offset import ChangeLimits, Offset, State, spiral_lasts_s
+from sattrack.mount.model import AxisLimits, MountProfile
+from sattrack.views.messages import OffsetBy, Search, SeenOffset
+from tle.bias import NO_BIAS
+
+NOW = 1_790_000_000.0
+RA = AxisLimits(max_rate_deg_s=3.0, max_acceleration_deg_s2=10.0)
+DEC = AxisLimits(max_rate_deg_s=2.0, max_acceleration_deg_s2=4.0)
+PACE = AxisPace(2.0, -0.5, 1.0, -0.3, 0.5)
+GOING = Going(0.05, 0.0, 1000.0, -3.0)
+WIDE = ChangeLimits(100.0, 100.0)
+
+
+class Paced(Biases):
+    """Biases of a satellite whose pace and range are told."""
+
+    def __init__(self, pace: AxisPace = PACE, going: Going = GOING) -> None:
+        nowhere: Any = None
+        super().__init__(NO_BIAS, nowhere, MountProfile(ra=RA, dec=DEC))
+        self.asked: list[tuple[float, float]] = []
+        self.going_at: list[float] = []
+        course: Any = SimpleNamespace(axis_pace=self.pace_at, going=self.going)
+        self.course, self._pace, self._going = course, pace, going
+
+    def pace_at(self, utc_s: float, along_s: float) -> AxisPace:
+        self.asked.append((utc_s - NOW, along_s))
+        return self._pace
+
+    def going(self, utc_s: float) -> Going:
+        self.going_at.append(utc_s - NOW)
+        return self._going
+
+
+class TestBounds:
+    @pytest.mark.parametrize(
+        ("what", "change_s", "rate", "acceleration"),
+        [
+            # 80 % of what is spare beyond following, over the axis' motion for each unit; of the slower axis.
+            ("along_s", 0.0, 0.8 * (3.0 - 1.0) / 2.0, 10.0 / 2.0),
+            ("along_s", 0.5, 0.8 * (3.0 - 1.0) / 2.0, 10.0 / 2.0),
+            # Back along the track an axis first loses the rate that it has.
+            ("along_s", -0.5, 0.8 * (3.0 + 1.0) / 2.0, 10.0 / 2.0),
+            ("cross_deg", 0.0, 0.8 * (3.0 - 1.0) * 0.5, 4.0),
+            ("ra_cos_dec_deg", 0.0, 0.8 * (3.0 - 1.0) * 0.5, 4.0),
+            ("ra_axis_deg", 0.0, 0.8 * (3.0 - 1.0), 10.0),
+            ("dec_deg", 0.0, 0.8 * (2.0 - 0.3), 4.0),
+            ("dec_axis_deg", 0.0, 0.8 * (2.0 - 0.3), 4.0),
+        ],
+    )
+    def test_a_change_may_ask_for_what_the_slower_axis_has_to_spare(
+        self, what: str, change_s: float, rate: float, acceleration: float
+    ) -> None:
+        limits = Paced().bounds(what, NOW, 2.0, 2.0 + change_s)
+        assert limits == pytest.approx((rate, 0.45 * acceleration))
+        assert Paced().bounds(what, NOW, 2.0, 2.0 + change_s, 0.15).acceleration == pytest.approx(
+            0.15 * acceleration
+        )
+
+    def test_declination_may_be_the_slower_axis(self) -> None:
+        pace = AxisPace(0.1, 2.0, -1.0, 0.5, 0.5)
+        assert Paced(pace).bounds("along_s", NOW, 0.0, 0.0) == pytest.approx((0.8 * 1.5 / 2.0, 0.45 * 2.0))
+        back = Paced(pace).bounds("along_s", NOW, 0.0, -0.5)
+        assert back == pytest.approx((0.8 * 2.5 / 2.0, 0.45 * 2.0))
+
+    def test_where_the_target_takes_all_a_tenth_is_left(self) -> None:
+        pace = AxisPace(2.0, 0.0, 3.5, 0.0, 0.5)
+        assert Paced(pace).bounds("along_s", NOW, 0.0, 0.0) == pytest.approx((0.8 * 0.3 / 2.0, 0.45 * 5.0))
+
+    def test_long_changes_are_judged_along_their_way_and_short_ones_at_their_end(self) -> None:
+        short, long = Paced(), Paced()
+        short.bounds("along_s", NOW, 1.0, 2.0)
+        assert short.asked == [(0.0, 2.0), (2.0, 2.0)]
+        long.bounds("along_s", NOW, 1.0, 4.0)
+        assert long.asked == [(2.0, pytest.approx(1.0 + 0.5 * number)) for number in range(7)]
+
+
+class TestOrders:
+    @pytest.mark.parametrize(
+        ("order", "refused"),
+        [
+            (OffsetBy("along_s", "set", 60.0), False),
+            (OffsetBy("along_s", "set", -60.1), True),
+            (OffsetBy("cross_deg", "add", 5.0), False),
+            (OffsetBy("cross_deg", "add", -5.1), True),
+            (OffsetBy("along_s", "rate", 1.0), False),
+            (OffsetBy("along_s", "rate", -1.01), True),
+            (OffsetBy("dec_deg", "rate", 0.5), False),
+            (OffsetBy("dec_deg", "rate", -0.51), True),
+            (OffsetBy("dec_deg", "gradual", 1.0, 3600.0), False),
+            (OffsetBy("dec_deg", "gradual", 1.0, 3601.0), True),
+            (OffsetBy("dec_deg", "gradual", 1.0, 0.0), False),
+            (OffsetBy("dec_deg", "gradual", 1.0, -0.1), True),
+        ],
+    )
+    def test_how_far_an_offset_goes(self, order: OffsetBy, refused: bool) -> None:
+        biases = Paced()
+        assert (change_offset(biases, order, NOW) is not None) is refused
+        assert biases.moving is not refused
+        assert biases.offsets[order.what].idle is refused
+
+    def test_one_that_is_too_far_may_come_back(self) -> None:
+        biases = Paced()
+        biases.offsets["dec_deg"] = Offset(8.0)
+        assert change_offset(biases, OffsetBy("dec_deg", "add", -1.0), NOW) is None
+        assert change_offset(biases, OffsetBy("dec_deg", "add", 1.0), NOW + 60.0) is not None
+
+    @pytest.mark.parametrize(
+        ("how", "value", "total", "rate"),
+        [
+            ("add", 0.5, 1.5, 0.0),
+            ("set", 0.5, 0.5, 0.0),
+            ("gradual", 0.5, 0.5, 0.0),
+            ("stop", None, 1.0, 0.0),
+            ("reset", None, 0.0, 0.0),
+            ("rate", 0.01, 1.0 + 0.01 * 99.25, 0.01),
+        ],
+    )
+    def test_each_order_leads_there(self, how: Any, value: float | None, total: float, rate: float) -> None:
+        biases = Paced()
+        biases.offsets["along_s"] = Offset(1.0)
+        assert (
+            change_offset(biases, OffsetBy("along_s", how, value, 10.0 if how == "gradual" else None), NOW)
+            is None
+        )
+        assert biases.offsets["along_s"].state(NOW + 100.0) == pytest.approx((total, rate, 0.0))
+        # The bounds are those of the way from where it is to where it goes.
+        goes_to = {"add": 1.5, "set": 0.5, "gradual": 0.5, "reset": 0.0}.get(how, 1.0)
+        assert biases.asked[-1] == (2.0, pytest.approx(goes_to))
+        gradual = biases.offsets["along_s"].ended_utc_s() - NOW
+        assert (gradual == pytest.approx(10.0)) is (how == "gradual")
+
+    @pytest.mark.parametrize(
+        ("along_s", "cross_deg", "refused"),
+        [(60.0, 5.0, False), (60.1, 0.0, True), (0.0, -5.1, True), (-61.0, 0.0, True)],
+    )
+    def test_a_nudge_moves_along_and_across_together_or_not_at_all(
+        self, along_s: float, cross_deg: float, refused: bool
+    ) -> None:
+        biases = Paced()
+        told = nudge_biases(biases, along_s, cross_deg, NOW)
+        assert told == ("nudge refused: biases go to 60 s along and 5° across" if refused else None)
+        there = (0.0, 0.0) if refused else (along_s, cross_deg)
+        assert biases.totals(NOW + 100.0) == pytest.approx(there)
+
+    def test_a_nudge_of_one_leaves_the_other(self) -> None:
+        biases = Paced()
+        nudge_biases(biases, 1.0, 0.0, NOW)
+        assert (biases.offsets["along_s"].idle, biases.offsets["cross_deg"].idle) == (False, True)
+
+
+class TestSearches:
+    @pytest.mark.parametrize(
+        ("search", "limits", "refused"),
+        [
+            # Turning in the centre 4π·v²/spacing, coming up to speed 1.5·v/2 s: 0.63277°/s² together.
+            (Search("spiral", 0.2, 0.1), (0.101, 0.633), None),
+            (Search("spiral", 0.2, 0.1), (0.099, 0.633), "the mount cannot do 0.1°/s with arms 0.2° apart"),
+            (Search("spiral", 0.2, 0.1), (0.101, 0.632), "the mount cannot do 0.1°/s"),
+            (Search("spiral", 0.001, 0.0001), (9.0, 9.0), None),
+            (Search("spiral", 2.0, 2.0), (9.0, 99.0), None),
+            (Search("spiral", 0.0009, 0.01), (9.0, 9.0), "spacing_deg 0.0009; give 0.001 to 2"),
+            (Search("spiral", 2.1, 0.01), (9.0, 9.0), "spacing_deg 2.1; give"),
+            (Search("spiral", 0.1, 0.00009), (9.0, 9.0), "speed_deg_s 9e-05; give 0.0001 to 2"),
+            (Search("spiral", 0.1, 2.1), (9.0, 999.0), "speed_deg_s 2.1; give"),
+            # 2 s · 2π/20 s = 0.6283 s/s, and 0.75 of that a second as it begins.
+            (Search("sweep", reach_s=2.0, period_s=20.0), (0.629, 0.472), None),
+            (
+                Search("sweep", reach_s=2.0, period_s=20.0),
+                (0.628, 0.472),
+                "the mount cannot sweep 2 s in 20 s",
+            ),
+            (Search("sweep", reach_s=2.0, period_s=20.0), (0.629, 0.471), "the mount cannot sweep 2 s"),
+            # 0.5 s · (2π/4 s)² = 1.2337 s/s² once it turns faster than it begins.
+            (Search("sweep", reach_s=0.5, period_s=4.0), (9.0, 1.234), None),
+            (Search("sweep", reach_s=0.5, period_s=4.0), (9.0, 1.233), "the mount cannot sweep"),
+            (Search("sweep", reach_s=0.01, period_s=2.0), (9.0, 9.0), None),
+            (Search("sweep", reach_s=60.0, period_s=600.0), (9.0, 9.0), None),
+            (Search("sweep", reach_s=0.009, period_s=9.0), (9.0, 9.0), "reach_s 0.009; give 0.01 to 60"),
+            (Search("sweep", reach_s=61.0, period_s=600.0), (9.0, 9.0), "reach_s 61; give"),
+            (Search("sweep", reach_s=0.01, period_s=1.9), (9.0, 9.0), "period_s 1.9; give 2 to 600"),
+            (Search("sweep", reach_s=0.01, period_s=601.0), (9.0, 9.0), "period_s 601; give"),
+        ],
+    )
+    def test_what_a_mount_can_do_is_begun(
+        self, search: Search, limits: tuple[float, float], refused: str | None
+    ) -> None:
+        biases = Paced()
+        asked: list[str] = []
+        biases.bounds = lambda what, *_: asked.append(what) or ChangeLimits(*limits)  # type: ignore[method-assign, func-returns-value]
+        told = begin_search(biases, search, NOW)
+        assert asked == ["cross_deg" if search.how == "spiral" else "along_s"]
+        assert (told is None) is (refused is None)
+        if refused is not None:
+            assert told is not None
+            assert told.startswith(f"{search.how} refused: {refused}")
+        assert (biases.pattern_at(NOW + 1.0) is None) is (refused is not None)
+        assert biases.pattern_at(NOW - 1.0) is None
+
+    @pytest.mark.parametrize(("pace", "reach"), [(0.05, 3.0), (0.5, 5.0)])
+    def test_a_spiral_goes_as_far_as_a_bias_may(self, pace: float, reach: float) -> None:
+        biases = Paced(going=Going(pace, 0.0, 1000.0, 0.0))
+        biases.bounds = lambda *_: WIDE  # type: ignore[method-assign]
+        begin_search(biases, Search("spiral", 1.0, 0.5), NOW)
+        lasts_s = spiral_lasts_s(reach, 1.0, 0.5)
+        assert end_reached(biases, NOW + lasts_s - 0.01) is None
+        told = end_reached(biases, NOW + lasts_s + 0.01)
+        assert told == f"the spiral found nothing within {reach:.1f}° and went back"
+        assert biases.pattern_at(NOW + lasts_s + 0.02) is None
+
+    @pytest.mark.parametrize(("what", "most"), [("along_s", 60.0), ("dec_deg", 5.0)])
+    @pytest.mark.parametrize("sign", [1.0, -1.0])
+    def test_a_rate_that_leads_out_is_stopped_and_one_that_leads_back_is_not(
+        self, what: str, most: float, sign: float
+    ) -> None:
+        biases = Paced()
+        biases.offsets[what] = Offset(sign * (most - 0.5))
+        change_offset(biases, OffsetBy(what, "rate", sign * 0.1), NOW)
+        assert end_reached(biases, NOW + 4.0) is None
+        assert end_reached(biases, NOW + 7.0) == f"{what} went as far as it may, {most:g}, and was stopped"
+        assert end_reached(biases, NOW + 8.0) is None
+        change_offset(biases, OffsetBy(what, "rate", -sign * 0.1), NOW + 20.0)
+        assert end_reached(biases, NOW + 21.0) is None
+
+
+class TestAcross:
+    def test_kilometres_are_an_angle_at_the_satellites_range(self) -> None:
+        """At 1000 km, 2 km are atan(0.002); as the range shrinks by 3 km/s the angle grows."""
+        biases = Paced()
+        biases.begin_estimated(0.5, 2.0)
+        along, cross = biases.applied(NOW)
+        assert along == (0.5, 0.0, 0.0)
+        assert biases.going_at == [0.5]
+        assert cross.value == pytest.approx(math.degrees(math.atan(0.002)))
+        assert cross.rate == pytest.approx(math.degrees(3.0 * 2.0 / (1000.0**2 + 2.0**2)))
+        assert biases.totals(NOW) == pytest.approx((0.5, cross.value))
+        assert (biases.moving, Paced().moving) == (True, False)
+
+    def test_degrees_are_kilometres_there(self) -> None:
+        biases = Paced()
+        km = biases.cross_km(NOW, State(0.1, 0.02, 0.003))
+        assert km.value == pytest.approx(1000.0 * math.tan(math.radians(0.1)))
+        assert km.rate == pytest.approx(math.radians(0.02) * 1000.0 - math.radians(0.1) * 3.0)
+        assert km.acceleration == pytest.approx(math.radians(0.003) * 1000.0 - 2.0 * math.radians(0.02) * 3.0)
+
+
+class TestCourse:
+    """Right ascension by 0.6°/s through 0 h at 60° of declination; a range of 1000 + 3 x + x²/2 km."""
+
+    @staticmethod
+    def course() -> Course:
+        def at(t: Any, bias: Any) -> SimpleNamespace:
+            x = float(t.unix_s) - NOW + bias.along_s
+            return SimpleNamespace(
+                ra_deg=(359.0 + 0.6 * x) % 360.0,
+                dec_deg=60.0,
+                ra_rate_deg_s=0.6,
+                dec_rate_deg_s=0.0,
+                range_km=1000.0 + 3.0 * x + 0.5 * x * x,
+            )
+
+        propagator: Any = SimpleNamespace(at=at)
+        return Course(propagator)
+
+    @pytest.mark.parametrize("x", [0.0, 0.3, 1.7, 2.5, 40.25])
+    def test_pace_and_range_are_those_of_the_sky_with_their_rates(self, x: float) -> None:
+        going = self.course().going(NOW + x)
+        assert going.pace_deg_s == pytest.approx(0.3, rel=1e-4)
+        assert going.pace_rate == pytest.approx(0.0, abs=1e-5)
+        assert going.range_km == pytest.approx(1000.0 + 3.0 * x + 0.5 * x * x, abs=0.05)
+        assert going.range_rate_km_s == pytest.approx(3.0 + x, abs=1e-3)
+
+    def test_axes_move_by_the_bias_and_by_themselves(self) -> None:
+        pace = self.course().axis_pace(NOW + 1.6, 0.0)
+        assert pace == pytest.approx((0.6, 0.0, 0.6, 0.0, 0.5), abs=1e-4)
+
+
+class TestCamera:
+    @pytest.mark.parametrize(
+        ("camera", "axes"),
+        [
+            (Camera(), (3.0, 2.0)),
+            (Camera(flip=True), (-3.0, 2.0)),
+            (Camera(rotation_deg=90.0), (-2.0, 3.0)),
+            (Camera(rotation_deg=90.0, flip=True), (-2.0, -3.0)),
+            (Camera(rotation_deg=-90.0), (2.0, -3.0)),
+        ],
+    )
+    def test_right_and_up_are_hour_angle_and_declination_turned(
+        self, camera: Camera, axes: tuple[float, float]
+    ) -> None:
+        assert camera.on_axes(3.0, 2.0) == pytest.approx(axes)
+
+    def test_pixels_need_a_scale(self) -> None:
+        utc = "2026-10-02T13:05:24Z"
+        pixels = SeenOffset(utc, dx_px=10.0, dy_px=-4.0, sigma_px=0.5)
+        assert Camera().in_arcsec(pixels) is None
+        assert Camera(scale_arcsec_px=2.5).in_arcsec(pixels) == (25.0, -10.0, 1.25)
+        seconds = SeenOffset(utc, dx_arcsec=10.0, dy_arcsec=-4.0, sigma_arcsec=0.5)
+        for camera in (Camera(), Camera(scale_arcsec_px=2.5)):
+            assert camera.in_arcsec(seconds) == (10.0, -4.0, 0.5)
