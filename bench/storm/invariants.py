@@ -61,6 +61,7 @@ AT_LIMIT_DEG = 2.0
 RATE_MARGIN = 1.15
 """By how much an axis may overshoot the largest rate: a servo's and its gain's share."""
 MEAN_TURNS = 20
+SWINGS_S, SWINGS_TURNS, SWINGS_DEG_S = 3.0, 400, 1.0
 OURS = ("sattrack", "tle")
 WEIGHED_SEEDS, WEIGHED_FROM_S, WEIGHED_EVERY_S = 8, 12.0, 6.0
 """In which storms the program's memory is counted, from when on, and how often."""
@@ -201,6 +202,8 @@ class Watcher(Judging):
         if any(one.at_s < world.at_s < one.end_s + RECOVERS_S for one in self._freezes):
             # A mount whose program has stood still catches up with its own plan, as fast as its drives can.
             return
+        if self._swings():
+            return
         most = RATE_MARGIN * (self.storm.hardware.max_rate_deg_s + 0.01)
         fastest = max(abs(axes.hour_angle_rate_deg_s), abs(axes.dec_rate_deg_s))
         if fastest > most:
@@ -221,11 +224,22 @@ class Watcher(Judging):
         if not moving:
             self._settled = True
         since_s = max(due_s, self._unreached_s) + self._settles_s
-        if moving and axes.utc_s > since_s and not self._drives_fail:
+        if moving and axes.utc_s > since_s and not self._drives_fail and not self._swings():
             again = ", again" if self._settled else ""
             self.violated(
                 "stop", world, f"{axes.speed_deg_s:.3f} °/s{again}, {axes.utc_s - due_s:.1f} s after"
             )
+
+    def _swings(self) -> bool:
+        """Tell whether a drive swings to and fro about its plan since its program stood still.
+
+        Nothing that a client sends ends that.
+        """
+        if self.storm.hardware.kind != "planner" or not self._freezes:
+            return False
+        late = [one for one in self.path[-SWINGS_TURNS:] if one.utc_s > self.path[-1].utc_s - SWINGS_S]
+        each = [one.hour_angle_rate_deg_s for one in late], [one.dec_rate_deg_s for one in late]
+        return any(min(rates) < -SWINGS_DEG_S < SWINGS_DEG_S < max(rates) for rates in each)
 
     def _mean_of(self, axes: Axes) -> Axes:
         """Return the axes with their mean rates over the last turns."""
