@@ -18,6 +18,12 @@ EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 FIELDS = {"utc", "exposure_s", "kind", "dx_arcsec", "dy_arcsec", "sigma_arcsec", "snr", "solved"}
 
 
+@pytest.fixture(autouse=True)
+def no_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """See no run: what is seen would be sent to that of a test beside this one."""
+    monkeypatch.setattr("sattrack.runtime.view_server.feeders", list)
+
+
 def write_frames(folder: Path, places: list[tuple[float, float] | None]) -> None:
     rng = np.random.default_rng(4)
     for number, place in enumerate(places):
