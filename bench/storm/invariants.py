@@ -69,7 +69,7 @@ GROWTH_PER_S, FILLS_UP_S = 300.0, 20.0
 """Entries. A buffer that fills up to its bound grows by some a period, one without a bound for ever; those of
 a pass that begins fill up in less than so long."""
 ENDS_WITHIN_S = STOPS_MOVING_S + 10.0
-FLAGS = slice(73, 81)
+FLAGS, SLEW_FLAG = slice(73, 81), 79
 RATES = slice(32, 48)
 NAMES = ("limit", "rate", "stop", "stale", "owner", "once", "replay", "memory", "recovery")
 
@@ -138,9 +138,13 @@ class Watcher(Judging):
         """When the last datagram left that moves the mount."""
         self._aborted = False
         """Whether an abort left after it."""
+        self._slewed = False
+        """Whether it asks for a slew."""
         self._guardian_s: float | None = None
         self._ended_by: str | None = None
         self._sizes: list[tuple[float, int]] = []
+        self._weighed: object = None
+        """What follows: with the next one other buffers fill up."""
         self._drives_fail = any(fault.kind == "drive" for fault in storm.faults)
         self._freezes = [fault for fault in storm.faults if fault.kind == "freeze"]
         self._settled = False
@@ -183,7 +187,10 @@ class Watcher(Judging):
         # A mount that tracks by itself, and that nobody commands, goes on with the sky.
         left_alone = self._aborted or axes.utc_s - self._moved_s > SETTLES_S
         left_tracking = left_alone and axes.speed_deg_s <= 2.0 * REST_RATE_DEG_S
-        excused = self._drives_fail or left_tracking or axes.utc_s - self._unreached_s < RECOVERS_S
+        # A slew is the mount's own: it brakes by itself, or by an abort, unless its program stands still.
+        runs_on = self._slewed and self._stood_still(world)
+        unreached = axes.utc_s - self._unreached_s < RECOVERS_S
+        excused = self._drives_fail or left_tracking or runs_on or unreached
         for name, clearance in found.items():
             if clearance >= 0.0:
                 self._out.pop(name, None)
@@ -199,7 +206,7 @@ class Watcher(Judging):
                 self.violated("limit", world, f"{name}: farther out, {-clearance:.3f}°, in reach again")
 
     def _judge_rates(self, world: World, axes: Axes) -> None:
-        if any(one.at_s < world.at_s < one.end_s + RECOVERS_S for one in self._freezes):
+        if self._stood_still(world):
             # A mount whose program has stood still catches up with its own plan, as fast as its drives can.
             return
         if self._swings():
@@ -208,6 +215,10 @@ class Watcher(Judging):
         fastest = max(abs(axes.hour_angle_rate_deg_s), abs(axes.dec_rate_deg_s))
         if fastest > most:
             self.violated("rate", world, f"{fastest:.2f} °/s")
+
+    def _stood_still(self, world: World) -> bool:
+        """Tell whether the mount's program stood still of late."""
+        return any(one.at_s < world.at_s < one.end_s + RECOVERS_S for one in self._freezes)
 
     def _judge_stop(self, world: World, axes: Axes) -> None:
         due_s = self._stop_due_s
@@ -276,6 +287,7 @@ class Watcher(Judging):
         self._last[sent.who] = sent.data
         if moves(sent.data):
             self._moved_s, self._aborted = sent.utc_s, False
+            self._slewed = bool(sent.data[SLEW_FLAG])
         elif sent.data[FLAGS][0]:
             self._aborted = True
 
@@ -297,6 +309,10 @@ class Watcher(Judging):
         self._waiting_s = max(self._waiting_s, knows_s)
 
     def period(self, world: World, driver: Driver, ended_by: str | None) -> None:
+        engine = getattr(driver, "engine", None)
+        if engine is not self._weighed:
+            self._weighed, self._weighed_s = engine, world.at_s + WEIGHED_FROM_S
+            self._sizes.clear()
         if self.storm.seed % WEIGHED_SEEDS == 0 and world.at_s > self._weighed_s:
             self._weighed_s = world.at_s + WEIGHED_EVERY_S
             self._sizes.append((world.at_s, held(driver)))
@@ -436,9 +452,12 @@ def judge_recovery(world: World, watcher: Watcher, fair: Watcher, fair_ended: En
         # What keeps a run at a limit lets it go sooner or later by where it came from.
         return
     other = [axes for axes in fair.path if begin_s - 1.0 < axes.utc_s < end_s + 1.0]
+    # The link's own losses and delays last to the end: what somebody changes takes its time through them.
+    changes_s = [storm.begin_s + one.at_s for one in storm.people]
     worst = 0.0
     for axes in watcher.path:
-        if begin_s < axes.utc_s < end_s:
+        settles = any(0.0 <= axes.utc_s - change_s < RECOVERED_S for change_s in changes_s)
+        if begin_s < axes.utc_s < end_s and not settles:
             worst = max(worst, _apart_arcsec(axes, other))
     watcher.verdict.recovered_arcsec = worst
     bound = max(OFF_ARCSEC, 2.0 * (summary.reported_peak_arcsec or 0.0))

@@ -153,7 +153,7 @@ class Driver:
         age_s = max(0.0, now_utc_s - sample.arrival_utc_s)
         lst_deg = sample.sidereal_h * 15.0
         cleared = self.safety.clear(motion, lst_deg, sample.ra_deg, sample.dec_deg, age_s, now_utc_s)
-        return self.safety.in_time(cleared, self.session.rates_wait_s)
+        return self.safety.in_time(cleared, self.session.rates_wait_s, self.session.unanswered_s)
 
     def compose(self, now_utc_s: float) -> bytes:
         """Return the datagram to send now, and follow the stop at the end; call once a period."""

@@ -458,12 +458,14 @@ class Safety:
             decs.append(dec)
         return (min(has), min(decs)), (max(has), max(decs))
 
-    def in_time(self, cleared: Cleared, rates_wait_s: float) -> Cleared:
+    def in_time(self, cleared: Cleared, rates_wait_s: float, unanswered_s: float = 0.0) -> Cleared:
         """Return what was cleared, or a stop where the rates that hold the mount at a limit do not reach it.
 
         For so long a mount that takes rates by edges has been given none. The last ones were judged for the
-        time that its handshake may take, and the longest fault; a stop needs no handshake.
+        time that its handshake may take, and the longest fault; a stop needs no handshake. A mount that does
+        not answer has every handshake last `unanswered_s`: the next rates are judged for that.
         """
+        self._ahead.handshakes_last(unanswered_s)
         if self.holding is None or rates_wait_s <= self._ahead.edges_wait_s:
             return cleared
         return self._trip(self.holding)

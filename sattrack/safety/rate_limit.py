@@ -81,9 +81,13 @@ class AxisReach:
         return ahead
 
 
-def latency_s(profile: MountProfile) -> float:
-    """Return how long it takes until a mount acts on what is decided now, no datagram lost, seconds."""
-    edge_s = EDGE_PERIODS * profile.period_s if profile.move_axis == "edge" else 0.0
+def latency_s(profile: MountProfile, unanswered_s: float = 0.0) -> float:
+    """Return how long it takes until a mount acts on what is decided now, no datagram lost, seconds.
+
+    Where rates are taken by edges, what is decided waits for the handshake before, which lasts `unanswered_s`
+    on a mount that does not answer.
+    """
+    edge_s = max(unanswered_s, EDGE_PERIODS * profile.period_s) if profile.move_axis == "edge" else 0.0
     delay_s = profile.command_delay_s + profile.status_delay_s + max(profile.ra.lag_s, profile.dec.lag_s)
     return PERIODS_UNTIL_OBEYED * profile.period_s + JITTER_S + delay_s + edge_s
 
@@ -130,14 +134,23 @@ class Ahead:
 
     def __init__(self, profile: MountProfile, limits: SafetyLimits, bounds: Bounds) -> None:
         self._bounds = bounds
+        self._profile, self._fault_s = profile, limits.longest_fault_s
         self._unheeded_s = unheeded_s(profile, limits.longest_fault_s)
         self._braking_deg_s2 = profile.braking_deg_s2
-        self.latency_s = latency_s(profile)
-        """How long it takes until the mount acts on what is decided now."""
+        self._unanswered_s = -1.0
+        self.latency_s = self.horizon_s = self.edges_wait_s = 0.0
+        """How long it takes until the mount acts on what is decided now; how long it may take until it acts
+        on what is decided next; and how long rates may be in force on a mount that takes them by edges."""
+        self.handshakes_last(0.0)
+
+    def handshakes_last(self, unanswered_s: float) -> None:
+        """Look ahead for a mount whose handshakes last so long, where it does not answer them."""
+        if unanswered_s == self._unanswered_s:
+            return
+        self._unanswered_s = unanswered_s
+        self.latency_s = latency_s(self._profile, unanswered_s)
         self.horizon_s = self.latency_s + self._unheeded_s
-        """How long it may take until it acts on what is decided next."""
-        self.edges_wait_s = EDGE_PERIODS * profile.period_s + limits.longest_fault_s
-        """How long rates may be in force on a mount that takes them by edges, from when they were judged."""
+        self.edges_wait_s = max(unanswered_s, EDGE_PERIODS * self._profile.period_s) + self._fault_s
 
     def outlook(
         self, spots: Sequence[Spot], now: RateRanges, nears: Sequence[Mapping[str, float]] | None = None

@@ -140,6 +140,8 @@ LATEST_BEGIN_STATUSES = 200
 ACK_WITHIN_STATUSES = 20
 """Statuses after which a slew that is not acknowledged is asked for anew."""
 EDGE_ACK_WITHIN_STATUSES = 20
+UNANSWERED_STATUSES = EDGE_ACK_WITHIN_STATUSES + QUIET_STATUSES + 2
+"""How long a handshake takes that the mount does not answer."""
 STILL_MOVING_STATUSES = 20
 
 
@@ -361,6 +363,7 @@ class HeldMove:
     """
 
     waits: ClassVar[int] = 0
+    unanswered: ClassVar[bool] = False
     """New rates never wait."""
     state: HeldState = HeldState.OVER
     _statuses: int = 0
@@ -409,6 +412,8 @@ class EdgeMove:
 
     waits: int = 0
     """Datagrams for which new rates have waited for the handshake of those before."""
+    unanswered: bool = False
+    """Whether the last handshake ended without an acknowledgement, as the next ones will."""
     _flags: OneShot = field(default_factory=OneShot)
     _latched: AxisRates = NO_RATES
     _in_force: AxisRates = NO_RATES
@@ -450,8 +455,10 @@ class EdgeMove:
         ]
         if self._flags.see(all(acks) if state is Handshake.RAISED else any(acks)):
             self._in_force = _moving(self._in_force)
+            self.unanswered = False
         elif state is Handshake.RAISED and self._flags.statuses > EDGE_ACK_WITHIN_STATUSES:
             self._flags.happen("withdraw")
+            self.unanswered = True
             self.renew()
 
     def stopped(self) -> None:

@@ -63,6 +63,7 @@ from sattrack.mount.xerxes.datagrams import (
 from sattrack.mount.xerxes.flags import (
     NEAR_DEG,
     NO_RATES,
+    UNANSWERED_STATUSES,
     AbortFlag,
     AxisRates,
     EdgeMove,
@@ -321,6 +322,11 @@ class Session:
     def rates_wait_s(self) -> float:
         """For how long new rates have waited for a mount that takes them by edges; 0 for any other."""
         return self._move.waits * self.profile.period_s
+
+    @property
+    def unanswered_s(self) -> float:
+        """For how long new rates may wait for a handshake that the mount does not answer; 0 where it does."""
+        return UNANSWERED_STATUSES * self.profile.period_s if self._move.unanswered else 0.0
 
     @property
     def fine_rate(self) -> FineRate:

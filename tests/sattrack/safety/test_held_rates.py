@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from itertools import pairwise
 from typing import Any
@@ -236,27 +237,31 @@ def test_what_is_held_keeps_its_rates_for_one_period_and_only_while_they_lead_pa
         assert stand.sent[int(one)] == stand.sent[int(one) - 1]
 
 
-def led_at_the_floor(begin_deg: float) -> tuple[float, str | None]:
+def led_at_the_floor(
+    begin_deg: float, answers_until_s: float = 0.0, silent_from_s: float = math.inf, fault_s: float = 0.5
+) -> tuple[float, str | None]:
     """Lead a mount of edges down to 20° altitude; return its lowest altitude, and what interlock stopped it.
 
-    It never acknowledges MoveAxis: each new rate waits for the end of a handshake.
+    It acknowledges MoveAxis for so long; after that each new rate waits for the end of a handshake. From
+    `silent_from_s` on it gets nothing for the longest fault.
     """
     profile = MountProfile(move_axis="edge")
-    limits = SafetyLimits(floor_altitude_deg=20.0, optical=False, longest_fault_s=0.5)
+    limits = SafetyLimits(floor_altitude_deg=20.0, optical=False, longest_fault_s=fault_s)
     driver = Driver(profile, Safety(profile, limits, LATITUDE_DEG, LONGITUDE_DEG, holds=True))
-    mount = velocity_servo.Mount(
-        velocity_servo.Parameters(
-            latitude_deg=LATITUDE_DEG,
-            longitude_deg=LONGITUDE_DEG,
-            start_utc_s=T0,
-            dec_deg=begin_deg,
-            move_axis="edge",
-            move_ack=False,
-            acceleration_deg_s2=10.0,
-        )
+    parameters = velocity_servo.Parameters(
+        latitude_deg=LATITUDE_DEG,
+        longitude_deg=LONGITUDE_DEG,
+        start_utc_s=T0,
+        dec_deg=begin_deg,
+        move_axis="edge",
+        move_ack=answers_until_s > 0.0,
+        acceleration_deg_s2=10.0,
     )
+    mount = velocity_servo.Mount(parameters)
     lowest, rate = math.inf, 0.0
-    for _ in range(round(12.0 / PERIOD_S)):
+    for turn in range(round(min(12.0, silent_from_s + fault_s) / PERIOD_S)):
+        if turn == round(answers_until_s / PERIOD_S):
+            mount._p = dataclasses.replace(parameters, move_ack=False)
         now_s = mount.next_turn_s
         driver.receive(mount.turn(), now_s + 0.001)
         truth = mount.truth()
@@ -264,19 +269,34 @@ def led_at_the_floor(begin_deg: float) -> tuple[float, str | None]:
         rate = max(-5.0, rate - 0.25)
         wish = MoveAxes(SIDEREAL_RATE_DEG_S, rate)
         driver.session.apply(driver.clear(wish, now_s + 0.02))
-        mount.receive(driver.compose(now_s + 0.02))
+        datagram = driver.compose(now_s + 0.02)
+        if turn * PERIOD_S < silent_from_s:
+            mount.receive(datagram)
     return lowest, driver.safety.tripped
 
 
-@pytest.mark.parametrize("begin_deg", [0.0, 5.0, 10.0, 20.0])
+BEGINS_DEG = (0.0, 5.0, 10.0, 20.0)
+
+
+@pytest.mark.parametrize("begin_deg", BEGINS_DEG)
 def test_rates_that_do_not_reach_a_mount_that_takes_edges_hold_nothing_and_it_is_stopped(
     begin_deg: float,
 ) -> None:
-    lowest, tripped = led_at_the_floor(begin_deg)
+    lowest, tripped = led_at_the_floor(begin_deg, answers_until_s=2.5)
     assert lowest >= 20.0
     assert tripped == "altitude"
 
 
+@pytest.mark.parametrize("begin_deg", BEGINS_DEG)
+def test_a_mount_that_never_answers_is_held_and_a_fault_of_the_link_leads_it_past_no_limit(
+    begin_deg: float,
+) -> None:
+    lowest, tripped = led_at_the_floor(begin_deg)
+    assert lowest >= 20.0
+    assert tripped is None
+    assert min(led_at_the_floor(begin_deg, 0.0, 0.25 * k, 1.7)[0] for k in range(8, 40)) >= 20.0
+
+
 def test_such_a_mount_would_pass_the_floor_if_it_were_not_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Safety, "in_time", lambda _, cleared, __: cleared)
-    assert min(led_at_the_floor(begin_deg)[0] for begin_deg in (0.0, 5.0, 10.0, 20.0)) < 19.0
+    monkeypatch.setattr(Safety, "in_time", lambda _, cleared, *__: cleared)
+    assert min(led_at_the_floor(begin_deg, answers_until_s=2.5)[0] for begin_deg in BEGINS_DEG) < 19.0

@@ -1193,6 +1193,22 @@ class TestWhatItTells:
         client.send()
         assert client.session.rates_wait_s == pytest.approx(2 * PERIOD_S)
 
+    def test_a_handshake_that_an_edge_mount_leaves_unanswered_tells_how_long_the_next_ones_last(self) -> None:
+        client = tracked(MountProfile(move_axis="edge"))
+        client.asks(MOVE)
+        for _ in range(20):
+            client.hear()
+        assert client.session.unanswered_s == 0.0
+        client.hear()
+        sent = [client.asks(MoveAxes(0.5, 0.5)).move_ra]
+        while not sent[-1]:
+            client.hear()
+            sent.append(client.send().move_ra)
+        # From the edge on: 21 statuses without an answer, and those until the flags may rise again.
+        assert 21 + len(sent) == round(client.session.unanswered_s / PERIOD_S)
+        client.hear(ack_move_ra=True, ack_move_dec=True)
+        assert client.session.unanswered_s == 0.0
+
     def test_an_edge_mount_with_absolute_rates_is_never_sent_0_to_stand(self) -> None:
         """A rate of 0 would end MoveAxis; one that adds to its tracking stands by what cancels it."""
         for how, additive, rate in (("held", False, 0.0), ("edge", False, 1e-9), ("held", True, 0.0)):

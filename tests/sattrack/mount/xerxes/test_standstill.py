@@ -697,6 +697,12 @@ class TestStops:
             assert mount.standstill.slowing is (number > 0)
             assert mount.standstill.goes_again is False
 
+    def test_it_goes_again_to_a_servo_that_settles_on_its_rate_from_above(self) -> None:
+        mount = Stopping()
+        for number in range(5):
+            mount.see(0.959 * (1.0 + 0.0009 * math.exp(-number / 30.0)), slewing=True)
+        assert mount.standstill.goes_again is True
+
     def test_axes_that_stood_and_follow_the_sky_have_turned_after_two_statuses(self) -> None:
         mount = Stopping()
         mount.see(SKY)
