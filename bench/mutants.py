@@ -417,6 +417,7 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("package", choices=[*PACKAGES])
+    parser.add_argument("--module", help="only changes of this one of the package's modules")
     parser.add_argument("--sample", type=int, default=100, help="mutants, chosen at random; 0: all")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--budget", type=float, default=25.0, help="seconds of tests for one mutant")
@@ -434,7 +435,8 @@ def main() -> int:
         importlib.import_module(one)
     package = PACKAGES[options.package]
     sources = sorted(str(each.relative_to(ROOT)) for one in package.sources for each in ROOT.glob(one))
-    mutants = [one for path in sources for one in mutants_of(path)]
+    among = [path for path in sources if options.module in {None, Path(path).stem}]
+    mutants = [one for path in among for one in mutants_of(path)]
     every = len(mutants)
     if options.again is not None:
         printed = {line.partition(" ")[2] for line in options.again.read_text().splitlines()}
