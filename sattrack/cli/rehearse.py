@@ -86,7 +86,7 @@ def command(context: CommandContext, target: str, number: int, **options: Any) -
 
     TARGET is a satellite (catalogue number, international designator or name), Moon or a planet, or RA,DEC;
     with --ephemeris an object of that file. Nothing is moved. The exit code is
-    0 for a go and 1 for a no-go.
+    0 for a go, and 1 for a no-go or a pass that `track` refuses.
 
     \b
     Examples:
@@ -123,6 +123,7 @@ def command(context: CommandContext, target: str, number: int, **options: Any) -
     prepared = prepare(request)
     if found.culminate_utc_s is None:
         prepared = choose_nth_pass(prepared, number, min_alt_deg)
+    old = None
     if prepared.practising:
         tell("no elements or site set: rehearsing the built-in ISS pass over Leiden")
     elif prepared.facts.elements is not None:
@@ -140,7 +141,7 @@ def command(context: CommandContext, target: str, number: int, **options: Any) -
         click.echo(msgspec.json.encode(rehearsal.report).decode())
     else:
         show(*_shown(rehearsal.report, None if prepared.practising else float(context.now().unix_s)))
-    return 0 if rehearsal.report.go else NO_GO
+    return 0 if rehearsal.report.go and old is None else NO_GO
 
 
 def _checked(mount_url: str | None) -> str | None:

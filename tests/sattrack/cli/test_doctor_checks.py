@@ -76,7 +76,7 @@ def test_old_elements_are_off_by_what_a_pass_of_them_is_refused_for(
     doctor_says = capsys.readouterr().out
     (off,) = re.findall(r"expect ([0-9.]+)° along track", doctor_says)
     assert 20.0 < float(off) < 90.0
-    run(["rehearse", "ISS", *later, "--min-alt", "30"])
+    assert run(["rehearse", "ISS", *later, "--min-alt", "30"]) == 1
     out, err = capsys.readouterr()
     assert "`sattrack track` refuses this pass: the elements of ISS (ZARYA) are 5" in err
     renew = "fetch new ones: `sattrack elements get 25544 --output new.csv`, then give --elements new.csv"
