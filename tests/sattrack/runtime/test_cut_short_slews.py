@@ -10,6 +10,7 @@ import erfa
 import msgspec
 import numpy as np
 import pytest
+from late_start import late
 from rehearsal_draws import draw, noisy
 
 from sattrack.control.tracker import FOLLOWING, Phase
@@ -53,7 +54,7 @@ class Watched(VirtualRun):
 
 def flown(seed: int, longest_s: float = math.inf) -> tuple[RunFacts, Watched]:
     prepared = noisy(draw(seed), seed, sticky=False)
-    facts = prepared.facts
+    facts = late(prepared.facts, 40.0)
     end_utc_s = min(facts.plan.end_utc_s, facts.plan.start_utc_s + longest_s)
     facts = msgspec.structs.replace(facts, plan=msgspec.structs.replace(facts.plan, end_utc_s=end_utc_s))
     site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
