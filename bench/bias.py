@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from integrated import Air, IntegratedMotion, catalogued, follow, true_propagator
 
-from sattrack.control.biases import Course
 from sattrack.control.estimate import GATE, Estimator
+from sattrack.control.target import Course
 from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import choose_pass
 from sattrack.views.messages import ObservationMessage

@@ -24,7 +24,7 @@ from tle.instants import Utc
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from sattrack.control.biases import Course
+    from sattrack.control.target import Course
     from sattrack.mount.model import MountProfile
     from sattrack.views.messages import SolvedField
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sattrack.control.biases import Course
+    from sattrack.control.target import Course
     from tle.bias import Frame
     from tle.propagator import Propagator
 

@@ -9,8 +9,8 @@ from dataclasses import replace
 import bias as bench
 import pytest
 
-from sattrack.control.biases import Course
 from sattrack.control.estimate import ANEW_AFTER, MODEL_ARCSEC, EstimatedBiases, Estimator
+from sattrack.control.target import Course
 from sattrack.runtime import demo_pass
 from sattrack.views.messages import ObservationMessage
 from tle.bias import NO_BIAS, Bias, bias_from_observation
