@@ -191,7 +191,9 @@ class _Maker:
         for one in candidates:
             if one.lost is None:
                 path = self._paths[one.number] = path_of(one, situation.site, situation.profile)
-                candidates[one.number] = judge.coarsely(one, path)
+                candidates[one.number] = judge.coarsely(
+                    one, path.utc_s, path.hour_angle_axis_deg, path.dec_axis_deg
+                )
                 self._check_side(one)
                 self._enter(candidates[one.number])
         self._led = RoutedSlews(situation)
