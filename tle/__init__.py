@@ -25,16 +25,9 @@ if TYPE_CHECKING:
     from tle.facts import PassFacts, pass_facts, read_magnitudes
     from tle.formats.ephemerides import read_ephemerides
     from tle.formats.observations import Observation, Stations, read_observations, read_stations
+    from tle.horizon import Horizon, HorizonMask
     from tle.instants import Utc
-    from tle.passes import (
-        CataloguePasses,
-        Horizon,
-        HorizonMask,
-        Pass,
-        SatellitePass,
-        find_catalogue_passes,
-        find_passes,
-    )
+    from tle.passes import CataloguePasses, Pass, SatellitePass, find_catalogue_passes, find_passes
     from tle.propagator import Propagator
     from tle.refraction import Refraction
     from tle.site import Site
@@ -90,11 +83,10 @@ _HOMES = {
         "facts": ("PassFacts", "pass_facts", "read_magnitudes"),
         "formats.ephemerides": ("read_ephemerides",),
         "formats.observations": ("Observation", "Stations", "read_observations", "read_stations"),
+        "horizon": ("Horizon", "HorizonMask"),
         "instants": ("Utc",),
         "passes": (
             "CataloguePasses",
-            "Horizon",
-            "HorizonMask",
             "Pass",
             "SatellitePass",
             "find_catalogue_passes",

@@ -8,12 +8,12 @@ import numpy as np
 
 from tle.crossings import Windows, joined
 from tle.errors import PropagationError
+from tle.horizon import Horizon
 from tle.passes import (
     HOUR_S,
     LONGEST_PIECE_S,
     CataloguePasses,
     CatalogueSearch,
-    Horizon,
     SearchTask,
     check_hours,
     ephemeris_arcs,

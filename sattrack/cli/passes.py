@@ -35,7 +35,8 @@ if TYPE_CHECKING:
 
     from sattrack.cli.passes_output import PassTable
     from tle.ephemeris import Ephemeris
-    from tle.passes import CataloguePasses, Horizon
+    from tle.horizon import Horizon
+    from tle.passes import CataloguePasses
 
 _DARK_SUN_DEG = -6.0
 _FEWEST_FOR_PROGRESS = 2000
@@ -253,7 +254,7 @@ def _search(
 
 
 def _horizon(context: CommandContext, options: dict[str, Any]) -> Horizon:
-    from tle.passes import Horizon, HorizonMask
+    from tle.horizon import Horizon, HorizonMask
 
     least_deg = options["min_alt_deg"]
     if least_deg is None:
