@@ -15,7 +15,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from tle.bias import Bias, BiasEstimate, bias_from_observation
+    from tle.bias import Bias
     from tle.bodies import find_body
     from tle.direction import Direction
     from tle.earth import EarthOrientation, earth_orientation_age
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from tle.formats.observations import Observation, Stations, read_observations, read_stations
     from tle.horizon import Horizon, HorizonMask
     from tle.instants import Utc
+    from tle.observed import BiasEstimate, bias_from_observation
     from tle.passes import CataloguePasses, Pass, SatellitePass, find_catalogue_passes, find_passes
     from tle.propagator import Propagator
     from tle.refraction import Refraction
@@ -73,7 +74,7 @@ __all__ = [
 _HOMES = {
     name: module
     for module, names in {
-        "bias": ("Bias", "BiasEstimate", "bias_from_observation"),
+        "bias": ("Bias",),
         "bodies": ("find_body",),
         "direction": ("Direction",),
         "earth": ("EarthOrientation", "earth_orientation_age"),
@@ -85,6 +86,7 @@ _HOMES = {
         "formats.observations": ("Observation", "Stations", "read_observations", "read_stations"),
         "horizon": ("Horizon", "HorizonMask"),
         "instants": ("Utc",),
+        "observed": ("BiasEstimate", "bias_from_observation"),
         "passes": (
             "CataloguePasses",
             "Pass",

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sattrack.views.run import ClockView
-from tle.bias import apparent_unit
 from tle.instants import Utc
+from tle.observed import apparent_unit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -25,7 +25,7 @@ from sattrack.views.run import (
     TwoAxesView,
 )
 from tle.bodies import Body
-from tle.elements import expected_error_m
+from tle.ephemeris import expected_error_m
 from tle.instants import Utc
 
 if TYPE_CHECKING:

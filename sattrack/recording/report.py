@@ -24,9 +24,9 @@ from sattrack.recording.fits import (
 from sattrack.recording.format import FRAMES, messages, observations
 from sattrack.safety import ROWS
 from sattrack.views.messages import Nudge, OffsetBy
-from tle.bias import bias_from_observation
 from tle.errors import ObservationError
 from tle.instants import Utc
+from tle.observed import bias_from_observation
 from tle.propagator import Propagator
 
 if TYPE_CHECKING:

@@ -55,7 +55,8 @@ from sattrack.runtime.system import stopping
 from sattrack.views.messages import Message, StopNow, decode_message
 from sattrack.views.run import DatagramsView, PeriodView, Summary
 from tle.bodies import Body
-from tle.elements import Elements, expected_error_m
+from tle.elements import Elements
+from tle.ephemeris import expected_error_m
 from tle.errors import TleError
 from tle.instants import DAY_S, Utc
 

@@ -18,7 +18,8 @@ from sattrack.planning.kinematics import ability_at, verdict_on
 from sattrack.planning.path import AxisSamples, bodies_deg, margins_deg
 from sattrack.safety.bodies import sun_over
 from sattrack.schedule.night import number_of_name
-from tle.elements import Elements, SourceRank, source_rank
+from tle.elements import Elements
+from tle.ephemeris import SourceRank, source_rank
 from tle.ephemeris_passes import find_ephemeris_passes
 from tle.errors import AmbiguousSatelliteError, SatelliteNotFoundError, TleError
 from tle.facts import pass_facts, sun_altitudes_deg

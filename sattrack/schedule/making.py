@@ -30,7 +30,7 @@ from sattrack.schedule.transitions import (
 )
 from sattrack.views.schedule import EntryOutcome, LostPass, LostTo, PlannedPass, Rehearsed, SchedulePlan
 from tle.bodies import Body
-from tle.elements import expected_error_m
+from tle.ephemeris import expected_error_m
 from tle.instants import Utc
 
 if TYPE_CHECKING:
