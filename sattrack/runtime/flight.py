@@ -152,7 +152,7 @@ def _remembered(summary: Summary, engine: Engine, prepared: Prepared, ended_utc_
     """Return the summary with what of the run's bias was kept for the next pass."""
     from sattrack.runtime.bias_memory import keep  # brings SQLite, only needed here
 
-    kept = keep(engine, prepared.facts, ended_utc_s, prepared.memory)
+    kept = keep(engine, ended_utc_s, prepared.memory)
     return msgspec.structs.replace(summary, bias_memory=kept)
 
 
