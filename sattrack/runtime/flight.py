@@ -31,8 +31,9 @@ from sattrack.core.errors import (
 )
 from sattrack.core.figures import RunningError, quantile
 from sattrack.core.toml_text import read_toml
-from sattrack.mount.simulator.installation import Installation, SimulatorProfile, simulator_profile
+from sattrack.mount.simulator.installation import Installation
 from sattrack.mount.simulator.mount import SimulatedMount
+from sattrack.mount.simulator.profile import SimulatorProfile, simulator_profile
 from sattrack.mount.xerxes.session import REPEAT_AFTER_PERIODS
 from sattrack.recording.fits import AxisFit, fit_axes
 from sattrack.recording.format import OPERATOR

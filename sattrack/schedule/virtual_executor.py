@@ -23,8 +23,8 @@ from sattrack.control.tracker import TrackPlan
 from sattrack.core.errors import SattrackError
 from sattrack.core.process import gc_paused
 from sattrack.mount.requests import TicketState
-from sattrack.mount.simulator.installation import simulator_profile
 from sattrack.mount.simulator.mount import SimulatedMount, StartPosition
+from sattrack.mount.simulator.profile import simulator_profile
 from sattrack.planning.trace import TabledPropagator
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime.connection import simulated_site

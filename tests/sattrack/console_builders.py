@@ -9,8 +9,8 @@ from sattrack.control.console import Console
 from sattrack.control.console_view import view_of
 from sattrack.control.manual_operation import Look, ManualOperation
 from sattrack.mount.model import AxesPosition, MountProfile
-from sattrack.mount.simulator.installation import SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
+from sattrack.mount.simulator.profile import SimulatorProfile
 from sattrack.mount.xerxes.datagrams import Command, decode_command
 from sattrack.safety import SafetyLimits
 from tle.site import Site

@@ -27,8 +27,8 @@ from sattrack.mount.requests import (
     Sync,
     TicketState,
 )
-from sattrack.mount.simulator.installation import SimulatorProfile
 from sattrack.mount.simulator.mount import StartPosition
+from sattrack.mount.simulator.profile import SimulatorProfile
 from sattrack.mount.xerxes.datagrams import STATUS_FIELDS, Command, encode_command, encode_status
 from sattrack.safety import SafetyLimits
 from sattrack.settings import NO_SITE
