@@ -360,9 +360,9 @@ def _nudged(recording: Recording, run: Trace) -> BiasFigures | None:
             last_utc_s = utc_s
     if last_utc_s is None:
         return None
-    view = run.engine.view(float(run.utc_s[-1]) if len(run.utc_s) else last_utc_s)
+    goals = run.engine.tracker.steering.biases.totals(float(run.utc_s[-1]) if len(run.utc_s) else last_utc_s)
     at = Utc(last_utc_s).isoformat("milliseconds")
-    return BiasFigures("nudge", at, view.bias_along_goal_s, view.bias_cross_goal_deg)
+    return BiasFigures("nudge", at, *goals)
 
 
 GAIN_OFF = 0.002
