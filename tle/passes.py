@@ -1,7 +1,7 @@
 """When a satellite, or each of a catalogue, is above the horizon of a site; geometric and airless.
 
 The horizon is a least altitude, with a skyline where that is higher. A catalogue is searched in chunks, by
-this process or by several.
+this process or by several; what tables and bodies give, wherever there are places.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple, overload
+from typing import TYPE_CHECKING, NamedTuple, cast, overload
 
 import numpy as np
 
@@ -36,6 +36,7 @@ from tle.horizon import Horizon, HorizonMask
 from tle.instants import DAY_S, Utc, as_utc
 from tle.near_earth import DEEP_SPACE_MIN, start_near_earth
 from tle.prefilter import drag_share, near_crossings, near_places
+from tle.propagator import Propagator
 from tle.workers import mapping
 
 if TYPE_CHECKING:
@@ -44,10 +45,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from tle.crossings import Arcs
+    from tle.ephemeris import Ephemeris
     from tle.instants import Instant
     from tle.near_earth import NearEarth
     from tle.prefilter import DeepSpace
-    from tle.propagator import Propagator
     from tle.site import Site
 
     Array = NDArray[np.float64]
@@ -483,9 +484,6 @@ class CatalogueSearch:
         """Search objects that decay or drag beyond all bounds; add what is found, return the refused."""
         if not left:
             return []
-        # Few searches come to this, and none of a satellite that keeps its orbit.
-        from tle.propagator import Propagator
-
         task, failed = self.task, []
         for index in left:
             elements = self.elements[index]
@@ -538,3 +536,69 @@ class CatalogueSearch:
         arcs, without = fit_arcs(windows, pieces, records.places, terms)
         found = find_crossings(arcs, self.horizon)
         return len(chunk), found.renamed(chunk), chunk[without].tolist()
+
+
+class EphemerisSearch(CatalogueSearch):
+    """A search that asks each object's own states, instead of SGP4 for many at a time."""
+
+    def shapes(self, obj: Index) -> tuple[Array, Array]:
+        """Return how long pieces may be at first, and an eccentricity that lets polynomials be long."""
+        return np.full(len(obj), LONGEST_PIECE_S), np.ones(len(obj))
+
+    def ends(self, found: Crossings) -> tuple[Array, Array]:
+        """Return the first and last second of passes, within the stretch of places of the highest point."""
+        first_s, last_s = np.empty(len(found.obj)), np.empty(len(found.obj))
+        for one in np.unique(found.obj).tolist():
+            rows = np.flatnonzero(found.obj == one)
+            starts, stops = spans_within(self.propagator(one), self.start_s, self.span_s)
+            which = np.searchsorted(starts, found.culminate_s[rows], "right") - 1
+            first_s[rows], last_s[rows] = starts[np.maximum(which, 0)], stops[np.maximum(which, 0)]
+        cut_first, cut_last = np.isnan(found.rise_s), np.isnan(found.set_s)
+        return np.where(cut_first, first_s, found.rise_s), np.where(cut_last, last_s, found.set_s)
+
+    def are_deep(self, obj: Index) -> NDArray[np.bool_]:
+        """Let all have polynomials that are long enough for deep space."""
+        return np.ones(len(obj), dtype=bool)
+
+    def arcs(self, windows: Windows, deep: bool) -> tuple[Arcs, Index]:
+        """Return the ways of objects in windows; none is left out. Raises EphemerisError."""
+        names, obj = np.unique(windows.obj, return_inverse=True)
+        propagators = [self.propagator(o) for o in names.tolist()]
+        local = Windows(obj, windows.first_s, windows.last_s)
+        return ephemeris_arcs(propagators, local, self.start_s), np.empty(0, dtype=np.intp)
+
+    def propagator(self, obj: int) -> Propagator:
+        """Return what places an object, by index. Raises PropagationError, EphemerisError."""
+        return Propagator(self.elements[obj], self.task.site, earth=self.earth, place="geometric")
+
+    def find(self, obj: int) -> Crossings:
+        """Return when an object, by index, is above the horizon. Raises PropagationError, EphemerisError."""
+        found = ephemeris_crossings(self.propagator(obj), self.start_s, self.span_s, self.horizon)
+        return found.renamed(np.array([obj], dtype=np.intp))
+
+
+def find_ephemeris_passes(
+    objects: Sequence[Elements | Ephemeris],
+    site: Site,
+    start: Utc,
+    hours: float,
+    horizon: Horizon | float = 10.0,
+) -> CataloguePasses:
+    """Return the passes of a few objects over a site, geometric and airless, as `find_catalogue_passes` does.
+
+    What has no place in the span is listed in `failed`. Raises TimeRangeError, SiteError, EphemerisError.
+    """
+    check_hours(hours)
+    level = horizon if isinstance(horizon, Horizon) else Horizon(horizon)
+    # A catalogue's passes ask their objects for names, numbers and epochs alone, which all ephemerides have.
+    elements = cast("Sequence[Elements]", objects)
+    task = SearchTask(elements, site, (float(start.unix_s), hours * HOUR_S), level, None)
+    search = EphemerisSearch(task)
+    pieces: list[Crossings] = []
+    failed: list[tuple[Elements, PropagationError]] = []
+    for index, one in enumerate(elements):
+        try:
+            pieces.append(search.find(index))
+        except PropagationError as error:
+            failed.append((one, error))
+    return CataloguePasses(search, joined(pieces), failed)

@@ -237,7 +237,7 @@ def _search(
     horizon = _horizon(context, options)
     elements = [one for one in chosen if isinstance(one, Elements)]
     if len(elements) < len(chosen):
-        from tle.ephemeris_passes import find_ephemeris_passes
+        from tle.passes import find_ephemeris_passes
 
         return find_ephemeris_passes(chosen, context.site(), start, options["hours"], horizon)
     from tle.passes import find_catalogue_passes

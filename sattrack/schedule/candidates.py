@@ -20,12 +20,11 @@ from sattrack.safety.bodies import sun_over
 from sattrack.schedule.night import number_of_name
 from tle.elements import Elements
 from tle.ephemeris import SourceRank, source_rank
-from tle.ephemeris_passes import find_ephemeris_passes
 from tle.errors import AmbiguousSatelliteError, SatelliteNotFoundError, TleError
 from tle.facts import pass_facts, sun_altitudes_deg
 from tle.horizon import Horizon, HorizonMask
 from tle.instants import DAY_S, Utc
-from tle.passes import find_catalogue_passes
+from tle.passes import find_catalogue_passes, find_ephemeris_passes
 from tle.propagator import Propagator
 from tle.sources import find
 
