@@ -26,9 +26,10 @@ from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.findings import Findings, conclude
 from sattrack.calibration.guard import CalibrationEndedError, EndKind, Surroundings
 from sattrack.mount.model import AxisLimits, MountProfile
-from sattrack.mount.simulator.installation import ServoSettings, SimulatorProfile, Wire, WireLaw
 from sattrack.mount.simulator.installation import Timer as MountTimer
+from sattrack.mount.simulator.installation import Wire, WireLaw
 from sattrack.mount.simulator.mount import DOUBTFUL_TYPES, SimulatedMount, SimulatedSite, StartPosition
+from sattrack.mount.simulator.profile import ServoSettings, SimulatorProfile
 from sattrack.mount.xerxes.datagrams import Command, decode_status, encode_command
 
 if TYPE_CHECKING:

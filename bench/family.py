@@ -34,8 +34,8 @@ from random_passes import airless_facts, drawn_orbit, hour_angle_deg
 from sattrack.control.target import TargetState, sky_error
 from sattrack.core.angles import wrap180
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile
-from sattrack.mount.simulator.installation import ServoSettings, SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
+from sattrack.mount.simulator.profile import ServoSettings, SimulatorProfile
 from sattrack.mount.xerxes.session import REPEAT_AFTER_PERIODS
 from sattrack.runtime.facts import build_engine
 from tle.instants import Utc

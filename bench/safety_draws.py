@@ -19,8 +19,8 @@ from rehearsal_draws import BEGIN_UTC, orbit
 from sattrack.core.errors import SattrackError
 from sattrack.mount.model import AxisLimits, MountProfile, PierZone
 from sattrack.mount.profiles import ProfileFile
-from sattrack.mount.simulator.installation import SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
+from sattrack.mount.simulator.profile import SimulatorProfile
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime.facts import RunRequest, build_engine, prepare
 from sattrack.runtime.flight import VirtualRun

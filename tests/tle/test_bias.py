@@ -15,12 +15,13 @@ from sgp4.api import Satrec
 from skyfield.api import EarthSatellite, wgs84
 from tle_facts import ISS, LEIDEN, MOLNIYA, PARANAL, STARLINK_ALPHA5, TDRS3, separation_arcsec
 
-from tle.bias import Bias, bias_from_observation
+from tle.bias import Bias
 from tle.bodies import find_body
 from tle.earth import EarthOrientation
 from tle.elements import Elements
 from tle.errors import BiasError, ObservationError, PlaceError
 from tle.instants import Utc
+from tle.observed import bias_from_observation
 from tle.propagator import Propagator
 from tle.site import Site
 

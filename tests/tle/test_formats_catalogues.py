@@ -10,10 +10,9 @@ import pytest
 from sgp4 import omm as sgp4_omm
 from sgp4.api import Satrec
 
-from tle.elements import Elements
+from tle.elements import Elements, Motion
 from tle.formats import tle
 from tle.formats.tle import regular_set
-from tle.propagator import Motion
 from tle.sources import WRITTEN, load_elements, parse_elements, write_elements
 
 CATALOGUE = "spacetrack_full_20250901.tle.gz"

@@ -15,7 +15,7 @@ from programs import SITE, ended, free_port, sattrack, simulated_mount
 
 from sattrack.cli.main import run
 from sattrack.cli.mount import failure
-from sattrack.control.manual_operation import Outcome, RequestRefused
+from sattrack.control.procedures import Outcome, RequestRefused
 from sattrack.mount.requests import TicketState
 
 if TYPE_CHECKING:

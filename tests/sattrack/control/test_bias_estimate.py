@@ -9,12 +9,13 @@ from dataclasses import replace
 import bias as bench
 import pytest
 
-from sattrack.control.biases import Course
 from sattrack.control.estimate import ANEW_AFTER, MODEL_ARCSEC, EstimatedBiases, Estimator
+from sattrack.control.target import Course
 from sattrack.runtime import demo_pass
 from sattrack.views.messages import ObservationMessage
-from tle.bias import NO_BIAS, Bias, bias_from_observation
+from tle.bias import NO_BIAS, Bias
 from tle.instants import Utc
+from tle.observed import bias_from_observation
 from tle.propagator import Propagator
 from tle.refraction import Refraction
 

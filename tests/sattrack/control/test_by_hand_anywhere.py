@@ -17,8 +17,9 @@ import msgspec
 import pytest
 from console_builders import PROFILE, SITE, Bench
 
-from sattrack.control.console import Console, ConsoleSession
-from sattrack.control.manual_operation import ManualOperation, SlewThere, procedure_for
+from sattrack.control.console import Console
+from sattrack.control.manual_operation import ConsoleSession, ManualOperation
+from sattrack.control.procedures import SlewThere, procedure_for
 from sattrack.mount.geometry import AxisGeometry
 from sattrack.mount.model import AxesPosition, SitePlace, Slew
 from sattrack.mount.requests import FindHome, FineRate, Park, PulseGuide, Sync, TicketState

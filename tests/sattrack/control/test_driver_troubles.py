@@ -10,8 +10,9 @@ import pytest
 
 from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.guard import Surroundings
-from sattrack.control.console import Console, ConsoleSession
-from sattrack.control.manual_operation import ManualOperation, MoveFor
+from sattrack.control.console import Console
+from sattrack.control.manual_operation import ConsoleSession, ManualOperation
+from sattrack.control.procedures import MoveFor
 from sattrack.mount.model import DTICS_S_PER_DEG_S, SIDEREAL_RATE_DEG_S, STATUS_LOST_S, MountProfile, Status
 from sattrack.mount.requests import MoveAxis
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition

@@ -23,9 +23,9 @@ from tui_builders import SKY, VIEW, FakeFeed, HandClock, changed
 
 from sattrack.tui import launch
 from sattrack.tui.app import TrackApp
-from sattrack.tui.camera_page import ImagePlacement, PictureBox
+from sattrack.tui.camera_page import PictureBox
 from sattrack.tui.feeds import News
-from sattrack.tui.graphics import DOT, RealPicture
+from sattrack.tui.graphics import DOT, ImagePlacement, RealPicture
 from sattrack.tui.scene import Appearance
 from sattrack.views.messages import Guide, OffsetBy, StopNow
 from sattrack.views.picture import PictureView, StarView
