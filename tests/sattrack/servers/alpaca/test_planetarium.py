@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import re
+import select
 import socket
 import struct
 import time
@@ -276,6 +277,7 @@ class Line:
         until_s = time.monotonic() + PATIENCE_S
         while (heard := self.ask(text)) != answer:
             assert time.monotonic() < until_s, heard
+            select.select([], [], [], 0.02)
 
     def send(self, data: bytes) -> None:
         self._line.sendall(data)
