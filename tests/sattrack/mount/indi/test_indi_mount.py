@@ -31,7 +31,7 @@ NAME = "Telescope Simulator"
 GATEWAY = b"sattrack.mount.alpaca.gateway_process"
 SAME_DEG = 0.001
 POLL_S = 0.3
-"""Longer than the driver takes to look at its axes once more: before that, it tells the place that it told."""
+"""Longer than the driver takes to look at its axes once more: before that, it tells what it told."""
 RESTS_DEG = 0.02
 """What sidereal tracking that is off, and the program's own time, may move a place that is read twice."""
 DEFINITIONS = b"""
