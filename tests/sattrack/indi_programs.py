@@ -7,14 +7,14 @@ import select
 import subprocess
 import tempfile
 import time
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING
 
 from programs import free_port
 from serving import PATIENCE_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Generator, Iterator
 
 
 class Indi:
@@ -38,14 +38,15 @@ class Indi:
         until_s = time.monotonic() + PATIENCE_S
         while True:
             value = None
-            for value in self._values(name, until_s):
-                if holds(value):
-                    return value
+            with closing(self._values(name, until_s)) as values:
+                for value in values:
+                    if holds(value):
+                        return value
             assert time.monotonic() < until_s, (name, value)
             # No server listens there yet.
             select.select([], [], [], 0.05)
 
-    def _values(self, name: str, until_s: float) -> Iterator[str]:
+    def _values(self, name: str, until_s: float) -> Generator[str]:
         """Give what a property is, and what it becomes, until its server has gone or is not there."""
         command = [self._program("indi_getprop"), "-m", "-t", str(PATIENCE_S), "-p", str(self._port)]
         # To a terminal, it writes each line at once.
@@ -56,7 +57,7 @@ class Indi:
             os.close(its)
             told = b""
             try:
-                while select.select([ours], [], [], until_s - time.monotonic())[0]:
+                while select.select([ours], [], [], max(0.0, until_s - time.monotonic()))[0]:
                     told += os.read(ours, 65536)
                     *lines, told = told.split(b"\r\n")
                     yield from (line.decode().partition("=")[2] for line in lines)

@@ -578,7 +578,7 @@ def test_a_client_that_only_ever_stops_is_not_taken_for_one_that_sends_half_requ
         connection.connection_made(transport)
         connection.data_received(b":Q#")
         serving = asyncio.ensure_future(planetariums.lx200(reader, cast("Any", Writer(transport))))
-        await line.stopped.wait()  # type: ignore[attr-defined]
+        await asyncio.wait_for(line.stopped.wait(), PATIENCE_S)  # type: ignore[attr-defined]
         later_s = asyncio.get_running_loop().time() + 60.0
         overdue = connection.overdue(later_s, 300.0)
         reader.feed_eof()
