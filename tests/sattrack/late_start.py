@@ -13,7 +13,7 @@ APPROACH_S, LEAD_S = 25.0, 3.0
 """From a run's beginning to its pass: enough for any slew of the simulated mount, and little of waiting."""
 
 
-def late(facts: RunFacts) -> RunFacts:
-    """Return a run that begins 28 s before its pass, and not a minute and more."""
-    plan = msgspec.structs.replace(facts.plan, approach_s=APPROACH_S)
-    return msgspec.structs.replace(facts, plan=plan, started_utc_s=plan.start_utc_s - APPROACH_S - LEAD_S)
+def late(facts: RunFacts, approach_s: float = APPROACH_S) -> RunFacts:
+    """Return a run that begins 28 s before its pass, and not a minute and more; later for a shorter slew."""
+    plan = msgspec.structs.replace(facts.plan, approach_s=approach_s)
+    return msgspec.structs.replace(facts, plan=plan, started_utc_s=plan.start_utc_s - approach_s - LEAD_S)

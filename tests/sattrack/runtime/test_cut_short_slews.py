@@ -10,6 +10,7 @@ import erfa
 import msgspec
 import numpy as np
 import pytest
+from late_start import late
 from rehearsal_draws import draw, noisy
 
 from sattrack.control.tracker import FOLLOWING, Phase
@@ -53,7 +54,7 @@ class Watched(VirtualRun):
 
 def flown(seed: int, longest_s: float = math.inf) -> tuple[RunFacts, Watched]:
     prepared = noisy(draw(seed), seed, sticky=False)
-    facts = prepared.facts
+    facts = late(prepared.facts, 40.0)
     end_utc_s = min(facts.plan.end_utc_s, facts.plan.start_utc_s + longest_s)
     facts = msgspec.structs.replace(facts, plan=msgspec.structs.replace(facts.plan, end_utc_s=end_utc_s))
     site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
@@ -63,10 +64,12 @@ def flown(seed: int, longest_s: float = math.inf) -> tuple[RunFacts, Watched]:
     return facts, run
 
 
-@pytest.mark.parametrize("seed", [pytest.param(46, marks=pytest.mark.soak), 121])
-def test_a_target_is_taken_up_again_as_it_comes_out_of_the_suns_cone(seed: int) -> None:
+@pytest.mark.parametrize(
+    ("seed", "longest_s"), [pytest.param(46, math.inf, marks=pytest.mark.soak), (121, 150.0)]
+)
+def test_a_target_is_taken_up_again_as_it_comes_out_of_the_suns_cone(seed: int, longest_s: float) -> None:
     """The Sun's place is ERFA's, as seen from the Earth's centre: right to 0.003°."""
-    facts, run = flown(seed)
+    facts, run = flown(seed, longest_s)
     utc_s = np.arange(facts.plan.start_utc_s, facts.plan.end_utc_s, 0.05)
     seen = Propagator(facts.elements, facts.site.place(), place="astrometric").at(Utc(utc_s))
     earth_au = erfa.epv00(2440587.5, utc_s / 86400.0)[0]["p"]

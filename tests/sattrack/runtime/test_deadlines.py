@@ -21,7 +21,7 @@ from sattrack.runtime.loop import LAST_STOPS
 from sattrack.runtime.system import StopRequest
 from sattrack.views.messages import StopNow
 
-TICKS = 60
+TICKS = 40
 PERIOD_S = 0.005
 
 

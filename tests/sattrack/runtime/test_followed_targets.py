@@ -72,25 +72,25 @@ def track(capsys, recording: Path, *arguments: str) -> dict:
     return json.loads(capsys.readouterr().out)["summary"]
 
 
-def replayed(recording: Path) -> None:
+def replayed(recording: Path, least_ticks: int = 1000) -> None:
     result = replay(Recording(recording), engine_of)
     assert result.verdict == "same"
-    assert result.ticks > 1000
+    assert result.ticks > least_ticks
 
 
 def test_a_satellite_of_a_file_is_followed_and_its_recording_needs_no_file(capsys, tmp_path):
     oem, recording = tmp_path / "iss.oem", tmp_path / "iss.mcap"
     oem.write_text(oem_text("2026-10-02T12:50:00Z", 40))
-    ends = ("--clock", "2026-10-02T13:01:50Z", "--to", "2026-10-02T13:03:00Z")
+    ends = ("--clock", "2026-10-02T13:01:50Z", "--to", "2026-10-02T13:02:45Z")
     summary = track(capsys, recording, "ISS", "--ephemeris", str(oem), *ends)
     assert (summary["name"], summary["catalog_number"], summary["ended_by"]) == ("ISS", None, "set")
-    assert summary["on_target_s"] > 55.0
+    assert summary["on_target_s"] > 40.0
     assert summary["true_rms_arcsec"] < 0.1
     oem.unlink()
     replayed(recording)
     _, facts = open_recording(recording)
     # What was followed is where SGP4 has the satellite.
-    at = Utc(seconds("2026-10-02T13:02:45Z"))
+    at = Utc(seconds("2026-10-02T13:02:40Z"))
     followed, made = (Propagator(one, LEIDEN).at(at) for one in (facts.target, elements()))
     assert followed.ra_deg == pytest.approx(made.ra_deg, abs=0.01 / 3600.0)
     assert run(["recording", "info", str(recording)]) == 0
@@ -106,16 +106,16 @@ def test_bodies_and_directions_are_followed_and_replayed_without_skyfield(
     capsys, tmp_path, target, monkeypatch
 ):
     recording = tmp_path / "body.mcap"
-    begin = ("--clock", "2026-10-02T23:00:00Z", "--to", "2026-10-02T23:00:55Z")
+    begin = ("--clock", "2026-10-02T23:00:00Z", "--to", "2026-10-02T23:00:35Z")
     summary = track(capsys, recording, target, *begin)
-    assert summary["on_target_s"] > 30.0
+    assert summary["on_target_s"] > 15.0
     assert summary["true_rms_arcsec"] < 0.1
 
     def absent():
         raise AssertionError("a replay needs no ephemeris of the Solar System")
 
     monkeypatch.setattr("tle.bodies._kernel", absent)
-    replayed(recording)
+    replayed(recording, 600)
 
 
 @pytest.mark.parametrize("target", ["Moon", "83.6331,22.0145"])
@@ -255,15 +255,15 @@ def test_t0_slips_in_a_run_and_the_launch_is_followed_at_its_new_time(tmp_path):
     recording = tmp_path / "launch.mcap"
     prepared = prepare(request(launch(), clock_option=BEFORE_T0, record=recording))
     views = []
-    held = (seconds("2026-10-02T13:04:50Z"), Slip(60.0)), (seconds("2026-10-02T13:05:30Z"), Slip(-20.0))
+    held = (seconds("2026-10-02T13:04:50Z"), Slip(40.0)), (seconds("2026-10-02T13:05:10Z"), Slip(-20.0))
     summary = fly_virtual(prepared, views.append, messages=held)
     assert summary.ended_by == "set"
-    # 60 s of the path after T0, which is 40 s later.
-    assert seconds(summary.ended_utc) == pytest.approx(seconds(T0) + 100.0, abs=3.0)
+    # 60 s of the path after T0, which is 20 s later.
+    assert seconds(summary.ended_utc) == pytest.approx(seconds(T0) + 80.0, abs=3.0)
     assert summary.on_target_s > 45.0
     assert summary.true_rms_arcsec < 0.2
-    assert {round(view.t0_utc_s - seconds(T0)) for view in views} == {0, 60, 40}
-    assert views[-1].end_utc_s == pytest.approx(seconds(T0) + 100.0)
+    assert {round(view.t0_utc_s - seconds(T0)) for view in views} == {0, 40, 20}
+    assert views[-1].end_utc_s == pytest.approx(seconds(T0) + 80.0)
     replayed(recording)
 
 

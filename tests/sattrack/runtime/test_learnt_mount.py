@@ -229,7 +229,7 @@ def test_a_loop_that_is_run_loose_says_why_and_what_it_costs(first: family.Run) 
         ]
 
     assert loose(first) == []
-    soft = fly(command_delay_s=0.35)
+    soft = fly(lasts_s=40.0, command_delay_s=0.35)
     law = soft.engine.spec.plan.law.feeder
     assert learnt_of(soft).settling_s > LOOSE_FACTOR * law.settling_s
     assert any("the servo answers 4" in words and "gusts and nudges" in words for words in loose(soft))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 import random
@@ -10,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import erfa
 import msgspec
 import pytest
-from test_trouble import CULMINATION_S, Flown, TroubledRun, fly
+from late_start import late
+from test_trouble import CULMINATION_S, NEAR_S, Flown, TroubledRun, fly
 
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile
 from sattrack.mount.simulator.drives import Mode
@@ -18,7 +20,7 @@ from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartP
 from sattrack.recording.fits import fit_axes
 from sattrack.recording.format import Recording, fingerprint, here
 from sattrack.recording.recorder import NoRecording
-from sattrack.recording.replay import choose, replay
+from sattrack.recording.replay import choose
 from sattrack.recording.trace import trace
 from sattrack.runtime.facts import RunRequest, build_engine, engine_of, prepare
 from sattrack.runtime.flight import fly_virtual, summarise
@@ -70,12 +72,12 @@ def spread(flown: Flown, after_s: float, until_s: float) -> tuple[float, float]:
 
 @pytest.fixture(scope="module")
 def whole() -> Flown:
-    return fly(min_alt_deg=30.0)
+    return fly(min_alt_deg=55.0)
 
 
 @pytest.fixture(scope="module")
 def paused() -> Flown:
-    return fly(messages=((-20.0, Pause()), (-5.0, Go())), min_alt_deg=30.0)
+    return fly(messages=((-20.0, Pause()), (-5.0, Go())), min_alt_deg=55.0)
 
 
 def test_the_axes_stand_while_a_pass_is_paused(paused: Flown) -> None:
@@ -96,7 +98,7 @@ def test_they_come_to_rest_within_what_the_drives_can_do(paused: Flown) -> None:
 
 def test_the_satellite_is_joined_again_where_it_is_then(paused: Flown) -> None:
     assert paused.summary.ended_by == "set"
-    assert paused.error_arcsec(-5.0 + JOINS_WITHIN_S, 60.0) < 1.0
+    assert paused.error_arcsec(-5.0 + JOINS_WITHIN_S, 35.0) < 1.0
     assert phases(paused) == [
         *("waiting", "slewing", "acquiring", "tracking", "paused"),
         *("slewing", "acquiring", "tracking", "stopping"),
@@ -130,16 +132,19 @@ def test_views_tell_of_it(paused: Flown) -> None:
 
 
 def test_a_short_pause_costs_a_few_seconds() -> None:
-    lengths_s = {-60.0: 0.0, -45.0: 0.05, -30.0: 0.4, -15.0: 2.0}
+    lengths_s = {-30.0: 0.0, -15.0: 0.05, 0.0: 0.4, 15.0: 2.0}
     messages = [(begin_s + after_s, order) for begin_s, length_s in lengths_s.items()
                 for after_s, order in ((0.0, Pause()), (length_s, Go()))]  # fmt: skip
-    flown = fly(messages=(*messages, (0.0, StopNow())), min_alt_deg=30.0)
+    flown = fly(messages=(*messages, (30.0, StopNow())), min_alt_deg=55.0)
     for begin_s, length_s in lengths_s.items():
         assert flown.error_arcsec(begin_s + length_s + 3.5 + SEEN_AT_REST_S, begin_s + 14.0) < 1.0
 
 
 def test_a_stop_ends_a_paused_run() -> None:
-    flown = fly(messages=((0.0, Pause()), (5.0, StopNow()), (5.1, Go()), (5.1, Jog(dec_rate_deg_s=1.0))))
+    flown = fly(
+        messages=((0.0, Pause()), (5.0, StopNow()), (5.1, Go()), (5.1, Jog(dec_rate_deg_s=1.0))),
+        min_alt_deg=75.0,
+    )
     assert flown.summary.ended_by == "operator"
     assert flown.summary.mount_stopped is True
     assert flown.run.truths[-1].utc_s - CULMINATION_S < 6.5
@@ -148,12 +153,12 @@ def test_a_stop_ends_a_paused_run() -> None:
 
 def test_before_the_pass_a_pause_holds_the_slew_back(whole: Flown) -> None:
     begins_s = whole.run.views[0].start_utc_s - CULMINATION_S
-    messages = ((begins_s - 27.0, Pause()), (begins_s + 5.0, Go()), (begins_s + 40.0, StopNow()))
-    flown = fly(messages=messages, min_alt_deg=30.0)
-    assert spread(flown, begins_s - 26.0, begins_s + 5.0) == pytest.approx((0.0, 0.0), abs=1e-5)
+    messages = ((begins_s - 12.0, Pause()), (begins_s + 5.0, Go()), (begins_s + 35.0, StopNow()))
+    flown = fly(messages=messages, min_alt_deg=55.0)
+    assert spread(flown, begins_s - 11.0, begins_s + 5.0) == pytest.approx((0.0, 0.0), abs=1e-5)
     assert flown.summary.acquired_after_s is not None
     assert flown.summary.acquired_after_s < 3.0
-    assert flown.error_arcsec(begins_s + 25.0, begins_s + 40.0) < 1.0
+    assert flown.error_arcsec(begins_s + 25.0, begins_s + 35.0) < 1.0
 
 
 def test_a_slew_is_stopped_by_a_pause_and_made_afterwards(whole: Flown) -> None:
@@ -166,15 +171,16 @@ def test_a_slew_is_stopped_by_a_pause_and_made_afterwards(whole: Flown) -> None:
         (slewing + 1.2, Go()),
     )
     messages = ((slewing + 1.5, Pause()), (slewing + 12.0, Go()), (begins_s + 20.0, StopNow()))
-    flown = fly(messages=(*at_once, *messages), min_alt_deg=30.0)
+    flown = fly(messages=(*at_once, *messages), min_alt_deg=55.0)
     assert spread(flown, slewing + 0.5, slewing + 1.5)[0] > 1.0, "it was on its way"
     assert spread(flown, slewing + 4.0, slewing + 12.0) == pytest.approx((0.0, 0.0), abs=1e-5)
-    assert flown.error_arcsec(begins_s + 5.0, begins_s + 20.0) < 1.0
+    assert flown.error_arcsec(begins_s + 12.0, begins_s + 20.0) < 1.0
 
 
 def test_words_on_one_another_s_heels_come_to_what_the_last_one_says() -> None:
     paused = ((-20.0, Pause()), (-19.95, Go()), (-19.9, Pause()))
-    flown = fly(messages=(*paused, (-10.0, Jog(dec_rate_deg_s=6.0)), (-9.8, Go()), (10.0, StopNow())))
+    later = ((-10.0, Jog(dec_rate_deg_s=6.0)), (-9.8, Go()), (10.0, StopNow()))
+    flown = fly(messages=(*paused, *later), min_alt_deg=60.0)
     assert spread(flown, -19.0, -10.0) == pytest.approx((0.0, 0.0), abs=1e-5)
     assert flown.summary.ended_by == "operator", flown.summary.message
     assert any(view.pause is not None and view.pause.going_on for view in flown.run.views)
@@ -190,7 +196,7 @@ def test_a_search_ends_where_it_is_and_a_nudge_moves_nothing_until_the_run_goes_
         (-5.0, Go()),
         (20.0, StopNow()),
     )
-    flown = fly(messages=searching)
+    flown = fly(messages=searching, min_alt_deg=50.0)
     at = {round(view.utc_s - CULMINATION_S): view for view in flown.run.views}
     before, after = at[-21], at[-10]
     assert before.search is not None
@@ -266,7 +272,7 @@ def test_a_jog_ends_at_a_limit_and_can_lead_away_from_it() -> None:
     north = tuple((-40.0 + 0.05 * n, Jog(dec_rate_deg_s=6.0)) for n in range(400))
     south = tuple((-15.0 + 0.05 * n, Jog(dec_rate_deg_s=-2.0)) for n in range(40))
     messages = ((-60.0, Pause()), *north, *south, (0.0, StopNow()))
-    flown = fly(messages=messages, profile=limited, min_alt_deg=30.0)
+    flown = fly(messages=messages, profile=limited, min_alt_deg=30.0, from_s=-65.0)
     axes = [t.dec_axis_deg for t in flown.run.truths]
     assert 60.0 < max(axes) <= 75.0
     assert spread(flown, -58.0, 0.0)[0] < 1e-5
@@ -298,14 +304,14 @@ def fly_with(
 
 
 def facts_of_the_pass() -> RunFacts:
-    return prepare(RunRequest("25544", "sim", None, None, None, 30.0, virtual=True)).facts
+    return prepare(RunRequest("25544", "sim", None, None, None, 45.0, virtual=True)).facts
 
 
 def test_a_mount_that_follows_the_sky_at_rest_is_held_at_a_limit_that_it_drifts_to() -> None:
-    """From hour angle 28.8° it drifts by 15° an hour; the axis ends at 29.5°."""
+    """From hour angle 29° it drifts by 15° an hour; the axis ends at 29.5°."""
     facts = facts_of_the_pass()
     profile = msgspec.structs.replace(facts.profile, hour_angle_limit_deg=29.5)
-    run = fly_with(SkyBound, StartPosition(28.8, 20.0), msgspec.structs.replace(facts, profile=profile))
+    run = fly_with(SkyBound, StartPosition(29.0, 20.0), msgspec.structs.replace(facts, profile=profile))
     axis = [truth.hour_angle_axis_deg for truth in run.truths]
     assert axis[0] + SIDEREAL_RATE_DEG_S * (run.truths[-1].utc_s - run.truths[0].utc_s) > 29.6, "it would"
     assert 29.3 < max(axis) <= 29.41
@@ -332,20 +338,20 @@ def apart_deg(one: tuple[float, float], other: tuple[float, float]) -> float:
 
 
 def test_a_mount_that_stands_in_the_suns_way_is_led_out_of_it() -> None:
-    """The Sun goes 15° an hour westward; the axes stand 15.4° west of it, 15° is its cone."""
+    """The Sun goes 15° an hour westward; the axes stand 15.25° west of it, 15° is its cone."""
     facts = facts_of_the_pass()
     began_s = facts.started_utc_s
     ha_deg, dec_deg = sun_place(began_s, facts.site.longitude_deg)
-    run = fly_with(SimulatedMount, StartPosition(ha_deg + 15.4, dec_deg), facts)
+    run = fly_with(SimulatedMount, StartPosition(ha_deg + 15.25, dec_deg), facts)
     apart = []
     for truth in run.truths:
         sun = sun_place(truth.utc_s, facts.site.longitude_deg)
         apart.append(apart_deg((truth.hour_angle_axis_deg, truth.dec_axis_deg), sun))
     stayed_deg = SIDEREAL_RATE_DEG_S * (run.truths[-1].utc_s - began_s)
-    assert stayed_deg > 1.0
+    assert stayed_deg > 0.6
     assert 14.9 < min(apart) < 15.05
     assert apart[-1] > 15.05
-    stands = [t.hour_angle_axis_deg for t in run.truths if 100.0 < t.utc_s - began_s < 200.0]
+    stands = [t.hour_angle_axis_deg for t in run.truths if 65.0 < t.utc_s - began_s < 165.0]
     assert max(stands) - min(stands) < 1e-5, "it rests again out there, and does not follow the sky"
     led_out = [v for v in run.views if any("led out of the Sun" in words for words in v.warnings)]
     assert led_out
@@ -413,19 +419,19 @@ ORDERS: tuple[Message, ...] = (
 def test_orders_mashed_in_any_order_never_break_a_run_and_it_can_still_be_followed(seed: int) -> None:
     draws = random.Random(seed)
     mashed: list[tuple[float, Any]] = []
-    at_s = -120.0
+    at_s = -50.0
     while at_s < 0.0:
         at_s += draws.choice((0.0, 0.02, 0.05, 0.3, 1.5, 4.0))
         mashed.append((at_s, draws.choice(ORDERS)))
     last = ((at_s + 0.1, Go()), (at_s + 0.1, ClearBias()))
-    flown = fly(messages=(*mashed, *last), min_alt_deg=30.0)
+    flown = fly(messages=(*mashed, *last))
     assert flown.summary.ended_by == "set", flown.summary.message
     assert flown.summary.mount_stopped is True
     assert flown.at_rest()
     assert flown.error_arcsec(at_s + 20.0, at_s + 40.0) < 5.0
 
-    stopped_s = draws.uniform(-110.0, -60.0)
-    flown = fly(messages=(*mashed, (stopped_s, StopNow())), min_alt_deg=30.0)
+    stopped_s = draws.uniform(-45.0, -15.0)
+    flown = fly(messages=(*mashed, (stopped_s, StopNow())))
     assert flown.summary.ended_by == "operator", "whatever goes on"
     assert flown.summary.mount_stopped is True
     assert flown.at_rest()
@@ -440,15 +446,16 @@ def test_a_recording_of_a_paused_pass_runs_again_to_the_same_bytes(tmp_path: Pat
         *((-10.0, Pause()), (-8.0, Jog(dec_rate_deg_s=0.5)), (-5.0, Go()), (10.0, Pause()), (11.0, Go())),
         (25.0, StopNow()),
     )
-    summary = fly_virtual(prepare(request), messages=tuple((CULMINATION_S + at, word) for at, word in orders))
+    prepared = prepare(request)
+    prepared = dataclasses.replace(prepared, facts=late(prepared.facts, NEAR_S))
+    summary = fly_virtual(prepared, messages=tuple((CULMINATION_S + at, word) for at, word in orders))
     # Going on waits until rest is seen.
     assert 6.5 < summary.paused_s < 6.0 + SEEN_AT_REST_S
     recording = Recording(tmp_path / "paused.mcap")
     assert choose(recording.header, fingerprint(), here()).mode == "bytes"
-    result = replay(recording, engine_of)
-    assert result.divergence is None
-    assert result.differing == 0
     run = trace(recording, engine_of)
+    assert run.result.divergence is None
+    assert run.result.differing == 0
     assert math.sqrt(float((run.total[run.following] ** 2).mean())) == pytest.approx(
         summary.reported_rms_arcsec or 0.0
     ), "a report counts what the summary does"

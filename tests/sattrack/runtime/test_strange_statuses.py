@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import pytest
 from late_start import late
+from test_trouble import NEAR_S
 
 from sattrack.control.target import sky_error
 from sattrack.core.angles import altitude_deg
@@ -98,7 +99,7 @@ class StrangeRun(VirtualRun):
 
 
 def fly(
-    min_alt_deg: float = 50.0, around_end_s: Span | None = None, **strange: Any
+    min_alt_deg: float = 65.0, around_end_s: Span | None = None, **strange: Any
 ) -> tuple[Summary, StrangeRun]:
     """Fly the practice pass above an altitude, or only so many seconds before and after the end of that."""
     facts = prepare(RunRequest("25544", "sim", None, None, None, min_alt_deg, virtual=True)).facts
@@ -108,7 +109,7 @@ def fly(
             facts.plan, start_utc_s=end_s - around_end_s[0], end_utc_s=end_s + around_end_s[1]
         )
         facts = msgspec.structs.replace(facts, plan=plan)
-    facts = late(facts)
+    facts = late(facts, 25.0 if around_end_s else NEAR_S)
     site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg)
     mount = SimulatedMount(facts.profile, site, demo_pass.START)
     run = StrangeRun(build_engine(facts), mount, facts.started_utc_s, NoRecording(), (), **strange)
@@ -179,7 +180,7 @@ def test_bursts_under_a_clock_that_stands_still_are_told_apart_by_their_count() 
 
 
 def test_slews_that_are_acknowledged_and_not_carried_out_are_asked_for_again() -> None:
-    summary, run = fly(slews_left_out=2)
+    summary, run = fly(min_alt_deg=70.0, slews_left_out=2)
     assert len(run.slews) == 3
     assert summary.ended_by == "set"
     assert summary.acquired_after_s is not None
@@ -194,7 +195,7 @@ def test_a_mount_that_never_carries_out_a_slew_is_given_up_in_words() -> None:
 
 
 def test_a_target_that_goes_below_the_horizon_is_followed_down_to_it_and_no_further() -> None:
-    summary, run = fly(min_alt_deg=10.0, around_end_s=(30.0, 180.0))
+    summary, run = fly(min_alt_deg=3.0, around_end_s=(15.0, 90.0))
     latitude_deg = run.engine.spec.propagator.site.latitude_deg
     lowest_deg = min(altitude_deg(t.hour_angle_axis_deg, t.dec_axis_deg, latitude_deg) for t in run.truths)
     assert 0.0 < lowest_deg < 1.0

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from sattrack.views.run import TrackView
 
 CULMINATION_S = float(Utc.parse("2026-10-02T13:05:24Z").unix_s)
+FROM_45 = ("--min-alt", "45", "--clock", "2026-10-02T13:04:00Z")
 HIGH = ("--min-alt", "75", "--clock", "2026-10-02T13:04:55Z")
 
 
@@ -44,7 +45,7 @@ def prepared(min_alt_deg: float = 45.0, **changes: object) -> Prepared:
 
 def test_a_pass_is_followed_within_an_arcsecond(capsys: pytest.CaptureFixture[str]) -> None:
     """The whole one of seven minutes is followed in the README and in the tutorial."""
-    assert run(["track", "25544", "--virtual", "--mount", "sim", "--json", "--min-alt", "45"]) == 0
+    assert run(["track", "25544", "--virtual", "--mount", "sim", "--json", *FROM_45]) == 0
     out = capsys.readouterr().out
     summary = json.loads(out)["summary"]
     assert summary["true_rms_arcsec"] <= 0.05
@@ -56,8 +57,8 @@ def test_a_pass_is_followed_within_an_arcsecond(capsys: pytest.CaptureFixture[st
     assert summary["ended_by"] == "set"
     assert summary["mount_stopped"] is True
     assert summary["calibrated"] is False
-    # 20 a second, from 65 s before the pass until the mount was seen at rest for two seconds.
-    assert summary["datagrams"]["sent"] == pytest.approx(20 * (65.0 + 112.1 + 2.3), abs=4)
+    # 20 a second, from 28 s before the pass until the mount was seen at rest for two seconds.
+    assert summary["datagrams"]["sent"] == pytest.approx(20 * (28.4 + 112.1 + 2.3), abs=4)
 
 
 def test_the_same_command_prints_the_same_summary(capsys: pytest.CaptureFixture[str]) -> None:
@@ -71,21 +72,21 @@ def test_the_same_command_prints_the_same_summary(capsys: pytest.CaptureFixture[
 def test_nudges_move_the_target_and_are_followed() -> None:
     views: list[TrackView] = []
     messages: tuple[tuple[float, Message], ...] = (
-        (CULMINATION_S - 60.0, Nudge(along_s=0.5)),
-        (CULMINATION_S - 50.0, Nudge(cross_deg=0.1)),
-        (CULMINATION_S - 30.0, ClearBias()),
-        (CULMINATION_S - 15.0, StopNow()),
+        (CULMINATION_S - 50.0, Nudge(along_s=0.5)),
+        (CULMINATION_S - 40.0, Nudge(cross_deg=0.1)),
+        (CULMINATION_S - 20.0, ClearBias()),
+        (CULMINATION_S - 5.0, StopNow()),
     )
-    summary = fly_virtual(prepared(30.0), views.append, messages)
+    summary = fly_virtual(prepared(), views.append, messages)
     at = {round(view.utc_s - CULMINATION_S): view for view in views}
-    assert at[-55].bias_along_s == pytest.approx(0.5, abs=1e-6)
-    assert at[-45].bias_cross_deg == pytest.approx(0.1, abs=1e-6)
-    assert at[-20].bias_along_s == pytest.approx(0.0, abs=1e-6)
+    assert at[-45].bias_along_s == pytest.approx(0.5, abs=1e-6)
+    assert at[-35].bias_cross_deg == pytest.approx(0.1, abs=1e-6)
+    assert at[-10].bias_along_s == pytest.approx(0.0, abs=1e-6)
     assert summary.true_rms_arcsec is not None
     assert summary.true_rms_arcsec < 1.0
     assert summary.true_peak_arcsec is not None
     assert summary.true_peak_arcsec < 60.0
-    for seconds in (-57, -47, -27):
+    for seconds in (-47, -37, -17):
         error = at[seconds].error
         assert error is not None
         assert error.total_arcsec < 1.0
@@ -97,9 +98,10 @@ def test_a_bias_given_beforehand_is_where_the_mount_points() -> None:
     Nearly: the observer stays, and the Earth's rotation in that second (up to 15″) is the difference.
     """
     views: list[TrackView] = []
-    fly_virtual(prepared(70.0, bias_along_s=1.0), views.append)
+    seen = ((CULMINATION_S + 2.5, StopNow()),)
+    fly_virtual(prepared(75.0, bias_along_s=1.0), views.append, seen)
     plain: list[TrackView] = []
-    fly_virtual(prepared(70.0), plain.append)
+    fly_virtual(prepared(75.0), plain.append, seen)
     biased = next(v for v in views if v.utc_s >= CULMINATION_S)
     later = next(v for v in plain if v.utc_s >= CULMINATION_S + 1.0)
     assert biased.mount_dec_deg is not None
