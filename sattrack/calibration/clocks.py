@@ -227,9 +227,12 @@ class RoundTrip:
 
 
 def _step(x: Array) -> Array:
+    """Return a smooth step at 0, in the place of its argument: new arrays of this size take longer."""
     # Logistic: its wings are heavier than a normal one's, as those of network delays are.
-    step: Array = 1.0 / (1.0 + np.exp(-np.clip(x, -40.0, 40.0)))
-    return step
+    np.clip(x, -40.0, 40.0, out=x)
+    np.exp(np.negative(x, out=x), out=x)
+    x += 1.0
+    return np.divide(1.0, x, out=x)
 
 
 @dataclass(slots=True)
@@ -253,7 +256,11 @@ class RoundTripEstimate:
         self._result = None
         above = _step((bracket.within_s - self._seconds) / self._scatters)
         below = _step((bracket.above_s - self._seconds) / self._scatters)
-        self._log += np.log((1.0 - STRAY_SHARE) * np.maximum(above - below, 0.0) + STRAY_SHARE * 0.05)
+        above -= below
+        np.maximum(above, 0.0, out=above)
+        above *= 1.0 - STRAY_SHARE
+        above += STRAY_SHARE * 0.05
+        self._log += np.log(above, out=above)
 
     @property
     def median_s(self) -> float:

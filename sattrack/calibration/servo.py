@@ -349,20 +349,29 @@ def _simulated(at: Array, samples: _Samples, model: Model) -> tuple[Array, Array
     drag, stiffness = 2.0 * damping * omega, omega**2
     share = at[:, 5:6]
     learnt = (1.0 - share) * drag * begin
+    # What stays the same from step to step, or depends on what is wanted only, is computed once.
+    half_h, least = 0.5 * h, -most
+    asked_rates = (wanted[1:] - wanted[:-1]) / h
+    if model.holds_places:
+        middles, asked_rates = 0.5 * (wanted[:-1] + wanted[1:]), share * asked_rates
+        learns, resists = (
+            h * INTEGRAL_CORNER * omega * stiffness,
+            1.0 + half_h * drag + 0.25 * h * h * stiffness,
+        )
+    else:
+        pulls, resists = h * stiffness, 1.0 + h * drag + h * h * stiffness
     for k in range(STEPS):
         places[k], rates[k] = place, rate
-        asked = (wanted[k + 1] - wanted[k]) / h
         if model.holds_places:
-            behind = 0.5 * (wanted[k] + wanted[k + 1]) - place - 0.5 * h * rate
-            force = (stiffness * behind + learnt + drag * (share * asked - rate)) / (
-                1.0 + 0.5 * h * drag + 0.25 * h * h * stiffness
-            )
-            learnt = learnt + h * INTEGRAL_CORNER * omega * stiffness * behind
+            behind = middles[k] - place - half_h * rate
+            force = (stiffness * behind + learnt + drag * (asked_rates[k] - rate)) / resists
+            learnt = learnt + learns * behind
         else:
-            force = (force + h * stiffness * (asked - rate)) / (1.0 + h * drag + h * h * stiffness)
-        force = np.minimum(np.maximum(force, -most), most)
+            force = (force + pulls * (asked_rates[k] - rate)) / resists
+        if not model.ramped:
+            force = np.minimum(np.maximum(force, least), most)
         forces[k] = force
-        place = place + h * (rate + 0.5 * h * force)
+        place = place + h * (rate + half_h * force)
         rate = rate + h * force
     places[STEPS], rates[STEPS], forces[STEPS] = place, rate, 0.0
     return places - first, rates, forces

@@ -143,9 +143,7 @@ def track() -> tuple[Driver, float]:
     engine = build_engine(facts)
     # It has a minute for its way to where the satellite rises, and takes a part of that.
     begin_utc_s = facts.started_utc_s + 40.0
-    return Ticked(
-        engine, nothing, lambda now: engine.operate(StopNow(), now), engine.receive
-    ), begin_utc_s
+    return Ticked(engine, nothing, lambda now: engine.operate(StopNow(), now), engine.receive), begin_utc_s
 
 
 def antenna() -> tuple[Driver, float]:

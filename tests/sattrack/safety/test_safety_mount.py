@@ -37,9 +37,8 @@ if TYPE_CHECKING:
 @pytest.mark.parametrize("way", ["deaf", "silent", "cut"])
 def test_the_longest_fault_at_any_time_passes_no_limit(name: str, begin_s: float, way: str) -> None:
     span = (begin_s, begin_s + 1.0)
-    stand = flown(
-        name, deaf=NEVER if way == "silent" else span, silent=NEVER if way == "deaf" else span, seconds=begin_s + 6.0
-    )
+    deaf, silent = NEVER if way == "silent" else span, NEVER if way == "deaf" else span
+    stand = flown(name, deaf=deaf, silent=silent, seconds=begin_s + 6.0)
     assert nearest(name, stand) >= 0.0
 
 
