@@ -350,8 +350,8 @@ class Run:
         # Samples are dated by the fastest arrivals: earlier than they were by what is told too much.
         self.dated_late_s = drawn.hardware.status_delay_s - self.profile.status_delay_s
 
-    def run(self, watch: Callable[[Run, float], None] | None = None) -> Run:
-        drawn, end_s = self.drawn, self.drawn.start_s + LASTS_S
+    def run(self, watch: Callable[[Run, float], None] | None = None, lasts_s: float = LASTS_S) -> Run:
+        drawn, end_s = self.drawn, self.drawn.start_s + lasts_s
         self._at(self.mount.next_turn_s, self._mount_turn, None)
         self._at(drawn.begin_s + self._rng.uniform(0.0, PERIOD_S), self._client_turn, None)
         now_s = drawn.begin_s

@@ -280,7 +280,7 @@ def result(sky: Sky, estimator: Estimator) -> Result:
     rms = math.sqrt(sum(off * off for off in clear) / len(clear))
     return Result(
         rms,
-        max(back),
+        max(back, default=math.nan),
         max(clear),
         estimator.rejected,
         estimator.begun_anew,

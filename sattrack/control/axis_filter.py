@@ -193,14 +193,14 @@ def answers_of(seconds: Array | float) -> Array:
 
 def lag_of(shares: Array) -> Lag:
     """Return the mean lag of a response and its spread."""
-    whole, first_s, square_s2 = (_MOMENTS * shares).sum(axis=1).tolist()
+    whole, first_s, square_s2 = np.add.reduce(_MOMENTS * shares, axis=1).tolist()
     mean_s = first_s / whole
     return Lag(mean_s, square_s2 / whole - mean_s * mean_s, whole)
 
 
 def lag_sigma_s(covariance: Array) -> float:
     """Return one sigma of the mean lag for the covariance of the shares."""
-    variance = float(((covariance * _MIDDLES).sum(axis=1) * _MIDDLES).sum())
+    variance = float(np.add.reduce(np.add.reduce(covariance * _MIDDLES, axis=1) * _MIDDLES))
     return math.sqrt(max(0.0, variance))
 
 
