@@ -578,7 +578,9 @@ class AxisFilter:
         against = measured * (sigmas * sigmas - 1.0 - 2.0 * max(0.0, alike))
         share = self._noise_share * (1.0 + learning * against)
         self._noise_share = max(SMALLEST_NOISE_SHARE, min(LARGEST_NOISE_SHARE, share))
-        rough = self._rough_share * (1.0 + ROUGH_LEARNING * learning * alike)
+        # Motion that is less rough than expected leaves surprises that are too small, whatever their signs.
+        smooth = (1.0 - measured) * min(0.0, self._surprises - 1.0)
+        rough = self._rough_share * (1.0 + ROUGH_LEARNING * learning * (alike + smooth))
         self._rough_share = max(1.0, min(LARGEST_ROUGH_SHARE, rough))
 
     def _weigh_surprise(self, surprise_deg: float, expected: float, rate_deg_s: float) -> float:
