@@ -292,6 +292,8 @@ PLAUSIBLE_RATE_DEG_S = 40.0 / 3600.0
 """A rate disturbance beyond this was an axis that was stopped: near rest too, it may be over at once."""
 OVER_S = 1.0
 """Time in which such a rate of an axis that was known is likely to end."""
+LASTS_S = 3.0
+"""A rate that has lasted for so long is no axis that was stopped: it is, say, a gain that was learnt wrongly."""
 LARGEST_RATE_DEG_S = 0.1
 """One sigma of a rate that has set in at once."""
 STEADY, LOST = 0.05, 9.0
@@ -407,6 +409,8 @@ class AxisFilter:
         self._seconds = 1.0
         self._rough_share = 1.0
         """Variance of the motion's own noise over the expected one, as innovations in a row show it."""
+        self._implausible_s = 0.0
+        """For how long the axis has had a rate beside its commands that is implausible."""
         self._last_ratio = 0.0
         """The last surprise in its expected sigma."""
         self._surprises = 1.0
@@ -497,7 +501,8 @@ class AxisFilter:
         rough, drifts = self._rough_share, self._rough_share if shaken else 1.0
         rate_variance = rough * drifts * self._rate_walk * seconds
         implausible = abs(float(self._kalman.state[1])) - PLAUSIBLE_RATE_DEG_S
-        if implausible > 0.0 and self._trusted is not None:
+        self._implausible_s = self._implausible_s + seconds if implausible > 0.0 else 0.0
+        if 0.0 < self._implausible_s <= LASTS_S and self._trusted is not None:
             rate_variance += implausible * implausible * seconds / OVER_S
         own = rough * (self._walk * seconds + rough_deg * rough_deg / drifts)
         own += rate_variance * seconds * seconds / 3.0
