@@ -385,6 +385,8 @@ class AxisFilter:
         """Whether surprises showed unpredicted motion, of which something may have been learnt."""
         self._noise_share = 1.0
         """Variance of the measurements over the expected one, as innovations show it."""
+        self._parted = False
+        """Whether gain and rate were parted: where that happens again, it is the motion that is rough."""
         self._trusted: tuple[Array, Array] | None = None
         """Shares and their covariance, from the last motion that was long without surprises."""
         self._begin(position_deg)
@@ -571,6 +573,27 @@ class AxisFilter:
             likely &= abs(float(known[1])) <= LIKELY_SIGMAS * noise.first_rate_deg_s
             self.begun_anew += not likely
             self._begin(measured_deg, known[1:] if likely else None)
+        elif not self._parted and self._surprises < CALM and self._taken > 2 * SHORTEST_TRIAL:
+            self._part_gain_and_rate(measured_deg)
+
+    def _part_gain_and_rate(self, measured_deg: float) -> None:
+        """Begin anew where gain and rate are both unlikely and cancel: the axis obeys, and both are wrong.
+
+        Drives at their limit on the way to a target teach such a pair, and too surely. While it lasts, the
+        rate has to follow every change of the commanded one, and comes late. The response is kept but for
+        its gain.
+        """
+        rate_deg_s, noise = float(self._kalman.state[1]), self._noise
+        most_deg_s = LIKELY_SIGMAS * noise.first_rate_deg_s
+        gain_error = self.gain_error
+        if abs(rate_deg_s) <= most_deg_s or abs(gain_error) <= LIKELY_SIGMAS * noise.first_gain:
+            return
+        whole = 1.0 + gain_error
+        commanded_deg_s = self.moved_deg(self.moves[1:]) / whole / self._seconds
+        left_deg_s = rate_deg_s + gain_error * commanded_deg_s
+        if abs(left_deg_s) < most_deg_s:
+            self._parted, self._trusted = True, None
+            self._begin(measured_deg, np.array([left_deg_s, *(self.shares / whole)]))
 
     def _learn_noise(self, sigmas: float, measured: float) -> None:
         """Let the noises follow, slowly, what a surprise and the one before are against expectation.
