@@ -285,6 +285,9 @@ SMALLEST_NOISE_SHARE, LARGEST_NOISE_SHARE = 0.02, 400.0
 LARGEST_ROUGH_SHARE = 16.0
 ROUGH_LEARNING = 5.0
 """How much faster the motion's own noise is learnt than that of the measurements."""
+REOPENED_PER_S = 0.03
+"""Share of an unknown axis' variance of gain that its gain gets back a second, for each unit by which the
+motion is rougher than expected: at its bound, the gain is as uncertain as at first after two seconds."""
 NEAR_REST_DEG_S = 0.05
 """Slower than this an axis may stick. How far it stays behind then its servo takes away by itself, so that is
 no rate: compensated as one, the axis breaks loose the further."""
@@ -293,7 +296,7 @@ PLAUSIBLE_RATE_DEG_S = 40.0 / 3600.0
 OVER_S = 1.0
 """Time in which such a rate of an axis that was known is likely to end."""
 LASTS_S = 3.0
-"""A rate that has lasted for so long is no axis that was stopped: it is, say, a gain that was learnt wrongly."""
+"""A rate that has lasted for so long is no stopped axis: it may be a gain that was learnt wrongly."""
 LARGEST_RATE_DEG_S = 0.1
 """One sigma of a rate that has set in at once."""
 STEADY, LOST = 0.05, 9.0
@@ -514,7 +517,14 @@ class AxisFilter:
         self._kalman.state[1] *= 1.0 - seconds / self._noise.rate_fades_s
         # What is not measured after this is where the axis is taken to be.
         self.position_deg = float(self._kalman.state[0])
-        self._kalman.blur(own, 0.5 * rate_variance * seconds, rate_variance, self._walks * seconds)
+        walks = self._walks * seconds
+        if rough > 1.0:
+            # What goes on to one side may be a gain that was learnt wrongly, and too surely, on the way here.
+            first = self._noise.first_gain**2
+            unknown = max(0.0, first - float(self._kalman.covariance[2:, 2:].sum()))
+            gained = min(REOPENED_PER_S * (rough - 1.0) * seconds * first, unknown)
+            walks += gained * self.shares[:, None] * self.shares
+        self._kalman.blur(own, 0.5 * rate_variance * seconds, rate_variance, walks)
 
     def stand_at(self, position_deg: float) -> None:
         """Take a place as it is seen, of an axis whose motion nothing predicts; all else stays as it is."""
