@@ -24,13 +24,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from integrated import Air, IntegratedMotion, catalogued, follow, true_propagator
 
-from sattrack.control.biases import Course
 from sattrack.control.estimate import GATE, Estimator
+from sattrack.control.target import Course
 from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import choose_pass
 from sattrack.views.messages import ObservationMessage
-from tle.bias import NO_BIAS, Bias, bias_from_observation
+from tle.bias import NO_BIAS, Bias
 from tle.instants import DAY_S, Utc
+from tle.observed import bias_from_observation
 from tle.orbit_fit import CorrectableOrbit
 from tle.propagator import Propagator
 

@@ -26,9 +26,10 @@ from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.findings import Findings, conclude
 from sattrack.calibration.guard import CalibrationEndedError, EndKind, Surroundings
 from sattrack.mount.model import AxisLimits, MountProfile
-from sattrack.mount.simulator.installation import ServoSettings, SimulatorProfile, Wire, WireLaw
 from sattrack.mount.simulator.installation import Timer as MountTimer
+from sattrack.mount.simulator.installation import Wire, WireLaw
 from sattrack.mount.simulator.mount import DOUBTFUL_TYPES, SimulatedMount, SimulatedSite, StartPosition
+from sattrack.mount.simulator.profile import ServoSettings, SimulatorProfile
 from sattrack.mount.xerxes.datagrams import Command, decode_status, encode_command
 
 if TYPE_CHECKING:
@@ -635,8 +636,9 @@ def _simulated_truth(drawn: Drawn, found: Findings) -> AxisTruth:
     return truth_of(probe, rate, drawn.profile.dec.max_acceleration_deg_s2)
 
 
-def judge(drawn: Drawn, found: Findings, seconds: float) -> Outcome:
-    """Hold what was found to what is."""
+def judge(drawn: Drawn, found: Findings, seconds: float, motions: bool = True) -> Outcome:
+    """Hold what was found to what is; how an axis moves, which is measured for that, where `motions`."""
+    truths = (_simulated_truth(drawn, found),) if motions else ()
     profile, hard, delays = drawn.profile, drawn.hardware, found.delays
     command_s, status_s = hard.command_delay_s or 0.0, hard.status_delay_s or 0.0
     trip_s = command_s + status_s
@@ -659,7 +661,7 @@ def judge(drawn: Drawn, found: Findings, seconds: float) -> Outcome:
         widest_excess_s=max(high - low for (low, high), _ in intervals) - trip_s,
         drift_ppm=found.clock.drift_ppm - hard.clock_drift_ppm,
         drift_sigma_ppm=found.clock.slope_sigma * 1e6,
-        motions=(judge_motion("simulated", found.dec_motion, _simulated_truth(drawn, found)),),
+        motions=tuple(judge_motion("simulated", found.dec_motion, truth) for truth in truths),
         seconds=seconds,
     )
 

@@ -20,9 +20,9 @@ import numpy as np
 from sattrack.mount.model import mean_sidereal_deg
 from sattrack.mount.simulator.camera import SkyCamera, TruePath, make_sky
 from sattrack.mount.simulator.hidden import Hidden, SimulatedCamera, split_delays_s
-from sattrack.mount.simulator.installation import SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
 from sattrack.mount.simulator.night_sky import LIGHT_KM_S, NightSky, Stars
+from sattrack.mount.simulator.profile import SimulatorProfile
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import RunRequest, build_engine, prepare

@@ -34,8 +34,8 @@ from random_passes import airless_facts, drawn_orbit, hour_angle_deg
 from sattrack.control.target import TargetState, sky_error
 from sattrack.core.angles import wrap180
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile
-from sattrack.mount.simulator.installation import ServoSettings, SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
+from sattrack.mount.simulator.profile import ServoSettings, SimulatorProfile
 from sattrack.mount.xerxes.session import REPEAT_AFTER_PERIODS
 from sattrack.runtime.facts import build_engine
 from tle.instants import Utc
@@ -350,8 +350,8 @@ class Run:
         # Samples are dated by the fastest arrivals: earlier than they were by what is told too much.
         self.dated_late_s = drawn.hardware.status_delay_s - self.profile.status_delay_s
 
-    def run(self, watch: Callable[[Run, float], None] | None = None) -> Run:
-        drawn, end_s = self.drawn, self.drawn.start_s + LASTS_S
+    def run(self, watch: Callable[[Run, float], None] | None = None, lasts_s: float = LASTS_S) -> Run:
+        drawn, end_s = self.drawn, self.drawn.start_s + lasts_s
         self._at(self.mount.next_turn_s, self._mount_turn, None)
         self._at(drawn.begin_s + self._rng.uniform(0.0, PERIOD_S), self._client_turn, None)
         now_s = drawn.begin_s

@@ -10,8 +10,8 @@ from feeder_harness import Link, Scenario, World
 
 from sattrack.core.angles import wrap180
 from sattrack.mount.model import MountProfile, mean_sidereal_deg
-from sattrack.mount.simulator.installation import ServoSettings, SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
+from sattrack.mount.simulator.profile import ServoSettings, SimulatorProfile
 from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import RunFacts, build_engine, choose_pass, plan_for
 from sattrack.safety import SafetyLimits

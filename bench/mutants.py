@@ -59,7 +59,9 @@ PACKAGES = {
     "safety": Package(("sattrack/safety/*.py",), ("tests/sattrack/safety",)),
     "control": Package(("sattrack/control/*.py",), ("tests/sattrack/control",)),
     "session": Package(("sattrack/mount/xerxes/*.py",), ("tests/sattrack/mount/xerxes",)),
-    "biases": Package(("tle/bias.py",), ("tests/tle/test_bias.py", "tests/tle/test_turns_and_places.py")),
+    "biases": Package(
+        ("tle/bias.py", "tle/observed.py"), ("tests/tle/test_bias.py", "tests/tle/test_turns_and_places.py")
+    ),
     "schedule": Package(
         ("sattrack/schedule/machine.py", "sattrack/schedule/night.py"),
         ("tests/sattrack/schedule/test_night_machine.py", "tests/sattrack/schedule/test_night_harm.py"),

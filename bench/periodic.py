@@ -28,6 +28,7 @@ from feeder_passes import pass_facts
 
 from sattrack.cli.main import run as sattrack
 from sattrack.control.biases import Camera
+from sattrack.control.engine_view import view_of
 from sattrack.mount.model import MountProfile, mean_sidereal_deg
 from sattrack.mount.profiles import load_profile_file
 from sattrack.mount.simulator.camera import SkyCamera, TruePath, make_sky
@@ -139,7 +140,7 @@ class WatchedRun(VirtualRun):
         self._found = Followed()
         self.run()
         self._found.table_left = self.engine.tracker.table_left
-        self._found.warnings = self.engine.view(self.engine.spec.plan.end_utc_s).warnings
+        self._found.warnings = view_of(self.engine, self.engine.spec.plan.end_utc_s).warnings
         return self._found
 
     def _mount_turn(self, now_utc_s: float, _: None) -> None:

@@ -10,8 +10,8 @@ from sattrack.control.tracker import FOLLOWING
 from sattrack.core.errors import SattrackError
 from sattrack.mount.model import DTICS_S_PER_DEG_S, AxisLimits
 from sattrack.mount.profiles import ProfileFile
-from sattrack.mount.simulator.installation import simulator_profile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
+from sattrack.mount.simulator.profile import simulator_profile
 from sattrack.mount.xerxes.datagrams import decode_status
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime import demo_pass

@@ -19,8 +19,8 @@ from rehearsal_draws import BEGIN_UTC, orbit
 from sattrack.core.errors import SattrackError
 from sattrack.mount.model import AxisLimits, MountProfile, PierZone
 from sattrack.mount.profiles import ProfileFile
-from sattrack.mount.simulator.installation import SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
+from sattrack.mount.simulator.profile import SimulatorProfile
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime.facts import RunRequest, build_engine, prepare
 from sattrack.runtime.flight import VirtualRun
@@ -249,9 +249,10 @@ class Judge:
         }
         if self._horizon:
             found["horizon"] = altitude - self._skyline_deg(self._azimuth_deg(here))
-        if limits.sun_deg and self.sun_altitude_deg(utc_s) > -3.0:
-            apart_deg = angle_deg(here, vector(*self._sun_place(utc_s)))
-            found["sun"] = apart_deg - limits.sun_deg + SUN_KNOWN_DEG
+        if limits.sun_deg:
+            sun = vector(*self._sun_place(utc_s))
+            if 90.0 - angle_deg(sun, self._zenith) > -3.0:
+                found["sun"] = angle_deg(here, sun) - limits.sun_deg + SUN_KNOWN_DEG
         for zone in profile.pier_zones:
             found["pier"] = min(found.get("pier", math.inf), zone_distance_deg(zone, ha, dec))
         return found
@@ -318,7 +319,8 @@ def vector(ha_deg: float, dec_deg: float) -> tuple[float, float, float]:
 
 
 def angle_deg(one: tuple[float, float, float], other: tuple[float, float, float]) -> float:
-    return math.degrees(math.acos(max(-1.0, min(1.0, sum(a * b for a, b in zip(one, other, strict=True))))))
+    (a, b, c), (d, e, f) = one, other
+    return math.degrees(math.acos(max(-1.0, min(1.0, a * d + b * e + c * f))))
 
 
 @dataclass(slots=True)

@@ -123,6 +123,7 @@ class Plan:
     satellites: int = 40
     most: int = 4
     longest_s: float = 60.0
+    least_s: float = 30.0
     seed: int | None = None
     extra: str = ""
 
@@ -134,7 +135,7 @@ class Plan:
         rule = RULE.format(most=self.most)
         (self.folder / "nights.toml").write_text(
             f'from = {BEGIN}\nto = {end}\n[weather]\nfile = "weather.txt"\n'
-            "[defaults]\nshorten = true\nleast_s = 30\nelements_oldest_days = 30\n"
+            f"[defaults]\nshorten = true\nleast_s = {self.least_s}\nelements_oldest_days = 30\n"
             f"longest_s = {self.longest_s}\n{self.extra}"
             f'[[passes]]\nrule = "{rule}"\n',
             encoding="utf-8",

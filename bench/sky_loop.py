@@ -37,8 +37,8 @@ from integrated import Air, IntegratedMotion, julian, true_propagator
 from sattrack.control.biases import Camera, Cameras
 from sattrack.control.steering import Steering
 from sattrack.mount.model import MountProfile, SkyTerms
-from sattrack.mount.simulator.installation import SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount
+from sattrack.mount.simulator.profile import SimulatorProfile
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime import demo_pass
 from sattrack.runtime.connection import simulated_site
@@ -280,7 +280,7 @@ def result(sky: Sky, estimator: Estimator) -> Result:
     rms = math.sqrt(sum(off * off for off in clear) / len(clear))
     return Result(
         rms,
-        max(back),
+        max(back, default=math.nan),
         max(clear),
         estimator.rejected,
         estimator.begun_anew,

@@ -15,13 +15,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tle.earth import EarthOrientation
-from tle.elements import UNSTATED_M, Elements, expected_error_m
+from tle.ephemeris import UNSTATED_M, expected_error_m
 from tle.errors import TleError
 from tle.formats.ephemerides import read_ephemerides
 from tle.instants import Utc
 from tle.sources import read_elements
 
 if TYPE_CHECKING:
+    from tle.elements import Elements
     from tle.ephemeris import Ephemeris
 
 INSTANTS, DAY_S = 200, 86400.0

@@ -32,7 +32,7 @@ class SafetySettings(SiteLimits, frozen=True, forbid_unknown_fields=True):
         if self.horizon is None:
             return SafetyLimits(**bounds)
         from tle.errors import TleError
-        from tle.passes import HorizonMask
+        from tle.horizon import HorizonMask
 
         path = Path(self.horizon)
         try:

@@ -15,7 +15,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from tle.bias import Bias, BiasEstimate, bias_from_observation
+    from tle.bias import Bias
     from tle.bodies import find_body
     from tle.direction import Direction
     from tle.earth import EarthOrientation, earth_orientation_age
@@ -25,16 +25,10 @@ if TYPE_CHECKING:
     from tle.facts import PassFacts, pass_facts, read_magnitudes
     from tle.formats.ephemerides import read_ephemerides
     from tle.formats.observations import Observation, Stations, read_observations, read_stations
+    from tle.horizon import Horizon, HorizonMask
     from tle.instants import Utc
-    from tle.passes import (
-        CataloguePasses,
-        Horizon,
-        HorizonMask,
-        Pass,
-        SatellitePass,
-        find_catalogue_passes,
-        find_passes,
-    )
+    from tle.observed import BiasEstimate, bias_from_observation
+    from tle.passes import CataloguePasses, Pass, SatellitePass, find_catalogue_passes, find_passes
     from tle.propagator import Propagator
     from tle.refraction import Refraction
     from tle.site import Site
@@ -80,7 +74,7 @@ __all__ = [
 _HOMES = {
     name: module
     for module, names in {
-        "bias": ("Bias", "BiasEstimate", "bias_from_observation"),
+        "bias": ("Bias",),
         "bodies": ("find_body",),
         "direction": ("Direction",),
         "earth": ("EarthOrientation", "earth_orientation_age"),
@@ -90,11 +84,11 @@ _HOMES = {
         "facts": ("PassFacts", "pass_facts", "read_magnitudes"),
         "formats.ephemerides": ("read_ephemerides",),
         "formats.observations": ("Observation", "Stations", "read_observations", "read_stations"),
+        "horizon": ("Horizon", "HorizonMask"),
         "instants": ("Utc",),
+        "observed": ("BiasEstimate", "bias_from_observation"),
         "passes": (
             "CataloguePasses",
-            "Horizon",
-            "HorizonMask",
             "Pass",
             "SatellitePass",
             "find_catalogue_passes",

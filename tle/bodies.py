@@ -29,9 +29,9 @@ from tle.sun import AU_KM, LIGHT_KM_S
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from tle.elements import State
     from tle.ephemeris import Covariance
     from tle.instants import Quantity
-    from tle.propagator import State
 
     Array = NDArray[np.float64]
 

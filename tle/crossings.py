@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from tle.elements import Elements
-    from tle.passes import Horizon, Pass
+    from tle.horizon import Horizon
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     Flags = NDArray[np.bool_]
 
 ROUND_TERMS, ECCENTRIC_TERMS = 8, 14
-_ARC = 2 + 3 * ROUND_TERMS
+ARC_COLUMNS = 2 + 3 * ROUND_TERMS
 # What a fit may miss: 0.1 m, passed in 13 µs in a low orbit; farther off 0.02″ as seen from the site.
 FIT_KM, FIT_RAD = 1e-4, 1e-7
 MOST_HALVINGS = 8
@@ -397,7 +397,7 @@ def find_crossings(arcs: Arcs, horizon: Horizon) -> Crossings:
     """Return the times above the horizon on arcs, in order of object and time."""
     if len(arcs.obj) == 0:
         none, no = np.empty(0), np.empty(0, dtype=np.intp)
-        return Crossings(no, none, none, none, none, none, none, none, np.empty((0, _ARC)), no, none)
+        return Crossings(no, none, none, none, none, none, none, none, np.empty((0, ARC_COLUMNS)), no, none)
     looks = _look(arcs, horizon)
     return _runs(arcs, horizon, looks)
 
@@ -581,12 +581,12 @@ def _runs(arcs: Arcs, horizon: Horizon, looks: _Looks) -> Crossings:
     order = np.lexsort((alt, owner))
     best = order[np.searchsorted(owner[order], np.arange(count), side="right") - 1]
     rise_az, set_az = az[len(peak) : len(peak) + count], az[len(peak) + count :]
-    arc = np.full((count, _ARC), np.nan)
+    arc = np.full((count, ARC_COLUMNS), np.nan)
     if len(arcs.powers) == ROUND_TERMS:
         on_one = np.flatnonzero(looks.arc[first] == looks.arc[last])
         own = looks.arc[first[on_one]]
         arc[on_one, 0], arc[on_one, 1] = arcs.mid_s[own], arcs.half_s[own]
-        arc[on_one, 2:] = arcs.columns(own).reshape(_ARC - 2, -1).T
+        arc[on_one, 2:] = arcs.columns(own).reshape(ARC_COLUMNS - 2, -1).T
     return Crossings(
         obj=arcs.obj[looks.arc[first]],
         rise_s=rise_s,
@@ -631,37 +631,12 @@ def _borders(
     return found, place
 
 
-def crossings_of(passes: Sequence[Pass], obj: int, start_s: float) -> Crossings:
-    """Return passes of one object as columns."""
-
-    def column(name: str) -> Array:
-        values = [getattr(p, name) for p in passes]
-        return np.array(
-            [math.nan if v is None else getattr(v, "unix_s", v) for v in values], dtype=np.float64
-        )
-
-    tops = [(k, t.unix_s - start_s) for k, p in enumerate(passes) for t in p.culminations_utc]
-    return Crossings(
-        obj=np.full(len(passes), obj, dtype=np.intp),
-        rise_s=column("rise_utc") - start_s,
-        set_s=column("set_utc") - start_s,
-        culminate_s=column("culminate_utc") - start_s,
-        rise_az_deg=column("rise_az_deg"),
-        set_az_deg=column("set_az_deg"),
-        culminate_az_deg=column("culminate_az_deg"),
-        max_alt_deg=column("max_alt_deg"),
-        arc=np.full((len(passes), _ARC), np.nan),
-        peak_run=np.array([k for k, _ in tops], dtype=np.intp),
-        peak_s=np.array([s for _, s in tops], dtype=np.float64),
-    )
-
-
 def joined(pieces: Sequence[Crossings]) -> Crossings:
     """Return crossings put together, in order of object and time."""
     pieces = [p for p in pieces if len(p.obj)] or list(pieces[:1])
     if not pieces:
         none, no = np.empty(0), np.empty(0, dtype=np.intp)
-        return Crossings(no, none, none, none, none, none, none, none, np.empty((0, _ARC)), no, none)
+        return Crossings(no, none, none, none, none, none, none, none, np.empty((0, ARC_COLUMNS)), no, none)
     columns = {f.name: np.concatenate([getattr(p, f.name) for p in pieces]) for f in fields(Crossings)}
     starts = np.cumsum([0, *(len(p.obj) for p in pieces[:-1])])
     columns["peak_run"] = np.concatenate([p.peak_run + s for p, s in zip(pieces, starts, strict=True)])

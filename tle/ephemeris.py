@@ -18,16 +18,16 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from tle.earth import EarthOrientation, to_tirs, turned
+from tle.elements import MU_KM3_S2, Elements, expected_along_s, gravity_km_s2
 from tle.errors import EphemerisError, EphemerisSpanError
 from tle.instants import ARRAYS, DAY_S, FLOATS, UNIX_EPOCH_MJD, Utc, tai_minus_utc_s
-from tle.propagator import gravity_km_s2
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from tle.earth import Triple
+    from tle.elements import State
     from tle.instants import Functions, Quantity
-    from tle.propagator import State
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
@@ -70,7 +70,7 @@ class Covariance(NamedTuple):
 
 
 class States(Protocol):
-    """Where an object is: geocentric states in TEME of date, as `tle.motion.Motion` gives them."""
+    """Where an object is: geocentric states in TEME of date, as `tle.elements.Motion` gives them."""
 
     def at(self, unix_s: float, later_s: float) -> State:
         """Return the state at POSIX seconds of UTC plus `later_s`. Raises PropagationError."""
@@ -571,3 +571,40 @@ def _check_gravity(one: Segment, ephemeris: TableEphemeris) -> None:
             source=ephemeris.source,
             line=one.line,
         )
+
+
+UNSTATED_M = 100.0
+"""What a file that states no error is taken to miss: what laser predictions and operators do in some days."""
+
+
+def expected_error_m(source: Elements | Ephemeris, at: Utc) -> float | None:
+    """Return the typical error of a source's places at an instant, metres.
+
+    Of elements what `expected_along_s` is on the orbit, else what the source states; None where it does not.
+    """
+    if isinstance(source, Elements):
+        speed_km_s = math.sqrt(MU_KM3_S2 / source.semi_major_axis_km)
+        return 1000.0 * speed_km_s * expected_along_s(source, at)
+    known = source.covariance(at)
+    return None if known is None else 1000.0 * known.sigma_km
+
+
+class SourceRank(NamedTuple):
+    """How a source compares with others of the same object for a time; the least is the best."""
+
+    over: bool
+    """Its places end before."""
+    in_part: bool
+    """It has no places for some of the time."""
+    error_m: float
+    """By how much it misses its object, `UNSTATED_M` where it does not say."""
+
+
+def source_rank(source: Elements | Ephemeris, first: Utc, at: Utc, last: Utc) -> SourceRank:
+    """Return the rank of a source from one instant to another, whose error counts at a third."""
+    spans, error_m = source.spans, expected_error_m(source, at)
+    return SourceRank(
+        bool(spans) and spans[-1][1] < first,
+        bool(spans) and not any(low <= first and last <= high for low, high in spans),
+        UNSTATED_M if error_m is None else error_m,
+    )

@@ -21,8 +21,8 @@ from tle.crossings import (
     select,
 )
 from tle.errors import SourceError
+from tle.formats.rows import read_table
 from tle.instants import Utc
-from tle.passes import read_table
 from tle.site import EARTH_RADIUS_KM, FLATTENING
 from tle.sun import SUN_RADIUS_KM, SunAndMoon
 from tle.workers import mapping

@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from tle.bias import Bias, apparent_unit, bias_from_observation
+from tle.bias import Bias
 from tle.earth import EarthOrientation
 from tle.elements import propagation_error
 from tle.errors import BiasError, ObservationError, PropagationError
 from tle.formats.observations import DEFAULT_SIGMA_ARCSEC
 from tle.instants import DAY_S, UNIX_EPOCH_JD, Utc
+from tle.observed import apparent_unit, bias_from_observation
 from tle.propagator import Propagator
 
 if TYPE_CHECKING:

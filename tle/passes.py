@@ -1,7 +1,7 @@
 """When a satellite, or each of a catalogue, is above the horizon of a site; geometric and airless.
 
 The horizon is a least altitude, with a skyline where that is higher. A catalogue is searched in chunks, by
-this process or by several.
+this process or by several; what tables and bodies give, wherever there are places.
 """
 
 from __future__ import annotations
@@ -10,18 +10,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, overload
+from typing import TYPE_CHECKING, NamedTuple, cast, overload
 
 import numpy as np
 
 from tle.bias import NO_BIAS
 from tle.crossings import (
+    ARC_COLUMNS,
     ECCENTRIC_TERMS,
     Crossings,
     Windows,
     anomaly_pieces,
-    crossings_of,
     even_pieces,
     find_crossings,
     fit_arcs,
@@ -32,10 +31,12 @@ from tle.crossings import (
 )
 from tle.earth import EarthOrientation, Ground
 from tle.elements import DECAYED, Elements
-from tle.errors import EphemerisError, PropagationError, SiteError, SourceError, TimeRangeError, printable
+from tle.errors import EphemerisError, PropagationError, TimeRangeError
+from tle.horizon import Horizon, HorizonMask
 from tle.instants import DAY_S, Utc, as_utc
 from tle.near_earth import DEEP_SPACE_MIN, start_near_earth
 from tle.prefilter import drag_share, near_crossings, near_places
+from tle.propagator import Propagator
 from tle.workers import mapping
 
 if TYPE_CHECKING:
@@ -44,10 +45,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from tle.crossings import Arcs
-    from tle.instants import Instant, Quantity
+    from tle.ephemeris import Ephemeris
+    from tle.instants import Instant
     from tle.near_earth import NearEarth
     from tle.prefilter import DeepSpace
-    from tle.propagator import Propagator
     from tle.site import Site
 
     Array = NDArray[np.float64]
@@ -65,8 +66,6 @@ _FAILURE_CLOSE_S = 0.01
 _STRETCHES_A_CHUNK = 48000
 _DEEP_A_CHUNK = 150
 _STRETCHES_A_SECOND = 8.0 / 6000.0
-_CELL_DEG = 0.1
-_CELLS = 3600
 
 
 class Pass(NamedTuple):
@@ -244,113 +243,6 @@ def find_catalogue_passes(
     return CataloguePasses(search, joined(pieces), failed)
 
 
-@dataclass(frozen=True, slots=True)
-class HorizonMask:
-    """Altitudes of the skyline at azimuths, both in degrees, linear between them and round through north.
-
-    Azimuths rise from 0 up to 360; two with the same azimuth make a wall. Raises SiteError.
-    """
-
-    azimuths_deg: tuple[float, ...]
-    altitudes_deg: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        """Check the points."""
-        if not self.azimuths_deg or len(self.azimuths_deg) != len(self.altitudes_deg):
-            raise SiteError("a horizon needs at least one azimuth and an altitude for each")
-        for azimuth, altitude in zip(self.azimuths_deg, self.altitudes_deg, strict=True):
-            _check_point(azimuth, altitude)
-        if any(b < a for a, b in zip(self.azimuths_deg, self.azimuths_deg[1:], strict=False)):
-            raise SiteError("the azimuths of a horizon must rise: sort its points")
-
-    @classmethod
-    def read(cls, path: str | Path) -> HorizonMask:
-        """Return the horizon in a text file: azimuth and altitude in degrees on each line.
-
-        Blanks or a comma part the two numbers; `#` begins a comment; an azimuth of 360 is that of 0.
-        Raises SourceError, naming file and line.
-        """
-        points: list[tuple[float, float]] = []
-        for number, line, words in read_table(path, "the horizon"):
-            try:
-                azimuth, altitude = (float(word) for word in words)
-                _check_point(azimuth, altitude)
-            except ValueError:
-                raise SourceError(
-                    f"{path}:{number}: {line!r} is no point of a horizon: "
-                    "write azimuth and altitude in degrees, as 135 12.5"
-                ) from None
-            except SiteError as error:
-                raise SourceError(f"{path}:{number}: {error}") from None
-            if points and azimuth < points[-1][0]:
-                raise SourceError(
-                    f"{path}:{number}: azimuth {azimuth:g}° comes after {points[-1][0]:g}°: "
-                    "sort the lines by azimuth"
-                )
-            points.append((azimuth, altitude))
-        if not points:
-            raise SourceError(
-                f"{path}: holds no points of a horizon: write azimuth and altitude on each line"
-            )
-        return cls(tuple(p[0] for p in points), tuple(p[1] for p in points))
-
-    def altitude_deg(self, azimuth_deg: Quantity) -> Quantity:
-        """Return the altitude of the skyline in directions of any shape."""
-        first, last = self.azimuths_deg[0], self.azimuths_deg[-1]
-        azimuths = [last - 360.0, *self.azimuths_deg, first + 360.0]
-        altitudes = [self.altitudes_deg[-1], *self.altitudes_deg, self.altitudes_deg[0]]
-        return np.interp(azimuth_deg, azimuths, altitudes)
-
-
-class Horizon:
-    """What a satellite must stand above: a least altitude everywhere, and a skyline where it is higher."""
-
-    def __init__(self, min_alt_deg: float, mask: HorizonMask | None = None) -> None:
-        """Prepare bounds over ranges of azimuth. Raises SiteError for an altitude outside -90° to 90°."""
-        if not -90.0 <= min_alt_deg <= 90.0:
-            raise SiteError(f"a least altitude of {min_alt_deg}° is outside -90° to 90°")
-        self.min_alt_deg = min_alt_deg
-        self.mask = mask
-        self.lowest_deg = min_alt_deg
-        self._low: list[NDArray[np.float64]] = []
-        self._high: list[NDArray[np.float64]] = []
-        if mask is not None:
-            low, high = _cells(mask)
-            low, high = np.maximum(low, min_alt_deg), np.maximum(high, min_alt_deg)
-            self.lowest_deg = float(low.min())
-            # Level k holds the extremes of 2**k cells from each on, round through north.
-            for level in range(12):
-                self._low.append(low)
-                self._high.append(high)
-                low = np.minimum(low, np.roll(low, -(1 << level)))
-                high = np.maximum(high, np.roll(high, -(1 << level)))
-
-    def altitude_deg(self, azimuth_deg: Quantity) -> Quantity:
-        """Return the altitude to be exceeded at azimuths in degrees."""
-        if self.mask is None:
-            return self.min_alt_deg
-        return np.maximum(self.mask.altitude_deg(azimuth_deg), self.min_alt_deg)
-
-    def extremes_deg(
-        self, azimuth_deg: NDArray[np.float64], aside_deg: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return bounds of the altitude to be exceeded within `aside_deg` of azimuths; shapes (m,)."""
-        if self.mask is None:
-            flat = np.full(np.shape(azimuth_deg), self.min_alt_deg)
-            return flat, flat
-        first = np.floor((azimuth_deg - aside_deg) / _CELL_DEG).astype(np.int64)
-        last = np.floor((azimuth_deg + aside_deg) / _CELL_DEG).astype(np.int64)
-        count = np.clip(last - first + 1, 1, _CELLS)
-        level = np.floor(np.log2(count)).astype(np.int64)
-        second = (first + count - (1 << level)) % _CELLS
-        low, high = np.array(self._low), np.array(self._high)
-        first %= _CELLS
-        return (
-            np.minimum(low[level, first], low[level, second]),
-            np.maximum(high[level, first], high[level, second]),
-        )
-
-
 def _when(t: Utc) -> str:
     return t.isoformat("seconds")
 
@@ -432,6 +324,31 @@ def check_hours(hours: float) -> None:
         raise TimeRangeError(
             f"{hours} hours is no span to search: give from above 0 to {MOST_HOURS:.0f} hours"
         )
+
+
+def crossings_of(passes: Sequence[Pass], obj: int, start_s: float) -> Crossings:
+    """Return passes of one object as columns."""
+
+    def column(name: str) -> Array:
+        values = [getattr(p, name) for p in passes]
+        return np.array(
+            [math.nan if v is None else getattr(v, "unix_s", v) for v in values], dtype=np.float64
+        )
+
+    tops = [(k, t.unix_s - start_s) for k, p in enumerate(passes) for t in p.culminations_utc]
+    return Crossings(
+        obj=np.full(len(passes), obj, dtype=np.intp),
+        rise_s=column("rise_utc") - start_s,
+        set_s=column("set_utc") - start_s,
+        culminate_s=column("culminate_utc") - start_s,
+        rise_az_deg=column("rise_az_deg"),
+        set_az_deg=column("set_az_deg"),
+        culminate_az_deg=column("culminate_az_deg"),
+        max_alt_deg=column("max_alt_deg"),
+        arc=np.full((len(passes), ARC_COLUMNS), np.nan),
+        peak_run=np.array([k for k, _ in tops], dtype=np.intp),
+        peak_s=np.array([s for _, s in tops], dtype=np.float64),
+    )
 
 
 def passes_of(found: Crossings, start_s: float) -> list[Pass]:
@@ -567,9 +484,6 @@ class CatalogueSearch:
         """Search objects that decay or drag beyond all bounds; add what is found, return the refused."""
         if not left:
             return []
-        # Few searches come to this, and none of a satellite that keeps its orbit.
-        from tle.propagator import Propagator
-
         task, failed = self.task, []
         for index in left:
             elements = self.elements[index]
@@ -624,38 +538,67 @@ class CatalogueSearch:
         return len(chunk), found.renamed(chunk), chunk[without].tolist()
 
 
-def read_table(path: str | Path, subject: str) -> list[tuple[int, str, list[str]]]:
-    """Return number, text and words of each line that has words; `#` begins a comment, a comma is a blank.
+class EphemerisSearch(CatalogueSearch):
+    """A search that asks each object's own states, instead of SGP4 for many at a time."""
 
-    The text is fit for a terminal. Raises SourceError, which names the subject, where the file is no text.
+    def shapes(self, obj: Index) -> tuple[Array, Array]:
+        """Return how long pieces may be at first, and an eccentricity that lets polynomials be long."""
+        return np.full(len(obj), LONGEST_PIECE_S), np.ones(len(obj))
+
+    def ends(self, found: Crossings) -> tuple[Array, Array]:
+        """Return the first and last second of passes, within the stretch of places of the highest point."""
+        first_s, last_s = np.empty(len(found.obj)), np.empty(len(found.obj))
+        for one in np.unique(found.obj).tolist():
+            rows = np.flatnonzero(found.obj == one)
+            starts, stops = spans_within(self.propagator(one), self.start_s, self.span_s)
+            which = np.searchsorted(starts, found.culminate_s[rows], "right") - 1
+            first_s[rows], last_s[rows] = starts[np.maximum(which, 0)], stops[np.maximum(which, 0)]
+        cut_first, cut_last = np.isnan(found.rise_s), np.isnan(found.set_s)
+        return np.where(cut_first, first_s, found.rise_s), np.where(cut_last, last_s, found.set_s)
+
+    def are_deep(self, obj: Index) -> NDArray[np.bool_]:
+        """Let all have polynomials that are long enough for deep space."""
+        return np.ones(len(obj), dtype=bool)
+
+    def arcs(self, windows: Windows, deep: bool) -> tuple[Arcs, Index]:
+        """Return the ways of objects in windows; none is left out. Raises EphemerisError."""
+        names, obj = np.unique(windows.obj, return_inverse=True)
+        propagators = [self.propagator(o) for o in names.tolist()]
+        local = Windows(obj, windows.first_s, windows.last_s)
+        return ephemeris_arcs(propagators, local, self.start_s), np.empty(0, dtype=np.intp)
+
+    def propagator(self, obj: int) -> Propagator:
+        """Return what places an object, by index. Raises PropagationError, EphemerisError."""
+        return Propagator(self.elements[obj], self.task.site, earth=self.earth, place="geometric")
+
+    def find(self, obj: int) -> Crossings:
+        """Return when an object, by index, is above the horizon. Raises PropagationError, EphemerisError."""
+        found = ephemeris_crossings(self.propagator(obj), self.start_s, self.span_s, self.horizon)
+        return found.renamed(np.array([obj], dtype=np.intp))
+
+
+def find_ephemeris_passes(
+    objects: Sequence[Elements | Ephemeris],
+    site: Site,
+    start: Utc,
+    hours: float,
+    horizon: Horizon | float = 10.0,
+) -> CataloguePasses:
+    """Return the passes of a few objects over a site, geometric and airless, as `find_catalogue_passes` does.
+
+    What has no place in the span is listed in `failed`. Raises TimeRangeError, SiteError, EphemerisError.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        why = (error.strerror or str(error)) if isinstance(error, OSError) else "is not text"
-        raise SourceError(f"{path}: cannot read {subject}: {why}") from None
-    rows = (
-        (number, printable(line.strip()), line.split("#")[0].replace(",", " ").split())
-        for number, line in enumerate(text.splitlines(), start=1)
-    )
-    return [row for row in rows if row[2]]
-
-
-def _check_point(azimuth_deg: float, altitude_deg: float) -> None:
-    if not 0.0 <= azimuth_deg <= 360.0:
-        raise SiteError(f"an azimuth of {azimuth_deg:g}° is outside 0° to 360°")
-    if not (math.isfinite(altitude_deg) and -90.0 <= altitude_deg <= 90.0):
-        raise SiteError(f"an altitude of {altitude_deg:g}° is outside -90° to 90°")
-
-
-def _cells(mask: HorizonMask) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the lowest and highest altitude in each tenth of a degree of azimuth, borders included."""
-    edges = mask.altitude_deg(np.arange(_CELLS + 1) * _CELL_DEG)
-    low, high = np.minimum(edges[:-1], edges[1:]), np.maximum(edges[:-1], edges[1:])
-    for azimuth, altitude in zip(mask.azimuths_deg, mask.altitudes_deg, strict=True):
-        middle = int(azimuth / _CELL_DEG)
-        # The point may stand on a border, which rounding puts on either side.
-        for cell in (middle - 1, middle, middle + 1):
-            low[cell % _CELLS] = min(low[cell % _CELLS], altitude)
-            high[cell % _CELLS] = max(high[cell % _CELLS], altitude)
-    return low, high
+    check_hours(hours)
+    level = horizon if isinstance(horizon, Horizon) else Horizon(horizon)
+    # A catalogue's passes ask their objects for names, numbers and epochs alone, which all ephemerides have.
+    elements = cast("Sequence[Elements]", objects)
+    task = SearchTask(elements, site, (float(start.unix_s), hours * HOUR_S), level, None)
+    search = EphemerisSearch(task)
+    pieces: list[Crossings] = []
+    failed: list[tuple[Elements, PropagationError]] = []
+    for index, one in enumerate(elements):
+        try:
+            pieces.append(search.find(index))
+        except PropagationError as error:
+            failed.append((one, error))
+    return CataloguePasses(search, joined(pieces), failed)

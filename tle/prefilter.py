@@ -72,8 +72,8 @@ if TYPE_CHECKING:
     from tle.crossings import Pieces
     from tle.earth import Ground
     from tle.elements import Elements
+    from tle.horizon import Horizon
     from tle.near_earth import NearEarth
-    from tle.passes import Horizon
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]

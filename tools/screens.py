@@ -95,10 +95,10 @@ class RecordedFeed:
         return False
 
 
-def practice_views() -> list[TrackView]:
-    """Return the views of the practice pass, half a second apart."""
+def practice_views(clock: str = demo_pass.BEFORE_PASS, min_alt_deg: float = 10.0) -> list[TrackView]:
+    """Return the views of the practice pass above an altitude from an instant on, half a second apart."""
     views: list[TrackView] = []
-    fly_virtual(prepare(_request()), views.append)
+    fly_virtual(prepare(_request(clock, min_alt_deg)), views.append)
     return views
 
 
@@ -120,14 +120,14 @@ def practice_helpers(utc_s: float) -> Helpers:
     return helpers
 
 
-def _request() -> RunRequest:
+def _request(clock: str = demo_pass.BEFORE_PASS, min_alt_deg: float = 10.0) -> RunRequest:
     return RunRequest(
         satellite=demo_pass.NAME,
         mount_url="sim",
         elements=[Elements.from_tle(demo_pass.LINE_1, demo_pass.LINE_2, demo_pass.NAME)],
         site=demo_pass.SITE.place(),
-        clock_option=demo_pass.BEFORE_PASS,
-        min_alt_deg=10.0,
+        clock_option=clock,
+        min_alt_deg=min_alt_deg,
         virtual=True,
         fov_deg=FIELD_DEG,
     )

@@ -10,8 +10,9 @@ from family import parameters_of, servo_of
 from feeder_harness import Timer as WindowsTimer
 
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
-from sattrack.mount.simulator.installation import DRIVES, SimulatorProfile
+from sattrack.mount.simulator.installation import DRIVES
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
+from sattrack.mount.simulator.profile import SimulatorProfile
 
 if TYPE_CHECKING:
     from storm.draws import Storm

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from sattrack.control.console import Console, ConsoleSession
+from sattrack.control.console import Console
+from sattrack.control.manual_operation import ConsoleSession
 from sattrack.core.angles import wrap180
 from sattrack.core.clock import SystemClock
 from sattrack.mount.model import Slew, mean_sidereal_deg

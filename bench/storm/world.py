@@ -143,9 +143,10 @@ class Time:
         self._world, self._feeder = world, feeder
 
     def monotonic(self) -> float:
-        if self._feeder:
-            self._world.catch_up()
-        return self._world.monotonic_s
+        world = self._world
+        if self._feeder and world.feeder_is_late:
+            world.catch_up()
+        return world.now_s - world.begin_s + BOOTED_S - world.slept_s
 
     def time(self) -> float:
         return self._world.now_s + self._world.host_offset_s
@@ -303,7 +304,7 @@ class World:
 
     def __init__(self, storm: Storm, judge: Judging, tracing: bool = False) -> None:
         self.storm, self.judge = storm, judge
-        self.now_s = storm.begin_s
+        self.now_s = self.begin_s = storm.begin_s
         self.host_offset_s = 0.0
         self.slept_s = 0.0
         self.mount = mount_of(storm)
@@ -337,11 +338,11 @@ class World:
     @property
     def monotonic_s(self) -> float:
         """The machine's monotonic clock, which stands while it sleeps."""
-        return self.now_s - self.storm.begin_s + BOOTED_S - self.slept_s
+        return self.now_s - self.begin_s + BOOTED_S - self.slept_s
 
     @property
     def at_s(self) -> float:
-        return self.now_s - self.storm.begin_s
+        return self.now_s - self.begin_s
 
     @property
     def somebody_sends(self) -> bool:
@@ -356,7 +357,8 @@ class World:
 
     def at(self, utc_s: float, happen: Callable[[Any], None], what: Any = None) -> None:
         self._order += 1
-        heapq.heappush(self._queue, (max(utc_s, self.now_s), self._order, happen, what))
+        now_s = self.now_s
+        heapq.heappush(self._queue, (now_s if now_s > utc_s else utc_s, self._order, happen, what))
 
     def run_until(self, utc_s: float, awake: Callable[[], bool] = lambda: False) -> None:
         """Let things happen until an instant, or until `awake`."""
@@ -366,8 +368,14 @@ class World:
                 self.now_s = max(self.now_s, utc_s)
                 return
             at_s, _, happen, what = heapq.heappop(queue)
-            self.now_s = max(self.now_s, at_s)
+            if at_s > self.now_s:
+                self.now_s = at_s
             happen(what)
+
+    @property
+    def feeder_is_late(self) -> bool:
+        """Whether the feeder is not where the world is: it ends, or stands still."""
+        return self._kill or self.now_s < self._feeder_from_s
 
     def catch_up(self) -> None:
         """Be where the feeder is: a process that stands still sees time pass when it goes on."""
@@ -387,7 +395,9 @@ class World:
         until = self.monotonic_s + timeout_s
 
         def awake() -> bool:
-            return self._kill or (link is not None and bool(self._arrived)) or self.monotonic_s >= until
+            if self._kill or (link is not None and self._arrived):
+                return True
+            return self.now_s - self.begin_s + BOOTED_S - self.slept_s >= until
 
         # A machine that sleeps stops the clock by which this waits.
         while not awake():

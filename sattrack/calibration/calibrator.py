@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from msgspec.structs import replace
@@ -36,8 +36,6 @@ from sattrack.mount.xerxes.datagrams import Command
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Mapping
-
-    from sattrack.calibration.motion import AxisName
 
     Steps = Generator[None, None, None]
 
@@ -268,6 +266,7 @@ SETTLES_OVER_S = 0.35
 SETTLES_WITHIN = 0.02
 MOVES_AT_LEAST = 0.25
 FOLLOWS_WITHIN = 0.15
+AxisName = Literal["ra", "dec"]
 AXIS_WORDS: dict[AxisName, str] = {"ra": "right ascension", "dec": "declination"}
 
 

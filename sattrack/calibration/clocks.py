@@ -227,9 +227,12 @@ class RoundTrip:
 
 
 def _step(x: Array) -> Array:
+    """Return a smooth step at 0, in the place of its argument: new arrays of this size take longer."""
     # Logistic: its wings are heavier than a normal one's, as those of network delays are.
-    step: Array = 1.0 / (1.0 + np.exp(-np.clip(x, -40.0, 40.0)))
-    return step
+    np.clip(x, -40.0, 40.0, out=x)
+    np.exp(np.negative(x, out=x), out=x)
+    x += 1.0
+    return np.divide(1.0, x, out=x)
 
 
 @dataclass(slots=True)
@@ -240,6 +243,8 @@ class RoundTripEstimate:
     _scatters: Array = field(default_factory=lambda: np.array(SCATTERS_S)[:, None])
     _log: Array = field(init=False)
     _brackets: list[Bracket] = field(default_factory=list)
+    _result: RoundTrip | None = None
+    """What is known by these brackets, once somebody has asked."""
 
     def __post_init__(self) -> None:
         """Begin with nothing known."""
@@ -248,31 +253,48 @@ class RoundTripEstimate:
     def add(self, bracket: Bracket) -> None:
         """Take one bracket."""
         self._brackets.append(bracket)
+        self._result = None
         above = _step((bracket.within_s - self._seconds) / self._scatters)
         below = _step((bracket.above_s - self._seconds) / self._scatters)
-        self._log += np.log((1.0 - STRAY_SHARE) * np.maximum(above - below, 0.0) + STRAY_SHARE * 0.05)
+        above -= below
+        np.maximum(above, 0.0, out=above)
+        above *= 1.0 - STRAY_SHARE
+        above += STRAY_SHARE * 0.05
+        self._log += np.log(above, out=above)
 
     @property
     def median_s(self) -> float:
         """The value that the truth is as likely above as below."""
-        cumulative = np.cumsum(self._marginal())
+        cumulative = np.cumsum(_marginal(self._likelihood()))
         return float(self._seconds[np.searchsorted(cumulative, 0.5)])
 
     def result(self) -> RoundTrip:
         """Return what is known."""
-        probability = self._marginal()
+        if self._result is None:
+            self._result = self._found()
+        return self._result
+
+    def _found(self) -> RoundTrip:
+        likelihood = self._likelihood()
+        probability = _marginal(likelihood)
         mean = float((probability * self._seconds).sum())
         sigma = float(np.sqrt((probability * (self._seconds - mean) ** 2).sum()))
-        weights = np.exp(self._log - self._log.max()).sum(axis=1)
+        weights = likelihood.sum(axis=1)
         scatter = float((weights * self._scatters[:, 0]).sum() / weights.sum())
         far = STRAY_BEYOND * scatter + 3.0 * sigma
         strays = sum(1 for b in self._brackets if mean < b.above_s - far or mean > b.within_s + far)
         return RoundTrip(mean, mean, max(sigma, STEP_S), scatter, len(self._brackets), strays)
 
-    def _marginal(self) -> Array:
-        probability: Array = np.exp(self._log - self._log.max()).sum(axis=0)
-        probability /= probability.sum()
-        return probability
+    def _likelihood(self) -> Array:
+        likelihood: Array = np.exp(self._log - self._log.max())
+        return likelihood
+
+
+def _marginal(likelihood: Array) -> Array:
+    """Return the probability of each value, whatever the scatter."""
+    probability: Array = likelihood.sum(axis=0)
+    probability /= probability.sum()
+    return probability
 
 
 def contradiction(trip: RoundTrip) -> str | None:

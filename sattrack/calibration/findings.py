@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from sattrack.calibration.calibrator import AXIS_WORDS, LegHeard, Observations
+from sattrack.calibration.calibrator import AXIS_WORDS, AxisName, LegHeard, Observations
 from sattrack.calibration.clocks import (
     Bracket,
     ClockLine,
@@ -25,7 +25,6 @@ from sattrack.calibration.clocks import (
 from sattrack.calibration.guard import CalibrationEndedError, EndKind
 from sattrack.calibration.motion import (
     AxisMotion,
-    AxisName,
     AxisResponse,
     Stretch,
     axis_motion,

@@ -28,7 +28,7 @@ from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from sattrack.calibration.calibrator import LegHeard, Observations, StepHeard
+    from sattrack.calibration.calibrator import AxisName, LegHeard, Observations, StepHeard
     from sattrack.calibration.clocks import ClockLine, HeardStatus
 
     Array = NDArray[np.float64]
@@ -53,8 +53,6 @@ SETTLING_AT_MOST = 0.02
 GOES_ON_BY = 2.0
 ADDED_WITHIN = 0.2
 """Part of the sidereal rate by which what is added may miss either reading."""
-
-AxisName = Literal["ra", "dec"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -345,22 +345,24 @@ def _simulated(at: Array, samples: _Samples, model: Model) -> tuple[Array, Array
     place = wanted[0].copy() if model.holds_places else np.zeros_like(begin)
     first = place.copy()
     places, rates, forces = (np.empty((STEPS + 1, *begin.shape)) for _ in range(3))
-    most = np.inf if model.ramped else limit
     drag, stiffness = 2.0 * damping * omega, omega**2
     share = at[:, 5:6]
     learnt = (1.0 - share) * drag * begin
+    asked = np.diff(wanted, axis=0) / h
+    middle, shared = 0.5 * (wanted[:-1] + wanted[1:]), share * asked
+    integral = h * INTEGRAL_CORNER * omega * stiffness
+    resists = 1.0 + 0.5 * h * drag + 0.25 * h * h * stiffness
+    follows, slows = h * stiffness, 1.0 + h * drag + h * h * stiffness
     for k in range(STEPS):
         places[k], rates[k] = place, rate
-        asked = (wanted[k + 1] - wanted[k]) / h
         if model.holds_places:
-            behind = 0.5 * (wanted[k] + wanted[k + 1]) - place - 0.5 * h * rate
-            force = (stiffness * behind + learnt + drag * (share * asked - rate)) / (
-                1.0 + 0.5 * h * drag + 0.25 * h * h * stiffness
-            )
-            learnt = learnt + h * INTEGRAL_CORNER * omega * stiffness * behind
+            behind = middle[k] - place - 0.5 * h * rate
+            force = (stiffness * behind + learnt + drag * (shared[k] - rate)) / resists
+            learnt = learnt + integral * behind
         else:
-            force = (force + h * stiffness * (asked - rate)) / (1.0 + h * drag + h * h * stiffness)
-        force = np.minimum(np.maximum(force, -most), most)
+            force = (force + follows * (asked[k] - rate)) / slows
+        if not model.ramped:
+            force = np.minimum(np.maximum(force, -limit), limit)
         forces[k] = force
         place = place + h * (rate + 0.5 * h * force)
         rate = rate + h * force

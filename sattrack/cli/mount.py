@@ -29,18 +29,9 @@ from sattrack.cli.common import (
     tell,
     tui_possible,
 )
-from sattrack.control.console import Console, ConsoleSession
-from sattrack.control.console_view import view_of
-from sattrack.control.manual_operation import (
-    DONE,
-    Look,
-    ManualOperation,
-    MoveFor,
-    Outcome,
-    ParkThere,
-    procedure_for,
-    request_text,
-)
+from sattrack.control.console import Console
+from sattrack.control.manual_operation import ConsoleSession, Look, ManualOperation, view_of
+from sattrack.control.procedures import DONE, MoveFor, Outcome, ParkThere, procedure_for, request_text
 from sattrack.core.errors import (
     BadInputError,
     InterruptedRunError,
@@ -84,7 +75,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from contextlib import AbstractContextManager
 
-    from sattrack.control.manual_operation import Procedure
+    from sattrack.control.procedures import Procedure
     from sattrack.core.clock import Clock
     from sattrack.mount.alpaca.device import DeviceFacts
     from sattrack.mount.profiles import ProfileFile

@@ -313,7 +313,7 @@ def _priority(text: str) -> float:
 def _numbers(file: Path | None, subject: str, read: Callable[[str], float]) -> dict[int, float]:
     """Return what a file says of satellites by catalogue number."""
     from tle.errors import TleError
-    from tle.passes import read_table
+    from tle.formats.rows import read_table
 
     found: dict[int, float] = {}
     for number, line, words in [] if file is None else read_table(file, subject):

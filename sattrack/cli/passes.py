@@ -35,7 +35,8 @@ if TYPE_CHECKING:
 
     from sattrack.cli.passes_output import PassTable
     from tle.ephemeris import Ephemeris
-    from tle.passes import CataloguePasses, Horizon
+    from tle.horizon import Horizon
+    from tle.passes import CataloguePasses
 
 _DARK_SUN_DEG = -6.0
 _FEWEST_FOR_PROGRESS = 2000
@@ -236,7 +237,7 @@ def _search(
     horizon = _horizon(context, options)
     elements = [one for one in chosen if isinstance(one, Elements)]
     if len(elements) < len(chosen):
-        from tle.ephemeris_passes import find_ephemeris_passes
+        from tle.passes import find_ephemeris_passes
 
         return find_ephemeris_passes(chosen, context.site(), start, options["hours"], horizon)
     from tle.passes import find_catalogue_passes
@@ -253,7 +254,7 @@ def _search(
 
 
 def _horizon(context: CommandContext, options: dict[str, Any]) -> Horizon:
-    from tle.passes import Horizon, HorizonMask
+    from tle.horizon import Horizon, HorizonMask
 
     least_deg = options["min_alt_deg"]
     if least_deg is None:

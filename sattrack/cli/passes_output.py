@@ -35,7 +35,8 @@ if TYPE_CHECKING:
     from sattrack.views.schedule import PlannedPass, SchedulePlan
     from tle.elements import Elements
     from tle.facts import FactColumns, PassFacts
-    from tle.passes import CataloguePasses, Horizon, Pass
+    from tle.horizon import Horizon
+    from tle.passes import CataloguePasses, Pass
     from tle.transits import Transit
 
     Array = NDArray[np.float64]

@@ -272,7 +272,7 @@ def report(context: CommandContext, files: tuple[Path, ...], **options: Any) -> 
             write_tdm(recording, facts, tdm)
         run = trace(recording, engine_of, share_progress(number, len(files)))
         report, fit = make_report(recording, run)
-        kept = None if fit is None else keep_fit(fit, facts, options["bias_memory"])
+        kept = None if fit is None else keep_fit(fit, run.engine.spec, options["bias_memory"])
         if kept is not None:
             tell(f"bias memory: {kept}")
         found.append((recording, facts, run, report, fit))

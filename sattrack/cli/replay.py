@@ -25,6 +25,7 @@ from sattrack.cli.common import (
     tell,
     tui_possible,
 )
+from sattrack.control.engine_view import view_of
 from sattrack.core.errors import BadInputError, how_to_install
 from sattrack.core.process import self_command
 from sattrack.recording.format import COMMAND, VIEW
@@ -76,7 +77,7 @@ class ViewsAtOnce(JsonLines):
             return
         self._last_utc_s = self.utc_s = entry.utc_s
         self.engine = engine
-        self.write_whole(engine.view(entry.utc_s))
+        self.write_whole(view_of(engine, entry.utc_s))
         self._count += 1
         if self._count % HEED_EVERY == 0:
             self._heed()
@@ -254,7 +255,7 @@ class _Player(JsonLines):
             self._due_s += max(0.0, min(LONGEST_PAUSE_S, entry.utc_s - self._utc_s)) / self._speed
         self._engine, self._utc_s = engine, entry.utc_s
         self._wait()
-        self.write(engine.view(entry.utc_s))
+        self.write(view_of(engine, entry.utc_s))
 
     def _wait(self) -> None:
         """Wait for the next view's time; raises LeftError where standard input says stop, or ends."""

@@ -20,9 +20,10 @@ from sattrack.mount.alpaca.link import DEFAULT_PORT as ALPACA_PORT
 from sattrack.mount.profiles import ProfileFile, load_profile_file
 from sattrack.mount.simulator.hidden import GRAMMAR as HIDDEN_GRAMMAR
 from sattrack.mount.simulator.hidden import Hidden, SimulatedCamera, parse_hidden, split_delays_s
-from sattrack.mount.simulator.installation import GRAMMAR, parse_faults, simulator_profile
+from sattrack.mount.simulator.installation import GRAMMAR, parse_faults
 from sattrack.mount.simulator.mount import SimulatedSite
 from sattrack.mount.simulator.process import ClockSetting, SimulatorConfig, make_clock, make_server
+from sattrack.mount.simulator.profile import simulator_profile
 from sattrack.mount.xerxes.client import DEFAULT_PORT
 from sattrack.runtime import demo_pass
 

@@ -29,7 +29,7 @@ from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackErr
 
 if TYPE_CHECKING:
     from sattrack.cli.mount import MountCall
-    from sattrack.control.console import ConsoleSession
+    from sattrack.control.manual_operation import ConsoleSession
     from sattrack.mount.model import MountProfile, PointingTerms
     from sattrack.mount.profiles import ProfileFile
     from sattrack.pointing.files import RunParameters
@@ -230,7 +230,7 @@ def _ran(
     context: CommandContext, options: dict[str, Any], call: MountCall, site: Site, known: list[Star]
 ) -> StarRun:
     """Move the mount over the sky; return the run. Raises what ends it before anything was measured."""
-    from sattrack.control.console import ConsoleSession
+    from sattrack.control.manual_operation import ConsoleSession
     from sattrack.runtime.calibrate import any_key
     from sattrack.runtime.facts import pointing_of
     from sattrack.runtime.star_run import CameraProcess, StarRun

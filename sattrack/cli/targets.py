@@ -12,7 +12,8 @@ import click
 
 from sattrack.cli.common import tell
 from sattrack.core.errors import BadInputError
-from tle.elements import Elements, SourceRank, expected_error_m, source_rank
+from tle.elements import Elements
+from tle.ephemeris import SourceRank, expected_error_m, source_rank
 from tle.errors import AmbiguousSatelliteError, PropagationError, SatelliteNotFoundError, SourceError
 
 if TYPE_CHECKING:

@@ -193,14 +193,14 @@ def answers_of(seconds: Array | float) -> Array:
 
 def lag_of(shares: Array) -> Lag:
     """Return the mean lag of a response and its spread."""
-    whole, first_s, square_s2 = (_MOMENTS * shares).sum(axis=1).tolist()
+    whole, first_s, square_s2 = np.add.reduce(_MOMENTS * shares, axis=1).tolist()
     mean_s = first_s / whole
     return Lag(mean_s, square_s2 / whole - mean_s * mean_s, whole)
 
 
 def lag_sigma_s(covariance: Array) -> float:
     """Return one sigma of the mean lag for the covariance of the shares."""
-    variance = float(((covariance * _MIDDLES).sum(axis=1) * _MIDDLES).sum())
+    variance = float(np.add.reduce(np.add.reduce(covariance * _MIDDLES, axis=1) * _MIDDLES))
     return math.sqrt(max(0.0, variance))
 
 
@@ -285,6 +285,9 @@ SMALLEST_NOISE_SHARE, LARGEST_NOISE_SHARE = 0.02, 400.0
 LARGEST_ROUGH_SHARE = 16.0
 ROUGH_LEARNING = 5.0
 """How much faster the motion's own noise is learnt than that of the measurements."""
+REOPENED_PER_S = 0.03
+"""Share of an unknown axis' variance of gain that its gain gets back a second, for each unit by which the
+motion is rougher than expected: at its bound, the gain is as uncertain as at first after two seconds."""
 NEAR_REST_DEG_S = 0.05
 """Slower than this an axis may stick. How far it stays behind then its servo takes away by itself, so that is
 no rate: compensated as one, the axis breaks loose the further."""
@@ -292,6 +295,8 @@ PLAUSIBLE_RATE_DEG_S = 40.0 / 3600.0
 """A rate disturbance beyond this was an axis that was stopped: near rest too, it may be over at once."""
 OVER_S = 1.0
 """Time in which such a rate of an axis that was known is likely to end."""
+LASTS_S = 3.0
+"""A rate that has lasted for so long is no stopped axis: it may be a gain that was learnt wrongly."""
 LARGEST_RATE_DEG_S = 0.1
 """One sigma of a rate that has set in at once."""
 STEADY, LOST = 0.05, 9.0
@@ -383,6 +388,8 @@ class AxisFilter:
         """Whether surprises showed unpredicted motion, of which something may have been learnt."""
         self._noise_share = 1.0
         """Variance of the measurements over the expected one, as innovations show it."""
+        self._parted = False
+        """Whether gain and rate were parted: where that happens again, it is the motion that is rough."""
         self._trusted: tuple[Array, Array] | None = None
         """Shares and their covariance, from the last motion that was long without surprises."""
         self._begin(position_deg)
@@ -407,6 +414,8 @@ class AxisFilter:
         self._seconds = 1.0
         self._rough_share = 1.0
         """Variance of the motion's own noise over the expected one, as innovations in a row show it."""
+        self._implausible_s = 0.0
+        """For how long the axis has had a rate beside its commands that is implausible."""
         self._last_ratio = 0.0
         """The last surprise in its expected sigma."""
         self._surprises = 1.0
@@ -497,7 +506,8 @@ class AxisFilter:
         rough, drifts = self._rough_share, self._rough_share if shaken else 1.0
         rate_variance = rough * drifts * self._rate_walk * seconds
         implausible = abs(float(self._kalman.state[1])) - PLAUSIBLE_RATE_DEG_S
-        if implausible > 0.0 and self._trusted is not None:
+        self._implausible_s = self._implausible_s + seconds if implausible > 0.0 else 0.0
+        if 0.0 < self._implausible_s <= LASTS_S and self._trusted is not None:
             rate_variance += implausible * implausible * seconds / OVER_S
         own = rough * (self._walk * seconds + rough_deg * rough_deg / drifts)
         own += rate_variance * seconds * seconds / 3.0
@@ -507,7 +517,14 @@ class AxisFilter:
         self._kalman.state[1] *= 1.0 - seconds / self._noise.rate_fades_s
         # What is not measured after this is where the axis is taken to be.
         self.position_deg = float(self._kalman.state[0])
-        self._kalman.blur(own, 0.5 * rate_variance * seconds, rate_variance, self._walks * seconds)
+        walks = self._walks * seconds
+        if rough > 1.0:
+            # What goes on to one side may be a gain that was learnt wrongly, and too surely, on the way here.
+            first = self._noise.first_gain**2
+            unknown = max(0.0, first - float(self._kalman.covariance[2:, 2:].sum()))
+            gained = min(REOPENED_PER_S * (rough - 1.0) * seconds * first, unknown)
+            walks += gained * self.shares[:, None] * self.shares
+        self._kalman.blur(own, 0.5 * rate_variance * seconds, rate_variance, walks)
 
     def stand_at(self, position_deg: float) -> None:
         """Take a place as it is seen, of an axis whose motion nothing predicts; all else stays as it is."""
@@ -566,6 +583,27 @@ class AxisFilter:
             likely &= abs(float(known[1])) <= LIKELY_SIGMAS * noise.first_rate_deg_s
             self.begun_anew += not likely
             self._begin(measured_deg, known[1:] if likely else None)
+        elif not self._parted and self._surprises < CALM and self._taken > 2 * SHORTEST_TRIAL:
+            self._part_gain_and_rate(measured_deg)
+
+    def _part_gain_and_rate(self, measured_deg: float) -> None:
+        """Begin anew where gain and rate are both unlikely and cancel: the axis obeys, and both are wrong.
+
+        Drives at their limit on the way to a target teach such a pair, and too surely. While it lasts, the
+        rate has to follow every change of the commanded one, and comes late. The response is kept but for
+        its gain.
+        """
+        rate_deg_s, noise = float(self._kalman.state[1]), self._noise
+        most_deg_s = LIKELY_SIGMAS * noise.first_rate_deg_s
+        gain_error = self.gain_error
+        if abs(rate_deg_s) <= most_deg_s or abs(gain_error) <= LIKELY_SIGMAS * noise.first_gain:
+            return
+        whole = 1.0 + gain_error
+        commanded_deg_s = self.moved_deg(self.moves[1:]) / whole / self._seconds
+        left_deg_s = rate_deg_s + gain_error * commanded_deg_s
+        if abs(left_deg_s) < most_deg_s:
+            self._parted, self._trusted = True, None
+            self._begin(measured_deg, np.array([left_deg_s, *(self.shares / whole)]))
 
     def _learn_noise(self, sigmas: float, measured: float) -> None:
         """Let the noises follow, slowly, what a surprise and the one before are against expectation.
@@ -578,7 +616,9 @@ class AxisFilter:
         against = measured * (sigmas * sigmas - 1.0 - 2.0 * max(0.0, alike))
         share = self._noise_share * (1.0 + learning * against)
         self._noise_share = max(SMALLEST_NOISE_SHARE, min(LARGEST_NOISE_SHARE, share))
-        rough = self._rough_share * (1.0 + ROUGH_LEARNING * learning * alike)
+        # Motion that is less rough than expected leaves surprises that are too small, whatever their signs.
+        smooth = (1.0 - measured) * min(0.0, self._surprises - 1.0)
+        rough = self._rough_share * (1.0 + ROUGH_LEARNING * learning * (alike + smooth))
         self._rough_share = max(1.0, min(LARGEST_ROUGH_SHARE, rough))
 
     def _weigh_surprise(self, surprise_deg: float, expected: float, rate_deg_s: float) -> float:

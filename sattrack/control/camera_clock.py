@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sattrack.views.run import ClockView
-from tle.bias import apparent_unit
 from tle.instants import Utc
+from tle.observed import apparent_unit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from sattrack.control.biases import Course
+    from sattrack.control.target import Course
     from sattrack.mount.model import MountProfile
     from sattrack.views.messages import SolvedField
 

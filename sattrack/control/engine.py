@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 from sattrack.control.biases import NO_CAMERAS, Cameras
 from sattrack.control.driver import NO_ANSWER_AFTER_S, Driver, StopProcedure, limit_text
-from sattrack.control.engine_view import HOLDING, learnt_view, view_of
 from sattrack.control.stages import Attempt, AxisAttempt, RunStage, Situation, Stages, why_not
 from sattrack.control.target import sky_error
 from sattrack.control.tracker import FOLLOWING, Phase, Tracker, TrackPlan
@@ -24,12 +23,13 @@ from sattrack.mount.xerxes.link import LinkState
 from sattrack.safety import ROWS, Safety, SafetyLimits
 from sattrack.safety.watch import KEEPS_FIRST
 from sattrack.views.messages import Jog
-from sattrack.views.run import StageView
+from sattrack.views.run import LearntView, StageView
 
 if TYPE_CHECKING:
+    from sattrack.control.following import Learnt
     from sattrack.mount.model import Cleared, MountProfile
     from sattrack.views.messages import Message
-    from sattrack.views.run import ErrorView, RememberedView, TrackView
+    from sattrack.views.run import ErrorView, RememberedView
     from tle.bias import Bias
     from tle.propagator import Propagator
 
@@ -40,6 +40,10 @@ EDGES_MISSED_S, FALLEN = 5.0, (0.2, 0.8)
 that is left where its rates end with the flag."""
 AXES = (("right ascension", "ra"), ("declination", "dec"))
 """Their names, and how the profile's fields of each begin."""
+
+
+HOLDING = "holding"
+"""The phase in which a limit keeps the mount off its target."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -372,12 +376,38 @@ class Engine(Driver):
         slews = isinstance(self.session.wanted, Slew) or self.safety.led is not None
         return self.tracker.rest is not None and slews
 
-    def view(self, now_utc_s: float) -> TrackView:
-        """Return what anyone who looks may see, as of an instant."""
-        return view_of(self, now_utc_s)
-
 
 def safety_of(spec: RunSpec) -> Safety:
     """Return what clears a run's motions: held at limits, slews led round, out of the Sun by itself."""
     site = spec.propagator.site
     return Safety(spec.profile, spec.limits, site.latitude_deg, site.longitude_deg, holds=True, escapes=True)
+
+
+def learnt_view(engine: Engine) -> LearntView | None:
+    """Return what the run has learnt of its mount; None before it was followed with."""
+    follower, profile = engine.tracker.follower, engine.spec.profile
+    known, settling_s = follower.learning.learnt(), follower.settling_s
+    if known is None or settling_s is None:
+        return None
+    ra, dec = known
+    ra_gain, ra_gain_sigma = _gain(ra, profile.ra_rate_gain)
+    dec_gain, dec_gain_sigma = _gain(dec, profile.dec_rate_gain)
+    return LearntView(
+        ra_lag_s=ra.lag_s,
+        ra_lag_sigma_s=ra.lag_sigma_s,
+        ra_gain=ra_gain,
+        ra_gain_sigma=ra_gain_sigma,
+        dec_lag_s=dec.lag_s,
+        dec_lag_sigma_s=dec.lag_sigma_s,
+        dec_gain=dec_gain,
+        dec_gain_sigma=dec_gain_sigma,
+        command_delay_s=follower.command_delay_s,
+        settling_s=settling_s,
+        restarts=follower.learning.times_begun_anew,
+        sky=engine.tracker.steering.estimator.sky_terms,
+    )
+
+
+def _gain(learnt: Learnt, profile_gain: float) -> tuple[float, float] | tuple[None, None]:
+    line = learnt.line
+    return (None, None) if line is None else (profile_gain * line.gain, profile_gain * line.gain_sigma)

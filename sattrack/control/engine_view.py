@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, TypedDict
 
 from sattrack.control.driver import site_warnings
+from sattrack.control.engine import HOLDING, learnt_view
 from sattrack.control.estimate import LOST_AFTER_S
 from sattrack.control.following import FREE_REST_DEG_S
 from sattrack.control.tracker import FOLLOWING, Phase
@@ -16,7 +17,6 @@ from sattrack.safety import ROWS
 from sattrack.views.formatting import camera_clock_text
 from sattrack.views.run import (
     EstimateView,
-    LearntView,
     LoopView,
     OffsetView,
     PauseView,
@@ -25,18 +25,15 @@ from sattrack.views.run import (
     TwoAxesView,
 )
 from tle.bodies import Body
-from tle.elements import expected_error_m
+from tle.ephemeris import expected_error_m
 from tle.instants import Utc
 
 if TYPE_CHECKING:
     from sattrack.control.engine import Engine
-    from sattrack.control.following import Learnt
     from sattrack.control.tracker import Tracker
     from sattrack.mount.model import LinkView, StatusSample
     from sattrack.views.run import ErrorView
 
-HOLDING = "holding"
-"""The phase in which a limit keeps the mount off its target."""
 LOST_SHOWN_S = 10.0
 """For how long a warning says that the mount was lost."""
 DRIFT_TOLERANCE_DEG_S, DRIFT_SIGMA_DEG_S = 2.0 / 3600.0, 4.0 / 3600.0
@@ -117,36 +114,6 @@ def _axes_view(engine: Engine) -> TwoAxesView | None:
         field_angle_deg=frame.field_angle_deg(first_deg, sample.dec_deg),
         field_rate_deg_s=frame.field_rate_deg_s(first_deg, sample.dec_deg, *rates),
     )
-
-
-def learnt_view(engine: Engine) -> LearntView | None:
-    """Return what the run has learnt of its mount; None before it was followed with."""
-    follower, profile = engine.tracker.follower, engine.spec.profile
-    known, settling_s = follower.learning.learnt(), follower.settling_s
-    if known is None or settling_s is None:
-        return None
-    ra, dec = known
-    ra_gain, ra_gain_sigma = _gain(ra, profile.ra_rate_gain)
-    dec_gain, dec_gain_sigma = _gain(dec, profile.dec_rate_gain)
-    return LearntView(
-        ra_lag_s=ra.lag_s,
-        ra_lag_sigma_s=ra.lag_sigma_s,
-        ra_gain=ra_gain,
-        ra_gain_sigma=ra_gain_sigma,
-        dec_lag_s=dec.lag_s,
-        dec_lag_sigma_s=dec.lag_sigma_s,
-        dec_gain=dec_gain,
-        dec_gain_sigma=dec_gain_sigma,
-        command_delay_s=follower.command_delay_s,
-        settling_s=settling_s,
-        restarts=follower.learning.times_begun_anew,
-        sky=engine.tracker.steering.estimator.sky_terms,
-    )
-
-
-def _gain(learnt: Learnt, profile_gain: float) -> tuple[float, float] | tuple[None, None]:
-    line = learnt.line
-    return (None, None) if line is None else (profile_gain * line.gain, profile_gain * line.gain_sigma)
 
 
 def _link_view(engine: Engine, now_utc_s: float) -> LinkView:

@@ -18,10 +18,11 @@ import numpy as np
 
 from sattrack.mount.model import SkyTerms
 from sattrack.views.messages import MOST_SIGMA_ARCSEC, ObservationMessage
-from tle.bias import Bias, apparent_unit
+from tle.bias import Bias
 from tle.elements import Elements
 from tle.errors import PropagationError
 from tle.instants import Utc
+from tle.observed import apparent_unit
 from tle.orbit_filter import CAMERA_TERMS, MOUNT_TERMS, FilterBank, KnownTerms, OrbitFilter
 from tle.orbit_fit import ALONG, STATES, CorrectableOrbit, Expected, Image, Sighting, cross_product
 
@@ -30,8 +31,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sattrack.control.biases import Course
-    from tle.bias import Frame
+    from sattrack.control.target import Course
+    from tle.observed import Frame
     from tle.propagator import Propagator
 
 FUTURE_S = 0.1

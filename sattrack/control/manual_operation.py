@@ -1,47 +1,40 @@
-"""A mount under manual operation: procedures of one request or more, and one operation from begin to end."""
+"""A console in somebody's hands: one operation from begin to end, a look, an operator's time; and its view.
+
+Pure: datagrams, orders and instants in, datagrams and views out.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
-from sattrack.control.driver import NO_ANSWER_AFTER_S, StopProcedure
-from sattrack.mount.model import Slew
-from sattrack.mount.requests import (
-    Abort,
-    EndMove,
-    FindHome,
-    FineRate,
-    MoveAxis,
-    Park,
-    PulseGuide,
-    Request,
-    Sync,
-    Ticket,
-    TicketState,
-    TrackingRate,
-)
+import msgspec
+
+from sattrack.control.driver import NO_ANSWER_AFTER_S, StopProcedure, limit_text, site_warnings
+from sattrack.control.procedures import DONE, Once, Outcome, RequestRefused, refused, request_text
+from sattrack.mount.model import DTICS_S_PER_DEG_S, Hold, MoveAxes, Slew, Stop
+from sattrack.mount.requests import Abort, FindHome, Park, Sync, TicketState
 from sattrack.mount.xerxes.datagrams import DatagramError, decode_status
 from sattrack.mount.xerxes.link import LinkState
-from sattrack.views.formatting import degrees, hours
+from sattrack.views.messages import ConsoleMessage, Jog, Leave, Reset
+from sattrack.views.run import AskedView, ConsoleView
 
 if TYPE_CHECKING:
-    from sattrack.control.aim import Lead
-    from sattrack.control.console import Console
-    from sattrack.mount.model import AxesPosition, MountProfile, Status, StatusSample
+    from sattrack.control.console import Console, RequestEntry
+    from sattrack.control.procedures import Procedure
+    from sattrack.mount.model import LinkView, Status
+
 
 LISTEN_S = 0.5
 LISTEN_STATUSES = 4
 LOOK_S = 1.0
 """How long a look lasts from the first status on: enough to tell how evenly they come."""
 ACKS = ("abort", "sync", "pulse_guide", "slew", "move_ra", "move_dec")
-NOT_ALONE = (
+COMMANDED_BY_OTHERS = (
     "the mount acknowledges commands ({}) that were not sent from here: another program drives it, or did "
     "and was killed; end it, or stop the mount with `sattrack mount abort`, then ask again"
 )
-DONE = frozenset({TicketState.COMPLETE, TicketState.UNCONFIRMED})
 
 
 class OperationPhase(Enum):
@@ -149,7 +142,7 @@ class ManualOperation:
         """End where the mount acknowledges commands, of which none was ours so far; tell whether it does."""
         if not self._others:
             return False
-        refusal = RequestRefused(NOT_ALONE.format(", ".join(sorted(self._others))))
+        refusal = RequestRefused(COMMANDED_BY_OTHERS.format(", ".join(sorted(self._others))))
         self._end("refused", refused(refusal), now_utc_s, stop=False)
         return True
 
@@ -270,399 +263,226 @@ def acknowledged(data: bytes) -> set[str]:
     return {name.replace("_", " ") for name in ACKS if getattr(status, f"ack_{name}")}
 
 
-_PLAIN: dict[type, str] = {Abort: "abort", Park: "park", FindHome: "home", EndMove: "end the move"}
+OWNED = "looking on; SPACE has the mount's owner stop it and end: {}"
+NOT_ALONE = "another program drives this mount: nothing is sent from here, unless you stop the mount"
 
 
-def request_text(request: Request) -> str:
-    """Return a request in words, with its numbers."""
-    match request:
-        case Slew() | Sync():
-            verb = "slew" if isinstance(request, Slew) else "sync"
-            return f"{verb} to RA {hours(request.ra_deg / 15.0)} Dec {degrees(request.dec_deg)}"
-        case MoveAxis():
-            rates = (("RA", request.ra_rate_deg_s), ("Dec", request.dec_rate_deg_s))
-            return "move " + " ".join(f"{axis} {rate:+g} °/s" for axis, rate in rates if rate is not None)
-        case PulseGuide():
-            return f"pulse RA {request.ra_ms:+d} ms Dec {request.dec_ms:+d} ms"
-        case FineRate():
-            return f"fine rate RA {request.ra_deg_s:+g} °/s Dec {request.dec_deg_s:+g} °/s"
-        case TrackingRate():
-            return f"tracking rate {request.rate}"
-    return _PLAIN[type(request)]
+class ConsoleSession:
+    """One operator's time with one mount; call `tick` once a period until `finished`.
 
-
-NEAR_DEG = 0.1
-"""So near to its home position a mount is taken to stand there, where it does not say so itself."""
-HOME_STARTS_WITHIN_S = 3.0
-HOME_WITHIN_S = 240.0
-SLEW_SETTLING_S = 2.0
-MOVE_BEGINS_WITHIN_S = 10.0
-NEVER_THERE = "the mount did not come to that direction: it is near the keyhole, or an axis is too slow"
-RESTS_WITHIN_S = 5.0
-"""How long a stopped mount may take until its drives tell standstill."""
-
-
-@dataclass(frozen=True, slots=True)
-class RequestRefused:
-    """Why something was not asked of the mount; `by_safety` where a limit or an interlock forbids it."""
-
-    words: str
-    by_safety: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """How a procedure ended; `state` is one of the ends of a ticket."""
-
-    state: TicketState
-    acknowledged: bool
-    reason: str | None = None
-    refusal: RequestRefused | None = None
-
-
-class ProcedureHost(Protocol):
-    """What a procedure needs of the console."""
-
-    @property
-    def status(self) -> Status | None:
-        """The mount's last status."""
-
-    @property
-    def sample(self) -> StatusSample | None:
-        """The same, as the tracker sees it."""
-
-    @property
-    def at_rest(self) -> bool:
-        """Whether they say that it stands or follows the sky."""
-
-    @property
-    def stands(self) -> bool:
-        """Whether the mount's positions say standstill, sidereal tracking not counted as such."""
-
-    @property
-    def move_begun(self) -> bool:
-        """Whether a datagram that begins MoveAxis has gone out since the last request."""
-
-    def submit(self, request: Request, now_utc_s: float) -> Ticket | RequestRefused:
-        """Ask for one thing, if safety lets it."""
-
-    def path_to(self, request: Slew, now_utc_s: float) -> tuple[Slew, ...] | RequestRefused:
-        """Return the slews that lead to a direction past any obstacle."""
-
-    def aim(
-        self, request: Slew, place: AxesPosition | None, now_utc_s: float
-    ) -> Slew | Lead | RequestRefused:
-        """Return the slew by which the telescope looks in a direction, or how rates lead it there.
-
-        With a `place` the request is how the mount gets its axes there.
-        """
-
-    def synced(self, request: Sync, now_utc_s: float) -> Sync:
-        """Return what to have the mount report for a telescope that looks in a direction."""
-
-    def keep_here(self, now_utc_s: float) -> RequestRefused | None:
-        """Keep the telescope of a mount with a geometry where it looks on the sky."""
-
-
-class Procedure(Protocol):
-    """One thing that was asked for by hand."""
-
-    @property
-    def doing(self) -> str:
-        """What is under way, in words."""
-
-    def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
-        """Begin, or say why not."""
-
-    def step(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:
-        """Go on, once a period; return the outcome at the end."""
-
-
-def outcome_of(ticket: Ticket) -> Outcome | None:
-    """Return how a ticket ended; None while it has not."""
-    return Outcome(ticket.state, ticket.was_acknowledged, ticket.reason) if ticket.settled else None
-
-
-def refused(refusal: RequestRefused, acknowledged: bool = False) -> Outcome:
-    """Return the outcome of a procedure that could not go on."""
-    return Outcome(TicketState.FAILED, acknowledged, refusal.words, refusal)
-
-
-@dataclass(slots=True)
-class Once:
-    """One request, until its ticket settles."""
-
-    request: Request
-    doing: str
-    _ticket: Ticket | None = None
-
-    def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
-        """See Procedure."""
-        if isinstance(self.request, Sync):
-            self.request = desk.synced(self.request, now_utc_s)
-        asked = desk.submit(self.request, now_utc_s)
-        if isinstance(asked, RequestRefused):
-            return asked
-        self._ticket = asked
-        return None
-
-    def step(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:
-        """See Procedure."""
-        del desk, now_utc_s
-        return None if self._ticket is None else outcome_of(self._ticket)
-
-
-@dataclass(slots=True)
-class SlewThere:
-    """A slew, or several one after the other where something lies on the straight way.
-
-    `place` is where its axes come to stand, where it is a place of them and no direction of the sky.
+    Where it hears the mount obey somebody else, and nothing was asked of it from here, it keeps silent until
+    it must stop the mount.
+    With `owner`, whoever owns the mount in words, the operator looks on: nothing is sent, and a stop is only
+    noted in `stop_wanted`.
     """
 
-    request: Slew
-    doing: str = "slewing"
-    place: AxesPosition | None = None
-    _left: list[Slew] = field(default_factory=list)
-    _ticket: Ticket | None = None
-    _lead: Lead | None = None
+    def __init__(self, console: Console, started_utc_s: float, owner: str | None = None) -> None:
+        self.console, self.profile = console, console.profile
+        self.finished = False
+        self.stop_wanted = False
+        """Whether one who looks on wants the owner to stop the mount."""
+        self._owner = owner
+        self._started_utc_s = started_utc_s
+        self._asked = False
+        """Whether the operator has asked for anything."""
+        self._heard = 0
+        self._others: set[str] = set()
 
-    def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
-        """See Procedure."""
-        aimed = desk.aim(self.request, self.place, now_utc_s)
-        if isinstance(aimed, RequestRefused):
-            return aimed
-        if not isinstance(aimed, Slew):
-            self._lead = aimed
+    @property
+    def leaving(self) -> bool:
+        """Whether the operator has left."""
+        return self.console.stop is not None
+
+    @property
+    def mount_stopped(self) -> bool | None:
+        """Whether the stop at the end was seen through; None where none was needed."""
+        return self.console.mount_stopped
+
+    def receive(self, data: bytes, arrival_utc_s: float) -> None:
+        """Take one datagram from the mount."""
+        received = self.console.session.health.received
+        self.console.receive(data, arrival_utc_s)
+        if not self._asked and self.console.session.health.received > received:
+            self._heard += 1
+            self._others |= acknowledged(data)
+
+    def obey(self, order: ConsoleMessage, now_utc_s: float) -> None:
+        """Do what the operator says; why not, where it is refused, stands in the view."""
+        console = self.console
+        if isinstance(order, Leave):
+            self.interrupt(now_utc_s)
+            return
+        if self.leaving:
+            return
+        if self._owner is not None:
+            self.stop_wanted = self.stop_wanted or isinstance(order, Abort)
+            if not isinstance(order, Abort):
+                console.refusal = "this mount has another owner"
+            return
+        if self._others and not self._asked and not isinstance(order, Abort):
+            # A key that is touched by accident must not mix with what somebody else does.
+            console.refusal = "another program drives this mount"
+            return
+        self._asked = True
+        match order:
+            case Abort():
+                console.abort(now_utc_s)
+            case Jog():
+                console.jog(order.ra_rate_deg_s, order.dec_rate_deg_s, now_utc_s)
+            case Slew() | Sync() | Park():
+                console.request(order, now_utc_s)
+            case FindHome():
+                # Nobody has looked whether the way is free of the Sun.
+                console.request(FindHome(), now_utc_s)
+            case Reset():
+                console.reset()
+
+    def interrupt(self, now_utc_s: float) -> None:
+        """Leave: stop what was begun from here, and end."""
+        if self.leaving:
+            return
+        moving = self._owner is None and (self.console.moving or self.console.stopping)
+        self.console.stop = StopProcedure(now_utc_s, needed=moving)
+        if moving:
+            self.console.abort(now_utc_s)
+
+    def fail(self, words: str, now_utc_s: float) -> None:
+        """Stop the mount and leave: something here is not to be relied on."""
+        stop = self.console.stop
+        begun_utc_s = now_utc_s if stop is None else stop.begun_utc_s
+        self.console.stop = StopProcedure(begun_utc_s, needed=self._asked)
+        self.console.fail(words)
+
+    def tick(self, now_utc_s: float) -> bytes | None:
+        """Return the datagram to send now, None while there is nothing to send; call once a period."""
+        if self._owner is not None:
+            self.finished = self.leaving
             return None
-        self.request = aimed
-        way = desk.path_to(self.request, now_utc_s)
-        if isinstance(way, RequestRefused):
-            return way
-        self._left = list(way)
-        return self._next(desk, now_utc_s)
+        if not self._asked:
+            listened = self._heard >= LISTEN_STATUSES or now_utc_s - self._started_utc_s >= LISTEN_S
+            if self._others or not listened:
+                self.finished = self.leaving
+                return None
+        datagram = self.console.tick(now_utc_s)
+        self.finished = self.console.finished
+        return datagram
 
-    def step(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:
-        """See Procedure."""
-        if self._lead is not None:
-            if self._lead.arrived:
-                return Outcome(TicketState.COMPLETE, False)
-            late = self._lead.overdue(now_utc_s)
-            return Outcome(TicketState.TIMED_OUT, False, NEVER_THERE) if late else None
-        assert self._ticket is not None
-        outcome = outcome_of(self._ticket)
-        if outcome is None or not self._left or outcome.state is not TicketState.COMPLETE:
-            return outcome
-        refusal = self._next(desk, now_utc_s)
-        return None if refusal is None else refused(refusal)
-
-    def _next(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
-        """Ask for the next leg; the way is sought anew where something has come into it meanwhile."""
-        asked = desk.submit(self._left[0], now_utc_s)
-        if isinstance(asked, RequestRefused) and self._ticket is not None:
-            way = desk.path_to(self.request, now_utc_s)
-            if isinstance(way, RequestRefused):
-                return way
-            self._left = list(way)
-            asked = desk.submit(self._left[0], now_utc_s)
-        if isinstance(asked, RequestRefused):
-            return asked
-        self._left.pop(0)
-        self._ticket = asked
-        self.doing = "slewing round what is in the way" if self._left else "slewing"
-        return None
+    def view(self, now_utc_s: float) -> ConsoleView:
+        """Return what the operator is to see."""
+        view = view_of(self.console, now_utc_s)
+        if self._owner is not None:
+            return msgspec.structs.replace(view, warnings=(OWNED.format(self._owner), *view.warnings))
+        if self._others and not self._asked:
+            return msgspec.structs.replace(view, warnings=(NOT_ALONE, *view.warnings))
+        return view
 
 
-@dataclass(slots=True)
-class MoveFor:
-    """MoveAxis for so many seconds, counted from the first datagram that asks for it, then its end."""
-
-    request: MoveAxis
-    seconds: float
-    doing: str = "moving"
-    _ticket: Ticket | None = None
-    _asked_utc_s: float = 0.0
-    _begun_utc_s: float | None = None
-    _ending: Ticket | None = None
-
-    def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
-        """See Procedure."""
-        asked = desk.submit(self.request, now_utc_s)
-        if isinstance(asked, RequestRefused):
-            return asked
-        self._ticket, self._asked_utc_s = asked, now_utc_s
-        return None
-
-    def step(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:
-        """See Procedure."""
-        assert self._ticket is not None
-        if self._ending is not None:
-            return self._outcome(outcome_of(self._ending))
-        if self._begun_utc_s is None and desk.move_begun:
-            self._begun_utc_s = now_utc_s
-        if self._ticket.settled and self._ticket.state is not TicketState.COMPLETE:
-            return outcome_of(self._ticket)
-        begun, overdue = self._begun_utc_s, now_utc_s - self._asked_utc_s > MOVE_BEGINS_WITHIN_S
-        if (begun is not None and now_utc_s - begun >= self.seconds) or (begun is None and overdue):
-            asked = desk.submit(EndMove(), now_utc_s)
-            if isinstance(asked, RequestRefused):
-                return refused(asked, self._ticket.was_acknowledged)
-            self._ending, self.doing = asked, "ending the move"
-        return None
-
-    def _outcome(self, end: Outcome | None) -> Outcome | None:
-        assert self._ticket is not None
-        if end is None:
-            return None
-        if end.state is TicketState.COMPLETE and not self._ticket.was_acknowledged:
-            words = "the move was over before the mount acknowledged it"
-            return Outcome(TicketState.UNCONFIRMED, False, words)
-        return Outcome(end.state, self._ticket.was_acknowledged, end.reason)
+CLOCK_OFF_S = 2.0
+STOPS_WITHIN_S = 1.0
+"""A stop that has not been seen through by then is worth a word."""
+LONGEST_WORDS = 160
+"""A view has to fit into what a pipe takes as a whole."""
+_MOTIONS = {Hold: "none", Slew: "slew", MoveAxes: "move", Stop: "stop"}
 
 
-@dataclass(slots=True)
-class GoHome:
-    """Find home, and the way there watched: the protocol acknowledges neither."""
-
-    home: AxesPosition | None
-    request: FindHome = field(default_factory=FindHome)
-    doing: str = "going home"
-    _ticket: Ticket | None = None
-    _begun_utc_s: float = 0.0
-    _seen_moving: bool = False
-
-    def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
-        """See Procedure."""
-        asked = desk.submit(self.request, now_utc_s)
-        if isinstance(asked, RequestRefused):
-            return asked
-        self._ticket, self._begun_utc_s = asked, now_utc_s
-        return None
-
-    def step(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:
-        """See Procedure."""
-        assert self._ticket is not None
-        status = desk.status
-        slewing = status is not None and status.slewing
-        moving = slewing or (status is not None and not desk.at_rest)
-        waited_s = now_utc_s - self._begun_utc_s
-        self._seen_moving = self._seen_moving or slewing
-        if self._ticket.state in {TicketState.TIMED_OUT, TicketState.FAILED, TicketState.SUPERSEDED}:
-            return outcome_of(self._ticket)
-        if moving and waited_s > HOME_WITHIN_S:
-            return Outcome(TicketState.TIMED_OUT, False, "the mount did not finish its way home")
-        if moving or not self._ticket.settled or (not self._seen_moving and waited_s < HOME_STARTS_WITHIN_S):
-            return None
-        if status is not None and status.at_home:
-            return Outcome(TicketState.COMPLETE, False)
-        return Outcome(TicketState.UNCONFIRMED, False, self._where(desk.sample))
-
-    def _where(self, sample: StatusSample | None) -> str:
-        if self.home is None or sample is None:
-            seen = "moved, and stands" if self._seen_moving else "was not seen to move"
-            return f"the protocol has no acknowledgement for it; the mount {seen}"
-        off = off_axes_deg(sample, self.home)
-        if off <= NEAR_DEG:
-            return "the protocol has no acknowledgement for it; the mount stands at the profile's home"
-        return (
-            f"the protocol has no acknowledgement for it; the mount stands {off:.1f}° from the profile's home"
-        )
-
-
-@dataclass(slots=True)
-class ParkThere:
-    """Slew to the profile's park position, stop there, be seen at rest; cut the drives' power if asked to."""
-
-    profile: MountProfile
-    power_off: bool = True
-    doing: str = "slewing to the park position"
-    _way: SlewThere | None = None
-    _tickets: list[Ticket] = field(default_factory=list)
-    _stopped_utc_s: float | None = None
-
-    def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
-        """See Procedure."""
-        park, sample = self.profile.park, desk.sample
-        if park is None:
-            return RequestRefused(
-                "the mount profile has no park position, and parking cuts the drives' power"
-            )
-        if sample is None:
-            return RequestRefused("the mount has not been heard yet")
-        self._way = SlewThere(self._slew(park, sample), place=park)
-        return self._way.begin(desk, now_utc_s)
-
-    def step(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:
-        """See Procedure."""
-        if not self._tickets:
-            assert self._way is not None
-            arrived = self._way.step(desk, now_utc_s)
-            if arrived is None or arrived.state is not TicketState.COMPLETE:
-                return arrived
-            self.doing = "stopping at the park position"
-            refusal = self._ask(desk, Abort(), now_utc_s)
-            return None if refusal is None else refused(refusal)
-        ticket = self._tickets[-1]
-        if not ticket.settled:
-            return None
-        if isinstance(ticket.request, Park) or ticket.state is not TicketState.COMPLETE:
-            return outcome_of(ticket)
-        if not self._rests(desk, now_utc_s):
-            return None
-        return self._park(desk, now_utc_s) if self.power_off else outcome_of(ticket)
-
-    def _park(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:
-        self.doing = "parking"
-        refusal = self._ask(desk, Park(), now_utc_s)
-        return None if refusal is None else refused(refusal)
-
-    def _rests(self, desk: ProcedureHost, now_utc_s: float) -> bool:
-        """Tell whether the drives stand still, or have had the time for it: safety judges then."""
-        if self._stopped_utc_s is None:
-            self._stopped_utc_s = now_utc_s
-        return desk.stands or now_utc_s - self._stopped_utc_s > RESTS_WITHIN_S
-
-    def _slew(self, park: AxesPosition, sample: StatusSample) -> Slew:
-        """Return the slew whose end, sidereal tracking counted, is there when it is reached."""
-        slowest_deg_s = min(self.profile.ra.slew_rate_deg_s, self.profile.dec.slew_rate_deg_s)
-        takes_s = off_axes_deg(sample, park) / slowest_deg_s + SLEW_SETTLING_S
-        then_deg = sample.sidereal_h * 15.0 + takes_s * 15.0 / 3600.0
-        return Slew((then_deg - park.hour_angle_deg) % 360.0, park.dec_deg)
-
-    def _ask(self, desk: ProcedureHost, request: Request, now_utc_s: float) -> RequestRefused | None:
-        asked = desk.submit(request, now_utc_s)
-        if isinstance(asked, RequestRefused):
-            return asked
-        self._tickets.append(asked)
-        return None
-
-
-def off_axes_deg(sample: StatusSample, place: AxesPosition) -> float:
-    """Return the larger of the two axes' distances from a place, degrees."""
-    hour_angle_deg = sample.sidereal_h * 15.0 - sample.ra_deg
-    return max(
-        abs(math.remainder(hour_angle_deg - place.hour_angle_deg, 360.0)), abs(sample.dec_deg - place.dec_deg)
+def view_of(console: Console, now_utc_s: float) -> ConsoleView:
+    """Return what anyone who looks at a console may see, as of an instant."""
+    sample, wanted = console.session.sample, console.session.wanted
+    rates = wanted if isinstance(wanted, MoveAxes) else MoveAxes(0.0, 0.0)
+    status = console.session.status
+    guide = None if status is None else status.ra_guide_rate_dtics_s
+    hour_angle = None if sample is None else math.remainder(sample.sidereal_h * 15.0 - sample.ra_deg, 360.0)
+    return ConsoleView(
+        utc_s=now_utc_s,
+        mount=console.mount_name,
+        profile=console.profile.name,
+        move_axis=console.profile.move_axis,
+        doing=_doing(console),
+        motion=_MOTIONS[type(wanted)],
+        at_rest=console.at_rest,
+        status=status,
+        readings=msgspec.structs.replace(console.session.readings, tracking=console.tracking_reading),
+        hour_angle_deg=hour_angle,
+        looks_at_deg=console.looks_at_deg,
+        clock_offset_s=console.clock_offset_s,
+        ra_rate_deg_s=rates.ra_rate_deg_s,
+        dec_rate_deg_s=rates.dec_rate_deg_s,
+        max_ra_rate_deg_s=console.profile.ra.max_rate_deg_s,
+        max_dec_rate_deg_s=console.profile.dec.max_rate_deg_s,
+        guide_rate_deg_s=None if guide is None else guide / DTICS_S_PER_DEG_S,
+        floor_altitude_deg=console.limits.floor_altitude_deg,
+        can_park=console.profile.park is not None,
+        link=_link_view(console, now_utc_s),
+        stranger_hosts=console.stranger_hosts,
+        asked=tuple(_asked_view(asked) for asked in console.asked),
+        refusal=_cut(console.refusal),
+        tripped=console.safety.tripped,
+        warnings=tuple(words[:LONGEST_WORDS] for words in _warnings(console, now_utc_s)),
     )
 
 
-def procedure_for(request: Request, profile: MountProfile) -> Procedure:
-    """Return how a request is carried out. Raises ValueError for a MoveAxis, which needs its length."""
-    match request:
-        case Park():
-            return ParkThere(profile)
-        case FindHome():
-            return GoHome(profile.home, request)
-        case Slew():
-            return SlewThere(request)
-        case MoveAxis():
-            raise ValueError("a MoveAxis needs its length: MoveFor, or a jog")
-    return Once(request, _DOING.get(type(request).__name__, "asking"))
+def _doing(console: Console) -> str:
+    if console.stopping:
+        return "stopping"
+    if console.procedure is not None:
+        return console.procedure.doing
+    if console.lead is not None:
+        return "keeping the telescope on the sky"
+    return "jogging" if console.jogs else "idle"
 
 
-_DOING = {
-    "Sync": "syncing",
-    "Abort": "stopping",
-    "PulseGuide": "guiding",
-    "FineRate": "setting the fine rates",
-    "TrackingRate": "setting the tracking rate",
-    "EndMove": "ending the move",
-}
+def _link_view(console: Console, now_utc_s: float) -> LinkView:
+    health = console.session.health
+    return health.view(console.session.link_state(now_utc_s), health.age_s(now_utc_s))
+
+
+def _warnings(console: Console, now_utc_s: float) -> list[str]:
+    warnings = []
+    if console.link_state is LinkState.LOST:
+        warnings.append(f"{console.mount_name} is silent: check its power and the cable")
+    if console.session.intruder is not None:
+        warnings.append(console.session.intruder)
+    warnings.extend(console.session.ignored_fields)
+    if console.safety.tripped is not None:
+        warnings.append(limit_text(console.safety.tripped))
+    since_utc_s = console.stopping_since_utc_s
+    overdue = since_utc_s is not None and now_utc_s - since_utc_s > STOPS_WITHIN_S
+    if overdue and not console.session.stopped:
+        warnings.append("the stop is not confirmed yet: it is being sent again and again")
+    if console.way_trouble is not None:
+        warnings.append(console.way_trouble)
+    warnings += site_warnings(console.session.status, console.site) + _reading_warnings(console)
+    offset_s = console.clock_offset_s
+    if offset_s is not None and abs(offset_s) > CLOCK_OFF_S:
+        words = f"the mount's clock is {abs(offset_s):.1f} s {'ahead' if offset_s > 0.0 else 'behind'}"
+        warnings.append(f"{words}: its hour angles, and so its limits, are off by it")
+    if console.stranger_hosts:
+        hosts = ", ".join(console.stranger_hosts)
+        warnings.append(f"datagrams from {hosts} were dropped: they are not from the mount")
+    return warnings
+
+
+def _reading_warnings(console: Console) -> list[str]:
+    seen = console.session.readings
+    return [
+        f"the profile has {name} as {said}, the mount sends {getattr(seen, name)}"
+        for name, said in console.profile.readings.items()
+        if getattr(seen, name, None) not in (None, said)
+    ]
+
+
+def _asked_view(asked: RequestEntry) -> AskedView:
+    ticket = asked.ticket
+    return AskedView(
+        number=asked.number,
+        what=request_text(ticket.request),
+        state=ticket.state.value,
+        acknowledged=ticket.was_acknowledged,
+        settled=ticket.settled,
+        reason=_cut(ticket.reason),
+        utc_s=asked.utc_s,
+    )
+
+
+def _cut(words: str | None) -> str | None:
+    return None if words is None else words[:LONGEST_WORDS]

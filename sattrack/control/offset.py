@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from sattrack.control.biases import Course
+    from sattrack.control.target import Course
 
 SHORTEST_S = 1.5
 LONGEST_S = 60.0

@@ -56,12 +56,19 @@ def _title(night: Night, stations: Sequence[Mounted]) -> str:
 
 def _map(axes: Any, night: Night, stations: Sequence[Mounted]) -> None:
     """Draw land, the stations, larger the more they follow, and lines between those that look at once."""
+    from matplotlib.collections import PolyCollection
+
     longitude = np.array([wrap180(one.station.longitude_deg) for one in stations])
     latitude = np.array([one.station.latitude_deg for one in stations])
-    for line in coast_lines():
-        for turn in (-360.0, 0.0, 360.0):
-            if (np.abs(line[:, 0] + turn) < 180.0).any():
-                axes.fill(line[:, 0] + turn, line[:, 1], facecolor=LAND, edgecolor="0.7", linewidth=0.4)
+    land = [
+        line + np.array((turn, 0.0))
+        for line in coast_lines()
+        for turn in (-360.0, 0.0, 360.0)
+        if (np.abs(line[:, 0] + turn) < 180.0).any()
+    ]
+    # All as one: a patch for each takes ten times as long.
+    drawn = PolyCollection(land, facecolor=LAND, edgecolor="0.7", linewidth=0.4, joinstyle="miter")
+    axes.add_collection(drawn, autolim=False)
     for pair in sorted(_pairs(night)):
         axes.plot(longitude[list(pair)], latitude[list(pair)], color=LINK, linewidth=0.8, zorder=1)
     counts = np.bincount(night.passes.station, minlength=len(stations))

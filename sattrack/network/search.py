@@ -21,8 +21,9 @@ import sattrack
 from sattrack.core.errors import needed
 from tle.errors import EarthOrientationWarning
 from tle.facts import fact_columns
+from tle.horizon import Horizon
 from tle.instants import DAY_S, Utc
-from tle.passes import HOUR_S, Horizon, find_catalogue_passes
+from tle.passes import HOUR_S, find_catalogue_passes
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,7 +32,8 @@ if TYPE_CHECKING:
 
     from sattrack.network.stations import Station
     from tle.elements import Elements
-    from tle.passes import CataloguePasses, HorizonMask
+    from tle.horizon import HorizonMask
+    from tle.passes import CataloguePasses
     from tle.site import Site
 
     Index = NDArray[np.intp]

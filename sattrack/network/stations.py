@@ -22,7 +22,7 @@ import msgspec
 
 from sattrack.core.errors import BadInputError, Origin, meant
 from sattrack.core.toml_text import read_typed
-from tle.passes import Horizon, HorizonMask
+from tle.horizon import Horizon, HorizonMask
 from tle.site import HIGHEST_GROUND_M, LOWEST_GROUND_M, Site
 
 if TYPE_CHECKING:

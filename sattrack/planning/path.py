@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from sattrack.control.target import POLE_WITHIN_DEG, Detour
+from sattrack.core.angles import wrap180
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.safety.bodies import moon_over, sun_over
 from sattrack.safety.bounds import UP_DEG
@@ -248,6 +249,21 @@ def skyline_deg(azimuths_deg: Array, limits: SafetyLimits) -> Array:
     return np.asarray(np.maximum(floor, np.interp(azimuths_deg, around, heights)))
 
 
+def _skyline_about_deg(azimuths: Array, altitudes: Array, limits: SafetyLimits, radius_deg: float) -> Array:
+    """Return the highest of floor and horizon in the azimuths that circles on the sky cover."""
+    highest = skyline_deg(azimuths, limits)
+    if not radius_deg:
+        return highest
+    narrow = math.sin(math.radians(radius_deg)) / np.maximum(np.cos(np.radians(altitudes)), 1e-9)
+    spread = np.where(narrow < 1.0, np.degrees(np.arcsin(np.minimum(narrow, 1.0))), 180.0)
+    for end in (-1.0, 1.0):
+        highest = np.maximum(highest, skyline_deg((azimuths + end * spread) % 360.0, limits))
+    for azimuth, altitude in limits.horizon:
+        within = np.abs(wrap180(azimuths - azimuth)) <= spread
+        highest = np.maximum(highest, np.where(within, altitude, highest))
+    return np.asarray(highest)
+
+
 def margins_deg(
     pointing: AxisSamples, profile: MountProfile, limits: SafetyLimits, latitude_deg: float
 ) -> dict[str, Array]:
@@ -265,7 +281,7 @@ def margins_deg(
         azimuth = _azimuth_deg(pointing, latitude_deg)
         if geometry is not None:
             azimuth = (azimuth + geometry.pole_azimuth_deg) % 360.0
-        found["horizon"] = altitude - skyline_deg(azimuth, limits) - loose_deg
+        found["horizon"] = altitude - loose_deg - _skyline_about_deg(azimuth, altitude, limits, loose_deg)
     if profile.pier_zones:
         found["pier"] = _clear_of_pier_deg(pointing, profile.pier_zones)
     # Below the horizon a body does no harm.

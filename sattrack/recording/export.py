@@ -46,9 +46,9 @@ from sattrack.recording.format import (
     to_ns,
 )
 from sattrack.recording.recorder import Recorder
-from tle.bias import apparent_unit
 from tle.earth import EarthOrientation, to_tirs
 from tle.instants import Utc
+from tle.observed import apparent_unit
 from tle.site import Site
 
 if TYPE_CHECKING:

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from sattrack.views.messages import Message
-    from tle.bias import Frame
+    from tle.observed import Frame
 
 
 LIBRARIES = ("astropy-iers-data", "filterpy", "msgspec", "numpy", "pyerfa", "scipy", "sgp4")

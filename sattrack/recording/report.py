@@ -24,9 +24,9 @@ from sattrack.recording.fits import (
 from sattrack.recording.format import FRAMES, messages, observations
 from sattrack.safety import ROWS
 from sattrack.views.messages import Nudge, OffsetBy
-from tle.bias import bias_from_observation
 from tle.errors import ObservationError
 from tle.instants import Utc
+from tle.observed import bias_from_observation
 from tle.propagator import Propagator
 
 if TYPE_CHECKING:
@@ -360,9 +360,9 @@ def _nudged(recording: Recording, run: Trace) -> BiasFigures | None:
             last_utc_s = utc_s
     if last_utc_s is None:
         return None
-    view = run.engine.view(float(run.utc_s[-1]) if len(run.utc_s) else last_utc_s)
+    goals = run.engine.tracker.steering.biases.totals(float(run.utc_s[-1]) if len(run.utc_s) else last_utc_s)
     at = Utc(last_utc_s).isoformat("milliseconds")
-    return BiasFigures("nudge", at, view.bias_along_goal_s, view.bias_cross_goal_deg)
+    return BiasFigures("nudge", at, *goals)
 
 
 GAIN_OFF = 0.002

@@ -22,10 +22,10 @@ from sattrack.pointing.terms import FORMULAS, PointingModel
 from sattrack.recording.fits import NoFit
 from sattrack.recording.format import FRAMES, messages
 from sattrack.views.messages import ObservationMessage, SeenOffset, SolvedField
-from tle.bias import apparent_unit
 from tle.direction import teme_axis
 from tle.elements import Elements
 from tle.instants import ARRAYS, Utc
+from tle.observed import apparent_unit
 from tle.orbit_fit import STATES, CorrectableOrbit, Partials
 
 if TYPE_CHECKING:

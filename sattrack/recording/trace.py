@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from sattrack.control.biases import ON_SKY
-from sattrack.control.engine_view import HOLDING
+from sattrack.control.engine import HOLDING
 from sattrack.control.stages import RunStage, Situation, Stages
 from sattrack.control.tracker import FOLLOWING, Phase
 from sattrack.mount.model import LONGEST_STEP_S

@@ -19,18 +19,16 @@ import msgspec
 from sattrack.core import local_time
 from sattrack.core.errors import SattrackError
 from sattrack.core.files import user_folder
-from sattrack.runtime.mounts import SIMULATED
 from sattrack.views.run import RememberedView
+from tle.elements import Elements
 from tle.instants import DAY_S, Utc
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from sattrack.control.engine import Engine
+    from sattrack.control.engine import Engine, RunSpec
     from sattrack.recording.fits import BiasFit
-    from sattrack.runtime.facts import RunFacts
-    from tle.elements import Elements
 
 MemoryMode = Literal["auto", "on", "nudge", "off"]
 SAME_S, SAME_DEG = 1e-6, 1e-6
@@ -89,27 +87,29 @@ def _view(bias: KeptBias) -> RememberedView:
     )
 
 
-def keep(engine: Engine, facts: RunFacts, ended_utc_s: float, mode: MemoryMode) -> str | None:
+def keep(engine: Engine, ended_utc_s: float, mode: MemoryMode) -> str | None:
     """Leave in the memory what a run found, drop there what was dropped; return what was done, as text."""
-    if facts.elements is None or not uses_memory(mode, facts.mount_name == SIMULATED):
+    spec, elements = engine.spec, engine.spec.propagator.elements
+    if not isinstance(elements, Elements) or not uses_memory(mode, spec.simulated):
         return None
     memory, notes = BiasMemory(memory_file()), []
     try:
         remembered = engine.tracker.steering.remembered
         if remembered is not None and remembered.state == "dropped" and memory.drop(remembered.entry):
             notes.append("the bias that was dropped is not offered again")
-        found = _found(engine, facts, ended_utc_s)
+        found = _found(engine, ended_utc_s)
         if found is not None and worth_keeping(found):
-            memory.keep(found, facts.elements, run_name(facts))
+            memory.keep(found, elements, run_name(spec))
             notes.append(f"kept for these elements: {describe(found, ended_utc_s)}")
     except SattrackError as error:
         notes.append(f"{error}; the bias of this pass is not kept")
     return "; ".join(notes) or None
 
 
-def keep_fit(fit: BiasFit, facts: RunFacts, mode: MemoryMode) -> str | None:
+def keep_fit(fit: BiasFit, spec: RunSpec, mode: MemoryMode) -> str | None:
     """Keep what a report fitted to the observations of a run; return what was done, as text."""
-    if facts.elements is None or not uses_memory(mode, facts.mount_name == SIMULATED):
+    elements = spec.propagator.elements
+    if not isinstance(elements, Elements) or not uses_memory(mode, spec.simulated):
         return None
     found = KeptBias(
         source="observations",
@@ -120,25 +120,25 @@ def keep_fit(fit: BiasFit, facts: RunFacts, mode: MemoryMode) -> str | None:
         cross_sigma_km=fit.cross.sigma,
         observations=fit.taken,
         made_by="report",
-        mount=facts.mount_name,
+        mount=spec.mount_name,
     )
     if not worth_keeping(found):
         return None
     try:
-        BiasMemory(memory_file()).keep(found, facts.elements, run_name(facts))
+        BiasMemory(memory_file()).keep(found, elements, run_name(spec))
     except SattrackError as error:
         return f"{error}; the fit is not kept"
     return f"kept for these elements: {describe(found, fit.utc_s)}"
 
 
-def run_name(facts: RunFacts) -> str:
+def run_name(spec: RunSpec) -> str:
     """Return the name of a run: its mount and its beginning."""
-    return f"{facts.mount_name} {facts.started_utc_s!r}"
+    return f"{spec.mount_name} {spec.started_utc_s!r}"
 
 
-def _found(engine: Engine, facts: RunFacts, ended_utc_s: float) -> KeptBias | None:
+def _found(engine: Engine, ended_utc_s: float) -> KeptBias | None:
     """Return what observations said, else the operator's nudges as they stood in the end, or None."""
-    steering = engine.tracker.steering
+    spec, steering = engine.spec, engine.tracker.steering
     seen_utc_s = steering.estimator.last_utc_s
     known = None if seen_utc_s is None else steering.estimator.reading(seen_utc_s, steering.biases.course)
     if known is not None and seen_utc_s is not None:
@@ -150,13 +150,13 @@ def _found(engine: Engine, facts: RunFacts, ended_utc_s: float) -> KeptBias | No
             cross_km=known.cross_km,
             cross_sigma_km=known.cross_sigma_km,
             observations=steering.estimator.accepted,
-            mount=facts.mount_name,
+            mount=spec.mount_name,
         )
     # Brings astronomy, which a list of the memory does not need.
     from sattrack.control.biases import ALONG, CROSS
 
     offsets = (steering.biases.offsets[what].total_at(ended_utc_s) for what in (ALONG, CROSS))
-    began = (facts.bias_along_s, facts.bias_cross_deg)
+    began = (spec.bias.along_s, spec.bias.cross_deg)
     moved = [abs(one - first) for one, first in zip(offsets, began, strict=True)]
     if moved[0] < SAME_S and moved[1] < SAME_DEG:
         return None
@@ -168,7 +168,7 @@ def _found(engine: Engine, facts: RunFacts, ended_utc_s: float) -> KeptBias | No
         utc_s=ended_utc_s,
         along_s=along_s,
         cross_deg=cross_deg,
-        mount=facts.mount_name,
+        mount=spec.mount_name,
     )
 
 

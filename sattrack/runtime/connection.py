@@ -27,9 +27,9 @@ from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import SattrackError
 from sattrack.core.process import self_command
 from sattrack.mount.alpaca.link import AlpacaAddress
-from sattrack.mount.simulator.installation import simulator_profile
 from sattrack.mount.simulator.mount import SimulatedSite, Truth
 from sattrack.mount.simulator.process import ClockSetting, Ready, SimulatorConfig
+from sattrack.mount.simulator.profile import simulator_profile
 from sattrack.mount.xerxes.client import Address, nobody_listens
 from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.runtime import demo_pass

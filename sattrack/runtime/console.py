@@ -26,7 +26,8 @@ from sattrack.views.messages import Leave, decode_order
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from sattrack.control.console import Console, ConsoleSession
+    from sattrack.control.console import Console
+    from sattrack.control.manual_operation import ConsoleSession
     from sattrack.mount.model import MountProfile
     from sattrack.runtime.mounts import MountAddress, Owner
     from sattrack.views.messages import ConsoleMessage

@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any, Protocol, TypedDict
 import msgspec
 import numpy as np
 
-from sattrack.control.engine_view import estimate_view, learnt_view, loop_view, offset_views
+from sattrack.control.engine import learnt_view
+from sattrack.control.engine_view import estimate_view, loop_view, offset_views, view_of
 from sattrack.control.following import ControlLaw
 from sattrack.core.errors import (
     BadInputError,
@@ -31,8 +32,9 @@ from sattrack.core.errors import (
 )
 from sattrack.core.figures import RunningError, quantile
 from sattrack.core.toml_text import read_toml
-from sattrack.mount.simulator.installation import Installation, SimulatorProfile, simulator_profile
+from sattrack.mount.simulator.installation import Installation
 from sattrack.mount.simulator.mount import SimulatedMount
+from sattrack.mount.simulator.profile import SimulatorProfile, simulator_profile
 from sattrack.mount.xerxes.session import REPEAT_AFTER_PERIODS
 from sattrack.recording.fits import AxisFit, fit_axes
 from sattrack.recording.format import OPERATOR
@@ -55,7 +57,8 @@ from sattrack.runtime.system import stopping
 from sattrack.views.messages import Message, StopNow, decode_message
 from sattrack.views.run import DatagramsView, PeriodView, Summary
 from tle.bodies import Body
-from tle.elements import Elements, expected_error_m
+from tle.elements import Elements
+from tle.ephemeris import expected_error_m
 from tle.errors import TleError
 from tle.instants import DAY_S, Utc
 
@@ -151,7 +154,7 @@ def _remembered(summary: Summary, engine: Engine, prepared: Prepared, ended_utc_
     """Return the summary with what of the run's bias was kept for the next pass."""
     from sattrack.runtime.bias_memory import keep  # brings SQLite, only needed here
 
-    kept = keep(engine, prepared.facts, ended_utc_s, prepared.memory)
+    kept = keep(engine, ended_utc_s, prepared.memory)
     return msgspec.structs.replace(summary, bias_memory=kept)
 
 
@@ -454,7 +457,7 @@ class LiveLoop(RealtimeLoop):
         self.sink.command(now_utc_s, datagram)
         self.driver.prepare(now_utc_s)
         if self.ticks % VIEW_EVERY_TICKS == 0 and not self.driver.failed:
-            view = self._with_trouble(self.driver.view(now_utc_s))
+            view = self._with_trouble(view_of(self.driver, now_utc_s))
             self.screen.show(view)
             if self.ticks % RECORD_VIEW_EVERY_TICKS == 0:
                 self.sink.view(now_utc_s, view)
@@ -495,7 +498,7 @@ class LiveLoop(RealtimeLoop):
 
     def _show_end(self) -> None:
         if not self.driver.failed:
-            self.screen.show(self.driver.view(self.connection.now_utc_s()))
+            self.screen.show(view_of(self.driver, self.connection.now_utc_s()))
 
     def gather(self) -> None:
         """Note where the axes of a simulated mount really were."""
@@ -562,7 +565,7 @@ class VirtualRun:
         next_utc_s = now_utc_s + profile.period_s + self.engine.send_shift_s(now_utc_s)
         self._at(next_utc_s, self._client_turn, turn + 1)
         if turn % RECORD_VIEW_EVERY_TICKS == 0 and (self.sink.wanted or self.progress is not None):
-            view = self.engine.view(now_utc_s)
+            view = view_of(self.engine, now_utc_s)
             self.sink.view(now_utc_s, view)
             if self.progress is not None:
                 self.progress(view)

@@ -23,8 +23,8 @@ from sattrack.core import local_time
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.process import gc_paused
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, horizon_latitude_deg
-from sattrack.mount.simulator.installation import SimulatorProfile, simulator_profile
 from sattrack.mount.simulator.mount import SimulatedMount, StartPosition
+from sattrack.mount.simulator.profile import SimulatorProfile, simulator_profile
 from sattrack.planning.budget import Circumstances, error_budget
 from sattrack.planning.kinematics import (
     Ability,

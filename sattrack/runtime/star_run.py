@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sattrack.control.console import ConsoleSession
+    from sattrack.control.manual_operation import ConsoleSession
     from sattrack.mount.geometry import AxisGeometry
     from sattrack.mount.model import StatusSample
     from sattrack.pointing.terms import Axes, PointingModel

@@ -14,6 +14,7 @@ import numpy as np
 
 from tle.bodies import Body, StarPlace
 from tle.earth import EarthOrientation
+from tle.elements import gravity_km_s2
 from tle.ephemeris import (
     CARRIED,
     Frame,
@@ -25,13 +26,12 @@ from tle.ephemeris import (
 )
 from tle.errors import EphemerisError
 from tle.instants import Utc
-from tle.propagator import gravity_km_s2
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from tle.elements import State
     from tle.ephemeris import Ephemeris
-    from tle.propagator import State
 
     Array = NDArray[np.float64]
 

@@ -4,6 +4,7 @@
 descriptor that is its only argument. Each message between the two is one packet over a pair of sockets. The
 feeder never waits for the server, nor it for any client: who reads too slowly loses views, who sends too much
 is ignored, and a stop goes before everything else. The server ends with the feeder.
+`RunViews` is the end of a program that looks on.
 """
 
 from __future__ import annotations
@@ -16,15 +17,17 @@ import select
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import msgspec
 
 from sattrack.core.channel import Channel, start_process, taken_names
+from sattrack.core.errors import SattrackError
 from sattrack.runtime.callers import Bucket
 from sattrack.runtime.system import outlive, peer_of, this_command, this_user, utc_now
 from sattrack.views.picture import (
@@ -34,11 +37,11 @@ from sattrack.views.picture import (
     PICTURES_A_SECOND,
     PicturesWanted,
 )
-from sattrack.views.run import Farewell, SummaryLine, Welcome
+from sattrack.views.run import Farewell, SummaryLine, TrackView, Welcome
 
 if TYPE_CHECKING:
     from sattrack.runtime.facts import RunFacts
-    from sattrack.views.run import SessionView, Summary, TrackView
+    from sattrack.views.run import SessionView, Summary
 
 
 PREFIX = "sattrack-run/"
@@ -479,6 +482,91 @@ class ViewServerLink:
             self._gone = error.errno != errno.EMSGSIZE
             return False
         return True
+
+
+LONGEST_VIEW = 1 << 28
+STOP = b'{"type":"stop"}\n'
+STOP_WITHIN_S = 0.5
+"""How long a stop may take to show, before it is sent by the mount's guardian as well."""
+RunMessage = TrackView | SummaryLine
+
+
+class RunViews:
+    """A run's view server, to a program that looks on: views come, and stops go."""
+
+    LOOK_EVERY_S: ClassVar[float] = 0.25
+
+    def __init__(self, pid: int, name: str) -> None:
+        self._pid, self._name = pid, name
+        self._next_s = 0.0
+        self._channel: Channel | None = None
+        self._decoders = msgspec.json.Decoder(TrackView), msgspec.json.Decoder(SummaryLine)
+        self._stopping = threading.Event()
+        """Set where the run is seen to be ending."""
+
+    @property
+    def ended(self) -> bool:
+        """Whether the run is over, and no other follows it."""
+        return self._channel is not None and self._channel.ended
+
+    def readers(self) -> list[Any]:
+        """Return what to wait for."""
+        return [] if self._channel is None or self.ended else [self._channel]
+
+    def look(self) -> None:
+        """Connect, where that is not done."""
+        now_s = time.monotonic()
+        if self._channel is not None or now_s < self._next_s:
+            return
+        self._next_s = now_s + self.LOOK_EVERY_S
+        connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            connection.connect(name_for(self._pid))
+        except OSError:
+            connection.close()
+            return
+        self._channel = Channel(connection.detach(), longest=LONGEST_VIEW)
+        self._channel.send(msgspec.json.encode({"type": "hello", "name": self._name}) + b"\n")
+
+    def news(self) -> list[RunMessage]:
+        """Return the newest view that has come, and summaries."""
+        found: list[RunMessage] = []
+        for line in [] if self._channel is None else self._channel.lines():
+            for decoder in self._decoders:
+                with contextlib.suppress(msgspec.MsgspecError):
+                    found.append(decoder.decode(line))
+                    break
+        for message in found:
+            if isinstance(message, TrackView) and message.ended_by is not None:
+                self._stopping.set()
+        return found
+
+    def stop(self) -> None:
+        """Ask the run for a stop; where that does not show, ask the mount's guardian."""
+        if self._channel is not None:
+            self._channel.send(STOP)
+        threading.Thread(target=self._see_stop_through, name="stop", daemon=True).start()
+
+    def _see_stop_through(self) -> None:
+        if self._stopping.wait(STOP_WITHIN_S):
+            return
+        from sattrack.runtime.mounts import ask_stop, owners
+
+        with contextlib.suppress(SattrackError, OSError):
+            for owner in owners():
+                if owner.pid == self._pid:
+                    ask_stop(owner, lambda: None)
+
+    def wait(self, starter: Channel) -> list[RunMessage]:
+        """Wait for the first views; return none where the run is over before, or its process is gone."""
+        while not (self.ended or starter.ended):
+            self.look()
+            if found := self.news():
+                return found
+            waited = [one for one in (*self.readers(), starter) if one is not None]
+            if starter in select.select(waited, [], [], self.LOOK_EVERY_S)[0]:
+                starter.lines()
+        return []
 
 
 def _facts_packet(facts: RunFacts) -> bytes:

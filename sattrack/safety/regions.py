@@ -99,12 +99,15 @@ PIER_HALVINGS = 6
 
 
 class Skyline:
-    """Directions below a horizon of points, straight between them."""
+    """Directions below a horizon of points, straight between them.
+
+    The tube may point up to `beside_deg` away from where the angles of the axes say, to any side.
+    """
 
     name = "horizon"
 
-    def __init__(self, points: Sequence[HorizonPoint], latitude_deg: float) -> None:
-        self._latitude_deg = latitude_deg
+    def __init__(self, points: Sequence[HorizonPoint], latitude_deg: float, beside_deg: float = 0.0) -> None:
+        self._latitude_deg, self._beside_deg = latitude_deg, beside_deg
         self._sine, self._cosine = math.sin(math.radians(latitude_deg)), math.cos(math.radians(latitude_deg))
         self._points = [
             (azimuth + turn, altitude) for turn in (-TURN_DEG, 0.0, TURN_DEG) for azimuth, altitude in points
@@ -114,7 +117,7 @@ class Skyline:
 
     def clearance(self, box: Box) -> Clearance:
         """See Region."""
-        lowest = lowest_altitude_deg(box, self._latitude_deg)
+        lowest = lowest_altitude_deg(box, self._latitude_deg) - self._beside_deg
         above = lowest - self._highest_deg
         if above >= FAR_DEG:
             return Clearance(above, above)
@@ -123,13 +126,17 @@ class Skyline:
         altitude = math.degrees(math.asin(max(-1.0, min(1.0, sine))))
         middle = box.middle
         azimuth = azimuth_deg(middle.ha_low_deg, middle.dec_low_deg, self._latitude_deg)
-        own = altitude - self._altitude_deg(azimuth)
+        beside = self._beside_deg
+        own = altitude - beside - self._highest_within(azimuth, altitude, beside)
         if not circle.radius_deg:
             return Clearance(own, own)
-        return Clearance(lowest - self._highest_within(azimuth, altitude, circle.radius_deg), own)
+        highest = self._highest_within(azimuth, altitude, circle.radius_deg + beside)
+        return Clearance(lowest - highest, own)
 
     def _highest_within(self, azimuth: float, altitude: float, radius_deg: float) -> float:
         """Return the highest of the skyline in the azimuths that a circle on the sky covers."""
+        if not radius_deg:
+            return self._altitude_deg(azimuth)
         if abs(altitude) + radius_deg >= 89.9:
             return self._highest_deg
         spread = math.degrees(
@@ -239,7 +246,7 @@ def fixed_regions(
     """
     limit, geometry = profile.hour_angle_limit_deg, profile.geometry
     loose_deg = 0.0 if geometry is None else geometry.off_square_deg
-    horizon = [(azimuth, altitude + loose_deg) for azimuth, altitude in limits.horizon]
+    horizon = [*limits.horizon]
     if geometry is not None:
         horizon = _turned_horizon(horizon, geometry.pole_azimuth_deg)
     regions: list[Region] = [
@@ -248,7 +255,7 @@ def fixed_regions(
         Floor(limits.floor_altitude_deg + loose_deg, latitude_deg),
     ]
     if horizon:
-        regions.append(Skyline(horizon, latitude_deg))
+        regions.append(Skyline(horizon, latitude_deg, loose_deg))
     regions.extend(PierCollision(zone, pier_margin_deg) for zone in profile.pier_zones)
     return regions
 

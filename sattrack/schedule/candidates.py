@@ -18,29 +18,32 @@ from sattrack.planning.kinematics import ability_at, verdict_on
 from sattrack.planning.path import AxisSamples, bodies_deg, margins_deg
 from sattrack.safety.bodies import sun_over
 from sattrack.schedule.night import number_of_name
-from tle.elements import Elements, SourceRank, source_rank
-from tle.ephemeris_passes import find_ephemeris_passes
+from tle.elements import Elements
+from tle.ephemeris import SourceRank, source_rank
 from tle.errors import AmbiguousSatelliteError, SatelliteNotFoundError, TleError
 from tle.facts import pass_facts, sun_altitudes_deg
+from tle.horizon import Horizon, HorizonMask
 from tle.instants import DAY_S, Utc
-from tle.passes import Horizon, HorizonMask, find_catalogue_passes
+from tle.passes import find_catalogue_passes, find_ephemeris_passes
 from tle.propagator import Propagator
 from tle.sources import find
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from numpy.typing import NDArray
+
     from sattrack.mount.model import MountProfile
     from sattrack.planning.kinematics import PredictedLoss
     from sattrack.safety.limits import SafetyLimits
     from sattrack.schedule.file import Schedule, ScheduleEntry
     from sattrack.schedule.night import FollowedPass
-    from sattrack.schedule.transitions import CandidatePath
     from tle.ephemeris import Ephemeris
     from tle.facts import PassFacts
     from tle.passes import CataloguePasses, SatellitePass
     from tle.site import Site
 
+    Array = NDArray[np.float64]
     Span = tuple[float, float]
     Load = Callable[[str | None], "Loaded"]
     Progress = Callable[[str, int, int], None]
@@ -664,13 +667,15 @@ class Judge:
             return replace(one, notes=(*one.notes, f"infeasible, run all the same: {why}"))
         return replace(one, lost=(INFEASIBLE, why))
 
-    def coarsely(self, one: Candidate, path: CandidatePath) -> Candidate:
-        """Return a candidate, lost where its way is past a limit of place beyond doubt."""
+    def coarsely(
+        self, one: Candidate, utc_s: Array, hour_angle_axis_deg: Array, dec_axis_deg: Array
+    ) -> Candidate:
+        """Return a candidate, lost where its axes, at some instants, are past a limit beyond doubt."""
         if self.knows(one) or self._schedule.entries[one.entry].terms.if_infeasible == "run":
             return one
-        at, site, ability = path.utc_s, self._site, self._ability
-        sun, moon = bodies_deg(site, at, ability.profile.frame)
-        pointing = AxisSamples(at, path.hour_angle_axis_deg, path.dec_axis_deg, *sun, *moon)
+        ability = self._ability
+        sun, moon = bodies_deg(self._site, utc_s, ability.profile.frame)
+        pointing = AxisSamples(utc_s, hour_angle_axis_deg, dec_axis_deg, *sun, *moon)
         margins = margins_deg(pointing, ability.profile, ability.limits, ability.latitude_deg)
         name, margin = min(margins.items(), key=lambda item: -float(np.mean(item[1] < -PAST_DEG)))
         share = float(np.mean(margin < -PAST_DEG))

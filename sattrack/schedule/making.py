@@ -30,7 +30,7 @@ from sattrack.schedule.transitions import (
 )
 from sattrack.views.schedule import EntryOutcome, LostPass, LostTo, PlannedPass, Rehearsed, SchedulePlan
 from tle.bodies import Body
-from tle.elements import expected_error_m
+from tle.ephemeris import expected_error_m
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -191,7 +191,9 @@ class _Maker:
         for one in candidates:
             if one.lost is None:
                 path = self._paths[one.number] = path_of(one, situation.site, situation.profile)
-                candidates[one.number] = judge.coarsely(one, path)
+                candidates[one.number] = judge.coarsely(
+                    one, path.utc_s, path.hour_angle_axis_deg, path.dec_axis_deg
+                )
                 self._check_side(one)
                 self._enter(candidates[one.number])
         self._led = RoutedSlews(situation)

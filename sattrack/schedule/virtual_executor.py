@@ -18,13 +18,14 @@ import msgspec
 
 from sattrack.control.console import Console
 from sattrack.control.engine import Engine
-from sattrack.control.manual_operation import ManualOperation, ParkThere, SlewThere
+from sattrack.control.manual_operation import ManualOperation
+from sattrack.control.procedures import ParkThere, SlewThere
 from sattrack.control.tracker import TrackPlan
 from sattrack.core.errors import SattrackError
 from sattrack.core.process import gc_paused
 from sattrack.mount.requests import TicketState
-from sattrack.mount.simulator.installation import simulator_profile
 from sattrack.mount.simulator.mount import SimulatedMount, StartPosition
+from sattrack.mount.simulator.profile import simulator_profile
 from sattrack.planning.trace import TabledPropagator
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime.connection import simulated_site
@@ -71,7 +72,7 @@ from tle.refraction import Refraction
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.control.manual_operation import Outcome, Procedure
+    from sattrack.control.procedures import Outcome, Procedure
     from sattrack.mount.model import MountProfile
     from sattrack.mount.profiles import ProfileFile
     from sattrack.mount.simulator.mount import Truth

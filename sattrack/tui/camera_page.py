@@ -19,7 +19,7 @@ from textual.containers import Horizontal
 from textual.content import Content
 from textual.strip import Strip
 
-from sattrack.tui.graphics import RealPicture, painted
+from sattrack.tui.graphics import ImagePlacement, ImageSpot, Mark, RealPicture, painted
 from sattrack.tui.look import DIM, SPOKEN, ScreenApp, concrete
 from sattrack.tui.panels import (
     DOTS_ACROSS,
@@ -38,17 +38,14 @@ from tle.instants import Utc
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from numpy.typing import NDArray
     from textual.app import ComposeResult
     from textual.events import Click
     from textual.theme import Theme
 
-    from sattrack.tui.graphics import CellOfPixels
+    from sattrack.tui.graphics import CellOfPixels, Levels
     from sattrack.tui.scene import Scene
     from sattrack.views.picture import PictureView
     from sattrack.views.run import LoopView
-
-    Levels = NDArray[np.uint8]
 
 LIGHTS = 32
 """So many levels of light are drawn."""
@@ -66,13 +63,6 @@ LABEL_CELLS = 8
 MOST_LINES = 3
 """Of one reason."""
 MORE_ROOM = "80 × 24"
-
-
-class ImageSpot(NamedTuple):
-    """A place in a frame: pixels from its middle, right and up."""
-
-    right_px: float
-    up_px: float
 
 
 class CameraDesk:
@@ -172,49 +162,11 @@ def turned_deg(picture: PictureView, loop: LoopView | None) -> float | None:
     return None
 
 
-class ImagePlacement(NamedTuple):
-    """How a frame lies on the dots of a screen: left upper corner, size, and dots in a pixel of it."""
-
-    left: float
-    top: float
-    across: int
-    down: int
-    scale: float
-
-    @classmethod
-    def into(cls, across: int, down: int, picture: PictureView) -> ImagePlacement:
-        """Return the largest that fits into so many dots, which are as wide as high."""
-        scale = min(across / picture.width, down / picture.height)
-        wide = max(1, min(across, round(picture.width * scale)))
-        high = max(1, min(down, round(picture.height * scale)))
-        return cls((across - wide) // 2, (down - high) // 2, wide, high, scale)
-
-    def place(self, right_px: float, up_px: float) -> tuple[int, int]:
-        """Return the dot of a place in the frame."""
-        return (
-            math.floor(self.left + 0.5 * self.across + right_px * self.scale),
-            math.floor(self.top + 0.5 * self.down - up_px * self.scale),
-        )
-
-    def spot(self, x: float, y: float) -> ImageSpot:
-        """Return the place of a dot."""
-        right = (x - self.left - 0.5 * self.across) / self.scale
-        return ImageSpot(right, (self.top + 0.5 * self.down - y) / self.scale)
-
-
 class ImageDots(NamedTuple):
     """So many dots of a screen, across and down."""
 
     across: int
     down: int
-
-
-class Mark(NamedTuple):
-    """A dot of what is drawn over the picture, and its style."""
-
-    x: int
-    y: int
-    style: str
 
 
 def marks(

@@ -1,4 +1,4 @@
-"""A camera's picture in the terminal's own pixels, on terminals that have sixels.
+"""A camera's picture on the dots of a screen, and in the terminal's own pixels where it has sixels.
 
 Sixels are six pixels above one another in one character, in one colour: chapter 14 of the VT330/VT340
 programmer reference manual. A terminal paints what is sent for each colour over what was there.
@@ -26,8 +26,9 @@ if TYPE_CHECKING:
     from textual.geometry import Region
     from textual.theme import Theme
 
-    from sattrack.tui.camera_page import ImagePlacement, Levels, Mark
+    from sattrack.views.picture import PictureView
 
+    Levels = NDArray[np.uint8]
     CellOfPixels = Callable[[], tuple[int, int] | None]
 
 DOT = 2
@@ -38,6 +39,51 @@ EVERY_S = 1.0
 _ROWS = 6 // DOT
 _BITS = np.array([((1 << DOT) - 1) << DOT * row for row in range(_ROWS)], np.uint8)
 _RUN = re.compile(rb"(.)\1*", re.DOTALL)
+
+
+class Mark(NamedTuple):
+    """A dot of what is drawn over the picture, and its style."""
+
+    x: int
+    y: int
+    style: str
+
+
+class ImageSpot(NamedTuple):
+    """A place in a frame: pixels from its middle, right and up."""
+
+    right_px: float
+    up_px: float
+
+
+class ImagePlacement(NamedTuple):
+    """How a frame lies on the dots of a screen: left upper corner, size, and dots in a pixel of it."""
+
+    left: float
+    top: float
+    across: int
+    down: int
+    scale: float
+
+    @classmethod
+    def into(cls, across: int, down: int, picture: PictureView) -> ImagePlacement:
+        """Return the largest that fits into so many dots, which are as wide as high."""
+        scale = min(across / picture.width, down / picture.height)
+        wide = max(1, min(across, round(picture.width * scale)))
+        high = max(1, min(down, round(picture.height * scale)))
+        return cls((across - wide) // 2, (down - high) // 2, wide, high, scale)
+
+    def place(self, right_px: float, up_px: float) -> tuple[int, int]:
+        """Return the dot of a place in the frame."""
+        return (
+            math.floor(self.left + 0.5 * self.across + right_px * self.scale),
+            math.floor(self.top + 0.5 * self.down - up_px * self.scale),
+        )
+
+    def spot(self, x: float, y: float) -> ImageSpot:
+        """Return the place of a dot."""
+        right = (x - self.left - 0.5 * self.across) / self.scale
+        return ImageSpot(right, (self.top + 0.5 * self.down - y) / self.scale)
 
 
 class Painted(NamedTuple):

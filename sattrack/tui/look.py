@@ -357,6 +357,11 @@ class ScreenApp(App[None]):
         # What lies below asks for it while it is made.
         self._appearance = appearance
         super().__init__()
+        for theme in THEMES:
+            self.register_theme(theme)
+        # Before there is anything that would have to be styled and laid out anew for it.
+        self.set_reactive(App.theme, appearance.theme)
+        self.stylesheet.set_variables(self.get_css_variables())
         self.interrupted = False
         self._leave_asked = False
 
@@ -370,10 +375,7 @@ class ScreenApp(App[None]):
         self.set_interval(seconds, lambda: act() if self.is_running else None)
 
     def on_mount(self) -> None:
-        """Set the theme, and look at the feed from now on."""
-        for theme in THEMES:
-            self.register_theme(theme)
-        self.theme = self._appearance.theme
+        """Look at the feed from now on."""
         self.every(self.LOOK_EVERY_S, self.look)
         self.look()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from bisect import bisect_right
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from textual.binding import Binding, BindingType
@@ -13,7 +13,7 @@ from sattrack.tui.app import TrackApp
 from sattrack.tui.dialogs import REPLAY_TEXT, HelpScreen
 from sattrack.tui.error_plot import WINDOW_S
 from sattrack.tui.feeds import News
-from sattrack.tui.scene import DEFAULT_APPEARANCE
+from sattrack.tui.scene import DEFAULT_APPEARANCE, SAME_S, TapeView
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -27,25 +27,6 @@ SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 FASTEST, SLOWEST = SPEEDS[-1], SPEEDS[0]
 LONGEST_PAUSE_S = 5.0
 """After so long the tape continues, where the clock was set or messages are missing."""
-SAME_S = 1e-6
-
-
-@dataclass(frozen=True, slots=True)
-class TapeView:
-    """What is shown of a tape: seconds from its beginning, and how many there are as far as it was read."""
-
-    name: str
-    at_s: float
-    length_s: float
-    playing: bool
-    speed: float
-    whole: bool
-    """Whether it was read to its end."""
-
-    @property
-    def ended(self) -> bool:
-        """Whether it stands at its end."""
-        return self.whole and self.at_s >= self.length_s - SAME_S
 
 
 class Shown(NamedTuple):

@@ -15,7 +15,6 @@ from sattrack.views.messages import ClearBias, Nudge, OffsetBy, Search, Slip
 from sattrack.views.run import STARTER
 
 if TYPE_CHECKING:
-    from sattrack.tui.replay_app import TapeView
     from sattrack.views.messages import Message
     from sattrack.views.run import PassView, SessionView, Summary, TrackView
 
@@ -117,6 +116,28 @@ class Caution(NamedTuple):
     what: str
     do: str
     tone: Tone
+
+
+SAME_S = 1e-6
+"""Instants of a tape that lie nearer are the same."""
+
+
+@dataclass(frozen=True, slots=True)
+class TapeView:
+    """What is shown of a tape: seconds from its beginning, and how many there are as far as it was read."""
+
+    name: str
+    at_s: float
+    length_s: float
+    playing: bool
+    speed: float
+    whole: bool
+    """Whether it was read to its end."""
+
+    @property
+    def ended(self) -> bool:
+        """Whether it stands at its end."""
+        return self.whole and self.at_s >= self.length_s - SAME_S
 
 
 @dataclass(frozen=True, slots=True)

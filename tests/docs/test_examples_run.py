@@ -1,9 +1,10 @@
 """Every block of the README, the tutorial and the how-tos does what the page says.
 
 Blocks of `sh` run in a folder that holds examples/, a page's blocks one after the other; a block without a
-language after one is its output, in which `…` stands for any lines. Those after `<!-- parse only: WHY -->` do
-not run: each `sattrack` line of theirs must parse. Other marks say what reads a block: `sattrack.toml`,
-`profile`, `schedule`, `message`.
+language after one is its output, in which `…` stands for any lines. A shell runs what is more than commands
+of `sattrack`, and the tutorial's first block; this process runs the others. Those after
+`<!-- parse only: WHY -->` do not run: each `sattrack` line of theirs must parse. Other marks say what reads a
+block: `sattrack.toml`, `profile`, `schedule`, `message`.
 """
 
 from __future__ import annotations
@@ -15,31 +16,39 @@ import shlex
 import shutil
 import subprocess
 import sys
+import time
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 import msgspec
 import pytest
 
 from sattrack.cli.main import cli, run
+from sattrack.core.local_time import use_zone
 from sattrack.mount.model import MountProfile
+from sattrack.runtime import demo_pass
 from sattrack.schedule.file import load_schedule
 from sattrack.settings import load_settings
 from sattrack.views.messages import decode_message
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = [
-    ROOT / "README.md",
-    ROOT / "docs" / "index.md",
-    ROOT / "docs" / "tutorial.md",
-    *sorted((ROOT / "docs" / "howto").glob("*.md")),
-]
 NIGHTS = ROOT / "docs" / "nights.md"
 """Shows what its example prints, which docs/howto/unattended.md runs."""
 HIGH = {"docs/howto/biases.md", "docs/howto/keyhole.md"}
 """Pages that show nothing of what a pass prints: there a pass is only what is above 60°."""
+TUTORIAL = ROOT / "docs" / "tutorial.md"
+"""Shows all figures of the practice pass; where another page shows the same, they are found once."""
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "docs" / "index.md",
+    TUTORIAL,
+    *sorted((ROOT / "docs" / "howto").glob("*.md")),
+]
 FENCE = re.compile(
     r"(?:^<!-- (?P<mark>[^\n]*?) -->\n)?^```(?P<kind>\w*)\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL
 )
@@ -113,45 +122,113 @@ def is_output(block: Block) -> bool:
     return block.kind == "" and not block.mark and not block.after
 
 
+def is_the_tutorials(pass_: Block, output: Block) -> bool:
+    """Whether a block follows the practice pass and shows of it what the tutorial shows, and nothing else."""
+    (words,) = command_lines(pass_.text) or [[]]
+    known = {line for block in blocks(TUTORIAL) if is_output(block) for line in block.text.splitlines()}
+    practice = words[:2] == ["track", "ISS"] and "--virtual" in words and "--config" not in words
+    return practice and set(output.text.splitlines()) <= known
+
+
+def test_without_settings_the_pass_and_the_place_are_the_tutorials() -> None:
+    """So that what the tutorial shows of its pass is what a page without settings shows of its own."""
+    elements = (ROOT / "examples" / "iss_leiden.tle").read_text(encoding="utf-8").splitlines()
+    assert elements[-2:] == [demo_pass.LINE_1, demo_pass.LINE_2]
+    place = demo_pass.SITE.place()
+    where = f"--site {place.latitude_deg:g},{place.longitude_deg:g},{place.height_m:g} "
+    assert where in TUTORIAL.read_text(encoding="utf-8")
+
+
+def printed_by(text: str, kind: str, shell: bool, capfd: pytest.CaptureFixture[str]) -> str:
+    """Run a block where we are; return what it printed."""
+    if kind == "sh" and not shell:
+        capfd.readouterr()
+        codes = [run(words) for words in command_lines(text)]
+        told = capfd.readouterr()
+        assert codes, text
+        assert not any(codes), (text, told)
+        return told.out
+    program = ["bash", "-ec"] if kind == "sh" else [sys.executable, "-c"]
+    done = subprocess.run([*program, text], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, (text, done.stdout, done.stderr)
+    return done.stdout
+
+
+def is_plain(text: str) -> bool:
+    """Whether a block is nothing but commands of sattrack, which need no shell."""
+    lines = text.replace("\\\n", " ").splitlines()
+    return all(line.startswith("sattrack ") and not set(line) & set("<>|&;$`*~") for line in lines)
+
+
+@pytest.fixture
+def zone() -> Iterator[None]:
+    """Leave the zone of this process as it is, whatever a command sets it to."""
+    before = os.environ.get("TZ")
+    yield
+    if before is None:
+        os.environ.pop("TZ", None)
+        time.tzset()
+    else:
+        use_zone(before)
+
+
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_commands_run_as_shown(page: Path, tmp_path: Path, short: Path) -> None:
+@pytest.mark.usefixtures("zone")
+def test_commands_run_as_shown(
+    page: Path,
+    tmp_path: Path,
+    short: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    high = "min_altitude_deg = 60"
     if name_of(page) in HIGH:
         settings = (ROOT / "examples" / "sattrack.toml").read_text(encoding="utf-8")
         (low,) = re.findall(r"^min_altitude_deg = .*$", settings, re.MULTILINE)
-        high = "min_altitude_deg = 60"
         (tmp_path / "examples" / "sattrack.toml").write_text(settings.replace(low, high), encoding="utf-8")
         (tmp_path / "sattrack.toml").write_text(high, encoding="utf-8")
-    env = {
-        **os.environ,
-        "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
-        "HOME": str(tmp_path),
-        "XDG_STATE_HOME": str(tmp_path / "state"),
-        "XDG_DATA_HOME": str(tmp_path / "data"),
-        "XDG_CONFIG_HOME": str(tmp_path / "config"),
-        "NO_COLOR": "1",
-        "COLUMNS": "120",
-    }
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
+    for name, value in (
+        ("HOME", tmp_path),
+        ("XDG_STATE_HOME", tmp_path / "state"),
+        ("XDG_DATA_HOME", tmp_path / "data"),
+        ("XDG_CONFIG_HOME", tmp_path / "config"),
+        ("NO_COLOR", "1"),
+        ("COLUMNS", "120"),
+    ):
+        monkeypatch.setenv(name, str(value))
     printed: str | None = None
+    shell = page == TUTORIAL
     shown = blocks(page)
     for number, block in enumerate(shown):
         assert block.kind in KINDS, block
         if block.kind in ("sh", "python") and not block.mark:
-            shows = [one.text for one in shown[number + 1 : number + 2] if is_output(one)]
-            if not re.search(r"\d", "".join(shows)) and (tmp_path / RECORDING).exists():
+            outputs = [one for one in shown[number + 1 : number + 2] if is_output(one)]
+            if not re.search(r"\d", "".join(one.text for one in outputs)) and (tmp_path / RECORDING).exists():
                 shutil.copy(short, tmp_path / RECORDING)
-            program = ["bash", "-ec"] if block.kind == "sh" else [sys.executable, "-c"]
-            done = subprocess.run(
-                [*program, block.text], cwd=tmp_path, env=env, capture_output=True, text=True, check=False
-            )
-            assert done.returncode == 0, (block.text, done.stdout, done.stderr)
-            printed = done.stdout
+            elsewhere = page != TUTORIAL and any(is_the_tutorials(block, one) for one in outputs)
+            if elsewhere:
+                # The figures are those that the tutorial's block shows, and are found there.
+                (tmp_path / "sattrack.toml").write_text(high, encoding="utf-8")
+            plain = is_plain(block.text)
+            printed = printed_by(block.text, block.kind, shell or not plain, capfd)
+            shell = shell and not plain
+            if elsewhere:
+                (tmp_path / "sattrack.toml").unlink()
+                assert matches(without_figures(outputs[0].text), without_figures(printed))
+                printed = None
             if "examples/night.toml --virtual" in block.text:
                 assert block.text in NIGHTS.read_text(encoding="utf-8")
                 assert printed in [one.text for one in blocks(NIGHTS)]
         elif is_output(block) and printed is not None:
             assert matches(block.text, printed), (block.text, printed)
             printed = None
+
+
+def without_figures(text: str) -> str:
+    return re.sub(r"\d+(\.\d+)?", "0", text)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
@@ -217,5 +294,5 @@ def test_a_difference_in_the_output_shows() -> None:
         assert not matches(shown, printed)
     with pytest.raises(click.NoSuchOption):
         parse(["track", "ISS", "--no-such-option"])
-    for before, after in pairwise(blocks(ROOT / "docs" / "tutorial.md")):
+    for before, after in pairwise(blocks(TUTORIAL)):
         assert before is not after

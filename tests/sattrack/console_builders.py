@@ -6,11 +6,10 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from sattrack.control.console import Console
-from sattrack.control.console_view import view_of
-from sattrack.control.manual_operation import Look, ManualOperation
+from sattrack.control.manual_operation import Look, ManualOperation, view_of
 from sattrack.mount.model import AxesPosition, MountProfile
-from sattrack.mount.simulator.installation import SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
+from sattrack.mount.simulator.profile import SimulatorProfile
 from sattrack.mount.xerxes.datagrams import Command, decode_command
 from sattrack.safety import SafetyLimits
 from tle.site import Site
@@ -18,8 +17,8 @@ from tle.site import Site
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.control.console import ConsoleSession
-    from sattrack.control.manual_operation import Procedure
+    from sattrack.control.manual_operation import ConsoleSession
+    from sattrack.control.procedures import Procedure
     from sattrack.mount.simulator.mount import Truth
 
 T0 = 1_790_000_000.0

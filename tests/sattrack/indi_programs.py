@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import os
+import select
 import subprocess
 import tempfile
 import time
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING
 
 from programs import free_port
 from serving import PATIENCE_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Generator, Iterator
 
 
 class Indi:
@@ -33,10 +34,38 @@ class Indi:
         return done.stdout.strip()
 
     def until(self, name: str, holds: Callable[[str], bool]) -> str:
+        """Wait until a value is as asked, by one program that tells each change; return the value."""
         until_s = time.monotonic() + PATIENCE_S
-        while not holds(value := self.get(name)):
+        while True:
+            value = None
+            with closing(self._values(name, until_s)) as values:
+                for value in values:
+                    if holds(value):
+                        return value
             assert time.monotonic() < until_s, (name, value)
-        return value
+            # No server listens there yet.
+            select.select([], [], [], 0.05)
+
+    def _values(self, name: str, until_s: float) -> Generator[str]:
+        """Give what a property is, and what it becomes, until its server has gone or is not there."""
+        command = [self._program("indi_getprop"), "-m", "-t", str(PATIENCE_S), "-p", str(self._port)]
+        # To a terminal, it writes each line at once.
+        ours, its = os.openpty()
+        with subprocess.Popen(
+            [*command, f"{self._device}.{name}"], stdin=its, stdout=its, stderr=subprocess.DEVNULL
+        ) as process:
+            os.close(its)
+            told = b""
+            try:
+                while select.select([ours], [], [], max(0.0, until_s - time.monotonic()))[0]:
+                    told += os.read(ours, 65536)
+                    *lines, told = told.split(b"\r\n")
+                    yield from (line.decode().partition("=")[2] for line in lines)
+            except OSError:
+                """Its end of the terminal is closed."""
+            finally:
+                process.kill()
+                os.close(ours)
 
     def settle(self) -> None:
         """Wait until it says of its place that it moves no more; no answer is no place."""

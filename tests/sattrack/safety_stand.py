@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile, MoveAxes, Stop, seen_of
-from sattrack.mount.simulator.installation import SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
+from sattrack.mount.simulator.profile import SimulatorProfile
 from sattrack.mount.xerxes.session import Session
 from sattrack.safety import Safety, SafetyLimits
 

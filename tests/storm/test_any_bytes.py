@@ -42,7 +42,7 @@ from sattrack.views.messages import decode_message, decode_observation, decode_o
 from tle.bodies import read_star
 from tle.errors import TleError
 from tle.formats.ephemerides import parse_ephemerides
-from tle.passes import HorizonMask
+from tle.horizon import HorizonMask
 from tle.site import Site
 
 if TYPE_CHECKING:

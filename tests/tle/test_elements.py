@@ -8,10 +8,9 @@ import pytest
 from sgp4.api import Satrec
 from tle_facts import DECAYING, ISS, MOLNIYA, STARLINK_ALPHA5, TDRS3
 
-from tle.elements import Elements, parse_alpha5
+from tle.elements import Elements, Motion, parse_alpha5
 from tle.errors import DecayedError, PropagationError
 from tle.instants import Utc
-from tle.propagator import Motion
 from tle.sources import load_elements
 
 

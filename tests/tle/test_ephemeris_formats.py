@@ -13,8 +13,15 @@ import pytest
 from numpy.typing import NDArray
 
 from tle.earth import EarthOrientation
-from tle.elements import Elements, expected_error_m
-from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris, without_poor_velocities
+from tle.elements import Elements
+from tle.ephemeris import (
+    Frame,
+    Interpolation,
+    Segment,
+    TableEphemeris,
+    expected_error_m,
+    without_poor_velocities,
+)
 from tle.errors import EphemerisError, EphemerisSpanError, SatelliteNotFoundError, SourceError
 from tle.formats.ephemerides import find_ephemeris, parse_ephemerides, read_ephemerides
 from tle.instants import ARRAYS, Utc

@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 from tle_facts import DECAYING, ISS
 
-from tle.elements import Elements, propagation_error
+from tle.elements import Elements, Motion, propagation_error
 from tle.errors import (
     DecayedError,
     MeanElementsError,
@@ -17,7 +17,6 @@ from tle.errors import (
     SemiLatusRectumError,
     SubOrbitalError,
 )
-from tle.propagator import Motion
 
 ZARYA = Elements.from_tle(*ISS, name="ISS (ZARYA)")
 

@@ -16,11 +16,12 @@ from sgp4.api import WGS84, Satrec
 from skyfield.api import EarthSatellite, iers2010, load, wgs84
 from tle_facts import ISS, LEIDEN, MOLNIYA, PARANAL, STARLINK_ALPHA5, TDRS3, separation_arcsec
 
-from tle.bias import Bias, bias_from_observation
+from tle.bias import Bias
 from tle.earth import EarthOrientation, earth_orientation_age
 from tle.elements import Elements, expected_along_s
 from tle.errors import ElementsError, PackageError, SiteError, UnwritableError
 from tle.instants import Utc, as_utc
+from tle.observed import bias_from_observation
 from tle.passes import find_catalogue_passes, find_passes
 from tle.propagator import Propagator
 from tle.site import Site

@@ -17,9 +17,10 @@ from tle_facts import DECAYING, ISS, LEIDEN, MOLNIYA, PARANAL, STARLINK_ALPHA5, 
 from tle.crossings import SURE_S, highest_between
 from tle.earth import EarthOrientation, Ground
 from tle.elements import Elements
+from tle.horizon import Horizon, HorizonMask
 from tle.instants import Utc
 from tle.near_earth import in_plane, mean_orbit, mean_start, start_near_earth, teme_km
-from tle.passes import Horizon, HorizonMask, find_catalogue_passes, find_passes
+from tle.passes import find_catalogue_passes, find_passes
 from tle.prefilter import DeepSpace, can_filter, deep_margin_km, orbit_bounds
 from tle.propagator import Propagator
 from tle.site import Site

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tle.errors import SiteError, SourceError
-from tle.passes import Horizon, HorizonMask
+from tle.horizon import Horizon, HorizonMask
 
 HILLS = HorizonMask((10.0, 100.0, 100.0, 350.0), (5.0, 20.0, 60.0, 15.0))
 

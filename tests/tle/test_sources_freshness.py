@@ -9,9 +9,8 @@ import statistics
 import pytest
 from tle_facts import ISS, TDRS3
 
-from tle.elements import Elements, expected_along_arcsec, expected_along_s
+from tle.elements import Elements, Motion, expected_along_arcsec, expected_along_s
 from tle.errors import PropagationError
-from tle.propagator import Motion
 from tle.sources import load_elements
 
 ZARYA = Elements.from_tle(*ISS)

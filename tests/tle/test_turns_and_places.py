@@ -8,12 +8,12 @@ import erfa
 import numpy as np
 import pytest
 
-from tle.bias import apparent_unit
 from tle.direction import SkyTurn, turned_on_sky
 from tle.earth import EarthOrientation
 from tle.elements import Elements
 from tle.errors import ObservationError, PlaceError
 from tle.instants import Utc
+from tle.observed import apparent_unit
 from tle.propagator import Propagator
 from tle.site import Site
 

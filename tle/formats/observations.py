@@ -19,9 +19,9 @@ from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
-from tle.bias import BiasEstimate, Frame, bias_from_observation
 from tle.errors import ObservationError, SiteError, SourceError, TimeFormatError
 from tle.instants import DAY_S, Utc, as_utc
+from tle.observed import BiasEstimate, Frame, bias_from_observation
 from tle.site import Site
 
 if TYPE_CHECKING:

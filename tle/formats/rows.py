@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import re
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import erfa
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from tle.errors import EphemerisError, printable
+from tle.errors import EphemerisError, SourceError, printable
 from tle.instants import DAY_S, MJD_JD, TT_MINUS_TAI_S, UNIX_EPOCH_MJD, tai_minus_utc_s
 
 if TYPE_CHECKING:
@@ -379,3 +380,20 @@ def tai_s(system: str, days: Index, seconds: Array) -> tuple[float, Array]:
     found, inverse = np.unique(days, return_inverse=True)
     leaps = np.array([tai_minus_utc_s(int(day)) for day in found])[inverse]
     return zero_s, since + leaps
+
+
+def read_table(path: str | Path, subject: str) -> list[tuple[int, str, list[str]]]:
+    """Return number, text and words of each line that has words; `#` begins a comment, a comma is a blank.
+
+    The text is fit for a terminal. Raises SourceError, which names the subject, where the file is no text.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        why = (error.strerror or str(error)) if isinstance(error, OSError) else "is not text"
+        raise SourceError(f"{path}: cannot read {subject}: {why}") from None
+    rows = (
+        (number, printable(line.strip()), line.split("#")[0].replace(",", " ").split())
+        for number, line in enumerate(text.splitlines(), start=1)
+    )
+    return [row for row in rows if row[2]]

@@ -137,19 +137,22 @@ class SimulatedAxis:
     rate_deg_s: float = 0.0
     reference_deg: float = field(init=False)
     reference_deg_s: float = 0.0
+    _stiffness: float = field(init=False)
+    _damping: float = field(init=False)
 
     def __post_init__(self) -> None:
         """Begin at rest upon the reference."""
         self.reference_deg = self.position_deg
+        omega = 2.0 * math.pi * self.servo_hz
+        self._stiffness, self._damping = omega**2, 2.0 * omega
 
     def step(self, wanted_deg_s: float, seconds: float) -> None:
         """Let time pass with a rate asked for."""
         most = self.acceleration_deg_s2 * seconds
         self.reference_deg_s += max(-most, min(most, wanted_deg_s - self.reference_deg_s))
         self.reference_deg += self.reference_deg_s * seconds
-        omega = 2.0 * math.pi * self.servo_hz
-        pull = omega**2 * (self.reference_deg - self.position_deg)
-        pull += 2.0 * omega * (self.reference_deg_s - self.rate_deg_s)
+        pull = self._stiffness * (self.reference_deg - self.position_deg)
+        pull += self._damping * (self.reference_deg_s - self.rate_deg_s)
         self.rate_deg_s += pull * seconds
         self.position_deg += self.rate_deg_s * seconds
 
@@ -181,11 +184,14 @@ class SimulatedTelescope:
 
     def run_to(self, utc_s: float) -> None:
         """Let time pass up to an instant."""
+        first_deg_s, second_deg_s = self._wanted()
+        steady = self._target is None and self.settings.alignment != "altaz" and not self._guided(0.0)
         while self._utc_s < utc_s:
             seconds = min(STEP_S, utc_s - self._utc_s)
             if self.settings.cache_s and self._due(seconds):
                 self._cached = self._place()
-            first_deg_s, second_deg_s = self._wanted()
+            if not steady:
+                first_deg_s, second_deg_s = self._wanted()
             self._first.step(first_deg_s, seconds)
             self._second.step(second_deg_s, seconds)
             self._utc_s += seconds

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from sattrack.mount.model import AxisLimits
-    from sattrack.mount.simulator.installation import ServoSettings, SimulatorProfile
+    from sattrack.mount.simulator.profile import ServoSettings, SimulatorProfile
 
 
 @dataclass(frozen=True, slots=True)

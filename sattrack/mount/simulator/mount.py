@@ -44,7 +44,7 @@ from sattrack.core.errors import BadInputError
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile
 from sattrack.mount.simulator.axis import Axis
 from sattrack.mount.simulator.drives import DTICS_S_PER_DEG_S, GUIDE_RATE_DTICS_S, DrivenAxis, Encoder, Mode
-from sattrack.mount.simulator.installation import SimulatorProfile
+from sattrack.mount.simulator.profile import SimulatorProfile
 from sattrack.mount.simulator.sky import SimulatedSky, direction, horizontal, is_beyond_pole
 
 if TYPE_CHECKING:

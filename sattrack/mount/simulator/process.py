@@ -26,8 +26,9 @@ import msgspec
 from sattrack.core.clock import Clock, SimulatedClock, SystemClock
 from sattrack.core.errors import SattrackError
 from sattrack.mount.model import MountProfile
-from sattrack.mount.simulator.installation import Faults, Installation, SimulatorProfile
+from sattrack.mount.simulator.installation import Faults, Installation
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition, Truth
+from sattrack.mount.simulator.profile import SimulatorProfile
 
 if TYPE_CHECKING:
     from collections.abc import Callable

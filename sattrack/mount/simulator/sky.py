@@ -15,7 +15,7 @@ from sattrack.core.angles import wrap180
 from sattrack.mount.model import mean_sidereal_deg
 
 if TYPE_CHECKING:
-    from sattrack.mount.simulator.installation import SimulatorProfile
+    from sattrack.mount.simulator.profile import SimulatorProfile
 
 
 def wrapped(angle_deg: float) -> float:

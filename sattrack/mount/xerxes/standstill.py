@@ -245,7 +245,8 @@ class Positions:
             return None
         shortest: tuple[ParabolaFit, ParabolaFit] | None = None
         for span_s in WINDOWS_S:
-            window = self._window(span_s, since_utc_s)
+            known = span_s == WINDOWS_S[0] and since_utc_s == -math.inf
+            window = self._recent if known else self._window(span_s, since_utc_s)
             parabola = None if window is None else Parabola.over([one.mount_s for one in window])
             if window is None or parabola is None:
                 continue
@@ -435,7 +436,8 @@ class Fields:
     ) -> None:
         """Ignore a field once it has been contradicted for longer than that."""
         if not contradicts:
-            self._since_utc_s.pop((name, why), None)
+            if self._since_utc_s:
+                self._since_utc_s.pop((name, why), None)
         elif now_utc_s - self._since_utc_s.setdefault((name, why), now_utc_s) > longest_s:
             self.ignored.setdefault(name, why)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sattrack.control.manual_operation import (
+from sattrack.control.procedures import (
     MoveFor,
     Once,
     Outcome,
@@ -33,7 +33,7 @@ from sattrack.mount.requests import (
 from sattrack.servers.alpaca.protocol import MOVING_BY_RATES, Fault, FineOrder, Number, TrackOrder
 
 if TYPE_CHECKING:
-    from sattrack.control.manual_operation import Procedure, ProcedureHost
+    from sattrack.control.procedures import Procedure, ProcedureHost
     from sattrack.mount.model import MountProfile
     from sattrack.servers.alpaca.protocol import Order
 

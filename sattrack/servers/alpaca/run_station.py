@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
     from sattrack.core.channel import Channel
     from sattrack.core.clock import Clock
+    from sattrack.runtime.view_server import RunMessage, RunViews
     from sattrack.servers.alpaca.protocol import NumberedOrder, TelescopeState
-    from sattrack.servers.alpaca.run_process import RunMessage, RunViews
 
 ACQUIRED = ("following", "paused")
 

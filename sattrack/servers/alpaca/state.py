@@ -12,7 +12,7 @@ import math
 from typing import TYPE_CHECKING
 
 from sattrack.control.engine_view import bias_fields
-from sattrack.control.manual_operation import NEAR_DEG, off_axes_deg
+from sattrack.control.procedures import NEAR_DEG, off_axes_deg
 from sattrack.core.angles import altitude_deg, azimuth_deg
 from sattrack.mount.model import DTICS_S_PER_DEG_S, SIDEREAL_RATE_DEG_S, AxesPosition
 from sattrack.servers.alpaca.protocol import Answered, Fault, FollowedState, Number, TelescopeState

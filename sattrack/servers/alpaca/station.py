@@ -12,11 +12,7 @@ from typing import TYPE_CHECKING
 
 from sattrack.control.console import Console
 from sattrack.control.driver import StopProcedure
-from sattrack.control.manual_operation import (
-    DONE,
-    Once,
-    Outcome,
-)
+from sattrack.control.procedures import DONE, Once, Outcome
 from sattrack.control.tracker import FOLLOWING
 from sattrack.core.angles import altitude_deg
 from sattrack.mount.model import Hold, Slew
@@ -50,7 +46,7 @@ if TYPE_CHECKING:
     import msgspec
 
     from sattrack.control.engine import Engine
-    from sattrack.control.manual_operation import Procedure
+    from sattrack.control.procedures import Procedure
     from sattrack.mount.model import MountProfile, Status
     from sattrack.mount.xerxes.session import Session
     from sattrack.safety import Safety, SafetyLimits

@@ -12,8 +12,8 @@ import math
 import struct
 from typing import TYPE_CHECKING
 
-from tle.bias import apparent_unit
 from tle.instants import Utc
+from tle.observed import apparent_unit
 
 if TYPE_CHECKING:
     import numpy as np

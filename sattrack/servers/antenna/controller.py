@@ -21,6 +21,7 @@ from sattrack.servers.antenna.protocol import (
     NS,
     OMITTED,
     AntennaRequest,
+    Exchange,
     Framer,
     LineFault,
     Nak,
@@ -70,16 +71,6 @@ class AntennaAction(StrEnum):
     FOLLOWING = "FOLLOWING"
     STOW = "STOW"
     SERVICE = "SERVICE"
-
-
-@dataclass(frozen=True, slots=True)
-class Exchange:
-    """One line that came, and its response."""
-
-    utc_ns: int
-    received: str
-    answered: str
-    refused: Nak | None = None
 
 
 class AntennaStation(PathDriver):

@@ -18,10 +18,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from decimal import Decimal
 from enum import Enum, IntEnum
-from typing import TYPE_CHECKING, Literal
-
-if TYPE_CHECKING:
-    from sattrack.servers.antenna.controller import Exchange
+from typing import Literal
 
 SYNC = b"#"
 END = b"\n"
@@ -549,6 +546,16 @@ def program_line(text: str, program: str = PROGRAM) -> str:
 def operator_line(text: str) -> str:
     """Return a log line of the operator, without the instant."""
     return f";{text}"
+
+
+@dataclass(frozen=True, slots=True)
+class Exchange:
+    """One line that came, and its response."""
+
+    utc_ns: int
+    received: str
+    answered: str
+    refused: Nak | None = None
 
 
 def refusal_line(exchange: Exchange, why: Nak) -> str:

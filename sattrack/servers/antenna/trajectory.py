@@ -23,13 +23,14 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
 from sattrack.pointing.terms import first_order_deg
 from sattrack.servers.antenna.protocol import NS, Nak
-from tle.bias import NO_BIAS, Bias, apparent_unit
+from tle.bias import NO_BIAS, Bias
 from tle.earth import EarthOrientation, to_tirs
 from tle.elements import Elements, parse_alpha5
 from tle.errors import ElementsError, FieldRangeError, MissingFieldError
 from tle.formats.omm import KEYWORDS, TextPlace, elements_of
 from tle.formats.tle import checksum, parse_set
 from tle.instants import Utc
+from tle.observed import apparent_unit
 from tle.propagator import Propagator
 from tle.refraction import Refraction
 

@@ -84,7 +84,7 @@ def _unit(place: AzEl) -> Vector:
 
 
 def _place(v: Vector) -> AzEl:
-    e, n, u = (float(x) for x in v)
+    e, n, u = v.tolist()
     return AzEl(math.degrees(math.atan2(e, n)) % 360.0, math.degrees(math.atan2(u, math.hypot(e, n))))
 
 

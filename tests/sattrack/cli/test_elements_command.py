@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -200,14 +201,18 @@ def test_sets_refused_beside_good_ones_are_told_and_do_not_stop_a_command(tmp_pa
     )
 
 
-@pytest.mark.parametrize("form", WRITTEN)
-def test_100534_is_followed_from_every_format(tmp_path, form, capsys):
+def test_100534_is_found_in_every_format_and_followed(tmp_path, capsys):
     path = tmp_path / "elements"
-    path.write_text(write_elements(load_elements(CSV).accepted, form))
     rest = ("--elements", str(path), *SITE, "--json")
     span = ("--from", "2026-10-02T06:00:00Z", "--to", "2026-10-02T06:00:30Z", "--step", "10")
-    out, _ = ran(capsys, "ephemeris", STARLINK, *rest, *span)
-    assert len(json.loads(out)) == 4
+    found = []
+    for form in WRITTEN:
+        path.write_text(write_elements(load_elements(CSV).accepted, form))
+        out, _ = ran(capsys, "ephemeris", STARLINK, *rest, *span)
+        found.append([row["alt_deg"] for row in json.loads(out)])
+        assert len(found[-1]) == 4
+        assert found[-1] == pytest.approx(found[0], abs=0.01)
+    path.write_text(write_elements(load_elements(CSV).accepted, "tle"))
     summary = followed(capsys, *rest, *HIGH_PASS)
     assert summary["catalog_number"] == 100534
     assert summary["ended_by"] == "set"
@@ -233,22 +238,18 @@ def test_progress_is_shown_on_a_terminal_only(server, capsys, monkeypatch):
     assert err.endswith("\r\x1b[K")
 
 
-def test_the_example_follows_a_group_that_is_fetched_once(server, tmp_path):
+def test_the_example_follows_a_group_that_is_fetched_once(server, tmp_path, capsys, monkeypatch):
     # Just before a pass that is above 10° for a minute.
     example = Path(__file__).parents[3] / "examples" / "follow_celestrak_group.py"
+    monkeypatch.setattr(sys, "argv", [str(example), "stations", "ISS (ZARYA)", "2026-10-02T09:51:00Z"])
     said = []
     for _ in range(2):
-        done = subprocess.run(
-            [sys.executable, str(example), "stations", "ISS (ZARYA)", "2026-10-02T09:51:00Z"],
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        said.append(done.stdout)
-        assert "on target for" in done.stdout
+        runpy.run_path(str(example), run_name="__main__")
+        said.append(capsys.readouterr())
+        assert "on target for" in said[-1].out
     assert server.asked == ["GROUP=stations&FORMAT=csv"]
-    assert said[0] == said[1]
-    assert "using what was fetched" in done.stderr
+    assert said[0].out == said[1].out
+    assert "using what was fetched" in said[1].err
     assert list((tmp_path / "cache" / "sattrack" / "elements").glob("*.elements"))
 
 

@@ -231,7 +231,7 @@ def test_the_best_is_that_for_the_pass_and_not_for_now(capsys, three, tmp_path):
     assert [row["source"] for row in rows] == [fresh, str(half), str(early)]
     assert [row["over"] for row in rows] == [False, False, True]
     assert [row["whole_pass"] for row in rows] == [True, False, False]
-    virtual = ("--mount", "sim", "--virtual", "--min-alt", "60", "--json")
+    virtual = ("--mount", "sim", "--virtual", "--min-alt", "75", "--json")
     assert run(["track", "ISS", *sources, *now, *virtual]) == 0
     printed = capsys.readouterr()
     assert f"using {fresh}" in printed.err

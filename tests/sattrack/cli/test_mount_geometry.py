@@ -91,7 +91,7 @@ def called(mount: AltAz, profile: Path, *words: str) -> Any:
 def test_a_slew_goes_there_and_leaves_the_telescope_as_it_was(profile: Path, tracking: bool) -> None:
     with alt_az(tracking=tracking) as mount:
         before = mount.truth
-        ra, dec = (before["ra_deg"] + 15.0) % 360.0, before["dec_deg"] + 8.0
+        ra, dec = (before["ra_deg"] + 4.0) % 360.0, before["dec_deg"] + 2.0
         done = called(mount, profile, "slew", str(ra), str(dec), "--json")
         assert done.returncode == 0, done.stderr
         result = json.loads(done.stdout)

@@ -15,7 +15,7 @@ from programs import SITE, ended, free_port, sattrack, simulated_mount
 
 from sattrack.cli.main import run
 from sattrack.cli.mount import failure
-from sattrack.control.manual_operation import Outcome, RequestRefused
+from sattrack.control.procedures import Outcome, RequestRefused
 from sattrack.mount.requests import TicketState
 
 if TYPE_CHECKING:
@@ -278,7 +278,7 @@ def test_verbs_over_real_udp_one_after_the_other(capsys: pytest.CaptureFixture[s
         assert view["readings"]["counter"] == "int64"
         assert view["link"]["state"] == "up"
 
-        ra_deg = (view["status"]["sidereal_h"] * 15.0 - 55.0) % 360.0
+        ra_deg = (view["status"]["ra_h"] * 15.0 + 5.0) % 360.0
         assert run(["mount", "slew", f"{ra_deg:.6f}", "-1:30", *common, "--json"]) == 0
         told = document(capsys.readouterr().out)
         assert told["request"] == {"type": "slew", "ra_deg": pytest.approx(ra_deg, abs=1e-5), "dec_deg": -1.5}

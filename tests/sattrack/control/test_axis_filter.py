@@ -171,3 +171,35 @@ def test_an_axis_that_sticks_near_rest_is_no_rate() -> None:
         axis.advance(STEP_S, 0.0, moved(0.013))
         axis.measure(true_deg, 0.013)
     assert abs(axis.disturbance_deg_s) < 0.002
+
+
+def test_a_gain_that_was_learnt_wrongly_and_too_surely_is_learnt_anew() -> None:
+    """On the way to a target, a drive at its limit teaches a wrong gain, and a rate that cancels it."""
+    axis, true_deg, rate_deg_s, wrong = AxisFilter(0.0), 0.0, 0.35, -0.08
+    for number in range(700):
+        if number == 200:
+            known = axis._kalman
+            known.state[1] -= wrong * rate_deg_s
+            known.state[2:] *= 1.0 + wrong
+            known.covariance[1:] *= 0.1
+            known.covariance[:, 1:] *= 0.1
+        elif number > 200:
+            rate_deg_s += 0.03 * STEP_S
+        true_deg += rate_deg_s * STEP_S
+        axis.advance(STEP_S, 0.0, moved(rate_deg_s))
+        axis.measure(true_deg, rate_deg_s)
+    assert abs(axis.gain_error) < 0.02
+
+
+def test_a_motion_that_was_rough_is_smooth_again() -> None:
+    """Then its surprises are a small part of what was expected, and their signs tell nothing."""
+    axis, true_deg, rough_deg = AxisFilter(0.0), 0.0, 0.3 / 3600.0
+    dice, shares = np.random.default_rng(4), []
+    for number in range(600):
+        shaken_deg_s = 60.0 / 3600.0 * math.sin(number * STEP_S) if number < 300 else 0.0
+        true_deg += (0.3 + shaken_deg_s) * STEP_S
+        axis.advance(STEP_S, 0.0, moved(0.3), rough_deg)
+        axis.measure(true_deg + dice.normal(0.0, 0.003 / 3600.0), 0.3)
+        shares.append(axis._rough_share)
+    assert max(shares) > 8.0
+    assert shares[-1] < 1.5

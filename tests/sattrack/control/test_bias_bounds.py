@@ -9,17 +9,15 @@ from typing import Any
 import pytest
 
 from sattrack.control.biases import (
-    AxisPace,
     Biases,
     Camera,
-    Course,
-    Going,
     begin_search,
     change_offset,
     end_reached,
     nudge_biases,
 )
 from sattrack.control.offset import ChangeLimits, Offset, State, spiral_lasts_s
+from sattrack.control.target import AxisPace, Course, Going
 from sattrack.mount.model import AxisLimits, MountProfile
 from sattrack.views.messages import OffsetBy, Search, SeenOffset
 from tle.bias import NO_BIAS

@@ -15,9 +15,8 @@ import pytest
 from console_builders import PROFILE, SITE, Bench
 from strangers.tilted_mount import TiltedMount, apart_arcsec
 
-from sattrack.control.console import ConsoleSession
-from sattrack.control.console_view import view_of
-from sattrack.control.manual_operation import procedure_for
+from sattrack.control.manual_operation import ConsoleSession, view_of
+from sattrack.control.procedures import procedure_for
 from sattrack.mount.model import AxesPosition, PointingTerms, Slew
 from sattrack.mount.requests import Park, Sync, TicketState
 from sattrack.mount.simulator.mount import StartPosition

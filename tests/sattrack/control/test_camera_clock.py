@@ -19,8 +19,9 @@ from sattrack.mount.model import MountProfile
 from sattrack.runtime import demo_pass
 from sattrack.views.formatting import camera_clock_text
 from sattrack.views.messages import ObservationMessage, SolvedField, decode_observation, encode_message
-from tle.bias import NO_BIAS, apparent_unit
+from tle.bias import NO_BIAS
 from tle.instants import Utc
+from tle.observed import apparent_unit
 from tle.propagator import Propagator
 from tle.refraction import Refraction
 

@@ -11,9 +11,9 @@ import pytest
 from console_builders import PERIOD_S, PROFILE, SITE, T0, Bench
 from msgspec.structs import replace
 
-from sattrack.control.console import NOT_ALONE, Console, ConsoleSession
-from sattrack.control.console_view import view_of
-from sattrack.control.manual_operation import Look, ManualOperation, MoveFor, RequestRefused, procedure_for
+from sattrack.control.console import Console
+from sattrack.control.manual_operation import NOT_ALONE, ConsoleSession, Look, ManualOperation, view_of
+from sattrack.control.procedures import MoveFor, RequestRefused, procedure_for
 from sattrack.control.rest import FIRST_JOG_S, NEXT_JOG_S
 from sattrack.mount.model import MountProfile, Slew, Status
 from sattrack.mount.requests import (
@@ -27,8 +27,8 @@ from sattrack.mount.requests import (
     Sync,
     TicketState,
 )
-from sattrack.mount.simulator.installation import SimulatorProfile
 from sattrack.mount.simulator.mount import StartPosition
+from sattrack.mount.simulator.profile import SimulatorProfile
 from sattrack.mount.xerxes.datagrams import STATUS_FIELDS, Command, encode_command, encode_status
 from sattrack.safety import SafetyLimits
 from sattrack.settings import NO_SITE

@@ -10,8 +10,9 @@ import pytest
 
 from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.guard import Surroundings
-from sattrack.control.console import Console, ConsoleSession
-from sattrack.control.manual_operation import ManualOperation, MoveFor
+from sattrack.control.console import Console
+from sattrack.control.manual_operation import ConsoleSession, ManualOperation
+from sattrack.control.procedures import MoveFor
 from sattrack.mount.model import DTICS_S_PER_DEG_S, SIDEREAL_RATE_DEG_S, STATUS_LOST_S, MountProfile, Status
 from sattrack.mount.requests import MoveAxis
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
@@ -141,9 +142,9 @@ def once(what: Callable[[float], object], at_s: float) -> Callable[[float], None
 def track() -> tuple[Driver, float]:
     facts = prepare(RunRequest("25544", "sim", None, None, None, 70.0, virtual=True)).facts
     engine = build_engine(facts)
-    return Ticked(
-        engine, nothing, lambda now: engine.operate(StopNow(), now), engine.receive
-    ), facts.started_utc_s
+    # It has a minute for its way to where the satellite rises, and takes a part of that.
+    begin_utc_s = facts.started_utc_s + 40.0
+    return Ticked(engine, nothing, lambda now: engine.operate(StopNow(), now), engine.receive), begin_utc_s
 
 
 def antenna() -> tuple[Driver, float]:

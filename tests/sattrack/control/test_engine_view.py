@@ -9,10 +9,9 @@ from typing import Any
 import pytest
 
 from sattrack.control import engine_view
-from sattrack.control.engine import Engine
+from sattrack.control.engine import Engine, learnt_view
 from sattrack.control.engine_view import (
     estimate_view,
-    learnt_view,
     loop_view,
     observation_warnings,
     offset_views,

@@ -10,16 +10,15 @@ import numpy as np
 import pytest
 
 from sattrack.control.following import RateFit
-from sattrack.control.manual_operation import (
+from sattrack.control.manual_operation import Look, acknowledged
+from sattrack.control.procedures import (
     GoHome,
-    Look,
     MoveFor,
     Once,
     Outcome,
     ParkThere,
     RequestRefused,
     SlewThere,
-    acknowledged,
     off_axes_deg,
     procedure_for,
     request_text,

@@ -140,12 +140,13 @@ def left_of(seed: int, filters: FilterAlone | BothAxes) -> Left:
     )
 
 
+@pytest.mark.parametrize("rounds", [range(4), pytest.param(range(4, 8), marks=pytest.mark.soak)])
 @pytest.mark.parametrize("filters", [FilterAlone, BothAxes])
 @pytest.mark.parametrize("kind", range(len(KINDS)), ids=lambda kind: KINDS[kind])
 def test_after_any_transient_steady_motion_brings_the_truth_back(
-    kind: int, filters: type[FilterAlone | BothAxes]
+    kind: int, filters: type[FilterAlone | BothAxes], rounds: range
 ) -> None:
-    for seed in range(kind, 8 * len(KINDS), len(KINDS)):
+    for seed in (kind + one * len(KINDS) for one in rounds):
         left = left_of(seed, filters())
         assert left.off_arcsec < 0.5, seed
         assert left.off_sigmas < 5.0, seed

@@ -18,8 +18,9 @@ from sattrack.mount.link_loss import (
 )
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile
 from sattrack.mount.profiles import ProfileFile
-from sattrack.mount.simulator.installation import Installation, SimulatorProfile, parse_faults
+from sattrack.mount.simulator.installation import Installation, parse_faults
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
+from sattrack.mount.simulator.profile import SimulatorProfile
 from sattrack.runtime import demo_pass
 from sattrack.runtime.connection import HANG_AFTER_S
 from sattrack.runtime.facts import RunRequest, build_engine, prepare

@@ -9,7 +9,7 @@ import socket
 import subprocess
 import sys
 import time
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
@@ -29,6 +29,7 @@ pytest.importorskip("pyarrow")
 if find_spec("distributed") is None:
     pytest.skip("distributed is not installed", allow_module_level=True)
 WAIT_S = 60.0
+LOOK_EVERY_S = 0.02
 OTHER_VERSION = "import sattrack; sattrack.__version__ = '0.0.1'; "
 
 
@@ -44,6 +45,14 @@ def program(code: str, *words: str) -> Iterator[subprocess.Popen[str]]:
             started.kill()
 
 
+def ends_within(started: subprocess.Popen[str], seconds: float) -> bool:
+    """Wait for a program to end; tell whether it has."""
+    with suppress(subprocess.TimeoutExpired):
+        started.wait(seconds)
+        return True
+    return False
+
+
 @contextmanager
 def scheduler(port: int) -> Iterator[subprocess.Popen[str]]:
     with program(
@@ -56,7 +65,7 @@ def scheduler(port: int) -> Iterator[subprocess.Popen[str]]:
                 socket.create_connection(("127.0.0.1", port), 1.0).close()
                 break
             except OSError:
-                assert started.poll() is None
+                assert not ends_within(started, LOOK_EVERY_S)
         yield started
 
 
@@ -91,7 +100,7 @@ def wait_until(reached: Callable[[], object], started: subprocess.Popen[str]) ->
     until_s = time.monotonic() + WAIT_S
     while not reached():
         assert time.monotonic() < until_s
-        assert started.poll() is None
+        assert not ends_within(started, LOOK_EVERY_S)
 
 
 def test_the_files_are_the_same_on_a_cluster_of_which_a_worker_is_killed(

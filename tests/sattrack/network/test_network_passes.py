@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 HOURS = 48
+LOOK_EVERY_S = 0.02
 parquet = pytest.importorskip("pyarrow.parquet")
 
 
@@ -223,7 +224,7 @@ def test_a_killed_client_leaves_no_process_and_goes_on_to_the_same_files(
         until_s = time.monotonic() + 60.0
         while not list(out.rglob("passes.parquet")):
             assert time.monotonic() < until_s
-            assert started.poll() is None
+            assert not _ends_within(started, LOOK_EVERY_S)
         started.send_signal(signal.SIGKILL)
         # Its workers have its standard error: the pipe ends when the last of them has ended.
         started.communicate(timeout=60.0)
@@ -240,6 +241,7 @@ def test_a_killed_worker_is_replaced(folder: Path, tmp_path: Path) -> None:
         until_s = time.monotonic() + 60.0
         while not (found := [int(word) for word in _words(children) if "spawn_main" in _line_of(word)]):
             assert time.monotonic() < until_s
+            assert not _ends_within(started, LOOK_EVERY_S)
         os.kill(found[0], signal.SIGKILL)
         answer, _ = started.communicate(timeout=60.0)
     assert started.returncode == 0
@@ -255,6 +257,14 @@ def ended(started: subprocess.Popen[bytes]) -> Iterator[subprocess.Popen[bytes]]
     finally:
         started.kill()
         started.communicate()
+
+
+def _ends_within(started: subprocess.Popen[bytes], seconds: float) -> bool:
+    """Wait for a program to end; tell whether it has."""
+    with suppress(subprocess.TimeoutExpired):
+        started.wait(seconds)
+        return True
+    return False
 
 
 def _words(file: Path) -> list[str]:

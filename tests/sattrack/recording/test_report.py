@@ -36,9 +36,10 @@ from sattrack.runtime.flight import fly_virtual
 from sattrack.safety import SafetyLimits
 from sattrack.views.formatting import summary_lines
 from sattrack.views.messages import Go, Message, Nudge, Pause, StopNow
-from tle.bias import Bias, bias_from_observation
+from tle.bias import Bias
 from tle.formats.observations import Stations, read_observations
 from tle.instants import Utc
+from tle.observed import bias_from_observation
 from tle.propagator import Propagator
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from late_start import late
 from rehearsal_draws import draw, noisy
 
 from sattrack.control.tracker import FOLLOWING, Phase
-from sattrack.mount.simulator.installation import simulator_profile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
+from sattrack.mount.simulator.profile import simulator_profile
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import build_engine

@@ -13,7 +13,8 @@ import pytest
 from sattrack.calibration.profile import LEAST_LAG_S, learnt_text, with_learnt
 from sattrack.cli.running import check_new_profile
 from sattrack.control.axes import Axes
-from sattrack.control.engine_view import LOOSE_FACTOR, learnt_view
+from sattrack.control.engine import learnt_view
+from sattrack.control.engine_view import LOOSE_FACTOR, view_of
 from sattrack.core.errors import BadInputError
 from sattrack.mount.model import AxisLimits, CalibrationRecord, MountProfile
 from sattrack.mount.profiles import load_profile_file
@@ -124,7 +125,7 @@ def test_nothing_is_learnt_before_following() -> None:
     views = []
 
     def watch(run: family.Run, now_s: float) -> None:
-        views.append(run.engine.view(now_s))
+        views.append(view_of(run.engine, now_s))
         if views[-1].learnt is not None:
             run.ended_by = "learnt"
 
@@ -223,7 +224,9 @@ def test_the_summary_tells_what_was_learnt(first: family.Run) -> None:
 
 def test_a_loop_that_is_run_loose_says_why_and_what_it_costs(first: family.Run) -> None:
     def loose(run: family.Run) -> list[str]:
-        return [words for words in run.engine.view(run.errors[-1].utc_s).warnings if "taken out in" in words]
+        return [
+            words for words in view_of(run.engine, run.errors[-1].utc_s).warnings if "taken out in" in words
+        ]
 
     assert loose(first) == []
     soft = fly(lasts_s=40.0, command_delay_s=0.35)
@@ -267,10 +270,10 @@ def test_rates_that_add_to_tracking_are_told_from_those_that_replace_it(is_so: b
         return fly(number=4, profile=profile, lasts_s=40.0, additive=is_so)
 
     run = flown(not is_so)
-    warnings = run.engine.view(run.errors[-1].utc_s).warnings
+    warnings = view_of(run.engine, run.errors[-1].utc_s).warnings
     assert any(f"{words} sidereal tracking: set additive = {str(is_so).lower()}" in one for one in warnings)
     right = flown(is_so)
-    assert not any("additive" in one for one in right.engine.view(right.errors[-1].utc_s).warnings)
+    assert not any("additive" in one for one in view_of(right.engine, right.errors[-1].utc_s).warnings)
 
 
 def test_a_calibrated_mounts_record_takes_the_sigmas_of_what_was_learnt() -> None:

@@ -15,9 +15,9 @@ from strangers.tilted_mount import TiltedMount, apart_arcsec
 
 from sattrack.mount.model import MountProfile, PointingTerms, mean_sidereal_deg
 from sattrack.mount.simulator.camera import TruePath
-from sattrack.mount.simulator.installation import SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedSite, StartPosition
 from sattrack.mount.simulator.night_sky import NightSky
+from sattrack.mount.simulator.profile import SimulatorProfile
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import RunRequest, build_engine, prepare

@@ -21,7 +21,7 @@ from flight_runs import until
 from programs import ended, free_port, sattrack
 
 from sattrack.cli import main
-from sattrack.control.biases import Course
+from sattrack.control.target import Course
 from sattrack.recording.format import OPERATOR, VIEW, Recording
 from sattrack.recording.replay import replay
 from sattrack.runtime import demo_pass

@@ -12,6 +12,7 @@ import pytest
 from skyfield.api import EarthSatellite, load, wgs84
 
 from sattrack.cli.running import announcement
+from sattrack.control.engine_view import view_of
 from sattrack.mount.model import CalibrationRecord, MountProfile
 from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import RunRequest, build_engine, prepare
@@ -170,7 +171,7 @@ def test_view_and_summary_say_whether_the_profile_was_measured() -> None:
         (FACTS, False, False),
     ):
         engine = build_engine(facts)
-        assert engine.view(facts.plan.start_utc_s).calibrated is calibrated
+        assert view_of(engine, facts.plan.start_utc_s).calibrated is calibrated
         summary = summarise(engine, RunStatistics(), facts.plan.end_utc_s)
         assert summary.calibrated is calibrated
         assert ("uncalibrated" in summary_lines(summary)[0]) is named

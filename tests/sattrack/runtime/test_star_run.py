@@ -16,7 +16,8 @@ from console_builders import PROFILE, SITE, Bench
 from strangers.tilted_mount import TiltedMount, apart_arcsec, local
 
 from sattrack.cli.main import run
-from sattrack.control.console import Console, ConsoleSession
+from sattrack.control.console import Console
+from sattrack.control.manual_operation import ConsoleSession
 from sattrack.core.errors import SattrackError
 from sattrack.mount.geometry import AxisGeometry
 from sattrack.mount.model import MountProfile, SitePlace

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import pytest
 
+from sattrack.control.engine_view import view_of
 from sattrack.runtime import demo_pass
 from sattrack.runtime.control_arbiter import ControlArbiter, Observers, SessionInbox
 from sattrack.runtime.facts import RunRequest, prepare
@@ -56,7 +57,7 @@ def facts():
 def view(facts) -> TrackView:
     from sattrack.runtime.facts import build_engine
 
-    return build_engine(facts).view(facts.started_utc_s)
+    return view_of(build_engine(facts), facts.started_utc_s)
 
 
 @pytest.fixture

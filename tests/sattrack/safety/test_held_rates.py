@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import math
 from itertools import pairwise
@@ -223,7 +224,7 @@ def test_what_is_held_keeps_its_rates_for_one_period_and_only_while_they_lead_pa
         return nearest_rates(*given)
 
     monkeypatch.setattr("sattrack.safety.gate.nearest_rates", look)
-    stand.run(40.0)
+    stand.run(28.0)
     assert stand.safety.tripped is None
     assert stand.met_s is not None
     held_turns = stand.turns - round(stand.met_s / PERIOD_S)
@@ -237,42 +238,53 @@ def test_what_is_held_keeps_its_rates_for_one_period_and_only_while_they_lead_pa
         assert stand.sent[int(one)] == stand.sent[int(one) - 1]
 
 
-def led_at_the_floor(
-    begin_deg: float, answers_until_s: float = 0.0, silent_from_s: float = math.inf, fault_s: float = 0.5
-) -> tuple[float, str | None]:
-    """Lead a mount of edges down to 20° altitude; return its lowest altitude, and what interlock stopped it.
+class LedAtTheFloor:
+    """A mount of edges that is led down to 20° altitude.
 
-    It acknowledges MoveAxis for so long; after that each new rate waits for the end of a handshake. From
-    `silent_from_s` on it gets nothing for the longest fault.
+    It acknowledges MoveAxis for so long; after that each new rate waits for the end of a handshake.
     """
-    profile = MountProfile(move_axis="edge")
-    limits = SafetyLimits(floor_altitude_deg=20.0, optical=False, longest_fault_s=fault_s)
-    driver = Driver(profile, Safety(profile, limits, LATITUDE_DEG, LONGITUDE_DEG, holds=True))
-    parameters = velocity_servo.Parameters(
-        latitude_deg=LATITUDE_DEG,
-        longitude_deg=LONGITUDE_DEG,
-        start_utc_s=T0,
-        dec_deg=begin_deg,
-        move_axis="edge",
-        move_ack=answers_until_s > 0.0,
-        acceleration_deg_s2=10.0,
-    )
-    mount = velocity_servo.Mount(parameters)
-    lowest, rate = math.inf, 0.0
-    for turn in range(round(min(12.0, silent_from_s + fault_s) / PERIOD_S)):
-        if turn == round(answers_until_s / PERIOD_S):
-            mount._p = dataclasses.replace(parameters, move_ack=False)
-        now_s = mount.next_turn_s
-        driver.receive(mount.turn(), now_s + 0.001)
-        truth = mount.truth()
-        lowest = min(lowest, altitude_deg(truth.hour_angle_deg, truth.dec_deg, LATITUDE_DEG))
-        rate = max(-5.0, rate - 0.25)
-        wish = MoveAxes(SIDEREAL_RATE_DEG_S, rate)
-        driver.session.apply(driver.clear(wish, now_s + 0.02))
-        datagram = driver.compose(now_s + 0.02)
-        if turn * PERIOD_S < silent_from_s:
-            mount.receive(datagram)
-    return lowest, driver.safety.tripped
+
+    def __init__(self, begin_deg: float, answers_until_s: float = 0.0, fault_s: float = 0.5) -> None:
+        profile = MountProfile(move_axis="edge")
+        limits = SafetyLimits(floor_altitude_deg=20.0, optical=False, longest_fault_s=fault_s)
+        self.driver = Driver(profile, Safety(profile, limits, LATITUDE_DEG, LONGITUDE_DEG, holds=True))
+        parameters = velocity_servo.Parameters(
+            latitude_deg=LATITUDE_DEG,
+            longitude_deg=LONGITUDE_DEG,
+            start_utc_s=T0,
+            dec_deg=begin_deg,
+            move_axis="edge",
+            move_ack=answers_until_s > 0.0,
+            acceleration_deg_s2=10.0,
+        )
+        self.mount = velocity_servo.Mount(parameters)
+        self._answers = round(answers_until_s / PERIOD_S)
+        self._rate, self._turns = 0.0, 0
+        self.lowest_deg = math.inf
+
+    def lead(self, seconds: float, heard: bool = True) -> LedAtTheFloor:
+        """Lead it on; where it is not `heard`, it gets nothing."""
+        driver, mount = self.driver, self.mount
+        for _ in range(round(seconds / PERIOD_S)):
+            if self._turns == self._answers:
+                mount._p = dataclasses.replace(mount._p, move_ack=False)
+            now_s = mount.next_turn_s
+            driver.receive(mount.turn(), now_s + 0.001)
+            truth = mount.truth()
+            altitude = altitude_deg(truth.hour_angle_deg, truth.dec_deg, LATITUDE_DEG)
+            self.lowest_deg = min(self.lowest_deg, altitude)
+            self._rate = max(-5.0, self._rate - 0.25)
+            driver.session.apply(driver.clear(MoveAxes(SIDEREAL_RATE_DEG_S, self._rate), now_s + 0.02))
+            datagram = driver.compose(now_s + 0.02)
+            if heard:
+                mount.receive(datagram)
+            self._turns += 1
+        return self
+
+    def copied(self) -> LedAtTheFloor:
+        """Return one that stands where this one does, to be led on by itself."""
+        layout = self.mount._status
+        return copy.deepcopy(self, {id(layout): layout})
 
 
 BEGINS_DEG = (0.0, 5.0, 10.0, 20.0)
@@ -282,21 +294,26 @@ BEGINS_DEG = (0.0, 5.0, 10.0, 20.0)
 def test_rates_that_do_not_reach_a_mount_that_takes_edges_hold_nothing_and_it_is_stopped(
     begin_deg: float,
 ) -> None:
-    lowest, tripped = led_at_the_floor(begin_deg, answers_until_s=2.5)
-    assert lowest >= 20.0
-    assert tripped == "altitude"
+    led = LedAtTheFloor(begin_deg, answers_until_s=2.5).lead(12.0)
+    assert led.lowest_deg >= 20.0
+    assert led.driver.safety.tripped == "altitude"
 
 
 @pytest.mark.parametrize("begin_deg", BEGINS_DEG)
 def test_a_mount_that_never_answers_is_held_and_a_fault_of_the_link_leads_it_past_no_limit(
     begin_deg: float,
 ) -> None:
-    lowest, tripped = led_at_the_floor(begin_deg)
-    assert lowest >= 20.0
-    assert tripped is None
-    assert min(led_at_the_floor(begin_deg, 0.0, 0.25 * k, 1.7)[0] for k in range(8, 40)) >= 20.0
+    led = LedAtTheFloor(begin_deg).lead(12.0)
+    assert led.lowest_deg >= 20.0
+    assert led.driver.safety.tripped is None
+    # A fault of 1.7 s every quarter of a second, each for a copy of what was led so far without one.
+    led = LedAtTheFloor(begin_deg, fault_s=1.7).lead(2.0)
+    for _ in range(8, 40):
+        assert led.copied().lead(1.7, heard=False).lowest_deg >= 20.0
+        led.lead(0.25)
 
 
 def test_such_a_mount_would_pass_the_floor_if_it_were_not_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Safety, "in_time", lambda _, cleared, *__: cleared)
-    assert min(led_at_the_floor(begin_deg, answers_until_s=2.5)[0] for begin_deg in BEGINS_DEG) < 19.0
+    led = [LedAtTheFloor(begin_deg, answers_until_s=2.5).lead(12.0) for begin_deg in BEGINS_DEG]
+    assert min(one.lowest_deg for one in led) < 19.0

@@ -10,7 +10,7 @@ import pytest
 from console_builders import PROFILE, T0, Bench
 from driven_limits import SUN_DEC, SUN_WEST_HA
 
-from sattrack.control.manual_operation import procedure_for
+from sattrack.control.procedures import procedure_for
 from sattrack.mount.model import Hold, MountProfile, MoveAxes, Seen, Slew
 from sattrack.mount.requests import ClearedRequest, EndMove, FindHome, FineRate, MoveAxis, PulseGuide, Request
 from sattrack.mount.simulator.mount import StartPosition

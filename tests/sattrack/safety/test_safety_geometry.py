@@ -226,6 +226,34 @@ def test_a_skyline_is_a_wall_where_it_is_high() -> None:
         assert is_clear(skyline, Box(0.0, 0.0, dec, dec), 1.0) is clear
 
 
+STEEP = ((0.0, 0.0), (118.0, 0.0), (120.0, 80.0), (123.0, 80.0), (123.0, 10.0), (240.0, 25.0))
+
+
+def test_a_tube_that_leans_is_clear_of_a_steep_skyline_to_every_side() -> None:
+    """No direction so far from that of the axes lies below the points, and a wall that is farther is none."""
+    rng, leans_deg = np.random.default_rng(4), 0.7
+    skyline = Skyline(STEEP, 52.0, leans_deg)
+    near = clear = 0
+    for azimuth, altitude in zip(rng.uniform(100.0, 140.0, 600), rng.uniform(5.0, 85.0, 600), strict=True):
+        around = np.radians(np.linspace(0.0, 360.0, 361))
+        up, side = np.cos(around) * math.radians(leans_deg), np.sin(around) * math.radians(leans_deg)
+        z, a = math.radians(azimuth), math.radians(altitude)
+        ahead = np.array([math.cos(a) * math.cos(z), math.cos(a) * math.sin(z), math.sin(a)])
+        above = np.array([-math.sin(a) * math.cos(z), -math.sin(a) * math.sin(z), math.cos(a)])
+        beside = np.array([-math.sin(z), math.cos(z), 0.0])
+        seen = ahead[:, None] + above[:, None] * up + beside[:, None] * side
+        azimuths = np.degrees(np.arctan2(seen[1], seen[0])) % 360.0
+        altitudes = np.degrees(np.arctan2(seen[2], np.hypot(seen[0], seen[1])))
+        left_deg = float(np.min(altitudes - np.interp(azimuths, *np.array(STEEP).T, period=360.0)))
+        hour_angle, dec = np.degrees(erfa.ae2hd(z, a, math.radians(52.0))).tolist()
+        own = skyline.clearance(Box(hour_angle, hour_angle, dec, dec)).some_deg
+        assert own <= left_deg + 1e-3
+        near += own < 0.0 <= left_deg
+        clear += own >= 0.0
+    assert clear > 250
+    assert near < 60
+
+
 @pytest.mark.parametrize("margin_deg", [-2.0, 0.0, 0.01, 0.05, 0.1, 1.5, 3.0])
 def test_regions_are_judged_by_a_margin_as_their_clearance_tells(margin_deg: float) -> None:
     """Closed forms of what is asked most often, against the clearance that they stand for."""

@@ -37,9 +37,8 @@ if TYPE_CHECKING:
 @pytest.mark.parametrize("way", ["deaf", "silent", "cut"])
 def test_the_longest_fault_at_any_time_passes_no_limit(name: str, begin_s: float, way: str) -> None:
     span = (begin_s, begin_s + 1.0)
-    stand = flown(
-        name, deaf=NEVER if way == "silent" else span, silent=NEVER if way == "deaf" else span, seconds=12.0
-    )
+    deaf, silent = NEVER if way == "silent" else span, NEVER if way == "deaf" else span
+    stand = flown(name, deaf=deaf, silent=silent, seconds=begin_s + 6.0)
     assert nearest(name, stand) >= 0.0
 
 
@@ -194,7 +193,7 @@ def test_a_mount_that_points_into_the_sun_gets_out_and_never_nearer(
         "follow": MoveAxes(-0.01, 0.0),
     }
     start = StartPosition(SUN_WEST_HA + west, SUN_DEC + north)
-    stand = Stand(lambda _: wish[what], SafetyLimits(), start, escapes=True).run(75.0)
+    stand = Stand(lambda _: wish[what], SafetyLimits(), start, escapes=True).run(40.0)
     apart = [from_sun(truth, t) for t, truth in stand.truths]
     assert stand.safety.tripped is None
     assert min(apart) >= apart[0] - 0.05

@@ -9,8 +9,8 @@ import pytest
 
 from sattrack.cli.main import run
 from sattrack.mount.profiles import ProfileFile
-from sattrack.mount.simulator.installation import SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
+from sattrack.mount.simulator.profile import SimulatorProfile
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import RunRequest, build_engine, prepare

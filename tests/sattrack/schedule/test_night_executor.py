@@ -21,7 +21,7 @@ from element_server import element_server
 from sattrack.cli.common import CommandContext
 from sattrack.cli.run_night import renewer
 from sattrack.cli.run_plan import within_half_a_turn
-from sattrack.control.manual_operation import ParkThere
+from sattrack.control.procedures import ParkThere
 from sattrack.core.errors import SattrackError
 from sattrack.mount.model import AxesPosition
 from sattrack.mount.profiles import ProfileFile, load_profile_file

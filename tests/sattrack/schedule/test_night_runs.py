@@ -29,7 +29,9 @@ BENCH = str(Path(schedule_night.__file__))
 
 
 def small(folder: Path, **more: Any) -> Plan:
-    plan = Plan(folder, **{"nights": 1, "satellites": 14, "most": 2, "longest_s": 35.0, **more})
+    plan = Plan(
+        folder, **{"nights": 1, "satellites": 14, "most": 2, "longest_s": 12.0, "least_s": 10.0, **more}
+    )
     plan.write()
     return plan
 
@@ -77,11 +79,11 @@ KILLED = r"killed (\d+) times in (\d+) passes.* of the others (\d+) differ; (\d+
 
 
 def test_a_runner_killed_at_random_instants_loses_only_what_it_was_dead_for() -> None:
-    options = ["--nights", "2", "--satellites", "14", "--most", "2", "--longest", "30", "--kills", "6"]
+    options = ["--nights", "2", "--satellites", "14", "--most", "1", "--longest", "30", "--kills", "6"]
     done = subprocess.run([sys.executable, BENCH, *options], capture_output=True, text=True, check=True)
     kills, passes, differ, twice = figures(done.stdout, KILLED)
     assert kills >= 4
-    assert passes == 4
+    assert passes == 2
     assert (differ, twice) == (0, 0)
 
 
@@ -180,7 +182,7 @@ def test_an_interrupt_in_a_pass_stops_the_mount_ends_with_130_and_the_rest_is_ru
     assert plan.run() == 0
     (night,) = told(plan.journal()).nights
     assert [result.state for result in night.results][1:] == ["done"]
-    assert (night.results[0].cause, night.mount) == ("stopped", Mount.PARKED)
+    assert (night.results[0].cause, night.results[0].parts, night.mount) == ("stopped", 1, Mount.PARKED)
 
 
 def test_a_schedule_that_is_changed_by_day_into_something_wrong_costs_nights_and_not_the_run(
@@ -193,7 +195,9 @@ def test_a_schedule_that_is_changed_by_day_into_something_wrong_costs_nights_and
     good = schedule.read_text()
 
     def edited(self: Any, order: Any, at: Any) -> Any:
-        schedule.write_text("[[passes]]\nrule = 7\n" if at.night == 2 else good)
+        text = "[[passes]]\nrule = 7\n" if at.night == 2 else good
+        if schedule.read_text() != text:
+            schedule.write_text(text)
         return perform(self, order, at)
 
     monkeypatch.setattr(virtual_executor.VirtualExecutor, "perform", edited)

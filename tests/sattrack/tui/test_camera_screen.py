@@ -23,9 +23,9 @@ from tui_builders import SKY, VIEW, FakeFeed, HandClock, changed
 
 from sattrack.tui import launch
 from sattrack.tui.app import TrackApp
-from sattrack.tui.camera_page import ImagePlacement, PictureBox
+from sattrack.tui.camera_page import PictureBox
 from sattrack.tui.feeds import News
-from sattrack.tui.graphics import DOT, RealPicture
+from sattrack.tui.graphics import DOT, ImagePlacement, RealPicture
 from sattrack.tui.scene import Appearance
 from sattrack.views.messages import Guide, OffsetBy, StopNow
 from sattrack.views.picture import PictureView, StarView
@@ -219,23 +219,33 @@ class TestKeys:
         unguided = changed(VIEW, loop=msgspec.structs.replace(LOOP, guided=False))
         assert shown("g", view=unguided).sent == [Guide("on")]
 
-    @pytest.mark.parametrize(
-        ("rotation", "flipped", "east", "north"),
+    def test_what_was_detected_is_centred_by_east_and_north(self) -> None:
         # Up is at the position angle; not mirrored, right is 90° less than that.
-        [(0.0, False, -324, 236), (90.0, False, 236, 324), (0.0, True, 324, 236), (90.0, True, 236, -324)],
-    )
-    def test_what_was_detected_is_centred_by_east_and_north(
-        self, rotation: float, flipped: bool, east: float, north: float
-    ) -> None:
-        turned = picture(rotation_deg=rotation, flipped=flipped)
-        sent = shown("enter", "u", pictures={"guide": turned}).sent
-        values = [(one.what, one.how, round(3600.0 * one.value)) for one in sent]
-        assert values == [
-            ("ra_cos_dec_deg", "add", east),
-            ("dec_deg", "add", north),
-            ("ra_cos_dec_deg", "add", -east),
-            ("dec_deg", "add", -north),
-        ]
+        cases = (
+            (0.0, False, -324, 236), (90.0, False, 236, 324), (0.0, True, 324, 236), (90.0, True, 236, -324)
+        )  # fmt: skip
+        feed = FakeFeed([News((changed(VIEW, loop=LOOP),), session=HERE, sky=SKY, you=0)])
+
+        async def run() -> None:
+            app = TrackApp(feed, monotonic=HandClock(), helpers=FakeHelpers())  # type: ignore[arg-type]
+            looks = FakePictures({})
+            app._screens.pictures = looks  # type: ignore[assignment]
+            async with app.run_test(size=(80, 24)) as pilot:
+                await pilot.press("6")
+                for rotation, flipped, east, north in cases:
+                    feed.sent.clear()
+                    looks.coming = {"guide": picture(rotation_deg=rotation, flipped=flipped)}
+                    await settle(app, pilot)
+                    await pilot.press("enter", "u")
+                    values = [(one.what, one.how, round(3600.0 * one.value)) for one in feed.sent]  # type: ignore[union-attr]
+                    assert values == [
+                        ("ra_cos_dec_deg", "add", east),
+                        ("dec_deg", "add", north),
+                        ("ra_cos_dec_deg", "add", -east),
+                        ("dec_deg", "add", -north),
+                    ], (rotation, flipped)
+
+        asyncio.run(run())
 
     def test_the_cursor_is_centred_instead_and_esc_takes_it_away(self) -> None:
         step = WIDTH / 24 * SCALE

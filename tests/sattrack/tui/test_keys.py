@@ -9,7 +9,7 @@ from tui_builders import SUMMARY, VIEW, FakeFeed, HandClock, changed, press
 from sattrack.tui.app import LEAVE_WITHIN_S, TrackApp
 from sattrack.tui.dialogs import HelpScreen
 from sattrack.tui.feeds import News
-from sattrack.tui.scene import FIRST_STEP, STEPS
+from sattrack.tui.scene import FIRST_STEP, STEPS, OffsetKeys
 from sattrack.views.messages import ClearBias, DropRemembered, Nudge, StopNow
 
 if TYPE_CHECKING:
@@ -19,49 +19,44 @@ if TYPE_CHECKING:
 FINER, COARSER, HELP = "left_square_bracket", "right_square_bracket", "question_mark"
 
 
-@pytest.mark.parametrize(
-    "turns",
-    [
-        (
-            (["right"], [Nudge(along_s=0.1)]),
-            (["left"], [Nudge(along_s=-0.1)]),
-            (["up"], [Nudge(cross_deg=0.01)]),
-            (["down"], [Nudge(cross_deg=-0.01)]),
-            (["right", "right", "up"], [Nudge(along_s=0.1), Nudge(along_s=0.1), Nudge(cross_deg=0.01)]),
-            (["0"], [ClearBias()]),
-            (["m"], [DropRemembered()]),
-            (["a", "enter", "tab", "x", "f5", "home", "ctrl+p"], []),
-            ([HELP], []),
-            ([HELP, "right"], [Nudge(along_s=0.1)]),
-            ([HELP, "right", "0"], []),
-            (["q"], []),
-            ([HELP, "space"], [StopNow()]),
-            (["tab", "space"], [StopNow()]),
-            (["space", "space"], [StopNow(), StopNow()]),
-        ),
-        (
-            ([FINER, "right"], [Nudge(along_s=0.05)]),
-            ([FINER, "up"], [Nudge(cross_deg=0.001)]),
-            ([FINER] * 9 + ["left"], [Nudge(along_s=-0.01)]),
-        ),
-        (
-            ([COARSER, FINER, "right"], [Nudge(along_s=0.1)]),
-            ([COARSER, "down"], [Nudge(cross_deg=-0.05)]),
-            ([COARSER] * 9 + ["right", "up"], [Nudge(along_s=1.0), Nudge(cross_deg=0.1)]),
-        ),
-        ((["space"], [StopNow()]),),
-        ((["q"], [StopNow()]),),
-        ((["ctrl+c"], [StopNow()]),),
-        ((["ctrl+q"], [StopNow()]),),
-        (([HELP, "ctrl+c"], [StopNow()]),),
-    ],
+TURNS: tuple[tuple[list[str], list[Message]], ...] = (
+    (["right"], [Nudge(along_s=0.1)]),
+    (["left"], [Nudge(along_s=-0.1)]),
+    (["up"], [Nudge(cross_deg=0.01)]),
+    (["down"], [Nudge(cross_deg=-0.01)]),
+    (["right", "right", "up"], [Nudge(along_s=0.1), Nudge(along_s=0.1), Nudge(cross_deg=0.01)]),
+    (["0"], [ClearBias()]),
+    (["m"], [DropRemembered()]),
+    (["a", "enter", "tab", "x", "f5", "home", "ctrl+p"], []),
+    ([HELP], []),
+    ([HELP, "right"], []),
+    ([HELP, "q"], []),
+    ([HELP, HELP, "right"], [Nudge(along_s=0.1)]),
+    ([HELP, "right", "0"], []),
+    (["q"], [StopNow()]),
+    (["ctrl+c"], [StopNow()]),
+    (["ctrl+q"], [StopNow()]),
+    ([HELP, "ctrl+c"], [StopNow()]),
+    (["space"], [StopNow()]),
+    ([HELP, "space"], [StopNow()]),
+    (["tab", "space"], [StopNow()]),
+    (["space", "space"], [StopNow(), StopNow()]),
+    ([FINER, "right"], [Nudge(along_s=0.05)]),
+    ([FINER, FINER, "up"], [Nudge(cross_deg=0.001)]),
+    ([FINER] * 9 + ["left"], [Nudge(along_s=-0.01)]),
+    ([COARSER, FINER, "right"], [Nudge(along_s=0.1)]),
+    ([COARSER, "down"], [Nudge(cross_deg=-0.05)]),
+    ([COARSER] * 9 + ["right", "up"], [Nudge(along_s=1.0), Nudge(cross_deg=0.1)]),
 )
-def test_each_key_sends_exactly_its_messages(
-    feed: FakeFeed, hand_clock: HandClock, turns: tuple[tuple[list[str], list[Message]], ...]
-) -> None:
+
+
+def test_each_key_sends_exactly_its_messages(feed: FakeFeed, hand_clock: HandClock) -> None:
     async def run() -> None:
-        async with TrackApp(feed, monotonic=hand_clock).run_test(size=(80, 24)) as pilot:
-            for keys, messages in turns:
+        app = TrackApp(feed, monotonic=hand_clock)
+        async with app.run_test(size=(80, 24)) as pilot:
+            for keys, messages in TURNS:
+                app._close_dialogs()
+                app._offsets, app._leaving_since_s, app._stop_sent_s = OffsetKeys(), None, None
                 feed.sent.clear()
                 await pilot.press(*keys)
                 await pilot.pause()

@@ -6,7 +6,7 @@ import asyncio
 from typing import TYPE_CHECKING
 
 import msgspec
-import pytest
+from test_other_screens import text_of
 from tui_builders import FakeFeed, HandClock, changed
 
 from sattrack.tui.app import TrackApp
@@ -15,6 +15,8 @@ from sattrack.views.messages import OffsetBy, Search
 from sattrack.views.run import EstimateView, OffsetView, RememberedView, SearchView
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from sattrack.views.messages import Message
     from sattrack.views.run import TrackView
 
@@ -26,6 +28,30 @@ OFFSETS = (
 )
 
 
+SIZES = ((80, 24), (120, 40))
+
+
+def shown_at(*views: TrackView, sizes: tuple[tuple[int, int], ...] = SIZES) -> Iterator[tuple[str, ...]]:
+    """Give what one screen shows of each view, in a terminal of each size."""
+
+    async def drive() -> list[tuple[str, ...]]:
+        feed, found = FakeFeed([News((views[0],))]), []
+        app = TrackApp(feed, monotonic=HandClock())
+        async with app.run_test(size=sizes[0]) as pilot:
+            for size in sizes:
+                await pilot.resize_terminal(*size)
+                texts = []
+                for view in views:
+                    feed.coming.append(News((view,)))
+                    app.look()
+                    await pilot.pause()
+                    texts.append(text_of(app))
+                found.append(tuple(texts))
+        return found
+
+    return iter(asyncio.run(drive()))
+
+
 def run(view: TrackView, *keys: str, size: tuple[int, int] = (80, 24)) -> tuple[list[Message], str]:
     feed = FakeFeed([News((view,))])
 
@@ -34,9 +60,7 @@ def run(view: TrackView, *keys: str, size: tuple[int, int] = (80, 24)) -> tuple[
         async with app.run_test(size=size) as pilot:
             await pilot.press(*keys)
             await pilot.pause()
-            return "\n".join(
-                "".join(s.text for s in strip) for strip in app.screen._compositor.render_strips()
-            )
+            return text_of(app)
 
     return feed.sent, asyncio.run(drive())
 
@@ -74,34 +98,40 @@ def test_escape_closes_the_help_and_leaves_the_search_alone() -> None:
     assert run(changed(search=SEARCHING), "question_mark", "escape")[0] == []
 
 
-@pytest.mark.parametrize("size", [(80, 24), (120, 40)])
-def test_a_search_shows_with_the_keys_that_end_it(size: tuple[int, int]) -> None:
-    _, text = run(changed(search=SEARCHING), size=size)
-    assert "spiral 12 s   s keep  Esc cancel" in text
-    assert "…" not in text
+def test_a_search_shows_with_the_keys_that_end_it() -> None:
+    for (text,) in shown_at(changed(search=SEARCHING)):
+        assert "spiral 12 s   s keep  Esc cancel" in text
+        assert "…" not in text
 
 
-@pytest.mark.parametrize("size", [(80, 24), (120, 40)])
-def test_an_estimate_shows_with_its_sigmas_and_what_became_of_the_observations(size: tuple[int, int]) -> None:
-    _, text = run(changed(estimate=ESTIMATE), size=size)
-    assert "12 of 13 seen ±0.0031 s ±0.0010°" in text
-    assert "…" not in text
+def test_an_estimate_shows_with_its_sigmas_and_what_became_of_the_observations() -> None:
+    for (text,) in shown_at(changed(estimate=ESTIMATE)):
+        assert "12 of 13 seen ±0.0031 s ±0.0010°" in text
+        assert "…" not in text
 
 
-@pytest.mark.parametrize(
-    ("frames", "shown"),
-    [
-        (0, ("f track", "also RA sky, cam x")),
-        (1, ("f sky", "+0.0200°", "also cam x")),
-        (2, ("f axes", "RA axis", "also RA sky, cam x")),
-        (3, ("f camera", "+0.0123°  asked +0.0500°", "also RA sky")),
-    ],
+FRAMES = (
+    ("f track", "also RA sky, cam x"),
+    ("f sky", "+0.0200°", "also cam x"),
+    ("f axes", "RA axis", "also RA sky, cam x"),
+    ("f camera", "+0.0123°  asked +0.0500°", "also RA sky"),
 )
-def test_every_frame_fits_and_shows_its_own_offsets(frames: int, shown: tuple[str, ...]) -> None:
-    _, text = run(changed(offsets=OFFSETS), *["f"] * frames, "left_square_bracket", size=(120, 40))
-    assert "…" not in text
-    for words in shown:
-        assert words in text
+
+
+def test_every_frame_fits_and_shows_its_own_offsets() -> None:
+    async def drive() -> None:
+        app = TrackApp(FakeFeed([News((changed(offsets=OFFSETS),))]), monotonic=HandClock())
+        async with app.run_test(size=(120, 40)) as pilot:
+            await pilot.press("left_square_bracket")
+            for shown in FRAMES:
+                await pilot.pause()
+                text = text_of(app)
+                assert "…" not in text
+                for words in shown:
+                    assert words in text
+                await pilot.press("f")
+
+    asyncio.run(drive())
 
 
 def test_the_small_screen_shows_the_frame_that_the_arrows_move_in() -> None:
@@ -116,18 +146,17 @@ def test_rejections_are_told_where_there_is_no_estimate() -> None:
     assert "0 of 5 seen" in run(changed(estimate=none), size=(120, 40))[1]
 
 
-@pytest.mark.parametrize("size", [(120, 40), (80, 24)])
-def test_a_remembered_bias_shows_its_age_and_the_key_that_drops_it(size: tuple[int, int]) -> None:
+def test_a_remembered_bias_shows_its_age_and_the_key_that_drops_it() -> None:
     known = RememberedView("observations", 1790946271.4 - 5760.0, 0.8, 0.028, -0.5, 0.02, None, 14, 1)
-    assert "1.6 h old ±0.028 s   m drop" in run(changed(remembered=known), size=size)[1]
-    dropped = msgspec.structs.replace(known, state="dropped")
-    assert "m drop" not in run(changed(remembered=dropped), size=size)[1]
+    views = (changed(remembered=known), changed(remembered=msgspec.structs.replace(known, state="dropped")))
+    for kept, dropped in shown_at(*views):
+        assert "1.6 h old ±0.028 s   m drop" in kept
+        assert "m drop" not in dropped
 
 
-@pytest.mark.parametrize("size", [(80, 24), (120, 40)])
-def test_what_changes_gradually_says_by_how_much_a_second(size: tuple[int, int]) -> None:
+def test_what_changes_gradually_says_by_how_much_a_second() -> None:
     gradual = (OffsetView("along_s", 1.0, 0.4, 0.02), OffsetView("cross_deg", -0.5, -0.1, -0.00125))
-    _, text = run(changed(offsets=gradual), size=size)
-    assert "+0.050 s  by +0.02000/s" in text
-    assert "−0.0100°  by −0.00125/s" in text
-    assert "asked" not in text
+    for (text,) in shown_at(changed(offsets=gradual)):
+        assert "+0.050 s  by +0.02000/s" in text
+        assert "−0.0100°  by −0.00125/s" in text
+        assert "asked" not in text

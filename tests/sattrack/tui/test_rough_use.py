@@ -94,6 +94,7 @@ def test_a_minute_of_keys_at_random_says_nothing_that_no_key_meant(seed: int) ->
             app._monotonic.now_s += 1.0  # type: ignore[attr-defined]
             app.look()
             app.plot()
+            assert text_of(app)
         feed.sent.clear()
         await pilot.press("space")
         assert feed.sent == [StopNow()]
@@ -113,6 +114,7 @@ def test_any_size_of_terminal_is_lived_through_in_every_screen_and_nothing_is_lo
                 app.look()
                 app.plot()
                 await pilot.pause()
+                assert len(text_of(app).splitlines()) == size[1]
         await pilot.press("1", "space")
         assert feed.sent == [StopNow()]
         await pilot.pause()

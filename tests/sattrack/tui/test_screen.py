@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import asyncio
+from itertools import chain, product
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -13,6 +14,8 @@ from sattrack.views.messages import StopNow
 from sattrack.views.run import PauseView, TwoAxesView
 
 if TYPE_CHECKING:
+    from textual.pilot import Pilot
+
     from sattrack.views.run import TrackView
 
 SMALL, LARGE, HUGE = (80, 24), (120, 40), (200, 60)
@@ -47,21 +50,36 @@ def drawn(
 
 def drawn_in_turn(*turns: TrackView | News, size: tuple[int, int] = SMALL) -> list[list[str]]:
     """Return the screen of one app after each of some views or news, one after another."""
+    return drawn_at((size,), *turns)[0]
 
-    async def run() -> list[list[str]]:
+
+def drawn_at(sizes: tuple[tuple[int, int], ...], *turns: TrackView | News) -> list[list[list[str]]]:
+    """Return the same of one app in a terminal that has one size after another."""
+
+    async def run() -> list[list[list[str]]]:
         feed, shown = FakeFeed(), []
         app = TrackApp(feed, monotonic=HandClock())
-        async with app.run_test(size=size) as pilot:
-            for turn in turns:
-                feed.coming.append(turn if isinstance(turn, News) else News((turn,)))
-                for _ in range(2):
-                    app.look()
-                    app.plot()
-                    await pilot.pause()
-                shown.append(rows_of(app))
+        async with app.run_test(size=sizes[0]) as pilot:
+            for size in sizes:
+                await pilot.resize_terminal(*size)
+                feed.coming.append(News(rewound=True))
+                await settle(app, pilot)
+                shown.append([])
+                for turn in turns:
+                    feed.coming.append(turn if isinstance(turn, News) else News((turn,)))
+                    await settle(app, pilot)
+                    shown[-1].append(rows_of(app))
         return shown
 
     return asyncio.run(run())
+
+
+async def settle(app: TrackApp, pilot: Pilot[None]) -> None:
+    """Take in what has come; the chart's width follows from the layout, and the layout from that."""
+    for _ in range(2):
+        app.look()
+        app.plot()
+        await pilot.pause()
 
 
 def following(seconds: float, ra_arcsec: float = 0.3, every_s: float = 0.5) -> list[TrackView]:
@@ -108,11 +126,11 @@ def test_no_time_is_cut_where_a_pass_begins_hours_later() -> None:
         assert any(f"{shown} │" in row for row in rows)
 
 
-@pytest.mark.parametrize("size", [SMALL, LARGE, HUGE])
-def test_every_figure_is_there_and_nothing_is_cut_off(size: tuple[int, int]) -> None:
+def test_every_figure_is_there_and_nothing_is_cut_off() -> None:
     phases = ("waiting", "slewing", "acquiring", "tracking", "stopping")
-    shown = drawn_in_turn(*(changed(phase=phase) for phase in phases), size=size)
-    for phase, rows in zip(phases, shown, strict=True):
+    sizes = (SMALL, LARGE, HUGE)
+    shown = drawn_at(sizes, *(changed(phase=phase) for phase in phases))
+    for (size, phase), rows in zip(product(sizes, phases), chain(*shown), strict=True):
         text = "\n".join(rows)
 
         assert len(rows) == size[1]
@@ -128,7 +146,7 @@ def test_every_figure_is_there_and_nothing_is_cut_off(size: tuple[int, int]) -> 
             *("SPACE STOP", "q leave", "? help", "−3 min", "now"),
             *("← behind", "→ ahead", "↑ left", "↓ right", "0.1 s", "0.01°"),
         ):
-            assert figure in text, (phase, figure)
+            assert figure in text, (size, phase, figure)
 
 
 def test_the_largest_figures_fit_the_small_screen() -> None:
@@ -215,30 +233,29 @@ def test_the_headline_says_how_things_are() -> None:
     assert [rows[1].strip() for rows in shown] == [headline for _, headline in headlines]
 
 
-@pytest.mark.parametrize(
-    ("changes", "headline", "second"),
-    [
-        ({}, "ENDED  the pass is over; the mount is at rest; q leaves", ""),
-        ({"ended_by": "operator"}, "STOPPED  by the operator; the mount is at rest; q leaves", ""),
-        (
-            {"ended_by": "link", "mount_stopped": False, "message": "sim fell silent"},
-            "NOT STOPPED  no stop was confirmed: stop the mount by hand",
-            "! sim fell silent",
-        ),
-        (
-            {"ended_by": "link", "mount_stopped": None},
-            "STOPPED  the mount's link was lost; the mount was never heard; q leaves",
-            "",
-        ),
-    ],
+ENDS: tuple[tuple[dict[str, object], str, str], ...] = (
+    ({}, "ENDED  the pass is over; the mount is at rest; q leaves", ""),
+    ({"ended_by": "operator"}, "STOPPED  by the operator; the mount is at rest; q leaves", ""),
+    (
+        {"ended_by": "link", "mount_stopped": False, "message": "sim fell silent"},
+        "NOT STOPPED  no stop was confirmed: stop the mount by hand",
+        "! sim fell silent",
+    ),
+    (
+        {"ended_by": "link", "mount_stopped": None},
+        "STOPPED  the mount's link was lost; the mount was never heard; q leaves",
+        "",
+    ),
 )
-def test_an_ended_run_says_why(changes: dict[str, object], headline: str, second: str) -> None:
-    summary = msgspec.structs.replace(SUMMARY, **changes)
-    rows = drawn(news=News((changed(ended_by=summary.ended_by),), True, summary))
 
-    assert rows[1].strip() == headline
-    if second:
-        assert rows[2].strip() == second
+
+def test_an_ended_run_says_why() -> None:
+    summaries = [msgspec.structs.replace(SUMMARY, **changes) for changes, _, _ in ENDS]
+    ended = (News((changed(ended_by=one.ended_by),), True, one, rewound=True) for one in summaries)
+    for rows, (_, headline, second) in zip(drawn_in_turn(*ended), ENDS, strict=True):
+        assert rows[1].strip() == headline
+        if second:
+            assert rows[2].strip() == second
 
 
 def test_a_feeder_that_ends_without_a_word_is_told() -> None:
@@ -298,11 +315,18 @@ def test_a_stop_that_is_not_obeyed_is_told() -> None:
     assert asyncio.run(run()).strip() == "! the stop was not obeyed: use the mount's own stop"
 
 
-@pytest.mark.parametrize("size", [SMALL, LARGE])
-def test_the_help_shows_every_key_whole(size: tuple[int, int]) -> None:
-    text = "\n".join(drawn(size=size, keys=("question_mark",)))
+def test_the_help_shows_every_key_whole() -> None:
+    async def run() -> list[str]:
+        app, shown = TrackApp(FakeFeed([News((VIEW,))]), monotonic=HandClock()), []
+        async with app.run_test(size=SMALL) as pilot:
+            await pilot.press("question_mark")
+            for size in (SMALL, LARGE):
+                await pilot.resize_terminal(*size)
+                await pilot.pause()
+                shown.append("\n".join(rows_of(app)))
+        return shown
 
-    for key in (
+    keys = (
         "SPACE",
         "p  ",
         "P  ",
@@ -313,7 +337,8 @@ def test_the_help_shows_every_key_whole(size: tuple[int, int]) -> None:
         "[ ]",
         "r  0",
         "?  Esc  q close this help",
-    ):
+    )
+    for text, key in product(asyncio.run(run()), keys):
         assert key in text
 
 
@@ -360,16 +385,24 @@ def test_without_colour_the_lines_differ_in_shape(monkeypatch: pytest.MonkeyPatc
     assert any(block in text for block in "▘▝▖▗▀▄▌▐▛▜▙▟")
 
 
-@pytest.mark.parametrize("system", ["standard", "256", "truecolor", None])
-def test_with_sixteen_colours_the_lines_differ_in_shape_as_well(
-    system: str | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_with_sixteen_colours_the_lines_differ_in_shape_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("textual.app.App.is_headless", False)
-    monkeypatch.setattr("rich.console.Console.color_system", system)
-    shapes = system in {"standard", None}
-    text = "\n".join(drawn(*following(170.0)))
-    assert ("▀▀ RA on the sky" in text) is shapes
-    assert ("⠒⠒ RA on the sky" in text) is not shapes
+    systems = ("standard", "256", "truecolor", None)
+
+    async def run() -> list[str]:
+        app, shown = TrackApp(FakeFeed([News(tuple(following(170.0)))]), monotonic=HandClock()), []
+        async with app.run_test(size=SMALL) as pilot:
+            for system in systems:
+                monkeypatch.setattr("rich.console.Console.color_system", system)
+                app.plot()
+                await pilot.pause()
+                shown.append("\n".join(rows_of(app)))
+        return shown
+
+    for system, text in zip(systems, asyncio.run(run()), strict=True):
+        shapes = system in {"standard", None}
+        assert ("▀▀ RA on the sky" in text) is shapes
+        assert ("⠒⠒ RA on the sky" in text) is not shapes
 
 
 @pytest.mark.parametrize("size", [SMALL, LARGE, HUGE])
@@ -393,51 +426,50 @@ def test_the_starting_screen_is_laid_out_as_it_stays(size: tuple[int, int]) -> N
     assert before == after
 
 
-@pytest.mark.parametrize("size", [(20, 5), (59, 30), (100, 11)])
-def test_a_terminal_that_is_too_small_says_so_and_stops_the_mount(size: tuple[int, int]) -> None:
-    async def run() -> list[str]:
+def test_a_terminal_that_is_too_small_says_so_and_stops_the_mount() -> None:
+    sizes = ((20, 5), (59, 30), (100, 11))
+
+    async def run() -> None:
+        feed = FakeFeed([News((VIEW,))])
         app = TrackApp(feed, monotonic=HandClock())
-        async with app.run_test(size=size) as pilot:
-            await pilot.press("space")
-            await pilot.pause()
-            rows = rows_of(app)
-            await pilot.click(offset=(4, 2))
-            await pilot.click(offset=(4, 1))
-            await pilot.resize_terminal(80, 24)
-            await pilot.pause()
-            assert "too small" not in "".join(rows_of(app))
-            return rows
-
-    feed = FakeFeed([News((VIEW,))])
-    rows = asyncio.run(run())
-    assert [row.rstrip() for row in rows[:3]] == [
-        f"too small: {size[0]} × {size[1]}",
-        "80 × 24 is enough",
-        " SPACE STOP  q leave",
-    ]
-    assert not "".join(rows[3:]).strip()
-    assert feed.sent == [StopNow(), StopNow()]
-
-
-@pytest.mark.parametrize("page", ["1", "2", "5"])
-def test_the_stop_is_seen_whole_at_every_size_that_is_not_too_small(page: str) -> None:
-    sizes = ((60, 12), (70, 24), SMALL, (91, 17))
-
-    async def run() -> list[str]:
-        app, last = TrackApp(FakeFeed([News((VIEW,))]), monotonic=HandClock()), []
-        async with app.run_test(size=LARGE) as pilot:
-            await pilot.press(page)
+        async with app.run_test(size=sizes[0]) as pilot:
             for size in sizes:
                 await pilot.resize_terminal(*size)
-                app.look()
+                feed.sent.clear()
+                await pilot.press("space")
                 await pilot.pause()
                 rows = rows_of(app)
-                assert (len(rows[-1]), len(rows)) == size
-                last.append(rows[-1])
-        return last
+                assert [row.rstrip() for row in rows[:3]] == [
+                    f"too small: {size[0]} × {size[1]}",
+                    "80 × 24 is enough",
+                    " SPACE STOP  q leave",
+                ]
+                assert not "".join(rows[3:]).strip()
+                await pilot.click(offset=(4, 2))
+                await pilot.click(offset=(4, 1))
+                assert feed.sent == [StopNow(), StopNow()]
+                await pilot.resize_terminal(80, 24)
+                await pilot.pause()
+                assert "too small" not in "".join(rows_of(app))
 
-    for size, row in zip(sizes, asyncio.run(run()), strict=True):
-        assert " SPACE STOP " in row, size
+    asyncio.run(run())
+
+
+def test_the_stop_is_seen_whole_at_every_size_that_is_not_too_small() -> None:
+    async def run() -> None:
+        app = TrackApp(FakeFeed([News((VIEW,))]), monotonic=HandClock())
+        async with app.run_test(size=LARGE) as pilot:
+            for page in ("1", "2", "5"):
+                await pilot.press(page)
+                for size in ((60, 12), (70, 24), SMALL, (91, 17)):
+                    await pilot.resize_terminal(*size)
+                    app.look()
+                    await pilot.pause()
+                    rows = rows_of(app)
+                    assert (len(rows[-1]), len(rows)) == size
+                    assert " SPACE STOP " in rows[-1], (page, size)
+
+    asyncio.run(run())
 
 
 def test_any_size_is_survived() -> None:
@@ -449,6 +481,7 @@ def test_any_size_is_survived() -> None:
                 app.look()
                 app.plot()
                 await pilot.pause()
+                assert len(rows_of(app)) == size[1]
             app.look()
             await pilot.pause()
             return rows_of(app)
@@ -514,28 +547,28 @@ def test_what_the_engine_warns_of_comes_with_what_to_do() -> None:
         assert do in text
 
 
-@pytest.mark.parametrize("size", [SMALL, LARGE, HUGE])
-def test_a_fast_slew_fits_and_a_longer_delay_moves_nothing(size: tuple[int, int]) -> None:
+def test_a_fast_slew_fits_and_a_longer_delay_moves_nothing() -> None:
     slewing = changed(phase="slewing", ra_rate_reached_deg_s=-10.0, dec_rate_reached_deg_s=-10.0)
     delayed = [changed(link={"delay_ms": delay_ms}) for delay_ms in (0.1, 9.94, 12.3, 999.4)]
-    slewed, *shown = drawn_in_turn(slewing, *delayed, size=size)
-    text = "\n".join(slewed)
-    assert text.count("−10.000") == 2
-    assert "…" not in text
+    for slewed, *shown in drawn_at((SMALL, LARGE, HUGE), slewing, *delayed):
+        text = "\n".join(slewed)
+        assert text.count("−10.000") == 2
+        assert "…" not in text
 
-    for rows, said in zip(shown, ("0.1 ms", "9.9 ms", "12 ms ", "999 ms"), strict=True):
-        assert [row.replace("0.1 ms", said) for row in shown[0]] == rows
+        for rows, said in zip(shown, ("0.1 ms", "9.9 ms", "12 ms ", "999 ms"), strict=True):
+            assert [row.replace("0.1 ms", said) for row in shown[0]] == rows
 
 
-@pytest.mark.parametrize("size", [SMALL, LARGE])
-def test_a_mount_that_is_not_calibrated_is_called_so_and_pushes_nothing_out(size: tuple[int, int]) -> None:
+def test_a_mount_that_is_not_calibrated_is_called_so_and_pushes_nothing_out() -> None:
     url = "xerxes://192.168.100.120:15001?listen=15001"
-    plain, rows = drawn_in_turn(*(changed(mount=url, calibrated=is_) for is_ in (True, False)), size=size)
-    (number,) = (n for n, row in enumerate(rows) if "uncalibrated" in row)
-    assert "TRACKING  on the satellite: all is well" in rows[number]
-    assert rows[number].rstrip().endswith("uncalibrated")
-    assert rows[number].replace("uncalibrated", " " * 12) == plain[number]
-    assert rows[:number] + rows[number + 1 :] == plain[:number] + plain[number + 1 :]
+    for plain, rows in drawn_at(
+        (SMALL, LARGE), *(changed(mount=url, calibrated=is_) for is_ in (True, False))
+    ):
+        (number,) = (n for n, row in enumerate(rows) if "uncalibrated" in row)
+        assert "TRACKING  on the satellite: all is well" in rows[number]
+        assert rows[number].rstrip().endswith("uncalibrated")
+        assert rows[number].replace("uncalibrated", " " * 12) == plain[number]
+        assert rows[:number] + rows[number + 1 :] == plain[:number] + plain[number + 1 :]
 
 
 def test_a_simulated_mount_and_an_older_recording_are_not_called_uncalibrated() -> None:
@@ -556,11 +589,11 @@ def test_a_long_headline_is_not_cut_for_it() -> None:
     assert "uncal" not in row
 
 
-@pytest.mark.parametrize("size", [SMALL, LARGE])
-def test_a_field_that_rotates_is_shown_with_its_rate(size: tuple[int, int]) -> None:
+def test_a_field_that_rotates_is_shown_with_its_rate() -> None:
     axes = TwoAxesView(40.0, 50.0, 0.3, -0.1, -123.4, 0.5123)
-    shown = "\n".join(drawn(changed(axes=axes), size=size))
-    assert "field  −123° +0.512°/s" in shown
-    assert "ax 1" in shown
-    assert "°/s" in shown
-    assert not any("field  " in row and "°/s" in row for row in drawn(VIEW, size=size))
+    for rotating, still in drawn_at((SMALL, LARGE), changed(axes=axes), VIEW):
+        shown = "\n".join(rotating)
+        assert "field  −123° +0.512°/s" in shown
+        assert "ax 1" in shown
+        assert "°/s" in shown
+        assert not any("field  " in row and "°/s" in row for row in still)

@@ -12,6 +12,8 @@ from urllib.parse import urlsplit
 import pytest
 
 from sattrack.cli.main import run
+from sattrack.cli.mount import _telescope
+from sattrack.mount.alpaca.device import DeviceFacts
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -131,7 +133,6 @@ def elements(tmp_path_factory: pytest.TempPathFactory) -> str:
 @pytest.mark.parametrize(
     ("alignment", "told"),
     [
-        ({"alignmentmode": "1"}, "alignment     polar"),
         ({"alignmentmode": "2"}, "alignment     German"),
         ({}, "alignment     not reported, taken as equatorial"),
         ({"alignmentmode": '"what"'}, "alignment     not reported, taken as equatorial"),
@@ -149,6 +150,14 @@ def test_status_tells_what_an_alpaca_telescope_has(
     for xerxes in ("tics", "acknowledged", "UTC bytes", "current", "read as", "strangers", "counter"):
         assert xerxes not in text
     assert orders == []
+
+
+def test_status_names_each_alignment_of_the_standard() -> None:
+    told = [
+        {line.name: line.value for line in _telescope(DeviceFacts(alignment_mode=mode)).lines}["alignment"]
+        for mode in (1, 2, None)
+    ]
+    assert told == ["polar", "German", "not reported, taken as equatorial"]
 
 
 def test_json_keeps_its_fields(capsys: pytest.CaptureFixture[str]) -> None:

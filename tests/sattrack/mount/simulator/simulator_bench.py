@@ -6,8 +6,8 @@ import math
 from typing import Any, NamedTuple
 
 from sattrack.mount.model import MountProfile, Status
-from sattrack.mount.simulator.installation import SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition, Truth
+from sattrack.mount.simulator.profile import SimulatorProfile
 from sattrack.mount.xerxes.datagrams import Command, decode_status, encode_command
 
 T0 = 1_790_000_000.0

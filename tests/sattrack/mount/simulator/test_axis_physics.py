@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from sattrack.mount.model import AxisLimits
 from sattrack.mount.simulator.axis import Axis, Reference, Swing, Trajectory
 from sattrack.mount.simulator.drives import Encoder
-from sattrack.mount.simulator.installation import ServoSettings, SimulatorProfile
+from sattrack.mount.simulator.profile import ServoSettings, SimulatorProfile
 
 LIMITS = AxisLimits(max_rate_deg_s=4.0, max_acceleration_deg_s2=2.0, slew_rate_deg_s=4.0)
 TIC_DEG = 360.0 / 2**26

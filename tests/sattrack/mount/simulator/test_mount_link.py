@@ -15,13 +15,13 @@ from sattrack.mount.simulator.installation import (
     Faults,
     Installation,
     LoopRun,
-    SimulatorProfile,
     Timer,
     Wire,
     WireLaw,
     parse_faults,
 )
 from sattrack.mount.simulator.mount import SimulatedMount
+from sattrack.mount.simulator.profile import SimulatorProfile
 from sattrack.mount.xerxes.datagrams import Command, decode_status, encode_command
 
 GRAIN_S = 0.015625

@@ -15,8 +15,8 @@ from msgspec.structs import astuple
 from simulator_bench import PERIOD_S, SITE, START, T0
 
 from sattrack.mount.model import AxisLimits, MountProfile
-from sattrack.mount.simulator.installation import ServoSettings, SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount
+from sattrack.mount.simulator.profile import ServoSettings, SimulatorProfile
 from sattrack.mount.xerxes.datagrams import Command, encode_command
 
 RA, DEC = AxisLimits(4.0, 8.0, 5.0), AxisLimits(3.0, 6.0, 4.0)

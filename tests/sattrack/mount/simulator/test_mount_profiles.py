@@ -15,9 +15,10 @@ from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.model import MountProfile, Status
 from sattrack.mount.profiles import load_profile_file
-from sattrack.mount.simulator.installation import Installation, SimulatorProfile, simulator_profile
+from sattrack.mount.simulator.installation import Installation
 from sattrack.mount.simulator.mount import SimulatedMount, Truth
 from sattrack.mount.simulator.process import MOST_UNDER_WAY, SimulatorServer, UnderWay
+from sattrack.mount.simulator.profile import SimulatorProfile, simulator_profile
 from sattrack.mount.xerxes.datagrams import Command, decode_status, encode_command, status_readings
 
 PROFILES = Path(__file__).parents[4] / "examples" / "profiles"

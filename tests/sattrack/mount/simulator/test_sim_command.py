@@ -9,8 +9,9 @@ import pytest
 from simulator_bench import SITE
 
 from sattrack.cli.main import run
-from sattrack.mount.simulator.installation import GRAMMAR, SimulatorProfile, parse_faults
+from sattrack.mount.simulator.installation import GRAMMAR, parse_faults
 from sattrack.mount.simulator.process import SimulatorConfig, make_server
+from sattrack.mount.simulator.profile import SimulatorProfile
 
 if TYPE_CHECKING:
     from pathlib import Path

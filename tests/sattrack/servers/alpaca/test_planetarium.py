@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import re
+import select
 import socket
 import struct
 import time
@@ -276,6 +277,7 @@ class Line:
         until_s = time.monotonic() + PATIENCE_S
         while (heard := self.ask(text)) != answer:
             assert time.monotonic() < until_s, heard
+            select.select([], [], [], 0.02)
 
     def send(self, data: bytes) -> None:
         self._line.sendall(data)
@@ -350,7 +352,7 @@ def drive(client: Indi, *, stays: bool = True) -> None:
     """
     client.until("CONNECTION.CONNECT", bool)
     client.set("CONNECTION.CONNECT=On")
-    client.until("EQUATORIAL_EOD_COORD.DEC", lambda value: abs(float(value or 0.0) - 15.0) < 0.01)
+    client.until("EQUATORIAL_EOD_COORD.DEC", lambda value: abs(float(value) - 15.0) < 0.01)
     assert client.number("GEOGRAPHIC_COORD.LAT") == pytest.approx(52.15, abs=0.02)
     assert client.number("GEOGRAPHIC_COORD.LONG") == pytest.approx(4.49, abs=0.02)
     ra_h = client.number("EQUATORIAL_EOD_COORD.RA")
@@ -360,13 +362,13 @@ def drive(client: Indi, *, stays: bool = True) -> None:
     assert client.number("EQUATORIAL_EOD_COORD.RA") == pytest.approx((ra_h + 0.5) % 24.0, abs=0.001)
     assert client.number("EQUATORIAL_EOD_COORD.DEC") == pytest.approx(40.0, abs=0.01)
     client.set("TELESCOPE_MOTION_NS.MOTION_NORTH=On")
-    client.until("EQUATORIAL_EOD_COORD.DEC", lambda value: float(value or 0.0) > (40.1 if stays else 40.001))
+    client.until("EQUATORIAL_EOD_COORD.DEC", lambda value: float(value) > (40.1 if stays else 40.001))
     client.set("TELESCOPE_MOTION_NS.MOTION_NORTH=Off")
     # A mount that moves is not synced.
     client.settle()
     client.set("ON_COORD_SET.SYNC=On")
     client.set(f"EQUATORIAL_EOD_COORD.RA={(ra_h + 0.52) % 24.0};DEC=40.8")
-    client.until("EQUATORIAL_EOD_COORD.DEC", lambda value: float(value or 0.0) > 40.79)
+    client.until("EQUATORIAL_EOD_COORD.DEC", lambda value: float(value) > 40.79)
     assert client.number("EQUATORIAL_EOD_COORD.RA") == pytest.approx((ra_h + 0.52) % 24.0, abs=0.001)
     client.set("ON_COORD_SET.TRACK=On")
     client.set("TELESCOPE_ABORT_MOTION.ABORT=On")
@@ -421,7 +423,7 @@ def test_indis_clients_slew_move_and_stop_the_mount_itself_and_behind_their_own_
         direct.set("EQUATORIAL_EOD_COORD.RA=1;DEC=-85")
         behind.until("EQUATORIAL_EOD_COORD._STATE", lambda value: value == "Alert")
         behind.set("TELESCOPE_MOTION_NS.MOTION_NORTH=On")
-        behind.until("EQUATORIAL_EOD_COORD.DEC", lambda value: float(value or 0.0) > 41.0)
+        behind.until("EQUATORIAL_EOD_COORD.DEC", lambda value: float(value) > 41.0)
         direct.set("TELESCOPE_ABORT_MOTION.ABORT=On")
         direct.until("TELESCOPE_TRACK_STATE.TRACK_OFF", lambda value: value == "On")
         behind.settle()
@@ -576,7 +578,7 @@ def test_a_client_that_only_ever_stops_is_not_taken_for_one_that_sends_half_requ
         connection.connection_made(transport)
         connection.data_received(b":Q#")
         serving = asyncio.ensure_future(planetariums.lx200(reader, cast("Any", Writer(transport))))
-        await line.stopped.wait()  # type: ignore[attr-defined]
+        await asyncio.wait_for(line.stopped.wait(), PATIENCE_S)  # type: ignore[attr-defined]
         later_s = asyncio.get_running_loop().time() + 60.0
         overdue = connection.overdue(later_s, 300.0)
         reader.feed_eof()

@@ -243,7 +243,7 @@ def test_while_one_waits_for_its_slew_others_are_answered(served: Served) -> Non
         waits.sendall(request("PUT", "/api/v1/telescope/0/slewtocoordinates", body))
         until(lambda: say(other, "GET", "slewing")["Value"] is True)
         answered = 0
-        while not select.select([waits], [], [], 0.0)[0]:
+        while not select.select([waits], [], [], 0.02)[0]:
             assert 0.0 <= number_of(other, "rightascension") < 24.0
             answered += 1
         assert read_answer(waits)[0] == 200

@@ -407,7 +407,7 @@ def test_clients_see_a_run_may_not_move_its_mount_and_may_stop_it(program: Calla
 
 
 @pytest.mark.needs("rotctl", "indi_setprop")
-@pytest.mark.parametrize("protocol", ["indi", "lx200", "rotctld"])
+@pytest.mark.parametrize("protocol", ["indi", pytest.param("lx200", marks=pytest.mark.soak), "rotctld"])
 def test_a_stop_of_each_protocol_ends_the_run(protocol: str, program: Callable[[str], str]) -> None:
     with served_run("alpaca", protocol) as seen, call(seen.ports["alpaca"]) as line:
         until(lambda: say(line, "PUT", "connect")["ErrorNumber"] == 0)

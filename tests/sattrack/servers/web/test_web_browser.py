@@ -8,6 +8,7 @@ import contextlib
 import json
 import os
 import re
+import select
 import shlex
 import signal
 import socket
@@ -114,6 +115,7 @@ def test_of_several_runs_the_page_links_to_each_and_shows_no_command() -> None:
         until_s = time.monotonic() + PATIENCE_S
         while not all(f'<a href="/run/{each.pid}">' in (text := fetched(url)[1]) for each in (one, other)):
             assert time.monotonic() < until_s, text
+            select.select([], [], [], 0.05)
         assert "headless" not in text
         assert "ISS" in text
         code, text, _ = fetched(f"{url}run/{other.pid}")
@@ -180,16 +182,17 @@ async def visited(url: str, run: int, drawn: bool, leave: Callable[[], None] | N
 
 def test_no_screen_outlives_its_visitor_or_the_page() -> None:
     with started(sys.executable, "-m", "sattrack", "demo", "--headless", "--json") as demo:
-        for drawn in (False, True):
-            with page(run=demo.pid) as url:
-                while "No run is active" in fetched(url)[1]:
-                    pass
-                asyncio.run(visited(url, demo.pid, drawn, None))
-        for number in (signal.SIGTERM, signal.SIGKILL):
-            command = (sys.executable, "-m", "sattrack", "serve", "web", "--port", "0", "--json")
+        command = (sys.executable, "-m", "sattrack", "serve", "web", "--port", "0", "--json")
+        for number, visits in ((signal.SIGTERM, (False, True)), (signal.SIGKILL, ())):
             with started(*command, "--run", str(demo.pid)) as server:
                 assert server.stdout is not None
                 url = json.loads(server.stdout.readline())["url"]
+                until_s = time.monotonic() + PATIENCE_S
+                while "No run is active" in fetched(url)[1]:
+                    assert time.monotonic() < until_s
+                    select.select([], [], [], 0.05)
+                for drawn in visits:
+                    asyncio.run(visited(url, demo.pid, drawn, None))
                 asyncio.run(visited(url, demo.pid, True, partial(server.send_signal, number)))
         assert demo.poll() is None
 

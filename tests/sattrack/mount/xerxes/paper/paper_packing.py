@@ -144,7 +144,7 @@ class CommandRow:
 
     def up(self) -> frozenset[str]:
         """Names of the flags that are up."""
-        return frozenset(name for name in FLAG_BYTES if getattr(self, name))
+        return frozenset([name for name in FLAG_BYTES if getattr(self, name)])
 
 
 FLAG_BYTES = {
@@ -158,6 +158,10 @@ FLAG_BYTES = {
     "SyncToTargetCmd": 80,
     "spare": 81,
 }
+
+
+COMMAND_TABLE = struct.Struct("<QqddddqqiiB9B")
+"""Header, then the rows as `CommandRow` has them: longs, doubles, two integers of 4 bytes, and bytes."""
 
 
 def pack_command(row: CommandRow) -> bytes:
@@ -183,18 +187,5 @@ def unpack_command(data: bytes) -> CommandRow:
     """The command table read back; a datagram of another length or header raises ValueError."""
     if len(data) != COMMAND_LENGTH or struct.unpack_from("<Q", data, 0)[0] != 0x5555AAAA:
         raise ValueError("no command datagram")
-    row = CommandRow(
-        counter=struct.unpack_from("<q", data, 8)[0],
-        TargetDec=struct.unpack_from("<d", data, 16)[0],
-        TargetRA=struct.unpack_from("<d", data, 24)[0],
-        MoveAxisRateDec=struct.unpack_from("<d", data, 32)[0],
-        MoveAxisRateRA=struct.unpack_from("<d", data, 40)[0],
-        DecFineRate=struct.unpack_from("<q", data, 48)[0],
-        RAFineRate=struct.unpack_from("<q", data, 56)[0],
-        PulseGuideRADuration=struct.unpack_from("<i", data, 64)[0],
-        PulseGuideDecDuration=struct.unpack_from("<i", data, 68)[0],
-        tracking_rate=data[72],
-    )
-    for name, offset in FLAG_BYTES.items():
-        setattr(row, name, data[offset] != 0)
-    return row
+    _, *values = COMMAND_TABLE.unpack(data)
+    return CommandRow(*values[:10], *(byte != 0 for byte in values[10:]))

@@ -73,13 +73,23 @@ def switch_off(bench: Bench, for_periods: int) -> None:
     bench.rules.restarted()
 
 
-def request_id(value: Any) -> str | None:
-    return type(value).__name__ if isinstance(value, tuple(map(type, EVERY))) else None
+def ways(request: Request) -> list[Any]:
+    """How MoveAxis is read and which statuses come: all four of requests for it, else two by default."""
+    reads = isinstance(request, (MoveAxis, EndMove))
+    return [
+        pytest.param(
+            request,
+            halved,
+            how,
+            id=f"{type(request).__name__}-{'every second' if halved else 'every'} status-{how}",
+            marks=() if reads or halved is (how == "edge") else pytest.mark.soak,
+        )
+        for halved in (False, True)
+        for how in ("held", "edge")
+    ]
 
 
-@HELD_AND_EDGE
-@pytest.mark.parametrize("halved", [False, True], ids=["every status", "every second status"])
-@pytest.mark.parametrize("request_", EVERY, ids=request_id)
+@pytest.mark.parametrize(("request_", "halved", "how"), [way for request in EVERY for way in ways(request)])
 def test_at_any_instant_the_ticket_settles_once(request_: Request, halved: bool, how: How) -> None:
     rng = random.Random(f"{request_} {halved} {how}")
     for instant in [*range(4), rng.randrange(4, 60)]:
@@ -121,8 +131,15 @@ def test_what_is_asked_for_afterwards_is_done(halved: bool, how: How) -> None:
         assert (bench.mount.ra_deg, bench.mount.dec_deg) == (165.0, 30.0)
 
 
-@HELD_AND_EDGE
-@pytest.mark.parametrize("halved", [False, True], ids=["every status", "every second status"])
+@pytest.mark.parametrize(
+    ("halved", "how"),
+    [
+        pytest.param(False, "held", id="every status-held"),
+        pytest.param(True, "edge", id="every second status-edge"),
+        pytest.param(False, "edge", id="every status-edge", marks=pytest.mark.soak),
+        pytest.param(True, "held", id="every second status-held", marks=pytest.mark.soak),
+    ],
+)
 def test_restarts_at_random_among_requests_at_random(halved: bool, how: How) -> None:
     day, mount = paper_day(301, how, loss=0.05)
     if halved:
