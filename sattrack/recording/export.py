@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 import secrets
 import struct
 from itertools import groupby
@@ -244,6 +245,8 @@ _CHANGED: dict[str, Any] = {
 }
 """The values of fields that may reveal who, where or what; null stays null."""
 _JSON = {OPERATOR, VIEW, SUMMARY, FAILURE}
+_INSTANT = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?Z")
+"""An instant in a text; the group is there where it has decimals."""
 _AT = {field.name: field.offset for field in STATUS_FIELDS}
 _DOUBLE = struct.Struct("<d")
 _ROUNDS = 8
@@ -366,8 +369,12 @@ class _Moving:
         if key in {"mount", "mount_name"}:
             return value if value == "sim" else "mount"
         if key == "utc" or key.endswith("_utc"):
-            return Utc.parse(value).plus(float(self._shift_s)).isoformat("microseconds")
-        return value
+            return self._later(value)
+        return _INSTANT.sub(lambda found: self._later(found[0], found[1] is not None), value)
+
+    def _later(self, instant: str, fine: bool = True) -> str:
+        moved = Utc.parse(instant).plus(float(self._shift_s))
+        return moved.isoformat("microseconds" if fine else "seconds")
 
     def status(self, data: bytes) -> bytes:
         """Return a status with its site moved as ours is; what is no status is blanked."""

@@ -75,6 +75,7 @@ def test_no_name_no_path_and_no_instant_of_the_run_is_left(anonymous: Path) -> N
         "faults",
         f"{true.site.longitude_deg:.3f}",
         "2026-10-02T13",
+        true.elements.epoch.isoformat("seconds")[:16],
     ):
         # Digits of a longer number are no catalog number.
         pattern = rf"(?<!\d){word}(?!\d)" if word.isdigit() else re.escape(word)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import socket
 import time
+from contextlib import closing
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
@@ -15,6 +16,7 @@ from sattrack.core.clock import SimulatedClock
 from sattrack.mount.model import MountProfile
 from sattrack.mount.xerxes.datagrams import decode_command
 from sattrack.recording.recorder import NoRecording
+from sattrack.runtime import flight
 from sattrack.runtime.connection import Connection, Unguarded
 from sattrack.runtime.flight import LiveLoop
 from sattrack.runtime.loop import LAST_STOPS
@@ -145,11 +147,10 @@ def run(
     clock = SimulatedClock(0.0, 0.0, speed)
     connection: Any = Connection(link, clock, guard=guard or Unguarded())  # type: ignore[arg-type]
     parts: Any = (engine, NoRecording(), screen)
-    try:
+    with pytest.MonkeyPatch.context() as patch, closing(link):
+        patch.setattr(flight, "view_of", lambda engine, now_utc_s: engine.view(now_utc_s))
         loop = LiveLoop(connection, stop or StopRequest(), *parts)
         loop.run()
-    finally:
-        link.close()
     link.periods_s = loop.statistics.periods_s
     return link
 
