@@ -146,7 +146,7 @@ class Time:
         world = self._world
         if self._feeder and world.feeder_is_late:
             world.catch_up()
-        return world.now_s - world.begin_s + BOOTED_S - world.slept_s
+        return world.monotonic_s
 
     def time(self) -> float:
         return self._world.now_s + self._world.host_offset_s

@@ -589,9 +589,8 @@ class AxisFilter:
     def _part_gain_and_rate(self, measured_deg: float) -> None:
         """Begin anew where gain and rate are both unlikely and cancel: the axis obeys, and both are wrong.
 
-        Drives at their limit on the way to a target teach such a pair, and too surely. While it lasts, the
-        rate has to follow every change of the commanded one, and comes late. The response is kept but for
-        its gain.
+        Such a pair is learnt on the way to a target, too surely. While it lasts, the rate has to follow every
+        change of the commanded one, and comes late. The response is kept but for its gain.
         """
         rate_deg_s, noise = float(self._kalman.state[1]), self._noise
         most_deg_s = LIKELY_SIGMAS * noise.first_rate_deg_s
