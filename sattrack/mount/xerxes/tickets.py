@@ -142,12 +142,6 @@ class Launches:
     _ticks: int = 0
 
     @property
-    def up(self) -> bool:
-        """Whether one of these flags is in the datagrams."""
-        active = self._active
-        return active is not None and active.flag.up
-
-    @property
     def busy(self) -> bool:
         """Whether any request waits or is under way."""
         return self._active is not None or bool(self._queue)
