@@ -22,7 +22,7 @@ from xerxes_builders import (
     want,
 )
 
-from sattrack.mount.model import AxesPosition, Hold, MountProfile, MoveAxes, Slew, Stop
+from sattrack.mount.model import AxesPosition, Hold, Motion, MountProfile, MoveAxes, Slew, Stop
 from sattrack.mount.requests import (
     Abort,
     ClearedRequest,
@@ -191,6 +191,34 @@ class TestTickets:
         assert ticket.state is TicketState.FAILED
         assert ticket.reason == f"acknowledged, but the mount reports a direction {off_deg:.2f}° away"
 
+    @pytest.mark.parametrize(
+        ("asked", "reported", "state"),
+        [
+            (Sync(0.01, 20.0), (359.995, 20.0), TicketState.COMPLETE),
+            (Sync(359.99, 20.0), (0.005, 20.0), TicketState.COMPLETE),
+            (Sync(150.0, 60.0), (150.035, 60.0), TicketState.COMPLETE),
+            (Sync(150.0, 60.0), (150.045, 60.0), TicketState.ACKNOWLEDGED),
+            (Sync(150.0, 60.0), (150.0, 59.985), TicketState.COMPLETE),
+            (Sync(150.0, 60.0), (150.0, 59.975), TicketState.ACKNOWLEDGED),
+        ],
+    )
+    def test_a_sync_shows_within_a_fiftieth_of_a_degree_once_its_handshake_is_over(
+        self, asked: Sync, reported: tuple[float, float], state: TicketState
+    ) -> None:
+        client = tracking()
+        ticket = submit(client, asked)
+        client.send()
+        there = {"ra_h": reported[0] / 15.0, "dec_deg": reported[1]}
+        for heard, told in (
+            ({}, TicketState.RAISED),
+            ({"ack_sync": True}, TicketState.ACKNOWLEDGED),
+            ({"ack_sync": True}, TicketState.ACKNOWLEDGED),
+            ({}, state),
+        ):
+            client.hear(**there, **heard)
+            client.send()
+            assert ticket.state is told
+
     def test_the_first_of_a_queue_waits_no_longer_for_the_second(self) -> None:
         client = Client()
         first = submit(client, SYNC)
@@ -337,8 +365,12 @@ class TestFlags:
     def test_an_abort_on_its_way_goes_on(self) -> None:
         abort = AbortFlag()
         assert abort.on_its_way is False
-        abort.compose(True)
-        assert abort.on_its_way is True
+        # Four datagrams have it where an acknowledgement stands already.
+        went = []
+        for _ in range(8):
+            up, _ = abort.compose(True)
+            went.append((up, abort.on_its_way))
+        assert went == [(True, True)] * 3 + [(True, False)] + [(False, False)] * 4
         abort = AbortFlag()
         abort.compose(False)
         assert abort.on_its_way is True
@@ -522,3 +554,56 @@ def test_the_end_of_moveaxis_is_complete_when_the_mount_neither_slews_nor_turns(
     assert ticket.state is TicketState.RAISED
     client.rest(ra_rate_dtics_s=SIDEREAL_DTICS_S)
     assert ticket.state is TicketState.COMPLETE
+
+
+def test_moveaxis_asked_for_again_at_the_same_rates_has_an_edge_and_an_answer_of_its_own() -> None:
+    client = tracking(MountProfile(move_axis="edge"))
+    acknowledged = {"ack_move_ra": True, "ack_move_dec": True, "slewing": True}
+    for _ in range(2):
+        ticket = submit(client, MoveAxis(1.0, 0.5))
+        command = client.send()
+        assert (command.move_ra, command.move_dec) == (True, True)
+        client.hear(**acknowledged)
+        assert ticket.state is TicketState.COMPLETE
+        assert not client.send().move_ra
+        client.hear(slewing=True)
+        client.send()
+
+
+class TestMotionThatGoesOn:
+    """A late copy of an edge, read after the end, sets the mount going again; it is ended anew."""
+
+    @staticmethod
+    def edges(client: Client, statuses: int, **heard: Any) -> list[int]:
+        """After how many statuses the end of MoveAxis goes out."""
+        found = []
+        for number in range(1, statuses + 1):
+            client.hear(slewing=True, ra_rate_dtics_s=dtics(1.25), **heard)
+            command = client.send()
+            assert not command.slew
+            if command.move_ra or command.move_dec:
+                assert (command.move_ra_rate_deg_s, command.move_dec_rate_deg_s) == (0.0, 0.0)
+                found.append(number)
+        return found
+
+    @pytest.mark.parametrize("then", [Hold(), A])
+    def test_of_ours_is_ended_after_a_second(self, then: Motion) -> None:
+        client = tracking(MountProfile(move_axis="edge"))
+        both = {"ack_move_ra": True, "ack_move_dec": True}
+        client.asks(MOVE)
+        client.hear(slewing=True, ra_rate_dtics_s=dtics(1.25), **both)
+        client.send()
+        client.hear(slewing=True, ra_rate_dtics_s=dtics(1.25))
+        ended = client.asks(then)
+        assert (ended.move_ra, ended.move_ra_rate_deg_s, ended.move_dec_rate_deg_s) == (True, 0.0, 0.0)
+        client.hear(slewing=True, ra_rate_dtics_s=dtics(1.25), **both)
+        client.send()
+        assert self.edges(client, 18) == []
+        assert self.edges(client, 1) == [1]
+
+    @pytest.mark.parametrize("then", [Hold(), A])
+    def test_of_anothers_is_left_alone(self, then: Motion) -> None:
+        client = tracking(MountProfile(move_axis="edge"))
+        want(client.session, then)
+        client.hear(slewing=True, ra_rate_dtics_s=dtics(1.25))
+        assert self.edges(client, 60) == []

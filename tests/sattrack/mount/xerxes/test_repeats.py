@@ -12,8 +12,8 @@ from xerxes_builders import PERIOD_S, SIDEREAL_DTICS_S, T0, want
 
 from sattrack.mount.model import Hold, Motion, MountProfile, MoveAxes, Slew, Status, Stop
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
-from sattrack.mount.xerxes.datagrams import decode_command, encode_status
-from sattrack.mount.xerxes.session import Session
+from sattrack.mount.xerxes.datagrams import Command, decode_command, encode_status
+from sattrack.mount.xerxes.session import Repeats, Session
 
 MOVE = MoveAxes(-1.25, -0.75)
 RESTING = Status(dec_deg=20.0, ra_h=10.0, sidereal_h=9.0, ra_rate_dtics_s=SIDEREAL_DTICS_S)
@@ -99,6 +99,20 @@ def test_no_flag_of_another_kind_is_repeated_nor_rates_that_follow_one_closely()
     assert copies[:4] == [None] * 4
     assert copies[-1] == client.last
     assert client.go(Stop(), 20) == [None] * 20
+
+
+@pytest.mark.parametrize(
+    "flag", ["abort", "find_home", "park", "pulse_guide", "slew", "sync", "move_ra", "move_dec"]
+)
+def test_rates_are_repeated_after_five_datagrams_that_have_no_flag_of_another_kind(flag: str) -> None:
+    repeats = Repeats(policy("always"))
+    rates = Command(move_dec=True) if flag == "move_ra" else Command(move_ra=True)
+    for turn in range(6):
+        repeats.sent(replace(rates, **{flag: True}) if turn == 0 else rates, bytes([turn]))
+        began = turn + (1 if flag.startswith("move") else 0)
+        assert repeats.copy(0) == (bytes([turn]) if began >= 5 else None)
+    repeats.sent(Command(), b"")
+    assert repeats.copy(0) is None
 
 
 def test_a_stop_asked_for_between_a_datagram_and_its_copy_keeps_the_copy_back() -> None:

@@ -416,6 +416,16 @@ class TestAbort:
         assert [moving_flags(command) for command in sent][-1] == flags
         assert not any(command.abort for command in sent)
 
+    def test_a_slew_that_it_cut_short_unanswered_is_not_sent_after_it(self, client: Client) -> None:
+        assert client.asks(A).slew
+        client.stopped_by_abort()
+        want(client.session, B)
+        sent = []
+        while not sent or not sent[-1].slew:
+            sent.append(client.send())
+            client.hear(ra_rate_dtics_s=0)
+        assert (sent[-1].target_ra_h, sent[-1].target_dec_deg) == (10.0, -33.375)
+
     def test_a_second_stop_is_a_second_abort(self, client: Client) -> None:
         client.stopped_by_abort()
         client.asks(MOVE)
@@ -1225,6 +1235,7 @@ class TestWhatItTells:
         command = client.send()
         ra = moves.ra_rate_deg_s is not None
         assert (command.move_ra, command.move_dec) == (ra, not ra)
+        assert client.session.wanted == (MoveAxes(0.5, 0.0) if ra else MoveAxes(0.0, 0.5))
         client.hear(ack_move_ra=ra, ack_move_dec=not ra, slewing=True)
         assert first.state is TicketState.COMPLETE
         other = MoveAxis(None, 0.25) if ra else MoveAxis(0.25, None)

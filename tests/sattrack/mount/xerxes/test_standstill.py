@@ -441,6 +441,24 @@ class TestPositions:
         # The hour angle turns with the sky: right ascension repeats from the first status on.
         assert mount.positions.repeats_s == pytest.approx((math.inf, 1.0))
         assert mount.positions.may_hang == (False, True)
+        still = Placed()
+        for number in range(41):
+            still.take(0.05 * number, 0.02 * number, 10.0)
+        assert still.positions.repeats_s == (0.0, math.inf)
+        assert still.positions.may_hang == (False, False)
+
+    @pytest.mark.parametrize("axis", [0, 1])
+    @pytest.mark.parametrize(("slow_statuses", "hangs"), [(1, True), (2, False)])
+    def test_an_axis_may_hang_that_was_fast_in_one_of_the_last_two_statuses(
+        self, axis: int, slow_statuses: int, hangs: bool
+    ) -> None:
+        """An encoder that begins to hang between two statuses has gone a part of the way."""
+        mount = Placed()
+        fast_deg, slow_deg = -0.02 * 0.05, -0.002 * 0.05
+        for number in range(41):
+            moved = fast_deg * min(number, 10) + slow_deg * min(max(number - 10, 0), slow_statuses)
+            mount.take(0.05 * number, moved if axis == 0 else 0.0, 10.0 + (moved if axis == 1 else 0.0))
+        assert mount.positions.may_hang[axis] is hangs
 
     @pytest.mark.parametrize(
         ("axis", "speed_deg_s", "repeats_s", "hangs"),
@@ -454,7 +472,8 @@ class TestPositions:
                 (1.0, 2.05, False),
                 (0.004, 1.0, False),
                 (0.012, 1.0, True),
-                (-0.02, 1.0, True),
+                (-0.0045, 1.0, False),
+                (-0.0055, 1.0, True),
                 (25.0, 1.0, False),
             )
         ],
@@ -480,6 +499,14 @@ class TestPositions:
             if rates is not None:
                 assert rates == pytest.approx((1.0 + SIDEREAL_DEG_S, 0.3), abs=0.03)
         assert mount.positions.rates_deg_s() == pytest.approx((1.0 + SIDEREAL_DEG_S, 0.3), abs=1e-6)
+
+    def test_a_clock_that_stands_is_replaced_after_ten_new_places(self) -> None:
+        mount = Placed()
+        for number in range(80):
+            moved = number - 60
+            mount.take(STEP_S * number, 0.0, 10.0 + 0.05 * max(0, moved), clock_s=0.0)
+            # Arrivals take the clock's place with the tenth of them, and ten fill half a second.
+            assert (mount.positions.rates_deg_s() is None) == (moved < 19)
 
     def test_rest_is_that_of_new_positions_and_none_older_than_a_second_and_a_half(self) -> None:
         mount = Placed()
@@ -687,8 +714,34 @@ class TestStops:
         # The first of them is slower than the one before.
         first = 3 + late
         assert [mount.statuses_until_again() for _ in range(3)] == [1 + first, 2 * first, 4 * first]
-        counts = [mount.statuses_until_again() for _ in range(8)]
-        assert max(counts) == counts[-1] == 320
+
+    def test_it_never_waits_for_more_than_320_statuses(self) -> None:
+        mount = Watched(at(1.0), rates=(1.0, 0.0), slewing=True)
+        for _ in range(7):
+            mount.standstill.again(T0)
+        mount.hear(319 * PERIOD_S)
+        assert mount.standstill.goes_again is False
+        mount.hear(PERIOD_S)
+        assert mount.standstill.goes_again is True
+
+    def test_it_goes_again_where_positions_alone_show_a_mount_that_moves_on(self) -> None:
+        """Slewing is false, and the rate fields say rest."""
+        mount = Watched(at(1.0))
+        mount.standstill.asked()
+        # The first eleven fill half a second.
+        mount.hear(13 * PERIOD_S)
+        assert mount.standstill.goes_again is False
+        mount.hear(PERIOD_S)
+        assert mount.standstill.goes_again is True
+        slow = Watched(at(0.09))
+        slow.hear(5.0)
+        assert slow.standstill.goes_again is False
+
+    def test_it_waits_while_positions_show_the_mount_slowing_down(self) -> None:
+        mount = Watched(lambda s: min(s, 1.25) - 0.4 * min(s, 1.25) ** 2, rates=(0.0, 0.0))
+        for _ in range(40):
+            mount.hear(PERIOD_S)
+            assert mount.standstill.goes_again is False
 
     def test_it_waits_while_the_mount_slows_down(self) -> None:
         mount = Stopping()
