@@ -33,6 +33,7 @@ SO_TIMESTAMPNS = 35
 """Of asm-generic/socket.h: a struct timespec of the realtime clock beside each datagram."""
 WRITE = "; write xerxes://HOST:PORT?listen=PORT"
 PORTS = "; ports run from 1 to 65535"
+NO_MOUNT = " is the address of no mount; write that of its computer"
 
 
 class TestAddress:
@@ -66,6 +67,9 @@ class TestAddress:
             ("xerxes://127.0.0.1:15002?listen=", "listen= is no port" + WRITE),
             ("xerxes://127.0.0.1:15002?port=7", "port= is no option" + WRITE),
             ("xerxes://127.0.0.1:15001?listen=15001", "both ends would be 127.0.0.1:15001"),
+            ("xerxes://0.0.0.0", "0.0.0.0" + NO_MOUNT),
+            ("xerxes://224.0.0.1", "224.0.0.1" + NO_MOUNT),
+            ("xerxes://255.255.255.255", "255.255.255.255" + NO_MOUNT),
             ("xerxes://:15001", "no host" + WRITE),
             ("", "no host" + WRITE),
         ],
@@ -93,6 +97,7 @@ class TestAddress:
         assert (address.presumption, address.not_carried(Abort())) == (None, None)
         # The status has the mount's own sidereal time: no site is needed to date it.
         assert address.dates_itself is True
+        assert address.on_target_arcsec == 2.0
         assert address.seen_from(Site(52.0, 4.5, 0.0)) == address.to_stop() == address
         assert address.usual_profile() == MountProfile()
 

@@ -574,11 +574,11 @@ class TestMotionThatGoesOn:
     """A late copy of an edge, read after the end, sets the mount going again; it is ended anew."""
 
     @staticmethod
-    def edges(client: Client, statuses: int, **heard: Any) -> list[int]:
+    def edges(client: Client, statuses: int, rate_deg_s: float = 1.25) -> list[int]:
         """After how many statuses the end of MoveAxis goes out."""
         found = []
         for number in range(1, statuses + 1):
-            client.hear(slewing=True, ra_rate_dtics_s=dtics(1.25), **heard)
+            client.hear(slewing=True, ra_rate_dtics_s=dtics(rate_deg_s))
             command = client.send()
             assert not command.slew
             if command.move_ra or command.move_dec:
@@ -587,7 +587,8 @@ class TestMotionThatGoesOn:
         return found
 
     @pytest.mark.parametrize("then", [Hold(), A])
-    def test_of_ours_is_ended_after_a_second(self, then: Motion) -> None:
+    @pytest.mark.parametrize("slows", [False, True])
+    def test_of_ours_is_ended_after_a_second_unless_it_slows_down(self, then: Motion, slows: bool) -> None:
         client = tracking(MountProfile(move_axis="edge"))
         both = {"ack_move_ra": True, "ack_move_dec": True}
         client.asks(MOVE)
@@ -598,8 +599,11 @@ class TestMotionThatGoesOn:
         assert (ended.move_ra, ended.move_ra_rate_deg_s, ended.move_dec_rate_deg_s) == (True, 0.0, 0.0)
         client.hear(slewing=True, ra_rate_dtics_s=dtics(1.25), **both)
         client.send()
-        assert self.edges(client, 18) == []
-        assert self.edges(client, 1) == [1]
+        if slows:
+            assert [self.edges(client, 1, 1.2 - 0.02 * number) for number in range(40)] == [[]] * 40
+        else:
+            assert self.edges(client, 18) == []
+            assert self.edges(client, 1) == [1]
 
     @pytest.mark.parametrize("then", [Hold(), A])
     def test_of_anothers_is_left_alone(self, then: Motion) -> None:

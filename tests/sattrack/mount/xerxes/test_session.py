@@ -40,6 +40,7 @@ from xerxes_builders import (
 from sattrack.mount.geometry import AxisGeometry
 from sattrack.mount.model import (
     SIDEREAL_RATE_DEG_S,
+    AxesPosition,
     Hold,
     Motion,
     MountProfile,
@@ -52,8 +53,11 @@ from sattrack.mount.model import (
 from sattrack.mount.requests import (
     Abort,
     ClearedRequest,
+    EndMove,
+    FindHome,
     FineRate,
     MoveAxis,
+    Park,
     Sync,
     TicketState,
     TrackingRate,
@@ -416,14 +420,21 @@ class TestAbort:
         assert [moving_flags(command) for command in sent][-1] == flags
         assert not any(command.abort for command in sent)
 
-    def test_a_slew_that_it_cut_short_unanswered_is_not_sent_after_it(self, client: Client) -> None:
+    @pytest.mark.parametrize("between", [Stop(), MOVE, Hold()])
+    def test_a_slew_that_was_cut_short_unanswered_is_not_sent_any_more(
+        self, client: Client, between: Motion
+    ) -> None:
         assert client.asks(A).slew
-        client.stopped_by_abort()
+        if isinstance(between, Stop):
+            client.stopped_by_abort()
+        else:
+            client.asks(between)
+            client.hear()
         want(client.session, B)
         sent = []
         while not sent or not sent[-1].slew:
             sent.append(client.send())
-            client.hear(ra_rate_dtics_s=0)
+            client.hear()
         assert (sent[-1].target_ra_h, sent[-1].target_dec_deg) == (10.0, -33.375)
 
     def test_a_second_stop_is_a_second_abort(self, client: Client) -> None:
@@ -611,7 +622,15 @@ class TestSamples:
         assert client.session.status.ra_h == 5.25
 
     @pytest.mark.parametrize(
-        ("field", "value"), [("ra_h", 0.0), ("ra_h", 24.0), ("dec_deg", -90.0), ("dec_deg", 90.0)]
+        ("field", "value"),
+        [
+            ("ra_h", 0.0),
+            ("ra_h", 24.0),
+            ("dec_deg", -90.0),
+            ("dec_deg", 90.0),
+            ("sidereal_h", 0.0),
+            ("sidereal_h", 24.0),
+        ],
     )
     def test_the_ends_of_the_ranges_are_in(self, client: Client, field: str, value: float) -> None:
         assert client.hear(**{field: value}) is not None
@@ -629,6 +648,8 @@ class TestSamples:
             ("ra_h", 1e300),
             ("dec_deg", 90.001),
             ("dec_deg", -90.001),
+            ("sidereal_h", -0.001),
+            ("sidereal_h", 24.001),
         ],
     )
     def test_impossible_coordinates_are_refused_and_counted(
@@ -1277,6 +1298,94 @@ class TestWhatItTells:
         ra, dec = SIDEREAL_DEG_S + ra_share * 0.01, -dec_share * 0.02
         client.hear(ra_rate_dtics_s=dtics(ra), dec_rate_dtics_s=dtics(dec))
         assert (ticket.state is TicketState.COMPLETE) is shows
+
+    @pytest.mark.parametrize(
+        ("asked_dtics_s", "off_dtics_s", "shows"),
+        [
+            # A change of at most two tics a second may be noise.
+            ((19, 0), (0, 0), False),
+            ((21, 0), (0, 0), True),
+            ((0, -19), (0, 0), False),
+            ((0, -21), (0, 0), True),
+            # A fifth of a change, and two tenths of a tic where there is none.
+            ((100, 0), (19, 1), True),
+            ((100, 0), (22, 0), False),
+            ((100, 0), (0, 3), False),
+        ],
+    )
+    def test_fine_rates_show_by_a_change_of_the_drives(
+        self, asked_dtics_s: tuple[int, int], off_dtics_s: tuple[int, int], shows: bool
+    ) -> None:
+        client = tracked(MountProfile())
+        asked = FineRate(*(number / 10 * TIC_DEG for number in asked_dtics_s))
+        ticket = client.session.submit(ClearedRequest(asked))
+        client.send()
+        ra, dec = (a + b for a, b in zip(asked_dtics_s, off_dtics_s, strict=True))
+        client.hear(ra_rate_dtics_s=SIDEREAL_DTICS_S + ra, dec_rate_dtics_s=dec)
+        assert (ticket.state is TicketState.COMPLETE) is shows
+
+    def test_the_end_of_a_move_under_fine_rates_needs_no_rest(self) -> None:
+        client = tracked(MountProfile())
+        client.session.submit(ClearedRequest(FineRate(0.0, 0.01)))
+        client.send()
+        ticket = client.session.submit(ClearedRequest(EndMove()))
+        client.send()
+        client.hear(dec_rate_dtics_s=dtics(0.01), slewing=True)
+        assert ticket.state is TicketState.RAISED
+        client.hear(dec_rate_dtics_s=dtics(0.01))
+        assert ticket.state is TicketState.COMPLETE
+
+    @pytest.mark.parametrize(
+        ("before", "now", "shows"),
+        [
+            ({}, {"at_home": True}, True),
+            ({}, {"at_home": True, "slewing": True}, False),
+            ({"at_home": True}, {"at_home": True}, False),
+            ({}, {"at_park": True}, False),
+        ],
+    )
+    def test_home_shows_where_the_mount_says_so_anew_and_does_not_slew(
+        self, before: dict[str, bool], now: dict[str, bool], shows: bool
+    ) -> None:
+        client = tracked(MountProfile())
+        client.hear(**before)
+        ticket = client.session.submit(ClearedRequest(FindHome()))
+        assert client.send().find_home
+        client.hear(**now)
+        assert (ticket.state is TicketState.COMPLETE) is shows
+
+    @pytest.mark.parametrize("before", [False, True])
+    def test_a_park_shows_where_the_mount_says_so_anew(self, before: bool) -> None:
+        client = Client(MountProfile(park=AxesPosition(-15.0, 20.0)))
+        client.stopped_by_abort()
+        want(client.session, Hold())
+        client.hear(ra_rate_dtics_s=0, at_park=before)
+        ticket = client.session.submit(ClearedRequest(Park()))
+        while not client.send().park:
+            client.hear(ra_rate_dtics_s=0, at_park=before)
+        client.hear(ra_rate_dtics_s=0, at_park=True)
+        assert (ticket.state is TicketState.COMPLETE) is not before
+
+    @pytest.mark.parametrize(
+        ("motion", "acks", "ignored"),
+        [
+            (Hold(), {}, True),
+            (Hold(), {"ack_move_ra": True}, False),
+            (Hold(), {"ack_move_dec": True}, False),
+            (MOVE, {}, False),
+        ],
+    )
+    def test_slewing_that_stays_true_at_rest_means_something_in_a_moveaxis(
+        self, motion: Motion, acks: dict[str, bool], ignored: bool
+    ) -> None:
+        """The paper: "Slewing will be true during a MoveAxis command", at any rate."""
+        client = Client()
+        want(client.session, motion)
+        for _ in range(75):
+            client.send()
+            client.hear(slewing=True, **acks)
+        reason = "the mount's Slewing stays true while positions stand: positions are used instead"
+        assert client.session.ignored_fields == ((reason,) if ignored else ())
 
     def test_a_tracking_rate_shows_where_the_mount_goes_over_to_it(self) -> None:
         for before, now, shows in ((0, 2, True), (0, 1, False), (2, 2, False)):

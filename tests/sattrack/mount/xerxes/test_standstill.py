@@ -59,6 +59,7 @@ class Watched:
         self.hour_angle, self.dec, self.rates, self.slewing = hour_angle, dec, rates, slewing
         self.clock_step_s = self.noise_deg = self.lateness_s = 0.0
         self.ra_jump_deg = 0.0
+        self.aborted, self.arrived = True, False
         self.dice = random.Random(1)
         self.seconds = 0.0
         self.count = 0
@@ -68,7 +69,7 @@ class Watched:
             self.count += 1
             self.seconds += PERIOD_S
             if self.dice.random() >= loss:
-                self.standstill.see(self.sample(), aborted=True, move_axis=False)
+                self.standstill.see(self.sample(), self.aborted, move_axis=False, arrived=self.arrived)
 
     def sample(self) -> StatusSample:
         clock_s = self.seconds
@@ -629,6 +630,62 @@ class TestFieldsInTime:
         told = mount.sample()
         assert mount.standstill.see(told, aborted=True, move_axis=False) is told
 
+    @pytest.mark.parametrize(
+        ("reported", "aborted", "names"),
+        [
+            # Wrong in motion: believed no more at rest.
+            (3.0, False, {"DeclinationRate"}),
+            # Right in motion: the encoder may hang.
+            (1.0, False, set()),
+            (1.0, True, set()),
+        ],
+    )
+    def test_a_rate_that_goes_on_beside_a_declination_that_repeats(
+        self, reported: float, aborted: bool, names: set[str]
+    ) -> None:
+        mount = Watched(dec=lambda s: min(s, 1.5), rates=(SKY, reported), slewing=True)
+        mount.aborted = aborted
+        mount.hear(1.5)
+        mount.slewing = False
+        mount.hear(6.0)
+        assert mount.ignored == names
+
+    @pytest.mark.parametrize("aborted", [False, True])
+    def test_a_rate_beside_a_declination_that_never_moved_goes_once_an_abort_was_acknowledged(
+        self, aborted: bool
+    ) -> None:
+        mount = Watched(rates=(SKY, 0.5))
+        mount.aborted = aborted
+        mount.hear(4.0)
+        assert mount.ignored == ({"DeclinationRate"} if aborted else set())
+
+    @pytest.mark.parametrize(
+        ("reported", "arrived", "names"),
+        [(1.0, False, set()), (1.0, True, {"Slewing"}), (0.0, False, {"Slewing"})],
+    )
+    def test_slewing_that_goes_on_beside_positions_that_repeat_goes_at_the_target_or_where_rates_say_rest(
+        self, reported: float, arrived: bool, names: set[str]
+    ) -> None:
+        """Elsewhere the encoder of an axis in motion may hang."""
+        mount = Watched(dec=lambda s: min(s, 2.0) + min(max(0.0, s - 6.0), 2.0))
+        mount.aborted = False
+        for rate, seconds in ((1.0, 2.0), (0.0, 4.0), (1.0, 2.0)):
+            mount.rates, mount.slewing = (SKY, rate), rate > 0.0
+            mount.hear(seconds)
+        assert mount.standstill.fields.confirmed("Slewing")
+        mount.rates, mount.arrived = (SKY, reported), arrived
+        mount.hear(6.0)
+        assert mount.ignored == names
+
+    def test_the_rate_of_an_axis_that_speeds_up_may_be_that_of_now(self) -> None:
+        """At 3°/s² the mean of half a second is 0.75°/s behind."""
+        mount = Watched(lambda s: 1.5 * s * s, lambda s: -1.0 * s * s, slewing=True)
+        for number in range(1, 31):
+            mount.rates = (3.0 * number * PERIOD_S, -2.0 * number * PERIOD_S)
+            mount.hear(PERIOD_S)
+        for name in ("RightAscensionRate", "DeclinationRate"):
+            assert mount.standstill.fields.trusted(name, T0 + mount.seconds)
+
     @pytest.mark.parametrize(("statuses", "confirmed"), [(9, False), (10, True)])
     def test_ten_statuses_confirm_a_field(self, statuses: int, confirmed: bool) -> None:
         mount = Watched(at(1.0), rates=(1.0, 0.0), slewing=True)
@@ -733,9 +790,10 @@ class TestStops:
         assert mount.standstill.goes_again is False
         mount.hear(PERIOD_S)
         assert mount.standstill.goes_again is True
-        slow = Watched(at(0.09))
-        slow.hear(5.0)
-        assert slow.standstill.goes_again is False
+        for rate, again in ((0.09, False), (0.11, True)):
+            slow = Watched(at(rate))
+            slow.hear(2.0)
+            assert slow.standstill.goes_again is again
 
     def test_it_waits_while_positions_show_the_mount_slowing_down(self) -> None:
         mount = Watched(lambda s: min(s, 1.25) - 0.4 * min(s, 1.25) ** 2, rates=(0.0, 0.0))
