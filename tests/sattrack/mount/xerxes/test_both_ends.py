@@ -403,7 +403,7 @@ class TestTheLastMotionWins:
     """Whatever was wanted before, and however the wires treated it."""
 
     @given(program=PROGRAMS, wires=LINKS, seed=SEEDS)
-    @settings(max_examples=60, deadline=None, derandomize=True)
+    @settings(max_examples=20, deadline=None, derandomize=True)
     def test_stop(self, program: Program, wires: Wires, seed: int) -> None:
         pair = played(program, wires, seed)
         pair.want(Stop(), 5.0)
@@ -413,7 +413,7 @@ class TestTheLastMotionWins:
             pair.step()
 
     @given(program=PROGRAMS, place=PLACES, wires=LINKS, seed=SEEDS)
-    @settings(max_examples=40, deadline=None, derandomize=True)
+    @settings(max_examples=15, deadline=None, derandomize=True)
     def test_slew(
         self,
         program: Program,
@@ -431,7 +431,7 @@ class TestTheLastMotionWins:
         assert pair.on_the_sky()
 
     @given(program=PROGRAMS, wires=LINKS, seed=SEEDS)
-    @settings(max_examples=40, deadline=None, derandomize=True)
+    @settings(max_examples=15, deadline=None, derandomize=True)
     def test_move(self, program: Program, wires: Wires, seed: int) -> None:
         pair = played(program, wires, seed)
         pair.want(MoveAxes(-0.8, 0.4), 12.0)
@@ -441,7 +441,7 @@ class TestTheLastMotionWins:
             pair.step()
 
     @given(program=PROGRAMS, wires=LINKS, seed=SEEDS)
-    @settings(max_examples=40, deadline=None, derandomize=True)
+    @settings(max_examples=15, deadline=None, derandomize=True)
     def test_hold(self, program: Program, wires: Wires, seed: int) -> None:
         pair = played(program, wires, seed)
         pair.want(Hold(), 12.0)

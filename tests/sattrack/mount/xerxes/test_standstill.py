@@ -331,11 +331,12 @@ def test_fields_that_mean_what_they_should_are_used() -> None:
     assert mount.ignored == set()
 
 
-def test_stops_of_mounts_that_others_have_written() -> None:
-    outcomes = rest.stops(120, seed=3, processes=1)
+@pytest.mark.parametrize("every", [7, pytest.param(1, marks=pytest.mark.soak)])
+def test_stops_of_mounts_that_others_have_written(every: int) -> None:
+    outcomes = [rest.run(rest.draw(3, number)) for number in range(0, 120, every)]
     assert [one.draw.seed for one in outcomes if one.called_s is None or one.early] == []
     assert len({one.draw.parameters["rate_fields"] for one in outcomes}) == 5
-    assert len(outcomes) == 120
+    assert {one.draw.mount for one in outcomes} == {0, 1, 2}
 
 
 class TestParabola:
