@@ -546,7 +546,7 @@ class TestAccounts:
             max_size=20,
         )
     )
-    @settings(max_examples=30, deadline=None)
+    @settings(max_examples=10, deadline=None)
     def test_noise_on_the_wires_changes_nothing(self, noise: list[tuple[bytes, bytes]]) -> None:
         quiet, noisy = Pair(), Pair()
         turns = 0

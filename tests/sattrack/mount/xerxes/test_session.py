@@ -256,7 +256,8 @@ class TestSlew:
     def test_another_target_before_the_acknowledgement_is_asked_for_by_itself(self, client: Client) -> None:
         """The mount read the first target on the edge; the second needs an edge of its own."""
         assert client.asks(A).slew
-        client.asks(B)
+        held = client.asks(B)
+        assert (held.slew, held.target_ra_h, held.target_dec_deg) == (True, 5.25, 12.25)
         client.hear(ack_slew=True, slewing=True)
         client.send()
         client.hear(slewing=True)

@@ -639,7 +639,7 @@ class TestNoise:
             st.one_of(overwritten(VALID_SLEW), overwritten(VALID_MOVE)), min_size=1, max_size=8
         )
     )
-    @settings(max_examples=200, deadline=None)
+    @settings(max_examples=50, deadline=None)
     def test_any_body_leaves_a_sound_mount(self, datagrams: list[bytes]) -> None:
         """Whatever it was told, the axes stay within their limits and an abort brings them to rest."""
         bench = Bench()
