@@ -592,6 +592,20 @@ class TestStopped:
             "the mount's DeclinationRate is no number: positions are used instead",
         )
 
+    def test_of_a_mount_in_motion_such_rates_are_those_of_positions(self, client: Client) -> None:
+        """Of right ascension and declination, in the status' unit, from the first such number on."""
+        doubles = Readings(dec_rate_dtics_s="double", ra_rate_dtics_s="double")
+        for number in range(20):
+            client.now += PERIOD_S
+            client.turned_deg -= 1.0 * PERIOD_S
+            fields = {"ra_rate_dtics_s": math.nan, "dec_rate_dtics_s": math.nan}
+            told = client.status(readings=doubles, dec_deg=20.0 + 0.5 * number * PERIOD_S, **fields)
+            client.session.receive(told, client.now)
+        status = client.session.status
+        assert status is not None
+        rates = (status.ra_rate_dtics_s, status.dec_rate_dtics_s)
+        assert rates == pytest.approx((dtics(-1.0), dtics(0.5)), rel=1e-4)
+
     def test_not_once_something_else_is_wanted(self, client: Client) -> None:
         client.stopped_by_abort()
         want(client.session, MOVE)
@@ -1285,6 +1299,19 @@ class TestWhatItTells:
         client.session.submit(ClearedRequest(Abort()))
         sent = client.send()
         assert (sent.ra_fine_rate_dtics_s, sent.dec_fine_rate_dtics_s) == (0, 0)
+
+    def test_other_fine_rates_take_the_place_of_those_that_are_only_looked_at(self) -> None:
+        client = tracked(MountProfile())
+        first = client.session.submit(ClearedRequest(FineRate(1e-3, 0.0)))
+        client.send()
+        second = client.session.submit(ClearedRequest(FineRate(0.0, 1e-3)))
+        assert (first.state, first.reason) == (TicketState.SUPERSEDED, "other fine rates were asked for")
+        sent = client.send()
+        assert (sent.ra_fine_rate_dtics_s, sent.dec_fine_rate_dtics_s) == (0, dtics(1e-3))
+        assert second.state is TicketState.RAISED
+        # A sync waits, and does not take the place of anything.
+        client.session.submit(ClearedRequest(Sync(150.0, 20.0)))
+        assert second.state is TicketState.RAISED
 
     @pytest.mark.parametrize(
         ("ra_share", "dec_share", "shows"),
