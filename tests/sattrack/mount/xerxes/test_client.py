@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import select
 import socket
 import struct
 import sys
@@ -149,6 +150,9 @@ class TestLink:
         assert seen == [(arrival.monotonic_s, arrival.data) for arrival in arrivals]
         assert (link.unsent, link.strangers, link.trouble) == (0, 0, None)
         assert link.receive() == []
+        assert select.select([link], [], [], 0.0)[0] == []
+        mount.sendto(b"status", ("127.0.0.1", link.listen_port))
+        assert select.select([link], [], [], 60.0)[0] == [link]
 
     @pytest.mark.skipif(sys.platform != "linux", reason="the kernel's stamps are Linux's")
     def test_it_dates_what_waited_by_when_it_came(self, loopback: tuple[UdpLink, socket.socket]) -> None:

@@ -30,6 +30,7 @@ from sattrack.mount.xerxes.datagrams import (
     decode_status,
     encode_command,
     encode_status,
+    sets_going,
     status_readings,
 )
 
@@ -662,6 +663,16 @@ def status_with(name: str, value: Any) -> Status:
 def readings_with(name: str, reading: Reading, others: Readings = NO_READINGS) -> Readings:
     changes: dict[str, Any] = {name: reading}
     return msgspec.structs.replace(others, **changes)
+
+
+@pytest.mark.parametrize("at", range(73, 82))
+def test_any_flag_but_an_aborts_sets_a_mount_going(at: int) -> None:
+    """Bytes 73 to 81 of the command table: AbortSlewCmd is the first, and the spare one counts."""
+    command = bytearray(EMPTY_COMMAND)
+    command[8:73] = b"\x01" * 65
+    assert sets_going(bytes(command)) is False
+    command[at] = 0xFF
+    assert sets_going(bytes(command)) is (at != 73)
 
 
 class TestFieldTables:

@@ -182,10 +182,16 @@ class TestTickets:
         assert ticket.reason == "acknowledged, but the mount was not seen to guide"
 
     @pytest.mark.parametrize(("ra_deg", "dec_deg", "off_deg"), [(150.0, 20.03, 0.03), (150.1, 20.0, 0.094)])
-    def test_of_a_sync_that_does_not_show(self, ra_deg: float, dec_deg: float, off_deg: float) -> None:
+    @pytest.mark.parametrize("unanswered", [0, 30])
+    def test_of_a_sync_that_does_not_show(
+        self, ra_deg: float, dec_deg: float, off_deg: float, unanswered: int
+    ) -> None:
         client = tracking()
         ticket = submit(client, Sync(ra_deg, dec_deg))
         client.send()
+        for _ in range(unanswered):
+            client.hear()
+            client.send()
         client.hear(ack_sync=True)
         assert periods(client, ticket) == 20
         assert ticket.state is TicketState.FAILED

@@ -115,6 +115,19 @@ def test_rates_are_repeated_after_five_datagrams_that_have_no_flag_of_another_ki
     assert repeats.copy(0) is None
 
 
+def test_a_loss_is_remembered_for_thirty_marks_of_a_second() -> None:
+    repeats = Repeats(MountProfile())
+    for turn in range(6):
+        repeats.sent(Command(move_ra=True), bytes([turn]))
+    assert repeats.copy(1) is None
+    repeats.see(T0, 0)
+    assert (repeats.copy(0), repeats.copy(1)) == (None, b"\5")
+    for turn in range(1, 620):
+        repeats.see(T0 + turn * PERIOD_S, 1)
+        # The first mark, from before the loss, is the thirtieth last for so long.
+        assert (repeats.copy(1) is None) == (turn >= 600)
+
+
 def test_a_stop_asked_for_between_a_datagram_and_its_copy_keeps_the_copy_back() -> None:
     client = Client(policy("always"))
     assert client.go(MOVE, 20)[-1] is not None

@@ -1170,6 +1170,84 @@ class TestAltAzimuth:
 
 
 class TestWhatItTells:
+    @pytest.mark.parametrize("another", [False, True])
+    def test_stopped_is_told_by_positions_that_are_newer_than_the_acknowledgement(
+        self, another: bool
+    ) -> None:
+        """Even of a mount that had been at rest before; and where the abort was another client's."""
+        client = tracked(MountProfile())
+        for _ in range(5):
+            client.hear(ack_abort=another)
+        client.asks(Stop())
+        told = []
+        for _ in range(14):
+            client.hear(ack_abort=True)
+            client.send()
+            told.append(client.session.stopped)
+        assert told[:11] == [False] * 11
+        assert told[-1]
+
+    def test_an_acknowledgement_of_what_was_never_sent_is_counted_and_one_of_ours_is_not(self) -> None:
+        client = tracked(MountProfile())
+        client.asks(A)
+        client.hear(ack_slew=True, slewing=True)
+        assert client.session.health.foreign_acks == 0
+        client.hear(ack_slew=True, ack_sync=True, slewing=True)
+        assert client.session.health.foreign_acks == 1
+        for counter in (1, 2, 3):
+            client.hear(counter=counter, ack_sync=True)
+        # Of a mount that has begun anew it is another one.
+        assert client.session.health.foreign_acks == 2
+
+    def test_a_mount_that_restarts_is_sent_the_stop_again(self, client: Client) -> None:
+        client.stopped_by_abort()
+        assert not client.send().abort
+        for counter in (1, 2, 3):
+            client.hear(counter=counter, ra_rate_dtics_s=0)
+        assert not client.session.stopped
+        assert client.send().abort
+
+    def test_an_abort_leaves_an_edge_mount_nothing_to_end_or_to_take_up_again(self) -> None:
+        acks = {"ack_move_ra": True, "ack_move_dec": True}
+        for answered in (False, True):
+            client = tracked(MountProfile(move_axis="edge"))
+            client.asks(MOVE)
+            if answered:
+                client.hear(slewing=True, **acks)
+                client.send()
+            client.stopped_by_abort()
+            want(client.session, Hold())
+            for _ in range(5):
+                assert moving_flags(client.send()) == []
+                client.hear(ra_rate_dtics_s=0)
+            sent = client.asks(MoveAxes(0.5, 0.25))
+            assert (sent.move_ra_rate_deg_s, sent.move_dec_rate_deg_s) == pytest.approx((-0.5, 0.25))
+            assert client.session.begun_move == MoveAxes(0.5, 0.25)
+
+    @pytest.mark.parametrize("moves", [MoveAxis(0.5, None), MoveAxis(None, 0.5)])
+    def test_an_edge_mount_is_told_the_end_on_the_axis_that_moves(self, moves: MoveAxis) -> None:
+        client = tracked(MountProfile(move_axis="edge"))
+        client.session.submit(ClearedRequest(moves))
+        (flag,) = moving_flags(client.send())
+        client.hear(slewing=True, **{f"ack_{flag}": True})
+        client.send()
+        client.hear(slewing=True)
+        sent = client.asks(Hold())
+        assert moving_flags(sent) == [flag]
+        assert (sent.move_ra_rate_deg_s, sent.move_dec_rate_deg_s) == (0.0, 0.0)
+
+    def test_of_a_mount_that_is_taken_over_positions_that_repeat_show_rest_late(self) -> None:
+        seen = []
+        for taken in (False, True):
+            client = Client()
+            if taken:
+                client.session.taken_over()
+            while not client.session.at_rest:
+                client.hear(ra_rate_dtics_s=0)
+            seen.append(client.counter * PERIOD_S)
+        assert seen[0] < 0.7
+        assert 2.0 < seen[1] < 2.2
+
     def test_before_anything_was_heard(self) -> None:
         session = Session(MountProfile())
         assert (session.stance, session.sample, session.status) == (None, None, None)

@@ -204,6 +204,10 @@ def test_noise_makes_rest_late_and_not_impossible(noise_deg: float) -> None:
         mount.hear(PERIOD_S)
         seen += mount.standstill.at_rest
     assert seen > 20
+
+
+@pytest.mark.parametrize("noise_deg", [5e-5, 2e-4, 5e-4])
+def test_noise_makes_no_rest_of_motion(noise_deg: float) -> None:
     moving = Watched(dec=at(2.0 * REST_RATE_DEG_S))
     moving.noise_deg = noise_deg
     for _ in range(200):
@@ -707,6 +711,13 @@ class TestFieldsInTime:
         assert mount.standstill.fields.confirmed("Slewing") is False
         mount.hear(1.0 + 12 * PERIOD_S)
         assert mount.standstill.fields.confirmed("Slewing") is True
+
+    def test_slewing_that_is_true_at_rest_is_not_confirmed(self) -> None:
+        mount = Watched(slewing=True)
+        mount.hear(1.0)
+        mount.slewing = False
+        mount.hear(1.5)
+        assert mount.standstill.fields.confirmed("Slewing") is False
 
     def test_a_rate_that_was_wrong_lately_is_not_trusted_for_ten_seconds(self) -> None:
         mount = Watched(at(1.0), rates=(1.0, 0.0), slewing=True)
