@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import erfa
+import numpy as np
 import pytest
 from driven_limits import sun_place
 from msgspec.structs import replace
@@ -207,6 +208,32 @@ def test_a_mount_of_other_axes_sees_the_sun_by_their_angles() -> None:
     assert body.dec_deg == pytest.approx(math.degrees(altitude), abs=0.03)
     h, d = math.radians(body.hour_angle_deg), math.radians(body.dec_deg)
     assert (body.x, body.y, body.z) == pytest.approx(erfa.s2c(h, d))
+
+
+@pytest.mark.parametrize("pole_azimuth_deg", [30.0, 90.0, 200.0, -30.0])
+def test_a_skyline_stays_where_it_is_whatever_azimuth_the_axis_counts_from(pole_azimuth_deg: float) -> None:
+    """With walls in the north and in the south-east; the first angle is 0 opposite to the pole's azimuth."""
+    points = (
+        (0.0, 5.0),
+        (90.0, 5.0),
+        (120.0, 5.0),
+        (120.0, 20.0),
+        (200.0, 10.0),
+        (280.0, 40.0),
+        (360.0, 40.0),
+    )
+    azimuthal = replace(
+        MountProfile(),
+        geometry=AxisGeometry(pole_azimuth_deg, 90.0),
+        stands_at=SitePlace(LATITUDE_DEG, LONGITUDE_DEG),
+    )
+    found = bounds(azimuthal, replace(DARK, horizon=points))
+    for azimuth in np.arange(0.5, 360.0, 7.0):
+        first = math.remainder(azimuth - 180.0 - pole_azimuth_deg, 360.0)
+        skyline = float(np.interp(azimuth, *np.array(points).T))
+        for above_deg, name in ((0.09, "horizon"), (0.11, None)):
+            place = (first, skyline + above_deg)
+            assert found.violated(Box.between(place, place), {}, 0.0) == name
 
 
 @pytest.mark.parametrize(

@@ -228,6 +228,15 @@ def test_axes_outside_are_stopped_by_the_third_status_that_finds_them_there() ->
     assert safety.tripped == "hour_angle"
 
 
+def test_a_status_from_inside_begins_the_proof_that_axes_are_outside_anew() -> None:
+    safety = gate(holds=True)
+    for k, ha_deg in enumerate((40.5, 40.5, 39.4, 40.5, 40.5, 40.5)):
+        at = (SIDEREAL_DEG, SIDEREAL_DEG - ha_deg, 0.0)
+        safety.watch(Seen(None, *at), MoveAxes(S, 0.0))
+        found = safety.clear(MoveAxes(S + 0.5, 0.0), *at, 0.0, T0 + 0.05 * k).motion
+        assert (found == Stop()) == (k == 5)
+
+
 @pytest.mark.parametrize(("clear_deg", "dec_deg_s"), [(0.5, 0.0), (0.05, 0.05), (-0.02, 0.07)])
 def test_axes_that_rest_beside_the_sun_give_way_to_it_at_once(clear_deg: float, dec_deg_s: float) -> None:
     """North of it, where the way out is up: at 0.05 °/s, and faster by what they are inside its cone."""
@@ -258,3 +267,18 @@ def test_turns_are_counted_on_from_where_the_axis_was(latitude_deg: float) -> No
     assert later.hour_angle_deg == 370.0
     axes.begin_anew()
     assert axes.hour_angle_deg is None
+
+
+@pytest.mark.parametrize("holds", [True, False])
+@pytest.mark.parametrize("streams", [True, False])
+def test_a_slew_that_has_no_way_holds_a_pass_where_it_is_and_stops_anything_else(
+    holds: bool, streams: bool
+) -> None:
+    """The axis turns 40° either way; the goal is past the end of it, and there is no place to wait at."""
+    safety = gate(holds, replace(PROFILE, dec_axis_limits_deg=(-1.0, 1.0)))
+    at = (SIDEREAL_DEG, SIDEREAL_DEG, 0.0, 0.0)
+    if streams:
+        safety.clear(MoveAxes(S, 0.0), *at, T0)
+    found = safety.clear(Slew(SIDEREAL_DEG - 170.0, 0.0), *at, T0 + 0.05).motion
+    assert found == (MoveAxes(S, 0.0) if holds and streams else Stop())
+    assert safety.tripped == (None if holds and streams else "hour_angle")

@@ -45,6 +45,7 @@ from sattrack.safety.probe import ProbeSafety
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from sattrack.mount.model import Motion
     from sattrack.mount.requests import Request
 
 PROFILE = MountProfile()
@@ -387,6 +388,34 @@ def test_rates_lead_a_mount_with_a_geometry_to_its_goal_as_fast_as_its_drives_ma
         assert min(rates) >= -0.01, "it does not turn back"
         if axis == 0 and move_axis == "held":
             assert max(rates) > 0.95 * fastest
+
+
+@pytest.mark.parametrize(
+    ("comes_out", "words"),
+    [
+        (lambda one, other: (-one, other), "other sign in the first axis"),
+        (lambda one, other: (one, -other), "other sign in the second axis"),
+    ],
+    ids=["first", "second"],
+)
+def test_why_a_mount_leaves_the_way_that_rates_lead_it_is_told(
+    comes_out: Callable[[float, float], tuple[float, float]], words: str
+) -> None:
+    """When it is 6° astray, commands may still have been lost for all that its rates tell."""
+    profile = replace(AZIMUTH_MOUNT, hour_angle_limit_deg=360.0)
+    safety = Safety(profile, replace(DARK, longest_fault_s=9.0), LATITUDE_DEG, LONGITUDE_DEG)
+    slew, (ha, dec) = Slew((SIDEREAL_DEG - 60.0) % 360.0, 70.0), (20.0, 50.0)
+    motion: Motion = Hold()
+    for k in range(60):
+        sidereal_deg = SIDEREAL_DEG + k * PERIOD_S * SIDEREAL_RATE_DEG_S
+        at = (sidereal_deg, (sidereal_deg - ha) % 360.0, dec)
+        safety.watch(Seen(None, *at, slewing=True), motion)
+        motion = safety.clear(slew, *at, 0.0, T0).motion
+        if isinstance(motion, MoveAxes):
+            rates = comes_out(SIDEREAL_RATE_DEG_S - motion.ra_rate_deg_s, motion.dec_rate_deg_s)
+            ha, dec = ha + rates[0] * PERIOD_S, dec + rates[1] * PERIOD_S
+    assert safety.tripped == "obedience"
+    assert words in str(safety.cause)
 
 
 def test_a_mount_with_a_geometry_slews_by_rates_alone() -> None:

@@ -137,6 +137,9 @@ def test_a_led_slew_begins_by_half_of_a_ramp_and_ends_by_what_can_brake(move_axi
         ((-27.9, 0.0), -60.0, -210.0),
         ((-28.1, 0.0), -60.0, 150.0),
         ((-28.1, 88.1), -60.0, 150.0),
+        ((0.0, 0.0), 200.0, 237.9),
+        ((0.0, 0.0), -200.0, -237.9),
+        ((0.0, 0.0), 200.0, -121.9),
     ],
 )
 def test_the_turn_is_the_nearest_on_which_what_follows_keeps_two_degrees_from_the_cables_end(
@@ -145,7 +148,7 @@ def test_the_turn_is_the_nearest_on_which_what_follows_keeps_two_degrees_from_th
     gate = slew_gate(replace(LED, hour_angle_limit_deg=240.0))
     gate.onward_deg = onward_deg
     start = Place(from_deg, 60.0)
-    begun(gate, start, Slew(-150.0, 60.0))
+    begun(gate, start, Slew(-turn_deg % 360.0, 60.0))
     towards = -gate.rates_from(start, 0.0).ra_rate_deg_s
     assert math.copysign(1.0, towards) == math.copysign(1.0, turn_deg - from_deg)
 
