@@ -199,6 +199,16 @@ def test_what_an_axis_makes_of_its_command_tells_the_cause(
     assert ("sign_beyond_pole" in str(watching.cause)) == (beyond_pole and gain == -0.6)
 
 
+@pytest.mark.parametrize(
+    ("told", "words"), [(0.019, "declination does not move"), (-0.021, "neither axis changes its rate")]
+)
+def test_of_an_axis_that_is_told_next_to_nothing_no_standing_still_is_told(told: float, words: str) -> None:
+    watching = watch()
+    while watching.see_motion(MoveAxes(0.0, 0.0), MoveAxes(told, 1.0), PERIOD_S) is None:
+        pass
+    assert words in str(watching.cause)
+
+
 # A mount of edges behind a profile that says held: it goes on at the first rates.
 
 
@@ -318,18 +328,21 @@ def test_axes_lie_elsewhere_where_gains_leave_more_than_a_seventh_of_the_motion(
     assert axes_watch(turned_by(angle_deg), size=0.042).askew == askew
 
 
-def test_blocks_from_before_the_pole_or_another_motion_are_forgotten() -> None:
-    for forgets in (False, True):
-        watching = axes_watch(turned_by(40.0), blocks=9)
-        if forgets:
-            watching.forget()
-        at = Seen(None, 0.0, 10.0, 40.0)
-        for k in range(9, 18):
-            first, second = 0.3 * math.cos(math.radians(45.0 * k)), 0.3 * math.sin(math.radians(45.0 * k))
-            went = turned_by(40.0)(k, first, second)
-            told, moved = (MoveAxes(SIDEREAL_RATE_DEG_S - x, y) for x, y in ((first, second), went))
-            watching.see(BLOCK_S, moved, told, at)
-        assert watching.askew != forgets
+@pytest.mark.parametrize("by", [None, "another motion", "the pole", "silence"])
+def test_blocks_from_before_the_pole_or_another_motion_are_forgotten(by: str | None) -> None:
+    watching, still = axes_watch(turned_by(40.0), blocks=9), MoveAxes(0.0, 0.0)
+    if by == "another motion":
+        watching.forget()
+    elif by is not None:
+        at = None if by == "silence" else Seen(None, 0.0, 10.0, -81.0)
+        watching.see(PERIOD_S, still, still, at)
+    at = Seen(None, 0.0, 10.0, 40.0)
+    for k in range(9, 18):
+        first, second = 0.3 * math.cos(math.radians(45.0 * k)), 0.3 * math.sin(math.radians(45.0 * k))
+        went = turned_by(40.0)(k, first, second)
+        told, moved = (MoveAxes(SIDEREAL_RATE_DEG_S - x, y) for x, y in ((first, second), went))
+        watching.see(BLOCK_S, moved, told, at)
+    assert watching.askew == (by is None)
 
 
 @pytest.mark.parametrize(("share", "askew"), [(0.3, True), (0.37, True), (0.43, False), (0.6, False)])
