@@ -11,8 +11,10 @@ from sattrack.mount.model import (
     SIDEREAL_RATE_DEG_S,
     Cleared,
     Hold,
+    Motion,
     MountProfile,
     MoveAxes,
+    PierZone,
     Seen,
     Slew,
     Stance,
@@ -200,6 +202,24 @@ def test_a_mount_by_edges_is_stopped_where_the_rates_that_hold_it_wait_too_long(
             assert safety.tripped == ("declination" if over_s > 0.0 else None)
 
 
+@pytest.mark.parametrize(("unanswered_s", "waits_s"), [(0.0, 0.3), (0.2, 0.3), (1.0, 1.0)])
+def test_rates_by_edges_are_judged_for_as_long_as_the_handshake_before_them_may_last(
+    unanswered_s: float, waits_s: float
+) -> None:
+    """Six periods, or what a mount that does not answer lets pass; so long rates may wait as well."""
+    edge, wish = replace(PROFILE, move_axis="edge"), MoveAxes(S, -1.0)
+    for more in (-0.01, 0.01):
+        safety = gate(profile=edge)
+        safety.in_time(Cleared(wish), 0.0, unanswered_s)
+        way_deg = 0.2004 + waits_s + 1.0 + 1.0 / 16.0 + 0.1
+        at = (SIDEREAL_DEG, SIDEREAL_DEG, -50.0 + way_deg + more)
+        assert (safety.clear(wish, *at, 0.0, T0).motion == wish) == (more > 0.0)
+        safety = gate(holds=True, profile=edge)
+        safety.holding = "declination"
+        found = safety.in_time(Cleared(wish), 1.0 + waits_s + more, unanswered_s)
+        assert found.motion == (Stop() if more > 0.0 else wish)
+
+
 @pytest.mark.parametrize(
     ("commanded", "trips"),
     [(MoveAxes(1.0, 0.0), True), (Slew(0.0, 0.0), True), (Hold(), False), (Stop(), False)],
@@ -226,6 +246,18 @@ def test_axes_outside_are_stopped_by_the_third_status_that_finds_them_there() ->
     rates = [(one.ra_rate_deg_s, one.dec_rate_deg_s) if isinstance(one, MoveAxes) else one for one in found]
     assert rates == [held, held, *[Stop()] * 4]
     assert safety.tripped == "hour_angle"
+
+
+@pytest.mark.parametrize("holds", [True, False])
+@pytest.mark.parametrize("beside_deg", [1.0, 0.05, -0.5])
+def test_axes_that_have_used_up_one_margin_keep_that_of_another_limit(holds: bool, beside_deg: float) -> None:
+    """At 4 °/s the other one is 4.8 + 1 + 0.1 degrees ahead."""
+    for more_deg in (-0.05, 0.05):
+        safety, wish = gate(holds), MoveAxes(S, -4.0)
+        at = (SIDEREAL_DEG, SIDEREAL_DEG - (40.0 - beside_deg), -50.0 + 1.2004 * 4.0 + 1.1 + more_deg)
+        found = safety.clear(wish, *at, 0.0, T0).motion
+        assert (found == wish) == (more_deg > 0.0)
+        assert holds or safety.tripped == (None if more_deg > 0.0 else "declination")
 
 
 def test_a_status_from_inside_begins_the_proof_that_axes_are_outside_anew() -> None:
@@ -267,6 +299,18 @@ def test_turns_are_counted_on_from_where_the_axis_was(latitude_deg: float) -> No
     assert later.hour_angle_deg == 370.0
     axes.begin_anew()
     assert axes.hour_angle_deg is None
+
+
+@pytest.mark.parametrize("between", [MoveAxes(S, 0.0), Hold()], ids=repr)
+def test_a_slew_that_is_asked_for_again_after_another_motion_is_judged_anew(between: Motion) -> None:
+    """A zone of the pier stands on the meridian; the axes have come round it meanwhile."""
+    wall = PierZone("wall", ((-5.0, -20.0), (5.0, -20.0), (5.0, 60.0), (-5.0, 60.0)))
+    safety, slew = gate(profile=replace(PROFILE, pier_zones=(wall,))), Slew(SIDEREAL_DEG - 30.0, 10.0)
+    west, east = ((SIDEREAL_DEG, SIDEREAL_DEG - ha, 10.0, 0.0, T0) for ha in (20.0, -20.0))
+    assert safety.clear(slew, *west).motion == slew
+    assert safety.clear(between, *east).motion == between
+    assert safety.clear(slew, *east).motion == Stop()
+    assert safety.tripped == "pier"
 
 
 @pytest.mark.parametrize("holds", [True, False])

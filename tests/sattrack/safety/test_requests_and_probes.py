@@ -418,6 +418,21 @@ def test_why_a_mount_leaves_the_way_that_rates_lead_it_is_told(
     assert words in str(safety.cause)
 
 
+@pytest.mark.parametrize("move_axis", ["held", "edge"])
+@pytest.mark.parametrize("beside_deg", [0.15, 0.3, 1.0])
+def test_rates_lead_slower_to_a_goal_beside_a_limit_so_that_a_fault_leads_past_none(
+    beside_deg: float, move_axis: str
+) -> None:
+    profile = replace(AZIMUTH_MOUNT, move_axis=move_axis, dec_axis_limits_deg=(-10.0, 50.0))
+    safety = Safety(profile, DARK, LATITUDE_DEG, LONGITUDE_DEG)
+    places = led(safety, (10.0, 50.0 - beside_deg), (-20.0, 30.0))
+    assert places[-1][1] == pytest.approx(50.0 - beside_deg, abs=0.1)
+    for (_, one), (_, other) in pairwise(places):
+        # From the rate that it has, a second and the latency until a stop acts; and it brakes.
+        rate_deg_s = (other - one) / PERIOD_S
+        assert one + rate_deg_s * 1.2 + rate_deg_s**2 / 16.0 <= 50.0
+
+
 def test_a_mount_with_a_geometry_slews_by_rates_alone() -> None:
     assert "led by rates" in str(answer(Slew(SIDEREAL_DEG, 50.0), HIGH, DARK, AZIMUTH_MOUNT))
 

@@ -219,10 +219,17 @@ def keeps_first(
     first: Rates = (0.3, 0.2),
     taken: int = 0,
     noise_deg_s: float = 0.0,
+    others: int = 0,
     profile: MountProfile = PROFILE,
 ) -> bool:
-    """Tell commands that drift by so much a second; return whether the mount is seen to keep one of them."""
+    """Tell commands that drift by so much a second; return whether the mount is seen to keep one of them.
+
+    So many `others` were told in a stream before, which a hold has ended.
+    """
     watching = watch(profile=profile)
+    for told in [MoveAxes(-1.0, 1.0)] * others:
+        watching.see_motion(told, told, PERIOD_S)
+    watching.see_motion(MoveAxes(0.0, 0.0), Hold(), PERIOD_S)
     count = round(seconds / PERIOD_S)
     for k in range(count):
         drift = spread_deg_s * k * PERIOD_S
@@ -253,6 +260,7 @@ def keeps_first(
         # One of the first eight.
         ({"taken": 7}, True),
         ({"taken": 8}, False),
+        ({"others": 10}, True),
         # Both axes at one rate, to a fiftieth, may be held by something else.
         *(
             ({"kept": (SIDEREAL_RATE_DEG_S - rate, 0.2), "first": (SIDEREAL_RATE_DEG_S - rate, 0.2)}, kept)
