@@ -180,6 +180,14 @@ def test_a_status_may_be_two_seconds_old(age_s: float, tripped: str | None) -> N
         assert safety.tripped == tripped
 
 
+def test_a_gate_that_has_cleared_nothing_tells_of_nothing() -> None:
+    for safety in (gate(), gate(holds=True)):
+        assert (safety.tripped, safety.holding, safety.led, safety.cause) == (None,) * 4
+        assert (safety.led_there, safety.clamping, safety.keeps_first, safety.on_last_leg) == (
+            False, False, False, True,
+        )  # fmt: skip
+
+
 @pytest.mark.parametrize("place", [(math.nan, 0.0, 0.0), (0.0, math.inf, 0.0), (0.0, 0.0, math.nan)])
 def test_a_place_that_is_none_moves_nothing(place: tuple[float, float, float]) -> None:
     for motion in (MoveAxes(S, 0.0), Slew(0.0, 10.0)):
@@ -299,6 +307,24 @@ def test_turns_are_counted_on_from_where_the_axis_was(latitude_deg: float) -> No
     assert later.hour_angle_deg == 370.0
     axes.begin_anew()
     assert axes.hour_angle_deg is None
+
+
+@pytest.mark.parametrize(
+    ("ha_deg", "slewing", "stops"),
+    [(39.98, False, False), (39.984, False, False), (39.988, False, True), (39.988, True, False)],
+)
+def test_a_mount_that_waits_where_its_slew_has_ended_is_stopped_before_the_sky_leads_it_past_a_limit(
+    ha_deg: float, slewing: bool, stops: bool
+) -> None:
+    """A hundredth of a degree before it, and what the sky goes on in a second."""
+    safety, slew = gate(), Slew(SIDEREAL_DEG - 39.5, 0.0)
+    assert safety.clear(slew, SIDEREAL_DEG, SIDEREAL_DEG - 20.0, 0.0, 0.0, T0).motion == slew
+    at = (slew.ra_deg + ha_deg, slew.ra_deg, 0.0)
+    for k in range(5):
+        safety.watch(Seen(None, at[0] - 0.01 * (4 - k), *at[1:], slewing=slewing), slew)
+    found = safety.clear(slew, *at, 0.0, T0 + 120.0).motion
+    assert found == (Stop() if stops else slew)
+    assert safety.tripped == ("hour_angle" if stops else None)
 
 
 @pytest.mark.parametrize("between", [MoveAxes(S, 0.0), Hold()], ids=repr)

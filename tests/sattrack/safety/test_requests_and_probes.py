@@ -150,6 +150,30 @@ def test_without_a_place_on_earth_nothing_that_moves_optics_is_let_through() -> 
     assert safety.drift_objection(FineRate(0.0, 0.0), HIGH, T0) == "sun"
 
 
+@pytest.mark.parametrize("off_s", [70.0, -70.0])
+def test_while_the_clocks_are_apart_no_request_that_moves_is_let_through_and_it_is_told_how_far(
+    off_s: float,
+) -> None:
+    """Of both clocks; what does not move is let through."""
+    safety = Safety(PROFILE, replace(DARK, clock_tolerance_s=60.0), LATITUDE_DEG, LONGITUDE_DEG)
+    right_deg = math.degrees(erfa.gmst82(2440587.5, T0 / 86400.0)) + LONGITUDE_DEG
+    safety.watch(Seen(T0, right_deg + off_s * SIDEREAL_RATE_DEG_S, 0.0, 40.0), Hold())
+    words = "sidereal clock is 70 s off this computer's, more than clock_tolerance_s, 60"
+    for request in (Slew(SIDEREAL_DEG, 40.0), MoveAxis(None, 1.0), FindHome(), FineRate(0.0, 0.0)):
+        assert words in str(safety.clear_request(request, HIGH, T0))
+    assert words in str(safety.path_to(Slew(SIDEREAL_DEG, 40.0), HIGH, T0))
+    sync = Sync(SIDEREAL_DEG, 40.0)
+    assert safety.clear_request(sync, HIGH, T0) == ClearedRequest(sync)
+
+
+def test_the_path_of_a_slew_is_told_leg_by_leg_or_why_there_is_none() -> None:
+    safety = Safety(PROFILE, DARK, LATITUDE_DEG, LONGITUDE_DEG)
+    target = Slew(SIDEREAL_DEG + 320.0, 40.0)
+    assert safety.path_to(target, HIGH, T0) == (Slew(SIDEREAL_DEG - 40.0, 40.0),)
+    low = Slew(SIDEREAL_DEG, SOUTH_DEG + 19.0)
+    assert "at 19.0° altitude; the limit is 20°" in str(safety.path_to(low, HIGH, T0))
+
+
 def test_a_mount_stands_for_its_park_position_before_its_power_is_cut() -> None:
     parks = replace(PROFILE, park=AxesPosition(10.0, 60.0))
     assert answer(Park(), stance(10.0, 60.0), profile=parks) is None
@@ -340,6 +364,7 @@ def test_a_mount_that_keeps_the_first_rates_is_known_by_it() -> None:
 
     safety = watched(PROFILE, keeps)
     assert safety.tripped == "obedience"
+    assert safety.keeps_first
     assert "go on at the rates that the mount took first" in str(safety.cause)
 
 
