@@ -212,12 +212,13 @@ def test_a_mount_of_other_axes_sees_the_sun_by_their_angles() -> None:
 
 @pytest.mark.parametrize("pole_azimuth_deg", [30.0, 90.0, 200.0, -30.0])
 def test_a_skyline_stays_where_it_is_whatever_azimuth_the_axis_counts_from(pole_azimuth_deg: float) -> None:
-    """With walls in the north and in the south-east; the first angle is 0 opposite to the pole's azimuth."""
+    """With walls in three places; the first angle is 0 opposite to the pole's azimuth."""
     points = (
         (0.0, 5.0),
         (90.0, 5.0),
         (120.0, 5.0),
         (120.0, 20.0),
+        (200.0, 30.0),
         (200.0, 10.0),
         (280.0, 40.0),
         (360.0, 40.0),

@@ -247,6 +247,26 @@ def test_at_the_end_of_a_detour_the_mount_can_wait_for_seventy_seconds(
     assert separation_deg(-legs[-1].ra_deg, legs[-1].dec_deg, *goal) < 1.5
 
 
+@pytest.mark.parametrize(
+    ("start", "goal"),
+    [
+        (Place(40.0, 10.0), Place(-59.88, 10.0)),
+        (Place(-40.0, 10.0), Place(40.0, -14.88)),
+        (Place(-40.0, 10.0), Place(40.0, 34.88)),
+    ],
+)
+def test_at_an_end_from_which_the_sky_leads_away_the_mount_can_wait_by_the_usual_margin(
+    start: Place, goal: Place
+) -> None:
+    profile = MountProfile(
+        hour_angle_limit_deg=60.0, dec_axis_limits_deg=(-15.0, 35.0), pier_zones=(LOW_WALL,)
+    )
+    target = Slew(-goal.ha_deg, goal.dec_deg)
+    legs = slew_gate(profile, True).route(target, 0.0, start, waits=True)
+    assert len(legs) >= 2
+    assert legs[-1] == target
+
+
 @pytest.mark.parametrize("waits", [True, False])
 @pytest.mark.parametrize("walled", [True, False])
 def test_out_of_the_sun_a_slew_leads_by_the_nearest_way_and_on_where_there_is_one(
