@@ -14,7 +14,14 @@ from safety_stand import LATITUDE_DEG, LONGITUDE_DEG, T0
 
 from sattrack.core.angles import altitude_deg, separation_deg
 from sattrack.mount.geometry import AxisGeometry
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile, PierZone, SitePlace
+from sattrack.mount.model import (
+    SIDEREAL_RATE_DEG_S,
+    AxisLimits,
+    MountProfile,
+    PierZone,
+    PointingTerms,
+    SitePlace,
+)
 from sattrack.safety import ROWS, SafetyLimits
 from sattrack.safety.bounds import Bounds, ClearRoom
 from sattrack.safety.geometry import Box
@@ -151,6 +158,10 @@ def test_the_suns_cone_is_as_wide_as_the_clocks_and_the_mounts_errors_make_it() 
     crooked = AxisGeometry(0.0, 52.0, axes_deg=90.3, cone_deg=-0.2)
     loose = replace(MountProfile(), geometry=crooked, stands_at=SitePlace(LATITUDE_DEG, LONGITUDE_DEG))
     assert bounds(loose, DAY).cones[0].cone_deg == pytest.approx(WIDE_DEG + 0.5)
+    # What the terms of a pointing model are together, one degree and a half.
+    terms = PointingTerms("", LATITUDE_DEG, {"IH": (3600.0, 1.0), "ID": (-1800.0, 1.0)}, 20.0, 30)
+    pointed = replace(MountProfile(), pointing=terms)
+    assert bounds(pointed, DAY).cones[0].cone_deg == pytest.approx(WIDE_DEG + 1.5)
 
 
 def test_the_sun_is_looked_at_once_a_second_and_counts_from_three_degrees_below_the_horizon_on() -> None:

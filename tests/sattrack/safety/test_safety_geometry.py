@@ -50,6 +50,19 @@ def boxes(count: int) -> list[tuple[Box, list[tuple[float, float]]]]:
     return made
 
 
+def test_boxes_are_grown_joined_and_halved_by_their_sides() -> None:
+    box = Box.between((30.0, -20.0), (-10.0, 60.0))
+    assert box == (-10.0, 30.0, -20.0, 60.0)
+    assert (box.middle, box.widest_deg) == ((10.0, 10.0, 20.0, 20.0), 80.0)
+    assert box.grown(1.0, 2.0, 3.0, 4.0) == (-11.0, 32.0, -23.0, 64.0)
+    assert box.with_box(Box(-5.0, 35.0, -25.0, 50.0)) == (-10.0, 35.0, -25.0, 60.0)
+    assert box.with_box(Box(-15.0, 25.0, -15.0, 65.0)) == (-15.0, 30.0, -20.0, 65.0)
+    assert box.halves() == ((-10.0, 30.0, -20.0, 20.0), (-10.0, 30.0, 20.0, 60.0))
+    wide = Box(-10.0, 70.0, -20.0, 10.0)
+    assert wide.widest_deg == 80.0
+    assert wide.halves() == ((-10.0, 30.0, -20.0, 10.0), (30.0, 70.0, -20.0, 10.0))
+
+
 def test_no_place_in_a_box_is_farther_from_its_middle_than_its_radius() -> None:
     for box, places in boxes(150):
         *middle, radius_deg = box.circle

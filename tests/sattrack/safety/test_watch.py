@@ -10,7 +10,16 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, Hold, MountProfile, MoveAxes, Seen
+from sattrack.mount.geometry import AxisGeometry
+from sattrack.mount.model import (
+    SIDEREAL_RATE_DEG_S,
+    AxisLimits,
+    Hold,
+    MountProfile,
+    MoveAxes,
+    Seen,
+    SitePlace,
+)
 from sattrack.safety.geometry import Place
 from sattrack.safety.watch import (
     AxesWatch,
@@ -351,6 +360,22 @@ def test_blocks_from_before_the_pole_or_another_motion_are_forgotten(by: str | N
         told, moved = (MoveAxes(SIDEREAL_RATE_DEG_S - x, y) for x, y in ((first, second), went))
         watching.see(BLOCK_S, moved, told, at)
     assert watching.askew == (by is None)
+
+
+@pytest.mark.parametrize("holds", [True, False])
+def test_axes_that_lie_elsewhere_are_told_of_one_stream_only(holds: bool) -> None:
+    """Ten blocks are enough, of which a hold in the middle leaves nine."""
+    geometry, stands_at = AxisGeometry(0.0, 90.0), SitePlace(52.0, EAST_DEG)
+    watching, found = watch(1.0, replace(PROFILE, geometry=geometry, stands_at=stands_at)), set()
+    watching.see(Seen(None, 0.0, 10.0, 40.0), Hold())
+    for k in range(18):
+        if holds and k == 9:
+            watching.see_motion(MoveAxes(0.0, 0.0), Hold(), BLOCK_S)
+        first, second = 0.3 * math.cos(math.radians(45.0 * k)), 0.3 * math.sin(math.radians(45.0 * k))
+        went = turned_by(40.0)(k, first, second)
+        told, moved = (MoveAxes(SIDEREAL_RATE_DEG_S - x, y) for x, y in ((first, second), went))
+        found.add(watching.see_motion(moved, told, BLOCK_S))
+    assert ("obedience" in found) == (not holds)
 
 
 @pytest.mark.parametrize(("share", "askew"), [(0.3, True), (0.37, True), (0.43, False), (0.6, False)])
