@@ -94,9 +94,13 @@ def test_where_there_is_no_room_it_is_not_looked_for_every_time() -> None:
     assert room.holds(Box(0.0, 0.5, 0.0, 0.0), 0.1)
 
 
-@pytest.mark.parametrize(("wall_deg", "asked_often"), [(40.0, False), (11.0, False), (10.3, True)])
-def test_in_one_place_a_region_is_asked_seldom_if_there_is_room(wall_deg: float, asked_often: bool) -> None:
-    """From all of them by four degrees, or else from it alone by one."""
+@pytest.mark.parametrize(
+    ("wall_deg", "floor_deg", "times"), [(40.0, 0.0, 1), (13.0, 0.0, 3), (13.0, 36.5, 20)]
+)
+def test_a_region_is_asked_seldom_on_a_way_where_there_is_room(
+    wall_deg: float, floor_deg: float, times: int
+) -> None:
+    """From all of them by four degrees, or else from it alone by one: so wide is the way that was cleared."""
     asked: list[Box] = []
 
     class Ground(Floor):
@@ -104,9 +108,8 @@ def test_in_one_place_a_region_is_asked_seldom_if_there_is_room(wall_deg: float,
             asked.append(box)
             return super().is_clear(box, margin_deg)
 
-    floor_deg = 0.0 if wall_deg > 10.5 else 36.9
     memory = Memory([Travel("hour_angle", -wall_deg, wall_deg), Ground(floor_deg, LATITUDE_DEG)])
     for k in range(20):
-        here = Box(9.9, 9.9 + 0.02 * k, 0.0, 0.02 * k)
+        here = Box(9.9 + 0.15 * k, 9.9 + 0.15 * k, 0.0, 0.0)
         assert memory.violated(here, {}, 0.01) is None
-    assert len(asked) == (20 if asked_often else 1)
+    assert len(asked) == times

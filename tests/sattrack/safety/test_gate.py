@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 from msgspec.structs import replace
@@ -26,6 +27,7 @@ from sattrack.safety import Safety, SafetyLimits
 from sattrack.safety.bodies import sun_over
 from sattrack.safety.gate import AxesState, axis_rates
 from sattrack.safety.geometry import Place
+from sattrack.safety.rate_limit import nearest_rates
 
 S = SIDEREAL_RATE_DEG_S
 LATITUDE_DEG, T0 = 52.0, 1_790_000_000.0
@@ -271,10 +273,40 @@ def test_axes_that_have_used_up_one_margin_keep_that_of_another_limit(holds: boo
 def test_a_status_from_inside_begins_the_proof_that_axes_are_outside_anew() -> None:
     safety = gate(holds=True)
     for k, ha_deg in enumerate((40.5, 40.5, 39.4, 40.5, 40.5, 40.5)):
-        at = (SIDEREAL_DEG, SIDEREAL_DEG - ha_deg, 0.0)
+        sidereal_deg = SIDEREAL_DEG + 0.05 * k * S
+        at = (sidereal_deg, sidereal_deg - ha_deg, 0.0)
         safety.watch(Seen(None, *at), MoveAxes(S, 0.0))
         found = safety.clear(MoveAxes(S + 0.5, 0.0), *at, 0.0, T0 + 0.05 * k).motion
         assert (found == Stop()) == (k == 5)
+
+
+def test_what_is_held_is_looked_for_every_other_period_or_where_it_would_lead_too_far(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    looked: list[Any] = []
+    monkeypatch.setattr(
+        "sattrack.safety.gate.nearest_rates",
+        lambda *given: looked.append(given) or nearest_rates(*given),
+    )
+    safety = gate(holds=True)
+
+    def looks(later_s: float | None, dec_deg: float = -48.0) -> bool:
+        before = len(looked)
+        utc_s = None if later_s is None else T0 + later_s
+        _, rate = sent(safety, MoveAxes(S, -4.0), utc_s, dec_deg)
+        # In the latency and the longest fault, and until it stands, it leads no farther than the margin.
+        assert -4.0 < rate <= 0.0
+        assert dec_deg + rate * 1.2004 - rate**2 / 16.0 >= -49.9
+        return len(looked) > before
+
+    assert [looks(0.05 * k) for k in range(6)] == [True, False] * 3
+    assert [looks(0.30), looks(0.35, -49.5), looks(0.40)] == [True, True, False]
+    # Where our clock goes back, or nobody knows when, nothing is kept.
+    assert [looks(0.20), looks(None), looks(None)] == [True, True, True]
+    # What was let go in between, is looked for again.
+    assert looks(0.5)
+    assert sent(safety, MoveAxes(S, 0.5), T0 + 0.52) == pytest.approx((0.0, 0.5))
+    assert looks(0.55, -48.9)
 
 
 @pytest.mark.parametrize(("clear_deg", "dec_deg_s"), [(0.5, 0.0), (0.05, 0.05), (-0.02, 0.07)])

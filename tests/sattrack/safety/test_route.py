@@ -275,9 +275,9 @@ def test_the_coarse_grid_knows_of_each_box_whether_it_holds_a_closed_cell() -> N
 
     Cells that are less than eight degrees from an end on both axes are left to the judge.
     """
-    start, goal = Place(-13.0, -60.0), Place(100.0, 9.0)
+    start, goal = Place(-13.0, -18.0), Place(17.0, 9.0)
     low = (-64.0, -64.0)
-    grid = _Grid([Place(-60.0, 60.0)], start, goal, PROFILE, round_hole)
+    grid = _Grid([Place(-60.0, 60.0), Place(100.0, -60.0)], start, goal, PROFILE, round_hole)
 
     def closed(i: int, j: int) -> bool:
         middle = low[0] + 4.0 * i + 2.0, low[1] + 4.0 * j + 2.0
@@ -341,3 +341,18 @@ def test_past_a_pillar_a_way_leads_close_by_on_either_side(axis: int, beside_deg
 
     found = find_route(corners[0], corners[-1], PROFILE, judge, judge, 52.0)
     assert found == Route(tuple(corners[1:]))
+
+
+@pytest.mark.parametrize(("west", "found"), [(-1.0, True), (1.0, False)])
+def test_a_way_turns_only_where_a_slew_can_end(west: float, found: bool) -> None:
+    """By its rule, the mount would stand beyond the pole in the west, and not in this corridor."""
+    corners = [Place(west * ha, dec) for ha, dec in ((10.0, 0.0), (10.0, 24.0), (50.0, 24.0), (50.0, 0.0))]
+    corridor = [Box.between(*pair).grown(0.5, 0.5, 0.5, 0.5) for pair in pairwise(corners)]
+
+    def judge(box: Box, seconds: float) -> str | None:
+        del seconds
+        return None if any(part.with_box(box) == part for part in corridor) else "pier"
+
+    profile = replace(PROFILE, pier_rule="hour_angle")
+    route = find_route(corners[0], corners[-1], profile, judge, judge, 52.0)
+    assert route == (Route(tuple(corners[1:])) if found else Route((), "pier"))

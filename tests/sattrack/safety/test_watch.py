@@ -119,6 +119,15 @@ def test_a_sync_says_nothing_of_the_drives_and_what_axes_can_do_does(step: Rates
     assert (tripped_s(pairs) is not None) == tripped
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+def test_after_a_sync_the_window_begins_anew(axis: int) -> None:
+    told, rests = tuple(0.3 * (k == axis) for k in (0, 1)), (0.0, 0.0)
+    pairs = [(told, told)] * 30 + [(told, (41.0, 0.0))] + [(told, rests)] * 100
+    found = tripped_s(pairs)  # type: ignore[arg-type]
+    assert found is not None
+    assert BY_MEAN[0] <= found - 31 * PERIOD_S <= BY_MEAN[1]
+
+
 def test_another_motion_begins_anew_and_so_does_a_stream_that_was_interrupted() -> None:
     watching = watch()
     for _ in range(4):
