@@ -180,8 +180,14 @@ SLANTING = SafetyLimits(
 """Rises from 16.7° in the south-south-west to 37.4° in the west-north-west."""
 
 
-@pytest.mark.parametrize(("ha_deg_s", "dec_deg_s"), [(0.5, 0.15), (0.6, 0.25)])
-@pytest.mark.parametrize("from_deg", [10.0, 20.0])
+@pytest.mark.parametrize(
+    ("from_deg", "ha_deg_s", "dec_deg_s"),
+    [
+        (20.0, 0.5, 0.15),
+        (20.0, 0.6, 0.25),
+        *(pytest.param(10.0, *rates, marks=pytest.mark.soak) for rates in ((0.5, 0.15), (0.6, 0.25))),
+    ],
+)
 def test_axes_held_at_a_slanting_skyline_go_on_along_it(
     from_deg: float, ha_deg_s: float, dec_deg_s: float
 ) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import random
 from itertools import pairwise, product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -343,16 +344,17 @@ def test_past_a_pillar_a_way_leads_close_by_on_either_side(axis: int, beside_deg
     assert found == Route(tuple(corners[1:]))
 
 
-@pytest.mark.parametrize(("west", "found"), [(-1.0, True), (1.0, False)])
-def test_a_way_turns_only_where_a_slew_can_end(west: float, found: bool) -> None:
-    """By its rule, the mount would stand beyond the pole in the west, and not in this corridor."""
-    corners = [Place(west * ha, dec) for ha, dec in ((10.0, 0.0), (10.0, 24.0), (50.0, 24.0), (50.0, 0.0))]
+@pytest.mark.parametrize("pier_rule", ["never", "hour_angle"])
+@pytest.mark.parametrize("by_deg", [-24.0, 24.0])
+def test_a_way_turns_only_where_a_slew_can_end(by_deg: float, pier_rule: Any) -> None:
+    """By the hour angle's rule a mount stands beyond the pole in the west, and not in this corridor."""
+    corners = [Place(-10.0 + ha, dec) for ha, dec in ((0.0, 0.0), (by_deg, 0.0), (by_deg, 24.0), (0.0, 24.0))]
     corridor = [Box.between(*pair).grown(0.5, 0.5, 0.5, 0.5) for pair in pairwise(corners)]
 
     def judge(box: Box, seconds: float) -> str | None:
         del seconds
         return None if any(part.with_box(box) == part for part in corridor) else "pier"
 
-    profile = replace(PROFILE, pier_rule="hour_angle")
-    route = find_route(corners[0], corners[-1], profile, judge, judge, 52.0)
-    assert route == (Route(tuple(corners[1:])) if found else Route((), "pier"))
+    route = find_route(corners[0], corners[-1], replace(PROFILE, pier_rule=pier_rule), judge, judge, 52.0)
+    ends = pier_rule == "never" or by_deg < 0.0
+    assert route == (Route(tuple(corners[1:])) if ends else Route((), "pier"))
