@@ -135,7 +135,9 @@ def test_rates_come_nearer_at_any_part_of_their_way() -> None:
         ((-79.0, 0.0), None),
         ((-81.0, 0.0), "hour_angle"),
     ):
-        assert found.comes_nearer(near, (39.95, 0.0), rates, 1.0) == name
+        for seconds in (1.0, 4.0):
+            slower = rates[0] / seconds, rates[1] / seconds
+            assert found.comes_nearer(near, (39.95, 0.0), slower, seconds) == name
     assert found.comes_nearer({"declination": 1.0}, (39.95, 0.0), (0.01, 0.0), 1.0) is None
     # Out past the end and back again within the whole of it: the half of it is looked at, too.
     floor = Bounds(MountProfile(), SafetyLimits(floor_altitude_deg=20.0, optical=False), LATITUDE_DEG, None)

@@ -321,6 +321,14 @@ def test_axes_that_rest_beside_the_sun_give_way_to_it_at_once(clear_deg: float, 
     assert (found.ra_rate_deg_s, found.dec_rate_deg_s) == pytest.approx((S, dec_deg_s), abs=1e-3)
 
 
+def test_turns_are_counted_from_the_first_place_where_no_status_was_watched() -> None:
+    """170° west comes first; 185° west after it is past the end, and not 175° east."""
+    safety = gate(profile=replace(PROFILE, hour_angle_limit_deg=180.0))
+    safety.clear(MoveAxes(S, 0.0), SIDEREAL_DEG, SIDEREAL_DEG - 170.0, 0.0, 0.0, T0)
+    safety.clear(MoveAxes(S - 1.0, 0.0), SIDEREAL_DEG, SIDEREAL_DEG - 185.0, 0.0, 0.0, T0 + 1.0)
+    assert safety.tripped == "hour_angle"
+
+
 @pytest.mark.parametrize("latitude_deg", [52.0, -33.0])
 def test_turns_are_counted_on_from_where_the_axis_was(latitude_deg: float) -> None:
     axes = AxesState(latitude_deg)

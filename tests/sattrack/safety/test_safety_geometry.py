@@ -17,7 +17,7 @@ from sattrack.safety import SafetyLimits
 from sattrack.safety.bodies import moon_over, sun_over
 from sattrack.safety.gate import AxesState, stance_at
 from sattrack.safety.geometry import Box, Place, lowest_altitude_deg, meets_polygon, nearest_deg
-from sattrack.safety.regions import Cone, Floor, PierCollision, Skyline, Travel, is_clear
+from sattrack.safety.regions import Clearance, Cone, Floor, PierCollision, Skyline, Travel, is_clear
 from sattrack.safety.route import axes_of, direction_of, find_route
 
 
@@ -291,6 +291,16 @@ def test_regions_are_judged_by_a_margin_as_their_clearance_tells(margin_deg: flo
             assert is_clear(region, box, margin_deg) is clear, (region.name, box)
             found.add((region.name, clear))
     assert len(found) >= 2 * len(regions) - 2
+
+
+def test_a_box_that_takes_too_many_halvings_to_be_judged_counts_as_not_clear() -> None:
+    class Rough(Skyline):
+        def clearance(self, box: Box) -> Clearance:
+            return Clearance(1.0 if box.widest_deg < 1.0 else 0.0, 1.0)
+
+    rough = Rough(NORTH_WALL, 52.0)
+    assert is_clear(rough, Box(0.0, 8.0, 0.0, 8.0), 0.5)
+    assert not is_clear(rough, Box(0.0, 100.0, 0.0, 100.0), 0.5)
 
 
 def in_the_way(ha_deg: Any, dec_deg: Any) -> Any:
