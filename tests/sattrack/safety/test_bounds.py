@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import erfa
+import numpy as np
 import pytest
 from driven_limits import sun_place
 from msgspec.structs import replace
@@ -13,7 +14,14 @@ from safety_stand import LATITUDE_DEG, LONGITUDE_DEG, T0
 
 from sattrack.core.angles import altitude_deg, separation_deg
 from sattrack.mount.geometry import AxisGeometry
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile, PierZone, SitePlace
+from sattrack.mount.model import (
+    SIDEREAL_RATE_DEG_S,
+    AxisLimits,
+    MountProfile,
+    PierZone,
+    PointingTerms,
+    SitePlace,
+)
 from sattrack.safety import ROWS, SafetyLimits
 from sattrack.safety.bounds import Bounds, ClearRoom
 from sattrack.safety.geometry import Box
@@ -113,6 +121,8 @@ def test_a_box_keeps_its_margin_from_every_limit_but_those_that_are_lowered() ->
         dec = sun.dec_deg + WIDE_DEG + clear_deg
         box = Box(sun.hour_angle_deg, sun.hour_angle_deg, dec, dec)
         assert found.violated(box, margins, seconds) == name
+        near = {"sun": clear_deg} if name or margins else {}
+        assert found.near((box.ha_low_deg, dec), seconds) == pytest.approx(near, abs=1e-6)
 
 
 def test_rates_come_nearer_at_any_part_of_their_way() -> None:
@@ -125,7 +135,9 @@ def test_rates_come_nearer_at_any_part_of_their_way() -> None:
         ((-79.0, 0.0), None),
         ((-81.0, 0.0), "hour_angle"),
     ):
-        assert found.comes_nearer(near, (39.95, 0.0), rates, 1.0) == name
+        for seconds in (1.0, 4.0):
+            slower = rates[0] / seconds, rates[1] / seconds
+            assert found.comes_nearer(near, (39.95, 0.0), slower, seconds) == name
     assert found.comes_nearer({"declination": 1.0}, (39.95, 0.0), (0.01, 0.0), 1.0) is None
     # Out past the end and back again within the whole of it: the half of it is looked at, too.
     floor = Bounds(MountProfile(), SafetyLimits(floor_altitude_deg=20.0, optical=False), LATITUDE_DEG, None)
@@ -134,6 +146,9 @@ def test_rates_come_nearer_at_any_part_of_their_way() -> None:
     near = {"altitude": altitude_deg(*begin, LATITUDE_DEG) - 20.0}
     # By three quarters of a turn down and round through the nadir to where it is higher than before.
     assert floor.comes_nearer(near, begin, (350.0, 0.0), 1.0) == "altitude"
+    # By two turns and two degrees: the half and the whole of it end higher, a quarter lower.
+    assert floor.comes_nearer(near, begin, (722.0, 0.0), 1.0) == "altitude"
+    assert floor.comes_nearer(near, begin, (2.0, 0.0), 1.0) is None
 
 
 DAY = SafetyLimits(floor_altitude_deg=-90.0)
@@ -150,6 +165,10 @@ def test_the_suns_cone_is_as_wide_as_the_clocks_and_the_mounts_errors_make_it() 
     crooked = AxisGeometry(0.0, 52.0, axes_deg=90.3, cone_deg=-0.2)
     loose = replace(MountProfile(), geometry=crooked, stands_at=SitePlace(LATITUDE_DEG, LONGITUDE_DEG))
     assert bounds(loose, DAY).cones[0].cone_deg == pytest.approx(WIDE_DEG + 0.5)
+    # What the terms of a pointing model are together, one degree and a half.
+    terms = PointingTerms("", LATITUDE_DEG, {"IH": (3600.0, 1.0), "ID": (-1800.0, 1.0)}, 20.0, 30)
+    pointed = replace(MountProfile(), pointing=terms)
+    assert bounds(pointed, DAY).cones[0].cone_deg == pytest.approx(WIDE_DEG + 1.5)
 
 
 def test_the_sun_is_looked_at_once_a_second_and_counts_from_three_degrees_below_the_horizon_on() -> None:
@@ -209,9 +228,36 @@ def test_a_mount_of_other_axes_sees_the_sun_by_their_angles() -> None:
     assert (body.x, body.y, body.z) == pytest.approx(erfa.s2c(h, d))
 
 
+@pytest.mark.parametrize("pole_azimuth_deg", [0.0, 30.0, 90.0, 200.0, -30.0])
+def test_a_skyline_stays_where_it_is_whatever_azimuth_the_axis_counts_from(pole_azimuth_deg: float) -> None:
+    """With walls in three places; the first angle is 0 opposite to the pole's azimuth."""
+    points = (
+        (0.0, 5.0),
+        (90.0, 5.0),
+        (120.0, 5.0),
+        (120.0, 20.0),
+        (200.0, 30.0),
+        (200.0, 10.0),
+        (280.0, 40.0),
+        (360.0, 40.0),
+    )
+    azimuthal = replace(
+        MountProfile(),
+        geometry=AxisGeometry(pole_azimuth_deg, 90.0),
+        stands_at=SitePlace(LATITUDE_DEG, LONGITUDE_DEG),
+    )
+    found = bounds(azimuthal, replace(DARK, horizon=points))
+    for azimuth in np.arange(0.5, 360.0, 7.0):
+        first = math.remainder(azimuth - 180.0 - pole_azimuth_deg, 360.0)
+        skyline = float(np.interp(azimuth, *np.array(points).T))
+        for above_deg, name in ((0.09, "horizon"), (0.11, None)):
+            place = (first, skyline + above_deg)
+            assert found.violated(Box.between(place, place), {}, 0.0) == name
+
+
 @pytest.mark.parametrize(
     ("clear_deg", "rate_deg_s"),
-    [(0.107, None), (0.103, 0.05), (0.0, 0.05), (-0.5, 0.55), (-0.94, 0.99), (-3.0, 1.0)],
+    [(0.107, None), (0.1045, 0.05), (0.0, 0.05), (-0.5, 0.55), (-0.94, 0.99), (-3.0, 1.0)],
 )
 @pytest.mark.parametrize("sense", [1.0, -1.0])
 def test_axes_beside_the_sun_or_in_its_cone_are_led_straight_away_the_deeper_the_faster(

@@ -9,7 +9,7 @@ import pytest
 
 from sattrack.mount.model import MountProfile, PierZone
 from sattrack.safety import SafetyLimits
-from sattrack.safety.bounds import HOLD_MARGIN_DEG, TRY_EVERY, Bounds, ClearRoom
+from sattrack.safety.bounds import HOLD_MARGIN_DEG, TRY_EVERY, Bounds, ClearRoom, Memory
 from sattrack.safety.geometry import Box
 from sattrack.safety.regions import Floor, Region, Travel
 
@@ -92,3 +92,24 @@ def test_where_there_is_no_room_it_is_not_looked_for_every_time() -> None:
     room.widen([Wall("hour_angle", -10.0, 10.0)], Box(0.0, 0.5, 0.0, 0.0), 0.1)
     assert len(asked) == 2
     assert room.holds(Box(0.0, 0.5, 0.0, 0.0), 0.1)
+
+
+@pytest.mark.parametrize(
+    ("wall_deg", "floor_deg", "times"), [(40.0, 0.0, 1), (13.0, 0.0, 3), (13.0, 36.5, 20)]
+)
+def test_a_region_is_asked_seldom_on_a_way_where_there_is_room(
+    wall_deg: float, floor_deg: float, times: int
+) -> None:
+    """From all of them by four degrees, or else from it alone by one: so wide is the way that was cleared."""
+    asked: list[Box] = []
+
+    class Ground(Floor):
+        def is_clear(self, box: Box, margin_deg: float) -> bool:
+            asked.append(box)
+            return super().is_clear(box, margin_deg)
+
+    memory = Memory([Travel("hour_angle", -wall_deg, wall_deg), Ground(floor_deg, LATITUDE_DEG)])
+    for k in range(20):
+        here = Box(9.9 + 0.15 * k, 9.9 + 0.15 * k, 0.0, 0.0)
+        assert memory.violated(here, {}, 0.01) is None
+    assert len(asked) == times

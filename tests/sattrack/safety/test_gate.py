@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 from msgspec.structs import replace
@@ -11,8 +12,10 @@ from sattrack.mount.model import (
     SIDEREAL_RATE_DEG_S,
     Cleared,
     Hold,
+    Motion,
     MountProfile,
     MoveAxes,
+    PierZone,
     Seen,
     Slew,
     Stance,
@@ -24,6 +27,7 @@ from sattrack.safety import Safety, SafetyLimits
 from sattrack.safety.bodies import sun_over
 from sattrack.safety.gate import AxesState, axis_rates
 from sattrack.safety.geometry import Place
+from sattrack.safety.rate_limit import nearest_rates
 
 S = SIDEREAL_RATE_DEG_S
 LATITUDE_DEG, T0 = 52.0, 1_790_000_000.0
@@ -178,6 +182,14 @@ def test_a_status_may_be_two_seconds_old(age_s: float, tripped: str | None) -> N
         assert safety.tripped == tripped
 
 
+def test_a_gate_that_has_cleared_nothing_tells_of_nothing() -> None:
+    for safety in (gate(), gate(holds=True)):
+        assert (safety.tripped, safety.holding, safety.led, safety.cause) == (None,) * 4
+        assert (safety.led_there, safety.clamping, safety.keeps_first, safety.on_last_leg) == (
+            False, False, False, True,
+        )  # fmt: skip
+
+
 @pytest.mark.parametrize("place", [(math.nan, 0.0, 0.0), (0.0, math.inf, 0.0), (0.0, 0.0, math.nan)])
 def test_a_place_that_is_none_moves_nothing(place: tuple[float, float, float]) -> None:
     for motion in (MoveAxes(S, 0.0), Slew(0.0, 10.0)):
@@ -198,6 +210,24 @@ def test_a_mount_by_edges_is_stopped_where_the_rates_that_hold_it_wait_too_long(
             found = safety.in_time(cleared, 0.3 + fault_s + over_s)
             assert found.motion == (Stop() if over_s > 0.0 else cleared.motion)
             assert safety.tripped == ("declination" if over_s > 0.0 else None)
+
+
+@pytest.mark.parametrize(("unanswered_s", "waits_s"), [(0.0, 0.3), (0.2, 0.3), (1.0, 1.0)])
+def test_rates_by_edges_are_judged_for_as_long_as_the_handshake_before_them_may_last(
+    unanswered_s: float, waits_s: float
+) -> None:
+    """Six periods, or what a mount that does not answer lets pass; so long rates may wait as well."""
+    edge, wish = replace(PROFILE, move_axis="edge"), MoveAxes(S, -1.0)
+    for more in (-0.01, 0.01):
+        safety = gate(profile=edge)
+        safety.in_time(Cleared(wish), 0.0, unanswered_s)
+        way_deg = 0.2004 + waits_s + 1.0 + 1.0 / 16.0 + 0.1
+        at = (SIDEREAL_DEG, SIDEREAL_DEG, -50.0 + way_deg + more)
+        assert (safety.clear(wish, *at, 0.0, T0).motion == wish) == (more > 0.0)
+        safety = gate(holds=True, profile=edge)
+        safety.holding = "declination"
+        found = safety.in_time(Cleared(wish), 1.0 + waits_s + more, unanswered_s)
+        assert found.motion == (Stop() if more > 0.0 else wish)
 
 
 @pytest.mark.parametrize(
@@ -228,6 +258,57 @@ def test_axes_outside_are_stopped_by_the_third_status_that_finds_them_there() ->
     assert safety.tripped == "hour_angle"
 
 
+@pytest.mark.parametrize("holds", [True, False])
+@pytest.mark.parametrize("beside_deg", [1.0, 0.05, -0.5])
+def test_axes_that_have_used_up_one_margin_keep_that_of_another_limit(holds: bool, beside_deg: float) -> None:
+    """At 4 °/s the other one is 4.8 + 1 + 0.1 degrees ahead."""
+    for more_deg in (-0.05, 0.05):
+        safety, wish = gate(holds), MoveAxes(S, -4.0)
+        at = (SIDEREAL_DEG, SIDEREAL_DEG - (40.0 - beside_deg), -50.0 + 1.2004 * 4.0 + 1.1 + more_deg)
+        found = safety.clear(wish, *at, 0.0, T0).motion
+        assert (found == wish) == (more_deg > 0.0)
+        assert holds or safety.tripped == (None if more_deg > 0.0 else "declination")
+
+
+def test_a_status_from_inside_begins_the_proof_that_axes_are_outside_anew() -> None:
+    safety = gate(holds=True)
+    for k, ha_deg in enumerate((40.5, 40.5, 39.4, 40.5, 40.5, 40.5)):
+        sidereal_deg = SIDEREAL_DEG + 0.05 * k * S
+        at = (sidereal_deg, sidereal_deg - ha_deg, 0.0)
+        safety.watch(Seen(None, *at), MoveAxes(S, 0.0))
+        found = safety.clear(MoveAxes(S + 0.5, 0.0), *at, 0.0, T0 + 0.05 * k).motion
+        assert (found == Stop()) == (k == 5)
+
+
+def test_what_is_held_is_looked_for_every_other_period_or_where_it_would_lead_too_far(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    looked: list[Any] = []
+    monkeypatch.setattr(
+        "sattrack.safety.gate.nearest_rates",
+        lambda *given: looked.append(given) or nearest_rates(*given),
+    )
+    safety = gate(holds=True)
+
+    def looks(later_s: float | None, dec_deg: float = -48.0) -> bool:
+        before = len(looked)
+        utc_s = None if later_s is None else T0 + later_s
+        _, rate = sent(safety, MoveAxes(S, -4.0), utc_s, dec_deg)
+        # In the latency and the longest fault, and until it stands, it leads no farther than the margin.
+        assert -4.0 < rate <= 0.0
+        assert dec_deg + rate * 1.2004 - rate**2 / 16.0 >= -49.9
+        return len(looked) > before
+
+    assert [looks(0.05 * k) for k in range(6)] == [True, False] * 3
+    assert [looks(0.30), looks(0.35, -49.5), looks(0.40)] == [True, True, False]
+    # Where our clock goes back, or nobody knows when, nothing is kept.
+    assert [looks(0.20), looks(None), looks(None)] == [True, True, True]
+    # What was let go in between, is looked for again.
+    assert looks(0.5)
+    assert sent(safety, MoveAxes(S, 0.5), T0 + 0.52) == pytest.approx((0.0, 0.5))
+    assert looks(0.55, -48.9)
+
+
 @pytest.mark.parametrize(("clear_deg", "dec_deg_s"), [(0.5, 0.0), (0.05, 0.05), (-0.02, 0.07)])
 def test_axes_that_rest_beside_the_sun_give_way_to_it_at_once(clear_deg: float, dec_deg_s: float) -> None:
     """North of it, where the way out is up: at 0.05 °/s, and faster by what they are inside its cone."""
@@ -238,6 +319,14 @@ def test_axes_that_rest_beside_the_sun_give_way_to_it_at_once(clear_deg: float, 
     found = safety.clear(MoveAxes(S, 0.0), sidereal_deg, ra_deg, dec_deg, 0.0, T0).motion
     assert isinstance(found, MoveAxes)
     assert (found.ra_rate_deg_s, found.dec_rate_deg_s) == pytest.approx((S, dec_deg_s), abs=1e-3)
+
+
+def test_turns_are_counted_from_the_first_place_where_no_status_was_watched() -> None:
+    """170° west comes first; 185° west after it is past the end, and not 175° east."""
+    safety = gate(profile=replace(PROFILE, hour_angle_limit_deg=180.0))
+    safety.clear(MoveAxes(S, 0.0), SIDEREAL_DEG, SIDEREAL_DEG - 170.0, 0.0, 0.0, T0)
+    safety.clear(MoveAxes(S - 1.0, 0.0), SIDEREAL_DEG, SIDEREAL_DEG - 185.0, 0.0, 0.0, T0 + 1.0)
+    assert safety.tripped == "hour_angle"
 
 
 @pytest.mark.parametrize("latitude_deg", [52.0, -33.0])
@@ -258,3 +347,48 @@ def test_turns_are_counted_on_from_where_the_axis_was(latitude_deg: float) -> No
     assert later.hour_angle_deg == 370.0
     axes.begin_anew()
     assert axes.hour_angle_deg is None
+
+
+@pytest.mark.parametrize(
+    ("ha_deg", "slewing", "stops"),
+    [(39.98, False, False), (39.984, False, False), (39.988, False, True), (39.988, True, False)],
+)
+def test_a_mount_that_waits_where_its_slew_has_ended_is_stopped_before_the_sky_leads_it_past_a_limit(
+    ha_deg: float, slewing: bool, stops: bool
+) -> None:
+    """A hundredth of a degree before it, and what the sky goes on in a second."""
+    safety, slew = gate(), Slew(SIDEREAL_DEG - 39.5, 0.0)
+    assert safety.clear(slew, SIDEREAL_DEG, SIDEREAL_DEG - 20.0, 0.0, 0.0, T0).motion == slew
+    at = (slew.ra_deg + ha_deg, slew.ra_deg, 0.0)
+    for k in range(5):
+        safety.watch(Seen(None, at[0] - 0.01 * (4 - k), *at[1:], slewing=slewing), slew)
+    found = safety.clear(slew, *at, 0.0, T0 + 120.0).motion
+    assert found == (Stop() if stops else slew)
+    assert safety.tripped == ("hour_angle" if stops else None)
+
+
+@pytest.mark.parametrize("between", [MoveAxes(S, 0.0), Hold()], ids=repr)
+def test_a_slew_that_is_asked_for_again_after_another_motion_is_judged_anew(between: Motion) -> None:
+    """A zone of the pier stands on the meridian; the axes have come round it meanwhile."""
+    wall = PierZone("wall", ((-5.0, -20.0), (5.0, -20.0), (5.0, 60.0), (-5.0, 60.0)))
+    safety, slew = gate(profile=replace(PROFILE, pier_zones=(wall,))), Slew(SIDEREAL_DEG - 30.0, 10.0)
+    west, east = ((SIDEREAL_DEG, SIDEREAL_DEG - ha, 10.0, 0.0, T0) for ha in (20.0, -20.0))
+    assert safety.clear(slew, *west).motion == slew
+    assert safety.clear(between, *east).motion == between
+    assert safety.clear(slew, *east).motion == Stop()
+    assert safety.tripped == "pier"
+
+
+@pytest.mark.parametrize("holds", [True, False])
+@pytest.mark.parametrize("streams", [True, False])
+def test_a_slew_that_has_no_way_holds_a_pass_where_it_is_and_stops_anything_else(
+    holds: bool, streams: bool
+) -> None:
+    """The axis turns 40° either way; the goal is past the end of it, and there is no place to wait at."""
+    safety = gate(holds, replace(PROFILE, dec_axis_limits_deg=(-1.0, 1.0)))
+    at = (SIDEREAL_DEG, SIDEREAL_DEG, 0.0, 0.0)
+    if streams:
+        safety.clear(MoveAxes(S, 0.0), *at, T0)
+    found = safety.clear(Slew(SIDEREAL_DEG - 170.0, 0.0), *at, T0 + 0.05).motion
+    assert found == (MoveAxes(S, 0.0) if holds and streams else Stop())
+    assert safety.tripped == (None if holds and streams else "hour_angle")

@@ -45,6 +45,7 @@ from sattrack.safety.probe import ProbeSafety
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from sattrack.mount.model import Motion
     from sattrack.mount.requests import Request
 
 PROFILE = MountProfile()
@@ -147,6 +148,30 @@ def test_without_a_place_on_earth_nothing_that_moves_optics_is_let_through() -> 
         assert ("the Sun's direction is unknown without a site" in str(found)) == moves
     assert "the Sun's direction is unknown without a site" in str(safety.path_to(Slew(0.0, 40.0), HIGH, T0))
     assert safety.drift_objection(FineRate(0.0, 0.0), HIGH, T0) == "sun"
+
+
+@pytest.mark.parametrize("off_s", [70.0, -70.0])
+def test_while_the_clocks_are_apart_no_request_that_moves_is_let_through_and_it_is_told_how_far(
+    off_s: float,
+) -> None:
+    """Of both clocks; what does not move is let through."""
+    safety = Safety(PROFILE, replace(DARK, clock_tolerance_s=60.0), LATITUDE_DEG, LONGITUDE_DEG)
+    right_deg = math.degrees(erfa.gmst82(2440587.5, T0 / 86400.0)) + LONGITUDE_DEG
+    safety.watch(Seen(T0, right_deg + off_s * SIDEREAL_RATE_DEG_S, 0.0, 40.0), Hold())
+    words = "sidereal clock is 70 s off this computer's, more than clock_tolerance_s, 60"
+    for request in (Slew(SIDEREAL_DEG, 40.0), MoveAxis(None, 1.0), FindHome(), FineRate(0.0, 0.0)):
+        assert words in str(safety.clear_request(request, HIGH, T0))
+    assert words in str(safety.path_to(Slew(SIDEREAL_DEG, 40.0), HIGH, T0))
+    sync = Sync(SIDEREAL_DEG, 40.0)
+    assert safety.clear_request(sync, HIGH, T0) == ClearedRequest(sync)
+
+
+def test_the_path_of_a_slew_is_told_leg_by_leg_or_why_there_is_none() -> None:
+    safety = Safety(PROFILE, DARK, LATITUDE_DEG, LONGITUDE_DEG)
+    target = Slew(SIDEREAL_DEG + 320.0, 40.0)
+    assert safety.path_to(target, HIGH, T0) == (Slew(SIDEREAL_DEG - 40.0, 40.0),)
+    low = Slew(SIDEREAL_DEG, SOUTH_DEG + 19.0)
+    assert "at 19.0° altitude; the limit is 20°" in str(safety.path_to(low, HIGH, T0))
 
 
 def test_a_mount_stands_for_its_park_position_before_its_power_is_cut() -> None:
@@ -339,6 +364,7 @@ def test_a_mount_that_keeps_the_first_rates_is_known_by_it() -> None:
 
     safety = watched(PROFILE, keeps)
     assert safety.tripped == "obedience"
+    assert safety.keeps_first
     assert "go on at the rates that the mount took first" in str(safety.cause)
 
 
@@ -387,6 +413,49 @@ def test_rates_lead_a_mount_with_a_geometry_to_its_goal_as_fast_as_its_drives_ma
         assert min(rates) >= -0.01, "it does not turn back"
         if axis == 0 and move_axis == "held":
             assert max(rates) > 0.95 * fastest
+
+
+@pytest.mark.parametrize(
+    ("comes_out", "words"),
+    [
+        (lambda one, other: (-one, other), "other sign in the first axis"),
+        (lambda one, other: (one, -other), "other sign in the second axis"),
+    ],
+    ids=["first", "second"],
+)
+def test_why_a_mount_leaves_the_way_that_rates_lead_it_is_told(
+    comes_out: Callable[[float, float], tuple[float, float]], words: str
+) -> None:
+    """When it is 6° astray, commands may still have been lost for all that its rates tell."""
+    profile = replace(AZIMUTH_MOUNT, hour_angle_limit_deg=360.0)
+    safety = Safety(profile, replace(DARK, longest_fault_s=9.0), LATITUDE_DEG, LONGITUDE_DEG)
+    slew, (ha, dec) = Slew((SIDEREAL_DEG - 60.0) % 360.0, 70.0), (20.0, 50.0)
+    motion: Motion = Hold()
+    for k in range(60):
+        sidereal_deg = SIDEREAL_DEG + k * PERIOD_S * SIDEREAL_RATE_DEG_S
+        at = (sidereal_deg, (sidereal_deg - ha) % 360.0, dec)
+        safety.watch(Seen(None, *at, slewing=True), motion)
+        motion = safety.clear(slew, *at, 0.0, T0).motion
+        if isinstance(motion, MoveAxes):
+            rates = comes_out(SIDEREAL_RATE_DEG_S - motion.ra_rate_deg_s, motion.dec_rate_deg_s)
+            ha, dec = ha + rates[0] * PERIOD_S, dec + rates[1] * PERIOD_S
+    assert safety.tripped == "obedience"
+    assert words in str(safety.cause)
+
+
+@pytest.mark.parametrize("move_axis", ["held", "edge"])
+@pytest.mark.parametrize("beside_deg", [0.15, 0.3, 1.0])
+def test_rates_lead_slower_to_a_goal_beside_a_limit_so_that_a_fault_leads_past_none(
+    beside_deg: float, move_axis: str
+) -> None:
+    profile = replace(AZIMUTH_MOUNT, move_axis=move_axis, dec_axis_limits_deg=(-10.0, 50.0))
+    safety = Safety(profile, DARK, LATITUDE_DEG, LONGITUDE_DEG)
+    places = led(safety, (10.0, 50.0 - beside_deg), (-20.0, 30.0))
+    assert places[-1][1] == pytest.approx(50.0 - beside_deg, abs=0.1)
+    for (_, one), (_, other) in pairwise(places):
+        # From the rate that it has, a second and the latency until a stop acts; and it brakes.
+        rate_deg_s = (other - one) / PERIOD_S
+        assert one + rate_deg_s * 1.2 + rate_deg_s**2 / 16.0 <= 50.0
 
 
 def test_a_mount_with_a_geometry_slews_by_rates_alone() -> None:

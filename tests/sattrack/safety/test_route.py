@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import random
-from itertools import pairwise
+from itertools import pairwise, product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -265,25 +266,95 @@ def test_places_to_wait_at_come_in_rings_the_nearest_first_each_as_near_as_there
         assert found[0] <= radius_deg * 1.2
 
 
+def round_hole(box: Box, seconds: float) -> str | None:
+    assert box.widest_deg == seconds == 0.0
+    return "pier" if math.hypot(box.ha_low_deg, box.dec_low_deg) < 20.0 else None
+
+
 def test_the_coarse_grid_knows_of_each_box_whether_it_holds_a_closed_cell() -> None:
-    start, goal = Place(-100.0, -60.0), Place(100.0, 60.0)
+    """Cells of four degrees from four below the least angles on, closed where their middle is.
 
-    def judge(box: Box, seconds: float) -> str | None:
-        assert box.widest_deg == seconds == 0.0
-        return "pier" if math.hypot(box.ha_low_deg, box.dec_low_deg) < 20.0 else None
+    Cells that are less than eight degrees from an end on both axes are left to the judge.
+    """
+    start, goal = Place(-13.0, -18.0), Place(17.0, 9.0)
+    low = (-64.0, -64.0)
+    grid = _Grid([Place(-60.0, 60.0), Place(100.0, -60.0)], start, goal, PROFILE, round_hole)
 
-    grid = _Grid([Place(-60.0, 60.0)], start, goal, PROFILE, judge)
-    rng = random.Random(3)
-    seen = set()
-    for _ in range(300):
-        one, other = (Place(rng.uniform(-100.0, 100.0), rng.uniform(-60.0, 60.0)) for _ in range(2))
-        box = Box.between(one, other)
-        away = math.hypot(*(max(low, 0.0) - min(high, 0.0) for low, high in (box[:2], box[2:])))
-        is_open = bool(grid._open(np.array(one), np.array(other)))
-        # Cells of four degrees: by three more, or three less, there is no doubt.
-        assert is_open or away < 23.0
-        assert not is_open or away > 17.0
+    def closed(i: int, j: int) -> bool:
+        middle = low[0] + 4.0 * i + 2.0, low[1] + 4.0 * j + 2.0
+        near = any(max(abs(a - b) for a, b in zip(middle, end, strict=True)) < 8.0 for end in ends)
+        return math.hypot(*middle) < 20.0 and not near
+
+    rng, seen, ends = random.Random(3), set(), (start, goal)
+    for _ in range(600):
+        one = Place(rng.uniform(-60.0, 100.0), rng.uniform(-60.0, 60.0))
+        other = Place(one[0] + rng.uniform(-9.0, 9.0), one[1] + rng.uniform(-9.0, 9.0))
+        if rng.random() < 0.5:
+            other = Place(rng.uniform(-60.0, 100.0), rng.uniform(-60.0, 60.0))
+        box = Box.between(one, Place(*(max(-60.0, min(60.0, x)) for x in other)))
+        columns = range(int((box[0] - low[0]) // 4.0), int((box[1] - low[0]) // 4.0) + 1)
+        rows = range(int((box[2] - low[1]) // 4.0), int((box[3] - low[1]) // 4.0) + 1)
+        is_open = not any(closed(i, j) for i in columns for j in rows)
+        places = np.array([[box[0], box[3]], [box[1], box[2]]])
+        assert bool(grid._open(*places)) == is_open
         seen.add(is_open)
     assert seen == {True, False}
-    assert float(grid._seconds(np.array(start), np.array(goal))) == 2.0 + max(200.0 / 5.0, 120.0 / 4.0)
-    assert next(grid.ways()) == (Place(-60.0, 60.0), goal)
+
+
+def test_ways_by_one_place_come_first_and_then_by_two_the_quickest_first() -> None:
+    start, goal = Place(-100.0, -60.0), Place(100.0, 60.0)
+    nodes = [Place(*place) for place in ((-60.0, 60.0), (70.0, -40.0), (-90.0, 10.0), (85.0, 30.0))]
+
+    def seconds(*places: Place) -> float:
+        legs = pairwise((start, *places, goal))
+        return sum(2.0 + max(abs(a[0] - b[0]) / 5.0, abs(a[1] - b[1]) / 4.0) for a, b in legs)
+
+    ways = list(_Grid(nodes, start, goal, PROFILE, free).ways())
+    assert ways == [
+        *((one, goal) for one in sorted(nodes, key=seconds)),
+        *((*two, goal) for two in sorted(product(nodes, nodes), key=lambda two: seconds(*two))),
+    ]
+    # Past the hole lead those only of which every leg does: not by the last two alone.
+    ways = list(_Grid(nodes, start, goal, PROFILE, round_hole).ways())
+    assert [way for way in ways if len(way) == 2] == [(nodes[1], goal), (nodes[0], goal)]
+    assert (nodes[2], nodes[0], goal) in ways
+    assert (nodes[1], nodes[3], goal) in ways
+    assert (nodes[2], nodes[3], goal) not in ways
+    # So many of either are worth a look.
+    every = list(_Grid(reachable(PROFILE, 52.0), start, goal, PROFILE, free).ways())
+    assert [len(way) for way in every] == [2] * 40 + [3] * 40
+    assert list(_Grid([], start, goal, PROFILE, free).ways()) == []
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize(
+    "beside_deg", [sense * deg for sense in (1.0, -1.0) for deg in (3.0, 6.0, 12.0, 24.0)]
+)
+def test_past_a_pillar_a_way_leads_close_by_on_either_side(axis: int, beside_deg: float) -> None:
+    """Half a degree of room is enough, 3°, 6°, 12° and 24° beside the straight way."""
+    ends = [(0.0, 0.0), (0.0, beside_deg), (50.0, beside_deg), (50.0, 0.0)]
+    corners = [Place(*(end if axis == 0 else end[::-1])) for end in ends]
+    corridor = [Box.between(*pair).grown(0.5, 0.5, 0.5, 0.5) for pair in pairwise(corners)]
+
+    def judge(box: Box, seconds: float) -> str | None:
+        del seconds
+        return None if any(part.with_box(box) == part for part in corridor) else "pier"
+
+    found = find_route(corners[0], corners[-1], PROFILE, judge, judge, 52.0)
+    assert found == Route(tuple(corners[1:]))
+
+
+@pytest.mark.parametrize("pier_rule", ["never", "hour_angle"])
+@pytest.mark.parametrize("by_deg", [-24.0, 24.0])
+def test_a_way_turns_only_where_a_slew_can_end(by_deg: float, pier_rule: Any) -> None:
+    """By the hour angle's rule a mount stands beyond the pole in the west, and not in this corridor."""
+    corners = [Place(-10.0 + ha, dec) for ha, dec in ((0.0, 0.0), (by_deg, 0.0), (by_deg, 24.0), (0.0, 24.0))]
+    corridor = [Box.between(*pair).grown(0.5, 0.5, 0.5, 0.5) for pair in pairwise(corners)]
+
+    def judge(box: Box, seconds: float) -> str | None:
+        del seconds
+        return None if any(part.with_box(box) == part for part in corridor) else "pier"
+
+    route = find_route(corners[0], corners[-1], replace(PROFILE, pier_rule=pier_rule), judge, judge, 52.0)
+    ends = pier_rule == "never" or by_deg < 0.0
+    assert route == (Route(tuple(corners[1:])) if ends else Route((), "pier"))

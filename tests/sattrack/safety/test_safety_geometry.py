@@ -17,7 +17,7 @@ from sattrack.safety import SafetyLimits
 from sattrack.safety.bodies import moon_over, sun_over
 from sattrack.safety.gate import AxesState, stance_at
 from sattrack.safety.geometry import Box, Place, lowest_altitude_deg, meets_polygon, nearest_deg
-from sattrack.safety.regions import Cone, Floor, PierCollision, Skyline, Travel, is_clear
+from sattrack.safety.regions import Clearance, Cone, Floor, PierCollision, Skyline, Travel, is_clear
 from sattrack.safety.route import axes_of, direction_of, find_route
 
 
@@ -50,12 +50,28 @@ def boxes(count: int) -> list[tuple[Box, list[tuple[float, float]]]]:
     return made
 
 
+def test_boxes_are_grown_joined_and_halved_by_their_sides() -> None:
+    box = Box.between((30.0, -20.0), (-10.0, 60.0))
+    assert box == (-10.0, 30.0, -20.0, 60.0)
+    assert (box.middle, box.widest_deg) == ((10.0, 10.0, 20.0, 20.0), 80.0)
+    assert box.grown(1.0, 2.0, 3.0, 4.0) == (-11.0, 32.0, -23.0, 64.0)
+    assert box.with_box(Box(-5.0, 35.0, -25.0, 50.0)) == (-10.0, 35.0, -25.0, 60.0)
+    assert box.with_box(Box(-15.0, 25.0, -15.0, 65.0)) == (-15.0, 30.0, -20.0, 65.0)
+    assert box.halves() == ((-10.0, 30.0, -20.0, 20.0), (-10.0, 30.0, 20.0, 60.0))
+    wide = Box(-10.0, 70.0, -20.0, 10.0)
+    assert wide.widest_deg == 80.0
+    assert wide.halves() == ((-10.0, 30.0, -20.0, 10.0), (30.0, 70.0, -20.0, 10.0))
+
+
 def test_no_place_in_a_box_is_farther_from_its_middle_than_its_radius() -> None:
     for box, places in boxes(150):
         *middle, radius_deg = box.circle
         assert farthest_deg(np.array(middle), places) <= radius_deg + 1e-5
         if box.ha_low_deg == box.ha_high_deg:
             assert radius_deg == pytest.approx(0.5 * (box.dec_high_deg - box.dec_low_deg))
+        if box.dec_low_deg == box.dec_high_deg:
+            end = vector(box.ha_high_deg, box.dec_low_deg)
+            assert radius_deg == pytest.approx(angle_deg(np.array(middle), end))
 
 
 def test_no_place_in_a_box_is_lower_than_its_lowest_altitude() -> None:
@@ -277,6 +293,16 @@ def test_regions_are_judged_by_a_margin_as_their_clearance_tells(margin_deg: flo
     assert len(found) >= 2 * len(regions) - 2
 
 
+def test_a_box_that_takes_too_many_halvings_to_be_judged_counts_as_not_clear() -> None:
+    class Rough(Skyline):
+        def clearance(self, box: Box) -> Clearance:
+            return Clearance(1.0 if box.widest_deg < 1.0 else 0.0, 1.0)
+
+    rough = Rough(NORTH_WALL, 52.0)
+    assert is_clear(rough, Box(0.0, 8.0, 0.0, 8.0), 0.5)
+    assert not is_clear(rough, Box(0.0, 100.0, 0.0, 100.0), 0.5)
+
+
 def in_the_way(ha_deg: Any, dec_deg: Any) -> Any:
     """A wall two degrees thick that slants, and ends at 44° of declination."""
     return (dec_deg < 44.0) & (abs(ha_deg + 38.0 - 0.8 * (dec_deg - 38.0)) < 2.0)
@@ -395,3 +421,42 @@ def test_a_skyline_that_is_none_is_refused(points: tuple[tuple[float, float], ..
     with pytest.raises(ValueError, match=words):
         SafetyLimits(horizon=points)
     assert SafetyLimits(horizon=((0.0, 5.0), (90.0, -1.0), (180.0, 89.0), (270.0, 5.0), (360.0, 5.0))).horizon
+
+
+@pytest.mark.parametrize(
+    ("key", "values", "refused"),
+    [
+        ("floor_altitude_deg", (-90.0, 0.5, 89.9), (-90.1, 90.0, math.nan)),
+        ("longest_fault_s", (0.0, 0.5, 10.0), (-0.1, 10.1, math.nan)),
+        ("clock_tolerance_s", (0.1, 90.0), (0.0, -1.0, math.inf, math.nan)),
+        ("sun_cone_deg", (0.0, 0.5, 89.9), (-0.1, 90.0, math.inf, math.nan)),
+        ("moon_cone_deg", (0.0, 0.5, 89.9), (-0.1, 90.0, math.inf, math.nan)),
+    ],
+)
+def test_a_limit_holds_in_its_range_and_none_but_that(
+    key: str, values: tuple[float, ...], refused: tuple[float, ...]
+) -> None:
+    for value in values:
+        assert getattr(SafetyLimits(optical=False, **{key: value}), key) == value  # type: ignore[arg-type]
+    for value in refused:
+        with pytest.raises(ValueError, match=f"^{key} is {value:g}"):
+            SafetyLimits(optical=False, **{key: value})  # type: ignore[arg-type]
+
+
+def test_limits_that_nobody_gives_are_those_of_a_telescope_with_optics() -> None:
+    assert SafetyLimits() == SafetyLimits(0.0, True, None, 0.0, 1.0, 60.0, ())
+    assert [SafetyLimits(optical=optical).sun_deg for optical in (True, False)] == [15.0, 0.0]
+    assert [SafetyLimits(optical=optical, sun_cone_deg=20.0).sun_deg for optical in (True, False)] == [
+        20.0
+    ] * 2
+    with pytest.raises(ValueError, match="sun_cone_deg is 0, but there is a telescope with optics"):
+        SafetyLimits(sun_cone_deg=0.0)
+    # With the body at the zenith, a sky of 30° is left, by the lowest of a skyline or a floor above it.
+    hills = ((0.0, 60.0), (90.0, 70.0), (180.0, 62.0), (270.0, 61.0))
+    for known in ({"floor_altitude_deg": 60.0}, {"horizon": hills}):
+        assert SafetyLimits(sun_cone_deg=29.9, moon_cone_deg=29.9, **known)  # type: ignore[arg-type]
+        for cone in ("sun_cone_deg", "moon_cone_deg"):
+            with pytest.raises(ValueError, match=f"{cone} is 30, and the sky left reaches 30°"):
+                SafetyLimits(**{cone: 30.0}, **known)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="sun_cone_deg is 26, and the sky left reaches 25°"):
+        SafetyLimits(floor_altitude_deg=65.0, sun_cone_deg=26.0, horizon=hills)

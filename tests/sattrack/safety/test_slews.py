@@ -14,6 +14,7 @@ from safety_stand import LATITUDE_DEG, LONGITUDE_DEG, T0
 from sattrack.core.angles import separation_deg
 from sattrack.mount.geometry import AxisGeometry
 from sattrack.mount.model import (
+    SIDEREAL_RATE_DEG_S,
     AxisLimits,
     MountProfile,
     PierZone,
@@ -24,6 +25,7 @@ from sattrack.mount.model import (
 from sattrack.safety import SafetyLimits
 from sattrack.safety.bounds import Bounds
 from sattrack.safety.geometry import Box, Place, meets_polygon, nearest_deg
+from sattrack.safety.route import slew_s
 from sattrack.safety.slews import SlewGate
 
 DARK = SafetyLimits(floor_altitude_deg=-90.0, optical=False)
@@ -121,8 +123,11 @@ def test_a_led_slew_begins_by_half_of_a_ramp_and_ends_by_what_can_brake(move_axi
         for axis in (0, 1):
             rates = [sense * step[axis] for step in steps]
             assert rates == pytest.approx([min(ends[axis], ramps[axis] * (k + 1)) for k in range(200)])
+        # Whatever comes in between, it begins from rest again.
         gate.forget()
         assert gate.target is None
+        led = begun(gate, start, Slew(-sense * gap, 40.0 + sense * gap)).rates_from(start, 0.0)
+        assert (-led.ra_rate_deg_s, led.dec_rate_deg_s) == steps[0]
 
 
 @pytest.mark.parametrize(
@@ -137,6 +142,9 @@ def test_a_led_slew_begins_by_half_of_a_ramp_and_ends_by_what_can_brake(move_axi
         ((-27.9, 0.0), -60.0, -210.0),
         ((-28.1, 0.0), -60.0, 150.0),
         ((-28.1, 88.1), -60.0, 150.0),
+        ((0.0, 0.0), 200.0, 237.9),
+        ((0.0, 0.0), -200.0, -237.9),
+        ((0.0, 0.0), 200.0, -121.9),
     ],
 )
 def test_the_turn_is_the_nearest_on_which_what_follows_keeps_two_degrees_from_the_cables_end(
@@ -145,7 +153,7 @@ def test_the_turn_is_the_nearest_on_which_what_follows_keeps_two_degrees_from_th
     gate = slew_gate(replace(LED, hour_angle_limit_deg=240.0))
     gate.onward_deg = onward_deg
     start = Place(from_deg, 60.0)
-    begun(gate, start, Slew(-150.0, 60.0))
+    begun(gate, start, Slew(-turn_deg % 360.0, 60.0))
     towards = -gate.rates_from(start, 0.0).ra_rate_deg_s
     assert math.copysign(1.0, towards) == math.copysign(1.0, turn_deg - from_deg)
 
@@ -213,3 +221,70 @@ def test_a_target_in_the_suns_cone_is_waited_for_on_its_own_side_of_the_sun(side
     for one, other in pairwise(ends):
         assert nearest_deg(Box.between(one, other), ha, dec) >= 15.0
     assert gate.route(target, 0.0, start) == "sun"
+
+
+LOW_WALL = PierZone("wall", ((-5.0, -20.0), (5.0, -20.0), (5.0, 20.0), (-5.0, 20.0)))
+
+
+@pytest.mark.parametrize(("more_deg", "at_target"), [(-0.02, False), (0.02, True)])
+@pytest.mark.parametrize("waits", [True, False])
+def test_at_the_end_of_a_detour_the_mount_can_wait_for_seventy_seconds(
+    more_deg: float, at_target: bool, waits: bool
+) -> None:
+    """It goes on with the sky there, besides the time that the slew takes."""
+    profile = replace(
+        FREE, pier_zones=(LOW_WALL,), dec_axis_limits_deg=(-15.0, 89.0), hour_angle_limit_deg=60.0
+    )
+    start = Place(-40.0, 10.0)
+    # Both axes take no longer for this way than the hour angle does.
+    drift_deg = SIDEREAL_RATE_DEG_S * (slew_s(start, Place(59.5, 10.0), profile) + 70.0)
+    goal = Place(60.0 - 0.1 - drift_deg - more_deg, 10.0)
+    target = Slew(-goal.ha_deg, goal.dec_deg)
+    legs = slew_gate(profile, True).route(target, 0.0, start, waits)
+    assert len(legs) >= 2
+    assert not isinstance(legs, str)
+    assert (legs[-1] == target) == (at_target or not waits)
+    assert separation_deg(-legs[-1].ra_deg, legs[-1].dec_deg, *goal) < 1.5
+
+
+@pytest.mark.parametrize(
+    ("start", "goal"),
+    [
+        (Place(40.0, 10.0), Place(-59.88, 10.0)),
+        (Place(-40.0, 10.0), Place(40.0, -14.88)),
+        (Place(-40.0, 10.0), Place(40.0, 34.88)),
+    ],
+)
+def test_at_an_end_from_which_the_sky_leads_away_the_mount_can_wait_by_the_usual_margin(
+    start: Place, goal: Place
+) -> None:
+    profile = MountProfile(
+        hour_angle_limit_deg=60.0, dec_axis_limits_deg=(-15.0, 35.0), pier_zones=(LOW_WALL,)
+    )
+    target = Slew(-goal.ha_deg, goal.dec_deg)
+    legs = slew_gate(profile, True).route(target, 0.0, start, waits=True)
+    assert len(legs) >= 2
+    assert legs[-1] == target
+
+
+@pytest.mark.parametrize("waits", [True, False])
+@pytest.mark.parametrize("walled", [True, False])
+def test_out_of_the_sun_a_slew_leads_by_the_nearest_way_and_on_where_there_is_one(
+    walled: bool, waits: bool
+) -> None:
+    """From five degrees beside it, on the side away from the target; a wall may stand in every way there."""
+    ha, dec = sun_place(T0)
+    corners = ((ha - 45.0, -90.0), (ha - 40.0, -90.0), (ha - 40.0, 90.0), (ha - 45.0, 90.0))
+    zones = (PierZone("wall", corners),) if walled else ()
+    profile = MountProfile(hour_angle_limit_deg=100.0, dec_axis_limits_deg=(-89.0, 89.0), pier_zones=zones)
+    gate = slew_gate(profile, detours=True, limits=replace(DARK, sun_cone_deg=15.0))
+    start, target = Place(ha + 5.0, dec), Slew(-(ha - 60.0), dec)
+    legs = gate.route(target, 0.0, start, waits)
+    if walled and not waits:
+        assert legs == "pier"
+        return
+    assert not isinstance(legs, str)
+    ends = [start, *(Place(ha + math.remainder(-leg.ra_deg - ha, 360.0), leg.dec_deg) for leg in legs)]
+    assert 15.1 < separation_deg(*ends[1], ha, dec) < 16.0
+    assert min(nearest_deg(Box.between(*pair), ha, dec) for pair in pairwise(ends)) > 4.9
+    assert len(ends) == 2 if walled else legs[-1] == target
