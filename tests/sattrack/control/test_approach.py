@@ -153,6 +153,16 @@ class TestApproach:
         way.way.sent(Hold())
         assert way.way.go_on(5.0, True, HERE) is ApproachStep.SLEW
 
+    @pytest.mark.parametrize(("ra_off_deg", "there"), [(0.19, True), (-0.19, True), (0.21, False)])
+    def test_right_ascensions_are_nearer_to_one_another_at_high_declinations(
+        self, ra_off_deg: float, there: bool
+    ) -> None:
+        """A tenth of a degree on the sky, at 60° of declination."""
+        way = Way(dec=60.0)
+        goal = way.slews()
+        stands = MountPlace(120.0, goal.ra_deg + ra_off_deg, 60.0)
+        assert way.way.go_on(9.0, True, stands) is (ApproachStep.FOLLOW if there else ApproachStep.PLAN)
+
     def test_three_slews_that_end_elsewhere_are_given_up(self) -> None:
         way = Way()
         steps = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 
 from sattrack.control.target import Detour, Passage, SatelliteTarget, TargetState
@@ -34,6 +35,15 @@ def test_the_right_ascension_runs_by_its_trapezoid() -> None:
     assert way.ra_at(105.0) == pytest.approx(48.5)
     assert way.ra_at(109.0) == pytest.approx(56.5)
     assert way.ra_at(110.0) == pytest.approx(57.0)
+    assert way.ra_at(100.5) == pytest.approx(40.0 - 0.5 + 0.5 * 3.0 * 0.25)
+    assert way.ra_at(109.5) == pytest.approx(56.5 + 1.0 - 0.5 * 3.0 * 0.25)
+    slower = msgspec.structs.replace(way, acceleration_deg_s2=1.5, last_deg_s=0.5)
+    # Two seconds from -1 to 2, seven at 2, and one from 2 to 0.5.
+    assert slower.ra_at(101.0) == pytest.approx(40.0 - 1.0 + 0.75)
+    assert slower.ra_at(102.0) == pytest.approx(41.0)
+    assert slower.ra_at(109.0) == pytest.approx(55.0)
+    assert slower.ra_at(109.5) == pytest.approx(56.0 - 0.75 * 0.25)
+    assert slower.ra_at(110.0) == pytest.approx(56.25)
 
 
 def test_the_declination_is_the_nearest_that_the_axis_can_have() -> None:

@@ -57,6 +57,20 @@ def test_the_corners_that_a_spread_answer_cuts_are_led_round() -> None:
     assert rate_deg_s(way, 20.0 - 0.5 * 0.01 * 0.6, known(lag=lag), MOST_DEG_S2, 6.0) == pytest.approx(1.0)
 
 
+def test_the_chord_of_a_rate_that_acts_for_several_turns_lies_on_the_way_in_the_mean() -> None:
+    """What lies between chord and parabola, less that of a single turn, is led round."""
+    interval_s, turn_s, bend = 0.25, 0.05, 0.6
+
+    def mean_between_deg(seconds: float) -> float:
+        steps = [seconds * (k + 0.5) / 1000.0 for k in range(1000)]
+        return sum(0.5 * bend * t * (seconds - t) for t in steps) / 1000.0
+
+    way = AxisCourse(20.0, interval_s, interval_s, bend, 0.0)
+    beside_deg = mean_between_deg(interval_s) - mean_between_deg(turn_s)
+    asked = rate_deg_s(way, 20.0 - beside_deg, known(), MOST_DEG_S2, 6.0)
+    assert asked == pytest.approx(1.0, abs=1e-6)
+
+
 @pytest.mark.parametrize("error", [1e-7, 1e-4, 0.01, 1.0, 40.0])
 def test_a_correction_opposes_its_error_and_can_be_braked(error: float) -> None:
     rate = correction_deg_s(error, 10.0, 6.0, LAW.settling_s)

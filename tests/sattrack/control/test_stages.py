@@ -23,6 +23,11 @@ def stages(*detours: Detour) -> Stages:
     return Stages(TrackPlan(0.0, 1000.0, detours=detours), AXES)
 
 
+def test_recordings_know_the_stages_by_their_names_and_numbers() -> None:
+    names = ["other", "acquiring", "held", "paused", "rejoining", "following"]
+    assert [(stage.name.lower(), int(stage)) for stage in RunStage] == [(n, k) for k, n in enumerate(names)]
+
+
 class TestStages:
     @pytest.mark.parametrize(
         ("changes", "stage"),

@@ -9,8 +9,10 @@ from typing import Any, Literal
 import erfa
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
-from sattrack.control.target import sky_error
+from sattrack.control.steering import OffsetOnAxes
+from sattrack.control.target import Detour, sky_error
 from sattrack.control.tracker import Phase, Tracker, TrackPlan
 from sattrack.mount.geometry import AxisGeometry
 from sattrack.mount.model import (
@@ -18,16 +20,20 @@ from sattrack.mount.model import (
     Hold,
     MountProfile,
     MoveAxes,
+    PeriodicErrors,
     SitePlace,
     Slew,
     StatusSample,
     Stop,
+    Wave,
     mean_sidereal_deg,
 )
+from sattrack.pointing.terms import PointingModel
 from sattrack.runtime import demo_pass
 from sattrack.views.messages import Go, Jog, Pause, PlaceFix, Search, SeenOffset, Slip, StopNow
 from sattrack.views.run import ErrorView
 from tle.bias import NO_BIAS
+from tle.fixes import Fix, path_of
 from tle.instants import Utc
 from tle.propagator import Propagator
 
@@ -76,8 +82,8 @@ CULMINATION_S = float(Utc.parse("2026-10-02T13:05:24Z").unix_s)
 PLAN = TrackPlan(CULMINATION_S - 100.0, CULMINATION_S + 100.0)
 
 
-def tracker(profile: MountProfile | None = None, plan: TrackPlan = PLAN) -> Tracker:
-    propagator = Propagator(demo_pass.elements(), demo_pass.SITE.place())
+def tracker(profile: MountProfile | None = None, plan: TrackPlan = PLAN, followed: Any = None) -> Tracker:
+    propagator = Propagator(followed or demo_pass.elements(), demo_pass.SITE.place())
     return Tracker(propagator, plan, profile or MountProfile(), NO_BIAS)
 
 
@@ -238,3 +244,259 @@ class TestAltAzimuth:
         looks = one._looks_at_deg(seen)
         assert looks == pytest.approx((float(there.ra_deg), float(there.dec_deg)), abs=0.03)
         assert tracker()._looks_at_deg(seen) == (ra, float(there.alt_deg))
+
+
+FLIES = Fix(CULMINATION_S, 52.3, 4.6, 9000.0, 150.0, 120.0, 3.0)
+
+
+class TestSlips:
+    def launched(self) -> Tracker:
+        rocket = path_of("A", FLIES)
+        rocket.t0 = Utc(CULMINATION_S - 20.0)
+        detour = Detour(0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, False)
+        plan = TrackPlan(CULMINATION_S - 10.0, CULMINATION_S + 40.0, detours=(detour,))
+        return tracker(plan=plan, followed=rocket)
+
+    def test_a_launch_that_slips_has_its_path_and_its_plan_later(self) -> None:
+        one = self.launched()
+        assert one.t0_utc_s == CULMINATION_S - 20.0
+        before = one.direction_at(CULMINATION_S)
+        for seconds in (5.0, 7.0):
+            one.operate(Slip(seconds), CULMINATION_S - 30.0)
+        assert (one.slipped_s, one.t0_utc_s, one.steering.refusal) == (12.0, CULMINATION_S - 8.0, None)
+        assert one.plan == TrackPlan(CULMINATION_S + 2.0, CULMINATION_S + 52.0)
+        later = one.direction_at(CULMINATION_S + 12.0)
+        for name in ("ha_deg", "dec_deg", "range_km"):
+            assert getattr(later, name) == pytest.approx(float(getattr(before, name)), abs=1e-5)
+        # Directions of the same launch by another propagator slip, too.
+        other = self.launched().steering.biases.course.propagator
+        one.use(other.with_place("apparent"))
+        later = one.direction_at(CULMINATION_S + 12.0)
+        assert later.ha_deg == pytest.approx(float(before.ha_deg), abs=1e-5)
+
+    @pytest.mark.parametrize(
+        ("before", "after"),
+        [
+            (Phase.WAITING, Phase.WAITING),
+            (Phase.SLEWING, Phase.WAITING),
+            (Phase.ACQUIRING, Phase.ACQUIRING),
+            (Phase.TRACKING, Phase.ACQUIRING),
+        ],
+    )
+    def test_what_is_under_way_is_done_anew(self, before: Phase, after: Phase) -> None:
+        one = self.launched()
+        one.phase, one._near = before, 10
+        one.operate(Slip(5.0), CULMINATION_S)
+        assert one.phase is after
+        assert (one._near == 0) is (before is Phase.TRACKING)
+
+    def test_a_run_that_stops_does_not_slip(self) -> None:
+        one = self.launched()
+        one.operate(StopNow(), CULMINATION_S)
+        one.operate(Slip(5.0), CULMINATION_S)
+        assert (one.slipped_s, one.plan.start_utc_s) == (0.0, CULMINATION_S - 10.0)
+        undated = tracker(followed=path_of("A", FLIES))
+        undated.operate(Slip(5.0), CULMINATION_S)
+        assert undated.steering.refusal == "only a table from T0 slips"
+
+
+class TestFixes:
+    def followed(self) -> Tracker:
+        return tracker(
+            plan=TrackPlan(CULMINATION_S - 5.0, CULMINATION_S + 60.0), followed=path_of("A", FLIES)
+        )
+
+    def fix(self, one: Tracker, at_s: float, now_s: float, north_deg: float = 0.0) -> None:
+        utc = Utc(CULMINATION_S + at_s).isoformat("milliseconds")
+        one.operate(PlaceFix(utc, 52.3 + north_deg, 4.6, 9000.0, 150.0, 120.0, 3.0), CULMINATION_S + now_s)
+
+    def test_a_fix_prolongs_the_plan_and_bends_the_path(self) -> None:
+        one, apart = self.followed(), 0.001
+        at_once = one.direction_at(CULMINATION_S + 4.0).alt_deg
+        # By a second later the plane would be 120 m farther north: it is told to be 111 m farther still.
+        self.fix(one, 3.0, 4.0, north_deg=3.0 * 120.0 / 111200.0 + apart)
+        assert (one.plan.start_utc_s, one.plan.end_utc_s) == (CULMINATION_S + 4.0, CULMINATION_S + 63.0)
+        assert one.direction_at(CULMINATION_S + 4.0).alt_deg == pytest.approx(float(at_once), abs=1e-6)
+        moved = Propagator(
+            path_of("B", FLIES._replace(utc_s=CULMINATION_S + 3.0, lat_deg=52.3 + 360.0 / 111200.0 + apart)),
+            demo_pass.SITE.place(),
+        )
+        then_s = CULMINATION_S + 10.0
+        assert one.direction_at(then_s).alt_deg == pytest.approx(
+            float(moved.at(Utc(then_s)).alt_deg), abs=1e-6
+        )
+
+    @pytest.mark.parametrize(
+        ("at_s", "now_s", "news"),
+        [
+            (3.0, 4.0, True),
+            (0.0, 4.0, False),
+            (3.0, 12.9, True),
+            (3.0, 13.1, False),
+            (13.9, 4.0, True),
+            (14.1, 4.0, False),
+        ],
+    )
+    def test_a_fix_is_newer_than_the_last_and_within_ten_seconds_of_now(
+        self, at_s: float, now_s: float, news: bool
+    ) -> None:
+        one = self.followed()
+        plan = one.plan
+        self.fix(one, at_s, now_s)
+        utc = Utc(CULMINATION_S + at_s).isoformat("milliseconds")
+        assert one.steering.refusal == (None if news else f"the fix of {utc} is not news")
+        assert (one.plan != plan) is news
+
+    def test_a_plan_still_to_come_begins_when_it_did(self) -> None:
+        one = tracker(
+            plan=TrackPlan(CULMINATION_S + 30.0, CULMINATION_S + 60.0), followed=path_of("A", FLIES)
+        )
+        self.fix(one, 3.0, 4.0)
+        assert one.plan.start_utc_s == CULMINATION_S + 30.0
+
+
+def test_a_model_is_that_of_the_side_of_the_pole_on_which_the_mount_stands() -> None:
+    place = demo_pass.SITE.place()
+    model = PointingModel({"IH": 60.0, "CH": 90.0}, place.latitude_deg)
+    propagator = Propagator(demo_pass.elements(), place, pointing=model)
+    one = Tracker(propagator, PLAN, MountProfile(), NO_BIAS)
+    plain = one.direction_at(CULMINATION_S)
+    seen = sample(one, CULMINATION_S)
+    one.take(seen)
+    assert one.direction_at(CULMINATION_S).ra_deg == plain.ra_deg
+    one.take(replace(seen, beyond_pole=True))
+    beyond = one.direction_at(CULMINATION_S)
+    # Of the two, the collimation error is that which turns round: twice 90 arcseconds.
+    apart = (float(beyond.ra_deg) - float(plain.ra_deg)) * math.cos(math.radians(float(plain.dec_deg)))
+    assert abs(apart) * 3600.0 == pytest.approx(180.0, rel=0.01)
+
+
+EVERYWHERE = ((0.0, 360.0),)
+WAVES = PeriodicErrors(
+    "2026-10-02T00:00:00Z",
+    3,
+    (Wave(7, 60.0, -80.0, 0.1),),
+    (Wave(2, 30.0, 0.0, 0.1),),
+    EVERYWHERE,
+    EVERYWHERE,
+)
+
+
+def beside_deg(first_deg: float, second_deg: float) -> tuple[float, float]:
+    """How far axes stand past the angles that they report, by the table."""
+    a, b = math.radians(7.0 * first_deg), math.radians(2.0 * second_deg)
+    return (60.0 * math.sin(a) - 80.0 * math.cos(a)) / 3600.0, 30.0 * math.sin(b) / 3600.0
+
+
+@pytest.mark.parametrize("beyond_pole", [False, True])
+class TestPeriodicErrors:
+    """By hand; past the pole the first axis is half a turn on, and the second at the supplement."""
+
+    def facing(self, beyond_pole: bool) -> Tracker:
+        one = tracker(MountProfile(periodic=WAVES))
+        one._stand = SimpleNamespace(beyond_pole=beyond_pole)  # type: ignore[assignment]
+        return one
+
+    def angles(self, hour_angle_deg: float, dec_deg: float, beyond_pole: bool) -> tuple[float, float]:
+        return (hour_angle_deg + 180.0, 180.0 - dec_deg) if beyond_pole else (hour_angle_deg, dec_deg)
+
+    def test_axes_that_report_what_is_fed_stand_on_the_satellite(self, beyond_pole: bool) -> None:
+        one = self.facing(beyond_pole)
+        fed, there = one.fed_at(CULMINATION_S), one.direction_at(CULMINATION_S)
+        sidereal_deg = one._sidereal.at(CULMINATION_S)
+        reported = self.angles(sidereal_deg - float(fed.ra_deg), float(fed.dec_deg), beyond_pole)
+        past = beside_deg(*reported)
+        wanted = self.angles(sidereal_deg - float(there.ra_deg), float(there.dec_deg), beyond_pole)
+        for k in (0, 1):
+            off_deg = math.remainder(reported[k] + past[k] - wanted[k], 360.0)
+            assert off_deg == pytest.approx(0.0, abs=1e-6)
+        shown = one.periodic_arcsec(CULMINATION_S)
+        level, sense = abs(math.cos(math.radians(reported[1]))), -1.0 if beyond_pole else 1.0
+        assert shown == pytest.approx((3600.0 * past[0] * level, 3600.0 * sense * past[1]), rel=0.01)
+
+    def test_it_looks_where_its_axes_stand(self, beyond_pole: bool) -> None:
+        one = self.facing(beyond_pole)
+        seen = StatusSample(0, CULMINATION_S, 10.0, 120.0, 40.0, False, False, 0.0, 0.0)
+        ra_deg, dec_deg = one._looks_at_deg(seen)
+        past = beside_deg(*self.angles(30.0, 40.0, beyond_pole))
+        assert ra_deg == pytest.approx(120.0 - past[0], abs=1e-9)
+        assert dec_deg == pytest.approx(40.0 + (-past[1] if beyond_pole else past[1]), abs=1e-9)
+
+    def test_a_table_that_does_harm_is_left(self, beyond_pole: bool) -> None:
+        one = self.facing(beyond_pole)
+        heard: list[Any] = []
+        judge = SimpleNamespace(take=lambda *told: heard.append(told), harms=False)
+        one._judge_of_table = judge  # type: ignore[assignment]
+        offset = OffsetOnAxes(CULMINATION_S, 3.0, 4.0)
+
+        def used(*_: Any) -> None:
+            one.steering.last_offset = offset
+
+        one.steering.obey = used  # type: ignore[method-assign]
+        one.phase, one._on_target_utc_s = Phase.TRACKING, CULMINATION_S - 1.0
+        seen = SeenOffset(Utc(CULMINATION_S).isoformat("milliseconds"), 1.0, 2.0, 1.0)
+        one.operate(Search("spiral", 0.2, 0.1), CULMINATION_S)
+        assert heard == []
+        one.operate(seen, CULMINATION_S)
+        ((utc_s, moved, there, level),) = heard
+        fed = one.fed_at(CULMINATION_S)
+        hour_angle_deg = one._sidereal.at(CULMINATION_S) - float(fed.ra_deg)
+        angles = self.angles(hour_angle_deg, float(fed.dec_deg), beyond_pole)
+        assert (utc_s, moved) == (CULMINATION_S, (3.0, -4.0 if beyond_pole else 4.0))
+        assert there[:2] == pytest.approx(angles)
+        assert level == pytest.approx(abs(math.cos(math.radians(float(fed.dec_deg)))))
+        assert one.table_left is False
+        judge.harms = True
+        one.operate(seen, CULMINATION_S)
+        assert (one.table_left, one.periodic_arcsec(CULMINATION_S)) == (True, None)
+        assert one.fed_at(CULMINATION_S).ra_deg == one.direction_at(CULMINATION_S).ra_deg
+        one.operate(seen, CULMINATION_S)
+        assert len(heard) == 2
+
+
+class TestWays:
+    def test_three_slews_that_end_elsewhere_end_the_run_in_an_error(self) -> None:
+        one, now_s = tracker(), CULMINATION_S
+        astray = sample(one, now_s, 60.0)
+        for number in range(3):
+            one.take(replace(astray, counter=number + 1, arrival_utc_s=now_s))
+            motion = one.step(now_s, False)
+            assert isinstance(motion, Slew)
+            assert one.phase is Phase.SLEWING
+            one.note_sent(motion, now_s)
+            last = one.step(now_s + 1.0, True)
+            if number < 2:
+                assert (last, one.phase) == (Hold(), Phase.WAITING)
+            now_s += 2.0
+        assert (last, one.phase, one.ended_by) == (Stop(), Phase.STOPPING, "error")
+        assert (one.trouble or "").startswith("got 3 slew commands, and stands ")
+
+    def test_past_the_pole_rates_are_noted_in_the_sense_of_the_axes(self) -> None:
+        detour = Detour(CULMINATION_S, CULMINATION_S + 10.0, 0.0, 0.0, 1.0, 0.0, 1.0, True)
+        one = tracker(plan=TrackPlan(PLAN.start_utc_s, PLAN.end_utc_s, detours=(detour,)))
+        passage = one._satellite.passage
+        assert passage is not None
+        noted: list[Any] = []
+        one.follower.note_sent = lambda motion, now_utc_s: noted.append(motion)  # type: ignore[method-assign]
+        for across in (False, True):
+            passage.across = across
+            one.note_sent(MoveAxes(1.0, 0.5), CULMINATION_S)
+            one.note_sent(Hold(), CULMINATION_S)
+        assert noted == [MoveAxes(1.0, 0.5), Hold(), MoveAxes(1.0, -0.5), Hold()]
+
+    def test_what_is_jogged_ends_and_why_is_told(self) -> None:
+        one = tracker()
+        one.end_jogs("a limit", CULMINATION_S)
+        assert one.steering.refusal is None
+        one.operate(Pause(), CULMINATION_S)
+        one.end_jogs("a limit", CULMINATION_S)
+        assert one.steering.refusal == "a limit"
+
+    def test_a_pause_ends_a_search_where_it_is(self) -> None:
+        one = tracker()
+        one.operate(Search("spiral", 0.2, 0.1), CULMINATION_S - 60.0)
+        assert one.steering.biases.pattern_at(CULMINATION_S - 30.0) is not None
+        one.operate(Pause(), CULMINATION_S - 40.0)
+        assert one.steering.biases.pattern_at(CULMINATION_S - 30.0) is None
+        along, cross = one.steering.biases.totals(CULMINATION_S)
+        assert math.hypot(along, cross) > 0.05

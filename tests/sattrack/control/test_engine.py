@@ -1,0 +1,291 @@
+"""A run as one thing, by hand: what counts in its figures, what makes it give up, and what it then sends."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace as Made
+from typing import Any
+
+import msgspec
+import pytest
+
+from sattrack.control.engine import Engine, RunSpec
+from sattrack.control.rest import Rest
+from sattrack.control.tracker import Phase, TrackPlan
+from sattrack.mount.model import MountProfile, Slew, Status, Stop, mean_sidereal_deg
+from sattrack.mount.xerxes.datagrams import decode_command, encode_status
+from sattrack.mount.xerxes.link import LinkState
+from sattrack.runtime import demo_pass
+from sattrack.safety import SafetyLimits
+from sattrack.safety.watch import KEEPS_FIRST
+from sattrack.views.messages import Jog, Pause
+from sattrack.views.run import ErrorView
+from tle.bias import NO_BIAS
+from tle.instants import Utc
+from tle.propagator import Propagator
+from tle.refraction import Refraction
+
+CULMINATION_S = float(Utc.parse("2026-10-02T13:05:24Z").unix_s)
+PLAN = TrackPlan(CULMINATION_S - 100.0, CULMINATION_S + 100.0)
+SITE = demo_pass.SITE.place()
+
+
+def engine(**profile: Any) -> Engine:
+    airless = Propagator(demo_pass.elements(), SITE)
+    bent = Propagator(demo_pass.elements(), SITE, refraction=Refraction.standard(0.0))
+    limits = SafetyLimits(optical=False)
+    made = MountProfile(**profile)
+    spec = RunSpec(
+        bent,
+        airless,
+        CULMINATION_S,
+        70.0,
+        PLAN,
+        made,
+        limits,
+        NO_BIAS,
+        "bench",
+        CULMINATION_S,
+        simulated=True,
+    )
+    return Engine(spec)
+
+
+def hear(run: Engine, number: int = 0, **changes: Any) -> None:
+    """Have a run take a status of a mount that stands on the satellite."""
+    utc_s = CULMINATION_S + 0.05 * number
+    there = run.tracker.direction_at(utc_s)
+    status = Status(
+        counter=number + 1,
+        sidereal_h=mean_sidereal_deg(utc_s, SITE.longitude_deg) % 360.0 / 15.0,
+        ra_h=float(there.ra_deg) / 15.0,
+        dec_deg=float(there.dec_deg),
+        altitude_deg=float(there.alt_deg),
+        site_latitude_deg=SITE.latitude_deg,
+        site_longitude_deg=SITE.longitude_deg,
+    )
+    run.receive(encode_status(msgspec.structs.replace(status, **changes)), utc_s + 1e-4)
+
+
+def off(arcsec: float, number: int = 0) -> ErrorView:
+    return ErrorView(CULMINATION_S + 0.05 * number, arcsec, 0.6 * arcsec, 0.8 * arcsec, 0.0, 0.0)
+
+
+class TestFigures:
+    def following(self) -> Engine:
+        run = engine()
+        run.tracker.phase, run.tracker.acquired_utc_s = Phase.TRACKING, CULMINATION_S - 10.0
+        return run
+
+    def test_errors_count_while_it_follows_and_those_within_two_arcseconds_are_on_target(self) -> None:
+        run = self.following()
+        for number, arcsec in enumerate((3.0, 1.0, 2.0)):
+            run._count(off(arcsec, number), number, 0.05)
+        assert run.on_target_s == pytest.approx(0.1)
+        assert run.reported.rms_arcsec == pytest.approx(math.sqrt((9.0 + 1.0 + 4.0) / 3.0))
+        assert run.rms_10s_arcsec == pytest.approx(math.sqrt((9.0 + 1.0 + 4.0) / 3.0))
+        assert (run.held_s, run.paused_s, run.rejoining_s, run.lost_peak_arcsec) == ({}, 0.0, 0.0, 0.0)
+        assert [(one.doing, one.held_by) for one in run.stages] == [("following", None)]
+
+    def test_a_limit_a_pause_and_the_way_back_are_counted_apart(self) -> None:
+        run = self.following()
+        run._count(off(1.0), 1, 0.05)
+        run.safety = Made(holding="sun")  # type: ignore[assignment]
+        for number in (1, 2):
+            run._count(off(500.0, number), number, 0.05)
+        assert run.phase == "holding"
+        run.safety = Made(holding=None)  # type: ignore[assignment]
+        run._count(off(900.0, 3), 3, 0.05)
+        run._count(off(1.5, 4), 4, 0.05)
+        run.tracker.rest = Rest(CULMINATION_S, run.profile)
+        run._count(off(4000.0, 5), 5, 0.05)
+        assert run.held_s == {"sun": pytest.approx(0.1)}
+        assert (run.paused_s, run.rejoining_s) == (pytest.approx(0.05), pytest.approx(0.05))
+        # What is far off in a pause is no loss.
+        assert run.lost_peak_arcsec == 900.0
+        assert run.reported.rms_arcsec == pytest.approx(math.sqrt((1.0 + 2.25) / 2.0))
+        assert run.rms_10s_arcsec is None
+        assert [(one.doing, one.held_by) for one in run.stages] == [
+            ("following", None),
+            ("held", "sun"),
+            ("rejoining", None),
+            ("following", None),
+            ("paused", None),
+        ]
+
+    def test_true_errors_are_those_of_the_statuses_that_counted_once(self) -> None:
+        run = self.following()
+        run._count(off(1.0), 7, 0.05)
+        there = run.tracker.fed_at(CULMINATION_S)
+        beside = float(there.dec_deg) + 1.0 / 3600.0
+        true = run.true_error(7, CULMINATION_S, float(there.ra_deg), beside)
+        assert true is not None
+        assert true.total_arcsec == pytest.approx(1.0, abs=1e-4)
+        assert run.true_error(7, CULMINATION_S, float(there.ra_deg), beside) is None
+        run._count(off(1.0, 1), 8, 0.05)
+        run.failed = True
+        assert run.true_error(8, CULMINATION_S, float(there.ra_deg), beside) is None
+
+    def test_statuses_far_apart_count_for_nothing(self) -> None:
+        run = self.following()
+        for number in (0, 1, 101, 102):
+            hear(run, number)
+        assert run.on_target_s == pytest.approx(0.1, abs=0.01)
+
+
+class TestGivingUp:
+    def test_statuses_of_another_kind_than_the_profile_says_are_another_mounts(self) -> None:
+        run = engine(name="mine", readings={"ra_rate_dtics_s": "double", "tracking": "always true"})
+        hear(run, ra_rate_dtics_s=7789)
+        assert (run.tracker.ended_by, run.tracker.phase) == ("error", Phase.STOPPING)
+        assert run.message == (
+            "the profile 'mine' is another mount's: it says that ra_rate_dtics_s is double, and bench sends "
+            "int64; give this mount's profile"
+        )
+        assert run.why_not_acquired() == run.message
+        assert engine_that_is_right().tracker.ended_by is None
+
+    @pytest.mark.parametrize(
+        ("ratios", "seconds", "move_axis", "named"),
+        [
+            ((0.5, 0.5), 5.1, "edge", True),
+            ((0.5, None), 5.1, "edge", True),
+            ((0.5, 0.5), 4.9, "edge", False),
+            ((0.5, 0.5), 5.1, "held", False),
+            ((0.5, 0.9), 5.1, "edge", False),
+            ((0.1, 0.5), 5.1, "edge", False),
+            ((None, None), 5.1, "edge", False),
+        ],
+    )
+    def test_a_mount_that_moves_only_while_the_flag_is_up_takes_no_edges(
+        self, ratios: Any, seconds: float, move_axis: Any, named: bool
+    ) -> None:
+        run = engine(move_axis=move_axis)
+        run.tracker.phase = Phase.ACQUIRING
+        run.tracker.follower.learning = Made(fits=[Made(ratio=one) for one in ratios])  # type: ignore[assignment]
+        run._count(off(50.0), 1, seconds)
+        assert (run.tracker.ended_by == "error") is named
+        words = "bench moves only while the MoveAxis flag is up: move_axis is held"
+        assert (run.message or "").startswith(words) is named
+
+    def test_a_mount_that_keeps_the_first_rates_is_not_followed_with(self) -> None:
+        run = engine()
+        run.tracker.phase = Phase.ACQUIRING
+        run.safety = Made(holding=None, clamping=False, keeps_first=True)  # type: ignore[assignment]
+        run._count(off(50.0), 1, 0.05)
+        assert (run.tracker.ended_by, run.message) == ("error", f"bench was sent a stop: {KEEPS_FIRST}")
+
+    def test_what_it_never_heard_it_waits_for_so_long_and_then_stops(self) -> None:
+        run = engine()
+        run.tick(CULMINATION_S)
+        assert run.why_not_acquired() is not None
+        run.tick(CULMINATION_S + 3.0)
+        assert run.tracker.ended_by is None
+        run.tick(CULMINATION_S + 3.1)
+        assert (run.tracker.ended_by, run.link_state) == ("link", LinkState.SILENT)
+        assert (run.message or "").startswith("no status from bench within 3 s; ")
+        assert decode_command(run.tick(CULMINATION_S + 3.2)).abort
+
+    def test_a_mount_that_falls_silent_is_sent_stops(self) -> None:
+        run = engine()
+        for number in range(3):
+            hear(run, number)
+            run.tick(CULMINATION_S + 0.05 * number + 0.03)
+        run.tick(CULMINATION_S + 9.0)
+        assert (run.tracker.ended_by, run.link_state) == ("link", LinkState.LOST)
+        assert (run.message or "").endswith("; stop commands were sent")
+        assert decode_command(run.tick(CULMINATION_S + 9.05)).abort
+
+    def test_after_a_defect_nothing_but_a_stop_is_sent(self) -> None:
+        run = engine()
+        hear(run)
+        run.tick(CULMINATION_S + 0.03)
+        run.fail("broken")
+        assert (run.message, run.tracker.ended_by, run.tracker.phase) == ("broken", "error", Phase.STOPPING)
+        before = run.tracker.error
+        hear(run, 1)
+        assert run.tracker.error is before
+        assert decode_command(run.tick(CULMINATION_S + 0.08)).abort
+        run.prepare(CULMINATION_S + 0.08)
+        assert (run.repeat(), run.send_shift_s(CULMINATION_S)) == (None, 0.0)
+
+    def test_why_it_was_never_on_target_is_the_message_unless_it_was_ended(self) -> None:
+        run = engine()
+        hear(run)
+        run.tracker.ended_by, run.message = "limit:sun", "the Sun"
+        assert run.why_not_acquired() == "the Sun"
+        run.tracker.ended_by = "operator"
+        assert "the operator ended the run" in (run.why_not_acquired() or "")
+        run.tracker.acquired_utc_s = CULMINATION_S
+        assert run.why_not_acquired() is None
+
+
+def engine_that_is_right() -> Engine:
+    run = engine(readings={"ra_rate_dtics_s": "int64"})
+    hear(run, ra_rate_dtics_s=7789)
+    return run
+
+
+def test_a_mount_that_refracts_itself_is_fed_what_has_no_air_in_it() -> None:
+    plain, refracting = engine(), engine()
+    hear(plain)
+    hear(refracting, does_refraction=True)
+    late_s = CULMINATION_S + 90.0
+    lifted = float(plain.tracker.direction_at(late_s).alt_deg) - float(
+        refracting.tracker.direction_at(late_s).alt_deg
+    )
+    altitude = float(refracting.tracker.direction_at(late_s).alt_deg)
+    # Air lifts by an arcminute at 45°.
+    assert lifted * 3600.0 == pytest.approx(58.0 / math.tan(math.radians(altitude)), rel=0.05)
+    hear(refracting, 1, does_refraction=False)
+    assert refracting.tracker.steering.biases.course.propagator is refracting.spec.if_mount_refracts
+
+
+class TestPauses:
+    def test_jogs_are_refused_while_the_mount_is_not_heard(self) -> None:
+        run = engine()
+        run.operate(Jog(0.1, None), CULMINATION_S)
+        assert run.tracker.steering.refusal == "the mount is not heard: nothing is moved blindly"
+        run.link_state = LinkState.UP
+        run.operate(Jog(0.1, None), CULMINATION_S)
+        assert run.tracker.steering.refusal == "the run is not paused: pause it first"
+
+    def test_a_jog_ends_at_a_limit_and_says_at_which(self) -> None:
+        run = engine()
+        hear(run)
+        run.operate(Pause(), CULMINATION_S)
+        rest = run.tracker.rest
+        assert rest is not None
+        for late_s in (0.0, 0.3):
+            rest.step(CULMINATION_S + late_s, True)
+        assert rest.jog(Jog(0.5, None), CULMINATION_S + 0.3) is None
+        assert rest.jogging is True
+        cleared: Any = Made(motion=Stop())
+        assert run._end_jogs(cleared, CULMINATION_S + 0.3) is cleared
+        assert rest.jogging is True
+        run.safety.holding = "altitude"
+        assert run._end_jogs(cleared, CULMINATION_S + 0.3).motion == Stop()
+        assert rest.jogging is False
+        words = "the jog was ended at the altitude limit ("
+        assert (run.tracker.steering.refusal or "").startswith(words)
+        assert (run.tracker.steering.refusal or "").endswith("): let the key go, and jog away")
+
+    @pytest.mark.parametrize(
+        ("paused", "slews", "led", "out"),
+        [
+            (True, True, False, True),
+            (True, False, True, True),
+            (True, False, False, False),
+            (False, True, True, False),
+        ],
+    )
+    def test_a_paused_mount_that_slews_is_led_out(
+        self, paused: bool, slews: bool, led: bool, out: bool
+    ) -> None:
+        shown: Any = Engine.led_out
+        run = Made(
+            session=Made(wanted=Slew(1.0, 2.0) if slews else Stop()),
+            safety=Made(led=Slew(3.0, 4.0) if led else None),
+            tracker=Made(rest=Made() if paused else None),
+        )
+        assert shown.fget(run) is out

@@ -1,0 +1,257 @@
+"""What follows a target, by hand: samples believed, places, sending, and what is learnt."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace as Made
+from typing import Any
+
+import pytest
+
+from sattrack.control.axes import OUTLIERS_BELIEVED
+from sattrack.control.following import UNDATED_AT_MOST, FeederLaw, Follower, Learning
+from sattrack.mount.model import (
+    SIDEREAL_RATE_DEG_S,
+    Hold,
+    MountProfile,
+    MoveAxes,
+    StatusSample,
+    mean_sidereal_deg,
+)
+
+NOW, LONGITUDE, PERIOD_S = 1_790_000_000.0, 11.0, 0.05
+
+
+def sample(turn: int, ra_deg: float = 100.0, dec_deg: float = 20.0, late_s: float = 0.0) -> StatusSample:
+    utc_s = NOW + PERIOD_S * turn
+    sidereal_h = mean_sidereal_deg(utc_s, LONGITUDE) % 360.0 / 15.0
+    return StatusSample(turn, utc_s + late_s, sidereal_h, ra_deg, dec_deg, False, False, 0.0, 0.0)
+
+
+def follower(**profile: Any) -> Follower:
+    return Follower(MountProfile(**profile), LONGITUDE)
+
+
+def seen(one: Follower, *samples: StatusSample, following: bool = True) -> list[bool]:
+    return [one.take(each, one.date(each), following) for each in samples]
+
+
+class TestSamples:
+    def test_a_known_clock_dates_the_first_sample_however_late_it_comes(self) -> None:
+        """The clock is 2 s ahead of UTC, so what it shows is of 2 s before."""
+        one = follower(clock_offset_s=2.0)
+        ahead_h = (mean_sidereal_deg(NOW, LONGITUDE) + 2.0 * SIDEREAL_RATE_DEG_S) % 360.0 / 15.0
+        late = StatusSample(0, NOW + 0.01, ahead_h, 0.0, 0.0, False, False, 0.0, 0.0)
+        assert one.date(late) == pytest.approx(NOW, abs=1e-4)
+        # Without it a status is as late as the profile says.
+        assert follower(status_delay_s=0.01).date(late) == pytest.approx(NOW, abs=1e-4)
+
+    def test_samples_of_one_instant_are_left_out_until_there_are_too_many(self) -> None:
+        one = follower()
+        assert one.take(sample(0), NOW, True) is True
+        for _ in range(UNDATED_AT_MOST):
+            assert one.take(sample(1), NOW + 0.5e-3, True) is False
+        first = one.axes
+        # The clock is learnt anew meanwhile: it begins with what comes then.
+        assert one.take(sample(1), NOW + 0.5e-3, True) is True
+        assert one.axes is not first
+        assert one.take(sample(2), NOW + 0.05, True) is True
+        assert one.take(sample(2), NOW + 0.05, True) is False
+
+    def test_a_mount_that_is_elsewhere_is_lost_and_taken_up_there(self) -> None:
+        one = follower()
+        assert seen(one, *(sample(turn) for turn in range(10))) == [True] * 10
+        assert (one.lost_utc_s, one.learning.times_begun_anew) == (None, 0)
+        elsewhere = [sample(10 + turn, ra_deg=130.0 + 1e-4 * turn) for turn in range(OUTLIERS_BELIEVED)]
+        assert seen(one, *elsewhere) == [False] * OUTLIERS_BELIEVED
+        assert one.lost_utc_s == pytest.approx(NOW + PERIOD_S * (9 + OUTLIERS_BELIEVED), abs=1e-3)
+        assert one.axes is not None
+        assert one.axes.ra.position_deg == pytest.approx(130.0, abs=1e-3)
+        assert one.learning.times_begun_anew == 1
+
+    def test_a_place_that_repeats_to_the_last_bit_while_commands_move_the_axis_is_not_believed(self) -> None:
+        one = follower(command_delay_s=0.0)
+        seen(one, sample(0))
+        believed = []
+        for turn in range(1, 6):
+            one.note_sent(MoveAxes(1.0, 0.0), NOW + PERIOD_S * (turn - 1) - 0.01)
+            believed += seen(one, sample(turn))
+        assert believed[-1] is False
+        still = follower()
+        assert seen(still, *(sample(turn) for turn in range(6))) == [True] * 6
+
+    def test_a_mount_with_a_plan_of_its_own_is_where_it_is_seen(self) -> None:
+        one = follower()
+        samples = [sample(turn, 100.0 + 0.2 * turn, 20.0 - 0.1 * turn) for turn in range(4)]
+        assert seen(one, *samples, following=False) == [True] * 4
+        known = one.axes_at(NOW + 0.25, following=False)
+        assert known is not None
+        assert known[0] == pytest.approx((101.0, 19.5), abs=1e-2)
+        assert known[1] == pytest.approx((4.0, -2.0), abs=1e-2)
+
+    def test_before_the_first_nothing_is_known(self) -> None:
+        one = follower()
+        target: Any = None
+        assert (one.axes_at(NOW, True), one.follow(NOW, target), one.settling_s) == (None, None, None)
+        assert one.learning.learnt() is None
+        seen(one, sample(0))
+        one.forget_axes()
+        assert one.axes_at(NOW, True) is None
+
+
+class TestPlaces:
+    def axes(self) -> Any:
+        return Made(
+            sample_utc_s=NOW,
+            rates_deg_s=(0.5, -0.25),
+            moved_by=lambda utc_s: (3.0, 4.0),
+            ra=Made(position_deg=100.0, disturbance_deg_s=0.1, gain_error=0.2),
+            dec=Made(position_deg=20.0, disturbance_deg_s=-0.3, gain_error=-0.4),
+        )
+
+    @pytest.mark.parametrize(
+        ("later_s", "following", "moved"),
+        [(2.0, True, (3.0, 4.0)), (2.0, False, (1.0, -0.5)), (-2.0, True, (-1.0, 0.5))],
+    )
+    def test_by_the_commands_since_or_at_the_rates_that_were_seen(
+        self, later_s: float, following: bool, moved: tuple[float, float]
+    ) -> None:
+        """Beside them each axis moves by a rate of its own, and more or less than it is commanded."""
+        one = follower()
+        one.axes = self.axes()
+        known = one.axes_at(NOW + later_s, following)
+        assert known is not None
+        places = 100.0 + moved[0] + 0.1 * later_s, 20.0 + moved[1] - 0.3 * later_s
+        assert known == (
+            pytest.approx(places),
+            pytest.approx((0.5 * 1.2 + 0.1, -0.25 * 0.6 - 0.3)),
+        )
+
+
+class TestSending:
+    def turning(self, **profile: Any) -> Follower:
+        """A follower that knows the mount's turns, every 50 ms from NOW on."""
+        one = follower(**profile)
+        for turn in range(40):
+            one.date(sample(turn))
+        return one
+
+    @pytest.mark.parametrize(
+        ("behind_s", "idle_s", "following_s"),
+        [(0.0, 0.0, 0.0), (0.005, -0.001, -0.0001), (-0.005, 0.001, 0.0001), (0.02, -0.002, -0.0002)],
+    )
+    def test_datagrams_fall_into_step_halfway_between_turns(
+        self, behind_s: float, idle_s: float, following_s: float
+    ) -> None:
+        """By a fifth of what they are off, 2 ms a period at most; while following by a fiftieth, 0.2 ms."""
+        one = self.turning(command_delay_s=0.012, status_delay_s=0.0)
+        now_s = NOW + 2.0 + 0.025 - 0.012 + behind_s
+        assert one.send_shift_s(now_s, following=False) == pytest.approx(idle_s, abs=5e-6)
+        assert one.send_shift_s(now_s) == pytest.approx(following_s, abs=5e-6)
+        assert follower().send_shift_s(now_s) == 0.0
+
+    @pytest.mark.parametrize(
+        ("command_delay_s", "status_delay_s", "early_s"),
+        [
+            # Of the 20 ms to spare, one half on either side.
+            (0.010, 0.020, 0.010),
+            # Of 8 ms, 6 for the answer to be there.
+            (0.030, 0.012, 0.002),
+            # 40 ms to spare after a turn more.
+            (0.040, 0.020, 0.020),
+        ],
+    )
+    def test_those_of_a_handshake_share_what_is_to_spare(
+        self, command_delay_s: float, status_delay_s: float, early_s: float
+    ) -> None:
+        one = self.turning(move_axis="edge", command_delay_s=command_delay_s, status_delay_s=status_delay_s)
+        turn_s = one._loop.first_from(NOW + 3.0)
+        now_s = turn_s - command_delay_s - early_s
+        assert one.send_shift_s(now_s, following=False) == pytest.approx(0.0, abs=2e-5)
+        assert one.send_shift_s(now_s + 0.005, following=False) == pytest.approx(-0.001, abs=2e-5)
+
+    def test_a_command_acts_for_a_turn_or_for_as_long_as_a_handshake_takes(self) -> None:
+        assert follower(move_axis="held").acting_s == PERIOD_S
+        one = follower(move_axis="edge")
+        assert one.acting_s == 2.0 * PERIOD_S
+        sent_s = NOW
+        for gap_s, acts_s in ((0.0, 0.1), (0.05, 0.1), (0.2, 0.2), (0.6, 0.6), (9.0, 0.6), (0.15, 0.15)):
+            sent_s += gap_s
+            one.note_sent(MoveAxes(0.1, 0.2), sent_s)
+            assert one.acting_s == pytest.approx(acts_s)
+
+    def test_what_is_no_rate_ends_all_that_acts(self) -> None:
+        one = follower(command_delay_s=0.02)
+        one.note_sent(MoveAxes(0.1, 0.2), NOW)
+        assert one._history.acting(NOW + 0.021).dec_rate_deg_s == 0.2
+        one.note_sent(Hold(), NOW + 0.05)
+        assert one._history.acting(NOW + 0.1).dec_rate_deg_s == 0.0
+        assert one.command_delay_s == 0.02
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"settling_s": 0.0}, "settling_s is 0; it must be above 0"),
+        ({"settling_s": math.inf}, "settling_s is inf"),
+        ({"braking_share": 0.0}, "braking_share is 0; it must be above 0, and 1 at most"),
+        ({"braking_share": 1.1}, "braking_share is 1.1"),
+        ({"tracking_share": 0.0}, "tracking_share is 0; it must be above 0, and 1 at most"),
+        ({"tracking_share": 1.1}, "tracking_share is 1.1"),
+    ],
+)
+def test_a_law_that_no_loop_can_be_run_with_is_refused(changes: dict[str, float], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        FeederLaw(**changes)
+    assert FeederLaw(braking_share=1.0, tracking_share=1.0).settling_s == 0.1
+
+
+class TestLearning:
+    def axes(self, turned_over_s: float = PERIOD_S) -> Any:
+        def axis(gain_error: float, mean_s: float, begun_anew: int) -> Any:
+            lag = Made(mean_s=mean_s)
+            return Made(gain_error=gain_error, lag=lag, lag_sigma_s=0.01, begun_anew=begun_anew)
+
+        ra, dec = axis(0.25, 0.02, 1), axis(-0.5, 0.4, 2)
+        return Made(ra=ra, dec=dec, predicted_deg=(0.05, -0.02), turned_over_s=turned_over_s)
+
+    def test_rates_are_those_between_samples_next_to_one_another(self) -> None:
+        """Commanded: what was predicted less what the gain makes of it. Seen: over the pole of 360°, too."""
+        known = Learning()
+        known.take(self.axes(), sample(0, 359.98, 20.0), NOW)
+        assert known.fits[0].samples == 0
+        known.take(self.axes(), sample(1, 0.02, 19.97), NOW + PERIOD_S)
+        assert [fit.samples for fit in known.fits] == [1, 1]
+        asked = [fit.fastest_asked_deg_s for fit in known.fits]
+        assert asked == pytest.approx([0.05 / 1.25 / PERIOD_S, 0.02 / 0.5 / PERIOD_S])
+        assert [fit.fastest_deg_s for fit in known.fits] == pytest.approx([0.04 / PERIOD_S, 0.03 / PERIOD_S])
+
+    def test_others_tell_nothing_of_a_rate(self) -> None:
+        known = Learning()
+        known.take(self.axes(), sample(0), NOW)
+        known.pause()
+        known.take(self.axes(), sample(1), NOW + PERIOD_S)
+        known.take(self.axes(0.0), sample(2), NOW + 2.0 * PERIOD_S)
+        known.take(self.axes(), sample(4), NOW + 4.0 * PERIOD_S)
+        assert known.fits[0].samples == 0
+        known.take(self.axes(), sample(5), NOW + 5.0 * PERIOD_S)
+        assert known.fits[0].samples == 1
+        known.forget_rates()
+        known.take(self.axes(), sample(6), NOW + 6.0 * PERIOD_S)
+        assert known.fits[0].samples == 0
+
+    def test_the_slower_axis_is_the_loops(self) -> None:
+        known, law = Learning(), FeederLaw()
+        assert known.times_begun_anew == 0
+        known.take(self.axes(), sample(0), NOW)
+        known.anew()
+        assert known.times_begun_anew == 1 + 1 + 2
+        # Half of 0.4 s; else 1.25 intervals and four sigmas.
+        assert known.settling_s(PERIOD_S, law) == pytest.approx(0.2)
+        assert known.settling_s(0.2, law) == pytest.approx(0.25 + 0.04)
+        learnt = known.learnt()
+        assert learnt is not None
+        assert [(one.lag_s, one.lag_sigma_s, one.line) for one in learnt] == [
+            (0.02, 0.01, None),
+            (0.4, 0.01, None),
+        ]

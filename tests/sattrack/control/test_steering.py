@@ -1,0 +1,283 @@
+"""The operator's messages and an estimate as offsets, by hand: pace, range and readings are made up."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace as Made
+from typing import Any
+
+import numpy as np
+import pytest
+from test_bias_bounds import NOW, Paced
+
+from sattrack.control.biases import NO_CAMERAS, Camera, Cameras
+from sattrack.control.estimate import EstimatedBiases
+from sattrack.control.offset import Pattern
+from sattrack.control.steering import Steering
+from sattrack.mount.model import MountProfile
+from sattrack.runtime import demo_pass
+from sattrack.views.messages import ClearBias, DropRemembered, Guide, Nudge, OffsetBy, Search, SeenOffset
+from sattrack.views.run import RememberedView
+from tle.bias import NO_BIAS, Bias
+from tle.instants import Utc
+from tle.propagator import Propagator
+
+PROFILE = MountProfile(command_delay_s=0.02)
+REACTS_S = 3 * 0.05 + 0.02
+SEEN = RememberedView("observations", NOW - 6000.0, 0.8, 0.1, 2.0, 0.3, None, 40, 7)
+NUDGED = RememberedView("nudge", NOW - 6000.0, 0.8, None, None, None, 0.05, 0, 7)
+
+
+def steering(cameras: Cameras = NO_CAMERAS, remembered: RememberedView | None = None) -> Steering:
+    """Return the steering of a satellite 1000 km away that moves by 0.05° for each second along its track."""
+    propagator = Propagator(demo_pass.elements(), demo_pass.SITE.place())
+    bias = Bias(0.8, 0.05) if remembered is NUDGED else NO_BIAS
+    one = Steering(propagator, PROFILE, bias, cameras, NOW - 60.0, remembered)
+    paced = Paced()
+    paced.offsets, paced._plain = one.biases.offsets, one.biases._plain
+    paced.estimated_along = one.biases.estimated_along
+    paced.estimated_cross_km = one.biases.estimated_cross_km
+    one.biases = paced
+    return one
+
+
+def reads(one: Steering, **changes: float) -> None:
+    """Have the estimate read so from now on."""
+    numbers = dict.fromkeys(EstimatedBiases._fields, 0.0) | changes
+    one.estimator.reading = lambda *_, **__: EstimatedBiases(**numbers)  # type: ignore[method-assign]
+
+
+class TestRemembered:
+    @pytest.mark.parametrize("known", [SEEN, NUDGED])
+    def test_a_bias_that_is_dropped_is_taken_away_once(self, known: RememberedView) -> None:
+        one = steering(remembered=known)
+        assert one.remembered == known
+        along, cross = one.biases.applied(NOW)
+        assert along.value == 0.8
+        assert cross.value == pytest.approx(0.05 if known is NUDGED else math.degrees(math.atan(0.002)))
+        one.obey(DropRemembered(), NOW)
+        assert one.refusal is None
+        assert one.biases.totals(NOW + 60.0) == pytest.approx((0.0, 0.0), abs=1e-12)
+        assert (one.remembered or known).state == "dropped"
+        one.obey(DropRemembered(), NOW + 60.0)
+        assert one.refusal == "no remembered bias is in force: it was dropped"
+        assert one.biases.totals(NOW + 120.0) == pytest.approx((0.0, 0.0), abs=1e-12)
+
+    def test_without_one_there_is_nothing_to_drop(self) -> None:
+        one = steering()
+        one.obey(DropRemembered(), NOW)
+        assert (one.remembered, one.refusal) == (None, "no remembered bias is in force")
+
+    def test_one_that_is_cleared_stays_so(self) -> None:
+        one = steering(remembered=SEEN)
+        one.obey(ClearBias(), NOW)
+        assert (one.remembered or SEEN).state == "cleared"
+        assert one.biases.totals(NOW + 60.0) == (0.0, 0.0)
+        one.obey(DropRemembered(), NOW + 60.0)
+        one.obey(ClearBias(), NOW + 60.0)
+        assert (one.remembered or SEEN).state == "cleared"
+
+    def test_one_is_replaced_while_observations_are_followed(self) -> None:
+        one = steering(remembered=SEEN)
+        reads(one, along_s=0.3, cross_km=-1.0)
+        one.estimator.filter, one._estimated = Made(), True  # type: ignore[assignment]
+        assert one.watch(NOW) is True
+        assert (one.remembered or SEEN).state == "replaced"
+        assert one.biases.totals(NOW + 60.0)[0] == pytest.approx(0.3)
+
+
+class TestFollowing:
+    def following(self, **reading: float) -> Steering:
+        one = steering()
+        reads(one, **reading)
+        one.estimator.filter, one._estimated = Made(), True  # type: ignore[assignment]
+        assert one.watch(NOW) is True
+        return one
+
+    @pytest.mark.parametrize(
+        ("changes", "news"),
+        [
+            ({}, False),
+            ({"along_s": 0.5 + 1.9e-6}, False),
+            ({"along_s": 0.5 - 2.1e-6}, True),
+            ({"cross_km": -1.5 + 0.9e-5}, False),
+            ({"cross_km": -1.5 - 1.1e-5}, True),
+        ],
+    )
+    def test_what_is_fed_already_is_no_news(self, changes: dict[str, float], news: bool) -> None:
+        one = self.following(along_s=0.5, cross_km=-1.5)
+        reads(one, **({"along_s": 0.5, "cross_km": -1.5} | changes))
+        assert one.watch(NOW + 0.49) is False
+        assert one.watch(NOW + 0.51) is news
+
+    def test_a_drift_and_a_bend_are_followed_as_a_parabola(self) -> None:
+        moving = {
+            "along_rate": 0.01, "along_curve": 0.002, "cross_rate_km_s": -0.02, "cross_curve_km_s2": 0.004,
+        }  # fmt: skip
+        one = self.following(along_s=0.5, cross_km=-1.5, **moving)
+        for t in (10.0, 30.0):
+            gone = t - REACTS_S
+            along, cross = one.biases.estimated_along, one.biases.estimated_cross_km
+            assert along.total_at(NOW + t) == pytest.approx(0.5 + 0.01 * gone + 0.001 * gone * gone)
+            assert cross.total_at(NOW + t) == pytest.approx(-1.5 - 0.02 * gone + 0.002 * gone * gone)
+        # Half a second on, the estimate says of then what is fed: nothing changes.
+        reads(
+            one,
+            along_s=0.5 + 0.01 * 0.6 + 0.001 * 0.36,
+            along_rate=0.01 + 0.002 * 0.6,
+            along_curve=0.002,
+            cross_km=-1.5 - 0.02 * 0.6 + 0.002 * 0.36,
+            cross_rate_km_s=-0.02 + 0.004 * 0.6,
+            cross_curve_km_s2=0.004,
+        )
+        assert one.watch(NOW + 0.6) is False
+
+    def test_an_estimate_that_says_nothing_changes_nothing(self) -> None:
+        one = self.following(along_s=0.5)
+        one.estimator.reading = lambda *_, **__: None  # type: ignore[method-assign]
+        assert one.watch(NOW + 0.6) is False
+        assert one.biases.totals(NOW + 60.0)[0] == 0.5
+
+
+class TestSearches:
+    """On a mount that moves by up to 0.8 seconds of the track a second, and 0.8°/s across it."""
+
+    def found(self, field_deg: float | None, along_sigma_s: float, cross_sigma_km: float) -> Any:
+        one = steering(Cameras(field_deg=field_deg))
+        reads(one, along_sigma_s=along_sigma_s, cross_sigma_km=cross_sigma_km)
+        one.obey(Search("auto"), NOW)
+        return one.refusal or one.biases.patterns[-1]
+
+    def test_along_the_track_it_sweeps_two_sigmas_as_fast_as_the_mount_can(self) -> None:
+        """0.1° at half a field of 0.1° a second is a turn of 4π s: too fast, and 0.7 times that is not."""
+        one = self.found(0.1, 1.0, 0.2)
+        seconds = 4.0 * math.pi / 0.7
+        assert one == Pattern("sweep", 2.0, pytest.approx(seconds), NOW + REACTS_S, math.inf)
+
+    @pytest.mark.parametrize(
+        ("field_deg", "spacing_deg", "speed_deg_s"),
+        [
+            (0.1, 0.07, 0.05),
+            (0.001, 0.001, 0.0005),
+            # Arms of 2° at most; 4π v²/2° is within 1.8°/s², 0.45 of the declination's, from 0.7⁴ on.
+            (4.0, 2.0, 2.0 * 0.7**4),
+        ],
+    )
+    def test_across_it_too_it_runs_in_a_spiral(
+        self, field_deg: float, spacing_deg: float, speed_deg_s: float
+    ) -> None:
+        one = self.found(field_deg, 1.0, 80.0 if field_deg > 1.0 else 2.0)
+        assert (one.how, one.first, one.second) == (
+            "spiral",
+            pytest.approx(spacing_deg),
+            pytest.approx(speed_deg_s),
+        )
+
+    @pytest.mark.parametrize(
+        ("field_deg", "along_sigma_s", "cross_sigma_km", "words"),
+        [
+            (None, 1.0, 1.0, "auto refused: the camera's field is not known; give --fov"),
+            (0.2, 0.6, 0.6, "auto refused: the target is within the camera's field by what is known"),
+            (0.1, 30.1, 0.1, "sweep refused: reach_s 60.2; give 0.01 to 60"),
+        ],
+    )
+    def test_else_it_says_why_not(
+        self, field_deg: float | None, along_sigma_s: float, cross_sigma_km: float, words: str
+    ) -> None:
+        told = self.found(field_deg, along_sigma_s, cross_sigma_km)
+        assert told.startswith(words)
+
+    def test_two_sigmas_either_way_are_held_against_half_a_field(self) -> None:
+        for sigma_s, within in ((0.99, True), (1.01, False)):
+            assert isinstance(self.found(0.2, sigma_s, 0.0), str) is within
+        for sigma_km, within in ((0.86, True), (0.88, False)):
+            assert isinstance(self.found(0.2, 0.0, sigma_km), str) is within
+
+    def lost(self, guided: bool = True, wanted: bool = True) -> Steering:
+        one = steering(Cameras(field_deg=0.1, search_when_lost=wanted))
+        reads(one, along_sigma_s=1.0, cross_sigma_km=2.0)
+        one.estimator.last_utc_s, one.guided = NOW, guided
+        return one
+
+    def test_a_target_that_was_not_seen_for_three_seconds_is_searched_for_once(self) -> None:
+        one = self.lost()
+        assert one.watch(NOW + 2.9) is False
+        assert one.watch(NOW + 3.1) is True
+        assert one.refusal == "the target is lost, and may be out of the field: searching"
+        assert one.biases.pattern_at(NOW + 4.0) is not None
+        assert one.watch(NOW + 3.2) is False
+        one.obey(Search("stop"), NOW + 5.0)
+        assert one.watch(NOW + 6.0) is False
+        assert one.biases.pattern_at(NOW + 7.0) is None
+        # Seen again, and lost again.
+        one.estimator.last_utc_s = NOW + 7.0
+        assert one.watch(NOW + 11.0) is True
+
+    @pytest.mark.parametrize("why_not", [{"guided": False}, {"wanted": False}])
+    def test_unless_the_operator_guides_or_does_not_want_it(self, why_not: dict[str, bool]) -> None:
+        one = self.lost(**why_not)
+        assert one.watch(NOW + 3.1) is False
+        assert one.biases.patterns == []
+
+
+def in_pixels(dx_px: float, dy_px: float) -> SeenOffset:
+    return SeenOffset(Utc(NOW).isoformat("microseconds"), dx_px=dx_px, dy_px=dy_px, sigma_px=1.0)
+
+
+def middle(*_: object) -> Any:
+    """Return an image whose middle is where right ascension and declination begin."""
+    return Made(fed=np.array([1.0, 0.0, 0.0]), right=np.array([0.0, 1.0, 0.0]), up=np.array([0.0, 0.0, 1.0]))
+
+
+class TestMessages:
+    def test_a_change_begins_when_a_command_that_knows_of_it_can_act(self) -> None:
+        """Three periods and the command's delay after it was asked for, and never before an earlier one."""
+        one = steering()
+        one.obey(Nudge(0.5, 0.0), NOW)
+        along = one.biases.offsets["along_s"]
+        assert along.state(NOW + REACTS_S - 1e-3).value == 0.0
+        assert along.state(NOW + REACTS_S + 1e-2).value > 0.0
+        one.obey(Nudge(0.5, 0.0), NOW - 1.0)
+        assert [change.begins_utc_s for change in along._changes] == [NOW + REACTS_S] * 2
+
+    def test_a_refusal_is_shown_for_five_seconds_or_until_the_next(self) -> None:
+        one = steering()
+        one.obey(Search("stop"), NOW)
+        assert one.refusal == "no search is running"
+        for after_s, words in ((4.9, "no search is running"), (5.1, None)):
+            one.obey(OffsetBy("along_s", "add", 0.01), NOW + after_s)
+            assert one.refusal == words
+
+    def test_what_cannot_be_accepted_says_why(self) -> None:
+        one = steering()
+        one.obey(Guide("accept"), NOW)
+        assert one.refusal == "nothing to accept: the last observation was taken"
+        one.obey(Guide("off"), NOW)
+        one.obey(in_pixels(30.0, 40.0), NOW)
+        assert one.last_seen == "held"
+        one.obey(Guide("accept"), NOW)
+        assert (one.refusal or "").startswith("not accepted: it is in pixels, and their size is not known")
+
+    @pytest.mark.parametrize(
+        ("dx_px", "dy_px", "taken"), [(1801.0, 0.0, False), (0.0, -1801.0, False), (1799.0, -1799.0, True)]
+    )
+    def test_offsets_are_refused_that_no_camera_has(self, dx_px: float, dy_px: float, taken: bool) -> None:
+        one = steering(Cameras(Camera(scale_arcsec_px=10.0)))
+        one.biases.image_at = middle  # type: ignore[method-assign, assignment]
+        one._observe = lambda *_, **__: None  # type: ignore[method-assign]
+        one.obey(in_pixels(dx_px, dy_px), NOW)
+        assert one.estimator.words == (None if taken else "offsets go to 18000 arcseconds either way")
+        assert (one.last_offset is not None) is taken
+
+    def test_where_it_was_seen_on_the_axes(self) -> None:
+        """In an image turned by 90°, up is towards smaller hour angles; mirrored, right is left."""
+        for camera, first, second in (
+            (Camera(), 3.0, 4.0), (Camera(90.0), -4.0, 3.0), (Camera(0.0, True), -3.0, 4.0)
+        ):  # fmt: skip
+            one = steering(Cameras(camera))
+            one.biases.image_at = middle  # type: ignore[method-assign, assignment]
+            one._observe = lambda *_, **__: None  # type: ignore[method-assign]
+            one.obey(SeenOffset(Utc(NOW).isoformat("microseconds"), 3.0, 4.0, 1.0), NOW)
+            assert one.last_offset == pytest.approx((NOW, first, second))
+            one.obey(OffsetBy("along_s", "add", 0.01), NOW)
+            assert one.last_offset is None
