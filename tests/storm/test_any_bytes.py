@@ -159,6 +159,7 @@ def test_stellarium(pieces: list[bytes]) -> None:
 
 @ANY
 @given(st.lists(WORDS | st.text(max_size=20), max_size=16), st.sampled_from((" ", ",", "  ")))
+@example(["PS", *["0"] * 8, "9" * 400, "0", "1", "REMOTE", "IDLE"], " ")
 def test_antenna_messages(words: list[str], between: str) -> None:
     text = between.join(words)
     assert isinstance(parse(text), AntennaRequest | RefusedCommand)
@@ -223,6 +224,9 @@ JSON = st.recursive(
 
 @ANY
 @given(JSON.map(msgspec.json.encode) | st.binary(max_size=100))
+@example(b'{"type":"\xff"}')
+@example(b'{"utc":"\xff","ra_deg":1,"dec_deg":2}')
+@example(b'{"type":"stop","x":' + b"[" * 2000)
 @pytest.mark.parametrize("read", [decode_message, decode_said, decode_observation, decode_order])
 def test_messages_to_a_run(read: Callable[[bytes], object], line: bytes) -> None:
     try:
@@ -233,6 +237,7 @@ def test_messages_to_a_run(read: Callable[[bytes], object], line: bytes) -> None
 
 @ANY
 @given(st.lists(JSON.map(msgspec.json.encode) | st.binary(max_size=100), max_size=30))
+@example([b'{"utc":"\xff","ra_deg":1,"dec_deg":2}'])
 def test_lines_of_observers(lines: list[bytes]) -> None:
     observers = Observers()
     for line in [*lines, b"[" * 20000]:
