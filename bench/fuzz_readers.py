@@ -270,8 +270,7 @@ def guardian_requests() -> list[Read]:
 
     def read(data: bytes) -> None:
         guardian = MagicMock(**{"task.owner": Owner(1, 0, "a run", "2026-10-02T13:02:00Z", "sim", 0)})
-        connection = MagicMock(**{"recv.return_value": data + b"\n"})
-        Guardian._receive(guardian, GuardianClient(connection))
+        Guardian._obey(guardian, GuardianClient(MagicMock(), data + b"\n"))
 
     return [read]
 

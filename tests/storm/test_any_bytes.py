@@ -374,6 +374,7 @@ def test_spoilt_journals(tmp_path: Path, bytes_: list[tuple[float, int]], kept: 
 @ANY
 @given(CUTS)
 @example([(0.5, 4, ""), (0.375, 1, "")])
+@example([(0.219, 4, "3026")])
 @pytest.mark.parametrize("axes", ["equatorial", "altaz"])
 def test_files_of_stars_for_a_pointing_model(axes: str, cuts: list[tuple[float, int, str]]) -> None:
     text = spoilt(STARS.decode().replace("EQUAT", "ALTAZ" if axes == "altaz" else "EQUAT"), cuts)
