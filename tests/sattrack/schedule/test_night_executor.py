@@ -331,7 +331,7 @@ def test_a_journal_that_is_none_or_another_versions_is_refused(tmp_path: Path) -
     with sqlite3.connect(spoilt) as base:
         base.execute("PRAGMA journal_mode = DELETE")
     base.close()
-    spoilt.write_bytes(spoilt.read_bytes().replace(b"TABLE events (", b"TABLE \xff\xff\xff\xff\xff\xff ("))
+    spoilt.write_bytes(spoilt.read_bytes().replace(b"CREATE TABLE", b"CREATE\xffTABLE"))
     with pytest.raises(SattrackError, match="no journal to be used"):
         Journal(spoilt)
 
