@@ -13,6 +13,7 @@ runs it again is printed. Branches and features are libFuzzer's counts (a featur
 from __future__ import annotations
 
 import argparse
+import hashlib
 import importlib.util
 import os
 import re
@@ -25,7 +26,7 @@ from typing import NamedTuple
 
 from fuzz_readers import READERS, Reader, found
 
-KEPT = Path(tempfile.gettempdir()) / "sattrack-fuzz"
+KEPT = Path(__file__).resolve().parent.parent / "build" / "fuzz"
 MEMORY = Path("/dev/shm")
 LONGEST_S, MOST_MB = 5, 2048
 AFTER_S = 120.0
@@ -63,6 +64,12 @@ def be_the_child(name: str, arguments: list[str]) -> None:
                 read(data)
             except errors:
                 continue
+            except Exception:
+                # As libFuzzer does, which now and then does not.
+                kept = Path(f"{KEPT / name}-crash-{hashlib.sha1(data).hexdigest()}")
+                kept.write_bytes(data)
+                print(f"Test unit written to {kept}", flush=True)
+                raise
 
     atheris.Setup([sys.argv[0], *arguments], try_one)
     atheris.Fuzz()
@@ -101,7 +108,6 @@ def fuzz(name: str, seconds: float, seed: int) -> Result:
         corpus.mkdir()
         for k, example in enumerate(reader.seeds):
             (corpus / str(k)).write_bytes(example if isinstance(example, bytes) else example())
-        KEPT.mkdir(exist_ok=True)
         said = run(
             name,
             [
@@ -129,7 +135,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=(__doc__ or "").partition("\n")[0], epilog=f"Readers: {', '.join(READERS)}."
     )
-    parser.add_argument("reader", nargs="*", choices=[*READERS, []], help="which readers; default: all")
+    parser.add_argument(
+        "reader", nargs="*", choices=[*READERS, []], metavar="READER", help="which readers; default: all"
+    )
     parser.add_argument("--seconds", type=float, default=60.0, help="for each reader")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--again", metavar="FILE", help="run one kept input of one reader again")
@@ -137,6 +145,7 @@ def main() -> int:
     if importlib.util.find_spec("atheris") is None:
         sys.exit("fuzz.py needs atheris: run `pip install atheris`")
     names = options.reader or list(READERS)
+    KEPT.mkdir(parents=True, exist_ok=True)
     if options.again is not None:
         with tempfile.TemporaryDirectory() as folder:
             print(run(names[0], [*limits(READERS[names[0]]), options.again], Path(folder), None))
