@@ -179,7 +179,8 @@ def observed(ra_deg: float, dec_deg: float, sidereal_deg: float, run: RunParamet
     place = (longitude, latitude, run.height_m, 0.0, 0.0)
     radians = math.radians(ra_deg), math.radians(dec_deg)
     azimuth, zenith, hour_angle, dec, *_ = (
-        float(one) for one in erfa.atco13(*radians, 0.0, 0.0, 0.0, 0.0, first, second, 0.0, *place, *air)
+        float(one)
+        for one in erfa.ufunc.atco13(*radians, 0.0, 0.0, 0.0, 0.0, first, second, 0.0, *place, *air)
     )
     if run.pressure_hpa <= 0.0:
         return math.degrees(hour_angle), math.degrees(dec)

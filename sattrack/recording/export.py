@@ -75,8 +75,8 @@ Row = dict[str, Any]
 def rows(recording: Recording, table: str) -> Iterator[Row]:
     """Give a table's rows: instants as ISO 8601 UTC and as POSIX seconds, fields by the names of the paper.
 
-    `status` (by arrival), `command` (with what was sent once more), `operator`, `view`. Datagrams that are
-    none are left out.
+    `status` (by arrival), `command` (with what was sent once more), `operator`, `view`. Datagrams and
+    messages that are none are left out.
     """
     for entry in recording.entries():
         row: Row = {"utc": Utc(entry.utc_s).isoformat("microseconds"), "utc_s": entry.utc_s}
@@ -89,8 +89,10 @@ def rows(recording: Recording, table: str) -> Iterator[Row]:
                 again = {"repeated": entry.topic == REPEAT}
                 yield row | again | {name: getattr(command, name) for name in _COMMAND}
             elif entry.topic == table and table in {OPERATOR, VIEW}:
-                yield row | flat(msgspec.json.decode(entry.data))
-        except (DatagramError, msgspec.MsgspecError):
+                value = msgspec.json.decode(entry.data)
+                if isinstance(value, dict):
+                    yield row | flat(value)
+        except (DatagramError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
             continue
 
 

@@ -259,8 +259,9 @@ class Recording:
         try:
             version = msgspec.json.decode(data, type=_VersionOnly)
             if version.format_version <= FORMAT_VERSION:
-                return msgspec.json.decode(data, type=RunHeader)
-        except msgspec.MsgspecError as error:
+                # The run's facts are in it, raw: whoever decodes them need not look for what is no UTF-8.
+                return msgspec.json.decode(data.decode(), type=RunHeader)
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
             raise BadInputError(f"{self.path}: the recording's header cannot be read: {error}") from error
         raise BadInputError(
             f"{self.path}: format {version.format_version}, written by a newer sattrack, "

@@ -187,7 +187,7 @@ class _Columns:
         elif entry.topic == VIEW:
             try:
                 seen = msgspec.json.decode(entry.data, type=_RecordedView)
-            except msgspec.MsgspecError:
+            except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
                 return
             near = entry.utc_s - self._seen_utc_s < DENSE_S
             self._seen_utc_s = entry.utc_s

@@ -158,6 +158,10 @@ class Journal:
             found = base.execute("PRAGMA quick_check(1)").fetchone()[0]
             if found != "ok":
                 raise DamagedJournalError(f"{file}: {found}")
+        except UnicodeDecodeError as error:
+            # SQLite's words quote what is damaged.
+            base.close()
+            raise DamagedJournalError(f"{file}: no journal to be used: {error}") from None
         except BaseException:
             base.close()
             raise
@@ -216,7 +220,7 @@ class Journal:
             return self._known
         try:
             return self._base.execute(_SELECT).fetchall()
-        except (sqlite3.Error, OverflowError) as error:
+        except (sqlite3.Error, OverflowError, UnicodeDecodeError) as error:
             raise DamagedJournalError(f"{self._file}: the journal cannot be read: {error}") from None
 
     def _forget(self, row: _Row) -> None:

@@ -23,7 +23,7 @@ To a manual console: `{"type":"slew","ra_deg":82.5,"dec_deg":-12.5}`, `{"type":"
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from typing import Literal, TypeVar, get_args
 
 import msgspec
 
@@ -32,6 +32,7 @@ from sattrack.mount.requests import Abort, FindHome, Park, Sync
 from tle.errors import TimeFormatError
 from tle.instants import Utc
 
+T = TypeVar("T")
 Quantity = Literal[
     "along_s",
     "cross_deg",
@@ -366,14 +367,23 @@ def encode_message(message: Message | SessionMessage | ConsoleMessage) -> bytes:
     return msgspec.json.encode(message) + b"\n"
 
 
+def _decode(decoder: msgspec.json.Decoder[T], line: bytes | str) -> T:
+    """Return what one JSON line says; raises msgspec.MsgspecError."""
+    try:
+        return decoder.decode(line)
+    except (UnicodeDecodeError, RecursionError) as error:
+        # msgspec lets these out of texts that are no UTF-8, and of what is nested too deep.
+        raise msgspec.DecodeError(str(error)) from None
+
+
 def decode_message(line: bytes) -> Message:
     """Return the message to a run of one JSON line; raises msgspec.MsgspecError."""
-    return _SEEN_OFFSETS.decode(line) if _is_seen_offset(line) else _MESSAGES.decode(line)
+    return _decode(_SEEN_OFFSETS, line) if _is_seen_offset(line) else _decode(_MESSAGES, line)
 
 
 def decode_said(line: bytes | str) -> Message | SessionMessage:
     """Return the message to a run, or about its control, of one JSON line; raises msgspec.MsgspecError."""
-    return _SEEN_OFFSETS.decode(line) if _is_seen_offset(line) else _ALL.decode(line)
+    return _decode(_SEEN_OFFSETS, line) if _is_seen_offset(line) else _decode(_ALL, line)
 
 
 def decode_observation(line: bytes) -> Reported:
@@ -382,10 +392,10 @@ def decode_observation(line: bytes) -> Reported:
     The type of an observation may be left out.
     """
     if b'"fix"' in line:
-        return _FIXES.decode(line)
+        return _decode(_FIXES, line)
     if b'"field"' in line:
-        return _FIELDS.decode(line)
-    return _SEEN_OFFSETS.decode(line) if _is_seen_offset(line) else _OBSERVATIONS.decode(line)
+        return _decode(_FIELDS, line)
+    return _decode(_SEEN_OFFSETS, line) if _is_seen_offset(line) else _decode(_OBSERVATIONS, line)
 
 
 def is_observation(line: bytes) -> bool:
@@ -402,7 +412,7 @@ def _is_seen_offset(line: bytes | str) -> bool:
 
 def decode_order(line: bytes) -> ConsoleMessage:
     """Return the message to a console of one JSON line; raises msgspec.MsgspecError."""
-    return _ORDERS.decode(line)
+    return _decode(_ORDERS, line)
 
 
 def _check_utc(text: str) -> None:

@@ -17,6 +17,7 @@ from xml.etree.ElementTree import Element
 
 import msgspec
 import pytest
+from fuzz_readers import EPHEMERIDES, HIPPARCOS, STARS
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
@@ -159,6 +160,7 @@ def test_stellarium(pieces: list[bytes]) -> None:
 
 @ANY
 @given(st.lists(WORDS | st.text(max_size=20), max_size=16), st.sampled_from((" ", ",", "  ")))
+@example(["PS", *["0"] * 8, "9" * 400, "0", "1", "REMOTE", "IDLE"], " ")
 def test_antenna_messages(words: list[str], between: str) -> None:
     text = between.join(words)
     assert isinstance(parse(text), AntennaRequest | RefusedCommand)
@@ -223,6 +225,9 @@ JSON = st.recursive(
 
 @ANY
 @given(JSON.map(msgspec.json.encode) | st.binary(max_size=100))
+@example(b'{"type":"\xff"}')
+@example(b'{"utc":"\xff","ra_deg":1,"dec_deg":2}')
+@example(b'{"type":"stop","x":' + b"[" * 2000)
 @pytest.mark.parametrize("read", [decode_message, decode_said, decode_observation, decode_order])
 def test_messages_to_a_run(read: Callable[[bytes], object], line: bytes) -> None:
     try:
@@ -233,6 +238,7 @@ def test_messages_to_a_run(read: Callable[[bytes], object], line: bytes) -> None
 
 @ANY
 @given(st.lists(JSON.map(msgspec.json.encode) | st.binary(max_size=100), max_size=30))
+@example([b'{"utc":"\xff","ra_deg":1,"dec_deg":2}'])
 def test_lines_of_observers(lines: list[bytes]) -> None:
     observers = Observers()
     for line in [*lines, b"[" * 20000]:
@@ -365,21 +371,13 @@ def test_spoilt_journals(tmp_path: Path, bytes_: list[tuple[float, int]], kept: 
         journal.close()
 
 
-STARS = """a run
-:EQUAT
-:NODA
- 52 09 00.0 2026 11 22 10.0 1013.0 6.0
- 05 16 41.35871 +45 59 52.7693 0 0 2000.0 05 18 40.00000 +46 01 00.0000 05 30.5
-END
-"""
-
-
 @ANY
 @given(CUTS)
 @example([(0.5, 4, ""), (0.375, 1, "")])
+@example([(0.219, 4, "3026")])
 @pytest.mark.parametrize("axes", ["equatorial", "altaz"])
 def test_files_of_stars_for_a_pointing_model(axes: str, cuts: list[tuple[float, int, str]]) -> None:
-    text = spoilt(STARS.replace("EQUAT", "ALTAZ" if axes == "altaz" else "EQUAT"), cuts)
+    text = spoilt(STARS.decode().replace("EQUAT", "ALTAZ" if axes == "altaz" else "EQUAT"), cuts)
     assert (refusal(read_stars, text, "run.dat", axes) or "run.dat").startswith("run.dat")
 
 
@@ -396,52 +394,12 @@ def test_answers_of_an_alpaca_mount(body: bytes) -> None:
         value_in("tracking", 200, body)
 
 
-TRACK = "utc,az_deg,alt_deg\n" + "".join(f"2026-10-02T19:4{k}:00Z,{10 * k},{20 + k}\n" for k in range(9))
-RATE = math.sqrt(398600.4418 / 12270.0**3) - 7.292115e-5
-"""Of a circle of 12,270 km above the equator, against the Earth, rad/s."""
-CIRCLE_KM = [(12270.0 * math.cos(240.0 * RATE * k), 12270.0 * math.sin(240.0 * RATE * k)) for k in range(12)]
-OEM = (
-    "CCSDS_OEM_VERS = 2.0\nCREATION_DATE = 2026-10-02T00:00:00\nORIGINATOR = HAND\nMETA_START\n"
-    "OBJECT_NAME = MADE\nOBJECT_ID = 1998-067-A\nCENTER_NAME = EARTH\nREF_FRAME = ITRF2000\n"
-    "TIME_SYSTEM = UTC\nSTART_TIME = 2026-10-02T00:00:00\nSTOP_TIME = 2026-10-02T00:44:00\nMETA_STOP\n"
-    + "".join(
-        f"2026-10-02T00:{4 * k:02d}:00.000 {x:.6f} {y:.6f} 0.0 {-RATE * y:.9f} {RATE * x:.9f} 0.0\n"
-        for k, (x, y) in enumerate(CIRCLE_KM)
-    )
-)
-SP3 = (
-    "#cP2026 10  2  0  0  0.00000000      12 ORBIT IGS20 FIT  IGS\n"
-    "## 2438 432000.00000000   240.00000000 61315 0.0000000000000\n"
-    "+    1   L51  0  0  0  0  0  0  0  0  0  0  0  0  0  0  0  0\n"
-    "%c L  cc UTC ccc cccc cccc cccc cccc ccccc ccccc ccccc ccccc\n"
-    + "".join(
-        f"*  2026 10  2  0 {4 * k:2d}  0.00000000\nPL51{x:14.6f}{y:14.6f}{0.0:14.6f}999999.999999\n"
-        for k, (x, y) in enumerate(CIRCLE_KM)
-    )
-    + "EOF\n"
-)
-CPF = (
-    "H1 CPF  2  ILR 2026 10  2 12 275 01 made\n"
-    "H2  7603901 1155     8820 2026 10  2  0  0  0 2026 10  2  1  0  0   240 1 1 0 0 0\nH9\n"
-    + "".join(
-        f"10 0 61315 {240.0 * k:13.6f}  0 {1e3 * x:17.3f} {1e3 * y:17.3f} {0.0:17.3f}\n"
-        for k, (x, y) in enumerate(CIRCLE_KM)
-    )
-    + "99\n"
-)
-
-
 @ANY
 @given(CUTS)
-@pytest.mark.parametrize("text", [TRACK, CPF, OEM, SP3], ids=["track", "cpf", "oem", "sp3"])
+@pytest.mark.parametrize("text", EPHEMERIDES.values(), ids=EPHEMERIDES)
 def test_spoilt_ephemerides(text: str, cuts: list[tuple[float, int, str]]) -> None:
     data = spoilt(text, cuts).encode("utf-8", "surrogatepass")
     assert (refusal(parse_ephemerides, data, "orbit", Site(52.15, 4.49)) or "orbit").startswith("orbit")
-
-
-HIPPARCOS = (
-    "H|       11767| |02 31 47.1|+89 15 50.9| 1.97| |H|037.94614689|+89.26413805| |7.56|44.22|-11.74|\n"
-)
 
 
 @FILES
@@ -456,7 +414,7 @@ HIPPARCOS = (
             "name,latitude_deg,longitude_deg,height_m\nA,52.1,4.2,3\nB,-10,20,40\n",
             read_stations,
         ),
-        ("hip_main.dat", HIPPARCOS, partial(read_star, 11767, "Polaris")),
+        ("hip_main.dat", HIPPARCOS.decode(), partial(read_star, 11767, "Polaris")),
     ],
     ids=["horizon", "stations", "stations as CSV", "stars"],
 )

@@ -429,6 +429,14 @@ REFUSED = {
     "cut after a row": (HEAD + "\n".join(oem().splitlines()[:-3]) + "\n", 29, "the text is cut off"),
     "cut in the metadata": (HEAD + oem()[:90], 8, "ends before META_STOP"),
     "no rows": (HEAD + oem().split("META_STOP\n")[0] + "META_STOP\n", 12, "no rows follow"),
+    "no row in its time": (
+        HEAD
+        + oem(start=600.0)
+        .replace(f"= {stamp(600.0)}", f"= {stamp(0.0)}")
+        .replace(f"= {stamp(1740.0)}", f"= {stamp(60.0)}"),
+        11,
+        "no row lies between START_TIME and STOP_TIME",
+    ),
     "word": (HEAD + oem().replace(" 6985", " 69x5", 1), 14, "is no number"),
     "not finite": (HEAD + oem().replace(" -", " nan -", 1), 13, "has 7 numbers"),
     "time": (HEAD + oem().replace("T00:05:00.000 ", "T00:65:00.000 "), 18, "is no time"),

@@ -99,7 +99,10 @@ def parse_oem(lines: Lines) -> list[TableEphemeris]:
     objects: dict[tuple[str, str], list[Segment]] = {}
     for block in kvn.blocks:
         key = (block["OBJECT_NAME"], block["OBJECT_ID"])
-        objects.setdefault(key, []).extend(_segments(lines, block))
+        segments = objects.setdefault(key, [])
+        segments += _segments(lines, block)
+        if not segments:
+            raise lines.error(block.line("STOP_TIME"), "no row lies between START_TIME and STOP_TIME")
     originator = kvn.header.get("ORIGINATOR", "an unnamed originator")
     found = []
     for (name, designator), segments in objects.items():

@@ -471,9 +471,10 @@ def _switches(*on: bool) -> Values:
 def _read(text: str | None) -> float:
     """Return a number, plain or sexagesimal. Raises Fault."""
     found = _NUMBER.fullmatch(text or "")
-    if found is None:
+    parts = ("inf",) if found is None else found.groups()[1:]
+    value = sum(float(part or 0.0) / 60.0**power for power, part in enumerate(parts))
+    if found is None or not math.isfinite(value):
         raise Fault(Number.INVALID_VALUE, f"{text!r} is no number")
-    value = sum(float(part or 0.0) / 60.0**power for power, part in enumerate(found.groups()[1:]))
     return -value if found[1] == "-" else value
 
 

@@ -353,7 +353,10 @@ class ServedTelescope:
     def order(self, member: str, client: int, now_utc_s: float, **values: float) -> Order | None:
         """Return the order of a member's PUT for a client of another protocol. Raises Fault."""
         form = Form(tuple((name, str(value)) for name, value in values.items()), any_case=False)
-        order = self.put(member, form, client, now_utc_s)
+        try:
+            order = self.put(member, form, client, now_utc_s)
+        except BadRequest as bad:
+            raise Fault(Number.INVALID_VALUE, bad.message) from bad
         assert not isinstance(order, TrackSatellite | Passes), "an action is no member"
         return order
 

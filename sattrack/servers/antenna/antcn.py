@@ -354,12 +354,12 @@ def read_position(response: str) -> PositionReport:
     fields = response.split()
     if len(fields) != POSITION_FIELDS or fields[0] != "PS":
         raise ValueError(f"{response!r} is no position status")
-    commanded = _state(fields[1:3], fields[5:7], fields[9])
-    actual = _state(fields[3:5], fields[7:9], fields[10])
     try:
+        commanded = _state(fields[1:3], fields[5:7], fields[9])
+        actual = _state(fields[3:5], fields[7:9], fields[10])
         epoch_s = float(Decimal(fields[11]))
-    except InvalidOperation as error:
-        raise ValueError(f"{fields[11]!r} is no epoch") from error
+    except (InvalidOperation, OverflowError) as error:
+        raise ValueError(f"{response!r} is no position status") from error
     return PositionReport(commanded, actual, epoch_s, fields[12] == "REMOTE", fields[13])
 
 

@@ -16,10 +16,11 @@ from mcap.reader import make_reader
 from mcap_ros1.decoder import DecoderFactory
 
 from sattrack.cli.main import run
-from sattrack.recording.export import SeenDirection, tdm_text
-from sattrack.recording.format import COMMAND, OPERATOR, STATUS, Recording, clock_steps
+from sattrack.recording.export import SeenDirection, table_of, tdm_text
+from sattrack.recording.format import COMMAND, OPERATOR, STATUS, Recording, clock_steps, messages
 from sattrack.recording.recorder import Recorder
 from sattrack.runtime import demo_pass
+from sattrack.views.messages import StopNow
 from tle.errors import ObservationError
 from tle.formats.observations import Stations, read_observations
 from tle.site import Site
@@ -119,6 +120,19 @@ def test_csv_holds_the_numbers_of_the_datagrams(
     views = tmp_path / "views.csv"
     assert run(["recording", "export", str(short), str(views), "--table", "view"]) == 0
     assert "error.total_arcsec" in views.read_text().splitlines()[0].split(",")
+
+
+def test_messages_that_are_none_are_left_out_of_tables(short: Path, tmp_path: Path) -> None:
+    path = tmp_path / "odd.mcap"
+    with path.open("wb") as stream:
+        recorder = Recorder(stream, Recording(short).header.spec)
+        deep = b'{"type":"stop","x":' + b"[" * 2000
+        for k, said in enumerate((b'{"type":"\xff"}', b"[1]", b"3", deep, b'{"type":"stop"}')):
+            recorder.write(OPERATOR, float(k), said)
+        recorder.close()
+    recording = Recording(path)
+    assert table_of(recording, OPERATOR)["type"] == ["stop"]
+    assert [message for _, message in messages(recording)] == [StopNow()]
 
 
 def test_parquet_needs_pyarrow_and_says_so_in_a_line(

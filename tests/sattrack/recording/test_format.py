@@ -152,13 +152,24 @@ def test_a_newer_format_is_refused_naming_its_version(tmp_path: Path) -> None:
         Recording(path)
 
 
+@pytest.mark.parametrize(
+    ("spec", "why"),
+    [
+        (b'{"site":3}', "the run's facts, written by sattrack 0.1, cannot be read"),
+        (b'{"refraction":"\xff"}', "the recording's header cannot be read"),
+        (b'{"more":' * 2000 + b"1" + b"}" * 2000, "the recording's header cannot be read"),
+    ],
+    ids=["no facts", "no UTF-8", "nested too deep"],
+)
 def test_facts_that_are_none_are_refused_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], spec: bytes, why: str
 ) -> None:
     path = tmp_path / "facts.mcap"
-    write_with_header(path, {"format_version": 1, "program_version": "0.1", "spec": {"site": 3}})
+    write_with_header(path, {"format_version": 1, "program_version": "0.1", "spec": msgspec.Raw(spec)})
     assert run(["replay", str(path)]) == 2
-    assert "the run's facts, written by sattrack 0.1, cannot be read" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert why in told
+    assert told.count("\n") == 1
 
 
 @pytest.mark.parametrize("version", [1, 2, 3])

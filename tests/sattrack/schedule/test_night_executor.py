@@ -326,6 +326,14 @@ def test_a_journal_that_is_none_or_another_versions_is_refused(tmp_path: Path) -
     base.close()
     with pytest.raises(SattrackError, match="another version"):
         Journal(other)
+    spoilt = tmp_path / "spoilt"
+    Journal(spoilt).close()
+    with sqlite3.connect(spoilt) as base:
+        base.execute("PRAGMA journal_mode = DELETE")
+    base.close()
+    spoilt.write_bytes(spoilt.read_bytes().replace(b"CREATE TABLE", b"CREATE\xffTABLE"))
+    with pytest.raises(SattrackError, match="no journal to be used"):
+        Journal(spoilt)
 
 
 def test_a_folder_is_free_again_once_its_runner_is_gone_however_it_went(tmp_path: Path) -> None:

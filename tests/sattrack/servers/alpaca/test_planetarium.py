@@ -517,7 +517,14 @@ def message(kind: str, name: str, **values: str) -> ElementTree.Element:
     ("asked", "why"),
     [
         (message("Number", "EQUATORIAL_EOD_COORD", RA="x", DEC="1"), "'x' is no number"),
+        (message("Number", "EQUATORIAL_EOD_COORD", RA="1", DEC="9" * 400), "9' is no number"),
         (message("Number", "EQUATORIAL_EOD_COORD", RA="1", DEC="91"), "Declination is 91"),
+        (
+            message("Number", "TELESCOPE_TIMED_GUIDE_NS", TIMED_GUIDE_N="9" * 20),
+            "Duration is '1000.*whole number",
+        ),
+        (message("Number", "TELESCOPE_TIMED_GUIDE_NS", TIMED_GUIDE_N="9" * 400), "9' is no number"),
+        (message("Number", "GEOGRAPHIC_COORD", LAT="52.15", LONG="9" * 400), "9' is no number"),
         (message("Number", "GEOGRAPHIC_COORD", LAT="12", LONG="4"), "the site is set to 52.1541"),
         (message("Text", "TIME_UTC", UTC="2026-10-02T22:05:07", OFFSET="2"), "clock is .3600 s off"),
         (message("Switch", "SAT_TRACKING_STAT", SAT_TRACK="On"), "send the satellite's elements first"),
