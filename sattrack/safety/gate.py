@@ -116,6 +116,8 @@ class Safety:
         """What was cleared of late: when (UTC), and the rates of both axes."""
         self._held_since: tuple[float, Rates] | None = None
         """When the rates of what is held were found (UTC), and those."""
+        self._rests_since_s: float | None = None
+        """Since when axes that are to rest have had a limit ahead all the same (UTC)."""
         self._newest_utc_s = -math.inf
         most_ha, most_dec = FASTER * profile.ra.slew_rate_deg_s, FASTER * profile.dec.slew_rate_deg_s
         self._plausible = ((-most_ha, most_ha), (-most_dec, most_dec))
@@ -338,7 +340,7 @@ class Safety:
         now = self._in_force(oldest_s, utc_s)
         name = self.holding = self._ahead.outlook(spots, now).limit(wanted)
         if name is None:
-            self._outside, self._held_since = 0, None
+            self._outside, self._held_since, self._rests_since_s = 0, None, None
         else:
             nears = [self._bounds.near(spot.place, self._ahead.horizon_s) for spot in spots]
             outlook = self._ahead.outlook(spots, now, nears)
@@ -357,6 +359,9 @@ class Safety:
                 if kept is None:
                     kept = self._held((clipped, room), (spots, now), outlook.limit, outside is not None)
                     self._held_since = None if utc_s is None else (utc_s, kept)
+                unheeded = self._unheeded(kept, outlook.limit, utc_s)
+                if unheeded is not None:
+                    return self._trip(unheeded)
                 wanted = kept
         if utc_s is not None:
             self._sent.append((utc_s, *wanted))
@@ -386,6 +391,22 @@ class Safety:
         since_s, rates = self._held_since
         fresh = 0.0 <= utc_s - since_s < HELD_ANEW_S
         return rates if fresh and ahead(rates) is None else None
+
+    def _unheeded(self, held: Rates, ahead: Callable[[Rates], str | None], utc_s: float | None) -> str | None:
+        """Return the limit that is `ahead` of axes that are to rest, on a mount that does not heed its edges.
+
+        What arrives out of its order can hide an edge, and rates that stay the same get no other one. Rest is
+        asked for the longest fault too soon: only a mount that goes on comes so near. The Sun and the Moon
+        come near by themselves.
+        """
+        by_edges = self._profile.move_axis == "edge"
+        limit = ahead(REST) if by_edges and held == REST and utc_s is not None else None
+        if utc_s is None or limit is None or limit in CONES:
+            self._rests_since_s = None
+            return None
+        if self._rests_since_s is None:
+            self._rests_since_s = utc_s
+        return limit if utc_s - self._rests_since_s > self._ahead.latency_s else None
 
     def _held(
         self,
@@ -471,7 +492,7 @@ class Safety:
         return self._trip(self.holding)
 
     def _let_go(self) -> None:
-        self.holding = self._held_since = None
+        self.holding = self._held_since = self._rests_since_s = None
         self._outside = 0
         self._sent.clear()
         self._slews.forget()
