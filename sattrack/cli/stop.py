@@ -340,7 +340,7 @@ def _stop_one(owner: Owner, ended: queue.SimpleQueue[tuple[Owner, MountStop | Sa
         came = stop_session(owner, lambda: None)
     except SattrackError as error:
         came = error
-    except (OSError, msgspec.MsgspecError) as error:
+    except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         came = SattrackError(f"{owner}: {error}")
     ended.put((owner, came))
 

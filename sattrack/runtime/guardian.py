@@ -477,7 +477,7 @@ class Guardian:
     def _obey(self, client: GuardianClient) -> None:
         try:
             ask = msgspec.json.decode(client.received, type=Ask).ask
-        except msgspec.MsgspecError:
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
             self._dismiss(client)
             return
         client.received = b""

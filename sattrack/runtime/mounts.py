@@ -357,7 +357,7 @@ def _request_owner(name: str) -> Owner | None:
     except TimeoutError:
         pid, user, line = 0, -1, None
     if line:
-        with contextlib.suppress(msgspec.MsgspecError):
+        with contextlib.suppress(msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
             return msgspec.json.decode(line, type=Owner)
     mount = name.removeprefix(f"\0{PREFIX}")
     return Owner(pid, user, _command_of(pid), "an unknown instant", mount, 0, "does not answer")

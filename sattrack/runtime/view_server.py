@@ -141,7 +141,7 @@ class ViewClient:
 def _state_in(line: bytes) -> tuple[object, ...]:
     try:
         return msgspec.json.decode(line, type=_State).key()
-    except msgspec.MsgspecError:
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
         return ()
 
 
@@ -533,7 +533,7 @@ class RunViews:
         found: list[RunMessage] = []
         for line in [] if self._channel is None else self._channel.lines():
             for decoder in self._decoders:
-                with contextlib.suppress(msgspec.MsgspecError):
+                with contextlib.suppress(msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
                     found.append(decoder.decode(line))
                     break
         for message in found:

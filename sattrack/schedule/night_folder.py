@@ -582,7 +582,7 @@ def read_status(folder: Path) -> ScheduleView | None:
         view = msgspec.json.decode(data, type=ScheduleView)
     except FileNotFoundError:
         return None
-    except (OSError, msgspec.MsgspecError) as error:
+    except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise SattrackError(f"{folder / STATUS}: no status to be read: {error}") from None
     pid, stop = holder(folder), stop_of(folder)
     age_s = round(age_s + view.silent_s, 1)

@@ -212,7 +212,18 @@ def test_nonsense_at_the_door_changes_nothing(address: Address) -> None:
     with owned(address, MountProfile()) as (_, guard):
         assert guard.beat(MOVING)
         crowd = []
-        for words in (b"\n", b"stop\n", b'{"ask":"fly"}\n', b"x" * 9000, b'{"ask":', b"") * MOST_CLIENTS:
+        deep = b'{"ask":"who","x":' + b"[" * 3000 + b"\n"
+        nonsense = (
+            b"\n",
+            b"stop\n",
+            b'{"ask":"fly"}\n',
+            b'{"ask":"\xff"}\n',
+            deep,
+            b"x" * 9000,
+            b'{"ask":',
+            b"",
+        )
+        for words in nonsense * MOST_CLIENTS:
             door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
             crowd.append(door)
             door.connect(name)
