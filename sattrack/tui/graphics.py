@@ -271,15 +271,20 @@ class PlacedPicture(RealPicture):
             self.refresh(Region(0, 0, columns, 1), Region(0, 0, 1, rows))
             return
         self._fits, self._style = self._room, style
-        self._cells = [Strip([Segment(_placeholders(row, columns), style)], columns) for row in range(rows)]
+        self._cells = self._cut(Region(0, 0, columns, rows))
         self.refresh()
 
     def _lines(self, crop: Region) -> list[Strip]:
         """Return the cells, and in the first line the image for them."""
-        lines = [strip.crop(crop.x, crop.right) for strip in self._cells[crop.y : crop.bottom]]
-        if lines and crop.size == self.size:
-            lines[0] = Strip([_control(self._drawing), *lines[0]], crop.width)
-        return lines
+        if crop.size != self.size:
+            return self._cut(crop)
+        return [Strip([_control(self._drawing), *self._cells[0]], crop.width), *self._cells[1:]]
+
+    def _cut(self, crop: Region) -> list[Strip]:
+        return [
+            Strip([Segment(_placeholders(row, crop.x, crop.right), self._style)], crop.width)
+            for row in range(crop.y, crop.bottom)
+        ]
 
     def forget(self) -> None:
         """Have the terminal forget the image."""
@@ -293,10 +298,10 @@ def _control(text: str) -> Segment:
     return Segment(text, None, [(ControlType.CURSOR_FORWARD, 0)])
 
 
-def _placeholders(row: int, columns: int) -> str:
-    """Return the cells of an image's row; one without accents continues what is to its left."""
-    accented = (f"{_PLACEHOLDER}{_ACCENTS[row]}{column}" for column in _ACCENTS[:columns])
-    return "".join(accented) + _PLACEHOLDER * (columns - len(_ACCENTS))
+def _placeholders(row: int, first: int, beyond: int) -> str:
+    """Return cells of an image's row; one without accents continues what is to its left."""
+    accented = (f"{_PLACEHOLDER}{_ACCENTS[row]}{column}" for column in _ACCENTS[first:beyond])
+    return "".join(accented) + _PLACEHOLDER * (beyond - max(first, len(_ACCENTS)))
 
 
 def picture_of(pixels: TerminalPixels) -> RealPicture:
