@@ -15,6 +15,7 @@ from sattrack.tui.console_panels import MountPage
 from sattrack.tui.dialogs import LEAVE, STOP, TEXTS, HelpScreen, LeaveDialog
 from sattrack.tui.error_plot import ErrorHistory, ErrorPanel
 from sattrack.tui.figures import BiasPanel
+from sattrack.tui.graphics import RealPicture
 from sattrack.tui.pages import LogPage, SchedulePage, TonightPage
 from sattrack.tui.panels import Cautions, HeadlineBar, KeyBar, Panel, SessionBar, TapeBar, TitleBar, TooSmall
 from sattrack.tui.run_keys import RestState, RunKeys, Screens
@@ -38,8 +39,7 @@ if TYPE_CHECKING:
     from textual.dom import DOMNode
 
     from sattrack.tui.feeds import Feed, Helpers
-    from sattrack.tui.graphics import CellOfPixels
-    from sattrack.tui.scene import Appearance
+    from sattrack.tui.scene import Appearance, TerminalPixels
     from sattrack.views.messages import Message, SessionMessage
     from sattrack.views.run import PassView, SessionView, Summary, TrackView
 
@@ -52,7 +52,7 @@ class TrackApp(RunKeys):
     """Shows a run and takes the operator's keys.
 
     With `stay`, the screen of an ended run remains until it is left. `monotonic` is this process's own
-    clock, seconds. `cell` is a terminal's that has sixels, in pixels.
+    clock, seconds. `pixels` is of a terminal that draws them.
     """
 
     TITLE = "sattrack"
@@ -102,10 +102,10 @@ class TrackApp(RunKeys):
         monotonic: Callable[[], float] = time.monotonic,
         appearance: Appearance = DEFAULT_APPEARANCE,
         helpers: Helpers | None = None,
-        cell: CellOfPixels | None = None,
+        pixels: TerminalPixels | None = None,
     ) -> None:
         super().__init__(appearance)
-        self._cell = cell
+        self._pixels = pixels
         self._feed = feed
         self._stay = stay
         self._monotonic = monotonic
@@ -122,7 +122,7 @@ class TrackApp(RunKeys):
         """Whether no more views will come."""
         self._offsets = OffsetKeys()
         self._rest = RestState()
-        self._screens = Screens(helpers, PICTURE_SIDE if cell is None else MOST_SIDE)
+        self._screens = Screens(helpers, PICTURE_SIDE if pixels is None else MOST_SIDE)
         self._session: SessionView | None = None
         self._you = STARTER
         self._refused_s: float | None = None
@@ -145,7 +145,7 @@ class TrackApp(RunKeys):
         yield MountPage()
         yield SchedulePage()
         yield LogPage()
-        yield CameraPage(self._cell)
+        yield CameraPage(self._pixels)
         yield TapeBar()
         yield KeyBar()
         yield TooSmall()
@@ -174,6 +174,10 @@ class TrackApp(RunKeys):
             self.query_one(name).border_title = title
         self.every(PLOT_EVERY_S, self.plot)
         self.call_after_refresh(self.plot)
+
+    def on_exit_app(self) -> None:
+        """Forget the picture while the terminal still shows this screen: it keeps images with it."""
+        self._draw_on_main(lambda screen: screen.query_one(RealPicture).forget())
 
     def look(self) -> None:
         """Take in what has come, and draw the newest."""

@@ -19,7 +19,7 @@ from textual.containers import Horizontal
 from textual.content import Content
 from textual.strip import Strip
 
-from sattrack.tui.graphics import ImagePlacement, ImageSpot, Mark, RealPicture, painted
+from sattrack.tui.graphics import ImagePlacement, ImageSpot, Mark, RealPicture, painted, picture_of
 from sattrack.tui.look import DIM, SPOKEN, ScreenApp, concrete
 from sattrack.tui.panels import (
     DOTS_ACROSS,
@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     from textual.events import Click
     from textual.theme import Theme
 
-    from sattrack.tui.graphics import CellOfPixels, Levels
-    from sattrack.tui.scene import Scene
+    from sattrack.tui.graphics import Levels
+    from sattrack.tui.scene import Scene, TerminalPixels
     from sattrack.views.picture import PictureView
     from sattrack.views.run import LoopView
 
@@ -522,15 +522,15 @@ def _apart(right_px: float, up_px: float, scale: float | None) -> str:
 class CameraPage(Horizontal):
     """The picture, and beside it what it comes to."""
 
-    def __init__(self, cell: CellOfPixels | None = None) -> None:
+    def __init__(self, pixels: TerminalPixels | None = None) -> None:
         super().__init__(id="camera")
-        self._cell = cell
+        self._pixels = pixels
 
     def compose(self) -> ComposeResult:
         """Make both."""
         yield PictureBox()
-        if self._cell is not None:
-            yield RealPicture(self._cell)
+        if self._pixels is not None:
+            yield picture_of(self._pixels)
         yield CameraState()
 
     def draw(self, desk: CameraDesk, scene: Scene, now_s: float) -> None:

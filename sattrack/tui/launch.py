@@ -26,7 +26,7 @@ import click
 
 from sattrack.core.errors import SattrackError
 from sattrack.tui.feeds import AntennaProcess, ConsoleProcess, FeederProcess, Helpers
-from sattrack.tui.scene import DEFAULT_APPEARANCE
+from sattrack.tui.scene import DEFAULT_APPEARANCE, TerminalPixels
 from sattrack.views.formatting import summary_lines
 from sattrack.views.messages import Leave, StopNow
 
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
     from sattrack.runtime.facts import RunFacts
     from sattrack.tui.feeds import ConsoleFeed, Feed, HelperOptions
-    from sattrack.tui.graphics import CellOfPixels
     from sattrack.tui.look import ScreenApp
     from sattrack.tui.scene import Appearance
     from sattrack.views.messages import ConsoleMessage
@@ -57,6 +56,11 @@ GRACE_S = 2.0
 BROKE = "the screen broke"
 WHAT_ARE_YOU, ATTRIBUTES, SIXELS = b"\x1b[c", re.compile(rb"\x1b\[\?([\d;]*)c"), b"4"
 """Every terminal is asked that ("primary device attributes"); the answer lists what it has."""
+CAN_YOU_PLACE = b"\x1b_Gi=1,a=q,U=1,f=24,s=1,v=1;AAAA\x1b\\"
+"""Asked first, by kitty's graphics protocol. To U, kitty before 0.28 is silent: it has no images in cells."""
+PLACES, GRAPHICS = re.compile(rb"\x1b_Gi=1;OK\x1b\\"), re.compile(rb"\x1b_G[^\x1b]*\x1b\\")
+WITHIN_ANOTHER = ("TMUX", "STY")
+"""Set within tmux and screen, which take what is asked by that protocol for a title."""
 ANSWERS_WITHIN_S = 0.3
 NO_ANSWER = frozenset({"dumb", "linux"})
 STOPPING_KEYS = (b" ", b"q", b"\x11")
@@ -92,7 +96,7 @@ def fly_with_tui(
     reported that it is left running is left alone. `show` stands in for the screen; it returns whether it was
     interrupted. `helpers` is what the screen starts itself.
     """
-    cell = _sixel_cell(appearance) if show is None else None
+    pixels = _terminal_pixels(appearance) if show is None else None
     begun_s = time.monotonic()
     feeder = FeederProcess(command)
     end_with_the_terminal(feeder, patience_s)
@@ -101,7 +105,7 @@ def fly_with_tui(
         from sattrack.tui.app import TrackApp
 
         started = None if helpers is None else Helpers.of(helpers, feeder.pid)
-        app = TrackApp(feed, stay, appearance=appearance, helpers=started, cell=cell)
+        app = TrackApp(feed, stay, appearance=appearance, helpers=started, pixels=pixels)
         return run_until_left(app, stopping=True)
 
     def comes() -> bool:
@@ -227,21 +231,24 @@ def sky_of_run(facts: RunFacts) -> PassView:
     return pass_scene(facts, clock.estimated_error_s if clock is not None and known else None)
 
 
-def _sixel_cell(appearance: Appearance) -> CellOfPixels | None:
-    """Return what tells the pixels of a cell, where the terminal says at once that it draws sixels.
+def _terminal_pixels(appearance: Appearance) -> TerminalPixels | None:
+    """Return the pixels of the terminal, where it says at once that it draws them: sixels, else kitty's way.
 
     Its answer comes as keys do. So this is asked before anything is set going, never where a run goes on
-    already: a stop may be typed there at once. An answer that comes later is no key to the screen. Raises
+    already: a stop may be typed there at once. The keys of an answer that comes later send nothing. Raises
     KeyboardInterrupt where a stop or a quit is typed meanwhile.
     """
-    terminal = os.isatty(STDIN) and os.isatty(STDOUT) and os.environ.get("TERM", "dumb") not in NO_ANSWER
+    kind = os.environ.get("TERM", "dumb")
+    terminal = os.isatty(STDIN) and os.isatty(STDOUT) and kind not in NO_ANSWER
     if not terminal or appearance.plain or os.environ.get("NO_COLOR") or _cell_px() is None:
         return None
+    within = kind.startswith(("screen", "tmux")) or any(name in os.environ for name in WITHIN_ANOTHER)
+    question = WHAT_ARE_YOU if within else CAN_YOU_PLACE + WHAT_ARE_YOU
     mode, heard, answer = termios.tcgetattr(STDIN), b"", None
     until_s = time.monotonic() + ANSWERS_WITHIN_S
     try:
         tty.setcbreak(STDIN, termios.TCSANOW)
-        os.write(STDOUT, WHAT_ARE_YOU)
+        os.write(STDOUT, question)
         while answer is None and select.select([STDIN], [], [], max(0.0, until_s - time.monotonic()))[0]:
             more = os.read(STDIN, 1024)
             if not more:
@@ -250,9 +257,13 @@ def _sixel_cell(appearance: Appearance) -> CellOfPixels | None:
             answer = ATTRIBUTES.search(heard)
     finally:
         termios.tcsetattr(STDIN, termios.TCSANOW, mode)
-    if any(key in ATTRIBUTES.sub(b"", heard) for key in STOPPING_KEYS):
+    if any(key in ATTRIBUTES.sub(b"", GRAPHICS.sub(b"", heard)) for key in STOPPING_KEYS):
         raise KeyboardInterrupt
-    return None if answer is None or SIXELS not in answer[1].split(b";") else _cell_px
+    if answer is None:
+        return None
+    if SIXELS in answer[1].split(b";"):
+        return TerminalPixels(_cell_px)
+    return TerminalPixels(_cell_px, kitty=True) if PLACES.search(heard, 0, answer.start()) else None
 
 
 def _cell_px() -> tuple[int, int] | None:

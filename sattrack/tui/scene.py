@@ -15,8 +15,12 @@ from sattrack.views.messages import ClearBias, Nudge, OffsetBy, Search, Slip
 from sattrack.views.run import STARTER
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from sattrack.views.messages import Message
     from sattrack.views.run import PassView, SessionView, Summary, TrackView
+
+    CellOfPixels = Callable[[], tuple[int, int] | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +32,13 @@ class Appearance:
 
 
 DEFAULT_APPEARANCE = Appearance()
+
+
+class TerminalPixels(NamedTuple):
+    """What returns the pixels of a terminal's cells; it draws by kitty's protocol, or by sixels."""
+
+    cell: CellOfPixels
+    kitty: bool = False
 
 
 def can_show(encoding: str | None) -> bool:

@@ -8,8 +8,11 @@ import math
 import os
 import pty
 import re
+import select
 import struct
 import termios
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
@@ -18,6 +21,8 @@ import msgspec
 import numpy as np
 import pytest
 from test_other_screens import HERE, FakeHelpers, text_of
+from textual._xterm_parser import XTermParser
+from textual.events import Key
 from textual.geometry import Region
 from tui_builders import SKY, VIEW, FakeFeed, HandClock, changed
 
@@ -26,7 +31,7 @@ from sattrack.tui.app import TrackApp
 from sattrack.tui.camera_page import PictureBox
 from sattrack.tui.feeds import News
 from sattrack.tui.graphics import DOT, ImagePlacement, RealPicture
-from sattrack.tui.scene import Appearance
+from sattrack.tui.scene import Appearance, TerminalPixels
 from sattrack.views.messages import Guide, OffsetBy, StopNow
 from sattrack.views.picture import PictureView, StarView
 from sattrack.views.run import LoopView
@@ -40,6 +45,8 @@ WIDTH, HEIGHT, COLUMNS, ROWS = 640, 480, 160, 120
 SCALE = 2.0
 CELL = (10, 20)
 """Pixels of a terminal's cell."""
+ASKED, PLACES = b"\x1b[c", b"\x1b_Gi=1;OK\x1b\\"
+"""What every terminal is asked, and what one answers that has kitty's graphics."""
 
 
 def picture(**changes: Any) -> PictureView:
@@ -273,7 +280,8 @@ class TestRealPixels:
         async def run() -> None:
             news = News((changed(VIEW, loop=LOOP),), session=HERE, sky=SKY, you=0)
             clock, looks, cells = HandClock(), FakePictures(), [CELL]
-            app = TrackApp(FakeFeed([news]), monotonic=clock, helpers=FakeHelpers(), cell=lambda: cells[0])
+            pixels = TerminalPixels(lambda: cells[0])
+            app = TrackApp(FakeFeed([news]), monotonic=clock, helpers=FakeHelpers(), pixels=pixels)
             app._screens.pictures = looks  # type: ignore[assignment]
             async with app.run_test(size=(80, 24)) as pilot:
                 await pilot.press("6")
@@ -312,45 +320,125 @@ class TestRealPixels:
     @pytest.mark.parametrize(
         ("answer", "terminal", "shows"),
         [
-            (b"\x1b[?63;1;2;4;6;9;15;16;22;28c", "xterm", True),
-            (b"\x1b[?62;4c", "dumb", False),
-            (b"\x1b[?1;2c", "xterm", False),
-            (b"\x1b[?64;14;24c", "xterm", False),
-            (b"", "xterm", False),
-            (b"6\x1b[?62;4c", "xterm", True),
+            (b"\x1b[?63;1;2;4;6;9;15;16;22;28c", "xterm", "sixels"),
+            (b"\x1b[?62;4c", "dumb", None),
+            (b"\x1b[?1;2c", "xterm", None),
+            (b"\x1b[?64;14;24c", "xterm", None),
+            (b"", "xterm", None),
+            (b"6\x1b[?62;4c", "xterm", "sixels"),
             (b"\x1b[?62;4cq", "xterm", KeyboardInterrupt),
             (b" ", "xterm", KeyboardInterrupt),
+            (PLACES + b"\x1b[?62;c", "xterm-kitty", "kitty"),
+            (b"6" + PLACES + b"6\x1b[?62;52;c", "xterm-kitty", "kitty"),
+            (PLACES + b"\x1b[?62;4c", "xterm", "sixels"),
+            (PLACES, "xterm-kitty", None),
+            (PLACES[:8], "xterm-kitty", None),
+            (b"\x1b[?62;c" + PLACES, "xterm", None),
+            (b"\x1b_Gi=1;EINVAL: a query of this kind\x1b\\\x1b[?62;c", "xterm", None),
+            (b"\x1b_Gi=2;OK\x1b\\\x1b[?62;c", "xterm", None),
+            (PLACES + b"q\x1b[?62;c", "xterm-kitty", KeyboardInterrupt),
         ],
     )
     def test_a_terminal_is_asked_and_keys_that_stop_are_not_lost(
-        self, answer: bytes, terminal: str, shows: Any, monkeypatch: pytest.MonkeyPatch
+        self, answer: bytes, terminal: str, shows: Any, on_terminal: OnTerminal
     ) -> None:
-        controller, ours = pty.openpty()
-        monkeypatch.setattr(launch, "STDIN", ours)
-        monkeypatch.setattr(launch, "STDOUT", ours)
-        monkeypatch.setenv("TERM", terminal)
-        monkeypatch.delenv("NO_COLOR", raising=False)
-        fcntl.ioctl(ours, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 80 * CELL[0], 24 * CELL[1]))
-        mode = termios.tcgetattr(ours)
-        try:
+        with on_terminal(terminal) as (controller, ours):
+            mode = termios.tcgetattr(ours)
             os.write(controller, answer)
             if shows is KeyboardInterrupt:
                 with pytest.raises(KeyboardInterrupt):
-                    launch._sixel_cell(Appearance())
+                    launch._terminal_pixels(Appearance())
             else:
-                found = launch._sixel_cell(Appearance())
-                assert (found and found()) == (CELL if shows else None)
+                found = launch._terminal_pixels(Appearance())
+                how = found and ("kitty" if found.kitty else "sixels")
+                assert (how, found and found.cell()) == (shows, CELL if shows else None)
             assert termios.tcgetattr(ours) == mode
-            monkeypatch.setenv("NO_COLOR", "1")
+
+    def test_an_answer_is_read_that_comes_in_pieces(
+        self, on_terminal: OnTerminal, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        with on_terminal("xterm-kitty") as (controller, _):
+            os.write(controller, PLACES + b"\x1b[?62;c")
+            read = os.read
+            monkeypatch.setattr("sattrack.tui.launch.os.read", lambda descriptor, _: read(descriptor, 1))
+            found = launch._terminal_pixels(Appearance())
+            monkeypatch.undo()
+        assert found is not None
+        assert found.kitty
+
+    def test_nothing_is_asked_where_pixels_are_not_wanted_or_not_known(
+        self, on_terminal: OnTerminal, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        with on_terminal("xterm") as (controller, ours):
             os.write(controller, b"\x1b[?62;4c")
-            assert launch._sixel_cell(Appearance()) is None
+            assert launch._terminal_pixels(Appearance(plain=True)) is None
+            monkeypatch.setenv("NO_COLOR", "1")
+            assert launch._terminal_pixels(Appearance()) is None
             monkeypatch.delenv("NO_COLOR")
-            assert launch._sixel_cell(Appearance(plain=True)) is None
             fcntl.ioctl(ours, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
-            assert launch._sixel_cell(Appearance()) is None, "its pixels are not known"
+            assert launch._terminal_pixels(Appearance()) is None
+            assert not select.select([controller], [], [], 0.0)[0], "nothing was written"
+
+    @pytest.mark.parametrize(
+        ("terminal", "within", "asked"),
+        [
+            ("xterm", None, True),
+            ("tmux-256color", None, False),
+            ("screen", None, False),
+            ("xterm", "TMUX", False),
+            ("xterm", "STY", False),
+        ],
+    )
+    def test_a_terminal_within_another_is_not_asked_for_graphics(
+        self,
+        terminal: str,
+        within: str | None,
+        asked: bool,
+        on_terminal: OnTerminal,
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:
+        with on_terminal(terminal) as (controller, _):
+            if within is not None:
+                monkeypatch.setenv(within, "1")
+            os.write(controller, b"\x1b[?62;4c")
+            assert launch._terminal_pixels(Appearance()) is not None, "it is asked for sixels all the same"
+            question = os.read(controller, 1024)
+        assert (b"\x1b_G" in question) == asked
+        assert question.endswith(ASKED)
+
+    @pytest.mark.parametrize("answer", [b"\x1b[?62;4c", PLACES + b"\x1b[?62;c"])
+    def test_an_answer_that_comes_late_has_nothing_sent_to_the_run(self, answer: bytes) -> None:
+        parser = XTermParser()
+        events = [*parser.feed(answer.decode()), *parser.feed("")]
+        assert shown(*(event.key for event in events if isinstance(event, Key))).sent == []
+
+
+OnTerminal = Callable[[str], AbstractContextManager[tuple[int, int]]]
+
+
+@pytest.fixture
+def on_terminal(monkeypatch: pytest.MonkeyPatch) -> OnTerminal:
+    """Return what gives both ends of a terminal of a kind, on which is asked."""
+
+    @contextmanager
+    def opened(kind: str) -> Iterator[tuple[int, int]]:
+        controller, ours = pty.openpty()
+        mode = termios.tcgetattr(ours)
+        mode[3] &= ~termios.ECHO
+        termios.tcsetattr(ours, termios.TCSANOW, mode)
+        monkeypatch.setattr(launch, "STDIN", ours)
+        monkeypatch.setattr(launch, "STDOUT", ours)
+        monkeypatch.setenv("TERM", kind)
+        for name in ("NO_COLOR", *launch.WITHIN_ANOTHER):
+            monkeypatch.delenv(name, raising=False)
+        fcntl.ioctl(ours, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 80 * CELL[0], 24 * CELL[1]))
+        try:
+            yield controller, ours
         finally:
             os.close(ours)
             os.close(controller)
+
+    return opened
 
 
 def lines(real: RealPicture) -> list[Strip]:
