@@ -21,7 +21,7 @@ from sattrack.cli.common import (
     renew,
     tell,
 )
-from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.core.errors import NO_JSON, BadInputError, SattrackError
 from sattrack.runtime.console import MountStop, stop_after, stop_directly, stop_session
 from sattrack.runtime.mounts import FORMS, ask_give_up, mount_address, owner_of, owners
 from sattrack.runtime.system import this_user
@@ -340,7 +340,7 @@ def _stop_one(owner: Owner, ended: queue.SimpleQueue[tuple[Owner, MountStop | Sa
         came = stop_session(owner, lambda: None)
     except SattrackError as error:
         came = error
-    except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+    except (OSError, msgspec.MsgspecError, *NO_JSON) as error:
         came = SattrackError(f"{owner}: {error}")
     ended.put((owner, came))
 

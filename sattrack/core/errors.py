@@ -45,6 +45,10 @@ class TerminatedRunError(SattrackError):
     exit_code = 143
 
 
+NO_JSON = (UnicodeDecodeError, RecursionError)
+"""What msgspec raises beside its own errors: for text that is no UTF-8, and for what is nested too deep."""
+
+
 class Origin(NamedTuple):
     """A file's name as it was given, line and column from 1; 0 where they are not known."""
 

@@ -24,7 +24,7 @@ import numpy as np
 from sattrack import __version__
 from sattrack.control.stages import RunStage
 from sattrack.core.angles import wrap180
-from sattrack.core.errors import BadInputError, needed
+from sattrack.core.errors import NO_JSON, BadInputError, needed
 from sattrack.mount.xerxes.datagrams import (
     COMMAND_FIELDS,
     STATUS_FIELDS,
@@ -92,7 +92,7 @@ def rows(recording: Recording, table: str) -> Iterator[Row]:
                 value = msgspec.json.decode(entry.data)
                 if isinstance(value, dict):
                     yield row | flat(value)
-        except (DatagramError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        except (DatagramError, msgspec.MsgspecError, *NO_JSON):
             continue
 
 

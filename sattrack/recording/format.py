@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 
 from sattrack.core.angles import wrap180
-from sattrack.core.errors import BadInputError
+from sattrack.core.errors import NO_JSON, BadInputError
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.mount.xerxes.datagrams import DatagramError, decode_status
 from sattrack.views.messages import ObservationMessage, decode_message
@@ -261,7 +261,7 @@ class Recording:
             if version.format_version <= FORMAT_VERSION:
                 # The run's facts are in it, raw: whoever decodes them need not look for what is no UTF-8.
                 return msgspec.json.decode(data.decode(), type=RunHeader)
-        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        except (msgspec.MsgspecError, *NO_JSON) as error:
             raise BadInputError(f"{self.path}: the recording's header cannot be read: {error}") from error
         raise BadInputError(
             f"{self.path}: format {version.format_version}, written by a newer sattrack, "

@@ -14,6 +14,7 @@ from sattrack.control.biases import ON_SKY
 from sattrack.control.engine import HOLDING
 from sattrack.control.stages import RunStage, Situation, Stages
 from sattrack.control.tracker import FOLLOWING, Phase
+from sattrack.core.errors import NO_JSON
 from sattrack.mount.model import LONGEST_STEP_S
 from sattrack.mount.xerxes.datagrams import DatagramError, decode_command
 from sattrack.recording.format import COMMAND, STATUS, VIEW
@@ -187,7 +188,7 @@ class _Columns:
         elif entry.topic == VIEW:
             try:
                 seen = msgspec.json.decode(entry.data, type=_RecordedView)
-            except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+            except (msgspec.MsgspecError, *NO_JSON):
                 return
             near = entry.utc_s - self._seen_utc_s < DENSE_S
             self._seen_utc_s = entry.utc_s

@@ -66,7 +66,7 @@ class OrderInbox:
         for line in self._reader.lines():
             try:
                 orders.append(decode_order(line))
-            except (msgspec.MsgspecError, RecursionError):
+            except msgspec.MsgspecError:
                 self.ignored += 1
         if self._reader.ended:
             self._ended = True

@@ -237,7 +237,7 @@ class StdinInbox:
                 continue
             try:
                 self._waiting.append(decode_said(line))
-            except (msgspec.MsgspecError, RecursionError) as error:
+            except msgspec.MsgspecError as error:
                 self.malformed += 1
                 if len(self.ignored) < MOST_COMPLAINTS:
                     self.ignored.append(f"a control line was ignored: {error}")
@@ -298,7 +298,7 @@ class SessionInbox:
             return []
         try:
             message = decode_said(line)
-        except (msgspec.MsgspecError, RecursionError):
+        except msgspec.MsgspecError:
             self._strange += 1
             return []
         # Observations take longer than a turn has; they come by a channel of their own.
@@ -365,7 +365,7 @@ class Observers:
         while self._queue and len(found) < most and malformed < MOST_MALFORMED_A_TICK:
             try:
                 found.append(decode_observation(self._queue.popleft()))
-            except (msgspec.MsgspecError, RecursionError) as error:
+            except msgspec.MsgspecError as error:
                 malformed += 1
                 self.complaint = str(error)
         self.malformed += malformed

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 
 from sattrack.control.driver import DirectStop
+from sattrack.core.errors import NO_JSON
 from sattrack.core.files import user_folder
 from sattrack.mount.link_loss import STOPS_SLOW_FOR_S, STOPS_SLOW_S, STOPS_SLOWEST_S
 from sattrack.mount.model import MountProfile
@@ -477,7 +478,7 @@ class Guardian:
     def _obey(self, client: GuardianClient) -> None:
         try:
             ask = msgspec.json.decode(client.received, type=Ask).ask
-        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        except (msgspec.MsgspecError, *NO_JSON):
             self._dismiss(client)
             return
         client.received = b""

@@ -27,7 +27,7 @@ import msgspec
 
 from sattrack.core import local_time
 from sattrack.core.channel import LineReader, taken_names
-from sattrack.core.errors import BadInputError, SattrackError, meant
+from sattrack.core.errors import NO_JSON, BadInputError, SattrackError, meant
 from sattrack.core.toml_text import line_of_key
 from sattrack.mount.alpaca.link import AlpacaAddress, parse_alpaca
 from sattrack.mount.model import MountProfile
@@ -357,7 +357,7 @@ def _request_owner(name: str) -> Owner | None:
     except TimeoutError:
         pid, user, line = 0, -1, None
     if line:
-        with contextlib.suppress(msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        with contextlib.suppress(msgspec.MsgspecError, *NO_JSON):
             return msgspec.json.decode(line, type=Owner)
     mount = name.removeprefix(f"\0{PREFIX}")
     return Owner(pid, user, _command_of(pid), "an unknown instant", mount, 0, "does not answer")

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import msgspec
 
 from sattrack.core.channel import Channel, start_process, taken_names
-from sattrack.core.errors import SattrackError
+from sattrack.core.errors import NO_JSON, SattrackError
 from sattrack.runtime.callers import Bucket
 from sattrack.runtime.system import outlive, peer_of, this_command, this_user, utc_now
 from sattrack.views.picture import (
@@ -141,7 +141,7 @@ class ViewClient:
 def _state_in(line: bytes) -> tuple[object, ...]:
     try:
         return msgspec.json.decode(line, type=_State).key()
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+    except (msgspec.MsgspecError, *NO_JSON):
         return ()
 
 
@@ -297,7 +297,7 @@ class ViewServer:
         try:
             message = msgspec.json.decode(line, type=_Line)
             text = line.decode()
-        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        except (msgspec.MsgspecError, *NO_JSON):
             return
         if message.type == "picture":
             self._pass_on(client, line)
@@ -533,7 +533,7 @@ class RunViews:
         found: list[RunMessage] = []
         for line in [] if self._channel is None else self._channel.lines():
             for decoder in self._decoders:
-                with contextlib.suppress(msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+                with contextlib.suppress(msgspec.MsgspecError, *NO_JSON):
                     found.append(decoder.decode(line))
                     break
         for message in found:

@@ -22,7 +22,7 @@ import msgspec
 import tomli_w
 
 from sattrack.core.clock import decode_utc, encode_utc
-from sattrack.core.errors import SattrackError
+from sattrack.core.errors import NO_JSON, SattrackError
 from sattrack.core.files import replace_file
 from sattrack.schedule import machine
 from sattrack.schedule.night import (
@@ -582,7 +582,7 @@ def read_status(folder: Path) -> ScheduleView | None:
         view = msgspec.json.decode(data, type=ScheduleView)
     except FileNotFoundError:
         return None
-    except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+    except (OSError, msgspec.MsgspecError, *NO_JSON) as error:
         raise SattrackError(f"{folder / STATUS}: no status to be read: {error}") from None
     pid, stop = holder(folder), stop_of(folder)
     age_s = round(age_s + view.silent_s, 1)

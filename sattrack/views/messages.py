@@ -27,6 +27,7 @@ from typing import Literal, TypeVar, get_args
 
 import msgspec
 
+from sattrack.core.errors import NO_JSON
 from sattrack.mount.model import Slew
 from sattrack.mount.requests import Abort, FindHome, Park, Sync
 from tle.errors import TimeFormatError
@@ -371,8 +372,7 @@ def _decode(decoder: msgspec.json.Decoder[T], line: bytes | str) -> T:
     """Return what one JSON line says; raises msgspec.MsgspecError."""
     try:
         return decoder.decode(line)
-    except (UnicodeDecodeError, RecursionError) as error:
-        # msgspec lets these out of texts that are no UTF-8, and of what is nested too deep.
+    except NO_JSON as error:
         raise msgspec.DecodeError(str(error)) from None
 
 
