@@ -31,6 +31,8 @@ STRAYED_DEG = 1.0
 LED_STRAYED_DEG = 6.0
 """The same where rates lead: those of an edge mount may act on for half a second. Each is judged ahead."""
 STRAYED_STATUSES = 3
+BRAKES_DEG = 0.1
+"""Axes that come no farther than this until they stand do not brake."""
 
 
 class SlewGate:
@@ -49,6 +51,8 @@ class SlewGate:
         self._astray = 0
         self._led_deg_s = (0.0, 0.0)
         """The rates that led along the leg last."""
+        self._waits = False
+        """Whether another target waits for the end of the slew under way."""
         self.onward_deg: tuple[float, float] | None = None
         """How far back and on the first axis turns from a slew's target on, where rates lead it there and any
         turn of its cables can be chosen; None where the mount slews by itself."""
@@ -56,10 +60,11 @@ class SlewGate:
     @property
     def on_last_leg(self) -> bool:
         """Whether what is under way goes to the target itself."""
-        return len(self._legs) <= 1
+        return len(self._legs) <= 1 and not self._waits
 
     def forget(self) -> None:
         """Something else is asked for."""
+        self._waits = False
         self.target, self._legs, self._box, self._astray = None, [], None, 0
         self._led_deg_s = (0.0, 0.0)
 
@@ -68,8 +73,12 @@ class SlewGate:
     ) -> Slew | str:
         """Return the slew to ask for now, or the name of the row that it is not clear of.
 
-        `braking` is where axes that move may come until they stand.
+        `braking` is where axes that move may come until they stand. A slew is not cut short for another one
+        where they would pass a limit: it was judged to its end, and brakes in time by itself.
         """
+        self._waits = target != self.target and self._cannot_brake(place, braking)
+        if self._waits:
+            return self._legs[0]
         if target != self.target:
             found = self._legs_to(target, sidereal_deg, place)
             if isinstance(found, str):
@@ -86,6 +95,16 @@ class SlewGate:
                 self._legs = list(found)
             self._enter(place, sidereal_deg, braking)
         return self._legs[0]
+
+    def _cannot_brake(self, place: Place, braking: Box) -> bool:
+        """Tell whether axes under way along a leg would pass a limit if they were to brake now.
+
+        Rates that lead are each judged ahead.
+        """
+        wide_deg = max(braking.ha_high_deg - braking.ha_low_deg, braking.dec_high_deg - braking.dec_low_deg)
+        if not self._legs or wide_deg < BRAKES_DEG or self._profile.geometry is not None:
+            return False
+        return self._judge_leaving(place)(braking, 0.0) is not None
 
     def _legs_to(self, target: Slew, sidereal_deg: float, place: Place) -> tuple[Slew, ...] | str:
         if self._detours:

@@ -151,7 +151,7 @@ def run(
         patch.setattr(flight, "view_of", lambda engine, now_utc_s: engine.view(now_utc_s))
         loop = LiveLoop(connection, stop or StopRequest(), *parts)
         loop.run()
-    link.periods_s = loop.statistics.periods_s
+    link.periods_s = [us / 1e6 for us in loop.statistics.periods_us.elements()]
     return link
 
 

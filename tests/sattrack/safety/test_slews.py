@@ -87,6 +87,35 @@ def test_axes_that_still_brake_have_not_strayed_where_nothing_is_near() -> None:
     assert [gate.strays(place, slewing) for _ in range(3)] == [False, False, True]
 
 
+def test_a_slew_is_cut_short_for_another_one_where_axes_can_brake_before_a_limit() -> None:
+    """The first slew ends 1 deg before the end of the declination axis, and the axes brake in 2 deg."""
+    profile = replace(FREE, dec_axis_limits_deg=(-60.0, 51.0))
+    start, first, second = Place(-20.0, 30.0), Slew(20.0, 50.0), Slew(40.0, 10.0)
+
+    def asks(gate: SlewGate, dec_deg: float, braked_deg: float) -> Slew | str:
+        return gate.clear(
+            second, 0.0, (20.0, dec_deg), Place(-20.0, dec_deg), Box(-20, -20, dec_deg, braked_deg)
+        )
+
+    gate = begun(slew_gate(profile), start, first)
+    assert asks(gate, 40.0, 42.0) == second
+    gate = begun(slew_gate(profile), start, first)
+    assert (asks(gate, 49.5, 51.5), gate.on_last_leg) == (first, False)
+    slewing = Seen(None, 0.0, 20.0, 50.0, slewing=True)
+    assert [gate.strays(Place(-20.0, 50.0), slewing) for _ in range(3)] == [False] * 3
+    # At its end the axes stand, within what their encoders tell.
+    assert (asks(gate, 50.0, 50.02), gate.on_last_leg) == (second, True)
+    gate = begun(slew_gate(profile), start, first)
+    assert asks(gate, 49.5, 51.5) == first
+    assert (
+        gate.clear(first, 0.0, (20.0, 49.9), Place(-20.0, 49.9), Box(-20, -20, 49.9, 51)),
+        gate.on_last_leg,
+    ) == (
+        first,
+        True,
+    )
+
+
 @pytest.mark.parametrize(
     ("off_deg", "is_there"), [(0.0, True), (0.09, True), (0.11, False), (math.nan, False)]
 )
