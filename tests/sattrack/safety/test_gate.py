@@ -148,6 +148,13 @@ def test_what_was_sent_counts_until_the_mount_has_obeyed_what_came_after_it() ->
         wish = MoveAxes(S, -0.01)
         cleared = safety.clear(wish, SIDEREAL_DEG, SIDEREAL_DEG, -49.0, 0.0, T0 + 0.05 + later_s)
         assert (cleared.motion == wish) == lets
+    # What a status says that is 0.4 s old, was before the mount obeyed what came after it.
+    for later_s, lets in ((0.45, False), (0.66, True)):
+        safety = gate()
+        sent(safety, MoveAxes(S, -4.0), T0, -20.0)
+        safety.clear(MoveAxes(S, 0.0), SIDEREAL_DEG, SIDEREAL_DEG, -30.0, 0.0, T0 + 0.05)
+        cleared = safety.clear(wish, SIDEREAL_DEG, SIDEREAL_DEG, -48.0, 0.4, T0 + 0.05 + later_s)
+        assert (cleared.motion == wish) == lets
 
 
 @pytest.mark.parametrize("axis", [0, 1])
