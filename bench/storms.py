@@ -16,12 +16,14 @@ from __future__ import annotations
 
 import argparse
 import math
+import resource
 import sys
 import time
 from collections import Counter
 from functools import partial
 from multiprocessing import Pool
 from pathlib import Path
+from statistics import median
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -49,6 +51,7 @@ class LongWatcher(Watcher):
         self._weighed_s = math.inf
         self._next_s = FILLED_S
         self._held: list[int] = []
+        self._resident_mb: list[float] = []
         self._stops = 0
         self._turned_deg = 0.0
 
@@ -70,6 +73,7 @@ class LongWatcher(Watcher):
         if world.at_s > self._next_s:
             self._next_s += WEIGHED_EVERY_S
             self._held.append(held(driver))
+            self._resident_mb.append(resident_mb())
 
     def ended(self, world: World, ended: Ended) -> None:
         super().ended(world, ended)
@@ -83,6 +87,17 @@ class LongWatcher(Watcher):
             f"{self._stops} stops; the axes turned {self._turned_deg:.0f}°; "
             f"the program held at least {least[0]} entries, then {least[1]}"
         )
+        quarter = len(self._resident_mb) // 4
+        if quarter:
+            before, after = self._resident_mb[quarter : 2 * quarter], self._resident_mb[-quarter:]
+            self.verdict.why += f"; {median(before):.2f} MB resident in the second quarter, "
+            self.verdict.why += f"{median(after):.2f} MB in the last"
+
+
+def resident_mb() -> float:
+    """Return how much memory this process has, judge and world included (Linux)."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() / 1e6
 
 
 def fought(storm: Storm, tracing: bool = False) -> tuple[Verdict, Ended]:
