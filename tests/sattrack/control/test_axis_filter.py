@@ -84,6 +84,14 @@ def test_a_place_that_is_taken_as_seen_tells_nothing_of_rate_and_response() -> N
     assert (axis.disturbance_deg_s, axis.gain_error) == pytest.approx((rate, gain), abs=1e-15)
 
 
+def test_what_was_learnt_is_changed_by_what_a_changed_delay_says() -> None:
+    axis = AxisFilter(10.0)
+    axis.change(np.array([0.5, -0.02, *np.full(SHARES, 0.01 / SHARES)]))
+    assert axis.position_deg == pytest.approx(10.5)
+    assert axis.disturbance_deg_s == pytest.approx(-0.02)
+    assert axis.gain_error == pytest.approx(0.01)
+
+
 def test_how_surprising_a_turn_is_counts_both_axes() -> None:
     turn = LoopTurn((3.0, -4.0), (0.5, 0.25), (2.0, 5.0), Step(0.0, 1.0, 2.0))
     assert turn.surprise(Step(0.0, 1.0, 2.0)) == pytest.approx(1.5**2 + 0.8**2)

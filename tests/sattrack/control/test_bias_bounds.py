@@ -82,6 +82,10 @@ class TestBounds:
         assert Paced(pace).bounds("along_s", NOW, 0.0, 0.0) == pytest.approx((0.8 * 1.5 / 2.0, 0.45 * 2.0))
         back = Paced(pace).bounds("along_s", NOW, 0.0, -0.5)
         assert back == pytest.approx((0.8 * 2.5 / 2.0, 0.45 * 2.0))
+        # Forward, an axis that the satellite takes the other way than its bias has more to spare.
+        other = AxisPace(0.1, -2.0, -1.0, 0.5, 0.5)
+        assert Paced(other).bounds("along_s", NOW, 0.0, 0.5).rate == pytest.approx(0.8 * 2.5 / 2.0)
+        assert Paced(other).bounds("along_s", NOW, 0.0, -0.5).rate == pytest.approx(0.8 * 1.5 / 2.0)
 
     def test_where_the_target_takes_all_a_tenth_is_left(self) -> None:
         pace = AxisPace(2.0, 0.0, 3.5, 0.0, 0.5)
