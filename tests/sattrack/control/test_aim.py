@@ -48,6 +48,15 @@ def test_a_clock_that_was_set_is_taken_as_it_is() -> None:
     assert gap(clock) == pytest.approx(-0.997, abs=1e-7)
 
 
+def test_a_mean_runs_through_half_a_turn_and_begins_with_the_first_reading() -> None:
+    clock = MountSidereal(LONGITUDE)
+    note(clock, 0.005)
+    assert gap(clock) == pytest.approx(0.005, abs=1e-7)
+    for gap_deg in (179.998, 180.002):
+        note(clock, gap_deg)
+    assert abs(gap(clock)) == pytest.approx(180.0, abs=1e-6)
+
+
 def test_the_last_four_hundred_readings_count_most() -> None:
     clock = MountSidereal(LONGITUDE)
     for _ in range(1000):

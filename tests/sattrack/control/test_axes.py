@@ -17,8 +17,8 @@ ACCELERATION_DEG_S2 = 0.02
 class Mount:
     """Moves at the rates of the command that it has read, each turn, exactly; noise as of half a tic."""
 
-    def __init__(self, seed: int) -> None:
-        self.rng = random.Random(seed)
+    def __init__(self, seed: int, shares: tuple[float, float] = (-1.0, 0.5)) -> None:
+        self.rng, self.shares = random.Random(seed), shares
         self.ra_deg, self.dec_deg, self.turn = 100.0, 20.0, 0
         self.loop = MountLoop(PERIOD_S)
         self.history = CommandHistory(0.0, self.loop)
@@ -36,7 +36,7 @@ class Mount:
         utc_s = self.turn * PERIOD_S
         self.changed_deg_s += change_deg_s
         rate = 0.3 + ACCELERATION_DEG_S2 * utc_s + self.changed_deg_s
-        self.commands.append(SentRates(utc_s, -rate, 0.5 * rate))
+        self.commands.append(SentRates(utc_s, self.shares[0] * rate, self.shares[1] * rate))
         self.history.add(self.commands[-1])
         read = self.commands[acts]
         self.ra_deg += (read.ra_rate_deg_s + extra_deg_s) * PERIOD_S
@@ -56,17 +56,21 @@ class Mount:
         return (self.axes.ra.position_deg - self.ra_deg) / ARCSEC
 
 
-def settled(seed: int = 1) -> Mount:
+def settled(seed: int = 1, shares: tuple[float, float] = (-1.0, 0.5)) -> Mount:
     """Return a mount whose rate has changed at times, so that its response is known."""
-    mount = Mount(seed)
+    mount = Mount(seed, shares)
     for turn in range(200):
         mount.step(change_deg_s={20: 0.1, 60: -0.1}.get(turn, 0.0))
     return mount
 
 
-@pytest.mark.parametrize("acts", [-2, -3])
-def test_a_lost_or_a_late_command_is_told_from_the_movement(acts: int) -> None:
-    mount = settled()
+@pytest.mark.parametrize(
+    ("acts", "shares"),
+    [(-2, (-1.0, 0.5)), (-3, (-1.0, 0.5)), (-2, (1.0, 0.0)), (-2, (0.0, -1.0))],
+)
+def test_a_lost_or_a_late_command_is_told_from_the_movement(acts: int, shares: tuple[float, float]) -> None:
+    """Also where one axis alone turns."""
+    mount = settled(shares=shares)
     assert mount.axes is not None
     before = mount.axes.misread
     mount.step(change_deg_s=0.02)
@@ -77,6 +81,27 @@ def test_a_lost_or_a_late_command_is_told_from_the_movement(acts: int) -> None:
     # 0.02 deg/s is 72″/s: taken for a disturbance, it would show.
     assert abs(mount.axes.ra.disturbance_deg_s) < 0.3 * ARCSEC
     assert abs(mount.off_arcsec) < 0.05
+
+
+def test_a_change_that_a_drive_takes_a_while_for_strains_it_so_long() -> None:
+    """Half the acceleration, 5°/s², is surely there: 0.25°/s a turn of a change by 1°/s."""
+    mount = settled()
+    assert mount.axes is not None
+    assert mount.axes.strained is False
+    mount.step(change_deg_s=1.0)
+    for _ in range(3):
+        assert mount.axes.strained is True
+        mount.step()
+    mount.step()
+    assert mount.axes.strained is False
+
+
+@pytest.mark.parametrize("shares", [(1.0, 0.0), (0.0, -1.0)])
+def test_a_longer_delay_is_learnt_where_one_axis_alone_turns(shares: tuple[float, float]) -> None:
+    mount = Mount(1, shares)
+    for turn in range(60):
+        mount.step(acts=-2 if turn else -1, change_deg_s={20: 0.1, 40: -0.1}.get(turn, 0.0))
+    assert mount.history.delay_s > 0.0
 
 
 def test_a_rate_that_sets_in_is_learnt_in_a_few_samples() -> None:
@@ -136,12 +161,12 @@ TOLD_DEG_S2 = 5.0
 STEP_DEG_S, STEP_TURNS = 0.8, 6
 
 
-def climbed(drive: Drive, acceleration_deg_s2: float, lag_s: float = 0.0) -> None:
+def climbed(drive: Drive, acceleration_deg_s2: float, lag_s: float = 0.0, step: float = STEP_DEG_S) -> None:
     """Let an axis climb stairs of rate, as its acceleration and its servo's lag let it; the lag is known."""
     place = rate = answer = 0.0
     short_s = 0.001
     for turn in range(8 * STEP_TURNS):
-        commanded, predicted, before = STEP_DEG_S * (turn // STEP_TURNS), 0.0, place
+        commanded, predicted, before = step * (turn // STEP_TURNS), 0.0, place
         for _ in range(round(PERIOD_S / short_s)):
             answer += (commanded - answer) * (min(1.0, short_s / lag_s) if lag_s else 1.0)
             most = acceleration_deg_s2 * short_s
@@ -157,6 +182,9 @@ def test_a_drive_that_is_weaker_than_told_is_known_by_its_motion(share: float) -
     drive = Drive(TOLD_DEG_S2)
     climbed(drive, share * TOLD_DEG_S2)
     assert drive.acceleration_deg_s2 == pytest.approx(share * TOLD_DEG_S2, rel=0.01)
+    small = Drive(0.1 * TOLD_DEG_S2)
+    climbed(small, 0.1 * share * TOLD_DEG_S2, step=0.1 * STEP_DEG_S)
+    assert small.acceleration_deg_s2 == pytest.approx(0.1 * share * TOLD_DEG_S2, rel=0.01)
 
 
 @pytest.mark.parametrize("lag_s", [0.0, 0.05, 0.2])

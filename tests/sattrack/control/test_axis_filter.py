@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sattrack.control import axis_filter
-from sattrack.control.axis_filter import SHARES, AxisFilter, LeanKalmanFilter, Noise
+from sattrack.control.axis_filter import SHARES, AxisFilter, LeanKalmanFilter, LoopTurn, Noise, Step
 from sattrack.core.angles import wrap180
 
 STEP_S = 0.05
@@ -68,6 +68,35 @@ def prior_roots(noise: Noise) -> np.ndarray:
     """Return columns whose squares sum to the covariance of the shares of an unknown axis."""
     values, vectors = np.linalg.eigh(axis_filter.share_spread(noise.late, noise.turn, noise.first_gain))
     return vectors[:, values > 1e-12] * np.sqrt(values[values > 1e-12])
+
+
+def test_a_place_that_is_taken_as_seen_tells_nothing_of_rate_and_response() -> None:
+    axis = AxisFilter(10.0)
+    for i in range(1, 40):
+        axis.advance(STEP_S, 0.0, moved(0.8))
+        axis.measure(10.0 + 0.0405 * i, 0.8)
+    rate, gain = axis.disturbance_deg_s, axis.gain_error
+    assert (rate, gain) != (0.0, 0.0)
+    axis.stand_at(370.0 - 9.0)
+    assert axis.position_deg % 360.0 == pytest.approx(1.0)
+    axis.measure(1.0001, 0.0)
+    assert 1.00001 < axis.position_deg % 360.0 < 1.0001
+    assert (axis.disturbance_deg_s, axis.gain_error) == pytest.approx((rate, gain), abs=1e-15)
+
+
+def test_what_was_learnt_is_changed_by_what_a_changed_delay_says() -> None:
+    axis = AxisFilter(10.0)
+    axis.change(np.array([0.5, -0.02, *np.full(SHARES, 0.01 / SHARES)]))
+    assert axis.position_deg == pytest.approx(10.5)
+    assert axis.disturbance_deg_s == pytest.approx(-0.02)
+    assert axis.gain_error == pytest.approx(0.01)
+
+
+def test_how_surprising_a_turn_is_counts_both_axes() -> None:
+    turn = LoopTurn((3.0, -4.0), (0.5, 0.25), (2.0, 5.0), Step(0.0, 1.0, 2.0))
+    assert turn.surprise(Step(0.0, 1.0, 2.0)) == pytest.approx(1.5**2 + 0.8**2)
+    # 2°/s more of the first is a degree, and 4°/s less of the second a degree the other way.
+    assert turn.surprise(Step(0.0, 3.0, -2.0)) == pytest.approx(1.0**2 + 0.6**2)
 
 
 def test_a_commanded_move_is_no_surprise() -> None:

@@ -13,7 +13,9 @@ from sattrack.control.biases import (
     Camera,
     begin_search,
     change_offset,
+    clear_biases,
     end_reached,
+    forget_estimate,
     nudge_biases,
 )
 from sattrack.control.offset import ChangeLimits, Offset, State, spiral_lasts_s
@@ -80,6 +82,10 @@ class TestBounds:
         assert Paced(pace).bounds("along_s", NOW, 0.0, 0.0) == pytest.approx((0.8 * 1.5 / 2.0, 0.45 * 2.0))
         back = Paced(pace).bounds("along_s", NOW, 0.0, -0.5)
         assert back == pytest.approx((0.8 * 2.5 / 2.0, 0.45 * 2.0))
+        # Forward, an axis that the satellite takes the other way than its bias has more to spare.
+        other = AxisPace(0.1, -2.0, -1.0, 0.5, 0.5)
+        assert Paced(other).bounds("along_s", NOW, 0.0, 0.5).rate == pytest.approx(0.8 * 2.5 / 2.0)
+        assert Paced(other).bounds("along_s", NOW, 0.0, -0.5).rate == pytest.approx(0.8 * 1.5 / 2.0)
 
     def test_where_the_target_takes_all_a_tenth_is_left(self) -> None:
         pace = AxisPace(2.0, 0.0, 3.5, 0.0, 0.5)
@@ -219,9 +225,12 @@ class TestSearches:
     def test_a_spiral_goes_as_far_as_a_bias_may(self, pace: float, reach: float) -> None:
         biases = Paced(going=Going(pace, 0.0, 1000.0, 0.0))
         biases.bounds = lambda *_: WIDE  # type: ignore[method-assign]
+        biases.offsets["along_s"] = Offset(0.5)
         begin_search(biases, Search("spiral", 1.0, 0.5), NOW)
         lasts_s = spiral_lasts_s(reach, 1.0, 0.5)
         assert end_reached(biases, NOW + lasts_s - 0.01) is None
+        # At the satellite's own pace there, half a second further on.
+        assert biases.going_at[-1] == pytest.approx(lasts_s + 0.49)
         told = end_reached(biases, NOW + lasts_s + 0.01)
         assert told == f"the spiral found nothing within {reach:.1f}° and went back"
         assert biases.pattern_at(NOW + lasts_s + 0.02) is None
@@ -239,6 +248,29 @@ class TestSearches:
         assert end_reached(biases, NOW + 8.0) is None
         change_offset(biases, OffsetBy(what, "rate", -sign * 0.1), NOW + 20.0)
         assert end_reached(biases, NOW + 21.0) is None
+
+
+def test_what_is_cleared_leaves_from_where_it_is() -> None:
+    biases = Paced()
+    biases.begin_estimated(0.5, 2.0)
+    nudge_biases(biases, 1.0, 0.2, NOW - 60.0)
+    clear_biases(biases, NOW)
+    (along, cross), (along_later, cross_later) = biases.applied(NOW + 1e-3), biases.applied(NOW + 60.0)
+    assert along.value == pytest.approx(1.5, abs=1e-3)
+    assert cross.value == pytest.approx(0.2 + math.degrees(math.atan(0.002)), abs=1e-3)
+    assert (along_later.value, cross_later.value) == pytest.approx((0.0, 0.0), abs=1e-12)
+
+
+@pytest.mark.parametrize("away_km", [20.0, 200.0])
+def test_an_estimate_that_is_left_is_left_as_gently_as_the_sky_allows(away_km: float) -> None:
+    """From rest to rest by a quintic, at 0.8°/s and 0.15 of 4°/s² across, 1000 km away."""
+    biases = Paced()
+    biases.begin_estimated(0.0, away_km)
+    forget_estimate(biases, NOW)
+    rate, acceleration = math.radians(0.8) * 1000.0, math.radians(0.15 * 4.0) * 1000.0
+    takes_s = max(1.875 * away_km / rate, math.sqrt(10.0 / math.sqrt(3.0) * away_km / acceleration))
+    assert biases.estimated_cross_km.ended_utc_s() - NOW == pytest.approx(takes_s, rel=1e-3)
+    assert biases.totals(NOW + 60.0) == pytest.approx((0.0, 0.0), abs=1e-12)
 
 
 class TestAcross:
@@ -314,6 +346,8 @@ class TestCamera:
         pixels = SeenOffset(utc, dx_px=10.0, dy_px=-4.0, sigma_px=0.5)
         assert Camera().in_arcsec(pixels) is None
         assert Camera(scale_arcsec_px=2.5).in_arcsec(pixels) == (25.0, -10.0, 1.25)
+        middle = SeenOffset(utc, dx_px=0.0, dy_px=0.0, sigma_px=0.5)
+        assert Camera(scale_arcsec_px=2.5).in_arcsec(middle) == (0.0, 0.0, 1.25)
         seconds = SeenOffset(utc, dx_arcsec=10.0, dy_arcsec=-4.0, sigma_arcsec=0.5)
         for camera in (Camera(), Camera(scale_arcsec_px=2.5)):
             assert camera.in_arcsec(seconds) == (10.0, -4.0, 0.5)

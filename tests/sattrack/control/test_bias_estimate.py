@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 import random
 from dataclasses import replace
+from types import SimpleNamespace as Made
+from typing import Any
 
 import bias as bench
+import numpy as np
 import pytest
 
 from sattrack.control.estimate import ANEW_AFTER, MODEL_ARCSEC, EstimatedBiases, Estimator
@@ -16,6 +19,7 @@ from sattrack.views.messages import ObservationMessage
 from tle.bias import NO_BIAS, Bias
 from tle.instants import Utc
 from tle.observed import bias_from_observation
+from tle.orbit_filter import CAMERA_TERMS, MOUNT_TERMS
 from tle.propagator import Propagator
 from tle.refraction import Refraction
 
@@ -328,3 +332,92 @@ def test_a_wild_observation_leaves_the_estimate_alone(course: Course, estimator:
         assert not take(estimator, course, changed(good, ra_deg=(good.ra_deg + off_deg) % 360.0))
     assert read(estimator, course)[:4] == before
     assert take(estimator, course, seen(-20.0, sigma_arcsec=3.0))
+
+
+class TestWhatCamerasShow:
+    """Of filters whose terms are made up here."""
+
+    def known(self, sigmas: float = 10.0, **found: float) -> Estimator:
+        """Return an estimator that has found so much of a camera, known so many times better than that."""
+        values = np.array([found.get(name, 0.0) for name in CAMERA_TERMS])
+        of_camera = values, np.where(values == 0.0, 1e-3, np.abs(values) / sigmas)
+        of_mount = np.linspace(0.1, 0.2, len(MOUNT_TERMS)), np.linspace(0.01, 0.02, len(MOUNT_TERMS))
+        best = Made(cameras=["fine"], terms=lambda name=None: of_mount if name is None else of_camera)
+        one = Estimator(25544, RISE_S)
+        filters: Any = Made(best=best, knows_terms=True, uses_known_terms=True, mirrored=False)
+        one.filter, one.last_utc_s = filters, CULMINATION_S
+        return one
+
+    @pytest.mark.parametrize(
+        ("found", "words"),
+        [
+            ({}, None),
+            ({"rotation_deg": 5.1}, "its image is turned by +5.1° more than set"),
+            ({"rotation_deg": -5.1}, "its image is turned by -5.1° more than set"),
+            ({"rotation_deg": 4.9}, None),
+            ({"scale": 0.04}, "its pixels are 1.040 times as large as set"),
+            ({"scale": 0.02}, None),
+            ({"clock_s": 0.06}, "its clock is 0.06 s ahead: dates are mended"),
+            ({"clock_s": -0.06}, "its clock is 0.06 s behind: dates are mended"),
+            ({"clock_s": 0.04}, None),
+        ],
+    )
+    def test_what_is_not_as_set_is_told_once_it_is_sure(
+        self, found: dict[str, float], words: str | None
+    ) -> None:
+        told = self.known(**found).camera_words
+        assert told == (() if words is None else (f"camera fine: {words}",))
+        assert self.known(3.9, **found).camera_words == ()
+        assert len(self.known(4.1, **found).camera_words) == len(told)
+
+    def test_what_earlier_passes_found_and_a_mirrored_image_are_told(self) -> None:
+        one = self.known()
+        filters: Any = one.filter
+        filters.uses_known_terms = False
+        assert one.camera_words == (
+            "what earlier passes found of mount and cameras does not hold: it is left aside",
+        )
+        filters.knows_terms, filters.mirrored = False, True
+        assert one.camera_words == (
+            "the camera's image is mirrored otherwise than set: turn `flipped` round",
+        )
+        assert Estimator(25544, RISE_S).camera_words == ()
+
+    def test_a_profile_is_told_of_mount_and_cameras_unless_the_image_is_mirrored(self) -> None:
+        one = self.known(rotation_deg=2.0)
+        terms = one.sky_terms
+        assert terms is not None
+        assert Utc.parse(terms.utc).unix_s == CULMINATION_S
+        assert terms.mount[MOUNT_TERMS[0]] == (0.1, 0.01)
+        assert terms.cameras["fine"]["rotation_deg"] == (2.0, 0.2)
+        filters: Any = one.filter
+        filters.mirrored = True
+        mirrored = one.sky_terms
+        assert mirrored is not None
+        assert (mirrored.mount, mirrored.cameras) == (terms.mount, {})
+        filters.best.cameras = []
+        assert one.sky_terms is None
+        filters.best.cameras, one.last_utc_s = ["fine"], None
+        assert one.sky_terms is None
+        assert Estimator(25544, RISE_S).sky_terms is None
+
+    @pytest.mark.parametrize(
+        ("rejected", "accepted", "refuted"),
+        [(19, 0, False), (20, 0, True), (20, 4, True), (24, 5, False), (25, 5, True)],
+    )
+    def test_twenty_and_five_times_as_many_contradictions_refute_an_estimate(
+        self, rejected: int, accepted: int, refuted: bool
+    ) -> None:
+        one = self.known()
+        filters: Any = one.filter
+        filters.rejected, filters.accepted = rejected, accepted
+        assert one.refuted is refuted
+        assert Estimator(25544, RISE_S).refuted is False
+
+    def test_how_well_the_direction_is_known_is_the_worst_of_all_directions(self) -> None:
+        one, where = self.known(), Made(airless=None)
+        filters: Any = one.filter
+        spread = np.diag([1.0, 9.0, 4.0]) * math.radians(1.0 / 3600.0) ** 2
+        filters.pointing = lambda *_: (None, spread)
+        assert one.sigma_arcsec(CULMINATION_S, where) == pytest.approx(3.0)  # type: ignore[arg-type]
+        assert Estimator(25544, RISE_S).sigma_arcsec(CULMINATION_S, where) is None  # type: ignore[arg-type]

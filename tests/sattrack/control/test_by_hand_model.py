@@ -15,6 +15,7 @@ import pytest
 from console_builders import PROFILE, SITE, Bench
 from strangers.tilted_mount import TiltedMount, apart_arcsec
 
+from sattrack.control.aim import MountInstant
 from sattrack.control.manual_operation import ConsoleSession, view_of
 from sattrack.control.procedures import procedure_for
 from sattrack.mount.model import AxesPosition, PointingTerms, Slew
@@ -84,6 +85,28 @@ def test_a_slew_ends_with_the_telescope_on_the_direction(hour_angle: float, dec:
     looks = view_of(made.console, made.now_s).looks_at_deg
     assert looks is not None
     assert looks == pytest.approx((ra, dec), abs=5.0 / 3600.0 / math.cos(math.radians(dec)))
+
+
+@pytest.mark.parametrize("hour_angle", [-0.5, 0.5, -350.0, 350.0])
+def test_a_slew_is_fed_by_the_model_of_the_side_on_which_it_ends(hour_angle: float) -> None:
+    """By the hour angle: west of the meridian beyond the pole, on whatever turn the sidereal time is."""
+    made = bench(pier_rule="hour_angle")
+    one, sample = made.console, made.console.session.sample
+    assert one.sky_aim is not None
+    assert sample is not None
+    heard = MountInstant.of(sample, made.now_s)._replace(sidereal_deg=175.0 + 0.5 * hour_angle)
+    one._instant = lambda _: heard  # type: ignore[method-assign]
+    ra = 175.0 - 0.5 * hour_angle
+    west = math.sin(math.radians(hour_angle)) > 0.0
+    sides = [
+        one.sky_aim.reported_deg(ra, 50.0, heard._replace(beyond_pole=beyond)) for beyond in (False, True)
+    ]
+    assert apart_deg(*sides) > 0.05
+    assert one.aim(Slew(ra, 50.0), None, made.now_s) == Slew(*sides[west])
+
+
+def apart_deg(one: tuple[float, float], other: tuple[float, float]) -> float:
+    return max(abs(math.remainder(one[0] - other[0], 360.0)), abs(one[1] - other[1]))
 
 
 def test_without_a_model_slews_are_in_the_mounts_own_coordinates() -> None:

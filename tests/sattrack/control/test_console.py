@@ -306,7 +306,7 @@ class TestWhatGoesWrongEndsWithAMountAtRest:
         operation = bench.carry_out(
             plain(Slew(ra_deg, 60.0)), at=((after_s, lambda e: e.interrupt(bench.now_s)),)
         )
-        assert operation.ended_by == "operator"
+        assert ended(operation) == ("operator", TicketState.FAILED, False)
         assert operation.mount_stopped is (True if operation.begun else None)
         assert operation.begun is (after_s > 0.2)
         assert not bench.moves_itself

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace as Made
 from typing import Any
 
@@ -10,6 +11,7 @@ import msgspec
 import pytest
 
 from sattrack.control.engine import Engine, RunSpec
+from sattrack.control.engine_view import view_of
 from sattrack.control.rest import Rest
 from sattrack.control.tracker import Phase, TrackPlan
 from sattrack.mount.model import MountProfile, Slew, Status, Stop, mean_sidereal_deg
@@ -21,6 +23,7 @@ from sattrack.safety.watch import KEEPS_FIRST
 from sattrack.views.messages import Jog, Pause
 from sattrack.views.run import ErrorView
 from tle.bias import NO_BIAS
+from tle.bodies import Body
 from tle.instants import Utc
 from tle.propagator import Propagator
 from tle.refraction import Refraction
@@ -289,3 +292,59 @@ class TestPauses:
             tracker=Made(rest=Made() if paused else None),
         )
         assert shown.fget(run) is out
+
+
+class TestTheView:
+    def heard(self) -> Engine:
+        run = engine()
+        hear(run)
+        hear(run, 1, ra_rate_dtics_s=932068, dec_rate_dtics_s=-186414)
+        return run
+
+    def test_target_and_mount_are_of_the_last_status_while_that_is_fresh(self) -> None:
+        run, seen_s = self.heard(), CULMINATION_S + 0.05
+        for late_s, at_s in ((0.02, seen_s), (0.25, seen_s), (0.4, seen_s + 0.4)):
+            view = view_of(run, seen_s + late_s)
+            there = run.tracker.direction_at(at_s)
+            assert view.utc_s == seen_s + late_s
+            assert view.target_ra_deg == pytest.approx(float(there.ra_deg), abs=1e-3)
+            assert view.target_az_deg == pytest.approx(float(there.az_deg), abs=1e-3)
+            assert (view.target_alt_deg, view.range_km) == pytest.approx(
+                (float(there.alt_deg), float(there.range_km)), abs=0.1
+            )
+        # Half an arcminute a tick: of another instant, they would stand apart.
+        fresh = view_of(run, seen_s + 0.02)
+        assert fresh.mount_ra_deg == pytest.approx(fresh.target_ra_deg, abs=1e-3)
+        assert fresh.mount_dec_deg == pytest.approx(fresh.target_dec_deg, abs=1e-3)
+
+    def test_it_says_what_is_followed_and_how_fast_the_mount_turns(self) -> None:
+        run = self.heard()
+        run.tracker.slipped_s = 5.0
+        view = view_of(run, CULMINATION_S + 0.07)
+        elements = demo_pass.elements()
+        assert view.elements_age_s == pytest.approx(CULMINATION_S + 0.07 - float(elements.epoch.unix_s))
+        assert (view.name, view.catalog_number) == (elements.label, elements.catalog_number)
+        assert view.culminate_utc_s == CULMINATION_S + 5.0
+        assert (view.start_utc_s, view.end_utc_s, view.max_alt_deg) == (
+            PLAN.start_utc_s,
+            PLAN.end_utc_s,
+            70.0,
+        )
+        # 2^26 tics a turn; right ascension falls as the hour angle grows.
+        assert view.ra_rate_reached_deg_s == pytest.approx(360.0 / 86164.0905 - 0.5, abs=1e-5)
+        assert view.dec_rate_reached_deg_s == pytest.approx(-0.1, abs=1e-5)
+        assert (view.ended_by, view.pause, view.learnt, view.axes) == (None, None, None, None)
+        run.operate(Pause(), CULMINATION_S)
+        assert view_of(run, CULMINATION_S + 0.07).pause is not None
+
+    def test_before_the_mount_is_heard_it_is_nowhere(self) -> None:
+        view = view_of(engine(), CULMINATION_S)
+        assert (view.mount_ra_deg, view.ra_rate_reached_deg_s, view.dec_rate_reached_deg_s) == (None,) * 3
+        assert (view.error, view.rms_10s_arcsec, view.rms_pass_arcsec, view.link.age_s) == (None,) * 4
+
+    def test_the_moon_has_no_elements_that_age(self) -> None:
+        moon = Propagator(Body("Moon"), SITE)
+        run = engine()
+        spec = replace(run.spec, propagator=moon, if_mount_refracts=moon)
+        view = view_of(Engine(spec), CULMINATION_S)
+        assert (view.elements_age_s, view.catalog_number, view.name) == (None, None, "Moon")

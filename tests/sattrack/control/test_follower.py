@@ -62,11 +62,14 @@ class TestSamples:
         one = follower()
         assert seen(one, *(sample(turn) for turn in range(10))) == [True] * 10
         assert (one.lost_utc_s, one.learning.times_begun_anew) == (None, 0)
-        elsewhere = [sample(10 + turn, ra_deg=130.0 + 1e-4 * turn) for turn in range(OUTLIERS_BELIEVED)]
+        elsewhere = [
+            sample(10 + turn, ra_deg=130.0 + 1e-4 * turn, dec_deg=-5.0) for turn in range(OUTLIERS_BELIEVED)
+        ]
         assert seen(one, *elsewhere) == [False] * OUTLIERS_BELIEVED
         assert one.lost_utc_s == pytest.approx(NOW + PERIOD_S * (9 + OUTLIERS_BELIEVED), abs=1e-3)
         assert one.axes is not None
         assert one.axes.ra.position_deg == pytest.approx(130.0, abs=1e-3)
+        assert one.axes.dec.position_deg == pytest.approx(-5.0, abs=1e-3)
         assert one.learning.times_begun_anew == 1
 
     def test_a_place_that_repeats_to_the_last_bit_while_commands_move_the_axis_is_not_believed(self) -> None:

@@ -66,6 +66,15 @@ def test_past_the_pole_samples_go_on(pole_dec_deg: float) -> None:
     assert after.dec_deg == pytest.approx(pole_dec_deg * 1.01)
 
 
+def test_a_detour_after_one_through_the_pole_is_made_on_the_other_side() -> None:
+    beside = msgspec.structs.replace(detour(), begin_utc_s=200.0, end_utc_s=210.0, through_pole=False)
+    passage = Passage((detour(), beside))
+    ra, dec = beside.axes_at(205.0, 30.0, 60.0)
+    assert passage.place(205.0, 30.0, 60.0) == (pytest.approx(ra + 180.0), pytest.approx(180.0 - dec))
+    # It ends there too.
+    assert passage.place(300.0, 30.0, 60.0) == (pytest.approx(210.0), pytest.approx(120.0))
+
+
 def test_below_the_equator_they_still_do() -> None:
     passage = Passage((detour(),))
     passage.unfolded(sample(99.0, 40.0, 89.0, beyond_pole=False))

@@ -46,6 +46,12 @@ def test_coarse_steps_are_found_and_averaged(period_s: float, jitter_s: float) -
     assert abs(math.fsum(off) / len(off)) < 0.0005
 
 
+def test_nothing_is_called_coarse_within_the_first_six_seconds() -> None:
+    for turns, coarse in ((110, False), (400, True)):
+        clock, _ = dated(0.0507, 0.015625, 0.0, turns=turns)
+        assert clock.coarse is coarse
+
+
 @pytest.mark.parametrize("jitter_s", [0.0005, 0.01])
 @pytest.mark.parametrize("uneven_s", [0.0, 0.0005, 0.02])
 def test_a_fine_clock_is_believed_to_the_last_bit(jitter_s: float, uneven_s: float) -> None:

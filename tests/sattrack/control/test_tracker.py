@@ -30,7 +30,7 @@ from sattrack.mount.model import (
 )
 from sattrack.pointing.terms import PointingModel
 from sattrack.runtime import demo_pass
-from sattrack.views.messages import Go, Jog, Pause, PlaceFix, Search, SeenOffset, Slip, StopNow
+from sattrack.views.messages import Go, Jog, Pause, PlaceFix, Search, SeenOffset, Slip, SolvedField, StopNow
 from sattrack.views.run import ErrorView
 from tle.bias import NO_BIAS
 from tle.fixes import Fix, path_of
@@ -188,6 +188,15 @@ class TestPhases:
         assert one.steering.estimator.words == f"it is of {seen.utc}, before the mount was on the target"
         one._on_target_utc_s = CULMINATION_S - 0.5
         assert one._not_seen(seen) is None
+
+    def test_fields_tell_of_a_cameras_clock_while_the_target_is_tracked(self) -> None:
+        one, heard = tracker(), []
+        field = SolvedField(Utc(CULMINATION_S).isoformat("milliseconds"), 10.0, 20.0, 1.0)
+        one.steering.clocks.hear = heard.append  # type: ignore[method-assign, assignment]
+        for phase in (Phase.SLEWING, Phase.ACQUIRING, Phase.TRACKING):
+            one.phase = phase
+            one.operate(field, CULMINATION_S)
+        assert heard == [field]
 
     def test_elements_do_not_slip_and_take_no_fixes(self) -> None:
         one = tracker()

@@ -1,0 +1,220 @@
+"""The stop at the end, and what is told of sites and mounts, by hand; whole stops are in `test_link_loss`."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace as Made
+from typing import Any
+
+import pytest
+from msgspec.structs import replace
+
+from sattrack.control.driver import DirectStop, Driver, StopProcedure, limit_text, site_warnings
+from sattrack.mount.geometry import AxisGeometry
+from sattrack.mount.link_loss import OVERTAKEN_SHARE, STOPS_MOVING_S, STOPS_SENT_S
+from sattrack.mount.model import (
+    Hold,
+    MountProfile,
+    MoveAxes,
+    SitePlace,
+    Slew,
+    Status,
+    Stop,
+    mean_sidereal_deg,
+)
+from sattrack.mount.xerxes.datagrams import decode_command, encode_status
+from sattrack.mount.xerxes.link import LinkState
+from sattrack.safety import Safety, SafetyLimits
+from tle.site import Site
+
+NOW, SITE = 1_790_000_000.0, Site(52.0, 4.5, 0.0)
+UP, STALE, LOST = LinkState.UP, LinkState.STALE, LinkState.LOST
+
+
+def session(stopped: bool = True, link: LinkState = UP, heard: bool = True, overtaken_s: float = 0.0) -> Any:
+    """Return a session as it is seen by a stop."""
+    return Made(
+        link_state=lambda _: link,
+        stopped=stopped,
+        sample=Made() if heard else None,
+        health=Made(overtaken_s=overtaken_s),
+    )
+
+
+class TestTheStopAtTheEnd:
+    def test_it_is_over_a_quarter_of_a_second_after_rest(self) -> None:
+        stop = StopProcedure(NOW)
+        assert (stop.finished, stop.at_rest) == (False, None)
+        assert not stop.look(session(stopped=False), NOW + 1.0)
+        assert not stop.look(session(), NOW + 2.0)
+        assert not stop.look(session(), NOW + 2.24)
+        assert stop.look(session(), NOW + 2.26)
+        assert (stop.finished, stop.at_rest) == (True, True)
+
+    @pytest.mark.parametrize("other", [session(stopped=False), session(link=STALE), session(link=LOST)])
+    def test_rest_that_is_not_seen_on_begins_anew(self, other: Any) -> None:
+        stop = StopProcedure(NOW)
+        stop.look(session(), NOW + 1.0)
+        stop.look(other, NOW + 1.2)
+        assert not stop.look(session(), NOW + 1.3)
+        assert not stop.look(session(), NOW + 1.5)
+        assert stop.look(session(), NOW + 1.6)
+
+    def test_where_datagrams_were_overtaken_it_lasts_longer(self) -> None:
+        late = session(overtaken_s=2.0)
+        stop = StopProcedure(NOW)
+        stop.look(late, NOW + 0.1)
+        assert not stop.look(late, NOW + 2.0 * OVERTAKEN_SHARE - 0.01)
+        assert stop.look(late, NOW + 2.0 * OVERTAKEN_SHARE + 0.01)
+
+    @pytest.mark.parametrize(
+        ("link", "within_s"), [(UP, STOPS_MOVING_S), (STALE, STOPS_MOVING_S), (LOST, STOPS_SENT_S)]
+    )
+    def test_a_mount_that_does_not_rest_is_given_up(self, link: LinkState, within_s: float) -> None:
+        stop, moving = StopProcedure(NOW), session(stopped=False, link=link)
+        assert not stop.look(moving, NOW + within_s - 0.1)
+        assert stop.look(moving, NOW + within_s + 0.1)
+        assert stop.at_rest is False
+        # Seen at rest later, it is.
+        assert stop.look(session(), NOW + within_s + 1.0)
+        assert stop.at_rest is False
+        assert stop.look(session(), NOW + within_s + 1.3)
+        assert stop.at_rest is True
+
+    @pytest.mark.parametrize(
+        ("needed", "blind", "heard", "within_s", "at_rest"),
+        [
+            (False, False, True, 0.25, None),
+            (False, True, False, 0.25, None),
+            (True, False, False, 0.25, None),
+            (True, True, False, STOPS_MOVING_S, None),
+            (True, False, True, STOPS_MOVING_S, False),
+        ],
+    )
+    def test_what_was_never_set_going_is_not_waited_for(
+        self, needed: bool, blind: bool, heard: bool, within_s: float, at_rest: bool | None
+    ) -> None:
+        stop, moving = StopProcedure(NOW, needed, blind), session(stopped=False, heard=heard)
+        assert not stop.look(moving, NOW + within_s - 0.01)
+        assert stop.look(moving, NOW + within_s + 0.01)
+        assert stop.at_rest is at_rest
+        for after_s in (1.0, 2.0):
+            stop.look(session(heard=heard), NOW + within_s + after_s)
+        assert stop.at_rest is (True if needed else None)
+
+
+def heard(one: Driver, number: int, at_s: float = NOW, turned_deg: float = 0.0, **changes: Any) -> None:
+    """Have a driver take a status of a mount an hour past the meridian, turned on by so much since."""
+    sidereal_h = mean_sidereal_deg(at_s, SITE.longitude_deg) % 360.0 / 15.0
+    ra_h = (sidereal_h - 1.0 - turned_deg / 15.0) % 24.0
+    status = Status(counter=number, sidereal_h=sidereal_h, ra_h=ra_h, dec_deg=20.0, altitude_deg=50.0)
+    one.receive(encode_status(replace(status, **changes)), at_s)
+
+
+class TestDirectStop:
+    def test_it_goes_on_with_the_numbers_of_whoever_is_gone(self) -> None:
+        one = DirectStop(MountProfile(), NOW, counter=41)
+        sent = decode_command(one.tick(NOW + 0.05))
+        assert (sent.counter, sent.abort) == (42, True)
+        assert one.repeat() is None
+
+    def test_it_tells_when_the_mount_was_last_heard_and_what_it_did(self) -> None:
+        one = DirectStop(MountProfile(), NOW)
+        assert one.last_heard(NOW + 5.0) == "the mount has not been heard since"
+        # 2^26 tics a turn: 186414 of them a degree; told in tenths a second.
+        for number in range(1, 4):
+            at_s = NOW + 0.05 * number
+            heard(one, number, at_s, 0.025 * number, ra_rate_dtics_s=932068, dec_rate_dtics_s=-1864135)
+        last_s = NOW + 0.15
+        moving = "moving at 0.500 and -1.000 °/s (hour angle, declination)"
+        assert one.last_heard(last_s + 0.9) == f"last heard now, {moving}"
+        assert one.last_heard(last_s + 3.2) == f"last heard 3 s ago, {moving}"
+
+    def test_a_mount_that_stands_is_told_to_be_at_rest(self) -> None:
+        one = DirectStop(MountProfile(), NOW)
+        for number in range(1, 60):
+            heard(one, number, NOW + 0.05 * number)
+        assert one.last_heard(NOW + 3.0) == "last heard now, at rest"
+
+    def test_it_can_be_given_its_whole_time_again(self) -> None:
+        one = DirectStop(MountProfile(), NOW)
+        one.tick(NOW + STOPS_SENT_S + STOPS_MOVING_S)
+        assert one.finished
+        one.renew(NOW + 100.0)
+        assert (one.finished, one.stop.begun_utc_s) == (False, NOW + 100.0)
+        one.tick(NOW + 101.0)
+        # It was never heard, and may move all the same.
+        assert (one.finished, one.mount_stopped) == (False, None)
+
+
+class TestDrivers:
+    def driver(self, **profile: Any) -> Driver:
+        made = MountProfile(**profile)
+        return Driver(made, Safety(made, SafetyLimits(optical=False), 52.0, 4.5))
+
+    def test_before_it_is_heard_a_mount_is_only_stopped(self) -> None:
+        one = self.driver()
+        assert one.clear(Slew(10.0, 50.0), NOW).motion == Stop()
+        assert one.clear(MoveAxes(0.1, 0.0), NOW).motion == Stop()
+        assert one.clear(Hold(), NOW).motion == Hold()
+        assert (one.link_up, one.sample, one.finished, one.mount_stopped) == (False, None, False, None)
+        heard(one, 1)
+        assert one.clear(MoveAxes(0.1, 0.0), NOW).motion == MoveAxes(0.1, 0.0)
+
+    def test_one_that_knows_no_axes_in_space_moves_no_mount_with_a_geometry(self) -> None:
+        geometry = {"geometry": AxisGeometry(0.0, 90.0), "stands_at": SitePlace(52.0, 4.5), "additive": False}
+        one = self.driver(**geometry)
+        heard(one, 1)
+        assert one.clear(MoveAxes(0.1, 0.0), NOW).motion == Stop()
+        assert one.sample is not None
+        # Its sample is by the axes: azimuth and altitude of that hour angle and declination, from here.
+        latitude, hour_angle, dec = (math.radians(angle) for angle in (52.0, 15.0, 20.0))
+        altitude = math.asin(
+            math.sin(latitude) * math.sin(dec) + math.cos(latitude) * math.cos(dec) * math.cos(hour_angle)
+        )
+        assert one.sample.dec_deg == pytest.approx(math.degrees(altitude), abs=1e-6)
+        assert 0.0 <= one.sample.ra_deg < 360.0
+
+    def test_in_force_is_what_was_last_sent(self) -> None:
+        one = self.driver()
+        heard(one, 1)
+        one.session.apply(one.clear(MoveAxes(0.1, 0.0), NOW))
+        one.compose(NOW)
+        assert one.in_force == MoveAxes(0.1, 0.0)
+        one.session.apply(one.clear(Hold(), NOW))
+        one.compose(NOW + 0.05)
+        assert one.in_force == Hold()
+
+    @pytest.mark.parametrize(("link", "up"), [(UP, True), (STALE, True), (LOST, False)])
+    def test_a_link_that_is_late_is_up(self, link: LinkState, up: bool) -> None:
+        one = self.driver()
+        one.link_state = link
+        assert one.link_up is up
+
+    def test_once_it_stops_nothing_is_repeated(self) -> None:
+        one = self.driver(repeat_rates="always")
+        for number in range(1, 12):
+            heard(one, number, NOW + 0.05 * number)
+            one.session.apply(one.clear(MoveAxes(0.1, 0.0), NOW + 0.05 * number))
+            one.compose(NOW + 0.05 * number)
+        assert one.repeat() is not None
+        one.stop = StopProcedure(NOW + 1.0)
+        assert one.repeat() is None
+
+
+@pytest.mark.parametrize(
+    ("latitude_deg", "longitude_deg", "told"),
+    [(52.05, 4.45, False), (52.2, 4.5, True), (52.0, 4.7, True), (51.85, 4.5, True), (52.0, 364.45, False)],
+)
+def test_a_mount_that_believes_itself_elsewhere_is_told(
+    latitude_deg: float, longitude_deg: float, told: bool
+) -> None:
+    status = Status(site_latitude_deg=latitude_deg, site_longitude_deg=longitude_deg)
+    assert bool(site_warnings(status, SITE)) is told
+    assert site_warnings(None, SITE) == site_warnings(status, None) == site_warnings(Status(), SITE) == []
+
+
+def test_the_words_of_a_limit_name_its_cause_or_the_way_out() -> None:
+    assert limit_text("sun", "it came near") == "safety stopped the mount at its sun limit: it came near"
+    assert limit_text("sun").startswith("safety stopped the mount at its sun limit (")
+    assert "); to go on: " in limit_text("sun")
