@@ -245,6 +245,7 @@ ENDS: dict[str, dict[str, Callable[[Case], subprocess.Popen[Any]]]] = {
         "q": lambda case: left_by_question(case, b"s"),
         "Ctrl-C": lambda case: pressed(screen(case), CTRL_C),
         "a closed terminal": lambda case: hung_up(screen(case)),
+        "SIGINT": lambda case: struck(screen(case).process, INTERRUPT),
         "SIGTERM": lambda case: struck(screen(case).process, TERMINATE),
         "SIGKILL": lambda case: struck(screen(case).process, KILL),
         "left running": left_running,
@@ -267,7 +268,7 @@ ENDS: dict[str, dict[str, Callable[[Case], subprocess.Popen[Any]]]] = {
 @pytest.mark.usefixtures("hang_ups")
 @pytest.mark.parametrize("program", ENDS)
 def test_no_process_and_no_file_is_left_after_any_kind_of_end(program: str, tmp_path: Path) -> None:
-    """By Ctrl-C they end in the test above."""
+    """Servers and runners end by Ctrl-C in the test above."""
 
     def left(number: int, end: Callable[[Case], subprocess.Popen[Any]]) -> list[str]:
         with case(tmp_path / str(number)) as one:
