@@ -108,26 +108,27 @@ def ended(process: subprocess.Popen[str]) -> Iterator[subprocess.Popen[str]]:
 
 def speed_deg_s(truth: dict[str, float]) -> float:
     """How fast the faster axis turns; standing still and turning with the sky both count as rest."""
-    ra = truth["ra_rate_deg_s"]
+    ra = truth["ra_rate_deg_s"] if "ra_rate_deg_s" in truth else truth["hour_angle_rate_deg_s"]
     return max(min(abs(ra), abs(ra - SIDEREAL_DEG_S)), abs(truth["dec_rate_deg_s"]))
 
 
 class Mount:
     """A simulated mount in a program of its own; where its axes are is read as it comes."""
 
-    def __init__(self, process: subprocess.Popen[str]) -> None:
+    def __init__(self, process: subprocess.Popen[str], listen: int | None = None) -> None:
         assert process.stdout is not None
         self._process = process
-        self.port = int(json.loads(process.stdout.readline())["listening"])
-        self.url = self.new_url()
+        told = json.loads(process.stdout.readline())
+        self.port = int(told["listening"] if "listening" in told else told["port"])
+        self.url = self.new_url(listen)
         self.truths: list[dict[str, float]] = []
         self._changed = threading.Condition()
         self._reader = threading.Thread(target=self._read)
         self._reader.start()
 
-    def new_url(self) -> str:
-        """Return how to reach it from a port that nobody has."""
-        return f"xerxes://127.0.0.1:{self.port}?listen={free_port()}"
+    def new_url(self, listen: int | None = None) -> str:
+        """Return how to reach it from a port, or else from one that nobody has."""
+        return f"xerxes://127.0.0.1:{self.port}?listen={listen or free_port()}"
 
     def wait_until_faster(self, than_deg_s: float, since: int = -1) -> None:
         """Wait until an axis is faster than so much, or was since it had told of its axes so many times."""
@@ -156,6 +157,11 @@ class Mount:
         self.end()
         return self.truths[-1]
 
+    @property
+    def ended(self) -> bool:
+        """Whether it was ended."""
+        return self._process.poll() is not None
+
     def end(self) -> None:
         """End it, and have read what it told."""
         self._process.terminate()
@@ -179,6 +185,23 @@ def simulated_mount(*options: str, site: str = WHERE) -> Iterator[Mount]:
     quiet = {"stdin": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     with ended(sattrack("sim", "--port", "0", "--json", "--site", site, *options, **quiet)) as process:
         mount = Mount(process)
+        try:
+            yield mount
+        finally:
+            mount.end()
+
+
+@contextmanager
+def stranger(site: str, *options: str, kind: str = "velocity_servo") -> Iterator[Mount]:
+    """Run a mount of `bench/strangers` until the end, 30° from the zenith; with --truth it tells its axes."""
+    latitude_deg, longitude_deg, _ = map(float, site.split(","))
+    place = {"latitude_deg": latitude_deg, "longitude_deg": longitude_deg, "dec_deg": latitude_deg}
+    program = [sys.executable, str(Path(__file__).parent / "strangers" / f"{kind}.py")]
+    listen = free_port()
+    given = ["--peer", f"127.0.0.1:{listen}", "--parameters", json.dumps(place | {"hour_angle_deg": -30.0})]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with ended(subprocess.Popen([*program, *given, *options], **pipes)) as process:
+        mount = Mount(process, listen)
         try:
             yield mount
         finally:

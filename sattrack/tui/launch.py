@@ -42,7 +42,8 @@ if TYPE_CHECKING:
 
 INTERRUPTED = 130
 HUNG_UP = 128 + signal.SIGHUP
-LEAVING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
+LEAVING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Without a handler, asyncio turns SIGINT into a cancellation, which a screen may swallow."""
 SEEN_BY_BROWSER = "TEXTUAL_DRIVER"
 """Set where another program draws the screen, as a browser's server."""
 STDIN, STDOUT = 0, 1

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import sys
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ from tui_builders import SKY, SUMMARY, VIEW
 
 from sattrack.core.errors import SattrackError
 from sattrack.tui.feeds import FeederProcess
-from sattrack.tui.launch import fly_with_tui
+from sattrack.tui.launch import _leaving, fly_with_tui
 from sattrack.views.messages import ClearBias, Nudge, StopNow
 
 if TYPE_CHECKING:
@@ -103,6 +104,18 @@ def test_a_broken_screen_stops_the_mount(
     with pytest.raises(type(failure)):
         fly_with_tui(feeder_command(OBEDIENT), show=show)
     assert '"stop"' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_leaves_the_screen_as_its_key_does_and_is_nothing_that_a_screen_may_swallow(
+    number: signal.Signals,
+) -> None:
+    before = signal.getsignal(number)
+    asked = []
+    with _leaving(lambda: asked.append(number)):
+        signal.raise_signal(number)
+    assert asked == [number]
+    assert signal.getsignal(number) == before
 
 
 def test_an_interrupt_while_the_feeder_starts_ends_it(
