@@ -31,8 +31,8 @@ STRAYED_DEG = 1.0
 LED_STRAYED_DEG = 6.0
 """The same where rates lead: those of an edge mount may act on for half a second. Each is judged ahead."""
 STRAYED_STATUSES = 3
-BRAKES_DEG = 0.1
-"""Axes that come no farther than this until they stand do not brake."""
+RESTS_DEG = 0.1
+"""Axes that come no farther than this until they stand are at rest."""
 
 
 class SlewGate:
@@ -73,10 +73,10 @@ class SlewGate:
     ) -> Slew | str:
         """Return the slew to ask for now, or the name of the row that it is not clear of.
 
-        `braking` is where axes that move may come until they stand. A slew is not cut short for another one
-        where they would pass a limit: it was judged to its end, and brakes in time by itself.
+        `braking` is where axes that move may come until they stand. A mount begins a slew at rest, and first
+        goes to the end of the one under way: another target is judged from there.
         """
-        self._waits = target != self.target and self._cannot_brake(place, braking)
+        self._waits = target != self.target and self._is_under_way(braking)
         if self._waits:
             return self._legs[0]
         if target != self.target:
@@ -96,15 +96,10 @@ class SlewGate:
             self._enter(place, sidereal_deg, braking)
         return self._legs[0]
 
-    def _cannot_brake(self, place: Place, braking: Box) -> bool:
-        """Tell whether axes under way along a leg would pass a limit if they were to brake now.
-
-        Rates that lead are each judged ahead.
-        """
+    def _is_under_way(self, braking: Box) -> bool:
+        """Tell whether the axes move along a leg, to its end; rates that lead may lead elsewhere at once."""
         wide_deg = max(braking.ha_high_deg - braking.ha_low_deg, braking.dec_high_deg - braking.dec_low_deg)
-        if not self._legs or wide_deg < BRAKES_DEG or self._profile.geometry is not None:
-            return False
-        return self._judge_leaving(place)(braking, 0.0) is not None
+        return bool(self._legs) and self._profile.geometry is None and wide_deg > RESTS_DEG
 
     def _legs_to(self, target: Slew, sidereal_deg: float, place: Place) -> tuple[Slew, ...] | str:
         if self._detours:

@@ -87,33 +87,33 @@ def test_axes_that_still_brake_have_not_strayed_where_nothing_is_near() -> None:
     assert [gate.strays(place, slewing) for _ in range(3)] == [False, False, True]
 
 
-def test_a_slew_is_cut_short_for_another_one_where_axes_can_brake_before_a_limit() -> None:
-    """The first slew ends 1 deg before the end of the declination axis, and the axes brake in 2 deg."""
-    profile = replace(FREE, dec_axis_limits_deg=(-60.0, 51.0))
-    start, first, second = Place(-20.0, 30.0), Slew(20.0, 50.0), Slew(40.0, 10.0)
+def test_another_slew_waits_for_the_end_of_the_one_under_way_and_is_judged_from_there() -> None:
+    """A mount goes to the first one's end whatever is asked: from there, a zone of the pier is in the way."""
+    wall = PierZone("wall", ((-15.0, 20.0), (-5.0, 20.0), (-5.0, 45.0), (-15.0, 45.0)))
+    start, first, second = Place(-20.0, 10.0), Slew(20.0, 40.0), Slew(0.0, 10.0)
 
-    def asks(gate: SlewGate, dec_deg: float, braked_deg: float) -> Slew | str:
-        return gate.clear(
-            second, 0.0, (20.0, dec_deg), Place(-20.0, dec_deg), Box(-20, -20, dec_deg, braked_deg)
-        )
+    def asks(gate: SlewGate, target: Slew, dec_deg: float, braked_deg: float) -> Slew | str:
+        braking = Box(-20.0, -20.0, dec_deg, braked_deg)
+        return gate.clear(target, 0.0, (20.0, dec_deg), Place(-20.0, dec_deg), braking)
 
-    gate = begun(slew_gate(profile), start, first)
-    assert asks(gate, 40.0, 42.0) == second
-    gate = begun(slew_gate(profile), start, first)
-    assert (asks(gate, 49.5, 51.5), gate.on_last_leg) == (first, False)
-    slewing = Seen(None, 0.0, 20.0, 50.0, slewing=True)
-    assert [gate.strays(Place(-20.0, 50.0), slewing) for _ in range(3)] == [False] * 3
-    # At its end the axes stand, within what their encoders tell.
-    assert (asks(gate, 50.0, 50.02), gate.on_last_leg) == (second, True)
-    gate = begun(slew_gate(profile), start, first)
-    assert asks(gate, 49.5, 51.5) == first
-    assert (
-        gate.clear(first, 0.0, (20.0, 49.9), Place(-20.0, 49.9), Box(-20, -20, 49.9, 51)),
-        gate.on_last_leg,
-    ) == (
-        first,
-        True,
-    )
+    walled = replace(FREE, pier_zones=(wall,))
+    assert asks(slew_gate(walled), second, 12.0, 16.0) == second
+    for profile, found in ((FREE, second), (walled, "pier")):
+        gate = begun(slew_gate(profile), start, first)
+        # Asked for while the mount is still at rest, it comes instead.
+        assert asks(gate, second, 10.0, 10.02) == second
+        gate = begun(slew_gate(profile), start, first)
+        assert (asks(gate, second, 12.0, 16.0), gate.on_last_leg) == (first, False)
+        slewing = Seen(None, 0.0, 20.0, 40.0, slewing=True)
+        assert [gate.strays(Place(-20.0, 40.0), slewing) for _ in range(3)] == [False] * 3
+        # Whoever takes it back has the first one alone.
+        assert (asks(gate, first, 30.0, 38.0), gate.on_last_leg) == (first, True)
+        assert (asks(gate, second, 39.0, 40.0), gate.on_last_leg) == (first, False)
+        assert asks(gate, second, 40.0, 40.02) == found
+        gate.forget()
+        assert gate.on_last_leg
+    # Rates may lead elsewhere at once.
+    assert asks(begun(slew_gate(LED), start, first), second, 12.0, 16.0) == second
 
 
 @pytest.mark.parametrize(
