@@ -255,6 +255,11 @@ class TrackApp(RunKeys):
             self._stop_sent_s = self._monotonic()
         self._send(StopNow())
 
+    def stop_at_once(self) -> None:
+        """Say that the mount is to stop."""
+        if not self._gone:
+            self._feed.send(StopNow())
+
     def action_interrupt(self) -> None:
         """Stop the mount and leave, for a program that was interrupted."""
         self.interrupted = True

@@ -145,6 +145,11 @@ class ConsoleApp(ScreenApp):
         self._first, self._stop_sent_s = None, self._monotonic()
         self._tell(Abort())
 
+    def stop_at_once(self) -> None:
+        """Say that the mount is to stop."""
+        if not self._ended:
+            self._feed.tell(Abort())
+
     def action_interrupt(self) -> None:
         """Leave as `q` does, for a program that was interrupted."""
         self.interrupted = True
@@ -329,6 +334,10 @@ class AntennaApp(ScreenApp):
 
     def action_stop(self) -> None:
         """Stop the mount."""
+        self._feed.tell("stop")
+
+    def stop_at_once(self) -> None:
+        """Say that the mount is to stop."""
         self._feed.tell("stop")
 
     def action_leave(self) -> None:

@@ -6,6 +6,7 @@ Every state that has a colour has a word too.
 from __future__ import annotations
 
 import re
+from collections import deque
 from contextlib import suppress
 from typing import TYPE_CHECKING, ClassVar
 
@@ -13,6 +14,7 @@ from rich.segment import Segment
 from textual.app import App
 from textual.binding import Binding, BindingType
 from textual.css.query import NoMatches
+from textual.events import Key
 from textual.filter import LineFilter
 from textual.theme import Theme
 
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
 
     from textual.color import Color
     from textual.dom import DOMNode
+    from textual.events import Event
+    from textual.message import Message
 
 DIM = "$quiet"
 """Labels, and what need not be read first; styles name a theme's colours, so that it can be changed."""
@@ -332,6 +336,9 @@ FEW_COLOURS = {None, "standard", "windows"}
 """Rich's names of what has 16 colours or none, where different light colours become the same one."""
 
 
+TYPED_MOST = 1000
+
+
 class ScreenApp(App[None]):
     """An application in front of which an operator sits, drawn as `appearance` says."""
 
@@ -364,6 +371,37 @@ class ScreenApp(App[None]):
         self.stylesheet.set_variables(self.get_css_variables())
         self.interrupted = False
         self._leave_asked = False
+        self._typed: deque[Key] = deque(maxlen=TYPED_MOST)
+        """The newest keys. Any of them may still wait to be dealt with."""
+        self._void: deque[Key] = deque(maxlen=TYPED_MOST)
+        self._waiting: list[Key] = []
+
+    def post_message(self, message: Message) -> bool:
+        """Put a message into the queue. A stop does not wait behind keys typed before it, which are void."""
+        if isinstance(message, Key) and not any(message is key for key in self._typed):
+            if message.key == "space":
+                for key in self._typed:
+                    key.prevent_default().stop()
+                self._void.extend(self._typed)
+                self._typed.clear()
+                if self._waiting:
+                    self.stop_at_once()
+            self._typed.append(message)
+            self._waiting.append(message)
+        return super().post_message(message)
+
+    async def on_event(self, event: Event) -> None:
+        """Deal with an event; a key waits until then, and after that in the queue of what has the focus."""
+        if not isinstance(event, Key):
+            await super().on_event(event)
+            return
+        # A key that nothing took comes again from the widgets.
+        self._waiting = [key for key in self._waiting if key is not event]
+        if not any(event is key for key in self._void):
+            await super().on_event(event)
+
+    def stop_at_once(self) -> None:
+        """Say that the mount is to stop, and no more; where there is none, nothing."""
 
     @property
     def shapes(self) -> bool:

@@ -4,6 +4,7 @@ import asyncio
 
 import pytest
 from console_tui_builders import GUIDE_DEG_S, VIEW, FakeConsole, console_view
+from textual.events import Key
 from tui_builders import HandClock, pressed
 
 from sattrack.mount.model import Slew
@@ -77,6 +78,23 @@ def test_leaving_is_said_once_and_from_everywhere(keys: list[str]) -> None:
     feed = FakeConsole()
     press(feed, *keys)
     assert feed.told == [Leave()]
+
+
+def test_a_stop_does_not_wait_behind_keys_that_were_typed_before_it_and_makes_them_void() -> None:
+    async def run() -> None:
+        feed = FakeConsole()
+        app = ConsoleApp(feed, monotonic=HandClock())
+        async with app.run_test(size=(80, 24)) as pilot:
+            await pilot.press("g", *RA, "enter", *DEC)
+            for key in ("enter", "h", "space"):
+                app.post_message(Key(key, None))
+            assert feed.told == [Abort()]
+            await pilot.pause()
+            assert feed.told == [Abort(), Abort()]
+            await pilot.press("h")
+            assert feed.told[2:] == [FindHome()]
+
+    asyncio.run(run())
 
 
 def test_a_stop_closes_what_lies_over_the_screen_and_shows_until_it_is_obeyed() -> None:

@@ -4,6 +4,7 @@ import asyncio
 from typing import TYPE_CHECKING
 
 import pytest
+from textual.events import Key
 from tui_builders import SUMMARY, VIEW, FakeFeed, HandClock, changed, press
 
 from sattrack.tui.app import LEAVE_WITHIN_S, TrackApp
@@ -69,6 +70,23 @@ def test_steps_begin_in_the_middle_and_grow() -> None:
     assert [s.along_s for s in STEPS] == sorted(s.along_s for s in STEPS)
     assert [s.cross_deg for s in STEPS] == sorted(s.cross_deg for s in STEPS)
     assert STEPS[FIRST_STEP] == (0.1, 0.01)
+
+
+def test_a_stop_does_not_wait_behind_keys_that_were_typed_before_it_and_makes_them_void(
+    feed: FakeFeed, hand_clock: HandClock
+) -> None:
+    async def run() -> None:
+        app = TrackApp(feed, monotonic=hand_clock)
+        async with app.run_test(size=(80, 24)) as pilot:
+            for key in ("right", "up", "space", "left"):
+                app.post_message(Key(key, " " if key == "space" else None))
+            assert feed.sent == [StopNow()]
+            await pilot.pause()
+            assert feed.sent == [StopNow(), StopNow(), Nudge(along_s=-0.1)]
+            await pilot.press("up", "space")
+            assert feed.sent[3:] == [Nudge(cross_deg=0.01), StopNow()]
+
+    asyncio.run(run())
 
 
 def test_stop_shows_at_once_and_closes_what_lies_over_it(feed: FakeFeed, hand_clock: HandClock) -> None:
