@@ -33,6 +33,8 @@ LED_STRAYED_DEG = 6.0
 STRAYED_STATUSES = 3
 RESTS_DEG = 0.1
 """Axes that come no farther than this until they stand are at rest."""
+BEGINS_WITHIN_S = 2.0
+"""A mount that rests for longer than this has not taken the slew that it was asked for, or has ended it."""
 
 
 class SlewGate:
@@ -51,6 +53,8 @@ class SlewGate:
         self._astray = 0
         self._led_deg_s = (0.0, 0.0)
         """The rates that led along the leg last."""
+        self._rested = 0
+        """Periods for which the axes have rested since the leg was asked for."""
         self._waits = False
         """Whether another target waits for the end of the slew under way."""
         self.onward_deg: tuple[float, float] | None = None
@@ -64,7 +68,7 @@ class SlewGate:
 
     def forget(self) -> None:
         """Something else is asked for."""
-        self._waits = False
+        self._rested, self._waits = 0, False
         self.target, self._legs, self._box, self._astray = None, [], None, 0
         self._led_deg_s = (0.0, 0.0)
 
@@ -76,17 +80,19 @@ class SlewGate:
         `braking` is where axes that move may come until they stand. A mount begins a slew at rest, and first
         goes to the end of the one under way: another target is judged from there.
         """
-        self._waits = target != self.target and self._is_under_way(braking)
+        under_way = self._is_under_way(reported, braking)
+        self._waits = target != self.target and under_way
         if self._waits:
             return self._legs[0]
         if target != self.target:
             found = self._legs_to(target, sidereal_deg, place)
             if isinstance(found, str):
                 return found
-            self.target, self._legs = target, list(found)
+            self.target, self._legs, self._rested = target, list(found), 0
             self._enter(place, sidereal_deg, braking)
         elif not self.on_last_leg and self.is_there(reported):
             self._legs.pop(0)
+            self._rested = 0
             name = self.objection(self._legs[0], sidereal_deg, place)
             if name is not None:
                 found = self._legs_to(target, sidereal_deg, place)
@@ -96,10 +102,17 @@ class SlewGate:
             self._enter(place, sidereal_deg, braking)
         return self._legs[0]
 
-    def _is_under_way(self, braking: Box) -> bool:
-        """Tell whether the axes move along a leg, to its end; rates that lead may lead elsewhere at once."""
+    def _is_under_way(self, reported: tuple[float, float], braking: Box) -> bool:
+        """Tell whether the axes move along a leg to its end, or may begin to; call once a period.
+
+        Rates that lead may lead elsewhere at once.
+        """
+        if not self._legs or self._profile.geometry is not None:
+            return False
         wide_deg = max(braking.ha_high_deg - braking.ha_low_deg, braking.dec_high_deg - braking.dec_low_deg)
-        return bool(self._legs) and self._profile.geometry is None and wide_deg > RESTS_DEG
+        self._rested = self._rested + 1 if wide_deg < RESTS_DEG else 0
+        begins = self._rested * self._profile.period_s < BEGINS_WITHIN_S
+        return begins and (self._rested == 0 or not self.is_there(reported))
 
     def _legs_to(self, target: Slew, sidereal_deg: float, place: Place) -> tuple[Slew, ...] | str:
         if self._detours:

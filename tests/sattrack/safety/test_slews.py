@@ -99,9 +99,12 @@ def test_another_slew_waits_for_the_end_of_the_one_under_way_and_is_judged_from_
     walled = replace(FREE, pier_zones=(wall,))
     assert asks(slew_gate(walled), second, 12.0, 16.0) == second
     for profile, found in ((FREE, second), (walled, "pier")):
+        # A mount that rests for two seconds has not taken the first one.
         gate = begun(slew_gate(profile), start, first)
-        # Asked for while the mount is still at rest, it comes instead.
-        assert asks(gate, second, 10.0, 10.02) == second
+        assert [asks(gate, second, 10.0, 10.02) for _ in range(40)] == [first] * 39 + [second]
+        gate = begun(slew_gate(profile), start, first)
+        assert [asks(gate, second, 10.0, 10.02) for _ in range(39)] == [first] * 39
+        assert [asks(gate, second, 11.0, 12.0), asks(gate, second, 12.0, 12.02)] == [first] * 2
         gate = begun(slew_gate(profile), start, first)
         assert (asks(gate, second, 12.0, 16.0), gate.on_last_leg) == (first, False)
         slewing = Seen(None, 0.0, 20.0, 40.0, slewing=True)
