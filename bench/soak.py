@@ -71,8 +71,8 @@ THERE = 0.9
 END_WITHIN_S = 60.0
 MB = 1e6
 MAY_GROW_MB = 2.0
-RECORDED, RECORDED_MB_H = "track: track", 5.4
-"""By design, MB an hour: 3.0 of the index of the recording, a row each 0.8 s, and 2.4 of all periods."""
+RECORDED, RECORDED_MB_H = "track: track", 3.0
+"""By design, MB an hour: the index of the recording, a row each 0.8 s."""
 SHARED = Path("/dev/shm")
 KEPT = frozenset({"guardian.log", "biases.sqlite3"})
 RUNS = "nights"
