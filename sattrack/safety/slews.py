@@ -78,12 +78,13 @@ class SlewGate:
         """Return the slew to ask for now, or the name of the row that it is not clear of.
 
         `braking` is where axes that move may come until they stand. A mount begins a slew at rest, and first
-        goes to the end of the one under way: another target is judged from there.
+        goes to the end of the one under way: another target is judged from there. Until then the leg goes on
+        where legs are asked for one by one; a target that is asked for as it is waits in the session.
         """
         under_way = self._is_under_way(reported, braking)
         self._waits = target != self.target and under_way
         if self._waits:
-            return self._legs[0]
+            return self._legs[0] if self._detours else target
         if target != self.target:
             found = self._legs_to(target, sidereal_deg, place)
             if isinstance(found, str):
