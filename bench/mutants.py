@@ -78,6 +78,16 @@ PACKAGES = {
         ("sattrack/schedule/machine.py", "sattrack/schedule/night.py"),
         ("tests/sattrack/schedule/test_night_machine.py", "tests/sattrack/schedule/test_night_harm.py"),
     ),
+    "tle": Package(
+        ("tle/*.py", "tle/formats/*.py"),
+        (
+            "tests/tle",
+            "tests/sattrack/planning",
+            "tests/sattrack/control/test_bias_estimate.py",
+            "tests/sattrack/control/test_seen_offsets.py",
+        ),
+    ),
+    "schedules": Package(("sattrack/schedule/*.py",), ("tests/sattrack/schedule",)),
 }
 COMPARED: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
     ast.Lt: (ast.GtE, ast.LtE), ast.LtE: (ast.Gt, ast.Lt), ast.Gt: (ast.LtE, ast.GtE),

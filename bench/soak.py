@@ -1,6 +1,6 @@
 """An hour with everything on, as a user runs it, in real time: does anything grow, and is anything left?
 
-python bench/soak.py [--seconds 3600] [--every 5] [--keep FILE]
+python bench/soak.py [--seconds 3600] [--every 5] [--keep FILE] | --virtual HOURS
 
 Three mounts of `bench/strangers`, programs of their own, over UDP on loopback. `sattrack track` follows a
 satellite that stays up, with its screen on a pseudo-terminal, and records; keys are pressed, and `sattrack
@@ -12,6 +12,8 @@ environment, whoever its parent is. Descriptors and threads are compared by the 
 the last quarter, after a warm-up; processes by the fewest, and memory by the most, in both halves. At the
 end each program is interrupted, as by Ctrl-C. Nothing may be left: no process, nothing in the temporary
 folder or in /dev/shm, no socket and no lock among the states. Exit code 1 where something grew or was left.
+
+With --virtual one run follows a geostationary satellite for so many hours of virtual time, without recording.
 """
 
 from __future__ import annotations
@@ -71,6 +73,8 @@ THERE = 0.9
 END_WITHIN_S = 60.0
 MB = 1e6
 MAY_GROW_MB = 2.0
+GEOSTATIONARY = {"mean_motion_rev_day": 1.00273, "inclination_deg": 0.02, "eccentricity": 0.0001}
+VIRTUAL_MAY_GROW_MB = 1.0
 RECORDED, RECORDED_MB_H = "track: track", 3.0
 """By design, MB an hour: the index of the recording, a row each 0.8 s."""
 SHARED = Path("/dev/shm")
@@ -628,6 +632,30 @@ def growth(samples: list[Sample], may_grow_mb: float = MAY_GROW_MB) -> list[str]
     return found
 
 
+def virtual(hours: float, every_s: float, folder: Path) -> int:
+    """Follow a geostationary satellite in virtual time; tell the run's memory."""
+    lines = elements_of_today(**GEOSTATIONARY)
+    (folder / "high.tle").write_text("".join(f"{line}\n" for line in lines))
+    _, longitude, _ = site_below(lines, 0.0).split(",")
+    begin_s = time.time() // 86400.0 * 86400.0
+    begin, end = (Utc(at_s).isoformat("seconds") for at_s in (begin_s, begin_s + 3600.0 * hours))
+    span = ("--clock", begin, "--from", begin, "--to", end)
+    place = ("--elements", str(folder / "high.tle"), "--site", f"30,{longitude},0")
+    command = ("track", "25544", "--mount", "sim", "--virtual", "--json", *span, *place)
+    resident_mb = []
+    with ended(sattrack(*command, cwd=folder, stdin=subprocess.DEVNULL)) as run:
+        while run.poll() is None:
+            with contextlib.suppress(OSError, ValueError):
+                resident_mb.append(held_by(run.pid).resident_mb)
+            select.select([], [], [], every_s)
+        assert run.stdout is not None
+        summary = json.loads(run.stdout.read())["summary"]
+    # It has loaded what it needs long before that.
+    begun = resident_mb[len(resident_mb) // 50 :]
+    print(f"{summary['samples']} samples of {hours:g} h: {begun[0]:.2f} MB, then {max(begun):.2f} MB at most")
+    return 1 if max(begun) > begun[0] + VIRTUAL_MAY_GROW_MB else 0
+
+
 def tell(soak: Soak) -> None:
     print("| process | how many | descriptors | threads | memory, MB | MB an hour |")
     print("|---|---|---|---|---|---|")
@@ -650,10 +678,13 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=3600.0)
     parser.add_argument("--every", type=float, default=5.0, help="seconds from sample to sample")
     parser.add_argument("--keep", type=Path, help="keep the samples there, a line of JSON each")
+    parser.add_argument("--virtual", type=float, metavar="HOURS", help="follow one satellite in virtual time")
     given = parser.parse_args()
     # Whatever ends the bench ends what it started.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     with tempfile.TemporaryDirectory() as folder:
+        if given.virtual is not None:
+            return virtual(given.virtual, given.every, Path(folder))
         soak, before = Soak(given.seconds, given.every, Path(folder)), {*SHARED.iterdir()}
         soak.run()
         soak.wrong += [f"left: {path}" for path in {*SHARED.iterdir()} - before]
