@@ -112,8 +112,11 @@ class SlewGate:
             return False
         wide_deg = max(braking.ha_high_deg - braking.ha_low_deg, braking.dec_high_deg - braking.dec_low_deg)
         self._rested = self._rested + 1 if wide_deg < RESTS_DEG else 0
-        begins = self._rested * self._profile.period_s < BEGINS_WITHIN_S
-        return begins and (self._rested == 0 or not self.is_there(reported))
+        if self._rested == 0:
+            return True
+        # What is asked for as it is, the session begins at rest in place of a leg that has not begun.
+        begins = self._detours and self._rested * self._profile.period_s < BEGINS_WITHIN_S
+        return begins and not self.is_there(reported)
 
     def _legs_to(self, target: Slew, sidereal_deg: float, place: Place) -> tuple[Slew, ...] | str:
         if self._detours:
