@@ -44,7 +44,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import urlencode
 
-from programs import PATIENCE_S, elements_of_today, ended, free_port, sattrack, site_below, stranger
+from programs import (
+    PATIENCE_S,
+    elements_of_today,
+    ended,
+    free_port,
+    satellite,
+    sattrack,
+    site_below,
+    stranger,
+)
 
 from tle.instants import Utc
 
@@ -604,9 +613,8 @@ def _median(counts: Iterable[int]) -> int:
 
 def slope(points: list[tuple[float, float]]) -> float:
     """Return the slope of the straight line by least squares; 0 for a single point."""
-    mean_x, mean_y = (statistics.fmean(axis) for axis in zip(*points, strict=True))
-    square = sum((x - mean_x) ** 2 for x, _ in points)
-    return sum((x - mean_x) * (y - mean_y) for x, y in points) / square if square else 0.0
+    times, values = zip(*points, strict=True)
+    return statistics.linear_regression(times, values).slope if len({*times}) > 1 else 0.0
 
 
 def fewest_processes(samples: list[Sample]) -> tuple[int, int]:
@@ -634,13 +642,12 @@ def growth(samples: list[Sample], may_grow_mb: float = MAY_GROW_MB) -> list[str]
 
 def virtual(hours: float, every_s: float, folder: Path) -> int:
     """Follow a geostationary satellite in virtual time; tell the run's memory."""
-    lines = elements_of_today(**GEOSTATIONARY)
-    (folder / "high.tle").write_text("".join(f"{line}\n" for line in lines))
-    _, longitude, _ = site_below(lines, 0.0).split(",")
+    elements, below = satellite(folder, 0.0, **GEOSTATIONARY)
+    _, longitude, _ = below.split(",")
     begin_s = time.time() // 86400.0 * 86400.0
     begin, end = (Utc(at_s).isoformat("seconds") for at_s in (begin_s, begin_s + 3600.0 * hours))
     span = ("--clock", begin, "--from", begin, "--to", end)
-    place = ("--elements", str(folder / "high.tle"), "--site", f"30,{longitude},0")
+    place = ("--elements", str(elements), "--site", f"30,{longitude},0")
     command = ("track", "25544", "--mount", "sim", "--virtual", "--json", *span, *place)
     resident_mb = []
     with ended(sattrack(*command, cwd=folder, stdin=subprocess.DEVNULL)) as run:

@@ -337,6 +337,7 @@ FEW_COLOURS = {None, "standard", "windows"}
 
 
 TYPED_MOST = 1000
+"""How many of the newest keys a stop can make void: more than anybody types while a machine is busy."""
 
 
 class ScreenApp(App[None]):
@@ -374,7 +375,9 @@ class ScreenApp(App[None]):
         self._typed: deque[Key] = deque(maxlen=TYPED_MOST)
         """The newest keys. Any of them may still wait to be dealt with."""
         self._void: deque[Key] = deque(maxlen=TYPED_MOST)
+        """Those that a stop has made void."""
         self._waiting: list[Key] = []
+        """Those that this has not dealt with; what has the focus may not have, either."""
 
     def post_message(self, message: Message) -> bool:
         """Put a message into the queue. A stop does not wait behind keys typed before it, which are void."""
