@@ -149,8 +149,15 @@ class Storm:
     def fair(self) -> Storm:
         """Return the same without faults."""
         clean = [replace(Way(), delay_s=way.delay_s) for way in (self.commands, self.statuses)]
+        return replace(self._calm(), commands=clean[0], statuses=clean[1])
+
+    def on_its_link(self, chances: int) -> Storm:
+        """Return the same without faults, but on a link that loses as much as this one: by other chances."""
+        return replace(self._calm(), seed=self.seed + chances)
+
+    def _calm(self) -> Storm:
         people = tuple(one for one in self.people if one.channel != "stop")
-        return replace(self, commands=clean[0], statuses=clean[1], faults=(), people=people, fault_free=True)
+        return replace(self, faults=(), people=people, fault_free=True)
 
 
 def draw(seed: int) -> Storm:

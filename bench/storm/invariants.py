@@ -13,7 +13,8 @@ Nothing here asks the program what it believes. What it was promised (docs/safet
 * `once`: a run ends, once, and says by what.
 * `replay`: its recording, as far as it goes, replays to the last byte.
 * `memory`: what the program holds does not grow with the length of the run.
-* `recovery`: RECOVERED_S after the last fault the axes are where those of the same run without faults are.
+* `recovery`: RECOVERED_S after the last fault the axes are where those of the same run without faults are, by
+  twice the most that such a run is off the target. What the link loses by itself goes on after the storm.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from safety_draws import Judge
 
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.link_loss import STOPS_MOVING_S
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.mount.xerxes.standstill import REST_RATE_DEG_S
 from sattrack.recording.format import Recording
 from sattrack.recording.replay import Choice, replay
@@ -40,7 +42,7 @@ from storm.world import Judging, World
 
 if TYPE_CHECKING:
     from sattrack.control.driver import Driver
-    from storm.draws import Storm
+    from storm.draws import Fault, Storm
     from storm.mounts import Axes
     from storm.world import Ended, Sent
 
@@ -56,12 +58,16 @@ SAME_RATE_DEG_S = 0.05
 RECOVERED_S = 5.0
 OFF_ARCSEC = 2.0
 """What counts as on target."""
+LOSSY_RUNS = 5
+"""So many passes without a storm tell what the link's own losses cost."""
 AT_LIMIT_DEG = 2.0
 """So near to a limit a run may be held."""
 RATE_MARGIN = 1.15
 """By how much an axis may overshoot the largest rate: a servo's and its gain's share."""
 MEAN_TURNS = 20
 SWINGS_S, SWINGS_TURNS, SWINGS_DEG_S = 3.0, 400, 1.0
+KICK_DEG = 0.03
+"""By so much a servo may kick when its program goes on."""
 OURS = ("sattrack", "tle")
 WEIGHED_SEEDS, WEIGHED_FROM_S, WEIGHED_EVERY_S = 8, 12.0, 6.0
 """In which storms the program's memory is counted, from when on, and how often."""
@@ -216,9 +222,10 @@ class Watcher(Judging):
         if fastest > most:
             self.violated("rate", world, f"{fastest:.2f} °/s")
 
-    def _stood_still(self, world: World) -> bool:
-        """Tell whether the mount's program stood still of late."""
-        return any(one.at_s < world.at_s < one.end_s + RECOVERS_S for one in self._freezes)
+    def _stood_still(self, world: World) -> Fault | None:
+        """Return the freeze that the mount's program was in of late, if any."""
+        late = (one for one in self._freezes if one.at_s < world.at_s < one.end_s + RECOVERS_S)
+        return next(late, None)
 
     def _judge_stop(self, world: World, axes: Axes) -> None:
         due_s = self._stop_due_s
@@ -235,11 +242,24 @@ class Watcher(Judging):
         if not moving:
             self._settled = True
         since_s = max(due_s, self._unreached_s) + self._settles_s
-        if moving and axes.utc_s > since_s and not self._drives_fail and not self._swings():
+        excused = self._drives_fail or self._swings() or (self._settled and self._catches_up(world, axes))
+        if moving and axes.utc_s > since_s and not excused:
             again = ", again" if self._settled else ""
             self.violated(
                 "stop", world, f"{axes.speed_deg_s:.3f} °/s{again}, {axes.utc_s - due_s:.1f} s after"
             )
+
+    def _catches_up(self, world: World, axes: Axes) -> bool:
+        """Tell whether axes go on by what the sky turned while the mount's program stood still."""
+        freeze = self._stood_still(world)
+        if freeze is None:
+            return False
+        begun_s = self.storm.begin_s + freeze.at_s
+        then = next((one for one in reversed(self.path) if one.utc_s < begun_s), axes)
+        turned_deg = SIDEREAL_RATE_DEG_S * (axes.utc_s - then.utc_s)
+        on_deg = axes.hour_angle_deg - then.hour_angle_deg
+        stays = abs(axes.dec_axis_deg - then.dec_axis_deg) < KICK_DEG
+        return stays and -KICK_DEG < on_deg < turned_deg + KICK_DEG
 
     def _swings(self) -> bool:
         """Tell whether a drive swings to and fro about its plan since its program stood still.
@@ -461,8 +481,16 @@ def judge_recovery(world: World, watcher: Watcher, fair: Watcher, fair_ended: En
             worst = max(worst, _apart_arcsec(axes, other))
     watcher.verdict.recovered_arcsec = worst
     bound = max(OFF_ARCSEC, 2.0 * (summary.reported_peak_arcsec or 0.0))
+    if worst > bound and max(storm.commands.loss, storm.statuses.loss) > 0.0:
+        # What the link loses by itself it goes on to lose after the storm.
+        bound = max(bound, 2.0 * max(_peak_arcsec(storm.on_its_link(1 + k)) for k in range(LOSSY_RUNS)))
     if worst > bound:
         watcher.violated("recovery", world, f"{worst:.2f}″ off, 5 s after the storm and later")
+
+
+def _peak_arcsec(storm: Storm) -> float:
+    summary = World(storm, Watcher(storm)).run().summary
+    return 0.0 if summary is None else summary.reported_peak_arcsec or 0.0
 
 
 def _apart_arcsec(axes: Axes, path: list[Axes]) -> float:

@@ -63,6 +63,8 @@ HELD_ANEW_S = 0.07
 """What is held keeps its rates for so long, while they keep inside, before better ones are looked for."""
 OUTSIDE_PROOF = 3
 """Axes count as outside when so many clearances in a row find them there: one status may be wrong."""
+SWINGS_DEG_S, SWINGS_FOR_S = 1.0, 3.0
+"""Axes that move so unlike what they were sent swing, and are taken to do so for so long."""
 LED_SHARES = (0.7, 0.5, 0.35, 0.25, 0.15, 0.08)
 """Shares of its rates by which a led slew is slower near a limit, so that a fault would not lead past it."""
 
@@ -118,6 +120,8 @@ class Safety:
         """When the rates of what is held were found (UTC), and those."""
         self._rests_since_s: float | None = None
         """Since when axes that are to rest have had a limit ahead all the same (UTC)."""
+        self._swings: deque[tuple[float, float, float]] = deque()
+        """When (UTC) both axes moved unlike any rates that may have been in force, and by how much."""
         self._newest_utc_s = -math.inf
         most_ha, most_dec = FASTER * profile.ra.slew_rate_deg_s, FASTER * profile.dec.slew_rate_deg_s
         self._plausible = ((-most_ha, most_ha), (-most_dec, most_dec))
@@ -264,7 +268,7 @@ class Safety:
         self._sent.clear()
         self.holding = None
         braking = self._ahead.reach(Spot(place, age_s), self._in_force(age_s, None), REST)
-        allowed = self._slews.clear(slew, sidereal_deg, reported, place, braking)
+        allowed = self._slews.clear(slew, sidereal_deg, reported, place, braking, self._slewing)
         if isinstance(allowed, Slew) and not self._slewing and self._slews.is_there(reported):
             # The mount tracks the sky where it has arrived.
             waits = Box.between(place, place).grown(0.0, SIDEREAL_RATE_DEG_S, 0.0, 0.0)
@@ -473,11 +477,35 @@ class Safety:
         # A rate is in force until the one after it is obeyed.
         while len(sent) > 1 and sent[1][0] < since_s:
             sent.popleft()
-        has, decs = [ha], [dec]
-        for _, ha, dec in sent:
-            has.append(ha)
-            decs.append(dec)
-        return (min(has), min(decs)), (max(has), max(decs))
+        if not sent:
+            return (ha, dec), (ha, dec)
+        has, decs = [rates[1] for rates in sent], [rates[2] for rates in sent]
+        least, greatest = (min(has), min(decs)), (max(has), max(decs))
+        if sent[0][0] > since_s:
+            # What it was sent before, and may obey yet, is not known.
+            least, greatest = (
+                (min(ha, least[0]), min(dec, least[1])),
+                (max(ha, greatest[0]), max(dec, greatest[1])),
+            )
+        swing_ha, swing_dec = self._swing((ha, dec), (least, greatest), utc_s)
+        return (
+            (min(ha, least[0] - swing_ha), min(dec, least[1] - swing_dec)),
+            (max(ha, greatest[0] + swing_ha), max(dec, greatest[1] + swing_dec)),
+        )
+
+    def _swing(self, moved: Rates, sent: RateRanges, utc_s: float) -> Rates:
+        """Return by how much either axis has of late moved faster or slower than by what it was sent.
+
+        A servo that has been led astray swings about where it is to rest, far and for long.
+        """
+        now = [max(0.0, low - rate, rate - high) for rate, low, high in zip(moved, *sent, strict=True)]
+        if max(now) > SWINGS_DEG_S and self._holds and self._watched:
+            self._swings.append((utc_s, now[0], now[1]))
+        while self._swings and not 0.0 <= utc_s - self._swings[0][0] < SWINGS_FOR_S:
+            self._swings.popleft()
+        if not self._swings:
+            return REST
+        return max(ha for _, ha, _ in self._swings), max(dec for _, _, dec in self._swings)
 
     def in_time(self, cleared: Cleared, rates_wait_s: float, unanswered_s: float = 0.0) -> Cleared:
         """Return what was cleared, or a stop where the rates that hold the mount at a limit do not reach it.

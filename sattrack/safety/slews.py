@@ -73,24 +73,37 @@ class SlewGate:
         self._led_deg_s = (0.0, 0.0)
 
     def clear(
-        self, target: Slew, sidereal_deg: float, reported: tuple[float, float], place: Place, braking: Box
+        self,
+        target: Slew,
+        sidereal_deg: float,
+        reported: tuple[float, float],
+        place: Place,
+        braking: Box,
+        slewing: bool,
     ) -> Slew | str:
         """Return the slew to ask for now, or the name of the row that it is not clear of.
 
-        `braking` is where axes that move may come until they stand. A mount begins a slew at rest, and first
-        goes to the end of the one under way: another target is judged from there. Until then the leg goes on
-        where legs are asked for one by one; a target that is asked for as it is waits in the session.
+        `braking` is where axes that move may come until they stand; `slewing` is what the mount reports. It
+        begins a slew at rest, and first goes to the end of the one under way: another target is judged from
+        there. Until then the leg goes on where legs are asked for one by one; a target that is asked for as
+        it is waits in the session.
         """
-        under_way = self._is_under_way(reported, braking)
+        under_way = self._is_under_way(reported, braking, slewing)
         self._waits = target != self.target and under_way
         if self._waits:
             return self._legs[0] if self._detours else target
         if target != self.target:
             found = self._legs_to(target, sidereal_deg, place)
+            former = self._leg_end(place, sidereal_deg) if self._may_begin(reported) else None
+            if former is not None and not isinstance(found, str):
+                # Which of the two the mount begins, nobody knows: it may go by the end of the former one.
+                found = self.objection(target, sidereal_deg, former) or found
             if isinstance(found, str):
                 return found
             self.target, self._legs, self._rested = target, list(found), 0
             self._enter(place, sidereal_deg, braking)
+            if former is not None and self._box is not None:
+                self._box = self._box.with_box(Box.between(place, former))
         elif not self.on_last_leg and self.is_there(reported):
             self._legs.pop(0)
             self._rested = 0
@@ -103,7 +116,7 @@ class SlewGate:
             self._enter(place, sidereal_deg, braking)
         return self._legs[0]
 
-    def _is_under_way(self, reported: tuple[float, float], braking: Box) -> bool:
+    def _is_under_way(self, reported: tuple[float, float], braking: Box, slewing: bool) -> bool:
         """Tell whether the axes move along a leg to its end, or may begin to; call once a period.
 
         Rates that lead may lead elsewhere at once.
@@ -112,11 +125,13 @@ class SlewGate:
             return False
         wide_deg = max(braking.ha_high_deg - braking.ha_low_deg, braking.dec_high_deg - braking.dec_low_deg)
         self._rested = self._rested + 1 if wide_deg < RESTS_DEG else 0
-        if self._rested == 0:
-            return True
         # What is asked for as it is, the session begins at rest in place of a leg that has not begun.
-        begins = self._detours and self._rested * self._profile.period_s < BEGINS_WITHIN_S
-        return begins and not self.is_there(reported)
+        return self._rested == 0 or slewing or (self._detours and self._may_begin(reported))
+
+    def _may_begin(self, reported: tuple[float, float]) -> bool:
+        """Tell whether axes at rest may yet begin the leg that was asked for last."""
+        begins = bool(self._legs) and self._rested * self._profile.period_s < BEGINS_WITHIN_S
+        return begins and self._profile.geometry is None and not self.is_there(reported)
 
     def _legs_to(self, target: Slew, sidereal_deg: float, place: Place) -> tuple[Slew, ...] | str:
         if self._detours:

@@ -116,6 +116,41 @@ def sent(
     return S - motion.ra_rate_deg_s, motion.dec_rate_deg_s
 
 
+@pytest.mark.parametrize(
+    ("swung_deg_s", "periods", "near_deg", "goes"),
+    [
+        # In the latency, 0.2004 s, at 2 °/s 0.4 degrees, and 0.2 until it stands.
+        (2.0, 2, 0.59, False),
+        (2.0, 2, 0.62, True),
+        (2.0, 59, 0.59, False),
+        (2.0, 62, 0.59, True),
+        (-2.0, 59, 0.59, False),
+        (0.9, 2, 0.22, True),
+        (1.1, 2, 0.28, False),
+    ],
+)
+@pytest.mark.parametrize("axis", [0, 1])
+def test_axes_that_moved_unlike_what_they_were_sent_keep_that_much_farther_from_a_limit_for_a_while(
+    axis: int, swung_deg_s: float, periods: int, near_deg: float, goes: bool
+) -> None:
+    """At rest for half a second, to and fro for two statuses each, at rest until rates are asked for."""
+    safety = gate(holds=True, fault_s=0.1)
+    at_deg, motion = [0.0, 0.0], MoveAxes(S, 0.0)
+    at_deg[axis] = (40.0 - 0.1 - near_deg, -50.0 + 0.1 + near_deg)[axis]
+    for k in range(14 + periods):
+        at_deg[axis] += 0.05 * swung_deg_s * (float(k in (10, 11)) - float(k in (12, 13)))
+        sidereal_deg, utc_s = SIDEREAL_DEG + 0.05 * k * S, T0 + 0.05 * k
+        at = sidereal_deg, sidereal_deg - at_deg[0], at_deg[1]
+        safety.watch(Seen(utc_s, *at), MoveAxes(S, 0.0))
+        if k == 13 + periods:
+            motion = MoveAxes(S - 0.5, 0.0) if axis == 0 else MoveAxes(S, -0.5)
+        cleared = safety.clear(motion, *at, 0.0, utc_s).motion
+    assert (cleared == motion) == goes
+    if not goes:
+        assert isinstance(cleared, MoveAxes)
+        assert (cleared.ra_rate_deg_s, cleared.dec_rate_deg_s) == pytest.approx((S, 0.0))
+
+
 @pytest.mark.parametrize("sense", [1.0, -1.0])
 def test_a_stream_steps_by_twice_what_the_axes_can_do_since_the_last_and_slows_at_once(sense: float) -> None:
     """10 °/s² make 0.5 °/s in a period; what came sooner than that counts as one."""

@@ -47,7 +47,7 @@ def slew_gate(profile: MountProfile = FREE, detours: bool = False, limits: Safet
 def begun(gate: SlewGate, start: Place, target: Slew, braking: Box | None = None) -> SlewGate:
     """Clear a slew from a place, the mount's clock at nought."""
     braking = Box.between(start, start) if braking is None else braking
-    assert gate.clear(target, 0.0, (-start[0], start[1]), start, braking) == target
+    assert gate.clear(target, 0.0, (-start[0], start[1]), start, braking, False) == target
     return gate
 
 
@@ -95,18 +95,29 @@ def test_another_slew_waits_for_the_end_of_the_one_under_way_and_is_judged_from_
     # By hand it is asked for, and the session begins it at rest.
     meanwhile = first if detours else second
 
-    def asks(gate: SlewGate, target: Slew, dec_deg: float, braked_deg: float) -> Slew | str:
+    def asks(
+        gate: SlewGate, target: Slew, dec_deg: float, braked_deg: float, slewing: bool = False
+    ) -> Slew | str:
         braking = Box(-20.0, -20.0, dec_deg, braked_deg)
-        return gate.clear(target, 0.0, (20.0, dec_deg), Place(-20.0, dec_deg), braking)
+        return gate.clear(target, 0.0, (20.0, dec_deg), Place(-20.0, dec_deg), braking, slewing)
 
     walled = replace(FREE, pier_zones=(wall,))
     assert asks(slew_gate(walled, detours), second, 12.0, 16.0) == second
     for profile, from_there in ((FREE, second), (walled, None if detours else "pier")):
-        # A mount that rests for two seconds has not taken the first one; by hand it takes the second instead.
+        # A mount that rests for two seconds has not taken the first one. By hand it takes the second instead,
+        # or goes there by the first one's end: both ways must be clear.
         gate = begun(slew_gate(profile, detours), start, first)
-        for last in [False] * 39 * detours + [True]:
-            assert asks(gate, second, 10.0, 10.02) == (second if last else first)
-            assert gate.on_last_leg == last
+        if detours:
+            assert [asks(gate, second, 10.0, 10.02) for _ in range(39)] == [first] * 39
+            assert not gate.on_last_leg
+        else:
+            assert [asks(gate, second, 10.0, 10.02) for _ in range(39)] == [from_there] * 39
+            by_first = Seen(None, 0.0, 20.0, 40.0, slewing=True)
+            assert [gate.strays(Place(-20.0, 40.0), by_first) for _ in range(3)] == [False] * 3
+        assert (asks(gate, second, 10.0, 10.02), gate.on_last_leg) == (second, True)
+        gate = begun(slew_gate(profile, detours), start, first)
+        slews = [asks(gate, second, 10.0, 10.02, slewing=True) for _ in range(60)]
+        assert (slews, gate.on_last_leg) == ([meanwhile] * 60, False)
         gate = begun(slew_gate(profile, detours), start, first)
         if detours:
             assert [asks(gate, second, 10.0, 10.02) for _ in range(39)] == [first] * 39
@@ -214,16 +225,16 @@ def test_a_detour_is_taken_leg_by_leg_and_judged_anew_at_each() -> None:
     profile = replace(FREE, pier_zones=(wall,), dec_axis_limits_deg=(-15.0, 89.0))
     start, target = Place(-40.0, 10.0), Slew(-40.0, 10.0)
     here = Box.between(start, start)
-    assert slew_gate(profile).clear(target, 0.0, (40.0, 10.0), start, here) == "pier"
+    assert slew_gate(profile).clear(target, 0.0, (40.0, 10.0), start, here, False) == "pier"
     gate = slew_gate(profile, detours=True)
     place, legs = start, []
     for _ in range(6):
-        leg = gate.clear(target, 0.0, (-place[0], place[1]), place, Box.between(place, place))
+        leg = gate.clear(target, 0.0, (-place[0], place[1]), place, Box.between(place, place), False)
         assert isinstance(leg, Slew)
         legs.append(leg)
         assert gate.on_last_leg == (leg == target)
         # Until it is there, the same is asked for.
-        assert gate.clear(target, 0.0, (-place[0] + 1.0, place[1] + 5.0), place, here) == leg
+        assert gate.clear(target, 0.0, (-place[0] + 1.0, place[1] + 5.0), place, here, False) == leg
         end = Place(math.remainder(-leg.ra_deg, 360.0), leg.dec_deg)
         assert not meets_polygon(Box.between(place, end), wall.corners)
         place = end
@@ -237,12 +248,15 @@ def test_a_detour_that_is_closed_on_the_way_ends_with_the_name_of_what_closes_it
     wall = PierZone("wall", ((-5.0, -20.0), (5.0, -20.0), (5.0, 60.0), (-5.0, 60.0)))
     gate = slew_gate(replace(FREE, pier_zones=(wall,), dec_axis_limits_deg=(-15.0, 89.0)), detours=True)
     start, target = Place(-40.0, 10.0), Slew(-40.0, 10.0)
-    leg = gate.clear(target, 0.0, (40.0, 10.0), start, Box.between(start, start))
+    leg = gate.clear(target, 0.0, (40.0, 10.0), start, Box.between(start, start), False)
     assert isinstance(leg, Slew)
     assert leg != target
     # What is reported is the end of the leg, but the axes are believed to be in the zone.
     inside = Place(0.0, 30.0)
-    assert gate.clear(target, 0.0, (leg.ra_deg, leg.dec_deg), inside, Box.between(inside, inside)) == "pier"
+    assert (
+        gate.clear(target, 0.0, (leg.ra_deg, leg.dec_deg), inside, Box.between(inside, inside), False)
+        == "pier"
+    )
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
