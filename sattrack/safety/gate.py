@@ -10,7 +10,6 @@ import math
 from collections import deque
 from typing import TYPE_CHECKING
 
-from sattrack.core.angles import altitude_deg, wrap180
 from sattrack.mount.model import (
     SIDEREAL_RATE_DEG_S,
     Cleared,
@@ -22,22 +21,11 @@ from sattrack.mount.model import (
     Slew,
     Stop,
 )
-from sattrack.mount.requests import (
-    Abort,
-    ClearedRequest,
-    FindHome,
-    FineRate,
-    MoveAxis,
-    Park,
-    PulseGuide,
-    Request,
-    Sync,
-    objection,
-    park_objection,
-)
+from sattrack.mount.requests import Abort, ClearedRequest, FineRate, Request, objection
 from sattrack.safety.bounds import CONES, ESCAPE_NEAR_DEG, INSIDE_MARGIN_DEG, Bounds
-from sattrack.safety.geometry import Box, Place
+from sattrack.safety.geometry import AxesState, Box, Place, axis_rates, stance_at
 from sattrack.safety.rate_limit import Ahead, Spot, nearest_rates, within
+from sattrack.safety.requests import RequestChecks
 from sattrack.safety.slews import SlewGate
 from sattrack.safety.table import ROWS
 from sattrack.safety.watch import (
@@ -547,190 +535,3 @@ ANY_RATE: Rates = (-math.inf, math.inf)
 def _room_about(before: float, step: float) -> Rates:
     """Return rates no more than a step faster either way; slowing down is never held back."""
     return min(before, 0.0) - step, max(before, 0.0) + step
-
-
-GUIDE_RATE_DEG_S = SIDEREAL_RATE_DEG_S
-"""More than any pulse's: the paper's is about half of it."""
-SLOWEST_DRIFT_S = 30.0
-"""A drift that reaches a limit within this is ended."""
-NO_SUN = (
-    "the Sun's direction is unknown without a site: give --site LAT,LON,HEIGHT, or say optical = false "
-    "under [safety] where there are no optics"
-)
-
-
-class RequestChecks:
-    """Judges requests by the parts that a mount's gate is made of."""
-
-    def __init__(
-        self,
-        profile: MountProfile,
-        limits: SafetyLimits,
-        latitude_deg: float,
-        parts: tuple[Bounds, SlewGate, Watch, AxesState, Ahead],
-    ) -> None:
-        self._profile, self._limits, self._latitude_deg = profile, limits, latitude_deg
-        self._bounds, self._slews, self._watch, self._standing, self._ahead = parts
-
-    def objection(  # noqa: PLR0911
-        self, request: Request, stance: Stance, utc_s: float | None
-    ) -> str | None:
-        """Return why a request is not let through as the mount stands, or None where it is."""
-        if isinstance(request, Slew | MoveAxis | FindHome | FineRate | PulseGuide):
-            if self._watch.clock_is_off:
-                return self._clock_text()
-            if not self._bounds.look(utc_s, self._watch.clock_gap_deg):
-                return NO_SUN
-        match request:
-            case Sync():
-                return self._floor_text(request, stance)
-            case Slew():
-                name = self._slews.objection(request, stance.sidereal_deg, self._standing.of(stance))
-                return None if name is None else self._slew_text(name, request, stance)
-            case MoveAxis():
-                move = MoveAxes(request.ra_rate_deg_s or 0.0, request.dec_rate_deg_s or 0.0)
-                name = self._move_objection(move, stance)
-                if name is not None:
-                    return f"the mount stands at its {ROWS[name].name} limit ({ROWS[name].watches})"
-            case Park():
-                return park_objection(self._profile, stance)
-            case FindHome() if stance.slewing:
-                return "the mount is slewing: end that first"
-            case FindHome():
-                return self._home_objection(request, stance)
-            case FineRate() | PulseGuide():
-                return self._guide_objection(request, stance)
-        return None
-
-    def _clock_text(self) -> str:
-        off_s = self._watch.clock_gap_deg / SIDEREAL_RATE_DEG_S
-        return (
-            f"the mount's sidereal clock is {off_s:.0f} s off this computer's, more than clock_tolerance_s, "
-            f"{self._limits.clock_tolerance_s:g}: {ROWS['clock'].way_out}"
-        )
-
-    def _floor_text(self, request: Slew | Sync, stance: Stance) -> str | None:
-        altitude = altitude_deg(stance.sidereal_deg - request.ra_deg, request.dec_deg, self._latitude_deg)
-        floor = self._limits.floor_altitude_deg
-        if altitude < floor:
-            return f"that direction is at {altitude:.1f}° altitude; the limit is {floor:g}°"
-        return None
-
-    def _slew_text(self, name: str, request: Slew, stance: Stance) -> str:
-        row = ROWS[name]
-        low = self._floor_text(request, stance)
-        return low or f"no way to there keeps clear of the {row.name} limit ({row.bound})"
-
-    def _move_objection(self, move: MoveAxes, stance: Stance) -> str | None:
-        place = self._standing.of(stance)
-        rates = axis_rates(move, stance.beyond_pole)
-        return self._ahead.outlook([Spot(place, 0.0)], (rates, rates), [self._bounds.near(place)]).limit(
-            rates
-        )
-
-    def _home_objection(self, request: FindHome, stance: Stance) -> str | None:
-        home = self._profile.home
-        if home is None:
-            if self._bounds.sun_is_up and not request.in_daylight:
-                return (
-                    "the mount profile has no home position, so the path there is unknown, and the Sun is "
-                    "up: put home into the profile, or say --in-daylight"
-                )
-            return None
-        name = self._slews.path_objection(self._standing.of(stance), (home.hour_angle_deg, home.dec_deg))
-        return None if name is None else f"the way home is not clear of the {ROWS[name].name} limit"
-
-    def _guide_objection(self, request: FineRate | PulseGuide, stance: Stance) -> str | None:
-        if isinstance(request, FineRate):
-            name = self.drift_objection(request, stance, self._bounds.utc_s)
-        else:
-            seconds = max(abs(request.ra_ms), abs(request.dec_ms)) / 1000.0
-            share = [ms / 1000.0 / seconds for ms in (request.ra_ms, request.dec_ms)]
-            name = self._drift_limit(
-                stance,
-                SIDEREAL_RATE_DEG_S + GUIDE_RATE_DEG_S * share[0],
-                GUIDE_RATE_DEG_S * share[1],
-                seconds,
-            )
-        return (
-            None if name is None else f"that would lead past the {ROWS[name].name} limit ({ROWS[name].bound})"
-        )
-
-    def _drift_limit(self, stance: Stance, ha_deg_s: float, dec_deg_s: float, seconds: float) -> str | None:
-        place = self._standing.of(stance)
-        sense = -1.0 if stance.beyond_pole else 1.0
-        end = (place[0] + ha_deg_s * seconds, place[1] + sense * dec_deg_s * seconds)
-        return self._bounds.violated(Box.between(place, end), self._bounds.leaving(place), seconds)
-
-    def path_to(self, request: Slew, stance: Stance, utc_s: float | None) -> tuple[Slew, ...] | str:
-        """Return the slews that lead to a direction past what is in the way, or why there is no way."""
-        if self._watch.clock_is_off:
-            return self._clock_text()
-        if not self._bounds.look(utc_s, self._watch.clock_gap_deg):
-            return NO_SUN
-        place = self._standing.of(stance)
-        found = self._slews.route(request, stance.sidereal_deg, place)
-        if isinstance(found, str):
-            return self._slew_text(found, request, stance)
-        return tuple(Slew(leg.ra_deg % 360.0, leg.dec_deg) for leg in found)
-
-    def drift_objection(self, fine: FineRate, stance: Stance, utc_s: float | None) -> str | None:
-        """Return the name of a limit that the mount drifts to under fine rates, tracking the sky; or None."""
-        if not self._bounds.look(utc_s, self._watch.clock_gap_deg):
-            return "sun"
-        ha_deg_s, dec_deg_s = SIDEREAL_RATE_DEG_S + fine.ra_deg_s, fine.dec_deg_s
-        return self._drift_limit(stance, ha_deg_s, dec_deg_s, SLOWEST_DRIFT_S)
-
-
-class AxesState:
-    """Follows one mount's axes; the turns are taken to begin within half a turn of the meridian."""
-
-    def __init__(self, latitude_deg: float) -> None:
-        self._latitude_deg = latitude_deg
-        self.hour_angle_deg: float | None = None
-        """The hour angle axis' angle, turns counted; None before the first status."""
-        self.beyond_pole = False
-        self._anchor_deg: float | None = None
-        """Where the axis stood before the first status, where that is known."""
-
-    def begin_anew(self) -> None:
-        """Forget how the first status had the axis stand."""
-        self.hour_angle_deg = self._anchor_deg
-
-    def follow_on(self, former: AxesState) -> None:
-        """Take over how far the cables are wound."""
-        self.hour_angle_deg, self.beyond_pole = former.hour_angle_deg, former.beyond_pole
-        self._anchor_deg = former.hour_angle_deg
-
-    def take(self, place: Place, beyond_pole: bool) -> None:
-        """Take a place for where the axes stand."""
-        self.hour_angle_deg, self.beyond_pole = place.ha_deg, beyond_pole
-
-    def place(self, hour_angle_deg: float, dec_deg: float, beyond_pole: bool) -> Place:
-        """Return the axes' angles that go with a reported direction, the hour angle within half a turn.
-
-        Beyond the pole the hour angle axis stands half a turn from the reported hour angle.
-        """
-        before = self.hour_angle_deg or 0.0
-        axis_deg = hour_angle_deg + (180.0 if beyond_pole else 0.0)
-        dec_axis_deg = math.copysign(180.0, self._latitude_deg) - dec_deg if beyond_pole else dec_deg
-        return Place(before + wrap180(axis_deg - before), dec_axis_deg)
-
-    def of(self, stance: Stance) -> Place:
-        """Return the axes' angles as a mount stands."""
-        return self.place(stance.sidereal_deg - stance.ra_deg, stance.dec_deg, stance.beyond_pole)
-
-
-def stance_at(stance: Stance, place: Place) -> Stance:
-    """Return how a mount would stand with its axes at another place."""
-    ha, dec = place.ha_deg, math.remainder(place.dec_deg, 360.0)
-    beyond_pole = abs(dec) > 90.0
-    if beyond_pole:
-        ha, dec = ha - 180.0, math.copysign(180.0, dec) - dec
-    return stance._replace(ra_deg=stance.sidereal_deg - ha, dec_deg=dec, beyond_pole=beyond_pole)
-
-
-def axis_rates(move: MoveAxes, beyond_pole: bool) -> tuple[float, float]:
-    """Return the rates of the axes, hour angle and declination, that go with reported ones."""
-    sense = -1.0 if beyond_pole else 1.0
-    return SIDEREAL_RATE_DEG_S - move.ra_rate_deg_s, sense * move.dec_rate_deg_s

@@ -25,8 +25,7 @@ from sattrack.mount.model import (
 from sattrack.mount.requests import FineRate, MoveAxis, PulseGuide, Request
 from sattrack.safety import Safety, SafetyLimits
 from sattrack.safety.bodies import sun_over
-from sattrack.safety.gate import AxesState, axis_rates
-from sattrack.safety.geometry import Place
+from sattrack.safety.geometry import AxesState, Place, axis_rates
 from sattrack.safety.rate_limit import nearest_rates
 
 S = SIDEREAL_RATE_DEG_S

@@ -15,8 +15,15 @@ from sattrack.core.angles import azimuth_deg, separation_deg
 from sattrack.mount.model import MountProfile, PierZone, Stance
 from sattrack.safety import SafetyLimits
 from sattrack.safety.bodies import moon_over, sun_over
-from sattrack.safety.gate import AxesState, stance_at
-from sattrack.safety.geometry import Box, Place, lowest_altitude_deg, meets_polygon, nearest_deg
+from sattrack.safety.geometry import (
+    AxesState,
+    Box,
+    Place,
+    lowest_altitude_deg,
+    meets_polygon,
+    nearest_deg,
+    stance_at,
+)
 from sattrack.safety.regions import Clearance, Cone, Floor, PierCollision, Skyline, Travel, is_clear
 from sattrack.safety.route import axes_of, direction_of, find_route
 
