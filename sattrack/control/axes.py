@@ -150,11 +150,13 @@ class CommandHistory:
     delay_s: float
     loop: MountLoop
     _sent: deque[SentRates] = field(default_factory=lambda: deque(maxlen=KEPT))
+    least_delay_s: float = field(init=False)
+    """The shortest delay that was ever believed."""
     _profile_delay_s: float = field(init=False)
 
     def __post_init__(self) -> None:
         """Begin with the profile's values."""
-        self._profile_delay_s = self.delay_s
+        self._profile_delay_s = self.least_delay_s = self.delay_s
 
     def add(self, sent: SentRates) -> None:
         """Note what was sent; instants rise."""
@@ -169,6 +171,7 @@ class CommandHistory:
         before_s = self.delay_s
         least_s, most_s = self._profile_delay_s - MOST_OFF_S, self._profile_delay_s + MOST_OFF_S
         self.delay_s = max(0.0, least_s, min(most_s, before_s + by_s))
+        self.least_delay_s = min(self.least_delay_s, self.delay_s)
         return self.delay_s != before_s
 
     def acting(self, tick_utc_s: float, longer_s: float = 0.0) -> SentRates:
@@ -213,14 +216,14 @@ class CommandHistory:
         return found
 
 
-TRIED_S = np.array((-0.024, -0.012, -0.006, -0.003, 0.003, 0.006, 0.012, 0.024))
+TRIED_S = np.array((-0.024, -0.02, -0.012, -0.006, 0.006, 0.012, 0.02, 0.024))
 """By how much longer the commands may take than assumed."""
 PROOF, FAR_PROOF = 6.0, 12.0
 """Logarithm of the likelihood ratio from which on another delay is believed, and how much more the furthest
 of them needs: half a turn too much looks much like half a turn too little, read a turn late."""
 LEAST_EVIDENCE = -30.0
 """Evidence against a delay counts no further: it may be right later."""
-MOST_SQUARED_SIGMAS = 16.0
+MOST_SQUARED_SIGMAS = 4.0
 """What one sample may say for or against a delay: a datagram may have been lost."""
 MISREAD_SAYS = 4.0
 """What a sample says for a delay by which the command that explains it acted, and not the expected one."""

@@ -66,6 +66,11 @@ class Follower:
         return self._history.delay_s
 
     @property
+    def least_command_delay_s(self) -> float:
+        """The shortest of those that were ever believed, seconds."""
+        return self._history.least_delay_s
+
+    @property
     def acting_s(self) -> float:
         """For how long a command acts, seconds."""
         return max(self._loop.mean_period_s, self._acting_s)

@@ -144,6 +144,8 @@ class Attempt(NamedTuple):
     clamped_s: float = 0.0
     held_s: dict[str, float] = {}  # noqa: RUF012 - never changed
     learnt: LearntView | None = None
+    soonest_s: float = 0.0
+    """By how much sooner than the profile says commands were ever believed to act."""
     calibrated: bool = True
 
     @property
@@ -241,10 +243,12 @@ def late(attempt: Attempt) -> str | None:
     if known is None:
         return None
     sooner_s = profile.command_delay_s - known.command_delay_s
-    if sooner_s >= SOONER_S:
+    # Where none of the delays that are tried is right, the last one believed may be any of them.
+    soonest_s = max(sooner_s, attempt.soonest_s)
+    if soonest_s >= SOONER_S:
         return (
-            f"commands act at least {1000.0 * sooner_s:.0f} ms sooner than the profile says: command_delay_s "
-            f"is too large, {CALIBRATE}"
+            f"commands act at least {1000.0 * soonest_s:.0f} ms sooner than the profile says: "
+            f"command_delay_s is too large, {CALIBRATE}"
         )
     extra_s, sigma_s, axis = max(
         (known.ra_lag_s - profile.ra.lag_s, known.ra_lag_sigma_s, attempt.ra),

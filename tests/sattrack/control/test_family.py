@@ -27,6 +27,10 @@ FOLLOWED_S = 40.0
         (3, "own", "held", 0.07),
         # Its delays are 6 and 3 ms from what the profile says: with those, the RMS was 0.047.
         (2072, "velocity_servo", "held", 0.017),
+        # The same with 19 and 7 ms, and 8 and 16 ms. A drive weaker than told proves no other delay.
+        (1277, "position_servo", "held", 0.02),
+        (1131, "own", "edge", 0.07),
+        pytest.param(1033, "position_servo", "edge", 0.06, marks=soak),
         pytest.param(31, "own", "edge", 0.107, marks=soak),
     ],
 )
