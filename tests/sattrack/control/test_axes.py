@@ -158,6 +158,9 @@ def test_a_delay_that_is_told_wrong_is_learnt_to_the_millisecond(off_ms: int) ->
         else:
             axes.take(sample, now_s, commanded=True)
     assert 1e3 * (history.delay_s - told_s) == pytest.approx(off_ms, abs=0.5)
+    # What the wrong delay has taught of the axis is unlearnt.
+    assert axes is not None
+    assert abs(axes.ra.gain_error) < 0.003
 
 
 def test_a_rate_that_sets_in_is_learnt_in_a_few_samples() -> None:
