@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+import math
 import random
 
 import pytest
 
-from sattrack.control.axes import OUTLIERS_BELIEVED, Axes, CommandHistory, Drive, MountLoop, SentRates
-from sattrack.mount.model import MountProfile, StatusSample
+from sattrack.control.axes import (
+    AT_REST,
+    EVIDENCE_LASTS,
+    OUTLIERS_BELIEVED,
+    TRIED_S,
+    Axes,
+    CommandHistory,
+    DelayTrials,
+    Drive,
+    MountLoop,
+    SentRates,
+)
+from sattrack.mount.model import AxisLimits, MountProfile, StatusSample
 
 PERIOD_S = 0.05
 ARCSEC = 1.0 / 3600.0
@@ -88,12 +100,28 @@ def test_a_change_that_a_drive_takes_a_while_for_strains_it_so_long() -> None:
     mount = settled()
     assert mount.axes is not None
     assert mount.axes.strained is False
+    trials = mount.axes.trials = DelayTrials()
+    first = trials.evidence.copy()
     mount.step(change_deg_s=1.0)
-    for _ in range(3):
+    for turn in range(1, 4):
         assert mount.axes.strained is True
+        # Of when commands act, its motion says nothing so long.
+        assert trials.evidence == pytest.approx(EVIDENCE_LASTS**turn * first)
         mount.step()
     mount.step()
     assert mount.axes.strained is False
+
+
+def test_a_drive_that_keeps_up_tells_when_commands_act() -> None:
+    """Commands are read as they are sent: if they took longer, the ones before would have acted."""
+    mount = settled()
+    assert mount.axes is not None
+    trials = mount.axes.trials = DelayTrials()
+    first, later = trials.evidence.copy(), TRIED_S > 0.0
+    for turn in range(8):
+        mount.step(change_deg_s=0.02 if turn % 2 else -0.02)
+    assert (trials.evidence[later] < first[later] - 5.0).all()
+    assert trials.evidence[~later] == pytest.approx(EVIDENCE_LASTS**8 * first[~later])
 
 
 @pytest.mark.parametrize("shares", [(1.0, 0.0), (0.0, -1.0)])
@@ -102,6 +130,37 @@ def test_a_longer_delay_is_learnt_where_one_axis_alone_turns(shares: tuple[float
     for turn in range(60):
         mount.step(acts=-2 if turn else -1, change_deg_s={20: 0.1, 40: -0.1}.get(turn, 0.0))
     assert mount.history.delay_s > 0.0
+
+
+@pytest.mark.parametrize("off_ms", [-12, -6, -3, 3, 6])
+def test_a_delay_that_is_told_wrong_is_learnt_to_the_millisecond(off_ms: int) -> None:
+    """Of commands that are sent at any instants within the turns."""
+    rng, loop, told_s = random.Random(1), MountLoop(PERIOD_S), 0.04
+    history, sent, axes = CommandHistory(told_s, loop), [AT_REST], None
+    ra_deg, dec_deg = 100.0, 20.0
+    for turn in range(130):
+        read_s, now_s = turn * PERIOD_S, (turn + 1) * PERIOD_S
+        sent_s = read_s - rng.uniform(0.0, PERIOD_S)
+        rate = 0.3 + 0.2 * math.sin(2.0 * sent_s)
+        sent.append(SentRates(sent_s, -rate, 0.5 * rate))
+        history.add(sent[-1])
+        read = max(
+            (one for one in sent if one.sent_utc_s + told_s + 1e-3 * off_ms <= read_s),
+            key=lambda one: one.sent_utc_s,
+        )
+        ra_deg += read.ra_rate_deg_s * PERIOD_S
+        dec_deg += read.dec_rate_deg_s * PERIOD_S
+        seen_deg = (rng.gauss(one, 0.01 * ARCSEC) for one in (ra_deg, dec_deg))
+        loop.note(turn + 1, now_s)
+        sample = StatusSample(turn + 1, now_s, 0.0, *seen_deg, True, False, 0.0, 0.0)
+        if axes is None:
+            axes = Axes.begin(MountProfile(), history, sample, now_s)
+        else:
+            axes.take(sample, now_s, commanded=True)
+    assert 1e3 * (history.delay_s - told_s) == pytest.approx(off_ms, abs=0.5)
+    # What the wrong delay has taught of the axis is unlearnt.
+    assert axes is not None
+    assert abs(axes.ra.gain_error) < 0.003
 
 
 def test_a_rate_that_sets_in_is_learnt_in_a_few_samples() -> None:
@@ -144,6 +203,37 @@ def test_a_mount_that_is_somewhere_else_is_lost_and_said_to_be() -> None:
         assert not mount.axes.lost
     mount.step()
     assert mount.axes.lost
+
+
+@pytest.mark.parametrize(
+    ("ra_off_deg", "dec_off_deg", "believed"),
+    [
+        (1.69, 0.0, True),
+        (-1.69, 0.0, True),
+        (1.71, 0.0, False),
+        (-1.71, 0.0, False),
+        (0.0, 0.49, True),
+        (0.0, -0.49, True),
+        (0.0, 0.51, False),
+        (0.0, -0.51, False),
+        (1.69, -0.49, True),
+    ],
+)
+def test_no_axis_gets_further_than_by_full_speed_the_other_way(
+    ra_off_deg: float, dec_off_deg: float, believed: bool
+) -> None:
+    """0.1°, and twice 2 °/s and 0.5 °/s for 0.4 s."""
+    profile = MountProfile(ra=AxisLimits(max_rate_deg_s=2.0), dec=AxisLimits(max_rate_deg_s=0.5))
+    loop = MountLoop(PERIOD_S)
+    loop.note(0, 0.0)
+    first = StatusSample(0, 0.0, 0.0, 359.5, 20.0, True, False, 0.0, 0.0)
+    axes = Axes.begin(profile, CommandHistory(0.0, loop), first, 0.0)
+    there = (359.5 + ra_off_deg) % 360.0, 20.0 + dec_off_deg
+    assert (
+        axes.take(StatusSample(8, 0.4, 0.0, *there, True, False, 0.0, 0.0), 0.4, commanded=True) is believed
+    )
+    assert axes.outliers == (0 if believed else 1)
+    assert (axes.ra.position_deg == 359.5) is (not believed or ra_off_deg == 0.0)
 
 
 def test_coordinates_that_jump_by_some_degrees_lead_the_filter_astray_for_moments_only() -> None:

@@ -220,6 +220,98 @@ def test_a_gain_that_was_learnt_wrongly_and_too_surely_is_learnt_anew() -> None:
     assert abs(axis.gain_error) < 0.02
 
 
+def steady(samples: int = 60) -> AxisFilter:
+    """Return the filter of an axis that was commanded a steady rate, and obeyed."""
+    axis = AxisFilter(0.0)
+    for number in range(1, samples + 1):
+        axis.advance(STEP_S, 0.0, moved(0.3))
+        axis.measure(0.3 * number * STEP_S, 0.3)
+    assert axis.begun_anew == 0
+    return axis
+
+
+@pytest.mark.parametrize(
+    ("gain_error", "rate_arcsec_s", "kept"),
+    [
+        (0.024, 0.0, True),
+        (-0.024, 0.0, True),
+        (0.026, 0.0, False),
+        (-0.026, 0.0, False),
+        (0.0, 24.0, True),
+        (0.0, -24.0, True),
+        (0.0, 26.0, False),
+        (0.0, -26.0, False),
+        (0.024, -24.0, True),
+        (0.026, -24.0, False),
+        (0.024, 26.0, False),
+    ],
+)
+def test_what_a_disturbed_motion_has_taught_is_kept_where_gain_and_rate_are_likely(
+    gain_error: float, rate_arcsec_s: float, kept: bool
+) -> None:
+    """Within 1.25 sigmas of an unknown axis' 2 % and 20″/s; else it is forgotten, and that is counted."""
+    axis = steady(39)
+    axis._disturbed = True
+    axis.advance(STEP_S, 0.0, moved(0.3))
+    axis.measure(axis.position_deg, 0.3)
+    # A filter is given forty samples.
+    assert not axis.has_just_begun
+    known = axis._kalman
+    known.state[2] += gain_error - axis.gain_error
+    axis.advance(STEP_S, 0.0, moved(0.3))
+    known.state[1] = rate_arcsec_s / 3600.0
+    axis.measure(axis.position_deg, 0.3)
+    assert axis.has_just_begun
+    assert axis.begun_anew == (0 if kept else 1)
+    assert axis.gain_error == pytest.approx(gain_error if kept else 0.0, abs=1e-9)
+    assert axis.disturbance_deg_s * 3600.0 == pytest.approx(rate_arcsec_s if kept else 0.0, abs=1e-6)
+    # That is over then.
+    for _ in range(50):
+        axis.advance(STEP_S, 0.0, moved(0.3))
+        axis.measure(axis.position_deg, 0.3)
+        assert not axis.has_just_begun
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_an_axis_that_was_known_and_is_stopped_may_go_on_at_any_time_for_three_seconds(sense: float) -> None:
+    """Beyond 40″/s beside its commands: the variance of that rate grows by its square in a second."""
+
+    def grown(axis: AxisFilter, rate_deg_s: float) -> float:
+        axis._kalman.state[1] = sense * rate_deg_s
+        before = float(axis._kalman.covariance[1, 1])
+        axis.advance(STEP_S, 0.0, moved(0.3))
+        return float(axis._kalman.covariance[1, 1]) - before
+
+    axis, beyond_deg_s = steady(100), 40.0 / 3600.0
+    usual = grown(axis, 0.0)
+    for again in range(2):
+        for number in range(70):
+            more = grown(axis, beyond_deg_s + 0.3) - usual
+            if number != 59:
+                assert more == pytest.approx(0.3**2 * STEP_S if number < 59 else 0.0, abs=1e-9), (
+                    again,
+                    number,
+                )
+        assert grown(axis, 0.99 * beyond_deg_s) == pytest.approx(usual)
+    # Of one that is not known yet, it may be its gain.
+    assert grown(steady(60), beyond_deg_s + 0.3) == pytest.approx(usual, rel=0.5)
+
+
+def test_what_contradicts_its_readings_begins_anew_and_trusts_them_half_as_much() -> None:
+    axis = steady()
+    shares = []
+    for number in range(1, 4):
+        axis._kalman.state[2:] *= 1.01
+        axis._surprises, axis._taken = 100.0, 60
+        before = axis._noise_share
+        axis.advance(STEP_S, 0.0, moved(0.3))
+        axis.measure(axis.position_deg, 0.3)
+        assert (axis.has_just_begun, axis.begun_anew) == (True, number)
+        assert axis.gain_error == pytest.approx(0.0, abs=1e-9)
+        shares.append(axis._noise_share / before)
+    assert shares == pytest.approx([2.0] * 3, rel=0.05)
+
+
 def test_a_motion_that_was_rough_is_smooth_again() -> None:
     """Then its surprises are a small part of what was expected, and their signs tell nothing."""
     axis, true_deg, rough_deg = AxisFilter(0.0), 0.0, 0.3 / 3600.0

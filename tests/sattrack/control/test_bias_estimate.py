@@ -19,7 +19,7 @@ from sattrack.views.messages import ObservationMessage
 from tle.bias import NO_BIAS, Bias
 from tle.instants import Utc
 from tle.observed import bias_from_observation
-from tle.orbit_filter import CAMERA_TERMS, MOUNT_TERMS
+from tle.orbit_filter import CAMERA_TERMS, MOUNT_TERMS, FilterBank
 from tle.propagator import Propagator
 from tle.refraction import Refraction
 
@@ -178,6 +178,43 @@ def test_the_first_observation_in_a_wrong_frame_is_rejected_wherever_it_shows_ac
     assert sum(rejected) > 0.6 * len(rejected)
 
 
+@pytest.mark.parametrize(
+    ("squared", "in_other_frame", "begins"),
+    [
+        (18.3, 18.3, True),
+        # One good observation in ten thousand.
+        (18.5, 18.5, False),
+        (18.3, 9.4, True),
+        # It would be likelier by nine in another frame than its own.
+        (18.3, 9.2, False),
+        (8.9, 0.0, True),
+        (9.1, 0.0, False),
+        (18.5, 9.6, False),
+        (25.0, 0.0, False),
+    ],
+)
+def test_a_first_observation_begins_where_elements_can_be_so_far_off_and_no_other_frame_says_more(
+    course: Course,
+    estimator: Estimator,
+    monkeypatch: pytest.MonkeyPatch,
+    squared: float,
+    in_other_frame: float,
+    begins: bool,
+) -> None:
+    """Which of two frames a sighting is of is told by its propagator: places of date are bent by the air."""
+    monkeypatch.setattr(
+        FilterBank,
+        "distance",
+        lambda _, sighting: squared if sighting.propagator is course.airless else in_other_frame,
+    )
+    monkeypatch.setattr(FilterBank, "observe", lambda *_: True)
+    assert take(estimator, course, seen(0.0)) is begins
+    assert (estimator.filter is not None) is begins
+    words = "the elements are not so far off: "
+    words += "in the frame of_date it would fit" if in_other_frame < 18.4 else "another satellite's, or in an"
+    assert (estimator.words or "").startswith("" if begins else words)
+
+
 def test_wrong_frames_all_through_a_pass_never_settle(course: Course, estimator: Estimator) -> None:
     """Even where the first of them is believed: as the satellite turns, they contradict each other."""
     true = bench.true_satellite(demo_pass.elements(), demo_pass.SITE.place(), 0.0).with_place("astrometric")
@@ -213,6 +250,29 @@ def test_a_wrong_start_is_left_once_many_in_a_row_agree(course: Course, estimato
     assert estimator.begun_anew == 1
     known = read(estimator, course, -80.0)
     assert known.along_s == pytest.approx(3.0, abs=4.0 * known.along_sigma_s)
+
+
+@pytest.mark.parametrize(
+    ("order", "wins_at"),
+    [
+        # Eight in a row, whatever went before.
+        ("gggggggg" + 8 * "r", 15),
+        # Three times as many as the estimate has taken since.
+        ("gggg" + "rrgrrgrrg" + 6 * "r", 15),
+        ("gggg" + "rrgrg" + 10 * "r", 13),
+    ],
+)
+def test_a_rival_wins_by_eight_and_by_three_to_one(
+    course: Course, estimator: Estimator, order: str, wins_at: int
+) -> None:
+    """Of two satellites on one track, as far as the estimate goes."""
+    won = None
+    for number, one in enumerate(order):
+        take(estimator, course, seen(number - 100.0, 3.0 if one == "g" else -20.0, 3.0))
+        if estimator.begun_anew and won is None:
+            won = number
+    assert won == wins_at
+    assert read(estimator, course, -100.0 + len(order)).along_s == pytest.approx(-20.0, abs=0.5)
 
 
 def test_a_patient_caller_gets_the_same_estimate_some_calls_later(
@@ -277,6 +337,84 @@ def test_sigmas_are_those_along_and_across_however_far_across_the_satellite_is(
     )
     assert known.along_sigma_s == pytest.approx(expected.along_sigma_s, rel=0.05)
     assert on_sky[1] == pytest.approx(20.0 / 3600.0, rel=0.05)
+
+
+class TestReadings:
+    """Of an orbit that is known to drift and bend, along and across the track, as is made up here."""
+
+    ALONG, CROSS = (2.0, 0.02, -0.0006), (-15.0, 0.3, 0.004)
+    """At the culmination, in each second, and in each squared: seconds and km."""
+    SIGMAS_ARCSEC = 30.0, 4.0
+
+    def unit(self, course: Course, utc_s: float, later_s: float = 0.0) -> Any:
+        after_s = utc_s - CULMINATION_S
+        along_s, cross_km = (a + after_s * (b + after_s * c) for a, b, c in (self.ALONG, self.CROSS))
+        cross_deg = math.degrees(math.atan(cross_km / course.going(utc_s + along_s).range_km))
+        return course.airless.at(Utc(utc_s), Bias(along_s + later_s, cross_deg)).unit
+
+    def known(self, course: Course) -> tuple[Estimator, float]:
+        """Return the estimator, and the pace along, radians a second."""
+        there = self.unit(course, CULMINATION_S)
+        by_along = self.unit(course, CULMINATION_S, 1e-3) - self.unit(course, CULMINATION_S, -1e-3)
+        pace = float(np.linalg.norm(by_along)) / 2e-3
+        ahead = by_along / np.linalg.norm(by_along)
+        left = np.cross(there, ahead)
+        sigmas = np.radians(np.array(self.SIGMAS_ARCSEC) / 3600.0)
+        spread = sigmas[0] ** 2 * np.outer(ahead, ahead) + sigmas[1] ** 2 * np.outer(left, left)
+        estimator = Estimator(25544, RISE_S)
+        filters: Any = Made(
+            correction_km=np.zeros(6),
+            orbit=Made(speed_km_s=7.5),
+            pointing=lambda _propagator, utc, _fed: (self.unit(course, float(utc.unix_s)), spread),
+            direction=lambda _propagator, utc, _fed: self.unit(course, float(utc.unix_s)),
+        )
+        estimator.filter = filters
+        return estimator, pace
+
+    def test_they_tell_of_drift_and_bend_and_how_well_each_is_known(self, course: Course) -> None:
+        estimator, pace = self.known(course)
+        found = read(estimator, course)
+        assert found[:4] == pytest.approx(
+            (self.ALONG[0], self.CROSS[0], self.ALONG[1], self.CROSS[1]), rel=1e-3
+        )
+        assert found.along_curve == pytest.approx(2.0 * self.ALONG[2], rel=0.02)
+        assert found.cross_curve_km_s2 == pytest.approx(2.0 * self.CROSS[2], rel=0.02)
+        range_km = course.going(CULMINATION_S + self.ALONG[0]).range_km
+        sigmas = np.radians(np.array(self.SIGMAS_ARCSEC) / 3600.0)
+        assert found.along_sigma_s == pytest.approx(sigmas[0] / pace, rel=1e-3)
+        assert found.cross_sigma_km == pytest.approx(sigmas[1] * range_km, rel=1e-3)
+
+    def test_what_drifts_evenly_is_found_at_once_two_seconds_later(self, course: Course) -> None:
+        """A reading must be over within a period: each direction costs."""
+        estimator, _ = self.known(course)
+        asked: list[float] = []
+        airless, true = course.airless, Course(course.propagator)
+
+        def at(t: Utc, bias: Bias = NO_BIAS) -> Any:
+            asked.append(float(t.unix_s) - CULMINATION_S)
+            return airless.at(t, bias)
+
+        filters: Any = estimator.filter
+        filters.direction = lambda _propagator, utc, _fed: self.unit(true, float(utc.unix_s))
+        counted: Any = Made(at=at)
+        course._airless = counted
+        read(estimator, course)
+        assert asked.count(2.0) == 3
+
+    def test_a_pass_is_warmed_up_for_at_both_ends_and_nothing_is_known_by_that(
+        self, course: Course, estimator: Estimator, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        looked: list[float] = []
+        reading = Estimator.reading
+
+        def seen_at(one: Estimator, utc_s: float, course: Course, fed: bool = False) -> Any:
+            looked.append(utc_s)
+            return reading(one, utc_s, course, fed)
+
+        monkeypatch.setattr(Estimator, "reading", seen_at)
+        estimator.warm_up(course, CULMINATION_S + 200.0)
+        assert looked == [RISE_S, CULMINATION_S + 200.0]
+        assert (estimator.filter, estimator.accepted, estimator.last_utc_s) == (None, 0, None)
 
 
 def place(true: Propagator, utc_s: float) -> tuple[float, float]:

@@ -90,6 +90,27 @@ def test_along_and_across_are_the_propagators_own(biases: Biases, propagator: Pr
     assert np.linalg.norm(unit(biases.at(t)) - unit(expected)) < 1e-12
 
 
+@pytest.mark.parametrize("late_s", [-40.0, 20.0])
+def test_what_is_asked_for_is_the_sum_and_an_estimate_across_turns_by_its_distance(
+    biases: Biases, late_s: float
+) -> None:
+    """At the range where the satellite is fed, all that is asked for along the track counted."""
+    asked_s = CULMINATION_S + late_s
+    assert biases.totals(asked_s) == (0.0, 0.0)
+    offset(biases, "along_s", 8.0, asked_s)
+    offset(biases, "cross_deg", -0.02, asked_s)
+    assert biases.totals(asked_s + SETTLED_S) == (8.0, -0.02)
+    biases.begin_estimated(3.0, 25.0)
+    for utc_s in (asked_s + SETTLED_S, asked_s + 60.0):
+        along_s, cross_deg = biases.totals(utc_s)
+        assert along_s == pytest.approx(11.0)
+        range_km = biases.course.going(utc_s + 11.0).range_km
+        assert math.tan(math.radians(cross_deg + 0.02)) * range_km == pytest.approx(25.0)
+    assert begin_search(biases, Search("spiral", 0.2, 0.1), asked_s + 60.0) is None
+    apart = biases.applied(asked_s + 70.0)[1].value - biases.totals(asked_s + 70.0)[1]
+    assert abs(apart) > 0.05
+
+
 def all_at_once(biases: Biases) -> None:
     begins_s = CULMINATION_S - 20.0
     biases_of = {

@@ -42,8 +42,8 @@ AZIMUTH_MOUNT = msgspec.structs.replace(
 )
 
 
-def heard(console: Console, number: int = 1, **changes: Any) -> None:
-    """Have a console take a status of a mount that stands in the south."""
+def heard(console: Console | ManualOperation, number: int = 1, **changes: Any) -> None:
+    """Have a console, or an operation with it, take a status of a mount that stands in the south."""
     at_s = T0 + number * PERIOD_S
     sidereal_h = mean_sidereal_deg(at_s, SITE.longitude_deg) % 360.0 / 15.0
     status = Status(counter=number, sidereal_h=sidereal_h, ra_h=sidereal_h, dec_deg=20.0, altitude_deg=58.0)
@@ -474,6 +474,23 @@ class TestOperations:
             if operation.doing == "moving" and bench.moves_itself:
                 operation.interrupt(bench.now_s)
         assert seen == ["listening", "moving", "stopping the mount", "over"]
+
+    @pytest.mark.parametrize(
+        ("statuses", "after_s", "sends"),
+        [(0, 0.49, False), (3, 0.49, False), (0, 0.51, True), (3, 0.51, True), (4, 0.21, True)],
+    )
+    def test_it_says_nothing_until_four_statuses_came_or_half_a_second_has_passed(
+        self, statuses: int, after_s: float, sends: bool
+    ) -> None:
+        """Who else commands the mount is heard by then; a mount that waits to be spoken to is knocked at."""
+        operation = ManualOperation(console(), MoveFor(MoveAxis(1.0), 1.0), T0)
+        for number in range(1, statuses + 1):
+            heard(operation, number)
+        assert (operation.tick(T0 + after_s) is not None) is sends
+        assert operation.doing == (
+            "listening" if not sends else "moving" if statuses == 4 else "waiting for the mount"
+        )
+        assert operation.begun is (statuses == 4)
 
     def test_what_asked_for_nothing_stops_nothing(self) -> None:
         bench = Bench()

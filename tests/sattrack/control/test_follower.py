@@ -10,8 +10,10 @@ import pytest
 
 from sattrack.control.axes import OUTLIERS_BELIEVED
 from sattrack.control.following import UNDATED_AT_MOST, FeederLaw, Follower, Learning
+from sattrack.control.target import TargetSpan
 from sattrack.mount.model import (
     SIDEREAL_RATE_DEG_S,
+    AxisLimits,
     Hold,
     MountProfile,
     MoveAxes,
@@ -100,6 +102,31 @@ class TestSamples:
         seen(one, sample(0))
         one.forget_axes()
         assert one.axes_at(NOW, True) is None
+
+
+class TestCorrections:
+    @pytest.mark.parametrize(("share", "most_deg_s"), [((), (2.0, 0.5)), ((0.5,), (1.0, 0.25))])
+    def test_one_far_off_is_gone_to_as_fast_as_each_axis_turns_or_at_the_share_of_that(
+        self, share: tuple[float], most_deg_s: tuple[float, float]
+    ) -> None:
+        axes = {"ra": AxisLimits(max_rate_deg_s=2.0), "dec": AxisLimits(max_rate_deg_s=0.5)}
+        one, ra_deg, dec_deg = follower(**axes), 100.0, 20.0
+        stands: Any = Made(
+            span=lambda begin, interval, bound: TargetSpan((160.0, -30.0), (0.0, 0.0), (0.0, 0.0), bound)
+        )
+        asked = []
+        for turn in range(60):
+            now = sample(turn, ra_deg, dec_deg)
+            seen(one, now)
+            rates = one.follow(now.arrival_utc_s, stands, *share)
+            assert rates is not None
+            one.note_sent(rates, now.arrival_utc_s)
+            asked.append((rates.ra_rate_deg_s, -rates.dec_rate_deg_s))
+            ra_deg, dec_deg = (
+                ra_deg + PERIOD_S * rates.ra_rate_deg_s,
+                dec_deg + PERIOD_S * rates.dec_rate_deg_s,
+            )
+        assert tuple(map(max, zip(*asked, strict=True))) == pytest.approx(most_deg_s, rel=1e-3)
 
 
 class TestPlaces:

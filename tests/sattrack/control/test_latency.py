@@ -98,9 +98,13 @@ def test_samples_are_dated_through_delays_and_drift(drift: float, offset_s: floa
 
 
 def test_dates_run_on_through_sidereal_midnight() -> None:
+    """By the clock: every other status is late, and one that is dated by its arrival would be, too."""
     clock = MountClock(status_delay_s=0.0)
-    dated = [clock.date(sidereal_h(i * 0.05, start_h=23.9999), 50.0 + i * 0.05) for i in range(40)]
-    assert np.diff(dated) == pytest.approx([0.05] * 39, abs=1e-8)
+    dated = [
+        clock.date(sidereal_h(i * 0.05, start_h=23.9999), 50.0 + i * 0.05 + 0.01 * (i % 2)) for i in range(40)
+    ]
+    assert clock.trusted
+    assert np.diff(dated) == pytest.approx([0.05] * 39, abs=1e-5)
 
 
 def test_a_clock_that_stands_still_is_not_believed() -> None:
@@ -189,7 +193,7 @@ class TestByHand:
         clock = clock_known_to(0.02)
         for number in range(60):
             feed(clock, number, 0.02 + off_s)
-        assert clock.known_holds is (abs(off_s) < 0.015)
+            assert clock.known_holds is (abs(off_s) < 0.015)
         # Believing it again takes half of that.
         for delay_s, holds in ((0.02 + 0.0074, True), (0.02 + 0.0076, False)):
             again = clock_known_to(0.02)
@@ -198,6 +202,7 @@ class TestByHand:
             assert again.known_holds is False
             for number in range(60, 110):
                 feed(again, number, delay_s)
+                assert holds or not again.known_holds
             assert again.known_holds is holds
 
     def test_a_clock_that_was_set_is_taken_anew(self) -> None:

@@ -158,6 +158,13 @@ class TestRest:
         assert jogged.rest.step(110.1, False) == Stop()
         jogged.stands(111.0)
         assert jogged.rest.step(112.0, True) == Hold()
+        # Nor is it waited for until the axes have settled.
+        settling = Paused()
+        settling.stands()
+        settling.rest.jog(Jog(0.5, None), 110.0)
+        assert settling.rest.step(110.6, False) == MoveAxes(SIDEREAL_RATE_DEG_S, 0.0)
+        settling.rest.go_on()
+        assert settling.rest.step(110.65, False) == Stop()
 
     def test_jogs_that_are_ended_stay_so_while_the_key_is_held(self) -> None:
         paused = Paused()

@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from test_why_not_acquired import DEC, LEARNT, QUIET, RA
+from test_why_not_acquired import DEC, LEARNT, PROFILE, QUIET, RA
 
 from sattrack.control.stages import RunStage, Situation, Stages, why_not
 from sattrack.control.target import Detour, TargetState
@@ -127,6 +127,11 @@ def learnt(**changes: Any) -> Any:
     return msgspec.structs.replace(LEARNT, **changes)
 
 
+def lagging(ra_s: float = 0.0, dec_s: float = 0.0) -> MountProfile:
+    """Return a profile that tells of such lags."""
+    return msgspec.structs.replace(PROFILE, ra=AxisLimits(lag_s=ra_s), dec=AxisLimits(lag_s=dec_s))
+
+
 @pytest.mark.parametrize(
     ("below", "above", "words"),
     [
@@ -134,11 +139,17 @@ def learnt(**changes: Any) -> Any:
         ({"held_s": {"sun": 25.0}}, {"held_s": {"sun": 26.0}}, "the sun limit held it"),
         ({"clamped_s": 17.9}, {"clamped_s": 18.1}, "faster than the axes may turn"),
         (
+            {"followed_s": 3.0, "clamped_s": 0.85},
+            {"followed_s": 3.0, "clamped_s": 1.0},
+            "(max_rate_deg_s, 6 and 6 °/s) for 1 of 3 s",
+        ),
+        (
             {"followed_s": 2.1, "stopped": True},
             {"followed_s": 1.9, "stopped": True},
             "the operator ended the run",
         ),
         ({"followed_s": 2.1}, {"followed_s": 1.9}, "it followed for 1.9 s only"),
+        ({"followed_s": 1.9, "held_s": {"sun": 0.1}}, {"followed_s": 1.9}, "it followed for 1.9 s only"),
         ({"ra": RA._replace(ratio=0.11)}, {"ra": RA._replace(ratio=0.09)}, "right ascension did not move"),
         ({"dec": DEC._replace(ratio=-0.11)}, {"dec": DEC._replace(ratio=-0.09)}, "declination did not move"),
         (
@@ -152,6 +163,11 @@ def learnt(**changes: Any) -> Any:
             {"dec": DEC._replace(ratio=0.9, fastest_deg_s=0.81, fastest_asked_deg_s=1.0)},
             {"dec": DEC._replace(ratio=0.9, fastest_deg_s=0.79, fastest_asked_deg_s=1.0)},
             "declination came to 0.79 °/s where 1.00 °/s",
+        ),
+        (
+            {"ra": RA._replace(ratio=0.9, fastest_deg_s=1.61, fastest_asked_deg_s=2.0)},
+            {"ra": RA._replace(ratio=0.9, fastest_deg_s=1.59, fastest_asked_deg_s=2.0)},
+            "right ascension came to 1.59 °/s where 2.00 °/s was commanded: set ra.max_rate_deg_s",
         ),
         (
             {"dec": DEC._replace(ratio=0.96, fastest_deg_s=0.5)},
@@ -183,6 +199,16 @@ def learnt(**changes: Any) -> Any:
             {"learnt": learnt(dec_lag_s=0.3, dec_lag_sigma_s=0.031)},
             {"learnt": learnt(dec_lag_s=0.3, dec_lag_sigma_s=0.029)},
             "declination answers 300 ms later",
+        ),
+        (
+            {"profile": lagging(ra_s=0.1), "learnt": learnt(ra_lag_s=0.249)},
+            {"profile": lagging(ra_s=0.1), "learnt": learnt(ra_lag_s=0.251)},
+            "right ascension answers 151 ms later",
+        ),
+        (
+            {"profile": lagging(dec_s=0.1), "learnt": learnt(dec_lag_s=0.249)},
+            {"profile": lagging(dec_s=0.1), "learnt": learnt(dec_lag_s=0.251)},
+            "declination answers 151 ms later",
         ),
         ({"learnt": learnt(restarts=2)}, {"learnt": learnt(restarts=3)}, "the filters restarted 3 times"),
     ],

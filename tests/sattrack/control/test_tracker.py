@@ -17,6 +17,7 @@ from sattrack.control.tracker import Phase, Tracker, TrackPlan
 from sattrack.mount.geometry import AxisGeometry
 from sattrack.mount.model import (
     SIDEREAL_RATE_DEG_S,
+    AxisLimits,
     Hold,
     MountProfile,
     MoveAxes,
@@ -30,9 +31,22 @@ from sattrack.mount.model import (
 )
 from sattrack.pointing.terms import PointingModel
 from sattrack.runtime import demo_pass
-from sattrack.views.messages import Go, Jog, Pause, PlaceFix, Search, SeenOffset, Slip, SolvedField, StopNow
+from sattrack.views.messages import (
+    Go,
+    Jog,
+    Message,
+    ObservationMessage,
+    OffsetBy,
+    Pause,
+    PlaceFix,
+    Search,
+    SeenOffset,
+    Slip,
+    SolvedField,
+    StopNow,
+)
 from sattrack.views.run import ErrorView
-from tle.bias import NO_BIAS
+from tle.bias import NO_BIAS, Bias
 from tle.fixes import Fix, path_of
 from tle.instants import Utc
 from tle.propagator import Propagator
@@ -461,6 +475,57 @@ class TestPeriodicErrors:
         assert one.fed_at(CULMINATION_S).ra_deg == one.direction_at(CULMINATION_S).ra_deg
         one.operate(seen, CULMINATION_S)
         assert len(heard) == 2
+
+
+OBSERVED = Propagator(demo_pass.elements(), demo_pass.SITE.place(), Bias(3.0, 0.0), place="astrometric").at(
+    Utc(CULMINATION_S)
+)
+
+
+class TestPreparedSteps:
+    """Of axes that lag: how they are fed now depends on where the target will be."""
+
+    def rates(self, message: Message | None, *, prepared: bool = False, anew: bool = False) -> list[MoveAxes]:
+        """Follow for two seconds; return what is sent in the two periods after a message came."""
+        slow = AxisLimits(lag_s=0.3)
+        one, sent = tracker(MountProfile(ra=slow, dec=slow)), []
+        one.phase = Phase.TRACKING
+        for turn in range(42):
+            now_s = CULMINATION_S + 0.05 * turn
+            if turn == 40:
+                if prepared:
+                    one.prepare(now_s - 0.05)
+                if message is not None:
+                    one.operate(message, now_s - 0.04)
+            if turn >= 40 and anew:
+                one.use(one.steering.biases.course.propagator)
+            one.take(replace(sample(one, now_s), counter=turn))
+            motion = one.step(now_s, False)
+            assert isinstance(motion, MoveAxes)
+            one.note_sent(motion, now_s)
+            sent.append(motion)
+        return sent[40:]
+
+    @pytest.mark.parametrize(
+        "message",
+        [
+            OffsetBy("along_s", "add", 1.0),
+            ObservationMessage(
+                Utc(CULMINATION_S).isoformat("microseconds"),
+                float(OBSERVED.ra_deg),
+                float(OBSERVED.dec_deg),
+                "icrs",
+                20.0,
+            ),
+        ],
+        ids=["offset", "observation"],
+    )
+    def test_what_came_after_it_was_prepared_counts_in_the_next(self, message: Message) -> None:
+        """As if nothing had been computed before it came."""
+        known = self.rates(message, anew=True)
+        assert self.rates(message, prepared=True) == known
+        assert self.rates(message) == known
+        assert self.rates(None)[0] != known[0]
 
 
 class TestWays:
