@@ -292,6 +292,21 @@ def test_a_patient_caller_gets_the_same_estimate_some_calls_later(
     )
 
 
+def test_the_last_observation_is_given_back_once(course: Course, estimator: Estimator) -> None:
+    assert take(estimator, course, seen(-100.0))
+    before, last_s = read(estimator, course), estimator.last_utc_s
+    assert take(estimator, course, seen(-90.0))
+    assert read(estimator, course) != before
+    assert estimator.undo() is True
+    assert (estimator.accepted, estimator.rejected, estimator.last_utc_s) == (1, 1, last_s)
+    assert estimator.words == "it was rejected by hand"
+    assert read(estimator, course) == before
+    # What the one before has changed is not known any more.
+    assert estimator.undo() is False
+    assert (estimator.accepted, estimator.rejected) == (1, 1)
+    assert read(estimator, course) == before
+
+
 def test_no_rival_is_computed_while_none_can_win(course: Course, estimator: Estimator) -> None:
     for s in range(30):
         take(estimator, course, seen(s - 100.0, 3.0 if s % 3 < 2 else -20.0, 3.0))

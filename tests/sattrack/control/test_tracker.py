@@ -149,6 +149,17 @@ class TestPhases:
         assert motion == Slew(pytest.approx(float(there.ra_deg)), pytest.approx(float(there.dec_deg)))
         assert one.followable_utc_s == PLAN.start_utc_s
 
+    def test_on_a_new_way_samples_on_target_are_counted_anew(self) -> None:
+        one, begins_s = tracker(), PLAN.start_utc_s - 60.0
+        one.take(sample(one, begins_s - 1.0, 30.0))
+        one._near = 9
+        one.step(begins_s, False)
+        one.phase = Phase.ACQUIRING
+        for number in range(10):
+            assert one.phase is Phase.ACQUIRING
+            one._judge(error(PLAN.start_utc_s + number, 1.0))
+        assert one.phase is Phase.TRACKING
+
     def test_the_end_of_the_plan_and_the_operator_stop_it_and_the_first_reason_stays(self) -> None:
         one = tracker()
         assert one.step(PLAN.end_utc_s - 0.01, False) == Hold()
