@@ -257,6 +257,15 @@ class TestAltAzimuth:
         )
         assert fed.dec_rate_deg_s == pytest.approx(float(there.alt_rate_deg_s), abs=1e-3)
 
+    def test_it_is_fed_by_its_own_clock(self) -> None:
+        """Four seconds ahead: a right ascension of its axes is as much more for the same azimuth."""
+        one, ahead_h = self.tracker("axes"), 4.0 / 3600.0
+        before = float(one.fed_at(CULMINATION_S).ra_deg)
+        seen = sample(one, CULMINATION_S)
+        one.take(replace(seen, sidereal_h=seen.sidereal_h + ahead_h))
+        after = float(one.fed_at(CULMINATION_S).ra_deg)
+        assert math.remainder(after - before, 360.0) == pytest.approx(15.0 * ahead_h, abs=1e-4)
+
     def test_how_far_it_turns_until_the_end(self) -> None:
         one = self.tracker("sky")
         times = np.linspace(PLAN.start_utc_s, PLAN.end_utc_s, 41)
