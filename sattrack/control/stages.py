@@ -195,7 +195,7 @@ def slewing(attempt: Attempt) -> str | None:
 
 def too_fast(attempt: Attempt) -> str | None:
     """The target was faster than the axes may turn."""
-    if attempt.clamped_s <= MOSTLY * attempt.followed_s or attempt.clamped_s == 0.0:
+    if attempt.clamped_s <= MOSTLY * attempt.followed_s:
         return None
     ra, dec = attempt.profile.ra.max_rate_deg_s, attempt.profile.dec.max_rate_deg_s
     return (
