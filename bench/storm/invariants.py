@@ -242,12 +242,15 @@ class Watcher(Judging):
         if not moving:
             self._settled = True
         since_s = max(due_s, self._unreached_s) + self._settles_s
-        excused = self._drives_fail or self._swings() or (self._settled and self._catches_up(world, axes))
-        if moving and axes.utc_s > since_s and not excused:
+        if moving and axes.utc_s > since_s and not self._excused(world, axes):
             again = ", again" if self._settled else ""
             self.violated(
                 "stop", world, f"{axes.speed_deg_s:.3f} °/s{again}, {axes.utc_s - due_s:.1f} s after"
             )
+
+    def _excused(self, world: World, axes: Axes) -> bool:
+        """Tell whether axes move by what no client can end."""
+        return self._drives_fail or self._swings() or (self._settled and self._catches_up(world, axes))
 
     def _catches_up(self, world: World, axes: Axes) -> bool:
         """Tell whether axes go on by what the sky turned while the mount's program stood still."""
