@@ -150,13 +150,11 @@ class CommandHistory:
     delay_s: float
     loop: MountLoop
     _sent: deque[SentRates] = field(default_factory=lambda: deque(maxlen=KEPT))
-    least_delay_s: float = field(init=False)
-    """The shortest delay that was ever believed."""
     _profile_delay_s: float = field(init=False)
 
     def __post_init__(self) -> None:
         """Begin with the profile's values."""
-        self._profile_delay_s = self.least_delay_s = self.delay_s
+        self._profile_delay_s = self.delay_s
 
     def add(self, sent: SentRates) -> None:
         """Note what was sent; instants rise."""
@@ -171,7 +169,6 @@ class CommandHistory:
         before_s = self.delay_s
         least_s, most_s = self._profile_delay_s - MOST_OFF_S, self._profile_delay_s + MOST_OFF_S
         self.delay_s = max(0.0, least_s, min(most_s, before_s + by_s))
-        self.least_delay_s = min(self.least_delay_s, self.delay_s)
         return self.delay_s != before_s
 
     def acting(self, tick_utc_s: float, longer_s: float = 0.0) -> SentRates:

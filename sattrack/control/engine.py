@@ -241,7 +241,7 @@ class Engine(Driver):
                 clamped_s=self._clamped_s,
                 held_s=self.held_s,
                 learnt=learnt_view(self),
-                soonest_s=profile.command_delay_s - tracker.follower.least_command_delay_s,
+                later_s=tracker.follower.learning.timing.later_s(max(profile.ra.lag_s, profile.dec.lag_s)),
                 calibrated=profile.calibration is not None or self.spec.simulated,
             )
         )

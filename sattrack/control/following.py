@@ -12,9 +12,11 @@ What a run learns of a mount while it follows is the lag and the gain of each ax
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
+import numpy as np
 
 from sattrack.control.axes import EDGE_PERIODS, SAME_S, Axes, CommandHistory, MountLoop, SentRates
 from sattrack.control.axis_filter import TURN_S, Noise
@@ -23,7 +25,7 @@ from sattrack.core.angles import wrap180
 from sattrack.mount.model import MoveAxes
 
 if TYPE_CHECKING:
-    from sattrack.control.axis_filter import AxisFilter
+    from sattrack.control.axis_filter import Array, AxisFilter
     from sattrack.control.target import Pair, Target
     from sattrack.mount.model import Motion, MountProfile, StatusSample
 
@@ -64,11 +66,6 @@ class Follower:
     def command_delay_s(self) -> float:
         """From sending to the mailbox, as assumed, seconds."""
         return self._history.delay_s
-
-    @property
-    def least_command_delay_s(self) -> float:
-        """The shortest of those that were ever believed, seconds."""
-        return self._history.least_delay_s
 
     @property
     def acting_s(self) -> float:
@@ -320,6 +317,64 @@ class RateFit:
         return RateLine(gain, math.sqrt(scale * known), rest, math.sqrt(scale * cc))
 
 
+SHIFTS_S = np.arange(-1.5, 1.5 + 1e-9, 0.025)
+REMEMBERED, LEAST_TURNS = 400, 60
+EXPLAINS, FAILS = 0.25, 4.0
+"""Share of the seen rates' variance that a shift may leave, and how much more the profile's must."""
+GAIN_OFF = 0.2
+"""By what share the axes may be faster or slower than commanded; beyond it, it is no delay."""
+
+
+class Timing:
+    """When commands act, by no model of the servo: by which shift their rates are those that are seen.
+
+    Filters that assume a delay far from the real one explain the motion by lags, disturbances and restarts.
+    """
+
+    def __init__(self) -> None:
+        self._turns: deque[tuple[float, float, float, float, float]] = deque(maxlen=REMEMBERED)
+
+    def take(
+        self, utc_s: float, commanded_deg_s: tuple[float, float], seen_deg_s: tuple[float, float]
+    ) -> None:
+        """Take the rates of both axes until an instant: by the profile's delay, and as seen."""
+        self._turns.append((utc_s, *commanded_deg_s, *seen_deg_s))
+
+    def later_s(self, lag_s: float) -> float | None:
+        """Return by how much later than after `lag_s` the axes answer, seconds; negative for sooner.
+
+        None where the motion does not tell, or where the lag explains it as well.
+        """
+        if len(self._turns) < LEAST_TURNS:
+            return None
+        turns = np.array(self._turns)
+        left = np.array([_unexplained(turns, shift_s) for shift_s in SHIFTS_S.tolist()])
+        best = int(left.argmin())
+        told = _unexplained(turns, lag_s)
+        if not left[best] < EXPLAINS < told or told < FAILS * left[best]:
+            return None
+        return float(SHIFTS_S[best]) - lag_s
+
+
+def _unexplained(turns: Array, shift_s: float) -> float:
+    """Return the share of the seen rates' variance that the commanded ones, so much later, do not explain."""
+    utc_s = turns[:, 0]
+    from_s = utc_s - shift_s
+    known = (from_s >= utc_s[0]) & (from_s <= utc_s[-1])
+    if np.count_nonzero(known) < LEAST_TURNS // 2:
+        return math.inf
+    left = whole = 0.0
+    for commanded, seen in ((turns[:, 1], turns[:, 3]), (turns[:, 2], turns[:, 4])):
+        x = np.interp(from_s[known], utc_s, commanded)
+        y = seen[known] - seen[known].mean()
+        x -= x.mean()
+        xx, xy, yy = float(x @ x), float(x @ y), float(y @ y)
+        gain = min(1.0 + GAIN_OFF, max(1.0 - GAIN_OFF, xy / xx)) if xx > 0.0 else 0.0
+        left += yy - 2.0 * gain * xy + gain * gain * xx
+        whole += yy
+    return left / whole if whole > 0.0 else math.inf
+
+
 class Learnt(NamedTuple):
     """What is known of one axis; its lag is beyond the command delay and the mount's turn, seconds."""
 
@@ -339,6 +394,7 @@ class Learning:
         """How often filters began anew although they were followed with."""
         self.fits = RateFit(), RateFit()
         """Of right ascension and declination, since the mount was first on target, or before it was."""
+        self.timing = Timing()
         self._before: tuple[float, float, float] | None = None
 
     def anew(self) -> None:
@@ -371,6 +427,7 @@ class Learning:
         parts = zip(self.fits, (axes.ra, axes.dec), axes.predicted_deg, seen, strict=True)
         for fit, axis, moved, came in parts:
             fit.take(moved / (1.0 + axis.gain_error) / seconds, came / seconds)
+        self.timing.take(utc_s, axes.rates_deg_s, (seen[0] / seconds, seen[1] / seconds))
 
     def pause(self) -> None:
         """Note that the mount does not move by commands."""

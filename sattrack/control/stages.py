@@ -144,8 +144,8 @@ class Attempt(NamedTuple):
     clamped_s: float = 0.0
     held_s: dict[str, float] = {}  # noqa: RUF012 - never changed
     learnt: LearntView | None = None
-    soonest_s: float = 0.0
-    """By how much sooner than the profile says commands were ever believed to act."""
+    later_s: float | None = None
+    """By how much later than the profile says the axes answered, by their rates alone; None for unknown."""
     calibrated: bool = True
 
     @property
@@ -224,6 +224,26 @@ def turned(attempt: Attempt) -> str | None:
     return None
 
 
+def out_of_time(attempt: Attempt) -> str | None:
+    """The axes move as commanded, at another time: rates and gains that are fitted mean nothing then."""
+    later_s = attempt.later_s
+    if later_s is None or abs(later_s) < LATE_S:
+        return None
+    if later_s < 0.0:
+        return _sooner(-later_s)
+    return (
+        f"the axes answer {1000.0 * later_s:.0f} ms later than the profile says: {CALIBRATE}, or look for "
+        "what delays datagrams"
+    )
+
+
+def _sooner(seconds: float) -> str:
+    return (
+        f"commands act at least {1000.0 * seconds:.0f} ms sooner than the profile says: command_delay_s is "
+        f"too large, {CALIBRATE}"
+    )
+
+
 def falls_short(attempt: Attempt) -> str | None:
     """An axis does not reach the rates that the profile allows."""
     for axis in attempt.axes:
@@ -243,13 +263,8 @@ def late(attempt: Attempt) -> str | None:
     if known is None:
         return None
     sooner_s = profile.command_delay_s - known.command_delay_s
-    # Where none of the delays that are tried is right, the last one believed may be any of them.
-    soonest_s = max(sooner_s, attempt.soonest_s)
-    if soonest_s >= SOONER_S:
-        return (
-            f"commands act at least {1000.0 * soonest_s:.0f} ms sooner than the profile says: "
-            f"command_delay_s is too large, {CALIBRATE}"
-        )
+    if sooner_s >= SOONER_S:
+        return _sooner(sooner_s)
     extra_s, sigma_s, axis = max(
         (known.ra_lag_s - profile.ra.lag_s, known.ra_lag_sigma_s, attempt.ra),
         (known.dec_lag_s - profile.dec.lag_s, known.dec_lag_sigma_s, attempt.dec),
@@ -300,6 +315,7 @@ REASONS: tuple[Callable[[Attempt], str | None], ...] = (
     stopped,
     slewing,
     too_fast,
+    out_of_time,
     falls_short,
     stands_still,
     turned,
