@@ -93,9 +93,14 @@ def with_learnt(base: Profile, learnt: LearntView, name: str) -> tuple[Profile, 
             changes[f"{axis}_rate_gain"] = round(gain, 6)
             sigmas[f"{axis}_gain_sigma"] = gain_sigma
             lines.append(f"gain in {words} {gain:.5f} ± {gain_sigma:.5f}")
-    if learnt.command_delay_s != base.command_delay_s:
-        changes["command_delay_s"] = round(learnt.command_delay_s, 5)
-        lines.append(f"command delay {learnt.command_delay_s * 1e3:.1f} ms")
+    delay_s, sigma_s = learnt.command_delay_s, learnt.command_delay_sigma_s
+    if abs(delay_s - base.command_delay_s) > sigma_s:
+        changes["command_delay_s"] = round(max(0.0, delay_s), 5)
+        lines.append(f"command delay {max(0.0, delay_s) * 1e3:.1f} ± {sigma_s * 1e3:.1f} ms")
+    if delay_s < -sigma_s:
+        # Commands seem to act before they are sent: samples are dated too early by that.
+        changes["status_delay_s"] = round(max(0.0, base.status_delay_s + delay_s), 5)
+        lines.append(f"status delay {changes['status_delay_s'] * 1e3:.1f} ± {sigma_s * 1e3:.1f} ms")
     if base.calibration is not None:
         changes["calibration"] = msgspec.structs.replace(base.calibration, **sigmas)
     if learnt.sky is not None:

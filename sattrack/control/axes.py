@@ -32,7 +32,7 @@ from sattrack.control.axis_filter import (
     answers_of,
     rest_of,
 )
-from sattrack.control.latency import LARGEST_PERIOD_ERROR
+from sattrack.control.latency import LARGEST_PERIOD_ERROR, MOST_OFF_S, ROUGH_S, AcknowledgedDelay
 from sattrack.core.angles import wrap180
 
 if TYPE_CHECKING:
@@ -128,8 +128,6 @@ class MountLoop:
 
 
 KEPT = 400
-MOST_OFF_S = 0.03
-"""How far the delay of the commands may be from the profile's."""
 
 
 class SentRates(msgspec.Struct, frozen=True, gc=False):
@@ -149,12 +147,17 @@ class CommandHistory:
 
     delay_s: float
     loop: MountLoop
+    sigma_s: float = ROUGH_S
+    """How surely the delay is known at first."""
     _sent: deque[SentRates] = field(default_factory=lambda: deque(maxlen=KEPT))
+    acknowledged: AcknowledgedDelay = field(init=False)
+    """What acknowledgements say of the delay."""
     _profile_delay_s: float = field(init=False)
 
     def __post_init__(self) -> None:
         """Begin with the profile's values."""
         self._profile_delay_s = self.delay_s
+        self.acknowledged = AcknowledgedDelay(self.delay_s, self.sigma_s)
 
     def add(self, sent: SentRates) -> None:
         """Note what was sent; instants rise."""
@@ -168,7 +171,7 @@ class CommandHistory:
         """Change the delay, as far as the profile lets it; return whether it is another one."""
         before_s = self.delay_s
         least_s, most_s = self._profile_delay_s - MOST_OFF_S, self._profile_delay_s + MOST_OFF_S
-        self.delay_s = max(0.0, least_s, min(most_s, before_s + by_s))
+        self.delay_s = max(least_s, min(most_s, before_s + by_s))
         return self.delay_s != before_s
 
     def acting(self, tick_utc_s: float, longer_s: float = 0.0) -> SentRates:
@@ -224,6 +227,8 @@ MOST_SQUARED_SIGMAS = 4.0
 """What one sample may say for or against a delay: a datagram may have been lost."""
 MISREAD_SAYS = 4.0
 """What a sample says for a delay by which the command that explains it acted, and not the expected one."""
+WORTH_S = 0.001
+"""By how much an expected delay must differ from the one in use to take its place."""
 EVIDENCE_LASTS = 0.999
 """What the evidence of a sample counts over the next one's."""
 
@@ -302,11 +307,12 @@ class DelayTrials:
         for k in set(range(len(TRIED_S))) - differ:
             self.evidence[k] += MISREAD_SAYS
 
-    @property
-    def proven(self) -> int | None:
-        """Which of TRIED_S is believed; None where the one in use is."""
-        best = int(self.evidence.argmax())
-        return best if self.evidence[best] > PROOF else None
+    def proven(self, history: CommandHistory) -> int | None:
+        """Return which of TRIED_S is believed, by motion and acknowledgements; None for the one in use."""
+        likely = history.acknowledged.likely(history.delay_s + np.array((0.0, *TRIED_S)))
+        evidence = self.evidence + likely[1:] - likely[0]
+        best = int(evidence.argmax())
+        return best if evidence[best] > PROOF else None
 
 
 GATE_DEG = 0.1
@@ -505,10 +511,21 @@ class Axes:
         self._weigh_delays()
         return True
 
+    def acknowledge(self, raised_utc_s: float, utc_s: float) -> None:
+        """Note that flags raised at an instant were first acknowledged by a status: the next sample.
+
+        The delay in use becomes the one that is expected then.
+        """
+        history = self.history
+        history.acknowledged.note(raised_utc_s, self.sample_utc_s, utc_s)
+        off_s = history.acknowledged.delay_s[0] - history.delay_s
+        if abs(off_s) > WORTH_S and history.change_delay(off_s):
+            self.trials = DelayTrials()
+
     def _weigh_delays(self) -> None:
         """Change the delay of the commands where the samples prove another."""
         self.trials.correct(self)
-        proven = self.trials.proven
+        proven = self.trials.proven(self.history)
         if proven is None:
             return
         history = self.history

@@ -406,6 +406,7 @@ def learnt_view(engine: Engine) -> LearntView | None:
         settling_s=settling_s,
         restarts=follower.learning.times_begun_anew,
         sky=engine.tracker.steering.estimator.sky_terms,
+        command_delay_sigma_s=follower.command_delay_sigma_s,
     )
 
 

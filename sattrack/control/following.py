@@ -20,7 +20,7 @@ import numpy as np
 
 from sattrack.control.axes import EDGE_PERIODS, SAME_S, Axes, CommandHistory, MountLoop, SentRates
 from sattrack.control.axis_filter import TURN_S, Noise
-from sattrack.control.latency import KnownClock, MountClock
+from sattrack.control.latency import CALIBRATED_S, ROUGH_S, KnownClock, MountClock
 from sattrack.core.angles import wrap180
 from sattrack.mount.model import MoveAxes
 
@@ -50,9 +50,12 @@ class Follower:
             known = KnownClock(longitude_deg, profile.clock_offset_s)
         self.clock = MountClock(profile.status_delay_s, known, profile.period_s)
         self._loop = MountLoop(profile.period_s)
-        self._history = CommandHistory(profile.command_delay_s, self._loop)
+        sigma_s = ROUGH_S if profile.calibration is None else CALIBRATED_S
+        self._history = CommandHistory(profile.command_delay_s, self._loop, sigma_s)
         self.axes: Axes | None = None
         """The axes as of the last sample; None before the first."""
+        self._raised_utc_s: float | None = None
+        """When the MoveAxis flags were raised, with the rates that are in force; None while they are down."""
         self.learning = Learning()
         """What is learnt of the mount while it follows."""
         self.lost_utc_s: float | None = None
@@ -66,6 +69,11 @@ class Follower:
     def command_delay_s(self) -> float:
         """From sending to the mailbox, as assumed, seconds."""
         return self._history.delay_s
+
+    @property
+    def command_delay_sigma_s(self) -> float:
+        """How surely acknowledgements tell that, seconds."""
+        return self._history.acknowledged.delay_s[1]
 
     @property
     def acting_s(self) -> float:
@@ -96,6 +104,8 @@ class Follower:
         if axes is None or not axes.follows(utc_s):
             self._begin(sample, utc_s, following)
             return True
+        if sample.move_acknowledged and following and self._raised_utc_s is not None:
+            axes.acknowledge(self._raised_utc_s, utc_s)
         believed = axes.take(sample, utc_s, following)
         if believed and following:
             self.learning.take(axes, sample, utc_s)
@@ -178,9 +188,12 @@ class Follower:
         """Note what was really sent, after safety had its say: the filters are driven by that."""
         if not isinstance(motion, MoveAxes):
             self._history.clear()
+            self._raised_utc_s = None
             return
         if self._profile.move_axis == "edge":
             self._note_cycle(now_utc_s)
+        if self._profile.move_axis == "edge" or self._raised_utc_s is None:
+            self._raised_utc_s = now_utc_s
         self._history.add(SentRates(now_utc_s, motion.ra_rate_deg_s, motion.dec_rate_deg_s))
 
     def _note_cycle(self, now_utc_s: float) -> None:

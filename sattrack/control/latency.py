@@ -18,11 +18,15 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from sattrack.core.angles import wrap180
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+
+    from sattrack.control.axis_filter import Array
 
 FORGETTING = 0.995
 """What a turn counts over the next one, in the line: some ten seconds matter."""
@@ -254,6 +258,51 @@ class KnownClock:
         expected_deg = mean_sidereal_deg(near_utc_s, self.longitude_deg)
         ahead_deg = wrap180(sidereal_h * 15.0 - expected_deg)
         return near_utc_s + ahead_deg / SIDEREAL_RATE_DEG_S - self.offset_s
+
+
+MOST_OFF_S, STEP_OFF_S = 0.045, 0.001
+"""How far a profile's delay may be off, and how finely that is looked for."""
+ROUGH_S, CALIBRATED_S = 0.016, 0.003
+"""How far it usually is off, one sigma: one that was not measured, and one that was."""
+BLUR_S = 0.003
+"""How sharply an acknowledgement bounds a delay: samples are dated no better."""
+UNREAD_SAYS, LOST_SAYS = 4.0, 2.0
+"""What an acknowledgement says against a delay by which its datagram was yet to come, or was there before."""
+
+
+class AcknowledgedDelay:
+    """How long commands take, by which status was the first to acknowledge the flags that they raised.
+
+    The mount cannot have read them before they arrived; and had they been there before the status that came
+    last, that would have acknowledged them already, but for a datagram that was lost. It is the delay against
+    the instants by which samples are dated: what those are wrong by is in it, and it may be negative.
+    """
+
+    def __init__(self, told_s: float, sigma_s: float) -> None:
+        """Begin with a profile's delay, and how surely that is known."""
+        offs_s = np.arange(-MOST_OFF_S, MOST_OFF_S + 0.5 * STEP_OFF_S, STEP_OFF_S)
+        self._delays_s: Array = told_s + offs_s
+        self._likely: Array = -0.5 * (offs_s / sigma_s) ** 2
+
+    def note(self, raised_utc_s: float, before_utc_s: float, by_utc_s: float) -> None:
+        """Note that flags raised at an instant were acknowledged by a status, and not by the one before."""
+        arrived_s = raised_utc_s + self._delays_s
+        unread = np.clip((arrived_s - by_utc_s) / BLUR_S + 0.5, 0.0, 1.0)
+        lost = np.clip((before_utc_s - arrived_s) / BLUR_S + 0.5, 0.0, 1.0)
+        self._likely = self._likely - UNREAD_SAYS * unread - LOST_SAYS * lost
+
+    def likely(self, delays_s: Array) -> Array:
+        """Return the logarithm of the likelihood of delays."""
+        found: Array = np.interp(delays_s, self._delays_s, self._likely)
+        return found
+
+    @property
+    def delay_s(self) -> tuple[float, float]:
+        """The expected delay and its sigma, seconds."""
+        weights = np.exp(self._likely - self._likely.max())
+        weights /= weights.sum()
+        mean_s = float(weights @ self._delays_s)
+        return mean_s, math.sqrt(float(weights @ (self._delays_s - mean_s) ** 2))
 
 
 @dataclass(slots=True)

@@ -512,6 +512,8 @@ class StatusSample(msgspec.Struct, frozen=True, gc=False):
     ra_drive_deg_s: float
     dec_drive_deg_s: float
     beyond_pole: bool = False
+    move_acknowledged: bool = False
+    """Whether this is the first status that acknowledges the MoveAxis flags that were raised last."""
 
 
 class Hold(msgspec.Struct, frozen=True, gc=False):

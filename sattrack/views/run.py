@@ -186,13 +186,16 @@ class LearntView(msgspec.Struct, frozen=True):
     dec_gain: float | None
     dec_gain_sigma: float | None
     command_delay_s: float
-    """As assumed: the profile's, or another one where the motion proved it."""
+    """As assumed: the profile's, or another one by acknowledgements and motion. It is against the instants of
+    samples: where those are dated too early it is less, down to below 0."""
     settling_s: float
     """Time constant with which an error is taken out, of the slower axis."""
     restarts: int
     """How often the axes' filters contradicted what was seen, and restarted."""
     sky: SkyTerms | None = None
     """What cameras have shown of the mount and of themselves; None where none has."""
+    command_delay_sigma_s: float = 0.0
+    """How surely acknowledgements tell the command delay, the profile's own uncertainty included."""
 
 
 class StageView(msgspec.Struct, frozen=True):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from unittest.mock import patch
 
 import msgspec
+import pytest
 from storm.draws import Fault, Storm, draw
 from storm.invariants import Watcher, judged
 from storm.world import Guard, Sent, World
@@ -20,8 +21,6 @@ from sattrack.safety import SafetyLimits
 from sattrack.views.messages import Nudge
 
 if TYPE_CHECKING:
-    import pytest
-
     from sattrack.runtime.facts import RunFacts
 
 SEED = 8
@@ -164,7 +163,10 @@ def test_memory() -> None:
     assert "memory" in violated_alone(quiet(lasts_s=2.0 * LASTS_S), Hoarder)
 
 
-def test_recovery() -> None:
+@pytest.mark.parametrize("loss", [0.0, 0.05])
+def test_recovery(loss: float) -> None:
+    """Also on a link that loses by itself: what that costs is measured, not excused."""
+
     class Astray(WithEngine):
         class driver(Engine):  # noqa: N801 - it overrides an attribute
             def tick(self, now_utc_s: float) -> bytes:
@@ -172,4 +174,6 @@ def test_recovery() -> None:
                     self.operate(Nudge(along_s=0.1), now_utc_s)
                 return super().tick(now_utc_s)
 
-    assert "recovery" in violated(quiet(Fault(10.0, "cut", 0.1)), Astray)
+    storm = quiet(Fault(10.0, "cut", 0.1))
+    storm = replace(storm, statuses=replace(storm.statuses, loss=loss))
+    assert "recovery" in violated(storm, Astray)

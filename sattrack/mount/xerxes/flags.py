@@ -386,15 +386,17 @@ class HeldMove:
         """Note a datagram that goes out without the flags."""
         self.state = follow(HELD, self.state, "flags down")
 
-    def see(self, status: Status) -> None:
-        """Take one status."""
+    def see(self, status: Status) -> bool:
+        """Take one status; tell whether it acknowledges the flags that were raised."""
         if self.over:
-            return
+            return False
         self._statuses += 1
-        up = status.ack_move_ra or status.ack_move_dec
+        up, raised = status.ack_move_ra or status.ack_move_dec, self.state is HeldState.RAISED
         self.state = follow(HELD, self.state, "ack up" if up else "ack down")
+        acknowledged = raised and self.state is HeldState.IN_FORCE
         if self._statuses >= QUIET_STATUSES and not self.over:
             self.state = follow(HELD, self.state, "quiet")
+        return acknowledged
 
     def stopped(self) -> None:
         """Note that an abort was acknowledged: flags that are down have let go already."""
@@ -442,8 +444,8 @@ class EdgeMove:
         """Note a datagram without the flags."""
         self._flags.happen("withdraw")
 
-    def see(self, status: Status) -> None:
-        """Take one status."""
+    def see(self, status: Status) -> bool:
+        """Take one status; tell whether it acknowledges the flags that were raised."""
         state = self._flags.state
         acks = [
             ack
@@ -456,10 +458,12 @@ class EdgeMove:
         if self._flags.see(all(acks) if state is Handshake.RAISED else any(acks)):
             self._in_force = _moving(self._in_force)
             self.unanswered = False
-        elif state is Handshake.RAISED and self._flags.statuses > EDGE_ACK_WITHIN_STATUSES:
+            return True
+        if state is Handshake.RAISED and self._flags.statuses > EDGE_ACK_WITHIN_STATUSES:
             self._flags.happen("withdraw")
             self.unanswered = True
             self.renew()
+        return False
 
     def stopped(self) -> None:
         """Note that an abort was acknowledged: nothing is in force any more."""

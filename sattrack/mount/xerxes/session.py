@@ -567,7 +567,8 @@ class Session:
         goes_on = status.slewing and not self._standstill.slowing
         if self._move_watch.see(self._move.over, status.slewing, goes_on and unwanted):
             self._move.insist()
-        self._move.see(status)
+        if self._move.see(status) and self.sample is not None:
+            self.sample = msgspec.structs.replace(self.sample, move_acknowledged=True)
         if self._abort.see(status.ack_abort, isinstance(self._wanted, Stop)):
             self._standstill.acknowledged(arrival_utc_s)
             self._acts_until = self.health.sent + self._standstill.late_statuses

@@ -46,6 +46,7 @@ def made_run(**changes: Any) -> Any:
         acting_s=0.05,
         lost_utc_s=None,
         command_delay_s=0.03,
+        command_delay_sigma_s=0.004,
     )
     estimator = Made(
         words=None,
@@ -331,7 +332,8 @@ class TestViews:
         )
         assert (view.ra_gain, view.ra_gain_sigma) == (pytest.approx(0.55), pytest.approx(0.01))
         assert (view.dec_gain, view.dec_gain_sigma) == (None, None)
-        assert (view.command_delay_s, view.settling_s, view.restarts) == (0.03, 0.4, 2)
+        assert (view.command_delay_s, view.command_delay_sigma_s) == (0.03, 0.004)
+        assert (view.settling_s, view.restarts) == (0.4, 2)
         run.tracker.follower.settling_s = None
         assert learnt_view(run) is None
         assert learnt_view(made_run(tracker__follower__settling_s=0.4)) is None

@@ -30,6 +30,8 @@ FOLLOWED_S = 40.0
         # The same with 19 and 7 ms, and 8 and 16 ms. A drive weaker than told proves no other delay.
         (1277, "position_servo", "held", 0.02),
         (1131, "own", "edge", 0.07),
+        # What its acknowledgements tell of delays that are 4 ms off: without, the RMS was 0.23.
+        (1467, "own", "edge", 0.1),
         pytest.param(1033, "position_servo", "edge", 0.06, marks=soak),
         pytest.param(31, "own", "edge", 0.107, marks=soak),
     ],
@@ -82,6 +84,17 @@ def test_a_drive_with_half_of_the_acceleration_told_does_not_swing_about_the_tar
 @pytest.mark.parametrize("number", [3, pytest.param(7, marks=soak), pytest.param(11, marks=soak)])
 def test_servos_that_catch_up_with_weak_drives_are_acquired(number: int) -> None:
     assert acquired_after_s(weak(number)) < 15.0
+
+
+@pytest.mark.parametrize("number", [1106, 1131])
+def test_an_edge_mounts_acknowledgements_tell_its_delay(number: int) -> None:
+    """That of the commands, and what the status delay is told wrong by: 2 and 23 ms altogether."""
+    run = family.Run(drawn := family.draw(number)).run(lasts_s=FOLLOWED_S)
+    hard = drawn.hardware
+    dated_late_s = hard.status_delay_s - hard.told_status_s
+    assert run.engine.tracker.follower.command_delay_s == pytest.approx(
+        hard.command_delay_s + dated_late_s, abs=0.005
+    )
 
 
 def test_a_handshake_takes_no_turn_more_than_the_delays_make_it() -> None:

@@ -243,7 +243,13 @@ class TestLearning:
             return Made(gain_error=gain_error, lag=lag, lag_sigma_s=0.01, begun_anew=begun_anew)
 
         ra, dec = axis(0.25, 0.02, 1), axis(-0.5, 0.4, 2)
-        return Made(ra=ra, dec=dec, predicted_deg=(0.05, -0.02), turned_over_s=turned_over_s)
+        return Made(
+            ra=ra,
+            dec=dec,
+            predicted_deg=(0.05, -0.02),
+            turned_over_s=turned_over_s,
+            rates_deg_s=(1.0, -0.4),
+        )
 
     def test_rates_are_those_between_samples_next_to_one_another(self) -> None:
         """Commanded: what was predicted less what the gain makes of it. Seen: over the pole of 360°, too."""

@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from sattrack.control.latency import (
+    CALIBRATED_S,
+    ROUGH_S,
     SIDEREAL_SECONDS_PER_SECOND,
+    AcknowledgedDelay,
     Arrivals,
     Envelope,
     KnownClock,
@@ -271,3 +274,49 @@ class TestTurns:
             assert line.utc_s == pytest.approx(1000.0 + fit[1], abs=1e-7)
             assert line.noted == number + 1
         assert line.period_s == period
+
+
+def answered(
+    delay: AcknowledgedDelay, real_s: float, raises: int, loss: float = 0.0, mean_s: float = 0.05
+) -> None:
+    """Raise flags so often, 0.2 s apart and at any instant of the turns; what is lost comes a turn later."""
+    rng = random.Random(7)
+    turns_s = np.cumsum([rng.choice((0.94, 1.06)) * mean_s for _ in range(8 * raises)])
+    for number in range(raises):
+        raised_s = 0.3 + 0.2 * number + rng.uniform(0.0, 0.05)
+        arrives_s = raised_s + real_s + (0.05 if rng.random() < loss else 0.0)
+        by = int(np.searchsorted(turns_s, arrives_s))
+        delay.note(raised_s, float(turns_s[by - 1]), float(turns_s[by]))
+
+
+@pytest.mark.parametrize("off_ms", [-40, -17, -4, 0, 9, 30])
+def test_acknowledgements_tell_the_delay_to_the_millisecond(off_ms: int) -> None:
+    told_s = 0.02
+    delay = AcknowledgedDelay(told_s, ROUGH_S)
+    answered(delay, told_s + 1e-3 * off_ms, 60, loss=0.03)
+    found_s, sigma_s = delay.delay_s
+    assert 1e3 * (found_s - told_s) == pytest.approx(off_ms, abs=1.5)
+    assert sigma_s < 0.002
+    tried_s = told_s + 1e-3 * np.array((off_ms - 8, off_ms, off_ms + 8))
+    assert delay.likely(tried_s).argmax() == 1
+
+
+def test_one_acknowledgement_tells_of_a_whole_turn_and_little_else() -> None:
+    """By a status that came before it was expected, the flags were there: they take that much less long."""
+    told_s = 0.04
+    delay = AcknowledgedDelay(told_s, ROUGH_S)
+    assert delay.delay_s == pytest.approx((told_s, ROUGH_S), abs=5e-4)
+    delay.note(0.0, told_s - 0.025, told_s + 0.025)
+    assert delay.delay_s[0] == pytest.approx(told_s, abs=5e-4)
+    assert delay.delay_s[1] > 0.01
+    sooner = AcknowledgedDelay(told_s, ROUGH_S)
+    sooner.note(0.0, told_s - 0.075, told_s - 0.025)
+    assert sooner.delay_s[0] < told_s - 0.02
+
+
+def test_a_calibrated_delay_gives_way_to_proof_only() -> None:
+    delay = AcknowledgedDelay(0.02, CALIBRATED_S)
+    delay.note(0.0, 0.02, 0.07)
+    assert delay.delay_s[0] == pytest.approx(0.02, abs=0.004)
+    answered(delay, 0.035, 60)
+    assert delay.delay_s[0] == pytest.approx(0.035, abs=0.004)

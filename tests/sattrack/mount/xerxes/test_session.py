@@ -320,6 +320,29 @@ class TestMoveAxis:
             assert command.move_dec_rate_deg_s == pytest.approx(-0.02 * (turn + 1))
             client.hear(slewing=turn > 2, ack_move_ra=turn > 2, ack_move_dec=turn > 2)
 
+    def test_one_status_is_the_first_to_acknowledge_raised_flags(self) -> None:
+        """On a mount that holds, once; of edges, each has its own; both axes' where both were raised."""
+        both = {"slewing": True, "ack_move_ra": True, "ack_move_dec": True}
+        for move_axis, again in (("held", False), ("edge", True)):
+            client = tracked(MountProfile(move_axis=move_axis))
+            found = []
+            for rate, acks in (
+                (0.5, {"slewing": True}),
+                (0.5, both | {"ack_move_dec": move_axis == "held"}),
+                (0.5, both),
+                (0.5, both),
+                (0.5, {"slewing": True}),
+                (0.7, {"slewing": True}),
+                (0.7, both),
+                (0.7, both),
+            ):
+                client.asks(MoveAxes(rate, 0.25))
+                sample = client.hear(**acks)
+                assert sample is not None
+                found.append(sample.move_acknowledged)
+            first = [False, move_axis == "held", move_axis == "edge"]
+            assert found == [*first, False, False, False, again, False]
+
     def test_flags_stay_up_without_being_asked_again_and_unheard(self, client: Client) -> None:
         want(client.session, MOVE)
         for _ in range(50):
