@@ -23,8 +23,8 @@ from sattrack.tui.dialogs import (
     PARK_TEXT,
     DirectionDialog,
     EnteredDirection,
-    HelpScreen,
     Question,
+    show_help,
 )
 from sattrack.tui.look import ScreenApp
 from sattrack.tui.panels import TooSmall
@@ -216,7 +216,7 @@ class ConsoleApp(ScreenApp):
 
     def action_help(self) -> None:
         """Show what the keys do."""
-        self.push_screen(HelpScreen(CONSOLE_TEXT))
+        show_help(self, CONSOLE_TEXT)
 
     def _reported(self) -> str:
         status = None if self._view is None else self._view.status

@@ -14,7 +14,7 @@ from sattrack.tui.scene import CAMERA, LIVE, LOG, MOUNT, SCHEDULE, TONIGHT
 from sattrack.views.formatting import DEC_FORMS, RA_FORMS, parse_dec, parse_ra
 
 if TYPE_CHECKING:
-    from textual.app import ComposeResult
+    from textual.app import App, ComposeResult
     from textual.events import Key
 
 RUN_TEXT = """\
@@ -165,6 +165,18 @@ class HelpScreen(Dialog[None]):
         """Close it."""
         del name
         self.dismiss()
+
+    def on_screen_resume(self) -> None:
+        """Begin at the top again."""
+        self.query_one(VerticalScroll).scroll_home(animate=False)
+
+
+def show_help(app: App[None], text: str) -> None:
+    """Show what the keys do. A text's screen is kept: Textual keeps the styles of each new one for good."""
+    if not app.is_screen_installed(text):
+        app.install_screen(HelpScreen(text), text)
+    if app.get_screen(text) not in app.screen_stack:
+        app.push_screen(text)
 
 
 STOP, LEAVE, STAY = "stop", "leave", "stay"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 from textual.binding import Binding, BindingType
 
 from sattrack.tui.app import TrackApp
-from sattrack.tui.dialogs import REPLAY_TEXT, HelpScreen
+from sattrack.tui.dialogs import REPLAY_TEXT, show_help
 from sattrack.tui.error_plot import WINDOW_S
 from sattrack.tui.feeds import News
 from sattrack.tui.scene import DEFAULT_APPEARANCE, SAME_S, TapeView
@@ -236,7 +236,7 @@ class ReplayApp(TrackApp, inherit_bindings=False):
 
     def action_help(self) -> None:
         """Show what the keys do."""
-        self.push_screen(HelpScreen(REPLAY_TEXT))
+        show_help(self, REPLAY_TEXT)
 
     def _look_and_plot(self) -> None:
         self.look()

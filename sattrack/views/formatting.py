@@ -569,7 +569,10 @@ def learnt_line(learnt: LearntView) -> str:
     """Return what was learnt of a mount in a line."""
     ra, dec = _lag(learnt.ra_lag_s, learnt.ra_lag_sigma_s), _lag(learnt.dec_lag_s, learnt.dec_lag_sigma_s)
     gains = f"gain RA {_gain(learnt.ra_gain)}, Dec {_gain(learnt.dec_gain)}"
-    delay = f"command delay {1e3 * learnt.command_delay_s:.1f} ms"
+    delay_s, sigma_s = learnt.command_delay_s, learnt.command_delay_sigma_s
+    delay = f"command delay {1e3 * delay_s:.1f}±{1e3 * sigma_s:.1f} ms"
+    if delay_s < -sigma_s:
+        delay += " (status_delay_s is too large)"
     anew = f", filters restarted {learnt.restarts} times" if learnt.restarts else ""
     return f"lag RA {ra}, Dec {dec}; {gains}; {delay}; settling {learnt.settling_s:.2f} s{anew}"
 

@@ -4,6 +4,7 @@ import asyncio
 from typing import TYPE_CHECKING
 
 import pytest
+from textual.containers import VerticalScroll
 from textual.events import Key
 from tui_builders import SUMMARY, VIEW, FakeFeed, HandClock, changed, press
 
@@ -85,6 +86,27 @@ def test_a_stop_does_not_wait_behind_keys_that_were_typed_before_it_and_makes_th
             assert feed.sent == [StopNow(), StopNow(), Nudge(along_s=-0.1)]
             await pilot.press("up", "space")
             assert feed.sent[3:] == [Nudge(cross_deg=0.01), StopNow()]
+
+    asyncio.run(run())
+
+
+def test_help_is_one_screen_however_often_it_is_read(feed: FakeFeed) -> None:
+    """Textual keeps the styles of every new one for good."""
+
+    async def run() -> None:
+        app = TrackApp(feed)
+        async with app.run_test(size=(80, 24)) as pilot:
+            await pilot.press(HELP)
+            first = app.screen
+            assert isinstance(first, HelpScreen)
+            first.query_one(VerticalScroll).scroll_end(animate=False)
+            await pilot.press("escape", HELP, HELP)
+            assert not isinstance(app.screen, HelpScreen)
+            await pilot.press(HELP)
+            assert app.screen is first
+            assert first.query_one(VerticalScroll).scroll_y == 0.0
+            app.action_help()
+            assert app.screen_stack.count(first) == 1
 
     asyncio.run(run())
 
