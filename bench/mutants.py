@@ -8,7 +8,7 @@ or operator, a call, a returned value or a row of a table left out. It is caught
 fails or hangs. Of the package's tests those run that execute the changed statement, the quickest first;
 coverage tells which, and what it tells is kept in a temporary folder until source or test changes. Each
 mutant runs in a process forked from one that has imported the libraries. Annotations, decorators and texts
-are left alone.
+are left alone. `--lines` counts what the tests' own processes execute, too.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ import os
 import random
 import resource
 import signal
+import subprocess
 import sys
 import tempfile
 import time
@@ -38,7 +39,7 @@ import hypothesis
 import pytest
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from types import ModuleType
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -421,15 +422,32 @@ def outcome_of(mutant: Mutant, mapped: Tests, budget_s: float) -> tuple[str, str
     return {0: "survived", -1: "hung"}.get(status, "caught"), test
 
 
-def print_lines(name: str, sources: Sequence[str], mapped: Tests) -> None:
+def executed(package: Package, sources: Sequence[str]) -> dict[str, set[int]]:
+    """Return the lines of each source that a package's tests execute, in processes of their own, too."""
+    with tempfile.TemporaryDirectory() as folder:
+        data, settings = Path(folder) / "data", Path(folder) / "settings"
+        include = "".join(f"    {ROOT / one}\n" for one in sources)
+        settings.write_text(
+            f"[run]\nparallel = true\nsigterm = true\npatch = subprocess\ndata_file = {data}\n"
+            f"include =\n{include}"
+        )
+        program = [sys.executable, "-m", "coverage", "run", f"--rcfile={settings}", "-m", "pytest", "-q"]
+        options = ["-n", "2", "--dist", "worksteal", "-p", "no:cacheprovider", "--no-header", "--tb=short"]
+        ended = subprocess.run([*program, *options, *package.tests], cwd=ROOT, check=False)
+        if ended.returncode != 0:
+            raise SystemExit("tests fail without any change: mend them first")
+        measured = coverage.Coverage(config_file=str(settings))
+        measured.combine()
+        found = measured.get_data()
+        return {one: set(found.lines(str(ROOT / one)) or ()) for one in sources}
+
+
+def print_lines(name: str, run: Mapping[str, set[int]]) -> None:
     """Print which share of a package's statements its tests execute, and the lines that none does."""
     every = seen = 0
-    for path in sources:
+    for path in run:
         statements = set(coverage.Coverage(data_file=None).analysis2(str(ROOT / path))[1])
-        run = {
-            line for tests in mapped.values() for one in tests.values() for line in one["lines"].get(path, ())
-        }
-        missing = sorted(statements & set(_functions(path)) - run)
+        missing = sorted((statements & set(_functions(path))) - run[path])
         every, seen = every + len(statements), seen + len(statements) - len(missing)
         if missing:
             print(f"{path}: {', '.join(map(str, missing))}")
@@ -459,6 +477,9 @@ def main() -> int:
         importlib.import_module(one)
     package = PACKAGES[options.package]
     sources = sorted(str(each.relative_to(ROOT)) for one in package.sources for each in ROOT.glob(one))
+    if options.lines:
+        print_lines(options.package, executed(package, sources))
+        return 0
     among = [path for path in sources if options.module in {None, Path(path).stem}]
     mutants = [one for path in among for one in mutants_of(path)]
     every = len(mutants)
@@ -468,9 +489,6 @@ def main() -> int:
     elif options.sample:
         mutants = random.Random(options.seed).sample(mutants, min(options.sample, every))
     mapped = map_of(package, sources, options.file_s)
-    if options.lines:
-        print_lines(options.package, sources, mapped)
-        return 0
     count, begun = Counter(), time.monotonic()
     for one in mutants:
         outcome, test = outcome_of(one, mapped, options.budget)

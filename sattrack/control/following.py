@@ -12,7 +12,6 @@ What a run learns of a mount while it follows is the lag and the gain of each ax
 from __future__ import annotations
 
 import math
-from collections import deque
 from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
@@ -345,22 +344,25 @@ class Timing:
     """
 
     def __init__(self) -> None:
-        self._turns: deque[tuple[float, float, float, float, float]] = deque(maxlen=REMEMBERED)
+        self._turns: Array = np.empty((REMEMBERED, 5))
+        """The newest turns, in a ring: instants, commanded and seen rates."""
+        self._taken = 0
 
     def take(
         self, utc_s: float, commanded_deg_s: tuple[float, float], seen_deg_s: tuple[float, float]
     ) -> None:
         """Take the rates of both axes until an instant: by the profile's delay, and as seen."""
-        self._turns.append((utc_s, *commanded_deg_s, *seen_deg_s))
+        self._turns[self._taken % REMEMBERED] = (utc_s, *commanded_deg_s, *seen_deg_s)
+        self._taken += 1
 
     def later_s(self, lag_s: float) -> float | None:
         """Return by how much later than after `lag_s` the axes answer, seconds; negative for sooner.
 
         None where the motion does not tell, or where the lag explains it as well.
         """
-        if len(self._turns) < LEAST_TURNS:
+        if self._taken < LEAST_TURNS:
             return None
-        turns = np.array(self._turns)
+        turns = np.roll(self._turns, -(self._taken % REMEMBERED), axis=0)[-min(self._taken, REMEMBERED) :]
         left = np.array([_unexplained(turns, shift_s) for shift_s in SHIFTS_S.tolist()])
         best = int(left.argmin())
         told = _unexplained(turns, lag_s)

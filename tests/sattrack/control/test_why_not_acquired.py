@@ -151,14 +151,17 @@ def test_a_delay_that_is_told_far_too_long_is_named_in_seconds(told_s: float) ->
     assert -0.16 < 1e-3 * int(found[1]) - (told_s - 0.02) < 0.0
 
 
-@pytest.mark.parametrize("later_s", [-0.8, -0.2, 0.0, 0.3])
-def test_when_the_axes_answer_is_seen_in_their_rates(later_s: float) -> None:
+@pytest.mark.parametrize(("later_s", "before"), [(-0.8, 0), (-0.2, 0), (0.0, 350), (0.3, 350)])
+def test_when_the_axes_answer_is_seen_in_their_rates(later_s: float, before: int) -> None:
+    """In those of the last twenty seconds."""
     timing = Timing()
 
     def rates(utc_s: float) -> tuple[float, float]:
         return math.sin(2.0 * utc_s) + 0.3 * math.sin(5.0 * utc_s), math.cos(3.0 * utc_s)
 
-    for turn in range(120):
+    for turn in range(-before, 0):
+        timing.take(0.05 * turn, rates(0.05 * turn), (0.0, 0.0))
+    for turn in range(420 if before else 120):
         ra, dec = rates(0.05 * turn - later_s)
         timing.take(0.05 * turn, rates(0.05 * turn), (1.05 * ra + 0.01, 0.97 * dec))
     # Where the profile says so, there is nothing to tell.
