@@ -193,8 +193,8 @@ class Session:
         self._repeats = Repeats(self.profile)
         self._move = self._make_move()
 
-    def _make_move(self) -> HeldMove | EdgeMove:
-        return EdgeMove() if self.profile.move_axis == "edge" else HeldMove()
+    def _make_move(self, unanswered: bool = False) -> HeldMove | EdgeMove:
+        return EdgeMove(unanswered=unanswered) if self.profile.move_axis == "edge" else HeldMove()
 
     def receive(self, data: bytes, arrival_utc_s: float) -> StatusSample | None:
         """Take one datagram; return its sample, or None where it was refused and counted."""
@@ -427,7 +427,8 @@ class Session:
 
     def _begin_anew(self) -> None:
         """Forget what a mount that has restarted cannot know of."""
-        self._move = self._make_move()
+        # Whether it answers handshakes at all is a matter of its program.
+        self._move = self._make_move(self._move.unanswered)
         self._abort.begin_anew()
         self._acts_until = 0
         self._slew.begin_anew()

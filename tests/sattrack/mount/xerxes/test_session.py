@@ -1353,6 +1353,12 @@ class TestWhatItTells:
             sent.append(client.send().move_ra)
         # From the edge on: 21 statuses without an answer, and those until the flags may rise again.
         assert 21 + len(sent) == round(client.session.unanswered_s / PERIOD_S)
+        # One that restarts answers no better than before; it is known to by an answer.
+        for counter in (1, 2, 3):
+            client.hear(counter=counter)
+        assert client.session.health.restarts == 1
+        assert client.session.unanswered_s > 0.0
+        client.asks(MoveAxes(0.4, 0.4))
         client.hear(ack_move_ra=True, ack_move_dec=True)
         assert client.session.unanswered_s == 0.0
 
