@@ -177,10 +177,12 @@ class Watcher(Judging):
 
     def turn(self, world: World, axes: Axes) -> None:
         self.path.append(axes)
-        # Whoever has let go of a mount has seen it at rest: it is not out of reach but stopped. Where all that
-        # could stop it was killed, nobody has.
+        # Whoever has let go of a mount has seen it at rest: it is not out of reach but stopped. Nobody has
+        # where all that could stop it was killed.
         silent = world.now_s - self._obeyed_s > self.storm.facts.limits.longest_fault_s + TURNS_S
-        if (world.somebody_sends or world.abandoned) and (silent or world.now_s - self._knowledge_s > self._reach_s):
+        if (world.somebody_sends or world.abandoned) and (
+            silent or world.now_s - self._knowledge_s > self._reach_s
+        ):
             self._unreached_s = axes.utc_s
         # What has come while its program stood still is obeyed from now on.
         self._knowledge_s, self._obeyed_s = self._waiting_s, self._came_s
