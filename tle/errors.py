@@ -2,14 +2,30 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 # Columns of a user's line that a message quotes: an element line, and some of what may follow by mistake.
 _WIDEST = 100
 
 
 class TleError(Exception):
-    """Base of everything that `tle` raises on purpose; `exit_code` is what a command line should end with."""
+    """Base of everything that `tle` raises on purpose; `exit_code` is what a command line should end with.
+
+    It can be pickled: one that a process of a pool raises reaches whoever asked.
+    """
 
     exit_code = 2
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Leave out how it was made: of that, the message is kept."""
+        return _made_again, (type(self), self.args, self.__dict__)
+
+
+def _made_again(kind: type[TleError], words: tuple[Any, ...], known: dict[str, Any]) -> TleError:
+    error = kind.__new__(kind, *words)
+    error.args = words
+    error.__dict__.update(known)
+    return error
 
 
 class ElementsError(TleError):

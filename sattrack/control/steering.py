@@ -35,6 +35,7 @@ from sattrack.views.messages import (
 )
 from sattrack.views.run import CameraView
 from tle.bias import Bias
+from tle.errors import PropagationError
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -114,11 +115,20 @@ class Steering:
     def obey(self, message: Message, now_utc_s: float) -> None:
         """Do what a message says of offsets; others are none of its business."""
         self.last_offset = None
-        begins_s, answer = self._begins_s(now_utc_s), None
+        begins_s = self._begins_s(now_utc_s)
+        if isinstance(message, ObservationMessage | SeenOffset):
+            self._take(message, now_utc_s, begins_s)
+            return
+        try:
+            answer = self._answer(message, now_utc_s, begins_s)
+        except PropagationError as error:
+            answer = f"nothing is offset: {error}"
+        self.tell(answer, now_utc_s)
+
+    def _answer(self, message: Message, now_utc_s: float, begins_s: float) -> str | None:
+        """Change offsets as a message says; return why not. Raises PropagationError where the target ends."""
+        answer = None
         match message:
-            case ObservationMessage() | SeenOffset():
-                self._take(message, now_utc_s, begins_s)
-                return
             case Guide():
                 answer = self._guide(message.how, now_utc_s, begins_s)
             case Nudge():
@@ -136,7 +146,7 @@ class Steering:
                 self.estimator.forget()
                 self._estimated = self._following_estimate = False
                 clear_biases(self.biases, begins_s)
-        self.tell(answer, now_utc_s)
+        return answer
 
     def _take(
         self, seen: ObservationMessage | SeenOffset, now_utc_s: float, begins_s: float, sure: bool = False

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
+import pickle
 
 import pytest
 from tle_facts import DECAYING, ISS
 
 from tle.elements import Elements, Motion, propagation_error
 from tle.errors import (
+    AmbiguousSatelliteError,
+    ChecksumError,
     DecayedError,
+    EphemerisError,
     MeanElementsError,
     MeanMotionError,
     PerturbedElementsError,
     PropagationError,
     SemiLatusRectumError,
     SubOrbitalError,
+    TleError,
 )
 
 ZARYA = Elements.from_tle(*ISS, name="ISS (ZARYA)")
@@ -76,3 +81,19 @@ def test_heights_of_known_orbits():
     geo = dataclasses.replace(ZARYA, mean_motion_rev_day=86400.0 / 86164.0905, eccentricity=0.0)
     assert geo.semi_major_axis_km == pytest.approx(42164.2, abs=0.5)
     assert geo.apogee_km == geo.perigee_km == pytest.approx(35786.0, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        SubOrbitalError("it is below the ground", 6),
+        ChecksumError("the checksum is wrong", source="a.tle", line=2, text="2 25544", columns=(1, 2)),
+        AmbiguousSatelliteError("several", ("ISS", "ISS DEB")),
+        EphemerisError("no rows", source="a.cpf", line=7),
+    ],
+)
+def test_an_error_of_another_process_is_the_same_here(error: TleError) -> None:
+    again = pickle.loads(pickle.dumps(error))
+    assert type(again) is type(error)
+    assert (str(again), vars(again)) == (str(error), vars(error))
+    assert again.exit_code == error.exit_code

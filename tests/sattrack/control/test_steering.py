@@ -19,6 +19,7 @@ from sattrack.runtime import demo_pass
 from sattrack.views.messages import ClearBias, DropRemembered, Guide, Nudge, OffsetBy, Search, SeenOffset
 from sattrack.views.run import RememberedView
 from tle.bias import NO_BIAS, Bias
+from tle.errors import SubOrbitalError
 from tle.instants import Utc
 from tle.propagator import Propagator
 
@@ -45,6 +46,20 @@ def reads(one: Steering, **changes: float) -> None:
     """Have the estimate read so from now on."""
     numbers = dict.fromkeys(EstimatedBiases._fields, 0.0) | changes
     one.estimator.reading = lambda *_, **__: EstimatedBiases(**numbers)  # type: ignore[method-assign]
+
+
+@pytest.mark.parametrize("order", [OffsetBy("along_s", "set", 0.3), Nudge(along_s=0.1)])
+def test_an_offset_of_a_target_below_the_ground_is_refused_in_words(order: OffsetBy | Nudge) -> None:
+    """Its elements are no orbit where the offset leads: the run goes on, or ends, by its own rules."""
+    one = steering()
+
+    def ended(*_: float) -> Any:
+        raise SubOrbitalError("ISS (25544) is below the ground", 6)
+
+    one.biases._paces = ended  # type: ignore[method-assign]
+    one.obey(order, NOW)
+    assert one.refusal == "nothing is offset: ISS (25544) is below the ground"
+    assert one.biases.applied(NOW)[0].value == 0.0
 
 
 class TestRemembered:
