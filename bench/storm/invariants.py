@@ -244,12 +244,17 @@ class Watcher(Judging):
                 self.verdict.standstill_s = axes.utc_s - due_s
         if not moving:
             self._settled = True
-        since_s = max(due_s, self._unreached_s) + self._settles_s
+        since_s = max(due_s, self._unreached_s) + self._settles_s + self._frozen_s(due_s, axes.utc_s)
         if moving and axes.utc_s > since_s and not self._excused(world, axes):
             again = ", again" if self._settled else ""
             self.violated(
                 "stop", world, f"{axes.speed_deg_s:.3f} °/s{again}, {axes.utc_s - due_s:.1f} s after"
             )
+
+    def _frozen_s(self, begin_s: float, end_s: float) -> float:
+        """How long the mount's program, which alone can brake, stood still between two instants."""
+        spans = ((self.storm.begin_s + one.at_s, self.storm.begin_s + one.end_s) for one in self._freezes)
+        return sum(max(0.0, min(end_s, last_s) - max(begin_s, first_s)) for first_s, last_s in spans)
 
     def _excused(self, world: World, axes: Axes) -> bool:
         """Tell whether axes move by what no client can end."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.mount.link_loss import STOP_LINGER_S, lets_go_after_s, longest_stop_s
+from sattrack.mount.link_loss import AWAY_S, STOP_LINGER_S, lets_go_after_s, longest_stop_s
 from sattrack.mount.model import Hold, MoveAxes, StatusSample, Stop, seen_of
 from sattrack.mount.xerxes.link import LinkState
 from sattrack.mount.xerxes.session import Session
@@ -63,10 +63,16 @@ class StopProcedure:
         self.needed = needed
         self._blind = blind
         self._rest_utc_s: float | None = None
+        self._looked_utc_s = begun_utc_s
+        self._away_s = 0.0
+        """How much of the time since the begin the machine slept, or its clock was set by."""
 
     def look(self, session: Session, now_utc_s: float) -> bool:
         """Tell whether it is over; call once a period."""
-        link, waited_s = session.link_state(now_utc_s), now_utc_s - self.begun_utc_s
+        since_s, self._looked_utc_s = now_utc_s - self._looked_utc_s, now_utc_s
+        if not 0.0 <= since_s <= AWAY_S:
+            self._away_s += since_s
+        link, waited_s = session.link_state(now_utc_s), now_utc_s - self.begun_utc_s - self._away_s
         # One old status is not enough: the mount must still be heard while it is said to rest.
         if not session.stopped or link is not LinkState.UP:
             self._rest_utc_s = None

@@ -31,6 +31,8 @@ STOPS_SLOWEST_S = 5.0
 STOPS_SLOW_FOR_S = 60.0
 """A guardian goes on once in STOPS_SLOW_S for so long, then once in STOPS_SLOWEST_S; at full rate while it
 hears the mount."""
+AWAY_S = 6.0
+"""A longer time between two looks at a stop, or a negative one: the machine slept or its clock was set."""
 HANG_S = 1.0
 """How long our process may stand still before its guardian stops the mount."""
 OBEYED_S = 0.5

@@ -41,6 +41,13 @@ def session(stopped: bool = True, link: LinkState = UP, heard: bool = True, over
     )
 
 
+def looked_at(stop: StopProcedure, one: Any, until_s: float, since_s: float = 0.0) -> bool:
+    """Look at a stop twice a second and at the end of a span; tell whether it is over."""
+    for half in range(math.ceil(2.0 * since_s), math.ceil(2.0 * until_s)):
+        stop.look(one, NOW + half / 2.0)
+    return stop.look(one, NOW + until_s)
+
+
 class TestTheStopAtTheEnd:
     def test_it_is_over_a_quarter_of_a_second_after_rest(self) -> None:
         stop = StopProcedure(NOW)
@@ -72,7 +79,7 @@ class TestTheStopAtTheEnd:
     )
     def test_a_mount_that_does_not_rest_is_given_up(self, link: LinkState, within_s: float) -> None:
         stop, moving = StopProcedure(NOW), session(stopped=False, link=link)
-        assert not stop.look(moving, NOW + within_s - 0.1)
+        assert not looked_at(stop, moving, within_s - 0.1)
         assert stop.look(moving, NOW + within_s + 0.1)
         assert stop.at_rest is False
         # Seen at rest later, it is.
@@ -80,6 +87,15 @@ class TestTheStopAtTheEnd:
         assert stop.at_rest is False
         assert stop.look(session(), NOW + within_s + 1.3)
         assert stop.at_rest is True
+
+    @pytest.mark.parametrize("leap_s", [25.0, 3600.0, -3600.0])
+    def test_what_the_machine_slept_or_its_clock_was_set_by_does_not_count(self, leap_s: float) -> None:
+        stop, moving = StopProcedure(NOW), session(stopped=False, link=LOST)
+        assert not looked_at(stop, moving, 3.0)
+        over_s = leap_s + STOPS_SENT_S
+        assert not looked_at(stop, moving, over_s - 0.1, since_s=leap_s + 3.0)
+        assert stop.look(moving, NOW + over_s + 0.1)
+        assert stop.at_rest is False
 
     @pytest.mark.parametrize(
         ("needed", "blind", "heard", "within_s", "at_rest"),
@@ -95,7 +111,7 @@ class TestTheStopAtTheEnd:
         self, needed: bool, blind: bool, heard: bool, within_s: float, at_rest: bool | None
     ) -> None:
         stop, moving = StopProcedure(NOW, needed, blind), session(stopped=False, heard=heard)
-        assert not stop.look(moving, NOW + within_s - 0.01)
+        assert not looked_at(stop, moving, within_s - 0.01)
         assert stop.look(moving, NOW + within_s + 0.01)
         assert stop.at_rest is at_rest
         for after_s in (1.0, 2.0):
@@ -138,7 +154,8 @@ class TestDirectStop:
 
     def test_it_can_be_given_its_whole_time_again(self) -> None:
         one = DirectStop(MountProfile(), NOW)
-        one.tick(NOW + STOPS_SENT_S + STOPS_MOVING_S)
+        for tick in range(20 * int(STOPS_SENT_S + STOPS_MOVING_S)):
+            one.tick(NOW + 0.05 * tick)
         assert one.finished
         one.renew(NOW + 100.0)
         assert (one.finished, one.stop.begun_utc_s) == (False, NOW + 100.0)
