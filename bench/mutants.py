@@ -8,7 +8,7 @@ or operator, a call, a returned value or a row of a table left out. It is caught
 fails or hangs. Of the package's tests those run that execute the changed statement, the quickest first;
 coverage tells which, and what it tells is kept in a temporary folder until source or test changes. Each
 mutant runs in a process forked from one that has imported the libraries. Annotations, decorators and texts
-are left alone. `--lines` counts what the long tests and the tests' own processes execute, too.
+are left alone. `--lines` counts what the tests' own processes execute, too.
 """
 
 from __future__ import annotations
@@ -423,7 +423,7 @@ def outcome_of(mutant: Mutant, mapped: Tests, budget_s: float) -> tuple[str, str
 
 
 def executed(package: Package, sources: Sequence[str]) -> dict[str, set[int]]:
-    """Return the lines of each source that a package's tests execute, soaks and their own processes, too."""
+    """Return the lines of each source that a package's tests and their own processes execute."""
     with tempfile.TemporaryDirectory() as folder:
         data, settings = Path(folder) / "data", Path(folder) / "settings"
         include = "".join(f"    {ROOT / one}\n" for one in sources)
@@ -433,7 +433,6 @@ def executed(package: Package, sources: Sequence[str]) -> dict[str, set[int]]:
         )
         program = [sys.executable, "-m", "coverage", "run", f"--rcfile={settings}", "-m", "pytest", "-q"]
         options = ["-n", "2", "--dist", "worksteal", "-p", "no:cacheprovider", "--no-header", "--tb=short"]
-        options += ["-m", "soak or not soak"]
         ended = subprocess.run([*program, *options, *package.tests], cwd=ROOT, check=False)
         if ended.returncode != 0:
             raise SystemExit("tests fail without any change: mend them first")
