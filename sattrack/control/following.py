@@ -467,6 +467,9 @@ class Learning:
 
 
 LAW = FeederLaw()
+MADE_UP_SHARE, MADE_UP_DEG_S = 0.25, 0.1
+"""The most that is made up for of a wrong gain and a rate that nobody asked for. An axis that seems farther
+off does not hear its rates: what is added to them all the while comes out when it hears again."""
 
 
 class AxisCourse(NamedTuple):
@@ -533,8 +536,10 @@ def rate_deg_s(
     takes_s = settling_s(way.interval_s, axis.lag.mean_s, axis.lag_sigma_s, law)
     error_deg = bound_for_deg - wanted_deg
     correction = correction_deg_s(error_deg, most_deg_s2, limit_deg_s, takes_s, law)
-    asked = rate + bend * late_s - axis.disturbance_deg_s + correction
-    return float(asked / (1.0 + axis.gain_error))
+    plain = rate + bend * late_s + correction
+    asked = (plain - axis.disturbance_deg_s) / (1.0 + axis.gain_error)
+    most = MADE_UP_SHARE * abs(plain) + MADE_UP_DEG_S
+    return float(max(plain - most, min(plain + most, asked)))
 
 
 def ramped_deg_s(

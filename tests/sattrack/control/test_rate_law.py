@@ -38,6 +38,21 @@ def test_an_error_is_taken_out_with_its_time_constant_and_no_faster_than_it_may(
     assert rate_deg_s(way, 9.0, known(), MOST_DEG_S2, 0.6) == pytest.approx(0.4)
 
 
+@pytest.mark.parametrize(
+    ("axis", "asked"),
+    [
+        (known(gain_error=-0.5), 1.35),
+        (known(disturbance_deg_s=-3.0), 1.35),
+        (known(gain_error=0.9), 0.65),
+        (known(gain_error=0.2, disturbance_deg_s=0.5), 0.65),
+    ],
+)
+def test_an_axis_that_seems_deaf_is_not_sent_ever_more(axis: SimpleNamespace, asked: float) -> None:
+    """A quarter of the rate and 0.1 °/s: what goes beyond that would come out when it hears again."""
+    way = AxisCourse(7.0, 0.05, 0.05, 0.0, 0.0)
+    assert rate_deg_s(way, 7.0, axis, MOST_DEG_S2, 6.0) == pytest.approx(asked)
+
+
 @pytest.mark.parametrize("ahead_s", [0.0, 0.05, 0.1])
 def test_a_lag_is_led_however_far_ahead_the_way_is_told(ahead_s: float) -> None:
     """A parabola: the axis, once what was commanded has come out, is where the way is a mean lag later."""
