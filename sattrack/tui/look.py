@@ -336,6 +336,26 @@ FEW_COLOURS = {None, "standard", "windows"}
 """Rich's names of what has 16 colours or none, where different light colours become the same one."""
 
 
+ANSWER = re.compile(r"\^(\[(\?[\d;]*c?)?|_(G[^ ^]*(\^\\?)?)?)?")
+"""What a terminal says of itself, or its beginning, as Textual gives it where it knows no such keys."""
+ONE_ANSWER_S = 0.1
+"""So soon after one another come the keys of an answer, and no two of a person's."""
+
+
+class LateAnswer:
+    """Tells keys that are a terminal's late answer: what it was asked before there was a screen."""
+
+    def __init__(self) -> None:
+        self._heard, self._heard_s = "", 0.0
+
+    def has(self, character: str, at_s: float) -> bool:
+        """Tell whether a key's character goes on with an answer; the first, which does nothing, is let by."""
+        heard = character if at_s - self._heard_s > ONE_ANSWER_S else self._heard + character
+        goes_on = ANSWER.fullmatch(heard) is not None
+        self._heard, self._heard_s = heard if goes_on else character if character == "^" else "", at_s
+        return goes_on and len(heard) > 1
+
+
 TYPED_MOST = 1000
 """How many of the newest keys a stop can make void: more than anybody types while a machine is busy."""
 
@@ -378,10 +398,13 @@ class ScreenApp(App[None]):
         """Those that a stop has made void."""
         self._waiting: list[Key] = []
         """Those that this has not dealt with; what has the focus may not have, either."""
+        self._late_answer = LateAnswer()
 
     def post_message(self, message: Message) -> bool:
         """Put a message into the queue. A stop does not wait behind keys typed before it, which are void."""
         if isinstance(message, Key) and not any(message is key for key in self._typed):
+            if self._late_answer.has(message.character or message.key, message.time):
+                return True
             if message.key == "space":
                 for key in self._typed:
                     key.prevent_default().stop()

@@ -4,6 +4,7 @@ import asyncio
 from typing import TYPE_CHECKING
 
 import pytest
+from textual._xterm_parser import XTermParser
 from textual.containers import VerticalScroll
 from textual.events import Key
 from tui_builders import SUMMARY, VIEW, FakeFeed, HandClock, changed, press
@@ -86,6 +87,33 @@ def test_a_stop_does_not_wait_behind_keys_that_were_typed_before_it_and_makes_th
             assert feed.sent == [StopNow(), StopNow(), Nudge(along_s=-0.1)]
             await pilot.press("up", "space")
             assert feed.sent[3:] == [Nudge(cross_deg=0.01), StopNow()]
+
+    asyncio.run(run())
+
+
+@pytest.mark.parametrize("answer", ["\x1b[?62;4c", "\x1b_Gi=1;OK\x1b\\\x1b[?62;c", "\x1b[?6"])
+def test_what_a_terminal_says_late_of_itself_is_no_keys(feed: FakeFeed, answer: str) -> None:
+    """Textual hands on, key by key, what it does not know."""
+    parser = XTermParser()
+    keys = [event for event in (*parser.feed(answer), *parser.feed("")) if isinstance(event, Key)]
+    assert any(key.key == HELP for key in keys)
+
+    async def run() -> None:
+        app = TrackApp(feed)
+        async with app.run_test(size=(80, 24)) as pilot:
+            for key in keys:
+                app.post_message(key)
+            app.post_message(Key("space", " "))
+            await pilot.pause()
+            assert (len(app.screen_stack), app.theme) == (1, "night")
+            assert feed.sent[:1] == [StopNow()]
+            # Nobody types as fast as that.
+            for number, key in enumerate(keys):
+                typed = Key(key.key, key.character)
+                typed.time += 0.2 * number
+                app.post_message(typed)
+            await pilot.pause()
+            assert isinstance(app.screen, HelpScreen)
 
     asyncio.run(run())
 
