@@ -143,7 +143,8 @@ class ServedWorld(World):
 
     def _send_position(self) -> None:
         """Have the client that follows send where the satellite is."""
-        if self.now_s - self._sent_s > SILENT_S:
+        # The program reads it with the next period.
+        if self.now_s - self._sent_s > SILENT_S - self.storm.facts.profile.period_s:
             self._stopped_s = -math.inf
         self._sent_s = self.now_s
         az_deg, alt_deg = self._place()
