@@ -36,12 +36,15 @@ STOPS_AFTER_S = 8.0
 MAX_RATE_DEG_S = 6.0
 LED_FROM_SEED = 1000
 """From this seed on, the pass crosses the floor."""
-Program = Literal["track", "rotctld", "console", "alpaca", "antenna", "fight"]
+Program = Literal["track", "rotctld", "console", "alpaca", "antenna", "fight", "night"]
 PROGRAMS: dict[int, Program] = {3: "console", 5: "rotctld"}
 """Of seeds, by their remainder of 7; the others are over `track`."""
 SERVERS_FROM_SEED = 5000
 SERVERS: dict[int, Program] = {1: "alpaca", 6: "antenna"}
 """From this seed on these are others still."""
+NIGHTS_FROM_SEED = 300_000
+NIGHTS: dict[int, Program] = {4: "night"}
+"""From this seed on, these too."""
 LATE_MOST_S = 0.5
 """How much later than its fellows a datagram may come: what a stop is safe from (docs/reliability.md)."""
 
@@ -114,8 +117,8 @@ class Storm:
     people: tuple[Person, ...]
     watchdog: bool = False
     program: Program = "track"
-    """`sattrack track`, `serve rotctld`, `serve alpaca --rotctld` (as a fight, too), `serve antenna`, or the
-    manual console, `mount watch`."""
+    """`sattrack track`, `serve rotctld`, `serve alpaca --rotctld` (as a fight, too), `serve antenna`, the
+    manual console, `mount watch`, or `sattrack run`."""
     fault_free: bool = field(default=False)
     late_most_s: float = LATE_MOST_S
     """By how much a datagram that is held back comes late at most."""
@@ -181,7 +184,8 @@ def draw(seed: int) -> Storm:
     commands = drawn_way(dice, hardware.command_delay_s, 0.0)
     statuses = drawn_way(dice, hardware.status_delay_s, 0.002)
     people = drawn_people(dice, facts)
-    programs = PROGRAMS | SERVERS if seed >= SERVERS_FROM_SEED else PROGRAMS
+    programs = PROGRAMS | (SERVERS if seed >= SERVERS_FROM_SEED else {})
+    programs |= NIGHTS if seed >= NIGHTS_FROM_SEED else {}
     program = programs.get(seed % 7, "track")
     return Storm(
         seed=seed,

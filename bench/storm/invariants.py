@@ -353,6 +353,10 @@ class Watcher(Judging):
             self._ended_by = ended_by
             self._stop_due(world.now_s)
 
+    def begins(self, world: World) -> None:
+        self._ended_by = self._guardian_s = None
+        self.told(world, world.stopped_by_person_s is None)
+
     def stopping(self, world: World) -> None:
         self._stop_due(world.now_s)
 
@@ -378,7 +382,8 @@ class Watcher(Judging):
             verdict.ended_by = ended.summary.ended_by
             verdict.why = ended.summary.message or ""
         elif self.storm.program != "track" and not world.page[Word.DEPOSED]:
-            verdict.ended_by, verdict.why = self._ended_by or "error", str(ended.error or "")
+            verdict.ended_by = world.ended_by or self._ended_by or "error"
+            verdict.why = str(ended.error or "")
         elif world.page[Word.DEPOSED]:
             verdict.ended_by, verdict.why = "deposed", str(ended.error)
         else:

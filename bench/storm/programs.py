@@ -38,6 +38,7 @@ from sattrack.servers.antenna.trajectory import HaDec, SiteSky
 from sattrack.servers.rotctld.answers import Client
 from sattrack.servers.rotctld.rotator import RotatorStation
 from sattrack.views.messages import Jog, Leave
+from storm.night import NightWorld
 from storm.world import RAISED, Guard, Link, World
 from tle.elements import Elements
 from tle.instants import DAY_S, Utc
@@ -482,5 +483,6 @@ WORLDS: dict[str, type[World]] = {
     "alpaca": TelescopeWorld,
     "antenna": AntennaWorld,
     "fight": FightWorld,
+    "night": NightWorld,
 }
 """The world of each program."""

@@ -124,6 +124,9 @@ class Judging:
     def period(self, world: World, driver: Driver, ended_by: str | None) -> None:
         """Take the program's driver, and by what its run has ended, once a period."""
 
+    def begins(self, world: World) -> None:
+        """Take notice that another process of the program has the mount from now on."""
+
     def stopping(self, world: World) -> None:
         """Take notice that a person, or the program by itself, stops the mount, and the run goes on."""
 
@@ -313,6 +316,8 @@ class World:
         self.feeder_lives = True
         self.stopped_by_person_s: float | None = None
         """When a person asked for a stop, seconds of UTC."""
+        self.ended_by: str | None = None
+        """By what the whole program has ended, where that is more than the run of one driver."""
         self.abandoned = False
         """Whether program and guardian were both killed: nothing is left that could stop the mount."""
         self.down = False

@@ -129,8 +129,7 @@ class Console(Driver):
     @property
     def stands(self) -> bool:
         """Whether the mount's positions say standstill, sidereal tracking not counted as such."""
-        stance = self.session.stance
-        return stance is not None and stance.drives_at_rest
+        return self.session.stands
 
     @property
     def move_begun(self) -> bool:

@@ -555,7 +555,7 @@ class Stance(NamedTuple):
     dec_deg: float
     slewing: bool
     drives_at_rest: bool
-    """Whether both drives report standstill, sidereal tracking not counted as rest."""
+    """Whether both axes stand or follow the sky, by their positions."""
     beyond_pole: bool = False
 
 
@@ -575,8 +575,8 @@ class Seen(msgspec.Struct, frozen=True, gc=False):
     dec_current_a: float = 0.0
 
 
-def stance_of(status: Status, stands: bool, frame: AxisFrame | None) -> Stance:
-    """Return how a mount stands, for safety to judge; `stands` where its positions say standstill.
+def stance_of(status: Status, at_rest: bool, frame: AxisFrame | None) -> Stance:
+    """Return how a mount stands, for safety to judge; `at_rest` where its positions say so.
 
     With a `frame` right ascension and declination are those of the axes.
     """
@@ -589,7 +589,7 @@ def stance_of(status: Status, stands: bool, frame: AxisFrame | None) -> Stance:
         ra_deg=ra_deg,
         dec_deg=dec_deg,
         slewing=status.slewing,
-        drives_at_rest=stands,
+        drives_at_rest=at_rest,
         beyond_pole=status.side_of_pier,
     )
 

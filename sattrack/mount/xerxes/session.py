@@ -355,11 +355,16 @@ class Session:
         return self._standstill.at_rest
 
     @property
+    def stands(self) -> bool:
+        """Whether the mount stands, by its positions: it does not follow the sky."""
+        return self._standstill.stands
+
+    @property
     def stance(self) -> Stance | None:
         """How the mount stands, by its axes, for safety to judge; None before the first status."""
         if self.status is None:
             return None
-        return stance_of(self.status, self._standstill.stands, self._frame)
+        return stance_of(self.status, self._standstill.at_rest, self._frame)
 
     def taken_over(self) -> None:
         """Note that the mount may have been moving before its first status."""
@@ -538,7 +543,7 @@ class Session:
         standing = status is not None and not status.slewing and self._move.over
         quiet = min(self._since_slew_ticks, self._since_other_ticks) >= QUIET_TICKS
         clear = idle and standing and quiet
-        return self._command(**_launch_fields(self._launches.compose(clear, status, self._standstill.stands)))
+        return self._command(**_launch_fields(self._launches.compose(clear, status, self.at_rest)))
 
     def _read_types(self, data: bytes) -> None:
         seen = status_readings(data)

@@ -176,19 +176,19 @@ class Launches:
             self._active.ticks += 1
             self._watch_time(self._active)
 
-    def compose(self, clear: bool, status: Status | None, stands: bool) -> Launchable | None:
+    def compose(self, clear: bool, status: Status | None, at_rest: bool) -> Launchable | None:
         """Return the request whose flag is up in the next datagram.
 
-        `clear` where a flag may rise, `stands` where the mount's positions say standstill.
+        `clear` where a flag may rise, `at_rest` where the mount's positions say so.
         """
         released = all(flag.state is Handshake.IDLE for flag in (self._sync_flag, self._pulse_flag))
         may_rise = self._active is None and self._queue and clear and released
         if (
             may_rise
             and status is not None
-            and not self._waits_for_rest(stance_of(status, stands, self.profile.frame))
+            and not self._waits_for_rest(stance_of(status, at_rest, self.profile.frame))
         ):
-            self._launch(self._queue.popleft()[0], status, stands)
+            self._launch(self._queue.popleft()[0], status, at_rest)
         active = self._active
         if active is None:
             return None
@@ -220,11 +220,11 @@ class Launches:
             case _:
                 self._see_unacknowledged(active, status)
 
-    def _launch(self, ticket: Ticket, status: Status, stands: bool) -> None:
+    def _launch(self, ticket: Ticket, status: Status, at_rest: bool) -> None:
         flag = OneShot()
         if isinstance(ticket.request, Park):
             # It was judged when it was submitted; what counts is where the mount stands as the flag rises.
-            refused = park_objection(self.profile, stance_of(status, stands, self.profile.frame))
+            refused = park_objection(self.profile, stance_of(status, at_rest, self.profile.frame))
             if refused is not None:
                 ticket.become(TicketState.FAILED, refused)
                 return
