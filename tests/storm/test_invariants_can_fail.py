@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
 
 import msgspec
 import pytest
-from storm.draws import Fault, Storm, draw
+from storm.draws import Fault, Person, Storm, draw
 from storm.invariants import Watcher, judged
+from storm.night import NightWorld, Session
 from storm.world import Guard, Sent, World
 
 from sattrack.control.engine import Engine
@@ -18,10 +19,13 @@ from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.recording.recorder import Recorder
 from sattrack.runtime.facts import build_engine
 from sattrack.safety import SafetyLimits
+from sattrack.schedule.night_executor import drive
+from sattrack.schedule.night_stop import NightRequests
 from sattrack.views.messages import Nudge
 
 if TYPE_CHECKING:
     from sattrack.runtime.facts import RunFacts
+    from sattrack.schedule.night import End, PassAttempt, Run
 
 SEED = 8
 """Divisible by whatever invariants look at some seeds only; a quiet run of a velocity servo."""
@@ -161,6 +165,48 @@ def test_memory() -> None:
                 return super().tick(now_utc_s)
 
     assert "memory" in violated_alone(quiet(lasts_s=2.0 * LASTS_S), Hoarder)
+
+
+class TestNights:
+    NIGHT = 300_003
+
+    def night(self, *people: Person) -> Storm:
+        return replace(draw(self.NIGHT).fair(), people=people, fault_free=False)
+
+    def test_a_quiet_one_breaks_nothing(self) -> None:
+        assert violated_alone(self.night(), NightWorld) == set()
+        assert violated_alone(self.night(Person(8.0, "", "stop")), NightWorld) == set()
+
+    def test_a_pass_that_comes_to_no_end(self) -> None:
+        def loses(*given: Any) -> tuple[Run, End | None]:
+            run, end = drive(*given)
+            return msgspec.structs.replace(run, results=run.results[:-1]), end
+
+        with patch("storm.night.drive", loses):
+            assert violated_alone(self.night(), NightWorld) == {"once", "replay"}
+
+    def test_an_end_that_nobody_asked_for(self) -> None:
+        with patch.object(NightRequests, "asked", True):
+            assert violated_alone(self.night(), NightWorld) == {"once"}
+
+    def test_a_stop_that_ends_the_session_only(self) -> None:
+        follow = Session.run
+
+        def forgets(self: Session) -> PassAttempt:
+            attempt = follow(self)
+            return attempt if attempt.ended_by != "operator" else replace_ended(attempt, "link")
+
+        class Forgetful(NightWorld):
+            def _ask_stop(self) -> None:
+                World._ask_stop(self)
+                self.judge.stopping(self)
+
+        with patch.object(Session, "run", forgets):
+            assert "stop" in violated_alone(self.night(Person(8.0, "", "stop")), Forgetful)
+
+
+def replace_ended(attempt: PassAttempt, ended_by: str) -> PassAttempt:
+    return msgspec.structs.replace(attempt, ended_by=ended_by)
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.05])

@@ -16,9 +16,10 @@ from storms import fought
 
 from sattrack.cli.main import run
 
-SEEDS = [*range(50), *range(1000, 1050), *range(5000, 5100)]
-SOAKED = [*range(50, 500), *range(1050, 1500), *range(5100, 5600)]
-"""From 1000 on the satellite crosses the floor; from 5000 on Alpaca and the antenna are among the servers."""
+SEEDS = [*range(45), *range(1000, 1045), *range(5000, 5090), *range(300_003, 300_143, 7)]
+SOAKED = [*range(45, 500), *range(1045, 1500), *range(5090, 5600), *range(300_143, 302_000, 7)]
+"""From 1000 on the satellite crosses the floor; from 5000 on Alpaca and the antenna are among the servers; of
+300,000 and more every seventh is a night."""
 REGRESSIONS = [
     int(line.split()[0])
     for line in (Path(__file__).parent / "regressions.txt").read_text().splitlines()

@@ -1,0 +1,48 @@
+"""Mounts that others wrote from the paper are parked, those too that follow the sky after an abort."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import pytest
+
+from sattrack.control.console import Console
+from sattrack.control.manual_operation import ManualOperation
+from sattrack.control.procedures import DONE, ParkThere
+from sattrack.mount.model import AxesPosition, MountProfile
+from sattrack.safety import SafetyLimits
+from tle.site import Site
+
+BEGIN = 1.79e9
+SITE = Site(52.0, 4.5)
+HELD = MountProfile(move_axis="held", park=AxesPosition(-20.0, 40.0))
+
+
+@pytest.mark.parametrize("tracking", [True, False])
+@pytest.mark.parametrize("kind", ["planner", "velocity_servo", "position_servo"])
+def test_it_stands_without_power_at_its_park_position(kind: str, tracking: bool) -> None:
+    module: Any = importlib.import_module(f"strangers.{kind}")
+    place = {"latitude_deg": SITE.latitude_deg, "longitude_deg": SITE.longitude_deg}
+    mount = module.Mount(
+        module.Parameters(**place, start_utc_s=BEGIN, hour_angle_deg=5.0, dec_deg=30.0, tracking=tracking)
+    )
+    console = Console(HELD, SafetyLimits(optical=False), SITE, kind)
+    operation = ManualOperation(console, ParkThere(HELD), BEGIN, 120.0)
+    now_s, coming = BEGIN, mount.next_turn_s
+    while not operation.finished:
+        now_s += HELD.period_s
+        while coming <= now_s:
+            status = bytes(mount.turn())
+            operation.receive(status, coming)
+            coming = mount.next_turn_s
+        datagram = operation.tick(now_s)
+        if datagram is not None:
+            mount.receive(datagram)
+    assert operation.outcome is not None
+    assert operation.outcome.state in DONE, operation.outcome
+    for _ in range(40):
+        mount.turn()
+    _, hour_angle_deg, dec_deg, *rates = mount.truth()[:5]
+    assert (hour_angle_deg, dec_deg) == (pytest.approx(-20.0, abs=0.1), pytest.approx(40.0, abs=0.1))
+    assert max(map(abs, rates)) < 1e-6
