@@ -69,7 +69,7 @@ sys.exit(main())
 
 
 def test_nothing_grows_and_nothing_is_left_with_everything_on(tmp_path: Path) -> None:
-    soak = Soak(30.0, 0.4, tmp_path)
+    soak = Soak(60.0, 0.5, tmp_path)
     soak.run()
     assert soak.wrong == []
     assert growth(soak.samples, GROSSLY_MB) == []
