@@ -454,7 +454,12 @@ def pointing_text(view: ConsoleView) -> str:
     status = view.status
     if status is None:
         return "not heard"
-    doing = "slewing" if status.slewing else "at rest or tracking" if view.at_rest else "moving"
+    doing = "slewing" if status.slewing else "moving"
+    if view.at_rest:
+        doing = "at rest or tracking"
+    elif status.at_park and not status.slewing:
+        # Drives that lose their power end the tracking of the sky: that is a motion, to its positions.
+        doing = "at park, as it reports"
     altitude = number(status.altitude_deg, 1, "°")
     ra_deg, dec_deg = view.looks_at_deg or (15.0 * status.ra_h, status.dec_deg)
     return f"RA {hours(ra_deg / 15.0)}  Dec {degrees(dec_deg)}  alt {altitude}  {doing}"

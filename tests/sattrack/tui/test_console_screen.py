@@ -3,7 +3,7 @@ from __future__ import annotations
 import asyncio
 import re
 import xml.etree.ElementTree as ET
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from console_tui_builders import STATUS, VIEW, FakeConsole, console_view
@@ -13,7 +13,15 @@ from sattrack.mount.model import Readings
 from sattrack.tui.console_app import ConsoleApp
 from sattrack.tui.console_panels import ConsoleScene, headline
 from sattrack.tui.feeds import Latest
-from sattrack.views.formatting import clock_text, degrees, hours, number, status_groups, status_text
+from sattrack.views.formatting import (
+    clock_text,
+    degrees,
+    hours,
+    number,
+    pointing_text,
+    status_groups,
+    status_text,
+)
 from sattrack.views.run import ConsoleView
 from tools.screens import draw_console
 
@@ -209,6 +217,18 @@ class TestWords:
         assert lines == len(STATUS.__struct_fields__) - 2 - 2 + 2 + 2
         assert "  clock" not in text
         assert "  its clock     −0.35 s = 5.3″" in text
+
+    @pytest.mark.parametrize(
+        ("changes", "says"),
+        [
+            ({}, "at rest or tracking"),
+            ({"at_rest": False}, "moving"),
+            ({"at_rest": False, "status": {"at_park": True}}, "at park, as it reports"),
+            ({"at_rest": False, "status": {"at_park": True, "slewing": True}}, "slewing"),
+        ],
+    )
+    def test_a_line_says_what_the_mount_does(self, changes: dict[str, Any], says: str) -> None:
+        assert pointing_text(console_view(**changes)).endswith(f"  {says}")
 
     def test_what_was_never_seen_is_said_to_be_so(self) -> None:
         text = status_text(console_view(readings=Readings()))
