@@ -20,6 +20,7 @@ Nothing here asks the program what it believes. What it was promised (docs/safet
 from __future__ import annotations
 
 import gc
+import itertools
 import math
 import tempfile
 from collections import deque
@@ -66,6 +67,8 @@ RATE_MARGIN = 1.15
 """By how much an axis may overshoot the largest rate: a servo's and its gain's share."""
 MEAN_TURNS = 20
 SWINGS_S, SWINGS_TURNS, SWINGS_DEG_S = 3.0, 400, 1.0
+CAUGHT_UP_TURNS = 20
+"""After so many turns a mount has caught up with what its timer's stall has cost."""
 KICK_DEG = 0.03
 """By so much a servo may kick when its program goes on."""
 OURS = ("sattrack", "tle")
@@ -215,7 +218,7 @@ class Watcher(Judging):
                 self.violated("limit", world, f"{name}: farther out, {-clearance:.3f}°, in reach again")
 
     def _judge_rates(self, world: World, axes: Axes) -> None:
-        if self._stood_still(world):
+        if self._stood_still(world) or self._stalled():
             # A mount whose program has stood still catches up with its own plan, as fast as its drives can.
             return
         if self._swings():
@@ -224,6 +227,12 @@ class Watcher(Judging):
         fastest = max(abs(axes.hour_angle_rate_deg_s), abs(axes.dec_rate_deg_s))
         if fastest > most:
             self.violated("rate", world, f"{fastest:.2f} °/s")
+
+    def _stalled(self) -> bool:
+        """Tell whether the mount's own timer has stalled of late."""
+        stall_s = float(self.storm.parameters.get("stall_s", 0.0))
+        late = [one.utc_s for one in self.path[-CAUGHT_UP_TURNS:]]
+        return stall_s > 0.0 and any(two - one > stall_s for one, two in itertools.pairwise(late))
 
     def _stood_still(self, world: World) -> Fault | None:
         """Return the freeze that the mount's program was in of late, if any."""

@@ -414,8 +414,8 @@ class EdgeMove:
 
     waits: int = 0
     """Datagrams for which new rates have waited for the handshake of those before."""
-    unanswered: bool = False
-    """Whether the last handshake ended without an acknowledgement, as the next ones will."""
+    unanswered: bool = True
+    """Whether no handshake was acknowledged yet, or the last one was not: the next may not be, either."""
     _flags: OneShot = field(default_factory=OneShot)
     _latched: AxisRates = NO_RATES
     _in_force: AxisRates = NO_RATES

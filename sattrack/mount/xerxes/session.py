@@ -193,7 +193,7 @@ class Session:
         self._repeats = Repeats(self.profile)
         self._move = self._make_move()
 
-    def _make_move(self, unanswered: bool = False) -> HeldMove | EdgeMove:
+    def _make_move(self, unanswered: bool = True) -> HeldMove | EdgeMove:
         return EdgeMove(unanswered=unanswered) if self.profile.move_axis == "edge" else HeldMove()
 
     def receive(self, data: bytes, arrival_utc_s: float) -> StatusSample | None:
@@ -325,8 +325,14 @@ class Session:
 
     @property
     def unanswered_s(self) -> float:
-        """For how long new rates may wait for a handshake that the mount does not answer; 0 where it does."""
-        return UNANSWERED_STATUSES * self.profile.period_s if self._move.unanswered else 0.0
+        """For how long new rates may wait for a handshake that the mount does not answer; 0 where it does.
+
+        Statuses are counted, of which the link may lose some.
+        """
+        if not self._move.unanswered:
+            return 0.0
+        lost = self.health.lost / max(1, self.health.received)
+        return (1.0 + lost) * UNANSWERED_STATUSES * self.profile.period_s
 
     @property
     def fine_rate(self) -> FineRate:

@@ -1343,10 +1343,11 @@ class TestWhatItTells:
     def test_a_handshake_that_an_edge_mount_leaves_unanswered_tells_how_long_the_next_ones_last(self) -> None:
         client = tracked(MountProfile(move_axis="edge"))
         client.asks(MOVE)
-        for _ in range(20):
+        # Before its first answer it is taken for one that gives none.
+        takes_s = client.session.unanswered_s
+        for _ in range(21):
             client.hear()
-        assert client.session.unanswered_s == 0.0
-        client.hear()
+        assert client.session.unanswered_s == takes_s
         sent = [client.asks(MoveAxes(0.5, 0.5)).move_ra]
         while not sent[-1]:
             client.hear()
@@ -1361,6 +1362,15 @@ class TestWhatItTells:
         client.asks(MoveAxes(0.4, 0.4))
         client.hear(ack_move_ra=True, ack_move_dec=True)
         assert client.session.unanswered_s == 0.0
+
+    def test_statuses_that_are_lost_make_an_unanswered_handshake_longer(self) -> None:
+        client = tracked(MountProfile(move_axis="edge"))
+        takes_s = client.session.unanswered_s
+        for counter in range(100, 300, 2):
+            client.hear(counter=counter)
+        health = client.session.health
+        assert client.session.unanswered_s == pytest.approx(takes_s * (1.0 + health.lost / health.received))
+        assert client.session.unanswered_s > 1.9 * takes_s
 
     def test_an_edge_mount_with_absolute_rates_is_never_sent_0_to_stand(self) -> None:
         """A rate of 0 would end MoveAxis; one that adds to its tracking stands by what cancels it."""
