@@ -124,6 +124,12 @@ def test_a_drive_that_keeps_up_tells_when_commands_act() -> None:
     assert trials.evidence[~later] == pytest.approx(EVIDENCE_LASTS**8 * first[~later])
 
 
+def test_a_delay_may_be_as_much_too_short_as_too_long() -> None:
+    tried = TRIED_S.tolist()
+    assert tried == sorted(tried)
+    assert tried == [-one for one in reversed(tried)]
+
+
 @pytest.mark.parametrize("shares", [(1.0, 0.0), (0.0, -1.0)])
 def test_a_longer_delay_is_learnt_where_one_axis_alone_turns(shares: tuple[float, float]) -> None:
     mount = Mount(1, shares)

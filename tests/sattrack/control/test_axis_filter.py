@@ -30,6 +30,22 @@ def moved(rate_deg_s: float) -> np.ndarray:
     return np.full(SHARES, rate_deg_s * STEP_S)
 
 
+def test_four_steps_make_as_uncertain_as_one_of_their_length() -> None:
+    """Nothing is measured meanwhile: what noise does in a span does not depend on how it is cut."""
+    noise = Noise(rate_fades_s=math.inf)
+    once, cut = AxisFilter(30.0, noise), AxisFilter(30.0, noise)
+    once.advance(4.0 * STEP_S, 0.0, 4.0 * moved(0.1), rough_deg=2e-5)
+    for _ in range(4):
+        cut.advance(STEP_S, 0.0, moved(0.1), rough_deg=1e-5)
+    whole, parts = (one._kalman.covariance for one in (once, cut))
+    assert parts[:2, :2] == pytest.approx(whole[:2, :2], rel=1e-9)
+    # Rate noise alone, against its integrals: q T, q T²/2, q T³/3.
+    q, span_s = noise.rate_walk_deg_s_sqrt_s**2, 4.0 * STEP_S
+    first = noise.first_rate_deg_s**2
+    assert whole[1, 1] == pytest.approx(first + q * span_s, rel=1e-9)
+    assert whole[0, 1] == pytest.approx(first * span_s + q * span_s**2 / 2.0, rel=1e-9)
+
+
 def test_without_process_noise_it_is_least_squares_over_the_whole_history() -> None:
     """Position, rate and all shares; the prior counts as one measurement of each."""
     rng = np.random.default_rng(7)

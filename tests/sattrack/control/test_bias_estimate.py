@@ -12,7 +12,7 @@ import bias as bench
 import numpy as np
 import pytest
 
-from sattrack.control.estimate import ANEW_AFTER, MODEL_ARCSEC, EstimatedBiases, Estimator
+from sattrack.control.estimate import ANEW_AFTER, MODEL_ARCSEC, EstimatedBiases, Estimator, _credible
 from sattrack.control.target import Course
 from sattrack.runtime import demo_pass
 from sattrack.views.messages import ObservationMessage
@@ -20,6 +20,7 @@ from tle.bias import NO_BIAS, Bias
 from tle.instants import Utc
 from tle.observed import bias_from_observation
 from tle.orbit_filter import CAMERA_TERMS, MOUNT_TERMS, FilterBank
+from tle.orbit_fit import ALONG, PLANE_Y, STATES
 from tle.propagator import Propagator
 from tle.refraction import Refraction
 
@@ -574,3 +575,23 @@ class TestWhatCamerasShow:
         filters.pointing = lambda *_: (None, spread)
         assert one.sigma_arcsec(CULMINATION_S, where) == pytest.approx(3.0)  # type: ignore[arg-type]
         assert Estimator(25544, RISE_S).sigma_arcsec(CULMINATION_S, where) is None  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("along_km", "across_km", "credible"),
+    [
+        (0.0, 0.0, True),
+        (670.0, 99.0, True),
+        (-680.0, 0.0, False),
+        (0.0, -101.0, False),
+        (680.0, 101.0, False),
+    ],
+)
+def test_elements_that_would_be_off_by_more_than_any_are_not_followed(
+    along_km: float, across_km: float, credible: bool
+) -> None:
+    """At 7.5 km/s, 90 s are 675 km."""
+    correction_km = np.zeros(STATES)
+    correction_km[ALONG], correction_km[PLANE_Y] = along_km, across_km
+    known: Any = Made(correction_km=correction_km, orbit=Made(speed_km_s=7.5))
+    assert _credible(known) is credible

@@ -12,8 +12,8 @@ from console_builders import PERIOD_S, PROFILE, SITE, T0, Bench
 from msgspec.structs import replace
 
 from sattrack.control.console import Console
-from sattrack.control.manual_operation import ConsoleSession, ManualOperation, view_of
-from sattrack.control.procedures import MoveFor, Outcome, RequestRefused, procedure_for
+from sattrack.control.manual_operation import ConsoleSession, ManualOperation, OperationPhase, view_of
+from sattrack.control.procedures import MoveFor, Once, Outcome, RequestRefused, procedure_for
 from sattrack.mount.geometry import AxisGeometry
 from sattrack.mount.model import (
     SIDEREAL_RATE_DEG_S,
@@ -491,6 +491,37 @@ class TestOperations:
             "listening" if not sends else "moving" if statuses == 4 else "waiting for the mount"
         )
         assert operation.begun is (statuses == 4)
+
+    @pytest.mark.parametrize(
+        ("procedure", "at_rest", "state", "stops"),
+        [
+            (Once(Sync(1.0, 2.0), "syncing"), False, TicketState.FAILED, True),
+            (Once(Sync(1.0, 2.0), "syncing"), True, TicketState.FAILED, False),
+            (Once(Sync(1.0, 2.0), "syncing"), False, TicketState.COMPLETE, False),
+            (Once(Abort(), "stopping"), False, TicketState.FAILED, False),
+        ],
+    )
+    def test_what_failed_with_the_mount_moving_is_followed_by_a_stop(
+        self, procedure: Once, at_rest: bool, state: TicketState, stops: bool
+    ) -> None:
+        """A stop that failed is not asked for anew: it is a stop's own end."""
+        made: Any = Made(
+            profile=PROFILE,
+            trouble=None,
+            outcome=Outcome(state, acknowledged=False),
+            lead=None,
+            at_rest=at_rest,
+            stopping=True,
+            finished=False,
+            session=Made(busy=True),
+            tick=lambda _: b"",
+        )
+        operation = ManualOperation(made, procedure, T0)
+        operation.phase = OperationPhase.RUNNING
+        operation.tick(T0 + 1.0)
+        assert operation.ended_by == "done"
+        assert operation.console.stop is not None
+        assert operation.console.stop.needed is stops
 
     def test_what_asked_for_nothing_stops_nothing(self) -> None:
         bench = Bench()

@@ -262,6 +262,24 @@ class TestLearning:
         assert asked == pytest.approx([0.05 / 1.25 / PERIOD_S, 0.02 / 0.5 / PERIOD_S])
         assert [fit.fastest_deg_s for fit in known.fits] == pytest.approx([0.04 / PERIOD_S, 0.03 / PERIOD_S])
 
+    @pytest.mark.parametrize("moves", [0, 1])
+    def test_when_an_axis_answers_is_seen_in_each_alone(self, moves: int) -> None:
+        known, late_s = Learning(), 0.5
+
+        def rate_deg_s(utc_s: float) -> float:
+            return math.sin(2.0 * utc_s) + 0.3 * math.sin(5.0 * utc_s)
+
+        places = [50.0, 20.0]
+        for count in range(200):
+            utc_s = count * PERIOD_S
+            commanded = [0.0, 0.0]
+            commanded[moves] = rate_deg_s(utc_s)
+            places[moves] += rate_deg_s(utc_s - late_s) * PERIOD_S
+            axes = self.axes()
+            axes.rates_deg_s = tuple(commanded)
+            known.take(axes, sample(count, *places), NOW + utc_s)
+        assert known.timing.later_s(0.0) == pytest.approx(late_s, abs=0.02)
+
     def test_others_tell_nothing_of_a_rate(self) -> None:
         known = Learning()
         known.take(self.axes(), sample(0), NOW)
