@@ -8,7 +8,8 @@ or operator, a call, a returned value or a row of a table left out. It is caught
 fails or hangs. Of the package's tests those run that execute the changed statement, the quickest first;
 coverage tells which, and what it tells is kept in a temporary folder until source or test changes. Each
 mutant runs in a process forked from one that has imported the libraries. Annotations, decorators and texts
-are left alone. `--lines` counts what the tests' own processes execute, too.
+are left alone, and what makes no difference: `strict` of a zip, None in place of False. `--lines` counts
+what the tests' own processes execute, too.
 """
 
 from __future__ import annotations
@@ -199,13 +200,13 @@ def _instead(parent: ast.AST, field: str, node: ast.AST) -> Iterator[ast.AST]:
             yield ast.BoolOp(ast.And() if isinstance(node.op, ast.Or) else ast.Or(), node.values)
         case ast.UnaryOp(op=ast.USub() | ast.Not()):
             yield node.operand
-        case ast.Constant(value=bool()):
+        case ast.Constant(value=bool()) if not (isinstance(parent, ast.keyword) and parent.arg == "strict"):
             yield ast.Constant(not node.value)
         case ast.Constant(value=int()):
             yield ast.Constant(node.value + 1)
         case ast.Constant(value=float()):
             yield ast.Constant(2.0 * node.value or 1.0)
-        case ast.Return(value=ast.AST()) if _text(node) != "return None":
+        case ast.Return(value=ast.AST()) if _text(node) not in {"return None", "return False"}:
             yield ast.Return(ast.Constant(None))
         case ast.Expr(value=ast.Call()):
             yield ast.Pass()
