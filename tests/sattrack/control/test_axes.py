@@ -8,6 +8,7 @@ import random
 import pytest
 
 from sattrack.control.axes import (
+    AT_LIMIT_SAMPLES,
     AT_REST,
     EVIDENCE_LASTS,
     OUTLIERS_BELIEVED,
@@ -288,6 +289,19 @@ def test_a_servo_that_lags_as_is_known_of_it_is_no_weak_drive(lag_s: float) -> N
     drive = Drive(TOLD_DEG_S2)
     climbed(drive, 4.0 * TOLD_DEG_S2, lag_s)
     assert drive.acceleration_deg_s2 == TOLD_DEG_S2
+
+
+def test_what_a_plan_of_the_mounts_own_lay_between_is_not_counted_together() -> None:
+    """Two samples at its limit, its own plan, and two more: a servo's answer may look so."""
+    drive = Drive(TOLD_DEG_S2)
+    for _ in range(2):
+        place = 0.0
+        for turn in range(AT_LIMIT_SAMPLES + 1):
+            rate = 0.5 * TOLD_DEG_S2 * PERIOD_S * turn
+            place += rate * PERIOD_S
+            drive.see(place, 6.0 * PERIOD_S, PERIOD_S)
+        assert drive.acceleration_deg_s2 == TOLD_DEG_S2
+        drive.forget()
 
 
 def test_a_drive_that_was_taken_for_weak_shows_that_it_is_not() -> None:

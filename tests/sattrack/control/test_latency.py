@@ -9,8 +9,10 @@ import pytest
 
 from sattrack.control.latency import (
     CALIBRATED_S,
+    LOST_SAYS,
     ROUGH_S,
     SIDEREAL_SECONDS_PER_SECOND,
+    UNREAD_SAYS,
     AcknowledgedDelay,
     Arrivals,
     Envelope,
@@ -312,6 +314,17 @@ def test_one_acknowledgement_tells_of_a_whole_turn_and_little_else() -> None:
     sooner = AcknowledgedDelay(told_s, ROUGH_S)
     sooner.note(0.0, told_s - 0.075, told_s - 0.025)
     assert sooner.delay_s[0] < told_s - 0.02
+
+
+def test_one_that_contradicts_by_far_says_no_more_than_one_that_contradicts() -> None:
+    """A datagram may have been lost, and what comes late may be another's answer."""
+    delays_s = np.array([0.0, 0.02, 0.04, 0.06])
+    for before_s, by_s in ((-0.1, -0.05), (0.08, 0.13), (-5.0, -4.0), (4.0, 5.0)):
+        delay = AcknowledgedDelay(0.03, ROUGH_S)
+        first = delay.likely(delays_s)
+        delay.note(0.0, before_s, by_s)
+        changed = delay.likely(delays_s) - first
+        assert changed == pytest.approx(np.full(4, -UNREAD_SAYS if by_s < 0.0 else -LOST_SAYS))
 
 
 def test_a_calibrated_delay_gives_way_to_proof_only() -> None:

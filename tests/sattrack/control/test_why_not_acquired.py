@@ -9,9 +9,10 @@ from typing import Any
 
 import family
 import msgspec
+import numpy as np
 import pytest
 
-from sattrack.control.following import Timing
+from sattrack.control.following import Timing, _unexplained
 from sattrack.control.stages import Attempt, AxisAttempt, why_not
 from sattrack.mount.model import AxisLimits, MountProfile
 from sattrack.runtime import demo_pass
@@ -167,6 +168,15 @@ def test_when_the_axes_answer_is_seen_in_their_rates(later_s: float, before: int
     # Where the profile says so, there is nothing to tell.
     assert timing.later_s(later_s) is None
     assert timing.later_s(later_s - 0.3) == pytest.approx(0.3, abs=0.013)
+
+
+@pytest.mark.parametrize(("gain", "left"), [(1.0, 0.0), (1.2, 0.0), (0.8, 0.0), (1.6, 0.0625), (0.4, 1.0)])
+def test_a_shift_explains_motion_of_up_to_a_fifth_more_or_less_than_commanded(
+    gain: float, left: float
+) -> None:
+    utc_s = 0.05 * np.arange(200)
+    turns = np.column_stack([utc_s] + 2 * [np.sin(utc_s)] + 2 * [gain * np.sin(utc_s)])
+    assert _unexplained(turns, 0.0) == pytest.approx(left, abs=1e-9)
 
 
 def test_an_axis_that_is_too_slow_is_not_called_late() -> None:
