@@ -364,6 +364,8 @@ class Watcher(Judging):
 
     def begins(self, world: World) -> None:
         self._ended_by = self._guardian_s = None
+        self._weighed_s = world.at_s + WEIGHED_FROM_S
+        self._sizes.clear()
         self.told(world, world.stopped_by_person_s is None)
 
     def stopping(self, world: World) -> None:
