@@ -200,8 +200,9 @@ def _instead(parent: ast.AST, field: str, node: ast.AST) -> Iterator[ast.AST]:
             yield ast.BoolOp(ast.And() if isinstance(node.op, ast.Or) else ast.Or(), node.values)
         case ast.UnaryOp(op=ast.USub() | ast.Not()):
             yield node.operand
-        case ast.Constant(value=bool()) if not (isinstance(parent, ast.keyword) and parent.arg == "strict"):
-            yield ast.Constant(not node.value)
+        case ast.Constant(value=bool()):
+            if not (isinstance(parent, ast.keyword) and parent.arg == "strict"):
+                yield ast.Constant(not node.value)
         case ast.Constant(value=int()):
             yield ast.Constant(node.value + 1)
         case ast.Constant(value=float()):
