@@ -56,6 +56,14 @@ def test_the_declination_is_the_nearest_that_the_axis_can_have() -> None:
     assert way.axes_at(105.0, 138.5, 89.0)[1] == pytest.approx(90.0)
 
 
+def test_a_side_that_changes_before_the_first_detour_is_the_first_side() -> None:
+    way = Passage((detour(),))
+    for utc_s, beyond in ((90.0, False), (95.0, True), (100.5, True)):
+        seen = sample(utc_s, 40.0, 80.0, beyond)
+        assert way.unfolded(seen) is seen
+    assert way.unfolded(sample(103.0, 40.0, 80.0, False)).dec_deg == 100.0
+
+
 @pytest.mark.parametrize("pole_dec_deg", [90.0, -90.0])
 def test_past_the_pole_samples_go_on(pole_dec_deg: float) -> None:
     passage = Passage((detour(pole_dec_deg),))

@@ -233,6 +233,14 @@ class TestPhases:
         assert one.steering.refusal == "fixes are of what is followed by them only"
         assert (one.plan, one.slipped_s) == (PLAN, 0.0)
 
+    @pytest.mark.parametrize("phase", list(Phase))
+    def test_datagrams_fall_into_step_slowly_while_something_is_followed(self, phase: Phase) -> None:
+        one = tracker()
+        one.phase = phase
+        stands_in: Any = SimpleNamespace(send_shift_s=lambda now_s, following: (now_s, following))
+        one.follower = stands_in
+        assert one.send_shift_s(5.0) == (5.0, phase in {Phase.ACQUIRING, Phase.TRACKING})
+
 
 class TestAltAzimuth:
     """An alt-azimuth mount is fed azimuth from the south and altitude, as a right ascension of its axes."""
