@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+from typing import Any
 
 import pytest
 
@@ -12,6 +13,8 @@ from sattrack.control.axes import (
     AT_REST,
     EVIDENCE_LASTS,
     OUTLIERS_BELIEVED,
+    SHAKEN_DEG_S,
+    SHAKEN_FOR_S,
     TRIED_S,
     Axes,
     CommandHistory,
@@ -94,6 +97,29 @@ def test_a_lost_or_a_late_command_is_told_from_the_movement(acts: int, shares: t
     # 0.02 deg/s is 72″/s: taken for a disturbance, it would show.
     assert abs(mount.axes.ra.disturbance_deg_s) < 0.3 * ARCSEC
     assert abs(mount.off_arcsec) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("change_deg_s", "shaken"), [(0.7 * SHAKEN_DEG_S, False), (1.3 * SHAKEN_DEG_S, True)]
+)
+def test_only_a_large_change_of_rate_shakes_an_axis_and_for_a_while(
+    change_deg_s: float, shaken: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In right ascension, which takes the whole of it; declination takes half."""
+    mount, seen = settled(), []
+    assert mount.axes is not None
+    advance = mount.axes.ra.advance
+
+    def watched(*given: Any) -> None:
+        seen.append(given[-1])
+        advance(*given)
+
+    monkeypatch.setattr(mount.axes.ra, "advance", watched)
+    mount.step(change_deg_s=change_deg_s)
+    for _ in range(round(SHAKEN_FOR_S / PERIOD_S) + 20):
+        mount.step()
+    assert any(seen) is shaken
+    assert seen[-1] is False
 
 
 def test_a_change_that_a_drive_takes_a_while_for_strains_it_so_long() -> None:

@@ -253,6 +253,23 @@ class TestPauses:
         run.operate(Jog(0.1, None), CULMINATION_S)
         assert run.tracker.steering.refusal == "the run is not paused: pause it first"
 
+    @pytest.mark.parametrize("holding", [None, "altitude"])
+    def test_the_tracker_hears_whether_a_limit_holds_the_mount(
+        self, holding: str | None, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """It slews round what is in the way then."""
+        run, heard = engine(), []
+        hear(run)
+        run.safety.holding = holding
+
+        def step(now_utc_s: float, arrived: bool, stopped: bool, held: bool) -> Stop:
+            heard.append(held)
+            return Stop()
+
+        monkeypatch.setattr(run.tracker, "step", step)
+        run.tick(CULMINATION_S + 0.05)
+        assert heard == [holding is not None]
+
     def test_a_jog_ends_at_a_limit_and_says_at_which(self) -> None:
         run = engine()
         hear(run)
