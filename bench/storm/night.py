@@ -41,7 +41,7 @@ from sattrack.schedule.night_stop import NightRequests, keep_stop
 from sattrack.schedule.schema import CommandAction, Terms
 from sattrack.views.messages import StopNow, encode_message
 from storm.draws import Person
-from storm.world import RAISED, Guard, Killed, Lines, Link, Time, World
+from storm.world import RAISED, Ended, Guard, Killed, Lines, Link, Time, World
 from tle.elements import Elements
 from tle.instants import DAY_S
 
@@ -139,6 +139,12 @@ class Session:
 class NightWorld(World):
     """A world whose program is a night's runner."""
 
+    def run(self) -> Ended:
+        """Run the night to its end; its folder outlives it, as `sattrack stop` may come later."""
+        with tempfile.TemporaryDirectory() as folder:
+            self._folder = Path(folder)
+            return super().run()
+
     def _feed(self, observers: Observers) -> None:
         del observers
         facts, self._chances = self.storm.facts, random.Random(f"night {self.storm.seed}")
@@ -161,8 +167,8 @@ class NightWorld(World):
             from_s = begin_s + self._chances.uniform(0.0, end_s - begin_s)
             self._unsafe = from_s, from_s + self._chances.uniform(1.0, MOST_UNSAFE_S)
         self._ends_to_come(begin_s, end_s)
-        with tempfile.TemporaryDirectory() as folder, self._processes():
-            self._night(Path(folder))
+        with self._processes():
+            self._night()
 
     def _ends_to_come(self, begin_s: float, end_s: float) -> None:
         """Draw who ends the runner or a session, and when."""
@@ -198,10 +204,10 @@ class NightWorld(World):
             asked_by="a storm",
         )
 
-    def _night(self, folder: Path) -> None:
+    def _night(self) -> None:
         """Run the night, again after each end of the runner that a restart takes up."""
+        folder = self._folder
         (folder / "night.toml").write_text(SCHEDULE)
-        self._folder = folder
         while True:
             self.runner_ended, self._requests = False, NightRequests(folder)
             taken = open_run(folder, self.machine_utc_s, durable=False)
