@@ -446,6 +446,22 @@ def test_what_the_elements_could_not_be_off_by_begins_an_estimate_once_many_agre
     assert abs(tally.end_along_s[0]) < 0.02
 
 
+def test_a_first_one_that_is_too_far_off_begins_with_the_eighth_that_agrees(
+    course: Course, estimator: Estimator
+) -> None:
+    """The node is 0.1° from the elements': twelve kilometres across at the equator."""
+    elements = demo_pass.elements()
+    true = Propagator(replace(elements, raan_deg=elements.raan_deg + 0.1), demo_pass.SITE.place())
+    rng = random.Random(1)
+    taken = [
+        take(estimator, course, bench.solution(true, CULMINATION_S + second, rng, 20.0))
+        for second in range(-60, -40)
+    ]
+    assert taken.index(True) == ANEW_AFTER - 1
+    assert all(taken[ANEW_AFTER:])
+    assert estimator.begun_anew == 1
+
+
 def test_estimates_of_an_orbit_that_sgp4_does_not_know_are_as_good_as_they_say() -> None:
     """The whole is printed by `python bench/bias.py`."""
     scene, tally = bench.Scene.of("1340 km", 0.5), bench.Tally()

@@ -179,6 +179,19 @@ def test_a_shift_explains_motion_of_up_to_a_fifth_more_or_less_than_commanded(
     assert _unexplained(turns, 0.0) == pytest.approx(left, abs=1e-9)
 
 
+def test_sixty_turns_tell_and_fewer_do_not() -> None:
+    """They last 1.2 s: most shifts leave too few that overlap to tell anything."""
+    timing = Timing()
+
+    def rates(utc_s: float) -> tuple[float, float]:
+        return math.sin(9.0 * utc_s), math.cos(13.0 * utc_s)
+
+    for turn in range(60):
+        assert timing.later_s(0.0) is None
+        timing.take(0.02 * turn, rates(0.02 * turn), rates(0.02 * turn - 0.2))
+    assert timing.later_s(0.0) == pytest.approx(0.2, abs=0.013)
+
+
 def test_an_axis_that_is_too_slow_is_not_called_late() -> None:
     timing = Timing()
     for turn in range(120):
