@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 from msgspec.structs import replace
@@ -204,6 +204,24 @@ def test_what_statuses_show_counts_though_nobody_sent_it(axis: int, rate_deg_s: 
     wish = MoveAxes(S + 0.01, 0.0) if axis == 0 else MoveAxes(S, -0.01)
     cleared = safety.clear(wish, sidereal_deg, sidereal_deg - ha, dec, 0.0, T0)
     assert (cleared.motion == wish) == lets
+
+
+@pytest.mark.parametrize(("move_axis", "ends_deg"), [("edge", -49.9), ("held", -50.08)])
+def test_a_mount_by_edges_that_goes_on_though_it_is_to_rest_is_stopped_before_its_limit(
+    move_axis: Literal["held", "edge"], ends_deg: float
+) -> None:
+    """A mount that takes the latest rates hears them again, and is stopped once it is seen outside."""
+    safety, dec = gate(True, replace(PROFILE, move_axis=move_axis), fault_s=0.5), -40.0
+    rests = ends = None
+    for k in range(240):
+        at, utc_s = (SIDEREAL_DEG + 0.05 * k * S, SIDEREAL_DEG + 0.05 * k * S, dec), T0 + 0.05 * k
+        safety.watch(Seen(utc_s, *at), MoveAxes(S, 0.0 if rests else -0.9))
+        cleared = safety.clear(MoveAxes(S, -0.9), *at, 0.0, utc_s).motion
+        rests = rests or (k if cleared == MoveAxes(S, 0.0) else None)
+        ends = ends or (dec if safety.tripped else None)
+        dec -= 0.05 * 0.9
+    assert safety.tripped == "declination"
+    assert ends == pytest.approx(ends_deg, abs=0.001)
 
 
 @pytest.mark.parametrize("back_s", [0.4, 0.6])

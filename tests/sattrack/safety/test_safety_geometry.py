@@ -106,6 +106,11 @@ def test_the_place_in_a_box_that_is_nearest_to_a_direction_is_as_far_as_told() -
         assert told >= nearest - 0.75 * step - 1e-5
 
 
+def test_a_direction_is_at_itself_however_its_cosine_is_rounded() -> None:
+    for dec in range(-90, 91):
+        assert nearest_deg(Box(30.0, 30.0, dec, dec), 30.0, dec) == pytest.approx(0.0, abs=2e-6)
+
+
 def test_the_direction_opposite_to_a_place_is_half_a_turn_from_it() -> None:
     for ha, dec in ((0.0, 0.0), (0.0, 90.0), (120.0, -30.0)):
         assert nearest_deg(Box(ha, ha, dec, dec), ha + 180.0, -dec) == pytest.approx(180.0, abs=1e-5)

@@ -67,6 +67,8 @@ AT_ONCE, BY_MEAN, NEVER = (0.95, 1.1), (2.95, 3.45), None
         (0.49, 0.02, BY_MEAN),
         (1.0, 0.04, AT_ONCE),
         (1.0, 0.06, BY_MEAN),
+        (4.0, 0.19, AT_ONCE),
+        (4.0, 0.21, BY_MEAN),
         (1.0, -1.0, AT_ONCE),
         # Faster than twice the command and 1 °/s.
         (1.0, 3.05, AT_ONCE),
@@ -134,6 +136,10 @@ def test_another_motion_begins_anew_and_so_does_a_stream_that_was_interrupted() 
         for _ in range(18):
             assert watching.see_motion(MoveAxes(0.0, 0.0), MoveAxes(1.0, 0.0), PERIOD_S) is None
         assert watching.see_motion(MoveAxes(0.0, 0.0), Hold(), PERIOD_S) is None
+    for rates in (MoveAxes(1.0, 0.0), MoveAxes(-1.0, 0.0)):
+        for _ in range(100):
+            assert watching.see_motion(rates, rates, PERIOD_S) is None
+        assert watching.see_motion(rates, Hold(), PERIOD_S) is None
     for k in range(4):
         # Half a second is more than what may lie between two statuses.
         for j in range(25):
@@ -405,18 +411,21 @@ def test_motion_that_nothing_explains_is_no_sign_of_axes_that_lie_elsewhere(
     assert axes_watch(comes_out).askew == askew
 
 
+@pytest.mark.parametrize(("turn_deg", "size"), [(60.0, 0.24), (120.0, 0.14)])
 @pytest.mark.parametrize(("late", "share"), [(1, 1.0), (4, 1.0), (1, 0.5), (2, 0.5)])
-def test_a_servo_that_comes_late_is_no_sign_of_axes_that_lie_elsewhere(late: int, share: float) -> None:
-    """By one block, by four, by half a block, by one and a half: each would be a turn by a sixth a block."""
+def test_a_servo_that_comes_late_is_no_sign_of_axes_that_lie_elsewhere(
+    late: int, share: float, turn_deg: float, size: float
+) -> None:
+    """By one block, by four, by half a block, by one and a half: each would be a turn of the axes."""
 
     def comes_out(k: int, *_: float) -> Rates:
         before, soon = (
-            (0.24 * math.cos(math.radians(60.0 * n)), 0.24 * math.sin(math.radians(60.0 * n)))
+            (size * math.cos(math.radians(turn_deg * n)), size * math.sin(math.radians(turn_deg * n)))
             for n in (k - late, k - late + 1)
         )
         return share * before[0] + (1.0 - share) * soon[0], share * before[1] + (1.0 - share) * soon[1]
 
-    assert not axes_watch(comes_out, size=0.24, turns_deg=(60.0, 60.0)).askew
+    assert not axes_watch(comes_out, size=size, turns_deg=(turn_deg, turn_deg)).askew
 
 
 def test_what_follows_a_jump_of_the_command_is_not_looked_at() -> None:
