@@ -192,10 +192,18 @@ def test_what_was_sent_counts_until_the_mount_has_obeyed_what_came_after_it() ->
 
 
 @pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("begun_s", [None, 0.1, 5.0])
 @pytest.mark.parametrize(("rate_deg_s", "lets"), [(-4.0, False), (4.0, True), (0.0, True)])
-def test_what_statuses_show_counts_though_nobody_sent_it(axis: int, rate_deg_s: float, lets: bool) -> None:
-    """One degree before its end an axis goes 4 °/s: in 0.2 s and the braking, 1.8°."""
+def test_what_statuses_show_counts_though_nobody_sent_it(
+    axis: int, rate_deg_s: float, lets: bool, begun_s: float | None
+) -> None:
+    """One degree before its end an axis goes 4 °/s: in 0.2 s and the braking, 1.8°.
+
+    It was sent nothing, or rest, so long ago.
+    """
     safety, end_deg = gate(), (-40.0, -50.0)[axis]
+    if begun_s is not None:
+        sent(safety, MoveAxes(S, 0.0), T0 - begun_s)
     for k in range(6):
         at_deg = end_deg + 1.0 - rate_deg_s * 0.05 * (5 - k)
         ha, dec = (at_deg, 0.0) if axis == 0 else (0.0, at_deg)

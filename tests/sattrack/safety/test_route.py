@@ -218,6 +218,31 @@ def test_of_two_corridors_the_quicker_is_taken(west: float) -> None:
     assert find_route(start, goal, PROFILE, judge, judge, 52.0) == Route(ways[1])
 
 
+@pytest.mark.parametrize(("ra_deg_s", "taken"), [(5.0, "shorter"), (1.0, "longer")])
+def test_the_longer_corridor_is_the_quicker_where_it_leads_by_the_faster_axis(
+    ra_deg_s: float, taken: str
+) -> None:
+    start, goal = Place(0.0, 0.0), Place(12.0, 12.0)
+    ways = {
+        "longer": (Place(0.0, 24.0), Place(12.0, 24.0), goal),
+        "shorter": (Place(18.0, 0.0), Place(18.0, 12.0), goal),
+    }
+    parts = [
+        Box.between(one, other).grown(0.5, 0.5, 0.5, 0.5)
+        for legs in ways.values()
+        for one, other in pairwise((start, *legs))
+    ]
+
+    def judge(box: Box, seconds: float) -> str | None:
+        del seconds
+        return None if any(part.with_box(box) == part for part in parts) else "horizon"
+
+    profile = MountProfile(
+        ra=AxisLimits(slew_rate_deg_s=ra_deg_s), dec=AxisLimits(max_rate_deg_s=5.0, slew_rate_deg_s=5.0)
+    )
+    assert find_route(start, goal, profile, judge, judge, 52.0) == Route(ways[taken])
+
+
 def test_where_every_way_is_closed_the_straight_ones_row_is_named() -> None:
     start, goal = Place(0.0, 0.0), Place(12.0, 12.0)
 

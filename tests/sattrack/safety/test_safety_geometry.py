@@ -116,6 +116,13 @@ def test_the_direction_opposite_to_a_place_is_half_a_turn_from_it() -> None:
         assert nearest_deg(Box(ha, ha, dec, dec), ha + 180.0, -dec) == pytest.approx(180.0, abs=1e-5)
 
 
+def test_a_skyline_is_far_above_the_nadir_however_its_cosine_is_rounded() -> None:
+    for latitude_deg in range(-90, 91):
+        nadir = Box(180.0, 180.0, -latitude_deg, -latitude_deg)
+        skyline = Skyline(((0.0, 60.0), (120.0, 5.0)), latitude_deg)
+        assert skyline.clearance(nadir).least_deg <= -95.0 + 1e-5
+
+
 def test_azimuths_are_those_of_erfa() -> None:
     for ha, dec in ((-170.0, 10.0), (30.0, -20.0), (0.0, 80.0), (100.0, 89.0)):
         azimuth, _ = erfa.hd2ae(math.radians(ha), math.radians(dec), math.radians(52.0))
