@@ -7,7 +7,7 @@ import random
 
 import pytest
 
-from sattrack.control.latency import SteppedClock
+from sattrack.control.latency import SIDEREAL_SECONDS_PER_SECOND, MountClock, SteppedClock
 
 BEGIN_S = 1_790_000_000.0
 DELAY_S = 0.003
@@ -44,6 +44,20 @@ def test_coarse_steps_are_found_and_averaged(period_s: float, jitter_s: float) -
     # As shown, dates are half a step early in the mean, and up to a whole one.
     assert max(abs(s) for s in off) < 0.003
     assert abs(math.fsum(off) / len(off)) < 0.0005
+
+
+@pytest.mark.parametrize("counted", [True, False])
+def test_statuses_of_a_clock_in_steps_are_dated_by_their_count(counted: bool) -> None:
+    """By sixteenths of a second of sidereal time, and turns of 50.7 ms."""
+    clock, off = MountClock(status_delay_s=DELAY_S), []
+    for number in range(1200):
+        true_s = 0.0071 + number * 0.0507
+        shown_h = math.floor(16.0 * true_s) / 16.0 * SIDEREAL_SECONDS_PER_SECOND / 3600.0
+        found_s = clock.date(shown_h, BEGIN_S + true_s + DELAY_S, number + 7 if counted else None)
+        if number >= 600:
+            off.append(found_s - BEGIN_S - true_s)
+    assert clock.coarse_step_s == (pytest.approx(1.0 / 16.0, rel=0.1) if counted else None)
+    assert (max(off) - min(off) < 0.01) == counted
 
 
 def test_nothing_is_called_coarse_within_the_first_six_seconds() -> None:
