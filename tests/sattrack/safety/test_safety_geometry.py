@@ -106,9 +106,11 @@ def test_the_place_in_a_box_that_is_nearest_to_a_direction_is_as_far_as_told() -
         assert told >= nearest - 0.75 * step - 1e-5
 
 
-def test_a_direction_is_at_itself_however_its_cosine_is_rounded() -> None:
-    for dec in range(-90, 91):
-        assert nearest_deg(Box(30.0, 30.0, dec, dec), 30.0, dec) == pytest.approx(0.0, abs=2e-6)
+def test_a_direction_is_at_itself_and_half_a_turn_from_its_opposite_however_cosines_are_rounded() -> None:
+    for dec in np.arange(-90.0, 90.1, 0.25).tolist():
+        here = Box(30.0, 30.0, dec, dec)
+        assert nearest_deg(here, 30.0, dec) == pytest.approx(0.0, abs=2e-6)
+        assert nearest_deg(here, 210.0, -dec) == pytest.approx(180.0, abs=3e-6)
 
 
 def test_the_direction_opposite_to_a_place_is_half_a_turn_from_it() -> None:
