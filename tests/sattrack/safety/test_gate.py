@@ -128,21 +128,22 @@ def sent(
         (1.1, 2, 0.28, False),
     ],
 )
+@pytest.mark.parametrize("sense", [1.0, -1.0])
 @pytest.mark.parametrize("axis", [0, 1])
 def test_axes_that_moved_unlike_what_they_were_sent_keep_that_much_farther_from_a_limit_for_a_while(
-    axis: int, swung_deg_s: float, periods: int, near_deg: float, goes: bool
+    axis: int, sense: float, swung_deg_s: float, periods: int, near_deg: float, goes: bool
 ) -> None:
     """At rest for half a second, to and fro for two statuses each, at rest until rates are asked for."""
-    safety = gate(holds=True, fault_s=0.1)
+    safety = gate(True, replace(PROFILE, dec_axis_limits_deg=(-40.0, 40.0)), fault_s=0.1)
     at_deg, motion = [0.0, 0.0], MoveAxes(S, 0.0)
-    at_deg[axis] = (40.0 - 0.1 - near_deg, -50.0 + 0.1 + near_deg)[axis]
+    at_deg[axis] = sense * (40.0 - 0.1 - near_deg)
     for k in range(14 + periods):
         at_deg[axis] += 0.05 * swung_deg_s * (float(k in (10, 11)) - float(k in (12, 13)))
         sidereal_deg, utc_s = SIDEREAL_DEG + 0.05 * k * S, T0 + 0.05 * k
         at = sidereal_deg, sidereal_deg - at_deg[0], at_deg[1]
         safety.watch(Seen(utc_s, *at), MoveAxes(S, 0.0))
         if k == 13 + periods:
-            motion = MoveAxes(S - 0.5, 0.0) if axis == 0 else MoveAxes(S, -0.5)
+            motion = MoveAxes(S - 0.5 * sense, 0.0) if axis == 0 else MoveAxes(S, 0.5 * sense)
         cleared = safety.clear(motion, *at, 0.0, utc_s).motion
     assert (cleared == motion) == goes
     if not goes:

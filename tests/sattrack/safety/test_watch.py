@@ -147,6 +147,15 @@ def test_another_motion_begins_anew_and_so_does_a_stream_that_was_interrupted() 
             assert watching.see(seen, MoveAxes(0.0, 0.6)) is None
 
 
+def test_what_was_commanded_before_another_motion_allows_nothing_after_it() -> None:
+    watching, told, moved = watch(), MoveAxes(0.1, 0.0), MoveAxes(0.6, 0.0)
+    for _ in range(100):
+        assert watching.see_motion(MoveAxes(1.0, 0.0), MoveAxes(1.0, 0.0), PERIOD_S) is None
+    watching.see_motion(told, Hold(), PERIOD_S)
+    seen = [watching.see_motion(moved, told, PERIOD_S) is not None for _ in range(80)]
+    assert BY_MEAN[0] <= PERIOD_S * (seen.index(True) + 1) <= BY_MEAN[1]
+
+
 def statuses(count: int, **known: float) -> list[Seen]:
     # The mount's sidereal time goes through 0h.
     times_deg = [(359.9995 + k * PERIOD_S * SIDEREAL_RATE_DEG_S) % 360.0 for k in range(count)]
