@@ -14,7 +14,17 @@ from sattrack.control.engine import Engine, RunSpec
 from sattrack.control.engine_view import view_of
 from sattrack.control.rest import Rest
 from sattrack.control.tracker import Phase, TrackPlan
-from sattrack.mount.model import MountProfile, Slew, Status, Stop, mean_sidereal_deg
+from sattrack.mount.geometry import AxisGeometry
+from sattrack.mount.model import (
+    SIDEREAL_RATE_DEG_S,
+    MountProfile,
+    MoveAxes,
+    SitePlace,
+    Slew,
+    Status,
+    Stop,
+    mean_sidereal_deg,
+)
 from sattrack.mount.xerxes.datagrams import decode_command, encode_status
 from sattrack.mount.xerxes.link import LinkState
 from sattrack.runtime import demo_pass
@@ -189,6 +199,11 @@ class TestGivingUp:
         assert (run.message or "").startswith("no status from bench within 3 s; ")
         assert decode_command(run.tick(CULMINATION_S + 3.2)).abort
 
+    def test_what_comes_is_given_back_as_a_sample_unless_it_is_refused(self) -> None:
+        run = engine()
+        assert run.receive(encode_status(Status(counter=3, dec_deg=20.0)), CULMINATION_S).dec_deg == 20.0
+        assert run.receive(b"", CULMINATION_S + 0.05) is None
+
     def test_a_mount_that_falls_silent_is_sent_stops(self) -> None:
         run = engine()
         for number in range(3):
@@ -242,6 +257,27 @@ def test_a_mount_that_refracts_itself_is_fed_what_has_no_air_in_it() -> None:
     assert lifted * 3600.0 == pytest.approx(58.0 / math.tan(math.radians(altitude)), rel=0.05)
     hear(refracting, 1, does_refraction=False)
     assert refracting.tracker.steering.biases.course.propagator is refracting.spec.if_mount_refracts
+
+
+@pytest.mark.parametrize(("limit_deg", "sense"), [(275.0, -1.0), (270.0, 1.0)])
+def test_a_slew_leads_to_the_turn_on_which_the_whole_pass_fits(limit_deg: float, sense: float) -> None:
+    """A pass goes from an azimuth of -101° to one of -270°; none may end within 2° of the cables' end."""
+    geometry = AxisGeometry(180.0, 90.0, reports="axes")
+    run = engine(
+        geometry=geometry,
+        stands_at=SitePlace(SITE.latitude_deg, SITE.longitude_deg),
+        hour_angle_limit_deg=limit_deg,
+    )
+    for number in range(5):
+        utc_s = PLAN.start_utc_s + 0.05 * number
+        sidereal_deg = mean_sidereal_deg(utc_s, SITE.longitude_deg) % 360.0
+        stands = {"counter": number + 1, "sidereal_h": sidereal_deg / 15.0, "dec_deg": 45.0}
+        status = Status(ra_h=(sidereal_deg + 50.0) % 360.0 / 15.0, **stands)
+        run.receive(encode_status(status), utc_s + 1e-4)
+        run.tick(utc_s + 0.03)
+    wanted = run.session.wanted
+    assert isinstance(wanted, MoveAxes)
+    assert math.copysign(1.0, SIDEREAL_RATE_DEG_S - wanted.ra_rate_deg_s) == sense
 
 
 class TestPauses:
