@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -106,6 +107,14 @@ def test_what_was_learnt_is_changed_by_what_a_changed_delay_says() -> None:
     assert axis.position_deg == pytest.approx(10.5)
     assert axis.disturbance_deg_s == pytest.approx(-0.02)
     assert axis.gain_error == pytest.approx(0.01)
+
+
+def test_a_rate_that_nobody_asked_for_fades_while_nothing_is_measured() -> None:
+    axis = AxisFilter(10.0, replace(QUIET, rate_fades_s=2.0))
+    axis.change(np.array([0.0, -0.02, *np.zeros(SHARES)]))
+    for _ in range(40):
+        axis.advance(STEP_S, 0.0, None)
+    assert axis.position_deg - 10.0 == pytest.approx(-0.02 * 2.0 * (1.0 - math.exp(-1.0)), rel=0.03)
 
 
 def test_how_surprising_a_turn_is_counts_both_axes() -> None:

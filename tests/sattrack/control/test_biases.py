@@ -19,7 +19,8 @@ from sattrack.control.biases import (
 )
 from sattrack.control.estimate import EstimatedBiases
 from sattrack.control.offset import spiral
-from sattrack.mount.model import AxisLimits, MountProfile
+from sattrack.mount.geometry import AxisGeometry
+from sattrack.mount.model import AxisLimits, MountProfile, SitePlace
 from sattrack.runtime import demo_pass
 from sattrack.views.messages import OffsetBy, Search
 from tle.bias import NO_BIAS, Bias
@@ -70,6 +71,24 @@ def test_an_offset_on_the_sky_moves_the_target_so_far_in_its_direction(
         assert math.degrees(erfa.sepp(plain, moved)) == pytest.approx(abs(value), rel=1e-9)
         angle = erfa.pap(plain, moved) - math.radians(position_angle_deg + (180.0 if value < 0.0 else 0.0))
         assert math.cos(angle) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("late_s", [SETTLED_S, 60.0])
+@pytest.mark.parametrize(("what", "up"), [("camera_x_deg", False), ("camera_y_deg", True)])
+def test_an_image_of_an_alt_azimuth_mount_has_the_zenith_above(
+    propagator: Propagator, what: str, up: bool, late_s: float
+) -> None:
+    """And x is 90° further, as by the zenith east is from north: there azimuth falls."""
+    site, utc_s = demo_pass.SITE.place(), CULMINATION_S - 60.0
+    stands = SitePlace(site.latitude_deg, site.longitude_deg)
+    profile = MountProfile(geometry=AxisGeometry(0.0, 90.0), stands_at=stands)
+    turning = Biases(NO_BIAS, propagator, profile)
+    offset(turning, what, 0.1, utc_s)
+    plain, moved = propagator.at(Utc(utc_s + late_s)), turning.at(utc_s + late_s)
+    level = math.cos(math.radians(float(plain.alt_deg)))
+    left_deg = math.remainder(float(plain.az_deg) - float(moved.az_deg), 360.0) * level
+    up_deg = float(moved.alt_deg) - float(plain.alt_deg)
+    assert (left_deg, up_deg) == pytest.approx((0.0, 0.1) if up else (0.1, 0.0), abs=1e-3)
 
 
 def test_an_offset_of_the_right_ascension_axis_adds_to_the_right_ascension(

@@ -102,6 +102,18 @@ def test_samples_are_dated_through_delays_and_drift(drift: float, offset_s: floa
     assert clock.drift == pytest.approx(drift, abs=8e-6)
 
 
+@pytest.mark.parametrize("drift", [150e-6, -150e-6])
+def test_a_clock_that_has_drifted_far_was_not_set(drift: float) -> None:
+    """After forty minutes it is off by three times what it takes for one that was set."""
+    clock, off = MountClock(status_delay_s=0.002, period_s=1.0), []
+    for number in range(2400):
+        sampled = 1_000_000.0 + number
+        dated = clock.date(sidereal_h(number * (1.0 - drift)), sampled + 0.002 + 0.0005 * (number % 3))
+        off.append(abs(dated - sampled))
+    assert max(off[200:]) < 1e-3
+    assert clock.drift == pytest.approx(drift, rel=0.02)
+
+
 @pytest.mark.parametrize(("late_s", "off_s"), [(0.0, 1e-8), (0.01, 1e-5)])
 def test_dates_run_on_through_sidereal_midnight(late_s: float, off_s: float) -> None:
     """By the clock: where every other status is late, one that is dated by its arrival would be, too."""

@@ -12,7 +12,7 @@ import pytest
 from msgspec.structs import replace
 
 from sattrack.control.steering import OffsetOnAxes
-from sattrack.control.target import Detour, sky_error
+from sattrack.control.target import Detour, SatelliteTarget, sky_error
 from sattrack.control.tracker import Phase, Tracker, TrackPlan
 from sattrack.mount.geometry import AxisGeometry
 from sattrack.mount.model import (
@@ -203,6 +203,16 @@ class TestPhases:
         one.step(CULMINATION_S + 1.1, False)
         assert (one.phase, one.rest) == (Phase.WAITING, None)
 
+    @pytest.mark.parametrize("acquired", [False, True])
+    def test_a_mount_that_was_paused_on_its_way_is_acquired_on_the_way_it_then_takes(
+        self, acquired: bool
+    ) -> None:
+        one = tracker()
+        one.followable_utc_s = CULMINATION_S
+        one.acquired_utc_s = CULMINATION_S + 2.0 if acquired else None
+        one.operate(Pause(), CULMINATION_S + 3.0)
+        assert one.followable_utc_s == (CULMINATION_S if acquired else None)
+
     def test_offsets_count_once_the_mount_is_on_the_target(self) -> None:
         one = tracker()
         seen = SeenOffset(Utc(CULMINATION_S).isoformat("milliseconds"), 1.0, 2.0, 1.0)
@@ -240,6 +250,28 @@ class TestPhases:
         stands_in: Any = SimpleNamespace(send_shift_s=lambda now_s, following: (now_s, following))
         one.follower = stands_in
         assert one.send_shift_s(5.0) == (5.0, phase in {Phase.ACQUIRING, Phase.TRACKING})
+
+
+class TestSatelliteTarget:
+    def test_the_end_of_an_interval_is_where_the_next_begins(self) -> None:
+        """Half a millisecond off it its rate makes up for that; farther off it is predicted anew."""
+        asked: list[float] = []
+        one = tracker()
+
+        def direction_at(utc_s: float) -> Any:
+            asked.append(utc_s)
+            return one.direction_at(utc_s)
+
+        target = SatelliteTarget(direction_at, ())
+        for late_s, anew in ((0.0, False), (4e-4, False), (-4e-4, False), (0.02, True)):
+            target.forget()
+            target.span(CULMINATION_S, 0.05, (0.0, 0.0))
+            asked.clear()
+            utc_s = CULMINATION_S + 0.05 + late_s
+            state, there = target.state(utc_s), one.direction_at(utc_s)
+            assert (asked == [utc_s]) is anew
+            assert state.ra_deg == pytest.approx(float(there.ra_deg), abs=3e-7)
+            assert state.dec_deg == pytest.approx(float(there.dec_deg), abs=3e-7)
 
 
 class TestAltAzimuth:
@@ -360,6 +392,13 @@ class TestFixes:
     def fix(self, one: Tracker, at_s: float, now_s: float, north_deg: float = 0.0) -> None:
         utc = Utc(CULMINATION_S + at_s).isoformat("milliseconds")
         one.operate(PlaceFix(utc, 52.3 + north_deg, 4.6, 9000.0, 150.0, 120.0, 3.0), CULMINATION_S + now_s)
+
+    def test_a_table_that_is_of_no_fixes_takes_none(self) -> None:
+        table = path_of("A", FLIES)
+        table.provenance = "a launch's table"
+        one = tracker(plan=TrackPlan(CULMINATION_S - 5.0, CULMINATION_S + 60.0), followed=table)
+        self.fix(one, 3.0, 4.0)
+        assert one.steering.refusal == "fixes are of what is followed by them only"
 
     def test_a_fix_prolongs_the_plan_and_bends_the_path(self) -> None:
         one, apart = self.followed(), 0.001
