@@ -12,8 +12,16 @@ import bias as bench
 import numpy as np
 import pytest
 
-from sattrack.control.estimate import ANEW_AFTER, MODEL_ARCSEC, EstimatedBiases, Estimator, _credible
+from sattrack.control.estimate import (
+    ANEW_AFTER,
+    MODEL_ARCSEC,
+    EstimatedBiases,
+    Estimator,
+    _credible,
+    begun_anew,
+)
 from sattrack.control.target import Course
+from sattrack.mount.model import SkyTerms
 from sattrack.runtime import demo_pass
 from sattrack.views.messages import ObservationMessage
 from tle.bias import NO_BIAS, Bias
@@ -613,3 +621,12 @@ def test_elements_that_would_be_off_by_more_than_any_are_not_followed(
         correction_km[other] = across_km
         known: Any = Made(correction_km=correction_km, orbit=Made(speed_km_s=7.5))
         assert _credible(known) is credible
+
+
+def test_a_pointing_model_makes_a_mount_as_good_as_it_is_and_leaves_delay_and_cameras() -> None:
+    utc, mount = "2026-10-02T13:05:24Z", {name: (0.0, 0.01) for name in MOUNT_TERMS if name.endswith("_deg")}
+    assert begun_anew(None, utc, 36.0) == SkyTerms(utc, mount | {"delay_s": (0.0, 0.002)})
+    known = SkyTerms(
+        "before", {"delay_s": (0.1, 0.01), "cone_deg": (0.5, 0.1)}, {"wide": {"scale": (0.1, 0.01)}}
+    )
+    assert begun_anew(known, utc, 36.0) == SkyTerms(utc, mount | {"delay_s": (0.1, 0.01)}, known.cameras)
