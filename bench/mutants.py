@@ -5,10 +5,10 @@
 
 A mutant is one small change of one expression or statement: a comparison turned round, another sign, number
 or operator, a call, a returned value or a row of a table left out. It is caught if a test of its package
-fails or hangs. Of the package's tests those run that execute the changed statement, first those in the
-module's own file, then the quickest, `--budget` seconds in all. Coverage tells which, and what it tells is
-kept in a temporary folder until source or test changes. Each mutant runs in a process forked from one that
-has imported the libraries. Annotations, decorators and texts are left alone, and what makes no difference:
+fails or hangs. Of the package's tests those run that execute the changed statement, the quickest and those
+in the module's own file first, `--budget` seconds in all. Coverage tells which, and what it tells is kept in
+a temporary folder until source or test changes. Each mutant runs in a process forked from one that has
+imported the libraries. Annotations, decorators and texts are left alone, and what makes no difference:
 `strict` of a zip, None in place of False. `--lines` counts what the tests' own processes execute, too.
 """
 
@@ -390,7 +390,7 @@ def tests_for(mutant: Mutant, mapped: Tests) -> list[tuple[float, str, str]]:
     """Return the tests that execute a mutant's statement, or all of the files that run its module.
 
     All, where none does: what runs on import alone is in no test, and a table is read without a line run.
-    Those in the module's own file come first, then the quickest.
+    The quickest come first; those in the module's own file count as if they took a fifth of their time.
     """
     lines = _functions(mutant.path).get(mutant.line, set())
     found, others = [], []
@@ -402,7 +402,7 @@ def tests_for(mutant: Mutant, mapped: Tests) -> list[tuple[float, str, str]]:
             elif runs:
                 others.append((one["s"], name, file))
     own = f"test_{Path(mutant.path).stem}"
-    return sorted(found or others, key=lambda one: (Path(one[2]).stem != own, one[0]))
+    return sorted(found or others, key=lambda one: one[0] * (0.2 if Path(one[2]).stem == own else 1.0))
 
 
 def outcome_of(mutant: Mutant, mapped: Tests, budget_s: float) -> tuple[str, str]:
