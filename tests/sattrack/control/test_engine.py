@@ -66,7 +66,10 @@ def engine(**profile: Any) -> Engine:
 
 def hear(run: Engine, number: int = 0, **changes: Any) -> None:
     """Have a run take a status of a mount that stands on the satellite."""
-    utc_s = CULMINATION_S + 0.05 * number
+    hear_at(run, CULMINATION_S + 0.05 * number, number, **changes)
+
+
+def hear_at(run: Engine, utc_s: float, number: int, **changes: Any) -> None:
     there = run.tracker.direction_at(utc_s)
     status = Status(
         counter=number + 1,
@@ -226,6 +229,16 @@ class TestGivingUp:
         assert decode_command(run.tick(CULMINATION_S + 0.08)).abort
         run.prepare(CULMINATION_S + 0.08)
         assert (run.repeat(), run.send_shift_s(CULMINATION_S)) == (None, 0.0)
+
+    def test_a_pass_that_ends_on_the_way_to_it_says_so(self) -> None:
+        run = engine()
+        for number, late_s in enumerate((-60.0, -59.95, -59.9, 0.1, 0.15)):
+            utc_s = PLAN.end_utc_s + late_s
+            there = run.tracker.direction_at(utc_s)
+            hear_at(run, utc_s, number, ra_h=(float(there.ra_deg) + 60.0) % 360.0 / 15.0, dec_deg=20.0)
+            run.tick(utc_s + 0.03)
+        assert (run.tracker.phase, run.tracker.ended_by) == (Phase.STOPPING, "set")
+        assert (run.why_not_acquired() or "").startswith("the mount was still slewing")
 
     def test_why_it_was_never_on_target_is_the_message_unless_it_was_ended(self) -> None:
         run = engine()
