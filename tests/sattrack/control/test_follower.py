@@ -7,6 +7,7 @@ from types import SimpleNamespace as Made
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from sattrack.control.axes import OUTLIERS_BELIEVED
 from sattrack.control.following import UNDATED_AT_MOST, FeederLaw, Follower, Learning
@@ -59,6 +60,19 @@ class TestSamples:
         assert one.axes is not first
         assert one.take(sample(2), NOW + 0.05, True) is True
         assert one.take(sample(2), NOW + 0.05, True) is False
+
+    def test_acknowledgements_tell_how_long_a_command_takes_while_rates_are_followed(self) -> None:
+        """Each comes 81 ms after its datagram was sent, and not yet 31 ms after."""
+        for following in (True, False):
+            one = follower(move_axis="edge", command_delay_s=0.05)
+            before_s = one.command_delay_sigma_s
+            for cycle in range(12):
+                sent_s = NOW + 0.15 * cycle + 0.019
+                seen(one, sample(3 * cycle), following=following)
+                one.note_sent(MoveAxes(SIDEREAL_RATE_DEG_S, 0.0), sent_s)
+                seen(one, sample(3 * cycle + 1), following=following)
+                seen(one, replace(sample(3 * cycle + 2), move_acknowledged=True), following=following)
+            assert (one.command_delay_sigma_s < 0.8 * before_s) is following
 
     def test_a_mount_that_is_elsewhere_is_lost_and_taken_up_there(self) -> None:
         one = follower()
