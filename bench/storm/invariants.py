@@ -480,8 +480,9 @@ def comparable(storm: Storm, ended: Ended) -> bool:
     if ended.summary is None or ended.summary.ended_by != "set" or ended.summary.on_target_s == 0.0:
         return False
     # A pause takes as long as it takes to see the mount at rest, which faults prolong.
-    if any(fault.kind in {"clock", "step"} for fault in storm.faults):
+    if any(fault.kind in {"clock", "step", "drive"} for fault in storm.faults):
         # Whoever's clock was set, what is followed by it is somewhere else: nothing tells which was right.
+        # Drives without power let a mount coast; what was as fast as its satellite stays near it for long.
         return False
     return all(one.channel == "starter" and "pause" not in one.line for one in storm.people)
 
