@@ -228,6 +228,8 @@ class TestWhatItEndsUnasked:
             "move", "the end of the move was not acknowledged: the mount is being stopped"
         )  # fmt: skip
         assert bench.commands[-1].abort
+        held = bench.console.jog(None, 0.5, bench.now_s)
+        assert held == RequestRefused("stopped: let the key go, and jog once the mount is at rest")
         bench.deaf = False
         bench.run(2.0)
         assert not bench.moves_itself
