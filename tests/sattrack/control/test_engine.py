@@ -319,6 +319,22 @@ class TestPauses:
         run.tick(CULMINATION_S + 0.05)
         assert heard == [holding is not None]
 
+    @pytest.mark.parametrize("stopped", [False, True])
+    @pytest.mark.parametrize("paused", [False, True])
+    def test_the_tracker_hears_that_the_mount_has_stopped_while_it_is_paused(
+        self, paused: bool, stopped: bool, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        run, heard = engine(), []
+        hear(run)
+        if paused:
+            run.operate(Pause(), CULMINATION_S)
+        monkeypatch.setattr(type(run.session), "stopped", stopped)
+        monkeypatch.setattr(
+            run.tracker, "step", lambda _now, _arrived, rests, _held: heard.append(rests) or Stop()
+        )
+        run.tick(CULMINATION_S + 0.05)
+        assert heard == [paused and stopped]
+
     def test_a_jog_ends_at_a_limit_and_says_at_which(self) -> None:
         run = engine()
         hear(run)
