@@ -155,6 +155,8 @@ def test_a_delay_may_be_as_much_too_short_as_too_long() -> None:
     tried = TRIED_S.tolist()
     assert tried == sorted(tried)
     assert tried == [-one for one in reversed(tried)]
+    # As of one that is 5 ms off, one sigma: nobody measures a delay so that half a turn is likely.
+    assert DelayTrials().evidence == pytest.approx([-0.5 * (one / 0.0049) ** 2 for one in tried], rel=1e-3)
 
 
 @pytest.mark.parametrize("shares", [(1.0, 0.0), (0.0, -1.0)])

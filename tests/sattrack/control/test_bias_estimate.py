@@ -316,6 +316,18 @@ def test_the_last_observation_is_given_back_once(course: Course, estimator: Esti
     assert read(estimator, course) == before
 
 
+def test_what_would_lead_farther_off_than_any_elements_are_is_given_back(
+    course: Course, estimator: Estimator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert take(estimator, course, seen(-20.0))
+    before = read(estimator, course)[:4]
+    monkeypatch.setattr("sattrack.control.estimate._credible", lambda _: False)
+    assert not take(estimator, course, seen(-10.0))
+    assert (estimator.words or "").startswith("it contradicts the estimate")
+    assert read(estimator, course)[:4] == before
+    assert [one.taken for one in estimator._unheard] == [False]
+
+
 def test_no_rival_is_computed_while_none_can_win(course: Course, estimator: Estimator) -> None:
     for s in range(30):
         take(estimator, course, seen(s - 100.0, 3.0 if s % 3 < 2 else -20.0, 3.0))
