@@ -19,6 +19,7 @@ from sattrack.control.estimate import (
     Estimator,
     _credible,
     begun_anew,
+    known_terms,
 )
 from sattrack.control.target import Course
 from sattrack.mount.model import SkyTerms
@@ -314,6 +315,20 @@ def test_the_last_observation_is_given_back_once(course: Course, estimator: Esti
     assert estimator.undo() is False
     assert (estimator.accepted, estimator.rejected) == (1, 1)
     assert read(estimator, course) == before
+
+
+def test_one_that_the_operator_is_sure_of_ends_what_was_held_against_the_estimate(
+    course: Course, estimator: Estimator
+) -> None:
+    """A rival of something 40 s ahead had seven for it: that one more of them agrees is no eighth."""
+    for second in range(3):
+        assert take(estimator, course, seen(second - 100.0))
+    for second in range(ANEW_AFTER - 1):
+        assert not take(estimator, course, seen(second - 90.0, ahead_s=40.0))
+    sure = seen(-70.0, ahead_s=-20.0)
+    assert estimator.take(sure, float(Utc.parse(sure.utc).unix_s) + 1.0, course, NO_BIAS, sure=True)
+    assert not take(estimator, course, seen(-69.0, ahead_s=40.0))
+    assert read(estimator, course, -69.0).along_s == pytest.approx(-20.0, abs=0.5)
 
 
 def test_what_would_lead_farther_off_than_any_elements_are_is_given_back(
@@ -633,6 +648,18 @@ def test_elements_that_would_be_off_by_more_than_any_are_not_followed(
         correction_km[other] = across_km
         known: Any = Made(correction_km=correction_km, orbit=Made(speed_km_s=7.5))
         assert _credible(known) is credible
+
+
+def test_of_what_a_profile_does_not_say_nothing_is_expected() -> None:
+    assert known_terms(None) is None
+    known = known_terms(SkyTerms("", {"delay_s": (0.1, 0.01)}, {"wide": {"scale": (0.02, 0.01)}}))
+    assert known is not None
+    said = [name == "delay_s" for name in MOUNT_TERMS]
+    assert known.mount[0].tolist() == [0.1 if one else 0.0 for one in said]
+    assert (known.mount[1] > 0.0).tolist() == said
+    said = [name == "scale" for name in CAMERA_TERMS]
+    assert known.cameras["wide"][0].tolist() == [0.02 if one else 0.0 for one in said]
+    assert (known.cameras["wide"][1] > 0.0).tolist() == said
 
 
 def test_a_pointing_model_makes_a_mount_as_good_as_it_is_and_leaves_delay_and_cameras() -> None:
