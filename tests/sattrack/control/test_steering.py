@@ -163,6 +163,13 @@ class TestSearches:
         one.obey(Search("auto"), NOW)
         return one.refusal or one.biases.patterns[-1]
 
+    def test_it_goes_by_where_the_mount_must_be_fed_and_not_by_where_the_satellite_is(self) -> None:
+        one, fed = steering(Cameras(field_deg=0.1)), []
+        one.estimator.reading = lambda *_, **how: fed.append(how)  # type: ignore[method-assign]
+        one.obey(Search("auto"), NOW)
+        assert fed == [{"fed": True}]
+        assert one.refusal == "auto refused: nothing seen yet shows where to search"
+
     def test_along_the_track_it_sweeps_two_sigmas_as_fast_as_the_mount_can(self) -> None:
         """0.1° at half a field of 0.1° a second is a turn of 4π s: too fast, and 0.7 times that is not."""
         one = self.found(0.1, 1.0, 0.2)
