@@ -210,9 +210,9 @@ class Watcher(Judging):
                 self._out[name] = min(clearance, self._out.get(name, 0.0))
             elif name not in self._out:
                 self.violated("limit", world, f"{name} passed by {-clearance:.3f}°")
-            elif abs(axes.dec_axis_deg) > 90.0 or abs(axes.hour_angle_deg) > 180.0:
-                # It went past the pole, or half round, out of reach. What it reports does not tell so: its
-                # limits are those of the other side, until its rates turn out to be of the other sign.
+            elif abs(axes.dec_axis_deg) > 90.0:
+                # It went past the pole out of reach. What it reports does not tell so: its limits are those
+                # of the other side, until its rates turn out to be of the other sign.
                 continue
             elif clearance < self._out[name] - 0.5 and axes.speed_deg_s > 10.0 * REST_RATE_DEG_S:
                 self.violated("limit", world, f"{name}: farther out, {-clearance:.3f}°, in reach again")
