@@ -70,6 +70,7 @@ def hear(run: Engine, number: int = 0, **changes: Any) -> None:
 
 
 def hear_at(run: Engine, utc_s: float, number: int, **changes: Any) -> None:
+    """The same at an instant."""
     there = run.tracker.direction_at(utc_s)
     status = Status(
         counter=number + 1,
@@ -283,10 +284,8 @@ def test_a_slew_leads_to_the_turn_on_which_the_whole_pass_fits(limit_deg: float,
     )
     for number in range(5):
         utc_s = PLAN.start_utc_s + 0.05 * number
-        sidereal_deg = mean_sidereal_deg(utc_s, SITE.longitude_deg) % 360.0
-        stands = {"counter": number + 1, "sidereal_h": sidereal_deg / 15.0, "dec_deg": 45.0}
-        status = Status(ra_h=(sidereal_deg + 50.0) % 360.0 / 15.0, **stands)
-        run.receive(encode_status(status), utc_s + 1e-4)
+        sidereal_deg = mean_sidereal_deg(utc_s, SITE.longitude_deg)
+        hear_at(run, utc_s, number, ra_h=(sidereal_deg + 50.0) % 360.0 / 15.0, dec_deg=45.0)
         run.tick(utc_s + 0.03)
     wanted = run.session.wanted
     assert isinstance(wanted, MoveAxes)

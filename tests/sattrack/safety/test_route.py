@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import random
 from itertools import pairwise, product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -26,6 +26,9 @@ from sattrack.safety.route import (
     reachable,
     slew_s,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 PROFILE = MountProfile(
     ra=AxisLimits(slew_rate_deg_s=5.0, max_acceleration_deg_s2=10.0),
@@ -173,6 +176,16 @@ def test_past_a_pillar_close_by_one_axis_turns_at_a_time() -> None:
     assert np.abs(steps).sum(axis=0).tolist() == [12.0, 12.0], "there is no shorter way"
 
 
+def in_corridors(start: Place, *ways: tuple[Place, ...]) -> Callable[[Box, float], str | None]:
+    """Return what lets through where a way from a start leads, a degree wide, and nowhere else."""
+    parts = [
+        Box.between(one, other).grown(0.5, 0.5, 0.5, 0.5)
+        for legs in ways
+        for one, other in pairwise((start, *legs))
+    ]
+    return lambda box, _: None if any(part.with_box(box) == part for part in parts) else "horizon"
+
+
 @pytest.mark.parametrize("west", [1.0, -1.0])
 @pytest.mark.parametrize("north", [1.0, -1.0])
 @pytest.mark.parametrize("far", [24.0, -24.0, 36.0])
@@ -181,20 +194,8 @@ def test_a_way_through_a_corridor_turns_where_the_corridor_does(
 ) -> None:
     """Along the equator at first, then by 24° of declination, then back; a degree wide."""
     start, goal = Place(0.0, 0.0), Place(12.0 * west, 24.0 * north)
-    corridor = [
-        Box.between(one, other).grown(0.5, 0.5, 0.5, 0.5)
-        for one, other in (
-            ((0.0, 0.0), (far * west, 0.0)),
-            ((far * west, 0.0), (far * west, 24.0 * north)),
-            ((far * west, 24.0 * north), goal),
-        )
-    ]
-
-    def judge(box: Box, seconds: float) -> str | None:
-        del seconds
-        return None if any(part.with_box(box) == part for part in corridor) else "horizon"
-
     corners = (Place(far * west, 0.0), Place(far * west, 24.0 * north), goal)
+    judge = in_corridors(start, corners)
     assert find_route(start, goal, PROFILE, judge, judge, 52.0) == Route(corners)
     back = (*reversed(corners[:-1]), start)
     assert find_route(goal, start, PROFILE, judge, judge, 52.0) == Route(back)
@@ -205,16 +206,7 @@ def test_of_two_corridors_the_quicker_is_taken(west: float) -> None:
     """By 24° along the equator and back for 12°, or by 6° the other way and back for 18°."""
     start, goal = Place(0.0, 0.0), Place(12.0 * west, 24.0)
     ways = [(Place(ha * west, 0.0), Place(ha * west, 24.0), goal) for ha in (24.0, -6.0)]
-    parts = [
-        Box.between(one, other).grown(0.5, 0.5, 0.5, 0.5)
-        for legs in ways
-        for one, other in pairwise((start, *legs))
-    ]
-
-    def judge(box: Box, seconds: float) -> str | None:
-        del seconds
-        return None if any(part.with_box(box) == part for part in parts) else "horizon"
-
+    judge = in_corridors(start, *ways)
     assert find_route(start, goal, PROFILE, judge, judge, 52.0) == Route(ways[1])
 
 
@@ -227,16 +219,7 @@ def test_the_longer_corridor_is_the_quicker_where_it_leads_by_the_faster_axis(
         "longer": (Place(0.0, 24.0), Place(12.0, 24.0), goal),
         "shorter": (Place(18.0, 0.0), Place(18.0, 12.0), goal),
     }
-    parts = [
-        Box.between(one, other).grown(0.5, 0.5, 0.5, 0.5)
-        for legs in ways.values()
-        for one, other in pairwise((start, *legs))
-    ]
-
-    def judge(box: Box, seconds: float) -> str | None:
-        del seconds
-        return None if any(part.with_box(box) == part for part in parts) else "horizon"
-
+    judge = in_corridors(start, *ways.values())
     profile = MountProfile(
         ra=AxisLimits(slew_rate_deg_s=ra_deg_s), dec=AxisLimits(max_rate_deg_s=5.0, slew_rate_deg_s=5.0)
     )
