@@ -305,7 +305,7 @@ class NightWorld(World):
         link: Any = Link(self, "feeder")
         error: SattrackError | None = None
         try:
-            work(Connection(link, SystemClock(), None, Guard(self)), StopRequest())
+            work(Connection(link, SystemClock(), None, Guard(self, link)), StopRequest())
         except Killed:
             self.trace("program", "killed")
             self.abandoned = self.guardian is None

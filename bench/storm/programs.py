@@ -119,7 +119,7 @@ class ServedWorld(World):
         self._sent_s = self._stopped_s = -math.inf
         self._led = True
         link: Any = Link(self, "feeder")
-        connection = Connection(link, SystemClock(), None, Guard(self))
+        connection = Connection(link, SystemClock(), None, Guard(self, link))
         loop = ServedLoop(
             connection, StopRequest(), driver, NoServer(), lambda words: self.trace("log", words)
         )
@@ -419,7 +419,7 @@ class ConsoleWorld(World):
         self._trouble: str | None = None
         self.at(self.now_s + 1.0, self._operate)
         link: Any = Link(self, "feeder")
-        connection = Connection(link, SystemClock(), None, Guard(self))
+        connection = Connection(link, SystemClock(), None, Guard(self, link))
         loop = ConsoleLoop(connection, StopRequest(), session, self._look, self._obey)
         try:
             loop.run()

@@ -13,6 +13,7 @@ import math
 import random
 from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field
+from functools import partial
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple
 from unittest.mock import patch
@@ -28,7 +29,7 @@ from sattrack.runtime.connection import HANG_AFTER_S, Connection, Guarded
 from sattrack.runtime.control_arbiter import ControlArbiter, Observers, SessionInbox
 from sattrack.runtime.facts import build_engine, encode_facts
 from sattrack.runtime.flight import LiveLoop, summarise
-from sattrack.runtime.guardian import SIZE, Guardian, GuardianTask, Word
+from sattrack.runtime.guardian import SIZE, Guardian, GuardianTask, Word, note_status
 from sattrack.runtime.mounts import Owner
 from sattrack.runtime.system import StopRequest
 from sattrack.runtime.view_server import ViewClientEvent
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 
     from sattrack.control.driver import Driver
     from sattrack.control.engine import Engine
+    from sattrack.runtime.turns import LeftMoving
     from sattrack.views.messages import Message, SessionMessage
     from sattrack.views.run import Summary, TrackView
     from storm.draws import Fault, Person, Storm, Way
@@ -52,8 +54,9 @@ GUARDIAN_POLL_S = 0.1
 GUARDIAN_UP_S = 0.2
 """From a guardian's start to its watch."""
 BOOTED_S = 1000.0
-PATCHED = ("runtime.loop", "runtime.flight", "runtime.connection", "runtime.guardian", "core.clock")
-"""Modules whose `time` is the world's."""
+FEEDERS = ("runtime.loop", "runtime.flight", "runtime.connection", "core.clock")
+GUARDIANS = ("runtime.guardian", "runtime.turns")
+"""Modules whose `time` is the world's, by whose process reads it."""
 RECORDED_SEEDS = 4
 """One in so many storms is recorded, and replayed."""
 RESOLUTION_S = 1e-6
@@ -197,10 +200,14 @@ class Link:
 class Guard(Guarded):
     """The feeder's end of its guardian, without the process."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, link: Link) -> None:
         self._world = world
         self._words = world.page
+        link.onlooker = partial(note_status, self._words)
         self._name = "xerxes://storm"
+        left, now_s = world.left_moving, world.now_s + world.host_offset_s
+        self._turns_before = None if left is None else left.trouble(now_s)
+        self._words[Word.TURNS_LOST] = self._turns_before is not None
         self._beats = 0
         self._armed = self._restarted = False
         self._lost: str | None = None
@@ -222,6 +229,9 @@ class VirtualGuardian(Guardian):
 
     def _note(self, what: str) -> None:
         self.world.trace("guardian", f"{self._why}; {what}")
+
+    def _keep(self, moving: LeftMoving | None) -> None:
+        self.noted = self.world.left_moving = moving
 
     @property
     def due_s(self) -> float:
@@ -314,6 +324,8 @@ class World:
         self.page = memoryview(bytearray(SIZE)).cast("Q")
         self.guardian: VirtualGuardian | None = None
         self.feeder_lives = True
+        self.left_moving: LeftMoving | None = None
+        """What guardians keep of the mount for programs to come."""
         self.stopped_by_person_s: float | None = None
         """When a person asked for a stop, seconds of UTC."""
         self.ended_by: str | None = None
@@ -489,7 +501,8 @@ class World:
         profile = self.storm.facts.profile
         task = GuardianTask(0, 0, -1, address, profile, 1.0, HANG_AFTER_S, owner, False)
         life: Any = None
-        self.guardian = VirtualGuardian(task, life, self.page, self._guardian_link, None, None)
+        link, noted = self._guardian_link, self.left_moving
+        self.guardian = VirtualGuardian(task, life, self.page, link, None, None, noted=noted)
         self.guardian.world = self
         self._looked_s = self.monotonic_s
         self._schedule_guardian(GUARDIAN_UP_S)
@@ -629,7 +642,7 @@ class World:
         arbiter = ControlArbiter(with_starter=True)
         inbox = SessionInbox(arbiter, self._lines, self._lines, observers)  # type: ignore[arg-type]
         link: Any = Link(self, "feeder")
-        connection = Connection(link, SystemClock(), None, Guard(self))
+        connection = Connection(link, SystemClock(), None, Guard(self, link))
         screen: Any = SimpleNamespace(show=self._show)
         loop = self.loop(connection, StopRequest(), engine, sink, screen, inbox, math.inf, observers)
         try:
@@ -690,8 +703,8 @@ class World:
         """Put the world in the place of the machine."""
         select = SimpleNamespace(select=self.select)
         with ExitStack() as stack:
-            for module in PATCHED:
-                clock = Time(self, module != "runtime.guardian")
+            for module in (*FEEDERS, *GUARDIANS):
+                clock = Time(self, module in FEEDERS)
                 stack.enter_context(patch(f"sattrack.{module}.time", clock))
             stack.enter_context(patch("sattrack.runtime.loop.select", select))
             stack.enter_context(patch("sattrack.runtime.loop.undisturbed", lambda: nullcontext(None)))

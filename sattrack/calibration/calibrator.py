@@ -112,6 +112,11 @@ class Calibrator:
         """Whether the mount was seen at rest at the end; None where nothing may have moved."""
         return None if self.ending is None else self.ending.at_rest
 
+    @property
+    def turns_known_s(self) -> float:
+        """For how long the mount may go on unheard at the run's largest rate, its axes' turns still known."""
+        return 180.0 / self.plan.fastest_deg_s
+
     def due(self) -> float:
         """Return when the next datagram must be sent."""
         return self._sender.due()

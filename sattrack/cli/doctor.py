@@ -10,6 +10,7 @@ import importlib.util
 import os
 import shutil
 import sys
+import time
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -476,19 +477,24 @@ def _check_mount(context: CommandContext, url: str | None, explicit: Path | None
         text = "no mount is set: with --mount, or [mount] url in sattrack.toml, its statuses are listened to"
         yield CheckResult("link", "ok", text)
         return
-    yield _check_link(url, profile or MountProfile())
+    yield from _check_link(url, profile or MountProfile())
 
 
-def _check_link(url: str, profile: MountProfile) -> CheckResult:
+def _check_link(url: str, profile: MountProfile) -> Iterator[CheckResult]:
     # The session's modules are many; without a mount they are not needed.
     from sattrack.runtime.mounts import LISTEN_S, listen, mount_address
+    from sattrack.runtime.turns import trouble_before
 
     try:
         address = mount_address(url)
         health = None if address is None else listen(address, profile)
     except SattrackError as refusal:
-        return check_link(url, None, LISTEN_S, str(refusal))
-    return check_link(url, health, LISTEN_S, None, "" if address is None else address.silence_advice)
+        yield check_link(url, None, LISTEN_S, str(refusal))
+        return
+    yield check_link(url, health, LISTEN_S, None, "" if address is None else address.silence_advice)
+    trouble = None if address is None else trouble_before(address.name, time.time())
+    if trouble is not None:
+        yield CheckResult("cables", "bad", f"{url} {trouble}")
 
 
 def _check_disk(folder: Path) -> CheckResult:

@@ -74,6 +74,7 @@ MOUNT_VERBS = {
     "abort": "Stop both axes, and confirm that they are at rest.",
     "park": "Slew to the park position, stop there, cut the drives' power.",
     "home": "Go to the home position.",
+    "unwound": "Confirm that its cables are looked at, after it moved unheard.",
     "move": "Move at rates for some seconds, then track.",
     "pulse": "Guide: move at the guide rate for some milliseconds.",
     "fine-rate": "Adjust the tracking by small rates.",

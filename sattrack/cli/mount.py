@@ -8,6 +8,7 @@ import importlib.util
 import math
 import re
 import sys
+import time
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -58,6 +59,7 @@ from sattrack.runtime import demo_pass
 from sattrack.runtime.connection import Connection, connected
 from sattrack.runtime.console import OrderInbox, attend, attend_console_session, stop_session, wait_until_free
 from sattrack.runtime.mounts import owner_of
+from sattrack.runtime.turns import forget, left_moving
 from sattrack.views.formatting import (
     DEC_FORMS,
     MINUS,
@@ -85,6 +87,11 @@ if TYPE_CHECKING:
     from tle.site import Site
 
 
+def mount_name(address: MountAddress | None) -> str:
+    """Return a mount's name for people; None is the simulated one."""
+    return "sim" if address is None else str(address)
+
+
 @dataclass(frozen=True, slots=True)
 class MountCall:
     """Which mount a verb is for, and how to reach it; `address` None is the simulated one."""
@@ -99,7 +106,7 @@ class MountCall:
     @property
     def name(self) -> str:
         """The mount's name for people."""
-        return "sim" if self.address is None else str(self.address)
+        return mount_name(self.address)
 
     def console(self) -> Console:
         """Return a console for it."""
@@ -471,6 +478,39 @@ def home(context: CommandContext, **options: Any) -> int:
       sattrack mount home --mount sim
     """
     return _ask(context, "home", FindHome(), options)
+
+
+@click.command("unwound")
+@mount_option
+@common_options("json")
+def unwound(context: CommandContext, mount_url: str | None) -> int:
+    """Confirm that the cables are looked at, and that the axes are within half a turn of the meridian.
+
+    A mount that moved while nobody heard it, as in a loss of power, may have gone half round. No status tells
+    how its cables are wound then, and sattrack does not move it until this is confirmed. Nothing is sent.
+
+    \b
+    Examples:
+      sattrack mount unwound
+    """
+    _, address = context.mount(mount_url)
+    left = owner = None
+    if address is not None:
+        owner, left = owner_of(address.name), left_moving(address.name)
+    if owner is not None:
+        raise BadInputError(f"{address} has an owner: {owner}; `sattrack stop` ends it, then confirm")
+    trouble = None if left is None else left.trouble(time.time())
+    if address is not None and left is not None:
+        forget(address.name)
+    if context.json:
+        click.echo(msgspec.json.encode({"mount": mount_name(address), "was": left}).decode())
+    elif trouble is None:
+        click.echo(f"{mount_name(address)}: there was nothing to confirm: the turns of its axes are known")
+    else:
+        click.echo(
+            f"{mount_name(address)}: confirmed; its axes are taken to be within half a turn of the meridian"
+        )
+    return 0
 
 
 def _ask(context: CommandContext, name: str, request: Request, options: dict[str, Any]) -> int:

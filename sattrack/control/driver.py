@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from sattrack.mount.link_loss import AWAY_S, STOP_LINGER_S, lets_go_after_s, longest_stop_s
-from sattrack.mount.model import Hold, MoveAxes, StatusSample, Stop, seen_of
+from sattrack.mount.model import Hold, MoveAxes, Slew, StatusSample, Stop, seen_of
 from sattrack.mount.xerxes.link import LinkState
 from sattrack.mount.xerxes.session import Session
 from sattrack.safety import ROWS, Safety, SafetyLimits
@@ -117,6 +117,9 @@ class Driver:
         self._by_axes: StatusSample | None = None
         self.in_force: Motion = Hold()
         """The motion last sent: to a mount that takes rates by edges, not each of them is."""
+        self.turns_known_s = math.inf
+        """For how long after its newest status the mount may go on unheard, its axes' turns still known; inf
+        where it is at rest, or slews by itself."""
 
     @property
     def sample(self) -> StatusSample | None:
@@ -167,6 +170,10 @@ class Driver:
             self.stop.look(self.session, now_utc_s)
         datagram = self.session.compose()
         self.in_force = self.in_force if self.sent_motion is None else self.sent_motion
+        if isinstance(self.in_force, MoveAxes):
+            self.turns_known_s = self.safety.turns_known_s(self.in_force)
+        elif isinstance(self.in_force, Slew) or self.session.at_rest:
+            self.turns_known_s = math.inf
         return datagram
 
     def repeat(self) -> bytes | None:

@@ -85,6 +85,11 @@ class ManualOperation:
             return self._procedure.doing
         return "stopping the mount" if self.phase is OperationPhase.STOPPING else self.phase.value
 
+    @property
+    def turns_known_s(self) -> float:
+        """For how long the mount may go on unheard, as its console knows."""
+        return self.console.turns_known_s
+
     def receive(self, data: bytes, arrival_utc_s: float) -> None:
         """Take one datagram from the mount."""
         received = self.console.session.health.received
@@ -228,6 +233,11 @@ class Look:
         self._knock = knock
         self._heard_utc_s: float | None = None
 
+    @property
+    def turns_known_s(self) -> float:
+        """For how long the mount may go on unheard, as its console knows."""
+        return self.console.turns_known_s
+
     def receive(self, data: bytes, arrival_utc_s: float) -> None:
         """Take one datagram from the mount."""
         self.console.receive(data, arrival_utc_s)
@@ -297,6 +307,11 @@ class ConsoleSession:
     def mount_stopped(self) -> bool | None:
         """Whether the stop at the end was seen through; None where none was needed."""
         return self.console.mount_stopped
+
+    @property
+    def turns_known_s(self) -> float:
+        """For how long the mount may go on unheard, as its console knows."""
+        return self.console.turns_known_s
 
     def receive(self, data: bytes, arrival_utc_s: float) -> None:
         """Take one datagram from the mount."""

@@ -9,6 +9,7 @@ more.
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import select
 import socket
@@ -31,11 +32,12 @@ from sattrack.mount.simulator.mount import SimulatedSite, Truth
 from sattrack.mount.simulator.process import ClockSetting, Ready, SimulatorConfig
 from sattrack.mount.simulator.profile import simulator_profile
 from sattrack.mount.xerxes.client import Address, nobody_listens
-from sattrack.mount.xerxes.datagrams import Command, encode_command
+from sattrack.mount.xerxes.datagrams import Command, encode_command, sets_going
 from sattrack.runtime import demo_pass
 from sattrack.runtime.guardian import GuardianTask, Release, Word, create_page, note_status, open_page
 from sattrack.runtime.mounts import SIMULATED, Owner, claim, open_link, open_listener
 from sattrack.runtime.system import this_command, this_user, utc_now
+from sattrack.runtime.turns import LOOK_AT_CABLES, trouble_before
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -56,6 +58,8 @@ HANG_AFTER_S = 1.0
 START_WITHIN_S = 20.0
 END_WITHIN_S = 3.0
 LOOK_EVERY_BEATS = 20
+LONGEST_KNOWN_S = 1e6
+"""Turns that are known for longer are as good as known for ever."""
 NO_FLAGS = bytes(8)
 FLAGS = slice(73, 81)
 COUNTER = slice(8, 16)
@@ -77,8 +81,11 @@ class MountGuard(Protocol):
     def trouble(self) -> str | None:
         """Why the loop must stop the mount, or has lost it; None while all is well."""
 
-    def beat(self, datagram: bytes | None = None) -> bool:
-        """Report that the loop turns, just before `datagram` is sent; return whether it may be sent."""
+    def beat(self, datagram: bytes | None = None, turns_known_s: float = math.inf) -> bool:
+        """Report that the loop turns, just before `datagram` is sent; return whether it may be sent.
+
+        From its newest status on, the turns of the mount's axes are known for `turns_known_s`.
+        """
 
     def release(self, at_rest: bool | None) -> None:
         """Release the mount: the loop's work is done, and `at_rest` is what is known of the mount."""
@@ -90,9 +97,9 @@ class Unguarded:
     deposed = stop_asked = False
     trouble: str | None = None
 
-    def beat(self, datagram: bytes | None = None) -> bool:
+    def beat(self, datagram: bytes | None = None, turns_known_s: float = math.inf) -> bool:
         """See MountGuard."""
-        del datagram
+        del datagram, turns_known_s
         return True
 
     def release(self, at_rest: bool | None) -> None:
@@ -130,6 +137,8 @@ class Guarded:
             simulated=name == SIMULATED,
         )
         self._name = name
+        self._turns_before = None if name == SIMULATED else trouble_before(owned_as, time.time())
+        self._words[Word.TURNS_LOST] = self._turns_before is not None
         self._beats = 0
         self._armed = False
         self._restarted = False
@@ -176,12 +185,21 @@ class Guarded:
             rest = "was stopped and seen at rest"
         return f"this process stood still, so its guardian took the mount from it: {self._name} {rest}"
 
-    def beat(self, datagram: bytes | None = None) -> bool:
-        """See MountGuard. Writes a few words of memory; once a second it asks whether the guardian lives."""
+    def beat(self, datagram: bytes | None = None, turns_known_s: float = math.inf) -> bool:
+        """See MountGuard. Writes a few words of memory; once a second it asks whether the guardian lives.
+
+        Nothing is set going while the turns of the mount's axes are not known.
+        """
         words = self._words
         if words[Word.DEPOSED]:
             return False
         self._beats = words[Word.BEATS] = self._beats + 1
+        known_ms = max(1, int(min(turns_known_s, LONGEST_KNOWN_S) * 1e3))
+        words[Word.TURNS_KNOWN_MS] = known_ms if turns_known_s < LONGEST_KNOWN_S else 0
+        if words[Word.TURNS_LOST] and datagram is not None and sets_going(datagram):
+            why = self._turns_before or f"has moved unheard, and may have gone half round: {LOOK_AT_CABLES}"
+            self._lost = f"nothing is moved: {self._name} {why}"
+            return False
         if datagram is not None:
             words[Word.COUNTER] = int.from_bytes(datagram[COUNTER], "little")
             if not self._armed and datagram[FLAGS] != NO_FLAGS:

@@ -10,6 +10,7 @@ hung or dead process holds nothing up.
 from __future__ import annotations
 
 import contextlib
+import math
 import mmap
 import os
 import select
@@ -45,6 +46,7 @@ from sattrack.runtime.mounts import (
     Stopped,
 )
 from sattrack.runtime.system import outlive, utc_now
+from sattrack.runtime.turns import LeftMoving, left_moving, note, seconds_since_boot
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -78,6 +80,10 @@ class Word(IntEnum):
     """How the guardian's own stop ended, a `Release`; 0 before that."""
     HEARD = 8
     """The feeder's count of statuses from the mount."""
+    TURNS_KNOWN_MS = 9
+    """For how long after the newest status the turns of the mount's axes stay known; 0 for ever."""
+    TURNS_LOST = 10
+    """1 once the mount may have gone half round unheard."""
 
 
 class Release(IntEnum):
@@ -149,6 +155,8 @@ def open_page(descriptor: int) -> memoryview:
 POLL_S = 0.1
 WATCH_S = 0.02
 """How often it looks for statuses to hand on, while somebody looks on."""
+NOTE_EVERY_S = 1.0
+"""How often it notes how the mount moves, for a session after a loss of power."""
 OBEY_WITHIN_S = 1.0
 """How long a feeder whose loop turns may ignore a stop."""
 GONE_AFTER_S = 1.0
@@ -230,6 +238,8 @@ class Guardian:
     feeder: int | None
     """Descriptor of the feeder's process, for its end by force; None where there is no such thing."""
     clients: list[GuardianClient] = field(default_factory=list)
+    noted: LeftMoving | None = None
+    """What is noted of the mount for sessions to come."""
     _watch: FeederWatch = field(init=False)
     _stop: DirectStop | None = None
     _why: str = ""
@@ -239,15 +249,27 @@ class Guardian:
     _due_s: float = 0.0
     _reported: bool = False
     """Whether the end of the stop in hand, good or bad, has been reported."""
+    _concluded: bool = False
+    """Whether nothing is left to stop: the mount rests, or is not there any more."""
     _goes_on_utc: str | None = None
     """Since when the stop goes on beyond its time; None where it does not."""
     _goes_on_s: float = 0.0
     """The same by the monotonic clock."""
     _gone: bool = False
+    _heard: int = 0
+    """The count of statuses when it looked last."""
+    _heard_s: float = 0.0
+    """When that count was seen to rise, by the clock that counts sleep."""
+    _left: LeftMoving | None = None
+    """How a session before left the mount, until it is heard."""
+    _noted_s: float = -math.inf
 
     def __post_init__(self) -> None:
         """Begin to watch."""
         self._watch = FeederWatch(self.words, self.task.hang_after_s)
+        self._left, self._heard, self._heard_s = self.noted, self.words[Word.HEARD], seconds_since_boot()
+        if self._left is not None:
+            self._heard_s -= time.time() - self._left.heard_utc_s
 
     def run(self) -> None:
         """Watch to the end."""
@@ -257,14 +279,53 @@ class Guardian:
             now_s = time.monotonic()
             self.turn(now_s, now_s - looked_s)
             looked_s = now_s
+        self._follow_turns(seconds_since_boot())
         self._answer_all()
 
     def turn(self, now_s: float, elapsed_s: float) -> None:
         """Judge the feeder, or send what is due to the mount; `elapsed_s` is the time since the last turn."""
+        self._follow_turns(seconds_since_boot())
         if self._stop is None:
             self._judge(elapsed_s)
         else:
             self._stop_mount(now_s)
+
+    def _follow_turns(self, now_s: float) -> None:
+        """Judge whether the turns of the mount's axes are known still, and note for how long they will be.
+
+        `now_s` is by a clock that counts sleep. Until the mount is heard, what was left of it counts.
+        """
+        words = self.words
+        known_s, moves = words[Word.TURNS_KNOWN_MS] / 1e3, words[Word.TURNS_KNOWN_MS] > 0 and self._may_move()
+        if self._left is not None:
+            known_s, moves = self._left.known_for_s, True
+        unheard_s = now_s - self._heard_s
+        if moves and unheard_s > known_s:
+            words[Word.TURNS_LOST] = 1
+        if words[Word.HEARD] != self._heard:
+            self._heard, self._heard_s, self._left = words[Word.HEARD], now_s, None
+        if words[Word.TURNS_LOST]:
+            lost = self.noted or LeftMoving(time.time() - unheard_s, known_s)
+            if not lost.lost:
+                self._keep(msgspec.structs.replace(lost, lost=True))
+        elif moves:
+            if now_s - self._noted_s > NOTE_EVERY_S:
+                self._noted_s = now_s
+                self._keep(LeftMoving(time.time() - (now_s - self._heard_s), known_s))
+        elif self.noted is not None:
+            self._keep(None)
+
+    def _may_move(self) -> bool:
+        """Return whether the mount may be in motion, as far as feeder and guardian know."""
+        if self._stop is None:
+            return self._left_moving()
+        return not (self._stop.mount_stopped or self._concluded)
+
+    def _keep(self, moving: LeftMoving | None) -> None:
+        """Keep a note of the mount for sessions to come."""
+        self.noted = moving
+        if not self.task.simulated:
+            note(self.task.owner.mount, moving)
 
     @property
     def over(self) -> bool:
@@ -375,7 +436,7 @@ class Guardian:
     def _conclude(self) -> None:
         """Report that there is nothing left to stop."""
         assert self._stop is not None
-        self._reported, self._goes_on_utc = True, None
+        self._reported, self._concluded, self._goes_on_utc = True, True, None
         self.words[Word.STOPPED] = Release.of(self._stop.mount_stopped)
         self._report_stop()
         self._answer_all()
@@ -569,7 +630,8 @@ def main() -> int:
             feeder = None
     life.sendall(b"r")
     life.setblocking(False)
-    Guardian(task, life, words, link, listener, feeder).run()
+    noted = None if task.simulated else left_moving(task.owner.mount)
+    Guardian(task, life, words, link, listener, feeder, noted=noted).run()
     return 0
 
 

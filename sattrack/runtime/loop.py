@@ -51,6 +51,10 @@ class DriverLike(Protocol):
     def mount_stopped(self) -> bool | None:
         """Whether the mount was stopped and seen at rest; None: not needed, or not known."""
 
+    @property
+    def turns_known_s(self) -> float:
+        """For how long after its newest status the mount may go on unheard, its axes' turns still known."""
+
     def receive(self, data: bytes, arrival_utc_s: float) -> object:
         """Take one datagram from the mount."""
 
@@ -269,7 +273,8 @@ class RealtimeLoop:
             ready, _, _ = select.select(self.readers(), [], [], left_s)
             if ready:
                 self.guarded(self.serve, ready)
-        if connection.guard.beat(datagram) and datagram is not None:
+        known_s = self.driver.turns_known_s / connection.clock.speed
+        if connection.guard.beat(datagram, known_s) and datagram is not None:
             if not (self._too_late and sets_going(datagram)):
                 connection.link.send(datagram)
             self.guarded(self.sent, now_utc_s, datagram)

@@ -53,6 +53,9 @@ OUTSIDE_PROOF = 3
 """Axes count as outside when so many clearances in a row find them there: one status may be wrong."""
 SWINGS_DEG_S, SWINGS_FOR_S = 1.0, 3.0
 """Axes that move so unlike what they were sent swing, and are taken to do so for so long."""
+HALF_TURN_DEG = 180.0
+LEAST_KNOWN_S = 5.0
+"""For so long a mount may always go on unheard: a run ends before that, and limits count on it."""
 LED_SHARES = (0.7, 0.5, 0.35, 0.25, 0.15, 0.08)
 """Shares of its rates by which a led slew is slower near a limit, so that a fault would not lead past it."""
 
@@ -172,6 +175,22 @@ class Safety:
     def choose_turn(self, onward_deg: tuple[float, float] | None) -> None:
         """Take how far back and on the first axis turns from where it is led to, degrees."""
         self._slews.onward_deg = onward_deg if self._leads else None
+
+    def turns_known_s(self, moving: MoveAxes) -> float:
+        """Return for how long after its newest status a mount may go on so before its turns are not known.
+
+        A status gives an axis' angle within a turn, and a session that begins takes the first axis to be
+        within half a turn of the meridian. A mount with a watchdog comes to rest unheard.
+        """
+        first_deg = self._standing.hour_angle_deg
+        if first_deg is None or self._profile.watchdog_s is not None:
+            return math.inf
+        first, second = axis_rates(moving, self._standing.beyond_pole)
+        left_deg = HALF_TURN_DEG - math.copysign(first_deg, first * first_deg)
+        if left_deg <= 0.0:
+            left_deg = HALF_TURN_DEG
+        known_s = min(left_deg / max(abs(first), 1e-9), HALF_TURN_DEG / max(abs(second), 1e-9))
+        return max(LEAST_KNOWN_S, known_s / FASTER)
 
     def follow_on(self, former: Safety) -> None:
         """Take over how far the cables are wound from a former one, whose stop is over."""

@@ -127,8 +127,8 @@ def test_owner() -> None:
     class Deaf(Guard):
         deposed = False  # type: ignore[assignment]
 
-        def beat(self, datagram: bytes | None = None) -> bool:
-            super().beat(datagram)
+        def beat(self, datagram: bytes | None = None, turns_known_s: float = math.inf) -> bool:
+            super().beat(datagram, turns_known_s)
             return True
 
     with patch("storm.world.Guard", Deaf):

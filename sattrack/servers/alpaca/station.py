@@ -131,6 +131,11 @@ class TelescopeStation:
         return self.link in {LinkState.UP, LinkState.STALE}
 
     @property
+    def turns_known_s(self) -> float:
+        """For how long the mount may go on unheard, its axes' turns still known."""
+        return self._driver.turns_known_s
+
+    @property
     def on_trajectory(self) -> bool:
         """Whether a satellite is followed, and no limit keeps the mount off it."""
         return self.engine is not None and self.engine.safety.holding is None

@@ -202,6 +202,23 @@ class TestDrivers:
         one.compose(NOW + 0.05)
         assert one.in_force == Hold()
 
+    def test_turns_stay_known_for_the_last_rates_until_rest_is_seen(self) -> None:
+        one = self.driver()
+        heard(one, 1)
+        assert one.turns_known_s == math.inf
+        one.session.apply(one.clear(MoveAxes(0.1, 0.0), NOW))
+        one.compose(NOW)
+        known_s = one.safety.turns_known_s(MoveAxes(0.1, 0.0))
+        assert one.turns_known_s == known_s < 2000.0
+        # A stop that nobody has answered leaves the mount moving.
+        one.session.apply(one.clear(Stop(), NOW))
+        one.compose(NOW + 0.05)
+        assert one.turns_known_s == known_s
+        for number in range(2, 60):
+            heard(one, number, NOW + 0.05 * number)
+        one.compose(NOW + 3.0)
+        assert one.turns_known_s == math.inf
+
     @pytest.mark.parametrize(("link", "up"), [(UP, True), (STALE, True), (LOST, False)])
     def test_a_link_that_is_late_is_up(self, link: LinkState, up: bool) -> None:
         one = self.driver()

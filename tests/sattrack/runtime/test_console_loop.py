@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import socket
 from dataclasses import dataclass, field
@@ -35,6 +36,7 @@ class BrokenPart:
     failed: list[str] = field(default_factory=list)
     interrupted: int = 0
     mount_stopped: bool | None = None
+    turns_known_s: float = math.inf
 
     @property
     def profile(self) -> MountProfile:
@@ -133,8 +135,8 @@ class TakenAway:
     def trouble(self) -> str | None:
         return "taken away" if self.deposed else None
 
-    def beat(self, datagram: bytes | None = None) -> bool:
-        del datagram
+    def beat(self, datagram: bytes | None = None, turns_known_s: float = math.inf) -> bool:
+        del datagram, turns_known_s
         self.beats += 1
         return not self.deposed
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import socket
 import time
 from contextlib import closing
@@ -41,6 +42,7 @@ class NotedEngine:
     told: list[str] = field(default_factory=list)
     failed: bool = False
     mount_stopped: bool = True
+    turns_known_s: float = math.inf
     stop: None = None
     profile: MountProfile = field(default_factory=lambda: MountProfile(period_s=PERIOD_S))
     tracker: Any = field(default_factory=lambda: SimpleNamespace(ended_by=None))
@@ -126,7 +128,7 @@ class NotedGuard(Unguarded):
     def trouble(self) -> str | None:
         return "taken away" if self.deposed else None
 
-    def beat(self, datagram: bytes | None = None) -> bool:
+    def beat(self, datagram: bytes | None = None, turns_known_s: float = math.inf) -> bool:
         self.beats += 1
         return not self.deposed
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -31,7 +32,7 @@ def sent_by(datagram: bytes, late_s: float) -> tuple[list[bytes], list[bytes]]:
         guard=Unguarded(),
         link=SimpleNamespace(send=left.append),
     )
-    driver: Any = SimpleNamespace(tick=lambda _: datagram)
+    driver: Any = SimpleNamespace(tick=lambda _: datagram, turns_known_s=math.inf)
     stop: Any = SimpleNamespace(asked=False)
     loop = Loop(connection, stop, driver)
     loop.sent = lambda _, data: recorded.append(data)  # type: ignore[method-assign]

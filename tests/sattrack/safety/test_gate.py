@@ -460,3 +460,42 @@ def test_a_slew_that_has_no_way_holds_a_pass_where_it_is_and_stops_anything_else
     found = safety.clear(Slew(SIDEREAL_DEG - 170.0, 0.0), *at, T0 + 0.05).motion
     assert found == (MoveAxes(S, 0.0) if holds and streams else Stop())
     assert safety.tripped == (None if holds and streams else "hour_angle")
+
+
+class TestHowLongTurnsAreKnown:
+    """What is left to half a turn, at one and a half times the rate; the sky's is no motion of the axis."""
+
+    @staticmethod
+    def known_s(ha_deg: float | None, first_deg_s: float, dec_deg_s: float = 0.0) -> float:
+        safety = gate()
+        if ha_deg is not None:
+            safety._standing.take(Place(ha_deg, 20.0), beyond_pole=False)
+        return safety.turns_known_s(MoveAxes(S - first_deg_s, dec_deg_s))
+
+    @pytest.mark.parametrize(
+        ("ha_deg", "first_deg_s", "left_deg"),
+        [
+            (-41.0, -0.66, 139.0),
+            (-41.0, 0.66, 221.0),
+            (100.0, 1.0, 80.0),
+            (0.0, -1.0, 180.0),
+            # Past half a turn this session counts on; from there it is half a turn more.
+            (190.0, 1.0, 180.0),
+            (-190.0, -1.0, 180.0),
+        ],
+    )
+    def test_the_way_that_is_left_counts(self, ha_deg: float, first_deg_s: float, left_deg: float) -> None:
+        known_s = left_deg / (1.5 * abs(first_deg_s))
+        assert self.known_s(ha_deg, first_deg_s) == pytest.approx(known_s)
+
+    def test_the_second_axis_has_half_a_turn(self) -> None:
+        assert self.known_s(0.0, 0.1, -2.0) == pytest.approx(60.0)
+
+    def test_a_short_silence_is_always_allowed(self) -> None:
+        assert self.known_s(179.0, 2.0) == 5.0
+
+    def test_it_is_endless_before_the_first_status_and_with_a_watchdog(self) -> None:
+        assert self.known_s(None, 1.0) == math.inf
+        safety = gate(profile=replace(PROFILE, watchdog_s=2.0))
+        safety._standing.take(Place(0.0, 20.0), beyond_pole=False)
+        assert safety.turns_known_s(MoveAxes(1.0, 0.0)) == math.inf

@@ -1,0 +1,100 @@
+"""Which mounts were left moving, and for how long that leaves the turns of their axes known.
+
+A status gives an axis' angle within a turn. A mount that moves while nobody hears it (a machine asleep, or
+without power; a cut link) goes on at its last rates, and may have gone half round: then no status tells how
+its cables are wound, and a way that seems short may wind them farther. A guardian notes what it watches in a
+small file for each mount, and removes it when the mount is at rest; the next session judges what is left.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from typing import TYPE_CHECKING
+from urllib.parse import quote
+
+import msgspec
+
+from sattrack.core import local_time
+from sattrack.core.errors import NO_JSON
+from sattrack.core.files import user_folder
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+BACKWARD_S = 5.0
+"""A clock that went back by more, as one without a battery does, does not tell for how long nobody heard."""
+LOOK_AT_CABLES = (
+    "look at its cables, bring its axes within half a turn of the meridian by its own console, "
+    "then say `sattrack mount unwound`"
+)
+
+
+def seconds_since_boot() -> float:
+    """Return a reading of the monotonic clock that counts sleep, where there is one."""
+    clock = getattr(time, "CLOCK_BOOTTIME", None)
+    return time.monotonic() if clock is None else time.clock_gettime(clock)
+
+
+class LeftMoving(msgspec.Struct, frozen=True):
+    """A mount in motion, as its guardian knows it."""
+
+    heard_utc_s: float
+    """When it was heard last, POSIX seconds."""
+    known_for_s: float
+    """For how long from then on the turns of its axes stay known."""
+    lost: bool = False
+    """Whether they were lost already."""
+
+    def trouble(self, now_utc_s: float) -> str | None:
+        """Return why nothing may be moved at an instant; None where the turns are known."""
+        unheard_s = now_utc_s - self.heard_utc_s
+        if not self.lost and -BACKWARD_S <= unheard_s <= self.known_for_s:
+            return None
+        when = local_time.instant(self.heard_utc_s) if self.heard_utc_s else "before a loss of power"
+        return f"was last heard in motion {when}, and may have gone half round since: {LOOK_AT_CABLES}"
+
+
+UNREADABLE = LeftMoving(0.0, 0.0, lost=True)
+"""What a file says that cannot be read: a machine that lost its power may not have written all of it."""
+
+
+def folder() -> Path:
+    """Return where guardians keep their notes: $XDG_STATE_HOME/sattrack/moving."""
+    return user_folder("XDG_STATE_HOME", ".local/state") / "moving"
+
+
+def left_moving(mount: str) -> LeftMoving | None:
+    """Return what is noted of a mount, by its address' name; None for nothing."""
+    try:
+        return msgspec.json.decode(_path(mount).read_bytes(), type=LeftMoving)
+    except FileNotFoundError:
+        return None
+    except (OSError, msgspec.MsgspecError, *NO_JSON):
+        return UNREADABLE
+
+
+def trouble_before(mount: str, now_utc_s: float) -> str | None:
+    """Return why a mount must not be moved by a session that begins; None where its turns are known."""
+    left = left_moving(mount)
+    return None if left is None else left.trouble(now_utc_s)
+
+
+def note(mount: str, moving: LeftMoving | None) -> None:
+    """Note how a mount moves, or with None that it is at rest; a disk that refuses is no reason to stop."""
+    with contextlib.suppress(OSError):
+        if moving is None:
+            forget(mount)
+            return
+        path = _path(mount)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(msgspec.json.encode(moving))
+
+
+def forget(mount: str) -> None:
+    """Remove what is noted of a mount. Raises OSError where that is refused."""
+    _path(mount).unlink(missing_ok=True)
+
+
+def _path(mount: str) -> Path:
+    return folder() / f"{quote(mount, safe=':')}.json"

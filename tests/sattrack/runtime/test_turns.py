@@ -1,0 +1,219 @@
+"""Mounts that move while nobody hears them: when their turns are lost, who notes it, and how to go on."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import time
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from sattrack.cli.main import run
+from sattrack.mount.model import MountProfile
+from sattrack.mount.xerxes.client import Address
+from sattrack.mount.xerxes.datagrams import Command, encode_command
+from sattrack.runtime import guardian
+from sattrack.runtime.connection import LONGEST_KNOWN_S, owned
+from sattrack.runtime.guardian import SIZE, Guardian, GuardianTask, Release, Word
+from sattrack.runtime.mounts import Owner
+from sattrack.runtime.turns import UNREADABLE, LeftMoving, folder, left_moving, note
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+NOW, MOUNT = 1_790_000_000.0, "192.0.2.1:7624"
+MOVES = encode_command(Command(7, move_ra=True, move_ra_rate_deg_s=1.0))
+STOPS = encode_command(Command(8, abort=True))
+
+
+@pytest.fixture(autouse=True)
+def _state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+
+
+class TestWhatIsLeft:
+    @pytest.mark.parametrize("unheard_s", [-4.9, 0.0, 99.0])
+    def test_for_as_long_as_the_turns_are_known_a_session_may_begin(self, unheard_s: float) -> None:
+        assert LeftMoving(NOW, 100.0).trouble(NOW + unheard_s) is None
+
+    @pytest.mark.parametrize(
+        ("left", "unheard_s"),
+        [
+            (LeftMoving(NOW, 100.0), 101.0),
+            # A clock that lost its battery says nothing.
+            (LeftMoving(NOW, 100.0), -3600.0),
+            (LeftMoving(NOW, 100.0, lost=True), 1.0),
+            (UNREADABLE, 0.0),
+        ],
+    )
+    def test_from_then_on_it_is_told_what_to_do(self, left: LeftMoving, unheard_s: float) -> None:
+        words = left.trouble(NOW + unheard_s)
+        assert words is not None
+        assert "may have gone half round since: look at its cables" in words
+        assert "`sattrack mount unwound`" in words
+
+    def test_what_was_written_in_part_counts_as_lost(self) -> None:
+        note(MOUNT, LeftMoving(NOW, 100.0))
+        assert left_moving(MOUNT) == LeftMoving(NOW, 100.0)
+        assert left_moving("192.0.2.2:7624") is None
+        (path,) = folder().iterdir()
+        path.write_bytes(b"")
+        assert left_moving(MOUNT) == UNREADABLE
+        note(MOUNT, None)
+        assert left_moving(MOUNT) is None
+
+
+class Watched:
+    """A guardian without processes, and the clocks that it reads."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.words = memoryview(bytearray(SIZE)).cast("Q")
+        self.words[Word.ARMED] = 1
+        self.now_s = 500.0
+        monkeypatch.setattr(guardian, "seconds_since_boot", lambda: self.now_s)
+        monkeypatch.setattr("sattrack.runtime.guardian.time", self)
+        self.guardian = self.begins()
+
+    def begins(self, noted: LeftMoving | None = None) -> Guardian:
+        owner = Owner(1, 1, "track", "now", MOUNT, 7625)
+        task = GuardianTask(0, 0, -1, Address("192.0.2.1", 7624, 7625), MountProfile(), 1.0, 1.0, owner)
+        nothing: Any = None
+        self.guardian = Guardian(task, nothing, self.words, nothing, None, None, noted=noted)
+        return self.guardian
+
+    def time(self) -> float:
+        return NOW + self.now_s
+
+    def look(self, after_s: float, heard: bool = False) -> LeftMoving | None:
+        """Look again after some time, in which the mount was heard or not; return what is noted then."""
+        self.now_s += after_s
+        self.words[Word.HEARD] += heard
+        self.guardian._follow_turns(self.now_s)
+        return left_moving(MOUNT)
+
+    @property
+    def lost(self) -> bool:
+        return self.words[Word.TURNS_LOST] == 1
+
+
+@pytest.fixture
+def watched(monkeypatch: pytest.MonkeyPatch) -> Watched:
+    return Watched(monkeypatch)
+
+
+class TestTheGuardian:
+    def test_a_mount_that_moves_is_noted_once_a_second_and_forgotten_at_rest(self, watched: Watched) -> None:
+        watched.words[Word.TURNS_KNOWN_MS] = 60_000
+        assert watched.look(0.1, heard=True) == LeftMoving(NOW + 500.1, 60.0)
+        assert watched.look(0.5, heard=True) == LeftMoving(NOW + 500.1, 60.0)
+        assert watched.look(0.6, heard=True) == LeftMoving(NOW + 501.2, 60.0)
+        # Unheard, the note says since when.
+        assert watched.look(2.0) == LeftMoving(NOW + 501.2, 60.0)
+        watched.words[Word.TURNS_KNOWN_MS] = 0
+        assert watched.look(0.1, heard=True) is None
+        assert not watched.lost
+
+    def test_a_sleep_of_the_machine_loses_the_turns_for_good(self, watched: Watched) -> None:
+        watched.words[Word.TURNS_KNOWN_MS] = 60_000
+        watched.look(0.1, heard=True)
+        # It wakes and hears the mount before the guardian looks.
+        assert watched.look(61.0, heard=True) == LeftMoving(NOW + 500.1, 60.0, lost=True)
+        assert watched.lost
+        watched.words[Word.TURNS_KNOWN_MS] = 0
+        watched.words[Word.RELEASED] = Release.AT_REST
+        assert watched.look(1.0, heard=True) == LeftMoving(NOW + 500.1, 60.0, lost=True)
+
+    def test_a_mount_at_rest_may_be_unheard_for_as_long_as_it_likes(self, watched: Watched) -> None:
+        watched.look(0.1, heard=True)
+        assert watched.look(1e6) is None
+        watched.words[Word.TURNS_KNOWN_MS] = 60_000
+        watched.words[Word.RELEASED] = Release.AT_REST
+        assert watched.look(1e6) is None
+        assert not watched.lost
+
+    def test_what_a_session_before_left_counts_until_the_mount_is_heard(self, watched: Watched) -> None:
+        left = LeftMoving(NOW + 500.0 - 90.0, 100.0)
+        watched.begins(left)
+        note(MOUNT, left)
+        watched.look(9.0)
+        assert not watched.lost
+        watched.look(2.0)
+        assert watched.lost
+        note(MOUNT, None)
+
+    def test_heard_in_time_it_is_known_again(self, watched: Watched) -> None:
+        watched.begins(LeftMoving(NOW + 500.0 - 90.0, 100.0))
+        watched.look(9.0, heard=True)
+        assert watched.look(20.0) is None
+        assert not watched.lost
+
+
+@pytest.fixture
+def mount_socket() -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.bind(("127.0.0.1", 0))
+        yield listener
+
+
+class TestWithProcesses:
+    """Real guardians, and a mount that never says anything."""
+
+    def test_after_it_moved_unheard_nothing_is_set_going_until_a_person_confirms(
+        self, mount_socket: socket.socket, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        address = Address("127.0.0.1", mount_socket.getsockname()[1], 0)
+        url = f"xerxes://127.0.0.1:{address.port}?listen={address.port + 1}"
+        with owned(address, MountProfile()) as (_, guard):
+            assert guard.beat(MOVES, 0.2)
+            until_s = time.monotonic() + 30.0
+            while guard.beat(MOVES, 0.2) and time.monotonic() < until_s:
+                """The guardian looks ten times a second."""
+            assert guard.beat(STOPS, 0.2)
+            trouble = guard.trouble
+            guard.release(True)
+        assert trouble is not None
+        assert trouble.endswith("then say `sattrack mount unwound`")
+        # Another session is told the same, and may stop it.
+        with owned(address, MountProfile()) as (_, guard):
+            assert not guard.beat(MOVES)
+            assert guard.trouble is not None
+            assert "was last heard in motion" in guard.trouble
+            assert guard.beat(STOPS)
+            assert run(["mount", "unwound", "--mount", url]) == 2
+            guard.release(True)
+        assert "has an owner" in capsys.readouterr().err
+        assert run(["doctor", "--mount", url]) == 1
+        assert "look at its cables" in capsys.readouterr().out
+        assert run(["mount", "unwound", "--mount", url]) == 0
+        assert "confirmed" in capsys.readouterr().out
+        with owned(address, MountProfile()) as (_, guard):
+            assert guard.beat(MOVES)
+            assert guard.trouble is None
+            guard.release(True)
+        assert run(["mount", "unwound", "--mount", url, "--json"]) == 0
+        assert '"was":null' in capsys.readouterr().out
+
+    def test_turns_that_are_known_for_long_need_no_note(self, mount_socket: socket.socket) -> None:
+        address = Address("127.0.0.1", mount_socket.getsockname()[1], 0)
+        with owned(address, MountProfile()) as (_, guard):
+            guard.beat(MOVES, LONGEST_KNOWN_S)
+            assert guard._words[Word.TURNS_KNOWN_MS] == 0
+            guard.beat(MOVES, 2.5)
+            assert guard._words[Word.TURNS_KNOWN_MS] == 2500
+            guard.release(True)
+
+    def test_process_and_guardian_killed_leave_the_note(self, mount_socket: socket.socket) -> None:
+        address = Address("127.0.0.1", mount_socket.getsockname()[1], 0)
+        with owned(address, MountProfile()) as (_, guard):
+            guard.beat(MOVES, 100.0)
+            until_s = time.monotonic() + 30.0
+            while (left := left_moving(address.name)) is None and time.monotonic() < until_s:
+                """The guardian notes it at its next look."""
+            os.kill(guard.pid, signal.SIGKILL)
+        assert left is not None
+        assert left.known_for_s == pytest.approx(100.0)
+        assert left.trouble(time.time()) is None
+        assert left.trouble(left.heard_utc_s + 101.0) is not None
