@@ -247,10 +247,10 @@ class Look:
     def tick(self, now_utc_s: float) -> bytes | None:
         """Return the datagram to send now, if any; call once a period."""
         if self._heard_utc_s is not None:
-            self.finished = now_utc_s - self._heard_utc_s >= self._look_s
+            self.finished = self.finished or now_utc_s - self._heard_utc_s >= self._look_s
             return None
         waited_s = now_utc_s - self._started_utc_s
-        self.finished = waited_s >= self._timeout_s
+        self.finished = self.finished or waited_s >= self._timeout_s
         return self.console.tick(now_utc_s) if self._knock and waited_s >= LISTEN_S else None
 
     def interrupt(self, now_utc_s: float) -> None:

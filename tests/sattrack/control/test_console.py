@@ -660,6 +660,19 @@ def test_a_look_sends_nothing_and_tells_what_it_heard() -> None:
     )
 
 
+def test_a_look_that_was_interrupted_stays_at_its_end() -> None:
+    bench = Bench()
+    look = Look(bench.console, bench.now_s, 100.0, knock=False, look_s=100.0)
+    bench.turn(look)
+    look.interrupt(bench.now_s)
+    bench.turn(look)
+    assert look.finished
+    silent = Look(Bench(cut=True).console, bench.now_s, 100.0, knock=False)
+    silent.interrupt(bench.now_s)
+    silent.tick(bench.now_s)
+    assert silent.finished
+
+
 def test_a_look_gives_up_and_knocks_only_where_it_may() -> None:
     for knock in (False, True):
         bench = Bench(cut=True)
