@@ -64,25 +64,22 @@ class Loss:
     way_out: str
 
 
-_REPORTED = (
-    f"following by prediction after 0.3 s; after {STATUS_LOST_S:g} s the stop is sent, for "
-    f"{STOPS_SENT_S:g} s, and the run ends with exit code 4"
-)
 _UNREPORTED = (
-    f"{_REPORTED}, saying that the mount did not confirm; "
-    f"the guardian continues, once in {STOPS_SLOW_S:g} s for "
-    f"{STOPS_SLOW_FOR_S:g} s, then once in {STOPS_SLOWEST_S:g} s, at full rate when it hears the mount"
+    f"following by prediction after 0.3 s; after {STATUS_LOST_S:g} s stops are sent for {STOPS_SENT_S:g} s, "
+    "then the run ends (exit code 4, stop not confirmed); the guardian keeps sending stops, "
+    f"every {STOPS_SLOW_S:g} s for {STOPS_SLOW_FOR_S:g} s, then every {STOPS_SLOWEST_S:g} s, "
+    "20 times a second when it hears the mount"
 )
 _SEES = "sees that the mount does not follow, and stops when an interlock trips; stops are lost as well"
 _OBEYS = "obeys: brakes to rest"
-_HOLDS = "**holds its last rate forever**"
+_HOLDS = "**keeps its last rate forever**"
 _BRAKES = "brakes to rest once `watchdog_s` have passed without a command"
 _ABORTS = "the guardian sends the stop from the same port until positions show both axes at rest"
 _DEAD = "nothing is left that could send"
 _BY_HAND = "the mount's own console or power; once the link is back the guardian stops it"
 _RESTARTS = (
-    "if it is silent for 2 s or more, stops are sent as above; if it is back sooner, `track` continues, a "
-    "verb or a console stops"
+    "if it is silent for 2 s or more, stops are sent as above; if it is back sooner, `track` continues, and "
+    "other commands stop the mount"
 )
 
 CONTRACT = (
@@ -194,14 +191,14 @@ CONTRACT = (
         TURN_S,
         False,
         OBEYED_S,
-        "start its program; it then tracks until it gets another command",
+        "start its program; **the mount then tracks the sky** until it gets a command",
     ),
     Loss(
         "mount-holds",
         "the mount's program ends or freezes, its drives run on",
         None,
         _RESTARTS,
-        "the drives **hold their last rate** until the program is back; a watchdog is down with it",
+        "the drives **keep their last rate** until the program is back; a watchdog is down with it",
         None,
         False,
         OBEYED_S,
