@@ -113,8 +113,9 @@ HOLD_MARGIN_DEG = 0.1
 INSIDE_MARGIN_DEG = 0.01
 """Axes nearer to a limit than this have passed what holds them, and are stopped."""
 PIER_MARGIN_DEG = 0.5
-UP_DEG = -3.0
-"""Below this altitude the Sun's light does not reach the site, however high that is."""
+UP_DEG = -3.2
+"""Below -3° the Sun's light does not reach the site, however high that is. Its cone is there a little before:
+axes that it finds inside have most of a minute to leave."""
 LOOK_S = 1.0
 """How long a look at the Sun and the Moon holds; their cones are wider by what they come meanwhile."""
 RETREAT_DEG_S = 0.05
