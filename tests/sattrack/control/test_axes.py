@@ -99,6 +99,16 @@ def test_a_lost_or_a_late_command_is_told_from_the_movement(acts: int, shares: t
     assert abs(mount.off_arcsec) < 0.05
 
 
+def test_what_commands_will_have_moved_is_each_axis_rate_over_the_time() -> None:
+    mount = settled()
+    assert mount.axes is not None
+    rate = mount.commands[-1].ra_rate_deg_s
+    ra_deg, dec_deg = mount.axes.moved_by(mount.axes.sample_utc_s + 2.0 * PERIOD_S)
+    # The last sample was at the end of the newest command's turn.
+    assert ra_deg == pytest.approx(2.0 * PERIOD_S * rate, rel=0.01)
+    assert dec_deg == pytest.approx(-0.5 * ra_deg, rel=0.01)
+
+
 @pytest.mark.parametrize(
     ("change_deg_s", "shaken"), [(0.7 * SHAKEN_DEG_S, False), (1.3 * SHAKEN_DEG_S, True)]
 )

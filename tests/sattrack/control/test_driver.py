@@ -58,6 +58,11 @@ class TestTheStopAtTheEnd:
         assert stop.look(session(), NOW + 2.26)
         assert (stop.finished, stop.at_rest) == (True, True)
 
+    def test_unless_it_is_blind_it_does_not_wait_for_what_was_never_heard(self) -> None:
+        stop = StopProcedure(NOW)
+        assert stop.look(session(stopped=False, heard=False), NOW + 0.3)
+        assert stop.at_rest is None
+
     @pytest.mark.parametrize("other", [session(stopped=False), session(link=STALE), session(link=LOST)])
     def test_rest_that_is_not_seen_on_begins_anew(self, other: Any) -> None:
         stop = StopProcedure(NOW)

@@ -188,6 +188,7 @@ class TestPhases:
         one.take(sample(one, CULMINATION_S))
         one.operate(Pause(), CULMINATION_S)
         assert (one.phase, one.steering.refusal) == (Phase.PAUSED, None)
+        assert one.rates == MoveAxes(0.0, 0.0)
         assert one.step(CULMINATION_S, False) == Stop()
         one.operate(Search("spiral", 0.2, 0.1), CULMINATION_S)
         assert one.steering.refusal == "the run is paused: go on before a search"
