@@ -19,7 +19,7 @@ from sattrack.control.biases import (
     nudge_biases,
 )
 from sattrack.control.offset import ChangeLimits, Offset, State, spiral_lasts_s
-from sattrack.control.target import AxisPace, Course, Going
+from sattrack.control.target import AxisPace, Course, Going, _cubic
 from sattrack.mount.model import AxisLimits, MountProfile
 from sattrack.views.messages import OffsetBy, Search, SeenOffset
 from tle.bias import NO_BIAS
@@ -351,3 +351,15 @@ class TestCamera:
         seconds = SeenOffset(utc, dx_arcsec=10.0, dy_arcsec=-4.0, sigma_arcsec=0.5)
         for camera in (Camera(), Camera(scale_arcsec_px=2.5)):
             assert camera.in_arcsec(seconds) == (10.0, -4.0, 0.5)
+
+
+@pytest.mark.parametrize("values", [(0.0, 0.0, 1.0, 0.0), (3.0, -1.0, 4.0, 1.5)])
+def test_a_spline_goes_through_the_middle_two_with_the_slopes_of_their_neighbours(
+    values: tuple[float, float, float, float],
+) -> None:
+    """Catmull and Rom: at both ends value and central difference; in the middle as their weights have it."""
+    a, b, c, d = values
+    assert _cubic(values, 0.0) == pytest.approx((b, 0.5 * (c - a)))
+    assert _cubic(values, 1.0) == pytest.approx((c, 0.5 * (d - b)))
+    assert _cubic(values, 0.5)[0] == pytest.approx((-a + 9.0 * b + 9.0 * c - d) / 16.0)
+    assert _cubic(values, 0.5)[1] == pytest.approx((a - 11.0 * b + 11.0 * c - d) / 8.0)

@@ -270,6 +270,8 @@ def test_a_wrong_start_is_left_once_many_in_a_row_agree(course: Course, estimato
         # Three times as many as the estimate has taken since.
         ("gggg" + "rrgrrgrrg" + 6 * "r", 15),
         ("gggg" + "rrgrg" + 10 * "r", 13),
+        # A single stray one is no rival for longer than the next that it does not explain.
+        ("gggg" + "x" + 9 * "r", 12),
     ],
 )
 def test_a_rival_wins_by_eight_and_by_three_to_one(
@@ -278,7 +280,7 @@ def test_a_rival_wins_by_eight_and_by_three_to_one(
     """Of two satellites on one track, as far as the estimate goes."""
     won = None
     for number, one in enumerate(order):
-        take(estimator, course, seen(number - 100.0, 3.0 if one == "g" else -20.0, 3.0))
+        take(estimator, course, seen(number - 100.0, {"g": 3.0, "r": -20.0, "x": 40.0}[one], 3.0))
         if estimator.begun_anew and won is None:
             won = number
     assert won == wins_at

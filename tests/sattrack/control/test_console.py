@@ -711,6 +711,13 @@ class TestTheView:
         assert readings.ra_guide_rate_dtics_s == readings.dec_guide_rate_dtics_s == kind
         assert readings.tracking == ("the opposite of slewing" if kind == "int64" else "always true")
 
+    @pytest.mark.parametrize("tracking", [False, True])
+    def test_tracking_tells_something_only_while_the_mount_slews(self, tracking: bool) -> None:
+        console = Console(PROFILE, SafetyLimits(), SITE, "m")
+        assert view_of(console, T0).readings.tracking is None
+        console.receive(encode_status(replace(Status(), counter=1, tracking=tracking)), T0)
+        assert view_of(console, T0).readings.tracking is None
+
     def test_a_profile_that_says_otherwise_is_told(self) -> None:
         profile = msgspec.structs.replace(PROFILE, readings={"ra_rate_dtics_s": "double"})
         console = Console(profile, SafetyLimits(), SITE, "m")
