@@ -52,7 +52,7 @@ MEANINGS = {
     "zone": "time zone in which times are shown, such as `Europe/Amsterdam`; the system's if left out",
     "stars": "a file of the Hipparcos catalogue (`hip_main.dat` of CDS I/239), for fainter stars than 6.5",
     "safety.floor_altitude_deg": "lowest altitude in every direction",
-    "safety.horizon": "file of the skyline: azimuth and altitude on each line",
+    "safety.horizon": "file of the skyline: azimuth and altitude on each line, sorted, at most 90° apart",
     "safety.optical": "whether the telescope has optics; `false` switches the Sun's cone off",
     "safety.sun_cone_deg": "half angle of the forbidden cone about the Sun; 15 with optics",
     "safety.moon_cone_deg": "the same about the Moon; 0 for none",

@@ -1,4 +1,4 @@
-"""docs/safety.md against the tables that it is written from, and the settings that it explains."""
+"""docs/safety.md against the tables that it is written from, and its settings."""
 
 from __future__ import annotations
 
@@ -44,11 +44,8 @@ def test_the_contract_is_the_one_of_the_page_on_lost_links() -> None:
     assert "forever" in contract("safety.md")
 
 
-def test_every_setting_is_explained_with_its_default() -> None:
-    text = PAGE.read_text(encoding="utf-8")
-    for name in SafetyLimits.__struct_fields__:
-        assert f"| `{name}` |" in text
-    limits = SafetyLimits()
-    assert f"| `sun_cone_deg` | {limits.sun_deg:g} with optics |" in text
-    for name in ("floor_altitude_deg", "moon_cone_deg", "longest_fault_s", "clock_tolerance_s"):
-        assert f"| `{name}` | {getattr(limits, name):g} |" in text
+def test_the_cone_of_settings_is_the_one_in_force() -> None:
+    """Its default depends on the optics, so that the table is not written from the field alone."""
+    text = (ROOT / "docs" / "settings.md").read_text(encoding="utf-8")
+    row = next(line for line in text.splitlines() if line.startswith("| `safety.sun_cone_deg` |"))
+    assert row.endswith(f"; {SafetyLimits().sun_deg:g} with optics |")
