@@ -223,9 +223,10 @@ def propagation_error(code: int, elements: Elements, at: Utc) -> PropagationErro
             code,
         )
     if code == DECAYED:
+        way_out = "newer elements or an earlier time" if age_days > 0.0 else "older elements or a later time"
         return DecayedError(
             f"{elements.label} ({elements.catalog_number}) has decayed at {when}, "
-            f"{age_days:+.1f} days from the epoch of its elements: use newer elements or an earlier time",
+            f"{age_days:+.1f} days from the epoch of its elements: use {way_out}",
             code,
         )
     reason = SGP4_ERRORS.get(code, "unknown error")

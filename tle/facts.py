@@ -459,11 +459,13 @@ class _PassArcs:
         sun_km, site = self._sun_km[arc], self._search.ground.equatorial_km
         a, b, c = (k * (q + s) for k, q, s in zip(_PER_KM, place, site, strict=True))
         x, y, z = (k * (u * sun_km - q) for k, u, q in zip(_PER_KM, sun, place, strict=True))
-        distance = np.sqrt(x * x + y * y + z * z)
+        # The Sun as a target is within itself: lit.
+        to_sun = np.sqrt(x * x + y * y + z * z)
+        distance = np.maximum(to_sun, self._radius[arc])
         sine = self._radius[arc] / distance
         level = np.sqrt(np.maximum(a * a + b * b + c * c - 1.0, 0.0))
         over: Array = level * np.sqrt(1.0 - sine * sine) + side * sine + (a * x + b * y + c * z) / distance
-        return over
+        return np.where(to_sun < self._radius[arc], 1.0, over)
 
 
 def _vertex(x: Array, step: float, values: Array, low: Array, high: Array) -> Array:

@@ -70,7 +70,8 @@ class CommandContext:
             return Site.parse(self.site_option)
         if self.settings.site is not None:
             return self.settings.site.place()
-        raise BadInputError(NO_SITE)
+        where = "" if self.settings_file else f"; there is no sattrack.toml in {Path.cwd()}"
+        raise BadInputError(f"{NO_SITE}{where}")
 
     def known_elements(self) -> Callable[[], list[Elements]]:
         """Return what reads all element sources, when it is first called, and none where none is set."""
@@ -301,6 +302,9 @@ def show(*parts: str | Table) -> None:
 def renew(text: str = "") -> None:
     """Write a line on standard error that the next one overwrites; no text wipes it. On a terminal only."""
     if can_draw_lines_anew():
+        # A line that wraps would not be overwritten by the next.
+        with contextlib.suppress(OSError, ValueError):
+            text = text[: os.get_terminal_size(sys.stderr.fileno()).columns - 1]
         click.echo(f"\r\x1b[K{text}", nl=False, err=True)
 
 

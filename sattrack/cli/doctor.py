@@ -8,6 +8,7 @@ from __future__ import annotations
 import getpass
 import importlib.util
 import os
+import re
 import shutil
 import sys
 import time
@@ -114,7 +115,8 @@ def worst(checks: Sequence[CheckResult]) -> State:
 def check_settings(path: Path | None, error: str | None) -> CheckResult:
     """Judge the settings file: `error` is what is wrong in it."""
     if error is not None:
-        return CheckResult("settings", "bad", error, ("correct that line; what follows is without the file",))
+        what = "correct that line" if re.search(r":\d+: ", error) else "give another with --config"
+        return CheckResult("settings", "bad", error, (f"{what}; what follows is without the file",))
     if path is None:
         return CheckResult("settings", "ok", "no sattrack.toml: options and built-in values are in force")
     return CheckResult("settings", "ok", f"{path} is in force")

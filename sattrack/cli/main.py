@@ -341,6 +341,8 @@ def _usage_text(error: click.UsageError, arguments: list[str]) -> str:
         # Of -mount click tells -m only.
         name = next((word for word in arguments if re.match(rf"{re.escape(error.option_name)}\w", word)), "")
         text = f"no such option {name or error.option_name}{meant(name or error.option_name, options)}"
+        if error.option_name == "--city" and "--site" in options:
+            text += ": give --site LAT,LON,HEIGHT; `sattrack init --city NAME` writes it into settings"
     elif re.search(r"[–—]\w", text):
         text += "; options begin with --, two hyphens"
     return f"{text}{'' if text.endswith('?') else ';'} see `{error.ctx.command_path} --help`"

@@ -25,6 +25,7 @@ from sattrack.cli.common import (
 )
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.core.files import replace_file
 from sattrack.recording.export import (
     ERROR,
     TABLES,
@@ -340,7 +341,7 @@ def _draw(
     over_time = trend([report for report, _ in plots])
     try:
         if html_file is not None:
-            html_file.write_text(report_html(plots, over_time, __version__), encoding="utf-8")
+            replace_file(html_file, report_html(plots, over_time, __version__).encode())
             tell(f"the report is in {html_file}")
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)

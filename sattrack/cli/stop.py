@@ -23,7 +23,7 @@ from sattrack.cli.common import (
 )
 from sattrack.core.errors import NO_JSON, BadInputError, SattrackError
 from sattrack.runtime.console import MountStop, stop_after, stop_directly, stop_session
-from sattrack.runtime.mounts import FORMS, ask_give_up, mount_address, owner_of, owners
+from sattrack.runtime.mounts import FORMS, SIMULATED, ask_give_up, mount_address, owner_of, owners
 from sattrack.runtime.system import this_user
 from sattrack.schedule.night_stop import NightStop, begin_stops, listed_nights
 
@@ -146,7 +146,12 @@ def _line(owner: Owner) -> str:
 
 
 @click.command("stop")
-@click.option("--mount", "mount_url", metavar="URL", help=f"Only this mount: {FORMS}.")
+@click.option(
+    "--mount",
+    "mount_url",
+    metavar="URL",
+    help=f"Only this mount: {FORMS}, or its name in the list; sim for simulated ones.",
+)
 @click.option("--all", "every", is_flag=True, help="Every mount of yours on this machine, without asking.")
 @click.option(
     "--give-up",
@@ -178,14 +183,14 @@ def command(
     if mount_url is not None and every:
         raise BadInputError("give either --mount or --all")
     url = mount_url or context.settings.mount.url
-    mounts = _mounts(mount_url, _address(url))
+    mounts = _named(mount_url) or _mounts(mount_url, _address(url))
     if not sys.platform.startswith("linux"):
         # Sessions have no names to be found by.
         tell("a running session is found on Linux only: press Space or Ctrl-C in its own terminal, too")
     if not (mounts or mounts.nights):
         raise BadInputError(
             "nothing to stop: no session of yours moves a mount on this machine; "
-            "--mount URL stops a mount directly"
+            "--mount URL stops a real mount directly"
         )
     if give_up:
         return _give_up(context, mounts.sessions)
@@ -206,6 +211,17 @@ def command(
     if failed:
         raise failed[0]
     return 0
+
+
+def _named(name: str | None) -> Mounts | None:
+    """Return the mounts that `--mount` names as the list does, or the simulated ones; None for none."""
+    if name == SIMULATED:
+        sessions = [owner for owner in _own_sessions() if owner.simulated]
+        nights = [night for night in listed_nights() if night.mount is None]
+    else:
+        sessions = [owner for owner in owners() if owner.mount == name]
+        nights = [night for night in listed_nights() if night.mount == name]
+    return Mounts(tuple(sessions), None, tuple(nights)) if sessions else None
 
 
 def _begun_since(mounts: Mounts) -> Mounts:
@@ -250,7 +266,7 @@ def _chosen(mounts: Mounts, as_json: bool) -> Mounts:
     if as_json or not _somebody_there():
         raise BadInputError(
             f"{len(mounts)} mounts: nothing is stopped yet; "
-            "`sattrack stop --all` stops all of them, `sattrack stop --mount URL` one"
+            "`sattrack stop --all` stops all of them, `sattrack stop --mount NAME` one, by its name above"
         )
     return _answered(mounts)
 

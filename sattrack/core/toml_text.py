@@ -452,7 +452,7 @@ def read_toml(path: Path, kind: type[T], what: str) -> T:
     that has no place in it.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise BadInputError(f"{path}: cannot read {what}: {error.strerror}") from error
     except UnicodeDecodeError as error:
@@ -462,5 +462,5 @@ def read_toml(path: Path, kind: type[T], what: str) -> T:
 
 def line_of_key(path: Path, name: str) -> str:
     """Return ':LINE' of a key in a TOML file that was read before, or '' where it does not stand there."""
-    spots = toml_positions(path.read_text(encoding="utf-8"))
+    spots = toml_positions(path.read_text(encoding="utf-8-sig"))
     return next((f":{spot.line}" for where, spot in spots.items() if where[-1] == name), "")

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 
 from sattrack.control.stages import KEYHOLE, RATE, STOPPED, RunStage
+from sattrack.core import local_time
 from sattrack.recording.fits import (
     SURE_SIGMAS,
     AxisFit,
@@ -162,6 +163,14 @@ class Report(msgspec.Struct, frozen=True):
     times: TimeFigures
 
 
+def _unused(run: Trace) -> tuple[str, ...]:
+    """Return from when on a recording with a gap is not used: what the run knew after it is not known."""
+    if run.result.stopped_utc_s is None:
+        return ()
+    at = local_time.clock(run.result.stopped_utc_s)
+    return (f"this report ends at {at}, where messages are missing; what came after that is not used",)
+
+
 def make_report(recording: Recording, run: Trace) -> tuple[Report, BiasFit | None]:
     """Return the report of a run made again, and the fit of its biases where there were observations."""
     spec = run.engine.spec
@@ -184,7 +193,7 @@ def make_report(recording: Recording, run: Trace) -> tuple[Report, BiasFit | Non
         ra=ra,
         dec=dec,
         advice=(),
-        problems=tuple(recording.problems),
+        problems=(*recording.problems, *_unused(run)),
         acquired=run.acquired,
         missed=missed,
         times=times,

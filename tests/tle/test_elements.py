@@ -164,6 +164,10 @@ def test_a_decayed_satellite_is_named():
     ) as e:
         Motion(elements).at(late.unix_s, 0.0)
     assert (e.value.exit_code, e.value.code) == (1, 6)
+    # The ISS of 2026, taken back to 1999: by its drag it would have come from above.
+    iss = Elements.from_tle(*ISS, name="ISS (ZARYA)")
+    with pytest.raises(DecayedError, match="days from the epoch of its elements: use older elements or a later"):
+        Motion(iss).at(Utc.parse("1999-01-01T00:00:00Z").unix_s, 0.0)
 
 
 def test_impossible_elements_are_refused_by_name():

@@ -247,7 +247,10 @@ def test_settings_and_site_name_what_is_wrong() -> None:
     assert doctor.check_settings(None, None).state == "ok"
     assert doctor.check_settings(Path("sattrack.toml"), None).what == "sattrack.toml is in force"
     assert doctor.check_settings(None, "sattrack.toml:3: no").what == "sattrack.toml:3: no"
-    assert doctor.check_settings(None, "sattrack.toml:3: no").state == "bad"
+    wrong, missing = "sattrack.toml:3: no", "none.toml: cannot read the settings: No such file or directory"
+    assert doctor.check_settings(None, wrong).state == "bad"
+    for error, way_out in ((wrong, "correct that line;"), (missing, "give another with --config;")):
+        assert doctor.check_settings(None, error).do[0].startswith(way_out)
     assert doctor.check_site(None, None).state == "warn"
     assert doctor.check_site(None, "latitude").state == "bad"
     assert (

@@ -7,8 +7,9 @@ import re
 import signal
 import socket
 import threading
+from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 from programs import SITE, ended, free_port, sattrack, simulated_mount
@@ -17,9 +18,6 @@ from sattrack.cli.main import run
 from sattrack.cli.mount import failure
 from sattrack.control.procedures import Outcome, RequestRefused
 from sattrack.mount.requests import TicketState
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 NOWHERE = "xerxes://127.0.0.1:9?listen=15999"
 
@@ -136,7 +134,8 @@ def test_an_address_that_is_no_mounts(
 def test_no_site_and_no_mount_are_told(no_sockets: None, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["mount", "slew", "5h", "10", "--mount", NOWHERE]) == 2
     assert capsys.readouterr().err == (
-        "sattrack: no site: give --site LAT,LON,HEIGHT, or run `sattrack init`\n"
+        "sattrack: no site: give --site LAT,LON,HEIGHT, or run `sattrack init`; "
+        f"there is no sattrack.toml in {Path.cwd()}\n"
     )
     assert run(["mount", "status"]) == 2
     assert "no mount: give --mount" in capsys.readouterr().err

@@ -238,6 +238,29 @@ def test_progress_is_for_terminals(
     assert err.endswith("\r\x1b[K")
 
 
+def test_progress_never_wraps(
+    given: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What wraps is not overwritten by the next line: a narrow terminal would fill up."""
+    monkeypatch.setattr("sattrack.cli.passes._FEWEST_FOR_PROGRESS", 1)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr(sys.stderr, "fileno", lambda: 2, raising=False)
+    monkeypatch.setattr("os.get_terminal_size", lambda *_: os.terminal_size((12, 24)))
+    assert run(["passes", *given]) == 0
+    assert "\r\x1b[Ksearched 1 \r\x1b[K" in capsys.readouterr().err
+
+
+def test_the_sun_is_lit(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["passes", "SUN", "--site", "52,4,0", "--clock", "2026-10-02T12:00:00Z", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert rows
+    # It may still be up where the search ends.
+    assert all(
+        row["sunlit_from_utc"] and row["sunlit_to_utc"] == (row["set_utc"] or row["sunlit_to_utc"])
+        for row in rows
+    )
+
+
 def test_elements_far_from_the_search_are_told(given: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     # It is told once of each Earth orientation, and another test may have used the installed one.
     EarthOrientation.installed.cache_clear()

@@ -138,7 +138,7 @@ def test_nothing_to_stop_and_nobody_there(capsys: pytest.CaptureFixture[str]) ->
     assert run(["stop"]) == 2
     assert capsys.readouterr().err == (
         "sattrack: nothing to stop: no session of yours moves a mount on this machine; "
-        "--mount URL stops a mount directly\n"
+        "--mount URL stops a real mount directly\n"
     )
     assert run(["stop", "--mount", "telescope://127.0.0.1:1/0"]) == 2
     port = free_port()
@@ -172,6 +172,15 @@ def stopped(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return mounts
 
 
+def test_without_a_simulated_mount_sim_stops_nothing(
+    stopped: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(stop_module, "owners", lambda: [DOME])
+    assert run(["stop", "--mount", "sim"]) == 2
+    assert "nothing to stop" in capsys.readouterr().err
+    assert stopped == []
+
+
 def test_a_guardian_that_goes_on_is_told_in_a_sentence_of_its_own(
     stopped: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -197,6 +206,9 @@ def test_a_guardian_that_goes_on_is_told_in_a_sentence_of_its_own(
         ([DEMO, DOME, PRACTICE], [], [DOME]),
         ([DEMO, DOME, PRACTICE], ["--all"], [DEMO, DOME, PRACTICE]),
         ([DOME, YARD], ["--all"], [DOME, YARD]),
+        # By the name that the list shows, and the simulated one by that of all simulated ones.
+        ([DOME, YARD, DEMO], ["--mount", YARD.mount], [YARD]),
+        ([DOME, YARD, DEMO], ["--mount", "sim"], [DEMO]),
     ],
 )
 def test_the_only_mount_the_only_real_one_and_all_of_them_are_stopped_at_once(
@@ -213,7 +225,8 @@ def test_the_only_mount_the_only_real_one_and_all_of_them_are_stopped_at_once(
     out, err = capsys.readouterr()
     for each in sessions:
         assert (f"stopping {each.mount}: asking `{each.command}`" in err) == (each in expected)
-        assert (f"still runs: {each.mount}" in err) == (each not in expected)
+        told = each not in expected and "--mount" not in options
+        assert (f"still runs: {each.mount}" in err) == told
     assert out.count("stopped and seen at rest") == len(expected)
 
 
@@ -230,7 +243,9 @@ def test_of_several_none_is_stopped_where_nobody_can_say_which(
     assert not stopped
     for each in sessions:
         assert f"{each.mount}  `{each.command}`, process 1" in err
-    assert "`sattrack stop --all` stops all of them, `sattrack stop --mount URL` one" in err
+    assert (
+        "`sattrack stop --all` stops all of them, `sattrack stop --mount NAME` one, by its name above" in err
+    )
 
 
 @pytest.mark.parametrize(

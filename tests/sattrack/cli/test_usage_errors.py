@@ -39,6 +39,11 @@ ELEMENTS = ("--elements", str(EXAMPLES / "iss_leiden.tle"), "--site", "52,4,0")
         (["ephemeris"], "missing argument 'TARGET'; see `sattrack ephemeris --help`"),
         (["stop", "extra"], "unexpected argument (extra); see `sattrack stop --help`"),
         (["track", "ISS", "--output", "x"], "no such option --output; see `sattrack track --help`"),
+        (
+            ["passes", "ISS", "--city", "Leiden"],
+            "no such option --city: give --site LAT,LON,HEIGHT; `sattrack init --city NAME` writes it into "
+            "settings; see `sattrack passes --help`",
+        ),
     ],
 )
 def test_a_wrong_command_line_is_told_in_one_line_with_what_was_meant(

@@ -120,6 +120,12 @@ def test_element_files_are_beside_the_settings_that_name_them(tmp_path: Path) ->
     )
 
 
+def test_a_file_that_an_editor_began_with_a_mark_of_its_encoding_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "other.toml"
+    path.write_text("min_altitude_deg = 20.0\n", encoding="utf-8-sig")
+    assert load_settings(path).min_altitude_deg == 20.0
+
+
 def test_the_screens_look_and_the_camera_are_settings_and_options_win(tmp_path: Path) -> None:
     from sattrack.cli.common import CommandContext, appearance
 

@@ -225,7 +225,9 @@ def test_what_breaks_in_todays_code_is_a_finding_and_not_an_end(short: Path) -> 
     assert result.ticks > 300
 
 
-def test_a_gap_ends_the_comparison_where_it_is(short: Path, tmp_path: Path) -> None:
+def test_a_gap_ends_the_comparison_where_it_is(
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     data = bytearray(short.read_bytes())
     mark = b"\x04\x00\x00\x00zstd"
     place = data.index(mark, len(data) // 2)
@@ -237,6 +239,9 @@ def test_a_gap_ends_the_comparison_where_it_is(short: Path, tmp_path: Path) -> N
     assert result.differing == 0
     assert result.agrees
     assert 50 < result.ticks < 300
+    # A report has what came before it, and says so.
+    assert run(["report", str(damaged)]) == 0
+    assert "where messages are missing; what came after that is not used" in capsys.readouterr().out
 
 
 def test_the_command_says_what_it_compared_and_exits_0(
