@@ -166,7 +166,9 @@ def test_a_decayed_satellite_is_named():
     assert (e.value.exit_code, e.value.code) == (1, 6)
     # The ISS of 2026, taken back to 1999: by its drag it would have come from above.
     iss = Elements.from_tle(*ISS, name="ISS (ZARYA)")
-    with pytest.raises(DecayedError, match="days from the epoch of its elements: use older elements or a later"):
+    with pytest.raises(
+        DecayedError, match="days from the epoch of its elements: use older elements or a later"
+    ):
         Motion(iss).at(Utc.parse("1999-01-01T00:00:00Z").unix_s, 0.0)
 
 

@@ -286,6 +286,15 @@ class TestAcross:
         assert biases.totals(NOW) == pytest.approx((0.5, cross.value))
         assert (biases.moving, Paced().moving) == (True, False)
 
+    def test_an_estimate_that_is_being_left_bends_by_as_many_degrees(self) -> None:
+        biases = Paced()
+        biases.begin_estimated(0.0, 20.0)
+        forget_estimate(biases, NOW)
+        bent = biases.estimated_cross_km.state(NOW + 1.0).acceleration
+        assert abs(bent) > 0.1
+        _, cross = biases.applied(NOW + 1.0)
+        assert cross.acceleration == pytest.approx(math.degrees(bent / 1000.0))
+
     def test_degrees_are_kilometres_there(self) -> None:
         biases = Paced()
         km = biases.cross_km(NOW, State(0.1, 0.02, 0.003))

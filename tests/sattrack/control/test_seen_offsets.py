@@ -137,6 +137,24 @@ def test_a_hidden_polar_error_delay_and_late_satellite_are_taken_out(camera: Cam
     assert estimator.begun_anew == 0
 
 
+@pytest.mark.parametrize("camera", [UPRIGHT, Camera(130.0), Camera(-40.0, True)])
+def test_an_offset_is_the_direction_in_which_the_camera_saw_the_satellite(
+    camera: Camera, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loop, directed = Loop(camera), []
+    monkeypatch.setattr(loop.steering, "_observe", lambda seen, *_, **__: directed.append(seen))
+    loop.run(2.0)
+    assert len(directed) > 1
+    for one in directed:
+        utc_s = float(Utc.parse(one.utc).unix_s)
+        x, y, z = loop.wanted(utc_s)
+        off_dec = one.dec_deg - math.degrees(math.asin(z))
+        off_ra = math.remainder(one.ra_deg - math.degrees(math.atan2(y, x)), 360.0)
+        assert math.hypot(off_ra * math.cos(math.asin(z)), off_dec) * 3600.0 < 6.0 * SIGMA_ARCSEC
+        # Where it is fed to is minutes of arc away.
+        assert math.hypot(*loop.off(utc_s)) > 60.0
+
+
 def test_frames_that_come_late_and_out_of_order_are_used_at_their_own_instants() -> None:
     loop = Loop(turn_arcsec=(100.0, 100.0, 100.0))
     loop.run(25.0, shuffled=True)
