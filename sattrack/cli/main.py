@@ -271,6 +271,7 @@ def run(arguments: list[str]) -> int:
     try:
         result: Any = cli.main(args=arguments, prog_name="sattrack", standalone_mode=False)
     except click.exceptions.Abort:
+        click.echo("\nsattrack: interrupted", err=True)
         return 130
     except Exception as error:  # noqa: BLE001 - a defect is one line too; --debug shows all of it
         return _report_error(error, arguments)

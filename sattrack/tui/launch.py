@@ -328,12 +328,14 @@ def _end_run(patience_s: float, feeder: FeederProcess) -> int:
         return 0
     feeder.send(StopNow())
     code = _wait_end(feeder, patience_s, "stopping the mount …", "RUN")
-    errors = feeder.close()
+    # What it said as it went comes before its summary, and why it failed after that.
+    told, _, why = feeder.close().rstrip("\n").rpartition("\n") if code else (feeder.close(), "", "")
+    _echo(told)
     if feeder.summary is not None:
         click.echo("\n".join(summary_lines(feeder.summary)))
     elif feeder.viewed:
         _say("the run ended without a summary: make sure that the mount is at rest")
-    _echo(errors)
+    _echo(why)
     return code
 
 
