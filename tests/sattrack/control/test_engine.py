@@ -231,6 +231,15 @@ class TestGivingUp:
         run.prepare(CULMINATION_S + 0.08)
         assert (run.repeat(), run.send_shift_s(CULMINATION_S)) == (None, 0.0)
 
+    @pytest.mark.parametrize(("failed", "ended_by"), [(True, None), (False, "set"), (False, None)])
+    def test_nothing_is_repeated_once_it_failed_or_has_ended(
+        self, failed: bool, ended_by: str | None, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        run = engine()
+        monkeypatch.setattr(type(run.session), "repeat", lambda _: b"again")
+        run.failed, run.tracker.ended_by = failed, ended_by
+        assert run.repeat() == (None if failed or ended_by else b"again")
+
     def test_a_pass_that_ends_on_the_way_to_it_says_so(self) -> None:
         run = engine()
         for number, late_s in enumerate((-60.0, -59.95, -59.9, 0.1, 0.15)):

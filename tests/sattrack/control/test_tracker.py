@@ -92,6 +92,15 @@ def test_signs_for_an_eastward_motion_overhead() -> None:
     assert error.across_arcsec == pytest.approx(7.2, rel=1e-6)
 
 
+def test_a_motion_is_judged_on_the_sky_where_right_ascension_is_short() -> None:
+    """At 60° of declination: 0.2°/s east and 0.3°/s north; the mount is 1.8″ east and 7.2″ north of it."""
+    moving = {"ra_rate_deg_s": 0.4, "dec_rate_deg_s": 0.3}
+    error = sky_error(0.0, 100.001, 60.002, target(100.0, 60.0, **moving))  # type: ignore[arg-type]
+    speed = math.hypot(0.2, 0.3)
+    assert error.along_arcsec == pytest.approx((1.8 * 0.2 + 7.2 * 0.3) / speed, rel=1e-4)
+    assert error.across_arcsec == pytest.approx((7.2 * 0.2 - 1.8 * 0.3) / speed, rel=1e-4)
+
+
 CULMINATION_S = float(Utc.parse("2026-10-02T13:05:24Z").unix_s)
 PLAN = TrackPlan(CULMINATION_S - 100.0, CULMINATION_S + 100.0)
 
