@@ -235,6 +235,19 @@ class TestSearches:
         assert told == f"the spiral found nothing within {reach:.1f}° and went back"
         assert biases.pattern_at(NOW + lasts_s + 0.02) is None
 
+    @pytest.mark.parametrize(
+        "second", [Search("spiral", 1.0, 0.5), Search("sweep", reach_s=0.5, period_s=20.0)]
+    )
+    def test_another_search_begins_where_the_first_has_led_and_goes_back_gently(self, second: Search) -> None:
+        biases = Paced()
+        biases.bounds = lambda *_: WIDE  # type: ignore[method-assign]
+        assert begin_search(biases, Search("spiral", 1.0, 0.5), NOW) is None
+        before = biases.applied(NOW + 4.9999)
+        assert math.hypot(before[0].value, before[1].value) > 0.1
+        assert begin_search(biases, second, NOW + 5.0) is None
+        after = biases.applied(NOW + 5.0001)
+        assert [one.value for one in after] == pytest.approx([one.value for one in before], abs=5e-3)
+
     @pytest.mark.parametrize(("what", "most"), [("along_s", 60.0), ("dec_deg", 5.0)])
     @pytest.mark.parametrize("sign", [1.0, -1.0])
     def test_a_rate_that_leads_out_is_stopped_and_one_that_leads_back_is_not(

@@ -154,6 +154,15 @@ class TestFollowing:
         assert one.biases.totals(NOW + 60.0)[0] == 0.5
 
 
+def test_what_was_seen_by_dates_that_turn_out_wrong_is_forgotten() -> None:
+    one, forgotten = steering(), []
+    one.estimator.forget = lambda: forgotten.append(True)  # type: ignore[method-assign]
+    for waiting, changed, forgets in (([], True, False), ([1], False, False), ([1], True, True)):
+        one.clocks = Made(waiting=waiting, watch=lambda _, changed=changed: changed)  # type: ignore[assignment]
+        one.watch(NOW)
+        assert bool(forgotten) is forgets
+
+
 class TestSearches:
     """On a mount that moves by up to 0.8 seconds of the track a second, and 0.8°/s across it."""
 
