@@ -117,6 +117,17 @@ def test_a_clock_that_is_off_is_found_within_its_sigma_and_corrected(clock_s: fl
     assert loop.clocks == (found,)
 
 
+@pytest.mark.parametrize(("clock_s", "changes"), [(0.3, True), (0.0, False)])
+def test_an_estimate_begins_anew_when_a_correction_changes_by_much_and_only_then(
+    clock_s: float, changes: bool
+) -> None:
+    """What was seen by the wrong dates is of another place."""
+    one, forgotten = Pass(clock_s), []
+    one.steering.estimator.forget = lambda: forgotten.append(True)  # type: ignore[method-assign]
+    one.run(0.0, 40.0)
+    assert bool(forgotten) is changes
+
+
 def test_a_right_clock_is_left_alone_all_the_time() -> None:
     one = Pass(0.0)
     for second in range(0, 60, 2):

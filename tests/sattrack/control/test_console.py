@@ -660,6 +660,14 @@ def test_a_look_sends_nothing_and_tells_what_it_heard() -> None:
     )
 
 
+def test_what_operates_a_console_passes_on_for_how_long_its_mount_may_go_unheard() -> None:
+    console = Bench().console
+    console.turns_known_s = 12.5
+    operation = ManualOperation(console, plain(Slew(10.0, 50.0)), T0)  # type: ignore[arg-type]
+    for part in (operation, Look(console, T0, 1.0, knock=False), ConsoleSession(console, T0, None)):
+        assert part.turns_known_s == 12.5
+
+
 def test_a_look_that_was_interrupted_stays_at_its_end() -> None:
     bench = Bench()
     look = Look(bench.console, bench.now_s, 100.0, knock=False, look_s=100.0)
