@@ -138,6 +138,7 @@ class Guarded:
         )
         self._name = name
         self._turns_before = None if name == SIMULATED else trouble_before(owned_as, time.time())
+        # Its guardian, which writes this word, does not run yet.
         self._words[Word.TURNS_LOST] = self._turns_before is not None
         self._beats = 0
         self._armed = False

@@ -46,9 +46,10 @@ from sattrack.runtime.mounts import (
     Stopped,
 )
 from sattrack.runtime.system import outlive, utc_now
-from sattrack.runtime.turns import LeftMoving, left_moving, note, seconds_since_boot
+from sattrack.runtime.turns import LeftMoving, NoteKeeper, left_moving, note, seconds_since_boot
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
 SIZE = mmap.PAGESIZE
@@ -240,6 +241,8 @@ class Guardian:
     clients: list[GuardianClient] = field(default_factory=list)
     noted: LeftMoving | None = None
     """What is noted of the mount for sessions to come."""
+    keep: Callable[[str, LeftMoving | None], None] = note
+    """Keeps such a note."""
     _watch: FeederWatch = field(init=False)
     _stop: DirectStop | None = None
     _why: str = ""
@@ -325,7 +328,7 @@ class Guardian:
         """Keep a note of the mount for sessions to come."""
         self.noted = moving
         if not self.task.simulated:
-            note(self.task.owner.mount, moving)
+            self.keep(self.task.owner.mount, moving)
 
     @property
     def over(self) -> bool:
@@ -630,8 +633,9 @@ def main() -> int:
             feeder = None
     life.sendall(b"r")
     life.setblocking(False)
-    noted = None if task.simulated else left_moving(task.owner.mount)
-    Guardian(task, life, words, link, listener, feeder, noted=noted).run()
+    noted, keeper = None if task.simulated else left_moving(task.owner.mount), NoteKeeper()
+    Guardian(task, life, words, link, listener, feeder, noted=noted, keep=keeper.note).run()
+    keeper.close()
     return 0
 
 

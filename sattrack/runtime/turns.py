@@ -9,6 +9,8 @@ small file for each mount, and removes it when the mount is at rest; the next se
 from __future__ import annotations
 
 import contextlib
+import queue
+import threading
 import time
 from typing import TYPE_CHECKING
 from urllib.parse import quote
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 
 BACKWARD_S = 5.0
 """A clock that went back by more, as one without a battery does, does not tell for how long nobody heard."""
+KEPT_WITHIN_S = 1.0
 LOOK_AT_CABLES = (
     "look at its cables, bring its axes within half a turn of the meridian by its own console, "
     "then say `sattrack mount unwound`"
@@ -89,6 +92,28 @@ def note(mount: str, moving: LeftMoving | None) -> None:
         path = _path(mount)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(msgspec.json.encode(moving))
+
+
+class NoteKeeper:
+    """Keeps notes in a thread of its own: a disk that does not answer must not hold up a guardian."""
+
+    def __init__(self) -> None:
+        self._waiting: queue.SimpleQueue[tuple[str, LeftMoving | None] | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._keep, name="notes", daemon=True)
+        self._thread.start()
+
+    def note(self, mount: str, moving: LeftMoving | None) -> None:
+        """See `note`; returns at once."""
+        self._waiting.put((mount, moving))
+
+    def close(self) -> None:
+        """Wait until all is kept, or for a second."""
+        self._waiting.put(None)
+        self._thread.join(KEPT_WITHIN_S)
+
+    def _keep(self) -> None:
+        while (one := self._waiting.get()) is not None:
+            note(*one)
 
 
 def forget(mount: str) -> None:

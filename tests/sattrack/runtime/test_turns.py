@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import socket
+import threading
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,7 @@ from sattrack.cli.main import run
 from sattrack.mount.model import MountProfile
 from sattrack.mount.xerxes.client import Address
 from sattrack.mount.xerxes.datagrams import Command, encode_command
-from sattrack.runtime import guardian
+from sattrack.runtime import guardian, turns
 from sattrack.runtime.connection import LONGEST_KNOWN_S, owned
 from sattrack.runtime.guardian import SIZE, Guardian, GuardianTask, Release, Word
 from sattrack.runtime.mounts import Owner
@@ -64,6 +65,26 @@ class TestWhatIsLeft:
         assert left_moving(MOUNT) == UNREADABLE
         note(MOUNT, None)
         assert left_moving(MOUNT) is None
+
+
+def test_a_disk_that_does_not_answer_holds_up_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    hangs, kept = threading.Event(), []
+
+    def stuck(mount: str, moving: LeftMoving | None) -> None:
+        hangs.wait(30.0)
+        kept.append((mount, moving))
+
+    monkeypatch.setattr(turns, "note", stuck)
+    monkeypatch.setattr(turns, "KEPT_WITHIN_S", 0.01)
+    keeper = turns.NoteKeeper()
+    for moving in (LeftMoving(NOW, 1.0), None):
+        keeper.note(MOUNT, moving)
+    keeper.close()
+    assert kept == []
+    hangs.set()
+    keeper._thread.join(30.0)
+    # Once it answers, all is kept in its order.
+    assert kept == [(MOUNT, LeftMoving(NOW, 1.0)), (MOUNT, None)]
 
 
 class Watched:
