@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import socket
 import time
 from dataclasses import dataclass, field
@@ -56,6 +57,8 @@ class RunStation:
     safety = None
     mount_stopped: bool | None = None
     on_trajectory = True
+    turns_known_s = math.inf
+    """It sends nothing: the run's own loop knows."""
 
     def __init__(self, task: AlpacaTask, stop_run: Callable[[], None]) -> None:
         known = task.satellites
