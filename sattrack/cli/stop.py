@@ -215,6 +215,9 @@ def command(
 
 def _named(name: str | None) -> Mounts | None:
     """Return the mounts that `--mount` names as the list does, or the simulated ones; None for none."""
+    if name is None or "://" in name:
+        # Each owner is asked who it is, and one that hangs takes seconds: not where an address says it all.
+        return None
     if name == SIMULATED:
         sessions = [owner for owner in _own_sessions() if owner.simulated]
         nights = [night for night in listed_nights() if night.mount is None]

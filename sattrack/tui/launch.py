@@ -329,7 +329,8 @@ def _end_run(patience_s: float, feeder: FeederProcess) -> int:
     feeder.send(StopNow())
     code = _wait_end(feeder, patience_s, "stopping the mount …", "RUN")
     # What it said as it went comes before its summary, and why it failed after that.
-    told, _, why = feeder.close().rstrip("\n").rpartition("\n") if code else (feeder.close(), "", "")
+    errors = feeder.close()
+    told, _, why = errors.rstrip("\n").rpartition("\n") if code else (errors, "", "")
     _echo(told)
     if feeder.summary is not None:
         click.echo("\n".join(summary_lines(feeder.summary)))

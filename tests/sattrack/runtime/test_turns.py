@@ -96,14 +96,13 @@ class Watched:
         self.now_s = 500.0
         monkeypatch.setattr(guardian, "seconds_since_boot", lambda: self.now_s)
         monkeypatch.setattr("sattrack.runtime.guardian.time", self)
-        self.guardian = self.begins()
+        self.begins()
 
-    def begins(self, noted: LeftMoving | None = None) -> Guardian:
+    def begins(self, noted: LeftMoving | None = None) -> None:
         owner = Owner(1, 1, "track", "now", MOUNT, 7625)
         task = GuardianTask(0, 0, -1, Address("192.0.2.1", 7624, 7625), MountProfile(), 1.0, 1.0, owner)
         nothing: Any = None
         self.guardian = Guardian(task, nothing, self.words, nothing, None, None, noted=noted)
-        return self.guardian
 
     def time(self) -> float:
         return NOW + self.now_s
