@@ -13,6 +13,7 @@ from rich.cells import cell_len
 from textual.containers import Horizontal, Vertical
 from textual.widgets import Digits, Static
 
+from sattrack.core import local_time
 from sattrack.tui.look import DIM, SPOKEN
 from sattrack.tui.panels import (
     DOTS_ACROSS,
@@ -278,7 +279,7 @@ class TimesPanel(Panel):
             # Hours off, its seconds matter less than its unit; the headline has them.
             until = re.sub(r":\d\d(?= |$)", " h", until)
         gap = " " if len(until) == MOST_UNTIL else "  "
-        return labelled(name, formatting.clock(at_s), gap, (until, "bold"), cells=12)
+        return labelled(name, local_time.clock(at_s), gap, (until, "bold"), cells=12)
 
 
 def _ends(scene: Scene) -> tuple[str, str]:

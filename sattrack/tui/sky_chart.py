@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from textual.content import Content
 from textual.widget import Widget
 
+from sattrack.core import local_time
 from sattrack.mount.model import mean_sidereal_deg
 from sattrack.tui.look import DIM
 from sattrack.tui.panels import DOTS_ACROSS, DOTS_DOWN, DotCanvas, Layer, Panel, Row, cells_of, rows_content
@@ -272,7 +273,7 @@ def notes(sky: ChartedSky, plain: bool = False) -> list[Row]:
             ("set" if known.sets else "until", last),
         ):
             place = _where(SkySpot(point.alt_deg, point.az_deg))
-            rows.append(_note("", "", name, f"{place} {formatting.clock(point.utc_s)}"))
+            rows.append(_note("", "", name, f"{place} {local_time.clock(point.utc_s)}"))
     for name, body, cone_deg, style in (
         ("Sun", sky.sun, known.sun_cone_deg, SUN_STYLE),
         ("Moon", sky.moon, known.moon_cone_deg, MOON_STYLE),
@@ -404,7 +405,7 @@ def _labels(canvas: DotCanvas, disc: Disc, sky: ChartedSky, roomy: bool) -> None
             if point is not top and path[-1].utc_s - path[0].utc_s >= formatting.DAY_S:
                 # What never sets comes round to where it was, and a time of day would be of another day.
                 continue
-            text = f"{name} {formatting.clock(point.utc_s)[:5]}" if roomy and point is not top else name
+            text = f"{name} {local_time.clock(point.utc_s)[:5]}" if roomy and point is not top else name
             _label(canvas, _cell(disc, SkySpot(point.alt_deg, point.az_deg)), text, NAME_STYLE)
     if known.keyhole_deg is not None:
         _label(canvas, _cell(disc, sky.pole), "pole" if roomy else "P", POLE_STYLE, over=True)

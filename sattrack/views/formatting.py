@@ -55,7 +55,7 @@ def arcsec(value: float | None, sign: bool = False) -> str:
 
 
 def clock(utc_s: float) -> str:
-    """Return the local time of day of an instant, to the second that has begun."""
+    """Return the local time of day that it is now, to the second that has begun."""
     return local_time.clock(math.floor(utc_s))
 
 
@@ -127,8 +127,8 @@ def iso_unix_s(utc: str) -> float:
 
 
 def iso_clock(utc: str | None) -> str:
-    """Return the time of day of an instant in ISO 8601; a dash for none."""
-    return NOTHING if utc is None else clock(iso_unix_s(utc))
+    """Return the time of day of an event, to the nearest second as lists show it; a dash for none."""
+    return NOTHING if utc is None else local_time.clock(iso_unix_s(utc))
 
 
 def within(text: str, plain: bool = False) -> str:

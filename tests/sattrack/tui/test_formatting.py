@@ -107,3 +107,10 @@ def test_a_gauge_with_a_stroke_where_it_is_to_be(share: float, mark: float, bar:
 def test_a_text_takes_just_the_cells_that_it_is_given(text: str, shown: str) -> None:
     assert fitted(text, 6) == shown
     assert cell_len(shown) == 6
+
+
+def test_events_are_told_to_the_nearest_second_and_the_time_now_to_the_one_that_has_begun() -> None:
+    event = "2026-10-02T13:08:48.6Z"
+    assert formatting.iso_clock(event)[3:] == "08:49"
+    assert formatting.clock(formatting.iso_unix_s(event))[3:] == "08:48"
+    assert formatting.iso_clock(None) == formatting.NOTHING

@@ -252,7 +252,7 @@ def test_the_notes_tell_the_same_in_words() -> None:
         "● satellite 55.0° up SW 235°",
         "+ mount     20.0° up NW 300°",
         "  rise      10.0° up W  270° 13:01:59",
-        "  highest   80.0° up S  180° 13:05:23",
+        "  highest   80.0° up S  180° 13:05:24",
         "  set       10.0° up E   90° 13:08:48",
         "  Sun       30.0° up S  201°  35° away",
         "            cone 15°: not pointed into",
