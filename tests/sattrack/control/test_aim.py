@@ -1,23 +1,29 @@
-"""A mount's sidereal clock in the mean, and how rates lead to a direction, by hand."""
+"""A mount's sidereal clock in the mean, its own coordinates, and how rates lead to a direction, by hand."""
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
-from sattrack.control.aim import Lead, MountSidereal
+from sattrack.control.aim import Aim, Lead, MountInstant, MountSidereal
 from sattrack.control.approach import slew_time_s
 from sattrack.core.angles import wrap180
+from sattrack.mount.geometry import AxisGeometry
 from sattrack.mount.model import (
     SIDEREAL_RATE_DEG_S,
     MountProfile,
     MoveAxes,
+    PointingTerms,
+    SitePlace,
     Slew,
     StatusSample,
     mean_sidereal_deg,
 )
+from tle.site import Site
 
 NOW = 1_790_000_000.0
 LONGITUDE = 11.0
@@ -63,6 +69,80 @@ def test_the_last_four_hundred_readings_count_most() -> None:
         note(clock, 1.0)
     note(clock, 1.004)
     assert gap(clock) == pytest.approx(1.0 + 0.004 / 400.0, abs=1e-7)
+
+
+AT = MountInstant(NOW, 200.0, refracts=True)
+
+
+def aim(**terms: float) -> Aim:
+    """Return the aim of a mount at 50° north with a pointing model of these terms, arcseconds."""
+    known = {name: (value, 1.0) for name, value in terms.items()}
+    model = PointingTerms("2026-10-01T00:00:00Z", 50.0, known, 2.0, 20)
+    return Aim(MountProfile(pointing=model), Site(50.0, LONGITUDE))
+
+
+class TestAim:
+    @pytest.mark.parametrize("sense", [1.0, -1.0])
+    def test_a_mount_that_stands_past_the_pole_reports_the_other_side_of_the_sky(self, sense: float) -> None:
+        """A zero of declination of 0.25°, and a direction 0.1° short of the pole: its axis is past it."""
+        beside = aim(ID=sense * 900.0)
+        assert beside.own_deg(170.0, sense * 89.9, AT) == pytest.approx((30.0, sense * 90.15))
+        # Hour angle 30° + 180°, of a sidereal time of 200°.
+        assert beside.reported_deg(170.0, sense * 89.9, AT) == pytest.approx((350.0, sense * 89.85))
+        assert beside.reported_deg(170.0, sense * 89.7, AT) == pytest.approx((170.0, sense * 89.95))
+
+    def test_a_mount_is_fed_what_is_seen_through_the_air_unless_it_adds_that_itself(self) -> None:
+        """Towards the equator at 40° of altitude: 1.19 times 57.2″ by ERFA; Bennett has 2″ more."""
+        straight = aim(ID=0.0)
+        raised_deg = 1.19 * 57.2 / 3600.0
+        told = MountInstant(NOW, 200.0)
+        assert straight.own_deg(200.0, 0.0, told) == pytest.approx((0.0, raised_deg), abs=2.5 / 3600.0)
+        assert straight.reported_deg(200.0, 0.0, told) == pytest.approx((200.0, raised_deg), abs=2.5 / 3600.0)
+        assert straight.own_deg(200.0, 0.0, AT) == pytest.approx((0.0, 0.0), abs=1e-9)
+        straight.adds_air = False
+        assert straight.own_deg(200.0, 0.0, told) == (0.0, 0.0)
+
+    @pytest.mark.parametrize("refracts", [False, True])
+    @pytest.mark.parametrize("beyond_pole", [False, True])
+    @pytest.mark.parametrize(
+        ("ra_deg", "dec_deg"), [(170.0, 30.0), (359.999, 60.0), (10.0, 80.0), (250.0, -20.0)]
+    )
+    def test_what_is_reported_is_where_the_telescope_looks_and_back(
+        self, ra_deg: float, dec_deg: float, refracts: bool, beyond_pole: bool
+    ) -> None:
+        beside = aim(IH=700.0, ID=-900.0, CH=600.0, ME=400.0)
+        at = MountInstant(NOW, 200.0, refracts, beyond_pole)
+        told = beside.reported_deg(ra_deg, dec_deg, at)
+        assert told != pytest.approx((ra_deg, dec_deg), abs=0.05)
+        assert told != pytest.approx(
+            beside.reported_deg(ra_deg, dec_deg, at._replace(beyond_pole=not beyond_pole))
+        )
+        sample = StatusSample(0, NOW, 200.0 / 15.0, *told, False, refracts, 0.0, 0.0, beyond_pole)
+        assert beside.looks_at_deg(sample) == pytest.approx((ra_deg, dec_deg), abs=1e-4)
+
+    @pytest.mark.parametrize("reports", ["axes", "sky"])
+    def test_a_mount_that_tells_its_axes_alone_is_led_by_our_clock_and_through_the_air(
+        self, reports: Any
+    ) -> None:
+        """Others by their own clock, an hour behind here. Sidereal time and azimuths are ERFA's."""
+        import erfa
+
+        # The first axis points to the zenith, and its angles are azimuths from south.
+        geometry = AxisGeometry(0.0, 90.0, reports=reports)
+        profile = MountProfile(geometry=geometry, stands_at=SitePlace(50.0, LONGITUDE))
+        led, by_axes = Aim(profile, Site(50.0, LONGITUDE)), reports == "axes"
+        day = 2440587.5 + NOW / 86400.0
+        ours_deg = float(np.degrees(erfa.gst06a(day, 0.0, day + 69.184 / 86400.0, 0.0))) + LONGITUDE
+        theirs = MountInstant(NOW, ours_deg - 15.0, refracts=True)
+        hour_angle = math.radians(40.0 if by_axes else 25.0)
+        azimuth, altitude = erfa.hd2ae(hour_angle, math.radians(30.0), math.radians(50.0))
+        angles = math.degrees(azimuth) - 180.0, math.degrees(altitude)
+        ra_deg = ours_deg - 40.0
+        assert led.own_deg(ra_deg, 30.0, theirs) == pytest.approx(angles, abs=0.02)
+        assert led.sky_deg(*angles, theirs) == pytest.approx((ra_deg % 360.0, 30.0), abs=0.02)
+        # A mount that tells directions is fed them as they are.
+        airless, fed = (led.own_deg(ours_deg, 0.0, theirs._replace(refracts=one)) for one in (True, False))
+        assert (fed[1] - airless[1]) * 3600.0 == pytest.approx(1.19 * 57.2 if by_axes else 0.0, abs=2.5)
 
 
 def place(utc_s: float) -> tuple[float, float]:
@@ -168,6 +248,12 @@ class TestLead:
         assert led.lead.arrived is near
         led.lead.see(led.sample(utc_s, 400.0), utc_s)
         assert led.lead.arrived is False
+        # What was near before counts no more.
+        for _ in range(4):
+            led.lead.see(led.sample(utc_s), utc_s)
+            assert led.lead.arrived is False
+        led.lead.see(led.sample(utc_s), utc_s)
+        assert led.lead.arrived is True
 
     def test_four_minutes_are_long_enough(self) -> None:
         led = Led()

@@ -6,6 +6,8 @@ import math
 import random
 from typing import Any
 
+import msgspec
+import numpy as np
 import pytest
 
 from sattrack.control.axes import (
@@ -23,6 +25,7 @@ from sattrack.control.axes import (
     MountLoop,
     SentRates,
 )
+from sattrack.control.axis_filter import SHARES
 from sattrack.mount.model import AxisLimits, MountProfile, StatusSample
 
 PERIOD_S = 0.05
@@ -132,6 +135,193 @@ def test_only_a_large_change_of_rate_shakes_an_axis_and_for_a_while(
     assert seen[-1] is False
 
 
+def test_an_axis_whose_rate_never_changed_by_much_was_never_shaken(monkeypatch: pytest.MonkeyPatch) -> None:
+    mount = Mount(1)
+    mount.step()
+    assert mount.axes is not None
+    seen: list[bool] = []
+    for axis in (mount.axes.ra, mount.axes.dec):
+
+        def watched(*given: Any, advance: Any = axis.advance) -> None:
+            seen.append(given[-1])
+            advance(*given)
+
+        monkeypatch.setattr(axis, "advance", watched)
+    for _ in range(20):
+        mount.step()
+    assert seen == [False] * 40
+
+
+def test_of_a_mount_that_was_seen_once_no_motion_is_known() -> None:
+    axes = Axes.begin(MountProfile(), CommandHistory(0.0, MountLoop(PERIOD_S)), Mount(1).sample(), 3.0)
+    assert axes.sample_utc_s == 3.0
+    assert (axes.rates_deg_s, axes.predicted_deg, axes.turned_over_s) == ((0.0, 0.0), (0.0, 0.0), 0.0)
+    assert (axes.lost, axes.strained, axes.misread) == (False, False, 0)
+
+
+def test_a_mount_that_moves_by_a_plan_of_its_own_is_where_it_is_seen_and_as_fast() -> None:
+    """By no commands: of how they move it such a motion tells nothing, and those before it are over."""
+    mount = settled()
+    axes = mount.axes
+    assert axes is not None
+    assert axes.turned_over_s == pytest.approx(PERIOD_S)
+    mount.step(change_deg_s=1.0)
+    assert axes.strained is True
+    gain, utc_s = axes.ra.gain_error, axes.sample_utc_s + 0.2
+    ra_deg, dec_deg = axes.ra.position_deg, axes.dec.position_deg
+    moved = StatusSample(0, utc_s, 0.0, (ra_deg - 0.4) % 360.0, dec_deg + 0.1, True, False, 0.0, 0.0)
+    assert axes.take(moved, utc_s, commanded=False) is True
+    assert axes.rates_deg_s == pytest.approx((-2.0, 0.5))
+    assert (axes.ra.position_deg, axes.dec.position_deg) == pytest.approx((ra_deg - 0.4, dec_deg + 0.1))
+    assert (axes.sample_utc_s, axes.turned_over_s, axes.outliers) == (utc_s, 0.0, 0)
+    assert (axes.strained, axes.ra.gain_error) == (False, gain)
+
+
+class Steady:
+    """Both axes at rates that were commanded long ago, and seen without any noise; commands take no time."""
+
+    def __init__(self, ra_deg_s: float, dec_deg_s: float, profile: MountProfile | None = None) -> None:
+        self.rates, self.profile = (ra_deg_s, dec_deg_s), profile or MountProfile()
+        loop = MountLoop(PERIOD_S)
+        self.history = CommandHistory(0.0, loop)
+        self.history.add(SentRates(-1.0, *self.rates))
+        loop.note(0, 0.0)
+        self.axes = Axes.begin(self.profile, self.history, self.sample(0.0), 0.0)
+        for turn in range(1, 40):
+            loop.note(turn, turn * PERIOD_S)
+            assert self.axes.take(self.sample(turn * PERIOD_S), turn * PERIOD_S, commanded=True) is True
+
+    def sample(self, utc_s: float) -> StatusSample:
+        ra, dec = 100.0 + self.rates[0] * utc_s, self.rates[1] * utc_s
+        return StatusSample(0, utc_s, 0.0, ra % 360.0, dec, True, False, 0.0, 0.0)
+
+    def stands(self) -> bool:
+        """Have the last place reported once more; tell whether it was believed."""
+        utc_s = self.axes.sample_utc_s
+        return self.axes.take(self.sample(utc_s), utc_s + PERIOD_S, commanded=True)
+
+
+@pytest.mark.parametrize("turns", [0, 1])
+def test_how_well_an_axis_is_dated_matters_by_its_own_rate(turns: int) -> None:
+    """30 µs of 20°/s are 2.2″, beside which nothing else counts."""
+    axes = Steady(*((20.0, 0.0) if turns == 0 else (0.0, 20.0))).axes
+    sigmas = [axis.innovation_sigma_deg / ARCSEC for axis in (axes.ra, axes.dec)]
+    assert sigmas[turns] > 5.0 * sigmas[1 - turns]
+
+
+@pytest.mark.parametrize("turns", [0, 1])
+@pytest.mark.parametrize(
+    ("rate_deg_s", "encoder_tics", "believed"),
+    [(1.9 / 180.0, 2**26, True), (2.1 / 180.0, 2**26, False), (0.3, 2**16, True), (-0.4, 2**16, False)],
+)
+def test_a_place_that_stays_to_the_last_bit_is_no_reading_of_an_axis_that_was_commanded(
+    turns: int, rate_deg_s: float, encoder_tics: int, believed: bool
+) -> None:
+    """To move by more than 2″ a turn of 0.05 s, and than three tics: 59″ of a coarse encoder."""
+    rates = (rate_deg_s, 0.0) if turns == 0 else (0.0, rate_deg_s)
+    steady = Steady(*rates, MountProfile(encoder_tics=encoder_tics))
+    place = (steady.axes.ra, steady.axes.dec)[turns].position_deg
+    assert steady.stands() is believed
+    # What is not believed is where the commands have moved it to meanwhile; that is no outlier.
+    if not believed:
+        moved = (steady.axes.ra, steady.axes.dec)[turns].position_deg - place
+        assert moved == pytest.approx(rate_deg_s * PERIOD_S, rel=1e-3)
+    assert steady.axes.outliers == 0
+    assert Steady(0.0, 0.0).stands() is True
+
+
+@pytest.mark.parametrize(
+    ("rates", "told", "lags_s"),
+    [
+        ((0.4, -0.2), {"ra": AxisLimits(lag_s=0.1)}, (0.1, 0.03)),
+        ((-0.1, 0.3), {"dec": AxisLimits(lag_s=0.15)}, (0.03, 0.15)),
+    ],
+)
+def test_axes_are_bound_for_where_they_would_come_to_rest(
+    rates: tuple[float, float], told: dict[str, AxisLimits], lags_s: tuple[float, float]
+) -> None:
+    """What is commanded from now on they do in full, and what was before they still do for their lag.
+
+    A rate that nobody asked for goes on until that is over. A profile that tells no lag means 30 ms.
+    """
+    steady = Steady(*rates, msgspec.structs.replace(MountProfile(), **told))
+    axes, now_s = steady.axes, steady.axes.sample_utc_s
+    assert (axes.ra.lag.mean_s, axes.dec.lag.mean_s) == pytest.approx(lags_s, abs=0.005)
+    extra = 0.01, -0.02
+    for axis, extra_deg_s in zip((axes.ra, axes.dec), extra, strict=True):
+        axis.change(np.array([0.0, extra_deg_s, *np.zeros(SHARES)]))
+    until_s = 2.0 * PERIOD_S
+    for new in (rates, (1.0, 0.7)):
+        steady.history.add(SentRates(now_s - 1e-6, *new))
+        # This one acts later.
+        steady.history.add(SentRates(now_s + until_s - 1e-6, 5.0, 5.0))
+        places, last = axes.bound_for(now_s + until_s)
+        steady.history.clear()
+        assert last == new
+        for axis, place, before, after, disturbance in zip(
+            (axes.ra, axes.dec), places, rates, new, extra, strict=True
+        ):
+            lag_s = axis.lag.mean_s
+            rest = axis.position_deg + after * until_s + before * lag_s + disturbance * (until_s + lag_s)
+            assert place == pytest.approx(rest, abs=1e-5)
+
+
+def test_after_a_plan_of_its_own_a_mount_answers_no_commands_of_before() -> None:
+    steady = Steady(0.4, -0.2, MountProfile(ra=AxisLimits(lag_s=0.1), dec=AxisLimits(lag_s=0.1)))
+    utc_s = steady.axes.sample_utc_s + PERIOD_S
+    steady.history.clear()
+    # The servos' lag: without that plan they would move on.
+    assert steady.axes.moved_by(utc_s) == pytest.approx((0.0157, -0.0079), abs=0.002)
+    steady.axes.take(steady.sample(utc_s), utc_s, commanded=False)
+    assert steady.axes.moved_by(utc_s + PERIOD_S) == (0.0, 0.0)
+
+
+def test_a_mount_that_is_taken_up_again_is_somewhere_else_and_as_it_was_known() -> None:
+    steady = Steady(0.4, -0.2)
+    steady.axes.drives[1].acceleration_deg_s2 = 3.0
+    steady.axes.ra.change(np.array([0.0, 0.0, 0.01, *np.zeros(SHARES - 1)]))
+    for _ in range(100):
+        steady.axes.ra.advance(PERIOD_S, 0.0, np.zeros(SHARES))
+        steady.axes.ra.measure(steady.axes.ra.position_deg, 0.0)
+    there = StatusSample(0, 60.0, 0.0, 250.0, -10.0, True, False, 0.0, 0.0)
+    again = Axes.begin(steady.profile, steady.history, there, 60.0, former=steady.axes)
+    assert (again.ra.position_deg, again.dec.position_deg) == (250.0, -10.0)
+    assert [drive.acceleration_deg_s2 for drive in again.drives] == [10.0, 3.0]
+    assert again.ra.gain_error == pytest.approx(0.01, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("later_s", "follows"), [(-0.05, False), (0.0009, False), (0.0011, True), (4.99, True), (5.01, False)]
+)
+def test_a_sample_is_joined_to_those_of_the_last_five_seconds_but_not_to_one_of_its_own_turn(
+    later_s: float, follows: bool
+) -> None:
+    axes = Steady(0.4, -0.2).axes
+    assert axes.follows(axes.sample_utc_s + later_s) is follows
+
+
+def test_a_delay_that_acknowledgements_tell_is_used_once_it_is_another_one() -> None:
+    """Flags were not there 10 ms after they were raised, and others were after 20 ms: it is between."""
+    axes = Steady(0.4, -0.2).axes
+    now_s, unlearnt = axes.sample_utc_s, DelayTrials().evidence
+    axes.trials.evidence[:] = -1.0
+    axes.acknowledge(now_s - 0.01, now_s + PERIOD_S)
+    # What motion has said of other delays was against the one that was in use.
+    assert (axes.trials.evidence == unlearnt).all()
+    for _ in range(5):
+        axes.acknowledge(now_s - 0.01, now_s + PERIOD_S)
+        axes.acknowledge(now_s - 0.02 + PERIOD_S, now_s + PERIOD_S)
+    told_s, sigma_s = axes.history.acknowledged.delay_s
+    assert told_s == pytest.approx(0.015, abs=0.001)
+    assert sigma_s == pytest.approx(0.003, abs=0.001)
+    assert axes.history.delay_s == pytest.approx(told_s, abs=0.001)
+    # Less than a millisecond is not worth to have learnt the rest in vain.
+    used_s = axes.history.delay_s
+    axes.trials.evidence[:] = -1.0
+    axes.acknowledge(now_s - 0.01, now_s + PERIOD_S)
+    assert (axes.history.delay_s, set(axes.trials.evidence)) == (used_s, {-1.0})
+
+
 def test_a_change_that_a_drive_takes_a_while_for_strains_it_so_long() -> None:
     """Half the acceleration, 5°/s², is surely there: 0.25°/s a turn of a change by 1°/s."""
     mount = settled()
@@ -167,6 +357,20 @@ def test_a_delay_may_be_as_much_too_short_as_too_long() -> None:
     assert tried == [-one for one in reversed(tried)]
     # As of one that is 5 ms off, one sigma: nobody measures a delay so that half a turn is likely.
     assert DelayTrials().evidence == pytest.approx([-0.5 * (one / 0.0049) ** 2 for one in tried], rel=1e-3)
+
+
+def test_a_delay_is_proven_against_the_one_in_use_by_motion_and_acknowledgements_together() -> None:
+    """How unlikely a third one is counts for nothing."""
+    history, trials = CommandHistory(0.04, MountLoop(PERIOD_S)), DelayTrials()
+    trials.evidence[:] = -20.0
+    longer = TRIED_S.tolist().index(0.006)
+    trials.evidence[longer] = 5.5
+    assert trials.proven(history) is None
+    # It was no less than 26 ms, as both of them say; then no less than 43 ms: against the one in use.
+    history.acknowledged.note(0.0, 0.026, 0.076)
+    assert trials.proven(history) is None
+    history.acknowledged.note(0.0, 0.043, 0.093)
+    assert trials.proven(history) == longer
 
 
 @pytest.mark.parametrize("shares", [(1.0, 0.0), (0.0, -1.0)])
@@ -248,6 +452,19 @@ def test_a_mount_that_is_somewhere_else_is_lost_and_said_to_be() -> None:
         assert not mount.axes.lost
     mount.step()
     assert mount.axes.lost
+
+
+def test_jumps_that_do_not_come_in_a_row_are_no_other_coordinates() -> None:
+    mount = settled()
+    assert mount.axes is not None
+    for _ in range(2):
+        mount.ra_deg += 30.0
+        for _ in range(OUTLIERS_BELIEVED - 1):
+            mount.step()
+        assert mount.axes.outliers == OUTLIERS_BELIEVED - 1
+        mount.ra_deg -= 30.0
+        mount.step()
+        assert (mount.axes.outliers, mount.axes.lost) == (0, False)
 
 
 @pytest.mark.parametrize(

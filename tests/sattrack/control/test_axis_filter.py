@@ -227,6 +227,127 @@ def test_an_axis_that_sticks_near_rest_is_no_rate() -> None:
     assert abs(axis.disturbance_deg_s) < 0.002
 
 
+def test_near_rest_a_rate_that_is_over_is_unlearnt_in_three_samples_of_an_axis_that_is_hardly_known() -> None:
+    """An abort by other hands: it was three seconds on its way, stood for half a second, and goes on."""
+    axis, true_deg = AxisFilter(0.0), 0.0
+    for number in range(90):
+        stopped = 60 <= number < 70
+        commanded_deg_s = 0.12 if stopped else 0.013
+        true_deg += 0.0 if stopped else commanded_deg_s * STEP_S
+        axis.advance(STEP_S, 0.0, moved(commanded_deg_s))
+        axis.measure(true_deg, commanded_deg_s)
+        if number in (69, 71):
+            assert axis.disturbance_deg_s < -0.1
+        elif number >= 72:
+            assert abs(axis.disturbance_deg_s) < 0.001
+
+
+@pytest.mark.parametrize("stuck_deg_s", [0.03, 0.04])
+def test_near_rest_an_axis_that_sticks_is_not_taken_for_one_with_all_of_that_rate(stuck_deg_s: float) -> None:
+    """However long it sticks, and where more is commanded meanwhile: 0.04°/s are 144″/s."""
+    axis, true_deg = AxisFilter(0.0), 0.0
+    for number in range(70):
+        stuck = number >= 60
+        commanded_deg_s = 0.04 if stuck else stuck_deg_s
+        true_deg += 0.0 if stuck else commanded_deg_s * STEP_S
+        axis.advance(STEP_S, 0.0, moved(commanded_deg_s))
+        axis.measure(true_deg, commanded_deg_s)
+        assert abs(axis.disturbance_deg_s) * 3600.0 < 60.0
+
+
+def sum_sigma(axis: AxisFilter) -> float:
+    """Return one sigma of the gain."""
+    return math.sqrt(float(axis._kalman.covariance[2:, 2:].sum()))
+
+
+def test_of_a_motion_at_its_roughest_the_gain_is_as_uncertain_as_at_first_after_two_seconds_and_no_more() -> (
+    None
+):
+    for rough_share, after_2_s, after_6_s in ((1.0, 0.0, 0.0), (16.0, 0.019, 0.02)):
+        axis = AxisFilter(0.0, replace(QUIET, first_gain=0.02))
+        known = axis._kalman
+        # A third comes a turn early, and that is known.
+        known.state[2:] = 0.0
+        known.state[2:4] = 0.3, 0.7
+        known.covariance[:] = 0.0
+        axis._rough_share = rough_share
+        for seconds, sigma in ((2.0, after_2_s), (4.0, after_6_s)):
+            for _ in range(round(seconds / STEP_S)):
+                axis.advance(STEP_S, 0.0, moved(0.3))
+            assert sum_sigma(axis) == pytest.approx(sigma, abs=1e-4)
+
+
+@pytest.mark.parametrize(("shaken", "of_jolt", "of_rate"), [(False, 9.0, 9.0), (True, 1.0, 81.0)])
+def test_what_is_rough_after_a_jolt_is_a_rate_that_nobody_asked_for(
+    shaken: bool, of_jolt: float, of_rate: float
+) -> None:
+    """Of a motion nine times as rough as expected; the jolt's own answer is no rougher for that."""
+    variances = []
+    for rough_deg in (0.0, 1e-4):
+        axis = AxisFilter(0.0, replace(QUIET, rate_walk_deg_s_sqrt_s=2e-4))
+        axis._kalman.covariance[:] = 0.0
+        axis._rough_share = 9.0
+        axis.advance(STEP_S, 0.0, moved(0.3), rough_deg, shaken)
+        variances.append(axis._kalman.covariance[:2, :2].copy())
+    assert variances[0][1, 1] == pytest.approx(of_rate * 2e-4**2 * STEP_S)
+    assert variances[1] - variances[0] == pytest.approx(np.diag([of_jolt * 1e-4**2, 0.0]), abs=1e-14)
+
+
+def go_on(axis: AxisFilter, samples: int) -> None:
+    """Have an axis do what its filter expects."""
+    for _ in range(samples):
+        axis.advance(STEP_S, 0.0, moved(0.3))
+        axis.measure(axis.position_deg, 0.3)
+
+
+def gain_after_beginning_anew(axis: AxisFilter) -> float:
+    axis.begin_anew(50.0)
+    assert (axis.position_deg, axis.disturbance_deg_s) == (50.0, 0.0)
+    return axis.gain_error
+
+
+def test_a_response_that_held_for_eighty_samples_is_kept_for_the_next_beginning_and_no_further() -> None:
+    """The first twenty of a filter are not judged; what has changed since counts every twenty samples."""
+
+    def learnt() -> AxisFilter:
+        axis = AxisFilter(0.0)
+        axis.change(np.array([0.0, 0.0, 0.01, *np.zeros(SHARES - 1)]))
+        return axis
+
+    for samples, kept in ((99, 0.0), (100, 0.01)):
+        axis = learnt()
+        go_on(axis, samples)
+        assert gain_after_beginning_anew(axis) == pytest.approx(kept, abs=1e-9)
+        assert gain_after_beginning_anew(axis) == pytest.approx(0.0, abs=1e-9)
+    for samples, kept in ((19, 0.01), (20, 0.015)):
+        axis = learnt()
+        go_on(axis, 100)
+        axis.change(np.array([0.0, 0.0, 0.005, *np.zeros(SHARES - 1)]))
+        go_on(axis, samples)
+        assert gain_after_beginning_anew(axis) == pytest.approx(kept, abs=1e-9)
+    # A surprise has them counted anew: here the mean of the squares is above two for one sample yet.
+    for samples, kept in ((80, 0.0), (81, 0.01)):
+        axis = learnt()
+        go_on(axis, 60)
+        axis._surprises = 2.2
+        go_on(axis, samples)
+        assert gain_after_beginning_anew(axis) == pytest.approx(kept, abs=1e-9)
+
+
+@pytest.mark.parametrize("glitch_arcsec", [20.0, -20.0, 3600.0])
+def test_one_glitch_however_large_unlearns_nothing(glitch_arcsec: float) -> None:
+    axis = steady(100)
+    gain = axis.gain_error
+    axis.advance(STEP_S, 0.0, moved(0.3))
+    expected_deg = axis.position_deg
+    axis.measure(expected_deg + glitch_arcsec / 3600.0, 0.3)
+    assert abs(axis.position_deg - expected_deg) * 3600.0 < 0.3
+    assert abs(axis.disturbance_deg_s) * 3600.0 < 2.0
+    assert axis.gain_error == pytest.approx(gain, abs=0.003)
+    go_on(axis, 30)
+    assert (axis.begun_anew, axis.has_just_begun) == (0, False)
+
+
 def test_a_gain_that_was_learnt_wrongly_and_too_surely_is_learnt_anew() -> None:
     """On the way to a target, a drive at its limit teaches a wrong gain, and a rate that cancels it."""
     axis, true_deg, rate_deg_s, wrong = AxisFilter(0.0), 0.0, 0.35, -0.08

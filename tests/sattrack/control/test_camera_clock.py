@@ -15,7 +15,7 @@ from sattrack.control.biases import Cameras
 from sattrack.control.camera_clock import BEFORE, TERMS, CameraClocks, _Clock
 from sattrack.control.engine_view import loop_view
 from sattrack.control.steering import Steering
-from sattrack.mount.model import MountProfile
+from sattrack.mount.model import CalibrationRecord, MountProfile
 from sattrack.runtime import demo_pass
 from sattrack.views.formatting import camera_clock_text
 from sattrack.views.messages import ObservationMessage, SolvedField, decode_observation, encode_message
@@ -32,6 +32,22 @@ CULMINATION_S = float(Utc.parse("2026-10-02T13:05:24Z").unix_s)
 BEGIN_S = CULMINATION_S - 70.0
 ARCSEC = math.pi / 648000.0
 TICK_S = 0.05
+CALIBRATED = CalibrationRecord(
+    utc="2026-10-01T00:00:00Z",
+    program="sattrack",
+    side_of_pier="normal",
+    ra_gain_sigma=1e-4,
+    dec_gain_sigma=1e-4,
+    round_trip_s=0.01,
+    round_trip_sigma_s=1e-4,
+    command_delay_interval_s=(0.0, 0.01),
+    status_delay_interval_s=(0.0, 0.01),
+    clock_offset_interval_s=(-0.005, 0.005),
+    clock_drift_ppm=1.0,
+    clock_drift_sigma_ppm=1.0,
+    status_period_s=0.05,
+    status_period_jitter_s=0.001,
+)
 
 
 def direction(ra_deg: float, dec_deg: float) -> np.ndarray:
@@ -147,6 +163,42 @@ def test_sigmas_are_right_where_the_delays_were_measured() -> None:
     assert 0.3 < float(np.sqrt(np.mean(np.square(off)))) < 1.7
 
 
+@pytest.mark.parametrize("camera", ["guide", None])
+def test_it_is_told_once_that_a_correction_has_changed(camera: str | None) -> None:
+    """Fields wait for the statuses about their dates, and are used in one go."""
+    one = Pass(0.3)
+    clocks, course = one.steering.clocks, one.steering.biases.course
+    for tick in range(400):
+        now = BEGIN_S + tick * TICK_S
+        status = one.propagator.at(Utc(now))
+        clocks.note(now, float(status.ra_deg), float(status.dec_deg))
+        if tick % 20 == 0:
+            clocks.hear(msgspec.structs.replace(one.field(now - 0.4), camera=camera))
+    assert (clocks.views(), clocks.correction_s(camera)) == ((), 0.0)
+    assert clocks.watch(course) is True
+    assert clocks.correction_s(camera) == pytest.approx(0.3, abs=0.03)
+    assert clocks.correction_s("another") == 0.0
+    assert clocks.watch(course) is False
+    assert not clocks.waiting
+
+
+@pytest.mark.parametrize("towards_deg", [0.0, 45.0, 90.0, 135.0])
+def test_a_field_is_off_by_as_much_in_whatever_direction(towards_deg: float) -> None:
+    """Those an arcminute away from what the others say are left out."""
+    one = Pass(0.0, noise_arcsec=0.5)
+    # About right ascension 235°, far from both axes of the equator.
+    one.run(67.0, 87.0)
+    towards = math.radians(towards_deg)
+    for off_arcsec, taken in ((70.0, 0), (-70.0, 0), (50.0, 1)):
+        seen = one.field(BEGIN_S + 86.5)
+        east, north = off_arcsec * math.sin(towards) / 3600.0, off_arcsec * math.cos(towards) / 3600.0
+        ra_deg = seen.ra_deg + east / math.cos(math.radians(seen.dec_deg))
+        one.steering.clocks.hear(msgspec.structs.replace(seen, ra_deg=ra_deg, dec_deg=seen.dec_deg + north))
+        before = one.clock.frames
+        one.steering.watch(BEGIN_S + 87.0)
+        assert one.clock.frames == before + taken
+
+
 def test_a_field_that_was_solved_wrongly_changes_nothing() -> None:
     one = Pass(0.3)
     one.run(0.0, 20.0)
@@ -181,6 +233,26 @@ def test_fields_from_before_the_mount_was_heard_are_dropped() -> None:
     one.steering.clocks.hear(one.field(BEGIN_S - 30.0))
     one.run(0.0, 2.0, fields=False)
     assert one.steering.clocks.views() == ()
+
+
+def test_a_field_is_used_once_there_are_statuses_from_both_sides_of_its_date() -> None:
+    """Of a fifth of a second: it waits for the later ones, and without the earlier ones it is of no use."""
+    one = Pass(0.0)
+    one.run(0.0, 2.0, fields=False)
+    for at_s in (0.19, 0.21, 1.74, 1.76):
+        one.steering.clocks.hear(one.field(BEGIN_S + at_s))
+    one.steering.watch(BEGIN_S + 2.0)
+    assert (one.clock.frames, len(one.steering.clocks.waiting)) == (2, 1)
+    one.run(2.0, 2.1, fields=False)
+    assert (one.clock.frames, len(one.steering.clocks.waiting)) == (3, 0)
+
+
+def test_of_the_fields_that_wait_the_last_fifty_are_kept() -> None:
+    one, clocks = Pass(0.0), CameraClocks(MountProfile())
+    seen = one.field(BEGIN_S)
+    for number in range(60):
+        clocks.hear(msgspec.structs.replace(seen, sigma_arcsec=1.0 + number))
+    assert [field.sigma_arcsec for field in clocks.waiting] == [1.0 + number for number in range(10, 60)]
 
 
 class TestByHand:
@@ -281,5 +353,7 @@ class TestByHand:
             0.0,
             0.0,
         )
+        measured = CameraClocks(MountProfile(calibration=CALIBRATED))
+        assert measured._read(clock)[1] == pytest.approx(math.hypot(0.01, 0.002))
         (view,) = clocks.views()
         assert (view.camera, view.frames, view.corrected_s) == ("guide", 7, 0.3)

@@ -56,6 +56,14 @@ def test_nothing_sent_moves_nothing() -> None:
     assert {step[1:] for step in made} == {(0.0, 0.0)}
 
 
+def test_what_was_sent_is_forgotten_of_a_mount_that_is_on_its_own_again() -> None:
+    made = history((1.000, 1.0), (1.050, 2.0))
+    made.clear()
+    assert made.acting(1.070).ra_rate_deg_s == 0.0
+    made.add(SentRates(1.100, 3.0, 4.0))
+    assert steps(made, 1.070, 1.170) == [(1.070, 0.0, 0.0), (1.120, 3.0, 4.0)]
+
+
 def test_the_delay_changes_within_bounds_of_the_profiles() -> None:
     made, short = history(delay_s=0.050), history(delay_s=0.010)
     assert made.change_delay(0.006)

@@ -64,3 +64,26 @@ def test_sending_falls_into_step_halfway_between_turns() -> None:
         early = (arrival + loop.shift_s(arrival, early_s=0.01)) % 0.05
         assert early == pytest.approx(0.04, abs=1e-9)
         assert abs(loop.shift_s(arrival, early_s=0.01)) <= 0.0251
+
+
+@pytest.mark.parametrize(
+    ("arrival_s", "shift_s"),
+    [(5.001, 0.0002), (5.020, 0.0001), (5.025, 0.0), (5.030, -0.0001), (5.049, -0.0002)],
+)
+def test_sending_falls_into_step_slowly(arrival_s: float, shift_s: float) -> None:
+    """By a fiftieth of what is left, and by no more than 0.2 ms; where no turn was seen yet, not at all."""
+    loop = MountLoop(0.05)
+    assert loop.send_shift_s(arrival_s) == 0.0
+    for number in range(100):
+        loop.note(number, 0.05 * number)
+    assert loop.send_shift_s(arrival_s) == pytest.approx(shift_s, abs=1e-9)
+    assert loop.send_shift_s(arrival_s, 1.0, 1.0) == pytest.approx(5.025 - arrival_s, abs=1e-9)
+
+
+def test_turns_whose_count_means_something_else_are_foretold_by_the_nominal_period() -> None:
+    """A count that goes up by two each turn; one that is off by a third is believed."""
+    for period_s, believed_s in ((0.024, 0.05), (0.0333, 0.0333), (0.0667, 0.0667), (0.076, 0.05)):
+        loop = MountLoop(0.05)
+        for number in range(60):
+            loop.note(number, period_s * number)
+        assert loop.mean_period_s == pytest.approx(believed_s)

@@ -73,6 +73,22 @@ def test_gradual_takes_its_time_and_no_longer() -> None:
     assert offset.state(35.0).value == 2.0
 
 
+def test_gradual_takes_longer_where_the_bounds_ask_for_it() -> None:
+    """At a tenth a second at most: 15/8 of two over that."""
+    offset = Offset()
+    offset.gradual(2.0, 10.0, 5.0, ChangeLimits(0.1, 100.0))
+    assert ended_after_s(offset, 5.0) == pytest.approx(1.875 * 2.0 / 0.1)
+    assert offset.state(60.0) == State(2.0, 0.0, 0.0)
+
+
+def test_what_is_set_while_it_runs_rests_there() -> None:
+    offset = Offset()
+    offset.run(0.1, 0.0, WIDE)
+    offset.set(0.25, 10.0, WIDE)
+    assert (offset.rate, offset.total_at(100.0)) == (0.0, 0.25)
+    assert offset.state(100.0) == State(0.25, 0.0, 0.0)
+
+
 def ended_after_s(offset: Offset, begins_utc_s: float) -> float:
     return offset.ended_utc_s() - begins_utc_s
 
@@ -120,6 +136,16 @@ def test_a_change_joins_what_is_in_force_to_a_parabola(rate: float, curve: float
         assert here.acceleration == pytest.approx((after.rate - before.rate) / (2.0 * step), abs=1e-5)
     almost = offset.state(10.0 + SHORTEST_S - 1e-9)
     assert almost == pytest.approx(offset.state(10.0 + SHORTEST_S), abs=1e-6)
+
+
+def test_what_is_on_the_wanted_parabola_already_goes_on_along_it() -> None:
+    """Faster than a change may be, and ever more so; that is no reason to take longer."""
+    offset = Offset()
+    offset.take_over(State(5.0, 2.0, 0.125), 5.0, 10.0, ChangeLimits(1.0, 0.0625), rate=2.0, curve=0.125)
+    assert ended_after_s(offset, 10.0) == SHORTEST_S
+    for gone in (0.0, 0.7, 1.5, 4.0):
+        line = (5.0 + 2.0 * gone + 0.0625 * gone * gone, 2.0 + 0.125 * gone, 0.125)
+        assert offset.state(10.0 + gone) == pytest.approx(line)
 
 
 def test_a_moving_offset_stops_where_an_even_ramp_ends() -> None:

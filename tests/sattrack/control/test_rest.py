@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 
-from sattrack.control.rest import Jogs, Rest
+from sattrack.control.rest import STANDING, Jogs, Rest
 from sattrack.mount.model import (
     SIDEREAL_RATE_DEG_S,
     AxisLimits,
@@ -113,10 +114,55 @@ class TestRest:
         paused.rest.see(drives(SIDEREAL_RATE_DEG_S))
         assert paused.rest.at_rest is False
         assert paused.rest.step(102.05, False) == Stop()
+        # They go on following it while that is seen through, and then they are commanded to.
+        for number in range(6):
+            paused.rest.see(drives(SIDEREAL_RATE_DEG_S))
+            assert paused.rest.step(102.1 + 0.05 * number, True) == (
+                Stop() if number < 5 else MoveAxes(0.0, 0.0)
+            )
         sky = Paused(SIDEREAL_RATE_DEG_S)
         sky.stands()
         sky.rest.see(drives(SIDEREAL_RATE_DEG_S))
         assert sky.rest.at_rest is True
+
+    def test_axes_that_stand_are_left_standing(self) -> None:
+        paused = Paused()
+        paused.stands()
+        paused.rest.see(drives(0.0))
+        assert paused.rest.at_rest is True
+        assert paused.rest.step(102.0, True) == Hold()
+
+    def test_a_mount_that_was_not_heard_since_may_have_taken_to_the_sky(self) -> None:
+        """So it is commanded to, and safety judges where that leads."""
+        rest = Rest(100.0, PROFILE)
+        assert [rest.step(t, True) for t in (100.0, 100.25)] == [Stop(), MoveAxes(0.0, 0.0)]
+        assert rest.streams is True
+
+    def test_after_a_jog_rest_has_to_last_anew(self) -> None:
+        paused = Paused()
+        paused.stands()
+        paused.rest.jog(Jog(0.5, None), 110.0)
+        paused.rest.step(110.5, False)
+        paused.stands(112.0)
+
+    def test_while_an_axis_is_jogged_it_is_the_jog_that_is_sent(self) -> None:
+        paused = Paused(SIDEREAL_RATE_DEG_S)
+        paused.stands()
+        assert paused.rest.streams is True
+        paused.rest.jog(Jog(0.5, None), 110.0)
+        assert paused.rest.streams is False
+
+    @pytest.mark.parametrize("slow", ["ra", "dec"])
+    def test_it_settles_for_as_long_as_the_slower_axis_brakes(self, slow: str) -> None:
+        """4 °/s by 2 °/s² takes two seconds, and half a second is added."""
+        profile = msgspec.structs.replace(PROFILE, **{slow: AxisLimits(4.0, 2.0)})
+        rest = Rest(100.0, profile)
+        rest.see(drives(0.0))
+        for t in (101.0, 101.25):
+            rest.step(t, True)
+        rest.jog(Jog(0.5, None), 110.0)
+        for t, wanted in ((110.5, STANDING), (112.99, STANDING), (113.01, Stop())):
+            assert rest.step(t, False) == wanted
 
     @pytest.mark.parametrize("drive", [0.0, SIDEREAL_RATE_DEG_S])
     def test_a_jog_adds_to_rest_and_then_the_axes_settle(self, drive: float) -> None:
@@ -143,6 +189,8 @@ class TestRest:
         assert told is not None
         assert "declination" in told
         assert (paused.rest.jogging, paused.rest.at_rest) == (False, True)
+        # The other axis can.
+        assert paused.rest.jog(Jog(1.5, None), 110.5) is None
 
     def test_going_on_ends_jogs_and_refuses_more(self) -> None:
         paused = Paused()

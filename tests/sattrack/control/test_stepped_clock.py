@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import random
 
+import numpy as np
 import pytest
 
-from sattrack.control.latency import SIDEREAL_SECONDS_PER_SECOND, MountClock, SteppedClock
+from sattrack.control.latency import SIDEREAL_SECONDS_PER_SECOND, MountClock, SteppedClock, TurnLine
 
 BEGIN_S = 1_790_000_000.0
 DELAY_S = 0.003
@@ -19,13 +20,14 @@ def dated(
     jitter_s: float,
     uneven_s: float = 0.0,
     turns: int = 1200,
+    delay_s: float = DELAY_S,
 ) -> tuple[SteppedClock, list[float]]:
     """Return the clock after so many turns, and by how much the last 600 were dated late, seconds."""
     rng, clock, off = random.Random(5), SteppedClock(0.05), []
     for number in range(turns):
         true_s = 0.0071 + number * period_s + rng.uniform(-0.5, 0.5) * uneven_s
         shown_s = math.floor(true_s / step_s) * step_s if step_s else true_s
-        arrival_s = true_s + DELAY_S + rng.uniform(0.0, jitter_s)
+        arrival_s = true_s + delay_s + rng.uniform(0.0, jitter_s)
         if rng.random() < 0.02:
             continue
         found_s = clock.date(number + 7, BEGIN_S + shown_s, BEGIN_S + arrival_s)
@@ -44,6 +46,42 @@ def test_coarse_steps_are_found_and_averaged(period_s: float, jitter_s: float) -
     # As shown, dates are half a step early in the mean, and up to a whole one.
     assert max(abs(s) for s in off) < 0.003
     assert abs(math.fsum(off) / len(off)) < 0.0005
+
+
+def test_coarse_steps_are_found_of_a_mount_that_is_far_away() -> None:
+    """Its statuses take a quarter of a second; how evenly is what counts."""
+    clock, off = dated(0.0507, 0.015625, 0.005, delay_s=0.25)
+    assert clock.coarse
+    assert max(abs(s) for s in off) < 0.003
+
+
+@pytest.mark.parametrize(("step_s", "coarse"), [(0.0004, False), (0.0008, True)])
+def test_steps_whose_dates_scatter_by_less_than_150_microseconds_are_fine(
+    step_s: float, coarse: bool
+) -> None:
+    """The sigma of what lies evenly within a step is the step over √12: 0.115 ms and 0.231 ms."""
+    clock, off = dated(0.050713, step_s, 0.0)
+    assert clock.coarse is coarse
+    assert clock.step_s == pytest.approx(step_s, rel=0.1)
+    assert max(off) - min(off) == pytest.approx(0.0 if coarse else step_s, abs=0.2 * step_s)
+
+
+def test_within_the_first_five_seconds_a_step_is_that_of_all_dates_about_the_line() -> None:
+    """Each about the line through those before it; the variance is numpy's."""
+    clock, line, off_s = SteppedClock(0.05), TurnLine(0.05), []
+    for number in range(100):
+        true_s = 0.0507 * number
+        shown_s = BEGIN_S + math.floor(true_s / 0.015625) * 0.015625
+        if number:
+            line.advance(number)
+            off_s.append(shown_s - line.utc_s)
+            line.note(shown_s)
+            clock.date(number, shown_s, BEGIN_S + true_s)
+            assert clock.step_s == pytest.approx(math.sqrt(12.0 * float(np.var(off_s))), rel=1e-6, abs=1e-12)
+        else:
+            line.begin(number, shown_s)
+            clock.date(number, shown_s, BEGIN_S + true_s)
+            assert clock.step_s == 0.0
 
 
 @pytest.mark.parametrize("counted", [True, False])
