@@ -421,7 +421,7 @@ def _change(biases: Biases, what: str, how: str, value: float, seconds: float, b
 def clear_biases(biases: Biases, begins_utc_s: float) -> None:
     """Take everything away: the operator's offsets, the search's and the estimate's."""
     along, cross = biases.end_pattern(begins_utc_s)
-    here_s = biases.along_without_search(begins_utc_s).value
+    here_s = biases.along_without_search(begins_utc_s).value + along.value
     cross = added(cross, _estimate_given_up(biases, begins_utc_s))
     along = added(along, biases.estimated_along.give_up(begins_utc_s))
     for what, one in biases.offsets.items():
@@ -466,10 +466,11 @@ def end_search(biases: Biases, keep: bool, utc_s: float) -> str | None:
     if biases.pattern_at(utc_s) is None:
         return "no search is running"
     along, cross = biases.end_pattern(utc_s)
-    here_s = biases.along_without_search(utc_s).value
+    back_s = biases.along_without_search(utc_s).value
+    here_s = back_s + along.value
     for what, moving in ((ALONG, along), (CROSS, cross)):
         one = biases.offsets[what]
-        bounds = biases.bounds(what, utc_s, here_s, here_s + along.value)
+        bounds = biases.bounds(what, utc_s, here_s, here_s if keep else back_s)
         if keep:
             one.keep(moving, utc_s, bounds)
         else:
@@ -502,8 +503,8 @@ def follow_estimate(
 
     The first takes the place of the operator's biases. A search ends where something was `found`.
     """
-    here_s = biases.along_without_search(begins_utc_s).value
     along, cross = biases.end_pattern(begins_utc_s) if found else (REST, REST)
+    here_s = biases.along_without_search(begins_utc_s).value + along.value
     if first:
         along = added(along, biases.offsets[ALONG].give_up(begins_utc_s))
         cross = added(cross, biases.offsets[CROSS].give_up(begins_utc_s))

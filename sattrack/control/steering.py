@@ -239,7 +239,8 @@ class Steering:
         off_s = along_s - self.biases.estimated_along.total_at(lasting_s)
         cross_km = read.cross_km + FOLLOW_AGAIN_S * read.cross_rate_km_s + half * read.cross_curve_km_s2
         off_km = cross_km - self.biases.estimated_cross_km.total_at(lasting_s)
-        if not first and abs(off_s) < SAME_ALONG_S and abs(off_km) < SAME_CROSS_KM:
+        finds = found and self.biases.pattern_at(begins_s) is not None
+        if not first and not finds and abs(off_s) < SAME_ALONG_S and abs(off_km) < SAME_CROSS_KM:
             return False
         follow_estimate(self.biases, read, first, begins_s, first or found)
         self._following_estimate = True

@@ -170,17 +170,8 @@ class Passage:
             self._first_beyond = sample.beyond_pole
         if sample.beyond_pole == self._first_beyond:
             return sample
-        return StatusSample(
-            counter=sample.counter,
-            arrival_utc_s=sample.arrival_utc_s,
-            sidereal_h=sample.sidereal_h,
-            ra_deg=(sample.ra_deg + 180.0) % 360.0,
-            dec_deg=self._turn_deg - sample.dec_deg,
-            slewing=sample.slewing,
-            does_refraction=sample.does_refraction,
-            ra_drive_deg_s=sample.ra_drive_deg_s,
-            dec_drive_deg_s=sample.dec_drive_deg_s,
-            beyond_pole=sample.beyond_pole,
+        return msgspec.structs.replace(
+            sample, ra_deg=(sample.ra_deg + 180.0) % 360.0, dec_deg=self._turn_deg - sample.dec_deg
         )
 
     def place(self, utc_s: float, ra_deg: float, dec_deg: float) -> DetourPlace:

@@ -15,10 +15,12 @@ from sattrack.control.biases import (
     change_offset,
     clear_biases,
     end_reached,
+    follow_estimate,
     forget_estimate,
     nudge_biases,
 )
-from sattrack.control.offset import ChangeLimits, Offset, State, spiral_lasts_s
+from sattrack.control.estimate import EstimatedBiases
+from sattrack.control.offset import KEPT, ChangeLimits, Offset, State, spiral_lasts_s
 from sattrack.control.target import AxisPace, Course, Going, _cubic
 from sattrack.mount.model import AxisLimits, MountProfile
 from sattrack.views.messages import OffsetBy, Search, SeenOffset
@@ -248,6 +250,57 @@ class TestSearches:
         after = biases.applied(NOW + 5.0001)
         assert [one.value for one in after] == pytest.approx([one.value for one in before], abs=5e-3)
 
+    @pytest.mark.parametrize(
+        "search", [Search("spiral", 0.2, 0.1), Search("sweep", reach_s=0.5, period_s=20.0)]
+    )
+    def test_a_search_that_is_cancelled_goes_back_to_what_the_operator_has_found(
+        self, search: Search
+    ) -> None:
+        biases = Paced()
+        nudge_biases(biases, 0.3, 0.1, NOW - 60.0)
+        begin_search(biases, search, NOW)
+        assert begin_search(biases, Search("cancel"), NOW + 8.0) is None
+        assert [one.value for one in biases.applied(NOW + 120.0)] == pytest.approx([0.3, 0.1])
+
+    @pytest.mark.parametrize("ended_by", ["cancel", "clear", "estimate"])
+    @pytest.mark.parametrize("share", [0.2, 0.4, 0.6, 0.8])
+    def test_no_way_back_from_a_search_asks_more_of_an_axis_than_it_has(
+        self, share: float, ended_by: str
+    ) -> None:
+        """An axis at 1 °/s of its 3 that 2 °/s follow for each second a second: from behind, 1 s/s is all."""
+        biases = Paced()
+        assert begin_search(biases, Search("sweep", reach_s=6.0, period_s=60.0), NOW) is None
+        ends_s = NOW + 60.0 * share
+        if ended_by == "cancel":
+            assert begin_search(biases, Search("cancel"), ends_s) is None
+        elif ended_by == "clear":
+            clear_biases(biases, ends_s)
+        else:
+            follow_estimate(biases, EstimatedBiases(0.0, 0.0, 0.0, 0.0, 0.1, 0.1), True, ends_s)
+        before_s = biases.applied(ends_s)[0].value
+        rates = [biases.applied(ends_s + 0.1 * number)[0].rate for number in range(1, 200)]
+        assert abs(before_s) > 2.9
+        assert biases.applied(ends_s + 30.0)[0] == pytest.approx(State(0.0, 0.0, 0.0), abs=1e-9)
+        assert min(rates) >= -2.0
+        assert max(rates) <= 1.0 + 1e-9
+
+    def test_a_sweep_goes_on_until_it_is_told_to_end(self) -> None:
+        biases = Paced()
+        assert begin_search(biases, Search("sweep", reach_s=0.5, period_s=20.0), NOW) is None
+        for after_s in (1.0, 100.0, 10_000.0):
+            assert end_reached(biases, NOW + after_s) is None
+        assert biases.pattern_at(NOW + 10_000.0) is not None
+
+    def test_what_was_fed_during_a_search_is_known_after_the_next_has_begun(self) -> None:
+        """Frames come seconds late, and are compared with what was fed at their own instants."""
+        biases = Paced()
+        assert begin_search(biases, Search("sweep", reach_s=0.5, period_s=20.0), NOW) is None
+        before = biases.applied(NOW + 3.0)
+        assert abs(before[0].value) > 0.1
+        for after_s in (5.0, 7.0):
+            assert begin_search(biases, Search("sweep", reach_s=0.2, period_s=9.0), NOW + after_s) is None
+        assert biases.applied(NOW + 3.0) == before
+
     @pytest.mark.parametrize(("what", "most"), [("along_s", 60.0), ("dec_deg", 5.0)])
     @pytest.mark.parametrize("sign", [1.0, -1.0])
     def test_a_rate_that_leads_out_is_stopped_and_one_that_leads_back_is_not(
@@ -272,6 +325,57 @@ def test_what_is_cleared_leaves_from_where_it_is() -> None:
     assert along.value == pytest.approx(1.5, abs=1e-3)
     assert cross.value == pytest.approx(0.2 + math.degrees(math.atan(0.002)), abs=1e-3)
     assert (along_later.value, cross_later.value) == pytest.approx((0.0, 0.0), abs=1e-12)
+
+
+def test_an_offset_across_is_cleared_without_a_step_though_nothing_was_observed() -> None:
+    """In the middle of its change: place, rate and acceleration go on from what they are."""
+    biases = Paced()
+    nudge_biases(biases, 0.0, 0.2, NOW)
+    before = biases.applied(NOW + 0.7)[1]
+    assert min(before.value, before.rate) > 0.05
+    clear_biases(biases, NOW + 0.7)
+    assert biases.applied(NOW + 0.7)[1] == pytest.approx(before)
+    assert biases.applied(NOW + 60.0)[1] == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("estimated_km", [0.0, 2.0])
+def test_a_search_is_cleared_from_where_it_has_led(estimated_km: float) -> None:
+    """A satellite that moves by 1° for each second along its track."""
+    biases = Paced(going=Going(1.0, 0.0, 1000.0, 0.0))
+    biases.begin_estimated(0.0, estimated_km)
+    assert begin_search(biases, Search("spiral", 0.2, 0.1), NOW) is None
+    before = biases.applied(NOW + 6.0)
+    assert abs(before[1].value - math.degrees(math.atan(estimated_km / 1000.0))) > 0.1
+    clear_biases(biases, NOW + 6.0)
+    for was, goes_on in zip(before, biases.applied(NOW + 6.0), strict=True):
+        assert goes_on[:2] == pytest.approx(was[:2])
+    assert biases.applied(NOW + 120.0) == ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def test_the_first_estimate_takes_the_place_of_the_operators_biases_without_a_step() -> None:
+    """In the middle of a nudge: place and rate go on from what they are."""
+    biases = Paced()
+    nudge_biases(biases, 1.0, 0.2, NOW)
+    before = biases.applied(NOW + 0.7)
+    assert min(before[0].rate, before[1].rate) > 0.05
+    follow_estimate(biases, EstimatedBiases(0.3, -2.0, 0.0, 0.0, 0.1, 0.1), True, NOW + 0.7)
+    for was, goes_on in zip(before, biases.applied(NOW + 0.7), strict=True):
+        assert goes_on.value == pytest.approx(was.value, rel=1e-6)
+        assert goes_on.rate == pytest.approx(was.rate, rel=2e-3)
+    along, cross = biases.applied(NOW + 60.0)
+    assert (along.value, cross.value) == pytest.approx((0.3, -math.degrees(math.atan(0.002))))
+
+
+def test_what_was_fed_is_known_as_far_back_as_every_offset_is() -> None:
+    """An estimate that is followed twice a second is remembered for a minute."""
+    by_hand, followed = Paced(), Paced()
+    assert by_hand.known_since_utc_s == -math.inf
+    for number in range(KEPT + 3):
+        change_offset(by_hand, OffsetBy("camera_x_deg", "add", 1e-4), NOW + number)
+        read = EstimatedBiases(1e-4 * number, 1e-3 * number, 0.0, 0.0, 0.1, 0.1)
+        follow_estimate(followed, read, False, NOW + 0.5 * number)
+    assert by_hand.known_since_utc_s == NOW + 3.0
+    assert followed.known_since_utc_s == NOW + 1.5
 
 
 @pytest.mark.parametrize("away_km", [20.0, 200.0])
@@ -310,7 +414,10 @@ class TestAcross:
 
     def test_degrees_are_kilometres_there(self) -> None:
         biases = Paced()
+        nudge_biases(biases, 0.5, 0.0, NOW - 60.0)
+        biases.going_at.clear()
         km = biases.cross_km(NOW, State(0.1, 0.02, 0.003))
+        assert biases.going_at == [0.5]
         assert km.value == pytest.approx(1000.0 * math.tan(math.radians(0.1)))
         assert km.rate == pytest.approx(math.radians(0.02) * 1000.0 - math.radians(0.1) * 3.0)
         assert km.acceleration == pytest.approx(math.radians(0.003) * 1000.0 - 2.0 * math.radians(0.02) * 3.0)
@@ -341,6 +448,16 @@ class TestCourse:
         assert going.pace_rate == pytest.approx(0.0, abs=1e-5)
         assert going.range_km == pytest.approx(1000.0 + 3.0 * x + 0.5 * x * x, abs=0.05)
         assert going.range_rate_km_s == pytest.approx(3.0 + x, abs=1e-3)
+
+    def test_one_that_comes_straight_on_has_some_pace_and_one_at_the_pole_some_width(self) -> None:
+        """A spiral's degrees along the track, and limits of the right ascension, are divided by them."""
+        stands = SimpleNamespace(
+            ra_deg=10.0, dec_deg=90.0, ra_rate_deg_s=0.0, dec_rate_deg_s=0.0, range_km=500.0
+        )
+        propagator: Any = SimpleNamespace(at=lambda *_: stands)
+        course = Course(propagator)
+        assert course.going(NOW + 0.3) == pytest.approx((1e-3, 0.0, 500.0, 0.0))
+        assert course.axis_pace(NOW, 0.0).cos_dec == 0.01
 
     def test_axes_move_by_the_bias_and_by_themselves(self) -> None:
         pace = self.course().axis_pace(NOW + 1.6, 0.0)

@@ -26,6 +26,7 @@ from sattrack.mount.model import SkyTerms
 from sattrack.runtime import demo_pass
 from sattrack.views.messages import ObservationMessage
 from tle.bias import NO_BIAS, Bias
+from tle.errors import SubOrbitalError
 from tle.instants import Utc
 from tle.observed import bias_from_observation
 from tle.orbit_filter import CAMERA_TERMS, MOUNT_TERMS, FilterBank
@@ -345,6 +346,117 @@ def test_what_would_lead_farther_off_than_any_elements_are_is_given_back(
     assert [one.taken for one in estimator._unheard] == [False]
 
 
+def test_one_that_comes_late_does_not_make_the_target_seem_lost(course: Course, estimator: Estimator) -> None:
+    """The newest that was taken counts: frames come out of order."""
+    for seconds, newest in ((-100.0, -100.0), (-80.0, -80.0), (-90.0, -80.0), (-79.0, -79.0)):
+        assert take(estimator, course, seen(seconds))
+        assert estimator.last_utc_s == CULMINATION_S + newest
+
+
+def test_it_is_known_where_the_mount_must_point_as_well_as_satellite_and_mount_together_are(
+    course: Course, estimator: Estimator
+) -> None:
+    """Solutions tell nothing of the mount: of it docs/biases.md says what is expected before a pass.
+
+    Its base is turned by 0.1° about each axis, the telescope by 0.03° either way, and a delay is 20 ms off,
+    which acts along the track: the worst direction.
+    """
+    assert take(estimator, course, seen(0.0, 0.0))
+    before, here, after = (course.airless.at(Utc(CULMINATION_S + s)) for s in (-0.5, 0.0, 0.5))
+    pace_deg_s = math.hypot(
+        math.remainder(float(after.az_deg) - float(before.az_deg), 360.0)
+        * math.cos(math.radians(float(here.alt_deg))),
+        float(after.alt_deg) - float(before.alt_deg),
+    )
+    sigma = math.hypot(360.0, 108.0, 0.02 * pace_deg_s * 3600.0, 20.0)
+    assert estimator.sigma_arcsec(CULMINATION_S, course) == pytest.approx(sigma, rel=2e-3)
+
+
+def test_an_orbit_that_nothing_flies_tells_nothing_and_ends_no_run(
+    course: Course, estimator: Estimator
+) -> None:
+    def grounded(*_: object) -> Any:
+        raise SubOrbitalError("below the ground", 6)
+
+    filters: Any = Made(
+        correction_km=np.zeros(6), orbit=Made(speed_km_s=7.5), pointing=grounded, direction=grounded
+    )
+    estimator.filter = filters
+    assert estimator.reading(CULMINATION_S, course) is None
+    assert estimator.sigma_arcsec(CULMINATION_S, course) is None
+
+
+@pytest.mark.parametrize(("off_km", "begins"), [(1.4, True), (1.9, True), (2.2, False), (3.0, False)])
+def test_a_rival_expects_three_times_the_errors_of_elements(
+    course: Course, estimator: Estimator, off_km: float, begins: bool
+) -> None:
+    """The plane is tilted by so much: at the northernmost point of the orbit all of it is across the track.
+
+    Half a day after the epoch an inclination is known to 0.158 km: three times that, and the square root of
+    18.4, are 2.03 km. What lies farther off is another satellite's, however many agree.
+    """
+    elements = demo_pass.elements()
+    tilted = replace(elements, inclination_deg=elements.inclination_deg + math.degrees(off_km / 6790.0))
+    true, rng = Propagator(tilted, demo_pass.SITE.place()), random.Random(1)
+    taken = [
+        take(estimator, course, bench.solution(true, CULMINATION_S + second, rng, 3.0))
+        for second in range(-ANEW_AFTER, 1)
+    ]
+    assert taken == [False] * (ANEW_AFTER - 1) + [begins] * 2
+    assert estimator.begun_anew == begins
+
+
+class TestWhatAgreesBesideTheEstimate:
+    """Seven that agree with one another, and not with the elements: an eighth would begin an estimate."""
+
+    def tilted(self, seconds: float) -> ObservationMessage:
+        elements = demo_pass.elements()
+        tilted = replace(elements, inclination_deg=elements.inclination_deg + math.degrees(1.4 / 6790.0))
+        true = Propagator(tilted, demo_pass.SITE.place())
+        rng = random.Random(f"{seconds}")
+        one: ObservationMessage = bench.solution(true, CULMINATION_S + seconds, rng, 3.0)
+        return one
+
+    def seven(self, estimator: Estimator, course: Course) -> None:
+        for second in range(-ANEW_AFTER, -1):
+            assert not take(estimator, course, self.tilted(second))
+
+    def test_is_forgotten_with_the_estimate(self, course: Course, estimator: Estimator) -> None:
+        self.seven(estimator, course)
+        estimator.forget()
+        taken = [take(estimator, course, self.tilted(second)) for second in range(ANEW_AFTER)]
+        assert taken == [False] * (ANEW_AFTER - 1) + [True]
+
+    def test_counts_no_more_once_one_is_taken_that_the_elements_expect(
+        self, course: Course, estimator: Estimator
+    ) -> None:
+        self.seven(estimator, course)
+        assert take(estimator, course, seen(-1.0, 0.0, 3.0))
+        assert not take(estimator, course, self.tilted(0.0))
+        assert estimator.begun_anew == 0
+
+    def test_counts_no_more_once_the_operator_has_rejected_one(
+        self, course: Course, estimator: Estimator
+    ) -> None:
+        for seconds in (-20.0, -19.0):
+            assert take(estimator, course, seen(seconds, 0.0, 3.0))
+        self.seven(estimator, course)
+        assert estimator.undo() is True
+        assert not take(estimator, course, self.tilted(0.0))
+        assert estimator.begun_anew == 0
+
+
+def test_an_estimate_that_was_forgotten_is_not_brought_back_by_a_rejection(
+    course: Course, estimator: Estimator
+) -> None:
+    for seconds in (-20.0, -19.0):
+        assert take(estimator, course, seen(seconds))
+    estimator.forget()
+    assert estimator.undo() is False
+    assert estimator.filter is None
+    assert (estimator.accepted, estimator.rejected) == (2, 0)
+
+
 def test_no_rival_is_computed_while_none_can_win(course: Course, estimator: Estimator) -> None:
     for s in range(30):
         take(estimator, course, seen(s - 100.0, 3.0 if s % 3 < 2 else -20.0, 3.0))
@@ -361,6 +473,13 @@ def test_what_the_operator_found_far_off_is_where_observations_are_expected(
     assert not take(estimator, course, one)
     assert take(Estimator(25544, RISE_S), course, one, Bias(-3.8, 1.45))
     assert take(Estimator(25544, RISE_S), course, seen(0.0), Bias(-3.8, 1.45)), "nudges can be wrong"
+    across = bench.solution(
+        Propagator(demo_pass.elements(), demo_pass.SITE.place(), Bias(0.0, 1.5)),
+        CULMINATION_S,
+        random.Random(2),
+        20.0,
+    )
+    assert take(Estimator(25544, RISE_S), course, across, Bias(0.0, 1.45)), "found across alone"
 
 
 @pytest.mark.parametrize("moved_km", bench.MANOEUVRES_KM)
@@ -662,6 +781,23 @@ def test_of_what_a_profile_does_not_say_nothing_is_expected() -> None:
     said = [name == "scale" for name in CAMERA_TERMS]
     assert known.cameras["wide"][0].tolist() == [0.02 if one else 0.0 for one in said]
     assert (known.cameras["wide"][1] > 0.0).tolist() == said
+
+
+def test_what_was_learnt_is_half_as_uncertain_again_and_never_better_than_a_mount_is_set_up() -> None:
+    """20″, 2 ms, 20 ms of a clock and a thousandth at least; of sides 1.5 and 2, 2.5 is the hypotenuse."""
+    arcsec = 1.0 / 3600.0
+    mount = {"cone_deg": (0.1, 10.0 * arcsec), "delay_s": (0.1, 0.001), "index_deg": (0.1, 1.0)}
+    wide = {"rotation_deg": (1.0, 1e-9), "scale": (0.1, 1e-9), "clock_s": (0.1, 0.01)}
+    known = known_terms(SkyTerms("", mount, {"wide": wide}))
+    assert known is not None
+    sigmas = dict(zip(MOUNT_TERMS, known.mount[1].tolist(), strict=True))
+    assert sigmas["cone_deg"] == pytest.approx(25.0 * arcsec)
+    assert sigmas["delay_s"] == pytest.approx(0.0025)
+    assert sigmas["index_deg"] == pytest.approx(1.5, rel=1e-4)
+    sigmas = dict(zip(CAMERA_TERMS, known.cameras["wide"][1].tolist(), strict=True))
+    assert sigmas["rotation_deg"] == pytest.approx(20.0 * arcsec)
+    assert sigmas["scale"] == pytest.approx(0.001)
+    assert sigmas["clock_s"] == pytest.approx(0.025)
 
 
 def test_a_pointing_model_makes_a_mount_as_good_as_it_is_and_leaves_delay_and_cameras() -> None:

@@ -73,22 +73,74 @@ def test_an_offset_on_the_sky_moves_the_target_so_far_in_its_direction(
         assert math.cos(angle) == pytest.approx(1.0)
 
 
+@pytest.fixture
+def turning(propagator: Propagator) -> Biases:
+    """Offsets on an alt-azimuth mount, whose camera turns on the sky."""
+    site = demo_pass.SITE.place()
+    stands = SitePlace(site.latitude_deg, site.longitude_deg)
+    return Biases(NO_BIAS, propagator, MountProfile(geometry=AxisGeometry(0.0, 90.0), stands_at=stands))
+
+
 @pytest.mark.parametrize("late_s", [SETTLED_S, 60.0])
 @pytest.mark.parametrize(("what", "up"), [("camera_x_deg", False), ("camera_y_deg", True)])
 def test_an_image_of_an_alt_azimuth_mount_has_the_zenith_above(
-    propagator: Propagator, what: str, up: bool, late_s: float
+    turning: Biases, propagator: Propagator, what: str, up: bool, late_s: float
 ) -> None:
     """And x is 90° further, as by the zenith east is from north: there azimuth falls."""
-    site, utc_s = demo_pass.SITE.place(), CULMINATION_S - 60.0
-    stands = SitePlace(site.latitude_deg, site.longitude_deg)
-    profile = MountProfile(geometry=AxisGeometry(0.0, 90.0), stands_at=stands)
-    turning = Biases(NO_BIAS, propagator, profile)
+    utc_s = CULMINATION_S - 60.0
     offset(turning, what, 0.1, utc_s)
     plain, moved = propagator.at(Utc(utc_s + late_s)), turning.at(utc_s + late_s)
     level = math.cos(math.radians(float(plain.alt_deg)))
     left_deg = math.remainder(float(plain.az_deg) - float(moved.az_deg), 360.0) * level
     up_deg = float(moved.alt_deg) - float(plain.alt_deg)
     assert (left_deg, up_deg) == pytest.approx((0.0, 0.1) if up else (0.1, 0.0), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("x_deg", "y_deg", "camera", "azimuth_deg", "up_deg"),
+    [
+        (0.1, 0.0, Camera(), 0.1, 0.0),
+        (0.0, 0.1, Camera(), 0.0, 0.1),
+        (0.1, 0.0, Camera(flip=True), -0.1, 0.0),
+        # Up is 90° from the zenith, as east is from north: there azimuth falls.
+        (0.0, 0.1, Camera(90.0), -0.1, 0.0),
+    ],
+)
+def test_what_a_camera_of_an_alt_azimuth_mount_sees_to_the_right_has_more_azimuth(
+    turning: Biases,
+    propagator: Propagator,
+    x_deg: float,
+    y_deg: float,
+    camera: Camera,
+    azimuth_deg: float,
+    up_deg: float,
+) -> None:
+    """Facing the satellite, azimuth grows to the right: by erfa's horizon at the mount's latitude."""
+    latitude = math.radians(demo_pass.SITE.place().latitude_deg)
+    for utc_s in (CULMINATION_S - 60.0, CULMINATION_S + 60.0):
+        fed = propagator.at(Utc(utc_s))
+        sidereal = math.radians(float(fed.ra_deg) + float(fed.ha_deg))
+        image = turning.image_at(utc_s, 0.0, 0.0, camera, "")
+        seen = image.fed + math.radians(x_deg) * image.right + math.radians(y_deg) * image.up
+        (az, alt), (az_fed, alt_fed) = (
+            erfa.hd2ae(sidereal - ra, dec, latitude) for ra, dec in (erfa.c2s(seen), erfa.c2s(image.fed))
+        )
+        moved = math.remainder(az - az_fed, 2.0 * math.pi) * math.cos(alt_fed), alt - alt_fed
+        assert tuple(map(math.degrees, moved)) == pytest.approx((azimuth_deg, up_deg), abs=1e-3)
+
+
+@pytest.mark.parametrize("late_s", [0.7, 2.0, 30.0])
+def test_an_offset_in_an_image_that_turns_on_the_sky_turns_with_it(turning: Biases, late_s: float) -> None:
+    """Its rates are the derivatives of where it leads: without the turning they are off by minutes of arc."""
+    begins_s = CULMINATION_S - 20.0
+    offset(turning, "camera_x_deg", 1.0, begins_s)
+    offset(turning, "camera_y_deg", -2.0, begins_s)
+    t, step_s = begins_s + late_s, 2e-3
+    later_s, sooner_s = t + step_s, t - step_s
+    here, later, sooner = (turning.at(at_s) for at_s in (t, later_s, sooner_s))
+    for name in ("ra", "dec"):
+        slope = (getattr(later, f"{name}_deg") - getattr(sooner, f"{name}_deg")) / (later_s - sooner_s)
+        assert getattr(here, f"{name}_rate_deg_s") == pytest.approx(slope, abs=0.5 * ARCSEC), name
 
 
 def test_an_offset_of_the_right_ascension_axis_adds_to_the_right_ascension(
@@ -247,6 +299,10 @@ def test_a_rate_is_stopped_where_an_offset_ends(biases: Biases) -> None:
             "sweep refused: the mount cannot sweep 50 s in 2 s: less far, or slower",
         ),
         (Search("sweep", reach_s=math.inf, period_s=9.0), "sweep refused: reach_s inf; give 0.01 to 60"),
+        # What is given as nothing is refused, and not taken for something usual.
+        (Search("spiral", 0.2, 0.0), "spiral refused: speed_deg_s 0; give 0.0001 to 2"),
+        (Search("sweep", reach_s=0.0, period_s=9.0), "sweep refused: reach_s 0; give 0.01 to 60"),
+        (Search("sweep", reach_s=0.1, period_s=0.0), "sweep refused: period_s 0; give 2 to 600"),
     ],
 )
 def test_what_goes_too_far_is_refused_in_words_and_changes_nothing(

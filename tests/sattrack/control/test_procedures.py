@@ -260,9 +260,17 @@ class TestHome:
         desk.at_rest = False
         assert home.step(desk, 340.0) is None
         assert home.step(desk, 340.1) == Outcome(TIMED_OUT, False, "the mount did not finish its way home")
-        failed, other = self.home()
-        failed.settle(FAILED, False, "restarted")
-        assert other.step(failed, 101.0) == Outcome(FAILED, False, "restarted")
+        for state in (FAILED, TIMED_OUT, TicketState.SUPERSEDED):
+            failed, other = self.home()
+            # Still on its way, as when somebody has stopped it.
+            failed.status, failed.at_rest = Status(slewing=True), False
+            failed.settle(state, False, "restarted")
+            assert other.step(failed, 101.0) == Outcome(state, False, "restarted")
+        unplaced, fourth = self.home()
+        unplaced.settle(TicketState.UNCONFIRMED, False)
+        unplaced.sample = None
+        where = Outcome(TicketState.UNCONFIRMED, False, UNTOLD + "was not seen to move")
+        assert fourth.step(unplaced, 103.0) == where
         waits, third = self.home()
         waits.status = None
         assert third.step(waits, 110.0) is None
@@ -328,6 +336,19 @@ class TestPark:
         assert park.begin(desk, 0.0) == NO
         # Sidereal time 120°, and an hour angle of -30°.
         assert aimed == [Slew(pytest.approx(150.0 + 17.0 * 15.0 / 3600.0), 20.0)]
+
+    def test_a_stop_or_a_cut_that_safety_forbids_ends_it_and_says_why(self) -> None:
+        for refused_after in (0, 1):
+            desk, park = Desk(), ParkThere(self.PROFILE)
+            desk.way = (GOAL,)
+            park.begin(desk, 0.0)
+            desk.settle(COMPLETE)
+            if refused_after:
+                assert park.step(desk, 1.0) is None
+                desk.settle(COMPLETE)
+            desk.refusals = [NO]
+            assert park.step(desk, 2.0) == Outcome(FAILED, False, NO.words, NO)
+            assert Park() not in desk.asked
 
     def test_without_a_place_or_a_status_it_is_refused(self) -> None:
         refusal = ParkThere(MountProfile()).begin(Desk(), 0.0)
@@ -395,6 +416,7 @@ def test_a_direction_in_words() -> None:
     assert request_text(Sync(75.0, 0.0)).startswith("sync to RA ")
     # 75° are 5 h.
     assert request_text(Slew(75.0, 0.0)).split()[3].startswith(("5", "05"))
+    assert request_text(Sync(75.0, -12.5)) == "sync to RA 05h 00m 00.0s Dec −12° 30′ 00″"
 
 
 def test_what_is_no_status_acknowledges_nothing() -> None:

@@ -191,6 +191,38 @@ def test_a_single_offset_far_from_what_is_fed_begins_nothing() -> None:
     assert loop.rms(15.0, 20.0) < 3.0
 
 
+@pytest.mark.parametrize(("off_arcsec", "begins"), [(350.0, True), (370.0, False)])
+@pytest.mark.parametrize("axis", ["dx_arcsec", "dy_arcsec"])
+def test_one_within_a_tenth_of_a_degree_is_believed_at_once(
+    off_arcsec: float, begins: bool, axis: str
+) -> None:
+    steering = Loop().steering
+    places = {"dx_arcsec": 0.0, "dy_arcsec": 0.0, axis: off_arcsec}
+    utc = Utc(BEGIN_S).isoformat("microseconds")
+    steering.obey(SeenOffset(utc, sigma_arcsec=1.5, **places), BEGIN_S + 0.5)  # type: ignore[arg-type]
+    assert (steering.estimator.filter is not None) is begins
+    assert steering.last_seen == (
+        "taken" if begins else "it lies far from what is fed: 3 that agree are needed"
+    )
+
+
+def test_three_that_agree_begin_an_estimate_far_from_what_is_fed_in_the_periods_that_follow() -> None:
+    """Each is weighed by filters that take long: one a period, and none while a message is read."""
+    loop = Loop()
+    steering = loop.steering
+    for number in range(3):
+        now_s = BEGIN_S + 0.5 * number
+        assert math.hypot(*loop.off(now_s)) > 360.0
+        assert not any(steering.watch(now_s + TICK_S * tick) for tick in range(5))
+        steering.obey(loop.seen(now_s), now_s + 0.25)
+        begun = steering.estimator.filter
+        assert begun is None
+    watched = [steering.watch(BEGIN_S + 1.25 + TICK_S * tick) for tick in range(4)]
+    assert watched == [False, False, True, False]
+    assert steering.estimator.filter is not None
+    assert math.hypot(*loop.off(BEGIN_S + 6.0)) < 180.0
+
+
 def test_what_comes_so_late_that_nobody_knows_what_was_fed_is_refused() -> None:
     loop = Loop()
     loop.run(8.0)

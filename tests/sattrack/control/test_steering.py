@@ -16,8 +16,17 @@ from sattrack.control.offset import Pattern
 from sattrack.control.steering import Steering
 from sattrack.mount.model import MountProfile
 from sattrack.runtime import demo_pass
-from sattrack.views.messages import ClearBias, DropRemembered, Guide, Nudge, OffsetBy, Search, SeenOffset
-from sattrack.views.run import RememberedView
+from sattrack.views.messages import (
+    ClearBias,
+    DropRemembered,
+    Guide,
+    Nudge,
+    ObservationMessage,
+    OffsetBy,
+    Search,
+    SeenOffset,
+)
+from sattrack.views.run import CameraView, RememberedView
 from tle.bias import NO_BIAS, Bias
 from tle.errors import SubOrbitalError
 from tle.instants import Utc
@@ -147,6 +156,21 @@ class TestFollowing:
         )
         assert one.watch(NOW + 0.6) is False
 
+    @pytest.mark.parametrize("order", [ClearBias(), Guide("reject")])
+    def test_after_an_estimate_was_left_the_next_is_a_first_one_again(self, order: ClearBias | Guide) -> None:
+        """It takes the place of what the operator has found meanwhile; nothing is left of the one before."""
+        one = self.following(along_s=0.5, cross_km=-1.5)
+        one.estimator._undo = (None, None)
+        one.obey(order, NOW + 10.0)
+        assert one.estimator.filter is None
+        assert one.biases.totals(NOW + 60.0) == pytest.approx((0.0, 0.0), abs=1e-12)
+        one.obey(Nudge(along_s=2.0, cross_deg=0.1), NOW + 60.0)
+        assert one.watch(NOW + 61.0) is False
+        reads(one, along_s=0.3, cross_km=1.0)
+        one.estimator.filter, one._estimated = Made(), True  # type: ignore[assignment]
+        assert one.watch(NOW + 70.0) is True
+        assert one.biases.totals(NOW + 90.0) == pytest.approx((0.3, math.degrees(math.atan(0.001))))
+
     def test_an_estimate_that_says_nothing_changes_nothing(self) -> None:
         one = self.following(along_s=0.5)
         one.estimator.reading = lambda *_, **__: None  # type: ignore[method-assign]
@@ -244,6 +268,58 @@ class TestSearches:
         one.estimator.last_utc_s = NOW + 7.0
         assert one.watch(NOW + 11.0) is True
 
+    def test_a_search_goes_on_while_what_was_learnt_drifts_and_ends_with_what_is_seen(self) -> None:
+        """And one that the operator has stopped is not begun again because of the drift."""
+        one = self.lost()
+        one.estimator.filter, one._estimated = Made(), True  # type: ignore[assignment]
+        assert one.watch(NOW) is True
+        reads(one, along_sigma_s=1.0, cross_sigma_km=2.0, along_s=0.1)
+        assert one.watch(NOW + 3.1) is True
+        reads(one, along_sigma_s=1.0, cross_sigma_km=2.0, along_s=0.2)
+        assert one.watch(NOW + 4.0) is True
+        assert one.biases.pattern_at(NOW + 5.0) is not None
+        one.obey(Search("stop"), NOW + 5.0)
+        for number in range(1, 4):
+            reads(one, along_sigma_s=1.0, cross_sigma_km=2.0, along_s=0.2 + 0.1 * number)
+            assert one.watch(NOW + 5.0 + number) is True
+            assert one.biases.pattern_at(NOW + 6.0 + number) is None
+        one.obey(Search("sweep", reach_s=0.5, period_s=20.0), NOW + 10.0)
+        assert one.biases.pattern_at(NOW + 11.0) is not None
+        reads(one, along_s=0.6)
+        one._estimated = True
+        assert one.watch(NOW + 12.0) is True
+        assert one.biases.pattern_at(NOW + 13.0) is None
+
+    def test_what_is_seen_just_where_it_was_expected_ends_a_search_too(self) -> None:
+        one = self.lost()
+        one.estimator.filter, one._estimated = Made(), True  # type: ignore[assignment]
+        reads(one, along_s=0.1)
+        assert one.watch(NOW) is True
+        one.obey(Search("sweep", reach_s=0.5, period_s=20.0), NOW + 1.0)
+        assert one.watch(NOW + 2.0) is False
+        assert one.biases.pattern_at(NOW + 3.0) is not None
+        one._estimated = True
+        assert one.watch(NOW + 3.0) is True
+        assert one.biases.pattern_at(NOW + 4.0) is None
+
+    def test_a_search_that_is_kept_stays_where_it_has_led(self) -> None:
+        one = steering()
+        one.obey(Search("sweep", reach_s=0.5, period_s=20.0), NOW)
+        one.keep_search(NOW + 6.0)
+        along, _ = one.biases.applied(NOW + 60.0)
+        # A quarter of a turn after half the time to come up to its speed it is as far ahead as it goes.
+        assert along.value == pytest.approx(0.5, abs=0.05)
+        assert (along.rate, along.acceleration) == (0.0, 0.0)
+        one.keep_search(NOW + 60.0)
+        assert one.biases.applied(NOW + 120.0)[0] == along
+
+    def test_degrees_along_the_track_are_those_of_where_the_satellite_is_by_then(self) -> None:
+        one = steering(Cameras(field_deg=0.1))
+        reads(one, along_s=20.0, along_sigma_s=1.0, cross_sigma_km=0.2)
+        one.obey(Search("auto"), NOW)
+        assert one.refusal is None
+        assert one.biases.going_at[0] == pytest.approx(REACTS_S + 20.0)  # type: ignore[attr-defined]
+
     @pytest.mark.parametrize("why_not", [{"guided": False}, {"wanted": False}])
     def test_unless_the_operator_guides_or_does_not_want_it(self, why_not: dict[str, bool]) -> None:
         one = self.lost(**why_not)
@@ -299,6 +375,76 @@ class TestMessages:
         one.obey(in_pixels(dx_px, dy_px), NOW)
         assert one.estimator.words == (None if taken else "offsets go to 18000 arcseconds either way")
         assert (one.last_offset is not None) is taken
+
+    def test_what_was_held_is_not_accepted_once_it_is_guided_again(self) -> None:
+        one = steering()
+        one.obey(Guide("off"), NOW)
+        one.obey(in_pixels(30.0, 40.0), NOW)
+        one.obey(Guide("on"), NOW)
+        one.obey(Guide("accept"), NOW)
+        assert one.refusal == "nothing to accept: the last observation was taken"
+
+    def observed(self, one: Steering, words: str | None = None) -> list[ObservationMessage]:
+        """Return what will be held against the estimate; each is answered with such words."""
+        seen: list[ObservationMessage] = []
+
+        def observe(message: ObservationMessage, *_: object, **__: object) -> None:
+            seen.append(message)
+            one.estimator.words = words
+
+        one.biases.image_at = middle  # type: ignore[method-assign, assignment]
+        one._observe = observe  # type: ignore[method-assign, assignment]
+        return seen
+
+    def test_a_date_is_mended_once_however_often_a_message_is_offered(self) -> None:
+        """The camera's clock is 0.25 s ahead; what was rejected is accepted by hand, twice."""
+        one = steering()
+        seen = self.observed(one, "it contradicts the estimate")
+        one.clocks = Made(correction_s=lambda camera: 0.25 if camera == "guide" else 0.0)  # type: ignore[assignment]
+        utc = Utc(NOW).isoformat("microseconds")
+        one.obey(SeenOffset(utc, 3.0, 4.0, 1.0, "guide"), NOW)
+        for _ in range(2):
+            one.obey(Guide("accept"), NOW)
+        assert [float(Utc.parse(message.utc).unix_s) for message in seen] == [NOW - 0.25] * 3
+
+    @pytest.mark.parametrize(
+        ("sigma_px", "scale_arcsec_px", "sigma_arcsec"),
+        [(1e5, 10.0, 3600.0), (2.0, 1.5, 3.0), (0.02, 0.1, 0.01)],
+    )
+    def test_a_blurred_or_a_sharp_image_is_as_good_as_any_observation_may_be(
+        self, sigma_px: float, scale_arcsec_px: float, sigma_arcsec: float
+    ) -> None:
+        """Pixels times their size may be beyond what a sigma goes to: the offset is used all the same."""
+        one = steering(Cameras(Camera(scale_arcsec_px=scale_arcsec_px)))
+        seen = self.observed(one)
+        one.obey(SeenOffset(Utc(NOW).isoformat("microseconds"), dx_px=1.0, dy_px=1.0, sigma_px=sigma_px), NOW)
+        assert [message.sigma_arcsec for message in seen] == [sigma_arcsec]
+
+    def test_a_message_says_how_its_camera_lies_and_the_settings_where_it_does_not(self) -> None:
+        one = steering(Cameras(Camera(180.0), {"guide": Camera(90.0, True, 1.5, "coarse")}))
+        utc = Utc(NOW).isoformat("microseconds")
+        for said, lies in (
+            ({}, Camera(180.0)),
+            ({"camera": "other"}, Camera(180.0)),
+            ({"camera": "guide"}, Camera(90.0, True, 1.5, "coarse")),
+            # A rotation of nothing and an image that is not mirrored are said, too.
+            ({"camera": "guide", "rotation_deg": 0.0}, Camera(0.0, True, 1.5, "coarse")),
+            ({"camera": "guide", "flipped": False}, Camera(90.0, False, 1.5, "coarse")),
+            ({"camera": "guide", "scale_arcsec_px": 2.5}, Camera(90.0, True, 2.5, "coarse")),
+            ({"rotation_deg": 45.0, "flipped": True, "scale_arcsec_px": 2.5}, Camera(45.0, True, 2.5)),
+        ):
+            assert one.camera_of(SeenOffset(utc, 3.0, 4.0, 1.0, **said)) == lies
+
+    def test_each_camera_that_was_used_is_told_with_what_was_found_of_it(self) -> None:
+        one = steering(Cameras(named={"guide": Camera(12.0, True, 1.5, "coarse")}))
+        self.observed(one)
+        assert one.camera_views() == ()
+        one.obey(SeenOffset(Utc(NOW).isoformat("microseconds"), 3.0, 4.0, 1.0, "guide"), NOW)
+        found = np.array([2.0, 0.03, 0.04, 0.5, 0.6]), np.array([0.2, 0.003, 0.004, 0.05, 0.06])
+        one.estimator.filter = Made(best=Made(cameras=("guide",), terms=lambda _: found))  # type: ignore[assignment]
+        assert one.camera_views() == (
+            CameraView("guide", "coarse", 12.0, True, 1.5, 2.0, 0.2, 0.03, 0.003, 0.04, 0.004),
+        )
 
     def test_where_it_was_seen_on_the_axes(self) -> None:
         """In an image turned by 90°, up is towards smaller hour angles; mirrored, right is left."""

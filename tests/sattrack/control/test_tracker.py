@@ -101,6 +101,13 @@ def test_a_motion_is_judged_on_the_sky_where_right_ascension_is_short() -> None:
     assert error.across_arcsec == pytest.approx((7.2 * 0.2 - 1.8 * 0.3) / speed, rel=1e-4)
 
 
+def test_a_target_that_stands_has_neither_along_nor_across() -> None:
+    stands = {"ra_rate_deg_s": 0.0, "dec_rate_deg_s": 0.0}
+    error = sky_error(0.0, 100.0, 52.001, target(100.0, 52.0, **stands))  # type: ignore[arg-type]
+    assert (error.along_arcsec, error.across_arcsec) == (0.0, 0.0)
+    assert error.total_arcsec == pytest.approx(3.6)
+
+
 CULMINATION_S = float(Utc.parse("2026-10-02T13:05:24Z").unix_s)
 PLAN = TrackPlan(CULMINATION_S - 100.0, CULMINATION_S + 100.0)
 
