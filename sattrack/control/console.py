@@ -38,6 +38,7 @@ from sattrack.mount.requests import (
     FineRate,
     MoveAxis,
     Park,
+    PulseGuide,
     Request,
     Sync,
     Ticket,
@@ -58,7 +59,7 @@ REMEMBERED = 5
 OFFSETS = 100
 END_WITHIN_TICKS = 20
 """Datagrams, a second, within which the end of a MoveAxis must be seen; else the mount is stopped."""
-NEED_SITE = (Slew, Sync, MoveAxis, FindHome, Park)
+NEED_SITE = (Slew, Sync, MoveAxis, FineRate, PulseGuide, FindHome, Park)
 """What is judged by its altitude."""
 
 
@@ -414,7 +415,7 @@ class Console(Driver):
 
     def _objection(self, request: Request) -> RequestRefused | None:
         status = self.session.status
-        if self.site is None and isinstance(request, NEED_SITE):
+        if self.site is None and isinstance(request, NEED_SITE) and request != FineRate():
             return RequestRefused(NO_SITE)
         if self.link_state is LinkState.LOST and not isinstance(request, Abort):
             return RequestRefused("the mount is silent: nothing is moved blindly")

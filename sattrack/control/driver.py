@@ -192,17 +192,12 @@ def sample_by_axes(sample: StatusSample, frame: AxisFrame) -> StatusSample:
     sidereal_deg = sample.sidereal_h * 15.0
     reported = sidereal_deg - sample.ra_deg, sample.dec_deg, sample.ra_drive_deg_s, sample.dec_drive_deg_s
     first, second, first_rate, second_rate = frame.of_report(*reported)
-    return StatusSample(
-        counter=sample.counter,
-        arrival_utc_s=sample.arrival_utc_s,
-        sidereal_h=sample.sidereal_h,
+    return msgspec.structs.replace(
+        sample,
         ra_deg=(sidereal_deg - first) % 360.0,
         dec_deg=second,
-        slewing=sample.slewing,
-        does_refraction=sample.does_refraction,
         ra_drive_deg_s=first_rate,
         dec_drive_deg_s=second_rate,
-        beyond_pole=sample.beyond_pole,
     )
 
 

@@ -100,14 +100,15 @@ class TestIntercept:
 
 
 class Way:
-    """An approach to a target that stands, or moves in right ascension, as fed."""
+    """An approach to a target that stands, or moves in right ascension and declination, as fed."""
 
-    def __init__(self, ra: float = 70.0, dec: float = 20.0, rate: float = 0.0) -> None:
-        self.ra, self.dec, self.rate = ra, dec, rate
+    def __init__(self, ra: float = 70.0, dec: float = 20.0, rate: float = 0.0, dec_rate: float = 0.0) -> None:
+        self.ra, self.dec, self.rate, self.dec_rate = ra, dec, rate, dec_rate
         self.way = Approach(PROFILE, self.target, LAW)
 
     def target(self, utc_s: float) -> TargetState:
-        return TargetState(self.ra + self.rate * utc_s, self.dec, self.rate, 0.0)
+        ra, dec = self.ra + self.rate * utc_s, self.dec + self.dec_rate * utc_s
+        return TargetState(ra, dec, self.rate, self.dec_rate)
 
     def slews(self, now_s: float = 0.0, not_before_s: float = -1.0) -> Slew:
         """Have a slew planned and sent."""
@@ -174,16 +175,19 @@ class TestApproach:
 
     def test_one_that_ends_well_begins_the_count_anew(self) -> None:
         way = Way()
-        for off_deg, step in ((2.0, "PLAN"), (2.0, "PLAN"), (0.0, "FOLLOW"), (2.0, "PLAN")):
+        ends = ((2.0, "PLAN"), (2.0, "PLAN"), (0.0, "FOLLOW"), (2.0, "PLAN"), (2.0, "PLAN"), (2.0, "GIVE_UP"))
+        for off_deg, step in ends:
             goal = way.slews()
             assert way.way.go_on(5.0, True, stands_at(goal, off_deg)) is ApproachStep[step]
 
+    @pytest.mark.parametrize(("ra", "dec", "way_deg"), [(70.0, 20.0, 30.0), (70.0, -40.0, 60.0)])
     def test_one_that_does_not_end_is_tried_again_after_three_times_its_length_and_half_a_minute(
-        self,
+        self, ra: float, dec: float, way_deg: float
     ) -> None:
-        way = Way()
+        """That of the axis that has farther to go."""
+        way = Way(ra, dec)
         way.slews(10.0)
-        takes_s = slew_time_s(30.0, AXIS) + 0.6
+        takes_s = slew_time_s(way_deg, AXIS) + 0.6
         last_s = 10.0 + 3.0 * takes_s + 30.0
         assert way.way.go_on(last_s - 0.01, False, HERE) is ApproachStep.SLEW
         assert way.way.go_on(last_s + 0.01, False, HERE) is ApproachStep.PLAN
@@ -221,12 +225,17 @@ class TestApproach:
         near.way.slew_ahead(10.0, 100.0, 6.0, HERE, False)
         assert near.way.slew_ahead(10.5, 100.0, 6.0, HERE, False) is False
 
-    def test_a_target_still_to_come_is_met_with_its_rate(self) -> None:
+    @pytest.mark.parametrize(
+        ("rate", "dec_rate", "fastest"), [(0.8, 0.0, 0.8), (0.8, -1.6, 1.6), (-0.8, 0.4, 0.8)]
+    )
+    def test_a_target_still_to_come_is_met_with_its_rate(
+        self, rate: float, dec_rate: float, fastest: float
+    ) -> None:
         """Half of the ramp to 0.8°/s at 8°/s², the command's delay, and a period and a half before."""
-        way = Way(rate=0.8)
+        way = Way(70.0 - 60.0 * rate, 20.0 - 60.0 * dec_rate, rate, dec_rate)
         goal = way.slews(0.0, 60.0)
         assert way.way.intercept.utc_s == 60.0
-        lead_s = 0.5 * 0.8 / 8.0 + 0.02 + 1.5 * 0.05
+        lead_s = 0.5 * fastest / 8.0 + 0.02 + 1.5 * 0.05
         assert way.way.go_on(60.0 - lead_s - 0.001, True, stands_at(goal)) is ApproachStep.SLEW
         assert way.way.go_on(60.0 - lead_s + 0.001, True, stands_at(goal)) is ApproachStep.FOLLOW
 
@@ -251,18 +260,85 @@ class TestApproach:
         for number in range(40):
             assert stays.way.go_on(4.0 + 0.05 * number, False, stands_at(goal)) is ApproachStep.SLEW
 
-    @pytest.mark.parametrize(("rate", "vain_s"), [(0.0, 20.0), (0.5, 20.0), (4.0, 3.75), (50.0, 0.5)])
+    @pytest.mark.parametrize(
+        ("dec", "rate", "dec_rate", "vain_s"),
+        [
+            (0.0, 0.0, 0.0, 20.0),
+            (0.0, 0.5, 0.0, 20.0),
+            (0.0, 4.0, 0.0, 3.75),
+            (0.0, 50.0, 0.0, 0.5),
+            (0.0, 0.0, -4.0, 3.75),
+            # At 60° both the way and the rate are half of it on the sky.
+            (60.0, 4.0, 0.0, 3.75),
+        ],
+    )
     def test_after_a_slew_cut_short_the_next_waits_for_the_target_to_go_on(
-        self, rate: float, vain_s: float
+        self, dec: float, rate: float, dec_rate: float, vain_s: float
     ) -> None:
-        """Half of the 30° that are missing, at the target's rate on the equator, within 0.5 and 20 s."""
-        way = Way(ra=70.0, dec=0.0)
+        """Half of the 30° that are missing, at the target's rate on the sky, within 0.5 and 20 s."""
+        way = Way(ra=70.0, dec=dec)
         way.way.plan(0.0, -1.0, HERE)
-        way.rate, way.ra = rate, 70.0 - rate * way.way.intercept.utc_s
-        short = Slew(100.0, 0.0)
+        met_s = way.way.intercept.utc_s
+        way.rate, way.ra = rate, 70.0 - rate * met_s
+        way.dec_rate, way.dec = dec_rate, dec - dec_rate * met_s
+        short = Slew(100.0, dec)
         way.way.sent(short)
         assert way.way.go_on(5.0, True, stands_at(short)) is ApproachStep.FOLLOW
         error_deg = 30.0
         assert way.way.slew_ahead(5.0 + vain_s - 0.01, 1e6, error_deg, HERE, False) is False
         way.way.slew_ahead(5.0 + vain_s + 0.01, 1e6, error_deg, HERE, False)
         assert way.way._far_since_utc_s == pytest.approx(5.0 + vain_s + 0.01)
+
+    def test_a_mount_with_time_to_spare_rings_out_where_it_waits(self) -> None:
+        """A target that is still to come is not followed before the mount says that its slew is over."""
+        way = Way(rate=0.8)
+        goal = way.slews(0.0, 30.0)
+        way.way.go_on(1.0, False, HERE)
+        for now_s in (20.0, 20.3, 29.9, 30.3):
+            assert way.way.go_on(now_s, False, stands_at(goal)) is ApproachStep.SLEW
+        assert way.way.go_on(30.35, True, stands_at(goal)) is ApproachStep.FOLLOW
+
+    def test_a_new_slew_is_judged_by_itself(self) -> None:
+        """Not by the one before it, which safety may have refused, or which has come to the same place."""
+        refused = Way()
+        refused.slews()
+        refused.way.sent(MoveAxes(0.0, 0.0))
+        assert refused.way.go_on(1.0, False, HERE) is ApproachStep.FOLLOW
+        assert refused.way.plan(9.0, -1.0, HERE) is ApproachStep.SLEW
+        assert refused.way.go_on(9.0, False, HERE) is ApproachStep.SLEW
+        there = Way()
+        goal = there.slews()
+        there.way.go_on(1.0, False, HERE)
+        steps = [there.way.go_on(4.0 + 0.3 * number, False, stands_at(goal)) for number in range(2)]
+        assert steps == [ApproachStep.SLEW, ApproachStep.FOLLOW]
+        # It stands there yet, and may be about to leave for the other side of the pier.
+        there.slews(9.0)
+        for number in range(4):
+            assert there.way.go_on(9.0 + 0.3 * number, False, stands_at(goal)) is ApproachStep.SLEW
+
+    def test_how_long_it_is_far_off_counts_anew_from_a_new_way_on(self) -> None:
+        way = Way()
+        way.slews()
+        assert way.way.slew_ahead(10.0, 100.0, 5.1, HERE, False) is False
+        way.slews(10.2)
+        assert way.way.slew_ahead(10.5, 100.0, 5.1, HERE, False) is False
+        assert way.way.slew_ahead(11.0, 100.0, 5.1, HERE, False) is True
+
+    @pytest.mark.parametrize("ra", [349.0, 359.0, 1.0])
+    def test_what_is_near_is_so_across_the_first_point_of_aries(self, ra: float) -> None:
+        """Sidereal time 10°, and the mount 20° west of the meridian."""
+        assert Way(ra).way.plan(0.0, -1.0, MountPlace(10.0, 350.0, 20.0)) is ApproachStep.FOLLOW
+
+    def test_slews_are_across_it_as_long_as_elsewhere(self) -> None:
+        way, stand = Way(ra=5.0), MountPlace(10.0, 350.0, 20.0)
+        assert way.way.plan(10.0, -1.0, stand, held=True) is ApproachStep.SLEW
+        way.way.sent(Slew(5.0, 20.0))
+        takes_s = slew_time_s(15.0, AXIS) + 0.6
+        assert way.way.intercept.utc_s == pytest.approx(10.0 + takes_s)
+        assert way.way.go_on(10.0 + 3.0 * takes_s + 30.01, False, stand) is ApproachStep.PLAN
+
+    def test_a_target_that_has_gone_on_across_it_is_run_after(self) -> None:
+        way = Way(ra=359.5)
+        goal = way.slews()
+        way.ra = 1.0
+        assert way.way.go_on(9.0, True, stands_at(goal)) is ApproachStep.FOLLOW

@@ -237,11 +237,17 @@ class TestWhatIsRefusedBeforeAnythingIsSent:
         )
         assert bench.flags() == []
 
-    def test_without_a_site_nothing_that_altitude_decides_about(self) -> None:
-        bench = Bench(site=None)
-        operation = bench.carry_out(plain(Slew(sky(bench, 10.0), 50.0)))
+    @pytest.mark.parametrize("what", [None, FineRate(0.0001), PulseGuide(100, 0)])
+    def test_without_a_site_nothing_that_altitude_decides_about(self, what: Request | None) -> None:
+        bench = Bench(site=None, limits=SafetyLimits(optical=False))
+        operation = bench.carry_out(plain(what or Slew(sky(bench, 10.0), 50.0)))
         assert operation.outcome is not None
         assert operation.outcome.reason == (NO_SITE)
+
+    def test_fine_rates_are_taken_back_without_a_site_too(self) -> None:
+        bench = Bench(site=None, limits=SafetyLimits(optical=False))
+        bench.run(0.5)
+        assert not isinstance(bench.console.request(FineRate(), bench.now_s), RequestRefused)
 
     def test_a_sync_while_the_mount_slews(self) -> None:
         bench = Bench()

@@ -11,12 +11,14 @@ import pytest
 from console_builders import PERIOD_S, PROFILE, SITE, T0, Bench
 from msgspec.structs import replace
 
+from sattrack.control.aim import MountInstant
 from sattrack.control.console import Console
 from sattrack.control.manual_operation import ConsoleSession, ManualOperation, OperationPhase, view_of
 from sattrack.control.procedures import MoveFor, Once, Outcome, RequestRefused, procedure_for
 from sattrack.mount.geometry import AxisGeometry
 from sattrack.mount.model import (
     SIDEREAL_RATE_DEG_S,
+    AxesPosition,
     Hold,
     MoveAxes,
     SitePlace,
@@ -27,7 +29,7 @@ from sattrack.mount.model import (
 from sattrack.mount.requests import Abort, FineRate, MoveAxis, Park, PulseGuide, Sync, TicketState
 from sattrack.mount.simulator.mount import StartPosition
 from sattrack.mount.simulator.profile import SimulatorProfile
-from sattrack.mount.xerxes.datagrams import encode_status
+from sattrack.mount.xerxes.datagrams import decode_command, encode_status
 from sattrack.mount.xerxes.link import LinkState
 from sattrack.safety import SafetyLimits
 from sattrack.views.messages import Jog, Leave
@@ -102,6 +104,39 @@ class TestRequests:
         bench.run(1.0)
         assert not bench.moves_itself
 
+    def test_what_is_refused_ends_a_jog_all_the_same(self) -> None:
+        """Of two axes the one that is touched later would go on by itself when the other's time is over."""
+        bench = running()
+        bench.console.jog(None, 0.5, bench.now_s)
+        bench.run(0.2)
+        bench.console.jog(0.5, None, bench.now_s)
+        bench.turn()
+        sent = len(bench.commands)
+        no = RequestRefused("no")
+        assert bench.console.begin(Made(begin=lambda *_: no), bench.now_s) == no  # type: ignore[arg-type]
+        assert view_of(bench.console, bench.now_s).doing == "idle"
+        bench.run(1.0)
+        assert not any(command.move_ra or command.move_dec for command in bench.commands[sent:])
+        assert not bench.moves_itself
+
+    def test_what_leaving_would_leave_moving_is_known_from_the_word_to_the_seen_end(self) -> None:
+        bench = running()
+        assert not bench.console.moving
+        bench.console.jog(None, 0.5, bench.now_s)
+        # Nothing was sent yet.
+        assert bench.console.moving
+        bench.run(0.3)
+        assert bench.console.moving
+        bench.deaf = True
+        bench.until(lambda: bench.console.session.wanted == Hold())
+        bench.run(0.3)
+        assert bench.moves_itself
+        assert bench.console.moving
+        bench.deaf = False
+        bench.run(1.0)
+        assert not bench.moves_itself
+        assert not bench.console.moving
+
     def test_no_more_than_five_are_remembered(self) -> None:
         bench = running()
         for _ in range(7):
@@ -155,6 +190,20 @@ class TestRequests:
             one.session.apply(one.safety.clear(Hold(), 0.0, 0.0, 0.0))
             heard(one, 4)
             assert not one.move_begun
+
+    @pytest.mark.parametrize("move_axis", ["held", "edge"])
+    def test_a_move_has_begun_once_it_is_sent_and_until_something_else_is_asked_for(
+        self, move_axis: Any
+    ) -> None:
+        bench = running(profile=replace(PROFILE, move_axis=move_axis))
+        assert bench.console.begin(MoveFor(MoveAxis(None, 0.5), 9.0), bench.now_s) is None
+        assert not bench.console.move_begun
+        bench.until(lambda: bench.console.move_begun)
+        for _ in range(20):
+            bench.turn()
+            assert bench.console.move_begun
+        bench.console.submit(MoveAxis(None, 0.4), bench.now_s)
+        assert not bench.console.move_begun
 
     def test_nothing_is_synced_while_it_moves(self) -> None:
         words = "the mount moves: sync once it stands, or what it reports would be wrong for good"
@@ -314,6 +363,18 @@ class TestWhatItEndsUnasked:
         assert (bench.console.trouble, bench.console.refusal) == (None, None)
         assert bench.console.safety.tripped is None
 
+    def test_how_far_the_cables_are_wound_outlasts_a_reset(self) -> None:
+        """Turned on from 170° to 190°, of which no single status tells: it says -170°."""
+        one = console()
+        for number in range(1, 102):
+            sidereal_h = mean_sidereal_deg(T0 + number * PERIOD_S, SITE.longitude_deg) / 15.0
+            heard(one, number, ra_h=(sidereal_h - (170.0 + 0.2 * (number - 1)) / 15.0) % 24.0, dec_deg=60.0)
+        turns_on = MoveAxes(SIDEREAL_RATE_DEG_S - 0.5, 0.0)
+        before_s = one.safety.turns_known_s(turns_on)
+        assert one.reset() is None
+        heard(one, 102, ra_h=(sidereal_h - 190.0 / 15.0) % 24.0, dec_deg=60.0)
+        assert one.safety.turns_known_s(turns_on) == pytest.approx(before_s, rel=0.01)
+
     def test_a_slew_that_has_arrived_is_not_wanted_any_more(self) -> None:
         bench = running()
         sidereal_deg = bench.console.session.sample.sidereal_h * 15.0  # type: ignore[union-attr]
@@ -442,6 +503,41 @@ class TestAMountWithAGeometry:
         assert refusal.words.startswith("safety has stopped the mount (")
         assert bench.console.lead is lead
 
+    @pytest.mark.parametrize(("goal_deg", "sense"), [(-172.5, 1.0), (-171.5, -1.0)])
+    def test_it_is_led_the_short_way_past_half_a_turn_to_2_degrees_of_the_cables_end(
+        self, goal_deg: float, sense: float
+    ) -> None:
+        """From 170° on to 187.5° of 190°, and all the way back where it would be 188.5°."""
+        profile = replace(AZIMUTH_MOUNT, hour_angle_limit_deg=190.0)
+        one = Console(profile, SafetyLimits(optical=False), SITE, "bench")
+        assert one.sky_aim is not None
+        for number in range(1, 4):
+            at_s = T0 + number * PERIOD_S
+            sidereal_deg = mean_sidereal_deg(at_s, SITE.longitude_deg)
+            at = MountInstant(at_s, sidereal_deg)
+            ra_deg, dec_deg = one.sky_aim.sky_deg(170.0, 45.0, at)
+            heard(one, number, ra_h=ra_deg / 15.0, dec_deg=dec_deg)
+            one.tick(at_s + 0.01)
+        place = AxesPosition(goal_deg, 45.0)
+        led = one.aim(Slew(0.0, 45.0), place, T0 + 0.16)
+        assert not isinstance(led, RequestRefused)
+        one.tick(T0 + 0.16)
+        wanted = one.session.wanted
+        assert isinstance(wanted, MoveAxes)
+        assert math.copysign(1.0, SIDEREAL_RATE_DEG_S - wanted.ra_rate_deg_s) == sense
+
+    def test_what_falls_silent_while_it_is_kept_there_is_stopped_and_led_no_more(self) -> None:
+        bench = self.bench()
+        bench.console.keep_here(bench.now_s)
+        bench.run(1.0)
+        bench.cut = True
+        bench.until(lambda: bench.console.trouble == "link")
+        sent = len(bench.commands)
+        bench.run(2.0)
+        assert (bench.console.lead, bench.console.stopping) == (None, True)
+        assert not any(command.move_ra or command.move_dec for command in bench.commands[sent + 1 :])
+        assert any(command.abort for command in bench.commands[sent:])
+
     def test_what_was_under_way_ends_where_it_is_led(self) -> None:
         bench = self.bench()
         ticket = bench.console.submit(MoveAxis(0.1, 0.2), bench.now_s)
@@ -465,6 +561,50 @@ class TestAMountWithAGeometry:
 
 
 class TestOperations:
+    def test_a_stop_never_waits(self) -> None:
+        for owned in (False, True):
+            operation = ManualOperation(console(), Once(Abort(), "stopping"), T0)
+            if owned:
+                heard(operation, ack_move_ra=True)
+            first = operation.tick(T0 + 0.06)
+            assert first is not None
+            assert decode_command(first).abort
+
+    def test_what_is_no_status_is_not_heard(self) -> None:
+        for part in (
+            ManualOperation(console(), MoveFor(MoveAxis(1.0), 1.0), T0),
+            ConsoleSession(console(), T0),
+        ):
+            for number in range(8):
+                part.receive(b"noise", T0 + 0.02 * number)
+            assert part.tick(T0 + 0.21) is None
+            assert not part.finished
+
+    def test_what_keeps_the_telescope_on_the_sky_ends_with_its_operation(self) -> None:
+        made: Any = Made(
+            profile=PROFILE,
+            trouble=None,
+            outcome=Outcome(TicketState.COMPLETE, acknowledged=True),
+            lead=Made(),
+            at_rest=True,
+            stopping=True,
+            tick=lambda _: b"",
+        )
+        operation = ManualOperation(made, Once(Sync(1.0, 2.0), "syncing"), T0)
+        operation.phase = OperationPhase.RUNNING
+        operation.tick(T0 + 1.0)
+        assert (operation.ended_by, operation.phase) == ("done", OperationPhase.STOPPING)
+
+    def test_an_operation_is_not_over_before_its_last_datagrams(self) -> None:
+        made: Any = Made(profile=PROFILE, session=Made(busy=True), finished=True, tick=lambda _: b"")
+        operation = ManualOperation(made, Once(Sync(1.0, 2.0), "syncing"), T0)
+        operation.phase = OperationPhase.ENDING
+        operation.tick(T0 + 1.0)
+        assert not operation.finished
+        made.session.busy = False
+        operation.tick(T0 + 1.05)
+        assert operation.finished
+
     def test_words_for_what_goes_on(self) -> None:
         bench = Bench()
         operation = ManualOperation(bench.console, MoveFor(MoveAxis(1.0), 1.0), bench.now_s)
@@ -524,6 +664,21 @@ class TestOperations:
         assert operation.ended_by == "done"
         assert operation.console.stop is not None
         assert operation.console.stop.needed is stops
+
+    def test_an_interrupt_does_not_prolong_a_stop_nor_name_it_anew(self) -> None:
+        bench = Bench()
+        begun: list[float] = []
+
+        def interrupt(operation: ManualOperation) -> None:
+            assert bench.console.stop is not None
+            assert operation.phase is OperationPhase.STOPPING
+            begun.append(bench.console.stop.begun_utc_s)
+            operation.interrupt(bench.now_s)
+            begun.append(bench.console.stop.begun_utc_s)
+
+        operation = bench.carry_out(MoveFor(MoveAxis(None, 2.0), 60.0), 1.0, at=((1.4, interrupt),))
+        assert (operation.ended_by, operation.mount_stopped) == ("timeout", True)
+        assert begun[0] == begun[1]
 
     def test_what_asked_for_nothing_stops_nothing(self) -> None:
         bench = Bench()
@@ -669,6 +824,22 @@ class TestViews:
         view = view_of(bench.console, bench.now_s)
         assert (view.doing, view.motion) == ("jogging", "move")
         assert (view.ra_rate_deg_s, view.dec_rate_deg_s) == (0.25, -0.5)
+
+    def test_what_was_asked_shows_how_far_it_has_come(self) -> None:
+        bench = running(limits=SafetyLimits(floor_altitude_deg=12.0))
+        sidereal_deg = bench.console.session.sample.sidereal_h * 15.0  # type: ignore[union-attr]
+        bench.console.request(Slew((sidereal_deg - 2.0) % 360.0, 22.0), bench.now_s)
+        seen = []
+
+        def shown() -> bool:
+            (asked,) = view_of(bench.console, bench.now_s).asked
+            if (asked.acknowledged, asked.settled) not in seen:
+                seen.append((asked.acknowledged, asked.settled))
+            return asked.settled
+
+        bench.until(shown)
+        assert seen == [(False, False), (True, False), (True, True)]
+        assert view_of(bench.console, bench.now_s).floor_altitude_deg == 12.0
 
     def test_silence_is_a_warning_once_it_lasts(self) -> None:
         bench = running()

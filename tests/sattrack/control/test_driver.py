@@ -9,21 +9,31 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from sattrack.control.driver import DirectStop, Driver, StopProcedure, limit_text, site_warnings
+from sattrack.control.driver import (
+    DirectStop,
+    Driver,
+    StopProcedure,
+    limit_text,
+    sample_by_axes,
+    site_warnings,
+)
 from sattrack.mount.geometry import AxisGeometry
 from sattrack.mount.link_loss import OVERTAKEN_SHARE, STOPS_MOVING_S, STOPS_SENT_S
 from sattrack.mount.model import (
+    SIDEREAL_RATE_DEG_S,
     Hold,
     MountProfile,
     MoveAxes,
     SitePlace,
     Slew,
     Status,
+    StatusSample,
     Stop,
     mean_sidereal_deg,
 )
 from sattrack.mount.xerxes.datagrams import decode_command, encode_status
 from sattrack.mount.xerxes.link import LinkState
+from sattrack.mount.xerxes.session import Session
 from sattrack.safety import Safety, SafetyLimits
 from tle.site import Site
 
@@ -157,6 +167,15 @@ class TestDirectStop:
             heard(one, number, NOW + 0.05 * number)
         assert one.last_heard(NOW + 3.0) == "last heard now, at rest"
 
+    def test_positions_that_repeat_from_the_first_on_are_no_rest_so_soon(self) -> None:
+        """What it did before is not known: its encoders may hang while it moves on."""
+        one = DirectStop(MountProfile(), NOW)
+        for number in range(1, 31):
+            heard(one, number, NOW + 0.05 * number, ack_abort=number > 3)
+            one.tick(NOW + 0.05 * number + 0.01)
+        assert "at rest" not in one.last_heard(NOW + 1.5)
+        assert not one.finished
+
     def test_it_can_be_given_its_whole_time_again(self) -> None:
         one = DirectStop(MountProfile(), NOW)
         for tick in range(20 * int(STOPS_SENT_S + STOPS_MOVING_S)):
@@ -197,6 +216,43 @@ class TestDrivers:
         assert one.sample.dec_deg == pytest.approx(math.degrees(altitude), abs=1e-6)
         assert 0.0 <= one.sample.ra_deg < 360.0
 
+    def test_rates_are_judged_by_how_old_the_last_status_is(self) -> None:
+        one = self.driver()
+        heard(one, 1)
+        assert one.clear(MoveAxes(0.1, 0.0), NOW + 0.5).motion == MoveAxes(0.1, 0.0)
+        assert one.clear(MoveAxes(0.1, 0.0), NOW + 60.0).motion == Stop()
+        assert one.safety.tripped == "status_age"
+
+    @pytest.mark.parametrize(("waits_s", "stops"), [(0.0, False), (60.0, True)])
+    def test_rates_that_hold_it_at_a_limit_and_do_not_reach_it_are_a_stop(
+        self, waits_s: float, stops: bool, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Half a degree above the horizon, on a mount that takes rates by edges."""
+        made = MountProfile(move_axis="edge")
+        one = Driver(made, Safety(made, SafetyLimits(optical=False), 52.0, 4.5, holds=True))
+        monkeypatch.setattr(Session, "rates_wait_s", waits_s)
+        heard(one, 1, turned_deg=-15.0, dec_deg=-37.5)
+        cleared = one.clear(MoveAxes(SIDEREAL_RATE_DEG_S, -1.0), NOW)
+        assert (cleared.motion == Stop()) is stops
+        assert (one.safety.holding, one.safety.tripped) == (
+            (None, "altitude") if stops else ("altitude", None)
+        )
+
+    @pytest.mark.parametrize("geometry", [False, True])
+    def test_a_status_tells_safety_how_far_the_first_axis_is_from_half_a_turn(self, geometry: bool) -> None:
+        """An hour past the meridian; by its axes, at the azimuth from the south of that direction."""
+        placed = {"geometry": AxisGeometry(0.0, 90.0), "stands_at": SitePlace(52.0, 4.5), "additive": False}
+        one = self.driver(**(placed if geometry else {}))
+        assert one.safety.turns_known_s(MoveAxes(0.1, 0.0)) == math.inf
+        heard(one, 1)
+        p, h, d = (math.radians(angle) for angle in (52.0, 15.0, 20.0))
+        west, south = math.sin(h), math.cos(h) * math.sin(p) - math.tan(d) * math.cos(p)
+        first_deg = math.degrees(math.atan2(west, south)) if geometry else 15.0
+        on_s, back_s = (
+            one.safety.turns_known_s(MoveAxes(SIDEREAL_RATE_DEG_S - rate, 0.0)) for rate in (0.5, -0.5)
+        )
+        assert on_s / back_s == pytest.approx((180.0 - first_deg) / (180.0 + first_deg), rel=1e-3)
+
     def test_in_force_is_what_was_last_sent(self) -> None:
         one = self.driver()
         heard(one, 1)
@@ -224,6 +280,21 @@ class TestDrivers:
         one.compose(NOW + 3.0)
         assert one.turns_known_s == math.inf
 
+    def test_a_mount_that_slews_by_itself_knows_its_turns(self) -> None:
+        one = self.driver()
+        heard(one, 1)
+        one.session.apply(one.clear(MoveAxes(0.1, 0.0), NOW))
+        one.compose(NOW)
+        assert one.turns_known_s < math.inf
+        sidereal_deg = mean_sidereal_deg(NOW, SITE.longitude_deg)
+        one.session.apply(one.clear(Slew((sidereal_deg - 20.0) % 360.0, 60.0), NOW))
+        for tick in range(1, 4):
+            heard(one, 1 + tick, NOW + 0.05 * tick, 0.005 * tick, dec_rate_dtics_s=186414)
+            one.compose(NOW + 0.05 * tick + 0.01)
+        assert isinstance(one.in_force, Slew)
+        assert not one.session.at_rest
+        assert one.turns_known_s == math.inf
+
     @pytest.mark.parametrize(("link", "up"), [(UP, True), (STALE, True), (LOST, False)])
     def test_a_link_that_is_late_is_up(self, link: LinkState, up: bool) -> None:
         one = self.driver()
@@ -239,6 +310,16 @@ class TestDrivers:
         assert one.repeat() is not None
         one.stop = StopProcedure(NOW + 1.0)
         assert one.repeat() is None
+
+
+def test_a_mount_that_reports_its_axes_is_taken_as_it_reports() -> None:
+    geometry = AxisGeometry(0.0, 90.0, reports="axes")
+    frame = MountProfile(geometry=geometry, stands_at=SitePlace(52.0, 4.5)).frame
+    assert frame is not None
+    seen = StatusSample(7, NOW, 8.0, 150.0, 30.0, True, True, 0.3, -0.2, True, move_acknowledged=True)
+    by_axes = sample_by_axes(seen, frame)
+    assert (by_axes.ra_deg, by_axes.dec_deg) == pytest.approx((150.0, 30.0))
+    assert replace(by_axes, ra_deg=150.0, dec_deg=30.0) == seen
 
 
 @pytest.mark.parametrize(

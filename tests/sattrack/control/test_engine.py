@@ -10,13 +10,17 @@ from typing import Any
 import msgspec
 import pytest
 
+from sattrack.control.driver import limit_text
 from sattrack.control.engine import Engine, RunSpec
 from sattrack.control.engine_view import view_of
+from sattrack.control.estimate import Estimator
 from sattrack.control.rest import Rest
+from sattrack.control.target import sky_error
 from sattrack.control.tracker import Phase, TrackPlan
 from sattrack.mount.geometry import AxisGeometry
 from sattrack.mount.model import (
     SIDEREAL_RATE_DEG_S,
+    AxisLimits,
     MountProfile,
     MoveAxes,
     SitePlace,
@@ -26,6 +30,7 @@ from sattrack.mount.model import (
     mean_sidereal_deg,
 )
 from sattrack.mount.xerxes.datagrams import decode_command, encode_status
+from sattrack.mount.xerxes.flags import SlewState
 from sattrack.mount.xerxes.link import LinkState
 from sattrack.runtime import demo_pass
 from sattrack.safety import SafetyLimits
@@ -33,7 +38,7 @@ from sattrack.safety.watch import KEEPS_FIRST
 from sattrack.views.messages import Jog, Pause
 from sattrack.views.run import ErrorView
 from tle.bias import NO_BIAS
-from tle.bodies import Body
+from tle.bodies import Body, StarPlace
 from tle.instants import Utc
 from tle.propagator import Propagator
 from tle.refraction import Refraction
@@ -130,6 +135,13 @@ class TestFigures:
             ("paused", None),
         ]
 
+    def test_a_limit_before_the_mount_was_ever_on_target_loses_nothing(self) -> None:
+        run = engine()
+        run.tracker.phase = Phase.ACQUIRING
+        run.safety = Made(holding="sun", clamping=False, keeps_first=False)  # type: ignore[assignment]
+        run._count(off(500.0, 1), 1, 0.05)
+        assert (run.held_s, run.lost_peak_arcsec) == ({"sun": 0.05}, 0.0)
+
     def test_true_errors_are_those_of_the_statuses_that_counted_once(self) -> None:
         run = self.following()
         run._count(off(1.0), 7, 0.05)
@@ -167,6 +179,8 @@ class TestGivingUp:
         [
             ((0.5, 0.5), 5.1, "edge", True),
             ((0.5, None), 5.1, "edge", True),
+            # The flag is up for a third of the time.
+            ((0.33, 0.33), 5.1, "edge", True),
             ((0.5, 0.5), 4.9, "edge", False),
             ((0.5, 0.5), 5.1, "held", False),
             ((0.5, 0.9), 5.1, "edge", False),
@@ -195,7 +209,7 @@ class TestGivingUp:
     def test_what_it_never_heard_it_waits_for_so_long_and_then_stops(self) -> None:
         run = engine()
         run.tick(CULMINATION_S)
-        assert run.why_not_acquired() is not None
+        assert (run.why_not_acquired() or "").startswith("the mount was never heard")
         run.tick(CULMINATION_S + 3.0)
         assert run.tracker.ended_by is None
         run.tick(CULMINATION_S + 3.1)
@@ -250,6 +264,76 @@ class TestGivingUp:
         assert (run.tracker.phase, run.tracker.ended_by) == (Phase.STOPPING, "set")
         assert (run.why_not_acquired() or "").startswith("the mount was still slewing")
 
+    @pytest.mark.parametrize("clamping", [False, True])
+    def test_a_target_is_called_too_fast_only_where_the_rate_limit_was_reached(self, clamping: bool) -> None:
+        run = engine()
+        hear(run)
+        run.tracker.phase = Phase.ACQUIRING
+        run.safety = Made(holding=None, clamping=clamping, keeps_first=False)  # type: ignore[assignment]
+        for number in range(60):
+            run._count(off(50.0, number), number, 0.05)
+        words = "the target was faster than the axes may turn"
+        assert (words in (run.why_not_acquired() or "")) is clamping
+
+    def test_a_mount_that_moves_as_no_servo_is_told_by_how_much_each_axis_was_off(self) -> None:
+        run = engine()
+        hear(run)
+        run.tracker.phase = Phase.ACQUIRING
+        for number in range(60):
+            run._count(off(50.0, number), number, 0.05)
+        learning = run.tracker.follower.learning
+        learning.axes, learning.restarts = run.tracker.follower.axes, 3
+        words = "off by 30″ in right ascension and 40″ in declination"
+        assert words in (run.why_not_acquired() or "")
+
+    @pytest.mark.parametrize("simulated", [False, True])
+    def test_only_a_simulated_mount_need_not_be_calibrated(self, simulated: bool) -> None:
+        run = Engine(replace(engine().spec, simulated=simulated))
+        hear(run)
+        why = run.why_not_acquired() or ""
+        assert why.startswith("it followed for 0.0 s only")
+        assert ("the mount is not calibrated" in why) is not simulated
+
+    def test_how_late_axes_answer_is_held_against_the_slower_one_of_the_profile(self) -> None:
+        run = engine(ra=AxisLimits(lag_s=0.1), dec=AxisLimits(lag_s=0.3))
+        asked: list[float] = []
+        hear(run)
+        run.tracker.follower.learning.timing.later_s = asked.append  # type: ignore[method-assign, assignment]
+        run.why_not_acquired()
+        assert asked == [0.3]
+
+    @pytest.mark.parametrize(("name", "told"), [("obedience", "it turns the wrong way"), ("sun", None)])
+    def test_a_limit_that_stopped_the_mount_is_named_and_why_it_disobeyed(
+        self, name: str, told: str | None, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        run = engine()
+        hear(run)
+        run.tick(CULMINATION_S + 0.03)
+        monkeypatch.setattr(type(run.safety), "cause", "it turns the wrong way")
+        run.safety.tripped = name
+        sent = decode_command(run.tick(CULMINATION_S + 0.08))
+        assert (run.tracker.ended_by, run.message) == (f"limit:{name}", limit_text(name, told))
+        assert sent.abort
+
+    def test_a_limit_at_the_end_is_not_what_ended_the_run(self) -> None:
+        run = engine()
+        hear(run)
+        run.tracker.end("operator")
+        run.safety.tripped = "sun"
+        run.tick(CULMINATION_S + 0.03)
+        assert (run.tracker.ended_by, run.message) == ("operator", None)
+
+    @pytest.mark.parametrize("trouble", ["got 3 slew commands, and stands 2.0° from its goal", None])
+    def test_a_way_that_was_given_up_says_what_the_mount_did(
+        self, trouble: str | None, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        run = engine()
+        hear(run)
+        monkeypatch.setattr(type(run.tracker), "trouble", trouble)
+        run.tracker.end("error")
+        run.tick(CULMINATION_S + 0.03)
+        assert run.message == f"bench {trouble or 'did not obey'}; it was sent a stop"
+
     def test_why_it_was_never_on_target_is_the_message_unless_it_was_ended(self) -> None:
         run = engine()
         hear(run)
@@ -282,6 +366,54 @@ def test_a_mount_that_refracts_itself_is_fed_what_has_no_air_in_it() -> None:
     assert refracting.tracker.steering.biases.course.propagator is refracting.spec.if_mount_refracts
 
 
+def test_a_pass_is_held_at_a_limit_and_not_ended_there() -> None:
+    """On the meridian at an altitude of half a degree, going down at 2°/s."""
+    run = engine()
+    hear(run)
+    dec_deg = SITE.latitude_deg - 90.0 + 0.5
+    sidereal_deg = mean_sidereal_deg(CULMINATION_S, SITE.longitude_deg) % 360.0
+    down = MoveAxes(SIDEREAL_RATE_DEG_S, -2.0)
+    cleared = run.safety.clear(down, sidereal_deg, sidereal_deg, dec_deg, 0.0, CULMINATION_S)
+    assert isinstance(cleared.motion, MoveAxes)
+    assert cleared.motion.dec_rate_deg_s > -0.5
+    assert (run.safety.holding, run.safety.tripped) == ("altitude", None)
+
+
+def test_a_paused_mount_to_which_the_sun_has_come_is_slewed_out_of_its_way() -> None:
+    sun = Propagator(Body("Sun"), SITE).at(Utc(CULMINATION_S))
+    run = engine()
+    guarded = Engine(replace(run.spec, limits=SafetyLimits()))
+    for number in range(3):
+        hear(guarded, number, ra_h=float(sun.ra_deg) / 15.0, dec_deg=float(sun.dec_deg) + 3.0)
+        guarded.operate(Pause(), CULMINATION_S + 0.05 * number)
+        guarded.tick(CULMINATION_S + 0.05 * number + 0.03)
+    rest = guarded.tracker.rest
+    assert rest is not None
+    rest.at_rest = True
+    guarded.tick(CULMINATION_S + 0.2)
+    wanted = guarded.session.wanted
+    assert isinstance(wanted, Slew)
+    away = sky_error(CULMINATION_S, wanted.ra_deg, wanted.dec_deg, sun)
+    assert away.total_arcsec > SafetyLimits().sun_deg * 3600.0
+    assert guarded.led_out
+
+
+def test_what_the_first_observation_would_wait_for_is_computed_beforehand(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """At both ends of the pass."""
+    looked: list[float] = []
+    reading = Estimator.reading
+
+    def seen_at(one: Estimator, utc_s: float, course: Any, fed: bool = False) -> Any:
+        looked.append(utc_s)
+        return reading(one, utc_s, course, fed)
+
+    monkeypatch.setattr(Estimator, "reading", seen_at)
+    engine().expect_observations()
+    assert looked == [PLAN.start_utc_s, PLAN.end_utc_s]
+
+
 @pytest.mark.parametrize(("limit_deg", "sense"), [(275.0, -1.0), (270.0, 1.0)])
 def test_a_slew_leads_to_the_turn_on_which_the_whole_pass_fits(limit_deg: float, sense: float) -> None:
     """A pass goes from an azimuth of -101° to one of -270°; none may end within 2° of the cables' end."""
@@ -299,6 +431,8 @@ def test_a_slew_leads_to_the_turn_on_which_the_whole_pass_fits(limit_deg: float,
     wanted = run.session.wanted
     assert isinstance(wanted, MoveAxes)
     assert math.copysign(1.0, SIDEREAL_RATE_DEG_S - wanted.ra_rate_deg_s) == sense
+    # It is on its way by a slew, though by rates that stand for one.
+    assert run.tracker.phase is Phase.SLEWING
 
 
 class TestPauses:
@@ -326,6 +460,35 @@ class TestPauses:
         monkeypatch.setattr(run.tracker, "step", step)
         run.tick(CULMINATION_S + 0.05)
         assert heard == [holding is not None]
+
+    @pytest.mark.parametrize(
+        ("slew_state", "led_there", "on_last_leg", "arrived"),
+        [
+            (SlewState.DONE, False, True, True),
+            (SlewState.UNDER_WAY, True, True, True),
+            (SlewState.UNDER_WAY, False, True, False),
+            (SlewState.DONE, False, False, False),
+            (SlewState.UNDER_WAY, True, False, False),
+        ],
+    )
+    def test_the_tracker_hears_that_a_slew_or_rates_for_it_have_come_to_the_end_of_the_last_leg(
+        self,
+        slew_state: SlewState,
+        led_there: bool,
+        on_last_leg: bool,
+        arrived: bool,
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:
+        run, heard = engine(), []
+        hear(run)
+        run.safety.led_there = led_there
+        monkeypatch.setattr(type(run.safety), "on_last_leg", on_last_leg)
+        monkeypatch.setattr(type(run.session), "slew_state", slew_state)
+        monkeypatch.setattr(
+            run.tracker, "step", lambda _now, there, _stopped, _held: heard.append(there) or Stop()
+        )
+        run.tick(CULMINATION_S + 0.05)
+        assert heard == [arrived]
 
     @pytest.mark.parametrize("stopped", [False, True])
     @pytest.mark.parametrize("paused", [False, True])
@@ -362,6 +525,28 @@ class TestPauses:
         words = "the jog was ended at the altitude limit ("
         assert (run.tracker.steering.refusal or "").startswith(words)
         assert (run.tracker.steering.refusal or "").endswith("): let the key go, and jog away")
+
+    def test_what_is_jogged_into_a_limit_stops_there(self) -> None:
+        """On the meridian, half a degree above the horizon."""
+        run = engine()
+
+        def low(number: int) -> None:
+            sidereal_h = mean_sidereal_deg(CULMINATION_S + 0.05 * number, SITE.longitude_deg) % 360.0 / 15.0
+            hear(run, number, ra_h=sidereal_h, dec_deg=SITE.latitude_deg - 89.5, altitude_deg=0.5)
+            run.tick(CULMINATION_S + 0.05 * number + 0.03)
+
+        low(0)
+        run.operate(Pause(), CULMINATION_S)
+        rest = run.tracker.rest
+        assert rest is not None
+        for late_s in (0.0, 0.3):
+            rest.step(CULMINATION_S + late_s, True)
+        run.operate(Jog(None, -2.0), CULMINATION_S + 0.04)
+        assert rest.jogging
+        low(1)
+        assert not rest.jogging
+        assert run.session.wanted == Stop()
+        assert (run.tracker.steering.refusal or "").startswith("the jog was ended at the altitude limit (")
 
     @pytest.mark.parametrize(
         ("paused", "slews", "led", "out"),
@@ -430,6 +615,7 @@ class TestTheView:
     def test_before_the_mount_is_heard_it_is_nowhere(self) -> None:
         view = view_of(engine(), CULMINATION_S)
         assert (view.mount_ra_deg, view.ra_rate_reached_deg_s, view.dec_rate_reached_deg_s) == (None,) * 3
+        assert (view.ra_rate_deg_s, view.dec_rate_deg_s) == (0.0, 0.0)
         assert (view.error, view.rms_10s_arcsec, view.rms_pass_arcsec, view.link.age_s) == (None,) * 4
 
     def test_the_moon_has_no_elements_that_age(self) -> None:
@@ -438,3 +624,10 @@ class TestTheView:
         spec = replace(run.spec, propagator=moon, if_mount_refracts=moon)
         view = view_of(Engine(spec), CULMINATION_S)
         assert (view.elements_age_s, view.catalog_number, view.name) == (None, None, "Moon")
+
+    def test_nobody_knows_how_far_a_star_is(self) -> None:
+        star = Propagator(Body("Vega", StarPlace(279.23, 38.78)), SITE)
+        run = engine()
+        spec = replace(run.spec, propagator=star, if_mount_refracts=star)
+        assert view_of(Engine(spec), CULMINATION_S).range_km is None
+        assert view_of(run, CULMINATION_S).range_km is not None

@@ -293,6 +293,11 @@ class TestViews:
         assert view is not None
         assert (view.first_deg, view.second_deg) == (pytest.approx(-25.0), 62.0)
         assert (view.first_rate_deg_s, view.second_rate_deg_s) == (0.3, -0.2)
+        frame = profile.frame
+        assert frame is not None
+        before, after = (frame.field_angle_deg(-25.0 + 0.3 * s, 62.0 - 0.2 * s) for s in (-0.01, 0.01))
+        assert view.field_angle_deg == pytest.approx(0.5 * (before + after), abs=1e-5)
+        assert view.field_rate_deg_s == pytest.approx((after - before) / 0.02, rel=1e-4)
         assert engine_view._axes_view(made_run(sample=sample)) is None
         assert engine_view._axes_view(made_run(frame=profile.frame)) is None
 

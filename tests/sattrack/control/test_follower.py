@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from types import SimpleNamespace as Made
 from typing import Any
@@ -75,6 +76,33 @@ class TestSamples:
             assert (one.command_delay_sigma_s < 0.8 * before_s) is following
             assert (0.025 < one.command_delay_s < 0.085) is following
 
+    def test_flags_that_stay_up_are_acknowledged_from_when_they_were_raised(self) -> None:
+        """81 ms before; rates that came meanwhile did not raise them."""
+        one = follower(move_axis="held", command_delay_s=0.0)
+        for cycle in range(12):
+            turn, raised_s = 4 * cycle, NOW + 0.2 * cycle + 0.019
+            seen(one, sample(turn))
+            one.note_sent(MoveAxes(SIDEREAL_RATE_DEG_S, 0.0), raised_s)
+            seen(one, sample(turn + 1))
+            one.note_sent(MoveAxes(SIDEREAL_RATE_DEG_S, 0.0), raised_s + PERIOD_S)
+            seen(one, replace(sample(turn + 2), move_acknowledged=True))
+            one.note_sent(Hold(), raised_s + 2.0 * PERIOD_S)
+            seen(one, sample(turn + 3))
+        assert 0.025 < one.command_delay_s < 0.085
+
+    def test_a_sample_that_is_not_believed_tells_nothing_of_rates(self) -> None:
+        one = follower()
+        seen(one, *(sample(turn) for turn in range(10)))
+        before = one.learning.fits[0].samples
+        assert seen(one, sample(10, ra_deg=130.0), sample(11), sample(12)) == [False, True, True]
+        # Of the three only the last follows on one that was believed.
+        assert one.learning.fits[0].samples == before + 1
+        assert one.learning.fits[0].fastest_deg_s < 1.0
+
+    def test_delays_that_a_calibration_found_are_surer(self) -> None:
+        calibrated = follower(calibration=Made())
+        assert calibrated.command_delay_sigma_s < 0.5 * follower().command_delay_sigma_s
+
     def test_a_mount_that_is_elsewhere_is_lost_and_taken_up_there(self) -> None:
         one = follower()
         assert seen(one, *(sample(turn) for turn in range(10))) == [True] * 10
@@ -142,6 +170,65 @@ class TestCorrections:
                 dec_deg + PERIOD_S * rates.dec_rate_deg_s,
             )
         assert tuple(map(max, zip(*asked, strict=True))) == pytest.approx(most_deg_s, rel=1e-3)
+
+    def test_an_error_is_that_which_is_left_when_all_that_was_commanded_has_come_out(self) -> None:
+        """Commands of 1 °/s that are 0.3 s under way: what they will turn is not asked for again."""
+        one = follower(command_delay_s=0.3, status_delay_s=0.0)
+        bounds: list[float] = []
+
+        def span(begin_utc_s: float, interval_s: float, bound: Any) -> TargetSpan:
+            bounds.append(bound[1] - (20.0 + begin_utc_s - NOW))
+            return TargetSpan((100.0, 20.0), (0.0, 0.0), (0.0, 0.0), bound)
+
+        target: Any = Made(span=span)
+        for turn in range(-8, 60):
+            now_s = NOW + PERIOD_S * turn
+            if turn >= 0:
+                seen(one, sample(turn, dec_deg=20.0 + PERIOD_S * turn))
+            one.note_sent(MoveAxes(0.0, 1.0), now_s + 0.01)
+        one.follow(NOW + PERIOD_S * 59 + 0.02, target)
+        # It has come a mean lag further than where the interval begins, or less.
+        assert bounds == [pytest.approx(0.0, abs=0.06)]
+
+    def test_the_rates_of_each_axis_change_by_a_share_of_its_own_acceleration(self) -> None:
+        """By half of 8 and of 1 °/s² in 50 ms: 0.2 and 0.025 °/s a period."""
+        axes = {"ra": AxisLimits(max_acceleration_deg_s2=8.0), "dec": AxisLimits(max_acceleration_deg_s2=1.0)}
+        one, far = follower(**axes), TargetSpan((160.0, 60.0), (0.0, 0.0), (0.0, 0.0), (100.0, 20.0))
+        stands: Any = Made(span=lambda begin, interval, bound: far)
+        asked = [(0.0, 0.0)]
+        for turn in range(6):
+            now = sample(turn)
+            seen(one, now)
+            rates = one.follow(now.arrival_utc_s, stands)
+            assert rates is not None
+            one.note_sent(rates, now.arrival_utc_s)
+            asked.append((rates.ra_rate_deg_s, rates.dec_rate_deg_s))
+        for (ra, dec), (ra_next, dec_next) in itertools.pairwise(asked):
+            assert ra_next - ra == pytest.approx(0.2, abs=0.005)
+            assert dec_next - dec == pytest.approx(0.025, abs=0.005)
+
+    @pytest.mark.parametrize(("lag_s", "turns"), [(0.0, 1), (0.1, 2), (0.12, 2)])
+    @pytest.mark.parametrize(("move_axis", "acts_s"), [("held", 0.05), ("edge", 0.1)])
+    def test_a_command_is_made_for_the_turns_of_the_mount_from_its_arrival_on_and_for_the_lag_of_its_axes(
+        self, move_axis: str, acts_s: float, lag_s: float, turns: int
+    ) -> None:
+        """Sent 10 ms after a turn it arrives 130 ms after it: the third turn is the first to obey it.
+
+        The axes answer later by whole turns; where no lag is told, 30 ms are expected.
+        """
+        slow = AxisLimits(lag_s=lag_s)
+        one = follower(move_axis=move_axis, command_delay_s=0.12, status_delay_s=0.0, ra=slow, dec=slow)
+        seen(one, *(sample(turn) for turn in range(40)))
+        asked: list[tuple[float, float]] = []
+
+        def span(begin_utc_s: float, interval_s: float, bound: Any) -> TargetSpan:
+            asked.append((begin_utc_s, interval_s))
+            return TargetSpan((100.0, 20.0), (0.0, 0.0), (0.0, 0.0), bound)
+
+        target: Any = Made(span=span)
+        one.follow(NOW + PERIOD_S * 39 + 0.01, target)
+        begins_s = NOW + PERIOD_S * (42 + turns)
+        assert asked == [(pytest.approx(begins_s, abs=1e-3), pytest.approx(acts_s, abs=1e-6))]
 
 
 class TestPlaces:

@@ -53,6 +53,16 @@ def test_an_axis_that_seems_deaf_is_not_sent_ever_more(axis: SimpleNamespace, as
     assert rate_deg_s(way, 7.0, axis, MOST_DEG_S2, 6.0) == pytest.approx(asked)
 
 
+@pytest.mark.parametrize(("rate", "most"), [(0.0, 0.1), (0.4, 0.2), (4.0, 1.1), (-4.0, 1.1)])
+def test_what_is_made_up_for_is_a_quarter_of_the_rate_and_a_tenth_of_a_degree_a_second(
+    rate: float, most: float
+) -> None:
+    way = AxisCourse(7.0, 0.05 * rate, 0.05, 0.0, 0.0)
+    for disturbance, sense in ((-5.0, 1.0), (5.0, -1.0)):
+        asked = rate_deg_s(way, 7.0, known(disturbance_deg_s=disturbance), MOST_DEG_S2, 6.0)
+        assert asked == pytest.approx(rate + sense * most)
+
+
 @pytest.mark.parametrize("ahead_s", [0.0, 0.05, 0.1])
 def test_a_lag_is_led_however_far_ahead_the_way_is_told(ahead_s: float) -> None:
     """A parabola: the axis, once what was commanded has come out, is where the way is a mean lag later."""

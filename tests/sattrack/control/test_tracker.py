@@ -165,6 +165,59 @@ class TestPhases:
         assert motion == Slew(pytest.approx(float(there.ra_deg)), pytest.approx(float(there.dec_deg)))
         assert one.followable_utc_s == PLAN.start_utc_s
 
+    def test_one_that_is_near_is_followed_by_rates_at_once(self) -> None:
+        one = tracker()
+        one.take(sample(one, CULMINATION_S, 1.0))
+        assert isinstance(one.step(CULMINATION_S, False), MoveAxes)
+        assert one.phase is Phase.ACQUIRING
+
+    @pytest.mark.parametrize(("held", "after_s"), [({}, 0.5), ({"held": False}, 0.5), ({"held": True}, 5.0)])
+    def test_one_that_is_left_behind_is_slewed_to_and_later_where_a_limit_holds_the_mount(
+        self, held: dict[str, bool], after_s: float
+    ) -> None:
+        """By 30°, for half a second or for five: a slew is sooner there than rates of 0.5°/s."""
+        slow = AxisLimits(max_rate_deg_s=0.5, slew_rate_deg_s=10.0)
+        one = tracker(MountProfile(ra=slow, dec=slow))
+        one.phase = Phase.ACQUIRING
+        slews = []
+        for turn in range(120):
+            now_s = CULMINATION_S + 0.05 * turn
+            one.take(replace(sample(one, now_s, 30.0), counter=turn))
+            one.step(now_s, False, **held)
+            slews.append(one.phase is Phase.SLEWING)
+            if slews[-1]:
+                break
+        assert 0.05 * slews.index(True) == pytest.approx(after_s, abs=0.051)
+
+    @pytest.mark.parametrize("believed", [False, True])
+    def test_samples_that_are_not_believed_put_no_mount_on_its_target(self, believed: bool) -> None:
+        one = tracker()
+        one.phase = Phase.ACQUIRING
+        one.follower.take = lambda *_: believed  # type: ignore[method-assign]
+        for turn in range(12):
+            one.take(replace(sample(one, CULMINATION_S + 0.05 * turn), counter=turn))
+        assert (one.phase is Phase.TRACKING) is believed
+
+    def test_corrections_are_bounded_once_it_is_on_the_target(self) -> None:
+        """At most a tenth of an axis' rate comes of wrong samples then; until then all of it is needed."""
+        one, shares = tracker(), []
+        one.take(sample(one, CULMINATION_S))
+
+        def follow(now_utc_s: float, target: Any, share: float) -> None:
+            shares.append(share)
+
+        one.follower.follow = follow  # type: ignore[method-assign, assignment]
+        for one.phase in (Phase.ACQUIRING, Phase.TRACKING):
+            one.step(CULMINATION_S, False)
+        assert shares == [1.0, 0.1]
+
+    def test_cameras_clocks_are_told_where_the_mount_pointed(self) -> None:
+        one, told = tracker(), []
+        one.steering.clocks.note = lambda *place: told.append(place)  # type: ignore[method-assign]
+        seen = sample(one, CULMINATION_S)
+        one.take(seen)
+        assert told == [(pytest.approx(CULMINATION_S, abs=0.1), seen.ra_deg, seen.dec_deg)]
+
     def test_on_a_new_way_samples_on_target_are_counted_anew(self) -> None:
         one, begins_s = tracker(), PLAN.start_utc_s - 60.0
         one.take(sample(one, begins_s - 1.0, 30.0))
@@ -208,9 +261,12 @@ class TestPhases:
         assert one.step(CULMINATION_S, False) == Stop()
         one.operate(Search("spiral", 0.2, 0.1), CULMINATION_S)
         assert one.steering.refusal == "the run is paused: go on before a search"
-        for late_s in (0.0, 0.3):
-            one.step(CULMINATION_S + late_s, False, stopped=True)
+        for late_s in (0.3, 0.6):
+            assert one.step(CULMINATION_S + late_s, False) == Stop()
         assert one.rest is not None
+        assert not one.rest.at_rest
+        for late_s in (0.7, 1.0):
+            one.step(CULMINATION_S + late_s, False, stopped=True)
         assert one.rest.at_rest
         one.operate(Go(), CULMINATION_S + 1.0)
         one.operate(Pause(), CULMINATION_S + 1.0)
@@ -314,6 +370,14 @@ class TestAltAzimuth:
         )
         assert fed.dec_rate_deg_s == pytest.approx(float(there.alt_rate_deg_s), abs=1e-3)
 
+    @pytest.mark.parametrize("reports", ["sky", "axes"])
+    def test_right_ascensions_that_it_is_fed_are_within_a_turn(self, reports: Any) -> None:
+        """Slews go there, and a datagram takes no more than 24 h."""
+        one = self.tracker(reports)
+        fed = [float(one.fed_at(CULMINATION_S + 1700.0 * k).ra_deg) for k in range(50)]
+        assert all(0.0 <= ra_deg < 360.0 for ra_deg in fed)
+        assert (min(fed) < 60.0, max(fed) > 300.0) == (True, True)
+
     def test_it_is_fed_by_its_own_clock(self) -> None:
         """Four seconds ahead: a right ascension of its axes is as much more for the same azimuth."""
         one, ahead_h = self.tracker("axes"), 4.0 / 3600.0
@@ -332,6 +396,14 @@ class TestAltAzimuth:
         assert onward == pytest.approx((min(0.0, turned.min()), max(0.0, turned.max())), abs=0.05)
         assert tracker().onward_deg() is None
         assert tracker().periodic_arcsec(CULMINATION_S) is None
+
+    def test_how_far_it_turns_is_looked_at_anew_twenty_seconds_later(self) -> None:
+        one = self.tracker("sky")
+        first = one.onward_deg()
+        for later_s, anew in ((19.0, False), (21.0, True), (2.0, False), (0.0, True)):
+            one.plan = replace(PLAN, start_utc_s=PLAN.start_utc_s + later_s)
+            assert (one.onward_deg() != first) is anew
+            first = one.onward_deg()
 
     def test_where_it_looks(self) -> None:
         one = self.tracker("sky")
@@ -361,10 +433,14 @@ class TestSlips:
         one = self.launched()
         assert one.t0_utc_s == CULMINATION_S - 20.0
         before = one.direction_at(CULMINATION_S)
+        one.operate(Go(), CULMINATION_S - 90.0)
+        assert one.steering.refusal == "the run is not paused"
         for seconds in (5.0, 7.0):
             one.operate(Slip(seconds), CULMINATION_S - 30.0)
         assert (one.slipped_s, one.t0_utc_s, one.steering.refusal) == (12.0, CULMINATION_S - 8.0, None)
         assert one.plan == TrackPlan(CULMINATION_S + 2.0, CULMINATION_S + 52.0)
+        # Detours were those of the path at its old time.
+        assert one._satellite.passage is None
         later = one.direction_at(CULMINATION_S + 12.0)
         for name in ("ha_deg", "dec_deg", "range_km"):
             assert getattr(later, name) == pytest.approx(float(getattr(before, name)), abs=1e-5)
@@ -478,6 +554,30 @@ def test_a_model_is_that_of_the_side_of_the_pole_on_which_the_mount_stands() -> 
     assert abs(apart) * 3600.0 == pytest.approx(180.0, rel=0.01)
 
 
+def test_what_was_predicted_before_the_sky_is_taken_otherwise_does_not_count() -> None:
+    """Neither by a model's other side, nor by another propagator.
+
+    The axes lag, so that commands look ahead, and the samples come where such looks ended.
+    """
+    slow = AxisLimits(lag_s=0.3)
+    place = demo_pass.SITE.place()
+    model = PointingModel({"CH": 90.0}, place.latitude_deg)
+    modelled = Propagator(demo_pass.elements(), place, pointing=model)
+    for other in (None, Propagator(demo_pass.elements(), place)):
+        one = Tracker(modelled, PLAN, MountProfile(ra=slow, dec=slow), NO_BIAS)
+        one.phase = Phase.TRACKING
+        for turn in range(20):
+            now_s = CULMINATION_S + 0.05 * turn
+            one.take(replace(sample(one, now_s), counter=turn))
+            motion = one.step(now_s, False)
+            one.note_sent(motion, now_s)
+        if other is not None:
+            one.use(other)
+        seen = one.take(replace(sample(one, now_s + 0.05), counter=20, beyond_pole=other is None))
+        there = one.direction_at(seen.utc_s)
+        assert one.target.ra_deg == pytest.approx(float(there.ra_deg), abs=1e-5)
+
+
 EVERYWHERE = ((0.0, 360.0),)
 WAVES = PeriodicErrors(
     "2026-10-02T00:00:00Z",
@@ -520,6 +620,21 @@ class TestPeriodicErrors:
         shown = one.periodic_arcsec(CULMINATION_S)
         level, sense = abs(math.cos(math.radians(reported[1]))), -1.0 if beyond_pole else 1.0
         assert shown == pytest.approx((3600.0 * past[0] * level, 3600.0 * sense * past[1]), rel=0.01)
+
+    def test_they_stand_on_it_by_the_mounts_own_clock(self, beyond_pole: bool) -> None:
+        """Four minutes ahead: the axes stand a degree on then, and so is their place in the table."""
+        one, ahead_deg = self.facing(beyond_pole), 1.0
+        seen = replace(sample(one, CULMINATION_S), beyond_pole=beyond_pole)
+        one.take(replace(seen, sidereal_h=seen.sidereal_h + ahead_deg / 15.0))
+        sidereal_deg = seen.sidereal_h * 15.0 + ahead_deg
+        fed, there = one.fed_at(CULMINATION_S), one.direction_at(CULMINATION_S)
+        reported = self.angles(sidereal_deg - float(fed.ra_deg), float(fed.dec_deg), beyond_pole)
+        past = beside_deg(*reported)
+        wanted = self.angles(sidereal_deg - float(there.ra_deg), float(there.dec_deg), beyond_pole)
+        for k in (0, 1):
+            off_deg = math.remainder(reported[k] + past[k] - wanted[k], 360.0)
+            # A degree beside it in the table makes several arcseconds.
+            assert off_deg * 3600.0 == pytest.approx(0.0, abs=0.1)
 
     def test_it_looks_where_its_axes_stand(self, beyond_pole: bool) -> None:
         one = self.facing(beyond_pole)
@@ -641,6 +756,115 @@ class TestWays:
             one.note_sent(MoveAxes(1.0, 0.5), CULMINATION_S)
             one.note_sent(Hold(), CULMINATION_S)
         assert noted == [MoveAxes(1.0, 0.5), Hold(), MoveAxes(1.0, -0.5), Hold()]
+
+    def crossing(self, begin_s: float = 0.0) -> Tracker:
+        """A tracker whose plan leads through the pole from so long after the culmination on."""
+        detour = Detour(
+            CULMINATION_S + begin_s, CULMINATION_S + begin_s + 10.0, 0.0, 0.0, 1.0, 0.0, 1.0, True
+        )
+        return tracker(plan=TrackPlan(PLAN.start_utc_s, PLAN.end_utc_s, detours=(detour,)))
+
+    def test_past_the_pole_a_mount_is_where_its_declination_axis_has_turned_on_to(self) -> None:
+        one = self.crossing()
+        for turn, beyond_pole in ((0, False), (100, True)):
+            at_s = CULMINATION_S - 1.0 + 0.05 * turn
+            seen = replace(sample(one, at_s), counter=turn, dec_deg=80.0, beyond_pole=beyond_pole)
+            one.take(seen)
+        assert one.follower.axes is not None
+        assert one.follower.axes.dec.position_deg == pytest.approx(100.0)
+
+    @pytest.mark.parametrize("across", [False, True])
+    def test_past_the_pole_rates_are_sent_in_the_sense_of_the_direction(self, across: bool) -> None:
+        one = self.crossing()
+        one.take(sample(one, CULMINATION_S))
+        one.phase = Phase.TRACKING
+        passage = one._satellite.passage
+        assert passage is not None
+        passage.across = across
+        one.follower.follow = lambda *_: MoveAxes(1.0, 0.5)  # type: ignore[method-assign]
+        wanted = MoveAxes(1.0, -0.5 if across else 0.5)
+        assert (one.step(CULMINATION_S, False), one.rates) == (wanted, wanted)
+
+    @pytest.mark.parametrize(("begin_s", "through"), [(-5.0, False), (5.0, True)])
+    def test_who_joins_after_a_detour_has_begun_does_not_make_it(self, begin_s: float, through: bool) -> None:
+        one = self.crossing(begin_s)
+        one.take(sample(one, CULMINATION_S, 1.0))
+        one.step(CULMINATION_S, False)
+        assert one.phase is Phase.ACQUIRING
+        assert (one._satellite.passage is not None) is through
+
+    def test_a_detour_is_no_reason_for_a_slew(self) -> None:
+        one = self.crossing(30.0)
+        one.phase = Phase.ACQUIRING
+        for turn in range(120):
+            one.take(replace(sample(one, CULMINATION_S + 0.05 * turn, 30.0), counter=turn))
+            one.step(CULMINATION_S + 0.05 * turn, False)
+            assert one.phase is Phase.ACQUIRING
+
+    @pytest.mark.parametrize("detour", [False, True])
+    def test_after_a_pause_on_a_way_through_the_pole_the_axes_are_looked_at_anew(self, detour: bool) -> None:
+        one = self.crossing(30.0) if detour else tracker()
+        one.take(sample(one, CULMINATION_S))
+        one.operate(Pause(), CULMINATION_S)
+        for late_s in (0.0, 0.3):
+            one.step(CULMINATION_S + late_s, False, stopped=True)
+        one.operate(Go(), CULMINATION_S + 0.4)
+        one.step(CULMINATION_S + 0.4, False, stopped=True)
+        assert one.phase is Phase.WAITING
+        assert (one.follower.axes is None) is detour
+
+    @pytest.mark.parametrize("turns", [False, True])
+    def test_a_paused_mount_that_takes_to_the_sky_is_led_with_it_and_let_go_before_a_slew(
+        self, turns: bool
+    ) -> None:
+        """It is commanded to do just that; what ends MoveAxis takes 0.3 s before the mount can slew."""
+        one, asked = tracker(), []
+        drive_deg_s = SIDEREAL_RATE_DEG_S if turns else 0.0
+        one.operate(Pause(), CULMINATION_S)
+        one.take(replace(sample(one, CULMINATION_S), ra_drive_deg_s=drive_deg_s))
+        for late_s in (0.0, 0.3):
+            motion = one.step(CULMINATION_S + late_s, False, stopped=True)
+        assert motion == (MoveAxes(0.0, 0.0) if turns else Hold())
+        plan = one._way.plan
+
+        def planned(*args: Any) -> Any:
+            asked.append(args[3])
+            return plan(*args)
+
+        one._way.plan = planned  # type: ignore[method-assign, assignment]
+        one.operate(Go(), CULMINATION_S + 0.4)
+        for late_s in (0.4, 0.45):
+            one.step(CULMINATION_S + late_s, False, stopped=True)
+        assert asked == [turns]
+
+    def test_the_first_instant_at_which_it_could_have_followed_stays(self) -> None:
+        one = tracker()
+        one.take(sample(one, CULMINATION_S, 60.0))
+        one.step(CULMINATION_S, False)
+        first_s = one.followable_utc_s
+        assert first_s is not None
+        one.phase = Phase.WAITING
+        one.step(CULMINATION_S + 5.0, False)
+        assert one.phase is Phase.SLEWING
+        assert one.followable_utc_s == first_s
+
+    @pytest.mark.parametrize(("led", "judged"), [(None, False), (Slew(10.0, 20.0), True)])
+    def test_rates_that_stand_for_a_slew_are_judged_as_one(self, led: Slew | None, judged: bool) -> None:
+        one = tracker()
+        one.take(sample(one, CULMINATION_S, 60.0))
+        assert isinstance(one.step(CULMINATION_S, False), Slew)
+        one.note_sent(MoveAxes(1.0, 0.0), CULMINATION_S, led)
+        one.step(CULMINATION_S + 0.05, False)
+        # Rates in place of a slew are safety's refusal.
+        assert (one.phase is Phase.SLEWING) is judged
+
+    def test_a_run_that_is_stopped_in_a_pause_rests_no_more(self) -> None:
+        one = tracker()
+        one.operate(Pause(), CULMINATION_S)
+        one.operate(StopNow(), CULMINATION_S)
+        assert one.rest is None
+        one.operate(Jog(0.1, None), CULMINATION_S)
+        assert one.steering.refusal == "the run is not paused: pause it first"
 
     def test_what_is_jogged_ends_and_why_is_told(self) -> None:
         one = tracker()

@@ -41,6 +41,10 @@ def test_nothing_is_said_where_nothing_tells() -> None:
     assert why_not(QUIET) is None
 
 
+def test_what_nothing_was_seen_of_followed_for_no_time() -> None:
+    assert (why_not(Attempt(PROFILE, RA, DEC)) or "").startswith("it followed for 0.0 s only")
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -152,7 +156,10 @@ def test_a_delay_that_is_told_far_too_long_is_named_in_seconds(told_s: float) ->
     assert -0.16 < 1e-3 * int(found[1]) - (told_s - 0.02) < 0.0
 
 
-@pytest.mark.parametrize(("later_s", "before"), [(-0.8, 0), (-0.2, 0), (0.0, 350), (0.3, 350)])
+@pytest.mark.parametrize(
+    ("later_s", "before"),
+    [(-1.5, 0), (-0.8, 0), (-0.2, 0), (0.0, 350), (0.275, 350), (0.3, 350), (1.5, 350)],
+)
 def test_when_the_axes_answer_is_seen_in_their_rates(later_s: float, before: int) -> None:
     """In those of the last twenty seconds."""
     timing = Timing()
@@ -190,6 +197,29 @@ def test_sixty_turns_tell_and_fewer_do_not() -> None:
         assert timing.later_s(0.0) is None
         timing.take(0.02 * turn, rates(0.02 * turn), rates(0.02 * turn - 0.2))
     assert timing.later_s(0.0) == pytest.approx(0.2, abs=0.013)
+
+
+@pytest.mark.parametrize(("shakes", "told"), [(0.1, True), (0.5, False)])
+def test_a_delay_is_told_only_where_it_explains_four_times_as_much_as_the_profiles(
+    shakes: float, told: bool
+) -> None:
+    """0.3 s at 2 rad/s leave a third of the motion; shaking of half its amplitude a fifth, by any delay."""
+    timing = Timing()
+    for turn in range(300):
+        utc_s = 0.05 * turn
+        asked = math.sin(2.0 * utc_s)
+        seen = math.sin(2.0 * (utc_s - 0.3)) + shakes * math.sin(37.0 * utc_s)
+        timing.take(utc_s, (asked, asked), (seen, seen))
+    assert (timing.later_s(0.0) is not None) is told
+
+
+def test_slow_motion_tells_as_well_as_fast() -> None:
+    """A fiftieth of a degree a second: what the sky asks of a mount that waits takes no less."""
+    timing = Timing()
+    for turn in range(200):
+        asked, late = (0.02 * math.sin(2.0 * (0.05 * turn - later_s)) for later_s in (0.0, 0.4))
+        timing.take(0.05 * turn, (asked, 0.0), (late, 0.0))
+    assert timing.later_s(0.0) == pytest.approx(0.4, abs=0.013)
 
 
 def test_an_axis_that_is_too_slow_is_not_called_late() -> None:
