@@ -161,8 +161,10 @@ class Driver:
             return self.safety.clear(motion if isinstance(motion, Hold) else Stop(), 0.0, 0.0, 0.0)
         age_s = max(0.0, now_utc_s - sample.arrival_utc_s)
         lst_deg = sample.sidereal_h * 15.0
+        # Before the first rates of a run: they too may have to last until an answer that never comes.
+        self.safety.handshakes_last(self.session.unanswered_s)
         cleared = self.safety.clear(motion, lst_deg, sample.ra_deg, sample.dec_deg, age_s, now_utc_s)
-        return self.safety.in_time(cleared, self.session.rates_wait_s, self.session.unanswered_s)
+        return self.safety.in_time(cleared, self.session.rates_wait_s)
 
     def compose(self, now_utc_s: float) -> bytes:
         """Return the datagram to send now, and follow the stop at the end; call once a period."""

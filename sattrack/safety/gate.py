@@ -514,14 +514,16 @@ class Safety:
             return REST
         return max(ha for _, ha, _ in self._swings), max(dec for _, _, dec in self._swings)
 
-    def in_time(self, cleared: Cleared, rates_wait_s: float, unanswered_s: float = 0.0) -> Cleared:
+    def handshakes_last(self, unanswered_s: float) -> None:
+        """Judge rates from now on for a mount that leaves them unanswered: for so long the next may wait."""
+        self._ahead.handshakes_last(unanswered_s)
+
+    def in_time(self, cleared: Cleared, rates_wait_s: float) -> Cleared:
         """Return what was cleared, or a stop where the rates that hold the mount at a limit do not reach it.
 
         For so long a mount that takes rates by edges has been given none. The last ones were judged for the
-        time that its handshake may take, and the longest fault; a stop needs no handshake. A mount that does
-        not answer has every handshake last `unanswered_s`: the next rates are judged for that.
+        time that its handshake may take, and the longest fault; a stop needs no handshake.
         """
-        self._ahead.handshakes_last(unanswered_s)
         if self.holding is None or rates_wait_s <= self._ahead.edges_wait_s:
             return cleared
         return self._trip(self.holding)

@@ -288,13 +288,14 @@ def test_rates_by_edges_are_judged_for_as_long_as_the_handshake_before_them_may_
     edge, wish = replace(PROFILE, move_axis="edge"), MoveAxes(S, -1.0)
     for more in (-0.01, 0.01):
         safety = gate(profile=edge)
-        safety.in_time(Cleared(wish), 0.0, unanswered_s)
+        safety.handshakes_last(unanswered_s)
         way_deg = 0.2004 + waits_s + 1.0 + 1.0 / 16.0 + 0.1
         at = (SIDEREAL_DEG, SIDEREAL_DEG, -50.0 + way_deg + more)
         assert (safety.clear(wish, *at, 0.0, T0).motion == wish) == (more > 0.0)
         safety = gate(holds=True, profile=edge)
+        safety.handshakes_last(unanswered_s)
         safety.holding = "declination"
-        found = safety.in_time(Cleared(wish), 1.0 + waits_s + more, unanswered_s)
+        found = safety.in_time(Cleared(wish), 1.0 + waits_s + more)
         assert found.motion == (Stop() if more > 0.0 else wish)
 
 
