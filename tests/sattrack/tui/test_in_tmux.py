@@ -63,9 +63,9 @@ def test_a_pass_is_armed_another_tracked_nudged_and_stopped() -> None:
     with in_tmux(*RUN) as pane:
         pane.wait_for("SPACE STOP")
         pane.press("2")
-        pane.wait_for("passes to come", "this one", "14:38:48")
+        pane.wait_for("passes to come", "this one", "14:38:49")
         pane.press("Down")
-        pane.wait_for("▶ 14:38:48")
+        pane.wait_for("▶ 14:38:49")
         pane.press("Enter")
         pane.wait_for("armed 1")
         pane.press("1")
