@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -11,6 +12,9 @@ import pytest
 from sattrack.control import axis_filter
 from sattrack.control.axis_filter import SHARES, AxisFilter, LeanKalmanFilter, LoopTurn, Noise, Step
 from sattrack.core.angles import wrap180
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 STEP_S = 0.05
 QUIET = Noise(
@@ -202,40 +206,35 @@ def test_the_lean_filter_gives_the_numbers_of_filterpy(size: int) -> None:
         assert ours.innovation_variance == pytest.approx(theirs.S[0, 0], rel=1e-8)
 
 
+def held_up(from_: int, samples: int, commanded_deg_s: float, meanwhile_deg_s: float) -> Iterator[AxisFilter]:
+    """The filter after each sample of an axis that does what is commanded, but stands for ten samples."""
+    axis, true_deg = AxisFilter(0.0), 0.0
+    for number in range(samples):
+        stands = from_ <= number < from_ + 10
+        rate_deg_s = meanwhile_deg_s if stands else commanded_deg_s
+        true_deg += 0.0 if stands else rate_deg_s * STEP_S
+        axis.advance(STEP_S, 0.0, moved(rate_deg_s))
+        axis.measure(true_deg, rate_deg_s)
+        yield axis
+
+
 def test_a_large_rate_that_has_gone_is_unlearnt_at_once_though_the_axis_is_slow() -> None:
     """An abort by other hands stops a slow axis for half a second, and lets it go again."""
-    axis, true_deg = AxisFilter(0.0), 0.0
-    for number in range(260):
-        stopped = 200 <= number < 210
-        # What is commanded while it stands is more, to catch up.
-        commanded_deg_s = 0.12 if stopped else 0.013
-        true_deg += 0.0 if stopped else commanded_deg_s * STEP_S
-        axis.advance(STEP_S, 0.0, moved(commanded_deg_s))
-        axis.measure(true_deg, commanded_deg_s)
+    # What is commanded while it stands is more, to catch up.
+    for number, axis in enumerate(held_up(200, 260, 0.013, 0.12)):
         if number == 209:
             assert axis.disturbance_deg_s < -0.02
     assert abs(axis.disturbance_deg_s) < 0.001
 
 
 def test_an_axis_that_sticks_near_rest_is_no_rate() -> None:
-    axis, true_deg = AxisFilter(0.0), 0.0
-    for number in range(240):
-        stuck = 200 <= number < 210
-        true_deg += 0.0 if stuck else 0.013 * STEP_S
-        axis.advance(STEP_S, 0.0, moved(0.013))
-        axis.measure(true_deg, 0.013)
+    *_, axis = held_up(200, 240, 0.013, 0.013)
     assert abs(axis.disturbance_deg_s) < 0.002
 
 
 def test_near_rest_a_rate_that_is_over_is_unlearnt_in_three_samples_of_an_axis_that_is_hardly_known() -> None:
     """An abort by other hands: it was three seconds on its way, stood for half a second, and goes on."""
-    axis, true_deg = AxisFilter(0.0), 0.0
-    for number in range(90):
-        stopped = 60 <= number < 70
-        commanded_deg_s = 0.12 if stopped else 0.013
-        true_deg += 0.0 if stopped else commanded_deg_s * STEP_S
-        axis.advance(STEP_S, 0.0, moved(commanded_deg_s))
-        axis.measure(true_deg, commanded_deg_s)
+    for number, axis in enumerate(held_up(60, 90, 0.013, 0.12)):
         if number in (69, 71):
             assert axis.disturbance_deg_s < -0.1
         elif number >= 72:
@@ -245,13 +244,7 @@ def test_near_rest_a_rate_that_is_over_is_unlearnt_in_three_samples_of_an_axis_t
 @pytest.mark.parametrize("stuck_deg_s", [0.03, 0.04])
 def test_near_rest_an_axis_that_sticks_is_not_taken_for_one_with_all_of_that_rate(stuck_deg_s: float) -> None:
     """However long it sticks, and where more is commanded meanwhile: 0.04°/s are 144″/s."""
-    axis, true_deg = AxisFilter(0.0), 0.0
-    for number in range(70):
-        stuck = number >= 60
-        commanded_deg_s = 0.04 if stuck else stuck_deg_s
-        true_deg += 0.0 if stuck else commanded_deg_s * STEP_S
-        axis.advance(STEP_S, 0.0, moved(commanded_deg_s))
-        axis.measure(true_deg, commanded_deg_s)
+    for axis in held_up(60, 70, stuck_deg_s, 0.04):
         assert abs(axis.disturbance_deg_s) * 3600.0 < 60.0
 
 

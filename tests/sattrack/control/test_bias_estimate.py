@@ -7,6 +7,7 @@ import random
 from dataclasses import replace
 from types import SimpleNamespace as Made
 from typing import Any
+from unittest.mock import patch
 
 import bias as bench
 import numpy as np
@@ -574,17 +575,11 @@ class TestReadings:
         assert asked.count(2.0) == 3
 
     def test_a_pass_is_warmed_up_for_at_both_ends_and_nothing_is_known_by_that(
-        self, course: Course, estimator: Estimator, monkeypatch: pytest.MonkeyPatch
+        self, course: Course, estimator: Estimator
     ) -> None:
-        looked: list[float] = []
-        reading = Estimator.reading
-
-        def seen_at(one: Estimator, utc_s: float, course: Course, fed: bool = False) -> Any:
-            looked.append(utc_s)
-            return reading(one, utc_s, course, fed)
-
-        monkeypatch.setattr(Estimator, "reading", seen_at)
-        estimator.warm_up(course, CULMINATION_S + 200.0)
+        with patch.object(Estimator, "reading", autospec=True, side_effect=Estimator.reading) as reading:
+            estimator.warm_up(course, CULMINATION_S + 200.0)
+        looked = [call.args[1] for call in reading.call_args_list]
         assert looked == [RISE_S, CULMINATION_S + 200.0]
         assert (estimator.filter, estimator.accepted, estimator.last_utc_s) == (None, 0, None)
 

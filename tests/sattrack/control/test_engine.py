@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from types import SimpleNamespace as Made
 from typing import Any
+from unittest.mock import patch
 
 import msgspec
 import pytest
@@ -398,19 +399,11 @@ def test_a_paused_mount_to_which_the_sun_has_come_is_slewed_out_of_its_way() -> 
     assert guarded.led_out
 
 
-def test_what_the_first_observation_would_wait_for_is_computed_beforehand(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_the_first_observation_would_wait_for_is_computed_beforehand() -> None:
     """At both ends of the pass."""
-    looked: list[float] = []
-    reading = Estimator.reading
-
-    def seen_at(one: Estimator, utc_s: float, course: Any, fed: bool = False) -> Any:
-        looked.append(utc_s)
-        return reading(one, utc_s, course, fed)
-
-    monkeypatch.setattr(Estimator, "reading", seen_at)
-    engine().expect_observations()
+    with patch.object(Estimator, "reading", autospec=True, side_effect=Estimator.reading) as reading:
+        engine().expect_observations()
+    looked = [call.args[1] for call in reading.call_args_list]
     assert looked == [PLAN.start_utc_s, PLAN.end_utc_s]
 
 
