@@ -299,7 +299,9 @@ class Guardian:
         `now_s` is by a clock that counts sleep. Until the mount is heard, what was left of it counts.
         """
         words = self.words
-        known_s, moves = words[Word.TURNS_KNOWN_MS] / 1e3, words[Word.TURNS_KNOWN_MS] > 0 and self._may_move()
+        # Read once: the feeder may write it meanwhile.
+        known_s = words[Word.TURNS_KNOWN_MS] / 1e3
+        moves = known_s > 0.0 and self._may_move()
         if self._left is not None:
             known_s, moves = self._left.known_for_s, True
         unheard_s = now_s - self._heard_s

@@ -19,7 +19,7 @@ import msgspec
 
 from sattrack.core import local_time
 from sattrack.core.errors import NO_JSON
-from sattrack.core.files import user_folder
+from sattrack.core.files import replace_file, user_folder
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -91,7 +91,7 @@ def note(mount: str, moving: LeftMoving | None) -> None:
             return
         path = _path(mount)
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(msgspec.json.encode(moving))
+        replace_file(path, msgspec.json.encode(moving), synced=False)
 
 
 class NoteKeeper:

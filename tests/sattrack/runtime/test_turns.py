@@ -56,6 +56,25 @@ class TestWhatIsLeft:
         assert "may have gone half round since: look at its cables" in words
         assert "`sattrack mount unwound`" in words
 
+    def test_whoever_looks_while_a_note_is_written_reads_a_whole_one(self) -> None:
+        done = threading.Event()
+
+        def write() -> None:
+            for number in range(400):
+                note(MOUNT, LeftMoving(NOW + number, 100.0))
+            done.set()
+
+        note(MOUNT, LeftMoving(NOW, 100.0))
+        writer = threading.Thread(target=write)
+        writer.start()
+        seen = []
+        while not done.is_set():
+            seen.append(left_moving(MOUNT))
+        writer.join()
+        assert UNREADABLE not in seen
+        assert None not in seen
+        note(MOUNT, None)
+
     def test_what_was_written_in_part_counts_as_lost(self) -> None:
         note(MOUNT, LeftMoving(NOW, 100.0))
         assert left_moving(MOUNT) == LeftMoving(NOW, 100.0)
@@ -145,6 +164,25 @@ class TestTheGuardian:
         watched.words[Word.TURNS_KNOWN_MS] = 0
         watched.words[Word.RELEASED] = Release.AT_REST
         assert watched.look(1.0, heard=True) == LeftMoving(NOW + 500.1, 60.0, lost=True)
+
+    @pytest.mark.parametrize("reads", [1, 2, 3])
+    def test_a_mount_is_set_going_while_the_guardian_looks(self, watched: Watched, reads: int) -> None:
+        """The feeder writes for how long its turns are known after so many reads of the shared words."""
+
+        class Shared(list[int]):
+            left = reads
+
+            def __getitem__(self, word: Any) -> Any:
+                self.left -= 1
+                if self.left == 0:
+                    self[Word.TURNS_KNOWN_MS] = 60_000
+                return super().__getitem__(word)
+
+        watched.look(0.1, heard=True)
+        watched.guardian.words = watched.words = Shared(watched.words)  # type: ignore[assignment]
+        watched.look(0.1)
+        assert not watched.lost
+        assert watched.look(1.1, heard=True) == LeftMoving(NOW + 501.3, 60.0)
 
     def test_a_mount_at_rest_may_be_unheard_for_as_long_as_it_likes(self, watched: Watched) -> None:
         watched.look(0.1, heard=True)
