@@ -42,6 +42,8 @@ FINE_S = 0.00015
 LONGEST_DELAY_S = 0.02
 """Delays beyond the mean one that say nothing more."""
 ASTRAY_S = 0.1
+ASTRAY_TURNS = 5
+"""So many turns in a row off the line are of a loop that left some out; fewer were late."""
 
 
 @dataclass(slots=True)
@@ -72,6 +74,10 @@ class TurnLine:
         self._turns -= turns * self._counts
         self._products -= turns * self._late
 
+    def shift(self, by_s: float) -> None:
+        """Move the line: the loop goes on so much later."""
+        self._origin_s += by_s
+
     def note(self, utc_s: float) -> None:
         """Take the instant of the turn that was gone on to."""
         late_s = utc_s - self._origin_s
@@ -99,6 +105,7 @@ class SteppedClock:
     coarse: bool = False
     _line: TurnLine = field(init=False)
     _counter: int | None = None
+    _astray: list[float] = field(default_factory=list)
     _off: float = 0.0
     _delay: float = 0.0
     _off_variance: float = 0.0
@@ -130,6 +137,13 @@ class SteppedClock:
             # The loop stood still, or one of the clocks was set.
             self._begin(counter, dated_utc_s)
             return dated_utc_s
+        if self.coarse and abs(off_s - self._off) > self.step_s:
+            self._astray.append(off_s - self._off)
+            if len(self._astray) == ASTRAY_TURNS:
+                line.shift(sum(self._astray) / ASTRAY_TURNS)
+                self._astray.clear()
+            return dated_utc_s
+        self._astray.clear()
         self._weigh(off_s, arrival_utc_s - dated_utc_s)
         line.note(dated_utc_s)
         if not self.coarse:
@@ -139,6 +153,7 @@ class SteppedClock:
 
     def _begin(self, counter: int, dated_utc_s: float) -> None:
         self._line.begin(counter, dated_utc_s)
+        self._astray.clear()
         self._counter, self.coarse = counter, False
         self._off = self._delay = self._off_variance = self._delay_variance = self._shared = 0.0
 
