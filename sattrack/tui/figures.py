@@ -382,8 +382,11 @@ class MountPanel(Panel):
         dec = formatting.degrees(view.mount_dec_deg)
         rows: list[Row] = [labelled("at RA", ra), labelled("at Dec", dec)]
         for name, rate, reached, limit in self._rates(scene):
-            rows.append(labelled(f"{name} rate", *_rate_of(rate, limit)))
             text = formatting.number(reached, 3, sign=True)
+            if scene.view.phase == "slewing" and reached is not None:
+                rows += [labelled(f"{name} rate", ("the mount's own", DIM)), labelled("reached", f"{text} °/s")]
+                continue
+            rows.append(labelled(f"{name} rate", *_rate_of(rate, limit)))
             cells = max(4, self.content_size.width - FULL_GAUGE_FREE_CELLS)
             rows.append(labelled("reached", f"{text:<7} ", _gauge(rate, reached, limit, cells)))
         return rows

@@ -576,7 +576,7 @@ def learnt_line(learnt: LearntView) -> str:
     gains = f"gain RA {_gain(learnt.ra_gain)}, Dec {_gain(learnt.dec_gain)}"
     delay_s, sigma_s = learnt.command_delay_s, learnt.command_delay_sigma_s
     delay = f"command delay {1e3 * delay_s:.1f}±{1e3 * sigma_s:.1f} ms"
-    if delay_s < -sigma_s:
+    if delay_s < -2.0 * sigma_s:
         delay += " (status_delay_s is too large)"
     anew = f", filters restarted {learnt.restarts} times" if learnt.restarts else ""
     return f"lag RA {ra}, Dec {dec}; {gains}; {delay}; settling {learnt.settling_s:.2f} s{anew}"

@@ -5,6 +5,7 @@ from rich.cells import cell_len
 
 from sattrack.tui.panels import fitted
 from sattrack.views import formatting
+from sattrack.views.run import LearntView
 
 
 @pytest.mark.parametrize(
@@ -114,3 +115,12 @@ def test_events_are_told_to_the_nearest_second_and_the_time_now_to_the_one_that_
     assert formatting.iso_clock(event)[3:] == "08:49"
     assert formatting.clock(formatting.iso_unix_s(event))[3:] == "08:48"
     assert formatting.iso_clock(None) == formatting.NOTHING
+
+
+@pytest.mark.parametrize(("delay_s", "told"), [(-0.0101, True), (-0.0099, False), (0.02, False)])
+def test_a_delay_that_is_surely_below_zero_tells_of_wrong_dates(delay_s: float, told: bool) -> None:
+    """A command cannot act before it is sent: by twice its sigma, the statuses' dates are early."""
+    learnt = LearntView(
+        0.0, 0.01, 1.0, 0.001, 0.0, 0.01, 1.0, 0.001, delay_s, 0.1, 0, command_delay_sigma_s=0.005
+    )
+    assert ("status_delay_s is too large" in formatting.learnt_line(learnt)) is told
