@@ -281,8 +281,8 @@ ROUGH_S, CALIBRATED_S = 0.016, 0.003
 """How far it usually is off, one sigma: one that was not measured, and one that was."""
 BLUR_S = 0.003
 """How sharply an acknowledgement bounds a delay: samples are dated no better."""
-UNREAD_SAYS, LOST_SAYS = 4.0, 2.0
-"""What an acknowledgement says against a delay by which its datagram was yet to come, or was there before."""
+UNREAD, LOST = math.exp(-4.0), math.exp(-3.0)
+"""How often a datagram is acknowledged that by the delay was yet to come; and not, though it was there."""
 
 
 class AcknowledgedDelay:
@@ -302,9 +302,10 @@ class AcknowledgedDelay:
     def note(self, raised_utc_s: float, before_utc_s: float, by_utc_s: float) -> None:
         """Note that flags raised at an instant were acknowledged by a status, and not by the one before."""
         arrived_s = raised_utc_s + self._delays_s
-        unread = np.clip((arrived_s - by_utc_s) / BLUR_S + 0.5, 0.0, 1.0)
-        lost = np.clip((before_utc_s - arrived_s) / BLUR_S + 0.5, 0.0, 1.0)
-        self._likely = self._likely - UNREAD_SAYS * unread - LOST_SAYS * lost
+        there, there_before = (
+            np.clip((at_s - arrived_s) / BLUR_S + 0.5, 0.0, 1.0) for at_s in (by_utc_s, before_utc_s)
+        )
+        self._likely = self._likely + np.log(np.maximum(there, UNREAD) * (1.0 - (1.0 - LOST) * there_before))
 
     def likely(self, delays_s: Array) -> Array:
         """Return the logarithm of the likelihood of delays."""
@@ -317,7 +318,7 @@ class AcknowledgedDelay:
         weights = np.exp(self._likely - self._likely.max())
         weights /= weights.sum()
         mean_s = float(weights @ self._delays_s)
-        return mean_s, math.sqrt(float(weights @ (self._delays_s - mean_s) ** 2))
+        return mean_s, math.sqrt(float(weights @ (self._delays_s - mean_s) ** 2) + STEP_OFF_S**2)
 
 
 @dataclass(slots=True)

@@ -384,7 +384,10 @@ class MountPanel(Panel):
         for name, rate, reached, limit in self._rates(scene):
             text = formatting.number(reached, 3, sign=True)
             if scene.view.phase == "slewing" and reached is not None:
-                rows += [labelled(f"{name} rate", ("the mount's own", DIM)), labelled("reached", f"{text} °/s")]
+                rows += [
+                    labelled(f"{name} rate", ("the mount's own", DIM)),
+                    labelled("reached", f"{text} °/s"),
+                ]
                 continue
             rows.append(labelled(f"{name} rate", *_rate_of(rate, limit)))
             cells = max(4, self.content_size.width - FULL_GAUGE_FREE_CELLS)
