@@ -252,12 +252,11 @@ class CommandHistory:
         return found
 
 
-TRIED_S = np.array((-0.034, -0.024, -0.02, -0.012, -0.006, 0.006, 0.012, 0.02, 0.024, 0.034))
-"""By how much longer the commands may take than assumed. By less than half a turn all that is sent halfway
-between two turns acts alike: only the furthest tell of a delay that is wrong by more."""
-PROOF, FAR_PROOF, FAR_S = 6.0, 12.0, 0.024
+TRIED_S = np.array((-0.024, -0.02, -0.012, -0.006, 0.006, 0.012, 0.02, 0.024))
+"""By how much longer the commands may take than assumed."""
+PROOF, FAR_PROOF = 6.0, 12.0
 """Logarithm of the likelihood ratio from which on another delay is believed, and how much more the furthest
-of them need: half a turn too much looks much like half a turn too little, read a turn late."""
+of them needs: half a turn too much looks much like half a turn too little, read a turn late."""
 LEAST_EVIDENCE = -30.0
 """Evidence against a delay counts no further: it may be right later."""
 MOST_SQUARED_SIGMAS = 4.0
@@ -290,7 +289,7 @@ class DelayTrials:
 
     def __init__(self) -> None:
         count = len(TRIED_S)
-        self.evidence: Array = -FAR_PROOF * np.minimum(1.0, np.abs(TRIED_S) / FAR_S) ** 2
+        self.evidence: Array = -FAR_PROOF * (TRIED_S / TRIED_S[-1]) ** 2
         """Logarithm of the likelihood of each delay over that of the one in use."""
         self.apart = np.zeros((2, count, 2 + SHARES))
         """How far the states of both axes would be from those in use."""
