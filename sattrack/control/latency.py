@@ -42,8 +42,6 @@ FINE_S = 0.00015
 LONGEST_DELAY_S = 0.02
 """Delays beyond the mean one that say nothing more."""
 ASTRAY_S = 0.1
-ASTRAY_TURNS = 5
-"""So many turns in a row off the line are of a loop that left some out; fewer were late."""
 
 
 @dataclass(slots=True)
@@ -74,10 +72,6 @@ class TurnLine:
         self._turns -= turns * self._counts
         self._products -= turns * self._late
 
-    def shift(self, by_s: float) -> None:
-        """Move the line: the loop goes on so much later."""
-        self._origin_s += by_s
-
     def note(self, utc_s: float) -> None:
         """Take the instant of the turn that was gone on to."""
         late_s = utc_s - self._origin_s
@@ -105,7 +99,6 @@ class SteppedClock:
     coarse: bool = False
     _line: TurnLine = field(init=False)
     _counter: int | None = None
-    _astray: list[float] = field(default_factory=list)
     _off: float = 0.0
     _delay: float = 0.0
     _off_variance: float = 0.0
@@ -137,13 +130,6 @@ class SteppedClock:
             # The loop stood still, or one of the clocks was set.
             self._begin(counter, dated_utc_s)
             return dated_utc_s
-        if self.coarse and abs(off_s - self._off) > self.step_s:
-            self._astray.append(off_s - self._off)
-            if len(self._astray) == ASTRAY_TURNS:
-                line.shift(sum(self._astray) / ASTRAY_TURNS)
-                self._astray.clear()
-            return dated_utc_s
-        self._astray.clear()
         self._weigh(off_s, arrival_utc_s - dated_utc_s)
         line.note(dated_utc_s)
         if not self.coarse:
@@ -153,7 +139,6 @@ class SteppedClock:
 
     def _begin(self, counter: int, dated_utc_s: float) -> None:
         self._line.begin(counter, dated_utc_s)
-        self._astray.clear()
         self._counter, self.coarse = counter, False
         self._off = self._delay = self._off_variance = self._delay_variance = self._shared = 0.0
 
@@ -281,8 +266,8 @@ ROUGH_S, CALIBRATED_S = 0.016, 0.003
 """How far it usually is off, one sigma: one that was not measured, and one that was."""
 BLUR_S = 0.003
 """How sharply an acknowledgement bounds a delay: samples are dated no better."""
-UNREAD, LOST = math.exp(-4.0), math.exp(-3.0)
-"""How often a datagram is acknowledged that by the delay was yet to come; and not, though it was there."""
+UNREAD_SAYS, LOST_SAYS = 4.0, 2.0
+"""What an acknowledgement says against a delay by which its datagram was yet to come, or was there before."""
 
 
 class AcknowledgedDelay:
@@ -302,10 +287,9 @@ class AcknowledgedDelay:
     def note(self, raised_utc_s: float, before_utc_s: float, by_utc_s: float) -> None:
         """Note that flags raised at an instant were acknowledged by a status, and not by the one before."""
         arrived_s = raised_utc_s + self._delays_s
-        there, there_before = (
-            np.clip((at_s - arrived_s) / BLUR_S + 0.5, 0.0, 1.0) for at_s in (by_utc_s, before_utc_s)
-        )
-        self._likely = self._likely + np.log(np.maximum(there, UNREAD) * (1.0 - (1.0 - LOST) * there_before))
+        unread = np.clip((arrived_s - by_utc_s) / BLUR_S + 0.5, 0.0, 1.0)
+        lost = np.clip((before_utc_s - arrived_s) / BLUR_S + 0.5, 0.0, 1.0)
+        self._likely = self._likely - UNREAD_SAYS * unread - LOST_SAYS * lost
 
     def likely(self, delays_s: Array) -> Array:
         """Return the logarithm of the likelihood of delays."""
@@ -318,7 +302,7 @@ class AcknowledgedDelay:
         weights = np.exp(self._likely - self._likely.max())
         weights /= weights.sum()
         mean_s = float(weights @ self._delays_s)
-        return mean_s, math.sqrt(float(weights @ (self._delays_s - mean_s) ** 2) + STEP_OFF_S**2)
+        return mean_s, math.sqrt(float(weights @ (self._delays_s - mean_s) ** 2))
 
 
 @dataclass(slots=True)
