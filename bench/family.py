@@ -101,6 +101,7 @@ class Hardware:
     told_acceleration_deg_s2: float
     max_rate_deg_s: float = 6.0
     tracking: bool = True
+    stall_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -190,6 +191,7 @@ def parameters_of(hard: Hardware) -> dict[str, Any]:
         "additive": hard.additive,
         "timer": hard.timer,
         "timer_jitter_s": 0.0005,
+        "stall_s": hard.stall_s,
         "stiction": hard.stiction,
         "friction": 0.5 * hard.stiction,
         "ripple": hard.ripple,
@@ -536,9 +538,10 @@ def oracle_arcsec(run: Run) -> float:
     return knows.run().settled_rms_arcsec()
 
 
-def follow(arguments: tuple[int, str, tuple[str, ...], bool]) -> Outcome:
-    number, told, kinds, oracle = arguments
-    run = Run(draw(number, kinds), told).run()
+def follow(arguments: tuple[int, str, tuple[str, ...], float, bool]) -> Outcome:
+    number, told, kinds, stall_s, oracle = arguments
+    drawn = draw(number, kinds)
+    run = Run(replace(drawn, hardware=replace(drawn.hardware, stall_s=stall_s)), told).run()
     outcome = run.outcome()
     return replace(outcome, oracle_arcsec=oracle_arcsec(run)) if oracle else outcome
 
@@ -550,6 +553,9 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--told", choices=tuple(TOLD), default="default")
     parser.add_argument("--only", choices=KINDS)
+    parser.add_argument(
+        "--stalls", type=float, default=0.0, help="a turn in 8 s is late by up to so many seconds (strangers)"
+    )
     parser.add_argument("--oracle", action="store_true", help="the RMS of one that knows the mount, too")
     parser.add_argument("--all", action="store_true", help="a line for each draw")
     options = parser.parse_args()
@@ -558,7 +564,7 @@ def main() -> int:
     outcomes = []
     with multiprocessing.Pool(options.jobs) as pool:
         for outcome in pool.imap(
-            follow, [(number, options.told, kinds, options.oracle) for number in numbers]
+            follow, [(number, options.told, kinds, options.stalls, options.oracle) for number in numbers]
         ):
             outcomes.append(outcome)
             if options.all:

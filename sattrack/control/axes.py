@@ -36,6 +36,8 @@ from sattrack.control.latency import LARGEST_PERIOD_ERROR, MOST_OFF_S, ROUGH_S, 
 from sattrack.core.angles import wrap180
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from sattrack.control.axis_filter import Array, Noise
     from sattrack.mount.model import MountProfile, StatusSample
 
@@ -44,6 +46,10 @@ REMEMBERED = 200
 ASTRAY_S = 0.2
 """A turn this far from where it was predicted is of a loop that stood still, or of a clock that was set."""
 SHORTEST_BASE = 20
+LEAST_STEP_S, STEP_SIGMAS, STEP_TURNS = 0.005, 4.0, 5
+"""So many turns in a row, so much later or all so much earlier than predicted, are of a loop that went on at
+other instants, as one that leaves a turn out. A lone one of them was late, and says nothing of the next."""
+SCATTER_SHARE = 0.02
 MOST_SHIFT_S, SHIFT_SHARE = 0.0002, 0.02
 """How fast the sending falls into step with the mount's loop: too slow for the period to show it."""
 EDGE_PERIODS = 2.0
@@ -56,6 +62,10 @@ class MountLoop:
 
     period_s: float
     _turns: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
+    _aside: list[tuple[int, float]] = field(default_factory=list)
+    """The last turns, as far as they were not where they were predicted."""
+    _scatter: float = 0.0
+    """Mean square of how far turns are from where they were predicted."""
     _origin_s: float = 0.0
     _numbers: float = 0.0
     _instants_s: float = 0.0
@@ -70,14 +80,40 @@ class MountLoop:
 
     def note(self, counter: int, utc_s: float) -> None:
         """Take the instant of one turn, UTC as POSIX seconds; counters rise."""
-        if self._turns:
-            last_counter, _ = self._turns[-1]
-            if counter <= last_counter or abs(utc_s - self.turn_utc_s(counter)) > ASTRAY_S:
-                self._turns.clear()
         if not self._turns:
-            self._origin_s, self._numbers, self._instants_s = utc_s, 0.0, 0.0
+            self._begin(counter, utc_s)
+            return
+        last_counter, _ = (self._aside or self._turns)[-1]
+        off_s = utc_s - self.turn_utc_s(counter)
+        if counter <= last_counter or abs(off_s) > ASTRAY_S:
             self.mean_period_s = self.period_s
-        elif len(self._turns) == REMEMBERED:
+            self._begin(counter, utc_s)
+        elif len(self._turns) < SHORTEST_BASE or abs(off_s) <= max(
+            LEAST_STEP_S, STEP_SIGMAS * math.sqrt(self._scatter)
+        ):
+            self._aside.clear()
+            self._take(counter, utc_s, off_s)
+        else:
+            if self._aside and (self._aside[-1][1] > self.turn_utc_s(last_counter)) != (off_s > 0.0):
+                self._aside.clear()
+            self._aside.append((counter, utc_s))
+            if len(self._aside) == STEP_TURNS:
+                # The first was late itself where the loop was held up.
+                self._begin(*self._aside[1], self._aside[2:])
+
+    def _begin(self, counter: int, utc_s: float, more: Sequence[tuple[int, float]] = ()) -> None:
+        self._turns.clear()
+        self._aside = []
+        self._turns.append((counter, utc_s))
+        self._origin_s, self._numbers, self._instants_s, self._scatter = utc_s, counter, 0.0, 0.0
+        self._base_s = self.turn_utc_s(0)
+        for later, at_s in more:
+            self._take(later, at_s, at_s - self.turn_utc_s(later))
+
+    def _take(self, counter: int, utc_s: float, off_s: float) -> None:
+        """Take a turn, so much later than predicted, into the mean."""
+        self._scatter += max(SCATTER_SHARE, 1.0 / len(self._turns)) * (off_s * off_s - self._scatter)
+        if len(self._turns) == REMEMBERED:
             gone_counter, gone_utc_s = self._turns[0]
             self._numbers -= gone_counter
             self._instants_s -= gone_utc_s - self._origin_s

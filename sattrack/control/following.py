@@ -219,7 +219,9 @@ class Follower:
         """
         period_s = self._loop.mean_period_s
         spare_s = -(self._history.delay_s + self._profile.status_delay_s) % period_s
-        return (spare_s - max(0.5 * spare_s, ANSWERED_AHEAD_S + self.clock.lateness_s)) % period_s
+        # What a delay that is not known well may take more comes out of the wait here.
+        surely_s = spare_s - self.command_delay_sigma_s
+        return (spare_s - max(0.5 * surely_s, ANSWERED_AHEAD_S + self.clock.lateness_s)) % period_s
 
 
 class FeederLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

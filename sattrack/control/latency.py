@@ -42,6 +42,8 @@ FINE_S = 0.00015
 LONGEST_DELAY_S = 0.02
 """Delays beyond the mean one that say nothing more."""
 ASTRAY_S = 0.1
+ASTRAY_TURNS = 5
+"""So many turns in a row off the line are of a loop that left some out; fewer were late."""
 
 
 @dataclass(slots=True)
@@ -72,6 +74,10 @@ class TurnLine:
         self._turns -= turns * self._counts
         self._products -= turns * self._late
 
+    def shift(self, by_s: float) -> None:
+        """Move the line: the loop goes on so much later."""
+        self._origin_s += by_s
+
     def note(self, utc_s: float) -> None:
         """Take the instant of the turn that was gone on to."""
         late_s = utc_s - self._origin_s
@@ -99,6 +105,7 @@ class SteppedClock:
     coarse: bool = False
     _line: TurnLine = field(init=False)
     _counter: int | None = None
+    _astray: list[float] = field(default_factory=list)
     _off: float = 0.0
     _delay: float = 0.0
     _off_variance: float = 0.0
@@ -130,6 +137,13 @@ class SteppedClock:
             # The loop stood still, or one of the clocks was set.
             self._begin(counter, dated_utc_s)
             return dated_utc_s
+        if self.coarse and abs(off_s - self._off) > self.step_s:
+            self._astray.append(off_s - self._off)
+            if len(self._astray) == ASTRAY_TURNS:
+                line.shift(sum(self._astray) / ASTRAY_TURNS)
+                self._astray.clear()
+            return dated_utc_s
+        self._astray.clear()
         self._weigh(off_s, arrival_utc_s - dated_utc_s)
         line.note(dated_utc_s)
         if not self.coarse:
@@ -139,6 +153,7 @@ class SteppedClock:
 
     def _begin(self, counter: int, dated_utc_s: float) -> None:
         self._line.begin(counter, dated_utc_s)
+        self._astray.clear()
         self._counter, self.coarse = counter, False
         self._off = self._delay = self._off_variance = self._delay_variance = self._shared = 0.0
 
@@ -266,8 +281,8 @@ ROUGH_S, CALIBRATED_S = 0.016, 0.003
 """How far it usually is off, one sigma: one that was not measured, and one that was."""
 BLUR_S = 0.003
 """How sharply an acknowledgement bounds a delay: samples are dated no better."""
-UNREAD_SAYS, LOST_SAYS = 4.0, 2.0
-"""What an acknowledgement says against a delay by which its datagram was yet to come, or was there before."""
+UNREAD, LOST = math.exp(-4.0), math.exp(-3.0)
+"""How often a datagram is acknowledged that by the delay was yet to come; and not, though it was there."""
 
 
 class AcknowledgedDelay:
@@ -287,9 +302,10 @@ class AcknowledgedDelay:
     def note(self, raised_utc_s: float, before_utc_s: float, by_utc_s: float) -> None:
         """Note that flags raised at an instant were acknowledged by a status, and not by the one before."""
         arrived_s = raised_utc_s + self._delays_s
-        unread = np.clip((arrived_s - by_utc_s) / BLUR_S + 0.5, 0.0, 1.0)
-        lost = np.clip((before_utc_s - arrived_s) / BLUR_S + 0.5, 0.0, 1.0)
-        self._likely = self._likely - UNREAD_SAYS * unread - LOST_SAYS * lost
+        there, there_before = (
+            np.clip((at_s - arrived_s) / BLUR_S + 0.5, 0.0, 1.0) for at_s in (by_utc_s, before_utc_s)
+        )
+        self._likely = self._likely + np.log(np.maximum(there, UNREAD) * (1.0 - (1.0 - LOST) * there_before))
 
     def likely(self, delays_s: Array) -> Array:
         """Return the logarithm of the likelihood of delays."""
@@ -302,7 +318,7 @@ class AcknowledgedDelay:
         weights = np.exp(self._likely - self._likely.max())
         weights /= weights.sum()
         mean_s = float(weights @ self._delays_s)
-        return mean_s, math.sqrt(float(weights @ (self._delays_s - mean_s) ** 2))
+        return mean_s, math.sqrt(float(weights @ (self._delays_s - mean_s) ** 2) + STEP_OFF_S**2)
 
 
 @dataclass(slots=True)
@@ -314,17 +330,23 @@ class Arrivals:
 
     def note(self, counter: int, arrival_utc_s: float) -> None:
         """Take a status; counters rise, or begin anew."""
-        if self._lately and counter <= self._lately[-1][0]:
-            self._lately.clear()
+        if self._lately:
+            last, last_s = self._lately[-1]
+            if counter <= last:
+                self._lately.clear()
+            elif arrival_utc_s - last_s < (counter - last) * (1.0 - HELD_UP_PERIODS) * self.period_s:
+                # The last one was held up, and says nothing of when statuses should come.
+                self._lately.pop()
         self._lately.append((counter, arrival_utc_s))
 
     @property
     def held_up_s(self) -> float:
         """How much later than the loop's turns let expect the last status came, seconds; 0 for jitter."""
-        count = len(self._lately)
-        if count < TRUST_SAMPLES:
+        if not self._lately:
             return 0.0
         first, first_s = self._lately[0]
+        if self._lately[-1][0] - first < TRUST_SAMPLES - 1:
+            return 0.0
         points = [
             ((n - first) * self.period_s, s - first_s - (n - first) * self.period_s) for n, s in self._lately
         ]
@@ -359,6 +381,8 @@ class MountClock:
     _lately: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=TRUST_SAMPLES))
     _envelope: Envelope | None = None
     _astray: int = 0
+    _astray_s: float = 0.0
+    """How much later than the envelope the first of those was."""
     _known_delays: deque[float] = field(default_factory=lambda: deque(maxlen=TRUST_SAMPLES))
     _lateness_s: float = 0.0
     """By how much a status is later than the fastest, in the mean."""
@@ -439,11 +463,21 @@ class MountClock:
         return hours * 3600.0 / SIDEREAL_SECONDS_PER_SECOND
 
     def _judge(self, mount_s: float, since_first_s: float) -> None:
-        """Believe the mount's clock as long as it has lately run as fast as ours."""
+        """Believe the mount's clock as long as it has lately run as fast as ours.
+
+        A status that was held back counts as of when it should have come.
+        """
+        if not self._runs_evenly(mount_s, since_first_s):
+            since_first_s -= self.arrivals.held_up_s
+        self.trusted = self._runs_evenly(mount_s, since_first_s)
         self._lately.append((mount_s, since_first_s))
+
+    def _runs_evenly(self, mount_s: float, since_first_s: float) -> bool:
+        if not self._lately:
+            return True
         ran_s = mount_s - self._lately[0][0]
         passed_s = since_first_s - self._lately[0][1]
-        self.trusted = abs(ran_s - passed_s) < PLAUSIBLE_RATE_ERROR * passed_s + 2.0 * STEP_S
+        return abs(ran_s - passed_s) < PLAUSIBLE_RATE_ERROR * passed_s + 2.0 * STEP_S
 
     def _watch_for_step(self, mount_s: float, offset_s: float) -> None:
         """Begin anew where one of the two clocks has been set: what was learnt before is of another clock."""
@@ -451,7 +485,13 @@ class MountClock:
             return
         residual_s = offset_s - self._envelope.offset_at(mount_s)
         stepped_back = residual_s < -STEP_S
-        self._astray = self._astray + 1 if abs(residual_s) > STEP_S else 0
+        if residual_s <= STEP_S:
+            self._astray = 0
+        elif self._astray == 0 or residual_s < self._astray_s - STEP_S:
+            # What was held back comes less and less late.
+            self._astray, self._astray_s = 1, residual_s
+        else:
+            self._astray += 1
         if stepped_back or self._astray >= STEP_PROOF:
             self._buckets.clear()
             self._envelope = None

@@ -280,8 +280,11 @@ class RealtimeLoop:
             self.guarded(self.sent, now_utc_s, datagram)
 
     def _shift(self) -> None:
-        connection = self.connection
-        self._due_s += self.shift_s(connection.now_utc_s()) / connection.clock.speed
+        """Move what is due next against the instant that the last datagram was computed for.
+
+        What else the turn did since then, a copy of the datagram above all, took a part of the period.
+        """
+        self._due_s += self.shift_s(self._computed_utc_s) / self.connection.clock.speed
 
     def _stop_without_driver(self) -> None:
         """Send stops without anything that may be broken."""

@@ -285,18 +285,32 @@ class TestSending:
     @pytest.mark.parametrize(
         ("command_delay_s", "status_delay_s", "early_s"),
         [
-            # Of the 20 ms to spare, one half on either side.
-            (0.010, 0.020, 0.010),
+            # Of the 20 ms to spare, half of what is left of them if the delay is longer by 3 ms.
+            (0.010, 0.020, 0.0115),
             # Of 8 ms, 6 for the answer to be there.
             (0.030, 0.012, 0.002),
             # 40 ms to spare after a turn more.
-            (0.040, 0.020, 0.020),
+            (0.040, 0.020, 0.0215),
         ],
     )
     def test_those_of_a_handshake_share_what_is_to_spare(
         self, command_delay_s: float, status_delay_s: float, early_s: float
     ) -> None:
-        one = self.turning(move_axis="edge", command_delay_s=command_delay_s, status_delay_s=status_delay_s)
+        self.falls_into_step(command_delay_s, status_delay_s, early_s, Made())
+
+    def test_those_of_a_handshake_come_sooner_where_the_delay_is_not_known_well(self) -> None:
+        """By 15.7 ms: of the 30 to spare, half of what is left for the answer, and the rest for it."""
+        self.falls_into_step(0.010, 0.010, 0.02285, None)
+
+    def falls_into_step(
+        self, command_delay_s: float, status_delay_s: float, early_s: float, calibration: Any
+    ) -> None:
+        one = self.turning(
+            move_axis="edge",
+            command_delay_s=command_delay_s,
+            status_delay_s=status_delay_s,
+            calibration=calibration,
+        )
         turn_s = one._loop.first_from(NOW + 3.0)
         now_s = turn_s - command_delay_s - early_s
         assert one.send_shift_s(now_s, following=False) == pytest.approx(0.0, abs=2e-5)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 
 import numpy as np
@@ -9,10 +10,10 @@ import pytest
 
 from sattrack.control.latency import (
     CALIBRATED_S,
-    LOST_SAYS,
+    LOST,
     ROUGH_S,
     SIDEREAL_SECONDS_PER_SECOND,
-    UNREAD_SAYS,
+    UNREAD,
     AcknowledgedDelay,
     Arrivals,
     Envelope,
@@ -146,6 +147,28 @@ def test_bursts_are_dated_by_count_where_the_clock_is_not_believed(period_s: flo
             worst = max(worst, abs(dated - sampled))
     assert not clock.trusted
     assert worst < 0.3 * period_s
+
+
+@pytest.mark.parametrize("runs", [True, False])
+@pytest.mark.parametrize("held_s", [0.6, 1.9, 4.0])
+@pytest.mark.parametrize("drains_s", [0.0, 0.015])
+def test_statuses_that_a_network_held_back_are_dated_as_those_before_them(
+    runs: bool, held_s: float, drains_s: float
+) -> None:
+    """They come all at once, or one after the other; the mount's clock runs, or stands still."""
+    rng = random.Random(5)
+    clock = MountClock(status_delay_s=0.01)
+    free_s = 100.0 + 15.0 + held_s
+    for i in range(600):
+        sampled = 100.0 + 0.05 * i
+        arrival = sampled + 0.01 + rng.uniform(0.0, 0.002)
+        if sampled > 115.0 and arrival < free_s:
+            arrival = free_s
+            free_s += drains_s
+        dated = clock.date(sidereal_h(0.05 * i) if runs else 7.0, arrival, counter=i)
+        if i > 80:
+            assert clock.trusted is runs
+            assert dated == pytest.approx(sampled, abs=0.0015 if runs else 0.033), arrival - sampled
 
 
 def test_unevenness_of_a_coarse_timer_is_no_burst() -> None:
@@ -336,7 +359,34 @@ def test_one_that_contradicts_by_far_says_no_more_than_one_that_contradicts() ->
         first = delay.likely(delays_s)
         delay.note(0.0, before_s, by_s)
         changed = delay.likely(delays_s) - first
-        assert changed == pytest.approx(np.full(4, -UNREAD_SAYS if by_s < 0.0 else -LOST_SAYS))
+        assert changed == pytest.approx(np.full(4, math.log(UNREAD if by_s < 0.0 else LOST)))
+
+
+@pytest.mark.parametrize(("missed", "raises"), [(0.3, 80), (0.5, 20), (0.8, 80)])
+def test_a_datagram_that_comes_just_with_a_turn_is_read_by_it_or_by_the_next(
+    missed: float, raises: int
+) -> None:
+    """Raised 30 ms before a turn each time, and that turn reads a part: it takes 30 ms, not less or more."""
+    rng, delay = random.Random(2), AcknowledgedDelay(0.015, ROUGH_S)
+    for number in range(raises):
+        turn_s = 0.2 * number + (0.05 if rng.random() < missed else 0.0)
+        delay.note(0.2 * number - 0.03, turn_s - 0.05, turn_s)
+    assert delay.delay_s[0] == pytest.approx(0.03, abs=0.002)
+    assert delay.delay_s[1] < 0.003
+
+
+def test_a_datagram_that_never_misses_its_turn_takes_any_time_up_to_it() -> None:
+    delay = AcknowledgedDelay(0.015, ROUGH_S)
+    for number in range(60):
+        delay.note(0.2 * number - 0.03, 0.2 * number - 0.05, 0.2 * number)
+    assert 0.0 < delay.delay_s[0] < 0.02
+    assert delay.delay_s[1] > 0.009
+
+
+def test_no_delay_is_known_better_than_samples_are_dated() -> None:
+    delay = AcknowledgedDelay(0.02, CALIBRATED_S)
+    answered(delay, 0.02, 400)
+    assert 0.001 <= delay.delay_s[1] < 0.0015
 
 
 def test_a_calibrated_delay_gives_way_to_proof_only() -> None:

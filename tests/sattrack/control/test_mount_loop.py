@@ -53,6 +53,45 @@ def test_a_loop_that_stood_still_or_began_anew_is_learnt_anew() -> None:
     assert loop.turn_utc_s(2) == pytest.approx(20.05)
 
 
+@pytest.mark.parametrize("later_s", [0.05, 0.035, 0.012, -0.012])
+@pytest.mark.parametrize("late_s", [0.0, 0.02])
+def test_a_loop_that_left_a_turn_out_or_goes_on_at_other_instants_is_foretold_soon(
+    later_s: float, late_s: float
+) -> None:
+    """The mean of the turns before says nothing of those after it."""
+    rng = random.Random(3)
+    loop = MountLoop(0.05)
+    for number in range(400):
+        loop.note(number, 0.0501 * number + rng.uniform(0.0, 0.001))
+    loop.note(400, 0.0501 * 400 + later_s + late_s)
+    for number in range(401, 406):
+        loop.note(number, 0.0501 * number + later_s + rng.uniform(0.0, 0.001))
+    for number in range(406, 700):
+        assert loop.turn_utc_s(number) == pytest.approx(0.0501 * number + later_s, abs=0.0025)
+        loop.note(number, 0.0501 * number + later_s + rng.uniform(0.0, 0.001))
+
+
+def test_a_turn_that_was_late_says_nothing_of_the_next() -> None:
+    loop = MountLoop(0.05)
+    for number in range(100):
+        loop.note(number, 0.05 * number + (0.03 if number in {60, 61, 80, 99} else 0.0))
+    assert loop.turn_utc_s(100) == pytest.approx(5.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_turn_of_a_coarse_timer_that_was_left_out_is_made_up_for(seed: int) -> None:
+    instants = windows_timer(600, 0.0016 * seed, seed)
+    loop = MountLoop(0.05)
+    for number, instant in enumerate(instants[:300] + instants[301:311]):
+        loop.note(number, instant)
+    off = []
+    for number, instant in enumerate(instants[311:], start=310):
+        off.append(instant - loop.turn_utc_s(number))
+        loop.note(number, instant)
+    assert max(abs(x) for x in off) < GRAIN_S
+    assert abs(sum(off) / len(off)) < 0.0025
+
+
 def test_sending_falls_into_step_halfway_between_turns() -> None:
     loop = MountLoop(0.05)
     for number in range(100):

@@ -98,6 +98,23 @@ def test_statuses_of_a_clock_in_steps_are_dated_by_their_count(counted: bool) ->
     assert (max(off) - min(off) < 0.01) == counted
 
 
+@pytest.mark.parametrize("step_s", [0.01, 0.02])
+def test_a_turn_that_is_late_or_left_out_moves_no_other_date(step_s: float) -> None:
+    """A turn at 25 s is 45 ms late; from 35 s on the loop is a turn behind its count."""
+    rng, clock, off = random.Random(3), SteppedClock(0.05), []
+    for number in range(1200):
+        late_s = 0.045 if number == 500 else 0.05 if number >= 700 else 0.0
+        true_s = 0.0501 * number + rng.uniform(0.0, 0.0005) + late_s
+        shown_s = math.floor(true_s / step_s) * step_s
+        arrival_s = true_s + DELAY_S + rng.uniform(0.0, 0.001)
+        off.append(abs(clock.date(number, BEGIN_S + shown_s, BEGIN_S + arrival_s) - BEGIN_S - true_s))
+    assert clock.coarse
+    assert max(off) < 1.01 * step_s
+    assert max(off[400:500] + off[501:700]) < 0.2 * step_s
+    assert max(off[705:]) < 0.6 * step_s
+    assert np.mean(off[705:]) < 0.15 * step_s
+
+
 def test_nothing_is_called_coarse_within_the_first_six_seconds() -> None:
     for turns, coarse in ((110, False), (400, True)):
         clock, _ = dated(0.0507, 0.015625, 0.0, turns=turns)

@@ -50,3 +50,23 @@ def test_too_late_only_what_stops_leaves_and_all_is_recorded(late_s: float) -> N
     assert sent_by(MOVES, late_s) == ([], [MOVES])
     assert sent_by(STOPS, late_s) == ([STOPS], [STOPS])
     assert sent_by(ENDS, late_s) == ([ENDS], [ENDS])
+
+
+def test_what_comes_next_is_moved_by_when_the_last_datagram_was_due_not_by_when_the_turn_is_over() -> None:
+    """Copies and clients take a part of the period: it is the datagram that must fall between two turns."""
+    asked: list[float] = []
+    connection: Any = SimpleNamespace(
+        clock=SimpleNamespace(speed=2.0, utc_s=lambda _: 1000.0),
+        now_utc_s=lambda: 1000.0125,
+        guard=Unguarded(),
+        link=SimpleNamespace(send=lambda _: None),
+    )
+    driver: Any = SimpleNamespace(tick=lambda _: STOPS, turns_known_s=math.inf)
+    stop: Any = SimpleNamespace(asked=False)
+    loop = Loop(connection, stop, driver)
+    loop.shift_s = lambda now_utc_s: asked.append(now_utc_s) or 0.0002  # type: ignore[method-assign, func-returns-value]
+    loop._send()
+    due_s = loop.due_s()
+    loop._shift()
+    assert asked == [1000.0]
+    assert loop.due_s() - due_s == pytest.approx(0.0001)
