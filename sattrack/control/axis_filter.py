@@ -280,11 +280,17 @@ class Noise:
 
 SURPRISE_SIGMAS = 4.0
 SURPRISING = SURPRISE_SIGMAS**2
-SMALLEST_NOISE_SHARE, LARGEST_NOISE_SHARE = 0.02, 400.0
-"""How far the measurement's variance may go from the expected one: a seventh of the sigma to twenty times."""
-LARGEST_ROUGH_SHARE = 16.0
+SMALLEST_NOISE_SHARE, LARGEST_NOISE_SHARE = 0.002, 400.0
+"""How far the measurement's variance may go from the expected one: the sigma by up to twenty times."""
+SMALLEST_ROUGH_SHARE, LARGEST_ROUGH_SHARE = 1e-4, 16.0
+"""How far the variance of the motion's own noise may. Taken for rougher than it is, a motion would have every
+noise of a measurement in the commands, and what comes of commands would be learnt from that."""
 ROUGH_LEARNING = 5.0
 """How much faster the motion's own noise is learnt than that of the measurements."""
+ONE_SIDED = 0.5
+"""Mean product of a surprise and the one before, in their sigmas, from which on they are motion."""
+SURELY_ALIKE = 4.0
+"""That product from which on a motion that was smooth is as rough as any within a few samples."""
 REOPENED_PER_S = 0.03
 """Share of an unknown axis' variance of gain that its gain gets back a second, for each unit by which the
 motion is rougher than expected: at its bound, the gain is as uncertain as at first after two seconds."""
@@ -345,6 +351,12 @@ class LeanKalmanFilter:
         covariance[0] += gained
         covariance[:, 0] += gained
         covariance[0, 0] += gained[1:].dot(moves)
+
+    def fade(self, share: float) -> None:
+        """Predict that the rate fades to a share of what it is."""
+        self.state[1] *= share
+        self.covariance[1] *= share
+        self.covariance[:, 1] *= share
 
     def blur(self, own: float, cross: float, rate: float, shares: Array) -> None:
         """Add the process noise: variances of position and rate, what they share, and that of the shares."""
@@ -418,8 +430,12 @@ class AxisFilter:
         """For how long the axis has had a rate beside its commands that is implausible."""
         self._last_ratio = 0.0
         """The last surprise in its expected sigma."""
+        self._square, self._alike = 1.0, 0.0
+        """Means of the squared surprises, and of those times the ones before, over what was expected."""
+        self._rough_deg = 0.0
+        """By how much rougher than usual the motion was lately expected to be."""
         self._surprises = 1.0
-        """Mean of the squared surprises, over what was expected."""
+        """Mean of the squared surprises, over what is usual where less was expected."""
         self._taken = self._calm = 0
         self._look()
 
@@ -501,9 +517,10 @@ class AxisFilter:
         surprises that go on to one side are then what the servo's integral learns, a rate that nobody asked
         for. Taken for a rough motion, they would teach no rate.
         """
-        self._seconds = seconds
+        self._seconds, self._rough_deg = seconds, rough_deg
         # White noise in rate and in its derivative, integrated over the interval.
-        rough, drifts = self._rough_share, self._rough_share if shaken else 1.0
+        rough = max(1.0, self._rough_share) if shaken else self._rough_share
+        drifts = rough if shaken else 1.0
         rate_variance = rough * drifts * self._rate_walk * seconds
         implausible = abs(float(self._kalman.state[1])) - PLAUSIBLE_RATE_DEG_S
         self._implausible_s = self._implausible_s + seconds if implausible > 0.0 else 0.0
@@ -514,7 +531,7 @@ class AxisFilter:
         moves = self.moves
         moves[0], moves[1:] = seconds, 0.0 if effects is None else effects
         self._kalman.foretell(moves, displacement_deg)
-        self._kalman.state[1] *= 1.0 - seconds / self._noise.rate_fades_s
+        self._kalman.fade(1.0 - seconds / self._noise.rate_fades_s)
         # What is not measured after this is where the axis is taken to be.
         self.position_deg = float(self._kalman.state[0])
         walks = self._walks * seconds
@@ -539,9 +556,11 @@ class AxisFilter:
         known = self._kalman
         predicted = float(known.state[0])
         surprise = wrap180(position_deg - predicted)
-        variance = self._noise_share * (self._reading + (rate_deg_s * self._noise.timing_s) ** 2)
+        reading = self._reading + (rate_deg_s * self._noise.timing_s) ** 2
+        variance = self._noise_share * reading
         expected = float(known.covariance[0, 0]) + variance
-        ratio = surprise * surprise / expected
+        # However well an axis is known: what is usual for one is no contradiction.
+        ratio = surprise * surprise / max(expected, reading + self._rough_deg * self._rough_deg)
         sigmas = surprise / math.sqrt(expected)
         # A glitch counts for no more than a large but ordinary surprise; many of them are noise all the same.
         self._learn_noise(max(-SURPRISE_SIGMAS, min(SURPRISE_SIGMAS, sigmas)), variance / expected)
@@ -549,6 +568,7 @@ class AxisFilter:
             variance += self._weigh_surprise(surprise, expected, rate_deg_s)
         else:
             self._surprised_deg = 0.0
+            variance += max(0.0, surprise * surprise / SURPRISING - expected)
         self._surprises += STEADY * (min(ratio, MOST_RATIO) - self._surprises)
         self._taken += 1
         known.correct(predicted + surprise, variance)
@@ -609,16 +629,22 @@ class AxisFilter:
 
         Surprises that go on to one side are motion that was not predicted; those that go to and fro are noise
         of the measurements (Mehra 1970), of which they tell as much as it has a share in them, `measured`.
+        Where both noises are what they are taken for, one surprise tells nothing of the next.
         """
         alike, self._last_ratio = sigmas * self._last_ratio, sigmas
         learning = self._noise.learning
-        against = measured * (sigmas * sigmas - 1.0 - 2.0 * max(0.0, alike))
+        against = measured * (sigmas * sigmas - 1.0 - 2.0 * alike)
         share = self._noise_share * (1.0 + learning * against)
         self._noise_share = max(SMALLEST_NOISE_SHARE, min(LARGEST_NOISE_SHARE, share))
-        # Motion that is less rough than expected leaves surprises that are too small, whatever their signs.
-        smooth = (1.0 - measured) * min(0.0, self._surprises - 1.0)
+        self._square += STEADY * (sigmas * sigmas - self._square)
+        self._alike += STEADY * (alike - self._alike)
+        # Motion that is less rough than expected leaves surprises that are too small, and hardly to one side.
+        one_sided = min(1.0, max(0.0, self._alike) / ONE_SIDED)
+        smooth = (1.0 - measured) * (1.0 - one_sided) * min(0.0, self._square - 1.0)
         rough = self._rough_share * (1.0 + ROUGH_LEARNING * learning * (alike + smooth))
-        self._rough_share = max(1.0, min(LARGEST_ROUGH_SHARE, rough))
+        if alike > SURELY_ALIKE:
+            rough = max(rough, min(1.0, alike * self._rough_share))
+        self._rough_share = max(SMALLEST_ROUGH_SHARE, min(LARGEST_ROUGH_SHARE, rough))
 
     def _weigh_surprise(self, surprise_deg: float, expected: float, rate_deg_s: float) -> float:
         """Return the variance to add to a surprising measurement.

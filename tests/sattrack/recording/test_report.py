@@ -552,10 +552,12 @@ def test_a_command_that_acts_before_it_is_sent_tells_of_wrong_dates(
     told = report_of(tmp_path / "dated.mcap", capsys)
     waited_s = waits_s(tmp_path / "dated.mcap", 0.002)
     assert told["ra"]["delay_s"] == pytest.approx(0.002 + waited_s - 0.068, abs=0.003)
-    ahead = f"{-1000.0 * told['ra']['delay_s']:.0f}"
     assert -0.05 < told["ra"]["delay_s"] < -0.015
     assert len(told["advice"]) == 2
-    for axis, words in zip(("right ascension", "declination"), told["advice"], strict=True):
+    for key, axis, words in zip(
+        ("ra", "dec"), ("right ascension", "declination"), told["advice"], strict=True
+    ):
+        ahead = f"{-1000.0 * told[key]['delay_s']:.0f}"
         assert re.match(f"commands in {axis} seem to act {ahead} ms before they are sent: the profile", words)
 
 
