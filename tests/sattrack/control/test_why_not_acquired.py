@@ -141,10 +141,13 @@ def fly(profile: dict[str, Any], seconds: float, number: int = 4, **hardware: An
     return run.run(end)
 
 
-@pytest.mark.parametrize("number", range(3))
-def test_a_delay_that_is_told_200_ms_too_long_keeps_no_mount_from_its_target(number: int) -> None:
-    run = fly({"command_delay_s": 0.22}, 12.0, number)
+@pytest.mark.parametrize("number", range(6))
+def test_a_delay_that_is_told_225_ms_too_long_keeps_no_mount_from_its_target(number: int) -> None:
+    """In half of the draws the motion shows a part of that; in the others all of it passes for lag."""
+    run = fly({"command_delay_s": 0.245}, 12.0, number)
     assert run.engine.tracker.acquired_utc_s is not None
+    found_s = run.engine.tracker.follower.command_delay_s
+    assert found_s < 0.245 if number % 2 == 0 else found_s <= 0.245
 
 
 @pytest.mark.parametrize("told_s", [0.42, 0.6, 1.0])
