@@ -564,11 +564,11 @@ class AxisFilter:
         sigmas = surprise / math.sqrt(expected)
         # A glitch counts for no more than a large but ordinary surprise; many of them are noise all the same.
         self._learn_noise(max(-SURPRISE_SIGMAS, min(SURPRISE_SIGMAS, sigmas)), variance / expected)
-        if ratio > SURPRISING:
-            variance += self._weigh_surprise(surprise, expected, rate_deg_s)
-        else:
-            self._surprised_deg = 0.0
+        large = ratio > SURPRISING
+        if not (large and self._sets_in(surprise, rate_deg_s)):
+            # It may be a glitch, and is believed only as far as a large but ordinary surprise would be.
             variance += max(0.0, surprise * surprise / SURPRISING - expected)
+        self._surprised_deg = surprise if large else 0.0
         self._surprises += STEADY * (min(ratio, MOST_RATIO) - self._surprises)
         self._taken += 1
         known.correct(predicted + surprise, variance)
@@ -646,20 +646,17 @@ class AxisFilter:
             rough = max(rough, min(1.0, alike * self._rough_share))
         self._rough_share = max(SMALLEST_ROUGH_SHARE, min(LARGEST_ROUGH_SHARE, rough))
 
-    def _weigh_surprise(self, surprise_deg: float, expected: float, rate_deg_s: float) -> float:
-        """Return the variance to add to a surprising measurement.
+    def _sets_in(self, surprise_deg: float, rate_deg_s: float) -> bool:
+        """Tell whether a large surprise is the second to the same side, and reckon with what it means then.
 
-        A single one may be a glitch, and is believed only as far as a large but ordinary one would be; a
-        second one to the same side is a rate that has set in, which the filter then learns at once; of an
-        axis near rest, that friction may hold, it is where it stands.
+        That is a rate that has set in, which the filter then learns at once; an axis near rest, that friction
+        may hold, is where it stands.
         """
-        again = surprise_deg * self._surprised_deg > 0.0
-        self._surprised_deg = surprise_deg
-        if not again:
-            return surprise_deg * surprise_deg / SURPRISE_SIGMAS**2 - expected
+        if surprise_deg * self._surprised_deg <= 0.0:
+            return False
         covariance, disturbance_deg_s = self._kalman.covariance, float(self._kalman.state[1])
         gone = abs(disturbance_deg_s) > PLAUSIBLE_RATE_DEG_S and disturbance_deg_s * surprise_deg < 0.0
         if abs(rate_deg_s) >= NEAR_REST_DEG_S or gone:
             covariance[1, 1] += min(abs(surprise_deg) / self._seconds, LARGEST_RATE_DEG_S) ** 2
         covariance[0, 0] += surprise_deg * surprise_deg
-        return 0.0
+        return True

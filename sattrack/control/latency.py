@@ -467,9 +467,10 @@ class MountClock:
 
         A status that was held back counts as of when it should have come.
         """
-        if not self._runs_evenly(mount_s, since_first_s):
-            since_first_s -= self.arrivals.held_up_s
         self.trusted = self._runs_evenly(mount_s, since_first_s)
+        if not self.trusted:
+            since_first_s -= self.arrivals.held_up_s
+            self.trusted = self._runs_evenly(mount_s, since_first_s)
         self._lately.append((mount_s, since_first_s))
 
     def _runs_evenly(self, mount_s: float, since_first_s: float) -> bool:
