@@ -647,7 +647,7 @@ class AxisFilter:
         self._rough_share = max(SMALLEST_ROUGH_SHARE, min(LARGEST_ROUGH_SHARE, rough))
 
     def _sets_in(self, surprise_deg: float, rate_deg_s: float) -> bool:
-        """Tell whether a large surprise is the second to the same side, and reckon with what it means then.
+        """Tell whether a large surprise is the second to the same side, and allow for what it means then.
 
         That is a rate that has set in, which the filter then learns at once; an axis near rest, that friction
         may hold, is where it stands.

@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 NO_ANSWER_AFTER_S = 3.0
 """A mount that has sent nothing for so long from the beginning does not answer."""
 SITE_TOLERANCE_DEG = 0.1
+FOUND_MOVING_S = 10.0
+"""A mount that nothing is asked of, and that was not seen at rest within so long, moves."""
+FOUND_MOVING = "the mount was moving when it was taken over: it was stopped"
 
 
 def limit_text(name: str, cause: str | None = None) -> str:
@@ -117,6 +120,11 @@ class Driver:
         self._by_axes: StatusSample | None = None
         self.in_force: Motion = Hold()
         """The motion last sent: to a mount that takes rates by edges, not each of them is."""
+        self.found_moving = False
+        """Whether the mount has moved ever since it was first heard, by what another program left."""
+        self._first_heard_utc_s: float | None = None
+        self._has_rested = False
+        """Whether it has been at rest since, or in a motion of ours."""
         self.turns_known_s = math.inf
         """For how long after its newest status the mount may go on unheard, its axes' turns still known; inf
         where it is at rest, or slews by itself."""
@@ -152,7 +160,21 @@ class Driver:
             seen = msgspec.structs.replace(seen, ra_deg=sample.ra_deg, dec_deg=sample.dec_deg)
             self._by_axes = sample
         self.safety.watch(seen, self.in_force)
+        self._watch_begin(sample.arrival_utc_s)
         return sample
+
+    def _watch_begin(self, utc_s: float) -> None:
+        """See whether a mount was left in motion: one that keeps the last rates goes on with them for ever."""
+        if self._has_rested:
+            return
+        ours = not isinstance(self.in_force, Hold) and not self.found_moving
+        if ours or self.session.at_rest:
+            self._has_rested, self.found_moving = True, False
+            return
+        if self._first_heard_utc_s is None:
+            self._first_heard_utc_s = utc_s
+        long_since = utc_s - self._first_heard_utc_s > FOUND_MOVING_S
+        self.found_moving = self.found_moving or long_since or self.session.surely_moves
 
     def clear(self, motion: Motion, now_utc_s: float) -> Cleared:
         """Return a motion as far as safety lets the mount make it; before its first status, only a stop."""

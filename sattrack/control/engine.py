@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sattrack.control.biases import NO_CAMERAS, Cameras
-from sattrack.control.driver import NO_ANSWER_AFTER_S, Driver, StopProcedure, limit_text
+from sattrack.control.driver import FOUND_MOVING, NO_ANSWER_AFTER_S, Driver, StopProcedure, limit_text
 from sattrack.control.stages import Attempt, AxisAttempt, RunStage, Situation, Stages, why_not
 from sattrack.control.target import sky_error
 from sattrack.control.tracker import FOLLOWING, Phase, Tracker, TrackPlan
 from sattrack.core.errors import UNHEARD
 from sattrack.core.figures import RunningError, WindowedError
-from sattrack.mount.model import LONGEST_STEP_S, Slew, StatusSample, Stop
+from sattrack.mount.model import LONGEST_STEP_S, Hold, Slew, StatusSample, Stop
 from sattrack.mount.xerxes.flags import SlewState
 from sattrack.mount.xerxes.link import LinkState
 from sattrack.safety import ROWS, Safety, SafetyLimits
@@ -267,6 +267,9 @@ class Engine(Driver):
             self.safety.choose_turn(self.tracker.onward_deg())
         if self.tracker.phase is not Phase.STOPPING:
             self._doing = self.tracker.phase
+        if self.found_moving and isinstance(motion, Hold) and self.tracker.phase is Phase.WAITING:
+            self.tracker.steering.tell(FOUND_MOVING, now_utc_s)
+            motion = Stop()
         if self.session.sample is not None:
             cleared = self.clear(motion, now_utc_s)
             if rest is not None and rest.jogging and cleared.motion != motion:

@@ -361,6 +361,11 @@ class Session:
         return self._standstill.at_rest
 
     @property
+    def surely_moves(self) -> bool:
+        """Whether positions show a motion that no rest ends in."""
+        return self._standstill.surely_moves
+
+    @property
     def stands(self) -> bool:
         """Whether the mount stands, by its positions: it does not follow the sky."""
         return self._standstill.stands

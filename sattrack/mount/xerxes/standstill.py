@@ -514,6 +514,11 @@ class Standstill:
         return self.rests_since(-math.inf)
 
     @property
+    def surely_moves(self) -> bool:
+        """Whether the mean of the shortest window is that of no axis that comes to rest at its end."""
+        return self._mean_deg_s > SURELY_MOVES_DEG_S
+
+    @property
     def stands(self) -> bool:
         """Whether it stands, by the same: the sky is not followed."""
         rest = self.positions.rest()

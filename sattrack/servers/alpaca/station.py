@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sattrack.control.console import Console
-from sattrack.control.driver import StopProcedure
+from sattrack.control.driver import FOUND_MOVING, StopProcedure
 from sattrack.control.procedures import DONE, Once, Outcome
 from sattrack.control.tracker import FOLLOWING
 from sattrack.core.angles import altitude_deg
@@ -162,6 +162,9 @@ class TelescopeStation:
             datagram = self._path.tick(now_utc_s)
             self._leave_path()
         else:
+            if self.console.found_moving and not self.console.stopping:
+                self.log_lines.append(FOUND_MOVING)
+                self.console.abort(now_utc_s)
             datagram = self.console.tick(now_utc_s)
             self._look_at_procedure()
             self._look_for_trouble()

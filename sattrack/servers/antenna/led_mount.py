@@ -191,6 +191,8 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
         sample = super().receive(data, arrival_utc_s + self.clock_ahead_s)
         if sample is not None:
             self._judge(self._take(sample))
+            # What another program left moving is ours to stop.
+            self._moved = self._moved or self.found_moving
         return sample
 
     def tick(self, now_utc_s: float) -> bytes:

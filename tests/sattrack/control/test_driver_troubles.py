@@ -11,6 +11,8 @@ import pytest
 from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.guard import Surroundings
 from sattrack.control.console import Console
+from sattrack.control.driver import FOUND_MOVING
+from sattrack.control.engine_view import view_of
 from sattrack.control.manual_operation import ConsoleSession, ManualOperation
 from sattrack.control.procedures import MoveFor
 from sattrack.mount.model import DTICS_S_PER_DEG_S, SIDEREAL_RATE_DEG_S, STATUS_LOST_S, MountProfile, Status
@@ -363,3 +365,74 @@ def test_no_driver_takes_a_mount_that_runs_on_for_one_at_rest(driver: str) -> No
     assert run.driver.at_rest is False
     assert len(run.rose) > 3
     assert run.rose[-1] > 40.0
+
+
+def taken_over(
+    driver: Ticked, begin_utc_s: float, left_deg_s: float, seconds: float
+) -> tuple[list[float], int]:
+    """Have a driver take over a mount that goes on at a rate, as a program left it.
+
+    Return its speeds, deg/s, and how many datagrams asked for an abort.
+    """
+    place = SimulatedSite(SITE.latitude_deg, SITE.longitude_deg, SITE.height_m)
+    mount = SimulatedMount(MountProfile(move_axis="edge"), place, StartPosition(50.0, 15.0))
+    left = Command(counter=1, move_dec=left_deg_s > 0.0, move_dec_rate_deg_s=left_deg_s)
+    speeds, aborts = [], 0
+    for turn in range(-40, int(seconds / PERIOD_S)):
+        now_s = begin_utc_s + turn * PERIOD_S
+        data, truth = mount.tick(now_s)
+        if turn < 0:
+            mount.receive(encode_command(left))
+            continue
+        speeds.append(abs(truth.dec_rate_deg_s))
+        driver.take(data, now_s + 0.001)
+        datagram = driver.part.tick(now_s + 0.002)
+        if datagram is not None:
+            aborts += decode_command(datagram).abort
+            mount.receive(datagram)
+    assert speeds[0] == pytest.approx(left_deg_s, abs=1e-3)
+    return speeds, aborts
+
+
+def early_track() -> tuple[Ticked, float]:
+    """A run that has ten minutes until it may slew to where the satellite rises."""
+    facts = prepare(RunRequest("25544", "sim", None, None, None, 70.0, virtual=True)).facts
+    profile, now_s = MountProfile(move_axis="edge"), facts.plan.start_utc_s - 660.0
+    engine = build_engine(msgspec.structs.replace(facts, profile=profile, started_utc_s=now_s))
+    return Ticked(engine, nothing, nothing, engine.receive), now_s
+
+
+ALONE: dict[str, Callable[[], tuple[Any, float]]] = {
+    "track": early_track,
+    "serve antenna": antenna,
+    "serve rotctld": rotator,
+    "serve alpaca": alpaca,
+}
+
+
+@pytest.mark.parametrize(("left_deg_s", "within_s"), [(6.0, 3.0), (0.5, 1.5), (0.02, 12.0)])
+@pytest.mark.parametrize("name", ALONE)
+def test_who_takes_over_a_mount_in_motion_and_works_alone_brings_it_to_rest(
+    name: str, left_deg_s: float, within_s: float
+) -> None:
+    speeds, _ = taken_over(*ALONE[name](), left_deg_s, within_s + 1.0)
+    assert max(speeds[-20:]) < 0.001
+
+
+@pytest.mark.parametrize("name", ALONE)
+def test_who_takes_over_a_mount_at_rest_leaves_it_there(name: str) -> None:
+    assert taken_over(*ALONE[name](), 0.0, 13.0)[1] == 0
+
+
+def test_who_watches_a_mount_leaves_its_motion_to_whoever_moves_it() -> None:
+    driver, begin_utc_s = DRIVERS["console"]()
+    assert isinstance(driver, Ticked)
+    speeds, aborts = taken_over(driver, begin_utc_s, 0.5, 13.0)
+    assert min(speeds) > 0.4
+    assert aborts == 0
+
+
+def test_a_run_says_that_it_stopped_what_another_program_left_moving() -> None:
+    driver, begin_utc_s = early_track()
+    taken_over(driver, begin_utc_s, 0.5, 2.0)
+    assert FOUND_MOVING in view_of(driver.part, begin_utc_s + 2.0).warnings
