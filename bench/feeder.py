@@ -92,7 +92,7 @@ def ours(subject: Subject, scenario: Scenario, seed: int, bandwidth_hz: float = 
     """Return the figures of our own run."""
     run = world(subject, scenario, seed, bandwidth_hz)
     run.run(Ours(subject, scenario))
-    return _figures(run, subject)
+    return figures(run, subject)
 
 
 def rival(
@@ -101,10 +101,11 @@ def rival(
     """Return the figures of a rival's run."""
     run = world(subject, scenario, seed, bandwidth_hz)
     run.run(rivals(subject, scenario)[name](run))
-    return _figures(run, subject)
+    return figures(run, subject)
 
 
-def _figures(run: World, subject: Subject) -> Figures:
+def figures(run: World, subject: Subject) -> Figures:
+    """Return the figures of a run that is over."""
     plan = subject.facts.plan
     since = [(utc_s - run.disturbed_from_s, error) for utc_s, error in run.errors]
     late = [s for s, error in since if 0.0 <= s < BACK_LOOKED_FOR_S and error > BACK_UNDER_ARCSEC]
