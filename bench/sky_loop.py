@@ -1,6 +1,6 @@
 """The loop closed on the sky: a camera's offsets, a hidden sky, and where the telescope really points.
 
-python bench/sky_loop.py [--seeds N] [--pass ISS|KANOPUS] [--mount|--next] [--wrong HOW] [--verbose]
+python bench/sky_loop.py [--seeds N] [--pass ISS|KANOPUS] [--mount|--next] [--wrong HOW] [--beside ARCSEC]
 
 Hidden from the program, and drawn for each seed: an orbit that is integrated (`bench/integrated.py`), 3 s
 early or late, drifting by 0.3 s a minute, 60″ to the left or the right of its elements, drifting too (`warp`:
@@ -15,7 +15,8 @@ the share of instants at which the pointing that the filter would have lies with
 one that centres the satellite, along the track and across. *NIS*: 2 where sigmas are right.
 
 `--next` begins with what another satellite's pass has left of the mount and its camera in the profile,
-`--wrong` with a camera that is not as it was set.
+`--wrong` with a camera that is not as it was set. With `--beside` the telescope looks so far beside its
+axis (cone error), and its declination has a zero that is so wrong.
 
 Without `--mount` the telescope points exactly where it is fed; with it the run of `track --virtual` follows
 with a simulated mount, and offsets are made from its true axes.
@@ -88,6 +89,8 @@ class Hidden:
     scale: float
     clock_s: float = 0.0
     mirrored: bool = False
+    beside: tuple[float, float] = (0.0, 0.0)
+    """Of the telescope beside its axes, rad: to the east and to the north."""
 
     @classmethod
     def drawn(cls, rng: random.Random) -> Hidden:
@@ -161,6 +164,14 @@ def turned(u: Array, sidereal: float, turn: tuple[float, float, float], sign: in
     return u * math.cos(angle) + cross_product(k, u) * math.sin(angle) + k * (k @ u) * (1.0 - math.cos(angle))
 
 
+def aside(u: Array, by_rad: tuple[float, float]) -> Array:
+    """Return where a telescope looks beside its axes: to the north by its declination, then to the east."""
+    dec = math.asin(max(-1.0, min(1.0, float(u[2])))) + by_rad[1]
+    ra = math.atan2(float(u[1]), float(u[0]))
+    there = direction(math.degrees(ra), math.degrees(dec))
+    return there * math.cos(by_rad[0]) + np.array([-math.sin(ra), math.cos(ra), 0.0]) * math.sin(by_rad[0])
+
+
 def direction(ra_deg: float, dec_deg: float) -> Array:
     """Return a unit vector."""
     ra, dec = math.radians(ra_deg), math.radians(dec_deg)
@@ -193,6 +204,7 @@ class Sky:
         `pointing` is where the mount's axes point by its own idea, at the instant.
         """
         u, sidereal = self.satellite.at(utc_s)
+        pointing = aside(pointing, self.hidden.beside)
         c = turned(pointing, sidereal, self.hidden.polar)
         east = cross_product(POLE, pointing)
         north = turned(cross_product(pointing, east / np.linalg.norm(east)), sidereal, self.hidden.polar)
@@ -219,7 +231,11 @@ class Sky:
     def wanted(self, utc_s: float) -> Array:
         """Return what must be fed at an instant so that the satellite is in the middle."""
         u, sidereal = self.satellite.at(utc_s - self.hidden.delay_s)
-        return turned(u, sidereal, self.hidden.polar, -1)
+        looks = turned(u, sidereal, self.hidden.polar, -1)
+        axes = looks
+        for _ in range(3):
+            axes = axes + looks - aside(axes, self.hidden.beside)
+        return axes / float(np.linalg.norm(axes))
 
     def note_distance(self, estimator: Estimator) -> None:
         """Note how far the last offset that was taken lay from what was expected."""
@@ -410,6 +426,7 @@ def main() -> None:
     parser.add_argument("--mount", action="store_true")
     parser.add_argument("--next", action="store_true", help="begin with what another pass has left")
     parser.add_argument("--wrong", choices=[*WRONG], help="how the camera is not as it was set")
+    parser.add_argument("--beside", type=float, default=0.0, metavar="ARCSEC", help="cone and index error")
     parser.add_argument("--verbose", action="store_true")
     options = parser.parse_args()
     print(f"truth {options.truth}, {'a virtual mount' if options.mount else 'no mount'}")
@@ -432,6 +449,9 @@ def of_seed(subject: Subject, seed: int, options: argparse.Namespace) -> Result:
     """Run one seed of a pass."""
     rng = random.Random(f"{subject.name} {seed}")
     hidden = replace(Hidden.drawn(rng), **WRONG.get(options.wrong, {}))
+    signs = random.Random(f"beside {seed}")
+    beside = [signs.choice((-1, 1)) * options.beside * ARCSEC for _ in range(2)]
+    hidden = replace(hidden, beside=(beside[0], beside[1]))
     sky = Sky(subject, hidden, rng, options.truth)
     if options.mount:
         return with_mount(sky, seed)

@@ -44,6 +44,8 @@ _MOUNT_UNITS, _CAMERA_UNITS = (
 EARTH_RAD_S = 7.2921159e-5
 # One sigma of each: rad, but for the delay (s), the scale (a share) and the clock (s).
 _TURN_RAD, _DELAY_S, _CONE_RAD = math.radians(0.1), 0.02, math.radians(0.03)
+_SQUARE_RAD = math.radians(2.0 / 3600.0)
+"""Of cone and index of a mount that was set up well, or whose pointing model is fed."""
 _ROTATION_RAD, _SCALE, _CLOCK_S, _MIDDLE_RAD = math.radians(4.0), 0.02, 0.1, math.radians(0.5)
 _ANY_SCALE = 0.5
 """Of a camera whose reducer, or binning, is not what was set."""
@@ -73,9 +75,10 @@ class KnownTerms:
     cameras: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
 
 
-def usual_terms() -> KnownTerms:
-    """Return what is expected of a mount of which nothing was learnt yet."""
-    sigma = np.array([_TURN_RAD] * 3 + [_DELAY_S] + [_CONE_RAD] * 2)
+def usual_terms(square: bool = False) -> KnownTerms:
+    """Return what is expected of an unknown mount; of a `square` one, that it has no cone and no index."""
+    beside = _SQUARE_RAD if square else _CONE_RAD
+    sigma = np.array([_TURN_RAD] * 3 + [_DELAY_S] + [beside] * 2)
     return KnownTerms((np.zeros(MOUNT), sigma / _MOUNT_UNITS))
 
 
@@ -302,20 +305,22 @@ class OrbitFilter:
 
 class _Member(NamedTuple):
     """What a filter of a bank expects: `wider` errors of elements, `kicked` accelerations, the terms that
-    are known, a `looser` rotation and any scale of cameras, a mirrored image; and how likely that is, a
-    logarithm.
+    are known, a telescope that is `square` to its axes, a `looser` rotation and any scale of cameras, a
+    mirrored image; and how likely that is, a logarithm.
     """
 
     wider: float = 1.0
     kicked: float = 1.0
     weight: float = 0.0
     known: bool = False
+    square: bool = False
     looser: float = 1.0
     mirrored: bool = False
 
 
 _BY_CAMERA = (
     _Member(),
+    _Member(square=True),
     _Member(wider=8.0, weight=-4.0),
     _Member(wider=60.0, kicked=100.0, weight=-8.0),
     _Member(looser=10.0, weight=-5.0),
@@ -344,7 +349,7 @@ class FilterBank:
         in a wrong frame they must not be believed.
         """
         self.orbit = orbit
-        members: tuple[_Member, ...] = _BY_CAMERA if seen_by_camera else _BY_CAMERA[:1]
+        members: tuple[_Member, ...] = _BY_CAMERA if seen_by_camera else (_Member(),)
         if known is not None:
             members = (_Member(known=True), *(one._replace(weight=one.weight - 3.0) for one in members))
         self._kinds, self._members, self._weights = list(members), [], []
@@ -352,7 +357,7 @@ class FilterBank:
             expected = orbit.expected(wider * kind.wider)
             if mean_km is not None:
                 expected = Expected(mean_km, expected.covariance_km2)
-            terms = known if kind.known else None
+            terms = known if kind.known else usual_terms(kind.square)
             self._members.append(OrbitFilter(orbit, expected, noisier, kind.kicked, terms, kind.looser))
             self._weights.append(kind.weight)
         self._best = 0

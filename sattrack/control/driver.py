@@ -164,7 +164,7 @@ class Driver:
         return sample
 
     def _watch_begin(self, utc_s: float) -> None:
-        """See whether a mount was left in motion: one that keeps the last rates goes on with them for ever."""
+        """See whether a mount was left in motion: one that keeps the last rates goes on for ever."""
         if self._has_rested:
             return
         ours = not isinstance(self.in_force, Hold) and not self.found_moving

@@ -76,7 +76,9 @@ def test_an_edge_mount_is_followed_nearly_as_an_oracle_would() -> None:
 def test_losses_leave_no_old_rates_in_force_for_long() -> None:
     """Where the rate changes fastest: a copy of each datagram makes up for most losses."""
     scenario = next(s for s in feeder.SCENARIOS if s.link.loss)
-    with_copies, without_copies = (following(one_of(KANOPUS, 55.0), scenario, copies) for copies in (True, False))
+    with_copies, without_copies = (
+        following(one_of(KANOPUS, 55.0), scenario, copies) for copies in (True, False)
+    )
     assert with_copies.peak_arcsec < 0.25
     assert without_copies.peak_arcsec > 3.0 * with_copies.peak_arcsec
     assert without_copies.rms_arcsec > 2.0 * with_copies.rms_arcsec

@@ -35,6 +35,20 @@ def test_the_satellite_is_held_in_the_middle_of_an_image_whose_sky_is_hidden() -
     assert (found.rejected, found.begun_anew) == (0, 0)
 
 
+@pytest.mark.parametrize(("beside_arcsec", "most_arcsec"), [(0.0, 9.0), (100.0, 14.0)])
+def test_a_telescope_square_to_its_axes_needs_no_terms_of_one_that_is_not(
+    beside_arcsec: float, most_arcsec: float
+) -> None:
+    """Where a target passes the pole, cone and index say most of where it comes out of clouds."""
+    rng = random.Random("KANOPUS 10")
+    beside = beside_arcsec * bench.ARCSEC
+    hidden = replace(bench.Hidden.drawn(rng), beside=(beside, -beside))
+    found = bench.without_mount(shorter(bench.Sky(subjects()[1], hidden, rng)), MountProfile())
+    assert found.rms_arcsec < 1.3
+    assert found.clouds_arcsec < most_arcsec
+    assert found.rejected <= 3
+
+
 @pytest.mark.parametrize(
     ("hidden", "words"),
     [
