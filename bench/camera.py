@@ -1,4 +1,4 @@
-"""Print how surely and how exactly a camera's frames are read: `python bench/camera.py [--frames N]`.
+"""Print how surely and how exactly a camera's frames are read: `python bench/camera.py [--frames N] [--empty [GLOB]]`.
 
 Frames of 1280 × 960 pixels by closed forms (`camera_frames.py`): 50 stars' streaks of random length and
 direction, and a satellite. SNR is the flux over the noise in an aperture with a radius of one FWHM.
@@ -7,6 +7,7 @@ direction, and a satellite. SNR is the flux over the noise in an aperture with a
 from __future__ import annotations
 
 import argparse
+import fnmatch
 import math
 import time
 from collections import Counter
@@ -152,12 +153,15 @@ def speed(frames: int) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=1000, help="of each kind")
-    parser.add_argument("--empty", action="store_true", help="only frames without a satellite")
+    parser.add_argument(
+        "--empty", nargs="?", const="*", metavar="GLOB", help="only frames without a satellite, of some kinds"
+    )
     options = parser.parse_args()
     frames = options.frames
     speed(10)
     for number, kind in enumerate(EMPTY):
-        empty(frames, kind, 20 + number)
+        if fnmatch.fnmatch(kind.name, options.empty or "*"):
+            empty(frames, kind, 20 + number)
     if options.empty:
         return
     sequences(frames, 8.0, 1.2, True, 11)
