@@ -345,6 +345,21 @@ def _feasible(block: PassTable, text: tuple[str, str, str]) -> list[str]:
     return [yes if why is None else no for why in block.why_not] if block.judged else [unknown] * len(block)
 
 
+def _now_lines(table: PassTable, now_utc_s: float) -> Iterator[str]:
+    """Yield what is up at an instant, and how soon the next pass begins."""
+    begins_s, found = table.passes.task.span[0], table.passes.found
+    rises, sets = begins_s + found.rise_s[table.index], begins_s + found.set_s[table.index]
+    coming, over = rises > now_utc_s, sets <= now_utc_s
+    # Those that begin before the span, or end after it, have no such instant.
+    ends = sets[~coming & ~over]
+    if len(ends) == 1 and np.isfinite(ends[0]):
+        yield f"A pass is under way: it ends {local_time.until(float(ends[0]) - now_utc_s)}."
+    elif len(ends):
+        yield "A pass is under way." if len(ends) == 1 else f"{len(ends)} passes are under way."
+    if coming.any():
+        yield f"The next pass begins {local_time.until(float(rises[coming].min()) - now_utc_s)}."
+
+
 def table_lines(table: PassTable, now_utc_s: float | None) -> Iterator[str]:
     """Yield a table in colours, its times local, with a line for each day.
 
@@ -352,10 +367,7 @@ def table_lines(table: PassTable, now_utc_s: float | None) -> Iterator[str]:
     """
     begins_s, span_s = table.passes.task.span
     if now_utc_s is not None:
-        rises = begins_s + table.passes.found.rise_s[table.index]
-        coming = rises[rises > now_utc_s]
-        if len(coming):
-            yield f"The next pass begins {local_time.until(float(coming.min()) - now_utc_s)}."
+        yield from _now_lines(table, now_utc_s)
     yield click.style(_HEAD, bold=True)
     day, minute = "", None
     ends = (begins_s, begins_s + span_s)

@@ -187,6 +187,21 @@ def test_the_table(given: list[str], capsys: pytest.CaptureFixture[str]) -> None
     assert "no pass" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("clock", "lines"),
+    [
+        ("13:00:00", ["The next pass begins in 2 min."]),
+        ("13:03:00", ["A pass is under way: it ends in 6 min.", "The next pass begins in 1 h 36 min."]),
+        ("13:09:00", ["The next pass begins in 1 h 30 min."]),
+    ],
+)
+def test_what_is_up_now_is_said_first(
+    given: list[str], capsys: pytest.CaptureFixture[str], clock: str, lines: list[str]
+) -> None:
+    assert run(["passes", "ISS", *given[:4], "--hours", "4", "--clock", f"2026-10-02T{clock}Z"]) == 0
+    assert capsys.readouterr().out.splitlines()[: len(lines)] == lines
+
+
 def on_a_terminal(arguments: list[str], **environ: str) -> tuple[str, str]:
     """Run a command with output and errors on pseudo-terminals; return what came out of each."""
     kept = {k: v for k, v in os.environ.items() if k != "NO_COLOR"}
