@@ -1,4 +1,6 @@
-"""Print how surely and how exactly a camera's frames are read: `python bench/camera.py [--frames N] [--empty [GLOB]]`.
+"""Print how surely and how exactly a camera's frames are read.
+
+python bench/camera.py [--frames N] [--empty [GLOB]]
 
 Frames of 1280 × 960 pixels by closed forms (`camera_frames.py`): 50 stars' streaks of random length and
 direction, and a satellite. SNR is the flux over the noise in an aperture with a radius of one FWHM.

@@ -159,7 +159,8 @@ class Driver:
             sample = sample_by_axes(sample, self.frame)
             seen = msgspec.structs.replace(seen, ra_deg=sample.ra_deg, dec_deg=sample.dec_deg)
             self._by_axes = sample
-        self.safety.watch(seen, self.in_force)
+        # Rates that the mount is yet to take are not disobeyed.
+        self.safety.watch(seen, Hold() if self.session.waits_for_slew else self.in_force)
         self._watch_begin(sample.arrival_utc_s)
         return sample
 

@@ -143,6 +143,11 @@ EDGE_ACK_WITHIN_STATUSES = 20
 UNANSWERED_STATUSES = EDGE_ACK_WITHIN_STATUSES + QUIET_STATUSES + 2
 """How long a handshake takes that the mount does not answer."""
 STILL_MOVING_STATUSES = 20
+REFUSED_STATUSES, MOST_REFUSED_STATUSES = 5, 160
+"""Statuses in a row of a mount at rest, which has not acknowledged the flags of MoveAxis, after which these
+fall and rise anew; twice as many the next time."""
+SLEWS_ON_STATUSES = 200
+"""So long the flags may wait for the end of a slew."""
 
 
 @dataclass(slots=True)
@@ -368,6 +373,13 @@ class HeldMove:
     state: HeldState = HeldState.OVER
     _statuses: int = 0
     """Statuses since the last datagram with rates."""
+    _raised: int = 0
+    """Statuses since the flags rose, without an acknowledgement."""
+    _refused: int = 0
+    """Statuses in a row of a mount that has not taken the flags."""
+    _patience: int = REFUSED_STATUSES
+    _down_left: int = 0
+    """Datagrams that still go without the flags, for them to rise anew."""
 
     @property
     def over(self) -> bool:
@@ -376,15 +388,35 @@ class HeldMove:
 
     def compose(self, wish: AxisRates) -> Sent:
         """Return what the next datagram says; NO_RATES asks for the end."""
-        if wish == NO_RATES:
+        if wish == NO_RATES or self._down_left:
+            self._down_left = max(0, self._down_left - 1)
             self.hush()
-            return Sent(wish, False)
+            return Sent(NO_RATES, False)
         self.state, self._statuses = follow(HELD, self.state, "rates"), 0
         return Sent(wish, True)
 
     def hush(self) -> None:
         """Note a datagram that goes out without the flags."""
         self.state = follow(HELD, self.state, "flags down")
+
+    @property
+    def may_wait(self) -> bool:
+        """Whether a mount that slews, and has acknowledged nothing, may take the flags when it has slewed."""
+        return 0 < self._raised < SLEWS_ON_STATUSES
+
+    def rests(self, rests: bool) -> None:
+        """Note whether the mount rests for all that is asked of it.
+
+        It may have slewed as the flags rose, and have refused them: then it waits for another edge.
+        """
+        if self.state is HeldState.IN_FORCE:
+            self._patience = REFUSED_STATUSES
+        if self.state is not HeldState.ENDING:
+            self._raised = self._raised + 1 if self.state is HeldState.RAISED else 0
+        self._refused = self._refused + 1 if rests and self.state is HeldState.RAISED else 0
+        if self._refused >= self._patience:
+            self._refused, self._down_left = 0, DIP_TICKS
+            self._patience = min(2 * self._patience, MOST_REFUSED_STATUSES)
 
     def see(self, status: Status) -> bool:
         """Take one status; tell whether it acknowledges the flags that were raised."""
@@ -464,6 +496,11 @@ class EdgeMove:
             self.unanswered = True
             self.renew()
         return False
+
+    may_wait: ClassVar[bool] = False
+
+    def rests(self, rests: bool) -> None:
+        """Note whether the mount rests for all that is asked of it: an edge without an answer goes anew."""
 
     def stopped(self) -> None:
         """Note that an abort was acknowledged: nothing is in force any more."""

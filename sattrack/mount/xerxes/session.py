@@ -75,7 +75,7 @@ from sattrack.mount.xerxes.flags import (
     StopState,
 )
 from sattrack.mount.xerxes.link import AckWatch, LinkHealth, LinkState, StatusSequence
-from sattrack.mount.xerxes.standstill import Standstill
+from sattrack.mount.xerxes.standstill import SURELY_MOVES_DEG_S, Standstill
 from sattrack.mount.xerxes.tickets import Launchable, Launches, MotionTicket
 
 if TYPE_CHECKING:
@@ -361,6 +361,13 @@ class Session:
         return self._standstill.at_rest
 
     @property
+    def waits_for_slew(self) -> bool:
+        """Whether the mount says that it slews, rests, and has not taken the rates: it may after the slew."""
+        status = self.status
+        slews = self._move.may_wait and status is not None and status.slewing
+        return slews and self._standstill.positions.rest() is not None
+
+    @property
     def surely_moves(self) -> bool:
         """Whether positions show a motion that no rest ends in."""
         return self._standstill.surely_moves
@@ -586,6 +593,7 @@ class Session:
             self._move.insist()
         if self._move.see(status) and self.sample is not None:
             self.sample = msgspec.structs.replace(self.sample, move_acknowledged=True)
+        self._move.rests(self._standstill.at_rest and _is_fast(self._wanted))
         if self._abort.see(status.ack_abort, isinstance(self._wanted, Stop)):
             self._standstill.acknowledged(arrival_utc_s)
             self._acts_until = self.health.sent + self._standstill.late_statuses
@@ -599,6 +607,14 @@ class Session:
         if self._motion_ticket is not None:
             off_deg = _off_target_deg(self._wanted, status) if isinstance(self._wanted, Slew) else None
             self._motion_ticket.see(*self._progress(self._motion_ticket.ticket.request, status), off_deg)
+
+
+def _is_fast(motion: Motion) -> bool:
+    """Tell whether axes at rest contradict a motion."""
+    if not isinstance(motion, MoveAxes):
+        return False
+    hour_angle_rate = SIDEREAL_RATE_DEG_S - motion.ra_rate_deg_s
+    return max(abs(hour_angle_rate), abs(motion.dec_rate_deg_s)) > SURELY_MOVES_DEG_S
 
 
 def _launch_fields(request: Launchable | None) -> dict[str, float | bool]:

@@ -49,6 +49,16 @@ def test_a_drawn_mount_is_acquired_and_followed(
     assert not outcome.lost
 
 
+@pytest.mark.parametrize("number", [2006, pytest.param(2037, marks=soak), pytest.param(2011, marks=soak)])
+def test_a_mount_that_refuses_rates_while_it_slews_takes_them_after_that(number: int) -> None:
+    """Refused flags that stay up are none that rise: it stood still, and was said not to obey."""
+    outcome = family.Run(family.draw(number, (family.FLEXIBLE,))).run(lasts_s=FOLLOWED_S).outcome()
+    assert outcome.late_s is not None, outcome.why
+    # The wind alone is 0.3.
+    assert 0.1 < outcome.rms_arcsec < 1.0
+    assert not outcome.lost
+
+
 def weak(number: int) -> family.Draw:
     """Return a mount that catches up what its drive leaves behind; the drive has half of what is told."""
     drawn = family.draw(number, ("position_servo",))

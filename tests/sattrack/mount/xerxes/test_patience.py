@@ -423,6 +423,39 @@ class TestFlags:
             )
             assert move.state is HeldState.OVER
 
+    def test_held_flags_that_a_mount_at_rest_has_not_taken_fall_and_rise_anew_ever_more_rarely(self) -> None:
+        move, rates = HeldMove(), AxisRates(1.0, -0.5)
+        fell = []
+        for turn in range(100):
+            if move.compose(rates) == Sent(NO_RATES, False):
+                fell.append(turn)
+            move.see(TRACKING)
+            move.rests(True)
+        assert fell == [5, 6, 7, 18, 19, 20, 41, 42, 43, 84, 85, 86]
+
+    @pytest.mark.parametrize(("rests", "ack"), [(False, False), (True, True)])
+    def test_held_flags_stay_up_where_the_mount_moves_or_has_acknowledged_them(
+        self, rests: bool, ack: bool
+    ) -> None:
+        move, rates = HeldMove(), AxisRates(1.0, -0.5)
+        for _ in range(100):
+            assert move.compose(rates) == Sent(rates, True)
+            move.see(replace(TRACKING, ack_move_ra=ack, ack_move_dec=ack))
+            move.rests(rests)
+
+    def test_held_a_mount_may_take_the_flags_after_its_slew_for_ten_seconds(self) -> None:
+        move = HeldMove()
+        waits = []
+        for _ in range(300):
+            move.compose(AxisRates(1.0, -0.5))
+            move.see(TRACKING)
+            move.rests(False)
+            waits.append(move.may_wait)
+        assert waits == [True] * 199 + [False] * 101
+        move.see(replace(TRACKING, ack_move_ra=True))
+        move.rests(False)
+        assert move.may_wait is False
+
     @pytest.mark.parametrize("ack", ["ack_move_ra", "ack_move_dec"])
     def test_held_it_is_over_when_either_acknowledgement_was_seen_up_and_then_down(self, ack: str) -> None:
         move = HeldMove()
