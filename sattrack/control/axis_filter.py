@@ -297,6 +297,8 @@ motion is rougher than expected: at its bound, the gain is as uncertain as at fi
 NEAR_REST_DEG_S = 0.05
 """Slower than this an axis may stick. How far it stays behind then its servo takes away by itself, so that is
 no rate: compensated as one, the axis breaks loose the further."""
+STICKS_DEG_S = 0.01
+"""Slower than this friction may stop an axis that moved smoothly before."""
 PLAUSIBLE_RATE_DEG_S = 40.0 / 3600.0
 """A rate disturbance beyond this was an axis that was stopped: near rest too, it may be over at once."""
 OVER_S = 1.0
@@ -426,6 +428,8 @@ class AxisFilter:
         self._seconds = 1.0
         self._rough_share = 1.0
         """Variance of the motion's own noise over the expected one, as innovations in a row show it."""
+        self._may_stick = False
+        """Whether the axis was so near rest, as it moved last, that it may stick."""
         self._implausible_s = 0.0
         """For how long the axis has had a rate beside its commands that is implausible."""
         self._last_ratio = 0.0
@@ -519,7 +523,12 @@ class AxisFilter:
         """
         self._seconds, self._rough_deg = seconds, rough_deg
         # White noise in rate and in its derivative, integrated over the interval.
-        rough = max(1.0, self._rough_share) if shaken else self._rough_share
+        moves = self.moves
+        moves[0], moves[1:] = seconds, 0.0 if effects is None else effects
+        turned_deg = float(moves[1:].dot(self._kalman.state[2:])) + displacement_deg
+        # Near rest an axis may stick, however smoothly it moved before: its response is not to explain that.
+        self._may_stick = abs(turned_deg) < STICKS_DEG_S * seconds
+        rough = max(1.0, self._rough_share) if shaken or self._may_stick else self._rough_share
         drifts = rough if shaken else 1.0
         rate_variance = rough * drifts * self._rate_walk * seconds
         implausible = abs(float(self._kalman.state[1])) - PLAUSIBLE_RATE_DEG_S
@@ -528,8 +537,6 @@ class AxisFilter:
             rate_variance += implausible * implausible * seconds / OVER_S
         own = rough * (self._walk * seconds + rough_deg * rough_deg / drifts)
         own += rate_variance * seconds * seconds / 3.0
-        moves = self.moves
-        moves[0], moves[1:] = seconds, 0.0 if effects is None else effects
         self._kalman.foretell(moves, displacement_deg)
         self._kalman.fade(1.0 - seconds / self._noise.rate_fades_s)
         # What is not measured after this is where the axis is taken to be.
@@ -641,6 +648,9 @@ class AxisFilter:
         # Motion that is less rough than expected leaves surprises that are too small, and hardly to one side.
         one_sided = min(1.0, max(0.0, self._alike) / ONE_SIDED)
         smooth = (1.0 - measured) * (1.0 - one_sided) * min(0.0, self._square - 1.0)
+        if self._may_stick:
+            # Less is expected there than shows.
+            smooth = 0.0
         rough = self._rough_share * (1.0 + ROUGH_LEARNING * learning * (alike + smooth))
         if alike > SURELY_ALIKE:
             rough = max(rough, min(1.0, alike * self._rough_share))

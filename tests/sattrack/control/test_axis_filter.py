@@ -518,3 +518,29 @@ def test_a_motion_that_was_rough_is_smooth_again() -> None:
         shares.append(axis._rough_share)
     assert max(shares) > 8.0
     assert shares[-1] < 1.5
+
+
+@pytest.mark.parametrize("stuck_s", [0.25, 1.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_smooth_axis_that_sticks_as_it_turns_back_keeps_its_response(seed: int, stuck_s: float) -> None:
+    """Friction holds it near rest; it breaks loose late. Taken for its response, that made a loop unstable."""
+    dice = random.Random(seed)
+    slows_deg_s2, late_s, turns_s = -0.001, 0.02, 59.6
+    axis, commanded, lags = AxisFilter(0.0, lag_s=late_s), Commanded(0.0, 0.06), []
+    held_deg = None
+    for turn in range(1, 1260):
+        begin_s, end_s = (turn - 1) * STEP_S, turn * STEP_S
+        commanded.add(Step(begin_s, 0.06 + slows_deg_s2 * (begin_s + 0.5 * STEP_S), 0.0))
+        axis.advance(STEP_S, 0.0, commanded.effects(begin_s, end_s)[0])
+        since_s = end_s - late_s
+        true_deg = 0.06 * since_s + 0.5 * slows_deg_s2 * since_s * since_s
+        if turns_s < end_s < turns_s + stuck_s:
+            held_deg = true_deg if held_deg is None else held_deg
+            true_deg = held_deg
+        elif turns_s + stuck_s <= end_s < turns_s + stuck_s + 0.1:
+            true_deg += 0.15 / 3600.0
+        axis.measure(true_deg + dice.uniform(-0.5, 0.5) * 0.0193 / 3600.0, 0.06 + slows_deg_s2 * since_s)
+        lags.append(axis.lag.mean_s)
+    before_s, after_s = lags[1190], lags[1190:]
+    assert before_s == pytest.approx(late_s, abs=0.006)
+    assert max(abs(lag_s - before_s) for lag_s in after_s) < 0.003

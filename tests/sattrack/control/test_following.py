@@ -102,6 +102,14 @@ def test_slow_drives_that_stick_are_followed_past_where_an_axis_turns_back() -> 
     assert peak_arcsec <= scenario.bounds_arcsec[1]
 
 
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", [14, 18, 20])
+def test_drives_that_stick_once_after_a_smooth_minute_are_followed_on(seed: int) -> None:
+    """What the axis did as it stuck was once taken for its response: the loop swung by 6″."""
+    scenario = next(s for s in feeder.SCENARIOS if s.servo)
+    assert feeder.ours(one_of(ISS, WHOLE_DEG), scenario, seed).peak_arcsec <= 2.0
+
+
 def test_what_a_calibration_leaves_open_is_said_beforehand_and_no_more_comes_of_it(above_deg: float) -> None:
     """Delays of 5 and 35 ms that nobody tells; the calibration takes each for the half of their sum."""
     figures = feeder_calibrated.follow(one_of(ISS, above_deg), feeder_calibrated.SCENARIOS[1], seed=1)
