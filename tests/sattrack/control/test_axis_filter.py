@@ -523,7 +523,7 @@ def test_a_motion_that_was_rough_is_smooth_again() -> None:
 @pytest.mark.parametrize("stuck_s", [0.25, 1.0])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_smooth_axis_that_sticks_as_it_turns_back_keeps_its_response(seed: int, stuck_s: float) -> None:
-    """Friction holds it near rest; it breaks loose late. Taken for its response, that made a loop unstable."""
+    """Friction holds it near rest, until it breaks loose. Taken for its response, that made a loop swing."""
     dice = random.Random(seed)
     slows_deg_s2, late_s, turns_s = -0.001, 0.02, 59.6
     axis, commanded, lags = AxisFilter(0.0, lag_s=late_s), Commanded(0.0, 0.06), []
