@@ -143,7 +143,7 @@ EDGE_ACK_WITHIN_STATUSES = 20
 UNANSWERED_STATUSES = EDGE_ACK_WITHIN_STATUSES + QUIET_STATUSES + 2
 """How long a handshake takes that the mount does not answer."""
 STILL_MOVING_STATUSES = 20
-REFUSED_STATUSES, MOST_REFUSED_STATUSES = 5, 160
+REFUSED_STATUSES, MOST_REFUSED_STATUSES = QUIET_STATUSES, 160
 """Statuses in a row of a mount at rest, which has not acknowledged the flags of MoveAxis, after which these
 fall and rise anew; twice as many the next time."""
 SLEWS_ON_STATUSES = 200

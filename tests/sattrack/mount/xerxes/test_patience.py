@@ -431,7 +431,7 @@ class TestFlags:
                 fell.append(turn)
             move.see(TRACKING)
             move.rests(True)
-        assert fell == [5, 6, 7, 18, 19, 20, 41, 42, 43, 84, 85, 86]
+        assert fell == [10, 11, 12, 33, 34, 35, 76, 77, 78]
 
     @pytest.mark.parametrize(("rests", "ack"), [(False, False), (True, True)])
     def test_held_flags_stay_up_where_the_mount_moves_or_has_acknowledged_them(
