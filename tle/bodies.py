@@ -48,6 +48,8 @@ _TO_CHEBYSHEV = np.linalg.inv(chebyshev.chebvander(_NODES, _TERMS - 1))
 _GCRF = Frame("GCRF", "GCRF")
 _J2000_JD = 2451545.0
 # What has no parallax is put so far away (1 kpc in km) that nobody sees the difference.
+_NEAREST_RAD2 = 1e-6
+"""So near to the Sun, at 1 au, bending grows no more (as in ERFA's ldsun)."""
 _FAR_KM = 3.0857e16
 _HIPPARCOS_JD = 2448349.0625
 _MOST_BYTES = 256 * 1024 * 1024
@@ -231,11 +233,19 @@ def _powers(values: Array) -> Array:
 
 
 def _bent(place: Array, sun: Array) -> Array:
-    """Return places as the Sun's gravity shows them from the Earth (ERFA's ldsun), shape (3, n)."""
+    """Return places as the Sun's gravity shows them from the Earth (ERFA's ld), shape (3, n).
+
+    Light of what is near the Sun, or before it, is bent less than that of a star there.
+    """
     distance = np.linalg.norm(place, axis=0)
     away = np.linalg.norm(sun, axis=0)
-    seen: Array = erfa.ldsun((place / distance).T, (-sun / away).T, away / AU_KM).T * distance
-    return seen
+    from_sun = place - sun
+    from_sun = from_sun / np.linalg.norm(from_sun, axis=0)
+    nearest = _NEAREST_RAD2 / np.maximum(1.0, (away / AU_KM) ** 2)
+    seen: Array = erfa.ld(
+        1.0, (place / distance).T, from_sun.T, (-sun / away).T, away / AU_KM, nearest
+    ).T
+    return seen * distance
 
 
 def _star(place: StarPlace, timescale: Any) -> Any:

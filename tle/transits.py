@@ -81,6 +81,8 @@ def find_transits(passes: CataloguePasses, facts: FactColumns) -> list[Transit]:
         before = Propagator(Body(body), site, earth=passes.task.earth)
         for k in np.flatnonzero(near_deg < _NEAR_DEG).tolist():
             target = passes.elements[int(passes.found.obj[k])]
+            if isinstance(target, Body) and target.name == body:
+                continue
             pair = _Pair(Propagator(target, site, earth=passes.task.earth), before, body)
             span = start_s + float(ends[0][k]), start_s + float(ends[1][k])
             found += pair.transits(*span)

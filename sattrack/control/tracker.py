@@ -90,6 +90,8 @@ class TrackPlan(msgspec.Struct, frozen=True):
     detours: tuple[Detour, ...] = ()
     law: ControlLaw = ControlLaw()
     """With which constants the error is taken out."""
+    latest_utc_s: float | None = None
+    """When to stop following, however much more of the target becomes known; None for no such instant."""
 
 
 class Tracker:
@@ -178,9 +180,13 @@ class Tracker:
             return
         # Of the past, only what is needed is kept.
         start_s = max(self.plan.start_utc_s, now_utc_s)
-        self.plan = msgspec.structs.replace(
-            self.plan, start_utc_s=start_s, end_utc_s=utc_s + PREDICTED_S, detours=()
-        )
+        end_s = self._in_time(utc_s + PREDICTED_S)
+        self.plan = msgspec.structs.replace(self.plan, start_utc_s=start_s, end_utc_s=end_s, detours=())
+
+    def _in_time(self, end_utc_s: float) -> float:
+        """Return an end of the plan, or the latest one that was asked for."""
+        latest_s = self.plan.latest_utc_s
+        return end_utc_s if latest_s is None else min(end_utc_s, latest_s)
 
     def _slip(self, seconds: float, now_utc_s: float) -> None:
         """Have T0 later by some seconds, and all that was planned."""
@@ -197,7 +203,7 @@ class Tracker:
         self.plan = msgspec.structs.replace(
             self.plan,
             start_utc_s=self.plan.start_utc_s + seconds,
-            end_utc_s=self.plan.end_utc_s + seconds,
+            end_utc_s=self._in_time(self.plan.end_utc_s + seconds),
             detours=(),
         )
         self._satellite = SatelliteTarget(self.fed_at, ())

@@ -147,7 +147,9 @@ def error_budget(
 
 def _frame(unit: Array, by_second: Array) -> _Frame:
     along = by_second - unit * np.sum(unit * by_second, axis=1)[:, None]
-    along = along / np.linalg.norm(along, axis=1)[:, None]
+    length = np.linalg.norm(along, axis=1)[:, None]
+    # What stands still has no track.
+    along = along / np.where(length > 0.0, length, 1.0)
     return _Frame(along, np.cross(unit, along))
 
 

@@ -402,7 +402,7 @@ def _until(plan: TrackPlan, end_utc_s: float | None, name: str) -> TrackPlan:
             f"--to {Utc(end_utc_s).isoformat('seconds')}: {name} can be followed from "
             f"{Utc(plan.start_utc_s).isoformat('seconds')} on; give a later --to"
         )
-    return msgspec.structs.replace(plan, end_utc_s=min(plan.end_utc_s, end_utc_s))
+    return msgspec.structs.replace(plan, end_utc_s=min(plan.end_utc_s, end_utc_s), latest_utc_s=end_utc_s)
 
 
 def _beginning_with(facts: RunFacts, bias: RememberedView | None) -> RunFacts:

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from tle.bodies import Body
 from tle.earth import EarthOrientation
 from tle.facts import fact_columns
 from tle.instants import Utc
-from tle.passes import find_catalogue_passes
+from tle.passes import find_catalogue_passes, find_ephemeris_passes
 from tle.site import Site
 from tle.sources import read_elements
 from tle.transits import find_transits
@@ -133,6 +134,12 @@ def test_the_strip_on_the_ground_is_where_it_is_seen(iss: Elements, found: list[
     assert one.width_km - 5.0 <= 5.0 * len(seen) <= 3.0 * one.width_km
     assert min(seen) < 0.15
     assert one.off_line_km < 0.5 * one.width_km
+
+
+def test_the_moon_does_not_cross_itself() -> None:
+    passes = find_ephemeris_passes([Body("Moon")], LEIDEN, START, 24.0, 10.0)
+    assert len(passes.found.obj)
+    assert find_transits(passes, fact_columns(passes)) == []
 
 
 def test_where_sun_and_moon_are_far_there_is_none(iss: Elements) -> None:

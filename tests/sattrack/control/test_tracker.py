@@ -466,6 +466,13 @@ class TestSlips:
         assert one.phase is after
         assert (one._near == 0) is (before is Phase.TRACKING)
 
+    def test_no_slip_prolongs_the_plan_beyond_what_was_asked_for(self) -> None:
+        one = self.launched()
+        one.plan = replace(one.plan, latest_utc_s=one.plan.end_utc_s + 3.0)
+        ends_s = one.plan.end_utc_s
+        one.operate(Slip(12.0), CULMINATION_S)
+        assert one.plan.end_utc_s == ends_s + 3.0
+
     def test_a_run_that_stops_does_not_slip(self) -> None:
         one = self.launched()
         one.operate(StopNow(), CULMINATION_S)
@@ -492,6 +499,13 @@ class TestFixes:
         one = tracker(plan=TrackPlan(CULMINATION_S - 5.0, CULMINATION_S + 60.0), followed=table)
         self.fix(one, 3.0, 4.0)
         assert one.steering.refusal == "fixes are of what is followed by them only"
+
+    @pytest.mark.parametrize(("latest_s", "ends_s"), [(30.0, 30.0), (90.0, 63.0)])
+    def test_no_fix_prolongs_the_plan_beyond_what_was_asked_for(self, latest_s: float, ends_s: float) -> None:
+        plan = TrackPlan(CULMINATION_S - 5.0, CULMINATION_S + 20.0, latest_utc_s=CULMINATION_S + latest_s)
+        one = tracker(plan=plan, followed=path_of("A", FLIES))
+        self.fix(one, 3.0, 4.0)
+        assert one.plan.end_utc_s == CULMINATION_S + ends_s
 
     def test_a_fix_prolongs_the_plan_and_bends_the_path(self) -> None:
         one, apart = self.followed(), 0.001
