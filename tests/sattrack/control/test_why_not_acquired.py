@@ -141,13 +141,15 @@ def fly(profile: dict[str, Any], seconds: float, number: int = 4, **hardware: An
     return run.run(end)
 
 
+@pytest.mark.parametrize(("told_s", "within_s"), [(0.22, 6.0), (0.245, 15.0)])
 @pytest.mark.parametrize("number", range(6))
-def test_a_delay_that_is_told_225_ms_too_long_keeps_no_mount_from_its_target(number: int) -> None:
+def test_a_delay_that_is_told_225_ms_too_long_keeps_no_mount_from_its_target(
+    number: int, told_s: float, within_s: float
+) -> None:
     """In half of the draws the motion shows a part of that; in the others all of it passes for lag."""
-    run = fly({"command_delay_s": 0.245}, 12.0, number)
+    run = fly({"command_delay_s": told_s}, within_s, number)
     assert run.engine.tracker.acquired_utc_s is not None
-    found_s = run.engine.tracker.follower.command_delay_s
-    assert found_s < 0.245 if number % 2 == 0 else found_s <= 0.245
+    assert run.engine.tracker.follower.command_delay_s <= told_s
 
 
 @pytest.mark.parametrize("told_s", [0.42, 0.6, 1.0])
