@@ -224,7 +224,7 @@ def test_light_of_what_is_near_the_sun_is_bent_less_than_a_stars(
 
     kernel, _ = skyfield_sky
     site, instant = SITES[0], Utc.parse(utc)
-    body = find_body(name.split()[0])
+    body = find_body(name.split(maxsplit=1)[0])
     assert body is not None
     seen = Propagator(body, site).at(instant)
     where = kernel["earth"] + wgs84.latlon(site.latitude_deg, site.longitude_deg, site.height_m)

@@ -146,10 +146,11 @@ def fly(profile: dict[str, Any], seconds: float, number: int = 4, **hardware: An
 def test_a_delay_that_is_told_225_ms_too_long_keeps_no_mount_from_its_target(
     number: int, told_s: float, within_s: float
 ) -> None:
-    """In half of the draws the motion shows a part of that; in the others all of it passes for lag."""
+    """In some of the draws the motion shows a part of that; in the others all of it passes for lag."""
     run = fly({"command_delay_s": told_s}, within_s, number)
     assert run.engine.tracker.acquired_utc_s is not None
-    assert run.engine.tracker.follower.command_delay_s <= told_s
+    found_s = run.engine.tracker.follower.command_delay_s
+    assert found_s < told_s if number in {0, 2} else found_s <= told_s
 
 
 @pytest.mark.parametrize("told_s", [0.42, 0.6, 1.0])
