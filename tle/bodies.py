@@ -243,7 +243,8 @@ def _bent(place: Array, sun: Array) -> Array:
     from_sun = from_sun / np.linalg.norm(from_sun, axis=0)
     nearest = _NEAREST_RAD2 / np.maximum(1.0, (away / AU_KM) ** 2)
     seen: Array = erfa.ld(1.0, (place / distance).T, from_sun.T, (-sun / away).T, away / AU_KM, nearest).T
-    return seen * distance
+    bent: Array = seen * distance
+    return bent
 
 
 def _star(place: StarPlace, timescale: Any) -> Any:

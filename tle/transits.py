@@ -7,7 +7,7 @@ the apparent places of satellite and body. Both are without air, which bends the
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
@@ -80,7 +80,7 @@ def find_transits(passes: CataloguePasses, facts: FactColumns) -> list[Transit]:
     for body, near_deg in (("Sun", facts.min_sun_separation_deg), ("Moon", facts.min_moon_separation_deg)):
         before = Propagator(Body(body), site, earth=passes.task.earth)
         for k in np.flatnonzero(near_deg < _NEAR_DEG).tolist():
-            target = passes.elements[int(passes.found.obj[k])]
+            target = cast("Elements | Ephemeris", passes.elements[int(passes.found.obj[k])])
             if isinstance(target, Body) and target.name == body:
                 continue
             pair = _Pair(Propagator(target, site, earth=passes.task.earth), before, body)
