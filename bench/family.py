@@ -50,6 +50,7 @@ if TYPE_CHECKING:
 KINDS = ("velocity_servo", "position_servo", "planner", "own")
 FLEXIBLE = "flexible"
 """The fourth of `bench/strangers`, drawn by `--only` alone."""
+ALL_KINDS = (*KINDS, FLEXIBLE)
 PERIOD_S = 0.05
 LASTS_S = 75.0
 LOOKS = 30
@@ -554,7 +555,7 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="number of the first draw: its seed")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--told", choices=tuple(TOLD), default="default")
-    parser.add_argument("--only", choices=(*KINDS, FLEXIBLE))
+    parser.add_argument("--only", choices=ALL_KINDS)
     parser.add_argument(
         "--stalls", type=float, default=0.0, help="a turn in 8 s is late by up to so many seconds (strangers)"
     )
@@ -592,7 +593,7 @@ def table(outcomes: list[Outcome]) -> list[str]:
         f" {'lost':>4}   RMS: {'median':>7} {'95 %':>7} {'worst':>7}"
         + (f"   over the oracle's: {'median':>6} {'95 %':>6} {'worst':>6}" if _has_oracle(outcomes) else "")
     ]
-    rows = [(f"{kind} {move}", kind, move) for kind in (*KINDS, FLEXIBLE) for move in ("held", "edge")]
+    rows = [(f"{kind} {move}", kind, move) for kind in ALL_KINDS for move in ("held", "edge")]
     for name, kind, move in [*rows, ("all", None, None)]:
         some = [
             o
@@ -607,7 +608,7 @@ def table(outcomes: list[Outcome]) -> list[str]:
 NAMES = {
     f"{kind} {move}": f"{name}, {move}"
     for kind, name in zip(
-        (*KINDS, FLEXIBLE), ("velocity", "position", "planner", "simulator", "flexible"), strict=True
+        ALL_KINDS, ("velocity", "position", "planner", "simulator", "flexible"), strict=True
     )
     for move in ("held", "edge")
 }

@@ -47,9 +47,9 @@ _NODES = chebyshev.chebpts1(_TERMS)
 _TO_CHEBYSHEV = np.linalg.inv(chebyshev.chebvander(_NODES, _TERMS - 1))
 _GCRF = Frame("GCRF", "GCRF")
 _J2000_JD = 2451545.0
-# What has no parallax is put so far away (1 kpc in km) that nobody sees the difference.
 _NEAREST_RAD2 = 1e-6
 """So near to the Sun, at 1 au, bending grows no more (as in ERFA's ldsun)."""
+# What has no parallax is put so far away (1 kpc in km) that nobody sees the difference.
 _FAR_KM = 3.0857e16
 _HIPPARCOS_JD = 2448349.0625
 _MOST_BYTES = 256 * 1024 * 1024

@@ -523,9 +523,7 @@ class AxisFilter:
         """
         self._seconds, self._rough_deg = seconds, rough_deg
         # White noise in rate and in its derivative, integrated over the interval.
-        moves = self.moves
-        moves[0], moves[1:] = seconds, 0.0 if effects is None else effects
-        turned_deg = float(moves[1:].dot(self._kalman.state[2:])) + displacement_deg
+        turned_deg = displacement_deg if effects is None else displacement_deg + self.moved_deg(effects)
         # Near rest an axis may stick, however smoothly it moved before: its response is not to explain that.
         self._may_stick = abs(turned_deg) < STICKS_DEG_S * seconds
         rough = max(1.0, self._rough_share) if shaken or self._may_stick else self._rough_share
@@ -537,6 +535,8 @@ class AxisFilter:
             rate_variance += implausible * implausible * seconds / OVER_S
         own = rough * (self._walk * seconds + rough_deg * rough_deg / drifts)
         own += rate_variance * seconds * seconds / 3.0
+        moves = self.moves
+        moves[0], moves[1:] = seconds, 0.0 if effects is None else effects
         self._kalman.foretell(moves, displacement_deg)
         self._kalman.fade(1.0 - seconds / self._noise.rate_fades_s)
         # What is not measured after this is where the axis is taken to be.

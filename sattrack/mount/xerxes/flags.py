@@ -444,6 +444,8 @@ class HeldMove:
 class EdgeMove:
     """MoveAxis on a mount that reads edges: every change of rate is an edge of its own."""
 
+    may_wait: ClassVar[bool] = False
+    """See HeldMove."""
     waits: int = 0
     """Datagrams for which new rates have waited for the handshake of those before."""
     unanswered: bool = True
@@ -496,8 +498,6 @@ class EdgeMove:
             self.unanswered = True
             self.renew()
         return False
-
-    may_wait: ClassVar[bool] = False
 
     def rests(self, rests: bool) -> None:
         """Note whether the mount rests for all that is asked of it: an edge without an answer goes anew."""

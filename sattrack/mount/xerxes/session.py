@@ -593,7 +593,7 @@ class Session:
             self._move.insist()
         if self._move.see(status) and self.sample is not None:
             self.sample = msgspec.structs.replace(self.sample, move_acknowledged=True)
-        self._move.rests(self._standstill.at_rest and _is_fast(self._wanted))
+        self._move.rests(_is_fast(self._wanted) and self._standstill.at_rest)
         if self._abort.see(status.ack_abort, isinstance(self._wanted, Stop)):
             self._standstill.acknowledged(arrival_utc_s)
             self._acts_until = self.health.sent + self._standstill.late_statuses
