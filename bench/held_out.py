@@ -22,9 +22,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tle.ephemeris import Segment, leaps_s, missed_km
+from tle.ephemeris import Segment, missed_km
 from tle.formats.ephemerides import read_ephemerides
-from tle.instants import DAY_S
+from tle.instants import DAY_S, leaps_s
 
 ORDER = 16
 """Of the differences: what is smooth is gone from them."""

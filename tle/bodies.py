@@ -20,9 +20,9 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from tle.earth import EarthOrientation
-from tle.ephemeris import Frame, Span, leaps_s
+from tle.ephemeris import Frame, Span
 from tle.errors import BodyError, SourceError
-from tle.instants import ARRAYS, DAY_S, FLOATS, MJD_JD, TT_MINUS_TAI_S, UNIX_EPOCH_MJD, Utc
+from tle.instants import ARRAYS, DAY_S, FLOATS, MJD_JD, TT_MINUS_TAI_S, UNIX_EPOCH_MJD, Utc, leaps_s
 from tle.sources import BODIES, gunzipped, plain_name
 from tle.sun import AU_KM, LIGHT_KM_S
 

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from tle.earth import EarthOrientation, to_tirs, turned
-from tle.elements import MU_KM3_S2, Elements, expected_along_s, gravity_km_s2
+from tle.elements import MU_KM3_S2, Elements, expected_along_s
 from tle.errors import EphemerisError, EphemerisSpanError
-from tle.instants import ARRAYS, DAY_S, FLOATS, UNIX_EPOCH_MJD, Utc, tai_minus_utc_s
+from tle.instants import ARRAYS, FLOATS, Utc, leaps_s, utc_of_tai
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -48,11 +48,6 @@ _TO_POWERS = np.array(
 ).T @ np.linalg.inv(chebyshev.chebvander(_NODES, _TERMS - 1))
 _DEGREES = np.arange(float(_TERMS))
 _PIECES_AT_ONCE = 20_000
-# How far the interpolated acceleration may be from gravity: as a share of it, and in what it moves an object
-# between rows (km); and the radius up to which gravity is Earth's.
-_GRAVITY_SHARE, _MOVES_KM = 0.02, 0.05
-_HIGHEST_KM, _LOWEST_KM = 150_000.0, 1000.0
-_PROBES, _WIDEST = 60, 5
 _JUDGES = 20
 
 
@@ -228,12 +223,46 @@ class Segment:
     why: str = "a gap"
     covariances: tuple[tuple[float, str, Array], ...] = ()
     """Of instants (seconds after zero_s): axes and matrix."""
+    lines: Index | None = None
+    """The line of each row, None where that is not known."""
     _pieces: dict[int, Array] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def span(self) -> Span:
         """Give the first and the last instant of use."""
         return utc_of_tai(self.zero_s, self.use_s[0]), utc_of_tai(self.zero_s, self.use_s[1])
+
+    @cached_property
+    def unsure_km(self) -> float:
+        """Give by how much places may be missed where there are fewer rows than are wanted, else 0.
+
+        It is what one row less would move half way between rows: more than the rows miss.
+        """
+        count = len(self.since_s)
+        if count >= self.interpolation.rows or count < 2:
+            return 0.0
+        half = 0.5 * (self.since_s[1:] + self.since_s[:-1])
+        less = replace(self, interpolation=replace(self.interpolation, rows=count - 1))
+        moved = self.native_many(half)[:3] - less.native_many(half)[:3]
+        return float(np.linalg.norm(moved, axis=0).max())
+
+    def line_of(self, row: int) -> int:
+        """Return the line of a row, or that of the first one where no more is known."""
+        return self.line if self.lines is None else int(self.lines[row])
+
+    def part(self, first: int, stop: int, why: str) -> Segment:
+        """Return the rows from one to one before another, for use as far as they go."""
+        low, high = float(self.since_s[first]), float(self.since_s[stop - 1])
+        return replace(
+            self,
+            since_s=self.since_s[first:stop],
+            place_km=self.place_km[first:stop],
+            velocity_km_s=None if self.velocity_km_s is None else self.velocity_km_s[first:stop],
+            use_s=(max(self.use_s[0], low), min(self.use_s[1], high)),
+            line=self.line_of(first),
+            lines=None if self.lines is None else self.lines[first:stop],
+            why=why,
+        )
 
     def native(self, since: float) -> Array:
         """Return place, velocity and acceleration, shape (9,), in the segment's frame at one instant."""
@@ -310,14 +339,14 @@ def missed_km(segment: Segment, held: Index) -> Array:
 
 
 def without_poor_velocities(segment: Segment, by_places: Interpolation) -> Segment:
-    """Return the segment without its velocities where rows left out are found better by places alone.
+    """Return the segment, by places alone where rows left out are found better so.
 
     Velocities that are not the derivative of the places spoil what is between the rows. Rows left out are far
     from one another, and from the ends; where there are too few, the velocities are kept.
     """
     rows, count = by_places.rows, len(segment.since_s)
     every = max(rows + 1, count // _JUDGES)
-    alone = replace(segment, velocity_km_s=None, interpolation=by_places)
+    alone = replace(segment, interpolation=by_places)
     squares = [0.0, 0.0]
     for first in range(rows, min(rows + every, count - rows), every // 3):
         held = np.arange(first, count - rows, every)
@@ -353,28 +382,11 @@ def _newton(nodes: Array, terms: Array) -> Array:
     return at
 
 
-def utc_of_tai(zero_s: float, since_s: float) -> Utc:
-    """Return the instant of TAI, in seconds counted like POSIX seconds from 1970, plus seconds."""
-    tai = zero_s + since_s
-    for _ in range(2):
-        mjd = math.floor((tai - float(leaps_s(tai))) / DAY_S) + UNIX_EPOCH_MJD
-        leap_s = tai_minus_utc_s(mjd)
-    return Utc(zero_s - leap_s + since_s)
-
-
-def leaps_s(unix_s: Quantity) -> Quantity:
-    """Return TAI-UTC at POSIX seconds of UTC."""
-    if not isinstance(unix_s, np.ndarray):
-        return tai_minus_utc_s(math.floor(unix_s / DAY_S) + UNIX_EPOCH_MJD)
-    found, inverse = np.unique(np.floor(unix_s / DAY_S).astype(np.intp), return_inverse=True)
-    return np.array([tai_minus_utc_s(int(day) + UNIX_EPOCH_MJD) for day in found])[inverse]
-
-
 class TableEphemeris:
     """An object's rows from one file, in segments that follow one another; see `Segment`.
 
-    Raises EphemerisError where segments overlap, or rows are too far apart to interpolate, or do not fall as
-    the Earth's gravity lets them.
+    Raises EphemerisError where segments overlap, and where no two rows can be interpolated. Whether rows are
+    an orbit is judged by `tle.orbit_rows.falling`.
     """
 
     def __init__(
@@ -420,9 +432,6 @@ class TableEphemeris:
                     line=after.line,
                 )
         self.segments = tuple(usable)
-        for one in usable:
-            if one.frame.kind not in CARRIED:
-                _check_gravity(one, self)
 
     @property
     def label(self) -> str:
@@ -468,8 +477,10 @@ class TableEphemeris:
             return min(known, key=lambda one: abs(float(one.at.unix_s - at.unix_s)))
         if self.sigma_km is None:
             return None
+        starts = [float(one.span[0].unix_s) for one in self.segments]
+        here = self.segments[max(0, int(np.searchsorted(starts, float(at.unix_s), "right")) - 1)]
         matrix = np.full((6, 6), np.nan)
-        matrix[:3, :3] = np.eye(3) * self.sigma_km**2 / 3.0
+        matrix[:3, :3] = np.eye(3) * (self.sigma_km**2 + here.unsure_km**2) / 3.0
         return Covariance(at, self.frame, matrix)
 
     def states(self, earth: EarthOrientation, bent: bool = False) -> TableStates:
@@ -532,44 +543,6 @@ class TableStates:
             f"{label}: no place at {when}: {source} is from "
             f"{start.isoformat('milliseconds')} to {end.isoformat('milliseconds')}: ask within that",
             BEFORE if index < 0 else AFTER,
-        )
-
-
-def _check_gravity(one: Segment, ephemeris: TableEphemeris) -> None:
-    """Raise EphemerisError where rows near the Earth, interpolated, do not fall as gravity has it.
-
-    The Earth's orientation does not count at this precision.
-    """
-    widest = np.argsort(np.diff(one.since_s))[-_WIDEST:]
-    even = np.linspace(0, len(one.since_s) - 2, _PROBES).astype(np.intp)
-    pieces = np.unique(np.concatenate([even, widest]))
-    since = 0.5 * (one.since_s[pieces] + one.since_s[pieces + 1])
-    tai_s = one.zero_s + since
-    unix_s = tai_s - leaps_s(tai_s)
-    state = one.frame.to_teme(EarthOrientation.fixed(0.0), unix_s, tuple(one.native_many(since)), ARRAYS)
-    place, pull = np.array(state[:3]), np.array(state[6:9])
-    height = np.sqrt(np.sum(place * place, axis=0))
-    buried = np.flatnonzero(height < _LOWEST_KM)
-    place[:, buried] = _LOWEST_KM
-    gravity = np.array(gravity_km_s2(*place))
-    missed = np.sqrt(np.sum((pull - gravity) ** 2, axis=0))
-    off = missed / np.sqrt(np.sum(gravity * gravity, axis=0))
-    steps = one.since_s[pieces + 1] - one.since_s[pieces]
-    # A polynomial that meets the rows at both ends, off by so much in between.
-    moved_km = missed * steps**2 / 10.0
-    off[buried] = np.inf
-    bad = np.flatnonzero(((off > _GRAVITY_SHARE) | (moved_km > _MOVES_KM)) & (height < _HIGHEST_KM))
-    if len(bad):
-        worst = int(bad[np.argmax(off[bad])])
-        step = float(steps[worst])
-        when = Utc(float(unix_s[worst])).isoformat("seconds")
-        raise EphemerisError(
-            f"the rows of {ephemeris.name} about {when}, {step:g} s apart, interpolated "
-            f"({one.interpolation.words}, {one.frame.written}), are no orbit about the "
-            f"Earth: their acceleration differs by {100.0 * float(off[worst]):.1f} % from gravity: get rows "
-            "closer together, and check frame, units and velocities",
-            source=ephemeris.source,
-            line=one.line,
         )
 
 

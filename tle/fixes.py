@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import erfa
 import numpy as np
 
-from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris, leaps_s
+from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris
 from tle.formats.track_table import curve
-from tle.instants import Utc
+from tle.instants import Utc, leaps_s
 from tle.site import EARTH_RADIUS_KM, FLATTENING
 
 if TYPE_CHECKING:

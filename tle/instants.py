@@ -327,6 +327,23 @@ def _leap_seconds() -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     return np.array(starts, dtype=np.int64), np.asarray(table["tai_utc"], dtype=np.float64)
 
 
+def utc_of_tai(zero_s: float, since_s: float) -> Utc:
+    """Return the instant of TAI, in seconds counted like POSIX seconds from 1970, plus seconds."""
+    tai = zero_s + since_s
+    for _ in range(2):
+        mjd = math.floor((tai - float(leaps_s(tai))) / DAY_S) + UNIX_EPOCH_MJD
+        leap_s = tai_minus_utc_s(mjd)
+    return Utc(zero_s - leap_s + since_s)
+
+
+def leaps_s(unix_s: Quantity) -> Quantity:
+    """Return TAI-UTC at POSIX seconds of UTC."""
+    if not isinstance(unix_s, np.ndarray):
+        return tai_minus_utc_s(math.floor(unix_s / DAY_S) + UNIX_EPOCH_MJD)
+    found, inverse = np.unique(np.floor(unix_s / DAY_S).astype(np.intp), return_inverse=True)
+    return np.array([tai_minus_utc_s(int(day) + UNIX_EPOCH_MJD) for day in found])[inverse]
+
+
 class Functions(NamedTuple):
     """The functions that a formula needs, for floats or for arrays."""
 

@@ -22,10 +22,9 @@ from tle.ephemeris import (
     Interpolation,
     Segment,
     TableEphemeris,
-    leaps_s,
 )
 from tle.errors import EphemerisError
-from tle.instants import Utc
+from tle.instants import Utc, leaps_s
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -171,7 +170,7 @@ def _rows(one: Segment, begin_s: float, end_s: float) -> SegmentFacts:
     reach = one.interpolation.rows
     first = max(0, int(np.searchsorted(one.since_s, begin)) - reach)
     last = int(np.searchsorted(one.since_s, end)) + reach
-    velocity = one.velocity_km_s
+    velocity = one.velocity_km_s if one.interpolation.with_velocities else None
     return SegmentFacts(
         one.zero_s,
         one.since_s[first:last].tolist(),

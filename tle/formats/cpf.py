@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from tle.earth import FIRST_MJD
-from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris, leaps_s, without_poor_velocities
+from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris
 from tle.errors import EphemerisError, TleError, printable
 from tle.formats.rows import Lines, tai_s
-from tle.instants import DAY_S, UNIX_EPOCH_MJD, Utc, tai_minus_utc_s
+from tle.instants import DAY_S, UNIX_EPOCH_MJD, Utc, leaps_s, tai_minus_utc_s
+from tle.orbit_rows import falling
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -75,6 +76,7 @@ def parse_cpf(lines: Lines) -> list[TableEphemeris]:
             f"{header.name}: no rows between {header.first.isoformat('seconds')} and "
             f"{header.last.isoformat('seconds')}, for which the header says that they are",
         )
+    segments = falling(segments, header.name, lines.source, _LAGRANGE)
     return [
         TableEphemeris(
             header.name,
@@ -107,23 +109,18 @@ def _segments(lines: Lines, kinds: NDArray[np.bytes_], header: _CpfHeader) -> li
     _check_order(lines, which, since)
     velocities = _velocities(lines, which, kinds)
     use = [float(one.unix_s) + leaps_s(one.unix_s) - zero_s for one in (header.first, header.last)]
-    segments = [
-        Segment(
-            zero_s,
-            since[first:stop],
-            rows[first:stop, 5:8] / 1000.0,
-            None if velocities is None else velocities[first:stop] / 1000.0,
-            header.frame,
-            _LAGRANGE if velocities is None else _HERMITE,
-            (max(use[0], float(since[first])), min(use[1], float(since[stop - 1]))),
-            line=int(which[first]) + 1,
-        )
-        for first, stop in _pieces(since, header.step_s)
-        if min(use[1], float(since[stop - 1])) > max(use[0], float(since[first]))
-    ]
-    if velocities is None:
-        return segments
-    return [without_poor_velocities(one, _LAGRANGE) for one in segments]
+    whole = Segment(
+        zero_s,
+        since,
+        rows[:, 5:8] / 1000.0,
+        None if velocities is None else velocities / 1000.0,
+        header.frame,
+        _LAGRANGE if velocities is None else _HERMITE,
+        (use[0], use[1]),
+        lines=lines.number_of(which),
+    )
+    segments = [whole.part(first, stop, "a gap") for first, stop in _pieces(since, header.step_s)]
+    return [one for one in segments if one.use_s[0] < one.use_s[1]]
 
 
 def _line_of(lines: Lines, kinds: NDArray[np.bytes_], kind: bytes) -> int:
@@ -243,7 +240,7 @@ def _velocities(lines: Lines, which: Index, kinds: NDArray[np.bytes_]) -> Array 
 
 def _pieces(since: Array, step_s: float) -> list[tuple[int, int]]:
     """Return first and one past the last row between gaps."""
-    usual = step_s if step_s > 0.0 else np.inf
+    usual = step_s if step_s > 0.0 or len(since) < 2 else float(np.median(np.diff(since)))
     gaps = np.flatnonzero(np.diff(since) > _GAP * usual + 1.0) + 1
     edges = [0, *gaps.tolist(), len(since)]
     return list(itertools.pairwise(edges))

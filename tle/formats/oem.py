@@ -1,22 +1,24 @@
 """OEM, the ephemerides of operators (CCSDS 502.0, versions 1 to 3, KVN and XML).
 
-Rows are interpolated as the file recommends; where it says nothing by Hermite's polynomial over six rows.
+Rows are interpolated as the file recommends; where it says nothing by Hermite's polynomial over six rows, or
+by Lagrange's over twelve where velocities are not those of the places.
 Segments are never interpolated across, and hold from USEABLE_START_TIME to USEABLE_STOP_TIME.
 """
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 from xml.parsers import expat
 
 import numpy as np
 
-from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris, utc_of_tai
+from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris
 from tle.errors import EphemerisError, TleError, printable
 from tle.formats.rows import Lines, is_time_system, tai_s
-from tle.instants import Utc
+from tle.instants import Utc, utc_of_tai
+from tle.orbit_rows import falling
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -42,7 +44,7 @@ _FRAMES: dict[str, FrameKind] = {
     "TOD": "TOD",
     "TEME": "TEME",
 }
-_USUAL = Interpolation(6, True)
+_USUAL, _BY_PLACES = Interpolation(6, True), Interpolation(12, False)
 _MOST_ROWS = 16
 # A step so many times the usual one, in which the object turns by so much about the Earth, is a gap.
 _GAP, _GAP_RAD = 4.0, 0.3
@@ -100,7 +102,8 @@ def parse_oem(lines: Lines) -> list[TableEphemeris]:
     for block in kvn.blocks:
         key = (block["OBJECT_NAME"], block["OBJECT_ID"])
         segments = objects.setdefault(key, [])
-        segments += _segments(lines, block)
+        by_places = None if "INTERPOLATION" in block.meta else _BY_PLACES
+        segments += falling(_segments(lines, block), printable(key[0]), lines.source, by_places)
         if not segments:
             raise lines.error(block.line("STOP_TIME"), "no row lies between START_TIME and STOP_TIME")
     originator = kvn.header.get("ORIGINATOR", "an unnamed originator")
@@ -308,22 +311,20 @@ def _segments(lines: Lines, block: _Block) -> list[Segment]:
     turn = step * np.linalg.norm(rows[:-1, 3:6], axis=1) / away
     usual = float(np.median(step)) if len(step) else 0.0
     missing = (step > _GAP * usual) & (turn > _GAP_RAD)
-    return [
-        Segment(
-            zero_s,
-            since[low:high],
-            rows[low:high, :3],
-            rows[low:high, 3:6],
-            frame,
-            interpolation,
-            (max(use[0], float(since[low])), min(use[1], float(since[high - 1]))),
-            line=int(lines.number(int(which[low]))),
-            why="a gap" if low else "the end of a segment",
-            covariances=covariances if low == 0 else (),
-        )
-        for low, high in _stretches(step, missing)
-        if max(use[0], float(since[low])) <= min(use[1], float(since[high - 1]))
-    ]
+    whole = Segment(
+        zero_s,
+        since,
+        rows[:, :3],
+        rows[:, 3:6],
+        frame,
+        interpolation,
+        use,
+        why="the end of a segment",
+        lines=lines.number_of(which),
+    )
+    parts = [whole.part(low, high, "a gap" if low else whole.why) for low, high in _stretches(step, missing)]
+    parts = [one for one in parts if one.use_s[0] <= one.use_s[1]]
+    return [replace(one, covariances=covariances if k == 0 else ()) for k, one in enumerate(parts)]
 
 
 def _stretches(step: Array, missing: NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -417,6 +418,8 @@ def _covariances(lines: Lines, block: _Block, frame: Frame, zero_s: float) -> li
             matrix[rows, : rows + 1] = row
             matrix[: rows + 1, rows] = row
             rows += 1
+            if row[-1] < 0.0:
+                raise lines.error(k, f"a covariance's variance is negative: {row[-1]:g}")
             if rows == _COVARIANCE_ROWS:
                 found.append((at, axes, matrix))
                 at, rows, matrix = None, 0, np.zeros_like(matrix)
@@ -476,6 +479,13 @@ class _OemXml:
         elif name in ("stateVector", "covarianceMatrix"):
             self._inside, self._begun = name, self._line
             self._values.clear()
+        elif "units" in attributes and name in _STATE:
+            right = "km/s" if name.endswith("_DOT") else "km"
+            if attributes["units"].casefold() != right:
+                units = printable(attributes["units"])
+                raise EphemerisError(
+                    f"{name} is in {units!r}: an OEM has {right}", source=self._source, line=self._line
+                )
 
     def _characters(self, text: str) -> None:
         self._text.append(text)

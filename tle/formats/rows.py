@@ -109,6 +109,10 @@ class Lines:
         """Return the number by which a user knows a line."""
         return line + 1 if self._numbers is None else self._numbers[min(line, len(self._numbers) - 1)]
 
+    def number_of(self, which: Index) -> Index:
+        """Return the numbers by which a user knows lines, shape (n,)."""
+        return which + 1 if self._numbers is None else np.array(self._numbers, dtype=np.intp)[which]
+
     @cached_property
     def first_bytes(self) -> NDArray[np.uint8]:
         """Give the first byte of each line that is no blank, 0 where there is none."""
@@ -177,7 +181,7 @@ class Lines:
             for first, end in columns:
                 cut[:, at : at + end - first] = self.fixed(some, first, end)
                 at += end - first + 1
-            raw = cut.ravel()
+            raw = cut.flatten()
             words = _begins(raw)
             found = _floats(raw, words) if len(words) == len(columns) * len(some) else None
             if found is None:

@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris, utc_of_tai, without_poor_velocities
+from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris
 from tle.errors import EphemerisError, printable
 from tle.formats.rows import Lines, days_of, is_no_date, is_time_system, tai_s
+from tle.instants import utc_of_tai
+from tle.orbit_rows import falling
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -84,13 +86,13 @@ def parse_sp3(lines: Lines) -> list[TableEphemeris]:
         segments = _segments(lines, name, header, (zero_s, since, epochs), rows)
         if not any(len(one.since_s) > 1 for one in segments):
             continue
-        words = f"SP3-{header.version} by {header.agency}, {segments[0].interpolation.words}{note}"
         sigma_km = None if exponent == 0 else 2.0**exponent * 1e-6
         try:
+            segments = falling(segments, name, lines.source, _LAGRANGE)
             one = TableEphemeris(
                 name,
                 segments,
-                words,
+                f"SP3-{header.version} by {header.agency}, {segments[0].interpolation.words}{note}",
                 epoch=made,
                 source=lines.source,
                 sigma_km=sigma_km,
@@ -271,20 +273,19 @@ def _segments(
     gap = np.zeros(len(at), dtype=bool)
     gap[1:] = np.diff(at) > _GAP * header.step_s + 1.0
     edges = [0, *(np.flatnonzero((gap | manoeuvre)[1:]) + 1).tolist(), len(at)] if len(at) else []
-    segments = [
-        Segment(
-            zero_s,
-            at[first:stop],
-            values[first:stop],
-            None if velocities is None else velocities[first:stop],
-            header.frame,
-            _LAGRANGE if velocities is None else _HERMITE,
-            (float(at[first]), float(at[stop - 1])),
-            line=int(which[first]) + 1,
-            why="a manoeuvre" if manoeuvre[first] else "a gap",
-        )
+    if len(at) == 0:
+        return []
+    whole = Segment(
+        zero_s,
+        at,
+        values,
+        velocities,
+        header.frame,
+        _LAGRANGE if velocities is None else _HERMITE,
+        (float(at[0]), float(at[-1])),
+        lines=lines.number_of(which),
+    )
+    return [
+        whole.part(first, stop, "a manoeuvre" if manoeuvre[first] else "a gap")
         for first, stop in itertools.pairwise(edges)
     ]
-    if velocities is None:
-        return segments
-    return [without_poor_velocities(one, _LAGRANGE) for one in segments]

@@ -16,10 +16,10 @@ import erfa
 import numpy as np
 
 from tle.earth import EarthOrientation
-from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris, leaps_s, utc_of_tai
+from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris
 from tle.errors import TleError, printable
 from tle.formats.rows import Lines, tai_s
-from tle.instants import ARRAYS, DAY_S, MJD_JD, TT_MINUS_TAI_S, UNIX_EPOCH_MJD, Utc
+from tle.instants import ARRAYS, DAY_S, MJD_JD, TT_MINUS_TAI_S, UNIX_EPOCH_MJD, Utc, leaps_s, utc_of_tai
 from tle.sun import LIGHT_KM_S
 
 if TYPE_CHECKING:

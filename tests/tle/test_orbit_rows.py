@@ -1,0 +1,317 @@
+"""Rows that are wrong, by motions that others compute: SGP4's library, an integrator of SciPy, real files."""
+
+from __future__ import annotations
+
+import gzip
+import itertools
+import random
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+from sgp4.api import Satrec
+
+from tle.earth import EarthOrientation
+from tle.errors import EphemerisError
+from tle.formats.ephemerides import parse_ephemerides
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tle.ephemeris import TableEphemeris
+
+Array = NDArray[np.float64]
+Kind = Literal["sign", "lost digit", "other digit", "two columns", "no point"]
+KINDS: tuple[Kind, ...] = ("sign", "lost digit", "other digit", "two columns", "no point")
+JULIAN_2020_05_27 = 2458996.5
+UNIX_2020_05_27 = 1590537600.0
+ELEMENTS = {
+    "iss": (
+        "1 25544U 98067A   20147.42921296  .00002182  00000-0  47000-4 0  9990",
+        "2 25544  51.6444 103.7200 0001800 350.0000 110.0000 15.49400000228000",
+    ),
+    "transfer": (
+        "1 40000U 14000A   20147.50000000  .00000100  00000-0  10000-3 0  9990",
+        "2 40000  27.0000 103.7200 7200000 170.0000  10.0000  2.27000000022800",
+    ),
+    "stationary": (
+        "1 41000U 15000A   20147.50000000  .00000010  00000-0  00000-0 0  9990",
+        "2 41000   0.0500  80.0000 0002000  10.0000  10.0000  1.00270000022800",
+    ),
+}
+HERMITE = "INTERPOLATION = HERMITE\nINTERPOLATION_DEGREE = 7\n"
+EARTH_KM3_S2, EARTH_KM, J2 = 398600.4418, 6378.137, 1.0826e-3
+MOON_KM3_S2, MOON_KM = 4902.8, 384_400.0
+
+
+def head(first: str, last: str, frame: str, more: str = "") -> list[str]:
+    return (
+        "CCSDS_OEM_VERS = 2.0\nCREATION_DATE = 2020-05-27T00:00:00\nORIGINATOR = US\nMETA_START\n"
+        f"OBJECT_NAME = ONE\nOBJECT_ID = 2014-001A\nCENTER_NAME = EARTH\nREF_FRAME = {frame}\n"
+        "TIME_SYSTEM = UTC\n"
+        f"START_TIME = {first}\nSTOP_TIME = {last}\n{more}META_STOP"
+    ).splitlines()
+
+
+def stamps(seconds: NDArray[np.floating]) -> list[str]:
+    start = np.datetime64("2020-05-27T00:00:00.000")
+    return [str(start + np.timedelta64(round(1000.0 * s), "ms")) for s in seconds.tolist()]
+
+
+def written(
+    seconds: NDArray[np.floating], states: Array, frame: str, more: str = ""
+) -> tuple[list[str], list[str]]:
+    """Return an OEM as the lines of its head and those of its rows."""
+    times = stamps(seconds)
+    rows = [
+        f"{time} {' '.join(f'{x:.6f}' for x in state[:3])} {' '.join(f'{x:.9f}' for x in state[3:])}"
+        for time, state in zip(times, states.tolist(), strict=True)
+    ]
+    return head(times[0], times[-1], frame, more), rows
+
+
+def whole(start: list[str], rows: list[str]) -> list[str]:
+    return start + rows
+
+
+def by_sgp4(satellite: Satrec, seconds: NDArray[np.floating]) -> Array:
+    errors, places, velocities = satellite.sgp4_array(
+        np.full(len(seconds), JULIAN_2020_05_27), seconds / 86400.0
+    )
+    assert not errors.any()
+    return np.concatenate([places, velocities], axis=1)
+
+
+def of_elements(name: str, step_s: float, count: int, more: str = "") -> tuple[list[str], list[str]]:
+    seconds = step_s * np.arange(count)
+    return written(seconds, by_sgp4(Satrec.twoline2rv(*ELEMENTS[name]), seconds), "TEME", more)
+
+
+def falling(state: Array, seconds: Array) -> Array:
+    """Return the states of an object about the flattened Earth and below the Moon, shape (n, 6)."""
+
+    def pulled(t: float, y: Array) -> Array:
+        place, away = y[:3], float(np.linalg.norm(y[:3]))
+        up = (place[2] / away) ** 2
+        flat = 1.5 * J2 * EARTH_KM3_S2 * EARTH_KM**2 / away**5
+        moon = MOON_KM * np.array(
+            [np.cos(2.66e-6 * t), 0.92 * np.sin(2.66e-6 * t), 0.39 * np.sin(2.66e-6 * t)]
+        )
+        to_moon = moon - place
+        pull = -EARTH_KM3_S2 * place / away**3 + flat * place * (5.0 * up - np.array([1.0, 1.0, 3.0]))
+        pull += MOON_KM3_S2 * (to_moon / np.linalg.norm(to_moon) ** 3 - moon / MOON_KM**3)
+        return np.concatenate([y[3:], pull])
+
+    span = (float(seconds[0]), float(seconds[-1]))
+    solved = solve_ivp(pulled, span, state, method="DOP853", rtol=1e-12, atol=1e-9, t_eval=seconds)
+    states: Array = solved.y.T
+    return states
+
+
+def at_perigee(axis_km: float, eccentricity: float) -> Array:
+    speed = np.sqrt(EARTH_KM3_S2 * (1.0 + eccentricity) / (axis_km * (1.0 - eccentricity)))
+    return np.array([axis_km * (1.0 - eccentricity), 0.0, 0.0, 0.0, 0.8 * speed, 0.6 * speed])
+
+
+def read(lines: list[str]) -> TableEphemeris:
+    (one,) = parse_ephemerides(("\n".join(lines) + "\n").encode(), "a")
+    return one
+
+
+def wrecked(row: str, columns: list[int], kind: Kind, chance: random.Random) -> str:
+    """Return a row in which one number is wrong by a kilometre, a kilometre a second or more."""
+    words = row.split()
+    column = chance.choice([k for k in columns if abs(float(words[k])) > 1.0])
+    text = words[column]
+    whole = text.partition(".")[0]
+    at = chance.choice([k for k, c in enumerate(whole) if c.isdigit()])
+    if kind == "sign":
+        words[column] = text[1:] if text.startswith("-") else f"-{text}"
+    elif kind == "lost digit":
+        words[column] = text[:at] + ("" if len(whole.lstrip("-")) > 1 else "0") + text[at + 1 :]
+    elif kind == "other digit":
+        words[column] = text[:at] + str((int(text[at]) + chance.randint(1, 9)) % 10) + text[at + 1 :]
+    elif kind == "two columns":
+        other = column + 1 if column + 1 in columns and (column != 3) else column - 1
+        words[column], words[other] = words[other], words[column]
+    else:
+        words[column] = text.replace(".", "")
+    return " ".join(words)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("name", "step_s", "more"),
+    [
+        ("iss", 60.0, ""),
+        ("iss", 240.0, ""),
+        ("iss", 60.0, "INTERPOLATION = LAGRANGE\nINTERPOLATION_DEGREE = 9\n"),
+        ("iss", 60.0, HERMITE),
+        ("transfer", 120.0, ""),
+        ("stationary", 900.0, ""),
+    ],
+)
+def test_a_wrong_number_in_an_oem_is_refused_with_its_line(
+    name: str, step_s: float, more: str, kind: Kind
+) -> None:
+    start, rows = of_elements(name, step_s, 120, more)
+    read(start + rows)
+    chance = random.Random(kind)
+    for row in (0, 1, 118, 119, *(chance.randrange(2, 118) for _ in range(6))):
+        bad = wrecked(rows[row], [1, 2, 3, 4, 5, 6], kind, chance)
+        if bad == rows[row]:
+            continue
+        with pytest.raises(EphemerisError) as caught:
+            read([*start, *rows[:row], bad, *rows[row + 1 :]])
+        assert str(caught.value).startswith(f"a:{len(start) + row + 1}: the row"), bad
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_wrong_number_in_a_cpf_is_refused_with_its_line(cases: Path, kind: Kind) -> None:
+    lines = (cases / "ephemerides/ilrs/lageos1_cpf_180613_16401.hts").read_text().splitlines()
+    places = [k for k, line in enumerate(lines) if line.startswith("10 ")]
+    chance = random.Random(kind)
+    for row in (places[0], places[1], places[-1], *(chance.choice(places) for _ in range(6))):
+        metres = lines[row].split()
+        # A kilometre and more: what is less is below the orbit's own irregularities.
+        shifted = " ".join([*metres[:5], *(f"{float(x) / 1000.0:.6f}" for x in metres[5:])])
+        bad = wrecked(shifted, [5, 6, 7], kind, chance).split()
+        back = " ".join([*bad[:5], *(f"{float(x) * 1000.0:.3f}" for x in bad[5:])])
+        with pytest.raises(EphemerisError) as caught:
+            read([*lines[:row], back, *lines[row + 1 :]])
+        assert str(caught.value).startswith(f"a:{row + 1}: the row of lageos1 at "), back
+
+
+def test_of_an_sp3_the_satellite_with_a_wrong_number_is_not_read(cases: Path) -> None:
+    lines = (cases / "ephemerides/sp3/three-hours.sp3").read_text().splitlines()
+    row = [k for k, line in enumerate(lines) if line.startswith("PC01")][10]
+    x = float(lines[row][4:18])
+    bad = f"{lines[row][:4]}{-x:14.6f}{lines[row][18:]}"
+    found = parse_ephemerides("\n".join([*lines[:row], bad, *lines[row + 1 :], ""]).encode(), "a")
+    assert [one.name for one in found] == ["C02"]
+    assert str(found[0].refused["C01"]).startswith(f"a:{row + 1}: the row of C01 at 2015-05-05T00:49:44")
+    # A number that is none is in its own line, and not in the first one.
+    with pytest.raises(EphemerisError, match=rf"^a:{row + 1}: a line P has not 3 numbers"):
+        parse_ephemerides(
+            "\n".join([*lines[:row], bad.replace(".", "x", 1), *lines[row + 1 :], ""]).encode(), "a"
+        )
+
+
+def test_what_others_compute_from_elements_is_read(cases: Path) -> None:
+    # Their velocities are not quite the derivatives of their places: by metres a second in deep space.
+    packed = (cases / "catalogues/spacetrack_full_20250901.tle.gz").read_bytes()
+    sets = [
+        (one, two)
+        for one, two in itertools.pairwise(gzip.decompress(packed).decode().splitlines())
+        if one.startswith("1 ") and two.startswith("2 ")
+    ]
+    high = [pair for pair in sets if float(pair[1][52:63]) < 6.4]
+    chance = random.Random(25)
+    for step_s, some in ((60.0, sets), (240.0, sets), (60.0, high), (120.0, high)):
+        for one, two in chance.sample(some, 12):
+            satellite = Satrec.twoline2rv(one, two)
+            # From the epoch on: the library's day is two numbers.
+            seconds = step_s * np.arange(200.0)
+            epoch_s = (satellite.jdsatepoch - JULIAN_2020_05_27 + satellite.jdsatepochF) * 86400.0
+            states = by_sgp4(satellite, seconds + epoch_s)
+            found = read(whole(*written(seconds, states, "TEME")))
+            held = np.arange(20, 180) * step_s + 0.5 * step_s
+            places = found.states(EarthOrientation.fixed(0.0)).at_many(
+                np.array(UNIX_2020_05_27 + held, dtype=np.float64), 0.0
+            )
+            wanted = by_sgp4(satellite, held + epoch_s)[:, :3]
+            missed = np.linalg.norm(np.array(places[:3]).T - wanted, axis=1)
+            assert missed.max() < 0.05, (one, step_s)
+
+
+@pytest.mark.parametrize(
+    ("state", "step_s"),
+    [
+        (at_perigee(24_400.0, 0.73), 180.0),
+        (at_perigee(26_560.0, 0.74), 60.0),
+        (at_perigee(240_000.0, 0.55), 3600.0),
+        (at_perigee(42_164.0, 0.0002), 3600.0),
+        (at_perigee(6800.0, 0.001), 300.0),
+        (at_perigee(6800.0, 0.001), 0.1),
+    ],
+)
+def test_orbits_of_any_kind_are_read_and_no_row_of_them_is_called_wrong(state: Array, step_s: float) -> None:
+    seconds = step_s * np.arange(150.0)
+    assert len(read(whole(*written(seconds, falling(state, seconds), "GCRF"))).segments) == 1
+
+
+@pytest.mark.parametrize("at_s", [1830.0, 1900.0])
+def test_what_an_engine_did_between_two_rows_is_confined_to_them(at_s: float) -> None:
+    # 5 m/s within one of the steps of 120 s; a polynomial across would carry that to the steps about it.
+    seconds = 120.0 * np.arange(60.0)
+    fine = np.arange(0.0, 7080.0, 7.0)
+
+    def burnt(t: Array) -> Array:
+        early, late = t[t <= at_s], t[t > at_s]
+        quiet = falling(at_perigee(6800.0, 0.001), np.array([*early, at_s]))
+        pushed = quiet[-1] + np.array([0.0, 0.0, 0.0, 0.003, 0.004, 0.0])
+        return np.concatenate([quiet[:-1], falling(pushed, np.array([at_s, *late]))[1:]])
+
+    one = read(whole(*written(seconds, burnt(seconds), "TEME")))
+    assert len(one.segments) == 3
+    assert len(one.spans) == 1
+    places = np.array(one.states(EarthOrientation.fixed(0.0)).at_many(UNIX_2020_05_27 + fine, 0.0)[:3]).T
+    missed = np.linalg.norm(places - burnt(fine)[:, :3], axis=1)
+    inside = (fine > 1800.0) & (fine < 1920.0)
+    assert missed[~inside].max() < 1e-3
+    assert missed[inside].max() < 0.1
+
+
+def test_a_file_in_metres_and_an_xml_in_metres_are_refused() -> None:
+    seconds = 60.0 * np.arange(60.0)
+    states = falling(at_perigee(6800.0, 0.001), seconds)
+    start, rows = written(seconds, 1000.0 * states, "GCRF")
+    with pytest.raises(EphemerisError, match=rf"^a:{len(start) + 1}: .* go at 7\d\d\d km/s .*units"):
+        read(start + rows)
+    xml = (
+        '<oem version="2.0"><header/><body><segment><metadata/><data>\n<stateVector>'
+        '<EPOCH>2020-05-27T00:00:00</EPOCH>\n<X units="m">6800000</X></stateVector></data></segment>'
+        "</body></oem>"
+    )
+    with pytest.raises(EphemerisError, match=r"^a:3: X is in 'm': an OEM has km$"):
+        read([xml])
+    with pytest.raises(EphemerisError, match=r"^a:3: X_DOT is in 'm/s': an OEM has km/s$"):
+        read([xml.replace('X units="m"', 'X_DOT units="m/s"')])
+
+
+@pytest.mark.parametrize("step_s", [1.0, 60.0])
+def test_velocities_against_the_turning_earth_are_none_of_inertial_places(step_s: float) -> None:
+    seconds = step_s * np.arange(200.0)
+    states = falling(at_perigee(6800.0, 0.001), seconds)
+    states[:, 3:] -= np.cross([0.0, 0.0, 7.2921e-5], states[:, :3])
+    with pytest.raises(EphemerisError, match=r"velocities that are \d\d\d m/s from those of"):
+        read(whole(*written(seconds, states, "GCRF", HERMITE)))
+
+
+def test_a_variance_below_nothing_is_refused() -> None:
+    start, rows = of_elements("iss", 60.0, 30)
+    covariance = ["COVARIANCE_START", f"EPOCH = {rows[0].split()[0]}", "-1e-4"]
+    with pytest.raises(EphemerisError, match=rf"^a:{len(start) + 33}: a covariance's variance is negative"):
+        read([*start, *rows, *covariance, "COVARIANCE_STOP"])
+
+
+@pytest.mark.parametrize("count", [3, 4, 5, 6, 8])
+def test_few_rows_state_the_error_of_what_is_interpolated_from_them(cases: Path, count: int) -> None:
+    lines = (cases / "ephemerides/sp3/three-hours.sp3").read_text().splitlines(keepends=True)
+    epochs = [k for k, line in enumerate(lines) if line.startswith("*")]
+    whole = {one.name: one for one in parse_ephemerides("".join(lines).encode(), "a")}
+    first = f"{lines[0][:32]}{count:7d}{lines[0][39:]}"
+    some = [first, *lines[1 : epochs[0]], *lines[epochs[10] : epochs[10 + count]], "EOF\n"]
+    earth = EarthOrientation.fixed(0.0)
+    for one in parse_ephemerides("".join(some).encode(), "a"):
+        (low, high) = (float(end.unix_s) for end in one.spans[0])
+        at = np.linspace(low, high, 100)
+        places = [np.array(each.states(earth).at_many(at, 0.0)[:3]) for each in (one, whole[one.name])]
+        missed_km = float(np.linalg.norm(places[0] - places[1], axis=0).max())
+        stated, usual = one.covariance(one.epoch), whole[one.name].covariance(one.epoch)
+        assert stated is not None
+        assert usual is not None
+        assert missed_km < stated.sigma_km
+        assert stated.sigma_km < 1.1 * usual.sigma_km or count < 8
