@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 import erfa
 import numpy as np
 import pytest
+from geometry import itrs_km, site_below
+from tle_facts import ISS
 
 from tle.bias import Bias
 from tle.earth import EarthOrientation
@@ -49,9 +51,8 @@ def apart_arcsec(az: float, alt: float, wanted: tuple[float, float]) -> float:
     return float(erfa.seps(*np.radians([az, alt]), *np.radians(wanted)) / ARCSEC)
 
 
-def rate(path: Callable[[float], float], t: float) -> float:
+def rate(path: Callable[[float], float], t: float, step: float = 1.0 / 16.0) -> float:
     """Return the derivative of an angle by differences of fourth order, at steps that floats hold exactly."""
-    step = 1.0 / 16.0
     near, far = ((path(t + s) - path(t - s) + 180.0) % 360.0 - 180.0 for s in (step, 2.0 * step))
     return (8.0 * near - far) / (12.0 * step)
 
@@ -166,6 +167,99 @@ def test_places_among_the_stars_are_seen_where_erfa_has_them(step: float, unit: 
         az, zenith, *_ = erfa.atco13(ra, dec, 0.0 * mas, 0.0, 0.0, 0.0, *utc, at.dut1_s, *place, *poles, *air)
         seen = Propagator(one, LEIDEN).at(Utc(START_S + t))
         assert apart_arcsec(seen.az_deg, seen.alt_deg, (np.degrees(az), 90.0 - np.degrees(zenith))) < 0.01
+
+
+MIDDLE = Utc.parse("2026-03-01T20:05:00Z")
+BELOW = site_below(ISS, MIDDLE)
+ASIDE = Site(BELOW.latitude_deg + 0.33, BELOW.longitude_deg)
+AT = EarthOrientation.installed().orientation(MIDDLE)
+POLE = AT.xp_arcsec * ARCSEC, AT.yp_arcsec * ARCSEC
+
+
+def julian(t: float, ahead_s: float = 0.0) -> tuple[float, float]:
+    day = START_S // 86400.0
+    return 2440587.5 + day, (START_S - 86400.0 * day + t + ahead_s) / 86400.0
+
+
+def iss_itrs(t: float) -> Array:
+    """Return the direction of the ISS from the site, by SGP4 and ERFA alone."""
+    there = (
+        itrs_km(ISS, Utc(START_S + t))
+        - np.array(erfa.gd2gc(1, *np.radians([ASIDE.longitude_deg, ASIDE.latitude_deg]), 0.0)) / 1000.0
+    )
+    direction: Array = there / np.linalg.norm(there)
+    return direction
+
+
+def iss(t: float) -> tuple[float, float]:
+    """Return its altitude and azimuth, without air."""
+    c, s = np.cos(np.radians(ASIDE.longitude_deg)), np.sin(np.radians(ASIDE.longitude_deg))
+    x, y, z = iss_itrs(t)
+    x, east = c * x + s * y, c * y - s * x
+    c, s = np.cos(np.radians(ASIDE.latitude_deg)), np.sin(np.radians(ASIDE.latitude_deg))
+    north, up = c * z - s * x, c * x + s * z
+    return float(np.degrees(np.arctan2(up, np.hypot(east, north)))), float(
+        np.degrees(np.arctan2(east, north)) % 360.0
+    )
+
+
+def iss_icrs(t: float) -> tuple[float, float]:
+    alt, az = np.radians(iss(t))
+    place = *np.radians([ASIDE.longitude_deg, ASIDE.latitude_deg]), 0.0
+    air = 0.0, 0.0, 0.0, 0.5
+    found = erfa.atoc13("A", az, np.pi / 2.0 - alt, *julian(t), AT.dut1_s, *place, *POLE, *air)
+    ra, dec = np.degrees(found)
+    return float(ra % 360.0), float(dec)
+
+
+def iss_of_date(t: float) -> tuple[float, float]:
+    sidereal = erfa.gst06a(*julian(t, AT.dut1_s), *julian(t, 69.184))
+    tirs = erfa.pom00(*POLE, 0.0).T @ iss_itrs(t)
+    longitude, dec = np.degrees(erfa.c2s(tirs))
+    return float((longitude + np.degrees(sidereal)) % 360.0), float(dec)
+
+
+@pytest.mark.parametrize("step", [1.0, 5.0])
+@pytest.mark.parametrize(
+    ("path", "notes"), [(iss_icrs, ""), (iss_of_date, "# frame: of_date\n")], ids=["icrs", "of date"]
+)
+def test_a_pass_among_the_stars_is_met_as_well_as_in_azimuth_and_altitude(
+    step: float, path: Callable[[float], tuple[float, float]], notes: str
+) -> None:
+    times = np.arange(200.0, 401.0, step)
+    middles = times[:-1] + step / 2.0
+    stars = Propagator(read(table("utc,ra_deg,dec_deg", times, path, notes), site=ASIDE), ASIDE)
+    horizon = Propagator(read(table("utc,alt_deg,az_deg", times, iss), site=ASIDE), ASIDE)
+    worst = []
+    for seen_by in (stars, horizon):
+        seen = [seen_by.at(Utc(START_S + t)) for t in middles.tolist()]
+        worst.append(
+            max(
+                apart_arcsec(one.az_deg, one.alt_deg, iss(t)[::-1])
+                for one, t in zip(seen, middles.tolist(), strict=True)
+            )
+        )
+    assert max(iss(t)[0] for t in middles.tolist()) == pytest.approx(85.0, abs=0.5)
+    assert worst[0] < 0.01
+    assert worst[0] < 1.5 * worst[1]
+    for t in (207.5, 297.5, 302.5, 387.5):
+        now = stars.at(Utc(START_S + t))
+        for name in ("alt", "az", "dec", "ra"):
+
+            def angle(s: float, field: str = f"{name}_deg") -> float:
+                return float(getattr(stars.at(Utc(START_S + s)), field))
+
+            assert getattr(now, f"{name}_rate_deg_s") == pytest.approx(
+                rate(angle, t, 1.0 / 64.0), abs=1e-4 / 3600
+            ), name
+
+
+def test_rows_a_minute_apart_but_for_rounding_are_even() -> None:
+    times = 0.1 + 60.0 * np.arange(9.0)
+    assert np.diff(times).max() > 60.0 > np.diff(times).min()
+    rows = "\n".join(f"{t!r},{80.0 + t / 100.0},45" for t in times.tolist())
+    one = read(f"t_s,ra_deg,dec_deg\n{rows}\n", Utc(START_S))
+    assert "degree 7" in one.provenance
 
 
 def test_of_date_is_the_right_ascension_that_comes_back() -> None:

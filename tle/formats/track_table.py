@@ -45,7 +45,6 @@ _STEP_S = 60.0
 _GAP_STEPS = 10.0
 _STENCIL = 7
 _EVEN = 1e-6
-_SLOPE_STEP_S = 0.5
 
 
 class _Header(NamedTuple):
@@ -238,31 +237,24 @@ def _of_the_sky(track: _Track, frame: str, site: Site, line: int) -> Segment:
         ra, dec = _seen(track, ra, dec, site)
     u = np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=1)
     kind = Frame("GCRF", "ICRS") if frame == "icrs" else Frame("TOD", "of date")
-    among_stars = curve(track.zero_s, track.since_s, u, kind, line)
-    counts = np.maximum(1, np.ceil(np.diff(track.since_s) / _STEP_S)).astype(np.intp)
-    part = np.concatenate([np.arange(count) / count for count in counts.tolist()])
-    since_s = np.append(
-        np.repeat(track.since_s[:-1], counts) + part * np.repeat(np.diff(track.since_s), counts),
-        track.since_s[-1],
-    )
-    earth = EarthOrientation.installed()
-
-    def places(at_s: Array) -> Array:
-        unix_s = track.unix_s(at_s)
-        teme = kind.to_teme(earth, unix_s, tuple(among_stars.native_many(at_s)), ARRAYS)[:3]
-        still = np.zeros((9, len(unix_s)))
-        turned = []
-        for axis in range(3):
-            still[:] = 0.0
-            still[axis] = 1.0
-            along = Frame("ITRF", "ITRF").to_teme(earth, unix_s, tuple(still), ARRAYS)[:3]
-            turned.append(sum(a * b for a, b in zip(along, teme, strict=True)))
-        return np.array(site.itrs_km) + _NEAR_KM * np.stack(turned, axis=1)
-
-    slopes = (places(since_s + _SLOPE_STEP_S) - places(since_s - _SLOPE_STEP_S)) / (2.0 * _SLOPE_STEP_S)
-    sight, use = Frame("SIGHT", kind.written), among_stars.use_s
-    left_s, cubic = since_s - _LIGHT_TIME_S, Interpolation(2, True)
-    return Segment(track.zero_s, left_s, places(since_s), slopes, sight, cubic, use, line)
+    since_s, steps = track.since_s, np.diff(track.since_s)
+    # Steps that are even but for rounding are divided alike.
+    counts = np.ceil(steps / _STEP_S * (1.0 - _EVEN)).astype(np.intp)
+    if counts.max() > 1:
+        among_stars = curve(track.zero_s, since_s, u, kind, line)
+        part = np.concatenate([np.arange(count) / count for count in counts.tolist()])
+        since_s = np.append(np.repeat(since_s[:-1], counts) + part * np.repeat(steps, counts), since_s[-1])
+        u = among_stars.native_many(since_s)[:3].T
+    unix_s, earth = track.unix_s(since_s), EarthOrientation.installed()
+    still = np.zeros((6, len(u)))
+    teme = kind.to_teme(earth, unix_s, (*u.T, *still), ARRAYS)[:3]
+    places = np.empty_like(u)
+    for k, axis in enumerate(np.eye(3)):
+        axes = (*np.repeat(axis[:, None], len(u), axis=1), *still)
+        along = Frame("ITRF", "ITRF").to_teme(earth, unix_s, axes, ARRAYS)[:3]
+        toward = sum(a * b for a, b in zip(along, teme, strict=True))
+        places[:, k] = site.itrs_km[k] + _NEAR_KM * toward
+    return curve(track.zero_s, since_s, places, Frame("SIGHT", kind.written), line)
 
 
 def _seen(track: _Track, ra: Array, dec: Array, site: Site) -> tuple[Array, Array]:
