@@ -311,6 +311,26 @@ def test_a_bad_table_is_refused_with_its_line(text: str, words: str) -> None:
         read(text)
 
 
+@pytest.mark.parametrize(
+    ("columns", "row"),
+    [
+        ("utc,alt_deg,az_deg", f"{stamp(2)},12.25,22.50"),
+        ("t_s,alt_deg,az_deg", "2.000,12.25,22.50"),
+        ("utc,ra_deg,dec_deg,magnitude", f"{stamp(2)},12.25,22.50,-3.5"),
+        ("utc,lat_deg,lon_deg,height_m", f"{stamp(2)}, 12.25, 22.50, 9000.5"),
+    ],
+)
+def test_a_table_that_ends_within_a_row_is_refused_with_its_line(columns: str, row: str) -> None:
+    t0 = Utc(START_S) if columns.startswith("t_s") else None
+    rows = [row.replace(stamp(2), stamp(k)).replace("2.000", f"{k}.000") for k in range(3)]
+    whole = "\n".join([columns, *rows])
+    assert len(read(whole, t0).segments[0].since_s) == 3
+    assert len(read(whole + "\n", t0).segments[0].since_s) == 3
+    for cut in range(1, len(row)):
+        with pytest.raises(EphemerisError, match=r"^track\.csv:4: "):
+            read(whole[:-cut], t0)
+
+
 def test_directions_want_a_site_and_absolute_times_no_t0() -> None:
     text = "utc,alt_deg,az_deg\n" + ROWS
     with pytest.raises(EphemerisError, match="directions hold for one site: give --site"):

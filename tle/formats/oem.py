@@ -303,7 +303,7 @@ def _segments(lines: Lines, block: _Block) -> list[Segment]:
             int(which[back[0] + 1]),
             "this row is not later than the row before: rows must be in order of time",
         )
-    _check_end(lines, which)
+    lines.check_end(which)
     use = _use(lines, block, (zero_s, since), int(which[-1]))
     covariances = tuple(_covariances(lines, block, frame, zero_s))
     step = np.diff(since)
@@ -352,19 +352,6 @@ def _uneven(one: Quantity, other: Quantity) -> NDArray[np.bool_]:
     """Tell where steps are not of one kind."""
     uneven: NDArray[np.bool_] = np.maximum(one, other) > _UNEVEN * np.minimum(one, other)
     return uneven
-
-
-def _check_end(lines: Lines, which: Index) -> None:
-    """Refuse a last row without a line end whose last number is shorter than that of the row before."""
-    if lines.data.endswith(b"\n") or len(which) < 2 or int(which[-1]) != lines.last:
-        return
-    before, last = (lines.text(int(k)).split()[-1] for k in which[-2:])
-    if len(last.partition(".")[2]) < len(before.partition(".")[2]):
-        raise lines.error(
-            int(which[-1]),
-            f"the text ends with {printable(last)!r}, shorter than the number above it: it is cut off; get "
-            "the whole file, or end it with a line end",
-        )
 
 
 def _use(lines: Lines, block: _Block, times: tuple[float, Array], last: int) -> tuple[float, float]:

@@ -228,6 +228,21 @@ class Lines:
     def _quoted(self, line: int) -> str:
         return repr(printable(self.text(line)[:60]))
 
+    def check_end(self, which: Index) -> None:
+        """Refuse a last row without a line end whose last number is shorter than that of the row before.
+
+        Raises EphemerisError.
+        """
+        if self.data.endswith(b"\n") or len(which) < 2 or int(which[-1]) != self.last:
+            return
+        before, last = (self._words(int(k))[-1] for k in which[-2:])
+        if len(last.partition(".")[2]) < len(before.partition(".")[2]):
+            raise self.error(
+                int(which[-1]),
+                f"the text ends with {printable(last)!r}, shorter than the number above it: it is cut off; "
+                "get the whole file, or end it with a line end",
+            )
+
     def take_stamps(self, which: Index) -> tuple[Index, Array]:
         """Return the times that begin lines as days (MJD) and seconds of day, and leave blanks there.
 

@@ -93,6 +93,7 @@ def parse_track(lines: Lines, site: Site | None = None, t0: Utc | None = None) -
         raise lines.error(header.line, "it has not two rows: nothing to interpolate")
     plain = Lines(lines.data.replace(b",", b" "), lines.source)
     zero_s, since_s, values = _rows(plain, rows, header.columns, t0)
+    plain.check_end(rows)
     wrong = np.flatnonzero(np.diff(since_s) <= 0.0)
     if len(wrong):
         raise lines.error(int(rows[wrong[0] + 1]), "its time is not after that of the row before it")
