@@ -302,7 +302,7 @@ ROWS = f"{stamp(0)},10,20\n{stamp(1)},11,21\n"
         (f"utc,alt_deg,az_deg\n{stamp(0)},10,20\n", "track.csv:1: it has not two rows"),
         ("# gap_s: -1\nutc,alt_deg,az_deg\n" + ROWS, "track.csv:2: # gap_s: -1: give a number above 0"),
         ("# frame: b1950\nutc,ra_deg,dec_deg\n" + ROWS, "track.csv:2: frame 'b1950' is not known"),
-        ("t_s,alt_deg,az_deg\n0,1,2\n1,2,3\n", "its times count from T0: give --t0 UTC"),
+        ("t_s,alt_deg,az_deg\n0,1,2\n1,2,3\n", "its times count from T0: write # t0: UTC above"),
         ("# t0: soon\nt_s,alt_deg,az_deg\n0,1,2\n1,2,3\n", "track.csv:2: # t0: "),
     ],
 )

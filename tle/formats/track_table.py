@@ -147,7 +147,10 @@ def _noted_t0(lines: Lines, header: _Header) -> Utc:
     try:
         return Utc.parse(header.notes["t0"])
     except KeyError:
-        raise lines.error(header.line, "its times count from T0: give --t0 UTC") from None
+        raise lines.error(
+            header.line,
+            "its times count from T0: write # t0: UTC above this line, or give --t0 UTC (not for a schedule)",
+        ) from None
     except TleError as error:
         raise lines.error(header.line, f"# t0: {error}") from None
 

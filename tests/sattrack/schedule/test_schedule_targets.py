@@ -57,6 +57,9 @@ def schedule(tmp_path):
         for minute in range(10, 30)
     )
     (tmp_path / "balloon.csv").write_text(f"# name: Balloon 7\nutc,lat_deg,lon_deg,height_m\n{rows}")
+    (tmp_path / "launch.csv").write_text(
+        "t_s,lat_deg,lon_deg,height_m\n0,52.3,4.6,20000\n1200,52.4,4.8,20000\n"
+    )
     (tmp_path / "iss.oem").write_text(oem_text("2026-10-02T12:50:00Z", 40))
     path = tmp_path / "night.toml"
     path.write_text(SCHEDULE)
@@ -93,6 +96,20 @@ def test_they_are_rehearsed_and_run_in_virtual_time(capsys, schedule):
     assert all(name in text for name in NAMES)
 
 
+def test_a_table_whose_times_count_from_t0_is_scheduled_by_the_t0_that_it_gives(capsys, schedule):
+    table = schedule.parent / "launch.csv"
+    table.write_text(f"# t0: 2026-10-02T13:10:00Z\n{table.read_text()}")
+    entry = 'satellite = "launch"\nephemeris = "launch.csv"\n'
+    times = 'start = "2026-10-02T13:20:00Z"\nend = "2026-10-02T13:20:12Z"\n'
+    schedule.write_text(f"{SCHEDULE.partition('[[passes]]')[0]}[[fixed]]\n{entry}{times}")
+    assert run(["run", str(schedule), "--virtual", "--json", *AROUND]) == 0
+    capsys.readouterr()
+    assert run(["run", str(schedule), "--status", "--json"]) == 0
+    (one,) = json.loads(capsys.readouterr().out)["passes"]
+    assert (one["name"], one["state"]) == ("launch", "done")
+    assert one["rms_arcsec"] < 0.1
+
+
 @pytest.mark.parametrize(
     ("entry", "words"),
     [
@@ -100,6 +117,10 @@ def test_they_are_rehearsed_and_run_in_virtual_time(capsys, schedule):
         ('satellite = "adsb:localhost:30003/4CA2D6"', "an aircraft is heard only now"),
         ('satellite = "launch.csv"', "name the table as ephemeris"),
         ('satellite = "HST"\nephemeris = "iss.oem"', "no object 'HST' in"),
+        (
+            'satellite = "launch"\nephemeris = "launch.csv"',
+            "launch.csv:1: its times count from T0: write # t0: UTC",
+        ),
         ('satellite = "ISS"\nephemeris = "none.oem"', "none.oem: cannot read the ephemeris"),
         ('satellite = "Arcturrus"', "no elements"),
         ('rule = "all"\nephemeris = "iss.oem"', "ephemeris is for an object by name"),
