@@ -219,7 +219,10 @@ def _chosen(
 ) -> Sequence[Elements | Ephemeris]:
     """Return the targets named, or all of the source without names, that match the pattern."""
     pattern = options["pattern"]
-    chosen = find_targets(context, list(dict.fromkeys(keys)), options["ephemeris"], start)
+    found = find_targets(context, list(dict.fromkeys(keys)), options["ephemeris"], start)
+    # Two names may mean one object, whose passes are listed once.
+    own = {(one.catalog_number, one.label, one.epoch): one for one in found}
+    chosen = list(own.values()) if keys else found
     if pattern is None:
         return chosen
     matching = [e for e in chosen if fnmatch.fnmatchcase(e.name.casefold(), pattern.casefold())]

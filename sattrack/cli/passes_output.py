@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import math
+from collections import Counter
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from tle.facts import FactColumns, PassFacts
     from tle.horizon import Horizon
     from tle.passes import CataloguePasses, Pass
+    from tle.site import Site
     from tle.transits import Transit
 
     Array = NDArray[np.float64]
@@ -445,24 +447,31 @@ def _moments(unix_s: Array, azimuth_deg: Array, changes: bool) -> list[str]:
 
 def passes_calendar(table: PassTable) -> bytes:
     """Return the events of passes found; one that the span cuts begins or ends with it."""
-    start = table.passes.start
+    start, site = table.passes.start, table.passes.task.site
     end = start.plus(table.passes.task.span[1])
-    return calendar_bytes("passes", (_found(row, start, end) for row in table.rows()))
+    return calendar_bytes("passes", (_found(row, start, end, site) for row in table.rows()))
 
 
-def plan_calendar(plan: SchedulePlan, made: Utc) -> bytes:
-    """Return the passes of a plan as events, made at an instant."""
-    return calendar_bytes("schedule", (_planned(one, made) for one in plan.passes))
+def plan_calendar(plan: SchedulePlan, made: Utc, site: Site) -> bytes:
+    """Return the passes of a plan for a site as events, made at an instant."""
+    return calendar_bytes("schedule", (_planned(one, made, site) for one in plan.passes))
 
 
 def calendar_bytes(product: str, events: Iterable[Event]) -> bytes:
-    """Return a calendar of events as UTF-8, in lines of at most 75 octets that end with CR and LF."""
+    """Return a calendar of events as UTF-8, in lines of at most 75 octets that end with CR and LF.
+
+    An event whose UID one before it has gets another, with a count.
+    """
     from icalendar import Calendar
 
     calendar = Calendar()
     calendar.add("version", "2.0")
     calendar.add("prodid", f"-//sattrack//{product}//EN")
+    taken: Counter[str] = Counter()
     for event in events:
+        uid = str(event.pop("uid"))
+        taken[uid] += 1
+        event.add("uid", uid if taken[uid] == 1 else f"{taken[uid]}-{uid}")
         calendar.add_component(event)
     text: bytes = calendar.to_ical()
     return text
@@ -481,15 +490,18 @@ def event_of(uid: str, made: Utc, span: tuple[Utc, Utc], summary: str, descripti
     return event
 
 
-def _found(row: Row, start: Utc, end: Utc) -> Event:
+def _found(row: Row, start: Utc, end: Utc, site: Site) -> Event:
     seen = row.seen
     top = seen.culminate_utc
+    # Where the span cuts a pass off from its top, the highest instant is an end of the span, which moves on.
+    cut = top - start < 1.0 or end - top < 1.0
+    lasting = (seen.set_utc or seen.rise_utc or top) if cut else top
     text = [f"Highest at {local_time.instant(float(top.unix_s))}, azimuth {seen.culminate_az_deg:.0f}°."]
     if row.facts is not None:
         text.append(f"Sun at {row.facts.sun_alt_deg:.0f}°.")
         text.append("Sunlit." if row.facts.sunlit else "Not sunlit.")
     return event_of(
-        f"{row.elements.catalog_number}-{_stamp(top)}@sattrack",
+        _uid(row.elements.catalog_number, row.elements.label, lasting, site),
         start,
         (seen.rise_utc or start, seen.set_utc or end),
         f"{printable(row.elements.label)} {seen.max_alt_deg:.0f}°",
@@ -497,7 +509,7 @@ def _found(row: Row, start: Utc, end: Utc) -> Event:
     )
 
 
-def _planned(one: PlannedPass, made: Utc) -> Event:
+def _planned(one: PlannedPass, made: Utc, site: Site) -> Event:
     text = [
         f"Highest at {local_time.localised(one.culminate_utc)}: {one.max_alt_deg:.0f}°.",
         f"From azimuth {one.start_az_deg:.0f}° to {one.end_az_deg:.0f}°.",
@@ -509,7 +521,7 @@ def _planned(one: PlannedPass, made: Utc) -> Event:
         *([f"After: {'; '.join(one.after)}"] if one.after else []),
     ]
     event = event_of(
-        f"{one.catalog_number or printable(one.name)}-{_stamp(Utc.parse(one.culminate_utc))}-plan@sattrack",
+        _uid(one.catalog_number, one.name, Utc.parse(one.culminate_utc), site, "-plan"),
         made,
         (Utc.parse(one.start_utc), Utc.parse(one.end_utc)),
         f"{printable(one.name or str(one.catalog_number))} {one.max_alt_deg:.0f}°",
@@ -519,8 +531,11 @@ def _planned(one: PlannedPass, made: Utc) -> Event:
     return event
 
 
-def _stamp(at: Utc) -> str:
-    return at.isoformat("seconds").replace("-", "").replace(":", "")
+def _uid(number: int | None, name: str, at: Utc, site: Site, kind: str = "") -> str:
+    """Return what names a pass of an object over a site, the same in every run."""
+    stamp = at.isoformat("seconds").replace("-", "").replace(":", "")
+    place = f"{site.latitude_deg:+.4f}{site.longitude_deg:+.4f}"
+    return f"{number or printable(name)}-{stamp}{place}{kind}@sattrack"
 
 
 _MOST_PASSES = 12

@@ -100,7 +100,7 @@ def _write(plan: SchedulePlan, context: CommandContext, options: dict[str, Any])
         from sattrack.cli.passes_output import plan_calendar
 
         try:
-            options["ics"].write_bytes(plan_calendar(plan, context.now()))
+            options["ics"].write_bytes(plan_calendar(plan, context.now(), context.site()))
         except OSError as error:
             raise BadInputError(
                 f"--ics {options['ics']}: cannot write the calendar: {error.strerror}"

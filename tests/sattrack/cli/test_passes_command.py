@@ -174,6 +174,52 @@ def test_a_calendar(given: list[str], capsys: pytest.CaptureFixture[str]) -> Non
     assert len({line for line in lines if line.startswith("UID:")}) == 6
 
 
+def uids(capsys: pytest.CaptureFixture[str], *arguments: str) -> list[str]:
+    assert run(["passes", *arguments, "--format", "ics"]) == 0
+    lines = capsys.readouterr().out.replace("\r\n ", "").splitlines()
+    return [line for line in lines if line.startswith("UID:")]
+
+
+def test_an_event_is_another_one_at_another_site(
+    given: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    # A mile apart, the passes are highest in the same second.
+    here = uids(capsys, "25544", *given)
+    there = uids(capsys, "25544", *given, "--site", "52.16,4.48,0")
+    assert [uid[:26] for uid in here] == [uid[:26] for uid in there]
+    assert len({*here, *there}) == 10
+
+
+def test_an_event_is_the_same_one_when_it_is_found_again(
+    given: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    # The span cuts off the pass's beginning, then all to the top, then more.
+    starts = ("2026-10-02T12:30:00Z", "2026-10-02T13:03:00Z", "2026-10-02T13:05:40Z", "2026-10-02T13:06:40Z")
+    first = [uids(capsys, "25544", *given, "--from", start, "--hours", "1")[0] for start in starts]
+    assert first[0] == first[1]
+    assert first[2] == first[3]
+
+
+def test_a_satellite_that_is_named_twice_is_listed_once(
+    given: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert listed(capsys, "25544", "ISS (ZARYA)", "1998-067A", *given) == listed(capsys, "25544", *given)
+    assert len(uids(capsys, "25544", "ISS (ZARYA)", *given)) == 5
+
+
+def test_events_of_two_objects_of_one_number_have_uids_of_their_own(
+    given: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = tmp_path / "new.csv"
+    names = "OBJECT_NAME,OBJECT_ID,EPOCH,MEAN_MOTION,ECCENTRICITY,INCLINATION,RA_OF_ASC_NODE"
+    names += ",ARG_OF_PERICENTER,MEAN_ANOMALY,NORAD_CAT_ID,BSTAR,MEAN_MOTION_DOT,MEAN_MOTION_DDOT"
+    values = ",2026-10-02T00:19:52.568,15.48707685,0.0006946,51.6312,131.4121"
+    values += ",211.9293,148.1275,99999,0.000076743,0.00003738,0"
+    source.write_text(f"{names}\nNEW,2026-001A{values}\nNEW,2026-001B{values}\n")
+    found = uids(capsys, *given[2:], "--elements", str(source))
+    assert len(found) == len(set(found)) == 10
+
+
 def test_the_table(given: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["passes", "25544", *given]) == 0
     head, day, *lines = capsys.readouterr().out.splitlines()

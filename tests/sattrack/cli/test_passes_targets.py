@@ -99,3 +99,15 @@ def test_transits_are_listed_with_time_length_and_strip(capsys, tmp_path):
     assert len(capsys.readouterr().out.splitlines()) == 1 + 2 * len(rows)
     assert run([*arguments, *span, "--format", "ics"]) == 2
     assert "printed as a table or as json" in capsys.readouterr().err
+
+
+def test_events_of_what_has_no_number_have_uids_of_their_own_in_every_run(capsys):
+    # Two culminate in the same second; two are still rising when the search ends.
+    names = ("83.6,22", "83.6,22.001", "Altair", "Deneb")
+    runs = []
+    for begin in ("2026-10-02T18:12:40Z", "2026-10-02T18:13:41Z"):
+        assert run(["passes", *names, *LEIDEN, "--from", begin, "--format", "ics"]) == 0
+        lines = capsys.readouterr().out.replace("\r\n ", "").splitlines()
+        runs.append([line for line in lines if line.startswith("UID:")])
+    assert len(runs[0]) == len(set(runs[0])) == 6
+    assert runs[0] == runs[1]

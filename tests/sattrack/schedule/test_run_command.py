@@ -484,6 +484,7 @@ def test_the_calendar_holds_the_plan(tmp_path: Path, capsys: pytest.CaptureFixtu
     events = read_calendar((tmp_path / "x.ics").read_bytes())
     assert len(events) == len(plan["passes"]) > 3
     assert len({event["UID"] for event in events}) == len(events)
+    assert all(event["UID"].endswith("+52.1541+4.4908-plan@sattrack") for event in events)
     for event, one in zip(events, plan["passes"], strict=True):
         seconds = str(Utc(round(utc_s(one["start_utc"]))).isoformat("seconds"))
         assert event["DTSTART"] == seconds.replace("-", "").replace(":", "")
