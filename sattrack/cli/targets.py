@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import itertools
 import math
 import re
 from pathlib import Path
@@ -20,12 +22,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from sattrack.cli.common import CommandContext
-    from tle.ephemeris import Ephemeris
+    from tle.ephemeris import Ephemeris, TableEphemeris
     from tle.instants import Utc
     from tle.site import Site
 
 
 _T0, _SOURCE = "sattrack.t0", "sattrack.source"
+_ELEMENTS = ""
+"""Stands for all elements where the others are files, by name."""
 _DISAGREES = 5.0
 """So many times what they state together are two ephemerides apart that cannot both be right."""
 
@@ -71,7 +75,8 @@ def followed(
             site = context.site()
             return FollowedTarget(context.elements(target), site, None)
     site = context.site()
-    chosen = _chosen(_origins(context, target, files, loaded()), target, wanted, site)
+    (origins,) = _origins(context, [target], files, loaded())
+    chosen = _chosen(origins, target, wanted, site)
     culminate_utc_s = None
     if chosen.window.first != chosen.window.last:
         culminate_utc_s = _culmination_s(chosen, site, wanted)
@@ -188,7 +193,8 @@ def candidates(
     Without a site it is the best one at the beginning, else for the pass that is wanted.
     Raises SatelliteNotFoundError where none has it, TleError, BadInputError.
     """
-    return _ranked(_origins(context, key, files, context.load_each()), wanted, site)
+    (origins,) = _origins(context, [key], files, context.load_each())
+    return _ranked(origins, wanted, site)
 
 
 def _ranked(origins: list[_Origin], wanted: Wanted, site: Site | None) -> list[EphemerisChoice]:
@@ -202,31 +208,71 @@ def _ranked(origins: list[_Origin], wanted: Wanted, site: Site | None) -> list[E
 
 
 def _origins(
-    context: CommandContext, key: str, files: Sequence[Path], loaded: list[tuple[str, list[Elements]]]
-) -> list[_Origin]:
-    """Return what files and element sources have of one object."""
+    context: CommandContext,
+    keys: Sequence[str],
+    files: Sequence[Path],
+    loaded: list[tuple[str, list[Elements]]],
+) -> list[list[_Origin]]:
+    """Return what files and element sources have of each object; tell of files that have none of them."""
+    held = {str(path): _read(context, path, files) for path in files}
+    found, lacking = zip(*(_origins_of(context, key, held, loaded) for key in keys), strict=True)
+    for name in held:
+        if all(name in one for one in lacking):
+            tell(f"left out: {lacking[0][name]}")
+    return list(found)
+
+
+def _origins_of(
+    context: CommandContext,
+    key: str,
+    held: dict[str, list[TableEphemeris]],
+    loaded: list[tuple[str, list[Elements]]],
+) -> tuple[list[_Origin], dict[str, SatelliteNotFoundError]]:
+    """Return what files, by name, and element sources have of one object, and the errors of those without it.
+
+    One that does not know the key is asked for the number and the designator that another one gives it.
+    """
+    from tle.formats.ephemerides import find_ephemeris
     from tle.sources import find, newest
 
-    missing: SatelliteNotFoundError | None = None
-    found: list[_Origin] = []
-    for path in files:
-        try:
-            found.append(_Origin(str(path), _objects_of(context, path, [key])))
-        except SatelliteNotFoundError as error:
-            missing = missing or error
-    sets = [one for _, accepted in loaded for one in accepted]
+    searches: dict[str, Callable[[str], Elements | Ephemeris]] = {
+        name: functools.partial(find_ephemeris, known) for name, known in held.items()
+    }
+    sets = newest([one for _, accepted in loaded for one in accepted], context.now())
     if sets:
+        searches[_ELEMENTS] = functools.partial(find, sets)
+    found: dict[str, Elements | Ephemeris] = {}
+    lacking: dict[str, SatelliteNotFoundError] = {}
+    for name, search in searches.items():
         try:
-            meant = find(newest(sets, context.now()), key)
+            found[name] = search(key)
         except SatelliteNotFoundError as error:
-            missing = missing or error
-        else:
-            for source, accepted in loaded:
-                of_it = [one for one in accepted if _same(one, meant)]
-                found += [_Origin(source, of_it)] if of_it else []
+            lacking[name] = error
     if not found:
-        raise missing or BadInputError(f"{key}: give --ephemeris FILE or --elements SRC")
-    return found
+        raise next(iter(lacking.values()), BadInputError(f"{key}: give --ephemeris FILE or --elements SRC"))
+    others = [word for one in found.values() for word in _identities(one)]
+    for name, other in itertools.product(tuple(lacking), others):
+        if name not in found:
+            with contextlib.suppress(SatelliteNotFoundError):
+                found[name] = searches[name](other)
+                del lacking[name]
+    origins = [_Origin(name, [found[name]]) for name in held if name in found]
+    meant = found.get(_ELEMENTS)
+    if isinstance(meant, Elements):
+        for source, accepted in loaded:
+            of_it = [one for one in accepted if _same(one, meant)]
+            origins += [_Origin(source, of_it)] if of_it else []
+    return origins, lacking
+
+
+def _identities(target: Elements | Ephemeris) -> list[str]:
+    """Return an object's catalogue number and designator, where they are known."""
+    from tle.ephemeris import TableEphemeris
+    from tle.sources import full_designator
+
+    names = target.names if isinstance(target, TableEphemeris) else (getattr(target, "designator", ""),)
+    designators = [one for one in names if (full_designator(one) or "0")[-1].isalpha()]
+    return [str(target.catalog_number), *designators] if target.catalog_number else designators
 
 
 def _passes(target: Elements | Ephemeris, site: Site, wanted: Wanted) -> list[tuple[Window, float]]:
@@ -376,18 +422,27 @@ def find_target(
 
 def _objects_of(context: CommandContext, ephemeris: Path, keys: Sequence[str]) -> list[Ephemeris]:
     """Return the named objects of an ephemeris file, all of them without names; it is read once."""
-    from tle.formats.ephemerides import find_ephemeris, read_ephemerides
-    from tle.instants import Utc
+    from tle.formats.ephemerides import find_ephemeris
 
-    t0 = click.get_current_context().meta.get(_T0)
-    site = context.site() if context.has_site() else None
-    known = read_ephemerides(ephemeris, site, None if t0 is None else Utc.parse(t0))
+    known = _read(context, ephemeris, [ephemeris])
     if keys:
         return [find_ephemeris(known, key) for key in keys]
     refused = list(known[0].refused.values())
     if refused:
         tell(f"{len(refused)} of {len(refused) + len(known)} objects left out, the first: {refused[0]}")
     return list(known)
+
+
+def _read(context: CommandContext, path: Path, files: Sequence[Path]) -> list[TableEphemeris]:
+    """Return the objects of one of several ephemeris files: --t0 is for those whose times count from it."""
+    from tle.formats.ephemerides import counts_from_t0, read_ephemerides
+    from tle.instants import Utc
+
+    text = click.get_current_context().meta.get(_T0)
+    t0 = None if text is None else Utc.parse(text)
+    if t0 is not None and not counts_from_t0(path) and any(map(counts_from_t0, files)):
+        t0 = None
+    return read_ephemerides(path, context.site() if context.has_site() else None, t0)
 
 
 def _has_no(elements: list[Elements], key: str) -> bool:
@@ -419,8 +474,8 @@ def find_targets(
         return list(context.elements())
     if files or _word() is not None:
         wanted = Wanted(at, 0.0)
-        loaded = context.load_each()
-        return [_chosen(_origins(context, key, files, loaded), key, wanted, None).target for key in keys]
+        each = _origins(context, keys, files, context.load_each())
+        return [_chosen(one, key, wanted, None).target for key, one in zip(keys, each, strict=True)]
     from tle.sources import find
 
     known = context.known_elements()

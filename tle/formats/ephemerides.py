@@ -33,12 +33,20 @@ def read_ephemerides(
     A table of directions needs the site that they are seen from, one of seconds from T0 the instant of T0.
     Raises SourceError where it cannot be read, and EphemerisError with the line where it cannot be used.
     """
+    return parse_ephemerides(_bytes(path), str(path), site, t0)
+
+
+def counts_from_t0(path: str | Path) -> bool:
+    """Tell whether a file is a table whose times count from T0. Raises SourceError, EphemerisError."""
+    return track_table.is_relative(Lines(_unpacked(_bytes(path), str(path)), str(path)))
+
+
+def _bytes(path: str | Path) -> bytes:
     try:
-        data = Path(path).read_bytes()
+        return Path(path).read_bytes()
     except (OSError, ValueError) as error:
         why = (error.strerror or str(error)) if isinstance(error, OSError) else str(error)
         raise SourceError(f"{path}: cannot read the ephemeris: {why}") from None
-    return parse_ephemerides(data, str(path), site, t0)
 
 
 def parse_ephemerides(

@@ -59,6 +59,12 @@ def recognised(lines: Lines) -> bool:
     return _header(lines) is not None
 
 
+def is_relative(lines: Lines) -> bool:
+    """Tell whether a text is such a table, its times counted from T0."""
+    header = _header(lines)
+    return header is not None and header.columns[0] == "t_s"
+
+
 def _header(lines: Lines) -> _Header | None:
     notes = {}
     for line in range(min(len(lines), 200)):

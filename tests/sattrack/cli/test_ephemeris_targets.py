@@ -259,3 +259,80 @@ def test_a_source_that_is_none_is_refused_with_what_there_is(ask, three):
     code, _, err = ask("nothing", "--elements", old, *SPAN, "--source", "best")
     assert code == 2
     assert "no satellite 'nothing' in the elements" in err
+
+
+@pytest.fixture
+def seen(ask, three, tmp_path):
+    """Directions to it from 13:00 on, five seconds apart, in a table whose times count from T0."""
+    _, fresh, _ = map(str, three)
+    span = ("--from", "2026-10-02T13:00:00Z", "--to", "2026-10-02T13:12:00Z", "--step", "5")
+    _, out, _ = ask("ISS", "--elements", fresh, *span, "--json")
+    rows = [f"{5 * k},{row['alt_deg']:.9f},{row['az_deg']:.9f}" for k, row in enumerate(json.loads(out))]
+    path = tmp_path / "seen.csv"
+    path.write_text("\n".join(["# name: ISS", "t_s,alt_deg,az_deg", *rows, ""]))
+    return str(path)
+
+
+T0 = ("--t0", "2026-10-02T13:00:00Z")
+
+
+def test_a_table_from_t0_is_compared_with_rows_of_absolute_times(capsys, three, seen):
+    _, fresh, table = map(str, three)
+    sources = ("--ephemeris", table, "--ephemeris", seen, "--elements", fresh, *AT, *LEIDEN)
+    assert run(["elements", "compare", "ISS", *sources, *T0, "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["ephemerides"]
+    assert {row["source"] for row in rows} == {table, seen, fresh}
+    assert all(row["from_best_arcsec"] < 1.0 for row in rows)
+    assert run(["passes", "ISS", *sources, *T0, "--source", "seen", "--json"]) == 0
+    (one,) = json.loads(capsys.readouterr().out)
+    assert one["max_alt_deg"] == pytest.approx(81.27, abs=0.01)
+    assert run(["passes", "ISS", *sources]) == 2
+    assert "seen.csv:2: its times count from T0" in capsys.readouterr().err
+    high = ("--mount", "sim", "--virtual", "--min-alt", "75", "--json", "--source", "seen")
+    assert run(["track", "ISS", *sources, *T0, *high]) == 0
+    printed = capsys.readouterr()
+    assert f"not   {table}" in printed.err
+    assert json.loads(printed.out.splitlines()[-1])["summary"]["source"].startswith("table of alt_deg")
+
+
+def test_t0_is_refused_where_no_file_counts_from_it(ask, three, tmp_path):
+    _, _, table = map(str, three)
+    other = tmp_path / "other.oem"
+    other.write_text(oem_text("2026-10-02T12:50:00Z", 40))
+    code, _, err = ask("ISS", "--ephemeris", table, "--ephemeris", str(other), *T0, *SPAN)
+    assert code == 2
+    assert "rows.oem:1: its times are absolute: --t0 goes with a table" in err
+
+
+def test_a_file_that_names_an_object_otherwise_is_found_by_its_designator(ask, capsys, three, tmp_path):
+    _, fresh, table = map(str, three)
+    other = tmp_path / "other.oem"
+    other.write_text(oem_text("2026-10-02T12:50:00Z", 40).replace("OBJECT_NAME = ISS", "OBJECT_NAME = ZARYA"))
+    # An OEM has no catalogue number, and of the elements' name it need know nothing.
+    sources = ("--ephemeris", table, "--ephemeris", str(other), "--elements", fresh, *AT)
+    for key in ("25544", "ISS", "1998-067A"):
+        assert run(["elements", "compare", key, *sources, "--json"]) == 0
+        rows = json.loads(capsys.readouterr().out)["ephemerides"]
+        assert {row["source"] for row in rows} == {table, str(other), fresh}, key
+
+
+def test_a_file_without_the_object_is_named(ask, three, tmp_path):
+    _, _, table = map(str, three)
+    other = tmp_path / "other.oem"
+    text = oem_text("2026-10-02T12:50:00Z", 40).replace("OBJECT_NAME = ISS", "OBJECT_NAME = HST")
+    other.write_text(text.replace("1998-067-A", "1990-037-B"))
+    code, _, err = ask("ISS", "--ephemeris", table, "--ephemeris", str(other), *AT, *SPAN)
+    assert code == 0
+    assert f"left out: no object 'ISS' in {other}, which holds HST" in err
+
+
+def test_each_target_may_be_in_a_file_of_its_own(capsys, three, tmp_path):
+    _, _, table = map(str, three)
+    other = tmp_path / "other.oem"
+    text = oem_text("2026-10-02T12:50:00Z", 40).replace("OBJECT_NAME = ISS", "OBJECT_NAME = HST")
+    other.write_text(text.replace("1998-067-A", "1990-037-B"))
+    files = ("--ephemeris", table, "--ephemeris", str(other))
+    assert run(["passes", "ISS", "HST", *files, *AT, *LEIDEN, "--json"]) == 0
+    printed = capsys.readouterr()
+    assert {one["name"] for one in json.loads(printed.out)} == {"ISS", "HST"}
+    assert "left out" not in printed.err
