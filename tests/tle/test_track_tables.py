@@ -254,6 +254,20 @@ def test_a_pass_among_the_stars_is_met_as_well_as_in_azimuth_and_altitude(
             ), name
 
 
+@pytest.mark.parametrize("rows", ["one missing", "uneven"])
+def test_a_missing_row_and_uneven_ones_are_bridged_as_well_as_their_steps_allow(rows: str) -> None:
+    times = np.arange(200.0, 401.0, 2.5)
+    if rows == "one missing":
+        times = np.delete(times, 40)
+    else:
+        times = times + np.random.default_rng(7).choice([-0.5, 0.0, 0.5], len(times))
+    middles = (times[:-1] + times[1:]) / 2.0
+    seen_by = Propagator(read(table("utc,alt_deg,az_deg", times, iss), site=ASIDE), ASIDE)
+    for t in middles.tolist():
+        seen = seen_by.at(Utc(START_S + t))
+        assert apart_arcsec(seen.az_deg, seen.alt_deg, iss(t)[::-1]) < 0.01
+
+
 def test_rows_a_minute_apart_but_for_rounding_are_even() -> None:
     times = 0.1 + 60.0 * np.arange(9.0)
     assert np.diff(times).max() > 60.0 > np.diff(times).min()

@@ -3,14 +3,14 @@
 The first line that is no comment names the columns, the time first: `utc` (ISO 8601) or `t_s` (seconds from
 T0). Comments before it say more: `# name: Balloon 7`, `# frame: of_date` (RA/Dec are ICRS without), `# gap_s:
 60`, `# sigma_m: 30`. Rows become places fixed to the Earth, with the velocities that the rows tell: degree 7
-and velocities by seven rows where they are evenly spaced, degree 3 by three where not; both without a jump in
-rate. Directions hold for one site, and are of light as it arrives, without air.
+and velocities by seven rows where no step is three times another, else degree 3 by three; both without a jump
+in rate. Directions hold for one site, and are of light as it arrives, without air.
 """
 
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import erfa
 import numpy as np
@@ -44,6 +44,7 @@ _LIGHT_TIME_S = _NEAR_KM / LIGHT_KM_S
 _STEP_S = 60.0
 _GAP_STEPS = 10.0
 _STENCIL = 7
+_ALIKE = 3.0
 _EVEN = 1e-6
 
 
@@ -206,37 +207,34 @@ def _segment(track: _Track, kind: tuple[str, ...], frame: str, site: Site | None
 def curve(zero_s: float, since_s: Array, places: Array, frame: Frame, line: int) -> Segment:
     """Return rows with the velocities that they tell: no piece of the curve jumps in rate."""
     steps = np.diff(since_s)
-    step = float(steps.mean())
-    even = len(since_s) >= _STENCIL and bool((np.abs(steps - step) < _EVEN * step).all())
-    slopes = _even_slopes(places, step) if even else _slopes(since_s, places)
-    interpolation = Interpolation(4 if even else 2, True)
+    alike = len(since_s) >= _STENCIL and float(steps.max()) < _ALIKE * float(steps.min())
+    slopes = _slopes(since_s, places, _STENCIL if alike else min(3, len(since_s)))
+    interpolation = Interpolation(4 if alike else 2, True)
     use = float(since_s[0]), float(since_s[-1])
     if frame.kind == "SIGHT":
         since_s = since_s - _LIGHT_TIME_S
     return Segment(zero_s, since_s, places, slopes, frame, interpolation, use, line)
 
 
-def _slopes(since_s: Array, places: Array) -> Array:
-    """Return derivatives of the parabolas through three rows each."""
-    order: Literal[1, 2] = 2 if len(since_s) > 2 else 1
-    columns = [np.gradient(column, since_s, edge_order=order) for column in places.T]
-    return np.stack(columns, axis=1)
+def _slopes(since_s: Array, places: Array, count: int) -> Array:
+    """Return derivatives of polynomials through so many rows each, about the row but for the ends.
 
-
-def _even_slopes(places: Array, step: float) -> Array:
-    """Return derivatives of polynomials through seven rows each, about the row but for the ends."""
-    nodes = np.arange(float(_STENCIL))
-    powers = np.vander(nodes, increasing=True)
-    growth = np.zeros_like(powers)
-    growth[:, 1:] = powers[:, :-1] * np.arange(1.0, _STENCIL)
-    weights = growth @ np.linalg.inv(powers) / step
-    half, count = _STENCIL // 2, len(places)
-    slopes = np.empty_like(places)
-    slopes[half : count - half] = sum(
-        w * places[k : count - _STENCIL + 1 + k] for k, w in enumerate(weights[half].tolist())
+    By Lagrange's polynomials in their barycentric form.
+    """
+    rows = np.arange(len(since_s))
+    first = np.clip(rows - count // 2, 0, len(rows) - count)
+    near = first[:, None] + np.arange(count)
+    at_s = since_s[near]
+    shares = np.stack(
+        [1.0 / np.prod(at_s[:, k, None] - np.delete(at_s, k, axis=1), axis=1) for k in range(count)], axis=1
     )
-    slopes[:half] = weights[:half] @ places[:_STENCIL]
-    slopes[count - half :] = weights[-half:] @ places[-_STENCIL:]
+    own = shares[rows, rows - first]
+    slopes = np.zeros_like(places)
+    for k in range(count):
+        away_s = since_s - at_s[:, k]
+        other = np.flatnonzero(away_s)
+        weight = shares[other, k] / (own[other] * away_s[other])
+        slopes[other] += weight[:, None] * (places[near[other, k]] - places[other])
     return slopes
 
 
