@@ -39,7 +39,7 @@ def test_rows_of_a_satellite_are_those_of_the_elements_that_made_them(ask, oem, 
     sets.write_text("\n".join(["ISS (ZARYA)", *ISS, ""]))
     code, out, err = ask("1998-067A", "--ephemeris", oem, "--json", *SPAN)
     assert code == 0
-    assert err == "sattrack: ISS: OEM by SGP4, Hermite, degree 11, TEME\n"
+    assert err == "sattrack: ISS: OEM by SGP4, Lagrange, degree 11, TEME\n"
     rows = json.loads(out)
     others = json.loads(ask("ISS", "--elements", str(sets), "--json", *SPAN)[1])
     assert len(rows) == len(others) > 60
