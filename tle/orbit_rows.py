@@ -249,13 +249,15 @@ def _runs(told: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 def _check_speed(one: Segment, name: str, source: str) -> None:
     """Refuse rows that go as nothing does; those of a file in metres are far from the Earth's pull."""
-    way = np.linalg.norm(np.diff(one.place_km, axis=0), axis=1)
-    fast = np.flatnonzero(way > _FASTEST_KM_S * np.diff(one.since_s))
+    speed = np.linalg.norm(np.diff(one.place_km, axis=0), axis=1) / np.diff(one.since_s)
+    if one.velocity_km_s is not None:
+        speed = np.maximum(speed, np.linalg.norm(one.velocity_km_s[:-1], axis=1))
+        speed = np.maximum(speed, np.linalg.norm(one.velocity_km_s[1:], axis=1))
+    fast = np.flatnonzero(speed > _FASTEST_KM_S)
     if len(fast):
         row = int(fast[0])
-        speed = float(way[row]) / float(one.since_s[row + 1] - one.since_s[row])
         raise EphemerisError(
-            f"the rows of {name} go at {speed:.0f} km/s from here on: check their units",
+            f"the rows of {name} go at {float(speed[row]):.4g} km/s from here on: check their units",
             source=source,
             line=one.line_of(row),
         )
@@ -360,7 +362,8 @@ def _off_between(one: Segment, pieces: Index) -> tuple[int, str] | None:
     unix_s = tai_s - leaps_s(tai_s)
     state = one.frame.to_teme(EarthOrientation.fixed(0.0), unix_s, tuple(one.native_many(since)), ARRAYS)
     place, pull = np.array(state[:3]).T, np.array(state[6:9]).T
-    height = np.linalg.norm(place, axis=1)
+    ends = np.linalg.norm(one.place_km[pieces], axis=1)
+    height = np.minimum(np.linalg.norm(place, axis=1), ends)
     gravity = _pull(place)
     missed = np.maximum(np.linalg.norm(pull - gravity, axis=1) - _moon_pull(height), 0.0)
     share = missed / np.linalg.norm(gravity, axis=1)

@@ -315,3 +315,15 @@ def test_few_rows_state_the_error_of_what_is_interpolated_from_them(cases: Path,
         assert usual is not None
         assert missed_km < stated.sigma_km
         assert stated.sigma_km < 1.1 * usual.sigma_km or count < 8
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 5])
+def test_of_few_rows_those_that_are_thrown_far_away_are_refused(count: int) -> None:
+    start, rows = of_elements("stationary", 120.0, count)
+    read(start + rows)
+    for row in range(count):
+        for column in range(1, 7):
+            words = rows[row].split()
+            words[column] = "1e9"
+            with pytest.raises(EphemerisError):
+                read([*start, *rows[:row], " ".join(words), *rows[row + 1 :]])
