@@ -273,10 +273,9 @@ def _check_gravity(one: Segment, name: str, source: str) -> None:
     turns = steps**2 * _turns_2(one.place_km[:-1])
     even = np.linspace(0, len(steps) - 1, _PROBES).astype(np.intp)
     pieces = np.unique(np.concatenate([even, *(np.argsort(k)[-_WIDEST:] for k in (steps, turns))]))
-    if len(one.since_s) < one.interpolation.rows + _MORE_ROWS:
-        found = _off_between(one, pieces)
-    else:
-        found = _off_arcs(one, pieces) or _off_by_more_rows(one, pieces)
+    found = _off_arcs(one, pieces) if len(one.since_s) > 2 else None
+    few = len(one.since_s) < one.interpolation.rows + _MORE_ROWS
+    found = found or (_off_between(one, pieces) if few else _off_by_more_rows(one, pieces))
     if found is not None:
         row, words = found
         when = utc_of_tai(one.zero_s, float(one.since_s[row])).isoformat("seconds")
@@ -369,6 +368,7 @@ def _off_between(one: Segment, pieces: Index) -> tuple[int, str] | None:
     share = missed / np.linalg.norm(gravity, axis=1)
     # A polynomial that meets the rows at both ends, off by so much in between.
     moved_km = missed * (one.since_s[pieces + 1] - one.since_s[pieces]) ** 2 / 10.0
-    share[height < _LOWEST_KM] = np.inf
-    bad = np.flatnonzero(((share > _GRAVITY_SHARE) | (moved_km > _MOVES_KM)) & (height < _HIGHEST_KM))
+    # Of three rows and more the arcs tell whether they fall.
+    other = (share > _GRAVITY_SHARE) & (len(one.since_s) < 3)
+    bad = np.flatnonzero((other | (moved_km > _MOVES_KM) | (height < _LOWEST_KM)) & (height < _HIGHEST_KM))
     return (int(pieces[bad[0]]), _no_orbit(one, float(share[bad[0]]))) if len(bad) else None
