@@ -12,13 +12,16 @@ import sys
 import tempfile
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
+from datetime import datetime
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import bias as bench
+import numpy as np
 import pytest
 from flight_runs import until
 from programs import ended, free_port, sattrack
+from skyfield.api import EarthSatellite, load, wgs84
 
 from sattrack.cli import main
 from sattrack.control.target import Course
@@ -26,14 +29,17 @@ from sattrack.recording.format import OPERATOR, VIEW, Recording
 from sattrack.recording.replay import replay
 from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import build_engine, decode_facts
-from sattrack.views.messages import SeenOffset, encode_message
+from sattrack.views.messages import ObservationMessage, SeenOffset, encode_message
 from tle.bias import Bias
 from tle.instants import Utc
 from tle.propagator import Propagator
 from tle.refraction import Refraction
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
+
+    from numpy.typing import NDArray
 
 BEGIN_S = float(Utc.parse("2026-10-02T13:05:10Z").unix_s)
 LATE_S = 3.0
@@ -61,7 +67,7 @@ def solutions(
     return [encode_message(bench.solution(true, from_s + i, rng, sigma_arcsec)) for i in range(count)]
 
 
-def fly(lines: list[bytes], *options: str) -> tuple[dict[str, Any], str]:
+def fly(lines: list[bytes], *options: str, command: Sequence[str] = TRACK) -> tuple[dict[str, Any], str]:
     """Run the command in this process, on lines from its standard input."""
     out, err = io.StringIO(), io.StringIO()
     with pytest.MonkeyPatch.context() as patch, tempfile.TemporaryFile() as stream:
@@ -69,7 +75,7 @@ def fly(lines: list[bytes], *options: str) -> tuple[dict[str, Any], str]:
         stream.seek(0)
         patch.setattr("sys.stdin", SimpleNamespace(buffer=stream))
         with redirect_stdout(out), redirect_stderr(err):
-            assert main.run([*TRACK, *options]) == 0, err.getvalue()
+            assert main.run([*command, *options]) == 0, err.getvalue()
     return json.loads(out.getvalue())["summary"], err.getvalue()
 
 
@@ -284,3 +290,102 @@ def test_the_bias_of_a_true_satellite_is_no_bias_of_the_propagators() -> None:
     believed = Propagator(demo_pass.elements(), demo_pass.SITE.place())
     one, other = true_satellite().at(Utc(BEGIN_S)), believed.at(Utc(BEGIN_S), Bias(LATE_S))
     assert separation_arcsec((one.ra_deg, one.dec_deg), (other.ra_deg, other.dec_deg)) < 0.01
+
+
+# UTC of 2020-07-24, right ascension and declination (ICRF, degrees) of STARLINK-1179: plate solutions of New
+# Mexico Skies, good to 2″ or 3″. They are in github.com/ut-astria/orbdetpy, examples/fit_radec.py (radians,
+# to 0.2″), the site in its CAR_MHF.py; elements of ten days before in github.com/richiecarmichael/
+# Esri-Satellite-Map.
+SEEN = """
+03:19:36.035 61.5115457 79.1357847
+03:19:40.551 54.4322510 79.4397389
+03:19:45.226 46.5896620 79.5748423
+03:20:08.080 10.1833508 77.2382631
+03:20:12.593 4.7592166 76.2511141
+03:20:17.135 359.9850282 75.1261688
+03:20:35.638 346.2565584 69.5420648
+03:20:40.159 343.9325842 68.0009230
+03:20:44.824 341.8357306 66.3575654
+03:20:49.538 339.9832435 64.6543338
+03:20:54.236 338.3603978 62.9173549
+03:20:58.770 336.9725221 61.2112585
+03:21:07.908 334.6162905 57.7071059
+03:21:12.645 333.5888626 55.8714637
+03:21:17.240 332.6927566 54.0798820
+03:21:26.480 331.1505834 50.4748316
+03:21:31.131 330.4845199 48.6673216
+03:21:35.713 329.8894460 46.8960799
+03:21:40.249 329.3531002 45.1522828
+03:21:44.927 328.8502724 43.3750823
+03:21:54.265 327.9758815 39.8850245
+03:21:59.018 327.5890777 38.1454101
+03:22:03.679 327.2436415 36.4693366
+03:22:08.283 326.9306919 34.8404176
+03:22:12.904 326.6436401 33.2369952
+03:22:17.432 326.3858664 31.6954523
+03:22:22.073 326.1437917 30.1511018
+03:22:26.745 325.9209684 28.6275498
+03:22:31.417 325.7173965 27.1408962
+03:22:35.997 325.5357116 25.7160074
+03:22:40.696 325.3657150 24.2921500
+03:22:45.390 325.2102716 22.9025555
+03:22:49.930 325.0745952 21.5959825
+"""
+SEEN_FROM = (32.90305556, -105.52955560, 2225.04)
+SEEN_ELEMENTS = (
+    "1 45085U 20006AT  20195.91667824 +.00004558 +00000-0 +33159-3 0  9996",
+    "2 45085 053.0008 155.7386 0001352 085.2110 042.9283 15.05599130001808",
+)
+
+
+def seen_solutions() -> list[ObservationMessage]:
+    rows = [line.split() for line in SEEN.split("\n")[1:-1]]
+    return [
+        ObservationMessage(f"2020-07-24T{clock}Z", float(ra), float(dec), "icrs", 3.0)
+        for clock, ra, dec in rows
+    ]
+
+
+def ahead_s(one: ObservationMessage) -> float:
+    """Return by how much the satellite is ahead of its elements, by skyfield; the observer is not."""
+    satellite, scale = EarthSatellite(*SEEN_ELEMENTS), load.timescale(builtin=True)
+    site = wgs84.latlon(SEEN_FROM[0], SEEN_FROM[1], SEEN_FROM[2])
+    at = scale.from_datetime(datetime.fromisoformat(one.utc))
+    observer = site.at(at).position.km
+    ra, dec = math.radians(one.ra_deg), math.radians(one.dec_deg)
+    toward = np.array([math.cos(dec) * math.cos(ra), math.cos(dec) * math.sin(ra), math.sin(dec)])
+
+    def seen(ahead: float) -> NDArray[np.float64]:
+        away_km = 1500.0
+        for _ in range(3):
+            later = scale.tt_jd(at.tt + (ahead - away_km / 299792.458) / 86400.0)
+            place = satellite.at(later).position.km - observer
+            away_km = float(np.linalg.norm(place))
+        direction: NDArray[np.float64] = place / away_km
+        return direction
+
+    ahead = 0.0
+    for _ in range(8):
+        now, after = seen(ahead), seen(ahead + 0.01)
+        path = (after - now) / 0.01
+        ahead += float((toward - now) @ path / (path @ path))
+    return ahead
+
+
+def test_a_real_satellite_ten_days_after_its_elements_is_met_by_real_plate_solutions(tmp_path: Path) -> None:
+    elements, path = tmp_path / "starlink.tle", tmp_path / "pass.mcap"
+    elements.write_text("\n".join(SEEN_ELEMENTS) + "\n")
+    seen = seen_solutions()
+    site = ",".join(map(str, SEEN_FROM))
+    arguments = ["45085", "--elements", str(elements), "--site", site, "--clock", "2020-07-24T03:15:00Z"]
+    lines = [encode_message(one) for one in seen]
+    summary, _ = fly(lines, "--record", str(path), command=["track", *arguments, *TRACK[2:6], *TRACK[-2:]])
+    estimate = summary["estimate"]
+    assert (len(seen), estimate["accepted"], estimate["begun_anew"]) == (33, 33, 0)
+    last_utc_s = float(Utc.parse(seen[-1].utc).unix_s)
+    views = [json.loads(entry.data) for entry in Recording(path).entries() if entry.topic == VIEW]
+    told = next(view["estimate"] for view in views if view["utc_s"] > last_utc_s + 1.0)
+    since_s = np.array([float(Utc.parse(one.utc).unix_s) - last_utc_s for one in seen])
+    wanted = float(np.polyfit(since_s, np.array(list(map(ahead_s, seen))), 2)[-1])
+    assert told["along_s"] == pytest.approx(wanted, abs=0.02)
+    assert told["along_s"] == pytest.approx(wanted, abs=3.0 * math.hypot(told["along_sigma_s"], 0.001))
