@@ -44,6 +44,8 @@ _TDM = r"^\s*CCSDS_TDM_VERS\b|<(?:\w+:)?tdm\b"
 _NUMBERS = r"[^\n]{0,200}\n(?:\d{1,9}\r?\n)+\s*"
 _HTML = r"\s*<(?:!doctype\s+html|html|head|body)\b"
 _SHOWN = 8
+# A launch's pieces.
+_LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ"
 _MOST_BYTES = 256 * 1024 * 1024
 # From this day on CelesTrak has published objects whose numbers no TLE of its can hold (100000 and above).
 _SIX_DIGITS_SINCE = Utc.parse("2026-07-11T00:00:00Z")
@@ -146,8 +148,8 @@ def write_elements(elements: Iterable[Elements], form: str, created: str = "", o
 def find(elements: Sequence[Elements], key: str) -> Elements:
     """Return the elements of the object that a user means.
 
-    The key is a catalogue number (Alpha-5 too), an international designator (1998-067A, 98067A;
-    1998-067 for all that one launch brought) or a name;
+    The key is a catalogue number (Alpha-5 too), an international designator as `full_designator` reads it
+    (1998-067 for all that one launch brought) or a name;
     case, accents and punctuation do not count. An exact name wins over a common one (`COMMON_NAMES`), that
     over names that begin with the key, those over names that contain it.
     Raises SatelliteNotFoundError, AmbiguousSatelliteError.
@@ -275,13 +277,25 @@ def _by_designator(elements: Sequence[Elements], key: str) -> list[Elements]:
 
 
 def full_designator(key: str) -> str | None:
-    """Return 1998-067A for 1998-067A, 98-067A or 98067A, 1998-067 for a launch; None for what is neither."""
-    match = re.fullmatch(r"(\d\d)?(\d\d)(?:-?(\d{3}[A-Z]{1,3})|-(\d{3}))", key.upper(), re.ASCII)
+    """Return 1998-067A for 1998-067A, 98067A, 1998-067-A and the like, and for 9806701 of laser stations.
+
+    Return 1998-067 for a launch, None for what is no designator. Seven digits may be a catalogue number too.
+    """
+    match = re.fullmatch(r"(\d\d)?(\d\d)(?:-?(\d{3})-?([A-Z]{1,3})|-(\d{3}))", key.upper(), re.ASCII)
     if match is None:
-        return None
-    century, year, piece, launch = match.groups()
+        numbered = re.fullmatch(r"(\d\d)(\d{3})(\d\d)", key, re.ASCII)
+        if numbered is None or numbered[3] == "00":
+            return None
+        return full_designator(f"{numbered[1]}{numbered[2]}{_piece(int(numbered[3]))}")
+    century, year, number, piece, launch = match.groups()
     century = century or ("19" if int(year) >= 57 else "20")
-    return f"{century}{year}-{piece or launch}"
+    return f"{century}{year}-{launch or number + piece}"
+
+
+def _piece(number: int) -> str:
+    """Return the letters of a launch's so-manyth piece: A to Z without I and O, then AA."""
+    high, low = divmod(number - 1, len(_LETTERS))
+    return (_LETTERS[high - 1] if high else "") + _LETTERS[low]
 
 
 def _by_name(elements: Sequence[Elements], key: str) -> list[Elements]:

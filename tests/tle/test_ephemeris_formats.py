@@ -545,8 +545,11 @@ def test_an_object_is_found_by_what_its_file_calls_it(tmp_path: Path) -> None:
     path = tmp_path / "round.cpf.gz"
     path.write_bytes(gzip.compress(cpf(frame=2).encode()))
     found = read_ephemerides(path)
-    for key in ("ROUND", "99999", "2026-001A"):
+    for key in ("ROUND", "99999", "2026-001A", "26-001A", "26001A", "2026001a", "2600101", " 1234 "):
         assert find_ephemeris(found, key) is found[0]
+    for key in ("0", "2026-001B", "2600102", "2026-001", ""):
+        with pytest.raises(SatelliteNotFoundError):
+            find_ephemeris(found, key)
     with pytest.raises(SatelliteNotFoundError, match=r"no object 'ISS' in .*gz, which holds round \(99999\)"):
         find_ephemeris(found, "ISS")
     with pytest.raises(SourceError, match="cannot read the ephemeris"):
@@ -554,6 +557,44 @@ def test_an_object_is_found_by_what_its_file_calls_it(tmp_path: Path) -> None:
     path.write_bytes(gzip.compress(cpf(frame=2).encode())[:-20])
     with pytest.raises(EphemerisError, match="gzip"):
         read_ephemerides(path)
+
+
+def test_the_object_of_a_laser_stations_file_is_found_by_each_of_its_numbers(cases: Path) -> None:
+    # The ILRS lists LAGEOS-1 as COSPAR 7603901, SIC 1155, NORAD 8820.
+    found = read_ephemerides(cases / "ephemerides/ilrs/lageos1_cpf_180613_16401.hts")
+    for key in ("LAGEOS-1", "1155", "8820", "7603901", "76039A", "76-039A", "1976-039A"):
+        assert find_ephemeris(found, key) is found[0]
+
+
+DESIGNATORS = ("1998-067A", "98067A", "1998067A", "98-067A", "9806701")
+
+
+@pytest.mark.parametrize(
+    ("written", "keys"),
+    [("1998-067-A", DESIGNATORS), ("1998-067A", DESIGNATORS), ("98067A", DESIGNATORS), ("25544", ())],
+)
+def test_the_station_of_an_oem_is_found_however_its_id_is_written(
+    written: str, keys: tuple[str, ...]
+) -> None:
+    text = (HEAD + oem(8)).replace("NAME = ROUND", "NAME = ISS").replace("2026-001A", written)
+    found = parse_ephemerides(text.encode())
+    for key in ("25544", "ISS", "International Space Station", *keys):
+        assert find_ephemeris(found, key) is found[0]
+
+
+def test_a_cpf_whose_object_has_no_sic_number_is_found_by_others_only() -> None:
+    for sic in ("0", "-1", "n/a"):
+        found = parse_ephemerides(cpf(frame=2).replace(" 1234 ", f" {sic} ").encode())
+        assert find_ephemeris(found, "round") is found[0]
+        for key in ("0", "1", "na"):
+            with pytest.raises(SatelliteNotFoundError):
+                find_ephemeris(found, key)
+
+
+def test_a_catalogue_number_is_taken_before_another_objects_sic_number() -> None:
+    by_sic = parse_ephemerides(cpf(frame=2).encode())
+    by_number = parse_ephemerides(cpf(frame=2).replace(" 1234 99999 ", " 99 1234 ").encode())
+    assert find_ephemeris([*by_sic, *by_number], "1234") is by_number[0]
 
 
 def sp3(count: int = 20) -> str:

@@ -113,6 +113,10 @@ def test_a_fetcher_reads_urls():
         ("98067a", 25544),
         ("98-067A", 25544),
         ("57001B", 44800),
+        ("1998-067-A", 25544),
+        ("1998067A", 25544),
+        ("9806701", 25544),
+        ("5700102", 44800),
         ("2021-066", 49044),
         ("iss zarya", 25544),
         ("nauka", 49044),
@@ -126,6 +130,21 @@ def test_a_fetcher_reads_urls():
 )
 def test_finds_by_number_designator_and_name(key, number):
     assert find(STATION, key).catalog_number == number
+
+
+@pytest.mark.parametrize(
+    ("number", "letters"), [("08", "H"), ("09", "J"), ("24", "Z"), ("25", "AA"), ("48", "AZ"), ("49", "BA")]
+)
+def test_the_laser_stations_number_the_pieces_that_others_letter_without_i_and_o(number, letters):
+    sets = [ZARYA, dataclasses.replace(ZARYA, catalog_number=70002, designator=f"2026-150{letters}")]
+    assert find(sets, f"26150{number}").catalog_number == 70002
+
+
+def test_seven_digits_are_a_catalogue_number_first():
+    sets = [ZARYA, dataclasses.replace(ZARYA, catalog_number=9806701, designator="2026-001A")]
+    assert find(sets, "9806701").catalog_number == 9806701
+    with pytest.raises(SatelliteNotFoundError):
+        find([ZARYA], "9806700")
 
 
 def test_finds_alpha5_numbers():

@@ -42,6 +42,8 @@ class _CpfHeader(NamedTuple):
     version: int
     made: Utc
     designator: str
+    sic: str
+    """The laser stations' number of the object, empty where there is none."""
     catalog_number: int
     first: Utc
     last: Utc
@@ -85,7 +87,7 @@ def parse_cpf(lines: Lines) -> list[TableEphemeris]:
             f"{segments[0].interpolation.words}",
             epoch=header.made,
             catalog_number=header.catalog_number,
-            names=(header.designator,),
+            names=(header.designator, header.sic),
             source=lines.source,
         )
     ]
@@ -160,6 +162,7 @@ def _header(lines: Lines, h1: int, h2: int) -> _CpfHeader:
         version,
         made,
         _designator(cospar),
+        two[2].lstrip("0") if two[2].isdigit() else "",
         number,
         first,
         last,

@@ -8,9 +8,18 @@ from typing import TYPE_CHECKING
 from tle.errors import EphemerisError, SatelliteNotFoundError, SourceError
 from tle.formats import cpf, oem, sp3, track_table
 from tle.formats.rows import Lines
-from tle.sources import gunzipped, listed, plain_name
+from tle.sources import (
+    COMMON_NAMES,
+    catalog_number_of,
+    full_designator,
+    gunzipped,
+    listed,
+    plain_name,
+)
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from tle.ephemeris import TableEphemeris
     from tle.instants import Utc
     from tle.site import Site
@@ -130,15 +139,28 @@ def _uncompressed(data: bytes, most: int) -> bytes:
 
 
 def find_ephemeris(ephemerides: list[TableEphemeris], key: str) -> TableEphemeris:
-    """Return the ephemeris of the object that a user means, by number or name as its file writes it.
+    """Return the ephemeris of the object that a user means, by catalogue number, designator, or a name of it.
 
-    Case and punctuation do not count. Raises SatelliteNotFoundError, saying what the file holds, and
-    EphemerisError with the line for an object that the file has, but that cannot be placed.
+    Names are those that the file gives, a CPF's SIC number among them, then common ones (`COMMON_NAMES`).
+    Designators are compared as `full_designator` reads them. Case and punctuation do not count.
+    Raises SatelliteNotFoundError, saying what the file holds, and EphemerisError with the line for an object
+    that the file has, but that cannot be placed.
     """
-    wanted = plain_name(key)
-    for one in ephemerides:
-        if wanted and wanted in {str(one.catalog_number or ""), *map(plain_name, one.names)}:
-            return one
+    wanted, number, designator = plain_name(key), catalog_number_of(key.strip()), full_designator(key.strip())
+    common = number or COMMON_NAMES.get(wanted)
+    rules: tuple[Callable[[TableEphemeris], bool], ...] = (
+        lambda one: bool(number) and one.catalog_number == number,
+        lambda one: bool(designator) and designator in map(full_designator, one.names),
+        lambda one: bool(wanted) and wanted in map(plain_name, one.names),
+        lambda one: (
+            bool(common)
+            and common in (one.catalog_number, *map(COMMON_NAMES.get, map(plain_name, one.names)))
+        ),
+    )
+    for rule in rules:
+        for one in ephemerides:
+            if rule(one):
+                return one
     for name, error in ephemerides[0].refused.items():
         if plain_name(name) == wanted:
             raise error
