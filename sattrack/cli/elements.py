@@ -20,7 +20,7 @@ from sattrack.cli.common import (
     tell,
     write_file,
 )
-from sattrack.cli.targets import Wanted, candidates, ephemeris_option
+from sattrack.cli.targets import Wanted, candidates, ephemeris_option, tell_left_out
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError
 from sattrack.runtime.bias_memory import BiasMemory, KeptBias, describe, memory_file
@@ -179,7 +179,8 @@ def compare(context: CommandContext, satellite: str, ephemeris: tuple[Path, ...]
     """Compare the ephemerides of SATELLITE that files and element sources have, the best one first.
 
     They are compared for the pass in progress, else the next, where a site is set; else for now. The angle is
-    how far each is seen from the best one when the pass is highest.
+    how far each is seen from the best one when the pass is highest. What has nothing of SATELLITE is left
+    out, and named on standard error with the reason.
 
     \b
     Examples:
@@ -188,7 +189,7 @@ def compare(context: CommandContext, satellite: str, ephemeris: tuple[Path, ...]
     """
     site = context.site() if context.has_site() else None
     wanted = Wanted(context.now(), context.settings.min_altitude_deg)
-    known = candidates(context, satellite, ephemeris, wanted, site)
+    known, left_out = candidates(context, satellite, ephemeris, wanted, site)
     at = known[0].window.at
     rows = []
     for one in known:
@@ -198,6 +199,7 @@ def compare(context: CommandContext, satellite: str, ephemeris: tuple[Path, ...]
             {
                 "source": one.origin,
                 "provenance": one.target.provenance,
+                "name": one.target.label,
                 "age_days": None if age_s is None else age_s / _DAY_S,
                 "expected_error_m": one.error_m,
                 "over": one.rank.over,
@@ -205,8 +207,11 @@ def compare(context: CommandContext, satellite: str, ephemeris: tuple[Path, ...]
                 "from_best_arcsec": off,
             }
         )
+    tell_left_out(left_out)
     if context.json:
-        click.echo(json.dumps({"utc": at.isoformat("seconds"), "ephemerides": rows}))
+        others = [{"source": one.origin, "reason": one.reason} for one in left_out]
+        document = {"utc": at.isoformat("seconds"), "ephemerides": rows, "left_out": others}
+        click.echo(json.dumps(document))
     else:
         for one, row in zip(known, rows, strict=True):
             away = (

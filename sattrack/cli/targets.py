@@ -2,34 +2,31 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
-import itertools
 import math
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import click
 
 from sattrack.cli.common import tell
 from sattrack.core.errors import BadInputError
 from tle.elements import Elements
-from tle.ephemeris import SourceRank, expected_error_m, source_rank
+from tle.ephemeris import SourceRank, TableEphemeris, expected_error_m, source_rank
 from tle.errors import AmbiguousSatelliteError, PropagationError, SatelliteNotFoundError, SourceError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Collection, Sequence
 
     from sattrack.cli.common import CommandContext
-    from tle.ephemeris import Ephemeris, TableEphemeris
+    from tle.ephemeris import Ephemeris
     from tle.instants import Utc
     from tle.site import Site
 
 
+TargetT = TypeVar("TargetT", Elements, TableEphemeris)
 _T0, _SOURCE = "sattrack.t0", "sattrack.source"
-_ELEMENTS = ""
-"""Stands for all elements where the others are files, by name."""
 _DISAGREES = 5.0
 """So many times what they state together are two ephemerides apart that cannot both be right."""
 
@@ -75,7 +72,8 @@ def followed(
             site = context.site()
             return FollowedTarget(context.elements(target), site, None)
     site = context.site()
-    (origins,) = _origins(context, [target], files, loaded())
+    (origins,), left_out = _origins(context, [target], files, loaded())
+    tell_left_out(left_out)
     chosen = _chosen(origins, target, wanted, site)
     culminate_utc_s = None
     if chosen.window.first != chosen.window.last:
@@ -185,16 +183,34 @@ class _Origin(NamedTuple):
         )
 
 
+class LeftOut(NamedTuple):
+    """A file or element source that has nothing of an object which others have, and why."""
+
+    origin: str
+    reason: str
+
+
 def candidates(
     context: CommandContext, key: str, files: Sequence[Path], wanted: Wanted, site: Site | None
-) -> list[EphemerisChoice]:
-    """Return all ephemerides of a target that files and element sources have, the best one first.
+) -> tuple[list[EphemerisChoice], list[LeftOut]]:
+    """Return all ephemerides of a target, the best one first, and the files and sources that have none.
 
-    Without a site it is the best one at the beginning, else for the pass that is wanted.
+    Without a site it is the best one at the beginning, else for the pass that is wanted. The one object of a
+    file is taken even if nothing shows that it is the target, as long as nothing shows that it is another.
     Raises SatelliteNotFoundError where none has it, TleError, BadInputError.
     """
-    (origins,) = _origins(context, [key], files, context.load_each())
-    return _ranked(origins, wanted, site)
+    loaded = context.load_each()
+    (origins,), left_out = _origins(context, [key], files, loaded, alone=True)
+    known = {*(one.name for one in origins), *(one.origin for one in left_out)}
+    target = _numbered(origins[0].targets[0])
+    left_out += [LeftOut(name, f"no {target} in {name}") for name, _ in loaded if name not in known]
+    return _ranked(origins, wanted, site), left_out
+
+
+def tell_left_out(left_out: Sequence[LeftOut]) -> None:
+    """Say on standard error what has nothing of the object."""
+    for one in left_out:
+        tell(f"left out: {one.reason}")
 
 
 def _ranked(origins: list[_Origin], wanted: Wanted, site: Site | None) -> list[EphemerisChoice]:
@@ -212,14 +228,16 @@ def _origins(
     keys: Sequence[str],
     files: Sequence[Path],
     loaded: list[tuple[str, list[Elements]]],
-) -> list[list[_Origin]]:
-    """Return what files and element sources have of each object; tell of files that have none of them."""
+    alone: bool = False,
+) -> tuple[list[list[_Origin]], list[LeftOut]]:
+    """Return what files and element sources have of each object, and what has none of them.
+
+    `alone` takes the one object of a file where neither number nor designator tells whether it is the same.
+    """
     held = {str(path): _read(context, path, files) for path in files}
-    found, lacking = zip(*(_origins_of(context, key, held, loaded) for key in keys), strict=True)
-    for name in held:
-        if all(name in one for one in lacking):
-            tell(f"left out: {lacking[0][name]}")
-    return list(found)
+    found, lacking = zip(*(_origins_of(context, key, held, loaded, alone) for key in keys), strict=True)
+    names = [name for name in lacking[0] if all(name in one for one in lacking)]
+    return list(found), [LeftOut(name, lacking[0][name]) for name in names]
 
 
 def _origins_of(
@@ -227,52 +245,114 @@ def _origins_of(
     key: str,
     held: dict[str, list[TableEphemeris]],
     loaded: list[tuple[str, list[Elements]]],
-) -> tuple[list[_Origin], dict[str, SatelliteNotFoundError]]:
-    """Return what files, by name, and element sources have of one object, and the errors of those without it.
+    alone: bool,
+) -> tuple[list[_Origin], dict[str, str]]:
+    """Return what files, by name, and element sources have of one object, and why others have none.
 
-    One that does not know the key is asked for the number and the designator that another one gives it.
+    The first that has the key says which object it is. One that does not know the key is asked for the number
+    and the designator that another one gives it; one whose number or designator differs has another object.
     """
     from tle.formats.ephemerides import find_ephemeris
     from tle.sources import find, newest
 
-    searches: dict[str, Callable[[str], Elements | Ephemeris]] = {
-        name: functools.partial(find_ephemeris, known) for name, known in held.items()
-    }
-    sets = newest([one for _, accepted in loaded for one in accepted], context.now())
-    if sets:
-        searches[_ELEMENTS] = functools.partial(find, sets)
-    found: dict[str, Elements | Ephemeris] = {}
-    lacking: dict[str, SatelliteNotFoundError] = {}
+    searches = {name: functools.partial(find_ephemeris, table) for name, table in held.items()}
+    in_sets = functools.partial(find, newest([one for _, sets in loaded for one in sets], context.now()))
+    found: dict[str, TableEphemeris] = {}
     for name, search in searches.items():
-        try:
-            found[name] = search(key)
-        except SatelliteNotFoundError as error:
-            lacking[name] = error
-    if not found:
-        raise next(iter(lacking.values()), BadInputError(f"{key}: give --ephemeris FILE or --elements SRC"))
-    others = [word for one in found.values() for word in _identities(one)]
-    for name, other in itertools.product(tuple(lacking), others):
-        if name not in found:
-            with contextlib.suppress(SatelliteNotFoundError):
-                found[name] = searches[name](other)
-                del lacking[name]
+        one = _by_any(search, [key], found.values())
+        if one is not None:
+            found[name] = one
+    # By its number first: a SIC number may be the catalogue number of another satellite.
+    words = [word for one in found.values() for word in _identities(one)]
+    meant = _by_any(in_sets, [*words, key], found.values())
+    other = None if meant is not None else _by_any(in_sets, [key], [])
+    known: list[Elements | Ephemeris] = [*found.values()]
+    if meant is not None:
+        known.append(meant)
+    if not known:
+        for search in searches.values():
+            search(key)
+        if loaded:
+            in_sets(key)
+        raise BadInputError(f"{key}: give --ephemeris FILE or --elements SRC")
+    words = [word for one in known for word in _identities(one)]
+    lacking: dict[str, str] = {}
+    for name in [name for name in held if name not in found]:
+        one = _by_any(searches[name], words, known)
+        if one is None and alone:
+            one = _only(held[name], key, name, known)
+        if one is None:
+            lacking[name] = _why_lacking(searches[name], key, name, known[0])
+        else:
+            found[name] = one
     origins = [_Origin(name, [found[name]]) for name in held if name in found]
-    meant = found.get(_ELEMENTS)
-    if isinstance(meant, Elements):
-        for source, accepted in loaded:
-            of_it = [one for one in accepted if _same(one, meant)]
-            origins += [_Origin(source, of_it)] if of_it else []
+    for source, accepted in loaded:
+        of_it = [one for one in accepted if meant is not None and _same(one, meant)]
+        origins += [_Origin(source, of_it)] if of_it else []
+        if other is not None and any(_same(one, other) for one in accepted):
+            lacking[source] = _why_lacking(in_sets, key, source, known[0])
     return origins, lacking
 
 
+def _by_any(
+    search: Callable[[str], TargetT], words: Sequence[str], known: Collection[Elements | Ephemeris]
+) -> TargetT | None:
+    """Return what is found by one of the words, if it is not known to be another object."""
+    for word in words:
+        try:
+            found = search(word)
+        except SatelliteNotFoundError:
+            continue
+        if all(_agree(found, one) is not False for one in known):
+            return found
+    return None
+
+
+def _only(
+    table: list[TableEphemeris], key: str, name: str, known: Sequence[Elements | Ephemeris]
+) -> TableEphemeris | None:
+    """Return the one object of a file that nothing shows to be another, and say what the file calls it."""
+    if len(table) > 1 or table[0].refused or any(_agree(table[0], one) is False for one in known):
+        return None
+    tell(f"{name} calls its one object {table[0].label}: compared as {key}")
+    return table[0]
+
+
+def _why_lacking(
+    search: Callable[[str], Elements | Ephemeris], key: str, name: str, target: Elements | Ephemeris
+) -> str:
+    """Return why a file or element source has nothing of a target: no such name, or another object of it."""
+    try:
+        other = search(key)
+    except SatelliteNotFoundError as error:
+        return str(error)
+    return f"{key} in {name} is {_numbered(other)}, not {_numbered(target)}"
+
+
 def _identities(target: Elements | Ephemeris) -> list[str]:
-    """Return an object's catalogue number and designator, where they are known."""
-    from tle.ephemeris import TableEphemeris
+    """Return an object's catalogue number and designators, where they are known."""
     from tle.sources import full_designator
 
     names = target.names if isinstance(target, TableEphemeris) else (getattr(target, "designator", ""),)
-    designators = [one for one in names if (full_designator(one) or "0")[-1].isalpha()]
+    full = [full_designator(one) or "" for one in names]
+    designators = [one for one in full if one[-1:].isalpha()]
     return [str(target.catalog_number), *designators] if target.catalog_number else designators
+
+
+def _agree(one: Elements | Ephemeris, other: Elements | Ephemeris) -> bool | None:
+    """Tell whether two are of one object, by number or designator; None where these do not tell."""
+    ids, others = _identities(one), _identities(other)
+    if set(ids) & set(others):
+        return True
+    numbers = one.catalog_number and other.catalog_number
+    designators = any("-" in each for each in ids) and any("-" in each for each in others)
+    return False if numbers or designators else None
+
+
+def _numbered(target: Elements | Ephemeris) -> str:
+    """Return an object's name with its catalogue number where it has both."""
+    both = target.name and target.catalog_number
+    return f"{target.name} ({target.catalog_number})" if both else target.label
 
 
 def _passes(target: Elements | Ephemeris, site: Site, wanted: Wanted) -> list[tuple[Window, float]]:
@@ -474,7 +554,8 @@ def find_targets(
         return list(context.elements())
     if files or _word() is not None:
         wanted = Wanted(at, 0.0)
-        each = _origins(context, keys, files, context.load_each())
+        each, left_out = _origins(context, keys, files, context.load_each())
+        tell_left_out(left_out)
         return [_chosen(one, key, wanted, None).target for key, one in zip(keys, each, strict=True)]
     from tle.sources import find
 

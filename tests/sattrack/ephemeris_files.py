@@ -1,4 +1,4 @@
-"""An OEM of a satellite whose elements are at hand: SGP4's places, and their derivatives, in TEME."""
+"""An OEM and a CPF of a satellite whose elements are at hand: SGP4's places and their derivatives (TEME)."""
 
 from __future__ import annotations
 
@@ -37,4 +37,25 @@ def oem_text(start: str, minutes: int, step_s: float = 60.0) -> str:
         "OBJECT_NAME = ISS\nOBJECT_ID = 1998-067-A\nCENTER_NAME = EARTH\nREF_FRAME = TEME\n"
         "TIME_SYSTEM = UTC\n"
         f"START_TIME = {ends[0]}\nSTOP_TIME = {ends[1]}\nMETA_STOP\n" + "\n".join(rows) + "\n"
+    )
+
+
+def cpf_text(start: str, minutes: int, sic: int = 1155) -> str:
+    """Return rows as a laser station has them, without an error; TEME as true of date, 20″ off at most."""
+    begin, end = Utc.parse(start), Utc.parse(start).plus(60.0 * minutes)
+    words = [
+        each.isoformat("seconds")[:-1].replace("T", "-").replace(":", "-").split("-") for each in (begin, end)
+    ]
+    rows = []
+    for line in oem_text(start, minutes).split("META_STOP\n")[1].splitlines():
+        time, *numbers = line.split()
+        days, second = divmod(float(Utc.parse(f"{time}Z").unix_s), 86400.0)
+        places = " ".join(f"{1000.0 * float(number):.3f}" for number in numbers[:3])
+        rows.append(f"10 0 {days + 40587:.0f} {second:.6f} 0 {places}")
+    return "\n".join(
+        (
+            "H1 CPF 2 US 2026 10 02 00 275 1 station NONE",
+            f"H2 9806701 {sic} 25544 {' '.join(words[0])} {' '.join(words[1])} 60 1 1 1 0 0 1",
+            *("H9", *rows, "99", ""),
+        )
     )

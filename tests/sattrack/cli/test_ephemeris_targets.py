@@ -8,7 +8,7 @@ import subprocess
 import sys
 
 import pytest
-from ephemeris_files import ISS, oem_text
+from ephemeris_files import ISS, cpf_text, oem_text
 
 from sattrack.cli.main import run
 
@@ -171,6 +171,93 @@ def test_the_ephemerides_of_an_object_are_compared_and_the_best_is_taken(capsys,
     assert rows[2]["from_best_arcsec"] > 3600.0
     assert run(["elements", "compare", "ISS", *sources]) == 0
     assert capsys.readouterr().out.splitlines()[0].startswith(f"{table}: OEM by SGP4")
+
+
+def named(path, name, designator):
+    """Write the rows of the ISS as another program may call it."""
+    text = oem_text("2026-10-02T12:50:00Z", 40).replace("NAME = ISS", f"NAME = {name}")
+    path.write_text(text.replace("1998-067-A", designator))
+    return str(path)
+
+
+@pytest.mark.parametrize("designator", ["1998-067-A", "98067A", "25544"])
+def test_a_file_that_calls_the_object_otherwise_is_compared_by_number_or_designator(
+    capsys, three, tmp_path, designator
+):
+    _, fresh, _ = map(str, three)
+    other = named(tmp_path / "other.oem", "STATION 1", designator)
+    sources = ("--elements", fresh, "--ephemeris", other, *AT, *LEIDEN)
+    assert run(["elements", "compare", "ISS", *sources, "--json"]) == 0
+    printed = capsys.readouterr()
+    found = json.loads(printed.out)
+    assert [(row["source"], row["name"]) for row in found["ephemerides"]] == [
+        (other, "STATION 1"),
+        (fresh, "ISS"),
+    ]
+    assert (found["left_out"], printed.err) == ([], "")
+    # The other way about: the file has the name, and the elements have its number.
+    assert run(["elements", "compare", "station-1", *sources, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == found
+
+
+def test_a_file_of_one_object_that_nothing_contradicts_is_compared_and_its_name_is_told(
+    capsys, three, tmp_path
+):
+    _, fresh, _ = map(str, three)
+    other = named(tmp_path / "other.oem", "TESTSAT", "TESTSAT")
+    sources = ("--elements", fresh, "--ephemeris", other, *AT, *LEIDEN)
+    assert run(["elements", "compare", "ISS", *sources, "--json"]) == 0
+    printed = capsys.readouterr()
+    rows = json.loads(printed.out)["ephemerides"]
+    assert [row["source"] for row in rows] == [other, fresh]
+    assert rows[1]["from_best_arcsec"] < 1.0
+    assert printed.err == f"sattrack: {other} calls its one object TESTSAT: compared as ISS\n"
+    # What a mount is to follow is not guessed.
+    assert run(["ephemeris", "ISS", *sources, *SPAN, "--source", "best"]) == 0
+    printed = capsys.readouterr()
+    assert f"left out: no object 'ISS' in {other}, which holds TESTSAT" in printed.err
+    assert f"using {fresh}" in printed.err
+
+
+@pytest.mark.parametrize(
+    ("designator", "holds"), [("2021-066A", "STATION 1"), ("49044", "STATION 1 (49044)")]
+)
+def test_a_file_of_another_object_is_left_out_with_the_reason(capsys, three, tmp_path, designator, holds):
+    _, fresh, _ = map(str, three)
+    other = named(tmp_path / "other.oem", "STATION 1", designator)
+    strange = tmp_path / "strange.tle"
+    strange.write_text(
+        "\n".join(["STRANGER", *(with_checksum(x.replace("25544", "25545")) for x in ISS), ""])
+    )
+    sources = ("--elements", fresh, "--elements", str(strange), "--ephemeris", other, *AT)
+    assert run(["elements", "compare", "ISS", *sources, "--json"]) == 0
+    printed = capsys.readouterr()
+    found = json.loads(printed.out)
+    assert [row["source"] for row in found["ephemerides"]] == [fresh]
+    assert found["left_out"] == [
+        {"source": other, "reason": f"no object 'ISS' in {other}, which holds {holds}"},
+        {"source": str(strange), "reason": f"no ISS (25544) in {strange}"},
+    ]
+    assert printed.err.splitlines() == [f"sattrack: left out: {one['reason']}" for one in found["left_out"]]
+    assert run(["elements", "compare", "nothing", *sources]) == 2
+    assert f"no object 'nothing' in {other}, which holds {holds}" in capsys.readouterr().err
+
+
+def test_elements_whose_catalogue_number_is_the_sic_number_of_a_file_are_left_out(capsys, three, tmp_path):
+    _, fresh, _ = map(str, three)
+    cpf, stranger = tmp_path / "station.cpf", tmp_path / "stranger.tle"
+    cpf.write_text(cpf_text("2026-10-02T12:50:00Z", 40, sic=1155))
+    lines = (with_checksum(x.replace("25544", "01155").replace("98067A", "64001A")) for x in ISS)
+    stranger.write_text("\n".join(["STRANGER", *lines, ""]))
+    sources = ("--ephemeris", str(cpf), "--elements", str(stranger), *AT)
+    assert run(["elements", "compare", "1155", *sources, "--elements", fresh, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert {row["source"] for row in found["ephemerides"]} == {str(cpf), fresh}
+    assert [one["source"] for one in found["left_out"]] == [str(stranger)]
+    assert run(["elements", "compare", "1155", *sources]) == 0
+    printed = capsys.readouterr()
+    assert f"left out: 1155 in {stranger} is STRANGER (1155), not station (25544)" in printed.err
+    assert printed.out.startswith(f"{cpf}: CPF 2 by US")
 
 
 @pytest.mark.parametrize(("word", "taken"), [("best", "fresh.tle"), ("OLD.tle", "old.tle")])
