@@ -26,7 +26,7 @@ from sattrack.tui.panels import (
     cells_of,
     labelled,
 )
-from sattrack.tui.scene import LABELS, TRACK, Scene, Tone, headline
+from sattrack.tui.scene import LABELS, TRACK, Scene, Tone, by_elements, headline
 from sattrack.views import formatting
 
 if TYPE_CHECKING:
@@ -477,9 +477,8 @@ class FieldPanel(Panel):
 def _source(scene: Scene) -> tuple[str, Part]:
     """Return what gives the target's places, as a label and its figures."""
     view = scene.view
-    if view.source is None or view.source.startswith("SGP4"):
-        old = "-" if view.elements_age_s is None else f"{_elements_age(scene)} old"
-        return "elements", old
+    if by_elements(view):
+        return "elements", "-" if view.elements_age_s is None else formatting.old(view.elements_age_s)
     words = [view.source]
     if view.expected_error_m is not None:
         words.append(f"{view.expected_error_m:.3g} m")
@@ -487,7 +486,7 @@ def _source(scene: Scene) -> tuple[str, Part]:
         since_s = math.floor(view.utc_s - view.t0_utc_s)
         words.insert(0, f"T{since_s:+d} s")
     elif view.elements_age_s is not None:
-        words.append(f"{_elements_age(scene)} old")
+        words.append(formatting.old(view.elements_age_s))
     return "source", ", ".join(words)
 
 

@@ -366,11 +366,17 @@ def _cautions(scene: Scene) -> tuple[Caution, ...]:
         found.append(Caution(text, advice, Tone.BAD if view.link.state == "lost" else Tone.NOTICE))
     if view.link.state == "silent" and view.ended_by is None:
         found.append(Caution("the mount has not answered yet", UNHEARD, Tone.NOTICE))
-    if view.elements_age_s is not None and view.elements_age_s > OLD_ELEMENTS_S:
+    age_s = view.elements_age_s
+    if by_elements(view) and age_s is not None and age_s > OLD_ELEMENTS_S:
         nudge = ": ← → nudge" if scene.in_control else ""
-        old = f"elements are {formatting.age(view.elements_age_s)} old"
+        old = f"elements are {formatting.old(age_s)}"
         found.append(Caution(old, f"expect the satellite early or late{nudge}", Tone.NOTICE))
     return tuple(found)
+
+
+def by_elements(view: TrackView) -> bool:
+    """Tell whether the target's places are those of elements, as far as is known."""
+    return view.source is None or view.source.startswith("SGP4")
 
 
 class NudgeStep(NamedTuple):

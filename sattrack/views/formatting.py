@@ -94,6 +94,11 @@ def age(seconds: float) -> str:
     return text if seconds >= 0.0 else f"{text} ahead"
 
 
+def old(seconds: float) -> str:
+    """Return an age as `12.8 h old`; of something that lies ahead as `56.5 days ahead`."""
+    return f"{age(seconds)} old" if seconds >= 0.0 else age(seconds)
+
+
 def right_ascension(degrees: float) -> str:
     """Return a right ascension as `12h 34m 56.7s`."""
     return hours(round(degrees % 360.0 / 15.0 * 36000.0) % 864000 / 36000.0)

@@ -52,6 +52,13 @@ def test_age(seconds: float, text: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("seconds", "text"), [(45900.0, "12.8 h old"), (0.0, "0 min old"), (-56.5 * 86400.0, "56.5 days ahead")]
+)
+def test_what_lies_ahead_is_not_called_old(seconds: float, text: str) -> None:
+    assert formatting.old(seconds) == text
+
+
+@pytest.mark.parametrize(
     ("degrees", "text"),
     [
         (0.0, "00h 00m 00.0s"),

@@ -278,6 +278,20 @@ def test_warnings_come_forward_with_what_to_do() -> None:
     assert rows[-1].startswith(" ←→ along")
 
 
+def test_an_ephemeris_of_the_future_is_ahead_and_elements_alone_are_warned_of_when_old() -> None:
+    days = 56.5 * 86400.0
+    sources = (None, "SGP4, elements of 2026-10-02T00:00:00Z", "CPF 2 by HTS")
+    ahead = drawn_in_turn(*(changed(source=one, elements_age_s=-days) for one in sources), size=HUGE)
+    for rows in ahead:
+        text = "\n".join(rows)
+        assert "56.5 days ahead" in text
+        assert "ahead old" not in text
+        assert "!" not in text
+    old = drawn_in_turn(*(changed(source=one, elements_age_s=days) for one in sources))
+    warned = [any("expect the satellite early or late" in row for row in rows) for rows in old]
+    assert warned == [True, True, False]
+
+
 def test_silence_of_the_feeder_and_an_unheard_stop_are_told() -> None:
     clock = HandClock()
 
