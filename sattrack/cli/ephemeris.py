@@ -21,9 +21,11 @@ from sattrack.cli.common import (
 from sattrack.cli.targets import ephemeris_option, find_targets
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError
+from sattrack.views.formatting import length
 from tle.bias import Bias
 from tle.bodies import Body
 from tle.elements import Elements
+from tle.ephemeris import TableEphemeris
 from tle.errors import EarthOrientationWarning, PropagationError
 from tle.instants import Utc
 from tle.propagator import Propagator
@@ -164,7 +166,8 @@ def _tell_about(elements: Elements | Ephemeris, propagator: Propagator, seen: Di
         tell(f"{elements.label}: {len(failed)} of {len(seen.utc)} instants have no position ({why})")
     if not isinstance(elements, Elements):
         known = elements.covariance(seen.utc[0])
-        sigma = "" if known is None else f"; 1σ {1000.0 * known.sigma_km:.3g} m by the file"
+        unstated = "; error not stated" if isinstance(elements, TableEphemeris) else ""
+        sigma = unstated if known is None else f"; 1σ {length(1000.0 * known.sigma_km)} by the file"
         tell(f"{elements.label}: {elements.provenance}, {elements.frame}{sigma}")
         return
     age_days = elements.age_s(seen.utc[0]) / 86400.0

@@ -12,6 +12,7 @@ import click
 
 from sattrack.cli.common import tell
 from sattrack.core.errors import BadInputError
+from sattrack.views.formatting import source_error
 from tle.elements import Elements
 from tle.ephemeris import SourceRank, TableEphemeris, expected_error_m, source_rank
 from tle.errors import AmbiguousSatelliteError, PropagationError, SatelliteNotFoundError, SourceError
@@ -162,7 +163,8 @@ class EphemerisChoice(NamedTuple):
     def text(self) -> str:
         """Say what it is in one line."""
         error_m, at = self.error_m, self.window.at.isoformat("seconds")
-        miss = "states no error" if error_m is None else f"expected error {error_m:.3g} m at {at}"
+        missed = source_error(error_m)
+        miss = missed if error_m is None else f"expected {missed} at {at}"
         over, in_part, _ = self.rank
         lack = ", not for the whole pass" if in_part else ""
         if over:

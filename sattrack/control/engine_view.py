@@ -25,7 +25,7 @@ from sattrack.views.run import (
     TwoAxesView,
 )
 from tle.bodies import Body
-from tle.ephemeris import expected_error_m
+from tle.ephemeris import TableEphemeris, expected_error_m
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from sattrack.control.tracker import Tracker
     from sattrack.mount.model import LinkView, StatusSample
     from sattrack.views.run import ErrorView
+    from tle.elements import Elements
+    from tle.ephemeris import Ephemeris
 
 LOST_SHOWN_S = 10.0
 """For how long a warning says that the mount was lost."""
@@ -94,10 +96,18 @@ def view_of(engine: Engine, now_utc_s: float) -> TrackView:
         loop=loop_view(tracker, now_utc_s),
         t0_utc_s=tracker.t0_utc_s,
         source=followed.provenance,
+        source_file=source_file(followed),
         expected_error_m=expected_error_m(followed, Utc(now_utc_s)),
         axes=_axes_view(engine),
         periodic_arcsec=tracker.periodic_arcsec(error.utc_s if error is not None and fresh else now_utc_s),
     )
+
+
+def source_file(source: Elements | Ephemeris) -> str | None:
+    """Return the name of an ephemeris' file, without folders; None for what has none."""
+    if not isinstance(source, TableEphemeris) or not source.source:
+        return None
+    return source.source.replace("\\", "/").rpartition("/")[2]
 
 
 def _axes_view(engine: Engine) -> TwoAxesView | None:

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
+from sattrack.views.formatting import length
 from tle.bias import Bias
 from tle.earth import EarthOrientation
 from tle.elements import Elements, expected_along_s
@@ -171,7 +172,7 @@ def _ephemeris(ephemeris: Ephemeris, propagator: Propagator, utc_s: Array) -> tu
         none = np.zeros_like(utc_s)
         return none, none, f"not stated: {ephemeris.provenance}"
     arcsec = known.sigma_km / math.sqrt(3.0) / propagator.at(Utc(utc_s)).range_km * math.degrees(1.0) * ARCSEC
-    return arcsec, arcsec, f"{1000.0 * known.sigma_km:.3g} m by the file"
+    return arcsec, arcsec, f"{length(1000.0 * known.sigma_km)} by the file"
 
 
 def _clock(error_s: float | None) -> tuple[float, str]:

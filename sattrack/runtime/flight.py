@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 
 from sattrack.control.engine import learnt_view
-from sattrack.control.engine_view import estimate_view, loop_view, offset_views, view_of
+from sattrack.control.engine_view import estimate_view, loop_view, offset_views, source_file, view_of
 from sattrack.control.following import ControlLaw
 from sattrack.core.errors import (
     BadInputError,
@@ -294,6 +294,7 @@ class SourceFields(TypedDict):
     """What a summary says of the source of a target's place; see `Summary`."""
 
     source: str
+    source_file: str | None
     source_age_s: float | None
     expected_error_m: float | None
 
@@ -303,6 +304,7 @@ def source_fields(source: Elements | Ephemeris, culminate_utc_s: float) -> Sourc
     age_s = culminate_utc_s - float(source.epoch.unix_s)
     return {
         "source": source.provenance,
+        "source_file": source_file(source),
         "source_age_s": None if isinstance(source, Body) else round(age_s, 3),
         "expected_error_m": expected_error_m(source, Utc(culminate_utc_s)),
     }

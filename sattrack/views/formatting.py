@@ -99,6 +99,18 @@ def old(seconds: float) -> str:
     return f"{age(seconds)} old" if seconds >= 0.0 else age(seconds)
 
 
+def length(metres: float) -> str:
+    """Return a length to three digits, in metres, or in kilometres from one on."""
+    if metres < 999.5:
+        return f"{metres:.3g} m"
+    return f"{metres / 1000.0:.3g} km" if metres < 999_500.0 else f"{metres / 1000.0:.0f} km"
+
+
+def source_error(error_m: float | None) -> str:
+    """Return `error 17.3 m` of a source that misses its object by so much, typically; it may not state it."""
+    return "error not stated" if error_m is None else f"error {length(error_m)}"
+
+
 def right_ascension(degrees: float) -> str:
     """Return a right ascension as `12h 34m 56.7s`."""
     return hours(round(degrees % 360.0 / 15.0 * 36000.0) % 864000 / 36000.0)
@@ -492,9 +504,7 @@ def summary_lines(summary: Summary) -> list[str]:
         f"ended by {summary.ended_by}",
         f"  {times}, on target {summary.on_target_s:.1f} s",
     ]
-    age_days = summary.elements_age_days
-    if age_days is not None and age_days >= OLD_ELEMENTS_DAYS:
-        lines.append(f"  against elements {age_days:.0f} days old")
+    lines.extend(_source_lines(summary))
     if summary.acquired_after_s is not None:
         lines.append(f"  acquired {summary.acquired_after_s:.1f} s after it could be followed")
     for word, rms, peak in (
@@ -531,6 +541,16 @@ def summary_lines(summary: Summary) -> list[str]:
         trouble = "" if summary.recording_trouble is None else f": {summary.recording_trouble}"
         lines.append(f"  recorded in {summary.recording}{trouble}")
     return lines
+
+
+def _source_lines(summary: Summary) -> list[str]:
+    age_days, age_s = summary.elements_age_days, summary.source_age_s
+    if age_days is not None:
+        return [f"  against elements {age_days:.0f} days old"] if age_days >= OLD_ELEMENTS_DAYS else []
+    if summary.source is None or age_s is None:
+        return []
+    file = "" if summary.source_file is None else f"{summary.source_file}: "
+    return [f"  by {file}{summary.source}, {old(age_s)}, {source_error(summary.expected_error_m)}"]
 
 
 def _bias_lines(summary: Summary) -> list[str]:

@@ -39,7 +39,7 @@ def test_rows_of_a_satellite_are_those_of_the_elements_that_made_them(ask, oem, 
     sets.write_text("\n".join(["ISS (ZARYA)", *ISS, ""]))
     code, out, err = ask("1998-067A", "--ephemeris", oem, "--json", *SPAN)
     assert code == 0
-    assert err == "sattrack: ISS: OEM by SGP4, Lagrange, degree 11, TEME\n"
+    assert err == "sattrack: ISS: OEM by SGP4, Lagrange, degree 11, TEME; error not stated\n"
     rows = json.loads(out)
     others = json.loads(ask("ISS", "--elements", str(sets), "--json", *SPAN)[1])
     assert len(rows) == len(others) > 60
@@ -260,6 +260,38 @@ def test_elements_whose_catalogue_number_is_the_sic_number_of_a_file_are_left_ou
     assert printed.out.startswith(f"{cpf}: CPF 2 by US")
 
 
+def test_a_file_that_states_no_error_is_said_to_and_that_of_elements_has_a_unit_that_fits(
+    capsys, three, tmp_path
+):
+    old, _, _ = map(str, three)
+    cpf = tmp_path / "folder" / "station.cpf"
+    cpf.parent.mkdir()
+    cpf.write_text(cpf_text("2026-10-02T12:50:00Z", 40))
+    sources = ("--elements", old, "--ephemeris", str(cpf), *AT)
+    assert run(["elements", "compare", "ISS", *sources, "--json"]) == 0
+    stated = [row["expected_error_m"] for row in json.loads(capsys.readouterr().out)["ephemerides"]]
+    assert run(["elements", "compare", "ISS", *sources]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert stated[0] is None
+    assert lines[0].endswith("CPF 2 by US of 2026-10-02T00h, Lagrange, degree 13, error not stated")
+    # Elements of ten days before: kilometres.
+    (kilometres,) = re.findall(r"expected error ([0-9.]+) km at ", lines[1])
+    assert float(kilometres) == pytest.approx(stated[1] / 1000.0, rel=0.006)
+    assert float(kilometres) > 1.0
+    virtual = ("--mount", "sim", "--virtual", *LEIDEN, *AT)
+    assert run(["track", "ISS", "--ephemeris", str(cpf), *virtual]) == 0
+    printed = capsys.readouterr()
+    assert "by CPF 2 by US of 2026-10-02T00h, Lagrange, degree 13, error not stated" in printed.err
+    (line,) = [line for line in printed.out.splitlines() if line.startswith("  by ")]
+    assert line == (
+        "  by station.cpf: CPF 2 by US of 2026-10-02T00h, Lagrange, degree 13, 13.1 h old, error not stated"
+    )
+    assert run(["track", "ISS", "--ephemeris", str(cpf), *virtual, "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out.splitlines()[-1])["summary"]
+    assert (summary["source_file"], summary["expected_error_m"]) == ("station.cpf", None)
+    assert summary["source_age_s"] == pytest.approx(13.1 * 3600.0, abs=180.0)
+
+
 @pytest.mark.parametrize(("word", "taken"), [("best", "fresh.tle"), ("OLD.tle", "old.tle")])
 def test_a_source_is_chosen_by_a_word(ask, three, word, taken):
     old, fresh, _ = map(str, three)
@@ -276,7 +308,7 @@ def test_of_two_files_the_one_that_has_places_is_taken(ask, three, tmp_path):
     code, _, err = ask("ISS", "--ephemeris", str(ended), "--ephemeris", table, *AT, *SPAN)
     assert code == 0
     assert f"using {table}" in err
-    assert "states no error, over" in err
+    assert "error not stated, over" in err
 
 
 def test_two_sources_that_disagree_by_more_than_they_state_are_told(ask, three, tmp_path):

@@ -59,6 +59,14 @@ def test_what_lies_ahead_is_not_called_old(seconds: float, text: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("metres", "text"),
+    [(0.0254, "0.0254 m"), (17.32, "17.3 m"), (999.4, "999 m"), (999.6, "1 km"), (27.3e6, "27300 km")],
+)
+def test_a_length_has_the_unit_that_fits_and_no_exponent(metres: float, text: str) -> None:
+    assert formatting.length(metres) == text
+
+
+@pytest.mark.parametrize(
     ("degrees", "text"),
     [
         (0.0, "00h 00m 00.0s"),
