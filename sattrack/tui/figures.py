@@ -18,6 +18,7 @@ from sattrack.tui.look import DIM, SPOKEN
 from sattrack.tui.panels import (
     DOTS_ACROSS,
     DOTS_DOWN,
+    LABEL_CELLS,
     DotCanvas,
     Layer,
     Panel,
@@ -240,21 +241,27 @@ class WherePanel(Panel):
         return rows
 
 
+TIMES_CELLS = 12
+
+
 class TimesPanel(Panel):
-    """How long until what."""
+    """How long until what, and by what that is known."""
 
     def full(self, scene: Scene) -> list[Row]:
         """Return a row for each instant."""
-        view = scene.view
+        view, width = scene.view, self.content_size.width
         first, last = _ends(scene)
-        return [
+        rows = [
             self._row(first, view.start_utc_s, view.utc_s),
             self._row("culmination", view.culminate_utc_s, view.utc_s),
-            labelled("", f"at {view.max_alt_deg:.1f}°", cells=12),
+            labelled("", f"at {view.max_alt_deg:.1f}°", cells=TIMES_CELLS),
             self._row(last, view.end_utc_s, view.utc_s),
-            labelled(*_source(scene), cells=12),
-            labelled("recording", _recording(scene, self.content_size.width - 12), cells=12),
+            *_source_rows(scene, width),
+            labelled("recording", _recording(scene, width - TIMES_CELLS), cells=TIMES_CELLS),
         ]
+        if len(rows) > self.content_size.height:
+            rows[1:3] = [self._row(f"{view.max_alt_deg:.1f}° high", view.culminate_utc_s, view.utc_s)]
+        return rows
 
     def compact(self, scene: Scene) -> list[Row]:
         """Return the one row."""
@@ -279,7 +286,7 @@ class TimesPanel(Panel):
             # Hours off, its seconds matter less than its unit; the headline has them.
             until = re.sub(r":\d\d(?= |$)", " h", until)
         gap = " " if len(until) == MOST_UNTIL else "  "
-        return labelled(name, local_time.clock(at_s), gap, (until, "bold"), cells=12)
+        return labelled(name, local_time.clock(at_s), gap, (until, "bold"), cells=TIMES_CELLS)
 
 
 def _ends(scene: Scene) -> tuple[str, str]:
@@ -433,28 +440,44 @@ def _rate_style(rate: float, limit: float) -> str:
 
 
 class RunPanel(Panel):
-    """What is recorded, how fresh the elements are, what error they let expect: in one row."""
+    """What gives the target's places, the error to expect, and what is recorded, in one row or in two."""
+
+    def show(self, scene: Scene) -> None:
+        """Take a new scene; what is no element set is named in a row of its own."""
+        self.styles.height = 1 if by_elements(scene.view) else 2
+        super().show(scene)
 
     def full(self, scene: Scene) -> list[Row]:
-        """Return the row."""
-        row = labelled(*_source(scene))
-        expected = field_of(scene.sky, scene.view)
-        if expected is not None:
-            along, across = (
-                formatting.within(formatting.arcsec(SIGMAS * x), scene.plain)
-                for x in (expected.along_arcsec, expected.across_arcsec)
-            )
-            row += [("  expect ", DIM), f"{along} {across}"]
-            if expected.radius_arcsec is not None:
-                row += [(" in ", DIM), formatting.arcsec(2.0 * expected.radius_arcsec)]
-        if scene.view.link.clock_offset_s is not None:
-            row += [("  clock ", DIM), _clock(scene.view.link)]
-        label = ("   recording ", DIM)
-        whole = _recording(scene, self.content_size.width)
-        if cells_of([*row, label, whole]) > self.content_size.width:
-            row[1], label = _elements_age(scene), ("  rec ", DIM)
-        row.append(label)
-        return [[*row, _recording(scene, self.content_size.width - cells_of(row))]]
+        """Return the rows."""
+        width, label = self.content_size.width, "   recording "
+        rest = _expected(scene)
+        if not by_elements(scene.view):
+            row: Row = [*rest, (label, DIM)]
+            row[0] = (str(row[0][0]).strip().ljust(LABEL_CELLS), DIM)
+            return [_source_row(scene, width), [*row, _recording(scene, width - cells_of(row))]]
+        whole = _recording(scene, width)
+        for old, label in _elements_texts(scene):
+            row = [*labelled("elements", old), *rest, (label, DIM)]
+            if cells_of([*row, whole]) <= width:
+                break
+        return [[*row, _recording(scene, width - cells_of(row))]]
+
+
+def _expected(scene: Scene) -> Row:
+    """Return the error to expect on the sky, and how far off the mount's clock is."""
+    row: Row = []
+    expected = field_of(scene.sky, scene.view)
+    if expected is not None:
+        along, across = (
+            formatting.within(formatting.arcsec(SIGMAS * x), scene.plain)
+            for x in (expected.along_arcsec, expected.across_arcsec)
+        )
+        row += [("  expect ", DIM), f"{along} {across}"]
+        if expected.radius_arcsec is not None:
+            row += [(" in ", DIM), formatting.arcsec(2.0 * expected.radius_arcsec)]
+    if scene.view.link.clock_offset_s is not None:
+        row += [("  clock ", DIM), _clock(scene.view.link)]
+    return row
 
 
 class FieldPanel(Panel):
@@ -474,25 +497,65 @@ class FieldPanel(Panel):
         ]
 
 
-def _source(scene: Scene) -> tuple[str, Part]:
-    """Return what gives the target's places, as a label and its figures."""
+def _elements_texts(scene: Scene) -> list[tuple[str, str]]:
+    """Return age and error of elements, each with a label for the recording beside it, the longest first."""
     view = scene.view
-    if by_elements(view):
-        return "elements", "-" if view.elements_age_s is None else formatting.old(view.elements_age_s)
-    words = [view.source]
-    if view.expected_error_m is not None:
-        words.append(f"{view.expected_error_m:.3g} m")
+    if view.elements_age_s is None:
+        return [("-", "   recording ")]
+    old, age = formatting.old(view.elements_age_s), formatting.age(view.elements_age_s)
+    texts = [(old, "   recording "), (age, "  rec ")]
+    if view.expected_error_m is None:
+        return texts
+    missed = formatting.length(view.expected_error_m)
+    short = f"{age}, {formatting.within(missed, scene.plain)}"
+    return [(f"{old}, error {missed}", "   recording "), (short, "  rec "), *texts]
+
+
+def _source_words(scene: Scene) -> tuple[str, str]:
+    """Return the name of what gives the target's places, and its age and error; a body has none of these."""
+    view = scene.view
+    name = view.source_file or view.source or formatting.NOTHING
+    if view.elements_age_s is None:
+        return name, ""
+    age = formatting.old(view.elements_age_s)
     if view.t0_utc_s is not None:
-        since_s = math.floor(view.utc_s - view.t0_utc_s)
-        words.insert(0, f"T{since_s:+d} s")
-    elif view.elements_age_s is not None:
-        words.append(formatting.old(view.elements_age_s))
-    return "source", ", ".join(words)
+        age = f"T{math.floor(view.utc_s - view.t0_utc_s):+d} s"
+    return name, f"{age}, {formatting.source_error(view.expected_error_m)}"
 
 
-def _elements_age(scene: Scene) -> str:
-    age_s = scene.view.elements_age_s
-    return "-" if age_s is None else formatting.age(age_s)
+def _source_row(scene: Scene, width: int, cells: int = LABEL_CELLS) -> Row:
+    """Return in one row what gives the target's places; only its name gives way."""
+    view, room = scene.view, width - cells
+    name, rest = _source_words(scene)
+    after = f", {rest}" if rest else ""
+    long = f"{name}: {view.source}{after}" if view.source_file else name + after
+    if cell_len(long) > room:
+        long = _shortened(name, room - cell_len(after)) + after
+    return labelled("source", long, cells=cells)
+
+
+def _source_rows(scene: Scene, width: int) -> list[Row]:
+    """Return what gives the target's places among the times: in two rows where its name is long."""
+    room = width - TIMES_CELLS
+    if by_elements(scene.view):
+        texts = [text for text, _ in _elements_texts(scene)]
+        return [
+            labelled("elements", next((x for x in texts if len(x) <= room), texts[-1]), cells=TIMES_CELLS)
+        ]
+    name, rest = _source_words(scene)
+    if not rest or cell_len(f"{name}, {rest}") <= room:
+        return [_source_row(scene, width, TIMES_CELLS)]
+    if cell_len(rest) > width:
+        rest = rest.replace("not stated", "unstated")
+    first = labelled("source", name, cells=TIMES_CELLS)
+    if cell_len(name) > room:
+        first = [("by ", DIM), _shortened(name, width - 3)]
+    return [first, [rest]]
+
+
+def _shortened(text: str, room: int) -> str:
+    """Return a name without its middle where there is no room for all of it."""
+    return text if cell_len(text) <= room else f"{text[: max(1, room - 9)]}…{text[-8:]}"
 
 
 def _recording(scene: Scene, room: int) -> Part:

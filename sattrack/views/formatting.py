@@ -90,7 +90,8 @@ def age(seconds: float) -> str:
     elif size < 2.0 * DAY_S:
         text = f"{size / HOUR_S:.1f} h"
     else:
-        text = f"{size / DAY_S:.1f} days"
+        days = size / DAY_S
+        text = f"{days:.1f} days" if days < 99.95 else f"{days:.0f} days"
     return text if seconds >= 0.0 else f"{text} ahead"
 
 

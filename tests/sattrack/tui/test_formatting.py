@@ -45,7 +45,15 @@ def test_span(seconds: float, text: str) -> None:
 
 @pytest.mark.parametrize(
     ("seconds", "text"),
-    [(90.0, "2 min"), (45900.0, "12.8 h"), (432000.0, "5.0 days"), (-7200.0, "2.0 h ahead")],
+    [
+        (90.0, "2 min"),
+        (45900.0, "12.8 h"),
+        (432000.0, "5.0 days"),
+        (-7200.0, "2.0 h ahead"),
+        (99.94 * 86400.0, "99.9 days"),
+        (99.96 * 86400.0, "100 days"),
+        (-1571.3 * 86400.0, "1571 days ahead"),
+    ],
 )
 def test_age(seconds: float, text: str) -> None:
     assert formatting.age(seconds) == text

@@ -292,6 +292,59 @@ def test_an_ephemeris_of_the_future_is_ahead_and_elements_alone_are_warned_of_wh
     assert warned == [True, True, False]
 
 
+CPF = "CPF 2 by HTS of 2018-06-13T12h, Lagrange, degree 13"
+LASER_FILE = "lageos1_cpf_180613_16401.hts"
+SOURCES: tuple[tuple[dict[str, object], tuple[str, ...]], ...] = (
+    (
+        {"source": CPF, "source_file": LASER_FILE, "elements_age_s": 51480.0},
+        (LASER_FILE, "14.3 h old", "error not stated"),
+    ),
+    (
+        {"source": CPF, "source_file": LASER_FILE, "elements_age_s": -56.5 * 86400.0, "t0_utc_s": None},
+        (LASER_FILE, "56.5 days ahead", "stated"),
+    ),
+    (
+        {"source": "SP3-d by GFZ", "source_file": "gbm18432.sp3", "expected_error_m": 0.0254},
+        ("gbm18432.sp3", "12.8 h old", "error 0.0254 m"),
+    ),
+    (
+        {"source": "table of alt_deg", "source_file": "launch.csv", "t0_utc_s": UTC_S - 12.0},
+        ("launch.csv", "T+12 s", "error not stated"),
+    ),
+    # Of a recording that does not name the file yet.
+    ({"source": "CPF 2 by HTS", "expected_error_m": 3420.0}, ("CPF 2 by HTS", "12.8 h old", "error 3.42 km")),
+    ({"source": "JPL's DE421", "elements_age_s": None, "expected_error_m": None}, ("JPL's DE421",)),
+)
+
+
+@pytest.mark.parametrize("size", [SMALL, (100, 30), LARGE, (200, 50)])
+def test_the_source_its_age_and_its_error_are_whole_at_every_size(size: tuple[int, int]) -> None:
+    turns = (News((changed(**changes),), sky=SKY, rewound=True) for changes, _ in SOURCES)
+    for rows, (_, shown) in zip(drawn_in_turn(*turns, size=size), SOURCES, strict=True):
+        text = "\n".join(rows)
+        assert len(rows) == size[1]
+        assert "…" not in text
+        for figure in (*shown, "in 0:53", "81.3°", "pass.mcap", "±400″"):
+            assert figure in text, (size, figure)
+
+
+@pytest.mark.parametrize("size", [SMALL, LARGE])
+def test_of_a_long_name_the_middle_gives_way_and_neither_age_nor_error(size: tuple[int, int]) -> None:
+    name = f"lageos1_cpf_180613_16401{'_v02' * 12}.hts"
+    text = "\n".join(drawn(changed(source=CPF, source_file=name), size=size))
+    assert "lageos1_cpf_" in text
+    assert "v02.hts" in text
+    assert text.count("…") == 1
+    for figure in ("12.8 h old", "error not stated", "pass.mcap"):
+        assert figure in text
+
+
+def test_the_panel_of_the_pass_has_the_elements_error_where_there_is_room() -> None:
+    view = changed(source="SGP4, elements of 2026-10-02T00:00:00Z", expected_error_m=2312.0)
+    for size, figure in (((200, 50), "12.8 h old, error 2.31 km"), (LARGE, "12.8 h, ±2.31 km")):
+        assert any(figure in row for row in drawn(view, size=size))
+
+
 def test_silence_of_the_feeder_and_an_unheard_stop_are_told() -> None:
     clock = HandClock()
 
