@@ -127,7 +127,7 @@ def concrete(style: str, theme: Theme = NIGHT) -> str:
     return re.sub(r"\$([a-z-]+)", colour, style)
 
 
-WIDTHS = [(0, "-slim"), (60, "-narrow"), (110, "-wide")]
+WIDTHS = [(0, "-slim"), (60, "-narrow"), (120, "-wide")]
 HEIGHTS = [(0, "-low"), (12, "-short"), (32, "-tall")]
 """Style classes of the screen, each from so many columns or rows on."""
 HUGE = (180, 55)

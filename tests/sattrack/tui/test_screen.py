@@ -317,7 +317,7 @@ SOURCES: tuple[tuple[dict[str, object], tuple[str, ...]], ...] = (
 )
 
 
-@pytest.mark.parametrize("size", [SMALL, (100, 30), LARGE, (200, 50)])
+@pytest.mark.parametrize("size", [SMALL, (100, 30), (110, 40), (119, 40), LARGE, (200, 50)])
 def test_the_source_its_age_and_its_error_are_whole_at_every_size(size: tuple[int, int]) -> None:
     turns = (News((changed(**changes),), sky=SKY, rewound=True) for changes, _ in SOURCES)
     for rows, (_, shown) in zip(drawn_in_turn(*turns, size=size), SOURCES, strict=True):
