@@ -119,7 +119,8 @@ def ephemeris_option(function: Callable[..., Any]) -> Callable[..., Any]:
             type=click.Path(path_type=Path, dir_okay=False),
             multiple=True,
             metavar="FILE",
-            help="Take TARGET from this CPF, OEM or SP3 file, or table (CSV); may be repeated.",
+            help="Take TARGET from this CPF, OEM or SP3 file, or table (CSV), by name, designator or number "
+            "(a CPF's SIC number too); may be repeated.",
         ),
     ):
         function = option(function)
