@@ -19,6 +19,7 @@ from sattrack.cli.common import (
 )
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.views.formatting import old
 from tle.errors import TleError
 
 if TYPE_CHECKING:
@@ -174,9 +175,9 @@ def _document(found: ObservedFit) -> dict[str, Any]:
 def _lines(found: ObservedFit) -> list[str]:
     fit, last, drift = found.fit, found.last, found.drift_s_min
     used = int(fit.used.sum())
-    age_days = float(found.elements.age_s(last.utc)) / 86400.0
+    elements = found.elements
     lines = [
-        f"{found.elements.label} ({found.elements.catalog_number}), elements {age_days:.2f} days old",
+        f"{elements.label} ({elements.catalog_number}), elements {old(elements.age_s(last.utc))}",
         f"  observations {used} used of {len(fit.used)}, "
         f"{local_time.span(float(found.first.utc.unix_s), float(last.utc.unix_s))}",
         f"  along        {last.along_s:+.4f} ± {last.along_sigma_s:.4f} s at the last"

@@ -26,6 +26,7 @@ from sattrack.views.formatting import length
 from tle.bias import Bias
 from tle.earth import EarthOrientation
 from tle.elements import Elements, expected_along_s
+from tle.ephemeris import CARRIED, UNSTATED_M, TableEphemeris
 from tle.instants import DAY_S, Utc
 from tle.propagator import Propagator
 from tle.refraction import Refraction
@@ -168,11 +169,14 @@ def _elements(propagator: Propagator, utc_s: Array, by_second: Array) -> tuple[A
 def _ephemeris(ephemeris: Ephemeris, propagator: Propagator, utc_s: Array) -> tuple[Array, Array, str]:
     """Return what the covariance that an ephemeris states comes to on the sky, the same every way."""
     known = ephemeris.covariance(Utc(float(utc_s[0])))
-    if known is None:
+    orbit = isinstance(ephemeris, TableEphemeris) and ephemeris.segments[0].frame.kind not in CARRIED
+    if known is None and not orbit:
         none = np.zeros_like(utc_s)
         return none, none, f"not stated: {ephemeris.provenance}"
-    arcsec = known.sigma_km / math.sqrt(3.0) / propagator.at(Utc(utc_s)).range_km * math.degrees(1.0) * ARCSEC
-    return arcsec, arcsec, f"{length(1000.0 * known.sigma_km)} by the file"
+    sigma_km = UNSTATED_M / 1000.0 if known is None else known.sigma_km
+    arcsec = sigma_km / math.sqrt(3.0) / propagator.at(Utc(utc_s)).range_km * math.degrees(1.0) * ARCSEC
+    size = length(1000.0 * sigma_km)
+    return arcsec, arcsec, f"not stated: taken as {size}" if known is None else f"{size} by the file"
 
 
 def _clock(error_s: float | None) -> tuple[float, str]:

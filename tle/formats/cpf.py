@@ -17,6 +17,7 @@ from tle.errors import EphemerisError, TleError, printable
 from tle.formats.rows import Lines, tai_s
 from tle.instants import DAY_S, UNIX_EPOCH_MJD, Utc, leaps_s, tai_minus_utc_s
 from tle.orbit_rows import falling
+from tle.sources import full_designator
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -161,7 +162,7 @@ def _header(lines: Lines, h1: int, h2: int) -> _CpfHeader:
         printable(one[3]),
         version,
         made,
-        _designator(cospar),
+        full_designator(cospar.zfill(7)) or printable(cospar),
         two[2].lstrip("0") if two[2].isdigit() else "",
         number,
         first,
@@ -169,17 +170,6 @@ def _header(lines: Lines, h1: int, h2: int) -> _CpfHeader:
         step_s,
         _FRAMES[kind],
     )
-
-
-def _designator(cospar: str) -> str:
-    """Return a designator as 1998-067A; CPF numbers what a TLE letters, from A to Z without I and O."""
-    long = cospar.zfill(7)
-    if not (long.isascii() and long.isdigit() and len(long) == 7 and int(long[5:7])):
-        return printable(cospar)
-    letters = "ABCDEFGHJKLMNPQRSTUVWXYZ"
-    high, low = divmod(int(long[5:7]) - 1, len(letters))
-    century = "19" if int(long[:2]) >= 57 else "20"
-    return f"{century}{long[:2]}-{long[2:5]}{letters[high - 1] if high else ''}{letters[low]}"
 
 
 def _moment(parts: list[int]) -> Utc:

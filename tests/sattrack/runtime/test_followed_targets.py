@@ -186,6 +186,12 @@ def test_a_rehearsal_says_what_the_file_says_of_its_error(capsys, tmp_path):
     # 10 m each way, 430 km away at culmination.
     assert part["along_arcsec"] == pytest.approx(np.degrees(0.01 / 430.0) * 3600.0, rel=0.05)
     assert part["why"] == "17.3 m by the file"
+    # A file that states none is taken to miss by 100 m in all, 58 m each way.
+    oem.write_text(text)
+    assert run(["rehearse", "ISS", "--ephemeris", str(oem), *SITE, *high, "--json"]) == 0
+    part = json.loads(capsys.readouterr().out)["budget"]["parts"][0]
+    assert part["along_arcsec"] == pytest.approx(np.degrees(0.0577 / 430.0) * 3600.0, rel=0.05)
+    assert part["why"] == "not stated: taken as 100 m"
 
 
 def test_the_sun_is_followed_through_a_stated_filter_only():
