@@ -20,7 +20,7 @@ from sattrack.cli.common import (
     tell,
     write_file,
 )
-from sattrack.cli.targets import Wanted, candidates, ephemeris_option, tell_left_out
+from sattrack.cli.targets import Wanted, candidates, ephemeris_files, tell_left_out
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError
 from sattrack.runtime.bias_memory import BiasMemory, KeptBias, describe, memory_file
@@ -173,7 +173,7 @@ def check(
 
 @command.command("compare", short_help="Compare what several sources say of one satellite.")
 @click.argument("satellite")
-@ephemeris_option
+@ephemeris_files
 @common_options("site", "elements", "clock", "json")
 def compare(context: CommandContext, satellite: str, ephemeris: tuple[Path, ...]) -> int:
     """Compare the ephemerides of SATELLITE that files and element sources have, the best one first.

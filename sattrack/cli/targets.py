@@ -93,20 +93,12 @@ def _same(one: Elements, other: Elements) -> bool:
     return one.catalog_number == other.catalog_number and len(newest([one, other])) == 1
 
 
-def ephemeris_option(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add --ephemeris, --t0 and --source to a command; the first comes as `ephemeris`, a tuple of paths.
+def ephemeris_files(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add --ephemeris and --t0 to a command; the first comes as `ephemeris`, a tuple of paths.
 
-    The others are kept in the context of click, from which this module takes them.
+    T0 is kept in the context of click, from which this module takes it.
     """
     for option in (
-        click.option(
-            "--source",
-            metavar="WORD",
-            expose_value=False,
-            callback=lambda ctx, _, value: ctx.meta.update({_SOURCE: value}),
-            help="Which ephemeris of TARGET to use if there are several, elements among them: the one with "
-            "WORD in its name or its file's; `best`, the default, has the least expected error at the pass.",
-        ),
         click.option(
             "--t0",
             metavar="UTC",
@@ -125,6 +117,19 @@ def ephemeris_option(function: Callable[..., Any]) -> Callable[..., Any]:
     ):
         function = option(function)
     return function
+
+
+def ephemeris_option(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add --ephemeris, --t0 and --source, which is kept like T0, to a command."""
+    source = click.option(
+        "--source",
+        metavar="WORD",
+        expose_value=False,
+        callback=lambda ctx, _, value: ctx.meta.update({_SOURCE: value}),
+        help="Which ephemeris of TARGET to use if there are several, elements among them: the one with "
+        "WORD in its name or its file's; `best`, the default, has the least expected error at the pass.",
+    )
+    return ephemeris_files(source(function))
 
 
 class Wanted(NamedTuple):
