@@ -570,6 +570,10 @@ def _bias_lines(summary: Summary) -> list[str]:
     counts = f"{estimate.accepted} taken, {estimate.rejected} rejected, {estimate.refused} refused"
     if estimate.begun_anew:
         counts += f"; restarted {estimate.begun_anew} times"
+    if estimate.rejected and not estimate.accepted:
+        counts += (
+            ": none fits the elements; check satellite, site and clock (sattrack bias fits larger errors)"
+        )
     lines.append(f"  observations: {counts}")
     if estimate.along_s is not None and estimate.cross_deg is not None:
         lines.append(

@@ -68,15 +68,20 @@ def solutions(
 
 
 def fly(lines: list[bytes], *options: str, command: Sequence[str] = TRACK) -> tuple[dict[str, Any], str]:
-    """Run the command in this process, on lines from its standard input."""
+    out, err = fly_text(lines, [*command, *options])
+    return json.loads(out)["summary"], err
+
+
+def fly_text(lines: list[bytes], command: Sequence[str]) -> tuple[str, str]:
+    """Run a command in this process, on lines from its standard input."""
     out, err = io.StringIO(), io.StringIO()
     with pytest.MonkeyPatch.context() as patch, tempfile.TemporaryFile() as stream:
         stream.write(b"".join(lines))
         stream.seek(0)
         patch.setattr("sys.stdin", SimpleNamespace(buffer=stream))
         with redirect_stdout(out), redirect_stderr(err):
-            assert main.run([*command, *options]) == 0, err.getvalue()
-    return json.loads(out.getvalue())["summary"], err.getvalue()
+            assert main.run(list(command)) == 0, err.getvalue()
+    return out.getvalue(), err.getvalue()
 
 
 def fly_apart(lines: list[bytes], *options: str) -> tuple[dict[str, Any], str]:
@@ -372,12 +377,18 @@ def ahead_s(one: ObservationMessage) -> float:
     return ahead
 
 
-def test_a_real_satellite_ten_days_after_its_elements_is_met_by_real_plate_solutions(tmp_path: Path) -> None:
-    elements, path = tmp_path / "starlink.tle", tmp_path / "pass.mcap"
-    elements.write_text("\n".join(SEEN_ELEMENTS) + "\n")
-    seen = seen_solutions()
+def seen_pass(folder: Path, lines: tuple[str, str]) -> list[str]:
+    elements = folder / "starlink.tle"
+    elements.write_text("\n".join(lines) + "\n")
     site = ",".join(map(str, SEEN_FROM))
-    arguments = ["45085", "--elements", str(elements), "--site", site, "--clock", "2020-07-24T03:15:00Z"]
+    where = ["--elements", str(elements), "--site", site]
+    return ["45085", *where, "--clock", "2020-07-24T03:17:00Z", "--min-alt", "15"]
+
+
+def test_a_real_satellite_ten_days_after_its_elements_is_met_by_real_plate_solutions(tmp_path: Path) -> None:
+    path = tmp_path / "pass.mcap"
+    seen = seen_solutions()
+    arguments = seen_pass(tmp_path, SEEN_ELEMENTS)
     lines = [encode_message(one) for one in seen]
     summary, _ = fly(lines, "--record", str(path), command=["track", *arguments, *TRACK[2:6], *TRACK[-2:]])
     estimate = summary["estimate"]
@@ -389,3 +400,15 @@ def test_a_real_satellite_ten_days_after_its_elements_is_met_by_real_plate_solut
     wanted = float(np.polyfit(since_s, np.array(list(map(ahead_s, seen))), 2)[-1])
     assert told["along_s"] == pytest.approx(wanted, abs=0.02)
     assert told["along_s"] == pytest.approx(wanted, abs=3.0 * math.hypot(told["along_sigma_s"], 0.001))
+
+
+def test_of_observations_that_no_correction_explains_it_is_said_that_none_fits(tmp_path: Path) -> None:
+    # Elements of a week later, after a manoeuvre: 133 s off.
+    later = (
+        "1 45085U 20006AT  20214.25002315 -.00033756  00000-0 -23077-2 0  9994",
+        "2 45085  52.9996  73.4401 0001408  87.0566 104.8631 15.05594227 28933",
+    )
+    lines = [encode_message(one) for one in seen_solutions()]
+    out, _ = fly_text(lines, ["track", *seen_pass(tmp_path, later), *TRACK[2:5], *TRACK[-2:]])
+    assert "observations: 0 taken, " in out
+    assert "none fits the elements; check satellite, site and clock (sattrack bias fits larger errors)" in out
