@@ -48,6 +48,21 @@ _AT_ONCE = 50_000
 class _Wrong(NamedTuple):
     row: int
     off_km: float
+    jump: bool = False
+    """All rows from this one on are elsewhere, at the same velocities."""
+
+    @property
+    def words(self) -> str:
+        """Say it for a reader."""
+        if self.jump:
+            return (
+                f"is {_km(self.off_km)} from where the rows before it lead, and those after it go on from "
+                "there: a time is wrong from here on, as by a leap second, or these are two orbits"
+            )
+        return (
+            f"is not on the orbit of the rows about it, but off by some {_km(self.off_km)}: a digit, a sign "
+            "or a unit is wrong"
+        )
 
 
 def falling(
@@ -75,8 +90,7 @@ def _parts(one: Segment, name: str, source: str, by_places: Interpolation | None
     if wrong is not None:
         when = utc_of_tai(one.zero_s, float(one.since_s[wrong.row])).isoformat("milliseconds")
         raise EphemerisError(
-            f"the row of {name} at {when} is not on the orbit of the rows about it, but off by some "
-            f"{_km(wrong.off_km)}: a digit, a sign or a unit is wrong; get the file anew",
+            f"the row of {name} at {when} {wrong.words}; get the file anew",
             source=source,
             line=one.line_of(wrong.row),
         )
@@ -145,6 +159,18 @@ def _fallen(since_s: Array, place: Array, velocity: Array) -> Array:
     return missed
 
 
+def _sped(since_s: Array, place: Array, velocity: Array) -> Array:
+    """Return what gravity misses of the velocity between rows, km/s, by the same rule as `_fallen`."""
+    h = np.diff(since_s)[:, None]
+    pull = _pull(place)
+    away_2 = np.maximum(np.sum(place * place, axis=1), _LOWEST_KM**2)[:, None]
+    rising = np.sum(place * velocity, axis=1)[:, None] / away_2
+    change = MU_KM3_S2 / away_2**1.5 * (3.0 * rising * place - velocity)
+    sped: Array = np.diff(velocity, axis=0) - 0.5 * h * (pull[1:] + pull[:-1])
+    sped += h * h / 12.0 * np.diff(change, axis=0)
+    return sped
+
+
 def _fallen_own_km(one: Segment, first: Index, last: Index) -> Array:
     """Return by how much `_fallen` itself is wrong between rows at the most, km."""
     place = one.place_km[first]
@@ -196,8 +222,12 @@ def _by_velocities(one: Segment) -> tuple[_Wrong | None, list[int]]:
         step = float(np.diff(one.since_s[ends])[0])
         if (stop - first > 1 and left < _LEFT * peak) or peak > _PUSH_KM_S2 * step**2:
             return _Wrong(first + 1, peak), []
-        cubic_km = step**4 * float(_turns_2(place)[0]) ** 2 * float(np.linalg.norm(place[0])) / 384.0
         near = float(np.linalg.norm(place, axis=1).max()) < _HIGHEST_KM
+        # Engines move nothing that they do not make faster or slower.
+        pushed = step * float(np.linalg.norm(_sped(one.since_s[ends], place, velocity)))
+        if near and left > _MOVES_KM + pushed:
+            return _Wrong(first + 1, left, jump=True), []
+        cubic_km = step**4 * float(_turns_2(place)[0]) ** 2 * float(np.linalg.norm(place[0])) / 384.0
         if peak > _MOVES_KM + cubic_km and near and one.interpolation.with_velocities:
             burns += range(first, stop)
     return None, burns
@@ -212,6 +242,9 @@ def _by_places(one: Segment) -> _Wrong | None:
     missed = _by_neighbours(one)
     size = np.linalg.norm(missed[1:-1], axis=1)
     most = _most(size)
+    # What is elsewhere from a row on is missed by so much before it, and the other way after it.
+    both = np.linalg.norm(missed[1:-2] + missed[2:-1], axis=1)
+    jumps = np.flatnonzero((size[:-1] > most + _MOVES_KM) & (both < _LEFT * size[:-1]))
     middle = np.unique(np.flatnonzero(size > most)[:, None] + np.arange(3))
     if len(middle) == 0:
         return None
@@ -227,6 +260,8 @@ def _by_places(one: Segment) -> _Wrong | None:
     wrong = np.flatnonzero((off_km > most) & (rest < _LEFT * off_km))
     if len(wrong):
         return _Wrong(int(middle[wrong[0]]), float(off_km[wrong[0]]))
+    if len(jumps):
+        return _Wrong(int(jumps[0]) + 2, float(size[jumps[0]]), jump=True)
     pushed = np.flatnonzero(size > _PUSH_KM_S2 * np.diff(one.since_s)[1:] ** 2)
     return _Wrong(int(pushed[0]) + 1, float(size[pushed[0]])) if len(pushed) else None
 
@@ -249,10 +284,11 @@ def _runs(told: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 def _check_speed(one: Segment, name: str, source: str) -> None:
     """Refuse rows that go as nothing does; those of a file in metres are far from the Earth's pull."""
-    speed = np.linalg.norm(np.diff(one.place_km, axis=0), axis=1) / np.diff(one.since_s)
+    place, velocity = _inertial(one, slice(None))
+    speed = np.linalg.norm(np.diff(place, axis=0), axis=1) / np.diff(one.since_s)
     if one.velocity_km_s is not None:
-        speed = np.maximum(speed, np.linalg.norm(one.velocity_km_s[:-1], axis=1))
-        speed = np.maximum(speed, np.linalg.norm(one.velocity_km_s[1:], axis=1))
+        pace = np.linalg.norm(velocity, axis=1)
+        speed = np.maximum(speed, np.maximum(pace[:-1], pace[1:]))
     fast = np.flatnonzero(speed > _FASTEST_KM_S)
     if len(fast):
         row = int(fast[0])
@@ -288,6 +324,8 @@ def _check_gravity(one: Segment, name: str, source: str) -> None:
 
 
 def _no_orbit(one: Segment, share: float) -> str:
+    if not np.isfinite(share):
+        return f"are inside the Earth in {one.frame.written}: check their units"
     return (
         f"are no orbit about the Earth in {one.frame.written}: their acceleration differs by "
         f"{100.0 * share:.1f} % from gravity: check frame, units and velocities, or get rows closer together"
@@ -371,4 +409,5 @@ def _off_between(one: Segment, pieces: Index) -> tuple[int, str] | None:
     # Of three rows and more the arcs tell whether they fall.
     other = (share > _GRAVITY_SHARE) & (len(one.since_s) < 3)
     bad = np.flatnonzero((other | (moved_km > _MOVES_KM) | (height < _LOWEST_KM)) & (height < _HIGHEST_KM))
+    share[height < _LOWEST_KM] = np.inf
     return (int(pieces[bad[0]]), _no_orbit(one, float(share[bad[0]]))) if len(bad) else None

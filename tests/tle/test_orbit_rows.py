@@ -327,3 +327,49 @@ def test_of_few_rows_those_that_are_thrown_far_away_are_refused(count: int) -> N
             words[column] = "1e9"
             with pytest.raises(EphemerisError):
                 read([*start, *rows[:row], " ".join(words), *rows[row + 1 :]])
+
+
+@pytest.mark.parametrize("late_s", [0.1, 1.0, -1.0])
+@pytest.mark.parametrize("step_s", [10.0, 60.0, 180.0])
+def test_rows_that_are_late_from_one_on_are_refused_with_its_line(step_s: float, late_s: float) -> None:
+    seconds = step_s * np.arange(120.0)
+    satellite = Satrec.twoline2rv(*ELEMENTS["iss"])
+    states = by_sgp4(satellite, seconds + np.where(np.arange(120) < 70, 0.0, late_s))
+    start, rows = written(seconds, states, "TEME")
+    with pytest.raises(EphemerisError) as caught:
+        read(start + rows)
+    assert str(caught.value).startswith(f"a:{len(start) + 71}: the row of ONE at ")
+    # The same without velocities, as a CPF has them.
+    places = [
+        f"10 0 58996 {second:.1f} 0 " + " ".join(f"{1000.0 * x:.3f}" for x in state[:3])
+        for second, state in zip(seconds.tolist(), states.tolist(), strict=True)
+    ]
+    last = stamps(seconds[-1:])[0][:19].replace("-", " ").replace("T", " ").replace(":", " ")
+    cpf = [
+        "H1 CPF  2  XYZ 2020 05 27 00 148 1 one",
+        f"H2 9806701 0 25544 2020 05 27 00 00 00 {last} {step_s:.0f} 1 1 1 0 0 1",
+        *places,
+        "99",
+    ]
+    with pytest.raises(EphemerisError, match=r"^a:73: the row of one at "):
+        read(cpf)
+
+
+def test_a_stationary_satellite_in_metres_is_refused_in_turning_axes_too() -> None:
+    start, rows = of_elements("stationary", 900.0, 40)
+    metres = [
+        " ".join([row.split()[0], "42164000.0", "1000.0", f"{k}.0", "0.1", "0.1", "0.1"])
+        for k, row in enumerate(rows)
+    ]
+    lines = [line.replace("TEME", "ITRF2020") for line in start]
+    with pytest.raises(EphemerisError, match=r"go at 30\d\d km/s from here on: check their units"):
+        read(lines + metres)
+    with pytest.raises(EphemerisError, match=r"^a:8: REF_FRAME ITRF1800 is not known"):
+        read([line.replace("TEME", "ITRF1800") for line in start] + rows)
+
+
+def test_a_number_with_a_stroke_in_it_is_named_in_its_line() -> None:
+    start, rows = of_elements("iss", 60.0, 20)
+    bad = rows[11].replace(".", "_", 2).replace("_", ".", 1)
+    with pytest.raises(EphemerisError, match=rf"^a:{len(start) + 12}: .*'.*_.*' is no number"):
+        read([*start, *rows[:11], bad, *rows[12:]])

@@ -152,7 +152,8 @@ def _header(lines: Lines, h1: int, h2: int) -> _CpfHeader:
     except (IndexError, ValueError, TleError) as error:
         if isinstance(error, EphemerisError):
             raise
-        raise lines.error(h2, f"the records H1 and H2 are not as CPF has them: {error}") from None
+        why = "a field is missing" if isinstance(error, IndexError) else str(error)
+        raise lines.error(h2, f"the records H1 and H2 are not as CPF has them: {why}") from None
     if kind not in _FRAMES:
         raise lines.error(h2, f"reference frame {kind} is not known: 0 (body-fixed), 1 and 2 are read")
     if last <= first:

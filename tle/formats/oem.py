@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 _VERSIONS = ("1.0", "2.0", "3.0")
 _NEEDED = ("OBJECT_NAME", "OBJECT_ID", "CENTER_NAME", "REF_FRAME", "TIME_SYSTEM", "START_TIME", "STOP_TIME")
-_ITRF = re.compile(r"ITRF[-_]?\d*", re.ASCII)
+_ITRF = re.compile(r"ITRF([-_]?(8[89]|9\d|[012]\d|19[89]\d|20[0-4]\d))?", re.ASCII)
 _FRAMES: dict[str, FrameKind] = {
     "GCRF": "GCRF",
     "GCRS": "GCRF",

@@ -359,7 +359,8 @@ def _is_number(word: str) -> bool:
         float(word)
     except ValueError:
         return False
-    return True
+    # What Python reads as well, and files of numbers do not have.
+    return word.isascii() and "_" not in word
 
 
 def days_of(year: Index, month: Index, day: Index) -> Index:
