@@ -20,7 +20,7 @@ from sattrack.cli.common import (
     tell,
     write_file,
 )
-from sattrack.cli.targets import Wanted, candidates, ephemeris_files, tell_left_out
+from sattrack.cli.targets import Wanted, candidates, ephemeris_files, tell_disagreement, tell_left_out
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError
 from sattrack.runtime.bias_memory import BiasMemory, KeptBias, describe, memory_file
@@ -208,6 +208,8 @@ def compare(context: CommandContext, satellite: str, ephemeris: tuple[Path, ...]
             }
         )
     tell_left_out(left_out)
+    for one in known[1:]:
+        tell_disagreement(known[0], one)
     if context.json:
         others = [{"source": one.origin, "reason": one.reason} for one in left_out]
         document = {"utc": at.isoformat("seconds"), "ephemerides": rows, "left_out": others}

@@ -436,11 +436,11 @@ def _chosen(origins: list[_Origin], key: str, wanted: Wanted, site: Site | None)
     others = [one.best(best.window) for one in origins if one.name != best.origin]
     for one in sorted(others, key=lambda one: one.rank):
         tell(f"not   {one.text}")
-        _tell_disagreement(best, one)
+        tell_disagreement(best, one)
     return best
 
 
-def _tell_disagreement(best: EphemerisChoice, other: EphemerisChoice) -> None:
+def tell_disagreement(best: EphemerisChoice, other: EphemerisChoice) -> None:
     """Tell where two ephemerides of one object are much further apart than they state."""
     from tle.earth import EarthOrientation
 

@@ -311,7 +311,7 @@ def test_of_two_files_the_one_that_has_places_is_taken(ask, three, tmp_path):
     assert "error not stated, over" in err
 
 
-def test_two_sources_that_disagree_by_more_than_they_state_are_told(ask, three, tmp_path):
+def test_two_sources_that_disagree_by_more_than_they_state_are_told(ask, capsys, three, tmp_path):
     _, fresh, table = map(str, three)
     late = tmp_path / "late.oem"
     # A clock that was a minute off: the same rows, each a minute later.
@@ -330,6 +330,8 @@ def test_two_sources_that_disagree_by_more_than_they_state_are_told(ask, three, 
     assert "late.oem" in warning
     assert re.search(r" 4[56]\d km from where ", warning)
     assert "one of the two is wrong" in warning
+    assert run(["elements", "compare", "ISS", "--ephemeris", table, "--ephemeris", str(late), *AT]) == 0
+    assert "one of the two is wrong" in capsys.readouterr().err
     code, _, err = ask("ISS", "--ephemeris", table, "--elements", fresh, *AT, *SPAN, "--source", "best")
     assert code == 0
     assert "warning" not in err
