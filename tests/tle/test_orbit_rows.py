@@ -373,3 +373,40 @@ def test_a_number_with_a_stroke_in_it_is_named_in_its_line() -> None:
     bad = rows[11].replace(".", "_", 2).replace("_", ".", 1)
     with pytest.raises(EphemerisError, match=rf"^a:{len(start) + 12}: .*'.*_.*' is no number"):
         read([*start, *rows[:11], bad, *rows[12:]])
+
+
+def test_an_ephemeris_of_the_operator_of_starlink_is_read_as_an_oem_of_the_same_rows() -> None:
+    seconds = 60.0 * np.arange(30.0)
+    start, rows = written(seconds, falling(at_perigee(6928.0, 0.0002), seconds), "EME2000")
+    lines = [
+        "created:2020-05-26 23:00:00 UTC",
+        "ephemeris_start:2020-05-27 00:00:00 UTC ephemeris_stop:2020-05-27 00:29:00 UTC step_size:60",
+        "ephemeris_source:blend",
+        "UVW",
+    ]
+    for row in rows:
+        clock, _, state = row.partition(" ")
+        lines.append(f"2020148{clock[11:].replace(':', '')} {state}")
+        lines += ["1e-4 0 4e-4 0 0 4e-4 0", "0 0 1e-9 0 0 0 0", "1e-9 0 0 0 0 0 1e-9"]
+    source = "folder/MEME_44713_STARLINK-1007_1480000_Operational_1274572800_UNCLASSIFIED.txt"
+
+    def given(text: list[str]) -> TableEphemeris:
+        (one,) = parse_ephemerides(("\n".join(text) + "\n").encode(), source)
+        return one
+
+    one, other = given(lines), read(start + rows)
+    assert (one.name, one.catalog_number, one.frame) == ("STARLINK-1007", 44713, "EME2000")
+    assert one.epoch.isoformat("seconds") == "2020-05-26T23:00:00Z"
+    assert np.array_equal(one.segments[0].place_km, other.segments[0].place_km)
+    assert np.array_equal(one.segments[0].velocity_km_s, other.segments[0].velocity_km_s)
+    assert one.spans == other.spans
+    known = one.covariance(one.spans[0][0])
+    assert known is not None
+    assert (known.frame, known.sigma_km) == ("UVW", pytest.approx(0.03))
+    with pytest.raises(EphemerisError, match=r"\.txt:117: '2020148002800\.000' begins no whole row"):
+        given(lines[:118])
+    with pytest.raises(EphemerisError, match=r"the rows end at .* the text is cut off"):
+        given(lines[:100])
+    bad = wrecked(lines[44], [1, 2, 3], "sign", random.Random(1))
+    with pytest.raises(EphemerisError, match=r"\.txt:45: the row of STARLINK-1007 at 2020-05-27T00:10:00"):
+        given([*lines[:44], bad, *lines[45:]])

@@ -1,4 +1,4 @@
-"""OEM, the ephemerides of operators (CCSDS 502.0, versions 1 to 3, KVN and XML).
+"""OEM, the ephemerides of operators (CCSDS 502.0, versions 1 to 3, KVN and XML), and those of Starlink's.
 
 Rows are interpolated as the file recommends; where it says nothing by Hermite's polynomial over six rows, or
 by Lagrange's over twelve where velocities are not those of the places.
@@ -51,6 +51,11 @@ _GAP, _GAP_RAD = 4.0, 0.3
 # No polynomial goes from steps to others so many times longer or shorter.
 _UNEVEN = 3.0
 _COVARIANCE_ROWS = 6
+# How the ephemerides that Starlink's operator publishes begin, and the name and times of one.
+_MEME = "created:"
+_MEME_NAME = re.compile(r"MEME_(\d+)_([^_]+)_", re.ASCII)
+_MEME_STAMP = re.compile(r"(\d{4})(\d{3})(\d\d)(\d\d)(\d\d(?:\.\d*)?)", re.ASCII)
+_MEME_STOP = re.compile(r"ephemeris_stop:(\d{4}-\d\d-\d\d) (\d\d:\d\d:\d\d(?:\.\d*)?) UTC", re.ASCII)
 # Rows of numbers begin with what comes before this in ASCII.
 _LETTERS = ord("A")
 _KVN = re.compile(r"([A-Z][A-Z0-9_]*)\s*(?:=\s*(.*))?", re.ASCII)
@@ -61,7 +66,7 @@ def recognised(lines: Lines) -> bool:
     for k in range(min(len(lines), 40)):
         text = lines.text(k).lstrip("\ufeff")
         if text:
-            return text.startswith("CCSDS_OEM_VERS") or (text.startswith("<") and _is_xml(lines))
+            return text.startswith(("CCSDS_OEM_VERS", _MEME)) or (text.startswith("<") and _is_xml(lines))
     return False
 
 
@@ -94,6 +99,8 @@ def parse_oem(lines: Lines) -> list[TableEphemeris]:
         filled = next(k for k in range(len(lines)) if lines.text(k))
         if lines.text(filled).lstrip("\ufeff").startswith("<"):
             lines = _from_xml(lines)
+        elif lines.text(filled).startswith(_MEME):
+            lines = _from_meme(lines, filled)
     kvn = _Kvn(lines)
     kvn.run()
     if not kvn.blocks:
@@ -517,3 +524,55 @@ def _from_xml(lines: Lines) -> Lines:
     xml.run(lines.data)
     # Every line is whole: text of XML that ends in the middle has no end tags.
     return Lines("".join(f"{line}\n" for line in xml.lines).encode(), lines.source, xml.numbers)
+
+
+def _from_meme(lines: Lines, first: int) -> Lines:
+    """Return an ephemeris of Starlink's operator as lines of KVN that know where they come from.
+
+    Three lines of header, the axes of the covariances, then four lines a row: time, place (km) and velocity
+    (km/s) by the mean equator and equinox of J2000, and the 21 numbers of the covariance. The object's name
+    and number are in the file's name. Raises EphemerisError.
+    """
+    named = _MEME_NAME.search(lines.source)
+    number, name = (named[1], named[2]) if named else ("unknown", "an object without a name")
+    stop = _MEME_STOP.search(lines.text(first + 1)) if first + 1 < len(lines) else None
+    if stop is None or lines.text(first + 3) != "UVW":
+        raise lines.error(
+            first + 1, "ephemeris_stop or UVW is missing: it is no ephemeris of Starlink's operator"
+        )
+    put: list[tuple[str, int]] = []
+    covariances: list[tuple[str, int]] = []
+    for k in range(first + 4, lines.last + 1, 4):
+        stamp, _, state = lines.text(k).partition(" ")
+        match = _MEME_STAMP.fullmatch(stamp)
+        if match is None or k + 3 > lines.last:
+            raise lines.error(
+                k, f"{printable(stamp[:24])!r} begins no whole row of four lines: it is cut off"
+            )
+        year, day, hour, minute, second = match.groups()
+        at = f"{year}-{day}T{hour}:{minute}:{second}"
+        put.append((f"{at} {state}", k))
+        numbers = iter(" ".join(lines.text(k + j) for j in (1, 2, 3)).split())
+        covariances += [("COVARIANCE_START", k), (f"EPOCH = {at}", k), ("COV_REF_FRAME = UVW", k)]
+        rows = [[next(numbers, "") for _ in range(row)] for row in range(1, _COVARIANCE_ROWS + 1)]
+        covariances += [(" ".join(row), k + 1) for row in rows] + [("COVARIANCE_STOP", k + 3)]
+    if not put:
+        raise lines.error(lines.last, "no rows follow UVW: the text is cut off")
+    made = lines.text(first).removeprefix(_MEME).removesuffix("UTC").strip()
+    head = (
+        "CCSDS_OEM_VERS = 2.0",
+        f"CREATION_DATE = {made.replace(' ', 'T')}",
+        "ORIGINATOR = its operator",
+        "META_START",
+        f"OBJECT_NAME = {name}",
+        f"OBJECT_ID = {number}",
+        "CENTER_NAME = EARTH",
+        "REF_FRAME = EME2000",
+        "TIME_SYSTEM = UTC",
+        f"START_TIME = {put[0][0].split()[0]}",
+        f"STOP_TIME = {stop[1]}T{stop[2]}",
+        "META_STOP",
+    )
+    whole = [*((line, first + 1) for line in head), *put, *covariances]
+    text = "".join(f"{line}\n" for line, _ in whole)
+    return Lines(text.encode(), lines.source, [lines.number(k) for _, k in whole])
