@@ -468,13 +468,11 @@ class TableEphemeris:
 
     def covariance(self, at: Utc) -> Covariance | None:
         """Return the covariance of the nearest instant for which the file gives one."""
-        known = [
-            Covariance(utc_of_tai(one.zero_s, since), frame, matrix)
-            for one in self.segments
-            for since, frame, matrix in one.covariances
-        ]
+        known = [(one.zero_s, *row) for one in self.segments for row in one.covariances]
         if known:
-            return min(known, key=lambda one: abs(float(one.at.unix_s - at.unix_s)))
+            tai_s = float(at.unix_s) + float(leaps_s(at.unix_s))
+            zero_s, since_s, frame, matrix = min(known, key=lambda row: abs(row[0] + row[1] - tai_s))
+            return Covariance(utc_of_tai(zero_s, since_s), frame, matrix)
         if self.sigma_km is None:
             return None
         starts = [float(one.span[0].unix_s) for one in self.segments]

@@ -204,9 +204,10 @@ def _by_neighbours(one: Segment) -> Array:
 def _by_velocities(one: Segment) -> tuple[_Wrong | None, list[int]]:
     """Return the first wrong row, and the steps, by their first rows, in which engines changed the orbit."""
     size = np.linalg.norm(_by_step(one), axis=1)
-    far = size > _most(size)
+    most = _most(size)
+    far = size > most
     some = np.flatnonzero(far)
-    far[some] = size[some] > _most(size) + _fallen_own_km(one, some, some + 1)
+    far[some] = size[some] > most + _fallen_own_km(one, some, some + 1)
     burns: list[int] = []
     for first, stop in _runs(far):
         peak = float(size[first:stop].max())

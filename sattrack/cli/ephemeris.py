@@ -21,7 +21,7 @@ from sattrack.cli.common import (
 from sattrack.cli.targets import ephemeris_option, find_targets
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError
-from sattrack.views.formatting import length
+from sattrack.views.formatting import file_error
 from tle.bias import Bias
 from tle.bodies import Body
 from tle.elements import Elements
@@ -165,9 +165,10 @@ def _tell_about(elements: Elements | Ephemeris, propagator: Propagator, seen: Di
             why = _why_none(propagator, first)
         tell(f"{elements.label}: {len(failed)} of {len(seen.utc)} instants have no position ({why})")
     if not isinstance(elements, Elements):
-        known = elements.covariance(seen.utc[0])
-        unstated = "; error not stated" if isinstance(elements, TableEphemeris) else ""
-        sigma = unstated if known is None else f"; 1σ {length(1000.0 * known.sigma_km)} by the file"
+        sigma = ""
+        if isinstance(elements, TableEphemeris):
+            known = elements.covariance(seen.utc[0])
+            sigma = f"; {file_error(None if known is None else known.sigma_km)}"
         tell(f"{elements.label}: {elements.provenance}, {elements.frame}{sigma}")
         return
     age_days = elements.age_s(seen.utc[0]) / 86400.0

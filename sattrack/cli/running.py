@@ -34,7 +34,7 @@ from sattrack.runtime.flight import failure, fly_live, fly_virtual
 from sattrack.runtime.mounts import is_antenna, mount_address
 from sattrack.runtime.system import StopRequest, stopping
 from sattrack.runtime.view_server import ViewServerLink, open_view_server
-from sattrack.views.formatting import OLD_ELEMENTS_DAYS, length, loop_text, phase_text, summary_lines
+from sattrack.views.formatting import OLD_ELEMENTS_DAYS, file_error, loop_text, phase_text, summary_lines
 from sattrack.views.run import CameraSummary, Summary, SummaryLine, TrackView
 from tle.elements import Elements, expected_along_arcsec
 from tle.errors import TleError
@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     from sattrack.mount.profiles import ProfileFile
     from sattrack.runtime.facts import Prepared, RunFacts
     from sattrack.runtime.mounts import MountAddress
-    from sattrack.runtime.target_facts import TargetFacts
     from sattrack.servers.antenna.antcn import AntcnRun
     from sattrack.settings import Settings
     from sattrack.views.run import Armed, SessionView
@@ -102,7 +101,9 @@ def announcement(facts: RunFacts) -> list[str]:
     target = facts.target
     lines = [f"{target.label} {_when(facts)}"]
     if facts.followed is not None:
-        lines.append(f"by {target.provenance}{_stated(facts.followed)}")
+        known = facts.followed
+        stated = "" if known.body is not None else f", {file_error(known.sigma_km)}"
+        lines.append(f"by {target.provenance}{stated}")
     age_days = (plan.start_utc_s - float(target.epoch.unix_s)) / 86400.0
     if facts.elements is not None and abs(age_days) > OLD_ELEMENTS_DAYS:
         lines.append(f"the elements are {abs(age_days):.1f} days off the pass: expect it early or late")
@@ -115,13 +116,6 @@ def announcement(facts: RunFacts) -> list[str]:
         )
     costs = _uncalibrated(facts)
     return lines if costs is None else [*lines, costs]
-
-
-def _stated(followed: TargetFacts) -> str:
-    """Return the error that a file states, and that it states none; nothing for a body."""
-    if followed.sigma_km is not None:
-        return f", 1σ {length(1000.0 * followed.sigma_km)} by the file"
-    return ", error not stated" if followed.body is None else ""
 
 
 def _uncalibrated(facts: RunFacts) -> str | None:

@@ -112,6 +112,11 @@ def source_error(error_m: float | None) -> str:
     return "error not stated" if error_m is None else f"error {length(error_m)}"
 
 
+def file_error(sigma_km: float | None) -> str:
+    """Return what a file states of the error of its places, `1σ 17.3 m by the file`, or that it does not."""
+    return "error not stated" if sigma_km is None else f"1σ {length(1000.0 * sigma_km)} by the file"
+
+
 def right_ascension(degrees: float) -> str:
     """Return a right ascension as `12h 34m 56.7s`."""
     return hours(round(degrees % 360.0 / 15.0 * 36000.0) % 864000 / 36000.0)

@@ -19,6 +19,7 @@ from tle.errors import EphemerisError, TleError, printable
 from tle.formats.rows import Lines, is_time_system, tai_s
 from tle.instants import Utc, utc_of_tai
 from tle.orbit_rows import falling
+from tle.sources import full_designator
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -126,17 +127,11 @@ def parse_oem(lines: Lines) -> list[TableEphemeris]:
                 f"OEM by {printable(originator)}, {first.interpolation.words}",
                 epoch=_made(kvn.header.get("CREATION_DATE", ""), start),
                 catalog_number=int(digits or 0),
-                names=(_designator(designator),),
+                names=(full_designator(designator.strip()) or printable(designator),),
                 source=lines.source,
             )
         )
     return found
-
-
-def _designator(text: str) -> str:
-    """Return an international designator as 1998-067A, any other text as it is."""
-    match = re.fullmatch(r"(\d{4})-?(\d{3})-?([A-Z]{1,3})", text.strip().upper(), re.ASCII)
-    return f"{match[1]}-{match[2]}{match[3]}" if match else printable(text)
 
 
 def _made(text: str, otherwise: Utc) -> Utc:

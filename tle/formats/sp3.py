@@ -267,14 +267,14 @@ def _segments(
         raise lines.error(int(which[twice[0] + 1]), f"{name} is there twice at one epoch")
     good = np.abs(values).max(axis=1) > _BAD_KM if len(values) else np.zeros(0, dtype=bool)
     epoch, which, values = epoch[good], which[good], values[good]
+    if len(which) == 0:
+        return []
     velocities = None if velocities is None else velocities[good]
     at = since[epoch]
-    manoeuvre = lines.fixed(which, 78, 79)[:, 0] == ord("M") if len(which) else np.zeros(0, dtype=bool)
+    manoeuvre = lines.fixed(which, 78, 79)[:, 0] == ord("M")
     gap = np.zeros(len(at), dtype=bool)
     gap[1:] = np.diff(at) > _GAP * header.step_s + 1.0
-    edges = [0, *(np.flatnonzero((gap | manoeuvre)[1:]) + 1).tolist(), len(at)] if len(at) else []
-    if len(at) == 0:
-        return []
+    edges = [0, *(np.flatnonzero((gap | manoeuvre)[1:]) + 1).tolist(), len(at)]
     whole = Segment(
         zero_s,
         at,

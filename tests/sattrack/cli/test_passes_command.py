@@ -207,15 +207,21 @@ def test_a_satellite_that_is_named_twice_is_listed_once(
     assert len(uids(capsys, "25544", "ISS (ZARYA)", *given)) == 5
 
 
+def new_csv(folder: Path, number: int, *designators: str) -> Path:
+    """Write elements of so many objects of one number as CSV."""
+    names = "OBJECT_NAME,OBJECT_ID,EPOCH,MEAN_MOTION,ECCENTRICITY,INCLINATION,RA_OF_ASC_NODE"
+    names += ",ARG_OF_PERICENTER,MEAN_ANOMALY,NORAD_CAT_ID,BSTAR,MEAN_MOTION_DOT,MEAN_MOTION_DDOT"
+    values = "2026-10-02T00:19:52.568,15.48707685,0.0006946,51.6312,131.4121"
+    values += f",211.9293,148.1275,{number},0.000076743,0.00003738,0"
+    source = folder / "new.csv"
+    source.write_text("\n".join([names, *(f"NEW,{one},{values}" for one in designators), ""]))
+    return source
+
+
 def test_events_of_two_objects_of_one_number_have_uids_of_their_own(
     given: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    source = tmp_path / "new.csv"
-    names = "OBJECT_NAME,OBJECT_ID,EPOCH,MEAN_MOTION,ECCENTRICITY,INCLINATION,RA_OF_ASC_NODE"
-    names += ",ARG_OF_PERICENTER,MEAN_ANOMALY,NORAD_CAT_ID,BSTAR,MEAN_MOTION_DOT,MEAN_MOTION_DDOT"
-    values = ",2026-10-02T00:19:52.568,15.48707685,0.0006946,51.6312,131.4121"
-    values += ",211.9293,148.1275,99999,0.000076743,0.00003738,0"
-    source.write_text(f"{names}\nNEW,2026-001A{values}\nNEW,2026-001B{values}\n")
+    source = new_csv(tmp_path, 99999, "2026-001A", "2026-001B")
     found = uids(capsys, *given[2:], "--elements", str(source))
     assert len(found) == len(set(found)) == 10
 
@@ -348,12 +354,7 @@ def test_never_dark_at_the_pole_in_summer(given: list[str], capsys: pytest.Captu
 def test_satellites_with_numbers_of_nine_digits(
     given: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    source = tmp_path / "new.csv"
-    names = "OBJECT_NAME,OBJECT_ID,EPOCH,MEAN_MOTION,ECCENTRICITY,INCLINATION,RA_OF_ASC_NODE"
-    names += ",ARG_OF_PERICENTER,MEAN_ANOMALY,NORAD_CAT_ID,BSTAR,MEAN_MOTION_DOT,MEAN_MOTION_DDOT"
-    values = "NEW,2026-001A,2026-10-02T00:19:52.568,15.48707685,0.0006946,51.6312,131.4121"
-    values += ",211.9293,148.1275,799500303,0.000076743,0.00003738,0"
-    source.write_text(f"{names}\n{values}\n")
+    source = new_csv(tmp_path, 799500303, "2026-001A")
     found = listed(capsys, "799500303", *given[2:], "--elements", str(source))
     assert {p["catalog_number"] for p in found} == {799500303}
     assert max(p["max_alt_deg"] for p in found) == pytest.approx(81.27, abs=0.05)
