@@ -1,6 +1,7 @@
 """The loop closed on the sky: a camera's offsets, a hidden sky, and where the telescope really points.
 
 python bench/sky_loop.py [--seeds N] [--pass ISS|KANOPUS] [--mount|--next] [--wrong HOW] [--beside ARCSEC]
+                         [--said ARCSEC]
 
 Hidden from the program, and drawn for each seed: an orbit that is integrated (`bench/integrated.py`), 3 s
 early or late, drifting by 0.3 s a minute, 60″ to the left or the right of its elements, drifting too (`warp`:
@@ -16,7 +17,8 @@ one that centres the satellite, along the track and across. *NIS*: 2 where sigma
 
 `--next` begins with what another satellite's pass has left of the mount and its camera in the profile,
 `--wrong` with a camera that is not as it was set. With `--beside` the telescope looks so far beside its
-axis (cone error), and its declination has a zero that is so wrong.
+axis (cone error), and its declination has a zero that is so wrong. `--said` is the noise that
+the camera claims.
 
 Without `--mount` the telescope points exactly where it is fed; with it the run of `track --virtual` follows
 with a simulated mount, and offsets are made from its true axes.
@@ -187,6 +189,7 @@ class Sky:
     rng: random.Random
     truth: str = "orbit"
     camera: Camera = field(default_factory=lambda: Camera(40.0, False, SCALE_ARCSEC_PX))
+    said_arcsec: float = NOISE_ARCSEC
     first_s: float | None = None
     times: list[float] = field(default_factory=list)
     off_arcsec: list[float] = field(default_factory=list)
@@ -221,7 +224,8 @@ class Sky:
         sigma_px = NOISE_ARCSEC / SCALE_ARCSEC_PX
         dx, dy = (one / scale + self.rng.gauss(0.0, sigma_px) for one in self.plane(pointing, utc_s))
         dated = Utc(utc_s + self.hidden.clock_s).isoformat("microseconds")
-        return SeenOffset(dated, dx_px=dx, dy_px=dy, sigma_px=sigma_px, camera="guide")
+        said_px = self.said_arcsec / SCALE_ARCSEC_PX
+        return SeenOffset(dated, dx_px=dx, dy_px=dy, sigma_px=said_px, camera="guide")
 
     def note(self, pointing: Array, utc_s: float) -> None:
         """Note how far from the middle the satellite is."""
@@ -427,6 +431,7 @@ def main() -> None:
     parser.add_argument("--next", action="store_true", help="begin with what another pass has left")
     parser.add_argument("--wrong", choices=[*WRONG], help="how the camera is not as it was set")
     parser.add_argument("--beside", type=float, default=0.0, metavar="ARCSEC", help="cone and index error")
+    parser.add_argument("--said", type=float, default=NOISE_ARCSEC, metavar="ARCSEC")
     parser.add_argument("--verbose", action="store_true")
     options = parser.parse_args()
     print(f"truth {options.truth}, {'a virtual mount' if options.mount else 'no mount'}")
@@ -452,7 +457,7 @@ def of_seed(subject: Subject, seed: int, options: argparse.Namespace) -> Result:
     signs = random.Random(f"beside {seed}")
     beside = [signs.choice((-1, 1)) * options.beside * ARCSEC for _ in range(2)]
     hidden = replace(hidden, beside=(beside[0], beside[1]))
-    sky = Sky(subject, hidden, rng, options.truth)
+    sky = Sky(subject, hidden, rng, options.truth, said_arcsec=options.said)
     if options.mount:
         return with_mount(sky, seed)
     return without_mount(sky, learnt_before(sky, seed) if options.next else subject.facts.profile)

@@ -12,6 +12,8 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import replace
+from itertools import combinations
+from operator import itemgetter
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -44,8 +46,17 @@ MOST_CORRECTION_KM = 100.0
 """Beyond these no elements are off that are worth following."""
 MODEL_ARCSEC = 1.0
 """How well clocks and catalogues of stars are known: no sigma counts as less."""
-SEEING_ARCSEC = 0.3
-"""The same of what a camera on the mount sees: how far the mount is from where it was fed."""
+LEAST_SEEING_ARCSEC, USUAL_SEEING_ARCSEC, MOST_SEEING_ARCSEC = 0.3, 1.0, 20.0
+"""What moves a camera's image from frame to frame beside what its sigma says: air, wind, the mount. At least,
+before it is known, and at most."""
+SEEING_FRAMES, FEWEST_SEEING_FRAMES, SEEING_CHOICE, SEEING_SPAN_S = 40, 4, 5, 5.0
+"""It is measured by so many frames, each with two of the four before it, within such a span."""
+QUARTER = 0.318
+"""A quarter of frames lies so many sigmas or less from the line with the two that fit best."""
+SEEING_GATE = 12.0
+"""Beyond that square in sigmas a frame is a wild one."""
+BELIEVED = 1.5
+"""A sigma that is said is believed where frames lie off by no more than so many times as much."""
 ANEW_AFTER = 8
 CONFIRMED_BY = 3
 FAR_DEG = 0.1
@@ -150,6 +161,60 @@ class _Unheard(NamedTuple):
     least: int = ANEW_AFTER
 
 
+class _Seeing:
+    """How much the satellite's image jumps from frame to frame, by how far three frames lie off a line.
+
+    What orbit and mount do wrong changes slowly, and has no part in it. Nor have wild frames, up to a third
+    of all: of those before a frame the two that fit best count, and of all frames the nearest quarter.
+    """
+
+    def __init__(self) -> None:
+        self._last: list[Sighting] = []
+        self._squares: deque[tuple[float, float]] = deque(maxlen=SEEING_FRAMES)
+        """Of each frame, with the two before it that fit best, and with the last two."""
+
+    def see(self, sighting: Sighting, expected: Bias) -> None:
+        """Take one frame in; about what is expected, the satellite moves by little."""
+        utc_s = sighting.utc.unix_s
+        if any(one.utc.unix_s == utc_s for one in self._last):
+            return
+        before = [one for one in self._last if abs(float(utc_s - one.utc.unix_s)) <= SEEING_SPAN_S]
+        self._last = [*self._last[1 - SEEING_CHOICE :], sighting]
+        if len(before) < 2:
+            return
+        places = [
+            (float(one.utc.unix_s - utc_s), one.unit - one.propagator.at(one.utc, expected).unit)
+            for one in (*before, sighting)
+        ]
+        pairs = combinations(places[:-1], 2)
+        squares = [_off_line(*sorted((*pair, places[-1]), key=_since_s)) for pair in pairs]
+        self._squares.append((min(squares), squares[-1]))
+
+    def sigma_arcsec(self, said_arcsec: float, least_arcsec: float, usual_arcsec: float) -> float:
+        """Return one sigma of a frame that claims one: that and the least or the usual, or what was seen."""
+        if len(self._squares) < FEWEST_SEEING_FRAMES:
+            return math.hypot(said_arcsec, usual_arcsec)
+        best, plain = np.array(self._squares).T
+        square = float(np.quantile(best, 0.25)) / QUARTER**2
+        alike = plain[plain < SEEING_GATE * square]
+        if len(alike) >= FEWEST_SEEING_FRAMES:
+            square = 0.5 * float(np.mean(alike))
+        seen = math.degrees(math.sqrt(square)) * 3600.0
+        said = math.hypot(said_arcsec, least_arcsec)
+        return min(seen, MOST_SEEING_ARCSEC) if seen > BELIEVED * said else said
+
+
+_Place = tuple[float, "NDArray[np.float64]"]
+_since_s = itemgetter(0)
+
+
+def _off_line(first: _Place, middle: _Place, last: _Place) -> float:
+    """Return the square of one sigma of three places, each of its time, by how far they lie off a line."""
+    share = (last[0] - middle[0]) / (last[0] - first[0])
+    off = middle[1] - share * first[1] - (1.0 - share) * last[1]
+    return float(off @ off) / (1.0 + share**2 + (1.0 - share) ** 2)
+
+
 class Estimator:
     """The estimate of one run's orbit, from the observations handed to it.
 
@@ -175,6 +240,8 @@ class Estimator:
         """Why the last observation was not taken; None where it was."""
         self.last_utc_s: float | None = None
         """Instant of the newest observation that was taken."""
+        self._seeing: dict[tuple[str | None, bool], _Seeing] = {}
+        """Of each camera, of directions among the stars and of places in its image."""
         self._undo: tuple[FilterBank | None, float | None] | None = None
         """What the last observation that was taken has changed; None where that is not known any more."""
 
@@ -296,9 +363,7 @@ class Estimator:
         before, last_s = self.filter, self.last_utc_s
         try:
             sighting = _sighting(seen, utc_s, course, seen.frame)
-            if image is not None:
-                sigma_rad = math.radians(math.hypot(seen.sigma_arcsec, SEEING_ARCSEC) / 3600.0)
-                sighting = replace(sighting, image=image, sigma_rad=sigma_rad)
+            sighting = self._weighed(sighting, seen, image, first)
             if before is None or before.orbit.given is not elements:
                 before = None
                 self._begin(seen, sighting, course, elements, first)
@@ -317,6 +382,17 @@ class Estimator:
         self.accepted += 1
         self.last_utc_s = max(utc_s, self.last_utc_s or utc_s)
         return True
+
+    def _weighed(
+        self, sighting: Sighting, seen: ObservationMessage, image: Image | None, expected: Bias
+    ) -> Sighting:
+        """Return a sighting with the sigma that its frame has beside those before it."""
+        sighting = replace(sighting, image=image)
+        seeing = self._seeing.setdefault((seen.camera, image is not None), _Seeing())
+        seeing.see(sighting, expected)
+        least, usual = (MODEL_ARCSEC,) * 2 if image is None else (LEAST_SEEING_ARCSEC, USUAL_SEEING_ARCSEC)
+        sigma_arcsec = seeing.sigma_arcsec(seen.sigma_arcsec, least, usual)
+        return replace(sighting, sigma_rad=math.radians(sigma_arcsec / 3600.0))
 
     def catch_up(self, most: int = 1) -> bool:
         """Hold so many observations against the rival where it may win by them; tell whether it did."""

@@ -342,7 +342,7 @@ class Steering:
         ra_deg = math.degrees(math.atan2(there[1], there[0])) % 360.0
         dec_deg = math.degrees(math.atan2(there[2], math.hypot(there[0], there[1])))
         sigma_arcsec = min(MOST_SIGMA_ARCSEC, max(LEAST_SIGMA_ARCSEC, sigma))
-        directed = ObservationMessage(seen.utc, ra_deg, dec_deg, "of_date", sigma_arcsec)
+        directed = ObservationMessage(seen.utc, ra_deg, dec_deg, "of_date", sigma_arcsec, camera=seen.camera)
         self._observe(directed, now_utc_s, begins_s, image, sure=sure)
 
     def camera_views(self) -> tuple[CameraView, ...]:

