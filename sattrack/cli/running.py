@@ -463,11 +463,12 @@ def _flown(
 ) -> tuple[Summary, bool]:
     """Return a run's summary, and whether it was interrupted."""
     if request.virtual:
-        observers = None if observations is None else read_all(sys.stdin.buffer)
-        if options["cameras"]:
+        observers = None
+        if observations is not None or options["cameras"]:
+            observers = read_all(sys.stdin.buffer if observations is not None else ())
+        if observers is not None and options["cameras"]:
             from sattrack.cli.camera import put_solved_frames
 
-            observers = observers or Observers()
             seen = put_solved_frames(context, options, observers.put)
         summary, interrupted = fly_virtual(prepared, output.show, observers=observers), False
         output.end()

@@ -9,6 +9,7 @@ is no observation is counted, and otherwise ignored.
 
 from __future__ import annotations
 
+import math
 import socket
 import sys
 from collections import deque
@@ -337,8 +338,9 @@ class Source(Protocol):
 class Observers:
     """Lines from some sources in one queue, and the observations in them."""
 
-    def __init__(self, sources: Iterable[Source] = ()) -> None:
-        self._sources = tuple(sources)
+    def __init__(self, sources: Iterable[Source] = (), most: float = QUEUED_MOST) -> None:
+        """Take lines from sources, and by `put`; of what waits, at most so many are kept."""
+        self._sources, self._most = tuple(sources), most
         self._queue: deque[bytes] = deque()
         self.malformed = 0
         self.dropped = 0
@@ -350,7 +352,7 @@ class Observers:
         """Take one line; empty ones are nothing."""
         if not line.strip():
             return
-        if len(self._queue) >= QUEUED_MOST:
+        if len(self._queue) >= self._most:
             self.dropped += 1
             return
         self._queue.append(line)
@@ -369,6 +371,13 @@ class Observers:
                 malformed += 1
                 self.complaint = str(error)
         self.malformed += malformed
+        return found
+
+    def everything(self) -> list[Reported]:
+        """Return all observations that wait."""
+        found: list[Reported] = []
+        while self._queue:
+            found += self.observations(QUEUED_MOST)
         return found
 
     def close(self) -> None:
@@ -435,8 +444,8 @@ def open_observers(text: str | None) -> Observers:
 
 
 def read_all(stream: Iterable[bytes]) -> Observers:
-    """Return observers that hold every line of a stream that ends."""
-    observers = Observers()
+    """Return observers that hold every line of a stream that ends, and what is put to them besides."""
+    observers = Observers(most=math.inf)
     for line in stream:
         observers.put(line)
     return observers

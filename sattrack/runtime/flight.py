@@ -50,7 +50,7 @@ from sattrack.runtime.connection import (
     simulator_config,
     start_embedded,
 )
-from sattrack.runtime.control_arbiter import A_TICK, QUEUED_MOST
+from sattrack.runtime.control_arbiter import A_TICK
 from sattrack.runtime.facts import RunFacts, build_engine, decode_facts, encode_facts, engine_of
 from sattrack.runtime.loop import RealtimeLoop
 from sattrack.runtime.system import stopping
@@ -94,7 +94,7 @@ def fly_virtual(
         mount = SimulatedMount(facts.profile, simulated_site(facts.site), demo_pass.START, hardware)
         engine = build_engine(facts)
         if observers is not None:
-            messages += tuple(_dated(seen, facts) for seen in observers.observations(QUEUED_MOST))
+            messages += tuple(_dated(seen, facts) for seen in observers.everything())
             engine.malformed, engine.dropped = observers.malformed, observers.dropped
         run = VirtualRun(engine, mount, facts.started_utc_s, sink, messages, progress)
         ended_utc_s = run.run()

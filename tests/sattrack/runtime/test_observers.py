@@ -18,6 +18,7 @@ from sattrack.runtime.control_arbiter import (
     Observers,
     StdinInbox,
     open_observers,
+    read_all,
 )
 from sattrack.views.messages import (
     Nudge,
@@ -125,6 +126,12 @@ def test_a_line_that_is_none_is_counted_and_nothing_else(line: bytes) -> None:
     assert observers.observations() == [SEEN, SEEN]
     assert observers.malformed == 1
     assert observers.complaint
+
+
+def test_a_stream_that_ends_is_held_whole_however_long_it_is() -> None:
+    observers = read_all([GOOD, b"none"] * 3000)
+    assert observers.everything() == [SEEN] * 3000
+    assert (observers.malformed, observers.dropped) == (3000, 0)
 
 
 def test_an_unknown_frame_is_named() -> None:
