@@ -174,13 +174,24 @@ class RunKeys(ScreenApp):
             self._send(Guide(how))
 
     def _centre(self) -> None:
-        """Move the target so that what is pointed to in the picture comes to its middle."""
+        """Move the target so that what is pointed to in the picture comes to its middle.
+
+        A camera that leads the mount would undo that: its observations are left aside then.
+        """
         if self._view is None or self._ended or not self._may_command():
             return
-        shift = self._screens.desk.shift_deg(self._view.loop)
+        loop, desk = self._view.loop, self._screens.desk
+        shift = desk.shift_deg(loop)
+        leads = loop is not None and loop.guided and loop.state == "camera"
         if isinstance(shift, str):
             self._hint(shift)
             return
+        if leads and desk.cursor is None and loop is not None and loop.last == "taken":
+            self._hint("the camera centres that already: the arrows point to something else")
+            return
+        if leads:
+            self._send(Guide("off"))
+            self._hint("the camera is left aside, or it would undo that: g guides by it again")
         self._send_all(self._offsets.shift(*shift, self._view))
         self._screens.desk.point(None)
 

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from textual.strip import Strip
 
 LOOP = LoopView("camera", 0.4, 1.2, guided=True, last="taken")
+LOST = LoopView("lost", 12.0, 40.0, guided=True, last="taken")
 WIDTH, HEIGHT, COLUMNS, ROWS = 640, 480, 160, 120
 SCALE = 2.0
 CELL = (10, 20)
@@ -231,7 +232,7 @@ class TestKeys:
         cases = (
             (0.0, False, -324, 236), (90.0, False, 236, 324), (0.0, True, 324, 236), (90.0, True, 236, -324)
         )  # fmt: skip
-        feed = FakeFeed([News((changed(VIEW, loop=LOOP),), session=HERE, sky=SKY, you=0)])
+        feed = FakeFeed([News((changed(VIEW, loop=LOST),), session=HERE, sky=SKY, you=0)])
 
         async def run() -> None:
             app = TrackApp(feed, monotonic=HandClock(), helpers=FakeHelpers())  # type: ignore[arg-type]
@@ -256,10 +257,27 @@ class TestKeys:
 
     def test_the_cursor_is_centred_instead_and_esc_takes_it_away(self) -> None:
         step = WIDTH / 24 * SCALE
-        sent = shown("left", "down", "enter").sent
+        lost = changed(VIEW, loop=LOST)
+        sent = shown("left", "down", "enter", view=lost).sent
         assert all(isinstance(one, OffsetBy) for one in sent)
         assert [3600.0 * one.value for one in sent] == pytest.approx([step, -step])
-        assert [round(3600.0 * one.value) for one in shown("left", "escape", "enter").sent] == [-324, 236]
+        assert [round(3600.0 * one.value) for one in shown("left", "escape", "enter", view=lost).sent] == [
+            -324,
+            236,
+        ]
+
+    def test_a_camera_that_leads_and_would_undo_what_is_centred_is_left_aside(self) -> None:
+        found = shown("left", "down", "enter")
+        assert found.sent[0] == Guide("off")
+        assert [type(one) for one in found.sent[1:]] == [OffsetBy, OffsetBy]
+        assert "g guides by it again" in found.text
+        already = shown("enter")
+        assert already.sent == []
+        assert "centres that already" in already.text
+        rejecting = changed(VIEW, loop=msgspec.structs.replace(LOOP, last="it contradicts the estimate"))
+        assert shown("enter", view=rejecting).sent[0] == Guide("off")
+        aside = changed(VIEW, loop=msgspec.structs.replace(LOOP, guided=False))
+        assert all(isinstance(one, OffsetBy) for one in shown("left", "enter", view=aside).sent)
 
     def test_without_a_scale_nothing_is_sent_and_it_says_why(self) -> None:
         found = shown("enter", pictures={"guide": picture(scale_arcsec_px=None)})
