@@ -1,7 +1,7 @@
 """The loop closed on the sky: a camera's offsets, a hidden sky, and where the telescope really points.
 
 python bench/sky_loop.py [--seeds N] [--pass ISS|KANOPUS] [--mount|--next] [--wrong HOW] [--beside ARCSEC]
-                         [--said ARCSEC]
+                         [--said ARCSEC] [--solved]
 
 Hidden from the program, and drawn for each seed: an orbit that is integrated (`bench/integrated.py`), 3 s
 early or late, drifting by 0.3 s a minute, 60″ to the left or the right of its elements, drifting too (`warp`:
@@ -47,7 +47,7 @@ from sattrack.runtime import demo_pass
 from sattrack.runtime.connection import simulated_site
 from sattrack.runtime.facts import build_engine
 from sattrack.runtime.flight import VirtualRun
-from sattrack.views.messages import SeenOffset
+from sattrack.views.messages import ObservationMessage, SeenOffset
 from tle.bias import NO_BIAS, Bias
 from tle.instants import Utc
 from tle.orbit_fit import cross_product
@@ -190,6 +190,7 @@ class Sky:
     truth: str = "orbit"
     camera: Camera = field(default_factory=lambda: Camera(40.0, False, SCALE_ARCSEC_PX))
     said_arcsec: float = NOISE_ARCSEC
+    solved: bool = False
     first_s: float | None = None
     times: list[float] = field(default_factory=list)
     off_arcsec: list[float] = field(default_factory=list)
@@ -226,6 +227,19 @@ class Sky:
         dated = Utc(utc_s + self.hidden.clock_s).isoformat("microseconds")
         said_px = self.said_arcsec / SCALE_ARCSEC_PX
         return SeenOffset(dated, dx_px=dx, dy_px=dy, sigma_px=said_px, camera="guide")
+
+    def messages(self, pointing: Array, utc_s: float) -> list[SeenOffset | ObservationMessage]:
+        """Return what the camera sends of a frame: where it solves the field, a direction too."""
+        seen = self.frame(pointing, utc_s)
+        if not self.solved:
+            return [seen]
+        u = self.satellite.at(utc_s)[0] + NOISE_ARCSEC * ARCSEC * np.array(
+            [self.rng.gauss(0.0, 1.0) for _ in range(3)]
+        )
+        ra_deg = math.degrees(math.atan2(u[1], u[0])) % 360.0
+        dec_deg = math.degrees(math.atan2(u[2], math.hypot(u[0], u[1])))
+        direction = ObservationMessage(seen.utc, ra_deg, dec_deg, "of_date", NOISE_ARCSEC, camera="guide")
+        return [seen, direction]
 
     def note(self, pointing: Array, utc_s: float) -> None:
         """Note how far from the middle the satellite is."""
@@ -320,7 +334,7 @@ def without_mount(sky: Sky, profile: MountProfile) -> Result:
         sky.begin_s - 5.0,
     )
     fed = steering.biases.at
-    waiting: list[tuple[float, SeenOffset]] = []
+    waiting: list[tuple[float, SeenOffset | ObservationMessage]] = []
     now, tick, next_frame_s = sky.begin_s, 0, sky.begin_s
     while now < sky.end_s:
         exposed = now >= next_frame_s
@@ -331,7 +345,8 @@ def without_mount(sky: Sky, profile: MountProfile) -> Result:
             if not sky.cloudy(now):
                 if sky.first_s is None:
                     sky.first_s = now
-                waiting.append((now + sky.rng.uniform(*LATE_S), sky.frame(pointing, now)))
+                due_s = now + sky.rng.uniform(*LATE_S)
+                waiting += [(due_s, one) for one in sky.messages(pointing, now)]
         for one in sorted(waiting, key=lambda w: w[0]):
             if one[0] <= now:
                 waiting.remove(one)
@@ -391,8 +406,9 @@ class SkyRun(VirtualRun):
         if not sky.cloudy(utc_s):
             if sky.first_s is None:
                 sky.first_s = utc_s
-            seen = sky.frame(pointing, utc_s)
-            self._at(utc_s + sky.rng.uniform(*LATE_S), self._operate, seen)
+            due_s = utc_s + sky.rng.uniform(*LATE_S)
+            for seen in sky.messages(pointing, utc_s):
+                self._at(due_s, self._operate, seen)
         estimator = self.engine.tracker.steering.estimator
         if sky.first_s is not None and utc_s - sky.first_s >= SETTLED_S:
             sky.look(estimator, sky.subject.propagator, utc_s)
@@ -432,6 +448,9 @@ def main() -> None:
     parser.add_argument("--wrong", choices=[*WRONG], help="how the camera is not as it was set")
     parser.add_argument("--beside", type=float, default=0.0, metavar="ARCSEC", help="cone and index error")
     parser.add_argument("--said", type=float, default=NOISE_ARCSEC, metavar="ARCSEC")
+    parser.add_argument(
+        "--solved", action="store_true", help="the camera solves its field among the stars too"
+    )
     parser.add_argument("--verbose", action="store_true")
     options = parser.parse_args()
     print(f"truth {options.truth}, {'a virtual mount' if options.mount else 'no mount'}")
@@ -457,7 +476,7 @@ def of_seed(subject: Subject, seed: int, options: argparse.Namespace) -> Result:
     signs = random.Random(f"beside {seed}")
     beside = [signs.choice((-1, 1)) * options.beside * ARCSEC for _ in range(2)]
     hidden = replace(hidden, beside=(beside[0], beside[1]))
-    sky = Sky(subject, hidden, rng, options.truth, said_arcsec=options.said)
+    sky = Sky(subject, hidden, rng, options.truth, said_arcsec=options.said, solved=options.solved)
     if options.mount:
         return with_mount(sky, seed)
     return without_mount(sky, learnt_before(sky, seed) if options.next else subject.facts.profile)

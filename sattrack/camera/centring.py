@@ -19,6 +19,7 @@ from sattrack.core.angles import wrap180
 from sattrack.views.messages import (
     LEAST_SIGMA_ARCSEC,
     MOST_SIGMA_ARCSEC,
+    Message,
     ObservationMessage,
     SeenOffset,
     SolvedField,
@@ -207,32 +208,38 @@ class Centred(NamedTuple):
     solved: dict[str, float] | None
     why: str | None
     camera: str
-    message: ObservationMessage | SeenOffset | None
+    offset: SeenOffset | None = None
+    direction: ObservationMessage | None = None
+    """Where the satellite is among the stars; None where no field was found."""
     field: SolvedField | None = None
     """Where the middle pointed, for the camera's clock; None where no field was found."""
 
-    def document(self) -> dict[str, Any]:
-        """Return the line of `sattrack camera --json`."""
+    @property
+    def messages(self) -> tuple[Message, ...]:
+        """What a run gets: the direction corrects the orbit, the offset also what the mount points wrong."""
+        return tuple(one for one in (self.field, self.offset, self.direction) if one is not None)
+
+    def document(self, sent: bool) -> dict[str, Any]:
+        """Return the line of `sattrack camera --json`, and whether a run got what was seen."""
+        told = {"offset", "direction", "field"}
+        main = self.direction or self.offset
         return {
-            **{name: getattr(self, name) for name in self._fields if name not in {"message", "field"}},
-            "sent": None if self.message is None else self.message.__struct_config__.tag,
+            **{name: getattr(self, name) for name in self._fields if name not in told},
+            "sent": None if main is None or not sent else main.__struct_config__.tag,
         }
 
 
 def centred(
     frame: CameraFrame, seen: Detection, geometry: ImageGeometry, solution: Solution | None, camera: str
 ) -> Centred:
-    """Return a detection as offsets from the image's middle, and as a message for a run.
+    """Return a detection as an offset from the image's middle, in pixels where no scale is known.
 
-    Where the field was solved it is an observation of a direction among the stars, and the scale is that of
-    the solution; else an offset, in pixels where no scale is known.
+    Where the field was solved it is a direction among the stars besides, and the scale is the solution's.
     """
     utc = frame.utc.isoformat("microseconds")
     solved = None if solution is None else solution.document()
     scale = geometry.scale_arcsec_px if solution is None else solution.scale_arcsec_px
-    nothing = Centred(
-        utc, frame.exposure_s, seen.kind, None, None, None, None, solved, seen.why, camera, None
-    )
+    nothing = Centred(utc, frame.exposure_s, seen.kind, None, None, None, None, solved, seen.why, camera)
     if solution is not None:
         middle = max(LEAST_SIGMA_ARCSEC, solution.rms_arcsec / math.sqrt(solution.stars))
         field = SolvedField(utc, solution.ra_deg, solution.dec_deg, min(middle, MOST_SIGMA_ARCSEC), camera)
@@ -243,9 +250,8 @@ def centred(
     right, up = float(seen.x) - middle_x, float(seen.y) - middle_y
     snr = None if seen.snr is None else round(float(seen.snr), 2)
     sigma_px = float(seen.sigma_px)
-    message: ObservationMessage | SeenOffset
     if scale is None:
-        message = SeenOffset(
+        offset = SeenOffset(
             utc,
             dx_px=right,
             dy_px=up,
@@ -254,29 +260,29 @@ def centred(
             rotation_deg=geometry.rotation_deg,
             flipped=geometry.flipped,
         )
-        return nothing._replace(snr=snr, message=message)
+        return nothing._replace(snr=snr, offset=offset)
     # Offsets are on the tangential plane, as pixels are: 5° from the middle that is 0.25 % more.
     sigma = min(max(sigma_px * scale, LEAST_SIGMA_ARCSEC), MOST_SIGMA_ARCSEC)
+    offset = SeenOffset(
+        utc,
+        right * scale,
+        up * scale,
+        sigma,
+        camera,
+        rotation_deg=geometry.rotation_deg,
+        flipped=geometry.flipped,
+    )
+    direction = None
     if solution is not None:
         sigma = min(math.hypot(sigma, solution.rms_arcsec / math.sqrt(solution.stars)), MOST_SIGMA_ARCSEC)
-        ra_deg, dec_deg = solution.place(right, up)
-        message = ObservationMessage(utc, ra_deg, dec_deg, "icrs", sigma, camera=camera)
-    else:
-        message = SeenOffset(
-            utc,
-            right * scale,
-            up * scale,
-            sigma,
-            camera,
-            rotation_deg=geometry.rotation_deg,
-            flipped=geometry.flipped,
-        )
+        direction = ObservationMessage(utc, *solution.place(right, up), "icrs", sigma, camera=camera)
     return nothing._replace(
         dx_arcsec=round(right * scale, 3),
         dy_arcsec=round(up * scale, 3),
         sigma_arcsec=round(sigma, 3),
         snr=snr,
-        message=message,
+        offset=offset,
+        direction=direction,
     )
 
 

@@ -245,7 +245,7 @@ def put_solved_frames(
     """
     from sattrack.camera.detection import Detector
     from sattrack.camera.sources import SourceOptions, open_source
-    from sattrack.views.messages import ObservationMessage, encode_message
+    from sattrack.views.messages import encode_message
 
     seen, unsolved = CamerasSeen(), 0
     for number, text in enumerate(options["cameras"]):
@@ -260,11 +260,11 @@ def put_solved_frames(
                 tell(str(item))
                 continue
             found = look.look(item, None)[0]
-            seen.add(found.document())
-            if isinstance(found.message, ObservationMessage):
-                put(encode_message(found.message))
+            seen.add(found.document(found.direction is not None))
+            if found.direction is not None:
+                put(encode_message(found.direction))
             else:
-                unsolved += found.message is not None
+                unsolved += found.offset is not None
     if unsolved:
         tell(f"{unsolved} frames were not solved: an offset means nothing to a mount that did not take it")
     return seen
@@ -480,16 +480,13 @@ def _watch(
             expected = run.expected(item, look.geometry.of_header(item))
         turned_deg = 0.0 if run is None else run.field_angle_deg(item)
         seen, detection = look.look(item, expected, turned_deg)
-        if run is not None and seen.field is not None:
-            run.send(seen.field)
-        if run is not None and seen.message is not None and not run.send(seen.message):
-            seen = seen._replace(message=None)
+        sent = run is not None and all(run.send(one) for one in seen.messages)
         if run is not None:
             run.show(item, detection, look.geometry.of_header(item), seen)
         if save is not None:
             _save(item, save, look.name, seen)
         camera.adjust(_light(item, detection))
-        _print(context.json, seen)
+        _print(context.json, seen, sent)
     if can_draw_lines_anew() and not context.json:
         click.echo(err=True)
     if refused > MOST_REFUSALS_TOLD:
@@ -530,9 +527,9 @@ def _light(frame: CameraFrame, detection: Detection) -> float:
     return 1.4 if share < LEVEL[0] else 1.0
 
 
-def _print(as_json: bool, seen: Centred) -> None:
+def _print(as_json: bool, seen: Centred, sent: bool) -> None:
     if as_json:
-        sys.stdout.write(json.dumps(seen.document(), allow_nan=False) + "\n")
+        sys.stdout.write(json.dumps(seen.document(sent), allow_nan=False) + "\n")
         sys.stdout.flush()
         return
     from sattrack.views.formatting import iso_unix_s

@@ -56,7 +56,7 @@ QUARTER = 0.318
 SEEING_GATE = 12.0
 """Beyond that square in sigmas a frame is a wild one."""
 BELIEVED = 1.5
-"""A sigma that is said is believed where frames lie off by no more than so many times as much."""
+"""A claimed sigma is believed where frames lie off by no more than so many times as much."""
 ANEW_AFTER = 8
 CONFIRMED_BY = 3
 FAR_DEG = 0.1

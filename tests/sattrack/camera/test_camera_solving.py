@@ -13,7 +13,6 @@ from sattrack.camera.centring import ImageGeometry, Solver, centred, contradicti
 from sattrack.camera.detection import Detection, PointSource
 from sattrack.camera.frames import CameraFrame
 from sattrack.camera.star_index import start_making
-from sattrack.views.messages import ObservationMessage, SeenOffset
 from tle.instants import Utc
 
 tetra3rs = pytest.importorskip("tetra3rs", reason="solving needs the extra camera")
@@ -87,7 +86,7 @@ def test_a_field_is_found_as_astropy_projects_it(
         east = (at_ra - true_ra + 180.0) % 360.0 - 180.0
         off_deg = math.hypot(east * math.cos(math.radians(true_dec)), at_dec - true_dec)
         assert off_deg * 3600.0 < 0.3 * scale
-    said = ImageGeometry(SCALE, rotation + 40.0, not flipped)
+    said = ImageGeometry(SCALE, (rotation + 40.0) % 360.0, not flipped)
     wrong = contradiction(said, found)
     assert wrong is not None
     assert "--rotation" in wrong
@@ -96,12 +95,17 @@ def test_a_field_is_found_as_astropy_projects_it(
     assert contradiction(ImageGeometry(scale, rotation, flipped), found) is None
     frame = CameraFrame(np.zeros((HEIGHT, WIDTH), dtype=np.float32), Utc(1790946324.0), 0.1, "f")
     seen = centred(frame, Detection("point", 700.0, 500.0, 0.2, 20.0), said, found, "guide")
-    assert isinstance(seen.message, ObservationMessage)
+    assert seen.direction is not None
     true_ra, true_dec = (float(each) for each in wcs.wcs_pix2world(700.0, 500.0, 0))
-    assert seen.message.frame == "icrs"
-    assert seen.message.dec_deg == pytest.approx(true_dec, abs=0.3 * scale / 3600.0)
+    assert seen.direction.frame == "icrs"
+    assert seen.direction.dec_deg == pytest.approx(true_dec, abs=0.3 * scale / 3600.0)
     assert seen.dx_arcsec == pytest.approx(60.5 * scale, rel=1e-3)
     assert seen.dy_arcsec == pytest.approx(20.5 * scale, rel=1e-3)
+    assert seen.offset is not None
+    offset = seen.offset.dx_arcsec, seen.offset.dy_arcsec
+    assert offset == pytest.approx((60.5 * scale, 20.5 * scale), rel=1e-3)
+    assert seen.messages == (seen.field, seen.offset, seen.direction)
+    assert (seen.document(sent=True)["sent"], seen.document(sent=False)["sent"]) == ("observation", None)
 
 
 def test_what_is_no_field_is_not_solved(solver: Solver) -> None:
@@ -130,9 +134,11 @@ def test_a_motion_on_the_sky_moves_so_in_the_image(rotation: float, flipped: boo
 def test_without_a_scale_an_offset_is_in_pixels_and_says_nothing_in_arcseconds() -> None:
     frame = CameraFrame(np.zeros((HEIGHT, WIDTH), dtype=np.float32), Utc(1790946324.0), 0.1, "f")
     seen = centred(frame, Detection("point", 700.0, 500.0, 0.2, 20.0), ImageGeometry(), None, "guide")
-    assert isinstance(seen.message, SeenOffset)
-    assert (seen.message.dx_px, seen.message.dy_px) == (60.5, 20.5)
+    assert seen.offset is not None
+    assert (seen.offset.dx_px, seen.offset.dy_px) == (60.5, 20.5)
+    assert (seen.document(sent=True)["sent"], seen.document(sent=False)["sent"]) == ("offset", None)
     assert seen.dx_arcsec is seen.dy_arcsec is seen.sigma_arcsec is None
     nothing = centred(frame, Detection("none", why="clouds"), ImageGeometry(2.0), None, "guide")
-    assert nothing.message is None
-    assert nothing.document()["why"] == "clouds"
+    assert nothing.messages == ()
+    assert nothing.document(sent=True)["why"] == "clouds"
+    assert nothing.document(sent=True)["sent"] is None

@@ -46,6 +46,15 @@ def test_a_camera_that_claims_the_noise_of_its_photons_alone_is_not_believed() -
     assert found.rejected <= 3
 
 
+def test_directions_among_the_stars_and_offsets_of_one_camera_hold_the_satellite_together() -> None:
+    """The directions tell nothing of a mount that points 5′ wrong: by them alone it would stay beside."""
+    one = sky()
+    one.solved = True
+    found = bench.without_mount(shorter(one, CLEAR_S), MountProfile())
+    assert found.rms_arcsec < 1.2
+    assert (found.rejected, found.begun_anew) == (0, 0)
+
+
 @pytest.mark.parametrize(("beside_arcsec", "most_arcsec"), [(0.0, 9.0), (100.0, 14.0)])
 def test_a_telescope_square_to_its_axes_needs_no_terms_of_one_that_is_not(
     beside_arcsec: float, most_arcsec: float
