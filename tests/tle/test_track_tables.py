@@ -12,8 +12,10 @@ from tle_facts import ISS
 
 from tle.bias import Bias
 from tle.earth import EarthOrientation
+from tle.ephemeris import Frame
 from tle.errors import EphemerisError, EphemerisSpanError
 from tle.formats.ephemerides import parse_ephemerides
+from tle.formats.track_table import curve
 from tle.instants import Utc
 from tle.propagator import Propagator
 from tle.site import Site
@@ -92,6 +94,15 @@ def test_rates_are_derivatives_of_the_places_given(t: float, steps: str) -> None
         assert getattr(now, f"{name}_rate_deg_s") == pytest.approx(rate(path, t), abs=1e-4 / 3600), name
 
 
+def test_rates_of_a_long_table_are_those_of_its_polynomial_at_every_row() -> None:
+    t = np.cumsum(1.0 + 0.5 * np.sin(np.arange(10_020.0)))
+    x = t / 5000.0 - 1.0
+    places = np.stack([x, x**2, 1.0 + x**3 - x**6], axis=1)
+    rates = np.stack([np.ones_like(x), 2.0 * x, 3.0 * x**2 - 6.0 * x**5], axis=1) / 5000.0
+    found = curve(0.0, t, places, Frame("GROUND", "WGS 84"), 1).velocity_km_s
+    assert np.allclose(found, rates, rtol=0.0, atol=1e-12)
+
+
 def test_rates_do_not_jump_at_rows_of_noise() -> None:
     noise = np.random.default_rng(1).normal(0.0, 0.01, 62)
     times = np.arange(0.0, 301.0, 5.0)
@@ -148,15 +159,17 @@ def test_a_time_bias_moves_what_flies_and_not_the_ground_below() -> None:
     assert apart_arcsec(seen.az_deg, seen.alt_deg, overhead(120.0)[::-1]) < 0.01
 
 
-@pytest.mark.parametrize(("step", "unit"), [(1.0, 10.0), (600.0, 3000.0)])
-def test_places_among_the_stars_are_seen_where_erfa_has_them(step: float, unit: float) -> None:
+@pytest.mark.parametrize(
+    ("step", "unit", "count"), [(1.0, 10.0, 40), (600.0, 3000.0, 40), (100.0, 3000.0, 400)]
+)
+def test_places_among_the_stars_are_seen_where_erfa_has_them(step: float, unit: float, count: int) -> None:
     def path(t: float) -> tuple[float, float]:
         return 80.0 + t / unit, 20.0 + t / unit / 2.0
 
-    times = step * np.arange(40.0)
+    times = step * np.arange(float(count))
     one = read(table("utc,ra_deg,dec_deg", times, path))
     mas = ARCSEC / 1000.0
-    for t in (1.5 * step, 20.25 * step, 38.1 * step):
+    for t in (1.5 * step, 20.25 * step, 38.1 * step, (count - 1.9) * step):
         at = EarthOrientation.installed().orientation(Utc(START_S + t))
         ra, dec = np.radians(path(t))
         day = (START_S + t) // 86400.0
