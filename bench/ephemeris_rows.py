@@ -1,4 +1,6 @@
-"""How long a million rows of CPF, OEM and SP3 take to read, and one instant to look up.
+"""How long a million rows of CPF, OEM, SP3 and tables take to read, and one instant to look up.
+
+Of Starlink's operator it is a hundredth of the rows: each has a covariance.
 
 python bench/ephemeris_rows.py [ROWS]
 """
@@ -39,21 +41,70 @@ def cpf(count: int) -> bytes:
     return f"{head}{end}     1 1 1 1 0 0 1\nH9\n{rows}\n99\n".encode()
 
 
-def oem(count: int) -> bytes:
+def stamps_of(t: np.ndarray) -> list[str]:
+    """Return times of so many seconds since the beginning."""
+    stamps = np.datetime64("2026-03-01T00:00:00.000") + (t * 1000).astype("timedelta64[ms]")
+    return stamps.astype(str).tolist()
+
+
+def states(count: int) -> list[tuple[str, list[float]]]:
+    """Return times, and places (km) with velocities (km/s)."""
     t, place, velocity = orbit(count)
-    stamps = (np.datetime64("2026-03-01T00:00:00.000") + (t * 1000).astype("timedelta64[ms]")).astype(str)
-    rows = "\n".join(
-        f"{stamp} {x:.9f} {y:.9f} {z:.9f} {u:.12f} {v:.12f} {w:.12f}"
-        for stamp, (x, y, z), (u, v, w) in zip(
-            stamps.tolist(), (place / 1e3).tolist(), (velocity / 1e3).tolist(), strict=True
-        )
+    rows = np.concatenate([place, velocity], axis=1) / 1e3
+    return list(zip(stamps_of(t), rows.tolist(), strict=True))
+
+
+def metadata(first: str, last: str) -> dict[str, str]:
+    return {
+        "OBJECT_NAME": "ROUND",
+        "OBJECT_ID": "2026-001A",
+        "CENTER_NAME": "EARTH",
+        "REF_FRAME": "GCRF",
+        "TIME_SYSTEM": "UTC",
+        "START_TIME": first,
+        "STOP_TIME": last,
+    }
+
+
+def oem(count: int) -> bytes:
+    rows = states(count)
+    text = "\n".join(
+        f"{stamp} {x:.9f} {y:.9f} {z:.9f} {u:.12f} {v:.12f} {w:.12f}" for stamp, (x, y, z, u, v, w) in rows
     )
-    meta = (
-        "OBJECT_NAME = ROUND\nOBJECT_ID = 2026-001A\nCENTER_NAME = EARTH\nREF_FRAME = GCRF\n"
-        "TIME_SYSTEM = UTC\n"
-        f"START_TIME = {stamps[0]}\nSTOP_TIME = {stamps[-1]}\n"
+    meta = "\n".join(f"{name} = {value}" for name, value in metadata(rows[0][0], rows[-1][0]).items())
+    return f"CCSDS_OEM_VERS = 2.0\nMETA_START\n{meta}\nMETA_STOP\n{text}\n".encode()
+
+
+def xml(count: int) -> bytes:
+    rows = states(count)
+    text = "".join(
+        f"<stateVector>\n<EPOCH>{stamp}</EPOCH>\n<X>{x:.9f}</X>\n<Y>{y:.9f}</Y>\n<Z>{z:.9f}</Z>\n"
+        f"<X_DOT>{u:.12f}</X_DOT>\n<Y_DOT>{v:.12f}</Y_DOT>\n<Z_DOT>{w:.12f}</Z_DOT>\n</stateVector>\n"
+        for stamp, (x, y, z, u, v, w) in rows
     )
-    return f"CCSDS_OEM_VERS = 2.0\nMETA_START\n{meta}META_STOP\n{rows}\n".encode()
+    meta = "".join(f"<{name}>{value}</{name}>" for name, value in metadata(rows[0][0], rows[-1][0]).items())
+    head = '<?xml version="1.0"?>\n<oem id="CCSDS_OEM_VERS" version="2.0"><header></header><body><segment>'
+    tail = "</data></segment></body></oem>"
+    return f"{head}<metadata>{meta}</metadata><data>\n{text}{tail}\n".encode()
+
+
+def starlink(count: int) -> bytes:
+    rows = states(count // 100)
+    lines = ["created:2026-03-01 00:00:00 UTC"]
+    lines.append(f"ephemeris_start: ephemeris_stop:{rows[-1][0].replace('T', ' ')} UTC step_size:1")
+    lines += ["ephemeris_source:blend", "UVW"]
+    covariance = ["1e-8 0 4e-8 0 0 4e-8 0", "0 0 1e-12 0 0 0 0", "1e-12 0 0 0 0 0 1e-12"]
+    for stamp, state in rows:
+        clock = stamp[11:].replace(":", "")
+        lines += ["2026060" + clock + "".join(f" {value:.10f}" for value in state), *covariance]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def table(count: int) -> bytes:
+    t = np.arange(float(count))
+    places = zip(stamps_of(t), (52.0 + 1e-6 * t).tolist(), (4.0 + 1e-6 * t).tolist(), strict=True)
+    rows = "".join(f"{stamp}Z,{lat:.6f},{lon:.6f},9000.0\n" for stamp, lat, lon in places)
+    return f"utc,lat_deg,lon_deg,height_m\n{rows}".encode()
 
 
 def sp3(count: int) -> bytes:
@@ -91,10 +142,12 @@ def measured(data: bytes, name: str) -> tuple[float, float, int]:
 
 def main() -> None:
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
-    for name, make in (("CPF", cpf), ("OEM", oem), ("SP3", sp3)):
+    kinds = {"CPF": cpf, "OEM": oem, "OEM in XML": xml, "SP3": sp3, "Starlink": starlink, "table": table}
+    for name, make in kinds.items():
         data = make(count)
         seconds, splits, objects = min(measured(data, name) for _ in range(RUNS))
-        size = f"{count} rows, {len(data) / 1e6:.0f} MB, {objects} objects"
+        rows = count // 100 if make is starlink else count
+        size = f"{rows} rows, {len(data) / 1e6:.0f} MB, {objects} objects"
         print(f"{name}: {size}, read in {seconds:.2f} s, {splits:.0f} times what splitting its lines takes")
     found = parse_ephemerides(oem(10_000))
     states = found[0].states(EarthOrientation.installed())

@@ -389,6 +389,79 @@ def test_an_xml_is_read_as_its_kvn() -> None:
         one_of(xml.replace("<X>", "<Q>").replace("</X>", "</Q>"))
 
 
+def long_xml(count: int = 60) -> list[str]:
+    """Return the lines of an XML whose rows take nine lines each."""
+    lines = oem(count).splitlines()
+    metadata = [line.split(" = ") for line in lines if " = " in line]
+    xml = ['<?xml version="1.0"?>', '<oem version="2.0"><body><segment><metadata>']
+    xml += [f"<{key}>{value}</{key}>" for key, value in metadata] + ["</metadata><data>"]
+    for row in (line for line in lines if line[:1].isdigit()):
+        xml.append("<stateVector>")
+        names = ("EPOCH", "X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")
+        xml += [f"<{key}>{value}</{key}>" for key, value in zip(names, row.split(), strict=True)]
+        xml.append("</stateVector>")
+    return [*xml, "</data></segment></body></oem>", ""]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "line", "words"),
+    [
+        ("<Y>.*</Y>", "<Y>one</Y>", 1, "a row: 'one' is no number"),
+        ("<Y>.*</Y>", "<Y>1 2</Y>", 1, "a row has 7 numbers where 6 or 9 belong"),
+        ("<Y>.*</Y>", "", 1, "stateVector has no Y"),
+        ("<X>", "<X units='m'>", 3, "X is in 'm': an OEM has km"),
+        ("</Y>", "", 9, "no XML: mismatched tag"),
+    ],
+)
+@pytest.mark.parametrize("at_once", [500, 1 << 20])
+def test_what_is_wrong_in_a_row_of_a_long_xml_is_named_with_its_line(
+    before: str, after: str, line: int, words: str, at_once: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tle.formats.oem._XML_AT_ONCE", at_once)
+    lines = long_xml()
+    first = lines.index("<stateVector>") + 9 * 40
+    row = re.sub(before, after, "\n".join(lines[first : first + 9]))
+    with pytest.raises(EphemerisError, match=f"^a.oem:{first + line}: {words}"):
+        one_of("\n".join([*lines[:first], row, *lines[first + 9 :]]))
+
+
+@pytest.mark.parametrize("at_once", [500, 1 << 20])
+def test_a_long_xml_has_the_rows_of_its_kvn_and_none_of_its_comments(
+    at_once: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tle.formats.oem._XML_AT_ONCE", at_once)
+    lines, other = long_xml(), one_of(HEAD + oem(60))
+    first = lines.index("<stateVector>")
+    aside = ["<!--", *lines[first : first + 18], "-->"]
+    for text in (lines, *([*lines[:k], *aside, *lines[k:]] for k in (first, first + 90))):
+        one = one_of("\n".join(text))
+        assert np.array_equal(one.segments[0].place_km, other.segments[0].place_km)
+        assert np.array_equal(one.segments[0].since_s, other.segments[0].since_s)
+
+
+def test_each_of_many_covariances_has_its_instant_axes_and_numbers() -> None:
+    axes = ("", "COV_REF_FRAME = RTN\n", "COV_REF_FRAME = TNW\n")
+    blocks = [
+        f"EPOCH = {stamp(60.0 * k)}\n{axes[k % 3]}"
+        + "".join(" ".join(str(float(10 * k + row + j)) for j in range(row + 1)) + "\n" for row in range(6))
+        for k in range(20)
+    ]
+    one = one_of(HEAD + oem(20) + "COVARIANCE_START\n" + "".join(blocks) + "COVARIANCE_STOP\n")
+    for k in range(20):
+        found = one.covariance(Utc.parse(stamp(60.0 * k)))
+        assert found is not None
+        assert (found.at, found.frame) == (Utc.parse(stamp(60.0 * k)), ("GCRF", "RTN", "TNW")[k % 3])
+        row, column = np.indices((6, 6))
+        assert np.array_equal(found.matrix, 10.0 * k + row + column)
+    short = blocks[13].split("\n")
+    short[4] = short[4].rpartition(" ")[0]
+    blocks[13] = "\n".join(short)
+    text = HEAD + oem(20) + "COVARIANCE_START\n" + "".join(blocks) + "COVARIANCE_STOP\n"
+    line = text[: text.index(f"EPOCH = {stamp(60.0 * 13)}")].count("\n") + 5
+    with pytest.raises(EphemerisError, match=f"^a.oem:{line}: a covariance's row has 2 numbers where 3"):
+        one_of(text)
+
+
 def test_a_covariance_is_that_of_the_nearest_instant() -> None:
     one = one_of(HEAD + oem() + COVARIANCE)
     found = one.covariance(Utc.parse("2026-03-01T00:02:00"))

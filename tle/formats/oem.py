@@ -16,7 +16,7 @@ import numpy as np
 
 from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris
 from tle.errors import EphemerisError, TleError, printable
-from tle.formats.rows import Lines, is_time_system, tai_s
+from tle.formats.rows import Lines, is_time_system, tai_after_s, tai_s
 from tle.instants import Utc, utc_of_tai
 from tle.orbit_rows import falling
 from tle.sources import full_designator
@@ -261,8 +261,7 @@ def _since(lines: Lines, block: _Block, keyword: str, zero_s: float) -> float:
         days, seconds = Lines(value.encode(), lines.source).take_stamps(np.array([0]))
     except EphemerisError:
         raise lines.error(line, f"{keyword}: {printable(value)!r} is no time") from None
-    zero, since = tai_s(block["TIME_SYSTEM"].upper(), days, seconds)
-    return (zero - zero_s) + float(since[0])
+    return float(tai_after_s(block["TIME_SYSTEM"].upper(), days, seconds, zero_s)[0])
 
 
 def _interpolation(lines: Lines, block: _Block) -> Interpolation:
@@ -382,6 +381,54 @@ def _use(lines: Lines, block: _Block, times: tuple[float, Array], last: int) -> 
 
 def _covariances(lines: Lines, block: _Block, frame: Frame, zero_s: float) -> list[tuple[float, str, Array]]:
     """Return the covariance matrices: seconds after zero_s, axes and the whole matrix."""
+    found = _whole_covariances(lines, block, frame, zero_s) if block.covariances else []
+    return _each_covariance(lines, block, frame, zero_s) if found is None else found
+
+
+def _whole_covariances(
+    lines: Lines, block: _Block, frame: Frame, zero_s: float
+) -> list[tuple[float, str, Array]] | None:
+    """Return the covariance matrices of thousands of rows at once; None where anything is not as usual."""
+    which = np.concatenate([np.arange(first + 1, stop) for first, stop in block.covariances])
+    begins = lines.first_bytes[which]
+    rows = which[(begins != 0) & (begins < _LETTERS)]
+    epochs, values, axes = list[int](), list[str](), list[str]()
+    for k in which[begins >= _LETTERS].tolist():
+        text = lines.text(k)
+        if text.startswith("EPOCH"):
+            epochs.append(k)
+            values.append(text.partition("=")[2].strip())
+            axes.append(frame.written)
+        elif text.startswith("COV_REF_FRAME"):
+            if not epochs or np.searchsorted(rows, k) != _COVARIANCE_ROWS * (len(epochs) - 1):
+                return None
+            axes[-1] = printable(text.partition("=")[2].strip())
+    count = len(epochs)
+    opened = np.array([first for first, _ in block.covariances])
+    regular = len(rows) == _COVARIANCE_ROWS * count > 0 and np.array_equal(
+        np.searchsorted(rows, epochs), _COVARIANCE_ROWS * np.arange(count)
+    )
+    if not regular or (np.searchsorted(opened, epochs) != np.searchsorted(opened, rows[5::6])).any():
+        return None
+    matrices = np.zeros((count, _COVARIANCE_ROWS, _COVARIANCE_ROWS))
+    try:
+        days, seconds = Lines("\n".join(values).encode(), lines.source).take_stamps(np.arange(count))
+        for k in range(_COVARIANCE_ROWS):
+            numbers = lines.numbers(rows[k::_COVARIANCE_ROWS], k + 1, "a covariance's row")
+            matrices[:, k, : k + 1] = numbers
+            matrices[:, : k + 1, k] = numbers
+    except EphemerisError:
+        return None
+    if (np.einsum("nkk->nk", matrices) < 0.0).any():
+        return None
+    since = tai_after_s(block["TIME_SYSTEM"].upper(), days, seconds, zero_s)
+    return list(zip(since.tolist(), axes, matrices, strict=True))
+
+
+def _each_covariance(
+    lines: Lines, block: _Block, frame: Frame, zero_s: float
+) -> list[tuple[float, str, Array]]:
+    """Return the covariance matrices line by line. Raises EphemerisError, naming the line."""
     found = []
     for first, stop in block.covariances:
         at, axes, rows = None, frame.written, 0
@@ -419,6 +466,21 @@ def _covariances(lines: Lines, block: _Block, frame: Frame, zero_s: float) -> li
 
 _STATE = ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")
 _COVARIANCE = tuple(f"C{row}_{column}" for k, row in enumerate(_STATE) for column in _STATE[: k + 1])
+# A row of XML, its numbers being groups 2 to 8, and what may be from its end to the numbers of the next.
+_XML_ROW = re.compile(
+    rb"<(\w+:|)stateVector>\s*<\1EPOCH>([^<>&\s]+)</\1EPOCH>"
+    + b"".join(
+        rb"\s*<\1%s(?:\s+units=\"[^<>&\"]*\")?>([^<>&\s]+)</\1%s>" % (name, name)
+        for name in (word.encode() for word in _STATE)
+    )
+    + rb"\s*</\1stateVector>"
+)
+_XML_NEXT = re.compile(rb"(\s*)<(?:\w+:|)stateVector>\s*<(?:\w+:|)EPOCH>")
+_NUMBERS = 1 + len(_STATE)
+# What is between the numbers of a row is written as the bytes 1 to 7, which no XML has.
+_MARKS = np.arange(1, _NUMBERS + 1, dtype=np.uint8)
+_MARKS_TO_KVN = bytes.maketrans(_MARKS.tobytes(), b" " * (_NUMBERS - 1) + b"\n")
+_XML_AT_ONCE = 1 << 20
 
 
 class _OemXml:
@@ -436,27 +498,72 @@ class _OemXml:
         self._values: dict[str, str] = {}
         self._begun = 0
         self._inside = ""
-        self.lines: list[str] = []
-        self.numbers: list[int] = []
+        self._lines: list[str] = []
+        self._numbers: list[int] = []
+        self._parts: list[tuple[bytes, Index]] = []
+        # How many lines and bytes the parser did not see, and where the last row ended that it saw.
+        self._skipped_lines, self._skipped, self._row_end = 0, 0, -1
 
-    def run(self, data: bytes) -> None:
-        """Read a whole text. Raises EphemerisError."""
+    def run(self, data: bytes) -> tuple[bytes, Index]:
+        """Return a whole text as lines of KVN, and the line of the XML of each. Raises EphemerisError."""
+        at = 0
+        while (row := _XML_ROW.search(data, at)) is not None:
+            self._parse(data[at : row.end()], False)
+            at = row.end()
+            # What looks like a row may be in a comment.
+            if self._row_end + self._skipped == data.rindex(b"<", at - len(row[0]), at):
+                at += self._take_rows(data, row)
+            end = data.find(b"</%sdata" % row[1], at)
+            self._parse(data[at : max(at, end)], False)
+            at = max(at, end)
+            if end < 0:
+                break
+        self._parse(data[at:], True)
+        self._end_part()
+        return b"".join(text for text, _ in self._parts), np.concatenate([lines for _, lines in self._parts])
+
+    def _parse(self, data: bytes, last: bool) -> None:
         try:
-            self._parser.Parse(data, True)
+            self._parser.Parse(data, last)
         except expat.ExpatError as error:
             words = expat.ErrorString(error.code)
-            raise EphemerisError(f"no XML: {words}", source=self._source, line=error.lineno) from None
+            line = error.lineno + self._skipped_lines
+            raise EphemerisError(f"no XML: {words}", source=self._source, line=line) from None
+
+    def _end_part(self) -> None:
+        text = "".join(f"{line}\n" for line in self._lines).encode()
+        self._parts.append((text, np.array(self._numbers, dtype=np.intp)))
+        self._lines.clear()
+        self._numbers.clear()
+
+    def _take_rows(self, data: bytes, row: re.Match[bytes]) -> int:
+        """Take the rows after one that the parser has seen, while all is like it but for the numbers.
+
+        Returns how many bytes they have, which the parser need not see.
+        """
+        after = _XML_NEXT.match(data, row.end())
+        if after is None:
+            return 0
+        text, lines, size = _rows_alike(data, row, after)
+        if lines:
+            first = self._begun + data.count(b"\n", row.start(), after.end(1))
+            each = data.count(b"\n", row.end(2), after.end())
+            self._end_part()
+            self._parts.append((text, first + each * np.arange(lines)))
+            self._skipped_lines += each * lines
+            self._skipped += size
+        return size
 
     def _refuse(self, *_: object) -> None:
         raise EphemerisError("a DOCTYPE has no place in an OEM", source=self._source, line=self._line)
 
     @property
     def _line(self) -> int:
-        return self._parser.CurrentLineNumber
+        return self._parser.CurrentLineNumber + self._skipped_lines
 
     def _put(self, text: str, line: int) -> None:
-        self.lines.append(text)
-        self.numbers.append(line)
+        self._lines.append(text)
+        self._numbers.append(line)
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         name = tag.rpartition(":")[2]
@@ -487,6 +594,7 @@ class _OemXml:
             self._put("META_STOP", self._line)
         elif name == "stateVector":
             self._put(" ".join((self._of("EPOCH"), *map(self._of, _STATE))), self._begun)
+            self._row_end = self._parser.CurrentByteIndex
             self._inside = ""
         elif name == "covarianceMatrix":
             self._put_covariance()
@@ -513,12 +621,49 @@ class _OemXml:
         return value
 
 
+def _rows_alike(data: bytes, row: re.Match[bytes], after: re.Match[bytes]) -> tuple[bytes, int, int]:
+    """Return the rows after one that are like it but for the numbers: as KVN, how many, and their bytes.
+
+    `after` is what is between that row and the numbers of the next.
+    """
+    between = [data[row.end(k) : row.start(k + 1)] for k in range(2, 1 + _NUMBERS)]
+    between.append(data[row.end(1 + _NUMBERS) : after.end()])
+    if any(text.count(b"\r") != text.count(b"\r\n") for text in between):
+        return b"", 0, 0
+    end = data.find(b"</%sdata" % row[1], row.end())
+    stop = data.find(b"<%scovarianceMatrix" % row[1], row.end(), end)
+    last = data.rfind(data[row.end(1 + _NUMBERS) : row.end()], row.end(), end if stop < 0 else stop)
+    parts, count, at = [], 0, after.end()
+    while at < last:
+        cut = data.find(between[-1], min(at + _XML_AT_ONCE, last), last)
+        cut = last if cut < 0 else cut
+        text = data[at:cut] + between[-1]
+        for mark, words in zip(_MARKS.tolist(), between, strict=True):
+            text = text.replace(words, bytes([mark]))
+        rows = _whole_rows(text)
+        if rows == 0:
+            break
+        parts.append(text.translate(_MARKS_TO_KVN))
+        count += rows
+        at = cut + len(between[-1])
+    return b"".join(parts), count, at - after.end()
+
+
+def _whole_rows(text: bytes) -> int:
+    """Return how many rows there are, numbers with marks between them; 0 where there is anything else."""
+    raw = np.frombuffer(text, dtype=np.uint8)
+    at = np.flatnonzero(raw <= ord(" "))
+    if not text.isascii() or any(byte in text for byte in b"<>&") or len(at) % _NUMBERS or at[0] == 0:
+        return 0
+    right = (np.diff(at) > 1).all() and (raw[at].reshape(-1, _NUMBERS) == _MARKS).all()
+    return len(at) // _NUMBERS if right else 0
+
+
 def _from_xml(lines: Lines) -> Lines:
     """Return an OEM in XML as lines of KVN that know where they come from. Raises EphemerisError."""
-    xml = _OemXml(lines.source)
-    xml.run(lines.data)
     # Every line is whole: text of XML that ends in the middle has no end tags.
-    return Lines("".join(f"{line}\n" for line in xml.lines).encode(), lines.source, xml.numbers)
+    text, numbers = _OemXml(lines.source).run(lines.data)
+    return Lines(text, lines.source, numbers)
 
 
 def _from_meme(lines: Lines, first: int) -> Lines:

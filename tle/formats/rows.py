@@ -57,11 +57,11 @@ class Lines:
     Lines count from 0 here; errors name them from 1.
     """
 
-    def __init__(self, data: bytes, source: str, numbers: list[int] | None = None) -> None:
+    def __init__(self, data: bytes, source: str, numbers: Sequence[int] | Index | None = None) -> None:
         """Take a text; `numbers` are those of its lines, from 1, where they are others than their order's."""
         self.source = source
         self.data = data
-        self._numbers = numbers
+        self._numbers = None if numbers is None else np.asarray(numbers, dtype=np.intp)
         # Tabs and carriage returns are blanks.
         blank = b"\t" in data or b"\r" in data
         text = bytearray(data.translate(_BLANKS) if blank else data)
@@ -107,11 +107,11 @@ class Lines:
 
     def number(self, line: int) -> int:
         """Return the number by which a user knows a line."""
-        return line + 1 if self._numbers is None else self._numbers[min(line, len(self._numbers) - 1)]
+        return line + 1 if self._numbers is None else int(self._numbers[min(line, len(self._numbers) - 1)])
 
     def number_of(self, which: Index) -> Index:
         """Return the numbers by which a user knows lines, shape (n,)."""
-        return which + 1 if self._numbers is None else np.array(self._numbers, dtype=np.intp)[which]
+        return which + 1 if self._numbers is None else self._numbers[which]
 
     @cached_property
     def first_bytes(self) -> NDArray[np.uint8]:
@@ -388,18 +388,31 @@ def tai_s(system: str, days: Index, seconds: Array) -> tuple[float, Array]:
     `days` are Modified Julian Days and `seconds` those of the day, of a time system that `is_time_system`
     knows. In UTC the second 86400 of a day is its leap second.
     """
-    offset = _TAI_MINUS_S[system]
     zero_s = (float(days[0]) - UNIX_EPOCH_MJD) * DAY_S + math.floor(seconds[0])
     since = (days - days[0]) * DAY_S + (seconds - math.floor(seconds[0]))
+    return zero_s, _to_tai(system, days, seconds, since)
+
+
+def tai_after_s(system: str, days: Index, seconds: Array, zero_s: float) -> Array:
+    """Return times as `tai_s` takes them in seconds after such a zero."""
+    whole = np.floor(seconds)
+    return ((days - UNIX_EPOCH_MJD) * DAY_S + whole - zero_s) + _to_tai(
+        system, days, seconds, seconds - whole
+    )
+
+
+def _to_tai(system: str, days: Index, seconds: Array, since: Array) -> Array:
+    """Return seconds since a zero that is counted in TAI, of times that are counted in a time system."""
+    offset = _TAI_MINUS_S[system]
     if offset is not None:
-        return zero_s, since + offset
+        return since + offset
     if system == "TDB":
         julian = MJD_JD + days
-        tdb_minus_tt_s = erfa.dtdb(julian, seconds / DAY_S, 0.0, 0.0, 0.0, 0.0)
-        return zero_s, since - tdb_minus_tt_s - TT_MINUS_TAI_S
+        tdb_minus_tt_s: Array = erfa.dtdb(julian, seconds / DAY_S, 0.0, 0.0, 0.0, 0.0)
+        return since - tdb_minus_tt_s - TT_MINUS_TAI_S
     found, inverse = np.unique(days, return_inverse=True)
-    leaps = np.array([tai_minus_utc_s(int(day)) for day in found])[inverse]
-    return zero_s, since + leaps
+    leaps: Array = np.array([tai_minus_utc_s(int(day)) for day in found])[inverse]
+    return since + leaps
 
 
 def read_table(path: str | Path, subject: str) -> list[tuple[int, str, list[str]]]:
