@@ -27,11 +27,17 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
 
-# How far accelerations may be from gravity, as a share of it; what that, or more rows, may move an object by
-# between rows (km); and the radii between which gravity is Earth's.
-_GRAVITY_SHARE, _MOVES_KM = 0.02, 0.05
+# How far accelerations may be from gravity, as a share of it, from a radius on in proportion to that: there
+# elements' propagators miss more. What that, or more rows, may move an object by between rows (km); and the
+# radii between which gravity is Earth's.
+_GRAVITY_SHARE, _SHARE_KM, _MOVES_KM = 0.02, 50_000.0, 0.05
 _HIGHEST_KM, _LOWEST_KM = 150_000.0, 1000.0
-_MOON_KM3_S2, _MOON_KM = 4902.8, 356_000.0
+_MOON_KM3_S2, _MOON_KM, _MOON_RADIUS_KM = 4902.8, (356_000.0, 407_000.0), 1737.0
+# Farther out the Moon and the Sun may pull more than the Earth. Acceleration of so many times what all three
+# can do, and of what an engine adds (km/s) within an arc of at most so many seconds each way, is none of
+# theirs; up to where the Sun's pull still grows as the distance does.
+_FAR_TIMES, _FAR_PUSH_KM_S, _FAR_ARC_S, _FARTHEST_KM = 10.0, 0.1, 10_000.0, 3e7
+_SUN_TIDE_S2 = 2.0 * 1.327e11 / 1.496e8**3
 _PROBES, _WIDEST = 60, 5
 _ARC_RAD, _MORE_ROWS = 0.05, 2
 # Velocities of elements' propagators are some metres a second from the derivatives of their places.
@@ -130,7 +136,15 @@ def _pull(place: Array) -> Array:
 
 def _moon_pull(height_km: Array) -> Array:
     """Return the most by which the Moon pulls more at a height than at the Earth, km/s²."""
-    return 2.0 * _MOON_KM3_S2 * height_km / (_MOON_KM - np.minimum(height_km, _HIGHEST_KM)) ** 3
+    return 2.0 * _MOON_KM3_S2 * height_km / (_MOON_KM[0] - np.minimum(height_km, _HIGHEST_KM)) ** 3
+
+
+def _far_pull(least_km: Array, most_km: Array) -> Array:
+    """Return acceleration that Earth, Moon and Sun together cannot give between two heights, km/s²."""
+    to_moon = np.maximum(np.maximum(_MOON_KM[0] - most_km, least_km - _MOON_KM[1]), _MOON_RADIUS_KM)
+    by_moon = np.minimum(_FAR_TIMES / to_moon**2, 1.0 / _MOON_RADIUS_KM**2)
+    others: Array = MU_KM3_S2 / least_km**2 + _MOON_KM3_S2 / _MOON_KM[0] ** 2 + _SUN_TIDE_S2 * most_km
+    return _FAR_TIMES * others + _MOON_KM3_S2 * by_moon
 
 
 def _turns_2(*places: Array) -> Array:
@@ -340,6 +354,8 @@ def _off_arcs(one: Segment, pieces: Index) -> tuple[int, str] | None:
     """
     middle = np.clip(pieces, 1, len(one.since_s) - 2)
     arc_s = _ARC_RAD / np.sqrt(_turns_2(one.place_km[middle]) / 2.0)
+    high_up = np.linalg.norm(one.place_km[middle], axis=1) >= _HIGHEST_KM
+    arc_s = np.where(high_up, np.minimum(arc_s, _FAR_ARC_S), arc_s)
     low = np.searchsorted(one.since_s, one.since_s[middle] - arc_s)
     high = np.searchsorted(one.since_s, one.since_s[middle] + arc_s)
     low, high = np.minimum(low, middle - 1), np.clip(high, middle + 1, len(one.since_s) - 1)
@@ -361,9 +377,22 @@ def _off_arcs(one: Segment, pieces: Index) -> tuple[int, str] | None:
     rate = np.sqrt(_turns_2(a, b, c) / 2.0)
     own = (rate * np.maximum(h1, h2)) ** 4
     near = height < _HIGHEST_KM
-    bad = np.flatnonzero(near & (share > _GRAVITY_SHARE + own / 24.0))
+    most_share = _GRAVITY_SHARE * np.maximum(height / _SHARE_KM, 1.0)
+    bad = np.flatnonzero(near & (share > most_share + own / 24.0))
     if len(bad):
         return int(pieces[bad[0]]), _no_orbit(one, float(share[bad[0]]))
+    heights = np.linalg.norm(np.stack([a, b, c]), axis=2)
+    least, most = heights.min(axis=0), heights.max(axis=0)
+    most_pull = _far_pull(np.maximum(least, _HIGHEST_KM), most) + 2.0 * _FAR_PUSH_KM_S / both
+    far = (least >= _HIGHEST_KM) & (most < _FARTHEST_KM)
+    bad = np.flatnonzero(far & (missed > most_pull))
+    if len(bad):
+        k = int(bad[0])
+        return int(pieces[k]), (
+            f"are no orbit in {one.frame.written}: {_km(float(height[k]))} from the Earth's centre their "
+            f"acceleration is {float(missed[k]):.2g} km/s², where gravity gives less than "
+            f"{float(most_pull[k]):.2g}: check units, decimal points and frame"
+        )
     if one.velocity_km_s is None or not one.interpolation.with_velocities:
         return None
     speed = (before * h2[:, None] + after * h1[:, None]) / both[:, None]

@@ -7,6 +7,7 @@ import itertools
 import random
 from typing import TYPE_CHECKING, Literal
 
+import erfa
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -208,9 +209,10 @@ def test_what_others_compute_from_elements_is_read(cases: Path) -> None:
         if one.startswith("1 ") and two.startswith("2 ")
     ]
     high = [pair for pair in sets if float(pair[1][52:63]) < 6.4]
+    highest = [pair for pair in sets if float(pair[1][52:63]) < 0.15]
     chance = random.Random(25)
-    for step_s, some in ((60.0, sets), (240.0, sets), (60.0, high), (120.0, high)):
-        for one, two in chance.sample(some, 12):
+    for step_s, some in ((60.0, sets), (240.0, sets), (60.0, high), (120.0, high), (300.0, highest)):
+        for one, two in chance.sample(some, min(12, len(some))):
             satellite = Satrec.twoline2rv(one, two)
             # From the epoch on: the library's day is two numbers.
             seconds = step_s * np.arange(200.0)
@@ -366,6 +368,77 @@ def test_a_stationary_satellite_in_metres_is_refused_in_turning_axes_too() -> No
         read(lines + metres)
     with pytest.raises(EphemerisError, match=r"^a:8: REF_FRAME ITRF1800 is not known"):
         read([line.replace("TEME", "ITRF1800") for line in start] + rows)
+
+
+def in_itrf(states: Array, seconds: Array) -> Array:
+    """Return states against the Earth as ERFA has it turn, poles left alone, shape (n, 6)."""
+    angle = erfa.era00(JULIAN_2020_05_27, seconds / 86400.0)
+    c, s, turn = np.cos(angle), np.sin(angle), 7.292115e-5
+    x, y, z, u, v, w = states.T
+    east, north = x * c + y * s, y * c - x * s
+    return np.stack([east, north, z, u * c + v * s + turn * north, v * c - u * s - turn * east, w], axis=1)
+
+
+def laser(seconds: Array, places: Array) -> list[str]:
+    """Return a CPF of places (km) against the Earth."""
+    last = stamps(seconds[-1:])[0][:19].replace("-", " ").replace("T", " ").replace(":", " ")
+    days = (58996 + seconds // 86400).astype(int)
+    rows = [
+        f"10 0 {day} {second:.1f} 0 " + " ".join(f"{1000.0 * x:.3f}" for x in place)
+        for day, second, place in zip(
+            days.tolist(), (seconds % 86400.0).tolist(), places.tolist(), strict=True
+        )
+    ]
+    head = "H1 CPF  2  XYZ 2020 05 27 00 148 1 one\nH2 9806701 0 25544 2020 05 27 00 00 00"
+    return [*f"{head} {last} {seconds[1] - seconds[0]:.0f} 1 1 0 0 0 1".splitlines(), *rows, "99"]
+
+
+DISTANT = {
+    "stationary": (at_perigee(42_164.0, 0.0002), 900.0),
+    "navigation": (at_perigee(26_560.0, 0.01), 300.0),
+    "eccentric": (at_perigee(90_000.0, 0.6), 900.0),
+    "to the Moon": (at_perigee(240_000.0, 0.55), 3600.0),
+    "beyond the Moon": (at_perigee(200_000.0, 0.9), 1800.0),
+}
+
+
+@pytest.mark.parametrize("scaled", [slice(0, 3), slice(0, 6), slice(1, 2)], ids=["places", "all", "y"])
+@pytest.mark.parametrize("orbit", DISTANT)
+def test_a_slipped_point_in_all_rows_of_a_distant_orbit_is_refused(orbit: str, scaled: slice) -> None:
+    state, step_s = DISTANT[orbit]
+    seconds = step_s * np.arange(100.0)
+    states = falling(state, seconds)
+    turning = in_itrf(states, seconds)
+    assert read(laser(seconds, turning[:, :3])).frame.startswith("ITRF")
+    for axes, frame in ((states, "GCRF"), (turning, "ITRF2020")):
+        assert len(read(whole(*written(seconds, axes, frame))).segments) == 1
+        axes[:, scaled] *= 10.0
+        with pytest.raises(EphemerisError, match=r"^a:\d+: the rows? of ONE "):
+            read(whole(*written(seconds, axes, frame)))
+    with pytest.raises(EphemerisError, match=r"^a:\d+: the rows? of one "):
+        read(laser(seconds, turning[:, :3]))
+
+
+@pytest.mark.parametrize("step_s", [1.0, 60.0, 3600.0])
+@pytest.mark.parametrize("frame", ["GCRF", "ITRF2020"])
+def test_what_is_far_from_the_earth_is_read(frame: str, step_s: float) -> None:
+    # By ERFA: the Moon, what goes round it 100 km high, what stays beyond the Earth as the Sun sees it, and
+    # an asteroid that flies by at 30 km/s.
+    seconds = step_s * np.arange(60.0)
+    au_km = 149_597_870.7
+
+    def seen(pv: NDArray[np.void]) -> Array:
+        return np.concatenate([pv["p"], pv["v"] / 86400.0], axis=1) * au_km
+
+    moon = seen(erfa.moon98(JULIAN_2020_05_27, seconds / 86400.0))
+    rate = np.sqrt(MOON_KM3_S2 / 1837.0**3)
+    c, s, nought = np.cos(rate * seconds), np.sin(rate * seconds), np.zeros(60)
+    about = moon + 1837.0 * np.stack([c, s, nought, -rate * s, rate * c, nought], axis=1)
+    beyond = 0.01 * seen(erfa.epv00(JULIAN_2020_05_27, seconds / 86400.0)[0])
+    by = np.stack([30.0 * seconds - 3e5, nought + 1e5, nought, nought + 30.0, nought, nought], axis=1)
+    for states in (moon, beyond, *((about, by) if step_s < 100.0 else ())):
+        axes = states if frame == "GCRF" else in_itrf(states, seconds)
+        assert len(read(whole(*written(seconds, axes, frame))).segments) == 1
 
 
 def test_a_number_with_a_stroke_in_it_is_named_in_its_line() -> None:
