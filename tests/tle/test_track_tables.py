@@ -358,6 +358,82 @@ def test_a_table_that_ends_within_a_row_is_refused_with_its_line(columns: str, r
             read(whole[:-cut], t0)
 
 
+def balloon(t: float) -> tuple[float, float, float]:
+    """Return what rises at 5 m/s, bursts after 40 minutes and falls at 30 m/s, past the antimeridian."""
+    height = 5.0 * t if t < 2400.0 else 12_000.0 - 30.0 * (t - 2400.0)
+    return 52.2 + 1e-5 * t, 179.9 + 2e-4 * t - (360.0 if t > 500.0 else 0.0), height
+
+
+def launch(t: float) -> tuple[float, float, float]:
+    """Return what stands for a minute, then flies north at 3 g."""
+    flown = 0.5 * 30.0 * max(t - 60.0, 0.0) ** 2
+    return 5.2 + flown * 0.5 / 111_000.0, -52.8, 20.0 + 0.6 * flown
+
+
+def across_north(t: float) -> tuple[float, float]:
+    """Return alt and az of what goes through north, a degree a second."""
+    return 60.0, (350.0 + t) % 360.0
+
+
+PATHS: dict[str, tuple[str, Callable[[float], tuple[float, ...]], Array]] = {
+    "balloon": ("utc,lat_deg,lon_deg,height_m", balloon, np.cumsum(1.0 + np.arange(150.0) % 30.0)),
+    "launch": ("utc,lat_deg,lon_deg,height_m", launch, np.arange(0.0, 240.0, 2.0)),
+    "across north": ("utc,alt_deg,az_deg", across_north, np.arange(40.0)),
+    "overhead": ("utc,alt_deg,az_deg", overhead, np.arange(301.0)),
+    "among the stars": ("utc,ra_deg,dec_deg", lambda t: ((359.0 + t / 60.0) % 360.0, 89.0), np.arange(90.0)),
+}
+
+
+@pytest.mark.parametrize("name", PATHS)
+def test_a_path_that_turns_bursts_or_begins_at_rest_is_read(name: str) -> None:
+    columns, path, times = PATHS[name]
+    assert len(read(table(columns, times, path)).segments[0].since_s) == len(times)
+
+
+@pytest.mark.parametrize(
+    ("name", "row", "column", "factor", "words"),
+    [
+        ("balloon", 7, 1, -1.0, r"this row is 100\d\d km from where"),
+        ("balloon", 70, 1, 0.1, r"this row is 5\d\d\d km from where"),
+        ("balloon", 70, 2, 0.1, r"this row is 77\d\d km from where"),
+        ("balloon", 70, 3, 10.0, r"this row is 44\.\d km from where"),
+        ("launch", 90, 1, -1.0, r"this row is 1\d\d\d km from where"),
+        ("across north", 0, 1, -1.0, r"this row is 120° from the row 1 s before"),
+        ("across north", 1, 1, -1.0, r"this row is 120° from where"),
+        ("across north", 20, 2, 10.0, r"this row is 41\.4° from where"),
+        ("across north", 39, 1, 0.1, r"this row is \d+(\.\d)?° from the row 1 s before"),
+        ("overhead", 100, 2, 0.1, r"this row is \d+\.\d° from where"),
+        ("among the stars", 50, 2, -1.0, r"this row is 178° from where"),
+    ],
+)
+def test_a_row_that_the_others_contradict_is_refused_with_its_line(
+    name: str, row: int, column: int, factor: float, words: str
+) -> None:
+    columns, path, times = PATHS[name]
+    lines = table(columns, times, path).split("\n")
+    # Of the two rows of a step at the beginning the first or the second is wrong.
+    line = max(row, 1) + 1
+    fields = lines[row + 1].split(",")
+    fields[column] = f"{factor * float(fields[column]):.6f}"
+    lines[row + 1] = ",".join(fields)
+    with pytest.raises(EphemerisError, match=rf"^track\.csv:{line + 1}: {words}"):
+        read("\n".join(lines))
+
+
+def test_several_wrong_rows_together_are_refused_where_they_begin() -> None:
+    lines = table("utc,alt_deg,az_deg", np.arange(40.0), across_north).split("\n")
+    lines[21:25] = [line.replace(",60.0", ",-60.0") for line in lines[21:25]]
+    with pytest.raises(EphemerisError, match=r"^track\.csv:22: this row is 120° from the row 1 s before"):
+        read("\n".join(lines))
+
+
+def test_places_that_are_rounded_to_a_kilometre_are_read() -> None:
+    rounded = [f"{stamp(t)},{52.2 + 3e-4 * t:.2f},{4.6 + 1e-4 * t:.2f},9000" for t in range(200)]
+    # As noise has it, a place falls back on the one before.
+    rounded[20], rounded[21] = rounded[20].replace("52.21", "52.20"), rounded[21].replace("52.21", "52.20")
+    read("\n".join(["utc,lat_deg,lon_deg,height_m", *rounded, ""]))
+
+
 def test_directions_want_a_site_and_absolute_times_no_t0() -> None:
     text = "utc,alt_deg,az_deg\n" + ROWS
     with pytest.raises(EphemerisError, match="directions hold for one site: give --site"):

@@ -52,6 +52,32 @@ _AT_ONCE = 5000
 _KNOT_DAYS, _KNOT_ROWS = 1.0 / 24.0, 4
 
 
+class _Jump(NamedTuple):
+    """What rows of places (km) or directions (radians) may do."""
+
+    aside: float
+    """A row that is less far from where others lead is not judged."""
+    back: tuple[float, float]
+    """What goes there and back between rows is no faster a second: what is slow itself, and what is fast."""
+    once: float
+    """What goes from one row to the next is no faster a second, unless others about them do the like."""
+    angular: bool
+
+    def shown(self, far: float) -> str:
+        """Return a distance for a reader."""
+        if self.angular:
+            return f"{math.degrees(2.0 * math.asin(min(0.5 * far, 1.0))):.3g}°"
+        return f"{far:.3g} km" if far < 1000.0 else f"{far:.0f} km"
+
+
+_PLACES = _Jump(2.0, (0.2, 1.0), 20.0, False)
+_DEGREE = math.radians(1.0)
+_DIRECTIONS = _Jump(5.0 * _DEGREE, (0.5 * _DEGREE, _DEGREE), 20.0 * _DEGREE, True)
+# So many times what a table does most of the time is not usual. Without a wrong row those about it agree so
+# much better; and what is fast only once is so many times faster than its neighbours.
+_USUAL_TIMES, _AGREE, _CALM = 3.0, 0.2, 10.0
+
+
 class _Header(NamedTuple):
     line: int
     """Of the names of the columns, from 0."""
@@ -123,7 +149,7 @@ def parse_track(lines: Lines, site: Site | None = None, t0: Utc | None = None) -
     for part in np.split(np.arange(len(rows)), cuts):
         if len(part) > 1:
             track = _Track(zero_s, since_s[part], np.stack([column[part] for column in chosen]))
-            segments.append(_segment(track, kind, frame, site, lines.number(int(rows[part[0]]))))
+            segments.append(_segment(lines, rows[part], track, kind, frame, site))
     if not segments:
         raise lines.error(header.line, f"no two rows are nearer than {gap_s:g} s: say more by # gap_s")
     name = header.notes.get("name") or re.sub(r"\.[^.]*$", "", lines.source.rpartition("/")[2]) or "track"
@@ -192,20 +218,67 @@ class _Track(NamedTuple):
         return unix_s
 
 
-def _segment(track: _Track, kind: tuple[str, ...], frame: str, site: Site | None, line: int) -> Segment:
-    """Return rows as places fixed to the Earth, with velocities."""
-    since_s = track.since_s
+def _segment(
+    lines: Lines, rows: Index, track: _Track, kind: tuple[str, ...], frame: str, site: Site | None
+) -> Segment:
+    """Return rows, by their lines, as places fixed to the Earth, with velocities."""
+    since_s, line = track.since_s, lines.number(int(rows[0]))
     first, second = np.radians(track.values[:2])
     if kind[0] == "lat_deg":
         places = erfa.gd2gc(1, second, first, track.values[2]) / 1000.0
+        _check_jumps(lines, rows, since_s, places, _PLACES)
         return curve(track.zero_s, since_s, places, Frame("GROUND", "WGS 84"), line)
     assert site is not None
-    if kind[0] == "dec_deg":
-        return _of_the_sky(track, frame, site, line)
     level = np.cos(first)
     u = np.stack([level * np.sin(second), level * np.cos(second), np.sin(first)], axis=1)
+    _check_jumps(lines, rows, since_s, u, _DIRECTIONS)
+    if kind[0] == "dec_deg":
+        return _of_the_sky(track, frame, site, line)
     places = np.array(site.itrs_km) + _NEAR_KM * u @ np.array([site.east, site.north, site.up])
     return curve(track.zero_s, since_s, places, Frame("SIGHT", "horizon"), line)
+
+
+def _check_jumps(lines: Lines, rows: Index, since_s: Array, places: Array, most: _Jump) -> None:
+    """Refuse a row that its neighbours leave out, and a step that nothing makes. Raises EphemerisError."""
+    steps = np.diff(since_s)
+    moved = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    rates = moved / steps
+    usual = _USUAL_TIMES * float(np.quantile(rates, 0.75))
+    back = float(np.clip(usual, *most.back))
+    fast = (rates > back) & (moved > 0.5 * most.aside)
+    k = np.flatnonzero(fast[1:] & fast[:-1]) + 1
+    off = _missed(since_s, places, k - 1, k, k + 1)
+    # Those about it must agree without it; where there are no two of them on a side, the other one tells.
+    left = np.where(k > 1, _missed(since_s, places, np.maximum(k - 2, 0), k - 1, k + 1), 0.0)
+    last = len(rows) - 1
+    right = np.where(k < last - 1, _missed(since_s, places, k - 1, k + 1, np.minimum(k + 2, last)), 0.0)
+    least = np.maximum(most.aside, back * np.minimum(steps[k - 1], steps[k]))
+    wrong = np.flatnonzero((off > least) & (np.maximum(left, right) < _AGREE * off) & (len(rows) > 3))
+    if len(wrong):
+        raise lines.error(
+            int(rows[k[wrong[0]]]),
+            f"this row is {most.shown(float(off[wrong[0]]))} from where the rows before and after it "
+            "lead: a digit, a sign or a decimal point is wrong: correct it, or leave the row out",
+        )
+    about = np.maximum(np.append(0.0, rates[:-1]), np.append(rates[1:], 0.0))
+    wrong = np.flatnonzero((rates > np.maximum(most.once, _CALM * about)) & (moved > most.aside) & (last > 1))
+    if len(wrong):
+        first = int(wrong[0])
+        raise lines.error(
+            int(rows[first + 1]),
+            f"this row is {most.shown(float(moved[first]))} from the row {steps[first]:g} s before: "
+            "one of them has a wrong digit, sign or decimal point: correct it, or leave it out",
+        )
+
+
+def _missed(since_s: Array, places: Array, before: Index, row: Index, after: Index) -> Array:
+    """Return how far rows are from the straight lines between two others, shape (n,)."""
+    span = since_s[after] - since_s[before]
+    share = ((since_s[row] - since_s[before]) / np.where(span > 0.0, span, 1.0))[:, None]
+    missed: Array = np.linalg.norm(
+        places[row] - (1.0 - share) * places[before] - share * places[after], axis=1
+    )
+    return missed
 
 
 def curve(zero_s: float, since_s: Array, places: Array, frame: Frame, line: int) -> Segment:
