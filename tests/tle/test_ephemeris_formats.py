@@ -472,6 +472,38 @@ def test_a_covariance_is_that_of_the_nearest_instant() -> None:
     assert found.matrix[1, 1] == 9.0e-6
 
 
+@pytest.mark.parametrize(
+    "name",
+    [
+        "RTN",
+        "RSW",
+        "RIC",
+        "UVW",
+        "TNW",
+        "LVLH",
+        "RSW_INERTIAL",
+        "tnw_rotating",
+        "ITRF-97",
+        "MOD",
+        "GRC",
+        "TDR",
+    ],
+)
+def test_a_covariance_is_read_in_the_axes_that_the_standard_names(name: str) -> None:
+    found = one_of(HEAD + oem() + COVARIANCE.replace("RTN", name)).covariance(Utc.parse("2026-03-01"))
+    assert found is not None
+    assert found.frame == name
+
+
+@pytest.mark.parametrize("name", ["RTM", "", "EQUINOCTIAL", "RTN RSW", "_"])
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_covariance_in_unknown_axes_is_refused_with_its_line(name: str, count: int) -> None:
+    text = HEAD + oem() + (count - 1) * COVARIANCE + COVARIANCE.replace("RTN", name)
+    line = text.splitlines().index(f"COV_REF_FRAME = {name}") + 1
+    with pytest.raises(EphemerisError, match=f"^a.oem:{line}: COV_REF_FRAME '{name}' is not known: RTN, "):
+        one_of(text)
+
+
 def test_segments_hold_for_their_useable_times_and_nothing_between_them() -> None:
     first = oem(more=f"USEABLE_STOP_TIME = {stamp(900.0)}\n")
     second = oem(start=1200.0, more=f"USEABLE_START_TIME = {stamp(1260.0)}\n")

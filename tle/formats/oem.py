@@ -45,6 +45,13 @@ _FRAMES: dict[str, FrameKind] = {
     "TOD": "TOD",
     "TEME": "TEME",
 }
+# Axes of covariances beside those: of the orbit, and others that CCSDS 502.0-B and its registry (SANA) name.
+_AXES = re.compile(
+    r"(RTN|RSW|QSW|RIC|UVW|LVLH|TNW|NTW|VNC|VVLH|NSW|SEZ|EQW|PQW)(_(INERTIAL|ROTATING))?|UVW_GO_INERTIAL|"
+    r"(ALIGN|FIXED|MOD|MOE|TOD|TOE)(_(CB|EARTH|MOON))?|TEMEOF(DATE|EPOCH)|TRUE_ECLIPTIC|MCI|MOON_\w+|"
+    r"GTOD|GRC|TDR|CIRS|EFG|WGS[-_]?84|B1950|GCRF\d|DTRF[-_]?\d{4}|ECI|ECEF|ECF",
+    re.ASCII,
+)
 _USUAL, _BY_PLACES = Interpolation(6, True), Interpolation(12, False)
 _MOST_ROWS = 16
 # A step so many times the usual one, in which the object turns by so much about the Earth, is a gap.
@@ -403,6 +410,8 @@ def _whole_covariances(
             if not epochs or np.searchsorted(rows, k) != _COVARIANCE_ROWS * (len(epochs) - 1):
                 return None
             axes[-1] = printable(text.partition("=")[2].strip())
+            if not _is_axes(axes[-1]):
+                return None
     count = len(epochs)
     opened = np.array([first for first, _ in block.covariances])
     regular = len(rows) == _COVARIANCE_ROWS * count > 0 and np.array_equal(
@@ -425,6 +434,12 @@ def _whole_covariances(
     return list(zip(since.tolist(), axes, matrices, strict=True))
 
 
+def _is_axes(name: str) -> bool:
+    """Tell whether covariances may be in such axes: all are at right angles, so the trace is the same."""
+    name = name.upper()
+    return name in _FRAMES or bool(_ITRF.fullmatch(name) or _AXES.fullmatch(name))
+
+
 def _each_covariance(
     lines: Lines, block: _Block, frame: Frame, zero_s: float
 ) -> list[tuple[float, str, Array]]:
@@ -443,6 +458,12 @@ def _each_covariance(
                 value = text.partition("=")[2].strip()
                 if text.startswith("COV_REF_FRAME"):
                     axes = printable(value)
+                    if not _is_axes(axes):
+                        raise lines.error(
+                            k,
+                            f"COV_REF_FRAME {axes!r} is not known: RTN, RSW, RIC, UVW, TNW, LVLH and the "
+                            "frames of REF_FRAME are",
+                        )
                 else:
                     block.meta["EPOCH"] = (value, k)
                     at = _since(lines, block, "EPOCH", zero_s)
