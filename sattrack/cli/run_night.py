@@ -138,6 +138,8 @@ class Checked:
     mount_url: str
     profile: ProfileFile
     settings: RunSettings
+    left_out: tuple[str, ...]
+    """Files and elements of entries that have not the object."""
 
 
 def check_schedule(context: CommandContext, file: Path, options: dict[str, Any]) -> Checked:
@@ -153,11 +155,14 @@ def check_schedule(context: CommandContext, file: Path, options: dict[str, Any])
         context, schedule, profile, (settings.from_utc_s, settings.from_utc_s + 1.0), settings.from_utc_s
     )
     load = loader(context, schedule)
+    left_out: list[str] = []
     for entry in schedule.entries:
         if not entry.satellites:
             load(entry.source)
-        named_by(entry, load, situation)
-    return Checked(schedule, mount_url, profile, settings)
+        notes: list[str] = []
+        named_by(entry, load, situation, notes.append)
+        left_out += [f"{entry.origin}: {entry.label}: {words}" for words in notes]
+    return Checked(schedule, mount_url, profile, settings, tuple(left_out))
 
 
 def show_check(context: CommandContext, file: Path, options: dict[str, Any]) -> int:
@@ -166,6 +171,8 @@ def show_check(context: CommandContext, file: Path, options: dict[str, Any]) -> 
         checked = check_schedule(context, file, options)
     except (SattrackError, TleError) as error:
         raise BadInputError(str(error).splitlines()[0]) from error
+    for words in checked.left_out:
+        tell(words)
     count = len(checked.schedule.entries)
     if context.json:
         click.echo(json.dumps({"schedule": str(file), "entries": count, "mount": checked.mount_url}))

@@ -233,7 +233,7 @@ class EntrySearch:
                     f"matches no object: {loaded.name} holds {len(loaded.elements)}, none{of}"
                 )
             return self._launched(matching)
-        named = named_by(entry, self._load, self._situation)
+        named = named_by(entry, self._load, self._situation, self.found.notes.append)
         self._named = {id(one.target): one for one in named}
         return self._launched([one.target for one in named])
 
@@ -518,14 +518,17 @@ class Named(NamedTuple):
     file: str | None = None
 
 
-def named_by(entry: ScheduleEntry, load: Load, situation: PlanSituation) -> list[Named]:
+def named_by(
+    entry: ScheduleEntry, load: Load, situation: PlanSituation, note: Callable[[str], None]
+) -> list[Named]:
     """Return what an entry names, each once, by every ephemeris that the entry gives for it.
 
-    Raises BadInputError with its place.
+    `note` takes which files and elements are left out, as they have not the object. Raises BadInputError
+    with its place.
     """
     chosen: dict[int, list[Named]] = {}
     for key in entry.satellites:
-        found = _in_files(key, entry, situation)
+        found = _in_files(key, entry, situation, note)
         if not found:
             body = _body(key, entry, load, situation)
             found = [Named(key, body or _satellite(key, entry, load(entry.source).elements))]
@@ -534,25 +537,31 @@ def named_by(entry: ScheduleEntry, load: Load, situation: PlanSituation) -> list
             same = str(first.catalog_number or key)
             if _has(same, entry, load):
                 found.append(Named(key, _satellite(same, entry, load(entry.source).elements)))
+            else:
+                note(f"left out: no {first.label} ({same}) in {entry.source}")
         chosen[first.catalog_number or number_of_name(first.label)] = found
     return [one for found in chosen.values() for one in found]
 
 
-def _in_files(key: str, entry: ScheduleEntry, situation: PlanSituation) -> list[Named]:
+def _in_files(
+    key: str, entry: ScheduleEntry, situation: PlanSituation, note: Callable[[str], None]
+) -> list[Named]:
     """Return an object of the entry's files, by each that has it; one of them must."""
     from tle.formats.ephemerides import find_ephemeris, read_ephemerides
 
     found: list[Named] = []
-    missing: SatelliteNotFoundError | None = None
+    missing: list[SatelliteNotFoundError] = []
     for file in entry.ephemeris:
         try:
             found.append(Named(key, find_ephemeris(read_ephemerides(file, situation.site), key), file))
         except SatelliteNotFoundError as error:
-            missing = missing or error
+            missing.append(error)
         except TleError as error:
             raise entry.origin.wrong(str(error)) from None
-    if missing is not None and not found:
-        raise entry.origin.wrong(str(missing))
+    if missing and not found:
+        raise entry.origin.wrong(str(missing[0]))
+    for lacking in missing:
+        note(f"left out: {lacking}")
     return found
 
 

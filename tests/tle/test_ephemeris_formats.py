@@ -22,7 +22,13 @@ from tle.ephemeris import (
     expected_error_m,
     without_poor_velocities,
 )
-from tle.errors import EphemerisError, EphemerisSpanError, SatelliteNotFoundError, SourceError
+from tle.errors import (
+    AmbiguousSatelliteError,
+    EphemerisError,
+    EphemerisSpanError,
+    SatelliteNotFoundError,
+    SourceError,
+)
 from tle.formats.ephemerides import find_ephemeris, parse_ephemerides, read_ephemerides
 from tle.instants import ARRAYS, Utc
 from tle.propagator import Propagator
@@ -685,6 +691,38 @@ def test_the_station_of_an_oem_is_found_however_its_id_is_written(
     found = parse_ephemerides(text.encode())
     for key in ("25544", "ISS", "International Space Station", *keys):
         assert find_ephemeris(found, key) is found[0]
+
+
+@pytest.mark.parametrize("written", ["A0534", "100534"])
+def test_a_number_above_99999_is_found_however_a_file_writes_it(written: str) -> None:
+    for text in ((HEAD + oem(8)).replace("2026-001A", written), cpf(frame=2).replace("99999", written)):
+        found = parse_ephemerides(text.encode())
+        for key in ("100534", "A0534", "a0534"):
+            assert find_ephemeris(found, key).catalog_number == 100534
+
+
+def test_a_name_is_found_without_what_is_in_brackets_and_by_it() -> None:
+    found = parse_ephemerides(
+        (HEAD + oem(8)).replace("NAME = ROUND", "NAME = STARLINK-1234 (V1.5 X)").encode()
+    )
+    for key in ("starlink-1234", "STARLINK 1234", "v1.5 x", "starlink-1234 (v1.5 x)"):
+        assert find_ephemeris(found, key) is found[0]
+    for key in ("starlink-123", "starlink", "v1.5", "()"):
+        with pytest.raises(SatelliteNotFoundError):
+            find_ephemeris(found, key)
+
+
+def test_of_two_objects_of_one_name_the_user_must_say_which() -> None:
+    other = oem(8).replace("2026-001A", "2026-001B").replace("= GCRF", "= EME2000")
+    found = parse_ephemerides((HEAD + oem(8) + other).encode(), "a.oem")
+    with pytest.raises(AmbiguousSatelliteError) as caught:
+        find_ephemeris(found, "round")
+    assert str(caught.value) == (
+        "'round' could be any of 2 in a.oem: ROUND (2026-001A), ROUND (2026-001B): "
+        "give a number, designator or name that only one has"
+    )
+    assert find_ephemeris(found, "2026-001B") is found[1]
+    assert find_ephemeris(found, "26001A") is found[0]
 
 
 def test_a_cpf_whose_object_has_no_sic_number_is_found_by_others_only() -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from tle.earth import FIRST_MJD
+from tle.elements import parse_alpha5
 from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris
 from tle.errors import EphemerisError, TleError, printable
 from tle.formats.rows import Lines, tai_s
@@ -145,7 +146,8 @@ def _header(lines: Lines, h1: int, h2: int) -> _CpfHeader:
         year, month, day, hour = (int(word) for word in one[4:8])
         made = Utc.parse(f"{year:04d}-{month:02d}-{day:02d}T{hour:02d}:00:00Z")
         name = one[9] if version == 1 else one[10]
-        cospar, number = two[1], int(two[3])
+        alpha5 = parse_alpha5(two[3].upper())
+        cospar, number = two[1], int(two[3]) if alpha5 is None else alpha5
         first, last = (_moment([int(word) for word in two[k : k + 6]]) for k in (4, 10))
         step_s = float(two[16])
         kind = int(two[19])

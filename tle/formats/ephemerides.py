@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tle.errors import EphemerisError, SatelliteNotFoundError, SourceError
+from tle.errors import AmbiguousSatelliteError, EphemerisError, SatelliteNotFoundError, SourceError
 from tle.formats import cpf, oem, sp3, track_table
 from tle.formats.rows import Lines
 from tle.sources import (
@@ -142,9 +143,10 @@ def find_ephemeris(ephemerides: list[TableEphemeris], key: str) -> TableEphemeri
     """Return the ephemeris of the object that a user means, by catalogue number, designator, or a name of it.
 
     Names are those that the file gives, a CPF's SIC number among them, then common ones (`COMMON_NAMES`).
-    Designators are compared as `full_designator` reads them. Case and punctuation do not count.
-    Raises SatelliteNotFoundError, saying what the file holds, and EphemerisError with the line for an object
-    that the file has, but that cannot be placed.
+    Designators are compared as `full_designator` reads them. Case and punctuation do not count. Last come
+    parts of a name: `ISS (ZARYA)` is found by what is in brackets, and by what is before them.
+    Raises SatelliteNotFoundError, saying what the file holds, AmbiguousSatelliteError where several objects
+    answer, and EphemerisError with the line for an object that the file has, but that cannot be placed.
     """
     wanted, number, designator = plain_name(key), catalog_number_of(key.strip()), full_designator(key.strip())
     common = number or COMMON_NAMES.get(wanted)
@@ -156,11 +158,20 @@ def find_ephemeris(ephemerides: list[TableEphemeris], key: str) -> TableEphemeri
             bool(common)
             and common in (one.catalog_number, *map(COMMON_NAMES.get, map(plain_name, one.names)))
         ),
+        lambda one: bool(wanted) and wanted in map(plain_name, re.split(r"[()\[\]]", one.name)),
     )
     for rule in rules:
-        for one in ephemerides:
-            if rule(one):
-                return one
+        found = [one for one in ephemerides if rule(one)]
+        if len(found) > 1:
+            where = found[0].source or "the ephemeris"
+            told = tuple(f"{one.name} ({one.catalog_number or one.names[-1]})" for one in found)
+            raise AmbiguousSatelliteError(
+                f"{key!r} could be any of {len(found)} in {where}: {listed(told)}: "
+                "give a number, designator or name that only one has",
+                told,
+            )
+        if found:
+            return found[0]
     for name, error in ephemerides[0].refused.items():
         if plain_name(name) == wanted:
             raise error

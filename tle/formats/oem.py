@@ -19,7 +19,7 @@ from tle.errors import EphemerisError, TleError, printable
 from tle.formats.rows import Lines, is_time_system, tai_after_s, tai_s
 from tle.instants import Utc, utc_of_tai
 from tle.orbit_rows import falling
-from tle.sources import full_designator
+from tle.sources import catalog_number_of, full_designator
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -126,14 +126,14 @@ def parse_oem(lines: Lines) -> list[TableEphemeris]:
     for (name, designator), segments in objects.items():
         first = segments[0]
         start = utc_of_tai(first.zero_s, float(first.since_s[0]))
-        digits = next((word for word in (designator, name) if word.isdigit()), "")
+        number = catalog_number_of(designator.strip()) or (int(name) if name.isdecimal() else 0)
         found.append(
             TableEphemeris(
                 printable(name),
                 segments,
                 f"OEM by {printable(originator)}, {first.interpolation.words}",
                 epoch=_made(kvn.header.get("CREATION_DATE", ""), start),
-                catalog_number=int(digits or 0),
+                catalog_number=number,
                 names=(full_designator(designator.strip()) or printable(designator),),
                 source=lines.source,
             )

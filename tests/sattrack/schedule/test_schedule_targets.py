@@ -199,6 +199,30 @@ def test_each_pass_is_taken_by_the_best_of_the_ephemerides_of_its_entry(capsys, 
     assert all(one["rms_arcsec"] < 0.1 for one in status["passes"])
 
 
+def test_a_file_and_elements_that_have_not_the_object_are_named_as_left_out(capsys, several):
+    def change(name, *pairs):
+        path = several.parent / name
+        text = path.read_text()
+        for before, after in pairs:
+            assert before in text
+            text = text.replace(before, after)
+        path.write_text(text)
+
+    change("plain.oem", ("= ISS", "= HST"), ("1998-067-A", "1990-037-B"))
+    change("stated.oem", ("= 1998-067-A", "= 25544"))
+    change("iss.tle", ("25544", "25553"))
+    assert run(["run", str(several), "--check", *AROUND]) == 0
+    told = capsys.readouterr().err.splitlines()
+    assert len(told) == 2
+    assert all(f"{several.name}:" in line and " ISS: left out: no " in line for line in told), told
+    assert "plain.oem, which holds HST" in told[0]
+    assert told[1].endswith("iss.tle")
+    assert " no ISS (25544) in " in told[1]
+    assert run(["run", str(several), "--dry-run", "--json", *AROUND]) == 0
+    notes = json.loads(capsys.readouterr().out)["notes"]
+    assert all(any(note in line for note in notes) for line in told)
+
+
 def test_a_pass_of_which_the_best_file_lacks_some_is_taken_by_one_that_has_it_whole(capsys, several):
     short = oem_text("2026-10-02T12:50:00Z", 15).replace("SGP4", "CALM") + COVARIANCE
     (several.parent / "stated.oem").write_text(short)
