@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from tle.site import Site
 
 
-Frame = Literal["of_date", "icrf", "j2000"]
+Frame = Literal["of_date", "icrf", "j2000", "gcrs"]
 _ALONG_STEP_S = 0.05
 _LONGEST_STEP_S = 30.0
 _MOST_STEPS = 40
@@ -72,8 +72,9 @@ def bias_from_observation(
 
     Frames: "of_date" (true equator and equinox of date, the propagator's apparent or geometric place),
     "icrf" (astrometric, as a plate solution gives), "j2000" (the same by the mean equator and equinox of
-    J2000). A bias of the propagator's own does not count. The standard deviations follow from those of the
-    direction (each way, arcsec) and of the time (s).
+    J2000), "gcrs" (the geometric direction by the axes of the ICRF, as `apparent_unit` has it). A bias of the
+    propagator's own does not count. The standard deviations follow from those of the direction (each way,
+    arcsec) and of the time (s).
     Raises ObservationError where no bias along the track leads to the direction (another satellite, most
     likely) or the direction is none; PlaceError for an unknown frame; BiasError; PropagationError.
     """
@@ -82,7 +83,12 @@ def bias_from_observation(
     if not (sigma_arcsec >= 0.0 and sigma_time_s >= 0.0):
         raise ObservationError("a standard deviation is negative or no number: give arcseconds and seconds")
     seen = propagator
-    if frame != "of_date":
+    if frame == "gcrs":
+        seen = propagator.with_place("apparent")
+        observed = apparent_unit(
+            ra_deg, dec_deg, t, frame, propagator.site, propagator.earth, propagator.diurnal_aberration
+        )
+    elif frame != "of_date":
         seen = propagator.with_place("astrometric")
     model = _Model(seen, t)
     plain = model.unit(0.0, 0.0)
@@ -100,13 +106,21 @@ def bias_from_observation(
 
 
 def apparent_unit(
-    ra_deg: float, dec_deg: float, t: Instant, frame: Frame, site: Site, earth: EarthOrientation
+    ra_deg: float,
+    dec_deg: float,
+    t: Instant,
+    frame: Frame,
+    site: Site,
+    earth: EarthOrientation,
+    diurnal_aberration: bool = True,
 ) -> NDArray[np.float64]:
     """Return the apparent direction, without air, of one that was measured at an instant; shape (3,).
 
     True equator and equinox of date, with annual and diurnal aberration: what the propagator's apparent place
     is compared with. Frames: "icrf" (astrometric, as a plate solution among catalogued stars gives it),
-    "j2000" (the same by the mean equator and equinox of J2000), "of_date" (apparent already). Of a satellite
+    "j2000" (the same by the mean equator and equinox of J2000), "of_date" (apparent already), "gcrs" (from
+    the site to where the light left the satellite, by the axes of the ICRF, the Earth being at rest: annual
+    aberration is in it, as the Earth takes satellites along, and diurnal aberration is not). Of a satellite
     the inverse of the astrometric place; bias, precession and nutation are ERFA's pnm06a, velocities add up
     without the terms of 0.001″ that relativity has. Raises ObservationError where it is no direction,
     PlaceError for an unknown frame, TimeRangeError.
@@ -115,12 +129,14 @@ def apparent_unit(
     measured = _measured(ra_deg, dec_deg, frame)
     if frame == "of_date":
         return measured
+    diurnal_km_s = _diurnal_km_s(t, site, earth) * diurnal_aberration
+    if frame == "gcrs":
+        return _unit(earth.celestial_matrix(t) @ (LIGHT_KM_S * measured) + diurnal_km_s)
     velocity = earth_velocity_km_s(t)
     # The light's own velocity against the barycentre, added to the observer's, has length c again, to 5e-9.
     own = measured * (LIGHT_KM_S - float(measured @ velocity))
     of_date = earth.celestial_matrix(t) @ (own + velocity)
-    seen: NDArray[np.float64] = of_date + _diurnal_km_s(t, site, earth)
-    return seen / math.sqrt(float(seen @ seen))
+    return _unit(of_date + diurnal_km_s)
 
 
 class _Model:
@@ -219,6 +235,10 @@ def _measured(ra_deg: float, dec_deg: float, frame: Frame) -> NDArray[np.float64
     frame_bias, _, _ = erfa.bp06(2451545.0, 0.0)
     turned: NDArray[np.float64] = frame_bias.T @ measured
     return turned
+
+
+def _unit(a: NDArray[np.float64]) -> NDArray[np.float64]:
+    return a / math.sqrt(float(a @ a))
 
 
 def _angle(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:

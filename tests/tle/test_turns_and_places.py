@@ -117,6 +117,33 @@ def test_j2000_differs_from_icrf_by_the_frame_bias() -> None:
     assert 0.005 < np.linalg.norm(one - other) * 206265.0 < 0.025
 
 
+def test_a_geometric_direction_of_a_satellite_is_seen_where_erfa_aberrates_its_light() -> None:
+    """By the barycentre: the Earth goes on while the light is under way, and the site sees it aberrated."""
+    t, tt = Utc(CULMINATION_S), CULMINATION_S / 86400.0 + 69.184 / 86400.0
+    _, earth_pv = erfa.epv00(2440587.5, tt)
+    earth_km_s = earth_pv["v"] * 149_597_870.7 / 86400.0
+    to_itrs = erfa.c2t06a(2440587.5, tt, 2440587.5, CULMINATION_S / 86400.0, 0.0, 0.0)
+    place = np.array(LEIDEN.itrs_km)
+    site, site_km_s = (to_itrs.T @ one for one in (place, np.cross([0.0, 0.0, 7.292115e-5], place)))
+    satellite, velocity = 3.0 * site + np.array([9000.0, -4000.0, 2000.0]), np.array([-2.0, 3.0, 1.0])
+    delay = 0.0
+    for _ in range(4):
+        geometric = satellite - delay * velocity - site
+        delay = float(np.linalg.norm(geometric)) / 299792.458
+    ra_deg, dec_deg = np.degrees(erfa.c2s(geometric))
+    found = apparent_unit(ra_deg % 360.0, dec_deg, t, "gcrs", LEIDEN, EarthOrientation.fixed(0.0))
+    natural = geometric - delay * earth_km_s
+    seen_from = (earth_km_s + site_km_s) / 299792.458
+    slower = math.sqrt(1.0 - float(seen_from @ seen_from))
+    proper = erfa.ab(natural / np.linalg.norm(natural), seen_from, 1.0, slower)
+    expected = erfa.pnm06a(2440587.5, tt) @ proper
+    assert np.linalg.norm(found - expected) * 206265.0 < 0.003
+    # The light's own direction by the barycentre is the astrometric place.
+    ra_deg, dec_deg = np.degrees(erfa.c2s(natural))
+    found = apparent_unit(ra_deg % 360.0, dec_deg, t, "icrf", LEIDEN, EarthOrientation.fixed(0.0))
+    assert np.linalg.norm(found - expected) * 206265.0 < 0.003
+
+
 def test_an_apparent_direction_is_apparent_already() -> None:
     found = apparent_unit(120.0, 20.0, Utc(CULMINATION_S), "of_date", LEIDEN, EarthOrientation.fixed(0.0))
     assert found == pytest.approx(np.array(vector(120.0, 20.0)), abs=1e-15)

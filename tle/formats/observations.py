@@ -301,7 +301,7 @@ def _looks_like_csv(text: str) -> bool:
 
 
 def _read_csv(text: str, stations: Stations, source: str) -> list[Observation]:
-    """Return the observations; `frame` is icrf (default), j2000 or of_date. Raises ObservationError."""
+    """Return the observations; `frame` is icrf (default), j2000, gcrs or of_date. Raises ObservationError."""
     lines = text.splitlines()
     kept = [(n, line) for n, line in enumerate(lines, start=1) if line.strip() and not line.startswith("#")]
     header = [name.strip() for name in kept[0][1].split(",")]
@@ -362,7 +362,7 @@ def _csv_observation(row: Mapping[str, str], stations: Stations, source: str, li
 
 
 def _read_json_lines(text: str, stations: Stations, source: str) -> list[Observation]:
-    """Return the observations; `frame` is icrs (default), j2000 or of_date. Raises ObservationError."""
+    """Return the observations; `frame` is icrs (default), j2000, gcrs or of_date. Raises ObservationError."""
     found = []
     for number, line in enumerate(text.splitlines(), start=1):
         if not line.strip():
