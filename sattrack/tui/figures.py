@@ -503,12 +503,15 @@ def _elements_texts(scene: Scene) -> list[tuple[str, str]]:
     if view.elements_age_s is None:
         return [("-", "   recording ")]
     old, age = formatting.old(view.elements_age_s), formatting.age(view.elements_age_s)
+    epoch_s = view.utc_s - view.elements_age_s
+    of = f"{local_time.date(epoch_s)} {local_time.clock(epoch_s)[:5]}"
     texts = [(old, "   recording "), (age, "  rec ")]
     if view.expected_error_m is None:
-        return texts
+        return [(f"of {of}, {old}", "   recording "), *texts]
     missed = formatting.length(view.expected_error_m)
     short = f"{age}, {formatting.within(missed, scene.plain)}"
-    return [(f"{old}, error {missed}", "   recording "), (short, "  rec "), *texts]
+    long = f"{old}, error {missed}"
+    return [(f"of {of}, {long}", "   recording "), (long, "   recording "), (short, "  rec "), *texts]
 
 
 def _source_words(scene: Scene) -> tuple[str, str]:

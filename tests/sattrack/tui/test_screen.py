@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import asyncio
+from datetime import UTC, datetime
 from itertools import chain, product
 from typing import TYPE_CHECKING
 
@@ -114,7 +115,7 @@ def test_the_whole_small_screen() -> None:
         " rates    RA +1.235 of 6 °/s ██··········  Dec −0.081 of 6 °/s ▏···········",
         " along    +0.050 s  asked +0.100 s   ← behind  → ahead on track by 0.1 s",
         " across   −0.0100°  asked −0.0200°   ↑ left  ↓ right of motion by 0.01°",
-        " elements 12.8 h old   recording pass.mcap",
+        " elements of 2026-10-02 00:19, 12.8 h old   recording pass.mcap",
         " ←→ along  ↑↓ across  [ ] step  p pause  1-6 more  SPACE STOP   q leave  ? help",
     ]
 
@@ -343,6 +344,18 @@ def test_the_panel_of_the_pass_has_the_elements_error_where_there_is_room() -> N
     view = changed(source="SGP4, elements of 2026-10-02T00:00:00Z", expected_error_m=2312.0)
     for size, figure in (((200, 50), "12.8 h old, error 2.31 km"), (LARGE, "12.8 h, ±2.31 km")):
         assert any(figure in row for row in drawn(view, size=size))
+
+
+def test_of_elements_the_instant_is_named_where_there_is_room() -> None:
+    age_s = UTC_S - datetime(2026, 9, 30, 21, 30, tzinfo=UTC).timestamp()
+    for error_m, error in ((2312.0, ", error 2.31 km"), (None, "")):
+        view = changed(source="SGP4", elements_age_s=age_s, expected_error_m=error_m)
+        figure = f"of 2026-09-30 21:30, 39.6 h old{error}"
+        for size in (SMALL, (100, 30), (200, 50)):
+            text = "\n".join(drawn(view, size=size))
+            assert figure in text, size
+            assert "pass.mcap" in text
+        assert "of 2026" not in "\n".join(drawn(view, size=LARGE))
 
 
 def test_silence_of_the_feeder_and_an_unheard_stop_are_told() -> None:
