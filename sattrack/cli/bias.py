@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -205,9 +207,11 @@ def _write(path: Path, fit: OrbitFit) -> None:
     from tle.formats.omm_notations import covariance_kvn, write_kvn
     from tle.instants import Utc
 
-    # The instant of the fit's own data: the same observations give the same file.
-    created = Utc(math.floor(float(fit.orbit.epoch.unix_s))).isoformat("seconds")
-    text = write_kvn([fit.elements], created, "SATTRACK") + covariance_kvn(fit.state_covariance_km2())
+    refined = fit.elements
+    # The standard asks for a name (CCSDS 502.0-B-3, table 4-2).
+    named = replace(refined, name=refined.name or refined.designator or str(refined.catalog_number))
+    created = Utc(math.floor(time.time())).isoformat("seconds")
+    text = write_kvn([named], created, "SATTRACK") + covariance_kvn(fit.state_covariance_km2())
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:

@@ -38,12 +38,13 @@ def test_reads_csv():
         "\n"
         f"{AT.isoformat()},10.0,-5.5,of_date,LEIDEN,,,\n"
         f"{AT.isoformat()},10.0,-5.5,gcrs,LEIDEN,,,\n"
+        f"{AT.isoformat()},10.0,-5.5,icrs,LEIDEN,,,\n"
     )
-    one, two, three = parse_observations(text, STATIONS, "night.csv")
+    one, two, three, four = parse_observations(text, STATIONS, "night.csv")
     assert (one.utc, one.frame, one.site, one.object_key) == (AT, "icrf", HERE, "25544")
     assert (one.sigma_arcsec, one.sigma_time_s, one.source, one.line) == (2.5, 0.01, "night.csv", 3)
     assert (two.frame, two.object_key, two.sigma_arcsec, two.line) == ("of_date", "", None, 5)
-    assert three.frame == "gcrs"
+    assert (three.frame, four.frame) == ("gcrs", "icrf")
     found = one.residual(ELEMENTS)
     assert (found.along_s, found.cross_deg) == pytest.approx((1.25, 0.05), abs=1e-7)
 

@@ -301,7 +301,10 @@ def _looks_like_csv(text: str) -> bool:
 
 
 def _read_csv(text: str, stations: Stations, source: str) -> list[Observation]:
-    """Return the observations; `frame` is icrf (default), j2000, gcrs or of_date. Raises ObservationError."""
+    """Return the observations. Raises ObservationError.
+
+    `frame` is icrf (the default; or icrs), j2000, gcrs or of_date.
+    """
     lines = text.splitlines()
     kept = [(n, line) for n, line in enumerate(lines, start=1) if line.strip() and not line.startswith("#")]
     header = [name.strip() for name in kept[0][1].split(",")]
@@ -327,6 +330,7 @@ def _read_csv(text: str, stations: Stations, source: str) -> list[Observation]:
 
 def _csv_observation(row: Mapping[str, str], stations: Stations, source: str, line: int) -> Observation:
     frame = row.get("frame") or "icrf"
+    frame = "icrf" if frame == "icrs" else frame
     if frame not in get_args(Frame):
         raise ObservationError(
             placed(source, line, f"{frame!r} is no frame: use one of {', '.join(get_args(Frame))}")

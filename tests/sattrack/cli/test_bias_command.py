@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import re
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from sattrack.cli.main import run
+from tle.instants import Utc
 from tle.sources import read_elements
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
@@ -93,11 +95,14 @@ def test_outliers_are_left_out_and_named(capsys: pytest.CaptureFixture[str], tmp
 def test_the_refined_elements_are_read_again_and_have_no_bias(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    out = tmp_path / "refined.kvn"
-    ran(capsys, ELEMENTS, "--observations", str(SOLUTIONS), "--out", str(out))
+    out, nameless = tmp_path / "refined.kvn", tmp_path / "nameless.tle"
+    nameless.write_text("".join(Path(ELEMENTS).read_text().splitlines(keepends=True)[-2:]))
+    ran(capsys, str(nameless), "--observations", str(SOLUTIONS), "--out", str(out))
     (refined,) = read_elements(out)
-    assert refined.catalog_number == 25544
+    assert (refined.catalog_number, refined.name) == (25544, "1998-067A")
     text = out.read_text()
+    (created,) = re.findall(r"^CREATION_DATE = (\S+)", text, re.MULTILINE)
+    assert abs(float(Utc.parse(created).unix_s) - time.time()) < 600.0
     assert len(re.findall(r"^C[XYZ]\w* = ", text, re.MULTILINE)) == 21
     diagonal = {
         name: float(value)
