@@ -49,7 +49,7 @@ MODEL_ARCSEC = 1.0
 LEAST_SEEING_ARCSEC, USUAL_SEEING_ARCSEC, MOST_SEEING_ARCSEC = 0.3, 1.0, 20.0
 """What moves a camera's image from frame to frame beside what its sigma says: air, wind, the mount. At least,
 before it is known, and at most."""
-SEEING_FRAMES, FEWEST_SEEING_FRAMES, SEEING_CHOICE, SEEING_SPAN_S = 40, 4, 5, 5.0
+SEEING_FRAMES, FEWEST_SEEING_FRAMES, SEEING_CHOICE, SEEING_SPAN_S = 40, 8, 5, 5.0
 """It is measured by so many frames, each with two of the four before it, within such a span."""
 QUARTER = 0.318
 """A quarter of frames lies so many sigmas or less from the line with the two that fit best."""
@@ -197,7 +197,7 @@ class _Seeing:
         best, plain = np.array(self._squares).T
         square = float(np.quantile(best, 0.25)) / QUARTER**2
         alike = plain[plain < SEEING_GATE * square]
-        if len(alike) >= FEWEST_SEEING_FRAMES:
+        if len(alike) >= FEWEST_SEEING_FRAMES // 2:
             square = 0.5 * float(np.mean(alike))
         seen = math.degrees(math.sqrt(square)) * 3600.0
         said = math.hypot(said_arcsec, least_arcsec)
