@@ -84,7 +84,11 @@ _TABLE = (
 )
 @click.option("--bias-along", type=float, default=0.0, metavar="S", help="Seconds; positive leads.")
 @click.option(
-    "--bias-cross", type=float, default=0.0, metavar="DEG", help="Positive to the left, seen from below."
+    "--bias-cross",
+    type=float,
+    default=0.0,
+    metavar="DEG",
+    help="Positive to your left as you face the way it flies.",
 )
 @click.option("--refraction", is_flag=True, help="Apply refraction; without it, directions are airless.")
 @click.option("--pressure", type=float, metavar="HPA", help="At the site; default: by its height.")

@@ -75,7 +75,7 @@ ROWS = 9
     type=float,
     default=0.0,
     metavar="DEG",
-    help="Degrees; positive to the left, seen from below.",
+    help="Degrees; positive to your left as you face the way it flies.",
 )
 @click.option("--min-alt", type=float, metavar="DEG", help="Follow above this altitude (10, or as set).")
 @click.option("--fov", "fov_deg", type=float, metavar="DEG", help="Field of view to compare the error with.")

@@ -47,7 +47,10 @@ from sattrack.cli.targets import ephemeris_option
 @refraction_option("Raise directions by the air's refraction; auto where the mount does not.")
 @click.option("--bias-along", default=0.0, metavar="S", help="Seconds; positive leads.")
 @click.option(
-    "--bias-cross", default=0.0, metavar="DEG", help="Degrees; positive to the left, seen from below."
+    "--bias-cross",
+    default=0.0,
+    metavar="DEG",
+    help="Degrees; positive to your left as you face the way it flies.",
 )
 @click.option("--min-alt", type=float, metavar="DEG", help="Follow above this altitude (10, or as set).")
 @click.option(

@@ -17,7 +17,7 @@ class ErrorView(msgspec.Struct, frozen=True, gc=False):
     """Mount minus target on the sky, arcseconds, at the instant of one status (UTC, POSIX seconds).
 
     Total, per axis, and along and across the motion: along is positive where the mount leads, across to the
-    left of the motion, seen from below.
+    left as one faces the motion.
     """
 
     utc_s: float

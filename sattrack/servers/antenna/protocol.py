@@ -294,7 +294,7 @@ COMMANDS = (
         (
             CommandField("along", "seconds along the track, positive leads", least=-60.0, most=60.0),
             CommandField(
-                "cross", "degrees across, positive to the left seen from below", least=-5.0, most=5.0
+                "cross", "degrees across, positive to the left as you face its motion", least=-5.0, most=5.0
             ),
             CommandField(
                 "mode",
