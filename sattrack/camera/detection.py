@@ -9,13 +9,23 @@ finds what is long.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
-from sattrack.camera.shape import CENTROID_FLOOR_PX, Point, PreparedImage, fitted_point, is_point_for_sure
+from sattrack.camera.shape import (
+    CENTROID_FLOOR_PX,
+    FULL,
+    OF_DISC_PX,
+    Disc,
+    Point,
+    PreparedImage,
+    discs_of,
+    fitted_point,
+    is_point_for_sure,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -33,6 +43,8 @@ LONG_SNR = 4.0
 """Significance that every pixel of a streak has in the filtered image."""
 EXPECTED_WITHIN_PX = 8.0
 """How far from where it is expected a point may be, beside what its motion is unsure by."""
+RECENT_S = 5.0
+"""For so long the place of the satellite tells where it is expected."""
 FEWEST_PIXELS = 25
 LONG_RATIO = 2.5
 """Length over width from which on a detection is a streak."""
@@ -45,6 +57,8 @@ AMBIGUOUS = 0.6
 """Of two points, the brighter one counts where the other has less than this share of its flux."""
 MOST_STANDING = 3
 """More points than that are stars, where a run says that stars trail and the frame shows no trail."""
+LEAST_TRAIL_PX = 3.0
+"""Of shorter trails no single frame shows that they are none."""
 RIDGE_SNR = 3.0
 FEWEST_BESIDE = 3
 """Places on each side of a peak at which a star's trail through it is looked for."""
@@ -104,7 +118,7 @@ class Detection:
     saturated: float = 0.0
     """The share of pixels that are."""
     peak: float | None = None
-    """The highest value within the satellite's image, above zero."""
+    """The highest value within the image of the satellite, or of what may be it, above zero."""
     streaks: int = 0
 
 
@@ -116,14 +130,18 @@ class Detector:
     _last: list[tuple[float, float, float]] = field(default_factory=list)
     """The last places of the satellite: UTC, x, y."""
     _psf_seen: int = 0
+    _stood: tuple[float, list[Disc]] = (-math.inf, [])
+    """What was saturated and compact in the last frame, with its UTC."""
 
     def look(self, frame: CameraFrame, expected: ExpectedMotion | None = None) -> Detection:
         """Return what is seen in a frame."""
         prepared = _prepared(frame, self.psf_px)
-        if isinstance(prepared, str):
-            return Detection("none", why=prepared)
-        long = _streaks(prepared)
-        self._learn_psf(prepared.image, long)
+        if isinstance(prepared, Detection):
+            return prepared
+        discs = [one for one in prepared.discs if one.compact]
+        # A column into which a disc overflows is no trail.
+        long = [one for one in _streaks(prepared) if not any(_runs_through(one, disc) for disc in discs)]
+        self._learn_psf(prepared, long)
         expected = expected or ExpectedMotion()
         near = expected.near or self._near(float(frame.utc.unix_s))
         trail = _trail(long, expected, frame.exposure_s)
@@ -131,25 +149,36 @@ class Detector:
         if wanted is not None and wanted > T_EVEN * LONG_RATIO * self.psf_px:
             found = _streak_target(prepared, long, expected, frame.exposure_s)
         else:
-            found = _point_target(prepared, long, trail, near, self.psf_px)
+            steady = [one for one in discs if self._stands(one, float(frame.utc.unix_s), expected)]
+            found = _point_target(prepared, long, trail, near, self.psf_px, steady)
         if found.kind == "none" and expected.target is None and not trail.known:
             found = _lone_streak(prepared, long, found)
+        self._stood = float(frame.utc.unix_s), discs
         if found.x is not None and found.y is not None:
             self._last = [*self._last[-3:], (float(frame.utc.unix_s), found.x, found.y)]
         return found
 
-    def _learn_psf(self, image: Pixels, long: list[Streak]) -> None:
+    def _learn_psf(self, prepared: PreparedImage, long: list[Streak]) -> None:
         bright = [one for one in long if one.snr > 12.0 and one.length_px > 15.0 * self.psf_px]
-        found = [_cross_section_px(image, one, self.psf_px) for one in bright[:3]]
+        found = [_cross_section_px(prepared, one, self.psf_px) for one in bright[:3]]
         widths = [one for one in found if one is not None]
         if widths:
             share = 1.0 / (1.0 + min(self._psf_seen, 9))
             self.psf_px += share * (min(max(float(np.median(widths)), PSF_PX[0]), PSF_PX[1]) - self.psf_px)
             self._psf_seen += 1
 
+    def _stands(self, disc: Disc, utc_s: float, expected: ExpectedMotion) -> bool:
+        """Tell whether a disc stands where the satellite was last, or one while the stars moved."""
+        places = [(x, y) for then_s, x, y in self._last[-1:] if 0.0 < utc_s - then_s < RECENT_S]
+        since_s = utc_s - self._stood[0]
+        moved_px = _length(expected.stars, since_s) if 0.0 < since_s < RECENT_S else None
+        if moved_px is not None and moved_px > 4.0 * EXPECTED_WITHIN_PX:
+            places += [(one.x, one.y) for one in self._stood[1]]
+        return any(math.hypot(disc.x - x, disc.y - y) < EXPECTED_WITHIN_PX for x, y in places)
+
     def _near(self, utc_s: float) -> tuple[float, float, float] | None:
         """Return where the satellite is expected by the last two frames in which it was seen."""
-        recent = [one for one in self._last if 0.0 < utc_s - one[0] < 5.0]
+        recent = [one for one in self._last if 0.0 < utc_s - one[0] < RECENT_S]
         if len(recent) < 2:
             return None
         (t0, x0, y0), (t1, x1, y1) = recent[-2:]
@@ -160,25 +189,27 @@ class Detector:
         return x1 + (x1 - x0) * share, y1 + (y1 - y0) * share, EXPECTED_WITHIN_PX + 0.3 * moved
 
 
-def _prepared(frame: CameraFrame, psf_px: float) -> PreparedImage | str:
-    """Return a frame ready to be looked at, or why nothing can be seen in it."""
+def _prepared(frame: CameraFrame, psf_px: float) -> PreparedImage | Detection:
+    """Return a frame ready to be looked at, or that nothing can be seen in it, and why."""
     import sep
 
     pixels = np.ascontiguousarray(frame.pixels, dtype=np.float32)
     if min(pixels.shape) < 4 * EDGE_PX:
-        return f"an image of {pixels.shape[1]} × {pixels.shape[0]} pixels is too small"
+        why = f"an image of {pixels.shape[1]} × {pixels.shape[0]} pixels is too small"
+        return Detection("none", why=why)
     bad = ~np.isfinite(pixels)
     if bad.any():
         if bad.mean() > 0.5:
-            return "most of its pixels are no numbers"
+            return Detection("none", why="most of its pixels are no numbers")
         pixels = np.where(bad, np.float32(np.median(pixels[~bad])), pixels)
     sample = pixels[:: max(1, pixels.shape[0] // 100), :: max(1, pixels.shape[1] // 100)]
-    if float(sample.max()) == float(sample.min()) and float(pixels.max()) == float(pixels.min()):
-        return "all its pixels are the same"
-    full = pixels >= frame.saturation if frame.saturation is not None else np.zeros(pixels.shape, dtype=bool)
+    highest = math.inf if frame.saturation is None else frame.saturation
+    full = pixels >= FULL * highest
     saturated = float(full.mean())
     if saturated > 0.3:
-        return "most of it is saturated"
+        return Detection("none", why="most of it is saturated", saturated=saturated)
+    if float(sample.max()) == float(sample.min()) and float(pixels.max()) == float(pixels.min()):
+        return Detection("none", why="all its pixels are the same")
     # Every second pixel will do for the background, in a quarter of the time.
     background = sep.Background(
         np.ascontiguousarray(pixels[::2, ::2]),
@@ -201,7 +232,8 @@ def _prepared(frame: CameraFrame, psf_px: float) -> PreparedImage | str:
     smooth /= max(spread, white, 1e-12)
     said = frame.header.get("EGAIN")
     gain = float(said) if isinstance(said, int | float) and said > 0.0 else None
-    return PreparedImage(image, noise, smooth, bad | full, saturated, gain)
+    discs = discs_of(pixels, image, float(background.globalback), highest)
+    return PreparedImage(image, noise, smooth, bad | full, saturated, gain, pixels, discs)
 
 
 def _clipped_sigma(values: Pixels) -> float:
@@ -255,20 +287,20 @@ def _streaks(prepared: PreparedImage) -> list[Streak]:
     return long
 
 
-def _cross_section_px(image: Pixels, streak: Streak, psf_px: float) -> float | None:
+def _cross_section_px(prepared: PreparedImage, streak: Streak, psf_px: float) -> float | None:
     """Return the sigma of a streak's cross-section, a Gaussian's; None where it is none."""
     angle = math.radians(streak.angle_deg)
     along_x, along_y = math.cos(angle), math.sin(angle)
     reach = 0.3 * streak.length_px
     half = math.ceil(reach + 5.0 * psf_px)
     col, row = round(streak.x), round(streak.y)
-    x0, x1 = max(0, col - half), min(image.shape[1], col + half + 1)
-    y0, y1 = max(0, row - half), min(image.shape[0], row + half + 1)
+    x0, x1 = max(0, col - half), min(prepared.image.shape[1], col + half + 1)
+    y0, y1 = max(0, row - half), min(prepared.image.shape[0], row + half + 1)
     dy, dx = np.mgrid[y0:y1, x0:x1].astype(np.float64)
     dx, dy = dx - streak.x, dy - streak.y
     along, across = dx * along_x + dy * along_y, dy * along_x - dx * along_y
-    part = (np.abs(along) < reach) & (np.abs(across) < 5.0 * psf_px)
-    along, across, values = along[part], across[part], image[y0:y1, x0:x1][part].astype(np.float64)
+    part = (np.abs(along) < reach) & (np.abs(across) < 5.0 * psf_px) & ~prepared.bad[y0:y1, x0:x1]
+    along, across, values = along[part], across[part], prepared.image[y0:y1, x0:x1][part].astype(np.float64)
     if len(values) < 30:
         return None
     height, middle, slope, sigma, sky = float(values.max()), 0.0, 0.0, psf_px, 0.0
@@ -291,6 +323,14 @@ def _cross_section_px(image: Pixels, streak: Streak, psf_px: float) -> float | N
             return None
     # The square of a pixel's own width is a twelfth.
     return math.sqrt(max(sigma * sigma - 1.0 / 12.0, 0.25))
+
+
+def _runs_through(streak: Streak, disc: Disc) -> bool:
+    """Tell whether a disc lies on a streak's middle line."""
+    angle = math.radians(streak.angle_deg)
+    dx, dy = disc.x - streak.x, disc.y - streak.y
+    along, across = dx * math.cos(angle) + dy * math.sin(angle), dy * math.cos(angle) - dx * math.sin(angle)
+    return abs(across) < disc.radius_px and abs(along) < 0.5 * streak.length_px + disc.radius_px
 
 
 class _Trail(NamedTuple):
@@ -352,20 +392,29 @@ def _point_target(
     trail: _Trail,
     near: tuple[float, float, float] | None,
     psf_px: float,
+    steady: list[Disc],
 ) -> Detection:
-    """Return the satellite as a point."""
+    """Return the satellite as a point; `steady` is what is saturated and stands while stars move."""
     stars = _star_middles(long, trail)
-    none = Detection("none", stars=stars, saturated=prepared.saturated, streaks=len(long))
+    discs = [one for one in prepared.discs if one.compact]
+    told = trail.shown or (trail.length_px or 0.0) > LEAST_TRAIL_PX
+    none = Detection(
+        "none",
+        stars=stars,
+        saturated=prepared.saturated,
+        peak=max(one.peak for one in discs) if told and discs else None,
+        streaks=len(long),
+    )
     trailing = trail.length_px is not None and trail.length_px > 2.0 * LONG_RATIO * psf_px
     least = SURE_SNR if near is None else EXPECTED_SNR
     peaks = _peaks(prepared.snr, least)
     on_streaks = _on_streaks(prepared.snr, long, least, psf_px)
-    if not len(peaks) and not len(on_streaks):
+    peaks, on_streaks = (_without(discs, one, psf_px) for one in (peaks, on_streaks))
+    if not len(peaks) and not len(on_streaks) and not discs:
         return _because(none, "nothing stands out of the noise")
     angles = [] if trail.angle_deg is None else [trail.angle_deg]
     angles += [one.angle_deg for one in long[:8] if all(_apart(one.angle_deg, a) > 3.0 for a in angles)]
-    rest = math.inf if trail.length_px is None else (trail.length_px / 2.0 / psf_px - 5.0) / 2.0
-    samples = int(min(max(rest, FEWEST_BESIDE), 12))
+    samples = int(min(max(_rest(trail, psf_px), FEWEST_BESIDE), 12))
     everywhere = list(np.arange(0.0, 180.0, 3.75))
     # Stars' streaks that lie beside a peak pass it at up to about half a right angle.
     beside = [one for one in everywhere if angles and _apart(one, angles[0]) < 45.0]
@@ -382,6 +431,31 @@ def _point_target(
     peaks = np.concatenate([peaks, on_streaks])
     # The strongest first, and only so many: what looks like more is no satellite among stars.
     peaks = peaks[np.argsort(peaks[:, 3] - peaks[:, 2])][:MOST_CANDIDATES]
+    points = _points(prepared, peaks, near, trail, angles[:1] or everywhere[::4], psf_px)
+    lone = [one for one in discs if not any(one.holds(other.x, other.y, 3.0 * psf_px) for other in points)]
+    if lone and not steady and not told and trail.known:
+        why = "trails are too short to tell whether what is saturated is the satellite"
+        return _because(none, why)
+    points += [
+        _point_of(prepared, one) for one in lone if one.whole and (one in steady or _is_no_trail(one, trail))
+    ]
+    if not points:
+        return _because(none, "nothing that stands out has the shape of a point")
+    if trailing and not trail.shown and len(points) > MOST_STANDING:
+        return _because(none, "the stars stand still: does this camera look along the mount?")
+    standing = [one for one in points if any(disc.holds(one.x, one.y, 0.0) for disc in steady)]
+    return _chosen(prepared, standing or points, trailing or bool(standing), near, none)
+
+
+def _points(
+    prepared: PreparedImage,
+    peaks: Array,
+    near: tuple[float, float, float] | None,
+    trail: _Trail,
+    angles_deg: list[float],
+    psf_px: float,
+) -> list[Point]:
+    """Return the peaks that have the shape of a point, eight at most."""
     points: list[Point] = []
     for x, y, height, ridge, angle in peaks:
         snr = height - ridge
@@ -391,21 +465,43 @@ def _point_target(
             if found is None or any(math.hypot(found.x - o.x, found.y - o.y) < 3.0 * psf_px for o in points):
                 continue
             # Of a longer trail more is seen on both sides of a peak than the peak itself tells.
-            if rest >= FEWEST_BESIDE or is_point_for_sure(
-                prepared, found, trail.length_px or 0.0, angles[:1] or everywhere[::4], psf_px
+            if _rest(trail, psf_px) >= FEWEST_BESIDE or is_point_for_sure(
+                prepared, found, trail.length_px or 0.0, angles_deg, psf_px
             ):
                 points.append(found)
         if len(points) >= 8:
             break
-    if not points:
-        return _because(none, "nothing that stands out has the shape of a point")
-    if trailing and not trail.shown and len(points) > MOST_STANDING:
-        return _because(none, "the stars stand still: does this camera look along the mount?")
-    return _chosen(prepared, points, trailing, near, none)
+    return points
+
+
+def _rest(trail: _Trail, psf_px: float) -> float:
+    """Return at how many places on each side of a peak a trail through it is seen."""
+    return math.inf if trail.length_px is None else (trail.length_px / 2.0 / psf_px - 5.0) / 2.0
+
+
+def _without(discs: list[Disc], peaks: Array, psf_px: float) -> Array:
+    """Return the peaks that are in no large disc nor close beside: noise and halo show some there."""
+    for disc in discs:
+        if disc.radius_px > 2.0 * psf_px:
+            peaks = peaks[~disc.holds(peaks[:, 0], peaks[:, 1], 3.0 * psf_px)]
+    return peaks
+
+
+def _is_no_trail(disc: Disc, trail: _Trail) -> bool:
+    """Tell whether something saturated is much shorter than stars' trails, if those are known."""
+    if trail.length_px is None:
+        return True
+    return trail.length_px > LEAST_TRAIL_PX and disc.length_px < 0.5 * trail.length_px
+
+
+def _point_of(prepared: PreparedImage, disc: Disc) -> Point:
+    """Return something saturated as a point."""
+    snr = float(prepared.snr[round(disc.y), round(disc.x)])
+    return Point(disc.x, disc.y, OF_DISC_PX, snr, disc.flux, disc.peak)
 
 
 def _because(none: Detection, why: str) -> Detection:
-    return Detection("none", why=why, stars=none.stars, saturated=none.saturated, streaks=none.streaks)
+    return replace(none, why=why)
 
 
 def _chosen(
@@ -427,7 +523,7 @@ def _chosen(
     if near is None and not trailing and len(there) > 1:
         stars = tuple(PointSource(one.x, one.y, one.flux, one.snr) for one in points)
         why = "stars do not trail, and nothing distinguishes the satellite from them"
-        return Detection("none", why=why, stars=stars, saturated=prepared.saturated, streaks=none.streaks)
+        return replace(none, why=why, stars=stars)
     if len(there) > 1 and there[1].flux > AMBIGUOUS * best.flux:
         return _because(none, f"{len(there)} points are alike, and nothing shows which is the satellite")
     return Detection(
@@ -617,7 +713,7 @@ def _streak_found(prepared: PreparedImage, fits: list[Streak], none: Detection) 
         best.snr,
         stars=none.stars,
         saturated=prepared.saturated,
-        peak=float(prepared.image[round(best.y), round(best.x)]),
+        peak=float(prepared.pixels[round(best.y), round(best.x)]),
         streaks=len(fits),
     )
 

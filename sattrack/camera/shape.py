@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import distance_transform_edt, find_objects, label, map_coordinates
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,6 +22,38 @@ SHARPEST, SURELY_SHARP = 0.8, 0.3
 With less than the second it needs no fit."""
 SURELY_POINT = 100.0
 """How much likelier than a star's trail a point must be: a field has many faint stars, and one satellite."""
+FULL = 0.98
+"""Of the full scale: from there on a pixel tells nothing, for a full well is read with noise."""
+PLATEAU, FOOT = 0.8, 0.4
+"""Shares of what is between the sky and the full scale. A disc has the first, for a well may hold less than
+the converter counts; it ends at the second, so that noise cuts no trail into discs."""
+LARGEST_DISC = 0.1
+"""The radius of a disc, as a share of the image's shorter side; what is larger is the Moon or a cloud."""
+MOST_DISCS = 50
+OF_DISC_PX = 0.3
+"""One sigma of the middle of a disc: its edge goes by whole pixels."""
+
+
+class Disc(NamedTuple):
+    """Something saturated: its middle, radius, and by how much it is longer than wide, pixels; its light."""
+
+    x: float
+    y: float
+    radius_px: float
+    length_px: float
+    flux: float
+    peak: float
+    whole: bool
+    """Whether none of it is at the image's edge."""
+
+    @property
+    def compact(self) -> bool:
+        """Whether it is about as long as wide."""
+        return self.length_px < 2.0 + self.radius_px
+
+    def holds(self, x: Any, y: Any, beside_px: float) -> Any:
+        """Tell whether a place is in it, or so close beside it that its light is there; so of arrays."""
+        return np.hypot(x - self.x, y - self.y) < self.radius_px + self.length_px / 2.0 + beside_px
 
 
 class PreparedImage(NamedTuple):
@@ -34,6 +66,9 @@ class PreparedImage(NamedTuple):
     saturated: float
     gain: float | None
     """Electrons for each unit, where the camera says so."""
+    pixels: Pixels
+    """The image as it was read."""
+    discs: tuple[Disc, ...]
 
 
 class Point(NamedTuple):
@@ -66,7 +101,7 @@ def fitted_point(
         data -= under
         variance *= 1.3
     if good.sum() < 0.6 * good.size:
-        return _saturated_point(prepared, box, col, row, half, snr, psf_px)
+        return None
     hot = _around(data, half) < SURELY_SHARP * float(data[half, half])
     start = (x - col, y - row)
     fit = None if hot else _gauss_newton(data, np.sqrt(variance), good, dx, dy, start, psf_px)
@@ -85,7 +120,10 @@ def fitted_point(
     if prepared.gain is not None:
         # The satellite's own photons: their share of a place is sigma over the root of their number.
         of_place = math.hypot(of_place, sigma / math.sqrt(max(flux * prepared.gain, 1.0)))
-    peak = float(prepared.image[box].max())
+    # What the star's image has at its middle: of the pixels there, one may be hot.
+    middle = 0.5 / (math.sqrt(2.0) * sigma)
+    under = float(prepared.pixels[row, col]) - data[half, half] + sky
+    peak = under + flux * math.erf(middle) ** 2
     return Point(col + ox, row + oy, math.hypot(of_place, CENTROID_FLOOR_PX), snr, flux, peak)
 
 
@@ -238,23 +276,55 @@ def _gauss_newton(
     return values, np.linalg.inv(normal), float(wanted @ wanted) / dof, dof
 
 
-def _saturated_point(
-    prepared: PreparedImage,
-    box: tuple[slice, slice],
-    col: int,
-    row: int,
-    half: int,
-    snr: float,
-    psf_px: float,
-) -> Point | None:
-    """Return a point of which most is saturated, by the middle of what is."""
-    full = prepared.bad[box]
-    dy, dx = np.nonzero(full)
-    if not len(dx) or max(np.ptp(dx), np.ptp(dy)) >= 2 * half:
+def discs_of(pixels: Pixels, image: Pixels, sky: float, full: float) -> tuple[Disc, ...]:
+    """Return what is saturated in an image of a sky's level and a full scale, the largest first.
+
+    `image` has no background. Single pixels do not count, nor do columns that overflow from a disc: they are
+    thinner than it.
+    """
+    plateau = pixels >= sky + PLATEAU * (full - sky)
+    if not plateau.any():
+        return ()
+    # Hot pixels stand alone.
+    pairs = plateau[:-1] & plateau[1:]
+    squares = pairs[:, :-1] & pairs[:, 1:]
+    if not squares.any():
+        return ()
+    numbers, _ = label(pixels >= sky + FOOT * (full - sky), np.ones((3, 3), dtype=np.intp))
+    parts = find_objects(numbers)
+    found = []
+    for number in np.unique(numbers[:-1, :-1][squares])[:MOST_DISCS].tolist():
+        box = parts[number - 1]
+        disc = _disc(numbers[box] == number, pixels[box], image[box], min(pixels.shape))
+        if disc is not None:
+            x, y = disc.x + box[1].start, disc.y + box[0].start
+            whole = all(at.start > 0 and at.stop < size for at, size in zip(box, pixels.shape, strict=True))
+            found.append(disc._replace(x=x, y=y, whole=whole))
+    return tuple(sorted(found, key=lambda one: -one.flux))
+
+
+def _disc(part: NDArray[np.bool_], pixels: Pixels, image: Pixels, side: int) -> Disc | None:
+    """Return a part of a box as a disc, its place within the box; None where it is too large."""
+    padded = np.pad(part, 1)
+    depth = distance_transform_edt(padded)
+    deepest = float(depth.max())
+    if deepest > LARGEST_DISC * side:
         return None
-    spread = np.sort(np.linalg.eigvalsh(np.cov(np.stack([dx, dy])) + 1e-6 * np.eye(2)))
-    if spread[1] > 2.5 * spread[0] + 1.0:
-        return None
-    x, y = col - half + float(dx.mean()), row - half + float(dy.mean())
-    flux = float(prepared.image[box].sum())
-    return Point(x, y, 0.3 * psf_px, snr, flux, float(prepared.image[box].max()))
+    thin = max(2.0, 0.67 * deepest)
+    if deepest > thin:
+        # What is thinner than two thirds of it, such as the columns into which it overflows, goes.
+        padded &= distance_transform_edt(depth <= thin) <= thin
+    rows, columns = np.nonzero(padded[1:-1, 1:-1])
+    spread = np.cov(np.stack([columns, rows]).astype(np.float64), bias=True) + np.eye(2) / 12.0
+    small, large = np.linalg.eigvalsh(spread).tolist()
+    values = pixels[rows, columns]
+    return Disc(
+        float(columns.mean()),
+        float(rows.mean()),
+        2.0 * math.sqrt(small),
+        # A box of length L has a variance of L²/12 along it.
+        math.sqrt(12.0 * max(large - small, 0.0)),
+        float(image[rows, columns].sum()),
+        float(np.sort(values)[-4:].min()),
+        True,
+    )

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import math
 
+import camera_sky
 import numpy as np
 import pytest
 from camera_frames import Canvas, star_streaks
 
 from sattrack.camera.detection import Detection, Detector, ExpectedMotion
 from sattrack.camera.frames import CameraFrame
+from sattrack.mount.simulator.camera import SkyCamera
+from sattrack.mount.simulator.hidden import Hidden, SimulatedCamera
+from sattrack.mount.simulator.night_sky import NightSky
+from sattrack.runtime import demo_pass
 from tle.instants import Utc
 
 pytest.importorskip("sep", reason="detection needs the extra camera")
@@ -185,3 +190,98 @@ def test_stars_that_stand_still_while_the_mount_follows_are_no_satellite() -> No
     assert one.kind == "none"
     assert one.why is not None
     assert "stand still" in one.why
+
+
+def saturated(
+    radius: float, rng: np.random.Generator, halo: bool, bloom: bool, length: float = 40.0
+) -> np.ndarray:
+    """Return a frame of trails with a satellite at (250.3, 190.6) that is saturated to a radius."""
+    canvas = small()
+    star_streaks(canvas, rng, 15, length, 35.0)
+    # A Gaussian falls to the full scale at the radius; a halo is a wider one with little of the light.
+    psf_px = radius / 2.0 if halo else max(1.2, radius / 5.0)
+    wide = Canvas(canvas.width, canvas.height, psf_px)
+    top = 65035.0 * math.exp(0.5 * (radius / psf_px) ** 2)
+    wide.point(250.3, 190.6, top * 2.0 * math.pi * psf_px**2)
+    canvas.electrons += np.minimum(wide.electrons, 1e7)
+    if bloom:
+        canvas.electrons[130:260, 249:252] += 1e6
+    return canvas.exposed(rng)
+
+
+@pytest.mark.parametrize("radius", [3.0, 5.0, 9.0, 15.0])
+@pytest.mark.parametrize("halo", [False, True])
+@pytest.mark.parametrize("bloom", [False, True])
+def test_a_saturated_disc_is_the_satellite_and_its_middle_the_place(
+    radius: float, halo: bool, bloom: bool
+) -> None:
+    rng = np.random.default_rng(int(radius))
+    for motion in (None, ExpectedMotion((300.0, 200.0), 0.0)):
+        one = seen(saturated(radius, rng, halo, bloom), motion)
+        assert one.kind == "point", one.why
+        assert one.x is not None
+        assert one.y is not None
+        assert one.sigma_px is not None
+        assert math.hypot(one.x - 250.3, one.y - 190.6) < 3.0 * one.sigma_px
+        assert one.peak is not None
+        assert one.peak > 0.95 * 65535.0
+
+
+def test_saturated_trails_of_stars_are_no_satellite_and_hide_none() -> None:
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        canvas = small()
+        star_streaks(canvas, rng, 15, 40.0, 35.0)
+        canvas.streak(150.0, 120.0, 40.0, 35.0, 2e6)
+        canvas.streak(350.0, 220.0, 40.0, 35.0, 2e5)
+        assert seen(canvas.exposed(rng)).kind == "none"
+        canvas.point(250.0, 290.0, canvas.flux_of(40.0))
+        assert seen(canvas.exposed(rng)).x == pytest.approx(250.0, abs=0.3)
+
+
+def test_two_saturated_discs_are_alike_and_their_light_is_told() -> None:
+    rng = np.random.default_rng(4)
+    canvas = small()
+    star_streaks(canvas, rng, 15, 40.0, 35.0)
+    canvas.point(150.0, 120.0, 1e8)
+    canvas.point(350.0, 220.0, 1e8)
+    one = seen(canvas.exposed(rng))
+    assert one.kind == "none"
+    assert one.peak == pytest.approx(65535.0)
+
+
+def test_saturated_round_stars_are_no_satellite_and_drive_no_exposure() -> None:
+    rng = np.random.default_rng(4)
+    canvas = small()
+    for _ in range(20):
+        canvas.point(rng.uniform(20, 490), rng.uniform(20, 360), 10.0 ** rng.uniform(4.0, 8.0))
+    for motion in (None, ExpectedMotion(stars=0.0, target=700.0), ExpectedMotion(stars=0.0, target=0.0)):
+        one = seen(canvas.exposed(rng), motion)
+        assert one.kind == "none"
+        assert one.peak is None
+
+
+def test_a_saturated_disc_that_stands_while_stars_move_is_the_satellite_where_trails_are_short() -> None:
+    rng = np.random.default_rng(4)
+    detector, kinds = Detector(), []
+    for number in range(3):
+        canvas = small()
+        canvas.point(250.3, 190.6, 1e8)
+        canvas.point(40.0 + 100.0 * number, 80.0, 1e8)
+        frame = CameraFrame(
+            canvas.exposed(rng).astype(np.float32), Utc(START_S + 0.5 * number), 0.005, "a frame", 65535.0
+        )
+        kinds.append(detector.look(frame, ExpectedMotion((200.0, 0.0), 0.0)).x)
+    assert kinds == [None, pytest.approx(250.3, abs=0.9), pytest.approx(250.3, abs=0.9)]
+
+
+@pytest.mark.parametrize("magnitude", [-2.0, 0.0, 2.0])
+def test_a_saturated_satellite_of_the_simulated_camera_is_found(magnitude: float) -> None:
+    sky = NightSky(camera_sky.SITE, [demo_pass.elements()], camera_sky.NONE, camera_sky.NO_AIR)
+    camera = SkyCamera(sky, SimulatedCamera(2.5, 400, 300), Hidden(magnitude=magnitude), camera_sky.START_S)
+    path = camera_sky.following(sky, 70.0)
+    start_s = camera_sky.START_S + 60.0
+    picture, place = camera.frame(start_s, 0.1, path), camera.seen(start_s, 0.1, path)
+    one = seen(picture.pixels[::-1], ExpectedMotion(600.0, 0.0))
+    assert one.x == pytest.approx(place.column, abs=0.9)
+    assert one.y == pytest.approx(299.0 - place.row, abs=0.9)
