@@ -74,7 +74,8 @@ def sequences(frames: int, snr: float, psf_px: float, single: bool, seed: int) -
 class Empty:
     """A kind of frames without a satellite: streaks of stars, their lengths (pixels), and what else there is.
 
-    `led`: by what a run says of the stars' motion; `round_stars` do not trail, and the satellite would.
+    `led`: by what a run says of the stars' motion; `round_stars` do not trail, and the satellite would. Hot
+    pixels have any brightness from three sigmas of the noise to saturation, as likely in each decade.
     """
 
     name: str
@@ -83,17 +84,21 @@ class Empty:
     hot: int = 0
     led: bool = False
     round_stars: int = 0
+    psf_px: float = 1.2
 
 
 EMPTY = (
     Empty("noise alone", streaks=0),
     Empty("50 streaks of 30 to 150 px"),
     Empty("50 streaks, 300 hot pixels", hot=300, led=True),
+    Empty("40 hot pixels, FWHM 2.0 px", hot=40, led=True, psf_px=0.85),
+    Empty("40 hot pixels, FWHM 1.4 px", hot=40, led=True, psf_px=0.6),
     Empty("50 streaks of 8 to 40 px", lengths=(8.0, 40.0), led=True),
     Empty("200 streaks of 30 to 150 px", streaks=200, led=True),
     Empty("100 round stars, mount waiting", streaks=0, hot=100, led=True, round_stars=100),
 )
 EXPOSURE_S = 0.1
+HOTTEST = 65535.0
 
 
 def empty(frames: int, kind: Empty, seed: int) -> None:
@@ -102,7 +107,7 @@ def empty(frames: int, kind: Empty, seed: int) -> None:
     found: Counter[str] = Counter()
     spent_s = 0.0
     for _ in range(math.ceil(frames / 10)):
-        canvas = Canvas(psf_px=1.2)
+        canvas = Canvas(psf_px=kind.psf_px)
         length, angle = rng.uniform(*kind.lengths), rng.uniform(0, 180)
         star_streaks(canvas, rng, kind.streaks, length, angle)
         for _ in range(kind.round_stars):
@@ -116,9 +121,11 @@ def empty(frames: int, kind: Empty, seed: int) -> None:
         expected = ExpectedMotion(stars, target) if kind.led else None
         for number in range(10):
             pixels = canvas.exposed(rng).astype(np.float32)
-            pixels[hot[:, 0], hot[:, 1]] += rng.exponential(3000.0, kind.hot)
+            heights = 3.0 * canvas.noise * (HOTTEST / 3.0 / canvas.noise) ** rng.uniform(0.0, 1.0, kind.hot)
+            pixels[hot[:, 0], hot[:, 1]] = np.minimum(pixels[hot[:, 0], hot[:, 1]] + heights, HOTTEST)
             looks_s = time.process_time()
-            found[look(Detector(), pixels, number, expected).kind] += 1
+            # A run of frames has told how sharp stars are.
+            found[look(Detector(canvas.psf_px), pixels, number, expected).kind] += 1
             spent_s += time.process_time() - looks_s
     total = found.total()
     false = ", ".join(f"{n} {name}" for name, n in found.items() if name != "none") or "0"

@@ -20,6 +20,9 @@ CENTROID_FLOOR_PX = 0.03
 SHARPEST, SURELY_SHARP = 0.8, 0.3
 """Of a star's middle pixel, the eight about it have at least so much light together; of a hot one none.
 With less than the second it needs no fit."""
+LEAST_WITHOUT, SHARE_WITHOUT = 4.5, 0.7
+"""A star is significant without its brightest pixel too: so much, or a share of what a faint one is with it.
+What is left of a hot pixel is noise, however bright it is."""
 SURELY_POINT = 100.0
 """How much likelier than a star's trail a point must be: a field has many faint stars, and one satellite."""
 FULL = 0.98
@@ -113,7 +116,11 @@ def fitted_point(
     limit = 1.9 + (0.25 * snr) ** 2 / dof + 0.01 * ridge
     if sharp or residual > limit or flux <= 0.0:
         return None
-    if _is_long(data - sky, np.sqrt(variance), good, dx - ox, dy - oy, (flux, sigma)):
+    noise = np.sqrt(variance * max(1.0, residual))
+    without = _without_brightest(top, noise, good, (ox, oy, sigma))
+    if without < min(LEAST_WITHOUT, SHARE_WITHOUT * snr) or _is_long(
+        top, np.sqrt(variance), good, dx - ox, dy - oy, (flux, sigma)
+    ):
         return None
     grown = math.sqrt(max(1.0, residual))
     of_place = math.sqrt(max(covariance[1, 1], covariance[2, 2])) * grown
@@ -173,6 +180,22 @@ def _explains(data: Array, along: Array, across: Array, length_px: float, psf_px
 def _around(data: Array, half: int) -> float:
     """Return the light of the eight pixels about the middle one."""
     return float(data[half - 1 : half + 2, half - 1 : half + 2].sum()) - float(data[half, half])
+
+
+def _without_brightest(
+    data: Array, noise: Array, good: NDArray[np.bool_], shape: tuple[float, float, float]
+) -> float:
+    """Return the significance of a Gaussian (x, y from the middle, sigma) in all pixels but the brightest."""
+    from scipy.special import erf
+
+    half = data.shape[0] // 2
+    edges = np.arange(-half, half + 2) - 0.5
+    x, y, sigma = shape
+    across, up = (np.diff(erf((edges - centre) / (math.sqrt(2.0) * sigma))) for centre in (x, y))
+    bell = np.where(good, np.outer(up, across), 0.0) / noise
+    row, col = np.unravel_index(int(data[half - 1 : half + 2, half - 1 : half + 2].argmax()), (3, 3))
+    bell[row + half - 1, col + half - 1] = 0.0
+    return float((bell * data / noise).sum()) / math.sqrt(float((bell * bell).sum()))
 
 
 def _is_long(

@@ -285,3 +285,22 @@ def test_a_saturated_satellite_of_the_simulated_camera_is_found(magnitude: float
     one = seen(picture.pixels[::-1], ExpectedMotion(600.0, 0.0))
     assert one.x == pytest.approx(place.column, abs=0.9)
     assert one.y == pytest.approx(299.0 - place.row, abs=0.9)
+
+
+@pytest.mark.parametrize("psf_px", [0.6, 0.85])
+def test_hot_pixels_of_any_brightness_are_no_satellite_where_stars_are_sharp(psf_px: float) -> None:
+    rng = np.random.default_rng(2)
+    canvas, found = small(psf_px), 0
+    for number in range(120):
+        pixels = canvas.exposed(rng).astype(np.float64)
+        # One that is 8 to 25 times as bright as the noise, such as a filter for sharp stars lets through.
+        row, column = rng.integers(20, 360), rng.integers(20, 480)
+        pixels[row, column] += canvas.noise * rng.uniform(8.0, 25.0)
+        assert seen(pixels, detector=Detector(psf_px)).kind == "none"
+        if number < 40:
+            faint = small(psf_px)
+            x, y = rng.uniform(20.0, 360.0, 2)
+            faint.point(x, y, faint.flux_of(8.0 * FWHM_APERTURE))
+            one = seen(faint.exposed(rng), detector=Detector(psf_px))
+            found += one.x is not None and one.y is not None and math.hypot(one.x - x, one.y - y) < 1.0
+    assert found >= (39 if psf_px > 0.8 else 34)
