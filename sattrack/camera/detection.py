@@ -19,6 +19,8 @@ from sattrack.camera.shape import (
     CENTROID_FLOOR_PX,
     FULL,
     OF_DISC_PX,
+    SURELY_POINT,
+    SURELY_SHARP,
     Disc,
     Point,
     PreparedImage,
@@ -52,11 +54,13 @@ MESH_PX = 64
 USUAL_PSF_PX = 1.3
 PSF_PX = (0.6, 6.0)
 """Between these the sigma of a star's image is believed to be."""
-MOST_CANDIDATES = 60
+MOST_CANDIDATES, MOST_ALIKE = 60, 300
 AMBIGUOUS = 0.6
 """Of two points, the brighter one counts where the other has less than this share of its flux."""
 MOST_STANDING = 3
 """More points than that are stars, where a run says that stars trail and the frame shows no trail."""
+FEWEST_ROUND = 3
+"""Among fewer round stars a streak is no satellite."""
 LEAST_TRAIL_PX = 3.0
 """Of shorter trails no single frame shows that they are none."""
 RIDGE_SNR = 3.0
@@ -152,7 +156,7 @@ class Detector:
             steady = [one for one in discs if self._stands(one, float(frame.utc.unix_s), expected)]
             found = _point_target(prepared, long, trail, near, self.psf_px, steady)
         if found.kind == "none" and expected.target is None and not trail.known:
-            found = _lone_streak(prepared, long, found)
+            found = _lone_streak(prepared, long, found, self.psf_px)
         self._stood = float(frame.utc.unix_s), discs
         if found.x is not None and found.y is not None:
             self._last = [*self._last[-3:], (float(frame.utc.unix_s), found.x, found.y)]
@@ -407,7 +411,7 @@ def _point_target(
     )
     trailing = trail.length_px is not None and trail.length_px > 2.0 * LONG_RATIO * psf_px
     least = SURE_SNR if near is None else EXPECTED_SNR
-    peaks = _peaks(prepared.snr, least)
+    peaks = found = _spread(prepared.image, _peaks(prepared.snr, least))
     on_streaks = _on_streaks(prepared.snr, long, least, psf_px)
     peaks, on_streaks = (_without(discs, one, psf_px) for one in (peaks, on_streaks))
     if not len(peaks) and not len(on_streaks) and not discs:
@@ -431,7 +435,8 @@ def _point_target(
     peaks = np.concatenate([peaks, on_streaks])
     # The strongest first, and only so many: what looks like more is no satellite among stars.
     peaks = peaks[np.argsort(peaks[:, 3] - peaks[:, 2])][:MOST_CANDIDATES]
-    points = _points(prepared, peaks, near, trail, angles[:1] or everywhere[::4], psf_px)
+    directions_deg = angles[:1] or everywhere[::4]
+    points = _points(prepared, peaks, near, trail, directions_deg, psf_px)
     lone = [one for one in discs if not any(one.holds(other.x, other.y, 3.0 * psf_px) for other in points)]
     if lone and not steady and not told and trail.known:
         why = "trails are too short to tell whether what is saturated is the satellite"
@@ -441,10 +446,42 @@ def _point_target(
     ]
     if not points:
         return _because(none, "nothing that stands out has the shape of a point")
-    if trailing and not trail.shown and len(points) > MOST_STANDING:
-        return _because(none, "the stars stand still: does this camera look along the mount?")
     standing = [one for one in points if any(disc.holds(one.x, one.y, 0.0) for disc in steady)]
+    if near is None and not trail.shown and not standing:
+        # Stars that stand close together hide one another: others that are about as bright are looked for.
+        found = _beside(long, found, psf_px)
+        bright = max(one.snr for one in points)
+        found = found[np.argsort(np.abs(found[:, 2] - bright))][:MOST_ALIKE]
+        seen = _points(prepared, found, None, trail, directions_deg, psf_px, 1.0)
+        points += [
+            one for one in seen if all(math.hypot(one.x - o.x, one.y - o.y) > 3.0 * psf_px for o in points)
+        ]
+    if trailing and not trail.shown and not standing and len(points) > MOST_STANDING:
+        return _because(none, "the stars stand still: does this camera look along the mount?")
     return _chosen(prepared, standing or points, trailing or bool(standing), near, none)
+
+
+def _spread(image: Pixels, peaks: Array) -> Array:
+    """Return the peaks whose light is not that of one pixel."""
+    rows, columns = peaks[:, 1].astype(np.intp), peaks[:, 0].astype(np.intp)
+    values = np.stack([image[rows + dy, columns + dx] for dy in (-1, 0, 1) for dx in (-1, 0, 1)])
+    most = values.max(axis=0)
+    kept: Array = peaks[values.sum(axis=0) - most >= SURELY_SHARP * most]
+    return kept
+
+
+def _beside(long: list[Streak], peaks: Array, psf_px: float) -> Array:
+    """Return the peaks that are on no streak."""
+    for one in long:
+        angle = math.radians(one.angle_deg)
+        dx, dy = peaks[:, 0] - one.x, peaks[:, 1] - one.y
+        along, across = (
+            dx * math.cos(angle) + dy * math.sin(angle),
+            dy * math.cos(angle) - dx * math.sin(angle),
+        )
+        reach_px = 0.5 * one.length_px + 3.0 * psf_px
+        peaks = peaks[(np.abs(along) > reach_px) | (np.abs(across) > 3.0 * psf_px)]
+    return peaks
 
 
 def _points(
@@ -454,8 +491,9 @@ def _points(
     trail: _Trail,
     angles_deg: list[float],
     psf_px: float,
+    times: float = SURELY_POINT,
 ) -> list[Point]:
-    """Return the peaks that have the shape of a point, eight at most."""
+    """Return the peaks that are points, and so many times as likely as a trail, eight at most."""
     points: list[Point] = []
     for x, y, height, ridge, angle in peaks:
         snr = height - ridge
@@ -466,7 +504,7 @@ def _points(
                 continue
             # Of a longer trail more is seen on both sides of a peak than the peak itself tells.
             if _rest(trail, psf_px) >= FEWEST_BESIDE or is_point_for_sure(
-                prepared, found, trail.length_px or 0.0, angles_deg, psf_px
+                prepared, found, trail.length_px or 0.0, angles_deg, psf_px, times
             ):
                 points.append(found)
         if len(points) >= 8:
@@ -681,12 +719,16 @@ def _streak_target(
     return _streak_found(prepared, fits, none)
 
 
-def _lone_streak(prepared: PreparedImage, long: list[Streak], otherwise: Detection) -> Detection:
+def _lone_streak(
+    prepared: PreparedImage, long: list[Streak], otherwise: Detection, psf_px: float
+) -> Detection:
     """Return the one streak among round stars as the satellite, where there is just one."""
     if len(long) != 1:
         return otherwise
     stars = _round(prepared, long)
-    if len(stars) < 3:
+    # Hot pixels are round in the filtered image too.
+    shaped = [fitted_point(prepared, one.x, one.y, one.snr, 0.0, 0.0, psf_px) for one in stars[:30]]
+    if len(shaped) - shaped.count(None) < FEWEST_ROUND:
         return otherwise
     return _streak_found(
         prepared, long, Detection("none", stars=stars, saturated=prepared.saturated, streaks=1)
@@ -723,7 +765,7 @@ def _ends(prepared: PreparedImage, streak: Streak) -> tuple[float, float, float]
 
     The light across the streak, summed at each distance along it, is an even strip with blurred ends.
     """
-    from scipy.optimize import curve_fit
+    from scipy.optimize import leastsq
     from scipy.special import erf
 
     angle = math.radians(streak.angle_deg)
@@ -743,11 +785,10 @@ def _ends(prepared: PreparedImage, streak: Streak) -> tuple[float, float, float]
     half = 0.5 * streak.length_px
     start = (float(np.median(light[np.abs(at) < 0.8 * half])), -half, half, streak.width_px, 0.0)
     noise = prepared.noise * math.sqrt(len(side))
-    try:
-        values, covariance = curve_fit(
-            strip, at, light, start, np.full(len(at), noise), absolute_sigma=True, maxfev=400
-        )
-    except RuntimeError:
+    values, covariance, *_ = leastsq(
+        lambda shape: (light - strip(at, *shape)) / noise, start, full_output=True, maxfev=400
+    )
+    if covariance is None:
         return None
     first, last = float(values[1]), float(values[2])
     misfit = float(np.mean(((light - strip(at, *values)) / noise) ** 2))

@@ -117,8 +117,8 @@ def fitted_point(
     if sharp or residual > limit or flux <= 0.0:
         return None
     noise = np.sqrt(variance * max(1.0, residual))
-    without = _without_brightest(top, noise, good, (ox, oy, sigma))
-    if without < min(LEAST_WITHOUT, SHARE_WITHOUT * snr) or _is_long(
+    # Noise beside a hot pixel makes it look like a star that is sharper than others.
+    if _is_one_pixel(top, noise, good, (ox, oy, max(sigma, 0.9 * psf_px)), snr) or _is_long(
         top, np.sqrt(variance), good, dx - ox, dy - oy, (flux, sigma)
     ):
         return None
@@ -135,9 +135,14 @@ def fitted_point(
 
 
 def is_point_for_sure(
-    prepared: PreparedImage, point: Point, length_px: float, angles_deg: Sequence[float], psf_px: float
+    prepared: PreparedImage,
+    point: Point,
+    length_px: float,
+    angles_deg: Sequence[float],
+    psf_px: float,
+    times: float = SURELY_POINT,
 ) -> bool:
-    """Tell whether a point fits much better than a star's trail of a known length in any of some directions.
+    """Tell whether a point is so many times as likely as a star's trail of a length, in some directions.
 
     The likelihood ratio of the two images, of the best flux each. A trail may lie shifted along itself: noise
     says where on it a point was seen.
@@ -150,7 +155,7 @@ def is_point_for_sure(
     data = np.where(prepared.bad[low:high, left:right], 0.0, prepared.image[low:high, left:right])
     dy, dx = np.mgrid[low:high, left:right].astype(np.float64)
     dx, dy = dx - point.x, dy - point.y
-    least = _explains(data, dx, dy, 0.0, psf_px) - 2.0 * math.log(SURELY_POINT) * prepared.noise**2
+    least = _explains(data, dx, dy, 0.0, psf_px) - 2.0 * math.log(times) * prepared.noise**2
     shifts = np.linspace(-0.5, 0.5, 2 * math.ceil(length_px / psf_px / 2.0) + 1) * length_px
     for angle in np.radians(angles_deg).tolist():
         along, across = (
@@ -182,20 +187,26 @@ def _around(data: Array, half: int) -> float:
     return float(data[half - 1 : half + 2, half - 1 : half + 2].sum()) - float(data[half, half])
 
 
-def _without_brightest(
-    data: Array, noise: Array, good: NDArray[np.bool_], shape: tuple[float, float, float]
-) -> float:
-    """Return the significance of a Gaussian (x, y from the middle, sigma) in all pixels but the brightest."""
+def _is_one_pixel(
+    data: Array, noise: Array, good: NDArray[np.bool_], shape: tuple[float, float, float], snr: float
+) -> bool:
+    """Tell whether the brightest pixel alone explains more than a Gaussian (x, y from the middle, sigma).
+
+    So it does where all the others have too little of the Gaussian's light.
+    """
     from scipy.special import erf
 
     half = data.shape[0] // 2
     edges = np.arange(-half, half + 2) - 0.5
     x, y, sigma = shape
     across, up = (np.diff(erf((edges - centre) / (math.sqrt(2.0) * sigma))) for centre in (x, y))
-    bell = np.where(good, np.outer(up, across), 0.0) / noise
+    bell, light = np.where(good, np.outer(up, across), 0.0) / noise, data / noise
     row, col = np.unravel_index(int(data[half - 1 : half + 2, half - 1 : half + 2].argmax()), (3, 3))
+    brightest = float(light[row + half - 1, col + half - 1])
+    explained = float((bell * light).sum()) / math.sqrt(float((bell * bell).sum()))
     bell[row + half - 1, col + half - 1] = 0.0
-    return float((bell * data / noise).sum()) / math.sqrt(float((bell * bell).sum()))
+    without = float((bell * light).sum()) / math.sqrt(float((bell * bell).sum()))
+    return brightest > explained or without < min(LEAST_WITHOUT, SHARE_WITHOUT * snr)
 
 
 def _is_long(
