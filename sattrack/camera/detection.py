@@ -209,7 +209,7 @@ def _prepared(frame: CameraFrame, psf_px: float) -> PreparedImage | Detection:
     sample = pixels[:: max(1, pixels.shape[0] // 100), :: max(1, pixels.shape[1] // 100)]
     highest = math.inf if frame.saturation is None else frame.saturation
     full = pixels >= FULL * highest
-    saturated = float(full.mean())
+    saturated = np.count_nonzero(full) / full.size
     if saturated > 0.3:
         return Detection("none", why="most of it is saturated", saturated=saturated)
     if float(sample.max()) == float(sample.min()) and float(pixels.max()) == float(pixels.min()):
@@ -224,9 +224,14 @@ def _prepared(frame: CameraFrame, psf_px: float) -> PreparedImage | Detection:
     noise = float(background.globalrms)
     if not noise > 0.0 or not math.isfinite(noise):
         noise = float(np.std(sample)) or 1.0
-    under = np.repeat(np.repeat(background.back(dtype=np.float32), 2, axis=0), 2, axis=1)
-    image = pixels - under[: pixels.shape[0], : pixels.shape[1]]
-    image[bad] = 0.0
+    every_second = background.back(dtype=np.float32)
+    under = np.empty((len(every_second), pixels.shape[1]), dtype=np.float32)
+    under[:, ::2], under[:, 1::2] = every_second, every_second[:, : pixels.shape[1] // 2]
+    image = np.empty_like(pixels)
+    np.subtract(pixels[::2], under, out=image[::2])
+    np.subtract(pixels[1::2], under[: len(pixels) // 2], out=image[1::2])
+    if bad.any():
+        image[bad] = 0.0
     smooth = gaussian_filter1d(image, psf_px, axis=0, truncate=3.0)
     smooth = gaussian_filter1d(smooth, psf_px, axis=1, truncate=3.0)
     # The noise as it is after the filter: that of colour cameras is not white.
@@ -580,7 +585,7 @@ def _chosen(
 def _peaks(snr: Pixels, least: float) -> Array:
     """Return the peaks of the filtered image: x, y, significance, 0 (their ridge) and 0 (its direction)."""
     inner = snr[EDGE_PX:-EDGE_PX, EDGE_PX:-EDGE_PX]
-    rows, columns = np.nonzero(inner > 0.9 * least)
+    rows, columns = np.divmod(np.flatnonzero(inner > 0.9 * least), inner.shape[1])
     rows, columns = rows + EDGE_PX, columns + EDGE_PX
     values = snr[rows, columns]
     top = np.ones(len(values), dtype=bool)
