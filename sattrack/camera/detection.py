@@ -16,7 +16,6 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
 from sattrack.camera.shape import (
-    CENTROID_FLOOR_PX,
     FULL,
     OF_DISC_PX,
     SURELY_POINT,
@@ -28,11 +27,28 @@ from sattrack.camera.shape import (
     fitted_point,
     is_point_for_sure,
 )
+from sattrack.camera.streaks import (
+    EDGE_PX,
+    LONG_RATIO,
+    RIDGE_SNR,
+    Streak,
+    Trail,
+    apart_deg,
+    cross_section_px,
+    ends_of,
+    runs_through,
+    standing_on,
+    streaks_of,
+    swept_deg,
+    swept_px,
+    trail_of,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sattrack.camera.frames import CameraFrame
+    from sattrack.camera.streaks import Velocity
 
     Pixels = NDArray[np.float32]
     Array = NDArray[np.float64]
@@ -41,15 +57,10 @@ SURE_SNR = 6.5
 """Significance of a point anywhere: of 1.2 million pixels of noise, one in 10,000 frames has it."""
 EXPECTED_SNR = 4.5
 """Significance of a point where one is expected, by the frames before."""
-LONG_SNR = 4.0
-"""Significance that every pixel of a streak has in the filtered image."""
 EXPECTED_WITHIN_PX = 8.0
 """How far from where it is expected a point may be, beside what its motion is unsure by."""
 RECENT_S = 5.0
 """For so long the place of the satellite tells where it is expected."""
-FEWEST_PIXELS = 25
-LONG_RATIO = 2.5
-"""Length over width from which on a detection is a streak."""
 MESH_PX = 64
 USUAL_PSF_PX = 1.3
 PSF_PX = (0.6, 6.0)
@@ -63,26 +74,10 @@ FEWEST_ROUND = 3
 """Among fewer round stars a streak is no satellite."""
 LEAST_TRAIL_PX = 3.0
 """Of shorter trails no single frame shows that they are none."""
-RIDGE_SNR = 3.0
 FEWEST_BESIDE = 3
 """Places on each side of a peak at which a star's trail through it is looked for."""
-EDGE_PX = 4
 Kind = Literal["point", "streak", "none"]
 T_EVEN = 2.0
-
-
-class Streak(NamedTuple):
-    """Something long in a frame: its middle, length and direction in pixels and degrees from x towards y."""
-
-    x: float
-    y: float
-    length_px: float
-    angle_deg: float
-    width_px: float
-    flux: float
-    whole: bool
-    """Whether both of its ends are within the frame."""
-    snr: float
 
 
 class PointSource(NamedTuple):
@@ -101,8 +96,8 @@ class ExpectedMotion(NamedTuple):
     satellite must be, with one sigma, pixels from the middle of the first pixel.
     """
 
-    stars: tuple[float, float] | float | None = None
-    target: tuple[float, float] | float | None = None
+    stars: Velocity | None = None
+    target: Velocity | None = None
     near: tuple[float, float, float] | None = None
 
 
@@ -144,12 +139,12 @@ class Detector:
             return prepared
         discs = [one for one in prepared.discs if one.compact]
         # A column into which a disc overflows is no trail.
-        long = [one for one in _streaks(prepared) if not any(_runs_through(one, disc) for disc in discs)]
+        long = [one for one in streaks_of(prepared) if not any(runs_through(one, disc) for disc in discs)]
         self._learn_psf(prepared, long)
         expected = expected or ExpectedMotion()
         near = expected.near or self._near(float(frame.utc.unix_s))
-        trail = _trail(long, expected, frame.exposure_s)
-        wanted = _length(expected.target, frame.exposure_s)
+        trail = trail_of(long, expected.stars, frame.exposure_s)
+        wanted = swept_px(expected.target, frame.exposure_s)
         if wanted is not None and wanted > T_EVEN * LONG_RATIO * self.psf_px:
             found = _streak_target(prepared, long, expected, frame.exposure_s)
         else:
@@ -164,7 +159,7 @@ class Detector:
 
     def _learn_psf(self, prepared: PreparedImage, long: list[Streak]) -> None:
         bright = [one for one in long if one.snr > 12.0 and one.length_px > 15.0 * self.psf_px]
-        found = [_cross_section_px(prepared, one, self.psf_px) for one in bright[:3]]
+        found = [cross_section_px(prepared, one, self.psf_px) for one in bright[:3]]
         widths = [one for one in found if one is not None]
         if widths:
             share = 1.0 / (1.0 + min(self._psf_seen, 9))
@@ -175,7 +170,7 @@ class Detector:
         """Tell whether a disc stands where the satellite was last, or one while the stars moved."""
         places = [(x, y) for then_s, x, y in self._last[-1:] if 0.0 < utc_s - then_s < RECENT_S]
         since_s = utc_s - self._stood[0]
-        moved_px = _length(expected.stars, since_s) if 0.0 < since_s < RECENT_S else None
+        moved_px = swept_px(expected.stars, since_s) if 0.0 < since_s < RECENT_S else None
         if moved_px is not None and moved_px > 4.0 * EXPECTED_WITHIN_PX:
             places += [(one.x, one.y) for one in self._stood[1]]
         return any(math.hypot(disc.x - x, disc.y - y) < EXPECTED_WITHIN_PX for x, y in places)
@@ -255,150 +250,10 @@ def _clipped_sigma(values: Pixels) -> float:
     return float(np.std(kept)) / 0.945
 
 
-def _streaks(prepared: PreparedImage) -> list[Streak]:
-    """Return what is long in a frame, the brightest first."""
-    import sep
-
-    try:
-        found = sep.extract(
-            prepared.snr, LONG_SNR, minarea=FEWEST_PIXELS, filter_kernel=None, deblend_cont=1.0, clean=False
-        )
-    except Exception as error:
-        if "limit" in str(error) or "buffer" in str(error):
-            return []
-        raise
-    height, width = prepared.snr.shape
-    long: list[Streak] = []
-    for one in found[np.argsort(-found["flux"])]:
-        a, b = float(one["a"]), max(float(one["b"]), 0.3)
-        if a / b < LONG_RATIO:
-            continue
-        # A box of length L has a variance of L²/12 along it.
-        length = math.sqrt(12.0 * max(a * a - b * b, 0.0))
-        whole = (
-            one["xmin"] > EDGE_PX
-            and one["ymin"] > EDGE_PX
-            and one["xmax"] < width - 1 - EDGE_PX
-            and one["ymax"] < height - 1 - EDGE_PX
-        )
-        long.append(
-            Streak(
-                float(one["x"]),
-                float(one["y"]),
-                length,
-                math.degrees(float(one["theta"])) % 180.0,
-                b,
-                float(one["flux"]),
-                bool(whole),
-                float(one["peak"]),
-            )
-        )
-    return long
-
-
-def _cross_section_px(prepared: PreparedImage, streak: Streak, psf_px: float) -> float | None:
-    """Return the sigma of a streak's cross-section, a Gaussian's; None where it is none."""
-    angle = math.radians(streak.angle_deg)
-    along_x, along_y = math.cos(angle), math.sin(angle)
-    reach = 0.3 * streak.length_px
-    half = math.ceil(reach + 5.0 * psf_px)
-    col, row = round(streak.x), round(streak.y)
-    x0, x1 = max(0, col - half), min(prepared.image.shape[1], col + half + 1)
-    y0, y1 = max(0, row - half), min(prepared.image.shape[0], row + half + 1)
-    dy, dx = np.mgrid[y0:y1, x0:x1].astype(np.float64)
-    dx, dy = dx - streak.x, dy - streak.y
-    along, across = dx * along_x + dy * along_y, dy * along_x - dx * along_y
-    part = (np.abs(along) < reach) & (np.abs(across) < 5.0 * psf_px) & ~prepared.bad[y0:y1, x0:x1]
-    along, across, values = along[part], across[part], prepared.image[y0:y1, x0:x1][part].astype(np.float64)
-    if len(values) < 30:
-        return None
-    height, middle, slope, sigma, sky = float(values.max()), 0.0, 0.0, psf_px, 0.0
-    for _ in range(12):
-        at = (across - middle - slope * along) / sigma
-        bell = np.exp(-0.5 * at * at)
-        columns = np.stack(
-            [
-                bell,
-                height * bell * at / sigma,
-                height * bell * at / sigma * along,
-                height * bell * at * at / sigma,
-                np.ones_like(bell),
-            ],
-            axis=1,
-        )
-        step = np.linalg.lstsq(columns, values - height * bell - sky, rcond=None)[0]
-        height, middle, slope, sigma, sky = np.array([height, middle, slope, sigma, sky]) + step
-        if not 0.3 < sigma < 10.0 or abs(middle) > 5.0 * psf_px or height <= 0.0:
-            return None
-    # The square of a pixel's own width is a twelfth.
-    return math.sqrt(max(sigma * sigma - 1.0 / 12.0, 0.25))
-
-
-def _runs_through(streak: Streak, disc: Disc) -> bool:
-    """Tell whether a disc lies on a streak's middle line."""
-    angle = math.radians(streak.angle_deg)
-    dx, dy = disc.x - streak.x, disc.y - streak.y
-    along, across = dx * math.cos(angle) + dy * math.sin(angle), dy * math.cos(angle) - dx * math.sin(angle)
-    return abs(across) < disc.radius_px and abs(along) < 0.5 * streak.length_px + disc.radius_px
-
-
-class _Trail(NamedTuple):
-    """How stars trail in a frame: whether they do, their direction (None: unknown) and length, pixels."""
-
-    known: bool
-    angle_deg: float | None
-    length_px: float | None
-    shown: bool = False
-    """Whether the frame shows it, and not the run alone."""
-
-
-def _trail(long: list[Streak], expected: ExpectedMotion, exposure_s: float) -> _Trail:
-    """Return how stars trail: as the frame shows it, else as the run expects it."""
-    by_run = _length(expected.stars, exposure_s)
-    angle = _common_angle(long)
-    alike = [] if angle is None else [one for one in long if _apart(one.angle_deg, angle) < 5.0]
-    if len(alike) > 1:
-        # The faint ones come in pieces; the brightest are whole.
-        whole = [one for one in alike if one.whole] or alike
-        return _Trail(True, angle, float(np.median([one.length_px for one in whole[:9]])), True)
-    return _Trail(by_run is not None, _angle(expected.stars), by_run)
-
-
-def _common_angle(long: list[Streak]) -> float | None:
-    """Return the direction that more than half of the light of what is long has; None where none is."""
-    if not long:
-        return None
-    # Twice the angle: a streak has no sense.
-    weights = np.sqrt([one.flux for one in long])
-    turned = weights * np.exp(2j * np.radians([one.angle_deg for one in long]))
-    mean = complex(turned.sum())
-    if abs(mean) < 0.6 * float(weights.sum()):
-        return None
-    return math.degrees(math.atan2(mean.imag, mean.real)) / 2.0 % 180.0
-
-
-def _apart(one_deg: float, other_deg: float) -> float:
-    """Return the angle between two directions without a sense, degrees, 0 to 90."""
-    return abs((one_deg - other_deg + 90.0) % 180.0 - 90.0)
-
-
-def _length(velocity: tuple[float, float] | float | None, exposure_s: float) -> float | None:
-    if velocity is None:
-        return None
-    speed = velocity if isinstance(velocity, float | int) else math.hypot(*velocity)
-    return speed * exposure_s
-
-
-def _angle(velocity: tuple[float, float] | float | None) -> float | None:
-    if velocity is None or isinstance(velocity, float | int) or math.hypot(*velocity) == 0.0:
-        return None
-    return math.degrees(math.atan2(velocity[1], velocity[0])) % 180.0
-
-
 def _point_target(
     prepared: PreparedImage,
     long: list[Streak],
-    trail: _Trail,
+    trail: Trail,
     near: tuple[float, float, float] | None,
     psf_px: float,
     steady: list[Disc],
@@ -417,16 +272,16 @@ def _point_target(
     trailing = trail.length_px is not None and trail.length_px > 2.0 * LONG_RATIO * psf_px
     least = SURE_SNR if near is None else EXPECTED_SNR
     peaks = found = _spread(prepared.image, _peaks(prepared.snr, least))
-    on_streaks = _on_streaks(prepared.snr, long, least, psf_px)
+    on_streaks = standing_on(prepared.snr, long, least, psf_px)
     peaks, on_streaks = (_without(discs, one, psf_px) for one in (peaks, on_streaks))
     if not len(peaks) and not len(on_streaks) and not discs:
         return _because(none, "nothing stands out of the noise")
     angles = [] if trail.angle_deg is None else [trail.angle_deg]
-    angles += [one.angle_deg for one in long[:8] if all(_apart(one.angle_deg, a) > 3.0 for a in angles)]
+    angles += [one.angle_deg for one in long[:8] if all(apart_deg(one.angle_deg, a) > 3.0 for a in angles)]
     samples = int(min(max(_rest(trail, psf_px), FEWEST_BESIDE), 12))
     everywhere = list(np.arange(0.0, 180.0, 3.75))
     # Stars' streaks that lie beside a peak pass it at up to about half a right angle.
-    beside = [one for one in everywhere if angles and _apart(one, angles[0]) < 45.0]
+    beside = [one for one in everywhere if angles and apart_deg(one, angles[0]) < 45.0]
     across = [one for one in everywhere if one not in beside]
     passes = (
         (angles[:1], samples, False),
@@ -493,7 +348,7 @@ def _points(
     prepared: PreparedImage,
     peaks: Array,
     near: tuple[float, float, float] | None,
-    trail: _Trail,
+    trail: Trail,
     angles_deg: list[float],
     psf_px: float,
     times: float = SURELY_POINT,
@@ -517,7 +372,7 @@ def _points(
     return points
 
 
-def _rest(trail: _Trail, psf_px: float) -> float:
+def _rest(trail: Trail, psf_px: float) -> float:
     """Return at how many places on each side of a peak a trail through it is seen."""
     return math.inf if trail.length_px is None else (trail.length_px / 2.0 / psf_px - 5.0) / 2.0
 
@@ -530,7 +385,7 @@ def _without(discs: list[Disc], peaks: Array, psf_px: float) -> Array:
     return peaks
 
 
-def _is_no_trail(disc: Disc, trail: _Trail) -> bool:
+def _is_no_trail(disc: Disc, trail: Trail) -> bool:
     """Tell whether something saturated is much shorter than stars' trails, if those are known."""
     if trail.length_px is None:
         return True
@@ -607,32 +462,6 @@ def _peaks(snr: Pixels, least: float) -> Array:
     return found
 
 
-def _on_streaks(snr: Pixels, long: list[Streak], least: float, psf_px: float) -> Array:
-    """Return of each streak what stands out most of what is typical of it; rows as `_peaks` gives them.
-
-    Typical is the median along a streak, at each distance from its middle line, and so is the noise there.
-    Near its ends nothing is known.
-    """
-    found = []
-    across = 0.5 * psf_px * np.arange(-6.0, 7.0)
-    for one in long:
-        reach = math.floor(one.length_px / 2.0 - 3.0 * psf_px)
-        if reach < 6.0 * psf_px:
-            continue
-        angle = math.radians(one.angle_deg)
-        along = np.arange(-reach, reach + 1.0)
-        x = one.x + along[:, None] * math.cos(angle) - across * math.sin(angle)
-        y = one.y + along[:, None] * math.sin(angle) + across * math.cos(angle)
-        values = map_coordinates(snr, [y, x], order=1, mode="nearest")
-        typical = np.median(values, axis=0)
-        spread = np.maximum(1.4826 * np.median(np.abs(values - typical), axis=0), 1.0)
-        left = np.where(typical > RIDGE_SNR, (values - typical) / np.hypot(spread, 0.08 * typical), 0.0)
-        i, k = np.unravel_index(int(np.argmax(left)), left.shape)
-        if left[i, k] >= least:
-            found.append((x[i, k], y[i, k], typical[k] + left[i, k], typical[k], one.angle_deg))
-    return np.array(found).reshape(-1, 5)
-
-
 def _standing_out(
     snr: Pixels,
     peaks: Array,
@@ -693,7 +522,7 @@ def _medians(values: Array) -> Array:
     return middle
 
 
-def _star_middles(long: list[Streak], trail: _Trail) -> tuple[PointSource, ...]:
+def _star_middles(long: list[Streak], trail: Trail) -> tuple[PointSource, ...]:
     """Return the middles of the stars' streaks that are whole, and as long as most."""
     if trail.angle_deg is None or trail.length_px is None:
         return ()
@@ -701,7 +530,7 @@ def _star_middles(long: list[Streak], trail: _Trail) -> tuple[PointSource, ...]:
         PointSource(one.x, one.y, one.flux, one.snr)
         for one in long
         if one.whole
-        and _apart(one.angle_deg, trail.angle_deg) < 5.0
+        and apart_deg(one.angle_deg, trail.angle_deg) < 5.0
         and abs(one.length_px - trail.length_px) < max(0.15 * trail.length_px, 2.0)
     )
 
@@ -710,13 +539,13 @@ def _streak_target(
     prepared: PreparedImage, long: list[Streak], expected: ExpectedMotion, exposure_s: float
 ) -> Detection:
     """Return the satellite as the streak that has the length and the direction that a run expects."""
-    length, angle = _length(expected.target, exposure_s), _angle(expected.target)
+    length, angle = swept_px(expected.target, exposure_s), swept_deg(expected.target)
     assert length is not None
     fits = [
         one
         for one in long
         if abs(one.length_px - length) < max(0.25 * length, 4.0)
-        and (angle is None or _apart(one.angle_deg, angle) < 10.0)
+        and (angle is None or apart_deg(one.angle_deg, angle) < 10.0)
     ]
     none = Detection("none", stars=_round(prepared, long), saturated=prepared.saturated, streaks=len(long))
     if not fits:
@@ -748,7 +577,7 @@ def _streak_found(prepared: PreparedImage, fits: list[Streak], none: Detection) 
         return _because(none, "the streak leaves the image: its middle is unknown")
     if best.snr < SURE_SNR:
         return _because(none, "the streak is too faint")
-    ends = _ends(prepared, best)
+    ends = ends_of(prepared, best)
     if ends is None:
         return _because(none, "the streak has no two ends that can be seen")
     x, y, sigma = ends
@@ -763,51 +592,6 @@ def _streak_found(prepared: PreparedImage, fits: list[Streak], none: Detection) 
         peak=float(prepared.pixels[round(best.y), round(best.x)]),
         streaks=len(fits),
     )
-
-
-def _ends(prepared: PreparedImage, streak: Streak) -> tuple[float, float, float] | None:
-    """Return the middle between the two ends of a streak, and one sigma; None where they do not fit.
-
-    The light across the streak, summed at each distance along it, is an even strip with blurred ends.
-    """
-    from scipy.optimize import leastsq
-    from scipy.special import erf
-
-    angle = math.radians(streak.angle_deg)
-    along_x, along_y = math.cos(angle), math.sin(angle)
-    reach = math.ceil(0.5 * streak.length_px + 6.0 * streak.width_px)
-    at = np.arange(-reach, reach + 1.0)
-    side = np.arange(-3.0, 3.5) * streak.width_px / 1.5
-    x = streak.x + at[:, None] * along_x - side * along_y
-    y = streak.y + at[:, None] * along_y + side * along_x
-    light = map_coordinates(prepared.image, [y, x], order=1, mode="nearest").sum(axis=1)
-
-    def strip(place: Array, height: float, first: float, last: float, blur: float, sky: float) -> Array:
-        scale = math.sqrt(2.0) * max(abs(blur), 0.3)
-        model: Array = sky + 0.5 * height * (erf((place - first) / scale) - erf((place - last) / scale))
-        return model
-
-    half = 0.5 * streak.length_px
-    start = (float(np.median(light[np.abs(at) < 0.8 * half])), -half, half, streak.width_px, 0.0)
-    noise = prepared.noise * math.sqrt(len(side))
-    values, covariance, *_ = leastsq(
-        lambda shape: (light - strip(at, *shape)) / noise, start, full_output=True, maxfev=400
-    )
-    if covariance is None:
-        return None
-    first, last = float(values[1]), float(values[2])
-    misfit = float(np.mean(((light - strip(at, *values)) / noise) ** 2))
-    variance = 0.25 * float(covariance[1, 1] + covariance[2, 2] + 2.0 * covariance[1, 2]) * max(1.0, misfit)
-    if (
-        not first < last
-        or not variance < 25.0
-        or abs(last - first - streak.length_px) > 0.5 * streak.length_px
-    ):
-        return None
-    middle = 0.5 * (first + last)
-    across = streak.width_px / max(streak.snr, 1.0)
-    sigma = math.hypot(max(math.sqrt(variance), across), CENTROID_FLOOR_PX)
-    return streak.x + middle * along_x, streak.y + middle * along_y, sigma
 
 
 def _round(prepared: PreparedImage, long: list[Streak]) -> tuple[PointSource, ...]:

@@ -1,0 +1,257 @@
+"""What is long in a frame: stars' trails, a satellite's streak, and how stars trail by the run. No I/O."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+from sattrack.camera.shape import CENTROID_FLOOR_PX
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from sattrack.camera.shape import Disc, PreparedImage
+
+    Pixels = NDArray[np.float32]
+    Array = NDArray[np.float64]
+
+LONG_SNR = 4.0
+"""Significance that every pixel of a streak has in the filtered image."""
+FEWEST_PIXELS = 25
+LONG_RATIO = 2.5
+"""Length over width from which on a detection is a streak."""
+EDGE_PX = 4
+RIDGE_SNR = 3.0
+
+Velocity = tuple[float, float] | float
+"""Pixels a second in the image; a speed alone where the camera's rotation is not known."""
+
+
+class Streak(NamedTuple):
+    """Something long in a frame: its middle, length and direction in pixels and degrees from x towards y."""
+
+    x: float
+    y: float
+    length_px: float
+    angle_deg: float
+    width_px: float
+    flux: float
+    whole: bool
+    """Whether both of its ends are within the frame."""
+    snr: float
+
+
+def streaks_of(prepared: PreparedImage) -> list[Streak]:
+    """Return what is long in a frame, the brightest first."""
+    import sep
+
+    try:
+        found = sep.extract(
+            prepared.snr, LONG_SNR, minarea=FEWEST_PIXELS, filter_kernel=None, deblend_cont=1.0, clean=False
+        )
+    except Exception as error:
+        if "limit" in str(error) or "buffer" in str(error):
+            return []
+        raise
+    height, width = prepared.snr.shape
+    long: list[Streak] = []
+    for one in found[np.argsort(-found["flux"])]:
+        a, b = float(one["a"]), max(float(one["b"]), 0.3)
+        if a / b < LONG_RATIO:
+            continue
+        # A box of length L has a variance of L²/12 along it.
+        length = math.sqrt(12.0 * max(a * a - b * b, 0.0))
+        whole = (
+            one["xmin"] > EDGE_PX
+            and one["ymin"] > EDGE_PX
+            and one["xmax"] < width - 1 - EDGE_PX
+            and one["ymax"] < height - 1 - EDGE_PX
+        )
+        long.append(
+            Streak(
+                float(one["x"]),
+                float(one["y"]),
+                length,
+                math.degrees(float(one["theta"])) % 180.0,
+                b,
+                float(one["flux"]),
+                bool(whole),
+                float(one["peak"]),
+            )
+        )
+    return long
+
+
+def cross_section_px(prepared: PreparedImage, streak: Streak, psf_px: float) -> float | None:
+    """Return the sigma of a streak's cross-section, a Gaussian's; None where it is none."""
+    angle = math.radians(streak.angle_deg)
+    along_x, along_y = math.cos(angle), math.sin(angle)
+    reach = 0.3 * streak.length_px
+    half = math.ceil(reach + 5.0 * psf_px)
+    col, row = round(streak.x), round(streak.y)
+    x0, x1 = max(0, col - half), min(prepared.image.shape[1], col + half + 1)
+    y0, y1 = max(0, row - half), min(prepared.image.shape[0], row + half + 1)
+    dy, dx = np.mgrid[y0:y1, x0:x1].astype(np.float64)
+    dx, dy = dx - streak.x, dy - streak.y
+    along, across = dx * along_x + dy * along_y, dy * along_x - dx * along_y
+    part = (np.abs(along) < reach) & (np.abs(across) < 5.0 * psf_px) & ~prepared.bad[y0:y1, x0:x1]
+    along, across, values = along[part], across[part], prepared.image[y0:y1, x0:x1][part].astype(np.float64)
+    if len(values) < 30:
+        return None
+    height, middle, slope, sigma, sky = float(values.max()), 0.0, 0.0, psf_px, 0.0
+    for _ in range(12):
+        at = (across - middle - slope * along) / sigma
+        bell = np.exp(-0.5 * at * at)
+        columns = np.stack(
+            [
+                bell,
+                height * bell * at / sigma,
+                height * bell * at / sigma * along,
+                height * bell * at * at / sigma,
+                np.ones_like(bell),
+            ],
+            axis=1,
+        )
+        step = np.linalg.lstsq(columns, values - height * bell - sky, rcond=None)[0]
+        height, middle, slope, sigma, sky = np.array([height, middle, slope, sigma, sky]) + step
+        if not 0.3 < sigma < 10.0 or abs(middle) > 5.0 * psf_px or height <= 0.0:
+            return None
+    # The square of a pixel's own width is a twelfth.
+    return math.sqrt(max(sigma * sigma - 1.0 / 12.0, 0.25))
+
+
+def runs_through(streak: Streak, disc: Disc) -> bool:
+    """Tell whether a disc lies on a streak's middle line."""
+    angle = math.radians(streak.angle_deg)
+    dx, dy = disc.x - streak.x, disc.y - streak.y
+    along, across = dx * math.cos(angle) + dy * math.sin(angle), dy * math.cos(angle) - dx * math.sin(angle)
+    return abs(across) < disc.radius_px and abs(along) < 0.5 * streak.length_px + disc.radius_px
+
+
+class Trail(NamedTuple):
+    """How stars trail in a frame: whether they do, their direction (None: unknown) and length, pixels."""
+
+    known: bool
+    angle_deg: float | None
+    length_px: float | None
+    shown: bool = False
+    """Whether the frame shows it, and not the run alone."""
+
+
+def trail_of(long: list[Streak], stars: Velocity | None, exposure_s: float) -> Trail:
+    """Return how stars trail: as the frame shows it, else as the run expects it."""
+    by_run = swept_px(stars, exposure_s)
+    angle = _common_angle(long)
+    alike = [] if angle is None else [one for one in long if apart_deg(one.angle_deg, angle) < 5.0]
+    if len(alike) > 1:
+        # The faint ones come in pieces; the brightest are whole.
+        whole = [one for one in alike if one.whole] or alike
+        return Trail(True, angle, float(np.median([one.length_px for one in whole[:9]])), True)
+    return Trail(by_run is not None, swept_deg(stars), by_run)
+
+
+def _common_angle(long: list[Streak]) -> float | None:
+    """Return the direction that more than half of the light of what is long has; None where none is."""
+    if not long:
+        return None
+    # Twice the angle: a streak has no sense.
+    weights = np.sqrt([one.flux for one in long])
+    turned = weights * np.exp(2j * np.radians([one.angle_deg for one in long]))
+    mean = complex(turned.sum())
+    if abs(mean) < 0.6 * float(weights.sum()):
+        return None
+    return math.degrees(math.atan2(mean.imag, mean.real)) / 2.0 % 180.0
+
+
+def apart_deg(one_deg: float, other_deg: float) -> float:
+    """Return the angle between two directions without a sense, degrees, 0 to 90."""
+    return abs((one_deg - other_deg + 90.0) % 180.0 - 90.0)
+
+
+def swept_px(velocity: Velocity | None, exposure_s: float) -> float | None:
+    """Return how far something moves in an exposure, pixels; None where its motion is not known."""
+    if velocity is None:
+        return None
+    speed = velocity if isinstance(velocity, float | int) else math.hypot(*velocity)
+    return speed * exposure_s
+
+
+def swept_deg(velocity: Velocity | None) -> float | None:
+    """Return the direction of a motion; None where it is not known, or nothing moves."""
+    if velocity is None or isinstance(velocity, float | int) or math.hypot(*velocity) == 0.0:
+        return None
+    return math.degrees(math.atan2(velocity[1], velocity[0])) % 180.0
+
+
+def standing_on(snr: Pixels, long: list[Streak], least: float, psf_px: float) -> Array:
+    """Return of each streak what stands out most of what is typical of it; rows as `_peaks` gives them.
+
+    Typical is the median along a streak, at each distance from its middle line, and so is the noise there.
+    Near its ends nothing is known.
+    """
+    found = []
+    across = 0.5 * psf_px * np.arange(-6.0, 7.0)
+    for one in long:
+        reach = math.floor(one.length_px / 2.0 - 3.0 * psf_px)
+        if reach < 6.0 * psf_px:
+            continue
+        angle = math.radians(one.angle_deg)
+        along = np.arange(-reach, reach + 1.0)
+        x = one.x + along[:, None] * math.cos(angle) - across * math.sin(angle)
+        y = one.y + along[:, None] * math.sin(angle) + across * math.cos(angle)
+        values = map_coordinates(snr, [y, x], order=1, mode="nearest")
+        typical = np.median(values, axis=0)
+        spread = np.maximum(1.4826 * np.median(np.abs(values - typical), axis=0), 1.0)
+        left = np.where(typical > RIDGE_SNR, (values - typical) / np.hypot(spread, 0.08 * typical), 0.0)
+        i, k = np.unravel_index(int(np.argmax(left)), left.shape)
+        if left[i, k] >= least:
+            found.append((x[i, k], y[i, k], typical[k] + left[i, k], typical[k], one.angle_deg))
+    return np.array(found).reshape(-1, 5)
+
+
+def ends_of(prepared: PreparedImage, streak: Streak) -> tuple[float, float, float] | None:
+    """Return the middle between the two ends of a streak, and one sigma; None where they do not fit.
+
+    The light across the streak, summed at each distance along it, is an even strip with blurred ends.
+    """
+    from scipy.optimize import leastsq
+    from scipy.special import erf
+
+    angle = math.radians(streak.angle_deg)
+    along_x, along_y = math.cos(angle), math.sin(angle)
+    reach = math.ceil(0.5 * streak.length_px + 6.0 * streak.width_px)
+    at = np.arange(-reach, reach + 1.0)
+    side = np.arange(-3.0, 3.5) * streak.width_px / 1.5
+    x = streak.x + at[:, None] * along_x - side * along_y
+    y = streak.y + at[:, None] * along_y + side * along_x
+    light = map_coordinates(prepared.image, [y, x], order=1, mode="nearest").sum(axis=1)
+
+    def strip(place: Array, height: float, first: float, last: float, blur: float, sky: float) -> Array:
+        scale = math.sqrt(2.0) * max(abs(blur), 0.3)
+        model: Array = sky + 0.5 * height * (erf((place - first) / scale) - erf((place - last) / scale))
+        return model
+
+    half = 0.5 * streak.length_px
+    start = (float(np.median(light[np.abs(at) < 0.8 * half])), -half, half, streak.width_px, 0.0)
+    noise = prepared.noise * math.sqrt(len(side))
+    values, covariance, *_ = leastsq(
+        lambda shape: (light - strip(at, *shape)) / noise, start, full_output=True, maxfev=400
+    )
+    if covariance is None:
+        return None
+    first, last = float(values[1]), float(values[2])
+    misfit = float(np.mean(((light - strip(at, *values)) / noise) ** 2))
+    variance = 0.25 * float(covariance[1, 1] + covariance[2, 2] + 2.0 * covariance[1, 2]) * max(1.0, misfit)
+    if (
+        not first < last
+        or not variance < 25.0
+        or abs(last - first - streak.length_px) > 0.5 * streak.length_px
+    ):
+        return None
+    middle = 0.5 * (first + last)
+    across = streak.width_px / max(streak.snr, 1.0)
+    sigma = math.hypot(max(math.sqrt(variance), across), CENTROID_FLOOR_PX)
+    return streak.x + middle * along_x, streak.y + middle * along_y, sigma
