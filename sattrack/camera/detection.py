@@ -117,7 +117,7 @@ class Detection:
     saturated: float = 0.0
     """The share of pixels that are."""
     peak: float | None = None
-    """The highest value within the image of the satellite, or of what may be it, above zero."""
+    """The highest value, above zero, in the image of the satellite; where none is found, of a candidate's."""
     streaks: int = 0
 
 
