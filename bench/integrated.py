@@ -243,5 +243,7 @@ def true_propagator(motion: IntegratedMotion, site: Site, refraction: Refraction
 
 def follow(seen: Propagator, motion: IntegratedMotion) -> Propagator:
     """Have a propagator, or one made of it by `with_place`, take places from the integrated orbit."""
-    seen._motion = motion  # type: ignore[assignment] # a propagator asks a motion for no more
+    if not hasattr(seen, "_states"):
+        raise AttributeError("a propagator keeps what tells its places elsewhere: nothing would be hidden")
+    seen._states = motion  # type: ignore[assignment] # a propagator asks for no more, for one instant
     return seen
