@@ -45,6 +45,8 @@ from sattrack.camera.streaks import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from sattrack.camera.frames import CameraFrame
@@ -129,7 +131,7 @@ class Detector:
     _last: list[tuple[float, float, float]] = field(default_factory=list)
     """The last places of the satellite: UTC, x, y."""
     _psf_seen: int = 0
-    _stood: tuple[float, list[Disc]] = (-math.inf, [])
+    _stood: tuple[float, tuple[Disc, ...]] = (-math.inf, ())
     """What was saturated and compact in the last frame, with its UTC."""
 
     def look(self, frame: CameraFrame, expected: ExpectedMotion | None = None) -> Detection:
@@ -137,7 +139,7 @@ class Detector:
         prepared = _prepared(frame, self.psf_px)
         if isinstance(prepared, Detection):
             return prepared
-        discs = [one for one in prepared.discs if one.compact]
+        discs = prepared.discs
         # A column into which a disc overflows is no trail.
         long = [one for one in streaks_of(prepared) if not any(runs_through(one, disc) for disc in discs)]
         self._learn_psf(prepared, long)
@@ -260,7 +262,7 @@ def _point_target(
 ) -> Detection:
     """Return the satellite as a point; `steady` is what is saturated and stands while stars move."""
     stars = _star_middles(long, trail)
-    discs = [one for one in prepared.discs if one.compact]
+    discs = prepared.discs
     told = trail.shown or (trail.length_px or 0.0) > LEAST_TRAIL_PX
     none = Detection(
         "none",
@@ -333,12 +335,7 @@ def _spread(image: Pixels, peaks: Array) -> Array:
 def _beside(long: list[Streak], peaks: Array, psf_px: float) -> Array:
     """Return the peaks that are on no streak."""
     for one in long:
-        angle = math.radians(one.angle_deg)
-        dx, dy = peaks[:, 0] - one.x, peaks[:, 1] - one.y
-        along, across = (
-            dx * math.cos(angle) + dy * math.sin(angle),
-            dy * math.cos(angle) - dx * math.sin(angle),
-        )
+        along, across = one.from_middle(peaks[:, 0], peaks[:, 1])
         reach_px = 0.5 * one.length_px + 3.0 * psf_px
         peaks = peaks[(np.abs(along) > reach_px) | (np.abs(across) > 3.0 * psf_px)]
     return peaks
@@ -377,7 +374,7 @@ def _rest(trail: Trail, psf_px: float) -> float:
     return math.inf if trail.length_px is None else (trail.length_px / 2.0 / psf_px - 5.0) / 2.0
 
 
-def _without(discs: list[Disc], peaks: Array, psf_px: float) -> Array:
+def _without(discs: Sequence[Disc], peaks: Array, psf_px: float) -> Array:
     """Return the peaks that are in no large disc nor close beside: noise and halo show some there."""
     for disc in discs:
         if disc.radius_px > 2.0 * psf_px:

@@ -311,7 +311,7 @@ def _gauss_newton(
 
 
 def discs_of(pixels: Pixels, image: Pixels, sky: float, full: float) -> tuple[Disc, ...]:
-    """Return what is saturated in an image of a sky's level and a full scale, the largest first.
+    """Return what is saturated and compact in an image of a sky's level and a full scale, brightest first.
 
     `image` has no background. Single pixels do not count, nor do columns that overflow from a disc: they are
     thinner than it.
@@ -330,7 +330,7 @@ def discs_of(pixels: Pixels, image: Pixels, sky: float, full: float) -> tuple[Di
     for number in np.unique(numbers[:-1, :-1][squares])[:MOST_DISCS].tolist():
         box = parts[number - 1]
         disc = _disc(numbers[box] == number, pixels[box], image[box], min(pixels.shape))
-        if disc is not None:
+        if disc is not None and disc.compact:
             x, y = disc.x + box[1].start, disc.y + box[0].start
             whole = all(at.start > 0 and at.stop < size for at, size in zip(box, pixels.shape, strict=True))
             found.append(disc._replace(x=x, y=y, whole=whole))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.ndimage import map_coordinates
@@ -42,6 +42,13 @@ class Streak(NamedTuple):
     whole: bool
     """Whether both of its ends are within the frame."""
     snr: float
+
+    def from_middle(self, x: Any, y: Any) -> tuple[Any, Any]:
+        """Return how far along the streak, and across, a place is from its middle; so of arrays."""
+        angle = math.radians(self.angle_deg)
+        c, s = math.cos(angle), math.sin(angle)
+        dx, dy = x - self.x, y - self.y
+        return dx * c + dy * s, dy * c - dx * s
 
 
 def streaks_of(prepared: PreparedImage) -> list[Streak]:
@@ -87,16 +94,13 @@ def streaks_of(prepared: PreparedImage) -> list[Streak]:
 
 def cross_section_px(prepared: PreparedImage, streak: Streak, psf_px: float) -> float | None:
     """Return the sigma of a streak's cross-section, a Gaussian's; None where it is none."""
-    angle = math.radians(streak.angle_deg)
-    along_x, along_y = math.cos(angle), math.sin(angle)
     reach = 0.3 * streak.length_px
     half = math.ceil(reach + 5.0 * psf_px)
     col, row = round(streak.x), round(streak.y)
     x0, x1 = max(0, col - half), min(prepared.image.shape[1], col + half + 1)
     y0, y1 = max(0, row - half), min(prepared.image.shape[0], row + half + 1)
-    dy, dx = np.mgrid[y0:y1, x0:x1].astype(np.float64)
-    dx, dy = dx - streak.x, dy - streak.y
-    along, across = dx * along_x + dy * along_y, dy * along_x - dx * along_y
+    y, x = np.mgrid[y0:y1, x0:x1].astype(np.float64)
+    along, across = streak.from_middle(x, y)
     part = (np.abs(along) < reach) & (np.abs(across) < 5.0 * psf_px) & ~prepared.bad[y0:y1, x0:x1]
     along, across, values = along[part], across[part], prepared.image[y0:y1, x0:x1][part].astype(np.float64)
     if len(values) < 30:
@@ -125,10 +129,8 @@ def cross_section_px(prepared: PreparedImage, streak: Streak, psf_px: float) -> 
 
 def runs_through(streak: Streak, disc: Disc) -> bool:
     """Tell whether a disc lies on a streak's middle line."""
-    angle = math.radians(streak.angle_deg)
-    dx, dy = disc.x - streak.x, disc.y - streak.y
-    along, across = dx * math.cos(angle) + dy * math.sin(angle), dy * math.cos(angle) - dx * math.sin(angle)
-    return abs(across) < disc.radius_px and abs(along) < 0.5 * streak.length_px + disc.radius_px
+    along, across = streak.from_middle(disc.x, disc.y)
+    return bool(abs(across) < disc.radius_px and abs(along) < 0.5 * streak.length_px + disc.radius_px)
 
 
 class Trail(NamedTuple):

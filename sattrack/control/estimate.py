@@ -187,7 +187,7 @@ class _Seeing:
             for one in (*before, sighting)
         ]
         pairs = combinations(places[:-1], 2)
-        squares = [_off_line(*sorted((*pair, places[-1]), key=_since_s)) for pair in pairs]
+        squares = [_off_line(*sorted((*pair, places[-1]), key=itemgetter(0))) for pair in pairs]
         self._squares.append((min(squares), squares[-1]))
 
     def sigma_arcsec(self, said_arcsec: float, least_arcsec: float, usual_arcsec: float) -> float:
@@ -205,7 +205,6 @@ class _Seeing:
 
 
 _Place = tuple[float, "NDArray[np.float64]"]
-_since_s = itemgetter(0)
 
 
 def _off_line(first: _Place, middle: _Place, last: _Place) -> float:
@@ -387,12 +386,11 @@ class Estimator:
         self, sighting: Sighting, seen: ObservationMessage, image: Image | None, expected: Bias
     ) -> Sighting:
         """Return a sighting with the sigma that its frame has beside those before it."""
-        sighting = replace(sighting, image=image)
         seeing = self._seeing.setdefault((seen.camera, image is not None), _Seeing())
         seeing.see(sighting, expected)
         least, usual = (MODEL_ARCSEC,) * 2 if image is None else (LEAST_SEEING_ARCSEC, USUAL_SEEING_ARCSEC)
         sigma_arcsec = seeing.sigma_arcsec(seen.sigma_arcsec, least, usual)
-        return replace(sighting, sigma_rad=math.radians(sigma_arcsec / 3600.0))
+        return replace(sighting, image=image, sigma_rad=math.radians(sigma_arcsec / 3600.0))
 
     def catch_up(self, most: int = 1) -> bool:
         """Hold so many observations against the rival where it may win by them; tell whether it did."""

@@ -182,14 +182,14 @@ class RunKeys(ScreenApp):
             return
         loop, desk = self._view.loop, self._screens.desk
         shift = desk.shift_deg(loop)
-        leads = loop is not None and loop.guided and loop.state == "camera"
+        leading = loop if loop is not None and loop.guided and loop.state == "camera" else None
         if isinstance(shift, str):
             self._hint(shift)
             return
-        if leads and desk.cursor is None and loop is not None and loop.last == "taken":
-            self._hint("the camera centres that already: the arrows point to something else")
-            return
-        if leads:
+        if leading is not None:
+            if desk.cursor is None and leading.last == "taken":
+                self._hint("the camera centres that already: the arrows point to something else")
+                return
             self._send(Guide("off"))
             self._hint("the camera is left aside, or it would undo that: g guides by it again")
         self._send_all(self._offsets.shift(*shift, self._view))

@@ -383,8 +383,6 @@ def _read_json_lines(text: str, stations: Stations, source: str) -> list[Observa
         if missing:
             raise ObservationError(placed(source, number, f"{missing[0]} is missing"))
         texts = {name: "" if value is None else str(value) for name, value in row.items()}
-        if texts.get("frame") in (None, "", "icrs"):
-            texts["frame"] = "icrf"
         texts["object"] = texts.get("catalog_number", "")
         found.append(_csv_observation(texts, stations, source, number))
     return found
