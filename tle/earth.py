@@ -221,6 +221,8 @@ class EarthOrientation:
             table = np.array([self._matrix(int(i)) for i in found]).reshape(-1, 4, 3, 3)
             x = at.unix_s - index * DAY_S
             powers = np.stack([np.ones_like(x), x, x * x, x * x * x], axis=1)
+            if len(found) == 1:
+                return np.asarray(np.tensordot(powers, table[0], axes=1))
             matrices: NDArray[np.float64] = np.einsum("nk,nkij->nij", powers, table[inverse])
             return matrices
         one = self._index(at.unix_s)

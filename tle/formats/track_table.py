@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import erfa
 import numpy as np
 
-from tle.earth import EarthOrientation
+from tle.earth import EarthOrientation, to_tirs, turned
 from tle.ephemeris import Frame, Interpolation, Segment, TableEphemeris
 from tle.errors import TleError, printable
 from tle.formats.rows import Lines, tai_s
@@ -49,7 +49,7 @@ _ALIKE = 3.0
 _EVEN = 1e-6
 # So few rows stay in the processor's cache.
 _AT_ONCE = 5000
-_KNOT_DAYS, _KNOT_ROWS = 1.0 / 24.0, 4
+_KNOT_DAYS = 1.0 / 24.0
 
 
 class _Jump(NamedTuple):
@@ -211,6 +211,10 @@ class _Track(NamedTuple):
     since_s: Array
     values: Array
 
+    def part(self, first: int, stop: int) -> _Track:
+        """Return some of the rows."""
+        return _Track(self.zero_s, self.since_s[first:stop], self.values[:, first:stop])
+
     def unix_s(self, since_s: Array) -> Array:
         """Return POSIX seconds of UTC."""
         tai = self.zero_s + since_s
@@ -328,9 +332,11 @@ def _slopes_of(since_s: Array, places: Array, firsts: tuple[int, int], count: in
 
 def _of_the_sky(track: _Track, frame: str, site: Site, line: int) -> Segment:
     """Return right ascensions and declinations as places near the site, a row a minute at least."""
-    dec, ra = np.radians(track.values)
     if frame == "icrs":
-        ra, dec = _seen(track, ra, dec, site)
+        parts = [track.part(k, k + _AT_ONCE) for k in range(0, len(track.since_s), _AT_ONCE)]
+        ra, dec = np.concatenate([_seen(part, site) for part in parts], axis=1)
+    else:
+        dec, ra = np.radians(track.values)
     u = np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=1)
     kind = Frame("GCRF", "ICRS") if frame == "icrs" else Frame("TOD", "of date")
     since_s, steps = track.since_s, np.diff(track.since_s)
@@ -341,26 +347,31 @@ def _of_the_sky(track: _Track, frame: str, site: Site, line: int) -> Segment:
         part = np.concatenate([np.arange(count) / count for count in counts.tolist()])
         since_s = np.append(np.repeat(since_s[:-1], counts) + part * np.repeat(steps, counts), since_s[-1])
         u = among_stars.native_many(since_s)[:3].T
-    unix_s, earth = track.unix_s(since_s), EarthOrientation.installed()
-    still = np.zeros((6, len(u)))
-    teme = kind.to_teme(earth, unix_s, (*u.T, *still), ARRAYS)[:3]
-    places = np.empty_like(u)
-    for k, axis in enumerate(np.eye(3)):
-        axes = (*np.repeat(axis[:, None], len(u), axis=1), *still)
-        along = Frame("ITRF", "ITRF").to_teme(earth, unix_s, axes, ARRAYS)[:3]
-        toward = sum(a * b for a, b in zip(along, teme, strict=True))
-        places[:, k] = site.itrs_km[k] + _NEAR_KM * toward
+    unix_s = track.unix_s(since_s)
+    some = [slice(k, k + _AT_ONCE) for k in range(0, len(u), _AT_ONCE)]
+    toward = np.concatenate([_to_ground(kind, unix_s[part], u[part]) for part in some])
+    places = np.array(site.itrs_km) + _NEAR_KM * toward
     return curve(track.zero_s, since_s, places, Frame("SIGHT", kind.written), line)
 
 
-def _seen(track: _Track, ra: Array, dec: Array, site: Site) -> tuple[Array, Array]:
+def _to_ground(kind: Frame, unix_s: Array, u: Array) -> Array:
+    """Return directions of a frame in the ITRS, shape (n, 3)."""
+    earth = EarthOrientation.installed()
+    x, y, z = kind.to_teme(earth, unix_s, (*u.T, *np.zeros((6, len(u)))), ARRAYS)[:3]
+    theta, _, _, _, xp, yp = earth.rotation(unix_s)
+    # Poles turned the other way lead from the TIRS to the ITRS.
+    return np.stack(to_tirs(turned((x, y, z), -theta), -xp, -yp), axis=1)
+
+
+def _seen(track: _Track, site: Site) -> tuple[Array, Array]:
     """Return directions of the ICRS as light arrives, bent by the Sun and aberrated, in the GCRS's axes."""
     unix_s = track.unix_s(track.since_s)
     earth = EarthOrientation.installed()
     days = np.floor(unix_s / DAY_S)
     tt = (unix_s - days * DAY_S + leaps_s(unix_s) + TT_MINUS_TAI_S) / DAY_S
     julian = days + UNIX_EPOCH_MJD + MJD_JD
-    matrices = earth.celestial_matrix(Utc(unix_s))
+    # Over a year the axes turn by 50″: of the site's own aberration, 0.3″, that is nothing.
+    matrix = earth.celestial_matrix(Utc(0.5 * float(unix_s[0] + unix_s[-1])))
     still = [np.full(len(unix_s), k) for k in (*site.itrs_km, *np.zeros(6))]
     moving = Frame("ITRF", "ITRF").to_teme(earth, unix_s, tuple(still), ARRAYS)
     equinoxes = earth.rotation(unix_s)[2]
@@ -368,29 +379,28 @@ def _seen(track: _Track, ra: Array, dec: Array, site: Site) -> tuple[Array, Arra
     pv = np.zeros(len(unix_s), dtype=erfa.dt_pv)
     for name, (x, y, z) in (("p", moving[:3]), ("v", moving[3:6])):
         of_date = np.stack([x * c - y * s, x * s + y * c, z], axis=1)
-        pv[name] = np.einsum("nij,ni->nj", matrices, of_date) * 1000.0
+        pv[name] = of_date @ matrix * 1000.0
     from_sun, from_barycentre = _earth(julian, tt)
     astrometry = erfa.apcs(julian, tt, pv, from_barycentre, from_sun["p"])
+    dec, ra = np.radians(track.values)
     seen: tuple[Array, Array] = erfa.atciqz(ra, dec, astrometry)
     return seen
 
 
-def _earth(julian: Array, tt: Array) -> tuple[NDArray[np.void], NDArray[np.void]]:
+def _earth(julian: Array, tt: Array) -> list[NDArray[np.void]]:
     """Return the Earth's places (au) and velocities (au/day) from the Sun and from the barycentre.
 
-    ERFA takes 40 µs for one: those of many rows are interpolated, to 1e-9″ of aberration.
+    ERFA takes 40 µs for one: many rows lie on lines between those of hours, to 1e-5″ of aberration.
     """
     days = (julian - julian[0]) + tt
     knots = np.arange(math.floor(days[0] / _KNOT_DAYS), math.ceil(days[-1] / _KNOT_DAYS) + 1) * _KNOT_DAYS
-    if len(knots) < 2 * _KNOT_ROWS or len(knots) > len(days):
-        found: tuple[NDArray[np.void], NDArray[np.void]] = erfa.epv00(julian, tt)
-        return found
+    if len(knots) > len(days):
+        return list(erfa.epv00(julian, tt))
     between = []
     for pv in erfa.epv00(julian[0], knots):
-        rows = Segment(
-            0.0, knots, pv["p"], pv["v"], Frame("GCRF", ""), Interpolation(_KNOT_ROWS, True), (0, 0)
-        )
         state = np.zeros(len(days), dtype=erfa.dt_pv)
-        state["p"], state["v"] = np.split(rows.native_many(days)[:6].T, 2, axis=1)
+        for part in ("p", "v"):
+            for axis in range(3):
+                state[part][:, axis] = np.interp(days, knots, pv[part][:, axis])
         between.append(state)
-    return between[0], between[1]
+    return between
