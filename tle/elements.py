@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -83,6 +83,8 @@ class Elements:
     ephemeris_type: int = 0
     element_set_number: int = 0
     revolution_number: int = 0
+    source: str = field(default="", compare=False)
+    """The file or download that they were taken from; empty where that is not known."""
 
     def __post_init__(self) -> None:
         """Take a datetime or a Time of another package as the epoch."""

@@ -109,7 +109,7 @@ def _night_pass(
     return NightPass(
         key=f"{target.catalog_number or target.label}@{top}",
         number=number,
-        elements=target if isinstance(target, Elements) else None,
+        elements=replace(target, source=entry.source or "") if isinstance(target, Elements) else None,
         start_utc_s=round(one.start_utc_s, 3),
         culminate_utc_s=round(candidate.culminate_utc_s, 3),
         end_utc_s=round(one.end_utc_s, 3),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -71,7 +72,8 @@ def followed(
             return FollowedTarget(None, None, None)
         if not context.sources():
             site = context.site()
-            return FollowedTarget(context.elements(target), site, None)
+            fetched = [replace(one, source="CelesTrak") for one in context.elements(target)]
+            return FollowedTarget(fetched, site, None)
     site = context.site()
     (origins,), left_out = _origins(context, [target], files, loaded())
     tell_left_out(left_out)
@@ -82,7 +84,8 @@ def followed(
     if not isinstance(chosen.target, Elements):
         return FollowedTarget(None, site, chosen.target, culminate_utc_s)
     # Others may be asked for later; of this object it is the set that was chosen.
-    elements = [chosen.target if _same(one, chosen.target) else one for one in known()]
+    taken = replace(chosen.target, source=chosen.origin)
+    elements = [taken if _same(one, taken) else one for one in known()]
     return FollowedTarget(elements, site, None, culminate_utc_s)
 
 

@@ -25,6 +25,7 @@ from sattrack.views.run import (
     TwoAxesView,
 )
 from tle.bodies import Body
+from tle.elements import Elements
 from tle.ephemeris import TableEphemeris, expected_error_m
 from tle.instants import Utc
 
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from sattrack.control.tracker import Tracker
     from sattrack.mount.model import LinkView, StatusSample
     from sattrack.views.run import ErrorView
-    from tle.elements import Elements
     from tle.ephemeris import Ephemeris
 
 LOST_SHOWN_S = 10.0
@@ -104,8 +104,8 @@ def view_of(engine: Engine, now_utc_s: float) -> TrackView:
 
 
 def source_file(source: Elements | Ephemeris) -> str | None:
-    """Return the name of an ephemeris' file, without folders; None for what has none."""
-    if not isinstance(source, TableEphemeris) or not source.source:
+    """Return the name of what elements or an ephemeris were read from, without folders; None for none."""
+    if not isinstance(source, Elements | TableEphemeris) or not source.source:
         return None
     return source.source.replace("\\", "/").rpartition("/")[2]
 

@@ -241,7 +241,7 @@ class WherePanel(Panel):
         return rows
 
 
-TIMES_CELLS = 12
+TIMES_CELLS, FILE_CELLS = 12, 24
 
 
 class TimesPanel(Panel):
@@ -507,11 +507,19 @@ def _elements_texts(scene: Scene) -> list[tuple[str, str]]:
     of = f"{local_time.date(epoch_s)} {local_time.clock(epoch_s)[:5]}"
     texts = [(old, "   recording "), (age, "  rec ")]
     if view.expected_error_m is None:
-        return [(f"of {of}, {old}", "   recording "), *texts]
+        return [*_with_file(view, (f"of {of}, {old}", "   recording ")), *texts]
     missed = formatting.length(view.expected_error_m)
     short = f"{age}, {formatting.within(missed, scene.plain)}"
     long = f"{old}, error {missed}"
-    return [(f"of {of}, {long}", "   recording "), (long, "   recording "), (short, "  rec "), *texts]
+    whole = _with_file(view, (f"of {of}, {long}", "   recording "))
+    return [*whole, (long, "   recording "), (short, "  rec "), *texts]
+
+
+def _with_file(view: TrackView, longest: tuple[str, str]) -> list[tuple[str, str]]:
+    """Return the longest text of elements, and before it the same with the name of their file."""
+    if view.source_file is None:
+        return [longest]
+    return [(f"{_shortened(view.source_file, FILE_CELLS)}, {longest[0]}", longest[1]), longest]
 
 
 def _source_words(scene: Scene) -> tuple[str, str]:
@@ -541,9 +549,13 @@ def _source_rows(scene: Scene, width: int) -> list[Row]:
     """Return what gives the target's places among the times: in two rows where its name is long."""
     room = width - TIMES_CELLS
     if by_elements(scene.view):
-        texts = [text for text, _ in _elements_texts(scene)]
+        texts, name = [text for text, _ in _elements_texts(scene)], scene.view.source_file
+        age = next((x for x in texts if len(x) <= room), texts[-1])
+        if name is None or age == texts[0]:
+            return [labelled("elements", age, cells=TIMES_CELLS)]
         return [
-            labelled("elements", next((x for x in texts if len(x) <= room), texts[-1]), cells=TIMES_CELLS)
+            labelled("elements", _shortened(name, room), cells=TIMES_CELLS),
+            labelled("", age, cells=TIMES_CELLS),
         ]
     name, rest = _source_words(scene)
     if not rest or cell_len(f"{name}, {rest}") <= room:

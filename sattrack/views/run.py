@@ -270,7 +270,7 @@ class TrackView(msgspec.Struct, frozen=True, tag="view"):
     source: str | None = None
     """What gives the target's places."""
     source_file: str | None = None
-    """The name of its file, without folders; None where it is no file, or not known."""
+    """The name of its file or download, without folders; None where it has none, or that is not known."""
     expected_error_m: float | None = None
     """By how much they miss it, typically; None where nothing tells."""
     axes: TwoAxesView | None = None
@@ -425,7 +425,7 @@ class Summary(msgspec.Struct, frozen=True):
     source: str | None = None
     """What gave the target's place: elements, a file or a body."""
     source_file: str | None = None
-    """The name of that file, without folders; null where it was no ephemeris file."""
+    """The name of its file or download, without folders; null where it has none, or that is not known."""
     source_age_s: float | None = None
     """How old that was when the pass was highest; negative where it is of a later epoch, null for a body."""
     expected_error_m: float | None = None

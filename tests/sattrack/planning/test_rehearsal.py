@@ -107,6 +107,7 @@ def test_a_rehearsal_agrees_with_the_command_that_follows() -> None:
     summary = json.loads(flown.stdout.splitlines()[-1])["summary"]
     assert summary["on_target_s"] == pytest.approx(foretold["on_target_s"], abs=0.5)
     assert summary["ended_by"] == foretold["ended_by"]
+    assert summary["source_file"] == Path(ISS).name
 
 
 def test_a_mount_that_flips_by_its_profile_s_rule_is_rehearsed_on_the_side_that_the_rule_has(

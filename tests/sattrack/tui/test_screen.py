@@ -346,6 +346,13 @@ def test_the_panel_of_the_pass_has_the_elements_error_where_there_is_room() -> N
         assert any(figure in row for row in drawn(view, size=size))
 
 
+def test_of_elements_the_file_is_named_where_there_is_room() -> None:
+    view = changed(source="SGP4, elements of 2026-10-02T00:00:00Z", source_file="stations.tle")
+    assert any("stations.tle" in row for row in drawn(view, size=(200, 50)))
+    assert any("12.8 h" in row for row in drawn(view, size=(200, 50)))
+    assert any("12.8 h" in row for row in drawn(view, size=SMALL))
+
+
 def test_of_elements_the_instant_is_named_where_there_is_room() -> None:
     age_s = UTC_S - datetime(2026, 9, 30, 21, 30, tzinfo=UTC).timestamp()
     for error_m, error in ((2312.0, ", error 2.31 km"), (None, "")):
