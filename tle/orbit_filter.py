@@ -2,7 +2,7 @@
 
 `OrbitFilter` is an iterated, extended Kalman filter. How far elements are off, and whether what was learnt
 of mount and cameras at an earlier pass still holds, is not known beforehand: `FilterBank` runs filters that
-expect different things beside one another, and answers with the one that predicts best.
+expect different things beside one another, and answers with their mean, each by how well it predicts.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from tle.errors import PropagationError
 from tle.orbit_fit import LONGEST_STEP_KM, STATES, Compared, Expected, Partials, compared
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -60,6 +60,8 @@ _FAR, _FAR_STEPS = 4.0, 3
 """A sighting that lies so many times beyond the gate, step after step, needs no further ones."""
 _FORGETTING = 0.98
 _BETTER = 3.0
+_NO_SHARE = -5.0
+"""A filter that is less likely than the best by that (logarithms) has no share in the answer."""
 _HOPELESS = 40.0
 """A filter whose camera lies otherwise than set is given up where it is less likely by that (logarithms)."""
 
@@ -318,10 +320,14 @@ class _Member(NamedTuple):
     mirrored: bool = False
 
 
+_CURVED = 6.0
+"""Where elements are off by kilometres, what early sightings say of them bends with the range; a filter
+that has learnt it as a plane is surer than it may be. Accelerations so many times as large make up for it."""
 _BY_CAMERA = (
     _Member(),
     _Member(square=True),
-    _Member(wider=8.0, weight=-4.0),
+    _Member(wider=8.0, kicked=_CURVED, weight=-2.0),
+    _Member(wider=8.0, kicked=_CURVED, weight=-2.0, square=True),
     _Member(wider=60.0, kicked=100.0, weight=-8.0),
     _Member(looser=10.0, weight=-5.0),
     _Member(mirrored=True, weight=-7.0),
@@ -329,9 +335,11 @@ _BY_CAMERA = (
 
 
 class FilterBank:
-    """Filters that expect different errors of the elements, beside one another; one of them answers.
+    """Filters that expect different errors of the elements, beside one another; their mean answers.
 
-    With terms that were learnt earlier there is one more, which expects those; it answers at first.
+    The one that predicts best decides how the camera lies, and what lies within the gate: what does not
+    leaves the answer as it was. With terms that were learnt earlier there is one more, which expects those;
+    it is the best at first.
     """
 
     def __init__(
@@ -361,18 +369,25 @@ class FilterBank:
             self._members.append(OrbitFilter(orbit, expected, noisier, kind.kicked, terms, kind.looser))
             self._weights.append(kind.weight)
         self._best = 0
+        self._answering = self._shares()
         self.knows_terms = known is not None
         self.accepted = self.rejected = 0
 
     @property
     def best(self) -> OrbitFilter:
-        """The filter that answers."""
+        """The filter that predicts best."""
         return self._members[self._best]
 
     @property
     def correction_km(self) -> Array:
         """The six corrections, km."""
-        return self.best.correction_km
+        shares, filters = self._answering
+        return _mean([one.correction_km for one in filters], shares)
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """The cameras that have seen."""
+        return self.best.cameras
 
     @property
     def uses_known_terms(self) -> bool:
@@ -393,12 +408,37 @@ class FilterBank:
         return other
 
     def pointing(self, propagator: Propagator, t: Utc, mount: bool) -> tuple[Array, Array]:
-        """See OrbitFilter."""
-        return self.best.pointing(propagator, t, mount)
+        """See OrbitFilter; how far the filters are apart is in the covariance."""
+        shares, filters = self._answering
+        units, spreads = zip(*(one.pointing(propagator, t, mount) for one in filters), strict=True)
+        middle = _unit(_mean(units, shares))
+        apart = [spread + np.outer(u - middle, u - middle) for u, spread in zip(units, spreads, strict=True)]
+        return middle, _mean(apart, shares)
 
     def direction(self, propagator: Propagator, t: Utc, mount: bool) -> Array:
         """See OrbitFilter."""
-        return self.best.direction(propagator, t, mount)
+        shares, filters = self._answering
+        return _unit(_mean([one.direction(propagator, t, mount) for one in filters], shares))
+
+    def terms(self, camera: str | None = None) -> tuple[Array, Array]:
+        """See OrbitFilter; how far the filters are apart is in the sigmas."""
+        shares, filters = self._answering
+        values, sigmas = zip(*(one.terms(camera) for one in filters), strict=True)
+        middle = _mean(values, shares)
+        apart = [np.hypot(sigma, value - middle) for value, sigma in zip(values, sigmas, strict=True)]
+        return middle, np.sqrt(_mean(np.square(apart), shares))
+
+    def _shares(self) -> tuple[Array, list[OrbitFilter]]:
+        """Return copies of the filters that see the camera as the best does, and how likely each is, of 1."""
+        answers, most = self._kinds[self._best], self._weights[self._best]
+        alike = [
+            (weight - most, one)
+            for weight, kind, one in zip(self._weights, self._kinds, self._members, strict=True)
+            if (kind.mirrored, kind.looser) == (answers.mirrored, answers.looser)
+            and weight - most >= _NO_SHARE
+        ]
+        shares = np.exp([weight for weight, _ in alike])
+        return shares / shares.sum(), [one.copy() for _, one in alike]
 
     def distance(self, sighting: Sighting) -> float:
         """Return the squared distance of a sighting; before the first, from where the usual errors lead."""
@@ -411,7 +451,7 @@ class FilterBank:
         )
 
     def observe(self, sighting: Sighting, gate: float) -> bool:
-        """Take a sighting in; tell whether it lay within the gate of the filter that answers."""
+        """Take a sighting in; tell whether it lay within the gate of the best filter."""
         found = [
             one.weigh(_mirrored(sighting) if kind.mirrored else sighting, gate)
             for one, kind in zip(self._members, self._kinds, strict=True)
@@ -420,9 +460,12 @@ class FilterBank:
             _FORGETTING * weight + likely for weight, (_, likely) in zip(self._weights, found, strict=True)
         ]
         most = max(self._weights)
-        if self._weights[self._best] < most - _BETTER:
+        another = self._weights[self._best] < most - _BETTER
+        if another:
             self._best = self._weights.index(most)
         taken = found[self._best][0]
+        if taken or another:
+            self._answering = self._shares()
         self.accepted += taken
         self.rejected += not taken
         self._give_up(most - _HOPELESS)
@@ -440,6 +483,15 @@ class FilterBank:
         self._weights = [self._weights[i] for i in kept]
         self._kinds = [self._kinds[i] for i in kept]
         self._best = self._members.index(answers)
+
+
+def _mean(values: Sequence[Array] | Array, shares: Array) -> Array:
+    mean: Array = np.average(values, axis=0, weights=shares)
+    return mean
+
+
+def _unit(vector: Array) -> Array:
+    return vector / math.sqrt(float(vector @ vector))
 
 
 def _mirrored(sighting: Sighting) -> Sighting:

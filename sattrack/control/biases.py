@@ -57,6 +57,8 @@ SHARE = 0.45
 """Of the mount's acceleration, what one offset's change may ask: several may come together."""
 GENTLE_SHARE = 0.15
 """The same for what is in no hurry: rates that are held for a period are off by its square times that."""
+FOLLOWED_S = 0.5
+"""Within so much an estimate is followed: what observations move it by is small, and late is off."""
 RATE_SHARE = 0.8
 """Of the rate that the mount has to spare beyond following."""
 LEAST_SPARE = 0.1
@@ -511,12 +513,12 @@ def follow_estimate(
     to_s = read.along_s + biases.offsets[ALONG].total_at(begins_utc_s)
     bounds = biases.bounds(ALONG, begins_utc_s, here_s, to_s, GENTLE_SHARE)
     biases.estimated_along.take_over(
-        along, read.along_s, begins_utc_s, bounds, read.along_rate, read.along_curve
+        along, read.along_s, begins_utc_s, bounds, read.along_rate, read.along_curve, FOLLOWED_S
     )
     bounds = _bounds_km(biases, begins_utc_s, here_s, to_s)
     moving = biases.cross_km(begins_utc_s, cross)
     biases.estimated_cross_km.take_over(
-        moving, read.cross_km, begins_utc_s, bounds, read.cross_rate_km_s, read.cross_curve_km_s2
+        moving, read.cross_km, begins_utc_s, bounds, read.cross_rate_km_s, read.cross_curve_km_s2, FOLLOWED_S
     )
     biases.touched()
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from sattrack.mount.model import SkyTerms
-from sattrack.views.messages import MOST_SIGMA_ARCSEC, ObservationMessage
+from sattrack.views.messages import FRAMES, MOST_SIGMA_ARCSEC, ObservationMessage
 from tle.bias import Bias
 from tle.elements import Elements
 from tle.errors import PropagationError
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sattrack.control.target import Course
-    from tle.observed import Frame
     from tle.propagator import Propagator
 
 FUTURE_S = 0.1
@@ -95,7 +94,6 @@ KEPT_WIDER = 1.5
 LEAST_SIGMAS = {"_deg": 20.0 / 3600.0, "delay_s": 0.002, "clock_s": 0.02, "scale": 0.001}
 """What was learnt at a pass is taken for that many times less well known at the next, and never better
 than the second: mounts are set up anew, cameras are turned."""
-FRAMES: dict[str, Frame] = {"icrs": "icrf", "j2000": "j2000", "of_date": "of_date"}
 
 
 class EstimatedBiases(NamedTuple):
@@ -257,25 +255,25 @@ class Estimator:
     @property
     def sky_terms(self) -> SkyTerms | None:
         """What cameras have shown of the mount and of themselves, for its profile."""
-        if self.filter is None or not self.filter.best.cameras or self.last_utc_s is None:
+        known = self.filter
+        if known is None or not known.cameras or self.last_utc_s is None:
             return None
-        best = self.filter.best
-        cameras = {name: _named(CAMERA_TERMS, best.terms(name)) for name in best.cameras}
+        cameras = {name: _named(CAMERA_TERMS, known.terms(name)) for name in known.cameras}
         when = Utc(self.last_utc_s).isoformat("seconds")
-        return SkyTerms(when, _named(MOUNT_TERMS, best.terms()), {} if self.filter.mirrored else cameras)
+        return SkyTerms(when, _named(MOUNT_TERMS, known.terms()), {} if known.mirrored else cameras)
 
     @property
     def camera_words(self) -> tuple[str, ...]:
         """How the cameras, or the mount, are not as they were set, as far as that is sure."""
-        if self.filter is None:
+        known, words = self.filter, []
+        if known is None:
             return ()
-        best, words = self.filter.best, []
-        if self.filter.knows_terms and not self.filter.uses_known_terms:
+        if known.knows_terms and not known.uses_known_terms:
             words.append("what earlier passes found of mount and cameras does not hold: it is left aside")
-        if self.filter.mirrored:
+        if known.mirrored:
             words.append("the camera's image is mirrored otherwise than set: turn `flipped` round")
-        for name in best.cameras:
-            found = dict(zip(CAMERA_TERMS, zip(*best.terms(name), strict=True), strict=True))
+        for name in known.cameras:
+            found = dict(zip(CAMERA_TERMS, zip(*known.terms(name), strict=True), strict=True))
             for term, (least, text) in TELL_OF.items():
                 value, sigma = (float(one) for one in found[term])
                 if abs(value) > least and abs(value) > SURE_SIGMAS * sigma:

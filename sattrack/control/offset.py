@@ -138,7 +138,7 @@ class Offset:
 
     def gradual(self, total: float, seconds: float, begins_utc_s: float, bounds: ChangeLimits) -> None:
         """Reach a total in so many seconds, or as soon after as the bounds allow."""
-        self._change(total, 0.0, begins_utc_s, bounds, seconds)
+        self._change(total, 0.0, begins_utc_s, bounds, max(seconds, SHORTEST_S))
 
     def stop(self, begins_utc_s: float, bounds: ChangeLimits) -> None:
         """Come to rest about where the offset is: the total is what is reached."""
@@ -157,12 +157,14 @@ class Offset:
         bounds: ChangeLimits,
         rate: float = 0.0,
         curve: float = 0.0,
+        seconds: float = SHORTEST_S,
     ) -> None:
         """Go from where the offset is, together with what something else does until then, to a total.
 
-        With a rate the total is that of the beginning, and goes on; `curve` is what the rate gains.
+        With a rate the total is that of the beginning, and goes on; `curve` is what the rate gains. It takes
+        so many seconds, or as long as the bounds ask.
         """
-        self._change(total, rate, begins_utc_s, bounds, moving=moving, curve=curve)
+        self._change(total, rate, begins_utc_s, bounds, seconds, moving, curve)
 
     def keep(self, moving: State, begins_utc_s: float, bounds: ChangeLimits) -> None:
         """Come to rest about where the offset is together with what something else does until then."""
@@ -187,7 +189,6 @@ class Offset:
     ) -> None:
         """Go over to the parabola with `foot` and `rate` at the beginning, within the bounds."""
         now = added(self.state(begins_utc_s), moving)
-        seconds = max(seconds, SHORTEST_S)
         if now.rate == now.acceleration == rate == curve == 0.0:
             # From rest to rest the quintic's peaks are known: 15/8 and 10/sqrt(3) of way and time.
             way = abs(foot - now.value)

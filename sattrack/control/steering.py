@@ -348,11 +348,11 @@ class Steering:
     def camera_views(self) -> tuple[CameraView, ...]:
         """Return the cameras whose offsets were taken, and what was found of them."""
         known, found = self.estimator.filter, []
-        for name in () if known is None else known.best.cameras:
+        for name in () if known is None else known.cameras:
             assert known is not None
             camera = self._seen_by[name]
             (turn, scale, clock, *_), (turn_sigma, scale_sigma, clock_sigma, *_) = (
-                [float(one) for one in part] for part in known.best.terms(name)
+                [float(one) for one in part] for part in known.terms(name)
             )
             found.append(
                 CameraView(

@@ -36,7 +36,6 @@ from sattrack.mount.xerxes.datagrams import (
 from sattrack.recording.format import (
     COMMAND,
     FAILURE,
-    FRAMES,
     GAP,
     OPERATOR,
     REPEAT,
@@ -47,6 +46,7 @@ from sattrack.recording.format import (
     to_ns,
 )
 from sattrack.recording.recorder import Recorder
+from sattrack.views.messages import FRAMES
 from tle.earth import EarthOrientation, to_tirs
 from tle.instants import Utc
 from tle.observed import apparent_unit

@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from sattrack.views.messages import Message
-    from tle.observed import Frame
 
 
 LIBRARIES = ("astropy-iers-data", "filterpy", "msgspec", "numpy", "pyerfa", "scipy", "sgp4")
@@ -467,10 +466,6 @@ def clock_steps(recording: Recording) -> list[ClockStep]:
 
 def _iso(utc_s: float | None) -> str | None:
     return None if utc_s is None else Utc(utc_s).isoformat("milliseconds")
-
-
-FRAMES: dict[str, Frame] = {"icrs": "icrf", "j2000": "j2000", "of_date": "of_date"}
-"""What `tle` calls the frames of observations."""
 
 
 def messages(recording: Recording) -> Iterator[tuple[float, Message]]:

@@ -22,9 +22,9 @@ from sattrack.recording.fits import (
     one_way,
     repeats,
 )
-from sattrack.recording.format import FRAMES, messages, observations
+from sattrack.recording.format import messages, observations
 from sattrack.safety import ROWS
-from sattrack.views.messages import Nudge, OffsetBy
+from sattrack.views.messages import FRAMES, Nudge, OffsetBy
 from tle.errors import ObservationError
 from tle.instants import Utc
 from tle.observed import bias_from_observation

@@ -20,8 +20,8 @@ from sattrack.pointing.learn import PassResiduals, Prior
 from sattrack.pointing.periodic import AxisStand, past_pole
 from sattrack.pointing.terms import FORMULAS, PointingModel
 from sattrack.recording.fits import NoFit
-from sattrack.recording.format import FRAMES, messages
-from sattrack.views.messages import ObservationMessage, SeenOffset, SolvedField
+from sattrack.recording.format import messages
+from sattrack.views.messages import FRAMES, ObservationMessage, SeenOffset, SolvedField
 from tle.direction import teme_axis
 from tle.elements import Elements
 from tle.instants import ARRAYS, Utc

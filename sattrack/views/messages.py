@@ -23,7 +23,7 @@ To a manual console: `{"type":"slew","ra_deg":82.5,"dec_deg":-12.5}`, `{"type":"
 
 from __future__ import annotations
 
-from typing import Literal, TypeVar, get_args
+from typing import TYPE_CHECKING, Literal, TypeVar, get_args
 
 import msgspec
 
@@ -32,6 +32,11 @@ from sattrack.mount.model import Slew
 from sattrack.mount.requests import Abort, FindHome, Park, Sync
 from tle.errors import TimeFormatError
 from tle.instants import Utc
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from tle.observed import Frame
 
 T = TypeVar("T")
 Quantity = Literal[
@@ -49,7 +54,8 @@ axes' own angles; the camera's two directions. Degrees but for the first."""
 How = Literal["add", "set", "rate", "gradual", "stop", "reset"]
 SearchHow = Literal["spiral", "sweep", "auto", "stop", "cancel"]
 GuideHow = Literal["on", "off", "accept", "reject"]
-ObservedFrame = Literal["icrs", "j2000", "of_date"]
+FRAMES: dict[str, Frame] = {"icrs": "icrf", "j2000": "j2000", "of_date": "of_date"}
+"""The frames of observations, and what `tle` calls them."""
 MOST_SLIP_S = 86400.0
 MOST_FIX_M_S = 10000.0
 MOST_SIGMA_ARCSEC = 3600.0
@@ -210,7 +216,7 @@ class ObservationMessage(
     def __post_init__(self) -> None:
         """Raise ValueError where a number cannot be one of an observation."""
         _check_utc(self.utc)
-        _one_of("frame", self.frame, get_args(ObservedFrame))
+        _one_of("frame", self.frame, FRAMES)
         _check_direction(self.ra_deg, self.dec_deg)
         _check_sigma(self.sigma_arcsec)
 
@@ -437,7 +443,7 @@ def _check_sigma(sigma_arcsec: float) -> None:
         raise ValueError(f"sigma_arcsec {sigma_arcsec:g} is outside {span}")
 
 
-def _one_of(field: str, value: str, text: tuple[str, ...]) -> None:
+def _one_of(field: str, value: str, text: Collection[str]) -> None:
     if value not in text:
         raise ValueError(f"{field} {value!r} is not known: give one of {', '.join(text)}")
 

@@ -11,7 +11,7 @@ from sattrack.runtime import demo_pass
 from tle.bias import Bias
 from tle.elements import Elements
 from tle.instants import DAY_S, Utc
-from tle.orbit_filter import OrbitFilter
+from tle.orbit_filter import FilterBank, OrbitFilter
 from tle.orbit_fit import ALONG, STATES, CorrectableOrbit, Sighting
 from tle.propagator import Propagator
 
@@ -122,6 +122,44 @@ def test_the_order_of_sightings_matters_little_and_a_rejected_one_not_at_all() -
         assert late.observe(made[i], GATE)
     assert np.allclose(late.correction_km, prompt.correction_km, atol=0.05)
     assert np.trace(late.covariance_km2) > np.trace(prompt.covariance_km2), "noise since then counts"
+
+
+@pytest.mark.parametrize("times", [1.0, 8.0])
+def test_the_mean_of_filters_is_as_sure_as_it_may_be_however_far_elements_are_off(times: float) -> None:
+    """Errors drawn from what is expected, or from eight times as much; nothing says which."""
+    one = orbit()
+    believed = Propagator(one.elements, demo_pass.SITE.place())
+    root = np.linalg.cholesky(one.expected(times).covariance_km2)
+    rng = np.random.default_rng(5)
+    distances = []
+    for seed in range(20):
+        true = believed.with_elements(one.corrected(root @ rng.normal(size=STATES)))
+        bank = FilterBank(one, seen_by_camera=True)
+        for sighting in sightings(true, believed, one.epoch, 40, seed)[:12]:
+            bank.observe(sighting, GATE)
+        # Ahead, where the filters part.
+        at = sighting.utc.plus(20.0)
+        unit, spread = bank.pointing(believed, at, False)
+        off = true.at(at).unit - unit
+        distances.append(float(off @ np.linalg.pinv(spread, rcond=1e-6) @ off))
+    assert sum(distance < 2.0**2 + 2.0 for distance in distances) >= 17, distances
+    assert 0.6 < np.mean(distances) < 4.0
+
+
+def test_a_sighting_that_the_best_filter_rejects_leaves_the_mean_as_it_was() -> None:
+    one = orbit()
+    believed = Propagator(one.elements, demo_pass.SITE.place())
+    true = believed.with_elements(one.corrected(np.array([20.0, 0.1, 0.3, -0.3, 0.1, 0.2])))
+    made = sightings(true, believed, one.epoch, 30, 1)
+    bank = FilterBank(one, seen_by_camera=True)
+    for sighting in made:
+        assert bank.observe(sighting, GATE)
+    before = bank.correction_km, bank.pointing(believed, made[-1].utc, False)
+    left = np.cross([0.0, 0.0, 1.0], made[9].unit)
+    beside = made[9].unit + 6.0 * made[9].sigma_rad * left / np.linalg.norm(left)
+    assert not bank.observe(replace(made[9], unit=beside / np.linalg.norm(beside)), GATE)
+    assert np.array_equal(bank.correction_km, before[0])
+    assert all(map(np.array_equal, bank.pointing(believed, made[-1].utc, False), before[1]))
 
 
 def test_elements_of_great_eccentricity_are_corrected_too() -> None:

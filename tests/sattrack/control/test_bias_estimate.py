@@ -663,9 +663,14 @@ class TestWhatCamerasShow:
         values = np.array([found.get(name, 0.0) for name in CAMERA_TERMS])
         of_camera = values, np.where(values == 0.0, 1e-3, np.abs(values) / sigmas)
         of_mount = np.linspace(0.1, 0.2, len(MOUNT_TERMS)), np.linspace(0.01, 0.02, len(MOUNT_TERMS))
-        best = Made(cameras=["fine"], terms=lambda name=None: of_mount if name is None else of_camera)
         one = Estimator(25544, RISE_S)
-        filters: Any = Made(best=best, knows_terms=True, uses_known_terms=True, mirrored=False)
+        filters: Any = Made(
+            cameras=["fine"],
+            terms=lambda name=None: of_mount if name is None else of_camera,
+            knows_terms=True,
+            uses_known_terms=True,
+            mirrored=False,
+        )
         one.filter, one.last_utc_s = filters, CULMINATION_S
         return one
 
@@ -716,9 +721,9 @@ class TestWhatCamerasShow:
         mirrored = one.sky_terms
         assert mirrored is not None
         assert (mirrored.mount, mirrored.cameras) == (terms.mount, {})
-        filters.best.cameras = []
+        filters.cameras = []
         assert one.sky_terms is None
-        filters.best.cameras, one.last_utc_s = ["fine"], None
+        filters.cameras, one.last_utc_s = ["fine"], None
         assert one.sky_terms is None
         assert Estimator(25544, RISE_S).sky_terms is None
 

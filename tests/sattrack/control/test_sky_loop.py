@@ -39,8 +39,9 @@ def found_out_arcsec(found: bench.Result) -> float:
 
 def test_the_satellite_is_held_in_the_middle_of_an_image_whose_sky_is_hidden() -> None:
     found = bench.without_mount(shorter(sky()), MountProfile())
-    assert found.rms_arcsec < 1.3
+    assert found.rms_arcsec < 1.1
     assert found.clouds_arcsec < 10.0
+    assert sum(abs(one) < 2.0 for one in found.sky.in_sigmas) > 0.85 * len(found.sky.in_sigmas)
     assert found.words == ()
     assert (found.rejected <= FIRST, found.begun_anew) == (True, 0)
 
@@ -65,16 +66,19 @@ def test_directions_among_the_stars_and_offsets_of_one_camera_hold_the_satellite
     assert (found.rejected <= FIRST, found.begun_anew) == (True, 0)
 
 
-@pytest.mark.parametrize(("beside_arcsec", "most_arcsec"), [(0.0, 9.0), (100.0, 14.0)])
+@pytest.mark.parametrize(
+    ("seed", "beside_arcsec", "most_arcsec"),
+    [(10, (0.0, 0.0), 9.0), (5, (-100.0, -100.0), 14.0), (11, (-100.0, 100.0), 10.0)],
+)
 def test_a_telescope_square_to_its_axes_needs_no_terms_of_one_that_is_not(
-    beside_arcsec: float, most_arcsec: float
+    seed: int, beside_arcsec: tuple[float, float], most_arcsec: float
 ) -> None:
     """Where a target passes the pole, cone and index say most of where it comes out of clouds."""
-    rng = random.Random("KANOPUS 10")
-    beside = beside_arcsec * bench.ARCSEC
-    hidden = replace(bench.Hidden.drawn(rng), beside=(beside, -beside))
+    rng = random.Random(f"KANOPUS {seed}")
+    east, north = (one * bench.ARCSEC for one in beside_arcsec)
+    hidden = replace(bench.Hidden.drawn(rng), beside=(east, north))
     found = bench.without_mount(shorter(bench.Sky(subjects()[1], hidden, rng)), MountProfile())
-    assert found.rms_arcsec < 1.8
+    assert found.rms_arcsec < 1.5
     assert found.clouds_arcsec < most_arcsec
     assert found.rejected <= FIRST
 

@@ -441,7 +441,7 @@ class TestMessages:
         assert one.camera_views() == ()
         one.obey(SeenOffset(Utc(NOW).isoformat("microseconds"), 3.0, 4.0, 1.0, "guide"), NOW)
         found = np.array([2.0, 0.03, 0.04, 0.5, 0.6]), np.array([0.2, 0.003, 0.004, 0.05, 0.06])
-        one.estimator.filter = Made(best=Made(cameras=("guide",), terms=lambda _: found))  # type: ignore[assignment]
+        one.estimator.filter = Made(cameras=("guide",), terms=lambda _: found)  # type: ignore[assignment]
         assert one.camera_views() == (
             CameraView("guide", "coarse", 12.0, True, 1.5, 2.0, 0.2, 0.03, 0.003, 0.04, 0.004),
         )
