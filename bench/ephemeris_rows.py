@@ -14,9 +14,11 @@ import numpy as np
 
 from tle.earth import EarthOrientation
 from tle.formats.ephemerides import parse_ephemerides
+from tle.site import Site
 
 RUNS = 3
 TURN, RADIUS = 1.0779e-3, 7_000_000.0
+SITE = Site(52.1541, 4.4908, 0.0)
 
 
 def orbit(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -107,6 +109,14 @@ def table(count: int) -> bytes:
     return f"utc,lat_deg,lon_deg,height_m\n{rows}".encode()
 
 
+def directions(count: int) -> bytes:
+    """Return a table of directions among the stars."""
+    t = np.arange(float(count))
+    places = zip(stamps_of(t), (1e-3 * t % 360.0).tolist(), (20.0 * np.sin(1e-5 * t)).tolist(), strict=True)
+    rows = "".join(f"{stamp}Z,{ra:.6f},{dec:.6f}\n" for stamp, ra, dec in places)
+    return f"utc,ra_deg,dec_deg\n{rows}".encode()
+
+
 def sp3(count: int) -> bytes:
     """Return an SP3 of a hundred satellites."""
     epochs = count // 100
@@ -135,14 +145,15 @@ def measured(data: bytes, name: str) -> tuple[float, float, int]:
     data.split(b"\n")
     split = time.process_time() - begun
     begun = time.process_time()
-    objects = len(parse_ephemerides(data, name))
+    objects = len(parse_ephemerides(data, name, SITE))
     seconds = time.process_time() - begun
     return seconds, seconds / split, objects
 
 
 def main() -> None:
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
-    kinds = {"CPF": cpf, "OEM": oem, "OEM in XML": xml, "SP3": sp3, "Starlink": starlink, "table": table}
+    kinds = {"CPF": cpf, "OEM": oem, "OEM in XML": xml, "SP3": sp3, "Starlink": starlink}
+    kinds |= {"table of places": table, "table of RA/Dec": directions}
     for name, make in kinds.items():
         data = make(count)
         seconds, splits, objects = min(measured(data, name) for _ in range(RUNS))
