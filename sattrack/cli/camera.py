@@ -35,10 +35,6 @@ if TYPE_CHECKING:
     from sattrack.camera.sources import FrameSource
 
 MOST_REFUSALS_TOLD = 5
-LEVEL = (0.05, 0.8)
-"""Between these shares of the full scale the satellite's peak is left alone."""
-MOST_SATURATED = 0.02
-"""Of all pixels: more is the sky."""
 NICE = 10
 END_WITHIN_S = 3.0
 RUN_WITHIN_S = 20.0
@@ -468,6 +464,8 @@ def _watch(
     save: Path | None,
 ) -> int:
     """Look at frame after frame; return the exit code."""
+    from sattrack.camera.frames import light_wanted
+
     seen_frames = refused = 0
     for item in items:
         if isinstance(item, SattrackError):
@@ -487,7 +485,7 @@ def _watch(
             run.show(item, detection, look.geometry.of_header(item), seen)
         if save is not None:
             _save(item, save, look.name, seen)
-        camera.adjust(_light(item, detection))
+        camera.adjust(light_wanted(item, detection))
         _print(context.json, seen, sent)
     if can_draw_lines_anew() and not context.json:
         click.echo(err=True)
@@ -514,39 +512,6 @@ def _save(frame: CameraFrame, folder: Path, name: str, seen: Centred) -> None:
     solved = seen.solved or {}
     fields = {"RA": solved["ra_deg"], "DEC": solved["dec_deg"]} if solved else {}
     save_frame(frame, folder, name, fields)
-
-
-def _light(frame: CameraFrame, detection: Detection) -> float:
-    """Return how many times the light the next exposure should take, by how bright the satellite is.
-
-    Where nothing is found, the exposure returns to START_EXPOSURE_S, unless that would saturate something:
-    what is found by less light and not by more would make it swing for good.
-    """
-    import numpy as np
-
-    from sattrack.camera.frames import START_EXPOSURE_S
-
-    full = frame.saturation or 65535.0
-    sky = float(np.nanmedian(frame.pixels[::16, ::16])) / full
-    peak = None if detection.peak is None else detection.peak / full
-    if detection.saturated > MOST_SATURATED or sky > LEVEL[1] or (peak is not None and peak > LEVEL[1]):
-        return 0.5
-    # Twice the light must not be too much.
-    if sky > LEVEL[1] / 2.0 or detection.saturated > MOST_SATURATED / 4.0:
-        return 1.0
-    if detection.kind != "none":
-        return 2.0 if peak is not None and peak - sky < LEVEL[0] else 1.0
-    if not 0.0 < frame.exposure_s < START_EXPOSURE_S or _brightest(frame) > LEVEL[1] / 2.0 * full:
-        return 1.0
-    return min(2.0, START_EXPOSURE_S / frame.exposure_s)
-
-
-def _brightest(frame: CameraFrame) -> float:
-    """Return the highest value that four pixels in a square have: hot ones stand alone."""
-    import numpy as np
-
-    pairs = np.minimum(frame.pixels[:-1], frame.pixels[1:])
-    return float(np.nanmax(np.minimum(pairs[:, :-1], pairs[:, 1:]), initial=0.0))
 
 
 def _print(as_json: bool, seen: Centred, sent: bool) -> None:

@@ -27,6 +27,7 @@ from sattrack.core.realtime import how_to_grant, undisturbed
 from sattrack.mount.model import MountProfile
 from sattrack.runtime.system import read_kernel_clock
 from sattrack.settings import find_settings_file
+from sattrack.views import formatting
 from sattrack.views.formatting import OLD_ELEMENTS_DAYS, arcsec
 from tle.earth import earth_orientation_age
 from tle.elements import expected_along_arcsec
@@ -159,7 +160,8 @@ def check_elements(facts: ElementFacts, now_utc_s: float) -> CheckResult:
     what = (
         f"{len(ages)} {'object' if len(ages) == 1 else 'objects'}, "
         f"{'epoch' if len(epochs) == 1 else 'epochs'} {' to '.join(epochs)}, "
-        f"the newest {_age(now_utc_s - newest_s)}, {old} more than {OLD_ELEMENTS_DAYS:g} days off{refusal}"
+        f"the newest {formatting.old(now_utc_s - newest_s)}, "
+        f"{old} more than {OLD_ELEMENTS_DAYS:g} days off{refusal}"
     )
     todo: list[str] = []
     if old == len(ages):
@@ -322,11 +324,6 @@ def check_disk(folder: Path, free_bytes: float | None, writable: bool) -> CheckR
         state: State = "bad" if free_bytes < NO_SPACE_BYTES else "warn"
         return CheckResult("disk", state, what, ("make room, or record elsewhere: --record FILE",))
     return CheckResult("disk", "ok", what)
-
-
-def _age(seconds: float) -> str:
-    days = seconds / DAY_S
-    return f"{days:.1f} days old" if days >= 0.0 else f"{-days:.1f} days in the future"
 
 
 class DoctorReport(msgspec.Struct, frozen=True):

@@ -15,9 +15,8 @@ from camera_frames import Canvas, star_streaks
 from indi_programs import indi_server
 
 from sattrack.camera.detection import Detection, Detector, ExpectedMotion
-from sattrack.camera.frames import CameraFrame, more_light
+from sattrack.camera.frames import CameraFrame, light_wanted, more_light
 from sattrack.camera.sources import CONTROL, SourceOptions, open_source, v4l_range
-from sattrack.cli.camera import _light
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -77,7 +76,7 @@ def test_the_exposure_settles_within_ten_frames_from_any_start(magnitude: float,
         frame, detection = exposed(detector, number, exposure_s, magnitude, rng)
         exposures.append(exposure_s)
         found.append(detection.kind == "point" and math.hypot(detection.x - 160.2, detection.y - 120.4) < 1.0)
-        exposure_s, _ = more_light(exposure_s, _light(frame, detection), (0.001, 1.0), None, None)
+        exposure_s, _ = more_light(exposure_s, light_wanted(frame, detection), (0.001, 1.0), None, None)
     assert exposures[9:] == exposures[9:10] * 5
     assert all(found[2:])
     # What a Gaussian of 0.85 px has in its middle pixel, by the error function.
@@ -93,7 +92,7 @@ def test_a_satellite_is_found_again_after_a_flare() -> None:
     for number, magnitude in enumerate([6.0] * 3 + [2.0, -2.0, -2.0, -2.0, 2.0] + [30.0] * 5 + [9.0] * 6):
         frame, detection = exposed(detector, number, exposure_s, magnitude, rng)
         found.append(detection.kind == "point")
-        exposure_s, _ = more_light(exposure_s, _light(frame, detection), (0.001, 1.0), None, None)
+        exposure_s, _ = more_light(exposure_s, light_wanted(frame, detection), (0.001, 1.0), None, None)
     assert found == [True] * 8 + [False] * 5 + [True] * 6
     assert exposure_s >= 0.1
 
@@ -125,7 +124,7 @@ def grey_frame(sky: float, exposure_s: float = 0.1) -> CameraFrame:
 def test_the_next_exposure_is_by_sky_and_satellite(
     frame: CameraFrame, detection: Detection, factor: float
 ) -> None:
-    assert _light(frame, detection) == pytest.approx(factor)
+    assert light_wanted(frame, detection) == pytest.approx(factor)
 
 
 def test_a_v4l2_query_has_the_kernels_size_and_what_is_no_camera_has_no_gain() -> None:

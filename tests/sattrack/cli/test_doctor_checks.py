@@ -51,9 +51,9 @@ def elements(*ages_days: float, refused: int = 0) -> ElementFacts:
     ("facts", "state", "says"),
     [
         (elements(0.5, 1.0, 2.0), "ok", "3 objects"),
-        (elements(0.5, 9.0), "ok", "the newest 0.5 days old, 1 more than 3 days off"),
+        (elements(0.5, 9.0), "ok", "the newest 12.0 h old, 1 more than 3 days off"),
         (elements(3.5, 9.0), "warn", "the newest 3.5 days old, 2 more than 3 days off"),
-        (elements(-4.0), "warn", "4.0 days in the future"),
+        (elements(-4.0), "warn", "4.0 days ahead"),
         (elements(0.5, refused=2), "warn", "2 refused, the first: sky.tle:4: checksum"),
         (elements(refused=2), "bad", "no set in sky.tle can be used, 2 refused"),
         (ElementFacts(()), "warn", "none are set"),
