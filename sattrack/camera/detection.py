@@ -31,6 +31,7 @@ from sattrack.camera.streaks import (
     EDGE_PX,
     LONG_RATIO,
     RIDGE_SNR,
+    Footprints,
     Streak,
     Trail,
     apart_deg,
@@ -76,6 +77,8 @@ FEWEST_ROUND = 3
 """Among fewer round stars a streak is no satellite."""
 LEAST_TRAIL_PX = 3.0
 """Of shorter trails no single frame shows that they are none."""
+CORE_PSF = 4.0
+"""Within so many sigmas of a star's image from the middle of a streak something is on it."""
 FEWEST_BESIDE = 3
 """Places on each side of a peak at which a star's trail through it is looked for."""
 Kind = Literal["point", "streak", "none"]
@@ -140,8 +143,9 @@ class Detector:
         if isinstance(prepared, Detection):
             return prepared
         discs = prepared.discs
+        every, footprints = streaks_of(prepared)
         # A column into which a disc overflows is no trail.
-        long = [one for one in streaks_of(prepared) if not any(runs_through(one, disc) for disc in discs)]
+        long = [one for one in every if not any(runs_through(one, disc) for disc in discs)]
         self._learn_psf(prepared, long)
         expected = expected or ExpectedMotion()
         near = expected.near or self._near(float(frame.utc.unix_s))
@@ -151,7 +155,7 @@ class Detector:
             found = _streak_target(prepared, long, expected, frame.exposure_s)
         else:
             steady = [one for one in discs if self._stands(one, float(frame.utc.unix_s), expected)]
-            found = _point_target(prepared, long, trail, near, self.psf_px, steady)
+            found = _point_target(prepared, long, footprints, trail, near, self.psf_px, steady)
         if found.kind == "none" and expected.target is None and not trail.known:
             found = _lone_streak(prepared, long, found, self.psf_px)
         self._stood = float(frame.utc.unix_s), discs
@@ -255,6 +259,7 @@ def _clipped_sigma(values: Pixels) -> float:
 def _point_target(
     prepared: PreparedImage,
     long: list[Streak],
+    footprints: Footprints,
     trail: Trail,
     near: tuple[float, float, float] | None,
     psf_px: float,
@@ -293,7 +298,7 @@ def _point_target(
     )
     for directions, count, both in passes:
         if directions and len(peaks):
-            peaks = _standing_out(prepared.snr, peaks, directions, psf_px, least, count, both)
+            peaks = _standing_out(prepared.snr, peaks, footprints, directions, psf_px, least, count, both)
     peaks = np.concatenate([peaks, on_streaks])
     # The strongest first, and only so many: what looks like more is no satellite among stars.
     peaks = peaks[np.argsort(peaks[:, 3] - peaks[:, 2])][:MOST_CANDIDATES]
@@ -462,6 +467,7 @@ def _peaks(snr: Pixels, least: float) -> Array:
 def _standing_out(
     snr: Pixels,
     peaks: Array,
+    footprints: Footprints,
     directions: list[float],
     psf_px: float,
     least: float,
@@ -482,16 +488,15 @@ def _standing_out(
     x = peaks[:, :1] + senses * np.cos(along)[:, None, None]
     y = peaks[:, 1:2] + senses * np.sin(along)[:, None, None]
     inside = (x >= 0) & (y >= 0) & (x <= snr.shape[1] - 1) & (y <= snr.shape[0] - 1)
-    values = np.where(inside, map_coordinates(snr, [y, x], order=1, mode="nearest"), 0.0)
-    cut = np.zeros(len(peaks), dtype=bool)
+    cut = (inside.sum(axis=-1) < FEWEST_BESIDE).any(axis=(0, 1)) & bool(samples)
+    # What is on another streak tells nothing of one through the peak.
+    seen = inside & ~footprints.of_others(peaks, x, y, CORE_PSF * psf_px)
     if samples:
-        count = inside.sum(axis=-1)
-        cut = (count < 3).any(axis=(0, 1))
-        sides = values.sum(axis=-1) / np.maximum(count, 1)
-    else:
-        sides = _medians(values)
+        seen = np.where((seen.sum(axis=-1) < FEWEST_BESIDE)[..., None], inside, seen)
+    values = np.where(seen, map_coordinates(snr, [y, x], order=1, mode="nearest"), 0.0)
+    sides: Array = values.sum(axis=-1) / np.maximum(seen.sum(axis=-1), 1) if samples else _medians(values)
     first = sides[0] < sides[1] if both else sides[0] >= sides[1]
-    levels = np.where(first, *sides)
+    levels = np.where(first, sides[0], sides[1])
     # Of each peak, the direction in which most runs through it.
     most, each = levels.argmax(axis=0), np.arange(len(peaks))
     first, level = first[most, each], levels[most, each]
@@ -507,7 +512,7 @@ def _standing_out(
     rough_part = np.where(ridge > RIDGE_SNR, roughness**2 + 0.3 * ridge, 0.0)
     noise = np.where(ridge > 0.0, np.sqrt(1.0 + 1.0 / (samples or 6) + rough_part), 1.0)
     standing = (excess > least * noise) & (excess > 0.25 * ridge) & ~cut
-    kept = peaks[standing].copy()
+    kept: Array = peaks[standing].copy()
     kept[:, 3], kept[:, 4] = ridge[standing], angle[standing]
     return kept
 

@@ -51,21 +51,54 @@ class Streak(NamedTuple):
         return dx * c + dy * s, dy * c - dx * s
 
 
-def streaks_of(prepared: PreparedImage) -> list[Streak]:
-    """Return what is long in a frame, the brightest first."""
+class Footprints(NamedTuple):
+    """Which streak each pixel is part of: numbers from 1, those of other things among them, 0 for none."""
+
+    numbers: NDArray[np.int32]
+    streaks: dict[int, Streak]
+
+    def of_others(self, peaks: Array, x: Array, y: Array, core_px: float) -> NDArray[np.bool_]:
+        """Tell which places are on another streak than each peak is; shape (..., n, k) for n peaks.
+
+        Within `core_px` of a streak's middle line a peak is on it; noise joins to it what is close beside.
+        """
+        height, width = self.numbers.shape
+        last = max(self.streaks, default=0) + 1
+        long = np.zeros(last + 1, dtype=bool)
+        long[list(self.streaks)] = True
+        columns = np.clip(np.rint(x), 0, width - 1).astype(np.intp)
+        rows = np.clip(np.rint(y), 0, height - 1).astype(np.intp)
+        there = np.minimum(self.numbers[rows, columns], last)
+        own = np.minimum(self.numbers[peaks[:, 1].astype(np.intp), peaks[:, 0].astype(np.intp)], last)
+        for number in np.unique(own[long[own]]).tolist():
+            _, across = self.streaks[number].from_middle(peaks[:, 0], peaks[:, 1])
+            own[(own == number) & (np.abs(across) > core_px)] = 0
+        others: NDArray[np.bool_] = long[there] & (there != own[:, None])
+        return others
+
+
+def streaks_of(prepared: PreparedImage) -> tuple[list[Streak], Footprints]:
+    """Return what is long in a frame, the brightest first, and where it is."""
     import sep
 
+    height, width = prepared.snr.shape
     try:
-        found = sep.extract(
-            prepared.snr, LONG_SNR, minarea=FEWEST_PIXELS, filter_kernel=None, deblend_cont=1.0, clean=False
+        found, numbers = sep.extract(
+            prepared.snr,
+            LONG_SNR,
+            minarea=FEWEST_PIXELS,
+            filter_kernel=None,
+            deblend_cont=1.0,
+            clean=False,
+            segmentation_map=True,
         )
     except Exception as error:
         if "limit" in str(error) or "buffer" in str(error):
-            return []
+            return [], Footprints(np.zeros((height, width), dtype=np.int32), {})
         raise
-    height, width = prepared.snr.shape
-    long: list[Streak] = []
-    for one in found[np.argsort(-found["flux"])]:
+    long: dict[int, Streak] = {}
+    for k in np.argsort(-found["flux"]).tolist():
+        one = found[k]
         a, b = float(one["a"]), max(float(one["b"]), 0.3)
         if a / b < LONG_RATIO:
             continue
@@ -77,19 +110,17 @@ def streaks_of(prepared: PreparedImage) -> list[Streak]:
             and one["xmax"] < width - 1 - EDGE_PX
             and one["ymax"] < height - 1 - EDGE_PX
         )
-        long.append(
-            Streak(
-                float(one["x"]),
-                float(one["y"]),
-                length,
-                math.degrees(float(one["theta"])) % 180.0,
-                b,
-                float(one["flux"]),
-                bool(whole),
-                float(one["peak"]),
-            )
+        long[k + 1] = Streak(
+            float(one["x"]),
+            float(one["y"]),
+            length,
+            math.degrees(float(one["theta"])) % 180.0,
+            b,
+            float(one["flux"]),
+            bool(whole),
+            float(one["peak"]),
         )
-    return long
+    return list(long.values()), Footprints(numbers, long)
 
 
 def cross_section_px(prepared: PreparedImage, streak: Streak, psf_px: float) -> float | None:

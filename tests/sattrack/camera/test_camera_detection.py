@@ -57,6 +57,25 @@ def test_a_point_among_fifty_streaks_is_found_where_it_is() -> None:
     assert 0.6 < rms / float(np.median(sigmas)) < 1.6
 
 
+@pytest.mark.parametrize("beside_px", [8.0, 11.0, 15.0])
+def test_a_faint_point_beside_a_bright_trail_is_found(beside_px: float) -> None:
+    """The trail of a star a hundred times as bright passes by; nothing runs through the point."""
+    rng = np.random.default_rng(31)
+    found = 0
+    for _ in range(10):
+        canvas = small()
+        angle = float(rng.uniform(0.0, 180.0))
+        star_streaks(canvas, rng, 10, 110.0, angle)
+        x, y, along = rng.uniform(120, 390), rng.uniform(120, 260), rng.uniform(-40.0, 40.0)
+        c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
+        middle = x + along * c - beside_px * s, y + along * s + beside_px * c
+        canvas.streak(*middle, 110.0, angle, 60.0 * canvas.noise)
+        canvas.point(x, y, canvas.flux_of(9.0 * FWHM_APERTURE))
+        one = seen(canvas.exposed(rng))
+        found += one.x is not None and one.y is not None and math.hypot(one.x - x, one.y - y) < 1.5
+    assert found >= 9
+
+
 @pytest.mark.parametrize("length", [0.0, 12.0, 60.0])
 def test_nothing_is_found_where_there_is_nothing(length: float) -> None:
     rng = np.random.default_rng(5)
