@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
+from sattrack.camera.frames import START_EXPOSURE_S
 from sattrack.camera.shape import (
     FULL,
     OF_DISC_PX,
@@ -609,3 +610,36 @@ def _round(prepared: PreparedImage, long: list[Streak]) -> tuple[PointSource, ..
             continue
         sources.append(PointSource(float(one["x"]), float(one["y"]), float(one["flux"]), float(one["peak"])))
     return tuple(sources)
+
+
+LEVEL = (0.05, 0.8)
+"""Between these shares of the full scale the satellite's peak is left alone."""
+MOST_SATURATED = 0.02
+"""Of all pixels: more is the sky."""
+
+
+def light_wanted(frame: CameraFrame, detection: Detection) -> float:
+    """Return how many times the light the next exposure should take, by how bright the satellite is.
+
+    Where nothing is found, the exposure returns to START_EXPOSURE_S, unless that would saturate something:
+    what is found by less light and not by more would make it swing for good.
+    """
+    full = frame.saturation or 65535.0
+    sky = float(np.nanmedian(frame.pixels[::16, ::16])) / full
+    peak = None if detection.peak is None else detection.peak / full
+    if detection.saturated > MOST_SATURATED or sky > LEVEL[1] or (peak is not None and peak > LEVEL[1]):
+        return 0.5
+    # Twice the light must not be too much.
+    if sky > LEVEL[1] / 2.0 or detection.saturated > MOST_SATURATED / 4.0:
+        return 1.0
+    if detection.kind != "none":
+        return 2.0 if peak is not None and peak - sky < LEVEL[0] else 1.0
+    if not 0.0 < frame.exposure_s < START_EXPOSURE_S or _brightest(frame) > LEVEL[1] / 2.0 * full:
+        return 1.0
+    return min(2.0, START_EXPOSURE_S / frame.exposure_s)
+
+
+def _brightest(frame: CameraFrame) -> float:
+    """Return the highest value that four pixels in a square have: hot ones stand alone."""
+    pairs = np.minimum(frame.pixels[:-1], frame.pixels[1:])
+    return float(np.nanmax(np.minimum(pairs[:, :-1], pairs[:, 1:]), initial=0.0))

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sattrack.camera.detection import Detection
-
     Pixels = NDArray[np.float32]
 
 AGREE_S = 0.05
@@ -222,39 +220,6 @@ AUTO_S = (0.005, 0.5)
 """Between these an exposure is chosen by itself: longer ones smear the satellite by what is not known yet."""
 GAIN_STEP = 0.1
 """Of the camera's range of gains, where the longest or shortest exposure is not enough."""
-
-
-LEVEL = (0.05, 0.8)
-"""Between these shares of the full scale the satellite's peak is left alone."""
-MOST_SATURATED = 0.02
-"""Of all pixels: more is the sky."""
-
-
-def light_wanted(frame: CameraFrame, detection: Detection) -> float:
-    """Return how many times the light the next exposure should take, by how bright the satellite is.
-
-    Where nothing is found, the exposure returns to START_EXPOSURE_S, unless that would saturate something:
-    what is found by less light and not by more would make it swing for good.
-    """
-    full = frame.saturation or 65535.0
-    sky = float(np.nanmedian(frame.pixels[::16, ::16])) / full
-    peak = None if detection.peak is None else detection.peak / full
-    if detection.saturated > MOST_SATURATED or sky > LEVEL[1] or (peak is not None and peak > LEVEL[1]):
-        return 0.5
-    # Twice the light must not be too much.
-    if sky > LEVEL[1] / 2.0 or detection.saturated > MOST_SATURATED / 4.0:
-        return 1.0
-    if detection.kind != "none":
-        return 2.0 if peak is not None and peak - sky < LEVEL[0] else 1.0
-    if not 0.0 < frame.exposure_s < START_EXPOSURE_S or _brightest(frame) > LEVEL[1] / 2.0 * full:
-        return 1.0
-    return min(2.0, START_EXPOSURE_S / frame.exposure_s)
-
-
-def _brightest(frame: CameraFrame) -> float:
-    """Return the highest value that four pixels in a square have: hot ones stand alone."""
-    pairs = np.minimum(frame.pixels[:-1], frame.pixels[1:])
-    return float(np.nanmax(np.minimum(pairs[:, :-1], pairs[:, 1:]), initial=0.0))
 
 
 def more_light(

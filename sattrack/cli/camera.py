@@ -464,7 +464,7 @@ def _watch(
     save: Path | None,
 ) -> int:
     """Look at frame after frame; return the exit code."""
-    from sattrack.camera.frames import light_wanted
+    from sattrack.camera.detection import light_wanted
 
     seen_frames = refused = 0
     for item in items:

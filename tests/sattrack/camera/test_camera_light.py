@@ -14,8 +14,8 @@ import pytest
 from camera_frames import Canvas, star_streaks
 from indi_programs import indi_server
 
-from sattrack.camera.detection import Detection, Detector, ExpectedMotion
-from sattrack.camera.frames import CameraFrame, light_wanted, more_light
+from sattrack.camera.detection import Detection, Detector, ExpectedMotion, light_wanted
+from sattrack.camera.frames import CameraFrame, more_light
 from sattrack.camera.sources import CONTROL, SourceOptions, open_source, v4l_range
 from tle.instants import Utc
 
