@@ -386,8 +386,8 @@ class FilterBank:
 
     @property
     def cameras(self) -> tuple[str, ...]:
-        """The cameras that have seen."""
-        return self.best.cameras
+        """The cameras whose sightings are in the answer."""
+        return self._answering[1][0].cameras
 
     @property
     def uses_known_terms(self) -> bool:
@@ -456,9 +456,12 @@ class FilterBank:
             one.weigh(_mirrored(sighting) if kind.mirrored else sighting, gate)
             for one, kind in zip(self._members, self._kinds, strict=True)
         ]
-        self._weights = [
-            _FORGETTING * weight + likely for weight, (_, likely) in zip(self._weights, found, strict=True)
-        ]
+        # What no filter takes says nothing of them.
+        if any(taken for taken, _ in found):
+            self._weights = [
+                _FORGETTING * weight + likely
+                for weight, (_, likely) in zip(self._weights, found, strict=True)
+            ]
         most = max(self._weights)
         another = self._weights[self._best] < most - _BETTER
         if another:

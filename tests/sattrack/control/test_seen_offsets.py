@@ -249,6 +249,19 @@ def test_a_wild_offset_moves_nothing() -> None:
     assert len(before) == STATES
 
 
+def test_a_camera_whose_only_offset_was_wild_is_shown_without_a_fault() -> None:
+    loop = Loop()
+    loop.run(10.0)
+    now, estimator = BEGIN_S + 10.0, loop.steering.estimator
+    late = Utc(now - 0.5).isoformat("microseconds")
+    loop.steering.obey(SeenOffset(late, 9000.0, 300.0, 1.5, "finder"), now)
+    for _ in range(2):
+        assert estimator.sky_terms is not None
+        assert estimator.camera_words == ()
+        assert "guide" in [one.name for one in loop.steering.camera_views()]
+        loop.go_on(10.0, 12.0)
+
+
 def test_up_is_north_and_right_is_west_unless_the_camera_is_turned_or_mirrored() -> None:
     for camera, dx, dy, east, north in (
         (UPRIGHT, 0.0, 1.0, 0.0, 1.0),
