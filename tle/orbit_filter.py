@@ -456,12 +456,9 @@ class FilterBank:
             one.weigh(_mirrored(sighting) if kind.mirrored else sighting, gate)
             for one, kind in zip(self._members, self._kinds, strict=True)
         ]
-        # What no filter takes says nothing of them.
-        if any(taken for taken, _ in found):
-            self._weights = [
-                _FORGETTING * weight + likely
-                for weight, (_, likely) in zip(self._weights, found, strict=True)
-            ]
+        self._weights = [
+            _FORGETTING * weight + likely for weight, (_, likely) in zip(self._weights, found, strict=True)
+        ]
         most = max(self._weights)
         another = self._weights[self._best] < most - _BETTER
         if another:
