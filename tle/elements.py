@@ -84,7 +84,7 @@ class Elements:
     element_set_number: int = 0
     revolution_number: int = 0
     source: str = field(default="", compare=False)
-    """The file or download that they were taken from; empty where that is not known."""
+    """The name of the file or download that they were taken from, without folders; empty where not known."""
 
     def __post_init__(self) -> None:
         """Take a datetime or a Time of another package as the epoch."""

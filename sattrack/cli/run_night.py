@@ -6,6 +6,7 @@ import json
 import time
 from collections import Counter
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -52,7 +53,6 @@ from tle.sources import newest
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from sattrack.cli.common import CommandContext
     from sattrack.mount.profiles import ProfileFile
@@ -104,12 +104,13 @@ def _night_pass(
 ) -> NightPass:
     candidate = one.candidate
     target, entry = candidate.elements, schedule.entries[candidate.entry]
+    file = Path(entry.source or "").name
     is_satellite = isinstance(target, Elements)
     top = Utc(candidate.culminate_utc_s).isoformat("seconds")
     return NightPass(
         key=f"{target.catalog_number or target.label}@{top}",
         number=number,
-        elements=replace(target, source=entry.source or "") if isinstance(target, Elements) else None,
+        elements=replace(target, source=file) if isinstance(target, Elements) else None,
         start_utc_s=round(one.start_utc_s, 3),
         culminate_utc_s=round(candidate.culminate_utc_s, 3),
         end_utc_s=round(one.end_utc_s, 3),

@@ -84,7 +84,7 @@ def followed(
     if not isinstance(chosen.target, Elements):
         return FollowedTarget(None, site, chosen.target, culminate_utc_s)
     # Others may be asked for later; of this object it is the set that was chosen.
-    taken = replace(chosen.target, source=chosen.origin)
+    taken = replace(chosen.target, source=Path(chosen.origin).name)
     elements = [taken if _same(one, taken) else one for one in known()]
     return FollowedTarget(elements, site, None, culminate_utc_s)
 

@@ -238,6 +238,7 @@ _CHANGED: dict[str, Any] = {
     "element_set_number": 0,
     "revolution_number": 0,
     "recording": "anonymous.mcap",
+    "source_file": WITHHELD,
     "message": WITHHELD,
     "words": WITHHELD,
     "recording_trouble": WITHHELD,
@@ -333,6 +334,7 @@ class _Moving:
         site, elements = self.site, moved["elements"]
         place = {"latitude_deg": site.latitude_deg, "longitude_deg": site.longitude_deg}
         moved["site"] = place | {"height_m": site.height_m}
+        elements["source"] = ""
         elements["epoch"] = facts["elements"]["epoch"] + self._shift_s
         elements["raan_deg"] = (elements["raan_deg"] + self._equinoxes_deg) % 360.0
         profile = moved.get("profile", {})

@@ -73,6 +73,7 @@ def test_no_name_no_path_and_no_instant_of_the_run_is_left(anonymous: Path) -> N
         "25544",
         "1998-067",
         "faults",
+        "iss_leiden",
         f"{true.site.longitude_deg:.3f}",
         "2026-10-02T13",
         true.elements.epoch.isoformat("seconds")[:16],

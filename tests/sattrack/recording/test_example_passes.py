@@ -26,6 +26,8 @@ def test_an_example_comes_out_again(name: str) -> None:
     recording, facts = open_recording(PASSES / f"{name}.mcap")
     assert recording.header.format_version == FORMAT_VERSION
     assert not recording.problems
+    assert facts.elements is not None
+    assert "/" not in facts.elements.source, "no folder of the computer that made it"
     result = replay(recording, engine_of, tolerances=FREE)
     assert result.agrees, result.reasons
     assert result.ticks > 2500
