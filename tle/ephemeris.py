@@ -326,6 +326,9 @@ class Segment:
 def missed_km(segment: Segment, held: Index) -> Array:
     """Return by how much rows, by index, are missed when interpolated from all others, shape (m,)."""
     others = np.delete(np.arange(len(segment.since_s)), held)
+    rows = segment.interpolation.rows
+    about = np.searchsorted(others, held)[:, None] + np.arange(-rows, rows)
+    others = others[np.unique(np.clip(about, 0, len(others) - 1))]
     velocity = segment.velocity_km_s
     without = replace(
         segment,

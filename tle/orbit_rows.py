@@ -128,9 +128,15 @@ def _inertial(one: Segment, rows: slice | Index) -> tuple[Array, Array]:
     return place, np.stack([vx * c - vy * s, vx * s + vy * c, vz], axis=1)
 
 
+def _square(vectors: Array) -> Array:
+    """Return the squares of lengths, shape (n,), of vectors (n, 3)."""
+    squares: Array = np.einsum("nc,nc->n", vectors, vectors)
+    return squares
+
+
 def _pull(place: Array) -> Array:
     """Return gravity at places (n, 3); of those inside the Earth that of one place near its middle."""
-    inside = np.sum(place * place, axis=1) < _LOWEST_KM**2
+    inside = _square(place) < _LOWEST_KM**2
     return np.array(gravity_km_s2(*np.where(inside[:, None], _LOWEST_KM, place).T)).T
 
 
@@ -149,7 +155,7 @@ def _far_pull(least_km: Array, most_km: Array) -> Array:
 
 def _turns_2(*places: Array) -> Array:
     """Return twice the square of the rate at which the nearest of the places is gone round (rad/s)², (n,)."""
-    nearest = np.min([np.sum(place * place, axis=1) for place in places], axis=0)
+    nearest = np.min([_square(place) for place in places], axis=0)
     rates: Array = 2.0 * MU_KM3_S2 / np.maximum(nearest, _LOWEST_KM**2) ** 1.5
     return rates
 
@@ -177,7 +183,7 @@ def _sped(since_s: Array, place: Array, velocity: Array) -> Array:
     """Return what gravity misses of the velocity between rows, km/s, by the same rule as `_fallen`."""
     h = np.diff(since_s)[:, None]
     pull = _pull(place)
-    away_2 = np.maximum(np.sum(place * place, axis=1), _LOWEST_KM**2)[:, None]
+    away_2 = np.maximum(_square(place), _LOWEST_KM**2)[:, None]
     rising = np.sum(place * velocity, axis=1)[:, None] / away_2
     change = MU_KM3_S2 / away_2**1.5 * (3.0 * rising * place - velocity)
     sped: Array = np.diff(velocity, axis=0) - 0.5 * h * (pull[1:] + pull[:-1])
@@ -191,7 +197,7 @@ def _fallen_own_km(one: Segment, first: Index, last: Index) -> Array:
     # Twice what it is on a circle's: near a perigee high derivatives grow.
     rate = np.sqrt(2.0 * _turns_2(place, one.place_km[last]))
     own: Array = (
-        (one.since_s[last] - one.since_s[first]) ** 5 * rate**5 * np.linalg.norm(place, axis=1) / 720.0
+        (one.since_s[last] - one.since_s[first]) ** 5 * rate**5 * np.sqrt(_square(place)) / 720.0
     )
     return own
 
@@ -217,7 +223,7 @@ def _by_neighbours(one: Segment) -> Array:
 
 def _by_velocities(one: Segment) -> tuple[_Wrong | None, list[int]]:
     """Return the first wrong row, and the steps, by their first rows, in which engines changed the orbit."""
-    size = np.linalg.norm(_by_step(one), axis=1)
+    size = np.sqrt(_square(_by_step(one)))
     most = _most(size)
     far = size > most
     some = np.flatnonzero(far)
@@ -237,7 +243,7 @@ def _by_velocities(one: Segment) -> tuple[_Wrong | None, list[int]]:
         step = float(np.diff(one.since_s[ends])[0])
         if (stop - first > 1 and left < _LEFT * peak) or peak > _PUSH_KM_S2 * step**2:
             return _Wrong(first + 1, peak), []
-        near = float(np.linalg.norm(place, axis=1).max()) < _HIGHEST_KM
+        near = float(np.sqrt(_square(place)).max()) < _HIGHEST_KM
         # Engines move nothing that they do not make faster or slower.
         pushed = step * float(np.linalg.norm(_sped(one.since_s[ends], place, velocity)))
         if near and left > _MOVES_KM + pushed:
@@ -255,10 +261,10 @@ def _by_places(one: Segment) -> _Wrong | None:
     """
     count = len(one.since_s)
     missed = _by_neighbours(one)
-    size = np.linalg.norm(missed[1:-1], axis=1)
+    size = np.sqrt(_square(missed[1:-1]))
     most = _most(size)
     # What is elsewhere from a row on is missed by so much before it, and the other way after it.
-    both = np.linalg.norm(missed[1:-2] + missed[2:-1], axis=1)
+    both = np.sqrt(_square(missed[1:-2] + missed[2:-1]))
     jumps = np.flatnonzero((size[:-1] > most + _MOVES_KM) & (both < _LEFT * size[:-1]))
     middle = np.unique(np.flatnonzero(size > most)[:, None] + np.arange(3))
     if len(middle) == 0:
@@ -270,8 +276,8 @@ def _by_places(one: Segment) -> _Wrong | None:
     off = np.einsum("kn,knc->nc", taken, about) / np.maximum(np.sum(taken**2, axis=0), 1.0)[:, None]
     rest = np.linalg.norm(about - taken[:, :, None] * off, axis=2).max(axis=0)
     for k in (0, 4):
-        rest = np.maximum(rest, np.linalg.norm(missed[middle + k], axis=1))
-    off_km = np.linalg.norm(off, axis=1)
+        rest = np.maximum(rest, np.sqrt(_square(missed[middle + k])))
+    off_km = np.sqrt(_square(off))
     wrong = np.flatnonzero((off_km > most) & (rest < _LEFT * off_km))
     if len(wrong):
         return _Wrong(int(middle[wrong[0]]), float(off_km[wrong[0]]))
@@ -300,9 +306,9 @@ def _runs(told: NDArray[np.bool_]) -> list[tuple[int, int]]:
 def _check_speed(one: Segment, name: str, source: str) -> None:
     """Refuse rows that go as nothing does; those of a file in metres are far from the Earth's pull."""
     place, velocity = _inertial(one, slice(None))
-    speed = np.linalg.norm(np.diff(place, axis=0), axis=1) / np.diff(one.since_s)
+    speed = np.sqrt(_square(np.diff(place, axis=0))) / np.diff(one.since_s)
     if one.velocity_km_s is not None:
-        pace = np.linalg.norm(velocity, axis=1)
+        pace = np.sqrt(_square(velocity))
         speed = np.maximum(speed, np.maximum(pace[:-1], pace[1:]))
     fast = np.flatnonzero(speed > _FASTEST_KM_S)
     if len(fast):
@@ -354,7 +360,7 @@ def _off_arcs(one: Segment, pieces: Index) -> tuple[int, str] | None:
     """
     middle = np.clip(pieces, 1, len(one.since_s) - 2)
     arc_s = _ARC_RAD / np.sqrt(_turns_2(one.place_km[middle]) / 2.0)
-    high_up = np.linalg.norm(one.place_km[middle], axis=1) >= _HIGHEST_KM
+    high_up = np.sqrt(_square(one.place_km[middle])) >= _HIGHEST_KM
     arc_s = np.where(high_up, np.minimum(arc_s, _FAR_ARC_S), arc_s)
     low = np.searchsorted(one.since_s, one.since_s[middle] - arc_s)
     high = np.searchsorted(one.since_s, one.since_s[middle] + arc_s)
@@ -370,9 +376,9 @@ def _off_arcs(one: Segment, pieces: Index) -> tuple[int, str] | None:
     expected = weights[0][:, None] * pulls[0] + weights[1][:, None] * pulls[2]
     expected += (1.0 - weights[0] - weights[1])[:, None] * pulls[1]
     before, after = (b - a) / h1[:, None], (c - b) / h2[:, None]
-    height = np.linalg.norm(b, axis=1)
-    missed = np.linalg.norm(2.0 * (after - before) / both[:, None] - expected, axis=1)
-    share = np.maximum(missed - _moon_pull(height), 0.0) / np.linalg.norm(pulls[1], axis=1)
+    height = np.sqrt(_square(b))
+    missed = np.sqrt(_square(2.0 * (after - before) / both[:, None] - expected))
+    share = np.maximum(missed - _moon_pull(height), 0.0) / np.sqrt(_square(pulls[1]))
     share[height < _LOWEST_KM] = np.inf
     rate = np.sqrt(_turns_2(a, b, c) / 2.0)
     own = (rate * np.maximum(h1, h2)) ** 4
@@ -397,7 +403,7 @@ def _off_arcs(one: Segment, pieces: Index) -> tuple[int, str] | None:
         return None
     speed = (before * h2[:, None] + after * h1[:, None]) / both[:, None]
     speed -= (h1 * h2 / (6.0 * both))[:, None] * (pulls[2] - pulls[0])
-    other = np.linalg.norm(speed - vb, axis=1)
+    other = np.sqrt(_square(speed - vb))
     bad = np.flatnonzero(near & (other > _OTHER_KM_S + rate * height * own / 4.0))
     if len(bad) == 0:
         return None
@@ -429,11 +435,11 @@ def _off_between(one: Segment, pieces: Index) -> tuple[int, str] | None:
     unix_s = tai_s - leaps_s(tai_s)
     state = one.frame.to_teme(EarthOrientation.fixed(0.0), unix_s, tuple(one.native_many(since)), ARRAYS)
     place, pull = np.array(state[:3]).T, np.array(state[6:9]).T
-    ends = np.linalg.norm(one.place_km[pieces], axis=1)
-    height = np.minimum(np.linalg.norm(place, axis=1), ends)
+    ends = np.sqrt(_square(one.place_km[pieces]))
+    height = np.minimum(np.sqrt(_square(place)), ends)
     gravity = _pull(place)
-    missed = np.maximum(np.linalg.norm(pull - gravity, axis=1) - _moon_pull(height), 0.0)
-    share = missed / np.linalg.norm(gravity, axis=1)
+    missed = np.maximum(np.sqrt(_square(pull - gravity)) - _moon_pull(height), 0.0)
+    share = missed / np.sqrt(_square(gravity))
     # A polynomial that meets the rows at both ends, off by so much in between.
     moved_km = missed * (one.since_s[pieces + 1] - one.since_s[pieces]) ** 2 / 10.0
     # Of three rows and more the arcs tell whether they fall.

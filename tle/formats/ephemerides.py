@@ -66,7 +66,7 @@ def parse_ephemerides(
     text = _unpacked(data, source)
     if not text[:1000].strip() and not text.strip():
         raise EphemerisError("it is empty: give a CPF, OEM or SP3 file, or a table", source=source)
-    lines = Lines(text, source)
+    lines = oem.lines_of(text, source)
     if track_table.recognised(lines):
         return track_table.parse_track(lines, site, t0)
     if t0 is not None:

@@ -7,6 +7,7 @@ Segments are never interpolated across, and hold from USEABLE_START_TIME to USEA
 
 from __future__ import annotations
 
+import codecs
 import re
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
@@ -70,17 +71,22 @@ _KVN = re.compile(r"([A-Z][A-Z0-9_]*)\s*(?:=\s*(.*))?", re.ASCII)
 
 
 def recognised(lines: Lines) -> bool:
-    """Tell whether a text begins like an OEM, in KVN or XML."""
+    """Tell whether a text begins like an OEM in KVN, which XML is read as, too."""
     for k in range(min(len(lines), 40)):
         text = lines.text(k).lstrip("\ufeff")
         if text:
-            return text.startswith(("CCSDS_OEM_VERS", _MEME)) or (text.startswith("<") and _is_xml(lines))
+            return text.startswith(("CCSDS_OEM_VERS", _MEME))
     return False
 
 
-def _is_xml(lines: Lines) -> bool:
-    head = lines.raw[: lines.ends[min(len(lines), 40) - 1]].tobytes()
-    return re.search(rb"<(\w+:)?oem[\s>]", head) is not None
+def lines_of(data: bytes, source: str) -> Lines:
+    """Return the lines of a text; of an OEM in XML as KVN that knows its own lines. Raises EphemerisError."""
+    head = data[:_XML_HEAD].lstrip(codecs.BOM_UTF8).lstrip()
+    if not (head.startswith(b"<") and re.search(rb"<(\w+:)?oem[\s>]", head)):
+        return Lines(data, source)
+    # Every line is whole: text of XML that ends in the middle has no end tags.
+    text, numbers = _OemXml(source).run(data)
+    return Lines(text, source, numbers)
 
 
 @dataclass(slots=True)
@@ -105,9 +111,7 @@ def parse_oem(lines: Lines) -> list[TableEphemeris]:
     """Return the objects of an OEM, nearly always one. Raises EphemerisError, naming the line."""
     if not lines.text(0).lstrip("\ufeff").startswith("CCSDS_OEM_VERS"):
         filled = next(k for k in range(len(lines)) if lines.text(k))
-        if lines.text(filled).lstrip("\ufeff").startswith("<"):
-            lines = _from_xml(lines)
-        elif lines.text(filled).startswith(_MEME):
+        if lines.text(filled).startswith(_MEME):
             lines = _from_meme(lines, filled)
     kvn = _Kvn(lines)
     kvn.run()
@@ -498,10 +502,9 @@ _XML_ROW = re.compile(
 )
 _XML_NEXT = re.compile(rb"(\s*)<(?:\w+:|)stateVector>\s*<(?:\w+:|)EPOCH>")
 _NUMBERS = 1 + len(_STATE)
-# What is between the numbers of a row is written as the bytes 1 to 7, which no XML has.
-_MARKS = np.arange(1, _NUMBERS + 1, dtype=np.uint8)
-_MARKS_TO_KVN = bytes.maketrans(_MARKS.tobytes(), b" " * (_NUMBERS - 1) + b"\n")
-_XML_AT_ONCE = 1 << 20
+# A byte that no XML has.
+_LEFT_OUT = 1
+_XML_HEAD, _XML_AT_ONCE = 1 << 16, 1 << 19
 
 
 class _OemXml:
@@ -521,11 +524,12 @@ class _OemXml:
         self._inside = ""
         self._lines: list[str] = []
         self._numbers: list[int] = []
-        self._parts: list[tuple[bytes, Index]] = []
+        self._texts: list[bytes] = []
+        self._part_lines: list[Index] = []
         # How many lines and bytes the parser did not see, and where the last row ended that it saw.
         self._skipped_lines, self._skipped, self._row_end = 0, 0, -1
 
-    def run(self, data: bytes) -> tuple[bytes, Index]:
+    def run(self, data: bytes) -> tuple[bytearray, Index]:
         """Return a whole text as lines of KVN, and the line of the XML of each. Raises EphemerisError."""
         at = 0
         while (row := _XML_ROW.search(data, at)) is not None:
@@ -541,7 +545,7 @@ class _OemXml:
                 break
         self._parse(data[at:], True)
         self._end_part()
-        return b"".join(text for text, _ in self._parts), np.concatenate([lines for _, lines in self._parts])
+        return bytearray().join(self._texts), np.concatenate(self._part_lines)
 
     def _parse(self, data: bytes, last: bool) -> None:
         try:
@@ -552,8 +556,8 @@ class _OemXml:
             raise EphemerisError(f"no XML: {words}", source=self._source, line=line) from None
 
     def _end_part(self) -> None:
-        text = "".join(f"{line}\n" for line in self._lines).encode()
-        self._parts.append((text, np.array(self._numbers, dtype=np.intp)))
+        self._texts.append("".join(f"{line}\n" for line in self._lines).encode())
+        self._part_lines.append(np.array(self._numbers, dtype=np.intp))
         self._lines.clear()
         self._numbers.clear()
 
@@ -565,12 +569,13 @@ class _OemXml:
         after = _XML_NEXT.match(data, row.end())
         if after is None:
             return 0
-        text, lines, size = _rows_alike(data, row, after)
+        parts, lines, size = _rows_alike(data, row, after)
         if lines:
             first = self._begun + data.count(b"\n", row.start(), after.end(1))
             each = data.count(b"\n", row.end(2), after.end())
             self._end_part()
-            self._parts.append((text, first + each * np.arange(lines)))
+            self._texts += parts
+            self._part_lines.append(first + each * np.arange(lines))
             self._skipped_lines += each * lines
             self._skipped += size
         return size
@@ -642,7 +647,7 @@ class _OemXml:
         return value
 
 
-def _rows_alike(data: bytes, row: re.Match[bytes], after: re.Match[bytes]) -> tuple[bytes, int, int]:
+def _rows_alike(data: bytes, row: re.Match[bytes], after: re.Match[bytes]) -> tuple[list[bytes], int, int]:
     """Return the rows after one that are like it but for the numbers: as KVN, how many, and their bytes.
 
     `after` is what is between that row and the numbers of the next.
@@ -650,41 +655,45 @@ def _rows_alike(data: bytes, row: re.Match[bytes], after: re.Match[bytes]) -> tu
     between = [data[row.end(k) : row.start(k + 1)] for k in range(2, 1 + _NUMBERS)]
     between.append(data[row.end(1 + _NUMBERS) : after.end()])
     if any(text.count(b"\r") != text.count(b"\r\n") for text in between):
-        return b"", 0, 0
-    end = data.find(b"</%sdata" % row[1], row.end())
-    stop = data.find(b"<%scovarianceMatrix" % row[1], row.end(), end)
-    last = data.rfind(data[row.end(1 + _NUMBERS) : row.end()], row.end(), end if stop < 0 else stop)
-    parts, count, at = [], 0, after.end()
-    while at < last:
-        cut = data.find(between[-1], min(at + _XML_AT_ONCE, last), last)
-        cut = last if cut < 0 else cut
-        text = data[at:cut] + between[-1]
-        for mark, words in zip(_MARKS.tolist(), between, strict=True):
-            text = text.replace(words, bytes([mark]))
-        rows = _whole_rows(text)
-        if rows == 0:
-            break
-        parts.append(text.translate(_MARKS_TO_KVN))
-        count += rows
-        at = cut + len(between[-1])
-    return b"".join(parts), count, at - after.end()
+        return [], 0, 0
+    parts, count, at, size = [], 0, after.end(), 4 * len(row[0])
+    while size > len(row[0]):
+        cut = data.rfind(between[-1], at, at + size) + len(between[-1])
+        text, rows = _kvn_of_rows(data, at, cut, between)
+        if rows:
+            parts.append(text)
+            count += rows
+            at, size = cut, min(2 * size, _XML_AT_ONCE)
+        else:
+            size //= 2
+    return parts, count, at - after.end()
 
 
-def _whole_rows(text: bytes) -> int:
-    """Return how many rows there are, numbers with marks between them; 0 where there is anything else."""
-    raw = np.frombuffer(text, dtype=np.uint8)
-    at = np.flatnonzero(raw <= ord(" "))
-    if not text.isascii() or any(byte in text for byte in b"<>&") or len(at) % _NUMBERS or at[0] == 0:
-        return 0
-    right = (np.diff(at) > 1).all() and (raw[at].reshape(-1, _NUMBERS) == _MARKS).all()
-    return len(at) // _NUMBERS if right else 0
-
-
-def _from_xml(lines: Lines) -> Lines:
-    """Return an OEM in XML as lines of KVN that know where they come from. Raises EphemerisError."""
-    # Every line is whole: text of XML that ends in the middle has no end tags.
-    text, numbers = _OemXml(lines.source).run(lines.data)
-    return Lines(text, lines.source, numbers)
+def _kvn_of_rows(data: bytes, first: int, end: int, between: list[bytes]) -> tuple[bytes, int]:
+    """Return rows of numbers as KVN and how many they are, 0 where other than `between` follows a number."""
+    raw = np.frombuffer(data, dtype=np.uint8)[first:end].copy()
+    tags = np.flatnonzero(raw == ord("<"))
+    each = [words.count(b"<") for words in between]
+    rows, more = divmod(len(tags), sum(each))
+    if more or not rows:
+        return b"", 0
+    begins = tags.reshape(rows, -1)[:, np.cumsum([0, *each[:-1]])]
+    ends = begins + [len(words) for words in between]
+    if (begins.ravel()[1:] <= ends.ravel()[:-1]).any() or begins[0, 0] == 0 or ends[-1, -1] != len(raw):
+        return b"", 0
+    for words, begin, mark in zip(between, begins.T, b" " * (_NUMBERS - 1) + b"\n", strict=True):
+        # A window that can be written on, at every byte.
+        seen = np.ndarray((len(raw) - len(words) + 1, len(words)), np.uint8, raw, strides=(1, 1))
+        if seen[begin].tobytes() != words * rows:
+            return b"", 0
+        seen[begin] = _LEFT_OUT
+        raw[begin] = mark
+    found = raw.tobytes().translate(None, bytes([_LEFT_OUT]))
+    # Nothing else was a blank, nor such a byte, nor has a meaning in XML.
+    blanks = np.count_nonzero(raw <= ord(" "))
+    right = blanks == rows * sum(map(len, between)) and found.isascii()
+    right = right and not any(byte in found for byte in b"&>")
+    return found, rows if right else 0
 
 
 def _from_meme(lines: Lines, first: int) -> Lines:

@@ -28,7 +28,8 @@ _BLANKS = bytes.maketrans(b"\t\r", b"  ")
 # Room for the widest time, so that every line can be looked at so far.
 _STAMP = 40
 _LARGEST = 1e15
-_AT_ONCE = 10_000
+# So many lines, or bytes, stay in the processor's cache.
+_AT_ONCE, _SOME = 10_000, 1 << 20
 _FIRST_YEAR, _LAST_YEAR = 1972, 2100
 _STAMPS = (
     re.compile(rb"(\d{4})-(\d\d)-(\d\d)T(\d\d):(\d\d):(\d\d)(\.\d*)?Z?"),
@@ -57,17 +58,26 @@ class Lines:
     Lines count from 0 here; errors name them from 1.
     """
 
-    def __init__(self, data: bytes, source: str, numbers: Sequence[int] | Index | None = None) -> None:
-        """Take a text; `numbers` are those of its lines, from 1, where they are others than their order's."""
+    def __init__(
+        self, data: bytes | bytearray, source: str, numbers: Sequence[int] | Index | None = None
+    ) -> None:
+        """Take a text; `numbers` are those of its lines, from 1, where they are others than their order's.
+
+        A bytearray is not copied, and is written on.
+        """
         self.source = source
         self.data = data
         self._numbers = None if numbers is None else np.asarray(numbers, dtype=np.intp)
         # Tabs and carriage returns are blanks.
         blank = b"\t" in data or b"\r" in data
-        text = bytearray(data.translate(_BLANKS) if blank else data)
-        text += b" " * _STAMP if data.endswith(b"\n") else b"\n" + b" " * _STAMP
+        text = data.translate(_BLANKS) if blank else data
+        if isinstance(text, bytes):
+            text = bytearray(text)
+        self._ended = text.endswith(b"\n")
+        text += b" " * _STAMP if self._ended else b"\n" + b" " * _STAMP
         raw = np.frombuffer(text, dtype=np.uint8)
-        newlines = np.flatnonzero(raw == _NEWLINE)
+        pieces = range(0, len(raw), _SOME)
+        newlines = np.concatenate([np.flatnonzero(raw[k : k + _SOME] == _NEWLINE) + k for k in pieces])
         self.ends: Index = newlines
         self.starts: Index = np.concatenate([[0], newlines[:-1] + 1])
         self.raw = raw
@@ -233,7 +243,7 @@ class Lines:
 
         Raises EphemerisError.
         """
-        if self.data.endswith(b"\n") or len(which) < 2 or int(which[-1]) != self.last:
+        if self._ended or len(which) < 2 or int(which[-1]) != self.last:
             return
         before, last = (self._words(int(k))[-1] for k in which[-2:])
         if len(last.partition(".")[2]) < len(before.partition(".")[2]):
