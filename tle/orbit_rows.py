@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
+    _Three = tuple[Array, Array, Array]
 
 # How far accelerations may be from gravity, as a share of it, from a radius on in proportion to that: there
 # elements' propagators miss more. What that, or more rows, may move an object by between rows (km); and the
@@ -196,28 +197,40 @@ def _fallen_own_km(one: Segment, first: Index, last: Index) -> Array:
     place = one.place_km[first]
     # Twice what it is on a circle's: near a perigee high derivatives grow.
     rate = np.sqrt(2.0 * _turns_2(place, one.place_km[last]))
-    own: Array = (
-        (one.since_s[last] - one.since_s[first]) ** 5 * rate**5 * np.sqrt(_square(place)) / 720.0
-    )
+    own: Array = (one.since_s[last] - one.since_s[first]) ** 5 * rate**5 * np.sqrt(_square(place)) / 720.0
     return own
 
 
 def _by_neighbours(one: Segment) -> Array:
     """Return by how much gravity misses each row by those on both sides (Numerov), km, shape (n, 3).
 
-    It is 0 at the ends and where steps are uneven.
+    It is 0 at the ends and where steps are uneven by a tenth.
     """
     count = len(one.since_s)
     missed = np.zeros((count, 3))
     for first in range(1, count - 1, _AT_ONCE):
         last = min(first + _AT_ONCE, count - 1)
         place, _ = _inertial(one, slice(first - 1, last + 1))
-        pull = _pull(place)
         step = np.diff(one.since_s[first - 1 : last + 1])
-        even = np.abs(np.diff(step)) < 1e-3
-        off = place[2:] - 2.0 * place[1:-1] + place[:-2]
-        off -= (step[1:] ** 2 / 12.0)[:, None] * (pull[2:] + 10.0 * pull[1:-1] + pull[:-2])
-        missed[first:last] = np.where(even[:, None], off, 0.0)
+        h1, h2 = step[:-1, None], step[1:, None]
+        pull = _pull(place)
+        off = _missed_pull(h1, h2, (place[:-2], place[1:-1], place[2:]), (pull[:-2], pull[1:-1], pull[2:]))
+        even = np.abs(h2 - h1) < 0.1 * np.minimum(h1, h2)
+        missed[first:last] = np.where(even, h1 * h2 * off, 0.0)
+    return missed
+
+
+def _missed_pull(before_s: Array, after_s: Array, places: _Three, pulls: _Three) -> Array:
+    """Return what gravity misses of the acceleration that three rows have, km/s² (n, 3): Numerov's rule.
+
+    The steps before and after the middle row, shape (n, 1), may be uneven.
+    """
+    h1, h2 = before_s, after_s
+    both = h1 + h2
+    first = (h1 * h1 + h1 * h2 - h2 * h2) / (6.0 * h1 * both)
+    last = (h2 * h2 + h1 * h2 - h1 * h1) / (6.0 * h2 * both)
+    missed = 2.0 * ((places[2] - places[1]) / h2 - (places[1] - places[0]) / h1) / both
+    missed -= first * pulls[0] + (1.0 - first - last) * pulls[1] + last * pulls[2]
     return missed
 
 
@@ -368,16 +381,10 @@ def _off_arcs(one: Segment, pieces: Index) -> tuple[int, str] | None:
     (a, _), (b, vb), (c, _) = (_inertial(one, rows) for rows in (low, middle, high))
     h1, h2 = (np.diff(one.since_s[np.stack(rows)], axis=0)[0] for rows in ((low, middle), (middle, high)))
     both = h1 + h2
-    weights = (
-        (h1 * h1 + h1 * h2 - h2 * h2) / (6.0 * h1 * both),
-        (h2 * h2 + h1 * h2 - h1 * h1) / (6.0 * h2 * both),
-    )
     pulls = _pull(a), _pull(b), _pull(c)
-    expected = weights[0][:, None] * pulls[0] + weights[1][:, None] * pulls[2]
-    expected += (1.0 - weights[0] - weights[1])[:, None] * pulls[1]
+    missed = np.sqrt(_square(_missed_pull(h1[:, None], h2[:, None], (a, b, c), pulls)))
     before, after = (b - a) / h1[:, None], (c - b) / h2[:, None]
     height = np.sqrt(_square(b))
-    missed = np.sqrt(_square(2.0 * (after - before) / both[:, None] - expected))
     share = np.maximum(missed - _moon_pull(height), 0.0) / np.sqrt(_square(pulls[1]))
     share[height < _LOWEST_KM] = np.inf
     rate = np.sqrt(_turns_2(a, b, c) / 2.0)

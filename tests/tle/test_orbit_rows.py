@@ -402,6 +402,17 @@ DISTANT = {
 }
 
 
+@pytest.mark.parametrize("late_s", [0.1, 1.0, -1.0])
+@pytest.mark.parametrize("step_s", [300.0, 900.0])
+def test_a_leap_second_that_was_forgotten_is_refused_with_its_line(step_s: float, late_s: float) -> None:
+    """Places are right, and from a row on their times are wrong: one step is longer or shorter."""
+    seconds = step_s * np.arange(120.0)
+    places = in_itrf(falling(at_perigee(29_600.0, 0.001), seconds), seconds)[:, :3]
+    assert read(laser(seconds, places))
+    with pytest.raises(EphemerisError, match=r"^a:73: the row of one at .* a time is wrong from here on"):
+        read(laser(seconds + np.where(np.arange(120) < 70, 0.0, late_s), places))
+
+
 @pytest.mark.parametrize("scaled", [slice(0, 3), slice(0, 6), slice(1, 2)], ids=["places", "all", "y"])
 @pytest.mark.parametrize("orbit", DISTANT)
 def test_a_slipped_point_in_all_rows_of_a_distant_orbit_is_refused(orbit: str, scaled: slice) -> None:
