@@ -27,6 +27,7 @@ from sattrack.camera.shape import (
     discs_of,
     fitted_point,
     is_point_for_sure,
+    reach_of_fit,
 )
 from sattrack.camera.streaks import (
     EDGE_PX,
@@ -38,6 +39,7 @@ from sattrack.camera.streaks import (
     apart_deg,
     cross_section_px,
     ends_of,
+    may_end_at,
     runs_through,
     standing_on,
     streaks_of,
@@ -301,10 +303,12 @@ def _point_target(
         if directions and len(peaks):
             peaks = _standing_out(prepared.snr, peaks, footprints, directions, psf_px, least, count, both)
     peaks = np.concatenate([peaks, on_streaks])
+    ends = [ridge > 0.0 and may_end_at(x, y, long, trail, psf_px) for x, y, _, ridge, _ in peaks.tolist()]
+    peaks = peaks[~np.array(ends, dtype=bool)]
     # The strongest first, and only so many: what looks like more is no satellite among stars.
     peaks = peaks[np.argsort(peaks[:, 3] - peaks[:, 2])][:MOST_CANDIDATES]
     directions_deg = angles[:1] or everywhere[::4]
-    points = _points(prepared, peaks, near, trail, directions_deg, psf_px)
+    points = _points(prepared, footprints, peaks, near, trail, directions_deg, psf_px)
     lone = [one for one in discs if not any(one.holds(other.x, other.y, 3.0 * psf_px) for other in points)]
     if lone and not steady and not told and trail.known:
         why = "trails are too short to tell whether what is saturated is the satellite"
@@ -320,7 +324,7 @@ def _point_target(
         found = _beside(long, found, psf_px)
         bright = max(one.snr for one in points)
         found = found[np.argsort(np.abs(found[:, 2] - bright))][:MOST_ALIKE]
-        seen = _points(prepared, found, None, trail, directions_deg, psf_px, 1.0)
+        seen = _points(prepared, footprints, found, None, trail, directions_deg, psf_px, 1.0)
         points += [
             one for one in seen if all(math.hypot(one.x - o.x, one.y - o.y) > 3.0 * psf_px for o in points)
         ]
@@ -349,6 +353,7 @@ def _beside(long: list[Streak], peaks: Array, psf_px: float) -> Array:
 
 def _points(
     prepared: PreparedImage,
+    footprints: Footprints,
     peaks: Array,
     near: tuple[float, float, float] | None,
     trail: Trail,
@@ -358,11 +363,14 @@ def _points(
 ) -> list[Point]:
     """Return the peaks that are points, and so many times as likely as a trail, eight at most."""
     points: list[Point] = []
+    reach = reach_of_fit(psf_px)
+    dy, dx = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     for x, y, height, ridge, angle in peaks:
         snr = height - ridge
         expected_here = near is not None and math.hypot(x - near[0], y - near[1]) <= near[2]
         if snr >= SURE_SNR or expected_here:
-            found = fitted_point(prepared, x, y, snr, ridge, angle, psf_px)
+            others = footprints.about(x, y, round(x) + dx, round(y) + dy, 0.75 * CORE_PSF * psf_px)
+            found = fitted_point(prepared, x, y, snr, ridge, angle, psf_px, others)
             if found is None or any(math.hypot(found.x - o.x, found.y - o.y) < 3.0 * psf_px for o in points):
                 continue
             # Of a longer trail more is seen on both sides of a peak than the peak itself tells.
@@ -502,27 +510,36 @@ def _standing_out(
     most, each = levels.argmax(axis=0), np.arange(len(peaks))
     first, level = first[most, each], levels[most, each]
     higher = level > peaks[:, 3]
-    one_side = values[np.where(first, 0, 1), most, each]
-    rough = 1.4826 * _medians(np.abs(one_side - level[:, None]))
+    one_side = np.where(first, 0, 1), most, each
+    rough = 1.4826 * _medians(np.abs(values[one_side] - level[:, None]), seen[one_side])
     turned = np.array(directions)[most] - np.where(first, 0.0, 180.0)
     ridge, angle = np.where(higher, level, peaks[:, 3]), np.where(higher, turned, peaks[:, 4])
-    roughness = np.where(higher, rough, 1.0)
     ridge[ridge < (2.0 / math.sqrt(samples) if samples else RIDGE_SNR)] = 0.0
     excess = peaks[:, 2] - ridge
-    # A bright streak is noisier than the sky, and a few samples do not tell by how much.
-    rough_part = np.where(ridge > RIDGE_SNR, roughness**2 + 0.3 * ridge, 0.0)
-    noise = np.where(ridge > 0.0, np.sqrt(1.0 + 1.0 / (samples or 6) + rough_part), 1.0)
-    standing = (excess > least * noise) & (excess > 0.25 * ridge) & ~cut
+    # A bright streak is noisier than the sky, by its photons and by what a few samples show.
+    rougher = np.where(ridge > RIDGE_SNR, np.maximum(rough**2 - 1.0, 0.0) + 0.15 * ridge, 0.0)
+    noise = np.where(ridge > 0.0, np.sqrt(1.0 + 1.0 / (samples or 6) + rougher), 1.0)
+    # What runs through less than in the directions before has been judged there.
+    standing = (excess > least * noise) & (excess > 0.25 * ridge) | ~higher
+    standing &= ~cut
     kept: Array = peaks[standing].copy()
     kept[:, 3], kept[:, 4] = ridge[standing], angle[standing]
     return kept
 
 
-def _medians(values: Array) -> Array:
-    """Return the medians along the last axis, whose few numbers are sorted faster than parted."""
-    ordered, n = np.sort(values, axis=-1), values.shape[-1]
-    middle: Array = 0.5 * (ordered[..., (n - 1) // 2] + ordered[..., n // 2])
-    return middle
+def _medians(values: Array, seen: NDArray[np.bool_] | None = None) -> Array:
+    """Return the medians along the last axis, whose few numbers are sorted faster than parted.
+
+    With `seen` those of what is seen, shape (n, k); 0 where nothing is.
+    """
+    n = values.shape[-1]
+    if seen is None:
+        ordered = np.sort(values, axis=-1)
+        middle: Array = 0.5 * (ordered[..., (n - 1) // 2] + ordered[..., n // 2])
+        return middle
+    ordered, count = np.sort(np.where(seen, values, np.inf), axis=-1), np.maximum(seen.sum(axis=-1), 1)
+    places = np.stack([(count - 1) // 2, count // 2], axis=-1)
+    return np.where(seen.any(axis=-1), np.take_along_axis(ordered, places, axis=-1).mean(axis=-1), 0.0)
 
 
 def _star_middles(long: list[Streak], trail: Trail) -> tuple[PointSource, ...]:

@@ -25,6 +25,8 @@ LEAST_WITHOUT, SHARE_WITHOUT = 4.5, 0.7
 What is left of a hot pixel is noise, however bright it is."""
 SURELY_POINT = 100.0
 """How much likelier than a star's trail a point must be: a field has many faint stars, and one satellite."""
+LEAST_OWN = 0.45
+"""The share of the pixels of a fit that are on nothing else."""
 FULL = 0.98
 """Of the full scale: from there on a pixel tells nothing, for a full well is read with noise."""
 PLATEAU, FOOT = 0.8, 0.4
@@ -85,11 +87,26 @@ class Point(NamedTuple):
     peak: float
 
 
+def reach_of_fit(psf_px: float) -> int:
+    """Return how many pixels about its middle one a point is fitted to, each way."""
+    return max(4, math.ceil(3.2 * psf_px))
+
+
 def fitted_point(
-    prepared: PreparedImage, x: float, y: float, snr: float, ridge: float, angle_deg: float, psf_px: float
+    prepared: PreparedImage,
+    x: float,
+    y: float,
+    snr: float,
+    ridge: float,
+    angle_deg: float,
+    psf_px: float,
+    others: NDArray[np.bool_] | None = None,
 ) -> Point | None:
-    """Return a point as a Gaussian fits it; None where its shape is not that of a star's image."""
-    half = max(4, math.ceil(3.2 * psf_px))
+    """Return a point as a Gaussian fits it; None where its shape is not that of a star's image.
+
+    Of the pixels to which it is fitted, by rows, `others` are on something else.
+    """
+    half = reach_of_fit(psf_px)
     col, row = round(x), round(y)
     height, width = prepared.image.shape
     if not (half <= col < width - half and half <= row < height - half):
@@ -103,7 +120,10 @@ def fitted_point(
         under = _ridge_under(prepared.image, col, row, half, angle_deg, psf_px)
         data -= under
         variance *= 1.3
-    if good.sum() < 0.6 * good.size:
+    usable = good.sum() >= 0.6 * good.size
+    if others is not None:
+        good &= ~others
+    if not usable or good.sum() < LEAST_OWN * good.size:
         return None
     hot = _around(data, half) < SURELY_SHARP * float(data[half, half])
     start = (x - col, y - row)

@@ -20,11 +20,21 @@ if TYPE_CHECKING:
 
 LONG_SNR = 4.0
 """Significance that every pixel of a streak has in the filtered image."""
+UNBROKEN_SNR = 2.4 * LONG_SNR
+"""A streak whose brightest pixel has less may be a piece of a faint one."""
 FEWEST_PIXELS = 25
 LONG_RATIO = 2.5
 """Length over width from which on a detection is a streak."""
 EDGE_PX = 4
+NEARER = 0.6
+"""Of what is between a streak's middle line and a point beside it, the share that is the streak's."""
 RIDGE_SNR = 3.0
+SPLINE_PX = 0.577
+"""The sigma of a cubic B-spline."""
+ENDS_PSF = 8.0
+"""By so many sigmas of a star's image a trail may be seen longer than others."""
+MISSED_SHARE = 0.02
+"""Of what is typical of a streak, by how much parts of it differ beside their noise."""
 
 Velocity = tuple[float, float] | float
 """Pixels a second in the image; a speed alone where the camera's rotation is not known."""
@@ -42,6 +52,8 @@ class Streak(NamedTuple):
     whole: bool
     """Whether both of its ends are within the frame."""
     snr: float
+    extent_px: float = 0.0
+    """From one end to the other, the faint parts too."""
 
     def from_middle(self, x: Any, y: Any) -> tuple[Any, Any]:
         """Return how far along the streak, and across, a place is from its middle; so of arrays."""
@@ -62,19 +74,36 @@ class Footprints(NamedTuple):
 
         Within `core_px` of a streak's middle line a peak is on it; noise joins to it what is close beside.
         """
-        height, width = self.numbers.shape
-        last = max(self.streaks, default=0) + 1
-        long = np.zeros(last + 1, dtype=bool)
-        long[list(self.streaks)] = True
-        columns = np.clip(np.rint(x), 0, width - 1).astype(np.intp)
-        rows = np.clip(np.rint(y), 0, height - 1).astype(np.intp)
-        there = np.minimum(self.numbers[rows, columns], last)
-        own = np.minimum(self.numbers[peaks[:, 1].astype(np.intp), peaks[:, 0].astype(np.intp)], last)
-        for number in np.unique(own[long[own]]).tolist():
+        there, own = self._numbers_at(x, y), self._numbers_at(peaks[:, 0], peaks[:, 1])
+        for number in np.unique(own[own > 0]).tolist():
             _, across = self.streaks[number].from_middle(peaks[:, 0], peaks[:, 1])
             own[(own == number) & (np.abs(across) > core_px)] = 0
-        others: NDArray[np.bool_] = long[there] & (there != own[:, None])
+        others: NDArray[np.bool_] = (there > 0) & (there != own[:, None])
         return others
+
+    def about(self, x: float, y: float, columns: Array, rows: Array, beside_px: float) -> NDArray[np.bool_]:
+        """Tell which pixels about a place are of streaks that it is not on.
+
+        Of one that reaches it, but whose middle line is more than `beside_px` off, those near that line.
+        """
+        there, own = self._numbers_at(columns, rows), int(self._numbers_at(np.array([x]), np.array([y]))[0])
+        others: NDArray[np.bool_] = (there > 0) & (there != own)
+        if own > 0:
+            off = abs(float(self.streaks[own].from_middle(x, y)[1]))
+            if off > beside_px:
+                _, across = self.streaks[own].from_middle(columns, rows)
+                others |= (there == own) & (np.abs(across) < NEARER * off)
+        return others
+
+    def _numbers_at(self, x: Array, y: Array) -> NDArray[np.intp]:
+        """Return the numbers of the streaks at places, 0 where there is none."""
+        height, width = self.numbers.shape
+        columns = np.clip(np.rint(x), 0, width - 1).astype(np.intp)
+        rows = np.clip(np.rint(y), 0, height - 1).astype(np.intp)
+        kept = np.zeros(max(self.streaks, default=0) + 2, dtype=np.intp)
+        kept[list(self.streaks)] = list(self.streaks)
+        numbers: NDArray[np.intp] = kept[np.minimum(self.numbers[rows, columns], len(kept) - 1)]
+        return numbers
 
 
 def streaks_of(prepared: PreparedImage) -> tuple[list[Streak], Footprints]:
@@ -119,6 +148,7 @@ def streaks_of(prepared: PreparedImage) -> tuple[list[Streak], Footprints]:
             float(one["flux"]),
             bool(whole),
             float(one["peak"]),
+            math.hypot(float(one["xmax"] - one["xmin"]), float(one["ymax"] - one["ymin"])),
         )
     return list(long.values()), Footprints(numbers, long)
 
@@ -180,9 +210,8 @@ def trail_of(long: list[Streak], stars: Velocity | None, exposure_s: float) -> T
     angle = _common_angle(long)
     alike = [] if angle is None else [one for one in long if apart_deg(one.angle_deg, angle) < 5.0]
     if len(alike) > 1:
-        # The faint ones come in pieces; the brightest are whole.
         whole = [one for one in alike if one.whole] or alike
-        return Trail(True, angle, float(np.median([one.length_px for one in whole[:9]])), True)
+        return Trail(True, angle, _common_length(whole, by_run), True)
     return Trail(by_run is not None, swept_deg(stars), by_run)
 
 
@@ -197,6 +226,16 @@ def _common_angle(long: list[Streak]) -> float | None:
     if abs(mean) < 0.6 * float(weights.sum()):
         return None
     return math.degrees(math.atan2(mean.imag, mean.real)) / 2.0 % 180.0
+
+
+def _common_length(long: list[Streak], by_run: float | None) -> float:
+    """Return the length that most of the bright streaks have; what a run expects chooses among them.
+
+    Faint ones come in pieces, and some are of several stars in line.
+    """
+    expected = [one for one in long if by_run is not None and abs(one.length_px - by_run) < 0.15 * by_run]
+    bright = expected or [one for one in long if one.snr >= UNBROKEN_SNR] or long
+    return float(np.median([one.length_px for one in bright[:9]]))
 
 
 def apart_deg(one_deg: float, other_deg: float) -> float:
@@ -227,6 +266,9 @@ def standing_on(snr: Pixels, long: list[Streak], least: float, psf_px: float) ->
     """
     found = []
     across = 0.5 * psf_px * np.arange(-6.0, 7.0)
+    # Interpolation shows the pattern of the pixels; a cubic spline of them as they are does not. It widens
+    # the filter: noise is less by so much.
+    calmer = psf_px / math.hypot(psf_px, SPLINE_PX)
     for one in long:
         reach = math.floor(one.length_px / 2.0 - 3.0 * psf_px)
         if reach < 6.0 * psf_px:
@@ -235,14 +277,44 @@ def standing_on(snr: Pixels, long: list[Streak], least: float, psf_px: float) ->
         along = np.arange(-reach, reach + 1.0)
         x = one.x + along[:, None] * math.cos(angle) - across * math.sin(angle)
         y = one.y + along[:, None] * math.sin(angle) + across * math.cos(angle)
-        values = map_coordinates(snr, [y, x], order=1, mode="nearest")
+        values = map_coordinates(snr, [y, x], order=3, mode="nearest", prefilter=False) / calmer
         typical = np.median(values, axis=0)
-        spread = np.maximum(1.4826 * np.median(np.abs(values - typical), axis=0), 1.0)
-        left = np.where(typical > RIDGE_SNR, (values - typical) / np.hypot(spread, 0.08 * typical), 0.0)
+        rest = values - typical
+        if reach > 20.0 * psf_px:
+            # By a direction that is a little wrong, one side of the line rises along it, and one falls.
+            lower, upper = (np.median(half, axis=0) for half in (rest[:reach], rest[reach + 1 :]))
+            rest -= along[:, None] * (upper - lower) / (reach + 1.0)
+        noisier = (1.4826 * np.median(np.abs(rest), axis=0)) ** 2 - 1.0
+        noise = np.sqrt(1.0 + max(0.0, float(noisier @ typical / (typical @ typical))) * np.abs(typical))
+        left = np.where(typical > RIDGE_SNR, rest / np.hypot(noise, MISSED_SHARE * typical), 0.0)
         i, k = np.unravel_index(int(np.argmax(left)), left.shape)
         if left[i, k] >= least:
             found.append((x[i, k], y[i, k], typical[k] + left[i, k], typical[k], one.angle_deg))
     return np.array(found).reshape(-1, 5)
+
+
+def may_end_at(x: float, y: float, long: list[Streak], trail: Trail, psf_px: float) -> bool:
+    """Tell whether a trail may end on another in line at a place on a streak: they are brighter there.
+
+    So it may be on a streak that is longer than trails are, on the longest, which no other one confirms, and
+    where a part of another trail is so near that its end may be there.
+    """
+    longest = math.inf if trail.length_px is None else 1.1 * trail.length_px + ENDS_PSF * psf_px
+    for on in long:
+        along, across = on.from_middle(x, y)
+        if abs(across) > 4.0 * psf_px or abs(along) > 0.5 * on.extent_px:
+            continue
+        others = [one for one in long if one is not on]
+        if on.extent_px > longest or not any(one.length_px > 0.85 * on.length_px for one in others):
+            return True
+        for one in others:
+            along, across = one.from_middle(x, y)
+            far = abs(along) + 0.5 * one.extent_px
+            both = abs(one.from_middle(on.x, on.y)[0]) + 0.5 * (one.extent_px + on.extent_px)
+            in_line = abs(across) < 4.0 * psf_px and apart_deg(one.angle_deg, on.angle_deg) < 10.0
+            if in_line and one.extent_px < far < longest < both:
+                return True
+    return False
 
 
 def ends_of(prepared: PreparedImage, streak: Streak) -> tuple[float, float, float] | None:

@@ -76,6 +76,40 @@ def test_a_faint_point_beside_a_bright_trail_is_found(beside_px: float) -> None:
     assert found >= 9
 
 
+@pytest.mark.parametrize("level", [3.0, 12.0])
+def test_a_point_on_a_trail_is_found(level: float) -> None:
+    """A star's trail that is so many times the noise in the filtered image runs through the point."""
+    rng = np.random.default_rng(37)
+    found = 0
+    for _ in range(10):
+        canvas = small()
+        angle = float(rng.uniform(0.0, 180.0))
+        star_streaks(canvas, rng, 10, 110.0, angle)
+        x, y, along = rng.uniform(120, 390), rng.uniform(120, 260), rng.uniform(-40.0, 40.0)
+        middle = x + along * math.cos(math.radians(angle)), y + along * math.sin(math.radians(angle))
+        canvas.streak(*middle, 110.0, angle, level * canvas.noise)
+        canvas.point(x, y, canvas.flux_of(9.0 * FWHM_APERTURE))
+        one = seen(canvas.exposed(rng))
+        found += one.x is not None and one.y is not None and math.hypot(one.x - x, one.y - y) < 1.5
+    assert found >= 8
+
+
+@pytest.mark.parametrize(("first", "second"), [(8.0, 7.1), (13.9, 6.3), (10.8, 10.3)])
+def test_where_one_trail_ends_on_another_is_no_satellite(first: float, second: float) -> None:
+    """In line, they are brighter where they overlap, over a few pixels."""
+    rng = np.random.default_rng(38)
+    for overlap in (4.0, 7.0, 11.0, 14.0):
+        canvas = small()
+        angle = float(rng.uniform(0.0, 180.0))
+        star_streaks(canvas, rng, 10, 90.0, angle)
+        c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
+        for sense, level in ((1.0, first), (-1.0, second)):
+            away = sense * (45.0 - 0.5 * overlap)
+            canvas.streak(256.0 + away * c, 192.0 + away * s, 90.0, angle, level * canvas.noise)
+        for _ in range(3):
+            assert seen(canvas.exposed(rng)).kind == "none"
+
+
 @pytest.mark.parametrize("length", [0.0, 12.0, 60.0])
 def test_nothing_is_found_where_there_is_nothing(length: float) -> None:
     rng = np.random.default_rng(5)
