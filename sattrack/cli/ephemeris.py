@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import sys
-import warnings
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -26,7 +25,7 @@ from tle.bias import Bias
 from tle.bodies import Body
 from tle.elements import Elements
 from tle.ephemeris import TableEphemeris
-from tle.errors import EarthOrientationWarning, PropagationError
+from tle.errors import PropagationError
 from tle.instants import Utc
 from tle.propagator import Propagator
 from tle.refraction import Refraction
@@ -128,11 +127,7 @@ def command(context: CommandContext, target: str, **options: Any) -> int:
         place=options["place"],
         diurnal_aberration=not options["no_diurnal_aberration"],
     )
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", EarthOrientationWarning)
-        seen = propagator.at(times)
-    for warning in caught:
-        tell(f"warning: {warning.message}")
+    seen = propagator.at(times)
     _tell_about(elements, propagator, seen)
     if options["plot"]:
         _plot(options["plot"], elements, seen)

@@ -9,8 +9,9 @@ import os
 import re
 import sys
 import traceback
-from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+import warnings
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
@@ -19,7 +20,7 @@ from sattrack.core.errors import SattrackError, how_to_install, meant
 from tle.errors import TleError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from click.shell_completion import CompletionItem
 
@@ -267,15 +268,38 @@ def _prepare_streams() -> None:
 
 
 def run(arguments: list[str]) -> int:
-    """Run one command line and return its exit code; an error is one line on standard error."""
+    """Run one command line and return its exit code; errors and warnings are one line on standard error."""
     try:
-        result: Any = cli.main(args=arguments, prog_name="sattrack", standalone_mode=False)
+        with _warnings_as_lines():
+            result: Any = cli.main(args=arguments, prog_name="sattrack", standalone_mode=False)
     except click.exceptions.Abort:
         click.echo("\nsattrack: interrupted", err=True)
         return 130
     except Exception as error:  # noqa: BLE001 - a defect is one line too; --debug shows all of it
         return _report_error(error, arguments)
     return result if isinstance(result, int) else 0
+
+
+@contextmanager
+def _warnings_as_lines() -> Iterator[None]:
+    """Show warnings of the libraries as the program's own, each text once."""
+    shown: set[str] = set()
+
+    def show(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        if str(message) not in shown:
+            shown.add(str(message))
+            click.echo(f"sattrack: warning: {message}", err=True)
+
+    with warnings.catch_warnings():
+        warnings.showwarning = show
+        yield
 
 
 def _report_error(error: Exception, arguments: list[str]) -> int:

@@ -6,7 +6,6 @@ import json
 import math
 import sys
 import time
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +23,6 @@ from sattrack.cli.common import (
 )
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.local_time import duration
-from tle.errors import EarthOrientationWarning
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -401,11 +399,7 @@ def _tell_orientation(stations: list[Station], begin: Utc, hours: float) -> None
     """Warn once where the Earth's orientation is not known for the whole span."""
     from tle.earth import EarthOrientation, Ground
 
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", EarthOrientationWarning)
-        Ground(stations[0].site, EarthOrientation.installed(), float(begin.unix_s), hours * 3600.0)
-    for text in dict.fromkeys(str(warning.message) for warning in caught):
-        tell(f"warning: {text}")
+    Ground(stations[0].site, EarthOrientation.installed(), float(begin.unix_s), hours * 3600.0)
 
 
 def _progress() -> Callable[[int, int, int], None] | None:

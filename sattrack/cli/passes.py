@@ -7,7 +7,6 @@ import json
 import math
 import os
 import sys
-import warnings
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,7 +26,6 @@ from sattrack.cli.common import (
 from sattrack.cli.targets import ephemeris_option, find_targets
 from sattrack.core.errors import BadInputError, SattrackError
 from tle.elements import Elements
-from tle.errors import EarthOrientationWarning
 from tle.instants import DAY_S, Utc
 
 if TYPE_CHECKING:
@@ -121,11 +119,7 @@ def command(context: CommandContext, targets: tuple[str, ...], **options: Any) -
     known = _magnitudes(options)
     if options["faintest"] is not None:
         chosen = [e for e in chosen if e.catalog_number in known]
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", EarthOrientationWarning)
-        passes = _search(context, chosen, start, options)
-    for text in dict.fromkeys(str(warning.message) for warning in caught):
-        tell(f"warning: {text}")
+    passes = _search(context, chosen, start, options)
     _tell_age(passes)
     _tell_failures(passes, bool(targets))
     if options["transits"]:

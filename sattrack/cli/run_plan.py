@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import sys
-import warnings
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +26,7 @@ from sattrack.schedule.candidates import Loaded, PlanSituation
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.making import SAME, make_plan
 from sattrack.views.formatting import iso_unix_s
-from tle.errors import EarthOrientationWarning, printable
+from tle.errors import printable
 from tle.facts import read_magnitudes
 from tle.instants import Utc
 from tle.sources import is_fetched, newest
@@ -54,12 +53,7 @@ DEFAULT_HOURS, MOST_DAYS = 24.0, 31.0
 def show_plan(context: CommandContext, file: Path, options: dict[str, Any]) -> int:
     """Make the plan of a schedule and show it. Raises BadInputError, SattrackError, TleError."""
     schedule = load_schedule(file)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", EarthOrientationWarning)
-        warnings.simplefilter("always", RuntimeWarning)
-        plan = _plan(context, schedule, options)
-    for text in dict.fromkeys(str(warning.message) for warning in caught):
-        click.echo(f"sattrack: warning: {text}", err=True)
+    plan = _plan(context, schedule, options)
     _write(plan, context, options)
     return 0
 
