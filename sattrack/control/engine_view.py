@@ -47,7 +47,7 @@ LOOSE_FACTOR = 2.0
 def view_of(engine: Engine, now_utc_s: float) -> TrackView:
     """Return what anyone who looks may see of a run, as of an instant (UTC, POSIX seconds)."""
     spec, tracker, sample = engine.spec, engine.tracker, engine.sample
-    followed = spec.propagator.elements
+    followed, now_followed = spec.propagator.elements, tracker.steering.biases.course.propagator.elements
     error = tracker.error
     fresh = error is not None and 0.0 <= now_utc_s - error.utc_s < STALE_AFTER_S
     # Target and mount are shown for one instant: a tick apart they would seem to disagree.
@@ -63,7 +63,7 @@ def view_of(engine: Engine, now_utc_s: float) -> TrackView:
         culminate_utc_s=spec.culminate_utc_s + tracker.slipped_s,
         end_utc_s=tracker.plan.end_utc_s,
         max_alt_deg=spec.max_alt_deg,
-        elements_age_s=None if isinstance(followed, Body) else now_utc_s - float(followed.epoch.unix_s),
+        elements_age_s=None if isinstance(followed, Body) else now_utc_s - float(now_followed.epoch.unix_s),
         target_ra_deg=float(target.ra_deg),
         target_dec_deg=float(target.dec_deg),
         target_alt_deg=float(target.alt_deg),

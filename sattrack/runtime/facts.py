@@ -32,6 +32,7 @@ from tle.bias import Bias
 from tle.bodies import Body
 from tle.elements import Elements
 from tle.errors import EphemerisError, SatelliteNotFoundError, TleError
+from tle.fixes import FIXES, PREDICTED_S
 from tle.instants import Utc
 from tle.passes import Pass, find_passes
 from tle.propagator import Propagator
@@ -330,7 +331,7 @@ def prepare(request: RunRequest) -> Prepared:
     begin_s, end_s = request.between
     from_then = now if begin_s is None else Utc(max(begin_s, float(now.unix_s)))
     satellite_pass = choose_pass(target, site, from_then, request.min_alt_deg, request.culminate_utc_s)
-    plan = _until(plan_for(satellite_pass, from_then, target), end_s, target.label)
+    plan = _until(plan_for(satellite_pass, from_then, target), end_s, target)
     if address is not None:
         plan = suited_to(plan, request.profile.mount, address.on_target_arcsec)
     started_s = float(now.unix_s)
@@ -393,13 +394,19 @@ def _check_sun(target: Elements | Ephemeris, request: RunRequest) -> None:
         )
 
 
-def _until(plan: TrackPlan, end_utc_s: float | None, name: str) -> TrackPlan:
-    """Return a plan that ends no later than an instant. Raises SattrackError where it begins only then."""
+def _until(plan: TrackPlan, end_utc_s: float | None, target: Ephemeris) -> TrackPlan:
+    """Return a plan that ends no later than an instant, or than what is flown on is believed.
+
+    Raises SattrackError where it begins only then.
+    """
+    if target.provenance.startswith(FIXES):
+        last_s = float(target.epoch.unix_s) + PREDICTED_S
+        plan = msgspec.structs.replace(plan, end_utc_s=min(plan.end_utc_s, last_s))
     if end_utc_s is None:
         return plan
     if plan.start_utc_s >= end_utc_s:
         raise SattrackError(
-            f"--to {Utc(end_utc_s).isoformat('seconds')}: {name} can be followed from "
+            f"--to {Utc(end_utc_s).isoformat('seconds')}: {target.label} can be followed from "
             f"{Utc(plan.start_utc_s).isoformat('seconds')} on; give a later --to"
         )
     return msgspec.structs.replace(plan, end_utc_s=min(plan.end_utc_s, end_utc_s), latest_utc_s=end_utc_s)

@@ -10,6 +10,7 @@ import msgspec
 import pytest
 from test_followed_targets import BEFORE, LEIDEN, replayed, request, seconds
 
+from sattrack.control.engine_view import view_of
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.runtime.adsb import AdsbFeed, Aircraft, aircraft_now, beast_messages
 from sattrack.runtime.facts import build_engine, prepare
@@ -181,6 +182,20 @@ def test_a_run_follows_an_aircraft_by_its_fixes_until_they_end(tmp_path):
     assert summary.on_target_s > 30.0
     assert summary.true_rms_arcsec < 0.2
     replayed(recording)
+
+
+def test_a_run_without_a_fix_ends_a_minute_after_the_first_one():
+    prepared = prepare(request(path_of("A", fix_at(0.0))))
+    summary = fly_virtual(prepared)
+    assert summary.ended_by == "set"
+    assert seconds(summary.ended_utc) == pytest.approx(START_S + 60.0, abs=4.0)
+
+
+def test_the_age_shown_is_that_of_the_last_fix():
+    engine = build_engine(prepare(request(path_of("A", fix_at(0.0)))).facts)
+    fix = fix_at(10.0)
+    engine.operate(PlaceFix(Utc(fix.utc_s).isoformat("microseconds"), *fix[1:]), START_S + 10.1)
+    assert view_of(engine, START_S + 12.0).elements_age_s == pytest.approx(2.0, abs=0.01)
 
 
 def test_fixes_that_are_old_or_of_nothing_that_is_followed_by_them_are_refused():
