@@ -626,8 +626,10 @@ def test_a_manoeuvre_in_an_sp3_is_not_interpolated_across() -> None:
     assert [segment.why for segment in one.segments] == ["a gap", "a manoeuvre"]
     with pytest.raises(EphemerisSpanError, match="a manoeuvre"):
         one.states(EARTH).at(float(Utc.parse("2026-03-01T00:09:30").unix_s), 0.0)
-    with pytest.raises(EphemerisError, match="frame 'J2000' is not known"):
-        one_of(text.replace("IGS20", "J2000"))
+    for name in ("J2000", "WGS72", "PZ-90"):
+        with pytest.raises(EphemerisError, match=f"frame '{name}' is not known"):
+            one_of(text.replace("IGS20", name))
+    assert one_of(text.replace("IGS20", "WGS84"))
 
 
 def test_of_several_satellites_those_that_can_be_placed_are_read(tmp_path: Path) -> None:

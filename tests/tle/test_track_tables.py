@@ -384,6 +384,30 @@ PATHS: dict[str, tuple[str, Callable[[float], tuple[float, ...]], Array]] = {
 }
 
 
+@pytest.mark.parametrize(
+    ("columns", "last", "whole"),
+    [
+        ("lat_deg,lon_deg,height_m", "{k},52.2,5.19,{height}", "11980"),
+        ("alt_deg,az_deg", "{k},{alt:.3f},{az}", "149"),
+        ("az_deg,alt_deg", "{k},{az:.3f},{down:g}", "55.25"),
+    ],
+)
+def test_a_last_number_that_is_cut_off_is_refused_where_it_is_far_from_the_rows(
+    columns: str, last: str, whole: str
+) -> None:
+    """Numbers of whole digits, and of as many decimals as each needs."""
+    rows = [
+        last.format(k=stamp(k), height=10990 + 10 * k, alt=20.0 + 0.1 * k, az=50 + k, down=80.0 - 0.25 * k)
+        for k in range(100)
+    ]
+    text = "\n".join([f"utc,{columns}", *rows])
+    assert text.endswith(whole)
+    assert read(text)
+    for cut in range(1, len(whole)):
+        with pytest.raises(EphemerisError, match=r"^track\.csv:101: "):
+            read(text[:-cut])
+
+
 @pytest.mark.parametrize("name", PATHS)
 def test_a_path_that_turns_bursts_or_begins_at_rest_is_read(name: str) -> None:
     columns, path, times = PATHS[name]

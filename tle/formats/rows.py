@@ -28,6 +28,8 @@ _BLANKS = bytes.maketrans(b"\t\r", b"  ")
 # Room for the widest time, so that every line can be looked at so far.
 _STAMP = 40
 _LARGEST = 1e15
+# So many rows tell how numbers are written.
+_LIKE_IT = 20
 # So many lines, or bytes, stay in the processor's cache.
 _AT_ONCE, _SOME = 10_000, 1 << 20
 _FIRST_YEAR, _LAST_YEAR = 1972, 2100
@@ -239,17 +241,22 @@ class Lines:
         return repr(printable(self.text(line)[:60]))
 
     def check_end(self, which: Index) -> None:
-        """Refuse a last row without a line end whose last number is shorter than that of the row before.
+        """Refuse a last row without a line end whose last number has lost digits, by the rows before it.
 
-        Raises EphemerisError.
+        It has fewer decimals than that of the row before; or fewer than some before or fewer digits, and is not
+        where the two before lead. Raises EphemerisError.
         """
         if self._ended or len(which) < 2 or int(which[-1]) != self.last:
             return
-        before, last = (self._words(int(k))[-1] for k in which[-2:])
-        if len(last.partition(".")[2]) < len(before.partition(".")[2]):
+        *others, before, last = (self._words(int(k))[-1] for k in which[-_LIKE_IT:])
+        decimals = [len(word.partition(".")[2]) for word in (*others, before, last)]
+        step = float(before) - float(others[-1] if others else before)
+        off = abs(float(last) - float(before) - step)
+        shorter = decimals[-1] < max(decimals) or len(last.lstrip("+-")) < len(before.lstrip("+-"))
+        if decimals[-1] < decimals[-2] or (shorter and off > 0.1 * abs(step) + 10.0 ** -max(decimals)):
             raise self.error(
                 int(which[-1]),
-                f"the text ends with {printable(last)!r}, shorter than the number above it: it is cut off; "
+                f"the text ends with {printable(last)!r}, shorter than the numbers above it: it is cut off; "
                 "get the whole file, or end it with a line end",
             )
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _LAGRANGE, _HERMITE = Interpolation(12, False), Interpolation(6, True)
 # The terrestrial frames by their names in SP3: of the IERS, of the IGS, of the laser stations, of GPS.
 _TERRESTRIAL = re.compile(
-    r"(ITR?F?|IG[SbBRr]?|SLRF?|WGS|PZ|ETRF?|CTRF?|GTRF?|BTRF?)[-_]?\d*\w?|ECF|ECEF|UNDEF|", re.ASCII
+    r"(ITR?F?|IG[SbBRr]?|SLRF?|CTRF?|GTRF?|BTRF?)[-_]?\d*\w?|WGS[-_]?84|ECF|ECEF|UNDEF|", re.ASCII
 )
 _GAP = 1.5
 _BAD_KM = 1e-6
