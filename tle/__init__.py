@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tle.bias import Bias
-    from tle.bodies import find_body
+    from tle.bodies import find_body, find_star
     from tle.direction import Direction
     from tle.earth import EarthOrientation, earth_orientation_age
     from tle.elements import Elements
@@ -60,6 +60,7 @@ __all__ = [
     "find_body",
     "find_catalogue_passes",
     "find_passes",
+    "find_star",
     "load_elements",
     "parse_elements",
     "pass_facts",
@@ -75,7 +76,7 @@ _HOMES = {
     name: module
     for module, names in {
         "bias": ("Bias",),
-        "bodies": ("find_body",),
+        "bodies": ("find_body", "find_star"),
         "direction": ("Direction",),
         "earth": ("EarthOrientation", "earth_orientation_age"),
         "elements": ("Elements",),

@@ -308,6 +308,16 @@ def find_body(key: str) -> Body | None:
     return Body(name, StarPlace(ra_deg, dec_deg))
 
 
+def find_star(key: str, catalogue: str | Path | None = None) -> Body | None:
+    """Return the star that a user means by its name or as HIP 91262; None where it is neither.
+
+    It is one of the packaged stars to magnitude 6.5, or from a file of the catalogue, see `read_star`.
+    Raises SourceError, and BodyError for a number that is not there.
+    """
+    number = star_number(key)
+    return None if number is None else read_star(number, key, catalogue)
+
+
 def star_number(key: str) -> int | None:
     """Return the Hipparcos number of HIP 91262, or of a star's name; None where a key is neither.
 

@@ -49,6 +49,8 @@ _TO_POWERS = np.array(
 _DEGREES = np.arange(float(_TERMS))
 _PIECES_AT_ONCE = 20_000
 _JUDGES = 20
+# Of rows on one side alone so many magnify their errors tenfold; fourteen do so a hundredfold and more.
+_END_ROWS = 10
 
 
 class Covariance(NamedTuple):
@@ -296,9 +298,22 @@ class Segment:
         """Return polynomials between rows by index, shape (m, 9, terms), in x from -1 to 1 between them.
 
         Newton's divided differences over the rows about the piece, from its middle outwards, of places less
-        the piece's first.
+        the piece's first. Near the ends, where all rows are on one side, many of them magnify their errors.
         """
         rows, count = len(self.since_s), min(self.interpolation.rows, len(self.since_s))
+        if self.interpolation.with_velocities or count <= _END_ROWS:
+            return self._pieces_by(index, count)
+        low, high = count // 2 - 1, rows - count + count // 2 - 1
+        inner = (index >= low) & (index <= high)
+        found = np.empty((len(index), 9, _TERMS))
+        for part, used in ((inner, count), (~inner, _END_ROWS)):
+            if part.any():
+                found[part] = self._pieces_by(index[part], used)
+        return found
+
+    def _pieces_by(self, index: Index, count: int) -> Array:
+        """Return polynomials between rows, see `pieces`, by so many rows."""
+        rows = len(self.since_s)
         first = np.clip(index - (count // 2 - 1), 0, rows - count)
         inner = index - first
         # From the middle of the piece outwards: Newton's form is steadiest so.

@@ -498,15 +498,14 @@ def find_target(
     _check_key(key)
     if click.get_current_context().meta.get(_T0) is not None:
         raise BadInputError("--t0 goes with a table whose times count from it: track launch.csv --t0 UTC")
-    from tle.bodies import find_body, read_star, star_number
+    from tle.bodies import find_body, find_star
 
     body = find_body(key)
     by_number = key.strip().casefold().startswith("hip")
     if body is not None or not (by_number or _has_no(elements(), key)):
         return body
-    number = star_number(key)
     try:
-        return None if number is None else read_star(number, key, context.settings.stars)
+        return find_star(key, context.settings.stars)
     except SourceError as error:
         raise SourceError(context.by_settings("stars", error)) from None
 

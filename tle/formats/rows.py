@@ -243,8 +243,8 @@ class Lines:
     def check_end(self, which: Index) -> None:
         """Refuse a last row without a line end whose last number has lost digits, by the rows before it.
 
-        It has fewer decimals than that of the row before; or fewer than some before or fewer digits, and is not
-        where the two before lead. Raises EphemerisError.
+        It has fewer decimals than that of the row before; or fewer than some before, or fewer digits, and is
+        not where the two before lead. Raises EphemerisError.
         """
         if self._ended or len(which) < 2 or int(which[-1]) != self.last:
             return
