@@ -452,5 +452,7 @@ def _off_between(one: Segment, pieces: Index) -> tuple[int, str] | None:
     # Of three rows and more the arcs tell whether they fall.
     other = (share > _GRAVITY_SHARE) & (len(one.since_s) < 3)
     bad = np.flatnonzero((other | (moved_km > _MOVES_KM) | (height < _LOWEST_KM)) & (height < _HIGHEST_KM))
+    if len(bad) and len(one.since_s) < 3 and ends[0] > _LOWEST_KM:
+        return 0, "are just two, and no orbit goes by a polynomial of two rows: get a file with more"
     share[height < _LOWEST_KM] = np.inf
     return (int(pieces[bad[0]]), _no_orbit(one, float(share[bad[0]]))) if len(bad) else None

@@ -606,6 +606,12 @@ def test_bad_cpf_is_refused_with_its_line(text: str, line: int, words: str) -> N
     assert words in str(caught.value)
 
 
+def test_rows_of_a_cpf_are_no_gaps_where_its_header_has_another_step() -> None:
+    one, other = (one_of(text) for text in (cpf(frame=2), cpf(frame=2).replace("   60 1 1", "   30 1 1")))
+    assert one.spans == other.spans
+    assert np.array_equal(one.segments[0].place_km, other.segments[0].place_km)
+
+
 def test_a_gap_in_a_cpf_has_no_place() -> None:
     one = one_of(cpf(frame=2, skip=(19, 20, 21)))
     states = one.states(EARTH)

@@ -327,10 +327,10 @@ ROWS = f"{stamp(0)},10,20\n{stamp(1)},11,21\n"
         (f"utc,alt_deg,az_deg\n{ROWS}{stamp(2)},x,22\n", "track.csv:4: a row: 'x' is no number"),
         (f"utc,alt_deg,az_deg\n{ROWS}2026-02-30T00:00:00Z,1,22\n", "track.csv:4: .* is no time"),
         (f"utc,alt_deg,az_deg\n{stamp(0)},10,20\n", "track.csv:1: it has not two rows"),
-        ("# gap_s: -1\nutc,alt_deg,az_deg\n" + ROWS, "track.csv:2: # gap_s: -1: give a number above 0"),
-        ("# frame: b1950\nutc,ra_deg,dec_deg\n" + ROWS, "track.csv:2: frame 'b1950' is not known"),
+        ("# gap_s: -1\nutc,alt_deg,az_deg\n" + ROWS, "track.csv:1: # gap_s: -1: give a number above 0"),
+        ("# frame: b1950\nutc,ra_deg,dec_deg\n" + ROWS, "track.csv:1: frame 'b1950' is not known"),
         ("t_s,alt_deg,az_deg\n0,1,2\n1,2,3\n", "its times count from T0: write # t0: UTC above"),
-        ("# t0: soon\nt_s,alt_deg,az_deg\n0,1,2\n1,2,3\n", "track.csv:2: # t0: "),
+        ("# t0: soon\nt_s,alt_deg,az_deg\n0,1,2\n1,2,3\n", "track.csv:1: # t0: "),
     ],
 )
 def test_a_bad_table_is_refused_with_its_line(text: str, words: str) -> None:
@@ -456,6 +456,15 @@ def test_places_that_are_rounded_to_a_kilometre_are_read() -> None:
     # As noise has it, a place falls back on the one before.
     rounded[20], rounded[21] = rounded[20].replace("52.21", "52.20"), rounded[21].replace("52.21", "52.20")
     read("\n".join(["utc,lat_deg,lon_deg,height_m", *rounded, ""]))
+
+
+def test_a_table_in_quotes_is_read_as_one_without() -> None:
+    plain = table("utc,alt_deg,az_deg", np.arange(4.0), lambda t: (20.0 + t, 100.0 + t))
+    quoted = "\n".join(
+        ",".join(f'"{word}"' for word in line.split(",")) if line else "" for line in plain.split("\n")
+    )
+    one, other = (read(text).segments[0] for text in (plain, quoted))
+    assert np.array_equal(one.place_km, other.place_km)
 
 
 def test_directions_want_a_site_and_absolute_times_no_t0() -> None:

@@ -235,8 +235,8 @@ def _velocities(lines: Lines, which: Index, kinds: NDArray[np.bytes_]) -> Array 
 
 
 def _pieces(since: Array, step_s: float) -> list[tuple[int, int]]:
-    """Return first and one past the last row between gaps."""
-    usual = step_s if step_s > 0.0 or len(since) < 2 else float(np.median(np.diff(since)))
+    """Return first and one past the last row between gaps; most steps are none, whatever the header says."""
+    usual = max(step_s, float(np.median(np.diff(since))) if len(since) > 1 else 0.0)
     gaps = np.flatnonzero(np.diff(since) > _GAP * usual + 1.0) + 1
     edges = [0, *gaps.tolist(), len(since)]
     return list(itertools.pairwise(edges))

@@ -78,11 +78,15 @@ _DIRECTIONS = _Jump(5.0 * _DEGREE, (0.5 * _DEGREE, _DEGREE), 20.0 * _DEGREE, Tru
 _USUAL_TIMES, _AGREE, _CALM = 3.0, 0.2, 10.0
 
 
+_TO_BLANKS = bytes.maketrans(b',"', b"  ")
+
+
 class _Header(NamedTuple):
     line: int
     """Of the names of the columns, from 0."""
     columns: list[str]
-    notes: dict[str, str]
+    notes: dict[str, tuple[str, int]]
+    """What comments give, with their lines."""
 
 
 def recognised(lines: Lines) -> bool:
@@ -97,14 +101,14 @@ def is_relative(lines: Lines) -> bool:
 
 
 def _header(lines: Lines) -> _Header | None:
-    notes = {}
+    notes: dict[str, tuple[str, int]] = {}
     for line in range(min(len(lines), 200)):
         text = lines.text(line).removeprefix("\ufeff")
         if text.startswith("#"):
             key, _, value = text.lstrip("# ").partition(":")
-            notes[key.strip().casefold()] = value.strip()
+            notes[key.strip().casefold()] = value.strip(), line
         elif text:
-            columns = [word.strip().casefold() for word in text.split(",")]
+            columns = [word.strip(' "').casefold() for word in text.split(",")]
             return _Header(line, columns, notes) if columns[0] in ("utc", "t_s") else None
     return None
 
@@ -128,7 +132,7 @@ def parse_track(lines: Lines, site: Site | None = None, t0: Utc | None = None) -
     rows = rows[(lines.first_bytes[rows] != 0) & (lines.first_bytes[rows] != ord("#"))]
     if len(rows) < 2:
         raise lines.error(header.line, "it has not two rows: nothing to interpolate")
-    plain = Lines(lines.data.replace(b",", b" "), lines.source)
+    plain = Lines(lines.data.translate(_TO_BLANKS), lines.source)
     zero_s, since_s, values = _rows(plain, rows, header.columns, t0)
     plain.check_end(rows)
     wrong = np.flatnonzero(np.diff(since_s) <= 0.0)
@@ -141,9 +145,10 @@ def parse_track(lines: Lines, site: Site | None = None, t0: Utc | None = None) -
             raise lines.error(int(rows[bad[0]]), f"{name} is {column[bad[0]]:g}: {most:g} is the most")
     gap_s = _noted(lines, header, "gap_s", _GAP_STEPS * float(np.median(np.diff(since_s))))
     sigma_m = _noted(lines, header, "sigma_m", 0.0)
-    frame = header.notes.get("frame", _FRAMES[0]).casefold()
+    frame, frame_line = header.notes.get("frame", (_FRAMES[0], 0))
+    frame = frame.casefold()
     if frame not in _FRAMES:
-        raise lines.error(header.line, f"frame {printable(frame)!r} is not known: icrs or of_date")
+        raise lines.error(frame_line, f"frame {printable(frame)!r} is not known: icrs or of_date")
     cuts = np.flatnonzero(np.diff(since_s) > gap_s) + 1
     segments = []
     for part in np.split(np.arange(len(rows)), cuts):
@@ -152,7 +157,11 @@ def parse_track(lines: Lines, site: Site | None = None, t0: Utc | None = None) -
             segments.append(_segment(lines, rows[part], track, kind, frame, site))
     if not segments:
         raise lines.error(header.line, f"no two rows are nearer than {gap_s:g} s: say more by # gap_s")
-    name = header.notes.get("name") or re.sub(r"\.[^.]*$", "", lines.source.rpartition("/")[2]) or "track"
+    name = (
+        header.notes.get("name", ("", 0))[0]
+        or re.sub(r"\.[^.]*$", "", lines.source.rpartition("/")[2])
+        or "track"
+    )
     words = segments[0].interpolation.words
     found = TableEphemeris(
         printable(name),
@@ -168,7 +177,7 @@ def parse_track(lines: Lines, site: Site | None = None, t0: Utc | None = None) -
 
 def _noted(lines: Lines, header: _Header, key: str, default: float) -> float:
     """Return a number that a comment gives, positive."""
-    text = header.notes.get(key)
+    text, line = header.notes.get(key, (None, 0))
     if text is None:
         return default
     try:
@@ -176,20 +185,21 @@ def _noted(lines: Lines, header: _Header, key: str, default: float) -> float:
     except ValueError:
         value = -1.0
     if not 0.0 < value < float("inf"):
-        raise lines.error(header.line, f"# {key}: {printable(text)}: give a number above 0")
+        raise lines.error(line, f"# {key}: {printable(text)}: give a number above 0")
     return value
 
 
 def _noted_t0(lines: Lines, header: _Header) -> Utc:
-    try:
-        return Utc.parse(header.notes["t0"])
-    except KeyError:
+    if "t0" not in header.notes:
         raise lines.error(
             header.line,
             "its times count from T0: write # t0: UTC above this line, or give --t0 UTC (not for a schedule)",
-        ) from None
+        )
+    text, line = header.notes["t0"]
+    try:
+        return Utc.parse(text)
     except TleError as error:
-        raise lines.error(header.line, f"# t0: {error}") from None
+        raise lines.error(line, f"# t0: {error}") from None
 
 
 def _rows(lines: Lines, rows: Index, columns: list[str], t0: Utc | None) -> tuple[float, Array, Array]:
