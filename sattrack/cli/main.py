@@ -298,6 +298,7 @@ def _warnings_as_lines() -> Iterator[None]:
             click.echo(f"sattrack: warning: {message}", err=True)
 
     with warnings.catch_warnings():
+        warnings.simplefilter("always", UserWarning)
         warnings.showwarning = show
         yield
 

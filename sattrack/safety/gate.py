@@ -113,6 +113,8 @@ class Safety:
         """Since when axes that are to rest have had a limit ahead all the same (UTC)."""
         self._swings: deque[tuple[float, float, float]] = deque()
         """When (UTC) both axes moved unlike any rates that may have been in force, and by how much."""
+        self._spots: Sequence[Spot] = ()
+        """Where the axes may be for which rates were last cleared."""
         self._newest_utc_s = -math.inf
         most_ha, most_dec = FASTER * profile.ra.slew_rate_deg_s, FASTER * profile.dec.slew_rate_deg_s
         self._plausible = ((-most_ha, most_ha), (-most_dec, most_dec))
@@ -341,7 +343,7 @@ class Safety:
         """Clear rates for every spot where the axes may be; the first is the one that is reported."""
         if self.led is None and self._slews.target is not None:
             self._slews.forget()
-        self._streams = True
+        self._streams, self._spots = True, spots
         wish = axis_rates(move, self._standing.beyond_pole)
         clipped = self._clipped(wish)
         self.clamping = clipped != wish
@@ -474,9 +476,7 @@ class Safety:
 
     def _in_force(self, age_s: float, utc_s: float | None) -> tuple[tuple[float, float], tuple[float, float]]:
         """Return the least and the greatest rates of both axes that may have been in force of late."""
-        ha, dec = axis_rates(self._doubt.moved, self._standing.beyond_pole)
-        ha = within(ha, self._plausible[0])
-        dec = within(dec, self._plausible[1])
+        ha, dec = self._moving()
         if utc_s is None:
             return (ha, dec), (ha, dec)
         sent = self._sent
@@ -500,6 +500,11 @@ class Safety:
             (max(ha, greatest[0] + swing_ha), max(dec, greatest[1] + swing_dec)),
         )
 
+    def _moving(self) -> Rates:
+        """Return the rates of both axes as statuses show them."""
+        ha, dec = axis_rates(self._doubt.moved, self._standing.beyond_pole)
+        return within(ha, self._plausible[0]), within(dec, self._plausible[1])
+
     def _swing(self, moved: Rates, sent: RateRanges, utc_s: float) -> Rates:
         """Return by how much either axis has of late moved faster or slower than by what it was sent.
 
@@ -521,12 +526,14 @@ class Safety:
     def in_time(self, cleared: Cleared, rates_wait_s: float) -> Cleared:
         """Return what was cleared, or a stop where the rates that hold the mount at a limit do not reach it.
 
-        For so long a mount that takes rates by edges has been given none. The last ones were judged for the
-        time that its handshake may take, and the longest fault; a stop needs no handshake.
+        For so long a mount that takes rates by edges has been given none. When the handshake should be over,
+        axes that go on as they do must leave room for a stop, which needs none, and for the longest fault.
         """
-        if self.holding is None or rates_wait_s <= self._ahead.edges_wait_s:
+        if self.holding is None or rates_wait_s <= self._ahead.handshake_s:
             return cleared
-        return self._trip(self.holding)
+        nears = [self._bounds.near(spot.place, self._ahead.horizon_s) for spot in self._spots]
+        limit = self._ahead.going_on(self._spots, self._moving(), nears)
+        return cleared if limit is None else self._trip(limit)
 
     def _let_go(self) -> None:
         self.holding = self._held_since = self._rests_since_s = None

@@ -84,12 +84,19 @@ class AxisReach:
 def latency_s(profile: MountProfile, unanswered_s: float = 0.0) -> float:
     """Return how long it takes until a mount acts on what is decided now, no datagram lost, seconds.
 
-    Where rates are taken by edges, what is decided waits for the handshake before, which lasts `unanswered_s`
-    on a mount that does not answer.
+    Where rates are taken by edges, what is decided waits for the handshake before, see `handshake_s`.
     """
-    edge_s = max(unanswered_s, EDGE_PERIODS * profile.period_s) if profile.move_axis == "edge" else 0.0
     delay_s = profile.command_delay_s + profile.status_delay_s + max(profile.ra.lag_s, profile.dec.lag_s)
-    return PERIODS_UNTIL_OBEYED * profile.period_s + JITTER_S + delay_s + edge_s
+    waits_s = handshake_s(profile, unanswered_s)
+    return PERIODS_UNTIL_OBEYED * profile.period_s + JITTER_S + delay_s + waits_s
+
+
+def handshake_s(profile: MountProfile, unanswered_s: float) -> float:
+    """Return for how long rates by edges wait for the handshake before; 0 where the latest rates are taken.
+
+    It lasts `unanswered_s` on a mount that does not answer.
+    """
+    return max(unanswered_s, EDGE_PERIODS * profile.period_s) if profile.move_axis == "edge" else 0.0
 
 
 def unheeded_s(profile: MountProfile, longest_fault_s: float) -> float:
@@ -134,13 +141,13 @@ class Ahead:
 
     def __init__(self, profile: MountProfile, limits: SafetyLimits, bounds: Bounds) -> None:
         self._bounds = bounds
-        self._profile, self._fault_s = profile, limits.longest_fault_s
+        self._profile = profile
         self._unheeded_s = unheeded_s(profile, limits.longest_fault_s)
         self._braking_deg_s2 = profile.braking_deg_s2
         self._unanswered_s = -1.0
-        self.latency_s = self.horizon_s = self.edges_wait_s = 0.0
+        self.latency_s = self.horizon_s = self.handshake_s = 0.0
         """How long it takes until the mount acts on what is decided now; how long it may take until it acts
-        on what is decided next; and how long rates may be in force on a mount that takes them by edges."""
+        on what is decided next; and how long rates by edges may wait where no datagram is lost."""
         self.handshakes_last(0.0)
 
     def handshakes_last(self, unanswered_s: float) -> None:
@@ -150,7 +157,7 @@ class Ahead:
         self._unanswered_s = unanswered_s
         self.latency_s = latency_s(self._profile, unanswered_s)
         self.horizon_s = self.latency_s + self._unheeded_s
-        self.edges_wait_s = max(unanswered_s, EDGE_PERIODS * self._profile.period_s) + self._fault_s
+        self.handshake_s = handshake_s(self._profile, unanswered_s)
 
     def outlook(
         self, spots: Sequence[Spot], now: RateRanges, nears: Sequence[Mapping[str, float]] | None = None
@@ -163,17 +170,34 @@ class Ahead:
         """
         views = []
         for k, spot in enumerate(spots):
-            ha, dec = self._reaches(spot, now)
+            ha, dec = self._reaches(spot, now, self.latency_s)
             views.append(_View(spot.place, ha, dec, nears[k] if nears else NOTHING_NEAR))
         return Outlook(self._bounds, self.horizon_s, views)
 
+    def going_on(
+        self, spots: Sequence[Spot], rates: tuple[float, float], nears: Sequence[Mapping[str, float]]
+    ) -> str | None:
+        """Return the limit that axes may pass that go on at rates until a stop holds them, or None.
+
+        A stop waits for no handshake. Of limits whose margin is used up, see `outlook`, what is left counts.
+        """
+        begun_s = self.latency_s - self.handshake_s
+        for spot, near in zip(spots, nears, strict=True):
+            ha, dec = self._reaches(spot, (rates, rates), begun_s)
+            view = _View(spot.place, ha, dec, near)
+            box = Box(*ha.deg(rates[0]), *dec.deg(rates[1]))
+            name = self._bounds.violated(box, view.margins, begun_s + self._unheeded_s)
+            if name is not None:
+                return name
+        return None
+
     def reach(self, spot: Spot, now: RateRanges, rates: tuple[float, float]) -> Box:
         """Return where the axes may come under these rates before a stop can hold them."""
-        ha, dec = self._reaches(spot, now)
+        ha, dec = self._reaches(spot, now, self.latency_s)
         return Box(*ha.deg(rates[0]), *dec.deg(rates[1]))
 
-    def _reaches(self, spot: Spot, now: RateRanges) -> tuple[AxisReach, AxisReach]:
-        delays = Delays(spot.age_s, self.latency_s, self._unheeded_s)
+    def _reaches(self, spot: Spot, now: RateRanges, latency_s: float) -> tuple[AxisReach, AxisReach]:
+        delays = Delays(spot.age_s, latency_s, self._unheeded_s)
         (ha_low, dec_low), (ha_high, dec_high) = now
         ha_deg, dec_deg = spot.place
         ha_braking, dec_braking = self._braking_deg_s2

@@ -227,11 +227,12 @@ class TestDrivers:
     def test_rates_that_hold_it_at_a_limit_and_do_not_reach_it_are_a_stop(
         self, waits_s: float, stops: bool, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        """Half a degree above the horizon, on a mount that takes rates by edges."""
+        """Half a degree above the horizon, sinking, on a mount that takes rates by edges."""
         made = MountProfile(move_axis="edge")
         one = Driver(made, Safety(made, SafetyLimits(optical=False), 52.0, 4.5, holds=True))
         monkeypatch.setattr(Session, "rates_wait_s", waits_s)
-        heard(one, 1, turned_deg=-15.0, dec_deg=-37.5)
+        for number in (1, 2):
+            heard(one, number, NOW + 0.05 * (number - 2), turned_deg=-15.0, dec_deg=-37.4 - 0.05 * number)
         cleared = one.clear(MoveAxes(SIDEREAL_RATE_DEG_S, -1.0), NOW)
         assert (cleared.motion == Stop()) is stops
         assert (one.safety.holding, one.safety.tripped) == (

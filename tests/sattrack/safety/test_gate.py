@@ -10,7 +10,6 @@ from msgspec.structs import replace
 
 from sattrack.mount.model import (
     SIDEREAL_RATE_DEG_S,
-    Cleared,
     Hold,
     Motion,
     MountProfile,
@@ -266,25 +265,42 @@ def test_a_place_that_is_none_moves_nothing(place: tuple[float, float, float]) -
         assert safety.tripped == "command"
 
 
-def test_a_mount_by_edges_is_stopped_where_the_rates_that_hold_it_wait_too_long() -> None:
-    """Six periods and the longest fault; where nothing is held, rates may wait."""
+def held_by_edges(above_deg: float, fault_s: float, waits_s: float, unanswered_s: float = 0.0) -> Safety:
+    """Return a gate whose axes go at 1 °/s towards the lower end, so far from it, and are held there."""
     edge = replace(PROFILE, move_axis="edge")
+    safety = gate(holds=True, profile=edge, fault_s=fault_s)
+    safety.handshakes_last(unanswered_s)
+    wish = MoveAxes(S, -1.0)
+    for k in range(40):
+        utc_s, dec_deg = T0 + 0.05 * k, -50.0 + above_deg + 0.05 * (39 - k)
+        sidereal_deg = SIDEREAL_DEG + S * 0.05 * k
+        safety.watch(Seen(utc_s, sidereal_deg, sidereal_deg, dec_deg), wish)
+        cleared = safety.clear(wish, sidereal_deg, sidereal_deg, dec_deg, 0.0, utc_s)
+    assert safety.holding == "declination"
+    found = safety.in_time(cleared, waits_s)
+    assert (found.motion == Stop()) == (safety.tripped == "declination")
+    return safety
+
+
+def test_a_mount_by_edges_is_stopped_where_the_rates_that_hold_it_come_too_late() -> None:
+    """When a handshake should be over, a stop and the longest fault must have room; before it, they have."""
     for fault_s in (0.5, 1.0):
-        for over_s in (-0.01, 0.01):
-            safety = gate(holds=True, profile=edge, fault_s=fault_s)
-            cleared = Cleared(MoveAxes(S, 0.0))
-            assert safety.in_time(cleared, 99.0) == cleared
-            safety.holding = "declination"
-            found = safety.in_time(cleared, 0.3 + fault_s + over_s)
-            assert found.motion == (Stop() if over_s > 0.0 else cleared.motion)
-            assert safety.tripped == ("declination" if over_s > 0.0 else None)
+        way_deg = 0.2004 + fault_s + 1.0 / 16.0 + 0.1
+        for more_deg, stopped in ((-0.01, True), (0.01, False)):
+            for waits_s, due in ((0.29, False), (0.31, True), (9.0, True)):
+                safety = held_by_edges(way_deg + more_deg, fault_s, waits_s)
+                assert (safety.tripped is not None) == (stopped and due)
+    # A mount that leaves handshakes unanswered is given more time, and was judged for it.
+    for waits_s, stopped in ((0.99, False), (1.01, True)):
+        safety = held_by_edges(way_deg - 0.01, 1.0, waits_s, unanswered_s=1.0)
+        assert (safety.tripped is not None) == stopped
 
 
 @pytest.mark.parametrize(("unanswered_s", "waits_s"), [(0.0, 0.3), (0.2, 0.3), (1.0, 1.0)])
 def test_rates_by_edges_are_judged_for_as_long_as_the_handshake_before_them_may_last(
     unanswered_s: float, waits_s: float
 ) -> None:
-    """Six periods, or what a mount that does not answer lets pass; so long rates may wait as well."""
+    """Six periods, or what a mount that does not answer lets pass."""
     edge, wish = replace(PROFILE, move_axis="edge"), MoveAxes(S, -1.0)
     for more in (-0.01, 0.01):
         safety = gate(profile=edge)
@@ -292,11 +308,6 @@ def test_rates_by_edges_are_judged_for_as_long_as_the_handshake_before_them_may_
         way_deg = 0.2004 + waits_s + 1.0 + 1.0 / 16.0 + 0.1
         at = (SIDEREAL_DEG, SIDEREAL_DEG, -50.0 + way_deg + more)
         assert (safety.clear(wish, *at, 0.0, T0).motion == wish) == (more > 0.0)
-        safety = gate(holds=True, profile=edge)
-        safety.handshakes_last(unanswered_s)
-        safety.holding = "declination"
-        found = safety.in_time(Cleared(wish), 1.0 + waits_s + more)
-        assert found.motion == (Stop() if more > 0.0 else wish)
 
 
 @pytest.mark.parametrize(
