@@ -414,6 +414,7 @@ def long_xml(count: int = 60) -> list[str]:
     [
         ("<Y>.*</Y>", "<Y>one</Y>", 1, "a row: 'one' is no number"),
         ("<Y>.*</Y>", "<Y>1 2</Y>", 1, "a row has 7 numbers where 6 or 9 belong"),
+        ("<Y>.*</Y>", "<Y>1&gt;</Y>", 1, "a row: '1>' is no number"),
         ("<Y>.*</Y>", "", 1, "stateVector has no Y"),
         ("<X>", "<X units='m'>", 3, "X is in 'm': an OEM has km"),
         ("</Y>", "", 9, "no XML: mismatched tag"),
@@ -439,7 +440,8 @@ def test_a_long_xml_has_the_rows_of_its_kvn_and_none_of_its_comments(
     lines, other = long_xml(), one_of(HEAD + oem(60))
     first = lines.index("<stateVector>")
     aside = ["<!--", *lines[first : first + 18], "-->"]
-    for text in (lines, *([*lines[:k], *aside, *lines[k:]] for k in (first, first + 90))):
+    padded = [re.sub(r">(\d.*)<", r">  \1 <", line) for line in lines]
+    for text in (lines, padded, *([*lines[:k], *aside, *lines[k:]] for k in (first, first + 90))):
         one = one_of("\n".join(text))
         assert np.array_equal(one.segments[0].place_km, other.segments[0].place_km)
         assert np.array_equal(one.segments[0].since_s, other.segments[0].since_s)

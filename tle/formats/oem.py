@@ -493,9 +493,9 @@ _STATE = ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")
 _COVARIANCE = tuple(f"C{row}_{column}" for k, row in enumerate(_STATE) for column in _STATE[: k + 1])
 # A row of XML, its numbers being groups 2 to 8, and what may be from its end to the numbers of the next.
 _XML_ROW = re.compile(
-    rb"<(\w+:|)stateVector>\s*<\1EPOCH>([^<>&\s]+)</\1EPOCH>"
+    rb"<(\w+:|)stateVector>\s*<\1EPOCH>(\s*[^<>&\s]+\s*)</\1EPOCH>"
     + b"".join(
-        rb"\s*<\1%s(?:\s+units=\"[^<>&\"]*\")?>([^<>&\s]+)</\1%s>" % (name, name)
+        rb"\s*<\1%s(?:\s+units=\"[^<>&\"]*\")?>(\s*[^<>&\s]+\s*)</\1%s>" % (name, name)
         for name in (word.encode() for word in _STATE)
     )
     + rb"\s*</\1stateVector>"
@@ -689,9 +689,10 @@ def _kvn_of_rows(data: bytes, first: int, end: int, between: list[bytes]) -> tup
         seen[begin] = _LEFT_OUT
         raw[begin] = mark
     found = raw.tobytes().translate(None, bytes([_LEFT_OUT]))
-    # Nothing else was a blank, nor such a byte, nor has a meaning in XML.
-    blanks = np.count_nonzero(raw <= ord(" "))
-    right = blanks == rows * sum(map(len, between)) and found.isascii()
+    # No number is two, nor has a meaning in XML; blanks about one are none of its own.
+    inked = raw > ord(" ")
+    words = np.count_nonzero(inked[1:] & ~inked[:-1]) + int(inked[0])
+    right = words == rows * _NUMBERS and found.count(b"\n") == rows and found.isascii()
     right = right and not any(byte in found for byte in b"&>")
     return found, rows if right else 0
 
