@@ -305,7 +305,7 @@ def _table(
     passes: CataloguePasses, known: dict[int, float], separations: bool, options: dict[str, Any]
 ) -> PassTable:
     """Return the passes with their facts that all filters let through."""
-    from sattrack.cli.passes_output import PassTable
+    from sattrack.cli.passes_output import PassTable, light_known
     from tle.facts import fact_columns, sun_altitudes_deg
 
     index = np.arange(len(passes))
@@ -317,7 +317,7 @@ def _table(
     table = PassTable(passes, index, facts)
     keep = np.ones(len(table), dtype=bool)
     if options["sunlit"]:
-        keep &= np.diff(table.facts.sunlit.starts(len(table))) > 0
+        keep &= (np.diff(table.facts.sunlit.starts(len(table))) > 0) & light_known(table)
     if options["max_rate_deg_s"] is not None:
         keep &= table.peak_rate_deg_s <= options["max_rate_deg_s"]
     if options["faintest"] is not None:

@@ -17,6 +17,7 @@ import numpy as np
 
 from sattrack.cli.common import tell
 from sattrack.core import local_time
+from tle.bodies import Body
 from tle.crossings import select
 from tle.errors import printable
 from tle.facts import NUMBERS
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from sattrack.safety.limits import SafetyLimits
     from sattrack.views.schedule import PlannedPass, SchedulePlan
     from tle.elements import Elements
+    from tle.ephemeris import Ephemeris
     from tle.facts import FactColumns, PassFacts
     from tle.horizon import Horizon
     from tle.passes import CataloguePasses, Pass
@@ -53,6 +55,7 @@ _LIGHT = {
         ("lit", ("yellow", "green")),
         ("partly", ("yellow", "green")),
         ("dark", ("bright_black", "bright_black")),
+        ("-", (None, None)),
     )
     for night, colour in enumerate(colours)
 }
@@ -277,7 +280,8 @@ def _texts(
     def instants(since_s: Array) -> list[str]:
         return _instants(start_s + since_s, none, quote)
 
-    lit_from, lit_to = facts.sunlit.ends(len(block))
+    unknown = ~light_known(block)
+    lit_from, lit_to = (np.where(unknown, np.nan, ends) for ends in facts.sunlit.ends(len(block)))
     azimuths = {
         "rise_az_deg": np.where(np.isnan(found.rise_s), np.nan, found.rise_az_deg)[block.index],
         "set_az_deg": np.where(np.isnan(found.set_s), np.nan, found.set_az_deg)[block.index],
@@ -312,7 +316,21 @@ def _lists(block: PassTable) -> dict[str, list[str]]:
         edges = (_instants(start_s + part, "null", '"') for part in (spans.first_s, spans.last_s))
         pairs = [f"[{first}, {last}]" for first, last in zip(*edges, strict=True)]
         columns[key] = _bracketed(pairs, spans.starts(len(block)))
+        for k in np.flatnonzero(~light_known(block)).tolist():
+            columns[key][k] = "null"
     return columns
+
+
+def light_known(block: PassTable) -> NDArray[np.bool_]:
+    """Tell of which passes it is known whether the Sun lights what passes."""
+    objects, which = np.unique(block.passes.found.obj[block.index], return_inverse=True)
+    known = np.array([_has_a_place(block.passes.elements[o]) for o in objects.tolist()], dtype=bool)
+    return known[which]
+
+
+def _has_a_place(one: Ephemeris) -> bool:
+    """Tell whether something is more than a direction; what shines counts as lit."""
+    return one.ranged or isinstance(one, Body)
 
 
 def _bracketed(items: list[str], starts: Index) -> list[str]:
@@ -387,10 +405,10 @@ def table_lines(table: PassTable, now_utc_s: float | None) -> Iterator[str]:
         first_s = start_s + np.where(np.isnan(found.rise_s), found.culminate_s, found.rise_s)[block.index]
         alts_deg = found.max_alt_deg[block.index].tolist()
         facts = block.facts.items(start_s)
-        labels = [block.passes.elements[o].label for o in found.obj[block.index].tolist()]
+        own = [block.passes.elements[o] for o in found.obj[block.index].tolist()]
         why_not = block.why_not or (None,) * len(block)
         for first, rise, top, end, *rest in zip(
-            first_s.tolist(), *moments, alts_deg, facts, labels, why_not, strict=True
+            first_s.tolist(), *moments, alts_deg, facts, own, why_not, strict=True
         ):
             # No zone begins a day, or changes, within a minute.
             if minute != (minute := round(first) // 60):
@@ -405,15 +423,17 @@ def _line(
     moments: tuple[str, str, str],
     max_alt_deg: float,
     facts: PassFacts | None,
-    label: str,
+    followed: Ephemeris,
     why_not: str | None,
 ) -> str:
+    label = followed.label
     rise, top, end = moments
     cells = [rise, top, (_HIGH if max_alt_deg >= _HIGH_DEG else "%5.1f") % max_alt_deg, end]
     if facts is None:
         return "  ".join([*cells, f"{'-':>7} {'-':>7} {'-':>5} {'-':>5}  -     ", label])
     night = facts.sun_alt_deg <= _NIGHT_DEG
     light = "lit" if facts.sunlit and not facts.penumbra else "partly" if facts.sunlit else "dark"
+    light = light if _has_a_place(followed) else "-"
     bright = "-" if facts.magnitude is None else f"{facts.magnitude:.1f}"
     return "  ".join(
         [
@@ -499,7 +519,8 @@ def _found(row: Row, start: Utc, end: Utc, site: Site) -> Event:
     text = [f"Highest at {local_time.instant(float(top.unix_s))}, azimuth {seen.culminate_az_deg:.0f}°."]
     if row.facts is not None:
         text.append(f"Sun at {row.facts.sun_alt_deg:.0f}°.")
-        text.append("Sunlit." if row.facts.sunlit else "Not sunlit.")
+        if _has_a_place(row.elements):
+            text.append("Sunlit." if row.facts.sunlit else "Not sunlit.")
     return event_of(
         _uid(row.elements.catalog_number, row.elements.label, lasting, site),
         start,

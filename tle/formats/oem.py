@@ -691,8 +691,8 @@ def _kvn_of_rows(data: bytes, first: int, end: int, between: list[bytes]) -> tup
     found = raw.tobytes().translate(None, bytes([_LEFT_OUT]))
     # No number is two, nor has a meaning in XML; blanks about one are none of its own.
     inked = raw > ord(" ")
-    words = np.count_nonzero(inked[1:] & ~inked[:-1]) + int(inked[0])
-    right = words == rows * _NUMBERS and found.count(b"\n") == rows and found.isascii()
+    count = int(np.count_nonzero(inked[1:] & ~inked[:-1])) + int(inked[0])
+    right = count == rows * _NUMBERS and found.count(b"\n") == rows and found.isascii()
     right = right and not any(byte in found for byte in b"&>")
     return found, rows if right else 0
 

@@ -328,6 +328,27 @@ def test_the_sun_is_lit(capsys: pytest.CaptureFixture[str]) -> None:
     )
 
 
+def test_it_is_not_said_that_the_sun_lights_a_mere_direction(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = tmp_path / "aa.csv"
+    rows = [(0, 12, 100), (30, 20, 104), (60, 30, 110), (90, 35, 118), (120, 30, 128), (150, 12, 138)]
+    table.write_text(
+        "utc,alt_deg,az_deg\n"
+        + "".join(f"2026-11-29T20:{s // 60:02}:{s % 60:02}Z,{alt},{az}\n" for s, alt, az in rows)
+    )
+    where = ["--site", "52.1541,4.4908,0", "--from", "2026-11-29T19:00:00Z", "--hours", "20"]
+    of_table = ["passes", "aa", "--ephemeris", str(table), *where, "--json"]
+    assert run(of_table) == 0
+    (one,) = json.loads(capsys.readouterr().out)
+    for key in ("sunlit_from_utc", "sunlit_to_utc", "sunlit_utc", "penumbra_utc"):
+        assert one[key] is None
+    assert run([*of_table, "--sunlit"]) == 0
+    assert json.loads(capsys.readouterr().out) == []
+    assert run(["passes", "Moon", *where, "--json", "--sunlit"]) == 0
+    assert json.loads(capsys.readouterr().out)[0]["sunlit_utc"]
+
+
 def test_elements_far_from_the_search_are_told(given: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     # It is told once of each Earth orientation, and another test may have used the installed one.
     EarthOrientation.installed.cache_clear()
