@@ -526,10 +526,10 @@ class Safety:
     def in_time(self, cleared: Cleared, rates_wait_s: float) -> Cleared:
         """Return what was cleared, or a stop where the rates that hold the mount at a limit do not reach it.
 
-        For so long a mount that takes rates by edges has been given none. When the handshake should be over,
-        axes that go on as they do must leave room for a stop, which needs none, and for the longest fault.
+        For so long a mount that takes rates by edges has been given none. When a handshake is overdue, axes
+        that go on as they do must leave room for a stop, which needs none, and for the longest fault.
         """
-        if self.holding is None or rates_wait_s <= self._ahead.handshake_s:
+        if self.holding is None or rates_wait_s <= self._ahead.overdue_s:
             return cleared
         nears = [self._bounds.near(spot.place, self._ahead.horizon_s) for spot in self._spots]
         limit = self._ahead.going_on(self._spots, self._moving(), nears)

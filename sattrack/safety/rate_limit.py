@@ -27,6 +27,8 @@ PERIODS_UNTIL_OBEYED = 2.0
 """Ours until the next datagram goes out, and the mount's until its loop reads it."""
 EDGE_PERIODS = 6.0
 """How long the handshake of a mount that takes rates by edges may hold back a new rate."""
+OVERDUE_PERIODS = 4.0
+"""By so much a handshake may take longer: links lose some datagrams, and each side has its period."""
 JITTER_S = 0.1
 CREEP_DEG_S = 0.1
 """Slower than this towards its limit, a stream that is held counts as closed up to it."""
@@ -147,8 +149,14 @@ class Ahead:
         self._unanswered_s = -1.0
         self.latency_s = self.horizon_s = self.handshake_s = 0.0
         """How long it takes until the mount acts on what is decided now; how long it may take until it acts
-        on what is decided next; and how long rates by edges may wait where no datagram is lost."""
+        on what is decided next; and how long rates by edges wait for the handshake before."""
         self.handshakes_last(0.0)
+
+    @property
+    def overdue_s(self) -> float:
+        """From when on rates by edges have waited for longer than a handshake may take on a good link."""
+        delays_s = self._profile.command_delay_s + self._profile.status_delay_s
+        return self.handshake_s + delays_s + OVERDUE_PERIODS * self._profile.period_s
 
     def handshakes_last(self, unanswered_s: float) -> None:
         """Look ahead for a mount whose handshakes last so long, where it does not answer them."""
