@@ -303,7 +303,11 @@ def _point_target(
         if directions and len(peaks):
             peaks = _standing_out(prepared.snr, peaks, footprints, directions, psf_px, least, count, both)
     peaks = np.concatenate([peaks, on_streaks])
-    ends = [ridge > 0.0 and may_end_at(x, y, long, trail, psf_px) for x, y, _, ridge, _ in peaks.tolist()]
+    # Where two trails in line overlap, no more stands on the brighter one than is as bright itself.
+    ends = [
+        height - ridge < 1.2 * ridge + 3.0 and may_end_at(x, y, long, trail, psf_px)
+        for x, y, height, ridge, _ in peaks.tolist()
+    ]
     peaks = peaks[~np.array(ends, dtype=bool)]
     # The strongest first, and only so many: what looks like more is no satellite among stars.
     peaks = peaks[np.argsort(peaks[:, 3] - peaks[:, 2])][:MOST_CANDIDATES]
