@@ -135,6 +135,12 @@ def _square(vectors: Array) -> Array:
     return squares
 
 
+def _length(vectors: Array) -> Array:
+    """Return the lengths, shape (n,), of vectors (n, 3)."""
+    lengths: Array = np.sqrt(_square(vectors))
+    return lengths
+
+
 def _pull(place: Array) -> Array:
     """Return gravity at places (n, 3); of those inside the Earth that of one place near its middle."""
     inside = _square(place) < _LOWEST_KM**2
@@ -197,7 +203,7 @@ def _fallen_own_km(one: Segment, first: Index, last: Index) -> Array:
     place = one.place_km[first]
     # Twice what it is on a circle's: near a perigee high derivatives grow.
     rate = np.sqrt(2.0 * _turns_2(place, one.place_km[last]))
-    own: Array = (one.since_s[last] - one.since_s[first]) ** 5 * rate**5 * np.sqrt(_square(place)) / 720.0
+    own: Array = (one.since_s[last] - one.since_s[first]) ** 5 * rate**5 * _length(place) / 720.0
     return own
 
 
@@ -236,7 +242,7 @@ def _missed_pull(before_s: Array, after_s: Array, places: _Three, pulls: _Three)
 
 def _by_velocities(one: Segment) -> tuple[_Wrong | None, list[int]]:
     """Return the first wrong row, and the steps, by their first rows, in which engines changed the orbit."""
-    size = np.sqrt(_square(_by_step(one)))
+    size = _length(_by_step(one))
     most = _most(size)
     far = size > most
     some = np.flatnonzero(far)
@@ -256,7 +262,7 @@ def _by_velocities(one: Segment) -> tuple[_Wrong | None, list[int]]:
         step = float(np.diff(one.since_s[ends])[0])
         if (stop - first > 1 and left < _LEFT * peak) or peak > _PUSH_KM_S2 * step**2:
             return _Wrong(first + 1, peak), []
-        near = float(np.sqrt(_square(place)).max()) < _HIGHEST_KM
+        near = float(_length(place).max()) < _HIGHEST_KM
         # Engines move nothing that they do not make faster or slower.
         pushed = step * float(np.linalg.norm(_sped(one.since_s[ends], place, velocity)))
         if near and left > _MOVES_KM + pushed:
@@ -274,10 +280,10 @@ def _by_places(one: Segment) -> _Wrong | None:
     """
     count = len(one.since_s)
     missed = _by_neighbours(one)
-    size = np.sqrt(_square(missed[1:-1]))
+    size = _length(missed[1:-1])
     most = _most(size)
     # What is elsewhere from a row on is missed by so much before it, and the other way after it.
-    both = np.sqrt(_square(missed[1:-2] + missed[2:-1]))
+    both = _length(missed[1:-2] + missed[2:-1])
     jumps = np.flatnonzero((size[:-1] > most + _MOVES_KM) & (both < _LEFT * size[:-1]))
     middle = np.unique(np.flatnonzero(size > most)[:, None] + np.arange(3))
     if len(middle) == 0:
@@ -289,8 +295,8 @@ def _by_places(one: Segment) -> _Wrong | None:
     off = np.einsum("kn,knc->nc", taken, about) / np.maximum(np.sum(taken**2, axis=0), 1.0)[:, None]
     rest = np.linalg.norm(about - taken[:, :, None] * off, axis=2).max(axis=0)
     for k in (0, 4):
-        rest = np.maximum(rest, np.sqrt(_square(missed[middle + k])))
-    off_km = np.sqrt(_square(off))
+        rest = np.maximum(rest, _length(missed[middle + k]))
+    off_km = _length(off)
     wrong = np.flatnonzero((off_km > most) & (rest < _LEFT * off_km))
     if len(wrong):
         return _Wrong(int(middle[wrong[0]]), float(off_km[wrong[0]]))
@@ -319,9 +325,9 @@ def _runs(told: NDArray[np.bool_]) -> list[tuple[int, int]]:
 def _check_speed(one: Segment, name: str, source: str) -> None:
     """Refuse rows that go as nothing does; those of a file in metres are far from the Earth's pull."""
     place, velocity = _inertial(one, slice(None))
-    speed = np.sqrt(_square(np.diff(place, axis=0))) / np.diff(one.since_s)
+    speed = _length(np.diff(place, axis=0)) / np.diff(one.since_s)
     if one.velocity_km_s is not None:
-        pace = np.sqrt(_square(velocity))
+        pace = _length(velocity)
         speed = np.maximum(speed, np.maximum(pace[:-1], pace[1:]))
     fast = np.flatnonzero(speed > _FASTEST_KM_S)
     if len(fast):
@@ -373,7 +379,7 @@ def _off_arcs(one: Segment, pieces: Index) -> tuple[int, str] | None:
     """
     middle = np.clip(pieces, 1, len(one.since_s) - 2)
     arc_s = _ARC_RAD / np.sqrt(_turns_2(one.place_km[middle]) / 2.0)
-    high_up = np.sqrt(_square(one.place_km[middle])) >= _HIGHEST_KM
+    high_up = _length(one.place_km[middle]) >= _HIGHEST_KM
     arc_s = np.where(high_up, np.minimum(arc_s, _FAR_ARC_S), arc_s)
     low = np.searchsorted(one.since_s, one.since_s[middle] - arc_s)
     high = np.searchsorted(one.since_s, one.since_s[middle] + arc_s)
@@ -382,10 +388,10 @@ def _off_arcs(one: Segment, pieces: Index) -> tuple[int, str] | None:
     h1, h2 = (np.diff(one.since_s[np.stack(rows)], axis=0)[0] for rows in ((low, middle), (middle, high)))
     both = h1 + h2
     pulls = _pull(a), _pull(b), _pull(c)
-    missed = np.sqrt(_square(_missed_pull(h1[:, None], h2[:, None], (a, b, c), pulls)))
+    missed = _length(_missed_pull(h1[:, None], h2[:, None], (a, b, c), pulls))
     before, after = (b - a) / h1[:, None], (c - b) / h2[:, None]
-    height = np.sqrt(_square(b))
-    share = np.maximum(missed - _moon_pull(height), 0.0) / np.sqrt(_square(pulls[1]))
+    height = _length(b)
+    share = np.maximum(missed - _moon_pull(height), 0.0) / _length(pulls[1])
     share[height < _LOWEST_KM] = np.inf
     rate = np.sqrt(_turns_2(a, b, c) / 2.0)
     own = (rate * np.maximum(h1, h2)) ** 4
@@ -410,7 +416,7 @@ def _off_arcs(one: Segment, pieces: Index) -> tuple[int, str] | None:
         return None
     speed = (before * h2[:, None] + after * h1[:, None]) / both[:, None]
     speed -= (h1 * h2 / (6.0 * both))[:, None] * (pulls[2] - pulls[0])
-    other = np.sqrt(_square(speed - vb))
+    other = _length(speed - vb)
     bad = np.flatnonzero(near & (other > _OTHER_KM_S + rate * height * own / 4.0))
     if len(bad) == 0:
         return None
@@ -442,11 +448,11 @@ def _off_between(one: Segment, pieces: Index) -> tuple[int, str] | None:
     unix_s = tai_s - leaps_s(tai_s)
     state = one.frame.to_teme(EarthOrientation.fixed(0.0), unix_s, tuple(one.native_many(since)), ARRAYS)
     place, pull = np.array(state[:3]).T, np.array(state[6:9]).T
-    ends = np.sqrt(_square(one.place_km[pieces]))
-    height = np.minimum(np.sqrt(_square(place)), ends)
+    ends = _length(one.place_km[pieces])
+    height = np.minimum(_length(place), ends)
     gravity = _pull(place)
-    missed = np.maximum(np.sqrt(_square(pull - gravity)) - _moon_pull(height), 0.0)
-    share = missed / np.sqrt(_square(gravity))
+    missed = np.maximum(_length(pull - gravity) - _moon_pull(height), 0.0)
+    share = missed / _length(gravity)
     # A polynomial that meets the rows at both ends, off by so much in between.
     moved_km = missed * (one.since_s[pieces + 1] - one.since_s[pieces]) ** 2 / 10.0
     # Of three rows and more the arcs tell whether they fall.
