@@ -191,17 +191,18 @@ class Ahead:
         """
         begun_s = self.latency_s - self.handshake_s
         for spot, near in zip(spots, nears, strict=True):
-            ha, dec = self._reaches(spot, (rates, rates), begun_s)
-            view = _View(spot.place, ha, dec, near)
-            box = Box(*ha.deg(rates[0]), *dec.deg(rates[1]))
-            name = self._bounds.violated(box, view.margins, begun_s + self._unheeded_s)
+            box = self._box(spot, (rates, rates), rates, begun_s)
+            name = self._bounds.violated(box, _margins(near), begun_s + self._unheeded_s)
             if name is not None:
                 return name
         return None
 
     def reach(self, spot: Spot, now: RateRanges, rates: tuple[float, float]) -> Box:
         """Return where the axes may come under these rates before a stop can hold them."""
-        ha, dec = self._reaches(spot, now, self.latency_s)
+        return self._box(spot, now, rates, self.latency_s)
+
+    def _box(self, spot: Spot, now: RateRanges, rates: tuple[float, float], latency_s: float) -> Box:
+        ha, dec = self._reaches(spot, now, latency_s)
         return Box(*ha.deg(rates[0]), *dec.deg(rates[1]))
 
     def _reaches(self, spot: Spot, now: RateRanges, latency_s: float) -> tuple[AxisReach, AxisReach]:
@@ -222,9 +223,12 @@ class _View:
 
     def __init__(self, place: Place, ha: AxisReach, dec: AxisReach, near: Mapping[str, float]) -> None:
         self.place, self.ha, self.dec, self.near = place, ha, dec, near
-        self.margins = NOTHING_NEAR
-        if near:
-            self.margins = {name: 0.0 if clear >= 0.0 else -math.inf for name, clear in near.items()}
+        self.margins = _margins(near)
+
+
+def _margins(near: Mapping[str, float]) -> Mapping[str, float]:
+    """Return the margins that count of limits whose own are used up; no matter where axes are past them."""
+    return {name: 0.0 if clear >= 0.0 else -math.inf for name, clear in near.items()} or NOTHING_NEAR
 
 
 class Outlook:
