@@ -327,12 +327,13 @@ class Session:
     def unanswered_s(self) -> float:
         """For how long new rates may wait for a handshake that the mount does not answer; 0 where it does.
 
-        Statuses are counted, of which the link may lose some.
+        Statuses are counted, of which the link may lose as many as by three sigmas of chance.
         """
         if not self._move.unanswered:
             return 0.0
         lost = self.health.lost / max(1, self.health.received)
-        return (1.0 + lost) * UNANSWERED_STATUSES * self.profile.period_s
+        mean, variance = (1.0 + lost) * UNANSWERED_STATUSES, lost * (1.0 + lost) * UNANSWERED_STATUSES
+        return (mean + 3.0 * math.sqrt(variance)) * self.profile.period_s
 
     @property
     def fine_rate(self) -> FineRate:
