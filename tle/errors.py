@@ -109,7 +109,12 @@ class SourceError(TleError):
 
 
 class SatelliteNotFoundError(TleError):
-    """No element set answers to the key."""
+    """No element set answers to the key; `key` is empty where elements were not what was searched."""
+
+    def __init__(self, message: str, key: str = "") -> None:
+        """Keep the key for callers that know where else to look."""
+        super().__init__(message)
+        self.key = key
 
 
 class AmbiguousSatelliteError(TleError):

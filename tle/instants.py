@@ -38,6 +38,12 @@ _ISO = re.compile(
 )
 
 
+def has_zone(text: str) -> bool:
+    """Tell whether text that `Utc.parse` takes says of which zone it is."""
+    match = _ISO.fullmatch(text.strip())
+    return match is not None and match.group(8) is not None
+
+
 class Utc:
     """One instant, or an array of instants, as POSIX seconds of UTC.
 

@@ -24,7 +24,7 @@ from tle.errors import (
 from tle.instants import Utc
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 
     _Reader = Callable[[str, str], Iterator[Elements | ElementsError]]
 
@@ -167,7 +167,8 @@ def find(elements: Sequence[Elements], key: str) -> Elements:
     there = [f"{e.label} ({e.catalog_number})" for e in elements]
     raise SatelliteNotFoundError(
         f"no satellite {key!r} in the elements, which hold {listed(there) if there else 'none'}"
-        f"{_meant(elements, wanted)}"
+        f"{did_you_mean(elements, wanted)}",
+        wanted,
     )
 
 
@@ -245,14 +246,21 @@ def lacks_new_objects(source: str, text: str, accepted: Sequence[Elements]) -> b
     )
 
 
-def _meant(elements: Sequence[Elements], key: str) -> str:
-    """Return "; did you mean ...?" where a name, a word of one or a body looks like the key, else nothing."""
+def did_you_mean(elements: Sequence[Elements], key: str, others: Collection[str] = ()) -> str:
+    """Return "; did you mean ...?" where a name, a word of one or a body looks like the key, else nothing.
+
+    `others` are names of COMMON_NAMES that count although their satellites are not among the elements.
+    """
     from difflib import get_close_matches
 
     names = {plain_name(body): body for body in BODIES}
+    labels = {one.catalog_number: f"{one.label} ({one.catalog_number})" for one in elements}
+    for name, number in COMMON_NAMES.items():
+        if number in labels or name in others:
+            names[name] = labels.get(number, name.capitalize())
     for one in elements:
         for text in (one.name, *one.name.split()):
-            names.setdefault(plain_name(text), f"{one.label} ({one.catalog_number})")
+            names.setdefault(plain_name(text), labels[one.catalog_number])
     near = [] if key.isdigit() else get_close_matches(plain_name(key), names, n=1, cutoff=0.75)
     return f"; did you mean {names[near[0]]}?" if near else ""
 

@@ -14,14 +14,30 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from sattrack.cli.init import folded
+
 LEAST_POPULATION = 50_000
 TARGET = Path(__file__).parent.parent / "sattrack" / "data" / "cities.csv.gz"
 
 
+LAST_LATIN = "\u024f"
+LONGEST_NAME = 24
+
+
 def row(city: dict[str, Any]) -> list[str]:
-    """Return name, country, degrees north and east, and zone of a city."""
+    """Return name, country, degrees north and east, and zone of a city, and its other names."""
     where = (f"{city['latitude']:.3f}", f"{city['longitude']:.3f}")
-    return [city["name"], city["countrycode"], *where, city["timezone"]]
+    return [city["name"], city["countrycode"], *where, city["timezone"], "|".join(other_names(city))]
+
+
+def other_names(city: dict[str, Any]) -> list[str]:
+    """Return what a city is called elsewhere, in Latin letters; codes and transcriptions are left out."""
+    names = {folded(city["name"]): ""}
+    for name in city["alternatenames"]:
+        written = name[:1].isupper() and max(name) <= LAST_LATIN and len(name) <= LONGEST_NAME
+        if written and not name.isupper():
+            names.setdefault(folded(name), name)
+    return list(filter(None, names.values()))
 
 
 def main() -> None:

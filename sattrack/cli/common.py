@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 import msgspec
 
+from sattrack.core import local_time
 from sattrack.core.clock import Clock, make_clock
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.files import replace_file
-from sattrack.core.local_time import use_zone
 from sattrack.core.process import self_command
 from sattrack.core.toml_text import line_of_key
 from sattrack.settings import NO_ELEMENTS, NO_SITE, Settings, find_settings_file, load_settings
@@ -113,28 +113,32 @@ class CommandContext:
             tell(f"{_refused_text(sets)}, the first: {first}")
         return loaded
 
-    def fetched(self, satellites: Sequence[str]) -> list[Elements]:
-        """Return elements of satellites as CelesTrak has them; raises BadInputError where that cannot be."""
-        if not satellites or not self.settings.fetch_by_name:
+    def fetched(self, satellites: Sequence[str], renewing: bool = False) -> list[Elements]:
+        """Return elements of satellites as CelesTrak has them; raises BadInputError where that cannot be.
+
+        `renewing`: the user asks for a download.
+        """
+        if not satellites or not (renewing or self.settings.fetch_by_name):
             raise BadInputError(NO_ELEMENTS)
         from sattrack.elements.downloads import DownloadError
 
-        downloads = _downloads()
+        downloads = _downloads(renewing)
         try:
             return [one for key in satellites for one in downloads.fetch_satellite(key)]
         except DownloadError as error:
             raise BadInputError(str(error)) from error
 
-    def load(self, sources: Sequence[str]) -> ElementSets:
+    def load(self, sources: Sequence[str], renewing: bool = False) -> ElementSets:
         """Read element sources, good sets and refused ones; notes on them go to standard error.
 
         Files, folders, - for standard input, URLs, and the short names celestrak:... and spacetrack:...
+        `renewing`: the user asks for new ones, and is told where what was kept must do.
         Raises TleError, SattrackError.
         """
         from tle.sources import load_elements
 
         try:
-            sets = load_elements(*sources, fetch=_fetcher())
+            sets = load_elements(*sources, fetch=_fetcher(renewing))
         except (SourceError, BadInputError) as error:
             if self.element_sources or self.settings_file is None or not set(sources) <= set(self.sources()):
                 raise
@@ -199,6 +203,24 @@ def read_settings(explicit: Path | None) -> Settings:
 
         check_setting(path, settings.mount.url)
     return settings
+
+
+def given_instant(option: str, text: str) -> Utc:
+    """Return the instant of an option; tells what one without a zone means in local time.
+
+    Raises BadInputError.
+    """
+    from tle.instants import Utc, has_zone
+
+    try:
+        at = Utc.parse(text)
+    except TleError as error:
+        raise BadInputError(f"{option}: {error}") from None
+    utc_s = float(at.unix_s)
+    if not has_zone(text) and local_time.offset_s(utc_s):
+        here = local_time.instant(utc_s)
+        tell(f"{option} {text}: is UTC, {here} here; with a zone after it, as +02:00, it is local time")
+    return at
 
 
 def tell(text: str) -> None:
@@ -321,19 +343,19 @@ def share_progress(number: int = 0, count: int = 1) -> Callable[[float], None] |
     return lambda share: renew(f"{100.0 * (number + share) / count:.0f} %")
 
 
-def _downloads() -> Downloads:
+def _downloads(renewing: bool = False) -> Downloads:
     from sattrack.elements.downloads import Downloads
 
-    return Downloads(tell, _show_progress if sys.stderr.isatty() else None)
+    return Downloads(tell, _show_progress if sys.stderr.isatty() else None, renewing=renewing)
 
 
-def _fetcher() -> Callable[[str], str]:
+def _fetcher(renewing: bool) -> Callable[[str], str]:
     """Return what fetches URLs; the network's modules are imported when the first is asked for."""
     downloads: list[Downloads] = []
 
     def fetch(source: str) -> str:
         if not downloads:
-            downloads.append(_downloads())
+            downloads.append(_downloads(renewing))
         return downloads[0].fetch(source)
 
     return fetch
@@ -451,7 +473,8 @@ def common_options(*used: str, goes_on: bool = False) -> Callable[[Callable[...,
     """Add --config, --debug and the shared options; the function's first argument becomes a CommandContext.
 
     `used` are those of SHARED that mean something to the command. Scripts may give the others too: they are
-    accepted, hidden, and do nothing. With `goes_on`, wrong settings are reported, and the built-in ones hold.
+    accepted if they could be right, hidden, and do nothing. With `goes_on`, wrong settings are reported, and
+    the built-in ones hold.
     """
 
     def add(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -512,7 +535,8 @@ def common_options(*used: str, goes_on: bool = False) -> Callable[[Callable[...,
                     raise
                 tell(f"{error}; going on without the settings")
                 settings = Settings()
-            use_zone("UTC" if utc else settings.zone)
+            local_time.use_zone("UTC" if utc else settings.zone)
+            _check_shared(site_option, () if "elements" in used else element_sources, clock_option)
             context = CommandContext(
                 settings,
                 site_option,
@@ -534,6 +558,17 @@ def common_options(*used: str, goes_on: bool = False) -> Callable[[Callable[...,
         return wrapper
 
     return add
+
+
+def _check_shared(site: str | None, unread_elements: Sequence[str], clock: str | None) -> None:
+    """Raise BadInputError, SiteError for options that can mean nothing, where they do nothing as well."""
+    if site is not None:
+        Site.parse(site)
+    if clock is not None:
+        make_clock(clock)
+    for source in unread_elements:
+        if ":" not in source and source != "-" and not Path(source).exists():
+            raise BadInputError(f"--elements {source}: there is no such file; check name and folder")
 
 
 def _keep_inputs(options: Mapping[str, Any], others: Iterable[Path | str | None]) -> None:

@@ -88,8 +88,8 @@ def get(
     """
     named = [source for source in sources if _is_satellite(source)]
     others = tuple(source for source in sources if source not in named)
-    sets = ElementSets() if named and not others else context.load(_places(context, others))
-    sets.accepted.extend(context.fetched(named) if named else ())
+    sets = ElementSets() if named and not others else context.load(_places(context, others), renewing=True)
+    sets.accepted.extend(context.fetched(named, renewing=True) if named else ())
     if sets.rejected and not sets.accepted:
         raise sets.rejected[0]
     _tell_refused(sets)

@@ -10,13 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from sattrack.cli.common import (
-    PLOT,
-    CommandContext,
-    common_options,
-    satellite_names,
-    tell,
-)
+from sattrack.cli.common import PLOT, CommandContext, common_options, given_instant, satellite_names, tell
 from sattrack.cli.targets import ephemeris_option, find_targets
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError
@@ -114,10 +108,10 @@ def command(context: CommandContext, target: str, **options: Any) -> int:
       sattrack ephemeris ISS --from 2026-10-02T13:04:00Z --to 2026-10-02T13:07:00Z
       sattrack ephemeris Moon --step 60 --refraction --format csv
     """
-    start = Utc.parse(options["start"]) if options["start"] else context.now()
+    start = given_instant("--from", options["start"]) if options["start"] else context.now()
     site = context.site()
     (elements,) = find_targets(context, [target], options["ephemeris"], start)
-    stop = Utc.parse(options["stop"]) if options["stop"] else start.plus(_DEFAULT_SPAN_S)
+    stop = given_instant("--to", options["stop"]) if options["stop"] else start.plus(_DEFAULT_SPAN_S)
     times = Utc.range(start, stop, options["step_s"])
     propagator = Propagator(
         elements,

@@ -12,7 +12,8 @@ import shlex
 import textwrap
 import unicodedata
 from contextlib import redirect_stdout, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -20,17 +21,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from sattrack.cli.common import CommandContext, OutputFile, how_to_renew, tell, write_file
-from sattrack.core.errors import BadInputError, SattrackError, meant
+from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.local_time import is_zone
-from sattrack.runtime.mounts import FORMS, LISTEN_S, listen, mount_address, usual_profile
-from sattrack.settings import FILE_NAME, load_settings
+from sattrack.runtime.mounts import FORMS, LISTEN_S, is_antenna, listen, mount_address, usual_profile
+from sattrack.settings import FILE_NAME, Settings, load_settings
 from tle.errors import SourceError, TleError
 from tle.instants import DAY_S
 from tle.site import Site
 from tle.sources import is_fetched
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from sattrack.runtime.mounts import MountAddress
     from tle.elements import Elements
@@ -42,15 +43,18 @@ CENTRE_WARNING = (
     "The site is the middle of the city. 10 km away a satellite appears up to a degree elsewhere. For a real "
     "mount, write your own coordinates (a phone shows them) into the file."
 )
-HEIGHT = "Height above the sea in metres; the list of cities has none"
+HEIGHT = "Height above the sea in metres"
+ELEMENTS = "Satellites: celestrak:stations, celestrak:visual, or a file of elements"
 NEXT = "`sattrack rehearse SATELLITE` checks a pass, `sattrack track SATELLITE` follows it."
 NEXT_WITHOUT_ELEMENTS = "`%s --elements FILE` with a file; `sattrack demo` needs none."
 FAMOUS = ("ISS", "Tiangong")
 """Of a long list of elements, whose passes are shown at the end."""
 MOST_LISTED = 5
+BRIGHT = ("--dark", "--sunlit", "--min-alt", "40")
+"""Which passes are shown where none of these is among them."""
 RIVAL_RANK = 3.0
 """Cities of a name count as of one size up to so many times the rank of the largest."""
-_LEAST_MATCH = 3
+_LEAST_MATCH, MOST_MEANT, LEAST_ALIKE = 3, 3, 0.75
 
 
 class City(NamedTuple):
@@ -61,15 +65,13 @@ class City(NamedTuple):
     latitude_deg: float
     longitude_deg: float
     zone: str
+    others: str = ""
+    """What it is called elsewhere, with | between."""
 
     @property
     def place(self) -> str:
         """Say which city it is, and where."""
-        north, east = (
-            "south" if self.latitude_deg < 0 else "north",
-            "west" if self.longitude_deg < 0 else "east",
-        )
-        where = f"{abs(self.latitude_deg):.2f}° {north}, {abs(self.longitude_deg):.2f}° {east}"
+        where = _compass(self.latitude_deg, self.longitude_deg, 2)
         return f"{self.name}, {self.country}, {self.zone}: {where}"
 
 
@@ -112,7 +114,7 @@ def command(**options: Any) -> int:
     if path.exists() and not options["force"]:
         raise BadInputError(f"{path}: exists already; --force overwrites it, --config names another file")
     ask = None if options["yes"] else _ask
-    answers = collected(options, ask)
+    answers, failure = _with_elements(collected(options, ask), None if options["sources"] else ask)
     write_file(path, settings_text(answers, path))
     load_settings(path)
     note = _mount_note(answers)
@@ -120,12 +122,12 @@ def command(**options: Any) -> int:
         everywhere = "Every command in this folder reads it"
         readers = everywhere if path == Path(FILE_NAME) else f"Commands read it with --config {path}"
         click.echo(f"{path} is written. {readers}; change it with any editor.")
+        tell(answers.place or f"the site is at {_site_text(answers.site)}")
         if answers.place is not None:
-            tell(answers.place)
             tell(CENTRE_WARNING)
         if note is not None:
             tell(note)
-    passes, too_old = _tonight(path, options["as_json"])
+    passes, too_old = _tonight(path, options["as_json"], failure)
     if not options["as_json"]:
         following = NEXT if passes is not None else NEXT_WITHOUT_ELEMENTS % _again(answers)
         click.echo(f"\nNext: {too_old or following}")
@@ -160,10 +162,12 @@ def collected(options: dict[str, Any], ask: Callable[..., str] | None) -> Initia
         answer = ask("Where is the telescope? LAT,LON,HEIGHT (degrees, metres), or a city", None, place_of)
         city, site = place_of(answer)
         city = city and _chosen_city(answer, ask)
+        if site is not None and answer.count(",") == 1:
+            site = replace(site, height_m=float(ask(HEIGHT, "0", _height_m)))
     height_m = options["height_m"]
     if city is not None:
         if height_m is None:
-            height_m = float(ask(HEIGHT, "0", _height_m)) if ask else 0.0
+            height_m = float(ask(f"{HEIGHT}; the list of cities has none", "0", _height_m)) if ask else 0.0
         site = Site(city.latitude_deg, city.longitude_deg, height_m).on_ground()
     elif height_m is not None:
         raise BadInputError("--height goes with --city; --site has the height as its third number")
@@ -178,13 +182,44 @@ def collected(options: dict[str, Any], ask: Callable[..., str] | None) -> Initia
         mount_url = _answered_mount(ask, question) if ask else USUAL_MOUNT
     sources = options["sources"]
     if not sources:
-        question = "Satellites: celestrak:stations, celestrak:visual, or a file of elements"
-        sources = (ask(question, USUAL_ELEMENTS, _source) if ask else USUAL_ELEMENTS,)
+        sources = (ask(ELEMENTS, USUAL_ELEMENTS, _source) if ask else USUAL_ELEMENTS,)
     for source in sources:
         _source(source)
     return InitialSettings(
         site, _zone(zone), _found_mount(_mount(mount_url)), tuple(sources), _place(city, ask is None)
     )
+
+
+def _with_elements(
+    answers: InitialSettings, ask: Callable[..., str] | None
+) -> tuple[InitialSettings, str | None]:
+    """Return the answers after fetching elements, and why that failed, if it did.
+
+    Where there are none of that name, `ask` asks for others. Raises BadInputError where it is None.
+    """
+    from sattrack.elements.downloads import NothingThereError
+
+    while True:
+        try:
+            CommandContext(Settings(), None, (), None, False, False).load(answers.elements)
+        except NothingThereError as error:
+            if ask is None:
+                raise BadInputError(f"{error}; nothing is written") from error
+            click.echo(f"  {error}", err=True)
+            answers = replace(answers, elements=(ask(ELEMENTS, USUAL_ELEMENTS, _source),))
+        except (SattrackError, TleError) as error:
+            return answers, str(error)
+        else:
+            return answers, None
+
+
+def _compass(latitude_deg: float, longitude_deg: float, decimals: int) -> str:
+    north, east = "south" if latitude_deg < 0 else "north", "west" if longitude_deg < 0 else "east"
+    return f"{abs(latitude_deg):.{decimals}f}° {north}, {abs(longitude_deg):.{decimals}f}° {east}"
+
+
+def _site_text(site: Site) -> str:
+    return f"{_compass(site.latitude_deg, site.longitude_deg, 4)}, {site.height_m:g} m above the ellipsoid"
 
 
 def _again(answers: InitialSettings) -> str:
@@ -242,7 +277,10 @@ def place_of(text: str) -> tuple[City | None, Site | None]:
 def _chosen_city(name: str, ask: Callable[..., str] | None) -> City:
     """Return the city that a name means, the largest; of several of about one size, that answered."""
     found = find_cities(name)
-    if len(found) == 1 or ask is None:
+    if ask is None:
+        return found[0]
+    if len(found) == 1:
+        click.echo(f"  {found[0].place}", err=True)
         return found[0]
     for number, one in enumerate(found, start=1):
         click.echo(f"  {number}  {one.place}", err=True)
@@ -267,29 +305,50 @@ def find_cities(name: str) -> list[City]:
 
     Raises BadInputError, naming near ones.
     """
-    wanted, _, country = (part.strip() for part in name.partition(","))
     every = _cities()
-    named = {rank: one for rank, one in enumerate(every, start=1) if _folded(one.name) == _folded(wanted)}
-    ranks = [rank for rank, one in named.items() if country.upper() in ("", one.country)]
-    if ranks:
-        return [named[rank] for rank in ranks if rank <= RIVAL_RANK * ranks[0]]
+    wanted, _, country = (part.strip() for part in name.partition(","))
+    # Some have a comma in their name: Washington, D.C.
+    for text, where in ((name, ""), (wanted, country.upper())):
+        named = _called(every, text)
+        ranks = [rank for rank, one in named.items() if where in ("", one.country)]
+        if ranks:
+            return [named[rank] for rank in ranks if rank <= RIVAL_RANK * ranks[0]]
     if named:
         there = ", ".join(sorted({one.country for one in named.values()}))
         raise BadInputError(f"{name!r}: there is no {wanted} in {country}, but in {there}")
-    near = meant(wanted, [one.name for one in every]) if len(wanted) >= _LEAST_MATCH else ""
-    raise BadInputError(
-        f"{name!r} is not in the list of cities{near or ': name a larger one nearby, or give LAT,LON,HEIGHT'}"
-    )
+    raise BadInputError(f"{name!r} is not in the list of cities{_near(every, wanted)}")
+
+
+def _called(cities: Sequence[City], name: str) -> dict[int, City]:
+    """Return the cities of a name by their rank, where there are none those that are called so elsewhere."""
+    wanted = folded(name)
+    ranked = dict(enumerate(cities, start=1))
+    own = {rank: one for rank, one in ranked.items() if folded(one.name) == wanted}
+    return own or {rank: one for rank, one in ranked.items() if wanted in folded(one.others).split("|")}
+
+
+def _near(cities: Sequence[City], name: str) -> str:
+    """Return what was meant, the end of a message: names that begin so, else the one most alike."""
+    wanted = folded(name)
+    every = {f"{one.name}, {one.country}": folded(one.name) for one in cities}
+    near = [label for label, known in every.items() if known.startswith(wanted)][:MOST_MEANT]
+    if not near:
+        alike = get_close_matches(wanted, every.values(), n=1, cutoff=LEAST_ALIKE)
+        near = [label for label, known in every.items() if known in alike][:1]
+    if len(name) < _LEAST_MATCH or not near:
+        return ": name a larger one nearby, or give LAT,LON,HEIGHT"
+    return f"; did you mean {' or '.join(near)}?"
 
 
 def _cities() -> list[City]:
     """Return the packaged list, the largest first (GeoNames, CC BY 4.0; `python -m tools.cities`)."""
     packed = (files("sattrack") / "data" / "cities.csv.gz").read_bytes()
     rows = csv.reader(io.StringIO(gzip.decompress(packed).decode()))
-    return [City(name, country, float(lat), float(lon), zone) for name, country, lat, lon, zone in rows]
+    return [City(row[0], row[1], float(row[2]), float(row[3]), *row[4:]) for row in rows]
 
 
-def _folded(name: str) -> str:
+def folded(name: str) -> str:
+    """Return a name by which others are found: without accents and case."""
     apart = unicodedata.normalize("NFKD", name)
     return "".join(c for c in apart if not unicodedata.combining(c)).casefold()
 
@@ -314,7 +373,7 @@ def _system_zone() -> str:
 
 
 def _mount(url: str) -> str:
-    if url != "alpaca":
+    if url != "alpaca" and not is_antenna(url):
         mount_address(url)
     return url
 
@@ -370,6 +429,8 @@ def _source(source: str) -> None:
 
 def _mount_note(answers: InitialSettings) -> str | None:
     """Try the mount, without moving it; return what is wrong, None where it answers or is simulated."""
+    if is_antenna(answers.mount_url):
+        return "an antenna's controller is driven by `sattrack track`, and tried by nothing before"
     address: MountAddress | None = mount_address(answers.mount_url)
     if address is None:
         return None
@@ -439,16 +500,19 @@ floor_altitude_deg = 0
 """
 
 
-def _tonight(path: Path, as_json: bool) -> tuple[Any, str | None]:
+def _tonight(path: Path, as_json: bool, failure: str | None) -> tuple[Any, str | None]:
     """Print the passes of the coming night by the new settings, or as JSON return them; None: not possible.
 
-    What keeps them from being found is reported, and no error: the settings are written. Returned as well is
-    what to do where all elements are too old for `track`.
+    `failure`: why there are no elements. What keeps passes from being found is reported, and no error: the
+    settings are written. Returned as well is what to do where all elements are too old for `track`.
     """
     from sattrack.cli.passes import command as passes
     from tle.sources import find, newest
 
     old = None
+    if failure is not None:
+        tell(f"passes cannot be listed yet: {failure}")
+        return None, old
     try:
         settings = load_settings(path)
         context = CommandContext(settings, None, (), None, as_json, False)
@@ -458,11 +522,14 @@ def _tonight(path: Path, as_json: bool) -> tuple[Any, str | None]:
         known = []
         for name in FAMOUS:
             with suppress(TleError):
-                known.append(str(find(elements, name).catalog_number))
+                known.append(find(elements, name))
+        listed = ""
         if len(elements) > MOST_LISTED:
-            words += known or ["--dark", "--sunlit", "--min-alt", "40"]
+            words += [str(one.catalog_number) for one in known] or list(BRIGHT)
+            shown = " and ".join(one.label for one in known) or "high, sunlit passes at night"
+            listed = f", {shown} of {len(elements)} satellites (`sattrack passes` lists all)"
         if not as_json:
-            click.echo("\nThe coming 24 hours:")
+            click.echo(f"\nThe coming 24 hours{listed}:")
             passes.main(words, standalone_mode=False)
             return [], old
         with redirect_stdout(io.StringIO()) as out:

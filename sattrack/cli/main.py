@@ -7,6 +7,7 @@ import importlib
 import io
 import os
 import re
+import shlex
 import sys
 import traceback
 import warnings
@@ -17,7 +18,7 @@ import click
 
 from sattrack import __version__
 from sattrack.core.errors import SattrackError, how_to_install, meant
-from tle.errors import TleError
+from tle.errors import SatelliteNotFoundError, TleError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -324,13 +325,23 @@ def _error_text(error: Exception, arguments: list[str]) -> str:
     if isinstance(error, click.ClickException):
         return error.format_message()
     if isinstance(error, SattrackError | TleError):
-        return f"{error}{ADVICE.get(str(error).rpartition(': ')[2], '')}"
+        return f"{error}{_advice(error)}"
     if isinstance(error, ModuleNotFoundError) and (needed := _needed((error.name or "").partition(".")[0])):
         return needed
     if isinstance(error, OSError):
         where = "" if error.filename is None else f"{error.filename}: "
         return f"{where}{error.strerror or error}{ADVICE.get(error.strerror or '', '; --debug shows where')}"
     return f"a defect of sattrack: {error!r}; --debug shows where"
+
+
+def _advice(error: SattrackError | TleError) -> str:
+    """Return what to do about an error that does not say it itself."""
+    if isinstance(error, SatelliteNotFoundError) and error.key and not str(error).endswith("?"):
+        from sattrack.elements.downloads import named_source
+
+        source = shlex.quote(named_source(error.key))
+        return f": check the spelling, or give --elements {source} to fetch it"
+    return ADVICE.get(str(error).rpartition(": ")[2], "")
 
 
 def _needed(module: str) -> str:

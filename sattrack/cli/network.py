@@ -17,6 +17,7 @@ from sattrack.cli.common import (
     OutputFile,
     RenamedOption,
     common_options,
+    given_instant,
     renew,
     tell,
     write_file,
@@ -98,7 +99,7 @@ def passes(
     stations = read_stations(stations_file)
     _tell_in_the_sea(stations)
     elements = context.elements()
-    begin = Utc.parse(start) if start else context.now()
+    begin = given_instant("--from", start) if start else context.now()
     _tell_orientation(stations, begin, hours)
     totals = make_data_set(out, stations, elements, (begin, hours), engine, _progress())
     if totals.refused:

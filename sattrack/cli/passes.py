@@ -18,6 +18,7 @@ from sattrack.cli.common import (
     PLOT,
     CommandContext,
     common_options,
+    given_instant,
     profile_option,
     renew,
     satellite_names,
@@ -112,7 +113,7 @@ def command(context: CommandContext, targets: tuple[str, ...], **options: Any) -
     """
     _check(options)
     style = _style(options, context.json)
-    start = Utc.parse(options["start"]) if options["start"] else context.now()
+    start = given_instant("--from", options["start"]) if options["start"] else context.now()
     if targets:
         context.site()  # asked for before the network is
     chosen = _chosen(context, targets, start, options)

@@ -305,10 +305,10 @@ def _settings(
     options: dict[str, Any],
 ) -> RunSettings:
     virtual = options["virtual"]
-    begin = said_utc_s(options["start"], schedule.from_utc_s)
+    begin = said_utc_s("--from", options["start"], schedule.from_utc_s)
     if begin is None:
         begin = float(context.now().unix_s)
-    end = said_utc_s(options["end"], schedule.to_utc_s)
+    end = said_utc_s("--to", options["end"], schedule.to_utc_s)
     if end is None and virtual:
         end = begin + VIRTUAL_DAYS * 86400.0
     if end is not None and end <= begin:

@@ -15,7 +15,15 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from sattrack.cli.common import JsonLines, can_draw_lines_anew, how_to_renew, renew, tell, write_file
+from sattrack.cli.common import (
+    JsonLines,
+    can_draw_lines_anew,
+    given_instant,
+    how_to_renew,
+    renew,
+    tell,
+    write_file,
+)
 from sattrack.control.biases import Camera
 from sattrack.core import local_time
 from sattrack.core.errors import UNHEARD, BadInputError, LinkLostError, SattrackError
@@ -400,7 +408,7 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
     url = options["mount_url"] or context.settings.mount.url
     _check_options(context, url, {**options, "target": satellite})
     min_alt_deg = context.settings.min_altitude_deg if options["min_alt"] is None else options["min_alt"]
-    between = (_utc_s(options["begin"]), _utc_s(options["end"]))
+    between = (_utc_s("--from", options["begin"]), _utc_s("--to", options["end"]))
     now = context.now()
     begin = now if between[0] is None else max(now, Utc(between[0]))
     if between[0] is not None and between[0] < float(now.unix_s) - 1.0:
@@ -599,8 +607,8 @@ def learn_profile(target: Path | None, base: ProfileFile, summary: Summary) -> N
     tell(f"learnt, and written to {target}: {', '.join(learnt)}")
 
 
-def _utc_s(text: str | None) -> float | None:
-    return None if text is None else float(Utc.parse(text).unix_s)
+def _utc_s(option: str, text: str | None) -> float | None:
+    return None if text is None else float(given_instant(option, text).unix_s)
 
 
 def _next_request(request: RunRequest, armed: Armed, before: Prepared) -> RunRequest:

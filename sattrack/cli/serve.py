@@ -15,11 +15,12 @@ import click
 from sattrack import __version__
 from sattrack.cli.common import CommandContext, JsonLines, common_options, mount_option, profile_option
 from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError
+from sattrack.core.local_time import stamped
 from sattrack.runtime import demo_pass
 from sattrack.runtime.callers import CallerLimits, listen
 from sattrack.runtime.connection import connected
 from sattrack.runtime.system import StopRequest, stopping
-from sattrack.servers.antenna.protocol import log_stamp, program_line
+from sattrack.servers.antenna.protocol import log_stamp
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -179,20 +180,21 @@ def _is_loopback(host: str) -> bool:
 
 
 class Log:
-    """Lines on standard error in the Field System's style, each with its instant.
+    """Lines on standard error, each with its instant; of no `program` in the Field System's style.
 
     They are written by a thread of their own: a terminal that is held holds nothing else up.
     """
 
-    def __init__(self, clock: Clock) -> None:
-        self._clock = clock
+    def __init__(self, clock: Clock, program: str | None = None) -> None:
+        self._clock, self._program = clock, program
         self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._write, name="log", daemon=True)
         self._thread.start()
 
     def tell(self, text: str) -> None:
         """Log one line, without waiting."""
-        self._lines.put(log_stamp(self._clock.utc_s(time.monotonic())) + text)
+        utc_s, program = self._clock.utc_s(time.monotonic()), self._program
+        self._lines.put(log_stamp(utc_s) + text if program is None else stamped(utc_s, program, text))
 
     def close(self) -> None:
         """Write the last lines, if that does not take long."""
@@ -234,7 +236,7 @@ def rotctld(context: CommandContext, **options: Any) -> int:
 
     limits = caller_limits(options, MOST_CLIENTS)
     served = what_is_served(context, options["mount_url"], options["profile"], "rotctld's clients live")
-    stop, log = StopRequest(), Log(served.clock)
+    stop, log = StopRequest(), Log(served.clock, PROGRAM)
     with ExitStack() as closing:
         closing.callback(log.close)
         station = RotatorStation(
@@ -254,9 +256,9 @@ def rotctld(context: CommandContext, **options: Any) -> int:
         if context.json:
             JsonLines().write({"listening": server.port, "host": options["host"]})
         where = f"{options['host']}:{server.port}"
-        log.tell(program_line(f"rotctld is on {where}; Ctrl-C stops the mount and ends it", PROGRAM))
+        log.tell(f"rotctld is on {where}; Ctrl-C stops the mount and ends it")
         warning = reached_from_outside(PROGRAM, options["host"], server.port, limits.allowed)
         if warning is not None:
-            log.tell(program_line(warning, PROGRAM))
+            log.tell(warning)
         RotctldLoop(connection, stop, station, server, log.tell).run()
     return end_of_service(station.mount_stopped, stop)

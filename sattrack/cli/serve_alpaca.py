@@ -58,7 +58,6 @@ from sattrack.servers.alpaca.serve import (
 )
 from sattrack.servers.alpaca.station import TelescopeStation
 from sattrack.servers.alpaca.telescope import Abilities
-from sattrack.servers.antenna.protocol import program_line
 from sattrack.servers.antenna.trajectory import SiteSky
 from sattrack.servers.rotctld.serve import RotctldServer
 from sattrack.settings import SiteSettings
@@ -215,7 +214,7 @@ def serve_telescope(context: CommandContext, first: str, options: dict[str, Any]
     check_site(served.described.mount, served.site)
     limits = context.settings.safety.limits()
     mount = "the simulated mount" if served.address is None else str(served.address)
-    stop, log = StopRequest(), Log(served.clock)
+    stop, log = StopRequest(), Log(served.clock, first)
     with ExitStack() as closing:
         closing.callback(log.close)
         chosen_by = {first: "--port"} | {other: f"{other}:PORT" for other in ports if other != first}
@@ -243,10 +242,10 @@ def serve_telescope(context: CommandContext, first: str, options: dict[str, Any]
             ports = ends.ports
             JsonLines().write({"listening": ports[first], "host": options["host"], "ports": ports})
         for text in _announcements(ends, options, callers):
-            log.tell(program_line(text, first))
+            log.tell(text)
         if (refused := refusals(connection, served.address)) is not None:
             tell(refused)
-        AlpacaLoop(connection, stop, station, server, log.tell, first, rotctld).run()
+        AlpacaLoop(connection, stop, station, server, log.tell, rotctld).run()
     if stop.asked and station.had_orders and station.mount_stopped is None:
         raise InterruptedRunError("interrupted; the mount was not moving, and continues as it was")
     return end_of_service(station.mount_stopped, stop)
@@ -272,7 +271,7 @@ def run_servers(
     ports = run_ports(texts)
     first = next(iter(ports))
     callers = {"host": options["serve_host"], "allow": options["serve_allow"], "port": 0, **CALLERS}
-    limits, facts, log = caller_limits(callers, MOST_CLIENTS), prepared.facts, Log(prepared.clock)
+    limits, facts, log = caller_limits(callers, MOST_CLIENTS), prepared.facts, Log(prepared.clock, first)
     served = Served(prepared.address, profile_file(facts.profile), facts.site.place(), prepared.clock)
     with ExitStack() as closing:
         closing.callback(log.close)
@@ -298,7 +297,7 @@ def run_servers(
         # Nothing is waited for: the run's clock goes, and clients wait at ports that are open.
         channel.send(task.encode())
         for text in _announcements(ends, callers, limits, "clients see the run, and may stop it"):
-            log.tell(program_line(text, first))
+            log.tell(text)
         yield
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import click
 
-from sattrack.cli.common import tell
+from sattrack.cli.common import given_instant, tell
 from sattrack.core.errors import BadInputError
 from sattrack.views.formatting import source_error
 from tle.elements import Elements
@@ -526,10 +526,9 @@ def _objects_of(context: CommandContext, ephemeris: Path, keys: Sequence[str]) -
 def _read(context: CommandContext, path: Path, files: Sequence[Path]) -> list[TableEphemeris]:
     """Return the objects of one of several ephemeris files: --t0 is for those whose times count from it."""
     from tle.formats.ephemerides import counts_from_t0, read_ephemerides
-    from tle.instants import Utc
 
     text = click.get_current_context().meta.get(_T0)
-    t0 = None if text is None else Utc.parse(text)
+    t0 = None if text is None else given_instant("--t0", text)
     if t0 is not None and not counts_from_t0(path) and any(map(counts_from_t0, files)):
         t0 = None
     return read_ephemerides(path, context.site() if context.has_site() else None, t0)

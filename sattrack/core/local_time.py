@@ -73,6 +73,11 @@ def date(utc_s: float) -> str:
     return f"{_at(round(utc_s)):%Y-%m-%d}"
 
 
+def stamped(utc_s: float, program: str, text: str) -> str:
+    """Return a line of a program's log, 21:04:09 CET rotctld: connected."""
+    return f"{clock(utc_s)} {zone_name(utc_s)} {program}: {text}"
+
+
 def instant(utc_s: float, decimals: int = 0) -> str:
     """Return day, time and zone, Sun 22 Nov 2026 21:04:09 CET."""
     return f"{day(utc_s)} {clock(utc_s, decimals)} {zone_name(utc_s)}"

@@ -33,6 +33,7 @@ from tle.errors import ElementsError, TleError, printable
 from tle.sources import (
     COMMON_NAMES,
     catalog_number_of,
+    did_you_mean,
     find,
     full_designator,
     is_html,
@@ -64,8 +65,10 @@ _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 _MOST_BYTES = 256 * 1024 * 1024
 _CHUNK_BYTES = 64 * 1024
 _MOST_WORDS = 240
-_SHOWN = 8
+_SHOWN, _NAMED = 8, 3
 _LARGEST_NUMBER = 999_999_999
+_HAS_NONE = r"No GP data found|Invalid query\b"
+"""How CelesTrak's answer begins where it has nothing of a name."""
 _TIMEOUT = aiohttp.ClientTimeout(total=120.0, connect=15.0, sock_read=30.0)
 
 
@@ -327,7 +330,19 @@ class DownloadCache:
 
 
 class DownloadError(SattrackError):
-    """Elements could not be fetched from the network, and none were kept; the message says why."""
+    """Elements could not be fetched from the network, and none were kept; the message says why.
+
+    `reason` is the message without what to do about it.
+    """
+
+    def __init__(self, reason: str, advice: str = "") -> None:
+        """Join them."""
+        super().__init__(f"{reason}; {advice}" if advice else reason)
+        self.reason = reason
+
+
+class NothingThereError(DownloadError):
+    """CelesTrak answers that it has no such satellite or group."""
 
 
 class _UnreachableError(DownloadError):
@@ -345,7 +360,8 @@ class Downloads:
 
     `tell` takes sentences for the user; `progress`, if given, how many bytes have come so far, then None.
     Kept in `folder`, by default the user's cache folder. `now` gives POSIX seconds. Not to be called where an
-    event loop runs. One object asks a server nothing more once that has refused a request.
+    event loop runs. One object asks a server nothing more once that has refused a request. `renewing`: the
+    user asks for a download, and is told where the server may not be asked again yet.
     """
 
     def __init__(
@@ -356,8 +372,10 @@ class Downloads:
         environ: Mapping[str, str] | None = None,
         now: Callable[[], float] = time.time,
         timeout: aiohttp.ClientTimeout = _TIMEOUT,
+        renewing: bool = True,
     ) -> None:
         """Take what is the same for all downloads."""
+        self._renewing = renewing
         self._environ = os.environ if environ is None else environ
         self._cache = DownloadCache(folder or user_cache_folder(self._environ))
         self._tell = tell
@@ -375,24 +393,36 @@ class Downloads:
         query = query_of(source, self._environ)
         with self._cache.alone(query.provider):
             kept = self._cache.read(query.url)
-            reason = self._why_not(query, kept.fetched_unix_s if kept else None)
+            early = reason = self._why_not(query, kept.fetched_unix_s if kept else None)
+            if kept is not None and re.match(_HAS_NONE, kept.text):
+                if early is not None:
+                    raise NothingThereError(_no_such(query, kept.text))
+                kept = None
             advice = f"check the network, or {_bring(query)}"
             if reason is None:
                 try:
                     return self._download(query)
+                except NothingThereError as error:
+                    if kept is None:
+                        with suppress(SattrackError):
+                            self._cache.keep(query.url, str(error), self._now())
+                        raise NothingThereError(_no_such(query, str(error))) from error
+                    reason = f"{_host(query)} has it no more"
                 except DownloadError as error:
                     reason = str(error)
                     if query.url == source and not isinstance(error, _UnreachableError):
                         advice = "check the address"
         if kept is None:
-            raise DownloadError(f"{source}: {reason}; {advice}")
-        self._tell(f"{source}: using what was fetched {_since(kept, self._now())} ago: {reason}")
+            raise DownloadError(f"{source}: {reason}", advice)
+        if self._renewing or early is None:
+            self._tell(f"{source}: using what was fetched {_since(kept, self._now())} ago: {reason}")
         return kept.text
 
     def fetch_satellite(self, satellite: str) -> list[Elements]:
         """Return one satellite's elements from CelesTrak, or from any download that was kept.
 
-        Says of whom they were asked. Raises DownloadError, which says what was kept and how to bring a file.
+        Says of whom they were asked, unless the user asked for a download. Raises DownloadError, which says
+        what was kept and how to bring a file, or that there is no such satellite.
         """
         source = named_source(satellite)
         query = query_of(source, self._environ)
@@ -401,25 +431,36 @@ class Downloads:
             found = [one for one in parse_elements(self.fetch(source)) if isinstance(one, Elements)]
         except DownloadError as error:
             return [self._kept_satellite(satellite, query, error)]
-        if self._cache.asked(query.data) != before:
-            self._tell(f"no elements are set: those of {satellite} are from {urlsplit(query.url).hostname}")
+        if not self._renewing and self._cache.asked(query.data) != before:
+            self._tell(
+                f"no elements are set: {satellite} was downloaded from {_host(query)}, and is kept for "
+                f"{duration(query.every_s)} (fetch_by_name = false in sattrack.toml forbids this)"
+            )
         return found
 
     def _kept_satellite(self, satellite: str, query: Query, error: DownloadError) -> Elements:
         """Return a satellite from the newest download that holds it; raises DownloadError where none does."""
-        names = []
+        held, every = [], []
         for url, kept in self._cache.all_kept():
             found = [one for one in parse_elements(kept.text) if isinstance(one, Elements)]
-            ago = f"{_since(kept, self._now())} ago"
-            name = urlsplit(url).query.partition("&")[0] or url
-            names.append(f"{name} ({len(found)} objects, {ago})")
+            if not found:
+                continue
+            ago = f"fetched {_since(kept, self._now())} ago"
+            held.append(f"{_called(url, found)}, {ago}")
+            every.extend(found)
             with suppress(TleError):
                 one = find(found, satellite)
-                self._tell(f"{satellite}: using {name}, fetched {ago}: {error}")
+                self._tell(f"{satellite}: using {_called(url, found)}, {ago}: {error.reason}")
                 return one
-        held = ", ".join(names[:_SHOWN]) if names else "nothing"
+        if isinstance(error, NothingThereError):
+            known = did_you_mean(every, satellite, COMMON_NAMES)
+            raise NothingThereError(
+                f"{_host(query)} has no satellite {satellite!r}"
+                f"{known or ': check the spelling, or give the catalogue number'}"
+            ) from error
+        names = "; ".join(held[:_SHOWN]) if held else "nothing"
         raise DownloadError(
-            f"no elements of {satellite}: {error}; kept from earlier downloads: {held}"
+            f"no elements of {satellite}: {error}; kept from earlier downloads: {names}"
         ) from error
 
     def _why_not(self, query: Query, fetched_unix_s: float | None) -> str | None:
@@ -525,6 +566,27 @@ class Downloads:
         return _unpacked(bytes(data))
 
 
+def _host(query: Query) -> str:
+    return urlsplit(query.url).hostname or query.provider
+
+
+def _no_such(query: Query, words: str) -> str:
+    """Return that CelesTrak has nothing of a name, and what to do, for a group or a satellite."""
+    said = f"{query.source}: {_host(query)} has none of that name ({words})"
+    if "GROUP=" in query.url:
+        return f"{said}: give one of its groups, as celestrak:stations, celestrak:visual or celestrak:active"
+    return f"{said}: check the spelling, or give the catalogue number"
+
+
+def _called(url: str, found: list[Elements]) -> str:
+    """Return what a download holds, in words: its group, or its satellites."""
+    kind, _, name = urlsplit(url).query.partition("&")[0].partition("=")
+    if kind == "GROUP":
+        return f"celestrak:{name} ({len(found)} satellites)"
+    labels = [one.label for one in found]
+    return ", ".join(labels) if len(labels) <= _NAMED else f"{labels[0]} and {len(labels) - 1} more"
+
+
 def _since(kept: Kept, now_unix_s: float) -> str:
     """Return how long something has been kept; a clock that was set back since counts as no time."""
     return duration(max(0.0, now_unix_s - kept.fetched_unix_s))
@@ -537,7 +599,10 @@ def _checked(data: bytes) -> str:
         raise DownloadError(f"the server sent a web page instead of elements: {_words(data)}")
     found = parse_elements(text)
     if all(isinstance(item, ElementsError) for item in found):
-        raise DownloadError(f"the server sent no element sets: {_words(data) or 'nothing'}")
+        words = _words(data)
+        if re.match(_HAS_NONE, words):
+            raise NothingThereError(words)
+        raise DownloadError(f"the server sent no element sets: {words or 'nothing'}")
     if isinstance(found[-1], ElementsError):
         raise DownloadError(f"what the server sent does not end as it should: {found[-1].reason}")
     return text

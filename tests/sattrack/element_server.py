@@ -32,6 +32,9 @@ U,100534,999,469,.66694375E-3,.112611E-2,0
 HTML = "<!DOCTYPE html><html><head><style>p{}</style></head><body><h1>Down for maintenance</h1></body></html>"
 
 
+NOT_THERE = ("HUBBEL", "ZARIA", "XYZZY")
+
+
 @dataclass
 class ElementServer:
     """What the server was asked, and how it misbehaves: `manner` is a name that `_answer` knows."""
@@ -58,7 +61,7 @@ class ElementServer:
         self.served.add(request.query_string)
         if request.query.get("GROUP") == "nowhere":
             return web.Response(text=f'Invalid query: "{request.query_string}" (GROUP "nowhere" not found)')
-        if request.query.get("CATNR") == "99999":
+        if request.query.get("CATNR") == "99999" or request.query.get("NAME") in NOT_THERE:
             return web.Response(text="No GP data found")
         return await self._answer(request)
 

@@ -12,6 +12,7 @@ import msgspec
 
 from sattrack.core.clock import SimulatedClock, SystemClock, decode_utc, encode_utc
 from sattrack.core.errors import SattrackError
+from sattrack.core.local_time import stamped
 from sattrack.mount.requests import Abort
 from sattrack.mount.xerxes.link import LinkState
 from sattrack.mount.xerxes.session import Session
@@ -22,7 +23,6 @@ from sattrack.servers.alpaca.protocol import Fault, FollowedState, Number
 from sattrack.servers.alpaca.serve import AlpacaLoop, AlpacaTask, start_http_process
 from sattrack.servers.alpaca.shared_rotator import SharedRotator
 from sattrack.servers.alpaca.state import Answers, MountState, state_of
-from sattrack.servers.antenna.protocol import log_stamp
 from sattrack.servers.antenna.trajectory import SiteSky
 from sattrack.servers.rotctld.serve import RotctldServer
 from sattrack.views.run import SummaryLine, TrackView
@@ -266,8 +266,7 @@ def serve(
             StopRequest(),
             station,
             server,
-            lambda text: log(log_stamp(clock.utc_s(time.monotonic())) + text),
-            task.program,
+            lambda text: log(stamped(clock.utc_s(time.monotonic()), task.program, text)),
             rotctld,
             views=views,
             starter=starter,

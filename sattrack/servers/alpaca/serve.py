@@ -41,7 +41,7 @@ from sattrack.servers.alpaca.protocol import (
     encode,
 )
 from sattrack.servers.alpaca.telescope import Abilities
-from sattrack.servers.antenna.protocol import program_line, to_ns
+from sattrack.servers.antenna.protocol import to_ns
 from sattrack.settings import SiteSettings
 from tle.elements import Elements
 from tle.errors import TleError
@@ -80,7 +80,6 @@ class AlpacaLoop(StationLoop):
 
     driver: TelescopeStation
     server: AlpacaHttpProcess
-    program: str = "alpaca"
     rotctld: RotctldServer | None = None
 
     def readers(self) -> list[Any]:
@@ -99,7 +98,7 @@ class AlpacaLoop(StationLoop):
 
     def tell(self, words: str) -> None:
         """See StationLoop."""
-        self.log(program_line(words, self.program))
+        self.log(words)
 
     def serve(self, ready: list[Any]) -> None:
         """Take orders, and begin those that may begin now."""

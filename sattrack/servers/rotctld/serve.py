@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from sattrack.runtime.callers import MOST_WAITING_BYTES, Bucket, Opening, Seat, TcpChannel
 from sattrack.runtime.loop import StationLoop
-from sattrack.servers.antenna.protocol import program_line, to_ns
+from sattrack.servers.antenna.protocol import to_ns
 from sattrack.servers.rotctld.answers import Client
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class RotctldLoop(StationLoop):
 
     def tell(self, words: str) -> None:
         """See StationLoop."""
-        self.log(program_line(words, PROGRAM))
+        self.log(words)
 
     def serve(self, ready: list[Any]) -> None:
         """Serve the clients that have sent bytes, or wait for answers."""

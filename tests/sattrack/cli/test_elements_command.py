@@ -177,7 +177,7 @@ def test_what_the_network_refuses_is_one_line_and_ends_with_one(server, capsys):
     where = ("--elements", "celestrak:nowhere", *SITE, "--mount", "sim")
     out, err = ran(capsys, "track", "25544", *where, code=1)
     assert out == ""
-    assert err.startswith("sattrack: celestrak:nowhere: the server sent no element sets: Invalid query")
+    assert err.startswith("sattrack: celestrak:nowhere: 127.0.0.1 has none of that name (Invalid query")
     assert err.count("\n") == 1
 
 
@@ -269,7 +269,7 @@ def asked_for(server: ElementServer) -> list[str]:
 def test_a_satellite_is_fetched_by_name_where_no_elements_are_set(server, capsys):
     out, err = ran(capsys, "passes", "ISS", *SITE, *HIGH_PASS, "--json")
     assert {row["catalog_number"] for row in json.loads(out)} == {25544}
-    assert "no elements are set: those of ISS are from 127.0.0.1" in err
+    assert "no elements are set: ISS was downloaded from 127.0.0.1, and is kept for 2 h" in err
     # What was fetched is kept: the second command asks nobody.
     high = ("--clock", "2026-10-02T13:04:55Z", "--min-alt", "75")
     ran(capsys, "track", "iss", "--mount", "sim", "--virtual", *SITE, *high)
@@ -298,7 +298,10 @@ def test_offline_a_satellite_comes_from_any_list_that_was_kept(server, capsys):
     out, err = ran(capsys, "elements", "get", "ISS")
     assert "ISS (ZARYA)" in out
     assert "STARLINK" not in out
-    assert "ISS: using GROUP=stations, fetched 0 s ago: " in err
+    assert err == (
+        "sattrack: ISS: using celestrak:stations (2 satellites), fetched 0 s ago: celestrak:25544: "
+        "the server sent a web page instead of elements: Down for maintenance\n"
+    )
 
 
 def test_offline_with_nothing_kept_says_what_is_held_and_how_to_bring_a_file(server, capsys):
@@ -307,9 +310,34 @@ def test_offline_with_nothing_kept_says_what_is_held_and_how_to_bring_a_file(ser
     _, err = ran(capsys, "passes", "Hubble", *SITE, code=2)
     line = err.splitlines()[-1]
     assert line.startswith("sattrack: no elements of Hubble: ")
-    assert "kept from earlier downloads: GROUP=stations (2 objects, 0 s ago)" in line
+    assert "kept from earlier downloads: celestrak:stations (2 satellites), fetched 0 s ago" in line
     assert f"save {server.url}/NORAD/elements/gp.php?CATNR=20580&FORMAT=csv as a file" in line
     assert "`track` and others take it by --elements FILE" in line
+
+
+def test_a_satellite_that_celestrak_has_not_is_told_with_what_was_meant(server, capsys):
+    for _ in range(2):
+        _, err = ran(capsys, "passes", "hubbel", *SITE, code=2)
+    assert asked_for(server) == ["NAME=HUBBEL"]
+    assert err == "sattrack: 127.0.0.1 has no satellite 'hubbel'; did you mean Hubble?\n"
+    ran(capsys, "elements", "get", "celestrak:stations")
+    _, err = ran(capsys, "passes", "Zaria", *SITE, code=2)
+    assert err == "sattrack: 127.0.0.1 has no satellite 'Zaria'; did you mean ISS (ZARYA) (25544)?\n"
+    _, err = ran(capsys, "passes", "Xyzzy", *SITE, code=2)
+    assert err.endswith("'Xyzzy': check the spelling, or give the catalogue number\n")
+
+
+def test_what_is_asked_for_is_not_told_as_a_download_without_elements(server, capsys, tmp_path):
+    out, err = ran(capsys, "elements", "get", "ISS")
+    assert "ISS (ZARYA)" in out
+    assert err == ""
+
+
+def test_a_satellite_outside_the_elements_that_are_set_can_be_fetched_as_told(server, capsys, csv_file):
+    _, err = ran(capsys, "passes", "Hubble", *SITE, "--elements", csv_file, code=2)
+    assert err.endswith(": check the spelling, or give --elements celestrak:20580 to fetch it\n")
+    _, err = ran(capsys, "passes", "Big Bird", *SITE, "--elements", csv_file, code=2)
+    assert "give --elements 'celestrak:name=Big Bird' to fetch it" in err
 
 
 def test_a_name_is_not_asked_for_where_the_settings_forbid_it(server, capsys, tmp_path):

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from unittest.mock import Mock
 
 import pytest
+from element_server import element_server
 
 from sattrack.cli import init
 from sattrack.cli.init import find_cities
@@ -64,7 +65,7 @@ def test_a_wrong_answer_is_asked_again_and_says_what_was_wrong(folder):
     done = typed(folder, wrong)
     assert done.returncode == 0, done.stderr
     for words in (
-        "did you mean 'Leiden'?",
+        "did you mean Leiden, NL?",
         "91",
         "'high' is no height",
         "xerxes:here",
@@ -160,6 +161,34 @@ def test_without_a_network_the_settings_are_written_all_the_same(folder, capsys)
     assert tomllib.loads((folder / "sattrack.toml").read_text())["elements"] == ["celestrak:stations"]
 
 
+def test_a_group_that_celestrak_has_not_is_refused_or_asked_for_again(folder, capsys, monkeypatch):
+    with element_server() as server:
+        monkeypatch.setenv("SATTRACK_CELESTRAK_URL", server.url)
+        words = ["init", "--yes", "--site", "52,4,0", "--elements", "celestrak:nowhere"]
+        assert run(words) == 2
+        err = capsys.readouterr().err
+        assert err.startswith("sattrack: celestrak:nowhere: 127.0.0.1 has none of that name")
+        assert err.endswith(
+            "give one of its groups, as celestrak:stations, celestrak:visual or "
+            "celestrak:active; nothing is written\n"
+        )
+        assert not (folder / "sattrack.toml").exists()
+        done = typed(folder, "52,4\n12\nUTC\nsim\ncelestrak:nowhere\ncelestrak:stations\n")
+        assert done.returncode == 0, done.stderr
+        assert "celestrak:nowhere: 127.0.0.1 has none of that name" in done.stderr
+    settings = tomllib.loads((folder / "sattrack.toml").read_text())
+    assert settings["elements"] == ["celestrak:stations"]
+    assert settings["site"]["height_m"] == 12.0
+    assert "the site is at 52.0000° north, 4.0000° east, 12 m above the ellipsoid" in done.stderr
+
+
+def test_an_antenna_is_a_mount_too(folder, capsys):
+    words = ["init", "--yes", "--site", "52,4,0", "--elements", "iss.tle"]
+    assert run([*words, "--mount", "antenna://127.0.0.1:1"]) == 0
+    assert "driven by `sattrack track`" in capsys.readouterr().err
+    assert run(["doctor"]) in {0, 1}
+
+
 def test_a_command_without_settings_names_init(folder, capsys):
     assert run(["passes"]) == 2
     assert "run `sattrack init`" in capsys.readouterr().err
@@ -173,6 +202,29 @@ def test_the_largest_city_of_a_name_is_meant_unless_a_country_is_named():
     assert find_cities("SAO PAULO")[0].zone == "America/Sao_Paulo"
     with pytest.raises(BadInputError, match="list of cities"):
         find_cities("Xyzzyville")
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("Wien", "Vienna"),
+        ("praha", "Prague"),
+        ("GOTEBORG", "Gothenburg"),
+        ("New York", "New York City"),
+        ("Frankfurt", "Frankfurt am Main"),
+        ("Bombay", "Mumbai"),
+        ("Lucerne, CH", "Luzern"),
+    ],
+)
+def test_a_city_is_known_by_what_it_is_called_elsewhere(typed, meant):
+    assert [one.name for one in find_cities(typed)] == [meant]
+
+
+def test_of_a_city_that_is_not_known_what_is_meant_is_told_with_its_country():
+    with pytest.raises(BadInputError, match="did you mean Newcastle, AU or Newcastle"):
+        find_cities("Newcastl")
+    with pytest.raises(BadInputError, match="did you mean Leiden, NL"):
+        find_cities("Leidn")
 
 
 def test_of_cities_of_one_name_and_size_the_place_is_named_or_asked_for(folder, capsys):

@@ -60,7 +60,9 @@ demo extra                                      | unexpected argument (extra); s
 demo --observations tcp:5                       | write udp:PORT or stdin
 demo --bias-memory maybe                        | is not one of 'auto', 'on', 'nudge', 'off'
 init --yes                                      | give --site LAT,LON,HEIGHT or --city NAME
-init --yes --city Xyzzyville                    | did you mean
+init --yes --city Xyzzyville                    | name a larger one nearby, or give LAT,LON,HEIGHT
+init --yes --city Leidn                         | did you mean Leiden, NL?
+init --yes --city Newcastl                      | did you mean Newcastle
 init --yes --site 91,0,0                        | latitude
 init --yes --site 52,4,0 --city Leiden          | give one of them
 init --yes --city Leiden --mount foo://x        | write

@@ -26,6 +26,7 @@ from sattrack.elements.downloads import (
     DownloadCache,
     DownloadError,
     Downloads,
+    NothingThereError,
     credentials,
     query_of,
     user_cache_folder,
@@ -39,8 +40,10 @@ RIGHT = {USER_VARIABLE: "someone@example.org", PASSWORD_VARIABLE: "right"}
 class Client:
     """A `Downloads` whose clock is set by the test, and what it told the user."""
 
-    def __init__(self, folder: Path, url: str, timeout_s: float = 30.0, **environ: str) -> None:
-        self.folder = folder
+    def __init__(
+        self, folder: Path, url: str, timeout_s: float = 30.0, renewing: bool = True, **environ: str
+    ) -> None:
+        self.folder, self.renewing = folder, renewing
         self.now_s = 1_000_000.0
         self.told: list[str] = []
         self.shown: list[tuple[str, int | None]] = []
@@ -57,6 +60,7 @@ class Client:
             self.environ,
             lambda: self.now_s,
             self.timeout,
+            self.renewing,
         )
 
     def later(self, seconds: float) -> None:
@@ -161,14 +165,31 @@ def test_what_goes_wrong_is_told_and_what_was_kept_stays_whole(tmp_path, manner,
 @pytest.mark.parametrize(
     ("source", "words"),
     [
-        ("celestrak:nowhere", 'sent no element sets: Invalid query: "GROUP=nowhere&FORMAT=csv"'),
-        ("celestrak:99999", "sent no element sets: No GP data found"),
+        (
+            "celestrak:nowhere",
+            '(Invalid query: "GROUP=nowhere&FORMAT=csv" (GROUP "nowhere" not found)): give',
+        ),
+        ("celestrak:99999", "(No GP data found): check the spelling"),
     ],
 )
-def test_a_query_that_finds_nothing_shows_the_servers_words(tmp_path, source, words):
-    with element_server() as server, pytest.raises(DownloadError) as error:
+def test_a_query_that_finds_nothing_shows_the_servers_words_and_blames_no_network(tmp_path, source, words):
+    with element_server() as server, pytest.raises(NothingThereError) as error:
         Client(tmp_path, server.url).fetch(source)
     assert words in str(error.value)
+    assert "network" not in str(error.value)
+
+
+def test_what_was_kept_is_used_in_silence_until_the_server_may_be_asked_again(tmp_path):
+    with element_server() as server:
+        client = Client(tmp_path, server.url, renewing=False)
+        client.fetch("celestrak:active")
+        client.later(HOUR_S)
+        assert client.fetch("celestrak:active") == CSV
+        assert client.told == []
+        server.manner = "broken"
+        client.later(2 * HOUR_S)
+        assert client.fetch("celestrak:active") == CSV
+        assert "using what was fetched 3 h ago: the server answered 500" in client.told[0]
 
 
 @pytest.mark.parametrize("manner", ["gzip", "gz file"])

@@ -35,7 +35,7 @@ def place(line: socket.socket) -> tuple[float, float]:
 
 
 def test_a_host_that_is_not_loopback_is_warned_of(served: Served) -> None:
-    warned = [line for line in served.log if b"#rotctld#WARNING: rotctld has no authentication" in line]
+    warned = [line for line in served.log if b" rotctld: WARNING: rotctld has no authentication" in line]
     assert len(warned) == 1
     assert b"if its address is 127.0.0.0/8" in warned[0]
 
@@ -137,7 +137,7 @@ def test_ctrl_c_in_mid_slew_stops_the_mount_and_the_log_tells_the_story() -> Non
     assert alone.process.returncode == 130
     story = b"".join(alone.log)
     for words in (b"client 1 is there, from 127.0.0.1:", b"client 1 commands", b"1 requests were answered"):
-        assert b"#rotctld#" + words in story
+        assert b" rotctld: " + words in story
     assert alone.log[-1] == b"sattrack: interrupted; the mount is stopped\n"
 
 
