@@ -56,6 +56,7 @@ _TO_CUBIC = np.linalg.inv(np.vander(_NODES_S / DAY_S, increasing=True)) / DAY_S 
 # θ = GMST82 and its rate, E = GAST06A - GMST82 and its rate, pole x and y: rad and rad/s.
 Rotation = tuple["Quantity", "Quantity", "Quantity", "Quantity", "Quantity", "Quantity"]
 Triple = tuple["Quantity", "Quantity", "Quantity"]
+MOST_DUT1_S, MOST_POLE_ARCSEC = 1.0, 10.0
 # A revolution in a mean sidereal day.
 EVEN_TURN_RAD_S = 7.292115855e-5
 
@@ -170,7 +171,15 @@ class EarthOrientation:
 
     @classmethod
     def fixed(cls, dut1_s: float, xp_arcsec: float = 0.0, yp_arcsec: float = 0.0) -> EarthOrientation:
-        """Return an orientation with the same UT1-UTC and pole for all instants."""
+        """Return an orientation with the same UT1-UTC (s) and pole for all instants.
+
+        Raises TimeRangeError for a UT1-UTC of a second or more, or a pole of 10″, which Earth never has.
+        """
+        if not (abs(dut1_s) < MOST_DUT1_S and math.hypot(xp_arcsec, yp_arcsec) < MOST_POLE_ARCSEC):
+            raise TimeRangeError(
+                f"UT1-UTC {dut1_s:g} s and pole {xp_arcsec:g}″, {yp_arcsec:g}″ are not Earth's: give seconds "
+                "between -1 and 1, and arcseconds"
+            )
         return cls(None, Orientation(0, dut1_s, xp_arcsec, yp_arcsec))
 
     def __repr__(self) -> str:

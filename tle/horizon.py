@@ -104,6 +104,11 @@ class Horizon:
                 low = np.minimum(low, np.roll(low, -(1 << level)))
                 high = np.maximum(high, np.roll(high, -(1 << level)))
 
+    def __repr__(self) -> str:
+        """Show the least altitude, and how many points the skyline has."""
+        skyline = "" if self.mask is None else f", skyline of {len(self.mask.azimuths_deg)} points"
+        return f"<Horizon above {self.min_alt_deg:g}°{skyline}>"
+
     def altitude_deg(self, azimuth_deg: Quantity) -> Quantity:
         """Return the altitude to be exceeded at azimuths in degrees."""
         if self.mask is None:

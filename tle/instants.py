@@ -204,12 +204,15 @@ class Utc:
         return [joined[k : k + width] for k in range(0, len(joined), width)]
 
     def plus(self, seconds: Quantity) -> Utc:
-        """Return the instants so many seconds later."""
-        return Utc(self.unix_s + seconds)
+        """Return the instants so many seconds later. Raises TimeRangeError where that is not finite."""
+        later = self.unix_s + seconds
+        if isinstance(later, float) and not math.isfinite(later):
+            raise TimeRangeError(f"{seconds} s after {self} is no instant")
+        return Utc(later)
 
-    def __sub__(self, other: Utc) -> Quantity:
-        """Return the seconds from other to this."""
-        return self.unix_s - other.unix_s
+    def __sub__(self, other: Instant) -> Quantity:
+        """Return the seconds from other to this. Raises TimeFormatError for what is no instant."""
+        return self.unix_s - as_utc(other).unix_s
 
     def __getitem__(self, index: int) -> Utc:
         """Return one instant of an array."""
@@ -223,13 +226,13 @@ class Utc:
         """Hold for every instant, so that a length of none does not make one false."""
         return True
 
-    def __lt__(self, other: Utc) -> bool:
-        """Tell whether one instant comes before another."""
-        return bool(self.unix_s < other.unix_s)
+    def __lt__(self, other: Instant) -> bool:
+        """Tell whether one instant comes before another. Raises TimeFormatError for what is no instant."""
+        return bool(self.unix_s < as_utc(other).unix_s)
 
-    def __le__(self, other: Utc) -> bool:
-        """Tell whether one instant comes no later than another."""
-        return bool(self.unix_s <= other.unix_s)
+    def __le__(self, other: Instant) -> bool:
+        """Tell whether one instant comes no later than another. Raises TimeFormatError."""
+        return bool(self.unix_s <= as_utc(other).unix_s)
 
     def __eq__(self, other: object) -> bool:
         """Tell whether these are the same instants."""

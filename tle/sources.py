@@ -145,7 +145,7 @@ def write_elements(elements: Iterable[Elements], form: str, created: str = "", o
     raise SourceError(f"{form!r} is no format of elements: give one of {', '.join(WRITTEN)}")
 
 
-def find(elements: Sequence[Elements], key: str) -> Elements:
+def find(elements: Sequence[Elements], key: str | int) -> Elements:
     """Return the elements of the object that a user means.
 
     The key is a catalogue number (Alpha-5 too), an international designator as `full_designator` reads it
@@ -154,7 +154,7 @@ def find(elements: Sequence[Elements], key: str) -> Elements:
     over names that begin with the key, those over names that contain it.
     Raises SatelliteNotFoundError, AmbiguousSatelliteError.
     """
-    wanted = key.strip()
+    wanted = str(key).strip()
     for rule in (_by_number, _by_designator, _by_name, _by_common_name, _by_start, _by_part):
         found = newest(rule(elements, wanted))
         if len(found) == 1:

@@ -1,6 +1,6 @@
 """Run the notebooks in `examples/notebooks` and keep what they print and draw: `python -m tools.notebooks`.
 
-A notebook is run as one script from the top folder of the repository, with no notebook server.
+A notebook is run as one script in its own folder, as Jupyter does, with no notebook server.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def outputs(path: Path) -> list[list[dict[str, Any]]]:
     for cell in cells(path):
         if cell["cell_type"] != "code":
             continue
-        with contextlib.redirect_stdout(io.StringIO()) as text:
+        with contextlib.chdir(path.parent), contextlib.redirect_stdout(io.StringIO()) as text:
             exec(compile("".join(cell["source"]), path.name, "exec"), names)
         made: list[dict[str, Any]] = []
         if text.getvalue():

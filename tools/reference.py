@@ -1,11 +1,15 @@
-"""Write docs/commands.md, docs/settings.md and the man page from the code: `python -m tools.reference`.
+"""Write docs/commands.md, settings.md, json.md, api.md and the man page: `python -m tools.reference`.
 
-With `--check` nothing is written; the exit code is 1 where one of them differs from the code. The wheel holds
-the man page, docs/sattrack.1, as share/man/man1/sattrack.1.
+They, or parts of them, are made from the code. With `--check` nothing is written; the exit code is 1 where
+one differs. The wheel holds the man page, docs/sattrack.1, as share/man/man1/sattrack.1.
 """
 
 from __future__ import annotations
 
+import ast
+import contextlib
+import inspect
+import itertools
 import re
 import sys
 import types
@@ -15,11 +19,16 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
+import tle
+import tle.skyfield
 from sattrack import __version__
 from sattrack.cli.main import COMMANDS as SUMMARIES
 from sattrack.cli.main import GROUPS, cli
 from sattrack.mount.model import MountProfile
+from sattrack.planning.rehearsal import RehearsalReport
+from sattrack.recording.report import Report
 from sattrack.settings import Settings
+from sattrack.views.run import LearntView
 from tools.protocol.regions import RegionError, replace_region
 from tools.writing import write_or_compare
 
@@ -28,7 +37,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 NAME = "python -m tools.reference"
+WIDEST = 90
 COMMANDS, SETTINGS, MAN = "docs/commands.md", "docs/settings.md", "docs/sattrack.1"
+API, JSON = "docs/api.md", "docs/json.md"
+SKYFIELD = ("from_skyfield", "to_skyfield")
 EXAMPLES = "Examples:"
 COMMON = {"--config", "--site", "--elements", "--clock", "--json", "--debug", "--utc"}
 UNITS = {
@@ -45,7 +57,7 @@ MEANINGS = {
     "site.longitude_deg": "east is positive",
     "site.height_m": "above the WGS 84 ellipsoid, -500 to 8900",
     "elements": "files, folders, URLs, `celestrak:GROUP`; see [elements](elements.md#sources)",
-    "mount.url": "the mount: `sim`, `xerxes://…`, `alpaca://…`, `antenna://…`",
+    "mount.url": "the mount: `sim`, `xerxes://…`, `alpaca://…`, `indi://…`, `antenna://…`",
     "mount.profile": "the file that describes the mount, beside the settings",
     "min_altitude_deg": "follow above this altitude",
     "fetch_by_name": "fetch a named satellite from CelesTrak when no elements are set",
@@ -233,6 +245,145 @@ def settings(root: Path) -> str:
     return replace_region(text, "profile", settings_table(MountProfile))
 
 
+def json_documents(root: Path) -> str:
+    """Return what docs/json.md should hold. Raises RegionError, OSError."""
+    text = (root / JSON).read_text(encoding="utf-8")
+    text = replace_region(text, "rehearse", document_text(RehearsalReport))
+    text = replace_region(text, "learnt", document_text(LearntView))
+    return replace_region(text, "report", document_text(Report))
+
+
+def document_text(struct: type[msgspec.Struct]) -> str:
+    """Return the fields of a document and of the objects in it as Markdown tables."""
+    parts, waiting, seen = [], [struct], {struct}
+    while waiting:
+        one = waiting.pop(0)
+        hints, meanings = typing.get_type_hints(one), _meanings(one)
+        if one is not struct:
+            parts += [f"`{one.__name__}`: {' '.join((inspect.getdoc(one) or '').split())}", ""]
+        parts += ["| field | | |", "|---|---|---|"]
+        for field in msgspec.structs.fields(one):
+            kind = hints[field.name]
+            parts.append(f"| `{field.encode_name}` | {_json_kind(kind)} | {meanings.get(field.name, '')} |")
+            inner = [each for each in dict.fromkeys(_structs(kind)) if each not in seen]
+            waiting += inner
+            seen.update(inner)
+        parts.append("")
+    return "\n".join(parts).rstrip()
+
+
+def _meanings(struct: type) -> dict[str, str]:
+    """Return the docstrings of a struct's fields."""
+    body = ast.parse(inspect.getsource(struct)).body[0]
+    assert isinstance(body, ast.ClassDef)
+    found = {}
+    for one, following in itertools.pairwise(body.body):
+        is_field = isinstance(one, ast.AnnAssign) and isinstance(one.target, ast.Name)
+        if is_field and isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant):
+            found[one.target.id] = " ".join(str(following.value.value).split())  # type: ignore[union-attr]
+    return found
+
+
+JSON_KINDS = {str: "text", int: "number", float: "number", bool: "true or false", types.NoneType: "null"}
+
+
+def _json_kind(hint: Any) -> str:
+    """Return what a field is in JSON."""
+    if hint in JSON_KINDS:
+        return JSON_KINDS[hint]
+    arguments = [one for one in typing.get_args(hint) if one is not Ellipsis]
+    origin = typing.get_origin(hint)
+    if origin is dict:
+        return f"object by name, of {_json_kind(arguments[1])}"
+    if origin in (tuple, list):
+        return f"list of {' and '.join(dict.fromkeys(_json_kind(one) for one in arguments))}"
+    if origin is typing.Literal:
+        return " or ".join(f"`{one}`" for one in arguments)
+    if arguments:
+        return " or ".join(_json_kind(one) for one in arguments)
+    return f"`{hint.__name__}`"
+
+
+def _structs(hint: Any) -> list[type[msgspec.Struct]]:
+    if isinstance(hint, type) and issubclass(hint, msgspec.Struct):
+        return [hint]
+    return [found for one in typing.get_args(hint) for found in _structs(one)]
+
+
+def api(root: Path) -> str:
+    """Return what docs/api.md should hold. Raises RegionError, OSError."""
+    text = (root / API).read_text(encoding="utf-8")
+    return replace_region(text, "api", api_text())
+
+
+def api_text() -> str:
+    """Return every public name of the library with its signature and docstring, as Markdown."""
+    named = [(name, getattr(tle, name)) for name in sorted(tle.__all__, key=str.casefold)]
+    named += [(f"skyfield.{name}", getattr(tle.skyfield, name)) for name in SKYFIELD]
+    parts = []
+    for name, one in named:
+        parts += [f"## tle.{name}", "", *_described(one, name.rpartition(".")[2])]
+        if inspect.isclass(one) and not issubclass(one, Exception):
+            parts += _members(one)
+    return "\n".join(parts).rstrip()
+
+
+def _described(one: Any, name: str) -> list[str]:
+    """Return a signature, if it has one of its own, and the docstring."""
+    lines = []
+    with contextlib.suppress(ValueError, TypeError):
+        if "_InitOptionsType" not in (signature := _signature(one)) and not _is_error(one):
+            lines = ["```python", f"{name}{signature}", "```", ""]
+    return [*lines, inspect.getdoc(one) or "", ""]
+
+
+def _is_error(one: Any) -> bool:
+    return inspect.isclass(one) and issubclass(one, Exception)
+
+
+def _signature(one: Any) -> str:
+    """Return a signature as it stands in the code, over several lines where it is long."""
+    signature = inspect.signature(one)
+    parameters = [p for p in signature.parameters.values() if p.name not in ("self", "cls")]
+    returns = signature.return_annotation
+    if inspect.isclass(one) or returns is inspect.Signature.empty:
+        returns = ""
+    texts = [str(p.replace(annotation=_Plain(p.annotation))) for p in parameters]
+    end = f") -> {_Plain(returns)!r}" if returns else ")"
+    whole = f"({', '.join(texts)}{end}"
+    return whole if len(whole) <= WIDEST else "(\n" + "".join(f"    {one},\n" for one in texts) + end
+
+
+class _Plain:
+    """An annotation that is shown as it is written."""
+
+    def __init__(self, annotation: Any) -> None:
+        self._text = annotation if isinstance(annotation, str) else inspect.formatannotation(annotation)
+
+    def __repr__(self) -> str:
+        return self._text
+
+
+def _members(kind: type) -> list[str]:
+    """Return the public attributes, properties and methods of a class as a table."""
+    rows = []
+    for name, value in sorted(vars(kind).items()):
+        if name.startswith("_"):
+            continue
+        plain = value.__func__ if isinstance(value, classmethod | staticmethod) else value
+        if isinstance(value, property):
+            shown = f"`{name}`: `{_Plain(inspect.signature(value.fget).return_annotation)!r}`"  # type: ignore[arg-type]
+        elif inspect.isfunction(plain):
+            shown = f"`{name}{' '.join(_signature(plain).split())}`"
+        else:
+            continue
+        rows.append((shown, " ".join((inspect.getdoc(value) or "").split())))
+    if not rows:
+        return []
+    cells = [" | ".join(cell.replace("|", "\\|") for cell in row) for row in rows]
+    return ["| member | |", "|---|---|", *(f"| {row} |" for row in cells), ""]
+
+
 def man_page(root: Path) -> str:
     """Return the man page of all commands, as roff; its exit codes are those of docs/commands.md."""
     exit_codes = re.findall(
@@ -290,6 +441,8 @@ def main() -> int:
         write_or_compare(NAME, __doc__, MAN, man_page),
         write_or_compare(NAME, __doc__, COMMANDS, commands),
         write_or_compare(NAME, __doc__, SETTINGS, settings),
+        write_or_compare(NAME, __doc__, API, api),
+        write_or_compare(NAME, __doc__, JSON, json_documents),
     )
 
 

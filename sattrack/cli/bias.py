@@ -17,6 +17,7 @@ from sattrack.cli.common import (
     OutputFile,
     RenamedOption,
     common_options,
+    element_sources,
     tell,
 )
 from sattrack.core import local_time
@@ -35,8 +36,8 @@ _SHOWN = 20
 
 
 @click.command("bias")
-@click.argument("source", metavar="ELEMENTS")
-@click.argument("more", nargs=-1, metavar="[FILE]...")
+@click.argument("source", metavar="ELEMENTS", shell_complete=element_sources)
+@click.argument("more", nargs=-1, metavar="[FILE]...", shell_complete=element_sources)
 @click.option(
     "--observations",
     multiple=True,

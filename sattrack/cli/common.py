@@ -132,7 +132,7 @@ class CommandContext:
         """Read element sources, good sets and refused ones; notes on them go to standard error.
 
         Files, folders, - for standard input, URLs, and the short names celestrak:... and spacetrack:...
-        `renewing`: the user asks for new ones, and is told where what was kept must do.
+        `renewing`: the user asks for new ones; where kept ones must do, a note says so.
         Raises TleError, SattrackError.
         """
         from tle.sources import load_elements
@@ -492,6 +492,7 @@ def common_options(*used: str, goes_on: bool = False) -> Callable[[Callable[...,
             multiple=True,
             metavar="SRC",
             hidden="elements" not in used,
+            shell_complete=element_sources,
             help="File, folder or URL of elements, celestrak:GROUP, celestrak:NUMBER, celestrak-sup:GROUP, "
             "spacetrack:NUMBER, spacetrack:NUMBER@DAY or - (standard input).",
         )
@@ -595,6 +596,7 @@ def _same_file(one: Path, other: Path | str) -> bool:
 MOST_COMPLETED_BYTES = 2_000_000
 """Larger files of elements are not read for a TAB."""
 _SHORTEST_WORD = 4
+USUAL_GROUPS = ("celestrak:stations", "celestrak:visual", "celestrak:active")
 
 
 def satellite_names(ctx: click.Context, _: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -607,18 +609,40 @@ def satellite_names(ctx: click.Context, _: click.Parameter, incomplete: str) -> 
     from tle.sources import COMMON_NAMES, load_elements
 
     found: dict[str, str] = {}
-    common = {number: name for name, number in reversed(COMMON_NAMES.items())}
     with contextlib.suppress(SattrackError, TleError, OSError):
         sources = ctx.params.get("element_sources") or load_settings(ctx.params.get("config")).elements
         for one in load_elements(*map(_at_hand, sources)).accepted:
-            short = common.get(one.catalog_number, "")
-            short = short.upper() if len(short) < _SHORTEST_WORD else short.capitalize()
-            found |= dict.fromkeys((short, one.name or "", str(one.catalog_number)), one.label)
+            common = [_spoken(name) for name, number in COMMON_NAMES.items() if number == one.catalog_number]
+            found |= dict.fromkeys((*common, one.name or "", str(one.catalog_number)), one.label)
     return [
         CompletionItem(key, help=name)
         for key, name in sorted(found.items())
         if re.fullmatch(r"[\w.+-]+", key) and key.casefold().startswith(incomplete.casefold())
     ]
+
+
+def element_sources(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Return what the shell may complete a source to: files, and where none begins so satellites."""
+    from click.shell_completion import CompletionItem
+
+    from tle.sources import COMMON_NAMES
+
+    files = [CompletionItem(incomplete, type="file")]
+    parent = Path(incomplete).parent
+    name = incomplete.rpartition(os.sep)[2]
+    with contextlib.suppress(OSError):
+        if not incomplete or any(one.name.startswith(name) for one in parent.iterdir()):
+            return files
+    wanted = incomplete.casefold()
+    known = [*USUAL_GROUPS]
+    if isinstance(param, click.Argument):
+        known += map(_spoken, COMMON_NAMES)
+    return [CompletionItem(one) for one in known if one.casefold().startswith(wanted)] or files
+
+
+def _spoken(common_name: str) -> str:
+    """Return a name of COMMON_NAMES as people write it."""
+    return common_name.upper() if len(common_name) < _SHORTEST_WORD else common_name.capitalize()
 
 
 def _at_hand(source: str) -> str:

@@ -16,6 +16,7 @@ from sattrack.cli.common import (
     CommandContext,
     OutputFile,
     common_options,
+    element_sources,
     satellite_names,
     tell,
     write_file,
@@ -55,7 +56,7 @@ def command() -> None:
 
 
 @command.command("get", short_help="Fetch or read element sets, and write the newest of each object.")
-@click.argument("sources", nargs=-1)
+@click.argument("sources", nargs=-1, shell_complete=element_sources)
 @click.option(
     "--satellite", "satellites", multiple=True, metavar="SAT", help="Only this one; may be repeated."
 )
@@ -137,7 +138,7 @@ def show(context: CommandContext, satellites: tuple[str, ...]) -> int:
 
 
 @command.command("check", short_help="Report which element sets are refused, and why.")
-@click.argument("sources", nargs=-1)
+@click.argument("sources", nargs=-1, shell_complete=element_sources)
 @click.option(
     "--observations",
     type=click.Path(path_type=Path, dir_okay=False),
@@ -172,7 +173,7 @@ def check(
 
 
 @command.command("compare", short_help="Compare what several sources say of one satellite.")
-@click.argument("satellite")
+@click.argument("satellite", shell_complete=satellite_names)
 @ephemeris_files
 @common_options("site", "elements", "clock", "json")
 def compare(context: CommandContext, satellite: str, ephemeris: tuple[Path, ...]) -> int:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from sattrack.cli.common import CommandContext, OutputFile, how_to_renew, tell, write_file
+from sattrack.cli.common import CommandContext, OutputFile, element_sources, how_to_renew, tell, write_file
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.local_time import is_zone
 from sattrack.runtime.mounts import FORMS, LISTEN_S, is_antenna, listen, mount_address, usual_profile
@@ -93,7 +93,14 @@ class InitialSettings:
 @click.option("--height", "height_m", type=float, metavar="M", help="Metres above the sea, with --city.")
 @click.option("--zone", metavar="NAME", help="Time zone, as Europe/Amsterdam; the city's or the system's.")
 @click.option("--mount", "mount_url", metavar="URL", help="sim, xerxes://…, alpaca://…; alpaca searches.")
-@click.option("--elements", "sources", multiple=True, metavar="SRC", help="A file, or celestrak:GROUP.")
+@click.option(
+    "--elements",
+    "sources",
+    multiple=True,
+    metavar="SRC",
+    shell_complete=element_sources,
+    help="A file, or celestrak:GROUP.",
+)
 @click.option("--config", type=OutputFile(), help="The file to write (./sattrack.toml).")
 @click.option("--yes", is_flag=True, help="Ask nothing: use the usual values for what no option gives.")
 @click.option("--force", is_flag=True, help="Overwrite the file if there is one.")

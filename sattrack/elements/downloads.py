@@ -361,7 +361,7 @@ class Downloads:
     `tell` takes sentences for the user; `progress`, if given, how many bytes have come so far, then None.
     Kept in `folder`, by default the user's cache folder. `now` gives POSIX seconds. Not to be called where an
     event loop runs. One object asks a server nothing more once that has refused a request. `renewing`: the
-    user asks for a download, and is told where the server may not be asked again yet.
+    user asks for a download, and a note says where the server may not be asked again yet.
     """
 
     def __init__(

@@ -16,8 +16,10 @@ PAGE = ROOT / "docs" / "library.md"
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_prints_and_draws_what_it_shows(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(ROOT)
+def test_a_notebook_prints_and_draws_what_it_shows(
+    path: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
     code = [cell for cell in cells(path) if cell["cell_type"] == "code"]
     for cell, made in zip(code, outputs(path), strict=True):
         texts = ["".join(output["text"]) for output in made if output["output_type"] == "stream"]

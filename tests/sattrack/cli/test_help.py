@@ -176,10 +176,22 @@ def test_the_shell_completes_commands_options_and_satellites() -> None:
     assert completed("mount", "s") == ["status", "slew", "sync"]
     assert "--mount" in completed("track", "--m")
     elements = ("--elements", str(ROOT / "examples" / "iss_leiden.tle"))
-    assert completed("track", *elements, "i") == ["ISS"]
+    assert completed("track", *elements, "is") == ["ISS"]
     assert completed("passes", *elements, "255") == ["25544"]
     assert completed("track", "--elements", "celestrak:stations", "x") == []
     assert completed("track", "--elements", str(ROOT / "no-such-file"), "") == []
+
+
+def test_the_shell_completes_sources_of_elements(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    shell = ShellComplete(cli, {}, "sattrack", "_SATTRACK_COMPLETE")
+    assert completed("elements", "get", "I")[0] == "ISS"
+    assert completed("passes", "--elements", "celestrak:s") == ["celestrak:stations"]
+    # With a file that begins so, the shell completes files itself.
+    (tmp_path / "Iridium.tle").touch()
+    for words in (["elements", "get"], ["passes", "--elements"], ["init", "--elements"], ["bias"]):
+        (one,) = shell.get_completions(words, "I")
+        assert (one.type, one.value) == ("file", "I")
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
