@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import io
+import os
 import queue
 import re
 import struct
@@ -255,6 +256,8 @@ class VideoSource:
     """
 
     def __init__(self, device: str, options: SourceOptions) -> None:
+        # What cannot be opened is told below; OpenCV would add its own log to that.
+        os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
         self._cv2 = needed("cv2", f"v4l:{device}", "v4l")
         number = re.fullmatch(r"/dev/video(\d+)", device)
         self._capture = self._cv2.VideoCapture(int(number[1]) if number else device)

@@ -13,14 +13,14 @@ import stat
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 import click
 import msgspec
 
 from sattrack.core import local_time
 from sattrack.core.clock import Clock, make_clock
-from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.core.errors import BadInputError, SattrackError, how_to_install
 from sattrack.core.files import replace_file
 from sattrack.core.process import self_command
 from sattrack.core.toml_text import line_of_key
@@ -758,6 +758,13 @@ def needed_terminal() -> str:
     """Return what a screen needs, as text: why the present terminal is not enough, if there is one."""
     term = os.environ.get("TERM")
     return f"a terminal that can draw (TERM={term} cannot)" if term in CANNOT_DRAW else "a terminal"
+
+
+def refuse_screen(what: str, instead: str = "") -> NoReturn:
+    """Raise BadInputError: what needs a screen has no terminal, or no textual; `instead` ends the message."""
+    if importlib.util.find_spec("textual_plot") is None:
+        raise BadInputError(f"{what} needs textual: {how_to_install('tui')}")
+    raise BadInputError(f"{what} needs {needed_terminal()}{instead}")
 
 
 def can_draw_lines_anew() -> bool:

@@ -18,7 +18,7 @@ from sattrack.cli.common import (
     appearance,
     common_options,
     fov_option,
-    needed_terminal,
+    refuse_screen,
     renew,
     screen_options,
     share_progress,
@@ -26,7 +26,7 @@ from sattrack.cli.common import (
     tui_possible,
 )
 from sattrack.control.engine_view import view_of
-from sattrack.core.errors import BadInputError, how_to_install
+from sattrack.core.errors import BadInputError
 from sattrack.core.process import self_command
 from sattrack.recording.format import COMMAND, VIEW
 from sattrack.recording.replay import Choice, replay, replay_lines, replay_view
@@ -283,7 +283,7 @@ def _with_tui(file: Path, context: CommandContext, options: dict[str, Any]) -> i
     from sattrack.tui.launch import replay_with_tui
 
     if not tui_possible():
-        raise BadInputError(f"--tui needs {needed_terminal()}, and textual: {how_to_install('tui')}")
+        refuse_screen("--tui")
     arguments = ["replay", str(file), "--stream", "--control", "--at-once", "--part", str(options["part"])]
     fov_deg = context.settings.camera.fov_deg if options["fov_deg"] is None else options["fov_deg"]
     if fov_deg is not None:

@@ -19,6 +19,7 @@ from sattrack.cli.common import (
     mount_option,
     profile_option,
     refraction_option,
+    refuse_screen,
     screen_options,
     tui_possible,
 )
@@ -30,7 +31,7 @@ from sattrack.cli.serve import (
     only_with_serial,
     what_is_served,
 )
-from sattrack.core.errors import BadInputError, how_to_install
+from sattrack.core.errors import BadInputError
 from sattrack.core.process import self_command
 from sattrack.runtime.callers import CallerLimits, listen
 from sattrack.runtime.connection import connected
@@ -185,7 +186,7 @@ def _with_console(context: CommandContext, options: dict[str, Any]) -> int:
     if options["stream"] or options["control"]:
         raise BadInputError("--console is for people, --stream and --control are for programs: give either")
     if not tui_possible():
-        raise BadInputError(f"--console needs a terminal, and textual: {how_to_install('tui')}")
+        refuse_screen("--console")
     from sattrack.tui.launch import serve_with_console
 
     arguments = [one for one in sys.argv[1:] if one != "--console"]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from sattrack.mount.model import Slew
 from sattrack.mount.requests import (
+    NO_PARK,
     Abort,
     EndMove,
     FindHome,
@@ -343,9 +344,7 @@ class ParkThere:
         """See Procedure."""
         park, sample = self.profile.park, desk.sample
         if park is None:
-            return RequestRefused(
-                "the mount profile has no park position, and parking cuts the drives' power"
-            )
+            return RequestRefused(NO_PARK)
         if sample is None:
             return RequestRefused("the mount has not been heard yet")
         self._way = SlewThere(self._slew(park, sample), place=park)

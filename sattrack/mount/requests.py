@@ -18,7 +18,7 @@ from sattrack.mount.model import Slew
 if TYPE_CHECKING:
     from sattrack.mount.model import MountProfile, Stance
 
-NO_PARK = "the mount profile has no park position, and parking cuts the drives' power"
+NO_PARK = "the mount profile has no park position, and parking cuts the drives' power: add `park` to it"
 PARKED_WITHIN_DEG = 0.5
 BY_OWN_MODEL = (
     "the profile has a geometry, by which this program leads the mount: {} by the mount itself may turn both "

@@ -89,6 +89,8 @@ def read_stars(text: str, where: str, axes: Axes = "equatorial") -> tuple[RunPar
             break
         at = f"{where}:{number}"
         if run is None:
+            if not {"EQUAT", "ALTAZ"} & set(options):
+                raise BadInputError(f"{where}: it is no file of stars: `sattrack star-run --data` writes one")
             if kind not in options:
                 other = "equatorial" if kind == "EQUAT" else "alt-azimuth"
                 raise BadInputError(

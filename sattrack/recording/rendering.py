@@ -56,6 +56,8 @@ def report_rows(report: Report) -> list[tuple[str, str]]:
         ("mount", report.mount),
         ("followed", f"{report.followed_s:.0f} s, {report.samples} samples; {_end(report)}"),
     ]
+    if (age_days := report.elements_age_days) is not None:
+        rows.append(("against", f"elements {age_days:.1f} days old when the run began"))
     if not report.acquired and report.ended_by is not None:
         rows[:0] = [(MISSED, _missed(report))]
     elif not report.acquired:

@@ -25,8 +25,9 @@ from sattrack.recording.fits import (
 from sattrack.recording.format import messages, observations
 from sattrack.safety import ROWS
 from sattrack.views.messages import FRAMES, Nudge, OffsetBy
+from tle.elements import Elements
 from tle.errors import ObservationError
-from tle.instants import Utc
+from tle.instants import DAY_S, Utc
 from tle.observed import bias_from_observation
 from tle.propagator import Propagator
 
@@ -161,6 +162,8 @@ class Report(msgspec.Struct, frozen=True):
     missed: MissedFigures | None
     """Of a mount that followed and was never on target; null for others."""
     times: TimeFigures
+    elements_age_days: float | None = None
+    """Age of the elements that the error is against, when the run began; null for what has no epoch."""
 
 
 def _unused(run: Trace) -> tuple[str, ...]:
@@ -197,8 +200,14 @@ def make_report(recording: Recording, run: Trace) -> tuple[Report, BiasFit | Non
         acquired=run.acquired,
         missed=missed,
         times=times,
+        elements_age_days=_age_days(spec),
     )
     return msgspec.structs.replace(report, advice=tuple(advice(report, run))), fit
+
+
+def _age_days(spec: RunSpec) -> float | None:
+    source = spec.propagator.elements
+    return source.age_s(Utc(spec.started_utc_s)) / DAY_S if isinstance(source, Elements) else None
 
 
 def _errors(run: Trace) -> ErrorFigures | None:

@@ -171,7 +171,9 @@ def parse_observations(text: str, stations: Stations, source: str = "") -> list[
             )
         )
     if not found:
-        raise ObservationError(placed(source, None, "holds no observations of RA and Dec"))
+        raise ObservationError(
+            placed(source, None, "holds no observations of RA and Dec, and no other kinds are read")
+        )
     return found
 
 

@@ -81,7 +81,8 @@ def no_sockets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ),
         (
             ("park",),
-            "the mount profile has no park position, and parking cuts the drives' power; nothing was sent",
+            "the mount profile has no park position, and parking cuts the drives' power: add `park` to it; "
+            "nothing was sent",
         ),
         (("home", "--timeout", "0"), "--timeout 0: give seconds, above 0"),
         (("home", "--timeout", "inf"), "--timeout inf: give seconds, above 0"),

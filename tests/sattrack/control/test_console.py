@@ -233,7 +233,7 @@ class TestWhatIsRefusedBeforeAnythingIsSent:
         operation = bench.carry_out(procedure_for(Park(), profile))
         assert operation.outcome is not None
         assert operation.outcome.reason == (
-            "the mount profile has no park position, and parking cuts the drives' power"
+            "the mount profile has no park position, and parking cuts the drives' power: add `park` to it"
         )
         assert bench.flags() == []
 
