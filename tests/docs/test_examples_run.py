@@ -278,7 +278,7 @@ def test_the_readme_tells_what_a_rehearsal_expects(capsys: pytest.CaptureFixture
     for name, row in (
         ("elements", "| elements 0.5 days old |"),
         ("clock", "10 ms |"),
-        ("delay", "differs by 5 ms from the settings |"),
+        ("delay", "delay, uncertain by 5 ms |"),
     ):
         assert f"{row} {parts[name]['along_arcsec']:.0f}″ |" in readme
     assert f"an error of {parts['elements']['across_arcsec']:.0f}″" in readme
