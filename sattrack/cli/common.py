@@ -537,7 +537,7 @@ def common_options(*used: str, goes_on: bool = False) -> Callable[[Callable[...,
                 tell(f"{error}; going on without the settings")
                 settings = Settings()
             local_time.use_zone("UTC" if utc else settings.zone)
-            _check_shared(site_option, () if "elements" in used else element_sources, clock_option)
+            _check_unread(used, site_option, element_sources, clock_option)
             context = CommandContext(
                 settings,
                 site_option,
@@ -561,13 +561,15 @@ def common_options(*used: str, goes_on: bool = False) -> Callable[[Callable[...,
     return add
 
 
-def _check_shared(site: str | None, unread_elements: Sequence[str], clock: str | None) -> None:
-    """Raise BadInputError, SiteError for options that can mean nothing, where they do nothing as well."""
-    if site is not None:
+def _check_unread(
+    used: Sequence[str], site: str | None, element_sources: Sequence[str], clock: str | None
+) -> None:
+    """Raise BadInputError, SiteError for options that can mean nothing, of those that the command ignores."""
+    if site is not None and "site" not in used:
         Site.parse(site)
-    if clock is not None:
+    if clock is not None and "clock" not in used:
         make_clock(clock)
-    for source in unread_elements:
+    for source in () if "elements" in used else element_sources:
         if ":" not in source and source != "-" and not Path(source).exists():
             raise BadInputError(f"--elements {source}: there is no such file; check name and folder")
 

@@ -9,6 +9,7 @@ import json
 import os
 import re
 import shlex
+import sys
 import textwrap
 import unicodedata
 from contextlib import redirect_stdout, suppress
@@ -47,6 +48,8 @@ HEIGHT = "Height above the sea in metres"
 ELEMENTS = "Satellites: celestrak:stations, celestrak:visual, or a file of elements"
 NEXT = "`sattrack rehearse SATELLITE` checks a pass, `sattrack track SATELLITE` follows it."
 NEXT_WITHOUT_ELEMENTS = "`%s --elements FILE` with a file; `sattrack demo` needs none."
+if sys.platform == "win32":
+    NEXT_WITHOUT_ELEMENTS = "`%s --elements FILE` with a file."
 FAMOUS = ("ISS", "Tiangong")
 """Of a long list of elements, whose passes are shown at the end."""
 MOST_LISTED = 5

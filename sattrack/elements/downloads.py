@@ -65,7 +65,7 @@ _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 _MOST_BYTES = 256 * 1024 * 1024
 _CHUNK_BYTES = 64 * 1024
 _MOST_WORDS = 240
-_SHOWN, _NAMED = 8, 3
+_SHOWN, _NAMED, _SHORTEST_NAME = 8, 3, 3
 _LARGEST_NUMBER = 999_999_999
 _HAS_NONE = r"No GP data found|Invalid query\b"
 """How CelesTrak's answer begins where it has nothing of a name."""
@@ -425,6 +425,11 @@ class Downloads:
         what was kept and how to bring a file, or that there is no such satellite.
         """
         source = named_source(satellite)
+        if len(source) < len("celestrak:name=") + _SHORTEST_NAME and "name=" in source:
+            raise NothingThereError(
+                f"{satellite!r} is too short a name for CelesTrak: give {_SHORTEST_NAME} letters or more, "
+                "or a catalogue number"
+            )
         query = query_of(source, self._environ)
         before = self._cache.asked(query.data)
         try:

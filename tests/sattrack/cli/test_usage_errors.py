@@ -61,6 +61,7 @@ demo --observations tcp:5                       | write udp:PORT or stdin
 demo --bias-memory maybe                        | is not one of 'auto', 'on', 'nudge', 'off'
 init --yes                                      | give --site LAT,LON,HEIGHT or --city NAME
 init --yes --city Xyzzyville                    | name a larger one nearby, or give LAT,LON,HEIGHT
+passes ab --site 52,4,0                         | 'ab' is too short a name for CelesTrak: give 3 letters
 init --yes --city Leidn                         | did you mean Leiden, NL?
 init --yes --city Newcastl                      | did you mean Newcastle
 init --yes --site 91,0,0                        | latitude
@@ -146,6 +147,9 @@ recording export {pass}                         | missing argument 'OUT'; see
 recording export {pass} x.foo                   | give --format mcap|pcapng|
 biases --drop 99                                | sattrack biases lists them
 biases --drop newest                            | is not a whole number
+biases --site garbage                           | 'garbage' is no site
+biases --elements nofile                        | --elements nofile: there is no such file
+elements check {tle} --clock garbage            | --clock garbage: 'garbage' is no time
 stop --mount nothing                            | write sim, xerxes://
 stop --al                                       | did you mean '--all'?
 mount dance                                     | see `sattrack mount --help`
