@@ -473,7 +473,7 @@ def _expected(scene: Scene) -> Row:
             for x in (expected.along_arcsec, expected.across_arcsec)
         )
         sigmas = f"{SIGMAS:g} sigma" if scene.plain else f"{SIGMAS:g}σ"
-        row += [(f"  expect ({sigmas}) ", DIM), f"{along} {across}"]
+        row += [(f"  expect {sigmas} ", DIM), f"{along} {across}"]
         if expected.radius_arcsec is not None:
             row += [(" in ", DIM), formatting.arcsec(2.0 * expected.radius_arcsec)]
     if scene.view.link.clock_offset_s is not None:

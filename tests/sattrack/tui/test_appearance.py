@@ -175,7 +175,7 @@ def test_the_small_screen_with_the_sky() -> None:
         " rates    RA +1.235 of 6 °/s ██┃·········  Dec −0.081 of 6 °/s ┃···········",
         " along    +0.050 s  asked +0.100 s   ← behind  → ahead on track by 0.1 s",
         " across   −0.0100°  asked −0.0200°   ↑ left  ↓ right of motion by 0.01°",
-        " elements 12.8 h  expect (2σ) ±400″ ±100″ in 15.0′  clock −0.553 s  rec pass.mcap",
+        " elements 12.8 h  expect 2σ ±400″ ±100″ in 15.0′  clock −0.553 s  rec pass.mcap",
         " ←→ along  ↑↓ across  [ ] step  p pause  1-6 more  SPACE STOP   q leave  ? help",
     ]
 
