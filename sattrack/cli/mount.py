@@ -22,8 +22,8 @@ from sattrack.cli.common import (
     appearance,
     common_options,
     mount_option,
-    needed_terminal,
     profile_option,
+    refuse_screen,
     renew,
     renew_at_once,
     screen_options,
@@ -635,10 +635,7 @@ def watch(context: CommandContext, stream: bool, control: bool, park: bool, **op
     if importlib.util.find_spec("textual") is None:
         raise SattrackError(f"the screen needs textual: {how_to_install('tui')}")
     if not tui_possible():
-        raise BadInputError(
-            f"watch needs {needed_terminal()}; `sattrack mount status` shows one status, "
-            "--stream is for programs"
-        )
+        refuse_screen("watch", "; `sattrack mount status` shows one status, --stream is for programs")
     from sattrack.tui.launch import watch_with_tui
 
     called = [word for word in sys.argv[1:] if word != "--park"]
