@@ -351,15 +351,14 @@ class Safety:
         wanted = within(clipped[0], room[0]), within(clipped[1], room[1])
         oldest_s = spots[0].age_s if len(spots) == 1 else max([spot.age_s for spot in spots])
         now = self._in_force(oldest_s, utc_s)
-        judged = wanted if self._holds else self._as_fast_as_seen(wanted)
-        name = self.holding = self._ahead.outlook(spots, now).limit(judged)
+        name = self.holding = self._ahead.outlook(spots, now).limit(wanted)
         if name is None:
             self._outside, self._held_since, self._rests_since_s = 0, None, None
         else:
             nears = [self._bounds.near(spot.place, self._ahead.horizon_s) for spot in spots]
             outlook = self._ahead.outlook(spots, now, nears)
             if not self._holds:
-                inward = outlook.limit(judged)
+                inward = outlook.limit(wanted)
                 if inward is not None:
                     slower = None if self.led is None else self._slower(wanted, outlook.limit)
                     if slower is None:
@@ -505,17 +504,6 @@ class Safety:
         """Return the rates of both axes as statuses show them."""
         ha, dec = axis_rates(self._doubt.moved, self._standing.beyond_pole)
         return within(ha, self._plausible[0]), within(dec, self._plausible[1])
-
-    def _as_fast_as_seen(self, wanted: Rates) -> Rates:
-        """Return rates by as much faster as either axis moves than by any that it was sent of late.
-
-        A servo that a step of its rate has left behind catches up, and goes on past where it is to stop.
-        """
-        judged = []
-        for axis, (rate, moved) in enumerate(zip(wanted, self._moving(), strict=True), start=1):
-            sent = [0.0, rate, *(rates[axis] for rates in self._sent)]
-            judged.append(rate + min(0.0, moved - min(sent)) + max(0.0, moved - max(sent)))
-        return judged[0], judged[1]
 
     def _swing(self, moved: Rates, sent: RateRanges, utc_s: float) -> Rates:
         """Return by how much either axis has of late moved faster or slower than by what it was sent.
