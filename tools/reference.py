@@ -7,7 +7,6 @@ one differs. The wheel holds the man page, docs/sattrack.1, as share/man/man1/sa
 from __future__ import annotations
 
 import ast
-import contextlib
 import inspect
 import itertools
 import re
@@ -323,17 +322,14 @@ def api_text() -> str:
     parts = []
     for name, one in named:
         parts += [f"## tle.{name}", "", *_described(one, name.rpartition(".")[2])]
-        if inspect.isclass(one) and not issubclass(one, Exception):
+        if inspect.isclass(one) and not _is_error(one):
             parts += _members(one)
     return "\n".join(parts).rstrip()
 
 
 def _described(one: Any, name: str) -> list[str]:
     """Return a signature, if it has one of its own, and the docstring."""
-    lines = []
-    with contextlib.suppress(ValueError, TypeError):
-        if "_InitOptionsType" not in (signature := _signature(one)) and not _is_error(one):
-            lines = ["```python", f"{name}{signature}", "```", ""]
+    lines = [] if _is_error(one) else ["```python", f"{name}{_signature(one)}", "```", ""]
     return [*lines, inspect.getdoc(one) or "", ""]
 
 

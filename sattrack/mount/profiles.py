@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -12,6 +13,7 @@ from sattrack.core.toml_text import read_toml
 from sattrack.mount.model import MountProfile
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
 
@@ -37,13 +39,19 @@ def profile_file(profile: MountProfile) -> ProfileFile:
 
 def load_profile_file(path: Path) -> ProfileFile:
     """Return what a profile file says. Raises BadInputError, naming file, line and key."""
-    try:
+    with no_settings(path, "not a mount's profile; `profile` in its [mount] names one"):
         return read_toml(path, ProfileFile, "the mount profile")
+
+
+@contextmanager
+def no_settings(path: Path, but: str) -> Iterator[None]:
+    """Raise BadInputError that says so where what is read turns out to be a settings file; `but` ends it."""
+    try:
+        yield
     except BadInputError as error:
         if OF_SETTINGS.search(str(error)) is None:
             raise
-        what = "this is a settings file, not a mount's profile; `profile` in its [mount] names one"
-        raise BadInputError(f"{path}: {what}") from None
+        raise BadInputError(f"{path}: this is a settings file, {but}") from None
 
 
 def profile_text(profile: MountProfile) -> str:

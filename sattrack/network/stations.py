@@ -22,7 +22,7 @@ import msgspec
 
 from sattrack.core.errors import BadInputError, Origin, meant
 from sattrack.core.toml_text import read_typed
-from sattrack.mount.profiles import OF_SETTINGS
+from sattrack.mount.profiles import no_settings
 from tle.horizon import Horizon, HorizonMask
 from tle.site import HIGHEST_GROUND_M, LOWEST_GROUND_M, Site
 
@@ -104,13 +104,8 @@ def read_stations(path: Path) -> list[Station]:
 
 
 def _from_toml(text: str, path: Path) -> Iterator[tuple[Station, Origin]]:
-    try:
+    with no_settings(path, "not a list of stations: docs/network.md says what stands in one"):
         found, positions = read_typed(text, str(path), _StationList, columns=False)
-    except BadInputError as error:
-        if OF_SETTINGS.search(str(error)) is None:
-            raise
-        what = "this is a settings file, not a list of stations: docs/network.md says what stands in one"
-        raise BadInputError(f"{path}: {what}") from None
     for number, one in enumerate(found.stations):
         yield one, positions.key("stations", number)
 

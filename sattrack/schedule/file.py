@@ -21,9 +21,9 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import msgspec
 
-from sattrack.core.errors import BadInputError, Origin, meant
+from sattrack.core.errors import Origin, meant
 from sattrack.core.toml_text import KeyPositions, read_typed
-from sattrack.mount.profiles import OF_SETTINGS
+from sattrack.mount.profiles import no_settings
 from sattrack.schedule.schema import (
     FIXED_PRIORITY,
     NO_CONDITIONS,
@@ -227,13 +227,8 @@ class _ScheduleReader:
 
 def _read_table(text: str, path: Path) -> tuple[ScheduleText, KeyPositions]:
     """Return what a file says. Raises BadInputError with the place."""
-    try:
+    with no_settings(path, "not a schedule: docs/schedules.md says what stands in one"):
         return read_typed(text, str(path), ScheduleText, what="a schedule")
-    except BadInputError as error:
-        if OF_SETTINGS.search(str(error)) is None:
-            raise
-        what = "this is a settings file, not a schedule: docs/schedules.md says what stands in one"
-        raise Origin(str(path)).wrong(what) from None
 
 
 def _beside(path: Path, asked_by: str) -> str:
