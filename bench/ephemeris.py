@@ -217,7 +217,7 @@ EFFECTS = (
     ),
     ("10 ms of time", "″", lambda s: apart(s.at(), s.at(s.times.plus(0.01)))),
     (
-        "a time bias of 1 s that wrongly moves the observer, too",
+        "a time bias of 1 s, applied to the observer, too",
         "″",
         lambda s: apart(s.at(bias=Bias(1.0)), s.at(s.times.plus(1.0))),
     ),
