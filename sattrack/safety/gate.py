@@ -107,6 +107,8 @@ class Safety:
         """Whether a stream of rates has been cleared: a pass is under way."""
         self._sent: deque[tuple[float, float, float]] = deque()
         """What was cleared of late: when (UTC), and the rates of both axes."""
+        self._by_hand: RateRanges = (REST, REST)
+        """The least and the greatest rates of both axes since a motion by hand began."""
         self._held_since: tuple[float, Rates] | None = None
         """When the rates of what is held were found (UTC), and those."""
         self._rests_since_s: float | None = None
@@ -351,14 +353,15 @@ class Safety:
         wanted = within(clipped[0], room[0]), within(clipped[1], room[1])
         oldest_s = spots[0].age_s if len(spots) == 1 else max([spot.age_s for spot in spots])
         now = self._in_force(oldest_s, utc_s)
-        name = self.holding = self._ahead.outlook(spots, now).limit(wanted)
+        judged = wanted if self._holds else self._as_fast_as_seen(wanted)
+        name = self.holding = self._ahead.outlook(spots, now).limit(judged)
         if name is None:
             self._outside, self._held_since, self._rests_since_s = 0, None, None
         else:
             nears = [self._bounds.near(spot.place, self._ahead.horizon_s) for spot in spots]
             outlook = self._ahead.outlook(spots, now, nears)
             if not self._holds:
-                inward = outlook.limit(wanted)
+                inward = outlook.limit(judged)
                 if inward is not None:
                     slower = None if self.led is None else self._slower(wanted, outlook.limit)
                     if slower is None:
@@ -376,6 +379,12 @@ class Safety:
                 if unheeded is not None:
                     return self._trip(unheeded)
                 wanted = kept
+        if not self._holds:
+            least, greatest = self._by_hand
+            self._by_hand = (
+                (min(least[0], wanted[0]), min(least[1], wanted[1])),
+                (max(greatest[0], wanted[0]), max(greatest[1], wanted[1])),
+            )
         if utc_s is not None:
             self._sent.append((utc_s, *wanted))
         return Cleared(self._as_move(wanted, move, wish))
@@ -505,6 +514,17 @@ class Safety:
         ha, dec = axis_rates(self._doubt.moved, self._standing.beyond_pole)
         return within(ha, self._plausible[0]), within(dec, self._plausible[1])
 
+    def _as_fast_as_seen(self, wanted: Rates) -> Rates:
+        """Return rates by as much faster as either axis moves that way than by any it was sent by hand.
+
+        A servo that a step of its rate has left behind catches up, and goes on past where it is to stop.
+        """
+        (ha, dec), (least, greatest) = self._moving(), self._by_hand
+        return (
+            _sped_up(wanted[0], ha, least[0], greatest[0]),
+            _sped_up(wanted[1], dec, least[1], greatest[1]),
+        )
+
     def _swing(self, moved: Rates, sent: RateRanges, utc_s: float) -> Rates:
         """Return by how much either axis has of late moved faster or slower than by what it was sent.
 
@@ -538,6 +558,7 @@ class Safety:
     def _let_go(self) -> None:
         self.holding = self._held_since = self._rests_since_s = None
         self._outside = 0
+        self._by_hand = REST, REST
         self._sent.clear()
         self._slews.forget()
 
@@ -563,3 +584,10 @@ ANY_RATE: Rates = (-math.inf, math.inf)
 def _room_about(before: float, step: float) -> Rates:
     """Return rates no more than a step faster either way; slowing down is never held back."""
     return min(before, 0.0) - step, max(before, 0.0) + step
+
+
+def _sped_up(rate: float, moved: float, least: float, greatest: float) -> float:
+    """Return a rate, faster by as much as what moved was faster, the same way, than all that was asked."""
+    if rate > 0.0:
+        return rate + max(0.0, moved - max(rate, greatest))
+    return rate + min(0.0, moved - min(rate, least)) if rate < 0.0 else rate

@@ -296,6 +296,35 @@ def test_a_mount_by_edges_is_stopped_where_the_rates_that_hold_it_come_too_late(
         assert (safety.tripped is not None) == stopped
 
 
+@pytest.mark.parametrize("seen_deg_s", [1.0, 1.5, 2.5])
+def test_motion_by_hand_is_judged_by_how_fast_it_is_seen(seen_deg_s: float) -> None:
+    """1 °/s is asked for, towards the lower end; a servo that catches up goes faster, and may go on so."""
+    for more_deg, stopped in ((-0.02, True), (0.02, False)):
+        safety, wish = gate(fault_s=0.5), MoveAxes(S, -1.0)
+        way_deg = seen_deg_s * (0.2004 + 0.5) + seen_deg_s**2 / 16.0 + 0.1 + more_deg
+        for k in range(40):
+            utc_s, dec_deg = T0 + 0.05 * k, -50.0 + way_deg + 0.05 * seen_deg_s * (39 - k)
+            sidereal_deg = SIDEREAL_DEG + S * 0.05 * k
+            safety.watch(Seen(utc_s, sidereal_deg, sidereal_deg, dec_deg), wish)
+            assert safety.tripped is None
+            safety.clear(wish, sidereal_deg, sidereal_deg, dec_deg, 0.0, utc_s)
+        assert (safety.tripped == "declination") == stopped
+
+
+def test_motion_by_hand_that_slows_down_is_judged_by_what_is_asked_of_it_now() -> None:
+    """An axis that was sent 2 °/s and comes down to 1 within 0.6 s is not one that catches up."""
+    safety, dec_deg, rate_deg_s = gate(fault_s=0.5), -47.5, -2.0
+    for k in range(20):
+        utc_s, sidereal_deg = T0 + 0.05 * k, SIDEREAL_DEG + S * 0.05 * k
+        wish = MoveAxes(S, -2.0 if k < 5 else -1.0)
+        safety.watch(Seen(utc_s, sidereal_deg, sidereal_deg, dec_deg), wish)
+        assert safety.clear(wish, sidereal_deg, sidereal_deg, dec_deg, 0.0, utc_s).motion == wish
+        assert safety.tripped is None
+        rate_deg_s = min(-1.0, rate_deg_s + (0.0 if k < 8 else 0.1))
+        dec_deg += 0.05 * rate_deg_s
+    assert dec_deg == pytest.approx(-49.1, abs=0.06)
+
+
 @pytest.mark.parametrize(("unanswered_s", "waits_s"), [(0.0, 0.3), (0.2, 0.3), (1.0, 1.0)])
 def test_rates_by_edges_are_judged_for_as_long_as_the_handshake_before_them_may_last(
     unanswered_s: float, waits_s: float
