@@ -27,6 +27,7 @@ from sattrack.core.errors import BadInputError, SattrackError, how_to_install
 from sattrack.core.process import self_command
 from sattrack.runtime.callers import listen
 from sattrack.runtime.view_server import SUPPORTED, feeders
+from tle.errors import printable
 
 if TYPE_CHECKING:
     from sattrack.views.run import Welcome
@@ -103,7 +104,7 @@ def welcome_of(pid: int) -> Welcome | None:
 def welcome_text(welcome: Welcome) -> str:
     """Return what a run is."""
     since = local_time.localised(welcome.since_utc)
-    return f"{welcome.name} with {welcome.mount}, `{welcome.command}`, since {since}"
+    return printable(f"{welcome.name} with {welcome.mount}, `{welcome.command}`, since {since}")
 
 
 def _terminal() -> str:

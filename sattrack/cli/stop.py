@@ -24,7 +24,6 @@ from sattrack.cli.common import (
 from sattrack.core.errors import NO_JSON, BadInputError, SattrackError
 from sattrack.runtime.console import MountStop, stop_after, stop_directly, stop_session
 from sattrack.runtime.mounts import FORMS, SIMULATED, ask_give_up, mount_address, owner_of, owners
-from sattrack.runtime.system import this_user
 from sattrack.schedule.night_stop import NightStop, begin_stops, listed_nights
 
 if TYPE_CHECKING:
@@ -219,10 +218,11 @@ def _named(name: str | None) -> Mounts | None:
         # Each owner is asked who it is, and one that hangs takes seconds: not where an address says it all.
         return None
     if name == SIMULATED:
-        sessions = [owner for owner in _own_sessions() if owner.simulated]
+        sessions = [owner for owner in owners() if owner.simulated]
         nights = [night for night in listed_nights() if night.mount is None]
     else:
-        sessions = [owner for owner in owners() if owner.mount == name]
+        owner = owner_of(name)
+        sessions = [] if owner is None else [owner]
         nights = [night for night in listed_nights() if night.mount == name]
     return Mounts(tuple(sessions), None, tuple(nights)) if sessions else None
 
@@ -230,23 +230,20 @@ def _named(name: str | None) -> Mounts | None:
 def _begun_since(mounts: Mounts) -> Mounts:
     """Return sessions that a schedule's run had just begun when we looked."""
     known = {owner.pid for owner in mounts.sessions}
-    begun = [owner for owner in _own_sessions() if owner.pid not in known]
+    begun = [owner for owner in owners() if owner.pid not in known]
     return Mounts(tuple(o for o in begun if any(_moves(night, o) for night in mounts.nights)), None)
-
-
-def _own_sessions() -> list[Owner]:
-    return [owner for owner in owners() if this_user() in (0, owner.user)]
 
 
 def _mounts(mount_url: str | None, address: MountAddress | None) -> Mounts:
     """Return the mounts to stop: that of `--mount`, else every one of this user's, and the settings'."""
+    sessions, nights = [], listed_nights()
     if mount_url is None:
-        sessions = sorted(_own_sessions(), key=lambda owner: owner.simulated)
-        nights = listed_nights()
+        sessions = sorted(owners(), key=lambda owner: owner.simulated)
     else:
-        owner = None if address is None else owner_of(address.name)
-        sessions = [] if owner is None else [owner]
-        nights = [night for night in listed_nights() if address is not None and night.mount == address.name]
+        nights = [night for night in nights if address is not None and night.mount == address.name]
+    if address is not None and all(owner.mount != address.name for owner in sessions):
+        owner = owner_of(address.name)
+        sessions += [] if owner is None else [owner]
     owned = {owner.mount for owner in sessions}
     unowned = None if address is None or address.name in owned else address
     return Mounts(tuple(sessions), unowned, tuple(nights))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import stat
 import sys
 from contextlib import suppress
 from pathlib import Path
@@ -21,6 +23,19 @@ def user_folder(variable: str, usual: str, environ: Mapping[str, str] | None = N
     """
     base = Path((os.environ if environ is None else environ).get(variable, ""))
     return (base if base.is_absolute() else Path.home() / usual) / "sattrack"
+
+
+def open_regular(path: Path) -> IO[bytes]:
+    """Open a file that others may have put there, for reading. Raises OSError for a link, a pipe or a device.
+
+    To open a pipe would wait for a writer.
+    """
+    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
+    file = os.fdopen(descriptor, "rb")
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        file.close()
+        raise OSError(errno.EINVAL, "no regular file", str(path))
+    return file
 
 
 def lock_file(file: IO[Any], *, wait: bool = True) -> None:

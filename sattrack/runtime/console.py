@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 import threading
 import time
@@ -17,7 +18,7 @@ from sattrack.core.errors import LinkLostError, SattrackError
 from sattrack.mount.xerxes.client import Address, nobody_listens
 from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.runtime.connection import Connection, owned
-from sattrack.runtime.guardian import GONE_AFTER_S
+from sattrack.runtime.guardian import ASK_WITHIN_S, GONE_AFTER_S
 from sattrack.runtime.loop import DriverLike, RealtimeLoop
 from sattrack.runtime.mounts import GoesOn, Taken, ask_stop, owned_address, owner_of
 from sattrack.runtime.system import StopRequest, stopping, utc_now
@@ -159,6 +160,8 @@ GIVE_UP = "`sattrack stop --give-up` ends that"
 FREE_WITHIN_S = 10.0
 """How long a session that has stopped its mount may take to close its recording and end."""
 LOOK_AGAIN_S = 0.05
+OTHERS_WITHIN_S = 20.0
+"""How long another user's session may take to stop its mount, before it is stopped without it."""
 
 
 class MountStop(msgspec.Struct, frozen=True):
@@ -184,8 +187,16 @@ class MountStop(msgspec.Struct, frozen=True):
 def stop_session(owner: Owner, waiting: Callable[[], None]) -> MountStop | None:
     """Have a session stop its mount and end; None where the session is gone, or the mount not known at rest.
 
-    Raises SattrackError where it does not answer.
+    Another user's session is asked as well, but its word does not count: the mount is sent an abort, and is
+    not known at rest. Raises SattrackError where a session does not answer.
     """
+    if not owner.trusted:
+        with contextlib.suppress(SattrackError):
+            address = owned_address(owner)
+            if isinstance(address, Address):
+                nobody_listens(address, encode_command(Command(abort=True)), ASK_WITHIN_S)
+            ask_stop(owner, waiting, OTHERS_WITHIN_S)
+        return None
     stopped = ask_stop(owner, waiting)
     if stopped is not None and stopped.goes_on is not None:
         words = f"IT IS NOT KNOWN AT REST: {stopped.goes_on}; {GIVE_UP}"
@@ -288,6 +299,9 @@ def wait_until_free(address: MountAddress, waiting: Callable[[], None]) -> None:
     until_s = time.monotonic() + FREE_WITHIN_S
     while (owner := owner_of(address.name)) is not None:
         if time.monotonic() > until_s:
-            raise Taken(f"{address} has an owner: {owner}; it does not end: `kill {owner.pid}`")
+            raise Taken(
+                f"{address} has an owner: {owner}; it does not end: `kill {owner.pid}`, "
+                "and stop the mount by its own console"
+            )
         waiting()
         time.sleep(LOOK_AGAIN_S)

@@ -45,7 +45,7 @@ from sattrack.runtime.mounts import (
     Owner,
     Stopped,
 )
-from sattrack.runtime.system import outlive, utc_now
+from sattrack.runtime.system import is_trusted, outlive, peer_of, utc_now
 from sattrack.runtime.turns import LeftMoving, NoteKeeper, left_moving, note, seconds_since_boot
 
 if TYPE_CHECKING:
@@ -553,9 +553,11 @@ class Guardian:
             self._send(client, owner)
             return
         if ask == "give-up":
-            self._send(client, GivenUp(self._goes_on()))
+            # Anybody may stop the mount; that it goes on unstopped is for its user to say.
+            goes_on = self._goes_on() if is_trusted(peer_of(client.connection)[1]) else None
+            self._send(client, GivenUp(goes_on))
             self._dismiss(client)
-            if self._goes_on_utc is not None:
+            if goes_on is not None:
                 self._give_up()
             return
         if ask == "watch":

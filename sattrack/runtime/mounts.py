@@ -20,6 +20,7 @@ import socket
 import sys
 import time
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
@@ -33,7 +34,8 @@ from sattrack.mount.alpaca.link import AlpacaAddress, parse_alpaca
 from sattrack.mount.model import MountProfile
 from sattrack.mount.xerxes.client import Address, Arrival, UdpLink, parse_address
 from sattrack.mount.xerxes.session import Session
-from sattrack.runtime.system import peer_of
+from sattrack.runtime.system import is_trusted, peer_of, this_user, user_name, user_of
+from tle.errors import printable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -96,10 +98,12 @@ def check_setting(settings_file: Path, url: str | None) -> None:
 
 
 def owned_address(owner: Owner) -> MountAddress:
-    """Return where the mount is that a session on this machine owns."""
+    """Return where the mount of a session on this machine is. Raises BadInputError for no mount's name."""
     if owner.mount.partition(":")[0] in GATEWAYS:
         return parse_alpaca(owner.mount)
     host, _, port = owner.mount.rpartition(":")
+    if not port.isdecimal():
+        raise BadInputError(f"{owner.mount!r} is no mount's name: {owner}")
     return Address(host, int(port), owner.listen_port)
 
 
@@ -176,6 +180,8 @@ STOP_WITHIN_S = 75.0
 LONGEST_LINE = 4096
 BACKLOG = 16
 TRY_AGAIN_S = 0.02
+MOST_QUESTIONS = 200
+"""So many owners are asked at once: files that a process may have open are few."""
 STOP_OR_GIVE_UP = "`sattrack stop` tries again, `sattrack stop --give-up` ends that"
 
 
@@ -195,12 +201,19 @@ class Owner(msgspec.Struct, frozen=True):
     simulated: bool = False
     """Whether the mount is a simulated one of the session's own, which ends with it."""
 
+    @property
+    def trusted(self) -> bool:
+        """Whether its word counts: it is this user's or root's. Anybody may take a mount's name."""
+        return is_trusted(self.user)
+
     def __str__(self) -> str:
         """Return it as text."""
         if self.goes_on is not None:
             return f"`{self.command}` has ended, the mount NOT KNOWN AT REST; {self.goes_on}"
         doing = {"running": "", "stopping": "; it is stopping"}.get(self.state, f"; it {self.state}")
-        return f"`{self.command}`, process {self.pid}, since {local_time.localised(self.since_utc)}{doing}"
+        whose = "" if self.trusted or self.user < 0 else f" of user {user_name(self.user)}"
+        since = local_time.localised(self.since_utc)
+        return f"`{self.command}`, process {self.pid}{whose}, since {since}{doing}"
 
 
 class Ask(msgspec.Struct, frozen=True):
@@ -286,17 +299,87 @@ def claim(address: MountAddress) -> Claim:
 
 def owner_of(name: str) -> Owner | None:
     """Return who owns the mount of a name, its address'; None where no session on this machine does."""
-    return _request_owner(_name(name))
+    return next(iter(_owners([name], True)), None)
 
 
 def owners() -> list[Owner]:
-    """Return who owns mounts on this machine, each session once."""
-    found = []
-    for name in sorted(taken_names(PREFIX)):
-        owner = _request_owner(_name(name))
-        if owner is not None:
-            found.append(owner)
-    return found
+    """Return who owns mounts on this machine, each session once: this user's, and for root everybody's."""
+    return _owners(sorted(taken_names(PREFIX)), this_user() == 0)
+
+
+def _owners(mounts: list[str], others: bool) -> list[Owner]:
+    """Return the owners of mounts. All are asked at once: names without an answer hold up no other."""
+    found, questions = list[Owner](), list[_Question]()
+    until_s = time.monotonic() + ANSWER_WITHIN_S
+    while (mounts or questions) and (left_s := until_s - time.monotonic()) > 0.0:
+        mounts = [mount for mount in mounts if not _ask_who(mount, others, questions)]
+        wait_s = TRY_AGAIN_S if mounts else left_s if questions else 0.0
+        for question in select.select(questions, [], [], wait_s)[0]:
+            if question.is_answered():
+                questions.remove(question)
+                found.append(question.owner())
+    found += [question.owner() for question in questions]
+    if others:
+        found += [_silent(mount, 0, -1) for mount in mounts]
+    return sorted(found, key=lambda owner: owner.mount)
+
+
+@dataclass(slots=True)
+class _Question:
+    """The question who a mount's owner is, on its way."""
+
+    mount: str
+    connection: socket.socket
+    answer: bytes = b""
+
+    def fileno(self) -> int:
+        return self.connection.fileno()
+
+    def is_answered(self) -> bool:
+        """Read what has come; return whether it is all that will come."""
+        try:
+            more = self.connection.recv(LONGEST_LINE)
+        except OSError:
+            more = b""
+        self.answer += more
+        return not more or more.endswith(b"\n") or len(self.answer) > LONGEST_LINE
+
+    def owner(self) -> Owner:
+        """Return the owner as it says, as far as the kernel bears it out, and close the connection."""
+        with self.connection:
+            pid, user = peer_of(self.connection)
+        try:
+            said = msgspec.json.decode(self.answer, type=Owner)
+        except (msgspec.MsgspecError, *NO_JSON):
+            return _silent(self.mount, pid, user)
+        if said.pid > 1 and user_of(said.pid) == user:
+            pid = said.pid
+        command, since, state = map(printable, (said.command, said.since_utc, said.state))
+        return msgspec.structs.replace(
+            said, pid=pid, user=user, command=command, since_utc=since, mount=self.mount, state=state
+        )
+
+
+def _ask_who(mount: str, others: bool, questions: list[_Question]) -> bool:
+    """Ask who owns a mount; return whether that is done, or there is nobody to be asked."""
+    if len(questions) >= MOST_QUESTIONS:
+        return False
+    with contextlib.ExitStack() as closing, contextlib.suppress(OSError):
+        connection = closing.enter_context(_socket())
+        try:
+            connection.connect(_name(mount))
+        except BlockingIOError:
+            return False
+        if others or is_trusted(peer_of(connection)[1]):
+            connection.sendall(msgspec.json.encode(Ask("who")) + b"\n")
+            questions.append(_Question(mount, connection))
+            closing.pop_all()
+    return True
+
+
+def _silent(mount: str, pid: int, user: int) -> Owner:
+    """Return an owner that does not answer."""
+    return Owner(pid, user, _command_of(pid), "an unknown instant", mount, 0, "does not answer")
 
 
 def ask_stop(owner: Owner, waiting: Callable[[], None], within_s: float = STOP_WITHIN_S) -> Stopped | None:
@@ -346,21 +429,13 @@ def _name(mount: str) -> str:
     return f"\0{PREFIX}{mount}"
 
 
-def _request_owner(name: str) -> Owner | None:
-    try:
-        with _connected(name, ANSWER_WITHIN_S) as connection:
-            pid, user = peer_of(connection)
-            connection.sendall(msgspec.json.encode(Ask("who")) + b"\n")
-            line = _line(connection, ANSWER_WITHIN_S)
-    except ConnectionError:
-        return None
-    except TimeoutError:
-        pid, user, line = 0, -1, None
-    if line:
-        with contextlib.suppress(msgspec.MsgspecError, *NO_JSON):
-            return msgspec.json.decode(line, type=Owner)
-    mount = name.removeprefix(f"\0{PREFIX}")
-    return Owner(pid, user, _command_of(pid), "an unknown instant", mount, 0, "does not answer")
+def _socket() -> socket.socket:
+    """Return a socket of the kind that has names. Raises ConnectionRefusedError where there are none."""
+    if not sys.platform.startswith("linux"):
+        raise ConnectionRefusedError
+    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    connection.setblocking(False)
+    return connection
 
 
 def _connected(name: str, within_s: float) -> socket.socket:
@@ -368,13 +443,11 @@ def _connected(name: str, within_s: float) -> socket.socket:
 
     Raises ConnectionError where there is none, TimeoutError where its queue is full.
     """
-    if not sys.platform.startswith("linux"):
-        raise ConnectionRefusedError
     until_s = time.monotonic() + within_s
-    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    connection = _socket()
+    connection.settimeout(within_s)
     while True:
         try:
-            connection.settimeout(within_s)
             connection.connect(name)
         except BlockingIOError as error:
             if time.monotonic() > until_s:

@@ -14,6 +14,7 @@ import sys
 import time
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sattrack.core.process import signals_here
@@ -118,6 +119,29 @@ def this_command() -> str:
 def this_user() -> int:
     """Return the number of the user who runs this; -1 on Windows, where users have none."""
     return -1 if sys.platform == "win32" else os.getuid()
+
+
+def user_of(pid: int) -> int | None:
+    """Return the user whose process it is; None where there is none. Linux."""
+    try:
+        return Path(f"/proc/{pid}").stat().st_uid
+    except OSError:
+        return None
+
+
+def user_name(user: int) -> str:
+    """Return a user's name, or the number where it has none. Linux and macOS."""
+    import pwd
+
+    try:
+        return pwd.getpwuid(user).pw_name
+    except KeyError:
+        return str(user)
+
+
+def is_trusted(user: int) -> bool:
+    """Return whether a user is this one or root: what any other says may be meant to harm."""
+    return user in (0, this_user())
 
 
 def utc_now() -> str:

@@ -29,7 +29,15 @@ import msgspec
 from sattrack.core.channel import Channel, start_process, taken_names
 from sattrack.core.errors import NO_JSON, SattrackError
 from sattrack.runtime.callers import Bucket
-from sattrack.runtime.system import outlive, peer_of, this_command, this_user, utc_now
+from sattrack.runtime.system import (
+    is_trusted,
+    outlive,
+    peer_of,
+    this_command,
+    this_user,
+    user_of,
+    utc_now,
+)
 from sattrack.views.picture import (
     LEAST_SIDE,
     MOST_PICTURE_BYTES,
@@ -369,6 +377,15 @@ def name_for(pid: int) -> str:
     return f"\0{PREFIX}{pid}"
 
 
+def is_run_of(connection: socket.socket, pid: int) -> bool:
+    """Return whether a connection leads to what a process of this user's serves: anybody may take its name.
+
+    Root looks at the runs of all.
+    """
+    _, user = peer_of(connection)
+    return user_of(pid) in (user, None) and (is_trusted(user) or this_user() == 0)
+
+
 def feeders() -> list[int]:
     """Return the processes on this machine whose runs can be looked at, as the kernel lists their names."""
     return sorted(int(name) for name in taken_names(PREFIX) if name.isdecimal())
@@ -523,6 +540,9 @@ class RunViews:
         try:
             connection.connect(name_for(self._pid))
         except OSError:
+            connection.close()
+            return
+        if not is_run_of(connection, self._pid):
             connection.close()
             return
         self._channel = Channel(connection.detach(), longest=LONGEST_VIEW)

@@ -24,16 +24,16 @@ import msgspec
 
 from sattrack.core import local_time
 from sattrack.core.errors import SattrackError
-from sattrack.core.files import lock_file, user_folder
+from sattrack.core.files import lock_file, open_regular, user_folder
 from sattrack.core.process import signals_here
-from sattrack.runtime.system import handling, this_command, this_user, utc_now
+from sattrack.runtime.system import handling, this_command, this_user, user_of, utc_now
 from tle.instants import Utc
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
 STOP_NAME, LOCK_NAME, PID_CELLS = "stop.json", "lock", 12
-LONGEST_BY = 200
+LONGEST_BY, LONGEST_RECORD = 200, 16384
 MOMENT_S, WRITTEN_WITHIN_S, ENDS_WITHIN_S = 0.5, 5.0, 15.0
 LOOK_AGAIN_S = 0.1
 
@@ -43,7 +43,7 @@ def locked(folder: Path) -> Iterator[None]:
     """Be the only runner of a folder. Raises SattrackError, naming the other's process, where one is."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        file = os.fdopen(os.open(folder / LOCK_NAME, os.O_RDWR | os.O_CREAT, 0o644), "rb+", buffering=0)
+        file = os.fdopen(os.open(folder / LOCK_NAME, os.O_RDWR | os.O_CREAT, 0o600), "rb+", buffering=0)
     except OSError as error:
         raise SattrackError(f"cannot keep the journal in {folder}: {error.strerror}") from None
     with file:
@@ -61,17 +61,22 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def holder(folder: Path) -> int | None:
-    """Return the process number of the runner of a folder; None where none runs."""
+    """Return the process number of the runner of a folder; None where none runs.
+
+    A number counts only where the process is one of the user's who has written it: it may be signalled.
+    """
     if sys.platform == "win32":
         return None
     import fcntl
 
     try:
-        with (folder / LOCK_NAME).open("r", encoding="ascii") as file:
+        with open_regular(folder / LOCK_NAME) as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
             except OSError:
-                return int(file.read(20))
+                pid = int(file.read(PID_CELLS))
+                user = user_of(pid)
+                return pid if pid > 1 and user in (None, os.fstat(file.fileno()).st_uid) else None
     except (OSError, ValueError):
         pass
     return None
@@ -124,7 +129,8 @@ def stop_of(folder: Path) -> OperatorStop | None:
         # Nobody can tell: no reason to move anything.
         return OperatorStop()
     try:
-        return msgspec.json.decode((folder / STOP_NAME).read_bytes(), type=OperatorStop)
+        with open_regular(folder / STOP_NAME) as file:
+            return msgspec.json.decode(file.read(LONGEST_RECORD), type=OperatorStop)
     except (OSError, msgspec.MsgspecError, ValueError):
         return OperatorStop(Utc(made_s).isoformat("seconds"))
 
@@ -288,9 +294,10 @@ def listed_nights() -> list[ListedRun]:
 def _listed(record: Path) -> ListedRun | None:
     """Return the run of a record; None where it is none, or its folder is gone or somebody else's."""
     try:
-        night = msgspec.json.decode(record.read_bytes(), type=ListedRun)
-        owner = Path(night.folder).stat().st_uid
-        return night if owner in (record.stat().st_uid, this_user()) else None
+        with open_regular(record) as file:
+            night = msgspec.json.decode(file.read(LONGEST_RECORD), type=ListedRun)
+            writer = os.fstat(file.fileno()).st_uid
+        return night if Path(night.folder).stat().st_uid in (writer, this_user()) else None
     except (OSError, ValueError, msgspec.MsgspecError):
         return None
 

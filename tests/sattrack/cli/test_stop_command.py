@@ -220,6 +220,8 @@ def test_the_only_mount_the_only_real_one_and_all_of_them_are_stopped_at_once(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr(stop_module, "owners", lambda: list(sessions))
+    by_name = {session.mount: session for session in sessions}
+    monkeypatch.setattr(stop_module, "owner_of", by_name.get)
     assert run(["stop", *options]) == 0
     assert sorted(stopped) == sorted(each.mount for each in expected)
     out, err = capsys.readouterr()
