@@ -38,7 +38,7 @@ from sattrack.safety.watch import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from sattrack.mount.model import Stance
     from sattrack.safety.limits import SafetyLimits
@@ -351,8 +351,7 @@ class Safety:
         self.clamping = clipped != wish
         room = self._room(utc_s)
         wanted = within(clipped[0], room[0]), within(clipped[1], room[1])
-        oldest_s = spots[0].age_s if len(spots) == 1 else max([spot.age_s for spot in spots])
-        now = self._in_force(oldest_s, utc_s)
+        now = self._in_force(oldest_s(spots), utc_s)
         judged = wanted if self._holds else self._as_fast_as_seen(wanted)
         name = self.holding = self._ahead.outlook(spots, now).limit(judged)
         if name is None:
@@ -375,7 +374,7 @@ class Safety:
                 if kept is None:
                     kept = self._held((clipped, room), (spots, now), outlook.limit, outside is not None)
                     self._held_since = None if utc_s is None else (utc_s, kept)
-                unheeded = self._unheeded(kept, outlook.limit, utc_s)
+                unheeded = self._unheeded(kept, outlook.limit, (spots, nears), utc_s)
                 if unheeded is not None:
                     return self._trip(unheeded)
                 wanted = kept
@@ -414,21 +413,33 @@ class Safety:
         fresh = 0.0 <= utc_s - since_s < HELD_ANEW_S
         return rates if fresh and ahead(rates) is None else None
 
-    def _unheeded(self, held: Rates, ahead: Callable[[Rates], str | None], utc_s: float | None) -> str | None:
+    def _unheeded(
+        self,
+        held: Rates,
+        ahead: Callable[[Rates], str | None],
+        stand: tuple[Sequence[Spot], Sequence[Mapping[str, float]]],
+        utc_s: float | None,
+    ) -> str | None:
         """Return the limit that is `ahead` of axes that are to rest, on a mount that does not heed its edges.
 
         What arrives out of its order can hide an edge, and rates that stay the same get no other one. Rest is
-        asked for the longest fault too soon: only a mount that goes on comes so near. The Sun and the Moon
-        come near by themselves.
+        asked for the longest fault too soon: only a mount that goes on comes so near, or is seen to move when
+        it must have obeyed. The Sun and the Moon come near by themselves.
         """
-        by_edges = self._profile.move_axis == "edge"
-        limit = ahead(REST) if by_edges and held == REST and utc_s is not None else None
+        limit = None
+        if utc_s is not None and held == REST and self._profile.move_axis == "edge":
+            limit, then_s = ahead(REST), utc_s
+            if limit is None:
+                limit, then_s = (
+                    self._ahead.going_on(stand[0], self._moving(), stand[1]),
+                    utc_s - oldest_s(stand[0]),
+                )
         if utc_s is None or limit is None or limit in CONES:
             self._rests_since_s = None
             return None
         if self._rests_since_s is None:
             self._rests_since_s = utc_s
-        return limit if utc_s - self._rests_since_s > self._ahead.latency_s else None
+        return limit if then_s - self._rests_since_s > self._ahead.latency_s else None
 
     def _held(
         self,
@@ -574,6 +585,11 @@ def spots_of(place: Place, former: Former | None, age_s: float) -> list[Spot]:
     if former is not None:
         spots.append(Spot(former.place, age_s + former.older_s))
     return spots
+
+
+def oldest_s(spots: Sequence[Spot]) -> float:
+    """Return the age of the oldest status by which the axes may be somewhere, seconds."""
+    return spots[0].age_s if len(spots) == 1 else max([spot.age_s for spot in spots])
 
 
 Rates = tuple[float, float]

@@ -232,6 +232,26 @@ def test_a_mount_by_edges_that_goes_on_though_it_is_to_rest_is_stopped_before_it
     assert ends == pytest.approx(ends_deg, abs=0.001)
 
 
+@pytest.mark.parametrize("seen_deg_s", [0.02, 0.04, 0.1, 0.3])
+def test_a_mount_by_edges_that_creeps_on_though_it_is_to_rest_is_stopped_when_it_must_have_obeyed(
+    seen_deg_s: float,
+) -> None:
+    """It is to rest long before its limit, and is not there yet."""
+    safety, dec_deg = gate(True, replace(PROFILE, move_axis="edge"), fault_s=1.0), -49.0
+    rests_s = None
+    while safety.tripped is None:
+        utc_s = T0 + (-49.0 - dec_deg) / seen_deg_s
+        sidereal_deg = SIDEREAL_DEG + (utc_s - T0) * S
+        safety.watch(Seen(utc_s, sidereal_deg, sidereal_deg, dec_deg), MoveAxes(S, -seen_deg_s))
+        cleared = safety.clear(MoveAxes(S, -1.0), sidereal_deg, sidereal_deg, dec_deg, 0.0, utc_s).motion
+        rests_s = rests_s or (utc_s if cleared == MoveAxes(S, 0.0) else None)
+        dec_deg -= 0.05 * seen_deg_s
+    assert safety.tripped == "declination"
+    assert rests_s is not None
+    assert utc_s - rests_s > 0.5
+    assert dec_deg > -49.92
+
+
 @pytest.mark.parametrize("back_s", [0.4, 0.6])
 def test_our_clock_may_go_back_by_half_a_second(back_s: float) -> None:
     safety = gate()
