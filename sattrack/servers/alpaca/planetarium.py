@@ -1,7 +1,8 @@
 """Planetarium programs' connections, beside Alpaca's: INDI, LX200 on TCP or a serial line, Stellarium's own.
 
 A client's commands are carried out one after another, but a stop does not wait for those before it: it drops
-those that could move the mount and have not begun. Motions that a client's keys have begun end with it.
+those that could move the mount and have not begun. A client that is too far ahead is disconnected; until then
+only its stops are obeyed. Motions that a client's keys have begun end with it.
 """
 
 from __future__ import annotations
@@ -9,12 +10,15 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import sys
 import time
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeVar
+from functools import partial
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from xml.etree.ElementTree import Element, tostring
 
 from sattrack.mount.requests import Abort
-from sattrack.runtime.callers import READ_BYTES, Bucket
+from sattrack.runtime.callers import MOST_WAITING_BYTES, READ_BYTES, Bucket
 from sattrack.servers.alpaca.indi import (
     ABORT,
     MOVERS,
@@ -28,7 +32,6 @@ from sattrack.servers.alpaca.protocol import Fault
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Coroutine
-    from xml.etree.ElementTree import Element
 
     from sattrack.core.clock import Clock
     from sattrack.servers.alpaca.connections import ClientConnection, FeederLine, OpenConnections
@@ -44,6 +47,8 @@ FINISH_WITHIN_S = 10.0
 """What a client has sent before it left is carried out within this time, or not at all."""
 EVERY_S = 0.2
 """So often clients hear where the telescope points, without asking."""
+MOST_STOPS = 8
+"""Stops of one client that may be unanswered at once; one more is then sent for all that came meanwhile."""
 Item = TypeVar("Item")
 
 
@@ -87,7 +92,7 @@ class Planetariums:
         connection = self.connections.by_transport.get(writer.transport)
         commands = CommandReader(noisy=is_serial)
         client = Lx200Client(self.telescope, self._number(), gives_reasons=is_serial)
-        waiting: asyncio.Queue[str] = asyncio.Queue()
+        waiting, stops = _Waiting[str](), _Stops(self._beside)
         worker = self._beside(self._obey(client, waiting, writer, connection))
         try:
             while not worker.done() and (data := await reader.read(READ_BYTES)):
@@ -99,9 +104,10 @@ class Planetariums:
                 for command in found:
                     if command == STOP:
                         _note_whole(connection)
-                        self._stop(client, waiting)
-                    else:
-                        waiting.put_nowait(command)
+                        _drop(waiting, lambda one: one.startswith(LX200_MOVERS))
+                        stops.stop(partial(self._stop, client))
+                    elif waiting.overruns(command):
+                        self._beside(self._hold_off("an LX200 client", waiting, worker, connection))
             await _finish(waiting, worker)
         except ConnectionError:
             pass
@@ -139,7 +145,7 @@ class Planetariums:
         connection = self.connections.by_transport.get(writer.transport)
         device = self._indi = self._indi or ServedIndiDevice(self.telescope, self._number())
         caller, messages, view = self._number(), MessageReader(), ClientView(device)
-        waiting: asyncio.Queue[Element] = asyncio.Queue()
+        waiting, stops = _Waiting[Element](), _Stops(self._beside)
         aside = [
             self._beside(self._obey_indi(device, view, caller, waiting, writer, connection)),
             self._beside(self._tell_changes(view, writer, connection)),
@@ -155,9 +161,9 @@ class Planetariums:
                     if message.get("name") == ABORT:
                         _note_whole(connection)
                         _drop(waiting, lambda one: one.get("name") in MOVERS)
-                        self._beside(self._take(device, message, caller))
-                    else:
-                        waiting.put_nowait(message)
+                        stops.stop(partial(self._take, device, message, caller))
+                    elif waiting.overruns(message):
+                        self._beside(self._hold_off("an INDI client", waiting, aside[0], connection))
             await _finish(waiting, aside[0])
         except ConnectionError:
             pass
@@ -172,14 +178,13 @@ class Planetariums:
         device: ServedIndiDevice,
         view: ClientView,
         caller: int,
-        waiting: asyncio.Queue[Element],
+        waiting: _Waiting[Element],
         writer: asyncio.StreamWriter,
         connection: ClientConnection | None,
     ) -> None:
         pace = _Pace(self.requests_per_s)
         while True:
             message = await waiting.get()
-            await pace.keep()
             if connection is not None:
                 connection.begins()
             try:
@@ -191,6 +196,9 @@ class Planetariums:
                 waiting.task_done()
                 if connection is not None:
                     connection.ends()
+            await writer.drain()
+            # Before the next is taken: one that waits here would not be dropped by a stop.
+            await pace.keep()
 
     async def _take(self, device: ServedIndiDevice, message: Element, caller: int) -> None:
         name = message.get("name", "")
@@ -230,7 +238,7 @@ class Planetariums:
     async def _obey(
         self,
         client: Lx200Client,
-        waiting: asyncio.Queue[str],
+        waiting: _Waiting[str],
         writer: asyncio.StreamWriter,
         connection: ClientConnection | None,
     ) -> None:
@@ -238,7 +246,6 @@ class Planetariums:
         pace = _Pace(self.requests_per_s)
         while True:
             command = await waiting.get()
-            await pace.keep()
             if connection is not None:
                 connection.begins()
             try:
@@ -248,6 +255,8 @@ class Planetariums:
                 if connection is not None:
                     connection.ends()
             await writer.drain()
+            # Before the next is taken: one that waits here would not be dropped by a stop.
+            await pace.keep()
 
     async def _answer(self, client: Lx200Client, command: str) -> bytes:
         try:
@@ -266,15 +275,31 @@ class Planetariums:
             return asked.refused(fault.message)
         return asked.done
 
-    def _stop(self, client: Lx200Client, waiting: asyncio.Queue[str]) -> None:
-        """Stop at once; what was to move the mount and has not begun is dropped."""
-        _drop(waiting, lambda command: command.startswith(LX200_MOVERS))
+    async def _stop(self, client: Lx200Client) -> None:
         try:
             answer = client.answer(STOP, self._now_s())
         except Fault:
             answer = Asked((Abort(),))
         if isinstance(answer, Asked):
-            self._beside(self._carry_out(answer))
+            await self._carry_out(answer)
+
+    async def _hold_off(
+        self,
+        who: str,
+        waiting: _Waiting[Item],
+        worker: asyncio.Task[object],
+        connection: ClientConnection | None,
+    ) -> None:
+        """Carry out what waits of a client that is too far ahead, then disconnect it.
+
+        Its stops are obeyed meanwhile. A serial line stays, and its next commands are obeyed again.
+        """
+        self.channel.log(f"{who} sent too much ahead of its answers: only its stops are obeyed")
+        await _finish(waiting, worker)
+        if connection is None:
+            waiting.overrun = False
+        else:
+            connection.hang_up()
 
     def _beside(self, work: Coroutine[Any, Any, object]) -> asyncio.Task[object]:
         """Do something beside what a connection waits for; what breaks there is logged."""
@@ -345,6 +370,71 @@ class _Pace:
             await asyncio.sleep(-self._bucket.left / self._rate)
 
 
+class _Waiting(asyncio.Queue[Item], Generic[Item]):
+    """What a client has sent and has not begun: so many bytes of memory at most."""
+
+    overrun = False
+    """Whether there was more, which is dropped."""
+
+    def _init(self, maxsize: int) -> None:
+        super()._init(maxsize)
+        self._bytes = 0
+
+    def _put(self, item: Item) -> None:
+        super()._put(item)
+        self._bytes += _size_bytes(item)
+
+    def _get(self) -> Item:
+        item: Item = super()._get()
+        self._bytes -= _size_bytes(item)
+        return item
+
+    def overruns(self, item: Item) -> bool:
+        """Have a command wait, where there is room; return whether it is the first for which there is none.
+
+        One alone always may wait, however long the reader of the protocol lets it be.
+        """
+        if self.overrun:
+            return False
+        self.overrun = not self.empty() and self._bytes + _size_bytes(item) > MOST_WAITING_BYTES
+        if not self.overrun:
+            self.put_nowait(item)
+        return self.overrun
+
+
+def _size_bytes(item: object) -> int:
+    """Return about how much memory a command takes."""
+    if isinstance(item, Element):
+        return len(tostring(item)) + sum(sys.getsizeof(one) for one in item.iter())
+    return sys.getsizeof(item)
+
+
+@dataclass(slots=True)
+class _Stops:
+    """A client's stops. Each goes out at once; a flood of them does not."""
+
+    beside: Callable[[Coroutine[Any, Any, object]], object]
+    _unanswered: int = 0
+    _owed: Callable[[], Coroutine[Any, Any, object]] | None = None
+
+    def stop(self, carry_out: Callable[[], Coroutine[Any, Any, object]]) -> None:
+        """Carry out a stop beside all else: now, or once an earlier one of many is answered."""
+        if self._unanswered >= MOST_STOPS:
+            self._owed = carry_out
+            return
+        self._unanswered += 1
+        self.beside(self._carry_out(carry_out))
+
+    async def _carry_out(self, carry_out: Callable[[], Coroutine[Any, Any, object]]) -> None:
+        try:
+            await carry_out()
+        finally:
+            self._unanswered -= 1
+            owed, self._owed = self._owed, None
+            if owed is not None:
+                self.stop(owed)
+
+
 def _note_whole(connection: ClientConnection | None) -> None:
     """Note that a request was whole: what has come of it is no reason to hang up later."""
     if connection is not None:
@@ -352,7 +442,7 @@ def _note_whole(connection: ClientConnection | None) -> None:
         connection.ends()
 
 
-def _drop(waiting: asyncio.Queue[Item], dropped: Callable[[Item], bool]) -> None:
+def _drop(waiting: _Waiting[Item], dropped: Callable[[Item], bool]) -> None:
     """Take some items out of a queue."""
     for _ in range(waiting.qsize()):
         item = waiting.get_nowait()

@@ -9,6 +9,7 @@ import select
 import socket
 import struct
 import time
+import tracemalloc
 from contextlib import ExitStack
 from datetime import UTC, datetime
 from pathlib import Path
@@ -21,11 +22,11 @@ from indi_programs import Indi, indi_server
 from programs import free_port
 from serving import PATIENCE_S, serial_line, serving_program
 
-from sattrack.core.clock import SystemClock
+from sattrack.core.clock import SimulatedClock
 from sattrack.mount.model import MountProfile, Slew
 from sattrack.mount.requests import Abort
 from sattrack.runtime.callers import CallerLimits
-from sattrack.servers.alpaca import indi
+from sattrack.servers.alpaca import indi, planetarium
 from sattrack.servers.alpaca.connections import ClientConnection, OpenConnections
 from sattrack.servers.alpaca.lx200 import Asked, CommandReader, Lx200Client
 from sattrack.servers.alpaca.planetarium import Planetariums
@@ -573,40 +574,94 @@ def test_keys_of_an_indi_client_end_with_it_and_with_nobody_else() -> None:
     assert device.left(7).orders == (MoveOrder(0, 0.0),)
 
 
-def test_a_client_that_only_ever_stops_is_not_taken_for_one_that_sends_half_requests() -> None:
-    async def stopped_once() -> bool:
-        connections = OpenConnections(CallerLimits(4, 300.0, 100.0, None))
-        reader, line = asyncio.StreamReader(), cast("FeederLine", SilentFeeder())
-        planetariums = Planetariums(
-            client_of().telescope, line, connections, SystemClock(), 100.0, cast("Any", None)
-        )
-        connection = ClientConnection(connections, lambda: Serving(reader))
-        transport = Transport()
-        connection.connection_made(transport)
-        connection.data_received(b":Q#")
-        serving = asyncio.ensure_future(planetariums.lx200(reader, cast("Any", Writer(transport))))
-        await asyncio.wait_for(line.stopped.wait(), PATIENCE_S)  # type: ignore[attr-defined]
-        later_s = asyncio.get_running_loop().time() + 60.0
-        overdue = connection.overdue(later_s, 300.0)
-        reader.feed_eof()
-        await serving
-        return overdue
-
-    assert asyncio.run(stopped_once()) is False
-
-
-class SilentFeeder:
-    """In place of the line to the feeding process: takes orders, and notes a stop."""
+class Feeder:
+    """In place of the line to the feeding process: keeps orders, and answers them while it does not hang."""
 
     def __init__(self) -> None:
-        self.stopped = asyncio.Event()
+        self.orders: list[object] = []
+        self.answers = asyncio.Event()
+        self.answers.set()
+        self.lines: list[str] = []
+
+    @property
+    def stops(self) -> int:
+        return sum(isinstance(order, Abort) for order in self.orders)
 
     async def order(self, order: object, waits: bool = False) -> None:
-        if isinstance(order, Abort):
-            self.stopped.set()
+        self.orders.append(order)
+        await self.answers.wait()
 
     def log(self, text: str) -> None:
-        raise AssertionError(text)
+        self.lines.append(text)
+
+
+class Transport(asyncio.Transport):
+    def __init__(self) -> None:
+        super().__init__()
+        self.aborted = asyncio.Event()
+
+    def get_extra_info(self, name: str, default: object = None) -> object:
+        return ("127.0.0.1", 4030) if name == "peername" else default
+
+    def abort(self) -> None:
+        self.aborted.set()
+
+
+class Writer:
+    """Takes what is written, and waits for ever where the client does not read."""
+
+    def __init__(self, transport: Transport, *, is_read: bool) -> None:
+        self.transport, self._is_read, self.written_bytes = transport, is_read, 0
+
+    def write(self, data: bytes) -> None:
+        self.written_bytes += len(data)
+
+    async def drain(self) -> None:
+        if not self._is_read:
+            await asyncio.Event().wait()
+
+    def close(self) -> None:
+        pass
+
+
+class Client:
+    """A client of one protocol before a server without a port."""
+
+    def __init__(
+        self, protocol: str, *, reads: bool = True, requests_per_s: float = 100.0, **served: bool
+    ) -> None:
+        self.feeder, self.transport = Feeder(), Transport()
+        self._reader = asyncio.StreamReader()
+        connections = OpenConnections(CallerLimits(4, 300.0, 100.0, None))
+        planetariums = Planetariums(
+            client_of().telescope,
+            cast("FeederLine", self.feeder),
+            connections,
+            SimulatedClock(NOW_S, time.monotonic()),
+            requests_per_s,
+            cast("Any", None),
+        )
+        self.connection = ClientConnection(connections, lambda: Serving(self._reader))
+        self.connection.connection_made(self.transport)
+        # A serial line is no connection that can be hung up on.
+        self.writer = Writer(Transport() if served else self.transport, is_read=reads)
+        serve = getattr(planetariums, protocol)
+        self._serving = asyncio.ensure_future(serve(self._reader, self.writer, **served))
+
+    async def send(self, data: bytes) -> None:
+        """Send bytes, and have them read."""
+        for start in range(0, len(data), 65536):
+            self.connection.data_received(data[start : start + 65536])
+            await self.until(lambda: not self._reader._buffer)  # type: ignore[attr-defined]
+
+    async def until(self, what: Callable[[], bool]) -> None:
+        async with asyncio.timeout(PATIENCE_S):
+            while not what():
+                await asyncio.sleep(0)
+
+    async def leave(self) -> None:
+        self._reader.feed_eof()
+        await asyncio.wait_for(self._serving, PATIENCE_S)
 
 
 class Serving(asyncio.Protocol):
@@ -617,20 +672,89 @@ class Serving(asyncio.Protocol):
         self._reader.feed_data(data)
 
 
-class Transport(asyncio.Transport):
-    def get_extra_info(self, name: str, default: object = None) -> object:
-        return ("127.0.0.1", 4030) if name == "peername" else default
+STOPS = {"lx200": b":Q#", "indi": ElementTree.tostring(message("Switch", indi.ABORT, ABORT="On"))}
+QUESTIONS = {"lx200": b":GR#", "indi": b'<getProperties version="1.7"/>'}
+SERVED = pytest.mark.parametrize("protocol", list(STOPS))
 
 
-class Writer:
-    def __init__(self, transport: Transport) -> None:
-        self.transport = transport
+def test_a_client_that_only_ever_stops_is_not_taken_for_one_that_sends_half_requests() -> None:
+    async def stopped_once() -> bool:
+        client = Client("lx200")
+        await client.send(b":Q#")
+        await client.until(lambda: client.feeder.stops == 1)
+        overdue = client.connection.overdue(asyncio.get_running_loop().time() + 60.0, 300.0)
+        await client.leave()
+        return overdue
 
-    def write(self, data: bytes) -> None:
-        pass
+    assert asyncio.run(stopped_once()) is False
 
-    async def drain(self) -> None:
-        pass
 
-    def close(self) -> None:
-        pass
+@SERVED
+def test_who_sends_and_never_reads_fills_no_memory_and_is_hung_up_on_but_may_stop(
+    protocol: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(planetarium, "FINISH_WITHIN_S", 0.0)
+
+    async def flooded() -> None:
+        client = Client(protocol, reads=False)
+        question = QUESTIONS[protocol]
+        await client.send(question)
+        await client.until(lambda: client.writer.written_bytes > 0)
+        tracemalloc.start()
+        await client.send(question * (2**20 // len(question)))
+        _, most_bytes = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert most_bytes < 2**22
+        await client.send(STOPS[protocol])
+        await client.until(lambda: client.feeder.stops == 1)
+        await asyncio.wait_for(client.transport.aborted.wait(), PATIENCE_S)
+        assert [line for line in client.feeder.lines if "too much ahead of its answers" in line]
+        assert len(client.feeder.lines) == 1
+        await client.leave()
+
+    asyncio.run(flooded())
+
+
+@SERVED
+def test_a_flood_of_stops_makes_few_orders_and_the_last_is_obeyed_too(protocol: str) -> None:
+    async def flooded() -> None:
+        client = Client(protocol)
+        client.feeder.answers.clear()
+        await client.send(STOPS[protocol] * 5000)
+        await client.until(lambda: client.feeder.stops == planetarium.MOST_STOPS)
+        assert len(asyncio.all_tasks()) < 2 * planetarium.MOST_STOPS
+        client.feeder.answers.set()
+        await client.until(lambda: client.feeder.stops > planetarium.MOST_STOPS)
+        await client.leave()
+        assert client.feeder.stops == planetarium.MOST_STOPS + 1
+
+    asyncio.run(flooded())
+
+
+def test_no_motion_that_waits_for_its_clients_pace_begins_after_a_stop() -> None:
+    async def moved_after() -> list[object]:
+        client = Client("lx200", requests_per_s=2.0)
+        await client.send(b":Mn#:Mw#:Me#")
+        await client.until(lambda: bool(client.feeder.orders))
+        await client.send(b":Q#")
+        await client.until(lambda: client.feeder.stops == 1)
+        after = len(client.feeder.orders)
+        await client.leave()
+        return client.feeder.orders[after:]
+
+    assert not [one for one in asyncio.run(moved_after()) if isinstance(one, MoveOrder) and one.rate_deg_s]
+
+
+def test_a_serial_line_is_obeyed_again_after_too_much_at_once() -> None:
+    async def flooded() -> None:
+        client = Client("lx200", requests_per_s=1e6, is_serial=True)
+        client.feeder.answers.clear()
+        await client.send(b":Mn#" + b":GR#" * 5000)
+        await client.until(lambda: bool(client.feeder.lines))
+        client.feeder.answers.set()
+        async with asyncio.timeout(PATIENCE_S):
+            while len(client.feeder.orders) < 2:
+                await client.send(b":Mw#")
+        await client.leave()
+
+    asyncio.run(flooded())
