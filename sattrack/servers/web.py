@@ -14,6 +14,7 @@ import shlex
 import signal
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,6 +26,8 @@ from textual_serve.app_service import AppService
 from textual_serve.server import Server
 
 from sattrack.core.errors import SattrackError
+from sattrack.runtime.callers import CallerLimits
+from sattrack.servers.alpaca.connections import ClientConnection, OpenConnections
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -38,12 +41,16 @@ LOOPBACK = frozenset({"127.0.0.1", "::1", "localhost"})
 WILDCARDS = frozenset({"0.0.0.0", "::", ""})
 """All of the machine's addresses."""
 TOKEN_BYTES = 18
+LIMITS = CallerLimits()
+"""How many connections there may be, and from one address, and how long each may be silent."""
 MOST_VISITORS = 8
 """Each has a process of its own."""
 FONT_SIZES = range(8, 41)
 USUAL_FONT_SIZE = 16
 LOOK_AGAIN_S = 3
 HEARTBEAT_S = 15.0
+ANSWER_WITHIN_S = 1.0
+"""How long requests that are being answered may take yet when the page ends."""
 LEAVE_WITHIN_S = 2.0
 """How long a visitor's screen may take to end after each request, before a harder one follows."""
 READ_WITHIN_S = 10.0
@@ -213,6 +220,7 @@ class RunServer(Server):
     def __init__(self, visit: Visit, runs: Callable[[], Mapping[int, str]]) -> None:
         super().__init__(shlex.join(visit.command), visit.host, visit.port, title="sattrack")
         self._visit, self._runs = visit, runs
+        self.connections = OpenConnections(LIMITS)
         self._visitors = 0
         self._screens: set[VisitorScreen] = set()
 
@@ -241,6 +249,17 @@ class RunServer(Server):
         await asyncio.gather(*(screen.stop() for screen in tuple(self._screens)))
 
     async def _let_in(self, request: web.Request, go_on: Handler) -> web.StreamResponse:
+        transport = request.transport
+        connection = None if transport is None else self.connections.by_transport.get(transport)
+        if connection is None:
+            return web.Response(status=503)
+        connection.begins()
+        try:
+            return await self._answer(request, go_on)
+        finally:
+            connection.ends()
+
+    async def _answer(self, request: web.Request, go_on: Handler) -> web.StreamResponse:
         origin = request.headers.get("Origin")
         why = self._visit.refusal(request.host, origin, request.query, request.cookies)
         if why is not None:
@@ -336,21 +355,29 @@ def serve(
 async def _serve(
     visit: Visit, runs: Callable[[], Mapping[int, str]], tell: Callable[[tuple[str, ...]], None]
 ) -> None:
-    runner = web.AppRunner(RunServer(visit, runs).application(), access_log=None)
+    run_server = RunServer(visit, runs)
+    runner = web.AppRunner(run_server.application(), access_log=None, shutdown_timeout=ANSWER_WITHIN_S)
     await runner.setup()
+    assert runner.server is not None
+    connections = run_server.connections
+    make_connection = partial(ClientConnection, connections, runner.server)
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         loop.add_signal_handler(number, ended.set)
+    tending = loop.create_task(connections.keep_tending())
     try:
-        site = web.TCPSite(runner, visit.host, visit.port, shutdown_timeout=1.0)
         try:
-            await site.start()
+            server = await loop.create_server(make_connection, visit.host, visit.port)
         except OSError as error:
             raise SattrackError(
                 f"cannot listen on {visit.host} port {visit.port}: {error.strerror}"
             ) from None
-        tell(visit.urls(runner.addresses[0][1], machine_addresses()))
-        await ended.wait()
+        try:
+            tell(visit.urls(server.sockets[0].getsockname()[1], machine_addresses()))
+            await ended.wait()
+        finally:
+            server.close()
     finally:
+        tending.cancel()
         await runner.cleanup()

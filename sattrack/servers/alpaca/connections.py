@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 REQUEST_WITHIN_S = 10.0
 """A request that has begun must be there as a whole within this time."""
+TEND_EVERY_S = 1.0
 MOST_WAITING = 64
 """Orders that may wait for their end; a stop is never too many."""
 ANSWER_WITHIN_S = 8.0
@@ -64,6 +65,12 @@ class OpenConnections:
             if connection.overdue(now_s, self.limits.idle_s):
                 self.cut += 1
                 connection.hang_up()
+
+    async def keep_tending(self) -> None:
+        """Tend them for ever."""
+        while True:
+            await asyncio.sleep(TEND_EVERY_S)
+            self.tend(asyncio.get_running_loop().time())
 
 
 class ClientConnection(asyncio.Protocol):

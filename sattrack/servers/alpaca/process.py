@@ -28,6 +28,7 @@ from sattrack.core.clock import SimulatedClock, SystemClock
 from sattrack.runtime.callers import Bucket, HostNames
 from sattrack.servers.alpaca.connections import (
     REQUEST_WITHIN_S,
+    TEND_EVERY_S,
     ClientConnection,
     FeederLine,
     OpenConnections,
@@ -57,7 +58,6 @@ PREPARE_AFTER_S = 0.5
 BUSY = "passes are being computed for somebody else: ask again in a moment"
 MOST_BODY_BYTES = 16384
 MOST_LINE_BYTES = 8190
-TEND_EVERY_S = 1.0
 BACKLOG = 256
 DISCOVERY_REQUEST = b"alpacadiscovery1"
 LONGEST_DISCOVERY = 1024

@@ -2,9 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
+from typing import TYPE_CHECKING
+
 import pytest
 
+from sattrack.runtime.callers import CallerLimits
+from sattrack.servers import web
+from sattrack.servers.alpaca import connections
 from sattrack.servers.web import Visit, addresses_in, needs_token, new_token
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+
+PATIENCE_S = 60.0
 
 TOKEN = "correct-horse-battery"
 HERE = Visit("127.0.0.1", 8137, None, ("sattrack",))
@@ -93,3 +104,57 @@ def test_the_addresses_that_are_shown_are_those_that_another_computer_can_open()
     assert Visit("::", 0, None, ()).urls(81, machine)[2] == "http://[2001:db8::7]:81/"
     assert HERE.urls(8137, machine) == ("http://127.0.0.1:8137/",)
     assert ABROAD.urls(8137, addresses_in("", "")) == (f"http://127.0.0.1:8137/{query}",)
+
+
+def visited(play: Callable[[int], Awaitable[None]]) -> None:
+    """Play a scene before the page, at its port."""
+
+    async def scene() -> None:
+        told: asyncio.Future[tuple[str, ...]] = asyncio.get_running_loop().create_future()
+        page = asyncio.ensure_future(web._serve(Visit("127.0.0.1", 0, None, ()), dict, told.set_result))
+        try:
+            async with asyncio.timeout(PATIENCE_S):
+                await play(int((await told)[0].rstrip("/").rpartition(":")[2]))
+        finally:
+            page.cancel()
+            await asyncio.wait((page,))
+
+    asyncio.run(scene())
+
+
+async def whole_answer(reader: asyncio.StreamReader) -> bytes:
+    """Read until the page hangs up."""
+    try:
+        return await reader.read()
+    except ConnectionError:
+        return b""
+
+
+def test_one_address_has_its_share_of_connections_and_silent_ones_give_way(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(web, "LIMITS", CallerLimits(callers=3))
+
+    async def play(port: int) -> None:
+        lines = [await asyncio.open_connection("127.0.0.1", port) for _ in range(4)]
+        assert await whole_answer(lines[0][0]) == b""
+        lines[3][1].write(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n")
+        assert (await whole_answer(lines[3][0])).startswith(b"HTTP/1.1 200")
+        for _, writer in lines:
+            writer.close()
+
+    visited(play)
+
+
+@pytest.mark.parametrize("begun", [b"G", b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: "])
+def test_who_leaves_a_request_unfinished_is_hung_up_on(monkeypatch: pytest.MonkeyPatch, begun: bytes) -> None:
+    monkeypatch.setattr(connections, "REQUEST_WITHIN_S", 0.0)
+    monkeypatch.setattr(connections, "TEND_EVERY_S", 0.0)
+
+    async def play(port: int) -> None:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(begun)
+        assert await whole_answer(reader) == b""
+        writer.close()
+
+    visited(play)
