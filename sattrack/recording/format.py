@@ -180,6 +180,10 @@ _END_BYTES = 37
 _BETWEEN_BYTES = 400
 """From one recording's closing magic to the next one's first chunk, and more."""
 LARGEST_CHUNK = 64 * 2**20
+MOST_UNPACKED = 20
+"""All chunks together may have so many times the bytes of the file: a run's have two to six times as many."""
+ALWAYS_UNPACKED_BYTES = 2**20
+"""So much they may have in any case, as little text may pack better than a run does."""
 
 
 class Entry(NamedTuple):
@@ -208,7 +212,13 @@ class Recording:
             raise BadInputError(f"{path}: cannot be read: {error.strerror}") from error
         if not data:
             raise BadInputError(f"{path}: is empty: the run ended before anything was recorded")
-        parts = list(_parts(data, self._note))
+        try:
+            parts = list(_parts(data, self._note))
+        except _TooMuchError:
+            raise BadInputError(
+                f"{path}: unpacks to more than {MOST_UNPACKED} times its {len(data)} bytes, as no run does; "
+                "give one that --record wrote"
+            ) from None
         self.parts = len(parts)
         if not 1 <= part <= max(1, len(parts)):
             there = (
@@ -266,6 +276,10 @@ class Recording:
             f"{self.path}: format {version.format_version}, written by a newer sattrack, "
             f"{version.program_version}; this one reads formats up to {FORMAT_VERSION}"
         )
+
+
+class _TooMuchError(Exception):
+    """A file's chunks have more in them than those of a run."""
 
 
 class _VersionOnly(msgspec.Struct):
@@ -339,6 +353,8 @@ def _in_chunk(chunk: bytes, channels: dict[int, str]) -> Iterator[tuple[int, int
         code, length = _RECORD.unpack_from(chunk, place)
         place += _RECORD.size
         if code == _MESSAGE_CODE:
+            if length < _MESSAGE.size:
+                raise struct.error("a message without its head")
             channel, sequence, log_ns, _ = _MESSAGE.unpack_from(chunk, place)
             yield sequence, channel, log_ns, chunk[place + _MESSAGE.size : place + length]
         elif code == _CHANNEL_CODE:
@@ -349,7 +365,11 @@ def _in_chunk(chunk: bytes, channels: dict[int, str]) -> Iterator[tuple[int, int
 
 
 def _chunks(data: bytes, note: Callable[[str], None]) -> Iterator[tuple[int, bytes]]:
-    """Give place and content of every chunk whose checksum is right; the others are noted."""
+    """Give place and content of every chunk whose checksum is right; the others are noted.
+
+    Raises _TooMuchError.
+    """
+    left = max(ALWAYS_UNPACKED_BYTES, MOST_UNPACKED * len(data))
     mark = data.find(_ZSTD, _BEFORE_ZSTD)
     while mark >= 0:
         at, begin = mark - _BEFORE_ZSTD, mark + len(_ZSTD) + _U64.size
@@ -359,23 +379,27 @@ def _chunks(data: bytes, note: Callable[[str], None]) -> Iterator[tuple[int, byt
         packed = code == _CHUNK_CODE and data[begin : begin + 4] == _ZSTD_FRAME
         is_chunk = packed or stated == length + begin - at - _RECORD.size
         later = data.find(_ZSTD, mark + 1)
-        content = _decompressed(data[begin : begin + length], size) if begin + length <= len(data) else None
+        whole = begin + length <= len(data)
+        content = _decompressed(data[begin : begin + length], size, left) if whole else None
+        left -= 0 if content is None else size
         if is_chunk and content is not None and zlib.crc32(content) == checksum:
             yield at, content
             mark = data.find(_ZSTD, begin + length)
             continue
-        if is_chunk and (later >= 0 or begin + length <= len(data)):
+        if is_chunk and (later >= 0 or whole):
             note(f"damaged at byte {at}: what was recorded there, 0.8 s or so, is lost")
         mark = later
 
 
-def _decompressed(packed: bytes, size: int) -> bytes | None:
-    """Return a chunk's content; None where it has not `size` bytes."""
+def _decompressed(packed: bytes, size: int, left: int) -> bytes | None:
+    """Return a chunk's content; None where it has not `size` bytes. Raises _TooMuchError beyond `left`."""
     import zstandard  # plots need this module, and no chunks
 
     try:
         if size > LARGEST_CHUNK or zstandard.frame_content_size(packed) != size:
             return None
+        if size > left:
+            raise _TooMuchError
         return zstandard.ZstdDecompressor().decompress(packed)
     except zstandard.ZstdError:
         return None

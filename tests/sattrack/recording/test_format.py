@@ -3,15 +3,29 @@
 from __future__ import annotations
 
 import random
+import struct
+import tracemalloc
+import zlib
 from pathlib import Path
 
 import msgspec
 import pytest
-from mcap.writer import Writer
+import zstandard
+from mcap.writer import IndexType, Writer
 
 from sattrack.cli.main import run
 from sattrack.core.errors import BadInputError
-from sattrack.recording.format import CHANNELS, COMMAND, FORMAT_VERSION, GAP, RUN, SUMMARY, Entry, Recording
+from sattrack.recording.format import (
+    CHANNELS,
+    COMMAND,
+    FORMAT_VERSION,
+    GAP,
+    RUN,
+    STATUS,
+    SUMMARY,
+    Entry,
+    Recording,
+)
 from sattrack.recording.recorder import Recorder
 
 ZSTD = b"\x04\x00\x00\x00zstd"
@@ -134,6 +148,39 @@ def test_an_mcap_file_of_another_program_is_refused(tmp_path: Path) -> None:
         writer.finish()
     with pytest.raises(BadInputError, match="of another program, or cut off"):
         Recording(path)
+
+
+@pytest.mark.parametrize("size", [200, 2**19], ids=["small", "large"])
+def test_a_file_that_unpacks_to_much_more_than_it_has_is_refused_before_it_does(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], size: int
+) -> None:
+    path = tmp_path / "bomb.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, chunk_size=2**20, index_types=IndexType.NONE)
+        writer.start("sattrack", "sattrack 99")
+        channel = writer.register_channel(STATUS, "ros1", 0)
+        for _ in range(2**24 // (size + 31)):
+            writer.add_message(channel, 0, bytes(size), 0)
+        writer.finish()
+    tracemalloc.start()
+    code = run(["recording", "info", str(path)])
+    _, most_bytes = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most_bytes < 2**23
+    told = capsys.readouterr().err
+    assert (code, told.count("\n")) == (2, 1)
+    assert f"bomb.mcap: unpacks to more than 20 times its {path.stat().st_size} bytes" in told
+
+
+def test_messages_without_their_heads_are_none(short: Path, tmp_path: Path) -> None:
+    content = struct.pack("<BQ", 5, 0) * 5000
+    packed = zstandard.compress(content)
+    head = struct.pack("<BQQQQI", 6, 40 + len(packed), 0, 0, len(content), zlib.crc32(content))
+    chunk = head + ZSTD + struct.pack("<Q", len(packed)) + packed
+    data = short.read_bytes()
+    recording = read(tmp_path / "short.mcap", data[: -len(data) // 4] + chunk)
+    assert any("no chunk of messages" in words for words in recording.problems)
+    assert is_rest(list(recording.entries()), list(Recording(short).entries()))
 
 
 def write_with_header(path: Path, header: object) -> None:
