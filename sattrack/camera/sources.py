@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import io
+import math
 import os
 import queue
 import re
@@ -12,7 +13,7 @@ import threading
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
 from urllib.parse import unquote
 
 import numpy as np
@@ -39,11 +40,15 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 FITS_SUFFIXES = {".fits", ".fit", ".fts"}
+FITS_BEGINS = b"SIMPLE"
 PNG_SUFFIXES = {".png"}
 POLL_S = 0.1
 READ_WITHIN_S = 20.0
 FORMS = "folder:DIR, alpaca://HOST:PORT/N, indi://HOST:PORT/NAME or v4l:/dev/video0"
 LONGEST_TEXT = 100_000
+"""Bytes of the settings beside an image that are read."""
+MOST_NUMBERS = 200_000_000
+"""Pixels of a frame, times its colours: one that says it has more is not unpacked."""
 
 
 class FrameSource(Protocol):
@@ -132,7 +137,11 @@ class FolderSource:
 
     def _growing(self, path: Path, sizes: dict[str, int]) -> bool:
         """Tell whether a file may still be written: its size has changed since the last look."""
-        size = path.stat().st_size
+        try:
+            size = path.stat().st_size
+        except OSError:
+            # It is gone.
+            return True
         before = sizes.get(path.name)
         sizes[path.name] = size
         return before != size or size == 0
@@ -146,22 +155,18 @@ class FolderSource:
 
 def read_frame(path: Path, options: SourceOptions) -> CameraFrame:
     """Return the frame of a FITS or PNG file; raises BadInputError, naming it, SattrackError."""
-    if path.suffix.lower() in FITS_SUFFIXES:
-        return _read_fits(path, options)
-    return _read_png(path, options)
+    # A pipe would be waited for.
+    if not path.is_file():
+        raise BadInputError(f"{path}: it is no file, or is gone")
+    try:
+        return (_read_fits if path.suffix.lower() in FITS_SUFFIXES else _read_png)(path, options)
+    except (OSError, MemoryError) as error:
+        raise _unreadable(path, "a frame", error) from None
 
 
 def _read_fits(path: Path, options: SourceOptions) -> CameraFrame:
-    fits = needed("astropy.io.fits", f"{path}: reading FITS", "camera")
-    try:
-        with fits.open(path, memmap=False) as file:
-            part = next((one for one in file if getattr(one, "data", None) is not None), None)
-            if part is None:
-                raise BadInputError(f"{path}: it has no image")
-            header = {key: part.header[key] for key in part.header if key}
-            pixels = np.asarray(part.data)
-    except (OSError, ValueError, TypeError, IndexError) as error:
-        raise BadInputError(f"{path}: cannot be read as FITS: {error}") from None
+    with path.open("rb") as stream:
+        header, pixels = _fits_image(stream, str(path))
     exposure = fits_exposure(header, str(path), options.exposure_s)
     top_down = str(header.get("ROWORDER", "")).strip().upper() == "TOP-DOWN"
     image = _image(pixels, path)
@@ -177,6 +182,37 @@ def _read_fits(path: Path, options: SourceOptions) -> CameraFrame:
     )
 
 
+def _fits_image(stream: BinaryIO, name: str) -> tuple[dict[str, Any], NDArray[Any]]:
+    """Return header and pixels of the first image of a FITS file; raises BadInputError, SattrackError."""
+    fits = needed("astropy.io.fits", f"{name}: reading FITS", "camera")
+    # The library also unpacks other files, whatever comes out of them.
+    if stream.read(len(FITS_BEGINS)) != FITS_BEGINS:
+        raise BadInputError(f"{name}: it is no FITS file; unpack it first if it is packed")
+    stream.seek(0)
+    try:
+        with fits.open(stream, memmap=False, disable_image_compression=True) as file:
+            part = next((one for one in file if one.is_image and one.shape), None)
+            if part is None:
+                raise BadInputError(f"{name}: it has no image; unpack it first if it is packed")
+            _check_size(math.prod(part.shape), name)
+            return {key: part.header[key] for key in part.header if key}, np.asarray(part.data)
+    except BadInputError:
+        raise
+    except Exception as error:  # noqa: BLE001 - the library has no bounds on what it raises for broken files
+        raise _unreadable(name, "FITS", error) from None
+
+
+def _check_size(count: int, name: Path | str) -> None:
+    if count > MOST_NUMBERS:
+        raise BadInputError(f"{name}: it says that it has {count} pixels; {MOST_NUMBERS} are the most")
+
+
+def _unreadable(name: Path | str, kind: str, error: Exception) -> BadInputError:
+    # The libraries' words may have several lines, or none.
+    words = " ".join(str(error).split()) or type(error).__name__
+    return BadInputError(f"{name}: cannot be read as {kind}: {words}")
+
+
 def _full_scale(kind: np.dtype[Any], header: dict[str, Any]) -> float | None:
     if kind.kind == "u":
         return float(np.iinfo(kind).max)
@@ -187,12 +223,17 @@ def _full_scale(kind: np.dtype[Any], header: dict[str, Any]) -> float | None:
 def _read_png(path: Path, options: SourceOptions) -> CameraFrame:
     images = needed("PIL.Image", f"{path}: reading PNG", "camera")
     try:
+        # The bound is ours, before anything is unpacked.
+        images.MAX_IMAGE_PIXELS = None
         with images.open(path) as file:
+            _check_size(math.prod(file.size) * len(file.getbands()), path)
             file.load()
             said = {key: str(value) for key, value in getattr(file, "text", {}).items()}
             pixels = np.asarray(file)
-    except (OSError, ValueError, SyntaxError) as error:
-        raise BadInputError(f"{path}: cannot be read as PNG: {error}") from None
+    except BadInputError:
+        raise
+    except Exception as error:  # noqa: BLE001 - the library has no bounds on what it raises for broken files
+        raise _unreadable(path, "PNG", error) from None
     exposure = None
     if any(key.upper().startswith("DATE-") for key in said):
         exposure = fits_exposure(
@@ -200,7 +241,8 @@ def _read_png(path: Path, options: SourceOptions) -> CameraFrame:
         )
     for beside in (path.with_suffix(".CameraSettings.txt"), path.with_suffix(".txt")):
         if exposure is None and beside.is_file():
-            text = beside.read_text(encoding="utf-8", errors="replace")[:LONGEST_TEXT]
+            with beside.open("rb") as stream:
+                text = stream.read(LONGEST_TEXT).decode("utf-8", "replace")
             exposure = text_exposure(text, str(beside), options.exposure_s)
     if exposure is None:
         exposure = name_exposure(path.stem, str(path), options.exposure_s)
@@ -219,11 +261,11 @@ def _read_png(path: Path, options: SourceOptions) -> CameraFrame:
     )
 
 
-def _image(pixels: NDArray[Any], path: Path) -> NDArray[np.float32]:
+def _image(pixels: NDArray[Any], path: Path | str) -> NDArray[np.float32]:
     try:
         return np.ascontiguousarray(grey(pixels), dtype=np.float32)
-    except ValueError as error:
-        raise BadInputError(f"{path}: it is no image: {error}") from None
+    except (ValueError, MemoryError) as error:
+        raise _unreadable(path, "an image", error) from None
 
 
 V4L_GAIN, V4L_EXPOSURE = 0x00980913, 0x009A0902
@@ -546,13 +588,8 @@ class IndiCamera:
                 yield error
 
     def _frame(self, data: bytes, begun: Utc, exposure_s: float, number: int) -> CameraFrame:
-        fits = needed("astropy.io.fits", "reading FITS", "camera")
-        try:
-            with fits.open(io.BytesIO(data)) as file:
-                header = {key: file[0].header[key] for key in file[0].header if key}
-                pixels = grey(np.asarray(file[0].data))
-        except (OSError, ValueError, TypeError) as error:
-            raise SattrackError(f"{self._url}: its frame is no FITS image: {error}") from None
+        header, image = _fits_image(io.BytesIO(data), self._url)
+        pixels = _image(image, self._url)
         name = f"frame {number}"
         dated = any(key in header for key in ("DATE-OBS", "DATE-BEG", "DATE-AVG"))
         gain = next((found[0] for one in GAINS if (found := self._number(*one)) is not None), None)

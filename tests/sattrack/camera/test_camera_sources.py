@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import base64
+import gzip
 import io
 import json
+import os
 import socket
 import struct
 import threading
+import zlib
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
+from sattrack.camera import sources
 from sattrack.camera.frames import CameraFrame
 from sattrack.camera.sources import SourceOptions, decode_image, open_source, save_frame
 from sattrack.core.errors import BadInputError, SattrackError
@@ -20,6 +24,7 @@ from sattrack.mount.alpaca.client import AlpacaRefusalError, NoAnswerError
 from tle.instants import Utc
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
 MIDDLE = Utc.parse("2026-10-02T13:05:24.5Z")
@@ -108,6 +113,92 @@ def test_a_folder_gives_its_frames_in_order_and_names_what_is_none(tmp_path: Pat
         assert name in str(error)
 
 
+DATED = {"DATE_OBS": "2026-10-02T13:05:24.4", "EXPTIME": 0.2}
+
+
+def image_fits() -> bytes:
+    return fits_bytes(np.arange(1200, dtype=np.uint16).reshape(30, 40), **DATED)
+
+
+def write_large_fits(path: Path) -> None:
+    """Write a FITS file of 20 000 pixels a side that takes no room on the disk."""
+    data = image_fits()
+    for number, true in ((1, 40), (2, 30)):
+        card = b"NAXIS%d  = %20d"
+        data = data.replace(card % (number, true), card % (number, 20_000))
+    path.write_bytes(data)
+    os.truncate(path, 2880 * 277_800)
+
+
+def claiming_png(side: int) -> bytes:
+    """Return a PNG file that says it has so many pixels a side."""
+    png = b"\x89PNG\r\n\x1a\n"
+    head = struct.pack(">IIBBBBB", side, side, 8, 0, 0, 0, 0)
+    for kind, content in ((b"IHDR", head), (b"IDAT", zlib.compress(bytes(1000))), (b"IEND", b"")):
+        png += struct.pack(">I", len(content)) + kind + content
+        png += struct.pack(">I", zlib.crc32(kind + content))
+    return png
+
+
+@pytest.mark.parametrize(
+    ("name", "make", "why"),
+    [
+        ("a.fits", write_large_fits, "400000000 pixels; 200000000 are the most"),
+        ("a.png", lambda path: path.write_bytes(claiming_png(20_000)), "400000000 pixels; 200000000 are the"),
+        ("a.fits", lambda path: path.write_bytes(gzip.compress(image_fits())), "unpack it first"),
+        ("a.fits", lambda path: path.write_bytes(image_fits().replace(b"NAXIS1", b"NAXISX")), "read as FITS"),
+        ("a.png", lambda path: path.write_bytes(claiming_png(100)), "read as PNG"),
+        ("a.fits", lambda path: path.write_bytes(b""), "it is no FITS file"),
+        ("a.fits", lambda path: path.mkdir(), "it is no file, or is gone"),
+        ("a.png", lambda path: path.symlink_to("nowhere"), "it is no file, or is gone"),
+        ("a.fits", os.mkfifo, "it is no file, or is gone"),
+    ],
+    ids=["large FITS", "large PNG", "packed", "broken FITS", "broken PNG", "empty", "folder", "gone", "pipe"],
+)
+def test_what_cannot_be_a_frame_is_told_in_a_line_and_the_next_is_read(
+    tmp_path: Path, name: str, make: Callable[[Path], object], why: str
+) -> None:
+    pytest.importorskip("PIL.Image")
+    (tmp_path / "b.fits").write_bytes(image_fits())
+    make(tmp_path / name)
+    refused, frame = frames(f"folder:{tmp_path}", SourceOptions())
+    assert isinstance(refused, BadInputError)
+    assert f"{tmp_path / name}: " in str(refused)
+    assert why in str(refused)
+    assert "\n" not in str(refused)
+    assert isinstance(frame, CameraFrame)
+
+
+@pytest.mark.parametrize("watch", [False, True])
+def test_a_file_that_goes_away_before_it_is_read_ends_nothing(tmp_path: Path, watch: bool) -> None:
+    for name in ("a.fits", "c.fits"):
+        (tmp_path / name).write_bytes(image_fits())
+    (tmp_path / "b.fits").symlink_to("nowhere")
+    coming = open_source(f"folder:{tmp_path}", SourceOptions(watch=watch)).frames()
+    read = [next(coming) for _ in range(2 if watch else 3)]
+    names = [one.name for one in read if isinstance(one, CameraFrame)]
+    assert names == ["a.fits", "c.fits"]
+
+
+def test_a_frame_that_does_not_fit_into_the_memory_is_told_and_the_next_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("a.fits", "b.fits"):
+        (tmp_path / name).write_bytes(image_fits())
+    room = iter((False, True))
+
+    def grey(pixels: np.ndarray) -> np.ndarray:
+        if not next(room):
+            raise MemoryError
+        return pixels
+
+    monkeypatch.setattr(sources, "grey", grey)
+    refused, frame = frames(f"folder:{tmp_path}", SourceOptions())
+    assert isinstance(refused, BadInputError)
+    assert str(refused) == f"{tmp_path / 'a.fits'}: cannot be read as an image: MemoryError"
+    assert isinstance(frame, CameraFrame)
+
+
 def test_an_image_is_dated_by_the_settings_beside_it_and_has_its_top_row_first(tmp_path: Path) -> None:
     images = pytest.importorskip("PIL.Image")
     pixels = np.arange(1200, dtype=np.uint16).reshape(30, 40)
@@ -176,11 +267,9 @@ def serve_indi(listener: socket.socket, image: bytes, heard: list[bytes]) -> Non
                 )
 
 
-def test_an_indi_camera_is_asked_for_frames(capfd: pytest.CaptureFixture[str]) -> None:
+def from_indi(image: bytes, heard: list[bytes]) -> CameraFrame | SattrackError:
+    """Return what comes of an image that an INDI server sends."""
     pytest.importorskip("indipyclient")
-    pixels = np.arange(1200, dtype=np.uint16).reshape(30, 40)
-    image = fits_bytes(pixels, DATE_OBS="2026-10-02T13:05:24.4", EXPTIME=0.2)
-    heard: list[bytes] = []
     with socket.create_server(("127.0.0.1", 0)) as listener:
         server = threading.Thread(target=serve_indi, args=(listener, image, heard), daemon=True)
         server.start()
@@ -188,11 +277,35 @@ def test_an_indi_camera_is_asked_for_frames(capfd: pytest.CaptureFixture[str]) -
         frame = next(iter(camera.frames()))
         camera.close()
         server.join(10.0)
+    return frame
+
+
+def test_an_indi_camera_is_asked_for_frames(capfd: pytest.CaptureFixture[str]) -> None:
+    heard: list[bytes] = []
+    frame = from_indi(image_fits(), heard)
     assert isinstance(frame, CameraFrame)
     assert abs(float(frame.utc - MIDDLE)) < 1e-6
-    assert frame.pixels.tolist() == pixels.tolist()
+    assert frame.pixels.tolist() == np.arange(1200).reshape(30, 40).tolist()
     assert b"0.2" in b"".join(heard)
     assert capfd.readouterr().out == ""
+
+
+@pytest.mark.parametrize(
+    ("make", "why"),
+    [
+        (image_fits, "1200 pixels; 1199 are the most"),
+        (lambda: gzip.compress(image_fits()), "unpack it first"),
+        (lambda: image_fits().replace(b"NAXIS1", b"NAXISX"), "cannot be read as FITS"),
+    ],
+    ids=["large", "packed", "broken"],
+)
+def test_what_an_indi_camera_sends_that_cannot_be_a_frame_is_told(
+    monkeypatch: pytest.MonkeyPatch, make: Callable[[], bytes], why: str
+) -> None:
+    monkeypatch.setattr(sources, "MOST_NUMBERS", 1199)
+    refused = from_indi(make(), [])
+    assert isinstance(refused, SattrackError)
+    assert why in str(refused)
 
 
 def test_a_video_device_gives_frames_with_their_top_row_last(tmp_path: Path) -> None:
