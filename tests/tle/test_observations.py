@@ -136,6 +136,18 @@ def test_reads_tdm_as_xml():
     assert one.ra_deg == pytest.approx(SEEN.ra_deg)
 
 
+@pytest.mark.parametrize(
+    "doctype",
+    ["<!DOCTYPE tdm>", '<!DOCTYPE tdm SYSTEM "file:///etc/passwd">', "<!DOCTYPE tdm [<!ENTITY x 'LEIDEN'>]>"],
+)
+def test_a_tdm_with_a_document_type_is_refused(doctype):
+    text = f"""<?xml version="1.0"?>{doctype}<tdm><body><segment><metadata>
+    <ANGLE_TYPE>RANGE</ANGLE_TYPE><PARTICIPANT_1>&lt;</PARTICIPANT_1></metadata></segment></body></tdm>"""
+    with pytest.raises(ObservationError, match=r"^x: declares a document type or entities") as refusal:
+        parse_observations(text, STATIONS, "x")
+    assert "\n" not in str(refusal.value)
+
+
 IOD = "12345 98 123A   4353 G 200811221122334   27 15 1122334+112233 36"
 CSV = "utc,ra_deg,dec_deg\n"
 

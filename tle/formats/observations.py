@@ -458,8 +458,16 @@ def _from_kvn(text: str, source: str) -> list[_Segment]:
 def _from_xml(text: str, source: str) -> list[_Segment]:
     from xml.etree import ElementTree
 
+    from tle.formats.omm_notations import DOCTYPE_REFUSED
+
+    class Builder(ElementTree.TreeBuilder):
+        """Makes the elements of a text that declares no document type."""
+
+        def doctype(self, *_: object) -> None:
+            raise ObservationError(placed(source, None, DOCTYPE_REFUSED))
+
     try:
-        root = ElementTree.fromstring(text)
+        root = ElementTree.fromstring(text, ElementTree.XMLParser(target=Builder()))
     except (ElementTree.ParseError, ValueError) as error:
         raise ObservationError(placed(source, None, f"is no XML: {error}")) from None
     segments = []

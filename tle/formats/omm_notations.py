@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
     from tle.elements import Elements
 
+DOCTYPE_REFUSED = "declares a document type or entities, which no such message needs: refused"
 _FIRST_LINE = re.compile(r"(?:[ \t\r]*(?:#[^\n]*)?\n)*([^\n]*)")
 _MARKS = ("CCSDS_OMM_VERS", "MEAN_MOTION", "NORAD_CAT_ID")
 _MARK = re.compile(rf"^[ \t]*(?:{'|'.join(_MARKS)})[ \t]*=", re.MULTILINE | re.ASCII)
@@ -383,9 +384,7 @@ class _Xml:
         return TextPlace(self._source, self._parser.CurrentLineNumber + self._blank_lines)
 
     def _refuse_doctype(self, *_: object) -> None:
-        raise self._place().error(
-            FormatError, "declares a document type or entities, which no orbit message needs: refused"
-        )
+        raise self._place().error(FormatError, DOCTYPE_REFUSED)
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         self._depth += 1
