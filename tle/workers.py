@@ -7,12 +7,13 @@ share. Processes that are forked hold all of their parent's memory at once and s
 from __future__ import annotations
 
 import gc
+import os
 import signal
 import sys
 import threading
 import warnings
 from collections import deque
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -101,7 +102,7 @@ def _shared(work: Work, items: Sequence[Any], workers: int, *, fork: bool) -> It
         ours, theirs = context.Pipe()
         others = [*given, ours] if fork else []
         process = context.Process(target=_serve, args=(work, theirs, others), daemon=True)
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), nullcontext() if fork else _safe_path():
             # The threads that Python counts here are those of numpy's algebra, which knows of forks.
             warnings.simplefilter("ignore", DeprecationWarning)
             process.start()
@@ -141,6 +142,25 @@ def _shared(work: Work, items: Sequence[Any], workers: int, *, fork: bool) -> It
         for process in started:
             process.terminate()
             process.join()
+
+
+@contextmanager
+def _safe_path() -> Iterator[None]:
+    """Let the Pythons that are started meanwhile import nothing from the current folder.
+
+    One is started as `python -c`, and would take a user's `multiprocessing.py` for Python's. It gets this
+    process's path before it imports anything else.
+    """
+    name = "PYTHONSAFEPATH"
+    before = os.environ.get(name)
+    os.environ[name] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            os.environ.pop(name, None)
+        else:
+            os.environ[name] = before
 
 
 def _give(connection: Connection, given: dict[Connection, deque[Any]], todo: deque[Any]) -> None:

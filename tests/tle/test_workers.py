@@ -146,3 +146,37 @@ def test_processes_end_with_their_parent(end):
         assert parent.stdout.readline() == b"works\n"
         parent.send_signal(end)
         assert parent.stdout.read() == b""
+
+
+HOSTILE = "open('executed', 'a').write(__name__)\n"
+WORKING = """
+import os
+
+from tle.workers import spawned
+
+if __name__ == "__main__":
+    before = dict(os.environ)
+    print(sorted(spawned(abs, [-3, -2, -1], 2)), os.environ == before)
+"""
+
+
+@pytest.mark.parametrize("safe_path", [None, "", "1"], ids=["unset", "empty", "set"])
+def test_new_processes_take_no_module_from_the_current_folder(tmp_path, safe_path):
+    """As an installed program is run: its own folder is on Python's path, the current one is not."""
+    here, there = tmp_path / "here", tmp_path / "there"
+    here.mkdir()
+    there.mkdir()
+    (there / "program.py").write_text(WORKING)
+    for name in ("multiprocessing", "signal", "selectors"):
+        (here / f"{name}.py").write_text(HOSTILE)
+    known = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}
+    done = subprocess.run(
+        [sys.executable, there / "program.py"],
+        cwd=here,
+        env={**known, **({} if safe_path is None else {"PYTHONSAFEPATH": safe_path})},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert not (here / "executed").exists()
+    assert done.stdout == "[1, 2, 3] True\n", done.stderr
