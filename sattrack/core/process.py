@@ -21,11 +21,11 @@ _PR_SET_PDEATHSIG = 1
 def self_command(module: str = "sattrack") -> list[str]:
     """Return the beginning of a command that runs a module of ours as a program.
 
-    What lies in the current folder is not imported, unless we lie there: a user's `json.py` would else
-    stand in for Python's, in the guardian as well.
+    What lies in the current folder is not imported: a user's `json.py` would else stand in for Python's, in
+    the guardian as well. Except where our package lies there, a checkout that need not be installed.
     """
     try:
-        safe = () if Path(__file__).parents[1] == Path.cwd() else ("-P",)
+        safe = () if Path(__file__).parents[2] == Path.cwd() else ("-P",)
     except FileNotFoundError:
         # The current folder was deleted.
         safe = ("-P",)

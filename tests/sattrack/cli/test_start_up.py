@@ -9,6 +9,9 @@ from pathlib import Path
 
 import pytest
 
+import sattrack
+from sattrack.core.process import self_command
+
 EXAMPLES = Path(__file__).parents[3] / "examples"
 HEAVY = ("scipy", "matplotlib", "textual", "skyfield", "filterpy", "numpy", "mcap")
 
@@ -93,6 +96,17 @@ def test_what_lies_in_the_current_folder_stands_in_for_no_part_of_a_run(tmp_path
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["summary"]["mount_stopped"] is True
     assert "a file of the user" not in done.stderr
+
+
+def test_a_checkout_that_is_not_installed_starts_its_processes_from_where_it_lies(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    package = Path(sattrack.__file__).parent
+    monkeypatch.chdir(package.parent)
+    assert self_command() == [sys.executable, "-m", "sattrack"]
+    for elsewhere in (package, package.parents[1]):
+        monkeypatch.chdir(elsewhere)
+        assert self_command() == [sys.executable, "-P", "-m", "sattrack"]
 
 
 WITHOUT_POSIX = """
