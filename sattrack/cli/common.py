@@ -314,7 +314,8 @@ def show(*parts: str | Table) -> None:
     from rich.console import Console
     from rich.text import Text
 
-    console = Console(width=None if sys.stdout.isatty() else WIDEST)
+    # A satellite may be called "ISS [/b]": no text of a cell is markup.
+    console = Console(width=None if sys.stdout.isatty() else WIDEST, markup=False, emoji=False)
     with console.capture() as captured:
         for part in parts:
             console.print(Text.from_ansi(part) if isinstance(part, str) else part)

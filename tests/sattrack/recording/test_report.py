@@ -306,11 +306,12 @@ def flown(
     limits: SafetyLimits | None = None,
     min_alt_deg: float = 60.0,
     says: dict[str, float] | None = None,
+    name: str = "ISS (ZARYA)",
     **hardware: object,
 ) -> Summary:
     """Record a pass in virtual time; messages are dated from culmination.
 
-    `hardware` changes what the mount is, `says` what its profile says.
+    `hardware` changes what the mount is, `says` what its profile says, `name` what the satellite is called.
     """
     profile = load_profile_file(EXAMPLES / "profiles" / "realistic.toml")
     servo = {**profile.simulator["servo"], **hardware.pop("servo", {})}
@@ -324,7 +325,10 @@ def flown(
         limits=limits or SafetyLimits(),
     )
     prepared = prepare(request)
-    prepared = dataclasses.replace(prepared, facts=late(prepared.facts, 12.0))
+    facts = late(prepared.facts, 12.0)
+    assert facts.elements is not None
+    facts = msgspec.structs.replace(facts, elements=dataclasses.replace(facts.elements, name=name))
+    prepared = dataclasses.replace(prepared, facts=facts)
     return fly_virtual(prepared, messages=tuple((CULMINATION_S + at, word) for at, word in messages))
 
 
@@ -448,6 +452,19 @@ def test_a_pass_that_its_operator_ended_early_gets_no_advice(
     assert line == "  never on target: the operator ended the run before the mount could follow"
     told = report_of(tmp_path / "early.mcap", capsys)
     assert told["advice"] == ["the operator ended the run before the mount could follow"]
+
+
+@pytest.mark.parametrize(
+    "name", ["ISS [/b]", "[bold]ISS[/bold] :star:", "[link=https://example.org]ISS[/link]"]
+)
+def test_a_name_is_text_and_never_markup(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = str(tmp_path / "named.mcap")
+    flown(tmp_path / "named.mcap", messages=((-300.0, StopNow()),), name=name)
+    for files in ([path], [path, path]):
+        assert run(["report", *files]) == 0
+        assert capsys.readouterr().out.count(name) == {1: 1, 2: 4}[len(files)]
 
 
 def test_of_a_recording_that_is_cut_off_that_comes_first_and_nothing_is_guessed(
