@@ -222,6 +222,9 @@ class EarthOrientationWarning(UserWarning):
     """UT1 and polar motion were taken from beyond the end of the IERS table."""
 
 
-def printable(text: str) -> str:
-    """Return text with control characters replaced by `?`, column for column, fit for a terminal."""
-    return text if text.isprintable() else "".join(c if c.isprintable() else "?" for c in text)
+def printable(text: str, kept: str = "") -> str:
+    """Return text with control characters replaced by `?`, column for column, fit for a terminal.
+
+    Those in `kept` stay, such as a newline.
+    """
+    return text if text.isprintable() else "".join(c if c.isprintable() or c in kept else "?" for c in text)

@@ -18,6 +18,7 @@ from sattrack.cli.common import (
     RenamedOption,
     common_options,
     element_sources,
+    say,
     tell,
 )
 from sattrack.core import local_time
@@ -90,7 +91,7 @@ def command(
     if context.json:
         click.echo(json.dumps(_document(found), allow_nan=False))
     else:
-        click.echo("\n".join(_lines(found)))
+        say("\n".join(_lines(found)))
     return 0
 
 

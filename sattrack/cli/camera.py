@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from sattrack.cli.common import CommandContext, can_draw_lines_anew, common_options, given, renew, tell
+from sattrack.cli.common import CommandContext, can_draw_lines_anew, common_options, given, renew, say, tell
 from sattrack.core import local_time
 from sattrack.core.channel import Channel, see_off
 from sattrack.core.errors import BadInputError, SattrackError, needed
@@ -539,4 +539,4 @@ def _print(as_json: bool, seen: Centred, sent: bool) -> None:
     if can_draw_lines_anew() and sys.stdout.isatty():
         renew(text)
     else:
-        click.echo(text)
+        say(text)

@@ -25,7 +25,7 @@ from sattrack.core.files import replace_file
 from sattrack.core.process import self_command
 from sattrack.core.toml_text import line_of_key
 from sattrack.settings import NO_ELEMENTS, NO_SITE, Settings, find_settings_file, load_settings
-from tle.errors import SourceError, TleError
+from tle.errors import SourceError, TleError, printable
 from tle.site import Site
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
     from click.shell_completion import CompletionItem
     from rich.table import Table
+    from rich.text import Text
 
     from sattrack.elements.downloads import Downloads
     from sattrack.mount.profiles import ProfileFile
@@ -223,9 +224,14 @@ def given_instant(option: str, text: str) -> Utc:
     return at
 
 
+def say(text: str, *, err: bool = False) -> None:
+    """Print text for people; what commands a terminal, in the names and words of others, becomes `?`."""
+    click.echo(printable(text, "\n"), err=err)
+
+
 def tell(text: str) -> None:
     """Tell the user something on standard error, in one line."""
-    click.echo(f"sattrack: {text}", err=True)
+    say(f"sattrack: {text}", err=True)
 
 
 def write_file(path: Path, text: str) -> None:
@@ -309,16 +315,21 @@ def table(*heads: str, rows: Iterable[Sequence[str]] = ()) -> Table:
     return made
 
 
-def show(*parts: str | Table) -> None:
-    """Print texts and tables: coloured and wrapped as a terminal can, plain and unwrapped elsewhere."""
+def show(*parts: str | Text | Table) -> None:
+    """Print texts and tables: coloured and wrapped as a terminal can, plain and unwrapped elsewhere.
+
+    Their styles are Rich's own; what else commands a terminal becomes `?`.
+    """
     from rich.console import Console
+    from rich.segment import Segment, Segments
     from rich.text import Text
 
     # A satellite may be called "ISS [/b]": no text of a cell is markup.
     console = Console(width=None if sys.stdout.isatty() else WIDEST, markup=False, emoji=False)
     with console.capture() as captured:
         for part in parts:
-            console.print(Text.from_ansi(part) if isinstance(part, str) else part)
+            drawn = console.render(Text(part) if isinstance(part, str) else part)
+            console.print(Segments(Segment(printable(one.text, "\n"), one.style) for one in drawn), end="")
     click.echo("\n".join(line.rstrip() for line in captured.get().splitlines()))
 
 
@@ -328,7 +339,7 @@ def renew(text: str = "") -> None:
         # A line that wraps would not be overwritten by the next.
         with contextlib.suppress(OSError, ValueError):
             text = text[: os.get_terminal_size(sys.stderr.fileno()).columns - 1]
-        click.echo(f"\r\x1b[K{text}", nl=False, err=True)
+        click.echo(f"\r\x1b[K{printable(text)}", nl=False, err=True)
 
 
 def renew_at_once(text: str) -> None:

@@ -20,7 +20,14 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 import msgspec
 
-from sattrack.cli.common import CommandContext, common_options, how_to_renew, profile_option, read_settings
+from sattrack.cli.common import (
+    CommandContext,
+    common_options,
+    how_to_renew,
+    profile_option,
+    read_settings,
+    say,
+)
 from sattrack.core import local_time
 from sattrack.core.errors import SattrackError, how_to_install
 from sattrack.core.realtime import how_to_grant, undisturbed
@@ -31,7 +38,7 @@ from sattrack.views import formatting
 from sattrack.views.formatting import OLD_ELEMENTS_DAYS, arcsec
 from tle.earth import earth_orientation_age
 from tle.elements import expected_along_arcsec
-from tle.errors import TleError
+from tle.errors import TleError, printable
 from tle.instants import DAY_S, Utc
 from tle.sources import newest
 
@@ -385,9 +392,10 @@ def command(context: CommandContext, **options: Any) -> int:
 
 def _tell(check: CheckResult) -> None:
     state = click.style(f"{check.state:<4}", fg=COLOURS[check.state])
-    click.echo(f"{state}  {check.subject:<9} {local_time.localised(check.what)}")
+    what = printable(local_time.localised(check.what), "\n")
+    click.echo(f"{state}  {check.subject:<9} {what}")
     for way in check.do:
-        click.echo(f"{'':<16}→ {way}")
+        say(f"{'':<16}→ {way}")
 
 
 def _checks(context: CommandContext, options: dict[str, Any]) -> Iterator[CheckResult]:

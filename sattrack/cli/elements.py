@@ -18,6 +18,7 @@ from sattrack.cli.common import (
     common_options,
     element_sources,
     satellite_names,
+    say,
     tell,
     write_file,
 )
@@ -126,11 +127,11 @@ def show(context: CommandContext, satellites: tuple[str, ...]) -> int:
     if context.json:
         click.echo(json.dumps(rows, allow_nan=False))
     elif satellites:
-        click.echo("\n\n".join(_description(row) for row in rows))
+        say("\n\n".join(_description(row) for row in rows))
     else:
-        click.echo(f"{'number':>9}  {'designator':<11} {'epoch':<28} {'age d':>8}  name")
+        say(f"{'number':>9}  {'designator':<11} {'epoch':<28} {'age d':>8}  name")
         for row in rows:
-            click.echo(
+            say(
                 f"{row['catalog_number']:>9}  {row['designator'] or '-':<11} "
                 f"{_epoch(row, 3):<28} {row['age_days']:>8.2f}  {row['name'] or '-'}"
             )
@@ -165,10 +166,10 @@ def check(
         click.echo(json.dumps(_document(sets, residuals), allow_nan=False))
     else:
         for error in sets.rejected:
-            click.echo(str(error))
-        click.echo(f"{len(sets.accepted)} accepted, {len(sets.rejected)} rejected")
+            say(str(error))
+        say(f"{len(sets.accepted)} accepted, {len(sets.rejected)} rejected")
         for row in residuals or []:
-            click.echo(_line(row))
+            say(_line(row))
     return 1 if sets.rejected else 0
 
 
@@ -220,7 +221,7 @@ def compare(context: CommandContext, satellite: str, ephemeris: tuple[Path, ...]
             away = (
                 "" if row["from_best_arcsec"] is None else f", {row['from_best_arcsec']:.1f}″ from the best"
             )
-            click.echo(f"{one.text}{away}")
+            say(f"{one.text}{away}")
     return 0
 
 
@@ -415,7 +416,7 @@ def biases(context: CommandContext, dropped: tuple[int, ...]) -> int:
     if context.json:
         click.echo(msgspec.json.encode(entries).decode())
     elif entries:
-        click.echo("\n".join(_bias_lines(entries, time.time())))
+        say("\n".join(_bias_lines(entries, time.time())))
     else:
         tell(f"nothing is remembered in {memory.path}")
     return 0

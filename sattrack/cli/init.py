@@ -21,7 +21,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from sattrack.cli.common import CommandContext, OutputFile, element_sources, how_to_renew, tell, write_file
+from sattrack.cli.common import (
+    CommandContext,
+    OutputFile,
+    element_sources,
+    how_to_renew,
+    say,
+    tell,
+    write_file,
+)
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.local_time import is_zone
 from sattrack.runtime.mounts import FORMS, LISTEN_S, is_antenna, listen, mount_address, usual_profile
@@ -131,7 +139,7 @@ def command(**options: Any) -> int:
     if not options["as_json"]:
         everywhere = "Every command in this folder reads it"
         readers = everywhere if path == Path(FILE_NAME) else f"Commands read it with --config {path}"
-        click.echo(f"{path} is written. {readers}; change it with any editor.")
+        say(f"{path} is written. {readers}; change it with any editor.")
         tell(answers.place or f"the site is at {_site_text(answers.site)}")
         if answers.place is not None:
             tell(CENTRE_WARNING)
@@ -140,7 +148,7 @@ def command(**options: Any) -> int:
     passes, too_old = _tonight(path, options["as_json"], failure)
     if not options["as_json"]:
         following = NEXT if passes is not None else NEXT_WITHOUT_ELEMENTS % _again(answers)
-        click.echo(f"\nNext: {too_old or following}")
+        say(f"\nNext: {too_old or following}")
     else:
         site = answers.site
         document = {
@@ -215,7 +223,7 @@ def _with_elements(
         except NothingThereError as error:
             if ask is None:
                 raise BadInputError(f"{error}; nothing is written") from error
-            click.echo(f"  {error}", err=True)
+            say(f"  {error}", err=True)
             answers = replace(answers, elements=(ask(ELEMENTS, USUAL_ELEMENTS, _source),))
         except (SattrackError, TleError) as error:
             return answers, str(error)
@@ -272,7 +280,7 @@ def _ask(question: str, usual: str | None, check: Callable[[str], object]) -> st
         try:
             check(answer)
         except (SattrackError, TleError) as error:
-            click.echo(f"  {error}", err=True)
+            say(f"  {error}", err=True)
         else:
             return answer
 
@@ -290,10 +298,10 @@ def _chosen_city(name: str, ask: Callable[..., str] | None) -> City:
     if ask is None:
         return found[0]
     if len(found) == 1:
-        click.echo(f"  {found[0].place}", err=True)
+        say(f"  {found[0].place}", err=True)
         return found[0]
     for number, one in enumerate(found, start=1):
-        click.echo(f"  {number}  {one.place}", err=True)
+        say(f"  {number}  {one.place}", err=True)
 
     def check(answer: str) -> None:
         if answer not in {str(number) for number in range(1, len(found) + 1)}:
@@ -395,7 +403,7 @@ def _answered_mount(ask: Callable[..., str], question: str) -> str:
         try:
             return _found_mount(answer)
         except SattrackError as error:
-            click.echo(f"  {error}", err=True)
+            say(f"  {error}", err=True)
 
 
 def _found_mount(url: str) -> str:
@@ -539,7 +547,7 @@ def _tonight(path: Path, as_json: bool, failure: str | None) -> tuple[Any, str |
             shown = " and ".join(one.label for one in known) or "high, sunlit passes at night"
             listed = f", {shown} of {len(elements)} satellites (`sattrack passes` lists all)"
         if not as_json:
-            click.echo(f"\nThe coming 24 hours{listed}:")
+            say(f"\nThe coming 24 hours{listed}:")
             passes.main(words, standalone_mode=False)
             return [], old
         with redirect_stdout(io.StringIO()) as out:

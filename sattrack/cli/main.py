@@ -18,7 +18,7 @@ import click
 
 from sattrack import __version__
 from sattrack.core.errors import SattrackError, how_to_install, meant
-from tle.errors import SatelliteNotFoundError, TleError
+from tle.errors import SatelliteNotFoundError, TleError, printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -296,7 +296,7 @@ def _warnings_as_lines() -> Iterator[None]:
     ) -> None:
         if str(message) not in shown:
             shown.add(str(message))
-            click.echo(f"sattrack: warning: {message}", err=True)
+            click.echo(printable(f"sattrack: warning: {message}", "\n"), err=True)
 
     with warnings.catch_warnings():
         warnings.simplefilter("always", UserWarning)
@@ -311,9 +311,9 @@ def _report_error(error: Exception, arguments: list[str]) -> int:
         error.show()
         return code
     if "--debug" in arguments and not isinstance(error, click.ClickException):
-        traceback.print_exception(error)
+        click.echo(printable("".join(traceback.format_exception(error)), "\n"), nl=False, err=True)
     if not isinstance(error, BrokenPipeError):
-        click.echo(f"sattrack: {_error_text(error, arguments)}", err=True)
+        click.echo(printable(f"sattrack: {_error_text(error, arguments)}", "\n"), err=True)
     if isinstance(error, OSError):
         _forget_output()
     return code

@@ -26,6 +26,7 @@ from sattrack.cli.common import (
     refuse_screen,
     renew,
     renew_at_once,
+    say,
     screen_options,
     tell,
     tui_possible,
@@ -224,8 +225,8 @@ def perform(call: MountCall, procedure: Procedure, asked: dict[str, Any], text: 
         raise failed
     if not call.context.json:
         how = outcome.state.value + (", acknowledged" if outcome.acknowledged else "")
-        click.echo(f"{text}: {how}" + (f" ({outcome.reason})" if outcome.reason else ""))
-        click.echo(pointing_text(view))
+        say(f"{text}: {how}" + (f" ({outcome.reason})" if outcome.reason else ""))
+        say(pointing_text(view))
         for warning in view.warnings:
             tell(warning)
     return 0
@@ -505,11 +506,9 @@ def unwound(context: CommandContext, mount_url: str | None) -> int:
     if context.json:
         click.echo(msgspec.json.encode({"mount": mount_name(address), "was": left}).decode())
     elif trouble is None:
-        click.echo(f"{mount_name(address)}: there was nothing to confirm: the turns of its axes are known")
+        say(f"{mount_name(address)}: there was nothing to confirm: the turns of its axes are known")
     else:
-        click.echo(
-            f"{mount_name(address)}: confirmed; its axes are taken to be within half a turn of the meridian"
-        )
+        say(f"{mount_name(address)}: confirmed; its axes are taken to be within half a turn of the meridian")
     return 0
 
 
@@ -553,7 +552,7 @@ def status(context: CommandContext, **options: Any) -> int:
         outcome = Outcome(state, False, text if silent else None)
         tell_result({"type": "status"}, outcome, ("link" if silent else "done", None), view)
     elif not silent:
-        click.echo(status_text(view, *groups))
+        say(status_text(view, *groups))
     if silent:
         raise LinkLostError(text)
     return 0

@@ -19,6 +19,7 @@ from sattrack.cli.common import (
     common_options,
     given_instant,
     renew,
+    say,
     tell,
     write_file,
 )
@@ -109,7 +110,7 @@ def passes(
         click.echo(json.dumps(figures))
     else:
         there = f", {totals.resumed} of them were there" if totals.resumed else ""
-        click.echo(
+        say(
             f"{totals.passes} passes over {len(stations)} stations in {totals.partitions} files{there}: "
             f"{out} ({totals.seconds:.1f} s)"
         )
@@ -235,7 +236,7 @@ def assign(
         click.echo(json.dumps(document))
     else:
         figures = night.assigned
-        click.echo(
+        say(
             f"{len(night.worths)} of {len(passes.value)} passes assigned to {len(stations)} stations: value "
             f"{figures.value:.0f}, at most {figures.bound:.0f} ({100.0 * figures.gap:.2f} % above); {out}"
         )
@@ -358,7 +359,7 @@ def collect(context: CommandContext, folder: Path, stations_file: Path, out: Pat
     if context.json:
         click.echo(json.dumps(figures))
     else:
-        click.echo(
+        say(
             f"{found.observations} observations of {len(found.by_station)} stations, {figures['used']} used; "
             f"elements of {len(found.fits)} satellites refined: {out}"
         )

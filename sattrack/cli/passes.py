@@ -22,6 +22,7 @@ from sattrack.cli.common import (
     profile_option,
     renew,
     satellite_names,
+    say,
     tell,
 )
 from sattrack.cli.targets import ephemeris_option, find_targets
@@ -150,7 +151,7 @@ def _show_transits(passes: CataloguePasses, style: str) -> None:
     if style == "json":
         click.echo(json.dumps(transit_rows(found), allow_nan=False))
     elif found:
-        click.echo("\n".join(transit_lines(found)))
+        say("\n".join(transit_lines(found)))
     else:
         tell("nothing crosses Sun or Moon in this time")
     if any(one.body == "Sun" for one in found):

@@ -17,6 +17,7 @@ from sattrack.cli.common import (
     RenamedOption,
     common_options,
     renew,
+    say,
     share_progress,
     show,
     table,
@@ -88,7 +89,7 @@ def info(context: CommandContext, file: Path, part: int) -> int:
     if context.json:
         click.echo(msgspec.json.encode(view).decode())
     else:
-        click.echo("\n".join(_lines(view, facts, recording.parts)))
+        say("\n".join(_lines(view, facts, recording.parts)))
     return 0
 
 

@@ -25,7 +25,6 @@ from sattrack.cli.targets import Wanted, ephemeris_option, followed
 from sattrack.core import local_time
 from sattrack.recording.rendering import INK, PALE, label_times, new_figure, save, sky_axes, times
 from sattrack.views.formatting import iso_unix_s
-from tle.errors import printable
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -37,8 +36,11 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
     from rich.table import Table
+    from rich.text import Text
 
     from sattrack.planning.rehearsal import CutMoment, RehearsalReport
+
+    Parts = list[str | Text | Table]
 
 GOOD, BAD, SUN, MOON = "#1f77b4", "#d1495b", "#edae49", "#7d7d8a"
 
@@ -153,7 +155,7 @@ def _checked(mount_url: str | None) -> str | None:
     return mount_url
 
 
-def _shown(report: RehearsalReport, now_utc_s: float | None) -> list[str | Table]:
+def _shown(report: RehearsalReport, now_utc_s: float | None) -> Parts:
     """Return the report for a terminal; without `now_utc_s` not how long it is until the pass."""
     return [
         *_head(report, now_utc_s),
@@ -167,17 +169,19 @@ def _shown(report: RehearsalReport, now_utc_s: float | None) -> list[str | Table
     ]
 
 
-def _head(report: RehearsalReport, now_utc_s: float | None) -> list[str | Table]:
+def _head(report: RehearsalReport, now_utc_s: float | None) -> Parts:
+    from rich.text import Text
+
     start_s = iso_unix_s(report.start_utc)
     begins = ""
     if now_utc_s is not None:
         word = "begins" if start_s > now_utc_s - 1.0 else "began"
         begins = f"{word} {local_time.until(start_s - now_utc_s)}, "
     return [
-        f"{printable(report.name)}: {local_time.span(start_s, iso_unix_s(report.end_utc))}, {begins}"
+        f"{report.name}: {local_time.span(start_s, iso_unix_s(report.end_utc))}, {begins}"
         f"{report.max_alt_deg:.1f}° high at {_clock(report.culminate_utc, report)}, "
-        f"with {printable(report.profile)}",
-        click.style(report.verdict, fg="green" if report.go else "red", bold=True),
+        f"with {report.profile}",
+        Text(report.verdict, style="bold green" if report.go else "bold red"),
     ]
 
 
@@ -186,7 +190,7 @@ def _clock(utc: str, report: RehearsalReport, decimals: int = 0) -> str:
     return local_time.moment(iso_unix_s(utc), iso_unix_s(report.start_utc), decimals)
 
 
-def _lost(report: RehearsalReport) -> list[str | Table]:
+def _lost(report: RehearsalReport) -> Parts:
     if not report.lost:
         return []
     lost = table("Lost from", "to", ">seconds", "limit", "why")
@@ -196,7 +200,7 @@ def _lost(report: RehearsalReport) -> list[str | Table]:
     return ["", lost]
 
 
-def _limits(report: RehearsalReport) -> list[str | Table]:
+def _limits(report: RehearsalReport) -> Parts:
     peaks = table("Axis", ">asked °/s", ">followed", ">limit", ">asked °/s²", ">limit")
     for peak in report.peaks:
         over = (
@@ -223,7 +227,7 @@ def _limits(report: RehearsalReport) -> list[str | Table]:
     return ["", peaks, "", margins]
 
 
-def _keyholes(report: RehearsalReport) -> list[str | Table]:
+def _keyholes(report: RehearsalReport) -> Parts:
     lines = []
     for hole in report.keyholes:
         through = "the mount cannot" if hole.through_pole_s is None else f"{hole.through_pole_s:.1f} s"
@@ -235,7 +239,7 @@ def _keyholes(report: RehearsalReport) -> list[str | Table]:
     return ["".join(lines)] if lines else []
 
 
-def _sides(report: RehearsalReport) -> list[str | Table]:
+def _sides(report: RehearsalReport) -> Parts:
     cables = report.cables
     return [
         f"\nSide: {local_time.localised(report.sides.words, iso_unix_s(report.start_utc))}\n"
@@ -244,19 +248,22 @@ def _sides(report: RehearsalReport) -> list[str | Table]:
     ]
 
 
-def _link_loss(report: RehearsalReport) -> list[str | Table]:
+def _link_loss(report: RehearsalReport) -> Parts:
+    from rich.text import Text
+
     loss = report.link_loss
+    end: str | Text
     head = f"If the link is cut and the mount holds its rates: {_cut(loss.worst, report)}"
     if loss.watchdog_s is None:
         end = "The mount has no watchdog: with the link cut, only a switch for its power can stop it"
     elif loss.rests_inside:
         end = f"Its watchdog ({loss.watchdog_s:g} s) brings it to rest before any limit, whenever that is"
     else:
-        end = click.style(f"Its watchdog ({loss.watchdog_s:g} s) comes too late at some moments", fg="red")
+        end = Text(f"Its watchdog ({loss.watchdog_s:g} s) comes too late at some moments", style="red")
     return [head, *_cut_table(report), end]
 
 
-def _cut_table(report: RehearsalReport) -> list[str | Table]:
+def _cut_table(report: RehearsalReport) -> Parts:
     """Return the time to the first limit from moments of the pass; nothing where none is ever met."""
     loss = report.link_loss
     if loss.worst.seconds_to_limit is None:
@@ -282,7 +289,7 @@ def _cut(moment: CutMoment, report: RehearsalReport) -> str:
     )
 
 
-def _budget(report: RehearsalReport) -> list[str | Table]:
+def _budget(report: RehearsalReport) -> Parts:
     budget = report.budget
     at = f"at {_clock(budget.utc, report)}, {budget.alt_deg:.0f}° high"
     parts = table("Error expected, 1σ", ">along ″", ">across ″", at)

@@ -20,6 +20,7 @@ from sattrack.cli.common import (
     fov_option,
     refuse_screen,
     renew,
+    say,
     screen_options,
     share_progress,
     tell,
@@ -170,7 +171,7 @@ def _compare(context: CommandContext, file: Path, part: int, name: bool = False)
         lines = replay_lines(result, took_s)
         if name:
             lines = [f"{file}: {lines[0]}", *(f"  {line}" for line in lines[1:])]
-        click.echo("\n".join(lines))
+        say("\n".join(lines))
     return 0 if result.agrees else 1
 
 
@@ -196,7 +197,7 @@ def _try(context: CommandContext, recording: Recording, facts: RunFacts, law: Co
         }
         click.echo(msgspec.json.encode(document).decode())
         return 0
-    click.echo(
+    say(
         f"{found.replayed.differing} of {found.replayed.ticks} commands would have differed, "
         f"by {found.replayed.largest_rate_deg_s:.3g} °/s at most\n"
         f"simulated with the mount of the recording ({found.fitted}):\n"

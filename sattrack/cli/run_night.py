@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sattrack.cli.common import tell
+from sattrack.cli.common import say, tell
 from sattrack.cli.run_plan import (
     loader,
     progress,
@@ -178,9 +178,7 @@ def show_check(context: CommandContext, file: Path, options: dict[str, Any]) -> 
     if context.json:
         click.echo(json.dumps({"schedule": str(file), "entries": count, "mount": checked.mount_url}))
         return 0
-    click.echo(
-        f"{file}: {count} {'entry' if count == 1 else 'entries'}, mount {checked.mount_url}: can be run"
-    )
+    say(f"{file}: {count} {'entry' if count == 1 else 'entries'}, mount {checked.mount_url}: can be run")
     return 0
 
 

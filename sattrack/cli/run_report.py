@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 import msgspec
 
-from sattrack.cli.common import renew, tell
+from sattrack.cli.common import renew, say, tell
 from sattrack.core import local_time
 from sattrack.core.errors import SattrackError
 from sattrack.schedule.night import Planned, Started, SummedUp
@@ -163,7 +163,7 @@ class RunReporter:
     def end(self, run: Run) -> None:
         """Tell where the last summary is."""
         if not self._json and run.summary is not None:
-            click.echo((self._files.folder / run.summary).read_text(encoding="utf-8"), nl=False)
+            say((self._files.folder / run.summary).read_text(encoding="utf-8").removesuffix("\n"))
 
     def close(self) -> None:
         """Leave the line, and say in the status that nobody runs it any more."""

@@ -21,6 +21,7 @@ from sattrack.cli.common import (
     given_instant,
     how_to_renew,
     renew,
+    say,
     tell,
     write_file,
 )
@@ -95,7 +96,7 @@ class RunProgress:
         if terminal:
             renew(words())
         else:
-            click.echo(words(), err=True)
+            say(words(), err=True)
 
     def end(self) -> None:
         """Leave the renewed line."""
@@ -215,7 +216,7 @@ def finish(summary: Summary, interrupted: bool, as_json: bool, address: MountAdd
     if as_json:
         click.echo(msgspec.json.encode(SummaryLine(summary)).decode())
     else:
-        click.echo("\n".join(summary_lines(summary)))
+        say("\n".join(summary_lines(summary)))
     error = failure(summary, interrupted)
     if isinstance(error, LinkLostError) and summary.mount_stopped is None and address is not None:
         heard = str(error).removesuffix(f"; {UNHEARD}")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from sattrack import __version__
-from sattrack.cli.common import CommandContext, JsonLines, common_options, mount_option, profile_option
+from sattrack.cli.common import CommandContext, JsonLines, common_options, mount_option, profile_option, say
 from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError
 from sattrack.core.local_time import stamped
 from sattrack.runtime import demo_pass
@@ -203,7 +203,7 @@ class Log:
 
     def _write(self) -> None:
         while (line := self._lines.get()) is not None:
-            click.echo(line, err=True)
+            say(line, err=True)
 
 
 MOST_CLIENTS = 500

@@ -19,6 +19,7 @@ from sattrack.cli.common import (
     common_options,
     profile_option,
     renew,
+    say,
     tell,
 )
 from sattrack.core.errors import NO_JSON, BadInputError, SattrackError
@@ -262,7 +263,7 @@ def _chosen(mounts: Mounts, as_json: bool) -> Mounts:
                 tell(f"still runs: {_line(owner)}; `sattrack stop --all` stops it too")
         return mounts.real()
     for number, line in enumerate(mounts.lines(), start=1):
-        click.echo(f"{number}  {line}", err=True)
+        say(f"{number}  {line}", err=True)
     if as_json or not _somebody_there():
         raise BadInputError(
             f"{len(mounts)} mounts: nothing is stopped yet; "
@@ -310,7 +311,7 @@ def _give_up(context: CommandContext, sessions: tuple[Owner, ...]) -> int:
         click.echo(msgspec.json.encode({"given_up": given_up}).decode())
     else:
         for owner, was in ended:
-            click.echo(f"{owner.mount}: process {was.pid} gave up; {was.heard}; IT IS NOT KNOWN AT REST")
+            say(f"{owner.mount}: process {was.pid} gave up; {was.heard}; IT IS NOT KNOWN AT REST")
     if not ended:
         raise BadInputError("nothing to give up: no guardian is sending stops")
     return 0
@@ -384,9 +385,9 @@ def _tell(done: list[MountStop], nights: list[NightStop], failed: list[SattrackE
     else:
         for stopped in done:
             if stopped.error() is None:
-                click.echo(f"{stopped.mount}: {stopped.words}")
+                say(f"{stopped.mount}: {stopped.words}")
         for night in nights:
             if night.kept:
-                click.echo(night.words)
+                say(night.words)
     for other in failed[1:]:
-        click.echo(f"sattrack: {other}", err=True)
+        tell(str(other))

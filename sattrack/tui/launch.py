@@ -29,6 +29,7 @@ from sattrack.tui.feeds import AntennaProcess, ConsoleProcess, FeederProcess, He
 from sattrack.tui.scene import DEFAULT_APPEARANCE, TerminalPixels
 from sattrack.views.formatting import summary_lines
 from sattrack.views.messages import Leave, StopNow
+from tle.errors import printable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -218,7 +219,7 @@ def attach_with_tui(pid: int, name: str, appearance: Appearance, helpers: Helper
 
     interrupted, code = _under_screen(run, "sattrack.tui.app", run.wait_first_view, show, end)
     if run.summary is not None:
-        click.echo("\n".join(summary_lines(run.summary)))
+        _echo("\n".join(summary_lines(run.summary)), err=False)
     return INTERRUPTED if interrupted else code
 
 
@@ -333,7 +334,7 @@ def _end_run(patience_s: float, feeder: FeederProcess) -> int:
     told, _, why = errors.rstrip("\n").rpartition("\n") if code else (errors, "", "")
     _echo(told)
     if feeder.summary is not None:
-        click.echo("\n".join(summary_lines(feeder.summary)))
+        _echo("\n".join(summary_lines(feeder.summary)), err=False)
     elif feeder.viewed:
         _say("the run ended without a summary: make sure that the mount is at rest")
     _echo(why)
@@ -356,7 +357,7 @@ def _end_reading(reader: FeederProcess) -> int:
         code = reader.end_by_force(GRACE_S)
     errors = reader.close()
     if reader.viewed and summary is not None:
-        click.echo("\n".join(summary_lines(summary)))
+        _echo("\n".join(summary_lines(summary)), err=False)
     _echo(errors)
     return code
 
@@ -376,13 +377,14 @@ def _wait_end(process: FeederProcess, patience_s: float, waiting: str, what: str
     return code if code >= 0 else 128 - code
 
 
-def _echo(errors: str) -> None:
-    if errors:
-        click.echo(errors, err=True, nl=not errors.endswith("\n"))
+def _echo(text: str, *, err: bool = True) -> None:
+    """Print what there is to print; what commands a terminal in it becomes `?`."""
+    if text:
+        click.echo(printable(text, "\n"), err=err, nl=not text.endswith("\n"))
 
 
 def _say(text: str) -> None:
-    click.echo(f"sattrack: {text}", err=True)
+    _echo(f"sattrack: {text}")
 
 
 def end_with_the_terminal(process: Endable, patience_s: float) -> None:

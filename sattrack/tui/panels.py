@@ -27,6 +27,7 @@ from sattrack.tui.scene import (
     headline,
 )
 from sattrack.views import formatting
+from tle.errors import printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -45,8 +46,12 @@ SceneT = TypeVar("SceneT")
 
 
 def rows_content(rows: Iterable[Row]) -> Content:
-    """Return rows of parts as one content; text is text, never markup."""
-    return Content("\n").join([Content.assemble(*row) for row in rows])
+    """Return rows of parts as one content; text is text, neither markup nor commands to the terminal."""
+    return Content("\n").join([Content.assemble(*map(_printable, row)) for row in rows])
+
+
+def _printable(part: Part) -> Part:
+    return printable(part) if isinstance(part, str) else (printable(part[0]), part[1])
 
 
 def cells_of(row: Row) -> int:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import warnings
 from typing import TYPE_CHECKING
 
 import pytest
+from rich.text import Text
 
-from sattrack.cli.main import run
+from sattrack.cli.common import show, table
+from sattrack.cli.main import cli, run
 from sattrack.mount.profiles import load_profile_file
 
 if TYPE_CHECKING:
@@ -199,6 +202,55 @@ def test_debug_shows_where_it_came_from(capsys: pytest.CaptureFixture[str]) -> N
     err = capsys.readouterr().err
     assert err.startswith("Traceback")
     assert err.splitlines()[-1].startswith("sattrack: --clock yesterday")
+
+
+CLEAR = "\x1b[2J"
+"""Clears a terminal that is shown it."""
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (("passes", "ISS", "--config", "FILE"), 2),
+        (("passes", "ISS", "--config", "FILE", "--debug"), 2),
+        (("doctor", "--config", "FILE"), 1),
+        (("passes", "ISS", "--config", f"none{CLEAR}.toml"), 2),
+        (("passes", "ISS", f"--{CLEAR}"), 2),
+        (("elements", "check", f"none{CLEAR}.tle"), 2),
+        (("recording", "info", f"none{CLEAR}.mcap"), 2),
+    ],
+)
+def test_what_was_wrong_commands_no_terminal(
+    words: tuple[str, ...], code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "wrong.toml"
+    path.write_text('[cameras]\n"\\u001b[2J" = 3\n')
+    assert run([str(path) if word == "FILE" else word for word in words]) == code
+    out, err = capsys.readouterr()
+    assert "\x1b" not in out + err
+    assert "?[2J" in out + err
+
+
+def test_a_warning_commands_no_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def main(**_: object) -> None:
+        warnings.warn(f"two lines\n{CLEAR}", UserWarning, stacklevel=1)
+
+    monkeypatch.setattr(cli, "main", main)
+    assert run([]) == 0
+    assert capsys.readouterr().err == "sattrack: warning: two lines\n?[2J\n"
+
+
+def test_own_colours_are_shown_and_those_of_texts_are_not(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.setattr("click.utils.should_strip_ansi", lambda *_: False)
+    show("\x1b[31mred", Text("go", style="bold green"), table("head", rows=[["\x1b[31mred"]]))
+    assert capsys.readouterr().out == "?[31mred\n\x1b[1;32mgo\x1b[0m\n\x1b[1mhead   \x1b[0m\n?[31mred\n"
 
 
 def test_faults_of_the_simulated_mount(capsys: pytest.CaptureFixture[str]) -> None:

@@ -467,6 +467,22 @@ def test_a_name_is_text_and_never_markup(
         assert capsys.readouterr().out.count(name) == {1: 1, 2: 4}[len(files)]
 
 
+def test_a_name_commands_no_terminal_and_is_in_json_as_it_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, name = (
+        tmp_path / "named.mcap",
+        "ISS\x1b[2J\x1b]0;owned\x07\x1b]8;;https://example.org\x1b\\\x9b1m\u202e",
+    )
+    flown(path, messages=((-300.0, StopNow()),), name=name)
+    for command in ("report FILE", "report FILE FILE", "recording info FILE", "replay FILE"):
+        assert run([str(path) if word == "FILE" else word for word in command.split()]) == 0
+        told = "".join(capsys.readouterr())
+        assert told.replace("\n", "").isprintable()
+        assert ("ISS?[2J?]0;owned" in told) == ("replay" not in command)
+    assert report_of(path, capsys)["name"] == name
+
+
 def test_of_a_recording_that_is_cut_off_that_comes_first_and_nothing_is_guessed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 from rich.cells import cell_len
 
-from sattrack.tui.panels import fitted
+from sattrack.tui.panels import fitted, rows_content
 from sattrack.views import formatting
 from sattrack.views.run import LearntView
 
@@ -131,6 +131,11 @@ def test_a_gauge_with_a_stroke_where_it_is_to_be(share: float, mark: float, bar:
 def test_a_text_takes_just_the_cells_that_it_is_given(text: str, shown: str) -> None:
     assert fitted(text, 6) == shown
     assert cell_len(shown) == 6
+
+
+def test_rows_are_text_and_command_no_terminal() -> None:
+    content = rows_content([["ISS [/b]\x1b[2J", ("\x9b1m", "bold")], ["below"]])
+    assert content.plain == "ISS [/b]?[2J?1m\nbelow"
 
 
 def test_events_are_told_to_the_nearest_second_and_the_time_now_to_the_one_that_has_begun() -> None:

@@ -112,6 +112,12 @@ def test_an_alt_azimuth_telescope_is_refused_in_a_line(
     assert told == []
 
 
+def test_a_telescopes_name_commands_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    with telescope(alignmentmode="0", name='"Hand\\u001b[2J\\u009b1m\\u202emade"') as (url, _):
+        assert run(["mount", "status", "--mount", url]) == 1
+    assert f"sattrack: {url}: Hand?[2J?1m?made is an alt-azimuth telescope" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("command", [("stop",), ("mount", "abort")], ids=lambda command: command[-1])
 def test_a_stop_is_refused_no_telescope(command: tuple[str, ...]) -> None:
     # Its right ascension stands still, as that of a telescope does that follows the sky.
