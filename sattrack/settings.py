@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
+import stat
+import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Literal
 
@@ -142,6 +146,26 @@ def find_settings_file(explicit: Path | None) -> Path | None:
         if candidate.is_file():
             return candidate
     return None
+
+
+def whose_settings(path: Path) -> str | None:
+    """Return whose a file is, in words, where others than this user and root may write it; else None.
+
+    Windows has neither such owners nor such modes.
+    """
+    if sys.platform == "win32":
+        return None
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    for_all = found.st_mode & stat.S_IWOTH
+    if found.st_uid in (0, os.geteuid()) and not for_all:
+        return None
+    owner = f"user {found.st_uid}"
+    with suppress(OSError, KeyError, NotImplementedError):
+        owner = path.owner()
+    return f"belongs to {owner}{', and everybody may write to it' if for_all else ''}"
 
 
 def load_settings(explicit: Path | None = None) -> Settings:

@@ -15,7 +15,6 @@ from sattrack.cli.common import (
     CommandContext,
     appearance,
     common_options,
-    given,
     helper_options,
     needed_terminal,
     screen_options,
@@ -222,7 +221,7 @@ def _handed_on(context: CommandContext, options: dict[str, Any]) -> list[str]:
     for name, value in (
         ("--theme", options["theme"]),
         ("--site", context.site_option),
-        ("--config", given("--config")),
+        ("--config", context.settings_file),
     ):
         if value is not None:
             text += [name, str(value)]

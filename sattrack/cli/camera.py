@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from sattrack.cli.common import CommandContext, can_draw_lines_anew, common_options, given, renew, say, tell
+from sattrack.cli.common import CommandContext, can_draw_lines_anew, common_options, renew, say, tell
 from sattrack.core import local_time
 from sattrack.core.channel import Channel, see_off
 from sattrack.core.errors import BadInputError, SattrackError, needed
@@ -216,7 +216,7 @@ def _image_options(context: CommandContext, options: dict[str, Any]) -> list[str
         ("--rotation", options["camera_rotation"]),
         ("--exposure", options["exposure"]),
         ("--save", options["save"]),
-        ("--config", given("--config")),
+        ("--config", context.settings_file),
     ):
         if value is not None:
             words += [option, str(value)]

@@ -24,7 +24,14 @@ from sattrack.core.errors import BadInputError, SattrackError, how_to_install
 from sattrack.core.files import replace_file
 from sattrack.core.process import self_command
 from sattrack.core.toml_text import line_of_key
-from sattrack.settings import NO_ELEMENTS, NO_SITE, Settings, find_settings_file, load_settings
+from sattrack.settings import (
+    NO_ELEMENTS,
+    NO_SITE,
+    Settings,
+    find_settings_file,
+    load_settings,
+    whose_settings,
+)
 from tle.errors import SourceError, TleError, printable
 from tle.site import Site
 
@@ -541,6 +548,12 @@ def common_options(*used: str, goes_on: bool = False) -> Callable[[Callable[...,
             debug: bool,
             **rest: Any,
         ) -> Any:
+            found = find_settings_file(config)
+            if config is None and found is not None and (whose := whose_settings(found)) is not None:
+                tell(
+                    f"{found.absolute()}: {whose}; it sets the mount and the limits: give --config FILE to "
+                    "take another, or this one without a word"
+                )
             try:
                 settings = read_settings(config)
             except BadInputError as error:
@@ -557,7 +570,7 @@ def common_options(*used: str, goes_on: bool = False) -> Callable[[Callable[...,
                 clock_option,
                 as_json,
                 debug,
-                find_settings_file(config),
+                found,
             )
             _keep_inputs(rest, [*element_sources, context.settings_file])
             named = (settings.safety.horizon, settings.mount.profile, rest.get("profile"))
@@ -809,7 +822,7 @@ def helper_options(
     from sattrack.tui.feeds import HelperOptions
 
     there = None if mount_url == "sim" else mount_url
-    shared = _option_words("--config", given("--config")) + _option_words("--profile", profile)
+    shared = _option_words("--config", context.settings_file) + _option_words("--profile", profile)
     site = context.site_option
     if site is None and not context.has_site():
         from sattrack.runtime import demo_pass
@@ -832,13 +845,3 @@ def helper_options(
 
 def _option_words(name: str, value: object | None) -> tuple[str, ...]:
     return () if value is None else (name, str(value))
-
-
-def given(name: str) -> str | None:
-    """Return what this command line says of an option that the context does not keep."""
-    for word, following in zip(sys.argv, [*sys.argv[1:], ""], strict=True):
-        if word == name:
-            return following
-        if word.startswith(f"{name}="):
-            return word.partition("=")[2]
-    return None

@@ -393,12 +393,11 @@ def live_executor(
 
 
 def _common(context: CommandContext, mount_url: str, profile: Path) -> tuple[str, ...]:
-    """Return the options that every command of ours is given, as this one was."""
-    given = click.get_current_context().params
+    """Return the options of every command of ours: this one's mount, site, settings and profile."""
     site = context.site()
     options = ["--mount", mount_url, "--site", f"{site.latitude_deg},{site.longitude_deg},{site.height_m}"]
-    if given.get("config") is not None:
-        options += ["--config", str(given["config"])]
+    if context.settings_file is not None:
+        options += ["--config", str(context.settings_file)]
     return (*options, "--profile", str(profile))
 
 

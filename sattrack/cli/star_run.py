@@ -244,7 +244,7 @@ def _ran(
     with contextlib.ExitStack() as stack:
         camera = None
         if options["camera"] is not None:
-            camera = CameraProcess(options["camera"], _camera_words(options))
+            camera = CameraProcess(options["camera"], _camera_words(context, options))
             stack.callback(camera.close)
         keys = stack.enter_context(any_key()) if options["by_hand"] else None
         stack.callback(renew)
@@ -313,16 +313,14 @@ def _say(words: str) -> None:
     tell(words)
 
 
-def _camera_words(options: dict[str, Any]) -> list[str]:
-    from sattrack.cli.common import given
-
+def _camera_words(context: CommandContext, options: dict[str, Any]) -> list[str]:
     words = ["--exposure", options["exposure"], "--latency", str(options["latency"])]
     if options["scale"] is not None:
         words += ["--scale", str(options["scale"])]
     if options["camera"].startswith("folder:"):
         words.append("--watch")
-    config = given("--config")
-    return words if config is None else [*words, "--config", str(config)]
+    file = context.settings_file
+    return words if file is None else [*words, "--config", str(file)]
 
 
 def _ask(options: dict[str, Any], call: MountCall) -> None:

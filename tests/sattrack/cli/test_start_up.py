@@ -146,7 +146,9 @@ def test_calculations_need_no_posix(command: str) -> None:
 
 
 def test_what_needs_posix_says_so_in_one_line() -> None:
-    done = without_posix("from sattrack.cli.main import run; sys.exit(run(['stop']))")
+    done = without_posix(
+        "from sattrack.cli.main import run; sys.exit(run(['stop', '--config', 'sattrack.toml']))"
+    )
     assert done.returncode == 1
     assert done.stderr.startswith("sattrack: this needs Linux, macOS or WSL: Python has no ")
     assert done.stderr.count("\n") == 1

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import math
+import os
+import sys
 import time
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from sattrack.core.clock import SimulatedClock, SystemClock, parse_clock
 from sattrack.core.errors import BadInputError
-from sattrack.settings import Settings, load_settings
+from sattrack.settings import Settings, load_settings, whose_settings
 
-if TYPE_CHECKING:
-    from pathlib import Path
+PASSES = ("passes", "25544", "--clock", "2026-10-02T13:00:00Z", "--hours", "1", "--json")
 
 
 def test_a_simulated_clock_runs_at_its_speed() -> None:
@@ -105,6 +107,105 @@ def test_settings_are_found_here_first_then_in_the_users_folder(
         2.0,
         0.0,
     )
+
+
+def give_away(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a file belong to another user, whoever runs this test."""
+    own = os.geteuid()
+    if own != 0:
+        monkeypatch.setattr(os, "geteuid", lambda: own + 1)
+        return
+    try:
+        os.chown(path, 54321, -1)
+    except OSError as error:
+        pytest.skip(f"root cannot give a file away here: {error}")
+
+
+def owner_of(path: Path) -> str:
+    try:
+        return path.owner()
+    except KeyError:
+        return f"user {path.stat().st_uid}"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="files have no owner and no mode there")
+@pytest.mark.parametrize("where", ["here", "home/sattrack"])
+@pytest.mark.parametrize(
+    ("mode", "strange", "whose"),
+    [
+        (0o644, False, None),
+        (0o664, False, None),
+        (0o666, False, "belongs to {}, and everybody may write to it"),
+        (0o644, True, "belongs to {}"),
+        (0o666, True, "belongs to {}, and everybody may write to it"),
+    ],
+)
+def test_settings_that_were_found_and_that_others_may_write_are_told_each_time(
+    where: str,
+    mode: int,
+    strange: bool,
+    whose: str | None,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    from sattrack.cli.main import run
+
+    path = tmp_path / where / "sattrack.toml"
+    for folder in (path.parent, tmp_path / "here"):
+        folder.mkdir(parents=True, exist_ok=True)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
+    monkeypatch.chdir(tmp_path / "here")
+    example = Path(__file__).parents[3] / "examples" / "iss_leiden.tle"
+    path.write_text(f'elements = ["{example}"]\n[site]\nlatitude_deg = 52\nlongitude_deg = 4\n')
+    path.chmod(mode)
+    if strange:
+        give_away(path, monkeypatch)
+    told = (
+        ""
+        if whose is None
+        else (
+            f"sattrack: {path}: {whose.format(owner_of(path))}; it sets the mount and the limits: "
+            "give --config FILE to take another, or this one without a word\n"
+        )
+    )
+    for _ in range(2):
+        assert run([*PASSES]) == 0
+        out, err = capsys.readouterr()
+        assert json.loads(out)
+        assert err == told
+    assert run([*PASSES, "--config", str(path)]) == 0
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="files have no owner and no mode there")
+def test_settings_of_root_are_anybodys_and_an_owner_without_a_name_is_a_number(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def without_names(_: Path) -> str:
+        raise NotImplementedError
+
+    path = tmp_path / "sattrack.toml"
+    assert whose_settings(path) is None
+    path.write_text("")
+    path.chmod(0o666)
+    user = path.stat().st_uid
+    monkeypatch.setattr(Path, "owner", without_names)
+    assert whose_settings(path) == f"belongs to user {user}, and everybody may write to it"
+    path.chmod(0o644)
+    monkeypatch.setattr(os, "geteuid", lambda: user + 1)
+    assert whose_settings(path) == (None if user == 0 else f"belongs to user {user}")
+
+
+def test_programs_of_ours_are_given_the_settings_that_were_found(tmp_path: Path) -> None:
+    from sattrack.cli.common import CommandContext, helper_options
+    from sattrack.cli.run_night import _common
+
+    path = tmp_path / "sattrack.toml"
+    context = CommandContext(Settings(), "52,4,0", (), None, False, False, path)
+    night = _common(context, "sim", tmp_path / "profile.toml")
+    for words in (helper_options(context, None, None, practising=False).watch, night):
+        assert words[words.index("--config") + 1] == str(path)
 
 
 def test_element_files_are_beside_the_settings_that_name_them(tmp_path: Path) -> None:
