@@ -231,6 +231,11 @@ def given_instant(option: str, text: str) -> Utc:
     return at
 
 
+def given_utc_s(option: str, text: str | None, otherwise: float | None = None) -> float | None:
+    """Return the instant of an option as POSIX seconds, or what holds without it. Raises BadInputError."""
+    return otherwise if text is None else float(given_instant(option, text).unix_s)
+
+
 def say(text: str, *, err: bool = False) -> None:
     """Print text for people; what commands a terminal, in the names and words of others, becomes `?`."""
     click.echo(printable(text, "\n"), err=err)

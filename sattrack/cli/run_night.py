@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sattrack.cli.common import say, tell
+from sattrack.cli.common import given_utc_s, say, tell
 from sattrack.cli.run_plan import (
     loader,
     progress,
     rehearser,
-    said_utc_s,
     situation_of,
     why_left,
     within_half_a_turn,
@@ -303,10 +302,10 @@ def _settings(
     options: dict[str, Any],
 ) -> RunSettings:
     virtual = options["virtual"]
-    begin = said_utc_s("--from", options["start"], schedule.from_utc_s)
+    begin = given_utc_s("--from", options["start"], schedule.from_utc_s)
     if begin is None:
         begin = float(context.now().unix_s)
-    end = said_utc_s("--to", options["end"], schedule.to_utc_s)
+    end = given_utc_s("--to", options["end"], schedule.to_utc_s)
     if end is None and virtual:
         end = begin + VIRTUAL_DAYS * 86400.0
     if end is not None and end <= begin:

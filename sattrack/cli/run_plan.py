@@ -12,7 +12,7 @@ import click
 import msgspec
 import numpy as np
 
-from sattrack.cli.common import given_instant, renew, tell
+from sattrack.cli.common import given_utc_s, renew, tell
 from sattrack.cli.run_report import plan_lines
 from sattrack.core import local_time
 from sattrack.core.angles import altitude_deg
@@ -77,9 +77,9 @@ def _situation(
     context: CommandContext, schedule: Schedule, profile: ProfileFile, options: dict[str, Any]
 ) -> PlanSituation:
     now = float(context.now().unix_s)
-    begin = said_utc_s("--from", options["start"], schedule.from_utc_s)
+    begin = given_utc_s("--from", options["start"], schedule.from_utc_s)
     begin = now if begin is None else begin
-    end = said_utc_s("--to", options["end"], schedule.to_utc_s)
+    end = given_utc_s("--to", options["end"], schedule.to_utc_s)
     end = begin + DEFAULT_HOURS * 3600.0 if end is None else end
     if not 0.0 < end - begin <= MOST_DAYS * 86400.0:
         raise BadInputError(
@@ -108,11 +108,6 @@ def _write(plan: SchedulePlan, context: CommandContext, options: dict[str, Any])
     else:
         colour = False if os.environ.get("NO_COLOR") else None
         click.echo("\n".join(plan_lines(plan)), color=colour)
-
-
-def said_utc_s(option: str, text: str | None, otherwise: float | None) -> float | None:
-    """Return the instant of an option as POSIX seconds, or what holds without it. Raises BadInputError."""
-    return otherwise if text is None else float(given_instant(option, text).unix_s)
 
 
 def within_half_a_turn(profile: ProfileFile) -> ProfileFile:

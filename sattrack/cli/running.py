@@ -18,7 +18,7 @@ import msgspec
 from sattrack.cli.common import (
     JsonLines,
     can_draw_lines_anew,
-    given_instant,
+    given_utc_s,
     how_to_renew,
     renew,
     say,
@@ -409,7 +409,7 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
     url = options["mount_url"] or context.settings.mount.url
     _check_options(context, url, {**options, "target": satellite})
     min_alt_deg = context.settings.min_altitude_deg if options["min_alt"] is None else options["min_alt"]
-    between = (_utc_s("--from", options["begin"]), _utc_s("--to", options["end"]))
+    between = (given_utc_s("--from", options["begin"]), given_utc_s("--to", options["end"]))
     now = context.now()
     begin = now if between[0] is None else max(now, Utc(between[0]))
     if between[0] is not None and between[0] < float(now.unix_s) - 1.0:
@@ -606,10 +606,6 @@ def learn_profile(target: Path | None, base: ProfileFile, summary: Summary) -> N
     check_new_profile(target)
     write_file(target, learnt_text(profile, learnt, base.name, f"{summary.name} on {summary.ended_utc}"))
     tell(f"learnt, and written to {target}: {', '.join(learnt)}")
-
-
-def _utc_s(option: str, text: str | None) -> float | None:
-    return None if text is None else float(given_instant(option, text).unix_s)
 
 
 def _next_request(request: RunRequest, armed: Armed, before: Prepared) -> RunRequest:
