@@ -59,7 +59,7 @@ LIE = {
 }
 AT_REST = {"by": "session", "at_rest": True}
 
-pytestmark = pytest.mark.skipif(os.geteuid() != 0, reason="only root may become another user")
+NEEDS_ROOT = pytest.mark.skipif(os.geteuid() != 0, reason="only root may become another user")
 
 
 @pytest.fixture(autouse=True)
@@ -96,6 +96,7 @@ def name_of(mount: socket.socket) -> str:
     return f"127.0.0.1:{mount.getsockname()[1]}"
 
 
+@NEEDS_ROOT
 def test_who_has_taken_a_mounts_name_is_known_by_the_kernels_word(mount, stranger) -> None:
     pid = stranger(f"sattrack-mount/{name_of(mount)}", {"who": LIE})
     owner = owner_of(name_of(mount))
@@ -104,6 +105,7 @@ def test_who_has_taken_a_mounts_name_is_known_by_the_kernels_word(mount, strange
     assert str(owner).startswith(f"`sattrack track ISS ?[2J`, process {pid} of user nobody, since ")
 
 
+@NEEDS_ROOT
 def test_a_mount_is_not_at_rest_by_a_strangers_word_and_is_sent_an_abort(mount, stranger) -> None:
     stranger(f"sattrack-mount/{name_of(mount)}", {"who": LIE, "stop": AT_REST})
     owner = owner_of(name_of(mount))
@@ -126,6 +128,7 @@ def waits(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return waits
 
 
+@NEEDS_ROOT
 def test_names_of_strangers_are_not_waited_for(
     mount, stranger, waits: list[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -138,6 +141,7 @@ def test_names_of_strangers_are_not_waited_for(
     assert sum(waits) == 0.0
 
 
+@NEEDS_ROOT
 def test_for_root_silent_names_are_waited_for_together(
     mount, stranger, waits: list[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -154,6 +158,7 @@ def test_for_root_silent_names_are_waited_for_together(
     assert len([seconds for seconds in waits if seconds > 0.25]) <= 2
 
 
+@NEEDS_ROOT
 def test_a_guardian_gives_up_for_its_own_user_alone(mount) -> None:
     address = Address("127.0.0.1", mount.getsockname()[1], 0)
     with owned(address, MountProfile()) as (_, guard):
@@ -175,6 +180,7 @@ def test_a_guardian_gives_up_for_its_own_user_alone(mount) -> None:
     assert ask_give_up(owner) is not None
 
 
+@NEEDS_ROOT
 def test_what_has_taken_a_runs_name_is_no_run(stranger) -> None:
     welcome = Welcome(1, os.getpid(), "sattrack track", "2026-10-02T13:00:00Z", "sim", "ISS")
     stranger(f"sattrack-run/{os.getpid()}", {"hello": json.loads(msgspec.json.encode(welcome))})
@@ -198,6 +204,7 @@ def test_a_number_that_may_be_anybodys_process_is_no_runner(tmp_path: Path, numb
         assert night_stop.holder(tmp_path) is None
 
 
+@NEEDS_ROOT
 def test_a_runner_is_a_process_of_the_user_who_holds_the_lock(tmp_path: Path) -> None:
     with lock_of(tmp_path, str(os.getpid())) as lock:
         assert night_stop.holder(tmp_path) == os.getpid()
