@@ -187,7 +187,7 @@ class Driver:
         # Before the first rates of a run: they too may have to last until an answer that never comes.
         self.safety.handshakes_last(self.session.unanswered_s)
         cleared = self.safety.clear(motion, lst_deg, sample.ra_deg, sample.dec_deg, age_s, now_utc_s)
-        return self.safety.in_time(cleared, self.session.rates_wait_s)
+        return self.safety.in_time(cleared, self.session.rates_wait_s, self.in_force)
 
     def compose(self, now_utc_s: float) -> bytes:
         """Return the datagram to send now, and follow the stop at the end; call once a period."""

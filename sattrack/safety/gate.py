@@ -38,7 +38,7 @@ from sattrack.safety.watch import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
     from sattrack.mount.model import Stance
     from sattrack.safety.limits import SafetyLimits
@@ -56,6 +56,8 @@ SWINGS_DEG_S, SWINGS_FOR_S = 1.0, 3.0
 HALF_TURN_DEG = 180.0
 LEAST_KNOWN_S = 5.0
 """For so long a mount may always go on unheard: a run ends before that, and limits count on it."""
+UNLIKE_DEG_S = 0.05
+"""An axis that is faster by more than was sent has not obeyed yet."""
 LED_SHARES = (0.7, 0.5, 0.35, 0.25, 0.15, 0.08)
 """Shares of its rates by which a led slew is slower near a limit, so that a fault would not lead past it."""
 
@@ -112,7 +114,11 @@ class Safety:
         self._held_since: tuple[float, Rates] | None = None
         """When the rates of what is held were found (UTC), and those."""
         self._rests_since_s: float | None = None
-        """Since when axes that are to rest have had a limit ahead all the same (UTC)."""
+        """Since when the axes of a mount by edges are to rest at what they are held at (UTC)."""
+        self._rests_from = REST
+        """How fast they were at most when that began, either way."""
+        self._near_since_s: float | None = None
+        """Since when they have had a limit ahead all the same (UTC)."""
         self._swings: deque[tuple[float, float, float]] = deque()
         """When (UTC) both axes moved unlike any rates that may have been in force, and by how much."""
         self._spots: Sequence[Spot] = ()
@@ -355,7 +361,8 @@ class Safety:
         judged = wanted if self._holds else self._as_fast_as_seen(wanted)
         name = self.holding = self._ahead.outlook(spots, now).limit(judged)
         if name is None:
-            self._outside, self._held_since, self._rests_since_s = 0, None, None
+            self._outside = 0
+            self._held_since = self._rests_since_s = self._near_since_s = None
         else:
             nears = [self._bounds.near(spot.place, self._ahead.horizon_s) for spot in spots]
             outlook = self._ahead.outlook(spots, now, nears)
@@ -374,7 +381,7 @@ class Safety:
                 if kept is None:
                     kept = self._held((clipped, room), (spots, now), outlook.limit, outside is not None)
                     self._held_since = None if utc_s is None else (utc_s, kept)
-                unheeded = self._unheeded(kept, outlook.limit, (spots, nears), utc_s)
+                unheeded = self._unheeded(kept, outlook.limit, spots, utc_s)
                 if unheeded is not None:
                     return self._trip(unheeded)
                 wanted = kept
@@ -417,7 +424,7 @@ class Safety:
         self,
         held: Rates,
         ahead: Callable[[Rates], str | None],
-        stand: tuple[Sequence[Spot], Sequence[Mapping[str, float]]],
+        spots: Sequence[Spot],
         utc_s: float | None,
     ) -> str | None:
         """Return the limit that is `ahead` of axes that are to rest, on a mount that does not heed its edges.
@@ -426,20 +433,21 @@ class Safety:
         asked for the longest fault too soon: only a mount that goes on comes so near, or is seen to move when
         it must have obeyed. The Sun and the Moon come near by themselves.
         """
-        limit = None
-        if utc_s is not None and held == REST and self._profile.move_axis == "edge":
-            limit, then_s = ahead(REST), utc_s
-            if limit is None:
-                limit, then_s = (
-                    self._ahead.going_on(stand[0], self._moving(), stand[1]),
-                    utc_s - oldest_s(stand[0]),
-                )
-        if utc_s is None or limit is None or limit in CONES:
-            self._rests_since_s = None
+        if utc_s is None or held != REST or self._profile.move_axis != "edge":
+            self._rests_since_s = self._near_since_s = None
             return None
         if self._rests_since_s is None:
-            self._rests_since_s = utc_s
-        return limit if then_s - self._rests_since_s > self._ahead.latency_s else None
+            self._rests_since_s, self._rests_from = utc_s, self._fastest()
+        limit = ahead(REST)
+        if limit is None or limit in CONES:
+            self._near_since_s = None
+        elif self._near_since_s is None:
+            self._near_since_s = utc_s
+        elif utc_s - self._near_since_s > self._ahead.latency_s:
+            return limit
+        seen_s = utc_s - oldest_s(spots) - self._rests_since_s - self._ahead.handshake_s
+        limit = self._ahead.disobeying(spots, self._moving(), self._rests_from, seen_s)
+        return None if limit in CONES else limit
 
     def _held(
         self,
@@ -554,20 +562,40 @@ class Safety:
         """Judge rates from now on for a mount that leaves them unanswered: for so long the next may wait."""
         self._ahead.handshakes_last(unanswered_s)
 
-    def in_time(self, cleared: Cleared, rates_wait_s: float) -> Cleared:
+    def in_time(self, cleared: Cleared, rates_wait_s: float, begun: Motion) -> Cleared:
         """Return what was cleared, or a stop where the rates that hold the mount at a limit do not reach it.
 
-        For so long a mount that takes rates by edges has been given none. When a handshake is overdue, axes
-        that go on as they do must leave room for a stop, which needs none, and for the longest fault.
+        For so long a mount that takes rates by edges has been given none since `begun`. When a handshake is
+        overdue, or the axes are seen faster than `begun`, they must leave room, going on as they do, for a
+        stop, which needs no handshake, and for the longest fault.
         """
-        if self.holding is None or rates_wait_s <= self._ahead.overdue_s:
+        if self.holding is None or not rates_wait_s:
             return cleared
-        nears = [self._bounds.near(spot.place, self._ahead.horizon_s) for spot in self._spots]
-        limit = self._ahead.going_on(self._spots, self._moving(), nears)
+        limit = None
+        if rates_wait_s > self._ahead.overdue_s:
+            limit = self._ahead.going_on(self._spots, self._moving())
+        elif isinstance(begun, MoveAxes) and self._faster_than(axis_rates(begun, self._standing.beyond_pole)):
+            seen_s = rates_wait_s - oldest_s(self._spots)
+            limit = self._ahead.disobeying(self._spots, self._moving(), self._fastest(), seen_s)
         return cleared if limit is None else self._trip(limit)
 
+    def _faster_than(self, begun: Rates) -> bool:
+        """Return whether either axis is seen to move faster than by rates, or the other way."""
+        return any(
+            not min(0.0, rate) - UNLIKE_DEG_S <= moved <= max(0.0, rate) + UNLIKE_DEG_S
+            for moved, rate in zip(self._moving(), begun, strict=True)
+        )
+
+    def _fastest(self) -> Rates:
+        """Return how fast each axis is seen to be, or may be by what it was sent of late, either way."""
+        ha, dec = map(abs, self._moving())
+        return (
+            max([ha, *(abs(rates[1]) for rates in self._sent)]),
+            max([dec, *(abs(rates[2]) for rates in self._sent)]),
+        )
+
     def _let_go(self) -> None:
-        self.holding = self._held_since = self._rests_since_s = None
+        self.holding = self._held_since = self._rests_since_s = self._near_since_s = None
         self._outside = 0
         self._by_hand = REST, REST
         self._sent.clear()

@@ -182,20 +182,33 @@ class Ahead:
             views.append(_View(spot.place, ha, dec, nears[k] if nears else NOTHING_NEAR))
         return Outlook(self._bounds, self.horizon_s, views)
 
-    def going_on(
-        self, spots: Sequence[Spot], rates: tuple[float, float], nears: Sequence[Mapping[str, float]]
-    ) -> str | None:
+    def going_on(self, spots: Sequence[Spot], rates: Vector) -> str | None:
         """Return the limit that axes may pass that go on at rates until a stop holds them, or None.
 
         A stop waits for no handshake. Of limits whose margin is used up, see `outlook`, what is left counts.
         """
         begun_s = self.latency_s - self.handshake_s
-        for spot, near in zip(spots, nears, strict=True):
+        for spot in spots:
+            near = self._bounds.near(spot.place, self.horizon_s)
             box = self._box(spot, (rates, rates), rates, begun_s)
             name = self._bounds.violated(box, _margins(near), begun_s + self._unheeded_s)
             if name is not None:
                 return name
         return None
+
+    def disobeying(self, spots: Sequence[Spot], rates: Vector, before: Vector, for_s: float) -> str | None:
+        """Return what limit `going_on` has for axes that were seen at rates they should have left by then.
+
+        Other ones had been sent for so long; `before`, the axes were as fast as that, either way. None as
+        long as they may be braking towards what was sent.
+        """
+        slower_s = [
+            (abs(fastest) - abs(rate)) / (BRAKING_SHARE * braking)
+            for rate, fastest, braking in zip(rates, before, self._braking_deg_s2, strict=True)
+        ]
+        if for_s - (self.latency_s - self.handshake_s) <= max(0.0, *slower_s):
+            return None
+        return self.going_on(spots, rates)
 
     def reach(self, spot: Spot, now: RateRanges, rates: tuple[float, float]) -> Box:
         """Return where the axes may come under these rates before a stop can hold them."""

@@ -24,8 +24,9 @@ from sattrack.mount.model import (
 from sattrack.mount.requests import FineRate, MoveAxis, PulseGuide, Request
 from sattrack.safety import Safety, SafetyLimits
 from sattrack.safety.bodies import sun_over
+from sattrack.safety.bounds import Bounds
 from sattrack.safety.geometry import AxesState, Place, axis_rates
-from sattrack.safety.rate_limit import nearest_rates
+from sattrack.safety.rate_limit import Ahead, Spot, nearest_rates
 
 S = SIDEREAL_RATE_DEG_S
 LATITUDE_DEG, T0 = 52.0, 1_790_000_000.0
@@ -249,7 +250,7 @@ def test_a_mount_by_edges_that_creeps_on_though_it_is_to_rest_is_stopped_when_it
     assert safety.tripped == "declination"
     assert rests_s is not None
     assert utc_s - rests_s > 0.5
-    assert dec_deg > -49.92
+    assert dec_deg > -49.94
 
 
 @pytest.mark.parametrize("back_s", [0.4, 0.6])
@@ -285,8 +286,13 @@ def test_a_place_that_is_none_moves_nothing(place: tuple[float, float, float]) -
         assert safety.tripped == "command"
 
 
-def held_by_edges(above_deg: float, fault_s: float, waits_s: float, unanswered_s: float = 0.0) -> Safety:
-    """Return a gate whose axes go at 1 °/s towards the lower end, so far from it, and are held there."""
+def held_by_edges(
+    above_deg: float, fault_s: float, waits_s: float, unanswered_s: float = 0.0, sent_deg_s: float = -1.0
+) -> Safety:
+    """Return a gate whose axes go at 1 °/s towards the lower end, so far from it, and are held there.
+
+    For so long they have been sent a rate, and no other.
+    """
     edge = replace(PROFILE, move_axis="edge")
     safety = gate(holds=True, profile=edge, fault_s=fault_s)
     safety.handshakes_last(unanswered_s)
@@ -297,7 +303,7 @@ def held_by_edges(above_deg: float, fault_s: float, waits_s: float, unanswered_s
         safety.watch(Seen(utc_s, sidereal_deg, sidereal_deg, dec_deg), wish)
         cleared = safety.clear(wish, sidereal_deg, sidereal_deg, dec_deg, 0.0, utc_s)
     assert safety.holding == "declination"
-    found = safety.in_time(cleared, waits_s)
+    found = safety.in_time(cleared, waits_s, MoveAxes(S, sent_deg_s))
     assert (found.motion == Stop()) == (safety.tripped == "declination")
     return safety
 
@@ -314,6 +320,29 @@ def test_a_mount_by_edges_is_stopped_where_the_rates_that_hold_it_come_too_late(
     for waits_s, stopped in ((1.19, False), (1.21, True)):
         safety = held_by_edges(way_deg - 0.01, 1.0, waits_s, unanswered_s=1.0)
         assert (safety.tripped is not None) == stopped
+
+
+def test_a_mount_by_edges_is_stopped_that_is_seen_to_disobey_the_rates_before() -> None:
+    """It obeys within 0.2 s, and is not slower then; a stop and the longest fault must have room."""
+    way_deg = 0.2004 + 1.0 + 1.0 / 16.0 + 0.1
+    for sent_deg_s, disobeys in ((-0.4, True), (0.4, True), (-0.94, True), (-0.96, False), (-1.0, False)):
+        for more_deg in (-0.01, 0.01):
+            for waits_s, due in ((0.15, False), (0.25, True), (0.45, True)):
+                safety = held_by_edges(way_deg + more_deg, 1.0, waits_s, sent_deg_s=sent_deg_s)
+                assert (safety.tripped is not None) == (disobeys and due and more_deg < 0.0)
+
+
+def test_axes_that_brake_towards_the_rates_before_do_not_disobey_them() -> None:
+    """By 8 °/s² from 2 or 3 °/s to 1; the other axis has been at rest."""
+    limits = replace(DARK, longest_fault_s=1.0)
+    edge = replace(PROFILE, move_axis="edge")
+    ahead = Ahead(edge, limits, Bounds(edge, limits, LATITUDE_DEG, None))
+    spots = [Spot(Place(0.0, -49.0), 0.0)]
+    for before_deg_s, obeyed_s in ((0.5, 0.2004), (1.0, 0.2004), (2.0, 0.3254), (3.0, 0.4504)):
+        for more_s in (-0.001, 0.001):
+            limit = ahead.disobeying(spots, (0.0, -1.0), (0.0, before_deg_s), obeyed_s + more_s)
+            assert limit == (None if more_s < 0.0 else "declination")
+    assert ahead.disobeying(spots, (0.0, 1.0), (0.0, 1.0), 9.0) is None
 
 
 @pytest.mark.parametrize("seen_deg_s", [1.0, 1.5, 2.5])
