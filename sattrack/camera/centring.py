@@ -339,7 +339,7 @@ def contradiction(said: ImageGeometry, solution: Solution) -> str | None:
         off = wrap180(solution.rotation_deg - said.rotation_deg)
         if abs(off) > 1.0:
             wrong.append(f"--rotation is {said.rotation_deg:g}, the stars show {solution.rotation_deg:.1f}")
-    if said.flipped is not None and said.flipped != solution.flipped:
+    if bool(said.flipped) != solution.flipped:
         shown = "is mirrored" if solution.flipped else "is not mirrored"
         wrong.append(
             f"the stars show that the image {shown}: {'give' if solution.flipped else 'omit'} --flip"

@@ -93,6 +93,9 @@ def test_a_field_is_found_as_astropy_projects_it(
     assert "mirrored" in wrong
     assert ("--scale" in wrong) is (scale != SCALE)
     assert contradiction(ImageGeometry(scale, rotation, flipped), found) is None
+    # An image of which nothing is said is taken for one that is not mirrored.
+    unsaid = contradiction(ImageGeometry(scale, rotation), found)
+    assert unsaid == ("the stars show that the image is mirrored: give --flip" if flipped else None)
     frame = CameraFrame(np.zeros((HEIGHT, WIDTH), dtype=np.float32), Utc(1790946324.0), 0.1, "f")
     seen = centred(frame, Detection("point", 700.0, 500.0, 0.2, 20.0), said, found, "guide")
     assert seen.direction is not None
