@@ -66,6 +66,9 @@ RIVAL_WIDER, RIVAL_NOISIER = 3.0, 1.5
 """A rival expects so many times the errors of elements of that age, and those of what is observed."""
 REFUTED_BY, REFUTED_SHARE = 20, 5
 """So many rejected observations, and so many times as many as it took, refute an estimate."""
+UNSURE_SHARE = 5
+"""Where it rejects as many, and more than one for so many that it takes, what it says of mount and cameras is
+not kept: something that it does not know of, as a camera's clock, may stand in other terms."""
 MOST_UNHEARD = 50
 """Older ones begin no rival any more."""
 BETTER_FRAME = 9.0
@@ -256,11 +259,15 @@ class Estimator:
     def sky_terms(self) -> SkyTerms | None:
         """What cameras have shown of the mount and of themselves, for its profile."""
         known = self.filter
-        if known is None or not known.cameras or self.last_utc_s is None:
+        if known is None or not known.cameras or self.last_utc_s is None or self._is_unsure:
             return None
         cameras = {name: _named(CAMERA_TERMS, known.terms(name)) for name in known.cameras}
         when = Utc(self.last_utc_s).isoformat("seconds")
         return SkyTerms(when, _named(MOUNT_TERMS, known.terms()), {} if known.mirrored else cameras)
+
+    @property
+    def _is_unsure(self) -> bool:
+        return self.rejected >= REFUTED_BY and self.rejected * UNSURE_SHARE > self.accepted
 
     @property
     def camera_words(self) -> tuple[str, ...]:
@@ -270,6 +277,8 @@ class Estimator:
             return ()
         if known.knows_terms and not known.uses_known_terms:
             words.append("what earlier passes found of mount and cameras does not hold: it is left aside")
+        if self._is_unsure and known.cameras:
+            words.append("many of the camera's offsets contradict the others: no profile learns from them")
         if known.mirrored:
             words.append("the camera's image is mirrored otherwise than set: turn `flipped` round")
         for name in known.cameras:

@@ -709,6 +709,19 @@ class TestWhatCamerasShow:
         )
         assert Estimator(25544, RISE_S).camera_words == ()
 
+    @pytest.mark.parametrize(
+        ("accepted", "rejected", "unsure"),
+        [(100, 20, False), (100, 21, True), (200, 101, True), (90, 19, False), (9, 19, False)],
+    )
+    def test_no_profile_learns_of_a_camera_whose_offsets_contradict_one_another(
+        self, accepted: int, rejected: int, unsure: bool
+    ) -> None:
+        one = self.known()
+        one.accepted, one.rejected = accepted, rejected
+        assert (one.sky_terms is None) == unsure
+        words = ("many of the camera's offsets contradict the others: no profile learns from them",)
+        assert one.camera_words == (words if unsure else ())
+
     def test_a_profile_is_told_of_mount_and_cameras_unless_the_image_is_mirrored(self) -> None:
         one = self.known(rotation_deg=2.0)
         terms = one.sky_terms
