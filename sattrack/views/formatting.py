@@ -13,7 +13,15 @@ from tle.instants import Utc
 
 if TYPE_CHECKING:
     from sattrack.mount.model import Status
-    from sattrack.views.run import ClockView, ConsoleView, LearntView, LoopView, Summary, TrackView
+    from sattrack.views.run import (
+        CameraSummary,
+        ClockView,
+        ConsoleView,
+        LearntView,
+        LoopView,
+        Summary,
+        TrackView,
+    )
 
 
 NOTHING = "–"
@@ -538,6 +546,8 @@ def summary_lines(summary: Summary) -> list[str]:
         )
     if summary.bias_along_s or summary.bias_cross_deg:
         lines.append(f"  bias {summary.bias_along_s:+.3f} s along, {summary.bias_cross_deg:+.4f}° across")
+    if summary.camera is not None:
+        lines.append(_camera_line(summary.camera))
     lines.extend(_bias_lines(summary))
     if summary.why_not_acquired is not None and summary.why_not_acquired not in (summary.message or ""):
         lines.append(f"  never on target: {summary.why_not_acquired}")
@@ -547,6 +557,14 @@ def summary_lines(summary: Summary) -> list[str]:
         trouble = "" if summary.recording_trouble is None else f": {summary.recording_trouble}"
         lines.append(f"  recorded in {summary.recording}{trouble}")
     return lines
+
+
+def _camera_line(camera: CameraSummary) -> str:
+    frames = "1 frame" if camera.frames == 1 else f"{camera.frames} frames"
+    line = f"  cameras: {frames}, the satellite found in {camera.detected}"
+    if camera.frames and not camera.detected:
+        line += ": it was out of the field, or too faint; try a wider camera, or --bias-along"
+    return line
 
 
 def _source_lines(summary: Summary) -> list[str]:

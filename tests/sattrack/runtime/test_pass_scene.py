@@ -19,6 +19,7 @@ from sattrack.runtime.facts import RunRequest, build_engine, prepare
 from sattrack.runtime.flight import RunStatistics, summarise
 from sattrack.runtime.pass_scene import keyhole_deg, pass_scene, uncalibrated
 from sattrack.views.formatting import summary_lines
+from sattrack.views.run import CameraSummary
 
 FACTS = prepare(
     RunRequest(
@@ -175,3 +176,24 @@ def test_view_and_summary_say_whether_the_profile_was_measured() -> None:
         summary = summarise(engine, RunStatistics(), facts.plan.end_utc_s)
         assert summary.calibrated is calibrated
         assert ("uncalibrated" in summary_lines(summary)[0]) is named
+
+
+@pytest.mark.parametrize(
+    ("frames", "detected", "line"),
+    [
+        (0, 0, "  cameras: 0 frames, the satellite found in 0"),
+        (1, 1, "  cameras: 1 frame, the satellite found in 1"),
+        (
+            255,
+            0,
+            "  cameras: 255 frames, the satellite found in 0: it was out of the field, or too faint; "
+            "try a wider camera, or --bias-along",
+        ),
+    ],
+)
+def test_a_summary_says_what_the_cameras_came_to(frames: int, detected: int, line: str) -> None:
+    engine = build_engine(FACTS)
+    summary = summarise(engine, RunStatistics(), FACTS.plan.end_utc_s)
+    assert not any("cameras" in words for words in summary_lines(summary))
+    seen = CameraSummary(frames, detected, 0, 0, None)
+    assert line in summary_lines(msgspec.structs.replace(summary, camera=seen))
