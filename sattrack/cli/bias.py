@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +25,7 @@ from sattrack.cli.common import (
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.views.formatting import old
-from tle.errors import TleError
+from tle.errors import SatelliteNotFoundError, TleError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -108,21 +109,39 @@ def _chosen(
     context: CommandContext, source: str, satellite: str | None, seen: Sequence[Observation]
 ) -> Elements:
     """Return the elements of the satellite that was named, or that the observations name."""
-    from tle.sources import find, newest
+    from tle.sources import newest
 
     sets = context.load((source,))
     if not sets.accepted:
         raise sets.rejected[0]
     elements = newest(sets.accepted)
     if satellite is not None:
-        return find(elements, satellite)
+        return _find(elements, satellite)
     named = sorted({one.object_key for one in seen if one.object_key})
     if len(named) == 1:
-        return find(elements, named[0])
+        return _find(elements, named[0])
     if len(elements) == 1:
         return elements[0]
     several = f"the observations name {', '.join(named)}" if named else f"{source} holds {len(elements)} sets"
     raise BadInputError(f"{several}: name one with --satellite")
+
+
+def _find(elements: Sequence[Elements], key: str) -> Elements:
+    """Return a satellite's elements; the error where there are none says how this command takes others.
+
+    Raises SatelliteNotFoundError, AmbiguousSatelliteError.
+    """
+    from sattrack.elements.downloads import named_source
+    from tle.sources import find
+
+    try:
+        return find(elements, key)
+    except SatelliteNotFoundError as error:
+        if str(error).endswith("?"):
+            raise
+        source = shlex.quote(named_source(key))
+        advice = f"check the spelling, or give {source} as ELEMENTS to fetch it"
+        raise SatelliteNotFoundError(f"{error}: {advice}") from None
 
 
 def _of(elements: Elements, seen: Sequence[Observation]) -> list[Observation]:

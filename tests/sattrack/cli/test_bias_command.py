@@ -150,6 +150,19 @@ def test_bad_observations_are_named(
     assert len(err.splitlines()) == 1
 
 
+def test_a_satellite_that_the_elements_have_not_is_told_with_what_fetches_it(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = written(tmp_path / "other.jsonl", [row | {"catalog_number": 45085} for row in solutions()[:3]])
+    _, err = ran(capsys, ELEMENTS, "--observations", path, code=2)
+    assert err.endswith(": check the spelling, or give celestrak:45085 as ELEMENTS to fetch it\n")
+    named = (ELEMENTS, "--observations", str(SOLUTIONS), "--satellite")
+    _, err = ran(capsys, *named, "Big Bird", code=2)
+    assert "give 'celestrak:name=Big Bird' as ELEMENTS to fetch it" in err
+    _, err = ran(capsys, *named, "Zariya", code=2)
+    assert err.endswith("; did you mean ISS (ZARYA) (25544)?\n")
+
+
 def test_directions_of_no_orbit_near_the_elements_are_refused(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
