@@ -25,6 +25,7 @@ from sattrack.cli.common import (
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.views.formatting import old
+from sattrack.views.messages import check_sigma
 from tle.errors import SatelliteNotFoundError, TleError
 
 if TYPE_CHECKING:
@@ -97,11 +98,21 @@ def command(
 
 
 def _read(context: CommandContext, files: Sequence[str], stations: Path | None) -> list[Observation]:
+    """Return the observations of all files in order of time, with the sigmas that a run takes.
+
+    Raises ObservationError, SourceError, SiteError, BadInputError.
+    """
     from tle.formats.observations import Stations, read_observations, read_stations
 
     site = context.site() if context.has_site() else None
     known = read_stations(stations, site) if stations else Stations({}, site)
     found = [one for name in files for one in read_observations(name, known)]
+    for one in found:
+        if one.sigma_arcsec is not None:
+            try:
+                check_sigma(one.sigma_arcsec)
+            except ValueError as error:
+                raise one.error(str(error)) from None
     return sorted(found, key=lambda one: float(one.utc.unix_s))
 
 

@@ -218,7 +218,7 @@ class ObservationMessage(
         _check_utc(self.utc)
         _one_of("frame", self.frame, FRAMES)
         _check_direction(self.ra_deg, self.dec_deg)
-        _check_sigma(self.sigma_arcsec)
+        check_sigma(self.sigma_arcsec)
 
 
 class SolvedField(msgspec.Struct, frozen=True, tag="field", forbid_unknown_fields=True):
@@ -237,7 +237,7 @@ class SolvedField(msgspec.Struct, frozen=True, tag="field", forbid_unknown_field
         """Raise ValueError where a number cannot be one of a field."""
         _check_utc(self.utc)
         _check_direction(self.ra_deg, self.dec_deg)
-        _check_sigma(self.sigma_arcsec)
+        check_sigma(self.sigma_arcsec)
 
 
 class SeenOffset(msgspec.Struct, frozen=True, tag="offset", forbid_unknown_fields=True, omit_defaults=True):
@@ -281,7 +281,7 @@ class SeenOffset(msgspec.Struct, frozen=True, tag="offset", forbid_unknown_field
         if not max(abs(dx), abs(dy)) <= most:
             raise ValueError(f"an offset goes to {most:g} {unit} either way")
         if unit == "arcseconds":
-            _check_sigma(sigma)
+            check_sigma(sigma)
         elif not LEAST_SIGMA_PX <= sigma <= most:
             raise ValueError(f"sigma_px {sigma:g} is outside {LEAST_SIGMA_PX:g} to {most:g}")
         if self.rotation_deg is not None and not abs(self.rotation_deg) <= 360.0:
@@ -437,7 +437,8 @@ def _check_direction(ra_deg: float, dec_deg: float) -> None:
         raise ValueError(f"dec_deg {dec_deg:g} is outside -90 to 90")
 
 
-def _check_sigma(sigma_arcsec: float) -> None:
+def check_sigma(sigma_arcsec: float) -> None:
+    """Check one standard deviation of an observation. Raises ValueError outside the bounds."""
     if not LEAST_SIGMA_ARCSEC <= sigma_arcsec <= MOST_SIGMA_ARCSEC:
         span = f"{LEAST_SIGMA_ARCSEC:g} to {MOST_SIGMA_ARCSEC:g}"
         raise ValueError(f"sigma_arcsec {sigma_arcsec:g} is outside {span}")

@@ -150,6 +150,17 @@ def test_bad_observations_are_named(
     assert len(err.splitlines()) == 1
 
 
+@pytest.mark.parametrize("sigma_arcsec", [0, 0.001, 999999])
+def test_a_sigma_that_a_run_refuses_is_refused_with_file_and_line(
+    sigma_arcsec: float, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    rows = solutions()[:3]
+    rows[1]["sigma_arcsec"] = sigma_arcsec
+    path = written(tmp_path / "sigma.jsonl", rows)
+    _, err = ran(capsys, ELEMENTS, "--observations", path, code=2)
+    assert err == f"sattrack: {path}:2: sigma_arcsec {sigma_arcsec:g} is outside 0.01 to 3600\n"
+
+
 def test_a_satellite_that_the_elements_have_not_is_told_with_what_fetches_it(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
