@@ -25,7 +25,7 @@ from sattrack.cli.common import (
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.views.formatting import old
-from sattrack.views.messages import check_sigma
+from sattrack.views.messages import FRAMES, check_sigma
 from tle.errors import SatelliteNotFoundError, TleError
 
 if TYPE_CHECKING:
@@ -33,9 +33,15 @@ if TYPE_CHECKING:
 
     from tle.elements import Elements
     from tle.formats.observations import Observation
+    from tle.observed import Frame
     from tle.orbit_fit import ObservedFit, OrbitFit
 
 _SHOWN = 20
+_MANY_TIMES = 5.0
+"""A scatter of so many times the sigmas is worth a warning: one in 3e7 observations with an honest sigma
+lies so far off, and programs give sigmas too small by two or three times. A frame with so much less fits."""
+_LIKELY_FRAMES: tuple[Frame, ...] = ("icrf", "of_date", "gcrs")
+"""What observations of another frame are tried in, the likeliest first; j2000 is icrf but for 0.02″."""
 
 
 @click.command("bias")
@@ -86,12 +92,15 @@ def command(
     seen = _read(context, (*observations, *more), stations)
     elements = _chosen(context, source, satellite, seen)
     found = _fitted(elements, _of(elements, seen))
+    warnings = _warnings(found)
+    for warning in warnings:
+        tell(f"warning: {warning}")
     if out is not None:
         _write(out, found.fit)
     if plot is not None:
         _plot(plot, found)
     if context.json:
-        click.echo(json.dumps(_document(found), allow_nan=False))
+        click.echo(json.dumps({**_document(found), "warnings": warnings}, allow_nan=False))
     else:
         say("\n".join(_lines(found)))
     return 0
@@ -184,6 +193,38 @@ def _fitted(elements: Elements, seen: Sequence[Observation]) -> ObservedFit:
             "check the satellite, the station, the frame and the clock"
         )
     return found
+
+
+def _warnings(found: ObservedFit) -> list[str]:
+    """Return what to tell of a fit whose observations lie much farther off than their sigmas say."""
+    if found.fit.scatter < _MANY_TIMES:
+        return []
+    return [
+        f"the observations lie {found.fit.scatter:.1f} times as far off as their sigmas say: "
+        + (_would_fit(found) or "check the sigmas, the satellite, the station, the frame and the clock")
+    ]
+
+
+def _would_fit(found: ObservedFit) -> str | None:
+    """Say in which frame no fewer observations would fit, with far less scatter; None where in none."""
+    from tle.orbit_fit import fit_observations
+
+    names: dict[str, str] = {"gcrs": "gcrs"} | {frame: name for name, frame in FRAMES.items()}
+    for given in sorted({one.frame for one in found.observations}):
+        same = "icrf" if given == "j2000" else given
+        for other in (frame for frame in _LIKELY_FRAMES if frame != same):
+            moved = [replace(one, frame=other) if one.frame == given else one for one in found.observations]
+            try:
+                tried = fit_observations(found.elements, moved)
+            except TleError:
+                continue
+            if (
+                tried is not None
+                and tried.fit.scatter * _MANY_TIMES <= found.fit.scatter
+                and tried.fit.used.sum() >= found.fit.used.sum()
+            ):
+                return f"in the frame {names[other]}, not {names[given]}, they would fit"
+    return None
 
 
 def _document(found: ObservedFit) -> dict[str, Any]:

@@ -161,6 +161,50 @@ def test_a_sigma_that_a_run_refuses_is_refused_with_file_and_line(
     assert err == f"sattrack: {path}:2: sigma_arcsec {sigma_arcsec:g} is outside 0.01 to 3600\n"
 
 
+def test_a_frame_that_another_explains_is_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """Precession since J2000 is 0.36° in 2026."""
+    path = written(tmp_path / "frame.jsonl", [row | {"frame": "of_date"} for row in solutions()])
+    out, err = ran(capsys, ELEMENTS, "--observations", path)
+    scatter = re.search(r"RMS, (\S+) times what the sigmas say$", out, re.MULTILINE)
+    assert scatter is not None
+    words = (
+        f"the observations lie {scatter[1]} times as far off as their sigmas say: in the frame icrs, "
+        "not of_date, they would fit"
+    )
+    assert err == f"sattrack: warning: {words}\n"
+    out, err = ran(capsys, ELEMENTS, "--observations", path, "--json")
+    document = json.loads(out)
+    assert document["warnings"] == [words]
+    assert set(document) == {"bias", "observations", "warnings"}
+    assert err == f"sattrack: warning: {words}\n"
+
+
+def test_only_the_frame_that_is_wrong_is_told_of_several(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    rows = [row | {"frame": ("j2000", "of_date")[i % 2]} for i, row in enumerate(solutions())]
+    (words,) = fitted(capsys, ELEMENTS, "--observations", written(tmp_path / "mixed.jsonl", rows))["warnings"]
+    assert words.endswith(": in the frame icrs, not of_date, they would fit")
+
+
+def test_a_scatter_that_no_frame_explains_is_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    rows = [row | {"sigma_arcsec": 1.0} for row in solutions()]
+    (words,) = fitted(capsys, ELEMENTS, "--observations", written(tmp_path / "small.jsonl", rows))["warnings"]
+    assert re.fullmatch(
+        r"the observations lie \d+\.\d times as far off as their sigmas say: "
+        r"check the sigmas, the satellite, the station, the frame and the clock",
+        words,
+    )
+
+
+def test_sigmas_that_are_small_by_a_few_times_are_no_cause_for_a_warning(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    rows = [row | {"sigma_arcsec": 6.0} for row in solutions()]
+    out, err = ran(capsys, ELEMENTS, "--observations", written(tmp_path / "few.jsonl", rows), "--json")
+    assert (json.loads(out)["warnings"], err) == ([], "")
+
+
 def test_a_satellite_that_the_elements_have_not_is_told_with_what_fetches_it(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
