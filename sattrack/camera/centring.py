@@ -18,6 +18,7 @@ from sattrack.camera.frames import reduced
 from sattrack.core.angles import wrap180
 from sattrack.views.messages import (
     LEAST_SIGMA_ARCSEC,
+    MOST_SCALE_ARCSEC_PX,
     MOST_SIGMA_ARCSEC,
     Message,
     ObservationMessage,
@@ -60,14 +61,16 @@ class ImageGeometry:
     flipped: bool | None = None
 
     def of_header(self, frame: CameraFrame) -> ImageGeometry:
-        """Return the same with the scale by the header's pixel size and focal length, if it has none."""
+        """Return the same with the scale by the header's pixel size and focal length, else its SCALE."""
         if self.scale_arcsec_px is not None:
             return self
-        size_um, focal_mm = (frame.header.get(key) for key in ("XPIXSZ", "FOCALLEN"))
-        if not isinstance(size_um, int | float) or not isinstance(focal_mm, int | float) or focal_mm <= 0.0:
+        size_um, focal_mm, scale = (frame.header.get(key) for key in ("XPIXSZ", "FOCALLEN", "SCALE"))
+        sizes = [one for one in (size_um, focal_mm) if isinstance(one, int | float) and one > 0.0]
+        if len(sizes) == 2:
+            scale = math.degrees(sizes[0] * 1e-3 / sizes[1]) * 3600.0
+        if not isinstance(scale, int | float) or not 0.0 < scale <= MOST_SCALE_ARCSEC_PX:
             return self
-        scale = math.degrees(size_um * 1e-3 / focal_mm) * 3600.0
-        return ImageGeometry(scale, self.rotation_deg, self.flipped)
+        return ImageGeometry(float(scale), self.rotation_deg, self.flipped)
 
     def turned(self, angle_deg: float) -> ImageGeometry:
         """Return the same of a tube that is turned on the sky, north through east."""

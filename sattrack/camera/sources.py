@@ -412,13 +412,23 @@ class AlpacaCamera:
         self._full = self._optional("maxadu")
         self._gain_per_unit = self._optional("electronsperadu")
         self._gains = tuple(self._optional(name) for name in ("gainmin", "gainmax", "gain"))
+        self._optics: dict[str, float] = {}
+        for axis in "xy":
+            size_um, bins = self._optional(f"pixelsize{axis}") or 0.0, self._optional(f"bin{axis}") or 0.0
+            # FITS has the pixels as they are read out, Alpaca as they are made.
+            if size_um > 0.0:
+                self._optics[f"{axis.upper()}PIXSZ"] = size_um * max(bins, 1.0)
+            if bins >= 1.0:
+                self._optics[f"{axis.upper()}BINNING"] = int(bins)
 
     def _optional(self, member: str) -> float | None:
         try:
             value = self._device.get(member)
         except (AlpacaRefusalError, NoAnswerError):
             return None
-        return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
+        if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+            return None
+        return float(value)
 
     def frames(self) -> Iterator[CameraFrame | SattrackError]:
         """See FrameSource; the end is an error that tells why."""
@@ -447,7 +457,9 @@ class AlpacaCamera:
         pixels = grey(decode_image(kind, body))
         taken_s = self._optional("lastexposureduration")
         length_s = exposure_s if taken_s is None else taken_s
-        header = {} if self._gain_per_unit is None else {"EGAIN": self._gain_per_unit}
+        header = dict(self._optics)
+        if self._gain_per_unit is not None:
+            header["EGAIN"] = self._gain_per_unit
         if self._gains[2] is not None:
             header["GAIN"] = self._gains[2]
         return CameraFrame(
@@ -647,7 +659,8 @@ class IndiCamera:
 def save_frame(frame: CameraFrame, folder: Path, camera: str, solved: dict[str, float] | None) -> Path:
     """Write a frame as FITS, its first row at the bottom, with the headers of the field; return the file.
 
-    Raises SattrackError.
+    `solved` may have SCALE, arcseconds in a pixel: where the size of the pixels is known, FOCALLEN goes with
+    it. Raises SattrackError.
     """
     fits = needed("astropy.io.fits", "--save", "camera")
     begun = frame.utc.plus(-0.5 * frame.exposure_s)
@@ -668,6 +681,9 @@ def save_frame(frame: CameraFrame, folder: Path, camera: str, solved: dict[str, 
             header[key] = frame.header[key]
     for key, value in (solved or {}).items():
         header[key] = value
+    size_um = header.get("XPIXSZ")
+    if "SCALE" in header and isinstance(size_um, int | float) and size_um > 0.0:
+        header["FOCALLEN"] = (size_um * 1e-3 / math.radians(header["SCALE"] / 3600.0), "[mm]")
     name = begun.isoformat("milliseconds").replace(":", "").replace("-", "").replace(".", "_")
     path = folder / f"{name}.fits"
     try:

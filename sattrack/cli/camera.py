@@ -484,7 +484,7 @@ def _watch(
         if run is not None:
             run.show(item, detection, look.geometry.of_header(item), seen)
         if save is not None:
-            _save(item, save, look.name, seen)
+            _save(item, save, look, seen)
         camera.adjust(light_wanted(item, detection))
         _print(context.json, seen, sent)
     if can_draw_lines_anew() and not context.json:
@@ -506,12 +506,15 @@ def _items(camera: FrameSource, run: ObservationLink | None) -> Iterator[CameraF
         yield item
 
 
-def _save(frame: CameraFrame, folder: Path, name: str, seen: Centred) -> None:
+def _save(frame: CameraFrame, folder: Path, look: Looker, seen: Centred) -> None:
     from sattrack.camera.sources import save_frame
 
     solved = seen.solved or {}
     fields = {"RA": solved["ra_deg"], "DEC": solved["dec_deg"]} if solved else {}
-    save_frame(frame, folder, name, fields)
+    scale = solved.get("scale_arcsec_px", look.geometry.of_header(frame).scale_arcsec_px)
+    if scale is not None:
+        fields["SCALE"] = scale
+    save_frame(frame, folder, look.name, fields)
 
 
 def _print(as_json: bool, seen: Centred, sent: bool) -> None:

@@ -6,17 +6,19 @@ import base64
 import gzip
 import io
 import json
+import math
 import os
 import socket
 import struct
 import threading
 import zlib
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import pytest
 
 from sattrack.camera import sources
+from sattrack.camera.centring import ImageGeometry
 from sattrack.camera.frames import CameraFrame
 from sattrack.camera.sources import SourceOptions, decode_image, open_source, save_frame
 from sattrack.core.errors import BadInputError, SattrackError
@@ -224,6 +226,70 @@ def test_a_frame_that_was_kept_reads_as_it_was(tmp_path: Path) -> None:
     assert header["DATE-OBS"] == "2026-10-02T13:05:24.400000"
     assert (header["EXPTIME"], header["INSTRUME"], header["GAIN"], header["RA"]) == (0.2, "guide", 7, 1.5)
     assert fits.getdata(path).tolist() == pixels.tolist()
+
+
+@pytest.mark.parametrize("header", [{}, {"XPIXSZ": 0.0}, {"XPIXSZ": 3.75, "YPIXSZ": 3.75, "FOCALLEN": 50.0}])
+def test_a_frame_that_was_kept_tells_its_scale(tmp_path: Path, header: dict[str, float]) -> None:
+    pytest.importorskip("astropy.io.fits")
+    pixels = np.zeros((30, 40), dtype=np.float32)
+    save_frame(CameraFrame(pixels, MIDDLE, 0.2, "f", header=header), tmp_path, "guide", {"SCALE": 2.5})
+    (kept,) = frames(f"folder:{tmp_path}", SourceOptions())
+    assert isinstance(kept, CameraFrame)
+    assert kept.header["SCALE"] == 2.5
+    # 3.75 um under 2.5 arcseconds, of which a radian has 206264.8.
+    focal_mm = pytest.approx(3.75e-3 * 206264.806 / 2.5, abs=1e-3) if header.get("XPIXSZ") else None
+    assert kept.header.get("FOCALLEN") == focal_mm
+    assert ImageGeometry().of_header(kept).scale_arcsec_px == pytest.approx(2.5, rel=1e-5)
+
+
+class AnnouncedCamera:
+    """An Alpaca camera of two by three pixels, by what AlpacaCamera asks of its device."""
+
+    members: ClassVar = {"pixelsizex": 3.75, "pixelsizey": 3.0, "binx": 2, "biny": 2, "imageready": True}
+
+    def __init__(self, *_: object) -> None: ...
+
+    def put(self, member: str, **values: str) -> None: ...
+
+    def get(self, member: str) -> object:
+        if member not in self.members:
+            raise AlpacaRefusalError(0x400, "not implemented")
+        return self.members[member]
+
+    def get_body(self, *_: object) -> tuple[str, bytes]:
+        return "application/imagebytes", metadata(8) + struct.pack("<6H", 1, 2, 3, 4, 5, 6)
+
+
+@pytest.mark.parametrize("said", [0.0, -1.0, math.nan, math.inf, "3.75"])
+def test_a_pixel_size_that_is_none_is_not_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: object
+) -> None:
+    fits = pytest.importorskip("astropy.io.fits")
+    monkeypatch.setattr(AnnouncedCamera, "members", {"pixelsizex": said, "binx": said, "imageready": True})
+    monkeypatch.setattr(sources, "AlpacaDevice", AnnouncedCamera)
+    frame = next(iter(open_source("alpaca://127.0.0.1:1/0", SourceOptions(0.001)).frames()))
+    assert isinstance(frame, CameraFrame)
+    header = fits.getheader(save_frame(frame, tmp_path, "guide", {"SCALE": 2.5}))
+    assert not {"XPIXSZ", "XBINNING", "FOCALLEN"} & set(header)
+
+
+def test_the_pixel_size_that_an_alpaca_camera_announces_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fits = pytest.importorskip("astropy.io.fits")
+    monkeypatch.setattr(sources, "AlpacaDevice", AnnouncedCamera)
+    frame = next(iter(open_source("alpaca://127.0.0.1:1/0", SourceOptions(0.001)).frames()))
+    assert isinstance(frame, CameraFrame)
+    header = fits.getheader(save_frame(frame, tmp_path, "guide", None))
+    # FITS has the size of the pixels as they are read out.
+    assert (header["XPIXSZ"], header["YPIXSZ"]) == (7.5, 6.0)
+    assert (header["XBINNING"], header["YBINNING"]) == (2, 2)
+
+
+@pytest.mark.parametrize("scale", [0.0, -2.5, 3601.0, "2.5"])
+def test_a_header_whose_scale_is_none_tells_none(scale: object) -> None:
+    frame = CameraFrame(np.zeros((30, 40), dtype=np.float32), MIDDLE, 0.2, "f", header={"SCALE": scale})
+    assert ImageGeometry().of_header(frame).scale_arcsec_px is None
 
 
 @pytest.mark.parametrize(

@@ -70,6 +70,8 @@ def test_each_frame_is_a_line_with_the_offset_from_the_middle(
     assert all(empty[name] is None for name in ("dx_arcsec", "dy_arcsec", "sigma_arcsec", "snr", "solved"))
     assert empty["why"]
     assert len(list((tmp_path / "kept").glob("*.fits"))) == 3
+    again = ran(capsys, "camera", f"folder:{tmp_path / 'kept'}", "--json", "--no-solve")[0]
+    assert [one["dx_arcsec"] for one in again] == [one["dx_arcsec"] for one in (first, empty, third)]
 
 
 def test_the_settings_of_a_camera_are_those_of_its_name(
