@@ -646,7 +646,9 @@ def light_wanted(frame: CameraFrame, detection: Detection) -> float:
     what is found by less light and not by more would make it swing for good.
     """
     full = frame.saturation or 65535.0
-    sky = float(np.nanmedian(frame.pixels[::16, ::16])) / full
+    sample = frame.pixels[::16, ::16]
+    sample = sample[np.isfinite(sample)]
+    sky = float(np.median(sample)) / full if sample.size else 0.0
     peak = None if detection.peak is None else detection.peak / full
     if detection.saturated > MOST_SATURATED or sky > LEVEL[1] or (peak is not None and peak > LEVEL[1]):
         return 0.5

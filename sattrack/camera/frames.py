@@ -203,15 +203,29 @@ def _length_s(number: str, unit: str) -> float:
     return float(number) * (0.001 if unit == "ms" else 1.0)
 
 
-def grey(pixels: NDArray[Any]) -> NDArray[Any]:
-    """Return an image of one plane: of colours, their mean. Raises ValueError for what is no image."""
-    if pixels.ndim == COLOURS and pixels.shape[2] in {3, 4}:
-        pixels = pixels[..., :COLOURS].mean(axis=2, dtype=np.float32)
-    elif pixels.ndim == COLOURS and pixels.shape[0] == COLOURS:
-        pixels = pixels.mean(axis=0, dtype=np.float32)
-    pixels = np.squeeze(pixels)
+MOST_VALUE = 1e12
+"""Of a pixel: above it is no light, and sums of squares would leave single precision."""
+
+
+def grey(pixels: NDArray[Any]) -> Pixels:
+    """Return an image of one plane: of colours, their mean; NaN where a pixel is no number up to MOST_VALUE.
+
+    Raises ValueError for what is no image.
+    """
+    # What is no number, or leaves single precision, is found below.
+    with np.errstate(all="ignore"):
+        if pixels.ndim == COLOURS and pixels.shape[2] in {3, 4}:
+            pixels = pixels[..., :COLOURS].mean(axis=2, dtype=np.float32)
+        elif pixels.ndim == COLOURS and pixels.shape[0] == COLOURS:
+            pixels = pixels.mean(axis=0, dtype=np.float32)
+        pixels = np.squeeze(pixels).astype(np.float32)
+        good = np.abs(pixels) <= MOST_VALUE
     if pixels.ndim != 2:
         raise ValueError(f"it has {pixels.ndim} dimensions")
+    if not good.any():
+        raise ValueError(f"none of its pixels is a number up to {MOST_VALUE:g}")
+    if not good.all():
+        pixels[~good] = np.nan
     return pixels
 
 
@@ -261,6 +275,9 @@ def reduced(frame: CameraFrame, side: int) -> tuple[int, int, bytes]:
     # What is left over lies on both sides alike, so that the middle stays the middle.
     top, left = (height - rows * step) // 2, (width - columns * step) // 2
     cut = frame.pixels[top : top + rows * step, left : left + columns * step]
+    good = np.isfinite(cut)
+    if not good.all():
+        cut = np.where(good, cut, np.median(cut[good]) if good.any() else np.float32(0.0))
     paired = cut.copy()
     np.minimum(cut[:, :-1], cut[:, 1:], out=paired[:, :-1])
     blocks = paired.reshape(rows, step, columns, step)

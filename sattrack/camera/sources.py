@@ -11,6 +11,7 @@ import re
 import struct
 import threading
 import time
+import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
@@ -190,7 +191,11 @@ def _fits_image(stream: BinaryIO, name: str) -> tuple[dict[str, Any], NDArray[An
         raise BadInputError(f"{name}: it is no FITS file; unpack it first if it is packed")
     stream.seek(0)
     try:
-        with fits.open(stream, memmap=False, disable_image_compression=True) as file:
+        # What the library warns of either can be read or is refused below.
+        with (
+            warnings.catch_warnings(action="ignore"),
+            fits.open(stream, memmap=False, disable_image_compression=True) as file,
+        ):
             part = next((one for one in file if one.is_image and one.shape), None)
             if part is None:
                 raise BadInputError(f"{name}: it has no image; unpack it first if it is packed")

@@ -11,6 +11,7 @@ import os
 import socket
 import struct
 import threading
+import warnings
 import zlib
 from typing import TYPE_CHECKING, ClassVar
 
@@ -19,7 +20,8 @@ import pytest
 
 from sattrack.camera import sources
 from sattrack.camera.centring import ImageGeometry
-from sattrack.camera.frames import CameraFrame
+from sattrack.camera.detection import Detection, light_wanted
+from sattrack.camera.frames import CameraFrame, reduced
 from sattrack.camera.sources import SourceOptions, decode_image, open_source, save_frame
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.alpaca.client import AlpacaRefusalError, NoAnswerError
@@ -169,6 +171,60 @@ def test_what_cannot_be_a_frame_is_told_in_a_line_and_the_next_is_read(
     assert why in str(refused)
     assert "\n" not in str(refused)
     assert isinstance(frame, CameraFrame)
+
+
+NOISE = np.random.default_rng(6).normal(600.0, 8.0, (30, 40)).astype(np.float32)
+
+
+@pytest.mark.filterwarnings("always")
+@pytest.mark.parametrize(
+    ("data", "why"),
+    [
+        (lambda: fits_bytes(NOISE, **DATED)[:3000], "cannot be read as FITS"),
+        (lambda: fits_bytes(NOISE, **DATED)[:1500], "cannot be read as FITS"),
+        (lambda: fits_bytes(NOISE * np.nan, **DATED), "none of its pixels is a number up to 1e+12"),
+        (lambda: fits_bytes(NOISE * np.float32(1e30), **DATED), "none of its pixels is a number up to 1e+12"),
+        (lambda: fits_bytes(NOISE * np.float64(1e300), **DATED), "none of its pixels is a number up to"),
+        (lambda: fits_bytes(np.full((3, 30, 40), np.inf), **DATED), "none of its pixels is a number up to"),
+    ],
+    ids=["cut data", "cut header", "no numbers", "large", "larger than single precision", "infinite colours"],
+)
+def test_a_frame_without_pixels_is_told_without_words_of_the_libraries(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], data: Callable[[], bytes], why: str
+) -> None:
+    pytest.importorskip("astropy.io.fits")
+    (tmp_path / "a.fits").write_bytes(data())
+    with warnings.catch_warnings(record=True) as told:
+        (refused,) = frames(f"folder:{tmp_path}", SourceOptions())
+    assert isinstance(refused, BadInputError)
+    assert why in str(refused)
+    assert not told
+    assert capfd.readouterr() == ("", "")
+
+
+def test_pixels_that_are_no_numbers_are_left_out_of_a_frame_and_its_picture(tmp_path: Path) -> None:
+    pytest.importorskip("astropy.io.fits")
+    pixels = np.tile(NOISE, (4, 4))
+    pixels[7, 3], pixels[9, 9], pixels[50:70, 60:100] = 1e30, np.inf, np.nan
+    (tmp_path / "a.fits").write_bytes(fits_bytes(pixels, **DATED))
+    with warnings.catch_warnings(action="error"):
+        (frame,) = frames(f"folder:{tmp_path}", SourceOptions())
+        assert isinstance(frame, CameraFrame)
+        light_wanted(frame, Detection("none"))
+        columns, rows, levels = reduced(frame, 40)
+    bad = ~np.isfinite(frame.pixels)
+    assert bad.sum() == 2 + 20 * 40
+    assert frame.pixels[~bad].max() < 1000.0
+    picture = np.frombuffer(levels, np.uint8).reshape(rows, columns)
+    # A level of the sky where there are none, and not the brightest.
+    assert picture[14, 20] < 128
+
+
+def test_the_light_of_a_frame_of_which_a_few_pixels_are_numbers_is_judged_quietly() -> None:
+    pixels = np.full((60, 80), np.nan, dtype=np.float32)
+    pixels[5, 5] = 100.0
+    with warnings.catch_warnings(action="error"):
+        assert light_wanted(CameraFrame(pixels, MIDDLE, 0.05, "f", 65535.0), Detection("none")) == 2.0
 
 
 @pytest.mark.parametrize("watch", [False, True])
