@@ -133,8 +133,19 @@ class FolderSource:
                 except SattrackError as error:
                     yield error
             if not self._options.watch:
+                if not found:
+                    yield self._nothing_to_read()
                 return
             time.sleep(POLL_S)
+
+    def _nothing_to_read(self) -> BadInputError:
+        """Return the refusal of a folder that has no file of a suffix that is read."""
+        *most, last = sorted(FITS_SUFFIXES | PNG_SUFFIXES)
+        others = sum(each.is_file() for each in self._folder.iterdir())
+        return BadInputError(
+            f"{self._folder}: no file there ends in {', '.join(most)} or {last}; others are not read, "
+            f"nor packed ones (other files: {others})"
+        )
 
     def _growing(self, path: Path, sizes: dict[str, int]) -> bool:
         """Tell whether a file may still be written: its size has changed since the last look."""

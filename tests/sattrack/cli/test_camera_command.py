@@ -111,6 +111,18 @@ def test_a_folder_without_a_frame_that_can_be_used_names_them(
     assert "no frame that can be used" in err
 
 
+@pytest.mark.parametrize("others", [(), ("a.fits.gz", "b.jpg", "c.jpg")])
+def test_a_folder_without_a_file_that_is_read_says_which_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], others: tuple[str, ...]
+) -> None:
+    (tmp_path / "older.fits.d").mkdir()
+    for name in others:
+        (tmp_path / name).write_bytes(b"something")
+    err = ran(capsys, "camera", f"folder:{tmp_path}", code=2)[1]
+    words = "no file there ends in .fit, .fits, .fts or .png; others are not read, nor packed ones"
+    assert f"{tmp_path}: {words} (other files: {len(others)})" in err
+
+
 def test_a_missing_extra_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
