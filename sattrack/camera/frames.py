@@ -123,10 +123,12 @@ def _date_in(header: Mapping[str, Any], key: str, name: str) -> Utc | None:
             raise BadInputError(f"{name}: {key} is {value!r}, which is no date") from None
         return Utc((days - UNIX_EPOCH_MJD) * DAY_S)
     text = str(value).strip()
-    if "T" not in text:
+    if "T" not in text and ":" not in text:
         time_of_day = header.get(key.replace("DATE", "TIME")) or header.get("UT") or header.get("UTC")
         if time_of_day is None:
-            raise BadInputError(f"{name}: {key} is {text!r}, without a time of day")
+            raise BadInputError(
+                f"{name}: {key} is {text!r}, without a time of day: write UTC as 2026-10-02T13:05:24.5"
+            )
         text = f"{text}T{str(time_of_day).strip()}"
     return parse_utc(text, f"{name}: {key}")
 
@@ -212,6 +214,8 @@ def grey(pixels: NDArray[Any]) -> Pixels:
 
     Raises ValueError for what is no image.
     """
+    # The file's order: columns, then rows.
+    size = " × ".join(str(one) for one in reversed(pixels.shape))
     # What is no number, or leaves single precision, is found below.
     with np.errstate(all="ignore"):
         if pixels.ndim == COLOURS and pixels.shape[2] in {3, 4}:
@@ -221,7 +225,9 @@ def grey(pixels: NDArray[Any]) -> Pixels:
         pixels = np.squeeze(pixels).astype(np.float32)
         good = np.abs(pixels) <= MOST_VALUE
     if pixels.ndim != 2:
-        raise ValueError(f"it has {pixels.ndim} dimensions")
+        raise ValueError(
+            f"it has {size} pixels; an image has several columns and rows, of one plane or three colours"
+        )
     if not good.any():
         raise ValueError(f"none of its pixels is a number up to {MOST_VALUE:g}")
     if not good.all():

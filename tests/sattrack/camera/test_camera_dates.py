@@ -39,7 +39,14 @@ def test_the_middle_of_the_exposure_is_found_in_a_header(header: dict[str, objec
     [
         ({"EXPTIME": 0.2}, "no DATE-OBS"),
         ({"DATE-OBS": "2026-10-02T13:05:24.4"}, "no EXPTIME"),
-        ({"DATE-OBS": "2026-10-02", "EXPTIME": 0.2}, "without a time of day"),
+        (
+            {"DATE-OBS": "2026-10-02", "EXPTIME": 0.2},
+            "without a time of day: write UTC as 2026-10-02T13:05:24.5",
+        ),
+        (
+            {"DATE-OBS": "02/10/26 13:00", "EXPTIME": 0.2},
+            "DATE-OBS: '02/10/26 13:00' is no time: write UTC as 2026-10-02T13:05:24.5Z",
+        ),
         ({"DATE-OBS": "02/10/26T13:05:24", "EXPTIME": 0.2}, "DATE-OBS"),
         ({"DATE-OBS": "2026-10-02T13:05:24", "EXPTIME": -1}, "EXPTIME"),
         ({"DATE-OBS": "2026-10-02T13:05:24", "EXPTIME": 0.2, "TIMESYS": "TAI"}, "TIMESYS is TAI"),
@@ -57,6 +64,12 @@ def test_a_header_that_does_not_date_its_frame_is_refused_by_name(
     with pytest.raises(BadInputError, match=words) as error:
         fits_exposure(header, "night/a.fits")
     assert str(error.value).startswith("night/a.fits: ")
+
+
+@pytest.mark.parametrize("beside", [{}, {"TIME-OBS": "13:05:24.4"}, {"UT": "13:05:24.4"}])
+def test_a_space_may_stand_between_date_and_time(beside: dict[str, object]) -> None:
+    found = fits_exposure({"DATE-OBS": "2026-10-02 13:05:24.4", "EXPTIME": 0.2, **beside}, "a.fits")
+    assert abs(float(found.utc - MIDDLE)) < 1e-4
 
 
 def test_the_settings_beside_an_image_date_it() -> None:

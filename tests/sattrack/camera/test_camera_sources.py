@@ -176,6 +176,25 @@ def test_what_cannot_be_a_frame_is_told_in_a_line_and_the_next_is_read(
 NOISE = np.random.default_rng(6).normal(600.0, 8.0, (30, 40)).astype(np.float32)
 
 
+@pytest.mark.parametrize(
+    ("shape", "size"),
+    [
+        ((1, 1), "1 × 1"),
+        ((1, 1000), "1000 × 1"),
+        ((1000, 1), "1 × 1000"),
+        ((5, 4, 30, 20), "20 × 30 × 4 × 5"),
+    ],
+)
+def test_what_is_no_image_is_told_with_its_size_in_the_file(
+    tmp_path: Path, shape: tuple[int, ...], size: str
+) -> None:
+    (tmp_path / "a.fits").write_bytes(fits_bytes(np.ones(shape, dtype=np.float32), **DATED))
+    (refused,) = frames(f"folder:{tmp_path}", SourceOptions())
+    assert isinstance(refused, BadInputError)
+    words = f"it has {size} pixels; an image has several columns and rows, of one plane or three colours"
+    assert str(refused) == f"{tmp_path / 'a.fits'}: cannot be read as an image: {words}"
+
+
 @pytest.mark.filterwarnings("always")
 @pytest.mark.parametrize(
     ("data", "why"),
