@@ -377,13 +377,14 @@ def name_for(pid: int) -> str:
     return f"\0{PREFIX}{pid}"
 
 
-def is_run_of(connection: socket.socket, pid: int) -> bool:
-    """Return whether a connection leads to what a process of this user's serves: anybody may take its name.
+def check_run_of(connection: socket.socket, pid: int) -> None:
+    """Raise ConnectionRefusedError where a connection leads to no run of that process that is ours to see.
 
-    Root looks at the runs of all.
+    Anybody may take its name. Root looks at the runs of all.
     """
     _, user = peer_of(connection)
-    return user_of(pid) in (user, None) and (is_trusted(user) or this_user() == 0)
+    if user_of(pid) not in (user, None) or not (is_trusted(user) or this_user() == 0):
+        raise ConnectionRefusedError
 
 
 def feeders() -> list[int]:
@@ -539,10 +540,8 @@ class RunViews:
         connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             connection.connect(name_for(self._pid))
+            check_run_of(connection, self._pid)
         except OSError:
-            connection.close()
-            return
-        if not is_run_of(connection, self._pid):
             connection.close()
             return
         self._channel = Channel(connection.detach(), longest=LONGEST_VIEW)

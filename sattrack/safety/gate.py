@@ -386,11 +386,7 @@ class Safety:
                     return self._trip(unheeded)
                 wanted = kept
         if not self._holds:
-            least, greatest = self._by_hand
-            self._by_hand = (
-                (min(least[0], wanted[0]), min(least[1], wanted[1])),
-                (max(greatest[0], wanted[0]), max(greatest[1], wanted[1])),
-            )
+            self._by_hand = _widened(self._by_hand, wanted)
         if utc_s is not None:
             self._sent.append((utc_s, *wanted))
         return Cleared(self._as_move(wanted, move, wish))
@@ -518,10 +514,7 @@ class Safety:
         least, greatest = (min(has), min(decs)), (max(has), max(decs))
         if sent[0][0] > since_s:
             # What it was sent before, and may obey yet, is not known.
-            least, greatest = (
-                (min(ha, least[0]), min(dec, least[1])),
-                (max(ha, greatest[0]), max(dec, greatest[1])),
-            )
+            least, greatest = _widened((least, greatest), (ha, dec))
         swing_ha, swing_dec = self._swing((ha, dec), (least, greatest), utc_s)
         return (
             (min(ha, least[0] - swing_ha), min(dec, least[1] - swing_dec)),
@@ -628,6 +621,15 @@ ANY_RATE: Rates = (-math.inf, math.inf)
 def _room_about(before: float, step: float) -> Rates:
     """Return rates no more than a step faster either way; slowing down is never held back."""
     return min(before, 0.0) - step, max(before, 0.0) + step
+
+
+def _widened(ranges: RateRanges, rates: Rates) -> RateRanges:
+    """Return ranges of rates that hold other ones, too."""
+    least, greatest = ranges
+    return (
+        (min(least[0], rates[0]), min(least[1], rates[1])),
+        (max(greatest[0], rates[0]), max(greatest[1], rates[1])),
+    )
 
 
 def _sped_up(rate: float, moved: float, least: float, greatest: float) -> float:

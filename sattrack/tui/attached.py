@@ -15,7 +15,7 @@ import msgspec
 
 from sattrack.core.errors import SattrackError
 from sattrack.runtime.mounts import ask_stop, owners
-from sattrack.runtime.view_server import feeders, is_run_of, name_for, started_by
+from sattrack.runtime.view_server import check_run_of, feeders, name_for, started_by
 from sattrack.tui.feeds import BufferedFeed
 from sattrack.views.messages import StopNow, encode_message
 from sattrack.views.picture import PictureView
@@ -275,8 +275,7 @@ def welcomed(
     connection.settimeout(WELCOME_WITHIN_S)
     try:
         _connect(connection, name_for(pid))
-        if not is_run_of(connection, pid):
-            raise ConnectionRefusedError
+        check_run_of(connection, pid)
         hello = {"type": "hello", "name": name, "pictures": pictures, "shows": shows}
         connection.sendall(msgspec.json.encode(hello) + b"\n")
         lines = connection.makefile("rb")

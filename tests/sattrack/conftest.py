@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import socket
 from typing import TYPE_CHECKING
 
 import pytest
@@ -40,6 +41,21 @@ def radio_dish(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """
     (tmp_path / "sattrack.toml").write_text("[safety]\noptical = false\n")
     monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have guardians write what they did, and schedules be listed, in a folder of the test's own."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+
+
+@pytest.fixture
+def mount_socket() -> Iterator[socket.socket]:
+    """Give what receives a mount's commands."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.settimeout(60.0)
+        yield listener
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -25,7 +24,7 @@ from sattrack.runtime.guardian import GONE_AFTER_S, OBEY_WITHIN_S, POLL_S, Feede
 from sattrack.runtime.mounts import Taken, ask_give_up, claim, owner_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    import socket
 
 pytestmark = pytest.mark.usefixtures("radio_dish")
 WITHIN_S = 10.0
@@ -122,14 +121,6 @@ def move(url: str) -> Feeder:
         *("mount", "move", "--ra-rate", "-1", "--dec-rate", "0.2", "--seconds", "20"),
         *("--mount", url, *SITE),
     )
-
-
-@pytest.fixture
-def mount_socket() -> Iterator[socket.socket]:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
-        listener.bind(("127.0.0.1", 0))
-        listener.settimeout(60.0)
-        yield listener
 
 
 def address_of(bound: socket.socket) -> Address:

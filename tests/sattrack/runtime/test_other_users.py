@@ -6,7 +6,6 @@ import contextlib
 import fcntl
 import json
 import os
-import socket
 import subprocess
 import sys
 from typing import TYPE_CHECKING
@@ -28,9 +27,11 @@ from sattrack.tui.attached import welcomed
 from sattrack.views.run import Welcome
 
 if TYPE_CHECKING:
+    import socket
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
+pytestmark = pytest.mark.usefixtures("own_state")
 NOBODY = 65534
 MOVING = encode_command(Command(7, move_ra=True, move_ra_rate_deg_s=1.0))
 STRANGER = """
@@ -62,20 +63,6 @@ AT_REST = {"by": "session", "at_rest": True}
 NEEDS_ROOT = pytest.mark.skipif(os.geteuid() != 0, reason="only root may become another user")
 
 
-@pytest.fixture(autouse=True)
-def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have guardians write what they did into a folder of the test's own."""
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-
-
-@pytest.fixture
-def mount() -> Iterator[socket.socket]:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mount:
-        mount.bind(("127.0.0.1", 0))
-        mount.settimeout(10.0)
-        yield mount
-
-
 @pytest.fixture
 def stranger() -> Iterator[Callable[[str, object], int]]:
     """Give a function that has another user take a name and answer there; it returns the process."""
@@ -92,26 +79,26 @@ def stranger() -> Iterator[Callable[[str, object], int]]:
         yield take
 
 
-def name_of(mount: socket.socket) -> str:
-    return f"127.0.0.1:{mount.getsockname()[1]}"
+def name_of(mount_socket: socket.socket) -> str:
+    return f"127.0.0.1:{mount_socket.getsockname()[1]}"
 
 
 @NEEDS_ROOT
-def test_who_has_taken_a_mounts_name_is_known_by_the_kernels_word(mount, stranger) -> None:
-    pid = stranger(f"sattrack-mount/{name_of(mount)}", {"who": LIE})
-    owner = owner_of(name_of(mount))
+def test_who_has_taken_a_mounts_name_is_known_by_the_kernels_word(mount_socket, stranger) -> None:
+    pid = stranger(f"sattrack-mount/{name_of(mount_socket)}", {"who": LIE})
+    owner = owner_of(name_of(mount_socket))
     assert owner is not None
-    assert (owner.pid, owner.user, owner.mount, owner.trusted) == (pid, NOBODY, name_of(mount), False)
+    assert (owner.pid, owner.user, owner.mount, owner.trusted) == (pid, NOBODY, name_of(mount_socket), False)
     assert str(owner).startswith(f"`sattrack track ISS ?[2J`, process {pid} of user nobody, since ")
 
 
 @NEEDS_ROOT
-def test_a_mount_is_not_at_rest_by_a_strangers_word_and_is_sent_an_abort(mount, stranger) -> None:
-    stranger(f"sattrack-mount/{name_of(mount)}", {"who": LIE, "stop": AT_REST})
-    owner = owner_of(name_of(mount))
+def test_a_mount_is_not_at_rest_by_a_strangers_word_and_is_sent_an_abort(mount_socket, stranger) -> None:
+    stranger(f"sattrack-mount/{name_of(mount_socket)}", {"who": LIE, "stop": AT_REST})
+    owner = owner_of(name_of(mount_socket))
     assert owner is not None
     assert stop_session(owner, lambda: None) is None
-    assert decode_command(mount.recv(200)).abort
+    assert decode_command(mount_socket.recv(200)).abort
 
 
 @pytest.fixture
@@ -130,9 +117,9 @@ def waits(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 @NEEDS_ROOT
 def test_names_of_strangers_are_not_waited_for(
-    mount, stranger, waits: list[float], monkeypatch: pytest.MonkeyPatch
+    mount_socket, stranger, waits: list[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    names = [f"{name_of(mount)}/{k}" for k in range(3)]
+    names = [f"{name_of(mount_socket)}/{k}" for k in range(3)]
     for name in names:
         stranger(f"sattrack-mount/{name}", {})
     monkeypatch.setattr(mounts_module, "this_user", lambda: 1000)
@@ -143,10 +130,10 @@ def test_names_of_strangers_are_not_waited_for(
 
 @NEEDS_ROOT
 def test_for_root_silent_names_are_waited_for_together(
-    mount, stranger, waits: list[float], monkeypatch: pytest.MonkeyPatch
+    mount_socket, stranger, waits: list[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    address = Address("127.0.0.1", mount.getsockname()[1], 0)
-    names = [f"{name_of(mount)}/{k}" for k in range(3)]
+    address = Address("127.0.0.1", mount_socket.getsockname()[1], 0)
+    names = [f"{name_of(mount_socket)}/{k}" for k in range(3)]
     for name in names:
         stranger(f"sattrack-mount/{name}", {})
     monkeypatch.setattr(mounts_module, "taken_names", lambda prefix: [*names, address.name])
@@ -159,8 +146,8 @@ def test_for_root_silent_names_are_waited_for_together(
 
 
 @NEEDS_ROOT
-def test_a_guardian_gives_up_for_its_own_user_alone(mount) -> None:
-    address = Address("127.0.0.1", mount.getsockname()[1], 0)
+def test_a_guardian_gives_up_for_its_own_user_alone(mount_socket) -> None:
+    address = Address("127.0.0.1", mount_socket.getsockname()[1], 0)
     with owned(address, MountProfile()) as (_, guard):
         assert guard.beat(MOVING)
         guard.release(False)

@@ -25,8 +25,8 @@ from sattrack.runtime.mounts import Taken, ask_stop, claim, listen, look_on, own
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
+pytestmark = pytest.mark.usefixtures("own_state")
 MOVING = encode_command(Command(7, move_ra=True, move_ra_rate_deg_s=1.0))
 HOLDER = """
 import sys, time
@@ -36,12 +36,6 @@ held = claim(Address("127.0.0.1", int(sys.argv[1]), 0))
 print("held", flush=True)
 time.sleep(60)
 """
-
-
-@pytest.fixture(autouse=True)
-def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have guardians write what they did into a folder of the test's own."""
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
 
 
 @pytest.fixture
