@@ -209,7 +209,7 @@ class Guard(Guarded):
         self._turns_before = None if left is None else left.trouble(now_s)
         self._words[Word.TURNS_LOST] = self._turns_before is not None
         self._beats = 0
-        self._armed = self._restarted = False
+        self._armed = self._aborts = self._restarted = False
         self._lost: str | None = None
 
     def _look(self) -> None:

@@ -229,17 +229,21 @@ def sample_by_axes(sample: StatusSample, frame: AxisFrame) -> StatusSample:
 class DirectStop(Driver):
     """A stop by a session of its own; call `tick` once a period until `finished`.
 
-    `counter` is the number of the last datagram that the mount was sent. After the end, more ticks keep the
-    mount at rest: should it move again, it is stopped again.
+    `counter` is the number of the last datagram that the mount was sent. `acts_in_s` is the time until an
+    abort acts that it has acknowledged: no other is sent before, from which it might count anew. After the
+    end, more ticks keep the mount at rest: should it move again, it is stopped again.
     """
 
-    def __init__(self, profile: MountProfile, begun_utc_s: float, counter: int = 0) -> None:
+    def __init__(
+        self, profile: MountProfile, begun_utc_s: float, counter: int = 0, acts_in_s: float = 0.0
+    ) -> None:
         super().__init__(profile, Safety(profile, SafetyLimits(), 0.0))
         self.session.health.sent = counter
         # What it did before is not known: positions that repeat from the first on may be a hung encoder's.
         self.session.taken_over()
         self.stop: StopProcedure = StopProcedure(begun_utc_s, blind=True)
-        self.session.apply(self.clear(Stop(), begun_utc_s))
+        self._aborts_from_utc_s = begun_utc_s + acts_in_s
+        self._abort(begun_utc_s)
 
     def receive(self, data: bytes, arrival_utc_s: float) -> StatusSample | None:
         """Take one datagram from the mount, whose limits are not known here."""
@@ -251,7 +255,12 @@ class DirectStop(Driver):
 
     def tick(self, now_utc_s: float) -> bytes:
         """Return the datagram to send now."""
+        self._abort(now_utc_s)
         return self.compose(now_utc_s)
+
+    def _abort(self, now_utc_s: float) -> None:
+        if now_utc_s >= self._aborts_from_utc_s and not isinstance(self.session.wanted, Stop):
+            self.session.apply(self.clear(Stop(), now_utc_s))
 
     def last_heard(self, now_utc_s: float) -> str:
         """Return what the mount reported last, as text."""

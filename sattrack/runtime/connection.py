@@ -142,6 +142,8 @@ class Guarded:
         self._words[Word.TURNS_LOST] = self._turns_before is not None
         self._beats = 0
         self._armed = False
+        self._aborts = False
+        """Whether the last datagram has the abort's flag up."""
         self._restarted = False
         self._lost: str | None = None
         try:
@@ -203,9 +205,13 @@ class Guarded:
             return False
         if datagram is not None:
             words[Word.COUNTER] = int.from_bytes(datagram[COUNTER], "little")
-            if not self._armed and datagram[FLAGS] != NO_FLAGS:
+            flags = datagram[FLAGS] != NO_FLAGS
+            if flags and not self._armed:
                 self._armed = True
                 words[Word.ARMED] = 1
+            if flags or self._aborts:
+                words[Word.ABORT_FELL] = 0 if flags else self._beats
+                self._aborts = flags and not sets_going(datagram)
         if self._beats % LOOK_EVERY_BEATS == 0 and self._lost is None:
             self._look()
         return True

@@ -85,6 +85,8 @@ class Word(IntEnum):
     """For how long after the newest status the turns of the mount's axes stay known; 0 for ever."""
     TURNS_LOST = 10
     """1 once the mount may have gone half round unheard."""
+    ABORT_FELL = 11
+    """The beat with which an abort's flag fell, which the mount has acknowledged; 0 once any flag is up."""
 
 
 class Release(IntEnum):
@@ -406,12 +408,22 @@ class Guardian:
         self._why = why
         now_s = self._begun_s = self._due_s = time.monotonic()
         counter = self.words[Word.COUNTER]
-        self._stop = DirectStop(self.task.profile, now_s * self.task.speed, counter)
+        utc_s = now_s * self.task.speed
+        self._stop = DirectStop(self.task.profile, utc_s, counter, self._abort_acts_in_s())
         self.link.onlooker = partial(note_status, self.words)
         # What has waited unread since the feeder read last is old, but for the newest.
         for arrival in self.link.receive()[-1:]:
             self._stop.receive(arrival.data, arrival.monotonic_s * self.task.speed)
         self._stop_mount(now_s)
+
+    def _abort_acts_in_s(self) -> float:
+        """Return the mount's time until an abort of the feeder's acts, which the mount has acknowledged."""
+        words, profile = self.words, self.task.profile
+        if not words[Word.ABORT_FELL]:
+            return 0.0
+        since_s = (words[Word.BEATS] - words[Word.ABORT_FELL]) * profile.period_s
+        since_s += self._watch.silent_s * self.task.speed
+        return max(0.0, profile.abort_delay_s - since_s)
 
     def _stop_mount(self, now_s: float) -> None:
         """Send the datagram that is due, and report how the stop has ended, once it has."""

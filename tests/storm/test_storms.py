@@ -8,8 +8,9 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import pytest
-from storm.draws import KINDS_OF_FAULTS, Fault, draw
+from storm.draws import KINDS_OF_FAULTS, Fault, Person, draw
 from storm.invariants import Watcher, judged
 from storm.world import Judging, Sent, World
 from storms import fought
@@ -88,6 +89,28 @@ def test_after_the_end_of_the_process_the_guardian_or_the_program_stops_the_moun
     assert not watcher.verdict.violations
     assert ended.killed == (kind == "kill")
     assert watcher.path[-1].speed_deg_s < 0.001
+
+
+@pytest.mark.parametrize("seed", [13, 33])
+@pytest.mark.parametrize("fault", [None, Fault(12.8, "kill"), Fault(12.1, "silent", 3.0)], ids=str)
+def test_a_mount_that_counts_anew_from_each_abort_obeys_the_first(seed: int, fault: Fault | None) -> None:
+    """It obeys 1.8 s late; the program dies meanwhile, or nothing is heard of the mount."""
+    late_s, begun_s, brakes_s = 1.8, 12.0, 0.5
+    fair = draw(seed).fair()
+    profile = msgspec.structs.replace(fair.facts.profile, abort_delay_s=late_s)
+    storm = replace(
+        fair,
+        facts=msgspec.structs.replace(fair.facts, profile=profile),
+        parameters=fair.parameters | {"abort_delay_s": late_s},
+        program="track",
+        people=(Person(begun_s, "", "stop"),),
+        faults=() if fault is None else (fault,),
+    )
+    assert storm.hardware.kind == "position_servo"
+    watcher = Watcher(storm)
+    World(storm, watcher).run()
+    moving = [axes.utc_s - storm.begin_s for axes in watcher.path if axes.speed_deg_s > 0.01]
+    assert begun_s + late_s < moving[-1] < begun_s + late_s + brakes_s
 
 
 def test_a_storm_can_be_looked_at(capsys: pytest.CaptureFixture[str]) -> None:

@@ -131,8 +131,8 @@ QUIET_STATUSES = 10
 ABORT_AGAIN_TICKS = 8
 MISSED_TICKS, DIP_TICKS, LONGEST_MISSED_TICKS = 21, 3, 336
 """After so many datagrams without the abort's acknowledgement its flag is down for a few: a mount that has
-missed the edge sees another. The next time it is up for twice as long: a mount that obeys an abort late may
-count its delay anew from each edge."""
+missed the edge sees another. The next time it is up for twice as long. A mount that obeys an abort late may
+count its delay anew from each edge: what its profile tells of that delay is added to the first time."""
 NEVER_SEEN_AFTER = 5
 """Statuses after a slew's acknowledgement without motion that mean it was too short to be seen."""
 NEAR_DEG = 0.5
@@ -189,6 +189,8 @@ class AbortFlag:
     Time is counted in datagrams: in a silence no status must be needed for the flag to rise again.
     """
 
+    late_ticks: int = 0
+    """How many datagrams later than any other command an abort acts; no other edge may come before."""
     state: StopState = StopState.ASKED
     flag: OneShot = field(default_factory=OneShot)
     acks_not_ours: int = 0
@@ -241,7 +243,7 @@ class AbortFlag:
         # An acknowledgement that stands, ours or another's, must not keep a stop from going out, statuses or
         # none: the flag then rises by the count of datagrams.
         standing = not heard and not self.flag.up
-        if standing and self._ticks % ABORT_AGAIN_TICKS == 0:
+        if standing and self._ticks % (ABORT_AGAIN_TICKS + self.late_ticks) == 0:
             self._blind_left = ABORT_AGAIN_TICKS // 2
         again = standing and self._blind_left > 0
         self._blind_left = max(0, self._blind_left - 1) if standing else 0
@@ -252,9 +254,9 @@ class AbortFlag:
     @property
     def _dips(self) -> bool:
         """Whether a raised flag is down for a moment."""
-        left, up = self._raised_ticks, MISSED_TICKS
+        left, up = self._raised_ticks, MISSED_TICKS + self.late_ticks
         while left >= up + DIP_TICKS:
-            left, up = left - up - DIP_TICKS, min(2 * up, LONGEST_MISSED_TICKS)
+            left, up = left - up - DIP_TICKS, min(2 * up, LONGEST_MISSED_TICKS + self.late_ticks)
         return left >= up
 
     def see(self, ack: bool, wanted: bool) -> bool:

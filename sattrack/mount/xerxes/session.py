@@ -185,7 +185,8 @@ class Session:
     def __post_init__(self) -> None:
         """Begin to count statuses."""
         self._frame = self.profile.frame
-        self._standstill.late_statuses = math.ceil(self.profile.abort_delay_s / self.profile.period_s)
+        late = math.ceil(self.profile.abort_delay_s / self.profile.period_s)
+        self._standstill.late_statuses = self._abort.late_ticks = late
         self._sequence = StatusSequence(self.health)
         self._acks = AckWatch(self.health)
         self._launches = Launches(self.profile)
@@ -597,7 +598,7 @@ class Session:
         self._move.rests(_is_fast(self._wanted) and self._standstill.at_rest)
         if self._abort.see(status.ack_abort, isinstance(self._wanted, Stop)):
             self._standstill.acknowledged(arrival_utc_s)
-            self._acts_until = self.health.sent + self._standstill.late_statuses
+            self._acts_until = self.health.sent + self._abort.late_ticks
             self._move.stopped()
         if self._abort.acks_not_ours == 1:
             self._standstill.acknowledged(arrival_utc_s)

@@ -149,6 +149,12 @@ class TestDirectStop:
         assert (sent.counter, sent.abort) == (42, True)
         assert one.repeat() is None
 
+    def test_it_sends_no_abort_before_one_that_was_acknowledged_acts(self) -> None:
+        one = DirectStop(MountProfile(), NOW, counter=41, acts_in_s=0.2)
+        sent = [decode_command(one.tick(NOW + 0.05 * tick)) for tick in range(1, 7)]
+        assert [command.abort for command in sent] == [False] * 3 + [True] * 3
+        assert not any(command.move_ra or command.move_dec or command.slew for command in sent)
+
     def test_it_tells_when_the_mount_was_last_heard_and_what_it_did(self) -> None:
         one = DirectStop(MountProfile(), NOW)
         assert one.last_heard(NOW + 5.0) == "the mount has not been heard since"

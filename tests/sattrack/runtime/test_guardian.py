@@ -296,6 +296,28 @@ def test_a_guardian_that_dies_is_replaced_once_and_then_the_run_is_to_end(
     assert not is_guardian(second)
 
 
+def test_the_page_tells_with_which_beat_the_flag_of_an_abort_fell(mount_socket: socket.socket) -> None:
+    abort = encode_command(Command(8, abort=True))
+    with owned(address_of(mount_socket), MountProfile()) as (_, guard):
+        fell = []
+        for datagram in (
+            HARMLESS,
+            MOVING,
+            abort,
+            abort,
+            HARMLESS,
+            HARMLESS,
+            abort,
+            HARMLESS,
+            MOVING,
+            HARMLESS,
+        ):
+            assert guard.beat(datagram)
+            fell.append(guard._words[Word.ABORT_FELL])
+        guard.release(True)
+    assert fell == [0, 0, 0, 0, 5, 5, 0, 8, 0, 0]
+
+
 def watched() -> tuple[FeederWatch, memoryview]:
     words = memoryview(bytearray(8 * len(Word))).cast("Q")
     return FeederWatch(words, hang_after_s=1.0), words

@@ -361,6 +361,14 @@ class TestFlags:
         assert {count for up, count in runs[:-1] if not up} == {3}
         assert all(sending for _, sending in sent)
 
+    def test_an_abort_that_acts_late_has_no_second_edge_before_it_acts(self) -> None:
+        late = AbortFlag(late_ticks=40)
+        ups = [late.compose(False)[0] for _ in range(1000)]
+        runs = [(up, len(list(run))) for up, run in itertools.groupby(ups)]
+        assert runs[:6] == [(True, 60), (False, 3), (True, 122), (False, 3), (True, 244), (False, 3)]
+        standing = AbortFlag(late_ticks=40)
+        assert [standing.compose(True)[0] for _ in range(96)] == ([True] * 4 + [False] * 44) * 2
+
     def test_an_abort_whose_acknowledgement_stands_is_up_for_four_of_eight(self) -> None:
         abort = AbortFlag()
         abort.ask()
