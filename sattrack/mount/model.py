@@ -232,6 +232,10 @@ class PeriodicErrors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     with_arcsec: float | None = None
 
 
+MOST = {"period_s": 0.5, "hour_angle_limit_deg": 720.0}
+"""Beyond these a number is a slip: rates that wait longer lead no mount, and no cables bear more turns."""
+
+
 class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What is known of one mount. Signs, delays and semantics are measured, never assumed for good.
 
@@ -359,6 +363,9 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         for name, value in positive.items():
             if not (math.isfinite(value) and value > 0.0):
                 raise ValueError(f"{name} is {value:g}; it must be above 0")
+        for name, most in MOST.items():
+            if positive[name] > most:
+                raise ValueError(f"{name} is {positive[name]:g}; give {most:g} at most")
         delays = {
             "command_delay_s": self.command_delay_s,
             "status_delay_s": self.status_delay_s,

@@ -118,6 +118,8 @@ def test_bad_limits_are_refused_at_every_door(
     [
         ("dec_axis_limits_deg = [20.0, -20.0]", 1, "dec_axis_limits_deg is 20 to -20; give a lower and"),
         ("hour_angle_limit_deg = -5", 1, "hour_angle_limit_deg is -5; it must be above 0"),
+        ("hour_angle_limit_deg = 999", 1, "hour_angle_limit_deg is 999; give 720 at most"),
+        ("period_s = 5", 1, "period_s is 5; give 0.5 at most"),
         (
             "hour_angle_limit_deg = 90\n[park]\nhour_angle_deg = 150\ndec_deg = 0",
             2,
