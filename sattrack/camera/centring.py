@@ -274,6 +274,7 @@ def centred(
         camera,
         rotation_deg=geometry.rotation_deg,
         flipped=geometry.flipped,
+        scale_arcsec_px=scale,
     )
     direction = None
     if solution is not None:

@@ -27,6 +27,7 @@ from sattrack.control.offset import (
     spiral_lasts_s,
 )
 from sattrack.control.target import Course
+from sattrack.core.angles import wrap180
 from tle.bias import Bias
 from tle.direction import SkyTurn
 from tle.instants import Utc
@@ -67,6 +68,8 @@ AHEAD_S = 2.0
 DRIFT_S = 0.05
 LONG_CHANGE_S = 1.0
 PATTERNS_KEPT = 4
+OTHER_SCALE, OTHER_ROTATION_DEG = 0.03, 5.0
+"""An image lies otherwise where its scale differs by more than that share, or up by more than that angle."""
 
 
 class Camera(NamedTuple):
@@ -81,6 +84,18 @@ class Camera(NamedTuple):
     scale_arcsec_px: float | None = None
     kind: Literal["coarse", "fine"] = "fine"
     fov_deg: float | None = None
+
+    def otherwise(self, shown: Camera) -> str | None:
+        """Return how an image is shown to lie otherwise than this, in words; None where it hardly does."""
+        words = []
+        was, scale = self.scale_arcsec_px, shown.scale_arcsec_px
+        if was is not None and scale is not None and abs(scale / was - 1.0) > OTHER_SCALE:
+            words.append(f"{scale:.3g}″ a pixel, not {was:.3g}″")
+        if self.flip != shown.flip:
+            words.append("a mirrored image" if shown.flip else "an image that is not mirrored")
+        if abs(wrap180(shown.rotation_deg - self.rotation_deg)) > OTHER_ROTATION_DEG:
+            words.append(f"up at {shown.rotation_deg % 360.0:.0f}°, not {self.rotation_deg % 360.0:.0f}°")
+        return ", ".join(words) or None
 
     def in_arcsec(self, seen: SeenOffset) -> tuple[float, float, float] | None:
         """Return an offset and its sigma in arcseconds; None where it is in pixels of unknown size."""

@@ -351,13 +351,15 @@ class Estimator:
         *,
         sure: bool = False,
         patient: bool = False,
+        led: bool = True,
     ) -> bool:
         """Take one observation in; tell whether it changed the estimate.
 
         `first` is what is fed without an estimate: the first observation is expected around that, or around
-        what the elements say by themselves. With `image` it was seen in a camera's image, relative to where
-        the mount pointed. One that an operator is `sure` of begins an estimate where it contradicts the
-        present one. A rival takes most of the time: who is `patient` leaves it to `catch_up`.
+        what the elements say by themselves; around these alone where nothing that holds has `led` there. With
+        `image` it was seen in a camera's image, relative to where the mount pointed. One that an operator is
+        `sure` of begins an estimate where it contradicts the present one. A rival takes most of the time: who
+        is `patient` leaves it to `catch_up`.
         """
         utc_s = float(Utc.parse(seen.utc).unix_s)
         self.words = None
@@ -372,7 +374,7 @@ class Estimator:
             sighting = self._weighed(sighting, seen, image, first)
             if before is None or before.orbit.given is not elements:
                 before = None
-                self._begin(seen, sighting, course, elements, first)
+                self._begin(seen, sighting, course, elements, first, led)
             else:
                 before = self._go_on(before, seen, sighting, course)
             if sure:
@@ -432,16 +434,22 @@ class Estimator:
         return None
 
     def _begin(
-        self, seen: ObservationMessage, sighting: Sighting, course: Course, elements: Elements, first: Bias
+        self,
+        seen: ObservationMessage,
+        sighting: Sighting,
+        course: Course,
+        elements: Elements,
+        first: Bias,
+        led: bool,
     ) -> None:
         """Begin with an observation where elements can be so far off, or where the operator found it."""
         self.filter = None
         orbit = self._orbit_of(elements)
-        led = [_led(sighting, orbit, first)] if first.along_s or first.cross_deg else []
         by_camera = sighting.image is not None
+        found = [_led(sighting, orbit, first)] if led and (first.along_s or first.cross_deg) else []
         starts = [
             FilterBank(orbit, mean_km, known=self._known, seen_by_camera=by_camera)
-            for mean_km in (None, *led)
+            for mean_km in (None, *found)
         ]
         best = min(starts, key=lambda one: one.distance(sighting))
         distance = best.distance(sighting)

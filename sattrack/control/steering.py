@@ -54,6 +54,7 @@ SEARCHED_SIGMAS = 2.0
 FIELDS_A_SECOND, ARMS_FIELDS = 0.5, 0.7
 """How fast a search goes, and how far the arms of a spiral are apart, in fields of the camera."""
 SLOWER_STEPS = 12
+GEOMETRIES_KEPT = 4
 SAME_ALONG_S, SAME_CROSS_KM = 2e-6, 1e-5
 """An estimate that differs by less from what is fed, hundredths of an arcsecond, is no news."""
 
@@ -79,7 +80,8 @@ class Steering:
         remembered: RememberedView | None = None,
     ) -> None:
         self.cameras = cameras
-        self._seen_by: dict[str, Camera] = {}
+        self._seen_by: dict[str, tuple[Camera, ...]] = {}
+        """In which ways the image of each camera was said to lie, the last one last."""
         self._searched_since_s = float("inf")
         """Of which last observation the loss has been searched for."""
         self._delay_s = REACTION_PERIODS * profile.period_s + profile.command_delay_s
@@ -334,7 +336,7 @@ class Steering:
         if not max(abs(dx), abs(dy)) <= MOST_OFFSET_ARCSEC:
             self.estimator.refuse(f"offsets go to {MOST_OFFSET_ARCSEC:g} arcseconds either way")
             return
-        self._seen_by[seen.camera or ""] = camera
+        self._begin_anew_if_otherwise(seen.camera or "", camera, now_utc_s)
         self.last_offset = OffsetOnAxes(utc_s, *camera.on_axes(dx, dy))
         x, y = math.radians(dx / 3600.0), math.radians(dy / 3600.0)
         image = self.biases.image_at(utc_s, x, y, camera, seen.camera or "")
@@ -345,12 +347,31 @@ class Steering:
         directed = ObservationMessage(seen.utc, ra_deg, dec_deg, "of_date", sigma_arcsec, camera=seen.camera)
         self._observe(directed, now_utc_s, begins_s, image, sure=sure)
 
+    def _begin_anew_if_otherwise(self, name: str, camera: Camera, now_utc_s: float) -> None:
+        """Begin the estimate anew where a camera says of its image what contradicts all that it said before.
+
+        So it does once it has solved a field. The estimate may have taken what was set wrongly for an error
+        of orbit or mount, and its terms are those of the wrong image. What two cameras of one name say in
+        turns is nothing new.
+        """
+        before = self._seen_by.get(name, ())
+        alike = [one for one in before if one.otherwise(camera) is None]
+        self._seen_by[name] = (*(one for one in before if one not in alike), camera)[-GEOMETRIES_KEPT:]
+        if before and not alike:
+            self.estimator.forget()
+            shown = before[-1].otherwise(camera)
+            self.tell(
+                f"camera {name or 'without a name'}: its field shows {shown}: the estimate begins anew; "
+                "correct its settings",
+                now_utc_s,
+            )
+
     def camera_views(self) -> tuple[CameraView, ...]:
         """Return the cameras whose offsets were taken, and what was found of them."""
         known, found = self.estimator.filter, []
         for name in () if known is None else known.cameras:
             assert known is not None
-            camera = self._seen_by[name]
+            camera = self._seen_by[name][-1]
             (turn, scale, clock, *_), (turn_sigma, scale_sigma, clock_sigma, *_) = (
                 [float(one) for one in part] for part in known.terms(name)
             )
@@ -392,7 +413,11 @@ class Steering:
         """Take an observation in; the estimate is followed from the next period on."""
         along_s, cross_deg = self.biases.totals(begins_s)
         first = Bias(along_s, cross_deg)
-        if self.estimator.take(seen, now_utc_s, self.biases.course, first, image, sure=sure, patient=True):
+        # What a forgotten estimate led to is fed on, its errors of the mount too: no orbit begins with that.
+        led = self.estimator.filter is not None or not self._following_estimate
+        if self.estimator.take(
+            seen, now_utc_s, self.biases.course, first, image, sure=sure, patient=True, led=led
+        ):
             self._estimated = True
         elif self.estimator.refuted:
             self.estimator.forget()

@@ -246,8 +246,8 @@ class SeenOffset(msgspec.Struct, frozen=True, tag="offset", forbid_unknown_field
     `utc` is the middle of the exposure, ISO 8601 with Z. x to the right and y up as the image is displayed,
     arcseconds on the sky, or pixels; the sigma is one standard deviation of each. `camera` is its name.
     `rotation_deg` is the position angle of up, from north through east, `flipped` whether the image is
-    mirrored, `scale_arcsec_px` the sky in a pixel: where they are left out, what the run knows of the camera
-    holds. Not mirrored, an image with north up has east to the left.
+    mirrored, `scale_arcsec_px` the sky in a pixel, by which arcseconds were made: where they are left out,
+    what the run knows of the camera holds. Not mirrored, an image with north up has east to the left.
     """
 
     utc: str

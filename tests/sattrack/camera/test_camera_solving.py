@@ -107,6 +107,7 @@ def test_a_field_is_found_as_astropy_projects_it(
     assert seen.offset is not None
     offset = seen.offset.dx_arcsec, seen.offset.dy_arcsec
     assert offset == pytest.approx((60.5 * scale, 20.5 * scale), rel=1e-3)
+    assert seen.offset.scale_arcsec_px == found.scale_arcsec_px
     assert seen.messages == (seen.field, seen.offset, seen.direction)
     assert (seen.document(sent=True)["sent"], seen.document(sent=False)["sent"]) == ("observation", None)
 
@@ -138,7 +139,7 @@ def test_without_a_scale_an_offset_is_in_pixels_and_says_nothing_in_arcseconds()
     frame = CameraFrame(np.zeros((HEIGHT, WIDTH), dtype=np.float32), Utc(1790946324.0), 0.1, "f")
     seen = centred(frame, Detection("point", 700.0, 500.0, 0.2, 20.0), ImageGeometry(), None, "guide")
     assert seen.offset is not None
-    assert (seen.offset.dx_px, seen.offset.dy_px) == (60.5, 20.5)
+    assert (seen.offset.dx_px, seen.offset.dy_px, seen.offset.scale_arcsec_px) == (60.5, 20.5, None)
     assert (seen.document(sent=True)["sent"], seen.document(sent=False)["sent"]) == ("offset", None)
     assert seen.dx_arcsec is seen.dy_arcsec is seen.sigma_arcsec is None
     nothing = centred(frame, Detection("none", why="clouds"), ImageGeometry(2.0), None, "guide")

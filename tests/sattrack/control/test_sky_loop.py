@@ -101,6 +101,77 @@ def test_a_camera_that_is_not_as_it_was_set_is_found_out_and_followed_all_the_sa
     assert any(words in text for text in found.words), found.words
 
 
+SOLVED_S = 6.0
+"""So long after the first frame a camera finds its field among the stars."""
+
+
+class Solving(bench.Sky):
+    """A camera that sends arcseconds, as `sattrack camera` does; until its field is solved, as was set."""
+
+    solved_s = SOLVED_S
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.taken: list[tuple[float, bool]] = []
+
+    def frame(self, pointing: Any, utc_s: float) -> SeenOffset:
+        seen = super().frame(pointing, utc_s)
+        assert seen.dx_px is not None
+        assert seen.dy_px is not None
+        assert seen.sigma_px is not None
+        self.solved = utc_s - self.begin_s >= self.solved_s
+        shown = (
+            self.hidden if self.solved else replace(self.hidden, scale=1.0, rotation_deg=0.0, mirrored=False)
+        )
+        scale = shown.scale * bench.SCALE_ARCSEC_PX
+        return SeenOffset(
+            seen.utc,
+            scale * seen.dx_px,
+            scale * seen.dy_px,
+            scale * seen.sigma_px,
+            "guide",
+            rotation_deg=self.camera.rotation_deg + shown.rotation_deg,
+            flipped=self.camera.flip != shown.mirrored,
+            scale_arcsec_px=scale,
+        )
+
+    def note_distance(self, estimator: Any) -> None:
+        super().note_distance(estimator)
+        self.taken.append((self.times[-1] if self.times else self.begin_s, estimator.words is None))
+
+    def share_taken(self) -> float:
+        """Return the share that was taken from three seconds after the solution on."""
+        since = [taken for t, taken in self.taken if t - self.begin_s >= self.solved_s + 3.0]
+        return sum(since) / len(since)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "seed"),
+    [({"scale": 1.3}, 5), ({"scale": 0.7}, 3), ({"rotation_deg": 100.0}, 6), ({"mirrored": True}, 5)],
+)
+def test_a_camera_that_has_solved_its_field_undoes_what_was_learnt_through_its_settings(
+    hidden: dict[str, Any], seed: int
+) -> None:
+    rng = random.Random(f"ISS {seed}")
+    one = Solving(subjects()[0], replace(bench.Hidden.drawn(rng), **hidden), rng)
+    found = bench.without_mount(shorter(one, CLEAR_S), MountProfile())
+    assert found.sky.rms(SOLVED_S + 5.0, CLEAR_S) < 1.5
+    assert one.share_taken() >= 0.95
+    assert found.words == ()
+
+
+def test_where_a_forgotten_estimate_has_led_is_no_orbit_to_begin_with() -> None:
+    """What is fed has the mount's errors in it: by such an orbit no direction among the stars would fit."""
+    rng, aside = random.Random("ISS 3"), -200.0 * bench.ARCSEC
+    drawn = bench.Hidden.drawn(rng)
+    hidden = replace(drawn, scale=0.7, late_s=-1.5, drift=0.0, cross_rad=aside, cross_drift_rad_s=0.0)
+    one = Solving(subjects()[0], hidden, rng, "warp")
+    one.solved_s = 3.0
+    found = bench.without_mount(shorter(one, 30.0), MountProfile())
+    assert found.sky.rms(8.0, 30.0) < 1.5
+    assert one.share_taken() >= 0.95
+
+
 class Strange(bench.Sky):
     """Every third frame shows a star of another field, which stands where it is among the stars."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from types import SimpleNamespace as Made
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -31,6 +31,9 @@ from tle.bias import NO_BIAS, Bias
 from tle.errors import SubOrbitalError
 from tle.instants import Utc
 from tle.propagator import Propagator
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 PROFILE = MountProfile(command_delay_s=0.02)
 REACTS_S = 3 * 0.05 + 0.02
@@ -434,6 +437,47 @@ class TestMessages:
             ({"rotation_deg": 45.0, "flipped": True, "scale_arcsec_px": 2.5}, Camera(45.0, True, 2.5)),
         ):
             assert one.camera_of(SeenOffset(utc, 3.0, 4.0, 1.0, **said)) == lies
+
+    @pytest.mark.parametrize(
+        ("said", "words"),
+        [
+            (({"scale_arcsec_px": 1.1}, {"scale_arcsec_px": 1.43}), "1.43″ a pixel, not 1.1″"),
+            (({"rotation_deg": -5.0}, {"rotation_deg": 12.0}), "up at 12°, not 355°"),
+            (({"flipped": True}, {"flipped": False}), "an image that is not mirrored"),
+            (
+                ({"flipped": False, "rotation_deg": 0.0}, {"flipped": True, "rotation_deg": 90.0}),
+                "a mirrored image, up at 90°, not 0°",
+            ),
+            # What a solution leaves open, and a field that turns slowly.
+            ([{"scale_arcsec_px": 1.0 + 0.02 * i, "rotation_deg": 340.0 + 4.0 * i} for i in range(6)], None),
+            (({}, {"scale_arcsec_px": 1.1}), None),
+            (({"rotation_deg": 20.0},), None),
+        ],
+    )
+    def test_a_camera_that_contradicts_what_it_said_of_its_image_begins_the_estimate_anew(
+        self, said: Sequence[dict[str, Any]], words: str | None
+    ) -> None:
+        one = steering()
+        self.observed(one)
+        told = self.begun_anew(one, said)
+        shows = f"camera guide: its field shows {words}: the estimate begins anew; correct its settings"
+        assert told == ([] if words is None else [shows])
+
+    def begun_anew(self, one: Steering, said: Sequence[dict[str, Any]]) -> list[str | None]:
+        """Return what was told as often as the estimate was forgotten, of offsets that say so much."""
+        forgotten: list[None] = []
+        told: list[str | None] = []
+        one.estimator.forget = lambda: forgotten.append(None)  # type: ignore[method-assign]
+        for i, each in enumerate(said):
+            now = NOW + 0.5 * i
+            one.obey(SeenOffset(Utc(now).isoformat("microseconds"), 3.0, 4.0, 1.0, "guide", **each), now)
+            told += [one.refusal] * (len(forgotten) - len(told))
+        return told
+
+    def test_two_cameras_of_one_name_take_turns_and_the_estimate_goes_on(self) -> None:
+        one = steering()
+        self.observed(one)
+        assert len(self.begun_anew(one, [{"scale_arcsec_px": 1.0 + i % 2} for i in range(10)])) == 1
 
     def test_each_camera_that_was_used_is_told_with_what_was_found_of_it(self) -> None:
         one = steering(Cameras(named={"guide": Camera(12.0, True, 1.5, "coarse")}))
