@@ -87,7 +87,10 @@ TELL_OF: dict[str, tuple[float, Callable[[float], str]]] = {
     "scale": (0.03, lambda share: f"its pixels are {1.0 + share:.3f} times as large as set"),
     "clock_s": (
         0.05,
-        lambda s: f"its clock is {abs(s):.2f} s {'ahead' if s > 0.0 else 'behind'}: dates are mended",
+        lambda s: (
+            f"by its offsets its dates are {abs(s):.2f} s {'ahead' if s > 0.0 else 'behind'}: "
+            "the estimate allows for it"
+        ),
     ),
 }
 """How much of a camera's terms is worth a warning, and the warning."""

@@ -74,7 +74,8 @@ class EstimateView(msgspec.Struct, frozen=True):
 class CameraView(msgspec.Struct, frozen=True):
     """A camera whose offsets were taken: how its image was assumed to lie, and what was found beyond that.
 
-    Each found term has one sigma; `clock_s` is positive where its clock is ahead.
+    Each found term has one sigma; `clock_s` is positive where the dates that are used are ahead by its
+    offsets alone: what the correction by the stars (`ClockView`) leaves. No date is changed by it.
     """
 
     name: str
