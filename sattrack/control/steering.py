@@ -95,6 +95,9 @@ class Steering:
         """Whether the estimate is news that is not followed yet."""
         self._following_estimate = False
         self._followed_s = float("-inf")
+        self._led = True
+        """Whether an orbit may begin with what is fed: not with what a wrong image led to, which has the
+        mount's errors in it too."""
         self.clocks = CameraClocks(profile)
         self.guided = True
         """Whether observations correct the target; else the last one is kept, and shown."""
@@ -147,6 +150,7 @@ class Steering:
                 self._end_remembered("cleared")
                 self.estimator.forget()
                 self._estimated = self._following_estimate = False
+                self._led = True
                 clear_biases(self.biases, begins_s)
         return answer
 
@@ -196,6 +200,7 @@ class Steering:
     def _leave_estimate(self, begins_s: float) -> None:
         """Follow what is known without observations."""
         self._estimated = self._following_estimate = False
+        self._led = True
         forget_estimate(self.biases, begins_s)
 
     def keep_search(self, now_utc_s: float) -> None:
@@ -359,6 +364,7 @@ class Steering:
         self._seen_by[name] = (*(one for one in before if one not in alike), camera)[-GEOMETRIES_KEPT:]
         if before and not alike:
             self.estimator.forget()
+            self._led = not self._following_estimate
             shown = before[-1].otherwise(camera)
             self.tell(
                 f"camera {name or 'without a name'}: its field shows {shown}: the estimate begins anew; "
@@ -413,12 +419,10 @@ class Steering:
         """Take an observation in; the estimate is followed from the next period on."""
         along_s, cross_deg = self.biases.totals(begins_s)
         first = Bias(along_s, cross_deg)
-        # What a forgotten estimate led to is fed on, its errors of the mount too: no orbit begins with that.
-        led = self.estimator.filter is not None or not self._following_estimate
         if self.estimator.take(
-            seen, now_utc_s, self.biases.course, first, image, sure=sure, patient=True, led=led
+            seen, now_utc_s, self.biases.course, first, image, sure=sure, patient=True, led=self._led
         ):
-            self._estimated = True
+            self._estimated = self._led = True
         elif self.estimator.refuted:
             self.estimator.forget()
             self._leave_estimate(begins_s)
