@@ -1,15 +1,16 @@
 """Mounts whose axes point anywhere, each followed for a minute in virtual time; and their axes found.
 
-python bench/axes_anywhere.py [--draws N] [--first N] [--jobs N] [--only follow|find] [--verbose]
+python bench/axes_anywhere.py [--draws N] [--first N] [--jobs N] [--only follow|find] [--links N] [--verbose]
 
 The drives, timers, links and passes are those of `bench/family.py`, with the mounts of `bench/strangers`.
 What such a mount calls hour angle and declination are the angles of its axes, and these point anywhere: drawn
 at random, with either sense and any zero. Half of the mounts report those angles, the others right ascension
 and declination of where the tube points. That is computed by the rotations of `strangers/alpaca_two_axes.py`
 and by ERFA, which know nothing of this program. Each draw is followed with those axes, and by the same drives
-as an equatorial mount, at that pass and at another. An error depends on what a pass asks: so the equatorial
-mount follows too, of forty passes, the two that ask most nearly the same rates and accelerations of it. The
-error is that of the tube on the sky.
+as an equatorial mount. That one follows a table of directions of which the hour angles and declinations are
+the angles of the first one's axes: both sets of drives are asked the same. The error is that of the tube on
+the sky. Which datagrams are lost or late is chance, and may hit one of both in the worst moment: with
+`--links` both are followed so many times, each time by other chances.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ from sattrack.core.errors import SattrackError
 from sattrack.mount.geometry import AxisFrame, AxisGeometry
 from sattrack.mount.model import MountProfile, SitePlace
 from sattrack.safety import SafetyLimits
+from tle.formats.ephemerides import parse_ephemerides
 from tle.instants import Utc
 from tle.propagator import Propagator
 
@@ -47,8 +49,12 @@ STATUS_PLACE = struct.Struct("<24xd8xd8xd")
 FASTEST_DEG_S, WIDEST_DEG, STEEPEST_DEG = 3.0, 150.0, 80.0
 """Passes through a keyhole, or round the back, are no equatorial mount's either."""
 BOUND = 1.5
-PASSES = range(1000, 1400)
-"""The draws among whose passes those are chosen that ask as much of an equatorial mount."""
+PLANNED_S, SPARE_S = 600.0, 10.0
+"""For so long a run of `bench/family.py` is planned; the table has so much more at either end."""
+ROW_S = 0.5
+"""Between rows of the table that an equatorial mount follows."""
+CHANCES = 10_000
+"""What is added to a draw's number for other chances."""
 FOLLOWED_EVERY = 10
 """One mount of so many is followed with by the axes that were found."""
 ANYWHERE = SafetyLimits(floor_altitude_deg=-90.0, optical=False)
@@ -218,69 +224,57 @@ class AxesRun(family.Run):
 
 
 class Followed(NamedTuple):
-    """RMS errors with a mount's own axes and as an equatorial one, arcseconds; NaN where never acquired.
-
-    The equatorial mount follows two passes that ask as much of its axes.
-    """
+    """RMS errors with a mount's own axes and as an equatorial one, arcseconds; NaN where never acquired."""
 
     number: int
     own_arcsec: float
-    equatorial_arcsec: tuple[float, float]
+    equatorial_arcsec: float
     hardware: family.Hardware
     why: str
 
     @property
     def ratio(self) -> float:
-        """The error over the equatorial mount's at both passes, none less than LEAST_ARCSEC."""
-        square = statistics.fmean(error**2 for error in self.equatorial_arcsec)
-        return self.own_arcsec / max(math.sqrt(square), LEAST_ARCSEC)
-
-    @property
-    def apart(self) -> float:
-        """The equatorial mount's larger error over its smaller one: what two passes alike differ by."""
-        return max(self.equatorial_arcsec) / max(min(self.equatorial_arcsec), LEAST_ARCSEC)
+        """The error over the equatorial mount's, neither less than LEAST_ARCSEC."""
+        return max(self.own_arcsec, LEAST_ARCSEC) / max(self.equatorial_arcsec, LEAST_ARCSEC)
 
 
-def asked(path: Any) -> Any:
-    """Return the most that a path asks: rate and acceleration of its faster axis, as logarithms."""
-    step_s = family.LASTS_S / family.LOOKS
-    rates = np.abs(path[:, 2:]).max()
-    accelerations = np.abs(np.diff(path[:, 2:], axis=0)).max() / step_s
-    return np.log([rates, accelerations])
-
-
-@functools.cache
-def equatorial_passes() -> tuple[tuple[family.Draw, ...], Any]:
-    """Return the draws of PASSES, and what each asks of an equatorial mount, a row each."""
-    drawn = tuple(family.draw(one, STRANGERS) for one in PASSES)
-    poles = [AxisGeometry(0.0, one.site.latitude_deg) for one in drawn]
-    paths = [
-        _path(one, AxisFrame(pole, one.site.latitude_deg)) for one, pole in zip(drawn, poles, strict=True)
+def equatorial(axes: AxesDraw) -> family.Draw:
+    """Return the same drives as an equatorial mount, which follows what asks the same of them."""
+    drawn, site = axes.drawn, axes.drawn.site
+    frame, propagator = AxisFrame(axes.geometry, site.latitude_deg), Propagator(drawn.elements, site)
+    rows = ["utc,alt_deg,az_deg"]
+    begin_s = drawn.begin_s - SPARE_S
+    for k in range(round((drawn.start_s + PLANNED_S + SPARE_S - begin_s) / ROW_S)):
+        at = Utc(begin_s + ROW_S * k)
+        seen = propagator.at(at)
+        angles = frame.angles(seen.ha_deg, seen.dec_deg, seen.ha_rate_deg_s, seen.dec_rate_deg_s)
+        first, second = math.radians(angles.first_deg), math.radians(angles.second_deg)
+        azimuth, altitude = np.degrees(erfa.hd2ae(first, second, math.radians(site.latitude_deg)))
+        rows.append(f"{at.isoformat('microseconds')},{altitude:.9f},{azimuth:.9f}")
+    (table,) = parse_ephemerides("\n".join(rows).encode(), "axes.csv", site)
+    stands = [
+        sense * (angle - zero)
+        for angle, sense, zero in zip(drawn.stands, axes.senses, axes.zeros_deg, strict=True)
     ]
-    return drawn, np.array([asked(path) for path in paths])
+    return replace(drawn, elements=table, stands=(stands[0], stands[1]))
 
 
-def alike(path: Any) -> list[family.Draw]:
-    """Return the two of PASSES that ask most nearly of an equatorial mount what a path does."""
-    drawn, all_asked = equatorial_passes()
-    apart = np.linalg.norm(all_asked - asked(path), axis=1)
-    return [drawn[k] for k in np.argsort(apart)[:2]]
-
-
-def follow(number: int) -> Followed:
+def follow(number: int, links: int = 1) -> Followed:
     """Follow a draw with both."""
     axes = draw(number)
-    path = _path(axes.drawn, AxisFrame(axes.geometry, axes.drawn.site.latitude_deg))
-    run = AxesRun(axes).run()
-    passes = [replace(one, hardware=axes.drawn.hardware) for one in alike(path)]
-    first, second = (family.Run(plain, "truth").run().settled_rms_arcsec() for plain in passes)
-    return Followed(
-        number,
-        run.settled_rms_arcsec(),
-        (first, second),
-        axes.drawn.hardware,
-        "" if run.ended_by is None else f"{run.ended_by}: {run.message}",
-    )
+    plain, own, by_slew, why = equatorial(axes), [], [], ""
+    for link in range(links):
+        chances = number + CHANCES * link
+        run = AxesRun(axes._replace(drawn=replace(axes.drawn, number=chances))).run()
+        own.append(run.settled_rms_arcsec())
+        by_slew.append(family.Run(replace(plain, number=chances), "truth").run().settled_rms_arcsec())
+        why = why if run.ended_by is None else f"{run.ended_by}: {run.message}"
+    return Followed(number, root_mean_square(own), root_mean_square(by_slew), axes.drawn.hardware, why)
+
+
+def root_mean_square(errors: list[float]) -> float:
+    """Return the root of the mean of squares."""
+    return math.sqrt(statistics.fmean(error**2 for error in errors))
 
 
 class Found(NamedTuple):
@@ -379,9 +373,6 @@ def tell_followed(followed: list[Followed]) -> None:
     near = sum(ratio <= BOUND for ratio in ratios)
     print(f"followed with: {len(ratios)} of {len(followed)} mounts; error over the equatorial one's:")
     print(f"  median {statistics.median(ratios):.2f}, most {ratios[-1]:.2f}, within {BOUND}: {near}")
-    apart = [one.apart for one in followed]
-    alike_too = sum(one <= BOUND for one in apart)
-    print(f"two passes of the equatorial one: most {max(apart):.2f}, within {BOUND}: {alike_too}")
     for name, own in (
         ("no datagram lost or late", lambda hard: not hard.loss and not hard.jitter_s),
         ("some lost or late", lambda hard: hard.loss or hard.jitter_s),
@@ -413,10 +404,14 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--only", choices=("follow", "find"))
+    parser.add_argument("--links", type=int, default=1)
     parser.add_argument("--verbose", action="store_true")
     options = parser.parse_args()
     numbers = range(options.first, options.first + options.draws)
-    parts = {"follow": (follow, tell_followed), "find": (find, tell_found)}
+    parts: dict[str, tuple[Any, Any]] = {
+        "follow": (functools.partial(follow, links=options.links), tell_followed),
+        "find": (find, tell_found),
+    }
     with multiprocessing.Pool(options.jobs) as pool:
         for name in (options.only,) if options.only else parts:
             work, tell = parts[name]

@@ -10,15 +10,17 @@ from sattrack.core.angles import wrap180
 from sattrack.mount.model import MountProfile, mean_sidereal_deg
 from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import RunFacts
+from sattrack.runtime.target_facts import target_facts
 from sattrack.safety import SafetyLimits
 from sattrack.settings import SiteSettings
+from tle.elements import Elements
 from tle.instants import Utc
 from tle.site import Site
 
 if TYPE_CHECKING:
     import random
 
-    from tle.elements import Elements
+    from tle.ephemeris import Ephemeris
     from tle.propagator import Propagator
 
 NO_LIMITS = SafetyLimits(floor_altitude_deg=-89.0, optical=False)
@@ -45,16 +47,17 @@ def hour_angle_deg(propagator: Propagator, utc_s: float) -> float:
 
 
 def airless_facts(
-    orbit: tuple[Elements, Site, float],
+    orbit: tuple[Elements | Ephemeris, Site, float],
     span: tuple[float, float],
     profile: MountProfile,
     limits: SafetyLimits = NO_LIMITS,
     mount_name: str = "drawn",
 ) -> RunFacts:
     """Return a run over a span, without refraction and biases, that begins at the instant of the orbit."""
-    elements, site, begin_s = orbit
+    target, site, begin_s = orbit
     return RunFacts(
-        elements=elements,
+        elements=target if isinstance(target, Elements) else None,
+        followed=None if isinstance(target, Elements) else target_facts(target, *span),
         site=SiteSettings(site.latitude_deg, site.longitude_deg, 0.0),
         refraction="off",
         pressure_hpa=1010.0,

@@ -324,6 +324,8 @@ TRUSTED_SAMPLES, TRUSTED_EVERY = 80, 20
 often it is brought up to date."""
 TRUSTED_SPREAD = 4.0
 """By how much its covariance grows then."""
+DOUBTED_SPREAD = 16.0
+"""The same after the way to a target by rates."""
 
 RELEARNT = 0.1
 """How uncertain an axis' response becomes, over that of an unknown one, when the commands' delay changes."""
@@ -549,6 +551,11 @@ class AxisFilter:
             gained = min(REOPENED_PER_S * (rough - 1.0) * seconds * first, unknown)
             walks += gained * self.shares[:, None] * self.shares
         self._kalman.blur(own, 0.5 * rate_variance * seconds, rate_variance, walks)
+
+    def doubt_response(self) -> None:
+        """Be less sure of the shares: after large changes of the rate, they all err alike."""
+        self._kalman.covariance[2:, 2:] *= DOUBTED_SPREAD
+        self._look()
 
     def stand_at(self, position_deg: float) -> None:
         """Take a place as it is seen, of an axis whose motion nothing predicts; all else stays as it is."""

@@ -122,6 +122,12 @@ class Follower:
             self._profile, self._history, sample, utc_s, self._law.filter, former=self.axes
         )
 
+    def doubt_responses(self) -> None:
+        """Be less sure of how the axes answer: the way to the target was by rates, at the drives' limit."""
+        if self.axes is not None:
+            self.axes.ra.doubt_response()
+            self.axes.dec.doubt_response()
+
     def forget_axes(self) -> None:
         """Begin anew with the next sample."""
         self.axes = None

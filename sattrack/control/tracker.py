@@ -134,6 +134,8 @@ class Tracker:
         self.phase = Phase.WAITING
         self.ended_by: str | None = None
         self.acquired_utc_s: float | None = None
+        self._was_led = False
+        """Whether rates led the mount towards the target, in place of a slew of its own."""
         self._on_target_utc_s: float | None = None
         """Since when the mount is on the target, where it is."""
         self.followable_utc_s: float | None = None
@@ -538,6 +540,7 @@ class Tracker:
     def note_sent(self, motion: Motion, now_utc_s: float, led: Slew | None = None) -> None:
         """Note what was really sent, after safety had its say; `led` is the slew that rates stand for."""
         self._way.sent(led or motion)
+        self._was_led = self._was_led or led is not None
         passage = self._satellite.passage
         if passage is not None and isinstance(motion, MoveAxes):
             motion = passage.turned(motion)
@@ -551,6 +554,8 @@ class Tracker:
                 if self.acquired_utc_s is None:
                     self.acquired_utc_s = error.utc_s
                     self.follower.learning.forget_rates()
+                    if self._was_led:
+                        self.follower.doubt_responses()
         elif self.phase is Phase.TRACKING and error.total_arcsec > LOST_ARCSEC:
             self.phase = Phase.ACQUIRING
             self._near = 0
