@@ -54,6 +54,14 @@ def test_a_clock_that_was_set_is_taken_as_it_is() -> None:
     assert gap(clock) == pytest.approx(-0.997, abs=1e-7)
 
 
+@pytest.mark.parametrize(("set_by_deg", "mean_deg"), [(0.009, 1.0045), (0.011, 1.011), (-0.011, 0.989)])
+def test_a_hundredth_of_a_degree_is_more_than_a_clock_scatters(set_by_deg: float, mean_deg: float) -> None:
+    clock = MountSidereal(LONGITUDE)
+    note(clock, 1.0)
+    note(clock, 1.0 + set_by_deg)
+    assert gap(clock) == pytest.approx(mean_deg, abs=1e-7)
+
+
 def test_a_mean_runs_through_half_a_turn_and_begins_with_the_first_reading() -> None:
     clock = MountSidereal(LONGITUDE)
     note(clock, 0.005)

@@ -94,6 +94,21 @@ class TestIntercept:
         near = plan_intercept(0.0, -1.0, (20.0, 20.0), fixed(0.0, 20.0, 20.3), profile, LAW)
         assert near == Intercept(pytest.approx(chase_time_s(0.3, slow, LAW)), 0.0, 20.0, by_rates=True)
 
+    @pytest.mark.parametrize(("longer_s", "by_rates"), [(0.95, True), (1.05, False)])
+    def test_rates_may_take_a_second_longer_than_a_slew_takes_to_settle(
+        self, longer_s: float, by_rates: bool
+    ) -> None:
+        slow = AxisLimits(max_rate_deg_s=2.0, slew_rate_deg_s=10.0, max_acceleration_deg_s2=8.0)
+        # Bisected here: the way for which they take so much longer, the slew's handshake counted.
+        near_deg, far_deg = 0.01, 19.0
+        while far_deg - near_deg > 1e-9:
+            way_deg = 0.5 * (near_deg + far_deg)
+            apart_s = chase_time_s(way_deg, slow, LAW) - slew_time_s(way_deg, slow) - 0.6
+            near_deg, far_deg = (way_deg, far_deg) if apart_s < longer_s else (near_deg, way_deg)
+        profile = MountProfile(ra=slow, dec=slow)
+        met = plan_intercept(0.0, -1.0, (20.0, 20.0), fixed(0.0, 20.0 + near_deg, 20.0), profile, LAW)
+        assert met.by_rates is by_rates
+
     def test_what_is_still_to_come_is_slewed_to(self) -> None:
         met = plan_intercept(0.0, 50.0, (20.0, 20.0), fixed(0.0, 20.0, 20.1), PROFILE, LAW)
         assert met == Intercept(50.0, 0.0, 20.0, by_rates=False)
@@ -253,7 +268,7 @@ class TestApproach:
         goal = way.slews()
         way.way.go_on(1.0, False, HERE)
         for number in range(40):
-            swings = stands_at(goal, 0.03 * (-1) ** number)
+            swings = stands_at(goal, 0.011 * (-1) ** number)
             assert way.way.go_on(4.0 + 0.05 * number, False, swings) is ApproachStep.SLEW
         stays = Way(ra=70.0)
         goal = stays.slews()

@@ -12,6 +12,7 @@ import pytest
 
 from sattrack.control import axis_filter
 from sattrack.control.axis_filter import (
+    BEFORE_S,
     SHARES,
     AxisFilter,
     Commanded,
@@ -544,3 +545,247 @@ def test_a_smooth_axis_that_sticks_as_it_turns_back_keeps_its_response(seed: int
     before_s, after_s = lags[1190], lags[1190:]
     assert before_s == pytest.approx(late_s, abs=0.006)
     assert max(abs(lag_s - before_s) for lag_s in after_s) < 0.003
+
+
+ARCSEC = 1.0 / 3600.0
+
+
+def certain(noise: Noise | None = None) -> AxisFilter:
+    """Return the filter of an axis of which everything is known for sure."""
+    axis = AxisFilter(0.0, noise)
+    axis._kalman.covariance[:] = 0.0
+    return axis
+
+
+@pytest.mark.parametrize(("rate_deg_s", "sigma_arcsec"), [(0.0, 0.03), (-20.0, math.hypot(0.03, 2.16))])
+def test_a_reading_is_off_by_its_encoder_and_by_its_date(rate_deg_s: float, sigma_arcsec: float) -> None:
+    """By 0.03″, and by what the axis moves in 30 µs."""
+    axis = certain()
+    axis.measure(0.0, rate_deg_s)
+    assert axis.innovation_sigma_deg / ARCSEC == pytest.approx(sigma_arcsec)
+
+
+def test_what_a_second_adds_to_what_is_not_known_of_an_axis() -> None:
+    """With the root of time: 0.02″ of its place, 0.5″/s of its rate, 0.3 % of what comes out at once."""
+    axis = certain(Noise(rate_fades_s=math.inf))
+    for _ in range(20):
+        axis.advance(STEP_S, 0.0, moved(0.0))
+    known = axis._kalman.covariance
+    assert math.sqrt(known[1, 1]) / ARCSEC == pytest.approx(0.5)
+    # The place also goes with the rate: the root of a third of 0.5″ after a second.
+    assert math.sqrt(known[0, 0]) / ARCSEC == pytest.approx(math.hypot(0.02, 0.5 / math.sqrt(3.0)), rel=2e-3)
+    at_once = np.array([1.0] * 3 + [0.0] * (SHARES - 3))
+    assert math.sqrt(at_once @ known[2:, 2:] @ at_once) == pytest.approx(0.003, rel=1e-4)
+    assert sum_sigma(axis) == pytest.approx(1e-5, rel=1e-3)
+
+
+def test_what_is_expected_of_an_axis_before_it_was_seen_to_move() -> None:
+    """A hundredth of a degree of its place, 20″/s, a gain within 2 %, half of what comes out at once."""
+    known = AxisFilter(0.0)._kalman.covariance
+    assert math.sqrt(known[0, 0]) == pytest.approx(0.01)
+    assert math.sqrt(known[1, 1]) / ARCSEC == pytest.approx(20.0)
+    assert sum_sigma(AxisFilter(0.0)) == pytest.approx(0.02, rel=1e-3)
+    at_once = np.array([1.0] * 3 + [0.0] * (SHARES - 3))
+    assert math.sqrt(at_once @ known[2:, 2:] @ at_once) == pytest.approx(math.hypot(0.5, 0.02))
+    # Three tenths of a command may come a turn early, or late.
+    assert np.sqrt(np.diag(known))[[2, 4]] == pytest.approx([0.3, 0.3])
+
+
+def test_a_rate_that_is_not_seen_fades_in_a_minute() -> None:
+    axis = AxisFilter(0.0)
+    axis.change(np.array([0.0, -0.02, *np.zeros(SHARES)]))
+    for _ in range(1200):
+        axis.advance(STEP_S, 0.0, None)
+    axis.stand_at(0.0)
+    assert axis.disturbance_deg_s == pytest.approx(-0.02 / math.e, rel=1e-3)
+
+
+def test_a_change_of_rate_comes_out_as_if_its_turn_were_3_ms_off() -> None:
+    axis = certain()
+    axis.measure(0.0, 0.0)
+    assert axis.rough_deg(-0.5) == pytest.approx(0.0015)
+    assert axis.expected_sigma_deg(0.5) == pytest.approx(math.hypot(0.03 * ARCSEC, 0.0015))
+
+
+def test_a_changed_delay_makes_a_response_a_tenth_as_doubtful_as_that_of_an_unknown_axis() -> None:
+    """In variance; a gain is the mount's own, and stays."""
+    axis = certain()
+    axis.change(np.zeros(2 + SHARES))
+    known = axis._kalman.covariance
+    at_once = np.array([1.0] * 3 + [0.0] * (SHARES - 3))
+    assert at_once @ known[2:, 2:] @ at_once == pytest.approx(0.1 * 0.5**2)
+    assert known[2, 2] == pytest.approx(0.1 * 0.3**2)
+    assert sum_sigma(axis) == pytest.approx(0.0, abs=1e-6)
+    assert known[:2, :2].tolist() == [[0.0, 0.0], [0.0, 0.0]]
+
+
+def test_a_response_that_is_kept_is_half_as_well_known() -> None:
+    axis = steady(100)
+    known = axis._kalman.covariance[2:, 2:].copy()
+    axis.begin_anew(3.0)
+    assert axis._kalman.covariance[2:, 2:] == pytest.approx(4.0 * known, rel=1e-9)
+    assert math.sqrt(axis._kalman.covariance[1, 1]) / ARCSEC == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_glitch_moves_an_axis_as_far_as_a_surprise_of_four_sigmas_does(sense: float) -> None:
+    """It is believed with the variance by which it would be one."""
+    for off_arcsec in (0.11, 0.13, 60.0):
+        axis = certain()
+        axis._kalman.covariance[0, 0] = (0.001 * ARCSEC) ** 2
+        axis.measure(sense * off_arcsec * ARCSEC, 0.0)
+        sigmas = min(4.0, off_arcsec / math.hypot(0.03, 0.001))
+        assert axis.innovation_sigmas == pytest.approx(sense * sigmas, rel=1e-6)
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("rate_deg_s", "off_deg", "learnt_deg_s"),
+    [(0.051, 0.001, 0.02), (-0.051, 0.004, 0.08), (0.051, 0.02, 0.1), (0.049, 0.001, 0.0)],
+)
+def test_a_second_large_surprise_to_one_side_is_a_rate_that_has_set_in(
+    rate_deg_s: float, off_deg: float, learnt_deg_s: float, sense: float
+) -> None:
+    """Of as much as it takes in a turn, a tenth of a degree a second at most; near rest the axis sticks."""
+    axis = certain()
+    axis.advance(STEP_S, 0.0, moved(rate_deg_s))
+    before = axis._kalman.covariance.copy()
+    axis._surprised_deg = -sense * off_deg
+    assert axis._sets_in(sense * off_deg, rate_deg_s) is False
+    axis._surprised_deg = 0.0
+    assert axis._sets_in(sense * off_deg, rate_deg_s) is False
+    axis._surprised_deg = sense * 1e-5
+    assert axis._sets_in(sense * off_deg, rate_deg_s) is True
+    grown = axis._kalman.covariance - before
+    assert grown[:2, :2] == pytest.approx(np.diag([off_deg**2, learnt_deg_s**2]), abs=1e-15)
+
+
+@pytest.mark.parametrize(("rate_arcsec_s", "is_unlearnt"), [(41.0, True), (39.0, False), (-41.0, False)])
+def test_near_rest_too_a_rate_that_no_axis_has_may_be_over(rate_arcsec_s: float, is_unlearnt: bool) -> None:
+    """Surprises against a rate of 40″/s or more: what held the axis lets it go."""
+    axis = certain()
+    axis.advance(STEP_S, 0.0, moved(0.0))
+    axis._kalman.state[1] = rate_arcsec_s * ARCSEC
+    before = float(axis._kalman.covariance[1, 1])
+    axis._surprised_deg = -1e-3
+    assert axis._sets_in(-1e-3, 0.0) is True
+    assert float(axis._kalman.covariance[1, 1]) - before == pytest.approx(0.02**2 if is_unlearnt else 0.0)
+
+
+@pytest.mark.parametrize(
+    ("rate_deg_s", "share"), [(0.0101, 0.01), (-0.0101, 0.01), (0.0099, 1.0), (0.0, 1.0)]
+)
+def test_no_less_than_the_usual_is_expected_of_an_axis_that_may_stick(
+    rate_deg_s: float, share: float
+) -> None:
+    """A smooth one that moves by less than 0.01 °/s."""
+    axis = certain()
+    axis._rough_share = 0.01
+    axis.advance(STEP_S, 0.0, moved(rate_deg_s))
+    assert axis._kalman.covariance[1, 1] == pytest.approx(share * (0.5 * ARCSEC) ** 2 * STEP_S)
+
+
+@pytest.mark.parametrize(("surprises", "begins"), [(9.4, False), (9.6, True)])
+def test_a_filter_whose_squared_surprises_are_nine_in_the_mean_begins_anew(
+    surprises: float, begins: bool
+) -> None:
+    """Of the twenty last: one that does not surprise takes a twentieth off."""
+    axis = steady(60)
+    axis._surprises = surprises
+    go_on(axis, 1)
+    assert axis.begun_anew == (1 if begins else 0)
+    assert axis._disturbed is True
+
+
+@pytest.mark.parametrize(("surprises", "disturbed"), [(4.1, False), (4.3, True)])
+def test_a_motion_is_disturbed_from_a_mean_of_four_on(surprises: float, disturbed: bool) -> None:
+    axis = steady(60)
+    axis._surprises = surprises
+    go_on(axis, 1)
+    assert axis._disturbed is disturbed
+
+
+def test_one_sample_counts_no_more_than_forty_in_the_mean_of_the_squared_surprises() -> None:
+    axis = certain()
+    axis.measure(1.0, 0.0)
+    assert axis._surprises == pytest.approx(1.0 + (40.0 - 1.0) / 20.0)
+
+
+def test_a_noise_of_readings_is_learnt_by_a_hundredth_each_within_bounds() -> None:
+    """A twentieth of the expected sigma, or twenty times that."""
+    for share, sigmas, learnt in (
+        (1.0, 3.0, 1.0 + 0.01 * (9.0 - 1.0)),
+        (1.0, 0.0, 1.0 - 0.01),
+        (4.0, 6.0, 4.0 * (1.0 + 0.01 * (9.0 - 1.0))),
+        (399.9, 60.0, 400.0),
+        (0.002, 0.0, 0.002),
+    ):
+        axis = certain()
+        axis._noise_share = share
+        axis.measure(sigmas * 0.03 * ARCSEC, 0.0)
+        assert axis._noise_share == pytest.approx(learnt)
+
+
+@pytest.mark.parametrize(
+    ("share", "before", "sigmas", "learnt"),
+    [
+        # By a twentieth of the product of two surprises in a row.
+        (1.0, 1.0, 1.0, 1.05),
+        (1.0, -1.0, -1.0, 1.05),
+        (1.0, -1.0, 1.0, 0.95),
+        (15.9, 3.0, 3.0, 16.0),
+        (1e-4, -3.0, 3.0, 1e-4),
+        # From a product of four on at once; up to what is usual.
+        (0.01, 1.9, 2.0, 0.01 * (1.0 + 0.05 * 3.8)),
+        (0.01, 2.5, 2.0, 0.05),
+        (0.5, 2.5, 2.0, 1.0),
+    ],
+)
+def test_a_motion_is_as_rough_as_surprises_in_a_row_go_to_one_side(
+    share: float, before: float, sigmas: float, learnt: float
+) -> None:
+    """Of an axis that is hardly known, whose surprises tell nothing of its readings."""
+    axis = certain()
+    axis._rough_share, axis._last_ratio = share, before
+    axis._square = 3.0
+    axis._learn_noise(sigmas, 0.0)
+    assert axis._rough_share == pytest.approx(learnt)
+    assert axis._noise_share == 1.0
+
+
+@pytest.mark.parametrize(
+    ("one_sided", "measured", "may_stick", "learnt"),
+    [
+        (0.0, 0.0, False, 0.95),
+        # As far as surprises are the motion's, and go to and fro.
+        (0.0, 0.5, False, 0.975),
+        (0.0, 1.0, False, 1.0),
+        (0.25, 0.0, False, 0.975),
+        (-0.25, 0.0, False, 0.95),
+        (0.6, 0.0, False, 1.0),
+        # Near rest less is expected than shows.
+        (0.0, 0.0, True, 1.0),
+    ],
+)
+def test_a_motion_without_surprises_is_smoother_than_expected(
+    one_sided: float, measured: float, may_stick: bool, learnt: float
+) -> None:
+    """By a twentieth with each sample."""
+    axis = certain()
+    axis._square, axis._alike, axis._may_stick = 0.0, one_sided / 0.95, may_stick
+    axis._learn_noise(0.0, measured)
+    assert axis._rough_share == pytest.approx(learnt)
+
+
+def test_what_has_acted_long_ago_is_forgotten_without_a_trace() -> None:
+    """Steps that nothing answers any more: effects are those of the last of them alone."""
+    dice = np.random.default_rng(3)
+    steps = [Step(STEP_S * number, *dice.normal(0.0, 1.0, 2)) for number in range(700)]
+    long, short = Commanded(-1.0), Commanded(steps[600].utc_s + BEFORE_S, *steps[600][1:])
+    for step in steps:
+        long.add(step)
+        if step.utc_s > steps[600].utc_s:
+            short.add(step)
+    assert len(long._steps) < 300
+    to_s = steps[-1].utc_s + STEP_S
+    assert long.effects(to_s - 1.5, to_s) == pytest.approx(short.effects(to_s - 1.5, to_s), abs=1e-9)

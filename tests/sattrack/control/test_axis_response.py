@@ -59,6 +59,14 @@ def steps_until(count: int, seed: int, every_s: float = 0.05) -> list[Step]:
     return [LONG_AGO, *(Step(every_s * k, *dice.normal(0.0, 1.0, 2)) for k in range(count))]
 
 
+def test_a_response_is_told_in_turns_at_first_and_to_its_end() -> None:
+    """As docs/feeder.md has it: after 50, 100, 150 ms, and so on to 1.4 s; a turn is 50 ms."""
+    assert KNOTS_S[:4] == (0.0, 0.05, 0.1, 0.15)
+    assert (KNOTS_S[-1], SETTLED_S) == (1.4, 1.4)
+    assert sorted(set(KNOTS_S)) == list(KNOTS_S)
+    assert JUMPS_S == (-0.05, 0.0, 0.05)
+
+
 @pytest.mark.parametrize("share", range(SHARES))
 @pytest.mark.parametrize(
     ("from_s", "to_s"),

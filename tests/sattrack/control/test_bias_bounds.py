@@ -20,7 +20,7 @@ from sattrack.control.biases import (
     nudge_biases,
 )
 from sattrack.control.estimate import EstimatedBiases
-from sattrack.control.offset import KEPT, ChangeLimits, Offset, State, spiral_lasts_s
+from sattrack.control.offset import ChangeLimits, Offset, State, spiral_lasts_s
 from sattrack.control.target import AxisPace, Course, Going, _cubic
 from sattrack.mount.model import AxisLimits, MountProfile
 from sattrack.views.messages import OffsetBy, Search, SeenOffset
@@ -99,6 +99,11 @@ class TestBounds:
         assert short.asked == [(0.0, 2.0), (2.0, 2.0)]
         long.bounds("along_s", NOW, 1.0, 4.0)
         assert long.asked == [(2.0, pytest.approx(1.0 + 0.5 * number)) for number in range(7)]
+        # Those of more than a second are long, either way.
+        for way_s, looks in ((0.99, 2), (-0.99, 2), (1.01, 7), (-1.01, 7)):
+            one = Paced()
+            one.bounds("along_s", NOW, 1.0, 1.0 + way_s)
+            assert len(one.asked) == looks
 
 
 class TestOrders:
@@ -370,7 +375,7 @@ def test_what_was_fed_is_known_as_far_back_as_every_offset_is() -> None:
     """An estimate that is followed twice a second is remembered for a minute."""
     by_hand, followed = Paced(), Paced()
     assert by_hand.known_since_utc_s == -math.inf
-    for number in range(KEPT + 3):
+    for number in range(131):
         change_offset(by_hand, OffsetBy("camera_x_deg", "add", 1e-4), NOW + number)
         read = EstimatedBiases(1e-4 * number, 1e-3 * number, 0.0, 0.0, 0.1, 0.1)
         follow_estimate(followed, read, False, NOW + 0.5 * number)
@@ -388,6 +393,16 @@ def test_an_estimate_that_is_left_is_left_as_gently_as_the_sky_allows(away_km: f
     takes_s = max(1.875 * away_km / rate, math.sqrt(10.0 / math.sqrt(3.0) * away_km / acceleration))
     assert biases.estimated_cross_km.ended_utc_s() - NOW == pytest.approx(takes_s, rel=1e-3)
     assert biases.totals(NOW + 60.0) == pytest.approx((0.0, 0.0), abs=1e-12)
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_what_an_observation_changes_by_little_is_fed_within_half_a_second(first: bool) -> None:
+    biases = Paced()
+    follow_estimate(biases, EstimatedBiases(0.01, -0.02, 1e-3, 2e-3, 0.1, 0.1), first, NOW)
+    for one in (biases.estimated_along, biases.estimated_cross_km):
+        assert one.ended_utc_s() - NOW == pytest.approx(0.5)
+    assert biases.estimated_along.state(NOW + 0.5)[:2] == pytest.approx((0.0105, 1e-3))
+    assert biases.estimated_cross_km.state(NOW + 0.5)[:2] == pytest.approx((-0.019, 2e-3))
 
 
 class TestAcross:

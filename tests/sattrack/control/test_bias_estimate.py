@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 from sattrack.control.estimate import (
-    ANEW_AFTER,
-    MODEL_ARCSEC,
     EstimatedBiases,
     Estimator,
     _credible,
+    _off_line,
+    _Seeing,
     begun_anew,
     known_terms,
 )
@@ -31,7 +31,7 @@ from tle.errors import SubOrbitalError
 from tle.instants import Utc
 from tle.observed import bias_from_observation
 from tle.orbit_filter import CAMERA_TERMS, MOUNT_TERMS, FilterBank
-from tle.orbit_fit import ALONG, STATES
+from tle.orbit_fit import ALONG, STATES, Sighting
 from tle.propagator import Propagator
 from tle.refraction import Refraction
 
@@ -100,7 +100,7 @@ def test_one_observation_says_what_the_full_inversion_says(
         one.dec_deg,
         utc,
         FRAMES[frame],
-        math.hypot(0.1, MODEL_ARCSEC),  # type: ignore[arg-type]
+        math.hypot(0.1, 1.0),  # type: ignore[arg-type]
     )
     # What is expected beforehand pulls by the square of the sigmas' ratio.
     assert known.along_s == pytest.approx(expected.along_s, abs=2e-3)
@@ -150,7 +150,9 @@ def test_what_cannot_be_of_this_pass_is_refused(
 def test_what_is_dated_in_the_future_is_refused(course: Course, estimator: Estimator) -> None:
     assert not estimator.take(seen(10.0), CULMINATION_S, course, NO_BIAS)
     assert estimator.words == "it is dated 10.0 s in the future: check the clocks"
-    assert estimator.take(seen(0.05), CULMINATION_S, course, NO_BIAS), "clocks differ by so much"
+    # Clocks differ by a tenth of a second.
+    assert not estimator.take(seen(0.11), CULMINATION_S, course, NO_BIAS)
+    assert estimator.take(seen(0.09), CULMINATION_S, course, NO_BIAS)
 
 
 @pytest.mark.parametrize("declared", ["of_date", "j2000", "icrs"])
@@ -257,8 +259,8 @@ def test_a_wrong_start_is_left_once_many_in_a_row_agree(course: Course, estimato
     """The first was of something 20 s ahead on the same orbit; the others would otherwise never count."""
     assert take(estimator, course, seen(-120.0, ahead_s=20.0))
     taken = [take(estimator, course, seen(-100.0 + second)) for second in range(20)]
-    assert taken.index(True) == ANEW_AFTER - 1
-    assert all(taken[ANEW_AFTER:])
+    assert taken.index(True) == 7
+    assert all(taken[8:])
     assert estimator.begun_anew == 1
     known = read(estimator, course, -80.0)
     assert known.along_s == pytest.approx(3.0, abs=4.0 * known.along_sigma_s)
@@ -327,7 +329,7 @@ def test_one_that_the_operator_is_sure_of_ends_what_was_held_against_the_estimat
     """A rival of something 40 s ahead had seven for it: that one more of them agrees is no eighth."""
     for second in range(3):
         assert take(estimator, course, seen(second - 100.0))
-    for second in range(ANEW_AFTER - 1):
+    for second in range(7):
         assert not take(estimator, course, seen(second - 90.0, ahead_s=40.0))
     sure = seen(-70.0, ahead_s=-20.0)
     assert estimator.take(sure, float(Utc.parse(sure.utc).unix_s) + 1.0, course, NO_BIAS, sure=True)
@@ -401,9 +403,9 @@ def test_a_rival_expects_three_times_the_errors_of_elements(
     true, rng = Propagator(tilted, demo_pass.SITE.place()), random.Random(1)
     taken = [
         take(estimator, course, bench.solution(true, CULMINATION_S + second, rng, 3.0))
-        for second in range(-ANEW_AFTER, 1)
+        for second in range(-8, 1)
     ]
-    assert taken == [False] * (ANEW_AFTER - 1) + [begins] * 2
+    assert taken == [False] * (7) + [begins] * 2
     assert estimator.begun_anew == begins
 
 
@@ -419,14 +421,14 @@ class TestWhatAgreesBesideTheEstimate:
         return one
 
     def seven(self, estimator: Estimator, course: Course) -> None:
-        for second in range(-ANEW_AFTER, -1):
+        for second in range(-8, -1):
             assert not take(estimator, course, self.tilted(second))
 
     def test_is_forgotten_with_the_estimate(self, course: Course, estimator: Estimator) -> None:
         self.seven(estimator, course)
         estimator.forget()
-        taken = [take(estimator, course, self.tilted(second)) for second in range(ANEW_AFTER)]
-        assert taken == [False] * (ANEW_AFTER - 1) + [True]
+        taken = [take(estimator, course, self.tilted(second)) for second in range(8)]
+        assert taken == [False] * (7) + [True]
 
     def test_counts_no_more_once_one_is_taken_that_the_elements_expect(
         self, course: Course, estimator: Estimator
@@ -593,7 +595,7 @@ def test_what_the_elements_could_not_be_off_by_begins_an_estimate_once_many_agre
     tally = bench.Tally()
     bench.manoeuvred(tally, (-8.0, 0.0, 2.0), 1)
     assert tally.begun_anew == 1
-    assert tally.taken == 33 - (ANEW_AFTER - 1)
+    assert tally.taken == 33 - (7)
     assert abs(tally.end_along_s[0]) < 0.02
 
 
@@ -608,8 +610,8 @@ def test_a_first_one_that_is_too_far_off_begins_with_the_eighth_that_agrees(
         take(estimator, course, bench.solution(true, CULMINATION_S + second, rng, 20.0))
         for second in range(-60, -40)
     ]
-    assert taken.index(True) == ANEW_AFTER - 1
-    assert all(taken[ANEW_AFTER:])
+    assert taken.index(True) == 7
+    assert all(taken[8:])
     assert estimator.begun_anew == 1
 
 
@@ -622,8 +624,8 @@ def test_estimates_of_an_orbit_that_sgp4_does_not_know_are_as_good_as_they_say()
         bench.follow_pass(tally, believed, scene.motion, instants, random.Random(int(rise_s)), set_s)
     assert tally.passes == 3
     assert tally.taken > 0.97 * tally.solutions
-    # No sigma counts as less than MODEL_ARCSEC more than the solutions have; two degrees have a mean of 2.
-    expected = 2.0 / (1.0 + (MODEL_ARCSEC / bench.SIGMA_ARCSEC) ** 2)
+    # An arcsecond of clocks and catalogues counts beside their own; two degrees have a mean of 2.
+    expected = 2.0 / (1.0 + (1.0 / bench.SIGMA_ARCSEC) ** 2)
     assert sum(tally.nis) / len(tally.nis) == pytest.approx(expected, abs=0.25)
     normalised = [*tally.along, *tally.across]
     assert sum(abs(off) <= 2.0 for off in normalised) > 0.88 * len(normalised)
@@ -760,6 +762,125 @@ class TestWhatCamerasShow:
         filters.pointing = lambda *_: (None, spread)
         assert one.sigma_arcsec(CULMINATION_S, where) == pytest.approx(3.0)  # type: ignore[arg-type]
         assert Estimator(25544, RISE_S).sigma_arcsec(CULMINATION_S, where) is None  # type: ignore[arg-type]
+
+
+ARCSEC = math.radians(1.0 / 3600.0)
+
+
+class TestSeeing:
+    """How far frames lie off a line with those before them tells what their sigmas leave out."""
+
+    def frames(self, times_s: Any, off_arcsec: Any) -> list[Any]:
+        """Return frames at such times, that lie so far from where the satellite is expected."""
+        nowhere: Any = Made(at=lambda *_: Made(unit=np.zeros(3)))
+        return [
+            Made(utc=Made(unix_s=float(t)), unit=np.array(off) * ARCSEC, propagator=nowhere)
+            for t, off in zip(times_s, off_arcsec, strict=True)
+        ]
+
+    def seeing(self, times_s: Any, off_arcsec: Any) -> _Seeing:
+        known = _Seeing()
+        for frame in self.frames(times_s, off_arcsec):
+            known.see(frame, NO_BIAS)
+        return known
+
+    def noise(self, count: int, sigma: float, seed: int = 3) -> Any:
+        """Return places whose two directions on the sky are normal."""
+        dice = np.random.default_rng(seed)
+        return np.column_stack([np.zeros(count), dice.normal(0.0, sigma, (count, 2))])
+
+    @pytest.mark.parametrize("uneven", [False, True])
+    @pytest.mark.parametrize("sigma", [2.0, 8.0])
+    def test_it_is_the_scatter_of_a_frame_however_unevenly_they_come(
+        self, sigma: float, uneven: bool
+    ) -> None:
+        found = []
+        for seed in range(12):
+            dice = np.random.default_rng(seed)
+            times_s = np.cumsum(dice.uniform(0.1, 0.9, 60) if uneven else np.full(60, 0.5))
+            seen = self.seeing(times_s, self.noise(60, sigma, seed))
+            found.append(seen.sigma_arcsec(0.1, 0.1, 1.0))
+        assert np.mean(found) == pytest.approx(sigma, rel=0.1)
+
+    def test_what_drifts_evenly_is_no_scatter(self) -> None:
+        """As what orbit and mount do wrong."""
+        times_s, noise = 0.5 * np.arange(60), self.noise(60, 3.0)
+        drift = np.outer(times_s, (0.0, 40.0, -25.0)) + np.array((0.0, 900.0, 100.0))
+        still, moves = self.seeing(times_s, noise), self.seeing(times_s, noise + drift)
+        told = still.sigma_arcsec(0.1, 0.1, 1.0)
+        assert moves.sigma_arcsec(0.1, 0.1, 1.0) == pytest.approx(told, rel=1e-6)
+        # Nor is what the satellite moves by itself, however it bends.
+        turns = _Seeing()
+        for frame in self.frames(times_s, noise):
+            bends = np.array([math.cos(0.1 * frame.utc.unix_s), math.sin(0.1 * frame.utc.unix_s), 0.0])
+            frame.unit = frame.unit + bends
+            frame.propagator = Made(at=lambda *_, bends=bends: Made(unit=bends))
+            turns.see(frame, NO_BIAS)
+        assert turns.sigma_arcsec(0.1, 0.1, 1.0) == pytest.approx(told, rel=1e-6)
+
+    def test_the_scatter_of_three_frames_is_shared_out_among_them(self) -> None:
+        """At a quarter of the way between the others one counts whole, they a quarter and three quarters."""
+        three = [(t, np.array([0.0, off, 0.0])) for t, off in ((0.0, 0.0), (1.0, 2.0), (4.0, 0.0))]
+        assert _off_line(*three) == pytest.approx(2.0**2 / (1.0 + 0.25**2 + 0.75**2))
+
+    def test_up_to_a_third_of_the_frames_may_be_wild(self) -> None:
+        found = []
+        for seed in range(12):
+            dice, off = np.random.default_rng(seed), self.noise(120, 3.0, seed)
+            off[dice.choice(120, 40, replace=False), 1:] += dice.uniform(-600.0, 600.0, (40, 2))
+            found.append(self.seeing(0.5 * np.arange(120), off).sigma_arcsec(0.1, 0.1, 1.0))
+        assert np.mean(found) == pytest.approx(3.0, rel=0.15)
+
+    def test_it_is_known_from_the_tenth_frame_on(self) -> None:
+        """Until then a claimed sigma counts with what is usual besides."""
+        for count, known in ((9, False), (10, True)):
+            # One and the same frame that comes twice is one.
+            times_s = np.repeat(0.5 * np.arange(count), 2)
+            seen = self.seeing(times_s, np.repeat(self.noise(count, 8.0), 2, axis=0))
+            told = seen.sigma_arcsec(1.5, 0.3, 2.0)
+            assert (told == pytest.approx(2.5)) is not known
+            assert (told > 3.0) is known
+
+    @pytest.mark.parametrize(("every_s", "known"), [(2.4, True), (2.6, False)])
+    def test_frames_count_that_follow_two_others_within_five_seconds(
+        self, every_s: float, known: bool
+    ) -> None:
+        seen = self.seeing(every_s * np.arange(60), self.noise(60, 8.0))
+        assert (seen.sigma_arcsec(1.5, 0.3, 2.0) > 3.0) is known
+
+    def test_frames_that_come_out_of_order_are_between_those_about_them(self) -> None:
+        times_s, off = 0.5 * np.arange(60), self.noise(60, 3.0)
+        off[:, 1] += 40.0 * times_s
+        order = [number + (1, -1)[number % 2] for number in range(60)]
+        seen = self.seeing(times_s[order], off[order])
+        assert seen.sigma_arcsec(0.1, 0.1, 1.0) == pytest.approx(3.0, rel=0.25)
+
+    def test_a_claimed_sigma_is_believed_up_to_one_and_a_half_times_as_much_scatter(self) -> None:
+        """With the least that there is beside it: of sides 3 and 4, 5 is the hypotenuse."""
+        seen = self.seeing(0.5 * np.arange(60), self.noise(60, 6.0))
+        scatter = seen.sigma_arcsec(0.1, 0.1, 1.0)
+        for share, believed in ((1.49, True), (1.51, False)):
+            said = scatter / share
+            told = seen.sigma_arcsec(0.6 * said, 0.8 * said, 99.0)
+            assert told == pytest.approx(said if believed else scatter)
+
+    def test_no_frame_is_taken_for_worse_than_twenty_arcseconds(self) -> None:
+        seen = self.seeing(0.5 * np.arange(60), self.noise(60, 60.0))
+        assert seen.sigma_arcsec(1.0, 0.3, 1.0) == 20.0
+
+    def test_a_cameras_frames_and_solved_ones_have_what_they_are_said_to_have_besides(self) -> None:
+        """A camera's an arcsecond until their scatter is known, then 0.3″; solved ones always one."""
+        of_camera: Any = Made(camera="guide", sigma_arcsec=0.4)
+        solved: Any = Made(camera=None, sigma_arcsec=0.4)
+        one, image = Estimator(25544, RISE_S), Made()
+        nowhere: Any = Made(at=lambda *_: Made(unit=np.zeros(3)))
+        for number in range(12):
+            sighting = Sighting(Utc(RISE_S + number), np.zeros(3), 1.0, nowhere)
+            for message, where, least in ((of_camera, image, 0.3), (solved, None, 1.0)):
+                told = one._weighed(sighting, message, where, NO_BIAS)  # type: ignore[arg-type]
+                besides = least if number >= 9 else 1.0
+                assert told.sigma_rad / ARCSEC == pytest.approx(math.hypot(0.4, besides))
+                assert told.image is where
 
 
 @pytest.mark.parametrize(

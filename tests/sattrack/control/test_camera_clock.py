@@ -276,7 +276,13 @@ class TestByHand:
 
     @pytest.mark.parametrize(
         ("before", "off_arcsec", "sigma_arcsec", "taken"),
-        [(4, 61.0, 5.0, False), (4, 59.0, 5.0, True), (4, 61.0, 12.0, True), (3, 61.0, 5.0, True)],
+        [
+            (4, 61.0, 5.0, False),
+            (4, 59.0, 5.0, True),
+            (4, 61.0, 10.1, False),
+            (4, 61.0, 10.2, True),
+            (3, 61.0, 5.0, True),
+        ],
     )
     def test_a_field_far_off_is_left_out_once_there_are_four(
         self, before: int, off_arcsec: float, sigma_arcsec: float, taken: bool
@@ -289,6 +295,26 @@ class TestByHand:
             assert clock.take(row, np.zeros(2), 1e-3 * ARCSEC) is True
         assert clock.take(row, np.array([0.0, off_arcsec * ARCSEC]), sigma_arcsec * ARCSEC) is taken
         assert (clock.frames, clock.left_out) == ((before + 1, 0) if taken else (before, 1))
+
+    def test_what_is_presumed_before_the_first_field(self) -> None:
+        """A clock of 5 s, a base that is turned by 0.3°, a telescope that looks 0.1° aside."""
+        assert BEFORE[0] == 5.0
+        assert np.degrees(BEFORE[1:]) == pytest.approx([0.3] * 3 + [0.1] * 2)
+        terms, spread = _Clock().solved()
+        assert terms.tolist() == [0.0] * TERMS
+        assert np.sqrt(np.diag(spread)) == pytest.approx(BEFORE)
+
+    def test_a_field_counts_with_what_it_says_and_three_arcseconds_of_the_status(self) -> None:
+        """How far the mount moves in a second tells the clock. Of sides 3 and 4, 5 is the hypotenuse."""
+        one = Pass(0.0)
+        one.run(0.0, 2.0, fields=False)
+        one.steering.clocks.hear(msgspec.structs.replace(one.field(BEGIN_S + 1.0), sigma_arcsec=4.0))
+        one.steering.watch(BEGIN_S + 2.0)
+        (clock,) = one.steering.clocks._clocks.values()
+        there = one.propagator.at(Utc(BEGIN_S + 1.0))
+        east = float(there.ra_rate_deg_s) * math.cos(math.radians(float(there.dec_deg)))
+        pace = math.radians(math.hypot(east, float(there.dec_rate_deg_s)))
+        assert clock.information[0, 0] - 5.0**-2 == pytest.approx((pace / (5.0 * ARCSEC)) ** 2, rel=1e-3)
 
     def test_between_statuses_the_mount_is_on_a_parabola(self) -> None:
         clocks = CameraClocks(MountProfile())

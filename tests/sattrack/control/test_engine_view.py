@@ -373,8 +373,10 @@ class TestViews:
         assert (soon.how, soon.elapsed_s, soon.along_s, soon.cross_deg) == ("sweep", 0.0, 0.0, 0.0)
         later: Any = search_view(run.tracker, NOW + 8.0)
         assert (later.elapsed_s, later.along_s) == (7.0, pytest.approx(sweep_s(7.0, 2.0, 20.0)))
-        biases.patterns = [over]
-        assert search_view(run.tracker, NOW) is None
+        # One that was ended before it began is none.
+        for ended in (over, sweep.ended(NOW + 0.5)):
+            biases.patterns = [ended]
+            assert search_view(run.tracker, NOW) is None
 
     def test_an_estimate_is_told_with_its_sigmas_and_the_outcome(self) -> None:
         run = made_run()

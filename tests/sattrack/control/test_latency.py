@@ -10,10 +10,8 @@ import pytest
 
 from sattrack.control.latency import (
     CALIBRATED_S,
-    LOST,
     ROUGH_S,
     SIDEREAL_SECONDS_PER_SECOND,
-    UNREAD,
     AcknowledgedDelay,
     Arrivals,
     Envelope,
@@ -69,7 +67,13 @@ def test_a_usual_slope_is_likelier_than_another(seed: int, count: int) -> None:
 
 
 def test_one_point_gives_no_drift() -> None:
-    assert lower_envelope([(5.0, 0.1)]) == Envelope(5.0, 0.1)
+    assert lower_envelope([(5.0, 0.1)]) == Envelope(5.0, 0.1, 0.0)
+    # So from the first status on a clock that runs as ours dates as it should.
+    clock = MountClock(status_delay_s=0.01)
+    for number in range(40):
+        assert clock.date(sidereal_h(0.05 * number), 50.0 + 0.05 * number) == pytest.approx(
+            49.99 + 0.05 * number, abs=1e-6
+        )
 
 
 @pytest.mark.parametrize("drift", [100e-6, -150e-6])
@@ -82,6 +86,19 @@ def test_a_clock_that_drifts_dates_within_half_a_millisecond_from_the_first_seco
         dated = clock.date(sidereal_h((sampled - 1_000_000.0) * (1.0 - drift)), arrival)
         worst = max(worst, abs(dated - sampled)) if i > 60 else 0.0
     assert worst < 5e-4
+
+
+def test_clocks_usually_drift_by_35_in_a_million() -> None:
+    """Arrivals are even to 20 µs: two buckets of a second tell 35²/20 of a drift of 150, and three all of it.
+
+    Under two points 1.05 s apart, the likeliest slope is that at which a lateness of 20 µs of one of them
+    weighs as much as a drift of one sigma of 35 ppm; under three it may be three times that.
+    """
+    for seconds, drift in ((0.95, 0.0), (1.9, 1.05 * 35.0**2 / 20.0), (2.9, 150.0)):
+        clock = MountClock(status_delay_s=0.0)
+        for number in range(round(seconds / 0.05) + 1):
+            clock.date(sidereal_h(0.05 * number * (1.0 - 150e-6)), 50.0 + 0.05 * number)
+        assert 1e6 * clock.drift == pytest.approx(drift, abs=1.0)
 
 
 def test_a_slope_no_clock_has_is_bounded() -> None:
@@ -269,6 +286,31 @@ class TestByHand:
         assert clock.lateness_s == pytest.approx(0.002, rel=0.05)
         assert clock.drift == pytest.approx(0.0, abs=2e-6)
 
+    def test_the_mean_lateness_is_that_of_the_last_two_hundred(self) -> None:
+        """Of those that there are while there are fewer; none counts as later than a tenth of a second."""
+        clock = MountClock(status_delay_s=0.0)
+        for number in range(11):
+            clock.date(sidereal_h(0.05 * number), 50.0 + 0.05 * number + (0.01 if number == 10 else 0.0))
+        assert clock.lateness_s == pytest.approx(0.001, rel=1e-3)
+        for late_s, counts_s in ((0.01, 0.01), (0.35, 0.1)):
+            clock = MountClock(status_delay_s=0.0)
+            for number in range(400):
+                clock.date(sidereal_h(0.05 * number), 50.0 + 0.05 * number)
+            clock.date(sidereal_h(20.0), 70.0 + late_s)
+            assert clock.lateness_s == pytest.approx(counts_s / 200.0, rel=1e-3)
+
+    @pytest.mark.parametrize(
+        ("rate", "trusted"), [(1.105, True), (1.115, False), (0.895, True), (0.885, False)]
+    )
+    def test_a_clock_that_runs_as_ours_but_for_a_percent_and_two_tenths_of_a_second_is_believed(
+        self, rate: float, trusted: bool
+    ) -> None:
+        """Over forty samples: in two seconds of ours, it is off by 0.22 s at most."""
+        clock = MountClock(status_delay_s=0.0)
+        for number in range(100):
+            clock.date(sidereal_h(rate * 0.05 * number), 50.0 + 0.05 * number)
+        assert clock.trusted is trusted
+
     def test_a_clock_that_runs_back_over_midnight_shows_less(self) -> None:
         clock = MountClock(status_delay_s=0.0)
         dated = [
@@ -342,7 +384,7 @@ def test_one_acknowledgement_tells_of_a_whole_turn_and_little_else() -> None:
     """By a status that came before it was expected, the flags were there: they take that much less long."""
     told_s = 0.04
     delay = AcknowledgedDelay(told_s, ROUGH_S)
-    assert delay.delay_s == pytest.approx((told_s, ROUGH_S), abs=5e-4)
+    assert delay.delay_s == pytest.approx((told_s, 0.016), abs=5e-4)
     delay.note(0.0, told_s - 0.025, told_s + 0.025)
     assert delay.delay_s[0] == pytest.approx(told_s, abs=5e-4)
     assert delay.delay_s[1] > 0.01
@@ -352,14 +394,14 @@ def test_one_acknowledgement_tells_of_a_whole_turn_and_little_else() -> None:
 
 
 def test_one_that_contradicts_by_far_says_no_more_than_one_that_contradicts() -> None:
-    """A datagram may have been lost, and what comes late may be another's answer."""
+    """One in 20 datagrams may have been lost, one in 55 answers may be another's: exp(-3) and exp(-4)."""
     delays_s = np.array([0.0, 0.02, 0.04, 0.06])
     for before_s, by_s in ((-0.1, -0.05), (0.08, 0.13), (-5.0, -4.0), (4.0, 5.0)):
         delay = AcknowledgedDelay(0.03, ROUGH_S)
         first = delay.likely(delays_s)
         delay.note(0.0, before_s, by_s)
         changed = delay.likely(delays_s) - first
-        assert changed == pytest.approx(np.full(4, math.log(UNREAD if by_s < 0.0 else LOST)))
+        assert changed == pytest.approx(np.full(4, -4.0 if by_s < 0.0 else -3.0))
 
 
 @pytest.mark.parametrize(("missed", "raises"), [(0.3, 80), (0.5, 20), (0.8, 80)])
@@ -381,6 +423,28 @@ def test_a_datagram_that_never_misses_its_turn_takes_any_time_up_to_it() -> None
         delay.note(0.2 * number - 0.03, 0.2 * number - 0.05, 0.2 * number)
     assert 0.0 < delay.delay_s[0] < 0.02
     assert delay.delay_s[1] > 0.009
+
+
+def test_how_sharply_an_acknowledgement_bounds_a_delay() -> None:
+    """Samples are dated to 3 ms: over so much it goes from certainty to what one in 55, or 20, is left of."""
+    delays_s = 0.001 * np.arange(15, 26)
+    since = np.clip((20.0 - np.arange(15, 26)) / 3.0 + 0.5, 0.0, 1.0)
+    for before_s, by_s, likely in (
+        (-9.0, 0.02, np.maximum(since, math.exp(-4.0))),
+        (0.02, 9.0, 1.0 - (1.0 - math.exp(-3.0)) * since),
+    ):
+        delay = AcknowledgedDelay(0.02, ROUGH_S)
+        first = delay.likely(delays_s)
+        delay.note(0.0, before_s, by_s)
+        assert delay.likely(delays_s) - first == pytest.approx(np.log(likely), abs=1e-9)
+
+
+def test_a_delay_is_looked_for_to_45_ms_either_side_in_steps_of_one() -> None:
+    delay = AcknowledgedDelay(0.02, ROUGH_S)
+    assert np.diff(delay._delays_s) == pytest.approx(np.full(90, 0.001))
+    assert (delay._delays_s[0], delay._delays_s[-1]) == pytest.approx((0.02 - 0.045, 0.02 + 0.045))
+    # Calibrated it is known to 3 ms, and to a millisecond by how finely it is looked for.
+    assert AcknowledgedDelay(0.02, CALIBRATED_S).delay_s == pytest.approx((0.02, math.hypot(0.003, 0.001)))
 
 
 def test_no_delay_is_known_better_than_samples_are_dated() -> None:

@@ -71,6 +71,83 @@ def test_a_loop_that_left_a_turn_out_or_goes_on_at_other_instants_is_foretold_so
         loop.note(number, 0.0501 * number + later_s + rng.uniform(0.0, 0.001))
 
 
+def even(turns: int) -> MountLoop:
+    """Return a loop of which so many turns were seen, every 50 ms to the last bit."""
+    loop = MountLoop(0.05)
+    for number in range(turns):
+        loop.note(number, 0.05 * number)
+    return loop
+
+
+def is_counted(loop: MountLoop, number: int, off_s: float) -> bool:
+    """Tell whether a turn that is so far from where it was predicted moves those that are predicted next."""
+    before_s = loop.turn_utc_s(number + 1)
+    loop.note(number, loop.turn_utc_s(number) + off_s)
+    return loop.turn_utc_s(number + 1) != pytest.approx(before_s, abs=1e-9)
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_turn_off_beyond_the_usual_is_left_out_of_the_mean(sense: float) -> None:
+    """Of five milliseconds at least, and of four sigmas: here those of turns 2 ms to either side."""
+    assert is_counted(even(100), 100, sense * 0.0049)
+    assert not is_counted(even(100), 100, sense * 0.0051)
+    for off_s, counted in ((0.0076, True), (0.0086, False)):
+        loop = MountLoop(0.05)
+        for number in range(400):
+            loop.note(number, 0.05 * number + 0.002 * (-1.0) ** (number % 199))
+        assert is_counted(loop, 400, sense * off_s) is counted
+    # What is usual is not known before there are twenty.
+    assert is_counted(even(19), 19, sense * 0.03)
+    assert not is_counted(even(20), 20, sense * 0.03)
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_turn_a_fifth_of_a_second_off_begins_another_loop(sense: float) -> None:
+    for off_s, begins in ((0.19, False), (0.21, True)):
+        loop = even(100)
+        loop.note(100, 5.0 + sense * off_s)
+        assert loop.turn_utc_s(101) == pytest.approx(5.05 + (sense * off_s if begins else 0.0), abs=1e-9)
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_five_turns_in_a_row_that_are_off_to_one_side_begin_the_mean_anew(sense: float) -> None:
+    loop = even(100)
+    for number in range(100, 105):
+        assert loop.turn_utc_s(110) == pytest.approx(5.5, abs=1e-9)
+        loop.note(number, 0.05 * number + sense * 0.03)
+    assert loop.turn_utc_s(110) == pytest.approx(5.5 + sense * 0.03, abs=1e-9)
+    # Their mean, but for the first: that was late itself where the loop was held up.
+    uneven = even(100)
+    for number, off_s in zip(range(100, 105), (0.04, 0.031, 0.029, 0.033, 0.027), strict=True):
+        uneven.note(number, 0.05 * number + sense * off_s)
+    assert uneven.turn_utc_s(110) == pytest.approx(5.5 + sense * 0.03, abs=1e-9)
+    # Not those that are off to both sides, or that have one between them where it should be.
+    swings, returns = even(100), even(100)
+    for number in range(100, 140):
+        swings.note(number, 0.05 * number + sense * 0.03 * (-1.0) ** number)
+        returns.note(number, 0.05 * number + (sense * 0.03 if number % 5 else 0.0))
+    for loop in (swings, returns):
+        assert loop.turn_utc_s(150) == pytest.approx(7.5, abs=1e-9)
+
+
+def test_the_mean_is_that_of_the_last_two_hundred_turns() -> None:
+    """The first of them is 4 ms late."""
+    loop = MountLoop(0.05)
+    loop.note(0, 0.004)
+    for number in range(1, 200):
+        loop.note(number, 0.05 * number)
+        assert loop.turn_utc_s(300) != pytest.approx(15.0, abs=1e-6)
+    loop.note(200, 10.0)
+    assert loop.turn_utc_s(300) == pytest.approx(15.0, abs=1e-9)
+
+
+def test_a_period_is_measured_over_twenty_turns_and_more() -> None:
+    loop = MountLoop(0.05)
+    for number in range(40):
+        loop.note(number + 7, 0.0525 * number)
+        assert loop.mean_period_s == pytest.approx(0.0525 if number >= 20 else 0.05)
+
+
 def test_a_turn_that_was_late_says_nothing_of_the_next() -> None:
     loop = MountLoop(0.05)
     for number in range(100):

@@ -13,6 +13,7 @@ WIDE = ChangeLimits(100.0, 100.0)
 def test_an_added_half_second_is_there_in_full_within_two() -> None:
     offset = Offset()
     offset.add(0.5, 10.0, WIDE)
+    assert offset.ended_utc_s() == 11.5
     assert offset.state(9.0).value == 0.0
     assert offset.state(12.0) == (0.5, 0.0, 0.0)
 

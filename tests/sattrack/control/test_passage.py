@@ -142,8 +142,10 @@ def test_past_either_pole_the_mount_is_on_the_other_side() -> None:
     target = SatelliteTarget(lambda _: TargetState(10.0, -20.0, 0.0, 0.0), (detour(-90.0),))
     assert target.passage is not None
     for dec_deg, across in ((-91.0, True), (-89.0, False), (91.0, True)):
-        target.span(99.0, 0.05, (10.0, dec_deg))
+        span = target.span(99.0, 0.05, (10.0, dec_deg))
         assert target.passage.across is across
+        # A target that stands asks for no motion, however the mount stands.
+        assert (span.move_deg, span.acceleration_deg_s2) == ((0.0, 0.0), (0.0, 0.0))
 
 
 def test_rates_of_the_direction_turn_round_past_the_pole() -> None:

@@ -236,7 +236,7 @@ class TestHome:
         ("place", "stands", "moved", "words"),
         [
             (HOME, (10.0, 40.09), True, "stands at the profile's home"),
-            (HOME, (10.0, 40.2), True, "stands 0.2° from the profile's home"),
+            (HOME, (10.0, 40.11), True, "stands 0.1° from the profile's home"),
             (HOME, (11.5, 40.0), True, "stands 1.5° from the profile's home"),
             (None, (10.0, 40.0), True, "moved, and stands"),
             (None, (10.0, 40.0), False, "was not seen to move"),
@@ -488,6 +488,15 @@ class TestRateFit:
         inverse = np.linalg.inv(np.array([[asked @ asked, asked.sum()], [asked.sum(), float(len(asked))]]))
         assert line.gain_sigma == pytest.approx(math.sqrt(variance * inverse[0, 0]), rel=1e-6)
         assert line.rest_sigma_deg_s == pytest.approx(math.sqrt(variance * inverse[1, 1]), rel=1e-6)
+
+    def test_no_gain_is_known_better_than_by_half_an_arcsecond_a_second_of_noise(self) -> None:
+        fit, asked, _ = self.fit(1.05, 0.01, 0.0)
+        line = fit.line(1e6)
+        assert line is not None
+        inverse = np.linalg.inv(np.array([[asked @ asked, asked.sum()], [asked.sum(), float(len(asked))]]))
+        noise = math.sqrt(40.0) * 0.5 / 3600.0
+        assert line.gain_sigma == pytest.approx(noise * math.sqrt(inverse[0, 0]), rel=1e-6)
+        assert line.rest_sigma_deg_s == pytest.approx(noise * math.sqrt(inverse[1, 1]), rel=1e-6)
 
     def test_a_presumed_rest_is_the_prior_of_a_normal_one(self) -> None:
         """The rest is normal about 0: a further row of weight variance·40/sigma² in the normal equations."""

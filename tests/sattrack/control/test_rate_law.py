@@ -106,12 +106,18 @@ def test_a_correction_opposes_its_error_and_can_be_braked(error: float) -> None:
     assert rate * rate / (2.0 * 10.0) <= error
 
 
+def test_a_large_error_is_closed_along_a_curve_from_which_the_axis_can_brake() -> None:
+    """v² = 2·a·s, by 35 % of 10 °/s²; nearer and farther off the time constant and the limit are less."""
+    for error, rate in ((0.05, 0.5), (1.0, math.sqrt(7.0)), (-4.0, -math.sqrt(28.0)), (6.0, 6.0)):
+        assert correction_deg_s(error, 10.0, 6.0, 0.1) == pytest.approx(-rate)
+
+
 def test_no_error_no_correction() -> None:
     assert correction_deg_s(0.0, 10.0, 6.0, LAW.settling_s) == 0.0
 
 
 def test_a_correction_is_as_slow_as_what_is_least_known_or_slowest() -> None:
-    assert settling_s(0.05, 0.0, 0.0) == LAW.settling_s
+    assert settling_s(0.05, 0.0, 0.0) == LAW.settling_s == 0.1
     assert settling_s(0.2, 0.0, 0.0) == pytest.approx(0.25)
     assert settling_s(0.2, 0.8, 0.0) == pytest.approx(0.4)
     assert settling_s(0.2, 0.8, 0.2) == pytest.approx(0.25 + 0.8)

@@ -86,7 +86,13 @@ class TestStages:
         assert stages().take(FOLLOWS, 10.0, fast) == (RunStage.FOLLOWING, "")
         assert stages().take(off._replace(acquired=False), 10.0, fast) == (RunStage.ACQUIRING, "")
         if held:
-            for dec_deg, name in ((88.0, "keyhole"), (-88.0, "keyhole"), (20.0, "rate")):
+            for dec_deg, name in (
+                (88.0, "keyhole"),
+                (-88.0, "keyhole"),
+                (75.1, "keyhole"),
+                (-74.9, "rate"),
+                (74.9, "rate"),
+            ):
                 near = msgspec.structs.replace(fast, dec_deg=dec_deg)
                 run = stages()
                 assert run.take(off, 10.0, near) == (RunStage.HELD, name)

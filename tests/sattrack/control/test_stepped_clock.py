@@ -115,6 +115,62 @@ def test_a_turn_that_is_late_or_left_out_moves_no_other_date(step_s: float) -> N
     assert np.mean(off[705:]) < 0.15 * step_s
 
 
+class Swinging:
+    """A clock that dates turns 1 ms early and late in turn, and statuses that arrive with a part of that."""
+
+    def __init__(self) -> None:
+        self.clock, self.turns = SteppedClock(0.05), 0
+
+    def go_on(self, turns: int, shared: float, varies_s: float = 0.0) -> bool:
+        """Have the arrivals share so much of what a date is off, and vary; tell whether it is coarse."""
+        for number in range(self.turns, self.turns + turns):
+            true_s = BEGIN_S + 0.05 * number
+            off_s = 0.001 if number % 2 else -0.001
+            varies = varies_s if number // 2 % 2 else -varies_s
+            arrival_s = true_s + DELAY_S + (1.0 - shared) * off_s + varies
+            self.clock.date(number, true_s + off_s, arrival_s)
+        self.turns += turns
+        return self.clock.coarse
+
+
+def test_a_clock_is_coarse_where_arrivals_share_three_fifths_until_they_share_three_tenths() -> None:
+    """Of what a date is off the line through the turns."""
+    assert Swinging().go_on(400, 0.55) is False
+    one = Swinging()
+    assert one.go_on(400, 0.65) is True
+    assert one.go_on(600, 0.35) is True
+    assert one.go_on(600, 0.25) is False
+    assert one.go_on(600, 0.55) is False
+
+
+@pytest.mark.parametrize(("varies_s", "coarse"), [(0.00175, True), (0.0024, False)])
+def test_delays_that_vary_by_more_than_twice_the_steps_say_nothing(varies_s: float, coarse: bool) -> None:
+    """The share is known to 0.15 where the delays' variance is 4.5 times that of the dates, or less.
+
+    Theirs is that of what they share, 1 ms, and of what they vary by.
+    """
+    assert Swinging().go_on(600, 1.0, varies_s) is coarse
+
+
+def test_a_clock_is_called_coarse_once_120_turns_were_seen() -> None:
+    one = Swinging()
+    assert one.go_on(120, 1.0) is False
+    assert one.go_on(1, 1.0) is True
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+@pytest.mark.parametrize(("off_s", "anew"), [(0.09, False), (0.11, True)])
+def test_a_date_a_tenth_of_a_second_off_is_of_a_loop_that_stood_still_or_a_clock_that_was_set(
+    off_s: float, anew: bool, sense: float
+) -> None:
+    one = Swinging()
+    assert one.go_on(200, 1.0) is True
+    there_s = BEGIN_S + 0.05 * 200 + sense * off_s
+    assert one.clock.date(200, there_s, there_s) == there_s
+    assert one.clock.coarse is not anew
+    assert (one.clock.step_s == 0.0) is anew
+
+
 def test_nothing_is_called_coarse_within_the_first_six_seconds() -> None:
     for turns, coarse in ((110, False), (400, True)):
         clock, _ = dated(0.0507, 0.015625, 0.0, turns=turns)

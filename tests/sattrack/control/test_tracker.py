@@ -336,7 +336,14 @@ class TestSatelliteTarget:
             return one.direction_at(utc_s)
 
         target = SatelliteTarget(direction_at, ())
-        for late_s, anew in ((0.0, False), (4e-4, False), (-4e-4, False), (0.02, True)):
+        for late_s, anew in (
+            (0.0, False),
+            (4e-4, False),
+            (-4e-4, False),
+            (6e-4, True),
+            (-6e-4, True),
+            (0.02, True),
+        ):
             target.forget()
             target.span(CULMINATION_S, 0.05, (0.0, 0.0))
             asked.clear()

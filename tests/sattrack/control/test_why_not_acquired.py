@@ -219,6 +219,23 @@ def test_a_delay_is_told_only_where_it_explains_four_times_as_much_as_the_profil
     assert (timing.later_s(0.0) is not None) is told
 
 
+@pytest.mark.parametrize(("shakes", "told"), [(0.55, True), (0.6, False)])
+def test_a_delay_is_told_only_where_it_leaves_less_than_a_quarter_of_the_motion(
+    shakes: float, told: bool
+) -> None:
+    """Of what moves by sin and shakes by a share s of it, the shaking is s²/(1 + s²): 0.23, or 0.26.
+
+    By half a turn less the motion is the other way, which leaves more than four times as much.
+    """
+    timing = Timing()
+    for turn in range(300):
+        utc_s = 0.05 * turn
+        asked = math.sin(2.0 * utc_s)
+        seen = math.sin(2.0 * utc_s - 3.0) + shakes * math.sin(37.0 * utc_s)
+        timing.take(utc_s, (asked, asked), (seen, seen))
+    assert (timing.later_s(0.0) is not None) is told
+
+
 def test_slow_motion_tells_as_well_as_fast() -> None:
     """A fiftieth of a degree a second: what the sky asks of a mount that waits takes no less."""
     timing = Timing()
