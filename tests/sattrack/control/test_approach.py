@@ -212,7 +212,8 @@ class TestApproach:
         way.slews()
         way.way.sent(MoveAxes(0.0, 0.0))
         assert way.way.go_on(1.0, False, HERE) is ApproachStep.FOLLOW
-        assert way.way.slew_ahead(2.9, 100.0, 30.0, HERE, False) is False
+        for now_s in (1.1, 1.7, 2.3, 2.9):
+            assert way.way.slew_ahead(now_s, 100.0, 30.0, HERE, False) is False
         assert way.way.slew_ahead(3.1, 100.0, 30.0, HERE, False) is False
         assert way.way.slew_ahead(3.7, 100.0, 30.0, HERE, False) is True
 

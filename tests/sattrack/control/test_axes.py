@@ -178,6 +178,8 @@ def test_a_mount_that_moves_by_a_plan_of_its_own_is_where_it_is_seen_and_as_fast
     assert (axes.ra.position_deg, axes.dec.position_deg) == pytest.approx((ra_deg - 0.4, dec_deg + 0.1))
     assert (axes.sample_utc_s, axes.turned_over_s, axes.outliers) == (utc_s, 0.0, 0)
     assert (axes.strained, axes.ra.gain_error) == (False, gain)
+    # Of how fast its drives change their rates neither.
+    assert [drive._place_deg for drive in axes.drives] == [None, None]
 
 
 class Steady:
@@ -387,6 +389,23 @@ def test_what_one_sample_says_of_a_delay_is_half_its_squared_surprise_and_two_at
         trials.correct(axes)
         assert trials.evidence[0] == pytest.approx(0.999 * sense * says)
         assert trials.evidence[1:] == pytest.approx(np.zeros(7), abs=1e-12)
+
+
+def test_by_a_longer_delay_an_axis_is_a_turn_of_each_change_behind_once_it_has_answered() -> None:
+    """Sent a millisecond before a turn, rates are read by the next one if they take six longer."""
+    slow = AxisLimits(lag_s=0.2)
+    steady, trials = Steady(0.4, -0.2, MountProfile(ra=slow, dec=slow)), DelayTrials()
+    axes, begins_s = steady.axes, steady.axes.sample_utc_s
+    steady.history.add(SentRates(begins_s - 0.001, 1.4, 0.3))
+    behind = np.where(TRIED_S > 0.0, PERIOD_S, 0.0)
+    for turn in range(40):
+        from_s, to_s = begins_s + turn * PERIOD_S, begins_s + (turn + 1) * PERIOD_S
+        acted, coming = (steady.history.steps(t, t + PERIOD_S) for t in (from_s, to_s))
+        trials.predict(acted, coming, to_s, axes)
+        # Some of it within the turn, and all of it once the servos have come to rest.
+        assert (abs(trials.apart[0, :, 0]) <= behind + 1e-9).all()
+    assert trials.apart[0, :, 0] == pytest.approx(-1.0 * behind, abs=1e-6)
+    assert trials.apart[1, :, 0] == pytest.approx(-0.5 * behind, abs=1e-6)
 
 
 def test_evidence_against_a_delay_counts_to_thirty_and_no_further() -> None:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 STEP_S = 0.05
+ARCSEC = 1.0 / 3600.0
 QUIET = Noise(
     position_deg=1e-5,
     timing_s=0.0,
@@ -448,6 +449,40 @@ def test_an_axis_that_was_known_and_is_stopped_may_go_on_at_any_time_for_three_s
     assert grown(steady(60), beyond_deg_s + 0.3) == pytest.approx(usual, abs=1e-9)
 
 
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("gain_error", "rate_arcsec_s", "samples", "parts"),
+    [
+        (0.03, -32.0, 41, True),
+        (0.03, -32.0, 40, False),
+        # One of them is likely.
+        (0.03, -24.0, 41, False),
+        (0.024, -26.0, 41, False),
+        # They do not cancel: 0.03 of 0.3 °/s are 32″/s, and 25 of those may be left.
+        (0.03, 32.0, 41, False),
+        (0.03, -58.0, 41, False),
+        (0.03, -56.0, 41, True),
+    ],
+)
+def test_a_gain_and_a_rate_that_are_both_unlikely_and_cancel_are_parted_once(
+    gain_error: float, rate_arcsec_s: float, samples: int, parts: bool, sense: float
+) -> None:
+    axis = steady(samples - 1)
+    known = axis._kalman
+    axis.advance(STEP_S, 0.0, moved(0.3))
+    known.state[2:] *= 1.0 + sense * gain_error
+    known.state[1] = sense * rate_arcsec_s * ARCSEC
+    axis._look()
+    axis.measure(axis.position_deg, 0.3)
+    assert axis.has_just_begun is parts
+    assert axis.gain_error == pytest.approx(0.0 if parts else sense * gain_error, abs=1e-6)
+    left_arcsec_s = sense * (rate_arcsec_s + gain_error * 0.3 * 3600.0 if parts else rate_arcsec_s)
+    assert axis.disturbance_deg_s / ARCSEC == pytest.approx(left_arcsec_s, abs=0.2)
+    # Where that happens again, it is the motion that is rough.
+    assert axis._parted is parts
+    assert axis.begun_anew == 0
+
+
 def test_what_contradicts_its_readings_begins_anew_and_trusts_them_half_as_much() -> None:
     axis = steady()
     shares = []
@@ -545,9 +580,6 @@ def test_a_smooth_axis_that_sticks_as_it_turns_back_keeps_its_response(seed: int
     before_s, after_s = lags[1190], lags[1190:]
     assert before_s == pytest.approx(late_s, abs=0.006)
     assert max(abs(lag_s - before_s) for lag_s in after_s) < 0.003
-
-
-ARCSEC = 1.0 / 3600.0
 
 
 def certain(noise: Noise | None = None) -> AxisFilter:
@@ -695,6 +727,18 @@ def test_a_filter_whose_squared_surprises_are_nine_in_the_mean_begins_anew(
     go_on(axis, 1)
     assert axis.begun_anew == (1 if begins else 0)
     assert axis._disturbed is True
+
+
+@pytest.mark.parametrize("off_deg", [0.01, -0.01])
+@pytest.mark.parametrize("turns", [0.0, 360.0])
+def test_a_filter_that_begins_anew_does_so_where_the_axis_is_seen(off_deg: float, turns: float) -> None:
+    axis = steady(60)
+    axis._surprises = 12.0
+    axis.advance(STEP_S, 0.0, moved(0.3))
+    expected_deg = axis.position_deg
+    axis.measure((expected_deg + off_deg) % 360.0 - turns, 0.3)
+    assert axis.begun_anew == 1
+    assert axis.position_deg == pytest.approx(expected_deg + off_deg)
 
 
 @pytest.mark.parametrize(("surprises", "disturbed"), [(4.1, False), (4.3, True)])

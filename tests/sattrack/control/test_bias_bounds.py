@@ -89,6 +89,15 @@ class TestBounds:
         assert Paced(other).bounds("along_s", NOW, 0.0, 0.5).rate == pytest.approx(0.8 * 2.5 / 2.0)
         assert Paced(other).bounds("along_s", NOW, 0.0, -0.5).rate == pytest.approx(0.8 * 1.5 / 2.0)
 
+    def test_an_offset_of_one_axis_does_not_wait_for_the_other(self) -> None:
+        """Of which the target takes nearly all."""
+        ra_is_fast, dec_is_fast = AxisPace(2.0, -0.5, 2.9, 0.3, 0.5), AxisPace(2.0, -0.5, 1.0, -1.9, 0.5)
+        for what in ("dec_deg", "dec_axis_deg"):
+            assert Paced(ra_is_fast).bounds(what, NOW, 0.0, 0.0) == pytest.approx((0.8 * 1.7, 0.45 * 4.0))
+        assert Paced(dec_is_fast).bounds("ra_axis_deg", NOW, 0.0, 0.0) == pytest.approx(
+            (0.8 * 2.0, 0.45 * 10.0)
+        )
+
     def test_where_the_target_takes_all_a_tenth_is_left(self) -> None:
         pace = AxisPace(2.0, 0.0, 3.5, 0.0, 0.5)
         assert Paced(pace).bounds("along_s", NOW, 0.0, 0.0) == pytest.approx((0.8 * 0.3 / 2.0, 0.45 * 5.0))

@@ -121,6 +121,11 @@ def test_a_clock_that_is_off_is_found_within_its_sigma_and_corrected(clock_s: fl
     found = one.clock
     assert found.clock_s == pytest.approx(clock_s, abs=0.01)
     assert found.corrected_s == found.clock_s
+    # So is the mount's base, turned by 6′ about an axis in the equator, a radian from the meridian.
+    (known,) = one.steering.clocks._clocks.values()
+    assert known.solved()[0][1:3] / ARCSEC == pytest.approx(
+        (360.0 * math.cos(1.0), 360.0 * math.sin(1.0)), abs=20.0
+    )
     # A usual profile knows the delay of statuses to 20 ms, and nothing tells that from the clock.
     assert 0.02 <= found.sigma_s < 0.03
     side = "ahead" if clock_s > 0.0 else "behind"

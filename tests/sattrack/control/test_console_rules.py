@@ -703,6 +703,8 @@ class TestOperations:
             operation = bench.carry_out(MoveFor(MoveAxis(None, 0.5), 3.0), timeout_s)
             assert operation.ended_by == ended_by
             assert bench.now_s - T0 > timeout_s if ended_by == "timeout" else bench.now_s - T0 > 3.0
+        # That the mount has acknowledged the whole is not said of what it did not end.
+        assert operation.outcome == Outcome(TicketState.TIMED_OUT, False, "not done within 1 s")
 
     def test_a_mount_that_falls_silent_after_a_request_may_have_obeyed(self) -> None:
         bench = Bench()
@@ -712,7 +714,7 @@ class TestOperations:
         )
         assert operation.ended_by == "link"
         assert operation.outcome is not None
-        assert operation.outcome.state is TicketState.FAILED
+        assert (operation.outcome.state, operation.outcome.acknowledged) == (TicketState.FAILED, False)
 
 
 class TestSittings:

@@ -171,6 +171,34 @@ def test_a_date_a_tenth_of_a_second_off_is_of_a_loop_that_stood_still_or_a_clock
     assert (one.clock.step_s == 0.0) is anew
 
 
+@pytest.mark.parametrize("late_s", [0.02, -0.02])
+def test_five_turns_in_a_row_off_the_line_move_it_and_four_do_not(late_s: float) -> None:
+    """Five are of a loop that goes on at other instants."""
+
+    def dated_off_s(one: Swinging, off_s: float) -> float:
+        """Have one more turn come so much off; return by how much it is dated wrongly."""
+        number, one.turns = one.turns, one.turns + 1
+        true_s = BEGIN_S + 0.05 * number + off_s
+        shown_s = true_s + (0.001 if number % 2 else -0.001)
+        return one.clock.date(number, shown_s, true_s + DELAY_S) - true_s
+
+    returns, moves = Swinging(), Swinging()
+    for one in (returns, moves):
+        assert one.go_on(400, 1.0) is True
+    # The clock shows the beginning of a step of 3.5 ms, and a turn comes half of that later.
+    usual_s = 0.5 * returns.clock.step_s
+    for _ in range(4):
+        assert dated_off_s(returns, 0.0) == pytest.approx(usual_s, abs=2e-4)
+        for _ in range(4):
+            dated_off_s(returns, late_s)
+    # By as much again at once, too.
+    for turns_late in (1, 2):
+        for _ in range(5):
+            dated_off_s(moves, turns_late * late_s)
+    for _ in range(4):
+        assert dated_off_s(moves, 2.0 * late_s) == pytest.approx(usual_s, abs=5e-4)
+
+
 def test_nothing_is_called_coarse_within_the_first_six_seconds() -> None:
     for turns, coarse in ((110, False), (400, True)):
         clock, _ = dated(0.0507, 0.015625, 0.0, turns=turns)

@@ -259,6 +259,7 @@ class TestPhases:
         assert (one.phase, one.steering.refusal) == (Phase.PAUSED, None)
         assert one.rates == MoveAxes(0.0, 0.0)
         assert one.step(CULMINATION_S, False) == Stop()
+        assert one.rates == MoveAxes(0.0, 0.0)
         one.operate(Search("spiral", 0.2, 0.1), CULMINATION_S)
         assert one.steering.refusal == "the run is paused: go on before a search"
         for late_s in (0.3, 0.6):
