@@ -47,6 +47,7 @@ ASKED_ARCSEC = 3.0
 ENCODER_ARCSEC, CENTROID_ARCSEC = 2.0, 1.0
 FEWEST_STARS = 12
 NAMES = {"ME": "pole_up", "MA": "pole_west", "CH": "cone", "NP": "leaning", "IH": "zero_ha", "ID": "zero_dec"}
+"""Terms are what must be added to what the mount reports: each error, negative."""
 
 
 SITE = Site(LATITUDE_DEG, LONGITUDE_DEG, HEIGHT_M)
@@ -66,12 +67,12 @@ class Draw(NamedTuple):
 
 
 ALTAZ_NAMES = {
-    "AN": ("pole_up", 1.0),
-    "AW": ("pole_west", -1.0),
-    "CA": ("cone", -1.0),
-    "NPAE": ("leaning", -1.0),
-    "IA": ("zero_ha", -1.0),
-    "IE": ("zero_dec", 1.0),
+    "AN": ("pole_up", -1.0),
+    "AW": ("pole_west", 1.0),
+    "CA": ("cone", 1.0),
+    "NPAE": ("leaning", 1.0),
+    "IA": ("zero_ha", 1.0),
+    "IE": ("zero_dec", -1.0),
 }
 """TPOINT's azimuth terms turn the other way round than hour angles of a mount at the pole."""
 ZENITH_DEG = 85.0
@@ -206,7 +207,7 @@ def draw(number: int, most: int, latitude_deg: float) -> Draw:
     rng = np.random.default_rng(number)
     mount = hidden(rng, latitude_deg)
     found, minutes, zeros = run(mount, most, rng)
-    truth = {name: getattr(mount, known) for name, known in NAMES.items()} | {"TF": -mount.sag}
+    truth = {name: -getattr(mount, known) for name, known in NAMES.items()} | {"TF": mount.sag}
     if azimuths(mount):
         known = replace(
             mount, zero_ha=mount.zero_ha - 3600.0 * zeros[0], zero_dec=mount.zero_dec - 3600.0 * zeros[1]

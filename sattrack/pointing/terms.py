@@ -1,13 +1,16 @@
 """The terms of a pointing model, and where a mount stands when its telescope points in a direction.
 
-A term's name is that of P. T. Wallace's TPOINT. Its value is what it adds to the direction to give the
-position that the mount reports, so IH is reported minus true hour angle. Index errors, collimation,
-non-perpendicularity and the tilt of the polar axis are rotations here, exact at any size; their first order
-is TPOINT's formulas. Flexure bends the direction before them, all other terms are added to the axes.
+A term's name and sign are those of P. T. Wallace's TPOINT: its formula is what must be added to the position
+that the mount reports to give the direction, so IH is true minus reported hour angle, and the mount is fed
+the direction less the terms. Index errors, collimation, non-perpendicularity and the tilt of the polar axis
+are rotations here, exact at any size; their first order is TPOINT's formulas. Flexure bends the direction
+before them, all other terms are taken from the axes.
 
 The frame: x towards the meridian on the equator, y 90° west of it, z the pole. An azimuth axis is an hour
 angle axis at a latitude of 90° whose hour angle is minus the azimuth; there x is north, y west, z up.
-Wallace, "A rigorous algorithm for telescope pointing", Proc. SPIE 4848, 125 (2002).
+Wallace, "A rigorous algorithm for telescope pointing", Proc. SPIE 4848, 125 (2002). Signs: the comments of
+his tptPterms.c (14 November 2006), where ME > 0 is a pole below the true one and AN > 0 a first axis that
+leans north; RTS2 (`TPointModel::reverse`) takes the terms from the direction too.
 """
 
 from __future__ import annotations
@@ -45,7 +48,7 @@ ALTAZ = {
     "AW": ("MA", -1.0),
     "TF": ("TF", 1.0),
     "TX": ("TX", 1.0),
-    "ACES": ("HCES", 1.0),
+    "ACES": ("HCES", -1.0),
     "ACEC": ("HCEC", -1.0),
     "ECES": ("DCES", 1.0),
     "ECEC": ("DCEC", 1.0),
@@ -89,8 +92,8 @@ FORMULAS: dict[str, Formula] = {
     "DCES": lambda fn, h, d, s, c: (0.0 * h, fn.sin(d)),
     "DCEC": lambda fn, h, d, s, c: (0.0 * h, fn.cos(d)),
 }
-"""What one radian of a term adds to hour angle h and declination d, to first order, by the sine and the
-cosine of the latitude."""
+"""What one radian of a term adds to the hour angle h and declination d that are reported, to first order, by
+the sine and the cosine of the latitude."""
 
 
 def _sum_of(fn: Functions, h: Quantity, d: Quantity, latitude_rad: float, name: str) -> Added:
@@ -133,7 +136,7 @@ def checked(names: tuple[str, ...], axes: Axes = "equatorial") -> tuple[str, ...
 def first_order_deg(
     terms_deg: Mapping[str, float], hour_angle_deg: float, dec_deg: float, latitude_deg: float = 0.0
 ) -> tuple[float, float]:
-    """Return what terms add to hour angle and declination by TPOINT's own formulas, degrees.
+    """Return the sum of terms in hour angle and declination by TPOINT's own formulas, degrees.
 
     Within NEAREST_POLE_DEG of the pole it is what they add there. Raises BadInputError for an unknown term.
     """
@@ -148,7 +151,7 @@ def first_order_deg(
 
 @dataclass(frozen=True)
 class PointingModel:
-    """A mount's pointing model for one side of the pole; values in arcseconds by the names of the terms.
+    """A mount's pointing model for one side of the pole; TPOINT's values in arcseconds by the terms' names.
 
     Raises BadInputError for a term that is not known.
     """
@@ -168,10 +171,12 @@ class PointingModel:
         added = []
         for name, arcsec in self.terms.items():
             known, sign = ALTAZ[name] if self.axes == "altaz" else (name, 1.0)
+            # What is reported is the direction less the terms.
+            value = -sign * arcsec * ARCSEC
             if known in own:
-                own[known] = sign * arcsec * ARCSEC
+                own[known] = value
             else:
-                added.append((known, sign * arcsec * ARCSEC))
+                added.append((known, value))
         latitude = math.radians(90.0 if self.axes == "altaz" else self.latitude_deg)
         tilt = math.hypot(own["MA"], own["ME"])
         along = (1.0, 0.0) if tilt == 0.0 else (own["ME"] / tilt, own["MA"] / tilt)

@@ -74,7 +74,7 @@ def test_stars_in_a_file_become_a_model_in_the_profile(
     found = document["model"]
     assert {"terms", "rms_arcsec", "held_out_rms_arcsec", "stars"} <= set(found)
     assert found["stars"] == 16
-    truth = {"ME": 3000.0, "MA": -2000.0, "CH": 400.0, "NP": 60.0, "IH": 500.0, "ID": -300.0, "TF": -20.0}
+    truth = {"ME": -3000.0, "MA": 2000.0, "CH": -400.0, "NP": -60.0, "IH": -500.0, "ID": 300.0, "TF": 20.0}
     for name, value in truth.items():
         term = found["terms"][name]
         assert abs(term["arcsec"] - value) < 4.0 * term["sigma_arcsec"]

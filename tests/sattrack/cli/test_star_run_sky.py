@@ -56,7 +56,7 @@ def test_a_star_run_finds_the_tilt_of_an_azimuth_axis_under_a_rendered_sky(tmp_p
     model = json.loads(out)["model"]
     values = {name: term["arcsec"] for name, term in model["terms"].items()}
     assert set(values) == {"IA", "IE", "AN", "AW"}
-    assert abs(values["AW"]) == pytest.approx(60.0 * EAST_ARCMIN, abs=15.0)
-    assert abs(values["AN"]) == pytest.approx(60.0 * NORTH_ARCMIN, abs=15.0)
+    assert values["AW"] == pytest.approx(-60.0 * EAST_ARCMIN, abs=15.0)
+    assert values["AN"] == pytest.approx(60.0 * NORTH_ARCMIN, abs=15.0)
     assert ":ALTAZ" in (tmp_path / "star-run.dat").read_text(encoding="utf-8")
     assert "[pointing.terms]" in (tmp_path / "modelled.toml").read_text(encoding="utf-8")

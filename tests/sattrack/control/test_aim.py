@@ -93,7 +93,7 @@ class TestAim:
     @pytest.mark.parametrize("sense", [1.0, -1.0])
     def test_a_mount_that_stands_past_the_pole_reports_the_other_side_of_the_sky(self, sense: float) -> None:
         """A zero of declination of 0.25°, and a direction 0.1° short of the pole: its axis is past it."""
-        beside = aim(ID=sense * 900.0)
+        beside = aim(ID=sense * -900.0)
         assert beside.own_deg(170.0, sense * 89.9, AT) == pytest.approx((30.0, sense * 90.15))
         # Hour angle 30° + 180°, of a sidereal time of 200°.
         assert beside.reported_deg(170.0, sense * 89.9, AT) == pytest.approx((350.0, sense * 89.85))

@@ -26,7 +26,7 @@ from sattrack.servers.alpaca.station import TelescopeStation
 from sattrack.servers.antenna.trajectory import SiteSky
 from sattrack.servers.rotctld.rotator import RotatorStation
 
-TERMS = {"ME": 4000.0, "MA": -3500.0, "CH": 600.0, "NP": 90.0, "IH": 700.0, "ID": -900.0, "TF": -30.0}
+TERMS = {"ME": -4000.0, "MA": 3500.0, "CH": -600.0, "NP": -90.0, "IH": -700.0, "ID": 900.0, "TF": 30.0}
 MODEL = PointingTerms(
     "2026-10-01T00:00:00Z", SITE.latitude_deg, {name: (value, 1.0) for name, value in TERMS.items()}, 2.0, 20
 )

@@ -23,15 +23,15 @@ SITES = (52.0, -35.0, 3.0)
 
 
 def modelled(mount: TiltedMount, beyond_pole: bool = False) -> PointingModel:
-    """Return the terms that a stranger's errors are called here."""
+    """Return the terms that a stranger's errors are called here: what must be added to what it reports."""
     terms = {
-        "ME": mount.pole_up,
-        "MA": mount.pole_west,
-        "CH": mount.cone,
-        "NP": mount.leaning,
-        "IH": mount.zero_ha,
-        "ID": mount.zero_dec,
-        "TF": -mount.sag,
+        "ME": -mount.pole_up,
+        "MA": -mount.pole_west,
+        "CH": -mount.cone,
+        "NP": -mount.leaning,
+        "IH": -mount.zero_ha,
+        "ID": -mount.zero_dec,
+        "TF": mount.sag,
     }
     return PointingModel(terms, mount.latitude_deg, beyond_pole=beyond_pole)
 
@@ -89,7 +89,7 @@ def test_a_small_term_is_what_tpoint_calls_it(name: str, expected: tuple[float, 
     h, d, latitude = (math.degrees(x) for x in (0.7, 0.5, 0.9))
     assert first_order_deg({name: 1.0}, h, d, latitude) == pytest.approx(expected)
     axes = PointingModel({name: 1.0}, latitude).axes_of(h, d)
-    added = (axes[0] - h) * 3600.0, (axes[1] - d) * 3600.0
+    added = (h - axes[0]) * 3600.0, (d - axes[1]) * 3600.0
     assert added == pytest.approx(expected, abs=2e-5)
 
 
@@ -103,6 +103,10 @@ def test_a_small_term_is_what_tpoint_calls_it(name: str, expected: tuple[float, 
         ("AN", (-math.sin(0.7) * math.tan(0.5), -math.cos(0.7))),
         ("AW", (-math.cos(0.7) * math.tan(0.5), math.sin(0.7))),
         ("TF", (0.0, -math.cos(0.5))),
+        ("ACES", (-math.sin(0.7), 0.0)),
+        ("ACEC", (math.cos(0.7), 0.0)),
+        ("ECES", (0.0, math.sin(0.5))),
+        ("ECEC", (0.0, math.cos(0.5))),
     ],
 )
 def test_an_azimuth_mounts_small_term_is_what_tpoint_calls_it(
@@ -110,8 +114,46 @@ def test_an_azimuth_mounts_small_term_is_what_tpoint_calls_it(
 ) -> None:
     azimuth, altitude = math.degrees(0.7), math.degrees(0.5)
     axes = PointingModel({name: 1.0}, 33.0, "altaz").axes_of(-azimuth, altitude)
-    added = (-axes[0] - azimuth) * 3600.0, (axes[1] - altitude) * 3600.0
+    added = (azimuth + axes[0]) * 3600.0, (altitude - axes[1]) * 3600.0
     assert added == pytest.approx(expected, abs=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("terms", "direction", "reported"),
+    [
+        # The mount's pole 1° below the true one: a star in the south seems 1° nearer to the horizon's side.
+        ({"ME": 3600.0}, (0.0, 10.0), (0.0, 9.0)),
+        # The mount's pole 1° to the right of north, in the east: a star in the west is farther from it.
+        ({"MA": 3600.0}, (90.0, 0.0), (90.0, -1.0)),
+        # The axis shows 1° less than where the telescope is.
+        ({"IH": 3600.0, "ID": 3600.0}, (30.0, 20.0), (29.0, 19.0)),
+        # The telescope looks 1° west of square, so that the axis is east of the star.
+        ({"CH": 3600.0}, (30.0, 0.0), (29.0, 0.0)),
+        # The tube droops by 1° when level, in the meridian: the axis stands higher than the star.
+        ({"TF": 3600.0}, (0.0, -40.0), (0.0, -39.0)),
+    ],
+)
+def test_a_terms_sign_is_what_wallace_says_of_the_mount(
+    terms: dict[str, float], direction: tuple[float, float], reported: tuple[float, float]
+) -> None:
+    """By the words of the comments in tptPterms.c, at 50° north."""
+    assert PointingModel(terms, 50.0).axes_of(*direction) == pytest.approx(reported, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("terms", "direction", "reported"),
+    [
+        # The first axis leans 1° to the north: a star in the north is 1° nearer to it, and seems higher.
+        ({"AN": 3600.0}, (0.0, 30.0), (0.0, 31.0)),
+        ({"AW": 3600.0}, (270.0, 30.0), (270.0, 31.0)),
+        ({"TF": 3600.0}, (120.0, 0.0), (120.0, 1.0)),
+    ],
+)
+def test_an_azimuth_terms_sign_is_what_wallace_says_of_the_mount(
+    terms: dict[str, float], direction: tuple[float, float], reported: tuple[float, float]
+) -> None:
+    west, altitude = PointingModel(terms, 50.0, "altaz").axes_of(-direction[0], direction[1])
+    assert (-west % 360.0, altitude) == pytest.approx(reported, abs=0.01)
 
 
 def test_an_unknown_term_is_refused_by_its_name() -> None:

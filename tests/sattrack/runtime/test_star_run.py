@@ -256,7 +256,7 @@ def test_an_operator_centres_named_stars_by_keys() -> None:
 
 
 def test_a_model_is_judged_by_stars_and_not_fitted() -> None:
-    truth = {"ME": 4000.0, "MA": -3500.0, "CH": 600.0, "NP": 90.0, "IH": 700.0, "ID": -900.0, "TF": -30.0}
+    truth = {"ME": -4000.0, "MA": 3500.0, "CH": -600.0, "NP": -90.0, "IH": -700.0, "ID": 900.0, "TF": 30.0}
     flight = flown(5, judged=PointingModel(truth, LATITUDE))
     assert len(flight.kept) == 5
     assert flight.run.fitted is None
@@ -379,8 +379,8 @@ def test_three_stars_in_a_file_tell_the_tilt_of_an_azimuth_axis(
     assert run(words) == 0
     terms = json.loads(capsys.readouterr().out)["model"]["terms"]
     assert set(terms) == {"IA", "IE", "AN", "AW"}
-    assert abs(terms["AW"]["arcsec"]) == pytest.approx(60.0 * EAST_ARCMIN, abs=15.0)
-    assert abs(terms["AN"]["arcsec"]) == pytest.approx(60.0 * NORTH_ARCMIN, abs=15.0)
+    assert terms["AW"]["arcsec"] == pytest.approx(-60.0 * EAST_ARCMIN, abs=15.0)
+    assert terms["AN"]["arcsec"] == pytest.approx(60.0 * NORTH_ARCMIN, abs=15.0)
     assert ":ALTAZ" in data.read_text(encoding="utf-8")
     assert "[pointing.terms]" in written.read_text(encoding="utf-8")
 
