@@ -76,8 +76,9 @@ class Star(NamedTuple):
 class PointingFit:
     """A fitted model: the terms' names, values and covariance in arcseconds, residuals of all stars.
 
-    `residuals_arcsec` has shape (n, 2): along the first axis on the sky, and along the second; reported minus
-    the model. `before_arcsec` are those without any model. `used` tells which stars were fitted.
+    `residuals_arcsec` has shape (n, 2): on the sky towards growing hour angle and declination, or azimuth and
+    altitude of an azimuth mount; reported minus the model. `before_arcsec` are those without any model.
+    `used` tells which stars were fitted.
     """
 
     names: tuple[str, ...]
@@ -147,6 +148,8 @@ class _Sky:
         self.reported = sign * at[:, 2], at[:, 3]
         self.latitude_deg, self.axes = latitude_deg, axes
         self.beyond = np.abs(at[:, 3]) > 90.0
+        # Past the pole both axes turn the other way on the sky.
+        self._outward = np.where(self.beyond, -1.0, 1.0)[:, None] * np.array([sign, 1.0])
 
     @classmethod
     def of_directions(cls, directions_deg: Array, latitude_deg: float, axes: Axes) -> _Sky:
@@ -154,7 +157,7 @@ class _Sky:
         return cls([Star(h, d, h, d) for h, d in directions_deg.tolist()], latitude_deg, axes)
 
     def residuals(self, names: tuple[str, ...], values: Array) -> Array:
-        """Return reported minus modelled positions, on the sky, shape (n, 2)."""
+        """Return reported minus modelled positions by the axes' angles, on the sky, shape (n, 2)."""
         model = _model(names, values, self.latitude_deg, self.axes)
         h, d = (np.empty_like(one) for one in self.direction)
         for side in (False, True):
@@ -166,6 +169,11 @@ class _Sky:
         first = wrap180(self.reported[0] - h)
         second = wrap180(self.reported[1] - d)
         return 3600.0 * np.stack([first * np.cos(np.radians(self.reported[1])), second], axis=1)
+
+    def seen(self, names: tuple[str, ...], values: Array) -> Array:
+        """Return the same on the sky, towards growing coordinates as `Star` has them."""
+        found: Array = self.residuals(names, values) * self._outward
+        return found
 
     def jacobian(self, names: tuple[str, ...], values: Array) -> Array:
         """Return by how much a second of arc of each term moves the model, shape (n, 2, terms)."""
@@ -219,10 +227,8 @@ def _result(
     residuals = sky.residuals(names, values)
     jacobian = sky.jacobian(names, values)[used]
     covariance, held_out = _covariance(jacobian, residuals[used], sigma_arcsec)
-    before = sky.residuals((), np.zeros(0))
-    return PointingFit(
-        names, values, covariance, residuals, before, used, held_out, sky.latitude_deg, sky.axes
-    )
+    left, before = sky.seen(names, values), sky.seen((), np.zeros(0))
+    return PointingFit(names, values, covariance, left, before, used, held_out, sky.latitude_deg, sky.axes)
 
 
 def _covariance(jacobian: Array, residuals: Array, sigma_arcsec: float) -> tuple[Array, float | None]:
@@ -344,7 +350,7 @@ def residuals_of(stars: Sequence[Star], terms: PointingTerms) -> PointingFit:
     sigmas = np.array([sigma for _, sigma in terms.terms.values()])
     names = tuple(terms.terms)
     used = np.ones(len(stars), dtype=bool)
-    left, before = sky.residuals(names, values), sky.residuals((), np.zeros(0))
+    left, before = sky.seen(names, values), sky.seen((), np.zeros(0))
     return PointingFit(
         names, values, np.diag(sigmas**2), left, before, used, None, terms.latitude_deg, terms.axes
     )

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 from strangers.tilted_mount import TiltedMount, apart_arcsec, local
 
 from sattrack.core.errors import SattrackError
-from sattrack.pointing.fit import Star, core_terms, find_bump, fit
+from sattrack.mount.model import PointingTerms
+from sattrack.pointing.fit import Star, core_terms, find_bump, fit, residuals_of
 from sattrack.pointing.tour import chosen, grid_deg, slewed_deg, toured
 
 LATITUDE = 47.0
@@ -137,6 +139,22 @@ def test_an_azimuth_mount_is_an_equatorial_one_at_the_pole() -> None:
     values = dict(zip(found.names, found.values, strict=True))
     expected = {"AN": 900.0, "AW": -500.0, "CA": -300.0, "NPAE": -40.0, "IA": -200.0, "IE": 150.0, "TF": 20.0}
     assert values == pytest.approx(expected, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("axes", "star", "expected"),
+    [
+        ("equatorial", Star(10.0, 60.0, 11.0, 60.5), (1800.0, 1800.0)),
+        # Past the pole: it reports the hour angle 11° + 180° and the declination 60.5°.
+        ("equatorial", Star(10.0, 60.0, 191.0, 119.5), (1800.0, 1800.0)),
+        ("altaz", Star(10.0, 60.0, 11.0, 60.5), (1800.0, 1800.0)),
+    ],
+)
+def test_residuals_lead_to_where_the_mount_reports_the_star(
+    axes: Any, star: Star, expected: tuple[float, float]
+) -> None:
+    terms = PointingTerms("2026-10-01T00:00:00Z", LATITUDE, {}, 1.0, 9, axes=axes)
+    assert residuals_of([star], terms).before_arcsec[0] == pytest.approx(expected, rel=0.02)
 
 
 def test_a_tour_sees_all_of_the_sky_early_and_slews_little() -> None:
