@@ -96,6 +96,10 @@ def read_stars(text: str, where: str, axes: Axes = "equatorial") -> tuple[RunPar
                 raise BadInputError(
                     f"{where}: it has no :{kind}, and the profile's mount is {other}: it is another mount's"
                 )
+            if "J2000" in options:
+                raise BadInputError(
+                    f"{where}: by its :J2000 the mount's places are of J2000: write those of date, without it"
+                )
             run = _run(line, at)
         else:
             stars.append(_star(line, at, run, axes))

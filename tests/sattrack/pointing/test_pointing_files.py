@@ -71,6 +71,7 @@ def test_what_is_written_is_read_again() -> None:
     ("old", "new", "words"),
     [
         (":EQUAT", ":ALTAZ", "it has no :EQUAT, and the profile's mount is equatorial"),
+        (":NODA", ":J2000\n:NODA", "run.dat: .*:J2000"),
         ("52 09 00.0 2026", "52 09 2026", "run.dat:5: .*latitude"),
         ("05 30.5", "", "run.dat:6: .*sidereal time"),
         ("0 0 2000.0 05", "0 0 1950.0 05", "run.dat:6: .*J2000"),
