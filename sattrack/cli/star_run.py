@@ -13,7 +13,9 @@ import click
 import msgspec
 
 from sattrack.cli.common import (
+    PLOT,
     CommandContext,
+    OutputFile,
     RenamedOption,
     common_options,
     mount_option,
@@ -73,13 +75,13 @@ ANOTHER_MOUNT_ARCSEC, ANOTHER_MOUNT_TIMES = 60.0, 5.0
 )
 @click.option("--force", is_flag=True, help="Overwrite --data and --output.")
 @click.option("--output", type=FILE, metavar="FILE", help="The profile to write; default: --profile's own.")
-@click.option("--model", type=FILE, metavar="FILE", help="Write the model in TPOINT's layout, too.")
+@click.option("--model", type=OutputFile(), metavar="FILE", help="Write the model in TPOINT's layout, too.")
 @click.option(
     "--plot",
     "--report",
     "report",
     cls=RenamedOption,
-    type=FILE,
+    type=PLOT,
     metavar="FILE",
     help="Draw the residuals before and after the fit there (PNG, SVG, PDF).",
 )
@@ -111,6 +113,7 @@ def command(context: CommandContext, **options: Any) -> int:
     known, mount = _known(options, site, axes, call.described.mount)
     call = _with_mount(call, mount)
     if options["fit_only"]:
+        known = _since_bump(known, site, axes)
         return _conclude(context, options, call.described, _fitted(known, site, axes), known)
     run = _ran(context, options, call, site, known)
     if options["verify"]:
@@ -155,6 +158,8 @@ def _check(options: dict[str, Any], call: MountCall) -> None:
     target = _target(options)
     if target is None:
         return
+    if target.exists() and options["data"].exists() and target.samefile(options["data"]):
+        raise BadInputError(f"--output {target}: that is the file of the stars; give another name")
     if options["output"] is not None and target.exists() and not options["force"]:
         raise BadInputError(f"--output {target}: the file exists; give --force to overwrite it")
     if not target.parent.is_dir():
@@ -213,6 +218,10 @@ def _known(
         path.unlink()
         return [], mount
     text = path.read_text(encoding="utf-8", errors="replace")
+    whole, _, rest = text.rpartition("\n")
+    if rest.strip() and rest.strip().upper() != END:
+        tell(f"--data {path}: its last line has no end, as of a run that was cut off: it is left out")
+        text = f"{whole}\n"
     run, stars = read_stars(text, str(path), axes)
     if abs(run.latitude_deg - site.latitude_deg) > 0.1:
         raise BadInputError(
@@ -363,6 +372,20 @@ def _parameters(site: Site, air: Refraction | None) -> RunParameters:
 
     temperature, pressure = (10.0, 0.0) if air is None else (air.temperature_c, air.pressure_hpa)
     return RunParameters(site.latitude_deg, utc_now()[:10], temperature, pressure, site.height_m)
+
+
+def _since_bump(stars: list[Star], site: Site, axes: Axes) -> list[Star]:
+    """Return the stars after the mount was last moved beside its axes, and say what is left out."""
+    from sattrack.pointing.fit import find_bump
+
+    first = 0
+    while (bump := find_bump(stars[first:], site.latitude_deg, axes)) is not None:
+        first += bump.before_star
+        tell(
+            f"the mount was moved before star {first + 1}, by {bump.moved_arcsec:.0f}″ on the sky: the stars "
+            "before it are left out"
+        )
+    return stars[first:]
 
 
 def _fitted(stars: list[Star], site: Site, axes: Axes) -> PointingFit:

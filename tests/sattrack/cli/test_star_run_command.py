@@ -92,6 +92,46 @@ def test_stars_in_a_file_become_a_model_in_the_profile(
     assert picture.read_bytes()[:4] == b"\x89PNG"
 
 
+@pytest.mark.parametrize("cut", [-4 - 30, -4 - 1])
+def test_a_file_that_was_cut_off_in_a_line_gives_the_whole_ones(
+    cut: int, stars: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A number that lost its last digits would be read as another one."""
+    data = tmp_path / "run.dat"
+    data.write_text(stars[:cut])
+    out, err = ran(capsys, "--fit-only", "--data", str(data), "--json")
+    assert json.loads(out)["model"]["stars"] == 15
+    assert "last line has no end" in err
+
+
+def test_a_bump_is_found_in_a_file_too(
+    stars: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """After the eighth star the declination axis shows 3′ more."""
+    lines = stars.splitlines()
+    for number in range(12, 20):
+        words = lines[number].split()
+        degrees = float(words[12]) + math.copysign(float(words[13]) / 60.0, float(words[12])) + 0.05
+        degrees += math.copysign(float(words[14]) / 3600.0, float(words[12]))
+        lines[number] = " ".join([*words[:12], *sexagesimal(degrees).split(), *words[15:]])
+    data = tmp_path / "run.dat"
+    data.write_text("\n".join([*lines, ""]))
+    out, err = ran(capsys, "--fit-only", "--data", str(data), "--json")
+    assert "the mount was moved before star 9, by 1" in err
+    assert json.loads(out)["model"]["stars"] == 8
+
+
+@pytest.mark.parametrize("option", ["--model", "--output"])
+def test_the_stars_are_never_overwritten_by_what_is_made_of_them(
+    option: str, stars: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = tmp_path / "run.dat"
+    data.write_text(stars)
+    _, err = ran(capsys, "--fit-only", "--data", str(data), option, str(data), "--force", code=2)
+    assert option in err
+    assert data.read_text() == stars
+
+
 def test_another_sites_stars_are_refused(
     stars: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -113,6 +153,8 @@ def test_another_sites_stars_are_refused(
         (["--camera", "folder:.", "--continue", "--data", "no.dat"], "no such file"),
         (["--camera", "folder:.", "--output", "no/where.toml"], "no such folder"),
         (["--fit-only", "--data", "no.dat"], "no such file"),
+        (["--camera", "folder:.", "--model", "no/m.dat"], "--model no/m.dat"),
+        (["--camera", "folder:.", "--plot", "sky.xyz"], "--plot sky.xyz"),
     ],
 )
 def test_what_cannot_be_done_is_refused_before_anything_moves(
