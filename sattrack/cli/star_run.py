@@ -30,6 +30,8 @@ from sattrack.cli.common import (
 from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from sattrack.cli.mount import MountCall
     from sattrack.control.manual_operation import ConsoleSession
     from sattrack.mount.model import MountProfile, PointingTerms
@@ -261,6 +263,8 @@ def _ran(
         def one(call: MountCall, realigned: bool) -> StarRun:
             sky = _sky(context, call, site)
             judged = pointing_of(call.described.mount, site) if options["verify"] else None
+            if call.described.pointing is not None and judged is not None:
+                sky = _apart(sky, call.described.pointing.stars)
             with call.connected() as connection:
                 # What the mount reports is measured: the run itself feeds it by its model.
                 own = msgspec.structs.replace(call.described, pointing=None)
@@ -291,6 +295,23 @@ def _sky(context: CommandContext, call: MountCall, site: Site) -> RunSky:
 
     limits = context.settings.safety.limits()
     return RunSky(site, call.described.mount, limits, Refraction.standard(site.height_m))
+
+
+def _apart(sky: RunSky, stars: int) -> RunSky:
+    """Return the sky for a run whose places are far from those at which a run of so many stars looked."""
+    from sattrack.pointing.tour import chosen
+    from sattrack.runtime.star_run import RunSky
+
+    grid = sky.grid()
+    taken = [(float(h), float(d)) for h, d in grid[chosen(grid, stars)]]
+
+    class Apart(RunSky):
+        def tour(
+            self, places_deg: Any, count: int, done: Sequence[tuple[float, float]], start: tuple[float, float]
+        ) -> Any:
+            return RunSky.tour(self, places_deg, count, [*done, *taken], start)
+
+    return Apart(sky.site, sky.profile, sky.limits, sky.air)
 
 
 def _attend(
@@ -436,13 +457,20 @@ def _conclude(
     return 0
 
 
-def _print(context: CommandContext, terms: PointingTerms) -> None:
+def _print(context: CommandContext, terms: PointingTerms, fitted: PointingTerms | None = None) -> None:
+    """Print a model; with `fitted` as stars show it that this one was not fitted to."""
     if context.json:
         click.echo(msgspec.json.encode({"model": _document(terms)}).decode())
         return
     rows = [(name, f"{value:+.1f}″", f"± {sigma:.1f}″") for name, (value, sigma) in terms.terms.items()]
     show(table("term", ">value", ">sigma", rows=rows))
     held_out = terms.held_out_rms_arcsec
+    if fitted is not None:
+        click.echo(
+            f"{terms.stars} other stars: missed by {held_out:.1f}″ RMS; {fitted.rms_arcsec:.1f}″ are left at "
+            f"the {fitted.stars} that the model was fitted to"
+        )
+        return
     apart = "too few stars to hold any out" if held_out is None else f"held out {held_out:.1f}″"
     click.echo(f"{terms.stars} stars: {terms.rms_arcsec:.1f}″ RMS left, {apart}")
 
@@ -474,7 +502,7 @@ def _judge(context: CommandContext, options: dict[str, Any], described: ProfileF
         from sattrack.recording.rendering import save_pointing
 
         save_pointing(options["report"], found, run.stars, described.name)
-    _print(context, judged)
+    _print(context, judged, terms)
     usual = terms.held_out_rms_arcsec or terms.rms_arcsec
     if missed > max(ANOTHER_MOUNT_ARCSEC, ANOTHER_MOUNT_TIMES * usual):
         raise SattrackError(

@@ -12,8 +12,14 @@ import pytest
 from strangers.tilted_mount import TiltedMount, local
 
 from sattrack.cli.main import run
+from sattrack.cli.star_run import _apart
+from sattrack.mount.model import MountProfile
 from sattrack.mount.profiles import load_profile_file
 from sattrack.pointing.terms import PointingModel
+from sattrack.pointing.tour import units
+from sattrack.runtime.star_run import RunSky
+from sattrack.safety import SafetyLimits
+from tle.site import Site
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -130,6 +136,18 @@ def test_the_stars_are_never_overwritten_by_what_is_made_of_them(
     _, err = ran(capsys, "--fit-only", "--data", str(data), option, str(data), "--force", code=2)
     assert option in err
     assert data.read_text() == stars
+
+
+def test_a_model_is_verified_at_places_that_were_not_measured() -> None:
+    sky = RunSky(Site(52.0, 4.5, 0.0), MountProfile(), SafetyLimits())
+    places = sky.grid()
+    fitted, verified = (
+        units(places[one.tour(places, count, [], (0.0, 50.0))])
+        for one, count in ((sky, 12), (_apart(sky, 12), 6))
+    )
+    nearest_deg = np.degrees(np.arccos(np.max(verified @ fitted.T, axis=1)))
+    # Twelve caps that hold the sky above 20° have a radius of 19° at least.
+    assert nearest_deg.min() > 12.0
 
 
 def test_another_sites_stars_are_refused(
