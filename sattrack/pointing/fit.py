@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from sattrack.core.angles import wrap180
 from sattrack.core.errors import SattrackError
 from sattrack.mount.model import PointingTerms
 from sattrack.pointing.terms import ALTAZ, PointingModel
+from sattrack.pointing.tour import units
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,6 +33,8 @@ if TYPE_CHECKING:
 
 CORE = ((1, ("IH", "ID")), (3, ("MA", "ME")), (5, ("CH",)), (6, ("NP",)), (8, ("TF",)))
 """How many stars each term needs that every mount has: with fewer it is not told from the others."""
+APART_DEG = 1.0
+"""A star nearer to one before it, on the same side of the pole, tells terms apart no better."""
 CHOSEN = ("DAF", "FO", "HCES", "HCEC", "DCES", "DCEC", "HDSH2", "HDCH2", "HDSD2", "HDCD2")
 CHOSEN_ALTAZ = ("ACES", "ACEC", "ECES", "ECEC")
 FEWEST_TO_CHOOSE = 10
@@ -151,6 +155,17 @@ class _Sky:
         # Past the pole both axes turn the other way on the sky.
         self._outward = np.where(self.beyond, -1.0, 1.0)[:, None] * np.array([sign, 1.0])
 
+    @cached_property
+    def places(self) -> int:
+        """How many stars are apart from those before them."""
+        at = units(np.stack(self.direction, axis=1))
+        near = (at @ at.T > math.cos(math.radians(APART_DEG))) & (self.beyond[:, None] == self.beyond)
+        kept: list[int] = []
+        for row in range(len(at)):
+            if not near[row, kept].any():
+                kept.append(row)
+        return len(kept)
+
     @classmethod
     def of_directions(cls, directions_deg: Array, latitude_deg: float, axes: Axes) -> _Sky:
         """Return directions with a mount that has no errors."""
@@ -214,9 +229,10 @@ def fit(
     if not stars:
         raise SattrackError("no star was measured: there is nothing to fit a pointing model to")
     sky = _Sky(stars, latitude_deg, axes)
-    chosen = names or core_terms(len(stars), axes)
+    places = sky.places
+    chosen = names or core_terms(places, axes)
     values, used = _robust(sky, chosen, sigma_arcsec)
-    if names is None and used.sum() >= FEWEST_TO_CHOOSE:
+    if names is None and min(places, used.sum()) >= FEWEST_TO_CHOOSE:
         chosen, values, used = _with_chosen(sky, chosen, values, used, sigma_arcsec)
     return _result(sky, chosen, values, used, sigma_arcsec)
 
@@ -299,12 +315,16 @@ def _robust(sky: _Sky, names: tuple[str, ...], sigma_arcsec: float) -> tuple[Arr
         limit = max(WRONG_SIGMAS * max(spread, sigma_arcsec), LEAST_WRONG_ARCSEC)
         before_used, used = used, size <= limit
         if count - used.sum() > MOST_WRONG_SHARE * count or used.sum() * 2 < len(names):
+            if sky.places < FEWEST_TO_REFUSE:
+                used = np.ones(count, dtype=bool)
+                values = _least_squares(sky, names, values, used)
+                break
             raise SattrackError(f"{count - int(used.sum())} of {count} stars {NO_MODEL}")
         values = _least_squares(sky, names, values, used)
         if (used == before_used).all():
             break
     left = rms(sky.residuals(names, values)[used])
-    if left > MOST_LEFT_ARCSEC and count >= FEWEST_TO_REFUSE:
+    if left > MOST_LEFT_ARCSEC and sky.places >= FEWEST_TO_REFUSE:
         raise SattrackError(f"stars {NO_MODEL}: {left:.0f}″ are left")
     return values, used
 

@@ -57,6 +57,14 @@ def test_a_mount_that_is_far_off_is_found_again_within_arcseconds() -> None:
     assert found.predicted_arcsec(sky()) == pytest.approx(missed_arcsec, rel=1.0)
 
 
+def test_stars_that_are_looked_at_again_tell_no_more_terms_apart() -> None:
+    one, two = measured(MOUNT, 2)
+    beside = one._replace(hour_angle_deg=one.hour_angle_deg + 0.2)
+    assert fit([one, two, one, beside, two, one, two, beside, one, two, one], LATITUDE).names == ("IH", "ID")
+    past = Star(one.hour_angle_deg, one.dec_deg, one.axis_hour_angle_deg + 180.0, 180.0 - one.axis_dec_deg)
+    assert fit([one, two, past], LATITUDE).names == ("IH", "ID", "MA", "ME")
+
+
 def test_a_star_without_noise_leaves_nothing() -> None:
     assert fit(measured(MOUNT, 12, noise_arcsec=0.0), LATITUDE).rms_arcsec < 0.01
 
