@@ -54,6 +54,7 @@ ALTAZ = {
     "ECEC": ("DCEC", 1.0),
 }
 """Terms of an azimuth mount, by the equatorial ones that they are with an hour angle of minus the azimuth."""
+TURN_ARCSEC = 1296000.0
 NEAREST_POLE_DEG = 0.1
 """Nearer to the pole of the axes, terms that grow with the declination's tangent are what they are here."""
 _STEP_RAD = 1e-4
@@ -186,8 +187,11 @@ class PointingModel:
 
     @classmethod
     def of(cls, terms: PointingTerms, beyond_pole: bool = False) -> PointingModel:
-        """Return the model of a profile."""
+        """Return the model of a profile. Raises BadInputError for a term that is unknown, or no angle."""
         values = {name: value for name, (value, _) in terms.terms.items()}
+        for name, value in values.items():
+            if not abs(value) <= TURN_ARCSEC:
+                raise BadInputError(f"{name} of the pointing model is {value:g}″: give an angle up to a turn")
         return cls(values, terms.latitude_deg, terms.axes, beyond_pole)
 
     def on_side(self, beyond_pole: bool) -> PointingModel:

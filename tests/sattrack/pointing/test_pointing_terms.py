@@ -11,6 +11,7 @@ import pytest
 from strangers.tilted_mount import TiltedMount, apart_arcsec, local
 
 from sattrack.core.errors import BadInputError
+from sattrack.mount.model import PointingTerms
 from sattrack.pointing.terms import PointingModel, first_order_deg, swung
 from sattrack.runtime import demo_pass
 from tle.instants import Utc
@@ -159,6 +160,13 @@ def test_an_azimuth_terms_sign_is_what_wallace_says_of_the_mount(
 def test_an_unknown_term_is_refused_by_its_name() -> None:
     with pytest.raises(BadInputError, match="'XYZ'"):
         PointingModel({"XYZ": 1.0}, 52.0)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -1e9])
+def test_a_value_that_is_no_angle_is_refused_by_its_name(value: float) -> None:
+    terms = PointingTerms("2026-10-01T00:00:00Z", 52.0, {"IH": (1.0, 1.0), "CH": (value, 1.0)}, 1.0, 9)
+    with pytest.raises(BadInputError, match="CH of the pointing model"):
+        PointingModel.of(terms)
 
 
 EQUATORIAL = PointingModel({"ME": 4000.0, "MA": -6000.0, "CH": 600.0, "NP": 120.0, "TF": -30.0}, 52.0)
