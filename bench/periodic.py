@@ -10,7 +10,9 @@ the satellite is early or late and beside its elements, the camera's image is tu
 
 `sattrack report --learn-profile` learns from the first passes. Later ones are followed without what was
 learnt, with it, and with it after the first gear was turned by half a wave. *seen*: the satellite from the
-middle of the image, RMS from 20 s after the first frame on, while the camera corrects.
+middle of the image, RMS from 20 s after the first frame on, while the camera corrects. *waves*: what hidden
+waves make on the sky along the later pass, RMS, and what the table leaves of them, in the share of the pass
+in which an axis stands where it did in the passes before; the first axis, then the second.
 """
 
 from __future__ import annotations
@@ -34,6 +36,7 @@ from sattrack.mount.profiles import load_profile_file
 from sattrack.mount.simulator.camera import SkyCamera, TruePath, make_sky
 from sattrack.mount.simulator.hidden import Hidden, SimulatedCamera, waves
 from sattrack.mount.simulator.mount import SimulatedMount, Truth
+from sattrack.pointing.periodic import AxisStand, PeriodicTable
 from sattrack.recording.recorder import NoRecording, Recorder, Sink, create
 from sattrack.runtime import demo_pass
 from sattrack.runtime.connection import simulated_site
@@ -213,6 +216,33 @@ def learnt(recordings: list[Path], profile: Path, base: Path | None = None) -> i
     return sattrack(["report", *map(str, recordings), "--learn-profile", str(profile), *given])
 
 
+def waves_left(mount: Mount, facts: RunFacts, profile: MountProfile) -> str:
+    """Return what the hidden waves are along a pass, and what a table leaves of them, for either axis."""
+    assert facts.elements is not None
+    assert profile.periodic is not None
+    propagator, table = Propagator(facts.elements, facts.site.place()), PeriodicTable(profile.periodic)
+    spans = profile.periodic.first_seen_deg, profile.periodic.second_seen_deg
+    rows: tuple[list[tuple[float, float]], ...] = ([], [])
+    count = round(facts.plan.end_utc_s - facts.plan.start_utc_s)
+    for since_s in range(count):
+        seen = propagator.at(Utc(facts.plan.start_utc_s + since_s))
+        stand = AxisStand(*map(float, (seen.ha_deg, seen.dec_deg, seen.ha_rate_deg_s, seen.dec_rate_deg_s)))
+        fed, level = table.error_deg(stand), (math.cos(math.radians(stand.second_deg)), 1.0)
+        for axis, text in enumerate((mount.hidden.ha_wave, mount.hidden.dec_wave)):
+            angle = stand[axis]
+            if not any((angle - low) % 360.0 <= high - low for low, high in spans[axis]):
+                continue
+            true = sum(size * math.sin(math.radians(n * angle + phase)) for size, n, phase in waves(text))
+            rows[axis].append((level[axis] * true, level[axis] * (true - 3600.0 * fed[axis])))
+    words = []
+    for own in filter(None, rows):
+        before, after = (
+            math.sqrt(sum(one * one for one in part) / len(own)) for part in zip(*own, strict=True)
+        )
+        words.append(f"{before:.2f}″ to {after:.2f}″ in {100.0 * len(own) / count:.0f} %")
+    return "waves " + ", ".join(words)
+
+
 def figures(mount: Mount, passes: list[RunFacts], profile: MountProfile, seed: int) -> str:
     """Return what a later pass is like: without a profile's errors, with them, and with a turned gear."""
     state, found = mount.rng.getstate(), []
@@ -222,6 +252,7 @@ def figures(mount: Mount, passes: list[RunFacts], profile: MountProfile, seed: i
     one, other, turned = found
     left = ["left aside" if each.table_left else "kept" for each in found]
     return (
+        f"{waves_left(mount, passes[-1], profile)}; "
         f"seen {one.seen_rms():.2f}″ to {other.seen_rms():.2f}″, table {left[1]}; gear turned: seen "
         f"{turned.seen_rms():.2f}″, table {left[2]}"
     )
