@@ -5,8 +5,8 @@ python bench/periodic.py [--seeds N] [--first N] [--passes N] [--waves W]
 For each seed a mount is hidden: its axes stand past what they report by 10″ at 7 a turn, each with a phase
 of its own, and by 2″ at 144 a turn; its pole is beside the celestial one, its telescope beside its axis, its
 tube bends. `sattrack.mount.simulator.camera` says where its camera sees the satellite: rotations of vectors,
-ERFA and SGP4, no formula of the fit. Passes of two orbits are followed in virtual time and recorded;
-the satellite is early or late and beside its elements, the camera's image is turned, with 1.5″ of noise.
+ERFA and SGP4, no formula of the fit. Passes of two orbits are followed in virtual time and recorded; the
+satellite's orbit is not that of its elements, the camera's image is turned, with 1.5″ of noise.
 
 `sattrack report --learn-profile` learns from the first passes. Later ones are followed without what was
 learnt, with it, and with it after the first gear was turned by half a wave. *seen*: the satellite from the
@@ -24,6 +24,7 @@ import tempfile
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 from feeder_passes import pass_facts
@@ -46,6 +47,9 @@ from sattrack.views.messages import SeenOffset
 from tle.instants import Utc
 from tle.passes import find_passes
 from tle.propagator import Propagator
+
+if TYPE_CHECKING:
+    from tle.elements import Elements
 
 FRAME_S, EXPOSURE_S, NOISE_ARCSEC = 1.0, 0.05, 1.5
 LATE_S = (0.3, 0.9)
@@ -80,20 +84,22 @@ def passes_of_demo(count: int) -> list[RunFacts]:
 
 @dataclass
 class Mount:
-    """One mount, hidden: what its axes and its telescope do, without the satellites' errors."""
+    """One mount, hidden: what its axes and its telescope do; and chances."""
 
     hidden: Hidden
     rng: random.Random
 
-    def night(self) -> Hidden:
-        """Return the same with a satellite that is elsewhere than its elements."""
-        draw = self.rng
-        return msgspec.structs.replace(
-            self.hidden,
-            along=draw.uniform(-1.0, 1.0),
-            along_drift=draw.uniform(-0.1, 0.1),
-            cross=draw.uniform(-30.0, 30.0),
-            cross_drift=draw.uniform(-5.0, 5.0),
+    def satellite(self, elements: Elements) -> Elements:
+        """Draw where a satellite is: up to a second early or late, and beside its elements as orbits are."""
+        draw, revolutions = self.rng, elements.mean_motion_rev_day
+        early_deg = draw.uniform(-1.0, 1.0) * revolutions * 360.0 / 86400.0
+        return replace(
+            elements,
+            mean_anomaly_deg=(elements.mean_anomaly_deg + early_deg) % 360.0,
+            mean_motion_rev_day=revolutions * (1.0 + draw.gauss(0.0, 1e-6)),
+            inclination_deg=elements.inclination_deg + draw.gauss(0.0, 0.001),
+            raan_deg=(elements.raan_deg + draw.gauss(0.0, 0.001)) % 360.0,
+            eccentricity=abs(elements.eccentricity + draw.gauss(0.0, 3e-5)),
         )
 
 
@@ -186,15 +192,15 @@ def follow(
 ) -> Followed:
     """Follow a pass with a hidden mount; `turned_deg` is how far its first gear was turned since."""
     facts = msgspec.structs.replace(facts, profile=profile, recording=None if record is None else str(record))
-    hidden = mount.night()
+    assert facts.elements is not None
+    there, hidden = mount.satellite(facts.elements), mount.hidden
     if turned_deg:
         turned = "+".join(
             f"{size:g}x{n:g}@{phase + n * turned_deg:g}" for size, n, phase in waves(hidden.ha_wave)
         )
         hidden = msgspec.structs.replace(hidden, ha_wave=turned)
     site = facts.site.place()
-    assert facts.elements is not None
-    sky = make_sky(site, [facts.elements], hidden, seed)
+    sky = make_sky(site, [there], hidden, seed)
     begin_s = facts.started_utc_s
     zero_deg = sky.hour_angle_zero_deg(mean_sidereal_deg(begin_s, site.longitude_deg), begin_s)
     camera = SkyCamera(sky, SimulatedCamera(SCALE), hidden, begin_s, seed, zero_deg)
@@ -276,8 +282,10 @@ def main() -> None:
             folder.mkdir(parents=True, exist_ok=True)
             files = [folder / f"pass{k}.mcap" for k in range(options.passes)]
             for k, file in enumerate(files):
+                elements = passes[k].elements
+                assert elements is not None
                 if file.exists():
-                    mount.night()
+                    mount.satellite(elements)
                 else:
                     follow(passes[k], mount, MountProfile(), 100 * seed + k, file)
             profile = folder / "learnt.toml"
