@@ -269,12 +269,8 @@ def follow(number: int, links: int = 1) -> Followed:
         own.append(run.settled_rms_arcsec())
         by_slew.append(family.Run(replace(plain, number=chances), "truth").run().settled_rms_arcsec())
         why = why if run.ended_by is None else f"{run.ended_by}: {run.message}"
-    return Followed(number, root_mean_square(own), root_mean_square(by_slew), axes.drawn.hardware, why)
-
-
-def root_mean_square(errors: list[float]) -> float:
-    """Return the root of the mean of squares."""
-    return math.sqrt(statistics.fmean(error**2 for error in errors))
+    own_rms, by_slew_rms = (math.hypot(*errors) / math.sqrt(links) for errors in (own, by_slew))
+    return Followed(number, own_rms, by_slew_rms, axes.drawn.hardware, why)
 
 
 class Found(NamedTuple):

@@ -30,8 +30,6 @@ from sattrack.cli.common import (
 from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from sattrack.cli.mount import MountCall
     from sattrack.control.manual_operation import ConsoleSession
     from sattrack.mount.model import MountProfile, PointingTerms
@@ -264,7 +262,7 @@ def _ran(
             sky = _sky(context, call, site)
             judged = pointing_of(call.described.mount, site) if options["verify"] else None
             if call.described.pointing is not None and judged is not None:
-                sky = _apart(sky, call.described.pointing.stars)
+                sky = sky.beside(call.described.pointing.stars)
             with call.connected() as connection:
                 # What the mount reports is measured: the run itself feeds it by its model.
                 own = msgspec.structs.replace(call.described, pointing=None)
@@ -295,23 +293,6 @@ def _sky(context: CommandContext, call: MountCall, site: Site) -> RunSky:
 
     limits = context.settings.safety.limits()
     return RunSky(site, call.described.mount, limits, Refraction.standard(site.height_m))
-
-
-def _apart(sky: RunSky, stars: int) -> RunSky:
-    """Return the sky for a run whose places are far from those at which a run of so many stars looked."""
-    from sattrack.pointing.tour import chosen
-    from sattrack.runtime.star_run import RunSky
-
-    grid = sky.grid()
-    taken = [(float(h), float(d)) for h, d in grid[chosen(grid, stars)]]
-
-    class Apart(RunSky):
-        def tour(
-            self, places_deg: Any, count: int, done: Sequence[tuple[float, float]], start: tuple[float, float]
-        ) -> Any:
-            return RunSky.tour(self, places_deg, count, [*done, *taken], start)
-
-    return Apart(sky.site, sky.profile, sky.limits, sky.air)
 
 
 def _attend(
@@ -401,11 +382,8 @@ def _since_bump(stars: list[Star], site: Site, axes: Axes) -> list[Star]:
 
     first = 0
     while (bump := find_bump(stars[first:], site.latitude_deg, axes)) is not None:
+        tell(bump.text(first))
         first += bump.before_star
-        tell(
-            f"the mount was moved before star {first + 1}, by {bump.moved_arcsec:.0f}″ on the sky: the stars "
-            "before it are left out"
-        )
     return stars[first:]
 
 

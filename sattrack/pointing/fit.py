@@ -382,6 +382,13 @@ class Bump(NamedTuple):
     before_star: int
     moved_arcsec: float
 
+    def text(self, left_out: int) -> str:
+        """Say it of a run of which so many stars before those that were searched are left out already."""
+        return (
+            f"the mount was moved before star {left_out + self.before_star + 1}, by {self.moved_arcsec:.0f}″ "
+            "on the sky: the stars before it are left out"
+        )
+
 
 def find_bump(stars: Sequence[Star], latitude_deg: float, axes: Axes = "equatorial") -> Bump | None:
     """Return where the stars from one on show another mount than those before; None where none do.

@@ -12,7 +12,7 @@ import os
 import select
 import subprocess
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -133,6 +133,8 @@ class RunSky:
     limits: SafetyLimits
     air: Refraction | None = None
     """None for a mount that applies refraction itself."""
+    looked_deg: tuple[tuple[float, float], ...] = ()
+    """Hour angles and declinations at which another run looked: tours keep away from them."""
 
     @property
     def axes(self) -> Axes:
@@ -187,11 +189,17 @@ class RunSky:
         good: Array = places[self.clear(places)]
         return good
 
+    def beside(self, count: int) -> RunSky:
+        """Return the same for a run that keeps away from the places at which one of `count` stars looked."""
+        grid = self.grid()
+        return replace(self, looked_deg=tuple((h, d) for h, d in grid[chosen(grid, count)].tolist()))
+
     def tour(
         self, places_deg: Array, count: int, done: Sequence[tuple[float, float]], start: tuple[float, float]
     ) -> Any:
         """Return the rows of so many places away from those `done`, in the order in which to look at them."""
-        rows = chosen(places_deg, count, np.array(done) if done else None)
+        kept_from = [*done, *self.looked_deg]
+        rows = chosen(places_deg, count, np.array(kept_from) if kept_from else None)
         axes = places_deg[rows]
         if self.axes == "altaz":
             axes = np.array([self.own_deg(h, d) for h, d in axes.tolist()]).reshape(-1, 2)
@@ -525,11 +533,8 @@ class StarRun:
         latitude = self.sky.site.latitude_deg
         bump = find_bump(self.counting, latitude, self.sky.axes)
         if bump is not None:
+            self.tell(bump.text(self.bumped_at))
             self.bumped_at += bump.before_star
-            self.tell(
-                f"the mount was moved before star {self.bumped_at + 1}, by {bump.moved_arcsec:.0f}″ on the "
-                "sky: the stars before it are left out"
-            )
             # What was measured before does not count: the stars are chosen anew.
             self.most += bump.before_star
             self._done = [self.sky.place_deg(star) for star in self.counting]

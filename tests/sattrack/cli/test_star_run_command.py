@@ -12,7 +12,6 @@ import pytest
 from strangers.tilted_mount import TiltedMount, local
 
 from sattrack.cli.main import run
-from sattrack.cli.star_run import _apart
 from sattrack.mount.model import MountProfile
 from sattrack.mount.profiles import load_profile_file
 from sattrack.pointing.terms import PointingModel
@@ -143,7 +142,7 @@ def test_a_model_is_verified_at_places_that_were_not_measured() -> None:
     places = sky.grid()
     fitted, verified = (
         units(places[one.tour(places, count, [], (0.0, 50.0))])
-        for one, count in ((sky, 12), (_apart(sky, 12), 6))
+        for one, count in ((sky, 12), (sky.beside(12), 6))
     )
     nearest_deg = np.degrees(np.arccos(np.max(verified @ fitted.T, axis=1)))
     # Twelve caps that hold the sky above 20° have a radius of 19° at least.
