@@ -24,7 +24,7 @@ import statistics
 import struct
 import sys
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import erfa
 import family
@@ -42,6 +42,9 @@ from sattrack.safety import SafetyLimits
 from tle.formats.ephemerides import parse_ephemerides
 from tle.instants import Utc
 from tle.propagator import Propagator
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 STRANGERS = ("velocity_servo", "position_servo", "planner")
 STATUS_PLACE = struct.Struct("<24xd8xd8xd")
@@ -139,11 +142,13 @@ def draw(number: int) -> AxesDraw:
     return AxesDraw(drawn, geometry, senses, zeros)
 
 
-def _path(drawn: family.Draw, frame: AxisFrame) -> Any:
+def _path(drawn: family.Draw, frame: AxisFrame, instants_s: Sequence[float] = ()) -> Any:
+    """Return angles and rates of the axes, a row an instant; all over the run where none are given."""
     propagator = Propagator(drawn.elements, drawn.site)
+    step_s = family.LASTS_S / family.LOOKS
     rows = []
-    for k in range(family.LOOKS + 1):
-        seen = propagator.at(Utc(drawn.start_s + k * family.LASTS_S / family.LOOKS))
+    for utc_s in instants_s or [drawn.start_s + k * step_s for k in range(family.LOOKS + 1)]:
+        seen = propagator.at(Utc(utc_s))
         rows.append(frame.angles(seen.ha_deg, seen.dec_deg, seen.ha_rate_deg_s, seen.dec_rate_deg_s))
     return np.array(rows)
 
@@ -241,16 +246,14 @@ class Followed(NamedTuple):
 def equatorial(axes: AxesDraw) -> family.Draw:
     """Return the same drives as an equatorial mount, which follows what asks the same of them."""
     drawn, site = axes.drawn, axes.drawn.site
-    frame, propagator = AxisFrame(axes.geometry, site.latitude_deg), Propagator(drawn.elements, site)
-    rows = ["utc,alt_deg,az_deg"]
     begin_s = drawn.begin_s - SPARE_S
-    for k in range(round((drawn.start_s + PLANNED_S + SPARE_S - begin_s) / ROW_S)):
-        at = Utc(begin_s + ROW_S * k)
-        seen = propagator.at(at)
-        angles = frame.angles(seen.ha_deg, seen.dec_deg, seen.ha_rate_deg_s, seen.dec_rate_deg_s)
-        first, second = math.radians(angles.first_deg), math.radians(angles.second_deg)
-        azimuth, altitude = np.degrees(erfa.hd2ae(first, second, math.radians(site.latitude_deg)))
-        rows.append(f"{at.isoformat('microseconds')},{altitude:.9f},{azimuth:.9f}")
+    count = round((drawn.start_s + PLANNED_S + SPARE_S - begin_s) / ROW_S)
+    instants_s = [begin_s + ROW_S * k for k in range(count)]
+    path = np.radians(_path(drawn, AxisFrame(axes.geometry, site.latitude_deg), instants_s))
+    seen_deg = np.degrees(erfa.hd2ae(path[:, 0], path[:, 1], math.radians(site.latitude_deg)))
+    rows = ["utc,alt_deg,az_deg"]
+    for utc_s, azimuth, altitude in zip(instants_s, *seen_deg, strict=True):
+        rows.append(f"{Utc(utc_s).isoformat('microseconds')},{altitude:.9f},{azimuth:.9f}")
     (table,) = parse_ephemerides("\n".join(rows).encode(), "axes.csv", site)
     stands = [
         sense * (angle - zero)
