@@ -2,6 +2,7 @@
 
     python bench/mutants.py safety --sample 150
     python bench/mutants.py safety --lines
+    python bench/mutants.py biases --sample 0 --needed
 
 A mutant is one small change of one expression or statement: a comparison turned round, another sign, number
 or operator, a call, a returned value or a row of a table left out. It is caught if a test of its package
@@ -10,6 +11,8 @@ in the module's own file first, `--budget` seconds in all. Coverage tells which,
 a temporary folder until source or test changes. Each mutant runs in a process forked from one that has
 imported the libraries. Annotations, decorators and texts are left alone, and what makes no difference:
 `strict` of a zip, None in place of False. `--lines` counts what the tests' own processes execute, too.
+`--needed` lets all tests run on each mutant, and names those without which as many mutants are caught. What
+such a test says of texts, and of what no mutant changes, remains to be looked at.
 """
 
 from __future__ import annotations
@@ -18,11 +21,13 @@ import argparse
 import ast
 import contextlib
 import copy
+import fcntl
 import gzip
 import hashlib
 import importlib.abc
 import importlib.util
 import json
+import math
 import os
 import random
 import resource
@@ -50,6 +55,7 @@ OWN_COUNT = 0.2
 TIMES_LONGER, LONGER_S, WAITS = 5.0, 20.0, 10.0
 """A mutant hangs if its tests take so many times the processor's time that they did, and so much more, or
 wait so many times as long."""
+MOST_WRITTEN = 1 << 20
 
 
 class Package(NamedTuple):
@@ -246,21 +252,21 @@ class _Changed(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
 
 class _Chosen:
-    """Keeps the chosen tests, in their order, and the name of the one that failed."""
+    """Keeps the chosen tests, in their order, and the names of those that failed."""
 
     def __init__(self, tests: Sequence[str]) -> None:
         self.order = {name: k for k, name in enumerate(tests)}
-        self.failed = ""
+        self.failed: list[str] = []
 
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         chosen = [one for one in items if one.nodeid in self.order]
         items[:] = sorted(chosen, key=lambda one: self.order[one.nodeid])
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        self.failed = report.nodeid if report.failed else self.failed
+        self.failed += [report.nodeid] if report.failed else []
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
-        self.failed = f"{report.nodeid} (import)" if report.failed else self.failed
+        self.failed += [f"{report.nodeid} (import)"] if report.failed else []
 
 
 class _Mapped:
@@ -287,14 +293,15 @@ class _Mapped:
             self.measured.switch_context("")
 
 
-def _pytest(files: Iterable[str], plugin: object) -> int:
+def _pytest(files: Iterable[str], plugin: object, until_one_fails: bool = True) -> int:
     checks = list(hypothesis.HealthCheck)
     hypothesis.settings.register_profile(
         "mutants", deadline=None, derandomize=True, database=None, suppress_health_check=checks
     )
     hypothesis.settings.load_profile("mutants")
     # Assertions are not rewritten: pytest would import the package itself then, past the change.
-    options = ["-x", "-q", "-p", "no:cacheprovider", "--no-header", "--tb=no", "--assert=plain"]
+    options = ["-x"] if until_one_fails else []
+    options += ["-q", "-p", "no:cacheprovider", "--no-header", "--tb=no", "--assert=plain"]
     options += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]
     return int(pytest.main([*options, *files], plugins=[plugin]))
 
@@ -302,6 +309,7 @@ def _pytest(files: Iterable[str], plugin: object) -> int:
 def _forked(work: Callable[[int], int], limit_s: float) -> tuple[int, str]:
     """Return how a function ended in a child: its status (-1 where it hung) and what it wrote."""
     reading, writing = os.pipe()
+    fcntl.fcntl(writing, fcntl.F_SETPIPE_SZ, MOST_WRITTEN)
     child = os.fork()
     if child == 0:
         os.setpgid(0, 0)
@@ -329,7 +337,7 @@ def _forked(work: Callable[[int], int], limit_s: float) -> tuple[int, str]:
     os.set_blocking(reading, False)
     text = b""
     with contextlib.suppress(BlockingIOError):
-        text = os.read(reading, 65536)
+        text = os.read(reading, MOST_WRITTEN)
     os.close(reading)
     ended = os.waitstatus_to_exitcode(status) if pid else -1
     return (-1 if ended in {-signal.SIGXCPU, -signal.SIGKILL} else ended), text.decode()
@@ -407,25 +415,44 @@ def tests_for(mutant: Mutant, mapped: Tests) -> list[tuple[float, str, str]]:
     return sorted(found or others, key=lambda one: one[0] * (OWN_COUNT if Path(one[2]).stem == own else 1.0))
 
 
-def outcome_of(mutant: Mutant, mapped: Tests, budget_s: float) -> tuple[str, str]:
-    """Return what became of a mutant (caught, hung, survived, unseen) and the test that caught it."""
+def outcome_of(
+    mutant: Mutant, mapped: Tests, budget_s: float, until_one_fails: bool = True
+) -> tuple[str, list[str]]:
+    """Return what became of a mutant (caught, hung, survived, unseen) and the tests that caught it."""
     total_s, chosen = 0.0, []
     for one in tests_for(mutant, mapped):
         if total_s + one[0] <= budget_s or not chosen:
             total_s += one[0]
             chosen.append(one)
     if not chosen:
-        return "unseen", ""
+        return "unseen", []
 
     def work(writing: int) -> int:
         sys.meta_path.insert(0, _Changed(mutant))
         plugin = _Chosen([name for _, name, _ in chosen])
-        status = _pytest(sorted({file for _, _, file in chosen}), plugin)
-        os.write(writing, plugin.failed.encode())
+        status = _pytest(sorted({file for _, _, file in chosen}), plugin, until_one_fails)
+        os.write(writing, "\n".join(plugin.failed).encode())
         return status
 
-    status, test = _forked(work, total_s * TIMES_LONGER + LONGER_S)
-    return {0: "survived", -1: "hung"}.get(status, "caught"), test
+    status, tests = _forked(work, total_s * TIMES_LONGER + LONGER_S)
+    return {0: "survived", -1: "hung"}.get(status, "caught"), tests.splitlines()
+
+
+def print_needless(caught_by: Sequence[Sequence[str]], mapped: Tests) -> None:
+    """Print the tests without which each mutant is caught as well, the slowest left out first."""
+    took_s = {name: one["s"] for tests in mapped.values() for name, one in tests.items()}
+    left, needless = [set(names) for names in caught_by], []
+    for name in sorted(took_s, key=lambda one: -took_s[one]):
+        among = [names for names in left if name in names]
+        if all(len(names) > 1 for names in among):
+            needless.append(name)
+            for names in among:
+                names.remove(name)
+    every = set().union(*caught_by)
+    for name in needless:
+        print(f"needless {took_s[name]:.2f} s {name}{'' if name in every else ', catches none'}")
+    spared = sum(took_s[name] for name in needless)
+    print(f"{len(needless)} of {len(took_s)} tests, {spared:.1f} of {sum(took_s.values()):.1f} s")
 
 
 def executed(package: Package, sources: Sequence[str]) -> dict[str, set[int]]:
@@ -476,6 +503,7 @@ def main() -> int:
         "--again", type=Path, help="only the survivors that a run before has printed to this file"
     )
     parser.add_argument("--lines", action="store_true", help="which statements the tests execute; no mutants")
+    parser.add_argument("--needed", action="store_true", help="name the tests that no mutant needs")
     options = parser.parse_args()
     os.chdir(ROOT)
     sys.path[:0] = [str(ROOT), str(ROOT / "bench")]
@@ -496,15 +524,20 @@ def main() -> int:
         mutants = random.Random(options.seed).sample(mutants, min(options.sample, every))
     mapped = map_of(package, sources, options.file_s)
     count, begun = Counter(), time.monotonic()
+    caught_by: list[list[str]] = []
     for one in mutants:
-        outcome, test = outcome_of(one, mapped, options.budget)
+        budget_s = math.inf if options.needed else options.budget
+        outcome, tests = outcome_of(one, mapped, budget_s, until_one_fails=not options.needed)
         count[outcome] += 1
-        print(f"{outcome} {one.where}{f' | {test}' if test else ''}", flush=True)
+        caught_by += [tests] if tests else []
+        print(f"{outcome} {one.where}{f' | {tests[0]}' if tests else ''}", flush=True)
     caught = count["caught"] + count["hung"]
     print(
         f"{options.package}: {len(mutants)} of {every} mutants (seed {options.seed}), {caught} caught, "
         f"{caught / max(1, len(mutants)):.1%}; {(time.monotonic() - begun) / 60.0:.0f} min"
     )
+    if options.needed:
+        print_needless(caught_by, mapped)
     return 0
 
 
