@@ -110,6 +110,7 @@ MEANINGS = {
     "status_delay_s": "shortest delay from the mount's sample to us",
     "abort_delay_s": "how much later than other commands an abort acts",
     "clock_offset_s": "the mount's sidereal clock ahead of the true one; estimated if left out",
+    "dated_by_requests": "positions are dated by this computer's clock; the mount's address decides it",
     "encoder_tics": "encoder counts in a turn",
     "watchdog_s": "silence after which the mount stops by itself; left out: it never does",
     "repeat_rates": "send rates twice a period: `never`, `when_lossy`, `always`",

@@ -161,7 +161,7 @@ class CommandContext:
         Raises BadInputError, naming file, line and key.
         """
         from sattrack.mount.profiles import load_profile_file, profile_file
-        from sattrack.runtime.mounts import usual_profile
+        from sattrack.runtime.mounts import dated_as, usual_profile
 
         configured = self.settings.mount.profile
         path = explicit if explicit is not None or configured is None else Path(configured)
@@ -169,7 +169,7 @@ class CommandContext:
         if path is None:
             return profile_file(usual_profile(url))
         try:
-            return load_profile_file(path)
+            return dated_as(load_profile_file(path), url)
         except BadInputError as error:
             if explicit is not None:
                 raise

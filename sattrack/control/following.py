@@ -47,7 +47,9 @@ class Follower:
         known = None
         if profile.clock_offset_s is not None:
             known = KnownClock(longitude_deg, profile.clock_offset_s)
-        self.clock = MountClock(profile.status_delay_s, known, profile.period_s)
+        self.clock = MountClock(
+            profile.status_delay_s, known, profile.period_s, known_is_ours=profile.dated_by_requests
+        )
         self._loop = MountLoop(profile.period_s)
         sigma_s = ROUGH_S if profile.calibration is None else CALIBRATED_S
         self._history = CommandHistory(profile.command_delay_s, self._loop, sigma_s)

@@ -197,6 +197,8 @@ HELD_UP_PERIODS = 0.6
 """Lateness from which on a status was held up: a coarse timer's turns differ by less."""
 KNOWN_WITHIN_S = 0.015
 """How far the fastest arrivals may be from the profile's delay: jitter is no more than that."""
+OURS_AHEAD_S, OURS_BEHIND_S = 0.005, 1.0
+"""How far ahead of its arrival our own clock may date a status, and behind: farther, one of two was set."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -367,6 +369,8 @@ class MountClock:
     known: KnownClock | None = None
     period_s: float = 0.05
     """Nominal period of the mount's loop."""
+    known_is_ours: bool = False
+    """Whether the known clock is our own: then late arrivals say nothing against its dates."""
     trusted: bool = True
     known_holds: bool = True
     """Whether the known clock's dates agree with the arrivals."""
@@ -444,7 +448,11 @@ class MountClock:
         Else it was set since it was measured. Believing it again takes more than ceasing to.
         """
         self._known_delays.append(delay_s)
-        off_s = abs(min(self._known_delays) - self.status_delay_s)
+        fastest_s = min(self._known_delays)
+        if self.known_is_ours:
+            self.known_holds = -OURS_AHEAD_S < fastest_s < OURS_BEHIND_S
+            return
+        off_s = abs(fastest_s - self.status_delay_s)
         bound_s = KNOWN_WITHIN_S if self.known_holds else 0.5 * KNOWN_WITHIN_S
         self.known_holds = off_s < bound_s
 

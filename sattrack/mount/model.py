@@ -286,6 +286,9 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     clock_offset_s: float | None = None
     """The mount's sidereal clock ahead of local mean sidereal time by UTC at the site, seconds; None where it
     is not known, and arrivals must tell when a status was sampled."""
+    dated_by_requests: bool = False
+    """Whether our own clock dates positions, at the middle of the request for each: Alpaca's and INDI's. The
+    mount's address decides it."""
     encoder_tics: int = 2**26
     watchdog_s: float | None = None
     repeat_rates: Literal["never", "when_lossy", "always"] = "when_lossy"

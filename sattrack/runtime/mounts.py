@@ -40,6 +40,7 @@ from tle.errors import printable
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from sattrack.mount.profiles import ProfileFile
     from sattrack.mount.xerxes.link import LinkHealth
 
 
@@ -113,6 +114,15 @@ def usual_profile(url: str | None) -> MountProfile:
         with contextlib.suppress(BadInputError):
             return parse_alpaca(url, resolve=False).usual_profile()
     return MountProfile()
+
+
+def dated_as(profile: ProfileFile, url: str | None) -> ProfileFile:
+    """Return a profile with what a mount's URL says of who dates its positions."""
+    ours = url is not None and url.partition(":")[0] in GATEWAYS
+    offset_s = profile.clock_offset_s
+    if ours and offset_s is None:
+        offset_s = 0.0
+    return msgspec.structs.replace(profile, dated_by_requests=ours, clock_offset_s=offset_s)
 
 
 @contextmanager

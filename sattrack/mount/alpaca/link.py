@@ -139,6 +139,7 @@ class AlpacaAddress(NamedTuple):
             command_delay_s=HALF_ROUND_TRIP_S,
             status_delay_s=HALF_ROUND_TRIP_S,
             clock_offset_s=0.0,
+            dated_by_requests=True,
             repeat_rates="never",
         )
 

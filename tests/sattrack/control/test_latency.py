@@ -264,6 +264,17 @@ class TestByHand:
                 assert holds or not again.known_holds
             assert again.known_holds is holds
 
+    @pytest.mark.parametrize(
+        ("delay_s", "holds"), [(0.001, True), (0.06, True), (0.9, True), (1.1, False), (-0.006, False)]
+    )
+    def test_our_own_clock_holds_however_late_arrivals_are_but_for_what_no_request_takes(
+        self, delay_s: float, holds: bool
+    ) -> None:
+        clock = MountClock(0.015, KnownClock(11.0, 0.0), known_is_ours=True)
+        for number in range(60):
+            feed(clock, number, delay_s)
+            assert clock.known_holds is holds
+
     def test_a_clock_that_was_set_is_taken_anew(self) -> None:
         """At once where arrivals come before the envelope, after ten in a row where they come later."""
         for step_s, after in ((-0.15, 10), (0.15, 1)):

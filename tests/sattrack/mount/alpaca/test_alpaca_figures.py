@@ -63,6 +63,16 @@ def test_what_a_telescope_does_with_moveaxis_is_found_out_and_a_pass_followed_wi
     assert result.true.rms_arcsec < BOUND_ARCSEC
 
 
+@pytest.mark.parametrize("latency_s", [0.002, 0.1])
+def test_dates_hold_on_a_fast_and_on_a_slow_driver_that_nobody_has_measured(latency_s: float) -> None:
+    settings = TelescopeSettings(latency_s=latency_s)
+    result = follow(settings, address(settings).usual_profile(), seconds=LASTS_S)
+    assert result.message is None
+    errors = sorted(error for _, error in result.errors)
+    assert len(errors) > 1000
+    assert errors[len(errors) // 2] < 1.0
+
+
 def test_a_wrong_sign_is_stopped_by_the_obedience_limit() -> None:
     result = follow(TelescopeSettings(ra_sign=-1, dec_sign=-1), address(TelescopeSettings()).usual_profile())
     assert result.ended_by == "limit:obedience"
