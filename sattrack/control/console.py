@@ -528,9 +528,9 @@ class Console(Driver):
         cleared = self.clear(motion, now_utc_s)
         if cleared.motion != self.session.wanted:
             self.session.apply(cleared)
-        tripped = self.safety.tripped
-        if tripped is not None and isinstance(motion, MoveAxes | Slew):
-            self._stop(f"limit:{tripped}", limit_text(tripped))
+        words = self.limit_reached
+        if words is not None and isinstance(motion, MoveAxes | Slew):
+            self._stop(f"limit:{self.safety.tripped}", words)
 
     def _stop(self, why: str, words: str) -> None:
         """Bring the mount to rest unasked."""

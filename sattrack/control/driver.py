@@ -145,6 +145,14 @@ class Driver:
         return None if self.stop is None else self.stop.at_rest
 
     @property
+    def limit_reached(self) -> str | None:
+        """Which safety limit stopped the mount, as text, with the cause that its motion shows; None: none."""
+        name = self.safety.tripped
+        if name is None:
+            return None
+        return limit_text(name, self.safety.cause if name == "obedience" else None)
+
+    @property
     def link_up(self) -> bool:
         """Whether the mount is heard."""
         return self.link_state in {LinkState.UP, LinkState.STALE}

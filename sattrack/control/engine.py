@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sattrack.control.biases import NO_CAMERAS, Cameras
-from sattrack.control.driver import FOUND_MOVING, NO_ANSWER_AFTER_S, Driver, StopProcedure, limit_text
+from sattrack.control.driver import FOUND_MOVING, NO_ANSWER_AFTER_S, Driver, StopProcedure
 from sattrack.control.stages import Attempt, AxisAttempt, RunStage, Situation, Stages, why_not
 from sattrack.control.target import sky_error
 from sattrack.control.tracker import FOLLOWING, Phase, Tracker, TrackPlan
@@ -275,10 +275,8 @@ class Engine(Driver):
             if rest is not None and rest.jogging and cleared.motion != motion:
                 cleared = self._end_jogs(cleared, now_utc_s)
             self.session.apply(cleared)
-            if self.safety.tripped is not None and self.tracker.ended_by is None:
-                name = self.safety.tripped
-                words = limit_text(name, self.safety.cause if name == "obedience" else None)
-                self._give_up(f"limit:{name}", words)
+            if self.limit_reached is not None and self.tracker.ended_by is None:
+                self._give_up(f"limit:{self.safety.tripped}", self.limit_reached)
         elif self.tracker.phase is Phase.STOPPING:
             self.session.apply(self.clear(motion, now_utc_s))
         if self.tracker.ended_by == "error" and self.message is None:

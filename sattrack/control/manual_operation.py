@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.control.driver import NO_ANSWER_AFTER_S, StopProcedure, limit_text, site_warnings
+from sattrack.control.driver import NO_ANSWER_AFTER_S, StopProcedure, site_warnings
 from sattrack.control.procedures import DONE, Once, Outcome, RequestRefused, refused, request_text
 from sattrack.mount.model import DTICS_S_PER_DEG_S, Hold, MoveAxes, Slew, Stop
 from sattrack.mount.requests import Abort, FindHome, Park, Sync, TicketState
@@ -458,8 +458,8 @@ def _warnings(console: Console, now_utc_s: float) -> list[str]:
     if console.session.intruder is not None:
         warnings.append(console.session.intruder)
     warnings.extend(console.session.ignored_fields)
-    if console.safety.tripped is not None:
-        warnings.append(limit_text(console.safety.tripped))
+    if console.limit_reached is not None:
+        warnings.append(console.limit_reached)
     since_utc_s = console.stopping_since_utc_s
     overdue = since_utc_s is not None and now_utc_s - since_utc_s > STOPS_WITHIN_S
     if overdue and not console.session.stopped:

@@ -65,6 +65,10 @@ ELSEWHERE = (
     "the axes do not lie as the geometry in the profile says, which is another mount's: give this mount's "
     "profile, or calibrate it"
 )
+PERHAPS_ELSEWHERE = (
+    "the axes do not move as commanded: the geometry in the profile may be another mount's; check that, the "
+    "signs and the drives"
+)
 RA_AND_DEC = 3
 OLDEST_STATUS_S = STATUS_LOST_S
 """Age of the last status from which on the mount is not moved any more."""
@@ -154,7 +158,7 @@ class Watch:
         # A command that is lost is not disobeyed.
         if not strays and self._disobeyed_s <= DISOBEDIENT_FOR_S + self._fault_s:
             return None
-        self.cause = self._likely_cause()
+        self.cause = self._likely_cause() or (None if self._axes is None else PERHAPS_ELSEWHERE)
         return "obedience"
 
     def _likely_cause(self) -> str | None:

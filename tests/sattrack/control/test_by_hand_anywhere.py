@@ -210,6 +210,25 @@ def test_what_the_mount_does_by_its_own_model_is_refused_and_nothing_moves() -> 
         assert hand.horizontal == pytest.approx(stood, abs=0.005)
 
 
+@pytest.mark.parametrize("turned", [(120.0, -30.0), (90.0, 0.0)])
+def test_a_slew_with_the_geometry_of_another_mount_is_stopped_and_names_it(
+    turned: tuple[float, float],
+) -> None:
+    hand = Hand(SKY[0])
+    own = hand.axes.geometry
+    elsewhere = msgspec.structs.replace(
+        own,
+        pole_azimuth_deg=math.remainder(own.pole_azimuth_deg + turned[0], 360.0),
+        pole_altitude_deg=own.pole_altitude_deg + turned[1],
+    )
+    hand.profile = msgspec.structs.replace(hand.profile, geometry=elsewhere)
+    hand.mount.turn()
+    operation = hand.carry_out(SlewThere(Slew(*hand.beside(25.0, -20.0))))
+    assert operation.ended_by == "limit:obedience"
+    assert operation.outcome is not None
+    assert "geometry" in (operation.outcome.reason or "")
+
+
 def test_a_direction_below_the_floor_is_refused() -> None:
     hand = Hand(SKY[0])
     floor = SafetyLimits(floor_altitude_deg=hand.altitude_deg - 3.0, optical=False)
