@@ -161,6 +161,7 @@ class CommandContext:
         Raises BadInputError, naming file, line and key.
         """
         from sattrack.mount.profiles import load_profile_file, profile_file
+        from sattrack.mount.simulator.profile import simulator_profile
         from sattrack.runtime.mounts import dated_as, usual_profile
 
         configured = self.settings.mount.profile
@@ -169,7 +170,10 @@ class CommandContext:
         if path is None:
             return profile_file(usual_profile(url))
         try:
-            return dated_as(load_profile_file(path), url)
+            described = load_profile_file(path)
+            # What only a simulated mount needs is refused here, where the file's name is known.
+            simulator_profile(described.simulator, str(path))
+            return dated_as(described, url)
         except BadInputError as error:
             if explicit is not None:
                 raise

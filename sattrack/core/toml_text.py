@@ -6,6 +6,7 @@ value stands in text which that parser has found valid. Paths are tuples of keys
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 from datetime import date, datetime, time
@@ -244,9 +245,22 @@ def read_typed(
         raise _syntax(str(error), text, file) from None
     positions = KeyPositions(file, toml_positions(text), columns)
     try:
-        return msgspec.convert(_without_times(document), kind), positions
+        value = msgspec.convert(_without_times(document), kind)
     except msgspec.ValidationError as error:
         raise _explained(str(error), document, positions, kind) from None
+    path = _nan_in(document)
+    if path is not None:
+        name = next((part for part in reversed(path) if isinstance(part, str)), "the file")
+        raise positions.value(*path).wrong(f"{name} is nan; give a number")
+    return value, positions
+
+
+def _nan_in(value: Any, path: KeyPath = ()) -> KeyPath | None:
+    """Return where the first value stands that is not a number; None where there is none."""
+    if isinstance(value, dict | list):
+        parts = value.items() if isinstance(value, dict) else enumerate(value)
+        return next((found for part, one in parts if (found := _nan_in(one, (*path, part)))), None)
+    return path if isinstance(value, float) and math.isnan(value) else None
 
 
 def _syntax(message: str, text: str, file: str) -> BadInputError:

@@ -65,10 +65,16 @@ class AxesPosition(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class SitePlace(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A place on the Earth, degrees north and east."""
+    """A place on the Earth, degrees north and east. Raises ValueError for what is none."""
 
     latitude_deg: float
     longitude_deg: float
+
+    def __post_init__(self) -> None:
+        """Check the angles."""
+        for name, most in (("latitude_deg", 90.0), ("longitude_deg", 360.0)):
+            if not abs(getattr(self, name)) <= most:
+                raise ValueError(f"{name} is {getattr(self, name):g}; it goes from {-most:g} to {most:g}")
 
 
 class PierZone(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -379,6 +385,8 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         for name, value in delays.items():
             if not 0.0 <= value < 5.0:
                 raise ValueError(f"{name} is {value:g}; delays are 0 s or more, and below 5 s")
+        if self.clock_offset_s is not None and not math.isfinite(self.clock_offset_s):
+            raise ValueError(f"clock_offset_s is {self.clock_offset_s:g}; it must be a number")
         self._check_travel()
         self._check_geometry()
 

@@ -138,4 +138,5 @@ def simulator_profile(table: dict[str, Any], where: str = "the mount profile") -
     try:
         return msgspec.convert(table, SimulatorProfile)
     except msgspec.ValidationError as error:
-        raise BadInputError(f"{where}, [simulator]: {error}") from error
+        what, _, key = str(error).removesuffix("`").partition(" - at `$.")
+        raise BadInputError(f"{where}, [simulator]: {f'{key}: ' if key else ''}{what}") from error

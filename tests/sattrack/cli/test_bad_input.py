@@ -258,6 +258,27 @@ def test_faults_of_the_simulated_mount(capsys: pytest.CaptureFixture[str]) -> No
     assert "99999" in refused(capsys, 2, "sim", "--port", "99999")
 
 
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ("clock_offset_s = nan", ":1: clock_offset_s is nan; "),
+        ("clock_offset_s = inf", ":1: clock_offset_s is inf; "),
+        ("[stands_at]\nlatitude_deg = nan\nlongitude_deg = 4.0", ":2: latitude_deg is nan; "),
+        ("[stands_at]\nlatitude_deg = 52.0\nlongitude_deg = 400.0", ":3: longitude_deg is 400; "),
+        ("[simulator]\nclock_offset_s = nan", ":2: clock_offset_s is nan; give a number"),
+        ("[simulator]\nclock_drift_ppm = -1e9", ", [simulator]: clock_drift_ppm is -1e+09; "),
+        ("[simulator.servo]\nbandwidth_hz = -1.0", ", [simulator]: servo: bandwidth_hz is -1; "),
+    ],
+)
+def test_a_number_that_no_profile_has_is_named_with_its_file(
+    wrong: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(f"{wrong}\n")
+    said = refused(capsys, 2, "mount", "status", "--mount", "sim", "--profile", str(file))
+    assert said.startswith(f"sattrack: {file}{says}")
+
+
 def test_a_profile_to_be_learnt_is_a_new_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     there = tmp_path / "there.toml"
     there.write_text("")
