@@ -257,7 +257,7 @@ def verdict_on(
     if _may_be_too_fast(path, ability.profile.ra):
         path = axis_path(propagator, NO_BIAS, _instants(begin, end, FINE_STEP_S), ability.profile.frame)
     beyond = ability.profile.pier_rule == "hour_angle" and _is_west(path.pointing.hour_angle_axis_deg[0])
-    lost = losses(path.seen_from(beyond, ability.latitude_deg), ability)
+    lost = losses(path.seen_from(beyond, ability.latitude_deg).led(ability.profile), ability)
     return Verdict(why_not(lost, end - begin), tuple(lost))
 
 
@@ -370,7 +370,8 @@ class _SideSearch:
 
     @classmethod
     def over(cls, path: AxisPath, ability: Ability, rule: Rule, keyholes: list[Keyhole]) -> _SideSearch:
-        views = {beyond: path.seen_from(beyond, ability.latitude_deg) for beyond in (False, True)}
+        sides = {beyond: path.seen_from(beyond, ability.latitude_deg) for beyond in (False, True)}
+        views = {beyond: view.led(ability.profile) for beyond, view in sides.items()}
         hour_angle = path.pointing.hour_angle_axis_deg
         lower = np.floor((hour_angle + 180.0) / 360.0)
         changes = [np.flatnonzero(np.diff(lower)) + 1]
@@ -420,7 +421,7 @@ class _SideSearch:
     def from_sample(self, join: int) -> AxisPath:
         """Return the rest of the path as a slew to one of its samples lets it be followed."""
         view = self.views[self.beyond_after_slew(join)]
-        return view.part(join, len(self.path.utc_s)).wound_anew()
+        return view.part(join, len(self.path.utc_s)).wound_anew().led(self.ability.profile)
 
     def _option(
         self, leave: int, join: int, before: list[PredictedLoss], after: list[PredictedLoss]

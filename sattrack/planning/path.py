@@ -27,6 +27,7 @@ from sattrack.core.angles import wrap180
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.safety.bodies import moon_over, sun_over
 from sattrack.safety.bounds import UP_DEG
+from sattrack.safety.slews import TURN_MARGIN_DEG
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -115,6 +116,17 @@ class AxisPath:
     def wound_anew(self) -> AxisPath:
         """Return the same with the cables as a slew to the first sample leaves them: within half a turn."""
         return self.wound(-360.0 * float(np.floor((self.pointing.hour_angle_axis_deg[0] + 180.0) / 360.0)))
+
+    def led(self, profile: MountProfile) -> AxisPath:
+        """Return the same on the turn to which rates lead a mount that is not equatorial.
+
+        That is a turn on which all of it fits, by the rule of `sattrack.safety.slews`; else, and for an
+        equatorial mount, it is as it was.
+        """
+        axis = self.pointing.hour_angle_axis_deg
+        most = profile.hour_angle_limit_deg - TURN_MARGIN_DEG
+        fit = [turn for turn in (0.0, -360.0, 360.0) if float(np.max(np.abs(axis + turn))) <= most]
+        return self.wound(fit[0]) if fit and profile.geometry is not None else self
 
     def wound(self, by_deg: float) -> AxisPath:
         """Return the same with the hour angle axis turned on by whole turns, in degrees."""

@@ -57,6 +57,26 @@ def test_a_pass_is_judged_by_the_rates_that_it_needs(slow_mount: str, without_op
     assert {one["feasible"] for one in judged} == {True, False}
 
 
+def test_an_azimuth_mount_begins_on_the_turn_on_which_its_cables_bear_the_pass(tmp_path: Path) -> None:
+    # The first angle is the azimuth: a satellite that sets beyond the south is begun at 180° to 270°.
+    mount, settings = tmp_path / "altaz.toml", tmp_path / "sattrack.toml"
+    settings.write_text("[safety]\noptical = false\n")
+    mount.write_text(
+        "additive = false\nhour_angle_limit_deg = 270.0\n[ra]\nmax_rate_deg_s = 50.0\n"
+        "max_acceleration_deg_s2 = 50.0\n[stands_at]\nlatitude_deg = 52.1541\nlongitude_deg = 4.4908\n"
+        "[geometry]\npole_azimuth_deg = 180.0\npole_altitude_deg = 90.0\n"
+    )
+    judged = passes("--judged", "--profile", str(mount), "--config", str(settings))
+    begun_beyond = 0
+    for one in judged:
+        azimuths = [one["rise_az_deg"], one["culminate_az_deg"], one["set_az_deg"]]
+        assert 90.0 < one["culminate_az_deg"] < 270.0
+        if max(azimuths) < 268.0 or min(azimuths) > 92.0:
+            assert one["feasible"], one["why_not"]
+            begun_beyond += one["rise_az_deg"] > 180.0 and one["set_az_deg"] < 90.0
+    assert begun_beyond > 0
+
+
 def test_only_what_can_be_followed_is_left(slow_mount: str, without_optics: str) -> None:
     asked = ("--profile", slow_mount, "--config", without_optics)
     judged, left = passes("--judged", *asked), passes("--feasible", *asked)
