@@ -272,9 +272,13 @@ def check_profile(
     record = profile.calibration
     name = profile.name if path is None else f"{profile.name} ({path})"
     if record is None:
+        unknown = f"signs, gains, delays and MoveAxis semantics ({profile.move_axis})"
+        if profile.geometry is not None:
+            unknown = f"its geometry is {profile.geometry.kind}; gains, delays and MoveAxis semantics"
+            ways = ("`sattrack track --learn-profile FILE` learns lags and gains during a pass",)
         what = (
-            f"{name}, uncalibrated: signs, gains, delays and MoveAxis semantics ({profile.move_axis}) "
-            f"are not measured; 20 ms of delay are {20.0 * ARCSEC_PER_MS:g}″ on a target at 1°/s"
+            f"{name}, uncalibrated: {unknown} are not measured; 20 ms of delay are "
+            f"{20.0 * ARCSEC_PER_MS:g}″ on a target at 1°/s"
         )
         return CheckResult("profile", "warn" if real else "ok", what, ways if real else ())
     what = (

@@ -149,10 +149,12 @@ def uncalibrated_text(profile: MountProfile, fastest_deg_s: float) -> str:
     """Return what a profile that was not measured costs where the satellite is fastest on the sky."""
     default = profile.name == MountProfile().name
     whose = "the default profile's" if default else f"those of the profile {profile.name!r}, not measured"
+    advice = "run `sattrack mount calibrate`"
+    if profile.geometry is not None:
+        advice = "`sattrack track --learn-profile FILE` learns them during a pass"
     return (
         f"uncalibrated: delays and gains are {whose}; {1000.0 * PRESUMED_OFF_S:g} ms of delay are up to "
-        f"{3600.0 * PRESUMED_OFF_S * fastest_deg_s:.0f}″ at this pass's fastest; "
-        "run `sattrack mount calibrate`"
+        f"{3600.0 * PRESUMED_OFF_S * fastest_deg_s:.0f}″ at this pass's fastest; {advice}"
     )
 
 

@@ -368,7 +368,9 @@ def prepare(request: RunRequest) -> Prepared:
         given = bool(request.bias_along_s or request.bias_cross_deg)
         recalled = recall(target, facts.culminate_utc_s, request.memory, given)
         facts, notes = _beginning_with(facts, recalled.bias), recalled.notes
-    if address is not None and address.presumption is not None and facts.profile.calibration is None:
+    # A geometry is that of a mount whose signs are known, and that is not taken to be equatorial.
+    measured = facts.profile.calibration is not None or facts.profile.geometry is not None
+    if address is not None and address.presumption is not None and not measured:
         notes = (*notes, address.presumption)
     facts = with_detours(facts)
     simulator = request.profile.simulator

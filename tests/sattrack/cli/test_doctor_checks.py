@@ -12,7 +12,8 @@ from sattrack.cli import doctor
 from sattrack.cli.doctor import CheckResult, ElementFacts, TerminalFacts
 from sattrack.cli.main import run
 from sattrack.core.realtime import Grant
-from sattrack.mount.model import CalibrationRecord, MountProfile
+from sattrack.mount.geometry import AxisGeometry
+from sattrack.mount.model import CalibrationRecord, MountProfile, SitePlace
 from sattrack.mount.xerxes.link import LinkHealth
 from sattrack.runtime.system import KernelClock
 from tle.earth import EarthOrientationAge
@@ -177,6 +178,12 @@ def test_an_uncalibrated_profile_matters_for_a_real_mount_only() -> None:
     assert "dome (dome.toml), uncalibrated: " in real.what
     assert "uncalibrated: signs, gains, delays and MoveAxis semantics (edge) are not measured" in real.what
     assert "20 ms of delay are 72″ on a target at 1°/s" in real.what
+    altaz = msgspec.structs.replace(
+        profile, geometry=AxisGeometry(0.0, 90.0), stands_at=SitePlace(52.0, 4.5), additive=False
+    )
+    check = doctor.check_profile(None, altaz, None, real=True)
+    assert "its geometry is alt-azimuth; gains, delays and MoveAxis semantics are not measured" in check.what
+    assert check.do == ("`sattrack track --learn-profile FILE` learns lags and gains during a pass",)
     measured = msgspec.structs.replace(profile, calibration=CALIBRATION)
     check = doctor.check_profile(None, measured, None, real=True)
     assert check.state == "ok"

@@ -13,7 +13,10 @@ from skyfield.api import EarthSatellite, load, wgs84
 
 from sattrack.cli.running import announcement
 from sattrack.control.engine_view import view_of
-from sattrack.mount.model import CalibrationRecord, MountProfile
+from sattrack.core.clock import make_clock
+from sattrack.mount.geometry import AxisGeometry
+from sattrack.mount.model import CalibrationRecord, MountProfile, SitePlace
+from sattrack.mount.profiles import profile_file
 from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import RunRequest, build_engine, prepare
 from sattrack.runtime.flight import RunStatistics, summarise
@@ -156,6 +159,27 @@ def test_what_an_uncalibrated_mount_costs_is_the_passs_greatest_speed_times_a_de
     assert words in announcement(REAL)
     dome = msgspec.structs.replace(REAL, profile=MountProfile(name="dome"))
     assert "those of the profile 'dome', not measured;" in (uncalibrated(dome) or "")
+
+
+def test_a_mount_with_a_geometry_is_told_what_can_be_measured_of_it() -> None:
+    site = FACTS.site
+    stands = SitePlace(site.latitude_deg, site.longitude_deg)
+    altaz = MountProfile(name="altaz", geometry=AxisGeometry(0.0, 90.0), stands_at=stands, additive=False)
+    words = uncalibrated(msgspec.structs.replace(REAL, profile=altaz)) or ""
+    assert words.endswith("; `sattrack track --learn-profile FILE` learns them during a pass")
+    for profile, assumed in ((altaz, False), (MountProfile(), True)):
+        request = RunRequest(
+            satellite=demo_pass.NAME,
+            mount_url="alpaca://127.0.0.1:9/0",
+            elements=[demo_pass.elements()],
+            site=demo_pass.SITE.place(),
+            clock_option=None,
+            clock=make_clock(demo_pass.BEFORE_PASS)[0],
+            min_alt_deg=10.0,
+            profile=profile_file(profile),
+        )
+        notes = prepare(request).notes
+        assert any("is assumed to be equatorial" in note for note in notes) is assumed
 
 
 def test_nothing_is_said_of_a_calibrated_mount_or_of_the_simulated_one() -> None:
