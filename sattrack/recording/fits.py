@@ -348,7 +348,7 @@ def _gathered(run: Trace, axis: int) -> _Data:
     if len(sent_at):
         usable &= (run.utc_s > sent_at[0] + LONGEST_DELAY_S) & (run.utc_s < sent_at[-1])
     whole = [one for one in _stretches(usable) if one.stop - one.start >= LEAST_PIECE and len(sent_at)]
-    angle = run.ra_deg if axis == 0 else run.dec_deg
+    angle = run.axes_deg[:, axis]
     pieces = np.repeat(np.arange(len(whole)), [one.stop - one.start for one in whole])
     joined = np.concatenate([np.unwrap(angle[one], period=360.0) for one in whole] or [np.empty(0)])
     at = np.concatenate([run.utc_s[one] for one in whole] or [np.empty(0)])

@@ -305,10 +305,12 @@ def _axis(run: Trace, fit: AxisFit | NoFit, axis: int) -> AxisFigures:
 def repeating(run: Trace, axis: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return angles of an axis, unwrapped, and its errors there, while it went one way on target.
 
-    The angle is the hour angle, or the declination.
+    The angle is the hour angle, or the declination; of a mount with a geometry that of its axis.
     """
     good = run.fit_for
-    angle = run.sidereal_h * 15.0 - run.ra_deg if axis == 0 else run.dec_deg
+    angle = run.axes_deg[:, axis]
+    if axis == 0:
+        angle = run.sidereal_h * 15.0 - angle
     unwrapped: NDArray[np.float64] = np.unwrap(angle[good], period=360.0)
     part = one_way(unwrapped)
     return unwrapped[part], (run.ra_error if axis == 0 else run.dec_error)[good][part]

@@ -71,6 +71,9 @@ class Trace:
     dec_deg: Array
     sidereal_h: Array
     counter: Array
+    axes_deg: Array
+    """The mount's sidereal time less the angle of the first axis, and the angle of the second, shape (n, 2):
+    the right ascension and declination reported by an equatorial mount."""
     doing: NDArray[np.int8]
     held: NDArray[np.str_]
     """The limit that held the mount at each sample, empty for none."""
@@ -200,6 +203,7 @@ class _Columns:
             return
         if self.samples and self.samples[-1].columns[0] == error.utc_s:
             return
+        by_axes = engine.sample or sample
         columns = (
             error.utc_s,
             sample.arrival_utc_s,
@@ -214,6 +218,8 @@ class _Columns:
             float(sample.counter),
             float(_steady(engine.tracker.steering.biases, error.utc_s)),
             float(sample.beyond_pole),
+            by_axes.ra_deg,
+            by_axes.dec_deg,
         )
         last_s = next((one.columns[0] for one in reversed(self.samples) if one.sky), -math.inf)
         sky: tuple[float, ...] = ()
@@ -278,7 +284,7 @@ def trace(
     result = replay(recording, build, watch=columns, progress=progress)
     engine = columns.engine or build(recording.header.spec)
     columns.sort(engine, None, near=False)
-    samples = np.array([one.columns for one in columns.samples]).reshape(-1, 13).T
+    samples = np.array([one.columns for one in columns.samples]).reshape(-1, 15).T
     doing = np.array(columns.doing, dtype=np.int8)
     sky = [
         (one.columns[0], *one.sky)
@@ -296,6 +302,7 @@ def trace(
         acquired=columns.acquired,
         steady=samples[11] > 0.0,
         beyond_pole=samples[12] > 0.0,
+        axes_deg=samples[13:].T,
         sent_utc_s=sent[:, 0],
         sent=sent[:, 1:],
         sky_utc_s=np.array(sky).reshape(-1, 3)[:, 0],

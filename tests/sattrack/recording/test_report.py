@@ -114,6 +114,25 @@ def report_of(path: Path, capsys: pytest.CaptureFixture[str]) -> dict:
     return told
 
 
+def test_gains_of_an_azimuth_mount_are_those_of_its_axes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mount, path = tmp_path / "altaz.toml", tmp_path / "altaz.mcap"
+    mount.write_text(
+        "additive = false\n[stands_at]\nlatitude_deg = 52.1541\nlongitude_deg = 4.4908\n"
+        "[geometry]\npole_azimuth_deg = 0.0\npole_altitude_deg = 90.0\n"
+    )
+    begin = ("--clock", "2026-10-02T13:01:00Z", "--to", "2026-10-02T13:04:00Z")
+    site = ("--site", "52.1541,4.4908,0", "--elements", str(EXAMPLES / "iss_leiden.tle"))
+    followed = ("track", "25544", "--virtual", "--mount", "sim", "--json", *site, *begin)
+    assert run([*followed, "--profile", str(mount), "--record", str(path)]) == 0
+    told = report_of(path, capsys)
+    for axis in ("ra", "dec"):
+        assert told[axis]["gain"] == pytest.approx(1.0, abs=1e-4)
+        assert told[axis]["delay_s"] == pytest.approx(0.0253, abs=0.002)
+    assert not any("gain" in words for words in told["advice"])
+
+
 def test_gain_and_delay_are_those_of_the_simulated_mount(
     observed: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
