@@ -16,7 +16,7 @@ from textual_plot.plot_widget import Legend
 
 from sattrack.tui.look import DIM, SPOKEN, ScreenApp
 from sattrack.tui.panels import Panel, Row
-from sattrack.tui.scene import Scene, Tone
+from sattrack.tui.scene import Scene, Tone, axis_names
 from sattrack.views import formatting
 
 if TYPE_CHECKING:
@@ -256,11 +256,12 @@ class PlotCaption(Panel):
     def full(self, scene: Scene) -> list[Row]:
         """Return the one row."""
         shapes = scene.plain or (isinstance(self.app, ScreenApp) and self.app.shapes)
+        first, second = axis_names(scene)
         row: Row = [
             ("error  ", DIM),
-            (f"{LEGEND[shapes]} RA on the sky", "$ra-line"),
+            (f"{LEGEND[shapes]} {first} on the sky", "$ra-line"),
             "   ",
-            ("⠒⠒ Dec", "$dec-line"),
+            (f"⠒⠒ {second}", "$dec-line"),
             f"   scale {formatting.within(f'{self.range_arcsec:g}″', scene.plain)}",
         ]
         if self.empty:

@@ -27,7 +27,7 @@ from sattrack.tui.panels import (
     cells_of,
     labelled,
 )
-from sattrack.tui.scene import LABELS, TRACK, Scene, Tone, by_elements, headline
+from sattrack.tui.scene import LABELS, TRACK, Scene, Tone, axis_names, by_elements, headline
 from sattrack.views import formatting
 
 if TYPE_CHECKING:
@@ -197,8 +197,8 @@ class AxesPanel(Panel):
         values = (
             ("along", None if error is None else error.along_arcsec),
             ("across", None if error is None else error.across_arcsec),
-            ("RA on sky", None if error is None else error.ra_arcsec),
-            ("Dec", None if error is None else error.dec_arcsec),
+            (f"{axis_names(scene)[0]} on sky", None if error is None else error.ra_arcsec),
+            (axis_names(scene)[1], None if error is None else error.dec_arcsec),
         )
         style = "bold" if scene.following else ""
         rows: list[Row] = [[("mount − satellite", DIM)]]
@@ -416,7 +416,7 @@ class MountPanel(Panel):
     @staticmethod
     def _rates(scene: Scene) -> tuple[tuple[str, float, float | None, float], ...]:
         view = scene.view
-        first, second = ("RA", "Dec") if view.axes is None else ("ax 1", "ax 2")
+        first, second = axis_names(scene)
         return (
             (first, view.ra_rate_deg_s, view.ra_rate_reached_deg_s, view.max_ra_rate_deg_s),
             (second, view.dec_rate_deg_s, view.dec_rate_reached_deg_s, view.max_dec_rate_deg_s),

@@ -374,6 +374,11 @@ def _cautions(scene: Scene) -> tuple[Caution, ...]:
     return tuple(found)
 
 
+def axis_names(scene: Scene) -> tuple[str, str]:
+    """Return what errors and rates of both axes are called: those of a geometry are no RA and Dec."""
+    return ("RA", "Dec") if scene.view.axes is None else ("ax 1", "ax 2")
+
+
 def by_elements(view: TrackView) -> bool:
     """Tell whether the target's places are those of elements, as far as is known."""
     return view.source is None or view.source.startswith("SGP4")

@@ -683,6 +683,8 @@ def test_a_field_that_rotates_is_shown_with_its_rate() -> None:
     for rotating, still in drawn_at((SMALL, LARGE), changed(axes=axes), VIEW):
         shown = "\n".join(rotating)
         assert "field  −123° +0.512°/s" in shown
-        assert "ax 1" in shown
+        assert "ax 1 on sky" in shown
+        assert "ax 1 on the sky   ⠒⠒ ax 2" in shown
+        assert "RA on" not in shown
         assert "°/s" in shown
         assert not any("field  " in row and "°/s" in row for row in still)
