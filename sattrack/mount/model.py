@@ -242,6 +242,19 @@ MOST = {"period_s": 0.5, "hour_angle_limit_deg": 720.0}
 """Beyond these a number is a slip: rates that wait longer lead no mount, and no cables bear more turns."""
 
 
+USUAL_TRAVEL_DEG = (-190.0, 190.0)
+ZENITH_KEPT_DEG = 1.0
+"""How far an azimuth mount stays from where its reports pass over the zenith."""
+
+
+def _told_limits_deg(geometry: AxisGeometry) -> tuple[float, float]:
+    """Return from where to where the second axis may turn, for what the mount reports to tell where it is."""
+    if not geometry.second_zero_deg:
+        return USUAL_TRAVEL_DEG
+    low, high = geometry.told_range_deg
+    return low + ZENITH_KEPT_DEG, high - ZENITH_KEPT_DEG
+
+
 class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What is known of one mount. Signs, delays and semantics are measured, never assumed for good.
 
@@ -271,7 +284,7 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     move_axis: Literal["held", "edge"] = "held"
     hour_angle_limit_deg: float = 200.0
     """How far the hour angle axis may turn either way of the meridian, the cables counted."""
-    dec_axis_limits_deg: tuple[float, float] = (-190.0, 190.0)
+    dec_axis_limits_deg: tuple[float, float] = USUAL_TRAVEL_DEG
     """How far the declination axis may turn; beyond 90° either way it stands past a pole."""
     pier_rule: Literal["never", "hour_angle"] = "never"
     """Where a slew ends: always on the normal side, or beyond the pole for an hour angle above 0."""
@@ -318,6 +331,20 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if self.geometry is None or self.stands_at is None:
             return None
         return AxisFrame(self.geometry, self.stands_at.latitude_deg)
+
+    def with_geometry(self, geometry: AxisGeometry) -> MountProfile:
+        """Return the profile with another geometry, its second axis kept where reports tell where it is.
+
+        Limits that came of the former geometry's zero points are no limits any more.
+        """
+        former = USUAL_TRAVEL_DEG if self.geometry is None else _told_limits_deg(self.geometry)
+        own = [
+            free if math.isclose(limit, told, abs_tol=1e-6) else limit
+            for limit, told, free in zip(self.dec_axis_limits_deg, former, USUAL_TRAVEL_DEG, strict=True)
+        ]
+        told = _told_limits_deg(geometry)
+        limits = max(own[0], told[0]), min(own[1], told[1])
+        return msgspec.structs.replace(self, geometry=geometry, dec_axis_limits_deg=limits)
 
     @property
     def dated_within_s(self) -> float | None:

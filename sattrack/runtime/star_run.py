@@ -14,7 +14,7 @@ import subprocess
 from collections import deque
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -27,6 +27,7 @@ from sattrack.mount.model import MountProfile, Slew, mean_sidereal_deg
 from sattrack.mount.requests import Sync, TicketState
 from sattrack.mount.xerxes.link import LinkState
 from sattrack.planning.path import skyline_deg
+from sattrack.pointing.fields import ALIKE_DEG, FieldCamera, FieldWait, Solved
 from sattrack.pointing.fit import PointingFit, Star, find_bump, fit, rms
 from sattrack.pointing.terms import swung
 from sattrack.pointing.tour import chosen, grid_deg, toured
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sattrack.control.manual_operation import ConsoleSession
-    from sattrack.mount.geometry import AxisGeometry
     from sattrack.mount.model import StatusSample
     from sattrack.pointing.terms import Axes, PointingModel
     from sattrack.safety import SafetyLimits
@@ -59,30 +59,14 @@ SYNC_DEG = 3.0
 
 An azimuth mount gets zero points instead: what a sync does to its axes, nobody knows.
 """
-ALIKE_DEG = 0.5
-"""How near two frames must be solved for a mount to be far off; it may stand still, or follow the sky."""
-ZENITH_KEPT_DEG = 1.0
-"""How far an azimuth mount stays from where its reports pass over the zenith."""
 SETTLE_S = 1.5
 HEARD_WITHIN_S = 6.0
-SEEN_WITHIN_S, FRAMES_A_PLACE = 25.0, 4
-"""How long a frame of a place is waited for, and how many are looked at until one is solved."""
-STARTS_WITHIN_S = 90.0
-"""How long the camera's first frame may take: the index of stars may have to be made."""
 MOST_MISSED = 6
 FEWEST_TO_PREDICT, FEWEST_STARS = 8, 12
 """With fewer stars a fit has not all terms of a mount; and a run does not end early, whatever it predicts."""
 END_WITHIN_S = 3.0
 STEPS_DEG_S = (0.002, 0.01, 0.05, 0.25)
 """Rates by which an operator centres a star."""
-
-
-class Solved(NamedTuple):
-    """A frame: the middle of its exposure (POSIX seconds), its length, and where it looks in the ICRS."""
-
-    utc_s: float
-    exposure_s: float
-    icrs_deg: tuple[float, float] | None
 
 
 class CameraProcess:
@@ -232,7 +216,7 @@ class StarRun:
 
     session: ConsoleSession
     sky: RunSky
-    camera: CameraProcess | None
+    camera: FieldCamera | None
     most: int
     until_arcsec: float
     tell: Callable[[str], None]
@@ -257,13 +241,16 @@ class StarRun:
     _body: Body | None = None
     _begun_s: float | None = None
     _since_s: float = 0.0
-    _first_frame_seen: bool = False
+    _wait: FieldWait | None = field(init=False)
     _seen_first: tuple[float, float] | None = None
     """Where the last frame looked that shows a mount far off."""
-    _frames: int = 0
     _missed: int = 0
     _samples: deque[StatusSample] = field(default_factory=lambda: deque(maxlen=4000))
     _speed: int = 1
+
+    def __post_init__(self) -> None:
+        """Wait for the camera's frames, where there is one."""
+        self._wait = None if self.camera is None else FieldWait(self.camera)
 
     @property
     def doing(self) -> str:
@@ -327,7 +314,9 @@ class StarRun:
             self._next(now_utc_s)
 
     def _go(self, stage: Stage, now_utc_s: float) -> None:
-        self.stage, self._since_s, self._frames = stage, now_utc_s, 0
+        self.stage, self._since_s = stage, now_utc_s
+        if self._wait is not None:
+            self._wait.begin(now_utc_s)
 
     def _listen(self, sample: StatusSample, now_utc_s: float) -> None:
         if sample.does_refraction:
@@ -420,27 +409,21 @@ class StarRun:
     def _look(self, now_utc_s: float) -> None:
         """Take the first solved frame that began since the mount stands."""
         assert self.camera is not None
-        for frame in self.camera.poll():
-            if frame.utc_s - 0.5 * frame.exposure_s < self._since_s:
-                continue
-            self._first_frame_seen = True
-            self._frames += 1
-            if frame.icrs_deg is not None:
-                if self.stage is Stage.HERE:
-                    self._found_here(frame, now_utc_s)
-                else:
-                    ra, dec = frame.icrs_deg
-                    body = Body(f"{ra:.4f},{dec:.4f}", StarPlace(ra, dec))
-                    self._take(body, frame.utc_s, frame.exposure_s, now_utc_s)
-                return
-        waited_s = now_utc_s - self._since_s
-        if self.camera.ended:
-            self.end(SattrackError(f"{self.camera.source}: the camera ended"), now_utc_s)
-        elif waited_s > (SEEN_WITHIN_S if self._first_frame_seen else STARTS_WITHIN_S):
-            words = "no frame came" if not self._frames else "no field was found among the stars: clouds?"
+        assert self._wait is not None
+        for frame in self._wait.look(now_utc_s)[:1]:
+            assert frame.icrs_deg is not None
+            if self.stage is Stage.HERE:
+                self._found_here(frame, now_utc_s)
+            else:
+                ra, dec = frame.icrs_deg
+                body = Body(f"{ra:.4f},{dec:.4f}", StarPlace(ra, dec))
+                self._take(body, frame.utc_s, frame.exposure_s, now_utc_s)
+            return
+        words = self._wait.trouble(now_utc_s)
+        if words is not None and self.camera.ended:
+            self.end(SattrackError(words), now_utc_s)
+        elif words is not None:
             self._unseen(words, now_utc_s)
-        elif self._frames >= FRAMES_A_PLACE:
-            self._unseen("no field was found among the stars: clouds?", now_utc_s)
 
     def _unseen(self, words: str, now_utc_s: float) -> None:
         if self.stage is Stage.HERE:
@@ -571,24 +554,9 @@ def aligned(
     assert frame is not None
     found = frame.aligned(direction_deg, reported_deg)
     zeros = round(found.first_zero_deg, 4), round(found.second_zero_deg, 4)
-    geometry = msgspec.structs.replace(found, first_zero_deg=zeros[0], second_zero_deg=zeros[1])
-    # Limits of former zero points are no limits any more.
-    former, usual = _told_limits_deg(frame.geometry), MountProfile().dec_axis_limits_deg
-    own = [
-        free if math.isclose(limit, told, abs_tol=1e-6) else limit
-        for limit, told, free in zip(profile.dec_axis_limits_deg, former, usual, strict=True)
-    ]
-    told = _told_limits_deg(geometry)
-    limits = max(own[0], told[0]), min(own[1], told[1])
-    return msgspec.structs.replace(profile, geometry=geometry, dec_axis_limits_deg=limits)
-
-
-def _told_limits_deg(geometry: AxisGeometry) -> tuple[float, float]:
-    """Return from where to where the second axis may turn, for what the mount reports to tell where it is."""
-    if not geometry.second_zero_deg:
-        return MountProfile().dec_axis_limits_deg
-    low, high = geometry.told_range_deg
-    return low + ZENITH_KEPT_DEG, high - ZENITH_KEPT_DEG
+    return profile.with_geometry(
+        msgspec.structs.replace(found, first_zero_deg=zeros[0], second_zero_deg=zeros[1])
+    )
 
 
 def without_zeros(profile: MountProfile) -> MountProfile:

@@ -23,10 +23,11 @@ from sattrack.mount.geometry import AxisGeometry
 from sattrack.mount.model import MountProfile, SitePlace
 from sattrack.mount.profiles import profile_text
 from sattrack.mount.simulator.mount import StartPosition
+from sattrack.pointing.fields import Solved
 from sattrack.pointing.files import RunParameters, read_stars, star_line, stars_head
 from sattrack.pointing.fit import Star, fit
 from sattrack.pointing.terms import PointingModel
-from sattrack.runtime.star_run import RunSky, Solved, Stage, StarRun, aligned_by, seen_with, without_zeros
+from sattrack.runtime.star_run import RunSky, Stage, StarRun, aligned_by, seen_with, without_zeros
 from sattrack.safety import SafetyLimits
 from tle.bodies import find_body
 from tle.refraction import Refraction
