@@ -2,6 +2,11 @@
 
 Whatever its axes are, a tube goes no farther on the sky than the rates of both together carry it. So a circle
 about the place where it began is looked at beforehand, and a mount that leaves it is stopped.
+
+What a mount reports may mean anything. With a camera, the circle is about the field that was solved before
+the first motion, and each field says where the tube is. In between, reports tell how far one motion has led:
+no farther than both reported angles change, be they those of axes or of a direction. Once fields have shown,
+for both axes, that reported directions are as far apart as the true ones, that distance counts.
 """
 
 from __future__ import annotations
@@ -21,12 +26,18 @@ if TYPE_CHECKING:
 
 Direction = tuple[float, float]
 """Hour angle and declination, degrees."""
+AXES = 2
+SHOWS_DEG = 0.2
+"""How far a field must be from the one before for both to say what reports make of the way."""
+FALLS_SHORT = 1.3
+"""True over reported distance, or the inverse, of directions that are as far apart as reported."""
 
 
 class ProbeSafety(Safety):
     """Clears rates while the mount reports to be within a circle about its beginning that is clear.
 
     `reach_deg` is how far the motions lead, `stop_deg` how much farther a mount may come until it stands.
+    With `motion_deg`, how far one motion leads, nothing moves before `see_field` tells where the tube looks.
     """
 
     def __init__(
@@ -36,11 +47,28 @@ class ProbeSafety(Safety):
         site: tuple[float, float],
         reach_deg: float,
         stop_deg: float,
+        motion_deg: float | None = None,
     ) -> None:
         super().__init__(profile, limits, *site)
         self._site, self._reach_deg = site, reach_deg
         self._radius_deg = reach_deg + stop_deg
         self._start: Direction | None = None
+        self._motion_deg = motion_deg
+        self._fields: list[tuple[Direction, Direction]] = []
+        """Where the tube looked while it stood, and what it reported there."""
+        self._falls_short: list[float] = []
+        """True over reported distance, one for each motion that a field has shown."""
+
+    def see_field(self, looks: Direction, told: Direction) -> None:
+        """Take where the tube looks while it stands, and what it reports; the first begins the circle."""
+        if self._fields:
+            before = self._fields[-1]
+            went = separation_deg(*before[0], *looks)
+            if went > SHOWS_DEG:
+                self._falls_short.append(went / max(separation_deg(*before[1], *told), 1e-6))
+        self._fields.append((looks, told))
+        if separation_deg(*self._fields[0][0], *looks) > self._reach_deg and self.tripped is None:
+            self.tripped = "obedience"
 
     def watch(self, seen: Seen, commanded: Motion) -> None:
         """Take a status: its clock and its currents count. How it obeys is not known yet."""
@@ -65,17 +93,29 @@ class ProbeSafety(Safety):
             return Cleared(Stop())
         return Cleared(motion)
 
+    def _left_motion(self, here: Direction) -> bool:
+        """Tell whether the tube may have come farther from its last field than a motion leads."""
+        if self._motion_deg is None:
+            return False
+        told = self._fields[-1][1]
+        as_angles = math.hypot(math.remainder(here[0] - told[0], 360.0), here[1] - told[1])
+        shown = self._falls_short
+        if len(shown) < AXES or max(shown) > FALLS_SHORT or min(shown) * FALLS_SHORT < 1.0:
+            return as_angles > self._motion_deg
+        return max(1.0, *shown) * separation_deg(*told, *here) > self._motion_deg
+
     def _why_not(self, here: Direction, age_s: float, utc_s: float | None) -> str | None:
-        if not all(math.isfinite(one) for one in (*here, age_s)):
+        blind = self._motion_deg is not None and not self._fields
+        if blind or not all(math.isfinite(one) for one in (*here, age_s)):
             return "command"
         if self._watch.clock_is_off:
             return "clock"
         if age_s > OLDEST_STATUS_S:
             return "status_age"
         start = self._start = here if self._start is None else self._start
-        if separation_deg(*start, *here) > self._reach_deg:
+        if separation_deg(*start, *here) > self._reach_deg or self._left_motion(here):
             return "obedience"
-        return self.objection(start, utc_s)
+        return self.objection(self._fields[0][0] if self._fields else start, utc_s)
 
     def objection(self, start: Direction, utc_s: float | None) -> str | None:
         """Return the name of a limit that the circle about a direction is not clear of, or None."""

@@ -249,6 +249,48 @@ def test_a_mount_that_nobody_knows_rests_or_is_moved_and_never_slews() -> None:
     assert safety.tripped is None
 
 
+# With a camera, fields tell where it is, and what it reports may mean anything.
+
+
+def seen_probe(limits: SafetyLimits = DARK) -> ProbeSafety:
+    return ProbeSafety(PROFILE, limits, (LATITUDE_DEG, LONGITUDE_DEG), 12.0, 1.0, 6.0)
+
+
+def test_a_mount_whose_field_nobody_has_seen_is_not_moved() -> None:
+    assert probed(seen_probe(), 0.0, 40.0) == "command"
+
+
+@pytest.mark.parametrize(
+    ("looks_dec_deg", "reports_dec_deg", "wanted"),
+    [(40.0, SOUTH_DEG - 40.0, None), (SOUTH_DEG + 25.0, 40.0, "altitude")],
+)
+def test_the_circle_is_about_the_field_and_not_about_what_is_reported(
+    looks_dec_deg: float, reports_dec_deg: float, wanted: str | None
+) -> None:
+    safety = seen_probe()
+    safety.see_field((0.0, looks_dec_deg), (0.0, reports_dec_deg))
+    assert probed(safety, 0.0, reports_dec_deg) == wanted
+
+
+def test_until_fields_tell_more_reported_angles_are_taken_for_those_of_axes() -> None:
+    for shown, wanted in ((False, "obedience"), (True, None)):
+        safety = seen_probe()
+        safety.see_field((0.0, 79.0), (0.0, 79.0))
+        if shown:
+            safety.see_field((5.0, 79.0), (5.0, 79.0))
+            safety.see_field((5.0, 80.0), (5.0, 80.0))
+        begin = (5.0, 80.0) if shown else (0.0, 79.0)
+        assert probed(safety, *begin) is None
+        assert probed(safety, begin[0] + 7.0, begin[1]) == wanted, "7° of an axis, 1.2° of a direction"
+
+
+def test_fields_beyond_the_circle_stop_a_mount_whatever_it_reports() -> None:
+    safety = seen_probe()
+    safety.see_field((0.0, 40.0), (0.0, 40.0))
+    safety.see_field((0.0, 53.0), (0.0, 41.0))
+    assert probed(safety, 0.0, 41.0) == "obedience"
+
+
 def test_drives_that_are_overloaded_stop_a_mount_that_nobody_knows_while_it_is_moved() -> None:
     for commanded, wanted in ((MoveAxes(0.1, 0.0), "current"), (Hold(), None)):
         safety = probe(profile=replace(PROFILE, ra=replace(PROFILE.ra, max_current_a=2.0)))
