@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from sattrack.camera.detection import Detection, Detector, ExpectedMotion
     from sattrack.camera.frames import CameraFrame
     from sattrack.camera.sources import FrameSource
+    from sattrack.runtime.star_run import CameraProcess
 
 MOST_REFUSALS_TOLD = 5
 NICE = 10
@@ -104,6 +105,35 @@ def command(context: CommandContext, source: str, **options: Any) -> int:
         camera.close()
         if run is not None:
             run.close()
+
+
+def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of a run beside which a camera solves fields; `solving_camera` reads them."""
+    for option in (
+        click.option(
+            "--latency", default=0.0, metavar="S", help="By how much the camera dates its frames too late."
+        ),
+        click.option("--exposure", default="1", show_default=True, metavar="S", help="Seconds."),
+        click.option(
+            "--scale", type=float, metavar="ARCSEC_PER_PIXEL", help="Arcseconds in a pixel of the camera."
+        ),
+        click.option("--camera", metavar="SOURCE", help="The camera, as for `sattrack camera`."),
+    ):
+        function = option(function)
+    return function
+
+
+def solving_camera(context: CommandContext, options: dict[str, Any]) -> CameraProcess:
+    """Start the camera of a run, as the options say."""
+    from sattrack.runtime.star_run import CameraProcess
+
+    words = ["--exposure", options["exposure"], "--latency", str(options["latency"])]
+    if options["scale"] is not None:
+        words += ["--scale", str(options["scale"])]
+    if options["camera"].startswith("folder:"):
+        words.append("--watch")
+    file = context.settings_file
+    return CameraProcess(options["camera"], words if file is None else [*words, "--config", str(file)])
 
 
 def _geometry(context: CommandContext, options: dict[str, Any]) -> ImageGeometry:

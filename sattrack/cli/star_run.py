@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
+from sattrack.cli.camera import camera_options, solving_camera
 from sattrack.cli.common import (
     PLOT,
     CommandContext,
@@ -50,11 +51,8 @@ ANOTHER_MOUNT_ARCSEC, ANOTHER_MOUNT_TIMES = 60.0, 5.0
 
 @click.command("star-run")
 @click.option("--stars", default=20, show_default=True, metavar="N", help="How many stars at most.")
-@click.option("--camera", metavar="SOURCE", help="The camera, as for `sattrack camera`.")
+@camera_options
 @click.option("--by-hand", is_flag=True, help="Without a camera: centre each star by the arrow keys, Enter.")
-@click.option("--scale", type=float, metavar="ARCSEC_PER_PIXEL", help="Arcseconds in a pixel of the camera.")
-@click.option("--exposure", default="1", show_default=True, metavar="S", help="Seconds.")
-@click.option("--latency", default=0.0, metavar="S", help="By how much the camera dates its frames too late.")
 @click.option(
     "--until",
     default=3.0,
@@ -242,7 +240,7 @@ def _ran(
     from sattrack.control.manual_operation import ConsoleSession
     from sattrack.runtime.calibrate import any_key
     from sattrack.runtime.facts import pointing_of
-    from sattrack.runtime.star_run import CameraProcess, StarRun
+    from sattrack.runtime.star_run import StarRun
     from tle.bodies import find_body
 
     _ask(options, call)
@@ -253,7 +251,7 @@ def _ran(
     with contextlib.ExitStack() as stack:
         camera = None
         if options["camera"] is not None:
-            camera = CameraProcess(options["camera"], _camera_words(context, options))
+            camera = solving_camera(context, options)
             stack.callback(camera.close)
         keys = stack.enter_context(any_key()) if options["by_hand"] else None
         stack.callback(renew)
@@ -322,16 +320,6 @@ def _attend(
 def _say(words: str) -> None:
     renew()
     tell(words)
-
-
-def _camera_words(context: CommandContext, options: dict[str, Any]) -> list[str]:
-    words = ["--exposure", options["exposure"], "--latency", str(options["latency"])]
-    if options["scale"] is not None:
-        words += ["--scale", str(options["scale"])]
-    if options["camera"].startswith("folder:"):
-        words.append("--watch")
-    file = context.settings_file
-    return words if file is None else [*words, "--config", str(file)]
 
 
 def _ask(options: dict[str, Any], call: MountCall) -> None:
