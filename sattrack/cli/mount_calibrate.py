@@ -12,6 +12,7 @@ import click
 import msgspec
 
 from sattrack import __version__
+from sattrack.cli.camera import camera_options, solving_camera
 from sattrack.cli.common import (
     CommandContext,
     OutputFile,
@@ -30,7 +31,7 @@ from sattrack.runtime import demo_pass
 from sattrack.settings import NO_SITE
 
 if TYPE_CHECKING:
-    from sattrack.calibration.axes_in_space import FoundAxes
+    from sattrack.calibration.axes_in_space import AxesFinder, FoundAxes
     from sattrack.calibration.calibrator import Calibrator
     from sattrack.calibration.findings import ClockTruth, Findings
     from sattrack.core.clock import Clock
@@ -41,6 +42,16 @@ if TYPE_CHECKING:
     from tle.site import Site
 
 LARGEST_UNCERTAINTY_S = 1.0
+RESTS = {
+    None: "nothing was moved",
+    True: "the mount was stopped and seen at rest",
+    False: "the mount was NOT seen at rest: look after it, and stop it by its own console",
+}
+MEANINGS = {
+    "sky": "right ascension and declination of the sky",
+    "horizon": "azimuth and altitude",
+    "axes": "angles of the axes",
+}
 
 
 @click.command("calibrate")
@@ -80,6 +91,7 @@ LARGEST_UNCERTAINTY_S = 1.0
     is_flag=True,
     help="Find how the axes lie, and nothing else: for mounts that are not equatorial.",
 )
+@camera_options
 @common_options("site", "clock", "json")
 def command(context: CommandContext, **options: Any) -> int:
     """Measure how a mount answers commands, by small bounded motions, and write its profile.
@@ -91,6 +103,7 @@ def command(context: CommandContext, **options: Any) -> int:
     Examples:
       sattrack mount calibrate --mount sim --output measured.toml
       sattrack mount calibrate --mount alpaca://192.0.2.9/0 --axes --output a.toml
+      sattrack mount calibrate --axes --camera v4l:/dev/video0 --output a.toml
     """
     from sattrack.calibration.profile import bounded
     from sattrack.runtime.calibrate import ending_error
@@ -129,38 +142,29 @@ def _find_axes(
     address: MountAddress | None,
     target: Path,
 ) -> int:
-    """Find how the axes lie, and write the profile."""
+    """Find how the axes lie, and with a camera what the mount reports; write the profile."""
     from sattrack.calibration.axes_in_space import LEG_DEG, REACH_DEG, STOP_DEG, find_axes, kind_of, with_axes
     from sattrack.mount.model import SitePlace
     from sattrack.mount.profiles import profile_text
-    from sattrack.runtime.calibrate import find_axes_live, start_practice_mount, surroundings
 
     base, limits, site = described
+    known, seen = base.mount.geometry, options["camera"] is not None
+    if known is not None and known.reports == "axes" and not seen:
+        raise BadInputError(
+            f'geometry.reports of the profile {base.name!r} is "axes": such reports are the same wherever '
+            "the axes point; give --camera SOURCE, which sees where"
+        )
     name = "sim" if address is None else str(address)
-    tell(f"each axis will turn by {LEG_DEG:g}° at a time, {2.0 * LEG_DEG:g}° at most, for about a minute")
+    lasts = "about two minutes, or as long as fields take" if seen else "about a minute"
+    tell(f"each axis will turn by {LEG_DEG:g}° at a time, {2.0 * LEG_DEG:g}° at most, for {lasts}")
     tell(f"{name} must stand clear wherever it may come within {REACH_DEG + STOP_DEG:g}°; any key stops it")
     _consent(options["yes"])
-    clock = context.clock()
-    plain = msgspec.structs.replace(
-        base.mount, geometry=None, additive=False, ra_rate_sign=1, dec_rate_sign=1
-    )
-    plain = msgspec.structs.replace(plain, ra_rate_gain=1.0, dec_rate_gain=1.0)
-    with ExitStack() as stack:
-        owned_as = None
-        if address is None:
-            around = surroundings(site, plain, clock.utc_s(time.monotonic()), limits)
-            simulated = start_practice_mount(around, site, clock, options["sim_profile"])
-            stack.callback(simulated.close)
-            address, owned_as = simulated.address, "sim"
-        stack.callback(renew)
-        finder, alignment = find_axes_live(address, clock, _show, (plain, limits, site), owned_as)
-    rest = "the mount was stopped and seen at rest"
-    if finder.mount_stopped is False:
-        rest = "the mount was NOT seen at rest: look after it, and stop it by its own console"
+    finder, alignment = _turn_axes(context, options, (base.mount, limits, site), address)
+    rest = RESTS[finder.mount_stopped]
     if finder.words is not None:
-        raise SattrackError(f"{finder.words}; {rest}")
+        raise SattrackError(f"{finder.words}; nothing was written; {rest}")
     try:
-        found = find_axes(finder.legs, site.latitude_deg)
+        found = find_axes(finder.legs, site.latitude_deg, finder.stood)
     except SattrackError as error:
         raise SattrackError(f"{error}; nothing was written; {rest}") from error
     profile = with_axes(base.mount, found, SitePlace(site.latitude_deg, site.longitude_deg))
@@ -173,6 +177,8 @@ def _find_axes(
         notes.append(f"AlignmentMode says {stated}, the motions do not: the profile has what they say")
     if kind == "equatorial":
         notes.append("this mount is equatorial: without --axes more is measured, and servers can use it")
+        if not seen:
+            notes.append("a mount that reports the angles of its axes looks equatorial too: --camera tells")
     for note in notes:
         tell(note)
     if context.json:
@@ -180,6 +186,7 @@ def _find_axes(
             "geometry": profile.geometry,
             "kind": kind,
             "left_arcsec": round(3600.0 * found.left_deg, 2),
+            "reports_left_arcsec": found.reports_left_arcsec,
             "out": str(target),
             "notes": notes,
         }
@@ -190,9 +197,48 @@ def _find_axes(
     return 0
 
 
+def _turn_axes(
+    context: CommandContext,
+    options: dict[str, Any],
+    described: tuple[MountProfile, SafetyLimits, Site],
+    address: MountAddress | None,
+) -> tuple[AxesFinder, int | None]:
+    """Make the motions that show how the axes lie; return them, and a telescope's AlignmentMode."""
+    from sattrack.runtime.calibrate import find_axes_live, start_practice_mount, surroundings
+
+    mount, limits, site = described
+    clock = context.clock()
+    plain = msgspec.structs.replace(
+        mount,
+        geometry=None,
+        additive=False,
+        ra_rate_sign=1,
+        dec_rate_sign=1,
+        ra_rate_gain=1.0,
+        dec_rate_gain=1.0,
+    )
+    with ExitStack() as stack:
+        owned_as = camera = None
+        if address is None:
+            around = surroundings(site, plain, clock.utc_s(time.monotonic()), limits)
+            simulated = start_practice_mount(around, site, clock, options["sim_profile"])
+            stack.callback(simulated.close)
+            address, owned_as = simulated.address, "sim"
+        if options["camera"] is not None:
+            camera = solving_camera(context, options)
+            stack.callback(camera.close)
+        stack.callback(renew)
+        return find_axes_live(address, clock, _show, (plain, limits, site), owned_as, camera)
+
+
 def _show_axes(profile: MountProfile, found: FoundAxes, kind: str) -> None:
-    own = profile.geometry
+    own, reports = profile.geometry, []
     assert own is not None
+    if found.reports_left_arcsec is not None:
+        zeros = f"zero points {own.first_zero_deg:.3f}°, {own.second_zero_deg:.3f}°"
+        senses = f", senses {own.first_sense:+d}, {own.second_sense:+d}" if own.reports == "axes" else ""
+        meaning = f"{MEANINGS[own.reports]}; {zeros}{senses}"
+        reports = [("reports", meaning), ("reports left", f"{found.reports_left_arcsec:.1f}″")]
     show(
         table(
             "",
@@ -207,12 +253,19 @@ def _show_axes(profile: MountProfile, found: FoundAxes, kind: str) -> None:
                 ("positive rates", f"{profile.ra_rate_sign:+d} first, {profile.dec_rate_sign:+d} second"),
                 ("gains", f"{abs(found.gains[0]):.2f} first, {abs(found.gains[1]):.2f} second"),
                 ("places left", f"{3600.0 * found.left_deg:.1f}″"),
+                *reports,
             ],
         )
     )
 
 
 def _check(options: dict[str, Any], address: MountAddress | None) -> None:
+    if options["camera"] is not None and not options["axes"]:
+        raise BadInputError("--camera needs --axes: without, the camera has nothing to tell")
+    if options["camera"] is not None and address is None:
+        raise BadInputError(
+            "--camera needs a mount that it is on: --mount sim has none; see `sattrack sim --camera`"
+        )
     if address is not None and options["sim_profile"] is not None:
         raise BadInputError("--sim-profile needs --mount sim")
     stated = options["clock_true"]

@@ -26,12 +26,14 @@ from sattrack.core.errors import (
 from sattrack.mount.alpaca.link import AlpacaAddress
 from sattrack.mount.profiles import ProfileFile, load_profile_file
 from sattrack.mount.simulator.mount import StartPosition
+from sattrack.pointing.fields import FieldSky, Solved
 from sattrack.runtime import demo_pass
 from sattrack.runtime.connection import Connection, owned, simulator_config, start_embedded
 from sattrack.runtime.loop import RealtimeLoop
 from sattrack.runtime.system import StopRequest, stopping
 from sattrack.safety import SafetyLimits
 from sattrack.safety.bounds import Bounds
+from tle.refraction import Refraction
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -41,6 +43,7 @@ if TYPE_CHECKING:
     from sattrack.core.clock import Clock
     from sattrack.mount.alpaca.device import DeviceFacts
     from sattrack.mount.model import MountProfile
+    from sattrack.pointing.fields import FieldCamera
     from sattrack.runtime.connection import EmbeddedMount
     from sattrack.runtime.mounts import MountAddress
     from tle.site import Site
@@ -150,9 +153,11 @@ def find_axes_live(
     show: Callable[[str, float], None],
     described: tuple[MountProfile, SafetyLimits, Site],
     owned_as: str | None = None,
+    camera: FieldCamera | None = None,
 ) -> tuple[AxesFinder, int | None]:
     """Make the motions that tell how a mount's axes lie; return them, and a telescope's AlignmentMode.
 
+    With `camera`, what it solves says where the tube points, else what the mount reports does.
     Interrupted as `calibrate_live`. Raises SattrackError where the port is not available, or the mount cannot
     be moved on.
     """
@@ -166,7 +171,12 @@ def find_axes_live(
         keys = stack.enter_context(any_key())
         place = (site.latitude_deg, site.longitude_deg)
         fastest = link.largest_rates_deg_s
-        finder = AxesFinder(profile, limits, place, clock.utc_s(time.monotonic()), fastest)
+        fields, now_utc_s = None, clock.utc_s(time.monotonic())
+        if camera is not None:
+            fields = camera, FieldSky(site, Refraction.standard(site.height_m))
+            # The tables are loaded before the loop begins, which that would hold up.
+            fields[1].seen(Solved(now_utc_s, 0.0, (0.0, 0.0)))
+        finder = AxesFinder(profile, limits, place, now_utc_s, fastest, fields)
         FinderLoop(Connection(link, clock, guard=guard), stop, finder, show, keys).run()
         facts: DeviceFacts | None = getattr(link, "facts", None)
         return finder, None if facts is None else facts.alignment_mode
@@ -206,7 +216,7 @@ class FinderLoop(RealtimeLoop):
     def report(self) -> None:
         """Show how far it has come."""
         if self.ticks % 4 == 0:
-            self.show("turning one axis after the other", self.driver.part_done)
+            self.show(self.driver.phase, self.driver.part_done)
 
 
 @dataclass(slots=True)

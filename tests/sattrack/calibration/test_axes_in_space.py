@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import axes_anywhere
 import erfa
 import msgspec
 import pytest
 
-from sattrack.calibration.axes_in_space import LEGS, AxisTurn, find_axes, kind_of, with_axes
+from sattrack.calibration.axes_in_space import LEGS, AxisTurn, Stood, find_axes, kind_of, with_axes
 from sattrack.core.errors import SattrackError
 from sattrack.mount.geometry import AxisFrame, AxisGeometry
 from sattrack.mount.model import MountProfile, SitePlace
+from sattrack.pointing.fields import FieldSky, FieldWait, Solved
 from sattrack.safety import SafetyLimits
+from tle.refraction import Refraction
+from tle.site import Site
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 LATITUDE_DEG = 47.0
 STRANGER = axes_anywhere.Telescope
@@ -134,3 +140,180 @@ def test_the_found_profile_can_be_written_and_read() -> None:
     assert read == profile
     assert isinstance(read.geometry, AxisGeometry)
     assert isinstance(read.frame, AxisFrame)
+
+
+# With a camera: what a mount reports may mean anything.
+
+
+def seen_run(number: int, **how: Any) -> tuple[Any, Any, Any]:
+    """Return a draw, a run with a camera, and its finder; `how` has limits, hardware, and wrong frames."""
+    axes = axes_anywhere.draw_meaning(axes_anywhere.draw_to_find(number))
+    drawn = replace(axes.drawn, hardware=replace(axes.drawn.hardware, **how.get("hardware", {})))
+    axes = axes._replace(drawn=drawn, clock_s=5.0)
+    camera = axes_anywhere.MadeUpCamera(axes.drawn.site, number)
+    camera.wrong = how.get("wrong", {})
+    run: Any = axes_anywhere.Finding(axes, camera)
+    if "limits" in how:
+        run.engine = axes_anywhere.finder_of(axes, how["limits"], camera)
+    return axes, run.run(), run.engine
+
+
+@pytest.mark.parametrize(("number", "reports"), [(3, "sky"), (13, "axes"), (2, "horizon")])
+def test_fields_tell_the_axes_and_what_a_mount_reports(number: int, reports: str) -> None:
+    axes, _, finder = seen_run(number)
+    assert (finder.words, finder.finished, finder.mount_stopped) == (None, True, True)
+    found = find_axes(finder.legs, axes.drawn.site.latitude_deg, finder.stood)
+    assert found.geometry.reports == reports == axes.geometry.reports
+    turns = [(leg.axis, leg.asked_deg) for leg in finder.legs]
+    off_deg = axes_anywhere.poles_apart_deg(found.geometry, axes.geometry)
+    assert off_deg < 4.0 * axes_anywhere.least_pole_error_deg(axes, turns)
+    assert axes_anywhere.reports_off_deg(axes, found.geometry, 10.0) < 30.0 / 3600.0
+    profile = with_axes(MountProfile(), found, SitePlace(LATITUDE_DEG, 5.0))
+    assert profile.geometry == found.geometry
+
+
+def moved_deg(run: Any) -> float:
+    """Return how far a run's tube has come from its beginning."""
+    begin = run.tube_deg[0]
+    return max(
+        math.degrees(erfa.seps(*(math.radians(angle) for one in (begin, end) for angle in one[1:])))
+        for end in run.tube_deg
+    )
+
+
+def test_nothing_moves_before_two_fields_are_alike() -> None:
+    _, run, finder = seen_run(13, wrong=dict.fromkeys(range(100)))
+    assert finder.words == "before the first motion: no field was found among the stars: clouds?"
+    assert (finder.legs, finder.mount_stopped) == ([], None)
+    assert moved_deg(run) < 1e-3
+    contradicting = {k: (40.0 * (k % 3), 10.0) for k in range(100)}
+    _, run, finder = seen_run(13, wrong=contradicting)
+    assert str(finder.words).startswith("before the first motion")
+    assert moved_deg(run) < 1e-3
+
+
+def test_clouds_end_the_motions_at_rest_and_a_frame_without_a_field_does_not() -> None:
+    _, run, finder = seen_run(13, wrong=dict.fromkeys(range(22, 100)))
+    assert str(finder.words).endswith("no field was found among the stars: clouds?")
+    assert str(finder.words).startswith("after motion ")
+    assert finder.mount_stopped is True
+    assert 0.5 < moved_deg(run) < 12.0
+    _, _, finder = seen_run(13, wrong=dict.fromkeys((9, 17, 21, 30)))
+    assert (finder.words, len(finder.legs)) == (None, 10)
+
+
+def test_fields_that_are_solved_far_off_are_named_by_their_motion() -> None:
+    _, _, finder = seen_run(13, wrong=dict.fromkeys(range(22, 100), (10.0, 10.0)))
+    assert "after motion " in finder.words
+    assert "from the one before, farther than a motion leads" in finder.words
+    assert finder.mount_stopped is True
+
+
+def test_limits_are_judged_by_where_a_mount_really_looks() -> None:
+    axes = axes_anywhere.draw_to_find(13)
+    altitude = axes_anywhere.Tube(axes).horizontal(*axes.drawn.stands)[1]
+    for below_deg, words in ((15.0, "altitude limit"), (22.0, None)):
+        limits = SafetyLimits(floor_altitude_deg=altitude - below_deg, optical=False)
+        _, run, finder = seen_run(13, limits=limits)
+        assert (finder.words is None) if words is None else (words in finder.words)
+        assert (moved_deg(run) > 8.0) == (words is None)
+
+
+def test_a_mount_that_reports_angles_and_runs_away_is_stopped_within_the_circle() -> None:
+    _, run, finder = seen_run(13, hardware={"gains": (8.0, 8.0)})
+    assert "obedience limit" in finder.words
+    assert finder.mount_stopped is True
+    assert moved_deg(run) < 15.0
+
+
+def stood_by(
+    told: Callable[[float, float], tuple[float, float]], pole: tuple[float, float]
+) -> tuple[list[AxisTurn], list[Stood]]:
+    """Return motions of a stranger, and what is made of its hour angles and declinations as reports."""
+    legs = motions(parameters(pole))
+    places = [legs[0].before, *(leg.after for leg in legs)]
+    return legs, [Stood(place, told(*place), 0.0) for place in places]
+
+
+def test_reports_that_are_aligned_with_the_sky_are_the_sky() -> None:
+    for pole in ((0.0, 47.0), (0.0, 90.0)):
+        found = find_axes(*with_latitude(stood_by(lambda h, d: (h + 0.01, d), pole)))
+        assert found.geometry.reports == "sky"
+        assert not found.geometry.has_zeros
+
+
+def with_latitude(seen: tuple[list[AxisTurn], list[Stood]]) -> tuple[list[AxisTurn], float, list[Stood]]:
+    return seen[0], LATITUDE_DEG, seen[1]
+
+
+def test_reports_that_mean_nothing_are_refused_with_the_reason() -> None:
+    seen = stood_by(lambda h, d: (0.5 * h + d, 20.0 + 0.3 * h), (0.0, 90.0))
+    with pytest.raises(SattrackError, match="neither the sky, nor azimuth and altitude, nor the angles"):
+        find_axes(*with_latitude(seen))
+
+
+@pytest.mark.parametrize("number", [0, 3, 8])
+def test_a_field_that_contradicts_the_others_is_named(number: int) -> None:
+    legs, stood = stood_by(lambda h, d: (h, d), (0.0, 90.0))
+    off = stood[number].looks[0] + 0.7, stood[number].looks[1] - 0.6
+    if number:
+        legs[number - 1] = legs[number - 1]._replace(after=off)
+    if number < len(legs):
+        legs[number] = legs[number]._replace(before=off)
+    when = f"after motion {number}" if number else "before motion 1"
+    with pytest.raises(SattrackError, match=f"the field {when} contradicts the others"):
+        find_axes(legs, LATITUDE_DEG, stood)
+
+
+class Frames:
+    """A camera that has frames at hand."""
+
+    source, ended = "frames", False
+
+    def __init__(self, *frames: Solved) -> None:
+        self.frames = list(frames)
+
+    def poll(self) -> list[Solved]:
+        there, self.frames = self.frames, []
+        return there
+
+
+def test_a_frame_that_began_while_the_mount_moved_does_not_count() -> None:
+    early, late = Solved(100.4, 1.0, (1.0, 2.0)), Solved(100.6, 1.0, (3.0, 4.0))
+    wait = FieldWait(Frames(early, late))
+    wait.begin(100.0)
+    assert wait.look(102.0) == [late]
+    # By a clock that is 5 s ahead, a frame began after the mount stood. It came too soon for that.
+    ahead = Solved(105.0, 1.0, (1.0, 2.0))
+    wait = FieldWait(Frames(ahead))
+    wait.begin(100.0)
+    assert wait.look(100.9) == []
+    assert wait.frames == 0
+
+
+def test_a_camera_that_starts_late_has_its_time_for_a_second_frame() -> None:
+    camera = Frames(Solved(250.0, 1.0, None))
+    wait = FieldWait(camera)
+    wait.begin(100.0)
+    assert wait.trouble(250.0) is None
+    assert wait.look(251.0) == []
+    assert wait.trouble(260.0) is None
+    assert wait.trouble(280.0) == "no field was found among the stars: clouds?"
+    wait.begin(300.0)
+    assert wait.trouble(330.0) == "no frame came"
+
+
+def test_a_field_is_seen_where_erfa_has_it_through_the_air() -> None:
+    site, utc_s = Site(47.0, 5.0, 300.0), 1_795_000_000.0
+    air = Refraction(980.0, 8.0)
+    for ra, dec in ((200.0, 60.0), (120.0, 70.0)):
+        _, zenith, hour_angle, dec_seen, _, _ = erfa.atco13(
+            math.radians(ra), math.radians(dec), 0.0, 0.0, 0.0, 0.0, 2440587.5, utc_s / 86400.0, 0.0,
+            math.radians(site.longitude_deg), math.radians(site.latitude_deg), site.height_m, 0.0, 0.0,
+            air.pressure_hpa, air.temperature_c, 0.0, 0.55,
+        )  # fmt: skip
+        assert math.degrees(zenith) < 60.0
+        seen = FieldSky(site, air).seen(Solved(utc_s, 1.0, (ra, dec)))
+        apart = erfa.seps(hour_angle, dec_seen, math.radians(seen[0]), math.radians(seen[1]))
+        # Its refraction is by another formula, and UT1 is taken as UTC.
+        assert math.degrees(apart) * 3600.0 < 3.0

@@ -71,6 +71,23 @@ class TestWhatIsWrongIsToldBeforeAnythingMoves:
         with pytest.raises(BadInputError, match="give the uncertainty in seconds, 0 to 1"):
             call("--mount", "sim", "--yes", "--out", str(tmp_path / "x.toml"), "--clock-true", stated)
 
+    def test_a_camera_without_axes_to_find_or_a_mount_to_sit_on(self, tmp_path: Path) -> None:
+        words = ("--yes", "--out", str(tmp_path / "x.toml"), "--camera", "folder:nowhere")
+        with pytest.raises(BadInputError, match="--camera needs --axes"):
+            call("--mount", "sim", *words)
+        with pytest.raises(BadInputError, match="--camera needs a mount that it is on"):
+            call("--mount", "sim", "--axes", *words)
+
+    def test_axes_of_a_mount_that_reports_their_angles_need_a_camera(self, tmp_path: Path) -> None:
+        file = tmp_path / "mount.toml"
+        file.write_text(
+            "additive = false\n[stands_at]\nlatitude_deg = 52.0\nlongitude_deg = 4.5\n[geometry]\n"
+            'pole_azimuth_deg = 0.0\npole_altitude_deg = 60.0\nreports = "axes"\n',
+            encoding="utf-8",
+        )
+        with pytest.raises(BadInputError, match="give --camera SOURCE"):
+            call("--mount", "sim", "--yes", "--axes", "--update", str(file))
+
     def test_without_a_terminal_consent_comes_by_yes_alone(
         self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
