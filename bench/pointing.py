@@ -1,6 +1,6 @@
 """How near a pointing model brings a mount to what it is told to point at: a stranger's mount, hidden errors.
 
-python bench/pointing.py [--draws N] [--stars N] [--altaz]
+python bench/pointing.py [--draws N] [--stars N] [--altaz | --tilted]
 
 Each draw hides another mount (`strangers/tilted_mount.py`, rotations of vectors): polar axis up to 2° off in
 any direction, cone up to 10′, flexure up to 30″, a declination axis that leans up to 2′, index errors up to
@@ -14,7 +14,9 @@ against the direction wanted, RMS. *within 2 sigma*: of all terms of all draws.
 With `--altaz` the first axis is up to 2° off the zenith instead: the same mount at the pole, its hour angles
 azimuths from the south. Its index errors are anything, up to 10° in altitude: as in a star run, the zero
 points are first set by the field at which it looks when it is switched on. Directions within 5° of the zenith
-are left out.
+are left out. With `--tilted` the first axis points anywhere, 10° to 80° high: the mount knows where but for
+up to 2°, and reports the direction that its axes would point to if it had no errors. Else it is as with
+`--altaz`.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import erfa
 import numpy as np
-from strangers.tilted_mount import TiltedMount, apart_arcsec, local
+from strangers.tilted_mount import TiltedMount, Vector, apart_arcsec, local
 
 from sattrack.core.errors import SattrackError
 from sattrack.mount.geometry import AxisGeometry
@@ -34,7 +36,7 @@ from sattrack.mount.model import MountProfile, SitePlace
 from sattrack.pointing.fit import Bump, PointingFit, Star, find_bump, fit
 from sattrack.pointing.terms import swung
 from sattrack.pointing.tour import chosen, grid_deg, slewed_deg, toured
-from sattrack.runtime.star_run import aligned, seen_with
+from sattrack.runtime.star_run import aligned, seen_with, without_zeros
 from tle.site import Site
 
 if TYPE_CHECKING:
@@ -51,10 +53,6 @@ NAMES = {"ME": "pole_up", "MA": "pole_west", "CH": "cone", "NP": "leaning", "IH"
 
 
 SITE = Site(LATITUDE_DEG, LONGITUDE_DEG, HEIGHT_M)
-ALTAZ = MountProfile(
-    geometry=AxisGeometry(0.0, 90.0), stands_at=SitePlace(LATITUDE_DEG, LONGITUDE_DEG), additive=False
-)
-"""What is known of an azimuth mount that is switched on."""
 
 
 class Draw(NamedTuple):
@@ -78,16 +76,20 @@ ALTAZ_NAMES = {
 ZENITH_DEG = 85.0
 
 
-def hidden(rng: np.random.Generator, latitude_deg: float = LATITUDE_DEG) -> TiltedMount:
+def hidden(rng: np.random.Generator, kind: str = "equatorial") -> TiltedMount:
     """Return a mount with errors drawn at random."""
+    latitude_deg, azimuth_deg = (90.0 if kind == "altaz" else LATITUDE_DEG), 0.0
+    if kind == "tilted":
+        latitude_deg, azimuth_deg = rng.uniform(10.0, 80.0), rng.uniform(0.0, 360.0)
     size, way = 7200.0 * math.sqrt(rng.random()), rng.uniform(0.0, 2.0 * math.pi)
-    zeros = (1800.0, 1800.0) if latitude_deg < 90.0 else (648000.0, 36000.0)
+    zeros = (1800.0, 1800.0) if kind == "equatorial" else (648000.0, 36000.0)
     return TiltedMount(
         latitude_deg,
         size * math.cos(way),
         size * math.sin(way),
         *(rng.uniform(-most, most) for most in (600.0, 120.0, *zeros)),
         rng.uniform(0.0, 30.0),
+        azimuth_deg,
     )
 
 
@@ -105,6 +107,31 @@ def azimuths(mount: TiltedMount) -> bool:
     return mount.latitude_deg == 90.0
 
 
+def profile_of(mount: TiltedMount) -> MountProfile:
+    """Return what is known of a mount that is switched on."""
+    if mount.latitude_deg == LATITUDE_DEG:
+        return MountProfile()
+    geometry = AxisGeometry(mount.pole_azimuth_deg, mount.latitude_deg)
+    return MountProfile(geometry=geometry, stands_at=SitePlace(LATITUDE_DEG, LONGITUDE_DEG), additive=False)
+
+
+def tilted(mount: TiltedMount) -> bool:
+    """Tell whether a mount's first axis points neither to the pole nor to the zenith."""
+    return profile_of(mount).own_axes not in {"equatorial", "altaz"}
+
+
+def own_deg(mount: TiltedMount, h: float, d: float) -> tuple[float, float]:
+    """Return the axes' angles for a direction, if the mount had no errors."""
+    frame = profile_of(mount).frame
+    return (h, d) if frame is None else frame.angles(h, d)[:2]
+
+
+def hour_angle_and_dec(vector: Vector) -> tuple[float, float]:
+    """Return hour angle and declination of a vector east, north, up."""
+    x, y, z = (float(local(*one, LATITUDE_DEG) @ vector) for one in ((0.0, 0.0), (90.0, 0.0), (0.0, 90.0)))
+    return math.degrees(math.atan2(y, x)), math.degrees(math.atan2(z, math.hypot(x, y)))
+
+
 def look(mount: TiltedMount, place: tuple[float, float], seconds: float, rng: np.random.Generator) -> Star:
     """Return a star near a place (hour angle, declination) as the mount and its camera show it."""
     gst = math.degrees(erfa.gst06a(UTC_JD, seconds / 86400.0, UTC_JD, seconds / 86400.0))
@@ -116,10 +143,16 @@ def look(mount: TiltedMount, place: tuple[float, float], seconds: float, rng: np
     if azimuths(mount):
         # What the axes show there, their index errors included.
         near = azimuth - 180.0 + mount.zero_ha / 3600.0, altitude + mount.zero_dec / 3600.0
+    elif tilted(mount):
+        first, second = own_deg(mount, *place)
+        near = first + mount.zero_ha / 3600.0, second + mount.zero_dec / 3600.0
     axes = mount.stands(seen / np.linalg.norm(seen), near)
     first, second = axes + rng.normal(0.0, ENCODER_ARCSEC / 3600.0, 2)
     if azimuths(mount):
         return Star(azimuth, altitude, float(first) + 180.0, float(second))
+    if tilted(mount):
+        faultless = TiltedMount(mount.latitude_deg, pole_azimuth_deg=mount.pole_azimuth_deg)
+        return Star(h, d, *hour_angle_and_dec(faultless.looks(float(first), float(second))))
     return Star(h, d, float(first), float(second))
 
 
@@ -137,7 +170,11 @@ def sky(mount: TiltedMount) -> np.ndarray:
     # Beyond 90° what an azimuth mount reports is another direction's.
     told_deg = ZENITH_DEG - max(0.0, mount.zero_dec / 3600.0)
     highest = math.sin(math.radians(told_deg)) if azimuths(mount) else 1.0
-    return places[(up > math.sin(math.radians(LEAST_ALT_DEG))) & (up < highest)]
+    good = (up > math.sin(math.radians(LEAST_ALT_DEG))) & (up < highest)
+    if tilted(mount):
+        second = np.array([own_deg(mount, h, d)[1] for h, d in places])
+        good &= (np.abs(second) < ZENITH_DEG) & (np.abs(second + mount.zero_dec / 3600.0) < ZENITH_DEG)
+    return places[good]
 
 
 def horizontal(places: np.ndarray) -> np.ndarray:
@@ -149,40 +186,43 @@ def horizontal(places: np.ndarray) -> np.ndarray:
 
 def fitted(mount: TiltedMount, stars: list[Star]) -> PointingFit:
     """Return the model of a mount's stars."""
-    return fit(stars, LATITUDE_DEG, "altaz" if azimuths(mount) else "equatorial")
+    return fit(stars, LATITUDE_DEG, profile_of(mount).own_axes)
 
 
 def switched_on(mount: TiltedMount, rng: np.random.Generator) -> MountProfile:
-    """Return the profile of an azimuth mount with the zero points of the field at which it looks."""
+    """Return the profile of a mount with the zero points of the field at which it looks."""
+    if profile_of(mount).geometry is None:
+        return profile_of(mount)
     places = sky(mount)
     star = look(mount, tuple(places[rng.integers(len(places))]), 0.0, rng)
-    looks, told = (
-        swung(-azimuth, altitude, LATITUDE_DEG)
-        for azimuth, altitude in (star[:2], (star.axis_hour_angle_deg, star.axis_dec_deg))
-    )
-    return aligned(ALTAZ, looks, told)
+    looks, told = star[:2], star[2:4]
+    if azimuths(mount):
+        looks, told = (swung(-azimuth, altitude, LATITUDE_DEG) for azimuth, altitude in (looks, told))
+    return aligned(profile_of(mount), looks, told)
 
 
 def run(
     mount: TiltedMount, most: int, rng: np.random.Generator
 ) -> tuple[PointingFit, float, tuple[float, float]]:
     """Return the model that a run finds, how long it took, minutes, and zero points of the axes, degrees."""
-    profile = switched_on(mount, rng) if azimuths(mount) else None
+    profile = switched_on(mount, rng)
+    bare = without_zeros(profile)
     places = sky(mount)
     over = horizontal(places) if azimuths(mount) else places
     places = places[chosen(places, most)]
-    places = places[toured(places, (0.0, LATITUDE_DEG))]
+    stands = np.array([own_deg(mount, h, d) for h, d in places]) if tilted(mount) else places
+    order = toured(stands, (0.0, LATITUDE_DEG))
     stars, seconds, at = [], 0.0, (0.0, LATITUDE_DEG)
-    for place in places:
-        seconds += slew_s(at, place) + 5.0
-        at = tuple(place)
-        star = look(mount, at, seconds, rng)
-        stars.append(star if profile is None else seen_with(star, ALTAZ, profile, SITE))
+    for place, stand in zip(places[order], stands[order], strict=True):
+        seconds += slew_s(at, tuple(stand)) + 5.0
+        at = tuple(stand)
+        star = look(mount, tuple(place), seconds, rng)
+        stars.append(seen_with(star, bare, profile, SITE))
         if len(stars) >= FEWEST_STARS:
             found = fitted(mount, stars)
             if found.predicted_arcsec(over) < ASKED_ARCSEC:
                 break
-    own = None if profile is None else profile.geometry
+    own = profile.geometry
     zeros = (0.0, 0.0) if own is None else (own.first_zero_deg, own.second_zero_deg)
     return fitted(mount, stars), seconds / 60.0, zeros
 
@@ -196,22 +236,25 @@ def held_out(mount: TiltedMount, model: PointingModel, zeros_deg: tuple[float, f
         if azimuths(mount):
             first, second = model.axes_of(-azimuth, altitude)
             stands = -float(first) - 180.0 + zeros_deg[0], float(second) + zeros_deg[1]
+        elif tilted(mount):
+            first, second = own_deg(mount, *model.reported(h, d))
+            stands = first + zeros_deg[0], second + zeros_deg[1]
         else:
             stands = model.axes_of(h, d)
         off.append(apart_arcsec(mount.looks(*stands), local(h, d, LATITUDE_DEG)))
     return math.sqrt(sum(one * one for one in off) / len(off))
 
 
-def draw(number: int, most: int, latitude_deg: float) -> Draw:
+def draw(number: int, most: int, kind: str) -> Draw:
     """Return what comes of one hidden mount."""
     rng = np.random.default_rng(number)
-    mount = hidden(rng, latitude_deg)
+    mount = hidden(rng, kind)
     found, minutes, zeros = run(mount, most, rng)
-    truth = {name: -getattr(mount, known) for name, known in NAMES.items()} | {"TF": mount.sag}
+    known = replace(
+        mount, zero_ha=mount.zero_ha - 3600.0 * zeros[0], zero_dec=mount.zero_dec - 3600.0 * zeros[1]
+    )
+    truth = {name: -getattr(known, error) for name, error in NAMES.items()} | {"TF": mount.sag}
     if azimuths(mount):
-        known = replace(
-            mount, zero_ha=mount.zero_ha - 3600.0 * zeros[0], zero_dec=mount.zero_dec - 3600.0 * zeros[1]
-        )
         truth |= {name: sign * getattr(known, field) for name, (field, sign) in ALTAZ_NAMES.items()}
     sigmas = np.sqrt(np.diag(found.covariance))
     # Index errors are angles: a turn more is none.
@@ -267,10 +310,11 @@ def main() -> None:
     )
     parser.add_argument("--draws", type=int, default=200)
     parser.add_argument("--stars", type=int, default=30)
-    parser.add_argument("--altaz", action="store_true")
+    kinds = parser.add_mutually_exclusive_group()
+    for kind in ("altaz", "tilted"):
+        kinds.add_argument(f"--{kind}", dest="kind", action="store_const", const=kind, default="equatorial")
     options = parser.parse_args()
-    latitude_deg = 90.0 if options.altaz else LATITUDE_DEG
-    draws = [draw(number, options.stars, latitude_deg) for number in range(options.draws)]
+    draws = [draw(number, options.stars, options.kind) for number in range(options.draws)]
     print(f"{len(draws)} hidden mounts   median   95 %   worst")
     for name, values in (
         ("stars", [one.found.stars for one in draws]),
@@ -283,7 +327,7 @@ def main() -> None:
         print(f"{name:20} {middle:7.2f} {most:7.2f} {worst:7.2f}")
     within = [one for found in draws for one in found.within]
     print(f"terms within 2 sigma  {100.0 * sum(within) / len(within):.1f} % of {len(within)}")
-    if not options.altaz:
+    if options.kind == "equatorial":
         print("\n".join(troubles()))
 
 

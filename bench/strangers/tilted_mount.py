@@ -1,4 +1,4 @@
-"""A stranger's equatorial mount with errors, by rotations of vectors alone: no formula of a pointing model.
+"""A stranger's mount with errors, its pole anywhere, by rotations of vectors alone: no formula of a model.
 
 Vectors are east, north, up of the site. Every error is a real one: the polar axis is tilted by a rotation,
 the declination axis leans towards the pole, the telescope looks beside its square to that axis, the tube
@@ -31,7 +31,8 @@ class TiltedMount:
 
     `pole_up` raises the polar axis above the pole, `pole_west` leads it west of it; `cone` has the telescope
     look east of its square, `leaning` leans the west end of the declination axis to the north; the axes show
-    `zero_ha` and `zero_dec` too much. `sag` is by how much the tube sinks when it is level.
+    `zero_ha` and `zero_dec` too much. `sag` is by how much the tube sinks when it is level. A pole that is
+    not the sky's is as high as `latitude_deg`, at an azimuth; its meridian is the plane of pole and zenith.
     """
 
     latitude_deg: float
@@ -42,14 +43,16 @@ class TiltedMount:
     zero_ha: float = 0.0
     zero_dec: float = 0.0
     sag: float = 0.0
+    pole_azimuth_deg: float = 0.0
 
     def looks(self, hour_angle_axis_deg: float, dec_axis_deg: float) -> Vector:
         """Return where the telescope looks, a unit vector, with its axes at what they show."""
         arcsec = math.radians(1.0 / 3600.0)
         latitude = math.radians(self.latitude_deg)
-        pole = math.cos(latitude) * NORTH + math.sin(latitude) * UP
-        equator = math.cos(latitude) * UP - math.sin(latitude) * NORTH
-        west = -EAST
+        swung = turn(UP, -math.radians(self.pole_azimuth_deg))
+        pole = math.cos(latitude) * (swung @ NORTH) + math.sin(latitude) * UP
+        equator = math.cos(latitude) * UP - math.sin(latitude) * (swung @ NORTH)
+        west = swung @ -EAST
         # Leaning is a turn about the meridian's direction, cone one away from the declination axis.
         dec_axis = turn(np.cross(west, pole), self.leaning * arcsec) @ west
         tube = turn(np.cross(dec_axis, equator), self.cone * arcsec) @ equator

@@ -156,7 +156,9 @@ def mount_options(
     return functools.reduce(lambda made, option: option(made), options, function)
 
 
-def resolve(context: CommandContext, options: dict[str, Any], needs_site: bool = True) -> MountCall:
+def resolve(
+    context: CommandContext, options: dict[str, Any], needs_site: bool = True, uses_model: bool = True
+) -> MountCall:
     """Return which mount a verb is for. Raises BadInputError; no socket is opened."""
     url, address = context.mount(options["mount_url"])
     timeout_s = options["timeout"]
@@ -169,9 +171,9 @@ def resolve(context: CommandContext, options: dict[str, Any], needs_site: bool =
     if site is not None and address is not None:
         address = address.seen_from(site)
     if site is not None and needs_site and described.pointing is not None:
-        from sattrack.runtime.facts import pointing_of
+        from sattrack.runtime.facts import check_model_site, pointing_of
 
-        pointing_of(described.mount, site)
+        (pointing_of if uses_model else check_model_site)(described.mount, site)
     return MountCall(context, address, described, site, context.clock(), timeout_s)
 
 

@@ -103,11 +103,11 @@ def command(context: CommandContext, **options: Any) -> int:
     """
     from sattrack.cli.mount import resolve
 
-    call = resolve(context, {**options, "timeout": None})
+    call = resolve(context, {**options, "timeout": None}, uses_model=options["verify"])
     _check(options, call)
     site = call.site
     assert site is not None
-    axes = _axes(call.described)
+    axes = call.described.own_axes
     known, mount = _known(options, site, axes, call.described.mount)
     call = _with_mount(call, mount)
     if options["fit_only"]:
@@ -141,12 +141,6 @@ def _check(options: dict[str, Any], call: MountCall) -> None:
             raise BadInputError("give --camera SOURCE, or --by-hand to centre the stars yourself")
         if options["by_hand"] and not sys.stdin.isatty():
             raise BadInputError("--by-hand: there is no terminal whose keys could centre a star")
-    geometry = call.described.mount.geometry
-    if geometry is not None and geometry.kind != "alt-azimuth":
-        raise BadInputError(
-            f"the geometry of the profile {call.described.name!r} is {geometry.kind}: star runs are for "
-            "equatorial and alt-azimuth mounts; `sattrack mount calibrate --axes` measures how its axes lie"
-        )
     if options["verify"]:
         if call.described.pointing is None:
             raise BadInputError(
@@ -168,11 +162,6 @@ def _target(options: dict[str, Any]) -> Path | None:
     """Return the profile to write; None where only the figures are wanted."""
     found: Path | None = options["output"] or options["profile"]
     return found
-
-
-def _axes(described: ProfileFile) -> Axes:
-    """Return what the mount's axes are."""
-    return "equatorial" if described.geometry is None else "altaz"
 
 
 def _with_mount(call: MountCall, mount: MountProfile) -> MountCall:
@@ -259,8 +248,9 @@ def _ran(
         def one(call: MountCall, realigned: bool) -> StarRun:
             sky = _sky(context, call, site)
             judged = pointing_of(call.described.mount, site) if options["verify"] else None
-            if call.described.pointing is not None and judged is not None:
-                sky = sky.beside(call.described.pointing.stars)
+            known_model = call.described.pointing
+            if known_model is not None and judged is not None:
+                sky = replace(sky, judged_axes=judged.axes).beside(known_model.stars)
             with call.connected() as connection:
                 # What the mount reports is measured: the run itself feeds it by its model.
                 own = msgspec.structs.replace(call.described, pointing=None)

@@ -27,6 +27,28 @@ STILL_FIELD_DEG = 0.5
 DIFFERENCE_S = 0.001
 RATE_OVER_S = 0.5
 """Half of the time over which the field's rotation is differenced."""
+SAME_POLE_DEG = 0.1
+"""A first axis that is nearer to the zenith is an azimuth axis to pointing models; one that was moved so far
+is another one."""
+
+
+class Pole(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Where a mount's first axis points, degrees, as in `AxisGeometry`."""
+
+    pole_azimuth_deg: float
+    pole_altitude_deg: float
+
+    @property
+    def vectors(self) -> tuple[tuple[float, float, float], ...]:
+        """The mount's own vectors (meridian on its equator, west, pole), each as east, north, up."""
+        azimuth, altitude = self.pole_azimuth_deg, self.pole_altitude_deg
+        return _unit(azimuth, altitude + 90.0), _unit(azimuth - 90.0, 0.0), _unit(azimuth, altitude)
+
+    def moved_deg(self, other: Pole) -> float:
+        """Return by how much the other's vectors lie elsewhere, the one that is farthest off."""
+        pairs = zip(self.vectors, other.vectors, strict=True)
+        apart = max(math.dist(one, another) for one, another in pairs)
+        return math.degrees(2.0 * math.asin(min(1.0, 0.5 * apart)))
 
 
 class AxisGeometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -92,6 +114,11 @@ class AxisGeometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return low, high
 
     @property
+    def pole(self) -> Pole:
+        """Where the first axis points."""
+        return Pole(self.pole_azimuth_deg, self.pole_altitude_deg)
+
+    @property
     def kind(self) -> str:
         """What such a mount is called."""
         return "alt-azimuth" if self.pole_altitude_deg > 90.0 - MOST_OFF_DEG else "two-axis"
@@ -118,16 +145,8 @@ class AxisFrame:
 
     def __init__(self, geometry: AxisGeometry, latitude_deg: float) -> None:
         self.geometry, self._latitude_deg = geometry, latitude_deg
-        azimuth, altitude = geometry.pole_azimuth_deg, geometry.pole_altitude_deg
         # Each row is one of the mount's vectors, in hour angle and declination.
-        self._rows = tuple(
-            _in_hour_angle(vector, latitude_deg)
-            for vector in (
-                _unit(azimuth, altitude + 90.0),
-                _unit(azimuth - 90.0, 0.0),
-                _unit(azimuth, altitude),
-            )
-        )
+        self._rows = tuple(_in_hour_angle(vector, latitude_deg) for vector in geometry.pole.vectors)
         skew, cone = math.radians(90.0 - geometry.axes_deg), math.radians(geometry.cone_deg)
         self._cone, self._skew = (math.cos(cone), math.sin(cone)), (math.cos(skew), math.sin(skew))
         self._lifted = self._cone[1] * self._skew[1]

@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 
 import msgspec
 
-from sattrack.mount.geometry import AxisFrame, AxisGeometry
+from sattrack.mount.geometry import SAME_POLE_DEG, AxisFrame, AxisGeometry, Pole
 
 SIDEREAL_DAY_S = 86164.0905
 SIDEREAL_RATE_DEG_S = 360.0 / SIDEREAL_DAY_S
@@ -189,7 +189,8 @@ class PointingTerms(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rms_arcsec: float
     stars: int
     held_out_rms_arcsec: float | None = None
-    axes: Literal["equatorial", "altaz"] = "equatorial"
+    axes: Literal["equatorial", "altaz"] | Pole = "equatorial"
+    """What the terms are about: an equatorial mount's axes, an azimuth mount's, or those about a pole."""
     passes: int = 0
     """How many recorded passes have corrected it since."""
 
@@ -347,6 +348,14 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return msgspec.structs.replace(self, geometry=geometry, dec_axis_limits_deg=limits)
 
     @property
+    def own_axes(self) -> Literal["equatorial", "altaz"] | Pole:
+        """What the terms of a pointing model are about that a star run finds."""
+        if self.geometry is None:
+            return "equatorial"
+        level = self.geometry.pole_altitude_deg >= 90.0 - SAME_POLE_DEG
+        return "altaz" if level else self.geometry.pole
+
+    @property
     def dated_within_s(self) -> float | None:
         """By how much the instants of samples may be off, as the calibration tells; None without one."""
         record = self.calibration
@@ -422,12 +431,11 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             return
         if self.stands_at is None:
             raise ValueError("geometry is given without stands_at: axes lie so at one site only; give both")
-        if self.pointing is not None and (
-            self.pointing.axes != "altaz" or self.geometry.kind != "alt-azimuth"
-        ):
+        known = None if self.pointing is None else self.pointing.axes
+        if known == "equatorial" or (known == "altaz" and self.geometry.kind != "alt-azimuth"):
             raise ValueError(
-                f"pointing is a model of {self.pointing.axes} axes, and geometry is {self.geometry.kind}: "
-                "a mount with a geometry has a model only where both are alt-azimuth; leave one of them out"
+                f"pointing is a model of {known} axes, and geometry is {self.geometry.kind}: leave one of "
+                "them out; a star run with the geometry makes a model of it"
             )
         if self.through_pole:
             raise ValueError("through_pole is true: only equatorial mounts are led through their pole")

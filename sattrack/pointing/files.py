@@ -4,8 +4,9 @@ A file of stars: a caption; option lines that begin with a colon (`:EQUAT`, `:NO
 (latitude as degrees, minutes and seconds; year, month, day; °C, hPa, metres); then a line for each star:
 right ascension and declination (J2000, sexagesimal), proper motions, 2000.0, the mount's right ascension and
 declination, and the sidereal time in hours and minutes. A declination beyond 90° is past the pole. Of an
-azimuth mount (`:ALTAZ`) the mount's azimuth and altitude stand there instead, both in degrees. `END` ends it;
-`!` begins a comment. As rts2-tpm of RTS2 writes it (its source, src/db/tpm.cpp).
+azimuth mount (`:ALTAZ`) the mount's azimuth and altitude stand there instead, both in degrees; of one with
+another pole what it reports as right ascension and declination. `END` ends it; `!` begins a comment. As
+rts2-tpm of RTS2 writes it (its source, src/db/tpm.cpp).
 
 A model: a caption; method, number of stars, RMS, two refraction constants; a term, its value and its sigma a
 line, arcseconds; `END`. As RTS2 reads it (lib/rts2tel/tpointmodel.cpp).
@@ -21,6 +22,7 @@ import erfa
 
 from sattrack.core.angles import altitude_deg, azimuth_deg
 from sattrack.core.errors import BadInputError
+from sattrack.mount.geometry import Pole
 from sattrack.pointing.fit import Star
 from tle.errors import RefractionError
 from tle.refraction import Refraction
@@ -49,7 +51,7 @@ class RunParameters(NamedTuple):
 
 def stars_head(caption: str, run: RunParameters, axes: Axes = "equatorial") -> str:
     """Return what a file of stars begins with."""
-    kind = ":EQUAT" if axes == "equatorial" else ":ALTAZ"
+    kind = ":ALTAZ" if axes == "altaz" else ":EQUAT"
     latitude, date = _sexagesimal(run.latitude_deg, 1), " ".join(run.date.split("-"))
     return (
         f"{_one_line(caption)}\n{kind}\n:NODA\n {latitude} {date} "
@@ -76,7 +78,7 @@ def read_stars(text: str, where: str, axes: Axes = "equatorial") -> tuple[RunPar
 
     Raises BadInputError, naming the line and what was expected there, or where the mount has other axes.
     """
-    kind = "EQUAT" if axes == "equatorial" else "ALTAZ"
+    kind = "ALTAZ" if axes == "altaz" else "EQUAT"
     lines = _lines(text, where)
     options = []
     run = None
@@ -92,7 +94,7 @@ def read_stars(text: str, where: str, axes: Axes = "equatorial") -> tuple[RunPar
             if not {"EQUAT", "ALTAZ"} & set(options):
                 raise BadInputError(f"{where}: it is no file of stars: `sattrack star-run --data` writes one")
             if kind not in options:
-                other = "equatorial" if kind == "EQUAT" else "alt-azimuth"
+                other = "two-axis" if isinstance(axes, Pole) else axes.replace("altaz", "alt-azimuth")
                 raise BadInputError(
                     f"{where}: it has no :{kind}, and the profile's mount is {other}: it is another mount's"
                 )
@@ -109,7 +111,11 @@ def read_stars(text: str, where: str, axes: Axes = "equatorial") -> tuple[RunPar
 
 
 def model_text(terms: PointingTerms, caption: str) -> str:
-    """Return a model as a file."""
+    """Return a model as a file; the caption says about which pole of the mount's own its terms are."""
+    if isinstance(pole := terms.axes, Pole):
+        caption = (
+            f"{caption}, pole at azimuth {pole.pole_azimuth_deg:g}, altitude {pole.pole_altitude_deg:g},"
+        )
     head = f"{_one_line(caption)} {terms.utc}\nT {terms.stars:5d} {terms.rms_arcsec:9.4f} 0.0 0.0\n"
     rows = [f"  {name:<9}{value:12.4f}{sigma:11.5f}\n" for name, (value, sigma) in terms.terms.items()]
     return head + "".join(rows) + END + "\n"

@@ -18,7 +18,7 @@ import numpy as np
 from sattrack.core.angles import wrap180
 from sattrack.core.errors import SattrackError
 from sattrack.mount.model import PointingTerms
-from sattrack.pointing.terms import ALTAZ, PointingModel
+from sattrack.pointing.terms import ALTAZ, PointingModel, frame_of
 from sattrack.pointing.tour import units
 
 if TYPE_CHECKING:
@@ -64,7 +64,8 @@ class Star(NamedTuple):
     """Where a star was, by hour angle and declination (refracted, of date), and where the mount stood for it.
 
     Degrees. `axis_dec_deg` is beyond 90° where the mount stood past the pole. For an azimuth mount the first
-    of both are azimuths, the second altitudes. `icrs_deg` is the direction in the catalogue's frame.
+    of both are azimuths, the second altitudes; with a pole of its own they are hour angles and declinations
+    all the same, and `fit` turns them. `icrs_deg` is the direction in the catalogue's frame.
     """
 
     hour_angle_deg: float
@@ -80,9 +81,9 @@ class Star(NamedTuple):
 class PointingFit:
     """A fitted model: the terms' names, values and covariance in arcseconds, residuals of all stars.
 
-    `residuals_arcsec` has shape (n, 2): on the sky towards growing hour angle and declination, or azimuth and
-    altitude of an azimuth mount; reported minus the model. `before_arcsec` are those without any model.
-    `used` tells which stars were fitted.
+    `residuals_arcsec` has shape (n, 2): on the sky towards growing hour angle and declination, those about
+    the mount's own pole, or azimuth and altitude of an azimuth mount; reported minus the model.
+    `before_arcsec` are those without any model. `used` tells which stars were fitted.
     """
 
     names: tuple[str, ...]
@@ -147,6 +148,10 @@ class _Sky:
 
     def __init__(self, stars: Sequence[Star], latitude_deg: float, axes: Axes) -> None:
         at = np.array([star[:4] for star in stars], dtype=np.float64).reshape(-1, 4)
+        frame = frame_of(axes, latitude_deg)
+        if frame is not None:
+            looks, stands = (frame.angles(at[:, k], at[:, k + 1], fn=np)[:2] for k in (0, 2))
+            at = np.stack([*looks, *stands], axis=1)
         sign = -1.0 if axes == "altaz" else 1.0
         self.direction = sign * at[:, 0], at[:, 1]
         self.reported = sign * at[:, 2], at[:, 3]
@@ -208,7 +213,7 @@ def _model(names: tuple[str, ...], values: Array, latitude_deg: float, axes: Axe
 def core_terms(stars: int, axes: Axes = "equatorial") -> tuple[str, ...]:
     """Return the terms that every mount has, as far as so many stars can tell them apart."""
     names = tuple(name for fewest, some in CORE if stars >= fewest for name in some)
-    if axes == "equatorial":
+    if axes != "altaz":
         return names
     other = {known: name for name, (known, _) in ALTAZ.items()}
     return tuple(other[name] for name in names)
@@ -333,7 +338,7 @@ def _with_chosen(
     sky: _Sky, names: tuple[str, ...], values: Array, used: Bools, sigma_arcsec: float
 ) -> tuple[tuple[str, ...], Array, Bools]:
     """Take terms in, the best one first, as long as the held-out stars come nearer by them."""
-    candidates = CHOSEN if sky.axes == "equatorial" else CHOSEN_ALTAZ
+    candidates = CHOSEN_ALTAZ if sky.axes == "altaz" else CHOSEN
     best = _result(sky, names, values, used, sigma_arcsec)
     while 2 * best.stars - len(best.names) > max(6, best.stars // 2):
         tried = []

@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from sattrack.pointing.terms import axes_moved
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -187,9 +189,14 @@ class _AxisSums:
 
 
 def zeros_moved(errors: PeriodicErrors, before: PointingTerms, after: PointingTerms) -> bool:
-    """Tell whether a mount's zero points moved so far between two models that a table is another phase's."""
+    """Tell whether a mount's zero points moved so far between two models that a table is another phase's.
+
+    They may have where the models are about other axes.
+    """
+    if axes_moved(before.axes, after.axes):
+        return True
     for zero, waves in (("IH", errors.first), ("ID", errors.second)):
-        name = zero if after.axes == "equatorial" else zero.replace("H", "A").replace("D", "E")
+        name = zero.replace("H", "A").replace("D", "E") if after.axes == "altaz" else zero
         moved = after.terms.get(name, (0.0, 0.0))[0] - before.terms.get(name, (0.0, 0.0))[0]
         if any(abs(wave.cycles * moved) / 3600.0 > TURNED_DEG for wave in waves):
             return True

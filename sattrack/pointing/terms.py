@@ -7,7 +7,9 @@ are rotations here, exact at any size; their first order is TPOINT's formulas. F
 before them, all other terms are taken from the axes.
 
 The frame: x towards the meridian on the equator, y 90° west of it, z the pole. An azimuth axis is an hour
-angle axis at a latitude of 90° whose hour angle is minus the azimuth; there x is north, y west, z up.
+angle axis at a latitude of 90° whose hour angle is minus the azimuth; there x is north, y west, z up. A mount
+whose first axis points anywhere else is an equatorial one at the latitude that is its pole's altitude: its
+hour angle and declination are those about its own pole, as `AxisFrame` has them.
 Wallace, "A rigorous algorithm for telescope pointing", Proc. SPIE 4848, 125 (2002). Signs: the comments of
 his tptPterms.c (14 November 2006), where ME > 0 is a pole below the true one and AN > 0 a first axis that
 leans north; RTS2 (`TPointModel::reverse`) takes the terms from the direction too.
@@ -24,6 +26,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from sattrack.core.errors import BadInputError
+from sattrack.mount.geometry import SAME_POLE_DEG, AxisFrame, AxisGeometry, Pole
 from tle.instants import functions_for
 
 if TYPE_CHECKING:
@@ -35,7 +38,8 @@ if TYPE_CHECKING:
 
     Added = tuple[Quantity, Quantity]
 
-Axes = Literal["equatorial", "altaz"]
+Axes = Literal["equatorial", "altaz"] | Pole
+"""What terms are about: an equatorial mount's axes, an azimuth mount's, or those of one with another pole."""
 ARCSEC = math.pi / 648000.0
 GEOMETRY = ("IH", "ID", "CH", "NP", "MA", "ME")
 FLEXURE = ("TF", "TX")
@@ -164,6 +168,7 @@ class PointingModel:
     _own: dict[str, float] = field(init=False, repr=False, compare=False)
     _added: tuple[tuple[str, float], ...] = field(init=False, repr=False, compare=False)
     _place: tuple[float, float, float, float] = field(init=False, repr=False, compare=False)
+    _frame: AxisFrame | None = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Look the terms up."""
@@ -178,12 +183,13 @@ class PointingModel:
                 own[known] = value
             else:
                 added.append((known, value))
-        latitude = math.radians(90.0 if self.axes == "altaz" else self.latitude_deg)
+        latitude = math.radians(90.0 if self.axes == "altaz" else self._pole_altitude_deg)
         tilt = math.hypot(own["MA"], own["ME"])
         along = (1.0, 0.0) if tilt == 0.0 else (own["ME"] / tilt, own["MA"] / tilt)
         object.__setattr__(self, "_own", own)
         object.__setattr__(self, "_added", tuple(added))
         object.__setattr__(self, "_place", (latitude, tilt, *along))
+        object.__setattr__(self, "_frame", frame_of(self.axes, self.latitude_deg))
 
     @classmethod
     def of(cls, terms: PointingTerms, beyond_pole: bool = False) -> PointingModel:
@@ -194,12 +200,20 @@ class PointingModel:
                 raise BadInputError(f"{name} of the pointing model is {value:g}″: give an angle up to a turn")
         return cls(values, terms.latitude_deg, terms.axes, beyond_pole)
 
+    @property
+    def _pole_altitude_deg(self) -> float:
+        """How high the pole is past which the mount may stand."""
+        return self.axes.pole_altitude_deg if isinstance(self.axes, Pole) else self.latitude_deg
+
     def on_side(self, beyond_pole: bool) -> PointingModel:
         """Return the same for a side of the pole."""
         return self if beyond_pole == self.beyond_pole else replace(self, beyond_pole=beyond_pole)
 
     def axes_of(self, hour_angle_deg: Quantity, dec_deg: Quantity) -> tuple[Quantity, Quantity]:
-        """Return where the axes stand for a direction, degrees; declinations beyond 90° past the pole."""
+        """Return where the axes stand for a direction, degrees; declinations beyond 90° past the pole.
+
+        By the mount's own frame: for an azimuth mount both are azimuths, west of north, and altitudes.
+        """
         h, d = _RAD * hour_angle_deg, _RAD * dec_deg
         fn = functions_for(h + d)
         cos_d = fn.cos(d)
@@ -214,16 +228,27 @@ class PointingModel:
         if self.axes == "equatorial":
             first, second = self.axes_of(hour_angle_deg, dec_deg)
             return float(first), float(second)
-        west, altitude = swung(hour_angle_deg, dec_deg, self.latitude_deg)
-        first, second = self.axes_of(west, altitude)
-        return swung(float(first), float(second), self.latitude_deg)
+        first, second = self.axes_of(*self._inward(hour_angle_deg, dec_deg))
+        return self._outward(float(first), float(second))
 
     def looks(self, hour_angle_deg: float, dec_deg: float) -> tuple[float, float]:
         """Return the direction in which a mount looks that reports this hour angle and declination."""
         if self.axes == "equatorial":
             return self.direction_of(hour_angle_deg, dec_deg)
-        west, altitude = swung(hour_angle_deg, dec_deg, self.latitude_deg)
-        return swung(*self.direction_of(west, altitude), self.latitude_deg)
+        return self._outward(*self.direction_of(*self._inward(hour_angle_deg, dec_deg)))
+
+    def _inward(self, hour_angle_deg: float, dec_deg: float) -> tuple[float, float]:
+        """Return a direction by the mount's own frame."""
+        if self._frame is None:
+            return swung(hour_angle_deg, dec_deg, self.latitude_deg)
+        first, second, _, _ = self._frame.angles(hour_angle_deg, dec_deg)
+        return first, second
+
+    def _outward(self, first_deg: float, second_deg: float) -> tuple[float, float]:
+        """Return the hour angle and declination of a direction by the mount's own frame."""
+        if self._frame is None:
+            return swung(first_deg, second_deg, self.latitude_deg)
+        return self._frame.direction(first_deg, second_deg)
 
     def direction_of(self, hour_angle_deg: float, dec_deg: float) -> tuple[float, float]:
         """Return the direction that the axes of this side point in, degrees: the inverse of `axes_of`."""
@@ -242,8 +267,8 @@ class PointingModel:
         Unit vectors in a frame whose third axis is the celestial pole; `up` is the zenith there.
         """
         fn = functions_for(u[0])
-        if self.axes == "altaz":
-            return self._applied_about_zenith(u, u_rate, up, up_rate, fn)
+        if self.axes != "equatorial":
+            return self._applied_about_pole(u, u_rate, up, up_rate, fn)
         flat = fn.sqrt(up[0] * up[0] + up[1] * up[1])
         mx, my = up[0] / flat, up[1] / flat
         # The meridian goes round with the Earth.
@@ -262,11 +287,14 @@ class PointingModel:
         rx, ry = rx + spin * py, ry - spin * px
         return (px * mx + py * my, px * my - py * mx, pz), (rx * mx + ry * my, rx * my - ry * mx, rz)
 
-    def _applied_about_zenith(
+    def _applied_about_pole(
         self, u: Triple, u_rate: Triple, up: Triple, up_rate: Triple, fn: Functions
     ) -> tuple[Triple, Triple]:
-        """Return the same of an azimuth mount, whose axes go round with the zenith."""
+        """Return the same of a mount whose first axis is not the Earth's, but fixed to it."""
         base, turning = _horizon(up, up_rate, fn)
+        if isinstance(self.axes, Pole):
+            own = [(north, -east, up) for east, north, up in self.axes.vectors]
+            base, turning = (tuple(_back(rows, one) for one in own) for rows in (base, turning))
         v = _times(base, u)
         rate = _plus(_times(base, u_rate), _times(turning, u))
         x, y, z = v
@@ -314,7 +342,7 @@ class PointingModel:
         second = fn.atan2(cos_n * sin_d + sin_n * cos_d * sine, cos_d * cosine)
         if self.beyond_pole:
             # Past the elevated pole, whichever sign the declination has.
-            turn = 2.0 * math.pi if self.latitude_deg >= 0.0 else -2.0 * math.pi
+            turn = 2.0 * math.pi if self._pole_altitude_deg >= 0.0 else -2.0 * math.pi
             second = second + turn * fn.where(second * turn < 0.0, 1.0, 0.0)
         at = first, second
         first, second = first + own["IH"], second + own["ID"]
@@ -326,6 +354,20 @@ class PointingModel:
                 along, lift = _sum_of(fn, at[0], near, latitude, name)
                 first, second = first + value * along, second + value * lift
         return first, second
+
+
+def frame_of(axes: Axes, latitude_deg: float) -> AxisFrame | None:
+    """Return the frame of terms that are about a pole of the mount's own, None for the others."""
+    if not isinstance(axes, Pole):
+        return None
+    return AxisFrame(AxisGeometry(axes.pole_azimuth_deg, axes.pole_altitude_deg), latitude_deg)
+
+
+def axes_moved(before: Axes, after: Axes) -> bool:
+    """Tell whether terms are about other axes than before: of another kind, or about a pole elsewhere."""
+    if isinstance(before, Pole) and isinstance(after, Pole):
+        return before.moved_deg(after) > SAME_POLE_DEG
+    return before != after
 
 
 def swung(first_deg: float, second_deg: float, latitude_deg: float) -> tuple[float, float]:

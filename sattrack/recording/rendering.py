@@ -16,6 +16,7 @@ from sattrack.core import local_time
 from sattrack.core.angles import altitude_deg, azimuth_deg
 from sattrack.core.errors import BadInputError, how_to_install
 from sattrack.mount.xerxes.datagrams import DatagramError, decode_command
+from sattrack.pointing.terms import frame_of
 from sattrack.recording.fits import Track, smooth_track, spectrum
 from sattrack.recording.report import repeating
 from sattrack.views.formatting import iso_unix_s, named
@@ -369,10 +370,14 @@ def save_pointing(path: Path, found: PointingFit, stars: Sequence[Star], name: s
     sides = figure.subplots(1, 2, subplot_kw={"projection": "polar"})
     at = np.array([(star.hour_angle_deg, star.dec_deg) for star in stars])
     latitude_deg = found.latitude_deg
+    north_deg, frame = 0.0, frame_of(found.axes, latitude_deg)
     if found.axes == "altaz":
         # Azimuth and altitude are hour angle and declination where the pole is overhead.
         at, latitude_deg = at - np.array([180.0, 0.0]), 90.0
-    zenith, azimuth = _on_chart(at, latitude_deg)
+    elif frame is not None:
+        at = np.stack(frame.angles(at[:, 0], at[:, 1], fn=np)[:2], axis=1)
+        north_deg, latitude_deg = frame.geometry.pole_azimuth_deg, frame.horizon_latitude_deg
+    zenith, azimuth = _on_chart(at, latitude_deg, north_deg)
     for axes, residuals, words in (
         (sides[0], found.before_arcsec, "as the mount reports"),
         (sides[1], found.residuals_arcsec, "with the model"),
@@ -382,7 +387,7 @@ def save_pointing(path: Path, found: PointingFit, stars: Sequence[Star], name: s
         middle = float(np.sqrt(np.mean(size[found.used] ** 2)))
         step = 1e-3 * residuals / np.maximum(size, 1e-9)[:, None]
         step[:, 0] /= np.cos(np.radians(at[:, 1]))
-        there, turned = _on_chart(at + step, latitude_deg)
+        there, turned = _on_chart(at + step, latitude_deg, north_deg)
         right = zenith * np.sin(azimuth) - there * np.sin(turned)
         up = there * np.cos(turned) - zenith * np.cos(azimuth)
         arrows = (np.stack([right, up]) / np.maximum(np.hypot(right, up), 1e-12)) * size
@@ -398,10 +403,13 @@ def save_pointing(path: Path, found: PointingFit, stars: Sequence[Star], name: s
     save(figure, path)
 
 
-def _on_chart(places_deg: Array, latitude_deg: float) -> tuple[Array, Array]:
-    """Return distances from the zenith (degrees) and azimuths (radians) of hour angles and declinations."""
+def _on_chart(places_deg: Array, latitude_deg: float, north_deg: float) -> tuple[Array, Array]:
+    """Return distances from the zenith (degrees) and azimuths (radians) of hour angles and declinations.
+
+    They are about a pole whose altitude is the latitude, and whose azimuth is `north_deg`.
+    """
     alt = [altitude_deg(h, d, latitude_deg) for h, d in places_deg.tolist()]
-    azimuth = [azimuth_deg(h, d, latitude_deg) for h, d in places_deg.tolist()]
+    azimuth = [north_deg + azimuth_deg(h, d, latitude_deg) for h, d in places_deg.tolist()]
     return 90.0 - np.array(alt), np.radians(azimuth)
 
 

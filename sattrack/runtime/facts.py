@@ -19,9 +19,10 @@ from sattrack.core import local_time
 from sattrack.core.angles import wrap180
 from sattrack.core.clock import Clock, decode_utc, encode_utc, make_clock
 from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.mount.geometry import Pole
 from sattrack.mount.model import MountProfile
 from sattrack.mount.profiles import ProfileFile
-from sattrack.pointing.terms import PointingModel
+from sattrack.pointing.terms import PointingModel, axes_moved
 from sattrack.runtime import demo_pass
 from sattrack.runtime.mounts import SIMULATED, mount_address
 from sattrack.runtime.target_facts import TargetFacts, target_facts
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from sattrack.mount.model import PointingTerms
     from sattrack.recording.format import Recording
     from sattrack.runtime.bias_memory import MemoryMode
     from sattrack.runtime.mounts import MountAddress
@@ -145,23 +147,40 @@ def build_engine(facts: RunFacts) -> Engine:
 def pointing_of(profile: MountProfile, site: Site) -> PointingModel | None:
     """Return the pointing model of a profile, None where it has none.
 
-    Raises BadInputError where it was found elsewhere, or is not an equatorial mount's.
+    Raises BadInputError where it was found elsewhere, or with other axes than the profile's.
     """
-    known = profile.pointing
+    check_model_site(profile, site)
+    known, geometry = profile.pointing, profile.geometry
     if known is None:
         return None
-    words = f"the pointing model of the profile {profile.name!r}, of {known.utc[:10]},"
-    if abs(known.latitude_deg - site.latitude_deg) > MODEL_SITE_DEG:
+    words = _model_named(profile.name, known)
+    if known.axes != "equatorial" and geometry is None:
+        whose = "an azimuth mount's" if known.axes == "altaz" else "of a mount with a pole of its own"
         raise BadInputError(
-            f"{words} is of a mount at latitude {known.latitude_deg:.2f}°, and the site is at "
-            f"{site.latitude_deg:.2f}°: make one here with `sattrack star-run`, or give this mount's profile"
-        )
-    if known.axes != "equatorial" and profile.geometry is None:
-        raise BadInputError(
-            f"{words} is an azimuth mount's, and the profile has no geometry: `sattrack mount calibrate "
+            f"{words} is {whose}, and the profile has no geometry: `sattrack mount calibrate "
             "--axes` measures it"
         )
+    if geometry is not None and isinstance(known.axes, Pole) and axes_moved(known.axes, geometry.pole):
+        raise BadInputError(
+            f"{words} is of axes that lay {known.axes.moved_deg(geometry.pole):.2f}° from those of its "
+            "geometry: make one with this geometry by `sattrack star-run`, or refit its stars by --fit-only"
+        )
     return PointingModel.of(known)
+
+
+def check_model_site(profile: MountProfile, site: Site) -> None:
+    """Raise BadInputError where the pointing model of a profile was found at another latitude."""
+    known = profile.pointing
+    if known is not None and abs(known.latitude_deg - site.latitude_deg) > MODEL_SITE_DEG:
+        raise BadInputError(
+            f"{_model_named(profile.name, known)} is of a mount at latitude {known.latitude_deg:.2f}°, and "
+            f"the site is at {site.latitude_deg:.2f}°: make one here with `sattrack star-run`, or give this "
+            "mount's profile"
+        )
+
+
+def _model_named(profile: str, known: PointingTerms) -> str:
+    return f"the pointing model of the profile {profile!r}, of {known.utc[:10]},"
 
 
 def first_bias(facts: RunFacts) -> Bias:

@@ -29,7 +29,7 @@ from sattrack.mount.xerxes.link import LinkState
 from sattrack.planning.path import skyline_deg
 from sattrack.pointing.fields import ALIKE_DEG, FieldCamera, FieldWait, Solved
 from sattrack.pointing.fit import PointingFit, Star, find_bump, fit, rms
-from sattrack.pointing.terms import swung
+from sattrack.pointing.terms import frame_of, swung
 from sattrack.pointing.tour import chosen, grid_deg, toured
 from sattrack.views.messages import Jog
 from tle.bodies import Body, StarPlace, named_stars
@@ -57,7 +57,7 @@ POLE_DEG = 5.0
 SYNC_DEG = 3.0
 """A mount whose reports are off by more where it stands is synced before it is slewed.
 
-An azimuth mount gets zero points instead: what a sync does to its axes, nobody knows.
+One with a geometry gets zero points instead: what a sync does to its axes, nobody knows.
 """
 SETTLE_S = 1.5
 HEARD_WITHIN_S = 6.0
@@ -119,28 +119,30 @@ class RunSky:
     """None for a mount that applies refraction itself."""
     looked_deg: tuple[tuple[float, float], ...] = ()
     """Hour angles and declinations at which another run looked: tours keep away from them."""
+    judged_axes: Axes | None = None
+    """What the model is about that is judged; None where one is found."""
 
     @property
     def axes(self) -> Axes:
-        """What the mount's axes are."""
-        return "equatorial" if self.profile.geometry is None else "altaz"
+        """What the model is about."""
+        return self.judged_axes or self.profile.own_axes
 
     def own_deg(self, hour_angle_deg: float, dec_deg: float) -> tuple[float, float]:
         """Return a direction as stars of the mount have it: azimuth and altitude of an azimuth mount."""
-        if self.axes == "equatorial":
+        if self.axes != "altaz":
             return hour_angle_deg, dec_deg
         west, altitude = swung(hour_angle_deg, dec_deg, self.site.latitude_deg)
         return -west % 360.0, altitude
 
     def place_deg(self, star: Star) -> tuple[float, float]:
         """Return hour angle and declination of a star."""
-        if self.axes == "equatorial":
+        if self.axes != "altaz":
             return star.hour_angle_deg, star.dec_deg
         return swung(-star.hour_angle_deg, star.dec_deg, self.site.latitude_deg)
 
     def own_grid(self) -> Array:
         """Return the directions of `grid` as stars of the mount have them."""
-        if self.axes == "equatorial":
+        if self.axes != "altaz":
             return self.grid()
         return np.array([self.own_deg(h, d) for h, d in self.grid().tolist()]).reshape(-1, 2)
 
@@ -188,6 +190,10 @@ class RunSky:
         if self.axes == "altaz":
             axes = np.array([self.own_deg(h, d) for h, d in axes.tolist()]).reshape(-1, 2)
             return rows[toured(axes, start)]
+        frame = frame_of(self.axes, self.site.latitude_deg)
+        if frame is not None:
+            first, second, _, _ = frame.angles(axes[:, 0], axes[:, 1], fn=np)
+            return rows[toured(np.stack([first, second], axis=1), frame.angles(*start)[:2])]
         west = (axes[:, 0] > 0.0) & (self.profile.pier_rule == "hour_angle")
         # Past the pole the hour angle axis stands half a turn on, and the declination axis beyond 90°.
         side = np.where(west[:, None], np.stack([axes[:, 0] - 180.0, 180.0 - axes[:, 1]], axis=1), axes)
@@ -234,7 +240,7 @@ class StarRun:
     realigned: bool = False
     """Whether the mount's zero points are already those of a field."""
     alignment: MountProfile | None = None
-    """The profile with which to begin again: an azimuth mount was found to have other zero points."""
+    """The profile with which to begin again: a mount with a geometry was found to have other zero points."""
     _queue: deque[Body] = field(default_factory=deque)
     _done: list[tuple[float, float]] = field(default_factory=list)
     """Where was looked, or will be: hour angles and declinations."""
@@ -352,7 +358,7 @@ class StarRun:
     def _axes(self, sample: StatusSample, sidereal_deg: float) -> tuple[float, float]:
         """Return where the axes stand by a status: hour angle and declination, past the pole beyond 90°.
 
-        Azimuth and altitude that an azimuth mount's reports mean.
+        With a geometry it is the direction that the mount's reports mean, as stars have it.
         """
         hour_angle, dec = math.remainder(sidereal_deg - sample.ra_deg, 360.0), sample.dec_deg
         frame = self.sky.profile.frame
@@ -443,7 +449,7 @@ class StarRun:
         off_deg = rms(zeros.before_arcsec) / 3600.0
         if off_deg > SYNC_DEG and not self._seen_twice(frame.icrs_deg):
             return
-        if off_deg > SYNC_DEG and self.sky.axes == "altaz":
+        if off_deg > SYNC_DEG and self.sky.profile.geometry is not None:
             self._align(there, sample, off_deg, now_utc_s)
             return
         if off_deg > SYNC_DEG:
@@ -560,9 +566,14 @@ def aligned(
 
 
 def without_zeros(profile: MountProfile) -> MountProfile:
-    """Return the profile of the same mount without zero points: so its stars are kept in a file."""
+    """Return the profile of the same mount without zero points: so its stars are kept in a file.
+
+    Those of a mount with a pole of its own are kept as it reports them: no geometry is in them.
+    """
     if profile.geometry is None:
         return profile
+    if profile.own_axes != "altaz":
+        return msgspec.structs.replace(profile, geometry=None)
     geometry = msgspec.structs.replace(profile.geometry, first_zero_deg=0.0, second_zero_deg=0.0)
     return msgspec.structs.replace(profile, geometry=geometry)
 
@@ -570,9 +581,17 @@ def without_zeros(profile: MountProfile) -> MountProfile:
 def seen_with(star: Star, before: MountProfile, after: MountProfile, site: Site) -> Star:
     """Return a star measured with one profile as it is with another, whose zero points may differ."""
     old, new = before.frame, after.frame
-    if old is None or new is None or before.geometry == after.geometry:
+    if before.geometry == after.geometry:
         return star
-    axes = swung(-star.axis_hour_angle_deg, star.axis_dec_deg, site.latitude_deg)
+    axes = star.axis_hour_angle_deg, star.axis_dec_deg
+    if "altaz" not in {before.own_axes, after.own_axes}:
+        told = axes if old is None else old.reported(*old.angles(*axes)[:2])
+        told = told[0], math.remainder(told[1], 360.0)
+        looks = told if new is None else new.direction(*new.of_report(*told)[:2])
+        return star._replace(axis_hour_angle_deg=looks[0], axis_dec_deg=looks[1])
+    assert old is not None
+    assert new is not None
+    axes = swung(-axes[0], axes[1], site.latitude_deg)
     looks = new.direction(*new.of_report(*old.reported(*old.angles(*axes)[:2]))[:2])
     west, altitude = swung(*looks, site.latitude_deg)
     return star._replace(axis_hour_angle_deg=-west % 360.0, axis_dec_deg=altitude)
@@ -583,22 +602,18 @@ def aligned_by(stars: Sequence[Star], profile: MountProfile, site: Site) -> Moun
 
     Raises SattrackError where the stars contradict one another.
     """
-    bare = without_zeros(profile)
-    frame = bare.frame
-    if frame is None or not stars:
+    if profile.geometry is None or not stars:
         return profile
-    found = fit([seen_with(star, bare, profile, site) for star in stars], site.latitude_deg, "altaz")
+    bare, axes = without_zeros(profile), profile.own_axes
+    found = fit([seen_with(star, bare, profile, site) for star in stars], site.latitude_deg, axes)
     if rms(found.before_arcsec[found.used]) <= SYNC_DEG * 3600.0:
         return profile
     star = stars[int(np.flatnonzero(found.used)[0])]
-    looks, told = (
-        swung(-azimuth, altitude, site.latitude_deg)
-        for azimuth, altitude in (
-            (star.hour_angle_deg, star.dec_deg),
-            (star.axis_hour_angle_deg, star.axis_dec_deg),
-        )
-    )
-    return aligned(profile, looks, frame.reported(*frame.angles(*told)[:2]))
+    looks, told = star[:2], star[2:4]
+    if axes == "altaz":
+        looks, told = (swung(-one[0], one[1], site.latitude_deg) for one in (looks, told))
+    frame = bare.frame
+    return aligned(profile, looks, told if frame is None else frame.reported(*frame.angles(*told)[:2]))
 
 
 def read_keys(descriptor: int) -> list[str]:

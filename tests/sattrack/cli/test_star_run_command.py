@@ -12,10 +12,12 @@ import pytest
 from strangers.tilted_mount import TiltedMount, local
 
 from sattrack.cli.main import run
+from sattrack.mount.geometry import Pole
 from sattrack.mount.model import MountProfile
 from sattrack.mount.profiles import load_profile_file
 from sattrack.pointing.terms import PointingModel
 from sattrack.pointing.tour import units
+from sattrack.runtime.facts import pointing_of
 from sattrack.runtime.star_run import RunSky
 from sattrack.safety import SafetyLimits
 from tle.site import Site
@@ -209,3 +211,44 @@ def test_a_model_of_another_latitude_feeds_nothing(
     err = capsys.readouterr().err
     assert "the pointing model of the profile 'other', of 2026-11-22," in err
     assert "at latitude -30.00°" in err
+
+
+GEOMETRY = """
+name = "wedge"
+additive = false
+[stands_at]
+latitude_deg = 52.0
+longitude_deg = 4.5
+[geometry]
+pole_azimuth_deg = 10.0
+pole_altitude_deg = {altitude}
+[pointing]
+utc = "2026-11-22T00:00:00Z"
+latitude_deg = 52.0
+rms_arcsec = 2.0
+stars = 12
+[pointing.axes]
+pole_azimuth_deg = 10.0
+pole_altitude_deg = 30.0
+[pointing.terms]
+IH = [100.0, 2.0]
+"""
+
+
+def test_a_model_of_a_pole_that_was_moved_feeds_nothing_but_a_star_run_renews_it(
+    stars: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    profile, data = tmp_path / "wedge.toml", tmp_path / "run.dat"
+    data.write_text(stars)
+    slew = ["mount", "slew", "10h", "20d", "--mount", "sim", "--site", SITE, "--profile", str(profile)]
+    profile.write_text(GEOMETRY.format(altitude=30.11))
+    for words in (slew, ["star-run", "--verify", "--camera", "folder:.", *slew[4:]]):
+        assert run(words) == 2
+        err = capsys.readouterr().err
+        assert "the pointing model of the profile 'wedge', of 2026-11-22, is of axes that lay 0.11°" in err
+    ran(capsys, "--fit-only", "--data", str(data), *slew[-2:])
+    renewed = load_profile_file(profile).pointing
+    assert renewed is not None
+    assert renewed.axes == Pole(10.0, 30.11)
+    profile.write_text(GEOMETRY.format(altitude=30.09))
+    assert pointing_of(load_profile_file(profile).mount, Site(52.0, 4.5, 0.0)) is not None

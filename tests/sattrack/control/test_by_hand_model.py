@@ -5,6 +5,7 @@ Where the telescope looks is a stranger's rotations' to say, and where a star is
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
@@ -18,7 +19,8 @@ from strangers.tilted_mount import TiltedMount, apart_arcsec
 from sattrack.control.aim import MountInstant
 from sattrack.control.manual_operation import ConsoleSession, view_of
 from sattrack.control.procedures import procedure_for
-from sattrack.mount.model import AxesPosition, PointingTerms, Slew
+from sattrack.mount.geometry import AxisGeometry, Pole
+from sattrack.mount.model import AxesPosition, PointingTerms, SitePlace, Slew
 from sattrack.mount.requests import Park, Sync, TicketState
 from sattrack.mount.simulator.mount import StartPosition
 from sattrack.servers.alpaca.protocol import NumberedOrder
@@ -107,6 +109,31 @@ def test_a_slew_is_fed_by_the_model_of_the_side_on_which_it_ends(hour_angle: flo
 
 def apart_deg(one: tuple[float, float], other: tuple[float, float]) -> float:
     return max(abs(math.remainder(one[0] - other[0], 360.0)), abs(one[1] - other[1]))
+
+
+@pytest.mark.parametrize(("hour_angle", "dec"), [(-35.0, 20.0), (40.0, 65.0), (15.0, -5.0)])
+def test_rates_lead_a_mount_with_a_pole_of_its_own_to_the_direction(hour_angle: float, dec: float) -> None:
+    pole = Pole(55.0, 25.0)
+    mount = dataclasses.replace(MOUNT, latitude_deg=pole.pole_altitude_deg, pole_azimuth_deg=55.0)
+    made = bench(
+        additive=False,
+        geometry=AxisGeometry(pole.pole_azimuth_deg, pole.pole_altitude_deg),
+        stands_at=SitePlace(SITE.latitude_deg, SITE.longitude_deg),
+        pointing=msgspec.structs.replace(MODEL, axes=pole),
+    )
+    session = ConsoleSession(made.console, made.now_s)
+    made.turn(session)
+    ra = (sidereal_deg(made) - hour_angle) % 360.0
+    session.obey(Slew(ra, dec), made.now_s)
+    while made.console.outcome is None:
+        made.turn(session)
+    assert made.console.outcome.state is TicketState.COMPLETE
+    truth = made.truth
+    assert truth is not None
+    looks = mount.looks(truth.hour_angle_axis_deg, truth.dec_axis_deg)
+    assert apart_arcsec(looks, seen(ra, dec, sidereal_deg(made))) < BOUND_ARCSEC
+    shown = view_of(made.console, made.now_s).looks_at_deg
+    assert shown == pytest.approx((ra, dec), abs=5.0 / 3600.0 / math.cos(math.radians(dec)))
 
 
 def test_without_a_model_slews_are_in_the_mounts_own_coordinates() -> None:

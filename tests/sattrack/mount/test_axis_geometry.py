@@ -150,6 +150,15 @@ def test_axes_that_are_not_square_leave_a_hole_about_the_pole(cone_deg: float, a
             {"pointing": PointingTerms("2026-01-01T00:00:00Z", 52.0, {"IH": (10.0, 1.0)}, 5.0, 9)},
             "pointing is a model of equatorial axes, and geometry is alt-azimuth",
         ),
+        (
+            {
+                "pointing": PointingTerms(
+                    "2026-01-01T00:00:00Z", 52.0, {"IA": (1.0, 1.0)}, 5.0, 9, axes="altaz"
+                ),
+                "geometry": AxisGeometry(0.0, 60.0),
+            },
+            "pointing is a model of altaz axes, and geometry is two-axis",
+        ),
         ({"through_pole": True}, "through_pole is true"),
         (
             {"geometry": {"pole_azimuth_deg": 0.0, "pole_altitude_deg": 91.0}},

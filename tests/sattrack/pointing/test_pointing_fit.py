@@ -11,6 +11,7 @@ import pytest
 from strangers.tilted_mount import TiltedMount, apart_arcsec, local
 
 from sattrack.core.errors import SattrackError
+from sattrack.mount.geometry import Pole
 from sattrack.mount.model import PointingTerms
 from sattrack.pointing.fit import Star, core_terms, find_bump, fit, residuals_of
 from sattrack.pointing.tour import chosen, grid_deg, slewed_deg, toured
@@ -147,6 +148,30 @@ def test_an_azimuth_mount_is_an_equatorial_one_at_the_pole() -> None:
     values = dict(zip(found.names, found.values, strict=True))
     expected = {"AN": 900.0, "AW": -500.0, "CA": -300.0, "NPAE": -40.0, "IA": -200.0, "IE": 150.0, "TF": 20.0}
     assert values == pytest.approx(expected, abs=0.05)
+
+
+def test_a_mount_with_a_pole_of_its_own_is_an_equatorial_one_about_it() -> None:
+    """Of its stars the fit gets hour angles and declinations of the sky, by the stranger's own rotations."""
+    errors = {"pole_up": 900.0, "pole_west": -500.0, "cone": 300.0, "leaning": 40.0, "sag": 20.0}
+    errors |= {"zero_ha": 200.0, "zero_dec": -150.0}
+    mount = TiltedMount(20.0, **errors, pole_azimuth_deg=75.0)
+    faultless, rng = TiltedMount(20.0, pole_azimuth_deg=75.0), np.random.default_rng(5)
+    stars = []
+    while len(stars) < 18:
+        axes = rng.uniform(-90.0, 90.0), rng.uniform(-70.0, 70.0)
+        looks, told = mount.looks(*axes), faultless.looks(*axes)
+        if looks[2] > 0.3:
+            stars.append(Star(*hour_angle_and_dec(looks), *hour_angle_and_dec(told)))
+    found = fit(stars, LATITUDE, Pole(75.0, 20.0))
+    values = dict(zip(found.names, found.values, strict=True))
+    expected = {"ME": -900.0, "MA": 500.0, "CH": -300.0, "NP": -40.0, "IH": -200.0, "ID": 150.0, "TF": 20.0}
+    assert values == pytest.approx(expected, abs=0.05)
+    assert found.terms("2026-10-01T00:00:00Z").axes == Pole(75.0, 20.0)
+
+
+def hour_angle_and_dec(vector: np.ndarray) -> tuple[float, float]:
+    x, y, z = (float(local(*one, LATITUDE) @ vector) for one in ((0.0, 0.0), (90.0, 0.0), (0.0, 90.0)))
+    return math.degrees(math.atan2(y, x)), math.degrees(math.asin(z))
 
 
 @pytest.mark.parametrize(

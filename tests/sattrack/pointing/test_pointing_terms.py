@@ -11,6 +11,7 @@ import pytest
 from strangers.tilted_mount import TiltedMount, apart_arcsec, local
 
 from sattrack.core.errors import BadInputError
+from sattrack.mount.geometry import Pole
 from sattrack.mount.model import PointingTerms
 from sattrack.pointing.terms import PointingModel, first_order_deg, swung
 from sattrack.runtime import demo_pass
@@ -35,6 +36,46 @@ def modelled(mount: TiltedMount, beyond_pole: bool = False) -> PointingModel:
         "TF": mount.sag,
     }
     return PointingModel(terms, mount.latitude_deg, beyond_pole=beyond_pole)
+
+
+POLES = (Pole(25.0, 35.0), Pole(-110.0, 10.0), Pole(300.0, 80.0), Pole(40.0, -30.0))
+
+
+@pytest.mark.parametrize("pole", POLES)
+def test_a_mount_with_a_pole_of_its_own_looks_where_it_must(pole: Pole) -> None:
+    """It reports the direction to which its axes would point without errors, by a faultless stranger."""
+    azimuth, altitude, latitude = pole.pole_azimuth_deg, pole.pole_altitude_deg, 52.0
+    errors = (4000.0, -6000.0, 600.0, 200.0, 900.0, -500.0, 30.0)
+    mount = TiltedMount(altitude, *errors, pole_azimuth_deg=azimuth)
+    faultless = TiltedMount(altitude, pole_azimuth_deg=azimuth)
+    model = PointingModel(modelled(mount).terms, latitude, pole)
+    seen = 0
+    for h in range(-170, 180, 35):
+        for d in range(-60, 90, 25):
+            first, second = faultless.stands(local(h, d, latitude), (10.0, 0.0))
+            second = math.remainder(second, 360.0)
+            if abs(second) > 80.0:
+                continue
+            seen += 1
+            reported = model.reported(h, d)
+            stands = faultless.stands(local(*reported, latitude), (first, second))
+            assert apart_arcsec(mount.looks(*stands), local(h, d, latitude)) < 0.005
+            assert apart_arcsec(local(*model.looks(*reported), latitude), local(h, d, latitude)) < 1e-5
+    assert seen > 20
+
+
+def test_an_equatorial_mounts_model_is_one_about_the_celestial_pole() -> None:
+    terms = modelled(TiltedMount(-35.0, 4000.0, -6000.0, 600.0, 200.0, 900.0, -500.0, 30.0)).terms
+    plain, own = PointingModel(terms, -35.0), PointingModel(terms, -35.0, Pole(0.0, -35.0))
+    for place in ((-50.0, 20.0), (70.0, -60.0)):
+        assert own.reported(*place) == pytest.approx(plain.reported(*place), abs=1e-9)
+        assert own.looks(*place) == pytest.approx(plain.looks(*place), abs=1e-9)
+
+
+def test_a_pole_is_elsewhere_by_the_frames_turn() -> None:
+    assert Pole(20.0, 35.0).moved_deg(Pole(20.0, 35.2)) == pytest.approx(0.2)
+    assert Pole(359.9, 0.0).moved_deg(Pole(0.2, 0.0)) == pytest.approx(0.3)
+    assert Pole(0.0, 90.0).moved_deg(Pole(90.0, 90.0)) == pytest.approx(90.0)
 
 
 @pytest.mark.parametrize("beyond", [False, True])
@@ -177,7 +218,10 @@ AZIMUTH = PointingModel(
 )
 
 
-@pytest.mark.parametrize("model", [EQUATORIAL, AZIMUTH])
+TILTED = PointingModel(EQUATORIAL.terms, 52.0, Pole(40.0, 25.0))
+
+
+@pytest.mark.parametrize("model", [EQUATORIAL, AZIMUTH, TILTED])
 def test_a_satellites_rates_are_the_derivatives_of_what_the_mount_is_fed(model: PointingModel) -> None:
     site = Site(52.0, 4.5, 0.0)
     fed = Propagator(ISS, site, refraction=Refraction(), pointing=model)

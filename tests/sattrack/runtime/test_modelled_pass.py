@@ -11,9 +11,10 @@ import msgspec
 import numpy as np
 import pytest
 from late_start import late
-from strangers.tilted_mount import TiltedMount, apart_arcsec
+from strangers.tilted_mount import TiltedMount, apart_arcsec, local, turn
 
-from sattrack.mount.model import MountProfile, PointingTerms, mean_sidereal_deg
+from sattrack.mount.geometry import AxisGeometry, Pole
+from sattrack.mount.model import MountProfile, PointingTerms, SitePlace, mean_sidereal_deg
 from sattrack.mount.simulator.camera import TruePath
 from sattrack.mount.simulator.mount import SimulatedSite, StartPosition
 from sattrack.mount.simulator.night_sky import NightSky
@@ -37,6 +38,11 @@ TERMS = {"ME": -4000.0, "MA": 3500.0, "CH": -600.0, "NP": -90.0, "IH": -700.0, "
 MODEL = PointingTerms(
     "2026-10-01T00:00:00Z", SITE.latitude_deg, {name: (value, 1.0) for name, value in TERMS.items()}, 2.0, 20
 )
+POLE = Pole(55.0, 25.0)
+TILTED = dataclasses.replace(
+    MOUNT, latitude_deg=POLE.pole_altitude_deg, pole_azimuth_deg=POLE.pole_azimuth_deg
+)
+"""The same errors about a first axis that points low into the north-east."""
 
 
 STEP_S = 2.0
@@ -51,6 +57,19 @@ def prepared(modelled: bool, pier_rule: str = "never", min_alt_deg: float = 55.0
     made = dataclasses.replace(made, facts=late(made.facts))
     profile = msgspec.structs.replace(
         made.facts.profile, pointing=MODEL if modelled else None, pier_rule=pier_rule
+    )
+    return dataclasses.replace(made, facts=msgspec.structs.replace(made.facts, profile=profile))
+
+
+def tilted(modelled: bool, reports: str) -> Prepared:
+    """Return the same for a mount with a geometry."""
+    made = prepared(False)
+    profile = msgspec.structs.replace(
+        made.facts.profile,
+        additive=False,
+        geometry=AxisGeometry(POLE.pole_azimuth_deg, POLE.pole_altitude_deg, reports=reports),  # type: ignore[arg-type]
+        stands_at=SitePlace(SITE.latitude_deg, SITE.longitude_deg),
+        pointing=msgspec.structs.replace(MODEL, axes=POLE) if modelled else None,
     )
     return dataclasses.replace(made, facts=msgspec.structs.replace(made.facts, profile=profile))
 
@@ -71,9 +90,16 @@ def looked_beside_arcsec(made: Prepared, flip: str) -> np.ndarray:
     at_s = np.arange(facts.plan.start_utc_s + JOINED_S, end_s - 12.0, STEP_S)
     first, second = mount.path.at(at_s)
     there = sky.satellite(0, at_s, 0.0 * at_s, 0.0 * at_s).directions
+    geometry = facts.profile.geometry
+    mount, turned = MOUNT, np.eye(3)
+    if geometry is not None:
+        # What reports the sky does so by its clock, as if its base were turned about the Earth's axis.
+        by_clock = zero_deg if geometry.reports == "sky" else 0.0
+        mount, turned = TILTED, turn(local(0.0, 90.0, SITE.latitude_deg), -math.radians(by_clock))
+        zero_deg = 0.0
     return np.array(
         [
-            apart_arcsec(MOUNT.looks(h + zero_deg, d), one)
+            apart_arcsec(turned @ mount.looks(h + zero_deg, d), one)
             for h, d, one in zip(first, second, there, strict=True)
         ]
     )
@@ -88,6 +114,12 @@ def test_a_modelled_mount_keeps_its_telescope_on_the_satellite(flip: str) -> Non
     assert (0.0 < beside_s < FLIPS_WITHIN_S) if turns else beside_s == 0.0
     assert float(with_model[:20].max()) < 1.0
     assert float(with_model[-20:].max()) < 1.0
+
+
+@pytest.mark.parametrize("reports", ["sky", "axes"])
+def test_a_modelled_mount_with_a_pole_of_its_own_keeps_its_telescope_on_the_satellite(reports: str) -> None:
+    assert float(looked_beside_arcsec(tilted(True, reports), "never").max()) < 1.0
+    assert float(np.median(looked_beside_arcsec(tilted(False, reports), "never"))) > 1800.0
 
 
 def test_without_a_model_the_telescope_looks_a_degree_beside() -> None:

@@ -19,9 +19,9 @@ from sattrack.cli.main import run
 from sattrack.control.console import Console
 from sattrack.control.manual_operation import ConsoleSession
 from sattrack.core.errors import SattrackError
-from sattrack.mount.geometry import AxisGeometry
+from sattrack.mount.geometry import AxisGeometry, Pole
 from sattrack.mount.model import MountProfile, SitePlace
-from sattrack.mount.profiles import profile_text
+from sattrack.mount.profiles import load_profile_file, profile_text
 from sattrack.mount.simulator.mount import StartPosition
 from sattrack.pointing.fields import Solved
 from sattrack.pointing.files import RunParameters, read_stars, star_line, stars_head
@@ -270,10 +270,13 @@ def test_nothing_that_may_be_looked_at_is_said_before_anything_moves() -> None:
     assert not flight.bench.flags()
 
 
-def alt_azimuth(reports: str) -> MountProfile:
+ZENITH = Pole(0.0, 90.0)
+
+
+def alt_azimuth(reports: str, pole: Pole = ZENITH) -> MountProfile:
     return msgspec.structs.replace(
         PROFILE,
-        geometry=AxisGeometry(0.0, 90.0, reports=reports),  # type: ignore[arg-type]
+        geometry=AxisGeometry(pole.pole_azimuth_deg, pole.pole_altitude_deg, reports=reports),  # type: ignore[arg-type]
         stands_at=SitePlace(LATITUDE, LONGITUDE),
         additive=False,
     )
@@ -358,6 +361,59 @@ def test_from_nothing_an_alt_azimuth_mount_points_within_five_arcseconds(reports
     assert again.geometry.second_zero_deg == pytest.approx(found.geometry.second_zero_deg, abs=2.0)
     stars = [seen_with(star, without_zeros(found), again, SITE) for star in bare]
     assert fit(stars, LATITUDE, "altaz").rms_arcsec < 5.0
+
+
+POLE = Pole(-40.0, 25.0)
+TILTED = replace(
+    MOUNT, latitude_deg=25.0, pole_azimuth_deg=-40.0, zero_ha=-70.0 * 3600.0, zero_dec=6.0 * 3600.0
+)
+
+
+@pytest.mark.parametrize("reports", ["sky", "axes"])
+def test_from_nothing_a_mount_with_a_pole_of_its_own_points_within_five_arcseconds(
+    reports: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its reports are 70° off; its file has them as they are, so that whoever fits it finds them again."""
+    given = alt_azimuth(reports, POLE)
+    drives = msgspec.structs.replace(given, hour_angle_limit_deg=700.0)
+    first = flown(14, mount=TILTED, profile=given, drives=drives)
+    found = first.run.alignment
+    assert found is not None
+    assert "sync" not in first.bench.flags()
+    second = flown(14, mount=TILTED, profile=found, drives=drives, realigned=True)
+    assert second.run.trouble is None
+    assert 12 <= len(second.kept) <= 14
+    assert first.minutes + second.minutes < 10.0
+    fitted = second.run.fitted
+    assert fitted is not None
+    assert fitted.axes == POLE
+    assert {"MA", "ME", "IH", "ID", "CH", "NP"} <= set(fitted.names)
+    assert fed_altaz_off_arcsec(second, TILTED) < 5.0
+    data, old, new = (tmp_path / name for name in ("run.dat", "mount.toml", "modelled.toml"))
+    bare = [seen_with(star, found, without_zeros(found), SITE) for star in second.kept]
+    if reports == "axes":
+        # What is reported are the angles that the drives count.
+        for star, told in zip(second.kept, bare, strict=True):
+            tube = TILTED.looks(told.axis_hour_angle_deg, told.axis_dec_deg)
+            assert apart_arcsec(tube, local(star.hour_angle_deg, star.dec_deg, LATITUDE)) < 20.0
+    head = stars_head("own", RunParameters(LATITUDE, "2026-09-21", 10.0, 1010.0, 0.0), POLE)
+    data.write_text(head + "".join(star_line(star, POLE) for star in bare), encoding="utf-8")
+    assert ":EQUAT" in data.read_text(encoding="utf-8")
+    old.write_text(profile_text(given), encoding="utf-8")
+    words = ["star-run", "--fit-only", "--json", "--mount", "sim", "--site", f"{LATITUDE},{LONGITUDE},0"]
+    words += ["--data", str(data), "--profile", str(old), "--output", str(new)]
+    assert run([*words, "--plot", str(tmp_path / "sky.svg"), "--model", str(tmp_path / "tp.dat")]) == 0
+    model = json.loads(capsys.readouterr().out)["model"]
+    assert model["rms_arcsec"] < 6.0
+    for name, value in (("MA", 3500.0), ("ME", -4000.0), ("CH", -600.0), ("NP", -90.0)):
+        term = model["terms"][name]
+        assert term["arcsec"] == pytest.approx(value, abs=max(4.0 * term["sigma_arcsec"], 5.0))
+    kept = load_profile_file(new)
+    assert kept.pointing is not None
+    assert kept.pointing.axes == POLE
+    assert kept.geometry is not None
+    assert kept.geometry.first_zero_deg == pytest.approx(-70.0, abs=4.0)
+    assert "pole at azimuth -40, altitude 25" in (tmp_path / "tp.dat").read_text(encoding="utf-8")
 
 
 @cache
