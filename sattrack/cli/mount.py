@@ -159,7 +159,10 @@ def mount_options(
 def resolve(
     context: CommandContext, options: dict[str, Any], needs_site: bool = True, uses_model: bool = True
 ) -> MountCall:
-    """Return which mount a verb is for. Raises BadInputError; no socket is opened."""
+    """Return which mount a verb is for. Raises BadInputError; no socket is opened.
+
+    A verb that needs no site needs no pointing model: it goes without one that is refused.
+    """
     url, address = context.mount(options["mount_url"])
     timeout_s = options["timeout"]
     if timeout_s is not None and not (math.isfinite(timeout_s) and timeout_s > 0.0):
@@ -170,10 +173,16 @@ def resolve(
         site = demo_pass.SITE.place()
     if site is not None and address is not None:
         address = address.seen_from(site)
-    if site is not None and needs_site and described.pointing is not None:
+    if site is not None and described.pointing is not None:
         from sattrack.runtime.facts import check_model_site, pointing_of
 
-        (pointing_of if uses_model else check_model_site)(described.mount, site)
+        try:
+            (pointing_of if uses_model else check_model_site)(described.mount, site)
+        except BadInputError as error:
+            if needs_site:
+                raise
+            tell(f"{error}; this goes without it")
+            described = msgspec.structs.replace(described, pointing=None)
     return MountCall(context, address, described, site, context.clock(), timeout_s)
 
 

@@ -61,6 +61,10 @@ def what_is_served(
     practising = address is None and not context.has_site()
     site = demo_pass.SITE.place() if practising else context.site()
     clock = context.clock()
+    if described.pointing is not None:
+        from sattrack.runtime.facts import pointing_of
+
+        pointing_of(described.mount, site)
     if clock.speed != 1.0:
         raise BadInputError(f"--clock: {lives_in_real_time} in real time; give no speed")
     return Served(address if address is None else address.seen_from(site), described, site, clock)

@@ -44,7 +44,9 @@ if TYPE_CHECKING:
 
 FILE = click.Path(path_type=Path, dir_okay=False)
 MOST_STARS = 200
-GEARS_TURNED = "the periodic errors are left out: the zero points have moved since they were learnt"
+GEARS_TURNED = (
+    "the periodic errors are left out: the zero points have moved, or may have, since they were learnt"
+)
 ANOTHER_MOUNT_ARCSEC, ANOTHER_MOUNT_TIMES = 60.0, 5.0
 """A model that misses by more than both is another mount's, or of this one before it was moved."""
 

@@ -193,6 +193,8 @@ class PointingTerms(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What the terms are about: an equatorial mount's axes, an azimuth mount's, or those about a pole."""
     passes: int = 0
     """How many recorded passes have corrected it since."""
+    signs: Literal["tpoint"] | None = None
+    """By whose definition the terms are; None in a table of a time when their signs were others."""
 
     @property
     def most_deg(self) -> float:
@@ -245,7 +247,7 @@ MOST = {"period_s": 0.5, "hour_angle_limit_deg": 720.0}
 
 USUAL_TRAVEL_DEG = (-190.0, 190.0)
 ZENITH_KEPT_DEG = 1.0
-"""How far an azimuth mount stays from where its reports pass over the zenith."""
+"""How far a mount with a geometry stays from where its reports pass over its pole."""
 
 
 def _told_limits_deg(geometry: AxisGeometry) -> tuple[float, float]:

@@ -127,6 +127,7 @@ class PointingFit:
             self.stars,
             None if held_out is None else round(held_out, 3),
             self.axes,
+            signs="tpoint",
         )
 
     def predicted_arcsec(self, directions_deg: Array) -> float:

@@ -191,9 +191,9 @@ class _AxisSums:
 def zeros_moved(errors: PeriodicErrors, before: PointingTerms, after: PointingTerms) -> bool:
     """Tell whether a mount's zero points moved so far between two models that a table is another phase's.
 
-    They may have where the models are about other axes.
+    They may have where the models are about other axes, or the signs of one are unknown.
     """
-    if axes_moved(before.axes, after.axes):
+    if axes_moved(before.axes, after.axes) or before.signs != after.signs:
         return True
     for zero, waves in (("IH", errors.first), ("ID", errors.second)):
         name = zero.replace("H", "A").replace("D", "E") if after.axes == "altaz" else zero

@@ -193,7 +193,16 @@ class PointingModel:
 
     @classmethod
     def of(cls, terms: PointingTerms, beyond_pole: bool = False) -> PointingModel:
-        """Return the model of a profile. Raises BadInputError for a term that is unknown, or no angle."""
+        """Return the model of a profile. Raises BadInputError for a term that is unknown, or no angle.
+
+        It does so, too, where the terms' signs are unknown: turned the wrong way they double each error.
+        """
+        if terms.signs is None:
+            raise BadInputError(
+                f'the pointing model of {terms.utc[:10]} has no signs = "tpoint", and its terms may have the '
+                "reverse signs: make a new star run, or refit its stars by `sattrack star-run --fit-only "
+                "--data FILE`"
+            )
         values = {name: value for name, (value, _) in terms.terms.items()}
         for name, value in values.items():
             if not abs(value) <= TURN_ARCSEC:

@@ -165,7 +165,10 @@ def pointing_of(profile: MountProfile, site: Site) -> PointingModel | None:
             f"{words} is of axes that lay {known.axes.moved_deg(geometry.pole):.2f}° from those of its "
             "geometry: make one with this geometry by `sattrack star-run`, or refit its stars by --fit-only"
         )
-    return PointingModel.of(known)
+    try:
+        return PointingModel.of(known)
+    except BadInputError as error:
+        raise BadInputError(f"the profile {profile.name!r}: {error}") from None
 
 
 def check_model_site(profile: MountProfile, site: Site) -> None:

@@ -204,7 +204,7 @@ def test_a_model_of_another_latitude_feeds_nothing(
     profile = tmp_path / "other.toml"
     profile.write_text(
         'name = "other"\n[pointing]\nutc = "2026-11-22T00:00:00Z"\nlatitude_deg = -30.0\nrms_arcsec = 2.0\n'
-        "stars = 12\n[pointing.terms]\nIH = [100.0, 2.0]\n"
+        'stars = 12\nsigns = "tpoint"\n[pointing.terms]\nIH = [100.0, 2.0]\n'
     )
     words = ["track", "ISS", "--mount", "sim", "--virtual", "--headless", "--profile", str(profile)]
     assert run(words) == 2
@@ -227,6 +227,7 @@ utc = "2026-11-22T00:00:00Z"
 latitude_deg = 52.0
 rms_arcsec = 2.0
 stars = 12
+signs = "tpoint"
 [pointing.axes]
 pole_azimuth_deg = 10.0
 pole_altitude_deg = 30.0
@@ -251,4 +252,31 @@ def test_a_model_of_a_pole_that_was_moved_feeds_nothing_but_a_star_run_renews_it
     assert renewed is not None
     assert renewed.axes == Pole(10.0, 30.11)
     profile.write_text(GEOMETRY.format(altitude=30.09))
+    assert pointing_of(load_profile_file(profile).mount, Site(52.0, 4.5, 0.0)) is not None
+
+
+def test_a_model_whose_signs_are_unknown_feeds_nothing_until_a_star_run_renews_it(
+    stars: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    profile, data = tmp_path / "old.toml", tmp_path / "run.dat"
+    data.write_text(stars)
+    table = GEOMETRY[GEOMETRY.index("[pointing]") :].replace('signs = "tpoint"\n', "")
+    profile.write_text(
+        'name = "old"\n' + table[: table.index("[pointing.axes]")] + "[pointing.terms]\nIH = [9, 2]\n"
+    )
+    given = ["--mount", "sim", "--site", SITE, "--profile", str(profile)]
+    for words in (
+        ["mount", "slew", "10h", "20d"],
+        ["serve", "rotctld"],
+        ["star-run", "--verify", "--camera", "folder:."],
+    ):
+        assert run([*words, *given]) == 2
+        err = capsys.readouterr().err
+        assert "the profile 'old': the pointing model of 2026-11-22 has no signs" in err
+        assert "star-run --fit-only --data FILE" in err
+    # What stops the mount needs no model.
+    assert run(["mount", "abort", *given]) == 0
+    assert "this goes without it" in capsys.readouterr().err
+    ran(capsys, "--fit-only", "--data", str(data), "--profile", str(profile))
+    assert 'signs = "tpoint"' in profile.read_text()
     assert pointing_of(load_profile_file(profile).mount, Site(52.0, 4.5, 0.0)) is not None

@@ -85,7 +85,7 @@ AT = MountInstant(NOW, 200.0, refracts=True)
 def aim(**terms: float) -> Aim:
     """Return the aim of a mount at 50° north with a pointing model of these terms, arcseconds."""
     known = {name: (value, 1.0) for name, value in terms.items()}
-    model = PointingTerms("2026-10-01T00:00:00Z", 50.0, known, 2.0, 20)
+    model = PointingTerms("2026-10-01T00:00:00Z", 50.0, known, 2.0, 20, signs="tpoint")
     return Aim(MountProfile(pointing=model), Site(50.0, LONGITUDE))
 
 

@@ -9,6 +9,7 @@ import msgspec
 import pytest
 from feeder_passes import subjects
 
+from sattrack.mount.geometry import Pole
 from sattrack.mount.model import PeriodicErrors, PointingTerms, Wave, mean_sidereal_deg
 from sattrack.pointing.periodic import AxisStand, PeriodicTable, TableJudge, past_pole, zeros_moved
 from sattrack.runtime.facts import build_engine
@@ -122,6 +123,12 @@ def test_a_star_run_shows_that_zero_points_have_moved() -> None:
     far = PointingTerms("", 52.0, {"IH": (10.0, 1.0), "ID": (400.0, 1.0)}, 1.0, 12)
     assert not zeros_moved(GEARS, before, near)
     assert zeros_moved(GEARS, before, far)
+    # Nobody knows where the signs of one are unknown, or its terms are about other axes.
+    assert zeros_moved(GEARS, before, msgspec.structs.replace(near, signs="tpoint"))
+    tilted = [msgspec.structs.replace(near, axes=Pole(20.0, altitude)) for altitude in (30.0, 30.05, 30.2)]
+    assert zeros_moved(GEARS, before, tilted[0])
+    assert not zeros_moved(GEARS, *tilted[:2])
+    assert zeros_moved(GEARS, *tilted[::2])
 
 
 def test_a_run_feeds_what_the_axes_must_report() -> None:

@@ -205,7 +205,9 @@ def test_an_unknown_term_is_refused_by_its_name() -> None:
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -1e9])
 def test_a_value_that_is_no_angle_is_refused_by_its_name(value: float) -> None:
-    terms = PointingTerms("2026-10-01T00:00:00Z", 52.0, {"IH": (1.0, 1.0), "CH": (value, 1.0)}, 1.0, 9)
+    terms = PointingTerms(
+        "2026-10-01T00:00:00Z", 52.0, {"IH": (1.0, 1.0), "CH": (value, 1.0)}, 1.0, 9, signs="tpoint"
+    )
     with pytest.raises(BadInputError, match="CH of the pointing model"):
         PointingModel.of(terms)
 

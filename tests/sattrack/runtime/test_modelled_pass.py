@@ -36,7 +36,12 @@ SITE = camera_sky.SITE
 MOUNT = TiltedMount(SITE.latitude_deg, 4000.0, -3500.0, 600.0, 90.0, 700.0, -900.0, 30.0)
 TERMS = {"ME": -4000.0, "MA": 3500.0, "CH": -600.0, "NP": -90.0, "IH": -700.0, "ID": 900.0, "TF": 30.0}
 MODEL = PointingTerms(
-    "2026-10-01T00:00:00Z", SITE.latitude_deg, {name: (value, 1.0) for name, value in TERMS.items()}, 2.0, 20
+    "2026-10-01T00:00:00Z",
+    SITE.latitude_deg,
+    {name: (value, 1.0) for name, value in TERMS.items()},
+    2.0,
+    20,
+    signs="tpoint",
 )
 POLE = Pole(55.0, 25.0)
 TILTED = dataclasses.replace(
