@@ -296,6 +296,29 @@ def troubles() -> list[str]:
     return lines
 
 
+def few_stars(count: int, draws: int = 20) -> str:
+    """Return what becomes of so few stars, one of them solved to be anywhere on the sphere, or none."""
+    found = refused = left_out = 0
+    for number in range(draws):
+        rng = np.random.default_rng(10_000 + number)
+        mount = hidden(rng)
+        places = sky(mount)[chosen(sky(mount), count)]
+        good = [look(mount, tuple(place), 20.0 * k, rng) for k, place in enumerate(places)]
+        left_out += int((~fit(good, LATITUDE_DEG).used).sum())
+        x, y, z = rng.standard_normal(3)
+        wrong = int(rng.integers(count))
+        h, d = math.degrees(math.atan2(y, x)), math.degrees(math.atan2(z, math.hypot(x, y)))
+        stars = [*good[:wrong], good[wrong]._replace(hour_angle_deg=h, dec_deg=d), *good[wrong + 1 :]]
+        try:
+            found += np.flatnonzero(~fit(stars, LATITUDE_DEG).used).tolist() == [wrong]
+        except SattrackError:
+            refused += 1
+    return (
+        f"one wrong star of {count}, {draws} mounts: {found} found, {refused} refused; "
+        f"{left_out} good ones left out where none is wrong"
+    )
+
+
 def bumped_text(bump: Bump | None) -> str:
     """Return in words what was found of a bump."""
     return (
@@ -328,7 +351,7 @@ def main() -> None:
     within = [one for found in draws for one in found.within]
     print(f"terms within 2 sigma  {100.0 * sum(within) / len(within):.1f} % of {len(within)}")
     if options.kind == "equatorial":
-        print("\n".join(troubles()))
+        print("\n".join([*troubles(), *map(few_stars, range(3, 8))]))
 
 
 if __name__ == "__main__":

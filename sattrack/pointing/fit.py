@@ -49,6 +49,13 @@ MOST_WRONG_SHARE, MOST_LEFT_ARCSEC = 0.34, 300.0
 FEWEST_TO_REFUSE = 5
 """Where more stars are wrong, or those that agree are farther off, nothing was measured; fewer stars than the
 last may show terms that are not fitted yet."""
+FEW_LEFT_ARCSEC, FEWEST_TO_TELL = 1200.0, 3
+"""So few stars, from the second on, are off by more only where one of them is wrong."""
+UNFITTED_ARCSEC = 40.0
+"""What terms leave that so few stars cannot tell yet: no star is wrong by it."""
+LONE_TIMES, FEWEST_WITH_LONE, MOST_WITH_LONE = 10.0, 4, 30
+"""A star is the lone wrong one if without any other so many times more is left. Among more stars than the
+last the fit of absolute values finds it."""
 BUMP_SIGMAS, LEAST_BUMP_ARCSEC, BUMP_SHARE = 8.0, 20.0, 0.5
 """A bump is one by so many times the noise, by the second at least, where it explains as large a share."""
 LEAST_EACH_SIDE = 4
@@ -235,12 +242,46 @@ def fit(
     if not stars:
         raise SattrackError("no star was measured: there is nothing to fit a pointing model to")
     sky = _Sky(stars, latitude_deg, axes)
-    places = sky.places
+    lone = _lone_wrong(sky, stars) if names is None else None
+    kept = np.arange(len(stars)) != (-1 if lone is None else lone)
+    rest = sky if lone is None else _without(sky, stars, lone)
+    places = rest.places
     chosen = names or core_terms(places, axes)
-    values, used = _robust(sky, chosen, sigma_arcsec)
+    if lone is not None and places < CORE[-1][0]:
+        used = np.ones(len(stars) - 1, dtype=bool)
+        values = _least_squares(rest, chosen, np.zeros(len(chosen)), used)
+    else:
+        values, used = _robust(rest, chosen, sigma_arcsec)
     if names is None and min(places, used.sum()) >= FEWEST_TO_CHOOSE:
-        chosen, values, used = _with_chosen(sky, chosen, values, used, sigma_arcsec)
-    return _result(sky, chosen, values, used, sigma_arcsec)
+        chosen, values, used = _with_chosen(rest, chosen, values, used, sigma_arcsec)
+    kept[kept] = used
+    return _result(sky, chosen, values, kept, sigma_arcsec)
+
+
+def _without(sky: _Sky, stars: Sequence[Star], one: int) -> _Sky:
+    """Return all stars but one."""
+    return _Sky([*stars[:one], *stars[one + 1 :]], sky.latitude_deg, sky.axes)
+
+
+def _lone_wrong(sky: _Sky, stars: Sequence[Star]) -> int | None:
+    """Return the star without which the others agree, where that is so of no other; None where none is.
+
+    A fit of absolute values does not find it where each of few stars decides about a term.
+    """
+    if sky.places < FEWEST_WITH_LONE or len(stars) > MOST_WITH_LONE or _left(sky) <= MOST_LEFT_ARCSEC:
+        return None
+    left = np.array([_left(_without(sky, stars, one)) for one in range(len(stars))])
+    least, next_least = np.partition(left, 1)[:2]
+    if least > MOST_LEFT_ARCSEC or next_least < max(LONE_TIMES * least, MOST_LEFT_ARCSEC):
+        return None
+    return int(np.argmin(left))
+
+
+def _left(sky: _Sky) -> float:
+    """Return what a fit of all stars leaves in either axis, its freedom counted."""
+    names, count = core_terms(sky.places, sky.axes), len(sky.beyond)
+    values = _least_squares(sky, names, np.zeros(len(names)), np.ones(count, dtype=bool))
+    return math.sqrt(float(np.sum(sky.residuals(names, values) ** 2)) / (2 * count - len(names)))
 
 
 def _result(
@@ -320,18 +361,22 @@ def _robust(sky: _Sky, names: tuple[str, ...], sigma_arcsec: float) -> tuple[Arr
         spread = float(np.median(size)) / 1.1774 / math.sqrt(share)
         limit = max(WRONG_SIGMAS * max(spread, sigma_arcsec), LEAST_WRONG_ARCSEC)
         before_used, used = used, size <= limit
-        if count - used.sum() > MOST_WRONG_SHARE * count or used.sum() * 2 < len(names):
-            if sky.places < FEWEST_TO_REFUSE:
-                used = np.ones(count, dtype=bool)
-                values = _least_squares(sky, names, values, used)
+        if count - used.sum() > MOST_WRONG_SHARE * count or used.sum() * 2 <= len(names):
+            everyone = np.ones(count, dtype=bool)
+            whole = _least_squares(sky, names, values, everyone)
+            few = sky.places < CORE[-1][0] and rms(sky.residuals(names, whole)) <= UNFITTED_ARCSEC
+            if few or sky.places < FEWEST_TO_REFUSE:
+                values, used = whole, everyone
                 break
             raise SattrackError(f"{count - int(used.sum())} of {count} stars {NO_MODEL}")
         values = _least_squares(sky, names, values, used)
         if (used == before_used).all():
             break
     left = rms(sky.residuals(names, values)[used])
-    if left > MOST_LEFT_ARCSEC and sky.places >= FEWEST_TO_REFUSE:
-        raise SattrackError(f"stars {NO_MODEL}: {left:.0f}″ are left")
+    few = sky.places < FEWEST_TO_REFUSE
+    if left > (FEW_LEFT_ARCSEC if few else MOST_LEFT_ARCSEC) and sky.places >= FEWEST_TO_TELL:
+        hint = "; more stars show whether one is wrongly solved" if few else ""
+        raise SattrackError(f"stars {NO_MODEL}: {left:.0f}″ are left{hint}")
     return values, used
 
 

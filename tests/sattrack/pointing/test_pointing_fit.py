@@ -89,6 +89,39 @@ def test_a_wrongly_solved_star_is_left_out() -> None:
     assert missed(MOUNT, stars) < 6.0
 
 
+def wrongly_solved(stars: list[Star], seed: int) -> tuple[list[Star], int]:
+    """Return the stars, one of them solved to be anywhere on the sphere, and which."""
+    rng = np.random.default_rng(seed)
+    x, y, z = rng.standard_normal(3)
+    one, h, d = (
+        int(rng.integers(len(stars))),
+        math.degrees(math.atan2(y, x)),
+        math.degrees(math.asin(z / 9.0)),
+    )
+    return [
+        star._replace(hour_angle_deg=h, dec_deg=d) if k == one else star for k, star in enumerate(stars)
+    ], one
+
+
+@pytest.mark.parametrize("count", [4, 5, 6, 7, 9])
+def test_one_wrongly_solved_star_of_few_is_left_out_and_no_other(count: int) -> None:
+    for seed in range(3):
+        stars, one = wrongly_solved(measured(MOUNT, count, seed), seed)
+        found = fit(stars, LATITUDE)
+        assert np.flatnonzero(~found.used).tolist() == [one]
+        # What is left is what so few stars cannot tell of this mount: CH, NP and TF.
+        assert found.rms_arcsec < 200.0
+        assert fit(measured(MOUNT, count, seed), LATITUDE).used.all()
+
+
+def test_three_stars_that_do_not_agree_are_refused_and_never_two_taken() -> None:
+    for seed in range(3):
+        stars, _ = wrongly_solved(measured(MOUNT, 3, seed), seed)
+        with pytest.raises(SattrackError, match="more stars show whether one is wrongly solved"):
+            fit(stars, LATITUDE)
+        assert fit(measured(MOUNT, 3, seed), LATITUDE).used.all()
+
+
 def test_stars_that_contradict_one_another_are_refused() -> None:
     stars = [one._replace(dec_deg=one.dec_deg + 3.0 * (k % 2)) for k, one in enumerate(measured(MOUNT, 14))]
     with pytest.raises(SattrackError, match="contradict"):
