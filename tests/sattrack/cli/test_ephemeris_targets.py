@@ -278,7 +278,7 @@ def test_a_file_that_states_no_error_is_said_to_and_that_of_elements_has_a_unit_
     (kilometres,) = re.findall(r"expected error ([0-9.]+) km at ", lines[1])
     assert float(kilometres) == pytest.approx(stated[1] / 1000.0, rel=0.006)
     assert float(kilometres) > 1.0
-    virtual = ("--mount", "sim", "--virtual", *LEIDEN, *AT)
+    virtual = ("--mount", "sim", "--virtual", *LEIDEN, *AT, "--to", "2026-10-02T13:02:30Z")
     assert run(["track", "ISS", "--ephemeris", str(cpf), *virtual]) == 0
     printed = capsys.readouterr()
     assert "by CPF 2 by US of 2026-10-02T00h, Lagrange, degree 13, error not stated" in printed.err
