@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -318,20 +318,21 @@ def _unit(horizon: AxisFrame, place: tuple[float, float]) -> Array:
     return np.array([level * math.sin(azimuth), level * math.cos(azimuth), math.sin(math.radians(altitude))])
 
 
-def _up(vector: Array, end: float = 0.0) -> tuple[float, float]:
-    """Return azimuth and altitude of an axis' end above the horizon; with `end` 1 of this one."""
-    east, north, up = vector if vector[2] >= 0.0 or end else -vector
+def _up(vector: Array, this_end: bool = False) -> tuple[float, float]:
+    """Return azimuth and altitude of an axis' end above the horizon, or of `this_end` wherever it is."""
+    east, north, up = vector if this_end or vector[2] >= 0.0 else -vector
     return math.degrees(math.atan2(east, north)) % 360.0, math.degrees(
         math.atan2(up, math.hypot(east, north))
     )
 
 
-def _geometry(parameters: Array, end: float = 0.0) -> AxisGeometry:
+def _geometry(parameters: Array, meaning: Meaning | None) -> AxisGeometry:
     """Return the geometry of a pole, as a vector east, north, up, and of skew and cone in degrees.
 
-    The axis is given by its end above the horizon, or with `end` 1 by this one.
+    The axis is given by its end above the horizon. Reports that mean something count their angles from
+    one end, which may be below: then it is the vector's.
     """
-    azimuth, altitude = _up(parameters[:3], end)
+    azimuth, altitude = _up(parameters[:3], this_end=meaning is not None)
     most = MOST_OFF_DEG
     skew, cone = (float(max(-most, min(most, one))) for one in parameters[3:])
     return AxisGeometry(azimuth, altitude, 90.0 - skew, cone)
@@ -350,11 +351,12 @@ def _nearest(
     poles = _first_guesses(legs, latitude_deg) if poles is None else poles
     found = [_fitted(pole, (legs, latitude_deg, meaning)) for pole in poles]
     parameters, left, cost = min(found, key=lambda one: one[2])
-    # Reported angles count from one end of the axis, which may be below the horizon.
-    return _geometry(parameters, 0.0 if meaning is None else 1.0), left, cost
+    return _geometry(parameters, meaning), left, cost
 
 
-def _fitted(pole: tuple[float, float], seen: Any) -> tuple[Array, float, float]:
+def _fitted(
+    pole: tuple[float, float], seen: tuple[list[AxisTurn], float, Meaning | None]
+) -> tuple[Array, float, float]:
     """Return the parameters from a first guess of the pole on, what is left, degrees, and what that costs.
 
     Gauss and Newton's steps, with skew and cone held to be small where motions do not show them.
@@ -402,7 +404,7 @@ def _left(
 
     That is of the motions, or of the reports where these are taken to mean something; degrees.
     """
-    geometry = _geometry(parameters, 0.0 if meaning is None else 1.0)
+    geometry = _geometry(parameters, meaning)
     frame = AxisFrame(geometry, latitude_deg)
     rows = []
     # Angles that are reported say all that is known of the turns.

@@ -246,7 +246,7 @@ MOST = {"period_s": 0.5, "hour_angle_limit_deg": 720.0}
 
 
 USUAL_TRAVEL_DEG = (-190.0, 190.0)
-ZENITH_KEPT_DEG = 1.0
+POLE_KEPT_DEG = 1.0
 """How far a mount with a geometry stays from where its reports pass over its pole."""
 
 
@@ -255,7 +255,7 @@ def _told_limits_deg(geometry: AxisGeometry) -> tuple[float, float]:
     if not geometry.second_zero_deg:
         return USUAL_TRAVEL_DEG
     low, high = geometry.told_range_deg
-    return low + ZENITH_KEPT_DEG, high - ZENITH_KEPT_DEG
+    return low + POLE_KEPT_DEG, high - POLE_KEPT_DEG
 
 
 class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
