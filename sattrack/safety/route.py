@@ -40,6 +40,11 @@ EXEMPT_DEG = 8.0
 HANDSHAKE_S = 2.0
 RAMP = 1.5
 """A slew brakes more gently than it can, by so much."""
+ABORT_LATER_S = 0.05
+ABORT_LONGER = 0.1
+"""By how much later, and on how much longer a way, an abort may brake than the slew does by its own plan."""
+MOST_APPROACHES = 3
+"""Where an abort would lead past a slew's end, the last of its way are so many shorter ones at most."""
 MOST_TRIED = 40
 STEPS_DEG = (-24.0, -12.0, -6.0, -3.0, 0.0, 3.0, 6.0, 12.0, 24.0)
 MOST_PIECES = 600
@@ -94,24 +99,31 @@ def slew_s(one: Place, other: Place, profile: MountProfile) -> float:
     return HANDSHAKE_S + max(times)
 
 
-def overshoot_deg(one: Place, other: Place, profile: MountProfile) -> tuple[float, float]:
+def overshoot_deg(
+    one: Place, other: Place, profile: MountProfile, by_itself: bool = True
+) -> tuple[float, float]:
     """Return how far past its end each axis may come where a slew is aborted, signed, degrees.
 
     Until an abort acts, `abort_delay_s`, an axis may go on at the rate that it has, also while it brakes.
+    Where the mount slews `by_itself`, braking then builds up anew, and may be gentler than the slew's own,
+    which was about to begin. Rates lead so gently that an abort stops axes sooner.
     """
+    by_itself = by_itself and profile.geometry is None
+    later_s, longer = (ABORT_LATER_S, ABORT_LONGER) if by_itself else (0.0, 0.0)
     found = []
     for begin, end, axis in zip(one, other, (profile.ra, profile.dec), strict=True):
         gap_deg = end - begin
         fastest = min(axis.slew_rate_deg_s, math.sqrt(2.0 * axis.max_acceleration_deg_s2 * abs(gap_deg)))
-        found.append(math.copysign(fastest * profile.abort_delay_s, gap_deg))
+        longer_deg = longer * fastest**2 / (2.0 * axis.max_acceleration_deg_s2)
+        found.append(math.copysign(fastest * (profile.abort_delay_s + later_s) + longer_deg, gap_deg))
     return found[0], found[1]
 
 
-def path_boxes(one: Place, other: Place, profile: MountProfile) -> Iterator[Box]:
+def path_boxes(one: Place, other: Place, profile: MountProfile, by_itself: bool = True) -> Iterator[Box]:
     """Yield boxes that hold all of a slew's way."""
     # The mount joins the sky, which moves on while it slews.
     drift_deg = SIDEREAL_RATE_DEG_S * slew_s(one, other, profile)
-    ha, dec = overshoot_deg(one, other, profile)
+    ha, dec = overshoot_deg(one, other, profile, by_itself)
     ahead = (max(0.0, -ha), max(0.0, ha) + drift_deg, max(0.0, -dec), max(0.0, dec))
     if profile.slew_path == "any":
         yield Box.between(one, other).grown(*ahead)
@@ -125,11 +137,16 @@ def path_boxes(one: Place, other: Place, profile: MountProfile) -> Iterator[Box]
 
 
 def blocked(
-    one: Place, other: Place, profile: MountProfile, judge: Judge, after_s: float = 0.0
+    one: Place,
+    other: Place,
+    profile: MountProfile,
+    judge: Judge,
+    after_s: float = 0.0,
+    by_itself: bool = True,
 ) -> str | None:
     """Return the name of the row that a slew's way is not clear of, or None; it begins in `after_s`."""
     until_s = after_s + slew_s(one, other, profile)
-    for box in path_boxes(one, other, profile):
+    for box in path_boxes(one, other, profile, by_itself):
         name = judge(box, until_s)
         if name is not None:
             return name
@@ -143,6 +160,9 @@ def find_route(
     straight = blocked(start, goal, profile, leaving)
     if straight is None:
         return Route((goal,))
+    legs = _approached(start, goal, profile, leaving, judge, latitude_deg, 0.0)
+    if legs is not None:
+        return Route(legs)
     at_goal = judge(Box.between(goal, goal), slew_s(start, goal, profile))
     if at_goal is not None:
         return Route((), at_goal)
@@ -151,16 +171,67 @@ def find_route(
     ]
     grid = _Grid(nodes, start, goal, profile, judge)
     by_one_axis = _by_single_axes(start, goal, profile, judge, leaving, latitude_deg)
-    for legs in chain(grid.ways(), by_one_axis):
-        before, after_s = start, 0.0
-        for leg in legs:
-            if blocked(before, leg, profile, leaving if before is start else judge, after_s) is not None:
-                break
-            after_s += slew_s(before, leg, profile)
-            before = leg
-        else:
+    for way in chain(grid.ways(), by_one_axis):
+        legs = _cleared(start, way, profile, judge, leaving, latitude_deg)
+        if legs is not None:
             return Route(legs)
     return Route((), straight)
+
+
+def _cleared(
+    start: Place,
+    way: tuple[Place, ...],
+    profile: MountProfile,
+    judge: Judge,
+    leaving: Judge,
+    latitude_deg: float,
+) -> tuple[Place, ...] | None:
+    """Return the legs of a way that is clear, or None."""
+    cleared: list[Place] = []
+    before, after_s = start, 0.0
+    for leg in way:
+        first = leaving if before is start else judge
+        if blocked(before, leg, profile, first, after_s) is None:
+            legs: tuple[Place, ...] | None = (leg,)
+        else:
+            legs = _approached(before, leg, profile, first, judge, latitude_deg, after_s)
+        if legs is None:
+            return None
+        for place in legs:
+            after_s += slew_s(before, place, profile)
+            before = place
+        cleared.extend(legs)
+    return tuple(cleared)
+
+
+def _approached(
+    one: Place,
+    other: Place,
+    profile: MountProfile,
+    first: Judge,
+    judge: Judge,
+    latitude_deg: float,
+    after_s: float,
+) -> tuple[Place, ...] | None:
+    """Return the straight way as slews that end short of the goal by what an abort may add, or None.
+
+    The shorter a slew, the less that is.
+    """
+    legs: tuple[Place, ...] = ()
+    for _ in range(MOST_APPROACHES):
+        gaps = [to - at for at, to in zip(one, other, strict=True)]
+        past_deg = overshoot_deg(one, other, profile)
+        short = [past if abs(past) < abs(gap) else gap for past, gap in zip(past_deg, gaps, strict=True)]
+        near = Place(other.ha_deg - short[0], other.dec_deg - short[1])
+        if not _slews_end(near, profile, latitude_deg):
+            return None
+        if blocked(one, near, profile, first if not legs else judge, after_s) is not None:
+            return None
+        after_s += slew_s(one, near, profile)
+        one, legs = near, (*legs, near)
+        if blocked(one, other, profile, judge, after_s) is None:
+            return *legs, other
+    return None
 
 
 def _by_single_axes(
@@ -185,7 +256,7 @@ def _by_single_axes(
         place, last = (Place(lines[0][i], lines[1][j]) for i, j in (here, before))
         ahead = leaving if before == indices else judge
         can_end = place == goal or _slews_end(place, profile, latitude_deg)
-        if here != before and not (can_end and blocked(last, place, profile, ahead, seconds) is None):
+        if here != before and not (can_end and blocked(last, place, profile, ahead, seconds, False) is None):
             continue
         reached.add(here)
         came_from[here] = before

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import islice
 from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
@@ -187,21 +188,24 @@ class SlewGate:
     def _route_from(
         self, place: Place, target: Slew, sidereal_deg: float, waits: bool
     ) -> tuple[Slew, ...] | str:
-        from sattrack.safety.route import slew_s
+        from sattrack.safety.route import Route, clear_places, slew_s
 
         goal = self._goal(target, sidereal_deg, place)
         judge, leaving = self._judge, self._judge_leaving(place)
         # The mount tracks the sky there until it follows.
         drift_deg = SIDEREAL_RATE_DEG_S * (slew_s(place, goal, self._profile) + WAITS_S)
         in_goal = judge(Box.between(goal, goal).grown(0.0, drift_deg if waits else 0.0, 0.0, 0.0), 0.0)
-        goals = self._beside(place, goal, judge, leaving) if in_goal is not None and waits else [goal]
-        if in_goal is not None and not goals:
-            return in_goal
-        found = self._first_route(place, goals, judge, leaving)
-        if found.blocked_by is not None:
-            return found.blocked_by
-        slews = [_slew_to(leg, sidereal_deg) for leg in found.legs]
-        return tuple(slews) if in_goal is not None else (*slews[:-1], target)
+        if in_goal is None or not waits:
+            found = self._first_route(place, [goal], judge, leaving)
+            if found.blocked_by is None:
+                return *(_slew_to(leg, sidereal_deg) for leg in found.legs[:-1]), target
+            # An abort on the way there may lead past what it may not; a little beside it there is room.
+            nearest = islice(clear_places(goal, self._latitude_deg, self._profile, judge), int(waits))
+            in_goal, goals = found.blocked_by, list(nearest)
+        else:
+            goals = self._beside(place, goal, judge, leaving)
+        found = self._first_route(place, goals, judge, leaving) if goals else Route((), in_goal)
+        return found.blocked_by or tuple(_slew_to(leg, sidereal_deg) for leg in found.legs)
 
     def _beside(self, place: Place, goal: Place, judge: Judge, leaving: Judge) -> list[Place]:
         """Return where to wait instead: the nearest place, and the nearest that is reached straight on."""

@@ -516,7 +516,7 @@ def test_a_mount_that_waits_where_its_slew_has_ended_is_stopped_before_the_sky_l
 ) -> None:
     """A hundredth of a degree before it, and what the sky goes on in a second."""
     safety, slew = gate(), Slew(SIDEREAL_DEG - 39.5, 0.0)
-    assert safety.clear(slew, SIDEREAL_DEG, SIDEREAL_DEG - 20.0, 0.0, 0.0, T0).motion == slew
+    assert safety.clear(slew, SIDEREAL_DEG, SIDEREAL_DEG - 39.0, 0.0, 0.0, T0).motion == slew
     at = (slew.ra_deg + ha_deg, slew.ra_deg, 0.0)
     for k in range(5):
         safety.watch(Seen(None, at[0] - 0.01 * (4 - k), *at[1:], slewing=slewing), slew)

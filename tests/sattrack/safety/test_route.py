@@ -12,7 +12,8 @@ import pytest
 from msgspec.structs import replace
 
 from sattrack.core.angles import separation_deg
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile
+from sattrack.mount.geometry import AxisGeometry
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile, SitePlace
 from sattrack.safety.geometry import Box, Place, nearest_deg
 from sattrack.safety.route import (
     Route,
@@ -58,12 +59,23 @@ def test_a_slew_takes_as_long_as_its_slower_axis(there: Place, seconds: float) -
 
 @pytest.mark.parametrize("sense", [1.0, -1.0])
 def test_an_aborted_slew_goes_on_at_the_rate_that_its_way_lets_it_reach(sense: float) -> None:
-    """Over 0.5° an axis of 10 °/s² gets to 3.16 °/s and one of 2 °/s² to 1.41 °/s."""
-    profile = replace(PROFILE, abort_delay_s=0.3)
+    """Over 0.5° an axis of 10 °/s² gets to 3.16 °/s and one of 2 °/s² to 1.41 °/s.
+
+    Braking that builds up anew takes 0.05 s longer, and is a tenth gentler. Rates lead gently as it is.
+    """
+    led = replace(PROFILE, geometry=AxisGeometry(0.0, 90.0), stands_at=SitePlace(52.0, 4.5))
     for gap, ha, dec in ((0.5, math.sqrt(10.0), math.sqrt(2.0)), (50.0, 5.0, 4.0)):
         there = Place(HERE[0] + sense * gap, HERE[1] - sense * gap)
-        assert overshoot_deg(HERE, there, profile) == pytest.approx((0.3 * sense * ha, -0.3 * sense * dec))
-    assert overshoot_deg(HERE, Place(40.0, 30.0), PROFILE) == (0.0, 0.0)
+        for delay_s in (0.0, 0.3):
+            late = sense * ha * delay_s, -sense * dec * delay_s
+            known, free_of = (replace(one, abort_delay_s=delay_s) for one in (PROFILE, led))
+            later = 0.05 * ha + 0.1 * ha**2 / 20.0, 0.05 * dec + 0.1 * dec**2 / 4.0
+            assert overshoot_deg(HERE, there, known) == pytest.approx(
+                (late[0] + sense * later[0], late[1] - sense * later[1])
+            )
+            assert overshoot_deg(HERE, there, free_of) == pytest.approx(late)
+            assert overshoot_deg(HERE, there, known, by_itself=False) == pytest.approx(late)
+    assert overshoot_deg(HERE, HERE, PROFILE) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("there", [Place(40.0, 50.0), Place(-60.0, -10.0)])
@@ -73,12 +85,13 @@ def test_a_slew_sweeps_all_between_its_ends_what_the_sky_moves_and_what_an_abort
 ) -> None:
     profile = replace(PROFILE, abort_delay_s=abort_delay_s)
     drift = SIDEREAL_RATE_DEG_S * slew_s(HERE, there, PROFILE)
-    up, down = (abort_delay_s, 0.0) if there[0] > HERE[0] else (0.0, abort_delay_s)
+    past = 5.0 * abort_delay_s + 0.375, 4.0 * abort_delay_s + 0.6
+    up, down = (1.0, 0.0) if there[0] > HERE[0] else (0.0, 1.0)
     ends = (
-        min(HERE[0], there[0]) - 5.0 * down,
-        max(HERE[0], there[0]) + 5.0 * up + drift,
-        min(HERE[1], there[1]) - 4.0 * down,
-        max(HERE[1], there[1]) + 4.0 * up,
+        min(HERE[0], there[0]) - past[0] * down,
+        max(HERE[0], there[0]) + past[0] * up + drift,
+        min(HERE[1], there[1]) - past[1] * down,
+        max(HERE[1], there[1]) + past[1] * up,
     )
     (whole,) = path_boxes(HERE, there, profile)
     assert tuple(whole) == pytest.approx(ends)
@@ -89,8 +102,8 @@ def test_a_slew_sweeps_all_between_its_ends_what_the_sky_moves_and_what_an_abort
             ha, dec = (a + at * (b - a) for a, b in zip(HERE, there, strict=True))
             assert part.ha_low_deg - 1e-9 <= ha <= part.ha_high_deg + 1e-9
             assert part.dec_low_deg - 1e-9 <= dec <= part.dec_high_deg + 1e-9
-        assert part.ha_high_deg - part.ha_low_deg == pytest.approx(50.0 / 24.0 + drift + 5.0 * abort_delay_s)
-        assert part.dec_high_deg - part.dec_low_deg == pytest.approx(30.0 / 24.0 + 4.0 * abort_delay_s)
+        assert part.ha_high_deg - part.ha_low_deg == pytest.approx(50.0 / 24.0 + drift + past[0])
+        assert part.dec_high_deg - part.dec_low_deg == pytest.approx(30.0 / 24.0 + past[1])
 
 
 def test_a_way_is_judged_until_its_end() -> None:
@@ -176,6 +189,46 @@ def test_past_a_pillar_close_by_one_axis_turns_at_a_time() -> None:
     assert np.abs(steps).sum(axis=0).tolist() == [12.0, 12.0], "there is no shorter way"
 
 
+def turns(start: Place, route: Route) -> tuple[Place, ...]:
+    """Return where a way by single axes turns: not where it only draws nearer by a shorter slew."""
+
+    def heading(one: Place, other: Place) -> tuple[float, float]:
+        return float(np.sign(other[0] - one[0])), float(np.sign(other[1] - one[1]))
+
+    ways = [heading(one, other) for one, other in pairwise((start, *route.legs))]
+    return tuple(place for k, place in enumerate(route.legs) if k + 1 == len(ways) or ways[k] != ways[k + 1])
+
+
+@pytest.mark.parametrize(
+    ("room_deg", "short_deg"),
+    [
+        (0.02, None),
+        (0.03, (0.6, 0.1375, 0.0508, 0.0)),
+        (0.1, (0.6, 0.1375, 0.0)),
+        (0.3, (0.6, 0.0)),
+        (0.65, (0.0,)),
+    ],
+)
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_to_the_brink_lead_slews_that_get_shorter_until_no_abort_leads_over_it(
+    sense: float, room_deg: float, short_deg: tuple[float, ...] | None
+) -> None:
+    """4 °/s and 2 °/s² lead 0.6° past an end; 0.6° of way 0.14°, those 0.05°, and those 0.03°."""
+    start, goal = Place(10.0, -sense * 20.0), Place(10.0, sense * 20.0)
+
+    def judge(box: Box, _: float) -> str | None:
+        highest = box.dec_high_deg if sense > 0.0 else -box.dec_low_deg
+        return "declination" if highest > 20.0 + room_deg else None
+
+    found = find_route(start, goal, PROFILE, judge, judge, 52.0)
+    if short_deg is None:
+        assert found == Route((), "declination")
+    else:
+        assert found.blocked_by is None
+        assert [20.0 - sense * leg.dec_deg for leg in found.legs] == pytest.approx(short_deg, abs=1e-4)
+        assert {leg.ha_deg for leg in found.legs} == {10.0}
+
+
 def in_corridors(start: Place, *ways: tuple[Place, ...]) -> Callable[[Box, float], str | None]:
     """Return what lets through where a way from a start leads, a degree wide, and nowhere else."""
     parts = [
@@ -196,9 +249,9 @@ def test_a_way_through_a_corridor_turns_where_the_corridor_does(
     start, goal = Place(0.0, 0.0), Place(12.0 * west, 24.0 * north)
     corners = (Place(far * west, 0.0), Place(far * west, 24.0 * north), goal)
     judge = in_corridors(start, corners)
-    assert find_route(start, goal, PROFILE, judge, judge, 52.0) == Route(corners)
+    assert turns(start, find_route(start, goal, PROFILE, judge, judge, 52.0)) == corners
     back = (*reversed(corners[:-1]), start)
-    assert find_route(goal, start, PROFILE, judge, judge, 52.0) == Route(back)
+    assert turns(goal, find_route(goal, start, PROFILE, judge, judge, 52.0)) == back
 
 
 @pytest.mark.parametrize("west", [1.0, -1.0])
@@ -207,7 +260,7 @@ def test_of_two_corridors_the_quicker_is_taken(west: float) -> None:
     start, goal = Place(0.0, 0.0), Place(12.0 * west, 24.0)
     ways = [(Place(ha * west, 0.0), Place(ha * west, 24.0), goal) for ha in (24.0, -6.0)]
     judge = in_corridors(start, *ways)
-    assert find_route(start, goal, PROFILE, judge, judge, 52.0) == Route(ways[1])
+    assert turns(start, find_route(start, goal, PROFILE, judge, judge, 52.0)) == ways[1]
 
 
 @pytest.mark.parametrize(("ra_deg_s", "taken"), [(5.0, "shorter"), (1.0, "longer")])
@@ -223,7 +276,7 @@ def test_the_longer_corridor_is_the_quicker_where_it_leads_by_the_faster_axis(
     profile = MountProfile(
         ra=AxisLimits(slew_rate_deg_s=ra_deg_s), dec=AxisLimits(max_rate_deg_s=5.0, slew_rate_deg_s=5.0)
     )
-    assert find_route(start, goal, profile, judge, judge, 52.0) == Route(ways[taken])
+    assert turns(start, find_route(start, goal, profile, judge, judge, 52.0)) == ways[taken]
 
 
 def test_where_every_way_is_closed_the_straight_ones_row_is_named() -> None:
@@ -349,7 +402,7 @@ def test_past_a_pillar_a_way_leads_close_by_on_either_side(axis: int, beside_deg
         return None if any(part.with_box(box) == part for part in corridor) else "pier"
 
     found = find_route(corners[0], corners[-1], PROFILE, judge, judge, 52.0)
-    assert found == Route(tuple(corners[1:]))
+    assert turns(corners[0], found) == tuple(corners[1:])
 
 
 @pytest.mark.parametrize("pier_rule", ["never", "hour_angle"])
@@ -365,4 +418,5 @@ def test_a_way_turns_only_where_a_slew_can_end(by_deg: float, pier_rule: Any) ->
 
     route = find_route(corners[0], corners[-1], replace(PROFILE, pier_rule=pier_rule), judge, judge, 52.0)
     ends = pier_rule == "never" or by_deg < 0.0
-    assert route == (Route(tuple(corners[1:])) if ends else Route((), "pier"))
+    assert turns(corners[0], route) == (tuple(corners[1:]) if ends else ())
+    assert route.blocked_by == (None if ends else "pier")
