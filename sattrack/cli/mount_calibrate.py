@@ -179,6 +179,10 @@ def _find_axes(
         notes.append("this mount is equatorial: without --axes more is measured, and servers can use it")
         if not seen:
             notes.append("a mount that reports the angles of its axes looks equatorial too: --camera tells")
+    notes.append(
+        f"the first axis may turn {profile.hour_angle_limit_deg:g}° either way of its zero, cables counted: "
+        "set hour_angle_limit_deg to what the cables bear"
+    )
     for note in notes:
         tell(note)
     if context.json:

@@ -436,9 +436,10 @@ def _draw_rates(axes: Any, rehearsal: Rehearsal) -> None:
     at = times(path.utc_s)
     limits = profile.ra.max_rate_deg_s, profile.dec.max_rate_deg_s
     same = limits[0] == limits[1]
+    first, second = profile.axis_names()
     for name, rate, limit, colour in (
-        ("hour angle", path.hour_angle_rate_deg_s, limits[0], GOOD),
-        ("declination", path.dec_rate_deg_s, limits[1], "#2a9d8f"),
+        (first, path.hour_angle_rate_deg_s, limits[0], GOOD),
+        (second, path.dec_rate_deg_s, limits[1], "#2a9d8f"),
     ):
         axes.plot(at, np.abs(rate), color=colour, linewidth=1.8, label=f"{name} asked")
         if not same:

@@ -38,7 +38,6 @@ STAGES_KEPT = 16
 EDGES_MISSED_S, FALLEN = 5.0, (0.2, 0.8)
 """How long a mount that takes edges is watched before it was on target, and the share of the commanded motion
 that is left where its rates end with the flag."""
-AXES = (("right ascension", "ra"), ("declination", "dec"))
 """Their names, and how the profile's fields of each begin."""
 
 
@@ -226,8 +225,14 @@ class Engine(Driver):
         if self.message is not None and tracker.ended_by not in {"set", "operator"}:
             return self.message
         ra, dec = (
-            AxisAttempt(*names, fit.ratio, fit.fastest_deg_s, fit.fastest_asked_deg_s, window.rms_arcsec)
-            for names, fit, window in zip(AXES, tracker.follower.learning.fits, self._missed, strict=True)
+            AxisAttempt(name, field, fit.ratio, fit.fastest_deg_s, fit.fastest_asked_deg_s, window.rms_arcsec)
+            for name, field, fit, window in zip(
+                profile.axis_names("right ascension"),
+                ("ra", "dec"),
+                tracker.follower.learning.fits,
+                self._missed,
+                strict=True,
+            )
         )
         return why_not(
             Attempt(

@@ -114,8 +114,14 @@ STILL, TURNED, OFF = 0.1, -0.5, 0.05
 """Motion over commanded motion of an axis that stands still, or turns; and how far off a gain is."""
 FALLS_SHORT, MOVES_DEG_S = 0.8, 0.02
 RESTARTS = 3
-CALIBRATE = "run `sattrack mount calibrate`"
 STOPPED = "the operator ended the run before the mount could follow"
+
+
+def measuring(profile: MountProfile) -> str:
+    """Return in words how delays and gains of a mount are measured."""
+    if profile.geometry is not None:
+        return "let `sattrack track --learn-profile FILE` learn the mount in a pass"
+    return "run `sattrack mount calibrate`"
 
 
 class AxisAttempt(NamedTuple):
@@ -153,13 +159,24 @@ class Attempt(NamedTuple):
         """Right ascension and declination."""
         return self.ra, self.dec
 
+    @property
+    def measure(self) -> str:
+        """How the mount is measured, in words."""
+        return measuring(self.profile)
+
 
 def why_not(attempt: Attempt) -> str | None:
     """Return why, and what to do, in one line; None where nothing that was seen tells it."""
     found = next((words for reason in REASONS if (words := reason(attempt)) is not None), None)
-    if found is None or found == STOPPED or attempt.calibrated or CALIBRATE in found or not attempt.heard:
+    if (
+        found is None
+        or found == STOPPED
+        or attempt.calibrated
+        or attempt.measure in found
+        or not attempt.heard
+    ):
         return found
-    return f"{found} (the mount is not calibrated: {CALIBRATE})"
+    return f"{found} (the mount is not calibrated: {attempt.measure})"
 
 
 def unheard(attempt: Attempt) -> str | None:
@@ -230,17 +247,17 @@ def out_of_time(attempt: Attempt) -> str | None:
     if later_s is None or abs(later_s) < LATE_S:
         return None
     if later_s < 0.0:
-        return _sooner(-later_s)
+        return _sooner(attempt, -later_s)
     return (
-        f"the axes answer {1000.0 * later_s:.0f} ms later than the profile says: {CALIBRATE}, or look for "
-        "what delays datagrams"
+        f"the axes answer {1000.0 * later_s:.0f} ms later than the profile says: {attempt.measure}, "
+        "or look for what delays datagrams"
     )
 
 
-def _sooner(seconds: float) -> str:
+def _sooner(attempt: Attempt, seconds: float) -> str:
     return (
         f"commands act at least {1000.0 * seconds:.0f} ms sooner than the profile says: command_delay_s is "
-        f"too large, {CALIBRATE}"
+        f"too large, {attempt.measure}"
     )
 
 
@@ -264,7 +281,7 @@ def late(attempt: Attempt) -> str | None:
         return None
     sooner_s = profile.command_delay_s - known.command_delay_s
     if sooner_s >= SOONER_S:
-        return _sooner(sooner_s)
+        return _sooner(attempt, sooner_s)
     extra_s, sigma_s, axis = max(
         (known.ra_lag_s - profile.ra.lag_s, known.ra_lag_sigma_s, attempt.ra),
         (known.dec_lag_s - profile.dec.lag_s, known.dec_lag_sigma_s, attempt.dec),
@@ -274,7 +291,7 @@ def late(attempt: Attempt) -> str | None:
         return None
     return (
         f"{axis.name} answers {1000.0 * (extra_s - sooner_s):.0f} ms later than the profile says: "
-        f"{CALIBRATE}, or look for what delays datagrams"
+        f"{attempt.measure}, or look for what delays datagrams"
     )
 
 
@@ -284,7 +301,7 @@ def gain_off(attempt: Attempt) -> str | None:
         if axis.ratio is not None and abs(axis.ratio - 1.0) > OFF:
             return (
                 f"{axis.name} moved {100.0 * (axis.ratio - 1.0):+.0f} % against what was commanded: "
-                f"{axis.field}_rate_gain in the profile is wrong, {CALIBRATE}"
+                f"{axis.field}_rate_gain in the profile is wrong, {attempt.measure}"
             )
     return None
 
@@ -298,7 +315,7 @@ def unforeseen(attempt: Attempt) -> str | None:
     off = " and ".join(f"{axis.typical_arcsec:.0f}″ in {axis.name}" for axis in seen)
     return (
         f"the mount moved as no servo explains, and the filters restarted {known.restarts} times; it was "
-        f"off by {off or 'too much'}, typically: see to drives, balance and link, then {CALIBRATE}"
+        f"off by {off or 'too much'}, typically: see to drives, balance and link, then {attempt.measure}"
     )
 
 

@@ -357,6 +357,10 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         level = self.geometry.pole_altitude_deg >= 90.0 - SAME_POLE_DEG
         return "altaz" if level else self.geometry.pole
 
+    def axis_names(self, first: str = "hour angle") -> tuple[str, str]:
+        """Return what the axes are called: those of a geometry are none of hour angle and declination."""
+        return (first, "declination") if self.geometry is None else ("first axis", "second axis")
+
     @property
     def dated_within_s(self) -> float | None:
         """By how much the instants of samples may be off, as the calibration tells; None without one."""

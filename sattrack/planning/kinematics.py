@@ -46,8 +46,10 @@ if TYPE_CHECKING:
 NEAR_DEG = 0.1
 """How near to a limit of place the mount is let."""
 FAR_DEG = 360.0
-NO_WAY_ROUND = ("sun", "moon", "pier")
-"""Behind these a target goes on where the mount cannot follow, and does not come back to it."""
+LEADS_ROUND = ("sun", "moon", "pier")
+"""Behind these a target goes on, and the mount slews round them to where it comes out."""
+ROUND_DEG = 30.0
+"""How far each slew round a limit leads at least: places to turn at are 12° apart, and clear of the limit."""
 CREEPING_DEG_S = 0.02
 """A target that is slower than this on the sky is not left behind by a mount that goes along an edge."""
 LEAST_SHARE = 0.9
@@ -127,13 +129,26 @@ def outside(path: AxisPath, ability: Ability, begun: bool = False) -> list[Predi
             least = float(np.min(margin[first : last + 1]))
             words = f"goes {-least:.1f}° past the limit" if least < 0.0 else f"comes to {least:.1f}° from it"
             speed_deg_s = float(np.max(path.sky_rate_deg_s[first : last + 1])) - SIDEREAL_RATE_DEG_S
-            joined_later = first == 0 and not begun
-            left_behind = name in NO_WAY_ROUND and speed_deg_s > CREEPING_DEG_S and not joined_later
-            end = -1 if left_behind else last
-            found.append(PredictedLoss(float(path.utc_s[first]), float(path.utc_s[end]), name, words))
-            if left_behind:
-                break
+            followed_before = first > 0 or begun
+            begin_utc_s, end_utc_s = float(path.utc_s[first]), float(path.utc_s[last])
+            if name in LEADS_ROUND and speed_deg_s > CREEPING_DEG_S and followed_before:
+                end_utc_s += _round_s(path, first, last, ability.profile)
+            end_utc_s = min(end_utc_s, float(path.utc_s[-1]))
+            found.append(PredictedLoss(begin_utc_s, end_utc_s, name, words))
     return found
+
+
+def _round_s(path: AxisPath, first: int, last: int, profile: MountProfile) -> float:
+    """Return about how long the mount takes round a limit, from where the target comes out: two slews.
+
+    It is held before the limit until then, or begins sooner where that is far; and then it has to join.
+    """
+    angles = path.pointing.hour_angle_axis_deg, path.pointing.dec_axis_deg
+    leg_s = max(
+        slew_time_s(max(ROUND_DEG, abs(float(angle[last] - angle[first]))), axis)
+        for angle, axis in zip(angles, (profile.ra, profile.dec), strict=True)
+    )
+    return 2.0 * (2.0 * MARGIN_S + leg_s)
 
 
 def _too_fast(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None) -> list[PredictedLoss]:
@@ -154,10 +169,11 @@ def _too_fast(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None) 
         if begin_utc_s <= k.begin_utc_s < end_utc_s
     ]
     cos_dec = np.abs(np.cos(np.radians(path.pointing.dec_axis_deg)))
+    names = profile.axis_names()
     axes = (
-        ("hour angle", path.pointing.hour_angle_axis_deg, path.hour_angle_rate_deg_s, profile.ra, cos_dec),
+        (names[0], path.pointing.hour_angle_axis_deg, path.hour_angle_rate_deg_s, profile.ra, cos_dec),
         (
-            "declination",
+            names[1],
             path.pointing.dec_axis_deg,
             path.dec_rate_deg_s,
             profile.dec,
@@ -380,7 +396,7 @@ class _SideSearch:
             changes.append(np.flatnonzero(west[:-1] != west[1:]) + 1)
         for view in views.values():
             margins = margins_deg(view.pointing, ability.profile, ability.limits, ability.latitude_deg)
-            for name in NO_WAY_ROUND:
+            for name in LEADS_ROUND:
                 if name in margins:
                     clear: Bools = margins[name] > NEAR_DEG
                     changes.append(np.flatnonzero(~clear[:-1] & clear[1:]) + 1)

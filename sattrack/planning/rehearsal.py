@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 import numpy as np
 
+from sattrack.control.stages import measuring
 from sattrack.mount.model import MountProfile
 from sattrack.planning.budget import Budget
 from sattrack.planning.kinematics import LEAST_SHARE, Ability, PredictedLoss, Sides, losses
@@ -149,12 +150,9 @@ def uncalibrated_text(profile: MountProfile, fastest_deg_s: float) -> str:
     """Return what a profile that was not measured costs where the satellite is fastest on the sky."""
     default = profile.name == MountProfile().name
     whose = "the default profile's" if default else f"those of the profile {profile.name!r}, not measured"
-    advice = "run `sattrack mount calibrate`"
-    if profile.geometry is not None:
-        advice = "`sattrack track --learn-profile FILE` learns them during a pass"
     return (
         f"uncalibrated: delays and gains are {whose}; {1000.0 * PRESUMED_OFF_S:g} ms of delay are up to "
-        f"{3600.0 * PRESUMED_OFF_S * fastest_deg_s:.0f}″ at this pass's fastest; {advice}"
+        f"{3600.0 * PRESUMED_OFF_S * fastest_deg_s:.0f}″ at this pass's fastest; {measuring(profile)}"
     )
 
 
@@ -375,10 +373,10 @@ def _in_mid_pass(begin: float, end: float, performance: Performance, causes: Cau
         return "rate", "the rate that the axes need to catch up is beyond their limit"
     path = causes.path
     part = (path.utc_s >= begin - NEAR_S) & (path.utc_s <= end + NEAR_S)
-    for axis, asked, can in (
-        ("hour angle", path.hour_angle_acceleration_deg_s2, causes.profile.ra.max_acceleration_deg_s2),
-        ("declination", path.dec_acceleration_deg_s2, causes.profile.dec.max_acceleration_deg_s2),
-    ):
+    profile = causes.profile
+    asked_deg_s2 = path.hour_angle_acceleration_deg_s2, path.dec_acceleration_deg_s2
+    can_deg_s2 = profile.ra.max_acceleration_deg_s2, profile.dec.max_acceleration_deg_s2
+    for axis, asked, can in zip(profile.axis_names(), asked_deg_s2, can_deg_s2, strict=True):
         most = float(np.max(np.abs(asked[part]), initial=0.0))
         if most > can:
             return "acceleration", f"{axis} accelerates by {most:.1f} °/s² of {can:g} °/s²"

@@ -21,6 +21,7 @@ import zlib
 from collections import Counter
 from contextlib import suppress
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -406,7 +407,9 @@ def _decompressed(packed: bytes, size: int, left: int) -> bytes | None:
 
 
 STEP_S = 0.5
-"""A clock that gains or loses this much from one status to the next was set."""
+"""A clock that gains or loses this much from one status to the next, for good, was set."""
+LASTS_S = 1.0
+"""The statuses of so long before and after tell whether it was for good."""
 
 
 class ClockStep(msgspec.Struct, frozen=True):
@@ -465,27 +468,36 @@ def look(recording: Recording) -> RecordingView:
 
 
 def clock_steps(recording: Recording) -> list[ClockStep]:
-    """Return where our clock jumped against the mount's sidereal one, from status to status."""
-    found: list[ClockStep] = []
-    before: tuple[float, float] | None = None
-    for entry in recording.entries():
-        if entry.topic != STATUS:
-            continue
-        try:
-            sidereal_h = decode_status(entry.data).sidereal_h
-        except DatagramError:
-            continue
-        if before is not None:
-            turned_deg = (sidereal_h - before[1]) * 15.0
-            passed_s = entry.utc_s - before[0]
-            # The mount's clock gives the time within a day; the difference is taken the short way round.
-            off_deg = wrap180(passed_s * SIDEREAL_RATE_DEG_S - turned_deg)
-            if abs(off_deg) > STEP_S * SIDEREAL_RATE_DEG_S:
-                found.append(
-                    ClockStep(Utc(entry.utc_s).isoformat("milliseconds"), off_deg / SIDEREAL_RATE_DEG_S)
-                )
-        before = entry.utc_s, sidereal_h
+    """Return where our clock jumped against the mount's sidereal one, from status to status.
+
+    Statuses that waited on their way and came at once are none: after them the clocks are as before.
+    """
+    dated = list(_sidereal(recording))
+    ahead_s = [0.0]
+    for (before_s, before_h), (utc_s, sidereal_h) in pairwise(dated):
+        passed_s, turned_deg = utc_s - before_s, (sidereal_h - before_h) * 15.0
+        # The mount's clock gives the time within a day; the difference is taken the short way round.
+        off_deg = wrap180(passed_s * SIDEREAL_RATE_DEG_S - turned_deg)
+        ahead_s.append(ahead_s[-1] + off_deg / SIDEREAL_RATE_DEG_S)
+    found = []
+    for k, (before, now) in enumerate(pairwise(ahead_s), 1):
+        if abs(now - before) > STEP_S:
+            # A status that waits is late, never early.
+            former_s = dated[k - 1][0] - LASTS_S
+            least = min(a for a, (utc_s, _) in zip(ahead_s[:k], dated, strict=False) if utc_s >= former_s)
+            later_s = dated[k][0] + LASTS_S
+            since = min(a for a, (utc_s, _) in zip(ahead_s[k:], dated[k:], strict=True) if utc_s <= later_s)
+            if abs(since - least) > STEP_S:
+                found.append(ClockStep(Utc(dated[k][0]).isoformat("milliseconds"), since - least))
     return found
+
+
+def _sidereal(recording: Recording) -> Iterator[tuple[float, float]]:
+    """Yield when each status came, UTC as POSIX seconds, and the sidereal time in it, hours."""
+    for entry in recording.entries():
+        if entry.topic == STATUS:
+            with suppress(DatagramError):
+                yield entry.utc_s, decode_status(entry.data).sidereal_h
 
 
 def _iso(utc_s: float | None) -> str | None:

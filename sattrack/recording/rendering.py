@@ -559,7 +559,8 @@ def _sky(run: Trace) -> Any:
 
 def _repeats(run: Trace) -> Any:
     found = []
-    for axis, (name, colour) in enumerate((("hour angle", RA), ("declination", DEC))):
+    names = run.engine.spec.profile.axis_names()
+    for axis, (name, colour) in enumerate(zip(names, (RA, DEC), strict=True)):
         cycles, amplitude = spectrum(*repeating(run, axis))
         if len(cycles) > 3:
             found.append((cycles[2:], amplitude[2:], name, colour))

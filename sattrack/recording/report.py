@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 
-from sattrack.control.stages import KEYHOLE, RATE, STOPPED, RunStage
+from sattrack.control.stages import KEYHOLE, RATE, STOPPED, RunStage, measuring
 from sattrack.core import local_time
 from sattrack.recording.fits import (
     SURE_SIGMAS,
@@ -397,7 +397,6 @@ OFF_SHARE = 0.1
 """Share of the following off target from which on that is reported."""
 ONE_AXIS = 5.0
 """By so much one axis must be farther off than the other to be named alone."""
-CALIBRATE = "run sattrack mount calibrate"
 BUSY = "the mount is simulated: this machine was busy, or its delays were set otherwise"
 REPORTED_S = 1.0
 """Spans that are shorter than this are not reported."""
@@ -422,8 +421,8 @@ def advice(report: Report, run: Trace) -> list[str]:
         found.append(_off_advice(run, times))
     if report.bias is not None:
         found += _bias_advice(report.bias)
-    found += _mount_advice(profile, report.ra, report.dec, BUSY if simulated else CALIBRATE)
-    found += _ripple_advice(report.ra, report.dec)
+    found += _mount_advice(profile, report.ra, report.dec, BUSY if simulated else measuring(profile))
+    found += _ripple_advice(profile, report.ra, report.dec)
     if link is not None and link.lost > LOST_SHARE * max(1, link.received + link.lost):
         found.append(
             f"{100.0 * link.lost / (link.received + link.lost):.1f} % of the statuses were lost: look at the "
@@ -458,7 +457,7 @@ def _mount_advice(profile: MountProfile, ra: AxisFigures, dec: AxisFigures, do: 
         if _is_off(fit.gain, fit.gain_sigma, gain, GAIN_OFF * gain):
             found.append(f"set {name}_rate_gain = {fit.gain:.4f} in the mount's profile; it says {gain:g}")
     expected_s = profile.command_delay_s + 0.5 * profile.period_s
-    for name, fit in (("right ascension", ra), ("declination", dec)):
+    for name, fit in zip(profile.axis_names("right ascension"), (ra, dec), strict=True):
         if fit.delay_s is None or not _is_off(fit.delay_s, fit.delay_sigma_s, expected_s, DELAY_OFF_S):
             continue
         delay_ms = fit.delay_s * 1000.0
@@ -475,11 +474,11 @@ def _mount_advice(profile: MountProfile, ra: AxisFigures, dec: AxisFigures, do: 
     return found
 
 
-def _ripple_advice(ra: AxisFigures, dec: AxisFigures) -> list[str]:
+def _ripple_advice(profile: MountProfile, ra: AxisFigures, dec: AxisFigures) -> list[str]:
     return [
-        f"the {name} axis errs by {line.amplitude_arcsec:.2f}″ {line.cycles_a_turn:.0f} times "
-        "a turn: its motor's ripple, or its encoder"
-        for name, fit in (("hour angle", ra), ("declination", dec))
+        f"the {name.removesuffix(' axis')} axis errs by {line.amplitude_arcsec:.2f}″ "
+        f"{line.cycles_a_turn:.0f} times a turn: its motor's ripple, or its encoder"
+        for name, fit in zip(profile.axis_names(), (ra, dec), strict=True)
         for line in fit.lines
         if line.amplitude_arcsec > LINE_ARCSEC
     ]
@@ -501,10 +500,8 @@ def _why_missed(spec: RunSpec, missed: MissedFigures | None, times: TimeFigures)
     if missed is None:
         return ["the mount never came to follow: look at the run's messages, and rehearse the pass"]
     found = []
-    for name, axis, other in (
-        ("right ascension", missed.ra, missed.dec),
-        ("declination", missed.dec, missed.ra),
-    ):
+    first, second = spec.profile.axis_names("right ascension")
+    for name, axis, other in ((first, missed.ra, missed.dec), (second, missed.dec, missed.ra)):
         if max(axis.at_rate_limit, axis.at_acceleration_limit) > LIMIT_SHARE:
             found.append(
                 f"{100.0 * axis.at_rate_limit:.0f} % of the commands in {name} were at the rate limit and "
@@ -516,8 +513,8 @@ def _why_missed(spec: RunSpec, missed: MissedFigures | None, times: TimeFigures)
     if spec.simulated:
         return found
     if spec.profile.calibration is None:
-        found.append(f"the mount's profile was never measured: {CALIBRATE}")
-    return found or ["the recording does not tell why: measure the mount again, sattrack mount calibrate"]
+        found.append(f"the mount's profile was never measured: {measuring(spec.profile)}")
+    return found or [f"the recording does not tell why: {measuring(spec.profile)} again"]
 
 
 def _off_advice(run: Trace, times: TimeFigures) -> str:
@@ -525,13 +522,14 @@ def _off_advice(run: Trace, times: TimeFigures) -> str:
     off = run.off_target
     ra, dec = (float(np.median(np.abs(error[off]))) for error in (run.ra_error, run.dec_error))
     spec = run.engine.spec
+    first, second = spec.profile.axis_names("right ascension")
     measure = ""
     if spec.profile.calibration is None and not spec.simulated:
-        measure = f"; the mount's profile was never measured: {CALIBRATE}"
+        measure = f"; the mount's profile was never measured: {measuring(spec.profile)}"
     return (
         f"the mount was more than {spec.plan.on_target_arcsec:g}″ off for {times.off_target_s:.0f} of the "
-        f"{times.following_s:.0f} s that it followed, typically by {ra:.1f}″ in right ascension and "
-        f"{dec:.1f}″ in declination{measure}"
+        f"{times.following_s:.0f} s that it followed, typically by {ra:.1f}″ in {first} and "
+        f"{dec:.1f}″ in {second}{measure}"
     )
 
 

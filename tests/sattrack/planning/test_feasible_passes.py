@@ -99,6 +99,28 @@ def test_a_pass_that_rises_by_the_sun_is_judged_as_it_is_rehearsed() -> None:
     )
 
 
+def test_past_a_pillar_a_pass_is_judged_about_as_it_is_rehearsed(tmp_path: Path, without_optics: str) -> None:
+    """The mount slews round it, and follows on: a sixth of the pass at most, not all that comes after."""
+    pillar = tmp_path / "pillar.toml"
+    for widest_deg, goes in ((5.0, True), (35.0, False)):
+        pillar.write_text(
+            f'[[pier_zones]]\nname = "pillar"\ncorners = [[-{widest_deg}, 20.0], [5.0, 20.0], [5.0, 60.0], '
+            f"[-{widest_deg}, 60.0]]\n"
+        )
+        there = ("ISS", *SEARCH[:4], "--profile", str(pillar), "--config", without_optics, "--json")
+        at = "2026-10-02T12:30:00Z"
+        (judged, *_), rehearsed = (
+            json.loads(CliRunner().invoke(cli, [*words, *there]).stdout)
+            for words in (("passes", "--judged", "--from", at, "--hours", "3"), ("rehearse", "--clock", at))
+        )
+        assert rehearsed["lost"][-1]["limit"] == "pier"
+        assert (judged["feasible"], rehearsed["go"]) == (goes, goes)
+        if not goes:
+            words = re.fullmatch(r"pier: .*; (\d+) s of (\d+) s lost", judged["why_not"])
+            assert words is not None
+            assert 0.6 < float(words[1]) / rehearsed["lost_s"] < 1.6
+
+
 def test_passes_by_the_sun_are_not_for_optics() -> None:
     near = [one for one in passes("--judged") if one["why_not"] is not None]
     assert near

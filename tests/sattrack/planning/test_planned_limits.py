@@ -141,16 +141,19 @@ def test_what_is_beyond_a_limit_of_travel_is_lost_with_its_reason() -> None:
 
 
 def test_a_target_that_begins_by_the_sun_is_joined_where_it_comes_out() -> None:
-    # At 1 °/s from the Sun: the mount waits at its cone, 15° and a tenth away. A target that was followed
-    # before is out of reach for good.
+    # At 1 °/s from the Sun: the mount waits at its cone, 15° and a tenth away. Round to a target that was
+    # followed before lead two slews of 30° at 10 °/s and 10 °/s²: 4.5 s each, and 3 s to begin and to end.
     time_s = np.linspace(0.0, 80.0, 801)
     path = path_of(time_s, time_s, np.zeros_like(time_s))
     path = replace(path, pointing=replace(path.pointing, sun_hour_angle_deg=np.zeros_like(time_s)))
     (joined,) = losses(path, ability(MountProfile(), SafetyLimits()))
     assert (joined.limit, joined.begin_utc_s) == ("sun", 0.0)
     assert joined.end_utc_s == pytest.approx(15.1, abs=0.11)
-    (left,) = losses(path, ability(MountProfile(), SafetyLimits()), begun=True)
-    assert left.end_utc_s == 80.0
+    (round_it,) = losses(path, ability(MountProfile(), SafetyLimits()), begun=True)
+    assert round_it.end_utc_s == pytest.approx(joined.end_utc_s + 15.0)
+    slow = AxisLimits(slew_rate_deg_s=0.5)
+    (to_the_end,) = losses(path, ability(MountProfile(ra=slow), SafetyLimits()), begun=True)
+    assert to_the_end.end_utc_s == 80.0
 
 
 def test_a_target_that_stands_still_is_lost_while_the_sun_goes_by_and_no_longer() -> None:

@@ -291,6 +291,24 @@ def test_info_tells_what_a_recording_holds(
     assert "nothing is wrong with it" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("first", [0, 1, 300])
+@pytest.mark.parametrize("waited", [15, 60])
+def test_statuses_that_waited_and_came_at_once_set_no_clock(
+    waited: int, first: int, short: Path, tmp_path: Path
+) -> None:
+    """The first of them for 0.75 s, or for 3 s; the last came as it was sent."""
+    recording, queued, seen = Recording(short), tmp_path / "queued.mcap", 0
+    came_s = [entry.utc_s for entry in recording.entries() if entry.topic == STATUS]
+    with queued.open("wb") as stream:
+        recorder = Recorder(stream, recording.header.spec)
+        for entry in recording.entries():
+            held = entry.topic == STATUS and first <= seen < first + waited
+            recorder.write(entry.topic, came_s[first + waited] if held else entry.utc_s, entry.data)
+            seen += entry.topic == STATUS
+        recorder.close()
+    assert clock_steps(Recording(queued)) == []
+
+
 @pytest.mark.parametrize("ahead_s", [2.5, -40.0])
 def test_a_clock_that_was_set_in_the_middle_is_told_where_and_by_how_much(
     ahead_s: float, short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
