@@ -157,10 +157,7 @@ def find_route(
     start: Place, goal: Place, profile: MountProfile, judge: Judge, leaving: Judge, latitude_deg: float
 ) -> Route:
     """Return the quickest way found from a place to another; `leaving` judges the first leg of it."""
-    straight = blocked(start, goal, profile, leaving)
-    if straight is None:
-        return Route((goal,))
-    legs = _approached(start, goal, profile, leaving, judge, latitude_deg, 0.0)
+    legs = _cleared(start, (goal,), profile, judge, leaving, latitude_deg)
     if legs is not None:
         return Route(legs)
     at_goal = judge(Box.between(goal, goal), slew_s(start, goal, profile))
@@ -175,7 +172,7 @@ def find_route(
         legs = _cleared(start, way, profile, judge, leaving, latitude_deg)
         if legs is not None:
             return Route(legs)
-    return Route((), straight)
+    return Route((), blocked(start, goal, profile, leaving))
 
 
 def _cleared(
@@ -191,10 +188,7 @@ def _cleared(
     before, after_s = start, 0.0
     for leg in way:
         first = leaving if before is start else judge
-        if blocked(before, leg, profile, first, after_s) is None:
-            legs: tuple[Place, ...] | None = (leg,)
-        else:
-            legs = _approached(before, leg, profile, first, judge, latitude_deg, after_s)
+        legs = _approached(before, leg, profile, first, judge, latitude_deg, after_s)
         if legs is None:
             return None
         for place in legs:
@@ -213,10 +207,14 @@ def _approached(
     latitude_deg: float,
     after_s: float,
 ) -> tuple[Place, ...] | None:
-    """Return the straight way as slews that end short of the goal by what an abort may add, or None.
+    """Return the straight way as one slew, or else as some that end short by what an abort may add; or None.
 
     The shorter a slew, the less that is.
     """
+    if blocked(one, other, profile, first, after_s, by_itself=False) is not None:
+        return None
+    if blocked(one, other, profile, first, after_s) is None:
+        return (other,)
     legs: tuple[Place, ...] = ()
     for _ in range(MOST_APPROACHES):
         gaps = [to - at for at, to in zip(one, other, strict=True)]
@@ -317,6 +315,12 @@ def reachable(profile: MountProfile, latitude_deg: float) -> list[Place]:
     return [axes_of(float(h), float(d), profile, latitude_deg) for h in hours for d in decs]
 
 
+def can_wait(place: Place, judge: Judge) -> bool:
+    """Tell whether the mount can wait at a place: it goes on with the sky there."""
+    margins_deg = WAIT_MARGIN_DEG, 2.0 * WAIT_MARGIN_DEG, WAIT_MARGIN_DEG, WAIT_MARGIN_DEG
+    return judge(Box.between(place, place).grown(*margins_deg), 0.0) is None
+
+
 def clear_places(goal: Place, latitude_deg: float, profile: MountProfile, judge: Judge) -> Iterator[Place]:
     """Yield places where the mount can wait, in rings about a goal, the nearest first."""
     hour_angle, dec = direction_of(goal)
@@ -328,11 +332,7 @@ def clear_places(goal: Place, latitude_deg: float, profile: MountProfile, judge:
         if abs(there_dec) > 90.0:
             return None
         there = axes_of(hour_angle + ring_deg * widen * math.cos(turn), there_dec, profile, latitude_deg)
-        # While it waits it goes on with the sky.
-        box = Box.between(there, there).grown(
-            WAIT_MARGIN_DEG, 2.0 * WAIT_MARGIN_DEG, WAIT_MARGIN_DEG, WAIT_MARGIN_DEG
-        )
-        return there if judge(box, 0.0) is None else None
+        return there if can_wait(there, judge) else None
 
     for inner_deg, ring_deg in zip((0.0, *RINGS_DEG), RINGS_DEG, strict=False):
         for k in range(RING_PLACES):

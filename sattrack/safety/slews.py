@@ -188,7 +188,7 @@ class SlewGate:
     def _route_from(
         self, place: Place, target: Slew, sidereal_deg: float, waits: bool
     ) -> tuple[Slew, ...] | str:
-        from sattrack.safety.route import Route, clear_places, slew_s
+        from sattrack.safety.route import Route, can_wait, clear_places, slew_s
 
         goal = self._goal(target, sidereal_deg, place)
         judge, leaving = self._judge, self._judge_leaving(place)
@@ -199,9 +199,11 @@ class SlewGate:
             found = self._first_route(place, [goal], judge, leaving)
             if found.blocked_by is None:
                 return *(_slew_to(leg, sidereal_deg) for leg in found.legs[:-1]), target
+            if not waits or can_wait(goal, judge):
+                return found.blocked_by
             # An abort on the way there may lead past what it may not; a little beside it there is room.
-            nearest = islice(clear_places(goal, self._latitude_deg, self._profile, judge), int(waits))
-            in_goal, goals = found.blocked_by, list(nearest)
+            goals = list(islice(clear_places(goal, self._latitude_deg, self._profile, judge), 1))
+            in_goal = found.blocked_by
         else:
             goals = self._beside(place, goal, judge, leaving)
         found = self._first_route(place, goals, judge, leaving) if goals else Route((), in_goal)
