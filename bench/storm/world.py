@@ -207,6 +207,7 @@ class Guard(Guarded):
         self._name = "xerxes://storm"
         left, now_s = world.left_moving, world.now_s + world.host_offset_s
         self._turns_before = None if left is None else left.trouble(now_s)
+        self.first_axis_deg = None if left is None else left.first_axis_deg
         self._words[Word.TURNS_LOST] = self._turns_before is not None
         self._beats = 0
         self._armed = self._aborts = self._restarted = False

@@ -113,6 +113,10 @@ class Calibrator:
         return None if self.ending is None else self.ending.at_rest
 
     @property
+    def safety(self) -> None:
+        """Nothing counts the turns of the first axis: motions are small."""
+
+    @property
     def turns_known_s(self) -> float:
         """For how long the mount may go on unheard at the run's largest rate, its axes' turns still known."""
         return 180.0 / self.plan.fastest_deg_s

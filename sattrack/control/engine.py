@@ -66,6 +66,8 @@ class RunSpec:
     cameras: Cameras = NO_CAMERAS
     remembered: RememberedView | None = None
     """The bias of an earlier pass with which this one begins."""
+    first_axis_deg: float | None = None
+    """Where a session before left the first axis, turns counted; None for within half a turn of its zero."""
 
 
 class Engine(Driver):
@@ -387,7 +389,11 @@ class Engine(Driver):
 def safety_of(spec: RunSpec) -> Safety:
     """Return what clears a run's motions: held at limits, slews led round, out of the Sun by itself."""
     site = spec.propagator.site
-    return Safety(spec.profile, spec.limits, site.latitude_deg, site.longitude_deg, holds=True, escapes=True)
+    place = site.latitude_deg, site.longitude_deg
+    safety = Safety(spec.profile, spec.limits, *place, holds=True, escapes=True)
+    if spec.first_axis_deg is not None:
+        safety.begin_at(spec.first_axis_deg)
+    return safety
 
 
 def learnt_view(engine: Engine) -> LearntView | None:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from sattrack.control.console import Console, RequestEntry
     from sattrack.control.procedures import Procedure
     from sattrack.mount.model import LinkView, Status
+    from sattrack.safety import Safety
 
 
 LISTEN_S = 0.5
@@ -84,6 +85,11 @@ class ManualOperation:
         if self.phase is OperationPhase.RUNNING:
             return self._procedure.doing
         return "stopping the mount" if self.phase is OperationPhase.STOPPING else self.phase.value
+
+    @property
+    def safety(self) -> Safety:
+        """What judges its motions."""
+        return self.console.safety
 
     @property
     def turns_known_s(self) -> float:
@@ -234,6 +240,11 @@ class Look:
         self._heard_utc_s: float | None = None
 
     @property
+    def safety(self) -> Safety:
+        """What judges its motions."""
+        return self.console.safety
+
+    @property
     def turns_known_s(self) -> float:
         """For how long the mount may go on unheard, as its console knows."""
         return self.console.turns_known_s
@@ -307,6 +318,11 @@ class ConsoleSession:
     def mount_stopped(self) -> bool | None:
         """Whether the stop at the end was seen through; None where none was needed."""
         return self.console.mount_stopped
+
+    @property
+    def safety(self) -> Safety:
+        """What judges its motions."""
+        return self.console.safety
 
     @property
     def turns_known_s(self) -> float:

@@ -34,10 +34,18 @@ from sattrack.mount.simulator.profile import simulator_profile
 from sattrack.mount.xerxes.client import Address, nobody_listens
 from sattrack.mount.xerxes.datagrams import Command, encode_command, sets_going
 from sattrack.runtime import demo_pass
-from sattrack.runtime.guardian import GuardianTask, Release, Word, create_page, note_status, open_page
+from sattrack.runtime.guardian import (
+    GuardianTask,
+    Release,
+    Word,
+    angle_word,
+    create_page,
+    note_status,
+    open_page,
+)
 from sattrack.runtime.mounts import SIMULATED, Owner, claim, open_link, open_listener
 from sattrack.runtime.system import this_command, this_user, utc_now
-from sattrack.runtime.turns import LOOK_AT_CABLES, trouble_before
+from sattrack.runtime.turns import LOOK_AT_CABLES, left_moving
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -81,10 +89,20 @@ class MountGuard(Protocol):
     def trouble(self) -> str | None:
         """Why the loop must stop the mount, or has lost it; None while all is well."""
 
-    def beat(self, datagram: bytes | None = None, turns_known_s: float = math.inf) -> bool:
+    @property
+    def first_axis_deg(self) -> float | None:
+        """Where a session before left the first axis, turns counted; None: within half a turn of its zero."""
+
+    def beat(
+        self,
+        datagram: bytes | None = None,
+        turns_known_s: float = math.inf,
+        first_axis_deg: float | None = None,
+    ) -> bool:
         """Report that the loop turns, just before `datagram` is sent; return whether it may be sent.
 
-        From its newest status on, the turns of the mount's axes are known for `turns_known_s`.
+        From its newest status on, the turns of the mount's axes are known for `turns_known_s`; the first axis
+        is at `first_axis_deg`, turns counted, None where that is not known.
         """
 
     def release(self, at_rest: bool | None) -> None:
@@ -96,10 +114,16 @@ class Unguarded:
 
     deposed = stop_asked = False
     trouble: str | None = None
+    first_axis_deg: float | None = None
 
-    def beat(self, datagram: bytes | None = None, turns_known_s: float = math.inf) -> bool:
+    def beat(
+        self,
+        datagram: bytes | None = None,
+        turns_known_s: float = math.inf,
+        first_axis_deg: float | None = None,
+    ) -> bool:
         """See MountGuard."""
-        del datagram, turns_known_s
+        del datagram, turns_known_s, first_axis_deg
         return True
 
     def release(self, at_rest: bool | None) -> None:
@@ -137,7 +161,9 @@ class Guarded:
             simulated=name == SIMULATED,
         )
         self._name = name
-        self._turns_before = None if name == SIMULATED else trouble_before(owned_as, time.time())
+        before = None if name == SIMULATED else left_moving(owned_as)
+        self._turns_before = None if before is None else before.trouble(time.time())
+        self.first_axis_deg = None if before is None else before.first_axis_deg
         # Its guardian, which writes this word, does not run yet.
         self._words[Word.TURNS_LOST] = self._turns_before is not None
         self._beats = 0
@@ -188,7 +214,12 @@ class Guarded:
             rest = "was stopped and seen at rest"
         return f"this process stood still, so its guardian took the mount from it: {self._name} {rest}"
 
-    def beat(self, datagram: bytes | None = None, turns_known_s: float = math.inf) -> bool:
+    def beat(
+        self,
+        datagram: bytes | None = None,
+        turns_known_s: float = math.inf,
+        first_axis_deg: float | None = None,
+    ) -> bool:
         """See MountGuard. Writes a few words of memory; once a second it asks whether the guardian lives.
 
         Nothing is set going while the turns of the mount's axes are not known.
@@ -198,6 +229,7 @@ class Guarded:
             return False
         self._beats = words[Word.BEATS] = self._beats + 1
         known_ms = max(1, int(min(turns_known_s, LONGEST_KNOWN_S) * 1e3))
+        words[Word.FIRST_AXIS] = angle_word(first_axis_deg)
         words[Word.TURNS_KNOWN_MS] = known_ms if turns_known_s < LONGEST_KNOWN_S else 0
         if words[Word.TURNS_LOST] and datagram is not None and sets_going(datagram):
             why = self._turns_before or f"has moved unheard, and may have gone half round: {LOOK_AT_CABLES}"

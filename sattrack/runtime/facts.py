@@ -26,6 +26,7 @@ from sattrack.pointing.terms import PointingModel, axes_moved
 from sattrack.runtime import demo_pass
 from sattrack.runtime.mounts import SIMULATED, mount_address
 from sattrack.runtime.target_facts import TargetFacts, target_facts
+from sattrack.runtime.turns import noted_axis_deg
 from sattrack.safety import SafetyLimits
 from sattrack.settings import NO_ELEMENTS, NO_SITE, SiteSettings
 from sattrack.views.run import SAME_PASS_S, RememberedView
@@ -87,6 +88,8 @@ class RunFacts(msgspec.Struct, frozen=True):
     """The bias of an earlier pass, in force from the beginning; a nudge is in the first biases as well."""
     followed: TargetFacts | None = None
     """What is followed where it has no elements: rows of an ephemeris, or a body."""
+    first_axis_deg: float | None = None
+    """Where a session before left the first axis, turns counted; None for within half a turn of its zero."""
 
     @property
     def target(self) -> Elements | Ephemeris:
@@ -140,6 +143,7 @@ def build_engine(facts: RunFacts) -> Engine:
             facts.search_when_lost,
         ),
         remembered=facts.remembered,
+        first_axis_deg=facts.first_axis_deg,
     )
     return Engine(spec)
 
@@ -381,6 +385,7 @@ def prepare(request: RunRequest) -> Prepared:
         mount_name="sim" if address is None else str(address),
         started_utc_s=started_s,
         recording=None if request.record is None else str(request.record),
+        first_axis_deg=None if address is None else noted_axis_deg(address.name),
     )
     facts = with_followed(facts, target)
     notes: tuple[str, ...] = ()

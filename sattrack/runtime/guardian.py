@@ -46,7 +46,15 @@ from sattrack.runtime.mounts import (
     Stopped,
 )
 from sattrack.runtime.system import is_trusted, outlive, peer_of, utc_now
-from sattrack.runtime.turns import LeftMoving, NoteKeeper, left_moving, note, seconds_since_boot
+from sattrack.runtime.turns import (
+    WOUND_DEG,
+    LeftMoving,
+    NoteKeeper,
+    left_moving,
+    note,
+    seconds_since_boot,
+    wound_at,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -87,6 +95,22 @@ class Word(IntEnum):
     """1 once the mount may have gone half round unheard."""
     ABORT_FELL = 11
     """The beat with which an abort's flag fell, which the mount has acknowledged; 0 once any flag is up."""
+    FIRST_AXIS = 12
+    """The first axis' angle with its turns, by `angle_word`; 0 while it is not known."""
+
+
+FULL_TURNS_DEG = 360_000.0
+"""More than any cables bear: what is added to an angle, so that its word is positive."""
+
+
+def angle_word(angle_deg: float | None) -> int:
+    """Return an angle as a word, to a thousandth of a degree; 0 for None."""
+    return 0 if angle_deg is None else max(1, round(1e3 * (angle_deg + FULL_TURNS_DEG)))
+
+
+def angle_of(word: int) -> float | None:
+    """Return the angle that a word says, degrees; None for 0."""
+    return word / 1e3 - FULL_TURNS_DEG if word else None
 
 
 class Release(IntEnum):
@@ -318,9 +342,27 @@ class Guardian:
         elif moves:
             if now_s - self._noted_s > NOTE_EVERY_S:
                 self._noted_s = now_s
-                self._keep(LeftMoving(time.time() - (now_s - self._heard_s), known_s))
-        elif self.noted is not None:
-            self._keep(None)
+                heard_utc_s = time.time() - (now_s - self._heard_s)
+                self._keep(LeftMoving(heard_utc_s, known_s, first_axis_deg=self._wound_deg()))
+        elif angle_of(words[Word.FIRST_AXIS]) is not None or self._wound_deg() is None:
+            self._note_rest(now_s)
+
+    def _wound_deg(self) -> float | None:
+        """Return the first axis' angle, turns counted, as heard or noted last; None within half a turn."""
+        known_deg = angle_of(self.words[Word.FIRST_AXIS])
+        if known_deg is None:
+            return None if self.noted is None else self.noted.first_axis_deg
+        return known_deg if abs(known_deg) > WOUND_DEG else None
+
+    def _note_rest(self, now_s: float) -> None:
+        """Note how the cables are wound of a mount that is at rest, or nothing."""
+        wound = wound_at(self._wound_deg(), time.time())
+        if wound is None:
+            if self.noted is not None:
+                self._keep(None)
+        elif self.noted is None or self.noted.lost or now_s - self._noted_s > NOTE_EVERY_S:
+            self._noted_s = now_s
+            self._keep(wound)
 
     def _may_move(self) -> bool:
         """Return whether the mount may be in motion, as far as feeder and guardian know."""

@@ -52,6 +52,10 @@ class DriverLike(Protocol):
         """Whether the mount was stopped and seen at rest; None: not needed, or not known."""
 
     @property
+    def safety(self) -> Safety | None:
+        """What judges its motions, and counts the turns of the first axis; None where nothing does."""
+
+    @property
     def turns_known_s(self) -> float:
         """For how long after its newest status the mount may go on unheard, its axes' turns still known."""
 
@@ -178,6 +182,9 @@ class RealtimeLoop:
         """Feed the mount until the driver is finished, or the mount is taken away."""
         with undisturbed() as self.grant:
             self._due_s = time.monotonic()
+            wound_deg = self.connection.guard.first_axis_deg
+            if wound_deg is not None and self.driver.safety is not None:
+                self.driver.safety.begin_at(wound_deg)
             while not self.over:
                 self.guarded(self._wait_until_due)
                 self.guarded(self.heed_guard)
@@ -274,7 +281,8 @@ class RealtimeLoop:
             if ready:
                 self.guarded(self.serve, ready)
         known_s = self.driver.turns_known_s / connection.clock.speed
-        if connection.guard.beat(datagram, known_s) and datagram is not None:
+        first_deg = None if self.driver.safety is None else self.driver.safety.first_axis_deg
+        if connection.guard.beat(datagram, known_s, first_deg) and datagram is not None:
             if not (self._too_late and sets_going(datagram)):
                 connection.link.send(datagram)
             self.guarded(self.sent, now_utc_s, datagram)

@@ -3,7 +3,8 @@
 A status gives an axis' angle within a turn. A mount that moves while nobody hears it (a machine asleep, or
 without power; a cut link) goes on at its last rates, and may have gone half round: then no status tells how
 its cables are wound, and a way that seems short may wind them farther. A guardian notes what it watches in a
-small file for each mount, and removes it when the mount is at rest; the next session judges what is left.
+small file for each mount, and removes it when the mount is at rest with its cables free; the next session
+judges what is left, and begins with the turns that are noted.
 """
 
 from __future__ import annotations
@@ -27,6 +28,10 @@ if TYPE_CHECKING:
 BACKWARD_S = 5.0
 """A clock that went back by more, as one without a battery does, does not tell for how long nobody heard."""
 KEPT_WITHIN_S = 1.0
+WOUND_DEG = 170.0
+"""Where an axis at rest is farther from its zero, the session to come must know its turns."""
+WOUND_KNOWN_S = 11.0 * 3600.0
+"""For so long: an axis that follows the sky turns by less than half meanwhile."""
 LOOK_AT_CABLES = (
     "look at its cables, bring its axes within half a turn of the meridian by its own console, "
     "then say `sattrack mount unwound`"
@@ -40,7 +45,7 @@ def seconds_since_boot() -> float:
 
 
 class LeftMoving(msgspec.Struct, frozen=True):
-    """A mount in motion, as its guardian knows it."""
+    """A mount in motion, or at rest with its cables wound, as its guardian knows it."""
 
     heard_utc_s: float
     """When it was heard last, POSIX seconds."""
@@ -48,6 +53,8 @@ class LeftMoving(msgspec.Struct, frozen=True):
     """For how long from then on the turns of its axes stay known."""
     lost: bool = False
     """Whether they were lost already."""
+    first_axis_deg: float | None = None
+    """The first axis' angle then, turns counted; None where it is within half a turn of its zero."""
 
     def trouble(self, now_utc_s: float) -> str | None:
         """Return why nothing may be moved at an instant; None where the turns are known."""
@@ -55,6 +62,11 @@ class LeftMoving(msgspec.Struct, frozen=True):
         if not self.lost and -BACKWARD_S <= unheard_s <= self.known_for_s:
             return None
         when = local_time.instant(self.heard_utc_s) if self.heard_utc_s else "before a loss of power"
+        if self.known_for_s == WOUND_KNOWN_S and self.first_axis_deg is not None:
+            return (
+                f"was left {when} with its first axis at {self.first_axis_deg:.0f}°, and may have followed "
+                f"the sky half round since: {LOOK_AT_CABLES}"
+            )
         return f"was last heard in motion {when}, and may have gone half round since: {LOOK_AT_CABLES}"
 
 
@@ -77,10 +89,23 @@ def left_moving(mount: str) -> LeftMoving | None:
         return UNREADABLE
 
 
+def wound_at(first_axis_deg: float | None, now_utc_s: float) -> LeftMoving | None:
+    """Return what is noted of a mount at rest with its first axis so, turns counted; None for nothing."""
+    if first_axis_deg is None or abs(first_axis_deg) <= WOUND_DEG:
+        return None
+    return LeftMoving(now_utc_s, WOUND_KNOWN_S, first_axis_deg=first_axis_deg)
+
+
 def trouble_before(mount: str, now_utc_s: float) -> str | None:
     """Return why a mount must not be moved by a session that begins; None where its turns are known."""
     left = left_moving(mount)
     return None if left is None else left.trouble(now_utc_s)
+
+
+def noted_axis_deg(mount: str) -> float | None:
+    """Return where a session left a mount's first axis, turns counted; None for within half a turn."""
+    left = left_moving(mount)
+    return None if left is None else left.first_axis_deg
 
 
 def note(mount: str, moving: LeftMoving | None) -> None:

@@ -202,6 +202,15 @@ class Safety:
         known_s = min(left_deg / max(abs(first), 1e-9), HALF_TURN_DEG / max(abs(second), 1e-9))
         return max(LEAST_KNOWN_S, known_s / FASTER)
 
+    @property
+    def first_axis_deg(self) -> float | None:
+        """The first axis' angle, turns counted; None before the first status, if nobody has told it."""
+        return self._standing.hour_angle_deg
+
+    def begin_at(self, first_axis_deg: float) -> None:
+        """Take where a session before left the first axis, turns counted; it may have turned by half since."""
+        self._standing.begin_at(first_axis_deg)
+
     def follow_on(self, former: Safety) -> None:
         """Take over how far the cables are wound from a former one, whose stop is over."""
         self._standing.follow_on(former._standing)

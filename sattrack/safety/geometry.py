@@ -203,7 +203,7 @@ def _is_inside(x: float, y: float, edges: list[tuple[tuple[float, float], tuple[
 
 
 class AxesState:
-    """Follows one mount's axes; the turns are taken to begin within half a turn of the meridian."""
+    """Follows one mount's axes; turns are taken to begin within half a turn of the meridian, or as told."""
 
     def __init__(self, latitude_deg: float) -> None:
         self._latitude_deg = latitude_deg
@@ -216,6 +216,11 @@ class AxesState:
     def begin_anew(self) -> None:
         """Forget how the first status had the axis stand."""
         self.hour_angle_deg = self._anchor_deg
+
+    def begin_at(self, first_axis_deg: float) -> None:
+        """Take where a session before left the first axis, turns counted, until the first status."""
+        if self.hour_angle_deg is None:
+            self.hour_angle_deg = self._anchor_deg = first_axis_deg
 
     def follow_on(self, former: AxesState) -> None:
         """Take over how far the cables are wound."""

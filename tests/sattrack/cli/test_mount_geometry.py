@@ -120,3 +120,22 @@ def test_the_status_of_such_a_telescope_is_shown(profile: Path) -> None:
         done = called(mount, profile, "status")
         assert done.returncode == 0, done.stderr
         assert "looks at RA" in done.stdout
+
+
+def test_what_one_command_winds_the_next_one_knows(
+    profile: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Past half a turn the reported azimuth says nothing of the cables, which bear 200° here."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    with alt_az(azimuth_deg=350.0) as mount:
+        begun_deg = mount.truth["first_deg"]
+        for _ in range(2):
+            done = called(mount, profile, "move", "--ra-rate", "-4", "--seconds", "4", "--json")
+        turned_deg = mount.truth["first_deg"] - begun_deg
+        assert 20.0 < abs(turned_deg) < 200.0 - 170.0, (turned_deg, done)
+        assert "hour_angle" in done.stdout + done.stderr
+        # Back within half a turn, and the way round is not taken: it is 40° long, not 320°.
+        done = called(mount, profile, "move", "--ra-rate", "4", "--seconds", "7", "--json")
+        assert done.returncode == 0, done.stderr
+        assert abs(mount.truth["first_deg"] - begun_deg) < 10.0
+    assert not list((tmp_path / "sattrack" / "moving").iterdir())

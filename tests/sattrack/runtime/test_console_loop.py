@@ -37,6 +37,7 @@ class BrokenPart:
     interrupted: int = 0
     mount_stopped: bool | None = None
     turns_known_s: float = math.inf
+    safety: None = None
 
     @property
     def profile(self) -> MountProfile:
@@ -135,8 +136,9 @@ class TakenAway:
     def trouble(self) -> str | None:
         return "taken away" if self.deposed else None
 
-    def beat(self, datagram: bytes | None = None, turns_known_s: float = math.inf) -> bool:
-        del datagram, turns_known_s
+    first_axis_deg: float | None = None
+
+    def beat(self, *_: object) -> bool:
         self.beats += 1
         return not self.deposed
 

@@ -43,6 +43,7 @@ class NotedEngine:
     failed: bool = False
     mount_stopped: bool = True
     turns_known_s: float = math.inf
+    safety: None = None
     stop: None = None
     profile: MountProfile = field(default_factory=lambda: MountProfile(period_s=PERIOD_S))
     tracker: Any = field(default_factory=lambda: SimpleNamespace(ended_by=None))
@@ -128,7 +129,7 @@ class NotedGuard(Unguarded):
     def trouble(self) -> str | None:
         return "taken away" if self.deposed else None
 
-    def beat(self, datagram: bytes | None = None, turns_known_s: float = math.inf) -> bool:
+    def beat(self, *_: object) -> bool:
         self.beats += 1
         return not self.deposed
 

@@ -32,7 +32,7 @@ def sent_by(datagram: bytes, late_s: float) -> tuple[list[bytes], list[bytes]]:
         guard=Unguarded(),
         link=SimpleNamespace(send=left.append),
     )
-    driver: Any = SimpleNamespace(tick=lambda _: datagram, turns_known_s=math.inf)
+    driver: Any = SimpleNamespace(tick=lambda _: datagram, turns_known_s=math.inf, safety=None)
     stop: Any = SimpleNamespace(asked=False)
     loop = Loop(connection, stop, driver)
     loop.sent = lambda _, data: recorded.append(data)  # type: ignore[method-assign]
@@ -61,7 +61,7 @@ def test_what_comes_next_is_moved_by_when_the_last_datagram_was_due_not_by_when_
         guard=Unguarded(),
         link=SimpleNamespace(send=lambda _: None),
     )
-    driver: Any = SimpleNamespace(tick=lambda _: STOPS, turns_known_s=math.inf)
+    driver: Any = SimpleNamespace(tick=lambda _: STOPS, turns_known_s=math.inf, safety=None)
     stop: Any = SimpleNamespace(asked=False)
     loop = Loop(connection, stop, driver)
     loop.shift_s = lambda now_utc_s: asked.append(now_utc_s) or 0.0002  # type: ignore[method-assign, func-returns-value]

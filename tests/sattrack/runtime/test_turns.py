@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import socket
 import threading
@@ -17,7 +18,7 @@ from sattrack.mount.xerxes.client import Address
 from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.runtime import guardian, turns
 from sattrack.runtime.connection import LONGEST_KNOWN_S, owned
-from sattrack.runtime.guardian import SIZE, Guardian, GuardianTask, Release, Word
+from sattrack.runtime.guardian import SIZE, Guardian, GuardianTask, Release, Word, angle_word
 from sattrack.runtime.mounts import Owner
 from sattrack.runtime.turns import UNREADABLE, LeftMoving, folder, left_moving, note
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+HOURS_11 = 39_600.0
 NOW, MOUNT = 1_790_000_000.0, "192.0.2.1:7624"
 MOVES = encode_command(Command(7, move_ra=True, move_ra_rate_deg_s=1.0))
 STOPS = encode_command(Command(8, abort=True))
@@ -154,6 +156,47 @@ class TestTheGuardian:
         watched.words[Word.TURNS_KNOWN_MS] = 0
         assert watched.look(0.1, heard=True) is None
         assert not watched.lost
+
+    @pytest.mark.parametrize("first_deg", [205.0, -170.5])
+    def test_at_rest_it_is_noted_how_far_the_cables_are_wound(
+        self, watched: Watched, first_deg: float
+    ) -> None:
+        watched.words[Word.TURNS_KNOWN_MS] = 60_000
+        watched.words[Word.FIRST_AXIS] = angle_word(first_deg)
+        assert watched.look(0.1, heard=True) == LeftMoving(NOW + 500.1, 60.0, first_axis_deg=first_deg)
+        watched.words[Word.TURNS_KNOWN_MS] = 0
+        watched.words[Word.RELEASED] = Release.AT_REST
+        assert watched.look(1.1, heard=True) == LeftMoving(NOW + 501.2, HOURS_11, first_axis_deg=first_deg)
+        assert not watched.lost
+
+    def test_another_session_keeps_it_until_it_knows_where_the_axis_is(self, watched: Watched) -> None:
+        left = LeftMoving(NOW, HOURS_11, first_axis_deg=205.0)
+        watched.begins(left)
+        note(MOUNT, left)
+        assert watched.look(9.0) == left
+        assert watched.look(0.1, heard=True) == left
+        # It moves the mount before it is known where the axis is, and is killed.
+        watched.words[Word.TURNS_KNOWN_MS] = 60_000
+        assert watched.look(1.1, heard=True) == LeftMoving(NOW + 510.2, 60.0, first_axis_deg=205.0)
+        # Back within half a turn nothing is left to note.
+        watched.words[Word.FIRST_AXIS] = angle_word(169.0)
+        assert watched.look(1.1, heard=True) == LeftMoving(NOW + 511.3, 60.0)
+        watched.words[Word.TURNS_KNOWN_MS] = 0
+        assert watched.look(0.1, heard=True) is None
+        assert not watched.lost
+
+    def test_after_half_a_turn_of_the_sky_somebody_must_look(self, watched: Watched) -> None:
+        left = LeftMoving(NOW + 500.0, HOURS_11, first_axis_deg=205.0)
+        watched.begins(left)
+        watched.look(HOURS_11 + 1.0)
+        assert watched.lost
+        told = left.trouble(NOW + 500.0 + HOURS_11 + 1.0)
+        assert told is not None
+        assert re.match(
+            r"was left \w+ .* with its first axis at 205°, and may have .* `sattrack mount unwound`", told
+        )
+        assert left.trouble(NOW + 500.0 + HOURS_11 - 1.0) is None
+        note(MOUNT, None)
 
     def test_a_sleep_of_the_machine_loses_the_turns_for_good(self, watched: Watched) -> None:
         watched.words[Word.TURNS_KNOWN_MS] = 60_000

@@ -505,6 +505,15 @@ def test_turns_are_counted_on_from_where_the_axis_was(latitude_deg: float) -> No
     assert later.hour_angle_deg == 370.0
     axes.begin_anew()
     assert axes.hour_angle_deg is None
+    # A session before left it wound; what it was heard at since counts more.
+    axes.begin_at(205.0)
+    assert axes.place(190.0, 40.0, False) == Place(190.0, 40.0)
+    assert axes.place(20.0, 40.0, False) == Place(380.0, 40.0)
+    axes.take(Place(190.0, 40.0), False)
+    axes.begin_at(-300.0)
+    assert axes.hour_angle_deg == 190.0
+    axes.begin_anew()
+    assert axes.hour_angle_deg == 205.0
 
 
 @pytest.mark.parametrize(
