@@ -208,7 +208,7 @@ class Safety:
         return self._standing.hour_angle_deg
 
     def begin_at(self, first_axis_deg: float) -> None:
-        """Take where a session before left the first axis, turns counted; it may have turned by half since."""
+        """Take where a session before left the first axis, turns counted."""
         self._standing.begin_at(first_axis_deg)
 
     def follow_on(self, former: Safety) -> None:
