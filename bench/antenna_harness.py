@@ -43,6 +43,8 @@ class VirtualAntenna:
     truths: list[Truth] = field(default_factory=list)
     silent_until_s: float = 0.0
     """Until when statuses are lost."""
+    held_up_s: float = 0.0
+    """How much later than it is due the next datagram is computed."""
 
     def __post_init__(self) -> None:
         self.sky = SiteSky(SITE)
@@ -85,6 +87,10 @@ class VirtualAntenna:
         heappush(self._queue, (utc_s, self._order, happen, what))
 
     def _tick(self, now: float, _: None) -> None:
+        if self.held_up_s:
+            late_s, self.held_up_s = self.held_up_s, 0.0
+            self._at(now + late_s, self._tick, None)
+            return
         datagram = self.station.tick(now)
         for delay_s, arriving in self._wires.commands.carry(datagram):
             self._at(now + delay_s, lambda _, data: self._wires.receive(data) and None, arriving)

@@ -552,8 +552,12 @@ class Console(Driver):
             self._stop("link", f"{self.mount_name} {self.session.health.did}; stop commands are being sent")
 
     def _let_go(self, now_utc_s: float) -> None:
-        """After a stop that was seen through, leave the mount to whoever moves it next."""
-        if not (self.stopping and self.session.stopped):
+        """After a stop that was seen through, leave the mount to whoever moves it next.
+
+        Not after the last: who ends with it must see the rest, and may look late, or hear the mount late.
+        """
+        last = self.stop is not None and self.stop.needed
+        if last or not (self.stopping and self.session.stopped):
             self._rest_since_utc_s = None
         elif self._rest_since_utc_s is None:
             self._rest_since_utc_s = now_utc_s

@@ -199,6 +199,8 @@ class TelescopeStation:
         elif self._path is not None:
             self._path.end(now_utc_s)
         elif moving:
+            # The console looks at it with each datagram, and does not let go of the mount.
+            self.console.stop = self._ending
             self.console.abort(now_utc_s)
 
     def obey(self, numbered: NumberedOrder, now_utc_s: float) -> None:
@@ -518,7 +520,9 @@ class TelescopeStation:
     def _watch_end(self, now_utc_s: float) -> None:
         if self._ending is None or self.finished or self.engine is not None or self._path is not None:
             return
-        self.finished = self._ending.look(self.console.session, now_utc_s)
+        if self.console.stop is not self._ending:
+            self._ending.look(self.console.session, now_utc_s)
+        self.finished = self._ending.finished
         if self._ending.needed:
             self.mount_stopped = self._ending.at_rest
 

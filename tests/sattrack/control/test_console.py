@@ -570,6 +570,21 @@ class TestASitting:
         assert console_session.mount_stopped is True
         assert not bench.moves_itself
 
+    @pytest.mark.parametrize("late_s", [0.0, 0.5, 0.9])
+    def test_leaving_sees_a_rest_that_comes_while_the_machine_is_busy(self, late_s: float) -> None:
+        bench = Bench()
+        console_session = self.sit(bench, 0.4, Jog(2.0, None))
+        console_session.obey(Leave(), bench.now_s)
+        until_s = bench.now_s + 10.0
+        while not bench.console.session.stopped:
+            assert bench.now_s < until_s
+            bench.turn(console_session)
+        bench.now_s += late_s
+        while not console_session.finished:
+            assert bench.now_s < until_s
+            bench.turn(console_session)
+        assert console_session.mount_stopped is True
+
     def test_nothing_is_obeyed_after_leaving(self) -> None:
         bench = Bench()
         console_session = self.sit(bench, 0.0, Leave(), Jog(1.0, None), Park())

@@ -140,6 +140,31 @@ def test_at_the_end_of_the_service_what_moves_is_stopped_and_seen_at_rest(moving
     assert scope.truths[-1].dec_deg == pytest.approx(before, abs=1e-6)
 
 
+@pytest.mark.parametrize("late_s", [0.5, 0.9])
+@pytest.mark.parametrize("late", ["the server", "the mount"])
+def test_rest_at_the_end_of_the_service_is_seen_though_one_side_is_held_up_just_then(
+    late: str, late_s: float
+) -> None:
+    scope = VirtualTelescope(profile=replace(PROFILE, period_s=0.1))
+    scope.put("moveaxis", Axis=0, Rate=2.0)
+    scope.run_for(1.0)
+    scope.station.end(scope.now_utc_s)
+    until_s = scope.now_utc_s + 10.0
+    while not scope.station.session.stopped:
+        assert scope.now_utc_s < until_s
+        scope.run_for(0.01)
+    if late == "the mount":
+        scope.silent_until_s = scope.now_utc_s + late_s
+    else:
+        # Once it has seen the first of the rest.
+        scope.run_for(0.1)
+        scope.held_up_s = late_s
+    while not scope.station.finished:
+        assert scope.now_utc_s < until_s
+        scope.run_for(0.05)
+    assert scope.station.mount_stopped is True
+
+
 def test_a_mount_that_was_parked_and_is_started_anew_is_parked_no_more() -> None:
     scope = VirtualTelescope()
     scope.put("park")
