@@ -66,6 +66,9 @@ class StopProcedure:
         self.needed = needed
         self._blind = blind
         self._rest_utc_s: float | None = None
+        """Since when the mount is seen at rest."""
+        self._rest_heard_utc_s = begun_utc_s
+        """When the status had come by which it was seen so first."""
         self._looked_utc_s = begun_utc_s
         self._away_s = 0.0
         """How much of the time since the begin the machine slept, or its clock was set by."""
@@ -76,12 +79,7 @@ class StopProcedure:
         if not 0.0 <= since_s <= AWAY_S:
             self._away_s += since_s
         link, waited_s = session.link_state(now_utc_s), now_utc_s - self.begun_utc_s - self._away_s
-        # One old status is not enough: the mount must still be heard while it is said to rest.
-        if not session.stopped or link is not LinkState.UP:
-            self._rest_utc_s = None
-        elif self._rest_utc_s is None:
-            self._rest_utc_s = now_utc_s
-        rested = self._rest_utc_s is not None and now_utc_s - self._rest_utc_s >= STOP_LINGER_S
+        rested = self._rested(session, link, now_utc_s)
         rested = rested and waited_s >= lets_go_after_s(session.health.overtaken_s)
         heard = session.sample is not None
         if self.finished:
@@ -95,6 +93,21 @@ class StopProcedure:
         if self.finished and self.needed and heard:
             self.at_rest = rested
         return self.finished
+
+    def _rested(self, session: Session, link: LinkState, now_utc_s: float) -> bool:
+        """Tell whether the mount has been seen at rest for long enough.
+
+        One old status is not enough: another must come that shows rest as well. A telescope that answers
+        slowly, or a machine that is busy, may take longer for it than STOP_LINGER_S.
+        """
+        sample = session.sample
+        if sample is None or not session.stopped or link is LinkState.LOST:
+            self._rest_utc_s = None
+            return False
+        if self._rest_utc_s is None:
+            self._rest_utc_s, self._rest_heard_utc_s = now_utc_s, sample.arrival_utc_s
+        heard_again = sample.arrival_utc_s > self._rest_heard_utc_s
+        return heard_again and now_utc_s - self._rest_utc_s >= STOP_LINGER_S
 
 
 class Driver:

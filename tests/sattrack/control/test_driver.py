@@ -46,48 +46,71 @@ def session(stopped: bool = True, link: LinkState = UP, heard: bool = True, over
     return Made(
         link_state=lambda _: link,
         stopped=stopped,
-        sample=Made() if heard else None,
+        sample=Made(arrival_utc_s=NOW) if heard else None,
         health=Made(overtaken_s=overtaken_s),
     )
+
+
+def looked(stop: StopProcedure, one: Any, after_s: float) -> bool:
+    """Look at a stop just after a status has come, if any does; tell whether it is over."""
+    if one.sample is not None:
+        one.sample.arrival_utc_s = NOW + after_s - 0.01
+    return stop.look(one, NOW + after_s)
 
 
 def looked_at(stop: StopProcedure, one: Any, until_s: float, since_s: float = 0.0) -> bool:
     """Look at a stop twice a second and at the end of a span; tell whether it is over."""
     for half in range(math.ceil(2.0 * since_s), math.ceil(2.0 * until_s)):
-        stop.look(one, NOW + half / 2.0)
-    return stop.look(one, NOW + until_s)
+        looked(stop, one, half / 2.0)
+    return looked(stop, one, until_s)
 
 
 class TestTheStopAtTheEnd:
     def test_it_is_over_a_quarter_of_a_second_after_rest(self) -> None:
         stop = StopProcedure(NOW)
         assert (stop.finished, stop.at_rest) == (False, None)
-        assert not stop.look(session(stopped=False), NOW + 1.0)
-        assert not stop.look(session(), NOW + 2.0)
-        assert not stop.look(session(), NOW + 2.24)
-        assert stop.look(session(), NOW + 2.26)
+        assert not looked(stop, session(stopped=False), 1.0)
+        assert not looked(stop, session(), 2.0)
+        assert not looked(stop, session(), 2.24)
+        assert looked(stop, session(), 2.26)
         assert (stop.finished, stop.at_rest) == (True, True)
 
     def test_unless_it_is_blind_it_does_not_wait_for_what_was_never_heard(self) -> None:
         stop = StopProcedure(NOW)
-        assert stop.look(session(stopped=False, heard=False), NOW + 0.3)
+        assert looked(stop, session(stopped=False, heard=False), 0.3)
         assert stop.at_rest is None
 
-    @pytest.mark.parametrize("other", [session(stopped=False), session(link=STALE), session(link=LOST)])
+    @pytest.mark.parametrize("other", [session(stopped=False), session(link=LOST)])
     def test_rest_that_is_not_seen_on_begins_anew(self, other: Any) -> None:
         stop = StopProcedure(NOW)
-        stop.look(session(), NOW + 1.0)
-        stop.look(other, NOW + 1.2)
-        assert not stop.look(session(), NOW + 1.3)
-        assert not stop.look(session(), NOW + 1.5)
-        assert stop.look(session(), NOW + 1.6)
+        looked(stop, session(), 1.0)
+        looked(stop, other, 1.2)
+        assert not looked(stop, session(), 1.3)
+        assert not looked(stop, session(), 1.5)
+        assert looked(stop, session(), 1.6)
+
+    def test_one_status_that_says_rest_is_not_enough_however_long_ago(self) -> None:
+        stop, one = StopProcedure(NOW), session()
+        looked(stop, one, 1.0)
+        for tenth in range(11, 29):
+            assert not stop.look(one, NOW + tenth / 10.0)
+        assert looked(stop, one, 2.9)
+        assert stop.at_rest is True
+
+    @pytest.mark.parametrize("every_s", [0.35, 0.5, 1.0, 1.9])
+    def test_a_mount_that_is_heard_seldom_is_seen_at_rest_by_its_second_status(self, every_s: float) -> None:
+        stop, one = StopProcedure(NOW), session(link=STALE)
+        assert not looked(stop, one, 1.0)
+        assert not stop.look(one, NOW + 1.0 + 0.95 * every_s)
+        assert looked(stop, one, 1.0 + every_s)
+        assert stop.at_rest is True
 
     def test_where_datagrams_were_overtaken_it_lasts_longer(self) -> None:
         late = session(overtaken_s=2.0)
         stop = StopProcedure(NOW)
-        stop.look(late, NOW + 0.1)
-        assert not stop.look(late, NOW + 2.0 * OVERTAKEN_SHARE - 0.01)
-        assert stop.look(late, NOW + 2.0 * OVERTAKEN_SHARE + 0.01)
+        looked(stop, late, 0.1)
+        assert not looked(stop, late, 2.0 * OVERTAKEN_SHARE - 0.01)
+        assert looked(stop, late, 2.0 * OVERTAKEN_SHARE + 0.01)
 
     @pytest.mark.parametrize(
         ("link", "within_s"), [(UP, STOPS_MOVING_S), (STALE, STOPS_MOVING_S), (LOST, STOPS_SENT_S)]
@@ -95,12 +118,12 @@ class TestTheStopAtTheEnd:
     def test_a_mount_that_does_not_rest_is_given_up(self, link: LinkState, within_s: float) -> None:
         stop, moving = StopProcedure(NOW), session(stopped=False, link=link)
         assert not looked_at(stop, moving, within_s - 0.1)
-        assert stop.look(moving, NOW + within_s + 0.1)
+        assert looked(stop, moving, within_s + 0.1)
         assert stop.at_rest is False
         # Seen at rest later, it is.
-        assert stop.look(session(), NOW + within_s + 1.0)
+        assert looked(stop, session(), within_s + 1.0)
         assert stop.at_rest is False
-        assert stop.look(session(), NOW + within_s + 1.3)
+        assert looked(stop, session(), within_s + 1.3)
         assert stop.at_rest is True
 
     @pytest.mark.parametrize("leap_s", [25.0, 3600.0, -3600.0])
@@ -109,7 +132,7 @@ class TestTheStopAtTheEnd:
         assert not looked_at(stop, moving, 3.0)
         over_s = leap_s + STOPS_SENT_S
         assert not looked_at(stop, moving, over_s - 0.1, since_s=leap_s + 3.0)
-        assert stop.look(moving, NOW + over_s + 0.1)
+        assert looked(stop, moving, over_s + 0.1)
         assert stop.at_rest is False
 
     @pytest.mark.parametrize(
@@ -127,10 +150,10 @@ class TestTheStopAtTheEnd:
     ) -> None:
         stop, moving = StopProcedure(NOW, needed, blind), session(stopped=False, heard=heard)
         assert not looked_at(stop, moving, within_s - 0.01)
-        assert stop.look(moving, NOW + within_s + 0.01)
+        assert looked(stop, moving, within_s + 0.01)
         assert stop.at_rest is at_rest
         for after_s in (1.0, 2.0):
-            stop.look(session(heard=heard), NOW + within_s + after_s)
+            looked(stop, session(), within_s + after_s)
         assert stop.at_rest is (True if needed else None)
 
 
