@@ -41,6 +41,8 @@ def test_the_usual_profile_is_what_the_page_says() -> None:
     assert usual.clock_offset_s == 0.0
     assert usual.additive is False
     assert f"{link.SLOWEST_HZ:g} to {link.FASTEST_HZ:g}, {link.DEFAULT_HZ:g} by default" in PAGE
+    for hz in (link.SLOWEST_HZ, link.FASTEST_HZ):
+        assert parse_alpaca(f"alpaca://127.0.0.1:11111/0?hz={hz}").usual_profile().period_s == 1.0 / hz
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ DEFAULT_PORT = 11111
 DEFAULT_PORTS = {"alpaca": DEFAULT_PORT, "indi": 7624}
 ON_TARGET_ARCSEC = 10.0
 DEFAULT_HZ = 10.0
-SLOWEST_HZ, FASTEST_HZ = 1.0, 20.0
+SLOWEST_HZ, FASTEST_HZ = 2.0, 20.0
 FORM = (
     "write alpaca://HOST:PORT/DEVICE, as alpaca://192.0.2.9:11111/0; "
     "`sattrack init --mount alpaca` finds out which answer"

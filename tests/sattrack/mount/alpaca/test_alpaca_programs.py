@@ -271,7 +271,7 @@ def test_a_telescope_that_cannot_be_driven_is_refused_in_words(
         ),
         ("alpaca://127.0.0.1:1/x", 2, "'x' is no device number"),
         ("alpaca://127.0.0.1:99999/0", 2, "Port out of range"),
-        ("alpaca://127.0.0.1:1/0?hz=0.1", 2, "hz is 0.1; it goes from 1 to 20"),
+        ("alpaca://127.0.0.1:1/0?hz=1.9", 2, "hz is 1.9; it goes from 2 to 20"),
         ("alpaca://127.0.0.1:1/0?rate=4", 2, "rate= is no option"),
         ("alpaca:///0", 2, "no host"),
     ],
