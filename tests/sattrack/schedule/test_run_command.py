@@ -687,7 +687,7 @@ def test_what_the_keyhole_takes_is_told_beforehand_and_afterwards_and_is_worth_n
     sky = tmp_path / "sky.tle"
     sky.write_text(BY_THE_POLE)
     span = "from = 2026-10-02T20:00:00Z\nto = 2026-10-02T20:15:00Z\n"
-    text = span + "[[passes]]\nsatellite = 'BY THE POLE'\nmin_altitude_deg = 40\npriority = 2\n"
+    text = span + "[[passes]]\nsatellite = 'BY THE POLE'\nmin_altitude_deg = 50\npriority = 2\n"
     (one,) = planned(capsys, tmp_path, text, str(sky))["passes"]
     (lost,) = one["lost_to"]
     assert (lost["limit"], lost["limit_rate_deg_s"]) == ("keyhole", 6.0)
