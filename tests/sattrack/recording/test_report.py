@@ -122,7 +122,7 @@ def test_gains_of_an_azimuth_mount_are_those_of_its_axes(
         "additive = false\n[stands_at]\nlatitude_deg = 52.1541\nlongitude_deg = 4.4908\n"
         "[geometry]\npole_azimuth_deg = 0.0\npole_altitude_deg = 90.0\n"
     )
-    begin = ("--clock", "2026-10-02T13:01:00Z", "--to", "2026-10-02T13:04:00Z")
+    begin = ("--clock", "2026-10-02T13:03:15Z", "--to", "2026-10-02T13:04:05Z")
     site = ("--site", "52.1541,4.4908,0", "--elements", str(EXAMPLES / "iss_leiden.tle"))
     followed = ("track", "25544", "--virtual", "--mount", "sim", "--json", *site, *begin)
     assert run([*followed, "--profile", str(mount), "--record", str(path)]) == 0
@@ -387,7 +387,7 @@ def test_a_span_held_by_a_limit_is_counted_apart_and_fitted_from_nowhere(
     around = ((180.0, 0.0), (270.0, 0.0), (350.0, 0.0))
     pillar = ((20.0, 0.0), (103.0, 0.0), (104.0, 66.0), (106.0, 66.0), (107.0, 0.0), *around)
     path = tmp_path / "held.mcap"
-    summary = flown(path, limits=SafetyLimits(horizon=pillar), min_alt_deg=45.0)
+    summary = flown(path, limits=SafetyLimits(horizon=pillar), min_alt_deg=53.0)
     held_s = summary.held_s["horizon"]
     assert held_s > 5.0
     assert summary.reported_peak_arcsec is not None
@@ -398,8 +398,8 @@ def test_a_span_held_by_a_limit_is_counted_apart_and_fitted_from_nowhere(
     times = told["times"]
     assert times["held_s"] == {"horizon": pytest.approx(held_s, abs=0.3)}
     assert times["rejoining_s"] > 0.5
-    whole_s = 2186 * 0.05
-    assert times["following_s"] + times["rejoining_s"] + held_s == pytest.approx(whole_s, abs=4.0)
+    # From 53° to 53° the pass lasts so long (made with another library).
+    assert times["following_s"] + times["rejoining_s"] + held_s == pytest.approx(84.6, abs=4.0)
     assert told["error"]["peak_arcsec"] < 2.0
     assert told["ra"]["gain"] == pytest.approx(1.0005, abs=2e-5)
     assert told["ra"]["delay_s"] == pytest.approx(0.027, abs=0.003)
@@ -428,7 +428,7 @@ def test_what_the_keyhole_takes_and_the_way_back_are_in_no_error(
         "sim",
         "--virtual",
         "--clock",
-        "2026-10-02T20:55:10Z",
+        "2026-10-02T20:55:40Z",
         "--record",
         str(path),
         "--json",
@@ -452,7 +452,7 @@ def test_a_pass_that_was_held_throughout_is_not_told_to_need_nothing(
 ) -> None:
     wall = tuple((azimuth, 85.0) for azimuth in (0.0, 90.0, 180.0, 270.0))
     path = tmp_path / "walled.mcap"
-    assert flown(path, limits=SafetyLimits(horizon=wall, optical=False), min_alt_deg=70.0).samples == 0
+    assert flown(path, limits=SafetyLimits(horizon=wall, optical=False), min_alt_deg=75.0).samples == 0
     told = report_of(path, capsys)
     assert told["acquired"] is False
     assert told["times"]["held_s"]["horizon"] > 10.0
@@ -556,7 +556,7 @@ def test_a_jump_of_a_bias_is_no_ripple_of_a_motor(tmp_path: Path, capsys: pytest
     """A servo this slow errs by arcseconds during the jump."""
     slow = {"bandwidth_hz": 3.0, "damping": 0.7, "integral_hz": 0.5}
     jump = ((-25.0, Nudge(along_s=60.0)),)
-    summary = flown(tmp_path / "jump.mcap", messages=jump, min_alt_deg=50.0, servo=slow)
+    summary = flown(tmp_path / "jump.mcap", messages=jump, min_alt_deg=58.0, servo=slow)
     assert summary.reported_peak_arcsec is not None
     assert summary.reported_peak_arcsec > 5.0
     told = report_of(tmp_path / "jump.mcap", capsys)
@@ -615,7 +615,7 @@ def test_a_command_that_acts_before_it_is_sent_tells_of_wrong_dates(
 
 def test_a_motors_ripple_is_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     # Of the profile's own servo the run's filter takes the ripple out; of a softer one enough of it is left.
-    flown(tmp_path / "ripple.mcap", min_alt_deg=30.0, servo={"ripple_a": 3.0, "bandwidth_hz": 6.0})
+    flown(tmp_path / "ripple.mcap", min_alt_deg=45.0, servo={"ripple_a": 3.0, "bandwidth_hz": 6.0})
     told = report_of(tmp_path / "ripple.mcap", capsys)
     assert told["ra"]["lines"][0]["cycles_a_turn"] == pytest.approx(96.0, abs=2.0)
     assert told["ra"]["lines"][0]["amplitude_arcsec"] == pytest.approx(0.37, abs=0.13)
