@@ -13,8 +13,8 @@ from feeder_passes import subjects
 from sattrack.mount.model import MountProfile
 from sattrack.views.messages import SeenOffset
 
-LASTS_S, CLEAR_S = 110.0, 58.0
-"""Of 200 s that the bench looks: the clouds come after 60 s and have gone by 83. And the time before them."""
+LASTS_S, CLEAR_S = 110.0, 48.0
+"""Of 200 s that the bench looks: the clouds come after 60 s and have gone by 83. And time before them."""
 FOUND_OUT_S = 30.0
 """After so long it must be known how a camera is set wrongly."""
 FIRST = 4
@@ -188,8 +188,8 @@ class Strange(bench.Sky):
 
 def test_offsets_of_another_field_are_rejected_and_not_followed() -> None:
     rng = random.Random("ISS 3")
-    strange = shorter(Strange(subjects()[0], bench.Hidden.drawn(rng), rng))
+    strange = shorter(Strange(subjects()[0], bench.Hidden.drawn(rng), rng), CLEAR_S)
     found = bench.without_mount(strange, MountProfile())
     assert found.rms_arcsec < 2.0
-    assert found.rejected > 50
+    assert found.rejected >= strange.count // 3 > 25
     assert found.begun_anew <= 1
