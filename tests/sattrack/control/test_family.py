@@ -9,7 +9,7 @@ import family
 import pytest
 
 soak = pytest.mark.soak
-FOLLOWED_S = 40.0
+FOLLOWED_S = 30.0
 """For so long of a pass, the slew and what it leaves included; `bench/family.py` follows 75 s."""
 
 

@@ -1,6 +1,6 @@
 """Passes in the bench's harness: true axes against the satellite, one seed of each scenario.
 
-By default only what is above 65° of a pass, where rates are highest and change fastest; the soak runs
+By default only what is above 72° of a pass, where rates are highest and change fastest; the soak runs
 follow whole passes, as the bench does.
 """
 
@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from feeder_harness import Scenario
 
 ISS, KANOPUS = 0, 1
-WHOLE_DEG, HIGH_DEG = 10.0, 65.0
+WHOLE_DEG, HIGH_DEG = 10.0, 72.0
+NUDGED_DEG = 65.0
+"""Above it there is time for nudges and for what they leave."""
 
 
 @functools.cache
@@ -53,7 +55,8 @@ def test_a_pass_is_followed_within_the_scenarios_bounds(above_deg: float, name: 
 
 
 def test_nudges_are_settled_in_two_seconds_and_no_rate_steps(above_deg: float) -> None:
-    rms_arcsec, peak_arcsec, worst_step, longest_s = feeder.nudged(one_of(ISS, above_deg), seed=1)
+    nudged = one_of(ISS, min(above_deg, NUDGED_DEG))
+    rms_arcsec, peak_arcsec, worst_step, longest_s = feeder.nudged(nudged, seed=1)
     bounds = feeder.SCENARIOS[0].bounds_arcsec
     assert 0.005 < rms_arcsec <= bounds[0]
     assert peak_arcsec <= bounds[1]
@@ -96,7 +99,7 @@ def following(subject: feeder.Subject, scenario: Scenario, copies: bool) -> feed
 def test_slow_drives_that_stick_are_followed_past_where_an_axis_turns_back() -> None:
     scenario = next(s for s in feeder.SCENARIOS if s.servo)
     # Declination turns back at an altitude of 48°.
-    around = one_of(KANOPUS, 35.0)
+    around = one_of(KANOPUS, 42.0)
     rms_arcsec, peak_arcsec, _ = feeder.ours(around, scenario, seed=2, bandwidth_hz=3.0)
     assert rms_arcsec <= 0.2
     assert peak_arcsec <= scenario.bounds_arcsec[1]

@@ -20,7 +20,7 @@ from sattrack.runtime.facts import RunRequest, build_engine, prepare
 from sattrack.views.messages import Guide, OffsetBy, Search, SeenOffset
 from tle.bias import NO_BIAS
 from tle.instants import Utc
-from tle.orbit_fit import STATES, CorrectableOrbit
+from tle.orbit_fit import STATES, CorrectableOrbit, cross_product
 from tle.propagator import Propagator
 from tle.refraction import Refraction
 
@@ -32,8 +32,10 @@ CULMINATION_S = float(Utc.parse("2026-10-02T13:05:24Z").unix_s)
 BEGIN_S = CULMINATION_S - 60.0
 SIGMA_ARCSEC = 1.5
 EARTH_RAD_S = 7.2921159e-5
+POLE = np.array([0.0, 0.0, 1.0])
 ARCSEC = math.pi / 648000.0
-TICK_S = 0.05
+PERIOD_S, TICK_S = 0.05, 0.1
+"""Of the feeder, and of what is looked at here."""
 LATE_S = 0.6
 ELEMENTS_OFF_KM = np.array([23.0, 0.2, 0.3, -0.3, 0.2, 0.2])
 
@@ -73,17 +75,17 @@ class Loop:
         sidereal = math.radians(float(seen.ra_deg) + float(seen.ha_deg))
         c, s = math.cos(sidereal), math.sin(sidereal)
         axis = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]).T @ np.array(self.turn_arcsec) * ARCSEC
-        moving = seen.unit_rate - np.cross([0.0, 0.0, EARTH_RAD_S], u)
-        there = u + np.cross(axis, u) + self.delay_s * moving
+        moving = seen.unit_rate - cross_product(np.array([0.0, 0.0, EARTH_RAD_S]), u)
+        there = u + cross_product(axis, u) + self.delay_s * moving
         return there / np.linalg.norm(there)
 
     def off(self, utc_s: float) -> tuple[float, float]:
         """Return how far east and north of the middle the satellite is seen, arcsec."""
         fed = self.steering.biases.at(utc_s).unit
-        east = np.cross([0.0, 0.0, 1.0], fed)
+        east = cross_product(POLE, fed)
         east = east / np.linalg.norm(east)
         away = self.wanted(utc_s) - fed
-        return float(away @ east) / ARCSEC, float(away @ np.cross(fed, east)) / ARCSEC
+        return float(away @ east) / ARCSEC, float(away @ cross_product(fed, east)) / ARCSEC
 
     def seen(self, utc_s: float) -> SeenOffset:
         """Return what the camera sees: with north up, and not mirrored, east is to the left."""
@@ -107,7 +109,7 @@ class Loop:
             self.times.append(now - BEGIN_S)
             self.off_arcsec.append(math.hypot(*self.off(now)))
             cloudy = self.clouds_s[0] <= now - BEGIN_S < self.clouds_s[1]
-            if tick % 10 == 0 and not cloudy:
+            if tick % 5 == 0 and not cloudy:
                 self.waiting.append(self.seen(now))
             # The order is that of a camera whose every third frame takes twice as long.
             for one in list(self.waiting):
@@ -211,11 +213,11 @@ def test_three_that_agree_begin_an_estimate_far_from_what_is_fed_in_the_periods_
     for number in range(3):
         now_s = BEGIN_S + 0.5 * number
         assert math.hypot(*loop.off(now_s)) > 360.0
-        assert not any(steering.watch(now_s + TICK_S * tick) for tick in range(5))
+        assert not any(steering.watch(now_s + PERIOD_S * tick) for tick in range(5))
         steering.obey(loop.seen(now_s), now_s + 0.25)
         begun = steering.estimator.filter
         assert begun is None
-    watched = [steering.watch(BEGIN_S + 1.25 + TICK_S * tick) for tick in range(4)]
+    watched = [steering.watch(BEGIN_S + 1.25 + PERIOD_S * tick) for tick in range(4)]
     assert watched == [False, False, True, False]
     assert steering.estimator.filter is not None
     assert math.hypot(*loop.off(BEGIN_S + 6.0)) < 180.0
@@ -433,7 +435,7 @@ class TestGuidingByHand:
         before = loop.steering.biases.at(now + 6.0).unit
         self.told(loop, "accept")
         for tick in range(60):
-            loop.steering.watch(now + TICK_S * tick)
+            loop.steering.watch(now + PERIOD_S * tick)
         moved = loop.steering.biases.at(now + 6.0).unit - before
         assert float(np.linalg.norm(moved)) / ARCSEC == pytest.approx(900.0, rel=0.3)
 
