@@ -242,7 +242,7 @@ def test_a_loop_that_is_run_loose_says_why_and_what_it_costs(first: family.Run) 
         ]
 
     assert loose(first) == []
-    soft = fly(lasts_s=40.0, command_delay_s=0.35)
+    soft = fly(lasts_s=25.0, command_delay_s=0.35)
     law = soft.engine.spec.plan.law.feeder
     assert learnt_of(soft).settling_s > LOOSE_FACTOR * law.settling_s
     assert any("the servo answers 4" in words and "gusts and nudges" in words for words in loose(soft))
@@ -280,7 +280,7 @@ def test_a_mount_that_takes_held_flags_is_named_where_the_profile_says_edge(numb
 def test_rates_that_add_to_tracking_are_told_from_those_that_replace_it(is_so: bool, words: str) -> None:
     def flown(additive: bool) -> family.Run:
         profile = msgspec.structs.replace(TOLD, additive=additive)
-        return fly(number=4, profile=profile, lasts_s=40.0, additive=is_so)
+        return fly(number=4, profile=profile, lasts_s=30.0, additive=is_so)
 
     run = flown(not is_so)
     warnings = view_of(run.engine, run.errors[-1].utc_s).warnings

@@ -382,7 +382,8 @@ def seen_pass(folder: Path, lines: tuple[str, str]) -> list[str]:
     elements.write_text("\n".join(lines) + "\n")
     site = ",".join(map(str, SEEN_FROM))
     where = ["--elements", str(elements), "--site", site]
-    return ["45085", *where, "--clock", "2020-07-24T03:17:00Z", "--min-alt", "15"]
+    span = ("--clock", "2020-07-24T03:19:10Z", "--to", "2020-07-24T03:22:54Z")
+    return ["45085", *where, *span, "--min-alt", "15"]
 
 
 def test_a_real_satellite_ten_days_after_its_elements_is_met_by_real_plate_solutions(tmp_path: Path) -> None:

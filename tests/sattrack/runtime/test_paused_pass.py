@@ -303,15 +303,15 @@ def fly_with(
     return run
 
 
-def facts_of_the_pass() -> RunFacts:
-    return prepare(RunRequest("25544", "sim", None, None, None, 45.0, virtual=True)).facts
+def facts_of_the_pass(min_alt_deg: float = 45.0) -> RunFacts:
+    return late(prepare(RunRequest("25544", "sim", None, None, None, min_alt_deg, virtual=True)).facts)
 
 
 def test_a_mount_that_follows_the_sky_at_rest_is_held_at_a_limit_that_it_drifts_to() -> None:
-    """From hour angle 29° it drifts by 15° an hour; the axis ends at 29.5°."""
-    facts = facts_of_the_pass()
+    """From hour angle 29.25° it drifts by 15° an hour; the axis ends at 29.5°."""
+    facts = facts_of_the_pass(60.0)
     profile = msgspec.structs.replace(facts.profile, hour_angle_limit_deg=29.5)
-    run = fly_with(SkyBound, StartPosition(29.0, 20.0), msgspec.structs.replace(facts, profile=profile))
+    run = fly_with(SkyBound, StartPosition(29.25, 20.0), msgspec.structs.replace(facts, profile=profile))
     axis = [truth.hour_angle_axis_deg for truth in run.truths]
     assert axis[0] + SIDEREAL_RATE_DEG_S * (run.truths[-1].utc_s - run.truths[0].utc_s) > 29.6, "it would"
     assert 29.3 < max(axis) <= 29.41
@@ -338,20 +338,20 @@ def apart_deg(one: tuple[float, float], other: tuple[float, float]) -> float:
 
 
 def test_a_mount_that_stands_in_the_suns_way_is_led_out_of_it() -> None:
-    """The Sun goes 15° an hour westward; the axes stand 15.25° west of it, 15° is its cone."""
-    facts = facts_of_the_pass()
+    """The Sun goes 15° an hour westward; the axes stand 15.1° west of it, 15° is its cone."""
+    facts = facts_of_the_pass(60.0)
     began_s = facts.started_utc_s
     ha_deg, dec_deg = sun_place(began_s, facts.site.longitude_deg)
-    run = fly_with(SimulatedMount, StartPosition(ha_deg + 15.25, dec_deg), facts)
+    run = fly_with(SimulatedMount, StartPosition(ha_deg + 15.1, dec_deg), facts)
     apart = []
     for truth in run.truths:
         sun = sun_place(truth.utc_s, facts.site.longitude_deg)
         apart.append(apart_deg((truth.hour_angle_axis_deg, truth.dec_axis_deg), sun))
     stayed_deg = SIDEREAL_RATE_DEG_S * (run.truths[-1].utc_s - began_s)
-    assert stayed_deg > 0.6
+    assert stayed_deg > 0.35
     assert 14.9 < min(apart) < 15.05
     assert apart[-1] > 15.05
-    stands = [t.hour_angle_axis_deg for t in run.truths if 65.0 < t.utc_s - began_s < 165.0]
+    stands = [t.hour_angle_axis_deg for t in run.truths if 30.0 < t.utc_s - began_s < 85.0]
     assert max(stands) - min(stands) < 1e-5, "it rests again out there, and does not follow the sky"
     led_out = [v for v in run.views if any("led out of the Sun" in words for words in v.warnings)]
     assert led_out

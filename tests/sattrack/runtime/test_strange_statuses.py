@@ -141,7 +141,7 @@ def clock_frozen(status: Status, first: Status) -> Status:
 
 
 def test_statuses_that_freeze_for_good_stop_the_mount_like_silence_does() -> None:
-    summary, run = fly(spoil=all_frozen)
+    summary, run = fly(75.0, spoil=all_frozen)
     assert summary.ended_by == "link"
     assert "said the same again and again" in (summary.message or "")
     assert at_rest(run)
@@ -150,7 +150,7 @@ def test_statuses_that_freeze_for_good_stop_the_mount_like_silence_does() -> Non
 
 @pytest.mark.parametrize("spoil", [all_frozen, place_frozen])
 def test_what_freezes_for_a_second_is_followed_through(spoil: Any) -> None:
-    summary, run = fly(spoil=spoil, span_s=(0.0, 1.0))
+    summary, run = fly(75.0, spoil=spoil, span_s=(0.0, 1.0))
     assert summary.ended_by == "set"
     assert run.off_arcsec(-5.0, 10.0) < 0.1
 
@@ -180,7 +180,7 @@ def test_bursts_under_a_clock_that_stands_still_are_told_apart_by_their_count() 
 
 
 def test_slews_that_are_acknowledged_and_not_carried_out_are_asked_for_again() -> None:
-    summary, run = fly(min_alt_deg=70.0, slews_left_out=2)
+    summary, run = fly(75.0, slews_left_out=2)
     assert len(run.slews) == 3
     assert summary.ended_by == "set"
     assert summary.acquired_after_s is not None

@@ -127,7 +127,7 @@ def test_a_stop_is_sent_until_it_is_confirmed() -> None:
 
 
 def test_a_short_silence_is_followed_through() -> None:
-    flown = fly(lost_statuses=(0.0, 1.0), min_alt_deg=65.0)
+    flown = fly(lost_statuses=(0.0, 1.0), min_alt_deg=65.0, from_s=-10.0)
     assert flown.summary.ended_by == "set"
     assert flown.error_arcsec(2.0, 24.0) < 1.0
 
@@ -155,7 +155,7 @@ def test_the_hour_angle_axis_is_held_inside_its_limit() -> None:
 
 @pytest.mark.parametrize("spoil", [{"dec_deg": -10.0}, {"ra_h": 0.7}])
 def test_one_wrong_status_does_not_throw_the_mount(spoil: dict[str, float]) -> None:
-    flown = fly(spoilt=(0.0, 0.05), spoil=spoil, min_alt_deg=65.0)
+    flown = fly(spoilt=(0.0, 0.05), spoil=spoil, min_alt_deg=65.0, from_s=-10.0)
     assert flown.summary.ended_by == "set"
     truth = max(
         flown.run.truths, key=lambda t: abs(t.dec_rate_deg_s) if abs(t.utc_s - CULMINATION_S) < 2.0 else 0.0
@@ -170,7 +170,9 @@ def test_one_wrong_status_does_not_throw_the_mount(spoil: dict[str, float]) -> N
 def test_a_mounts_clock_that_is_set_costs_a_second_or_two(step_s: float) -> None:
     """Its sidereal time jumps, and with it the right ascension that it reports."""
     step_h = step_s / 3600.0
-    flown = fly(spoilt=(0.0, 1e6), spoil={"sidereal_h": step_h, "ra_h": step_h}, min_alt_deg=60.0)
+    flown = fly(
+        spoilt=(0.0, 1e6), spoil={"sidereal_h": step_h, "ra_h": step_h}, min_alt_deg=60.0, from_s=-10.0
+    )
     assert flown.summary.ended_by == "set"
     assert flown.error_arcsec(8.0, 30.0) < 2.0
 

@@ -118,7 +118,7 @@ def test_the_operators_stop_ends_the_run_at_once_with_the_mount_at_rest() -> Non
 
 
 def test_signs_turned_in_mount_and_profile_make_no_difference() -> None:
-    plan = prepared(60.0)
+    plan = prepared(72.0)
     turned = msgspec.structs.replace(
         plan.facts, profile=msgspec.structs.replace(plan.facts.profile, ra_rate_sign=-1, dec_rate_sign=-1)
     )
@@ -128,7 +128,7 @@ def test_signs_turned_in_mount_and_profile_make_no_difference() -> None:
 
 
 def test_absolute_rates_are_followed_as_well() -> None:
-    plan = prepared(60.0)
+    plan = prepared(72.0)
     absolute = msgspec.structs.replace(
         plan.facts, profile=msgspec.structs.replace(plan.facts.profile, additive=False)
     )
