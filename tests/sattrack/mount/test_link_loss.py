@@ -32,10 +32,10 @@ if TYPE_CHECKING:
 
 PERIOD_S = 0.05
 PHASE_S = 0.0217
-AT_S = 14.0
+AT_S = 10.0
 """The fault's begin, from the run's: by then the mount follows, near culmination."""
 LASTS_S = 8.0
-BEGIN = "2026-10-02T13:05:01Z"
+BEGIN = "2026-10-02T13:05:05Z"
 WATCHDOG_S = 1.5
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 import pytest
+from late_start import APPROACH_S, late
 
 from sattrack.cli.main import run
 from sattrack.mount.profiles import ProfileFile
@@ -167,7 +168,8 @@ def test_a_run_keeps_the_limits_with_which_it_began(tmp_path: Path) -> None:
     request = RunRequest("25544", "sim", None, None, None, 10.0, virtual=True, limits=limits)
     facts = prepare(request).facts
     plan = msgspec.structs.replace(facts.plan, end_utc_s=facts.plan.start_utc_s + 20.0)
-    engine = build_engine(msgspec.structs.replace(facts, plan=plan))
+    facts = late(msgspec.structs.replace(facts, plan=plan))
+    engine = build_engine(facts)
     path.write_text("[safety]\nfloor_altitude_deg = 80.0\n", encoding="utf-8")
     site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
     mount = SimulatedMount(ProfileFile().mount, site, demo_pass.START, SimulatorProfile())
@@ -199,7 +201,7 @@ def test_settings_that_change_while_a_command_runs_are_told_of(
     def meanwhile(*_: object) -> object:
         if later is not None:
             path.write_text(f"[safety]\n{later}\n", encoding="utf-8")
-        return msgspec.structs.replace(plan, end_utc_s=plan.start_utc_s + 1.0)
+        return msgspec.structs.replace(plan, end_utc_s=plan.start_utc_s + 1.0, approach_s=APPROACH_S)
 
     monkeypatch.setattr("sattrack.runtime.facts.plan_for", meanwhile)
     assert run([*TRACK, "--config", str(path)]) == 0
