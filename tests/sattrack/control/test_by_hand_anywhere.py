@@ -184,7 +184,7 @@ def test_a_console_keeps_the_telescope_on_the_sky_and_after_a_jog_where_it_then_
     assert session.console.refusal is None
     hand.until(lambda: session.console.outcome is not None)
     # The sky turns by 15″ a second.
-    hand.run(20.0)
+    hand.run(10.0)
     assert hand.off_arcsec(ra, dec) < BOUND_ARCSEC
     for _ in range(20):
         session.obey(Jog(None, 0.5), hand.now_s)
@@ -192,7 +192,7 @@ def test_a_console_keeps_the_telescope_on_the_sky_and_after_a_jog_where_it_then_
     hand.run(8.0)
     assert 0.5 * 3600.0 < hand.off_arcsec(ra, dec) < 2.0 * 3600.0
     there = hand.sky()
-    hand.run(20.0)
+    hand.run(10.0)
     assert hand.off_arcsec(*there) < 5.0
     session.obey(Leave(), hand.now_s)
     hand.until(lambda: session.finished)
@@ -349,7 +349,7 @@ def test_a_rotators_client_points_the_tube_to_azimuth_and_elevation(number: int)
     azimuth, altitude = hand.tube.horizontal(truth.hour_angle_deg + 8.0, truth.dec_axis_deg - 6.0)
     azimuth = math.remainder(azimuth, 360.0)
     assert station.rotator.point(1, azimuth, altitude, hand.now_s).value == 0
-    hand.run(30.0)
+    hand.run(20.0)
     there = hand.horizontal
     assert math.remainder(there[0] - azimuth, 360.0) * math.cos(math.radians(altitude)) == pytest.approx(
         0.0, abs=0.005
