@@ -50,7 +50,7 @@ def test_a_mount_with_a_pole_of_its_own_looks_where_it_must(pole: Pole) -> None:
     faultless = TiltedMount(altitude, pole_azimuth_deg=azimuth)
     model = PointingModel(modelled(mount).terms, latitude, pole)
     seen = 0
-    for h in range(-170, 180, 35):
+    for h in range(-170, 180, 50):
         for d in range(-60, 90, 25):
             first, second = faultless.stands(local(h, d, latitude), (10.0, 0.0))
             second = math.remainder(second, 360.0)
