@@ -518,7 +518,7 @@ def judge_recovery(world: World, watcher: Watcher, fair: Watcher, fair_ended: En
 
 
 def _peak_arcsec(storm: Storm) -> float:
-    summary = World(storm, Watcher(storm)).run().summary
+    summary = World(storm, Judging()).run().summary
     return 0.0 if summary is None else summary.reported_peak_arcsec or 0.0
 
 
