@@ -23,8 +23,10 @@ if TYPE_CHECKING:
 settings.register_profile("same", derandomize=True)
 settings.load_profile("same")
 
-# Tests and program stay compiled, whatever is set: to do it anew is two thirds of each worker's collection.
+# Tests and programs stay compiled, whatever is set: to do it anew is two thirds of each worker's collection,
+# and half of what it takes to start a program.
 sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # Each worker, and each program that it starts, has one thread for linear algebra: of more, on a machine that
 # is busy anyway, each spins while it waits for the other. Read when numpy is loaded.

@@ -1,16 +1,32 @@
-"""Tests by tshark run where it is installed and runs Lua."""
+"""Tools run in this process; tests by tshark run where it is installed and runs Lua."""
 
 from __future__ import annotations
 
 import subprocess
+import sys
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 from literal_datagrams import capture
+from tool_runs import Ran, Tool
 
 DISSECTOR = Path(__file__).resolve().parents[2] / "extras" / "wireshark" / "xerxes.lua"
 Tshark = Callable[..., "subprocess.CompletedProcess[str]"]
+
+
+@pytest.fixture
+def tool(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Tool:
+    """Run a module of tools/ with options, as `python -m` would, without another process."""
+
+    def run(module: str, *options: str) -> Ran:
+        monkeypatch.setattr(sys, "argv", [module, *options])
+        capsys.readouterr()
+        code = import_module(f"tools.{module}").main()
+        return Ran(code, *capsys.readouterr())
+
+    return run
 
 
 @pytest.fixture(scope="session")

@@ -3,36 +3,28 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sattrack.servers.alpaca.connections import MOST_WAITING, REQUEST_WITHIN_S
 from sattrack.servers.alpaca.process import MOST_BODY_BYTES, MOST_LINE_BYTES
 from sattrack.servers.alpaca.protocol import ACTIONS, MEMBERS, Number, read_action
 
+if TYPE_CHECKING:
+    from tool_runs import Tool
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "alpaca.md"
 
 
-def check(root: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "tools.alpaca", "--check", "--root", str(root)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
-def test_the_page_has_every_member_and_is_what_the_table_says(tmp_path: Path) -> None:
-    assert check(ROOT).returncode == 0
+def test_the_page_has_every_member_and_is_what_the_table_says(tool: Tool, tmp_path: Path) -> None:
+    assert tool("alpaca", "--check").returncode == 0
     text = PAGE.read_text(encoding="utf-8")
     assert all(text.count(f"\n| `{member.name}` | ") == 1 for member in MEMBERS)
     folder = tmp_path / "docs"
     folder.mkdir()
     (folder / PAGE.name).write_text(text.replace("| `Park` |", "| `Pork` |", 1), encoding="utf-8")
-    spoilt = check(tmp_path)
+    spoilt = tool("alpaca", "--check", "--root", str(tmp_path))
     assert spoilt.returncode == 1
     assert "run python -m tools.alpaca" in spoilt.stderr
 

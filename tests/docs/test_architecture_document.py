@@ -5,30 +5,25 @@ Files form no circles of imports; those for type checking and those inside funct
 
 from __future__ import annotations
 
-import ast
 import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Container
 
+    from tool_runs import Tool
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 
 
-def test_the_picture_is_drawn_from_the_code(tmp_path: Path) -> None:
-    def check(root: Path) -> int:
-        command = [sys.executable, "-m", "tools.architecture", "--check", "--root", str(root)]
-        return subprocess.run(command, cwd=ROOT, capture_output=True, check=False).returncode
-
-    assert check(ROOT) == 0
+def test_the_picture_is_drawn_from_the_code(tool: Tool, tmp_path: Path) -> None:
+    assert tool("architecture", "--check").returncode == 0
     drawn = (ROOT / "docs" / "architecture.svg").read_text(encoding="utf-8")
     (tmp_path / "docs").mkdir()
     (tmp_path / "docs" / "architecture.svg").write_text(drawn.replace("sattrack/safety", "sattrack/x"))
-    assert check(tmp_path) == 1
+    assert tool("architecture", "--check", "--root", str(tmp_path)).returncode == 1
 
 
 def test_every_file_that_the_page_names_is_there() -> None:
@@ -60,18 +55,21 @@ def files_by_module() -> dict[str, Path]:
     return found
 
 
+IMPORT = re.compile(r"^[ \t]*(?:from ([\w.]+) )?import (\([^)]*\)|.*)", re.MULTILINE)
+BY_CALL = re.compile(r"import_module\([\"']([\w.]+)")
+
+
 def imported(text: str, known: Container[str]) -> set[str]:
-    """Return the known modules that a text imports, in functions and for type checking too."""
-    found = set()
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.Import):
-            found |= {name.name for name in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert not node.level, "imports are absolute"
-            inner = {f"{node.module}.{name.name}" for name in node.names}
-            found |= {name if name in known else str(node.module) for name in inner}
-        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
-            found |= {one.value for one in node.args if isinstance(one, ast.Constant)}
+    """Return the known modules that a text imports, in functions and for type checking too.
+
+    By its lines: to parse every file takes ten times as long.
+    """
+    found = set(BY_CALL.findall(text))
+    for module, names in IMPORT.findall(text):
+        assert not module.startswith("."), "imports are absolute"
+        for name in re.sub(r"#.*|[()]", "", names).split(","):
+            inner = f"{module}.{name.split()[0]}" if name.strip() else ""
+            found |= {inner.removeprefix(".")} if inner in known or not module else {module}
     return {name for name in found if name in known}
 
 

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from sattrack.cli.main import run
 from sattrack.runtime.facts import RunRequest, prepare
 from sattrack.runtime.flight import fly_virtual
 from sattrack.views.messages import StopNow, decode_message
 from tle.instants import Utc
+
+if TYPE_CHECKING:
+    import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENT = (ROOT / "docs" / "biases.md").read_text(encoding="utf-8")
@@ -49,22 +53,26 @@ def test_a_run_obeys_every_message_as_written() -> None:
     assert (summary.bias_along_s, summary.offsets) == (0.0, ()), "clear_bias came last but one"
 
 
-def test_the_command_with_observations_finds_the_bias_of_the_example() -> None:
+def test_the_command_with_observations_finds_the_bias_of_the_example(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     command = next(c for block in blocks("sh") for c in block.splitlines() if "--observations stdin" in c)
     program, _, source = command.partition(" < ")
-    words = [sys.executable, "-m", *program.split(), "--json", "--min-alt", "60"]
-    with (ROOT / source).open("rb") as lines:
-        done = subprocess.run(words, stdin=lines, capture_output=True, check=True)
-    summary = json.loads(done.stdout)["summary"]
+    assert program.startswith("sattrack ")
+    with (ROOT / source).open(encoding="utf-8") as lines:
+        monkeypatch.setattr(sys, "stdin", lines)
+        assert run([*program.split()[1:], "--json", "--min-alt", "60"]) == 0
+    summary = json.loads(capsys.readouterr().out)["summary"]
     estimate = summary["estimate"]
     assert abs(summary["bias_along_s"] - 3.0) < 4.0 * estimate["along_sigma_s"]
     assert estimate["rejected"] == 0
 
 
-def test_what_sattrack_bias_prints_is_what_the_page_shows() -> None:
+def test_what_sattrack_bias_prints_is_what_the_page_shows(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     command = next(c for block in blocks("sh") for c in block.splitlines() if c.startswith("sattrack bias"))
-    done = subprocess.run(
-        [sys.executable, "-m", *command.split()], capture_output=True, check=True, cwd=ROOT, text=True
-    )
+    monkeypatch.chdir(ROOT)
+    assert run(command.split()[1:]) == 0
     shown = DOCUMENT.partition(command)[2].split("```")[2].strip()
-    assert done.stdout.strip().splitlines() == shown.splitlines()
+    assert capsys.readouterr().out.strip().splitlines() == shown.splitlines()

@@ -2,34 +2,26 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sattrack.mount.link_loss import CONTRACT
+
+if TYPE_CHECKING:
+    from tool_runs import Tool
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "link-loss.md"
 
 
-def check(root: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "tools.link_loss", "--check", "--root", str(root)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
-def test_the_page_says_what_the_contract_does(tmp_path: Path) -> None:
-    assert check(ROOT).returncode == 0
+def test_the_page_says_what_the_contract_does(tool: Tool, tmp_path: Path) -> None:
+    assert tool("link_loss", "--check").returncode == 0
     text = PAGE.read_text(encoding="utf-8")
     assert text.count("**never**") == sum(row.during_s is None for row in CONTRACT)
     folder = tmp_path / "docs"
     folder.mkdir()
     (folder / PAGE.name).write_text(text.replace("**never**", "2 s", 1), encoding="utf-8")
-    spoilt = check(tmp_path)
+    spoilt = tool("link_loss", "--check", "--root", str(tmp_path))
     assert spoilt.returncode == 1
     assert "run python -m tools.link_loss" in spoilt.stderr
 

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
-from typing import get_args
+from typing import TYPE_CHECKING, get_args
 
 import msgspec
 
@@ -20,6 +18,9 @@ from sattrack.schedule.night import NightPass, Result, RunState
 from sattrack.schedule.night_processes import as_environment, facts_of
 from sattrack.schedule.schema import Terms
 
+if TYPE_CHECKING:
+    from tool_runs import Tool
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "nights.md"
 TEXT = PAGE.read_text(encoding="utf-8")
@@ -27,19 +28,14 @@ BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)
 UNIT = ROOT / "examples" / "systemd" / "sattrack-night.service"
 
 
-def check(root: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "tools.nights", "--check", "--root", str(root)]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-
-
-def test_the_table_is_the_machine_that_runs(tmp_path: Path) -> None:
-    assert check(ROOT).returncode == 0
+def test_the_table_is_the_machine_that_runs(tool: Tool, tmp_path: Path) -> None:
+    assert tool("nights", "--check").returncode == 0
     table = TEXT.partition("BEGIN machine")[2].partition("END machine")[0]
     assert all(f"| {state.value} |" in table for state in RunState if state is not RunState.STOPPED)
     assert table.count("\n| ") - 1 == sum(row.event.__name__ != "StopAsked" for row in machine.TABLE)
     (tmp_path / "docs").mkdir()
     (tmp_path / "docs" / PAGE.name).write_text(TEXT.replace("| Follow it |", "| Leave it |", 1))
-    spoilt = check(tmp_path)
+    spoilt = tool("nights", "--check", "--root", str(tmp_path))
     assert spoilt.returncode == 1
     assert "run python -m tools.nights" in spoilt.stderr
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import re
 import shutil
-import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from literal_datagrams import COUNTER_AS_DOUBLE, MOVE, RATE_AS_DOUBLE, SLEW, STATUS, Frame, capture, put
+
+if TYPE_CHECKING:
+    from tool_runs import Tool
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "xerxes-protocol.md").read_text(encoding="utf-8")
@@ -115,16 +116,6 @@ def patched(data: bytes, dump: dict[int, bytes]) -> bytes:
     return put(data, *((offset, raw.hex()) for offset, raw in dump.items()))
 
 
-def generator(*options: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "tools.protocol", *options],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
 @pytest.fixture
 def copy(tmp_path: Path) -> Path:
     """The generated files, to be spoilt."""
@@ -135,8 +126,8 @@ def copy(tmp_path: Path) -> Path:
 
 
 class TestGenerator:
-    def test_document_dissector_and_pictures_are_what_the_code_says(self) -> None:
-        done = generator("--check")
+    def test_document_dissector_and_pictures_are_what_the_code_says(self, tool: Tool) -> None:
+        done = tool("protocol.__main__", "--check")
         assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
     @pytest.mark.parametrize(
@@ -147,20 +138,22 @@ class TestGenerator:
             ("docs/xerxes-slew.svg", "stale", "fresh"),
         ],
     )
-    def test_a_difference_is_named_and_mended(self, copy: Path, file: str, before: str, after: str) -> None:
+    def test_a_difference_is_named_and_mended(
+        self, tool: Tool, copy: Path, file: str, before: str, after: str
+    ) -> None:
         good = (copy / file).read_text(encoding="utf-8")
         (copy / file).write_text(good.replace(before, after), encoding="utf-8")
-        checked = generator("--check", "--root", str(copy))
+        checked = tool("protocol.__main__", "--check", "--root", str(copy))
         assert checked.returncode == 1
         assert checked.stdout == f"{file}: differs; run `python -m tools.protocol`\n"
-        assert generator("--root", str(copy)).returncode == 0
+        assert tool("protocol.__main__", "--root", str(copy)).returncode == 0
         assert (copy / file).read_text(encoding="utf-8") == good
 
-    def test_a_missing_region_is_named_and_nothing_is_written(self, copy: Path) -> None:
+    def test_a_missing_region_is_named_and_nothing_is_written(self, tool: Tool, copy: Path) -> None:
         file = copy / "docs" / "xerxes-protocol.md"
         spoilt = file.read_text(encoding="utf-8").replace("<!-- END slew -->", "")
         file.write_text(spoilt, encoding="utf-8")
-        done = generator("--root", str(copy))
+        done = tool("protocol.__main__", "--root", str(copy))
         assert done.returncode == 1
         assert "'slew'" in done.stderr
         assert file.read_text(encoding="utf-8") == spoilt
@@ -264,6 +257,7 @@ def test_wireshark_takes_the_display_filters_of_the_page(tshark: Any, tmp_path: 
     assert filters is not None
     file = tmp_path / "slew.pcap"
     file.write_bytes(capture([Frame(SLEW)]))
-    for one in filters[1].splitlines():
-        done = tshark("-r", str(file), "-Y", one)
-        assert done.returncode == 0, (one, done.stderr)
+    # Each in its parentheses: the whole is taken only where every part is.
+    whole = " || ".join(f"({one})" for one in filters[1].splitlines())
+    done = tshark("-r", str(file), "-Y", whole)
+    assert done.returncode == 0, done.stderr

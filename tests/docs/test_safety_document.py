@@ -2,35 +2,27 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sattrack.safety import INTERLOCKS, SafetyLimits
+
+if TYPE_CHECKING:
+    from tool_runs import Tool
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "safety.md"
 
 
-def check(root: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "tools.safety", "--check", "--root", str(root)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
-def test_the_page_says_what_the_tables_do(tmp_path: Path) -> None:
-    assert check(ROOT).returncode == 0
+def test_the_page_says_what_the_tables_do(tool: Tool, tmp_path: Path) -> None:
+    assert tool("safety", "--check").returncode == 0
     text = PAGE.read_text(encoding="utf-8")
     table = text.partition("BEGIN interlocks")[2].partition("END interlocks")[0]
     assert all(table.count(f"| `{row.name}` |") == 1 for row in INTERLOCKS)
     folder = tmp_path / "docs"
     folder.mkdir()
     (folder / PAGE.name).write_text(text.replace("| 2.4 s / 3.0 s |", "| 9 s |", 1), encoding="utf-8")
-    spoilt = check(tmp_path)
+    spoilt = tool("safety", "--check", "--root", str(tmp_path))
     assert spoilt.returncode == 1
     assert "run python -m tools.safety" in spoilt.stderr
 

@@ -1,4 +1,4 @@
-"""No test reads or writes the user's own data, and programs that tests start are compiled once."""
+"""No test reads or writes the user's own data."""
 
 from __future__ import annotations
 
@@ -56,11 +56,3 @@ def mount_socket() -> Iterator[socket.socket]:
         listener.bind(("127.0.0.1", 0))
         listener.settimeout(60.0)
         yield listener
-
-
-@pytest.fixture(scope="session", autouse=True)
-def bytecode() -> Iterator[None]:
-    """Let programs keep their bytecode, whatever is set: each would compile all of ours anew."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
-        yield
