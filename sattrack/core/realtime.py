@@ -164,8 +164,10 @@ def _quiet_memory() -> Iterator[None]:
     # A collection of garbage would hold the loop for longer than its period allows.
     with gc_paused():
         gc.collect()
+        unfreeze = gc.get_freeze_count() == 0
         gc.freeze()
         try:
             yield
         finally:
-            gc.unfreeze()
+            if unfreeze:
+                gc.unfreeze()
