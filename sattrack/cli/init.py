@@ -367,8 +367,9 @@ def _cities() -> list[City]:
 
 def folded(name: str) -> str:
     """Return a name by which others are found: without accents and case."""
-    apart = unicodedata.normalize("NFKD", name)
-    return "".join(c for c in apart if not unicodedata.combining(c)).casefold()
+    if not name.isascii():
+        name = "".join(c for c in unicodedata.normalize("NFKD", name) if not unicodedata.combining(c))
+    return name.casefold()
 
 
 def _height_m(text: str) -> float:
