@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from textual._compositor import Compositor
 from textual._context import visible_screen_stack
+from textual_plot import PlotWidget
 from tui_builders import VIEW, FakeFeed, HandClock
 
 from sattrack.tui.feeds import News
@@ -28,7 +29,8 @@ def untimed(monkeypatch: pytest.MonkeyPatch) -> None:
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let nothing be drawn for a terminal that is not there: what a test reads is drawn when it reads it.
 
-    It is drawn twice then: a plot fills its canvas while it is drawn itself. Pictures are drawn as ever.
+    Plots are filled before: one fills its canvas while it is drawn itself, and that may be too late. Pictures
+    are drawn as ever.
     """
     draw, strips = Compositor.render_update, Compositor.render_strips
 
@@ -39,12 +41,15 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
         return None
 
     def read(self: Compositor, size: Size | None = None) -> list[Strip]:
-        for _ in range(2):
-            if self.root is not None:
-                # What lies under a dialog is drawn with it.
-                visible_screen_stack.set(self.root.app._background_screens)
-            drawn = strips(self, size)
-        return drawn
+        if self.root is not None:
+            # What lies under a dialog is drawn with it.
+            beneath = self.root.app._background_screens
+            visible_screen_stack.set(beneath)
+            for compositor in (self, *(screen._compositor for screen in beneath)):
+                for widget in compositor.visible_widgets:
+                    if isinstance(widget, PlotWidget):
+                        widget.render()
+        return strips(self, size)
 
     monkeypatch.setattr(Compositor, "render_update", update)
     monkeypatch.setattr(Compositor, "render_strips", read)
