@@ -479,17 +479,29 @@ def clock_steps(recording: Recording) -> list[ClockStep]:
         # The mount's clock gives the time within a day; the difference is taken the short way round.
         off_deg = wrap180(passed_s * SIDEREAL_RATE_DEG_S - turned_deg)
         ahead_s.append(ahead_s[-1] + off_deg / SIDEREAL_RATE_DEG_S)
+    came_s = [utc_s for utc_s, _ in dated]
     found = []
     for k, (before, now) in enumerate(pairwise(ahead_s), 1):
         if abs(now - before) > STEP_S:
-            # A status that waits is late, never early.
-            former_s = dated[k - 1][0] - LASTS_S
-            least = min(a for a, (utc_s, _) in zip(ahead_s[:k], dated, strict=False) if utc_s >= former_s)
-            later_s = dated[k][0] + LASTS_S
-            since = min(a for a, (utc_s, _) in zip(ahead_s[k:], dated[k:], strict=True) if utc_s <= later_s)
-            if abs(since - least) > STEP_S:
-                found.append(ClockStep(Utc(dated[k][0]).isoformat("milliseconds"), since - least))
+            former = _least_ahead_s(ahead_s, came_s, range(k - 1, -1, -1))
+            since = _least_ahead_s(ahead_s, came_s, range(k, len(came_s)))
+            if abs(since - former) > STEP_S:
+                found.append(ClockStep(Utc(came_s[k]).isoformat("milliseconds"), since - former))
     return found
+
+
+def _least_ahead_s(ahead_s: list[float], came_s: list[float], statuses: range) -> float:
+    """Return the least by which our clock was ahead within LASTS_S of the first of some statuses.
+
+    A status that waits is late, never early. Where our clock goes back it was set: that is another clock.
+    """
+    first_s = previous_s = came_s[statuses[0]]
+    least_s = ahead_s[statuses[0]]
+    for k in statuses:
+        if (came_s[k] - previous_s) * statuses.step < 0.0 or abs(came_s[k] - first_s) > LASTS_S:
+            break
+        least_s, previous_s = min(least_s, ahead_s[k]), came_s[k]
+    return least_s
 
 
 def _sidereal(recording: Recording) -> Iterator[tuple[float, float]]:

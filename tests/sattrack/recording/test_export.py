@@ -323,6 +323,23 @@ def test_a_clock_that_was_set_in_the_middle_is_told_where_and_by_how_much(
     assert clock_steps(Recording(short)) == []
 
 
+@pytest.mark.parametrize("ahead_s", [2.5, 40.0, -40.0])
+@pytest.mark.parametrize("statuses", [10, 200])
+def test_a_clock_that_was_set_and_set_back_was_set_twice(
+    statuses: int, ahead_s: float, short: Path, tmp_path: Path
+) -> None:
+    recording, stepped, seen = Recording(short), tmp_path / "twice.mcap", 0
+    with stepped.open("wb") as stream:
+        recorder = Recorder(stream, recording.header.spec)
+        for entry in recording.entries():
+            off_s = ahead_s if 100 <= seen < 100 + statuses else 0.0
+            recorder.write(entry.topic, entry.utc_s + off_s, entry.data)
+            seen += entry.topic == STATUS
+        recorder.close()
+    steps = [step.ahead_s for step in clock_steps(Recording(stepped))]
+    assert steps == pytest.approx([ahead_s, -ahead_s], abs=0.002)
+
+
 def test_nothing_is_written_over_and_an_unknown_ending_is_told(
     short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
