@@ -38,7 +38,6 @@ STAGES_KEPT = 16
 EDGES_MISSED_S, FALLEN = 5.0, (0.2, 0.8)
 """How long a mount that takes edges is watched before it was on target, and the share of the commanded motion
 that is left where its rates end with the flag."""
-"""Their names, and how the profile's fields of each begin."""
 
 
 HOLDING = "holding"
