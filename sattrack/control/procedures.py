@@ -282,7 +282,10 @@ class MoveFor:
 
 @dataclass(slots=True)
 class GoHome:
-    """Find home, and the way there watched: the protocol acknowledges neither."""
+    """Find home, and the way there watched: the protocol acknowledges neither.
+
+    Where the way home is not clear, by an abort that brakes late or as something is in it, slews lead nearer.
+    """
 
     home: AxesPosition | None
     request: FindHome = field(default_factory=FindHome)
@@ -290,18 +293,38 @@ class GoHome:
     _ticket: Ticket | None = None
     _begun_utc_s: float = 0.0
     _seen_moving: bool = False
+    _nearer: SlewThere | None = None
 
     def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
         """See Procedure."""
+        refusal = self._ask(desk, now_utc_s)
+        if refusal is None or not refusal.by_safety:
+            return refusal
+        self._nearer = self._slew_nearer(desk, now_utc_s)
+        if self._nearer is None or self._nearer.begin(desk, now_utc_s) is not None:
+            return refusal
+        return None
+
+    def _ask(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
         asked = desk.submit(self.request, now_utc_s)
         if isinstance(asked, RequestRefused):
             return asked
         self._ticket, self._begun_utc_s = asked, now_utc_s
         return None
 
+    def _slew_nearer(self, desk: ProcedureHost, now_utc_s: float) -> SlewThere | None:
+        """Return the slew to the last place before home on a way that is clear, if there is one."""
+        home, sample, status = self.home, desk.sample, desk.status
+        if home is None or sample is None or status is None or status.slewing:
+            return None
+        there = Slew((sample.sidereal_h * 15.0 - home.hour_angle_deg) % 360.0, home.dec_deg)
+        way = desk.path_to(there, now_utc_s)
+        return None if isinstance(way, RequestRefused) or len(way) < 2 else SlewThere(way[-2])
+
     def step(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:
         """See Procedure."""
-        assert self._ticket is not None
+        if self._ticket is None:
+            return self._step_nearer(desk, now_utc_s)
         status = desk.status
         slewing = status is not None and status.slewing
         moving = slewing or (status is not None and not desk.at_rest)
@@ -316,6 +339,14 @@ class GoHome:
         if status is not None and status.at_home:
             return Outcome(TicketState.COMPLETE, False)
         return Outcome(TicketState.UNCONFIRMED, False, self._where(desk.sample))
+
+    def _step_nearer(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:
+        assert self._nearer is not None
+        there = self._nearer.step(desk, now_utc_s)
+        if there is None or there.state is not TicketState.COMPLETE:
+            return there
+        refusal = self._ask(desk, now_utc_s)
+        return None if refusal is None else refused(refusal)
 
     def _where(self, sample: StatusSample | None) -> str:
         if self.home is None or sample is None:

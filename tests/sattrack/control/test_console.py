@@ -143,6 +143,19 @@ class TestEachVerbAgainstTheSimulatedMount:
             (0.0, 0.0), abs=1e-6
         )
 
+    def test_to_a_home_close_to_a_limit_a_slew_leads_nearer_first(self) -> None:
+        """An abort of the whole way could lead past the limit, 0.5° beyond it."""
+        profile = replace(PROFILE, dec_axis_limits_deg=(-0.5, 90.0))
+        bench = Bench(profile=profile)
+        operation = bench.carry_out(procedure_for(FindHome(), profile))
+        assert ended(operation) == ("done", TicketState.UNCONFIRMED, False)
+        assert bench.truth is not None
+        assert (bench.truth.hour_angle_axis_deg, bench.truth.dec_axis_deg) == pytest.approx(
+            (0.0, 0.0), abs=1e-6
+        )
+        (near_deg,) = {command.target_dec_deg for command in bench.commands if command.slew}
+        assert 0.1 < near_deg < 2.0
+
     def test_home_is_complete_where_the_mount_says_so(self) -> None:
         bench = Bench(hardware=SimulatorProfile(reports_home_and_park=True))
         assert ended(bench.carry_out(plain(FindHome()))) == ("done", TicketState.COMPLETE, False)

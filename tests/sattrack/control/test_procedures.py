@@ -275,6 +275,38 @@ class TestHome:
         waits.status = None
         assert third.step(waits, 110.0) is None
 
+    def test_where_the_whole_way_is_not_clear_slews_lead_nearer_first(self) -> None:
+        desk, home = Desk(LEG, GOAL), GoHome(HOME)
+        desk.refusals = [NO]
+        assert home.begin(desk, 100.0) is None
+        assert desk.asked == [LEG]
+        assert home.step(desk, 101.0) is None
+        desk.settle(COMPLETE)
+        assert home.step(desk, 102.0) is None
+        assert desk.asked[-1] == GOAL
+        desk.settle(COMPLETE)
+        assert home.step(desk, 103.0) is None
+        assert desk.asked[-1] == FindHome()
+        desk.status = Status(at_home=True)
+        desk.settle(TicketState.UNCONFIRMED, False)
+        assert home.step(desk, 110.0) == Outcome(COMPLETE, False)
+
+    def test_where_nothing_leads_nearer_home_is_refused(self) -> None:
+        straight, busy, nowhere, refuses = Desk(GOAL), Desk(LEG, GOAL), Desk(), Desk(LEG, GOAL)
+        busy.status, nowhere.way = Status(slewing=True), NO
+        for desk, refusals in ((straight, [NO]), (busy, [NO]), (nowhere, [NO]), (refuses, [NO, NO])):
+            desk.refusals = list(refusals)
+            assert GoHome(HOME).begin(desk, 100.0) == NO
+            assert desk.asked == []
+        silent = Desk(LEG, GOAL)
+        silent.refusals = [RequestRefused("the mount is silent")]
+        assert GoHome(HOME).begin(silent, 100.0) == RequestRefused("the mount is silent")
+        ends = Desk(LEG, GOAL)
+        ends.refusals, home = [NO], GoHome(HOME)
+        assert home.begin(ends, 100.0) is None
+        ends.settle(FAILED, True, "elsewhere")
+        assert home.step(ends, 101.0) == Outcome(FAILED, True, "elsewhere")
+
 
 class TestPark:
     PROFILE = MountProfile(
