@@ -25,6 +25,8 @@ GUIDE_RATE_DEG_S = SIDEREAL_RATE_DEG_S
 """More than any pulse's: the paper's is about half of it."""
 SLOWEST_DRIFT_S = 30.0
 """A drift that reaches a limit within this is ended."""
+CLOSE_DEG = 0.5
+"""Nearer to a limit than this, a slew is refused for what an abort may add to it, if for anything."""
 NO_SUN = (
     "the Sun's direction is unknown without a site: give --site LAT,LON,HEIGHT, or say optical = false "
     "under [safety] where there are no optics"
@@ -89,9 +91,21 @@ class RequestChecks:
         return None
 
     def _slew_text(self, name: str, request: Slew, stance: Stance) -> str:
+        from sattrack.safety.route import axes_of
+
         row = ROWS[name]
         low = self._floor_text(request, stance)
-        return low or f"no way to there keeps clear of the {row.name} limit ({row.bound})"
+        if low is not None:
+            return low
+        hour_angle_deg = stance.sidereal_deg - request.ra_deg
+        goal = axes_of(hour_angle_deg, request.dec_deg, self._profile, self._latitude_deg)
+        left_deg = self._bounds.near(goal, margin_deg=CLOSE_DEG).get(name, CLOSE_DEG)
+        if self._profile.geometry is None and 0.0 < left_deg < CLOSE_DEG:
+            return (
+                f"that direction is {left_deg:.2f}° from the {row.name} limit ({row.bound}): too close for a "
+                "slew that may be stopped before its end"
+            )
+        return f"no way to there keeps clear of the {row.name} limit ({row.bound})"
 
     def _move_objection(self, move: MoveAxes, stance: Stance) -> str | None:
         place = self._standing.of(stance)

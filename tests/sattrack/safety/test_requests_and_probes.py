@@ -23,6 +23,7 @@ from sattrack.mount.model import (
     Hold,
     MountProfile,
     MoveAxes,
+    PierZone,
     Seen,
     SitePlace,
     Slew,
@@ -172,6 +173,18 @@ def test_the_path_of_a_slew_is_told_leg_by_leg_or_why_there_is_none() -> None:
     assert safety.path_to(target, HIGH, T0) == (Slew(SIDEREAL_DEG - 40.0, 40.0),)
     low = Slew(SIDEREAL_DEG, SOUTH_DEG + 19.0)
     assert "at 19.0° altitude; the limit is 20°" in str(safety.path_to(low, HIGH, T0))
+    close = Slew(SIDEREAL_DEG, SOUTH_DEG + 20.15)
+    assert safety.path_to(close, HIGH, T0) == (
+        "that direction is 0.15° from the altitude limit (floor_altitude_deg): too close for a slew that may "
+        "be stopped before its end"
+    )
+
+
+def test_of_a_way_that_a_wall_closes_the_wall_is_named() -> None:
+    wall = PierZone("wall", ((-210.0, 0.0), (210.0, 0.0), (210.0, 10.0), (-210.0, 10.0)))
+    safety = Safety(replace(PROFILE, pier_zones=(wall,)), DARK, LATITUDE_DEG, LONGITUDE_DEG)
+    found = str(safety.path_to(Slew(SIDEREAL_DEG, -10.0), HIGH, T0))
+    assert found.startswith("no way to there keeps clear of the pier limit")
 
 
 def test_a_mount_stands_for_its_park_position_before_its_power_is_cut() -> None:
