@@ -436,7 +436,7 @@ def _draw_rates(axes: Any, rehearsal: Rehearsal) -> None:
     at = times(path.utc_s)
     limits = profile.ra.max_rate_deg_s, profile.dec.max_rate_deg_s
     same = limits[0] == limits[1]
-    first, second = profile.axis_names()
+    first, second = (name.removeprefix("the ") for name in profile.axis_names())
     for name, rate, limit, colour in (
         (first, path.hour_angle_rate_deg_s, limits[0], GOOD),
         (second, path.dec_rate_deg_s, limits[1], "#2a9d8f"),

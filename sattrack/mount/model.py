@@ -359,7 +359,7 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def axis_names(self, first: str = "hour angle") -> tuple[str, str]:
         """Return what the axes are called: those of a geometry are none of hour angle and declination."""
-        return (first, "declination") if self.geometry is None else ("first axis", "second axis")
+        return (first, "declination") if self.geometry is None else ("the first axis", "the second axis")
 
     @property
     def dated_within_s(self) -> float | None:

@@ -559,7 +559,7 @@ def _sky(run: Trace) -> Any:
 
 def _repeats(run: Trace) -> Any:
     found = []
-    names = run.engine.spec.profile.axis_names()
+    names = [name.removeprefix("the ") for name in run.engine.spec.profile.axis_names()]
     for axis, (name, colour) in enumerate(zip(names, (RA, DEC), strict=True)):
         cycles, amplitude = spectrum(*repeating(run, axis))
         if len(cycles) > 3:

@@ -476,7 +476,7 @@ def _mount_advice(profile: MountProfile, ra: AxisFigures, dec: AxisFigures, do: 
 
 def _ripple_advice(profile: MountProfile, ra: AxisFigures, dec: AxisFigures) -> list[str]:
     return [
-        f"the {name.removesuffix(' axis')} axis errs by {line.amplitude_arcsec:.2f}″ "
+        f"{name if name.endswith('axis') else f'the {name} axis'} errs by {line.amplitude_arcsec:.2f}″ "
         f"{line.cycles_a_turn:.0f} times a turn: its motor's ripple, or its encoder"
         for name, fit in zip(profile.axis_names(), (ra, dec), strict=True)
         for line in fit.lines
@@ -514,7 +514,7 @@ def _why_missed(spec: RunSpec, missed: MissedFigures | None, times: TimeFigures)
         return found
     if spec.profile.calibration is None:
         found.append(f"the mount's profile was never measured: {measuring(spec.profile)}")
-    return found or [f"the recording does not tell why: {measuring(spec.profile)} again"]
+    return found or [f"the recording does not tell why: {measuring(spec.profile)}"]
 
 
 def _off_advice(run: Trace, times: TimeFigures) -> str:

@@ -99,17 +99,28 @@ def slew_s(one: Place, other: Place, profile: MountProfile) -> float:
     return HANDSHAKE_S + max(times)
 
 
+def leg_s(one: Place, other: Place, profile: MountProfile) -> float:
+    """Return the same of one more slew on a way, by the rate that it reaches: those to an edge are short."""
+    times = []
+    for gap, limits in ((one[0] - other[0], profile.ra), (one[1] - other[1], profile.dec)):
+        reached_deg_s = min(limits.slew_rate_deg_s, math.sqrt(abs(gap) * limits.max_acceleration_deg_s2))
+        times.append(
+            abs(gap) / limits.slew_rate_deg_s + 2.0 * RAMP * reached_deg_s / limits.max_acceleration_deg_s2
+        )
+    return HANDSHAKE_S + max(times)
+
+
 def overshoot_deg(
-    one: Place, other: Place, profile: MountProfile, by_itself: bool = True
+    one: Place, other: Place, profile: MountProfile, with_late_brake: bool = True
 ) -> tuple[float, float]:
     """Return how far past its end each axis may come where a slew is aborted, signed, degrees.
 
     Until an abort acts, `abort_delay_s`, an axis may go on at the rate that it has, also while it brakes.
-    Where the mount slews `by_itself`, braking then builds up anew, and may be gentler than the slew's own,
-    which was about to begin. Rates lead so gently that an abort stops axes sooner.
+    `with_late_brake` counts in, of a mount that slews by itself, that braking then builds up anew, and may be
+    gentler than the slew's own, which was about to begin. Rates lead gently: an abort stops axes sooner.
     """
-    by_itself = by_itself and profile.geometry is None
-    later_s, longer = (ABORT_LATER_S, ABORT_LONGER) if by_itself else (0.0, 0.0)
+    with_late_brake = with_late_brake and profile.geometry is None
+    later_s, longer = (ABORT_LATER_S, ABORT_LONGER) if with_late_brake else (0.0, 0.0)
     found = []
     for begin, end, axis in zip(one, other, (profile.ra, profile.dec), strict=True):
         gap_deg = end - begin
@@ -119,11 +130,13 @@ def overshoot_deg(
     return found[0], found[1]
 
 
-def path_boxes(one: Place, other: Place, profile: MountProfile, by_itself: bool = True) -> Iterator[Box]:
+def path_boxes(
+    one: Place, other: Place, profile: MountProfile, with_late_brake: bool = True
+) -> Iterator[Box]:
     """Yield boxes that hold all of a slew's way."""
     # The mount joins the sky, which moves on while it slews.
     drift_deg = SIDEREAL_RATE_DEG_S * slew_s(one, other, profile)
-    ha, dec = overshoot_deg(one, other, profile, by_itself)
+    ha, dec = overshoot_deg(one, other, profile, with_late_brake)
     ahead = (max(0.0, -ha), max(0.0, ha) + drift_deg, max(0.0, -dec), max(0.0, dec))
     if profile.slew_path == "any":
         yield Box.between(one, other).grown(*ahead)
@@ -142,11 +155,11 @@ def blocked(
     profile: MountProfile,
     judge: Judge,
     after_s: float = 0.0,
-    by_itself: bool = True,
+    with_late_brake: bool = True,
 ) -> str | None:
     """Return the name of the row that a slew's way is not clear of, or None; it begins in `after_s`."""
     until_s = after_s + slew_s(one, other, profile)
-    for box in path_boxes(one, other, profile, by_itself):
+    for box in path_boxes(one, other, profile, with_late_brake):
         name = judge(box, until_s)
         if name is not None:
             return name
@@ -211,7 +224,7 @@ def _approached(
 
     The shorter a slew, the less that is.
     """
-    if blocked(one, other, profile, first, after_s, by_itself=False) is not None:
+    if blocked(one, other, profile, first, after_s, with_late_brake=False) is not None:
         return None
     if blocked(one, other, profile, first, after_s) is None:
         return (other,)

@@ -32,6 +32,8 @@ STRAYED_DEG = 1.0
 LED_STRAYED_DEG = 6.0
 """The same where rates lead: those of an edge mount may act on for half a second. Each is judged ahead."""
 STRAYED_STATUSES = 3
+MOST_LEGS = 7
+"""A run that would go by more slews to the edge of a limit waits beside it."""
 RESTS_DEG = 0.1
 """Axes that come no farther than this until they stand are at rest."""
 BEGINS_WITHIN_S = 2.0
@@ -195,19 +197,21 @@ class SlewGate:
         # The mount tracks the sky there until it follows.
         drift_deg = SIDEREAL_RATE_DEG_S * (slew_s(place, goal, self._profile) + WAITS_S)
         in_goal = judge(Box.between(goal, goal).grown(0.0, drift_deg if waits else 0.0, 0.0, 0.0), 0.0)
-        if in_goal is None or not waits:
-            found = self._first_route(place, [goal], judge, leaving)
-            if found.blocked_by is None:
-                return *(_slew_to(leg, sidereal_deg) for leg in found.legs[:-1]), target
-            if not waits or can_wait(goal, judge):
-                return found.blocked_by
-            # An abort on the way there may lead past what it may not; a little beside it there is room.
-            goals = list(islice(clear_places(goal, self._latitude_deg, self._profile, judge), 1))
-            in_goal = found.blocked_by
-        else:
+        if in_goal is not None and waits:
             goals = self._beside(place, goal, judge, leaving)
-        found = self._first_route(place, goals, judge, leaving) if goals else Route((), in_goal)
-        return found.blocked_by or tuple(_slew_to(leg, sidereal_deg) for leg in found.legs)
+            found = self._first_route(place, goals, judge, leaving) if goals else Route((), in_goal)
+            return found.blocked_by or tuple(_slew_to(leg, sidereal_deg) for leg in found.legs)
+        found = self._first_route(place, [goal], judge, leaving)
+        far_round = found.blocked_by is not None or len(found.legs) > MOST_LEGS
+        if waits and far_round and not can_wait(goal, judge):
+            # An abort on the way there may lead past what it may not; a little beside it there is room.
+            nearest = islice(clear_places(goal, self._latitude_deg, self._profile, judge), 1)
+            other = self._first_route(place, list(nearest), judge, leaving)
+            if other.legs:
+                return tuple(_slew_to(leg, sidereal_deg) for leg in other.legs)
+        if found.blocked_by is not None:
+            return found.blocked_by
+        return *(_slew_to(leg, sidereal_deg) for leg in found.legs[:-1]), target
 
     def _beside(self, place: Place, goal: Place, judge: Judge, leaving: Judge) -> list[Place]:
         """Return where to wait instead: the nearest place, and the nearest that is reached straight on."""

@@ -20,7 +20,7 @@ from sattrack.mount.model import Slew, horizon_latitude_deg, mean_sidereal_deg
 from sattrack.safety.bounds import HOLD_MARGIN_DEG, Bounds
 from sattrack.safety.geometry import Place
 from sattrack.safety.regions import is_clear
-from sattrack.safety.route import HANDSHAKE_S, RAMP, axes_of, direction_of, slew_s
+from sattrack.safety.route import HANDSHAKE_S, RAMP, axes_of, direction_of, leg_s, slew_s
 from sattrack.safety.slews import SlewGate
 from sattrack.schedule.planner import Problem
 from sattrack.schedule.schema import CommandAction, SlewAction, StarCoordinates, find_star
@@ -295,11 +295,11 @@ class RoutedSlews:
             return math.inf
         if len(legs) == 1:
             return 0.0
-        total, at = 0.0, leave
-        for leg in legs:
-            there = axes_of(sidereal_deg - leg.ra_deg, leg.dec_deg, self._profile, self._latitude_deg)
-            total += slew_s(at, there, self._profile)
-            at = there
+        first, *others = (
+            axes_of(sidereal_deg - leg.ra_deg, leg.dec_deg, self._profile, self._latitude_deg) for leg in legs
+        )
+        total = slew_s(leave, first, self._profile)
+        total += sum(leg_s(one, other, self._profile) for one, other in pairwise((first, *others)))
         return max(0.0, total - slew_s(leave, want, self._profile))
 
 

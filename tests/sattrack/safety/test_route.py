@@ -22,6 +22,7 @@ from sattrack.safety.route import (
     clear_places,
     direction_of,
     find_route,
+    leg_s,
     overshoot_deg,
     path_boxes,
     reachable,
@@ -57,6 +58,14 @@ def test_a_slew_takes_as_long_as_its_slower_axis(there: Place, seconds: float) -
     assert slew_s(HERE, there, PROFILE) == pytest.approx(seconds)
 
 
+def test_one_more_slew_takes_as_long_as_the_rate_that_it_reaches_and_no_longer_than_any() -> None:
+    assert leg_s(HERE, Place(40.0, 20.0), PROFILE) == slew_s(HERE, Place(40.0, 20.0), PROFILE)
+    # 0.1° at 10 °/s² come to 1 °/s, 0.5° at 2 °/s² too; ramps are one and a half times as long as need be.
+    assert leg_s(HERE, Place(-9.9, 20.0), PROFILE) == pytest.approx(2.0 + 0.1 / 5.0 + 3.0 / 10.0)
+    assert leg_s(HERE, Place(-10.0, 20.5), PROFILE) == pytest.approx(2.0 + 0.5 / 4.0 + 3.0 / 2.0)
+    assert leg_s(HERE, HERE, PROFILE) == 2.0
+
+
 @pytest.mark.parametrize("sense", [1.0, -1.0])
 def test_an_aborted_slew_goes_on_at_the_rate_that_its_way_lets_it_reach(sense: float) -> None:
     """Over 0.5° an axis of 10 °/s² gets to 3.16 °/s and one of 2 °/s² to 1.41 °/s.
@@ -74,7 +83,7 @@ def test_an_aborted_slew_goes_on_at_the_rate_that_its_way_lets_it_reach(sense: f
                 (late[0] + sense * later[0], late[1] - sense * later[1])
             )
             assert overshoot_deg(HERE, there, free_of) == pytest.approx(late)
-            assert overshoot_deg(HERE, there, known, by_itself=False) == pytest.approx(late)
+            assert overshoot_deg(HERE, there, known, with_late_brake=False) == pytest.approx(late)
     assert overshoot_deg(HERE, HERE, PROFILE) == (0.0, 0.0)
 
 

@@ -349,3 +349,20 @@ def test_out_of_the_sun_a_slew_leads_by_the_nearest_way_and_on_where_there_is_on
     assert 15.1 < separation_deg(*ends[1], ha, dec) < 16.0
     assert min(nearest_deg(Box.between(*pair), ha, dec) for pair in pairwise(ends)) > 4.9
     assert len(ends) == 2 if walled else legs[-1] == target
+
+
+def test_a_run_waits_beside_a_goal_rather_than_go_there_by_many_slews() -> None:
+    """A way past a wall to the edge of two limits; by hand it is gone all the same."""
+    profile = MountProfile(
+        hour_angle_limit_deg=60.0, dec_axis_limits_deg=(-15.0, 35.0), pier_zones=(LOW_WALL,)
+    )
+    goal = Place(-59.78, 34.8)
+    target = Slew(-goal.ha_deg, goal.dec_deg)
+    waits, by_hand = (
+        slew_gate(profile, True).route(target, 0.0, Place(40.0, 10.0), waits) for waits in (True, False)
+    )
+    assert len(by_hand) > 7
+    assert by_hand[-1] == target
+    assert not isinstance(waits, str)
+    assert len(waits) <= 7
+    assert separation_deg(-waits[-1].ra_deg, waits[-1].dec_deg, *goal) < 0.7
