@@ -166,7 +166,7 @@ def test_a_mount_with_a_geometry_is_told_what_can_be_measured_of_it() -> None:
     stands = SitePlace(site.latitude_deg, site.longitude_deg)
     altaz = MountProfile(name="altaz", geometry=AxisGeometry(0.0, 90.0), stands_at=stands, additive=False)
     words = uncalibrated(msgspec.structs.replace(REAL, profile=altaz)) or ""
-    assert words.endswith("; `sattrack track --learn-profile FILE` learns them during a pass")
+    assert words.endswith("; let `sattrack track --learn-profile FILE` learn the mount in a pass")
     for profile, assumed in ((altaz, False), (MountProfile(), True)):
         request = RunRequest(
             satellite=demo_pass.NAME,
