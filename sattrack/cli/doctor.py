@@ -494,7 +494,7 @@ def _check_mount(context: CommandContext, url: str | None, explicit: Path | None
 def _check_link(url: str, profile: MountProfile) -> Iterator[CheckResult]:
     # The session's modules are many; without a mount they are not needed.
     from sattrack.runtime.mounts import LISTEN_S, listen, mount_address
-    from sattrack.runtime.turns import trouble_before
+    from sattrack.runtime.turns import noted_axis_deg, trouble_before
 
     try:
         address = mount_address(url)
@@ -506,6 +506,10 @@ def _check_link(url: str, profile: MountProfile) -> Iterator[CheckResult]:
     trouble = None if address is None else trouble_before(address.name, time.time())
     if trouble is not None:
         yield CheckResult("cables", "bad", f"{url} {trouble}")
+        return
+    wound_deg = None if address is None else noted_axis_deg(address.name)
+    if wound_deg is not None:
+        yield CheckResult("cables", "ok", f"{url} was left with its first axis at {wound_deg:.0f}°")
 
 
 def _check_disk(folder: Path) -> CheckResult:

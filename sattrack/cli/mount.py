@@ -516,6 +516,9 @@ def unwound(context: CommandContext, mount_url: str | None) -> int:
         forget(address.name)
     if context.json:
         click.echo(msgspec.json.encode({"mount": mount_name(address), "was": left}).decode())
+    elif trouble is None and left is not None and left.first_axis_deg is not None:
+        was = f"it was left with its first axis at {left.first_axis_deg:.0f}°"
+        say(f"{mount_name(address)}: confirmed; {was}, and that is now taken to be within half a turn of 0°")
     elif trouble is None:
         say(f"{mount_name(address)}: there was nothing to confirm: the turns of its axes are known")
     else:

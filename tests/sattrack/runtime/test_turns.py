@@ -297,6 +297,14 @@ class TestWithProcesses:
         assert run(["mount", "unwound", "--mount", url, "--json"]) == 0
         assert '"was":null' in capsys.readouterr().out
 
+    def test_whoever_turns_an_axis_back_by_hand_says_so(self, capsys: pytest.CaptureFixture[str]) -> None:
+        """Nothing is wrong before; but what is noted of the cables holds no more."""
+        address = Address("127.0.0.1", 9, 0)
+        note(address.name, LeftMoving(time.time(), HOURS_11, first_axis_deg=205.4))
+        assert run(["mount", "unwound", "--mount", "xerxes://127.0.0.1:9"]) == 0
+        assert "it was left with its first axis at 205°" in capsys.readouterr().out
+        assert left_moving(address.name) is None
+
     def test_turns_that_are_known_for_long_need_no_note(self, mount_socket: socket.socket) -> None:
         address = Address("127.0.0.1", mount_socket.getsockname()[1], 0)
         with owned(address, MountProfile()) as (_, guard):
