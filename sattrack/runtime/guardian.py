@@ -48,12 +48,12 @@ from sattrack.runtime.mounts import (
 from sattrack.runtime.system import is_trusted, outlive, peer_of, utc_now
 from sattrack.runtime.turns import (
     WOUND_DEG,
+    WOUND_KNOWN_S,
     LeftMoving,
     NoteKeeper,
     left_moving,
     note,
     seconds_since_boot,
-    wound_at,
 )
 
 if TYPE_CHECKING:
@@ -344,7 +344,7 @@ class Guardian:
                 self._noted_s = now_s
                 heard_utc_s = time.time() - (now_s - self._heard_s)
                 self._keep(LeftMoving(heard_utc_s, known_s, first_axis_deg=self._wound_deg()))
-        elif angle_of(words[Word.FIRST_AXIS]) is not None or self._wound_deg() is None:
+        elif words[Word.FIRST_AXIS] or self._wound_deg() is None:
             self._note_rest(now_s)
 
     def _wound_deg(self) -> float | None:
@@ -356,13 +356,13 @@ class Guardian:
 
     def _note_rest(self, now_s: float) -> None:
         """Note how the cables are wound of a mount that is at rest, or nothing."""
-        wound = wound_at(self._wound_deg(), time.time())
-        if wound is None:
+        wound_deg = self._wound_deg()
+        if wound_deg is None:
             if self.noted is not None:
                 self._keep(None)
         elif self.noted is None or self.noted.lost or now_s - self._noted_s > NOTE_EVERY_S:
             self._noted_s = now_s
-            self._keep(wound)
+            self._keep(LeftMoving(time.time(), WOUND_KNOWN_S, first_axis_deg=wound_deg))
 
     def _may_move(self) -> bool:
         """Return whether the mount may be in motion, as far as feeder and guardian know."""

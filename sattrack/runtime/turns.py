@@ -89,13 +89,6 @@ def left_moving(mount: str) -> LeftMoving | None:
         return UNREADABLE
 
 
-def wound_at(first_axis_deg: float | None, now_utc_s: float) -> LeftMoving | None:
-    """Return what is noted of a mount at rest with its first axis so, turns counted; None for nothing."""
-    if first_axis_deg is None or abs(first_axis_deg) <= WOUND_DEG:
-        return None
-    return LeftMoving(now_utc_s, WOUND_KNOWN_S, first_axis_deg=first_axis_deg)
-
-
 def trouble_before(mount: str, now_utc_s: float) -> str | None:
     """Return why a mount must not be moved by a session that begins; None where its turns are known."""
     left = left_moving(mount)

@@ -91,22 +91,24 @@ class Route:
 
 def slew_s(one: Place, other: Place, profile: MountProfile) -> float:
     """Return how long a slew takes at most, from the wish to the mount at rest, seconds."""
-    times = [
-        abs(gap) / limits.slew_rate_deg_s
-        + 2.0 * RAMP * limits.slew_rate_deg_s / limits.max_acceleration_deg_s2
-        for gap, limits in ((one[0] - other[0], profile.ra), (one[1] - other[1], profile.dec))
-    ]
-    return HANDSHAKE_S + max(times)
+    return _ramped_s(one, other, profile, (profile.ra.slew_rate_deg_s, profile.dec.slew_rate_deg_s))
 
 
 def leg_s(one: Place, other: Place, profile: MountProfile) -> float:
     """Return the same of one more slew on a way, by the rate that it reaches: those to an edge are short."""
-    times = []
-    for gap, limits in ((one[0] - other[0], profile.ra), (one[1] - other[1], profile.dec)):
-        reached_deg_s = min(limits.slew_rate_deg_s, math.sqrt(abs(gap) * limits.max_acceleration_deg_s2))
-        times.append(
-            abs(gap) / limits.slew_rate_deg_s + 2.0 * RAMP * reached_deg_s / limits.max_acceleration_deg_s2
-        )
+    ra, dec = (
+        min(axis.slew_rate_deg_s, math.sqrt(abs(to - at) * axis.max_acceleration_deg_s2))
+        for at, to, axis in zip(one, other, (profile.ra, profile.dec), strict=True)
+    )
+    return _ramped_s(one, other, profile, (ra, dec))
+
+
+def _ramped_s(one: Place, other: Place, profile: MountProfile, reached_deg_s: tuple[float, float]) -> float:
+    """Return how long a slew takes at most whose axes come to some rates."""
+    times = [
+        abs(at - to) / axis.slew_rate_deg_s + 2.0 * RAMP * reached / axis.max_acceleration_deg_s2
+        for at, to, axis, reached in zip(one, other, (profile.ra, profile.dec), reached_deg_s, strict=True)
+    ]
     return HANDSHAKE_S + max(times)
 
 
