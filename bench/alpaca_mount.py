@@ -120,13 +120,10 @@ def live(name: str, settings: TelescopeSettings, hz: float) -> None:
                 rows = json.loads(answer.read())
         air = Refraction.standard(site.height_m)
         target = Propagator(load_elements(str(elements)).accepted[0], site, refraction=air)
-        begun = float(Utc.parse(summary["started_utc"]).unix_s)
-        ended = float(Utc.parse(summary["ended_utc"]).unix_s)
-        # From when it was on the satellite, as it told, until the stop, which takes a second.
-        begun = max(begun, ended - 3.0 - float(summary["on_target_s"]))
+        begun, ended = on_satellite(summary)
         true = RunningError()
         for utc_s, ra_deg, dec_deg in rows:
-            if begun < utc_s < ended - 3.0:
+            if begun < utc_s < ended:
                 true.add(sky_error(utc_s, ra_deg, dec_deg, target.at(Utc(utc_s))).total_arcsec)
         print(words(name, true, None, summary["ended_by"]), end=", ")
         print(
@@ -139,6 +136,8 @@ def of_axes(azimuth_deg: float, altitude_deg: float | None, latitude_deg: float)
         latitude_deg=latitude_deg,
         pole_azimuth_deg=azimuth_deg,
         pole_altitude_deg=latitude_deg if altitude_deg is None else altitude_deg,
+        # Away from the first axis, which `calibrate --axes` asks for.
+        azimuth_deg=0.0 if altitude_deg is None and latitude_deg < 0.0 else 180.0,
     )
 
 
@@ -176,8 +175,10 @@ def followed_live(azimuth_deg: float, altitude_deg: float | None) -> tuple[list[
         folder = Path(made)
         elements, below = satellite(folder, CALIBRATES_S)
         passing = Site.parse(below)
-        # Beside the ground track it culminates at some 45°.
-        where = f"{passing.latitude_deg - 4.0:.3f},{passing.longitude_deg:.3f},0"
+        # Beside the ground track it culminates at some 45°: where azimuth's cables are not in the way, but
+        # not beside a celestial pole.
+        beside_deg = -4.0 if altitude_deg is None and passing.latitude_deg < 0.0 else 4.0
+        where = f"{passing.latitude_deg + beside_deg:.3f},{passing.longitude_deg:.3f},0"
         site = Site.parse(where)
         config = folder / "sattrack.toml"
         config.write_text("[safety]\noptical = false\n")
@@ -200,15 +201,25 @@ def followed_live(azimuth_deg: float, altitude_deg: float | None) -> tuple[list[
         rows = [json.loads(line) for line in (folder / "truth").read_text().splitlines()[1:-1]]
         loaded = load_elements(str(elements)).accepted[0]
     target = Propagator(loaded, site, refraction=Refraction.standard(site.height_m))
-    ended = float(Utc.parse(summary["ended_utc"]).unix_s)
-    begun = ended - 3.0 - float(summary["on_target_s"])
+    begun, ended = on_satellite(summary)
     errors = []
     for row in rows:
-        if begun < row["utc_s"] < ended - 3.0:
+        if begun < row["utc_s"] < ended:
             seen = target.at(Utc(row["utc_s"]))
             error = sky_error(row["utc_s"], row["ra_deg"], row["dec_deg"], seen).total_arcsec
             errors.append((error, 90.0 - abs(row["second_deg"])))
     return errors, str(summary["ended_by"])
+
+
+def on_satellite(summary: dict[str, Any]) -> tuple[float, float]:
+    """Return between which instants (UTC seconds) a run was on its satellite, as it told.
+
+    Its stop at the end takes up to 3 s. A run that lost the satellite meanwhile is no measure.
+    """
+    if summary["rejoining_s"]:
+        raise SystemExit(f"the run was off the satellite for {summary['rejoining_s']:.0f} s: {summary}")
+    ended = float(Utc.parse(summary["ended_utc"]).unix_s)
+    return ended - float(summary["on_target_s"]), ended - 3.0
 
 
 def _port(path: Path) -> int:
