@@ -123,14 +123,9 @@ def announcement(facts: RunFacts) -> list[str]:
             f"the mount's {what} known to {math.ceil(off_s * 1000.0)} ms: at 1 °/s, up to "
             f"{math.ceil(off_s * 3600.0)}″ along the track that the reported error does not show"
         )
-    costs = _uncalibrated(facts)
-    return lines if costs is None else [*lines, costs]
+    from sattrack.runtime.pass_scene import foretold, uncalibrated
 
-
-def _uncalibrated(facts: RunFacts) -> str | None:
-    from sattrack.runtime.pass_scene import uncalibrated
-
-    return uncalibrated(facts)
+    return [*lines, *(words for words in (foretold(facts), uncalibrated(facts)) if words is not None)]
 
 
 def _when(facts: RunFacts) -> str:

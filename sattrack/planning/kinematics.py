@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import msgspec
 import numpy as np
 
-from sattrack.control.approach import MARGIN_S, slew_time_s
+from sattrack.control.approach import FAR_AND_HELD_FOR_S, FAR_DEG, MARGIN_S, slew_time_s
 from sattrack.control.stages import KEYHOLE, RATE
 from sattrack.core.angles import wrap180
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, horizon_latitude_deg
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
     from sattrack.mount.model import AxisLimits, MountProfile
     from sattrack.safety.limits import SafetyLimits
+    from tle.bias import Bias
     from tle.earth import EarthOrientation
     from tle.elements import Elements
     from tle.ephemeris import Ephemeris
@@ -45,7 +46,8 @@ if TYPE_CHECKING:
 
 NEAR_DEG = 0.1
 """How near to a limit of place the mount is let."""
-FAR_DEG = 360.0
+NO_LIMIT_DEG = 360.0
+CABLES = "hour_angle"
 LEADS_ROUND = ("sun", "moon", "pier")
 """Behind these a target goes on, and the mount slews round them to where it comes out."""
 ROUND_DEG = 30.0
@@ -96,8 +98,8 @@ def losses(
 ) -> list[PredictedLoss]:
     """Return what of a path cannot be followed, in order, not overlapping.
 
-    At a limit of place the mount is held until the target comes back. The path must hold no NaN; where its
-    keyholes are known already they need not be searched. `begun` as in `outside`.
+    At a limit of place the mount is held until the target comes back, or it is led round to it. The path
+    must hold no NaN; where its keyholes are known already they need not be searched. `begun` as in `outside`.
     """
     found: list[PredictedLoss] = []
     every = [*outside(path, ability, begun), *_too_fast(path, ability, keyholes)]
@@ -122,7 +124,7 @@ def outside(path: AxisPath, ability: Ability, begun: bool = False) -> list[Predi
     speed = np.hypot(path.hour_angle_rate_deg_s, path.dec_rate_deg_s) + SIDEREAL_RATE_DEG_S
     ahead_s = unheeded_s(ability.profile, limits.longest_fault_s)
     for name, margin in margins.items():
-        finite = np.where(np.isfinite(margin), margin, FAR_DEG)
+        finite = np.where(np.isfinite(margin), margin, NO_LIMIT_DEG)
         # A body that comes above the horizon comes no nearer by that.
         closing = np.clip(-np.gradient(finite, path.utc_s), 0.0, 1.1 * speed)
         for first, last in stretches(margin < NEAR_DEG + ahead_s * closing):
@@ -133,6 +135,8 @@ def outside(path: AxisPath, ability: Ability, begun: bool = False) -> list[Predi
             begin_utc_s, end_utc_s = float(path.utc_s[first]), float(path.utc_s[last])
             if name in LEADS_ROUND and speed_deg_s > CREEPING_DEG_S and followed_before:
                 end_utc_s += _round_s(path, first, last, ability.profile)
+            elif name == CABLES:
+                end_utc_s = _unwound_utc_s(path, first, last, ability.profile)
             end_utc_s = min(end_utc_s, float(path.utc_s[-1]))
             found.append(PredictedLoss(begin_utc_s, end_utc_s, name, words))
     return found
@@ -149,6 +153,30 @@ def _round_s(path: AxisPath, first: int, last: int, profile: MountProfile) -> fl
         for angle, axis in zip(angles, (profile.ra, profile.dec), strict=True)
     )
     return 2.0 * (2.0 * MARGIN_S + leg_s)
+
+
+def _unwound_utc_s(path: AxisPath, first: int, last: int, profile: MountProfile) -> float:
+    """Return when a mount whose cables end before the target's way is on the target again, POSIX seconds.
+
+    Once it is far behind, it slews back to the same direction on the other turn. Where the rest of the way
+    does not fit there, that is lost.
+    """
+    most = profile.hour_angle_limit_deg
+    axis, dec = path.pointing.hour_angle_axis_deg[first:], path.pointing.dec_axis_deg[first:]
+    utc_s = path.utc_s[first:]
+    behind_deg = (np.abs(axis) - most) * np.abs(np.cos(np.radians(dec)))
+    far = np.flatnonzero(behind_deg[: last - first + 1] > FAR_DEG)
+    if not len(far):
+        return float(path.utc_s[last])
+    end_deg = math.copysign(most, float(axis[far[0]]))
+    there = axis[far[0] :] - math.copysign(360.0, end_deg)
+    if float(np.max(np.abs(there))) > most:
+        return float(path.utc_s[last])
+    left_utc_s = float(utc_s[far[0]]) + FAR_AND_HELD_FOR_S + 2.0 * MARGIN_S
+    for instant, at_deg in zip(utc_s[far[0] :].tolist(), there.tolist(), strict=True):
+        if instant >= left_utc_s + slew_time_s(at_deg - end_deg, profile.ra):
+            return float(instant)
+    return float(path.utc_s[last])
 
 
 def _too_fast(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None) -> list[PredictedLoss]:
@@ -262,16 +290,21 @@ def verdict_on(
 
     Where SGP4 fails within the span the reason says so. Raises TimeRangeError.
     """
+    propagator = Propagator(elements, site, earth=earth, refraction=Refraction.standard(site.height_m))
+    return verdict_over(propagator, NO_BIAS, span, ability)
+
+
+def verdict_over(propagator: Propagator, bias: Bias, span: tuple[float, float], ability: Ability) -> Verdict:
+    """Return the verdict on a pass whose directions are given; as `verdict_on`."""
     begin, end = span
     if not end > begin:
         return Verdict("the pass has no duration")
-    propagator = Propagator(elements, site, earth=earth, refraction=Refraction.standard(site.height_m))
-    path = axis_path(propagator, NO_BIAS, _instants(begin, end, STEP_S), ability.profile.frame)
+    path = axis_path(propagator, bias, _instants(begin, end, STEP_S), ability.profile.frame)
     dec = path.pointing.dec_axis_deg
     if not np.isfinite(dec).all():
         return Verdict("the elements have it come down before the pass ends")
     if _may_be_too_fast(path, ability.profile.ra):
-        path = axis_path(propagator, NO_BIAS, _instants(begin, end, FINE_STEP_S), ability.profile.frame)
+        path = axis_path(propagator, bias, _instants(begin, end, FINE_STEP_S), ability.profile.frame)
     beyond = ability.profile.pier_rule == "hour_angle" and _is_west(path.pointing.hour_angle_axis_deg[0])
     lost = losses(path.seen_from(beyond, ability.latitude_deg).led(ability.profile), ability)
     return Verdict(why_not(lost, end - begin), tuple(lost))

@@ -1,4 +1,4 @@
-"""The chart of a pass beforehand, the error to expect, and what a mount that was not calibrated costs."""
+"""A pass beforehand: its chart, the error to expect, what limits take, what an uncalibrated mount costs."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sattrack.core import local_time
 from sattrack.core.angles import altitude_deg, azimuth_deg
 from sattrack.planning.budget import PROBE_S, Circumstances, error_budget
+from sattrack.planning.kinematics import ability_at, verdict_over
 from sattrack.planning.rehearsal import uncalibrated_text
 from sattrack.runtime.facts import SEARCH_HOURS, build_engine, first_bias
 from sattrack.runtime.mounts import SIMULATED
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sattrack.control.engine import RunSpec
+    from sattrack.planning.kinematics import PredictedLoss
     from sattrack.runtime.facts import RunFacts
     from sattrack.safety.bodies import Wanderer
     from tle.site import Site
@@ -36,6 +39,8 @@ MOST_BODY_POINTS = 97
 SERVO_ARCSEC = 0.1
 """What following adds to the error to expect: nothing beside the elements, and nothing was rehearsed."""
 
+LEAST_LOST_S, LEAST_LOST_SHARE = 4.0, 0.02
+"""Less is lost where any pass begins and ends, and is not worth a word."""
 LOW_DEG = 30.0
 """Higher up nothing rises or sets: what begins or ends there is a window in time."""
 
@@ -58,6 +63,8 @@ def pass_scene(facts: RunFacts, clock_error_s: float | None = None) -> PassView:
     if profile.frame is not None:
         dec_deg = profile.frame.angles(seen.ha_deg, dec_deg, fn=np).second_deg
     geometry = profile.geometry
+    lost = foretold_losses(facts)
+    worst = max(lost, key=lambda one: one.seconds, default=None)
     return PassView(
         latitude_deg=site.latitude_deg,
         longitude_deg=site.longitude_deg,
@@ -79,6 +86,9 @@ def pass_scene(facts: RunFacts, clock_error_s: float | None = None) -> PassView:
         fov_deg=facts.fov_deg,
         can_park=facts.profile.park is not None,
         mount_pole_deg=None if geometry is None else (geometry.pole_altitude_deg, geometry.pole_azimuth_deg),
+        lost_s=round(sum(one.seconds for one in lost), 1),
+        lost_to=None if worst is None else worst.limit,
+        lost_from_utc_s=None if worst is None else worst.begin_utc_s,
     )
 
 
@@ -97,6 +107,32 @@ def uncalibrated(facts: RunFacts) -> str | None:
     if facts.profile.calibration is not None or facts.mount_name == SIMULATED:
         return None
     return uncalibrated_text(facts.profile, fastest_deg_s(facts))
+
+
+def foretold_losses(facts: RunFacts) -> tuple[PredictedLoss, ...]:
+    """Return what of a pass the mount will lose; nothing where that is little, or is not known."""
+    plan, limits = facts.plan, facts.limits
+    propagator = build_engine(facts).spec.propagator
+    ability = ability_at(propagator.site, facts.profile, limits)
+    try:
+        lost = verdict_over(propagator, first_bias(facts), (plan.start_utc_s, plan.end_utc_s), ability).lost
+    except TleError:
+        return ()
+    least_s = max(LEAST_LOST_S, LEAST_LOST_SHARE * (plan.end_utc_s - plan.start_utc_s))
+    return lost if sum(one.seconds for one in lost) > least_s else ()
+
+
+def foretold(facts: RunFacts) -> str | None:
+    """Return what of a pass the mount will lose, in words; None as in `foretold_losses`."""
+    lost = foretold_losses(facts)
+    if not lost:
+        return None
+    worst = max(lost, key=lambda one: one.seconds)
+    since = local_time.clock(worst.begin_utc_s)
+    return (
+        f"about {sum(one.seconds for one in lost):.0f} s of the pass will be lost, most from {since} on: "
+        f"{worst.limit}: {worst.words}; `sattrack rehearse` shows it"
+    )
 
 
 def _low(alt_deg: float) -> bool:

@@ -246,19 +246,26 @@ def _under_way(scene: Scene) -> Headline:
     if view.phase == "tracking":
         return _tracking(view)
     if view.phase in {"waiting", "slewing"}:
-        return _coming(view)
+        return _coming(view, _foretold(scene.sky))
     word, rest, tone = _PHASES.get(view.phase, (view.phase.upper(), "", Tone.NOTICE))
     return Headline(word, rest, tone)
 
 
-def _coming(view: TrackView) -> Headline:
+def _foretold(sky: PassView | None) -> str:
+    """Return what the mount will lose of a pass, as the end of a line."""
+    if sky is None or sky.lost_from_utc_s is None:
+        return ""
+    limit = (sky.lost_to or "").replace("_", " ")
+    return f"; about {sky.lost_s:.0f} s lost to {limit} from {formatting.clock(sky.lost_from_utc_s)} on"
+
+
+def _coming(view: TrackView, foretold: str) -> Headline:
     left_s = view.start_utc_s - view.utc_s
     when = f" in {formatting.span(left_s)}" if left_s > 0.0 else ""
     if formatting.phase_text(view) == "slewing":
-        return Headline("SLEWING", f"to where the satellite will come by{when}", Tone.CALM)
-    return Headline(
-        "WAITING", f"for the pass to begin{when}" if when else "until it can be followed", Tone.CALM
-    )
+        return Headline("SLEWING", f"to where the satellite will come by{when}{foretold}", Tone.CALM)
+    rest = f"for the pass to begin{when}" if when else "until it can be followed"
+    return Headline("WAITING", f"{rest}{foretold}", Tone.CALM)
 
 
 def _tracking(view: TrackView) -> Headline:

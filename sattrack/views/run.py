@@ -330,6 +330,12 @@ class PassView(msgspec.Struct, frozen=True, tag="pass"):
     """Whether the mount's profile has a park position."""
     mount_pole_deg: tuple[float, float] | None = None
     """Altitude and azimuth to which the first axis points; None for an equatorial mount."""
+    lost_s: float = 0.0
+    """About how much of the pass the mount will lose to its limits and rates, seconds."""
+    lost_to: str | None = None
+    """To which limit most of that."""
+    lost_from_utc_s: float | None = None
+    """From when on that is lost."""
 
 
 class PeriodView(msgspec.Struct, frozen=True):

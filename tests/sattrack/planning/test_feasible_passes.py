@@ -121,6 +121,45 @@ def test_past_a_pillar_a_pass_is_judged_about_as_it_is_rehearsed(tmp_path: Path,
             assert 0.6 < float(words[1]) / rehearsed["lost_s"] < 1.6
 
 
+CIRCUMPOLAR = (
+    "KANOPUS-V 1\n"
+    "1 38707U 12039A   24247.82317651  .00138984  00000-0  16635-2 0  9998\n"
+    "2 38707  97.4945 189.8924 0007050 108.0286 252.1739 15.60479551673427\n"
+)
+ALTAZ = (
+    "additive = false\n[ra]\nmax_rate_deg_s = 4.0\nslew_rate_deg_s = 4.0\nmax_acceleration_deg_s2 = 5.0\n"
+    "[stands_at]\nlatitude_deg = 45.0\nlongitude_deg = 4.5\n"
+    "[geometry]\npole_azimuth_deg = 0.0\npole_altitude_deg = 90.0\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("profile", "words", "at"),
+    [
+        ("", ("38707", "--site", "62,10,0"), "2024-09-04T02:20:00Z"),
+        (ALTAZ, ("25544", "--site", "45,4.5,0"), "2026-10-02T14:00:00Z"),
+    ],
+    ids=["equatorial", "altaz"],
+)
+def test_past_the_end_of_its_cables_a_pass_is_judged_about_as_it_is_rehearsed(
+    profile: str, words: tuple[str, ...], at: str, tmp_path: Path, without_optics: str
+) -> None:
+    """Either mount slews back by a turn, and follows on."""
+    circumpolar, mount = tmp_path / "kanopus.tle", tmp_path / "mount.toml"
+    circumpolar.write_text(CIRCUMPOLAR)
+    mount.write_text(profile)
+    there = (*words, "--min-alt", "15", "--profile", str(mount), "--config", without_optics, "--json")
+    elements = ("--elements", ISS if profile else str(circumpolar))
+    (judged, *_), rehearsed = (
+        json.loads(CliRunner().invoke(cli, [*command, *there, *elements]).stdout)
+        for command in (("passes", "--judged", "--from", at, "--hours", "1"), ("rehearse", "--clock", at))
+    )
+    assert rehearsed["lost"][-1]["limit"] == "hour_angle"
+    lost = re.fullmatch(r"hour_angle: .*; (\d+) s of (\d+) s lost", judged["why_not"])
+    assert lost is not None
+    assert 0.75 < float(lost[1]) / rehearsed["lost_s"] < 1.33
+
+
 def test_passes_by_the_sun_are_not_for_optics() -> None:
     near = [one for one in passes("--judged") if one["why_not"] is not None]
     assert near

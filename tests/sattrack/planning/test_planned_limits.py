@@ -140,6 +140,15 @@ def test_what_is_beyond_a_limit_of_travel_is_lost_with_its_reason() -> None:
     assert why_not(losses(path, ability(MountProfile())), 100.0) is None
 
 
+def test_where_the_rest_fits_on_no_turn_of_the_cables_it_is_lost() -> None:
+    # From 80° to 280° at 1 °/s: the last 130 s are past 150°, and on the other turn they begin at -210°.
+    time_s = np.linspace(0.0, 200.0, 2001)
+    path = path_of(time_s, 80.0 + time_s, np.full_like(time_s, 70.0))
+    (found,) = losses(path, ability(MountProfile(hour_angle_limit_deg=150.0), latitude_deg=60.0))
+    assert (found.limit, found.end_utc_s) == ("hour_angle", 200.0)
+    assert found.seconds == pytest.approx(130.0 + 1.1, abs=0.2)
+
+
 def test_a_target_that_begins_by_the_sun_is_joined_where_it_comes_out() -> None:
     # At 1 °/s from the Sun: the mount waits at its cone, 15° and a tenth away. Round to a target that was
     # followed before lead two slews of 30° at 10 °/s and 10 °/s²: 4.5 s each, and 3 s to begin and to end.
@@ -174,8 +183,11 @@ def test_a_stop_and_a_new_beginning_are_recommended_where_the_cables_end() -> No
     time_s = np.linspace(0.0, 400.0, 4001)
     path = path_of(time_s, 140.0 + 0.3 * time_s, np.full_like(time_s, 70.0))
     found = choose_sides(path, ability(MountProfile(), latitude_deg=60.0), "never", [])
-    # The cables end after 200 s; a second of fault and a tenth of a degree are kept before.
-    assert found.by_itself.lost_s == pytest.approx(200.0 + 1.0 + 0.1 / 0.3, abs=0.3)
+    # The cables end after 200 s; a second of fault and a tenth of a degree are kept before. By itself the mount
+    # slews only when it has been 5° behind on the sky for 5 s.
+    far_s = 5.0 / math.cos(math.radians(70.0)) / 0.3
+    once_round_s = 3.0 + 360.0 / 10.0
+    assert found.by_itself.lost_s == pytest.approx(1.0 + 0.1 / 0.3 + far_s + 5.0 + once_round_s, abs=3.0)
     assert found.by_itself.limit == "hour_angle"
     assert found.recommended.stop_utc is not None
     # Once round at 10 °/s takes 36 s and some for the ramps.

@@ -99,6 +99,28 @@ def test_it_is_small_enough_to_be_told_at_once() -> None:
     assert len(msgspec.json.encode(SCENE)) < 16_384
 
 
+def test_what_a_limit_takes_of_the_pass_is_told_before_it() -> None:
+    """The declination axis ends at 40°: lost while skyfield's declination is higher, the fault's second counted."""
+    low = msgspec.structs.replace(FACTS, profile=MountProfile(dec_axis_limits_deg=(-90.0, 40.0)))
+    times = load.timescale(builtin=True)
+    place = wgs84.latlon(FACTS.site.latitude_deg, FACTS.site.longitude_deg, elevation_m=FACTS.site.height_m)
+    seen = EarthSatellite(demo_pass.LINE_1, demo_pass.LINE_2, ts=times) - place
+    utc_s = np.arange(FACTS.plan.start_utc_s, FACTS.plan.end_utc_s, 1.0)
+    decs = seen.at(times.from_datetimes([datetime.fromtimestamp(t, UTC) for t in utc_s.tolist()])).hadec()[1]
+    beyond = np.flatnonzero(decs.degrees > 40.0)
+    assert 20 < len(beyond) < len(utc_s) - 20
+
+    scene = pass_scene(low)
+    assert scene.lost_to == "declination"
+    assert scene.lost_s == pytest.approx(len(beyond), abs=4.0)
+    assert scene.lost_from_utc_s == pytest.approx(utc_s[beyond[0]], abs=4.0)
+    (words,) = (line for line in announcement(low) if "lost" in line)
+    assert words.startswith(f"about {scene.lost_s:.0f} s of the pass will be lost, most from ")
+    assert words.endswith("° past the limit; `sattrack rehearse` shows it")
+    assert (SCENE.lost_s, SCENE.lost_to, SCENE.lost_from_utc_s) == (0.0, None, None)
+    assert not any("lost" in line for line in announcement(FACTS))
+
+
 def test_what_begins_or_ends_high_up_neither_rises_nor_sets() -> None:
     plan = msgspec.structs.replace(
         FACTS.plan, start_utc_s=FACTS.culminate_utc_s - 20.0, end_utc_s=FACTS.culminate_utc_s + 20.0

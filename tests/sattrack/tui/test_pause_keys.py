@@ -20,6 +20,7 @@ from sattrack.tui.feeds import Latest, News
 from sattrack.tui.pages import LogBook
 from sattrack.tui.run_keys import RestState
 from sattrack.tui.scene import headline
+from sattrack.views.formatting import clock
 from sattrack.views.messages import Go, Jog, Nudge, Pause, StopNow
 from sattrack.views.run import STARTER, PauseView, SessionView, Watcher
 
@@ -123,6 +124,21 @@ HEADLINES = (
         "the mount is at rest; the pass begins in 1:15; p goes on",
     ),
 )
+
+
+def test_while_a_pass_is_waited_for_the_headline_says_what_limits_will_take_of_it() -> None:
+    taken = msgspec.structs.replace(PARKS, lost_s=98.2, lost_to="hour_angle", lost_from_utc_s=UTC_S + 90.0)
+
+    async def act(app: TrackApp, _: Pilot[None]) -> None:
+        for view, told in ((WAITING, True), (changed(WAITING, phase="slewing"), True), (VIEW, False)):
+            for sky in (taken, PARKS):
+                app._feed.coming.append(News((view,), session=HERE, sky=sky))  # type: ignore[attr-defined]
+                app.look()
+                assert app.scene is not None
+                words = f"; about 98 s lost to hour angle from {clock(UTC_S + 90.0)} on"
+                assert (words in headline(app.scene).rest) is (told and sky is taken)
+
+    on_screen(act)
 
 
 def test_the_headline_says_what_the_mount_does_and_how_long_the_pass_still_is() -> None:
