@@ -142,7 +142,8 @@ def command(context: CommandContext, target: str, number: int, **options: Any) -
     if context.json:
         click.echo(msgspec.json.encode(rehearsal.report).decode())
     else:
-        show(*_shown(rehearsal.report, None if prepared.practising else float(context.now().unix_s)))
+        now_utc_s = None if prepared.practising else float(context.now().unix_s)
+        show(*_shown(rehearsal.report, now_utc_s, prepared.facts.profile.axis_titles))
     return 0 if rehearsal.report.go and old is None else NO_GO
 
 
@@ -155,14 +156,17 @@ def _checked(mount_url: str | None) -> str | None:
     return mount_url
 
 
-def _shown(report: RehearsalReport, now_utc_s: float | None) -> Parts:
-    """Return the report for a terminal; without `now_utc_s` not how long it is until the pass."""
+def _shown(report: RehearsalReport, now_utc_s: float | None, axes: tuple[str, str]) -> Parts:
+    """Return the report for a terminal; without `now_utc_s` not how long it is until the pass.
+
+    `axes` are what the mount's axes are called.
+    """
     return [
         *_head(report, now_utc_s),
         *_lost(report),
-        *_limits(report),
+        *_limits(report, axes),
         *_keyholes(report),
-        *_sides(report),
+        *_sides(report, axes[0]),
         *_link_loss(report),
         *_budget(report),
         *(f"Note: {note}" for note in report.notes),
@@ -200,15 +204,15 @@ def _lost(report: RehearsalReport) -> Parts:
     return ["", lost]
 
 
-def _limits(report: RehearsalReport) -> Parts:
+def _limits(report: RehearsalReport, names: tuple[str, str]) -> Parts:
     peaks = table("Axis", ">asked °/s", ">followed", ">limit", ">asked °/s²", ">limit")
-    for peak in report.peaks:
+    for name, peak in zip(names, report.peaks, strict=True):
         over = (
             peak.asked_rate_deg_s > peak.limit_rate_deg_s
             or peak.asked_acceleration_deg_s2 > peak.limit_acceleration_deg_s2
         )
         peaks.add_row(
-            peak.axis.replace("_", " "),
+            name,
             f"{peak.asked_rate_deg_s:.3f}",
             "-" if peak.reached_rate_deg_s is None else f"{peak.reached_rate_deg_s:.3f}",
             f"{peak.limit_rate_deg_s:g}",
@@ -217,9 +221,10 @@ def _limits(report: RehearsalReport) -> Parts:
             style="red" if over else None,
         )
     margins = table("Limit", ">nearest", "at")
+    of_axes = dict(zip(("hour_angle", "declination"), names, strict=True))
     for margin in report.margins:
         margins.add_row(
-            margin.limit.replace("_", " "),
+            of_axes.get(margin.limit, margin.limit),
             f"{margin.least_deg:.1f}°",
             _clock(margin.utc, report),
             style="red" if margin.least_deg < 0.0 else None,
@@ -239,11 +244,11 @@ def _keyholes(report: RehearsalReport) -> Parts:
     return ["".join(lines)] if lines else []
 
 
-def _sides(report: RehearsalReport) -> Parts:
-    cables = report.cables
+def _sides(report: RehearsalReport, axis: str) -> Parts:
+    cables, the_axis = report.cables, axis if axis.endswith("axis") else f"{axis} axis"
     return [
         f"\nSide: {local_time.localised(report.sides.words, iso_unix_s(report.start_utc))}\n"
-        f"Cables: the hour angle axis stands between {cables.low_deg:.0f}° and {cables.high_deg:.0f}°, "
+        f"Cables: the {the_axis} stands between {cables.low_deg:.0f}° and {cables.high_deg:.0f}°, "
         f"of {cables.limit_deg:g}° either way\n"
     ]
 
@@ -436,7 +441,7 @@ def _draw_rates(axes: Any, rehearsal: Rehearsal) -> None:
     at = times(path.utc_s)
     limits = profile.ra.max_rate_deg_s, profile.dec.max_rate_deg_s
     same = limits[0] == limits[1]
-    first, second = (name.removeprefix("the ") for name in profile.axis_names())
+    first, second = profile.axis_titles
     for name, rate, limit, colour in (
         (first, path.hour_angle_rate_deg_s, limits[0], GOOD),
         (second, path.dec_rate_deg_s, limits[1], "#2a9d8f"),
@@ -450,7 +455,7 @@ def _draw_rates(axes: Any, rehearsal: Rehearsal) -> None:
     rows = trace.moving
     if rows.any():
         reached = np.where(rows, np.abs(trace.hour_angle_rate_deg_s), np.nan)
-        axes.plot(times(trace.utc_s), reached, color=INK, linewidth=0.8, label="hour angle reached")
+        axes.plot(times(trace.utc_s), reached, color=INK, linewidth=0.8, label=f"{first} reached")
     axes.set_yscale("log")
     typical = float(np.median(np.hypot(path.hour_angle_rate_deg_s, path.dec_rate_deg_s)))
     axes.set_ylim(bottom=float(np.clip(0.1 * typical, 1e-5, 0.005)))

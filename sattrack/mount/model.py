@@ -357,9 +357,15 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         level = self.geometry.pole_altitude_deg >= 90.0 - SAME_POLE_DEG
         return "altaz" if level else self.geometry.pole
 
+    @property
+    def axis_titles(self) -> tuple[str, str]:
+        """What the axes are called: those of a geometry are none of hour angle and declination."""
+        return ("hour angle", "declination") if self.geometry is None else ("first axis", "second axis")
+
     def axis_names(self, first: str = "hour angle") -> tuple[str, str]:
-        """Return what the axes are called: those of a geometry are none of hour angle and declination."""
-        return (first, "declination") if self.geometry is None else ("the first axis", "the second axis")
+        """Return what the axes are called in a sentence."""
+        one, other = self.axis_titles
+        return (first, other) if self.geometry is None else (f"the {one}", f"the {other}")
 
     @property
     def dated_within_s(self) -> float | None:

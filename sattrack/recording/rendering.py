@@ -559,8 +559,7 @@ def _sky(run: Trace) -> Any:
 
 def _repeats(run: Trace) -> Any:
     found = []
-    names = [name.removeprefix("the ") for name in run.engine.spec.profile.axis_names()]
-    for axis, (name, colour) in enumerate(zip(names, (RA, DEC), strict=True)):
+    for axis, (name, colour) in enumerate(zip(run.engine.spec.profile.axis_titles, (RA, DEC), strict=True)):
         cycles, amplitude = spectrum(*repeating(run, axis))
         if len(cycles) > 3:
             found.append((cycles[2:], amplitude[2:], name, colour))
