@@ -1,7 +1,7 @@
 """The loop closed on the sky: a camera's offsets, a hidden sky, and where the telescope really points.
 
 python bench/sky_loop.py [--seeds N] [--pass ISS|KANOPUS] [--mount|--next] [--wrong HOW] [--beside ARCSEC]
-                         [--said ARCSEC] [--solved]
+                         [--said ARCSEC] [--solved] [--bound]
 
 Hidden from the program, and drawn for each seed: an orbit that is integrated (`bench/integrated.py`), 3 s
 early or late, drifting by 0.3 s a minute, 60″ to the left or the right of its elements, drifting too (`warp`:
@@ -19,6 +19,8 @@ one that centres the satellite, along the track and across. *NIS*: 2 where sigma
 `--wrong` with a camera that is not as it was set. With `--beside` the telescope looks so far beside its
 axis (cone error), and its declination has a zero that is so wrong. `--said` is the noise that
 the camera claims.
+
+`--bound` prints the rms that no estimator gets below in the mean, whatever its model of what is hidden.
 
 Without `--mount` the telescope points exactly where it is fed; with it the run of `track --virtual` follows
 with a simulated mount, and offsets are made from its true axes.
@@ -371,6 +373,54 @@ def learnt_before(sky: Sky, seed: int) -> MountProfile:
     return msgspec.structs.replace(MountProfile(), sky=without_mount(before, MountProfile()).sky_terms)
 
 
+SIZES = np.array(
+    [3.0, 0.3 / 60.0, 60.0 * ARCSEC, ARCSEC / 6.0, 212.0 * ARCSEC, 212.0 * ARCSEC, 100.0 * ARCSEC, 0.02]
+)
+"""One sigma of what is hidden: late, drift, cross, its drift, the three turns of the base, the delay."""
+
+
+def bound_arcsec(subject: Subject) -> float:
+    """Return the RMS that no estimator can get below that knows how large what is hidden is, in the mean.
+
+    Cramér and Rao's, with those sizes as priors: of the time and place of the elements' own way (`warp`), the
+    turns of the base and the delay. Camera's rotation and scale are taken as known, frames as 0.6 s late.
+    """
+    drawn = Hidden.drawn(random.Random(0))
+    truth = np.array(
+        [drawn.late_s, drawn.drift, drawn.cross_rad, drawn.cross_drift_rad_s, *drawn.polar, drawn.delay_s]
+    )
+    begin_s = subject.facts.culminate_utc_s - BEFORE_S
+    since_s = np.arange(0.0, BEFORE_S + AFTER_S, FRAME_S)
+
+    def wanted(hidden: Array) -> Array:
+        late, drift, cross, cross_drift, *polar, delay = hidden.tolist()
+        base = (polar[0], polar[1], polar[2])
+        sky = Sky(
+            subject,
+            replace(drawn, late_s=late, drift=drift, cross_rad=cross, cross_drift_rad_s=cross_drift,
+                    polar=base, delay_s=delay),
+            random.Random(0),
+            "warp",
+        )  # fmt: skip
+        return np.array([sky.wanted(begin_s + s) for s in since_s])
+
+    at = wanted(truth)
+    steps = np.diag(0.01 * SIZES)
+    turned_by = np.stack([(wanted(truth + one) - at) / 0.01 for one in steps], axis=2)
+    east = np.cross(POLE, at)
+    east /= np.linalg.norm(east, axis=1)[:, None]
+    rows = np.stack([np.einsum("ti,tik->tk", axis, turned_by) for axis in (east, np.cross(at, east))], 1)
+    known, squares = np.eye(len(SIZES)), []
+    late = round(0.6 / FRAME_S)
+    for k, s in enumerate(since_s.tolist()):
+        if k >= late and not CLOUDS_S[0] <= s - late * FRAME_S < CLOUDS_S[1]:
+            seen = rows[k - late]
+            known = known + seen.T @ seen / (NOISE_ARCSEC * ARCSEC) ** 2
+        if s >= SETTLED_S and not CLOUDS_S[0] <= s < CLOUDS_S[1] + LATE_S[1] + 2.0:
+            squares.append(np.trace(rows[k] @ np.linalg.inv(known) @ rows[k].T))
+    return math.sqrt(float(np.mean(squares))) / ARCSEC
+
+
 class SkyRun(VirtualRun):
     """A virtual run whose camera looks along the simulated mount's true axes."""
 
@@ -451,8 +501,13 @@ def main() -> None:
     parser.add_argument(
         "--solved", action="store_true", help="the camera solves its field among the stars too"
     )
+    parser.add_argument("--bound", action="store_true", help="what no estimator can get below")
     parser.add_argument("--verbose", action="store_true")
     options = parser.parse_args()
+    if options.bound:
+        for subject in subjects():
+            print(f"{subject.name:<8} {bound_arcsec(subject):.2f}″")
+        return
     print(f"truth {options.truth}, {'a virtual mount' if options.mount else 'no mount'}")
     print(HEAD)
     found: dict[str, list[Result]] = {}
