@@ -202,8 +202,10 @@ class AxesPanel(Panel):
         )
         style = "bold" if scene.following else ""
         rows: list[Row] = [[("mount − satellite", DIM)]]
+        cells = max(LABEL_CELLS, *(len(name) for name, _ in values))
         rows += [
-            labelled(name, (f"{formatting.arcsec(value, sign=True):>10}", style)) for name, value in values
+            labelled(name, (f"{formatting.arcsec(value, sign=True):>10}", style), cells=cells)
+            for name, value in values
         ]
         return rows
 
@@ -392,7 +394,7 @@ class MountPanel(Panel):
             text = formatting.number(reached, 3, sign=True)
             if scene.view.phase == "slewing" and reached is not None:
                 rows += [
-                    labelled(f"{name} rate", ("the mount's own", DIM)),
+                    labelled(f"{name} rate ", ("the mount's own", DIM)),
                     labelled("reached", f"{text} °/s"),
                 ]
                 continue

@@ -61,7 +61,7 @@ def cells_of(row: Row) -> int:
 
 def labelled(label: str, *parts: Part, cells: int = LABEL_CELLS) -> Row:
     """Return a row that begins with a quiet label in a column of its own."""
-    return [(label.ljust(max(cells, len(label) + 1)), DIM), *parts]
+    return [(label.ljust(cells), DIM), *parts]
 
 
 class Redrawn(Widget):

@@ -135,7 +135,7 @@ def test_while_a_pass_is_waited_for_the_headline_says_what_limits_will_take_of_i
                 app._feed.coming.append(News((view,), session=HERE, sky=sky))  # type: ignore[attr-defined]
                 app.look()
                 assert app.scene is not None
-                words = f"; about 98 s lost to hour angle from {clock(UTC_S + 90.0)} on"
+                words = f"; about 98 s lost from {clock(UTC_S + 90.0)} on: hour angle"
                 assert (words in headline(app.scene).rest) is (told and sky is taken)
 
     on_screen(act)
