@@ -169,6 +169,14 @@ class MessageReader:
         return any((text or "").strip() for text in (root.text, *(element.tail for element in root)))
 
 
+def set_by(message: Element) -> str | None:
+    """Return the name of the property that a message is to set, None where that is none of ours."""
+    vector = BY_NAME.get(message.get("name", ""))
+    if vector is None or message.get("device") != DEVICE:
+        return None
+    return vector.name if message.tag == f"new{vector.kind}Vector" else None
+
+
 class TrackElements(NamedTuple):
     """A satellite to follow, as text of two-line elements."""
 
@@ -197,10 +205,10 @@ class ServedIndiDevice:
 
     def take(self, message: Element, caller: int, now_utc_s: float) -> Asked | TrackElements | None:
         """Return what a client's message asks for. Raises Fault where it is refused; `refuse` tells that."""
-        vector = BY_NAME.get(message.get("name", ""))
-        kind = None if vector is None or message.get("device") != DEVICE else f"new{vector.kind}Vector"
-        if vector is None or message.tag != kind or not vector.is_set:
+        name = set_by(message)
+        if name is None or not BY_NAME[name].is_set:
             return None
+        vector = BY_NAME[name]
         values = {one.get("name", ""): (one.text or "").strip() for one in message}
         if vector.name == ABORT:
             self.turning.clear()

@@ -26,6 +26,7 @@ from sattrack.servers.alpaca.indi import (
     MessageReader,
     ServedIndiDevice,
     TrackElements,
+    set_by,
 )
 from sattrack.servers.alpaca.lx200 import Asked, CommandReader, Lx200Client
 from sattrack.servers.alpaca.protocol import Fault
@@ -158,9 +159,9 @@ class Planetariums:
                     self.channel.log(f"an INDI client was disconnected: it sent {data[:QUOTED]!r}")
                     break
                 for message in found:
-                    if message.get("name") == ABORT:
+                    if set_by(message) == ABORT:
                         _note_whole(connection)
-                        _drop(waiting, lambda one: one.get("name") in MOVERS)
+                        _drop(waiting, lambda one: set_by(one) in MOVERS)
                         stops.stop(partial(self._take, device, message, caller))
                     elif waiting.overruns(message):
                         self._beside(self._hold_off("an INDI client", waiting, aside[0], connection))
@@ -201,7 +202,9 @@ class Planetariums:
             await pace.keep()
 
     async def _take(self, device: ServedIndiDevice, message: Element, caller: int) -> None:
-        name = message.get("name", "")
+        name = set_by(message)
+        if name is None:
+            return
         try:
             asked = device.take(message, caller, self._now_s())
             if isinstance(asked, TrackElements):

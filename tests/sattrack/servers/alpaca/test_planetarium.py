@@ -749,6 +749,28 @@ def test_no_motion_that_waits_for_its_clients_pace_begins_after_a_stop() -> None
     assert not [one for one in asyncio.run(moved_after()) if isinstance(one, MoveOrder) and one.rate_deg_s]
 
 
+def test_a_question_about_the_stop_is_answered_and_another_devices_stop_drops_nothing() -> None:
+    question = b'<getProperties version="1.7" device="sattrack" name="TELESCOPE_ABORT_MOTION"/>'
+    other = message("Switch", indi.ABORT, ABORT="On")
+    other.set("device", "Dome Simulator")
+    connect = message("Switch", "CONNECTION", CONNECT="On")
+    moves = [message("Switch", "TELESCOPE_MOTION_NS", MOTION_NORTH="On") for _ in range(2)]
+
+    async def moved() -> list[object]:
+        client = Client("indi")
+        await client.send(question)
+        await client.until(lambda: client.writer.written_bytes > 0)
+        client.feeder.answers.clear()
+        await client.send(b"".join(ElementTree.tostring(one) for one in (connect, *moves, other)))
+        await client.send(question)
+        client.feeder.answers.set()
+        await client.leave()
+        assert client.feeder.stops == 0
+        return [one for one in client.feeder.orders if isinstance(one, MoveOrder) and one.rate_deg_s]
+
+    assert len(asyncio.run(moved())) == 2
+
+
 def test_a_serial_line_is_obeyed_again_after_too_much_at_once() -> None:
     async def flooded() -> None:
         client = Client("lx200", requests_per_s=1e6, is_serial=True)
