@@ -16,6 +16,7 @@ from xml.sax.saxutils import quoteattr
 
 from sattrack.mount.alpaca.client import NOT_CONNECTED, NOT_IMPLEMENTED, AlpacaRefusalError, NoAnswerError
 from sattrack.mount.alpaca.device import PIER_WEST, DeviceFacts, RateSpan
+from sattrack.mount.indi.numbers import read_number
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -116,7 +117,7 @@ class IndiTelescope:
         values = {one.get("name", ""): (one.text or "").strip() for one in element}
         known = self.properties.get(name)
         if begin == "def" or known is None:
-            highest = {one.get("name", ""): _number(one.get("max")) or 0.0 for one in element}
+            highest = {one.get("name", ""): read_number(one.get("max")) or 0.0 for one in element}
             updates = 0 if known is None else known.updates
             known = self.properties[name] = Property(kind, "Idle", {}, highest, updates)
         known.values |= values
@@ -138,7 +139,7 @@ class IndiTelescope:
 
     def facts(self) -> DeviceFacts:
         """Return what it can do, in Alpaca's terms."""
-        latitude, longitude = (_number(self._values(SITE).get(key)) for key in ("LAT", "LONG"))
+        latitude, longitude = (read_number(self._values(SITE).get(key)) for key in ("LAT", "LONG"))
         if not latitude and not longitude:
             latitude = longitude = None
         rate = self.properties.get(RATE)
@@ -165,8 +166,8 @@ class IndiTelescope:
         if self.connected is not True:
             raise AlpacaRefusalError(NOT_CONNECTED, "the driver is not connected to its telescope")
         values = {
-            "rightascension": _number(self._values(PLACE).get("RA")),
-            "declination": _number(self._values(PLACE).get("DEC")),
+            "rightascension": read_number(self._values(PLACE).get("RA")),
+            "declination": read_number(self._values(PLACE).get("DEC")),
             "slewing": self._state(PLACE) == "Busy",
             "tracking": self._values(TRACKING).get("TRACK_ON") == "On",
             "atpark": self._values(PARK).get("PARK") == "On" and self._state(PARK) != "Busy",
@@ -255,11 +256,3 @@ def _switch(name: str, on: str) -> Setting:
 
 def _highest(rate: Property | None, name: str) -> float:
     return 0.0 if rate is None else rate.highest.get(name, 0.0)
-
-
-def _number(text: str | None) -> float | None:
-    try:
-        value = float(text or "")
-    except ValueError:
-        return None
-    return value if math.isfinite(value) else None

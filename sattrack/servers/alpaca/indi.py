@@ -9,7 +9,6 @@ to 360°.
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 from xml.etree.ElementTree import ParseError, XMLPullParser
 from xml.sax.saxutils import escape, quoteattr
 
+from sattrack.mount.indi.numbers import read_number
 from sattrack.mount.requests import Abort
 from sattrack.servers.alpaca.lx200 import (
     CLOCK_WITHIN_S,
@@ -43,7 +43,6 @@ MAIN, MOTION, SITE, SATELLITE, GENERAL = (
     "Main Control", "Motion Control", "Site Management", "Satellite", "Connection",
 )  # fmt: skip
 ABORT, SATELLITE_STATE = "TELESCOPE_ABORT_MOTION", "SAT_TRACKING_STAT"
-_NUMBER = re.compile(r"\s*([+-]?)(\d+(?:\.\d*)?)(?:[: ](\d+(?:\.\d*)?))?(?:[: ](\d+(?:\.\d*)?))?\s*")
 
 
 class Vector(NamedTuple):
@@ -477,13 +476,11 @@ def _switches(*on: bool) -> Values:
 
 
 def _read(text: str | None) -> float:
-    """Return a number, plain or sexagesimal. Raises Fault."""
-    found = _NUMBER.fullmatch(text or "")
-    parts = ("inf",) if found is None else found.groups()[1:]
-    value = sum(float(part or 0.0) / 60.0**power for power, part in enumerate(parts))
-    if found is None or not math.isfinite(value):
+    """Return the number that a text is. Raises Fault."""
+    value = read_number(text)
+    if value is None:
         raise Fault(Number.INVALID_VALUE, f"{text!r} is no number")
-    return -value if found[1] == "-" else value
+    return value
 
 
 def _definition(vector: Vector, state: str, values: Values) -> str:

@@ -22,6 +22,7 @@ from sattrack.cli.main import run
 from sattrack.core.errors import BadInputError
 from sattrack.mount.alpaca.client import AlpacaRefusalError, NoAnswerError
 from sattrack.mount.alpaca.link import parse_alpaca
+from sattrack.mount.indi.numbers import read_number
 from sattrack.mount.indi.telescope import IndiTelescope
 
 if TYPE_CHECKING:
@@ -96,6 +97,43 @@ def test_properties_are_read_from_any_pieces_and_other_devices_left_alone(pieces
     made.feed(b'<delProperty device="T"/>')
     with pytest.raises(AlpacaRefusalError, match="not connected"):
         made.value("rightascension")
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("-10:30:18", -10.505),
+        ("-10;30;18", -10.505),
+        ("-10 30.3", -10.505),
+        ("-0:30", -0.5),
+        ("10:", 10.0),
+        (".5", 0.5),
+        ("+7.", 7.0),
+        # As C's %.20g writes what is small.
+        ("1.0000000000000000818e-05", 1e-5),
+        ("-2.5E+01", -25.0),
+        ("1e999", None),
+        ("nan", None),
+        ("1e-05:30", None),
+        ("1:2:3:4", None),
+        ("12,5", None),
+        ("\u0661", None),
+        ("", None),
+        (None, None),
+    ],
+)
+def test_numbers_are_read_in_each_form_that_indi_has(text: str | None, value: float | None) -> None:
+    number = read_number(text)
+    assert number == (value if value is None else pytest.approx(value, rel=1e-15))
+
+
+def test_a_place_that_a_driver_sends_in_sexagesimal_is_a_place() -> None:
+    made = telescope()
+    made.feed(
+        b'<setNumberVector device="T" name="EQUATORIAL_EOD_COORD" state="Ok">'
+        b'<oneNumber name="RA">6:30:00</oneNumber><oneNumber name="DEC">-12;15</oneNumber></setNumberVector>'
+    )
+    assert (made.value("rightascension"), made.value("declination")) == (6.5, -12.25)
 
 
 def test_what_is_no_indi_is_told() -> None:

@@ -542,6 +542,14 @@ def test_what_cannot_be_set_is_told_with_its_reason(asked: ElementTree.Element, 
     assert re.search(why, fault.value.message)
 
 
+def test_a_place_may_be_as_small_as_libindi_writes_it() -> None:
+    # libindi's clients write numbers by %.20g.
+    place = {"RA": "5.4999999999999997e+00", "DEC": "1.0000000000000000818e-05"}
+    asked = indi_device().take(message("Number", "EQUATORIAL_EOD_COORD", **place), 1, NOW_S)
+    assert isinstance(asked, Asked)
+    assert asked.orders == (Slew(82.5, 1e-5),)
+
+
 def test_nothing_is_moved_before_a_client_connects_but_a_stop_always_stops() -> None:
     device = indi.ServedIndiDevice(client_of().telescope, -1)
     with pytest.raises(Fault, match="connect first"):
