@@ -215,6 +215,7 @@ class ServedIndiDevice:
         if vector.name == "CONNECTION":
             order = "connect" if values.get("CONNECT") == "On" else "disconnect"
             self.telescope.order(order, self.client, now_utc_s)
+            self._states.pop(vector.name, None)
         elif vector.name in MOVERS and not self.telescope.connected(self.client):
             # KStars sends its time and place as soon as it sees the properties.
             raise Fault(Number.NOT_CONNECTED, "connect first")

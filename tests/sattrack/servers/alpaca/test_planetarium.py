@@ -542,6 +542,20 @@ def test_what_cannot_be_set_is_told_with_its_reason(asked: ElementTree.Element, 
     assert re.search(why, fault.value.message)
 
 
+def test_a_connection_that_succeeds_is_no_alert_any_more() -> None:
+    telescope = client_of().telescope
+    telescope.state = None
+    device = indi.ServedIndiDevice(telescope, -1)
+    connect = message("Switch", "CONNECTION", CONNECT="On")
+    with pytest.raises(Fault, match="not heard") as fault:
+        device.take(connect, 1, NOW_S)
+    device.refuse("CONNECTION", fault.value.message)
+    assert device.values(NOW_S)["CONNECTION"] == ("Alert", ("Off", "On"))
+    telescope.state = STATE
+    device.take(connect, 1, NOW_S)
+    assert device.values(NOW_S)["CONNECTION"] == ("Ok", ("On", "Off"))
+
+
 def test_a_place_may_be_as_small_as_libindi_writes_it() -> None:
     # libindi's clients write numbers by %.20g.
     place = {"RA": "5.4999999999999997e+00", "DEC": "1.0000000000000000818e-05"}
