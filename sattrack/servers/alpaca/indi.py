@@ -201,6 +201,8 @@ class ServedIndiDevice:
     _rate: str = "3x"
     _target: tuple[float, float] = (0.0, 0.0)
     _texts: dict[str, Values] = field(default_factory=dict)
+    _place: Values | None = None
+    """The last place that the mount reported."""
 
     def take(self, message: Element, caller: int, now_utc_s: float) -> Asked | TrackElements | None:
         """Return what a client's message asks for. Raises Fault where it is refused; `refuse` tells that."""
@@ -381,8 +383,11 @@ class ServedIndiDevice:
         states = {"CONNECTION": OK if connected else IDLE, **self._states}
         try:
             found |= self._reported(self.telescope.heard(now_utc_s), states)
+            self._place = found[PLACE]
         except Fault:
             states[PLACE] = ALERT
+            if self._place is not None:
+                found[PLACE] = self._place
         return {name: (states.get(name, IDLE), values) for name, values in found.items()}
 
     def _reported(self, state: TelescopeState, states: dict[str, str]) -> dict[str, Values]:
@@ -434,6 +439,8 @@ class ClientView:
 
     def __init__(self, device: ServedIndiDevice) -> None:
         self._device = device
+        self._wanted: set[str] = set()
+        """The properties that it has asked for; some are not there while the mount is not heard."""
         self._told: dict[str, tuple[str, Values]] = {}
         self._settings: dict[str, int] = {}
         self._last = device.messages[-1][0] if device.messages else 0
@@ -443,16 +450,16 @@ class ClientView:
         if asked.get("device") not in {None, DEVICE}:
             return b""
         now = self._device.values(now_utc_s)
-        names = [asked.get("name", "")] if asked.get("name") else [one.name for one in VECTORS]
-        self._told |= {name: now[name] for name in names if name in now}
-        self._settings |= {name: self._device.settings[name] for name in names}
-        return "".join(_definition(BY_NAME[name], *now[name]) for name in names if name in now).encode()
+        names = [one.name for one in VECTORS if asked.get("name") in {None, "", one.name}]
+        self._wanted.update(names)
+        return "".join(self._define(name, now[name]) for name in names if name in now).encode()
 
     def changes(self, now_utc_s: float) -> bytes:
         """Return what has changed of what this client knows."""
         parts = []
         for name, value in self._device.values(now_utc_s).items():
             if name not in self._told:
+                parts += [self._define(name, value)] if name in self._wanted else []
                 continue
             was_set = self._settings[name] != self._device.settings[name]
             if was_set or (self._told[name] != value and not self._is_clock(name, value)):
@@ -463,6 +470,10 @@ class ClientView:
                 self._last = number
                 parts.append(f"<message device={quoteattr(DEVICE)} message={quoteattr(words)}/>\n")
         return "".join(parts).encode()
+
+    def _define(self, name: str, value: tuple[str, Values]) -> str:
+        self._told[name], self._settings[name] = value, self._device.settings[name]
+        return _definition(BY_NAME[name], *value)
 
     def _is_clock(self, name: str, value: tuple[str, Values]) -> bool:
         return name == "TIME_UTC" and self._told[name][0] == value[0]

@@ -591,6 +591,36 @@ def test_a_client_hears_what_changed_and_nothing_else() -> None:
     assert [one.get("message", one.get("state")) for one in told] == ["Alert", "no <place>"]
 
 
+def test_the_place_of_a_mount_that_is_not_heard_is_an_alert_until_it_is_heard_again() -> None:
+    device = indi_device()
+    view = indi.ClientView(device)
+    view.definitions(ElementTree.Element("getProperties"), NOW_S)
+    late_s = NOW_S + 60.0
+    (told,) = ElementTree.fromstring(b"<all>" + view.changes(late_s) + b"</all>")
+    assert (told.get("name"), told.get("state")) == ("EQUATORIAL_EOD_COORD", "Alert")
+    assert [one.text for one in told] == ["5.5041666", "-5.3911111"]
+    assert view.changes(late_s) == b""
+    (told,) = ElementTree.fromstring(b"<all>" + view.changes(NOW_S) + b"</all>")
+    assert (told.get("name"), told.get("state")) == ("EQUATORIAL_EOD_COORD", "Idle")
+
+
+def test_a_client_that_comes_while_the_mount_is_not_heard_gets_the_rest_when_it_is() -> None:
+    device = indi_device()
+    device.telescope.state = None
+    everything, nothing = indi.ClientView(device), indi.ClientView(device)
+    first = everything.definitions(ElementTree.Element("getProperties"), NOW_S)
+    nothing.definitions(ElementTree.Element("getProperties", name="DRIVER_INFO"), NOW_S)
+    assert b'"EQUATORIAL_EOD_COORD"' not in first
+    device.telescope.state = STATE
+    rest = ElementTree.fromstring(b"<all>" + everything.changes(NOW_S) + b"</all>")
+    assert {one.tag for one in rest} == {"defNumberVector", "defSwitchVector"}
+    assert "EQUATORIAL_EOD_COORD" in {one.get("name") for one in rest}
+    assert first.count(b"</def") + len(rest) + sum(map(len, rest)) == len(indi.VECTORS) + sum(
+        len(one.elements) for one in indi.VECTORS
+    )
+    assert everything.changes(NOW_S) == nothing.changes(NOW_S) == b""
+
+
 def test_keys_of_an_indi_client_end_with_it_and_with_nobody_else() -> None:
     device = indi_device()
     asked = device.take(message("Switch", "TELESCOPE_MOTION_WE", MOTION_WEST="On"), 7, NOW_S)
