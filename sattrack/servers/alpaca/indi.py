@@ -24,7 +24,7 @@ from sattrack.servers.alpaca.lx200 import (
     RATES_DEG_S,
     Asked,
 )
-from sattrack.servers.alpaca.protocol import Fault, MoveOrder, Number
+from sattrack.servers.alpaca.protocol import MOVING_BY_RATES, Fault, MoveOrder, Number
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -403,12 +403,19 @@ class ServedIndiDevice:
         if states.get(TRACKING) != ALERT:
             states[TRACKING] = BUSY if state.tracking else IDLE
         states[SATELLITE_STATE] = BUSY if following else states.get(SATELLITE_STATE, IDLE)
-        states |= {name: BUSY if axis in self.turning else IDLE for name, axis in MOTIONS.items()}
+        # A stop by another protocol, or by a limit, ends what keys turn, and no key says so.
+        moves = state.doing == MOVING_BY_RATES
+        turned = {
+            name
+            for name, axis in MOTIONS.items()
+            if axis in self.turning and (moves or name in self._waiting)
+        }
+        states |= {name: BUSY if name in turned else IDLE for name in MOTIONS}
         keys = {
             name: _switches(
-                *(axis in self.turning and self._texts.get(name) == key for key in BY_NAME[name].elements)
+                *(name in turned and self._texts.get(name) == key for key in BY_NAME[name].elements)
             )
-            for name, axis in MOTIONS.items()
+            for name in MOTIONS
         }
         return keys | {
             PLACE: (f"{state.ra_h:.9g}", f"{state.dec_deg:.9g}"),

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, cast
 from xml.etree import ElementTree
 
+import msgspec
 import pytest
 from alpaca_serving import serving
 from indi_programs import Indi, indi_server
@@ -619,6 +620,18 @@ def test_a_client_that_comes_while_the_mount_is_not_heard_gets_the_rest_when_it_
         len(one.elements) for one in indi.VECTORS
     )
     assert everything.changes(NOW_S) == nothing.changes(NOW_S) == b""
+
+
+def test_a_key_that_another_protocols_stop_has_ended_is_not_shown_as_held() -> None:
+    device = indi_device()
+    device.take(message("Switch", "TELESCOPE_MOTION_NS", MOTION_SOUTH="On"), 7, NOW_S)
+    held, let_go = ("Busy", ("Off", "On")), ("Idle", ("Off", "Off"))
+    assert device.values(NOW_S)["TELESCOPE_MOTION_NS"] == held
+    device.carried_out("TELESCOPE_MOTION_NS")
+    device.telescope.state = msgspec.structs.replace(STATE, slewing=True, doing=MOVING_BY_RATES)
+    assert device.values(NOW_S)["TELESCOPE_MOTION_NS"] == held
+    device.telescope.state = msgspec.structs.replace(STATE, slewing=True, doing="stopping")
+    assert device.values(NOW_S)["TELESCOPE_MOTION_NS"] == let_go
 
 
 def test_keys_of_an_indi_client_end_with_it_and_with_nobody_else() -> None:
