@@ -121,7 +121,7 @@ class AlpacaClient:
             async with self._session.request(
                 method, f"http://{self.address.server}{path}", **where
             ) as response:
-                body = await response.content.read(MOST_BYTES)
+                body = await _body(response)
         except TimeoutError as error:
             raise NoAnswerError(f"it did not answer within {ANSWER_WITHIN_S:g} s") from error
         except aiohttp.ClientConnectorError as error:
@@ -226,6 +226,14 @@ class AlpacaClient:
             if error.status is None or error.status >= 500:
                 raise
             return otherwise
+
+
+async def _body(response: aiohttp.ClientResponse) -> bytes:
+    """Return the body of an answer, which may come in pieces; of a long one MOST_BYTES and little more."""
+    body = b""
+    while len(body) < MOST_BYTES and (piece := await response.content.readany()):
+        body += piece
+    return body
 
 
 class TelescopeClient(Protocol):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import json
 import os
@@ -18,6 +19,8 @@ from alpaca_telescope import AlpacaTelescope, alpaca_telescope
 from programs import SIDEREAL_DEG_S, SITE, satellite
 
 from sattrack.cli.main import run as run_command
+from sattrack.mount.alpaca.gateway_process import AlpacaClient
+from sattrack.mount.alpaca.link import AlpacaAddress
 from sattrack.mount.profiles import load_profile_file
 from tle.elements import Elements
 from tle.instants import Utc
@@ -200,6 +203,27 @@ def test_a_gateway_that_is_killed_or_halted_has_its_telescope_stopped_by_its_war
         os.kill(gateway, how)
         rests(telescope, struck_s)
         assert "its warden stopped it: seen at rest" in program.said()
+
+
+def test_an_answer_that_comes_in_pieces_is_read_to_its_end() -> None:
+    head = b"HTTP/1.1 200 OK\r\nContent-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\n"
+    body = b'{"Value": 5.5, "ErrorNumber": 0, "ErrorMessage": ""}'
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readuntil(b"\r\n\r\n")
+        for piece in (head, *(b"1\r\n%c\r\n" % byte for byte in body), b"0\r\n\r\n"):
+            writer.write(piece)
+            await writer.drain()
+            await asyncio.sleep(0)
+        writer.close()
+
+    async def value() -> object:
+        async with await asyncio.start_server(serve, "127.0.0.1", 0) as server:
+            address = AlpacaAddress("127.0.0.1", server.sockets[0].getsockname()[1], 0)
+            async with AlpacaClient(address) as client:
+                return await client.get("rightascension")
+
+    assert asyncio.run(value()) == 5.5
 
 
 def test_a_server_that_is_gone_is_a_lost_link_in_words_and_exit_code(telescope: AlpacaTelescope) -> None:
