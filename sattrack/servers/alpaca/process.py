@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
 import msgspec
-from aiohttp import ClientPayloadError, http_exceptions, web
+from aiohttp import ClientPayloadError, HttpVersion11, http_exceptions, web
 
 from sattrack.core.clock import SimulatedClock, SystemClock
 from sattrack.runtime.callers import Bucket, HostNames
@@ -59,6 +59,7 @@ BUSY = "passes are being computed for somebody else: ask again in a moment"
 MOST_BODY_BYTES = 16384
 MOST_LINE_BYTES = 8190
 BACKLOG = 256
+CONTINUE = "100-continue"
 DISCOVERY_REQUEST = b"alpacadiscovery1"
 LONGEST_DISCOVERY = 1024
 ANSWERS_PER_S = 100.0
@@ -277,6 +278,10 @@ async def _body(request: web.BaseRequest) -> bytes | web.Response:
     """Return a request's body, or the answer to one that is too large or too slow."""
     if (request.content_length or 0) > MOST_BODY_BYTES:
         return _hung_up(413, f"a body has {MOST_BODY_BYTES} bytes at most")
+    expects = request.version >= HttpVersion11 and request.headers.get("Expect", "").lower() == CONTINUE
+    if expects and request.transport is not None:
+        # .NET Framework's clients, and curl with a long form, wait for this before they send the form.
+        request.transport.write(b"HTTP/1.1 100 Continue\r\n\r\n")
     data = b""
     try:
         async with asyncio.timeout(REQUEST_WITHIN_S):

@@ -328,6 +328,29 @@ def test_a_body_that_breaks_off_or_is_broken_is_no_defect_and_is_not_obeyed(begu
     assert broken.asked == 0
 
 
+def test_a_client_that_waits_for_leave_to_send_its_form_is_given_it() -> None:
+    broken = Broken()
+
+    async def play(callers: Callers) -> None:
+        reader, writer = await callers.call()
+        writer.write(PUT + b"Expect: 100-Continue\r\nContent-Length: 6\r\n\r\n")
+        assert await reader.readuntil(b"\r\n\r\n") == b"HTTP/1.1 100 Continue\r\n\r\n"
+        assert not broken.asked
+        writer.write(b"Axis=0")
+        assert (await reader.readline()).startswith(b"HTTP/1.1 500")
+        # A form that is too large need not be sent, and HTTP/1.0 has no such answer.
+        for refused in (
+            PUT + b"Expect: 100-continue\r\nContent-Length: 99999\r\n\r\n",
+            b"PUT / HTTP/1.0\r\nExpect: 100-continue\r\nContent-Length: 0\r\n\r\n",
+        ):
+            reader, writer = await callers.call()
+            writer.write(refused)
+            assert (await reader.readline()).split()[1] in (b"413", b"500")
+
+    with_front(broken, play)
+    assert broken.asked == 2
+
+
 def test_discovery_answers_the_question_and_nothing_else() -> None:
     discovery = Discovery(11111)
     assert discovery.answer(b"alpacadiscovery1", "192.0.2.1", 0.0) == b'{"AlpacaPort":11111}'
