@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from sattrack.control.aim import Aim
+from sattrack.control.driver import sample_by_axes
 from sattrack.core.clock import SimulatedClock, SystemClock, decode_utc, encode_utc
 from sattrack.core.errors import SattrackError
 from sattrack.core.local_time import stamped
@@ -72,6 +74,9 @@ class RunStation:
         self.rotator = self._shared.rotator
         self._mount_state = MountState(known.profile)
         self._mount_state.moved("move")
+        own = known.profile.frame is not None or known.profile.pointing is not None
+        self._aim = Aim(known.profile, known.site.place()) if own else None
+        """Where the telescope looks, as for `serve`; None where the mount's own coordinates are all."""
         self._view: TrackView | None = None
         self._acquired = False
 
@@ -162,7 +167,15 @@ class RunStation:
             failure=None,
             tripped=self.tripped,
             following=following,
+            looks_at_deg=self._looks_at_deg,
         )
+
+    @property
+    def _looks_at_deg(self) -> tuple[float, float] | None:
+        sample, frame = self.session.sample, self.profile.frame
+        if self._aim is None or sample is None:
+            return None
+        return self._aim.looks_at_deg(sample if frame is None else sample_by_axes(sample, frame))
 
     @property
     def _doing(self) -> str:

@@ -10,7 +10,8 @@ import tempfile
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 from alpaca_serving import say, serving
@@ -24,14 +25,28 @@ from test_planetarium import message as new_vector
 
 from sattrack.cli.main import run
 from sattrack.core.angles import altitude_deg
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MoveAxes
+from sattrack.mount.geometry import AxisGeometry
+from sattrack.mount.model import (
+    SIDEREAL_RATE_DEG_S,
+    MountProfile,
+    MoveAxes,
+    PointingTerms,
+    SitePlace,
+    Status,
+    mean_sidereal_deg,
+)
+from sattrack.mount.xerxes.datagrams import encode_status
 from sattrack.recording.format import COMMAND, OPERATOR, Recording
 from sattrack.runtime.view_server import SUPPORTED
+from sattrack.safety import SafetyLimits
 from sattrack.servers.alpaca.indi import ServedIndiDevice
 from sattrack.servers.alpaca.lx200 import Asked, Lx200Client
 from sattrack.servers.alpaca.protocol import Fault, Number
+from sattrack.servers.alpaca.run_station import RunStation
+from sattrack.servers.alpaca.station import TelescopeStation
 from sattrack.servers.antenna.trajectory import SiteSky
 from sattrack.servers.rotctld.reader import Code
+from sattrack.settings import SiteSettings
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -114,6 +129,42 @@ def test_a_rotators_stop_stops_what_others_began_and_its_positions_wait_for_nobo
     after = scope.where()
     assert (after.az_deg, after.el_deg) == pytest.approx((before.az_deg, before.el_deg), abs=0.01)
     assert scope.rotator.path is None
+
+
+@pytest.mark.parametrize(
+    "own",
+    [
+        {"geometry": AxisGeometry(0.0, 90.0, reports="axes")},
+        {"geometry": AxisGeometry(0.0, 90.0, reports="horizon")},
+        {
+            "pointing": PointingTerms(
+                "2026-10-01T00:00:00Z", 52.1541, {"IH": (900.0, 1.0)}, 5.0, 30, signs="tpoint"
+            )
+        },
+    ],
+)
+def test_clients_of_a_run_see_where_the_tube_looks_as_those_of_a_server_do(own: dict[str, Any]) -> None:
+    now_s, site = 1790946000.0, SiteSettings(SITE.latitude_deg, SITE.longitude_deg)
+    place = SitePlace(SITE.latitude_deg, SITE.longitude_deg)
+    profile = MountProfile(stands_at=place, additive=False, **own)
+    known = SimpleNamespace(profile=profile, site=site, limits=SafetyLimits())
+    run_station = RunStation(cast("Any", SimpleNamespace(satellites=known)), lambda: None)
+    station = TelescopeStation(profile, SafetyLimits(), SITE, "the mount", cast("Any", None))
+    status = Status(
+        sidereal_h=mean_sidereal_deg(now_s, SITE.longitude_deg) / 15.0 % 24.0,
+        ra_h=11.0,
+        dec_deg=40.0,
+        altitude_deg=40.0,
+        azimuth_deg=210.0,
+        counter=1,
+    )
+    places = []
+    for one in (run_station, station):
+        one.receive(encode_status(status), now_s)
+        state = one.state(now_s)
+        places.append((state.ra_h, state.dec_deg, state.altitude_deg, state.azimuth_deg))
+    assert places[0] == places[1]
+    assert places[0][:2] != (status.ra_h, status.dec_deg)
 
 
 @pytest.mark.parametrize("resumes", ["stops itself", "is silent"])
