@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import os
 import signal
 import socket
@@ -145,24 +146,25 @@ class AlpacaClient:
 
     async def facts(self) -> DeviceFacts:
         """Return what the telescope can do. Raises Refusal where it cannot say, Unheard."""
-        version = int(await self._perhaps("interfaceversion", 3))
+        version = int(await self._number("interfaceversion") or 3)
         alignment = await self._perhaps("alignmentmode", None)
         rates = []
         for axis in ("0", "1"):
             can = await self._perhaps("canmoveaxis", False, Axis=axis)
             rates.append(spans_of(await self._perhaps("axisrates", [], Axis=axis)) if can else ())
-        latitude, longitude = [await self._perhaps(m, None) for m in ("sitelatitude", "sitelongitude")]
+        latitude, longitude = [await self._number(m) for m in ("sitelatitude", "sitelongitude")]
+        system = await self._number("equatorialsystem")
         can_pulse_guide = bool(await self._perhaps("canpulseguide", False))
         self._has_state = version >= 4 and isinstance(await self._perhaps("devicestate", None), list)
         return DeviceFacts(
             name=str(await self._perhaps("name", "telescope"))[:80],
             interface_version=version,
-            equatorial_system=int(await self._perhaps("equatorialsystem", 1)),
+            equatorial_system=1 if system is None else int(system),
             alignment_mode=alignment if type(alignment) is int else None,
             does_refraction=bool(await self._perhaps("doesrefraction", False)),
-            latitude_deg=latitude if isinstance(latitude, float | int) else None,
-            longitude_deg=longitude if isinstance(longitude, float | int) else None,
-            height_m=float(await self._perhaps("siteelevation", 0.0)),
+            latitude_deg=latitude,
+            longitude_deg=longitude,
+            height_m=await self._number("siteelevation") or 0.0,
             can_set_tracking=bool(await self._perhaps("cansettracking", False)),
             can_slew=bool(await self._perhaps("canslewasync", False)),
             can_sync=bool(await self._perhaps("cansync", False)),
@@ -215,6 +217,12 @@ class AlpacaClient:
         ]
         numbers = [float(one) for one in answers if isinstance(one, int | float)]
         return (numbers[0], numbers[1]) if len(numbers) == len(answers) else None
+
+    async def _number(self, member: str) -> float | None:
+        """Return a member's value; None where the driver has none to give, or none that is a number."""
+        value = await self._perhaps(member, None)
+        numeric = isinstance(value, int | float) and math.isfinite(value)
+        return float(value) if numeric else None
 
     async def _perhaps(self, member: str, otherwise: Any, **fields: str) -> Any:
         """Return a member's value, or something else where the driver has none to give."""

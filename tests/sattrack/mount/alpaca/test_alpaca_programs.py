@@ -31,6 +31,8 @@ from tle.site import Site
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from sattrack.mount.alpaca.device import DeviceFacts
+
 CULMINATES_AFTER_S = 75.0
 REST_WITHIN_S = 30.0
 """Long for a busy machine; what is left alone moves forever."""
@@ -203,6 +205,26 @@ def test_a_gateway_that_is_killed_or_halted_has_its_telescope_stopped_by_its_war
         os.kill(gateway, how)
         rests(telescope, struck_s)
         assert "its warden stopped it: seen at rest" in program.said()
+
+
+@pytest.mark.parametrize("odd", ["null", "NaN", '"12,5"'])
+def test_a_telescope_is_driven_whose_numbers_are_none(odd: str) -> None:
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while await reader.readline():
+            await reader.readuntil(b"\r\n\r\n")
+            body = b'{"Value": %s, "ErrorNumber": 0, "ErrorMessage": ""}' % odd.encode()
+            writer.write(b"HTTP/1.1 200 OK\r\nContent-Length: %d\r\n\r\n%s" % (len(body), body))
+        writer.close()
+
+    async def facts() -> DeviceFacts:
+        async with await asyncio.start_server(serve, "127.0.0.1", 0) as server:
+            address = AlpacaAddress("127.0.0.1", server.sockets[0].getsockname()[1], 0)
+            async with AlpacaClient(address) as client:
+                return await client.facts()
+
+    found = asyncio.run(facts())
+    assert (found.interface_version, found.equatorial_system) == (3, 1)
+    assert (found.latitude_deg, found.longitude_deg, found.height_m) == (None, None, 0.0)
 
 
 def test_an_answer_that_comes_in_pieces_is_read_to_its_end() -> None:
