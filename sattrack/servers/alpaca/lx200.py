@@ -37,7 +37,9 @@ MATCHED = b"Coordinates     matched.        #"
 DATE_TAKEN = b"1Updating Planetary Data#                                #"
 _ANGLE = re.compile(r"\s*([+-]?)(\d{1,3})[*:\xdf\xb0](\d{1,2})(?:[:'](\d{1,2}(?:\.\d*)?)['\"]?)?\s*")
 _HOURS = re.compile(r"\s*(\d{1,2}):(\d{1,2}(?:\.\d*)?)(?::(\d{1,2}(?:\.\d*)?))?\s*")
-_OFFSET = re.compile(r"\s*([+-]?\d{1,2}(?:\.\d)?)\s*")
+_OFFSET = re.compile(r"\s*([+-]?)(\d{1,2}(?:\.\d*)?)(?::(\d{2}))?\s*")
+OFFSETS_AN_HOUR = 4
+"""Zones are whole quarters of an hour off; a client with one decimal rounds Nepal's 5.75 h to 5.8 h."""
 _PULSE = re.compile(r"g([nsew])(\d{1,5})")
 
 
@@ -171,7 +173,9 @@ class Lx200Client:
             off_deg = angle - (site.latitude_deg if key == "t" else -site.longitude_deg)
             good = abs(math.remainder(off_deg, 360.0)) <= PLACE_WITHIN_DEG
         elif key == "G" and (offset := _OFFSET.fullmatch(text)) is not None:
-            self._to_utc_h, good = float(offset[1]), True
+            hours = float(offset[2]) + int(offset[3] or 0) / 60.0
+            hours = round(OFFSETS_AN_HOUR * hours) / OFFSETS_AN_HOUR
+            self._to_utc_h, good = -hours if offset[1] == "-" else hours, True
         elif key == "L" and (hours := _read_hours(text)) is not None:
             off_s = 3600.0 * (hours + self._to_utc_h) - now_utc_s
             good = abs(math.remainder(off_s, 86400.0)) <= CLOCK_WITHIN_S

@@ -140,6 +140,16 @@ def test_local_time_is_what_makes_utc_of_it() -> None:
     assert client.answer("SL23:05:00", NOW_S) == b"1"
 
 
+@pytest.mark.parametrize("offset", ["-05.8", "-5.75", "-05:45"])
+def test_a_zone_may_be_quarters_of_an_hour_off_and_rounded(offset: str) -> None:
+    client = client_of()
+    for one in (f"G{offset}", "L02:50:07", "C10/03/26"):
+        answer = client.answer(f"S{one}", NOW_S)
+        assert isinstance(answer, bytes)
+        assert answer.startswith(b"1")
+    assert (client.answer("GL", NOW_S), client.answer("GG", NOW_S)) == (b"02:50:07#", b"-05.8#")
+
+
 def test_a_target_is_slewed_to_as_it_was_set() -> None:
     client = client_of(gives_reasons=True)
     assert client.answer("MS", NOW_S) == b"1no target is set#"
