@@ -76,6 +76,8 @@ SLOW_MEMBERS = (
     "ispulseguiding",
 )
 """Asked in turn, one a turn, where one request does not tell the whole state."""
+STATE_NEEDS = ("rightascension", "declination", "slewing")
+"""What a DeviceState must tell to be used: drivers may leave values out, and some leave out all."""
 
 
 @dataclass(slots=True)
@@ -155,7 +157,8 @@ class AlpacaClient:
         latitude, longitude = [await self._number(m) for m in ("sitelatitude", "sitelongitude")]
         system = await self._number("equatorialsystem")
         can_pulse_guide = bool(await self._perhaps("canpulseguide", False))
-        self._has_state = version >= 4 and isinstance(await self._perhaps("devicestate", None), list)
+        state = _by_name(await self._perhaps("devicestate", None)) if version >= 4 else {}
+        self._has_state = all(state.get(name) is not None for name in STATE_NEEDS)
         return DeviceFacts(
             name=str(await self._perhaps("name", "telescope"))[:80],
             interface_version=version,
@@ -183,10 +186,7 @@ class AlpacaClient:
         begun_s = time.monotonic()
         if self._has_state:
             at_s, state, took_s = await self._timed("devicestate")
-            values = {}
-            for one in state if isinstance(state, list) else []:
-                if isinstance(one, dict):
-                    values[str(one.get("Name", "")).lower()] = one.get("Value")
+            values = _by_name(state)
             ra, dec = (at_s, values.get("rightascension")), (at_s, values.get("declination"))
             return Reading(begun_s, values, ra, dec, took_s)
         member = SLOW_MEMBERS[self._turns % len(SLOW_MEMBERS)]
@@ -234,6 +234,12 @@ class AlpacaClient:
             if error.status is None or error.status >= 500:
                 raise
             return otherwise
+
+
+def _by_name(state: Any) -> dict[str, Any]:
+    """Return the values of a DeviceState by the members' names in lower case."""
+    parts = [one for one in state if isinstance(one, dict)] if isinstance(state, list) else []
+    return {str(one.get("Name", "")).lower(): one.get("Value") for one in parts}
 
 
 async def _body(response: aiohttp.ClientResponse) -> bytes:

@@ -12,7 +12,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from alpaca_telescope import AlpacaTelescope, alpaca_telescope
@@ -31,7 +31,7 @@ from tle.site import Site
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from sattrack.mount.alpaca.device import DeviceFacts
+    from sattrack.mount.alpaca.device import DeviceFacts, Reading
 
 CULMINATES_AFTER_S = 75.0
 REST_WITHIN_S = 30.0
@@ -225,6 +225,38 @@ def test_a_telescope_is_driven_whose_numbers_are_none(odd: str) -> None:
     found = asyncio.run(facts())
     assert (found.interface_version, found.equatorial_system) == (3, 1)
     assert (found.latitude_deg, found.longitude_deg, found.height_m) == (None, None, 0.0)
+
+
+PLACE: dict[str, Any] = {"RightAscension": 5.5, "Declination": 20.0, "Slewing": False}
+
+
+@pytest.mark.parametrize(
+    ("told", "used"),
+    [(PLACE, True), ({}, False), ({"Slewing": False}, False), (PLACE | {"Declination": None}, False)],
+)
+def test_a_device_state_that_lacks_the_place_is_not_used(told: dict[str, Any], used: bool) -> None:
+    values = {name.lower(): value for name, value in PLACE.items()} | {
+        "interfaceversion": 4,
+        "devicestate": [{"Name": name, "Value": value} for name, value in told.items()],
+    }
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while line := await reader.readline():
+            await reader.readuntil(b"\r\n\r\n")
+            member = line.decode().partition("?")[0].rpartition("/")[2]
+            body = json.dumps({"Value": values.get(member, False), "ErrorNumber": 0}).encode()
+            writer.write(b"HTTP/1.1 200 OK\r\nContent-Length: %d\r\n\r\n%s" % (len(body), body))
+        writer.close()
+
+    async def read() -> tuple[DeviceFacts, Reading]:
+        async with await asyncio.start_server(serve, "127.0.0.1", 0) as server:
+            address = AlpacaAddress("127.0.0.1", server.sockets[0].getsockname()[1], 0)
+            async with AlpacaClient(address) as client:
+                return await client.facts(), await client.read()
+
+    found, reading = asyncio.run(read())
+    assert found.has_device_state is used
+    assert (reading.ra[1], reading.dec[1], reading.values["slewing"]) == (5.5, 20.0, False)
 
 
 def test_an_answer_that_comes_in_pieces_is_read_to_its_end() -> None:
