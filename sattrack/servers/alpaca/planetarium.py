@@ -69,10 +69,15 @@ class Planetariums:
     _tasks: set[asyncio.Task[object]] = field(default_factory=set)
 
     def protocol(
-        self, serve: Callable[[asyncio.StreamReader, asyncio.StreamWriter], object]
+        self, serve: Callable[[asyncio.StreamReader, asyncio.StreamWriter], Coroutine[Any, Any, None]]
     ) -> asyncio.Protocol:
-        """Return the protocol of a connection that `lx200` or `stellarium` serves."""
-        return asyncio.StreamReaderProtocol(asyncio.StreamReader(), serve)  # type: ignore[arg-type]
+        """Return the protocol of a connection that `lx200`, `indi` or `stellarium` serves."""
+
+        def begin(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            # asyncio's own task for it would end in a traceback when the program does.
+            self._beside(serve(reader, writer))
+
+        return asyncio.StreamReaderProtocol(asyncio.StreamReader(), begin)
 
     async def serial_line(self, number: int) -> None:
         """Serve the LX200 client on a serial line, given as a descriptor, until the line is gone."""

@@ -678,12 +678,22 @@ class Transport(asyncio.Transport):
     def __init__(self) -> None:
         super().__init__()
         self.aborted = asyncio.Event()
+        self.closed = False
 
     def get_extra_info(self, name: str, default: object = None) -> object:
         return ("127.0.0.1", 4030) if name == "peername" else default
 
     def abort(self) -> None:
         self.aborted.set()
+
+    def write(self, data: bytes | bytearray | memoryview) -> None:
+        pass
+
+    def close(self) -> None:
+        self.closed = True
+
+    def is_closing(self) -> bool:
+        return self.closed
 
 
 class Writer:
@@ -712,7 +722,7 @@ class Client:
         self.feeder, self.transport = Feeder(), Transport()
         self._reader = asyncio.StreamReader()
         connections = OpenConnections(CallerLimits(4, 300.0, 100.0, None))
-        planetariums = Planetariums(
+        self.planetariums = planetariums = Planetariums(
             client_of().telescope,
             cast("FeederLine", self.feeder),
             connections,
@@ -792,6 +802,27 @@ def test_who_sends_and_never_reads_fills_no_memory_and_is_hung_up_on_but_may_sto
         await client.leave()
 
     asyncio.run(flooded())
+
+
+@pytest.mark.parametrize("protocol", ["lx200", "indi", "stellarium"])
+def test_the_end_of_the_program_beside_a_client_is_no_defect(protocol: str) -> None:
+    told: list[object] = []
+
+    async def ended() -> None:
+        loop = asyncio.get_running_loop()
+        loop.set_exception_handler(lambda _, context: told.append(context))
+        planetariums = Client(protocol).planetariums
+        connection = planetariums.protocol(getattr(planetariums, protocol))
+        connection.connection_made(Transport())
+        await asyncio.sleep(0)
+        tasks = asyncio.all_tasks() - {asyncio.current_task()}
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        await asyncio.sleep(0)
+
+    asyncio.run(ended())
+    assert told == []
 
 
 @SERVED
