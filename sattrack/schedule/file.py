@@ -15,7 +15,7 @@ from __future__ import annotations
 import csv
 import re
 from dataclasses import dataclass, replace
-from datetime import UTC, date, datetime, time, timedelta, tzinfo
+from datetime import UTC, datetime, time, timedelta, tzinfo
 from typing import TYPE_CHECKING, NamedTuple
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
@@ -582,29 +582,35 @@ def daily_windows(
 ) -> list[tuple[float, float]]:
     """Return the windows between two times of day that touch a span, POSIX seconds of UTC, not clipped.
 
-    A window whose end is not after its beginning goes on past midnight. Raises ValueError where a time of
-    day is passed over, or comes twice, on one of the days.
+    A window ends when a clock shows its end next: past midnight where that is not after its beginning. Raises
+    ValueError where a time of day of one of them is passed over, or comes twice.
     """
     first = Utc(span[0]).datetime().astimezone(begin[1]).date() - timedelta(days=1)
     last = Utc(span[1]).datetime().astimezone(begin[1]).date()
     found = []
     for number in range((last - first).days + 1):
         day = first + timedelta(days=number)
-        following = day + timedelta(days=1) if end[0] <= begin[0] else day
-        # Days that the window cannot touch are none of the plan's: their clocks do not count.
-        if not _touches(day, span):
+        opens = datetime.combine(day, begin[0], begin[1])
+        closes = _next_time(end, opens)
+        # Days on which the window does not touch the span are none of the plan's: their clocks do not count.
+        if not (min(_both_folds_s(opens)) < span[1] and max(_both_folds_s(closes)) > span[0]):
             continue
-        low = float(in_zone(datetime.combine(day, begin[0]), begin[1]).unix_s)
-        high = float(in_zone(datetime.combine(following, end[0]), end[1]).unix_s)
+        low = float(in_zone(opens.replace(tzinfo=None), begin[1]).unix_s)
+        high = float(in_zone(closes.replace(tzinfo=None), end[1]).unix_s)
         if low < span[1] and high > span[0]:
             found.append((low, high))
     return found
 
 
-def _touches(day: date, span: tuple[float, float]) -> bool:
-    """Return whether a window that begins on a day, in any zone, may meet a span."""
-    middle = datetime.combine(day, time(12), UTC).timestamp()
-    return span[0] - 3.5 * 86400.0 < middle < span[1] + 2.5 * 86400.0
+def _next_time(wanted: tuple[time, tzinfo], after: datetime) -> datetime:
+    """Return the first instant after another at which a zone's clock shows a time of day."""
+    days = (after.date() + timedelta(days=k) for k in (-1, 0, 1, 2))
+    return next(one for one in (datetime.combine(day, *wanted) for day in days) if one > after)
+
+
+def _both_folds_s(at: datetime) -> tuple[float, float]:
+    """Return the POSIX seconds that a time may mean; they differ where a clock skips it or shows it twice."""
+    return at.replace(fold=0).timestamp(), at.replace(fold=1).timestamp()
 
 
 def in_zone(naive: datetime, zone: tzinfo) -> Utc:

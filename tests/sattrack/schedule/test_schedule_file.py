@@ -263,3 +263,28 @@ def test_a_daily_time_that_a_clock_passes_over_is_refused(tmp_path: Path) -> Non
     assert len(windows((utc_s("2027-03-20T00:00:00Z"), utc_s("2027-03-21T00:00:00Z")))) == 1
     with pytest.raises(BadInputError, match=r"4:8: 2027-03-28 02:30:00 in Europe/Amsterdam never comes"):
         windows((utc_s("2027-03-27T00:00:00Z"), utc_s("2027-03-29T00:00:00Z")))
+
+
+def test_a_daily_time_that_a_clock_shows_twice_costs_no_other_night(tmp_path: Path) -> None:
+    text = 'timezone = "Europe/Amsterdam"\n' + ISS + "from = 02:30:00\nto = 05:00:00\n"
+    windows = loaded(tmp_path, text).entries[0].windows
+    assert windows is not None
+    # Clocks are put back on 25 October: the windows on either side of that are like others.
+    for day, low, high in ((23, 24.5, 27.0), (25, 25.5, 28.0), (26, 25.5, 28.0)):
+        noon = utc_s(f"2026-10-{day}T12:00:00Z")
+        midnight = noon - 43_200.0
+        assert windows((noon, noon + 86_400.0)) == [(midnight + low * 3600.0, midnight + high * 3600.0)]
+    with pytest.raises(BadInputError, match="2026-10-25 02:30:00 in Europe/Amsterdam comes twice"):
+        windows((utc_s("2026-10-24T12:00:00Z"), utc_s("2026-10-25T12:00:00Z")))
+
+
+def test_a_daily_window_of_two_zones_ends_when_the_second_clock_shows_its_end_next(tmp_path: Path) -> None:
+    # 20:00 in Tokyo is 11:00 UTC, 01:00 in Tokyo is 16:00 UTC of the day before.
+    span = (utc_s("2026-06-01T10:00:00Z"), utc_s("2026-06-02T10:00:00Z"))
+    for times, hours in (
+        ('from = 20:00:00\nto = "12:00Z"\n', (11, 12)),
+        ('from = 01:00:00\nto = "17:00Z"\n', (16, 17)),
+    ):
+        windows = loaded(tmp_path, 'timezone = "Asia/Tokyo"\n' + ISS + times).entries[0].windows
+        assert windows is not None
+        assert windows(span) == [tuple(utc_s(f"2026-06-01T{hour}:00:00Z") for hour in hours)]
