@@ -83,7 +83,12 @@ class NightPlans:
     journal: Journal | None = None
 
     def make(self, begin_utc_s: float, end_utc_s: float, now_utc_s: float) -> Planned:
-        """Return the plan of a night. Raises BadInputError, SattrackError, TleError."""
+        """Return the plan of a night, empty for one that is over.
+
+        Raises BadInputError, SattrackError, TleError.
+        """
+        if end_utc_s <= begin_utc_s:
+            return Planned(utc_s=now_utc_s, passes=(), words="the night was over before it could begin")
         schedule = load_schedule(self.file)
         situation = situation_of(self.context, schedule, self.profile, (begin_utc_s, end_utc_s), now_utc_s)
         asked = (entry.conditions for entry in schedule.entries)

@@ -16,7 +16,7 @@ import schedule_night
 from schedule_night import Margins, Plan, rows, told, watched
 
 from sattrack.cli.main import run
-from sattrack.schedule.night import Mount
+from sattrack.schedule.night import Mount, RunState
 from sattrack.schedule.night_stop import locked
 
 AROUND = (
@@ -206,3 +206,27 @@ def test_a_schedule_that_is_changed_by_day_into_something_wrong_costs_nights_and
     assert [len(night.passes) for night in nights] == [1, 0, 1]
     assert "no plan: " in nights[1].notes[0]
     assert "nights.toml:2:8" in nights[1].notes[0]
+
+
+def test_nights_for_which_the_computer_was_off_cost_no_evening_and_no_trouble(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = small(tmp_path, nights=3, most=1)
+    from sattrack.schedule import virtual_executor
+
+    wait = virtual_executor.VirtualExecutor._wait
+    slept: list[float] = []
+
+    def sleeping(self: Any, until_utc_s: float, at: Any) -> Any:
+        # A clock is not watched while its computer is off: the second night is over as the wait ends.
+        if at.night == 2 and at.state is RunState.RESTING and not slept:
+            slept.append(until_utc_s + 1.2 * 86_400.0)
+            self.now_utc_s = slept[0]
+        return wait(self, until_utc_s, at)
+
+    monkeypatch.setattr(virtual_executor.VirtualExecutor, "_wait", sleeping)
+    assert plan.run() == 0
+    nights = told(plan.journal()).nights
+    assert [len(night.passes) for night in nights] == [1, 0, 1]
+    assert nights[1].notes == ()
+    assert nights[2].night_from_utc_s <= slept[0] < nights[2].night_to_utc_s
