@@ -89,7 +89,7 @@ def command(context: CommandContext, file: Path, **options: Any) -> int:
     if options["check"]:
         from sattrack.cli.run_night import show_check
 
-        return show_check(context, file, options)
+        return show_check(context, file, folder_of(file, options["folder"]), options)
     if options["status"]:
         from sattrack.cli.run_report import show_status
 

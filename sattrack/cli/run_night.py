@@ -30,9 +30,9 @@ from sattrack.runtime.target_facts import target_facts
 from sattrack.schedule.candidates import named_by
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.making import make_plan
-from sattrack.schedule.night import End, NightPass, Planned, RunSettings, mean_noon_s
+from sattrack.schedule.night import End, NightPass, Planned, RunSettings, RunState, mean_noon_s
 from sattrack.schedule.night_executor import LiveExecutor, NightContext, drive
-from sattrack.schedule.night_folder import NightFiles, open_run
+from sattrack.schedule.night_folder import NightFiles, open_run, read_status
 from sattrack.schedule.night_processes import BackgroundTasks, Notifier, Service
 from sattrack.schedule.night_stop import (
     NightRequests,
@@ -45,6 +45,7 @@ from sattrack.schedule.night_stop import (
     unlist_night,
 )
 from sattrack.schedule.virtual_executor import SimulatedStation, Troubles, VirtualExecutor
+from sattrack.views.formatting import iso_unix_s
 from tle.elements import Elements
 from tle.errors import TleError
 from tle.instants import Utc
@@ -147,15 +148,18 @@ class Checked:
     """Files and elements of entries that have not the object."""
 
 
-def check_schedule(context: CommandContext, file: Path, options: dict[str, Any]) -> Checked:
+def check_schedule(
+    context: CommandContext, file: Path, options: dict[str, Any], folder: Path | None = None
+) -> Checked:
     """Read a schedule, its settings, the mount's address and the elements; nothing is moved.
 
+    A run that was left off in `folder` is continued after its end too: it parks the mount, and sums up.
     What is wrong is reported now, and not in the evening. Raises BadInputError, SattrackError, TleError.
     """
     schedule = load_schedule(file)
     mount_url = _mount_url(context, options)
     profile = within_half_a_turn(context.profile(options["profile"], mount_url))
-    settings = _settings(context, schedule, profile, mount_address(mount_url), options)
+    settings = _settings(context, schedule, profile, mount_address(mount_url), options, folder)
     situation = situation_of(
         context, schedule, profile, (settings.from_utc_s, settings.from_utc_s + 1.0), settings.from_utc_s
     )
@@ -170,10 +174,10 @@ def check_schedule(context: CommandContext, file: Path, options: dict[str, Any])
     return Checked(schedule, mount_url, profile, settings, tuple(left_out))
 
 
-def show_check(context: CommandContext, file: Path, options: dict[str, Any]) -> int:
+def show_check(context: CommandContext, file: Path, folder: Path, options: dict[str, Any]) -> int:
     """Check a schedule, and say in one line that it can be run. Raises BadInputError."""
     try:
-        checked = check_schedule(context, file, options)
+        checked = check_schedule(context, file, options, folder)
     except (SattrackError, TleError) as error:
         raise BadInputError(str(error).splitlines()[0]) from error
     for words in checked.left_out:
@@ -188,7 +192,7 @@ def show_check(context: CommandContext, file: Path, options: dict[str, Any]) -> 
 
 def run_schedule(context: CommandContext, file: Path, folder: Path, options: dict[str, Any]) -> int:
     """Run a schedule, or run it on, to its end. Raises the error whose exit code it ends with."""
-    checked = check_schedule(context, file, options)
+    checked = check_schedule(context, file, options, folder)
     requests = NightRequests(folder)
     with locked(folder), handling_signals(requests):
         if options["resume"]:
@@ -305,6 +309,7 @@ def _settings(
     profile: ProfileFile,
     address: MountAddress | None,
     options: dict[str, Any],
+    folder: Path | None,
 ) -> RunSettings:
     virtual = options["virtual"]
     begin = given_utc_s("--from", options["start"], schedule.from_utc_s)
@@ -313,15 +318,18 @@ def _settings(
     end = given_utc_s("--to", options["end"], schedule.to_utc_s)
     if end is None and virtual:
         end = begin + VIRTUAL_DAYS * 86400.0
+    now = float(context.now().unix_s)
+    if end is not None and not virtual and end <= now:
+        left_off_s = None if folder is None else _left_off_utc_s(folder)
+        if left_off_s is None or left_off_s >= end:
+            raise BadInputError(
+                f"the run would end at {Utc(end).isoformat('seconds')}, which is over: give another --to"
+            )
+        begin = min(begin, left_off_s)
     if end is not None and end <= begin:
         raise BadInputError(
             f"the run goes from {Utc(begin).isoformat('seconds')} to {Utc(end).isoformat('seconds')}: "
             "give --from and --to in order"
-        )
-    now = float(context.now().unix_s)
-    if end is not None and not virtual and end <= now:
-        raise BadInputError(
-            f"the run would end at {Utc(end).isoformat('seconds')}, which is over: give another --to"
         )
     park = schedule.park_at_end
     left = why_left(schedule, profile, address)
@@ -335,6 +343,15 @@ def _settings(
         park=park,
         weather_every_s=30.0 if schedule.weather is None else schedule.weather.every_s,
     )
+
+
+def _left_off_utc_s(folder: Path) -> float | None:
+    """Return when the night of a run that was left off began, POSIX seconds; None where none was."""
+    try:
+        view = read_status(folder)
+        return None if view is None or view.state == RunState.ENDED else iso_unix_s(view.from_utc)
+    except (SattrackError, TleError):
+        return None
 
 
 def _finish(run: Run, end: End | None, reporter: RunReporter, requests: NightRequests, file: Path) -> int:

@@ -23,7 +23,9 @@ from sattrack.schedule import candidates
 from sattrack.schedule.candidates import Candidate, Loaded, PlanSituation
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.making import make_plan
-from sattrack.schedule.night import FollowedPass
+from sattrack.schedule.night import FollowedPass, Run, RunState
+from sattrack.schedule.night_folder import NightFiles
+from sattrack.schedule.summary import view_of
 from sattrack.views.schedule import Rehearsed, SchedulePlan
 from tle.instants import Utc
 from tle.propagator import Propagator
@@ -824,3 +826,23 @@ def test_launch_and_designator_choose_the_satellites_of_a_rule(
         ("launched since 2030", set()),
     ):
         assert names(condition) == wanted, condition
+
+
+def test_a_run_that_was_left_off_is_continued_after_its_end_and_no_other(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str
+) -> None:
+    file = written(tmp_path, 'to = 2026-10-02T23:00:00Z\n[[passes]]\nrule = "all"\n')
+    check = ["run", file, "--check", "--mount", "sim", "--elements", sky, *LEIDEN]
+    begin, end = utc_s("2026-10-02T18:00:00Z"), utc_s("2026-10-02T23:00:00Z")
+    for state, from_utc_s, code in (
+        (RunState.WAITING, begin, 0),
+        (RunState.PARKING, begin, 0),
+        (RunState.ENDED, begin, 2),
+        (RunState.RESTING, end, 2),
+    ):
+        left_off = Run(state=state, night=1, night_from_utc_s=from_utc_s, night_to_utc_s=end)
+        NightFiles(tmp_path / "night.run", file).tell(view_of(left_off, None, begin, file))
+        assert run([*check, "--clock", "2026-10-03T06:00:00Z"]) == code
+        err = capsys.readouterr().err
+        assert ("the run would end at 2026-10-02T23:00:00Z, which is over" in err) == (code == 2)
+    assert run([*check, "--folder", str(tmp_path / "other"), "--clock", "2026-10-03T06:00:00Z"]) == 2
