@@ -420,6 +420,11 @@ def night_is_over(run: Run, event: Event) -> bool:
     return event.utc_s >= run.night_to_utc_s
 
 
+def night_is_over_with_passes(run: Run, event: Event) -> bool:
+    """The night is over, and passes are left."""
+    return night_is_over(run, event) and passes_left(run, event)
+
+
 def night_is_over_to_park(run: Run, event: Event) -> bool:
     """The night is over, and the mount must be parked."""
     return night_is_over(run, event) and none_left_to_park(run, event)
@@ -573,6 +578,7 @@ _WAITING_STATES = (
 TABLE: tuple[TableRow, ...] = (
     # A run begins, or goes on where it was when it ended.
     TableRow(S.PLANNING, Started, before_the_night, rest_until_the_night, S.RESTING),
+    TableRow(S.PLANNING, Started, night_is_over_with_passes, look, S.WAITING),
     TableRow(S.PLANNING, Started, night_is_over, sum_up, S.SUMMING_UP),
     TableRow(S.PLANNING, Started, always, make_plan, S.PLANNING),
     TableRow(S.PLANLESS, Started, always, try_again_later, S.PLANLESS),
@@ -601,6 +607,7 @@ TABLE: tuple[TableRow, ...] = (
     # The night's plan.
     TableRow(S.PLANNING, Planned, always, take_plan, S.WAITING),
     TableRow(S.PLANNING, NotPlanned, always, try_again_later, S.PLANLESS),
+    TableRow(S.PLANLESS, Due, night_is_over_with_passes, look, S.WAITING),
     TableRow(S.PLANLESS, Due, night_is_over_to_park, park, S.PARKING),
     TableRow(S.PLANLESS, Due, night_is_over, sum_up, S.SUMMING_UP),
     TableRow(S.PLANLESS, Due, always, make_plan, S.PLANNING),

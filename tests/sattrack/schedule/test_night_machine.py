@@ -348,6 +348,21 @@ def test_why_there_is_no_plan_is_noted_once_and_it_is_tried_again_in_ten_minutes
         assert order == MakePlan()
 
 
+def test_passes_that_no_new_plan_could_be_made_of_are_missed_and_the_mount_is_parked() -> None:
+    run = replace(NIGHT, state=S.WAITING, passes=(ONE, replace(ONE, key="2")))
+    run, _ = machine.step(run, Reread(utc_s=NOW, settings=run.settings))
+    run, _ = machine.step(run, NotPlanned(utc_s=NOW, words="the provider is silent"))
+    event: Event = Due(utc_s=MORNING)
+    for _ in range(5):
+        run, order = machine.step(run, event)
+        if isinstance(order, SumUp):
+            break
+        is_parked = isinstance(order, ParkMount) and order.power_off
+        event = Parked(utc_s=MORNING, mount=Mount.PARKED) if is_parked else Due(utc_s=MORNING)
+    assert (run.state, run.mount) == (S.SUMMING_UP, Mount.PARKED)
+    assert [result.cause for result in run.results] == ["missed", "missed"]
+
+
 def test_elements_that_are_renewed_before_a_pass_are_those_that_are_followed() -> None:
     one = one_pass()
     later = replace(one, key="later", number=2)
@@ -541,6 +556,7 @@ def again(utc_s: float, nights: float = 3.0) -> Started:
         (S.PLANNING, {}, again(BEGIN), MakePlan(), S.PLANNING),
         (S.PLANNING, {}, again(MORNING - 1.0), MakePlan(), S.PLANNING),
         (S.PLANNING, {}, again(MORNING), SumUp(), S.SUMMING_UP),
+        (S.PLANNING, {"passes": (ONE,)}, again(MORNING), Wait(until_utc_s=MORNING), S.WAITING),
         (S.PLANLESS, {}, again(NOW), Wait(until_utc_s=NOW + 600.0), S.PLANLESS),
         (S.PLANLESS, {}, Due(utc_s=NOW), MakePlan(), S.PLANNING),
         (S.PLANLESS, {}, Due(utc_s=MORNING), ParkMount(power_off=True), S.PARKING),
