@@ -49,7 +49,6 @@ from sattrack.views.formatting import iso_unix_s
 from tle.elements import Elements
 from tle.errors import TleError
 from tle.instants import Utc
-from tle.sources import newest
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -82,6 +81,8 @@ class NightPlans:
     profile: ProfileFile
     rehearse: bool
     journal: Journal | None = None
+    schedule: Schedule | None = None
+    """The schedule that was planned last, None before any was."""
 
     def make(self, begin_utc_s: float, end_utc_s: float, now_utc_s: float) -> Planned:
         """Return the plan of a night, empty for one that is over.
@@ -90,7 +91,7 @@ class NightPlans:
         """
         if end_utc_s <= begin_utc_s:
             return Planned(utc_s=now_utc_s, passes=(), words="the night was over before it could begin")
-        schedule = load_schedule(self.file)
+        schedule = self.schedule = load_schedule(self.file)
         situation = situation_of(self.context, schedule, self.profile, (begin_utc_s, end_utc_s), now_utc_s)
         asked = (entry.conditions for entry in schedule.entries)
         counts = any(c.once_a_run or c.once_a_night or c.most_an_hour is not None for c in asked)
@@ -400,7 +401,7 @@ def live_executor(
         now=now,
         speed=1.0 if simulated is None else simulated.speed,
         plan=plans.make,
-        renew=renewer(context, schedule),
+        renew=renewer(context, lambda: plans.schedule or schedule),
         report_waiting=reporter.report_waiting,
         report_progress=reporter.report_progress,
         tell=tell,
@@ -422,14 +423,26 @@ def _common(context: CommandContext, mount_url: str, profile: Path) -> tuple[str
     return (*options, "--profile", str(profile))
 
 
-def renewer(context: CommandContext, schedule: Schedule) -> Callable[[NightPass], Elements | None]:
-    """Return what gives a pass' satellite's newest elements, by the providers' rules; None where none are."""
+def renewer(
+    context: CommandContext, schedule: Callable[[], Schedule]
+) -> Callable[[NightPass], Elements | None]:
+    """Return what gives a pass' satellite's newest elements, by the providers' rules; None where none are.
+
+    `schedule` gives the schedule in force.
+    """
 
     def renew(one: NightPass) -> Elements | None:
-        sources = (*context.sources(), *schedule.elements) if one.source is None else (one.source,)
-        assert one.elements is not None
-        number = one.elements.catalog_number
-        found = [each for each in newest(context.load(sources).accepted) if each.catalog_number == number]
-        return found[0] if found and found[0].epoch.unix_s > one.elements.epoch.unix_s else None
+        sources = (*context.sources(), *schedule().elements) if one.source is None else (one.source,)
+        old = one.elements
+        assert old is not None
+        # As for `newest`, sets of one number whose designators contradict each other are of two objects.
+        same = [
+            each
+            for each in context.load(sources).accepted
+            if each.catalog_number == old.catalog_number
+            and (each.designator == old.designator or not (each.designator and old.designator))
+        ]
+        latest = max(same, key=lambda each: float(each.epoch.unix_s), default=old)
+        return latest if latest.epoch.unix_s > old.epoch.unix_s else None
 
     return renew

@@ -271,7 +271,7 @@ def test_elements_are_renewed_before_each_pass_and_the_provider_asked_once_in_tw
     with element_server() as server:
         monkeypatch.setenv("SATTRACK_CELESTRAK_URL", server.url)
         context = CommandContext(Settings(), "52.1541,4.4908,0", (), None, False, False)
-        renew = renewer(context, schedule)
+        renew = renewer(context, lambda: schedule)
         for _ in range(5):
             renewed = renew(msgspec.structs.replace(ONE, elements=old))
             assert renewed is not None
@@ -279,6 +279,26 @@ def test_elements_are_renewed_before_each_pass_and_the_provider_asked_once_in_tw
         # What is no newer is left as it is.
         assert renew(ONE) is None
         assert server.asked == ["GROUP=stations&FORMAT=csv"]
+
+
+def test_elements_are_renewed_for_the_same_object_from_the_schedule_in_force(tmp_path: Path) -> None:
+    known = demo_pass.elements()
+    later = [replace(known, epoch=Utc(float(known.epoch.unix_s) + hours * 3600.0)) for hours in (1.0, 2.0)]
+    # One number, two launches: two objects.
+    both = [replace(later[1], name="OTHER", designator="2024-001A"), later[0]]
+    (tmp_path / "both.json").write_text(write_elements(both, "json"))
+    (tmp_path / "none.json").write_text(write_elements([replace(known, catalog_number=7)], "json"))
+    schedules = []
+    for file in ("none.json", "both.json"):
+        (tmp_path / "night.toml").write_text(f'elements = ["{file}"]\n[[passes]]\nsatellite = "ISS"\n')
+        schedules.append(load_schedule(tmp_path / "night.toml"))
+    context = CommandContext(Settings(), "52.1541,4.4908,0", (), None, False, False)
+    renew = renewer(context, lambda: schedules[0])
+    assert renew(ONE) is None
+    schedules.pop(0)
+    renewed = renew(ONE)
+    assert renewed is not None
+    assert (renewed.designator, renewed.epoch) == (known.designator, later[0].epoch)
 
 
 @pytest.mark.parametrize(
