@@ -493,6 +493,9 @@ def _by_file(path: Path, oldest_s: float) -> WeatherReport:
         return WeatherReport(False, f"{path}: {error.strerror}")
     if age_s > oldest_s:
         return WeatherReport(False, f"{path} was last written {age_s:.0f} s ago, {oldest_s:g} s are allowed")
+    if age_s < -oldest_s:
+        # By a clock that is wrong, or was: how old it is, nobody can tell.
+        return WeatherReport(False, f"{path} was last written {-age_s:.0f} s ahead of this computer's clock")
     word = found[0].casefold() if found else ""
     if word == "safe":
         return WeatherReport(True)

@@ -260,6 +260,8 @@ def _check_alpaca(address: str) -> None:
     try:
         parts = urlsplit(address)
         good = parts.scheme == "alpaca" and parts.hostname and parts.port and parts.path[1:].isdecimal()
+        # What is no host's name cannot be looked up.
+        (parts.hostname or "").encode("idna")
     except ValueError:
         good = False
     if not good:

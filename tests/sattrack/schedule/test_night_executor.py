@@ -9,6 +9,7 @@ import sqlite3
 import subprocess
 import sys
 import threading
+import time
 from contextlib import contextmanager
 from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, HTTPServer
@@ -215,6 +216,20 @@ def test_a_weather_file_that_is_old_or_gone_is_unsafe(tmp_path: Path) -> None:
     told = ask_weather(Weather(file=str(file), oldest_s=300.0), tmp_path)
     assert not told.safe
     assert "300 s are allowed" in str(told.words)
+
+
+def test_a_weather_file_from_the_future_is_unsafe(tmp_path: Path) -> None:
+    file = tmp_path / "weather.txt"
+    file.write_text("safe")
+    for ahead_s, safe in ((200.0, True), (400.0, False)):
+        os.utime(file, (time.time() + ahead_s,) * 2)
+        assert ask_weather(Weather(file=str(file), oldest_s=300.0), tmp_path).safe is safe
+
+
+def test_a_safety_monitor_whose_host_can_be_none_is_refused() -> None:
+    for host in ("weather..local", f"{'a' * 70}.local"):
+        with pytest.raises(ValueError, match="write alpaca://HOST:PORT/DEVICE"):
+            Weather(alpaca=f"alpaca://{host}:11111/0")
 
 
 def test_a_weather_command_is_safe_where_it_ends_with_0_in_time(tmp_path: Path) -> None:
