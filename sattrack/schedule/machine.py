@@ -49,6 +49,7 @@ from sattrack.schedule.night import (
     next_night,
     prepared_from_s,
     recovered_night,
+    run_begun,
     stepped,
     with_settings,
 )
@@ -80,7 +81,10 @@ def make_plan_anew(run: Run, event: Reread) -> tuple[Run, Order]:
 
 def rest_anew(run: Run, event: Reread) -> tuple[Run, Order]:
     """Take what it says, and wait for the next night."""
-    return rest_until_the_night(with_settings(run, event.settings), event)
+    run = with_settings(run, event.settings)
+    if not run_begun(run, event.utc_s):
+        run = first_night(run, event.utc_s)
+    return rest_until_the_night(run, event)
 
 
 def try_again_later(run: Run, event: Event) -> tuple[Run, Order]:
@@ -671,7 +675,7 @@ def step(run: Run, event: Event) -> tuple[Run, Order]:
         run = replace(run, settings=event.settings)
         if event.recovered is not None:
             run = recovered_night(run, event.recovered, event.utc_s)
-        elif not run.night:
+        elif not run_begun(run, event.utc_s):
             run = first_night(run, event.utc_s)
     message = event.words if isinstance(event, Started) else None
     for row in TABLE:

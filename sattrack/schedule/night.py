@@ -470,6 +470,11 @@ def first_night(run: Run, now_utc_s: float) -> Run:
     return _night_from(run, max(run.settings.from_utc_s, now_utc_s), 1)
 
 
+def run_begun(run: Run, now_utc_s: float) -> bool:
+    """Return whether the run's first night is known and has begun; before that its beginning may be moved."""
+    return run.night > 1 or (run.night == 1 and (run.passes != () or now_utc_s >= run.night_from_utc_s))
+
+
 def recovered_night(run: Run, known: Recovered, now_utc_s: float) -> Run:
     """Return a run that goes on from the last status: its night, or the next where that is over."""
     run = replace(run, mount=known.mount, summary=known.summary)

@@ -650,7 +650,7 @@ def test_a_schedule_that_was_read_again_is_planned_anew_for_what_is_not_over() -
 
 def test_a_run_stopped_by_day_waits_for_its_night_when_it_is_resumed() -> None:
     at, _ = machine.step(Run(), Started(utc_s=BEGIN, settings=settings(3.0)))
-    at = replace(at, night_from_utc_s=BEGIN + 40_000.0, state=RunState.RESTING)
+    at = replace(at, night=2, night_from_utc_s=BEGIN + 40_000.0, state=RunState.RESTING)
     at, order = machine.step(at, StopAsked(utc_s=BEGIN + 10.0))
     assert isinstance(order, End)
     at, order = machine.step(at, Started(utc_s=BEGIN + 20.0, settings=settings(3.0)))

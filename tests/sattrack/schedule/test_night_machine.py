@@ -46,6 +46,7 @@ from sattrack.schedule.night import (
     SumUp,
     Wait,
     WeatherReported,
+    first_night,
     mean_noon_s,
     number_of_name,
 )
@@ -521,6 +522,24 @@ def test_a_schedule_without_an_end_goes_on_night_after_night_at_the_sites_noon()
         run, _ = machine.step(run, SummedUp(utc_s=run.night_from_utc_s + 3600.0))
         assert run.state is RunState.RESTING
         assert run.night_from_utc_s == end
+
+
+@pytest.mark.parametrize("days", [0.0, 2.0, 5.0])
+def test_a_run_that_has_not_begun_begins_when_its_schedule_says_now(days: float) -> None:
+    at, moved = (RunSettings(BEGIN + begin * 86_400.0, None, 41_522.0) for begin in (3.0, days))
+    resting, _ = machine.step(Run(), Started(utc_s=BEGIN, settings=at))
+    stopped, _ = machine.step(resting, StopAsked(utc_s=BEGIN + 60.0))
+    for run, event in (
+        (resting, Reread(utc_s=BEGIN + 60.0, settings=moved)),
+        (resting, Started(utc_s=BEGIN + 60.0, settings=moved)),
+        (stopped, Started(utc_s=BEGIN + 60.0, settings=moved)),
+    ):
+        after, order = machine.step(run, event)
+        begin = max(moved.from_utc_s, BEGIN + 60.0)
+        assert after.night_from_utc_s == begin
+        assert after.night_to_utc_s == first_night(Run(settings=moved), begin).night_to_utc_s
+        assert after.state is RunState.RESTING or not days
+        assert isinstance(order, MakePlan) or order == Wait(until_utc_s=begin)
 
 
 def test_an_event_that_means_nothing_is_a_defect_that_is_named() -> None:
