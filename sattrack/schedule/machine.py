@@ -167,6 +167,12 @@ def hold(run: Run, event: WeatherReported) -> tuple[Run, Order]:
     return run, Wait(until_utc_s=event.utc_s + run.settings.weather_every_s)
 
 
+def hold_at_park(run: Run, event: WeatherReported) -> tuple[Run, Order]:
+    """Ask again later, and let the mount wait at its park position, drives on."""
+    run, _ = hold(run, event)
+    return replace(run, tries=1), ParkMount(power_off=False)
+
+
 def first_action(run: Run, event: Event) -> tuple[Run, Order]:
     """Begin with the actions before it."""
     run = replace(run, weather=event.words if isinstance(event, WeatherReported) else None, step=0)
@@ -466,9 +472,14 @@ def too_early(run: Run, event: Event) -> bool:
 
 def long_to_wait(run: Run, event: Event) -> bool:
     """The wait is long, and the mount was not sent to its park position for as long."""
-    left_s, again_s = prepared_from_s(run) - event.utc_s, run.parked_utc_s + run.settings.rest_after_s
+    return _is_long(run, event, prepared_from_s(run))
+
+
+def _is_long(run: Run, event: Event, until_utc_s: float) -> bool:
+    """Return whether a mount that waits until then must be sent to its park position."""
+    again_s = run.parked_utc_s + run.settings.rest_after_s
     stands = run.mount is Mount.AT_REST or (run.mount is Mount.AT_PARK and event.utc_s >= again_s)
-    return run.settings.park and left_s > run.settings.rest_after_s and stands
+    return run.settings.park and until_utc_s - event.utc_s > run.settings.rest_after_s and stands
 
 
 def cannot_be_taken(_: Run, event: PassPrepared) -> bool:
@@ -489,6 +500,11 @@ def unsafe_and_skipped(run: Run, event: WeatherReported) -> bool:
 def unsafe_and_too_late(run: Run, event: WeatherReported) -> bool:
     """The weather is unsafe, and too little would be left of the pass when it is asked for next."""
     return unsafe(run, event) and not enough_left(run, event.utc_s + run.settings.weather_every_s)
+
+
+def unsafe_for_long(run: Run, event: WeatherReported) -> bool:
+    """The weather is unsafe, the pass long, and the mount was not sent to its park position for as long."""
+    return unsafe(run, event) and _is_long(run, event, at_of(run).end_utc_s)
 
 
 def worth_following(run: Run, event: Event) -> bool:
@@ -631,6 +647,7 @@ TABLE: tuple[TableRow, ...] = (
     TableRow(S.PREPARING, PassPrepared, always, ask_weather, S.ASKING),
     TableRow(S.ASKING, WeatherReported, unsafe_and_skipped, lose_to_weather, S.WAITING),
     TableRow(S.ASKING, WeatherReported, unsafe_and_too_late, lose_to_weather, S.WAITING),
+    TableRow(S.ASKING, WeatherReported, unsafe_for_long, hold_at_park, S.PARKING),
     TableRow(S.ASKING, WeatherReported, unsafe, hold, S.HOLDING),
     TableRow(S.ASKING, WeatherReported, more_before, first_action, S.READYING),
     TableRow(S.ASKING, WeatherReported, worth_following, follow, S.FOLLOWING),

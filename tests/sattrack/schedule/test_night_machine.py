@@ -524,6 +524,33 @@ def test_a_schedule_without_an_end_goes_on_night_after_night_at_the_sites_noon()
         assert run.night_from_utc_s == end
 
 
+def test_a_mount_that_waits_for_the_weather_through_a_long_pass_is_sent_to_its_park_position() -> None:
+    """Nothing else ends its tracking of the sky: through a pass of four hours it would go on by 60°."""
+    begin = ONE.start_utc_s
+    for hours, sent in ((0.5, 0), (4.0, 7)):
+        long = replace(PLAIN, end_utc_s=begin + hours * 3600.0)
+        run = replace(NIGHT, state=S.WAITING, passes=(long,))
+        now, parked = begin, 0
+        run, order = machine.step(run, Due(utc_s=now))
+        while not run.results:
+            event: Event
+            if isinstance(order, ParkMount):
+                assert not order.power_off
+                parked += 1
+                event = Parked(utc_s=now + 20.0, mount=Mount.AT_PARK)
+            elif isinstance(order, Prepare):
+                event = PassPrepared(utc_s=now)
+            elif isinstance(order, AskWeather):
+                event = WeatherReported(utc_s=now, safe=False, words="rain")
+            else:
+                assert isinstance(order, Wait)
+                event = Due(utc_s=max(now, order.until_utc_s))
+            now = event.utc_s
+            run, order = machine.step(run, event)
+        assert (run.results[0].cause, parked) == ("weather", sent)
+        assert run.weather == "rain"
+
+
 @pytest.mark.parametrize("days", [0.0, 2.0, 5.0])
 def test_a_run_that_has_not_begun_begins_when_its_schedule_says_now(days: float) -> None:
     at, moved = (RunSettings(BEGIN + begin * 86_400.0, None, 41_522.0) for begin in (3.0, days))
