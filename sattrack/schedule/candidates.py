@@ -180,9 +180,9 @@ class EntrySearch:
         chosen = self._chosen()
         if entry.fixed is not None:
             clipped = (max(entry.fixed[0], span[0]), min(entry.fixed[1], span[1]))
-            if clipped != entry.fixed:
+            if clipped != entry.fixed and not (entry.terms.shorten and clipped[0] < clipped[1]):
                 return [self._not_fixed(chosen[0], CUT, "not whole within the plan's time")]
-            windows, span = [entry.fixed], entry.fixed
+            windows, span = [clipped], clipped
         else:
             windows = [span] if entry.windows is None else entry.windows(span)
         if not chosen or not windows:

@@ -321,6 +321,22 @@ def test_fixed_times_below_the_horizon_are_lost_or_cut(
     assert (outside["reason"], outside["why"]) == ("cut", "not whole within the plan's time")
 
 
+def test_fixed_times_that_a_plan_begins_or_ends_within_are_cut_where_they_may_be(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str
+) -> None:
+    fixed = '[[fixed]]\nsatellite = "ISS"\nif_sun_up = "run"\n'
+    fixed += "start = 2026-10-02T13:02:30Z\nend = 2026-10-02T13:08:00Z\n"
+    for start, end in (("13:04:00", "20:00:00"), ("10:00:00", "13:06:00")):
+        text = f"from = 2026-10-02T{start}Z\nto = 2026-10-02T{end}Z\n{fixed}"
+        (lost,) = planned(capsys, tmp_path, text, sky)["lost"]
+        assert (lost["reason"], lost["why"]) == ("cut", "not whole within the plan's time")
+        (cut,) = planned(capsys, tmp_path, text + "shorten = true\n", sky)["passes"]
+        first, last = (utc_s(f"2026-10-02T{at}Z") for at in (max(start, "13:02:30"), min(end, "13:08:00")))
+        # The mount has to get there first where the plan begins in the pass.
+        assert first <= utc_s(cut["start_utc"]) < first + 60.0
+        assert utc_s(cut["end_utc"]) == last
+
+
 def test_a_satellite_that_is_always_up_is_followed_once_in_each_nights_window(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
