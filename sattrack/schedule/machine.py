@@ -100,7 +100,10 @@ def take_plan(run: Run, event: Planned) -> tuple[Run, Order]:
     """Take the plan, for what is not over."""
     # What has a result already is not followed again.
     kept = run.passes[: len(run.results)]
-    over = (*run.over, *(FinishedPass(one.object_number, one.culminate_utc_s) for one in kept))
+    over = (
+        *run.over,
+        *(FinishedPass(one.object_number, one.culminate_utc_s, one.end_utc_s) for one in kept),
+    )
     left = [one for one in event.passes if not any(each.is_pass(one) for each in over)]
     new = [replace(one, number=len(kept) + k) for k, one in enumerate(left, start=1)]
     count = len(new)

@@ -163,16 +163,18 @@ class RunSettings(msgspec.Struct, frozen=True):
 
 
 class FinishedPass(msgspec.Struct, frozen=True):
-    """A pass that has a result already, by its satellite and when it is highest."""
+    """A pass that has a result already, by its satellite, when it is highest, and when it was to end."""
 
     catalog_number: int
     """As `NightPass.object_number` has it."""
     culminate_utc_s: float
+    end_utc_s: float | None = None
 
     def is_pass(self, one: NightPass) -> bool:
-        """Return whether it is this one."""
+        """Return whether it is this one, or what is left of this one: its highest instant may be over."""
         near = abs(one.culminate_utc_s - self.culminate_utc_s) < SAME_PASS_S
-        return one.object_number == self.catalog_number and near
+        rest = self.end_utc_s is not None and self.culminate_utc_s < one.start_utc_s < self.end_utc_s
+        return one.object_number == self.catalog_number and (near or rest)
 
 
 class Recovered(msgspec.Struct, frozen=True):

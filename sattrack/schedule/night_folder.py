@@ -550,7 +550,8 @@ def _recovered(view: ScheduleView) -> Recovered | None:
         begin, end = (float(Utc.parse(text).unix_s) for text in (view.from_utc, view.to_utc))
         over = tuple(
             FinishedPass(
-                one.catalog_number or number_of_name(one.name), float(Utc.parse(one.culminate_utc).unix_s)
+                one.catalog_number or number_of_name(one.name),
+                *(float(Utc.parse(text).unix_s) for text in (one.culminate_utc, one.end_utc)),
             )
             for one in view.passes
             if one.state in ("done", "partly", "lost")

@@ -364,6 +364,20 @@ def test_passes_that_no_new_plan_could_be_made_of_are_missed_and_the_mount_is_pa
     assert [result.cause for result in run.results] == ["missed", "missed"]
 
 
+def test_the_rest_of_a_pass_that_is_over_is_not_begun_again_by_a_new_plan() -> None:
+    """Of a pass that ended early, as for the weather, what is left culminates where it is joined."""
+    later_s = ONE.culminate_utc_s + 130.0
+    long = replace(ONE, end_utc_s=later_s + 200.0)
+    rest = replace(long, key="rest", start_utc_s=later_s, culminate_utc_s=later_s)
+    coming = replace(rest, key="coming", start_utc_s=long.end_utc_s, end_utc_s=long.end_utc_s + 400.0)
+    planned = Planned(utc_s=later_s - 60.0, passes=(rest, coming))
+    run, _ = machine.step(replace(NIGHT, state=S.PLANNING, passes=(long,), results=DONE), planned)
+    assert [one.key for one in run.passes] == [long.key, "coming"]
+    over = FinishedPass(long.object_number, long.culminate_utc_s, long.end_utc_s)
+    run, _ = machine.step(replace(NIGHT, state=S.PLANNING, over=(over,)), planned)
+    assert [one.key for one in run.passes] == ["coming"]
+
+
 def test_elements_that_are_renewed_before_a_pass_are_those_that_are_followed() -> None:
     one = one_pass()
     later = replace(one, key="later", number=2)
