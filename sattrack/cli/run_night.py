@@ -13,6 +13,7 @@ import click
 
 from sattrack.cli.common import given_utc_s, say, tell
 from sattrack.cli.run_plan import (
+    check_park,
     loader,
     progress,
     rehearser,
@@ -337,6 +338,8 @@ def _settings(
     if left is not None:
         tell(left)
         park = False
+    if park:
+        check_park(profile.mount, context.site(), context.settings.safety.limits())
     return RunSettings(
         from_utc_s=round(begin, 3),
         to_utc_s=None if end is None else round(end, 3),

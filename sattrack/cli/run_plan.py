@@ -22,6 +22,10 @@ from sattrack.mount.requests import Park
 from sattrack.runtime.facts import check_site
 from sattrack.runtime.mounts import GATEWAYS
 from sattrack.safety.bodies import sun_over
+from sattrack.safety.bounds import Bounds
+from sattrack.safety.geometry import Box, Place
+from sattrack.safety.route import axes_of, direction_of
+from sattrack.safety.table import ROWS
 from sattrack.schedule.candidates import Loaded, PlanSituation
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.making import SAME, make_plan
@@ -36,8 +40,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sattrack.cli.common import CommandContext
+    from sattrack.mount.model import MountProfile
     from sattrack.mount.profiles import ProfileFile
     from sattrack.runtime.mounts import MountAddress
+    from sattrack.safety.limits import SafetyLimits
     from sattrack.schedule.candidates import Candidate
     from sattrack.schedule.file import Schedule
     from sattrack.views.schedule import LostPass, PlannedPass, Rehearsed, SchedulePlan
@@ -65,9 +71,11 @@ def _plan(context: CommandContext, schedule: Schedule, options: dict[str, Any]) 
     address = parse_alpaca(url, resolve=False) if url is not None and behind_gateway else None
     profile = within_half_a_turn(context.profile(options["profile"], url))
     situation = _situation(context, schedule, profile, options)
+    left = why_left(schedule, profile, address)
+    if left is None and schedule.park_at_end:
+        check_park(profile.mount, situation.site, situation.limits)
     rehearse = rehearser(context, profile, schedule) if options["rehearse"] else None
     plan, _ = make_plan(schedule, situation, loader(context, schedule), rehearse, progress())
-    left = why_left(schedule, profile, address)
     return (
         plan if left is None else msgspec.structs.replace(plan, park_at_end=False, notes=(*plan.notes, left))
     )
@@ -114,11 +122,19 @@ def within_half_a_turn(profile: ProfileFile) -> ProfileFile:
     """Return a profile whose hour angle axis keeps within half a turn, so that nobody needs to count turns.
 
     Each pass is a session of its own, no status tells how the cables are wound, and a mount at rest may go on
-    with the sky.
+    with the sky. Raises BadInputError for a profile whose park position, or home, lies beyond that.
     """
-    return msgspec.structs.replace(
-        profile, hour_angle_limit_deg=min(profile.hour_angle_limit_deg, MOST_HOUR_ANGLE_DEG)
-    )
+    try:
+        kept = msgspec.structs.replace(
+            profile, hour_angle_limit_deg=min(profile.hour_angle_limit_deg, MOST_HOUR_ANGLE_DEG)
+        )
+        _ = kept.mount
+    except ValueError as error:
+        raise BadInputError(
+            f"the mount profile {profile.name!r}: {error}: in schedules that axis stays within "
+            f"{MOST_HOUR_ANGLE_DEG:g}° of its zero, as no status shows how the cables are wound"
+        ) from None
+    return kept
 
 
 def situation_of(
@@ -145,6 +161,23 @@ def situation_of(
         workers=os.cpu_count() or 1,
         stars=context.settings.stars,
     )
+
+
+def check_park(mount: MountProfile, site: Site, limits: SafetyLimits) -> None:
+    """Raise BadInputError where a mount's park position is one to which safety lets no slew go, ever."""
+    if mount.park is None:
+        return
+    bounds = Bounds(mount, limits, site.latitude_deg, site.longitude_deg)
+    direction = direction_of(Place(mount.park.hour_angle_deg, mount.park.dec_deg))
+    place = axes_of(*direction, mount, bounds.horizon_latitude_deg)
+    # Sun and Moon, which are not looked for here, move on.
+    name = bounds.violated(Box.between(place, place), {}, 0.0, 0.0)
+    if name is not None:
+        raise BadInputError(
+            f"the mount profile {mount.name!r}: its park position is past the {ROWS[name].name} limit "
+            f"({ROWS[name].bound}), so that no night could park the mount: change one of the two, or set "
+            "park_at_end = false"
+        )
 
 
 def why_left(schedule: Schedule, profile: ProfileFile, address: MountAddress | None) -> str | None:

@@ -150,6 +150,30 @@ def test_a_plan_says_whether_the_mount_is_parked_at_its_end_and_why_it_is_not(
     assert all(why is not None and why in line for line in left)
 
 
+@pytest.mark.parametrize(
+    ("park", "words"),
+    [
+        ("hour_angle_deg = 80, dec_deg = -10", "its park position is past the altitude limit"),
+        ("hour_angle_deg = 175, dec_deg = 80", "park is at hour angle 175, beyond hour_angle_limit_deg, 170"),
+        ("hour_angle_deg = 80, dec_deg = 10", None),
+    ],
+)
+def test_a_park_position_that_no_night_could_go_to_is_told_before_the_night(
+    park: str, words: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str
+) -> None:
+    profile = tmp_path / "mount.toml"
+    profile.write_text(f'name = "m"\npark = {{ {park} }}\n')
+    span = SPAN.replace("23:00", "18:10") + '[[fixed]]\nsatellite = "ISS"\n'
+    file = written(tmp_path, span + "start = 2026-10-02T18:00:00Z\nend = 2026-10-02T18:01:00Z\n")
+    given = ["--elements", sky, *LEIDEN, *CLOCK, "--mount", "sim", "--profile", str(profile)]
+    for how in ("--check", "--dry-run"):
+        assert run(["run", file, how, *given]) == (0 if words is None else 2)
+        assert words is None or words in capsys.readouterr().err
+    if words is not None and "altitude" in words:
+        written(tmp_path, f"park_at_end = false\n{Path(file).read_text()}")
+        assert run(["run", file, "--check", *given]) == 0
+
+
 def test_a_run_of_a_satellite_that_nobody_knows_ends_before_it_begins(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str
 ) -> None:
