@@ -11,8 +11,10 @@ import re
 import runpy
 import subprocess
 import sys
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
+from zoneinfo import ZoneInfo
 
 import pytest
 
@@ -471,3 +473,21 @@ def test_the_example_of_passes(capsys: pytest.CaptureFixture[str]) -> None:
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 5
     assert "81.3°  1.337 °/s  sunlit" in lines[2]
+
+
+def test_times_of_a_span_in_which_clocks_are_put_forward_and_back_are_the_zones_own(
+    given: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    settings = tmp_path / "sattrack.toml"
+    settings.write_text('zone = "Europe/Amsterdam"\n')
+    # From winter time to winter time, over a summer.
+    span = ("--from", "2026-03-20", "--hours", "5424", "--min-alt", "84", "--config", str(settings))
+    seen = [Utc.parse(p["rise_utc"]).datetime() for p in listed(capsys, "25544", *given[:-4], *span)]
+    assert run(["passes", "25544", *given[:-4], *span]) == 0
+    shown = re.findall(r"^(\d\d:\d\d:\d\d) ", capsys.readouterr().out, re.MULTILINE)
+    local = [at.astimezone(ZoneInfo("Europe/Amsterdam")) for at in seen]
+    assert {at.utcoffset() for at in local} == {timedelta(hours=1), timedelta(hours=2)}
+    for at, clock in zip(local, shown, strict=True):
+        assert abs(at.replace(tzinfo=None) - datetime.fromisoformat(f"{at:%Y-%m-%d} {clock}")) <= timedelta(
+            seconds=1
+        )
