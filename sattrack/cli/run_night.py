@@ -346,6 +346,7 @@ def _settings(
         noon_s=mean_noon_s(context.site().longitude_deg),
         park=park,
         weather_every_s=30.0 if schedule.weather is None else schedule.weather.every_s,
+        wake_s=0.0 if schedule.wake is None else schedule.wake.timeout_s,
     )
 
 

@@ -157,6 +157,8 @@ class RunSettings(msgspec.Struct, frozen=True):
     weather_every_s: float = 30.0
     prepare_s: float = 90.0
     """How long before the mount sets out a pass is prepared."""
+    wake_s: float = 0.0
+    """How much sooner while the drives have no power: how long the program may take that switches it on."""
     rest_after_s: float = 1800.0
     """A mount with so long to wait waits at its park position, drives on. It is sent there again after as
     long: nothing ends a mount's tracking of the sky but the end of its drives' power."""
@@ -437,7 +439,8 @@ def actions_of(run: Run) -> tuple[Action, ...]:
 
 def prepared_from_s(run: Run) -> float:
     """Return from when on the next pass is prepared, POSIX seconds."""
-    return at_of(run).leave_utc_s - run.settings.prepare_s
+    wake_s = run.settings.wake_s if run.mount is Mount.PARKED else 0.0
+    return at_of(run).leave_utc_s - run.settings.prepare_s - wake_s
 
 
 def enough_left(run: Run, utc_s: float, another: bool = False) -> bool:

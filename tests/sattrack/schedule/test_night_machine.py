@@ -290,6 +290,20 @@ def test_a_pass_is_prepared_a_minute_and_a_half_before_the_mount_sets_out() -> N
     assert order == Prepare(index=0, wake=True)
 
 
+@pytest.mark.parametrize(("mount", "sooner_s"), [(Mount.PARKED, 300.0), (Mount.AT_PARK, 0.0)])
+def test_drives_without_power_are_woken_as_much_sooner_as_that_may_take(
+    mount: Mount, sooner_s: float
+) -> None:
+    run = waiting_for(one_pass())
+    run = replace(run, mount=mount, parked_utc_s=BEGIN, settings=replace(run.settings, wake_s=300.0))
+    due_s = one_pass().leave_utc_s - 90.0 - sooner_s
+    for utc_s, order in (
+        (due_s - 1.0, Wait(until_utc_s=due_s)),
+        (due_s, Prepare(index=0, wake=mount is Mount.PARKED)),
+    ):
+        assert machine.step(run, Due(utc_s=utc_s))[1] == order
+
+
 def test_after_a_night_the_next_begins_empty_and_after_the_last_the_run_ends() -> None:
     over = (FinishedPass(25544, BEGIN),)
     run = replace(following(one_pass()), settings=settings(2.0), others={"lost": 3}, over=over)
