@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
+import erfa
 import msgspec
 import numpy as np
 
@@ -33,7 +34,7 @@ from sattrack.pointing.terms import frame_of, swung
 from sattrack.pointing.tour import chosen, grid_deg, toured
 from sattrack.views.messages import Jog
 from tle.bodies import Body, StarPlace, named_stars
-from tle.instants import Utc
+from tle.instants import DAY_S, MJD_JD, UNIX_EPOCH_MJD, Utc
 from tle.propagator import Propagator
 
 if TYPE_CHECKING:
@@ -505,7 +506,7 @@ class StarRun:
         places = np.array([self._axes(one, sidereal) for one in near or [self._samples[-1]]])
         first = places[0, 0] + float(np.mean(wrap180(places[:, 0] - places[0, 0])))
         assert body.star is not None
-        icrs = body.star.ra_deg, body.star.dec_deg
+        icrs = icrs_at(body.star, utc_s)
         axes = first, float(np.mean(places[:, 1]))
         own = self.sky.own_deg(float(seen.ha_deg), float(seen.dec_deg))
         star = Star(*own, *axes, icrs, sidereal % 360.0)
@@ -544,6 +545,22 @@ class StarRun:
         self.tell(f"{text}, the model leaves {left:.1f}″ here and predicts {predicted:.1f}″ over the sky")
         if len(self.counting) >= FEWEST_STARS and predicted <= self.until_arcsec:
             self.end(None, now_utc_s)
+
+
+def icrs_at(star: StarPlace, utc_s: float) -> tuple[float, float]:
+    """Return where a star is in the ICRS at an instant, degrees: its catalogue's place, moved on.
+
+    A file of stars has no proper motions; near stars move by a minute of arc between catalogue and run. ERFA.
+    """
+    if not (star.pm_ra_mas or star.pm_dec_mas):
+        return star.ra_deg, star.dec_deg
+    ra, dec = math.radians(star.ra_deg), math.radians(star.dec_deg)
+    mas = math.radians(1.0 / 3.6e6)
+    motions = star.pm_ra_mas * mas / math.cos(dec), star.pm_dec_mas * mas
+    far = star.parallax_mas * 1e-3, star.radial_km_s
+    now_jd = MJD_JD + UNIX_EPOCH_MJD + utc_s / DAY_S
+    found = erfa.pmsafe(ra, dec, *motions, *far, star.epoch_jd, 0.0, now_jd, 0.0)
+    return math.degrees(float(found[0])) % 360.0, math.degrees(float(found[1]))
 
 
 def fields(sky: RunSky, sidereal_deg: float) -> list[Body]:

@@ -27,9 +27,18 @@ from sattrack.pointing.fields import Solved
 from sattrack.pointing.files import RunParameters, read_stars, star_line, stars_head
 from sattrack.pointing.fit import Star, fit
 from sattrack.pointing.terms import PointingModel
-from sattrack.runtime.star_run import RunSky, Stage, StarRun, aligned_by, seen_with, without_zeros
+from sattrack.runtime.star_run import (
+    RunSky,
+    Stage,
+    StarRun,
+    aligned_by,
+    icrs_at,
+    seen_with,
+    without_zeros,
+)
 from sattrack.safety import SafetyLimits
-from tle.bodies import find_body
+from tle.bodies import find_body, read_star
+from tle.instants import Utc
 from tle.refraction import Refraction
 
 if TYPE_CHECKING:
@@ -253,7 +262,27 @@ def test_an_operator_centres_named_stars_by_keys() -> None:
     for star in (flight.kept[0], flight.kept[2]):
         assert star.axis_dec_deg == pytest.approx(star.dec_deg, abs=0.01)
         assert star.axis_hour_angle_deg == pytest.approx(star.hour_angle_deg, abs=0.05)
-    assert all(star.icrs_deg != (0.0, 0.0) for star in flight.kept)
+    # Stars move on between the epoch of their catalogue and the run.
+    head = stars_head("by hand", RunParameters(LATITUDE, "2026-09-21", 10.0, 1010.0, SITE.height_m))
+    _, read = read_stars(head + "".join(star_line(star) for star in flight.kept), "run.dat")
+    for star, again in zip(flight.kept, read, strict=True):
+        assert again.hour_angle_deg == pytest.approx(star.hour_angle_deg, abs=0.6 / 3600.0)
+        assert again.dec_deg == pytest.approx(star.dec_deg, abs=0.5 / 3600.0)
+
+
+@pytest.mark.parametrize("number", [8102, 16537, 91262])
+def test_a_near_star_is_read_from_a_file_where_it_was_seen(number: int) -> None:
+    """Tau Ceti has moved by 68″ since the epoch of its catalogue."""
+    body, utc_s = read_star(number, "near"), float(Utc.parse("2026-12-01T20:00:00Z").unix_s)
+    assert body.star is not None
+    sky = RunSky(SITE, PROFILE, LIMITS, AIR)
+    seen = sky.seen(body, utc_s)
+    at = float(seen.ha_deg), float(seen.dec_deg)
+    star = Star(*at, *at, icrs_at(body.star, utc_s), float(seen.ra_deg + seen.ha_deg) % 360.0)
+    parameters = RunParameters(LATITUDE, "2026-12-01", AIR.temperature_c, AIR.pressure_hpa, SITE.height_m)
+    _, (read,) = read_stars(stars_head("near", parameters) + star_line(star), "near.dat")
+    assert read.dec_deg == pytest.approx(star.dec_deg, abs=0.5 / 3600.0)
+    assert read.hour_angle_deg == pytest.approx(star.hour_angle_deg, abs=0.6 / 3600.0)
 
 
 def test_a_model_is_judged_by_stars_and_not_fitted() -> None:
