@@ -197,7 +197,8 @@ class RunSky:
             return rows[toured(np.stack([first, second], axis=1), frame.angles(*start)[:2])]
         west = (axes[:, 0] > 0.0) & (self.profile.pier_rule == "hour_angle")
         # Past the pole the hour angle axis stands half a turn on, and the declination axis beyond 90°.
-        side = np.where(west[:, None], np.stack([axes[:, 0] - 180.0, 180.0 - axes[:, 1]], axis=1), axes)
+        pole = 180.0 if self.site.latitude_deg >= 0.0 else -180.0
+        side = np.where(west[:, None], np.stack([axes[:, 0] - 180.0, pole - axes[:, 1]], axis=1), axes)
         return rows[toured(side, start)]
 
 

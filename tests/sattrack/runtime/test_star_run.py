@@ -40,6 +40,7 @@ from sattrack.safety import SafetyLimits
 from tle.bodies import find_body, read_star
 from tle.instants import Utc
 from tle.refraction import Refraction
+from tle.site import Site
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -283,6 +284,17 @@ def test_a_near_star_is_read_from_a_file_where_it_was_seen(number: int) -> None:
     _, (read,) = read_stars(stars_head("near", parameters) + star_line(star), "near.dat")
     assert read.dec_deg == pytest.approx(star.dec_deg, abs=0.5 / 3600.0)
     assert read.hour_angle_deg == pytest.approx(star.hour_angle_deg, abs=0.6 / 3600.0)
+
+
+@pytest.mark.parametrize("latitude_deg", [52.0, -35.0])
+def test_a_tour_on_both_sides_of_the_pier_slews_as_little_in_the_south(latitude_deg: float) -> None:
+    mount = msgspec.structs.replace(PROFILE, pier_rule="hour_angle")
+    sky = RunSky(Site(latitude_deg, 4.5, 0.0), mount, LIMITS)
+    places, north = sky.grid(), math.copysign(1.0, latitude_deg)
+    h, d = places[sky.tour(places, 20, [], (-20.0, 30.0 * north))].T
+    west = h > 0.0
+    axes = np.stack([np.where(west, h - 180.0, h), np.where(west, 180.0 * north - d, d)], axis=1)
+    assert np.max(np.abs(np.diff(axes, axis=0)), axis=1).sum() < 1100.0
 
 
 def test_a_model_is_judged_by_stars_and_not_fitted() -> None:
