@@ -121,7 +121,7 @@ def command(context: CommandContext, **options: Any) -> int:
     call = _with_mount(call, run.sky.profile)
     if run.trouble is not None and not run.counting:
         raise run.trouble
-    if run.trouble is None and options["data"].exists():
+    if run.trouble is None and run.stars:
         with options["data"].open("a", encoding="utf-8") as file:
             file.write("END\n")
     code = _conclude(context, options, call.described, _fitted(run.counting, site, axes), run.counting)
@@ -204,7 +204,7 @@ def _known(
             "begin anew"
         )
     if not wanted:
-        path.unlink()
+        # The first star of the run takes their place: without one they stay.
         return [], mount
     text = path.read_text(encoding="utf-8", errors="replace")
     whole, _, rest = text.rpartition("\n")
@@ -336,11 +336,12 @@ def _keeper(options: dict[str, Any], sky: RunSky, known: list[Star]) -> Any:
         if options["verify"]:
             return
         text = star_line(seen_with(star, mount, without_zeros(mount), sky.site), sky.axes)
+        mode = "a" if begun[0] else "w"
         if not begun[0]:
             text = stars_head("sattrack star-run", _parameters(sky.site, sky.air), sky.axes) + text
             begun[0] = True
         try:
-            with path.open("a", encoding="utf-8") as file:
+            with path.open(mode, encoding="utf-8") as file:
                 file.write(text)
         except OSError as error:
             raise SattrackError(f"{path}: cannot be written: {error.strerror or error}") from error

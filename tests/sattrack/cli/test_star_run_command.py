@@ -196,6 +196,11 @@ def test_stars_that_are_there_are_not_lost(
     assert "--continue" in err
     assert "--force" in err
     assert data.read_text() == stars
+    # Not even by --force, before the first star of the new run.
+    away = ["--mount", "xerxes://127.0.0.1:9?listen=15998"]
+    _, err = ran(capsys, "--camera", "folder:.", "--data", str(data), "--force", *away, code=2)
+    assert "no consent" in err
+    assert data.read_text() == stars
 
 
 def test_a_model_of_another_latitude_feeds_nothing(
