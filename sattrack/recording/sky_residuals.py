@@ -55,13 +55,17 @@ OFFSET, FIELD, PLACE = range(3)
 
 
 class _Seen(NamedTuple):
-    """What was seen at instants: the kinds, arcseconds or of-date unit vectors, and sigmas."""
+    """What was seen at instants: the kinds, arcseconds or of-date unit vectors, and sigmas.
+
+    `in_air` tells of which vectors refraction is a part.
+    """
 
     kind: NDArray[np.int8]
     utc_s: Array
     offset: Array
     unit: Array
     sigma: Array
+    in_air: NDArray[np.bool_]
 
 
 def sky_residuals(recording: Recording, run: Trace, profile: MountProfile) -> PassResiduals | NoFit:
@@ -94,15 +98,17 @@ def _seen(recording: Recording, run: Trace) -> _Seen:
             if in_arcsec is None or camera.kind == "coarse":
                 continue
             dx, dy, sigma = in_arcsec
-            rows.append((OFFSET, utc_s, *camera.on_axes(dx, dy), 0.0, 0.0, 0.0, sigma))
+            rows.append((OFFSET, utc_s, *camera.on_axes(dx, dy), 0.0, 0.0, 0.0, sigma, False))
         else:
             field = isinstance(message, SolvedField)
             frame = "icrf" if isinstance(message, SolvedField) else FRAMES[message.frame]
             unit = apparent_unit(message.ra_deg, message.dec_deg, Utc(utc_s), frame, site, earth)
-            rows.append((FIELD if field else PLACE, utc_s, 0.0, 0.0, *unit, message.sigma_arcsec))
-    found = np.array(sorted(rows, key=lambda row: row[1])).reshape(-1, 8)
+            kind, in_air = FIELD if field else PLACE, frame == "of_date"
+            rows.append((kind, utc_s, 0.0, 0.0, *unit, message.sigma_arcsec, in_air))
+    found = np.array(sorted(rows, key=lambda row: row[1])).reshape(-1, 9)
     sigma = np.hypot(found[:, 7], LEAST_SIGMA_ARCSEC)
-    return _Seen(found[:, 0].astype(np.int8), found[:, 1], found[:, 2:4], found[:, 4:7], sigma)
+    kinds = found[:, 0].astype(np.int8)
+    return _Seen(kinds, found[:, 1], found[:, 2:4], found[:, 4:7], sigma, found[:, 8] > 0.0)
 
 
 class _PassSky:
@@ -160,7 +166,7 @@ class _PassSky:
         level = np.abs(np.cos(np.radians(reported[1])))
         scale = 3600.0 * np.array([level, np.ones_like(level)])
         directed = np.where((seen.kind == OFFSET)[:, None], unit, seen.unit)
-        looked = self._wanted(directed, at)
+        looked = self._wanted(directed, at, in_air=seen.in_air)
         sense = -1.0 if self._beyond and self._frame is None else 1.0
         offset = seen.offset.T * np.array([[1.0], [sense]])
         base = np.where(seen.kind == PLACE, here, reported)
@@ -206,8 +212,17 @@ class _PassSky:
     def _past_pole(self, first: Any, second: Any) -> tuple[Any, Any]:
         return past_pole(AxisStand(first, second), self._bent.site.latitude_deg >= 0.0)[:2]
 
-    def _wanted(self, unit: Array, utc_s: Array, model: PointingModel | None = None) -> Array:
-        """Return the axes' angles for directions of date, (n, 3), airless, by the pointing model; (2, n)."""
+    def _wanted(
+        self,
+        unit: Array,
+        utc_s: Array,
+        model: PointingModel | None = None,
+        in_air: NDArray[np.bool_] | None = None,
+    ) -> Array:
+        """Return the axes' angles for directions of date, (n, 3), by the pointing model; (2, n).
+
+        They are airless but where `in_air`, (n,), has it.
+        """
         site, earth = self._bent.site, self._bent.earth
         turn = earth.rotation(utc_s)
         (ux, uy, uz), (dx, dy, dz) = teme_axis(site.up, turn, ARRAYS)
@@ -216,7 +231,10 @@ class _PassSky:
         still = np.zeros_like(utc_s)
         q, q_rate = (unit[:, 0], unit[:, 1], unit[:, 2]), (still, still, still)
         if self._bent.refraction is not None:
-            q, q_rate = self._bent.refraction.refract(q, q_rate, up, up_rate)
+            bent, _ = self._bent.refraction.refract(q, q_rate, up, up_rate)
+            as_it_is = False if in_air is None else in_air
+            x, y, z = (np.where(as_it_is, one, other) for one, other in zip(q, bent, strict=True))
+            q = x, y, z
         model = self._model if model is None else model
         if model is not None:
             q, _ = model.on_side(self._beyond).applied(q, (still, still, still), up, up_rate)
