@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 AGREE_S = 0.05
 """By how much dates of one exposure may contradict one another, beside a tenth of the exposure."""
+COARSE_S = 0.5
+"""A date that is not written to this counts only where no other is."""
 COLOURS = 3
 
 
@@ -60,25 +62,29 @@ def fits_exposure(header: Mapping[str, Any], name: str, exposure_s: float | None
     """Return when a FITS file was exposed, by its header; `exposure_s` is used where that has no exposure.
 
     DATE-AVG is the middle, DATE-BEG and DATE-OBS the beginning, DATE-END the end, and so MJD-AVG, -BEG, -OBS
-    and -END (FITS Standard 4.0, table 35). Raises BadInputError, naming the file, where there is no date,
-    where it has no time of day or is not UTC, or where dates contradict one another.
+    and -END (FITS Standard 4.0, table 35). The first of these counts that is not cut off at a second or so.
+    Raises BadInputError, naming the file, where there is no date, where it has no time of day or is not UTC,
+    or where dates contradict one another by more than their decimals leave open.
     """
     scale = str(header.get("TIMESYS", "UTC")).strip().upper()
     if scale not in {"UTC", ""}:
         raise BadInputError(f"{name}: TIMESYS is {scale}; only dates in UTC are read")
     length_s = _exposure_in(header, name, exposure_s)
     middles: dict[str, Utc] = {}
+    coarse_s: dict[str, float] = {}
     for suffix, share in (("AVG", 0.0), ("BEG", 0.5), ("OBS", 0.5), ("END", -0.5)):
         for kind in ("DATE", "MJD"):
             found = _date_in(header, f"{kind}-{suffix}", name)
             if found is not None:
-                middles[f"{kind}-{suffix}"] = found.plus(share * length_s)
+                utc, coarse_s[f"{kind}-{suffix}"] = found
+                middles[f"{kind}-{suffix}"] = utc.plus(share * length_s)
     if not middles:
         raise BadInputError(f"{name}: its header has no DATE-OBS, DATE-AVG or DATE-BEG")
-    first = next(iter(middles))
+    first = min(middles, key=lambda key: coarse_s[key] > COARSE_S)
     for key, middle in middles.items():
         apart_s = float(middle - middles[first])
-        if abs(apart_s) > AGREE_S + 0.1 * length_s and not _is_middle(key, middles, length_s):
+        agree_s = AGREE_S + 0.1 * length_s + max(coarse_s[key], coarse_s[first])
+        if abs(apart_s) > agree_s and not _is_middle(key, middles, length_s):
             raise BadInputError(
                 f"{name}: {key} and {first} contradict each other by {abs(apart_s):.3f} s "
                 f"for an exposure of {length_s:g} s"
@@ -112,7 +118,8 @@ def _positive(value: object, what: str) -> float:
     return number
 
 
-def _date_in(header: Mapping[str, Any], key: str, name: str) -> Utc | None:
+def _date_in(header: Mapping[str, Any], key: str, name: str) -> tuple[Utc, float] | None:
+    """Return a date, and how many seconds its last decimal is; one second at most."""
     value = header.get(key)
     if value is None or str(value).strip() == "":
         return None
@@ -121,7 +128,7 @@ def _date_in(header: Mapping[str, Any], key: str, name: str) -> Utc | None:
             days = float(value)
         except (TypeError, ValueError):
             raise BadInputError(f"{name}: {key} is {value!r}, which is no date") from None
-        return Utc((days - UNIX_EPOCH_MJD) * DAY_S)
+        return Utc((days - UNIX_EPOCH_MJD) * DAY_S), min(1.0, DAY_S * _last_decimal(str(value)))
     text = str(value).strip()
     if "T" not in text and ":" not in text:
         time_of_day = header.get(key.replace("DATE", "TIME")) or header.get("UT") or header.get("UTC")
@@ -130,7 +137,13 @@ def _date_in(header: Mapping[str, Any], key: str, name: str) -> Utc | None:
                 f"{name}: {key} is {text!r}, without a time of day: write UTC as 2026-10-02T13:05:24.5"
             )
         text = f"{text}T{str(time_of_day).strip()}"
-    return parse_utc(text, f"{name}: {key}")
+    return parse_utc(text, f"{name}: {key}"), _last_decimal(text)
+
+
+def _last_decimal(text: str) -> float:
+    """Return what the last decimal of a number, or of a time's seconds, is worth; 1 without decimals."""
+    found = re.search(r"[.,](\d+)", text)
+    return 1.0 if found is None else 10.0 ** -len(found[1])
 
 
 def parse_utc(text: str, what: str) -> Utc:

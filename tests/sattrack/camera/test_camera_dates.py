@@ -26,6 +26,11 @@ MIDDLE = Utc.parse("2026-10-02T13:05:24.5Z")
         # 61315 + 47124.4 / 86400
         {"MJD-OBS": 61315.545421296296, "EXPTIME": 0.2},
         {"MJD-AVG": 61315.545422453704, "EXPTIME": 0.2},
+        # Others beside it are written to a second or so: cut off, or rounded.
+        {"DATE-OBS": "2026-10-02T13:05:24", "DATE-AVG": "2026-10-02T13:05:24.5", "EXPTIME": 0.2},
+        {"DATE-OBS": "2026-10-02T13:05:24.4", "DATE-END": "2026-10-02T13:05:24", "EXPTIME": 0.2},
+        {"DATE-OBS": "2026-10-02T13:05:24.4", "MJD-OBS": 61315.54543, "EXPTIME": 0.2},
+        {"DATE-OBS": "2026-10-02T13:05:24", "MJD-OBS": 61315.545421296296, "EXPTIME": 0.2},
     ],
 )
 def test_the_middle_of_the_exposure_is_found_in_a_header(header: dict[str, object]) -> None:
@@ -55,6 +60,10 @@ def test_the_middle_of_the_exposure_is_found_in_a_header(header: dict[str, objec
             "contradict each other by 2.900 s",
         ),
         ({"DATE-OBS": "2026-10-02T13:05:24", "MJD-OBS": 61315.0, "EXPTIME": 0.2}, "contradict"),
+        (
+            {"DATE-OBS": "2026-10-02T13:05:24.4", "DATE-AVG": "2026-10-02T13:05:25.0", "EXPTIME": 0.2},
+            "by 0.5",
+        ),
         ({"MJD-OBS": "yesterday", "EXPTIME": 0.2}, "MJD-OBS"),
     ],
 )
