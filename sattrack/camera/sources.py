@@ -183,7 +183,9 @@ def _read_fits(path: Path, options: SourceOptions) -> CameraFrame:
     top_down = str(header.get("ROWORDER", "")).strip().upper() == "TOP-DOWN"
     image = _image(pixels, path)
     said = header.get("SATURATE")
-    full = float(said) if isinstance(said, int | float) else _full_scale(pixels.dtype, header)
+    full = _full_scale(pixels.dtype, header)
+    if isinstance(said, int | float) and not isinstance(said, bool) and said > 0.0:
+        full = float(said)
     return CameraFrame(
         image[::-1] if top_down else image,
         exposure.utc.plus(-options.latency_s),
@@ -425,7 +427,7 @@ class AlpacaCamera:
         except (AlpacaRefusalError, NoAnswerError) as error:
             raise SattrackError(f"{self._url}: no camera: {error}") from None
         self._shortest_s = float(self._optional("exposuremin") or AUTO_S[0])
-        self._full = self._optional("maxadu")
+        self._full = self._optional("maxadu") or None
         self._gain_per_unit = self._optional("electronsperadu")
         self._gains = tuple(self._optional(name) for name in ("gainmin", "gainmax", "gain"))
         self._optics: dict[str, float] = {}
@@ -695,6 +697,9 @@ def save_frame(frame: CameraFrame, folder: Path, camera: str, solved: dict[str, 
     for key in ("GAIN", "OFFSET", "XPIXSZ", "YPIXSZ", "EGAIN", "CCD-TEMP", "XBINNING", "YBINNING"):
         if key in frame.header:
             header[key] = frame.header[key]
+    if frame.saturation is not None:
+        # Whole numbers are kept as 16 bits, whatever the camera has.
+        header["SATURATE"] = (frame.saturation, "value of a full pixel")
     for key, value in (solved or {}).items():
         header[key] = value
     size_um = header.get("XPIXSZ")

@@ -303,6 +303,25 @@ def test_a_frame_that_was_kept_reads_as_it_was(tmp_path: Path) -> None:
     assert fits.getdata(path).tolist() == pixels.tolist()
 
 
+@pytest.mark.parametrize("saturation", [255.0, 4095.0, None])
+def test_a_frame_that_was_kept_is_full_at_the_same_value(tmp_path: Path, saturation: float | None) -> None:
+    pytest.importorskip("astropy.io.fits")
+    pixels = np.full((30, 40), 250.0, dtype=np.float32)
+    save_frame(CameraFrame(pixels, MIDDLE, 0.2, "f", saturation), tmp_path, "guide", None)
+    (kept,) = frames(f"folder:{tmp_path}", SourceOptions())
+    assert isinstance(kept, CameraFrame)
+    assert kept.saturation == (saturation or 65535.0)
+
+
+@pytest.mark.parametrize("said", [0, -1.0, True, "4095"])
+def test_a_full_scale_that_is_none_is_that_of_the_pixels(tmp_path: Path, said: object) -> None:
+    pixels = np.arange(1200, dtype=np.uint16).reshape(30, 40)
+    (tmp_path / "a.fits").write_bytes(fits_bytes(pixels, **DATED, SATURATE=said))
+    (found,) = frames(f"folder:{tmp_path}", SourceOptions())
+    assert isinstance(found, CameraFrame)
+    assert found.saturation == 65535.0
+
+
 @pytest.mark.parametrize("header", [{}, {"XPIXSZ": 0.0}, {"XPIXSZ": 3.75, "YPIXSZ": 3.75, "FOCALLEN": 50.0}])
 def test_a_frame_that_was_kept_tells_its_scale(tmp_path: Path, header: dict[str, float]) -> None:
     pytest.importorskip("astropy.io.fits")
