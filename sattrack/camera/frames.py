@@ -157,7 +157,7 @@ def parse_utc(text: str, what: str) -> Utc:
 
 
 _SHARPCAP = re.compile(r"^(StartCapture|MidCapture|EndCapture)\s*=\s*(\S+)", re.M)
-_SHARPCAP_EXPOSURE = re.compile(r"^Exposure\s*=\s*([0-9.]+)\s*(ms|s)?", re.M)
+_SHARPCAP_EXPOSURE = re.compile(r"^Exposure\s*=\s*([0-9.,]+)[ \t]*([^\W\d]*)", re.M)
 _FIRECAPTURE = re.compile(r"^(Date|Mid\(UT\)|Start\(UT\)|Date_format|Shutter)\s*=\s*(\S+)", re.M)
 _IN_NAME = re.compile(
     r"(?<!\d)(\d{4})-?(\d\d)-?(\d\d)[T_\- ](\d\d)[:_\-]?(\d\d)[:_\-]?(\d\d)"
@@ -178,7 +178,7 @@ def text_exposure(text: str, name: str, exposure_s: float | None = None) -> Expo
         said = _SHARPCAP_EXPOSURE.search(text)
         length_s = exposure_s
         if said is not None:
-            length_s = _length_s(*said.groups())
+            length_s = _length_s(said[1], said[2], f"{name}: Exposure")
         for key, share in (("MidCapture", 0.0), ("StartCapture", 0.5), ("EndCapture", -0.5)):
             if key in sharpcap:
                 return _shifted(parse_utc(sharpcap[key], f"{name}: {key}"), share, length_s, name)
@@ -189,8 +189,10 @@ def text_exposure(text: str, name: str, exposure_s: float | None = None) -> Expo
             day, clock = fields["Date"], fields[key]
             year, month, date = (day[i : i + 2] for i in order)
             iso = f"20{year}-{month}-{date}T{clock[:2]}:{clock[2:4]}:{clock[4:]}Z"
-            shutter = re.fullmatch(r"([0-9.]+)(ms|s)", fields.get("Shutter", ""))
-            length_s = exposure_s if shutter is None else _length_s(*shutter.groups())
+            shutter = re.fullmatch(r"([0-9.,]+)([^\W\d]+)", fields.get("Shutter", ""))
+            length_s = exposure_s
+            if shutter is not None:
+                length_s = _length_s(shutter[1], shutter[2], f"{name}: Shutter")
             return _shifted(parse_utc(iso, f"{name}: {key}"), share, length_s, name)
     return None
 
@@ -214,8 +216,16 @@ def _shifted(utc: Utc, share: float, length_s: float | None, name: str) -> Expos
     return Exposure(utc.plus(share * length_s), length_s)
 
 
-def _length_s(number: str, unit: str) -> float:
-    return float(number) * (0.001 if unit == "ms" else 1.0)
+_MICRO = "\N{MICRO SIGN}\N{GREEK SMALL LETTER MU}u"
+_UNITS_S = {"": 1.0, "s": 1.0, "ms": 1e-3} | {f"{micro}s": 1e-6 for micro in _MICRO}
+
+
+def _length_s(number: str, unit: str, what: str) -> float:
+    """Return a time of exposure; some languages have a comma in it. Raises BadInputError, naming `what`."""
+    try:
+        return float(number.replace(",", ".")) * _UNITS_S[unit]
+    except (ValueError, KeyError):
+        raise BadInputError(f"{what} is {number + unit!r}, which is no time of exposure") from None
 
 
 MOST_VALUE = 1e12

@@ -98,6 +98,23 @@ def test_the_settings_beside_an_image_date_it() -> None:
 
 
 @pytest.mark.parametrize(
+    ("written", "seconds"),
+    [("850us", 850e-6), ("850\N{MICRO SIGN}s", 850e-6), ("0,5s", 0.5), ("0.5", 0.5), ("1,25ms", 0.00125)],
+)
+def test_an_exposure_is_read_in_its_unit(written: str, seconds: float) -> None:
+    """Microseconds taken for seconds would move the middle by minutes."""
+    found = text_exposure(f"Exposure={written}\nMidCapture=2026-10-02T13:05:24.5Z\n", "a.txt")
+    assert found is not None
+    assert found.exposure_s == pytest.approx(seconds)
+
+
+@pytest.mark.parametrize("written", ["2min", "1.2.3s"])
+def test_an_exposure_in_no_unit_that_is_known_is_refused_by_name(written: str) -> None:
+    with pytest.raises(BadInputError, match=r"a\.txt: Exposure is"):
+        text_exposure(f"Exposure={written}\nMidCapture=2026-10-02T13:05:24.5Z\n", "a.txt")
+
+
+@pytest.mark.parametrize(
     "stem",
     ["cap_2026-10-02T13_05_24.400Z", "20261002_130524_400", "iss-2026-10-02-130524.4", "20261002T130524.4"],
 )
