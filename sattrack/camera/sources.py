@@ -43,6 +43,8 @@ if TYPE_CHECKING:
 FITS_SUFFIXES = {".fits", ".fit", ".fts"}
 FITS_BEGINS = b"SIMPLE"
 PNG_SUFFIXES = {".png"}
+PLAIN_MODES = {"P": "RGB", "PA": "RGB", "LA": "L"}
+"""What Pillow's kinds of images are read as that are neither grey nor of three colours."""
 POLL_S = 0.1
 READ_WITHIN_S = 20.0
 FORMS = "folder:DIR, alpaca://HOST:PORT/N, indi://HOST:PORT/NAME or v4l:/dev/video0"
@@ -247,7 +249,9 @@ def _read_png(path: Path, options: SourceOptions) -> CameraFrame:
             _check_size(math.prod(file.size) * len(file.getbands()), path)
             file.load()
             said = {key: str(value) for key, value in getattr(file, "text", {}).items()}
-            pixels = np.asarray(file)
+            # The numbers of a palette are no light, and transparency is none.
+            plain = PLAIN_MODES.get(file.mode)
+            pixels = np.asarray(file if plain is None else file.convert(plain))
     except BadInputError:
         raise
     except Exception as error:  # noqa: BLE001 - the library has no bounds on what it raises for broken files

@@ -291,6 +291,19 @@ def test_an_image_is_dated_by_the_settings_beside_it_and_has_its_top_row_first(t
     assert "y.png: nothing dates it" in str(undated)
 
 
+@pytest.mark.parametrize("mode", ["L", "LA", "P", "RGB", "RGBA"])
+def test_an_image_is_as_bright_in_any_kind_of_png(tmp_path: Path, mode: str) -> None:
+    images = pytest.importorskip("PIL.Image")
+    pixels = np.full((30, 40), 20, dtype=np.uint8)
+    pixels[3, 5] = 230
+    image = images.fromarray(pixels).convert(mode, palette=images.Palette.ADAPTIVE)
+    image.save(tmp_path / "20261002_130524_400.png")
+    (found,) = frames(f"folder:{tmp_path}", SourceOptions(0.2))
+    assert isinstance(found, CameraFrame)
+    assert found.saturation == 255.0
+    assert found.pixels.tolist() == pixels[::-1].tolist()
+
+
 def test_a_frame_that_was_kept_reads_as_it_was(tmp_path: Path) -> None:
     fits = pytest.importorskip("astropy.io.fits")
     pixels = np.arange(1200, dtype=np.float32).reshape(30, 40)
