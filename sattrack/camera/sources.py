@@ -215,7 +215,9 @@ def _fits_image(stream: BinaryIO, name: str) -> tuple[dict[str, Any], NDArray[An
             if part is None:
                 raise BadInputError(f"{name}: it has no image; unpack it first if it is packed")
             _check_size(math.prod(part.shape), name)
-            return {key: part.header[key] for key in part.header if key}, np.asarray(part.data)
+            # What an image does not say itself, the file's first header may say of all.
+            header = {key: one[key] for one in (file[0].header, part.header) for key in one if key}
+            return header, np.asarray(part.data)
     except BadInputError:
         raise
     except Exception as error:  # noqa: BLE001 - the library has no bounds on what it raises for broken files

@@ -304,6 +304,20 @@ def test_an_image_is_as_bright_in_any_kind_of_png(tmp_path: Path, mode: str) -> 
     assert found.pixels.tolist() == pixels[::-1].tolist()
 
 
+def test_an_image_beside_a_first_header_is_dated_by_that(tmp_path: Path) -> None:
+    fits = pytest.importorskip("astropy.io.fits")
+    pixels = np.arange(1200, dtype=np.uint16).reshape(30, 40)
+    first, image = fits.PrimaryHDU(), fits.ImageHDU(pixels)
+    first.header["DATE-OBS"], first.header["EXPTIME"] = "2026-10-02T13:05:24.4", 9.0
+    image.header["EXPTIME"] = 0.2
+    fits.HDUList([first, image]).writeto(tmp_path / "a.fits")
+    (found,) = frames(f"folder:{tmp_path}", SourceOptions())
+    assert isinstance(found, CameraFrame)
+    assert abs(float(found.utc - MIDDLE)) < 1e-6
+    assert found.saturation == 65535.0
+    assert found.pixels.tolist() == pixels.tolist()
+
+
 def test_a_frame_that_was_kept_reads_as_it_was(tmp_path: Path) -> None:
     fits = pytest.importorskip("astropy.io.fits")
     pixels = np.arange(1200, dtype=np.float32).reshape(30, 40)
