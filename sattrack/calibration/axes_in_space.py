@@ -262,10 +262,16 @@ def rounded(geometry: AxisGeometry) -> AxisGeometry:
 
 
 def with_axes(profile: MountProfile, found: FoundAxes, site: SitePlace) -> MountProfile:
-    """Return a profile with the axes that were found at a site, and the signs of their rates."""
+    """Return a profile with the axes that were found at a site, and the signs of their rates.
+
+    What was learnt about its former axes and their zero points is left out: it would count twice.
+    """
     first, second = found.gains
     return msgspec.structs.replace(
         msgspec.structs.replace(profile, stands_at=site).with_geometry(rounded(found.geometry)),
+        pointing=None,
+        periodic=None,
+        sky=None,
         additive=False,
         ra_rate_sign=1 if first > 0.0 else -1,
         dec_rate_sign=1 if second > 0.0 else -1,

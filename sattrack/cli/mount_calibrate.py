@@ -167,7 +167,7 @@ def _find_axes(
         found = find_axes(finder.legs, site.latitude_deg, finder.stood)
     except SattrackError as error:
         raise SattrackError(f"{error}; nothing was written; {rest}") from error
-    profile = with_axes(base.mount, found, SitePlace(site.latitude_deg, site.longitude_deg))
+    profile = with_axes(base, found, SitePlace(site.latitude_deg, site.longitude_deg))
     profile = msgspec.structs.replace(profile, name=options["name"] or profile.name)
     write_file(target, profile_text(profile))
     kind = kind_of(found.geometry, site.latitude_deg)
@@ -179,6 +179,9 @@ def _find_axes(
         notes.append("this mount is equatorial: without --axes more is measured, and servers can use it")
         if not seen:
             notes.append("a mount that reports the angles of its axes looks equatorial too: --camera tells")
+    stale = [f"[{name}]" for name in ("pointing", "periodic", "sky") if getattr(base, name) is not None]
+    if stale:
+        notes.append(f"{', '.join(stale)} of the profile left out, learnt of the axes as they were before")
     notes.append(
         f"the first axis may turn {profile.hour_angle_limit_deg:g}° either way of its zero, cables counted: "
         "set hour_angle_limit_deg to what the cables bear"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import axes_anywhere
@@ -12,9 +13,11 @@ import msgspec
 import pytest
 
 from sattrack.calibration.axes_in_space import LEGS, AxisTurn, Stood, find_axes, kind_of, with_axes
+from sattrack.cli import mount_calibrate
 from sattrack.core.errors import SattrackError
 from sattrack.mount.geometry import AxisFrame, AxisGeometry
-from sattrack.mount.model import MountProfile, SitePlace
+from sattrack.mount.model import MountProfile, PointingTerms, SitePlace
+from sattrack.mount.profiles import load_profile_file, profile_text
 from sattrack.pointing.fields import FieldSky, FieldWait, Solved
 from sattrack.safety import SafetyLimits
 from tle.refraction import Refraction
@@ -22,6 +25,7 @@ from tle.site import Site
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
 LATITUDE_DEG = 47.0
 STRANGER = axes_anywhere.Telescope
@@ -131,6 +135,34 @@ def test_a_mount_that_runs_away_is_stopped_within_the_circle() -> None:
     begin, end = run.tube_deg[0], run.tube_deg[-1]
     apart = math.degrees(erfa.seps(*(math.radians(angle) for one in (begin, end) for angle in one[1:])))
     assert apart < 20.0
+
+
+def test_an_updated_profile_keeps_its_values_but_what_was_learnt_of_its_former_axes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A zero point that is found anew is in the former pointing model too, as IA."""
+    file = tmp_path / "altaz.toml"
+    terms = PointingTerms("2026-09-21T00:00:00Z", LATITUDE_DEG, {"IA": (3600.0, 1.0)}, 2.0, 12, axes="altaz")
+    known = MountProfile(
+        name="altaz",
+        additive=False,
+        watchdog_s=7.0,
+        stands_at=SitePlace(LATITUDE_DEG, 5.0),
+        geometry=AxisGeometry(0.0, 90.0),
+        pointing=msgspec.structs.replace(terms, signs="tpoint"),
+    )
+    file.write_text(f"{profile_text(known)}\n[simulator]\nfloor_altitude_deg = 3.0\n", encoding="utf-8")
+    before = load_profile_file(file)
+    turned = SimpleNamespace(
+        legs=motions(parameters((0.0, 90.0))), stood=None, words=None, mount_stopped=True
+    )
+    monkeypatch.setattr(mount_calibrate, "_turn_axes", lambda *_: (turned, None))
+    words = ["--mount", "sim", "--axes", "--yes", "--update", str(file), "--site", f"{LATITUDE_DEG},5,0"]
+    assert mount_calibrate.command.main(args=words, standalone_mode=False) == 0
+    assert "[pointing] of the profile left out" in capsys.readouterr().err
+    after = load_profile_file(file)
+    assert after.pointing is None
+    assert (after.watchdog_s, after.simulator) == (7.0, before.simulator)
 
 
 def test_the_found_profile_can_be_written_and_read() -> None:
