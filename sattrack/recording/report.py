@@ -442,7 +442,7 @@ def _bias_advice(bias: BiasFigures) -> list[str]:
     if significant:
         found.append(
             "with these elements, begin with "
-            f"--bias-along {bias.along_s:.2f} --bias-cross {bias.cross_deg:.3f}, or fetch newer ones"
+            f"--bias-along {bias.along_s:.4f} --bias-cross {bias.cross_deg:.5f}, or fetch newer ones"
         )
     drift, sigma = bias.along_drift_s_s, bias.along_drift_sigma_s_s
     if drift is not None and sigma is not None and abs(drift) > DRIFT_SIGMAS * sigma:
