@@ -85,7 +85,8 @@ def report_rows(report: Report) -> list[tuple[str, str]]:
             )
         )
     rows.append(("the satellite's biases", _bias(report.bias)))
-    for name, axis in (("hour angle axis", report.ra), ("declination axis", report.dec)):
+    for title, axis in zip(report.axes, (report.ra, report.dec), strict=True):
+        name = title if title.endswith("axis") else f"{title} axis"
         rows += [(name, words) for words in (_axis(axis), *_untold(axis)) if words]
     return rows
 
@@ -103,11 +104,12 @@ def _missed(report: Report) -> str:
     if report.missed is None:
         held_s = sum(report.times.held_s.values())
         return f"limits held the mount for {held_s:.0f} s" if held_s else "the mount never came to follow"
-    seen = report.missed
+    seen, (first, second) = report.missed, report.axes
+    first = "right ascension" if first == "hour angle" else first
     return (
         f"in {report.times.acquiring_s:.0f} s of trying {seen.typical_arcsec:.1f}″ off typically, "
-        f"{seen.largest_arcsec:.0f}″ at most; right ascension {_axis_missed(seen.ra)}; "
-        f"declination {_axis_missed(seen.dec)}"
+        f"{seen.largest_arcsec:.0f}″ at most; {first} {_axis_missed(seen.ra)}; "
+        f"{second} {_axis_missed(seen.dec)}"
     )
 
 
@@ -490,8 +492,10 @@ def _errors(run: Trace, shown: NDArray[np.bool_], tracks: Sequence[Track]) -> An
 def _rates(run: Trace) -> Any:
     figure, axes = _panel()
     at = times(run.sent_utc_s)
-    axes.plot(at, run.sent[:, 0], color=RA, linewidth=1.0, label="right ascension axis")
-    axes.plot(at, run.sent[:, 1], color=DEC, linewidth=1.0, label="declination axis")
+    names = run.engine.spec.profile.axis_names("right ascension axis")
+    for column, (name, colour) in enumerate(zip(names, (RA, DEC), strict=True)):
+        label = name.removeprefix("the ") if name.endswith("axis") else f"{name} axis"
+        axes.plot(at, run.sent[:, column], color=colour, linewidth=1.0, label=label)
     axes.set_ylabel("°/s")
     _legend(axes)
     label_times(axes)

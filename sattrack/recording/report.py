@@ -164,6 +164,8 @@ class Report(msgspec.Struct, frozen=True):
     times: TimeFigures
     elements_age_days: float | None = None
     """Age of the elements that the error is against, when the run began; null for what has no epoch."""
+    axes: tuple[str, ...] = ("hour angle", "declination")
+    """What the axes of `ra` and `dec` are called: of a mount with a geometry "first axis", "second axis"."""
 
 
 def _unused(run: Trace) -> tuple[str, ...]:
@@ -201,6 +203,7 @@ def make_report(recording: Recording, run: Trace) -> tuple[Report, BiasFit | Non
         missed=missed,
         times=times,
         elements_age_days=_age_days(spec),
+        axes=spec.profile.axis_titles,
     )
     return msgspec.structs.replace(report, advice=tuple(advice(report, run))), fit
 

@@ -131,6 +131,12 @@ def test_gains_of_an_azimuth_mount_are_those_of_its_axes(
         assert told[axis]["gain"] == pytest.approx(1.0, abs=1e-4)
         assert told[axis]["delay_s"] == pytest.approx(0.0253, abs=0.002)
     assert not any("gain" in words for words in told["advice"])
+    assert told["axes"] == ["first axis", "second axis"]
+    assert run(["report", str(path)]) == 0
+    shown = capsys.readouterr().out
+    assert "first axis" in shown
+    assert "hour angle" not in shown
+    assert "declination" not in shown
 
 
 def test_gain_and_delay_are_those_of_the_simulated_mount(
