@@ -121,6 +121,7 @@ class FolderSource:
     def frames(self) -> Iterator[CameraFrame | SattrackError]:
         """See FrameSource."""
         done: set[str] = set()
+        refused: dict[str, int | None] = {}
         sizes: dict[str, int] = {}
         while True:
             found = sorted(
@@ -129,11 +130,18 @@ class FolderSource:
             for path in found:
                 if path.name in done or (self._options.watch and self._growing(path, sizes)):
                     continue
-                done.add(path.name)
+                size = sizes.get(path.name)
+                if path.name in refused and refused[path.name] == size:
+                    continue
                 try:
-                    yield read_frame(path, self._options)
+                    frame = read_frame(path, self._options)
                 except SattrackError as error:
+                    # It may be written on.
+                    refused[path.name] = size
                     yield error
+                else:
+                    done.add(path.name)
+                    yield frame
             if not self._options.watch:
                 if not found:
                     yield self._nothing_to_read()

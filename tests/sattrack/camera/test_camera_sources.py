@@ -257,6 +257,21 @@ def test_a_file_that_goes_away_before_it_is_read_ends_nothing(tmp_path: Path, wa
     assert names == ["a.fits", "c.fits"]
 
 
+def test_a_file_whose_writing_pauses_is_read_once_it_is_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, file = image_fits(), tmp_path / "a.fits"
+    file.write_bytes(whole[:4000])
+    monkeypatch.setattr(sources, "POLL_S", 0.0)
+    camera = open_source(f"folder:{tmp_path}", SourceOptions(watch=True)).frames()
+    assert isinstance(next(camera), BadInputError)
+    file.write_bytes(whole)
+    (tmp_path / "b.fits").write_bytes(whole)
+    read = next(camera)
+    assert isinstance(read, CameraFrame)
+    assert read.name == "a.fits"
+
+
 def test_a_frame_that_does_not_fit_into_the_memory_is_told_and_the_next_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
