@@ -429,6 +429,8 @@ class Looker:
         from sattrack.camera.centring import FEWEST_STARS, ImageGeometry, contradiction
 
         scale = self.geometry.of_header(frame).scale_arcsec_px
+        if self._solves and scale is None:
+            self._tell("fields are not solved: no scale is known; give --scale ARCSEC_PER_PIXEL")
         if not self._solves or scale is None or len(detection.stars) < FEWEST_STARS:
             return None
         if self._solver is None:

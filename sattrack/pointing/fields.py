@@ -22,7 +22,7 @@ A camera that is not there ends by itself.
 """
 ALIKE_DEG = 0.5
 """How near two frames must be solved that no single one is believed for."""
-CLOUDS = "no field was found among the stars: clouds?"
+CLOUDS = "no field was found among the stars: clouds, or a wrong scale?"
 
 
 class Solved(NamedTuple):

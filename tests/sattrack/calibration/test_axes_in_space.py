@@ -215,7 +215,8 @@ def moved_deg(run: Any) -> float:
 
 def test_nothing_moves_before_two_fields_are_alike() -> None:
     _, run, finder = seen_run(13, wrong=dict.fromkeys(range(100)))
-    assert finder.words == "before the first motion: no field was found among the stars: clouds?"
+    words = "no field was found among the stars: clouds, or a wrong scale?"
+    assert finder.words == f"before the first motion: {words}"
     assert (finder.legs, finder.mount_stopped) == ([], None)
     assert moved_deg(run) < 1e-3
     contradicting = {k: (40.0 * (k % 3), 10.0) for k in range(100)}
@@ -226,7 +227,7 @@ def test_nothing_moves_before_two_fields_are_alike() -> None:
 
 def test_clouds_end_the_motions_at_rest_and_a_frame_without_a_field_does_not() -> None:
     _, run, finder = seen_run(13, wrong=dict.fromkeys(range(22, 100)))
-    assert str(finder.words).endswith("no field was found among the stars: clouds?")
+    assert str(finder.words).endswith("no field was found among the stars: clouds, or a wrong scale?")
     assert str(finder.words).startswith("after motion ")
     assert finder.mount_stopped is True
     assert 0.5 < moved_deg(run) < 12.0
@@ -330,7 +331,7 @@ def test_a_camera_that_starts_late_has_its_time_for_a_second_frame() -> None:
     assert wait.trouble(250.0) is None
     assert wait.look(251.0) == []
     assert wait.trouble(260.0) is None
-    assert wait.trouble(280.0) == "no field was found among the stars: clouds?"
+    assert wait.trouble(280.0) == "no field was found among the stars: clouds, or a wrong scale?"
     wait.begin(300.0)
     assert wait.trouble(330.0) == "no frame came"
 

@@ -74,6 +74,16 @@ def test_each_frame_is_a_line_with_the_offset_from_the_middle(
     assert [one["dx_arcsec"] for one in again] == [one["dx_arcsec"] for one in (first, empty, third)]
 
 
+def test_that_fields_are_not_solved_without_a_scale_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_frames(tmp_path, [(249.5, 149.5), None])
+    lines, err = ran(capsys, "camera", f"folder:{tmp_path}", "--json")
+    assert [line["solved"] for line in lines] == [None, None]
+    assert err.count("no scale is known; give --scale") == 1
+    assert "scale" not in ran(capsys, "camera", f"folder:{tmp_path}", "--json", "--no-solve")[1]
+
+
 def test_the_settings_of_a_camera_are_those_of_its_name(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
