@@ -471,6 +471,11 @@ class Looker:
                 self._making.wait()
             if self._making.poll() is None:
                 return None
+            if self._making.returncode:
+                self._unsolved(
+                    f"fields are not solved: {path} cannot be made: is its disk full or read-only?"
+                )
+                return None
         try:
             return Solver(package.SolverDatabase.load_from_file(str(path)), fov_deg)
         except (OSError, ValueError, RuntimeError) as error:

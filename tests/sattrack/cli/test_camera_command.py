@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -82,6 +83,20 @@ def test_that_fields_are_not_solved_without_a_scale_is_said(
     assert [line["solved"] for line in lines] == [None, None]
     assert err.count("no scale is known; give --scale") == 1
     assert "scale" not in ran(capsys, "camera", f"folder:{tmp_path}", "--json", "--no-solve")[1]
+
+
+def test_an_index_of_stars_that_cannot_be_made_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("tetra3rs", reason="solving needs the extra camera")
+    write_frames(tmp_path, [(249.5, 149.5)])
+    (tmp_path / "cache").write_text("no folder")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    failed = SimpleNamespace(wait=lambda: 1, poll=lambda: 1, returncode=1)
+    monkeypatch.setattr("sattrack.camera.star_index.start_making", lambda *_: failed)
+    monkeypatch.setattr("sattrack.camera.centring.FEWEST_STARS", 1)
+    err = ran(capsys, "camera", f"folder:{tmp_path}", "--scale", "300", "--json")[1]
+    assert "cannot be made: is its disk full or read-only?" in err
 
 
 def test_the_settings_of_a_camera_are_those_of_its_name(
