@@ -720,7 +720,9 @@ def save_frame(frame: CameraFrame, folder: Path, camera: str, solved: dict[str, 
     if "SCALE" in header and isinstance(size_um, int | float) and size_um > 0.0:
         header["FOCALLEN"] = (size_um * 1e-3 / math.radians(header["SCALE"] / 3600.0), "[mm]")
     name = begun.isoformat("milliseconds").replace(":", "").replace("-", "").replace(".", "_")
-    path = folder / f"{name}.fits"
+    # Two cameras of a run keep their frames in one folder.
+    whose = re.sub(r"[^\w.-]", "_", camera)
+    path = folder / f"{name}_{whose}.fits"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         part.writeto(path, overwrite=True)

@@ -345,6 +345,14 @@ def test_a_frame_that_was_kept_reads_as_it_was(tmp_path: Path) -> None:
     assert fits.getdata(path).tolist() == pixels.tolist()
 
 
+def test_frames_of_two_cameras_are_both_kept(tmp_path: Path) -> None:
+    pytest.importorskip("astropy.io.fits")
+    frame = CameraFrame(np.zeros((30, 40), dtype=np.float32), MIDDLE, 0.2, "f")
+    kept = {save_frame(frame, tmp_path, camera, None) for camera in ("finder", "guide", "../my camera")}
+    assert set(tmp_path.iterdir()) == kept
+    assert len(kept) == 3
+
+
 @pytest.mark.parametrize("saturation", [255.0, 4095.0, None])
 def test_a_frame_that_was_kept_is_full_at_the_same_value(tmp_path: Path, saturation: float | None) -> None:
     pytest.importorskip("astropy.io.fits")
