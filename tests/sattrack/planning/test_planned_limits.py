@@ -183,7 +183,7 @@ def test_a_stop_and_a_new_beginning_are_recommended_where_the_cables_end() -> No
     time_s = np.linspace(0.0, 400.0, 4001)
     path = path_of(time_s, 140.0 + 0.3 * time_s, np.full_like(time_s, 70.0))
     found = choose_sides(path, ability(MountProfile(), latitude_deg=60.0), "never", [])
-    # The cables end after 200 s; a second of fault and a tenth of a degree are kept before. By itself the mount
+    # The cables end after 200 s; a second of fault and a tenth of a degree are kept before. By itself it
     # slews only when it has been 5° behind on the sky for 5 s.
     far_s = 5.0 / math.cos(math.radians(70.0)) / 0.3
     once_round_s = 3.0 + 360.0 / 10.0

@@ -100,7 +100,7 @@ def test_it_is_small_enough_to_be_told_at_once() -> None:
 
 
 def test_what_a_limit_takes_of_the_pass_is_told_before_it() -> None:
-    """The declination axis ends at 40°: lost while skyfield's declination is higher, the fault's second counted."""
+    """The declination axis ends at 40°: lost while skyfield's declination is higher, and a second before."""
     low = msgspec.structs.replace(FACTS, profile=MountProfile(dec_axis_limits_deg=(-90.0, 40.0)))
     times = load.timescale(builtin=True)
     place = wgs84.latlon(FACTS.site.latitude_deg, FACTS.site.longitude_deg, elevation_m=FACTS.site.height_m)
