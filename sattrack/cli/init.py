@@ -325,6 +325,8 @@ def find_cities(name: str) -> list[City]:
     """
     every = _cities()
     wanted, _, country = (part.strip() for part in name.partition(","))
+    if not wanted:
+        raise BadInputError(f"{name!r} is no city: give its name, or LAT,LON,HEIGHT")
     # Some have a comma in their name: Washington, D.C.
     for text, where in ((name, ""), (wanted, country.upper())):
         named = _called(every, text)

@@ -220,6 +220,12 @@ def test_a_city_is_known_by_what_it_is_called_elsewhere(typed, meant):
     assert [one.name for one in find_cities(typed)] == [meant]
 
 
+@pytest.mark.parametrize("typed", ["", " ", ",", ", FR"])
+def test_an_empty_name_is_no_city(typed):
+    with pytest.raises(BadInputError, match="is no city: give its name"):
+        find_cities(typed)
+
+
 def test_of_a_city_that_is_not_known_what_is_meant_is_told_with_its_country():
     with pytest.raises(BadInputError, match="did you mean Newcastle, AU or Newcastle"):
         find_cities("Newcastl")
