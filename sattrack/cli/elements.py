@@ -293,7 +293,8 @@ def _why_not(one: Elements, now: Utc) -> str | None:
 def _epoch(row: dict[str, Any], decimals: int = 0) -> str:
     """Return the epoch as date, local time and zone."""
     utc_s = iso_unix_s(row["epoch_utc"])
-    return f"{local_time.date(utc_s)} {local_time.clock(utc_s, decimals)} {local_time.zone_name(utc_s)}"
+    date, clock = local_time.date(utc_s, decimals), local_time.clock(utc_s, decimals)
+    return f"{date} {clock} {local_time.zone_name(utc_s)}"
 
 
 def _description(row: dict[str, Any]) -> str:

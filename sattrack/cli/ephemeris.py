@@ -224,7 +224,7 @@ def _print_table(times: list[Utc], columns: dict[str, list[Any]]) -> None:
     day = ""
     for i, t in enumerate(times):
         utc_s = float(t.unix_s)
-        date = f"{local_time.day(utc_s)}, {local_time.zone_name(utc_s)}"
+        date = f"{local_time.day(utc_s, 3)}, {local_time.zone_name(utc_s)}"
         if date != day:
             click.echo(date)
             day = date

@@ -657,10 +657,10 @@ def transit_lines(transits: Sequence[Transit]) -> Iterator[str]:
     date = None
     for one in transits:
         unix_s = float(one.utc.unix_s)
-        if local_time.date(unix_s) != date:
-            date = local_time.date(unix_s)
-            yield date
         whole_s = math.floor(unix_s)
+        if local_time.date(whole_s) != date:
+            date = local_time.date(whole_s)
+            yield date
         time = f"{local_time.clock(whole_s)}.{math.floor(100.0 * (unix_s - whole_s)):02d}"
         off, size = one.separation_deg * 60.0, one.radius_deg * 120.0
         yield (

@@ -62,15 +62,15 @@ def clock(utc_s: float, decimals: int = 0) -> str:
     return f"{text}.{round(rounded % 1.0 * 10**decimals):0{decimals}d}" if decimals else text
 
 
-def day(utc_s: float) -> str:
-    """Return the day, Sun 22 Nov 2026."""
-    at = _at(round(utc_s))
+def day(utc_s: float, decimals: int = 0) -> str:
+    """Return the day, Sun 22 Nov 2026, of an instant rounded as `clock` rounds it."""
+    at = _at(round(utc_s, decimals))
     return f"{at:%a} {at.day} {at:%b %Y}"
 
 
-def date(utc_s: float) -> str:
-    """Return the date, 2026-11-22."""
-    return f"{_at(round(utc_s)):%Y-%m-%d}"
+def date(utc_s: float, decimals: int = 0) -> str:
+    """Return the date, 2026-11-22, of an instant rounded as `clock` rounds it."""
+    return f"{_at(round(utc_s, decimals)):%Y-%m-%d}"
 
 
 def stamped(utc_s: float, program: str, text: str) -> str:
@@ -80,12 +80,13 @@ def stamped(utc_s: float, program: str, text: str) -> str:
 
 def instant(utc_s: float, decimals: int = 0) -> str:
     """Return day, time and zone, Sun 22 Nov 2026 21:04:09 CET."""
-    return f"{day(utc_s)} {clock(utc_s, decimals)} {zone_name(utc_s)}"
+    return f"{day(utc_s, decimals)} {clock(utc_s, decimals)} {zone_name(utc_s)}"
 
 
 def moment(utc_s: float, beside_s: float, decimals: int = 0) -> str:
     """Return the time of day, after weekday and date where the day is another than that of `beside_s`."""
-    other = "" if day(utc_s) == day(beside_s) else f"{_at(round(utc_s)):%a} {_at(round(utc_s)).day} "
+    at = _at(round(utc_s, decimals))
+    other = "" if day(utc_s, decimals) == day(beside_s) else f"{at:%a} {at.day} "
     return other + clock(utc_s, decimals)
 
 

@@ -46,6 +46,15 @@ def test_a_zone_is_kept_through_the_change_of_clocks():
     assert (day(WINTER_S), date(WINTER_S), zone_name(SUMMER_S)) == ("Sun 25 Oct 2026", "2026-10-25", "CEST")
 
 
+def test_the_day_beside_decimals_is_that_of_the_time_shown():
+    use_zone("UTC")
+    before_s = datetime(2026, 10, 2, 23, 59, 59, 600000, tzinfo=UTC).timestamp()
+    assert instant(before_s, 3) == "Fri 2 Oct 2026 23:59:59.600 UTC"
+    assert instant(before_s) == "Sat 3 Oct 2026 00:00:00 UTC"
+    assert (date(before_s, 3), day(before_s, 3)) == ("2026-10-02", "Fri 2 Oct 2026")
+    assert moment(before_s, before_s - 60.0, 1) == "23:59:59.6"
+
+
 @pytest.mark.parametrize("zone", ["Asia/Kathmandu", "America/St_Johns", "Pacific/Kiritimati", "UTC"])
 def test_times_are_those_of_the_python_library_in_any_zone(zone):
     use_zone(zone)
