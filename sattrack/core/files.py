@@ -19,10 +19,16 @@ PART = ".part"
 def user_folder(variable: str, usual: str, environ: Mapping[str, str] | None = None) -> Path:
     """Return this program's folder below that of a variable, else below `usual` in the home folder.
 
-    A variable that holds a relative path does not count ("XDG Base Directory Specification" 0.8).
+    A variable that holds a relative path does not count ("XDG Base Directory Specification" 0.8). Of a user
+    without a home, as a container may have, the home is the root folder.
     """
     base = Path((os.environ if environ is None else environ).get(variable, ""))
-    return (base if base.is_absolute() else Path.home() / usual) / "sattrack"
+    if not base.is_absolute():
+        try:
+            base = Path.home() / usual
+        except RuntimeError:
+            base = Path(os.sep) / usual
+    return base / "sattrack"
 
 
 def open_regular(path: Path) -> IO[bytes]:

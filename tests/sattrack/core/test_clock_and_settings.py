@@ -13,7 +13,7 @@ import pytest
 
 from sattrack.core.clock import SimulatedClock, SystemClock, parse_clock
 from sattrack.core.errors import BadInputError
-from sattrack.settings import Settings, load_settings, whose_settings
+from sattrack.settings import Settings, load_settings, user_settings_file, whose_settings
 
 PASSES = ("passes", "25544", "--clock", "2026-10-02T13:00:00Z", "--hours", "1", "--json")
 
@@ -107,6 +107,21 @@ def test_settings_are_found_here_first_then_in_the_users_folder(
         2.0,
         0.0,
     )
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a user without a home")
+def test_a_user_without_a_home_has_no_settings_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import pwd
+
+    def unknown(number: int) -> None:
+        raise KeyError(number)
+
+    for name in ("HOME", "XDG_CONFIG_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(pwd, "getpwuid", unknown)
+    monkeypatch.chdir(tmp_path)
+    assert user_settings_file() == Path("/.config/sattrack/sattrack.toml")
+    assert load_settings() == Settings()
 
 
 def give_away(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
