@@ -229,4 +229,6 @@ def _handed_on(context: CommandContext, options: dict[str, Any]) -> list[str]:
         text += ["--elements", source]
     if options["plain"]:
         text.append("--ascii")
+    if context.utc:
+        text.append("--utc")
     return text

@@ -67,6 +67,8 @@ class CommandContext:
     json: bool
     debug: bool
     settings_file: Path | None = None
+    utc: bool = False
+    """Whether people read times in UTC, whatever zone the settings name."""
 
     def has_site(self) -> bool:
         """Tell whether a site was given anywhere."""
@@ -580,6 +582,7 @@ def common_options(*used: str, goes_on: bool = False) -> Callable[[Callable[...,
                 as_json,
                 debug,
                 found,
+                utc,
             )
             _keep_inputs(rest, [*element_sources, context.settings_file])
             named = (settings.safety.horizon, settings.mount.profile, rest.get("profile"))
@@ -832,6 +835,8 @@ def helper_options(
 
     there = None if mount_url == "sim" else mount_url
     shared = _option_words("--config", context.settings_file) + _option_words("--profile", profile)
+    if context.utc:
+        shared += ("--utc",)
     site = context.site_option
     if site is None and not context.has_site():
         from sattrack.runtime import demo_pass

@@ -223,6 +223,18 @@ def test_programs_of_ours_are_given_the_settings_that_were_found(tmp_path: Path)
         assert words[words.index("--config") + 1] == str(path)
 
 
+def test_programs_of_ours_show_utc_where_that_is_asked_for(tmp_path: Path) -> None:
+    from sattrack.cli.attach import _handed_on
+    from sattrack.cli.common import CommandContext, helper_options
+
+    look = {"theme": None, "plain": False}
+    for utc in (True, False):
+        context = CommandContext(Settings(), "52,4,0", ("a.tle",), None, False, False, utc=utc)
+        helpers = helper_options(context, None, None, practising=False)
+        for words in (helpers.watch, helpers.passes or (), _handed_on(context, look)):
+            assert ("--utc" in words) is utc
+
+
 def test_element_files_are_beside_the_settings_that_name_them(tmp_path: Path) -> None:
     (tmp_path / "other.toml").write_text(
         'elements = ["mine.tle", "https://example.org/x", "celestrak:active", "-"]\n'
