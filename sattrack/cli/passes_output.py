@@ -21,7 +21,7 @@ from tle.bodies import Body
 from tle.crossings import select
 from tle.errors import printable
 from tle.facts import NUMBERS
-from tle.instants import DAY_S, Utc
+from tle.instants import Utc
 from tle.propagator import Propagator
 from tle.workers import mapping
 
@@ -390,9 +390,7 @@ def table_lines(table: PassTable, now_utc_s: float | None) -> Iterator[str]:
         yield from _now_lines(table, now_utc_s)
     yield click.style(_HEAD, bold=True)
     day, minute = "", None
-    # Within months a zone's offset may change, and change back.
-    days_s = np.append(np.arange(begins_s, begins_s + span_s, DAY_S), begins_s + span_s)
-    changes = len({local_time.offset_s(at) for at in days_s.tolist()}) > 1
+    changes = local_time.changes_within(begins_s, begins_s + span_s)
     for block in table.blocks():
         found, start_s = block.passes.found, block.passes.task.span[0]
         moments = [

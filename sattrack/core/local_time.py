@@ -6,6 +6,7 @@ process's own, as the system's tools have it; processes that this one starts inh
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import time
@@ -48,6 +49,13 @@ def offset_s(utc_s: float) -> float:
     """Return the zone's offset from UTC at an instant, seconds, positive east."""
     offset = _at(utc_s).utcoffset()
     return 0.0 if offset is None else offset.total_seconds()
+
+
+def changes_within(start_utc_s: float, end_utc_s: float) -> bool:
+    """Tell whether the zone's offset changes between two instants; at both ends it may be the same."""
+    days = math.ceil((end_utc_s - start_utc_s) / 86400.0)
+    at = [min(start_utc_s + 86400.0 * day, end_utc_s) for day in range(days + 1)]
+    return len(set(map(offset_s, at))) > 1
 
 
 def zone_name(utc_s: float) -> str:

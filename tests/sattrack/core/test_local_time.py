@@ -12,6 +12,7 @@ import pytest
 
 from sattrack.cli.main import run
 from sattrack.core.local_time import (
+    changes_within,
     clock,
     date,
     day,
@@ -44,6 +45,18 @@ def test_a_zone_is_kept_through_the_change_of_clocks():
     assert instant(WINTER_S) == "Sun 25 Oct 2026 02:00:00 CET"
     assert span(SUMMER_S, WINTER_S + 86400.0) == "Sun 25 Oct 2026 02:59:59 to Mon 26 Oct 2026 02:00:00 CET"
     assert (day(WINTER_S), date(WINTER_S), zone_name(SUMMER_S)) == ("Sun 25 Oct 2026", "2026-10-25", "CEST")
+
+
+def test_a_zone_changes_from_winter_to_winter():
+    use_zone("Europe/Amsterdam")
+    winter_s, summer_s, next_winter_s = (
+        datetime(2026, month, 15, tzinfo=UTC).timestamp() for month in (1, 7, 12)
+    )
+    assert changes_within(winter_s, next_winter_s)
+    assert changes_within(winter_s, summer_s)
+    assert changes_within(SUMMER_S, WINTER_S)
+    assert not changes_within(WINTER_S, next_winter_s)
+    assert not changes_within(WINTER_S, WINTER_S)
 
 
 def test_the_day_beside_decimals_is_that_of_the_time_shown():
