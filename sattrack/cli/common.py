@@ -811,6 +811,14 @@ def can_draw_lines_anew() -> bool:
     return sys.stderr.isatty() and os.environ.get("TERM") not in CANNOT_DRAW
 
 
+def may_colour() -> bool | None:
+    """Return what click takes as `color`: none where the user or the terminal wants none, else as it finds.
+
+    https://no-color.org: any value of NO_COLOR but an empty one.
+    """
+    return False if os.environ.get("NO_COLOR") or os.environ.get("TERM") in CANNOT_DRAW else None
+
+
 def with_tui(appearance: Appearance, stay: bool = True, helpers: HelperOptions | None = None) -> int:
     """Run this very command line headless in a process of its own, and the terminal UI here on top of it.
 

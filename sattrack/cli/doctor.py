@@ -24,6 +24,7 @@ from sattrack.cli.common import (
     CommandContext,
     common_options,
     how_to_renew,
+    may_colour,
     profile_option,
     read_settings,
     say,
@@ -397,7 +398,7 @@ def command(context: CommandContext, **options: Any) -> int:
 def _tell(check: CheckResult) -> None:
     state = click.style(f"{check.state:<4}", fg=COLOURS[check.state])
     what = printable(local_time.localised(check.what), "\n")
-    click.echo(f"{state}  {check.subject:<9} {what}")
+    click.echo(f"{state}  {check.subject:<9} {what}", color=may_colour())
     for way in check.do:
         say(f"{'':<16}→ {way}")
 

@@ -19,6 +19,7 @@ from sattrack.cli.common import (
     CommandContext,
     common_options,
     given_instant,
+    may_colour,
     profile_option,
     renew,
     satellite_names,
@@ -170,12 +171,10 @@ def _show_passes(table: PassTable, style: str, options: dict[str, Any]) -> None:
 
         sys.stdout.write(passes_calendar(table).decode())
     elif len(table):
-        # https://no-color.org: any value but an empty one; elsewhere click leaves colour to terminals.
-        colour = False if os.environ.get("NO_COLOR") else None
         now_utc_s = None if options["start"] else float(table.passes.start.unix_s)
         lines = table_lines(table, now_utc_s)
         for some in _batched(lines):
-            click.echo("\n".join(some), color=colour)
+            click.echo("\n".join(some), color=may_colour())
     else:
         tell("no pass in this time meets the criteria")
 

@@ -12,7 +12,7 @@ import click
 import msgspec
 import numpy as np
 
-from sattrack.cli.common import given_utc_s, renew, tell
+from sattrack.cli.common import given_utc_s, may_colour, renew, tell
 from sattrack.cli.run_report import plan_lines
 from sattrack.core import local_time
 from sattrack.core.angles import altitude_deg
@@ -114,8 +114,7 @@ def _write(plan: SchedulePlan, context: CommandContext, options: dict[str, Any])
     if context.json:
         click.echo(msgspec.json.encode(plan).decode())
     else:
-        colour = False if os.environ.get("NO_COLOR") else None
-        click.echo("\n".join(plan_lines(plan)), color=colour)
+        click.echo("\n".join(plan_lines(plan)), color=may_colour())
 
 
 def within_half_a_turn(profile: ProfileFile) -> ProfileFile:

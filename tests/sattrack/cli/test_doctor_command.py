@@ -137,3 +137,22 @@ def test_people_get_lines_with_what_to_do_below(capsys: pytest.CaptureFixture[st
     assert any(line.startswith("warn  site ") for line in lines)
     bad = next(number for number, line in enumerate(lines) if line.startswith("bad   disk "))
     assert lines[bad + 1].strip() == "→ give another with --record-folder"
+
+
+@pytest.mark.parametrize(
+    ("environ", "coloured"), [({}, True), ({"NO_COLOR": "1"}, False), ({"TERM": "dumb"}, False)]
+)
+def test_states_are_coloured_where_that_is_wanted(
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    environ: dict[str, str],
+    coloured: bool,
+) -> None:
+    def of_a_terminal(_: object, color: bool | None) -> bool:
+        return color is False
+
+    for name, value in {"NO_COLOR": "", "TERM": "xterm", **environ}.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr("click.utils.should_strip_ansi", of_a_terminal)
+    assert run(["doctor"]) == 0
+    assert ("\x1b[32mok" in capsys.readouterr().out) is coloured

@@ -265,7 +265,7 @@ def on_a_terminal(arguments: list[str], **environ: str) -> tuple[str, str]:
         stdin=subprocess.DEVNULL,
         stdout=pairs[0][1],
         stderr=pairs[1][1],
-        env={**kept, **environ},
+        env={**kept, "TERM": "xterm", **environ},
     ) as process:
         told = []
         for ours, theirs in pairs:
