@@ -445,7 +445,7 @@ def _element_facts(context: CommandContext, now: Utc) -> ElementFacts:
         sets = context.load(sources)
     except (SattrackError, TleError) as error:
         return ElementFacts(sources, error=str(error))
-    known = newest(sets.accepted)
+    known = newest(sets.accepted, now)
     return ElementFacts(
         sources,
         epochs_utc_s=tuple(float(elements.epoch.unix_s) for elements in known),

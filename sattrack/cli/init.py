@@ -537,8 +537,9 @@ def _tonight(path: Path, as_json: bool, failure: str | None) -> tuple[Any, str |
     try:
         settings = load_settings(path)
         context = CommandContext(settings, None, (), None, as_json, False)
-        elements = newest(context.load(settings.elements).accepted)
-        old = _all_too_old(elements, settings.elements, context.now())
+        now = context.now()
+        elements = newest(context.load(settings.elements).accepted, now)
+        old = _all_too_old(elements, settings.elements, now)
         words = ["--config", str(path), "--hours", "24"]
         known = []
         for name in FAMOUS:

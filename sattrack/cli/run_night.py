@@ -446,7 +446,8 @@ def renewer(
             if each.catalog_number == old.catalog_number
             and (each.designator == old.designator or not (each.designator and old.designator))
         ]
-        latest = max(same, key=lambda each: float(each.epoch.unix_s), default=old)
-        return latest if latest.epoch.unix_s > old.epoch.unix_s else None
+        now_s = float(context.now().unix_s)
+        nearest = min(same, key=lambda each: abs(float(each.epoch.unix_s) - now_s), default=old)
+        return nearest if nearest.epoch.unix_s > old.epoch.unix_s else None
 
     return renew

@@ -210,7 +210,7 @@ def loader(context: CommandContext, schedule: Schedule) -> Callable[[str | None]
                 count, first = len(sets.rejected) + len(sets.accepted), str(sets.rejected[0]).splitlines()[0]
                 tell(f"{len(sets.rejected)} of {count} element sets refused, the first: {first}")
             renewable = all(is_fetched(one) for one in sources)
-            known[source] = Loaded(newest(sets.accepted), renewable, ", ".join(sources))
+            known[source] = Loaded(newest(sets.accepted, context.now()), renewable, ", ".join(sources))
         return known[source]
 
     return load

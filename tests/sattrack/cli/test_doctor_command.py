@@ -14,6 +14,7 @@ from programs import free_port
 from sattrack.cli.main import run
 from sattrack.mount.model import Status
 from sattrack.mount.xerxes.datagrams import encode_status
+from tle.formats.tle import checksum
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -84,6 +85,16 @@ def test_a_station_that_is_set_up_is_fine(
         assert checks[subject]["state"] == "ok", checks[subject]
     assert checks["settings"]["what"] == "sattrack.toml is in force"
     assert "1 object, epoch 2026" in checks["elements"]["what"]
+
+
+def test_of_several_sets_of_an_object_the_nearest_to_now_is_judged_as_it_is_the_one_used(
+    elements: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    later = LINE_1.replace("26275.01380287", "26295.01380287")[:68]
+    (tmp_path / "later.tle").write_text(f"{later}{checksum(later)}\n{LINE_2}\n")
+    _, checks = examined(capsys, *THAT_DAY, "--elements", elements, "--elements", str(tmp_path / "later.tle"))
+    assert "1 object, epoch 2026-10-02T00:19:53Z" in checks["elements"]["what"]
+    assert checks["elements"]["state"] == "ok"
 
 
 def test_wrong_settings_are_a_line_of_their_own_and_the_rest_is_examined_without_them(

@@ -21,7 +21,7 @@ from element_server import element_server
 
 from sattrack.cli.common import CommandContext
 from sattrack.cli.run_night import renewer
-from sattrack.cli.run_plan import within_half_a_turn
+from sattrack.cli.run_plan import loader, within_half_a_turn
 from sattrack.control.procedures import ParkThere
 from sattrack.core.errors import SattrackError
 from sattrack.mount.model import AxesPosition
@@ -314,6 +314,18 @@ def test_elements_are_renewed_for_the_same_object_from_the_schedule_in_force(tmp
     renewed = renew(ONE)
     assert renewed is not None
     assert (renewed.designator, renewed.epoch) == (known.designator, later[0].epoch)
+
+
+def test_of_several_sets_of_an_object_the_nearest_to_now_is_planned_with(tmp_path: Path) -> None:
+    first = demo_pass.elements()
+    later = replace(first, epoch=first.epoch.plus(20.0 * 86400.0))
+    (tmp_path / "sets.csv").write_text(write_elements([later, first], "csv"))
+    (tmp_path / "night.toml").write_text('elements = ["sets.csv"]\n[[passes]]\nsatellite = "ISS"\n')
+    schedule = load_schedule(tmp_path / "night.toml")
+    for day, wanted in (("2026-10-02", first), ("2026-10-20", later)):
+        context = CommandContext(Settings(), "52.1541,4.4908,0", (), f"{day}T12:00:00Z", False, False)
+        (taken,) = loader(context, schedule)(None).elements
+        assert taken.epoch == wanted.epoch
 
 
 @pytest.mark.parametrize(
