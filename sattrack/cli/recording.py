@@ -25,6 +25,7 @@ from sattrack.cli.common import (
     write_file,
 )
 from sattrack.core import local_time
+from sattrack.core.angles import wrap180
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.files import replace_file
 from sattrack.recording.export import (
@@ -308,8 +309,9 @@ def _learn(passes: Sequence[tuple[Recording, RunFacts, Trace]], target: Path, ba
     profile = profile_file(last.profile) if base is None else load_profile_file(base)
     seen, names = [], []
     for recording, facts, run in ordered:
-        apart_deg = abs(facts.site.latitude_deg - last.site.latitude_deg)
-        if max(apart_deg, abs(facts.site.longitude_deg - last.site.longitude_deg)) > SAME_SITE_DEG:
+        north_deg = facts.site.latitude_deg - last.site.latitude_deg
+        east_deg = wrap180(facts.site.longitude_deg - last.site.longitude_deg)
+        if max(abs(north_deg), abs(east_deg)) > SAME_SITE_DEG:
             raise BadInputError(f"{recording.path}: it is of another site than the last: another mount's")
         one = sky_residuals(recording, run, profile.mount)
         if isinstance(one, NoFit):

@@ -9,7 +9,8 @@ import math
 import random
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -17,6 +18,9 @@ import pytest
 from late_start import late
 
 from sattrack.cli.main import run
+from sattrack.cli.recording import _learn
+from sattrack.core.errors import SattrackError
+from sattrack.mount.model import MountProfile
 from sattrack.mount.profiles import load_profile_file
 from sattrack.recording import rendering
 from sattrack.recording.fits import (
@@ -34,6 +38,7 @@ from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import RunRequest, prepare
 from sattrack.runtime.flight import fly_virtual
 from sattrack.safety import SafetyLimits
+from sattrack.settings import SiteSettings
 from sattrack.views.formatting import summary_lines
 from sattrack.views.messages import Go, Message, Nudge, Pause, StopNow
 from tle.bias import Bias
@@ -236,6 +241,25 @@ def test_several_files_show_their_trend_in_order_of_time(
     assert table[1][:20] < table[2][:20]
     assert "<h2>Trend</h2>" in out.read_text()
     assert run(["report", str(short), str(observed), "--tdm", str(tmp_path / "x.tdm")]) == 2
+
+
+@pytest.mark.parametrize(("one_deg", "other_deg"), [(180.0, -180.0), (-4.5, 355.5), (179.98, -179.98)])
+def test_a_site_is_the_same_however_its_longitude_is_written(
+    one_deg: float, other_deg: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sattrack.recording.sky_residuals.sky_residuals", lambda *_: NoFit("no camera"))
+    passes: Any = [
+        (
+            SimpleNamespace(path=f"{number}.mcap"),
+            SimpleNamespace(
+                started_utc_s=float(number), profile=MountProfile(), site=SiteSettings(52.0, longitude_deg)
+            ),
+            None,
+        )
+        for number, longitude_deg in enumerate((one_deg, other_deg))
+    ]
+    with pytest.raises(SattrackError, match="no camera saw anything"):
+        _learn(passes, tmp_path / "new.toml", None)
 
 
 def test_passes_without_a_camera_teach_no_profile(
