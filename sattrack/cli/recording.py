@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import time
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -352,10 +353,15 @@ def _draw(
         raise BadInputError(f"{html_file or folder}: cannot be written: {error.strerror}") from error
     if folder is None:
         return
+    taken: Counter[str] = Counter()
     for (recording, *_), (_, drawn) in zip(found, plots, strict=True):
+        # Recordings in different folders may have one name.
+        stem = recording.path.stem
+        taken[stem] += 1
+        stem += f"-{taken[stem]}" if taken[stem] > 1 else ""
         for title, figure in drawn.items():
             name = title.lower().replace(" ", "-").replace("'", "")
-            save(figure, folder / f"{recording.path.stem}-{name}.png")
+            save(figure, folder / f"{stem}-{name}.png")
     if over_time is not None:
         save(over_time, folder / "trend.png")
     tell(f"plots are in {folder}")

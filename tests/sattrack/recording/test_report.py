@@ -243,6 +243,20 @@ def test_several_files_show_their_trend_in_order_of_time(
     assert run(["report", str(short), str(observed), "--tdm", str(tmp_path / "x.tdm")]) == 2
 
 
+def test_plots_of_recordings_of_one_name_lie_side_by_side(
+    short: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[str] = []
+    monkeypatch.setattr(rendering, "figures", lambda *_: {"Link": None})
+    monkeypatch.setattr(rendering, "trend", lambda _: None)
+    monkeypatch.setattr(rendering, "save", lambda _, path: drawn.append(path.name))
+    (tmp_path / "first").mkdir()
+    other = tmp_path / "first" / short.name
+    other.write_bytes(short.read_bytes())
+    assert run(["report", str(other), str(short), "--plot", str(tmp_path / "plots")]) == 0
+    assert drawn == ["short-link.png", "short-2-link.png"]
+
+
 @pytest.mark.parametrize(("one_deg", "other_deg"), [(180.0, -180.0), (-4.5, 355.5), (179.98, -179.98)])
 def test_a_site_is_the_same_however_its_longitude_is_written(
     one_deg: float, other_deg: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
