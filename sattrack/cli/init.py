@@ -48,6 +48,8 @@ if TYPE_CHECKING:
 
 USUAL_ELEMENTS = "celestrak:stations"
 USUAL_MOUNT = "sim"
+LOCAL_TIME = "/etc/localtime"
+"""The system's time zone, where TZ names no other."""
 CENTRE_WARNING = (
     "The site is the middle of the city. 10 km away a satellite appears up to a degree elsewhere. For a real "
     "mount, write your own coordinates (a phone shows them) into the file."
@@ -389,7 +391,10 @@ def _zone(name: str) -> str:
 
 def _system_zone() -> str:
     """Return the name of the system's time zone, UTC where it has none that can be found."""
-    there = os.environ.get("TZ") or os.path.realpath("/etc/localtime").partition("/zoneinfo/")[2]
+    # A colon before a file or a name is glibc's; many set TZ=:/etc/localtime, which is the system's own.
+    there = os.environ.get("TZ", "").removeprefix(":") or LOCAL_TIME
+    if there.startswith("/"):
+        there = os.path.realpath(there).partition("/zoneinfo/")[2]
     return there if there and is_zone(there) else "UTC"
 
 

@@ -17,7 +17,7 @@ import pytest
 from element_server import element_server
 
 from sattrack.cli import init
-from sattrack.cli.init import find_cities
+from sattrack.cli.init import _system_zone, find_cities
 from sattrack.cli.main import run
 from sattrack.core.errors import BadInputError
 from sattrack.mount.alpaca.client import discover_telescopes
@@ -218,6 +218,27 @@ def test_the_largest_city_of_a_name_is_meant_unless_a_country_is_named():
 )
 def test_a_city_is_known_by_what_it_is_called_elsewhere(typed, meant):
     assert [one.name for one in find_cities(typed)] == [meant]
+
+
+@pytest.mark.parametrize(
+    ("tz", "zone"),
+    [
+        (None, "Europe/Amsterdam"),
+        ("", "Europe/Amsterdam"),
+        (":/etc/localtime", "Europe/Amsterdam"),
+        (":Asia/Tokyo", "Asia/Tokyo"),
+        ("Asia/Tokyo", "Asia/Tokyo"),
+        ("/usr/share/zoneinfo/Asia/Tokyo", "Asia/Tokyo"),
+        ("CET-1CEST,M3.5.0,M10.5.0/3", "UTC"),
+    ],
+)
+def test_the_systems_time_zone_is_taken_however_tz_names_it(monkeypatch, tz, zone):
+    links = {"/etc/localtime": "/usr/share/zoneinfo/Europe/Amsterdam"}
+    monkeypatch.setattr("sattrack.cli.init.os.path.realpath", lambda path: links.get(path, path))
+    monkeypatch.delenv("TZ", raising=False)
+    if tz is not None:
+        monkeypatch.setenv("TZ", tz)
+    assert _system_zone() == zone
 
 
 @pytest.mark.parametrize("typed", ["", " ", ",", ", FR"])
