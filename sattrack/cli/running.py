@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import math
 import os
-import re
 import sys
 import time
 from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -52,6 +50,7 @@ from tle.instants import DAY_S, Utc
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from contextlib import AbstractContextManager
+    from pathlib import Path
 
     from sattrack.cli.camera import CamerasSeen
     from sattrack.cli.common import CommandContext
@@ -605,7 +604,6 @@ def learn_profile(target: Path | None, base: ProfileFile, summary: Summary) -> N
 
 def _next_request(request: RunRequest, armed: Armed, before: Prepared) -> RunRequest:
     """Return what is asked for by a pass that was armed: the same by the same clock, its record apart."""
-    recording = before.facts.recording
     return replace(
         request,
         satellite=str(armed.catalog_number),
@@ -613,14 +611,14 @@ def _next_request(request: RunRequest, armed: Armed, before: Prepared) -> RunReq
         between=(None, None),
         culminate_utc_s=armed.culminate_utc_s,
         clock=before.clock,
-        record=None if recording is None else next_file(Path(recording)),
+        record=None if request.record is None else next_file(request.record),
     )
 
 
 def next_file(path: Path) -> Path:
-    """Return the first name like `path` that is free: pass.mcap, pass-2.mcap, pass-3.mcap."""
-    stem, number = re.sub(r"-[0-9]+$", "", path.stem), 2
-    while (other := path.with_stem(f"{stem}-{number}")).exists():
+    """Return the first name after `path` that is free: of pass.mcap pass-2.mcap, pass-3.mcap."""
+    number = 2
+    while (other := path.with_stem(f"{path.stem}-{number}")).exists():
         number += 1
     return other
 

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import pytest
 
+from sattrack.cli.running import next_file
 from sattrack.core.errors import SattrackError
 from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import choose_pass
 from tle.instants import Utc
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 FIRST, SECOND = "2026-10-02T13:05:24Z", "2026-10-02T14:42:12Z"
 FIRST_SETS, SECOND_SETS = "2026-10-02T13:08", "2026-10-02T14:45"
@@ -41,3 +47,12 @@ def test_a_pass_that_is_over_or_was_none_is_refused_by_name(culminates: str) -> 
         choose_pass(
             demo_pass.elements(), demo_pass.SITE.place(), Utc.parse("2026-10-02T13:20:00Z"), 10.0, about
         )
+
+
+@pytest.mark.parametrize("name", ["pass", "2026-10-02", "iss-25544"])
+def test_each_armed_pass_is_recorded_beside_the_first_under_its_name(tmp_path: Path, name: str) -> None:
+    first = tmp_path / f"{name}.mcap"
+    for number in (2, 3):
+        following = next_file(first)
+        assert following.name == f"{name}-{number}.mcap"
+        following.touch()
