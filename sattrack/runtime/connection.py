@@ -256,7 +256,12 @@ class Guarded:
     def wait_ready(self) -> None:
         """Wait until the guardian watches; raises SattrackError where it does not come up."""
         readable, _, _ = select.select([self._life], [], [], START_WITHIN_S)
-        if not readable or self._life.recv(1) != b"r":
+        try:
+            watches = bool(readable) and self._life.recv(1) == b"r"
+        except OSError:
+            # It has ended without having read its task.
+            watches = False
+        if not watches:
             self._process.kill()
             self._process.wait()
             raise SattrackError(
@@ -282,7 +287,8 @@ class Guarded:
 
     def _start(self) -> tuple[subprocess.Popen[bytes], socket.socket]:
         ours, theirs = socket.socketpair()
-        with theirs:
+        with contextlib.ExitStack() as closing, theirs:
+            closing.callback(ours.close)
             process = subprocess.Popen(
                 [*self_command("sattrack.runtime.guardian"), str(theirs.fileno())],
                 stdin=subprocess.DEVNULL,
@@ -295,7 +301,9 @@ class Guarded:
                 # Signals to the feeder's terminal or process group are not for its guardian.
                 start_new_session=True,
             )
-        ours.sendall(msgspec.json.encode(self._task) + b"\n")
+            theirs.close()
+            ours.sendall(msgspec.json.encode(self._task) + b"\n")
+            closing.pop_all()
         return process, ours
 
     def _look(self) -> None:
@@ -318,6 +326,7 @@ class Guarded:
             self._process, self._life = self._start()
         except OSError as error:
             self._lost = f"the guardian died and cannot be started again ({error.strerror})"
+            return
         self._life.setblocking(False)
 
 

@@ -15,10 +15,12 @@ import pytest
 from guardian import FAST_DEG_S, Feeder, gone, is_guardian, many, some_moves
 from programs import PATIENCE_S, SITE, simulated_mount
 
+from sattrack.core.errors import SattrackError
 from sattrack.mount.model import MountProfile
 from sattrack.mount.xerxes.client import Address
 from sattrack.mount.xerxes.datagrams import Command, decode_command, encode_command
 from sattrack.mount.xerxes.standstill import HANGS_S
+from sattrack.runtime import connection
 from sattrack.runtime.connection import HANG_AFTER_S, LOOK_EVERY_BEATS, Guarded, owned
 from sattrack.runtime.guardian import GONE_AFTER_S, OBEY_WITHIN_S, POLL_S, FeederWatch, Release, Word
 from sattrack.runtime.mounts import Taken, ask_give_up, claim, owner_of
@@ -294,6 +296,31 @@ def test_a_guardian_that_dies_is_replaced_once_and_then_the_run_is_to_end(
         assert guard.beat(MOVING)
         guard.release(True)
     assert not is_guardian(second)
+
+
+def test_a_guardian_that_cannot_be_replaced_ends_the_run_and_the_loop_goes_on(
+    mount_socket: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with owned(address_of(mount_socket), MountProfile()) as (_, guard):
+        monkeypatch.setattr(connection, "self_command", lambda _: ["/nonexistent"])
+        beats(guard, guard.pid)
+        trouble = "the guardian died and cannot be started again (No such file or directory)"
+        assert guard.trouble == trouble
+        assert guard.beat(MOVING)
+        guard.release(True)
+
+
+def test_a_guardian_that_ends_before_it_reads_its_task_is_named(
+    mount_socket: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # It waits for the task to be there, and leaves it unread.
+    waits = "import select, sys; select.select([int(sys.argv[1])], [], [])"
+    monkeypatch.setattr(connection, "self_command", lambda _: [sys.executable, "-S", "-c", waits])
+    with (
+        pytest.raises(SattrackError, match="the guardian did not start: nothing is moved without"),
+        owned(address_of(mount_socket), MountProfile()),
+    ):
+        pass
 
 
 def test_the_page_tells_with_which_beat_the_flag_of_an_abort_fell(mount_socket: socket.socket) -> None:
