@@ -173,8 +173,10 @@ class ControlArbiter:
             # It ends this run and nothing else: the queue stays.
             return StopNow()
         if len(self._queue) < MOST_ARMED:
-            self._queue.append(armed)
-            self._queue.sort(key=lambda one: one.culminate_utc_s)
+            # Where this run is being ended for a pass, that one stays first.
+            first = min(self.changing, len(self._queue))
+            later = sorted([*self._queue[first:], armed], key=lambda one: one.culminate_utc_s)
+            self._queue[first:] = later
             self._message = f"armed {armed.name or armed.catalog_number}"
         else:
             self._message = f"{MOST_ARMED} passes are armed already, which is all there is room for"

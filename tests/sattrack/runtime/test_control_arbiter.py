@@ -6,6 +6,7 @@ import pytest
 
 from sattrack.runtime.control_arbiter import NAMED, ControlArbiter
 from sattrack.views.messages import (
+    Arm,
     ClearBias,
     Go,
     Jog,
@@ -143,3 +144,13 @@ def test_a_view_names_a_bounded_number_and_always_whoever_has_control() -> None:
     assert len(view.watchers) == NAMED
     assert view.name_of(59) == "w59"
     assert view.watching == 59
+
+
+def test_a_pass_armed_while_the_run_ends_for_another_does_not_come_before_it() -> None:
+    before = ControlArbiter(True, takes_others=True)
+    assert before.hear(STARTER, Arm(3, 3000.0, "third")) is None
+    assert before.hear(STARTER, Arm(2, 2000.0, "now", now=True)) == StopNow()
+    assert before.hear(STARTER, Arm(1, 1000.0, "earlier")) is None
+
+    taken = [before.take_next() for _ in range(4)]
+    assert [None if one is None else one.name for one in taken] == ["now", "earlier", "third", None]
