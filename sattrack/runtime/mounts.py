@@ -19,6 +19,7 @@ import select
 import socket
 import sys
 import time
+import zlib
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -188,6 +189,8 @@ ANSWER_WITHIN_S = 3.0
 STOP_WITHIN_S = 75.0
 """Longer than stops are sent to a mount that does not come to rest."""
 LONGEST_LINE = 4096
+LONGEST_NAME = 108
+"""Bytes of a Unix socket's name, the first one that of the abstract namespace: unix(7)."""
 BACKLOG = 16
 TRY_AGAIN_S = 0.02
 MOST_QUESTIONS = 200
@@ -365,8 +368,10 @@ class _Question:
         if said.pid > 1 and user_of(said.pid) == user:
             pid = said.pid
         command, since, state = map(printable, (said.command, said.since_utc, said.state))
+        # Of a long address, the socket's name has the beginning only.
+        mount = printable(said.mount) if _name(said.mount) == _name(self.mount) else self.mount
         return msgspec.structs.replace(
-            said, pid=pid, user=user, command=command, since_utc=since, mount=self.mount, state=state
+            said, pid=pid, user=user, command=command, since_utc=since, mount=mount, state=state
         )
 
 
@@ -436,7 +441,12 @@ def connection_to_watch(name: str) -> socket.socket | None:
 
 
 def _name(mount: str) -> str:
-    return f"\0{PREFIX}{mount}"
+    """Return the name of a mount's socket: of a long address its beginning and a checksum of the whole."""
+    name = f"\0{PREFIX}{mount}"
+    if len(name) <= LONGEST_NAME:
+        return name
+    checksum = f"~{zlib.crc32(mount.encode()):08x}"
+    return name[: LONGEST_NAME - len(checksum)] + checksum
 
 
 def _socket() -> socket.socket:

@@ -13,6 +13,7 @@ import sys
 import threading
 from typing import TYPE_CHECKING
 
+import msgspec
 import pytest
 
 from sattrack.mount.model import MountProfile
@@ -21,7 +22,17 @@ from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.runtime import mounts as mounts_module
 from sattrack.runtime.connection import owned
 from sattrack.runtime.guardian import MOST_CLIENTS, SIZE, note_status, statuses_since
-from sattrack.runtime.mounts import Taken, ask_stop, claim, listen, look_on, owner_of, owners
+from sattrack.runtime.mounts import (
+    Owner,
+    Taken,
+    ask_stop,
+    claim,
+    listen,
+    look_on,
+    mount_address,
+    owner_of,
+    owners,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -36,6 +47,9 @@ held = claim(Address("127.0.0.1", int(sys.argv[1]), 0))
 print("held", flush=True)
 time.sleep(60)
 """
+
+
+LONG = "indi://192.168.100.100:7624/" + "A%20long%20name%20" * 6
 
 
 @pytest.fixture
@@ -62,6 +76,29 @@ def test_who_comes_second_is_told_who_was_first_and_what_to_do(address: Address)
     assert first.user == os.getuid()
     assert first.mount == f"127.0.0.1:{address.port}"
     assert link.fileno() == -1
+
+
+def test_a_mount_with_a_long_address_is_owned_and_found_like_any_other() -> None:
+    one, other = (mount_address(LONG + end) for end in ("x", "y"))
+    assert one is not None
+    assert other is not None
+    held = claim(one)
+    try:
+        with pytest.raises(Taken):
+            claim(one)
+        claim(other).close()
+    finally:
+        held.close()
+
+
+def test_the_owner_of_a_mount_with_a_long_address_tells_it_whole() -> None:
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        for said, whole in ((f"{LONG}x", f"{LONG}x"), (f"{LONG}y", None)):
+            asked = mounts_module._name(f"{LONG}x").removeprefix(f"\0{mounts_module.PREFIX}")
+            owner = Owner(os.getpid(), os.getuid(), "sattrack track", "", said, 0)
+            question = mounts_module._Question(asked, ours.dup(), msgspec.json.encode(owner))
+            assert question.owner().mount == (whole or asked)
 
 
 def test_another_mount_has_another_owner(address: Address) -> None:
