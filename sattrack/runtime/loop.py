@@ -142,7 +142,7 @@ class RealtimeLoop:
         raise NotImplementedError
 
     def sent(self, now_utc_s: float, datagram: bytes) -> None:
-        """Take notice of a datagram that was computed for an instant, and has left unless it was too late."""
+        """Take notice of a datagram computed for an instant: it has left, unless late or kept back."""
 
     def repeat(self) -> None:
         """Send the last datagram once more, if that is wanted."""
@@ -282,9 +282,11 @@ class RealtimeLoop:
                 self.guarded(self.serve, ready)
         known_s = self.driver.turns_known_s / connection.clock.speed
         first_deg = None if self.driver.safety is None else self.driver.safety.first_axis_deg
-        if connection.guard.beat(datagram, known_s, first_deg) and datagram is not None:
-            if not (self._too_late and sets_going(datagram)):
+        may_leave = connection.guard.beat(datagram, known_s, first_deg)
+        if datagram is not None and not connection.guard.deposed:
+            if may_leave and not (self._too_late and sets_going(datagram)):
                 connection.link.send(datagram)
+            # What was kept back was computed all the same, and a replay computes it.
             self.guarded(self.sent, now_utc_s, datagram)
 
     def _shift(self) -> None:

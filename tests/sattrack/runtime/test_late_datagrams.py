@@ -21,7 +21,19 @@ class Loop(RealtimeLoop):
     """A loop whose clock goes on by `late_s` between the computing and the sending."""
 
 
-def sent_by(datagram: bytes, late_s: float) -> tuple[list[bytes], list[bytes]]:
+class Withheld(Unguarded):
+    """A guard that lets nothing leave; `deposed` where it has taken the mount from the loop."""
+
+    def __init__(self, deposed: bool) -> None:
+        self.deposed = deposed
+
+    def beat(self, *_: Any) -> bool:
+        return False
+
+
+def sent_by(
+    datagram: bytes, late_s: float, guard: Unguarded | None = None
+) -> tuple[list[bytes], list[bytes]]:
     """Return what leaves, and what is recorded, of a datagram that is late by so much."""
     instants = iter((1000.0, 1000.0 + late_s))
     left: list[bytes] = []
@@ -29,7 +41,7 @@ def sent_by(datagram: bytes, late_s: float) -> tuple[list[bytes], list[bytes]]:
     connection: Any = SimpleNamespace(
         clock=SimpleNamespace(speed=1.0, utc_s=lambda _: next(instants)),
         now_utc_s=lambda: next(instants),
-        guard=Unguarded(),
+        guard=guard or Unguarded(),
         link=SimpleNamespace(send=left.append),
     )
     driver: Any = SimpleNamespace(tick=lambda _: datagram, turns_known_s=math.inf, safety=None)
@@ -50,6 +62,11 @@ def test_too_late_only_what_stops_leaves_and_all_is_recorded(late_s: float) -> N
     assert sent_by(MOVES, late_s) == ([], [MOVES])
     assert sent_by(STOPS, late_s) == ([STOPS], [STOPS])
     assert sent_by(ENDS, late_s) == ([ENDS], [ENDS])
+
+
+def test_what_the_guard_keeps_back_is_recorded_so_that_a_replay_counts_alike() -> None:
+    assert sent_by(MOVES, 0.01, Withheld(deposed=False)) == ([], [MOVES])
+    assert sent_by(MOVES, 0.01, Withheld(deposed=True)) == ([], [])
 
 
 def test_what_comes_next_is_moved_by_when_the_last_datagram_was_due_not_by_when_the_turn_is_over() -> None:
