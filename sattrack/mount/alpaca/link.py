@@ -172,7 +172,7 @@ def parse_alpaca(url: str, resolve: bool = True) -> AlpacaAddress:
         host = socket.gethostbyname(parts.hostname) if resolve else parts.hostname
     except (OSError, UnicodeError) as error:
         raise BadInputError(
-            f"--mount {url}: no such host {parts.hostname!r}; check the name, or give its IP address"
+            f"--mount {url}: no such host {parts.hostname!r}; check the name, or give its IPv4 address"
         ) from error
     return AlpacaAddress(host, port, device, hz)
 

@@ -124,7 +124,7 @@ def parse_address(url: str, resolve: bool = True) -> Address:
         host = socket.gethostbyname(parts.hostname)
     except (OSError, UnicodeError) as error:
         raise BadInputError(
-            f"--mount {url}: no such host {parts.hostname!r}; check the name, or give its IP address"
+            f"--mount {url}: no such host {parts.hostname!r}; check the name, or give its IPv4 address"
         ) from error
     place = IPv4Address(host)
     if place.is_unspecified or place.is_multicast or host == "255.255.255.255":

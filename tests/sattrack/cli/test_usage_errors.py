@@ -206,7 +206,8 @@ passes {at} --hours 6h                          | '6h' is not a number
 ephemeris ISS {at} --step 0.00001               | give a longer step
 track ISS {at} --mount 192.0.2.7                | write sim, xerxes://
 track ISS {at} --mount xerxes:192.0.2.7         | write xerxes://HOST:PORT?listen=PORT
-track ISS {at} --mount xerxes://mount.invalid:1 | check the name, or give its IP address
+track ISS {at} --mount xerxes://mount.invalid:1 | check the name, or give its IPv4 address
+track ISS {at} --mount xerxes://[2001:db8::1]:1 | give its IPv4 address
 mount status                                    | --mount sim is a simulated one for practice
 mount status --mount simulator                  | write sim, xerxes://
 passes ISS --site 52,4,0 --elements {readme}    | give a TLE, 3LE or OMM file
