@@ -13,6 +13,7 @@ import contextlib
 import queue
 import threading
 import time
+import zlib
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
@@ -32,6 +33,8 @@ WOUND_DEG = 170.0
 """Where an axis at rest is farther from its zero, the session to come must know its turns."""
 WOUND_KNOWN_S = 11.0 * 3600.0
 """For so long: an axis that follows the sky turns by less than half meanwhile."""
+LONGEST_NAME = 200
+"""Of a file, which may have 255 bytes, without what marks one that is being written."""
 LOOK_AT_CABLES = (
     "look at its cables, bring its axes within half a turn of the meridian by its own console, "
     "then say `sattrack mount unwound`"
@@ -140,4 +143,7 @@ def forget(mount: str) -> None:
 
 
 def _path(mount: str) -> Path:
-    return folder() / f"{quote(mount, safe=':')}.json"
+    name = quote(mount, safe=":")
+    if len(name) > LONGEST_NAME:
+        name = f"{name[:LONGEST_NAME]}~{zlib.crc32(mount.encode()):08x}"
+    return folder() / f"{name}.json"

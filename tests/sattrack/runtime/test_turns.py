@@ -77,6 +77,15 @@ class TestWhatIsLeft:
         assert None not in seen
         note(MOUNT, None)
 
+    def test_a_mount_with_a_long_address_has_a_note_of_its_own(self) -> None:
+        one, other = (f"indi://192.0.2.1:7624/{'%E6%9C%9B' * 21}{end}" for end in "xy")
+        assert left_moving(one) is None
+        note(one, LeftMoving(NOW, 100.0))
+        assert left_moving(one) == LeftMoving(NOW, 100.0)
+        assert left_moving(other) is None
+        note(one, None)
+        assert left_moving(one) is None
+
     def test_what_was_written_in_part_counts_as_lost(self) -> None:
         note(MOUNT, LeftMoving(NOW, 100.0))
         assert left_moving(MOUNT) == LeftMoving(NOW, 100.0)
