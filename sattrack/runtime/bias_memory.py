@@ -289,12 +289,10 @@ class BiasMemory:
         What was dropped, or is older than OFFERED_FOR_S, is not returned.
         """
         found = self._read(
-            "orbit = ? AND source = ? AND NOT dropped ORDER BY utc_s DESC LIMIT 1",
-            (orbit_of(elements), source),
+            "orbit = ? AND source = ? AND NOT dropped AND abs(utc_s - ?) <= ? ORDER BY utc_s DESC LIMIT 1",
+            (orbit_of(elements), source, at_utc_s, OFFERED_FOR_S),
         )
-        if not found or abs(at_utc_s - found[0].utc_s) > OFFERED_FOR_S:
-            return None
-        return found[0].aged(at_utc_s)
+        return found[0].aged(at_utc_s) if found else None
 
     def entries(self) -> list[KeptBias]:
         """Return everything that is kept, the newest first, as it was found: nothing is aged."""

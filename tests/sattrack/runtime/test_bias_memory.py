@@ -135,6 +135,15 @@ def test_the_newest_that_was_not_dropped_is_offered(memory: BiasMemory) -> None:
     assert older.along_s == 0.8
 
 
+def test_a_bias_of_a_time_when_the_clock_was_wrong_hides_none(memory: BiasMemory) -> None:
+    memory.keep(FIT, ELEMENTS, "first")
+    memory.keep(msgspec.structs.replace(FIT, utc_s=SEEN_UTC_S + 400.0 * 86400.0), ELEMENTS, "a year ahead")
+
+    found = memory.recall(ELEMENTS, PASS_UTC_S, "observations")
+    assert found is not None
+    assert found.utc_s == SEEN_UTC_S
+
+
 def test_a_report_takes_the_place_of_its_own_pass_and_what_was_dropped_stays_so(memory: BiasMemory) -> None:
     memory.keep(FIT, ELEMENTS, "one")
     memory.drop(1)
