@@ -337,6 +337,9 @@ class BiasMemory:
             return []
         fields = KeptBias.__struct_fields__
         with self._open(create=False) as connection:
+            # Who is killed while it makes the file leaves one without a table.
+            if connection.execute("SELECT 1 FROM sqlite_master WHERE name = 'biases'").fetchone() is None:
+                return []
             query = f"SELECT {', '.join(fields)} FROM biases WHERE {condition}"
             rows = connection.execute(query, values).fetchall()
         try:

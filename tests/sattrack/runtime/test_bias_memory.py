@@ -144,6 +144,15 @@ def test_a_bias_of_a_time_when_the_clock_was_wrong_hides_none(memory: BiasMemory
     assert found.utc_s == SEEN_UTC_S
 
 
+def test_a_file_that_was_begun_and_has_no_table_holds_nothing_yet(memory: BiasMemory) -> None:
+    memory.path.parent.mkdir(parents=True)
+    memory.path.touch()
+    assert memory.entries() == []
+    assert memory.recall(ELEMENTS, PASS_UTC_S, "observations") is None
+    memory.keep(FIT, ELEMENTS, "first")
+    assert len(memory.entries()) == 1
+
+
 def test_a_report_takes_the_place_of_its_own_pass_and_what_was_dropped_stays_so(memory: BiasMemory) -> None:
     memory.keep(FIT, ELEMENTS, "one")
     memory.drop(1)
