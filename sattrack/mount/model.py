@@ -56,6 +56,11 @@ class AxisLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Mean delay of the axis' rate behind the commanded one, seconds, beyond command_delay_s and the wait for
     the mount's loop."""
 
+    @property
+    def fastest_deg_s(self) -> float:
+        """The rate that it has at most, commanded or in a slew of the mount's own."""
+        return max(self.max_rate_deg_s, self.slew_rate_deg_s)
+
 
 class AxesPosition(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How the axes stand: hour angle and declination of the direction reported there, degrees."""

@@ -124,7 +124,7 @@ class Safety:
         self._spots: Sequence[Spot] = ()
         """Where the axes may be for which rates were last cleared."""
         self._newest_utc_s = -math.inf
-        most_ha, most_dec = FASTER * profile.ra.slew_rate_deg_s, FASTER * profile.dec.slew_rate_deg_s
+        most_ha, most_dec = FASTER * profile.ra.fastest_deg_s, FASTER * profile.dec.fastest_deg_s
         self._plausible = ((-most_ha, most_ha), (-most_dec, most_dec))
         self._standing = AxesState(latitude_deg)
         self._doubt = PositionFilter(profile)

@@ -468,7 +468,7 @@ class PositionFilter:
     """Follows the places of one mount, status by status."""
 
     def __init__(self, profile: MountProfile) -> None:
-        self._fastest = (FASTER * profile.ra.slew_rate_deg_s, FASTER * profile.dec.slew_rate_deg_s)
+        self._fastest = (FASTER * profile.ra.fastest_deg_s, FASTER * profile.dec.fastest_deg_s)
         self._believed: Place | None = None
         self._believed_s = 0.0
         """How long ago that was reported."""

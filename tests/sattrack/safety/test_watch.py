@@ -512,6 +512,14 @@ def test_a_place_is_doubted_where_axes_cannot_have_come(
         assert follows.former == (None if believed else Former(HERE, seconds))
 
 
+def test_axes_that_slew_slower_than_they_follow_are_believed_at_both_rates() -> None:
+    slow = AxisLimits(max_rate_deg_s=6.0, slew_rate_deg_s=1.0)
+    follows = PositionFilter(replace(PROFILE, ra=slow, dec=slow))
+    for step in range(5):
+        seen = follows.see(Place(HERE.ha_deg + 6.0 * step, HERE.dec_deg), 1.0 if step else 0.0, STILL)
+        assert seen is (Belief.GOES_ON if step else Belief.ANEW)
+
+
 def test_a_place_is_borne_out_by_the_third_status_that_goes_with_it() -> None:
     far, farther = Place(50.0, 20.0), Place(90.0, 20.0)
     follows, fast = PositionFilter(PROFILE), MoveAxes(1.0, 2.0)
