@@ -193,7 +193,7 @@ class Offset:
             # From rest to rest the quintic's peaks are known: 15/8 and 10/sqrt(3) of way and time.
             way = abs(foot - now.value)
             least = max(1.875 * way / bounds.rate, math.sqrt(5.7735 * way / bounds.acceleration))
-            seconds = min(LONGEST_S, max(seconds, least))
+            seconds = max(seconds, min(LONGEST_S, least))
         change = _joined(now, foot, rate, begins_utc_s, seconds, curve)
         while seconds < LONGEST_S and not _within(change, now, bounds):
             seconds *= GROWTH

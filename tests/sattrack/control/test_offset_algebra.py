@@ -74,6 +74,14 @@ def test_gradual_takes_its_time_and_no_longer() -> None:
     assert offset.state(35.0).value == 2.0
 
 
+def test_gradual_takes_minutes_where_that_is_asked_for() -> None:
+    """The longest that bounds may make a change is no bound of what an operator asks for."""
+    offset = Offset()
+    offset.gradual(2.0, 600.0, 5.0, WIDE)
+    assert ended_after_s(offset, 5.0) == 600.0
+    assert offset.state(305.0).value == pytest.approx(1.0)
+
+
 def test_gradual_takes_longer_where_the_bounds_ask_for_it() -> None:
     """At a tenth a second at most: 15/8 of two over that."""
     offset = Offset()
