@@ -381,10 +381,9 @@ LEAST_REACH_S = 0.01
 
 
 def nudge_biases(biases: Biases, along_s: float, cross_deg: float, begins_utc_s: float) -> str | None:
-    """Add to the biases along and across the track."""
-    along = biases.offsets[ALONG].total_at(begins_utc_s) + along_s
-    cross = biases.offsets[CROSS].total_at(begins_utc_s) + cross_deg
-    if not (abs(along) <= MOST_ALONG_S and abs(cross) <= MOST_CROSS_DEG):
+    """Add to the biases along and across the track; one that is beyond its limit may only come back."""
+    nudges = ((ALONG, along_s, MOST_ALONG_S), (CROSS, cross_deg, MOST_CROSS_DEG))
+    if not all(_may_add(biases.offsets[what], by, most, begins_utc_s) for what, by, most in nudges):
         return f"nudge refused: biases go to {MOST_ALONG_S:g} s along and {MOST_CROSS_DEG:g}° across"
     if along_s:
         _change(biases, ALONG, "add", along_s, 0.0, begins_utc_s)
@@ -395,6 +394,12 @@ def nudge_biases(biases: Biases, along_s: float, cross_deg: float, begins_utc_s:
 
 def change_offset(biases: Biases, order: OffsetBy, begins_utc_s: float) -> str | None:
     """Change one offset."""
+def _may_add(one: Offset, by: float, most: float, begins_utc_s: float) -> bool:
+    before = one.total_at(begins_utc_s)
+    total = before + by
+    return by == 0.0 or abs(total) <= most or abs(total) < abs(before)
+
+
     what, value, seconds = order.what, order.value or 0.0, order.seconds or 0.0
     most, most_rate, unit = MOST_CROSS_DEG, MOST_RATE_DEG_S, "°"
     if what == ALONG:

@@ -183,6 +183,17 @@ class TestOrders:
         there = (0.0, 0.0) if refused else (along_s, cross_deg)
         assert biases.totals(NOW + 100.0) == pytest.approx(there)
 
+    @pytest.mark.parametrize(
+        ("along_s", "cross_deg", "refused"),
+        [(0.0, -0.1, False), (0.5, 0.0, False), (0.5, -0.1, False), (0.0, 0.1, True), (0.0, -10.3, True)],
+    )
+    def test_a_nudge_may_come_back_from_where_a_rate_or_a_search_has_led(
+        self, along_s: float, cross_deg: float, refused: bool
+    ) -> None:
+        biases = Paced()
+        biases.offsets["cross_deg"] = Offset(5.15)
+        assert (nudge_biases(biases, along_s, cross_deg, NOW) is not None) is refused
+
     def test_a_nudge_of_one_leaves_the_other(self) -> None:
         biases = Paced()
         nudge_biases(biases, 1.0, 0.0, NOW)
