@@ -26,7 +26,7 @@ from sattrack.control.offset import (
     spiral_acceleration_deg_s2,
     spiral_lasts_s,
 )
-from sattrack.control.target import Course
+from sattrack.control.target import LEAST_PACE_DEG_S, Course
 from sattrack.core.angles import wrap180
 from tle.bias import Bias
 from tle.direction import SkyTurn
@@ -378,6 +378,8 @@ SPACING_DEG = (0.001, 2.0)
 SPEED_DEG_S = (0.0001, 2.0)
 PERIOD_S = (2.0, 600.0)
 LEAST_REACH_S = 0.01
+SLOWEST_DEG_S = 1.01 * LEAST_PACE_DEG_S
+"""A target that moves no faster than this for each second of bias is not searched along its track."""
 
 
 def nudge_biases(biases: Biases, along_s: float, cross_deg: float, begins_utc_s: float) -> str | None:
@@ -392,14 +394,14 @@ def nudge_biases(biases: Biases, along_s: float, cross_deg: float, begins_utc_s:
     return None
 
 
-def change_offset(biases: Biases, order: OffsetBy, begins_utc_s: float) -> str | None:
-    """Change one offset."""
 def _may_add(one: Offset, by: float, most: float, begins_utc_s: float) -> bool:
     before = one.total_at(begins_utc_s)
     total = before + by
     return by == 0.0 or abs(total) <= most or abs(total) < abs(before)
 
 
+def change_offset(biases: Biases, order: OffsetBy, begins_utc_s: float) -> str | None:
+    """Change one offset."""
     what, value, seconds = order.what, order.value or 0.0, order.seconds or 0.0
     most, most_rate, unit = MOST_CROSS_DEG, MOST_RATE_DEG_S, "°"
     if what == ALONG:
@@ -469,6 +471,10 @@ def begin_search(biases: Biases, order: Search, begins_utc_s: float) -> str | No
     if order.how in {"stop", "cancel"}:
         return end_search(biases, order.how == "stop", begins_utc_s)
     along_s = biases.along_without_search(begins_utc_s).value
+    if biases.course.going(begins_utc_s + along_s).pace_deg_s <= SLOWEST_DEG_S:
+        return (
+            f"{order.how} refused: the target hardly moves along a track; offset ra_cos_dec_deg and dec_deg"
+        )
     limits = biases.bounds(CROSS if order.how == "spiral" else ALONG, begins_utc_s, along_s, along_s)
     if order.how == "spiral":
         first, second = order.spacing_deg or 0.0, order.speed_deg_s or 0.0

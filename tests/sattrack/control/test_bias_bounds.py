@@ -309,6 +309,15 @@ class TestSearches:
         assert min(rates) >= -2.0
         assert max(rates) <= 1.0 + 1e-9
 
+    @pytest.mark.parametrize("search", [Search("spiral", 0.1, 0.05), Search("sweep", reach_s=2, period_s=20)])
+    def test_a_target_that_has_no_track_is_not_searched_along_it(self, search: Search) -> None:
+        """Of a star, a planet and the Moon a second of bias moves too little: a spiral would be a line."""
+        words = (
+            f"{search.how} refused: the target hardly moves along a track; offset ra_cos_dec_deg and dec_deg"
+        )
+        assert begin_search(Paced(going=GOING._replace(pace_deg_s=0.001)), search, NOW) == words
+        assert begin_search(Paced(going=GOING._replace(pace_deg_s=0.0042)), search, NOW) is None
+
     def test_a_sweep_goes_on_until_it_is_told_to_end(self) -> None:
         biases = Paced()
         assert begin_search(biases, Search("sweep", reach_s=0.5, period_s=20.0), NOW) is None
