@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 
 from sattrack.control.biases import (
+    ALONG,
+    CROSS,
     Biases,
     begin_search,
     change_offset,
@@ -106,6 +108,10 @@ class Steering:
         self.last_offset: OffsetOnAxes | None = None
         """Where a camera saw the satellite last; None where that offset could not be used."""
         self._remembered = remembered
+        self._nudged = {ALONG: 0.0, CROSS: 0.0}
+        """What is left in the operator's offsets of a nudge that was remembered."""
+        if remembered is not None and remembered.cross_deg is not None:
+            self._nudged = {ALONG: remembered.along_s, CROSS: remembered.cross_deg}
         if remembered is not None and remembered.cross_km is not None:
             self.biases.begin_estimated(remembered.along_s, remembered.cross_km)
 
@@ -140,6 +146,8 @@ class Steering:
                 answer = nudge_biases(self.biases, message.along_s, message.cross_deg, begins_s)
             case OffsetBy():
                 answer = change_offset(self.biases, message, begins_s)
+                if answer is None and message.how in {"set", "gradual", "reset"}:
+                    self._nudged[message.what] = 0.0
             case Search(how="auto"):
                 answer = self._search_by_covariance(begins_s)
             case Search():
@@ -306,11 +314,14 @@ class Steering:
         known = self.remembered
         if known is None or known.state != "in force":
             return "no remembered bias is in force" + ("" if known is None else f": it was {known.state}")
-        self._end_remembered("dropped")
-        if known.cross_deg is not None:
-            return nudge_biases(self.biases, -known.along_s, -known.cross_deg, begins_s)
-        forget_estimate(self.biases, begins_s)
-        return None
+        answer = None
+        if known.cross_deg is None:
+            forget_estimate(self.biases, begins_s)
+        else:
+            answer = nudge_biases(self.biases, -self._nudged[ALONG], -self._nudged[CROSS], begins_s)
+        if answer is None:
+            self._end_remembered("dropped")
+        return answer
 
     def _end_remembered(self, state: str) -> None:
         known = self.remembered

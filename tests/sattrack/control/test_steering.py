@@ -90,6 +90,22 @@ class TestRemembered:
         assert one.refusal == "no remembered bias is in force: it was dropped"
         assert one.biases.totals(NOW + 120.0) == pytest.approx((0.0, 0.0), abs=1e-12)
 
+    @pytest.mark.parametrize("how", ["set", "gradual", "reset"])
+    def test_dropping_leaves_what_the_operator_put_in_its_place(self, how: str) -> None:
+        one, put = steering(remembered=NUDGED), 0.0 if how == "reset" else 2.0
+        value, seconds = None if how == "reset" else put, 10.0 if how == "gradual" else None
+        one.obey(OffsetBy("along_s", how, value, seconds), NOW)
+        one.obey(DropRemembered(), NOW + 20.0)
+        assert one.biases.totals(NOW + 60.0) == pytest.approx((put, 0.0), abs=1e-12)
+
+    def test_one_whose_drop_is_refused_stays_in_force(self) -> None:
+        one = steering(remembered=NUDGED)
+        one.obey(Nudge(along_s=-60.5), NOW)
+        one.obey(DropRemembered(), NOW + 20.0)
+        assert one.refusal == "nudge refused: biases go to 60 s along and 5° across"
+        assert (one.remembered or SEEN).state == "in force"
+        assert one.biases.totals(NOW + 60.0) == pytest.approx((-59.7, 0.05))
+
     def test_without_one_there_is_nothing_to_drop(self) -> None:
         one = steering()
         one.obey(DropRemembered(), NOW)
