@@ -206,10 +206,13 @@ class Steering:
         return None
 
     def _leave_estimate(self, begins_s: float) -> None:
-        """Follow what is known without observations."""
+        """Follow what is known without observations: what an estimate has replaced does not come back."""
+        was_followed = self._following_estimate
         self._estimated = self._following_estimate = False
         self._led = True
-        forget_estimate(self.biases, begins_s)
+        if was_followed:
+            forget_estimate(self.biases, begins_s)
+            self._end_remembered("replaced")
 
     def keep_search(self, now_utc_s: float) -> None:
         """End a search that runs, keeping where it is."""

@@ -128,6 +128,27 @@ class TestRemembered:
         assert (one.remembered or SEEN).state == "replaced"
         assert one.biases.totals(NOW + 60.0)[0] == pytest.approx(0.3)
 
+    @pytest.mark.parametrize("known", [SEEN, NUDGED])
+    def test_one_that_was_replaced_does_not_come_back_where_the_estimate_is_left(
+        self, known: RememberedView
+    ) -> None:
+        one = steering(remembered=known)
+        reads(one, along_s=0.3, cross_km=-1.0)
+        one.estimator.filter, one._estimated = Made(), True  # type: ignore[assignment]
+        assert one.watch(NOW) is True
+        one._leave_estimate(NOW + 5.0)
+        assert (one.remembered or known).state == "replaced"
+        one.obey(DropRemembered(), NOW + 60.0)
+        assert one.refusal == "no remembered bias is in force: it was replaced"
+        assert one.biases.totals(NOW + 120.0) == pytest.approx((0.0, 0.0), abs=1e-12)
+
+    def test_one_stays_in_force_where_what_would_have_replaced_it_was_never_followed(self) -> None:
+        one = steering(remembered=SEEN)
+        one._estimated = True
+        one._leave_estimate(NOW)
+        assert (one.remembered or NUDGED).state == "in force"
+        assert one.biases.totals(NOW + 60.0)[0] == 0.8
+
 
 class TestFollowing:
     def following(self, **reading: float) -> Steering:
