@@ -421,6 +421,12 @@ def learnt_view(engine: Engine) -> LearntView | None:
     )
 
 
+MOST_GAIN_SIGMA = 0.02
+"""Gains are known as well as that before a run: what is found less surely, as of a star, is not known."""
+
+
 def _gain(learnt: Learnt, profile_gain: float) -> tuple[float, float] | tuple[None, None]:
     line = learnt.line
-    return (None, None) if line is None else (profile_gain * line.gain, profile_gain * line.gain_sigma)
+    if line is None or line.gain_sigma > MOST_GAIN_SIGMA:
+        return None, None
+    return profile_gain * line.gain, profile_gain * line.gain_sigma

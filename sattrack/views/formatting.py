@@ -624,8 +624,9 @@ def camera_clock_text(clock: ClockView) -> str:
 
 
 def learnt_line(learnt: LearntView) -> str:
-    """Return what was learnt of a mount in a line."""
-    ra, dec = _lag(learnt.ra_lag_s, learnt.ra_lag_sigma_s), _lag(learnt.dec_lag_s, learnt.dec_lag_sigma_s)
+    """Return what was learnt of a mount in a line. Rates that hardly vary tell of an axis neither."""
+    ra = _lag(learnt.ra_lag_s, learnt.ra_lag_sigma_s, learnt.ra_gain)
+    dec = _lag(learnt.dec_lag_s, learnt.dec_lag_sigma_s, learnt.dec_gain)
     gains = f"gain RA {_gain(learnt.ra_gain)}, Dec {_gain(learnt.dec_gain)}"
     delay_s, sigma_s = learnt.command_delay_s, learnt.command_delay_sigma_s
     delay = f"command delay {1e3 * delay_s:.1f}±{1e3 * sigma_s:.1f} ms"
@@ -635,8 +636,8 @@ def learnt_line(learnt: LearntView) -> str:
     return f"lag RA {ra}, Dec {dec}; {gains}; {delay}; settling {learnt.settling_s:.2f} s{anew}"
 
 
-def _lag(lag_s: float, sigma_s: float) -> str:
-    return f"{1e3 * lag_s:.0f}±{1e3 * sigma_s:.0f} ms"
+def _lag(lag_s: float, sigma_s: float, gain: float | None) -> str:
+    return "not known" if gain is None else f"{1e3 * lag_s:.0f}±{1e3 * sigma_s:.0f} ms"
 
 
 def _gain(gain: float | None) -> str:

@@ -337,6 +337,9 @@ class TestViews:
         )
         assert (view.ra_gain, view.ra_gain_sigma) == (pytest.approx(0.55), pytest.approx(0.01))
         assert (view.dec_gain, view.dec_gain_sigma) == (None, None)
+        gained.line.gain_sigma = 0.021
+        unsure: Any = learnt_view(run)
+        assert (unsure.ra_gain, unsure.ra_gain_sigma) == (None, None)
         assert (view.command_delay_s, view.command_delay_sigma_s) == (0.03, 0.004)
         assert (view.settling_s, view.restarts) == (0.4, 2)
         run.tracker.follower.settling_s = None

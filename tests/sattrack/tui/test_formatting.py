@@ -145,6 +145,12 @@ def test_events_are_told_to_the_nearest_second_and_the_time_now_to_the_one_that_
     assert formatting.iso_clock(None) == formatting.NOTHING
 
 
+def test_the_lag_of_an_axis_whose_rates_hardly_varied_is_not_told() -> None:
+    """By a star's, a filter shows lags that are far below zero, and too surely."""
+    learnt = LearntView(-0.5, 0.07, None, None, 0.05, 0.01, 1.02, 0.001, 0.02, 0.1, 0)
+    assert formatting.learnt_line(learnt).startswith("lag RA not known, Dec 50±10 ms; gain RA not known, Dec")
+
+
 @pytest.mark.parametrize(("delay_s", "told"), [(-0.0101, True), (-0.0099, False), (0.02, False)])
 def test_a_delay_that_is_surely_below_zero_tells_of_wrong_dates(delay_s: float, told: bool) -> None:
     """A command cannot act before it is sent: by twice its sigma, the statuses' dates are early."""
