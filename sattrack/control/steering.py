@@ -220,16 +220,17 @@ class Steering:
         if self.biases.pattern_at(begins_s) is not None:
             end_search(self.biases, True, begins_s)
 
-    def watch(self, now_utc_s: float) -> bool:
+    def watch(self, now_utc_s: float, on_target_utc_s: float | None = -math.inf) -> bool:
         """Follow the estimate where there is a new one, end what has gone as far as it may; tell of either.
 
-        To be called once a period.
+        To be called once a period. `on_target_utc_s` is since when the mount is on the target, None where it
+        is not: then the camera cannot see the target, and nothing is searched for.
         """
         if self.clocks.waiting and self.clocks.watch(self.biases.course):
             # What was seen by the wrong dates is of another place.
             self.estimator.forget()
         self._estimated |= self.estimator.catch_up()
-        ended = self._search_if_lost(now_utc_s)
+        ended = None if on_target_utc_s is None else self._search_if_lost(now_utc_s, on_target_utc_s)
         due = self._following_estimate and now_utc_s - self._followed_s >= FOLLOW_AGAIN_S
         news = self.estimator.filter is not None and (self._estimated or due) and self._follow(now_utc_s)
         if ended is None and self.biases.moving:
@@ -264,10 +265,12 @@ class Steering:
         self._following_estimate = True
         return True
 
-    def _search_if_lost(self, now_utc_s: float) -> str | None:
+    def _search_if_lost(self, now_utc_s: float, on_target_utc_s: float) -> str | None:
         """Begin a search where the target is lost and may be out of the field; return that, in words."""
         last_s = self.estimator.last_utc_s
-        if not self.cameras.search_when_lost or last_s is None or now_utc_s - last_s < LOST_AFTER_S:
+        if not self.cameras.search_when_lost or last_s is None:
+            return None
+        if now_utc_s - max(last_s, on_target_utc_s) < LOST_AFTER_S:
             return None
         begins_s = self._begins_s(now_utc_s)
         if (

@@ -367,7 +367,7 @@ class Tracker:
         if not isinstance(message, ObservationMessage | SeenOffset | SolvedField):
             self._satellite.forget()
         elif self._news is not None:
-            self._news |= self.steering.watch(self._next_utc_s)
+            self._news |= self._watch_steering(self._next_utc_s)
 
     def _judge_table(self, message: Message) -> None:
         """Leave the periodic errors aside where an offset that was used shows that they do harm."""
@@ -391,11 +391,16 @@ class Tracker:
             return f"it is of {seen.utc}, before the mount was on the target"
         return None
 
+    def _watch_steering(self, now_utc_s: float) -> bool:
+        """Look at estimate and searches; tell whether what is fed has changed."""
+        on_target_utc_s = self._on_target_utc_s if self.phase is Phase.TRACKING else None
+        return self.steering.watch(now_utc_s, on_target_utc_s)
+
     def prepare(self, now_utc_s: float) -> None:
         """Look at estimate and searches for the next `step`, a period later, which then need not."""
         if self.phase is not Phase.STOPPING:
             self._next_utc_s = now_utc_s + self._profile.period_s
-            self._news = self.steering.watch(self._next_utc_s)
+            self._news = self._watch_steering(self._next_utc_s)
 
     def step(self, now_utc_s: float, slew_done: bool, stopped: bool = False, held: bool = False) -> Motion:
         """Return the motion wanted from now on; call once a period, after the samples that came.
@@ -408,7 +413,7 @@ class Tracker:
         if self.phase is Phase.STOPPING:
             return Stop()
         if self._news is None:
-            self._news = self.steering.watch(now_utc_s)
+            self._news = self._watch_steering(now_utc_s)
         if self._news:
             self._satellite.forget()
         self._news = None

@@ -477,7 +477,7 @@ def test_a_tick_that_was_prepared_does_not_wait_for_the_estimate(monkeypatch: py
     engine = build_engine(facts)
     now_s, period_s = facts.started_utc_s, facts.profile.period_s
     looked: list[float] = []
-    monkeypatch.setattr(engine.tracker.steering, "watch", lambda at_s: bool(looked.append(at_s)))
+    monkeypatch.setattr(engine.tracker.steering, "watch", lambda at_s, *_: bool(looked.append(at_s)))
     engine.tick(now_s)
     engine.prepare(now_s)
     assert looked == [now_s, now_s + period_s], "once without having been prepared, and for the next"

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from sattrack.control.biases import Cameras
+from sattrack.control.estimate import EstimatedBiases
 from sattrack.control.steering import OffsetOnAxes
 from sattrack.control.target import Detour, SatelliteTarget, sky_error
 from sattrack.control.tracker import Phase, Tracker, TrackPlan
@@ -148,6 +150,27 @@ class TestPhases:
             one._judge(error(140.0 + number, 1.0))
         # Acquired it was at first.
         assert (one.phase, one.acquired_utc_s, one._on_target_utc_s) == (Phase.TRACKING, 119.0, 149.0)
+
+    @pytest.mark.parametrize("resting", [True, False])
+    def test_a_lost_target_is_searched_for_once_the_mount_is_on_it(self, resting: bool) -> None:
+        """Not while the run is paused or a limit holds the mount: then no camera can see the target."""
+        one, begun_s = tracker(), CULMINATION_S
+        one.steering.cameras = Cameras(field_deg=0.1, search_when_lost=True)
+        read = EstimatedBiases(0.0, 0.0, 0.0, 0.0, along_sigma_s=1.0, cross_sigma_km=2.0)
+        one.steering.estimator.reading = lambda *_, **__: read  # type: ignore[method-assign]
+        one.steering.estimator.last_utc_s = begun_s
+        one.phase = Phase.TRACKING if resting else Phase.ACQUIRING
+        one._on_target_utc_s = begun_s - 10.0
+        if resting:
+            one.operate(Pause(), begun_s + 1.0)
+        one.take(sample(one, begun_s + 20.0))
+        one.step(begun_s + 20.0, False)
+        assert one.steering.biases.pattern_at(begun_s + 21.0) is None
+        one.rest, one.phase, one._on_target_utc_s = None, Phase.TRACKING, begun_s + 25.0
+        one.step(begun_s + 27.0, False)
+        assert one.steering.biases.pattern_at(begun_s + 28.0) is None
+        one.step(begun_s + 28.1, False)
+        assert one.steering.biases.pattern_at(begun_s + 29.0) is not None
 
     def test_it_holds_until_it_is_heard_and_its_approach_begins(self) -> None:
         one = tracker()
