@@ -214,6 +214,9 @@ class Tracker:
             self.phase = Phase.WAITING
         elif self.phase is Phase.TRACKING:
             self.phase, self._near = Phase.ACQUIRING, 0
+        if self.phase is Phase.WAITING and self.acquired_utc_s is None:
+            # The way that is planned next tells when the target can be followed.
+            self.followable_utc_s = None
 
     @property
     def trouble(self) -> str | None:

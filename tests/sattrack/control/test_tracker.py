@@ -497,6 +497,17 @@ class TestSlips:
         assert one.phase is after
         assert (one._near == 0) is (before is Phase.TRACKING)
 
+    def test_a_mount_that_waits_can_follow_as_much_later(self) -> None:
+        """Else it would count as acquired that long after it could be followed."""
+        one, now_s = self.launched(), CULMINATION_S - 12.0
+        one.take(sample(one, now_s, -30.0))
+        one.step(now_s, False)
+        before_s = one.followable_utc_s or 0.0
+        one.operate(Slip(5.0), now_s)
+        one.take(sample(one, now_s + 5.0, -30.0))
+        one.step(now_s + 5.0, False)
+        assert one.followable_utc_s == pytest.approx(before_s + 5.0, abs=0.2)
+
     def test_no_slip_prolongs_the_plan_beyond_what_was_asked_for(self) -> None:
         one = self.launched()
         one.plan = replace(one.plan, latest_utc_s=one.plan.end_utc_s + 3.0)
