@@ -154,6 +154,11 @@ def _find_axes(
             f'geometry.reports of the profile {base.name!r} is "axes": such reports are the same wherever '
             "the axes point; give --camera SOURCE, which sees where"
         )
+    if known is not None and (known.reports != "sky" or known.has_zeros) and not seen:
+        raise BadInputError(
+            f"[geometry] of the profile {base.name!r} says that the mount reports other directions than "
+            "those in which it looks, which only a camera sees: give --camera SOURCE"
+        )
     name = "sim" if address is None else str(address)
     lasts = "about two minutes, or as long as fields take" if seen else "about a minute"
     tell(f"each axis will turn by {LEG_DEG:g}° at a time, {2.0 * LEG_DEG:g}° at most, for {lasts}")

@@ -78,11 +78,14 @@ class TestWhatIsWrongIsToldBeforeAnythingMoves:
         with pytest.raises(BadInputError, match="--camera needs a mount that it is on"):
             call("--mount", "sim", "--axes", *words)
 
-    def test_axes_of_a_mount_that_reports_their_angles_need_a_camera(self, tmp_path: Path) -> None:
+    @pytest.mark.parametrize("more", ['reports = "axes"', 'reports = "horizon"', "first_zero_deg = 57.0"])
+    def test_axes_of_a_mount_that_does_not_report_where_it_looks_need_a_camera(
+        self, more: str, tmp_path: Path
+    ) -> None:
         file = tmp_path / "mount.toml"
         file.write_text(
             "additive = false\n[stands_at]\nlatitude_deg = 52.0\nlongitude_deg = 4.5\n[geometry]\n"
-            'pole_azimuth_deg = 0.0\npole_altitude_deg = 60.0\nreports = "axes"\n',
+            f"pole_azimuth_deg = 0.0\npole_altitude_deg = 60.0\n{more}\n",
             encoding="utf-8",
         )
         with pytest.raises(BadInputError, match="give --camera SOURCE"):
