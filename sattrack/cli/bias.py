@@ -122,7 +122,11 @@ def _read(context: CommandContext, files: Sequence[str], stations: Path | None) 
                 check_sigma(one.sigma_arcsec)
             except ValueError as error:
                 raise one.error(str(error)) from None
-    return sorted(found, key=lambda one: float(one.utc.unix_s))
+    # Files overlap: what stands in two of them was seen once.
+    once = {replace(one, source="", line=None): one for one in reversed(found)}
+    if len(once) < len(found):
+        tell(f"{len(found) - len(once)} of {len(found)} observations are repetitions, and are left out")
+    return sorted(once.values(), key=lambda one: float(one.utc.unix_s))
 
 
 def _chosen(

@@ -55,6 +55,15 @@ def test_a_satellite_that_is_three_seconds_ahead_is_found_so(capsys: pytest.Capt
     assert all(row["along_s"] == pytest.approx(3.0, abs=0.3) and row["used"] for row in rows)
 
 
+def test_what_stands_in_two_files_was_seen_once(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    rows = solutions()
+    halves = [written(tmp_path / name, part) for name, part in (("a", rows[:40]), ("b", rows[20:]))]
+    whole = fitted(capsys, ELEMENTS, "--observations", str(SOLUTIONS))
+    out, err = ran(capsys, ELEMENTS, "--observations", *halves, "--json")
+    assert json.loads(out) == whole
+    assert "20 of 80 observations are repetitions, and are left out" in err
+
+
 def test_every_format_says_the_same(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     rows = solutions()[::4]
     table = tmp_path / "a.csv"
