@@ -9,9 +9,10 @@ turn, follow, stop, ask, hang up and come back. `sattrack run` carries out a sch
 
 The kernel tells what each process holds (/proc, Linux). A process is ours if the soak's folder is in its
 environment, whoever its parent is. Descriptors and threads are compared by the medians of the first and of
-the last quarter, after a warm-up; processes by the fewest, and memory by the most, in both halves. At the
-end each program is interrupted, as by Ctrl-C. Nothing may be left: no process, nothing in the temporary
-folder or in /dev/shm, no socket and no lock among the states. Exit code 1 where something grew or was left.
+the last quarter, after a warm-up; processes by those that are there all through a half, and memory by the
+most in it. At the end each program is interrupted, as by Ctrl-C. Nothing may be left: no process, nothing in
+the temporary folder or in /dev/shm, no socket and no lock among the states. Exit code 1 where something grew
+or was left.
 
 With --virtual one run follows a geostationary satellite for so many hours of virtual time, without recording.
 """
@@ -624,11 +625,22 @@ def fewest_processes(samples: list[Sample]) -> tuple[int, int]:
     return min(counts[:half]), min(counts[half:])
 
 
+def lasting_processes(samples: list[Sample]) -> tuple[int, int]:
+    """Return how many processes were there all through each half after the warm-up.
+
+    One that is left over is there all through the second; those that follow one another are in neither,
+    however long a busy machine makes them overlap.
+    """
+    pids = [{pid for _, pid in one.held} for one in samples if one.at_s >= WARM_UP * samples[-1].at_s]
+    half = len(pids) // 2
+    return len(set.intersection(*pids[:half])), len(set.intersection(*pids[half:]))
+
+
 def growth(samples: list[Sample], may_grow_mb: float = MAY_GROW_MB) -> list[str]:
     """Return what grew, in words. Of processes that follow one another each begins anew."""
-    rows, (before, after) = rows_of(samples), fewest_processes(samples)
+    rows, (before, after) = rows_of(samples), lasting_processes(samples)
     half_h = 0.5 * (1.0 - WARM_UP) * samples[-1].at_s / 3600.0
-    found = [f"processes {before} → {after}"] if after > before else []
+    found = [f"lasting processes {before} → {after}"] if after > before else []
     for row in rows:
         if row.lasting:
             counts = (("descriptors", row.descriptors), ("threads", row.threads))

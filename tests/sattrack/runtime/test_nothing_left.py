@@ -17,8 +17,10 @@ from programs import PATIENCE_S, ended, sattrack, stranger
 from soak import (
     CTRL_C,
     FIRST_NUMBER,
+    Held,
     Place,
     RotctldClient,
+    Sample,
     Server,
     Soak,
     Terminal,
@@ -77,6 +79,18 @@ def test_nothing_grows_and_nothing_is_left_with_everything_on(tmp_path: Path) ->
     assert {"track", "track: track", "serve", "serve: servers.alpaca", "run", "run: track"} <= names
     for what in ("alpaca", "rotctld", "orders by Alpaca", "orders by rotctld", "attached", "keys"):
         assert soak.counts[what] > 0, what
+
+
+def test_a_process_that_stays_is_growth_and_those_that_follow_one_another_are_none() -> None:
+    held = Held(descriptors=5, threads=1, resident_mb=20.0)
+    for left_s, words in ((20.0, ["lasting processes 1 → 2"]), (999.0, [])):
+        samples = []
+        for at_s in range(61):
+            # From the middle on two of those overlap at any time.
+            passing = {("pass", 100 + (at_s + back) // 5): held for back in (0, 3)[: 1 + (at_s > 30)]}
+            left = {("left", 2): held} if at_s >= left_s else {}
+            samples.append(Sample(float(at_s), {("run", 1): held, **passing, **left}, 0))
+        assert growth(samples) == words
 
 
 class Case:
