@@ -172,10 +172,16 @@ def find(elements: Sequence[Elements], key: str | int) -> Elements:
     )
 
 
+def same_object(one: Elements, other: Elements) -> bool:
+    """Tell whether two sets are of one object: their number is the same, and no designator contradicts it."""
+    both = one.designator and other.designator
+    return one.catalog_number == other.catalog_number and (one.designator == other.designator or not both)
+
+
 def newest(elements: Iterable[Elements], at: Utc | None = None) -> list[Elements]:
     """Return one set for each object, in the order of first appearance: the newest, or the nearest to `at`.
 
-    Sets of one number are of one object, unless their designators contradict each other.
+    Which sets are of one object `same_object` tells.
     """
 
     def worth(one: Elements) -> float:
@@ -185,7 +191,7 @@ def newest(elements: Iterable[Elements], at: Utc | None = None) -> list[Elements
     for one in elements:
         known = best.setdefault(one.catalog_number, [])
         for k, other in enumerate(known):
-            if one.designator == other.designator or not (one.designator and other.designator):
+            if same_object(one, other):
                 if worth(other) < worth(one):
                     known[k] = one
                 break

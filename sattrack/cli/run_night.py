@@ -50,6 +50,7 @@ from sattrack.views.formatting import iso_unix_s
 from tle.elements import Elements
 from tle.errors import TleError
 from tle.instants import Utc
+from tle.sources import same_object
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -439,13 +440,7 @@ def renewer(
         sources = (*context.sources(), *schedule().elements) if one.source is None else (one.source,)
         old = one.elements
         assert old is not None
-        # As for `newest`, sets of one number whose designators contradict each other are of two objects.
-        same = [
-            each
-            for each in context.load(sources).accepted
-            if each.catalog_number == old.catalog_number
-            and (each.designator == old.designator or not (each.designator and old.designator))
-        ]
+        same = [each for each in context.load(sources).accepted if same_object(each, old)]
         now_s = float(context.now().unix_s)
         nearest = min(same, key=lambda each: abs(float(each.epoch.unix_s) - now_s), default=old)
         return nearest if nearest.epoch.unix_s > old.epoch.unix_s else None
