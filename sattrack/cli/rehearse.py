@@ -23,6 +23,7 @@ from sattrack.cli.common import (
 )
 from sattrack.cli.targets import Wanted, ephemeris_option, followed
 from sattrack.core import local_time
+from sattrack.mount.model import whole_title
 from sattrack.recording.rendering import INK, PALE, label_times, new_figure, save, sky_axes, times
 from sattrack.views.formatting import iso_unix_s
 
@@ -143,7 +144,7 @@ def command(context: CommandContext, target: str, number: int, **options: Any) -
         click.echo(msgspec.json.encode(rehearsal.report).decode())
     else:
         now_utc_s = None if prepared.practising else float(context.now().unix_s)
-        show(*_shown(rehearsal.report, now_utc_s, prepared.facts.profile.axis_titles))
+        show(*_shown(rehearsal.report, now_utc_s, prepared.facts.profile.axis_titles()))
     return 0 if rehearsal.report.go and old is None else NO_GO
 
 
@@ -245,10 +246,10 @@ def _keyholes(report: RehearsalReport) -> Parts:
 
 
 def _sides(report: RehearsalReport, axis: str) -> Parts:
-    cables, the_axis = report.cables, axis if axis.endswith("axis") else f"{axis} axis"
+    cables = report.cables
     return [
         f"\nSide: {local_time.localised(report.sides.words, iso_unix_s(report.start_utc))}\n"
-        f"Cables: the {the_axis} stands between {cables.low_deg:.0f}° and {cables.high_deg:.0f}°, "
+        f"Cables: the {whole_title(axis)} stands between {cables.low_deg:.0f}° and {cables.high_deg:.0f}°, "
         f"of {cables.limit_deg:g}° either way\n"
     ]
 
@@ -441,7 +442,7 @@ def _draw_rates(axes: Any, rehearsal: Rehearsal) -> None:
     at = times(path.utc_s)
     limits = profile.ra.max_rate_deg_s, profile.dec.max_rate_deg_s
     same = limits[0] == limits[1]
-    first, second = profile.axis_titles
+    first, second = profile.axis_titles()
     for name, rate, limit, colour in (
         (first, path.hour_angle_rate_deg_s, limits[0], GOOD),
         (second, path.dec_rate_deg_s, limits[1], "#2a9d8f"),

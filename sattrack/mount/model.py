@@ -44,6 +44,11 @@ def mean_sidereal_deg(utc_s: float, longitude_deg: float) -> float:
     return (turns + longitude_deg) % 360.0
 
 
+def whole_title(title: str) -> str:
+    """Return what an axis is called where nothing else says that it is one: "hour angle axis"."""
+    return title if title.endswith("axis") else f"{title} axis"
+
+
 class AxisLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What one axis can do."""
 
@@ -362,15 +367,14 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         level = self.geometry.pole_altitude_deg >= 90.0 - SAME_POLE_DEG
         return "altaz" if level else self.geometry.pole
 
-    @property
-    def axis_titles(self) -> tuple[str, str]:
-        """What the axes are called: those of a geometry are none of hour angle and declination."""
-        return ("hour angle", "declination") if self.geometry is None else ("first axis", "second axis")
+    def axis_titles(self, first: str = "hour angle") -> tuple[str, str]:
+        """Return what the axes are called: those of a geometry are none of hour angle and declination."""
+        return (first, "declination") if self.geometry is None else ("first axis", "second axis")
 
     def axis_names(self, first: str = "hour angle") -> tuple[str, str]:
         """Return what the axes are called in a sentence."""
-        one, other = self.axis_titles
-        return (first, other) if self.geometry is None else (f"the {one}", f"the {other}")
+        one, other = self.axis_titles(first)
+        return (one, other) if self.geometry is None else (f"the {one}", f"the {other}")
 
     @property
     def dated_within_s(self) -> float | None:

@@ -15,6 +15,7 @@ from sattrack.control.stages import RunStage
 from sattrack.core import local_time
 from sattrack.core.angles import altitude_deg, azimuth_deg
 from sattrack.core.errors import BadInputError, how_to_install
+from sattrack.mount.model import whole_title
 from sattrack.mount.xerxes.datagrams import DatagramError, decode_command
 from sattrack.pointing.terms import frame_of
 from sattrack.recording.fits import Track, smooth_track, spectrum
@@ -86,7 +87,7 @@ def report_rows(report: Report) -> list[tuple[str, str]]:
         )
     rows.append(("the satellite's biases", _bias(report.bias)))
     for title, axis in zip(report.axes, (report.ra, report.dec), strict=True):
-        name = title if title.endswith("axis") else f"{title} axis"
+        name = whole_title(title)
         rows += [(name, words) for words in (_axis(axis), *_untold(axis)) if words]
     return rows
 
@@ -492,10 +493,9 @@ def _errors(run: Trace, shown: NDArray[np.bool_], tracks: Sequence[Track]) -> An
 def _rates(run: Trace) -> Any:
     figure, axes = _panel()
     at = times(run.sent_utc_s)
-    names = run.engine.spec.profile.axis_names("right ascension axis")
-    for column, (name, colour) in enumerate(zip(names, (RA, DEC), strict=True)):
-        label = name.removeprefix("the ") if name.endswith("axis") else f"{name} axis"
-        axes.plot(at, run.sent[:, column], color=colour, linewidth=1.0, label=label)
+    titles = run.engine.spec.profile.axis_titles("right ascension")
+    for column, (title, colour) in enumerate(zip(titles, (RA, DEC), strict=True)):
+        axes.plot(at, run.sent[:, column], color=colour, linewidth=1.0, label=whole_title(title))
     axes.set_ylabel("°/s")
     _legend(axes)
     label_times(axes)
@@ -563,7 +563,8 @@ def _sky(run: Trace) -> Any:
 
 def _repeats(run: Trace) -> Any:
     found = []
-    for axis, (name, colour) in enumerate(zip(run.engine.spec.profile.axis_titles, (RA, DEC), strict=True)):
+    titles = run.engine.spec.profile.axis_titles()
+    for axis, (name, colour) in enumerate(zip(titles, (RA, DEC), strict=True)):
         cycles, amplitude = spectrum(*repeating(run, axis))
         if len(cycles) > 3:
             found.append((cycles[2:], amplitude[2:], name, colour))

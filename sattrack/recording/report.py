@@ -10,6 +10,7 @@ import numpy as np
 
 from sattrack.control.stages import KEYHOLE, RATE, STOPPED, RunStage, measuring
 from sattrack.core import local_time
+from sattrack.mount.model import whole_title
 from sattrack.recording.fits import (
     SURE_SIGMAS,
     AxisFit,
@@ -203,7 +204,7 @@ def make_report(recording: Recording, run: Trace) -> tuple[Report, BiasFit | Non
         missed=missed,
         times=times,
         elements_age_days=_age_days(spec),
-        axes=spec.profile.axis_titles,
+        axes=spec.profile.axis_titles(),
     )
     return msgspec.structs.replace(report, advice=tuple(advice(report, run))), fit
 
@@ -479,9 +480,9 @@ def _mount_advice(profile: MountProfile, ra: AxisFigures, dec: AxisFigures, do: 
 
 def _ripple_advice(profile: MountProfile, ra: AxisFigures, dec: AxisFigures) -> list[str]:
     return [
-        f"{name if name.endswith('axis') else f'the {name} axis'} errs by {line.amplitude_arcsec:.2f}″ "
+        f"the {whole_title(title)} errs by {line.amplitude_arcsec:.2f}″ "
         f"{line.cycles_a_turn:.0f} times a turn: its motor's ripple, or its encoder"
-        for name, fit in zip(profile.axis_names(), (ra, dec), strict=True)
+        for title, fit in zip(profile.axis_titles(), (ra, dec), strict=True)
         for line in fit.lines
         if line.amplitude_arcsec > LINE_ARCSEC
     ]
