@@ -6,6 +6,7 @@ import errno
 import os
 import stat
 import sys
+import zlib
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -29,6 +30,14 @@ def user_folder(variable: str, usual: str, environ: Mapping[str, str] | None = N
         except RuntimeError:
             base = Path(os.sep) / usual
     return base / "sattrack"
+
+
+def shortened(name: str, longest: int) -> str:
+    """Return a name of so many characters at most: of a longer one its beginning and a checksum."""
+    if len(name) <= longest:
+        return name
+    checksum = f"~{zlib.crc32(name.encode()):08x}"
+    return name[: longest - len(checksum)] + checksum
 
 
 def open_regular(path: Path) -> IO[bytes]:

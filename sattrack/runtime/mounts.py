@@ -19,7 +19,6 @@ import select
 import socket
 import sys
 import time
-import zlib
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +29,7 @@ import msgspec
 from sattrack.core import local_time
 from sattrack.core.channel import LineReader, taken_names
 from sattrack.core.errors import NO_JSON, BadInputError, SattrackError, meant
+from sattrack.core.files import shortened
 from sattrack.core.toml_text import line_of_key
 from sattrack.mount.alpaca.link import AlpacaAddress, parse_alpaca
 from sattrack.mount.model import MountProfile
@@ -441,12 +441,8 @@ def connection_to_watch(name: str) -> socket.socket | None:
 
 
 def _name(mount: str) -> str:
-    """Return the name of a mount's socket: of a long address its beginning and a checksum of the whole."""
-    name = f"\0{PREFIX}{mount}"
-    if len(name) <= LONGEST_NAME:
-        return name
-    checksum = f"~{zlib.crc32(mount.encode()):08x}"
-    return name[: LONGEST_NAME - len(checksum)] + checksum
+    """Return the name of a mount's socket."""
+    return shortened(f"\0{PREFIX}{mount}", LONGEST_NAME)
 
 
 def _socket() -> socket.socket:

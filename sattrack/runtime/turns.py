@@ -13,7 +13,6 @@ import contextlib
 import queue
 import threading
 import time
-import zlib
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
@@ -21,7 +20,7 @@ import msgspec
 
 from sattrack.core import local_time
 from sattrack.core.errors import NO_JSON
-from sattrack.core.files import replace_file, user_folder
+from sattrack.core.files import replace_file, shortened, user_folder
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -143,7 +142,4 @@ def forget(mount: str) -> None:
 
 
 def _path(mount: str) -> Path:
-    name = quote(mount, safe=":")
-    if len(name) > LONGEST_NAME:
-        name = f"{name[:LONGEST_NAME]}~{zlib.crc32(mount.encode()):08x}"
-    return folder() / f"{name}.json"
+    return folder() / f"{shortened(quote(mount, safe=':'), LONGEST_NAME)}.json"
