@@ -63,7 +63,7 @@ def pass_scene(facts: RunFacts, clock_error_s: float | None = None) -> PassView:
     if profile.frame is not None:
         dec_deg = profile.frame.angles(seen.ha_deg, dec_deg, fn=np).second_deg
     geometry = profile.geometry
-    lost = foretold_losses(facts)
+    lost = _foretold_losses(facts, spec)
     worst = max(lost, key=lambda one: one.seconds, default=None)
     return PassView(
         latitude_deg=site.latitude_deg,
@@ -109,22 +109,21 @@ def uncalibrated(facts: RunFacts) -> str | None:
     return uncalibrated_text(facts.profile, fastest_deg_s(facts))
 
 
-def foretold_losses(facts: RunFacts) -> tuple[PredictedLoss, ...]:
+def _foretold_losses(facts: RunFacts, spec: RunSpec) -> tuple[PredictedLoss, ...]:
     """Return what of a pass the mount will lose; nothing where that is little, or is not known."""
-    plan, limits = facts.plan, facts.limits
-    propagator = build_engine(facts).spec.propagator
-    ability = ability_at(propagator.site, facts.profile, limits)
+    span = facts.plan.start_utc_s, facts.plan.end_utc_s
+    ability = ability_at(spec.propagator.site, facts.profile, facts.limits)
     try:
-        lost = verdict_over(propagator, first_bias(facts), (plan.start_utc_s, plan.end_utc_s), ability).lost
+        lost = verdict_over(spec.propagator, first_bias(facts), span, ability).lost
     except TleError:
         return ()
-    least_s = max(LEAST_LOST_S, LEAST_LOST_SHARE * (plan.end_utc_s - plan.start_utc_s))
+    least_s = max(LEAST_LOST_S, LEAST_LOST_SHARE * (span[1] - span[0]))
     return lost if sum(one.seconds for one in lost) > least_s else ()
 
 
 def foretold(facts: RunFacts) -> str | None:
-    """Return what of a pass the mount will lose, in words; None as in `foretold_losses`."""
-    lost = foretold_losses(facts)
+    """Return what of a pass the mount will lose, in words; None where that is little, or is not known."""
+    lost = _foretold_losses(facts, build_engine(facts).spec)
     if not lost:
         return None
     worst = max(lost, key=lambda one: one.seconds)
