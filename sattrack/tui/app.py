@@ -12,7 +12,7 @@ from sattrack.tui import figures, look
 from sattrack.tui.attached import PICTURE_SIDE
 from sattrack.tui.camera_page import CameraPage
 from sattrack.tui.console_panels import MountPage
-from sattrack.tui.dialogs import LEAVE, STOP, TEXTS, LeaveDialog, show_help
+from sattrack.tui.dialogs import ATTACHED_TEXT, LEAVE, STOP, TEXTS, LeaveDialog, show_help
 from sattrack.tui.error_plot import ErrorHistory, ErrorPanel
 from sattrack.tui.figures import BiasPanel
 from sattrack.tui.graphics import RealPicture
@@ -311,7 +311,8 @@ class TrackApp(RunKeys):
 
     def action_help(self) -> None:
         """Show what the keys do."""
-        show_help(self, TEXTS[self._screens.page])
+        page = self._screens.page
+        show_help(self, ATTACHED_TEXT if self._attached and page == LIVE else TEXTS[page])
 
     @property
     def _attached(self) -> bool:

@@ -17,11 +17,12 @@ if TYPE_CHECKING:
     from textual.app import App, ComposeResult
     from textual.events import Key
 
-RUN_TEXT = """\
+LEAVING = "q         leave: asks whether the mount is to stop; Ctrl-C: it does"
+RUN_TEXT = f"""\
 SPACE     STOP, here and everywhere: the run ends, the mount rests
 p         pause: the mount rests, the run goes on; again, Enter: go on
 P         park: the run ends, the mount goes to its park position
-q         leave: asks whether the mount is to stop; Ctrl-C: it does
+{LEAVING}
 1 to 6    live, tonight's passes, mount, schedule, log, camera
 ← →       point behind / ahead of it on its track (it is late / early)
 ↑ ↓       point left / right of its motion (as it goes, from below)
@@ -40,6 +41,9 @@ Errors are mount minus satellite: + is ahead along, left across.
 
 ?  Esc  q close this help
 """
+
+ATTACHED_TEXT = RUN_TEXT.replace(LEAVING, "q  Ctrl-C leave: the run continues; only SPACE stops the mount")
+"""For a run that was started elsewhere."""
 
 TONIGHT_TEXT = """\
 SPACE     STOP everything, at once

@@ -6,6 +6,7 @@ import asyncio
 from typing import TYPE_CHECKING
 
 import pytest
+from textual.widgets import Static
 from tui_builders import SUMMARY, VIEW, FakeFeed, HandClock, changed, press
 
 from sattrack.tui.app import TrackApp
@@ -75,6 +76,24 @@ CASES: list[tuple[SessionView | None, int, list[str], list[Message]]] = [
         Nudge(cross_deg=-0.01), OffsetBy("along_s", "gradual", 1.0, 20.0),
         OffsetBy("cross_deg", "gradual", -0.11, 20.0)]),
 ]  # fmt: skip
+
+
+def test_the_help_says_what_leaving_does_to_a_run_that_was_started_elsewhere() -> None:
+    feed = told(ELSEWHERE, ANNA)
+
+    async def run() -> str:
+        app = TrackApp(feed, monotonic=HandClock())
+        async with app.run_test() as pilot:
+            await pilot.press("question_mark")
+            text = str(app.screen.query_one(Static).content)
+            await pilot.press("escape", "ctrl+c")
+        return text
+
+    text = asyncio.run(run())
+
+    assert "q  Ctrl-C leave: the run continues; only SPACE stops the mount" in text
+    assert "Ctrl-C: it does" not in text
+    assert feed.sent == []
 
 
 def test_each_key_says_what_one_may_say() -> None:
