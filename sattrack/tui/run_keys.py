@@ -572,9 +572,7 @@ class Screens:
         if self._helpers is None:
             return NO_HELPERS
         if scene.ended:
-            if self._helpers.console is None:
-                return "the run is over, and the simulated mount with it"
-            return "the run is over: j operates the mount by hand (jog, slew, sync, park, home)"
+            return self._over_note(scene)
         if self._helpers.look.trouble:
             return self._helpers.look.trouble
         if self._console is None:
@@ -583,6 +581,13 @@ class Screens:
         jog = "; p pauses, then the arrows jog" if scene.in_control else ""
         heard = f"as the run hears it{jog}{_learnt(scene.view.learnt)}"
         return heard if scene.jog_rate is None or not scene.in_control else paused
+
+    def _over_note(self, scene: Scene) -> str:
+        if scene.view.mount == "sim":
+            return "the run is over, and the simulated mount with it"
+        if self.console_command() is None:
+            return "the run is over: `sattrack mount watch` operates the mount by hand"
+        return "the run is over: j operates the mount by hand (jog, slew, sync, park, home)"
 
 
 def _learnt(learnt: LearntView | None) -> str:

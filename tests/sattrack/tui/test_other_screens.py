@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import pytest
 from console_tui_builders import VIEW as MOUNT_VIEW
 from textual.events import MouseScrollUp
@@ -19,7 +20,7 @@ from sattrack.tui.feeds import Latest, News, PassRow, read_passes
 from sattrack.tui.pages import MOST_LINES, LogBook, PassList
 from sattrack.tui.scene import PAGES, Tone
 from sattrack.views.messages import Arm, Disarm, StopNow
-from sattrack.views.run import STARTER, Armed, LearntView, SessionView
+from sattrack.views.run import STARTER, Armed, LearntView, SessionView, Watcher
 from sattrack.views.schedule import SchedulePassView, ScheduleView
 from tle.instants import Utc
 
@@ -28,7 +29,10 @@ if TYPE_CHECKING:
 
     from textual.pilot import Pilot
 
+    from sattrack.views.run import ConsoleView
+
 HERE = SessionView(STARTER, (), 0, takes_others=True)
+ELSEWHERE = SessionView(STARTER, (Watcher(4, "anna"),), 1)
 
 
 def pass_row(number: int, minutes: float, alt_deg: float = 50.0, **changes: Any) -> PassRow:
@@ -86,12 +90,13 @@ class FakeLook:
     opened: list[int] = field(default_factory=list)
     trouble: str = ""
     closed: int = 0
+    view: ConsoleView = MOUNT_VIEW
 
     def open(self, pid: int) -> None:
         self.opened.append(pid)
 
     def latest(self) -> Latest:
-        return Latest(MOUNT_VIEW if self.opened else None)
+        return Latest(self.view if self.opened else None)
 
     def close(self) -> None:
         self.closed += 1
@@ -310,6 +315,19 @@ def test_the_mount_screen_tells_what_was_learnt_of_it() -> None:
         assert "learnt: lag 111, −4 ms  gain 1.0203, ?  settling 0.12 s" in text_of(app)
 
     on_screen(act, News((changed(learnt=learnt),), session=HERE), size=(120, 40))
+
+
+def test_the_end_of_a_run_that_was_started_elsewhere_does_not_end_a_real_mount() -> None:
+    async def act(app: TrackApp, pilot: Pilot[None]) -> None:
+        await pilot.press("3")
+        app.look()
+        await pilot.pause()
+        text = text_of(app)
+        assert "the run is over: `sattrack mount watch` operates the mount by hand" in text
+        assert "simulated" not in text
+
+    over = changed(mount="xerxes://10.0.0.2:5000", ended_by="operator")
+    on_screen(act, News((over,), True, SUMMARY, session=ELSEWHERE, you=4))
 
 
 def test_a_mount_is_looked_at_only_while_its_screen_is_wanted() -> None:
