@@ -557,16 +557,16 @@ class Screens:
         latest = look.latest()
         if latest.view is not None:
             self._console, self._heard_s = latest.view, now_s
-            if scene.view.mount == "sim":
-                # It keeps the time that the run has it keep, which is not this machine's.
-                self._console = msgspec.structs.replace(latest.view, clock_offset_s=None)
         if latest.ended or (self.page != MOUNT and now_s - self._looked_s > LOOK_AWAY_S):
             look.close()
 
     def _console_of(self, scene: Scene) -> ConsoleView | None:
-        """Return the last look at the mount, with the run's own counts: the look began when it was opened."""
-        seen = self._console
-        return None if seen is None else msgspec.structs.replace(seen, link=scene.view.link)
+        """Return the last look at the mount, with what the run knows of link and clock.
+
+        The look began when it was opened, and may know neither the run's time nor its site.
+        """
+        seen, link = self._console, scene.view.link
+        return seen and msgspec.structs.replace(seen, link=link, clock_offset_s=link.clock_offset_s)
 
     def _mount_note(self, scene: Scene) -> str:
         if self._helpers is None:

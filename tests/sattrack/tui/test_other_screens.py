@@ -317,6 +317,20 @@ def test_the_mount_screen_tells_what_was_learnt_of_it() -> None:
     on_screen(act, News((changed(learnt=learnt),), session=HERE), size=(120, 40))
 
 
+def test_the_mount_screen_has_the_run_s_word_on_the_mount_s_clock() -> None:
+    here = msgspec.structs.replace(MOUNT_VIEW, clock_offset_s=9000.0)
+
+    async def act(app: TrackApp, pilot: Pilot[None]) -> None:
+        await pilot.press("3")
+        app.look()
+        await pilot.pause()
+        assert "its clock  +0.02 s = 0.3″" in text_of(app)
+
+    run = changed(mount="xerxes://10.0.0.2:5000", link={"clock_offset_s": 0.02})
+    helpers = FakeHelpers(look=FakeLook(view=here))
+    on_screen(act, News((run,), session=ELSEWHERE, you=4), helpers=helpers)
+
+
 def test_the_end_of_a_run_that_was_started_elsewhere_does_not_end_a_real_mount() -> None:
     async def act(app: TrackApp, pilot: Pilot[None]) -> None:
         await pilot.press("3")
