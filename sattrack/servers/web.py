@@ -282,10 +282,7 @@ class RunServer(Server):
             return web.Response(text=text, content_type="text/html", headers=refresh)
         asked = request.query.get("fontsize", "")
         size = int(asked) if asked.isascii() and asked.isdecimal() else USUAL_FONT_SIZE
-        scheme = "wss" if request.secure else "ws"
-        page = PAGE.read_text(encoding="utf-8")
-        # The host was let in above: it is one that leads here, and has no character that could end the text.
-        page = page.replace("{{ websocket_url }}", f"{scheme}://{request.url.authority}/ws/{run}")
+        page = PAGE.read_text(encoding="utf-8").replace("{{ run }}", str(run))
         page = page.replace("{{ font_size }}", str(size if size in FONT_SIZES else USUAL_FONT_SIZE))
         return web.Response(text=page, content_type="text/html")
 

@@ -120,7 +120,7 @@ def test_of_several_runs_the_page_links_to_each_and_shows_no_command() -> None:
         assert "ISS" in text
         code, text, _ = fetched(f"{url}run/{other.pid}")
         assert code == 200
-        assert re.search(rf'data-session-websocket-url="ws://127.0.0.1:[0-9]+/ws/{other.pid}"', text)
+        assert f'data-session-websocket-url="/ws/{other.pid}"' in text
         assert "run/" in fetched(f"{url}run/1")[1]
 
 

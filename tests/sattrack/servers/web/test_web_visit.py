@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import re
+import subprocess
 from typing import TYPE_CHECKING
 
 import pytest
@@ -58,6 +60,25 @@ def test_elsewhere_only_who_brings_the_token_comes_in() -> None:
     ):
         assert ABROAD.refusal(host, None, query, cookies) is not None
     assert ABROAD.refusal(host, None, {"token": "ключ"}, {}) is not None
+
+
+BROWSER = """
+globalThis.window = globalThis;
+globalThis.location = { href: "https://telescope.example/run/7" };
+globalThis.WebSocket = class { constructor(url) { this.url = String(url); } };
+%s
+console.log(new WebSocket("/ws/7?width=80&height=24").url);
+"""
+
+
+def test_the_page_connects_as_it_came(program: Callable[[str], str]) -> None:
+    script = re.findall(r"<script>(.*?)</script>", web.PAGE.read_text(encoding="utf-8"), re.DOTALL)[0]
+    done = subprocess.run(
+        [program("node|nodejs"), "-"], input=BROWSER % script, capture_output=True, text=True, check=False,
+        timeout=PATIENCE_S,
+    )  # fmt: skip
+
+    assert done.stdout == "wss://telescope.example/ws/7?width=80&height=24\n", done.stderr
 
 
 def test_a_token_is_needed_off_this_machine_and_is_not_guessed() -> None:
