@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import re
 import subprocess
 from typing import TYPE_CHECKING
@@ -63,22 +64,43 @@ def test_elsewhere_only_who_brings_the_token_comes_in() -> None:
 
 
 BROWSER = """
+let nowMs = 0, tick, hear, classes = new Set(), sent = [];
 globalThis.window = globalThis;
+globalThis.performance = { now: () => nowMs };
 globalThis.location = { href: "https://telescope.example/run/7" };
-globalThis.WebSocket = class { constructor(url) { this.url = String(url); } };
+globalThis.document = { body: { classList: { toggle: (n, on) => on ? classes.add(n) : classes.delete(n) } } };
+globalThis.setInterval = (act) => { tick = act; };
+globalThis.WebSocket = class {
+  static OPEN = 1;
+  constructor(url) { this.url = String(url); this.readyState = 1; }
+  addEventListener(_, act) { hear = act; }
+  send(text) { sent.push(JSON.parse(text)[0]); }
+};
 %s
-console.log(new WebSocket("/ws/7?width=80&height=24").url);
+const found = [], connection = new WebSocket("/ws/7?width=80&height=24");
+for (let second = 0; second < 20; second += 1) {
+  nowMs = 1000 * second;
+  tick();
+  // It answers for 3 s, and again from 15 s on.
+  if (second < 3 || second >= 15) hear();
+  found.push(classes.has("-silent"));
+}
+console.log(JSON.stringify({ url: connection.url, silent: found, pings: sent.length }));
 """
 
 
-def test_the_page_connects_as_it_came(program: Callable[[str], str]) -> None:
+def test_the_page_says_that_nothing_answers_and_connects_as_it_came(program: Callable[[str], str]) -> None:
     script = re.findall(r"<script>(.*?)</script>", web.PAGE.read_text(encoding="utf-8"), re.DOTALL)[0]
     done = subprocess.run(
         [program("node|nodejs"), "-"], input=BROWSER % script, capture_output=True, text=True, check=False,
         timeout=PATIENCE_S,
     )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    seen = json.loads(done.stdout)
 
-    assert done.stdout == "wss://telescope.example/ws/7?width=80&height=24\n", done.stderr
+    assert seen["url"] == "wss://telescope.example/ws/7?width=80&height=24"
+    assert [second for second, silent in enumerate(seen["silent"]) if silent] == list(range(9, 16))
+    assert seen["pings"] == 3 + 1 + 4
 
 
 def test_a_token_is_needed_off_this_machine_and_is_not_guessed() -> None:
