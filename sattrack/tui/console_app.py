@@ -28,7 +28,7 @@ from sattrack.tui.dialogs import (
 )
 from sattrack.tui.look import ScreenApp
 from sattrack.tui.panels import TooSmall
-from sattrack.tui.scene import DEFAULT_APPEARANCE, Tone
+from sattrack.tui.scene import DEFAULT_APPEARANCE, NO_NEWS_AFTER_S, Tone
 from sattrack.views import formatting
 from sattrack.views.messages import Jog, Leave, Reset
 
@@ -301,10 +301,17 @@ class AntennaApp(ScreenApp):
         Binding("x", "say('reset')", "reset"),
     ]
 
-    def __init__(self, feed: AntennaFeed, appearance: Appearance = DEFAULT_APPEARANCE) -> None:
+    def __init__(
+        self,
+        feed: AntennaFeed,
+        appearance: Appearance = DEFAULT_APPEARANCE,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
         super().__init__(appearance)
         self._feed = feed
+        self._monotonic = monotonic
         self._view: AntennaView | None = None
+        self._heard_s = monotonic()
 
     def compose(self) -> ComposeResult:
         """Make the parts, from top to bottom."""
@@ -320,10 +327,11 @@ class AntennaApp(ScreenApp):
 
     def look(self) -> None:
         """Take in what has come, and draw it."""
-        latest = self._feed.latest()
-        self._view = latest.view or self._view
+        latest, now_s = self._feed.latest(), self._monotonic()
+        if latest.view is not None:
+            self._view, self._heard_s = latest.view, now_s
         if self._view is not None:
-            for name, text in drawn(self._view, self.theme).items():
+            for name, text in drawn(self._view, self.theme, now_s - self._heard_s).items():
                 self.query_one(f"#{name}", Static).update(text)
         if latest.ended or self._was_asked_to_leave():
             self.exit()
@@ -350,21 +358,25 @@ class AntennaApp(ScreenApp):
         self.exit()
 
 
-def drawn(view: AntennaView, theme: str = look.NIGHT.name) -> dict[str, Text]:
-    """Return what each part of the screen says of a state, in the colours of a theme."""
+def drawn(view: AntennaView, theme: str = look.NIGHT.name, news_age_s: float = 0.0) -> dict[str, Text]:
+    """Return what each part of the screen says of a state that old, in the colours of a theme."""
     ink = inks(theme)
     time = f"{formatting.clock(view.utc_s)} {zone_name(view.utc_s)}"
     return {
         "title": Text(f"{view.mount} as an antenna on {view.door}   {time}"),
-        "state": _state(view, ink),
+        "state": _state(view, ink, news_age_s),
         "axes": _axes(view, ink),
         "lines": _lines(view, ink),
         "refusals": _refusals(view, ink),
     }
 
 
-def _state(view: AntennaView, ink: Inks) -> Text:
+def _state(view: AntennaView, ink: Inks, news_age_s: float) -> Text:
     text = Text()
+    if news_age_s > NO_NEWS_AFTER_S:
+        old = f" from the service for {news_age_s:.0f} s: everything here is old\n"
+        text.append(" NO NEWS ", ink.plate[Tone.BAD]).append(old, ink.spoken[Tone.BAD])
+        text.append("press SPACE, then use the mount's own stop\n", ink.spoken[Tone.BAD])
     mode = ("REMOTE", Tone.GOOD) if view.remote else ("LOCAL", Tone.NOTICE)
     text.append(f" {mode[0]} ", ink.plate[mode[1]])
     servo = Tone.GOOD if view.servo == "TRACKING" else Tone.CALM

@@ -114,6 +114,31 @@ def test_what_is_amiss_is_said_in_words(fields: dict[str, object], says: str) ->
     assert says in "\n".join(text.plain for text in drawn(changed(**fields)).values())
 
 
+def test_a_service_that_hangs_is_said_in_words() -> None:
+    class HungFeed(FakeFeed):
+        def latest(self) -> Latest[AntennaView]:
+            return Latest() if self.told else super().latest()
+
+    seconds = [100.0]
+
+    async def run() -> tuple[str, str]:
+        feed = HungFeed()
+        app = AntennaApp(feed, monotonic=lambda: seconds[0])
+        async with app.run_test(size=(80, 24)):
+            feed.told.append("hung")
+            found = []
+            for seconds[0] in (101.0, 107.0):
+                app.look()
+                found.append(str(app.query_one("#state", Static).render()))
+        return found[0], found[1]
+
+    fresh, old = asyncio.run(run())
+
+    assert "NO NEWS" not in fresh
+    assert "NO NEWS  from the service for 7 s: everything here is old" in old
+    assert "use the mount's own stop" in old
+
+
 def test_a_quit_leaves_and_an_interrupt_is_known_as_one() -> None:
     app, _ = press(FakeFeed(), "q")
     assert not app.interrupted
