@@ -25,7 +25,7 @@ from sattrack.cli.targets import Wanted, ephemeris_option, followed
 from sattrack.core import local_time
 from sattrack.mount.model import whole_title
 from sattrack.recording.rendering import INK, PALE, label_times, new_figure, save, sky_axes, times
-from sattrack.views.formatting import iso_unix_s
+from sattrack.views.formatting import iso_unix_s, limit_title
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -168,7 +168,7 @@ def _shown(report: RehearsalReport, now_utc_s: float | None, axes: tuple[str, st
         *_limits(report, axes),
         *_keyholes(report),
         *_sides(report, axes[0]),
-        *_link_loss(report),
+        *_link_loss(report, axes),
         *_budget(report),
         *(f"Note: {note}" for note in report.notes),
     ]
@@ -222,10 +222,9 @@ def _limits(report: RehearsalReport, names: tuple[str, str]) -> Parts:
             style="red" if over else None,
         )
     margins = table("Limit", ">nearest", "at")
-    of_axes = dict(zip(("hour_angle", "declination"), names, strict=True))
     for margin in report.margins:
         margins.add_row(
-            of_axes.get(margin.limit, margin.limit),
+            limit_title(margin.limit, names),
             f"{margin.least_deg:.1f}°",
             _clock(margin.utc, report),
             style="red" if margin.least_deg < 0.0 else None,
@@ -254,22 +253,22 @@ def _sides(report: RehearsalReport, axis: str) -> Parts:
     ]
 
 
-def _link_loss(report: RehearsalReport) -> Parts:
+def _link_loss(report: RehearsalReport, names: tuple[str, str]) -> Parts:
     from rich.text import Text
 
     loss = report.link_loss
     end: str | Text
-    head = f"If the link is cut and the mount holds its rates: {_cut(loss.worst, report)}"
+    head = f"If the link is cut and the mount holds its rates: {_cut(loss.worst, report, names)}"
     if loss.watchdog_s is None:
         end = "The mount has no watchdog: with the link cut, only a switch for its power can stop it"
     elif loss.rests_inside:
         end = f"Its watchdog ({loss.watchdog_s:g} s) brings it to rest before any limit, whenever that is"
     else:
         end = Text(f"Its watchdog ({loss.watchdog_s:g} s) comes too late at some moments", style="red")
-    return [head, *_cut_table(report), end]
+    return [head, *_cut_table(report, names), end]
 
 
-def _cut_table(report: RehearsalReport) -> Parts:
+def _cut_table(report: RehearsalReport, names: tuple[str, str]) -> Parts:
     """Return the time to the first limit from moments of the pass; nothing where none is ever met."""
     loss = report.link_loss
     if loss.worst.seconds_to_limit is None:
@@ -282,15 +281,15 @@ def _cut_table(report: RehearsalReport) -> Parts:
         if moment.seconds_to_limit is not None:
             seconds = f"{moment.seconds_to_limit:.1f} s"
         rest = [] if moment.seconds_to_rest is None else [f"{moment.seconds_to_rest:.1f} s"]
-        cuts.add_row(_clock(moment.utc, report), seconds, (moment.limit or "-").replace("_", " "), *rest)
+        cuts.add_row(_clock(moment.utc, report), seconds, limit_title(moment.limit or "-", names), *rest)
     return [cuts]
 
 
-def _cut(moment: CutMoment, report: RehearsalReport) -> str:
+def _cut(moment: CutMoment, report: RehearsalReport, names: tuple[str, str]) -> str:
     if moment.seconds_to_limit is None:
         return f"no limit within {report.link_loss.looked_s / 60.0:.0f} minutes, at any moment"
     return (
-        f"at worst {moment.seconds_to_limit:.1f} s to the {(moment.limit or '').replace('_', ' ')} limit "
+        f"at worst {moment.seconds_to_limit:.1f} s to the {limit_title(moment.limit or '', names)} limit "
         f"(cut at {_clock(moment.utc, report)})"
     )
 
@@ -362,9 +361,10 @@ def _draw_sky(sky: Any, rehearsal: Rehearsal) -> None:
     angle, radius = np.radians(path.az_deg), 90.0 - path.alt_deg
     sky.plot(angle, radius, color=GOOD, linewidth=2.5, solid_capstyle="round", label="followed")
     labelled: set[str] = set()
+    axes = rehearsal.ability.profile.axis_titles()
     for begin, end, limit in _stretches(rehearsal):
         part = (path.utc_s >= begin - 0.5) & (path.utc_s <= end + 0.5)
-        label = None if limit in labelled else f"lost: {limit.replace('_', ' ')}"
+        label = None if limit in labelled else f"lost: {limit_title(limit, axes)}"
         labelled.add(limit)
         sky.plot(angle[part], radius[part], color=COLOURS.get(limit, BAD), linewidth=5.0, label=label)
     _mark_minutes(sky, rehearsal)

@@ -255,11 +255,9 @@ def _foretold(sky: PassView | None) -> str:
     """Return what the mount will lose of a pass, as the end of a line."""
     if sky is None or sky.lost_from_utc_s is None:
         return ""
-    limit = sky.lost_to or ""
-    if sky.mount_pole_deg is not None:
-        limit = {"hour_angle": "first axis", "declination": "second axis"}.get(limit, limit)
-    since = formatting.clock(sky.lost_from_utc_s)
-    return f"; about {sky.lost_s:.0f} s lost from {since} on: {limit.replace('_', ' ')}"
+    axes = formatting.EQUATORIAL if sky.mount_pole_deg is None else ("first axis", "second axis")
+    limit = formatting.limit_title(sky.lost_to or "", axes)
+    return f"; about {sky.lost_s:.0f} s lost from {formatting.clock(sky.lost_from_utc_s)} on: {limit}"
 
 
 def _coming(view: TrackView, foretold: str) -> Headline:

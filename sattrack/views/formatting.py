@@ -504,6 +504,14 @@ OLD_ELEMENTS_DAYS = 3.0
 """From here on an element set of a low orbit is off by arcminutes along its track."""
 
 
+EQUATORIAL = ("hour angle", "declination")
+
+
+def limit_title(limit: str, axes: tuple[str, str] = EQUATORIAL) -> str:
+    """Return what a limit is called where the mount's axes are called so."""
+    return {"hour_angle": axes[0], "declination": axes[1]}.get(limit, limit.replace("_", " "))
+
+
 def named(name: str, catalog_number: int | None) -> str:
     """Return an object's name, with its catalogue number where it has one."""
     return name if catalog_number is None else f"{name} ({catalog_number})"

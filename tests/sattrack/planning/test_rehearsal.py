@@ -304,6 +304,28 @@ def test_what_cannot_be_rehearsed_is_told_in_one_line(
     assert words in told[0]
 
 
+ALT_AZ = f"""
+name = "altaz"
+hour_angle_limit_deg = 200.0
+ra = {{ max_rate_deg_s = 6.0, max_acceleration_deg_s2 = 5.0 }}
+dec = {{ max_rate_deg_s = 6.0, max_acceleration_deg_s2 = 5.0 }}
+stands_at = {{ latitude_deg = {demo_pass.SITE.latitude_deg}, longitude_deg = {demo_pass.SITE.longitude_deg} }}
+geometry = {{ pole_azimuth_deg = 0.0, pole_altitude_deg = 90.0 }}
+"""
+
+
+def test_a_limit_is_called_as_its_axis_is_wherever_it_is_shown(tmp_path: Path) -> None:
+    profile = tmp_path / "altaz.toml"
+    profile.write_text(ALT_AZ)
+    code, text = invoke("ISS", "--profile", str(profile))
+
+    assert code == 0
+    assert re.search(r"\nfirst axis +107", text)
+    assert re.search(r"at worst [0-9.]+ s to the first axis limit", text)
+    assert re.search(r"[0-9.]+ s  first axis\n", text)
+    assert "hour angle limit" not in text
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

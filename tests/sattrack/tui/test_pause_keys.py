@@ -19,7 +19,7 @@ from sattrack.tui.console_app import ConsoleApp
 from sattrack.tui.feeds import Latest, News
 from sattrack.tui.pages import LogBook
 from sattrack.tui.run_keys import RestState
-from sattrack.tui.scene import headline
+from sattrack.tui.scene import STEPS, Scene, headline
 from sattrack.views.formatting import clock
 from sattrack.views.messages import Go, Jog, Nudge, Pause, StopNow
 from sattrack.views.run import STARTER, PauseView, SessionView, Watcher
@@ -139,6 +139,15 @@ def test_while_a_pass_is_waited_for_the_headline_says_what_limits_will_take_of_i
                 assert (words in headline(app.scene).rest) is (told and sky is taken)
 
     on_screen(act)
+
+
+def test_what_limits_will_take_is_said_by_the_names_of_the_mount_s_axes() -> None:
+    taken = msgspec.structs.replace(
+        PARKS, lost_s=98.2, lost_to="hour_angle", lost_from_utc_s=UTC_S + 90.0, mount_pole_deg=(90.0, 0.0)
+    )
+    scene = Scene(WAITING, STEPS[0], sky=taken)
+
+    assert headline(scene).rest.endswith(": first axis")
 
 
 def test_the_headline_says_what_the_mount_does_and_how_long_the_pass_still_is() -> None:
