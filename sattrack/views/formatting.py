@@ -127,12 +127,12 @@ def file_error(sigma_km: float | None) -> str:
 
 def right_ascension(degrees: float) -> str:
     """Return a right ascension as `12h 34m 56.7s`."""
-    return hours(round(degrees % 360.0 / 15.0 * 36000.0) % 864000 / 36000.0)
+    return hours(degrees / 15.0)
 
 
 def azimuth(degrees: float) -> str:
     """Return an azimuth with the name of the direction."""
-    return f"{degrees % 360.0:.1f}° {cardinal(degrees)}"
+    return f"{round(degrees, 1) % 360.0:.1f}° {cardinal(degrees)}"
 
 
 def cardinal(azimuth_deg: float) -> str:
@@ -244,10 +244,10 @@ def number(value: float | None, decimals: int, unit: str = "", sign: bool = Fals
 
 
 def hours(value_h: float | None, sign: bool = False) -> str:
-    """Return an angle of hours as `05h 30m 00.0s`."""
+    """Return an angle of hours as `05h 30m 00.0s`; without a sign, one below 24h."""
     if value_h is None:
         return NOTHING
-    tenths = round(abs(value_h) * 36000.0)
+    tenths = round(abs(value_h) * 36000.0) if sign else round(value_h * 36000.0) % 864000
     before = (MINUS if value_h < 0.0 and tenths else "+") if sign else ""
     return f"{before}{tenths // 36000:02d}h {tenths // 600 % 60:02d}m {tenths % 600 / 10.0:04.1f}s"
 

@@ -85,6 +85,7 @@ def test_a_length_has_the_unit_that_fits_and_no_exponent(metres: float, text: st
 )
 def test_right_ascension(degrees: float, text: str) -> None:
     assert formatting.right_ascension(degrees) == text
+    assert formatting.hours(degrees / 15.0) == text
 
 
 @pytest.mark.parametrize(
@@ -96,7 +97,8 @@ def test_declination(degrees: float, text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("degrees", "text"), [(0.0, "0.0° N"), (359.9, "359.9° N"), (22.6, "22.6° NE"), (-90.0, "270.0° W")]
+    ("degrees", "text"),
+    [(0.0, "0.0° N"), (359.9, "359.9° N"), (359.96, "0.0° N"), (22.6, "22.6° NE"), (-90.0, "270.0° W")],
 )
 def test_azimuth(degrees: float, text: str) -> None:
     assert formatting.azimuth(degrees) == text
