@@ -540,7 +540,7 @@ def summary_lines(summary: Summary) -> list[str]:
     if summary.paused_s:
         lines.append(f"  paused for {summary.paused_s:.1f} s")
     if summary.rejoining_s:
-        off = f", up to {summary.lost_peak_arcsec / 3600.0:.2g}° off" if summary.lost_peak_arcsec else ""
+        off = f", up to {arcsec(summary.lost_peak_arcsec)} off" if summary.lost_peak_arcsec else ""
         lines.append(f"  returning to the target {summary.rejoining_s:.1f} s{off}: not in the error")
     counts = summary.datagrams
     lines.append(

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+import msgspec
 import pytest
 from rich.cells import cell_len
+from tui_builders import SUMMARY
 
 from sattrack.tui.panels import fitted, rows_content
 from sattrack.views import formatting
@@ -102,6 +104,14 @@ def test_declination(degrees: float, text: str) -> None:
 )
 def test_azimuth(degrees: float, text: str) -> None:
     assert formatting.azimuth(degrees) == text
+
+
+@pytest.mark.parametrize(("peak_arcsec", "text"), [(456000.0, "126.7°"), (36.04, "36.0″")])
+def test_how_far_off_a_mount_was_is_an_angle_as_all_others_are(peak_arcsec: float, text: str) -> None:
+    summary = msgspec.structs.replace(SUMMARY, rejoining_s=12.0, lost_peak_arcsec=peak_arcsec)
+
+    line = f"  returning to the target 12.0 s, up to {text} off: not in the error"
+    assert line in formatting.summary_lines(summary)
 
 
 @pytest.mark.parametrize(
