@@ -375,10 +375,12 @@ def _cautions(scene: Scene) -> tuple[Caution, ...]:
     if view.link.state == "silent" and view.ended_by is None:
         found.append(Caution("the mount has not answered yet", UNHEARD, Tone.NOTICE))
     age_s = view.elements_age_s
-    if by_elements(view) and age_s is not None and age_s > OLD_ELEMENTS_S:
+    if by_elements(view) and age_s is not None and abs(age_s) > OLD_ELEMENTS_S:
+        # A clock that is behind makes elements lie ahead.
+        clock = "see that this machine's clock is right; " if age_s < 0.0 else ""
         nudge = ": ← → nudge" if scene.in_control else ""
         old = f"elements are {formatting.old(age_s)}"
-        found.append(Caution(old, f"expect the satellite early or late{nudge}", Tone.NOTICE))
+        found.append(Caution(old, f"{clock}expect the satellite early or late{nudge}", Tone.NOTICE))
     return tuple(found)
 
 

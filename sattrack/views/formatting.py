@@ -578,7 +578,9 @@ def _camera_line(camera: CameraSummary) -> str:
 def _source_lines(summary: Summary) -> list[str]:
     age_days, age_s = summary.elements_age_days, summary.source_age_s
     if age_days is not None:
-        return [f"  against elements {age_days:.0f} days old"] if age_days >= OLD_ELEMENTS_DAYS else []
+        if abs(age_days) < OLD_ELEMENTS_DAYS:
+            return []
+        return [f"  against elements {abs(age_days):.0f} days {'old' if age_days > 0.0 else 'ahead'}"]
     if summary.source is None or age_s is None:
         return []
     file = "" if summary.source_file is None else f"{summary.source_file}: "

@@ -106,6 +106,18 @@ def test_azimuth(degrees: float, text: str) -> None:
     assert formatting.azimuth(degrees) == text
 
 
+@pytest.mark.parametrize(
+    ("days", "line"), [(4.2, "4 days old"), (-9.6, "10 days ahead"), (-2.9, None), (2.9, None)]
+)
+def test_a_summary_says_of_elements_that_they_are_far_off_either_way(days: float, line: str | None) -> None:
+    told = [
+        text.strip()
+        for text in formatting.summary_lines(msgspec.structs.replace(SUMMARY, elements_age_days=days))
+        if "elements" in text
+    ]
+    assert told == ([] if line is None else [f"against elements {line}"])
+
+
 @pytest.mark.parametrize(("peak_arcsec", "text"), [(456000.0, "126.7°"), (36.04, "36.0″")])
 def test_how_far_off_a_mount_was_is_an_angle_as_all_others_are(peak_arcsec: float, text: str) -> None:
     summary = msgspec.structs.replace(SUMMARY, rejoining_s=12.0, lost_peak_arcsec=peak_arcsec)

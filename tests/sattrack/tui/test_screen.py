@@ -279,7 +279,7 @@ def test_warnings_come_forward_with_what_to_do() -> None:
     assert rows[-1].startswith(" ←→ along")
 
 
-def test_an_ephemeris_of_the_future_is_ahead_and_elements_alone_are_warned_of_when_old() -> None:
+def test_an_ephemeris_of_the_future_is_ahead_and_elements_alone_are_warned_of_either_way() -> None:
     days = 56.5 * 86400.0
     sources = (None, "SGP4, elements of 2026-10-02T00:00:00Z", "CPF 2 by HTS")
     ahead = drawn_in_turn(*(changed(source=one, elements_age_s=-days) for one in sources), size=HUGE)
@@ -287,10 +287,14 @@ def test_an_ephemeris_of_the_future_is_ahead_and_elements_alone_are_warned_of_wh
         text = "\n".join(rows)
         assert "56.5 days ahead" in text
         assert "ahead old" not in text
-        assert "!" not in text
+    assert [
+        "! elements are 56.5 days ahead: see that this machine's clock is right" in "".join(rows)
+        for rows in ahead
+    ] == [True, True, False]
     old = drawn_in_turn(*(changed(source=one, elements_age_s=days) for one in sources))
     warned = [any("expect the satellite early or late" in row for row in rows) for rows in old]
     assert warned == [True, True, False]
+    assert not any("clock is right" in "".join(rows) for rows in old)
 
 
 CPF = "CPF 2 by HTS of 2018-06-13T12h, Lagrange, degree 13"
