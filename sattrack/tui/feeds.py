@@ -12,6 +12,7 @@ import signal
 import subprocess
 import tempfile
 import threading
+import time
 from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
@@ -277,6 +278,11 @@ class FeederProcess(BufferedFeed):
                 return code
         return self._process.wait()
 
+    def last_words(self) -> str:
+        """Return the last line that it wrote on standard error, empty for none."""
+        text = os.pread(self._errors.fileno(), ERROR_CHARACTERS, 0).decode(errors="replace")
+        return text.strip().rpartition("\n")[2]
+
     def close(self) -> str:
         """Let go of everything once the process has ended; return what it wrote on standard error."""
         self.close_input()
@@ -362,6 +368,8 @@ class AntennaProcess(LatestProcess[AntennaView]):
 HOURS = 12.0
 LOWEST_PRIORITY = 19
 GRACE_S = 2.0
+LOOK_AGAIN_S = 10.0
+NO_LOOK = "the look at the mount ended at once"
 
 
 class PassRow(msgspec.Struct, frozen=True):
@@ -492,6 +500,7 @@ class MountLook:
         self._options, self._start = options, start
         self._thread: threading.Thread | None = None
         self._console: ConsoleProcess | None = None
+        self._failed_s = 0.0
         self.trouble = ""
 
     def open(self, pid: int) -> None:
@@ -501,8 +510,17 @@ class MountLook:
             self._thread.start()
 
     def latest(self) -> Latest[ConsoleView]:
-        """Return what has come since the last call."""
-        return Latest() if self._console is None else self._console.latest()
+        """Return what has come since the last call.
+
+        What ends before it has seen the mount says why, and is not begun anew at once.
+        """
+        console = self._console
+        latest: Latest[ConsoleView] = Latest() if console is None else console.latest()
+        if console is None or not latest.ended or console.viewed:
+            return latest
+        if not self.trouble:
+            self.trouble, self._failed_s = console.last_words() or NO_LOOK, time.monotonic()
+        return Latest(ended=time.monotonic() - self._failed_s > LOOK_AGAIN_S)
 
     def close(self) -> None:
         """Stop looking; the next `open` starts again."""

@@ -11,7 +11,9 @@ import pytest
 from tui_builders import SKY, SUMMARY, VIEW
 
 from sattrack.core.errors import SattrackError
-from sattrack.tui.feeds import FeederProcess
+from sattrack.runtime.mounts import Owner
+from sattrack.tui import feeds
+from sattrack.tui.feeds import ConsoleProcess, FeederProcess, HelperOptions, MountLook
 from sattrack.tui.launch import _leaving, fly_with_tui
 from sattrack.views.messages import ClearBias, Nudge, StopNow
 
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
 
 VIEW_LINE = msgspec.json.encode(VIEW).decode()
 SUMMARY_LINE = json.dumps({"summary": msgspec.to_builtins(SUMMARY)})
+PATIENCE_S = 60.0
 PREAMBLE = """\
 import sys, os, signal
 def say(text): print(text, flush=True)
@@ -212,3 +215,32 @@ def test_a_ctrl_c_on_the_terminal_does_not_reach_the_feeder(feeder_command) -> N
     feeder.close_input()
     assert feeder.wait(30.0) == 0
     feeder.close()
+
+
+def test_a_look_at_the_mount_that_ends_at_once_says_why_and_waits(
+    feeder_command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    me = Owner(os.getpid(), 0, "sattrack track", "", "127.0.0.1:5000", 5001)
+    monkeypatch.setattr(feeds, "owners", lambda: [me])
+    command = feeder_command("tell('a note'); tell('sattrack: no such profile: other.toml'); sys.exit(2)")
+    begun: list[ConsoleProcess] = []
+
+    def start(_: list[str]) -> ConsoleProcess:
+        begun.append(ConsoleProcess(command))
+        return begun[-1]
+
+    look = MountLook(HelperOptions(None, ()), start)
+    for count in (1, 2):
+        look.open(me.pid)
+        assert look._thread is not None
+        look._thread.join()
+        assert begun[-1].wait(PATIENCE_S) == 2
+        begun[-1]._reader.join(PATIENCE_S)
+        assert not look.latest().ended
+        assert look.trouble == "sattrack: no such profile: other.toml"
+        look.open(me.pid)
+        assert len(begun) == count
+        monkeypatch.setattr(feeds, "LOOK_AGAIN_S", -1.0)
+        assert look.latest().ended
+        monkeypatch.setattr(feeds, "LOOK_AGAIN_S", 10.0)
+        look.close()
