@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from sattrack.tui.graphics import Levels
     from sattrack.tui.scene import Scene, TerminalPixels
     from sattrack.views.picture import PictureView
-    from sattrack.views.run import LoopView
+    from sattrack.views.run import CameraView, LoopView, TrackView
 
 LIGHTS = 32
 """So many levels of light are drawn."""
@@ -137,29 +137,42 @@ class CameraDesk:
             return None
         return ImageSpot(picture.right_px, picture.up_px)
 
-    def shift_deg(self, loop: LoopView | None) -> tuple[float, float] | str:
+    def shift_deg(self, view: TrackView) -> tuple[float, float] | str:
         """Return how far east and north the mount must go for that; why that is unknown, in words."""
         picture, spot = self.picture, self.pointed
         if picture is None or spot is None:
             return "nothing to centre: the arrows move a cursor in the picture"
         if picture.scale_arcsec_px is None:
             return "not centred: the camera's scale is not known; give --scale"
-        angle = math.radians(turned_deg(picture, loop) or 0.0)
-        right = -spot.right_px if picture.flipped else spot.right_px
+        turned = turned_deg(picture, view)
+        angle = math.radians(field_deg(view) if turned is None else turned)
+        flipped, known = picture.flipped, camera_of(picture, view)
+        if flipped is None and known is not None:
+            flipped = known.flipped
+        right = -spot.right_px if flipped else spot.right_px
         east = spot.up_px * math.sin(angle) - right * math.cos(angle)
         north = spot.up_px * math.cos(angle) + right * math.sin(angle)
         scale_deg = picture.scale_arcsec_px / 3600.0
         return scale_deg * east, scale_deg * north
 
 
-def turned_deg(picture: PictureView, loop: LoopView | None) -> float | None:
+def field_deg(view: TrackView) -> float:
+    """Return how a camera on the tube is turned on the sky; 0 for an equatorial mount."""
+    return 0.0 if view.axes is None else view.axes.field_angle_deg
+
+
+def camera_of(picture: PictureView, view: TrackView) -> CameraView | None:
+    """Return what the run knows of the camera of a picture; None where it has taken none of its offsets."""
+    cameras = () if view.loop is None else view.loop.cameras
+    return next((one for one in cameras if one.name == picture.camera), None)
+
+
+def turned_deg(picture: PictureView, view: TrackView) -> float | None:
     """Return the position angle of a picture's up: as the camera has it, else as the run does."""
     if picture.rotation_deg is not None:
         return picture.rotation_deg
-    for one in () if loop is None else loop.cameras:
-        if one.name == picture.camera:
-            return one.rotation_deg + one.found_rotation_deg
-    return None
+    known = camera_of(picture, view)
+    return None if known is None else known.rotation_deg + known.found_rotation_deg + field_deg(view)
 
 
 class ImageDots(NamedTuple):
@@ -433,7 +446,7 @@ def state_rows(desk: CameraDesk, scene: Scene, age_s: float, columns: int) -> li
     rows = _loop_rows(loop, scene.plain, columns)
     if picture is None:
         return rows
-    rows += [*_seen_rows(picture, scene, columns), *_frame_rows(picture, loop, age_s, desk.count)]
+    rows += [*_seen_rows(picture, scene, columns), *_frame_rows(picture, scene.view, age_s, desk.count)]
     if desk.cursor is not None:
         rows.append(_labelled("cursor", _apart(*desk.cursor, picture.scale_arcsec_px)))
     if scene.in_control and not scene.ended:
@@ -482,12 +495,12 @@ def _seen_rows(picture: PictureView, scene: Scene, columns: int) -> list[Row]:
     return rows
 
 
-def _frame_rows(picture: PictureView, loop: LoopView | None, age_s: float, count: int) -> list[Row]:
+def _frame_rows(picture: PictureView, view: TrackView, age_s: float, count: int) -> list[Row]:
     more: Row = [("  f", "bold"), (" next", DIM)] if count > 1 else []
     gain = "" if picture.gain is None else f"  gain {picture.gain:g}"
     when = formatting.clock(float(Utc.parse(picture.utc).unix_s))
     late: Row = [(f"  {age_s:.0f} s old", SPOKEN[Tone.NOTICE])] if age_s > OLD_S else []
-    turned = turned_deg(picture, loop)
+    turned = turned_deg(picture, view)
     scale = "no scale" if picture.scale_arcsec_px is None else f"{picture.scale_arcsec_px:.3g}″/px"
     up = "up not known" if turned is None else f"up at {round(turned) % 360}°"
     field = "solved" if picture.solved else "not solved"
@@ -497,7 +510,7 @@ def _frame_rows(picture: PictureView, loop: LoopView | None, age_s: float, count
         _labelled("exposed", f"{picture.exposure_s:.3g} s{gain}"),
         _labelled("image", f"{scale}  {up}{'  mirrored' if picture.flipped else ''}"),
         _labelled("field", f"{field}  {len(picture.stars)} stars"),
-        *_clock_rows(picture, loop),
+        *_clock_rows(picture, view.loop),
     ]
 
 

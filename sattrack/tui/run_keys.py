@@ -181,7 +181,7 @@ class RunKeys(ScreenApp):
         if self._view is None or self._ended or not self._may_command():
             return
         loop, desk = self._view.loop, self._screens.desk
-        shift = desk.shift_deg(loop)
+        shift = desk.shift_deg(self._view)
         leading = loop if loop is not None and loop.guided and loop.state == "camera" else None
         if isinstance(shift, str):
             self._hint(shift)

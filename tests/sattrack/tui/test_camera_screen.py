@@ -28,19 +28,21 @@ from tui_builders import SKY, VIEW, FakeFeed, HandClock, changed
 
 from sattrack.tui import launch
 from sattrack.tui.app import TrackApp
-from sattrack.tui.camera_page import PictureBox
+from sattrack.tui.camera_page import CameraDesk, PictureBox
 from sattrack.tui.feeds import News
-from sattrack.tui.graphics import DOT, ImagePlacement, RealPicture
+from sattrack.tui.graphics import DOT, ImagePlacement, ImageSpot, RealPicture
 from sattrack.tui.scene import Appearance, TerminalPixels
 from sattrack.views.messages import Guide, OffsetBy, StopNow
 from sattrack.views.picture import PictureView, StarView
-from sattrack.views.run import LoopView
+from sattrack.views.run import CameraView, LoopView, TwoAxesView
 
 if TYPE_CHECKING:
     from textual.pilot import Pilot
     from textual.strip import Strip
 
 LOOP = LoopView("camera", 0.4, 1.2, guided=True, last="taken")
+SHOWN_TURNED = CameraView("guide", "fine", 25.0, True, 2.0, 5.0, 1.0, 0.0, 0.1, 0.0, 1.0)
+"""As the run has it: mirrored, its up 25° from the tube's, and 5° more by its offsets."""
 LOST = LoopView("lost", 12.0, 40.0, guided=True, last="taken")
 WIDTH, HEIGHT, COLUMNS, ROWS = 640, 480, 160, 120
 SCALE = 2.0
@@ -254,6 +256,25 @@ class TestKeys:
                     ], (rotation, flipped)
 
         asyncio.run(run())
+
+    @pytest.mark.parametrize("cameras", [(), (SHOWN_TURNED,)])
+    def test_what_a_camera_shows_that_turns_with_its_tube_is_centred_by_the_sky(
+        self, cameras: tuple[CameraView, ...]
+    ) -> None:
+        """Its image lies as the run has it, turned with the tube; 0 from the tube where nothing says."""
+        desk, spot = CameraDesk(), ImageSpot(50.0, 100.0)
+        desk.take({"guide": picture(rotation_deg=None, flipped=None)}, 0.0)
+        desk.point(spot)
+        axes = TwoAxesView(10.0, 40.0, 0.0, 0.0, field_angle_deg=60.0, field_rate_deg_s=0.0)
+        view = changed(axes=axes, loop=LoopView("camera", 0.4, 1.2, cameras))
+
+        found = desk.shift_deg(view)
+
+        # Up is at the position angle; not mirrored, right is 90° less than that.
+        angles = map(math.radians, (90.0, 180.0) if cameras else (60.0, -30.0))
+        (up_east, up_north), (right_east, right_north) = ((math.sin(a), math.cos(a)) for a in angles)
+        east, north = 100.0 * up_east + 50.0 * right_east, 100.0 * up_north + 50.0 * right_north
+        assert found == pytest.approx((SCALE / 3600.0 * east, SCALE / 3600.0 * north), abs=1e-9)
 
     def test_the_cursor_is_centred_instead_and_esc_takes_it_away(self) -> None:
         step = WIDTH / 24 * SCALE
