@@ -328,7 +328,8 @@ class RunServer(Server):
 def listed(runs: Mapping[int, str]) -> str:
     """Return the page that links to each run, or says that there is none."""
     links = "".join(f'<p><a href="/run/{pid}">{escape(words)}</a></p>\n' for pid, words in runs.items())
-    words = f"{len(runs)} runs are active:" if runs else NO_RUN
+    counted = {0: NO_RUN, 1: "That run is not active. Another one is:"}
+    words = counted.get(len(runs), f"{len(runs)} runs are active:")
     return LIST.read_text(encoding="utf-8").replace("{{ words }}", words).replace("{{ links }}", links)
 
 

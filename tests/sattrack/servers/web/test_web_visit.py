@@ -103,6 +103,22 @@ def test_the_page_says_that_nothing_answers_and_connects_as_it_came(program: Cal
     assert seen["pings"] == 3 + 1 + 4
 
 
+@pytest.mark.parametrize(
+    ("runs", "words"),
+    [
+        ({}, "No run is active."),
+        ({7: "<b>ISS</b> & sim"}, "That run is not active. Another one is:"),
+        ({7: "<b>ISS</b> & sim", 8: "HST"}, "2 runs are active:"),
+    ],
+)
+def test_the_list_of_runs_counts_them_and_takes_names_for_text(runs: dict[int, str], words: str) -> None:
+    page = web.listed(runs)
+
+    assert words in page
+    assert page.count("<a href") == len(runs)
+    assert "<b>" not in page
+
+
 def test_a_token_is_needed_off_this_machine_and_is_not_guessed() -> None:
     assert [needs_token(host) for host in ("127.0.0.1", "::1", "localhost", "0.0.0.0", "192.0.2.1")] == [
         False, False, False, True, True
