@@ -376,7 +376,8 @@ class PassRow(msgspec.Struct, frozen=True):
     """One pass, as `passes --json` gives it."""
 
     name: str
-    catalog_number: int
+    catalog_number: int | None
+    """None of elements that have none yet: such a pass is not followed from a list."""
     rise_utc: str | None
     culminate_utc: str
     set_utc: str | None

@@ -102,7 +102,7 @@ class PassList:
     def arm(self, queue: Sequence[Armed], now: bool) -> SessionMessage | None:
         """Return what arms the pass under the cursor, or takes it back where it is armed."""
         row = self.pointed
-        if row is None:
+        if row is None or row.catalog_number is None:
             return None
         if not now and any(row.is_of(one.catalog_number, one.culminate_utc_s) for one in queue):
             return Disarm(row.catalog_number, row.culminate_utc_s)
@@ -204,11 +204,14 @@ class TonightPage(ListPage):
         return [("go", SPOKEN[Tone.GOOD])] if row.feasible else [("NO-GO", SPOKEN[Tone.BAD])]
 
 
+NO_NUMBER = "no number: `sattrack track` follows it by its name"
+
+
 def _about(row: PassRow | None) -> list[Row]:
     """Return details of a pass, in two rows."""
     if row is None:
         return [[], []]
-    path: Row = [(f"{row.catalog_number}  ", DIM)]
+    path: Row = [(f"{NO_NUMBER if row.catalog_number is None else row.catalog_number}  ", DIM)]
     if row.rise_az_deg is not None and row.set_az_deg is not None:
         path += [
             ("from ", DIM),

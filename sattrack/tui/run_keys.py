@@ -244,7 +244,7 @@ class RunKeys(ScreenApp):
             return
         by = {"next": 1, "before": -1}.get(which, 0)
         row = self._screens.neighbour(by, scene) if by else self._screens.night.pointed
-        if row is None:
+        if row is None or row.catalog_number is None:
             self.action_page(TONIGHT)
             return
         order = Arm(row.catalog_number, row.culminate_utc_s, row.name, now=True)

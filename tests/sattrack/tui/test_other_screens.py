@@ -344,6 +344,17 @@ def test_the_end_of_a_run_that_was_started_elsewhere_does_not_end_a_real_mount()
     on_screen(act, News((over,), True, SUMMARY, session=ELSEWHERE, you=4))
 
 
+def test_a_pass_of_elements_without_a_number_is_listed_and_is_not_armed() -> None:
+    night = PassList()
+    night.take((pass_row(7, 1.0, catalog_number=None, name="NEW OBJECT"), pass_row(8, 20.0)))
+
+    assert night.count == 2
+    assert night.arm((), now=True) is None
+    assert "NEW OBJECT" in night.rows[0].name
+    night.move(1)
+    assert night.arm((), now=True) == Arm(8, night.rows[1].culminate_utc_s, "SAT 8", now=True)
+
+
 def test_a_mount_is_looked_at_only_while_its_screen_is_wanted() -> None:
     helpers = FakeHelpers()
 
