@@ -10,6 +10,7 @@ from collections import deque
 from contextlib import suppress
 from typing import TYPE_CHECKING, ClassVar
 
+from rich.cells import cell_len
 from rich.segment import Segment
 from textual.app import App
 from textual.binding import Binding, BindingType
@@ -304,7 +305,7 @@ BOX, BLOCKS, BRAILLE = range(0x2500, 0x2580), range(0x2580, 0x25A0), range(0x280
 
 
 def ascii_of(text: str) -> str:
-    """Return a text of as many characters, all of them ASCII: alike where there is something alike."""
+    """Return a text as wide, all of it ASCII: alike where there is something alike."""
     return text if text.isascii() else "".join(_one(character) for character in text)
 
 
@@ -320,7 +321,7 @@ def _one(character: str) -> str:
         return "#"
     if code in BRAILLE:
         return " " if code == BRAILLE.start else "."
-    return "?"
+    return "?" * cell_len(character)
 
 
 class PlainFilter(LineFilter):

@@ -154,6 +154,8 @@ def test_ascii_is_asked_for_by_terminals_that_have_nothing_else() -> None:
     assert not any(can_show(name) for name in ("ascii", "latin-1", "cp437", "no such", None))
     assert ascii_of("−1.5° ±3″ ← █▏⠀⠒ ╭─╮ é") == '-1.5d ~3" < #| . +-+ ?'
     assert ascii_of(string.printable) == string.printable
+    # A character of two cells, and one that lies on the one before it.
+    assert ascii_of("天宫 Jose\u0301") == "???? Jose"
 
 
 def test_the_small_screen_with_the_sky() -> None:
