@@ -165,8 +165,9 @@ class Front:
         try:
             if request.method != "GET" and "Origin" in request.headers:
                 return _hung_up(403, "a web page is not obeyed: only programs send no Origin")
-            host = request.headers.get("Host")
-            if host is not None and not self.names.hold(host, transport.get_extra_info("sockname")):
+            # The target's own, where that is a whole URL; the address that was called, where nothing says.
+            host = request.host
+            if not self.names.hold(host, transport.get_extra_info("sockname")):
                 return _hung_up(403, f"this server is not called {host[:60]!r}: --name adds a name")
             await self._keep_pace(transport)
             return await self._answer(request)
@@ -189,9 +190,9 @@ class Front:
         body = await _body(request)
         if isinstance(body, web.Response):
             return body
-        path, _, query = request.raw_path.partition("?")
-        now_utc_s = self.clock.utc_s(time.monotonic())
-        asked = self.server.answer(request.method, path, query.encode("utf-8", "replace"), body, now_utc_s)
+        url, now_utc_s = request.rel_url, self.clock.utc_s(time.monotonic())
+        query = url.raw_query_string.encode("utf-8", "replace")
+        asked = self.server.answer(request.method, url.raw_path, query, body, now_utc_s)
         if isinstance(asked, Reply):
             return _response(asked)
         return _response(await self._finish(asked))

@@ -83,6 +83,21 @@ def test_a_request_on_the_wire_is_answered_to_the_byte(served: Served) -> None:
         assert (status, body) == (400, b"Axis is missing: axis is not the same, case counts in a PUT\n")
 
 
+@pytest.mark.parametrize(
+    ("target", "status"),
+    [
+        ("http://127.0.0.1:{port}/api/v1/telescope/0/interfaceversion?ClientTransactionID=7", 200),
+        ("http://localhost/setup", 200),
+        ("http://rebound.example:{port}/api/v1/telescope/0/interfaceversion", 403),
+        ("//api/v1/telescope/0/interfaceversion", 404),
+    ],
+)
+def test_a_target_may_be_a_whole_url_whose_host_counts(served: Served, target: str, status: int) -> None:
+    with call(served.port) as line:
+        line.sendall(request("GET", target.format(port=served.port)))
+        assert read_answer(line)[0] == status
+
+
 def test_requests_may_come_in_pieces_and_several_at_once(served: Served) -> None:
     one = request("GET", "/api/v1/telescope/0/interfaceversion")
     put = request("PUT", "/api/v1/telescope/0/targetdeclination", b"TargetDeclination=5")
