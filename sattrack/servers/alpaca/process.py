@@ -304,7 +304,13 @@ def _hung_up(status: int, message: str) -> web.Response:
 
 
 def _response(reply: Reply) -> web.Response:
-    return web.Response(status=reply.status, body=reply.body, content_type=reply.kind, charset="utf-8")
+    return web.Response(
+        status=reply.status,
+        body=reply.body,
+        headers={"Allow": reply.allow} if reply.allow else None,
+        content_type=reply.kind,
+        charset="utf-8",
+    )
 
 
 async def serve(task: AlpacaTask, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

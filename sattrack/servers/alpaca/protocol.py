@@ -53,12 +53,16 @@ class Fault(Exception):  # noqa: N818 - the protocol's own word is error number,
 
 
 class BadRequest(Exception):  # noqa: N818 - HTTP's own term
-    """A request that cannot be read: answered with an HTTP status and a line of text."""
+    """A request that cannot be read: answered with an HTTP status and a line of text.
 
-    def __init__(self, message: str, status: int = 400) -> None:
+    `allow` are the methods that would be understood, where the method is what is wrong.
+    """
+
+    def __init__(self, message: str, status: int = 400, allow: str = "") -> None:
         super().__init__(message)
         self.message = message
         self.status = status
+        self.allow = allow
 
 
 ValueKind = Literal["int", "float", "bool", "text"]

@@ -185,11 +185,12 @@ class Device:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """An HTTP answer."""
+    """An HTTP answer; `allow` is its Allow header, none where that is empty."""
 
     status: int
     kind: str
     body: bytes
+    allow: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,14 +224,15 @@ class Server:
         """Return the answer to a request, or the order that it waits for."""
         try:
             if method not in ("GET", "PUT"):
-                raise BadRequest(f"{method[:10]} is not used here: GET and PUT are", 405)
+                allow = "GET, PUT" if path.startswith("/api/") else "GET"
+                raise BadRequest(f"{method[:10]} is not used here, only {allow}", 405, allow)
             if path.startswith("/api/"):
                 return self._device(method, path, query, body, now_utc_s)
             if path.startswith("/management/"):
                 return self._management(method, path, query)
             return self._page(method, path, now_utc_s)
         except BadRequest as bad:
-            return Reply(bad.status, TEXT, bad.message.encode("utf-8", "replace") + b"\n")
+            return Reply(bad.status, TEXT, bad.message.encode("utf-8", "replace") + b"\n", bad.allow)
 
     def finish(self, pending: Pending, value: Any = NOTHING, fault: Fault | None = None) -> Reply:
         """Return the answer to a request that had to wait."""
@@ -281,14 +283,14 @@ class Server:
         if path not in answers:
             raise BadRequest(f"no {path[:60]!r}: there are {', '.join(answers)}", 404)
         if method != "GET":
-            raise BadRequest(f"{path} has no {method}", 405)
+            raise BadRequest(f"{path} has no {method}", 405, "GET")
         return _json(self._begin(read_form(query, any_case=True)), answers[path])
 
     def _page(self, method: str, path: str, now_utc_s: float) -> Reply:
         if path not in ("/", "/setup", "/setup/v1/telescope/0/setup"):
             raise BadRequest(f"no {path[:60]!r}: /setup is the page for people", 404)
         if method != "GET":
-            raise BadRequest(f"{path} has no {method}", 405)
+            raise BadRequest(f"{path} has no {method}", 405, "GET")
         page = setup_page(self.telescope, self._place, now_utc_s)
         return Reply(200, HTML, page.encode())
 

@@ -84,6 +84,24 @@ def test_a_request_on_the_wire_is_answered_to_the_byte(served: Served) -> None:
 
 
 @pytest.mark.parametrize(
+    ("method", "target", "allow"),
+    [
+        ("POST", "/api/v1/telescope/0/connected", b"GET, PUT"),
+        ("DELETE", "/setup", b"GET"),
+        ("PUT", "/management/apiversions", b"GET"),
+    ],
+)
+def test_a_method_that_is_not_used_is_answered_with_those_that_are(
+    served: Served, method: str, target: str, allow: bytes
+) -> None:
+    with call(served.port) as line:
+        line.sendall(request(method, target))
+        head = line.recv(65536).lower()
+    assert head.startswith(b"http/1.1 405 ")
+    assert b"\r\nallow: %s\r\n" % allow.lower() in head
+
+
+@pytest.mark.parametrize(
     ("target", "status"),
     [
         ("http://127.0.0.1:{port}/api/v1/telescope/0/interfaceversion?ClientTransactionID=7", 200),
