@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 DEVICE = "sattrack"
 LONGEST_MESSAGE = 65536
 DEEPEST = 3
+PROLOG, PROLOG_INSIDE = b"<?xml", b"<?indi"
+"""How an XML prolog begins, which clients may send before a message, and how it may within an element."""
 KEPT_MESSAGES = 32
 TELESCOPE_AND_GUIDER = 1 | 4
 IDLE, OK, BUSY, ALERT = "Idle", "Ok", "Busy", "Alert"
@@ -136,13 +138,18 @@ class MessageReader:
         self._parser.feed(b"<indi>")
         self._depth = self._size = 0
         self._root: Element | None = None
+        self._kept = b""
+        """What a prolog may begin with."""
 
     def read(self, data: bytes) -> list[Element] | None:
         """Return the messages that are complete; None where the client must be disconnected."""
         self._size += len(data)
         found: list[Element] = []
+        data = (self._kept + data).replace(PROLOG, PROLOG_INSIDE)
+        begun = max(n for n in range(len(PROLOG)) if data.endswith(PROLOG[:n]))
+        self._kept = PROLOG[:begun]
         try:
-            self._parser.feed(data)
+            self._parser.feed(data.removesuffix(self._kept))
             for event, element in self._events():
                 self._depth += 1 if event == "start" else -1
                 if self._root is None:

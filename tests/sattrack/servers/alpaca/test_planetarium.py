@@ -497,18 +497,22 @@ def test_properties_are_those_of_indis_own_telescope(program: Callable[[str], st
 
 
 def test_xml_comes_whole_from_any_pieces_and_other_protocols_are_hung_up_on() -> None:
-    sent = b'<getProperties version="1.7"/>\n<newSwitchVector device="sattrack" name="X"><oneSwitch name="A">'
+    sent = b'<?xml version="1.0" encoding="UTF-8"?>\n<getProperties version="1.7"/>\n'
+    sent += b"<?xml version='1.0'?><enableBLOB>Never</enableBLOB>"
+    sent += b'<newSwitchVector device="sattrack" name="X"><oneSwitch name="A">'
     sent += b"\nOn\n</oneSwitch></newSwitchVector>\n"
     for size in (1, 7, 1000):
         reader = indi.MessageReader()
         found = [one.tag for i in range(0, len(sent), size) for one in reader.read(sent[i : i + size]) or []]
-        assert found == ["getProperties", "newSwitchVector"]
+        assert found == ["getProperties", "enableBLOB", "newSwitchVector"]
     for other in (
         b"GET / HTTP/1.1\r\n\r\n<newSwitchVector/>",
         b"\x16\x03\x01\x02",
         b"<!DOCTYPE x [<!ENTITY a 'b'>]><x/>",
         b"<a><b><c><d/></c></b></a>",
         b"<a/>words<a/>",
+        b"<a/><?xml version='1.0'?>words<a/>",
+        b"<?xml " + 70000 * b"y",
         b"</indi>",
         b"<a x='" + 70000 * b"y",
     ):
