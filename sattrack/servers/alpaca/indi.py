@@ -461,7 +461,8 @@ class ClientView:
 
     def definitions(self, asked: Element, now_utc_s: float) -> bytes:
         """Return the answer to getProperties."""
-        if asked.get("device") not in {None, DEVICE}:
+        # A server that chains all devices of another one, `indiserver @HOST`, asks for "*".
+        if asked.get("device") not in {None, "", "*", DEVICE}:
             return b""
         now = self._device.values(now_utc_s)
         names = [one.name for one in VECTORS if asked.get("name") in {None, "", one.name}]

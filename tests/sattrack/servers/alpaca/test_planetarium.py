@@ -606,6 +606,12 @@ def test_a_client_hears_what_changed_and_nothing_else() -> None:
     assert [one.get("message", one.get("state")) for one in told] == ["Alert", "no <place>"]
 
 
+@pytest.mark.parametrize(("device", "answered"), [("*", True), ("", True), ("CCD Simulator", False)])
+def test_a_server_that_chains_all_devices_finds_ours(device: str, answered: bool) -> None:
+    asked = ElementTree.Element("getProperties", version="1.7", device=device)
+    assert (b"defSwitchVector" in indi.ClientView(indi_device()).definitions(asked, NOW_S)) is answered
+
+
 def test_the_place_of_a_mount_that_is_not_heard_is_an_alert_until_it_is_heard_again() -> None:
     device = indi_device()
     view = indi.ClientView(device)
