@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.mount.requests import Abort
 from sattrack.servers.alpaca.protocol import MOVING_BY_RATES, Fault, MoveOrder, TrackOrder
+from sattrack.servers.alpaca.telescope import ALT_AZ, GERMAN, POLAR
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from sattrack.servers.alpaca.telescope import Device, ServedTelescope
 
 ALIGNMENT_QUERY = "\x06"
+ALIGNMENTS = {ALT_AZ: "A", POLAR: "P", GERMAN: "G"}
 LONGEST_COMMAND = 64
 RATES_DEG_S = {"G": 0.5 * SIDEREAL_RATE_DEG_S, "C": 0.1, "M": 0.5, "S": 4.0}
 """What `RG`, `RC`, `RM` and `RS` choose: guiding, centring, finding, slewing; at most what the axis bears."""
@@ -114,7 +116,7 @@ class Lx200Client:
         if not self.telescope.connected(self.client) and command != "Q":
             self.telescope.order("connect", self.client, now_utc_s)
         if command == ALIGNMENT_QUERY:
-            return b"P"
+            return b"A" if self.telescope.device.alignment == ALT_AZ else b"P"
         if command == "D":
             return b"\x7f#" if self.telescope.heard(now_utc_s).slewing else b"#"
         if command in {"CM", "CMR"}:
@@ -332,9 +334,8 @@ def _azimuth_text(azimuth_deg: float, is_long: bool) -> str:
 
 def _status(state: TelescopeState, device: Device) -> str:
     """Return how the mount stands, whether it tracks, and whether it is parked or at home."""
-    german = device.profile.pier_rule == "hour_angle"
     place = "P" if state.at_park else "H" if state.at_home else "1"
-    return f"{'G' if german else 'P'}{'T' if state.tracking else 'N'}{place}"
+    return f"{ALIGNMENTS[device.alignment]}{'T' if state.tracking else 'N'}{place}"
 
 
 _REPORTED: dict[str, Callable[[TelescopeState, Device, bool], str]] = {

@@ -269,7 +269,10 @@ MEMBERS = (
     _reads("InterfaceVersion", f"{INTERFACE_VERSION}", connected=False),
     _reads("Name", "the profile's name", connected=False),
     _reads("SupportedActions", "the names of the actions", connected=False),
-    _reads("AlignmentMode", "2 (German) where the profile's pier rule is `hour_angle`, else 1 (polar)"),
+    _reads(
+        "AlignmentMode",
+        "by the profile: 0 (alt-azimuth) by its geometry, 2 (German) by its pier rule, else 1 (polar)",
+    ),
     _reported("Altitude", "as the mount reports it, degrees"),
     Member("ApertureArea", "unknown", read="absent"),
     Member("ApertureDiameter", "unknown", read="absent"),

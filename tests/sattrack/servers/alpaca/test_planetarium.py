@@ -24,7 +24,8 @@ from programs import free_port
 from serving import PATIENCE_S, serial_line, serving_program
 
 from sattrack.core.clock import SimulatedClock
-from sattrack.mount.model import MountProfile, Slew
+from sattrack.mount.geometry import AxisGeometry
+from sattrack.mount.model import MountProfile, SitePlace, Slew
 from sattrack.mount.requests import Abort
 from sattrack.runtime.callers import CallerLimits
 from sattrack.servers.alpaca import indi, planetarium
@@ -113,6 +114,26 @@ def client_of(state: TelescopeState = STATE, *, gives_reasons: bool = False) -> 
 )
 def test_commands_are_answered_as_the_protocol_has_them(command: str, answer: bytes) -> None:
     assert client_of().answer(command, NOW_S) == answer
+
+
+@pytest.mark.parametrize(
+    ("profile", "alignment", "status"),
+    [
+        (MountProfile(), b"P", b"PT1#"),
+        (MountProfile(pier_rule="hour_angle"), b"P", b"GT1#"),
+        (
+            MountProfile(geometry=AxisGeometry(0.0, 90.0), stands_at=SitePlace(52.15, 4.49)),
+            b"A",
+            b"AT1#",
+        ),
+    ],
+)
+def test_the_alignment_is_the_one_that_alpacas_clients_see(
+    profile: MountProfile, alignment: bytes, status: bytes
+) -> None:
+    client = client_of()
+    client.telescope.device = Device(profile, LEIDEN, "a test", "1.2", "here")
+    assert (client.answer("\x06", NOW_S), client.answer("GW", NOW_S)) == (alignment, status)
 
 
 @pytest.mark.parametrize(
