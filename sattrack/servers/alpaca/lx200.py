@@ -349,7 +349,7 @@ _REPORTED: dict[str, Callable[[TelescopeState, Device, bool], str]] = {
 }
 _FIXED: dict[str, Callable[[Device], str]] = {
     "t": lambda device: _angle_text(device.site.latitude_deg, is_long=False),
-    "g": lambda device: _angle_text(-device.site.longitude_deg, is_long=False, digits=3),
+    "g": lambda device: _angle_text(math.remainder(-device.site.longitude_deg, 360.0), False, digits=3),
     "c": lambda _: "24",
     "VP": lambda _: "sattrack",
     **dict.fromkeys(("VN", "VD", "VT", "VF"), lambda device: device.version),

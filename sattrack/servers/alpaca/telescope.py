@@ -553,11 +553,11 @@ def _device_state(state: TelescopeState, device: Device) -> list[dict[str, Any]]
 
 
 def _site(state: TelescopeState | None, device: Device) -> tuple[float, float, float]:
-    """Return latitude, longitude and height: the mount's own where it has them, else the site's."""
-    site = device.site
-    if state is None or state.site_latitude_deg is None or state.site_longitude_deg is None:
-        return site.latitude_deg, site.longitude_deg, site.height_m
-    return state.site_latitude_deg, state.site_longitude_deg, state.site_height_m or 0.0
+    """Return latitude, longitude (±180°) and height: the mount's own where it has them, else the site's."""
+    place = device.site.latitude_deg, device.site.longitude_deg, device.site.height_m
+    if state is not None and state.site_latitude_deg is not None and state.site_longitude_deg is not None:
+        place = state.site_latitude_deg, state.site_longitude_deg, state.site_height_m or 0.0
+    return place[0], math.remainder(place[1], 360.0), place[2]
 
 
 def _now(now_utc_s: float) -> str:

@@ -35,6 +35,7 @@ from sattrack.servers.alpaca.planetarium import Planetariums
 from sattrack.servers.alpaca.protocol import (
     MOVING_BY_RATES,
     Fault,
+    Form,
     MoveOrder,
     TelescopeState,
     TrackOrder,
@@ -114,6 +115,23 @@ def client_of(state: TelescopeState = STATE, *, gives_reasons: bool = False) -> 
 )
 def test_commands_are_answered_as_the_protocol_has_them(command: str, answer: bytes) -> None:
     assert client_of().answer(command, NOW_S) == answer
+
+
+@pytest.mark.parametrize(
+    ("east_deg", "alpaca", "lx200"),
+    [(248.25, -111.75, b"+111*45#"), (-111.75, -111.75, b"+111*45#"), (4.5, 4.5, b"-004*30#")],
+)
+def test_a_longitude_is_given_in_half_turns_however_it_was_set(
+    east_deg: float, alpaca: float, lx200: bytes
+) -> None:
+    client = client_of()
+    client.telescope.device = Device(MountProfile(), Site(40.0, east_deg, 0.0), "a test", "1.2", "here")
+    assert client.answer("Gg", NOW_S) == lx200
+    for own in (None, east_deg):
+        client.telescope.state = msgspec.structs.replace(
+            STATE, site_latitude_deg=40.0, site_longitude_deg=own
+        )
+        assert client.telescope.get("sitelongitude", Form((), any_case=True), -1, NOW_S) == alpaca
 
 
 @pytest.mark.parametrize(
