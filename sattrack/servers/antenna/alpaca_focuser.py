@@ -8,6 +8,7 @@ once, IsMoving, Halt.
 from __future__ import annotations
 
 import contextlib
+import math
 import select
 import sys
 import time
@@ -81,7 +82,7 @@ class AlpacaAxis:
             if refusal.number != NOT_IMPLEMENTED:
                 raise
             step_um = 0.0
-        if step_um <= 0.0:
+        if not 0.0 < step_um < math.inf:
             raise FocuserError("it does not report the size of its steps: add ?step= with their micrometres")
         return step_um
 

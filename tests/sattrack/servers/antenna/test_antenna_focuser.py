@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import select
 import time
 from itertools import pairwise
@@ -148,11 +149,12 @@ def test_a_focuser_without_positions_is_of_no_use(make: Make) -> None:
         axis.connect()
 
 
-def test_the_size_of_a_step_may_have_to_be_given(make: Make) -> None:
-    axis, _, _ = make(step_size=None)
+@pytest.mark.parametrize("reported", [None, 0.0, math.nan])
+def test_the_size_of_a_step_may_have_to_be_given(make: Make, reported: float | None) -> None:
+    axis, _, _ = make(step_size=reported)
     with pytest.raises(FocuserError, match=r"\?step="):
         axis.connect()
-    axis, _, clock = make(step_um=4.0, step_size=None)
+    axis, _, clock = make(step_um=4.0, step_size=reported)
     axis.connect()
     assert axis.turn(clock.now_s)[0] == pytest.approx(20.0)
 
