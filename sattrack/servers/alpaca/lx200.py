@@ -46,11 +46,15 @@ _PULSE = re.compile(r"g([nsew])(\d{1,5})")
 
 
 class Asked(NamedTuple):
-    """Orders to carry out, the answer where they are, and the one where they are refused, by the reason."""
+    """Orders to carry out, the answer where they are, and the one where they are refused, by the reason.
 
-    orders: tuple[Order, ...]
+    With an `objection` they are refused already.
+    """
+
+    orders: tuple[Order, ...] = ()
     done: bytes = b""
     refused: Callable[[str], bytes] = lambda _: b""
+    objection: str | None = None
 
 
 Answer: TypeAlias = bytes | Asked
@@ -234,13 +238,13 @@ class Lx200Client:
         self, member: str, done: bytes, refused: Callable[[str], bytes], now_utc_s: float
     ) -> Answer:
         if self._ra_h is None or self._dec_deg is None:
-            return refused("no target is set")
+            return Asked(refused=refused, objection="no target is set")
         try:
             return self._ask(
                 member, now_utc_s, done, refused, RightAscension=self._ra_h, Declination=self._dec_deg
             )
         except Fault as fault:
-            return refused(fault.message)
+            return Asked(refused=refused, objection=fault.message)
 
     def _not_slewed(self, why: str) -> bytes:
         return b"1" + _plain(why) + b"#" if self.gives_reasons else b"1"
@@ -256,8 +260,8 @@ class Lx200Client:
             return b""
         try:
             return self._ask("tracking", now_utc_s, b"1", lambda _: b"0", Tracking=what == "e")
-        except Fault:
-            return b"0"
+        except Fault as fault:
+            return Asked(refused=lambda _: b"0", objection=fault.message)
 
     def _align(self, what: str, now_utc_s: float) -> Answer:
         return self._ask("tracking", now_utc_s, Tracking=what == "P") if what in {"P", "L"} else b""

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from sattrack.servers.alpaca.connections import ClientConnection, FeederLine, OpenConnections
     from sattrack.servers.alpaca.telescope import ServedTelescope
 
+LX200, INDI = "LX200", "INDI"
 STOP = "Q"
 LX200_MOVERS = ("M", "C", "h", "A", "T")
 """How commands begin that can move the mount."""
@@ -119,7 +120,7 @@ class Planetariums:
             pass
         finally:
             worker.cancel()
-            self._beside(self._carry_out(client.left()))
+            self._beside(self._carry_out(LX200, client.left()))
             self._leave(client.client)
             writer.close()
 
@@ -176,7 +177,7 @@ class Planetariums:
         finally:
             for one in aside:
                 one.cancel()
-            self._beside(self._carry_out(device.left(caller)))
+            self._beside(self._carry_out(INDI, device.left(caller)))
             writer.close()
 
     async def _obey_indi(
@@ -215,7 +216,7 @@ class Planetariums:
             if isinstance(asked, TrackElements):
                 await self.follow(asked.text)
             elif asked is not None:
-                await self._carry_out(asked)
+                await self._carry_out(INDI, asked)
         except Fault as fault:
             device.refuse(name, fault.message)
         finally:
@@ -272,16 +273,20 @@ class Planetariums:
         except Fault as fault:
             self.channel.log(f"LX200 {command[:QUOTED]!r} was refused: {fault.message}")
             return b""
-        return await self._carry_out(answer) if isinstance(answer, Asked) else answer
+        return await self._carry_out(LX200, answer) if isinstance(answer, Asked) else answer
 
-    async def _carry_out(self, asked: Asked) -> bytes:
+    async def _carry_out(self, protocol: str, asked: Asked) -> bytes:
+        """Carry out what a client asks for; return its answer. The log has the reason of a refusal."""
+        objection = asked.objection
         try:
             for order in asked.orders:
                 await self.channel.order(order)
         except Fault as fault:
-            self.channel.log(f"LX200: {fault.message}")
-            return asked.refused(fault.message)
-        return asked.done
+            objection = fault.message
+        if objection is None:
+            return asked.done
+        self.channel.log(f"{protocol}: {objection}")
+        return asked.refused(objection)
 
     async def _stop(self, client: Lx200Client) -> None:
         try:
@@ -289,7 +294,7 @@ class Planetariums:
         except Fault:
             answer = Asked((Abort(),))
         if isinstance(answer, Asked):
-            await self._carry_out(answer)
+            await self._carry_out(LX200, answer)
 
     async def _hold_off(
         self,

@@ -37,6 +37,7 @@ from sattrack.servers.alpaca.protocol import (
     Fault,
     Form,
     MoveOrder,
+    Number,
     TelescopeState,
     TrackOrder,
 )
@@ -110,7 +111,6 @@ def client_of(state: TelescopeState = STATE, *, gives_reasons: bool = False) -> 
         ("SC10/03/26", b"0"),
         ("h?", b"0"),
         ("XYZ", b""),
-        ("MS", b"1"),
     ],
 )
 def test_commands_are_answered_as_the_protocol_has_them(command: str, answer: bytes) -> None:
@@ -189,9 +189,17 @@ def test_a_zone_may_be_quarters_of_an_hour_off_and_rounded(offset: str) -> None:
     assert (client.answer("GL", NOW_S), client.answer("GG", NOW_S)) == (b"02:50:07#", b"-05.8#")
 
 
+def refusal(asked: object) -> bytes:
+    """Return the answer to what is refused already."""
+    assert isinstance(asked, Asked)
+    assert asked.objection is not None
+    return asked.refused(asked.objection)
+
+
 def test_a_target_is_slewed_to_as_it_was_set() -> None:
     client = client_of(gives_reasons=True)
-    assert client.answer("MS", NOW_S) == b"1no target is set#"
+    assert refusal(client.answer("MS", NOW_S)) == b"1no target is set#"
+    assert refusal(client_of().answer("MS", NOW_S)) == b"1"
     client.answer("Sr05:30:30", NOW_S)
     client.answer("Sd-10*30:36", NOW_S)
     asked = client.answer("MS", NOW_S)
@@ -710,6 +718,7 @@ class Feeder:
         self.answers = asyncio.Event()
         self.answers.set()
         self.lines: list[str] = []
+        self.refuses: str | None = None
 
     @property
     def stops(self) -> int:
@@ -718,6 +727,8 @@ class Feeder:
     async def order(self, order: object, waits: bool = False) -> None:
         self.orders.append(order)
         await self.answers.wait()
+        if self.refuses is not None:
+            raise Fault(Number.INVALID_OPERATION, self.refuses)
 
     def log(self, text: str) -> None:
         self.lines.append(text)
@@ -808,6 +819,32 @@ class Serving(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         self._reader.feed_data(data)
+
+
+@pytest.mark.parametrize(
+    ("protocol", "sent", "logged"),
+    [
+        ("lx200", b":MS#", ["LX200: no target is set"]),
+        ("lx200", b":Sr01:00:00#:Sd+40*00#:MS#", ["LX200: below the floor"]),
+        ("indi", b"", ["INDI: below the floor"]),
+    ],
+)
+def test_the_reason_of_every_refused_slew_is_logged_with_its_protocol(
+    protocol: str, sent: bytes, logged: list[str]
+) -> None:
+    async def slewed() -> list[str]:
+        client = Client(protocol)
+        client.feeder.refuses = "below the floor"
+        for message_sent in (
+            message("Switch", "CONNECTION", CONNECT="On"),
+            message("Number", "EQUATORIAL_EOD_COORD", RA="1", DEC="40"),
+        ):
+            await client.send(sent or ElementTree.tostring(message_sent))
+        await client.until(lambda: bool(client.feeder.lines))
+        await client.leave()
+        return client.feeder.lines[:1]
+
+    assert asyncio.run(slewed()) == logged
 
 
 STOPS = {"lx200": b":Q#", "indi": ElementTree.tostring(message("Switch", indi.ABORT, ABORT="On"))}
