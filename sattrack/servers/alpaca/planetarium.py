@@ -271,7 +271,9 @@ class Planetariums:
         try:
             answer = client.answer(command, self._now_s())
         except Fault as fault:
-            self.channel.log(f"LX200 {command[:QUOTED]!r} was refused: {fault.message}")
+            if command.startswith(LX200_MOVERS):
+                # Programs ask where a mount is several times a second, also one that is not heard.
+                self.channel.log(f"LX200 {command[:QUOTED]!r} was refused: {fault.message}")
             return b""
         return await self._carry_out(LX200, answer) if isinstance(answer, Asked) else answer
 

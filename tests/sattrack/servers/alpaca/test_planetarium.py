@@ -847,6 +847,19 @@ def test_the_reason_of_every_refused_slew_is_logged_with_its_protocol(
     assert asyncio.run(slewed()) == logged
 
 
+def test_questions_about_a_mount_that_is_not_heard_fill_no_log() -> None:
+    async def asked() -> list[str]:
+        client = Client("lx200")
+        client.planetariums.telescope.state = None
+        await client.send(b":GR#:GD#" * 20 + b":MS#")
+        await client.until(lambda: bool(client.feeder.lines))
+        await client.leave()
+        return client.feeder.lines
+
+    (line,) = asyncio.run(asked())
+    assert line.startswith("LX200 'MS' was refused: the mount at a test is not heard")
+
+
 STOPS = {"lx200": b":Q#", "indi": ElementTree.tostring(message("Switch", indi.ABORT, ABORT="On"))}
 QUESTIONS = {"lx200": b":GR#", "indi": b'<getProperties version="1.7"/>'}
 SERVED = pytest.mark.parametrize("protocol", list(STOPS))
