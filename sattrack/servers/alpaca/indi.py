@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 from xml.etree.ElementTree import ParseError, XMLPullParser
 from xml.sax.saxutils import escape, quoteattr
 
+from sattrack.core.angles import separation_deg
 from sattrack.mount.indi.numbers import read_number
 from sattrack.mount.requests import Abort
 from sattrack.servers.alpaca.lx200 import (
@@ -39,6 +40,8 @@ DEEPEST = 3
 PROLOG, PROLOG_INSIDE = b"<?xml", b"<?indi"
 """How an XML prolog begins, which clients may send before a message, and how it may within an element."""
 KEPT_MESSAGES = 32
+THERE_WITHIN_DEG = 1.0
+"""A slew that ends farther from its place was ended by somebody."""
 TELESCOPE_AND_GUIDER = 1 | 4
 IDLE, OK, BUSY, ALERT = "Idle", "Ok", "Busy", "Alert"
 MAIN, MOTION, SITE, SATELLITE, GENERAL = (
@@ -359,6 +362,7 @@ class ServedIndiDevice:
         if not text:
             raise Fault(Number.INVALID_VALUE, "SAT_TLE_TEXT: send the satellite's elements first")
         self._states[SATELLITE_STATE] = BUSY
+        self._waiting.add(SATELLITE_STATE)
         return TrackElements(text)
 
     def values(self, now_utc_s: float) -> dict[str, tuple[str, Values]]:
@@ -400,16 +404,18 @@ class ServedIndiDevice:
     def _reported(self, state: TelescopeState, states: dict[str, str]) -> dict[str, Values]:
         """Return what the mount reports, and end the states that were busy with what is over."""
         following = state.following is not None
-        over = {PLACE: not state.slewing, PARK: not state.slewing}
+        over = {PLACE: not state.slewing, PARK: not state.slewing, SATELLITE_STATE: not following}
         over |= dict.fromkeys(GUIDES, not state.pulse_guiding)
         for name, is_over in over.items():
             if states.get(name) == BUSY and is_over and name not in self._waiting:
-                self._states[name] = states[name] = IDLE if name in GUIDES else OK
+                self._end(name, state)
+                states[name] = self._states[name]
         if state.slewing:
             states[PLACE] = BUSY
         if states.get(TRACKING) != ALERT:
             states[TRACKING] = BUSY if state.tracking else IDLE
-        states[SATELLITE_STATE] = BUSY if following else states.get(SATELLITE_STATE, IDLE)
+        if following:
+            states[SATELLITE_STATE] = BUSY
         # A stop by another protocol, or by a limit, ends what keys turn, and no key says so.
         moves = state.doing == MOVING_BY_RATES
         turned = {
@@ -431,6 +437,16 @@ class ServedIndiDevice:
             "TELESCOPE_PIER_SIDE": _switches(state.beyond_pole, not state.beyond_pole),
             SATELLITE_STATE: _switches(following, not following),
         }
+
+    def _end(self, name: str, state: TelescopeState) -> None:
+        """Note that what a property asked for is over: it failed, is done, or was ended by somebody."""
+        if state.failure is not None and name not in GUIDES:
+            self.refuse(name, state.failure)
+            return
+        ra_h, dec_deg = self._target
+        off_deg = separation_deg(15.0 * state.ra_h, state.dec_deg, 15.0 * ra_h, dec_deg)
+        done = (name == PLACE and off_deg < THERE_WITHIN_DEG) or (name == PARK and state.at_park)
+        self._states[name] = OK if done else IDLE
 
 
 _TAKES: dict[str, Callable[[ServedIndiDevice, Mapping[str, str], float], Asked | TrackElements | None]] = {

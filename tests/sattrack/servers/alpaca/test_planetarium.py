@@ -25,7 +25,7 @@ from serving import PATIENCE_S, serial_line, serving_program
 
 from sattrack.core.clock import SimulatedClock
 from sattrack.mount.geometry import AxisGeometry
-from sattrack.mount.model import MountProfile, SitePlace, Slew
+from sattrack.mount.model import AxesPosition, MountProfile, SitePlace, Slew
 from sattrack.mount.requests import Abort
 from sattrack.runtime.callers import CallerLimits
 from sattrack.servers.alpaca import indi, planetarium
@@ -35,6 +35,7 @@ from sattrack.servers.alpaca.planetarium import Planetariums
 from sattrack.servers.alpaca.protocol import (
     MOVING_BY_RATES,
     Fault,
+    FollowedState,
     Form,
     MoveOrder,
     Number,
@@ -699,6 +700,52 @@ def test_a_key_that_another_protocols_stop_has_ended_is_not_shown_as_held() -> N
     assert device.values(NOW_S)["TELESCOPE_MOTION_NS"] == held
     device.telescope.state = msgspec.structs.replace(STATE, slewing=True, doing="stopping")
     assert device.values(NOW_S)["TELESCOPE_MOTION_NS"] == let_go
+
+
+@pytest.mark.parametrize(
+    ("ends", "told", "why"),
+    [
+        ({"ra_h": 1.0, "dec_deg": 40.001}, "Ok", None),
+        ({"ra_h": 3.0, "dec_deg": 20.0}, "Idle", None),
+        ({"ra_h": 3.0, "dec_deg": 20.0, "failure": "stopped by floor"}, "Alert", "stopped by floor"),
+    ],
+)
+def test_a_slew_that_fails_or_is_stopped_does_not_end_as_one_that_is_there(
+    ends: dict[str, Any], told: str, why: str | None
+) -> None:
+    device = indi_device()
+    device.take(message("Number", "EQUATORIAL_EOD_COORD", RA="1", DEC="40"), 1, NOW_S)
+    device.telescope.state = msgspec.structs.replace(STATE, slewing=True)
+    device.carried_out("EQUATORIAL_EOD_COORD")
+    assert device.values(NOW_S)["EQUATORIAL_EOD_COORD"][0] == "Busy"
+    device.telescope.state = msgspec.structs.replace(STATE, **ends)
+    assert [device.values(NOW_S)["EQUATORIAL_EOD_COORD"][0] for _ in range(2)] == [told, told]
+    assert [words for _, words in device.messages] == ([] if why is None else [why])
+
+
+@pytest.mark.parametrize(("parked", "told"), [(True, "Ok"), (False, "Idle")])
+def test_a_park_that_was_stopped_is_not_done(parked: bool, told: str) -> None:
+    device = indi_device()
+    device.telescope.device = Device(
+        MountProfile(park=AxesPosition(0.0, 60.0)), LEIDEN, "a test", "1.2", "here"
+    )
+    device.take(message("Switch", "TELESCOPE_PARK", PARK="On"), 1, NOW_S)
+    device.carried_out("TELESCOPE_PARK")
+    device.telescope.state = msgspec.structs.replace(STATE, at_park=parked, tracking=False)
+    assert device.values(NOW_S)["TELESCOPE_PARK"][0] == told
+
+
+def test_a_satellite_that_has_set_is_no_longer_followed() -> None:
+    device = indi_device()
+    device.take(message("Text", "SAT_TLE_TEXT", TLE="two lines"), 1, NOW_S)
+    device.take(message("Switch", "SAT_TRACKING_STAT", SAT_TRACK="On"), 1, NOW_S)
+    assert device.values(NOW_S)["SAT_TRACKING_STAT"] == ("Busy", ("Off", "On"))
+    followed = FollowedState("ISS", 25544, "following", 0.0, 0.0, 1.0, acquired=True)
+    device.telescope.state = msgspec.structs.replace(STATE, following=followed)
+    device.carried_out("SAT_TRACKING_STAT")
+    assert device.values(NOW_S)["SAT_TRACKING_STAT"] == ("Busy", ("On", "Off"))
+    device.telescope.state = STATE
+    assert device.values(NOW_S)["SAT_TRACKING_STAT"] == ("Idle", ("Off", "On"))
 
 
 def test_keys_of_an_indi_client_end_with_it_and_with_nobody_else() -> None:
