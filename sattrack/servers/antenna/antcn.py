@@ -357,7 +357,7 @@ def read_position(response: str) -> PositionReport:
     try:
         commanded = _state(fields[1:3], fields[5:7], fields[9])
         actual = _state(fields[3:5], fields[7:9], fields[10])
-        epoch_s = float(Decimal(fields[11]))
+        epoch_s = _finite(Decimal(fields[11]))
     except (InvalidOperation, OverflowError) as error:
         raise ValueError(f"{response!r} is no position status") from error
     return PositionReport(commanded, actual, epoch_s, fields[12] == "REMOTE", fields[13])
@@ -366,9 +366,16 @@ def read_position(response: str) -> PositionReport:
 def _state(position: list[str], rates: list[str], wrap: str) -> AxisState | None:
     if OMITTED in position:
         return None
-    first, second = (float(text) for text in position)
-    first_rate, second_rate = (float(text) for text in rates)
+    first, second, first_rate, second_rate = (_finite(text) for text in (*position, *rates))
     return AxisState(first + 360.0 * int(wrap), second, first_rate, second_rate)
+
+
+def _finite(number: str | Decimal) -> float:
+    """Return a number; raises ValueError where it is none: C prints what it does not know as nan."""
+    value = float(number)
+    if not math.isfinite(value):
+        raise ValueError(f"{number} is no number")
+    return value
 
 
 def epoch_utc_s(second_of_day: float, near_utc_s: float) -> float:

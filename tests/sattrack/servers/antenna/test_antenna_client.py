@@ -124,9 +124,20 @@ def test_seconds_of_the_day_are_of_the_nearest_day() -> None:
     assert epoch_utc_s(0.1, midnight_s - 0.1) == pytest.approx(midnight_s + 0.1)
 
 
-@pytest.mark.parametrize("text", ["PS", "PS 1 2", "XX " + "1 " * 13, "PS a b c d e f g h 0 0 1 REMOTE IDLE"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "PS",
+        "PS 1 2",
+        "XX " + "1 " * 13,
+        "PS a b c d e f g h 0 0 1 REMOTE IDLE",
+        "PS 1 2 inf 4 0 0 0 0 0 0 1 REMOTE IDLE",
+        "PS 1 2 3 4 0 0 nan 0 0 0 1 REMOTE IDLE",
+        "PS 1 2 3 4 0 0 0 0 0 0 nan REMOTE IDLE",
+    ],
+)
 def test_what_is_no_position_status_is_told(text: str) -> None:
-    with pytest.raises(ValueError, match=r"position status|could not convert"):
+    with pytest.raises(ValueError, match=r"position status|could not convert|is no number"):
         read_position(text)
 
 
