@@ -166,8 +166,9 @@ class MessageReader:
             return None
         if self._root is None or self._size > LONGEST_MESSAGE or self._has_text(self._root):
             return None
-        for element in found:
-            self._root.remove(element)
+        if found:
+            # The last one stays: what stands after it may be still to come.
+            del self._root[: list(self._root).index(found[-1])]
         return found
 
     def _events(self) -> Iterator[tuple[str, Element]]:

@@ -565,6 +565,13 @@ def test_xml_comes_whole_from_any_pieces_and_other_protocols_are_hung_up_on() ->
         b"<a x='" + 70000 * b"y",
     ):
         assert indi.MessageReader().read(other) is None
+    for pieces in (
+        (b"<a/>", b"words", b"<a/>"),
+        (b"<a/>\n<b/", b">w", b"ords<a/>"),
+        (b"<a/>", b"<b/>words<a/>"),
+    ):
+        reader = indi.MessageReader()
+        assert [reader.read(piece) is None for piece in pieces][-1], pieces
 
 
 def indi_device(state: TelescopeState = STATE) -> indi.ServedIndiDevice:
