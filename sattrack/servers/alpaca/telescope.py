@@ -411,7 +411,8 @@ class ServedTelescope:
         self._connected[client] = None
         self._connected.move_to_end(client)
         if len(self._connected) > MOST_CONNECTED:
-            self._connected.popitem(last=False)
+            # Alpaca's clients alone come under new numbers and never leave; those of others are negative.
+            del self._connected[next(one for one in self._connected if one >= 0)]
 
     def _order(  # noqa: PLR0911 - one for each kind of request
         self, name: str, values: Mapping[str, Value], now_utc_s: float

@@ -43,7 +43,7 @@ from sattrack.servers.alpaca.protocol import (
     TrackOrder,
 )
 from sattrack.servers.alpaca.stellarium import GotoReader, of_date, of_j2000, position
-from sattrack.servers.alpaca.telescope import Device, ServedTelescope
+from sattrack.servers.alpaca.telescope import MOST_CONNECTED, Device, ServedTelescope
 from tle.earth import EarthOrientation
 from tle.site import Site
 
@@ -623,6 +623,15 @@ def test_a_connection_that_succeeds_is_no_alert_any_more() -> None:
     assert device.values(NOW_S)["CONNECTION"] == ("Alert", ("Off", "On"))
     telescope.state = STATE
     device.take(connect, 1, NOW_S)
+    assert device.values(NOW_S)["CONNECTION"] == ("Ok", ("On", "Off"))
+
+
+def test_scripts_that_connect_under_ever_new_numbers_disconnect_no_indi_client() -> None:
+    device = indi_device()
+    for number in range(2 * MOST_CONNECTED):
+        device.telescope.put("connect", Form((), any_case=False), number, NOW_S)
+    assert device.telescope.clients == MOST_CONNECTED
+    assert device.telescope.connected(2 * MOST_CONNECTED - 1)
     assert device.values(NOW_S)["CONNECTION"] == ("Ok", ("On", "Off"))
 
 
