@@ -160,11 +160,12 @@ def find(elements: Sequence[Elements], key: str | int) -> Elements:
         if len(found) == 1:
             return found[0]
         if found:
-            names = tuple(f"{e.label} ({e.catalog_number})" for e in found)
+            names = tuple(map(_numbered, found))
+            other = "catalogue number" if len({e.catalog_number for e in found}) > 1 else "name or designator"
             raise AmbiguousSatelliteError(
-                f"{key!r} could be any of {len(found)}: {listed(names)}: give the catalogue number", names
+                f"{key!r} could be any of {len(found)}: {listed(names)}: give the {other}", names
             )
-    there = [f"{e.label} ({e.catalog_number})" for e in elements]
+    there = [*map(_numbered, elements)]
     raise SatelliteNotFoundError(
         f"no satellite {key!r} in the elements, which hold {listed(there) if there else 'none'}"
         f"{did_you_mean(elements, wanted)}",
@@ -172,10 +173,20 @@ def find(elements: Sequence[Elements], key: str | int) -> Elements:
     )
 
 
+def _numbered(one: Elements) -> str:
+    return f"{one.label} ({one.catalog_number})"
+
+
 def same_object(one: Elements, other: Elements) -> bool:
-    """Tell whether two sets are of one object: their number is the same, and no designator contradicts it."""
-    both = one.designator and other.designator
-    return one.catalog_number == other.catalog_number and (one.designator == other.designator or not both)
+    """Tell whether two sets are of one object: their number is the same, and no designator contradicts it.
+
+    What is not catalogued has the number 0, which is no object's: without designators the name tells.
+    """
+    if one.catalog_number != other.catalog_number:
+        return False
+    if one.designator and other.designator:
+        return one.designator == other.designator
+    return one.catalog_number != 0 or one.name == other.name
 
 
 def newest(elements: Iterable[Elements], at: Utc | None = None) -> list[Elements]:
@@ -260,13 +271,13 @@ def did_you_mean(elements: Sequence[Elements], key: str, others: Collection[str]
     from difflib import get_close_matches
 
     names = {plain_name(body): body for body in BODIES}
-    labels = {one.catalog_number: f"{one.label} ({one.catalog_number})" for one in elements}
+    labels = {one.catalog_number: _numbered(one) for one in elements}
     for name, number in COMMON_NAMES.items():
         if number in labels or name in others:
             names[name] = labels.get(number, name.capitalize())
     for one in elements:
         for text in (one.name, *one.name.split()):
-            names.setdefault(plain_name(text), labels[one.catalog_number])
+            names.setdefault(plain_name(text), _numbered(one))
     near = [] if key.isdigit() else get_close_matches(plain_name(key), names, n=1, cutoff=0.75)
     return f"; did you mean {names[near[0]]}?" if near else ""
 

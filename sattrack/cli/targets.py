@@ -57,7 +57,7 @@ def followed(
 
     Raises what the context's `elements` and `site` may.
     """
-    from tle.sources import newest
+    from tle.sources import newest, same_object
 
     loaded = functools.cache(context.load_each)
 
@@ -85,15 +85,8 @@ def followed(
         return FollowedTarget(None, site, chosen.target, culminate_utc_s)
     # Others may be asked for later; of this object it is the set that was chosen.
     taken = replace(chosen.target, source=Path(chosen.origin).name)
-    elements = [taken if _same(one, taken) else one for one in known()]
+    elements = [taken if same_object(one, taken) else one for one in known()]
     return FollowedTarget(elements, site, None, culminate_utc_s)
-
-
-def _same(one: Elements, other: Elements) -> bool:
-    """Tell whether two sets are of one object."""
-    from tle.sources import newest
-
-    return one.catalog_number == other.catalog_number and len(newest([one, other])) == 1
 
 
 def ephemeris_files(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -264,7 +257,7 @@ def _origins_of(
     and the designator that another one gives it; one whose number or designator differs has another object.
     """
     from tle.formats.ephemerides import find_ephemeris
-    from tle.sources import find, newest
+    from tle.sources import find, newest, same_object
 
     searches = {name: functools.partial(find_ephemeris, table) for name, table in held.items()}
     in_sets = functools.partial(find, newest([one for _, sets in loaded for one in sets], context.now()))
@@ -298,9 +291,9 @@ def _origins_of(
             found[name] = one
     origins = [_Origin(name, [found[name]]) for name in held if name in found]
     for source, accepted in loaded:
-        of_it = [one for one in accepted if meant is not None and _same(one, meant)]
+        of_it = [one for one in accepted if meant is not None and same_object(one, meant)]
         origins += [_Origin(source, of_it)] if of_it else []
-        if other is not None and any(_same(one, other) for one in accepted):
+        if other is not None and any(same_object(one, other) for one in accepted):
             lacking[source] = _why_lacking(in_sets, key, source, known[0])
     return origins, lacking
 
