@@ -112,7 +112,7 @@ def load_elements(*sources: str | Path, fetch: Callable[[str], str] | None = Non
 def parse_elements(text: str, source: str = "") -> list[Elements | ElementsError]:
     """Return every set in a text, or the reason it is refused, in order, in a format recognised by content.
 
-    Reads TLE, 3LE, OMM (CSV, JSON, XML, KVN) and gpredict's list. A text without sets gives one FormatError.
+    Reads TLE, 3LE, OMM (CSV, JSON, XML, KVN) and gpredict's files. A text without sets gives one FormatError.
     """
     text = text.removeprefix("\ufeff")
     if "\n" not in text:

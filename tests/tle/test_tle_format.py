@@ -188,3 +188,14 @@ def test_no_text_raises_anything_but_our_errors(text):
 def test_no_line_raises_anything_but_our_errors(body):
     with pytest.raises(ElementsError):
         Elements.from_tle("1 " + body, TWO)
+
+
+@pytest.mark.parametrize("section", ["25544", "Satellite"])
+def test_reads_a_list_of_gpredict_and_the_file_of_one_satellite(section):
+    # `satellites.dat` has a section for each number, a file of the folder `satdata` one by the word.
+    text = f"[{section}]\nVERSION=1.1\nNAME=ISS (ZARYA)\nNICKNAME=ISS\nTLE1={ONE}\nTLE2={TWO}\nSTATUS=1\n"
+    assert parse_elements(text) == [Elements.from_tle(ONE, TWO, "ISS (ZARYA)")]
+    assert parse_elements(text.replace("\n", "\r\n")) == parse_elements(text)
+    (refused,) = parse_elements(text.replace(TWO, TWO[:-1]), "25544.sat")
+    assert isinstance(refused, LineLengthError)
+    assert (refused.line, refused.catalog_number, refused.name) == (6, 25544, "ISS (ZARYA)")

@@ -49,8 +49,9 @@ _LENGTH = 69
 _ELEMENT_LINE = re.compile(r"[12] [ 0-9A-Z][ 0-9]{3}[0-9]|[12] .{30,}", re.ASCII)
 _ANY_ELEMENT_LINE = re.compile(r"^[ \t]*[12][ \t](?:[ 0-9A-Z][ 0-9]{3}[0-9]|.{30,})", re.ASCII | re.MULTILINE)
 _SPACES = {1: (2, 9, 18, 33, 44, 53, 62, 64), 2: (2, 8, 17, 26, 34, 43, 52)}
-_SECTION = re.compile(r"\[\d{1,9}\]", re.ASCII)
-_MARK = re.compile(r"^\[\d{1,9}\][ \t\r]*$", re.MULTILINE | re.ASCII)
+# Of a list of gpredict's, and of the file of one satellite in its folder `satdata`.
+_SECTION = re.compile(r"\[(?:\d{1,9}|Satellite)\]", re.ASCII)
+_MARK = re.compile(rf"^{_SECTION.pattern}[ \t\r]*$", re.MULTILINE | re.ASCII)
 _TICKS_A_DAY = 100_000_000
 _DESIGNATOR = re.compile(r"(\d\d)(\d\d)-(\d{3}[A-Z]{1,3})", re.ASCII)
 
@@ -485,7 +486,7 @@ def _whole(line: ElementLine, first: int, last: int, field: str) -> int:
 
 
 def looks_like_gpredict(text: str) -> bool:
-    """Tell whether a text has section lines such as [25544] and element lines behind TLE1=."""
+    """Tell whether a text has section lines, [25544] or [Satellite], and element lines behind TLE1=."""
     return "TLE1=" in text and _MARK.search(text) is not None
 
 
@@ -517,7 +518,9 @@ def _section_or_refusal(section: ElementLine, values: dict[str, ElementLine]) ->
                 )
         return parse_lines(values["TLE1"], values["TLE2"], name)
     except ElementsError as error:
-        error.name, error.catalog_number = name, int(section.text[1:-1])
+        lines = [values[key].columns(3, 7) for key in ("TLE1", "TLE2") if key in values]
+        numbers = map(parse_alpha5, (section.text[1:-1], *lines))
+        error.name, error.catalog_number = name, next(filter(None, numbers), None)
         return error
 
 
