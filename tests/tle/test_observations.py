@@ -14,6 +14,7 @@ from tle.formats.observations import Stations, parse_observations, read_observat
 from tle.instants import Utc
 from tle.propagator import Propagator
 from tle.site import Site
+from tle.sources import find
 
 HERE = Site(*LEIDEN)
 STATIONS = Stations({"4353": HERE, "LEIDEN": HERE})
@@ -91,6 +92,13 @@ def test_angle_formats_of_iod(fields, ra_deg, dec_deg, sigma_arcsec):
     assert one.frame == ("j2000" if fields[1] == "5" else "of_date")
     assert one.utc == Utc.parse("2008-11-22T11:22:33.4Z")
     assert one.sigma_time_s == pytest.approx(0.2)
+
+
+def test_iod_numbers_of_six_digits_stand_as_alpha5():
+    line = "A0534 26 001A   4353 G 20261002130524500 17 15 1122334+112233 36"
+    (one,) = parse_observations(line, STATIONS)
+    assert one.object_key == "A0534"
+    assert find([ELEMENTS, dataclasses.replace(ELEMENTS, catalog_number=100534)], one.object_key) != ELEMENTS
 
 
 TDM = """CCSDS_TDM_VERS = 2.0

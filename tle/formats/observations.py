@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from tle.elements import Elements
 
 DEFAULT_SIGMA_ARCSEC = 1.0
-_IOD_LINE = re.compile(r"[ 0-9]{5} [ 0-9]{2} [ 0-9]{3}[ A-Z]{3} \d{4} [A-Z ] \d{8}", re.ASCII)
+_IOD_LINE = re.compile(r"[ 0-9A-HJ-NP-Z][ 0-9]{4} [ 0-9]{2} [ 0-9]{3}[ A-Z]{3} \d{4} [A-Z ] \d{8}", re.ASCII)
 _HAS_POSITION = 47
 # Angle formats: sexagesimal places of RA and Dec, and the unit of the uncertainty in arcsec.
 _FORMATS = {
