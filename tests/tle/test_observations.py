@@ -184,6 +184,8 @@ CSV = "utc,ra_deg,dec_deg\n"
         (IOD.replace("15 11", "45 11"), "x:1: angle format '4' is none of"),
         (IOD.replace("15 11", "14 11"), "x:1: epoch code '4' is none of"),
         (IOD.replace("+", "x"), "x:1: '1122334x112233' is no HHMMSSs±DDMMSS"),
+        (IOD.replace("+112233", "+114298"), "x:1: '1122334+114298' is no HHMMSSs±DDMMSS"),
+        (IOD.replace("15 1122334", "25 1174334"), "x:1: '1174334+112233' is no HHMMmmm±DDMMmm"),
         (IOD.replace("20081122", "20081322"), "x:1: '2008-13-22T11:22:33.400Z' is no time"),
         (IOD.replace("4353", "0001"), "x:1: station '0001' is not known"),
         (TDM.replace("ICRF", "B1950").format(ra=1, dec=2), "x:15: reference frame B1950 is none of"),

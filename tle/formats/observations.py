@@ -272,19 +272,23 @@ def _iod_time(field: str) -> Utc:
 
 
 def _angle(field: str, places: str) -> float | None:
-    """Return degrees of digits whose meaning `places` gives letter by letter; blanks at the end are zeros."""
+    """Return degrees of digits whose meaning `places` gives letter by letter; blanks at the end are zeros.
+
+    None for what are no digits, and for 60 minutes or seconds and more: those are digits of another meaning.
+    """
     text = field.ljust(len(places)).rstrip().ljust(len(places), "0")
     if not re.fullmatch(r"\d+", text, re.ASCII):
         return None
-    value = float(text[:2])
-    rest = places[2:]
+    value, rest, minutes, seconds = float(text[:2]), places[2:], 0.0, 0.0
     if rest.startswith("d"):
         value += float(f"0.{text[2:]}")
     elif rest.startswith("MMm"):
-        value += float(f"{text[2:4]}.{text[4:]}") / 60.0
+        minutes = float(f"{text[2:4]}.{text[4:]}")
     else:
-        value += float(text[2:4]) / 60.0 + float(f"{text[4:6]}.{text[6:] or 0}") / 3600.0
-    return value * _UNITS[places[0]]
+        minutes, seconds = float(text[2:4]), float(f"{text[4:6]}.{text[6:] or 0}")
+    if max(minutes, seconds) >= 60.0:
+        return None
+    return (value + minutes / 60.0 + seconds / 3600.0) * _UNITS[places[0]]
 
 
 def _uncertainty(field: str) -> float | None:
