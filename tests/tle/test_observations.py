@@ -9,7 +9,7 @@ from tle_facts import ISS, LEIDEN
 
 from tle.bias import Bias
 from tle.elements import Elements
-from tle.errors import ObservationError, SiteError, SourceError, TleError
+from tle.errors import ObservationError, SourceError, TleError
 from tle.formats.observations import Stations, parse_observations, read_observations, read_stations
 from tle.instants import Utc
 from tle.propagator import Propagator
@@ -231,7 +231,7 @@ def test_files_and_stations(tmp_path):
     with pytest.raises(ObservationError, match=r"sites\.txt:1: is no station"):
         read_stations(places)
     places.write_text("4353 ML 99.0 4.0 0\n")
-    with pytest.raises(SiteError):
+    with pytest.raises(ObservationError, match=r"sites\.txt:1: the site's latitude of 99\.0 is outside"):
         read_stations(places)
 
 

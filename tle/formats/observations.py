@@ -180,7 +180,7 @@ def parse_observations(text: str, stations: Stations, source: str = "") -> list[
 def read_stations(path: str | Path, default: Site | None = None) -> Stations:
     """Return the stations of an observers' list: number, initials, latitude and longitude in degrees, metres.
 
-    Blank lines and `#` comments are skipped. Raises SourceError, ObservationError for a bad line, SiteError.
+    Blank lines and `#` comments are skipped. Raises SourceError, ObservationError for a bad line.
     """
     try:
         text = Path(path).read_bytes().decode("utf-8-sig", errors="replace")
@@ -197,7 +197,10 @@ def read_stations(path: str | Path, default: Site | None = None) -> Stations:
             raise ObservationError(
                 placed(str(path), at, "is no station: write number, initials, latitude, longitude, height")
             )
-        sites[match.group(1)] = Site(*(float(g) for g in match.groups()[1:]))
+        try:
+            sites[match.group(1)] = Site(*(float(g) for g in match.groups()[1:]))
+        except SiteError as error:
+            raise ObservationError(placed(str(path), at, str(error))) from None
     return Stations(sites, default)
 
 
