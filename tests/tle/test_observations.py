@@ -131,6 +131,13 @@ def test_reads_tdm():
         assert one.residual(ELEMENTS).along_s == pytest.approx(1.25, abs=1e-6)
 
 
+@pytest.mark.parametrize(("applied", "ra_deg", "dec_deg"), [("YES", 10.0, 20.0), ("NO", 9.5, 20.25)])
+def test_corrections_of_a_tdm_that_were_not_applied_are(applied, ra_deg, dec_deg):
+    told = f"CORRECTION_ANGLE_1 = -0.5\nCORRECTION_ANGLE_2 = 0.25\nCORRECTIONS_APPLIED = {applied}\nMETA_STOP"
+    (one,) = parse_observations(TDM.format(ra=10, dec=20).replace("META_STOP", told), STATIONS)
+    assert (one.ra_deg, one.dec_deg) == (ra_deg, dec_deg)
+
+
 def test_reads_tdm_as_xml():
     text = f"""<?xml version="1.0" encoding="UTF-8"?>
     <tdm id="CCSDS_TDM_VERS" version="2.0"><header/><body><segment><metadata>

@@ -508,6 +508,8 @@ def _tdm_observations(segment: _Segment, stations: Stations, source: str) -> lis
             placed(source, first, f"reference frame {given} is none of {', '.join(_FRAMES)}")
         )
     station, seen = _participants(meta, stations)
+    # Corrections that are told only; others are in the data.
+    left = meta if meta.get("CORRECTIONS_APPLIED") == "NO" else {}
     found = []
     right_ascensions = {epoch: value for _, key, epoch, value in segment.data if key == "ANGLE_1"}
     for line, key, epoch, value in segment.data:
@@ -516,7 +518,9 @@ def _tdm_observations(segment: _Segment, stations: Stations, source: str) -> lis
         if epoch not in right_ascensions:
             raise ObservationError(placed(source, line, f"ANGLE_2 at {epoch} has no ANGLE_1"))
         try:
-            ra_deg, dec_deg, utc = float(right_ascensions[epoch]), float(value), _tdm_time(epoch)
+            ra_deg = float(right_ascensions[epoch]) + float(left.get("CORRECTION_ANGLE_1", 0.0))
+            dec_deg = float(value) + float(left.get("CORRECTION_ANGLE_2", 0.0))
+            utc = _tdm_time(epoch)
         except (ValueError, TimeFormatError) as error:
             raise ObservationError(placed(source, line, str(error))) from None
         site = site_of(stations, station, source, line)
