@@ -32,7 +32,7 @@ TT_MINUS_TAI_S = 32.184
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _ISO = re.compile(
     r"(\d{4})-(\d\d)-(\d\d)"
-    r"(?:[T ](\d\d):(\d\d)(?::(\d\d)(?:[.,](\d{1,9}))?)?)?"
+    r"(?:[T ](\d\d):(\d\d)(?::(\d\d)(?:[.,](\d{1,18}))?)?)?"
     r" ?(Z|z|UTC|[+-]\d\d:?\d\d)?",
     re.ASCII,
 )

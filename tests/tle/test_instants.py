@@ -25,6 +25,8 @@ CULMINATION_S = 20728 * 86400 + 13 * 3600 + 5 * 60 + 24
         ("2026-10-02 13:05:24", CULMINATION_S),
         ("2026-10-02T13:05:24.5Z", CULMINATION_S + 0.5),
         ("2026-10-02T13:05:24,250z", CULMINATION_S + 0.25),
+        # As many decimals as Orekit writes of a double.
+        ("2026-10-02T13:05:24.250000000000000", CULMINATION_S + 0.25),
         ("2026-10-02T15:05:24+02:00", CULMINATION_S),
         ("2026-10-02T07:35:24-0530", CULMINATION_S),
         ("2026-10-02T13:05Z", CULMINATION_S - 24),
