@@ -57,6 +57,12 @@ def test_csv_may_bring_its_own_site():
     assert one.frame == "icrf"
 
 
+def test_csv_may_have_all_in_quotes():
+    text = '"utc","ra_deg","dec_deg","object"\n"2026-10-02T00:00:00Z","10.5","-5.5","ISS, NAUKA"\n'
+    (one,) = parse_observations(text, Stations({}, HERE))
+    assert (one.ra_deg, one.dec_deg, one.object_key) == (10.5, -5.5, "ISS, NAUKA")
+
+
 def test_reads_iod():
     h, m, s = sexagesimal(SEEN.ra_deg / 15.0)
     d, dm, ds = sexagesimal(abs(SEEN.dec_deg))

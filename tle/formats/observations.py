@@ -305,8 +305,13 @@ def _looks_like_csv(text: str) -> bool:
     """Tell whether the first line that is no comment names the columns that are needed."""
     for line in text.splitlines():
         if line.strip() and not line.startswith("#"):
-            return set(_NEEDED) <= {name.strip() for name in line.split(",")}
+            return set(_NEEDED) <= set(_names(line))
     return False
+
+
+def _names(line: str) -> list[str]:
+    """Return the names of the columns, with quotes about them or without."""
+    return [name.strip(' "') for name in line.split(",")]
 
 
 def _read_csv(text: str, stations: Stations, source: str) -> list[Observation]:
@@ -316,7 +321,7 @@ def _read_csv(text: str, stations: Stations, source: str) -> list[Observation]:
     """
     lines = text.splitlines()
     kept = [(n, line) for n, line in enumerate(lines, start=1) if line.strip() and not line.startswith("#")]
-    header = [name.strip() for name in kept[0][1].split(",")]
+    header = _names(kept[0][1])
     unknown = [name for name in header if name not in _KNOWN]
     if unknown:
         raise ObservationError(
