@@ -193,6 +193,10 @@ CSV = "utc,ra_deg,dec_deg\n"
             "utc,ra_deg,dec_deg,latitude_deg,longitude_deg\n2026-10-02,1,1,95,0\n",
             "x:2: the site's latitude of 95.0",
         ),
+        (
+            "utc,ra_deg,dec_deg,latitude_deg,longitude_deg\n2026-10-02,1,1,52,\n",
+            "x:2: latitude_deg or longitude_deg is empty: give both",
+        ),
         ("utc,ra_deg,dec_deg,station,sigma_arcsec\n2026-10-02,1,1,4353,-1\n", "x:2: an uncertainty of -1.0"),
         (IOD.replace("15 11", "45 11"), "x:1: angle format '4' is none of"),
         (IOD.replace("15 11", "14 11"), "x:1: epoch code '4' is none of"),

@@ -358,6 +358,8 @@ def _csv_observation(row: Mapping[str, str], stations: Stations, source: str, li
     if ra_deg is None or dec_deg is None:
         raise ObservationError(placed(source, line, "ra_deg or dec_deg is empty: give both, in degrees"))
     latitude, longitude = numbers["latitude_deg"], numbers["longitude_deg"]
+    if (latitude is None) != (longitude is None):
+        raise ObservationError(placed(source, line, "latitude_deg or longitude_deg is empty: give both"))
     if latitude is not None and longitude is not None:
         try:
             site = Site(latitude, longitude, numbers["height_m"] or 0.0)
