@@ -302,6 +302,15 @@ def test_time_systems_differ_by_what_they_differ_by(system: str, first_utc_s: fl
     assert np.linalg.norm(state - expected) < (0.015 if system == "TDB" else 1e-5)
 
 
+@pytest.mark.parametrize(("name", "usual"), [("TEMEOFDATE", "TEME"), ("TOD_EARTH", "TOD")])
+def test_frames_may_have_the_names_of_the_registry_of_ccsds(name: str, usual: str) -> None:
+    places = [
+        place_at(one_of(HEAD + oem(frame=frame)), "2026-03-01T00:05:30") for frame in (name, usual, "GCRF")
+    ]
+    assert np.array_equal(places[0], places[1])
+    assert not np.allclose(places[0], places[2])
+
+
 def test_a_leap_second_within_the_rows_is_a_second_of_motion() -> None:
     # 2016-12-31 had 86401 seconds: rows a minute apart by TAI, told in UTC.
     t = np.arange(20) * 60.0

@@ -286,6 +286,14 @@ def test_what_is_not_required_has_the_value_that_public_sets_have():
     assert (found.ephemeris_type, found.mean_motion_dot_rev_day2) == (0, 0.0)
 
 
+@pytest.mark.parametrize("notation", NOTATIONS)
+def test_teme_may_have_the_name_of_the_registry_of_ccsds(notation):
+    texts = [NOTATIONS[notation](omm(DECAY_DATE="", COMMENT="", REF_FRAME=f)) for f in ("TEME", "TEMEOFDATE")]
+    one, other = (parse_elements(text) for text in texts)
+    assert one == other
+    assert isinstance(one[0], Elements)
+
+
 def test_lines_of_refusals():
     bad, good = omm(BSTAR="x"), omm()
     (_, error) = parse_elements(as_json(good, bad), "x")

@@ -45,6 +45,9 @@ _FRAMES: dict[str, FrameKind] = {
     "J2000": "EME2000",
     "TOD": "TOD",
     "TEME": "TEME",
+    # As the registry of CCSDS (SANA) has them.
+    "TOD_EARTH": "TOD",
+    "TEMEOFDATE": "TEME",
 }
 # Axes of covariances beside those: of the orbit, and others that CCSDS 502.0-B and its registry (SANA) name.
 _AXES = re.compile(

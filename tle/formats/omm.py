@@ -93,7 +93,7 @@ UNITS = {field.keyword: field.unit for field in FIELDS if field.unit}
 # What SGP4's elements refer to; anything else under these keywords would be read wrongly.
 METADATA = {
     "CENTER_NAME": ("EARTH",),
-    "REF_FRAME": ("TEME",),
+    "REF_FRAME": ("TEME", "TEMEOFDATE"),
     "TIME_SYSTEM": ("UTC",),
     "MEAN_ELEMENT_THEORY": ("SGP4", "SGP/SGP4"),
 }
