@@ -387,8 +387,8 @@ class Downloads:
     def fetch(self, source: str) -> str:
         """Return the element text of a URL or short name, from the network or, if asked, as kept before.
 
-        Raises DownloadError where neither gives any, BadInputError for a source that means nothing or
-        credentials that are nowhere.
+        Raises DownloadError where neither gives any, BadInputError for a source that means nothing; where
+        none was kept, also for credentials that are nowhere, and SattrackError for a folder that is full.
         """
         query = query_of(source, self._environ)
         with self._cache.alone(query.provider):
@@ -412,6 +412,11 @@ class Downloads:
                     reason = str(error)
                     if query.url == source and not isinstance(error, _UnreachableError):
                         advice = "check the address"
+                except SattrackError as error:
+                    # A full disk keeps no note of the request; or credentials are nowhere.
+                    if kept is None:
+                        raise
+                    reason = str(error)
         if kept is None:
             raise DownloadError(f"{source}: {reason}", advice)
         if self._renewing or early is None:

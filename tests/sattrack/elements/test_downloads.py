@@ -262,6 +262,38 @@ def test_a_full_disk_loses_nothing(tmp_path, monkeypatch):
         assert not list(tmp_path.glob(".*.part"))
 
 
+def test_what_was_kept_is_used_on_a_disk_that_takes_no_byte_more(tmp_path, monkeypatch):
+    with element_server() as server:
+        client = Client(tmp_path, server.url)
+        client.fetch("celestrak:active")
+        client.later(3 * HOUR_S)
+
+        def full(file: int) -> None:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+        monkeypatch.setattr("os.fsync", full)
+        assert client.fetch("celestrak:active") == CSV
+        assert "using what was fetched 3 h ago:" in client.told[0]
+        assert "No space left on device" in client.told[0]
+        # Without a note of it, no request is sent.
+        assert len(server.asked) == 1
+        with pytest.raises(SattrackError, match="No space left on device"):
+            client.fetch("celestrak:stations")
+
+
+def test_what_was_kept_is_used_where_the_credentials_are_gone(tmp_path):
+    with element_server() as server:
+        client = Client(tmp_path, server.url, **RIGHT)
+        text = client.fetch("spacetrack:all")
+        del client.environ[PASSWORD_VARIABLE]
+        client.later(2 * HOUR_S)
+        assert client.fetch("spacetrack:all") == text
+        assert "using what was fetched 2 h ago:" in client.told[0]
+        assert "for Space-Track" in client.told[0]
+        with pytest.raises(BadInputError, match="for Space-Track"):
+            client.fetch("spacetrack:25544")
+
+
 def test_space_track_gets_the_credentials_of_the_environment_and_is_asked_once_an_hour(tmp_path):
     with element_server() as server:
         client = Client(tmp_path, server.url, **RIGHT)
