@@ -185,7 +185,7 @@ def _space_track(source: str, what: str, base: str) -> Query:
     else:
         raise BadInputError(
             f"{source}: write spacetrack:all, spacetrack:25544 or spacetrack:25544,100534 (numbers), or "
-            " spacetrack:25544@2026-10-02"
+            "spacetrack:25544@2026-10-02"
         )
     url = f"{base}/basicspacedata/query/class/{kind}/{asked}/orderby/{order}/format/json"
     every_s = HISTORY_EVERY_S if day else SPACE_TRACK_EVERY_S
@@ -196,9 +196,9 @@ def _days_about(source: str, day: str) -> str:
     """Return the range of epochs from the day before a day to the day after it, ends of days."""
     try:
         middle = date.fromisoformat(day)
-    except ValueError:
+        return f"{middle - timedelta(days=1)}--{middle + timedelta(days=2)}"
+    except (ValueError, OverflowError):
         raise BadInputError(f"{source}: {day!r} is no day: write it as 2026-10-02") from None
-    return f"{middle - timedelta(days=1)}--{middle + timedelta(days=2)}"
 
 
 def _url(source: str, celestrak: str, space_track: str) -> Query:

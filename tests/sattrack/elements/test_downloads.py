@@ -411,7 +411,8 @@ def test_the_elements_of_a_day_come_from_the_history_and_are_asked_for_once(tmp_
     ("source", "words"),
     [
         ("spacetrack:25544@soon", "'soon' is no day: write it as 2026-10-02"),
-        ("spacetrack:all@2026-10-02", "write spacetrack:all, spacetrack:25544"),
+        ("spacetrack:25544@9999-12-31", "'9999-12-31' is no day: write it as 2026-10-02"),
+        ("spacetrack:all@2026-10-02", "(numbers), or spacetrack:25544@2026-10-02"),
         ("celestrak-sup:", "or celestrak-sup:starlink"),
         ("celestrak:", "write celestrak:GROUP"),
         ("celestrak:a&b", "write celestrak:GROUP"),
