@@ -132,13 +132,16 @@ def _read(context: CommandContext, files: Sequence[str], stations: Path | None) 
 def _chosen(
     context: CommandContext, source: str, satellite: str | None, seen: Sequence[Observation]
 ) -> Elements:
-    """Return the elements of the satellite that was named, or that the observations name."""
+    """Return the elements of the satellite that was named, or that the observations name.
+
+    Of several sets it is the one whose epoch is nearest to the last observation.
+    """
     from tle.sources import newest
 
     sets = context.load((source,))
     if not sets.accepted:
         raise sets.rejected[0]
-    elements = newest(sets.accepted)
+    elements = newest(sets.accepted, seen[-1].utc)
     if satellite is not None:
         return _find(elements, satellite)
     named = sorted({one.object_key for one in seen if one.object_key})

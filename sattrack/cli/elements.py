@@ -341,8 +341,9 @@ def _residuals(
 
     site = context.site() if context.has_site() else None
     known = read_stations(stations, site) if stations else Stations({}, site)
-    elements = newest(sets.accepted)
-    return [_residual(one, elements) for one in read_observations(observations, known)]
+    seen = read_observations(observations, known)
+    elements = newest(sets.accepted, max(one.utc for one in seen))
+    return [_residual(one, elements) for one in seen]
 
 
 def _residual(observation: Observation, elements: list[Elements]) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import pytest
 
 from sattrack.cli.main import run
 from tle.instants import Utc
-from tle.sources import read_elements
+from tle.sources import read_elements, write_elements
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 ELEMENTS = str(EXAMPLES / "iss_leiden.tle")
@@ -53,6 +54,20 @@ def test_a_satellite_that_is_three_seconds_ahead_is_found_so(capsys: pytest.Capt
     assert bias["at_utc"] == rows[-1]["utc"]
     assert len(rows) == 60
     assert all(row["along_s"] == pytest.approx(3.0, abs=0.3) and row["used"] for row in rows)
+
+
+def test_of_several_sets_the_nearest_to_the_observations_is_judged(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    (iss,) = read_elements(ELEMENTS)
+    later = replace(iss, epoch=iss.epoch.plus(20 * 86400.0), mean_anomaly_deg=100.0)
+    both = tmp_path / "history.csv"
+    both.write_text(write_elements([iss, later], "csv"))
+    one = written(tmp_path / "one", solutions()[:1])
+    assert fitted(capsys, str(both), "--observations", one)["bias"]["along_s"] == pytest.approx(3.0, abs=0.1)
+    assert run(["elements", "check", str(both), "--observations", one, "--json", *SITE]) == 0
+    (row,) = json.loads(capsys.readouterr().out)["residuals"]
+    assert row["along_s"] == pytest.approx(3.0, abs=0.1)
 
 
 def test_what_stands_in_two_files_was_seen_once(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
