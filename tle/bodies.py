@@ -295,7 +295,9 @@ def find_body(key: str) -> Body | None:
     if name.casefold() in _TARGETS:
         return Body(name.capitalize())
     parts = name.split(",") if "," in name else name.split()
-    if len(parts) != 2 or not (re.fullmatch(r"[\d\s:.,hms+-]+", name) or all(map(_ANGLE.match, parts))):
+    if len(parts) != 2 or not (
+        re.fullmatch(r"[\d.+-][\d\s:.,hms+-]*", name) or all(map(_ANGLE.match, parts))
+    ):
         return None
     ra_deg = _angle(parts[0], 15.0)
     dec_deg = _angle(parts[1], 1.0)

@@ -423,6 +423,11 @@ def test_directions_are_read_as_degrees_or_hours(text: str, ra_deg: float, dec_d
     assert body.star.dec_deg == pytest.approx(dec_deg, abs=1e-8)
 
 
+@pytest.mark.parametrize("name", ["sms 1", "SMS 1", "mss 2", "hs, 1"])
+def test_names_of_satellites_are_no_directions(name: str) -> None:
+    assert find_body(name) is None
+
+
 VEGA = (
     "H|       91262| |18 36 56.19|+38 46 58.8| 0.03|1|H|279.23410832|+38.78299311| | 128.93|  201.02|  287.46"
 )
