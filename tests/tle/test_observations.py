@@ -240,7 +240,13 @@ def test_files_and_stations(tmp_path):
     places.write_text(
         "# No ID   Latitude Longitude   Elev   Observer\n4353 ML   52.1541    4.4908      0    A B\n\n"
     )
-    assert read_stations(places, HERE) == Stations({"4353": HERE}, HERE)
+    known = read_stations(places, HERE)
+    assert known == Stations({"4353": HERE}, HERE, all=True)
+    # The site of one's own is none of a station that the list has not.
+    with pytest.raises(ObservationError, match=r"x:1: station '2701' is not known: add it to the list"):
+        parse_observations(IOD.replace("4353", "2701"), known, "x")
+    text = f"{CSV}{AT.isoformat()},1,2\n"
+    assert [one.site for one in parse_observations(text, known)] == [HERE]
     path = tmp_path / "mail.txt"
     path.write_text(IOD)
     assert read_observations(path, read_stations(places))[0].site == HERE

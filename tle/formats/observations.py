@@ -122,14 +122,18 @@ class Observation:
 
 @dataclass(frozen=True, slots=True)
 class Stations:
-    """Sites by the name that observations give them, and the one for observations that name none."""
+    """Sites by the name that observations give them, and the one for observations that name none.
+
+    It is also that of a name which is not among them, unless they are a list of `all` stations.
+    """
 
     by_name: Mapping[str, Site]
     default: Site | None = None
+    all: bool = False
 
     def find(self, name: str) -> Site | None:
-        """Return the site of a station; the default site for an unknown or empty name, None without one."""
-        return self.by_name.get(name.strip(), self.default)
+        """Return the site of a station, or the default site; None where there is none."""
+        return self.by_name.get(name.strip(), None if self.all and name.strip() else self.default)
 
 
 def read_observations(path: str | Path, stations: Stations) -> list[Observation]:
@@ -180,7 +184,8 @@ def parse_observations(text: str, stations: Stations, source: str = "") -> list[
 def read_stations(path: str | Path, default: Site | None = None) -> Stations:
     """Return the stations of an observers' list: number, initials, latitude and longitude in degrees, metres.
 
-    Blank lines and `#` comments are skipped. Raises SourceError, ObservationError for a bad line.
+    `default` is the site for observations that name no station. Blank lines and `#` comments are skipped.
+    Raises SourceError, ObservationError for a bad line.
     """
     try:
         text = Path(path).read_bytes().decode("utf-8-sig", errors="replace")
@@ -201,7 +206,7 @@ def read_stations(path: str | Path, default: Site | None = None) -> Stations:
             sites[match.group(1)] = Site(*(float(g) for g in match.groups()[1:]))
         except SiteError as error:
             raise ObservationError(placed(str(path), at, str(error))) from None
-    return Stations(sites, default)
+    return Stations(sites, default, all=True)
 
 
 def site_of(stations: Stations, name: str, source: str, line: int | None) -> Site:
@@ -209,7 +214,10 @@ def site_of(stations: Stations, name: str, source: str, line: int | None) -> Sit
     site = stations.find(name)
     if site is None:
         trouble = f"station {name.strip()!r} is not known" if name.strip() else "no station is named"
-        raise ObservationError(placed(source, line, f"{trouble}: give a list of stations, or a site"))
+        do = "give a list of stations, or a site"
+        if stations.all:
+            do = "add it to the list of stations" if name.strip() else "give a site"
+        raise ObservationError(placed(source, line, f"{trouble}: {do}"))
     return site
 
 
