@@ -18,7 +18,7 @@ from tle.errors import (
     SwappedLinesError,
     TleError,
 )
-from tle.sources import parse_elements
+from tle.sources import WRITTEN, parse_elements, write_elements
 
 ONE, TWO = ISS
 
@@ -45,6 +45,7 @@ def put(line: str, first: int, text: str) -> str:
         (TWO, ONE, SwappedLinesError, 1, (1, 1), "line 2 stands before line 1"),
         (ONE, TDRS3[1], MismatchedLinesError, 2, (3, 7), "line 2 is of object 19548, line 1 of object 25544"),
         (put(ONE, 3, "I5544"), TWO, FieldError, 1, (3, 7), "'I5544' is no number, nor an Alpha-5"),
+        (put(ONE, 8, "4"), TWO, FieldError, 1, (8, 8), "classification '4' is no letter"),
         (put(ONE, 19, "2x"), TWO, FieldError, 1, (19, 20), "epoch year '2x'"),
         (put(ONE, 21, "275-01380287"), TWO, FieldError, 1, (21, 32), "no day of the year with a fraction"),
         (put(ONE, 21, "366.00000000"), TWO, FieldRangeError, 1, (21, 32), "366 is no day of the year 2026"),
@@ -199,3 +200,11 @@ def test_reads_a_list_of_gpredict_and_the_file_of_one_satellite(section):
     (refused,) = parse_elements(text.replace(TWO, TWO[:-1]), "25544.sat")
     assert isinstance(refused, LineLengthError)
     assert (refused.line, refused.catalog_number, refused.name) == (6, 25544, "ISS (ZARYA)")
+
+
+@pytest.mark.parametrize(("letter", "read"), [("u", "U"), (" ", "U"), ("C", "C")])
+def test_a_classification_that_was_read_can_be_read_from_what_is_written(letter, read):
+    (one,) = parse_elements(f"{put(ONE, 8, letter)}\n{TWO}\n")
+    assert one.classification == read
+    for form in WRITTEN:
+        assert parse_elements(write_elements([one], form))[0].classification == read

@@ -282,7 +282,7 @@ def _elements(first: ElementLine, second: ElementLine, name: str) -> Elements:
     return Elements(
         name=name,
         catalog_number=number,
-        classification=first.columns(8, 8).strip() or "U",
+        classification=_classification(first),
         designator=_designator(first),
         epoch=_epoch(first),
         inclination_deg=_angle(second, 9, 16, "inclination", 180.0),
@@ -384,6 +384,18 @@ def _catalog_number(line: ElementLine) -> int:
             (3, 7),
         )
     return number
+
+
+def _classification(line: ElementLine) -> str:
+    letter = line.columns(8, 8)
+    # A digit here is the last of a number of six, which no TLE has.
+    if not re.fullmatch(r"[A-Za-z ]", letter, re.ASCII):
+        raise line.error(
+            FieldError,
+            f"classification {letter!r} is no letter, such as U: the columns have shifted, {AGAIN}",
+            (8, 8),
+        )
+    return letter.strip().upper() or "U"
 
 
 def _designator(line: ElementLine) -> str:
