@@ -31,7 +31,7 @@ MJD_JD = 2400000.5
 TT_MINUS_TAI_S = 32.184
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _ISO = re.compile(
-    r"(\d{4})-(\d\d)-(\d\d)"
+    r"(\d{4})-(?:(\d\d)-(\d\d)|(\d{3}))"
     r"(?:[T ](\d\d):(\d\d)(?::(\d\d)(?:[.,](\d{1,18}))?)?)?"
     r" ?(Z|z|UTC|[+-]\d\d:?\d\d)?",
     re.ASCII,
@@ -41,7 +41,7 @@ _ISO = re.compile(
 def has_zone(text: str) -> bool:
     """Tell whether text that `Utc.parse` takes says of which zone it is."""
     match = _ISO.fullmatch(text.strip())
-    return match is not None and match.group(8) is not None
+    return match is not None and match.group(9) is not None
 
 
 class Utc:
@@ -87,21 +87,28 @@ class Utc:
     def parse(cls, text: str) -> Utc:
         """Return the instant that ISO 8601 text names; without a zone it is UTC, other zones are converted.
 
-        A date alone is its 0h; seconds may be left out. 23:59:60 is taken as the following midnight.
+        A date alone is its 0h; seconds may be left out; a date may be that of a day of the year, 2026-275.
+        23:59:60 is taken as the following midnight.
         Raises TimeFormatError.
         """
         match = _ISO.fullmatch(text.strip())
         if match is None:
             raise TimeFormatError(f"{text!r} is no time: write UTC as 2026-10-02T13:05:24.5Z")
-        year, month, day, hour, minute, second = (int(g or 0) for g in match.groups()[:6])
+        year, month, day, of_year, hour, minute, second = (int(g or 0) for g in match.groups()[:7])
         leap = second == 60 and (hour, minute) == (23, 59)
+        if match.group(4):
+            month = day = 1
         try:
             whole = datetime(
-                year, month, day, hour, minute, 59 if leap else second, tzinfo=_zone(match.group(8))
+                year, month, day, hour, minute, 59 if leap else second, tzinfo=_zone(match.group(9))
             )
-        except ValueError as error:
+            if match.group(4):
+                whole += timedelta(days=of_year - 1)
+                if whole.year != year:
+                    raise ValueError("day of the year is out of range")
+        except (ValueError, OverflowError) as error:
             raise TimeFormatError(f"{text!r} is no time: {error}") from None
-        fraction = float(f"0.{match.group(7)}") if match.group(7) else 0.0
+        fraction = float(f"0.{match.group(8)}") if match.group(8) else 0.0
         return cls(_unix_of(whole) + (1.0 if leap else 0.0) + fraction)
 
     @classmethod

@@ -206,6 +206,7 @@ CSV = "utc,ra_deg,dec_deg\n"
         (IOD.replace("20081122", "20081322"), "x:1: '2008-13-22T11:22:33.400Z' is no time"),
         (IOD.replace("4353", "0001"), "x:1: station '0001' is not known"),
         (TDM.replace("ICRF", "B1950").format(ra=1, dec=2), "x:15: reference frame B1950 is none of"),
+        (TDM.replace("2026-275T", "2026-400T").format(ra=1, dec=2), "x:16: '2026-400T13:05:24.5' is no time"),
         (TDM.replace("UTC", "GPS").format(ra=1, dec=2), "x:15: time system GPS is not UTC"),
         (TDM.format(ra="one", dec=2), "x:16: could not convert string to float"),
         (

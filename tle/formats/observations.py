@@ -15,12 +15,11 @@ import json
 import math
 import re
 from dataclasses import dataclass, field
-from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
 from tle.errors import ObservationError, SiteError, SourceError, TimeFormatError
-from tle.instants import DAY_S, Utc, as_utc
+from tle.instants import Utc, as_utc
 from tle.observed import BiasEstimate, Frame, bias_from_observation
 from tle.site import Site
 
@@ -62,7 +61,6 @@ _FRAMES: dict[str, Frame] = {
     "TOD": "of_date",
 }
 _SIGMA = re.compile(r"SIGMA_ARCSEC\s*=\s*(\S+)")
-_DAY_OF_YEAR = re.compile(r"(\d{4})-(\d{3})(T.*)?", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
@@ -535,7 +533,7 @@ def _tdm_observations(segment: _Segment, stations: Stations, source: str) -> lis
         try:
             ra_deg = float(right_ascensions[epoch]) + float(left.get("CORRECTION_ANGLE_1", 0.0))
             dec_deg = float(value) + float(left.get("CORRECTION_ANGLE_2", 0.0))
-            utc = _tdm_time(epoch)
+            utc = Utc.parse(epoch)
         except (ValueError, TimeFormatError) as error:
             raise ObservationError(placed(source, line, str(error))) from None
         site = site_of(stations, station, source, line)
@@ -569,13 +567,3 @@ def _participants(meta: dict[str, str], stations: Stations) -> tuple[str, str]:
         station = names[path[-1] - 1] if path and 0 < path[-1] <= len(names) else (names or [""])[0]
     others = [name for name in names if name != station]
     return station, others[0] if others else ""
-
-
-def _tdm_time(text: str) -> Utc:
-    """Return the instant of a calendar date or of a day of the year."""
-    match = _DAY_OF_YEAR.fullmatch(text)
-    if match is None:
-        return Utc.parse(text)
-    year, day, clock = match.groups()
-    start = Utc.parse(f"{date(int(year), 1, 1).isoformat()}{clock or ''}")
-    return start.plus((int(day) - 1) * DAY_S)

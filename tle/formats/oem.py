@@ -149,10 +149,7 @@ def parse_oem(lines: Lines) -> list[TableEphemeris]:
 
 
 def _made(text: str, otherwise: Utc) -> Utc:
-    match = re.match(r"(\d{4})-(\d{3})T(.*)", text)
     try:
-        if match:
-            return Utc.parse(f"{match[1]}-01-01T{match[3]}").plus(86400.0 * (int(match[2]) - 1))
         return Utc.parse(text)
     except TleError:
         return otherwise
