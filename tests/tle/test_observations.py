@@ -100,11 +100,13 @@ def test_angle_formats_of_iod(fields, ra_deg, dec_deg, sigma_arcsec):
     assert one.sigma_time_s == pytest.approx(0.2)
 
 
-def test_iod_numbers_of_six_digits_stand_as_alpha5():
-    line = "A0534 26 001A   4353 G 20261002130524500 17 15 1122334+112233 36"
-    (one,) = parse_observations(line, STATIONS)
-    assert one.object_key == "A0534"
-    assert find([ELEMENTS, dataclasses.replace(ELEMENTS, catalog_number=100534)], one.object_key) != ELEMENTS
+@pytest.mark.parametrize("number", ["A0534", "100534"])
+def test_iod_numbers_of_six_digits_stand_as_alpha5_or_move_the_columns(number):
+    rest = " 98 067A   4353 G 20261002130524500 17 15 1122334+112233 36"
+    usual, one = parse_observations(f"25544{rest}\n{number}{rest}\n", STATIONS)
+    assert one.object_key == number
+    assert find([ELEMENTS, dataclasses.replace(ELEMENTS, catalog_number=100534)], number) != ELEMENTS
+    assert dataclasses.replace(one, object_key="25544", line=1) == usual
 
 
 TDM = """CCSDS_TDM_VERS = 2.0

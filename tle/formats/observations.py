@@ -30,7 +30,10 @@ if TYPE_CHECKING:
     from tle.elements import Elements
 
 DEFAULT_SIGMA_ARCSEC = 1.0
-_IOD_LINE = re.compile(r"[ 0-9A-HJ-NP-Z][ 0-9]{4} [ 0-9]{2} [ 0-9]{3}[ A-Z]{3} \d{4} [A-Z ] \d{8}", re.ASCII)
+# The number has five columns; programs that print one of six digits move all others by one.
+_IOD_LINE = re.compile(
+    r"([ 0-9A-HJ-NP-Z][ 0-9]{4}|[1-9]\d{5}) [ 0-9]{2} [ 0-9]{3}[ A-Z]{3} \d{4} [A-Z ] \d{8}", re.ASCII
+)
 _HAS_POSITION = 47
 # Angle formats: sexagesimal places of RA and Dec, and the unit of the uncertainty in arcsec.
 _FORMATS = {
@@ -231,12 +234,18 @@ def _read_iod(text: str, stations: Stations, source: str) -> list[Observation]:
     """
     found = []
     for number, line in enumerate(text.splitlines(), start=1):
-        if _IOD_LINE.match(line) and line[_HAS_POSITION:54].strip():
-            found.append(_iod_observation(line, stations, source, number))
+        match = _IOD_LINE.match(line)
+        if match is None:
+            continue
+        usual = line[len(match[1]) - 5 :]
+        if usual[_HAS_POSITION:54].strip():
+            found.append(_iod_observation(match[1], usual, stations, source, number))
     return found
 
 
-def _iod_observation(line: str, stations: Stations, source: str, number: int) -> Observation:
+def _iod_observation(
+    object_number: str, line: str, stations: Stations, source: str, number: int
+) -> Observation:
     def wrong(reason: str) -> ObservationError:
         return ObservationError(placed(source, number, reason))
 
@@ -264,7 +273,7 @@ def _iod_observation(line: str, stations: Stations, source: str, number: int) ->
         -dec_deg if sign == "-" else dec_deg,
         _EPOCHS[epoch],
         site_of(stations, line[16:20], source, number),
-        line[0:5].strip().lstrip("0") or designator,
+        object_number.strip().lstrip("0") or designator,
         None if sigma_arcsec is None else sigma_arcsec * unit_arcsec,
         sigma_time_s,
         source,
