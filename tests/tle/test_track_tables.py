@@ -314,7 +314,16 @@ def test_gaps_and_ends_are_told() -> None:
     assert len(whole.spans) == 1
 
 
+@pytest.mark.parametrize("zone", ["", "+00:00", "+0000"])
+def test_utc_may_be_written_as_a_zone(zone: str) -> None:
+    text = table("utc,alt_deg,az_deg", np.arange(0.0, 30.0), overhead)
+    one, other = (Propagator(read(each), LEIDEN) for each in (text, text.replace("Z,", f"{zone},")))
+    at = Utc(START_S + 12.5)
+    assert one.at(at).az_deg == other.at(at).az_deg
+
+
 ROWS = f"{stamp(0)},10,20\n{stamp(1)},11,21\n"
+PLAIN = ROWS.replace("Z,", "+00:00,")
 
 
 @pytest.mark.parametrize(
@@ -326,6 +335,7 @@ ROWS = f"{stamp(0)},10,20\n{stamp(1)},11,21\n"
         (f"utc,alt_deg,az_deg\n{ROWS}{stamp(2)},91,22\n", "track.csv:4: alt_deg is 91: 90 is the most"),
         (f"utc,alt_deg,az_deg\n{ROWS}{stamp(2)},x,22\n", "track.csv:4: a row: 'x' is no number"),
         (f"utc,alt_deg,az_deg\n{ROWS}2026-02-30T00:00:00Z,1,22\n", "track.csv:4: .* is no time"),
+        (f"utc,alt_deg,az_deg\n{PLAIN}{stamp(2)[:-1]}+01:00,12,22\n", "track.csv:4: .* is no time"),
         (f"utc,alt_deg,az_deg\n{stamp(0)},10,20\n", "track.csv:1: it has not two rows"),
         ("# gap_s: -1\nutc,alt_deg,az_deg\n" + ROWS, "track.csv:1: # gap_s: -1: give a number above 0"),
         ("# frame: b1950\nutc,ra_deg,dec_deg\n" + ROWS, "track.csv:1: frame 'b1950' is not known"),

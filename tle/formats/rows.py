@@ -34,8 +34,8 @@ _LIKE_IT = 20
 _AT_ONCE, _SOME = 10_000, 1 << 20
 _FIRST_YEAR, _LAST_YEAR = 1972, 2100
 _STAMPS = (
-    re.compile(rb"(\d{4})-(\d\d)-(\d\d)T(\d\d):(\d\d):(\d\d)(\.\d*)?Z?"),
-    re.compile(rb"(\d{4})-(\d{3})T(\d\d):(\d\d):(\d\d)(\.\d*)?Z?"),
+    re.compile(rb"(\d{4})-(\d\d)-(\d\d)T(\d\d):(\d\d):(\d\d)(\.\d*)?(?:Z|\+00:?00)?"),
+    re.compile(rb"(\d{4})-(\d{3})T(\d\d):(\d\d):(\d\d)(\.\d*)?(?:Z|\+00:?00)?"),
 )
 # TAI minus each system; of UTC and TDB it changes.
 _TAI_MINUS_S = {
@@ -301,6 +301,8 @@ class Lines:
         if match is None:
             raise self._no_stamp(int(which[0]), stamps[0])
         digit = (stamps[0] >= 48) & (stamps[0] <= 57)
+        # Those of a zone are the same in every row.
+        digit[max(match.end(k + 1) for k in range(len(match.groups()))) :] = False
         same = np.where(digit, (stamps >= 48) & (stamps <= 57), stamps == stamps[0]).all(axis=1)
         if not same.all():
             other = int(np.flatnonzero(~same)[0])
