@@ -196,15 +196,16 @@ def test_one_object_of_several_sources_is_one_even_where_a_source_leaves_its_des
     assert newest([ZARYA, stranger]) == [ZARYA, stranger]
 
 
-def test_objects_without_a_number_are_told_apart_by_their_names():
-    first = dataclasses.replace(ZARYA, name="LAUNCH A", catalog_number=0, designator="")
+@pytest.mark.parametrize("number", [0, 99999])
+def test_objects_without_a_number_are_told_apart_by_their_names(number):
+    first = dataclasses.replace(ZARYA, name="LAUNCH A", catalog_number=number, designator="")
     second = dataclasses.replace(first, name="LAUNCH B", inclination_deg=97.5)
     later = dataclasses.replace(first, epoch=first.epoch.plus(60.0))
     assert newest([first, second, later]) == [later, second]
     assert find([first, second], "launch b") == second
     with pytest.raises(AmbiguousSatelliteError, match="give the name or designator"):
-        find([first, second], "0")
-    with pytest.raises(SatelliteNotFoundError, match=r"did you mean LAUNCH A \(0\)\?"):
+        find([first, second], number)
+    with pytest.raises(SatelliteNotFoundError, match=rf"did you mean LAUNCH A \({number}\)\?"):
         find([first, second], "LAUNCHA1")
     # A designator tells more than a name.
     known = dataclasses.replace(first, designator="2026-150A")
