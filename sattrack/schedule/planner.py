@@ -520,7 +520,7 @@ def _an_hour(asked: Sequence[Candidate], most: int, followed_s: Sequence[float])
             slice(bisect_left(times, first_s), bisect_left(times, first_s + HOUR_S))
             for times in (followed_s, tops_s)
         )
-        left = most - len(followed_s[inside])
+        left = max(0, most - len(followed_s[inside]))
         members = frozenset(one.number for one in ordered[hour])
         # An hour whose passes are all of the one before asks for nothing new.
         if len(members) > left and not (left == most and members <= before):

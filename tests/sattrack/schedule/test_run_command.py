@@ -827,6 +827,11 @@ def test_an_hour_that_was_followed_in_full_takes_no_more(tmp_path: Path) -> None
     assert ("hour full", words) in {(one.reason, one.why) for one in full.lost}
     others = (before[0]._replace(asked_by="another"),)
     assert planned_of(tmp_path, text, made_up_sky(24), 60.0, begin, others).value == free.value
+    # More than the rule takes were followed, as it took more until now: the other hours lose nothing by that.
+    more = (before[0]._replace(culminate_utc_s=utc_s(begin) - 120.0), *before)
+    one, both = (planned_of(tmp_path, text, made_up_sky(24), 180.0, begin, seen) for seen in (before, more))
+    assert both.passes
+    assert both.passes == one.passes
 
 
 def test_an_object_with_a_note_for_a_designator_has_no_year_of_launch(tmp_path: Path) -> None:
