@@ -428,20 +428,12 @@ def _refused(
     schedule = load_schedule(file)
     entries = tuple(entry for entry, is_fresh in zip(schedule.entries, fresh, strict=True) if is_fresh)
     plan, _ = make_plan(replace(schedule, entries=entries), situation, lambda _: known)
-    at = {(int(passes.number[k]), _iso(passes.start_s[k])): int(k) for k in mine.tolist()}
-    taken = [at[p.catalog_number or 0, _short(p.start_utc)] for p in plan.passes]
-    refused = {
-        at[lost.catalog_number or 0, _short(lost.start_utc)]: [
-            taken[number - 1] for number in lost.with_numbers
-        ]
-        for lost in plan.lost
-    }
+    # A pass that is cut by a skyline begins later than it was asked for.
+    at = {str(entry.origin): k for entry, k in zip(schedule.entries, mine.tolist(), strict=True)}
+    taken = [at[one.asked_at] for one in plan.passes]
+    refused = {at[lost.asked_at]: [taken[number - 1] for number in lost.with_numbers] for lost in plan.lost}
     checked |= {pair for pair in pairs if not refused.keys() & set(pair)}
     return list(refused.items())
-
-
-def _short(utc: str) -> str:
-    return Utc.parse(utc).isoformat("seconds")
 
 
 def _iso(utc_s: float) -> str:

@@ -197,6 +197,17 @@ def test_bad_weather_empties_a_station_and_keeps_what_has_begun(
     assert again["value"] < first["value"]
 
 
+def test_passes_that_begin_behind_the_skyline_of_the_settings_are_left_out(
+    network: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "east.horizon").write_text("0 5\n90 35\n180 5\n270 5\n")
+    settings = tmp_path / "sattrack.toml"
+    settings.write_text('[safety]\nhorizon = "east.horizon"\n')
+    every = assigned(network, tmp_path / "every", capsys)
+    some = assigned(network, tmp_path / "some", capsys, "--config", str(settings))
+    assert 5 < len(some["assignments"]) < len(every["assignments"])
+
+
 @pytest.mark.parametrize(
     ("more", "told"),
     [
