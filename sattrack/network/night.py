@@ -56,10 +56,10 @@ class Wishes:
     `priorities` and `seen_s` (POSIX seconds of the last sight) are by catalogue number. A satellite that was
     not seen for `gap_s` is fresh; another pass counts the share `repeat`. Two stations further apart than
     `baseline_km` that look at once add the share `parallax` to either. Passes are followed for `longest_s`
-    around their highest instant; shorter ones than `least_s` do not count, nor do elements older than
-    `oldest_days`. In `any_light` neither the night nor sunlight matter. `closed` are spans of bad weather by
-    station, `begun` the assignments that have begun by `now_s`; nothing else starts before that. `sources`
-    are those of the elements.
+    around their highest instant; those shorter than that and than `least_s` do not count, nor do elements
+    older than `oldest_days`. In `any_light` neither the night nor sunlight matter. `closed` are spans of bad
+    weather by station, `begun` the assignments that have begun by `now_s`; nothing else starts before that.
+    `sources` are those of the elements.
     """
 
     priorities: Mapping[int, float] = field(default_factory=dict)
@@ -205,7 +205,7 @@ def _worth_following(
     start = np.ceil(np.where(is_long, middle - 0.5 * wishes.longest_s, low))
     end = np.floor(np.where(is_long, middle + 0.5 * wishes.longest_s, high))
     useful = end - start
-    keep = useful >= wishes.least_s
+    keep = is_long | (useful >= wishes.least_s)
     if not wishes.any_light:
         keep &= rows["sun_alt_deg"] <= DARK_SUN_DEG
         with np.errstate(invalid="ignore"):

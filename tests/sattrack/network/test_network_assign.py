@@ -12,6 +12,7 @@ from network_builders import START, written
 
 from sattrack.cli.main import run
 from sattrack.network.assign import Assignment, StationPasses, assign, exclusive_sets, greedy
+from tle.instants import Utc
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -195,6 +196,16 @@ def test_bad_weather_empties_a_station_and_keeps_what_has_begun(
         r["station"] == "south" and r["start_utc"] > "2026-10-02T20:30:00Z" for r in first["assignments"]
     )
     assert again["value"] < first["value"]
+
+
+def test_passes_may_be_followed_for_less_than_a_minute(
+    network: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = assigned(network, tmp_path / "night", capsys, "--longest", "45")
+    assert len(found["assignments"]) > 10
+    for one in found["assignments"]:
+        seconds = Utc.parse(one["end_utc"]) - Utc.parse(one["start_utc"])
+        assert seconds == pytest.approx(45.0, abs=1.0)
 
 
 def test_passes_that_begin_behind_the_skyline_of_the_settings_are_left_out(
