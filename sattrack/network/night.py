@@ -17,11 +17,10 @@ from sattrack.network.assign import Assigned, Assignment, StationPasses, assign,
 from sattrack.network.dataset import MANIFEST
 from sattrack.network.search import parquet_modules
 from sattrack.network.stations import station_named
-from sattrack.safety.route import axes_of
 from sattrack.schedule.candidates import Loaded, PlanSituation
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.making import make_plan
-from sattrack.schedule.transitions import ActionCost, Overhead, SlewTransitions
+from sattrack.schedule.transitions import ActionCost, Overhead, SlewTransitions, place_above
 from tle.instants import DAY_S, Utc
 
 if TYPE_CHECKING:
@@ -32,7 +31,6 @@ if TYPE_CHECKING:
 
     from sattrack.mount.model import MountProfile
     from sattrack.network import stations as listed
-    from sattrack.safety.geometry import Place
     from sattrack.safety.limits import SafetyLimits
     from tle.elements import Elements
 
@@ -257,26 +255,17 @@ def _begun(passes: NightPasses, station: str, wishes: Wishes) -> NDArray[np.intp
     )
 
 
-def _axes(altaz_deg: Array, one: Mounted) -> list[Place]:
-    """Return how the axes of a station's mount stand at altitudes and azimuths, shape (n, 2)."""
-    latitude = one.station.latitude_deg
-    alt, az, lat = np.radians(altaz_deg[:, 0]), np.radians(altaz_deg[:, 1]), math.radians(latitude)
-    sine = np.sin(alt) * math.sin(lat) + np.cos(alt) * math.cos(lat) * np.cos(az)
-    turned = np.arctan2(
-        -np.cos(alt) * np.sin(az), np.sin(alt) * math.cos(lat) - np.cos(alt) * math.sin(lat) * np.cos(az)
-    )
-    pairs = zip(np.degrees(turned).tolist(), np.degrees(np.arcsin(sine)).tolist(), strict=True)
-    return [axes_of(ha, dec, one.profile, latitude) for ha, dec in pairs]
-
-
 def _clash(passes: NightPasses, one: Mounted, settle_s: float) -> NDArray[np.bool_]:
     """Return which passes of a station, in order of their ends, do not fit one after the other."""
     count = len(passes.value)
+    mounted = one.station.site, one.profile
+    firsts, lasts = (
+        [place_above(alt, az, *mounted) for alt, az in altaz_deg.tolist()]
+        for altaz_deg in (passes.start_altaz_deg, passes.end_altaz_deg)
+    )
     overheads = [
         Overhead(ActionCost(first, 0.0, first), settle_s, ActionCost(last, 0.0, last))
-        for first, last in zip(
-            _axes(passes.start_altaz_deg, one), _axes(passes.end_altaz_deg, one), strict=True
-        )
+        for first, last in zip(firsts, lasts, strict=True)
     ]
     slews = SlewTransitions.of(overheads, one.profile)
     clash = np.zeros((count, count), dtype=bool)

@@ -71,14 +71,21 @@ class Overhead(NamedTuple):
 def place_of(action: SlewAction, utc_s: float, site: Site, profile: MountProfile) -> Place:
     """Return how the axes stand at an action's direction at an instant, by the profile's rule."""
     if action.alt_deg is not None and action.az_deg is not None:
-        # From the horizon to the equator it is the same turn as back.
-        turned = (action.az_deg, action.alt_deg, site.latitude_deg)
-        hour_angle, dec = azimuth_deg(*turned), altitude_deg(*turned)
-    else:
-        star = find_star(action.star) if action.star is not None else None
-        if star is None:
-            star = StarCoordinates(float(action.ra_deg or 0.0), float(action.dec_deg or 0.0), 0.0, 0.0)
-        hour_angle, dec = hour_angle_and_dec_deg(star, utc_s, site.longitude_deg)
+        return place_above(action.alt_deg, action.az_deg, site, profile)
+    star = find_star(action.star) if action.star is not None else None
+    if star is None:
+        star = StarCoordinates(float(action.ra_deg or 0.0), float(action.dec_deg or 0.0), 0.0, 0.0)
+    return _place(*hour_angle_and_dec_deg(star, utc_s, site.longitude_deg), site, profile)
+
+
+def place_above(alt_deg: float, az_deg: float, site: Site, profile: MountProfile) -> Place:
+    """Return how the axes stand at an altitude and azimuth, degrees, by the profile's rule."""
+    # From the horizon to the equator it is the same turn as back.
+    turned = (az_deg, alt_deg, site.latitude_deg)
+    return _place(azimuth_deg(*turned), altitude_deg(*turned), site, profile)
+
+
+def _place(hour_angle: float, dec: float, site: Site, profile: MountProfile) -> Place:
     if profile.frame is not None:
         hour_angle, dec, _, _ = profile.frame.angles(hour_angle, dec)
     return axes_of(hour_angle, dec, profile, horizon_latitude_deg(profile, site.latitude_deg))

@@ -8,10 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from network_builders import START, written
 
 from sattrack.cli.main import run
+from sattrack.mount.geometry import AxisGeometry
+from sattrack.mount.model import MountProfile, SitePlace
+from sattrack.network import night
 from sattrack.network.assign import Assignment, StationPasses, assign, exclusive_sets, greedy
+from sattrack.network.night import Mounted, NightPasses
+from sattrack.network.stations import Station
+from sattrack.safety.limits import SafetyLimits
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -129,6 +136,20 @@ def test_each_pair_that_clashes_is_in_one_exclusive_set_and_no_other_pair() -> N
     clash = station.clash[np.ix_(order, order)]
     pairs = {pair for one in exclusive_sets(clash) for pair in combinations(sorted(one.tolist()), 2)}
     assert pairs == {(a, b) for a, b in combinations(range(60), 2) if clash[a, b]}
+
+
+def test_slews_between_passes_are_those_of_the_stations_own_axes() -> None:
+    station = Station("north", 52.0, 4.5)
+    sky, seconds = np.array([[52.0, 355.0], [52.0, 5.0]]), np.array([0.0, 100.0])
+    # Both are 3° from the celestial pole, on either side: 180° apart in hour angle, 10° in azimuth.
+    two = NightPasses(
+        *(np.zeros(2, dtype=np.intp), np.array([1, 2]), np.array(["A", "B"]), seconds, seconds + 85.0),
+        *(np.ones(2), sky, sky),
+    )
+    altaz = replace(MountProfile(), geometry=AxisGeometry(180.0, 90.0), stands_at=SitePlace(52.0, 4.5))
+    for profile, clashes in ((MountProfile(), True), (altaz, False)):
+        found = night._clash(two, Mounted(station, profile, SafetyLimits()), 5.0)
+        assert found.tolist() == [[False, clashes], [clashes, False]]
 
 
 @pytest.fixture(scope="module")
