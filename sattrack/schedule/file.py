@@ -424,7 +424,9 @@ def read_table(text: str, zone: tzinfo, origin: Origin) -> list[FixedLine]:
     Commas, semicolons or tabs part the fields. Raises BadInputError with line and column.
     """
     lines = text.splitlines()
-    first = next((number for number, line in enumerate(lines) if line.strip()), None)
+    first = next(
+        (k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")), None
+    )
     if first is None:
         raise origin.wrong("the table is empty: its first line names the columns satellite,start,end")
     mark = max(",;\t", key=lines[first].count)

@@ -19,7 +19,7 @@ def utc_s(text: str) -> float:
 
 def test_a_table_is_read_whatever_parts_its_fields_and_orders_its_columns() -> None:
     table = (
-        "\n\nEnd;Satellite;start;priority\n# a comment\n"
+        "\n# made by hand, on 1 October\nEnd;Satellite;start;priority\n# a comment\n"
         "2026-10-02T01:05:00Z;ISS (ZARYA);2026-10-02T01:00:00Z;7\n"
     )
     with_commas = 'start,end,satellite\n\n2026-10-02 01:00:00,2026-10-02 01:05:00,"DEB, OLD"\n'
