@@ -7,7 +7,7 @@ of a list is start, end and satellite, parted by blanks:
     2026.275.19:40:10    2026.275.19:46:00    25544          # day of year, as VLBI schedules have it
 
 A time without a zone of its own is of the file's `timezone`. Times that a zone's clock skips or shows twice,
-when summer time begins or ends, are refused with what may have been meant.
+when summer time begins or ends, are refused with what may have been meant; those of daily windows are not.
 """
 
 from __future__ import annotations
@@ -304,18 +304,18 @@ def _windows(entry: PassEntry, key: tuple[str, int], at: KeyPositions, zone: tzi
         if high <= low:
             raise places[1].wrong("the window ends before it starts; swap from and to")
         return lambda span: [(low, high)] if low < span[1] and high > span[0] else []
+    begin, end = (
+        _time_of_day(text, zone, where) for text, where in zip((entry.from_, entry.to), places, strict=True)
+    )
+    return lambda span: daily_windows(begin, end, span)
+
+
+def _time_of_day(text: str, zone: tzinfo, where: Origin) -> tuple[time, tzinfo]:
+    """Return the time of day that a text names, and its zone. Raises BadInputError."""
     try:
-        begin, end = parse_time_of_day(entry.from_, zone), parse_time_of_day(entry.to, zone)
+        return parse_time_of_day(text, zone)
     except ValueError as error:
-        raise places[0].wrong(str(error)) from None
-
-    def each_day(span: tuple[float, float]) -> list[tuple[float, float]]:
-        try:
-            return daily_windows(begin, end, span)
-        except ValueError as error:
-            raise places[0].wrong(str(error)) from None
-
-    return each_day
+        raise where.wrong(str(error)) from None
 
 
 def _fixed_entry(
@@ -584,22 +584,19 @@ def daily_windows(
 ) -> list[tuple[float, float]]:
     """Return the windows between two times of day that touch a span, POSIX seconds of UTC, not clipped.
 
-    A window ends when a clock shows its end next: past midnight where that is not after its beginning. Raises
-    ValueError where a time of day of one of them is passed over, or comes twice.
+    A window ends when a clock shows its end next: past midnight where that is not after its beginning. Of a
+    time that a clock shows twice the first counts; one that it skips is as long after midnight as on other
+    days (RFC 5545, 3.3.5).
     """
     first = Utc(span[0]).datetime().astimezone(begin[1]).date() - timedelta(days=1)
     last = Utc(span[1]).datetime().astimezone(begin[1]).date()
     found = []
     for number in range((last - first).days + 1):
         day = first + timedelta(days=number)
-        opens = datetime.combine(day, begin[0], begin[1])
-        closes = _next_time(end, opens)
-        # Days on which the window does not touch the span are none of the plan's: their clocks do not count.
-        if not (min(_both_folds_s(opens)) < span[1] and max(_both_folds_s(closes)) > span[0]):
-            continue
-        low = float(in_zone(opens.replace(tzinfo=None), begin[1]).unix_s)
-        high = float(in_zone(closes.replace(tzinfo=None), end[1]).unix_s)
-        if low < span[1] and high > span[0]:
+        opens = datetime.combine(day, *begin)
+        low, high = opens.timestamp(), _next_time(end, opens).timestamp()
+        # One that begins in a skipped hour and ends with it is none.
+        if low < min(span[1], high) and high > span[0]:
             found.append((low, high))
     return found
 
@@ -608,11 +605,6 @@ def _next_time(wanted: tuple[time, tzinfo], after: datetime) -> datetime:
     """Return the first instant after another at which a zone's clock shows a time of day."""
     days = (after.date() + timedelta(days=k) for k in (-1, 0, 1, 2))
     return next(one for one in (datetime.combine(day, *wanted) for day in days) if one > after)
-
-
-def _both_folds_s(at: datetime) -> tuple[float, float]:
-    """Return the POSIX seconds that a time may mean; they differ where a clock skips it or shows it twice."""
-    return at.replace(fold=0).timestamp(), at.replace(fold=1).timestamp()
 
 
 def in_zone(naive: datetime, zone: tzinfo) -> Utc:

@@ -102,6 +102,7 @@ def utc_s(text: str) -> float:
             "night.toml:4:6: from and to are two times of day, or two",
         ),
         (ISS + "from = 2026-10-03\nto = 2026-10-02\n", "night.toml:4:6: the window ends before it starts"),
+        (ISS + 'from = "22:00"\nto = "25:00"\n', "night.toml:4:7: '25:00' is no time of day: hour must be"),
         (
             'timezone = "Europe/Amsterdm"\n' + ISS,
             "night.toml:1:13: timezone: there is no time zone 'Europe/Amst",
@@ -256,26 +257,30 @@ def test_windows_come_each_day_in_the_files_zone(tmp_path: Path) -> None:
     ]
 
 
-def test_a_daily_time_that_a_clock_passes_over_is_refused(tmp_path: Path) -> None:
-    text = 'timezone = "Europe/Amsterdam"\n' + ISS + "from = 02:30:00\nto = 05:00:00\n"
+@pytest.mark.parametrize(
+    ("day", "times", "hours"),
+    [
+        # Clocks are put forward on 28 March 2027 at 1h UTC, from 2h to 3h.
+        ("2027-03-27", ("02:30", "05:00"), (25.5, 27.0)),
+        ("2027-03-27", ("22:00", "02:30"), (21.0, 25.5)),
+        ("2027-03-27", ("02:15", "02:45"), (25.25, 25.75)),
+        ("2027-03-27", ("02:30", "03:00"), None),
+        # They are put back on 25 October 2026 at 1h UTC, from 3h to 2h.
+        ("2026-10-24", ("02:30", "05:00"), (24.5, 28.0)),
+        ("2026-10-24", ("22:00", "02:30"), (20.0, 24.5)),
+        ("2026-10-23", ("02:30", "05:00"), (24.5, 27.0)),
+        ("2026-10-25", ("02:30", "05:00"), (25.5, 28.0)),
+    ],
+)
+def test_daily_times_that_a_clock_skips_or_shows_twice_cost_no_night(
+    tmp_path: Path, day: str, times: tuple[str, str], hours: tuple[float, float] | None
+) -> None:
+    text = f'timezone = "Europe/Amsterdam"\n{ISS}from = "{times[0]}"\nto = "{times[1]}"\n'
     windows = loaded(tmp_path, text).entries[0].windows
     assert windows is not None
-    assert len(windows((utc_s("2027-03-20T00:00:00Z"), utc_s("2027-03-21T00:00:00Z")))) == 1
-    with pytest.raises(BadInputError, match=r"4:8: 2027-03-28 02:30:00 in Europe/Amsterdam never comes"):
-        windows((utc_s("2027-03-27T00:00:00Z"), utc_s("2027-03-29T00:00:00Z")))
-
-
-def test_a_daily_time_that_a_clock_shows_twice_costs_no_other_night(tmp_path: Path) -> None:
-    text = 'timezone = "Europe/Amsterdam"\n' + ISS + "from = 02:30:00\nto = 05:00:00\n"
-    windows = loaded(tmp_path, text).entries[0].windows
-    assert windows is not None
-    # Clocks are put back on 25 October: the windows on either side of that are like others.
-    for day, low, high in ((23, 24.5, 27.0), (25, 25.5, 28.0), (26, 25.5, 28.0)):
-        noon = utc_s(f"2026-10-{day}T12:00:00Z")
-        midnight = noon - 43_200.0
-        assert windows((noon, noon + 86_400.0)) == [(midnight + low * 3600.0, midnight + high * 3600.0)]
-    with pytest.raises(BadInputError, match="2026-10-25 02:30:00 in Europe/Amsterdam comes twice"):
-        windows((utc_s("2026-10-24T12:00:00Z"), utc_s("2026-10-25T12:00:00Z")))
+    midnight = utc_s(f"{day}T00:00:00Z")
+    wanted = [] if hours is None else [(midnight + hours[0] * 3600.0, midnight + hours[1] * 3600.0)]
+    assert windows((midnight + 43_200.0, midnight + 129_600.0)) == wanted
 
 
 def test_a_daily_window_of_two_zones_ends_when_the_second_clock_shows_its_end_next(tmp_path: Path) -> None:
