@@ -88,9 +88,9 @@ class Candidate:
 
     `start_utc_s` to `end_utc_s` is all that may be followed of it; where it may be shortened it is entered
     by `latest_start_utc_s` and left from `earliest_end_utc_s` on. `culminate_utc_s` is its highest instant
-    between start and end. `useful` are the stretches that count. `lost` says why it is none, kind and words,
-    None where it may be chosen. One that `may_join` is entered late where the mount cannot be there at its
-    start from the plan's beginning; `late_s` is by how much.
+    between start and end, `max_alt_deg` its altitude then. `useful` are the stretches that count. `lost` says
+    why it is none, kind and words, None where it may be chosen. One that `may_join` is entered late where the
+    mount cannot be there at its start from the plan's beginning; `late_s` is by how much.
     """
 
     number: int
@@ -440,6 +440,10 @@ class EntrySearch:
             file=named.file if named else None,
         )
         why = lost or next(self._reasons(made, facts), None)
+        if top != float(one.seen.culminate_utc.unix_s):
+            # The conditions are on the whole pass; what is told is of what may be followed.
+            there = Propagator(one.elements, self._situation.site, place="geometric").at(Utc(top))
+            made = replace(made, max_alt_deg=float(there.alt_deg))
         if why is None and terms.if_elements_old == "run":
             age = self._too_old(made)
             made = made if age is None else replace(made, notes=(age,))

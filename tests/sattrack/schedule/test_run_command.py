@@ -380,6 +380,21 @@ def test_a_satellite_that_is_always_up_is_followed_once_in_each_nights_window(
         assert one["start_utc"][11:16] >= "22:30" or one["end_utc"][11:16] <= "00:30"
 
 
+def test_a_pass_whose_top_lies_outside_its_window_has_the_altitude_that_it_has_within(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str
+) -> None:
+    # The ISS is highest, at 81.3°, at 13:05:24.
+    text = (
+        "from = 2026-10-02T10:00:00Z\nto = 2026-10-02T20:00:00Z\n[[passes]]\nsatellite = 'ISS'\n"
+        "where = 'culminates above 80°'\nif_sun_up = 'run'\nfrom = 13:06:40\nto = 13:30:00\nshorten = true\n"
+    )
+    (one,) = planned(capsys, tmp_path, text, sky)["passes"]
+    assert one["culminate_utc"] == one["start_utc"] == "2026-10-02T13:06:40.000Z"
+    there = Propagator(demo_pass.elements(), Site(52.1541, 4.4908, 0.0)).at(Utc(utc_s(one["start_utc"])))
+    assert one["max_alt_deg"] == pytest.approx(float(there.alt_deg), abs=0.05)
+    assert one["max_alt_deg"] < 45.0
+
+
 def test_the_same_pass_by_two_entries_is_taken_once(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str
 ) -> None:
