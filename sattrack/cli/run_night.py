@@ -102,6 +102,8 @@ class NightPlans:
         rehearse = rehearser(self.context, self.profile, schedule) if self.rehearse else None
         load = loader(self.context, schedule)
         plan, chosen = make_plan(schedule, situation, load, rehearse, progress())
+        for note in plan.notes:
+            tell(note)
         passes = tuple(_night_pass(k + 1, one, schedule, load) for k, one in enumerate(chosen))
         others = Counter(one.reason for one in plan.lost)
         return Planned(utc_s=now_utc_s, passes=passes, others=dict(sorted(others.items())))

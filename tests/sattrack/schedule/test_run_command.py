@@ -416,6 +416,11 @@ def test_a_rule_that_matches_nothing_is_told_and_ends_nothing(
     assert notes[0].startswith("night.toml:3:1: all, named NOAA*: matches no object: ")
     assert notes[0].endswith("sky.tle holds 25, none whose name matches 'NOAA*'")
     assert notes[1].startswith("night.toml:5:1: all, culminates above 89.9°: no pass meets it: ")
+    # A run tells the same when it plans a night.
+    words = ["run", str(tmp_path / "night.toml"), "--virtual", "--mount", "sim", "--elements", sky]
+    assert run([*words, *LEIDEN]) == 0
+    told = capsys.readouterr().err.replace("sattrack: ", "").replace(f"{tmp_path}/", "").splitlines()
+    assert set(notes) <= set(told)
 
 
 def test_only_the_most_valuable_of_very_many_are_weighed(
