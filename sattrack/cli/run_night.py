@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections import Counter
 from dataclasses import dataclass, replace
@@ -85,6 +86,12 @@ class NightPlans:
     journal: Journal | None = None
     schedule: Schedule | None = None
     """The schedule that was planned last, None before any was."""
+    run_to_utc_s: float = math.inf
+    """The end of the last night."""
+
+    def take(self, settings: RunSettings) -> None:
+        """Take what a run's settings say of its end."""
+        self.run_to_utc_s = math.inf if settings.to_utc_s is None else settings.to_utc_s
 
     def make(self, begin_utc_s: float, end_utc_s: float, now_utc_s: float) -> Planned:
         """Return the plan of a night, empty for one that is over.
@@ -95,6 +102,8 @@ class NightPlans:
             return Planned(utc_s=now_utc_s, passes=(), words="the night was over before it could begin")
         schedule = self.schedule = load_schedule(self.file)
         situation = situation_of(self.context, schedule, self.profile, (begin_utc_s, end_utc_s), now_utc_s)
+        # Another night follows, which could not begin with a pass that this one ends within.
+        situation = replace(situation, whole_until_utc_s=max(end_utc_s, self.run_to_utc_s))
         asked = (entry.conditions for entry in schedule.entries)
         counts = any(c.once_a_run or c.once_a_night or c.most_an_hour is not None for c in asked)
         if counts and self.journal is not None:
@@ -234,6 +243,7 @@ def _driven(
     """Take the journal up and carry the schedule out; return how that ended."""
     folder, schedule = requests.folder, checked.schedule
     plans = NightPlans(context, file, checked.profile, options["rehearse"])
+    plans.take(checked.settings)
     files = NightFiles(folder, str(file))
     taken = open_run(folder, float(context.now().unix_s), durable=not options["virtual"])
     plans.journal = taken.journal
@@ -242,6 +252,7 @@ def _driven(
 
     def read_again() -> tuple[Schedule, RunSettings]:
         again = check_schedule(context, file, options)
+        plans.take(again.settings)
         if reporter.notifier is not None and tasks is not None:
             reporter.notifier = Notifier(again.schedule.notify, file.absolute().parent, tasks)
         return again.schedule, again.settings

@@ -80,6 +80,8 @@ class PlanSituation:
     workers: int = 1
     stars: str | None = None
     """The file of all stars of the Hipparcos catalogue, where there is one."""
+    whole_until_utc_s: float | None = None
+    """Until when passes by fixed times that begin in the span and must be whole may last; None: its end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +181,10 @@ class EntrySearch:
         self._load = load
         chosen = self._chosen()
         if entry.fixed is not None:
-            clipped = (max(entry.fixed[0], span[0]), min(entry.fixed[1], span[1]))
+            last, until = span[1], self._situation.whole_until_utc_s
+            if until is not None and entry.fixed[0] < last and not entry.terms.shorten:
+                last = until
+            clipped = (max(entry.fixed[0], span[0]), min(entry.fixed[1], last))
             if clipped != entry.fixed and not (entry.terms.shorten and clipped[0] < clipped[1]):
                 return [self._not_fixed(chosen[0], CUT, "not whole within the plan's time")]
             windows, span = [clipped], clipped

@@ -110,6 +110,26 @@ def test_a_table_whose_times_count_from_t0_is_scheduled_by_the_t0_that_it_gives(
     assert one["rms_arcsec"] < 0.1
 
 
+def test_fixed_times_across_noon_are_followed_whole_by_the_night_in_which_they_begin(capsys, tmp_path):
+    # The mean noon of Leiden is at 11:42:02 UTC.
+    file = tmp_path / "noon.toml"
+    file.write_text(
+        "from = 2026-10-02T11:00:00Z\nto = 2026-10-02T18:00:00Z\npark_at_end = false\n"
+        "[[fixed]]\nsatellite = 'Vega'\nif_sun_up = 'run'\n"
+        "start = 2026-10-02T11:41:55Z\nend = 2026-10-02T11:42:10Z\n"
+    )
+    site = ("--site", "52.1541,4.4908,0")
+    assert run(["run", str(file), "--virtual", "--mount", "sim", *site]) == 0
+    capsys.readouterr()
+    first, second = sorted((tmp_path / "noon.run" / "summaries").glob("*.txt"))
+    assert " 15 of 15 " in first.read_text()
+    assert "0 of 0 passes done" in second.read_text()
+    # Where a plan or a run ends there is no night for the rest.
+    assert run(["run", str(file), "--dry-run", "--json", "--to", "2026-10-02T11:42:00Z", *site]) == 0
+    (lost,) = json.loads(capsys.readouterr().out)["lost"]
+    assert lost["reason"] == "cut"
+
+
 @pytest.mark.parametrize(
     ("entry", "words"),
     [
