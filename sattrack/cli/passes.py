@@ -44,6 +44,16 @@ _FEWEST_FOR_PROGRESS = 2000
 _OLD_DAYS = 14.0
 _LINES_AT_ONCE = 2000
 _SORTS = ("rise", "altitude", "magnitude", "rate", "name")
+_OF_PASSES = {
+    "sunlit": "--sunlit",
+    "dark": "--dark",
+    "feasible": "--feasible",
+    "judged": "--judged",
+    "max_rate_deg_s": "--max-rate",
+    "faintest": "--magnitude",
+    "plot": "--plot",
+}
+"""Options that choose among passes, or show them, and say nothing of transits."""
 
 
 @click.command("passes")
@@ -207,6 +217,9 @@ def _check(options: dict[str, Any]) -> None:
     rate = options["max_rate_deg_s"]
     if rate is not None and not rate > 0.0:
         raise BadInputError(f"--max-rate {rate}: give degrees a second above 0")
+    given = [option for name, option in _OF_PASSES.items() if options[name] not in (None, False)]
+    if options["transits"] and given:
+        raise BadInputError(f"{given[0]} is for passes, and --transits lists all transits: leave one away")
 
 
 def _chosen(
