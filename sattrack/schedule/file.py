@@ -276,7 +276,9 @@ def _pass_entry(
             raise at.key(*key, "min_altitude_deg").wrong("the rule says 'above' already; keep one of the two")
         terms = msgspec.structs.replace(terms, min_altitude_deg=conditions.above_deg)
     if conditions.sun_below_deg is not None:
-        terms = msgspec.structs.replace(terms, sun_up_deg=min(terms.sun_up_deg, conditions.sun_below_deg))
+        # It takes the place of our default, not of what the file sets.
+        set_deg = terms_of(entry, defaults, sun_up_deg=conditions.sun_below_deg).sun_up_deg
+        terms = msgspec.structs.replace(terms, sun_up_deg=min(set_deg, conditions.sun_below_deg))
     return ScheduleEntry(
         label=entry.name or label,
         origin=at.key(*key),

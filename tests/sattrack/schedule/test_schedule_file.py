@@ -206,6 +206,23 @@ def test_what_an_entry_says_goes_before_the_defaults(tmp_path: Path) -> None:
     assert third.fixed == (utc_s("2026-10-02T01:00:00Z"), utc_s("2026-10-02T01:05:00Z"))
 
 
+@pytest.mark.parametrize(
+    ("defaults", "own", "condition", "sun_up_deg"),
+    [
+        ("", "", "sun below 40°", 40.0),
+        ("", "", "sun below -12°", -12.0),
+        ("sun_up_deg = -8", "", "sun below 40°", -8.0),
+        ("sun_up_deg = -8", "sun_up_deg = 3", "sun below 40°", 3.0),
+        ("sun_up_deg = -8", "sun_up_deg = 3", "dark", -6.0),
+    ],
+)
+def test_a_condition_on_the_sun_takes_the_place_of_what_nobody_has_set(
+    tmp_path: Path, defaults: str, own: str, condition: str, sun_up_deg: float
+) -> None:
+    text = f'[defaults]\n{defaults}\n[[passes]]\nrule = "all, {condition}"\n{own}\n'
+    assert loaded(tmp_path, text).entries[0].terms.sun_up_deg == sun_up_deg
+
+
 def test_paths_are_beside_the_file_that_names_them(tmp_path: Path) -> None:
     (tmp_path / "sub").mkdir()
     written(tmp_path / "sub", '[[passes]]\nrule = "all of sky.tle, dark"\n', "b.toml")
