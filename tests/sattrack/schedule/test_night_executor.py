@@ -172,6 +172,7 @@ def test_a_webhook_is_posted_the_facts_as_json_and_its_failures_are_said() -> No
         server.code = 500
         assert post(url, {}, 60.0) == "answered 500"
     assert str(post(url, {}, 60.0)).startswith("cannot be posted to: ")
+    assert str(post(f"{url}/a b", {}, 60.0)).startswith("cannot be posted to: URL can't contain")
 
 
 def test_those_to_be_notified_hear_of_what_they_want_to_hear_and_nothing_else(tmp_path: Path) -> None:
