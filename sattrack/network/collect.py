@@ -50,8 +50,8 @@ def collect(
 ) -> Collected:
     """Read what all stations delivered, and fit each satellite's orbit to it.
 
-    What is unreadable, or of an unknown satellite, is reported and left out. Raises BadInputError where no
-    station delivered anything.
+    What is unreadable, or of an unknown satellite, is reported and left out, and so are satellites whose
+    elements do not reach to what was seen. Raises BadInputError where no station delivered anything.
     """
     found = Collected()
     sites = Stations({one.name: one.site for one in stations})
@@ -75,7 +75,11 @@ def collect(
             by_number.setdefault(number, []).append(one)
     for number, seen in sorted(by_number.items()):
         seen.sort(key=lambda one: float(one.utc.unix_s))
-        fit = fit_observations(find(elements, str(number)), seen)
+        try:
+            fit = fit_observations(find(elements, str(number)), seen)
+        except TleError as error:
+            tell(f"{error}; its elements stay")
+            continue
         if fit is None:
             tell(f"{number}: its {len(seen)} observations agree on no orbit near its elements, which stay")
         else:

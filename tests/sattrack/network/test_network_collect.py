@@ -94,6 +94,23 @@ def test_elements_and_biases_follow_from_what_all_stations_saw(
         assert refined.at(EPOCH.plus(at)).range_km == pytest.approx(true.at(EPOCH.plus(at)).range_km, abs=0.3)
 
 
+def test_a_wrong_date_costs_no_other_satellite_its_fit(
+    delivered: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    elements = delivered / "more.tle"
+    elements.write_text(write_elements([*made_up(3)[:3], made_up(3)[-1]], "tle"))
+    late = "utc,ra_deg,dec_deg,object\n2029-10-02T20:00:00Z,10,20,95003\n2029-10-02T20:00:10Z,11,21,95003\n"
+    (delivered / "delivered" / "north" / "wrong.csv").write_text(late)
+    words = ["network", "collect", str(delivered / "delivered"), "--elements", str(elements), "--json"]
+    stations = ["--stations", str(delivered / "stations.toml")]
+    assert run([*words, *stations, "--out", str(delivered / "out")]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["refined"] == [90001]
+    assert "DECAYING (95003) cannot be propagated to 2029-10-02T20:00:" in err
+    rows = parquet.read_table(delivered / "out" / "observations").to_pylist()
+    assert [one["used"] for one in rows if one["catalog_number"] == 95003] == [False, False]
+
+
 def test_nothing_delivered_is_one_line(delivered: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (delivered / "empty").mkdir()
     words = ["network", "collect", str(delivered / "empty"), "--stations", str(delivered / "stations.toml")]
