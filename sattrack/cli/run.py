@@ -20,7 +20,7 @@ from sattrack.core.errors import BadInputError
 
 
 @click.command("run")
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
 @click.option("--dry-run", is_flag=True, help="Make the plan and show it; nothing is moved.")
 @click.option("--status", is_flag=True, help="Show the state of this schedule's run.")
 @click.option(

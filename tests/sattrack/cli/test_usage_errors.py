@@ -226,6 +226,7 @@ bias {tle} --observations x --plot x.docx       | give one of .png, .svg
 bias {tle} --observations x --output /nowhere/x | make it first
 run {night} --dry-run --plot /nowhere/p.png     | make it first
 run {night} --dry-run --ics adir                | --ics adir: is a folder; give a file
+run .                                           | is a folder; give a file
 track ISS {at} --mount sim --record /nowhere/x  | make it first
 track ISS {at} --mount sim --learn-profile adir | is a folder; give a file
 demo --record adir                              | is a folder; give a file
@@ -239,7 +240,7 @@ passes {at} --config adir                       | adir: cannot read the settings
 report adir                                     | Is a directory; give a file
 replay adir                                     | Is a directory; give a file
 recording info adir                             | Is a directory; give a file
-run adir                                        | Is a directory; give a file
+run adir                                        | is a folder; give a file
 bias {tle} --observations adir                  | give a file
 passes {at} --horizon adir                      | is a folder; give a file
 rehearse ISS {at} --profile adir                | Is a directory; give a file
