@@ -216,7 +216,7 @@ def assign(
     mounted = [_mounted(context, one) for one in stations]
     wishes = _wishes(context, stations, closed, options)
     elements = {one.catalog_number: one for one in context.elements()}
-    passes = read_passes(data, mounted, wishes, elements)
+    passes = read_passes(data, mounted, wishes, elements, tell)
     try:
         out.mkdir(parents=True, exist_ok=True)
         span = data_set_span(data)

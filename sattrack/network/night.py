@@ -151,25 +151,35 @@ def data_set_span(folder: Path) -> Span:
 
 
 def read_passes(
-    folder: Path, stations: Sequence[Mounted], wishes: Wishes, elements: Mapping[int, Elements]
+    folder: Path,
+    stations: Sequence[Mounted],
+    wishes: Wishes,
+    elements: Mapping[int, Elements],
+    tell: Callable[[str], None],
 ) -> NightPasses:
     """Return the passes of a data set that are worth following, the most valuable of each station.
 
-    Raises BadInputError for a folder that is no data set, or lacks a station.
+    `tell` takes how many are left out as their elements are too old. Raises BadInputError for a folder that
+    is no data set, or lacks a station.
     """
     span = data_set_span(folder)
-    found = []
+    found, too_old = [], 0
     for index, one in enumerate(stations):
         place = folder / f"station={one.station.name}"
         if not place.is_dir():
             raise BadInputError(f"{folder}: holds no passes over the station {one.station.name!r}")
         some = _worth_following(_read(place), index, one, wishes, span)
         ages = np.array([_age_days(elements, k, t) for k, t in zip(some.number, some.end_s, strict=True)])
-        some = some.take(np.flatnonzero(ages <= wishes.oldest_days))
+        is_old = ages > wishes.oldest_days
+        too_old += int(np.count_nonzero(is_old))
+        some = some.take(np.flatnonzero(~is_old))
         order = np.lexsort((some.number, some.start_s, -some.value))[:MOST_A_STATION]
         begun = _begun(some, one.station.name, wishes)
         some = some.take(np.union1d(order, begun))
         found.append(some)
+    if too_old:
+        days = f"{wishes.oldest_days:g} days"
+        tell(f"{too_old} passes left out: their elements are more than {days} from them, or are not given")
     return NightPasses(
         *(np.concatenate([getattr(one, name) for one in found]) for name in NightPasses.__slots__)
     )

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace as replace_elements
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from network_builders import START, written
+from network_builders import START, made_up, written
 
 from sattrack.cli.main import run
 from sattrack.mount.geometry import AxisGeometry
@@ -20,6 +21,7 @@ from sattrack.network.night import Mounted, NightPasses
 from sattrack.network.stations import Station
 from sattrack.safety.limits import SafetyLimits
 from tle.instants import Utc
+from tle.sources import write_elements
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -227,6 +229,19 @@ def test_passes_may_be_followed_for_less_than_a_minute(
     for one in found["assignments"]:
         seconds = Utc.parse(one["end_utc"]) - Utc.parse(one["start_utc"])
         assert seconds == pytest.approx(45.0, abs=1.0)
+
+
+def test_passes_by_old_elements_are_left_out_with_a_word(
+    network: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    old = [replace_elements(one, epoch=one.epoch.plus(-8.0 * 86_400.0)) for one in made_up(12)]
+    elements = tmp_path / "old.tle"
+    elements.write_text(write_elements([*old[:-4], *made_up(12)[-4:]], "tle"))
+    where = ["--stations", str(network / "stations.toml"), "--passes", str(network / "passes")]
+    words = ["network", "assign", *where, "--any-light", "--out", str(tmp_path / "night"), "--seconds", "2"]
+    assert run([*words, "--elements", str(elements)]) == 0
+    told = capsys.readouterr().err
+    assert "passes left out: their elements are more than 7 days from them, or are not given" in told
 
 
 def test_passes_that_begin_behind_the_skyline_of_the_settings_are_left_out(
