@@ -30,7 +30,6 @@ from tle.elements import Elements
 from tle.errors import ObservationError
 from tle.instants import DAY_S, Utc
 from tle.observed import bias_from_observation
-from tle.propagator import Propagator
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -40,6 +39,7 @@ if TYPE_CHECKING:
     from sattrack.recording.format import Recording
     from sattrack.recording.trace import Trace
     from sattrack.views.messages import ObservationMessage
+    from tle.propagator import Propagator
 
 AT_LIMIT = 0.98
 """Of an axis' greatest rate, or acceleration, what counts as asking for all of it."""
@@ -325,18 +325,15 @@ def find_biases(recording: Recording, run: Trace) -> tuple[BiasFit | None, BiasF
 
     A mount that follows shows nothing of the satellite: without observations nothing is fitted.
     """
-    spec = run.engine.spec
-    elements, site = spec.propagator.elements, spec.propagator.site
-    airless = Propagator(elements, site)
-    observed = []
-    for seen in observations(recording, elements.catalog_number):
-        one = _observed_bias(seen, spec.propagator if seen.frame == "of_date" else airless)
-        if one is not None:
-            observed.append(one)
+    steering = run.engine.tracker.steering
+    propagator = steering.biases.course.propagator
+    seen = observations(recording, propagator.elements.catalog_number)
+    found = (_observed_bias(one, steering.clocks.correction_s(one.camera), propagator) for one in seen)
+    observed = [one for one in found if one is not None]
     fit = fit_biases(observed)
     if fit is None:
         return None, _nudged(recording, run)
-    range_km = float(airless.at(Utc(fit.utc_s + fit.along.value)).range_km)
+    range_km = float(propagator.at(Utc(fit.utc_s + fit.along.value)).range_km)
     figures = BiasFigures(
         source="observations",
         utc=Utc(fit.utc_s).isoformat("milliseconds"),
@@ -350,14 +347,17 @@ def find_biases(recording: Recording, run: Trace) -> tuple[BiasFit | None, BiasF
         cross_drift_km_s=fit.cross.drift,
         cross_drift_sigma_km_s=fit.cross.drift_sigma,
         observations=fit.taken,
-        rejected=fit.rejected + len(observations(recording, elements.catalog_number)) - len(observed),
+        rejected=fit.rejected + len(seen) - len(observed),
     )
     return fit, figures
 
 
-def _observed_bias(seen: ObservationMessage, propagator: Propagator) -> ObservedBias | None:
-    """Return the biases by one observation; None where no bias leads from the elements to it."""
-    t = Utc.parse(seen.utc)
+def _observed_bias(seen: ObservationMessage, late_s: float, propagator: Propagator) -> ObservedBias | None:
+    """Return the biases by one observation; None where no bias leads from the elements to it.
+
+    `late_s` is by how much its camera's clock is ahead.
+    """
+    t = Utc.parse(seen.utc).plus(-late_s)
     try:
         found = bias_from_observation(
             propagator, seen.ra_deg, seen.dec_deg, t, FRAMES[seen.frame], seen.sigma_arcsec

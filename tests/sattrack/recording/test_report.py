@@ -40,7 +40,7 @@ from sattrack.runtime.flight import fly_virtual
 from sattrack.safety import SafetyLimits
 from sattrack.settings import SiteSettings
 from sattrack.views.formatting import summary_lines
-from sattrack.views.messages import Go, Message, Nudge, Pause, StopNow
+from sattrack.views.messages import Go, Message, Nudge, ObservationMessage, Pause, SolvedField, StopNow
 from tle.bias import Bias
 from tle.formats.observations import Stations, read_observations
 from tle.instants import Utc
@@ -595,6 +595,45 @@ def test_a_pause_and_the_way_back_are_counted_apart(
     times = report_of(tmp_path / "paused.mcap", capsys)["times"]
     assert times["paused_s"] == pytest.approx(summary.paused_s, abs=0.3)
     assert times["rejoining_s"] == pytest.approx(summary.rejoining_s, abs=0.3)
+
+
+def test_the_dates_of_a_camera_are_corrected_as_in_the_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The stars show its clock to be 0.3 s ahead before it sees the satellite."""
+    rng, messages = random.Random(6), list[tuple[float, Message]]()
+    for at in np.arange(-25.0, 26.0, 0.5).tolist():
+        found = solution(CULMINATION_S + at, rng, Bias() if at < -5.0 else BIAS, 2.0)
+        utc, place = (
+            Utc(CULMINATION_S + at + 0.3).isoformat("microseconds"),
+            (found["ra_deg"], found["dec_deg"]),
+        )
+        among_stars = SolvedField(utc, *place, 2.0, "guide")
+        of_it = ObservationMessage(utc, *place, "icrs", 2.0, camera="guide")
+        messages.append((at + 0.5, among_stars if at < -5.0 else of_it))
+    summary = flown(tmp_path / "clock.mcap", messages=tuple(messages))
+    assert summary.loop is not None
+    assert summary.loop.clocks[0].corrected_s == pytest.approx(0.3, abs=0.02)
+    bias = report_of(tmp_path / "clock.mcap", capsys)["bias"]
+    assert bias["observations"] > 50
+    assert bias["along_s"] == pytest.approx(BIAS.along_s, abs=0.02)
+
+
+def test_places_of_date_have_air_in_them_only_where_the_run_feeds_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seen = Propagator(demo_pass.elements(), demo_pass.SITE.place())
+    messages = list[tuple[float, Message]]()
+    for at in range(-12, 8, 4):
+        true = seen.at(Utc(CULMINATION_S + at), BIAS)
+        utc = Utc(CULMINATION_S + at).isoformat("microseconds")
+        messages.append(
+            (at, ObservationMessage(utc, float(true.ra_deg), float(true.dec_deg), "of_date", 1.0))
+        )
+    flown(tmp_path / "air.mcap", messages=tuple(messages), min_alt_deg=75.0, does_refraction=True)
+    bias = report_of(tmp_path / "air.mcap", capsys)["bias"]
+    assert bias["along_s"] == pytest.approx(BIAS.along_s, abs=1e-4)
+    assert bias["cross_deg"] == pytest.approx(BIAS.cross_deg, abs=1e-4)
 
 
 def test_a_jump_of_a_bias_is_no_ripple_of_a_motor(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
