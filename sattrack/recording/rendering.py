@@ -434,7 +434,8 @@ def figures(run: Trace, fit: BiasFit | None) -> dict[str, Any]:
         found["Rates commanded"] = _rates(run)
     if run.following.any():
         found["Innovations of the smoothing filter"] = _innovations(at, tracks)
-        found["Sky"] = _sky(run)
+        if len(run.sky_utc_s):
+            found["Sky"] = _sky(run)
         if (repeats := _repeats(run)) is not None:
             found["What repeats with the axes' angles"] = repeats
     if len(run.utc_s) > 1:

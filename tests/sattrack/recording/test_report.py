@@ -243,6 +243,17 @@ def test_several_files_show_their_trend_in_order_of_time(
     assert run(["report", str(short), str(observed), "--tdm", str(tmp_path / "x.tdm")]) == 2
 
 
+def test_a_pass_that_was_followed_for_a_moment_is_drawn_as_far_as_it_went(tmp_path: Path) -> None:
+    """In less than a second there may be none of the places that the chart of the sky shows."""
+    path, plots = tmp_path / "brief.mcap", tmp_path / "plots"
+    span = ("--clock", "2026-10-02T13:05:15Z", "--to", "2026-10-02T13:05:23Z", "--min-alt", "78")
+    assert run(["track", "25544", "--virtual", "--mount", "sim", *span, "--record", str(path)]) == 0
+    assert run(["report", str(path), "--plot", str(plots)]) == 0
+    drawn = {one.name for one in plots.iterdir()}
+    assert "brief-error-along-and-across-the-track.png" in drawn
+    assert "brief-sky.png" not in drawn
+
+
 def test_plots_of_recordings_of_one_name_lie_side_by_side(
     short: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
