@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
@@ -235,8 +236,13 @@ class _Columns:
         if seen is not None and seen.stages is not None:
             self._stages |= {stage.utc_s: stage for stage in seen.stages}
             self.acquired |= any(stage.doing in ACQUIRED for stage in seen.stages)
-        for one in self.samples[len(self.doing) :]:
-            if self._stages:
+        first = len(self.doing)
+        before = self.samples[first - 1 : first] or self.samples[:1]
+        for last, one in pairwise([*before, *self.samples[first:]]):
+            if not 0.0 < one.columns[0] - last.columns[0] < LONGEST_STEP_S:
+                # The run counts neither its first sample nor one that follows a silence.
+                doing, held = RunStage.OTHER, ""
+            elif self._stages:
                 doing, held = self._recorded(one.columns[0])
             else:
                 now = one.situation

@@ -34,8 +34,10 @@ from sattrack.recording.fits import (
     spectrum,
 )
 from sattrack.recording.format import COMMAND, STATUS, Recording
+from sattrack.recording.recorder import Recorder
+from sattrack.recording.replay import replay
 from sattrack.runtime import demo_pass
-from sattrack.runtime.facts import RunRequest, prepare
+from sattrack.runtime.facts import RunRequest, engine_of, prepare
 from sattrack.runtime.flight import fly_virtual
 from sattrack.safety import SafetyLimits
 from sattrack.settings import SiteSettings
@@ -645,6 +647,25 @@ def test_places_of_date_have_air_in_them_only_where_the_run_feeds_it(
     bias = report_of(tmp_path / "air.mcap", capsys)["bias"]
     assert bias["along_s"] == pytest.approx(BIAS.along_s, abs=1e-4)
     assert bias["cross_deg"] == pytest.approx(BIAS.cross_deg, abs=1e-4)
+
+
+def test_a_sample_after_a_silence_counts_as_little_as_in_the_run(
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, recording = tmp_path / "silent.mcap", Recording(short)
+    with path.open("wb") as stream:
+        recorder = Recorder(stream, recording.header.spec)
+        silent_s = CULMINATION_S + 4.0
+        for entry in recording.entries():
+            if entry.topic != STATUS or not silent_s < entry.utc_s < silent_s + 0.7:
+                recorder.write(*entry)
+        recorder.close()
+    counted = replay(Recording(path), engine_of).replayed
+    told = report_of(path, capsys)
+    assert (told["samples"], told["error"]["rms_arcsec"]) == (
+        counted.samples,
+        pytest.approx(counted.rms_arcsec, rel=1e-9),
+    )
 
 
 def test_a_jump_of_a_bias_is_no_ripple_of_a_motor(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
