@@ -75,8 +75,8 @@ Row = dict[str, Any]
 def rows(recording: Recording, table: str) -> Iterator[Row]:
     """Give a table's rows: instants as ISO 8601 UTC and as POSIX seconds, fields by the names of the paper.
 
-    `status` (by arrival), `command` (with what was sent once more), `operator`, `view`. Datagrams and
-    messages that are none are left out.
+    `status` (by arrival), `command` (with what was sent once more), `operator` (by arrival; `message_utc` is
+    the instant that a message is about), `view`. Datagrams and messages that are none are left out.
     """
     for entry in recording.entries():
         row: Row = {"utc": Utc(entry.utc_s).isoformat("microseconds"), "utc_s": entry.utc_s}
@@ -91,6 +91,8 @@ def rows(recording: Recording, table: str) -> Iterator[Row]:
             elif entry.topic == table and table in {OPERATOR, VIEW}:
                 value = msgspec.json.decode(entry.data)
                 if isinstance(value, dict):
+                    if "utc" in value:
+                        value["message_utc"] = value.pop("utc")
                     yield row | flat(value)
         except (DatagramError, msgspec.MsgspecError, *NO_JSON):
             continue
@@ -130,9 +132,9 @@ def error_columns(run: Trace) -> dict[str, list[Any]]:
 
 
 def table_of(recording: Recording, table: str) -> dict[str, list[Any]]:
-    """Return a table by columns; rows that lack a column have None there."""
+    """Return a table by columns; rows that lack a column have None there. Without rows it has two columns."""
     found = list(rows(recording, table))
-    names = dict.fromkeys(name for row in found for name in row)
+    names = dict.fromkeys(("utc", "utc_s", *(name for row in found for name in row)))
     return {name: [row.get(name) for row in found] for name in names}
 
 

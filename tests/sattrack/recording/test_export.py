@@ -23,6 +23,7 @@ from sattrack.runtime import demo_pass
 from sattrack.views.messages import StopNow
 from tle.errors import ObservationError
 from tle.formats.observations import Stations, read_observations
+from tle.instants import Utc
 from tle.site import Site
 
 if TYPE_CHECKING:
@@ -122,6 +123,19 @@ def test_csv_holds_the_numbers_of_the_datagrams(
     assert "error.total_arcsec" in views.read_text().splitlines()[0].split(",")
 
 
+def test_a_message_has_its_arrival_and_the_instant_that_it_is_about(short: Path, tmp_path: Path) -> None:
+    seen = with_words(tmp_path / "seen.mcap", short, [*SEEN[:1], '{"type":"nudge","along_s":0.5}'])
+    table = table_of(Recording(seen), OPERATOR)
+    assert [Utc.parse(utc).unix_s for utc in table["utc"]] == pytest.approx(table["utc_s"], abs=1e-6)
+    assert table["message_utc"] == ["2026-10-02T13:05:20.250000Z", None]
+
+
+def test_a_table_without_rows_has_its_head(short: Path, tmp_path: Path) -> None:
+    out = tmp_path / "operator.csv"
+    assert run(["recording", "export", str(short), str(out), "--table", "operator"]) == 0
+    assert out.read_text() == "utc,utc_s\n"
+
+
 def test_messages_that_are_none_are_left_out_of_tables(short: Path, tmp_path: Path) -> None:
     path = tmp_path / "odd.mcap"
     with path.open("wb") as stream:
@@ -156,7 +170,6 @@ def test_parquet_holds_what_csv_holds(short: Path, tmp_path: Path) -> None:
     assert table["dec_deg"] == [struct.unpack_from("<d", e.data, 24)[0] for e in entries]
 
 
-@pytest.mark.usefixtures("traced_once")
 @pytest.mark.usefixtures("traced_once")
 def test_a_reports_figures_can_be_made_again_from_the_exported_errors(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
