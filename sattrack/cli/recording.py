@@ -48,6 +48,7 @@ from sattrack.views.formatting import iso_unix_s
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from sattrack.control.engine import Engine
     from sattrack.recording.fits import BiasFit
     from sattrack.recording.format import Recording, RecordingView
     from sattrack.recording.report import Report
@@ -181,20 +182,27 @@ def _write(kind: str, recording: Recording, facts: RunFacts, out: Path, table: s
         {"csv": write_csv, "json": write_json, "parquet": write_parquet}[kind](columns, out)
 
 
-def write_tdm(recording: Recording, facts: RunFacts, out: Path) -> None:
-    """Write the observations in a recording as a TDM; raises SattrackError where there are none."""
-    from sattrack.recording.export import seen_in, tdm_text
+def write_tdm(recording: Recording, facts: RunFacts, out: Path, engine: Engine | None = None) -> None:
+    """Write the observations in a recording as a TDM; raises SattrackError where there are none.
+
+    `engine` is that of its run made again, where that is available.
+    """
+    from sattrack.recording.export import knowing, seen_in, tdm_text
+    from sattrack.recording.format import observations
 
     if facts.elements is None:
         raise SattrackError(
             f"{recording.path}: a TDM is written of a satellite with elements, not of {facts.target.label}"
         )
-    seen = seen_in(recording, facts.elements.catalog_number)
-    if not seen:
+    count = len(observations(recording, facts.elements.catalog_number))
+    if not count:
         raise SattrackError(
             f"{recording.path}: it holds no observation, so there is nothing for a TDM: where a mount points "
             "says nothing about the satellite"
         )
+    seen = seen_in(recording, engine or knowing(recording, engine_of))
+    if len(seen) < count:
+        tell(f"{count - len(seen)} of {count} observations are nowhere near the orbit, and are left out")
     text = tdm_text(seen, facts.elements, facts.site.place(), time.time(), "observed with sattrack")
     try:
         out.write_text(text)
@@ -272,9 +280,9 @@ def report(context: CommandContext, files: tuple[Path, ...], **options: Any) -> 
     found = []
     for number, file in enumerate(files):
         recording, facts = open_recording(file, options["part"])
-        if tdm is not None:
-            write_tdm(recording, facts, tdm)
         run = trace(recording, engine_of, share_progress(number, len(files)))
+        if tdm is not None:
+            write_tdm(recording, facts, tdm, run.engine)
         report, fit = make_report(recording, run)
         kept = None if fit is None else keep_fit(fit, run.engine.spec, options["bias_memory"])
         if kept is not None:

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.files import replace_file
 from sattrack.network.search import parquet_modules
-from sattrack.recording.export import seen_in
-from sattrack.runtime.facts import open_recording
+from sattrack.recording.export import knowing, seen_in
+from sattrack.runtime.facts import engine_of, open_recording
 from tle.errors import AmbiguousSatelliteError, ObservationError, SatelliteNotFoundError, TleError
 from tle.formats.observations import Observation, Stations, read_observations
 from tle.formats.omm_notations import covariance_kvn, write_kvn
@@ -97,7 +97,7 @@ def _read(file: Path, sites: Stations, elements: Sequence[Elements]) -> Iterator
     if facts.elements is None:
         raise SattrackError(f"{file}: its target has no elements")
     number = facts.elements.catalog_number
-    for seen in seen_in(recording, number):
+    for seen in seen_in(recording, knowing(recording, engine_of)):
         at = Utc(seen.utc_s)
         place, sigma = facts.site.place(), seen.sigma_arcsec
         frame: Any = "icrf" if seen.frame == "icrs" else seen.frame

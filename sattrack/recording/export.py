@@ -42,26 +42,31 @@ from sattrack.recording.format import (
     STATUS,
     SUMMARY,
     VIEW,
+    messages,
     observations,
     to_ns,
 )
 from sattrack.recording.recorder import Recorder
-from sattrack.views.messages import FRAMES
+from sattrack.recording.trace import trace
+from sattrack.views.messages import FRAMES, ObservationMessage, SolvedField
 from tle.earth import EarthOrientation, to_tirs
+from tle.errors import ObservationError
 from tle.instants import Utc
-from tle.observed import apparent_unit
+from tle.observed import apparent_unit, bias_from_observation
 from tle.site import Site
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
     from typing import BinaryIO
 
     from numpy.typing import NDArray
 
+    from sattrack.control.engine import Engine
     from sattrack.recording.format import Recording
     from sattrack.recording.trace import Trace
     from tle.elements import Elements
+    from tle.propagator import Propagator
 
     Columns = dict[str, list[Any]]
 
@@ -496,9 +501,38 @@ def _time(utc_s: float) -> str:
     return Utc(utc_s).isoformat("microseconds").removesuffix("Z")
 
 
-def seen_in(recording: Recording, catalog_number: int) -> list[SeenDirection]:
-    """Return the observations of a run as directions."""
-    return [
-        SeenDirection(float(Utc.parse(one.utc).unix_s), one.ra_deg, one.dec_deg, one.frame, one.sigma_arcsec)
-        for one in observations(recording, catalog_number)
-    ]
+def knowing(recording: Recording, build: Callable[[msgspec.Raw], Engine]) -> Engine:
+    """Return a run's engine that knows what `seen_in` needs: the run is made again where that takes it."""
+    for _, message in messages(recording):
+        of_date = isinstance(message, ObservationMessage) and message.frame == "of_date"
+        if of_date or isinstance(message, SolvedField):
+            return trace(recording, build).engine
+    return build(recording.header.spec)
+
+
+def seen_in(recording: Recording, engine: Engine) -> list[SeenDirection]:
+    """Return the observations of a run as directions, dated without what its cameras' clocks were wrong by.
+
+    Those of date are without the air and the mount's errors that the run may feed; one that is nowhere near
+    the orbit is left out. `engine` is that of `knowing`, or of the run made again.
+    """
+    steering = engine.tracker.steering
+    propagator = steering.biases.course.propagator
+    found = []
+    for one in observations(recording, propagator.elements.catalog_number):
+        t = Utc.parse(one.utc).plus(-steering.clocks.correction_s(one.camera))
+        place = one.ra_deg, one.dec_deg
+        if one.frame == "of_date":
+            try:
+                place = _unbent(propagator, place, t)
+            except ObservationError:
+                continue
+        found.append(SeenDirection(float(t.unix_s), *place, one.frame, one.sigma_arcsec))
+    return found
+
+
+def _unbent(propagator: Propagator, place_deg: tuple[float, float], t: Utc) -> tuple[float, float]:
+    """Return the apparent place without air of what a mount is fed for it. Raises ObservationError."""
+    bias = bias_from_observation(propagator, *place_deg, t).bias
+    seen = propagator.with_place("apparent").at(t, bias)
+    return float(seen.ra_deg), float(seen.dec_deg)

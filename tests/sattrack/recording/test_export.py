@@ -24,6 +24,8 @@ from sattrack.views.messages import StopNow
 from tle.errors import ObservationError
 from tle.formats.observations import Stations, read_observations
 from tle.instants import Utc
+from tle.propagator import Propagator
+from tle.refraction import Refraction
 from tle.site import Site
 
 if TYPE_CHECKING:
@@ -280,6 +282,23 @@ def test_a_tdm_gives_the_observations_back_to_a_reader_of_its_own(short: Path, t
         ("2026-10-02T13:05:21.500Z", 202.5, 32.25, "icrf"),
     ]
     assert found[0].object_key == "1998-067A"
+
+
+def test_places_of_date_are_without_air_in_a_tdm(short: Path, tmp_path: Path) -> None:
+    """What an observer reports in the frame of the mount has the air in it that the run feeds."""
+    propagator = Propagator(demo_pass.elements(), demo_pass.SITE.place(), refraction=Refraction.standard(0.0))
+    utc = Utc.parse("2026-10-02T13:05:20.250000Z")
+    fed, airless = propagator.at(utc), propagator.with_place("apparent").at(utc)
+    words = (
+        f'{{"type":"observation","utc":"{utc.isoformat()}","ra_deg":{fed.ra_deg},"dec_deg":{fed.dec_deg},'
+        '"frame":"of_date","sigma_arcsec":2.0}'
+    )
+    out = tmp_path / "seen.tdm"
+    assert run(["recording", "export", str(with_words(tmp_path / "s.mcap", short, [words])), str(out)]) == 0
+    (found,) = read_observations(out, Stations({}, demo_pass.SITE.place()))
+    assert found.frame == "of_date"
+    assert abs(float(fed.dec_deg) - found.dec_deg) > 5.0 / 3600.0
+    assert (found.ra_deg, found.dec_deg) == pytest.approx((airless.ra_deg, airless.dec_deg), abs=1e-5)
 
 
 def test_without_observations_there_is_no_tdm_and_the_reason_is_told(

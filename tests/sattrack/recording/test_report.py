@@ -630,6 +630,9 @@ def test_the_dates_of_a_camera_are_corrected_as_in_the_run(
     bias = report_of(tmp_path / "clock.mcap", capsys)["bias"]
     assert bias["observations"] > 50
     assert bias["along_s"] == pytest.approx(BIAS.along_s, abs=0.02)
+    assert run(["report", str(tmp_path / "clock.mcap"), "--tdm", str(tmp_path / "seen.tdm")]) == 0
+    first = read_observations(tmp_path / "seen.tdm", Stations({}, demo_pass.SITE.place()))[0]
+    assert float(first.utc.unix_s) == pytest.approx(CULMINATION_S - 5.0, abs=0.02)
 
 
 def test_places_of_date_have_air_in_them_only_where_the_run_feeds_it(
