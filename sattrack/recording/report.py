@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 
+from sattrack.control.biases import ALONG, CROSS
 from sattrack.control.stages import KEYHOLE, RATE, STOPPED, RunStage, measuring
 from sattrack.core import local_time
 from sattrack.mount.model import whole_title
@@ -25,7 +26,7 @@ from sattrack.recording.fits import (
 )
 from sattrack.recording.format import messages, observations
 from sattrack.safety import ROWS
-from sattrack.views.messages import FRAMES, Nudge, OffsetBy
+from sattrack.views.messages import FRAMES, Nudge, OffsetBy, Search
 from tle.elements import Elements
 from tle.errors import ObservationError
 from tle.instants import DAY_S, Utc
@@ -380,13 +381,15 @@ def _nudged(recording: Recording, run: Trace) -> BiasFigures | None:
     """Return the bias that was in force after the operator's last word about it; None without one."""
     last_utc_s = None
     for utc_s, message in messages(recording):
-        if isinstance(message, Nudge | OffsetBy):
+        if isinstance(message, Nudge | Search) or (
+            isinstance(message, OffsetBy) and message.what in (ALONG, CROSS)
+        ):
             last_utc_s = utc_s
     if last_utc_s is None:
         return None
     goals = run.engine.tracker.steering.biases.totals(float(run.utc_s[-1]) if len(run.utc_s) else last_utc_s)
     at = Utc(last_utc_s).isoformat("milliseconds")
-    return BiasFigures("nudge", at, *goals)
+    return BiasFigures("nudge", at, *goals) if any(goals) else None
 
 
 GAIN_OFF = 0.002

@@ -33,7 +33,7 @@ from sattrack.recording.fits import (
     smooth_track,
     spectrum,
 )
-from sattrack.recording.format import COMMAND, STATUS, Recording
+from sattrack.recording.format import COMMAND, OPERATOR, STATUS, Recording
 from sattrack.recording.recorder import Recorder
 from sattrack.recording.replay import replay
 from sattrack.runtime import demo_pass
@@ -183,26 +183,29 @@ def test_without_observations_a_nudge_is_told_as_one_and_nothing_as_nothing(
     assert report_of(short, capsys)["bias"] is None
     assert run(["report", str(short)]) == 0
     assert "a mount that follows shows nothing of the satellite" in capsys.readouterr().out
-    nudged = nudge(tmp_path / "nudged.mcap", short)
+    nudged = nudge(tmp_path / "nudged.mcap", short, b'{"type":"nudge","along_s":0.25}')
     bias = report_of(nudged, capsys)["bias"]
     assert bias["source"] == "nudge"
     assert bias["along_s"] == pytest.approx(0.25)
     assert bias["along_sigma_s"] is None
     assert run(["report", str(nudged)]) == 0
     assert "the operator's last nudge" in capsys.readouterr().out
+    # What moves the axes, or was taken away again, is no bias of the satellite.
+    axis = b'{"type":"offset","what":"dec_axis_deg","how":"add","value":0.01}'
+    taken_away = b'{"type":"nudge","along_s":0.25}', b'{"type":"clear_bias"}'
+    for number, words in enumerate(((axis,), taken_away)):
+        assert report_of(nudge(tmp_path / f"{number}.mcap", short, *words), capsys)["bias"] is None
 
 
-def nudge(path: Path, short: Path) -> Path:
-    from sattrack.recording.format import OPERATOR, Recording
-    from sattrack.recording.recorder import Recorder
-
+def nudge(path: Path, short: Path, *words: bytes) -> Path:
     recording = Recording(short)
     with path.open("wb") as stream:
         recorder = Recorder(stream, recording.header.spec)
         for number, entry in enumerate(recording.entries()):
             recorder.write(*entry)
             if number == 300:
-                recorder.write(OPERATOR, entry.utc_s, b'{"type":"nudge","along_s":0.25}')
+                for line in words:
+                    recorder.write(OPERATOR, entry.utc_s, line)
         recorder.close()
     return path
 
