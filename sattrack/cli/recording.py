@@ -39,7 +39,7 @@ from sattrack.recording.export import (
     write_as_it_is,
 )
 from sattrack.recording.rendering import TREND_HEADS, all_rows, report_html, trend_rows
-from sattrack.recording.report import make_report
+from sattrack.recording.report import make_report, unused
 from sattrack.recording.trace import trace
 from sattrack.runtime.bias_memory import keep_fit
 from sattrack.runtime.facts import SAME_SITE_DEG, engine_of, open_recording
@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from sattrack.control.engine import Engine
+    from sattrack.recording.export import Columns
     from sattrack.recording.fits import BiasFit
     from sattrack.recording.format import Recording, RecordingView
     from sattrack.recording.report import Report
@@ -178,8 +179,16 @@ def _write(kind: str, recording: Recording, facts: RunFacts, out: Path, table: s
     elif kind == "tdm":
         write_tdm(recording, facts, out)
     else:
-        columns = error_columns(trace(recording, engine_of)) if table == ERROR else table_of(recording, table)
+        columns = _errors(recording) if table == ERROR else table_of(recording, table)
         {"csv": write_csv, "json": write_json, "parquet": write_parquet}[kind](columns, out)
+
+
+def _errors(recording: Recording) -> Columns:
+    """Return the table of errors; a message says where it ends before the recording does."""
+    run = trace(recording, engine_of)
+    for text in unused(run, "the table"):
+        tell(text)
+    return error_columns(run)
 
 
 def write_tdm(recording: Recording, facts: RunFacts, out: Path, engine: Engine | None = None) -> None:

@@ -170,12 +170,15 @@ class Report(msgspec.Struct, frozen=True):
     """What the axes of `ra` and `dec` are called: of a mount with a geometry "first axis", "second axis"."""
 
 
-def _unused(run: Trace) -> tuple[str, ...]:
-    """Return from when on a recording with a gap is not used: what the run knew after it is not known."""
+def unused(run: Trace, what: str) -> tuple[str, ...]:
+    """Return from when on a recording with a gap is not used: what the run knew after it is not known.
+
+    `what` is what is made of it, in words.
+    """
     if run.result.stopped_utc_s is None:
         return ()
     at = local_time.clock(run.result.stopped_utc_s)
-    return (f"this report ends at {at}, where messages are missing; what came after that is not used",)
+    return (f"{what} ends at {at}, where messages are missing; what came after that is not used",)
 
 
 def make_report(recording: Recording, run: Trace) -> tuple[Report, BiasFit | None]:
@@ -200,7 +203,7 @@ def make_report(recording: Recording, run: Trace) -> tuple[Report, BiasFit | Non
         ra=ra,
         dec=dec,
         advice=(),
-        problems=(*recording.problems, *_unused(run)),
+        problems=(*recording.problems, *unused(run, "this report")),
         acquired=run.acquired,
         missed=missed,
         times=times,

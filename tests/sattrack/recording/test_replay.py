@@ -242,6 +242,11 @@ def test_a_gap_ends_the_comparison_where_it_is(
     # A report has what came before it, and says so.
     assert run(["report", str(damaged)]) == 0
     assert "where messages are missing; what came after that is not used" in capsys.readouterr().out
+    # So does the table of its errors.
+    assert run(["recording", "export", str(damaged), str(tmp_path / "e.csv"), "--table", "error"]) == 0
+    told = capsys.readouterr().err.splitlines()
+    assert told[-1].startswith("sattrack: the table ends at ")
+    assert told[-1].endswith(", where messages are missing; what came after that is not used")
 
 
 def test_the_command_says_what_it_compared_and_exits_0(
