@@ -44,9 +44,10 @@ from sattrack.recording.trace import trace
 from sattrack.runtime.bias_memory import keep_fit
 from sattrack.runtime.facts import SAME_SITE_DEG, engine_of, open_recording
 from sattrack.views.formatting import iso_unix_s
+from tle.errors import TleError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from sattrack.control.engine import Engine
     from sattrack.recording.export import Columns
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
     from sattrack.recording.trace import Trace
     from sattrack.runtime.facts import RunFacts
 
+    _Reported = tuple[Recording, RunFacts, Trace, Report, BiasFit | None]
 
 _path = click.Path(path_type=Path)
 
@@ -269,8 +271,9 @@ def write_tdm(recording: Recording, facts: RunFacts, out: Path, engine: Engine |
 def report(context: CommandContext, files: tuple[Path, ...], **options: Any) -> int:
     """Report what recorded passes show: error, link, gains, delays, the satellite's biases, what to change.
 
-    Several files also give the trend over them. Biases are fitted from the observations that came in during
-    the run; without observations, the operator's last nudge is reported as such.
+    Several files also give the trend over them; one that cannot be read is left out, with the exit code 2.
+    Biases are fitted from the observations that came in during the run; without observations, the operator's
+    last nudge is reported as such.
 
     --learn-profile takes two passes or more with a camera. It finds errors of the axes that repeat in a turn,
     and corrects the pointing model, where passes that are held out of the fit become better by it.
@@ -281,28 +284,29 @@ def report(context: CommandContext, files: tuple[Path, ...], **options: Any) -> 
       sattrack report tonight.mcap --output tonight.html
       sattrack report night1.mcap night2.mcap --learn-profile mount.toml
     """
-    html_file, folder, tdm = options["html_file"], options["folder"], options["tdm"]
-    if tdm is not None and len(files) > 1:
+    html_file, folder = options["html_file"], options["folder"]
+    if options["tdm"] is not None and len(files) > 1:
         raise BadInputError("--tdm takes one recording at a time")
     if options["profile"] is not None and options["learn_profile"] is None:
         raise BadInputError("--profile is what --learn-profile corrects: give that too, or neither")
-    found = []
+    found, code = [], 0
     for number, file in enumerate(files):
-        recording, facts = open_recording(file, options["part"])
-        run = trace(recording, engine_of, share_progress(number, len(files)))
-        if tdm is not None:
-            write_tdm(recording, facts, tdm, run.engine)
-        report, fit = make_report(recording, run)
-        kept = None if fit is None else keep_fit(fit, run.engine.spec, options["bias_memory"])
-        if kept is not None:
-            tell(f"bias memory: {kept}")
-        found.append((recording, facts, run, report, fit))
+        try:
+            found.append(_reported(file, share_progress(number, len(files)), options))
+        except (SattrackError, TleError) as error:
+            if len(files) == 1:
+                raise
+            renew()
+            tell(f"left out: {error}")
+            code = max(code, error.exit_code)
     renew()
     reports = [report for _, _, _, report, _ in found]
+    if not reports:
+        return code
     if html_file is not None or folder is not None:
         _draw(found, html_file, folder)
     if context.json:
-        click.echo(msgspec.json.encode(reports if len(reports) > 1 else reports[0]).decode())
+        click.echo(msgspec.json.encode(reports if len(files) > 1 else reports[0]).decode())
     else:
         for report in reports:
             show(table("", "", rows=all_rows(report)), *([""] if len(reports) > 1 else []))
@@ -311,7 +315,20 @@ def report(context: CommandContext, files: tuple[Path, ...], **options: Any) -> 
     if options["learn_profile"] is not None:
         passes = [(recording, facts, run) for recording, facts, run, _, _ in found]
         _learn(passes, options["learn_profile"], options["profile"])
-    return 0
+    return code
+
+
+def _reported(file: Path, progress: Callable[[float], None] | None, options: dict[str, Any]) -> _Reported:
+    """Return one recording's report with all that it was made from. Raises SattrackError, TleError."""
+    recording, facts = open_recording(file, options["part"])
+    run = trace(recording, engine_of, progress)
+    if options["tdm"] is not None:
+        write_tdm(recording, facts, options["tdm"], run.engine)
+    report, fit = make_report(recording, run)
+    kept = None if fit is None else keep_fit(fit, run.engine.spec, options["bias_memory"])
+    if kept is not None:
+        tell(f"bias memory: {kept}")
+    return recording, facts, run, report, fit
 
 
 def _learn(passes: Sequence[tuple[Recording, RunFacts, Trace]], target: Path, base: Path | None) -> None:
@@ -352,7 +369,7 @@ def _learn(passes: Sequence[tuple[Recording, RunFacts, Trace]], target: Path, ba
 
 
 def _draw(
-    found: Sequence[tuple[Recording, RunFacts, Trace, Report, BiasFit | None]],
+    found: Sequence[_Reported],
     html_file: Path | None,
     folder: Path | None,
 ) -> None:

@@ -27,7 +27,7 @@ from sattrack.cli.common import (
     tui_possible,
 )
 from sattrack.control.engine_view import view_of
-from sattrack.core.errors import BadInputError
+from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.process import self_command
 from sattrack.recording.format import COMMAND, VIEW
 from sattrack.recording.replay import Choice, replay, replay_lines, replay_view
@@ -114,7 +114,7 @@ def command(context: CommandContext, files: tuple[Path, ...], **options: Any) ->
     """Run recorded inputs through today's code and compare every output.
 
     A recording is the same to the last byte, equivalent (with its largest difference), or not the same. The
-    exit code is 1 if one of them is not the same, else 0.
+    exit code is 1 if one of them is not the same, 2 if one of several cannot be read, else 0.
 
     Outputs are compared byte by byte if code, libraries and kind of processor are those of the recording.
     Otherwise commands may differ by 1e-9 °/s, and for another version's code only figures are compared. --set
@@ -135,7 +135,7 @@ def command(context: CommandContext, files: tuple[Path, ...], **options: Any) ->
     if len(files) > 1 and (shown or options["settings"] or options["law"]):
         raise BadInputError("--tui, --stream, --set and --law take one recording at a time")
     if len(files) > 1:
-        return max([_compare(context, file, options["part"], name=True) for file in files])
+        return max([_compare_named(context, file, options["part"]) for file in files])
     (file,) = files
     if options["tui"]:
         return _with_tui(file, context, options)
@@ -173,6 +173,16 @@ def _compare(context: CommandContext, file: Path, part: int, name: bool = False)
             lines = [f"{file}: {lines[0]}", *(f"  {line}" for line in lines[1:])]
         say("\n".join(lines))
     return 0 if result.agrees else 1
+
+
+def _compare_named(context: CommandContext, file: Path, part: int) -> int:
+    """Replay one of several recordings; where it cannot be read, tell that, and return the exit code."""
+    try:
+        return _compare(context, file, part, name=True)
+    except (SattrackError, TleError) as error:
+        renew()
+        tell(str(error))
+        return error.exit_code
 
 
 def _try(context: CommandContext, recording: Recording, facts: RunFacts, law: ControlLaw) -> int:

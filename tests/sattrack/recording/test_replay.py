@@ -259,6 +259,23 @@ def test_the_command_says_what_it_compared_and_exits_0(
     assert "compared byte for byte: the same code, libraries and kind of processor" in told
 
 
+def test_of_several_one_that_cannot_be_read_does_not_keep_the_others(
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    empty = tmp_path / "empty.mcap"
+    empty.touch()
+    alike = replay(Recording(short), engine_of)
+    monkeypatch.setattr("sattrack.cli.replay.replay", lambda *_, **__: alike)
+    assert run(["replay", str(empty), str(short), "--json"]) == 2
+    out, err = capsys.readouterr()
+    assert [json.loads(line)["verdict"] for line in out.splitlines()] == ["same"]
+    assert err == f"sattrack: {empty}: is empty: the run ended before anything was recorded\n"
+    assert run(["report", str(empty), str(short), "--json"]) == 2
+    out, err = capsys.readouterr()
+    assert [one["recording"] for one in json.loads(out)] == [str(short)]
+    assert err.startswith(f"sattrack: left out: {empty}: is empty")
+
+
 def test_the_command_exits_1_where_outputs_differ(
     short: Path, held_in_short: Counter[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
