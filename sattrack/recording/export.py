@@ -247,6 +247,7 @@ _CHANGED: dict[str, Any] = {
     "recording": "anonymous.mcap",
     "source_file": WITHHELD,
     "message": WITHHELD,
+    "why_not_acquired": WITHHELD,
     "words": WITHHELD,
     "recording_trouble": WITHHELD,
     "bias_memory": WITHHELD,

@@ -13,7 +13,7 @@ from sattrack.cli.main import run
 from sattrack.core.errors import BadInputError
 from sattrack.mount.xerxes.datagrams import decode_status
 from sattrack.recording.export import LEAST_S, MOST_S, random_shift_s, write_anonymous
-from sattrack.recording.format import GAP, OPERATOR, STATUS, Recording
+from sattrack.recording.format import GAP, OPERATOR, STATUS, SUMMARY, Recording
 from sattrack.recording.recorder import Recorder
 from sattrack.recording.replay import replay
 from sattrack.runtime.facts import engine_of, open_recording
@@ -22,6 +22,7 @@ from tle.propagator import Propagator
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "passes" / "faults.mcap"
 SHIFT_S = 30011
+CULMINATION_S = 1790946324.0
 LONGITUDE_AT, LATITUDE_AT = 80, 72
 """Offsets in the status by the paper's table."""
 
@@ -88,6 +89,17 @@ def test_no_name_no_path_and_no_instant_of_the_run_is_left(anonymous: Path) -> N
     epoch = float(true.elements.epoch.unix_s)
     assert not [one for one in instants if abs(one - epoch) < 600.0]
     assert [e for e in Recording(anonymous).entries() if e.topic == OPERATOR], "observations are kept"
+
+
+def test_why_a_mount_was_never_on_target_may_name_its_address(short: Path, tmp_path: Path) -> None:
+    why = b'{"why_not_acquired":"no status from xerxes://192.0.2.7:15001 within 10 s","samples":0}'
+    path = tmp_path / "unheard.mcap"
+    with path.open("wb") as stream:
+        recorder = Recorder(stream, Recording(short).header.spec)
+        recorder.write(SUMMARY, CULMINATION_S, why)
+        recorder.close()
+    (summary,) = Recording(moved(path, tmp_path)).entries()
+    assert msgspec.json.decode(summary.data) == {"why_not_acquired": "withheld", "samples": 0}
 
 
 def test_directions_are_what_they_were(anonymous: Path) -> None:
