@@ -325,7 +325,9 @@ def _reported(file: Path, progress: Callable[[float], None] | None, options: dic
     if options["tdm"] is not None:
         write_tdm(recording, facts, options["tdm"], run.engine)
     report, fit = make_report(recording, run)
-    kept = None if fit is None else keep_fit(fit, run.engine.spec, options["bias_memory"])
+    kept = None
+    if fit is not None and not recording.header.anonymous:
+        kept = keep_fit(fit, run.engine.spec, options["bias_memory"])
     if kept is not None:
         tell(f"bias memory: {kept}")
     return recording, facts, run, report, fit

@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 import struct
 from pathlib import Path
+from types import SimpleNamespace
 
 import msgspec
 import pytest
 
+from sattrack.cli import recording as commands
 from sattrack.cli.main import run
 from sattrack.core.errors import BadInputError
 from sattrack.mount.xerxes.datagrams import decode_status
@@ -100,6 +102,18 @@ def test_why_a_mount_was_never_on_target_may_name_its_address(short: Path, tmp_p
         recorder.close()
     (summary,) = Recording(moved(path, tmp_path)).entries()
     assert msgspec.json.decode(summary.data) == {"why_not_acquired": "withheld", "samples": 0}
+
+
+def test_its_biases_are_not_remembered(short: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are those of elements that no satellite has."""
+    kept = []
+    monkeypatch.setattr(commands, "trace", lambda *_: SimpleNamespace(engine=SimpleNamespace(spec=None)))
+    monkeypatch.setattr(commands, "make_report", lambda *_: ("report", "fit"))
+    monkeypatch.setattr(commands, "keep_fit", lambda fit, *_: kept.append(fit))
+    options = {"part": 1, "tdm": None, "bias_memory": "on"}
+    for path in (short, moved(short, tmp_path)):
+        commands._reported(path, None, options)
+    assert kept == ["fit"]
 
 
 def test_directions_are_what_they_were(anonymous: Path) -> None:
