@@ -604,35 +604,47 @@ def _biases(fit: BiasFit) -> Any:
     return figure
 
 
+MOST_UPRIGHT, MOST_LABELS = 6, 40
+"""So many recordings are named side by side below a trend, and so many at all."""
+
+
 def trend(reports: Sequence[Report]) -> Any | None:
-    """Return how several nights went on; None for fewer than two that followed anything."""
-    followed = [one for one in reports if one.error is not None]
+    """Return how several nights went on, in order of time; None for fewer than two that followed anything."""
+    followed = sorted((one for one in reports if one.error is not None), key=lambda one: one.began_utc)
     if len(followed) < 2:
         return None
     figure = new_figure(WIDTH, 6.4)
     errors, biases, gains = figure.subplots(3, 1, sharex=True)
-    labels = [f"{local_time.date(iso_unix_s(one.began_utc))}\n{one.name}" for one in followed]
     number = np.arange(len(followed))
     seen = [one.error for one in followed if one.error]
     errors.semilogy(number, [one.rms_arcsec for one in seen], "o-", color=RA, label="RMS")
     errors.semilogy(number, [one.peak_arcsec for one in seen], "^:", color=BAD, label="peak")
     errors.set_ylabel("error, ″")
-    named: set[str] = set()
-    for one, i in zip(followed, number, strict=True):
-        if one.bias is not None:
-            sigma = one.bias.along_sigma_s or 0.0
-            colour = GOOD if one.bias.source == "observations" else PALE
-            biases.errorbar([i], [one.bias.along_s], yerr=[2.0 * sigma], fmt="o", color=colour)
-        for axis, colour, name in ((one.ra, RA, "hour angle"), (one.dec, DEC, "declination")):
-            if axis.gain is not None:
-                gains.plot([i], [axis.gain], "o", color=colour, label=None if name in named else name)
-                named.add(name)
+    for source, colour, label in (("observations", GOOD, "observed, ± 2 σ"), ("nudge", PALE, "last nudge")):
+        known = [(i, one.bias) for i, one in enumerate(followed) if one.bias and one.bias.source == source]
+        if known:
+            values, sigmas = zip(
+                *((b.along_s, 2.0 * (b.along_sigma_s or 0.0)) for _, b in known), strict=True
+            )
+            at = [i for i, _ in known]
+            biases.errorbar(at, values, yerr=sigmas, fmt="o", color=colour, label=label)
+    for key, colour, name in (("ra", RA, "hour angle"), ("dec", DEC, "declination")):
+        fitted = [(i, getattr(one, key).gain) for i, one in enumerate(followed)]
+        fitted = [(i, gain) for i, gain in fitted if gain is not None]
+        if fitted:
+            gains.plot(*zip(*fitted, strict=True), "o", color=colour, label=name)
     biases.set_ylabel("along bias, s")
     gains.set_ylabel("gain")
-    gains.set_xticks(number, labels, fontsize="x-small")
+    gains.ticklabel_format(axis="y", useOffset=False)
+    upright = len(followed) <= MOST_UPRIGHT
+    labels = [
+        f"{local_time.date(iso_unix_s(one.began_utc))}{chr(10) if upright else '  '}{one.name}"
+        for one in followed
+    ]
+    step = -(-len(followed) // MOST_LABELS)
+    gains.set_xticks(number[::step], labels[::step], fontsize="x-small", rotation=0 if upright else 90)
     for axes in (errors, biases, gains):
         axes.grid(color="0.92")
-    errors.legend(fontsize="small", frameon=False)
-    if named:
-        gains.legend(fontsize="small", frameon=False)
+        if axes.get_legend_handles_labels()[1]:
+            axes.legend(fontsize="small", frameon=False)
     return figure

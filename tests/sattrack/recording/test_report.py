@@ -8,6 +8,7 @@ import json
 import math
 import random
 import re
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -36,6 +37,7 @@ from sattrack.recording.fits import (
 from sattrack.recording.format import COMMAND, OPERATOR, STATUS, Recording
 from sattrack.recording.recorder import Recorder
 from sattrack.recording.replay import replay
+from sattrack.recording.report import AxisFigures, BiasFigures, ErrorFigures, Report, TimeFigures
 from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import RunRequest, engine_of, prepare
 from sattrack.runtime.flight import fly_virtual
@@ -257,6 +259,30 @@ def test_a_pass_that_was_followed_for_a_moment_is_drawn_as_far_as_it_went(tmp_pa
     drawn = {one.name for one in plots.iterdir()}
     assert "brief-error-along-and-across-the-track.png" in drawn
     assert "brief-sky.png" not in drawn
+
+
+@pytest.mark.parametrize("count", [3, 9, 90])
+def test_a_trend_is_drawn_in_order_of_time_with_names_that_can_be_read(count: int) -> None:
+    axis = AxisFigures(1.0005, 1e-5, None, None, ())
+    bias = BiasFigures("nudge", "2026-10-02T13:00:00Z", 0.5, 0.0)
+    times = TimeFigures(0.0, {}, 0.0, 0.0, 400.0, 0.0, 400.0)
+    reports = [
+        Report(
+            *("x", "STARLINK-31234", 1, "sim", Utc(CULMINATION_S + 86400.0 * k).isoformat("seconds")),
+            *(400.0, 8000, "set", ErrorFigures(1.0 + k, 9.0, 1.0, 2.0, 0.0, 0.0, 1.0, 1.0)),
+            *(None, bias, axis, axis, (), (), True, None, times),
+        )
+        for k in reversed(range(count))
+    ]
+    figure = rendering.trend(reports)
+    assert figure is not None
+    errors, biases, gains = figure.axes
+    assert errors.lines[0].get_ydata().tolist() == [1.0 + k for k in range(count)]
+    assert [one.get_text() for one in biases.get_legend().get_texts()] == ["last nudge"]
+    figure.canvas.draw()
+    boxes = [one.get_window_extent() for one in gains.get_xticklabels()]
+    assert len(boxes) >= min(count, 30)
+    assert not any(one.overlaps(other) for one, other in pairwise(boxes))
 
 
 def test_plots_of_recordings_of_one_name_lie_side_by_side(
