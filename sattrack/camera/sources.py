@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import io
 import math
 import os
@@ -224,7 +225,12 @@ def _fits_image(stream: BinaryIO, name: str) -> tuple[dict[str, Any], NDArray[An
                 raise BadInputError(f"{name}: it has no image; unpack it first if it is packed")
             _check_size(math.prod(part.shape), name)
             # What an image does not say itself, the file's first header may say of all.
-            header = {key: one[key] for one in (file[0].header, part.header) for key in one if key}
+            header: dict[str, Any] = {}
+            for one in (file[0].header, part.header):
+                for key in filter(None, one):
+                    # FITS has no NaN and no decimal comma; programs write both, for a missing sensor as well.
+                    with contextlib.suppress(fits.VerifyError):
+                        header[key] = one[key]
             return header, np.asarray(part.data)
     except BadInputError:
         raise

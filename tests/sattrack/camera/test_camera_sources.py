@@ -319,6 +319,18 @@ def test_an_image_is_as_bright_in_any_kind_of_png(tmp_path: Path, mode: str) -> 
     assert found.pixels.tolist() == pixels[::-1].tolist()
 
 
+@pytest.mark.parametrize("value", ["NaN", "-1,5", "inf", "ten"])
+def test_a_value_of_a_header_that_is_none_in_fits_is_left_out(tmp_path: Path, value: str) -> None:
+    data = fits_bytes(np.ones((30, 40)), DATE_OBS="2026-10-02T13:05:24.4", EXPTIME=0.2, CCD_TEMP=1.5)
+    at = data.index(b"CCD-TEMP=")
+    data = data[:at] + f"CCD-TEMP= {value:>20} / [degC]".ljust(80).encode() + data[at + 80 :]
+    (tmp_path / "a.fits").write_bytes(data)
+    (frame,) = frames(f"folder:{tmp_path}", SourceOptions())
+    assert isinstance(frame, CameraFrame)
+    assert "CCD-TEMP" not in frame.header
+    assert abs(float(frame.utc - MIDDLE)) < 1e-6
+
+
 def test_an_image_beside_a_first_header_is_dated_by_that(tmp_path: Path) -> None:
     fits = pytest.importorskip("astropy.io.fits")
     pixels = np.arange(1200, dtype=np.uint16).reshape(30, 40)
