@@ -43,6 +43,8 @@ class CameraFrame:
     """The value from which on a pixel tells nothing; None where nobody knows."""
     header: Mapping[str, Any] = field(default_factory=dict)
     """What the camera says besides, by the names of FITS."""
+    decimal_s: float = 0.0
+    """What the last decimal of its date is, seconds: the date may be off by as much."""
 
     @property
     def middle(self) -> tuple[float, float]:
@@ -52,10 +54,11 @@ class CameraFrame:
 
 
 class Exposure(NamedTuple):
-    """When a frame was exposed: the middle, and how long."""
+    """When a frame was exposed: the middle, how long, and what the last decimal of its date is, seconds."""
 
     utc: Utc
     exposure_s: float
+    decimal_s: float = 0.0
 
 
 def fits_exposure(header: Mapping[str, Any], name: str, exposure_s: float | None = None) -> Exposure:
@@ -89,7 +92,7 @@ def fits_exposure(header: Mapping[str, Any], name: str, exposure_s: float | None
                 f"{name}: {key} and {first} contradict each other by {abs(apart_s):.3f} s "
                 f"for an exposure of {length_s:g} s"
             )
-    return Exposure(middles[first], length_s)
+    return Exposure(middles[first], length_s, coarse_s[first])
 
 
 def _is_middle(key: str, middles: Mapping[str, Utc], length_s: float) -> bool:
@@ -128,7 +131,7 @@ def _date_in(header: Mapping[str, Any], key: str, name: str) -> tuple[Utc, float
             days = float(value)
         except (TypeError, ValueError):
             raise BadInputError(f"{name}: {key} is {value!r}, which is no date") from None
-        return Utc((days - UNIX_EPOCH_MJD) * DAY_S), min(1.0, DAY_S * _last_decimal(str(value)))
+        return Utc((days - UNIX_EPOCH_MJD) * DAY_S), min(1.0, DAY_S * last_decimal_s(str(value)))
     text = str(value).strip()
     if "T" not in text and ":" not in text:
         time_of_day = header.get(key.replace("DATE", "TIME")) or header.get("UT") or header.get("UTC")
@@ -137,10 +140,10 @@ def _date_in(header: Mapping[str, Any], key: str, name: str) -> tuple[Utc, float
                 f"{name}: {key} is {text!r}, without a time of day: write UTC as 2026-10-02T13:05:24.5"
             )
         text = f"{text}T{str(time_of_day).strip()}"
-    return parse_utc(text, f"{name}: {key}"), _last_decimal(text)
+    return parse_utc(text, f"{name}: {key}"), last_decimal_s(text)
 
 
-def _last_decimal(text: str) -> float:
+def last_decimal_s(text: str) -> float:
     """Return what the last decimal of a number, or of a time's seconds, is worth; 1 without decimals."""
     found = re.search(r"[.,](\d+)", text)
     return 1.0 if found is None else 10.0 ** -len(found[1])
@@ -181,7 +184,7 @@ def text_exposure(text: str, name: str, exposure_s: float | None = None) -> Expo
             length_s = _length_s(said[1], said[2], f"{name}: Exposure")
         for key, share in (("MidCapture", 0.0), ("StartCapture", 0.5), ("EndCapture", -0.5)):
             if key in sharpcap:
-                return _shifted(parse_utc(sharpcap[key], f"{name}: {key}"), share, length_s, name)
+                return _shifted(sharpcap[key], f"{name}: {key}", share, length_s, name)
     fields = dict(_FIRECAPTURE.findall(text))
     order = _DATE_FORMATS.get(fields.get("Date_format", "ddMMyy"))
     for key, share in (("Mid(UT)", 0.0), ("Start(UT)", 0.5)):
@@ -193,7 +196,7 @@ def text_exposure(text: str, name: str, exposure_s: float | None = None) -> Expo
             length_s = exposure_s
             if shutter is not None:
                 length_s = _length_s(shutter[1], shutter[2], f"{name}: Shutter")
-            return _shifted(parse_utc(iso, f"{name}: {key}"), share, length_s, name)
+            return _shifted(iso, f"{name}: {key}", share, length_s, name)
     return None
 
 
@@ -206,14 +209,15 @@ def name_exposure(stem: str, name: str, exposure_s: float | None) -> Exposure | 
     if found is None:
         return None
     year, month, day, hour, minute, second, fraction = found.groups()
-    iso = f"{year}-{month}-{day}T{hour}:{minute}:{second}.{fraction or 0}Z"
-    return _shifted(parse_utc(iso, name), 0.5, exposure_s, name)
+    iso = f"{year}-{month}-{day}T{hour}:{minute}:{second}{f'.{fraction}' if fraction else ''}Z"
+    return _shifted(iso, name, 0.5, exposure_s, name)
 
 
-def _shifted(utc: Utc, share: float, length_s: float | None, name: str) -> Exposure:
+def _shifted(date: str, what: str, share: float, length_s: float | None, name: str) -> Exposure:
+    utc = parse_utc(date, what)
     if length_s is None:
         raise BadInputError(f"{name}: nothing says how long it was exposed; give --exposure S")
-    return Exposure(utc.plus(share * length_s), length_s)
+    return Exposure(utc.plus(share * length_s), length_s, last_decimal_s(date))
 
 
 _MICRO = "\N{MICRO SIGN}\N{GREEK SMALL LETTER MU}u"

@@ -22,10 +22,12 @@ import numpy as np
 
 from sattrack.camera.frames import (
     AUTO_S,
+    COARSE_S,
     START_EXPOSURE_S,
     CameraFrame,
     fits_exposure,
     grey,
+    last_decimal_s,
     more_light,
     name_exposure,
     parse_utc,
@@ -204,6 +206,7 @@ def _read_fits(path: Path, options: SourceOptions) -> CameraFrame:
         path.name,
         full,
         header,
+        exposure.decimal_s,
     )
 
 
@@ -296,6 +299,7 @@ def _read_png(path: Path, options: SourceOptions) -> CameraFrame:
         exposure.exposure_s,
         path.name,
         full,
+        decimal_s=exposure.decimal_s,
     )
 
 
@@ -510,15 +514,17 @@ class AlpacaCamera:
         )
 
     def _begun(self, by_us: Utc) -> Utc:
-        """Return when the exposure began, by the camera if it says so, else by us."""
+        """Return when the exposure began, by the camera if it says fractions of a second, else by us."""
         try:
-            said = self._device.get("lastexposurestarttime")
+            said = str(self._device.get("lastexposurestarttime"))
         except AlpacaRefusalError:
             return by_us
         try:
-            return parse_utc(str(said), "its lastexposurestarttime")
+            utc = parse_utc(said, "its lastexposurestarttime")
         except BadInputError as error:
             raise NoAnswerError(str(error)) from None
+        # ASCOM's template for drivers cuts it off at a second.
+        return by_us if last_decimal_s(said) > COARSE_S else utc
 
     def adjust(self, factor: float) -> None:
         """See FrameSource: the exposure first, then the gain."""
@@ -647,7 +653,10 @@ class IndiCamera:
             header.setdefault("GAIN", gain)
         utc = begun.plus(0.5 * exposure_s)
         if dated:
-            utc, exposure_s = fits_exposure(header, name, exposure_s)
+            said = fits_exposure(header, name, exposure_s)
+            exposure_s = said.exposure_s
+            # A date that is cut off at a second is worse than ours.
+            utc = begun.plus(0.5 * exposure_s) if said.decimal_s > COARSE_S else said.utc
         top_down = str(header.get("ROWORDER", "")).strip().upper() == "TOP-DOWN"
         return CameraFrame(
             np.ascontiguousarray(pixels[::-1] if top_down else pixels, dtype=np.float32),

@@ -413,14 +413,20 @@ class Looker:
         """Whether the image lies on the sky as it did in the frame before."""
         self._solver: Solver | None = None
         self._making: subprocess.Popen[bytes] | None = None
-        self._told = ""
+        self._told: set[str] = set()
 
     def look(
         self, frame: CameraFrame, expected: ExpectedMotion | None, field_angle_deg: float = 0.0
     ) -> tuple[Centred, Detection]:
         """Return what one frame comes to; `field_angle_deg` is how the tube was turned against the sky."""
         from sattrack.camera.centring import centred
+        from sattrack.camera.frames import COARSE_S
 
+        if frame.decimal_s > COARSE_S:
+            self._tell(
+                "frames are dated to whole seconds, and may be off by one, a satellite by up to 1°: "
+                "let the capture program write fractions of a second"
+            )
         detection = self.detector.look(frame, expected)
         solution = self._solution(frame, detection, field_angle_deg)
         return centred(frame, detection, self.geometry.of_header(frame), solution, self.name), detection
@@ -487,8 +493,8 @@ class Looker:
         self._tell(why)
 
     def _tell(self, text: str) -> None:
-        if text != self._told:
-            self._told = text
+        if text not in self._told:
+            self._told.add(text)
             tell(text)
 
 

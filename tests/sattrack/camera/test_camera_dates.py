@@ -124,5 +124,15 @@ def test_a_time_in_a_name_is_the_beginning(stem: str) -> None:
     assert abs(float(found.utc - MIDDLE)) < 1e-6
 
 
+def test_what_the_last_decimal_of_a_date_is_goes_with_it() -> None:
+    """A date that is cut off at a second must not look like an exact one."""
+    whole = name_exposure("20261002_130524", "a.png", 0.2)
+    settings = text_exposure("MidCapture=2026-10-02T13:05:24.5Z\n", "a.txt", 0.2)
+    header = fits_exposure({"DATE-OBS": "2026-10-02T13:05:24", "EXPTIME": 0.2}, "a.fits")
+    assert whole is not None
+    assert settings is not None
+    assert (whole.decimal_s, settings.decimal_s, header.decimal_s) == (1.0, 0.1, 1.0)
+
+
 def test_a_name_without_seconds_dates_nothing() -> None:
     assert name_exposure("2026-10-02-1305_4-Jup", "x.png", 0.2) is None

@@ -11,6 +11,7 @@ import os
 import socket
 import struct
 import threading
+import time
 import warnings
 import zlib
 from typing import TYPE_CHECKING, ClassVar
@@ -23,6 +24,7 @@ from sattrack.camera.centring import ImageGeometry
 from sattrack.camera.detection import Detection, light_wanted
 from sattrack.camera.frames import CameraFrame, reduced
 from sattrack.camera.sources import SourceOptions, decode_image, open_source, save_frame
+from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.alpaca.client import AlpacaRefusalError, NoAnswerError
 from tle.instants import Utc
@@ -442,6 +444,27 @@ def test_the_pixel_size_that_an_alpaca_camera_announces_is_kept(
     assert (header["XBINNING"], header["YBINNING"]) == (2, 2)
 
 
+@pytest.mark.parametrize(
+    ("said", "begun"),
+    [
+        ("2026-10-02T13:05:23.75", "2026-10-02T13:05:23.75Z"),
+        # Cut off at a second, and perhaps local time, as ASCOM's template for drivers has it.
+        ("2026-10-02T13:05:23", "2026-10-02T13:05:24Z"),
+        ("2026-10-02T15:05:24", "2026-10-02T13:05:24Z"),
+    ],
+)
+def test_an_alpaca_camera_that_dates_to_whole_seconds_is_dated_by_our_clock(
+    monkeypatch: pytest.MonkeyPatch, said: str, begun: str
+) -> None:
+    members = AnnouncedCamera.members | {"lastexposurestarttime": said, "lastexposureduration": 0.0}
+    monkeypatch.setattr(AnnouncedCamera, "members", members)
+    monkeypatch.setattr(sources, "AlpacaDevice", AnnouncedCamera)
+    options = SourceOptions(0.001, clock=SimulatedClock(Utc.parse("2026-10-02T13:05:24Z").unix_s, 0.0, 0.0))
+    frame = next(iter(open_source("alpaca://127.0.0.1:1/0", options).frames()))
+    assert isinstance(frame, CameraFrame)
+    assert abs(float(frame.utc - Utc.parse(begun))) < 1e-6
+
+
 @pytest.mark.parametrize("scale", [0.0, -2.5, 3601.0, "2.5"])
 def test_a_header_whose_scale_is_none_tells_none(scale: object) -> None:
     frame = CameraFrame(np.zeros((30, 40), dtype=np.float32), MIDDLE, 0.2, "f", header={"SCALE": scale})
@@ -510,6 +533,13 @@ def test_an_indi_camera_is_asked_for_frames(capfd: pytest.CaptureFixture[str]) -
     assert frame.pixels.tolist() == np.arange(1200).reshape(30, 40).tolist()
     assert b"0.2" in b"".join(heard)
     assert capfd.readouterr().out == ""
+
+
+def test_an_indi_camera_that_dates_to_whole_seconds_is_dated_by_our_clock() -> None:
+    dated = {"DATE_OBS": "2026-10-02T13:05:24", "EXPTIME": 0.2}
+    frame = from_indi(fits_bytes(np.ones((30, 40), dtype=np.uint16), **dated), [])
+    assert isinstance(frame, CameraFrame)
+    assert abs(float(frame.utc - Utc(time.time()))) < 10.0
 
 
 @pytest.mark.parametrize(

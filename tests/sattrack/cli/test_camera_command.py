@@ -85,6 +85,16 @@ def test_that_fields_are_not_solved_without_a_scale_is_said(
     assert "scale" not in ran(capsys, "camera", f"folder:{tmp_path}", "--json", "--no-solve")[1]
 
 
+@pytest.mark.parametrize(("date", "times"), [("2026-10-02T13:05:24", 1), ("2026-10-02T13:05:24.000", 0)])
+def test_that_dates_are_of_whole_seconds_is_said_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], date: str, times: int
+) -> None:
+    write_frames(tmp_path, [(249.5, 149.5), None])
+    for path in tmp_path.iterdir():
+        fits.setval(path, "DATE-OBS", value=date)
+    assert ran(capsys, "camera", f"folder:{tmp_path}", "--json")[1].count("dated to whole seconds") == times
+
+
 def test_an_index_of_stars_that_cannot_be_made_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
