@@ -26,7 +26,7 @@ from sattrack.core.errors import BadInputError, SattrackError, needed
 from sattrack.core.process import ending_with_us, self_command
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator
     from typing import IO
 
     from sattrack.camera.centring import Centred, ImageGeometry, Solution, Solver
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from sattrack.camera.sources import FrameSource
     from sattrack.runtime.star_run import CameraProcess
 
+UNNAMED = "camera"
+"""What a camera is called that is given no name; the second one of a run is camera-2."""
 MOST_REFUSALS_TOLD = 5
 NICE = 10
 END_WITHIN_S = 3.0
@@ -94,7 +96,7 @@ def command(context: CommandContext, source: str, **options: Any) -> int:
         if run is not None:
             run.close()
         raise
-    look = Looker(Detector(), geometry, options["name"] or "camera", options["solve"], waits=run is None)
+    look = Looker(Detector(), geometry, options["name"] or UNNAMED, options["solve"], waits=run is None)
     # Over the sky a misaligned mount turns each field otherwise.
     look.lies_still = not options["alone"]
     try:
@@ -142,7 +144,8 @@ def _geometry(context: CommandContext, options: dict[str, Any]) -> ImageGeometry
 
     settings = context.settings
     named, general = settings.cameras.get(options["name"] or ""), settings.camera
-    if options["name"] and settings.cameras and named is None and options["scale"] is None:
+    known = named is not None or not settings.cameras
+    if not known and options["scale"] is None and not (options["name"] or UNNAMED).startswith(UNNAMED):
         raise BadInputError(f"--name {options['name']}: the settings have {', '.join(settings.cameras)}")
 
     def value(option: str, key: str) -> Any:
@@ -190,20 +193,28 @@ def _named(text: str, number: int) -> tuple[str, str]:
     name, equals, source = text.partition("=")
     if equals and re.fullmatch(r"[\w.-]+", name):
         return name, source
-    return ("camera" if number == 0 else f"camera-{number + 1}"), text
+    return (UNNAMED if number == 0 else f"{UNNAMED}-{number + 1}"), text
 
 
-def check_cameras(texts: Sequence[str]) -> None:
-    """Raise BadInputError for a source that can be no camera, SattrackError where an extra is missing."""
+def check_cameras(context: CommandContext, options: dict[str, Any]) -> None:
+    """Raise BadInputError for what can be no camera of a run, SattrackError where an extra is missing."""
     from sattrack.camera.sources import check_source
 
-    for number, text in enumerate(texts):
+    for number, text in enumerate(options["cameras"]):
+        name, source = _named(text, number)
         try:
-            check_source(_named(text, number)[1])
+            check_source(source)
         except BadInputError as error:
             raise BadInputError(f"--camera {text}: {error}") from None
-    if texts:
-        needed("sep", "a camera", "camera")
+        _geometry_in_run(context, options, name)
+    _exposure_s(options["exposure"] or "auto")
+    needed("sep", "a camera", "camera")
+
+
+def _geometry_in_run(context: CommandContext, options: dict[str, Any], name: str) -> ImageGeometry:
+    """Return how the image of a run's camera lies. Raises BadInputError."""
+    image = {"scale": options["scale"], "rotation": options["camera_rotation"], "name": name}
+    return _geometry(context, {**image, "flip": options["camera_flip"] or None})
 
 
 @contextlib.contextmanager
@@ -280,8 +291,7 @@ def put_solved_frames(
         name, source = _named(text, number)
         if not source.startswith("folder:"):
             raise BadInputError(f"--camera {source}: in virtual time frames come from a folder")
-        image = {"scale": options["scale"], "rotation": options["camera_rotation"]}
-        geometry = _geometry(context, {**image, "flip": options["camera_flip"] or None, "name": name})
+        geometry = _geometry_in_run(context, options, name)
         look = Looker(Detector(), geometry, name, solves=True, waits=True)
         for item in open_source(source, SourceOptions(_exposure_s(options["exposure"] or "auto"))).frames():
             if isinstance(item, SattrackError):

@@ -541,7 +541,7 @@ def _check_options(context: CommandContext, url: str | None, options: dict[str, 
     if options["cameras"]:
         from sattrack.cli.camera import check_cameras
 
-        check_cameras(options["cameras"])
+        check_cameras(context, options)
     if virtual and observations not in {None, "stdin"}:
         raise BadInputError(f"--observations {observations}: in virtual time they come from stdin")
 

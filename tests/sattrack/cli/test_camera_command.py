@@ -118,6 +118,10 @@ def test_the_settings_of_a_camera_are_those_of_its_name(
     lines = ("camera", f"folder:{tmp_path}", "--json", "--config", str(settings))
     assert ran(capsys, *lines, "--name", "guide")[0][0]["dx_arcsec"] == pytest.approx(200.0, abs=1.0)
     assert ran(capsys, *lines)[0][0]["dx_arcsec"] == pytest.approx(450.0, abs=2.0)
+    # A run calls its cameras so that were given no name.
+    for name in ("camera", "camera-2"):
+        assert ran(capsys, *lines, "--name", name)[0][0]["dx_arcsec"] == pytest.approx(450.0, abs=2.0)
+    assert "the settings have guide" in ran(capsys, *lines, "--name", "gide", code=2)[1]
 
 
 @pytest.mark.parametrize(
@@ -166,6 +170,24 @@ def test_a_missing_extra_is_named(
     for command in (("camera",), practice):
         err = ran(capsys, *command, f"folder:{tmp_path}", code=1)[1]
         assert "run `pip install '.[camera]'` in the folder of the clone" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--camera", "gide=folder:."), "--name gide: the settings have guide"),
+        (("--camera", "folder:.", "--exposure", "long"), "--exposure long: give seconds"),
+        (("--camera", "folder:.", "--scale", "0"), "--scale 0: give arcseconds in a pixel"),
+    ],
+)
+def test_what_no_camera_of_a_run_can_be_is_told_before_the_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], words: str
+) -> None:
+    """A camera's process tells it at the end of the run, when the pass is over."""
+    settings = tmp_path / "sattrack.toml"
+    settings.write_text("[cameras.guide]\nscale_arcsec_px = 4\n")
+    practice = ("track", "ISS", "--mount", "sim", "--headless", "--config", str(settings))
+    assert words in ran(capsys, *practice, *arguments, code=2)[1]
 
 
 def test_in_virtual_time_offsets_of_another_mount_are_not_used(
