@@ -105,7 +105,7 @@ MEANINGS = {
     "pier_zones": "polygons where something would touch the pier: `name`, `corners`, `side`",
     "stands_at": "`latitude_deg` and `longitude_deg` of the only site that this profile is for",
     "through_pole": "whether a pass may be followed through the celestial pole",
-    "period_s": "time between commands, 0.5 at most",
+    "period_s": "time between commands, 0.001 to 0.5",
     "command_delay_s": "mean delay from sending to the mount",
     "status_delay_s": "shortest delay from the mount's sample to us",
     "abort_delay_s": "how much later than other commands an abort acts",

@@ -253,6 +253,8 @@ class PeriodicErrors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 MOST = {"period_s": 0.5, "hour_angle_limit_deg": 720.0}
 """Beyond these a number is a slip: rates that wait longer lead no mount, and no cables bear more turns."""
+LEAST_PERIOD_S = 0.001
+"""A shorter period is microseconds in the wrong unit: no loop turns so often."""
 
 
 USUAL_TRAVEL_DEG = (-190.0, 190.0)
@@ -432,6 +434,8 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         for name, most in MOST.items():
             if positive[name] > most:
                 raise ValueError(f"{name} is {positive[name]:g}; give {most:g} at most")
+        if self.period_s < LEAST_PERIOD_S:
+            raise ValueError(f"period_s is {self.period_s:g}; give {LEAST_PERIOD_S:g} at least")
         delays = {
             "command_delay_s": self.command_delay_s,
             "status_delay_s": self.status_delay_s,

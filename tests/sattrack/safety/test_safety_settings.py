@@ -121,6 +121,7 @@ def test_bad_limits_are_refused_at_every_door(
         ("hour_angle_limit_deg = -5", 1, "hour_angle_limit_deg is -5; it must be above 0"),
         ("hour_angle_limit_deg = 999", 1, "hour_angle_limit_deg is 999; give 720 at most"),
         ("period_s = 5", 1, "period_s is 5; give 0.5 at most"),
+        ("period_s = 5e-5", 1, "period_s is 5e-05; give 0.001 at least"),
         (
             "hour_angle_limit_deg = 90\n[park]\nhour_angle_deg = 150\ndec_deg = 0",
             2,
