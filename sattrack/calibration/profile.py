@@ -224,7 +224,7 @@ def _limits(base: AxisLimits, found: AxisResponse, motion: AxisMotion) -> AxisLi
     if found.rate_limit_reached:
         changes["max_rate_deg_s"] = found.fastest_deg_s
     if motion.lag is not None:
-        changes["lag_s"] = max(0.0, motion.lag.seconds)
+        changes["lag_s"] = max(LEAST_LAG_S, motion.lag.seconds)
     return msgspec.structs.replace(base, **changes)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -12,6 +13,7 @@ from ramp_mount import RampMount
 
 from sattrack.calibration.findings import ClockTruth, Findings, conclude
 from sattrack.calibration.guard import sun_hour_angle_and_dec, true_clocks
+from sattrack.calibration.motion import LagFit
 from sattrack.calibration.profile import calibrated
 from sattrack.mount.model import AxisLimits, MountProfile
 from sattrack.mount.profiles import ProfileFile, load_profile_file, profile_text
@@ -98,6 +100,14 @@ def test_a_true_clock_is_written_as_known() -> None:
     assert profile.clock_offset_s == 0.0
     assert profile.status_delay_s == pytest.approx(0.03, abs=0.002)
     assert profile.command_delay_s == pytest.approx(0.02, abs=0.002)
+
+
+def test_an_axis_without_a_lag_is_not_one_whose_lag_is_unknown(normal: Findings) -> None:
+    """A run takes a lag of 0 for an unknown one, and begins with 30 ms."""
+    for seconds in (-0.0003, 0.0):
+        motion = replace(normal.ra_motion, lag=LagFit(seconds, 0.0007))
+        profile = calibrated(MountProfile(), replace(normal, ra_motion=motion), None, "test")
+        assert profile.ra.lag_s == 0.0005
 
 
 def test_every_number_of_the_record_is_finite(normal: Findings) -> None:
