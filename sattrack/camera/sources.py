@@ -51,6 +51,8 @@ PLAIN_MODES = {"P": "RGB", "PA": "RGB", "LA": "L"}
 POLL_S = 0.1
 READ_WITHIN_S = 20.0
 FORMS = "folder:DIR, alpaca://HOST:PORT/N, indi://HOST:PORT/NAME or v4l:/dev/video0"
+NAME_LONGEST = 100
+"""Of a frame's own name, so many of its last characters are in the name of the file that keeps it."""
 LONGEST_TEXT = 100_000
 """Bytes of the settings beside an image that are read."""
 MOST_NUMBERS = 200_000_000
@@ -722,7 +724,8 @@ def save_frame(frame: CameraFrame, folder: Path, camera: str, solved: dict[str, 
     header["DATE-AVG"] = (frame.utc.isoformat("microseconds").rstrip("Z"), "middle of the exposure")
     header["EXPTIME"] = (frame.exposure_s, "[s]")
     header["ROWORDER"] = "BOTTOM-UP"
-    header["INSTRUME"] = camera
+    # FITS has ASCII only.
+    header["INSTRUME"] = camera.encode("ascii", "replace").decode()
     for key in ("GAIN", "OFFSET", "XPIXSZ", "YPIXSZ", "EGAIN", "CCD-TEMP", "XBINNING", "YBINNING"):
         if key in frame.header:
             header[key] = frame.header[key]
@@ -735,8 +738,8 @@ def save_frame(frame: CameraFrame, folder: Path, camera: str, solved: dict[str, 
     if "SCALE" in header and isinstance(size_um, int | float) and size_um > 0.0:
         header["FOCALLEN"] = (size_um * 1e-3 / math.radians(header["SCALE"] / 3600.0), "[mm]")
     name = begun.isoformat("milliseconds").replace(":", "").replace("-", "").replace(".", "_")
-    # Two cameras of a run keep their frames in one folder.
-    whose = re.sub(r"[^\w.-]", "_", camera)
+    # Two cameras of a run keep their frames in one folder, and some date several frames alike.
+    whose = re.sub(r"[^\w.-]", "_", f"{camera}_{Path(frame.name).stem[-NAME_LONGEST:]}")
     path = folder / f"{name}_{whose}.fits"
     try:
         folder.mkdir(parents=True, exist_ok=True)

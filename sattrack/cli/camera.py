@@ -83,6 +83,7 @@ def command(context: CommandContext, source: str, **options: Any) -> int:
 
     needed("sep", "a camera", "camera")
     geometry = _geometry(context, options)
+    _check_save(source, options["save"])
     given = SourceOptions(_exposure_s(options["exposure"]), options["latency"], options["watch"])
     if options["child"] or options["alone"]:
         os.nice(NICE)
@@ -160,6 +161,12 @@ def _geometry(context: CommandContext, options: dict[str, Any]) -> ImageGeometry
     return ImageGeometry(scale, value("rotation", "rotation_deg"), value("flip", "flipped"))
 
 
+def _check_save(source: str, save: Path | None) -> None:
+    kind, _, place = source.partition(":")
+    if save is not None and kind == "folder" and save.resolve() == Path(place).resolve():
+        raise BadInputError(f"--save {save}: the frames are read there; give another folder")
+
+
 def _exposure_s(text: str) -> float | None:
     if text == "auto":
         return None
@@ -207,6 +214,7 @@ def check_cameras(context: CommandContext, options: dict[str, Any]) -> None:
         except BadInputError as error:
             raise BadInputError(f"--camera {text}: {error}") from None
         _geometry_in_run(context, options, name)
+        _check_save(source, options["save"])
     _exposure_s(options["exposure"] or "auto")
     needed("sep", "a camera", "camera")
 
@@ -537,7 +545,14 @@ def _watch(
         if run is not None:
             run.show(item, detection, look.geometry.of_header(item), seen)
         if save is not None:
-            _save(item, save, look, seen)
+            try:
+                _save(item, save, look, seen)
+            except SattrackError as error:
+                if run is None:
+                    raise
+                # The run goes on, and needs what is seen.
+                tell(f"{error}; no more frames are kept")
+                save = None
         camera.adjust(light_wanted(item, detection))
         _print(context.json, seen, sent)
     if can_draw_lines_anew() and not context.json:

@@ -367,6 +367,16 @@ def test_frames_of_two_cameras_are_both_kept(tmp_path: Path) -> None:
     assert len(kept) == 3
 
 
+def test_frames_of_one_instant_are_all_kept_in_their_order(tmp_path: Path) -> None:
+    pytest.importorskip("astropy.io.fits")
+    pixels = np.zeros((30, 40), dtype=np.float32)
+    names = ["a_0009.fits", "a_0010.fits", "süd 11.fits", "x" * 240 + "12.fits"]
+    kept = [save_frame(CameraFrame(pixels, MIDDLE, 0.2, name), tmp_path, "Süd", None) for name in names]
+    assert sorted(tmp_path.iterdir())[:2] == kept[:2]
+    assert set(tmp_path.iterdir()) == set(kept)
+    assert len(set(kept)) == 4
+
+
 @pytest.mark.parametrize("saturation", [255.0, 4095.0, None])
 def test_a_frame_that_was_kept_is_full_at_the_same_value(tmp_path: Path, saturation: float | None) -> None:
     pytest.importorskip("astropy.io.fits")

@@ -109,6 +109,28 @@ def test_an_index_of_stars_that_cannot_be_made_is_told(
     assert "cannot be made: is its disk full or read-only?" in err
 
 
+def test_frames_that_cannot_be_kept_end_no_camera_of_a_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_frames(tmp_path, [(249.5, 149.5), (249.5, 149.5)])
+    (tmp_path / "no folder").write_text("")
+    lines = ("camera", f"folder:{tmp_path}", "--scale", "2", "--json", "--no-solve", "--save")
+    assert "cannot be written" in ran(capsys, *lines, str(tmp_path / "no folder" / "a"), code=1)[1]
+    sent: list[Any] = []
+    active = SimpleNamespace(
+        hear=lambda: None,
+        expected=lambda *_: None,
+        field_angle_deg=lambda _: 0.0,
+        send=lambda one: sent.append(one) or True,
+        show=lambda *_: None,
+        close=lambda: None,
+    )
+    monkeypatch.setattr("sattrack.cli.camera._run", lambda _: active)
+    seen, err = ran(capsys, *lines, str(tmp_path / "no folder" / "a"))
+    assert (len(seen), len(sent), err.count("no more frames are kept")) == (2, 2, 1)
+    assert "the frames are read there" in ran(capsys, *lines, str(tmp_path), code=2)[1]
+
+
 def test_the_settings_of_a_camera_are_those_of_its_name(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
