@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import time
 from contextlib import contextmanager
@@ -16,6 +17,8 @@ from programs import ended, sattrack
 
 from sattrack.cli.main import run
 from sattrack.mount.simulator.hidden import GRAMMAR, Hidden, parse_hidden
+from sattrack.runtime import demo_pass
+from tle.instants import Utc
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -24,6 +27,7 @@ alpaca = pytest.importorskip("alpaca.camera")
 management = pytest.importorskip("alpaca.management")
 Telescope = pytest.importorskip("alpaca.telescope").Telescope
 WITHIN_S = 60.0
+PAGE = Path(__file__).parents[4] / "docs" / "camera-sim.md"
 
 
 @contextmanager
@@ -142,9 +146,18 @@ def test_the_help_shows_every_key_and_every_example_is_one(capsys: pytest.Captur
 
 
 def test_the_page_has_every_key() -> None:
-    page = (Path(__file__).parents[4] / "docs" / "camera-sim.md").read_text(encoding="utf-8")
+    page = PAGE.read_text(encoding="utf-8")
     for example, meaning in GRAMMAR:
         assert f"| `{example}` | {meaning} |" in page
+
+
+def test_the_example_of_the_page_takes_pictures() -> None:
+    (example,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    begin_s = Utc.parse(demo_pass.BEFORE_PASS).unix_s
+    names = {"site": demo_pass.SITE.place(), "elements": demo_pass.elements()}
+    named = names | {"begin_utc_s": begin_s, "start_utc_s": begin_s}
+    exec(example.replace("TruePath()", "TruePath()\npath.add(begin_utc_s, 0.0, 40.0, 0.0, 0.0)"), named)
+    assert named["frame"].pixels.shape == (960, 1280)
 
 
 @pytest.mark.parametrize(
