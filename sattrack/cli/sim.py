@@ -155,6 +155,11 @@ def command(
     if seed is not None:
         hardware = msgspec.structs.replace(hardware, seed=seed)
     parse_faults(hardware.faults, f"{profile}, simulator.faults:")
+    if pictured is not None and described.mount.geometry is not None:
+        raise BadInputError(
+            f"--camera: {profile} has a [geometry], and this camera turns with equatorial axes only; "
+            "sim --alpaca --telescope FILE has one that turns with azimuth axes"
+        )
     if pictured is not None and pictured.hidden.split:
         command_s, status_s = split_delays_s(pictured.hidden, described.mount)
         hardware = msgspec.structs.replace(hardware, command_delay_s=command_s, status_delay_s=status_s)

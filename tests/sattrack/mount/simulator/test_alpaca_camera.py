@@ -151,6 +151,19 @@ def test_the_page_has_every_key() -> None:
         assert f"| `{example}` | {meaning} |" in page
 
 
+def test_a_camera_on_axes_with_a_geometry_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It would show the sky of an equatorial mount, and a star run would measure that."""
+    profile = tmp_path / "altaz.toml"
+    profile.write_text(
+        "additive = false\n[stands_at]\nlatitude_deg = 52.15\nlongitude_deg = 4.49\n"
+        "[geometry]\npole_azimuth_deg = 0.0\npole_altitude_deg = 90.0\n"
+    )
+    assert run(["sim", "--port", "0", "--camera", "--profile", str(profile)]) == 2
+    assert "altaz.toml has a [geometry]" in capsys.readouterr().err
+
+
 def test_the_example_of_the_page_takes_pictures() -> None:
     (example,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     begin_s = Utc.parse(demo_pass.BEFORE_PASS).unix_s
