@@ -326,19 +326,23 @@ def _ask(options: dict[str, Any], call: MountCall) -> None:
 
 def _keeper(options: dict[str, Any], sky: RunSky, known: list[Star]) -> Any:
     """Return what writes each star to the file of the run, which it begins with the first."""
-    from sattrack.pointing.files import star_line, stars_head
+    from sattrack.pointing.files import at_date, read_stars, star_line, stars_head
     from sattrack.runtime.star_run import seen_with, without_zeros
 
     path, mount = options["data"], sky.profile
     begun = [bool(known)]
+    before = read_stars(path.read_text(encoding="utf-8"), str(path), sky.axes)[0] if known else None
 
     def keep(star: Star) -> None:
         if options["verify"]:
             return
+        now = _parameters(sky.site, sky.air)
+        if before is not None and before.date != now.date:
+            star = at_date(star, before, sky.axes)
         text = star_line(seen_with(star, mount, without_zeros(mount), sky.site), sky.axes)
         mode = "a" if begun[0] else "w"
         if not begun[0]:
-            text = stars_head("sattrack star-run", _parameters(sky.site, sky.air), sky.axes) + text
+            text = stars_head("sattrack star-run", now, sky.axes) + text
             begun[0] = True
         try:
             with path.open(mode, encoding="utf-8") as file:

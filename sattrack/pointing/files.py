@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 END = "END"
 _NOON = 0.5
+_ROUNDS = 5
 _LARGEST = 1e6
 _FIRST_YEAR = 1960
 
@@ -182,17 +183,9 @@ def _star(line: str, at: str, run: RunParameters, axes: Axes) -> Star:
 
 def observed(ra_deg: float, dec_deg: float, sidereal_deg: float, run: RunParameters) -> tuple[float, float]:
     """Return hour angle and declination at which a direction of the ICRS is seen, refracted, by ERFA."""
-    year, month, day = (int(word) for word in run.date.split("-"))
-    first, second = erfa.cal2jd(year, month, day)
-    second += _NOON
-    longitude = math.radians(sidereal_deg) - float(erfa.gst06a(first, second, first, second))
-    latitude = math.radians(run.latitude_deg)
-    air = (0.0, 0.0, 0.0, 0.55)
-    place = (longitude, latitude, run.height_m, 0.0, 0.0)
-    radians = math.radians(ra_deg), math.radians(dec_deg)
+    radians, latitude = (math.radians(ra_deg), math.radians(dec_deg)), math.radians(run.latitude_deg)
     azimuth, zenith, hour_angle, dec, *_ = (
-        float(one)
-        for one in erfa.ufunc.atco13(*radians, 0.0, 0.0, 0.0, 0.0, first, second, 0.0, *place, *air)
+        float(one) for one in erfa.ufunc.atco13(*radians, 0.0, 0.0, 0.0, 0.0, *_moment(sidereal_deg, run))
     )
     if run.pressure_hpa <= 0.0:
         return math.degrees(hour_angle), math.degrees(dec)
@@ -200,6 +193,33 @@ def observed(ra_deg: float, dec_deg: float, sidereal_deg: float, run: RunParamet
     bend = float(Refraction(run.pressure_hpa, run.temperature_c).bend_deg(true)[0])
     hour_angle, dec = (float(one) for one in erfa.ae2hd(azimuth, math.radians(true + bend), latitude))
     return math.degrees(hour_angle), math.degrees(dec)
+
+
+def at_date(star: Star, run: RunParameters, axes: Axes = "equatorial") -> Star:
+    """Return a star with the direction of the ICRS that is seen where it was, but at the date of a run.
+
+    A file has one date: by its own direction a star that was measured a week later is 2 arcseconds off there.
+    """
+    first, second, latitude = *(math.radians(one) for one in star[:2]), math.radians(run.latitude_deg)
+    azimuth, altitude = (first, second) if axes == "altaz" else erfa.hd2ae(first, second, latitude)
+    seen = true = math.degrees(float(altitude))
+    if run.pressure_hpa > 0.0:
+        air = Refraction(run.pressure_hpa, run.temperature_c)
+        for _ in range(_ROUNDS):
+            true = seen - float(air.bend_deg(true)[0])
+    moment = _moment(star.sidereal_deg, run)
+    ra, dec, _ = erfa.ufunc.atoc13("A", float(azimuth), math.radians(90.0 - true), *moment)
+    return star._replace(icrs_deg=(math.degrees(float(ra)) % 360.0, math.degrees(float(dec))))
+
+
+def _moment(sidereal_deg: float, run: RunParameters) -> tuple[float, ...]:
+    """Return what ERFA asks of noon at the date of a run, and of where the sidereal time is such; no air."""
+    year, month, day = (int(word) for word in run.date.split("-"))
+    first, second = erfa.cal2jd(year, month, day)
+    second += _NOON
+    longitude = math.radians(sidereal_deg) - float(erfa.gst06a(first, second, first, second))
+    place = (longitude, math.radians(run.latitude_deg), run.height_m, 0.0, 0.0)
+    return (first, second, 0.0, *place, 0.0, 0.0, 0.0, 0.55)
 
 
 def _number(word: str) -> float:

@@ -12,14 +12,19 @@ import pytest
 from strangers.tilted_mount import TiltedMount, local
 
 from sattrack.cli.main import run
+from sattrack.cli.star_run import _keeper
 from sattrack.mount.geometry import Pole
 from sattrack.mount.model import MountProfile
 from sattrack.mount.profiles import load_profile_file
+from sattrack.pointing.files import RunParameters, observed, read_stars
+from sattrack.pointing.fit import Star
 from sattrack.pointing.terms import PointingModel
 from sattrack.pointing.tour import units
 from sattrack.runtime.facts import pointing_of
 from sattrack.runtime.star_run import RunSky
+from sattrack.runtime.system import utc_now
 from sattrack.safety import SafetyLimits
+from tle.refraction import Refraction
 from tle.site import Site
 
 if TYPE_CHECKING:
@@ -158,6 +163,24 @@ def test_another_sites_stars_are_refused(
     data.write_text(stars)
     _, err = ran(capsys, "--fit-only", "--data", str(data), "--site", "31,4.5,0", code=2)
     assert "another mount's" in err
+
+
+def test_a_star_of_a_later_night_stands_where_it_was_by_the_date_of_its_file(
+    stars: str, tmp_path: Path
+) -> None:
+    """The sky has turned since: by the date of the file a star of today is many seconds of arc elsewhere."""
+    data = tmp_path / "run.dat"
+    data.write_text(stars.replace("2026 11 22 10 0 0", "2024 03 01 10 1000 0").replace("END\n", ""))
+    site = Site(52.0, 4.5, 0.0)
+    _, known = read_stars(data.read_text(), "run.dat")
+    sky = RunSky(site, MountProfile(), SafetyLimits(), Refraction.standard(0.0))
+    keep = _keeper({"data": data, "verify": False}, sky, known)
+    now = RunParameters(52.0, utc_now()[:10], 10.0, 1000.0, 0.0)
+    for ra, dec, sidereal in ((100.0, 40.0, 130.0), (30.0, 88.9, 50.0), (200.0, -10.0, 215.0)):
+        keep(Star(*observed(ra, dec, sidereal, now), sidereal - ra, dec, (ra, dec), sidereal))
+        after = read_stars(data.read_text(), "run.dat")[1][-1]
+        assert after[:2] == pytest.approx(observed(ra, dec, sidereal, now), abs=0.02 / 3600.0)
+        assert after[2:4] == pytest.approx((sidereal - ra, dec), abs=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -6,10 +6,12 @@ import erfa
 import numpy as np
 import pytest
 
+from sattrack.core.angles import altitude_deg, azimuth_deg
 from sattrack.core.errors import BadInputError
 from sattrack.mount.model import PointingTerms
 from sattrack.pointing.files import (
     RunParameters,
+    at_date,
     model_text,
     observed,
     read_stars,
@@ -65,6 +67,20 @@ def test_what_is_written_is_read_again() -> None:
     assert read.axis_dec_deg == pytest.approx(star.axis_dec_deg, abs=1e-7)
     assert read.icrs_deg == pytest.approx(star.icrs_deg, abs=1e-6)
     assert read.sidereal_deg == pytest.approx(star.sidereal_deg, abs=1e-6)
+
+
+@pytest.mark.parametrize("pressure", [0.0, 920.0])
+def test_a_star_is_where_it_was_at_another_date(pressure: float) -> None:
+    then = RunParameters(-33.25, "2020-01-31", 4.0, pressure, 800.0)
+    now = then._replace(date="2026-11-22")
+    seen = observed(254.0, -8.99, 190.98765, now)
+    star = at_date(Star(*seen, 0.0, 0.0, (254.0, -8.99), 190.98765), then)
+    # 6.8 years of precession are 340 seconds of arc.
+    assert abs(star.icrs_deg[0] - 254.0) > 300.0 / 3600.0
+    assert observed(*star.icrs_deg, 190.98765, then) == pytest.approx(seen, abs=0.02 / 3600.0)
+    altitude = altitude_deg(*seen, -33.25)
+    level = Star(azimuth_deg(*seen, -33.25), altitude, 0.0, 0.0, (254.0, -8.99), 190.98765)
+    assert at_date(level, then, "altaz").icrs_deg == pytest.approx(star.icrs_deg, abs=1e-6)
 
 
 @pytest.mark.parametrize(
