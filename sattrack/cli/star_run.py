@@ -149,6 +149,8 @@ def _check(options: dict[str, Any], call: MountCall) -> None:
                 f"--verify: the profile {call.described.name!r} has no pointing model; give --profile FILE"
             )
         return
+    if not options["data"].parent.is_dir():
+        raise BadInputError(f"--data {options['data']}: there is no such folder")
     target = _target(options)
     if target is None:
         return

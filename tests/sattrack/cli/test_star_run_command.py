@@ -194,6 +194,7 @@ def test_a_star_of_a_later_night_stands_where_it_was_by_the_date_of_its_file(
         (["--camera", "folder:.", "--verify"], "has no pointing model"),
         (["--camera", "folder:.", "--continue", "--data", "no.dat"], "no such file"),
         (["--camera", "folder:.", "--output", "no/where.toml"], "no such folder"),
+        (["--camera", "folder:.", "--data", "no/stars.dat"], "--data no/stars.dat: there is no such folder"),
         (["--fit-only", "--data", "no.dat"], "no such file"),
         (["--camera", "folder:.", "--model", "no/m.dat"], "--model no/m.dat"),
         (["--camera", "folder:.", "--plot", "sky.xyz"], "--plot sky.xyz"),
