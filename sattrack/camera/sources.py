@@ -349,6 +349,8 @@ class VideoSource:
         self._capture = self._cv2.VideoCapture(int(number[1]) if number else device)
         if not self._capture.isOpened():
             raise SattrackError(f"v4l:{device}: it cannot be opened; `v4l2-ctl --list-devices` lists cameras")
+        # A frame that waited in the driver's queue, of four by itself, would be dated when it is read.
+        self._capture.set(self._cv2.CAP_PROP_BUFFERSIZE, 1)
         self._device, self._options = device, options
         self.exposure_s = options.exposure_s
         if options.exposure_s is not None:

@@ -14,6 +14,7 @@ import threading
 import time
 import warnings
 import zlib
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -584,3 +585,18 @@ def test_a_video_device_gives_frames_with_their_top_row_last(tmp_path: Path) -> 
     for frame in (first, second, third):
         assert isinstance(frame, CameraFrame)
         assert frame.pixels[40:].mean() > 150.0 > 50.0 > frame.pixels[:8].mean()
+
+
+def test_no_frame_of_a_video_device_waits_in_the_queue_of_the_driver(monkeypatch: pytest.MonkeyPatch) -> None:
+    """V4L2 keeps four frames while one is looked at: dated when they are read, they would be too late."""
+    asked: list[tuple[int, float]] = []
+    capture = SimpleNamespace(
+        isOpened=lambda: True,
+        set=lambda *one: asked.append(one),
+        read=lambda: (True, np.zeros((30, 40), dtype=np.uint8)),
+        release=lambda: None,
+    )
+    cv2 = SimpleNamespace(VideoCapture=lambda _: capture, CAP_PROP_BUFFERSIZE=38)
+    monkeypatch.setattr(sources, "needed", lambda *_: cv2)
+    assert isinstance(next(iter(open_source("v4l:/dev/video0", SourceOptions()).frames())), CameraFrame)
+    assert asked == [(38, 1)]
