@@ -641,6 +641,11 @@ class IndiCamera:
                 data = self._blobs.get(timeout=exposure_s + READ_WITHIN_S)
             except queue.Empty:
                 yield SattrackError(f"{self._url}: no frame came within {READ_WITHIN_S:g} s")
+                try:
+                    # A server that was started again has forgotten that its camera was wanted.
+                    self._find()
+                except SattrackError as error:
+                    yield error
                 continue
             try:
                 yield self._frame(data, begun, exposure_s, number)

@@ -423,7 +423,10 @@ class AnnouncedCamera:
     def get(self, member: str) -> object:
         if member not in self.members:
             raise AlpacaRefusalError(0x400, "not implemented")
-        return self.members[member]
+        value = self.members[member]
+        if isinstance(value, Exception):
+            raise value
+        return value
 
     def get_body(self, *_: object) -> tuple[str, bytes]:
         return "application/imagebytes", metadata(8) + struct.pack("<6H", 1, 2, 3, 4, 5, 6)
@@ -544,6 +547,34 @@ def test_an_indi_camera_is_asked_for_frames(capfd: pytest.CaptureFixture[str]) -
     assert frame.pixels.tolist() == np.arange(1200).reshape(30, 40).tolist()
     assert b"0.2" in b"".join(heard)
     assert capfd.readouterr().out == ""
+
+
+def test_an_indi_server_that_is_started_again_is_asked_for_frames_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pytest.importorskip("indipyclient")
+    heard: list[bytes] = []
+
+    def serve(listener: socket.socket) -> None:
+        connection, _ = listener.accept()
+        with connection:
+            waiting = connection.recv(65536)
+            connection.sendall(INDI)
+            while b"</newNumberVector>" not in waiting:
+                waiting += connection.recv(65536)
+        serve_indi(listener, image_fits(), heard)
+
+    monkeypatch.setattr(sources, "READ_WITHIN_S", 1.0)
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        threading.Thread(target=serve, args=(listener,), daemon=True).start()
+        camera = open_source(f"indi://127.0.0.1:{listener.getsockname()[1]}/CCD%20Sim", SourceOptions(0.2))
+        until_s = time.monotonic() + 60.0
+        for frame in camera.frames():
+            if isinstance(frame, CameraFrame) or time.monotonic() > until_s:
+                break
+        camera.close()
+    assert isinstance(frame, CameraFrame)
+    assert b">Also</enableBLOB>" in b"".join(heard)
 
 
 def test_an_indi_camera_that_dates_to_whole_seconds_is_dated_by_our_clock() -> None:
