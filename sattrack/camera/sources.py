@@ -521,12 +521,9 @@ class AlpacaCamera:
         """Return when the exposure began, by the camera if it says fractions of a second, else by us."""
         try:
             said = str(self._device.get("lastexposurestarttime"))
-        except AlpacaRefusalError:
+            utc = parse_utc(said, "lastexposurestarttime")
+        except (AlpacaRefusalError, NoAnswerError, BadInputError):
             return by_us
-        try:
-            utc = parse_utc(said, "its lastexposurestarttime")
-        except BadInputError as error:
-            raise NoAnswerError(str(error)) from None
         # ASCOM's template for drivers cuts it off at a second.
         return by_us if last_decimal_s(said) > COARSE_S else utc
 

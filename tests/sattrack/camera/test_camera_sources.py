@@ -465,10 +465,14 @@ def test_the_pixel_size_that_an_alpaca_camera_announces_is_kept(
         # Cut off at a second, and perhaps local time, as ASCOM's template for drivers has it.
         ("2026-10-02T13:05:23", "2026-10-02T13:05:24Z"),
         ("2026-10-02T15:05:24", "2026-10-02T13:05:24Z"),
+        # No date at all.
+        (None, "2026-10-02T13:05:24Z"),
+        ("02/10/2026 13:05:23", "2026-10-02T13:05:24Z"),
+        (NoAnswerError("it answered with HTTP status 400", 400), "2026-10-02T13:05:24Z"),
     ],
 )
-def test_an_alpaca_camera_that_dates_to_whole_seconds_is_dated_by_our_clock(
-    monkeypatch: pytest.MonkeyPatch, said: str, begun: str
+def test_an_alpaca_camera_that_does_not_date_well_is_dated_by_our_clock(
+    monkeypatch: pytest.MonkeyPatch, said: object, begun: str
 ) -> None:
     members = AnnouncedCamera.members | {"lastexposurestarttime": said, "lastexposureduration": 0.0}
     monkeypatch.setattr(AnnouncedCamera, "members", members)
