@@ -205,9 +205,14 @@ def learn(
 ) -> Learnt:
     """Return what passes teach; `names` are those of their files, `before` a table of earlier passes.
 
-    Raises SattrackError where there are too few passes, or where one contradicts the others.
+    Raises SattrackError where there are too few passes, where one contradicts the others, or is given twice.
     """
     notes: list[str] = []
+    for k, one in enumerate(passes):
+        # Held against itself a pass proves whatever it shows.
+        twice = next((j for j in range(k) if np.array_equal(passes[j].left, one.left)), None)
+        if twice is not None:
+            raise SattrackError(f"{names[k]}: it is the same pass as {names[twice]}: give it once")
     if before is not None and any(one.utc <= before.utc for one in passes):
         notes.append(
             f"the table of {before.utc[:10]} is made anew: it may have been learnt from these passes"

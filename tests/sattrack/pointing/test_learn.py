@@ -146,6 +146,12 @@ def test_what_one_pass_alone_shows_is_not_taken() -> None:
         assert "pass" in str(error)  # noqa: PT017
 
 
+def test_a_pass_that_is_given_twice_proves_nothing_by_itself() -> None:
+    passes = [made(21, ((0, 40, 5.0, 0.0),)), made(22), made(21, ((0, 40, 5.0, 0.0),))]
+    with pytest.raises(SattrackError, match=r"pass2\.mcap: it is the same pass as pass0\.mcap: give it once"):
+        learn(passes, named(passes))
+
+
 def test_a_mount_that_was_homed_between_passes_is_refused_by_name() -> None:
     turned = (0, 7, -8.0, -6.0)
     passes = [*(made(seed, (GEAR,)) for seed in (31, 32, 33)), made(34, (turned,))]
