@@ -445,12 +445,14 @@ def make_camera(config: CameraConfig, telescope: SimulatedTelescope | None = Non
     Raises BadInputError where no stars are installed.
     """
     where, begin_s = config.site, config.begin_utc_s
+    # numpy takes no negative seeds, as a mount does.
+    seed = abs(config.seed)
     site = Site(where.latitude_deg, where.longitude_deg, where.height_m)
     satellites = [one for one in parse_elements(config.elements) if isinstance(one, Elements)]
-    sky = make_sky(site, satellites, config.hidden, config.seed)
-    camera = SkyCamera(sky, config.settings, config.hidden, begin_s, config.seed)
+    sky = make_sky(site, satellites, config.hidden, seed)
+    camera = SkyCamera(sky, config.settings, config.hidden, begin_s, seed)
     if telescope is not None and telescope.settings.alignment == "altaz":
-        camera = SkyCamera(sky, config.settings, config.hidden, begin_s, config.seed, alignment="altaz")
+        camera = SkyCamera(sky, config.settings, config.hidden, begin_s, seed, alignment="altaz")
     if telescope is None:
         sidereal_deg = mean_sidereal_deg(begin_s + config.clock_offset_s, where.longitude_deg)
         camera.hour_angle_zero_deg = sky.hour_angle_zero_deg(sidereal_deg, begin_s)

@@ -16,7 +16,9 @@ import pytest
 from programs import ended, sattrack
 
 from sattrack.cli.main import run
-from sattrack.mount.simulator.hidden import GRAMMAR, Hidden, parse_hidden
+from sattrack.mount.simulator.alpaca_server import CameraConfig, make_camera
+from sattrack.mount.simulator.hidden import GRAMMAR, Hidden, SimulatedCamera, parse_hidden
+from sattrack.mount.simulator.mount import SimulatedSite
 from sattrack.runtime import demo_pass
 from tle.instants import Utc
 
@@ -149,6 +151,12 @@ def test_the_page_has_every_key() -> None:
     page = PAGE.read_text(encoding="utf-8")
     for example, meaning in GRAMMAR:
         assert f"| `{example}` | {meaning} |" in page
+
+
+def test_a_camera_takes_any_seed_that_its_mount_takes() -> None:
+    where = SimulatedSite(52.15, 4.49)
+    config = CameraConfig(where, "[]", SimulatedCamera(2.5, 64, 48), Hidden(faint=1.0), 1.79e9, seed=-3)
+    assert make_camera(config).camera.seed == 3
 
 
 def test_a_camera_on_axes_with_a_geometry_is_refused(
