@@ -541,6 +541,7 @@ class AlpacaCamera:
             except (AlpacaRefusalError, NoAnswerError):
                 return
             self._gains = low, high, wanted
+            self._gain_per_unit = self._optional("electronsperadu")
 
     def close(self) -> None:
         """See FrameSource: end an exposure that goes on; others may use the camera."""

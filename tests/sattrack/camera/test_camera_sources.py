@@ -483,6 +483,26 @@ def test_an_alpaca_camera_that_does_not_date_well_is_dated_by_our_clock(
     assert abs(float(frame.utc - Utc.parse(begun))) < 1e-6
 
 
+def test_the_electrons_of_a_unit_are_those_of_the_gain_that_is_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    members = AnnouncedCamera.members | {"gainmin": 0, "gainmax": 400, "gain": 0, "electronsperadu": 4.0}
+
+    def put(_: AnnouncedCamera, member: str, **values: str) -> None:
+        if member == "gain":
+            members["electronsperadu"] = 4.0 * 10.0 ** (-float(values["Gain"]) / 200.0)
+
+    monkeypatch.setattr(AnnouncedCamera, "members", members)
+    monkeypatch.setattr(AnnouncedCamera, "put", put)
+    monkeypatch.setattr(sources, "AlpacaDevice", AnnouncedCamera)
+    monkeypatch.setattr(time, "sleep", lambda _: None)
+    camera = open_source("alpaca://127.0.0.1:1/0", SourceOptions())
+    camera.adjust(10.0)
+    camera.adjust(2.0)
+    frame = next(iter(camera.frames()))
+    assert isinstance(frame, CameraFrame)
+    assert frame.header["GAIN"] == 40.0
+    assert frame.header["EGAIN"] == pytest.approx(4.0 * 10.0**-0.2)
+
+
 @pytest.mark.parametrize("scale", [0.0, -2.5, 3601.0, "2.5"])
 def test_a_header_whose_scale_is_none_tells_none(scale: object) -> None:
     frame = CameraFrame(np.zeros((30, 40), dtype=np.float32), MIDDLE, 0.2, "f", header={"SCALE": scale})
