@@ -164,8 +164,9 @@ _SHARPCAP_EXPOSURE = re.compile(r"^Exposure\s*=\s*([0-9.,]+)[ \t]*([^\W\d]*)", r
 _FIRECAPTURE = re.compile(r"^(Date|Mid\(UT\)|Start\(UT\)|Date_format|Shutter)\s*=\s*(\S+)", re.M)
 _IN_NAME = re.compile(
     r"(?<!\d)(\d{4})-?(\d\d)-?(\d\d)[T_\- ](\d\d)[:_\-]?(\d\d)[:_\-]?(\d\d)"
-    r"(?:[._,\-](\d{1,9}))?(?:Z|UT|UTC)?(?!\d)"
+    r"(?:[.,](\d{1,9})|[_\-](\d{3}|\d{6,9})(?!\d))?(?:Z|UT|UTC)?(?!\d)"
 )
+"""After _ or - four or five digits are the number of a frame, as oaCapture has it, and no fraction."""
 _DATE_FORMATS = {"ddMMyy": (4, 2, 0), "yyMMdd": (0, 2, 4), "MMddyy": (4, 0, 2)}
 """FireCapture's orders of the day, the month and the year: where year, month and day begin."""
 
@@ -208,7 +209,8 @@ def name_exposure(stem: str, name: str, exposure_s: float | None) -> Exposure | 
     found = _IN_NAME.search(stem)
     if found is None:
         return None
-    year, month, day, hour, minute, second, fraction = found.groups()
+    year, month, day, hour, minute, second, *fractions = found.groups()
+    fraction = fractions[0] or fractions[1]
     iso = f"{year}-{month}-{day}T{hour}:{minute}:{second}{f'.{fraction}' if fraction else ''}Z"
     return _shifted(iso, name, 0.5, exposure_s, name)
 

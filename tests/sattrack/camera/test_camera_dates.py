@@ -134,5 +134,12 @@ def test_what_the_last_decimal_of_a_date_is_goes_with_it() -> None:
     assert (whole.decimal_s, settings.decimal_s, header.decimal_s) == (1.0, 0.1, 1.0)
 
 
+@pytest.mark.parametrize("stem", ["iss-20261002-130524-0001", "20261002_130524_00017", "20261002_130524"])
+def test_the_number_of_a_frame_in_its_name_is_no_fraction_of_a_second(stem: str) -> None:
+    """By frame 0001 the date would be exact to a tenth of a millisecond."""
+    found = name_exposure(stem, f"{stem}.png", 0.0)
+    assert found == (Utc.parse("2026-10-02T13:05:24Z"), 0.0, 1.0)
+
+
 def test_a_name_without_seconds_dates_nothing() -> None:
     assert name_exposure("2026-10-02-1305_4-Jup", "x.png", 0.2) is None
