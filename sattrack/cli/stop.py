@@ -24,7 +24,16 @@ from sattrack.cli.common import (
 )
 from sattrack.core.errors import NO_JSON, BadInputError, SattrackError
 from sattrack.runtime.console import MountStop, stop_after, stop_directly, stop_session
-from sattrack.runtime.mounts import FORMS, SIMULATED, ask_give_up, mount_address, owner_of, owners
+from sattrack.runtime.mounts import (
+    FORMS,
+    SIMULATED,
+    ask_give_up,
+    is_antenna,
+    mount_address,
+    owner_of,
+    owners,
+    usual_profile,
+)
 from sattrack.schedule.night_stop import NightStop, begin_stops, listed_nights
 
 if TYPE_CHECKING:
@@ -182,8 +191,7 @@ def command(
     """
     if mount_url is not None and every:
         raise BadInputError("give either --mount or --all")
-    url = mount_url or context.settings.mount.url
-    mounts = _named(mount_url) or _mounts(mount_url, _address(url))
+    mounts = _named(mount_url) or _mounts(mount_url, _address(mount_url, context.settings.mount.url))
     if not sys.platform.startswith("linux"):
         # Sessions have no names to be found by.
         tell("a running session is found on Linux only: press Space or Ctrl-C in its own terminal, too")
@@ -199,7 +207,7 @@ def command(
     progress = StopProgress()
     # Before the mount is stopped: a runner that sees its session end must not begin it again.
     nights = begin_stops(mounts.nights)
-    usual = context.profile(profile, url).mount
+    usual = _profile(context, profile, mount_url)
     done, failed = _stop_all(mounts, usual, progress)
     stopped = [night.finish(progress.show) for night in nights]
     if nights:
@@ -298,9 +306,31 @@ def _answered(mounts: Mounts) -> Mounts:
     return mounts
 
 
-def _address(url: str | None) -> MountAddress | None:
-    """Return the mount that a URL names; None for simulated ones, which end with their sessions."""
-    return None if url is None else mount_address(url)
+def _address(given: str | None, configured: str | None) -> MountAddress | None:
+    """Return the mount that a URL names; None for simulated ones, which end with their sessions.
+
+    A URL of the settings that leads to no mount keeps no session from being stopped: it is reported. Raises
+    BadInputError for one that was given.
+    """
+    if given is not None:
+        return mount_address(given)
+    if is_antenna(configured):
+        tell(f"{configured}: Ctrl-C in the terminal of `sattrack track` stops an antenna; looking for others")
+        return None
+    try:
+        return None if configured is None else mount_address(configured)
+    except BadInputError as error:
+        tell(f"{error}; going on without that mount")
+        return None
+
+
+def _profile(context: CommandContext, given: Path | None, mount_url: str | None) -> MountProfile:
+    """Return the mount's profile; where that is refused, the usual one: no error of a file delays a stop."""
+    try:
+        return context.profile(given, mount_url).mount
+    except BadInputError as error:
+        tell(f"{error}; going on without the profile")
+        return usual_profile(mount_url or context.settings.mount.url)
 
 
 def _give_up(context: CommandContext, sessions: tuple[Owner, ...]) -> int:

@@ -181,6 +181,31 @@ def test_without_a_simulated_mount_sim_stops_nothing(
     assert stopped == []
 
 
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ('url = "antenna://127.0.0.1:7621"', "Ctrl-C in the terminal of `sattrack track` stops an antenna"),
+        ('url = "xerxes://a..b:15001?listen=15001"', "no such host 'a..b'"),
+        ('profile = "mount.toml"', "mount.toml: cannot read the mount profile"),
+    ],
+    ids=["an antenna's controller", "a host that is not found", "a profile that is not there"],
+)
+def test_no_mount_and_profile_of_the_settings_keep_a_session_from_being_stopped(
+    settings: str,
+    says: str,
+    stopped: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "sattrack.toml").write_text(f"[mount]\n{settings}\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(stop_module, "owners", lambda: [DOME])
+    assert run(["stop"]) == 0
+    assert stopped == [DOME.mount]
+    assert says in capsys.readouterr().err
+
+
 def test_a_guardian_that_goes_on_is_told_in_a_sentence_of_its_own(
     stopped: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
