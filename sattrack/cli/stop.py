@@ -191,7 +191,9 @@ def command(
     """
     if mount_url is not None and every:
         raise BadInputError("give either --mount or --all")
-    mounts = _named(mount_url) or _mounts(mount_url, _address(mount_url, context.settings.mount.url))
+    mounts = _named(mount_url)
+    if mounts is None:
+        mounts = _mounts(mount_url, _address(mount_url, context.settings.mount.url))
     if not sys.platform.startswith("linux"):
         # Sessions have no names to be found by.
         tell("a running session is found on Linux only: press Space or Ctrl-C in its own terminal, too")
@@ -233,7 +235,7 @@ def _named(name: str | None) -> Mounts | None:
         owner = owner_of(name)
         sessions = [] if owner is None else [owner]
         nights = [night for night in listed_nights() if night.mount == name]
-    return Mounts(tuple(sessions), None, tuple(nights)) if sessions else None
+    return Mounts(tuple(sessions), None, tuple(nights)) if sessions or nights else None
 
 
 def _begun_since(mounts: Mounts) -> Mounts:

@@ -19,7 +19,7 @@ from sattrack.cli.main import run
 from sattrack.core.errors import SattrackError
 from sattrack.runtime.console import MountStop
 from sattrack.runtime.mounts import GoesOn, Owner, owner_of, owners
-from sattrack.schedule.night_stop import ListedRun, locked
+from sattrack.schedule.night_stop import ListedRun, locked, stop_of
 
 if TYPE_CHECKING:
     import subprocess
@@ -428,6 +428,21 @@ def test_a_stop_of_a_simulated_mount_stops_the_schedule_that_moves_it(tmp_path: 
         night = ListedRun(str(tmp_path), "night.toml", None)
         mounts = stop_module.Mounts((session,), None, (night,))
         assert stop_module._chosen(mounts, as_json=True).nights == (night,)
+
+
+@pytest.mark.parametrize("mount", [None, DOME.mount])
+def test_a_schedule_that_waits_is_stopped_by_the_name_that_the_list_shows(
+    mount: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Between its passes no session owns its mount."""
+    night = ListedRun(str(tmp_path), str(tmp_path / "night.toml"), mount)
+    monkeypatch.setattr(stop_module, "listed_nights", lambda: [night])
+    monkeypatch.setattr(stop_module, "owner_of", lambda _: None)
+    with locked(tmp_path):
+        (line,) = stop_module.Mounts((), None, (night,)).lines()
+    assert run(["stop", "--mount", line.partition("  ")[0]]) == 0
+    assert stop_of(tmp_path) is not None
+    assert "night.toml" in capsys.readouterr().out
 
 
 def test_an_embedded_mounts_session_says_that_it_is_simulated() -> None:
