@@ -253,9 +253,16 @@ def tell(text: str) -> None:
 
 
 def write_file(path: Path, text: str) -> None:
-    """Put text into a file whole: a file that is read meanwhile, or was there, is never left half written."""
+    """Put text into a file whole: a file that is read meanwhile, or was there, is never left half written.
+
+    A link is followed. Pipes, devices, and files in a folder that takes no others are written as they stand.
+    """
+    real = Path(os.path.realpath(path))
     try:
-        replace_file(path, text.encode())
+        if path.exists() and not (path.is_file() and os.access(real.parent, os.W_OK)):
+            path.write_bytes(text.encode())
+        else:
+            replace_file(real, text.encode())
     except OSError as error:
         raise SattrackError(f"{path}: cannot be written: {error.strerror or error}") from error
 

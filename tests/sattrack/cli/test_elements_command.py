@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import runpy
 import subprocess
 import sys
@@ -141,6 +142,40 @@ def test_get_writes_every_format(csv_file, tmp_path, form, capsys):
     assert found == wanted
     assert [one.catalog_number for one in found] == [25544, 100534]
     assert sorted(p.name for p in tmp_path.iterdir()) == ["elements", "written"]
+
+
+def test_what_is_written_goes_to_the_file_behind_a_link(csv_file, tmp_path, capsys):
+    real, link = tmp_path / "real", tmp_path / "link"
+    real.write_text("of yesterday")
+    link.symlink_to(real)
+    ran(capsys, "elements", "get", csv_file, "--output", str(link))
+    assert link.is_symlink()
+    assert len(load_elements(real).accepted) == 2
+
+
+def test_what_is_written_goes_into_a_pipe(csv_file, tmp_path, capsys):
+    """As `--output >(gzip > iss.csv.gz)` makes one, and `--output /dev/stdout`."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        ran(capsys, "elements", "get", csv_file, "--output", str(pipe))
+        assert os.read(reader, 1 << 16).startswith(b"OBJECT_NAME")
+    finally:
+        os.close(reader)
+    assert pipe.is_fifo()
+
+
+def test_a_file_that_may_be_written_in_a_folder_that_may_not_is_written(
+    csv_file, tmp_path, monkeypatch, capsys
+):
+    target = tmp_path / "shared.csv"
+    target.touch()
+    before = target.stat().st_ino
+    monkeypatch.setattr(os, "access", lambda path, _: Path(path) != tmp_path)
+    ran(capsys, "elements", "get", csv_file, "--output", str(target))
+    assert target.stat().st_ino == before
+    assert len(load_elements(target).accepted) == 2
 
 
 def test_get_takes_standard_input_and_one_satellite(monkeypatch, capsys):
