@@ -44,16 +44,16 @@ _FEWEST_FOR_PROGRESS = 2000
 _OLD_DAYS = 14.0
 _LINES_AT_ONCE = 2000
 _SORTS = ("rise", "altitude", "magnitude", "rate", "name")
-_OF_PASSES = {
+_NOT_OF_TRANSITS = {
     "sunlit": "--sunlit",
     "dark": "--dark",
     "feasible": "--feasible",
     "judged": "--judged",
     "max_rate_deg_s": "--max-rate",
     "faintest": "--magnitude",
+    "sort": "--sort",
     "plot": "--plot",
 }
-"""Options that choose among passes, or show them, and say nothing of transits."""
 
 
 @click.command("passes")
@@ -123,8 +123,8 @@ def command(context: CommandContext, targets: tuple[str, ...], **options: Any) -
       sattrack passes ISS --hours 72 --format ics > iss.ics
       sattrack passes ISS --hours 480 --transits
     """
-    _check(options)
     style = _style(options, context.json)
+    _check(options, style)
     start = given_instant("--from", options["start"]) if options["start"] else context.now()
     if targets:
         context.site()  # asked for before the network is
@@ -150,13 +150,11 @@ def command(context: CommandContext, targets: tuple[str, ...], **options: Any) -
 
 
 def _show_transits(passes: CataloguePasses, style: str) -> None:
-    """Print what crosses Sun and Moon. Raises BadInputError for a style that has no transits."""
+    """Print what crosses Sun and Moon."""
     from sattrack.cli.passes_output import transit_lines, transit_rows
     from tle.facts import fact_columns
     from tle.transits import find_transits
 
-    if style not in ("table", "json"):
-        raise BadInputError(f"--transits is printed as a table or as json, not as {style}")
     progress = _progress("looked at {done} of {total} passes", len(passes))
     found = find_transits(passes, fact_columns(passes, progress=progress, workers=os.cpu_count() or 1))
     if style == "json":
@@ -206,8 +204,14 @@ def _style(options: dict[str, Any], as_json: bool) -> str:
     return given.pop()
 
 
-def _check(options: dict[str, Any]) -> None:
+def _check(options: dict[str, Any], style: str) -> None:
     """Raise BadInputError for options that do not go together or that no pass can meet."""
+    if options["transits"]:
+        if style not in ("table", "json"):
+            raise BadInputError(f"--transits is printed as a table or as json, not as {style}")
+        for name, option in _NOT_OF_TRANSITS.items():
+            if options[name] not in (None, False, _SORTS[0]):
+                raise BadInputError(f"{option} is of passes, and --transits lists none; omit one of them")
     if options["faintest"] is not None and options["magnitudes_file"] is None:
         raise BadInputError(
             "--magnitude needs --magnitudes FILE: element sets do not say how bright things are"
@@ -217,9 +221,6 @@ def _check(options: dict[str, Any]) -> None:
     rate = options["max_rate_deg_s"]
     if rate is not None and not rate > 0.0:
         raise BadInputError(f"--max-rate {rate}: give degrees a second above 0")
-    given = [option for name, option in _OF_PASSES.items() if options[name] not in (None, False)]
-    if options["transits"] and given:
-        raise BadInputError(f"{given[0]} is for passes, and --transits lists all transits: leave one away")
 
 
 def _chosen(

@@ -410,8 +410,6 @@ def test_a_chart(given: list[str], tmp_path: Path, capsys: pytest.CaptureFixture
     ("arguments", "code", "says"),
     [
         (("--json", "--csv"), 2, "give only one of"),
-        (("--transits", "--plot", "sky.png"), 2, "--plot is for passes, and --transits lists all transits"),
-        (("--transits", "--dark"), 2, "--dark is for passes, and --transits lists all transits"),
         (("--magnitude", "4"), 2, "--magnitudes FILE"),
         (("--max-rate", "-1"), 2, "above 0"),
         (("--max-rate", "nan"), 2, "nan"),

@@ -253,6 +253,10 @@ track 'ISS --mount sim'                         | --mount sim is a simulated one
 track ISS —mount sim                            | options begin with --, two hyphens
 help                                            | see `sattrack --help`
 passes {at} --json --csv                        | give only one
+passes {at} --transits --csv                    | as a table or as json, not as csv
+passes {at} --transits --dark                   | --dark is of passes, and --transits lists none
+passes {at} --transits --plot x.png             | --plot is of passes, and --transits lists none
+passes {at} --transits --sort altitude          | --sort is of passes, and --transits lists none
 elements get celestrak:stations                 | check the network, or save http
 passes {site} --elements celestrak:stations     | /NORAD/elements/gp.php?GROUP=stations&FORMAT=csv as a file
 passes {site} --elements https://celestrak.invalid/x | check the network, or save https://celestrak.invalid/x
