@@ -88,6 +88,8 @@ def get(
       sattrack elements get ISS --output iss.csv
       sattrack elements get celestrak:stations --format tle --output stations.tle
     """
+    if context.json and form not in (None, "json") and output is None:
+        raise BadInputError(f"give only one of --json and --format {form}")
     named = [source for source in sources if _is_satellite(source)]
     others = tuple(source for source in sources if source not in named)
     sets = ElementSets() if named and not others else context.load(_places(context, others), renewing=True)

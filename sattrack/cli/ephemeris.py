@@ -108,6 +108,8 @@ def command(context: CommandContext, target: str, **options: Any) -> int:
       sattrack ephemeris ISS --from 2026-10-02T13:04:00Z --to 2026-10-02T13:07:00Z
       sattrack ephemeris Moon --step 60 --refraction --format csv
     """
+    if context.json and options["style"] == "csv":
+        raise BadInputError("give only one of --json and --format csv")
     start = given_instant("--from", options["start"]) if options["start"] else context.now()
     site = context.site()
     (elements,) = find_targets(context, [target], options["ephemeris"], start)

@@ -257,6 +257,8 @@ passes {at} --transits --csv                    | as a table or as json, not as 
 passes {at} --transits --dark                   | --dark is of passes, and --transits lists none
 passes {at} --transits --plot x.png             | --plot is of passes, and --transits lists none
 passes {at} --transits --sort altitude          | --sort is of passes, and --transits lists none
+ephemeris ISS {at} --json --format csv          | give only one of --json and --format csv
+elements get {tle} --json --format tle          | give only one of --json and --format tle
 elements get celestrak:stations                 | check the network, or save http
 passes {site} --elements celestrak:stations     | /NORAD/elements/gp.php?GROUP=stations&FORMAT=csv as a file
 passes {site} --elements https://celestrak.invalid/x | check the network, or save https://celestrak.invalid/x
