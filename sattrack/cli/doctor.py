@@ -476,7 +476,9 @@ def _terminal_facts() -> TerminalFacts:
 
 
 def _check_mount(context: CommandContext, url: str | None, explicit: Path | None) -> Iterator[CheckResult]:
-    real = url not in (None, "sim")
+    from sattrack.runtime.mounts import is_antenna
+
+    real = url not in (None, "sim") and not is_antenna(url)
     configured = str(explicit) if explicit is not None else context.settings.mount.profile
     profile: MountProfile | None = None
     error = None
@@ -487,6 +489,10 @@ def _check_mount(context: CommandContext, url: str | None, explicit: Path | None
     yield check_profile(configured, profile, error, real)
     if url is None:
         text = "no mount is set: with --mount, or [mount] url in sattrack.toml, its statuses are listened to"
+        yield CheckResult("link", "ok", text)
+        return
+    if is_antenna(url):
+        text = f"{url}: an antenna's controller is tried by `sattrack track` alone"
         yield CheckResult("link", "ok", text)
         return
     yield from _check_link(url, profile or MountProfile())

@@ -127,6 +127,16 @@ def test_what_is_wrong_is_bad_and_the_exit_code_says_so(
     assert [name for name, check in checks.items() if check["state"] == "bad"] == [subject]
 
 
+def test_an_antennas_controller_is_no_error_of_the_settings(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """`track` takes it from there; nothing here can try it, and it needs no profile."""
+    (tmp_path / "sattrack.toml").write_text('[mount]\nurl = "antenna://127.0.0.1:7621"\n')
+    checks = examined(capsys, *THAT_DAY)[1]
+    assert checks["link"]["state"] == checks["profile"]["state"] == "ok"
+    assert "is tried by `sattrack track` alone" in checks["link"]["what"]
+
+
 def test_a_mount_is_listened_to_and_nothing_is_sent_to_it(capsys: pytest.CaptureFixture[str]) -> None:
     listen_port = free_port()
     with mount_that_only_sends(listen_port) as mount:
