@@ -522,7 +522,7 @@ def _check_link(url: str, profile: MountProfile) -> Iterator[CheckResult]:
 def _check_disk(folder: Path) -> CheckResult:
     absolute = folder.absolute()
     try:
-        free_bytes: float | None = shutil.disk_usage(absolute).free
+        free_bytes = float(shutil.disk_usage(absolute).free) if absolute.is_dir() else None
     except OSError:
         free_bytes = None
     return check_disk(absolute, free_bytes, os.access(absolute, os.W_OK))

@@ -137,6 +137,12 @@ def test_an_antennas_controller_is_no_error_of_the_settings(
     assert "is tried by `sattrack track` alone" in checks["link"]["what"]
 
 
+def test_a_file_is_no_folder_for_recordings(capsys: pytest.CaptureFixture[str], elements: str) -> None:
+    disk = examined(capsys, *THAT_DAY, "--record-folder", elements)[1]["disk"]
+    assert disk["state"] == "bad"
+    assert disk["what"] == f"{elements}: no such folder"
+
+
 def test_a_mount_is_listened_to_and_nothing_is_sent_to_it(capsys: pytest.CaptureFixture[str]) -> None:
     listen_port = free_port()
     with mount_that_only_sends(listen_port) as mount:
