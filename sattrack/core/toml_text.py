@@ -84,6 +84,7 @@ class _Scanner:
         path: KeyPath = ()
         for key in keys[:-1]:
             path = self._current((*path, key))
+            self._found.setdefault(path, self._spot(begin, begin, plain=False))
         path = (*path, keys[-1])
         if many:
             number = self._counts.get(path, 0)
@@ -101,6 +102,8 @@ class _Scanner:
         self._skip("")
         begin = self._at
         path = (*table, *self._keys())
+        for length in range(len(table) + 1, len(path)):
+            self._found.setdefault(path[:length], self._spot(begin, begin, plain=False))
         self._at += 1
         self._skip("")
         self._value(path, begin)

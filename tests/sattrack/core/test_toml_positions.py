@@ -36,7 +36,9 @@ def test_places_are_where_one_counts_them() -> None:
     found = toml_positions(TEXT)
     counted: dict[KeyPath, tuple[int, int, int, int]] = {
         ("name",): (2, 1, 2, 9),
+        ("odd key",): (3, 1, 3, 1),
         ("odd key", "inner"): (3, 1, 3, 23),
+        ("one",): (5, 1, 5, 1),
         ("one", "two"): (5, 1, 5, 1),
         ("one", "two", "list"): (6, 1, 6, 8),
         ("one", "two", "list", 0): (6, 9, 6, 9),
