@@ -365,7 +365,7 @@ def _explained(message: str, document: Any, positions: KeyPositions, kind: type)
         if choices:
             message = f"{name} is {_shown(given)}; give one of {', '.join(choices)}"
         for word, plain in _PLAIN_WORDS.items():
-            message = re.sub(rf"expected {word}\b", f"give {plain.replace('NAME', name)}", message)
+            message = re.sub(rf"expected {word}\b", f"give {plain.replace('NAME', table)}", message)
     missing = re.fullmatch(r"Object missing required field `(.*)`", message)
     if missing is not None:
         message = f"{missing[1]} is missing{where}"

@@ -336,6 +336,7 @@ def test_a_wrong_command_line_is_answered_in_one_line_with_what_to_do(
         ),
         ("elements = 'iss.tle'\n", "1: elements is 'iss.tle'; give a list in [ ]"),
         ("mount = 'sim'\n", "1: mount is 'sim'; give a table, [mount] and its keys below"),
+        ("cameras.guide = 3\n", "1: guide is 3; give a table, [cameras.guide] and its keys below"),
         ("\n[camras.guide]\nfov_deg = 1\n", "2: unknown key 'camras'; did you mean 'cameras'?"),
         ("\nmuont.url = 'sim'\n", "2: unknown key 'muont'; did you mean 'mount'?"),
         ("zone = 'CEST'\n", "1: zone 'CEST' is no time zone: write it as Europe/Amsterdam, or UTC"),
