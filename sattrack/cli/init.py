@@ -289,7 +289,7 @@ def _ask(question: str, usual: str | None, check: Callable[[str], object]) -> st
 
 def place_of(text: str) -> tuple[City | None, Site | None]:
     """Return the city or the site that a text names. Raises BadInputError, SiteError."""
-    if any(c.isdigit() for c in text):
+    if any(c.isdigit() for c in text) and not _called(_cities(), text.partition(",")[0].strip()):
         return None, Site.parse(text)
     return find_cities(text)[0], None
 

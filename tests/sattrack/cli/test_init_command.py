@@ -17,10 +17,11 @@ import pytest
 from element_server import element_server
 
 from sattrack.cli import init
-from sattrack.cli.init import _system_zone, find_cities
+from sattrack.cli.init import _system_zone, find_cities, place_of
 from sattrack.cli.main import run
 from sattrack.core.errors import BadInputError
 from sattrack.mount.alpaca.client import discover_telescopes
+from tle.site import Site
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -252,6 +253,13 @@ def test_of_a_city_that_is_not_known_what_is_meant_is_told_with_its_country():
         find_cities("Newcastl")
     with pytest.raises(BadInputError, match="did you mean Leiden, NL"):
         find_cities("Leidn")
+
+
+def test_a_city_that_has_a_number_in_its_name_is_no_site():
+    city, site = place_of("6th of October City, EG")
+    assert city is not None
+    assert (city.country, site) == ("EG", None)
+    assert place_of("52.15,4.49,6") == (None, Site(52.15, 4.49, 6.0))
 
 
 def test_of_cities_of_one_name_and_size_the_place_is_named_or_asked_for(folder, capsys):
