@@ -417,7 +417,10 @@ def _conclude(
     if wrong:
         tell(f"{wrong} of {len(stars)} stars contradict the others and were left out: wrongly solved?")
     _print(context, terms)
-    if target is not None and not context.json:
+    if target is None:
+        again = f"`sattrack star-run --fit-only --data {options['data']}`"
+        tell(f"the model is kept in no profile: {again} with --profile FILE, or --output FILE, keeps it")
+    elif not context.json:
         tell(f"written to {target}")
     return 0
 

@@ -114,6 +114,7 @@ def test_a_file_that_was_cut_off_in_a_line_gives_the_whole_ones(
     out, err = ran(capsys, "--fit-only", "--data", str(data), "--json")
     assert json.loads(out)["model"]["stars"] == 15
     assert "last line has no end" in err
+    assert f"kept in no profile: `sattrack star-run --fit-only --data {data}` with --profile FILE" in err
 
 
 def test_a_bump_is_found_in_a_file_too(
