@@ -87,7 +87,8 @@ MOUNT_PLACES = {verb: f"mount:{verb.replace('-', '_')}" for verb in MOUNT_VERBS}
 }
 MOUNT_HELP = """Look at a mount, and operate it by hand.
 
-All verbs take --mount URL, --profile FILE and --site; --mount sim is a simulated mount for practice.
+All verbs take --mount URL; --mount sim is a simulated mount for practice. All but calibrate and unwound take
+--profile FILE.
 Ctrl-C stops the mount first.
 
 \b
