@@ -21,6 +21,7 @@ from sattrack.cli.common import (
     element_sources,
     say,
     tell,
+    write_file,
 )
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError, SattrackError
@@ -291,11 +292,7 @@ def _write(path: Path, fit: OrbitFit) -> None:
     # The standard asks for a name (CCSDS 502.0-B-3, table 4-2).
     named = replace(refined, name=refined.name or refined.designator or str(refined.catalog_number))
     created = Utc(math.floor(time.time())).isoformat("seconds")
-    text = write_kvn([named], created, "SATTRACK") + covariance_kvn(fit.state_covariance_km2())
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise SattrackError(f"{path}: cannot be written: {error.strerror or error}") from error
+    write_file(path, write_kvn([named], created, "SATTRACK") + covariance_kvn(fit.state_covariance_km2()))
     tell(f"refined elements written to {path}")
 
 

@@ -214,11 +214,7 @@ def write_tdm(recording: Recording, facts: RunFacts, out: Path, engine: Engine |
     seen = seen_in(recording, engine or knowing(recording, engine_of))
     if len(seen) < count:
         tell(f"{count - len(seen)} of {count} observations are nowhere near the orbit, and are left out")
-    text = tdm_text(seen, facts.elements, facts.site.place(), time.time(), "observed with sattrack")
-    try:
-        out.write_text(text)
-    except OSError as error:
-        raise BadInputError(f"{out}: cannot be written: {error.strerror}") from error
+    write_file(out, tdm_text(seen, facts.elements, facts.site.place(), time.time(), "observed with sattrack"))
 
 
 @click.command("report")
