@@ -158,7 +158,10 @@ def _geometry(context: CommandContext, options: dict[str, Any]) -> ImageGeometry
     scale = value("scale", "scale_arcsec_px")
     if scale is not None and not 0.0 < scale <= 3600.0:
         raise BadInputError(f"--scale {scale:g}: give arcseconds in a pixel, above 0 to 3600")
-    return ImageGeometry(scale, value("rotation", "rotation_deg"), value("flip", "flipped"))
+    rotation = value("rotation", "rotation_deg")
+    if rotation is not None and not abs(rotation) <= 360.0:
+        raise BadInputError(f"--rotation {rotation:g}: give degrees, -360 to 360")
+    return ImageGeometry(scale, rotation, value("flip", "flipped"))
 
 
 def _check_save(source: str, save: Path | None) -> None:

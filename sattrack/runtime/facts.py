@@ -502,7 +502,7 @@ def _check_request(request: RunRequest, simulated: bool) -> None:
             f"--bias-cross {request.bias_cross_deg}: give degrees on the sky, {MOST_CROSS_DEG:g} at most"
         )
     if not abs(request.camera_rotation_deg) <= 360.0:
-        raise BadInputError(f"--camera-rotation {request.camera_rotation_deg}: give degrees, -360 to 360")
+        raise BadInputError(f"--rotation {request.camera_rotation_deg:g}: give degrees, -360 to 360")
     if request.search_when_lost and request.fov_deg is None:
         raise BadInputError("--search-lost needs the camera's field: give --fov, or fov_deg in [camera]")
     check_field(request.fov_deg)

@@ -154,6 +154,8 @@ def test_the_settings_of_a_camera_are_those_of_its_name(
         (("folder:.", "--scale", "0"), "--scale"),
         (("folder:.", "--exposure", "long"), "--exposure long"),
         (("folder:.", "--exposure", "-1"), "--exposure -1"),
+        (("folder:.", "--rotation", "400"), "--rotation 400: give degrees, -360 to 360"),
+        (("folder:.", "--rotation", "nan"), "--rotation nan: give degrees, -360 to 360"),
     ],
 )
 def test_what_cannot_be_is_one_line(

@@ -277,8 +277,8 @@ def searching(run: subprocess.Popen[str]) -> dict[str, Any]:
         (["--observations", "serial"], "write udp:PORT or stdin"),
         (["--observations", "udp:15000", "--virtual"], "in virtual time they come from stdin"),
         (["--observations", "stdin", "--control"], "with --control, observations come with the messages"),
-        (["--camera-rotation", "361"], "--camera-rotation 361.0: give degrees, -360 to 360"),
-        (["--camera-rotation", "nan"], "--camera-rotation nan: give degrees, -360 to 360"),
+        (["--camera-rotation", "361"], "--rotation 361: give degrees, -360 to 360"),
+        (["--camera-rotation", "nan"], "--rotation nan: give degrees, -360 to 360"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(
