@@ -181,6 +181,17 @@ class CommandContext:
                 raise
             raise BadInputError(self.by_settings("profile", error)) from None
 
+    def profile_to_stop(self, explicit: Path | None, mount_url: str | None = None) -> ProfileFile:
+        """Return the mount's profile; where that is refused, the usual one: no file keeps a mount moving."""
+        from sattrack.mount.profiles import profile_file
+        from sattrack.runtime.mounts import usual_profile
+
+        try:
+            return self.profile(explicit, mount_url)
+        except BadInputError as error:
+            tell(f"{error}; going on without the profile")
+            return profile_file(usual_profile(mount_url or self.settings.mount.url))
+
     def by_settings(self, key: str, error: Exception) -> str:
         """Return an error's text after where the settings name what it is about."""
         file = self.settings_file

@@ -135,14 +135,17 @@ class MountCall:
 
 
 def mount_options(
-    function: Callable[..., Any], shared: tuple[str, ...] = ("site", "clock", "json"), ends: bool = True
+    function: Callable[..., Any],
+    shared: tuple[str, ...] = ("site", "clock", "json"),
+    ends: bool = True,
+    goes_on: bool = False,
 ) -> Callable[..., Any]:
     """Add the options of every verb; the function's first argument becomes a CommandContext.
 
-    One that `ends` by itself has a time limit.
+    One that `ends` by itself has a time limit; one that `goes_on` needs no settings that can be read.
     """
     options: tuple[Callable[[Callable[..., Any]], Callable[..., Any]], ...] = (
-        common_options(*shared),
+        common_options(*shared, goes_on=goes_on),
         profile_option,
         mount_option,
         click.option(
@@ -157,17 +160,22 @@ def mount_options(
 
 
 def resolve(
-    context: CommandContext, options: dict[str, Any], needs_site: bool = True, uses_model: bool = True
+    context: CommandContext,
+    options: dict[str, Any],
+    needs_site: bool = True,
+    uses_model: bool = True,
+    stops: bool = False,
 ) -> MountCall:
     """Return which mount a verb is for. Raises BadInputError; no socket is opened.
 
-    A verb that needs no site needs no pointing model: it goes without one that is refused.
+    A verb that needs no site needs no pointing model: it goes without one that is refused. One that `stops`
+    the mount goes without a profile that is refused.
     """
     url, address = context.mount(options["mount_url"])
     timeout_s = options["timeout"]
     if timeout_s is not None and not (math.isfinite(timeout_s) and timeout_s > 0.0):
         raise BadInputError(f"--timeout {timeout_s:g}: give seconds, above 0")
-    described = context.profile(options["profile"], url)
+    described = (context.profile_to_stop if stops else context.profile)(options["profile"], url)
     site = context.site() if context.has_site() or (needs_site and address is not None) else None
     if site is None and address is None:
         site = demo_pass.SITE.place()
@@ -431,7 +439,7 @@ def _point(context: CommandContext, request: Slew | Sync, options: dict[str, Any
 
 
 @click.command("abort")
-@mount_options
+@functools.partial(mount_options, goes_on=True)
 def abort(context: CommandContext, **options: Any) -> int:
     """Stop both axes at once, and confirm that they are at rest; the drives stay on.
 
@@ -442,7 +450,7 @@ def abort(context: CommandContext, **options: Any) -> int:
     Examples:
       sattrack mount abort
     """
-    call = resolve(context, options, needs_site=False)
+    call = resolve(context, options, needs_site=False, stops=True)
     owner = None if call.address is None else owner_of(call.address.name)
     if owner is not None and call.address is not None:
         stopped = stop_session(owner, lambda: None)

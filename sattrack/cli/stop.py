@@ -32,7 +32,6 @@ from sattrack.runtime.mounts import (
     mount_address,
     owner_of,
     owners,
-    usual_profile,
 )
 from sattrack.schedule.night_stop import NightStop, begin_stops, listed_nights
 
@@ -209,7 +208,7 @@ def command(
     progress = StopProgress()
     # Before the mount is stopped: a runner that sees its session end must not begin it again.
     nights = begin_stops(mounts.nights)
-    usual = _profile(context, profile, mount_url)
+    usual = context.profile_to_stop(profile, mount_url).mount
     done, failed = _stop_all(mounts, usual, progress)
     stopped = [night.finish(progress.show) for night in nights]
     if nights:
@@ -324,15 +323,6 @@ def _address(given: str | None, configured: str | None) -> MountAddress | None:
     except BadInputError as error:
         tell(f"{error}; going on without that mount")
         return None
-
-
-def _profile(context: CommandContext, given: Path | None, mount_url: str | None) -> MountProfile:
-    """Return the mount's profile; where that is refused, the usual one: no error of a file delays a stop."""
-    try:
-        return context.profile(given, mount_url).mount
-    except BadInputError as error:
-        tell(f"{error}; going on without the profile")
-        return usual_profile(mount_url or context.settings.mount.url)
 
 
 def _give_up(context: CommandContext, sessions: tuple[Owner, ...]) -> int:

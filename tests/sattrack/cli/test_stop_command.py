@@ -134,6 +134,17 @@ def test_an_abort_goes_through_the_session_too(capsys: pytest.CaptureFixture[str
     assert "stopped and seen at rest" in err
 
 
+@pytest.mark.parametrize("settings", ['[mount]\nprofile = "mount.toml"\n', "zone = 3\n"])
+def test_an_abort_needs_neither_profile_nor_settings(
+    settings: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "sattrack.toml").write_text(settings)
+    assert run(["mount", "abort", "--mount", "sim"]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("abort: complete")
+    assert "going on without the" in err
+
+
 def test_nothing_to_stop_and_nobody_there(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["stop"]) == 2
     assert capsys.readouterr().err == (
