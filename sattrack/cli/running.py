@@ -452,8 +452,11 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
     if isinstance(output, Stream) and options["scene"]:
         output.tell_scene(prepared.facts)
     summary, interrupted = _flown(context, request, prepared, output, options, observations)
-    learn_profile(options["learn_profile"], request.profile, summary)
-    return finish(summary, interrupted, context.json or options["stream"], prepared.address)
+    try:
+        learn_profile(options["learn_profile"], request.profile, summary)
+    finally:
+        code = finish(summary, interrupted, context.json or options["stream"], prepared.address)
+    return code
 
 
 def _flown(

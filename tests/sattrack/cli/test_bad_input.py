@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 import pytest
 from rich.text import Text
 
+from sattrack.cli import running
 from sattrack.cli.common import show, table
 from sattrack.cli.main import cli, run
+from sattrack.core.errors import SattrackError
 from sattrack.mount.profiles import load_profile_file
 
 if TYPE_CHECKING:
@@ -307,3 +309,17 @@ def test_a_virtual_pass_writes_what_it_learnt(tmp_path: Path, capsys: pytest.Cap
     assert len(told) == 1
     assert load_profile_file(target).mount.ra_rate_gain == pytest.approx(learnt["ra_gain"], abs=1e-6)
     assert load_profile_file(target).mount.name == "learnt"
+
+
+def test_a_profile_that_cannot_be_written_costs_no_summary(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(path: Path, _: str) -> None:
+        raise SattrackError(f"{path}: cannot be written: No space left on device")
+
+    monkeypatch.setattr(running, "write_file", full)
+    words = ("--clock", "2026-10-02T13:04:10Z", "--min-alt", "45", "--json")
+    assert run(["track", "25544", *VIRTUAL, *words, "--learn-profile", str(tmp_path / "new.toml")]) == 1
+    out, err = capsys.readouterr()
+    assert json.loads(out)["summary"]["ended_by"] == "set"
+    assert err.endswith("new.toml: cannot be written: No space left on device\n")
