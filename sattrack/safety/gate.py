@@ -317,7 +317,8 @@ class Safety:
         ):
             place = self._standing.place(sidereal_deg - ra_deg, dec_deg, self._standing.beyond_pole)
             self._escape = self._slews.way_out(sidereal_deg, place)
-        elif self._escape is not None and self._slews.is_there((ra_deg, dec_deg)):
+        elif self._slews.target is None or self._slews.is_there((ra_deg, dec_deg)):
+            # It is there, or where it stands was not where it was taken to be: then it is led out from there.
             self._escape = None
         return self._escape or Hold()
 

@@ -208,6 +208,27 @@ def test_an_idle_telescope_is_not_moved_by_one_place_in_the_sun() -> None:
     safety.clear(Hold(), sidereal, ra, dec, 0.01, T0)
 
 
+def test_a_telescope_that_is_synced_on_its_way_out_of_the_sun_is_led_out_from_there() -> None:
+    sun = sun_over(LATITUDE_DEG, LONGITUDE_DEG).at(T0)
+    safety = Safety(
+        PROFILE,
+        SafetyLimits(floor_altitude_deg=0.0),
+        LATITUDE_DEG,
+        LONGITUDE_DEG,
+        holds=True,
+        escapes=True,
+    )
+    sidereal, wanted = mean_sidereal_deg(T0, LONGITUDE_DEG), []
+    for k, beside_deg in enumerate([2.0] * 4 + [-4.0] * 6):
+        ra, dec = sidereal - sun.hour_angle_deg, sun.dec_deg + beside_deg
+        safety.watch(Seen(T0 + 0.05 * k, sidereal, ra, dec, slewing=k == 1), wanted[-1] if wanted else Hold())
+        wanted.append(safety.clear(Hold(), sidereal, ra, dec, 0.01, T0).motion)
+    assert isinstance(wanted[3], Slew)
+    assert isinstance(wanted[-1], Slew)
+    assert wanted[-1].dec_deg < sun.dec_deg < wanted[3].dec_deg
+    assert safety.tripped is None
+
+
 def test_a_clock_that_is_wrong_once_does_not_end_a_pass_and_one_that_stays_wrong_does() -> None:
     safety = Safety(PROFILE, LIMITS, LATITUDE_DEG, LONGITUDE_DEG, holds=True)
 
