@@ -368,7 +368,8 @@ class Guardian:
         """Return whether the mount may be in motion, as far as feeder and guardian know."""
         if self._stop is None:
             return self._left_moving()
-        return not (self._stop.mount_stopped or self._concluded)
+        # What stands behind a gateway that has ended is not known to rest.
+        return not (self._stop.mount_stopped or (self._concluded and self.task.simulated))
 
     def _keep(self, moving: LeftMoving | None) -> None:
         """Keep a note of the mount for sessions to come."""

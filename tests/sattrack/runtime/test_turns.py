@@ -8,8 +8,10 @@ import signal
 import socket
 import threading
 import time
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import pytest
 
 from sattrack.cli.main import run
@@ -243,6 +245,20 @@ class TestTheGuardian:
         watched.words[Word.RELEASED] = Release.AT_REST
         assert watched.look(1e6) is None
         assert not watched.lost
+
+    @pytest.mark.parametrize(("simulated", "noted"), [(False, LeftMoving(NOW + 500.1, 60.0)), (True, None)])
+    def test_a_telescope_whose_gateway_has_ended_may_move_on(
+        self, watched: Watched, simulated: bool, noted: LeftMoving | None
+    ) -> None:
+        watched.words[Word.TURNS_KNOWN_MS] = 60_000
+        watched.look(0.1, heard=True)
+        watched.words[Word.RELEASED] = Release.NOT_CONFIRMED
+        one = watched.guardian
+        one.task = msgspec.structs.replace(one.task, local=True, simulated=simulated)
+        one._stop = SimpleNamespace(mount_stopped=False)  # type: ignore[assignment]
+        one._concluded = True
+        watched.look(20.0)
+        assert one.noted == noted
 
     def test_what_a_session_before_left_counts_until_the_mount_is_heard(self, watched: Watched) -> None:
         left = LeftMoving(NOW + 500.0 - 90.0, 100.0)
