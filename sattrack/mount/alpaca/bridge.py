@@ -66,6 +66,9 @@ GUIDED_LATELY_S = 1.0
 """For how long after a guide pulse the rates that places show are still its own."""
 TRACKING_AGAIN_S = 1.0
 MOST_TRACKING_TRIES = 5
+OWN_CLOCK_DEG = 30.0 * SIDEREAL_RATE_DEG_S
+"""A telescope whose sidereal time is farther from ours has another clock, or site: below that, its answer was
+under way."""
 ONE_SHOTS = ("abort", "slew", "sync", "pulse_guide")
 HALT_NAMES = frozenset({"abortslew"})
 
@@ -209,6 +212,8 @@ class Bridge:
     """Whether it tracked before anything was asked; None before that."""
     _tracking_tries: int = 0
     _tracking_asked_s: float = -math.inf
+    _clock_off_deg: float = 0.0
+    """How far the telescope's own sidereal time is from ours; 0 where it is the same."""
 
     @property
     def doubt(self) -> str | None:
@@ -278,6 +283,21 @@ class Bridge:
         self._standing = standing
         if standing.pulse_guiding:
             self._guided_s = standing.began_s
+
+    def see_clock(self, sidereal_h: Any, utc_s: float) -> None:
+        """Take the sidereal time that the telescope tells at an instant; what is no time is left alone.
+
+        By a clock that is wrong its directions are, too: statuses then carry that clock, for safety to judge.
+        """
+        if type(sidereal_h) not in (int, float) or not 0.0 <= sidereal_h <= 24.0:
+            return
+        off_deg = math.remainder(sidereal_h * 15.0 - mean_sidereal_deg(utc_s, self.longitude_deg), 360.0)
+        if abs(off_deg - self._clock_off_deg) > OWN_CLOCK_DEG:
+            self._clock_off_deg = off_deg if abs(off_deg) > OWN_CLOCK_DEG else 0.0
+
+    def _sidereal_deg(self, utc_s: float) -> float:
+        """Return local sidereal time at an instant, by the telescope's clock where that is another."""
+        return (mean_sidereal_deg(utc_s, self.longitude_deg) + self._clock_off_deg) % 360.0
 
     @property
     def standing(self) -> DeviceState:
@@ -457,8 +477,8 @@ class Bridge:
         ra_deg, dec_deg = place.ra_deg, max(-90.0, min(90.0, dec_deg))
         if self.facts.equatorial_system == J2000_SYSTEM:
             ra_deg, dec_deg = self._equinox.of_date(ra_deg, dec_deg, place.ra_utc_s)
-        sidereal_deg = mean_sidereal_deg(place.ra_utc_s, self.longitude_deg)
-        return _Seen(place.ra_utc_s, math.remainder(sidereal_deg - ra_deg, 360.0), ra_deg, dec_deg)
+        hour_angle_deg = math.remainder(self._sidereal_deg(place.ra_utc_s) - ra_deg, 360.0)
+        return _Seen(place.ra_utc_s, hour_angle_deg, ra_deg, dec_deg)
 
     def _take_rates(self, seen: _Seen) -> None:
         self._trail.append(seen)
@@ -488,7 +508,7 @@ class Bridge:
             ra_guide_rate_dtics_s=ra_guide_rate * DTICS_S_PER_DEG_S,
             ra_h=seen.ra_deg / 15.0,
             ra_rate_dtics_s=hour_angle_rate * DTICS_S_PER_DEG_S,
-            sidereal_h=mean_sidereal_deg(seen.utc_s, self.longitude_deg) / 15.0,
+            sidereal_h=self._sidereal_deg(seen.utc_s) / 15.0,
             site_height_m=facts.height_m,
             site_latitude_deg=facts.latitude_deg or 0.0,
             site_longitude_deg=facts.longitude_deg or 0.0,

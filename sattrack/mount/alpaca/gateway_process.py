@@ -67,6 +67,8 @@ FAREWELL_AT_LAST_S = 3.0
 QUEUED_AT_MOST = 32
 SLOW_MEMBERS = (
     "slewing",
+    "siderealtime",
+    "slewing",
     "tracking",
     "slewing",
     "sideofpier",
@@ -502,6 +504,7 @@ class Gateway:
     async def _read_place(self) -> SkyPlace:
         reading = await self.client.read()
         self.bridge.stand(self.bridge.standing.with_values(reading.asked_s, reading.values))
+        self.bridge.see_clock(reading.values.get("siderealtime"), self.clock.utc_s(reading.asked_s))
         return self._place(reading.ra, reading.dec, reading.took_s)
 
     def _place(self, ra: tuple[float, Any], dec: tuple[float, Any], took_s: float) -> SkyPlace:

@@ -13,7 +13,7 @@ from skyfield.positionlib import position_of_radec
 
 from sattrack.mount.alpaca.bridge import DEADMAN_S, STOP_AGAIN_S, Bridge, Equinox, Lateness
 from sattrack.mount.alpaca.device import DeviceFacts, DeviceState, RateSpan, SkyPlace, nearest_rate, spans_of
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
 
 if TYPE_CHECKING:
     from sattrack.mount.alpaca.bridge import Order
@@ -193,6 +193,40 @@ def test_a_status_has_the_place_and_its_sidereal_time_where_the_paper_has_them()
     # Mean sidereal time by UTC, where skyfield's is by UT1: they differ by less than a second.
     expected_h = (at.gmst + 4.5 / 15.0) % 24.0
     assert abs(struct.unpack_from("<d", status, 56)[0] - expected_h) < 1.0 / 3600.0
+
+
+@pytest.mark.parametrize(
+    ("told_h", "ahead_s"),
+    # Its answer may take a second; none, or one that is no time, says nothing.
+    [
+        (0.0, 0.0),
+        (2.0 / 3600.0, 0.0),
+        (2.0, 7180.3),
+        (-1.0, -3590.2),
+        (None, 0.0),
+        (math.nan, 0.0),
+        (30.0, 0.0),
+    ],
+)
+def test_a_telescope_with_a_wrong_clock_or_site_has_its_own_sidereal_time_in_its_statuses(
+    told_h: float | None, ahead_s: float
+) -> None:
+    made, ours_h = bridge(), mean_sidereal_deg(T0, 4.5) / 15.0
+    made.see_clock(told_h if told_h is None or told_h == 30.0 else (ours_h + told_h) % 24.0, T0)
+    status = made.see(place(T0))
+    assert status is not None
+    (sidereal_h,) = struct.unpack_from("<d", status, 56)
+    gap_h = math.remainder(sidereal_h - ours_h, 24.0)
+    assert gap_h * 15.0 / SIDEREAL_RATE_DEG_S == pytest.approx(ahead_s, abs=0.1)
+
+
+def test_a_telescope_whose_clock_was_set_right_is_dated_by_ours_again() -> None:
+    made, ours_h = bridge(), mean_sidereal_deg(T0, 4.5) / 15.0
+    for off_h in (1.0, 1.0001, 1e-4):
+        made.see_clock((ours_h + off_h) % 24.0, T0)
+    status = made.see(place(T0))
+    assert status is not None
+    assert struct.unpack_from("<d", status, 56)[0] == pytest.approx(ours_h, abs=1e-9)
 
 
 def test_the_declination_is_reckoned_to_the_instant_of_the_right_ascension() -> None:
