@@ -123,7 +123,10 @@ class RequestChecks:
                     "up: put home into the profile, or say --in-daylight"
                 )
             return None
-        name = self._slews.path_objection(self._standing.of(stance), (home.hour_angle_deg, home.dec_deg))
+        from sattrack.safety.route import axes_of
+
+        goal = axes_of(home.hour_angle_deg, home.dec_deg, self._profile, self._latitude_deg)
+        name = self._slews.path_objection(self._standing.of(stance), goal)
         return None if name is None else f"the way home is not clear of the {ROWS[name].name} limit"
 
     def _guide_objection(self, request: FineRate | PulseGuide, stance: Stance) -> str | None:

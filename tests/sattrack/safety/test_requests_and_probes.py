@@ -135,6 +135,15 @@ def test_home_is_looked_for_by_day_only_where_its_way_is_known_to_be_clear() -> 
     assert "not clear of the sun" in str(answer(FindHome(), stance(SUN_WEST_HA - 25.0, SUN_DEC), DAY, beyond))
 
 
+@pytest.mark.parametrize(("rule", "struck"), [("never", False), ("hour_angle", True)])
+def test_the_way_home_is_that_of_the_side_of_the_pier_on_which_home_is(rule: str, struck: bool) -> None:
+    tripod = PierZone("tripod", ((75.0, 75.0), (85.0, 75.0), (85.0, 85.0), (75.0, 85.0)), "beyond_pole")
+    profile = MountProfile(home=AxesPosition(40.0, 20.0), pier_rule=rule, pier_zones=(tripod,))  # type: ignore[arg-type]
+    limits = SafetyLimits(optical=False, floor_altitude_deg=-90.0)
+    refused = answer(FindHome(), stance(-60.0, 40.0), limits, profile)
+    assert refused == ("the way home is not clear of the pier limit" if struck else None)
+
+
 def test_without_a_place_on_earth_nothing_that_moves_optics_is_let_through() -> None:
     for request, moves in (
         (Slew(SIDEREAL_DEG, 40.0), True),
