@@ -42,8 +42,12 @@ class StopRequest:
 
 @contextmanager
 def stopping(stop: StopRequest) -> Iterator[None]:
-    """Turn signals that end programs into a request to stop, however often they come; ignore suspension."""
-    with handling(dict.fromkeys(STOPPING_SIGNALS, stop.ask)):
+    """Turn signals that end programs into a request to stop, however often they come; ignore suspension.
+
+    Whoever starts a program by nohup wants it to outlive its terminal.
+    """
+    outlived = {one for one in signals_here("SIGHUP") if signal.getsignal(one) == signal.SIG_IGN}
+    with handling(dict.fromkeys(set(STOPPING_SIGNALS) - outlived, stop.ask)):
         yield
 
 
