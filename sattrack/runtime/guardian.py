@@ -27,7 +27,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
-from sattrack.control.driver import DirectStop
+from sattrack.control.driver import DirectStop, sample_by_axes
+from sattrack.core.angles import wrap180
 from sattrack.core.errors import NO_JSON
 from sattrack.core.files import user_folder
 from sattrack.mount.link_loss import STOPS_SLOW_FOR_S, STOPS_SLOW_S, STOPS_SLOWEST_S
@@ -59,6 +60,8 @@ from sattrack.runtime.turns import (
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
+
+    from sattrack.mount.model import StatusSample
 
 SIZE = mmap.PAGESIZE
 STATUSES_AT = 1024
@@ -96,7 +99,8 @@ class Word(IntEnum):
     ABORT_FELL = 11
     """The beat with which an abort's flag fell, which the mount has acknowledged; 0 once any flag is up."""
     FIRST_AXIS = 12
-    """The first axis' angle with its turns, by `angle_word`; 0 while it is not known."""
+    """The first axis' angle with its turns, by `angle_word`; 0 while it is not known. The guardian's to write
+    once the mount is."""
 
 
 FULL_TURNS_DEG = 360_000.0
@@ -417,9 +421,21 @@ class Guardian:
             return
         arrivals = self.link.receive()
         heard = [self._stop.receive(one.data, one.monotonic_s * self.task.speed) for one in arrivals]
+        for sample in heard:
+            if sample is not None:
+                self._count_turns(sample)
         # Only a status ends the waiting; any program may send something to this port.
         if any(sample is not None for sample in heard) and self._due_s - time.monotonic() > self._period_s:
             self._due_s = time.monotonic()
+
+    def _count_turns(self, sample: StatusSample) -> None:
+        """Take on where the first axis is, which its feeder does no more."""
+        before_deg, frame = angle_of(self.words[Word.FIRST_AXIS]), self.task.profile.frame
+        if before_deg is None:
+            return
+        one = sample if frame is None else sample_by_axes(sample, frame)
+        axis_deg = one.sidereal_h * 15.0 - one.ra_deg + (180.0 if one.beyond_pole else 0.0)
+        self.words[Word.FIRST_AXIS] = angle_word(before_deg + wrap180(axis_deg - before_deg))
 
     def _receive_from_feeder(self) -> None:
         try:

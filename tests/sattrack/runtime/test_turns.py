@@ -15,7 +15,7 @@ import msgspec
 import pytest
 
 from sattrack.cli.main import run
-from sattrack.mount.model import MountProfile
+from sattrack.mount.model import MountProfile, StatusSample
 from sattrack.mount.xerxes.client import Address
 from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.runtime import guardian, turns
@@ -245,6 +245,24 @@ class TestTheGuardian:
         watched.words[Word.RELEASED] = Release.AT_REST
         assert watched.look(1e6) is None
         assert not watched.lost
+
+    @pytest.mark.parametrize("beyond_pole", [False, True])
+    def test_what_an_axis_turns_while_its_guardian_stops_it_counts(
+        self, watched: Watched, beyond_pole: bool
+    ) -> None:
+        watched.words[Word.TURNS_KNOWN_MS] = 60_000
+        watched.words[Word.FIRST_AXIS] = angle_word(165.0)
+        assert watched.look(0.1, heard=True) == LeftMoving(NOW + 500.1, 60.0)
+        stop: Any = SimpleNamespace(mount_stopped=False)
+        watched.guardian._stop = stop
+        for axis_deg in (165.0, 172.0, 179.0, 186.0, 193.0):
+            told_deg = axis_deg - (180.0 if beyond_pole else 0.0)
+            sample = StatusSample(
+                1, NOW, 2.0, (30.0 - told_deg) % 360.0, 40.0, True, False, 6.0, 0.0, beyond_pole
+            )
+            watched.guardian._count_turns(sample)
+        stop.mount_stopped = True
+        assert watched.look(1.1, heard=True) == LeftMoving(NOW + 501.2, HOURS_11, first_axis_deg=193.0)
 
     @pytest.mark.parametrize(("simulated", "noted"), [(False, LeftMoving(NOW + 500.1, 60.0)), (True, None)])
     def test_a_telescope_whose_gateway_has_ended_may_move_on(
