@@ -109,6 +109,8 @@ class Console(Driver):
         self.failed: str | None = None
         self.procedure: Procedure | None = None
         self.jogs = Jogs()
+        self._meant: Motion = Hold()
+        """What was asked for last; the rates that are wanted grow to it."""
         self.asked: deque[RequestEntry] = deque(maxlen=REMEMBERED)
         self._count = 0
         self._now_utc_s = 0.0
@@ -220,8 +222,12 @@ class Console(Driver):
         if isinstance(request, Abort):
             self.jogs.blocked = True
         self._move_begun = False
+        meant = self._move_meant
         self.lead = None
         ticket = self.session.submit(cleared)
+        self._meant = self.session.wanted
+        if isinstance(request, MoveAxis) and meant is not None:
+            self._meant = _joined(meant, request)
         self._count += 1
         self.asked.append(RequestEntry(self._count, ticket, now_utc_s))
         return ticket
@@ -392,14 +398,15 @@ class Console(Driver):
 
     def _both_axes(self, request: MoveAxis) -> MoveAxis:
         """Return rates of both axes: one that is left out goes on, or stands."""
-        wanted = self.session.wanted
-        goes_on = isinstance(wanted, MoveAxes) and self.lead is None
-        before = wanted if goes_on else MoveAxes(SIDEREAL_RATE_DEG_S, 0.0)
-        assert isinstance(before, MoveAxes)
-        ra, dec = request.ra_rate_deg_s, request.dec_rate_deg_s
-        return MoveAxis(
-            before.ra_rate_deg_s if ra is None else ra, before.dec_rate_deg_s if dec is None else dec
-        )
+        both = _joined(self._move_meant or MoveAxes(SIDEREAL_RATE_DEG_S, 0.0), request)
+        return MoveAxis(both.ra_rate_deg_s, both.dec_rate_deg_s)
+
+    @property
+    def _move_meant(self) -> MoveAxes | None:
+        """The rates to which those of a motion by hand grow; None where there is none."""
+        meant = self._meant
+        by_hand = isinstance(self.session.wanted, MoveAxes) and self.lead is None
+        return meant if by_hand and isinstance(meant, MoveAxes) else None
 
     def path_to(self, request: Slew, now_utc_s: float) -> tuple[Slew, ...] | RequestRefused:
         """Return the slews that lead to a direction past any obstacle."""
@@ -504,7 +511,7 @@ class Console(Driver):
             self._stop("move", "the end of the move was not acknowledged: the mount is being stopped")
 
     def _clear_again(self, now_utc_s: float) -> None:
-        wanted: Motion | None = self.session.wanted
+        wanted: Motion | None = self._move_meant or self.session.wanted
         if self.lead is not None:
             wanted = self.lead.wanted(self.safety, now_utc_s)
         if isinstance(wanted, MoveAxes | Slew):
@@ -525,6 +532,7 @@ class Console(Driver):
 
     def _apply(self, motion: Motion, now_utc_s: float) -> None:
         """Make a motion the wanted one as far as safety clears it."""
+        self._meant = motion
         cleared = self.clear(motion, now_utc_s)
         if cleared.motion != self.session.wanted:
             self.session.apply(cleared)
@@ -571,3 +579,9 @@ class Console(Driver):
     def clock_offset_s(self) -> float | None:
         """The mount's sidereal clock ahead of local mean sidereal time by UTC, by its fastest datagrams."""
         return max(self._offsets) if self._offsets else None
+
+
+def _joined(before: MoveAxes, request: MoveAxis) -> MoveAxes:
+    """Return a request's rates with those before it on the axis that it leaves alone."""
+    ra, dec = request.ra_rate_deg_s, request.dec_rate_deg_s
+    return MoveAxes(before.ra_rate_deg_s if ra is None else ra, before.dec_rate_deg_s if dec is None else dec)

@@ -47,6 +47,9 @@ if TYPE_CHECKING:
 
 STEP_SHARE = 2.0
 """A mean rate over a ramp is reached by a command twice as large, so steps may be so much of a ramp."""
+HAND_SHARE = 0.5
+"""By hand, rates grow by so much of a ramp, as a stream's do: a servo that a step leaves behind catches up,
+and goes on past where it is to stop. Half, as a drive may be half as able as its profile says."""
 HELD_ANEW_S = 0.07
 """What is held keeps its rates for so long, while they keep inside, before better ones are looked for."""
 OUTSIDE_PROOF = 3
@@ -368,7 +371,8 @@ class Safety:
         room = self._room(utc_s)
         wanted = within(clipped[0], room[0]), within(clipped[1], room[1])
         now = self._in_force(oldest_s(spots), utc_s)
-        judged = wanted if self._holds else self._as_fast_as_seen(wanted)
+        # By hand, it is what the rates grow to that must keep inside.
+        judged = wanted if self._holds else self._as_fast_as_seen(clipped)
         name = self.holding = self._ahead.outlook(spots, now).limit(judged)
         if name is None:
             self._outside = 0
@@ -396,7 +400,7 @@ class Safety:
                     return self._trip(unheeded)
                 wanted = kept
         if not self._holds:
-            self._by_hand = _widened(self._by_hand, wanted)
+            self._by_hand = _widened(self._by_hand, clipped)
         if utc_s is not None:
             self._sent.append((utc_s, *wanted))
         return Cleared(self._as_move(wanted, move, wish))
@@ -492,16 +496,19 @@ class Safety:
         )
 
     def _room(self, utc_s: float | None) -> tuple[Rates, Rates]:
-        """Return the least and the greatest rates of each axis within a ramp of the last, for a stream."""
-        if not (self._holds and self._sent and utc_s is not None):
+        """Return the least and the greatest rates of each axis within a ramp of the last."""
+        by_hand = not self._holds and self.led is None
+        if utc_s is None or not (by_hand or (self._holds and self._sent)):
             return ANY_RATE, ANY_RATE
-        then_s, ha_before, dec_before = self._sent[-1]
-        seconds = max(self._profile.period_s, utc_s - then_s)
         profile = self._profile
-        return (
-            _room_about(ha_before, STEP_SHARE * profile.ra.max_acceleration_deg_s2 * seconds),
-            _room_about(dec_before, STEP_SHARE * profile.dec.max_acceleration_deg_s2 * seconds),
+        then_s, *before = self._sent[-1] if self._sent else (utc_s - profile.period_s, *REST)
+        # By hand, rates may be cleared more than once a period.
+        seconds = max(0.0 if by_hand else profile.period_s, utc_s - then_s)
+        ha_step, dec_step = (
+            (HAND_SHARE if by_hand else STEP_SHARE) * axis.max_acceleration_deg_s2 * seconds
+            for axis in (profile.ra, profile.dec)
         )
+        return _room_about(before[0], ha_step), _room_about(before[1], dec_step)
 
     def _clipped(self, wish: tuple[float, float]) -> tuple[float, float]:
         """Return rates within the axes' limits."""

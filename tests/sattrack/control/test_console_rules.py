@@ -249,9 +249,9 @@ class TestJogs:
     def test_the_next_touch_clears_what_was_told(self) -> None:
         bench = running()
         bench.console.refusal, bench.console.trouble = "no", "link"
-        assert bench.console.jog(None, 0.5, bench.now_s) is None
+        assert bench.console.jog(None, 0.2, bench.now_s) is None
         assert (bench.console.refusal, bench.console.trouble) == (None, None)
-        assert bench.console.session.wanted == MoveAxes(0.0, 0.5)
+        assert bench.console.session.wanted == MoveAxes(0.0, 0.2)
         assert view_of(bench.console, bench.now_s).doing == "jogging"
 
 
@@ -460,8 +460,8 @@ class TestAMountWithAGeometry:
 
     def test_a_jog_adds_to_what_keeps_it_there_and_it_is_kept_on_after_it(self) -> None:
         bench = self.bench()
-        bench.console.jog(0.5, None, bench.now_s)
-        assert bench.console.session.wanted == MoveAxes(SIDEREAL_RATE_DEG_S + 0.5, 0.0)
+        bench.console.jog(0.2, None, bench.now_s)
+        assert bench.console.session.wanted == MoveAxes(SIDEREAL_RATE_DEG_S + 0.2, 0.0)
         bench.run(3.0)
         assert (bench.console.lead, bench.console.session.wanted) == (None, Hold())
         bench.console.keep_here(bench.now_s)
@@ -470,11 +470,11 @@ class TestAMountWithAGeometry:
         assert lead is not None
         kept = lead.state_at(bench.now_s)
         bench.console.jog(0.5, -0.2, bench.now_s)
+        bench.run(0.2)
         wanted = bench.console.session.wanted
         assert isinstance(wanted, MoveAxes)
         assert wanted.ra_rate_deg_s == pytest.approx(kept.ra_rate_deg_s + 0.5, abs=1e-4)
         assert wanted.dec_rate_deg_s == pytest.approx(kept.dec_rate_deg_s - 0.2, abs=1e-4)
-        bench.run(0.2)
         # One axis ends before the other.
         bench.console.jog(0.5, None, bench.now_s)
         bench.console.jogs.end_over(bench.now_s)
@@ -822,10 +822,25 @@ class TestViews:
 
     def test_a_jog_shows_its_rates(self) -> None:
         bench = running()
-        bench.console.jog(0.25, -0.5, bench.now_s)
+        bench.console.jog(0.25, -0.2, bench.now_s)
         view = view_of(bench.console, bench.now_s)
         assert (view.doing, view.motion) == ("jogging", "move")
-        assert (view.ra_rate_deg_s, view.dec_rate_deg_s) == (0.25, -0.5)
+        assert (view.ra_rate_deg_s, view.dec_rate_deg_s) == (0.25, -0.2)
+
+    def test_rates_by_hand_grow_to_what_was_asked_last_of_either_axis(self) -> None:
+        """10 °/s² make 0.25 °/s a period; the other axis keeps what it was to grow to."""
+        bench = running()
+        bench.console.begin(MoveFor(MoveAxis(None, 2.0), 20.0), bench.now_s)
+        bench.run(0.2)
+        growing = bench.console.session.wanted
+        assert isinstance(growing, MoveAxes)
+        assert 0.5 < growing.dec_rate_deg_s < 1.5
+        bench.console.submit(MoveAxis(-1.0, None), bench.now_s)
+        bench.run(0.6)
+        assert bench.console.session.wanted == MoveAxes(-1.0, 2.0)
+        bench.console.submit(MoveAxis(None, 0.1), bench.now_s)
+        bench.run(0.05)
+        assert bench.console.session.wanted == MoveAxes(-1.0, 0.1)
 
     def test_what_was_asked_shows_how_far_it_has_come(self) -> None:
         bench = running(limits=SafetyLimits(floor_altitude_deg=12.0))

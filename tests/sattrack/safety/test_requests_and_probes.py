@@ -588,9 +588,10 @@ def least_distance_deg(axis: int, sense: float, again_after_s: float) -> float:
         at = (SIDEREAL_DEG, SIDEREAL_DEG - ha, dec)
         for k in range(3):
             safety.watch(Seen(T0 + 0.05 * k, *at), Hold())
-        cleared = safety.clear(wish, *at, 0.0, T0 + 0.1).motion
+        for k in range(2, 20):
+            cleared = safety.clear(wish, *at, 0.0, T0 + 0.05 * k).motion
         if again_after_s:
-            cleared = safety.clear(wish, *at, again_after_s, T0 + 0.1 + again_after_s).motion
+            cleared = safety.clear(wish, *at, again_after_s, T0 + 0.95 + again_after_s).motion
         if cleared == wish:
             return 0.25 * steps
     raise AssertionError("it is never let through")

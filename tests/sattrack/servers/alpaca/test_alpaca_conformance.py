@@ -214,7 +214,7 @@ def test_moveaxis_turns_an_axis_at_its_rate_slews_meanwhile_and_gives_tracking_b
     assert scope.get("tracking") is True
     scope.put("moveaxis", Axis=axis, Rate=rate)
     assert scope.get("slewing") is True
-    scope.run_for(1.0)
+    scope.run_for(2.0)
     before, then_s = scope.truths[-1], scope.truths[-1].utc_s
     scope.run_for(1.0)
     after = scope.truths[-1]
