@@ -17,7 +17,7 @@ from sattrack.control.target import sky_error
 from sattrack.control.tracker import FOLLOWING, Phase, Tracker, TrackPlan
 from sattrack.core.errors import UNHEARD
 from sattrack.core.figures import RunningError, WindowedError
-from sattrack.mount.model import LONGEST_STEP_S, Hold, Slew, StatusSample, Stop
+from sattrack.mount.model import Hold, Slew, StatusSample, Stop
 from sattrack.mount.xerxes.flags import SlewState
 from sattrack.mount.xerxes.link import LinkState
 from sattrack.safety import ROWS, Safety, SafetyLimits
@@ -133,7 +133,7 @@ class Engine(Driver):
         seconds = 0.0 if before is None else error.utc_s - before.utc_s
         self._before = sample
         self._watch_profile()
-        if was is not None and 0.0 < seconds < LONGEST_STEP_S:
+        if was is not None and 0.0 < seconds < self.safety.longest_step_s:
             self._count(error, sample.counter, seconds)
 
     def _watch_profile(self) -> None:

@@ -24,6 +24,8 @@ DTICS_S_PER_DEG_S = TICS_PER_TURN / 360.0 * 10.0
 """Tenths of encoder tics per second in a degree per second."""
 LONGEST_STEP_S = 0.5
 """Statuses farther apart tell no rate and no acceleration, and the time between them is not counted."""
+LONGEST_STEPS = 3.0
+"""But where a mount usually sends them seldom, those count that are up to so many times as far apart."""
 STATUS_LOST_S = 2.0
 """Silence of the mount after which it is stopped."""
 UNIX_EPOCH_DAYS_FROM_J2000 = -10957.5

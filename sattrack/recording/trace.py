@@ -16,7 +16,7 @@ from sattrack.control.engine import HOLDING
 from sattrack.control.stages import RunStage, Situation, Stages
 from sattrack.control.tracker import FOLLOWING, Phase
 from sattrack.core.errors import NO_JSON
-from sattrack.mount.model import LONGEST_STEP_S
+from sattrack.mount.model import LONGEST_STEP_S, LONGEST_STEPS
 from sattrack.mount.xerxes.datagrams import DatagramError, decode_command
 from sattrack.recording.format import COMMAND, STATUS, VIEW
 from sattrack.recording.replay import Replay, replay
@@ -131,7 +131,8 @@ class Trace:
     def seconds(self, marked: NDArray[np.bool_]) -> float:
         """Return the seconds that some of the samples stand for."""
         steps = np.diff(self.utc_s, prepend=self.utc_s[:1])
-        counted = marked & (steps > 0.0) & (steps < LONGEST_STEP_S)
+        usual_s = float(np.median(steps[1:])) if len(steps) > 1 else 0.0
+        counted = marked & (steps > 0.0) & (steps < max(LONGEST_STEP_S, LONGEST_STEPS * usual_s))
         return float(steps[counted].sum())
 
 

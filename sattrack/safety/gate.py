@@ -146,6 +146,11 @@ class Safety:
         return self._watch.cause
 
     @property
+    def longest_step_s(self) -> float:
+        """How far apart statuses of the mount may be to tell how it moves, seconds."""
+        return self._watch.longest_step_s
+
+    @property
     def keeps_first(self) -> bool:
         """Whether a mount that is to take the latest rates goes on at the first, as it does by edges."""
         return self._watch.keeps_first

@@ -16,8 +16,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from sattrack.mount.model import (
     LONGEST_STEP_S,
+    LONGEST_STEPS,
     SIDEREAL_RATE_DEG_S,
     STATUS_LOST_S,
+    Hold,
     Motion,
     MoveAxes,
     Seen,
@@ -41,6 +43,8 @@ LOOK_EVERY = 8
 STEP_DEG_S = 40.0
 """Faster than any axis: a sync, a clock that was set, or the pole."""
 OVERLOADED_FOR_S = 0.5
+STEPS = 5
+"""The middle one of so many steps from status to status is the usual one."""
 BACKWARD_S = 0.5
 CLOCK_PROOF = 3
 """A clock that was well counts as set when so many statuses in a row say so: a bit of one may turn over."""
@@ -85,11 +89,17 @@ class Watch:
         self._longitude_deg = longitude_deg
         self._tolerance_s = tolerance_s
         self._before: Seen | None = None
+        self._then: Motion = Hold()
+        """What was in force when the last status came."""
+        self._steps: deque[float] = deque(maxlen=STEPS)
+        """Seconds between the last statuses, by the mount's clock."""
         self._disobeyed_s = 0.0
         self._overloaded_s = 0.0
         self._window: deque[tuple[float, float, float]] = deque()
         self._window_s = 0.0
         self._turn = 0
+        self._was_off = False
+        """Whether the means were outside when last looked at."""
         self._commanded: deque[tuple[float, float, float]] = deque()
         """Seconds each, and rates, of what was in force, the newest last."""
         self._commanded_s = 0.0
@@ -117,25 +127,49 @@ class Watch:
             return seen.utc_s - before.utc_s
         return math.remainder(seen.sidereal_deg - before.sidereal_deg, 360.0) / SIDEREAL_RATE_DEG_S
 
+    @property
+    def longest_step_s(self) -> float:
+        """Statuses farther apart tell no rate, and the time between them is not counted, seconds.
+
+        Those of a mount that sends them seldom are always far apart.
+        """
+        known = len(self._steps) == STEPS
+        usual_s = sorted(self._steps)[STEPS // 2] if known else self._profile.period_s
+        return max(LONGEST_STEP_S, LONGEST_STEPS * usual_s)
+
     def see(self, seen: Seen, commanded: Motion) -> str | None:
-        """Take a status; `commanded` is what was in force since the one before."""
+        """Take a status; `commanded` is what is in force as it comes."""
         before, self._before = self._before, seen
+        then, self._then = self._then, commanded
         tripped = self._see_clock(seen)
         if before is None:
             return tripped
         seconds = math.remainder(seen.sidereal_deg - before.sidereal_deg, 360.0) / SIDEREAL_RATE_DEG_S
-        if not 0.0 < seconds < LONGEST_STEP_S:
+        self._steps.append(seconds)
+        if not 0.0 < seconds < self.longest_step_s:
             self._forget()
             return tripped
         self.moved = MoveAxes(
             math.remainder(seen.ra_deg - before.ra_deg, 360.0) / seconds,
             (seen.dec_deg - before.dec_deg) / seconds,
         )
-        return tripped or self._see_current(seen, seconds) or self.see_motion(self.moved, commanded, seconds)
+        # In a long step, what is in force by now may have been given a moment ago.
+        then = commanded if seconds < LONGEST_STEP_S else then
+        return (
+            tripped
+            or self._see_current(seen, seconds)
+            or self.see_motion(self.moved, commanded, seconds, then)
+        )
 
-    def see_motion(self, moved: MoveAxes, commanded: Motion, seconds: float) -> str | None:
-        """Take mean rates over some seconds; return "obedience" where the mount does not obey."""
-        if not isinstance(commanded, MoveAxes):
+    def see_motion(
+        self, moved: MoveAxes, commanded: Motion, seconds: float, then: Motion | None = None
+    ) -> str | None:
+        """Take mean rates over some seconds; return "obedience" where the mount does not obey.
+
+        `then` is what was in force as they began, where that may be something else. One step is no proof.
+        """
+        then = commanded if then is None else then
+        if not (isinstance(commanded, MoveAxes) and isinstance(then, MoveAxes)):
             self._disobeyed_s = 0.0
             self._window.clear()
             self._commanded.clear()
@@ -146,10 +180,8 @@ class Watch:
             return None
         if len(self._first) < FIRST:
             self._first.append((commanded.ra_rate_deg_s, commanded.dec_rate_deg_s))
-        disobeyed = _disobeys(commanded.ra_rate_deg_s, moved.ra_rate_deg_s) or _disobeys(
-            commanded.dec_rate_deg_s, moved.dec_rate_deg_s
-        )
-        self._disobeyed_s = self._disobeyed_s + seconds if disobeyed else 0.0
+        disobeyed = _disobeyed(commanded, moved) and (then is commanded or _disobeyed(then, moved))
+        self._disobeyed_s = self._disobeyed_s + min(seconds, DISOBEDIENT_FOR_S) if disobeyed else 0.0
         # The window is kept in either case: it tells the cause.
         strays = self._strays(moved, commanded, seconds)
         if self._axes is not None:
@@ -255,11 +287,14 @@ class Watch:
         while self._commanded_s - self._commanded[0][0] > WINDOW_S + self._fault_s:
             self._commanded_s -= self._commanded.popleft()[0]
         if self._window_s < WINDOW_S:
+            self._was_off = False
             return False
         while self._window_s - self._window[0][0] >= WINDOW_S:
             self._window_s -= self._window.popleft()[0]
         self._turn = (self._turn + 1) % LOOK_EVERY
-        return self._turn == 0 and (self._off(1) or self._off(2))
+        slow, was_off = seconds >= LONGEST_STEP_S, self._was_off
+        self._was_off = (self._turn == 0 or slow) and (self._off(1) or self._off(2))
+        return self._was_off and (was_off or not slow)
 
     def _off(self, axis: int) -> bool:
         mean = sum([step[axis] for step in self._window]) / self._window_s
@@ -273,7 +308,7 @@ class Watch:
         over = (most_ra is not None and abs(seen.ra_current_a) > most_ra) or (
             most_dec is not None and abs(seen.dec_current_a) > most_dec
         )
-        self._overloaded_s = self._overloaded_s + seconds if over else 0.0
+        self._overloaded_s = self._overloaded_s + min(seconds, OVERLOADED_FOR_S) if over else 0.0
         return "current" if self._overloaded_s > OVERLOADED_FOR_S else None
 
     def _see_clock(self, seen: Seen) -> str | None:
@@ -298,6 +333,13 @@ def _spread(values: list[float]) -> float:
     """Return how far values vary, a tenth at either end left out."""
     ordered, edge = sorted(values), len(values) // 10
     return ordered[-1 - edge] - ordered[edge]
+
+
+def _disobeyed(commanded: MoveAxes, moved: MoveAxes) -> bool:
+    """Tell whether one of both axes does not follow its command."""
+    return _disobeys(commanded.ra_rate_deg_s, moved.ra_rate_deg_s) or _disobeys(
+        commanded.dec_rate_deg_s, moved.dec_rate_deg_s
+    )
 
 
 def _disobeys(commanded_deg_s: float, moved_deg_s: float) -> bool:

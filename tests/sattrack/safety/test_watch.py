@@ -162,6 +162,75 @@ def statuses(count: int, **known: float) -> list[Seen]:
     return [Seen(None, times_deg[k], 359.99 + 0.005 * k, 20.0 - 0.01 * k, **known) for k in range(count)]
 
 
+def disobeyed_s(steps_s: Iterable[float], fault_s: float = 1.0, moved: float = -3.0) -> float | None:
+    """Return when an axis that is to go at 0.2 °/s and goes at another rate is found out, seconds."""
+    watching, at_s, ra_deg = watch(fault_s), 0.0, 100.0
+    for step_s in steps_s:
+        at_s, ra_deg = at_s + step_s, ra_deg + moved * step_s
+        seen = Seen(None, at_s * SIDEREAL_RATE_DEG_S, ra_deg % 360.0, 20.0)
+        if watching.see(seen, MoveAxes(0.2, 0.0)) is not None:
+            return at_s
+    return None
+
+
+@pytest.mark.parametrize("step_s", [0.1, 0.3, 0.49, 0.51, 0.53, 0.59, 1.0, 1.9])
+def test_a_mount_that_runs_away_is_found_out_however_seldom_its_statuses_come(step_s: float) -> None:
+    tripped_s = disobeyed_s([step_s] * 60)
+    # Five steps tell how often they come. Then 2 s count, or three steps where those are longer.
+    assert tripped_s is not None
+    assert tripped_s <= 6.0 * step_s + max(2.0 + step_s, 3.0 * step_s)
+    assert disobeyed_s([step_s] * 60, moved=0.2) is None
+
+
+def test_a_slow_mount_that_leaves_out_a_status_or_sends_one_sooner_is_found_out_as_well() -> None:
+    for seed in range(20):
+        draw = np.random.default_rng(seed)
+        tripped_s = disobeyed_s(draw.choice([0.2, 0.55, 0.6, 1.1], 40, p=[0.1, 0.4, 0.4, 0.1]))
+        assert tripped_s is not None
+        assert tripped_s < 8.0
+
+
+def test_gaps_between_statuses_that_come_twenty_times_a_second_are_not_counted() -> None:
+    gaps = ([PERIOD_S] * 3 + [0.6]) * 200
+    # Of 0.75 s only 0.15 s count: two of them are over after 2.05 s of those.
+    assert disobeyed_s(gaps) == pytest.approx(2.05 * 0.75 / 0.15, abs=0.8)
+
+
+@pytest.mark.parametrize("fault_s", [0.3, 1.0])
+@pytest.mark.parametrize("step_s", [0.51, 0.7, 1.0, 1.5, 1.9])
+@pytest.mark.parametrize("before", [None, 0.0, 3.0, -0.1])
+def test_slow_statuses_find_nothing_in_a_mount_that_obeys(
+    step_s: float, fault_s: float, before: float | None
+) -> None:
+    """A mount begins, or turns round, at any time between two statuses; 0.3 s late, with 5 °/s²."""
+    for part in np.linspace(0.0, 0.999, 12):
+        watching, ra_deg, rate, asked = watch(fault_s), 100.0, before or 0.0, [before] * 30
+        for k in range(1, 2001):
+            at_s = 0.01 * k
+            changed = at_s > step_s * (6.0 + part)
+            asked = [*asked[1:], -3.0 if changed else before]
+            wanted = asked[0] or 0.0
+            rate += max(-0.05, min(0.05, wanted - rate))
+            ra_deg += 0.01 * rate
+            if at_s // step_s > (at_s - 0.01) // step_s:
+                now = asked[-1]
+                seen = Seen(None, at_s * SIDEREAL_RATE_DEG_S, ra_deg % 360.0, 20.0)
+                assert watching.see(seen, Hold() if now is None else MoveAxes(now, 0.0)) is None
+
+
+@pytest.mark.parametrize("step_s", [0.6, 0.9])
+def test_one_slow_status_alone_is_no_proof(step_s: float) -> None:
+    profile = replace(PROFILE, ra=AxisLimits(max_current_a=4.0))
+    watching, found = watch(1.0, profile), []
+    for k in range(40):
+        # A bit turned over has the axis jump there and back, and its current be large.
+        wrong = k == 20
+        ra_deg = 100.0 + 0.2 * k * step_s + 3.0 * wrong
+        seen = Seen(None, k * step_s * SIDEREAL_RATE_DEG_S, ra_deg, 20.0, ra_current_a=5.0 * wrong)
+        found.append(watching.see(seen, MoveAxes(0.2, 0.0)))
+    assert found == [None] * 40
+
+
 def test_rates_between_statuses_are_differences_round_the_circle() -> None:
     watching = watch()
     for seen in statuses(5):

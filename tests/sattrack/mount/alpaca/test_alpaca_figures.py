@@ -73,10 +73,18 @@ def test_dates_hold_on_a_fast_and_on_a_slow_driver_that_nobody_has_measured(late
     assert errors[len(errors) // 2] < 1.0
 
 
-def test_a_wrong_sign_is_stopped_by_the_obedience_limit() -> None:
-    result = follow(TelescopeSettings(ra_sign=-1, dec_sign=-1), address(TelescopeSettings()).usual_profile())
+@pytest.mark.parametrize(("hz", "latency_s"), [(10.0, 0.03), (2.0, 0.03), (2.0, 0.6)])
+def test_a_wrong_sign_is_stopped_by_the_obedience_limit(hz: float, latency_s: float) -> None:
+    settings = TelescopeSettings(ra_sign=-1, dec_sign=-1, latency_s=latency_s)
+    result = follow(settings, address(settings, hz).usual_profile(), hz, seconds=LASTS_S)
     assert result.ended_by == "limit:obedience"
     assert result.stopped
+
+
+def test_each_status_of_a_slow_telescope_counts() -> None:
+    result = follow(TelescopeSettings(), address(TelescopeSettings(), 2.0).usual_profile(), 2.0, LASTS_S)
+    first_utc_s, last_utc_s = result.errors[0][0], result.errors[-1][0]
+    assert result.reported.count == pytest.approx(2.0 * (last_utc_s - first_utc_s), abs=2.0)
 
 
 @pytest.mark.parametrize(
