@@ -1,9 +1,10 @@
 """An INDI telescope as the gateway sees it, without I/O: its properties, and Alpaca's members in their terms.
 
 MoveAxis is the rate of tracking (TELESCOPE_TRACK_RATE in the mode TRACK_CUSTOM), which turns an axis against
-the ground; a rate of 0 gives sidereal tracking back. TELESCOPE_ABORT_MOTION alone is no stop: INDI's own
-simulator goes on at a custom rate after it, so the stop is both. Source: "INDI: Instrument-Neutral
-Distributed Interface", protocol 1.7; property names are the standard ones of INDI's telescopes.
+the ground; a rate of 0 gives sidereal tracking back, one below STANDS_ARCSEC_S has the first axis stand.
+TELESCOPE_ABORT_MOTION alone is no stop: INDI's own simulator goes on at a custom rate after it, so the stop
+is both. Source: "INDI: Instrument-Neutral Distributed Interface", protocol 1.7; property names are the
+standard ones of INDI's telescopes.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 SIDEREAL_ARCSEC_S = 15.041067
 ARCSEC = 3600.0
+STANDS_ARCSEC_S = 0.01
 LONGEST_MESSAGE = 1 << 20
 CONNECTION, PLACE, ABORT = "CONNECTION", "EQUATORIAL_EOD_COORD", "TELESCOPE_ABORT_MOTION"
 RATE, MODE, TRACKING = "TELESCOPE_TRACK_RATE", "TELESCOPE_TRACK_MODE", "TELESCOPE_TRACK_STATE"
@@ -207,7 +209,8 @@ class IndiTelescope:
         if RATE not in self.properties and not rate_arcsec_s:
             return []
         primary, secondary = self._rates_arcsec_s
-        before, self._sent = self._sent, (primary or SIDEREAL_ARCSEC_S, secondary)
+        stands = 0.0 < abs(primary) < STANDS_ARCSEC_S
+        before, self._sent = self._sent, (0.0 if stands else primary or SIDEREAL_ARCSEC_S, secondary)
         found = [_rate(*self._sent)]
         if not (primary or secondary):
             return [*found, _switch(MODE, "TRACK_SIDEREAL")]

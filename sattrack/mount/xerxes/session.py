@@ -95,6 +95,9 @@ MARKS = 30
 """Statuses missing within so many seconds tell that the link loses datagrams."""
 NEVER_ZERO_DEG_S = 1e-9
 """What an edge mount with absolute rates is sent to stand still: 0 would end MoveAxis."""
+STANDS_DEG_S = 1e-6
+"""What a telescope behind a gateway is sent for its first axis to stand still: after a rate of 0 it would
+track. It comes to 0.09° a day; drivers that cannot go so slowly stop the motor."""
 DESCRIBED = (
     "altitude_deg",
     "azimuth_deg",
@@ -537,6 +540,8 @@ class Session:
             dec = dec_sign * (move.dec_rate_deg_s - second) / profile.dec_rate_gain
         if profile.move_axis == "edge" and not profile.additive:
             ra = ra or NEVER_ZERO_DEG_S
+        elif profile.dated_by_requests and not profile.additive and self._frame is None:
+            ra = ra if abs(ra) > STANDS_DEG_S else STANDS_DEG_S
         return AxisRates(ra if self._move_axes[0] else None, dec if self._move_axes[1] else None)
 
     def _tracking_deg_s(self, frame: AxisFrame) -> tuple[float, float]:

@@ -4,16 +4,24 @@ from __future__ import annotations
 
 import math
 from datetime import UTC, datetime
+from typing import Literal
 
 import pytest
-from alpaca_harness import address, calibrate, follow, follow_two_axes
+from alpaca_harness import address, calibrate, facts_of, follow, follow_two_axes
 from alpaca_mount import AXES, KEYHOLE_DEG, followed_live, of_axes
+from msgspec.structs import replace
 from skyfield.api import load
 from strangers.alpaca_two_axes import Parameters
 
 from sattrack.calibration.guard import CalibrationEndedError, Leg, Plan
+from sattrack.control.driver import Driver
+from sattrack.mount.alpaca.bridge import Bridge
+from sattrack.mount.alpaca.device import SkyPlace
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MoveAxes
 from sattrack.mount.simulator.alpaca_telescope import SimulatedPlace, SimulatedTelescope, TelescopeSettings
+from sattrack.safety import Safety, SafetyLimits
 
+T0 = 1_790_000_000.0
 BOUND_ARCSEC = 10.0
 STRANGER = Parameters(azimuth_deg=200.0, altitude_deg=45.0)
 LASTS_S = 110.0
@@ -79,6 +87,33 @@ def test_a_wrong_sign_is_stopped_by_the_obedience_limit(hz: float, latency_s: fl
     result = follow(settings, address(settings, hz).usual_profile(), hz, seconds=LASTS_S)
     assert result.ended_by == "limit:obedience"
     assert result.stopped
+
+
+@pytest.mark.parametrize("ra_sign", [1, -1])
+def test_a_telescope_that_is_held_at_its_western_limit_stands_there(ra_sign: Literal[-1, 1]) -> None:
+    settings = TelescopeSettings(hour_angle_deg=59.0, dec_deg=30.0, ra_sign=ra_sign)
+    profile = replace(
+        address(settings).usual_profile(), hour_angle_limit_deg=60.0, ra_rate_sign=settings.ra_sign
+    )
+    place = settings.latitude_deg, settings.longitude_deg
+    driver = Driver(profile, Safety(profile, SafetyLimits(optical=False), *place, holds=True))
+    bridge, telescope = Bridge(facts_of(settings), settings.longitude_deg), SimulatedTelescope(settings, T0)
+    stood_deg = []
+    for now in (T0 + 0.1 * k for k in range(900)):
+        seen = telescope.truth(now)
+        status = bridge.see(SkyPlace(now, seen.ra_deg, now, seen.dec_deg))
+        assert status is not None
+        driver.receive(status, now)
+        driver.session.apply(driver.clear(MoveAxes(SIDEREAL_RATE_DEG_S - 0.5, 0.0), now))
+        bridge.hear(driver.compose(now), now)
+        for order in bridge.turn(now):
+            telescope.move_axis(int(order.lane == "dec"), order.rate_deg_s, now)
+        if now > T0 + 30.0:
+            stood_deg.append(telescope.axes(now)[0])
+    assert (driver.safety.tripped, driver.safety.holding) == (None, "hour_angle")
+    assert 59.7 < min(stood_deg) <= max(stood_deg) < 60.0
+    # In a minute the sky goes on by 0.25°.
+    assert stood_deg[-1] - stood_deg[0] < 0.001
 
 
 def test_each_status_of_a_slow_telescope_counts() -> None:

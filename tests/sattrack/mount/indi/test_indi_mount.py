@@ -160,6 +160,16 @@ def test_rates_of_axes_are_rates_of_tracking_and_none_gives_sidereal_tracking_ba
     assert settings(made, "abortslew") == [("TELESCOPE_ABORT_MOTION", {"ABORT": "On"})]
 
 
+def test_a_rate_that_is_nearly_none_has_the_first_axis_stand() -> None:
+    made = telescope()
+    settings(made, "moveaxis", Axis="0", Rate="1.0")
+    for axis, rate, dec in (("0", "0.000001000", "0.000000"), ("1", "0.5", "1800.000000")):
+        assert settings(made, "moveaxis", Axis=axis, Rate=rate) == [
+            ("TELESCOPE_TRACK_RATE", {"TRACK_RATE_RA": "0.000000", "TRACK_RATE_DE": dec}),
+            ("TELESCOPE_TRACK_MODE", {"TRACK_CUSTOM": "On"}),
+        ]
+
+
 def test_a_rate_in_force_is_reversed_through_nothing_as_drivers_want_it() -> None:
     made = telescope()
     settings(made, "moveaxis", Axis="1", Rate="0.1")

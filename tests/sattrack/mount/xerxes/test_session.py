@@ -1390,6 +1390,16 @@ class TestWhatItTells:
         ended = tracked(MountProfile(move_axis="edge", additive=True))
         assert ended.asks(MoveAxes(0.0, 0.5)).move_ra_rate_deg_s == 0.0
 
+    @pytest.mark.parametrize("ra_rate_deg_s", [SIDEREAL_RATE_DEG_S, SIDEREAL_RATE_DEG_S - 1e-12])
+    def test_a_telescope_behind_a_gateway_is_never_sent_0_to_stand(self, ra_rate_deg_s: float) -> None:
+        """A MoveAxis of 0 would give its tracking back. One that adds to tracking is sent it to track."""
+        client = tracked(MountProfile(additive=False, dated_by_requests=True))
+        sent = client.asks(MoveAxes(ra_rate_deg_s, 0.0))
+        assert (sent.move_ra, sent.move_dec_rate_deg_s) == (True, 0.0)
+        assert 0.0 < abs(sent.move_ra_rate_deg_s) * 86400.0 < 0.1
+        adds = tracked(MountProfile(additive=True, dated_by_requests=True))
+        assert adds.asks(MoveAxes(0.0, 0.5)).move_ra_rate_deg_s == 0.0
+
     @pytest.mark.parametrize("moves", [MoveAxis(0.5, None), MoveAxis(None, 0.5)])
     def test_moveaxis_of_one_axis_uses_its_flag_until_the_other_joins(self, moves: MoveAxis) -> None:
         client = tracked(MountProfile())
