@@ -211,6 +211,8 @@ class Bridge:
     _tracked_before: bool | None = None
     """Whether it tracked before anything was asked; None before that."""
     _tracking_tries: int = 0
+    _tracking_asked: bool | None = None
+    """What was last asked of its tracking; None for nothing yet."""
     _tracking_asked_s: float = -math.inf
     _clock_off_deg: float = 0.0
     """How far the telescope's own sidereal time is from ours; 0 where it is the same."""
@@ -375,13 +377,17 @@ class Bridge:
 
         Off, where it turns both axes: a MoveAxis of 0 is rest only there.
         """
-        wanted = not self.facts.follows_by_both
-        if self._standing.tracking is wanted or not self.facts.can_set_tracking:
+        wanted, asked = not self.facts.follows_by_both, self._tracking_asked
+        given_back = asked is not None and asked is not wanted
+        if not self.facts.can_set_tracking or (self._standing.tracking is wanted and not given_back):
             return []
-        if now_s - self._tracking_asked_s < TRACKING_AGAIN_S:
+        if now_s - self._tracking_asked_s < TRACKING_AGAIN_S and not given_back:
             return []
-        self._tracking_asked_s = now_s
-        return [tracking_order(wanted)]
+        return self._ask_tracking(wanted, now_s)
+
+    def _ask_tracking(self, on: bool, now_s: float) -> list[Order]:
+        self._tracking_asked, self._tracking_asked_s = on, now_s
+        return [tracking_order(on)]
 
     def _wants_move(self) -> bool:
         command = self._command
@@ -393,7 +399,9 @@ class Bridge:
         moves = self._wants_move()
         if moves and (not self._in_force or self._stop_s is not None):
             self._begin()
-        if moves and (first := self._tracking_first(now_s)):
+        stands = all(axis.commanded_deg_s == 0.0 for axis in self._axes)
+        # During a MoveAxis some drivers report that tracking is off, and it says nothing.
+        if moves and stands and (first := self._tracking_first(now_s)):
             return first
         wishes = (
             command.move_ra_rate_deg_s if moves and command.move_ra else 0.0,
@@ -432,9 +440,8 @@ class Bridge:
             return []
         if now_s - self._tracking_asked_s < TRACKING_AGAIN_S:
             return []
-        self._tracking_asked_s = now_s
         self._tracking_tries += 1
-        return [tracking_order(before is True)]
+        return self._ask_tracking(before is True, now_s)
 
     def _moving(self) -> bool:
         """Whether the telescope moves otherwise than with the sky, by what it says or by its places."""

@@ -131,6 +131,38 @@ def test_tracking_is_put_on_before_a_motion_and_given_back_after_the_stop() -> N
     assert not made.in_force
 
 
+@pytest.mark.parametrize("follows_by_both", [False, True])
+def test_tracking_is_let_be_during_a_motion_whatever_the_driver_reports_of_it(follows_by_both: bool) -> None:
+    made = bridge(axes_known=follows_by_both)
+    made.stand(DeviceState(1.0, tracking=not follows_by_both))
+    orders = []
+    for turn in range(100):
+        now_s = 2.0 + 0.1 * turn
+        made.hear(datagram(MOVE_RA, at_40=1.0 + 0.001 * turn), now_s)
+        orders += made.turn(now_s)
+        made.stand(DeviceState(now_s, slewing=True, tracking=follows_by_both))
+    # Each rate is asked for at once, too.
+    assert [order.rate_deg_s for order in orders] == pytest.approx([1.0 + 0.001 * k for k in range(100)])
+    assert {order.member for order in orders} == {"moveaxis"}
+
+
+@pytest.mark.parametrize("reads", [True, False])
+def test_tracking_that_was_given_back_a_moment_ago_is_put_on_before_the_next_motion(reads: bool) -> None:
+    made = bridge()
+    made.stand(DeviceState(1.0, tracking=False))
+    made.hear(datagram(MOVE_RA, at_40=0.5), 2.0)
+    made.turn(2.0)
+    made.hear(datagram(ABORT), 3.0)
+    made.turn(3.0)
+    made.stand(DeviceState(3.5, tracking=True))
+    assert told(made.turn(3.6)) == [("tracking", {"Tracking": "false"})]
+    # What was read last may be older than that.
+    made.stand(DeviceState(3.65, tracking=reads))
+    made.hear(datagram(MOVE_RA, at_40=0.5), 3.7)
+    assert told(made.turn(3.7)) == [("tracking", {"Tracking": "true"})]
+    assert [order.member for order in made.turn(3.8)] == ["moveaxis"]
+
+
 def test_what_is_refused_is_not_acknowledged_and_is_asked_for_again_as_long_as_it_is_wanted() -> None:
     made = bridge()
     made.hear(datagram(MOVE_RA, at_40=0.5), 1.0)
