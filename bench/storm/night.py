@@ -33,6 +33,7 @@ from sattrack.runtime.guardian import SIZE
 from sattrack.runtime.mounts import Taken
 from sattrack.runtime.system import StopRequest
 from sattrack.schedule.file import load_schedule
+from sattrack.schedule.machine import REVISION
 from sattrack.schedule.night import End, NightPass, PassAttempt, Planned, Run, RunSettings
 from sattrack.schedule.night_executor import LiveExecutor, NightContext, drive
 from sattrack.schedule.night_folder import NightFiles, open_run
@@ -160,7 +161,7 @@ class NightWorld(World):
         )
         self._passes = tuple(self._night_pass(number, *span) for number, span in enumerate(spans, start=1))
         self._settings = RunSettings(
-            begin_s, end_s + 5.0, (begin_s + 0.5 * DAY_S) % DAY_S, weather_every_s=5.0
+            begin_s, end_s + 5.0, (begin_s + 0.5 * DAY_S) % DAY_S, weather_every_s=5.0, revision=REVISION
         )
         self._unsafe = (math.inf, math.inf)
         if self._chances.random() < UNSAFE:

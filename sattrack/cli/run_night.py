@@ -31,6 +31,7 @@ from sattrack.runtime.mounts import is_antenna, mount_address
 from sattrack.runtime.target_facts import target_facts
 from sattrack.schedule.candidates import named_by
 from sattrack.schedule.file import load_schedule
+from sattrack.schedule.machine import REVISION
 from sattrack.schedule.making import make_plan
 from sattrack.schedule.night import End, NightPass, Planned, RunSettings, RunState, mean_noon_s
 from sattrack.schedule.night_executor import LiveExecutor, NightContext, drive
@@ -361,6 +362,7 @@ def _settings(
         park=park,
         weather_every_s=30.0 if schedule.weather is None else schedule.weather.every_s,
         wake_s=0.0 if schedule.wake is None else schedule.wake.timeout_s,
+        revision=REVISION,
     )
 
 

@@ -8,6 +8,7 @@ what the table in the documentation says of them.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from msgspec.structs import replace
@@ -63,6 +64,8 @@ if TYPE_CHECKING:
     """The event is of the row's type."""
     Change = Callable[[Run, Any], tuple[Run, Order]]
 
+REVISION = 2
+"""Of these rules: what an earlier one decided in a journal is decided again by that."""
 TRY_PLAN_AGAIN_S = 600.0
 TRY_PARK_AGAIN_S = 60.0
 LONGEST_PAUSE_S = 30.0
@@ -123,8 +126,8 @@ def look(run: Run, event: Event) -> tuple[Run, Order]:
 
 def wait(run: Run, event: Event) -> tuple[Run, Order]:
     """Wait until it must be prepared, or the mount sent to its park position again."""
-    until, again = prepared_from_s(run), run.parked_utc_s + run.settings.rest_after_s
-    if run.mount is Mount.AT_PARK and event.utc_s < again < until - run.settings.rest_after_s:
+    until, again = prepared_from_s(run), _sent_again_s(run, event.utc_s)
+    if event.utc_s < again < until - run.settings.rest_after_s:
         until = again
     return run, Wait(until_utc_s=until)
 
@@ -173,7 +176,7 @@ def hold(run: Run, event: WeatherReported) -> tuple[Run, Order]:
 def hold_at_park(run: Run, event: WeatherReported) -> tuple[Run, Order]:
     """Ask again later, and let the mount wait at its park position, drives on."""
     run, _ = hold(run, event)
-    return replace(run, tries=1), ParkMount(power_off=False)
+    return wait_at_park(run, event)
 
 
 def first_action(run: Run, event: Event) -> tuple[Run, Order]:
@@ -274,7 +277,9 @@ def lose_to_action(run: Run, event: Event) -> tuple[Run, Order]:
 
 def wait_at_park(run: Run, _: Event) -> tuple[Run, Order]:
     """Let the mount wait at its park position, drives on."""
-    return replace(run, tries=1), ParkMount(power_off=False)
+    # What has failed often is tried once each time: a pass is not to be late for it.
+    tries = MOST_PARK_TRIES if run.mount is Mount.UNKNOWN else 1
+    return replace(run, tries=tries), ParkMount(power_off=False)
 
 
 def park(run: Run, _: Event) -> tuple[Run, Order]:
@@ -302,7 +307,7 @@ def look_parked(run: Run, event: Event) -> tuple[Run, Order]:
     """See what is next."""
     run = _parked(run, event)
     if run.mount is Mount.AT_REST:
-        # It was tried often enough: not again until the mount has moved.
+        # It was tried often enough for now.
         run = replace(run, mount=Mount.UNKNOWN)
     return look(run, event)
 
@@ -480,9 +485,18 @@ def long_to_wait(run: Run, event: Event) -> bool:
 
 def _is_long(run: Run, event: Event, until_utc_s: float) -> bool:
     """Return whether a mount that waits until then must be sent to its park position."""
-    again_s = run.parked_utc_s + run.settings.rest_after_s
-    stands = run.mount is Mount.AT_REST or (run.mount is Mount.AT_PARK and event.utc_s >= again_s)
+    stands = run.mount is Mount.AT_REST or event.utc_s >= _sent_again_s(run, event.utc_s)
     return run.settings.park and until_utc_s - event.utc_s > run.settings.rest_after_s and stands
+
+
+def _sent_again_s(run: Run, utc_s: float) -> float:
+    """Return from when on the mount is sent to its park position again; infinite where it was not sent."""
+    renewed, rest_s = run.settings.revision >= REVISION, run.settings.rest_after_s
+    failed = renewed and run.mount is Mount.UNKNOWN and run.parked_utc_s > 0.0
+    if not (failed or run.mount is Mount.AT_PARK):
+        return math.inf
+    # Sent there in what is the future now: the clock was wrong then.
+    return utc_s if renewed and run.parked_utc_s - utc_s > rest_s else run.parked_utc_s + rest_s
 
 
 def cannot_be_taken(_: Run, event: PassPrepared) -> bool:

@@ -162,6 +162,8 @@ class RunSettings(msgspec.Struct, frozen=True):
     rest_after_s: float = 1800.0
     """A mount with so long to wait waits at its park position, drives on. It is sent there again after as
     long: nothing ends a mount's tracking of the sky but the end of its drives' power."""
+    revision: int = 1
+    """Of the machine's rules: events that an earlier one led to are read back by that."""
 
 
 class FinishedPass(msgspec.Struct, frozen=True):

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from random import Random
 
 from sattrack.runtime import demo_pass
+from sattrack.schedule.machine import REVISION
 from sattrack.schedule.night import (
     AskWeather,
     ClockSet,
@@ -45,7 +46,7 @@ ACTIONS = (
 
 
 def settings(nights: float) -> RunSettings:
-    return RunSettings(BEGIN, BEGIN + nights * 86400.0, NOON_S)
+    return RunSettings(BEGIN, BEGIN + nights * 86400.0, NOON_S, revision=REVISION)
 
 
 def drawn_passes(random: Random, night: int, begin: float, end: float) -> tuple[NightPass, ...]:

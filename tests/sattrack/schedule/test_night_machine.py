@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from itertools import pairwise
 from random import Random
 from typing import Any
 
@@ -613,6 +614,7 @@ SLEW, PROGRAM = SlewAction(star="Vega"), CommandAction(run=("x",))
 ONE = one_pass(before=(SLEW, PROGRAM, SLEW), after=(SLEW, PROGRAM))
 PLAIN, LATE_S = one_pass(), ONE.end_utc_s - 5.0
 PREPARED_S = ONE.leave_utc_s - 90.0
+TIMES = ("leave_utc_s", "start_utc_s", "culminate_utc_s", "end_utc_s")
 NOW, MORNING = BEGIN + 3000.0, NIGHT.night_to_utc_s
 DONE = (Result("done"),)
 S = RunState
@@ -806,17 +808,69 @@ def test_what_is_planned_is_told_and_notes_are_of_one_night_and_the_last_twelve(
     )
 
 
-def test_a_mount_that_was_not_parked_is_told_of_and_is_left_alone_until_it_has_moved() -> None:
+def test_a_mount_that_was_not_parked_is_told_of_and_is_sent_there_after_half_an_hour() -> None:
     failed = Parked(utc_s=NOW, mount=Mount.AT_REST, words="no answer")
     run, _ = machine.step(replace(NIGHT, state=S.PARKING, tries=1), failed)
     assert run.message == "the mount is not parked: no answer"
     run, _ = machine.step(replace(NIGHT, state=S.PARKING, tries=5, passes=(ONE,)), failed)
     assert (run.message, run.mount, run.parked_utc_s) == ("NOT PARKED: no answer", Mount.UNKNOWN, NOW)
-    _, order = machine.step(run, Due(utc_s=ONE.leave_utc_s - 1900.0))
-    assert order == Wait(until_utc_s=ONE.leave_utc_s - 90.0)
+    for utc_s, order in (
+        (NOW, Wait(until_utc_s=NOW + 1800.0)),
+        (NOW + 1800.0, ParkMount(power_off=False)),
+        # Less than half an hour is left.
+        (LONG.leave_utc_s - 1880.0, Wait(until_utc_s=LONG.leave_utc_s - 90.0)),
+    ):
+        assert machine.step(replace(run, passes=(LONG,)), Due(utc_s=utc_s))[1] == order
     there = Parked(utc_s=NOW, mount=Mount.AT_PARK, words="at park")
     run, _ = machine.step(replace(NIGHT, state=S.PARKING, tries=1, passes=(ONE,)), there)
     assert (run.message, run.mount) == ("at park", Mount.AT_PARK)
+
+
+LONG = replace(ONE, **{name: getattr(ONE, name) + 28_800.0 for name in TIMES})
+
+
+def waits(run: Run, utc_s: float) -> list[float]:
+    """Return when a mount that cannot be parked is sent to its park position until it must be prepared."""
+    sent: list[float] = []
+    event: Event = Due(utc_s=utc_s)
+    for _ in range(300):
+        run, order = machine.step(run, event)
+        if isinstance(order, Prepare):
+            return sent
+        if isinstance(order, ParkMount):
+            assert not order.power_off
+            sent.append(event.utc_s)
+            event = Parked(utc_s=event.utc_s + 600.0, mount=Mount.AT_REST, words="no answer")
+        else:
+            assert isinstance(order, Wait)
+            event = Due(utc_s=max(event.utc_s, order.until_utc_s))
+    raise AssertionError("it does not end")
+
+
+def test_a_mount_that_cannot_be_parked_is_sent_there_again_every_half_hour_of_a_long_wait() -> None:
+    sent = waits(replace(NIGHT, state=S.WAITING, passes=(LONG,)), NOW)
+    # Five times at first, each of which takes ten minutes; then once, and never so late that a pass waits.
+    gaps = [later - one for one, later in pairwise(sent)]
+    assert gaps == [660.0] * 4 + [600.0 + 1800.0] * (len(sent) - 5)
+    assert 0.0 < LONG.leave_utc_s - 90.0 - (sent[-1] + 600.0) <= 3600.0
+
+
+def test_a_mount_that_was_sent_to_its_park_position_in_the_future_is_sent_there_now() -> None:
+    """The clock was years ahead."""
+    run = replace(NIGHT, state=S.WAITING, passes=(LONG,), mount=Mount.AT_PARK, parked_utc_s=NOW + 3e8)
+    assert machine.step(run, Due(utc_s=NOW))[1] == ParkMount(power_off=False)
+    run = replace(run, parked_utc_s=NOW + 60.0)
+    assert machine.step(run, Due(utc_s=NOW))[1] == Wait(until_utc_s=NOW + 1860.0)
+
+
+def test_a_journal_of_earlier_rules_is_read_as_it_was_written() -> None:
+    """Then a mount that had not been parked was left alone until it had moved."""
+    earlier = replace(NIGHT, settings=replace(settings(3.0), revision=1))
+    assert len(waits(replace(earlier, state=S.WAITING, passes=(LONG,)), NOW)) == 5
+    started = msgspec.json.encode(again(NOW), enc_hook=lambda value: float(value.unix_s))
+    older = msgspec.json.decode(started.replace(b',"revision":2', b""), type=Event)
+    assert isinstance(older, Started)
+    assert older.settings == replace(settings(3.0), revision=1)
 
 
 @pytest.mark.parametrize(
