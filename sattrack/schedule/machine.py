@@ -47,6 +47,7 @@ from sattrack.schedule.night import (
     at_of,
     enough_left,
     first_night,
+    near_night,
     next_night,
     prepared_from_s,
     recovered_night,
@@ -321,7 +322,7 @@ def rest(run: Run, event: Event) -> tuple[Run, Order]:
     """Wait for the next night."""
     if isinstance(event, SummedUp):
         run = replace(run, summary=event.file or run.summary, message=event.words)
-        run = next_night(run, event.utc_s)
+        run = _near(next_night(run, event.utc_s), event)
     return run, Wait(until_utc_s=run.night_from_utc_s)
 
 
@@ -346,6 +347,10 @@ def end(run: Run, event: Event) -> tuple[Run, Order]:
     if isinstance(event, SummedUp):
         run = replace(run, summary=event.file or run.summary, message=event.words)
     return run, End(why="all nights are over")
+
+
+def _near(run: Run, event: Event) -> Run:
+    return near_night(run, event.utc_s) if run.settings.revision >= REVISION else run
 
 
 def _fresh(run: Run) -> Run:
@@ -710,7 +715,10 @@ def step(run: Run, event: Event) -> tuple[Run, Order]:
         if event.recovered is not None:
             run = recovered_night(run, event.recovered, event.utc_s)
         elif not run_begun(run, event.utc_s):
-            run = first_night(run, event.utc_s)
+            first_utc_s = run.first_utc_s if run.night else event.utc_s
+            run = first_night(replace(run, first_utc_s=first_utc_s), event.utc_s)
+    if isinstance(event, Started | ClockSet):
+        run = _near(run, event)
     message = event.words if isinstance(event, Started) else None
     for row in TABLE:
         if row.state is run.state and isinstance(event, row.event) and row.condition(run, event):

@@ -382,6 +382,8 @@ class Run(msgspec.Struct, frozen=True):
     settings: RunSettings = RunSettings(0.0, None, 0.0)
     state: RunState = RunState.PLANNING
     mount: Mount = Mount.UNKNOWN
+    first_utc_s: float = 0.0
+    """When the run began for the first time; 0 where that is not known."""
     night: int = 0
     night_from_utc_s: float = 0.0
     night_to_utc_s: float = 0.0
@@ -502,6 +504,18 @@ def next_night(run: Run, now_utc_s: float) -> Run:
     while _end_of(run, begin) <= now_utc_s and not _is_last(run, begin):
         begin = _end_of(run, begin)
     return _night_from(replace(run, passes=(), results=(), others={}, over=()), begin, number)
+
+
+def near_night(run: Run, now_utc_s: float) -> Run:
+    """Return the run with the night in progress in place of one that a clock far ahead has made it wait for.
+
+    A clock that is behind the run's own beginning is wrong now, and by that one nothing is begun.
+    """
+    far = run.night > 1 and run.night_from_utc_s - now_utc_s > DAY_S + SHORT_S
+    waits = run.passes == () or run.state in (RunState.WAITING, RunState.STOPPED)
+    if not (far and waits and 0.0 < run.first_utc_s <= now_utc_s):
+        return run
+    return _night_from(replace(run, passes=(), results=(), others={}, over=()), now_utc_s, run.night)
 
 
 def _night_from(run: Run, begin: float, number: int) -> Run:

@@ -748,6 +748,82 @@ def test_a_clock_that_was_set_is_reported_and_what_is_waited_for_is_waited_for_a
     assert order == Wait(until_utc_s=NOW + waits_s)
 
 
+YEARS_S = 10.0 * 365.25 * 86_400.0
+
+
+def ahead(revision: int = machine.REVISION) -> Run:
+    """Return a run in its fourth night, made to wait for another by a clock that was ten years ahead."""
+    at = replace(settings(3.0), to_utc_s=None, revision=revision)
+    run, order = machine.step(Run(), Started(utc_s=BEGIN, settings=at))
+    run = replace(run, state=S.RESTING, mount=Mount.PARKED, night=4)
+    event: Event = Started(utc_s=BEGIN + YEARS_S, settings=at)
+    for _ in range(12):
+        run, order = machine.step(run, event)
+        if isinstance(order, Wait) and order.until_utc_s > event.utc_s:
+            assert (run.state, run.night) == (S.RESTING, 6)
+            return run
+        event = Due(utc_s=event.utc_s)
+        if isinstance(order, MakePlan):
+            event = Planned(utc_s=event.utc_s, passes=())
+        elif isinstance(order, SumUp):
+            event = SummedUp(utc_s=event.utc_s)
+    raise AssertionError("it does not wait")
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+@pytest.mark.parametrize(
+    ("now_s", "revision", "waits"),
+    [
+        (86_400.0, 2, False),
+        # What would be waited for is the next night, at most.
+        (YEARS_S - 3600.0, 2, True),
+        # A clock that is behind the run's beginning is wrong itself: nothing is begun by it.
+        (-YEARS_S, 2, True),
+        (86_400.0, 1, True),
+    ],
+)
+def test_a_clock_that_was_years_ahead_does_not_keep_a_run_waiting_for_them(
+    now_s: float, revision: int, waits: bool, restarted: bool
+) -> None:
+    run, now = ahead(revision), BEGIN + now_s
+    event: Event = ClockSet(utc_s=now, seconds=now_s - YEARS_S)
+    if restarted:
+        event = Started(utc_s=now, settings=run.settings)
+    run, order = machine.step(run, event)
+    assert order == Wait(until_utc_s=run.night_from_utc_s if waits else now)
+    assert run.state is S.RESTING
+    if waits:
+        assert run.night_from_utc_s > BEGIN + YEARS_S
+        return
+    assert machine.step(run, Due(utc_s=now))[1] == MakePlan()
+    assert now < run.night_to_utc_s <= now + 86_400.0
+
+
+def test_a_plan_for_years_ahead_is_given_up_and_a_stopped_run_is_resumed_now() -> None:
+    run, now = ahead(), BEGIN + 86_400.0
+    far = replace(ONE, start_utc_s=BEGIN + YEARS_S + 9e4, leave_utc_s=BEGIN + YEARS_S + 9e4)
+    begun = {"night_from_utc_s": BEGIN + YEARS_S, "night_to_utc_s": BEGIN + YEARS_S + 86_400.0}
+    for state in (S.WAITING, S.STOPPED, S.PLANLESS):
+        kept = () if state is S.PLANLESS else (far,)
+        later, _ = machine.step(
+            replace(run, state=state, passes=kept, **begun), Started(utc_s=now, settings=run.settings)
+        )
+        assert (later.passes, later.night_from_utc_s) == ((), now)
+    # A summary that is written only now.
+    later, order = machine.step(
+        replace(run, state=S.SUMMING_UP, passes=(far,), results=DONE, **begun), SummedUp(utc_s=now)
+    )
+    assert (later.state, order) == (S.RESTING, Wait(until_utc_s=now))
+
+
+def test_a_run_that_begins_next_month_waits_for_that_whatever_is_done_to_the_clock() -> None:
+    at = replace(settings(3.0), from_utc_s=BEGIN + 30.0 * 86_400.0, to_utc_s=None)
+    run, order = machine.step(Run(), Started(utc_s=BEGIN, settings=at))
+    for event in (ClockSet(utc_s=BEGIN + 60.0, seconds=-3600.0), Started(utc_s=BEGIN + 90.0, settings=at)):
+        run, order = machine.step(run, event)
+        assert order == Wait(until_utc_s=at.from_utc_s)
+
+
 @pytest.mark.parametrize("late_s", [0.0, 3600.0])
 def test_a_resting_run_whose_clock_was_set_into_its_night_begins_at_once(late_s: float) -> None:
     run = replace(NIGHT, state=S.RESTING)
