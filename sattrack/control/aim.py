@@ -34,7 +34,6 @@ ON_ARCSEC, CLOSE_ARCSEC, NEAR_ARCSEC = 2.0, 10.0, 180.0
 """A mount has arrived that stays on its direction. One that comes only close has after `CLOSE_S`, and one
 that comes only near after `NEAR_S`."""
 ARRIVED_SAMPLES, CLOSE_S, NEAR_S = 5, 2.0, 10.0
-LED_WITHIN_S = 240.0
 
 
 class MountSidereal:
@@ -169,10 +168,11 @@ class Lead:
         clock: MountSidereal,
         follower: Follower,
         begun_utc_s: float,
+        within_s: float,
     ) -> None:
         self._place_at, self._clock, self._follower = place_at, clock, follower
         self._target = SatelliteTarget(self.state_at, ())
-        self._begun_utc_s = begun_utc_s
+        self._begun_utc_s, self._within_s = begun_utc_s, within_s
         self._there_utc_s: float | None = None
         self._near = 0
         self._error_arcsec = math.inf
@@ -185,7 +185,7 @@ class Lead:
 
     def overdue(self, now_utc_s: float) -> bool:
         """Tell whether the mount should have arrived long ago."""
-        return not self.arrived and now_utc_s - self._begun_utc_s > LED_WITHIN_S
+        return not self.arrived and now_utc_s - self._begun_utc_s > self._within_s
 
     def state_at(self, utc_s: float) -> TargetState:
         """Return the direction by the mount's axes, as a right ascension and a declination of them."""

@@ -383,7 +383,7 @@ class Console(Driver):
                 return place.hour_angle_deg, place.dec_deg
             return aim.own_deg(ra_deg, dec_deg, MountInstant(utc_s, clock.at(utc_s), refracts))
 
-        return Lead(place_at, clock, self._follower, now_utc_s)
+        return Lead(place_at, clock, self._follower, now_utc_s, self.profile.goes_within_s(by_rates=True))
 
     def keep_here(self, now_utc_s: float) -> RequestRefused | None:
         """Keep the telescope of a mount with a geometry where it looks on the sky."""

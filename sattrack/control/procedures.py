@@ -55,7 +55,6 @@ def request_text(request: Request) -> str:
 NEAR_DEG = 0.1
 """So near to its home position a mount is taken to stand there, where it does not say so itself."""
 HOME_STARTS_WITHIN_S = 3.0
-HOME_WITHIN_S = 240.0
 SLEW_SETTLING_S = 2.0
 MOVE_BEGINS_WITHIN_S = 10.0
 NEVER_THERE = "the mount did not come to that direction: it is near the keyhole, or an axis is too slow"
@@ -288,6 +287,8 @@ class GoHome:
     """
 
     home: AxesPosition | None
+    within_s: float
+    """How long the way there may take."""
     request: FindHome = field(default_factory=FindHome)
     doing: str = "going home"
     _ticket: Ticket | None = None
@@ -332,7 +333,7 @@ class GoHome:
         self._seen_moving = self._seen_moving or slewing
         if self._ticket.state in {TicketState.TIMED_OUT, TicketState.FAILED, TicketState.SUPERSEDED}:
             return outcome_of(self._ticket)
-        if moving and waited_s > HOME_WITHIN_S:
+        if moving and waited_s > self.within_s:
             return Outcome(TicketState.TIMED_OUT, False, "the mount did not finish its way home")
         if moving or not self._ticket.settled or (not self._seen_moving and waited_s < HOME_STARTS_WITHIN_S):
             return None
@@ -440,7 +441,7 @@ def procedure_for(request: Request, profile: MountProfile) -> Procedure:
         case Park():
             return ParkThere(profile)
         case FindHome():
-            return GoHome(profile.home, request)
+            return GoHome(profile.home, profile.goes_within_s(), request)
         case Slew():
             return SlewThere(request)
         case MoveAxis():

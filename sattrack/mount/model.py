@@ -260,6 +260,8 @@ LEAST_PERIOD_S = 0.001
 
 
 USUAL_TRAVEL_DEG = (-190.0, 190.0)
+GOES_SLOWER, LEAST_GOES_WITHIN_S = 1.5, 240.0
+"""By how much a mount may be slower than its profile, and how long any may be on its way."""
 POLE_KEPT_DEG = 1.0
 """How far a mount with a geometry stays from where its reports pass over its pole."""
 
@@ -362,6 +364,17 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         told = _told_limits_deg(geometry)
         limits = max(own[0], told[0]), min(own[1], told[1])
         return msgspec.structs.replace(self, geometry=geometry, dec_axis_limits_deg=limits)
+
+    def goes_within_s(self, by_rates: bool = False) -> float:
+        """Return the time after which a mount that goes somewhere, slewing or by rates, is given up, seconds.
+
+        Each axis may go once round meanwhile, and half as long again; four minutes at least.
+        """
+        axes = (self.ra, self.dec)
+        slowest = min(axis.slew_rate_deg_s for axis in axes)
+        if by_rates:
+            slowest = min(slowest, *(axis.max_rate_deg_s for axis in axes))
+        return max(LEAST_GOES_WITHIN_S, GOES_SLOWER * 360.0 / slowest)
 
     @property
     def own_axes(self) -> Literal["equatorial", "altaz"] | Pole:

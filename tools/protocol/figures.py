@@ -73,7 +73,10 @@ def patience_table() -> str:
         (tickets.UNCONFIRMED_AFTER, "for which a flag without an acknowledgement is sent"),
         (tickets.STARTED_WITHIN, "for which a slew may wait for standstill"),
         (tickets.ACK_WITHIN, "for the acknowledgement of a motion"),
-        (tickets.SLEW_WITHIN, "for a slew to end"),
+        (
+            tickets.SLEW_WITHIN,
+            "for a slew to end; for a slow mount half as long again as a turn takes at its `slew_rate_deg_s`",
+        ),
         (tickets.REST_WITHIN, "for the mount to come to rest"),
         (link.DOUBLED_WITHIN, "in which an acknowledgement that rises again means a doubled edge"),
     )

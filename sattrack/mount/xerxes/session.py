@@ -276,7 +276,7 @@ class Session:
         self._supersede("another motion was asked for")
         if not isinstance(cleared.request, EndMove):
             self._launches.supersede("a motion was asked for")
-        self._motion_ticket = MotionTicket(ticket)
+        self._motion_ticket = MotionTicket(ticket, self.profile)
         self._want(motion)
         return ticket
 

@@ -41,6 +41,7 @@ STARTED_WITHIN = 600
 ACK_WITHIN = 160
 """Datagrams, eight seconds, for an acknowledgement: a missed edge is asked for anew meanwhile."""
 SLEW_WITHIN = 4800
+"""Datagrams that a slew may take at least."""
 REST_WITHIN = 600
 ARRIVED_WITHIN_DEG = 0.25
 QUEUED_AT_MOST = 600
@@ -63,6 +64,7 @@ class MotionTicket:
     """A request that moves the mount as a whole, under way."""
 
     ticket: Ticket
+    profile: MountProfile
     sent: bool = False
     """Whether its flags have been in a datagram."""
     _ticks: int = 0
@@ -110,7 +112,8 @@ class MotionTicket:
             case TicketState.RAISED:
                 return ACK_WITHIN, "the mount did not acknowledge it"
             case _ if isinstance(self.ticket.request, Slew):
-                return SLEW_WITHIN, "the mount acknowledged the slew and did not finish it"
+                datagrams = round(self.profile.goes_within_s() / self.profile.period_s)
+                return max(SLEW_WITHIN, datagrams), "the mount acknowledged the slew and did not finish it"
             case _:
                 return REST_WITHIN, "the mount acknowledged it and was not seen to obey"
 

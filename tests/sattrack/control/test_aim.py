@@ -164,7 +164,7 @@ class Led:
         note(self.clock, 3.0)
         self.followed: list[float] = []
         follower: Any = SimpleNamespace(follow=self.follow)
-        self.lead = Lead(place, self.clock, follower, NOW)
+        self.lead = Lead(place, self.clock, follower, NOW, 240.0)
 
     def follow(self, now_utc_s: float, target: object) -> MoveAxes:
         self.followed.append(now_utc_s)
@@ -263,7 +263,7 @@ class TestLead:
         led.lead.see(led.sample(utc_s), utc_s)
         assert led.lead.arrived is True
 
-    def test_four_minutes_are_long_enough(self) -> None:
+    def test_it_is_given_up_after_its_time(self) -> None:
         led = Led()
         assert led.lead.overdue(NOW + 239.0) is False
         assert led.lead.overdue(NOW + 241.0) is True

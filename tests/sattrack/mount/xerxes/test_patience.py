@@ -22,7 +22,7 @@ from xerxes_builders import (
     want,
 )
 
-from sattrack.mount.model import AxesPosition, Hold, Motion, MountProfile, MoveAxes, Slew, Stop
+from sattrack.mount.model import AxesPosition, AxisLimits, Hold, Motion, MountProfile, MoveAxes, Slew, Stop
 from sattrack.mount.requests import (
     Abort,
     ClearedRequest,
@@ -68,7 +68,7 @@ def periods(client: Client, ticket: Ticket, hears: bool = True, **heard: Any) ->
     """How many datagrams go out until a ticket's state changes."""
     state, count = ticket.state, 0
     while ticket.state is state:
-        assert count < 10_000
+        assert count < 30_000
         if hears:
             client.hear(**heard)
         client.send()
@@ -144,6 +144,16 @@ class TestTickets:
         client.hear(**going)
         assert periods(client, ticket, hears=False) == datagrams + 1
         assert (ticket.state, ticket.reason) == (TicketState.TIMED_OUT, reason)
+
+    @pytest.mark.parametrize(("slew_rate_deg_s", "seconds"), [(2.25, 240), (0.5, 1080)])
+    def test_of_a_slow_mount_that_moves_on(self, slew_rate_deg_s: float, seconds: int) -> None:
+        """A turn takes 12 minutes at half a degree a second; it may take half as long again."""
+        client = tracking(MountProfile(dec=AxisLimits(slew_rate_deg_s=slew_rate_deg_s)))
+        ticket = submit(client, A)
+        client.send()
+        client.hear(slewing=True, ack_slew=True)
+        assert periods(client, ticket, hears=False) == round(seconds / PERIOD_S) + 1
+        assert ticket.state is TicketState.TIMED_OUT
 
     def test_of_a_moveaxis_that_does_not_end(self) -> None:
         client = tracking()
