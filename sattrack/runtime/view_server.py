@@ -520,7 +520,7 @@ class RunViews:
         self._channel: Channel | None = None
         self._decoders = msgspec.json.Decoder(TrackView), msgspec.json.Decoder(SummaryLine)
         self._stopping = threading.Event()
-        """Set where the run is seen to be ending."""
+        """Set while the run is seen to be ending."""
 
     @property
     def ended(self) -> bool:
@@ -558,6 +558,9 @@ class RunViews:
         for message in found:
             if isinstance(message, TrackView) and message.ended_by is not None:
                 self._stopping.set()
+            else:
+                # Another run of the same process begins.
+                self._stopping.clear()
         return found
 
     def stop(self) -> None:

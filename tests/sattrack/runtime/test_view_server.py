@@ -7,20 +7,24 @@ import json
 import os
 import select
 import socket
+import threading
 import time
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 import pytest
 
 from sattrack.control.engine_view import view_of
-from sattrack.runtime import demo_pass
+from sattrack.runtime import demo_pass, mounts
+from sattrack.runtime import view_server as view_server_module
 from sattrack.runtime.control_arbiter import ControlArbiter, Observers, SessionInbox
 from sattrack.runtime.facts import RunRequest, prepare
 from sattrack.runtime.view_server import (
     MOST_CLIENTS,
     REMEMBERED_S,
     SUPPORTED,
+    RunViews,
     ViewServer,
     ViewServerLink,
     ViewServerTask,
@@ -30,11 +34,10 @@ from sattrack.runtime.view_server import (
 from sattrack.tui.attached import PictureLook
 from sattrack.views.messages import StopNow
 from sattrack.views.picture import MOST_PICTURE_BYTES, MOST_SIDE, PICTURES_A_SECOND
+from sattrack.views.run import TrackView
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-    from sattrack.views.run import TrackView
 
 pytestmark = pytest.mark.skipif(not SUPPORTED, reason="abstract names are Linux's")
 PATIENCE_S = 60.0
@@ -289,6 +292,40 @@ PICTURE = {
     "pixels": "AP8=",
     "kind": "none",
 }
+
+
+@pytest.mark.parametrize("ended_by", [None, "operator"])
+def test_a_stop_in_a_later_pass_goes_by_the_guardian_where_that_does_not_show(
+    view_server: ViewServerLink, facts, view: TrackView, monkeypatch: pytest.MonkeyPatch, ended_by: str | None
+) -> None:
+    """The first pass of a run ends by itself; the second one hangs, or obeys."""
+    asked = threading.Event()
+    monkeypatch.setattr(view_server_module, "STOP_WITHIN_S", 0.5 if ended_by is None else 2.0)
+    monkeypatch.setattr(mounts, "owners", lambda: [SimpleNamespace(pid=os.getpid())])
+    monkeypatch.setattr(mounts, "ask_stop", lambda owner, waiting: asked.set())
+    views = RunViews(os.getpid(), "a client")
+
+    def sees(*wanted: str | None) -> None:
+        until_s, seen = time.monotonic() + PATIENCE_S, list(wanted)
+        while seen and time.monotonic() < until_s:
+            views.look()
+            select.select(views.readers(), [], [], 0.05)
+            for one in views.news():
+                if isinstance(one, TrackView) and seen and one.ended_by == seen[0]:
+                    seen.pop(0)
+        assert seen == []
+
+    view_server.show(view)
+    view_server.show(msgspec.structs.replace(view, ended_by="set"))
+    sees(None, "set")
+    view_server.begin(facts)
+    view_server.show(view)
+    sees(None)
+    views.stop()
+    if ended_by is not None:
+        view_server.show(msgspec.structs.replace(view, ended_by=ended_by))
+        sees(ended_by)
+    assert asked.wait(PATIENCE_S if ended_by is None else 3.0) is (ended_by is None)
 
 
 def test_pictures_go_to_those_who_ask_and_cameras_are_told_how_large(view_server) -> None:
