@@ -14,7 +14,7 @@ from sattrack.core.angles import wrap180
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
 from sattrack.mount.xerxes.link import STALE_AFTER_S, LinkState
 from sattrack.safety import ROWS
-from sattrack.views.formatting import camera_clock_text
+from sattrack.views.formatting import camera_clock_text, times_text
 from sattrack.views.run import (
     EstimateView,
     LoopView,
@@ -368,7 +368,7 @@ def observation_warnings(tracker: Tracker, malformed: int, dropped: int) -> list
     )
     if estimator.begun_anew:
         words.append(
-            f"the estimate restarted {estimator.begun_anew} times: "
+            f"the estimate restarted {times_text(estimator.begun_anew)}: "
             "the rejected observations agreed with one another"
         )
     if malformed:

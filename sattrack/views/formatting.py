@@ -602,7 +602,7 @@ def _bias_lines(summary: Summary) -> list[str]:
         return lines
     counts = f"{estimate.accepted} taken, {estimate.rejected} rejected, {estimate.refused} refused"
     if estimate.begun_anew:
-        counts += f"; restarted {estimate.begun_anew} times"
+        counts += f"; restarted {times_text(estimate.begun_anew)}"
     if estimate.rejected and not estimate.accepted:
         counts += (
             ": none fits the elements; check satellite, site and clock (sattrack bias fits larger errors)"
@@ -642,8 +642,13 @@ def learnt_line(learnt: LearntView) -> str:
     delay = f"command delay {1e3 * delay_s:.1f}±{1e3 * sigma_s:.1f} ms"
     if delay_s < -2.0 * sigma_s:
         delay += " (status_delay_s is too large)"
-    anew = f", filters restarted {learnt.restarts} times" if learnt.restarts else ""
+    anew = f", filters restarted {times_text(learnt.restarts)}" if learnt.restarts else ""
     return f"lag RA {ra}, Dec {dec}; {gains}; {delay}; settling {learnt.settling_s:.2f} s{anew}"
+
+
+def times_text(count: int) -> str:
+    """Return how often something happened, as text."""
+    return "once" if count == 1 else f"{count} times"
 
 
 def _lag(lag_s: float, sigma_s: float, gain: float | None) -> str:

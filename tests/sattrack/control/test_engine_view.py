@@ -261,6 +261,9 @@ class TestWarnings:
             "camera without a name: its clock is 0.200 ± 0.010 s ahead by the stars, its dates are corrected",
             "the estimate restarted 4 times: the rejected observations agreed with one another",
         ]
+        estimator.begun_anew = 1
+        told = observation_warnings(run.tracker, 0, 0)
+        assert told[-1].startswith("the estimate restarted once: ")
 
 
 class TestViews:
