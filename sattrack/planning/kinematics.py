@@ -184,11 +184,14 @@ def _too_fast(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None) 
     if keyholes is None:
         keyholes = find_keyholes(path, profile, ability.tolerance_deg, ways=ability.detours)
     begin_utc_s, end_utc_s = float(path.utc_s[0]), float(path.utc_s[-1])
+    names = profile.axis_names()
+    equatorial = profile.geometry is None
+    turns = "the pole the hour angle turns" if equatorial else f"the mount's pole {names[0]} turns"
     found = [
         PredictedLoss(
             *_lost_span(k, ability.detours),
             KEYHOLE,
-            f"{k.polar_distance_deg:.2f}° from the pole the hour angle turns {k.peak_rate_deg_s:.3g} °/s "
+            f"{k.polar_distance_deg:.2f}° from {turns} {k.peak_rate_deg_s:.3g} °/s "
             f"of {profile.ra.max_rate_deg_s:.3g} °/s",
             k.peak_rate_deg_s,
             profile.ra.max_rate_deg_s,
@@ -197,7 +200,6 @@ def _too_fast(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None) 
         if begin_utc_s <= k.begin_utc_s < end_utc_s
     ]
     cos_dec = np.abs(np.cos(np.radians(path.pointing.dec_axis_deg)))
-    names = profile.axis_names()
     axes = (
         (names[0], path.pointing.hour_angle_axis_deg, path.hour_angle_rate_deg_s, profile.ra, cos_dec),
         (

@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from planning_builders import path_of
+from planning_builders import great_circle, path_of
 
-from sattrack.mount.model import AxisLimits, MountProfile, PierZone
+from sattrack.mount.geometry import AxisGeometry
+from sattrack.mount.model import AxisLimits, MountProfile, PierZone, SitePlace
 from sattrack.planning.kinematics import Ability, choose_sides, losses, why_not
 from sattrack.planning.path import AxisPath, AxisSamples, axis_path, margins_deg
 from sattrack.planning.rehearsal import MountPath, link_loss
@@ -147,6 +148,17 @@ def test_where_the_rest_fits_on_no_turn_of_the_cables_it_is_lost() -> None:
     (found,) = losses(path, ability(MountProfile(hour_angle_limit_deg=150.0), latitude_deg=60.0))
     assert (found.limit, found.end_utc_s) == ("hour_angle", 200.0)
     assert found.seconds == pytest.approx(130.0 + 1.1, abs=0.2)
+
+
+def test_what_a_keyhole_loses_is_told_by_the_names_of_the_axes() -> None:
+    path = great_circle(0.7, 1.0)
+    altaz = MountProfile(geometry=AxisGeometry(0.0, 90.0), stands_at=SitePlace(52.0, 4.5))
+    for profile, words in (
+        (MountProfile(), "1.00° from the pole the hour angle turns 40.1 °/s of 6 °/s"),
+        (altaz, "1.00° from the mount's pole the first axis turns 40.1 °/s of 6 °/s"),
+    ):
+        found = losses(path, ability(profile, latitude_deg=60.0))
+        assert [one.words for one in found if one.limit == "keyhole"] == [words]
 
 
 def test_a_target_that_begins_by_the_sun_is_joined_where_it_comes_out() -> None:
