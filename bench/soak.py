@@ -89,8 +89,9 @@ RECORDED, RECORDED_MB_H = "track: track", 3.0
 """By design, MB an hour: the index of the recording, a row each 0.8 s."""
 SHARED = Path("/dev/shm")
 KEPT = frozenset({"guardian.log", "biases.sqlite3"})
-RUNS = "nights"
-"""What the program keeps among a user's states, and the list of schedules' runs that may go on."""
+RUNS, AT_REST = "nights", ".rest"
+"""What the program keeps among a user's states; the list of schedules' runs that may go on; the end of the
+name of a note where a mount was left at rest, kept for a day."""
 
 
 class Held(NamedTuple):
@@ -262,7 +263,11 @@ class Place:
                 for pid in processes_of(self.folder)
                 if (words := " ".join(command_line(pid)))
             ),
-            *(str(path.relative_to(self.folder)) for path in files if path.name not in KEPT),
+            *(
+                str(path.relative_to(self.folder))
+                for path in files
+                if path.name not in KEPT and path.suffix != AT_REST
+            ),
         ]
 
 

@@ -520,7 +520,7 @@ def unwound(context: CommandContext, mount_url: str | None) -> int:
     if owner is not None:
         raise BadInputError(f"{address} has an owner: {owner}; `sattrack stop` ends it, then confirm")
     trouble = None if left is None else left.trouble(time.time())
-    if address is not None and left is not None:
+    if address is not None:
         forget(address.name)
     if context.json:
         click.echo(msgspec.json.encode({"mount": mount_name(address), "was": left}).decode())

@@ -67,6 +67,8 @@ class RunSpec:
     """The bias of an earlier pass with which this one begins."""
     first_axis_deg: float | None = None
     """Where a session before left the first axis, turns counted; None for within half a turn of its zero."""
+    followed_deg: float | None = None
+    """Where the first axis is, turns counted, if it has followed the sky since; None: not known."""
 
 
 class Engine(Driver):
@@ -392,6 +394,8 @@ def safety_of(spec: RunSpec) -> Safety:
     safety = Safety(spec.profile, spec.limits, *place, holds=True, escapes=True)
     if spec.first_axis_deg is not None:
         safety.begin_at(spec.first_axis_deg)
+    if spec.followed_deg is not None:
+        safety.expect_at(spec.followed_deg)
     return safety
 
 

@@ -45,7 +45,7 @@ from sattrack.runtime.guardian import (
 )
 from sattrack.runtime.mounts import SIMULATED, Owner, claim, open_link, open_listener
 from sattrack.runtime.system import this_command, this_user, utc_now
-from sattrack.runtime.turns import LOOK_AT_CABLES, left_moving
+from sattrack.runtime.turns import LOOK_AT_CABLES, followed_axis_deg, left_moving
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -93,6 +93,10 @@ class MountGuard(Protocol):
     def first_axis_deg(self) -> float | None:
         """Where a session before left the first axis, turns counted; None: within half a turn of its zero."""
 
+    @property
+    def followed_deg(self) -> float | None:
+        """Where the first axis is, turns counted, if it has followed the sky since; None: not known."""
+
     def beat(
         self,
         datagram: bytes | None = None,
@@ -115,6 +119,7 @@ class Unguarded:
     deposed = stop_asked = False
     trouble: str | None = None
     first_axis_deg: float | None = None
+    followed_deg: float | None = None
 
     def beat(
         self,
@@ -133,6 +138,8 @@ class Unguarded:
 
 class Guarded:
     """A guardian at work; where it dies, another takes its place once, and then the run ends."""
+
+    followed_deg: float | None = None
 
     def __init__(
         self, link: UdpLink, listener: int, profile: MountProfile, speed: float, name: str, owned_as: str
@@ -164,6 +171,8 @@ class Guarded:
         before = None if name == SIMULATED else left_moving(owned_as)
         self._turns_before = None if before is None else before.trouble(time.time())
         self.first_axis_deg = None if before is None else before.first_axis_deg
+        if name != SIMULATED:
+            self.followed_deg = followed_axis_deg(owned_as, time.time())
         # Its guardian, which writes this word, does not run yet.
         self._words[Word.TURNS_LOST] = self._turns_before is not None
         self._beats = 0

@@ -26,7 +26,7 @@ from sattrack.pointing.terms import PointingModel, axes_moved
 from sattrack.runtime import demo_pass
 from sattrack.runtime.mounts import SIMULATED, mount_address
 from sattrack.runtime.target_facts import TargetFacts, target_facts
-from sattrack.runtime.turns import noted_axis_deg
+from sattrack.runtime.turns import followed_axis_deg, noted_axis_deg
 from sattrack.safety import SafetyLimits
 from sattrack.settings import NO_ELEMENTS, NO_SITE, SiteSettings
 from sattrack.views.run import SAME_PASS_S, RememberedView
@@ -90,6 +90,8 @@ class RunFacts(msgspec.Struct, frozen=True):
     """What is followed where it has no elements: rows of an ephemeris, or a body."""
     first_axis_deg: float | None = None
     """Where a session before left the first axis, turns counted; None for within half a turn of its zero."""
+    followed_deg: float | None = None
+    """Where the first axis is, turns counted, if it has followed the sky since; None: not known."""
 
     @property
     def target(self) -> Elements | Ephemeris:
@@ -144,6 +146,7 @@ def build_engine(facts: RunFacts) -> Engine:
         ),
         remembered=facts.remembered,
         first_axis_deg=facts.first_axis_deg,
+        followed_deg=facts.followed_deg,
     )
     return Engine(spec)
 
@@ -386,6 +389,7 @@ def prepare(request: RunRequest) -> Prepared:
         started_utc_s=started_s,
         recording=None if request.record is None else str(request.record),
         first_axis_deg=None if address is None else noted_axis_deg(address.name),
+        followed_deg=None if address is None else followed_axis_deg(address.name, time.time()),
     )
     facts = with_followed(facts, target)
     notes: tuple[str, ...] = ()

@@ -50,6 +50,7 @@ from sattrack.runtime.system import is_trusted, outlive, peer_of, utc_now
 from sattrack.runtime.turns import (
     WOUND_DEG,
     WOUND_KNOWN_S,
+    LeftAtRest,
     LeftMoving,
     NoteKeeper,
     left_moving,
@@ -271,7 +272,7 @@ class Guardian:
     clients: list[GuardianClient] = field(default_factory=list)
     noted: LeftMoving | None = None
     """What is noted of the mount for sessions to come."""
-    keep: Callable[[str, LeftMoving | None], None] = note
+    keep: Callable[[str, LeftMoving | LeftAtRest | None], None] = note
     """Keeps such a note."""
     _watch: FeederWatch = field(init=False)
     _stop: DirectStop | None = None
@@ -313,7 +314,19 @@ class Guardian:
             self.turn(now_s, now_s - looked_s)
             looked_s = now_s
         self._follow_turns(seconds_since_boot())
+        self.note_left(seconds_since_boot())
         self._answer_all()
+
+    def note_left(self, now_s: float) -> None:
+        """Note where the first axis of a mount is that is left at rest: its drives may go on with the sky.
+
+        That leads an equatorial mount's first axis alone, and at one rate.
+        """
+        first_deg = angle_of(self.words[Word.FIRST_AXIS])
+        free = self.noted is None and not self.words[Word.TURNS_LOST]
+        if free and first_deg is not None and not self.task.simulated and self.task.profile.frame is None:
+            heard_utc_s = time.time() - (now_s - self._heard_s)
+            self.keep(self.task.owner.mount, LeftAtRest(heard_utc_s, first_deg))
 
     def turn(self, now_s: float, elapsed_s: float) -> None:
         """Judge the feeder, or send what is due to the mount; `elapsed_s` is the time since the last turn."""

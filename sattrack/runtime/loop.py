@@ -185,6 +185,9 @@ class RealtimeLoop:
             wound_deg = self.connection.guard.first_axis_deg
             if wound_deg is not None and self.driver.safety is not None:
                 self.driver.safety.begin_at(wound_deg)
+            followed_deg = self.connection.guard.followed_deg
+            if followed_deg is not None and self.driver.safety is not None:
+                self.driver.safety.expect_at(followed_deg)
             while not self.over:
                 self.guarded(self._wait_until_due)
                 self.guarded(self.heed_guard)

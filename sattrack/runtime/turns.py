@@ -21,6 +21,7 @@ import msgspec
 from sattrack.core import local_time
 from sattrack.core.errors import NO_JSON
 from sattrack.core.files import replace_file, shortened, user_folder
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -32,8 +33,11 @@ WOUND_DEG = 170.0
 """Where an axis at rest is farther from its zero, the session to come must know its turns."""
 WOUND_KNOWN_S = 11.0 * 3600.0
 """For so long: an axis that follows the sky turns by less than half meanwhile."""
+FOLLOWED_FOR_S = 22.0 * 3600.0
+"""For so long it can be told whether an axis has followed the sky: after a day it is where it was."""
 LONGEST_NAME = 200
 """Of a file, which may have 255 bytes, without what marks one that is being written."""
+AT_REST = ".rest"
 LOOK_AT_CABLES = (
     "look at its cables, bring its axes within half a turn of the meridian by its own console, "
     "then say `sattrack mount unwound`"
@@ -72,6 +76,14 @@ class LeftMoving(msgspec.Struct, frozen=True):
         return f"was last heard in motion {when}, and may have gone half round since: {LOOK_AT_CABLES}"
 
 
+class LeftAtRest(msgspec.Struct, frozen=True):
+    """A mount at rest within half a turn of its zero; its drives may follow the sky."""
+
+    utc_s: float
+    """When it was heard last, POSIX seconds."""
+    first_axis_deg: float
+
+
 UNREADABLE = LeftMoving(0.0, 0.0, lost=True)
 """What a file says that cannot be read: a machine that lost its power may not have written all of it."""
 
@@ -103,26 +115,47 @@ def noted_axis_deg(mount: str) -> float | None:
     return None if left is None else left.first_axis_deg
 
 
-def note(mount: str, moving: LeftMoving | None) -> None:
+def followed_axis_deg(mount: str, now_utc_s: float) -> float | None:
+    """Return where a mount's first axis is if it has followed the sky since it was left; turns counted.
+
+    None where that is not known, or the turns are known by more than that.
+    """
+    if left_moving(mount) is not None:
+        return None
+    try:
+        left = msgspec.json.decode(_rest_path(mount).read_bytes(), type=LeftAtRest)
+    except (OSError, msgspec.MsgspecError, *NO_JSON):
+        return None
+    followed_s = now_utc_s - left.utc_s
+    if not 0.0 <= followed_s <= FOLLOWED_FOR_S:
+        return None
+    return left.first_axis_deg + SIDEREAL_RATE_DEG_S * followed_s
+
+
+def note(mount: str, moving: LeftMoving | LeftAtRest | None) -> None:
     """Note how a mount moves, or with None that it is at rest; a disk that refuses is no reason to stop."""
     with contextlib.suppress(OSError):
         if moving is None:
             forget(mount)
             return
-        path = _path(mount)
+        path = _rest_path(mount) if isinstance(moving, LeftAtRest) else _path(mount)
         path.parent.mkdir(parents=True, exist_ok=True)
         replace_file(path, msgspec.json.encode(moving), synced=False)
+        if path.suffix == AT_REST:
+            _forget_old(time.time())
 
 
 class NoteKeeper:
     """Keeps notes in a thread of its own: a disk that does not answer must not hold up a guardian."""
 
     def __init__(self) -> None:
-        self._waiting: queue.SimpleQueue[tuple[str, LeftMoving | None] | None] = queue.SimpleQueue()
+        self._waiting: queue.SimpleQueue[tuple[str, LeftMoving | LeftAtRest | None] | None] = (
+            queue.SimpleQueue()
+        )
         self._thread = threading.Thread(target=self._keep, name="notes", daemon=True)
         self._thread.start()
 
-    def note(self, mount: str, moving: LeftMoving | None) -> None:
+    def note(self, mount: str, moving: LeftMoving | LeftAtRest | None) -> None:
         """See `note`; returns at once."""
         self._waiting.put((mount, moving))
 
@@ -139,7 +172,19 @@ class NoteKeeper:
 def forget(mount: str) -> None:
     """Remove what is noted of a mount. Raises OSError where that is refused."""
     _path(mount).unlink(missing_ok=True)
+    _rest_path(mount).unlink(missing_ok=True)
+
+
+def _forget_old(now_utc_s: float) -> None:
+    """Remove the notes of mounts at rest that tell nothing any more: simulated ones have ever new ports."""
+    for path in folder().glob(f"*{AT_REST}"):
+        if now_utc_s - path.stat().st_mtime > FOLLOWED_FOR_S:
+            path.unlink(missing_ok=True)
 
 
 def _path(mount: str) -> Path:
     return folder() / f"{shortened(quote(mount, safe=':'), LONGEST_NAME)}.json"
+
+
+def _rest_path(mount: str) -> Path:
+    return _path(mount).with_suffix(AT_REST)

@@ -219,6 +219,10 @@ class Safety:
         """Take where a session before left the first axis, turns counted."""
         self._standing.begin_at(first_axis_deg)
 
+    def expect_at(self, first_axis_deg: float) -> None:
+        """Take where the first axis is, turns counted, if it has followed the sky since a session before."""
+        self._standing.expect_at(first_axis_deg)
+
     def follow_on(self, former: Safety) -> None:
         """Take over how far the cables are wound from a former one, whose stop is over."""
         self._standing.follow_on(former._standing)

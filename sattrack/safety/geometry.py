@@ -202,6 +202,10 @@ def _is_inside(x: float, y: float, edges: list[tuple[tuple[float, float], tuple[
     return inside
 
 
+FOLLOWED_WITHIN_DEG = 1.5
+"""So near to where the sky has led it, an axis has followed it: clocks may differ by minutes."""
+
+
 class AxesState:
     """Follows one mount's axes; turns are taken to begin within half a turn of the meridian, or as told."""
 
@@ -212,6 +216,8 @@ class AxesState:
         self.beyond_pole = False
         self._anchor_deg: float | None = None
         """Where the axis stood before the first status, where that is known."""
+        self._expected_deg: float | None = None
+        """Where it is if it has followed the sky since a session before; None once a place is taken."""
 
     def begin_anew(self) -> None:
         """Forget how the first status had the axis stand."""
@@ -222,6 +228,15 @@ class AxesState:
         if self.hour_angle_deg is None:
             self.hour_angle_deg = self._anchor_deg = first_axis_deg
 
+    def expect_at(self, first_axis_deg: float) -> None:
+        """Take where the first axis is, turns counted, if it has followed the sky since a session before.
+
+        The first status decides: whatever stopped the mount meanwhile, its own limits or a person, leaves it
+        elsewhere.
+        """
+        if self.hour_angle_deg is None and self._expected_deg is None:
+            self._expected_deg = first_axis_deg
+
     def follow_on(self, former: AxesState) -> None:
         """Take over how far the cables are wound."""
         self.hour_angle_deg, self.beyond_pole = former.hour_angle_deg, former.beyond_pole
@@ -229,6 +244,9 @@ class AxesState:
 
     def take(self, place: Place, beyond_pole: bool) -> None:
         """Take a place for where the axes stand."""
+        if self._is_expected(place.ha_deg):
+            self._anchor_deg = self._expected_deg
+        self._expected_deg = None
         self.hour_angle_deg, self.beyond_pole = place.ha_deg, beyond_pole
 
     def place(self, hour_angle_deg: float, dec_deg: float, beyond_pole: bool) -> Place:
@@ -238,8 +256,14 @@ class AxesState:
         """
         before = self.hour_angle_deg or 0.0
         axis_deg = hour_angle_deg + (180.0 if beyond_pole else 0.0)
+        if self.hour_angle_deg is None and self._is_expected(axis_deg):
+            before = self._expected_deg or 0.0
         dec_axis_deg = math.copysign(180.0, self._latitude_deg) - dec_deg if beyond_pole else dec_deg
         return Place(before + wrap180(axis_deg - before), dec_axis_deg)
+
+    def _is_expected(self, axis_deg: float) -> bool:
+        expected_deg = self._expected_deg
+        return expected_deg is not None and abs(wrap180(axis_deg - expected_deg)) <= FOLLOWED_WITHIN_DEG
 
     def of(self, stance: Stance) -> Place:
         """Return the axes' angles as a mount stands."""

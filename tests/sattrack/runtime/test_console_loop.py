@@ -137,6 +137,7 @@ class TakenAway:
         return "taken away" if self.deposed else None
 
     first_axis_deg: float | None = None
+    followed_deg: float | None = None
 
     def beat(self, *_: object) -> bool:
         self.beats += 1

@@ -15,14 +15,24 @@ import msgspec
 import pytest
 
 from sattrack.cli.main import run
-from sattrack.mount.model import MountProfile, StatusSample
+from sattrack.mount.geometry import AxisGeometry
+from sattrack.mount.model import Hold, MountProfile, Seen, SitePlace, StatusSample
 from sattrack.mount.xerxes.client import Address
 from sattrack.mount.xerxes.datagrams import Command, encode_command
-from sattrack.runtime import guardian, turns
+from sattrack.runtime import demo_pass, guardian, turns
 from sattrack.runtime.connection import LONGEST_KNOWN_S, owned
+from sattrack.runtime.facts import RunRequest, build_engine, decode_facts, encode_facts, prepare
 from sattrack.runtime.guardian import SIZE, Guardian, GuardianTask, Release, Word, angle_word
 from sattrack.runtime.mounts import Owner
-from sattrack.runtime.turns import UNREADABLE, LeftMoving, folder, left_moving, note
+from sattrack.runtime.turns import (
+    UNREADABLE,
+    LeftAtRest,
+    LeftMoving,
+    folder,
+    followed_axis_deg,
+    left_moving,
+    note,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -295,6 +305,84 @@ class TestTheGuardian:
         assert not watched.lost
 
 
+class TestLeftAtRest:
+    """Within half a turn: an equatorial mount may go on with the sky, 15.0411° an hour."""
+
+    @pytest.mark.parametrize(
+        ("hours", "axis_deg"), [(0.0, 100.0), (6.0, 190.2466), (21.9, 429.4), (22.1, None), (-0.1, None)]
+    )
+    def test_it_is_known_for_a_day_where_the_sky_has_led_it(
+        self, hours: float, axis_deg: float | None
+    ) -> None:
+        note(MOUNT, LeftAtRest(NOW, 100.0))
+        found = followed_axis_deg(MOUNT, NOW + 3600.0 * hours)
+        assert found == (None if axis_deg is None else pytest.approx(axis_deg, abs=1e-3))
+        assert left_moving(MOUNT) is None
+        note(MOUNT, None)
+        assert followed_axis_deg(MOUNT, NOW) is None
+
+    def test_what_is_known_better_counts_more_and_what_cannot_be_read_not_at_all(self) -> None:
+        note(MOUNT, LeftAtRest(NOW, 100.0))
+        note(MOUNT, LeftMoving(NOW, HOURS_11, first_axis_deg=205.0))
+        assert followed_axis_deg(MOUNT, NOW) is None
+        note(MOUNT, None)
+        note(MOUNT, LeftAtRest(NOW, 100.0))
+        (path,) = folder().iterdir()
+        path.write_bytes(b"{")
+        assert followed_axis_deg(MOUNT, NOW) is None
+
+    def test_notes_that_tell_nothing_any_more_are_removed(self) -> None:
+        for name in ("old", "young"):
+            note(name, LeftAtRest(NOW, 100.0))
+        for name, hours in (("old", 22.5), ("young", 21.5)):
+            (path,) = folder().glob(f"{name}*")
+            changed_s = path.stat().st_mtime - 3600.0 * hours
+            os.utime(path, (changed_s, changed_s))
+        note(MOUNT, LeftMoving(NOW, HOURS_11))
+        assert len([*folder().iterdir()]) == 3
+        note(MOUNT, LeftAtRest(NOW, 100.0))
+        assert len([*folder().iterdir()]) == 3
+        assert not [*folder().glob("old*")]
+
+    def test_a_guardian_notes_it_as_it_was_heard_last(self, watched: Watched) -> None:
+        watched.guardian.note_left(watched.now_s)
+        assert followed_axis_deg(MOUNT, watched.time()) is None
+        watched.words[Word.FIRST_AXIS] = angle_word(100.0)
+        watched.look(0.1, heard=True)
+        watched.look(7200.0)
+        watched.guardian.note_left(watched.now_s)
+        assert followed_axis_deg(MOUNT, watched.time()) == pytest.approx(130.0822, abs=1e-3)
+
+    def test_a_run_begins_with_it_and_its_recording_too(self) -> None:
+        request = RunRequest(
+            satellite=demo_pass.NAME,
+            mount_url="sim",
+            elements=None,
+            site=None,
+            clock_option=demo_pass.BEFORE_PASS,
+            min_alt_deg=10.0,
+        )
+        facts = msgspec.structs.replace(prepare(request).facts, followed_deg=190.25)
+        again = decode_facts(encode_facts(facts))
+        for reported_deg, axis_deg in ((-170.0, 190.0), (-165.0, -165.0)):
+            safety = build_engine(again).safety
+            safety.watch(Seen(NOW, 100.0, 100.0 - reported_deg, 40.0), Hold())
+            assert safety.first_axis_deg == pytest.approx(axis_deg)
+
+    @pytest.mark.parametrize("what", ["wound", "lost", "simulated", "geometry"])
+    def test_it_notes_none_of_others(self, watched: Watched, what: str) -> None:
+        one = watched.guardian
+        watched.words[Word.FIRST_AXIS] = angle_word(205.0 if what == "wound" else 100.0)
+        watched.words[Word.TURNS_LOST] = what == "lost"
+        if what == "geometry":
+            profile = MountProfile(geometry=AxisGeometry(0.0, 90.0), stands_at=SitePlace(52.0, 4.5))
+            one.task = msgspec.structs.replace(one.task, profile=profile)
+        one.task = msgspec.structs.replace(one.task, simulated=what == "simulated")
+        watched.look(0.1, heard=True)
+        one.note_left(watched.now_s)
+        assert not list(folder().glob("*.rest"))
+
+
 @pytest.fixture
 def mount_socket() -> Iterator[socket.socket]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
@@ -339,6 +427,21 @@ class TestWithProcesses:
             guard.release(True)
         assert run(["mount", "unwound", "--mount", url, "--json"]) == 0
         assert '"was":null' in capsys.readouterr().out
+
+    def test_the_next_session_learns_where_a_mount_at_rest_was_left(
+        self, mount_socket: socket.socket
+    ) -> None:
+        address = Address("127.0.0.1", mount_socket.getsockname()[1], 0)
+        with owned(address, MountProfile()) as (_, guard):
+            assert guard.followed_deg is None
+            guard.beat(STOPS, first_axis_deg=100.0)
+            guard.release(True)
+        with owned(address, MountProfile()) as (_, guard):
+            assert guard.first_axis_deg is None
+            assert guard.followed_deg == pytest.approx(100.0, abs=0.5)
+            guard.release(None)
+        # It was not heard meanwhile: what is known stays.
+        assert followed_axis_deg(address.name, time.time()) == pytest.approx(100.0, abs=0.5)
 
     def test_whoever_turns_an_axis_back_by_hand_says_so(self, capsys: pytest.CaptureFixture[str]) -> None:
         """Nothing is wrong before; but what is noted of the cables holds no more."""

@@ -552,6 +552,57 @@ def test_turns_are_counted_on_from_where_the_axis_was(latitude_deg: float) -> No
 
 
 @pytest.mark.parametrize(
+    ("left_deg", "hours", "true_deg"),
+    [
+        # By 15.04° an hour; the second one comes past half a turn, the third all but round.
+        (100.0, 5.0, 175.2),
+        (100.0, 6.0, 190.25),
+        (160.0, 20.0, 460.8),
+        (-160.0, 6.0, -69.75),
+    ],
+)
+@pytest.mark.parametrize("beyond_pole", [False, True])
+def test_an_axis_that_has_followed_the_sky_since_it_was_left_is_where_that_has_led_it(
+    left_deg: float, hours: float, true_deg: float, beyond_pole: bool
+) -> None:
+    safety = gate()
+    safety.expect_at(left_deg + 15.0411 * hours)
+    reported_deg = true_deg - (180.0 if beyond_pole else 0.0)
+    safety.watch(Seen(T0, SIDEREAL_DEG, (SIDEREAL_DEG - reported_deg) % 360.0, 40.0, beyond_pole), Hold())
+    assert safety.first_axis_deg == pytest.approx(true_deg, abs=1e-9)
+    # A place that is new to it is counted from there.
+    safety.watch(Seen(T0 + 1.0, SIDEREAL_DEG, SIDEREAL_DEG - reported_deg, 40.0, beyond_pole), Hold())
+    assert safety.first_axis_deg == pytest.approx(true_deg, abs=1e-9)
+
+
+@pytest.mark.parametrize("reported_deg", [-100.0, 100.0, 171.0, -172.0, -168.0])
+def test_an_axis_that_stands_elsewhere_was_stopped_or_moved_and_is_within_half_a_turn(
+    reported_deg: float,
+) -> None:
+    """The sky would have led it to 190°: by hand it came to -100°, by its own switch it stayed."""
+    safety = gate()
+    safety.expect_at(190.0)
+    safety.watch(Seen(T0, SIDEREAL_DEG, (SIDEREAL_DEG - reported_deg) % 360.0, 40.0), Hold())
+    assert safety.first_axis_deg == pytest.approx(reported_deg, abs=1e-9)
+    # Where it was believed to be is forgotten.
+    safety.watch(Seen(T0 + 60.0, SIDEREAL_DEG, SIDEREAL_DEG - reported_deg, 40.0), Hold())
+    assert safety.first_axis_deg == pytest.approx(reported_deg, abs=1e-9)
+
+
+def test_cables_that_the_sky_has_wound_are_not_wound_farther() -> None:
+    """At 100° six hours ago, at 190° now, which a status reports as -170°: west is the wrong way."""
+    true_deg = 100.0 + 6.0 * 15.0411
+    for rate_deg_s, expected, moves in ((3.0, True, False), (-3.0, True, True), (3.0, False, True)):
+        safety = gate(profile=MountProfile(hour_angle_limit_deg=170.0))
+        if expected:
+            safety.expect_at(true_deg)
+        seen = (SIDEREAL_DEG, (SIDEREAL_DEG - true_deg) % 360.0, 60.0)
+        safety.watch(Seen(T0, *seen), Hold())
+        cleared = safety.clear(MoveAxes(SIDEREAL_RATE_DEG_S - rate_deg_s, 0.0), *seen, 0.01, T0).motion
+        assert isinstance(cleared, MoveAxes) is moves, (rate_deg_s, cleared)
+
+
+@pytest.mark.parametrize(
     ("ha_deg", "slewing", "stops"),
     [(39.98, False, False), (39.984, False, False), (39.988, False, True), (39.988, True, False)],
 )
