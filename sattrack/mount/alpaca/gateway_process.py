@@ -428,7 +428,9 @@ class Gateway:
     async def run(self) -> None:
         """Stand between until nobody needs it."""
         loop = asyncio.get_running_loop()
-        await self._read_place()
+        with contextlib.suppress(NoAnswerError, AlpacaRefusalError):
+            # One that does not report its place can be stopped all the same.
+            await self._read_place()
         self._transport, _ = await loop.create_datagram_endpoint(
             lambda: _Mailbox(self), local_addr=("127.0.0.1", 0)
         )

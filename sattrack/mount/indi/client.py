@@ -129,9 +129,9 @@ class IndiClient:
     async def _listen(self, reader: asyncio.StreamReader) -> None:
         try:
             while data := await reader.read(READ_BYTES):
-                now_s, before = time.monotonic(), _updates_of(self.telescope)
+                now_s, before = time.monotonic(), self.telescope.places
                 self.telescope.feed(data)
-                if _updates_of(self.telescope) != before:
+                if self.telescope.places != before:
                     self._placed_s = now_s
                 await self._notify()
             self._lost = "the INDI server has closed the connection"
@@ -168,11 +168,6 @@ def _answered(known: Property, before: int) -> bool:
     return known.updates > before
 
 
-def _updates_of(telescope: IndiTelescope) -> int:
-    place = telescope.properties.get(PLACE)
-    return 0 if place is None else place.updates
-
-
 class IndiDevice:
     """One telescope, asked one thing at a time, as `AlpacaDevice`."""
 
@@ -185,9 +180,9 @@ class IndiDevice:
         """Return a member's value; where it is a place, the next one. Raises as `AlpacaDevice`."""
         self._connect()
         if member == "rightascension":
-            updates = _updates_of(self._telescope)
+            places = self._telescope.places
             self._send(self._telescope.question(PLACE))
-            self._until(lambda: _updates_of(self._telescope) > updates)
+            self._until(lambda: self._telescope.places > places)
         return self._telescope.value(member)
 
     def put(self, member: str, **fields: str) -> None:

@@ -71,6 +71,8 @@ class IndiTelescope:
     """Names of the server's other devices."""
     message: str = ""
     """The last words of the device."""
+    places: int = 0
+    """How many places have come that the driver has read of its telescope."""
     _rates_arcsec_s: list[float] = field(default_factory=lambda: [0.0, 0.0])
     """The rates given to the axes; 0 for one that tracks."""
     _sent: tuple[float, float] = (SIDEREAL_ARCSEC_S, 0.0)
@@ -125,6 +127,8 @@ class IndiTelescope:
         known.values |= values
         known.state = element.get("state", known.state)
         known.updates += 1
+        # A driver that cannot read its telescope repeats the last place, in Alert.
+        self.places += name == PLACE and known.state != "Alert"
 
     # What the telescope can do, and how it stands.
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import math
 import os
 import signal
+import socketserver
+import struct
 import subprocess
+import threading
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,7 +25,9 @@ from serving import PATIENCE_S, WHERE, until
 from sattrack.cli.main import run
 from sattrack.core.errors import BadInputError
 from sattrack.mount.alpaca.client import AlpacaRefusalError, NoAnswerError
-from sattrack.mount.alpaca.link import parse_alpaca
+from sattrack.mount.alpaca.link import AlpacaAddress, open_gateway, parse_alpaca
+from sattrack.mount.indi import client as indi_client
+from sattrack.mount.indi.client import IndiClient, IndiDevice
 from sattrack.mount.indi.numbers import read_number
 from sattrack.mount.indi.telescope import IndiTelescope
 
@@ -58,6 +64,45 @@ DEFINITIONS = b"""
 <setNumberVector device="Dome" name="EQUATORIAL_EOD_COORD">
 <oneNumber name="RA">1</oneNumber></setNumberVector>
 """
+
+
+class Driver(socketserver.ThreadingTCPServer):
+    """A server with one driver, as INDI's paper has them: it defines what it has, and notes what is set."""
+
+    daemon_threads = True
+
+    def __init__(self) -> None:
+        super().__init__(("127.0.0.1", 0), _DriversLine)
+        self.place_state = b"Ok"
+        self.noted: list[tuple[str, dict[str, str]]] = []
+
+    @property
+    def address(self) -> AlpacaAddress:
+        return AlpacaAddress("127.0.0.1", self.server_address[1], "T")
+
+
+class _DriversLine(socketserver.StreamRequestHandler):
+    server: Driver
+
+    def handle(self) -> None:
+        for line in self.rfile:
+            message = ElementTree.fromstring(line)
+            name = message.get("name", "")
+            if message.tag == "getProperties":
+                place = b'EQUATORIAL_EOD_COORD" state="'
+                self.wfile.write(DEFINITIONS.replace(place + b"Idle", place + self.server.place_state))
+            else:
+                values = {one.get("name", ""): one.text or "" for one in message}
+                self.server.noted.append((name, values))
+
+
+@pytest.fixture
+def driver(monkeypatch: pytest.MonkeyPatch) -> Iterator[Driver]:
+    monkeypatch.setattr(indi_client, "SETTLED_WITHIN_S", 0.05)
+    with Driver() as made:
+        threading.Thread(target=made.serve_forever, daemon=True).start()
+        yield made
+        made.shutdown()
 
 
 def telescope(pieces: int = 10_000) -> IndiTelescope:
@@ -134,6 +179,51 @@ def test_a_place_that_a_driver_sends_in_sexagesimal_is_a_place() -> None:
         b'<oneNumber name="RA">6:30:00</oneNumber><oneNumber name="DEC">-12;15</oneNumber></setNumberVector>'
     )
     assert (made.value("rightascension"), made.value("declination")) == (6.5, -12.25)
+
+
+def test_a_place_in_alert_is_no_new_one(driver: Driver, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a driver of libindi repeats the last one that cannot read its telescope."""
+    monkeypatch.setattr(indi_client, "ANSWER_WITHIN_S", 0.3)
+
+    async def read() -> None:
+        async with IndiClient(driver.address) as client:
+            await client.connect()
+            assert (await client.read()).ra[1] == 6.5
+            driver.place_state = b"Alert"
+            for _ in range(3):
+                with pytest.raises(NoAnswerError, match="no place came"):
+                    await client.read()
+            driver.place_state = b"Ok"
+            assert (await client.read()).ra[1] == 6.5
+
+    asyncio.run(read())
+    device = IndiDevice(driver.address.host, driver.address.port, "T", 0.3)
+    assert device.get("rightascension") == 6.5
+    driver.place_state = b"Alert"
+    with pytest.raises(NoAnswerError, match="nothing came"):
+        device.get("rightascension")
+    device._close()
+
+
+def stop() -> bytes:
+    """A stop's 82 bytes by the paper's table: the header, and the abort's flag."""
+    data = bytearray(82)
+    struct.pack_into("<Q", data, 0, 0x5555AAAA)
+    data[73] = 0xFF
+    return bytes(data)
+
+
+def test_a_driver_that_cannot_read_its_telescope_is_stopped_and_not_heard(driver: Driver) -> None:
+    driver.place_state = b"Alert"
+    link = open_gateway(driver.address.to_stop())
+    try:
+        link.send(stop())
+        until(lambda: ("TELESCOPE_ABORT_MOTION", {"ABORT": "On"}) in driver.noted)
+        assert link.receive() == []
+        driver.place_state = b"Ok"
+        until(lambda: bool(link.receive()))
+    finally:
+        link.close()
 
 
 def test_what_is_no_indi_is_told() -> None:
