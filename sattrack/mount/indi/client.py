@@ -98,7 +98,13 @@ class IndiClient:
         await self._send(*self.telescope.settings(member, dict(fields)))
 
     async def read(self) -> Reading:
-        """Return the next place, dated by its arrival, and how the telescope stands. Raises NoAnswerError."""
+        """Return the next place, dated by its arrival, and how the telescope stands.
+
+        Connects again first where that is lost: who moves it must be able to stop it. Raises
+        AlpacaRefusalError, NoAnswerError.
+        """
+        if self._lost is not None or not self.telescope.connected:
+            await self.connect()
         came = await self._until(self._has_new_place, QUIET_PERIODS / self.address.hz)
         if not came and self._writer is not None:
             self._writer.write(self.telescope.question(PLACE))
@@ -115,6 +121,8 @@ class IndiClient:
 
     async def _open(self) -> None:
         where = self.address.host, self.address.port
+        if self._writer is not None:
+            self._writer.close()
         try:
             async with asyncio.timeout(ANSWER_WITHIN_S):
                 reader, self._writer = await asyncio.open_connection(*where)
@@ -122,7 +130,7 @@ class IndiClient:
             raise NoAnswerError(f"it did not answer within {ANSWER_WITHIN_S:g} s") from error
         except OSError as error:
             raise NoAnswerError(broken(error)) from error
-        self._lost, self.telescope = None, IndiTelescope(self.telescope.device)
+        self._lost, self.telescope = None, self.telescope.anew()
         self._writer.write(self.telescope.greeting())
         self._listening = asyncio.ensure_future(self._listen(reader))
 

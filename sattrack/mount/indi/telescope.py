@@ -87,6 +87,10 @@ class IndiTelescope:
         self._parser = XMLPullParser(("start", "end"))
         self._parser.feed(b"<indi>")
 
+    def anew(self) -> IndiTelescope:
+        """Return it as it is known on a new connection: by the rates alone that were given to its axes."""
+        return IndiTelescope(self.device, _rates_arcsec_s=self._rates_arcsec_s, _sent=self._sent)
+
     def feed(self, data: bytes) -> None:
         """Take a server's bytes. Raises NoAnswerError for what is no INDI."""
         self._size += len(data)

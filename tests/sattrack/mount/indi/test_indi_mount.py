@@ -7,6 +7,7 @@ import contextlib
 import math
 import os
 import signal
+import socket
 import socketserver
 import struct
 import subprocess
@@ -64,6 +65,8 @@ DEFINITIONS = b"""
 <setNumberVector device="Dome" name="EQUATORIAL_EOD_COORD">
 <oneNumber name="RA">1</oneNumber></setNumberVector>
 """
+CONNECTED = b"""<setSwitchVector device="T" name="CONNECTION" state="Ok">
+<oneSwitch name="CONNECT">%s</oneSwitch></setSwitchVector>"""
 
 
 class Driver(socketserver.ThreadingTCPServer):
@@ -75,6 +78,11 @@ class Driver(socketserver.ThreadingTCPServer):
         super().__init__(("127.0.0.1", 0), _DriversLine)
         self.place_state = b"Ok"
         self.noted: list[tuple[str, dict[str, str]]] = []
+        self.lines: list[socket.socket] = []
+
+    def say(self, message: bytes) -> None:
+        """Send a message of the driver's own."""
+        self.lines[-1].sendall(message)
 
     @property
     def address(self) -> AlpacaAddress:
@@ -85,6 +93,7 @@ class _DriversLine(socketserver.StreamRequestHandler):
     server: Driver
 
     def handle(self) -> None:
+        self.server.lines.append(self.connection)
         for line in self.rfile:
             message = ElementTree.fromstring(line)
             name = message.get("name", "")
@@ -94,6 +103,8 @@ class _DriversLine(socketserver.StreamRequestHandler):
             else:
                 values = {one.get("name", ""): one.text or "" for one in message}
                 self.server.noted.append((name, values))
+                if name == "CONNECTION":
+                    self.wfile.write(CONNECTED % b"On")
 
 
 @pytest.fixture
@@ -203,6 +214,42 @@ def test_a_place_in_alert_is_no_new_one(driver: Driver, monkeypatch: pytest.Monk
     with pytest.raises(NoAnswerError, match="nothing came"):
         device.get("rightascension")
     device._close()
+
+
+def test_a_server_that_drops_its_client_is_connected_again_and_stopped(driver: Driver) -> None:
+    async def lose_and_stop() -> None:
+        async with IndiClient(driver.address) as client:
+            await client.connect()
+            await client.put("moveaxis", ("Axis", "0"), ("Rate", "0.1"))
+            await client.put("moveaxis", ("Axis", "1"), ("Rate", "0.2"))
+            assert (await client.read()).ra[1] == 6.5
+            driver.lines[0].shutdown(socket.SHUT_RDWR)
+            with pytest.raises(NoAnswerError, match="closed the connection"):
+                await client.read()
+            with pytest.raises(NoAnswerError, match="closed the connection"):
+                await client.put("abortslew")
+            assert (await client.read()).ra[1] == 6.5
+            # The driver turns its axes as it did: declination's rate goes with another one of the first axis.
+            await client.put("moveaxis", ("Axis", "0"), ("Rate", "0.15"))
+            assert driver.noted[-2][1] == {"TRACK_RATE_RA": "540.000000", "TRACK_RATE_DE": "720.000000"}
+            await client.put("abortslew")
+            assert driver.noted[-1] == ("TELESCOPE_ABORT_MOTION", {"ABORT": "On"})
+            await client.read()
+
+    asyncio.run(lose_and_stop())
+    assert len(driver.lines) == 2
+
+
+def test_a_telescope_that_somebody_disconnects_from_its_driver_is_connected_again(driver: Driver) -> None:
+    async def disconnect() -> None:
+        async with IndiClient(driver.address) as client:
+            await client.connect()
+            driver.say(CONNECTED % b"Off")
+            assert await client._until(lambda: client.telescope.connected is False, PATIENCE_S)
+            assert (await client.read()).ra[1] == 6.5
+
+    asyncio.run(disconnect())
+    assert driver.noted == [("CONNECTION", {"CONNECT": "On"})]
 
 
 def stop() -> bytes:
