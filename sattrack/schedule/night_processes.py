@@ -489,7 +489,7 @@ def _by_file(path: Path, oldest_s: float) -> WeatherReport:
     try:
         age_s = time.time() - path.stat().st_mtime
         with path.open("rb") as file:
-            found = file.read(MOST_BYTES).decode("utf-8", errors="replace").split()
+            found = file.read(MOST_BYTES).decode("utf-8-sig", errors="replace").split()
     except OSError as error:
         return WeatherReport(False, f"{path}: {error.strerror}")
     if age_s > oldest_s:

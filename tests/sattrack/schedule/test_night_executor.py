@@ -195,6 +195,9 @@ def test_those_to_be_notified_hear_of_what_they_want_to_hear_and_nothing_else(tm
         ("safe", True, None),
         ("Safe since 20:14\n", True, None),
         ("unsafe wind 22 m/s", False, "wind 22 m/s"),
+        # As Windows marks its UTF-8 files.
+        ("\ufeffsafe\r\n", True, None),
+        ("\ufeffunsafe wind 22 m/s", False, "wind 22 m/s"),
         ("", False, "its first word must be safe or unsafe"),
         ("safely", False, "'safely': its first word must be"),
     ],
@@ -203,7 +206,7 @@ def test_a_weather_file_says_it_in_its_first_word(
     tmp_path: Path, text: str, safe: bool, words: str | None
 ) -> None:
     file = tmp_path / "weather.txt"
-    file.write_text(text)
+    file.write_text(text, encoding="utf-8", newline="")
     told = ask_weather(Weather(file=str(file)), tmp_path)
     assert told.safe is safe
     assert words is None or words in str(told.words)
