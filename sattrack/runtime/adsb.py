@@ -164,6 +164,9 @@ class AdsbFeed:
         self.aircraft = Aircraft(match[3])
         self._now = now
         self._rest = b""
+        self._is_beast: bool | None = None
+        """By the first byte that comes: later pieces may begin anywhere in a frame."""
+        self.hung_up = False
         try:
             self._socket = socket.create_connection((match[1].strip("[]"), int(match[2])), CONNECT_S)
         except OSError as error:
@@ -176,11 +179,18 @@ class AdsbFeed:
         """Yield the fixes in what has come."""
         try:
             data = self._socket.recv(READ_BYTES)
+        except BlockingIOError:
+            return
         except OSError:
+            data = b""
+        if not data:
+            self.hung_up = True
             return
         now_s = self._now()
+        if self._is_beast is None:
+            self._is_beast = data[0] == _ESCAPE
         data = (self._rest + data)[-MOST_WAITING_BYTES:]
-        if data[:1] == bytes([_ESCAPE]):
+        if self._is_beast:
             messages, self._rest = beast_messages(data)
             found = [self.aircraft.mode_s(message, now_s) for message in messages]
         else:
@@ -207,6 +217,8 @@ def aircraft_now(address: str) -> TableEphemeris:
             select.select([feed._socket], [], [], left_s)
             for fix in feed.fixes():
                 return path_of(feed.aircraft.callsign or feed.aircraft.icao, fix)
+            if feed.hung_up:
+                raise SattrackError(f"{address}: the receiver has closed the connection: see that it runs")
             time.sleep(0.02)
     finally:
         feed.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import select
 import socket
 import threading
 
@@ -108,6 +109,36 @@ def test_a_feed_gives_the_last_fix_as_a_message_and_never_waits(receiver):
         assert len(feed.lines()) == 1
     assert feed.lines() == []
     feed.close()
+
+
+def test_beast_frames_are_taken_from_a_feed_though_a_piece_ends_in_a_frame_of_another_kind(receiver):
+    server, address = receiver
+    feed = AdsbFeed(address)
+    found = []
+    feed.aircraft.mode_s = lambda message, _: found.append(message)
+    # Kind 4, the settings of a receiver by Beast's description: passed over.
+    other = b"\x1a4" + bytes(range(32, 45))
+    with server.accept()[0] as client:
+        for piece in (frame(EVEN) + other[:8], other[8:] + frame(ODD), frame(EVEN), frame(ODD)):
+            client.sendall(piece)
+            select.select([feed._socket], [], [])
+            assert feed.lines() == []
+    feed.close()
+    assert found == [EVEN, ODD, EVEN, ODD]
+
+
+def test_a_receiver_that_hangs_up_is_told_at_once(receiver):
+    server, address = receiver
+
+    def serve():
+        with server.accept()[0] as client:
+            client.sendall(SBS[0])
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    with pytest.raises(SattrackError, match="the receiver has closed the connection"):
+        aircraft_now(address)
+    thread.join()
 
 
 def test_an_aircraft_is_found_by_its_first_fix(receiver):
