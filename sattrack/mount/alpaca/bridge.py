@@ -504,6 +504,9 @@ class Bridge:
         hour_angle_rate, dec_rate = self._rates_deg_s
         latitude_deg = self.latitude_deg if facts.latitude_deg is None else facts.latitude_deg
         place = seen.hour_angle_deg, seen.dec_deg, latitude_deg or 0.0
+        site = facts.latitude_deg, facts.longitude_deg
+        # One that does not know its site tells 0 of both.
+        north_deg, east_deg = (0.0, 0.0) if None in site else site
         primary, secondary = self._axes
         ra_guide_rate, dec_guide_rate = facts.guide_rates_deg_s or (0.0, 0.0)
         return Status(
@@ -517,8 +520,8 @@ class Bridge:
             ra_rate_dtics_s=hour_angle_rate * DTICS_S_PER_DEG_S,
             sidereal_h=self._sidereal_deg(seen.utc_s) / 15.0,
             site_height_m=facts.height_m,
-            site_latitude_deg=facts.latitude_deg or 0.0,
-            site_longitude_deg=facts.longitude_deg or 0.0,
+            site_latitude_deg=north_deg,
+            site_longitude_deg=east_deg,
             target_dec_deg=command.target_dec_deg,
             target_ra_h=command.target_ra_h,
             counter=self.counter,

@@ -401,3 +401,15 @@ def test_altitudes_are_those_of_the_telescopes_latitude_or_else_of_the_sites(
     latitude, dec, hour_angle = (math.radians(x) for x in (holds, 10.0, (sidereal_h - ra_h) * 15.0))
     up = math.sin(latitude) * math.sin(dec) + math.cos(latitude) * math.cos(dec) * math.cos(hour_angle)
     assert math.sin(math.radians(altitude_deg)) == pytest.approx(up, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("latitude_deg", "longitude_deg", "told"),
+    [(52.0, 4.5, (52.0, 4.5)), (52.0, None, (0.0, 0.0)), (None, 4.5, (0.0, 0.0)), (0.0, 4.5, (0.0, 4.5))],
+)
+def test_half_a_site_is_told_as_none(
+    latitude_deg: float | None, longitude_deg: float | None, told: tuple[float, float]
+) -> None:
+    status = bridge(latitude_deg=latitude_deg, longitude_deg=longitude_deg).see(place(T0))
+    assert status is not None
+    assert struct.unpack_from("<dd", status, 72) == told
