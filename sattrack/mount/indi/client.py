@@ -86,8 +86,19 @@ class IndiClient:
             )
         await self._until(lambda: False, SETTLED_WITHIN_S)
         if POLLING in telescope.properties:
-            period = {"PERIOD_MS": f"{1000.0 / self.address.hz:.0f}"}
+            await self._ask_to_look()
+
+    async def _ask_to_look(self) -> None:
+        period = {"PERIOD_MS": f"{1000.0 / self.address.hz:.0f}"}
+        try:
             await self._send(Setting("Number", POLLING, period))
+        except AlpacaRefusalError as refusal:
+            # A place that it repeats between its looks would show a rest that is none; but it can be stopped.
+            if not self.address.stops_only:
+                words = (
+                    f"{refusal.words}: it does not look {self.address.hz:g} times a second; give a lower ?hz="
+                )
+                raise AlpacaRefusalError(REFUSED, words) from refusal
 
     async def facts(self) -> DeviceFacts:
         """Return what the telescope can do."""

@@ -68,6 +68,11 @@ DEFINITIONS = b"""
 CONNECTED = b"""<setSwitchVector device="T" name="CONNECTION" state="Ok">
 <oneSwitch name="CONNECT">%s</oneSwitch></setSwitchVector>"""
 
+POLLING = b"""<defNumberVector device="T" name="POLLING_PERIOD" state="Idle" perm="rw">
+<defNumber name="PERIOD_MS" format="%.f" min="500" max="60000" step="1">1000</defNumber></defNumberVector>"""
+POLLING_REFUSED = b"""<setNumberVector device="T" name="POLLING_PERIOD" state="Alert" message="out of range">
+<oneNumber name="PERIOD_MS">1000</oneNumber></setNumberVector>"""
+
 
 class Driver(socketserver.ThreadingTCPServer):
     """A server with one driver, as INDI's paper has them: it defines what it has, and notes what is set."""
@@ -77,6 +82,8 @@ class Driver(socketserver.ThreadingTCPServer):
     def __init__(self) -> None:
         super().__init__(("127.0.0.1", 0), _DriversLine)
         self.place_state = b"Ok"
+        self.more = b""
+        """Definitions that it has besides."""
         self.noted: list[tuple[str, dict[str, str]]] = []
         self.lines: list[socket.socket] = []
 
@@ -99,12 +106,15 @@ class _DriversLine(socketserver.StreamRequestHandler):
             name = message.get("name", "")
             if message.tag == "getProperties":
                 place = b'EQUATORIAL_EOD_COORD" state="'
-                self.wfile.write(DEFINITIONS.replace(place + b"Idle", place + self.server.place_state))
+                found = DEFINITIONS.replace(place + b"Idle", place + self.server.place_state)
+                self.wfile.write(found + self.server.more)
             else:
                 values = {one.get("name", ""): one.text or "" for one in message}
                 self.server.noted.append((name, values))
                 if name == "CONNECTION":
                     self.wfile.write(CONNECTED % b"On")
+                if name == "POLLING_PERIOD":
+                    self.wfile.write(POLLING_REFUSED)
 
 
 @pytest.fixture
@@ -238,6 +248,22 @@ def test_a_server_that_drops_its_client_is_connected_again_and_stopped(driver: D
 
     asyncio.run(lose_and_stop())
     assert len(driver.lines) == 2
+
+
+def test_a_driver_that_does_not_look_as_often_as_asked_is_refused_with_its_reason_but_stopped(
+    driver: Driver,
+) -> None:
+    driver.more = POLLING
+
+    async def stop(address: AlpacaAddress) -> None:
+        async with IndiClient(address) as client:
+            await client.connect()
+            await client.put("abortslew")
+
+    with pytest.raises(AlpacaRefusalError, match=r"out of range: it does not look 10 times .* lower \?hz="):
+        asyncio.run(stop(driver.address))
+    asyncio.run(stop(driver.address.to_stop()))
+    assert driver.noted[-1] == ("TELESCOPE_ABORT_MOTION", {"ABORT": "On"})
 
 
 def test_a_telescope_that_somebody_disconnects_from_its_driver_is_connected_again(driver: Driver) -> None:
