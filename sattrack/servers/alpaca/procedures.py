@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from sattrack.control.procedures import (
+    DONE,
     MoveFor,
     Once,
     Outcome,
@@ -30,7 +31,7 @@ from sattrack.mount.requests import (
     Ticket,
     TicketState,
 )
-from sattrack.servers.alpaca.protocol import MOVING_BY_RATES, Fault, FineOrder, Number, TrackOrder
+from sattrack.servers.alpaca.protocol import GUIDING, MOVING_BY_RATES, Fault, FineOrder, Number, TrackOrder
 
 if TYPE_CHECKING:
     from sattrack.control.procedures import Procedure, ProcedureHost
@@ -52,8 +53,10 @@ def procedure_of(order: Order, profile: MountProfile, fine: FineRate) -> Procedu
     Raises TypeError for orders that are no procedure.
     """
     match order:
-        case Slew() | Sync() | Park() | FindHome() | PulseGuide():
+        case Slew() | Sync() | Park() | FindHome():
             return procedure_for(order, profile)
+        case PulseGuide():
+            return Guide(order)
         case TrackOrder() if profile.geometry is not None:
             return KeepOnSky() if order.on else Once(Abort(), "ending tracking")
         case FineOrder():
@@ -143,6 +146,41 @@ class Drive:
             return submitted
         self._ending = submitted
         return None
+
+
+class Guide:
+    """Guide pulses of either axis, one after the other: the mount's own end with a new one."""
+
+    doing = GUIDING
+
+    def __init__(self, pulse: PulseGuide) -> None:
+        self._left = [pulse]
+        """The one under way, and the ones that wait for its end."""
+        self._ticket: Ticket | None = None
+
+    def hold(self, pulse: PulseGuide) -> None:
+        """Take a pulse for later; raises Fault where its axis has one already."""
+        if any(bool(one.ra_ms) == bool(pulse.ra_ms) for one in self._left):
+            raise Fault(Number.INVALID_OPERATION, "PulseGuide: the mount guides already")
+        self._left.append(pulse)
+
+    def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
+        """See Procedure."""
+        submitted = desk.submit(self._left[0], now_utc_s)
+        if isinstance(submitted, RequestRefused):
+            return submitted
+        self._ticket = submitted
+        return None
+
+    def step(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:
+        """See Procedure."""
+        assert self._ticket is not None
+        outcome = outcome_of(self._ticket)
+        if outcome is None or outcome.state not in DONE or len(self._left) == 1:
+            return outcome
+        del self._left[0]
+        refusal = self.begin(desk, now_utc_s)
+        return None if refusal is None else refused(refusal)
 
 
 class AfterStop:

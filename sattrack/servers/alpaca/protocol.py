@@ -378,7 +378,7 @@ MEMBERS = (
     Member("Park", "slews to the park position, stops, cuts the drives' power", write="yes"),
     _does(
         "PulseGuide",
-        "one pulse at a time: the mount has one command for both axes",
+        "one pulse of each axis at a time; the second begins when the first has ended",
         Parameter("Direction", "int", 0, 3),
         Parameter("Duration", "int", 0, LONGEST_PULSE_MS),
     ),
@@ -397,6 +397,7 @@ MEMBERS = (
 BY_PATH = {member.path: member for member in MEMBERS}
 ACTIONS = ("TrackSatellite", "Bias", "Passes")
 MOST_HOURS = 48.0
+GUIDING = "guiding"
 MOVING_BY_RATES = "moving by MoveAxis"
 """What a telescope does whose axes turn at rates of their own."""
 

@@ -20,9 +20,10 @@ from sattrack.mount.requests import (
     Abort,
     FineRate,
     Park,
+    PulseGuide,
 )
 from sattrack.mount.xerxes.link import LinkState
-from sattrack.servers.alpaca.procedures import AfterStop, Drive, procedure_of, refuse
+from sattrack.servers.alpaca.procedures import AfterStop, Drive, Guide, procedure_of, refuse
 from sattrack.servers.alpaca.protocol import (
     BiasOrder,
     Fault,
@@ -292,6 +293,9 @@ class TelescopeStation:
         if isinstance(order, BiasOrder):
             offset(self.engine, order, now_utc_s)
             return False
+        if isinstance(order, PulseGuide) and isinstance(self.console.procedure, Guide):
+            self.console.procedure.hold(order)
+            return False
         self._check(order)
         self.had_orders = True
         if isinstance(order, MoveOrder):
@@ -306,10 +310,10 @@ class TelescopeStation:
                 check_floor(order, self.session.status, self._limits, self._site.latitude_deg)
             procedure = AfterStop(procedure)
         operation = self._begin_operation(kind, procedure, now_utc_s)
-        if kind in HELD_KINDS or numbered.waits:
+        is_held = kind in HELD_KINDS or numbered.waits
+        if is_held:
             operation.waiting = numbered.number
-            return True
-        return False
+        return is_held
 
     def _check(self, order: Order) -> None:
         """Raise Fault where an order conflicts with the operation under way."""

@@ -24,6 +24,7 @@ from sattrack.servers.alpaca.protocol import (
     ACTIONS,
     BY_PATH,
     DRIVE_RATES,
+    GUIDING,
     INTERFACE_VERSION,
     LARGEST_ID,
     BadRequest,
@@ -488,7 +489,9 @@ class ServedTelescope:
 
     def _pulse(self, direction: int, duration_ms: int, now_utc_s: float) -> PulseGuide | None:
         state = self.heard(now_utc_s)
-        if state.slewing or not state.tracking or state.pulse_guiding:
+        # A pulse of ours may be of the other axis, and who holds the mount knows.
+        guides = state.pulse_guiding and state.doing != GUIDING
+        if state.slewing or not state.tracking or guides:
             why = "slews" if state.slewing else "guides already" if state.tracking else "is not tracking"
             raise Fault(Number.INVALID_OPERATION, f"PulseGuide: the mount {why}")
         if duration_ms == 0:

@@ -205,7 +205,7 @@ def test_what_clients_are_offered_on_an_alpaca_telescope_it_does() -> None:
             _, ra_deg, dec_deg = telescope.truth()[-1]
             assert said_by(port, "PUT", "PulseGuide", f"Direction={direction}&Duration=700") == (0, None)
             assert said_by(port, "GET", "IsPulseGuiding") == (0, True)
-            assert said_by(port, "PUT", "PulseGuide", "Direction=0&Duration=700")[0] == NOT_NOW
+            assert said_by(port, "PUT", "PulseGuide", f"Direction={direction}&Duration=700")[0] == NOT_NOW
             while said_by(port, "GET", "IsPulseGuiding") == (0, True):
                 assert said_by(port, "GET", "Slewing") == (0, False)
                 time.sleep(0.05)

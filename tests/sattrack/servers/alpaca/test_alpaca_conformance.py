@@ -421,6 +421,32 @@ def test_a_pulse_goes_its_way_for_its_time_beside_the_client(
     assert scope.get("tracking") is True
 
 
+def test_a_pulse_of_the_other_axis_begins_when_the_first_has_ended(scope: VirtualTelescope) -> None:
+    """As Ekos sends both at once."""
+    began_s, before = scope.now_utc_s, scope.truths[-1]
+    scope.put("pulseguide", Direction=2, Duration=1000)
+    scope.put("pulseguide", Direction=0, Duration=600)
+    for direction in range(4):
+        assert scope.fault_of("pulseguide", Direction=direction, Duration=100) is INVALID_OPERATION
+    scope.wait_while("ispulseguiding")
+    assert 1.6 <= scope.now_utc_s - began_s < 2.8
+    scope.run_for(0.5)
+    rate_deg_s = SIDEREAL_DEG_S * 3500 / 7789
+    moved = scope.truths[-1].ra_deg - before.ra_deg, scope.truths[-1].dec_deg - before.dec_deg
+    assert moved == pytest.approx((1.0 * rate_deg_s, 0.6 * rate_deg_s), abs=1e-4)
+
+
+def test_a_pulse_that_waits_is_forgotten_with_a_stop(scope: VirtualTelescope) -> None:
+    before = scope.truths[-1]
+    scope.put("pulseguide", Direction=2, Duration=1000)
+    scope.put("pulseguide", Direction=0, Duration=1000)
+    scope.put("abortslew")
+    scope.wait_while("slewing")
+    scope.run_for(3.0)
+    assert scope.get("ispulseguiding") is False
+    assert scope.truths[-1].dec_deg == pytest.approx(before.dec_deg, abs=1e-6)
+
+
 def test_a_pulse_of_no_length_is_done_at_once(scope: VirtualTelescope) -> None:
     assert scope.put("pulseguide", Direction=0, Duration=0) is None
     assert scope.get("ispulseguiding") is False
