@@ -216,8 +216,8 @@ class _Maker:
         """Have a candidate begin when the mount can be there from the plan's beginning, or lose it."""
         if one.lost is not None or not one.may_join:
             return
-        begin, profile, terms = self._situation.span[0], self._situation.profile, self._terms[one.entry]
-        start = entered_at(one, lambda node: first_s(self._overhead(node), profile), begin)
+        begin, terms = self._situation.span[0], self._terms[one.entry]
+        start = entered_at(one, lambda node: first_s(self._overhead(node), self._situation), begin)
         if start <= one.start_utc_s:
             return
         left_s, least_s = one.end_utc_s - start, min(terms.least_s, terms.longest_s or terms.least_s)
@@ -401,7 +401,7 @@ class _Maker:
             slew = float(self._set.transitions.slews_s(np.array([before]), k)[0])
             ready = self._set.nodes[before].end_utc_s + self._set.overheads[before].after.seconds
         else:
-            slew, ready = first_slew_s(overhead, self._situation.profile), self._situation.span[0]
+            slew, ready = first_slew_s(overhead, self._situation), self._situation.span[0]
         return slew, slew + overhead.before.seconds + overhead.settle_s, ready
 
     def plan(self, per_entry: Sequence[Found]) -> SchedulePlan:

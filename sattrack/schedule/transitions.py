@@ -540,7 +540,7 @@ def node_set(
         for n in nodes
     ]
     first = [
-        situation.span[0] + first_s(overhead, profile) <= node.start_utc_s
+        situation.span[0] + first_s(overhead, situation) <= node.start_utc_s
         for node, overhead in zip(nodes, overheads, strict=True)
     ]
     problem = Problem(
@@ -572,14 +572,19 @@ def _by_node(
     }
 
 
-def first_s(overhead: Overhead, profile: MountProfile) -> float:
+def first_s(overhead: Overhead, situation: PlanSituation) -> float:
     """Return how long the first pass of a plan needs before its start, from the park position if known."""
-    return first_slew_s(overhead, profile) + overhead.before.seconds + overhead.settle_s
+    return first_slew_s(overhead, situation) + overhead.before.seconds + overhead.settle_s
 
 
-def first_slew_s(overhead: Overhead, profile: MountProfile) -> float:
-    """Return the seconds of the first slew, 0 where the mount's position before it is unknown."""
-    park = profile.park
-    if park is None:
+def first_slew_s(overhead: Overhead, situation: PlanSituation) -> float:
+    """Return the seconds of the first slew, 0 where the mount's position before it is unknown.
+
+    The mount slewed to where it is parked, and stands there on the side that its rule gives.
+    """
+    profile = situation.profile
+    if profile.park is None:
         return 0.0
-    return slew_s(Place(park.hour_angle_deg, park.dec_deg), overhead.before.first, profile)
+    direction = direction_of(Place(profile.park.hour_angle_deg, profile.park.dec_deg))
+    parked = axes_of(*direction, profile, horizon_latitude_deg(profile, situation.site.latitude_deg))
+    return slew_s(parked, overhead.before.first, profile)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Literal
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from sattrack.mount.model import AxisLimits, MountProfile
+from sattrack.mount.model import AxesPosition, AxisLimits, MountProfile
 from sattrack.safety.geometry import Place
 from sattrack.safety.limits import SafetyLimits
 from sattrack.safety.route import HANDSHAKE_S, RAMP, slew_s
@@ -30,6 +31,7 @@ from sattrack.schedule.transitions import (
     SlewTransitions,
     cost_after,
     cost_before,
+    first_slew_s,
     hour_angle_and_dec_deg,
     place_of,
     slew_of,
@@ -109,6 +111,24 @@ def test_a_slew_to_an_altitude_and_azimuth_goes_to_the_right_ascension_that_is_t
     assert 0.0 <= slew.ra_deg < 360.0
     assert math.degrees(azimuth) == pytest.approx(az_deg, abs=1e-3)
     assert math.degrees(altitude) == pytest.approx(35.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("pier_rule", "turns_deg"), [("never", (80.0, 20.0)), ("hour_angle", (100.0, 160.0))]
+)
+def test_the_first_slew_of_a_night_begins_on_the_side_on_which_the_mount_was_parked(
+    pier_rule: Literal["never", "hour_angle"], turns_deg: tuple[float, float]
+) -> None:
+    """Parked in the west, beyond the pole at -130° and 180° of its axes if it flips, it goes to the east."""
+    mount = replace(MOUNT, pier_rule=pier_rule, park=AxesPosition(50.0, 0.0))
+    situation = PlanSituation((NOW_UTC_S, NOW_UTC_S + 3600.0), NOW_UTC_S, LEIDEN, mount, SafetyLimits())
+    first = Place(-30.0, 20.0)
+    overhead = Overhead(ActionCost(first, 0.0, first), 0.0, ActionCost(first, 0.0, first))
+    # Each ramp up and down takes RAMP times as long as the axis needs at its best.
+    by_axis = (turns_deg[0] / 4.0 + 2.0 * RAMP * 4.0 / 2.0, turns_deg[1] / 7.0 + 2.0 * RAMP * 7.0 / 10.0)
+    assert first_slew_s(overhead, situation) == pytest.approx(HANDSHAKE_S + max(by_axis))
+    unknown = dataclasses.replace(situation, profile=replace(mount, park=None))
+    assert first_slew_s(overhead, unknown) == 0.0
 
 
 def test_a_slew_whose_box_goes_below_the_horizon_is_led_round_and_takes_longer() -> None:
