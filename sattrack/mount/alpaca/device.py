@@ -10,10 +10,11 @@ import msgspec
 JNOW_SYSTEMS = frozenset({0, 1})
 """EquatorialSystem "other" is taken for topocentric of date, as most drivers mean it."""
 J2000_SYSTEM = 2
-ALT_AZ = 0
-"""AlignmentMode of a telescope whose axes are azimuth and altitude; 1 is polar, 2 German."""
-PIER_WEST = 1
-"""SideOfPier of a telescope that points through the pole."""
+ALT_AZ, GERMAN = 0, 2
+"""AlignmentMode of a telescope whose axes are azimuth and altitude, and of a German one; 1 is polar."""
+PIER_EAST, PIER_WEST = 0, 1
+"""SideOfPier of a telescope on its normal side, and of one that points through the pole, as a German one does
+that looks east."""
 
 
 class RateSpan(msgspec.Struct, frozen=True):

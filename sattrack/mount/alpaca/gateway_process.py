@@ -43,7 +43,15 @@ from sattrack.mount.alpaca.client import (
     value_in,
     with_ids,
 )
-from sattrack.mount.alpaca.device import DeviceFacts, Reading, SkyPlace, spans_of
+from sattrack.mount.alpaca.device import (
+    GERMAN,
+    PIER_EAST,
+    PIER_WEST,
+    DeviceFacts,
+    Reading,
+    SkyPlace,
+    spans_of,
+)
 from sattrack.mount.alpaca.link import BYE, GatewayConfig, GatewayNews, GatewayReady, GatewayRefusal
 
 if TYPE_CHECKING:
@@ -96,6 +104,8 @@ class AlpacaClient:
     _transaction: int = 0
     _has_state: bool = False
     """Whether one request tells the whole state."""
+    _flips: bool = False
+    """Whether the side of its pier goes with each place: late by a turn, a place is on the wrong side."""
     _turns: int = 0
 
     async def __aenter__(self) -> Self:
@@ -161,6 +171,8 @@ class AlpacaClient:
         can_pulse_guide = bool(await self._perhaps("canpulseguide", False))
         state = _by_name(await self._perhaps("devicestate", None)) if version >= 4 else {}
         self._has_state = all(state.get(name) is not None for name in STATE_NEEDS)
+        side = await self._perhaps("sideofpier", None) if alignment is None else None
+        self._flips = alignment == GERMAN or side in (PIER_EAST, PIER_WEST)
         return DeviceFacts(
             name=str(await self._perhaps("name", "telescope"))[:80],
             interface_version=version,
@@ -191,13 +203,14 @@ class AlpacaClient:
             values = _by_name(state)
             ra, dec = (at_s, values.get("rightascension")), (at_s, values.get("declination"))
             return Reading(begun_s, values, ra, dec, took_s)
-        member = SLOW_MEMBERS[self._turns % len(SLOW_MEMBERS)]
+        members = {SLOW_MEMBERS[self._turns % len(SLOW_MEMBERS)], *(("sideofpier",) if self._flips else ())}
         self._turns += 1
-        (ra_s, ra_h, ra_took_s), (dec_s, dec_deg, dec_took_s), value = await asyncio.gather(
-            self._timed("rightascension"), self._timed("declination"), self._slow(member)
+        ((ra_s, ra_h, ra_took_s), (dec_s, dec_deg, dec_took_s)), values = await asyncio.gather(
+            asyncio.gather(self._timed("rightascension"), self._timed("declination")),
+            asyncio.gather(*(self._named(member) for member in members)),
         )
         took_s = max(ra_took_s, dec_took_s)
-        return Reading(begun_s, {member: value}, (ra_s, ra_h), (dec_s, dec_deg), took_s)
+        return Reading(begun_s, dict(values), (ra_s, ra_h), (dec_s, dec_deg), took_s)
 
     async def _timed(self, member: str) -> tuple[float, Any, float]:
         """Return the middle of a request, by the monotonic clock, what was answered, and how long it took."""
@@ -206,11 +219,12 @@ class AlpacaClient:
         ended_s = time.monotonic()
         return 0.5 * (begun_s + ended_s), value, ended_s - begun_s
 
-    async def _slow(self, member: str) -> Any:
+    async def _named(self, member: str) -> tuple[str, Any]:
+        """Return a member's name and its value, None where the driver refuses it."""
         try:
-            return await self.get(member)
+            return member, await self.get(member)
         except AlpacaRefusalError:
-            return None
+            return member, None
 
     async def _guide_rates(self) -> tuple[float, float] | None:
         """Return the guide rates in right ascension and declination, degrees a second; None for none."""

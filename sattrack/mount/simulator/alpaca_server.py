@@ -126,7 +126,7 @@ class AlpacaTelescope:
             "tracking": telescope.tracks,
             "atpark": lambda: telescope.parked,
             "athome": lambda: False,
-            "sideofpier": lambda: 0,
+            "sideofpier": lambda: int(telescope.beyond_pole(now)),
         }
         if settings.guide_rate_deg_s:
             answers["ispulseguiding"] = lambda: telescope.guiding(now)
@@ -149,7 +149,7 @@ class AlpacaTelescope:
             "Tracking": telescope.tracks(),
             "AtPark": telescope.parked,
             "AtHome": False,
-            "SideOfPier": 0,
+            "SideOfPier": int(telescope.beyond_pole(now)),
             "IsPulseGuiding": telescope.guiding(now),
             "SiderealTime": telescope.sidereal_h(now),
         }

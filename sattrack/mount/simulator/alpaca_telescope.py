@@ -56,7 +56,8 @@ class TelescopeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     dec_gain: float = 1.0
     system: EquatorialSystem = "jnow"
     alignment: AlignmentMode = "polar"
-    """What its axes are; those of "altaz" turn in azimuth and altitude."""
+    """What its axes are: those of "altaz" turn in azimuth and altitude, and "german" ones end slews to the
+    east of the meridian beyond the pole."""
     tells_alignment: bool = True
     """Whether its driver answers AlignmentMode."""
     rates_deg_s: tuple[tuple[float, float], ...] = ((0.0, 6.0),)
@@ -221,6 +222,11 @@ class SimulatedTelescope:
         """Return the driver's sidereal time, hours."""
         return _apparent_sidereal_deg(utc_s, self.settings.longitude_deg) / 15.0
 
+    def beyond_pole(self, utc_s: float) -> bool:
+        """Return whether its second axis stands past the pole: pierWest."""
+        self.run_to(utc_s)
+        return self._beyond()
+
     def slewing(self, utc_s: float) -> bool:
         """Return whether it goes somewhere, or moves by MoveAxis, or has not come to rest from that."""
         self.run_to(utc_s)
@@ -311,17 +317,27 @@ class SimulatedTelescope:
                 math.radians(hour_angle_deg), math.radians(dec_deg), math.radians(self.settings.latitude_deg)
             )
             hour_angle_deg, dec_deg = math.degrees(hour_angle), math.degrees(dec)
+        elif self._beyond():
+            hour_angle_deg, dec_deg = self._other_side(hour_angle_deg, dec_deg)
         ra_deg = (sidereal_deg - hour_angle_deg + self._ra_offset_deg) % TURN_DEG
         return SimulatedPlace(self._utc_s, ra_deg, dec_deg + self._dec_offset_deg)
 
     def _axes_of(self, hour_angle_deg: float, dec_deg: float) -> tuple[float, float]:
         """Return where both axes point to a direction."""
+        if self.settings.alignment == "german" and hour_angle_deg < 0.0:
+            return self._other_side(hour_angle_deg, dec_deg)
         if self.settings.alignment != "altaz":
             return hour_angle_deg, dec_deg
         azimuth, altitude = erfa.hd2ae(
             math.radians(hour_angle_deg), math.radians(dec_deg), math.radians(self.settings.latitude_deg)
         )
         return math.degrees(azimuth), math.degrees(altitude)
+
+    def _beyond(self) -> bool:
+        return self.settings.alignment == "german" and abs(self._second.position_deg) > 90.0
+
+    def _other_side(self, first_deg: float, second_deg: float) -> tuple[float, float]:
+        return first_deg + 180.0, math.copysign(180.0, self.settings.latitude_deg) - second_deg
 
     def _sky(self) -> tuple[float, float]:
         """Return the rates of both axes that follow the sky."""
@@ -351,6 +367,7 @@ class SimulatedTelescope:
         """Return the rates of both axes that are asked for at this instant."""
         first_sky, second_sky = self._sky() if self._tracking else (0.0, 0.0)
         west, north = (added if until_s > self._utc_s else 0.0 for until_s, added in self._pulses)
+        north = -north if self._beyond() else north
         if self.parked:
             return 0.0, 0.0
         if self._target is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 import struct
 from datetime import UTC, datetime
@@ -12,7 +13,10 @@ from skyfield.api import load
 from skyfield.positionlib import position_of_radec
 
 from sattrack.mount.alpaca.bridge import DEADMAN_S, STOP_AGAIN_S, Bridge, Equinox, Lateness
+from sattrack.mount.alpaca.client import AlpacaRefusalError
 from sattrack.mount.alpaca.device import DeviceFacts, DeviceState, RateSpan, SkyPlace, nearest_rate, spans_of
+from sattrack.mount.alpaca.gateway_process import AlpacaClient
+from sattrack.mount.alpaca.link import parse_alpaca
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
 
 if TYPE_CHECKING:
@@ -413,3 +417,29 @@ def test_half_a_site_is_told_as_none(
     status = bridge(latitude_deg=latitude_deg, longitude_deg=longitude_deg).see(place(T0))
     assert status is not None
     assert struct.unpack_from("<dd", status, 72) == told
+
+
+@pytest.mark.parametrize(
+    ("alignment", "side", "each_time"),
+    [(2, 0, True), (2, None, True), (None, 1, True), (None, None, False), (1, 0, False)],
+)
+def test_a_german_telescope_is_asked_for_its_side_with_each_place(
+    monkeypatch: pytest.MonkeyPatch, alignment: int | None, side: int | None, each_time: bool
+) -> None:
+    """A side that is a second old makes another place of the axes of the same place on the sky."""
+    known = {"rightascension": 1.0, "declination": 2.0, "alignmentmode": alignment, "sideofpier": side}
+
+    async def get(_: AlpacaClient, member: str, **fields: str) -> object:
+        if known.get(member) is None:
+            raise AlpacaRefusalError(0x400, "not implemented")
+        return known[member]
+
+    async def asked() -> list[set[str]]:
+        client = AlpacaClient(parse_alpaca("alpaca://192.0.2.9/0", resolve=False))
+        await client.facts()
+        return [set((await client.read()).values) for _ in range(10)]
+
+    monkeypatch.setattr(AlpacaClient, "get", get)
+    turns = asyncio.run(asked())
+    assert sum("sideofpier" in turn for turn in turns) == (10 if each_time else 1)
+    assert sum("slewing" in turn for turn in turns) == 5
