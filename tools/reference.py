@@ -99,7 +99,7 @@ MEANINGS = {
     "move_axis": "`held`: rates act while the flag is up; `edge`: from its rise until the next or an abort",
     "hour_angle_limit_deg": "travel of the hour angle axis either way, cables counted; 720 at most",
     "dec_axis_limits_deg": "travel of the declination axis; beyond 90° it is past the pole",
-    "pier_rule": "on which side a slew ends: `never` beyond the pole, or by `hour_angle`",
+    "pier_rule": "slews that end beyond the pole: `never`; `hour_angle`: in the west; `ascom`: in the east",
     "slew_path": "`any`: each axis in its own time; `together`: a straight line",
     "solar_filter": "true while a solar filter is on the telescope; without it the Sun is not followed",
     "pier_zones": "polygons where something would touch the pier: `name`, `corners`, `side`",

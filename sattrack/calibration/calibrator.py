@@ -65,6 +65,8 @@ class Calibrator:
         self.ending: Ending | None = None
         self.largest_rates_deg_s: tuple[float, float] | None = None
         """What the mount tells of its largest rates, right ascension first; None where it does not."""
+        self.alignment_mode: int | None = None
+        """ASCOM's AlignmentMode of a telescope, None where it is not told."""
         self._begin_utc_s = self._now_utc_s = begin_utc_s
         self._guard = CalibrationGuard(surroundings, self.plan.fastest_deg_s, self.plan.silent_after_s)
         self._sender = Sender(begin_utc_s)

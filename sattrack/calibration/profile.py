@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import msgspec
 
 from sattrack.control.estimate import begun_anew
-from sattrack.mount.model import AxisLimits, CalibrationRecord, MeasuredMotion, MountProfile
+from sattrack.mount.alpaca.device import GERMAN
+from sattrack.mount.model import (
+    GERMAN_TRAVEL_DEG,
+    USUAL_TRAVEL_DEG,
+    AxisLimits,
+    CalibrationRecord,
+    MeasuredMotion,
+    MountProfile,
+)
 from sattrack.mount.profiles import profile_text
 from sattrack.pointing.periodic import wave_text
 from tle.instants import Utc
@@ -74,6 +82,18 @@ def bounded(profile: Profile, largest_deg_s: tuple[float, float] | None) -> Prof
         for limits, largest in zip((profile.ra, profile.dec), largest_deg_s, strict=True)
     )
     return msgspec.structs.replace(profile, ra=ra, dec=dec)
+
+
+def german(profile: Profile, alignment_mode: int | None) -> Profile:
+    """Return a profile with the rule by which a German telescope behind ASCOM changes its pier's side.
+
+    That is one whose AlignmentMode says so, and of which the profile knows no rule.
+    """
+    if alignment_mode != GERMAN or profile.pier_rule != "never" or profile.geometry is not None:
+        return profile
+    limits = profile.dec_axis_limits_deg
+    limits = GERMAN_TRAVEL_DEG if limits == USUAL_TRAVEL_DEG else limits
+    return msgspec.structs.replace(profile, pier_rule="ascom", dec_axis_limits_deg=limits)
 
 
 def with_learnt(base: Profile, learnt: LearntView, name: str) -> tuple[Profile, list[str]]:

@@ -320,6 +320,8 @@ def check_link(
         todo.append("look for what holds the mount's computer up, or the network")
     if health.rejected or health.strangers:
         todo.append("something else sends to this port: give the mount one of its own")
+    if health.trouble is not None:
+        todo.append(health.trouble)
     return CheckResult("link", "warn" if todo else "ok", what, tuple(todo))
 
 

@@ -105,7 +105,7 @@ def command(context: CommandContext, **options: Any) -> int:
       sattrack mount calibrate --mount alpaca://192.0.2.9/0 --axes --output a.toml
       sattrack mount calibrate --axes --camera v4l:/dev/video0 --output a.toml
     """
-    from sattrack.calibration.profile import bounded
+    from sattrack.calibration.profile import bounded, german
     from sattrack.runtime.calibrate import ending_error
 
     url, address = context.mount(options["mount_url"])
@@ -130,7 +130,10 @@ def command(context: CommandContext, **options: Any) -> int:
         raise error
     dated = address is None or address.dates_itself
     found = _conclude(calibrator, site, options["clock_true"], dated)
-    profile = _write(target, bounded(base, calibrator.largest_rates_deg_s), found, options["name"])
+    told = german(bounded(base, calibrator.largest_rates_deg_s), calibrator.alignment_mode)
+    profile = _write(target, told, found, options["name"])
+    if profile.pier_rule != base.pier_rule:
+        tell('this is a German telescope: pier_rule is written as "ascom", by which it slews beyond the pole')
     _tell(found, profile, target, context.json)
     return 0
 

@@ -30,6 +30,7 @@ from sattrack.mount.model import (
     MoveAxes,
     Slew,
     Stop,
+    beyond_after_slew,
     mean_sidereal_deg,
 )
 from sattrack.mount.requests import (
@@ -340,8 +341,8 @@ class Console(Driver):
         if self.sky_aim is None or place is not None:
             return request
         at = self._instant(now_utc_s)
-        west = math.remainder(at.sidereal_deg - request.ra_deg, 360.0) > 0.0
-        at = at._replace(beyond_pole=west and self.profile.pier_rule == "hour_angle")
+        hour_angle_deg = math.remainder(at.sidereal_deg - request.ra_deg, 360.0)
+        at = at._replace(beyond_pole=beyond_after_slew(self.profile.pier_rule, hour_angle_deg))
         return Slew(*self.sky_aim.reported_deg(request.ra_deg, request.dec_deg, at))
 
     def synced(self, request: Sync, now_utc_s: float) -> Sync:

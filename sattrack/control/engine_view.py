@@ -252,14 +252,19 @@ def _looseness_warnings(engine: Engine) -> list[str]:
 
 
 def _side_warnings(engine: Engine) -> list[str]:
-    """Say that the mount is on a side of the pier for which its signs were never measured."""
-    status, record = engine.session.status, engine.spec.profile.calibration
-    if status is None or record is None:
+    """Say that the mount is on a side of the pier that its profile does not know."""
+    status, profile = engine.session.status, engine.spec.profile
+    if status is None:
         return []
-    beyond = status.side_of_pier
-    measured = record.both_sides or (record.side_of_pier == "beyond_pole") == beyond
-    words = "this side of the pier is not in the mount's profile: its rates may go the other way"
-    return [] if measured else [words]
+    beyond, record, warnings = status.side_of_pier, profile.calibration, []
+    if record is not None and not record.both_sides and (record.side_of_pier == "beyond_pole") != beyond:
+        warnings.append("this side of the pier is not in the mount's profile: its rates may go the other way")
+    if beyond and profile.dated_by_requests and profile.pier_rule == "never" and not profile.through_pole:
+        warnings.append(
+            'the telescope stands beyond the pole, and pier_rule in the profile is "never": for a German one '
+            'set "ascom"'
+        )
+    return warnings
 
 
 class BiasFields(TypedDict):

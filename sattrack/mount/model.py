@@ -262,6 +262,8 @@ LEAST_PERIOD_S = 0.001
 USUAL_TRAVEL_DEG = (-190.0, 190.0)
 GOES_SLOWER, LEAST_GOES_WITHIN_S = 1.5, 240.0
 """By how much a mount may be slower than its profile, and how long any may be on its way."""
+GERMAN_TRAVEL_DEG = (-270.0, 270.0)
+"""Of a mount that slews beyond the pole to any declination."""
 POLE_KEPT_DEG = 1.0
 """How far a mount with a geometry stays from where its reports pass over its pole."""
 
@@ -272,6 +274,18 @@ def _told_limits_deg(geometry: AxisGeometry) -> tuple[float, float]:
         return USUAL_TRAVEL_DEG
     low, high = geometry.told_range_deg
     return low + POLE_KEPT_DEG, high - POLE_KEPT_DEG
+
+
+PierRule = Literal["never", "hour_angle", "ascom"]
+
+
+def beyond_after_slew(rule: PierRule, hour_angle_deg: float) -> bool:
+    """Return whether a slew to an hour angle, -180 to 180, ends beyond the pole.
+
+    That is so above 0 by "hour_angle", and below 0 by "ascom": ASCOM and INDI call a German mount that looks
+    east "through the pole", and say pierWest.
+    """
+    return hour_angle_deg > 0.0 if rule == "hour_angle" else rule == "ascom" and hour_angle_deg < 0.0
 
 
 class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -305,8 +319,8 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How far the hour angle axis may turn either way of the meridian, the cables counted."""
     dec_axis_limits_deg: tuple[float, float] = USUAL_TRAVEL_DEG
     """How far the declination axis may turn; beyond 90° either way it stands past a pole."""
-    pier_rule: Literal["never", "hour_angle"] = "never"
-    """Where a slew ends: always on the normal side, or beyond the pole for an hour angle above 0."""
+    pier_rule: PierRule = "never"
+    """Where a slew ends: see `beyond_after_slew`."""
     slew_path: Literal["any", "together"] = "any"
     """How the axes go in a slew: each in its own time, or on a straight line so that they arrive together."""
     pier_zones: tuple[PierZone, ...] = ()
@@ -375,6 +389,14 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if by_rates:
             slowest = min(slowest, *(axis.max_rate_deg_s for axis in axes))
         return max(LEAST_GOES_WITHIN_S, GOES_SLOWER * 360.0 / slowest)
+
+    @property
+    def first_axis_middle_deg(self) -> float:
+        """The angle of the first axis within half a turn of which a session that begins takes it to be.
+
+        By "ascom" slews end from 0 to 180°, and following goes on past both: 180° must not become -180°.
+        """
+        return 90.0 if self.pier_rule == "ascom" else 0.0
 
     @property
     def own_axes(self) -> Literal["equatorial", "altaz"] | Pole:

@@ -18,7 +18,7 @@ import numpy as np
 from sattrack.control.approach import FAR_AND_HELD_FOR_S, FAR_DEG, MARGIN_S, slew_time_s
 from sattrack.control.stages import KEYHOLE, RATE
 from sattrack.core.angles import wrap180
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, horizon_latitude_deg
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, PierRule, beyond_after_slew, horizon_latitude_deg
 from sattrack.planning.path import axis_path, find_keyholes, margins_deg, stretches
 from sattrack.safety.rate_limit import unheeded_s
 from tle.bias import NO_BIAS
@@ -307,7 +307,8 @@ def verdict_over(propagator: Propagator, bias: Bias, span: tuple[float, float], 
         return Verdict("the elements have it come down before the pass ends")
     if _may_be_too_fast(path, ability.profile.ra):
         path = axis_path(propagator, bias, _instants(begin, end, FINE_STEP_S), ability.profile.frame)
-    beyond = ability.profile.pier_rule == "hour_angle" and _is_west(path.pointing.hour_angle_axis_deg[0])
+    begins_deg = wrap180(float(path.pointing.hour_angle_axis_deg[0]))
+    beyond = beyond_after_slew(ability.profile.pier_rule, begins_deg)
     lost = losses(path.seen_from(beyond, ability.latitude_deg).led(ability.profile), ability)
     return Verdict(why_not(lost, end - begin), tuple(lost))
 
@@ -333,11 +334,6 @@ def _instants(begin: float, end: float, step_s: float) -> np.ndarray[tuple[int],
     return np.linspace(begin, end, min(count, MOST))
 
 
-def _is_west(hour_angle_deg: float) -> bool:
-    return wrap180(float(hour_angle_deg)) > 0.0
-
-
-Rule = Literal["never", "hour_angle"]
 Side = Literal["normal", "beyond_pole"]
 SPLITS = 80
 SAME_S = 1e-3
@@ -345,7 +341,7 @@ SAMPLE_S = 0.25
 TOO_FAST = ("rate", "keyhole")
 """Lost to these, a target is lagged behind; lost to limits of place, the mount is held."""
 TOLD_TURN_DEG = 178.0
-"""A new beginning takes the axes to be within half a turn of the meridian: elsewhere none is recommended."""
+"""A new beginning takes the axes to be within half a turn of their middle: elsewhere none is recommended."""
 WORTH_S = 2.0
 """Another way than the mount's own is recommended only where it saves this much."""
 SIDE_WORDS = {"normal": "the normal side", "beyond_pole": "beyond the pole"}
@@ -368,7 +364,7 @@ class SideOption(msgspec.Struct, frozen=True):
 class Sides(msgspec.Struct, frozen=True):
     """What the rule has the mount do, and the best that it lets be chosen."""
 
-    rule: Rule
+    rule: PierRule
     by_itself: SideOption
     recommended: SideOption
     words: str
@@ -384,7 +380,7 @@ class Lost(NamedTuple):
 
 
 def choose_sides(
-    path: AxisPath, ability: Ability, rule: Rule, keyholes: list[Keyhole], known: Lost | None = None
+    path: AxisPath, ability: Ability, rule: PierRule, keyholes: list[Keyhole], known: Lost | None = None
 ) -> Sides:
     """Return what can be done about sides and cables over a path, seen from the normal side, without NaN.
 
@@ -400,7 +396,7 @@ def choose_sides(
     return sides_of(rule, own, best)
 
 
-def sides_of(rule: Rule, own: SideOption, best: SideOption | None) -> Sides:
+def sides_of(rule: PierRule, own: SideOption, best: SideOption | None) -> Sides:
     """Return both ways, and which of them is worth taking."""
     if best is None or best.lost_s > own.lost_s - WORTH_S:
         best = own
@@ -413,20 +409,20 @@ class _SideSearch:
 
     path: AxisPath
     ability: Ability
-    rule: Rule
+    rule: PierRule
     keyholes: list[Keyhole]
     views: dict[bool, AxisPath]
     turns: tuple[int, ...]
     """Samples at which the rule's side or the cables' half turn changes, or that are clear again."""
 
     @classmethod
-    def over(cls, path: AxisPath, ability: Ability, rule: Rule, keyholes: list[Keyhole]) -> _SideSearch:
+    def over(cls, path: AxisPath, ability: Ability, rule: PierRule, keyholes: list[Keyhole]) -> _SideSearch:
         sides = {beyond: path.seen_from(beyond, ability.latitude_deg) for beyond in (False, True)}
         views = {beyond: view.led(ability.profile) for beyond, view in sides.items()}
         hour_angle = path.pointing.hour_angle_axis_deg
         lower = np.floor((hour_angle + 180.0) / 360.0)
         changes = [np.flatnonzero(np.diff(lower)) + 1]
-        if rule == "hour_angle":
+        if rule != "never":
             west: Bools = (hour_angle + 180.0) % 360.0 > 180.0
             changes.append(np.flatnonzero(west[:-1] != west[1:]) + 1)
         for view in views.values():
@@ -441,7 +437,7 @@ class _SideSearch:
     def beyond_after_slew(self, index: int) -> bool:
         """Tell on which side a slew to a place of the path ends."""
         hour_angle = wrap180(float(self.path.pointing.hour_angle_axis_deg[index]))
-        return self.rule == "hour_angle" and hour_angle > 0.0
+        return beyond_after_slew(self.rule, hour_angle)
 
     def by_itself(self) -> SideOption:
         """Return what the mount does by itself."""
@@ -498,7 +494,7 @@ class _SideSearch:
         if leave == 0:
             return later
         here = self._stands_at(first, leave, before)
-        if abs(here[0]) > TOLD_TURN_DEG:
+        if abs(here[0] - self.ability.profile.first_axis_middle_deg) > TOLD_TURN_DEG:
             return []
         step = max(1, len(self.path.utc_s) // 200)
         soonest = next((j for j in range(leave + 1, last, step) if self._in_reach(here, leave, j)), None)
@@ -547,7 +543,7 @@ def _iso(utc_s: float) -> str:
     return Utc(utc_s).isoformat("seconds")
 
 
-def _words(rule: Rule, own: SideOption, best: SideOption) -> str:
+def _words(rule: PierRule, own: SideOption, best: SideOption) -> str:
     side = SIDE_WORDS[own.side]
     if best is own:
         if rule == "never":

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from sattrack.core.clock import Clock
     from sattrack.mount.alpaca.device import DeviceFacts
     from sattrack.mount.model import MountProfile
+    from sattrack.mount.xerxes.client import UdpLink
     from sattrack.pointing.fields import FieldCamera
     from sattrack.runtime.connection import EmbeddedMount
     from sattrack.runtime.mounts import MountAddress
@@ -140,6 +141,7 @@ def calibrate_live(
             raise SattrackError(f"{address}: {error}") from error
         calibrator = Calibrator(around, clock.utc_s(time.monotonic()), plan)
         calibrator.largest_rates_deg_s = largest
+        calibrator.alignment_mode = _alignment_mode(link)
         CalibrationLoop(Connection(link, clock, guard=guard), stop, calibrator, show, keys).run()
         ending = calibrator.ending
         if ending is not None and ending.kind is not EndKind.DONE and link.trouble is not None:
@@ -178,8 +180,12 @@ def find_axes_live(
             fields[1].seen(Solved(now_utc_s, 0.0, (0.0, 0.0)))
         finder = AxesFinder(profile, limits, place, now_utc_s, fastest, fields)
         FinderLoop(Connection(link, clock, guard=guard), stop, finder, show, keys).run()
-        facts: DeviceFacts | None = getattr(link, "facts", None)
-        return finder, None if facts is None else facts.alignment_mode
+        return finder, _alignment_mode(link)
+
+
+def _alignment_mode(link: UdpLink) -> int | None:
+    facts: DeviceFacts | None = getattr(link, "facts", None)
+    return None if facts is None else facts.alignment_mode
 
 
 @dataclass(slots=True)

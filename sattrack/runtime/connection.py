@@ -353,7 +353,7 @@ def owned(
         stack.callback(held.close)
         if isinstance(address, AlpacaAddress) and profile is not None and profile.geometry is not None:
             address = address._replace(axes_known=True)
-        link = stack.enter_context(open_link(address))
+        link = stack.enter_context(open_link(address, profile))
         profile = profile or address.usual_profile()
         guard = Guarded(link, held.fileno(), profile, speed, name or str(address), address.name)
         stack.callback(guard.close)
@@ -418,7 +418,7 @@ def connected(
             return
         if isinstance(address, AlpacaAddress) and described.mount.geometry is not None:
             address = address._replace(axes_known=True)
-        yield Connection(stack.enter_context(open_listener(address)), clock, simulated)
+        yield Connection(stack.enter_context(open_listener(address, described.mount)), clock, simulated)
 
 
 _TRUTHS = msgspec.json.Decoder(Truth)

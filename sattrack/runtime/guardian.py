@@ -369,7 +369,8 @@ class Guardian:
         known_deg = angle_of(self.words[Word.FIRST_AXIS])
         if known_deg is None:
             return None if self.noted is None else self.noted.first_axis_deg
-        return known_deg if abs(known_deg) > WOUND_DEG else None
+        off_deg = known_deg - self.task.profile.first_axis_middle_deg
+        return known_deg if abs(off_deg) > WOUND_DEG else None
 
     def _note_rest(self, now_s: float) -> None:
         """Note how the cables are wound of a mount that is at rest, or nothing."""

@@ -127,8 +127,8 @@ def dated_as(profile: ProfileFile, url: str | None) -> ProfileFile:
 
 
 @contextmanager
-def open_link(address: MountAddress) -> Iterator[UdpLink]:
-    """Give a socket towards a mount.
+def open_link(address: MountAddress, profile: MountProfile | None = None) -> Iterator[UdpLink]:
+    """Give a socket towards a mount; `profile` is what it is driven by, None where that is not known.
 
     Raises SattrackError where the port is not available, LinkLostError where a gateway finds no telescope.
     """
@@ -138,7 +138,7 @@ def open_link(address: MountAddress) -> Iterator[UdpLink]:
         # HTTP's modules are many; without an Alpaca telescope they are not needed.
         from sattrack.mount.alpaca.link import open_gateway
 
-        link = open_gateway(address)
+        link = open_gateway(address, profile)
     try:
         yield link
     finally:
@@ -146,14 +146,16 @@ def open_link(address: MountAddress) -> Iterator[UdpLink]:
 
 
 @contextmanager
-def open_listener(address: MountAddress) -> Iterator[UdpLink | OverheardLink]:
+def open_listener(
+    address: MountAddress, profile: MountProfile | None = None
+) -> Iterator[UdpLink | OverheardLink]:
     """Give what to listen to a mount by: its owner's statuses, or a socket where it has no owner here.
 
     Raises as `open_link`.
     """
     overheard = look_on(address)
     if overheard is None:
-        with open_link(address) as link:
+        with open_link(address, profile) as link:
             yield link
         return
     try:
@@ -174,13 +176,13 @@ def listen(address: MountAddress, profile: MountProfile, seconds: float = LISTEN
     from sattrack.core.clock import SystemClock
 
     session, clock = Session(profile), SystemClock()
-    with open_listener(address) as link:
+    with open_listener(address, profile) as link:
         end_s = time.monotonic() + seconds
         while (left_s := end_s - time.monotonic()) > 0.0:
             select.select([link], [], [], left_s)
             for arrival in link.receive():
                 session.receive(arrival.data, clock.utc_s(arrival.monotonic_s))
-    session.health.strangers = link.strangers
+    session.health.strangers, session.health.trouble = link.strangers, link.trouble
     return session.health
 
 

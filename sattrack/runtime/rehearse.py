@@ -79,8 +79,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sattrack.control.tracker import TrackPlan
-    from sattrack.mount.model import MountProfile
-    from sattrack.planning.kinematics import Rule
+    from sattrack.mount.model import MountProfile, PierRule
     from sattrack.planning.path import AxisPath, Keyhole
     from sattrack.planning.trace import TraceArrays
     from sattrack.runtime.facts import Prepared, RunFacts
@@ -154,9 +153,9 @@ class RehearsedRun(VirtualRun):
         trace.dec_rate_deg_s.append(-truth.dec_rate_deg_s if truth.beyond_pole else truth.dec_rate_deg_s)
 
 
-def rule_of(profile: MountProfile, hardware: SimulatorProfile) -> Rule:
+def rule_of(profile: MountProfile, hardware: SimulatorProfile) -> PierRule:
     """Return the rule of the pier's sides: the profile's, or that of its simulated mount."""
-    return "hour_angle" if "hour_angle" in {profile.pier_rule, hardware.flip} else "never"
+    return hardware.flip if profile.pier_rule == "never" else profile.pier_rule
 
 
 def ideal_hardware(table: dict[str, Any]) -> SimulatorProfile:

@@ -24,7 +24,7 @@ from sattrack.core.angles import separation_deg, wrap180
 from sattrack.core.channel import LineReader, see_off
 from sattrack.core.errors import LinkLostError, SattrackError
 from sattrack.core.process import ending_with_us, self_command
-from sattrack.mount.model import MountProfile, Slew, mean_sidereal_deg
+from sattrack.mount.model import MountProfile, Slew, beyond_after_slew, mean_sidereal_deg
 from sattrack.mount.requests import Sync, TicketState
 from sattrack.mount.xerxes.link import LinkState
 from sattrack.planning.path import skyline_deg
@@ -195,11 +195,12 @@ class RunSky:
         if frame is not None:
             first, second, _, _ = frame.angles(axes[:, 0], axes[:, 1], fn=np)
             return rows[toured(np.stack([first, second], axis=1), frame.angles(*start)[:2])]
-        west = (axes[:, 0] > 0.0) & (self.profile.pier_rule == "hour_angle")
         # Past the pole the hour angle axis stands half a turn on, and the declination axis beyond 90°.
+        rule, hour_angles = self.profile.pier_rule, axes[:, 0]
+        beyond = np.array([beyond_after_slew(rule, h) for h in hour_angles.tolist()], dtype=bool)
         pole = 180.0 if self.site.latitude_deg >= 0.0 else -180.0
-        side = np.where(west[:, None], np.stack([axes[:, 0] - 180.0, pole - axes[:, 1]], axis=1), axes)
-        return rows[toured(side, start)]
+        past = np.stack([hour_angles - np.copysign(180.0, hour_angles), pole - axes[:, 1]], axis=1)
+        return rows[toured(np.where(beyond[:, None], past, axes), start)]
 
 
 class Stage(Enum):

@@ -129,7 +129,7 @@ class Safety:
         self._newest_utc_s = -math.inf
         most_ha, most_dec = FASTER * profile.ra.fastest_deg_s, FASTER * profile.dec.fastest_deg_s
         self._plausible = ((-most_ha, most_ha), (-most_dec, most_dec))
-        self._standing = AxesState(latitude_deg)
+        self._standing = AxesState(latitude_deg, profile.first_axis_middle_deg)
         self._doubt = PositionFilter(profile)
         self._ahead = Ahead(profile, limits, self._bounds)
         parts = (self._bounds, self._slews, self._watch, self._standing, self._ahead)
@@ -169,7 +169,7 @@ class Safety:
         place = self._believed(seen, seconds)
         if tripped is None and self._slews.strays(place, seen):
             tripped = "obedience"
-            self._watch.stray()
+            self._watch.stray(self._slews.takes_other_side(place, seen.sidereal_deg))
         if tripped is not None and self.tripped is None and isinstance(commanded, MoveAxes | Slew):
             self._trip(tripped)
 
@@ -198,13 +198,14 @@ class Safety:
         """Return for how long after its newest status a mount may go on so before its turns are not known.
 
         A status gives an axis' angle within a turn, and a session that begins takes the first axis to be
-        within half a turn of the meridian. A mount with a watchdog comes to rest unheard.
+        within half a turn of its middle. A mount with a watchdog comes to rest unheard.
         """
         first_deg = self._standing.hour_angle_deg
         if first_deg is None or self._profile.watchdog_s is not None:
             return math.inf
         first, second = axis_rates(moving, self._standing.beyond_pole)
-        left_deg = HALF_TURN_DEG - math.copysign(first_deg, first * first_deg)
+        off_deg = first_deg - self._profile.first_axis_middle_deg
+        left_deg = HALF_TURN_DEG - math.copysign(off_deg, first * off_deg)
         if left_deg <= 0.0:
             left_deg = HALF_TURN_DEG
         known_s = min(left_deg / max(abs(first), 1e-9), HALF_TURN_DEG / max(abs(second), 1e-9))

@@ -85,6 +85,13 @@ class Box(NamedTuple):
             self.dec_high_deg + dec_high,
         )
 
+    def holds(self, place: tuple[float, float]) -> bool:
+        """Tell whether a place of the axes lies in the box."""
+        ha_deg, dec_deg = place
+        return (
+            self.ha_low_deg <= ha_deg <= self.ha_high_deg and self.dec_low_deg <= dec_deg <= self.dec_high_deg
+        )
+
     def with_box(self, other: Box) -> Box:
         """Return the least box that holds this one and another."""
         return Box(
@@ -207,10 +214,10 @@ FOLLOWED_WITHIN_DEG = 1.5
 
 
 class AxesState:
-    """Follows one mount's axes; turns are taken to begin within half a turn of the meridian, or as told."""
+    """Follows one mount's axes; turns are taken to begin within half a turn of `middle_deg`, or as told."""
 
-    def __init__(self, latitude_deg: float) -> None:
-        self._latitude_deg = latitude_deg
+    def __init__(self, latitude_deg: float, middle_deg: float = 0.0) -> None:
+        self._latitude_deg, self._middle_deg = latitude_deg, middle_deg
         self.hour_angle_deg: float | None = None
         """The hour angle axis' angle, turns counted; None before the first status."""
         self.beyond_pole = False
@@ -250,11 +257,11 @@ class AxesState:
         self.hour_angle_deg, self.beyond_pole = place.ha_deg, beyond_pole
 
     def place(self, hour_angle_deg: float, dec_deg: float, beyond_pole: bool) -> Place:
-        """Return the axes' angles that go with a reported direction, the hour angle within half a turn.
+        """Return the axes' angles that go with a reported direction, the hour angle on the nearest turn.
 
         Beyond the pole the hour angle axis stands half a turn from the reported hour angle.
         """
-        before = self.hour_angle_deg or 0.0
+        before = self._middle_deg if self.hour_angle_deg is None else self.hour_angle_deg
         axis_deg = hour_angle_deg + (180.0 if beyond_pole else 0.0)
         if self.hour_angle_deg is None and self._is_expected(axis_deg):
             before = self._expected_deg or 0.0

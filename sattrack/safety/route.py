@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sattrack.core.angles import wrap180
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, beyond_after_slew
 from sattrack.safety.geometry import Box, Place
 
 if TYPE_CHECKING:
@@ -310,8 +310,9 @@ def _corners(
 def axes_of(hour_angle_deg: float, dec_deg: float, profile: MountProfile, latitude_deg: float) -> Place:
     """Return how the axes stand after a slew to a direction, by the profile's rule."""
     hour_angle_deg = wrap180(hour_angle_deg)
-    if profile.pier_rule == "hour_angle" and hour_angle_deg > 0.0:
-        return Place(hour_angle_deg - 180.0, math.copysign(180.0, latitude_deg) - dec_deg)
+    if beyond_after_slew(profile.pier_rule, hour_angle_deg):
+        dec_axis_deg = math.copysign(180.0, latitude_deg) - dec_deg
+        return Place(hour_angle_deg - math.copysign(180.0, hour_angle_deg), dec_axis_deg)
     return Place(hour_angle_deg, dec_deg)
 
 

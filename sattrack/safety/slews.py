@@ -53,6 +53,8 @@ class SlewGate:
         """The slew that was cleared since anything else was asked for."""
         self._legs: list[Slew] = []
         self._box: Box | None = None
+        self._start = Place(0.0, 0.0)
+        """Where the leg began."""
         self._astray = 0
         self._led_deg_s = (0.0, 0.0)
         """The rates that led along the leg last."""
@@ -269,19 +271,22 @@ class SlewGate:
             self._astray = 0
             return False
         m = STRAYED_DEG if self._profile.geometry is None else LED_STRAYED_DEG
-        grown = box.grown(m, m, m, m)
-        inside = (
-            grown.ha_low_deg <= place[0] <= grown.ha_high_deg
-            and grown.dec_low_deg <= place[1] <= grown.dec_high_deg
-        )
-        self._astray = 0 if inside else self._astray + 1
+        self._astray = 0 if box.grown(m, m, m, m).holds(place) else self._astray + 1
         return self._astray >= STRAYED_STATUSES
+
+    def takes_other_side(self, place: Place, sidereal_deg: float) -> bool:
+        """Tell whether a mount that strays goes to where its slew ends from the other side of the pier."""
+        ha_deg, dec_deg = self._leg_end(place, sidereal_deg)
+        dec_deg = math.copysign(180.0, self._latitude_deg) - dec_deg
+        ways = [Box.between(self._start, (ha_deg + turn, dec_deg)) for turn in (-180.0, 180.0)]
+        m = STRAYED_DEG
+        return self._profile.geometry is None and any(way.grown(m, m, m, m).holds(place) for way in ways)
 
     def _enter(self, place: Place, sidereal_deg: float, braking: Box) -> None:
         from sattrack.safety.route import slew_s
 
         goal = self._leg_end(place, sidereal_deg)
-        self._box, self._astray = Box.between(place, goal), 0
+        self._box, self._start, self._astray = Box.between(place, goal), place, 0
         # Axes that still brake go on the old way for a while; that is no disobedience where nothing is near.
         wider = self._box.with_box(braking)
         seconds = slew_s(place, goal, self._profile)

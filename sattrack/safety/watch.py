@@ -73,6 +73,14 @@ PERHAPS_ELSEWHERE = (
     "the axes do not move as commanded: the geometry in the profile may be another mount's; check that, the "
     "signs and the drives"
 )
+OTHER_SIDE = (
+    "the mount takes the other side of its pier than pier_rule in the profile has it: for a German mount "
+    'behind ASCOM or INDI set "ascom"'
+)
+OTHER_SIDE_KEPT = (
+    "the mount takes the other side of its pier than pier_rule in the profile has it: it may stay on its "
+    "side for some way past the meridian"
+)
 RA_AND_DEC = 3
 OLDEST_STATUS_S = STATUS_LOST_S
 """Age of the last status from which on the mount is not moved any more."""
@@ -222,10 +230,13 @@ class Watch:
             still += axis if abs(ratio) < STILL else 0
         return self._still_text(still)
 
-    def stray(self) -> None:
-        """Note that the mount has left the way of a slew that rates lead it along."""
+    def stray(self, takes_other_side: bool = False) -> None:
+        """Note that the mount has left the way of its slew, perhaps to end on the other side of the pier."""
         if self._axes is not None:
             self.cause = self._likely_cause() or ELSEWHERE
+        elif takes_other_side:
+            known = self._profile.pier_rule == "ascom"
+            self.cause = OTHER_SIDE_KEPT if known else OTHER_SIDE
 
     @property
     def keeps_first(self) -> bool:

@@ -16,8 +16,8 @@ import msgspec
 
 from sattrack.core.channel import Channel, start_process
 from sattrack.core.errors import BadInputError, LinkLostError, SattrackError
-from sattrack.mount.alpaca.device import DeviceFacts
-from sattrack.mount.model import AxisLimits, MountProfile
+from sattrack.mount.alpaca.device import GERMAN, DeviceFacts
+from sattrack.mount.model import USUAL_TRAVEL_DEG, AxisLimits, MountProfile
 from sattrack.mount.requests import FindHome, FineRate, Park, TrackingRate
 from sattrack.mount.xerxes.client import Address, UdpLink, bind
 
@@ -223,8 +223,33 @@ BYE = b"bye\n"
 _News = msgspec.json.Decoder(GatewayNews)
 
 
+def pier_doubt(profile: MountProfile, facts: DeviceFacts) -> str | None:
+    """Return what in a profile does not fit the sides of a telescope's pier, as text; None for nothing."""
+    if profile.geometry is not None:
+        return None
+    if profile.pier_rule == "hour_angle":
+        return (
+            'pier_rule in the profile is "hour_angle", and ASCOM and INDI telescopes stand beyond the pole '
+            'in the east: set "ascom"'
+        )
+    if profile.pier_rule == "never" and facts.alignment_mode == GERMAN:
+        return (
+            'this is a German telescope, and pier_rule in the profile is "never": set "ascom", or slews that '
+            "change the side of its pier are stopped"
+        )
+    if profile.pier_rule == "ascom" and profile.dec_axis_limits_deg == USUAL_TRAVEL_DEG:
+        return (
+            "dec_axis_limits_deg in the profile is -190 to 190, and beyond the pole a German telescope turns "
+            "farther: set [-270, 270]"
+        )
+    return None
+
+
 class GatewayLink(UdpLink):
-    """The socket towards a gateway, and what the gateway reports of its telescope."""
+    """The socket towards a gateway, and what the gateway reports of its telescope.
+
+    `profile` is that by which the telescope is driven, None where it is not known.
+    """
 
     def __init__(
         self,
@@ -233,9 +258,11 @@ class GatewayLink(UdpLink):
         process: subprocess.Popen[bytes],
         channel: Channel,
         facts: DeviceFacts,
+        profile: MountProfile | None = None,
     ) -> None:
         super().__init__(address, bound)
         self.facts = facts
+        self._doubt = None if profile is None else pier_doubt(profile, facts)
         self.largest_rates_deg_s = facts.fastest_deg_s(0), facts.fastest_deg_s(1)
         self._process = process
         self._channel = channel
@@ -243,9 +270,9 @@ class GatewayLink(UdpLink):
 
     @property
     def trouble(self) -> str | None:
-        """What is wrong with the telescope, as last reported by the gateway; None for nothing."""
+        """What is wrong with the telescope, as last reported by the gateway, or with its profile."""
         self._hear_news()
-        return self._trouble
+        return self._trouble or self._doubt
 
     def close(self) -> None:
         """Give the port back; the gateway ends once the telescope rests, or is in its guardian's hands."""
@@ -273,8 +300,8 @@ def check_server(address: AlpacaAddress) -> None:
             raise LinkLostError(f"{address}: nothing listens there: start the telescope's driver") from None
 
 
-def open_gateway(address: AlpacaAddress) -> GatewayLink:
-    """Start a gateway and return the socket towards it.
+def open_gateway(address: AlpacaAddress, profile: MountProfile | None = None) -> GatewayLink:
+    """Start a gateway and return the socket towards it; `profile` as in GatewayLink.
 
     Raises LinkLostError where no telescope answers, SattrackError where it cannot be driven.
     """
@@ -297,9 +324,8 @@ def open_gateway(address: AlpacaAddress) -> GatewayLink:
         process.kill()
         process.wait()
         raise
-    return GatewayLink(
-        Address("127.0.0.1", ready.port, config.peer_port), bound, process, channel, ready.facts
-    )
+    ours_at = Address("127.0.0.1", ready.port, config.peer_port)
+    return GatewayLink(ours_at, bound, process, channel, ready.facts, profile)
 
 
 def _first_word(channel: Channel, address: AlpacaAddress) -> GatewayReady:

@@ -95,8 +95,8 @@ class SimulatorProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ra_encoder_zero_deg: float = 0.0
     dec_encoder_zero_deg: float = 0.0
     """What the encoders read where the axes stand at 0: how the mount was assembled."""
-    flip: Literal["never", "hour_angle"] = "never"
-    """Whether a slew past the meridian goes beyond the pole."""
+    flip: Literal["never", "hour_angle", "ascom"] = "never"
+    """Which slews go beyond the pole: none, those that end in the west, or in the east as ASCOM has it."""
     hard_margin_deg: float = 10.0
     """How far past the profile's travel each axis stops in any case."""
     reports_home_and_park: bool = False

@@ -148,7 +148,8 @@ class SimulatedSky:
         if self.hardware.does_refraction:
             hour_angle_deg, dec_deg = refracted(hour_angle_deg, dec_deg, self.latitude_deg)
         hour_angle_deg = wrap180(hour_angle_deg)
-        if self.hardware.flip == "hour_angle" and hour_angle_deg > 0.0:
+        flip = self.hardware.flip
+        if (flip == "hour_angle" and hour_angle_deg > 0.0) or (flip == "ascom" and hour_angle_deg < 0.0):
             return axes_beyond_pole(hour_angle_deg, dec_deg, self.latitude_deg)
         return hour_angle_deg, dec_deg
 

@@ -97,6 +97,8 @@ class LinkHealth:
     foreign_acks: int = 0
     repeated: int = 0
     frozen: int = 0
+    trouble: str | None = None
+    """What a gateway says of its telescope, as far as somebody asked."""
     overtaken_s: float = 0.0
     """By how much a status has come later than one that the mount sent after it, at most."""
     state: LinkState = LinkState.SILENT

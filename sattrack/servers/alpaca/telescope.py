@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from sattrack.core.errors import UNHEARD
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Slew
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Slew, beyond_after_slew
 from sattrack.mount.requests import LARGEST_FINE_RATE_DEG_S, Abort, FindHome, Park, PulseGuide, Sync
 from sattrack.servers.alpaca.protocol import (
     ACTIONS,
@@ -160,7 +160,7 @@ class Device:
         geometry = self.profile.geometry
         if geometry is not None:
             return ALT_AZ if geometry.kind == "alt-azimuth" else POLAR
-        return GERMAN if self.profile.pier_rule == "hour_angle" else POLAR
+        return POLAR if self.profile.pier_rule == "never" else GERMAN
 
     def max_rate_deg_s(self, axis: int) -> float:
         """Return the highest rate that clients may command; 0 for an axis that does not exist.
@@ -181,7 +181,7 @@ class Device:
 
     def destination_side(self, hour_angle_deg: float) -> int:
         """Return on which side of the pier a slew to an hour angle (±180) ends: 1 is beyond the pole."""
-        return int(self.profile.pier_rule == "hour_angle" and hour_angle_deg > 0.0)
+        return int(beyond_after_slew(self.profile.pier_rule, hour_angle_deg))
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from ramp_mount import RampMount
 from sattrack.calibration.findings import ClockTruth, Findings, conclude
 from sattrack.calibration.guard import sun_hour_angle_and_dec, true_clocks
 from sattrack.calibration.motion import LagFit
-from sattrack.calibration.profile import calibrated
+from sattrack.calibration.profile import calibrated, german
 from sattrack.mount.model import AxisLimits, MountProfile
 from sattrack.mount.profiles import ProfileFile, load_profile_file, profile_text
 from tle.site import Site
@@ -93,6 +93,18 @@ def test_what_the_file_says_of_a_simulated_mount_stays(normal: Findings, tmp_pat
     file.write_text(profile_text(profile), encoding="utf-8")
     assert load_profile_file(file).simulator == {"clock_drift_ppm": 12.0}
     assert isinstance(profile, ProfileFile)
+
+
+def test_a_german_telescope_gets_its_rule_where_the_profile_knows_none() -> None:
+    """ASCOM's AlignmentMode 2 is German, 1 polar."""
+    usual = MountProfile()
+    assert german(usual, None) == german(usual, 1) == usual
+    made = german(usual, 2)
+    assert (made.pier_rule, made.dec_axis_limits_deg) == ("ascom", (-270.0, 270.0))
+    narrow = msgspec.structs.replace(usual, dec_axis_limits_deg=(-40.0, 200.0))
+    assert german(narrow, 2).dec_axis_limits_deg == (-40.0, 200.0)
+    other = msgspec.structs.replace(usual, pier_rule="hour_angle")
+    assert german(other, 2) == other
 
 
 def test_a_true_clock_is_written_as_known() -> None:

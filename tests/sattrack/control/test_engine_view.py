@@ -244,10 +244,29 @@ class TestWarnings:
     def test_a_side_of_the_pier_that_was_not_measured(
         self, measured: str, both: bool, beyond: bool, due: bool
     ) -> None:
-        record = Made(calibration=Made(both_sides=both, side_of_pier=measured), additive=True)
+        calibration = Made(both_sides=both, side_of_pier=measured)
+        record = Made(calibration=calibration, additive=True, dated_by_requests=False)
         told = warned(spec__profile=record, session__status=Status(side_of_pier=beyond))
         words = "this side of the pier is not in the mount's profile: its rates may go the other way"
         assert told == ((words,) if due else ())
+
+    @pytest.mark.parametrize(
+        ("changes", "due"),
+        [
+            ({"dated_by_requests": True}, True),
+            ({"dated_by_requests": True, "pier_rule": "ascom"}, False),
+            ({"dated_by_requests": True, "through_pole": True}, False),
+            ({}, False),
+        ],
+    )
+    def test_a_telescope_beyond_the_pole_that_by_its_profile_is_never_there(
+        self, changes: dict[str, Any], due: bool
+    ) -> None:
+        profile = MountProfile(**changes)
+        told = warned(spec__profile=profile, session__status=Status(side_of_pier=True))
+        assert [words for words in told if 'set "ascom"' in words] == list(told)
+        assert len(told) == due
+        assert warned(spec__profile=profile, session__status=Status()) == ()
 
     def test_of_observations_each_outcome_and_why(self) -> None:
         clock = Made(camera="", corrected_s=0.2, clock_s=0.2, sigma_s=0.01)

@@ -140,9 +140,10 @@ class Watched:
         monkeypatch.setattr("sattrack.runtime.guardian.time", self)
         self.begins()
 
-    def begins(self, noted: LeftMoving | None = None) -> None:
+    def begins(self, noted: LeftMoving | None = None, profile: MountProfile | None = None) -> None:
         owner = Owner(1, 1, "track", "now", MOUNT, 7625)
-        task = GuardianTask(0, 0, -1, Address("192.0.2.1", 7624, 7625), MountProfile(), 1.0, 1.0, owner)
+        profile = profile or MountProfile()
+        task = GuardianTask(0, 0, -1, Address("192.0.2.1", 7624, 7625), profile, 1.0, 1.0, owner)
         nothing: Any = None
         self.guardian = Guardian(task, nothing, self.words, nothing, None, None, noted=noted)
 
@@ -189,6 +190,17 @@ class TestTheGuardian:
         watched.words[Word.RELEASED] = Release.AT_REST
         assert watched.look(1.1, heard=True) == LeftMoving(NOW + 501.2, HOURS_11, first_axis_deg=first_deg)
         assert not watched.lost
+
+    @pytest.mark.parametrize(
+        ("first_deg", "wound"), [(185.0, False), (-5.0, False), (265.0, True), (-85.0, True)]
+    )
+    def test_a_german_mount_at_rest_past_the_meridian_has_no_cables_wound(
+        self, watched: Watched, first_deg: float, wound: bool
+    ) -> None:
+        watched.begins(profile=MountProfile(pier_rule="ascom"))
+        watched.words[Word.FIRST_AXIS] = angle_word(first_deg)
+        watched.words[Word.RELEASED] = Release.AT_REST
+        assert (watched.look(1.1, heard=True) is not None) is wound
 
     def test_another_session_keeps_it_until_it_knows_where_the_axis_is(self, watched: Watched) -> None:
         left = LeftMoving(NOW, HOURS_11, first_axis_deg=205.0)

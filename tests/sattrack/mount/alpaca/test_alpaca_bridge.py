@@ -6,7 +6,7 @@ import asyncio
 import math
 import struct
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from skyfield.api import load
@@ -16,8 +16,8 @@ from sattrack.mount.alpaca.bridge import DEADMAN_S, STOP_AGAIN_S, Bridge, Equino
 from sattrack.mount.alpaca.client import AlpacaRefusalError
 from sattrack.mount.alpaca.device import DeviceFacts, DeviceState, RateSpan, SkyPlace, nearest_rate, spans_of
 from sattrack.mount.alpaca.gateway_process import AlpacaClient
-from sattrack.mount.alpaca.link import parse_alpaca
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
+from sattrack.mount.alpaca.link import parse_alpaca, pier_doubt
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile, mean_sidereal_deg
 
 if TYPE_CHECKING:
     from sattrack.mount.alpaca.bridge import Order
@@ -443,3 +443,22 @@ def test_a_german_telescope_is_asked_for_its_side_with_each_place(
     turns = asyncio.run(asked())
     assert sum("sideofpier" in turn for turn in turns) == (10 if each_time else 1)
     assert sum("slewing" in turn for turn in turns) == 5
+
+
+@pytest.mark.parametrize(
+    ("profile", "alignment", "says"),
+    [
+        ({}, 2, 'set "ascom", or slews that change the side'),
+        ({}, 1, None),
+        ({}, None, None),
+        ({"pier_rule": "hour_angle"}, None, "in the east"),
+        ({"pier_rule": "ascom"}, 2, "[-270, 270]"),
+        ({"pier_rule": "ascom", "dec_axis_limits_deg": (-100.0, 230.0)}, 2, None),
+    ],
+)
+def test_a_profile_that_does_not_fit_the_sides_of_the_pier_is_doubted(
+    profile: dict[str, Any], alignment: int | None, says: str | None
+) -> None:
+    doubt = pier_doubt(MountProfile(**profile), DeviceFacts(alignment_mode=alignment))
+    assert (doubt is None) is (says is None)
+    assert says is None or (doubt is not None and says in doubt)

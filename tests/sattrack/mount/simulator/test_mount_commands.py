@@ -364,9 +364,19 @@ class TestHome:
 
 
 class TestBeyondThePole:
-    @pytest.mark.parametrize(("east_deg", "beyond"), [(10.0, False), (-60.0, True)])
-    def test_a_mount_that_flips_does_so_past_the_meridian(self, east_deg: float, beyond: bool) -> None:
-        bench = Bench(flip="hour_angle")
+    @pytest.mark.parametrize(
+        ("flip", "east_deg", "beyond"),
+        [
+            ("hour_angle", 10.0, False),
+            ("hour_angle", -60.0, True),
+            ("ascom", 10.0, True),
+            ("ascom", -60.0, False),
+        ],
+    )
+    def test_a_mount_that_flips_does_so_past_the_meridian(
+        self, flip: str, east_deg: float, beyond: bool
+    ) -> None:
+        bench = Bench(flip=flip)
         target = bench.target(east_deg, 30.0)
         bench.obeys(slew=True, **target)
         bench.run(40.0)

@@ -628,7 +628,15 @@ def test_a_mount_without_a_park_or_home_position_says_so() -> None:
 
 @pytest.mark.parametrize(
     ("rule", "hour_angle_h", "side"),
-    [("never", 2.0, 0), ("never", -2.0, 0), ("hour_angle", 2.0, 1), ("hour_angle", -2.0, 0)],
+    [
+        ("never", 2.0, 0),
+        ("never", -2.0, 0),
+        ("hour_angle", 2.0, 1),
+        ("hour_angle", -2.0, 0),
+        # pierEast, 0, looks west, and pierWest, 1, east.
+        ("ascom", 2.0, 0),
+        ("ascom", -2.0, 1),
+    ],
 )
 def test_the_side_of_the_pier_at_a_destination_is_by_the_profiles_rule(
     rule: str, hour_angle_h: float, side: int
@@ -636,7 +644,7 @@ def test_the_side_of_the_pier_at_a_destination_is_by_the_profiles_rule(
     scope = VirtualTelescope(profile=replace(PROFILE, pier_rule=rule))
     ra_h = (scope.get("siderealtime") - hour_angle_h) % 24.0
     assert scope.get("destinationsideofpier", RightAscension=ra_h, Declination=20.0) == side
-    assert scope.get("alignmentmode") == (2 if rule == "hour_angle" else 1)
+    assert scope.get("alignmentmode") == (1 if rule == "never" else 2)
     for ra, dec in ((-1.0, 0.0), (25.0, 0.0), (1.0, 91.0), (1.0, -91.0)):
         assert scope.get_fault("destinationsideofpier", RightAscension=ra, Declination=dec) is INVALID
 
