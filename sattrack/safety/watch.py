@@ -97,8 +97,10 @@ class Watch:
         self._longitude_deg = longitude_deg
         self._tolerance_s = tolerance_s
         self._before: Seen | None = None
+        self._ticked: Seen | None = None
+        """The first status with the newest time of the mount's clock."""
         self._then: Motion = Hold()
-        """What was in force when the last status came."""
+        """What was in force when that came."""
         self._steps: deque[float] = deque(maxlen=STEPS)
         """Seconds between the last statuses, by the mount's clock."""
         self._disobeyed_s = 0.0
@@ -147,12 +149,18 @@ class Watch:
 
     def see(self, seen: Seen, commanded: Motion) -> str | None:
         """Take a status; `commanded` is what is in force as it comes."""
-        before, self._before = self._before, seen
-        then, self._then = self._then, commanded
+        self._before = seen
         tripped = self._see_clock(seen)
+        before, seconds = self._ticked, 0.0
+        if before is not None:
+            seconds = math.remainder(seen.sidereal_deg - before.sidereal_deg, 360.0) / SIDEREAL_RATE_DEG_S
+            if seconds == 0.0:
+                # The clocks of some mounts go in steps of up to a second.
+                return tripped
+        self._ticked = seen
+        then, self._then = self._then, commanded
         if before is None:
             return tripped
-        seconds = math.remainder(seen.sidereal_deg - before.sidereal_deg, 360.0) / SIDEREAL_RATE_DEG_S
         self._steps.append(seconds)
         if not 0.0 < seconds < self.longest_step_s:
             self._forget()

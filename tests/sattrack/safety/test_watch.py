@@ -162,12 +162,15 @@ def statuses(count: int, **known: float) -> list[Seen]:
     return [Seen(None, times_deg[k], 359.99 + 0.005 * k, 20.0 - 0.01 * k, **known) for k in range(count)]
 
 
-def disobeyed_s(steps_s: Iterable[float], fault_s: float = 1.0, moved: float = -3.0) -> float | None:
+def disobeyed_s(
+    steps_s: Iterable[float], fault_s: float = 1.0, moved: float = -3.0, clock_steps_s: float = 0.0
+) -> float | None:
     """Return when an axis that is to go at 0.2 °/s and goes at another rate is found out, seconds."""
     watching, at_s, ra_deg = watch(fault_s), 0.0, 100.0
     for step_s in steps_s:
         at_s, ra_deg = at_s + step_s, ra_deg + moved * step_s
-        seen = Seen(None, at_s * SIDEREAL_RATE_DEG_S, ra_deg % 360.0, 20.0)
+        clock_s = clock_steps_s * math.floor(at_s / clock_steps_s + 1e-9) if clock_steps_s else at_s
+        seen = Seen(None, clock_s * SIDEREAL_RATE_DEG_S, ra_deg % 360.0, 20.0)
         if watching.see(seen, MoveAxes(0.2, 0.0)) is not None:
             return at_s
     return None
@@ -180,6 +183,15 @@ def test_a_mount_that_runs_away_is_found_out_however_seldom_its_statuses_come(st
     assert tripped_s is not None
     assert tripped_s <= 6.0 * step_s + max(2.0 + step_s, 3.0 * step_s)
     assert disobeyed_s([step_s] * 60, moved=0.2) is None
+
+
+@pytest.mark.parametrize("clock_steps_s", [0.1, 0.3, 1.0])
+def test_a_mount_whose_clock_goes_in_steps_is_found_out_as_well(clock_steps_s: float) -> None:
+    steps_s = [PERIOD_S] * 400
+    tripped_s = disobeyed_s(steps_s, clock_steps_s=clock_steps_s)
+    assert tripped_s is not None
+    assert tripped_s <= 7.0 * clock_steps_s + max(2.0 + clock_steps_s, 3.0 * clock_steps_s)
+    assert disobeyed_s(steps_s, moved=0.2, clock_steps_s=clock_steps_s) is None
 
 
 def test_a_slow_mount_that_leaves_out_a_status_or_sends_one_sooner_is_found_out_as_well() -> None:
