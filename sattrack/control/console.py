@@ -228,7 +228,7 @@ class Console(Driver):
         ticket = self.session.submit(cleared)
         self._meant = self.session.wanted
         if isinstance(request, MoveAxis) and meant is not None:
-            self._meant = _joined(meant, request)
+            self._meant = request.after(meant)
         self._count += 1
         self.asked.append(RequestEntry(self._count, ticket, now_utc_s))
         return ticket
@@ -399,7 +399,7 @@ class Console(Driver):
 
     def _both_axes(self, request: MoveAxis) -> MoveAxis:
         """Return rates of both axes: one that is left out goes on, or stands."""
-        both = _joined(self._move_meant or MoveAxes(SIDEREAL_RATE_DEG_S, 0.0), request)
+        both = request.after(self._move_meant or MoveAxes(SIDEREAL_RATE_DEG_S, 0.0))
         return MoveAxis(both.ra_rate_deg_s, both.dec_rate_deg_s)
 
     @property
@@ -580,9 +580,3 @@ class Console(Driver):
     def clock_offset_s(self) -> float | None:
         """The mount's sidereal clock ahead of local mean sidereal time by UTC, by its fastest datagrams."""
         return max(self._offsets) if self._offsets else None
-
-
-def _joined(before: MoveAxes, request: MoveAxis) -> MoveAxes:
-    """Return a request's rates with those before it on the axis that it leaves alone."""
-    ra, dec = request.ra_rate_deg_s, request.dec_rate_deg_s
-    return MoveAxes(before.ra_rate_deg_s if ra is None else ra, before.dec_rate_deg_s if dec is None else dec)

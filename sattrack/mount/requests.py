@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.mount.model import Slew
+from sattrack.mount.model import MoveAxes, Slew
 
 if TYPE_CHECKING:
     from sattrack.mount.model import MountProfile, Stance
@@ -65,6 +65,13 @@ class MoveAxis(msgspec.Struct, frozen=True):
 
     ra_rate_deg_s: float | None = None
     dec_rate_deg_s: float | None = None
+
+    def after(self, before: MoveAxes) -> MoveAxes:
+        """Return its rates, with those before it on an axis that it leaves alone."""
+        ra, dec = self.ra_rate_deg_s, self.dec_rate_deg_s
+        return MoveAxes(
+            before.ra_rate_deg_s if ra is None else ra, before.dec_rate_deg_s if dec is None else dec
+        )
 
 
 class EndMove(msgspec.Struct, frozen=True):

@@ -444,9 +444,7 @@ class Session:
             before, axes = self._wanted, self._move_axes
         ra, dec = request.ra_rate_deg_s, request.dec_rate_deg_s
         self._move_axes = (axes[0] or ra is not None, axes[1] or dec is not None)
-        return MoveAxes(
-            before.ra_rate_deg_s if ra is None else ra, before.dec_rate_deg_s if dec is None else dec
-        )
+        return request.after(before)
 
     def _supersede(self, reason: str) -> None:
         if self._motion_ticket is not None and not self._motion_ticket.ticket.settled:

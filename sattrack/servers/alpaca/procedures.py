@@ -56,7 +56,7 @@ def procedure_of(order: Order, profile: MountProfile, fine: FineRate) -> Procedu
         case Slew() | Sync() | Park() | FindHome():
             return procedure_for(order, profile)
         case PulseGuide():
-            return Guide(order)
+            return GuidePulses(order)
         case TrackOrder() if profile.geometry is not None:
             return KeepOnSky() if order.on else Once(Abort(), "ending tracking")
         case FineOrder():
@@ -148,7 +148,7 @@ class Drive:
         return None
 
 
-class Guide:
+class GuidePulses:
     """Guide pulses of either axis, one after the other: the mount's own end with a new one."""
 
     doing = GUIDING

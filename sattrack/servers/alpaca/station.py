@@ -23,7 +23,7 @@ from sattrack.mount.requests import (
     PulseGuide,
 )
 from sattrack.mount.xerxes.link import LinkState
-from sattrack.servers.alpaca.procedures import AfterStop, Drive, Guide, procedure_of, refuse
+from sattrack.servers.alpaca.procedures import AfterStop, Drive, GuidePulses, procedure_of, refuse
 from sattrack.servers.alpaca.protocol import (
     BiasOrder,
     Fault,
@@ -293,7 +293,7 @@ class TelescopeStation:
         if isinstance(order, BiasOrder):
             offset(self.engine, order, now_utc_s)
             return False
-        if isinstance(order, PulseGuide) and isinstance(self.console.procedure, Guide):
+        if isinstance(order, PulseGuide) and isinstance(self.console.procedure, GuidePulses):
             self.console.procedure.hold(order)
             return False
         self._check(order)
