@@ -120,6 +120,18 @@ class Tube:
         hour_angle, dec = erfa.ae2hd(azimuth, altitude, math.radians(self._latitude_deg))
         return math.degrees(hour_angle), math.degrees(dec)
 
+    def status(self, status: bytes, clock_h: float = 0.0) -> bytes:
+        """Return the drives' status with what the mount reports, by a sidereal clock that is so far ahead."""
+        dec, ra_h, sidereal_h = STATUS_PLACE.unpack_from(status)
+        hour_angle, dec = self.told(15.0 * (sidereal_h - ra_h), dec)
+        # What reports the sky knows it; the others make right ascensions of hour angles by their clocks.
+        by_clock_h = 0.0 if self._axes.geometry.reports == "sky" else clock_h
+        ra_h = (sidereal_h + by_clock_h - hour_angle / 15.0) % 24.0
+        packed = bytearray(status)
+        for offset, value in ((24, dec), (40, ra_h), (56, (sidereal_h + clock_h) % 24.0)):
+            struct.pack_into("<d", packed, offset, value)
+        return bytes(packed)
+
     def told(self, first_deg: float, second_deg: float) -> tuple[float, float]:
         """Return the hour angle, by a clock that is right, and the declination that the mount reports."""
         axes = self._axes
@@ -207,20 +219,10 @@ class SkyStranger(family.Stranger):
 
     def __init__(self, axes: AxesDraw) -> None:
         super().__init__(axes.drawn)
-        self._tube, self._sky = Tube(axes), axes.geometry.reports == "sky"
-        self._clock_h = axes.clock_s / 3600.0
+        self._tube, self._clock_h = Tube(axes), axes.clock_s / 3600.0
 
     def turn(self) -> bytes:
-        status = super().turn()
-        dec, ra_h, sidereal_h = STATUS_PLACE.unpack_from(status)
-        hour_angle, dec = self._tube.told(15.0 * (sidereal_h - ra_h), dec)
-        # What reports the sky knows it; the others make right ascensions of hour angles by their clocks.
-        by_clock_h = 0.0 if self._sky else self._clock_h
-        ra_h = (sidereal_h + by_clock_h - hour_angle / 15.0) % 24.0
-        packed = bytearray(status)
-        for offset, value in ((24, dec), (40, ra_h), (56, (sidereal_h + self._clock_h) % 24.0)):
-            struct.pack_into("<d", packed, offset, value)
-        return bytes(packed)
+        return self._tube.status(super().turn(), self._clock_h)
 
 
 class AxesRun(family.Run):

@@ -226,6 +226,7 @@ def drawn_start(dice: random.Random, facts: RunFacts) -> StartPosition | None:
 
 
 SUN_KNOWN_DEG = 0.01
+Vector = tuple[float, float, float]
 
 
 class Judge:
@@ -240,7 +241,7 @@ class Judge:
     def clearances(self, ha: float, dec: float, utc_s: float) -> dict[str, float]:
         profile, limits = self._facts.profile, self._facts.limits
         low, high = profile.dec_axis_limits_deg
-        here = vector(ha, dec)
+        here = self.points(ha, dec)
         altitude = 90.0 - angle_deg(here, self._zenith)
         found = {
             "hour_angle": profile.hour_angle_limit_deg - abs(ha),
@@ -252,10 +253,18 @@ class Judge:
         if limits.sun_deg:
             sun = vector(*self._sun_place(utc_s))
             if 90.0 - angle_deg(sun, self._zenith) > -3.0:
-                found["sun"] = angle_deg(here, sun) - limits.sun_deg + SUN_KNOWN_DEG
+                found["sun"] = angle_deg(self.looks(ha, dec), sun) - limits.sun_deg + SUN_KNOWN_DEG
         for zone in profile.pier_zones:
             found["pier"] = min(found.get("pier", math.inf), zone_distance_deg(zone, ha, dec))
         return found
+
+    def points(self, ha: float, dec: float) -> Vector:
+        """Return where axes point at two angles: meridian, west, pole."""
+        return vector(ha, dec)
+
+    def looks(self, ha: float, dec: float) -> Vector:
+        """Return where the telescope looks then, which is beside that by what a pointing model has."""
+        return self.points(ha, dec)
 
     def sun_altitude_deg(self, utc_s: float) -> float:
         return 90.0 - angle_deg(vector(*self._sun_place(utc_s)), self._zenith)
@@ -277,7 +286,7 @@ class Judge:
         ra_deg, dec_deg = self._sun[1]
         return sidereal - ra_deg, dec_deg
 
-    def _azimuth_deg(self, here: tuple[float, float, float]) -> float:
+    def _azimuth_deg(self, here: Vector) -> float:
         """From north through east; the vector's axes are meridian, west, pole."""
         p = math.radians(self._facts.site.latitude_deg)
         north = -math.sin(p) * here[0] + math.cos(p) * here[2]
@@ -313,12 +322,12 @@ def zone_distance_deg(zone: PierZone, ha: float, dec: float) -> float:
     return best
 
 
-def vector(ha_deg: float, dec_deg: float) -> tuple[float, float, float]:
+def vector(ha_deg: float, dec_deg: float) -> Vector:
     h, d = math.radians(ha_deg), math.radians(dec_deg)
     return math.cos(d) * math.cos(h), math.cos(d) * math.sin(h), math.sin(d)
 
 
-def angle_deg(one: tuple[float, float, float], other: tuple[float, float, float]) -> float:
+def angle_deg(one: Vector, other: Vector) -> float:
     (a, b, c), (d, e, f) = one, other
     return math.degrees(math.acos(max(-1.0, min(1.0, a * d + b * e + c * f))))
 

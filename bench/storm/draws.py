@@ -17,6 +17,7 @@ from random_passes import airless_facts, drawn_orbit, hour_angle_deg
 from safety_draws import Judge, drawn_limits
 
 from sattrack.mount.model import AxisLimits, MountProfile, PierZone
+from storm import others
 from tle.instants import Utc
 from tle.propagator import Propagator
 
@@ -94,7 +95,7 @@ class Person:
 
 LINK_KINDS = ("deaf", "silent", "cut", "queue", "burst")
 """Commands lost, statuses lost, both; both held back and delivered at the end; nine of ten lost."""
-MOUNT_KINDS = ("freeze", "restart", "drive", "clock")
+MOUNT_KINDS = ("freeze", "restart", "drive", "clock", "sync")
 HOST_KINDS = ("stall", "halt", "step", "sleep", "kill", "disk", "guardian")
 """The process stands still, the machine, its UTC is set, it sleeps; the process ends; the disk is full; the
 guardian ends."""
@@ -122,6 +123,12 @@ class Storm:
     fault_free: bool = field(default=False)
     late_most_s: float = LATE_MOST_S
     """By how much a datagram that is held back comes late at most."""
+    other: others.Other | None = None
+    """What sets its mount apart from those of the first seeds."""
+
+    def judge(self) -> Judge:
+        """Return who tells how far inside of the limits its axes are."""
+        return Judge(self.facts) if self.other is None else others.OtherJudge(self.facts, self.other)
 
     @property
     def begin_s(self) -> float:
@@ -166,19 +173,34 @@ class Storm:
 def draw(seed: int) -> Storm:
     """Return the storm of a seed."""
     dice = random.Random(f"storm {seed}")
-    hardware = drawn_hardware(dice, KINDS[seed % len(KINDS)])
+    kind, what, strange = KINDS[seed % len(KINDS)], None, random.Random(f"other {seed}")
+    if seed >= others.OTHERS_FROM_SEED:
+        what, kind = others.drawn_what(strange, kind)
+    hardware = drawn_hardware(dice, kind)
+    if what is not None:
+        hardware = others.changed_hardware(hardware, what)
+    lies = drawn_lies(strange) if what is not None and kind != "own" else {}
     watchdog = hardware.kind == "own" and dice.random() < 0.3
     faults = drawn_faults(dice, hardware.kind)
+    if what == "synced":
+        faults = tuple(sorted((*faults, *drawn_syncs(strange)), key=lambda one: one.at_s))
     end_s = max([QUIET_S + STORM_S, *(fault.end_s for fault in faults if fault.lasts_s < 60.0)]) + AFTER_S
     while True:
         facts = drawn_facts(dice, hardware, end_s, watchdog)
         if facts is not None and seed >= LED_FROM_SEED:
             facts = led_at_the_floor(dice, facts)
-        stands = drawn_start(dice, facts) if facts is not None else None
+        other: others.Other | None = None
+        stands = None
+        if facts is not None and what is not None:
+            clock_s = float(lies.get("clock_error_s", 0.0))
+            facts, other = others.changed(strange, what, facts, hardware, clock_s) or (None, None)
+        if facts is not None:
+            stands = drawn_start(dice, facts, other)
         if facts is not None and stands is not None:
             break
     # The order of the draws is part of what a seed means: seeds are kept in tests/storm/regressions.txt.
-    lies = drawn_lies(dice) if hardware.kind != "own" else {}
+    if what is None and hardware.kind != "own":
+        lies = drawn_lies(dice)
     late_abort = msgspec.structs.replace(facts.profile, abort_delay_s=lies.get("abort_delay_s", 0.0))
     facts = msgspec.structs.replace(facts, profile=late_abort)
     commands = drawn_way(dice, hardware.command_delay_s, 0.0)
@@ -199,6 +221,7 @@ def draw(seed: int) -> Storm:
         people=tuple(one for one in people if one.channel == "stop" or program == "track"),
         watchdog=watchdog,
         program=program,
+        other=other,
     )
 
 
@@ -306,8 +329,12 @@ def led_at_the_floor(dice: random.Random, facts: RunFacts) -> RunFacts:
     return msgspec.structs.replace(facts, limits=limits)
 
 
-def drawn_start(dice: random.Random, facts: RunFacts) -> tuple[float, float] | None:
+def drawn_start(
+    dice: random.Random, facts: RunFacts, other: others.Other | None = None
+) -> tuple[float, float] | None:
     """Return where the axes stand at first, clear of all limits, near the target; None where nowhere is."""
+    if other is not None:
+        return _other_start(dice, facts, other)
     judge, propagator = Judge(facts), Propagator(facts.target, facts.site.place())
     seen = propagator.at(Utc(facts.plan.start_utc_s))
     target_ha = hour_angle_deg(propagator, facts.plan.start_utc_s)
@@ -320,6 +347,33 @@ def drawn_start(dice: random.Random, facts: RunFacts) -> tuple[float, float] | N
         if min(value for one in clear for value in one.values()) > CLEAR_DEG:
             return ha, dec
     return None
+
+
+def _other_start(dice: random.Random, facts: RunFacts, other: others.Other) -> tuple[float, float] | None:
+    judge = others.OtherJudge(facts, other)
+    for _ in range(30):
+        angles = others.drawn_near(dice, facts, other)
+        steep_deg = abs(math.remainder(angles[1], 180.0))
+        if steep_deg > 80.0:
+            continue
+        clear = [judge.clearances(*angles, facts.started_utc_s + s) for s in (0.0, 60.0)]
+        if min(value for one in clear for value in one.values()) > CLEAR_DEG:
+            return angles
+    return None
+
+
+def drawn_syncs(dice: random.Random) -> list[Fault]:
+    """Return when somebody else tells the mount that it is elsewhere, and by how much."""
+    least, most = (math.log(size) for size in others.SYNCED_DEG)
+    return [
+        Fault(
+            dice.uniform(2.0, QUIET_S + STORM_S),
+            "sync",
+            0.0,
+            dice.choice((-1.0, 1.0)) * math.exp(dice.uniform(least, most)),
+        )
+        for _ in range(dice.choice((1, 1, 2)))
+    ]
 
 
 def drawn_way(dice: random.Random, delay_s: float, corrupt: float) -> Way:

@@ -28,8 +28,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from safety_draws import Judge
-
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.link_loss import STOPS_MOVING_S
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
@@ -38,6 +36,7 @@ from sattrack.recording.format import Recording
 from sattrack.recording.replay import Choice, replay
 from sattrack.runtime.facts import engine_of
 from sattrack.runtime.guardian import Word
+from storm.mounts import USUAL_PERIOD_S
 from storm.programs import WORLDS
 from storm.world import Judging, World
 
@@ -49,6 +48,8 @@ if TYPE_CHECKING:
 
 RESPONSE_S = 0.25
 """Turns of the mount's loop and ours, between a status and what obeys it."""
+RESPONSE_PERIODS = 4.0
+"""Turns in that."""
 TURNS_S = 0.1
 """One of the mount's loop and one of ours."""
 RECOVERS_S = 3.0
@@ -130,7 +131,7 @@ class Watcher(Judging):
         self.path: list[Axes] = []
         self._nearest: list[float] = []
         """How near the axes were to the nearest limit at each of these, degrees."""
-        self._clear = Judge(storm.facts)
+        self._clear = storm.judge()
         self._knowledge_s = self._waiting_s = storm.begin_s
         """Of when the status is behind the newest datagram that the mount has obeyed; and behind the newest
         that has come, which it obeys at its next turn."""
@@ -159,12 +160,18 @@ class Watcher(Judging):
         self._settled = False
         self._weighed_s = WEIGHED_FROM_S
         facts = storm.facts
+        longer_s = max(0.0, facts.profile.period_s - USUAL_PERIOD_S)
         self._reach_s = (
             facts.limits.longest_fault_s
             + facts.profile.command_delay_s
             + facts.profile.status_delay_s
             + RESPONSE_S
+            + RESPONSE_PERIODS * longer_s
         )
+        self._silent_s = facts.limits.longest_fault_s + TURNS_S + 2.0 * longer_s
+        self._knows_s = KNOWS_S + 2.0 * longer_s
+        self._synced_deg = 0.0
+        """By how much in all the mount's reports may be off, as somebody has synced it."""
 
     def violated(self, name: str, world: World, text: str) -> None:
         if not any(one.invariant == name for one in self.verdict.violations):
@@ -182,7 +189,7 @@ class Watcher(Judging):
         self.path.append(axes)
         # Whoever has let go of a mount has seen it at rest: it is not out of reach but stopped. Nobody has
         # where all that could stop it was killed.
-        silent = world.now_s - self._obeyed_s > self.storm.facts.limits.longest_fault_s + TURNS_S
+        silent = world.now_s - self._obeyed_s > self._silent_s
         if (world.somebody_sends or world.abandoned) and (
             silent or world.now_s - self._knowledge_s > self._reach_s
         ):
@@ -204,7 +211,7 @@ class Watcher(Judging):
         unreached = axes.utc_s - self._unreached_s < RECOVERS_S
         excused = self._drives_fail or left_tracking or runs_on or unreached
         for name, clearance in found.items():
-            if clearance >= 0.0:
+            if clearance >= -self._synced_deg:
                 self._out.pop(name, None)
             elif excused:
                 self._out[name] = min(clearance, self._out.get(name, 0.0))
@@ -322,7 +329,7 @@ class Watcher(Judging):
             self.violated("stop", world, "the guardian moves the mount")
         before = self._last.get(sent.who, b"")
         age_s = sent.utc_s - sent.heard_utc_s
-        if moves(sent.data) and age_s > KNOWS_S and self._changes(before, sent.data):
+        if moves(sent.data) and age_s > self._knows_s and self._changes(before, sent.data):
             self.violated("stale", world, f"a motion on a status heard {age_s:.2f} s before")
         self._last[sent.who] = sent.data
         if moves(sent.data):
@@ -382,6 +389,9 @@ class Watcher(Judging):
             self._stop_due_s = utc_s
 
     # the end
+
+    def synced(self, deg: float) -> None:
+        self._synced_deg += deg
 
     def ended(self, world: World, ended: Ended) -> None:
         verdict = self.verdict
@@ -480,8 +490,9 @@ def comparable(storm: Storm, ended: Ended) -> bool:
     if ended.summary is None or ended.summary.ended_by != "set" or ended.summary.on_target_s == 0.0:
         return False
     # A pause takes as long as it takes to see the mount at rest, which faults prolong.
-    if any(fault.kind in {"clock", "step", "drive"} for fault in storm.faults):
+    if any(fault.kind in {"clock", "step", "drive", "sync"} for fault in storm.faults):
         # Whoever's clock was set, what is followed by it is somewhere else: nothing tells which was right.
+        # So is a mount that was synced.
         # Drives without power let a mount coast; what was as fast as its satellite stays near it for long.
         return False
     return all(one.channel == "starter" and "pause" not in one.line for one in storm.people)
@@ -496,7 +507,8 @@ def judge_recovery(world: World, watcher: Watcher, fair: Watcher, fair_ended: En
     calm_s = max(storm.begin_s + storm.storm_ends_s, storm.facts.plan.start_utc_s + RECOVERED_S)
     begin_s = calm_s + RECOVERED_S
     end_s = storm.facts.plan.end_utc_s - 0.5
-    if fair.nearest_deg(begin_s - RECOVERED_S, end_s) < AT_LIMIT_DEG:
+    near_deg = AT_LIMIT_DEG + (0.0 if storm.other is None else storm.other.beside_deg)
+    if fair.nearest_deg(begin_s - RECOVERED_S, end_s) < near_deg:
         # What keeps a run at a limit lets it go sooner or later by where it came from.
         return
     other = [axes for axes in fair.path if begin_s - 1.0 < axes.utc_s < end_s + 1.0]

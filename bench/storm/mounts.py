@@ -6,6 +6,7 @@ import importlib
 import random
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from axes_anywhere import Tube
 from family import parameters_of, servo_of
 from feeder_harness import Timer as WindowsTimer
 
@@ -13,11 +14,14 @@ from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.mount.simulator.installation import DRIVES
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.mount.simulator.profile import SimulatorProfile
+from storm.others import drives_deg
 
 if TYPE_CHECKING:
+    from axes_anywhere import AxesDraw
+
     from storm.draws import Storm
 
-PERIOD_S = 0.05
+USUAL_PERIOD_S = 0.05
 FREE_DEG = 300.0
 """The mounts' own limits: wider than any that is commanded, so that a violation shows."""
 
@@ -56,7 +60,8 @@ class Stranger:
             "dec_deg": stands[1],
             "seed": seed,
         }
-        self.mount: Any = self._module.Mount(self._module.Parameters(**(drawn | storm.parameters)))
+        drawn |= {"tracking": hard.tracking} | storm.parameters
+        self.mount: Any = self._module.Mount(self._module.Parameters(**drawn))
 
     @property
     def next_turn_s(self) -> float:
@@ -100,6 +105,31 @@ class Stranger:
         object.__setattr__(parameters, "clock_error_s", parameters.clock_error_s + seconds)
 
 
+class Turned(Stranger):
+    """One whose axes point anywhere, and whose drives count from anywhere."""
+
+    def __init__(self, storm: Storm, axes: AxesDraw) -> None:
+        self._axes, self._tube = axes, Tube(axes)
+        super().__init__(storm)
+
+    def _switch_on(self, utc_s: float, stands: tuple[float, float], seed: int) -> None:
+        super()._switch_on(utc_s, drives_deg(self._axes, stands), seed)
+
+    def turn(self) -> bytes:
+        return self._tube.status(super().turn())
+
+    def truth(self) -> Axes:
+        one, (first, second) = super().truth(), self._axes.senses
+        zeros = self._axes.zeros_deg
+        return Axes(
+            one.utc_s,
+            first * (one.hour_angle_deg - zeros[0]),
+            second * (one.dec_axis_deg - zeros[1]),
+            first * one.hour_angle_rate_deg_s,
+            second * one.dec_rate_deg_s,
+        )
+
+
 class Own:
     """The package's simulated mount."""
 
@@ -113,19 +143,28 @@ class Own:
             servo=servo_of(hard),
             seed=storm.seed,
             hard_margin_deg=30.0,
+            flip=storm.facts.profile.pier_rule,
         )
-        axis = replace(storm.facts.profile.ra, max_acceleration_deg_s2=hard.acceleration_deg_s2)
+        told = storm.facts.profile
+        ra, dec = (
+            replace(axis, max_acceleration_deg_s2=hard.acceleration_deg_s2)
+            # An axis that is slower than the other accelerates as much less as its profile says.
+            if axis.max_acceleration_deg_s2 == hard.told_acceleration_deg_s2
+            else replace(axis, max_acceleration_deg_s2=1.25 * axis.max_acceleration_deg_s2)
+            for axis in (told.ra, told.dec)
+        )
         profile = replace(
-            storm.facts.profile,
-            ra=axis,
-            dec=axis,
+            told,
+            ra=ra,
+            dec=dec,
             hour_angle_limit_deg=FREE_DEG,
             dec_axis_limits_deg=(-FREE_DEG, FREE_DEG),
         )
         place = SimulatedSite(site.latitude_deg, site.longitude_deg, 0.0)
         self.mount = SimulatedMount(profile, place, StartPosition(*storm.stands), settings)
         self._timer = WindowsTimer(storm.begin_s, random.Random(storm.seed))
-        self._even = hard.timer == "even"
+        self._period_s = storm.facts.profile.period_s
+        self._even = hard.timer == "even" or self._period_s != USUAL_PERIOD_S
         self.next_turn_s = storm.begin_s
         self._truth: Any = None
 
@@ -142,7 +181,7 @@ class Own:
 
     def _schedule(self) -> None:
         after_s = self.next_turn_s
-        following_s = after_s + PERIOD_S
+        following_s = after_s + self._period_s
         while not self._even:
             following_s = self._timer.following()
             if following_s > after_s:
@@ -172,4 +211,7 @@ Mount = Stranger | Own
 
 
 def mount_of(storm: Storm) -> Mount:
+    axes = None if storm.other is None else storm.other.axes
+    if axes is not None:
+        return Turned(storm, axes)
     return Own(storm) if storm.hardware.kind == "own" else Stranger(storm)

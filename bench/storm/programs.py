@@ -20,7 +20,7 @@ from sattrack.control.manual_operation import ConsoleSession
 from sattrack.core.angles import wrap180
 from sattrack.core.clock import SystemClock
 from sattrack.mount.model import Slew, mean_sidereal_deg
-from sattrack.mount.requests import SETTLED, Abort
+from sattrack.mount.requests import SETTLED, Abort, Sync
 from sattrack.runtime.connection import Connection
 from sattrack.runtime.console import ConsoleLoop
 from sattrack.runtime.facts import encode_facts
@@ -229,7 +229,9 @@ class TelescopeWorld(ServedWorld):
         """Have a client of Alpaca want something."""
         dice = self._dice_of_clients
         chance = dice.random()
-        if chance < 0.25:
+        if self.is_synced and chance > 0.95:
+            self._came.append(sync_near(self, dice))
+        elif chance < 0.25:
             self._came.append(slew_near(self, dice))
         elif chance < 0.5:
             axis, rate = dice.randrange(2), dice.choice((-1.0, 1.0)) * dice.choice((0.1, 1.0, 3.0))
@@ -336,13 +338,13 @@ class AntennaWorld(ServedWorld):
 
     def _say(self, _: Any) -> None:
         """Have the Field System, or who took its place, send something."""
-        dice, truth = self._dice_of_clients, self.mount.truth()
+        dice, (ha, dec) = self._dice_of_clients, self.looks()
         chance = dice.random()
         if chance < 0.25:
             self._ask_for_satellite(dice.random() < 0.3)
         elif chance < 0.45:
-            first = wrap180(truth.hour_angle_deg + dice.uniform(-AWAY_DEG, AWAY_DEG))
-            second = max(-80.0, min(80.0, truth.dec_axis_deg + dice.uniform(-AWAY_DEG, AWAY_DEG)))
+            first = wrap180(ha + dice.uniform(-AWAY_DEG, AWAY_DEG))
+            second = max(-80.0, min(80.0, dec + dice.uniform(-AWAY_DEG, AWAY_DEG)))
             self._came.append(encode(f"TD {first:.4f} {second:.4f} {dice.uniform(-1.0, 1.0):.4f}"))
         elif chance < 0.7:
             self._came.append(encode(f"SATOFF {dice.uniform(-0.5, 0.5):.3f} {dice.uniform(-0.3, 0.3):.4f}"))
@@ -391,13 +393,23 @@ def bad_elements(target: Any, dice: random.Random) -> Elements:
 
 def slew_near(world: World, dice: random.Random) -> Slew:
     """Return a slew to somewhere near the place of the axes."""
-    truth, site = world.mount.truth(), world.storm.facts.site
-    ha = max(-80.0, min(80.0, truth.hour_angle_deg + dice.uniform(-AWAY_DEG, AWAY_DEG)))
-    dec = max(-80.0, min(80.0, truth.dec_axis_deg + dice.uniform(-AWAY_DEG, AWAY_DEG)))
+    (ha, dec), site = world.looks(), world.storm.facts.site
+    ha = max(-80.0, min(80.0, ha + dice.uniform(-AWAY_DEG, AWAY_DEG)))
+    dec = max(-80.0, min(80.0, dec + dice.uniform(-AWAY_DEG, AWAY_DEG)))
     ra = (mean_sidereal_deg(world.now_s, site.longitude_deg) - wrap180(ha)) % 360.0
     return Slew(ra, dec)
 
 
+def sync_near(world: World, dice: random.Random) -> Sync:
+    """Return a sync to about where the telescope looks."""
+    (ha, dec), site = world.looks(), world.storm.facts.site
+    off_deg = dice.uniform(-MOST_SYNCED_DEG, MOST_SYNCED_DEG)
+    world.judge.synced(abs(off_deg))
+    ra = (mean_sidereal_deg(world.now_s, site.longitude_deg) - ha + off_deg) % 360.0
+    return Sync(ra, max(-85.0, min(85.0, dec)))
+
+
+MOST_SYNCED_DEG = 0.5
 JOG_EVERY_S, JOGS = 0.1, (1, 25)
 """How often a key that is held says so, and how many times."""
 PAUSES_S = 1.5
@@ -433,7 +445,9 @@ class ConsoleWorld(World):
     def _operate(self, _: Any) -> None:
         """Have the operator press something, and something else a little later."""
         dice, chance = self._keys, self._keys.random()
-        if chance < 0.35:
+        if self.is_synced and chance > 0.95:
+            self._press(sync_near(self, dice))
+        elif chance < 0.35:
             self._press(slew_near(self, dice))
         elif chance < 0.75:
             rate = dice.choice((-1.0, 1.0)) * dice.choice((0.1, 1.0, 4.0))

@@ -23,7 +23,7 @@ import msgspec
 from sattrack.core.clock import SystemClock
 from sattrack.core.errors import SattrackError
 from sattrack.mount.xerxes.client import Address, Arrival
-from sattrack.mount.xerxes.datagrams import decode_command
+from sattrack.mount.xerxes.datagrams import Command, decode_command, decode_status, encode_command
 from sattrack.recording.recorder import NoRecording, Recorder
 from sattrack.runtime.connection import HANG_AFTER_S, Connection, Guarded
 from sattrack.runtime.control_arbiter import ControlArbiter, Observers, SessionInbox
@@ -135,6 +135,9 @@ class Judging:
 
     def told(self, world: World, moves: bool) -> None:
         """Take a person's order to a run that goes on; `moves` where it sets the mount going."""
+
+    def synced(self, deg: float) -> None:
+        """Take notice that the mount was told that it is elsewhere, by so much."""
 
     def ended(self, world: World, ended: Ended) -> None:
         """Take the end."""
@@ -345,6 +348,7 @@ class World:
         self._feeder_from_s = self._guardian_from_s = -math.inf
         self._arrived: list[tuple[bytes, float, float, float]] = []
         self._turn_of: dict[bytes, float] = {}
+        self._status: bytes | None = None
         self._looked_s = 0.0
         self._guardian_link = Link(self, "guardian")
         self._guardian_turn = 0
@@ -352,6 +356,19 @@ class World:
         self.ended = Ended(storm)
         self._tracing = tracing
         self._shown: tuple[object, ...] = ()
+
+    @property
+    def is_synced(self) -> bool:
+        """Whether people sync the mount in this storm."""
+        return self.storm.other is not None and self.storm.other.what == "synced"
+
+    def looks(self) -> tuple[float, float]:
+        """Return hour angle and declination of where the telescope looks, degrees."""
+        truth = self.mount.truth()
+        if self.storm.other is None:
+            return truth.hour_angle_deg, truth.dec_axis_deg
+        meridian, west, pole = self.storm.judge().looks(truth.hour_angle_deg, truth.dec_axis_deg)
+        return math.degrees(math.atan2(west, meridian)), math.degrees(math.asin(max(-1.0, min(1.0, pole))))
 
     @property
     def monotonic_s(self) -> float:
@@ -477,7 +494,7 @@ class World:
         if self.mount.next_turn_s > self.now_s + 1e-6:
             self.at(self.mount.next_turn_s, self._mount_turn, number)
             return
-        status = self.mount.turn()
+        status = self._status = self.mount.turn()
         self.judge.turn(self, self.mount.truth())
         for arrives_s, data in self._carried("statuses", self.storm.statuses, status):
             self.at(arrives_s, self._status_arrives, (data, self.now_s))
@@ -553,6 +570,8 @@ class World:
                 self.mount.fail_drives(self.now_s)
             case "clock":
                 self.mount.step_clock(fault.amount)
+            case "sync":
+                self._sync(fault.amount)
             case "stall":
                 self._feeder_from_s = max(self._feeder_from_s, until_s)
             case "halt":
@@ -570,6 +589,18 @@ class World:
                 self.guardian = None
             case _:
                 raise AssertionError(fault.kind)
+
+    def _sync(self, deg: float) -> None:
+        """Have another program tell the mount that it is elsewhere."""
+        if self.down or self._status is None:
+            return
+        told = decode_status(self._status)
+        dec_deg = max(-85.0, min(85.0, told.dec_deg + 0.5 * deg))
+        target_ra_h = (told.ra_h + deg / 15.0) % 24.0
+        self.mount.receive(
+            encode_command(Command(target_dec_deg=dec_deg, target_ra_h=target_ra_h, sync=True))
+        )
+        self.judge.synced(1.5 * abs(deg))
 
     def _sleep(self, seconds: float) -> None:
         """The machine sleeps: nothing of it runs, and its monotonic clock stands."""

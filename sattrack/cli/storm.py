@@ -59,6 +59,7 @@ def _facts(storm: Any) -> dict[str, Any]:
         "seed": storm.seed,
         "begin_utc_s": storm.begin_s,
         "hardware": storm.hardware,
+        "unlike": None if storm.other is None else storm.other.what,
         "parameters": storm.parameters,
         "profile": storm.facts.profile,
         "limits": storm.facts.limits,
@@ -70,7 +71,8 @@ def _facts(storm: Any) -> dict[str, Any]:
 
 def _lines(storm: Any, verdict: Any, trace: Iterable[Any]) -> Iterable[str]:
     hard = storm.hardware
-    yield f"storm {storm.seed}: {hard.kind}, MoveAxis {hard.move_axis}, longest fault " + (
+    unlike = "" if storm.other is None else f" ({storm.other.what})"
+    yield f"storm {storm.seed}: {hard.kind}{unlike}, MoveAxis {hard.move_axis}, longest fault " + (
         f"{storm.facts.limits.longest_fault_s:g} s"
     )
     yield f"commands {storm.commands}"

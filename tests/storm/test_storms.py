@@ -7,20 +7,37 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import msgspec
 import pytest
+from safety_draws import angle_deg, vector
 from storm.draws import KINDS_OF_FAULTS, Fault, Person, draw
 from storm.invariants import Watcher, judged
+from storm.others import OTHERS_FROM_SEED, What
 from storm.world import Judging, Sent, World
 from storms import fought
 
 from sattrack.cli.main import run
+from sattrack.mount.simulator.sky import direction
+from sattrack.pointing.terms import PointingModel
 
-SEEDS = [*range(45), *range(1000, 1045), *range(5000, 5090), *range(300_003, 300_143, 7)]
-SOAKED = [*range(45, 500), *range(1045, 1500), *range(5090, 5600), *range(300_143, 302_000, 7)]
+SEEDS = [
+    *range(30),
+    *range(1000, 1030),
+    *range(5000, 5056),
+    *range(300_003, 300_143, 7),
+    *range(600_000, 600_064),
+]
+SOAKED = [
+    *range(30, 500),
+    *range(1030, 1500),
+    *range(5056, 5600),
+    *range(300_143, 302_000, 7),
+    *range(600_064, 600_500),
+]
 """From 1000 on the satellite crosses the floor; from 5000 on Alpaca and the antenna are among the servers; of
-300,000 and more every seventh is a night."""
+300,000 and more every seventh is a night; from 600,000 on mounts flip, have a geometry, and more."""
 REGRESSIONS = [
     int(line.split()[0])
     for line in (Path(__file__).parent / "regressions.txt").read_text().splitlines()
@@ -72,13 +89,30 @@ def test_a_seed_gives_the_same_storm_to_the_last_byte() -> None:
 
 def test_every_kind_of_fault_is_drawn() -> None:
     missing = set(KINDS_OF_FAULTS)
-    for seed in range(400):
+    for seed in (*range(400), *range(OTHERS_FROM_SEED, OTHERS_FROM_SEED + 40)):
         drawn = {fault.kind for fault in draw(seed).faults}
         assert drawn <= set(KINDS_OF_FAULTS)
         missing -= drawn
         if not missing:
             break
     assert not missing
+
+
+def test_every_kind_of_mount_is_drawn_and_its_profile_tells_where_a_strangers_tube_looks() -> None:
+    drawn = set()
+    for seed in range(OTHERS_FROM_SEED, OTHERS_FROM_SEED + 40):
+        storm = draw(seed)
+        assert storm.other is not None
+        drawn.add(storm.other.what)
+        profile, (first, second) = storm.facts.profile, storm.stands
+        if profile.frame is not None:
+            ha, dec = profile.frame.direction(first, second)
+        elif profile.pointing is not None:
+            ha, dec = PointingModel.of(profile.pointing).looks(first, second)
+        else:
+            ha, dec = direction(first, second)
+        assert angle_deg(vector(ha, dec), storm.judge().looks(first, second)) < 0.001
+    assert drawn == set(get_args(What))
 
 
 @pytest.mark.parametrize("kind", ["kill", "sleep"])
