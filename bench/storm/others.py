@@ -150,7 +150,6 @@ def _flipping(dice: random.Random, profile: MountProfile) -> MountProfile:
         pier_rule=dice.choice(("hour_angle", "ascom")),
         hour_angle_limit_deg=dice.choice((190.0, 200.0, 250.0)),
         dec_axis_limits_deg=dice.choice(((-190.0, 190.0), (-260.0, 260.0))),
-        slew_path=dice.choice(("any", "together")),
     )
 
 
