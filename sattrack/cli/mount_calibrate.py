@@ -63,7 +63,7 @@ MEANINGS = {
     cls=RenamedOption,
     type=OutputFile(),
     metavar="FILE",
-    help="The mount profile to write.",
+    help="The mount profile to write; what is not measured is that of the settings' profile.",
 )
 @click.option(
     "--update",
@@ -111,7 +111,7 @@ def command(context: CommandContext, **options: Any) -> int:
     url, address = context.mount(options["mount_url"])
     _check(options, address)
     target = _target(options)
-    base = _base(options, url)
+    base = _base(context, options, url)
     site = context.site() if context.has_site() else None
     if site is None:
         if address is not None:
@@ -301,14 +301,23 @@ def _target(options: dict[str, Any]) -> Path:
     return target
 
 
-def _base(options: dict[str, Any], url: str | None) -> ProfileFile:
-    """Return the profile whose values stay where nothing is found; raises BadInputError."""
+def _base(context: CommandContext, options: dict[str, Any], url: str | None) -> ProfileFile:
+    """Return the profile whose values stay where nothing is found; raises BadInputError.
+
+    That is the one to update, else the one of the settings, whose limits hold for this mount, too.
+    """
     from sattrack.mount.profiles import load_profile_file, profile_file
     from sattrack.runtime.mounts import usual_profile
 
     if options["update"] is not None:
         return load_profile_file(options["update"])
-    return profile_file(msgspec.structs.replace(usual_profile(url), name=Path(options["out"]).stem))
+    out, configured = Path(options["out"]), context.settings.mount.profile
+    if configured is None or (not out.exists() and out.resolve() == Path(configured).resolve()):
+        base = profile_file(usual_profile(url))
+    else:
+        base = context.profile(None, url)
+        tell(f"what is not measured, such as limits, stays as in {configured}, the settings' profile")
+    return msgspec.structs.replace(base, name=out.stem)
 
 
 def _ask(consented: bool, mount_name: str) -> None:

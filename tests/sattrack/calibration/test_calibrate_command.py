@@ -100,6 +100,25 @@ class TestWhatIsWrongIsToldBeforeAnythingMoves:
         assert not (tmp_path / "x.toml").exists()
 
 
+@pytest.mark.parametrize("of_settings", [True, False])
+def test_the_limits_of_the_settings_profile_hold_for_a_new_one_too(
+    of_settings: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    zone = "[[pier_zones]]\nname = 'all'\ncorners = [[-180, -89], [180, -89], [180, 89], [-180, 89]]\n"
+    (tmp_path / "mine.toml").write_text(zone, encoding="utf-8")
+    # A file that the settings name, and that is only to be written, holds no limits yet.
+    named = "mine.toml" if of_settings else "new.toml"
+    (tmp_path / "sattrack.toml").write_text(f"mount.profile = '{named}'\n", encoding="utf-8")
+    bound = "its pier limit" if of_settings else "no consent"
+    consent = ("--yes",) if of_settings else ()
+    with pytest.raises(SattrackError, match=bound):
+        call("--mount", "sim", "--site", "52,4.5,0", "--output", "new.toml", *consent)
+    assert ("stays as in mine.toml" in capsys.readouterr().err) is of_settings
+    assert not (tmp_path / "new.toml").exists()
+
+
 def test_a_mount_that_is_not_there_is_a_lost_link(tmp_path: Path) -> None:
     out = tmp_path / "x.toml"
     with pytest.raises(LinkLostError, match=r"no status from the mount within 2 s.*nothing was moved"):
