@@ -138,13 +138,26 @@ def user_settings_file() -> Path:
     return user_folder("XDG_CONFIG_HOME", ".config") / FILE_NAME
 
 
+class UnseenSettingsError(BadInputError):
+    """Nobody can see whether there are settings: their folder is not open to this user."""
+
+
 def find_settings_file(explicit: Path | None) -> Path | None:
-    """Return the file to read: the one named, else the current folder's, else the user's, else none."""
+    """Return the file to read: the one named, else the current folder's, else the user's, else none.
+
+    Raises UnseenSettingsError.
+    """
     if explicit is not None:
         return explicit
     for candidate in (Path(FILE_NAME), user_settings_file()):
-        if candidate.is_file():
-            return candidate
+        try:
+            if candidate.is_file():
+                return candidate
+        except OSError as error:
+            raise UnseenSettingsError(
+                f"{candidate.absolute()}: cannot be looked for: {error.strerror}; give --config FILE, or set "
+                "XDG_CONFIG_HOME to a folder of yours"
+            ) from error
     return None
 
 

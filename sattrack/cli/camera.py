@@ -490,7 +490,7 @@ class Looker:
             self._unsolved(f"fields are not solved: {error}")
             return None
         path = index_file(fov_deg)
-        if not path.exists():
+        if not os.access(path, os.R_OK):
             if self._making is None:
                 self._tell(f"making the index of stars for fields of {fov_deg:.2g}°, once: {path}")
                 self._making = start_making(path, fov_deg)

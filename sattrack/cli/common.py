@@ -28,6 +28,7 @@ from sattrack.settings import (
     NO_ELEMENTS,
     NO_SITE,
     Settings,
+    UnseenSettingsError,
     find_settings_file,
     load_settings,
     whose_settings,
@@ -522,7 +523,7 @@ def common_options(*used: str, goes_on: bool = False) -> Callable[[Callable[...,
 
     `used` are those of SHARED that mean something to the command. Scripts may give the others too: they are
     accepted if they could be right, hidden, and do nothing. With `goes_on`, wrong settings are reported, and
-    the built-in ones hold.
+    the built-in ones hold. So they do where no settings can be looked for, for commands that move no mount.
     """
 
     def add(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -577,16 +578,18 @@ def common_options(*used: str, goes_on: bool = False) -> Callable[[Callable[...,
             debug: bool,
             **rest: Any,
         ) -> Any:
-            found = find_settings_file(config)
-            if config is None and found is not None and (whose := whose_settings(found)) is not None:
-                tell(
-                    f"{found.absolute()}: {whose}; it sets the mount and the limits: give --config FILE to "
-                    "take another, or this one without a word"
-                )
+            found = None
             try:
+                found = find_settings_file(config)
+                if config is None and found is not None and (whose := whose_settings(found)) is not None:
+                    tell(
+                        f"{found.absolute()}: {whose}; it sets the mount and the limits: give --config FILE "
+                        "to take another, or this one without a word"
+                    )
                 settings = read_settings(config)
             except BadInputError as error:
-                if not goes_on:
+                moves = rest.get("mount_url", "sim") != "sim"
+                if not goes_on and (moves or not isinstance(error, UnseenSettingsError)):
                     raise
                 tell(f"{error}; going on without the settings")
                 settings = Settings()
@@ -603,7 +606,7 @@ def common_options(*used: str, goes_on: bool = False) -> Callable[[Callable[...,
                 utc,
             )
             _keep_inputs(rest, [*element_sources, context.settings_file])
-            named = (settings.safety.horizon, settings.mount.profile, rest.get("profile"))
+            named = (found, settings.safety.horizon, settings.mount.profile, rest.get("profile"))
             watch = SettingsWatch(config, [Path(path) for path in named if path is not None])
             result = function(context, **rest)
             text = watch.change()
@@ -734,9 +737,8 @@ class SettingsWatch:
     """Remembers how the files stand from which settings came."""
 
     def __init__(self, config: Path | None, named: list[Path]) -> None:
-        found = find_settings_file(config)
         self._config = config
-        self._before = {path: _stamp(path) for path in ([found] if found else []) + named}
+        self._before = {path: _stamp(path) for path in named}
 
     def change(self) -> str | None:
         """Return what to tell where a file is not as it was, and None where all are."""

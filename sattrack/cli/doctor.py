@@ -352,8 +352,8 @@ class _PatientCommand(click.Command):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Read the settings first, only to see whether they can be read."""
-        ctx.meta[__name__] = find_settings_file(ctx.params["config"]), None
         try:
+            ctx.meta[__name__] = find_settings_file(ctx.params["config"]), None
             read_settings(ctx.params["config"])
         except SattrackError as error:
             ctx.meta[__name__] = ctx.params["config"], str(error)

@@ -67,7 +67,8 @@ class LeftMoving(msgspec.Struct, frozen=True):
         unheard_s = now_utc_s - self.heard_utc_s
         if not self.lost and -BACKWARD_S <= unheard_s <= self.known_for_s:
             return None
-        when = local_time.instant(self.heard_utc_s) if self.heard_utc_s else "before a loss of power"
+        unknown = f"before a loss of power, or its note in {folder()} cannot be read"
+        when = local_time.instant(self.heard_utc_s) if self.heard_utc_s else unknown
         if self.known_for_s == WOUND_KNOWN_S and self.first_axis_deg is not None:
             return (
                 f"was left {when} with its first axis at {self.first_axis_deg:.0f}°, and may have followed "

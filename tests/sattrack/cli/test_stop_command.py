@@ -145,6 +145,18 @@ def test_an_abort_needs_neither_profile_nor_settings(
     assert "going on without the" in err
 
 
+def test_a_stop_needs_no_folder_of_settings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "sattrack.toml").unlink()
+    monkeypatch.setenv("XDG_CONFIG_HOME", f"/{'x' * 300}")
+    port = free_port()
+    assert run(["stop", "--mount", f"xerxes://127.0.0.1:{port}?listen={free_port()}"]) == 4
+    err = capsys.readouterr().err
+    assert "going on without the settings" in err
+    assert err.endswith(f"sattrack: 127.0.0.1:{port}: nothing listens for UDP there\n")
+
+
 def test_nothing_to_stop_and_nobody_there(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["stop"]) == 2
     assert capsys.readouterr().err == (

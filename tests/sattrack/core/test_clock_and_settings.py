@@ -193,6 +193,27 @@ def test_settings_that_were_found_and_that_others_may_write_are_told_each_time(
     assert capsys.readouterr().err == ""
 
 
+def test_without_a_folder_of_settings_that_opens_all_is_computed_and_no_real_mount_moves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from sattrack.cli.main import run
+
+    # Nobody, not root either, may look for a name of 300 characters.
+    monkeypatch.setenv("XDG_CONFIG_HOME", f"/{'x' * 300}")
+    monkeypatch.chdir(tmp_path)
+    example = Path(__file__).parents[3] / "examples" / "iss_leiden.tle"
+    there = ("--elements", str(example), "--site", "52,4,0")
+    assert run([*PASSES, *there]) == 0
+    out, err = capsys.readouterr()
+    assert len(json.loads(out)) == 1
+    assert err.endswith("set XDG_CONFIG_HOME to a folder of yours; going on without the settings\n")
+    assert run(["doctor", *there]) == 1
+    assert "cannot be looked for" in capsys.readouterr().out
+    for verb in (["track", "25544", *there], ["mount", "move", "--ra-rate", "1", "--seconds", "1"]):
+        assert run([*verb, "--mount", "xerxes://127.0.0.1:9?listen=15998"]) == 2
+        assert "cannot be looked for: File name too long; give --config FILE" in capsys.readouterr().err
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="files have no owner and no mode there")
 def test_settings_of_root_are_anybodys_and_an_owner_without_a_name_is_a_number(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
