@@ -615,6 +615,8 @@ class VirtualRun:
 
 
 QUANTILES = (0.01, 0.5, 0.99)
+WAITS_S = 0.025
+"""How long a command waits for the mount's loop in the mean, which the fitted delay holds: half a turn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -702,10 +704,15 @@ def fitted_mount(run: Trace, facts: RunFacts) -> tuple[MountProfile, SimulatorPr
     changes: dict[str, float] = {}
     hardware: dict[str, Any] = {}
     words = []
+    delays_s = []
     for name, fit in (("ra", ra), ("dec", dec)):
         if isinstance(fit, AxisFit):
             changes[f"{name}_rate_gain"] = fit.gain
             words.append(f"{name} gain {fit.gain:.5f}")
+            delays_s += [] if fit.delay_s is None else [fit.delay_s]
+    if delays_s:
+        hardware["command_delay_s"] = max(0.0, float(np.mean(delays_s)) - WAITS_S)
+        words.append(f"commands {hardware['command_delay_s'] * 1000.0:.1f} ms late")
     if len(run.utc_s) > 1:
         late_s = run.arrival_utc_s - run.utc_s
         low, middle, high = np.quantile(late_s, QUANTILES)

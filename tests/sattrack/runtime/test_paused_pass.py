@@ -15,6 +15,7 @@ from late_start import late
 from test_trouble import CULMINATION_S, NEAR_S, Flown, TroubledRun, fly
 
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile
+from sattrack.mount.profiles import ProfileFile
 from sattrack.mount.simulator.drives import Mode
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.recording.fits import fit_axes
@@ -22,8 +23,8 @@ from sattrack.recording.format import Recording, fingerprint, here
 from sattrack.recording.recorder import NoRecording
 from sattrack.recording.replay import choose
 from sattrack.recording.trace import trace
-from sattrack.runtime.facts import RunRequest, build_engine, engine_of, prepare
-from sattrack.runtime.flight import fly_virtual, summarise
+from sattrack.runtime.facts import RunRequest, build_engine, engine_of, open_recording, prepare
+from sattrack.runtime.flight import fitted_mount, fly_virtual, summarise
 from sattrack.views.messages import (
     ClearBias,
     Go,
@@ -436,6 +437,21 @@ def test_orders_mashed_in_any_order_never_break_a_run_and_it_can_still_be_follow
     assert flown.summary.mount_stopped is True
     assert flown.at_rest()
     assert flown.run.truths[-1].utc_s - CULMINATION_S < stopped_s + 3.0
+
+
+def test_another_law_is_tried_with_the_delay_of_the_recorded_mount(tmp_path: Path) -> None:
+    late_s = 0.06
+    slow = ProfileFile(simulator={"command_delay_s": late_s})
+    request = RunRequest(
+        "25544", "sim", None, None, None, 70.0, virtual=True, record=tmp_path / "slow.mcap", profile=slow
+    )
+    prepared = prepare(request)
+    prepared = dataclasses.replace(prepared, facts=late(prepared.facts, NEAR_S))
+    fly_virtual(prepared, messages=((CULMINATION_S + 10.0, StopNow()),))
+    recording, facts = open_recording(tmp_path / "slow.mcap")
+    _, hardware, words = fitted_mount(trace(recording, engine_of), facts)
+    assert hardware.command_delay_s == pytest.approx(late_s, abs=0.01)
+    assert "ms late" in words
 
 
 def test_a_recording_of_a_paused_pass_runs_again_to_the_same_bytes(tmp_path: Path) -> None:
