@@ -26,6 +26,7 @@ from sattrack.core.errors import BadInputError, SattrackError, how_to_install
 from sattrack.core.process import self_command
 from sattrack.runtime.callers import listen
 from sattrack.runtime.view_server import SUPPORTED, feeders
+from sattrack.views.formatting import counted
 from tle.errors import printable
 
 if TYPE_CHECKING:
@@ -177,7 +178,7 @@ def web(
     if importlib.util.find_spec("textual_serve") is None:
         raise SattrackError(f"the browser's screen needs textual-serve: {how_to_install('web')}")
     if token is not None and len(token) < FEWEST_CHARACTERS:
-        raise BadInputError(f"--token: {len(token)} characters; give {FEWEST_CHARACTERS} or more")
+        raise BadInputError(f"--token: {counted(len(token), 'character')}; give {FEWEST_CHARACTERS} or more")
     if ":" not in host:
         listen(host, port).close()
     from sattrack.servers.web import Visit, needs_token, new_token, serve

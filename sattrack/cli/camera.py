@@ -315,7 +315,10 @@ def put_solved_frames(
             else:
                 unsolved += found.offset is not None
     if unsolved:
-        tell(f"{unsolved} frames were not solved: an offset means nothing to a mount that did not take it")
+        from sattrack.views.formatting import counted
+
+        frames = counted(unsolved, "frame was", "frames were")
+        tell(f"{frames} not solved: an offset means nothing to a mount that did not take it")
     return seen
 
 

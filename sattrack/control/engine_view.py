@@ -14,7 +14,7 @@ from sattrack.core.angles import wrap180
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
 from sattrack.mount.xerxes.link import STALE_AFTER_S, LinkState
 from sattrack.safety import ROWS
-from sattrack.views.formatting import camera_clock_text, times_text
+from sattrack.views.formatting import camera_clock_text, counted, times_text
 from sattrack.views.run import (
     EstimateView,
     LoopView,
@@ -377,7 +377,7 @@ def observation_warnings(tracker: Tracker, malformed: int, dropped: int) -> list
             "the rejected observations agreed with one another"
         )
     if malformed:
-        words.append(f"{malformed} lines were neither messages nor observations")
+        words.append(f"{counted(malformed, 'line was', 'lines were')} neither messages nor observations")
     if dropped:
-        words.append(f"{dropped} observations came faster than they can be used, and were dropped")
+        words.append(f"{counted(dropped, 'observation')} came too fast to be used, and went lost")
     return words

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from sattrack.control.target import POLE_WITHIN_DEG
 from sattrack.mount.model import LONGEST_STEP_S, SIDEREAL_RATE_DEG_S
 from sattrack.safety import ROWS
+from sattrack.views.formatting import times_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -314,8 +315,9 @@ def unforeseen(attempt: Attempt) -> str | None:
     seen = [axis for axis in attempt.axes if axis.typical_arcsec is not None]
     off = " and ".join(f"{axis.typical_arcsec:.0f}″ in {axis.name}" for axis in seen)
     return (
-        f"the mount moved as no servo explains, and the filters restarted {known.restarts} times; it was "
-        f"off by {off or 'too much'}, typically: see to drives, balance and link, then {attempt.measure}"
+        f"the mount moved as no servo explains, and the filters restarted {times_text(known.restarts)}; "
+        f"it was off by {off or 'too much'}, typically: see to drives, balance and link, "
+        f"then {attempt.measure}"
     )
 
 

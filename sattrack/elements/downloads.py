@@ -28,6 +28,7 @@ from sattrack import __version__
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.files import lock_file, replace_file, user_folder
 from sattrack.core.local_time import duration
+from sattrack.views.formatting import counted
 from tle.elements import Elements
 from tle.errors import ElementsError, TleError, printable
 from tle.sources import (
@@ -592,7 +593,7 @@ def _called(url: str, found: list[Elements]) -> str:
     """Return what a download holds, in words: its group, or its satellites."""
     kind, _, name = urlsplit(url).query.partition("&")[0].partition("=")
     if kind == "GROUP":
-        return f"celestrak:{name} ({len(found)} satellites)"
+        return f"celestrak:{name} ({counted(len(found), 'satellite')})"
     labels = [one.label for one in found]
     return ", ".join(labels) if len(labels) <= _NAMED else f"{labels[0]} and {len(labels) - 1} more"
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.files import PART, lock_file, replace_file
+from sattrack.views.formatting import counted
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -139,8 +140,8 @@ class DataSet:
 
     def _trouble(self, error: OSError) -> SattrackError:
         return SattrackError(
-            f"{self.folder}: cannot be written: {error.strerror or error}; {len(self.done)} files are "
-            "finished and stay: the same command continues from there"
+            f"{self.folder}: cannot be written: {error.strerror or error}; "
+            f"{counted(len(self.done), 'file')} finished and kept: the same command continues from there"
         )
 
 

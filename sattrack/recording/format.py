@@ -31,6 +31,7 @@ from sattrack.core.angles import wrap180
 from sattrack.core.errors import NO_JSON, BadInputError
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.mount.xerxes.datagrams import DatagramError, decode_status
+from sattrack.views.formatting import counted
 from sattrack.views.messages import ObservationMessage, decode_message
 from tle.instants import Utc
 
@@ -259,7 +260,9 @@ class Recording:
             self.problems.append("damaged in the index at its end, which holds nothing of the run")
         elif self.whole and count > len(self._entries) + 1:
             self.whole = False
-            self.problems.append(f"damaged: the last {count - len(self._entries) - 1} messages are lost")
+            self.problems.append(
+                f"damaged: {counted(count - len(self._entries) - 1, 'message')} lost at the end"
+            )
 
     def _note(self, problem: str) -> None:
         self.problems.append(problem)

@@ -27,6 +27,7 @@ from sattrack.recording.format import (
     fingerprint,
     here,
 )
+from sattrack.views.formatting import counted
 from sattrack.views.messages import decode_message
 from tle.instants import Utc
 
@@ -484,7 +485,9 @@ def replay_lines(result: Replay, took_s: float | None = None) -> list[str]:
 def _differing(result: Replay) -> str:
     if result.verdict != "equivalent":
         return ""
-    return f", largest difference {result.largest_rate_deg_s:.3g} °/s, in {result.differing} commands"
+    return (
+        f", largest difference {result.largest_rate_deg_s:.3g} °/s, in {counted(result.differing, 'command')}"
+    )
 
 
 def divergence_line(found: Divergence) -> str:

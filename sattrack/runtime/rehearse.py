@@ -66,7 +66,7 @@ from sattrack.runtime.facts import (
 from sattrack.runtime.flight import VirtualRun
 from sattrack.runtime.pass_scene import fastest_deg_s
 from sattrack.safety.bounds import CONES
-from sattrack.views.formatting import iso_unix_s
+from sattrack.views.formatting import counted, iso_unix_s
 from tle.earth import Ground
 from tle.instants import Utc
 from tle.passes import find_passes
@@ -437,9 +437,10 @@ def choose_nth_pass(prepared: Prepared, number: int, min_alt_deg: float) -> Prep
     now = Utc(min(prepared.clock.utc_s(time.monotonic()), facts.plan.start_utc_s))
     found = find_passes(Propagator(target, facts.site.place()), now, SEARCH_HOURS, min_alt_deg)
     if number > len(found):
+        many, since = counted(len(found), "pass", "passes"), local_time.instant(float(now.unix_s))
         raise SattrackError(
-            f"--pass {number}: {target.label} has {len(found)} passes above {min_alt_deg:g}° within "
-            f"{SEARCH_HOURS:g} hours of {local_time.instant(float(now.unix_s))}; give a number up to that"
+            f"--pass {number}: {target.label} has {many} above {min_alt_deg:g}° within "
+            f"{SEARCH_HOURS:g} hours of {since}; give a number up to that"
         )
     chosen = found[number - 1]
     plan = plan_for(chosen, now, target)

@@ -509,7 +509,7 @@ def _frame_rows(picture: PictureView, view: TrackView, age_s: float, count: int)
         _labelled("frame", when, *late),
         _labelled("exposed", f"{picture.exposure_s:.3g} s{gain}"),
         _labelled("image", f"{scale}  {up}{'  mirrored' if picture.flipped else ''}"),
-        _labelled("field", f"{field}  {len(picture.stars)} stars"),
+        _labelled("field", f"{field}  {formatting.counted(len(picture.stars), 'star')}"),
         *_clock_rows(picture, view.loop),
     ]
 

@@ -486,8 +486,12 @@ class LogPage(ListPage):
         first = self._first(lines)
         shown = lines[first : first + self._room]
         later = len(lines) - first - len(shown)
-        place = "the newest" if later == 0 else f"{later} later ones below"
-        head: Row = [("log ", DIM), (chosen, "bold"), (f"   {len(lines)} lines, {place}", DIM)]
+        place = "the newest" if later == 0 else f"{formatting.counted(later, 'later one')} below"
+        head: Row = [
+            ("log ", DIM),
+            (chosen, "bold"),
+            (f"   {formatting.counted(len(lines), 'line')}, {place}", DIM),
+        ]
         return rows_content([head, *(self._row(one) for one in shown)])
 
     def _row(self, one: LogLine) -> Row:

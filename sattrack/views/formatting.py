@@ -568,8 +568,7 @@ def summary_lines(summary: Summary) -> list[str]:
 
 
 def _camera_line(camera: CameraSummary) -> str:
-    frames = "1 frame" if camera.frames == 1 else f"{camera.frames} frames"
-    line = f"  cameras: {frames}, the satellite found in {camera.detected}"
+    line = f"  cameras: {counted(camera.frames, 'frame')}, the satellite found in {camera.detected}"
     if camera.frames and not camera.detected:
         line += ": it was out of the field, or too faint; try a wider camera, or --bias-along"
     return line
@@ -644,6 +643,11 @@ def learnt_line(learnt: LearntView) -> str:
         delay += " (status_delay_s is too large)"
     anew = f", filters restarted {times_text(learnt.restarts)}" if learnt.restarts else ""
     return f"lag RA {ra}, Dec {dec}; {gains}; {delay}; settling {learnt.settling_s:.2f} s{anew}"
+
+
+def counted(count: int, one: str, many: str | None = None) -> str:
+    """Return how many of something there are, as text; `many` where its plural is not made with an s."""
+    return f"1 {one}" if count == 1 else f"{count} {many or f'{one}s'}"
 
 
 def times_text(count: int) -> str:

@@ -221,7 +221,7 @@ def test_in_virtual_time_offsets_of_another_mount_are_not_used(
     high = ("--min-alt", "75", "--clock", "2026-10-02T13:04:55Z", "--bias-memory", "off")
     practice = ("track", "ISS", "--mount", "sim", "--virtual", "--json", *high)
     summary = ran(capsys, *practice, "--camera", f"guide=folder:{tmp_path}", "--scale", "2")
-    assert "1 frames were not solved" in summary[1]
+    assert "1 frame was not solved" in summary[1]
     camera = summary[0][-1]["summary"]["camera"]
     assert camera == {
         "frames": 2,

@@ -148,7 +148,9 @@ class TestWarnings:
             ({"session__ignored_fields": ("Slewing stays true",)}, "Slewing stays true"),
             ({"message": "over"}, "over"),
             ({"malformed": 2}, "2 lines were neither messages nor observations"),
-            ({"dropped": 3}, "3 observations came faster than they can be used"),
+            ({"malformed": 1}, "1 line was neither messages nor observations"),
+            ({"dropped": 3}, "3 observations came too fast to be used"),
+            ({"dropped": 1}, "1 observation came too fast to be used"),
             ({"led_out": True}, "the telescope is led out of the Sun's or the Moon's way"),
             (
                 {"safety__holding": "sun", "phase": "holding"},

@@ -198,7 +198,7 @@ def test_a_full_disk_is_one_line_and_what_is_finished_stays(
         patch.setattr(dataset.os, "fsync", full)
         assert run(command(folder, out)) == 1
     told = capsys.readouterr().err
-    assert "No space left on device; 2 files are finished and stay" in told
+    assert "No space left on device; 2 files finished and kept" in told
     assert told.count("\n") == 1
     assert not list(out.rglob("*.part"))
     assert run(command(folder, out, "--json")) == 0
