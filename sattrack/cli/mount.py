@@ -60,6 +60,7 @@ from sattrack.runtime import demo_pass
 from sattrack.runtime.connection import Connection, connected
 from sattrack.runtime.console import OrderInbox, attend, attend_console_session, stop_session, wait_until_free
 from sattrack.runtime.mounts import owner_of
+from sattrack.runtime.system import StopRequest, stopping
 from sattrack.runtime.turns import forget, left_moving
 from sattrack.views.formatting import (
     DEC_FORMS,
@@ -221,7 +222,7 @@ def perform(call: MountCall, procedure: Procedure, asked: dict[str, Any], text: 
 
     Raises the SattrackError whose exit code the verb ends with, else returns 0.
     """
-    with call.connected() as connection:
+    with contextlib.ExitStack() as signals, call.connected() as connection:
         operation = ManualOperation(call.console(), procedure, connection.now_utc_s(), call.timeout_s)
         console = operation.console
 
@@ -230,6 +231,8 @@ def perform(call: MountCall, procedure: Procedure, asked: dict[str, Any], text: 
                 renew_at_once(f"{operation.doing}: {pointing_text(view_of(console, now_utc_s))}")
 
         attend(operation, connection, show)
+        # What closes is closed whatever signals come: the outcome is told after that.
+        signals.enter_context(stopping(StopRequest()))
         renew()
         never_heard = console.sample is None
         advice = call.silence(connection, sent=True) if never_heard else console.way_trouble

@@ -310,8 +310,9 @@ def fly_and_tell(
     desk = ControlArbiter(control, again is not None)
     public = Public(output, desk, gallery)
     inbox = SessionInbox(desk, stdin, gallery, observers)
-    try:
-        with stopping(stop):
+    # What closes is closed whatever signals come: the outcome of the stop is told after that.
+    with stopping(stop):
+        try:
             summary = fly_live(prepared, public.show, stop, inbox, deadline_s, listening)
             public.end(summary)
             while again is not None and (following := _next(prepared, again, stop, public, inbox, desk)):
@@ -319,11 +320,11 @@ def fly_and_tell(
                 public.begin(prepared.facts)
                 summary = fly_live(prepared, public.show, stop, inbox, deadline_s, listening)
                 public.end(summary)
-    finally:
-        observers.close()
-        if gallery is not None:
-            gallery.close()
-    output.end()
+        finally:
+            observers.close()
+            if gallery is not None:
+                gallery.close()
+        output.end()
     for text in () if stdin is None else stdin.ignored:
         tell(text)
     tell_malformed(observers)

@@ -241,7 +241,8 @@ def rotctld(context: CommandContext, **options: Any) -> int:
     limits = caller_limits(options, MOST_CLIENTS)
     served = what_is_served(context, options["mount_url"], options["profile"], "rotctld's clients live")
     stop, log = StopRequest(), Log(served.clock, PROGRAM)
-    with ExitStack() as closing:
+    # What closes is closed whatever signals come: the outcome of the stop is told after that.
+    with ExitStack() as signals, ExitStack() as closing:
         closing.callback(log.close)
         station = RotatorStation(
             SiteSky(served.site),
@@ -256,7 +257,7 @@ def rotctld(context: CommandContext, **options: Any) -> int:
         connection = closing.enter_context(
             connected(served.address, served.described, served.site, served.clock)
         )
-        closing.enter_context(stopping(stop))
+        signals.enter_context(stopping(stop))
         if context.json:
             JsonLines().write({"listening": server.port, "host": options["host"]})
         where = f"{options['host']}:{server.port}"

@@ -215,7 +215,8 @@ def serve_telescope(context: CommandContext, first: str, options: dict[str, Any]
     limits = context.settings.safety.limits()
     mount = "the simulated mount" if served.address is None else str(served.address)
     stop, log = StopRequest(), Log(served.clock, first)
-    with ExitStack() as closing:
+    # What closes is closed whatever signals come: the outcome of the stop is told after that.
+    with ExitStack() as signals, ExitStack() as closing:
         closing.callback(log.close)
         chosen_by = {first: "--port"} | {other: f"{other}:PORT" for other in ports if other != first}
         ends = _opened(ports, options, closing, chosen_by)
@@ -237,7 +238,7 @@ def serve_telescope(context: CommandContext, first: str, options: dict[str, Any]
             )
             rotctld = RotctldServer(ends.listeners[ROTCTLD], callers, rotator, info)
             closing.callback(rotctld.close)
-        closing.enter_context(stopping(stop))
+        signals.enter_context(stopping(stop))
         if context.json:
             ports = ends.ports
             JsonLines().write({"listening": ports[first], "host": options["host"], "ports": ports})

@@ -134,7 +134,8 @@ def command(context: CommandContext, **options: Any) -> int:
     server, where = _server(options)
     stop, log = StopRequest(), Log(clock)
     lines = JsonLines() if context.json or options["stream"] else None
-    with ExitStack() as closing:
+    # What closes is closed whatever signals come: the outcome of the stop is told after that.
+    with ExitStack() as signals, ExitStack() as closing:
         closing.callback(log.close)
         closing.callback(server.close)
         focus = start_focusers(configs) if configs else None
@@ -144,7 +145,7 @@ def command(context: CommandContext, **options: Any) -> int:
         station = AntennaStation(antenna, profile, context.settings.safety.limits())
         station.controller.switch(not options["local"], to_ns(clock.utc_s(time.monotonic())))
         connection = closing.enter_context(connected(served.address, served.described, served.site, clock))
-        closing.enter_context(stopping(stop))
+        signals.enter_context(stopping(stop))
         if lines is not None and context.json:
             lines.write({"listening": server.port, "serial": options["device"]})
         log.tell(program_line(f"the antenna interface is on {where}; Ctrl-C stops the mount and ends it"))

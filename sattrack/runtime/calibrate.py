@@ -128,10 +128,10 @@ def calibrate_live(
         raise BadInputError(
             f"the profile {profile.name!r} has a geometry: rates of such a mount are not calibrated yet"
         )
-    with ExitStack() as stack:
+    with ExitStack() as signals, ExitStack() as stack:
         link, guard = stack.enter_context(owned(address, profile, clock.speed, owned_as))
         stop = StopRequest()
-        stack.enter_context(stopping(stop))
+        signals.enter_context(stopping(stop))
         keys = stack.enter_context(any_key())
         largest = link.largest_rates_deg_s
         try:
@@ -166,10 +166,10 @@ def find_axes_live(
     profile, limits, site = described
     if isinstance(address, AlpacaAddress):
         address = address._replace(axes_known=True)
-    with ExitStack() as stack:
+    with ExitStack() as signals, ExitStack() as stack:
         link, guard = stack.enter_context(owned(address, profile, clock.speed, owned_as))
         stop = StopRequest()
-        stack.enter_context(stopping(stop))
+        signals.enter_context(stopping(stop))
         keys = stack.enter_context(any_key())
         place = (site.latitude_deg, site.longitude_deg)
         fastest = link.largest_rates_deg_s

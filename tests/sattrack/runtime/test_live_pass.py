@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import select
 import signal
 import socket
 from itertools import islice
@@ -63,6 +64,19 @@ def test_the_demonstration_follows_the_pass() -> None:
         assert summary["reported_rms_arcsec"] <= 1.0
         assert summary["on_target_s"] > 5.0
         assert summary["period_ms"]["p50"] == pytest.approx(50.0, abs=1.0)
+
+
+def test_an_impatient_operator_is_told_of_the_stop_all_the_same() -> None:
+    """Signals that come on and on, also while all is closed after the stop."""
+    with ended(sattrack("demo", "--headless", "--json")) as demo:
+        assert demo.stderr is not None
+        assert demo.stdout is not None
+        assert "waiting" in demo.stderr.readline()
+        while not select.select([demo.stdout], [], [], 0.1)[0]:
+            demo.send_signal(signal.SIGINT)
+        _, summary, err = result(demo)
+    assert summary["mount_stopped"] is True
+    assert err.endswith("sattrack: interrupted; the mount is stopped\n")
 
 
 def test_a_run_that_is_told_to_end_stops_the_mount_before_it_does(tmp_path: Path) -> None:
