@@ -570,7 +570,8 @@ class IndiCamera:
         needed("astropy.io.fits", "reading FITS", "camera")
         self._url, self._device, self._options = f"indi:{url}", unquote(named[3]), options
         self.exposure_s: float | None = options.exposure_s or START_EXPOSURE_S
-        self._blobs: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        # One image is asked for. A driver that others let stream sends more, and those fill the memory.
+        self._blobs: queue.Queue[bytes] = queue.Queue(1)
         self._client = self._made(package, named[1], int(named[2]))
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._serve, name="INDI", daemon=True)
@@ -588,7 +589,8 @@ class IndiCamera:
             async def rxevent(self, event: Any) -> None:
                 if event.eventtype == "SetBLOB" and event.devicename == device:
                     for member in event.values():
-                        blobs.put(bytes(member))
+                        with contextlib.suppress(queue.Full):
+                            blobs.put_nowait(bytes(member))
 
         client = BlobClient(indihost=host, indiport=port)
         client.enable_reports = False

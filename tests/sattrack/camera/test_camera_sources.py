@@ -12,6 +12,7 @@ import socket
 import struct
 import threading
 import time
+import tracemalloc
 import warnings
 import zlib
 from types import SimpleNamespace
@@ -571,6 +572,47 @@ def test_an_indi_camera_is_asked_for_frames(capfd: pytest.CaptureFixture[str]) -
     assert frame.pixels.tolist() == np.arange(1200).reshape(30, 40).tolist()
     assert b"0.2" in b"".join(heard)
     assert capfd.readouterr().out == ""
+
+
+def test_an_indi_camera_that_streams_fills_no_memory() -> None:
+    pytest.importorskip("indipyclient")
+    image, stream = b"\0" * 1_000_000, threading.Event()
+
+    def serve(listener: socket.socket) -> None:
+        connection, _ = listener.accept()
+        with connection:
+            connection.recv(65536)
+            connection.sendall(INDI)
+            stream.wait(10.0)
+            blob = b'<setBLOBVector device="CCD Sim" name="CCD1" state="Ok" timestamp="2026-10-02T13:05:25">'
+            blob += b'<oneBLOB name="CCD1" size="%d" format=".fits">' % len(image)
+            blob += base64.b64encode(image) + b"</oneBLOB></setBLOBVector>\n"
+            for _ in range(40):
+                connection.sendall(blob)
+            # Acknowledged by the client's own words: all was read before.
+            connection.sendall(b'<message device="CCD Sim" message="last"/>\n')
+            until_s = time.monotonic() + 20.0
+            while time.monotonic() < until_s and not read.is_set():
+                time.sleep(0.05)
+
+    read = threading.Event()
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        threading.Thread(target=serve, args=(listener,), daemon=True).start()
+        camera = open_source(f"indi://127.0.0.1:{listener.getsockname()[1]}/CCD%20Sim", SourceOptions(0.2))
+        assert isinstance(camera, sources.IndiCamera)
+        tracemalloc.start()
+        try:
+            stream.set()
+            until_s = time.monotonic() + 20.0
+            while not any("last" in str(one) for one in camera._client.data["CCD Sim"].messages):
+                assert time.monotonic() < until_s
+                time.sleep(0.05)
+            kept, _ = tracemalloc.get_traced_memory()
+        finally:
+            tracemalloc.stop()
+            read.set()
+        camera.close()
+    assert kept < 10.0 * len(image)
 
 
 def test_an_indi_server_that_is_started_again_is_asked_for_frames_again(
