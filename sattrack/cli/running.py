@@ -134,6 +134,8 @@ def _when(facts: RunFacts) -> str:
 
     plan, now_s, high = facts.plan, facts.started_utc_s, f"{facts.max_alt_deg:.1f}° high"
     begins_s = plan.start_utc_s - now_s
+    if not max(now_s, plan.start_utc_s) <= facts.culminate_utc_s <= plan.end_utc_s:
+        high = f"{high} at {local_time.clock(facts.culminate_utc_s)}"
     if begins_s > 0.0:
         times = local_time.span(plan.start_utc_s, plan.end_utc_s)
         return f"from {times}, {high}, begins {local_time.until(begins_s)}"

@@ -144,6 +144,10 @@ def test_what_is_said_before_a_run_tells_a_pass_to_come_from_one_that_goes_on_an
     )
     assert said(plan.start_utc_s - 5.0).endswith("begins in 5 s")
     assert said(plan.start_utc_s) == "ISS (ZARYA) is up now, until 13:08:49 UTC, 81.3° high"
+    # What is followed of it ends a minute after the rise, or begins after the culmination.
+    cut = said(plan.start_utc_s, end_utc_s=plan.start_utc_s + 60.0)
+    assert cut == "ISS (ZARYA) is up now, until 13:02:59 UTC, 81.3° high at 13:05:24"
+    assert said(plan.end_utc_s - 60.0).endswith(", until 13:08:49 UTC, 81.3° high at 13:05:24")
     ever = said(plan.start_utc_s, end_utc_s=plan.start_utc_s + 48.0 * 3600.0)
     assert ever == "ISS (ZARYA) is up, and stays up for the next 48 h and longer, 81.3° high"
     longer = said(plan.start_utc_s - 3600.0, end_utc_s=plan.start_utc_s + 40.0 * 3600.0)
