@@ -406,15 +406,21 @@ class TestWithProcesses:
     """Real guardians, and a mount that never says anything."""
 
     def test_after_it_moved_unheard_nothing_is_set_going_until_a_person_confirms(
-        self, mount_socket: socket.socket, capsys: pytest.CaptureFixture[str]
+        self,
+        mount_socket: socket.socket,
+        capsys: pytest.CaptureFixture[str],
+        monkeypatch: pytest.MonkeyPatch,
     ) -> None:
+        # A machine that is busy must not make a session that stands still of this one.
+        monkeypatch.setattr("sattrack.runtime.connection.HANG_AFTER_S", 3600.0)
         address = Address("127.0.0.1", mount_socket.getsockname()[1], 0)
         url = f"xerxes://127.0.0.1:{address.port}?listen={address.port + 1}"
         with owned(address, MountProfile()) as (_, guard):
             assert guard.beat(MOVES, 0.2)
             until_s = time.monotonic() + 30.0
             while guard.beat(MOVES, 0.2) and time.monotonic() < until_s:
-                """The guardian looks ten times a second."""
+                # The guardian looks ten times a second.
+                time.sleep(0.02)
             assert guard.beat(STOPS, 0.2)
             trouble = guard.trouble
             guard.release(True)
