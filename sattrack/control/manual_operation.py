@@ -49,7 +49,23 @@ class OperationPhase(Enum):
     OVER = "over"
 
 
-class ManualOperation:
+class AtConsole:
+    """What is done at a console: safety, and for how long the mount may go on unheard, are the console's."""
+
+    console: Console
+
+    @property
+    def safety(self) -> Safety:
+        """What judges its motions."""
+        return self.console.safety
+
+    @property
+    def turns_known_s(self) -> float:
+        """For how long the mount may go on unheard, as its console knows."""
+        return self.console.turns_known_s
+
+
+class ManualOperation(AtConsole):
     """One procedure; call `tick` once a period until `finished`.
 
     `timeout_s` bounds the procedure; a mount that is still under way then is stopped.
@@ -85,16 +101,6 @@ class ManualOperation:
         if self.phase is OperationPhase.RUNNING:
             return self._procedure.doing
         return "stopping the mount" if self.phase is OperationPhase.STOPPING else self.phase.value
-
-    @property
-    def safety(self) -> Safety:
-        """What judges its motions."""
-        return self.console.safety
-
-    @property
-    def turns_known_s(self) -> float:
-        """For how long the mount may go on unheard, as its console knows."""
-        return self.console.turns_known_s
 
     def receive(self, data: bytes, arrival_utc_s: float) -> None:
         """Take one datagram from the mount."""
@@ -220,7 +226,7 @@ class ManualOperation:
             self.phase = OperationPhase.OVER
 
 
-class Look:
+class Look(AtConsole):
     """One look at a mount, without a word to it: `tick` gives datagrams only where it is to `knock`.
 
     A simulated mount tells its status to whoever sends to it; then datagrams without a flag are sent, once
@@ -238,16 +244,6 @@ class Look:
         self._started_utc_s, self._timeout_s, self._look_s = started_utc_s, timeout_s, look_s
         self._knock = knock
         self._heard_utc_s: float | None = None
-
-    @property
-    def safety(self) -> Safety:
-        """What judges its motions."""
-        return self.console.safety
-
-    @property
-    def turns_known_s(self) -> float:
-        """For how long the mount may go on unheard, as its console knows."""
-        return self.console.turns_known_s
 
     def receive(self, data: bytes, arrival_utc_s: float) -> None:
         """Take one datagram from the mount."""
@@ -288,7 +284,7 @@ OWNED = "looking on; SPACE has the mount's owner stop it and end: {}"
 NOT_ALONE = "another program drives this mount: nothing is sent from here, unless you stop the mount"
 
 
-class ConsoleSession:
+class ConsoleSession(AtConsole):
     """One operator's time with one mount; call `tick` once a period until `finished`.
 
     Where it hears the mount obey somebody else, and nothing was asked of it from here, it keeps silent until
@@ -318,16 +314,6 @@ class ConsoleSession:
     def mount_stopped(self) -> bool | None:
         """Whether the stop at the end was seen through; None where none was needed."""
         return self.console.mount_stopped
-
-    @property
-    def safety(self) -> Safety:
-        """What judges its motions."""
-        return self.console.safety
-
-    @property
-    def turns_known_s(self) -> float:
-        """For how long the mount may go on unheard, as its console knows."""
-        return self.console.turns_known_s
 
     def receive(self, data: bytes, arrival_utc_s: float) -> None:
         """Take one datagram from the mount."""
