@@ -56,6 +56,10 @@ FAINT, FAST = "too faint", "too fast"
 OLD, SUN, INFEASIBLE, PIER, CROWDED = "elements too old", "Sun up", "infeasible", "pier side", "too many"
 
 
+SOON_S = 120.0
+"""What begins so soon after a night is followed by that night: the next must first plan, prepare and slew."""
+
+
 @dataclass(frozen=True, slots=True)
 class Loaded:
     """The elements of one source; fresh ones are available before each pass where it is a provider's."""
@@ -81,7 +85,10 @@ class PlanSituation:
     stars: str | None = None
     """The file of all stars of the Hipparcos catalogue, where there is one."""
     whole_until_utc_s: float | None = None
-    """Until when passes by fixed times that begin in the span and must be whole may last; None: its end."""
+    """Until when passes by fixed times that begin in the span or soon after, and must be whole, may last.
+
+    None: the span's end.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +189,7 @@ class EntrySearch:
         chosen = self._chosen()
         if entry.fixed is not None:
             last, until = span[1], self._situation.whole_until_utc_s
-            if until is not None and entry.fixed[0] < last and not entry.terms.shorten:
+            if until is not None and entry.fixed[0] < last + SOON_S and not entry.terms.shorten:
                 last = until
             clipped = (max(entry.fixed[0], span[0]), min(entry.fixed[1], last))
             if clipped != entry.fixed and not (entry.terms.shorten and clipped[0] < clipped[1]):

@@ -110,13 +110,16 @@ def test_a_table_whose_times_count_from_t0_is_scheduled_by_the_t0_that_it_gives(
     assert one["rms_arcsec"] < 0.1
 
 
-def test_fixed_times_across_noon_are_followed_whole_by_the_night_in_which_they_begin(capsys, tmp_path):
+@pytest.mark.parametrize(("start", "end"), [("41:55", "42:10"), ("42:08", "42:23")])
+def test_fixed_times_across_noon_or_soon_after_are_followed_whole_by_the_night_before(
+    start, end, capsys, tmp_path
+):
     # The mean noon of Leiden is at 11:42:02 UTC.
     file = tmp_path / "noon.toml"
     file.write_text(
         "from = 2026-10-02T11:00:00Z\nto = 2026-10-02T18:00:00Z\npark_at_end = false\n"
         "[[fixed]]\nsatellite = 'Vega'\nif_sun_up = 'run'\n"
-        "start = 2026-10-02T11:41:55Z\nend = 2026-10-02T11:42:10Z\n"
+        f"start = 2026-10-02T11:{start}Z\nend = 2026-10-02T11:{end}Z\n"
     )
     site = ("--site", "52.1541,4.4908,0")
     assert run(["run", str(file), "--virtual", "--mount", "sim", *site]) == 0
