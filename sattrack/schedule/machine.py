@@ -463,6 +463,12 @@ def passes_left(run: Run, _: Event) -> bool:
     return run.at is not None
 
 
+def passes_past_the_end(run: Run, _: Event) -> bool:
+    """A pass to come ends after the run, which was given an earlier end."""
+    end = run.settings.to_utc_s
+    return end is not None and any(one.end_utc_s > end + 1.0 for one in run.passes[len(run.results) :])
+
+
 def none_left(run: Run, _: Event) -> bool:
     """No pass is left."""
     return run.at is None
@@ -658,6 +664,7 @@ TABLE: tuple[TableRow, ...] = (
     TableRow(S.PLANLESS, Reread, always, make_plan_anew, S.PLANNING),
     TableRow(S.RESTING, Reread, always, rest_anew, S.RESTING),
     # Between passes.
+    TableRow(S.WAITING, Due, passes_past_the_end, make_plan, S.PLANNING),
     TableRow(S.WAITING, Due, none_left_to_park, park, S.PARKING),
     TableRow(S.WAITING, Due, none_left, sum_up, S.SUMMING_UP),
     TableRow(S.WAITING, Due, missed, lose_missed, S.WAITING),
@@ -711,12 +718,14 @@ class NoRowError(Exception):
 def step(run: Run, event: Event) -> tuple[Run, Order]:
     """Return what is known after an event, and what to do next. Raises NoRowError."""
     if isinstance(event, Started):
-        run = replace(run, settings=event.settings)
+        end_before, run = run.settings.to_utc_s, replace(run, settings=event.settings)
         if event.recovered is not None:
             run = recovered_night(run, event.recovered, event.utc_s)
         elif not run_begun(run, event.utc_s):
             first_utc_s = run.first_utc_s if run.night else event.utc_s
             run = first_night(replace(run, first_utc_s=first_utc_s), event.utc_s)
+        elif end_before != run.settings.to_utc_s:
+            run = with_settings(run, event.settings)
     if isinstance(event, Started | ClockSet):
         run = _near(run, event)
     message = event.words if isinstance(event, Started) else None

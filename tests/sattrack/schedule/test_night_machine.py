@@ -379,6 +379,21 @@ def test_passes_that_no_new_plan_could_be_made_of_are_missed_and_the_mount_is_pa
     assert [result.cause for result in run.results] == ["missed", "missed"]
 
 
+@pytest.mark.parametrize("state", [RunState.WAITING, RunState.PREPARING, RunState.HOLDING, RunState.STOPPED])
+def test_a_run_that_is_begun_again_with_an_earlier_end_ends_then(state: RunState) -> None:
+    later = replace(ONE, **{name: getattr(ONE, name) + 7200.0 for name in TIMES}, key="later")
+    end_s = ONE.end_utc_s + 60.0
+    sooner = replace(NIGHT.settings, to_utc_s=end_s)
+    run = replace(NIGHT, state=state, passes=(ONE, later))
+    run, _ = machine.step(run, Started(utc_s=NOW, settings=sooner))
+    run, order = machine.step(run, Due(utc_s=NOW))
+    assert (order, run.night_to_utc_s) == (MakePlan(), end_s)
+    run, _ = machine.step(run, Planned(utc_s=NOW, passes=(ONE,)))
+    run, order = machine.step(run, Due(utc_s=NOW))
+    assert [one.key for one in run.passes] == [ONE.key]
+    assert not isinstance(order, MakePlan)
+
+
 def test_the_rest_of_a_pass_that_is_over_is_not_begun_again_by_a_new_plan() -> None:
     """Of a pass that ended early, as for the weather, what is left culminates where it is joined."""
     later_s = ONE.culminate_utc_s + 130.0
