@@ -61,7 +61,7 @@ from sattrack.runtime.connection import Connection, connected
 from sattrack.runtime.console import OrderInbox, attend, attend_console_session, stop_session, wait_until_free
 from sattrack.runtime.mounts import owner_of
 from sattrack.runtime.system import StopRequest, stopping
-from sattrack.runtime.turns import forget, left_moving
+from sattrack.runtime.turns import folder, forget, left_moving
 from sattrack.views.formatting import (
     DEC_FORMS,
     MINUS,
@@ -524,7 +524,13 @@ def unwound(context: CommandContext, mount_url: str | None) -> int:
         raise BadInputError(f"{address} has an owner: {owner}; `sattrack stop` ends it, then confirm")
     trouble = None if left is None else left.trouble(time.time())
     if address is not None:
-        forget(address.name)
+        try:
+            forget(address.name)
+        except OSError as error:
+            raise SattrackError(
+                f"{folder()}: nothing can be noted there: {error.strerror}: set XDG_STATE_HOME to a folder "
+                "that can be written"
+            ) from error
     if context.json:
         click.echo(msgspec.json.encode({"mount": mount_name(address), "was": left}).decode())
     elif trouble is None and left is not None and left.first_axis_deg is not None:

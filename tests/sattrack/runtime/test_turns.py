@@ -469,6 +469,18 @@ class TestWithProcesses:
         assert "it was left with its first axis at 205°" in capsys.readouterr().out
         assert left_moving(address.name) is None
 
+    def test_where_nothing_can_be_noted_that_is_said_and_what_to_do(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        """A file stands where the folder of notes should be."""
+        (tmp_path / "file").write_text("", encoding="utf-8")
+        monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
+        words = left_moving("127.0.0.1:9")
+        assert words is not None
+        assert "or its note in " in (words.trouble(time.time()) or "")
+        assert run(["mount", "unwound", "--mount", "xerxes://127.0.0.1:9"]) == 1
+        assert "Not a directory: set XDG_STATE_HOME to a folder" in capsys.readouterr().err
+
     def test_turns_that_are_known_for_long_need_no_note(self, mount_socket: socket.socket) -> None:
         address = Address("127.0.0.1", mount_socket.getsockname()[1], 0)
         with owned(address, MountProfile()) as (_, guard):
