@@ -76,7 +76,8 @@ SHOW_EVERY_S = 1.0
 BEAT_EVERY_S, IDLE_BEAT_EVERY_S = 1.0, 10.0
 JUMP_S = 2.0
 """A clock that differs by more from the time elapsed was set."""
-VERB_WITHIN_S = 600.0
+VERB_WITHIN_S, VERB_WAYS = 600.0, 2.0
+"""How long a verb of the mount may take at least, and for how many ways of a slow mount: one may go round."""
 TURNS_WITHIN_S, PLANS_WITHIN_S = 120.0, 1200.0
 """For a watchdog: how long one turn of ours may take at most, and what may take long."""
 REREADS = (RunState.WAITING, RunState.PLANLESS, RunState.RESTING)
@@ -339,7 +340,9 @@ class LiveExecutor:
         context = self.context
         try:
             self._wait_until_free()
-            code, words = run_verb(context.command("mount", *verb), VERB_WITHIN_S, self._verb_must_end)
+            goes_within_s = context.profile.goes_within_s(by_rates=context.profile.geometry is not None)
+            within_s = max(VERB_WITHIN_S, VERB_WAYS * goes_within_s)
+            code, words = run_verb(context.command("mount", *verb), within_s, self._verb_must_end)
         except SattrackError as error:
             return str(error)
         except OSError as error:

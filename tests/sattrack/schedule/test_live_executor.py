@@ -11,8 +11,10 @@ import msgspec
 import pytest
 
 from sattrack.core.errors import BadInputError
-from sattrack.mount.model import MountProfile
+from sattrack.mount.geometry import AxisGeometry
+from sattrack.mount.model import AxisLimits, MountProfile, SitePlace
 from sattrack.runtime import demo_pass
+from sattrack.schedule import night_executor
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.night import (
     AskWeather,
@@ -367,6 +369,29 @@ class TestSteps:
         assert (found.done, found.words) == (False, "below the floor")
         night.script = "raise SystemExit(7)"
         assert self.do(night, SlewAction(alt_deg=50.0, az_deg=20.0)).words == "mount slew ended with 7"
+
+    def test_a_slow_mount_is_given_the_time_that_it_takes(
+        self, night: Night, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        given_s: list[float] = []
+
+        def run_verb(command: Any, timeout_s: float, stop_requested: Any) -> tuple[int, str | None]:
+            given_s.append(timeout_s)
+            return 0, None
+
+        monkeypatch.setattr(night_executor, "run_verb", run_verb)
+        slow, fast = AxisLimits(max_rate_deg_s=0.2, slew_rate_deg_s=0.2), AxisLimits(slew_rate_deg_s=0.2)
+        led = AxisGeometry(pole_azimuth_deg=0.0, pole_altitude_deg=90.0)
+        for profile in (
+            MountProfile(),
+            MountProfile(ra=fast),
+            MountProfile(ra=slow, geometry=led, stands_at=SitePlace(52.0, 4.5)),
+        ):
+            night.context.profile = profile
+            assert self.do(night, SlewAction(ra_deg=100.0, dec_deg=20.0)).done
+        # 200° either way of the meridian at 0.2 °/s are 2000 s.
+        assert given_s[0] == 600.0
+        assert min(given_s[1:]) > 2000.0
 
     def test_a_step_that_is_cut_off_is_begun_again_and_one_that_is_done_is_not(self, night: Night) -> None:
         readings = iter([BEGIN, BEGIN])
