@@ -19,7 +19,7 @@ from sattrack.mount.model import SIDEREAL_RATE_DEG_S, STATUS_LOST_S, mean_sidere
 from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.mount.xerxes.session import says_the_same
 from sattrack.safety import ROWS
-from sattrack.safety.geometry import Box
+from sattrack.safety.geometry import AxesState, Box
 from sattrack.safety.limits import SUN_CONE_DEG
 from tle.earth import EarthOrientation
 from tle.instants import Utc
@@ -227,6 +227,8 @@ class Surroundings:
     sun_cone_deg: float = SUN_CONE_DEG
     bounds: Bounds | None = None
     """The site's and the mount's own limits, at the beginning of the run."""
+    first_axis_middle_deg: float = 0.0
+    """The angle of the first axis within half a turn of which it is taken to be."""
 
 
 class CalibrationGuard:
@@ -356,10 +358,9 @@ class CalibrationGuard:
     def _refuse_limits(self, last: HeardStatus) -> None:
         if self._around.bounds is None:
             return
-        ha, dec = last.hour_angle_deg, last.dec_deg
-        if last.status.side_of_pier:
-            ha, dec = ha + 180.0, math.copysign(180.0, self._around.latitude_deg) - dec
-        box = Box(ha, ha, dec, dec).grown(BOX_DEG, BOX_DEG, BOX_DEG, BOX_DEG)
+        axes = AxesState(self._around.latitude_deg, self._around.first_axis_middle_deg)
+        place = axes.place(last.hour_angle_deg, last.dec_deg, last.status.side_of_pier)
+        box = Box.between(place, place).grown(BOX_DEG, BOX_DEG, BOX_DEG, BOX_DEG)
         name = self._around.bounds.violated(box, {}, SUN_MOVES_DEG / SIDEREAL_RATE_DEG_S)
         if name is not None:
             raise CalibrationEndedError(

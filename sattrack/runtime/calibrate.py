@@ -74,6 +74,7 @@ def surroundings(
         hour_angle_limit_deg=profile.hour_angle_limit_deg,
         floor_altitude_deg=max(FLOOR_ALTITUDE_DEG, limits.floor_altitude_deg),
         bounds=bounds,
+        first_axis_middle_deg=profile.first_axis_middle_deg,
     )
 
 

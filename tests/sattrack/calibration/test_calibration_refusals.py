@@ -16,10 +16,15 @@ from ramp_mount import RampMount
 from sattrack.calibration.findings import slewing_field
 from sattrack.calibration.guard import CalibrationEndedError, CalibrationGuard, EndKind
 from sattrack.core.angles import separation_deg
+from sattrack.mount.model import MountProfile
 from sattrack.mount.xerxes.datagrams import Command
+from sattrack.runtime.calibrate import surroundings
+from sattrack.safety.limits import SafetyLimits
+from tle.site import Site
 
 if TYPE_CHECKING:
     from sattrack.calibration.calibrator import Calibrator
+    from sattrack.mount.model import PierRule
 
 ABORT, MOVE_RA, MOVE_DEC = 73, 75, 76
 FLAGS = range(73, 82)
@@ -78,6 +83,28 @@ class TestItDoesNotBegin:
         assert words in ending.words
         assert "\n" not in ending.words
         assert all(flags(data) == set() for _, data in done.run.commands)
+
+    @pytest.mark.parametrize("pier_rule", ["hour_angle", "ascom"])
+    @pytest.mark.parametrize("hour_angle_limit_deg", [133.0, 200.0])
+    def test_beyond_the_pole_by_where_the_first_axis_stands(
+        self, pier_rule: PierRule, hour_angle_limit_deg: float
+    ) -> None:
+        west = pier_rule == "hour_angle"
+        mount = RampMount(hour_angle=50.0 if west else -50.0, beyond_pole=True)
+        profile = MountProfile(
+            pier_rule=pier_rule,
+            hour_angle_limit_deg=hour_angle_limit_deg,
+            dec_axis_limits_deg=(-270.0, 270.0),
+        )
+        site = Site(mount.latitude, mount.longitude, 0.0)
+        around = surroundings(site, profile, BEGIN, SafetyLimits(optical=False))
+        around = replace(CLEAR, bounds=around.bounds, first_axis_middle_deg=around.first_axis_middle_deg)
+        ending = run(mount, around=around, plan=SHORT).calibrator.ending
+        assert ending is not None
+        # It stands at -130° or 130°, and may come 4.2° farther either way.
+        kind = EndKind.LIMIT if hour_angle_limit_deg < 134.2 else EndKind.DONE
+        assert ending.kind is kind, ending.words
+        assert ("its hour_angle limit" in ending.words) == (kind is EndKind.LIMIT)
 
     def test_without_a_status(self) -> None:
         ending = ended(RampMount(), cut=(0.0, math.inf)).ending
