@@ -11,6 +11,7 @@ import contextlib
 import functools
 import select
 import socket
+import struct
 import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Self
@@ -38,6 +39,8 @@ QUIET_PERIODS = 1.5
 REFUSED_WITHIN_S = 0.3
 """A setting that the driver has not answered by then is taken for accepted."""
 READ_BYTES = 65536
+NOTHING_LATER = struct.pack("ii", 1, 0)
+"""SO_LINGER for a connection that is given up: what it holds is not sent, as rates must not follow a stop."""
 ALERT, REFUSED = "Alert", 0x500
 
 
@@ -53,6 +56,8 @@ class IndiClient:
     _placed_s: float = 0.0
     """When the last place came, and the last one that was read."""
     _read_s: float = 0.0
+    _heard_s: float = 0.0
+    """When anything came last."""
     _lost: str | None = None
 
     def __post_init__(self) -> None:
@@ -74,6 +79,14 @@ class IndiClient:
         """Connect to the server, and its driver to the telescope. Raises NoAnswerError."""
         if self._listening is None or self._listening.done():
             await self._open()
+        begun_s = time.monotonic()
+        try:
+            await self._connect_driver()
+        except NoAnswerError as error:
+            self._hang_up(begun_s, str(error))
+            raise
+
+    async def _connect_driver(self) -> None:
         telescope = self.telescope
         if not await self._until(lambda: telescope.connected is not None, FOUND_WITHIN_S):
             there = ", ".join(sorted(telescope.others)) or "no device"
@@ -116,11 +129,13 @@ class IndiClient:
         """
         if self._lost is not None or not self.telescope.connected:
             await self.connect()
+        begun_s = time.monotonic()
         came = await self._until(self._has_new_place, QUIET_PERIODS / self.address.hz)
         if not came and self._writer is not None:
             self._writer.write(self.telescope.question(PLACE))
             came = await self._until(self._has_new_place, ANSWER_WITHIN_S)
         if not came:
+            self._hang_up(begun_s, f"nothing came within {ANSWER_WITHIN_S:g} s")
             raise NoAnswerError(self._lost or f"no place came within {ANSWER_WITHIN_S:g} s")
         self._read_s = self._placed_s
         values = {member: self.telescope.value(member) for member in MEMBERS.values() if member != "athome"}
@@ -129,6 +144,18 @@ class IndiClient:
 
     def _has_new_place(self) -> bool:
         return self._placed_s > self._read_s
+
+    def _hang_up(self, since_s: float, words: str) -> None:
+        """Give up a connection on which nothing has come since then: TCP itself waits for minutes."""
+        if self._heard_s > since_s or self._lost is not None:
+            return
+        assert self._writer is not None
+        assert self._listening is not None
+        self._lost = words
+        self._listening.cancel()
+        self._listening = None
+        self._writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, NOTHING_LATER)
+        self._writer.transport.abort()
 
     async def _open(self) -> None:
         where = self.address.host, self.address.port
@@ -149,6 +176,7 @@ class IndiClient:
         try:
             while data := await reader.read(READ_BYTES):
                 now_s, before = time.monotonic(), self.telescope.places
+                self._heard_s = now_s
                 self.telescope.feed(data)
                 if self.telescope.places != before:
                     self._placed_s = now_s
@@ -201,7 +229,7 @@ class IndiDevice:
         if member == "rightascension":
             places = self._telescope.places
             self._send(self._telescope.question(PLACE))
-            self._until(lambda: self._telescope.places > places)
+            self._until(lambda: self._telescope.places > places, hangs_up=True)
         return self._telescope.value(member)
 
     def put(self, member: str, **fields: str) -> None:
@@ -232,13 +260,19 @@ class IndiDevice:
         with contextlib.suppress(NoAnswerError):
             self._until(lambda: False)
 
-    def _until(self, holds: Any) -> None:
-        """Read until something holds. Raises NoAnswerError where that takes too long."""
+    def _until(self, holds: Any, hangs_up: bool = False) -> None:
+        """Read until something holds. Raises NoAnswerError where that takes too long.
+
+        One that `hangs_up` gives up a connection on which nothing comes meanwhile: TCP waits for minutes.
+        """
         assert self._line is not None
         until_s = time.monotonic() + self._within_s
         while not holds():
             left_s = until_s - time.monotonic()
             if left_s <= 0.0 or not select.select([self._line], [], [], left_s)[0]:
+                if hangs_up:
+                    self._line.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, NOTHING_LATER)
+                    self._close()
                 raise NoAnswerError(f"nothing came within {self._within_s:g} s")
             try:
                 data = self._line.recv(READ_BYTES)
@@ -249,6 +283,7 @@ class IndiDevice:
                 self._close()
                 raise NoAnswerError("the INDI server has closed the connection")
             self._telescope.feed(data)
+            hangs_up = False
 
     def _close(self) -> None:
         if self._line is not None:

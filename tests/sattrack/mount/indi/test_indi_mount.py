@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import math
 import os
+import select
 import signal
 import socket
 import socketserver
@@ -86,6 +87,9 @@ class Driver(socketserver.ThreadingTCPServer):
         """Definitions that it has besides."""
         self.noted: list[tuple[str, dict[str, str]]] = []
         self.lines: list[socket.socket] = []
+        self.plugged = threading.Event()
+        """Cleared, nothing passes either way on any of its lines."""
+        self.plugged.set()
 
     def say(self, message: bytes) -> None:
         """Send a message of the driver's own."""
@@ -98,23 +102,39 @@ class Driver(socketserver.ThreadingTCPServer):
 
 class _DriversLine(socketserver.StreamRequestHandler):
     server: Driver
+    rbufsize = 0
 
     def handle(self) -> None:
         self.server.lines.append(self.connection)
-        for line in self.rfile:
-            message = ElementTree.fromstring(line)
-            name = message.get("name", "")
-            if message.tag == "getProperties":
-                place = b'EQUATORIAL_EOD_COORD" state="'
-                found = DEFINITIONS.replace(place + b"Idle", place + self.server.place_state)
-                self.wfile.write(found + self.server.more)
-            else:
-                values = {one.get("name", ""): one.text or "" for one in message}
-                self.server.noted.append((name, values))
-                if name == "CONNECTION":
-                    self.wfile.write(CONNECTED % b"On")
-                if name == "POLLING_PERIOD":
-                    self.wfile.write(POLLING_REFUSED)
+        for line in self._lines():
+            with contextlib.suppress(ConnectionError):
+                self._take(ElementTree.fromstring(line))
+
+    def _take(self, message: ElementTree.Element) -> None:
+        name = message.get("name", "")
+        if message.tag == "getProperties":
+            place = b'EQUATORIAL_EOD_COORD" state="'
+            found = DEFINITIONS.replace(place + b"Idle", place + self.server.place_state)
+            self.wfile.write(found + self.server.more)
+        else:
+            values = {one.get("name", ""): one.text or "" for one in message}
+            self.server.noted.append((name, values))
+            if name == "CONNECTION":
+                self.wfile.write(CONNECTED % b"On")
+            if name == "POLLING_PERIOD":
+                self.wfile.write(POLLING_REFUSED)
+
+    def _lines(self) -> Iterator[bytes]:
+        """Lines as they come; those of a time without a cable once it is back, but none of a reset line."""
+        with contextlib.suppress(ConnectionResetError):
+            while select.select([self.connection], [], []):
+                self.server.plugged.wait()
+                come = [self.rfile.readline()]
+                while come[-1] and select.select([self.connection], [], [], 0.0)[0]:
+                    come.append(self.rfile.readline())
+                yield from filter(None, come)
+                if not come[-1]:
+                    return
 
 
 @pytest.fixture
@@ -248,6 +268,47 @@ def test_a_server_that_drops_its_client_is_connected_again_and_stopped(driver: D
 
     asyncio.run(lose_and_stop())
     assert len(driver.lines) == 2
+
+
+def test_a_cable_that_is_plugged_in_again_carries_a_new_connection_and_nothing_old(
+    driver: Driver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """TCP waits for minutes, and then sends what it has kept: rates, after a stop."""
+    monkeypatch.setattr(indi_client, "ANSWER_WITHIN_S", 0.5)
+    monkeypatch.setattr(indi_client, "FOUND_WITHIN_S", 0.5)
+
+    async def pull_and_plug_in() -> None:
+        async with IndiClient(driver.address) as client:
+            await client.connect()
+            await client.read()
+            driver.plugged.clear()
+            await client.put("moveaxis", ("Axis", "1"), ("Rate", "0.2"))
+            with pytest.raises(NoAnswerError, match="nothing came within"):
+                await client.read()
+            with pytest.raises(NoAnswerError, match="nothing came within"):
+                await client.put("abortslew")
+            for _ in range(2):
+                with pytest.raises(NoAnswerError, match="no device 'T' there"):
+                    await client.read()
+            driver.plugged.set()
+            assert (await client.read()).ra[1] == 6.5
+            await client.put("abortslew")
+            await client.read()
+
+    asyncio.run(pull_and_plug_in())
+    assert driver.noted == [("TELESCOPE_ABORT_MOTION", {"ABORT": "On"})]
+    device = IndiDevice(driver.address.host, driver.address.port, "T", 0.5)
+    assert device.get("rightascension") == 6.5
+    driver.plugged.clear()
+    device.put("moveaxis", Axis="1", Rate="0.2")
+    with pytest.raises(NoAnswerError, match="nothing came within"):
+        device.get("rightascension")
+    driver.plugged.set()
+    assert device.get("rightascension") == 6.5
+    device.put("abortslew")
+    assert device.get("rightascension") == 6.5
+    assert driver.noted[1:] == [("TELESCOPE_ABORT_MOTION", {"ABORT": "On"})]
+    device._close()
 
 
 def test_a_driver_that_does_not_look_as_often_as_asked_is_refused_with_its_reason_but_stopped(
