@@ -49,6 +49,7 @@ class Parameters:
     alignment_mode: int = 0
     has_alignment_mode: bool = True
     max_rate_deg_s: float = 8.0
+    min_rate_deg_s: float = 0.0  # MoveAxis refuses slower rates, other than 0
     acceleration_deg_s2: float = 10.0
     azimuth_deg: float = 180.0
     altitude_deg: float = 45.0
@@ -239,7 +240,8 @@ class Telescope:
         """MoveAxis: a rate about an axis; zero gives the axis back to what it did before."""
         if self.parked:
             raise RefusedError(PARKED, "MoveAxis is refused while parked")
-        if axis not in (0, 1) or not abs(rate) <= self.p.max_rate_deg_s:
+        borne = rate == 0.0 or self.p.min_rate_deg_s <= abs(rate) <= self.p.max_rate_deg_s
+        if axis not in (0, 1) or not borne:
             raise RefusedError(INVALID_VALUE, f"no axis {axis} with a rate of {rate}")
         self.aim = self.sky = None
         self.moving[axis] = rate if rate else None
@@ -347,7 +349,7 @@ def get(scope: Telescope, name: str, fields: dict[str, str]) -> Any:
         return int(fields["axis"]) in (0, 1)
     if name == "axisrates":
         moves = int(fields["axis"]) in (0, 1)
-        return [{"Minimum": 0.0, "Maximum": p.max_rate_deg_s}] if moves else []
+        return [{"Minimum": p.min_rate_deg_s, "Maximum": p.max_rate_deg_s}] if moves else []
     if name in ("targetrightascension", "targetdeclination"):
         value = scope.target[name == "targetdeclination"]
         if value is None:

@@ -9,6 +9,7 @@ Rules:
    then tracking is set as it was before anything was asked.
 4. Where the session is silent for DEADMAN_S while something of its is in force, the telescope is stopped.
 5. What the telescope refuses is not acknowledged, and asked for again as long as it is wanted.
+6. A first axis that is to stand does so by the slowest rate, or without tracking where that is too fast.
 
 Mounts are steered in the equinox of date; some drivers speak J2000. Between the two the axes are turned by
 precession, nutation and frame bias (IAU 2006/2000A, ERFA), without aberration: the satellite's direction is
@@ -401,13 +402,14 @@ class Bridge:
             self._begin()
         stands = all(axis.commanded_deg_s == 0.0 for axis in self._axes)
         # During a MoveAxis some drivers report that tracking is off, and it says nothing.
-        if moves and stands and (first := self._tracking_first(now_s)):
+        to_stand = moves and self._is_to_stand(command)
+        if moves and stands and not to_stand and (first := self._tracking_first(now_s)):
             return first
         wishes = (
             command.move_ra_rate_deg_s if moves and command.move_ra else 0.0,
             command.move_dec_rate_deg_s if moves and command.move_dec else 0.0,
         )
-        orders = []
+        orders = self._stand(now_s) if to_stand and self._axes[0].commanded_deg_s == 0.0 else []
         for number, wish in enumerate(wishes):
             axis = self._axes[number]
             rate = nearest_rate(wish, self.facts.rates(number))
@@ -415,6 +417,19 @@ class Bridge:
                 orders.append(move_order(number, rate))
                 axis.commanded_deg_s = rate
         return orders
+
+    def _is_to_stand(self, command: Command) -> bool:
+        """Whether the first axis is to stand, and the driver has no rate that is slow enough for it."""
+        wish, spans = command.move_ra_rate_deg_s, self.facts.rates(0)
+        slow = command.move_ra and 0.0 < abs(wish) < MOVES_DEG_S and nearest_rate(wish, spans) == 0.0
+        return slow and self.facts.can_set_tracking and not self.facts.follows_by_both
+
+    def _stand(self, now_s: float) -> list[Order]:
+        """Take tracking off an axis whose MoveAxis has ended; a telescope that stood so is left so."""
+        self._tracked_before = False
+        turns = abs(self._rates_deg_s[0]) > MOVES_DEG_S
+        again = turns and now_s - self._tracking_asked_s > TRACKING_AGAIN_S
+        return self._ask_tracking(False, now_s) if self._tracking_asked is not False or again else []
 
     def _stop(self, now_s: float) -> list[Order]:
         self._stop_s = now_s

@@ -7,17 +7,25 @@ from datetime import UTC, datetime
 from typing import Literal
 
 import pytest
-from alpaca_harness import address, calibrate, facts_of, follow, follow_two_axes
+from alpaca_harness import (
+    TwoAxes,
+    VirtualTelescope,
+    address,
+    calibrate,
+    facts_of,
+    follow,
+    follow_two_axes,
+)
 from alpaca_mount import AXES, KEYHOLE_DEG, followed_live, of_axes
 from msgspec.structs import replace
 from skyfield.api import load
 from strangers.alpaca_two_axes import Parameters
 
 from sattrack.calibration.guard import CalibrationEndedError, Leg, Plan
-from sattrack.control.driver import Driver
+from sattrack.control.driver import Driver, StopProcedure
 from sattrack.mount.alpaca.bridge import Bridge
 from sattrack.mount.alpaca.device import SkyPlace
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MoveAxes
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Motion, MoveAxes, Stop
 from sattrack.mount.simulator.alpaca_telescope import SimulatedPlace, SimulatedTelescope, TelescopeSettings
 from sattrack.safety import Safety, SafetyLimits
 
@@ -114,6 +122,70 @@ def test_a_telescope_that_is_held_at_its_western_limit_stands_there(ra_sign: Lit
     assert 59.7 < min(stood_deg) <= max(stood_deg) < 60.0
     # In a minute the sky goes on by 0.25°.
     assert stood_deg[-1] - stood_deg[0] < 0.001
+
+
+@pytest.mark.parametrize("dec_deg_s", [0.0, 0.3])
+def test_a_telescope_with_no_slow_rates_stands_at_its_western_limit_and_is_left_there(
+    dec_deg_s: float,
+) -> None:
+    """By a stranger's axes, which go on with the sky after a MoveAxis of 0, as the standard has it."""
+    settings = TelescopeSettings(rates_deg_s=((0.1, 4.0),))
+    profile = replace(address(settings).usual_profile(), hour_angle_limit_deg=60.0)
+    place = settings.latitude_deg, settings.longitude_deg
+    driver = Driver(profile, Safety(profile, SafetyLimits(optical=False), *place, holds=True))
+    device = TwoAxes(
+        Parameters(
+            *place,
+            pole_altitude_deg=settings.latitude_deg,
+            alignment_mode=1,
+            azimuth_deg=250.0,
+            altitude_deg=45.0,
+            min_rate_deg_s=0.1,
+            max_rate_deg_s=4.0,
+            tracking=True,
+        ),
+        T0,
+    )
+    engine = Driven(driver, settings, device)
+    engine.run(45.0, MoveAxes(SIDEREAL_RATE_DEG_S - 0.5, dec_deg_s))
+    assert (driver.safety.tripped, driver.safety.holding) == (None, "hour_angle")
+    stood_deg = engine.hour_angle_deg()
+    assert 59.7 < stood_deg < 60.0
+    engine.run(60.0, MoveAxes(SIDEREAL_RATE_DEG_S - 0.5, -dec_deg_s))
+    assert driver.safety.tripped is None
+    # In a minute the sky goes on by 0.25°.
+    assert abs(engine.hour_angle_deg() - stood_deg) < 0.001
+    engine.run(10.0, MoveAxes(SIDEREAL_RATE_DEG_S + 0.5, 0.0))
+    assert engine.hour_angle_deg() < stood_deg - 4.0
+    engine.run(25.0, MoveAxes(SIDEREAL_RATE_DEG_S - 0.5, 0.0))
+    driver.stop = StopProcedure(engine.now)
+    engine.run(15.0, Stop())
+    assert driver.mount_stopped
+    assert not device.tracks()
+    assert 59.7 < engine.hour_angle_deg() < 60.0
+    assert engine.virtual.refusals == []
+
+
+class Driven:
+    """A driver and a telescope in virtual time."""
+
+    def __init__(self, driver: Driver, settings: TelescopeSettings, device: TwoAxes) -> None:
+        self.driver, self.device, self.now = driver, device, T0
+        self.virtual = VirtualTelescope(settings, T0, 10.0, driver.receive, device)
+
+    def run(self, seconds: float, motion: Motion) -> None:
+        until = self.now + seconds
+        while self.now < until:
+            while self.virtual.queue[0][0] < self.now:
+                self.virtual.next()
+            if self.driver.sample is not None:
+                self.driver.session.apply(self.driver.clear(motion, self.now))
+            self.virtual.hear(self.driver.compose(self.now), self.now)
+            self.now += self.driver.profile.period_s
+
+    def hour_angle_deg(self) -> float:
+        seen = self.device.truth(self.now)
+        return math.remainder(self.device.scope.sidereal_deg(seen.utc_s) - seen.ra_deg, 360.0)
 
 
 def test_each_status_of_a_slow_telescope_counts() -> None:
