@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, StatusSample
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, STATUS_LOST_S, StatusSample
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -158,9 +158,17 @@ class Positions:
             if abs(gap_s) > CLOCK_JUMP_S or before[3] != place[3]:
                 self._kept.clear()
         self._kept.append(Position(arrival_utc_s, mount_s, hour_angle_deg, dec_deg))
-        while self._kept[-1].arrival_utc_s - self._kept[0].arrival_utc_s > WINDOWS_S[-1] + WINDOWS_S[0]:
-            self._kept.popleft()
+        self._forget_old(arrival_utc_s)
         self._recent = self._window(WINDOWS_S[0], -math.inf)
+
+    def _forget_old(self, arrival_utc_s: float) -> None:
+        """Keep the positions of the longest window; of a telescope that is slow, and not silent, enough."""
+        kept, oldest_utc_s = self._kept, arrival_utc_s - WINDOWS_S[-1] - WINDOWS_S[0]
+        silent = len(kept) > 1 and arrival_utc_s - kept[-2].arrival_utc_s > STATUS_LOST_S
+        while kept[0].arrival_utc_s < oldest_utc_s and (
+            silent or (len(kept) > LEAST_POSITIONS and kept[1].arrival_utc_s < oldest_utc_s)
+        ):
+            kept.popleft()
 
     def _see_changes(
         self,
@@ -267,7 +275,10 @@ class Positions:
         return None
 
     def _window(self, span_s: float, since_utc_s: float) -> list[Position] | None:
-        """Return the positions of the last `span_s`, None where they do not fill it."""
+        """Return the positions of the last `span_s`, None where they do not fill it.
+
+        The longest span is as much longer as LEAST_POSITIONS of a slow telescope take.
+        """
         if not self._kept:
             return None
         last = self._kept[-1]
@@ -276,7 +287,8 @@ class Positions:
             if one.arrival_utc_s <= since_utc_s:
                 return None
             found.append(one)
-            if last.mount_s - one.mount_s >= span_s:
+            enough = span_s < WINDOWS_S[-1] or len(found) >= LEAST_POSITIONS
+            if enough and last.mount_s - one.mount_s >= span_s:
                 break
         else:
             return None

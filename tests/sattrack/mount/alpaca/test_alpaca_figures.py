@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace as replace_fields
 from datetime import UTC, datetime
 from typing import Literal
 
@@ -164,6 +165,25 @@ def test_a_telescope_with_no_slow_rates_stands_at_its_western_limit_and_is_left_
     assert not device.tracks()
     assert 59.7 < engine.hour_angle_deg() < 60.0
     assert engine.virtual.refusals == []
+
+
+@pytest.mark.parametrize("latency_s", [1.0, 1.7])
+def test_a_telescope_that_answers_slowly_is_seen_at_rest(latency_s: float) -> None:
+    settings = TelescopeSettings(latency_s=latency_s)
+    profile = address(settings, 2.0).usual_profile()
+    place = settings.latitude_deg, settings.longitude_deg
+    driver = Driver(profile, Safety(profile, SafetyLimits(optical=False), *place, holds=True))
+    equatorial = replace_fields(STRANGER, pole_altitude_deg=place[0], alignment_mode=1, tracking=True)
+    engine = Driven(
+        driver,
+        settings,
+        TwoAxes(replace_fields(equatorial, latitude_deg=place[0], longitude_deg=place[1]), T0),
+    )
+    engine.run(10.0, MoveAxes(0.0, 0.3))
+    driver.stop = StopProcedure(engine.now)
+    engine.run(30.0, Stop())
+    assert driver.mount_stopped
+    assert max(abs(speed) for speed in engine.device.scope.speeds) < 0.005
 
 
 class Driven:

@@ -514,6 +514,34 @@ class TestPositions:
             # Arrivals take the clock's place with the tenth of them, and ten fill half a second.
             assert (mount.positions.rates_deg_s() is None) == (moved < 19)
 
+    @pytest.mark.parametrize("step_s", [0.6, 0.97, 1.08, 1.3, 1.9])
+    @pytest.mark.parametrize("rate_deg_s", [0.0, SIDEREAL_DEG_S, 1.7 * SIDEREAL_DEG_S, -0.01])
+    def test_rest_of_a_telescope_that_answers_slowly(self, step_s: float, rate_deg_s: float) -> None:
+        """It moves at 1 °/s until a moment after one of its statuses; then its hour angle turns at a rate."""
+        mount, stops_s, seen_s = Placed(), 10.0 * step_s + 0.3, []
+        for number in range(60):
+            t = step_s * number
+            mount.take(t, 1.0 * min(t, stops_s) + rate_deg_s * max(0.0, t - stops_s), 10.0)
+            if mount.positions.rest() is not None:
+                seen_s.append(t)
+        if rate_deg_s not in {0.0, SIDEREAL_DEG_S}:
+            assert seen_s == []
+            return
+        # Eight positions, and eight seconds.
+        assert stops_s + 7.0 * step_s < min(seen_s) < stops_s + max(8.0 * step_s, 8.0) + 1.5 * step_s
+        assert len(seen_s) == round((60 * step_s - min(seen_s)) / step_s)
+
+    def test_positions_from_before_a_silence_do_not_show_rest(self) -> None:
+        mount = Placed()
+        for number in range(20):
+            mount.take(1.5 * number, 0.0, 10.0)
+        assert mount.positions.rest() is not None
+        for number in range(7):
+            mount.take(60.0 + 1.5 * number, 0.0, 10.0)
+            assert mount.positions.rest() is None
+        mount.take(60.0 + 10.5, 0.0, 10.0)
+        assert mount.positions.rest() is not None
+
     def test_rest_is_that_of_new_positions_and_none_older_than_a_second_and_a_half(self) -> None:
         mount = Placed()
         for number in range(40):
