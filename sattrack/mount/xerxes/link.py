@@ -18,8 +18,11 @@ if TYPE_CHECKING:
     from sattrack.mount.model import Status
     from sattrack.mount.xerxes.datagrams import Command
 
-STALE_AFTER_S = 0.3
+STALE_AFTER_S, STALE_INTERVALS = 0.3, 2.0
+"""A status is old after this, and after so many of the usual intervals of a telescope that answers slowly."""
 REMEMBERED_INTERVALS = 100
+USUAL_OF = 5
+"""The middle one of so many intervals is the usual one."""
 COUNTS = (
     "sent",
     "received",
@@ -104,6 +107,8 @@ class LinkHealth:
     state: LinkState = LinkState.SILENT
     froze: bool = False
     """Whether frozen statuses are all that came since the last accepted one."""
+    stale_after_s: float = STALE_AFTER_S
+    """Age of the last status from which on it is old."""
     _last_arrival_s: float | None = None
     _intervals: deque[float] = field(default_factory=lambda: deque(maxlen=REMEMBERED_INTERVALS))
 
@@ -112,6 +117,9 @@ class LinkHealth:
         last = self._last_arrival_s
         if last is not None and arrival_utc_s > last:
             self._intervals.append((arrival_utc_s - last) / max(1, periods))
+            if len(self._intervals) >= USUAL_OF:
+                usual_s = sorted(self._intervals[-k] for k in range(1, USUAL_OF + 1))[USUAL_OF // 2]
+                self.stale_after_s = min(STATUS_LOST_S, max(STALE_AFTER_S, STALE_INTERVALS * usual_s))
         self._last_arrival_s = arrival_utc_s
         self.froze = False
         self.state = follow(LINK, self.state, HEARD)
@@ -129,7 +137,7 @@ class LinkHealth:
     def look(self, now_utc_s: float) -> LinkState:
         """Return the state of the link at an instant."""
         age_s = self.age_s(now_utc_s)
-        for event, after_s in ((QUIET, STALE_AFTER_S), (LONG_QUIET, STATUS_LOST_S)):
+        for event, after_s in ((QUIET, self.stale_after_s), (LONG_QUIET, STATUS_LOST_S)):
             if age_s is not None and age_s > after_s:
                 self.state = follow(LINK, self.state, event)
         return self.state

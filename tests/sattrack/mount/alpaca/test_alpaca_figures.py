@@ -23,12 +23,14 @@ from skyfield.api import load
 from strangers.alpaca_two_axes import Parameters
 
 from sattrack.calibration.guard import CalibrationEndedError, Leg, Plan
+from sattrack.control.console import Console
 from sattrack.control.driver import Driver, StopProcedure
 from sattrack.mount.alpaca.bridge import Bridge
 from sattrack.mount.alpaca.device import SkyPlace
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Motion, MoveAxes, Stop
 from sattrack.mount.simulator.alpaca_telescope import SimulatedPlace, SimulatedTelescope, TelescopeSettings
 from sattrack.safety import Safety, SafetyLimits
+from tle.site import Site
 
 T0 = 1_790_000_000.0
 BOUND_ARCSEC = 10.0
@@ -184,6 +186,24 @@ def test_a_telescope_that_answers_slowly_is_seen_at_rest(latency_s: float) -> No
     engine.run(30.0, Stop())
     assert driver.mount_stopped
     assert max(abs(speed) for speed in engine.device.scope.speeds) < 0.005
+
+
+def test_a_telescope_that_is_asked_twice_a_second_is_jogged_whenever_a_key_is_pressed() -> None:
+    settings = TelescopeSettings()
+    site = Site(settings.latitude_deg, settings.longitude_deg, 0.0)
+    console = Console(address(settings, 2.0).usual_profile(), SafetyLimits(optical=False), site, "telescope")
+    virtual = VirtualTelescope(settings, T0, 2.0, console.receive)
+    refused = []
+    for step in range(300):
+        now = T0 + 0.05 * step
+        while virtual.queue[0][0] < now:
+            virtual.next()
+        if step % 10 == 0:
+            virtual.hear(console.tick(now), now)
+        if step > 100:
+            refused.append(console.jog(None, 0.2, now))
+    assert refused == [None] * len(refused)
+    assert virtual.telescope.truth(now).dec_deg > settings.dec_deg + 1.0
 
 
 class Driven:

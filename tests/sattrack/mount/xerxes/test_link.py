@@ -45,6 +45,20 @@ class TestHealth:
     def test_an_age_is_never_negative(self) -> None:
         assert LinkHealth().view(LinkState.UP, -0.01).age_s == 0.0
 
+    @pytest.mark.parametrize(
+        ("interval_s", "old_s"), [(0.05, 0.3), (0.1, 0.3), (0.2, 0.4), (0.5, 1.0), (0.9, 1.8), (1.5, 2.0)]
+    )
+    def test_a_status_is_old_after_two_of_the_usual_intervals(self, interval_s: float, old_s: float) -> None:
+        health = LinkHealth()
+        for number in range(20):
+            # One that is held up changes nothing, nor do lost ones.
+            late_s = 0.7 * interval_s if number == 17 else 0.0
+            health.hear(T0 + 3 * number * interval_s + late_s, 3)
+        last_s = T0 + 57 * interval_s
+        assert health.look(last_s + old_s - 0.01) is LinkState.UP
+        assert health.look(last_s + old_s + 0.01) is (LinkState.STALE if old_s < 2.0 else LinkState.LOST)
+        assert health.look(last_s + 2.01) is LinkState.LOST
+
     def test_lost_statuses_were_sent_all_the_same(self) -> None:
         health = LinkHealth()
         for number in (0, 1, 4, 6):
