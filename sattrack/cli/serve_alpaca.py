@@ -48,10 +48,12 @@ from sattrack.runtime.system import StopRequest, stopping
 from sattrack.runtime.view_server import SUPPORTED
 from sattrack.servers.alpaca.run_station import RunServersTask
 from sattrack.servers.alpaca.serve import (
+    SERIAL_FRAMING,
     AlpacaLoop,
     AlpacaTask,
     ClockNumbers,
     Satellites,
+    SerialEnd,
     discovery_sockets,
     engine_maker,
     start_http_process,
@@ -74,6 +76,7 @@ if TYPE_CHECKING:
     from sattrack.runtime.facts import Prepared
     from sattrack.runtime.mounts import MountAddress
     from sattrack.servers.alpaca.telescope import Spans
+    from sattrack.servers.antenna.serve import SerialChannel
     from tle.elements import Elements
 
 MOST_CLIENTS = 1000
@@ -190,10 +193,10 @@ def stellarium(context: CommandContext, **options: Any) -> int:
 
 
 class Ends(NamedTuple):
-    """What clients reach: listening sockets by protocol, a serial line's descriptor, sockets of discovery."""
+    """What clients reach: listening sockets by protocol, a serial line, sockets of discovery."""
 
     listeners: dict[str, socket.socket]
-    serial: int | None
+    serial: SerialChannel | None
     discovery: Sequence[socket.socket]
     no_discovery: str | None
     """Why discovery is not answered, although it was asked for."""
@@ -230,6 +233,9 @@ def serve_telescope(context: CommandContext, first: str, options: dict[str, Any]
         elements = _elements(context, served) if ALPACA in ends.listeners else []
         server = start_http_process(_task(context, served, options, ends, mount, abilities, elements))
         closing.callback(server.close)
+        if ends.serial is not None:
+            # An adapter that is plugged in again has its name back once nobody has the old one open.
+            ends.serial.close()
         rotctld = None
         if ROTCTLD in ends.listeners:
             rotator, info = (
@@ -333,16 +339,16 @@ def _announcements(
     return texts if ends.no_discovery is None else [*texts, ends.no_discovery]
 
 
-def _serial_line(options: dict[str, Any], closing: ExitStack) -> int | None:
-    """Return the descriptor of the serial line; None without one. Raises SattrackError."""
+def _serial_line(options: dict[str, Any], closing: ExitStack) -> SerialChannel | None:
+    """Return the serial line; None without one. Raises SattrackError."""
     if options.get("device") is None:
         only_with_serial("baud")
         return None
     from sattrack.servers.antenna.serve import SerialChannel
 
-    line = SerialChannel(options["device"], options["baud"], "8N1")
+    line = SerialChannel(options["device"], options["baud"], SERIAL_FRAMING)
     closing.callback(line.close)
-    return line.fileno()
+    return line
 
 
 def _ports(first: str, options: dict[str, Any]) -> dict[str, int]:
@@ -377,13 +383,15 @@ def _task(
     elements: list[Elements],
 ) -> AlpacaTask:
     """Return the task of the process that clients talk to."""
-    clock = served.clock
+    clock, serial = served.clock, None
+    if ends.serial is not None:
+        serial = SerialEnd(ends.serial.fileno(), options["device"], options["baud"])
     numbers = {protocol: one.fileno() for protocol, one in ends.listeners.items()}
     return AlpacaTask(
         listener=numbers.get(ALPACA),
         lx200=numbers.get(LX200),
         indi=numbers.get(INDI),
-        serial=ends.serial,
+        serial=serial,
         stellarium=numbers.get(STELLARIUM),
         discovery=tuple(one.fileno() for one in ends.discovery),
         port=ends.ports.get(ALPACA, 0),

@@ -49,6 +49,8 @@ FINISH_WITHIN_S = 10.0
 """What a client has sent before it left is carried out within this time, or not at all."""
 EVERY_S = 0.2
 """So often clients hear where the telescope points, without asking."""
+REOPEN_EVERY_S = 2.0
+"""So often a serial line that is gone is looked for."""
 MOST_STOPS = 8
 """Stops of one client that may be unanswered at once; one more is then sent for all that came meanwhile."""
 Item = TypeVar("Item")
@@ -80,8 +82,21 @@ class Planetariums:
 
         return asyncio.StreamReaderProtocol(asyncio.StreamReader(), begin)
 
-    async def serial_line(self, number: int) -> None:
-        """Serve the LX200 client on a serial line, given as a descriptor, until the line is gone."""
+    async def serial_line(self, number: int | None, reopened: Callable[[], int | None]) -> None:
+        """Serve the LX200 client on a serial line for ever; `number` is its descriptor.
+
+        One that is gone, as an adapter that was unplugged, is served again once `reopened` returns another.
+        """
+        while True:
+            if number is not None:
+                await self._serial_client(number)
+                self.channel.log("the serial line is gone")
+            await asyncio.sleep(REOPEN_EVERY_S)
+            number = reopened()
+            if number is not None:
+                self.channel.log("the serial line is there again")
+
+    async def _serial_client(self, number: int) -> None:
         loop, reader = asyncio.get_running_loop(), asyncio.StreamReader()
         await loop.connect_read_pipe(
             lambda: asyncio.StreamReaderProtocol(reader), os.fdopen(os.dup(number), "rb", 0)
@@ -90,7 +105,6 @@ class Planetariums:
             lambda: asyncio.StreamReaderProtocol(asyncio.StreamReader()), os.fdopen(number, "wb", 0)
         )
         await self.lx200(reader, asyncio.StreamWriter(transport, flow, None, loop), is_serial=True)
-        self.channel.log("the serial line is gone")
 
     async def lx200(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, is_serial: bool = False

@@ -366,7 +366,7 @@ async def serve(task: AlpacaTask, reader: asyncio.StreamReader, writer: asyncio.
         )
     aside = [loop.create_task(front.tend()), loop.create_task(actions.prepare())]
     if task.serial is not None:
-        aside.append(loop.create_task(others.serial_line(task.serial)))
+        aside.append(loop.create_task(others.serial_line(task.serial.number, task.serial.reopened)))
     # Garbage is then looked for among what connections made, before it is megabytes.
     gc.freeze()
     channel.log(READY)

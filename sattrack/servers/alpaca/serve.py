@@ -13,11 +13,12 @@ from __future__ import annotations
 
 import contextlib
 import ipaddress
+import os
 import socket
 import time
 from collections import deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import msgspec
 
@@ -275,12 +276,9 @@ def start_http_process(task: AlpacaTask) -> AlpacaHttpProcess:
     ours, theirs = socket.socketpair()
     with theirs:
         # A Ctrl-C is for the feeding process, which ends this one when the mount stands.
-        ports = (
-            one
-            for one in (task.listener, task.lx200, task.indi, task.serial, task.stellarium)
-            if one is not None
-        )
-        inherits = (theirs.fileno(), *ports, *task.discovery)
+        ports = (one for one in (task.listener, task.lx200, task.indi, task.stellarium) if one is not None)
+        serial = () if task.serial is None else (task.serial.number,)
+        inherits = (theirs.fileno(), *ports, *serial, *task.discovery)
         process = start_process("sattrack.servers.alpaca.process", str(theirs.fileno()), inherits=inherits)
     with contextlib.suppress(OSError):
         ours.sendall(encode_task(task))
@@ -293,6 +291,28 @@ def start_http_process(task: AlpacaTask) -> AlpacaHttpProcess:
     return started
 
 
+SERIAL_FRAMING = "8N1"
+
+
+class SerialEnd(NamedTuple):
+    """A serial line that is open: its descriptor, and how it is opened again."""
+
+    number: int
+    device: str
+    baud: int
+
+    def reopened(self) -> int | None:
+        """Open it again; return the new descriptor, None where it is not there."""
+        from sattrack.servers.antenna.serve import SerialChannel
+
+        try:
+            line = SerialChannel(self.device, self.baud, SERIAL_FRAMING)
+        except SattrackError:
+            return None
+        with contextlib.closing(line):
+            return os.dup(line.fileno())
+
+
 class AlpacaTask(msgspec.Struct, frozen=True):
     """The task of the HTTP process, sent at its start; descriptors are inherited."""
 
@@ -300,7 +320,7 @@ class AlpacaTask(msgspec.Struct, frozen=True):
     """The port of HTTP; with None Alpaca is not served."""
     lx200: int | None
     indi: int | None
-    serial: int | None
+    serial: SerialEnd | None
     """A serial line on which LX200 is served too."""
     stellarium: int | None
     discovery: tuple[int, ...]

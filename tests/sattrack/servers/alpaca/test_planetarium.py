@@ -474,6 +474,38 @@ def test_indis_lx200_driver_slews_moves_and_stops_the_mount_over_a_serial_line(
         drive(client)
 
 
+def test_a_serial_adapter_that_is_plugged_in_again_is_served_again(tmp_path: Path) -> None:
+    device = tmp_path / "ttyUSB0"
+
+    def plug_in() -> int:
+        ours, theirs = os.openpty()
+        device.symlink_to(os.ttyname(theirs))
+        os.close(theirs)
+        return ours
+
+    def unplug(ours: int) -> None:
+        device.unlink()
+        os.close(ours)
+
+    def altitude_is_told(ours: int) -> bool:
+        os.write(ours, b":GA#")
+        told = b""
+        while not told.endswith(b"#") and select.select([ours], [], [], PATIENCE_S)[0]:
+            told += os.read(ours, 64)
+        return b"*" in told
+
+    line = plug_in()
+    with serving_program("lx200", "--serial", str(device)) as served:
+        assert altitude_is_told(line)
+        for _ in range(2):
+            unplug(line)
+            served.wait_for(b"the serial line is gone")
+            line = plug_in()
+            served.wait_for(b"the serial line is there again")
+            assert altitude_is_told(line)
+    unplug(line)
+
+
 @pytest.mark.needs("indiserver", "indi_getprop")
 def test_indis_clients_slew_move_and_stop_the_mount_itself_and_behind_their_own_server(
     program: Callable[[str], str],
