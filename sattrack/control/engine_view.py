@@ -259,7 +259,7 @@ def _side_warnings(engine: Engine) -> list[str]:
     beyond, record, warnings = status.side_of_pier, profile.calibration, []
     if record is not None and not record.both_sides and (record.side_of_pier == "beyond_pole") != beyond:
         warnings.append("this side of the pier is not in the mount's profile: its rates may go the other way")
-    if beyond and profile.dated_by_requests and profile.pier_rule == "never" and not profile.through_pole:
+    if beyond and profile.behind_gateway and profile.pier_rule == "never" and not profile.through_pole:
         warnings.append(
             'the telescope stands beyond the pole, and pier_rule in the profile is "never": for a German one '
             'set "ascom"'

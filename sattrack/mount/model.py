@@ -359,6 +359,11 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     zones, park, home, and those of `ra` and `dec`) are then the angles of the first and the second axis."""
 
     @property
+    def behind_gateway(self) -> bool:
+        """Whether it is an Alpaca or INDI telescope: positions of these alone are dated by requests."""
+        return self.dated_by_requests
+
+    @property
     def frame(self) -> AxisFrame | None:
         """The axes in space, None for an equatorial mount."""
         if self.geometry is None or self.stands_at is None:

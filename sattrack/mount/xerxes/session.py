@@ -538,7 +538,7 @@ class Session:
             dec = dec_sign * (move.dec_rate_deg_s - second) / profile.dec_rate_gain
         if profile.move_axis == "edge" and not profile.additive:
             ra = ra or NEVER_ZERO_DEG_S
-        elif profile.dated_by_requests and not profile.additive and self._frame is None:
+        elif profile.behind_gateway and not profile.additive and self._frame is None:
             ra = ra if abs(ra) > STANDS_DEG_S else STANDS_DEG_S
         return AxisRates(ra if self._move_axes[0] else None, dec if self._move_axes[1] else None)
 

@@ -247,7 +247,7 @@ class TestWarnings:
         self, measured: str, both: bool, beyond: bool, due: bool
     ) -> None:
         calibration = Made(both_sides=both, side_of_pier=measured)
-        record = Made(calibration=calibration, additive=True, dated_by_requests=False)
+        record = Made(calibration=calibration, additive=True, behind_gateway=False)
         told = warned(spec__profile=record, session__status=Status(side_of_pier=beyond))
         words = "this side of the pier is not in the mount's profile: its rates may go the other way"
         assert told == ((words,) if due else ())
