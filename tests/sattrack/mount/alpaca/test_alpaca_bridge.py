@@ -150,6 +150,32 @@ def test_tracking_is_let_be_during_a_motion_whatever_the_driver_reports_of_it(fo
     assert {order.member for order in orders} == {"moveaxis"}
 
 
+@pytest.mark.parametrize(
+    ("low_deg_s", "can_set_tracking", "asks"), [(0.1, True, True), (0.1, False, False), (0.0, True, False)]
+)
+def test_a_first_axis_stands_without_tracking_where_no_rate_is_slow_enough(
+    low_deg_s: float, can_set_tracking: bool, asks: bool
+) -> None:
+    made = bridge(primary_rates=(RateSpan(low_deg_s, 4.0),), can_set_tracking=can_set_tracking)
+    made.hear(datagram(MOVE_RA, MOVE_DEC, at_40=0.5, at_32=0.3), 2.0)
+    made.turn(2.0)
+    orders = []
+    for turn in range(1, 9):
+        made.hear(datagram(MOVE_RA, MOVE_DEC, at_40=1e-6, at_32=0.3), 2.0 + 0.1 * turn)
+        orders.append(told(made.turn(2.0 + 0.1 * turn)))
+    slowest = "0.000000000" if low_deg_s else "0.000001000"
+    assert orders[0] == [("moveaxis", {"Axis": "0", "Rate": slowest})]
+    # Once MoveAxis has ended: before, its end could give tracking back.
+    assert orders[1] == ([("tracking", {"Tracking": "false"})] if asks else [])
+    assert orders[2:] == [[]] * 6
+    made.stand(DeviceState(3.0, tracking=not asks))
+    made.hear(datagram(ABORT), 3.0)
+    made.turn(3.0)
+    made.stand(DeviceState(3.5, tracking=not asks))
+    assert made.turn(3.6) == []
+    assert not made.in_force
+
+
 @pytest.mark.parametrize("reads", [True, False])
 def test_tracking_that_was_given_back_a_moment_ago_is_put_on_before_the_next_motion(reads: bool) -> None:
     made = bridge()
