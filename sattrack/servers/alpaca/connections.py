@@ -32,7 +32,7 @@ TEND_EVERY_S = 1.0
 MOST_WAITING = 64
 """Orders that may wait for their end; a stop is never too many."""
 ANSWER_WITHIN_S = 8.0
-SLEW_WITHIN_S = 600.0
+SLEW_WITHIN_S, ENDS_AFTER = 600.0, 1.1
 
 
 @dataclass(slots=True)
@@ -188,7 +188,7 @@ class FeederLine:
         waiting = self._waiting[number] = asyncio.get_running_loop().create_future()
         try:
             self.writer.write(encode(NumberedOrder(number, order, waits)))
-            async with asyncio.timeout(SLEW_WITHIN_S if waits else ANSWER_WITHIN_S):
+            async with asyncio.timeout(self._ends_within_s if waits else ANSWER_WITHIN_S):
                 answer = await waiting
         except TimeoutError:
             raise Fault(Number.DRIVER, "the mount gave no answer in time") from None
@@ -196,6 +196,13 @@ class FeederLine:
             del self._waiting[number]
         if answer.fault:
             raise Fault(Number(answer.fault), answer.message)
+
+    @property
+    def _ends_within_s(self) -> float:
+        """How long a slew may take: as long as the feeding process gives it, which then says how it ended."""
+        profile = self.telescope.device.profile
+        goes_within_s = profile.goes_within_s(by_rates=profile.geometry is not None)
+        return max(SLEW_WITHIN_S, ENDS_AFTER * goes_within_s)
 
     def log(self, text: str) -> None:
         """Log a line."""

@@ -6,13 +6,17 @@ import asyncio
 import contextlib
 import ipaddress
 import socket
-from typing import TYPE_CHECKING
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, cast
+from unittest.mock import Mock
 
 import pytest
 from aiohttp import web
 
 from sattrack.core.clock import SystemClock
+from sattrack.mount.model import AxisLimits, MountProfile, Slew
 from sattrack.runtime.callers import CallerLimits, HostNames
+from sattrack.servers.alpaca.connections import FeederLine
 from sattrack.servers.alpaca.process import (
     ANSWERS_PER_S,
     ANSWERS_PER_S_EACH,
@@ -22,9 +26,12 @@ from sattrack.servers.alpaca.process import (
     Front,
     OpenConnections,
 )
+from sattrack.servers.alpaca.protocol import Fault
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
+
+    from sattrack.servers.alpaca.telescope import ServedTelescope
 
 PATIENCE_S = 60.0
 IDLE_S = 300.0
@@ -407,3 +414,29 @@ def test_discovery_listens_where_the_server_does() -> None:
         assert not sockets
         assert trouble is not None
         assert "UDP port 32227 on 127.0.0.1 is not available" in trouble
+
+
+@pytest.mark.parametrize(
+    ("slew_rate_deg_s", "least_s", "most_s"), [(10.0, 600.0, 600.0), (0.1, 4000.0, 8000.0)]
+)
+def test_a_slew_that_is_waited_for_has_the_time_that_a_slow_mount_takes(
+    slew_rate_deg_s: float, least_s: float, most_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By 400° of an axis, from one end of its travel to the other."""
+    given_s = []
+
+    def timeout(seconds: float) -> asyncio.Timeout:
+        given_s.append(seconds)
+        return asyncio.Timeout(0.0)
+
+    monkeypatch.setattr(asyncio, "timeout", timeout)
+    axis = AxisLimits(slew_rate_deg_s=slew_rate_deg_s)
+    telescope = SimpleNamespace(device=SimpleNamespace(profile=MountProfile(ra=axis)))
+
+    async def wait() -> None:
+        line = FeederLine(Mock(), Mock(), cast("ServedTelescope", telescope))
+        with pytest.raises(Fault, match="no answer in time"):
+            await line.order(Slew(10.0, 20.0), waits=True)
+
+    asyncio.run(wait())
+    assert least_s <= given_s[0] <= most_s
