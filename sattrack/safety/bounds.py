@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from sattrack.core.angles import altitude_deg
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, horizon_latitude_deg
 from sattrack.safety.geometry import Box
-from sattrack.safety.regions import Cone, Region, Travel, fixed_regions, judge_of
+from sattrack.safety.regions import Cone, Region, Travel, closed_places, fixed_regions, is_clear, judge_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from sattrack.mount.geometry import AxisFrame
     from sattrack.mount.model import MountProfile
     from sattrack.safety.bodies import BodyDirection, Wanderer
+    from sattrack.safety.geometry import Array, Bools
     from sattrack.safety.limits import SafetyLimits
 
 ROOM_DEG = 4.0
@@ -97,10 +98,10 @@ class Memory:
         """
         if self._of_all.holds(box, margin_deg):
             return None
-        for region, is_clear, room in self._each:
+        for region, clear, room in self._each:
             if room is not None and room.holds(box, margin_deg):
                 continue
-            if not is_clear(box, margins.get(region.name, margin_deg) if margins else margin_deg):
+            if not clear(box, margins.get(region.name, margin_deg) if margins else margin_deg):
                 return region.name
             if room is not None:
                 room.widen((region,), box, margin_deg)
@@ -153,6 +154,8 @@ class Bounds:
         self._wanderers: list[tuple[str, Wanderer, float]] | None = None
         self._cones: list[Cone] = []
         self._memory, self._memory_of_cones = Memory(self._fixed), Memory(())
+        self._last_clear: tuple[tuple[float, float], dict[str, float]] | None = None
+        """The place of which clearances were asked for last, and these."""
         self.sun_is_up = False
         """Whether the Sun's light may reach optics; True where nobody knows."""
         self.utc_s: float | None = None
@@ -195,7 +198,7 @@ class Bounds:
         return tuple(self._cones)
 
     def _put(self, cones: list[Cone]) -> None:
-        self._cones, self._memory_of_cones = cones, Memory(cones)
+        self._cones, self._memory_of_cones, self._last_clear = cones, Memory(cones), None
 
     def violated(
         self, box: Box, margins: Mapping[str, float], seconds: float, margin_deg: float = HOLD_MARGIN_DEG
@@ -209,6 +212,19 @@ class Bounds:
             return name
         moves_deg = SIDEREAL_RATE_DEG_S * seconds
         return self._memory_of_cones.violated(box, margins, margin_deg + moves_deg)
+
+    def in_way(self, box: Box, seconds: float, margins: Mapping[str, float] | None = None) -> str | None:
+        """Return what `violated` does; about boxes all over the sky, room is not worth a look."""
+        moves_deg = SIDEREAL_RATE_DEG_S * seconds
+        for region in (*self._fixed, *self._cones):
+            margin_deg = HOLD_MARGIN_DEG + (moves_deg if region.name in CONES else 0.0)
+            if not is_clear(region, box, (margins or {}).get(region.name, margin_deg)):
+                return region.name
+        return None
+
+    def closed(self, places: Array) -> Bools:
+        """Tell of each of many places, rows of two angles, whether `in_way` names a region there now."""
+        return closed_places([*self._fixed, *self._cones], places, HOLD_MARGIN_DEG)
 
     def near(
         self, place: tuple[float, float], seconds: float = 0.0, margin_deg: float = HOLD_MARGIN_DEG
@@ -227,13 +243,15 @@ class Bounds:
 
     def _clearances(self, place: tuple[float, float]) -> dict[str, float]:
         """Return how far a place is clear of each row's regions, degrees."""
-        here = Box.between(place, place)
-        regions: list[Region] = [*self._fixed, *self._cones]
-        found: dict[str, float] = {}
-        for region in regions:
-            clear = region.clearance(here).some_deg
-            found[region.name] = min(clear, found.get(region.name, clear))
-        return found
+        if self._last_clear is None or self._last_clear[0] != place:
+            here = Box.between(place, place)
+            regions: list[Region] = [*self._fixed, *self._cones]
+            found: dict[str, float] = {}
+            for region in regions:
+                clear = region.clearance(here).some_deg
+                found[region.name] = min(clear, found.get(region.name, clear))
+            self._last_clear = place, found
+        return self._last_clear[1]
 
     def leaving(self, place: tuple[float, float], seconds: float = 0.0) -> dict[str, float]:
         """Return margins for a way that begins at a place: no nearer than that where it keeps no margin.

@@ -10,11 +10,19 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
 from sattrack.core.angles import wrap180
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from sattrack.mount.model import MoveAxes, Stance
+
+    Array = NDArray[np.float64]
+    Bools = NDArray[np.bool_]
+    Sides = tuple[float, float, float, float] | tuple[Array, Array, Array, Array]
 
 TURN_DEG = 360.0
 TWO_PI = 2.0 * math.pi
@@ -152,6 +160,13 @@ class Toward:
             return 0.0
         return math.degrees(math.acos(largest)) if largest > -1.0 else 180.0
 
+    def apart_deg(self, places: Array) -> Array:
+        """Return the great-circle angle between the direction and each of many places, rows of two angles."""
+        ha, dec = np.radians(places).T
+        cosines = self._cosine * np.cos(dec) * np.cos(ha - math.radians(self._hour_angle_deg))
+        apart: Array = np.degrees(np.arccos(np.clip(cosines + self._sine * np.sin(dec), -1.0, 1.0)))
+        return apart
+
 
 def _largest_cosine(sine: float, across: float, low_deg: float, high_deg: float) -> float:
     """Return the largest of sine * sin(d) + across * cos(d) for d from a least to a most angle, degrees."""
@@ -170,43 +185,24 @@ def lowest_altitude_deg(box: Box, latitude_deg: float) -> float:
     return nearest_deg(box, 180.0, -latitude_deg) - 90.0
 
 
-def meets_polygon(box: Box, corners: tuple[tuple[float, float], ...]) -> bool:
-    """Tell whether a box and a polygon of hour angles and declinations have a point in common."""
-    left, right, low, high = box.ha_low_deg, box.ha_high_deg, box.dec_low_deg, box.dec_high_deg
-    if any(left <= x <= right and low <= y <= high for x, y in corners):
-        return True
-    edges = list(zip(corners, (*corners[1:], corners[0]), strict=True))
-    if any(_crosses(one, other, box) for one, other in edges):
-        return True
-    return _is_inside(left, low, edges)
+def meets_polygon(sides: Sides, corners: tuple[tuple[float, float], ...]) -> bool | Bools:
+    """Tell whether a box and a polygon of hour angles and declinations have a point in common.
 
-
-def _crosses(one: tuple[float, float], other: tuple[float, float], box: Box) -> bool:
-    """Tell whether a straight line between two points meets a box (Liang and Barsky 1984)."""
-    (x, y), begin, end = one, 0.0, 1.0
-    dx, dy = other[0] - x, other[1] - y
-    for step, room in (
-        (-dx, x - box.ha_low_deg),
-        (dx, box.ha_high_deg - x),
-        (-dy, y - box.dec_low_deg),
-        (dy, box.dec_high_deg - y),
-    ):
-        if step == 0.0:
-            if room < 0.0:
-                return False
-        elif step < 0.0:
-            begin = max(begin, room / step)
-        else:
-            end = min(end, room / step)
-    return begin <= end
-
-
-def _is_inside(x: float, y: float, edges: list[tuple[tuple[float, float], tuple[float, float]]]) -> bool:
-    inside = False
-    for (x1, y1), (x2, y2) in edges:
-        if (y1 > y) != (y2 > y) and x < x1 + (y - y1) / (y2 - y1) * (x2 - x1):
-            inside = not inside
-    return inside
+    They have where a line of the polygon passes between corners of the box, or the box lies inside. The sides
+    may be those of many boxes.
+    """
+    left, right, low, high = sides
+    met: bool | Bools = False
+    inside: bool | Bools = False
+    for (x1, y1), (x2, y2) in zip(corners, (*corners[1:], corners[0]), strict=True):
+        dx, dy = x2 - x1, y2 - y1
+        x, far_x = (left, right) if dy > 0.0 else (right, left)
+        y, far_y = (high, low) if dx > 0.0 else (low, high)
+        about = (left <= max(x1, x2)) & (right >= min(x1, x2)) & (low <= max(y1, y2)) & (high >= min(y1, y2))
+        met |= about & (dy * (x - x1) <= dx * (y - y1)) & (dy * (far_x - x1) >= dx * (far_y - y1))
+        if dy:
+            inside ^= ((y1 > low) != (y2 > low)) & (left < x1 + (low - y1) / dy * dx)
+    return met | inside
 
 
 FOLLOWED_WITHIN_DEG = 1.5

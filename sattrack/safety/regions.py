@@ -9,8 +9,11 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
+from collections import deque
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+import numpy as np
 
 from sattrack.core.angles import azimuth_deg
 from sattrack.safety.geometry import TURN_DEG, Box, Toward, lowest_altitude_deg, meets_polygon
@@ -20,11 +23,14 @@ if TYPE_CHECKING:
 
     from sattrack.mount.model import MountProfile, PierZone
     from sattrack.safety.bodies import BodyDirection
+    from sattrack.safety.geometry import Array, Bools
     from sattrack.safety.limits import HorizonPoint, SafetyLimits
 
 SMALLEST_DEG = 0.05
 MOST_BOXES = 4000
 """A box that takes more halvings than this to be judged counts as not clear."""
+MOST_STRUCK = 16
+"""So many places in a skyline are remembered: a box that holds one need not be halved."""
 FAR_DEG = 2.0
 """More than any margin: so far above all of a skyline, how far above its nearest part need not be known."""
 
@@ -49,6 +55,9 @@ class Region(Protocol):
     def clearance(self, box: Box) -> Clearance:
         """Return how far a box is clear of it."""
 
+    def clearances(self, places: Array) -> Array:
+        """Return how far many places, rows of two angles, are clear of it; NaN where that is not known."""
+
 
 class Travel:
     """Angles of one axis outside its travel."""
@@ -66,30 +75,42 @@ class Travel:
         clear = min(low - self._low_deg, self._high_deg - high)
         return Clearance(clear, clear)
 
+    def clearances(self, places: Array) -> Array:
+        """See Region."""
+        angles = places[:, 0 if self.name == "hour_angle" else 1]
+        return np.minimum(angles - self._low_deg, self._high_deg - angles)
+
     def is_clear(self, box: Box, margin_deg: float) -> bool:
         """See `is_clear`."""
-        ha_low, ha_high, dec_low, dec_high = box
-        if self.name == "hour_angle":
-            return ha_low - self._low_deg >= margin_deg and self._high_deg - ha_high >= margin_deg
-        return dec_low - self._low_deg >= margin_deg and self._high_deg - dec_high >= margin_deg
+        return self.clearance(box).least_deg >= margin_deg
 
 
-class Floor:
-    """Directions below an altitude."""
+class Around:
+    """Directions within a circle about one."""
 
-    name = "altitude"
-
-    def __init__(self, floor_deg: float, latitude_deg: float) -> None:
-        self._nadir, self._from_nadir_deg = Toward(180.0, -latitude_deg), 90.0 + floor_deg
+    def __init__(self, name: str, toward: Toward, radius_deg: float) -> None:
+        self.name = name
+        self._toward, self._radius_deg = toward, radius_deg
 
     def clearance(self, box: Box) -> Clearance:
         """See Region."""
-        clear = self._nadir.nearest_deg(box) - self._from_nadir_deg
+        clear = self._toward.nearest_deg(box) - self._radius_deg
         return Clearance(clear, clear)
+
+    def clearances(self, places: Array) -> Array:
+        """See Region."""
+        return self._toward.apart_deg(places) - self._radius_deg
 
     def is_clear(self, box: Box, margin_deg: float) -> bool:
         """See `is_clear`."""
-        return self._nadir.nearest_deg(box) - self._from_nadir_deg >= margin_deg
+        return self._toward.nearest_deg(box) - self._radius_deg >= margin_deg
+
+
+class Floor(Around):
+    """Directions below an altitude."""
+
+    def __init__(self, floor_deg: float, latitude_deg: float) -> None:
+        super().__init__("altitude", Toward(180.0, -latitude_deg), 90.0 + floor_deg)
 
 
 STRUCK, APART = Clearance(-1.0, -1.0), Clearance(2.0, 2.0)
@@ -113,7 +134,10 @@ class Skyline:
             (azimuth + turn, altitude) for turn in (-TURN_DEG, 0.0, TURN_DEG) for azimuth, altitude in points
         ]
         self._azimuths = [azimuth for azimuth, _ in self._points]
+        self._altitudes = [altitude for _, altitude in self._points]
         self._highest_deg = max(altitude for _, altitude in points)
+        self.struck: deque[tuple[tuple[float, ...], float]] = deque(maxlen=MOST_STRUCK)
+        """Places that were found too near lately, and how far they are clear."""
 
     def clearance(self, box: Box) -> Clearance:
         """See Region."""
@@ -133,6 +157,20 @@ class Skyline:
         highest = self._highest_within(azimuth, altitude, circle.radius_deg + beside)
         return Clearance(lowest - highest, own)
 
+    def clearances(self, places: Array) -> Array:
+        """See Region; not known at a wall and the zenith, nor, of a tube that leans, near a skyline."""
+        ha, dec = np.radians(places).T
+        north = self._cosine * np.sin(dec) - self._sine * np.cos(dec) * np.cos(ha)
+        azimuth = np.degrees(np.arctan2(-np.cos(dec) * np.sin(ha), north)) % TURN_DEG
+        above = Toward(180.0, -self._latitude_deg).apart_deg(places) - 90.0 - self._beside_deg
+        clear, other = (
+            above - np.interp(azimuth + by, self._azimuths, self._altitudes) for by in (-1e-9, 1e-9)
+        )
+        known = (above < 89.0) & (np.abs(clear - other) < NO_MORE_DEG)
+        known &= (clear < 0.0) | (self._beside_deg == 0.0)
+        above -= self._highest_deg
+        return np.where(above >= FAR_DEG, above, np.where(known, clear, np.nan))
+
     def _highest_within(self, azimuth: float, altitude: float, radius_deg: float) -> float:
         """Return the highest of the skyline in the azimuths that a circle on the sky covers."""
         if not radius_deg:
@@ -143,9 +181,8 @@ class Skyline:
             math.asin(min(1.0, math.sin(math.radians(radius_deg)) / math.cos(math.radians(altitude))))
         )
         first, last = azimuth - spread, azimuth + spread
-        between = self._points[bisect_left(self._azimuths, first) : bisect_right(self._azimuths, last)]
-        ends = self._altitude_deg(first), self._altitude_deg(last)
-        return max(*ends, *(altitude for _, altitude in between))
+        between = self._altitudes[bisect_left(self._azimuths, first) : bisect_right(self._azimuths, last)]
+        return max(self._altitude_deg(first), self._altitude_deg(last), *between)
 
     def _altitude_deg(self, azimuth: float) -> float:
         """Return the altitude of the skyline at an azimuth, the highest one at a wall."""
@@ -187,6 +224,15 @@ class PierCollision:
         left = BESIDE_DEG * clear / m
         return Clearance(left, left)
 
+    def clearances(self, places: Array) -> Array:
+        """See Region: what counts is whether the margin is left."""
+        met, m = np.zeros(len(places), dtype=bool), self._margin_deg
+        for first, polygons in self._polygons:
+            ha, dec = (places + TURN_DEG * np.round((np.array(first) - places) / TURN_DEG)).T
+            for polygon in polygons:
+                met |= meets_polygon((ha - m, ha + m, dec - m, dec + m), polygon.corners)
+        return np.where(met, STRUCK.least_deg, APART.least_deg)
+
     def is_clear(self, box: Box, margin_deg: float) -> bool:
         """See `is_clear`; what `clearance` tells of a margin, without looking for how much is left of it."""
         if margin_deg <= STRUCK.least_deg:
@@ -197,9 +243,10 @@ class PierCollision:
 
     def _meets(self, box: Box) -> bool:
         for first, polygons in self._polygons:
-            near = _turned(box, first)
-            if any(polygon.meets(near) for polygon in polygons):
-                return True
+            if not polygons[0].is_turns_off(box):
+                near = _turned(box, first)
+                if any(polygon.meets(near) for polygon in polygons):
+                    return True
         return False
 
 
@@ -207,33 +254,31 @@ class _Polygon:
     """Corners of hour angle and declination, and the box about them: what does not meet that is apart."""
 
     def __init__(self, corners: tuple[tuple[float, float], ...]) -> None:
-        self._corners = corners
+        self.corners = corners
         self._left, self._right = min(x for x, _ in corners), max(x for x, _ in corners)
         self._low, self._high = min(y for _, y in corners), max(y for _, y in corners)
+
+    def is_turns_off(self, box: Box) -> bool:
+        """Tell whether the box about the corners is apart from another by any number of turns."""
+        left, right, low, high = box
+        ha = math.remainder(left + right - self._left - self._right, 2.0 * TURN_DEG)
+        dec = math.remainder(low + high - self._low - self._high, 2.0 * TURN_DEG)
+        wide, tall = right - left + self._right - self._left, high - low + self._high - self._low
+        return abs(ha) > wide + NO_MORE_DEG or abs(dec) > tall + NO_MORE_DEG
 
     def meets(self, box: Box) -> bool:
         left, right, low, high = box
         if left > self._right or right < self._left or low > self._high or high < self._low:
             return False
-        return meets_polygon(box, self._corners)
+        return bool(meets_polygon(box, self.corners))
 
 
-class Cone:
+class Cone(Around):
     """Directions within a cone about the Sun or the Moon, as it stands at one instant."""
 
     def __init__(self, name: str, body: BodyDirection, cone_deg: float) -> None:
-        self.name = name
+        super().__init__(name, Toward(body.hour_angle_deg, body.dec_deg), cone_deg)
         self.body, self.cone_deg = body, cone_deg
-        self._middle = Toward(body.hour_angle_deg, body.dec_deg)
-
-    def clearance(self, box: Box) -> Clearance:
-        """See Region."""
-        clear = self._middle.nearest_deg(box) - self.cone_deg
-        return Clearance(clear, clear)
-
-    def is_clear(self, box: Box, margin_deg: float) -> bool:
-        """See `is_clear`."""
-        return self._middle.nearest_deg(box) - self.cone_deg >= margin_deg
 
 
 def fixed_regions(
@@ -283,22 +328,58 @@ def is_clear(region: Region, box: Box, margin_deg: float) -> bool:
     """Tell whether everything in a box is clear of a region by a margin; doubtful boxes are not."""
     if isinstance(region, EXACT):
         return region.is_clear(box, margin_deg)
-    whole = region.clearance(box)
-    if whole.least_deg >= margin_deg:
-        return True
-    if whole.some_deg < margin_deg or box.widest_deg < SMALLEST_DEG:
-        return False
-    waiting = [*box.halves()]
-    for _ in range(MOST_BOXES):
+    struck = region.struck if isinstance(region, Skyline) else []
+    ha_low, ha_high, dec_low, dec_high = box
+    for (ha, dec), some_deg in struck:
+        if some_deg < margin_deg and ha_low <= ha <= ha_high and dec_low <= dec <= dec_high:
+            return False
+    waiting = [box]
+    for _ in range(MOST_BOXES + 5):
         part = waiting.pop()
         clearance = region.clearance(part)
         if clearance.least_deg < margin_deg:
-            if clearance.some_deg < margin_deg or part.widest_deg < SMALLEST_DEG:
+            if clearance.some_deg < margin_deg:
+                struck.append((part.middle[::2], clearance.some_deg))
+                return False
+            if part.widest_deg < SMALLEST_DEG:
                 return False
             waiting.extend(part.halves())
+            if part is box:
+                waiting.extend(_smallest_at_corners(box))
         if not waiting:
             return True
     return False
+
+
+def _smallest_at_corners(box: Box) -> Iterator[Box]:
+    """Yield the last parts that halving leads to at a box's corners: a way is in doubt at its ends first."""
+    ha_low, ha_high, dec_low, dec_high = box
+    wide, high = ha_high - ha_low, dec_high - dec_low
+    while max(wide, high) >= SMALLEST_DEG:
+        wide, high = (0.5 * wide, high) if wide >= high else (wide, 0.5 * high)
+    for ha in (ha_low, ha_high - wide):
+        for dec in (dec_low, dec_high - high):
+            yield Box(ha, ha + wide, dec, dec + high)
+
+
+NO_MORE_DEG = 1e-7
+"""More than rounding may come to."""
+
+
+def closed_places(regions: Sequence[Region], places: Array, margin_deg: float) -> Bools:
+    """Tell of each of many places, rows of two angles, whether a region is nearer than a margin.
+
+    Where rounding decides, or nothing is known, a place is judged by itself.
+    """
+    closed = np.zeros(len(places), dtype=bool)
+    for region in regions:
+        left = np.flatnonzero(~closed)
+        off = region.clearances(places[left]) - margin_deg
+        closed[left] = off < 0.0
+        for k in left[~(np.abs(off) > NO_MORE_DEG)].tolist():
+            ha, dec = places[k].tolist()
+            closed[k] = not is_clear(region, Box(ha, ha, dec, dec), margin_deg)
+    return closed
 
 
 def _axis_polygons(zone: PierZone) -> Iterator[tuple[tuple[float, float], ...]]:

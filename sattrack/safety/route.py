@@ -16,6 +16,7 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec.structs import replace
 
 from sattrack.core.angles import wrap180
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, beyond_after_slew
@@ -24,14 +25,13 @@ from sattrack.safety.geometry import Box, Place
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from numpy.typing import NDArray
-
     from sattrack.mount.model import MountProfile
+    from sattrack.safety.geometry import Array, Bools
 
-    Array = NDArray[np.float64]
-    Bools = NDArray[np.bool_]
     Judge = Callable[[Box, float], str | None]
     """Names what a box of axis angles is not clear of within so many seconds, or None."""
+    Closed = Callable[[Array], Bools]
+    Known = dict[tuple[Place, Place, float], tuple[Place, ...] | None]
 
 CELL_DEG = 4.0
 NODE_DEG = 12.0
@@ -133,20 +133,20 @@ def overshoot_deg(
 
 
 def path_boxes(
-    one: Place, other: Place, profile: MountProfile, with_late_brake: bool = True
+    one: Place, other: Place, profile: MountProfile, with_late_brake: bool = True, pieces: int = PIECES
 ) -> Iterator[Box]:
-    """Yield boxes that hold all of a slew's way."""
+    """Yield boxes that hold all of a slew's way: where the axes go together, one for each of some pieces."""
     # The mount joins the sky, which moves on while it slews.
     drift_deg = SIDEREAL_RATE_DEG_S * slew_s(one, other, profile)
     ha, dec = overshoot_deg(one, other, profile, with_late_brake)
     ahead = (max(0.0, -ha), max(0.0, ha) + drift_deg, max(0.0, -dec), max(0.0, dec))
-    if profile.slew_path == "any":
+    if profile.slew_path == "any" or pieces == 1:
         yield Box.between(one, other).grown(*ahead)
         return
-    for k in range(PIECES):
+    for k in range(pieces):
         ends = [
             (one[0] + (other[0] - one[0]) * part, one[1] + (other[1] - one[1]) * part)
-            for part in (k / PIECES, (k + 1) / PIECES)
+            for part in (k / pieces, (k + 1) / pieces)
         ]
         yield Box.between(ends[0], ends[1]).grown(*ahead)
 
@@ -161,33 +161,50 @@ def blocked(
 ) -> str | None:
     """Return the name of the row that a slew's way is not clear of, or None; it begins in `after_s`."""
     until_s = after_s + slew_s(one, other, profile)
-    for box in path_boxes(one, other, profile, with_late_brake):
-        name = judge(box, until_s)
-        if name is not None:
-            return name
-    return None
+    for pieces in (1, PIECES):
+        # All of the box about both ends is clear more often than not.
+        names = (judge(box, until_s) for box in path_boxes(one, other, profile, with_late_brake, pieces))
+        name = next(filter(None, names), None)
+        if name is None or profile.slew_path == "any":
+            break
+    return name
 
 
 def find_route(
-    start: Place, goal: Place, profile: MountProfile, judge: Judge, leaving: Judge, latitude_deg: float
+    start: Place,
+    goal: Place,
+    profile: MountProfile,
+    judge: Judge,
+    leaving: Judge,
+    latitude_deg: float,
+    closed: Closed | None = None,
 ) -> Route:
-    """Return the quickest way found from a place to another; `leaving` judges the first leg of it."""
-    legs = _cleared(start, (goal,), profile, judge, leaving, latitude_deg)
+    """Return the quickest way found from a place to another; `leaving` judges the first leg of it.
+
+    `closed` tells of many places at once what `judge` does of each of them now.
+    """
+    closed = closed or partial(_closed, judge)
+    known: Known = {}
+    legs = _cleared(start, (goal,), profile, judge, leaving, latitude_deg, known)
     if legs is not None:
         return Route(legs)
     at_goal = judge(Box.between(goal, goal), slew_s(start, goal, profile))
     if at_goal is not None:
         return Route((), at_goal)
-    nodes = [
-        place for place in reachable(profile, latitude_deg) if judge(Box.between(place, place), 0.0) is None
-    ]
-    grid = _Grid(nodes, start, goal, profile, judge)
+    nodes = reachable(profile, latitude_deg)
+    nodes = [place for place, shut in zip(nodes, closed(np.array(nodes)), strict=True) if not shut]
+    grid = _Grid(nodes, start, goal, profile, closed)
     by_one_axis = _by_single_axes(start, goal, profile, judge, leaving, latitude_deg)
     for way in chain(grid.ways(), by_one_axis):
-        legs = _cleared(start, way, profile, judge, leaving, latitude_deg)
+        legs = _cleared(start, way, profile, judge, leaving, latitude_deg, known)
         if legs is not None:
             return Route(legs)
     return Route((), blocked(start, goal, profile, leaving))
+
+
+def _closed(judge: Judge, places: Array) -> Bools:
+    """Tell of each of many places, rows of two angles, whether a judge names anything there."""
+    return np.array([judge(Box(ha, ha, dec, dec), 0.0) is not None for ha, dec in places.tolist()])
 
 
 def _cleared(
@@ -197,13 +214,17 @@ def _cleared(
     judge: Judge,
     leaving: Judge,
     latitude_deg: float,
+    known: Known,
 ) -> tuple[Place, ...] | None:
-    """Return the legs of a way that is clear, or None."""
+    """Return the legs of a way that is clear, or None; `known` keeps those to each place on it."""
     cleared: list[Place] = []
     before, after_s = start, 0.0
     for leg in way:
         first = leaving if before is start else judge
-        legs = _approached(before, leg, profile, first, judge, latitude_deg, after_s)
+        key = before, leg, after_s
+        if key not in known:
+            known[key] = _approached(before, leg, profile, first, judge, latitude_deg, after_s)
+        legs = known[key]
         if legs is None:
             return None
         for place in legs:
@@ -254,6 +275,7 @@ def _by_single_axes(
 
     Such a way is narrow enough to pass close by a pillar.
     """
+    profile = replace(profile, slew_path="any")  # The way of one axis fills its box.
     lines = [sorted({end[axis] + step for end in (start, goal) for step in STEPS_DEG}) for axis in (0, 1)]
     indices = (lines[0].index(start[0]), lines[1].index(start[1]))
     rates_deg_s = (profile.ra.slew_rate_deg_s, profile.dec.slew_rate_deg_s)
@@ -374,14 +396,13 @@ class _Grid:
     """Axis angles in cells of CELL_DEG, each clear or not by its middle; boxes looked up by their sums."""
 
     def __init__(
-        self, nodes: list[Place], start: Place, goal: Place, profile: MountProfile, judge: Judge
+        self, nodes: list[Place], start: Place, goal: Place, profile: MountProfile, closed: Closed
     ) -> None:
         self._nodes, self._start, self._goal, self._profile = nodes, start, goal, profile
         every = [*nodes, start, goal]
         self._low = (min(p[0] for p in every) - CELL_DEG, min(p[1] for p in every) - CELL_DEG)
         high = (max(p[0] for p in every) + CELL_DEG, max(p[1] for p in every) + CELL_DEG)
         shape = tuple(math.ceil((h - low) / CELL_DEG) for h, low in zip(high, self._low, strict=True))
-        closed = np.zeros(shape)
         hour_angles, decs = (
             low + (np.arange(count) + 0.5) * CELL_DEG for low, count in zip(self._low, shape, strict=True)
         )
@@ -389,13 +410,11 @@ class _Grid:
         for end in (start, goal):
             near = np.abs(hour_angles - end[0]) < EXEMPT_DEG, np.abs(decs - end[1]) < EXEMPT_DEG
             exempt |= near[0][:, None] & near[1][None, :]
-        judged = np.argwhere(~exempt).tolist()
-        at_ha, at_dec = hour_angles.tolist(), decs.tolist()
-        for i, j in judged:
-            ha, dec = at_ha[i], at_dec[j]
-            closed[i, j] = judge(Box(ha, ha, dec, dec), 0.0) is not None
+        cells = np.zeros(shape)
+        i, j = np.nonzero(~exempt)
+        cells[i, j] = closed(np.column_stack((hour_angles[i], decs[j])))
         self._sums = np.zeros((shape[0] + 1, shape[1] + 1))
-        self._sums[1:, 1:] = closed.cumsum(axis=0).cumsum(axis=1)
+        self._sums[1:, 1:] = cells.cumsum(axis=0).cumsum(axis=1)
 
     def ways(self) -> Iterator[tuple[Place, ...]]:
         """Yield promising ways, the quickest first: by one place, then by two."""

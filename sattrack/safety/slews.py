@@ -48,6 +48,7 @@ class SlewGate:
             # The fault that rates must outlast may as well hold up the abort of a slew.
             profile = replace(profile, abort_delay_s=unheeded_s(profile, bounds.longest_fault_s))
         self._profile, self._bounds, self._latitude_deg = profile, bounds, latitude_deg
+        self._judge: Judge = bounds.in_way
         self._detours = detours
         self.target: Slew | None = None
         """The slew that was cleared since anything else was asked for."""
@@ -180,12 +181,9 @@ class SlewGate:
                 return beside
         return None
 
-    def _judge(self, box: Box, seconds: float) -> str | None:
-        return self._bounds.violated(box, {}, seconds)
-
     def _judge_leaving(self, place: Place) -> Judge:
         def judge(box: Box, seconds: float) -> str | None:
-            return self._bounds.violated(box, self._bounds.leaving(place, seconds), seconds)
+            return self._bounds.in_way(box, seconds, self._bounds.leaving(place, seconds))
 
         return judge
 
@@ -232,7 +230,9 @@ class SlewGate:
 
         found = Route((), None)
         for goal in goals:
-            found = find_route(place, goal, self._profile, judge, leaving, self._latitude_deg)
+            found = find_route(
+                place, goal, self._profile, judge, leaving, self._latitude_deg, self._bounds.closed
+            )
             if found.blocked_by is None:
                 break
         return found

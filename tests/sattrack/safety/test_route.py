@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+from functools import partial
 from itertools import pairwise, product
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile, 
 from sattrack.safety.geometry import Box, Place, nearest_deg
 from sattrack.safety.route import (
     Route,
+    _closed,
     _Grid,
     blocked,
     clear_places,
@@ -348,7 +350,9 @@ def test_the_coarse_grid_knows_of_each_box_whether_it_holds_a_closed_cell() -> N
     """
     start, goal = Place(-13.0, -18.0), Place(17.0, 9.0)
     low = (-64.0, -64.0)
-    grid = _Grid([Place(-60.0, 60.0), Place(100.0, -60.0)], start, goal, PROFILE, round_hole)
+    grid = _Grid(
+        [Place(-60.0, 60.0), Place(100.0, -60.0)], start, goal, PROFILE, partial(_closed, round_hole)
+    )
 
     def closed(i: int, j: int) -> bool:
         middle = low[0] + 4.0 * i + 2.0, low[1] + 4.0 * j + 2.0
@@ -379,21 +383,21 @@ def test_ways_by_one_place_come_first_and_then_by_two_the_quickest_first() -> No
         legs = pairwise((start, *places, goal))
         return sum(2.0 + max(abs(a[0] - b[0]) / 5.0, abs(a[1] - b[1]) / 4.0) for a, b in legs)
 
-    ways = list(_Grid(nodes, start, goal, PROFILE, free).ways())
+    ways = list(_Grid(nodes, start, goal, PROFILE, partial(_closed, free)).ways())
     assert ways == [
         *((one, goal) for one in sorted(nodes, key=seconds)),
         *((*two, goal) for two in sorted(product(nodes, nodes), key=lambda two: seconds(*two))),
     ]
     # Past the hole lead those only of which every leg does: not by the last two alone.
-    ways = list(_Grid(nodes, start, goal, PROFILE, round_hole).ways())
+    ways = list(_Grid(nodes, start, goal, PROFILE, partial(_closed, round_hole)).ways())
     assert [way for way in ways if len(way) == 2] == [(nodes[1], goal), (nodes[0], goal)]
     assert (nodes[2], nodes[0], goal) in ways
     assert (nodes[1], nodes[3], goal) in ways
     assert (nodes[2], nodes[3], goal) not in ways
     # So many of either are worth a look.
-    every = list(_Grid(reachable(PROFILE, 52.0), start, goal, PROFILE, free).ways())
+    every = list(_Grid(reachable(PROFILE, 52.0), start, goal, PROFILE, partial(_closed, free)).ways())
     assert [len(way) for way in every] == [2] * 40 + [3] * 40
-    assert list(_Grid([], start, goal, PROFILE, free).ways()) == []
+    assert list(_Grid([], start, goal, PROFILE, partial(_closed, free)).ways()) == []
 
 
 @pytest.mark.parametrize("axis", [0, 1])

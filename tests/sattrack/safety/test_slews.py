@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
+import random
+from itertools import pairwise, product
 from typing import Any
 
+import numpy as np
 import pytest
 from driven_limits import sun_place
 from msgspec.structs import replace
@@ -24,7 +26,7 @@ from sattrack.mount.model import (
 )
 from sattrack.safety import SafetyLimits
 from sattrack.safety.bounds import Bounds
-from sattrack.safety.geometry import Box, Place, meets_polygon, nearest_deg
+from sattrack.safety.geometry import Box, Place, Toward, meets_polygon, nearest_deg
 from sattrack.safety.route import slew_s
 from sattrack.safety.slews import SlewGate
 
@@ -366,3 +368,144 @@ def test_a_run_waits_beside_a_goal_rather_than_go_there_by_many_slews() -> None:
     assert not isinstance(waits, str)
     assert len(waits) <= 7
     assert separation_deg(-waits[-1].ra_deg, waits[-1].dec_deg, *goal) < 0.7
+
+
+def drawn_request(seed: int) -> tuple[SlewGate, SafetyLimits, MountProfile, Place, Place]:
+    """Return two places of an alt-azimuth mount between a skyline of 361 points, four zones and the Sun."""
+    dice = random.Random(f"limits {seed}")
+    waves = [(dice.uniform(0.0, 6.0), k, dice.uniform(0.0, 360.0)) for k in range(1, 12)]
+    heights = [
+        20.0
+        + sum(size * math.sin(math.radians(k * z + at)) for size, k, at in waves)
+        + dice.uniform(-1.0, 1.0)
+        for z in range(361)
+    ]
+    heights[dice.randrange(360)] += 25.0
+    horizon = tuple((float(z), min(60.0, max(0.0, height))) for z, height in enumerate(heights))
+    zones = []
+    for k in range(4):
+        ha, dec, size = dice.uniform(-150.0, 150.0), dice.uniform(20.0, 70.0), dice.uniform(5.0, 40.0)
+        turns = sorted(dice.uniform(0.0, 2.0 * math.pi) for _ in range(dice.randrange(3, 7)))
+        corners = [(ha + size * math.cos(t), min(89.0, dec + 0.5 * size * math.sin(t))) for t in turns]
+        zones.append(PierZone(f"zone {k}", tuple(corners), side="normal"))
+    profile = MountProfile(
+        geometry=AxisGeometry(0.0, 90.0),
+        stands_at=SitePlace(LATITUDE_DEG, LONGITUDE_DEG),
+        pier_zones=tuple(zones),
+        dec_axis_limits_deg=(-5.0, 95.0),
+        slew_path=dice.choice(["any", "together"]),
+    )
+    limits = SafetyLimits(horizon=horizon)
+    found = bounds(profile, limits)
+    gate = SlewGate(profile, found, found.horizon_latitude_deg, True)
+
+    def free() -> Place:
+        while True:
+            place = Place(dice.uniform(-170.0, 170.0), dice.uniform(0.0, 88.0))
+            if found.violated(Box.between(place, place), {}, 0.0) is None:
+                return place
+
+    start = free()
+    goal = dice.choice([free(), Place(dice.uniform(-170.0, 170.0), dice.uniform(0.0, 88.0))])
+    return gate, limits, profile, start, goal
+
+
+def is_forbidden(places: Any, limits: SafetyLimits, profile: MountProfile) -> Any:
+    """Tell of axis angles whether a limit forbids them, by vectors and the angles that corners subtend."""
+    ha, dec = np.radians(places[:, 0]), np.radians(places[:, 1])
+    east, north, up = -np.cos(dec) * np.sin(ha), -np.cos(dec) * np.cos(ha), np.sin(dec)
+    azimuths, heights = zip(*limits.horizon, strict=True)
+    azimuth = np.degrees(np.arctan2(east, north)) % 360.0
+    forbidden = np.degrees(np.arcsin(up)) < np.interp(azimuth, azimuths, heights)
+    h, d, p = (math.radians(x) for x in (*sun_place(T0), LATITUDE_DEG))
+    sun = (
+        -math.cos(d) * math.sin(h),
+        math.cos(p) * math.sin(d) - math.sin(p) * math.cos(d) * math.cos(h),
+        math.sin(p) * math.sin(d) + math.cos(p) * math.cos(d) * math.cos(h),
+    )
+    forbidden |= east * sun[0] + north * sun[1] + up * sun[2] > math.cos(math.radians(15.0))
+    low, high = profile.dec_axis_limits_deg
+    forbidden |= (places[:, 1] < low) | (places[:, 1] > high)
+    forbidden |= np.abs(places[:, 0]) > profile.hour_angle_limit_deg
+    here = places[:, 0] + 1j * places[:, 1]
+    for zone, turn in product(profile.pier_zones, (-360.0, 0.0, 360.0)):
+        corners = [complex(*corner) - turn - here for corner in zone.corners]
+        turned = sum(np.angle(b / a) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True))
+        forbidden |= np.abs(turned) > math.pi
+    return forbidden
+
+
+def sampled(one: Any, other: Any, profile: MountProfile, wider_deg: float = 0.0) -> Any:
+    """Return axis angles all over where a slew may lead, a bit more about it."""
+    parts, w = np.linspace(0.0, 1.0, 81), wider_deg
+    if profile.slew_path == "together":
+        on_line = np.array(one) + parts[:, None] * (np.array(other) - np.array(one))
+        return np.concatenate([on_line + np.array(by) for by in product((-w, 0.0, w), repeat=2)])
+    ends = [(min(a, b) - w, max(a, b) + w) for a, b in zip(one, other, strict=True)]
+    ha, dec = np.meshgrid(*(low + parts * (high - low) for low, high in ends))
+    return np.column_stack([ha.ravel(), dec.ravel()])
+
+
+@pytest.mark.parametrize("seeds", [range(12), range(12, 24), range(24, 36)])
+def test_ways_lead_round_the_limits_as_dense_samples_of_them_tell(seeds: range) -> None:
+    """What is led along is clear wherever it is sampled; what is clear with 3° to spare is gone straight."""
+    seen = set()
+    for seed in seeds:
+        gate, limits, profile, start, goal = drawn_request(seed)
+        legs = gate.route(Slew(-goal[0], goal[1]), 0.0, start)
+        straight = not is_forbidden(sampled(start, goal, profile, 3.0), limits, profile).any()
+        assert not straight or (not isinstance(legs, str) and len(legs) == 1)
+        seen.add(legs if isinstance(legs, str) else "straight" if len(legs) == 1 else "round")
+        place: tuple[float, float] = start
+        for leg in () if isinstance(legs, str) else legs:
+            end = (math.remainder(-leg.ra_deg, 360.0), leg.dec_deg)
+            assert not is_forbidden(sampled(place, end, profile), limits, profile).any(), (seed, place, end)
+            place = end
+    assert {"straight", "round"} < seen
+
+
+def test_many_places_are_judged_at_once_as_each_by_itself_and_by_vectors() -> None:
+    """A place in a limit is closed, and one with 0.8° of room on every side is not."""
+    rng, opens, closes = np.random.default_rng(5), 0, 0
+    for seed in range(6):
+        _, limits, profile, _, _ = drawn_request(seed)
+        found = bounds(profile, limits)
+        places = np.column_stack([rng.uniform(-220.0, 220.0, 700), rng.uniform(-10.0, 100.0, 700)])
+        places[::3] = np.round(places[::3])
+        closed = found.closed(places)
+        one_by_one = [found.violated(Box.between(place, place), {}, 0.0) for place in places.tolist()]
+        assert closed.tolist() == [name is not None for name in one_by_one]
+        room = list(product(np.linspace(-0.8, 0.8, 11), repeat=2))
+        near = np.any([is_forbidden(places + np.array(by), limits, profile) for by in room], axis=0)
+        assert closed[is_forbidden(places, limits, profile)].all()
+        assert not closed[~near].any()
+        opens, closes = opens + int((~near).sum()), closes + int(closed.sum())
+    assert min(opens, closes) > 500
+
+
+def test_that_there_is_no_way_is_found_with_little_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Four zones stand round the goal. Each look at a box counts, for the floor, the skyline or the Sun."""
+    looks, real = [0], Toward.nearest_deg
+
+    def counted(self: Toward, box: Box) -> float:
+        looks[0] += 1
+        return real(self, box)
+
+    monkeypatch.setattr(Toward, "nearest_deg", counted)
+    for seed in range(12):
+        _, limits, profile, start, _ = drawn_request(seed)
+        ha = start[0] + (90.0 if start[0] < 0.0 else -90.0)
+        zones = [
+            PierZone("wall", tuple((ha + a, 65.0 + d) for a, d in corners))
+            for corners in (
+                ((-20.0, -16.0), (20.0, -16.0), (20.0, -10.0), (-20.0, -10.0)),
+                ((-20.0, 10.0), (20.0, 10.0), (20.0, 16.0), (-20.0, 16.0)),
+                ((-20.0, -16.0), (-12.0, -16.0), (-12.0, 16.0), (-20.0, 16.0)),
+                ((12.0, -16.0), (20.0, -16.0), (20.0, 16.0), (12.0, 16.0)),
+            )
+        ]
+        profile = replace(profile, pier_zones=tuple(zones))
+        gate = SlewGate(profile, bounds(profile, limits), 90.0, True)
+        looks[0] = 0
+        assert isinstance(gate.route(Slew(-ha, 65.0), 0.0, start), str)
+        assert looks[0] <= 2000
