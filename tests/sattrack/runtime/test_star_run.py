@@ -410,7 +410,7 @@ TILTED = replace(
 )
 
 
-@pytest.mark.parametrize("reports", ["sky", "axes"])
+@pytest.mark.parametrize("reports", ["axes", pytest.param("sky", marks=pytest.mark.soak)])
 def test_from_nothing_a_mount_with_a_pole_of_its_own_points_within_five_arcseconds(
     reports: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
