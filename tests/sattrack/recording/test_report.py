@@ -94,12 +94,12 @@ def observed(tmp_path_factory: pytest.TempPathFactory) -> Path:
         stream.write("\n".join(seen).encode() + b"\n")
         stream.seek(0)
         patched.setattr("sys.stdin", type("Input", (), {"buffer": stream})())
-        # It begins 28 s before the pass: enough for any slew.
+        # It begins 15 s before the pass: enough for this slew.
         options = [
             "--min-alt",
             "55",
             "--clock",
-            "2026-10-02T13:04:17Z",
+            "2026-10-02T13:04:30Z",
             "--observations",
             "stdin",
             "--record",
@@ -438,7 +438,9 @@ def flown(
     return fly_virtual(prepared, messages=tuple((CULMINATION_S + at, word) for at, word in messages))
 
 
-@pytest.mark.parametrize("name", ["M6", "L6", "L7", "L9"])
+@pytest.mark.parametrize(
+    "name", ["M6", "L9", *(pytest.param(name, marks=pytest.mark.soak) for name in ("L6", "L7"))]
+)
 def test_of_a_mount_that_was_never_on_target_no_fit_is_told(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -535,10 +537,11 @@ def test_what_the_keyhole_takes_and_the_way_back_are_in_no_error(
 
 
 def test_a_pass_that_was_held_throughout_is_not_told_to_need_nothing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     wall = tuple((azimuth, 85.0) for azimuth in (0.0, 90.0, 180.0, 270.0))
     path = tmp_path / "walled.mcap"
+    monkeypatch.setattr(rendering, "figures", no_plots)
     assert flown(path, limits=SafetyLimits(horizon=wall, optical=False), min_alt_deg=75.0).samples == 0
     told = report_of(path, capsys)
     assert told["acquired"] is False
@@ -616,7 +619,7 @@ def test_a_mount_that_follows_beside_the_satellite_is_not_told_to_need_nothing(
 ) -> None:
     """A ripple of more than a slow servo can take."""
     rough = {"bandwidth_hz": 4.0, "integral_hz": 0.5, "ripple_a": 3.3}
-    summary = flown(tmp_path / "rough.mcap", servo=rough)
+    summary = flown(tmp_path / "rough.mcap", min_alt_deg=68.0, servo=rough)
     assert summary.reported_rms_arcsec is not None
     assert summary.reported_rms_arcsec > 2.0
     told = report_of(tmp_path / "rough.mcap", capsys)
@@ -644,7 +647,7 @@ def test_the_dates_of_a_camera_are_corrected_as_in_the_run(
 ) -> None:
     """The stars show its clock to be 0.3 s ahead before it sees the satellite."""
     rng, messages = random.Random(6), list[tuple[float, Message]]()
-    for at in np.arange(-25.0, 26.0, 0.5).tolist():
+    for at in [*np.arange(-25.0, -5.0, 0.5).tolist(), *np.arange(-5.0, 8.25, 0.25).tolist()]:
         found = solution(CULMINATION_S + at, rng, Bias() if at < -5.0 else BIAS, 2.0)
         utc, place = (
             Utc(CULMINATION_S + at + 0.3).isoformat("microseconds"),
@@ -653,7 +656,7 @@ def test_the_dates_of_a_camera_are_corrected_as_in_the_run(
         among_stars = SolvedField(utc, *place, 2.0, "guide")
         of_it = ObservationMessage(utc, *place, "icrs", 2.0, camera="guide")
         messages.append((at + 0.5, among_stars if at < -5.0 else of_it))
-    summary = flown(tmp_path / "clock.mcap", messages=tuple(messages))
+    summary = flown(tmp_path / "clock.mcap", messages=(*messages, (9.0, StopNow())))
     assert summary.loop is not None
     assert summary.loop.clocks[0].corrected_s == pytest.approx(0.3, abs=0.02)
     bias = report_of(tmp_path / "clock.mcap", capsys)["bias"]
@@ -722,7 +725,7 @@ def waits_s(path: Path, delay_s: float) -> float:
     """
     entries = list(Recording(path).entries())
     sent, heard = (np.array([e.utc_s for e in entries if e.topic == topic]) for topic in (COMMAND, STATUS))
-    came, turns = sent[340:1340] + delay_s, heard - 0.002
+    came, turns = sent[340:-100] + delay_s, heard - 0.002
     return float(np.mean(turns[np.searchsorted(turns, came)] - came))
 
 
@@ -730,7 +733,7 @@ def test_a_delay_that_the_profile_does_not_have_is_found(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Commands take 42 ms and not 2."""
-    flown(tmp_path / "late.mcap", command_delay_s=0.042)
+    flown(tmp_path / "late.mcap", min_alt_deg=66.0, command_delay_s=0.042)
     told = report_of(tmp_path / "late.mcap", capsys)
     acts_s = 0.042 + waits_s(tmp_path / "late.mcap", 0.042)
     assert 0.042 < acts_s < 0.092
@@ -748,7 +751,7 @@ def test_a_command_that_acts_before_it_is_sent_tells_of_wrong_dates(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Statuses take 2 ms, and the profile says 70: by that they are dated 68 ms too early."""
-    flown(tmp_path / "dated.mcap", says={"status_delay_s": 0.07}, status_delay_s=0.002)
+    flown(tmp_path / "dated.mcap", min_alt_deg=66.0, says={"status_delay_s": 0.07}, status_delay_s=0.002)
     told = report_of(tmp_path / "dated.mcap", capsys)
     waited_s = waits_s(tmp_path / "dated.mcap", 0.002)
     assert told["ra"]["delay_s"] == pytest.approx(0.002 + waited_s - 0.068, abs=0.003)
@@ -763,7 +766,7 @@ def test_a_command_that_acts_before_it_is_sent_tells_of_wrong_dates(
 
 def test_a_motors_ripple_is_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     # Of the profile's own servo the run's filter takes the ripple out; of a softer one enough of it is left.
-    flown(tmp_path / "ripple.mcap", min_alt_deg=45.0, servo={"ripple_a": 3.0, "bandwidth_hz": 6.0})
+    flown(tmp_path / "ripple.mcap", min_alt_deg=53.0, servo={"ripple_a": 3.0, "bandwidth_hz": 6.0})
     told = report_of(tmp_path / "ripple.mcap", capsys)
     assert told["ra"]["lines"][0]["cycles_a_turn"] == pytest.approx(96.0, abs=2.0)
     assert told["ra"]["lines"][0]["amplitude_arcsec"] == pytest.approx(0.37, abs=0.13)
