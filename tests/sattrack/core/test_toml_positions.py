@@ -73,7 +73,7 @@ def leaves(value: Any, path: KeyPath = ()) -> list[tuple[KeyPath, Any]]:
     return [(path, value)]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.dictionaries(PLAIN, VALUES, max_size=4))
 def test_each_value_stands_where_it_is_said_to(document: dict[str, Any]) -> None:
     text = tomli_w.dumps(document)

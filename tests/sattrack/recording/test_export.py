@@ -173,14 +173,12 @@ def test_parquet_holds_what_csv_holds(short: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("traced_once")
+@pytest.mark.parametrize("name", ["short", pytest.param("faults", marks=pytest.mark.soak)])
 def test_a_reports_figures_can_be_made_again_from_the_exported_errors(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str, short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    source, out, text = (
-        EXAMPLES / "passes" / "faults.mcap",
-        tmp_path / "errors.json",
-        tmp_path / "errors.csv",
-    )
+    source = short if name == "short" else EXAMPLES / "passes" / f"{name}.mcap"
+    out, text = tmp_path / "errors.json", tmp_path / "errors.csv"
     for target in (out, text):
         assert run(["recording", "export", str(source), str(target), "--table", "error"]) == 0
     rows = json.loads(out.read_text())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import random
 import sqlite3
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import bias as bench
 import msgspec
 import pytest
 
@@ -255,7 +257,7 @@ def test_simulated_mounts_touch_the_memory_only_where_they_are_told(memory: Bias
 
 
 def test_observations_of_a_pass_are_kept_and_a_report_of_it_has_the_last_word(
-    memory: BiasMemory, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    memory: BiasMemory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     made: list[Trace] = []
 
@@ -264,17 +266,20 @@ def test_observations_of_a_pass_are_kept_and_a_report_of_it_has_the_last_word(
         return made[0]
 
     monkeypatch.setattr("sattrack.cli.recording.trace", once)
-    example = Path(__file__).resolve().parents[3] / "examples" / "passes" / "faults.mcap"
-    _, facts = open_recording(example)
-    assert run(["report", str(example), "--json"]) == 0
+    path, rng = tmp_path / "seen.mcap", random.Random(8)
+    true = bench.true_satellite(ELEMENTS, demo_pass.SITE.place(), 0.8)
+    seen_s = [PASS_UTC_S + at_s for at_s in range(-4, 8)]
+    fly(ready("off", record=path), *((at + 0.2, bench.solution(true, at, rng, 5.0)) for at in seen_s))
+    assert run(["report", str(path), "--json"]) == 0
     assert not memory.path.exists(), "a simulated mount's, and nobody asked"
-    assert run(["report", str(example), "--json", "--bias-memory", "on"]) == 0
+    assert run(["report", str(path), "--json", "--bias-memory", "on"]) == 0
     captured = capsys.readouterr()
     figures = json.loads(captured.out.splitlines()[-1])["bias"]
     (kept,) = memory.entries()
     assert (kept.made_by, kept.along_s) == ("report", figures["along_s"])
     assert "bias memory: kept for these elements" in captured.err
-    recalled = memory.recall(facts.elements, kept.utc_s, "observations")
+    assert kept.along_s == pytest.approx(0.8, abs=4.0 * figures["along_sigma_s"])
+    recalled = memory.recall(ELEMENTS, kept.utc_s, "observations")
     assert recalled is not None
     assert recalled.along_sigma_s == figures["along_sigma_s"]
     assert run(["biases", "--drop", "1"]) == 0
