@@ -305,7 +305,9 @@ def test_rates_that_do_not_reach_a_mount_that_takes_edges_hold_nothing_and_it_is
     assert led.driver.safety.tripped == "altitude"
 
 
-@pytest.mark.parametrize("begin_deg", BEGINS_DEG)
+@pytest.mark.parametrize(
+    "begin_deg", [0.0, 20.0, *(pytest.param(begin_deg, marks=pytest.mark.soak) for begin_deg in (5.0, 10.0))]
+)
 def test_a_mount_that_never_answers_is_held_and_a_fault_of_the_link_leads_it_past_no_limit(
     begin_deg: float,
 ) -> None:
