@@ -177,14 +177,22 @@ def test_a_mounts_clock_that_is_set_costs_a_second_or_two(step_s: float) -> None
     assert flown.error_arcsec(8.0, 30.0) < 2.0
 
 
-@pytest.mark.parametrize("nudge", [Nudge(cross_deg=80.0), Nudge(along_s=1e308), Nudge(along_s=float("nan"))])
-def test_an_absurd_nudge_is_refused_and_the_pass_goes_on(nudge: Nudge) -> None:
-    flown = fly(messages=((-5.0, nudge),), min_alt_deg=75.0)
+def test_absurd_nudges_are_refused_and_the_pass_goes_on() -> None:
+    """A refusal is told until another word is obeyed, at least 5 s later."""
+    absurd = {-11.0: Nudge(cross_deg=80.0), -4.0: Nudge(along_s=1e308), 3.0: Nudge(along_s=float("nan"))}
+    messages = ((at_s + after_s, word) for at_s, nudge in absurd.items()
+                for after_s, word in ((0.0, nudge), (5.5, Nudge())))  # fmt: skip
+    flown = fly(messages=tuple(messages), min_alt_deg=75.0)
     assert flown.summary.ended_by == "set"
     assert (flown.summary.bias_along_s, flown.summary.bias_cross_deg) == (0.0, 0.0)
     assert flown.summary.true_peak_arcsec is not None
     assert flown.summary.true_peak_arcsec < 1.0
-    assert any("nudge refused" in words for view in flown.run.views for words in view.warnings)
+    for at_s in absurd:
+        told = {
+            round(view.utc_s - CULMINATION_S - at_s): any("nudge refused" in words for words in view.warnings)
+            for view in flown.run.views
+        }
+        assert [told[after_s] for after_s in (1, 4, 6)] == [True, True, False]
 
 
 def test_a_mount_that_stands_elsewhere_is_told() -> None:
