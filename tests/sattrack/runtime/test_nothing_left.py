@@ -248,8 +248,8 @@ def runner_on_terminal(case: Case) -> Terminal:
 
 
 INTERRUPT, TERMINATE, HANG_UP, KILL = signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL
-LIKE_SIGTERM = "like SIGTERM"
-"""Signals that a program handles as it does SIGTERM."""
+ALIKE = "signals handled alike"
+"""A screen handles these as it does a closed terminal, other programs as they do SIGTERM."""
 ENDS: dict[str, dict[str, Callable[[Case], subprocess.Popen[Any]]]] = {
     "track": {
         "its own end": ended_by_itself,
@@ -264,7 +264,6 @@ ENDS: dict[str, dict[str, Callable[[Case], subprocess.Popen[Any]]]] = {
         "q": lambda case: left_by_question(case, b"s"),
         "Ctrl-C": lambda case: pressed(screen(case), CTRL_C),
         "a closed terminal": lambda case: hung_up(screen(case)),
-        "SIGTERM": lambda case: struck(screen(case).process, TERMINATE),
         "SIGKILL": lambda case: struck(screen(case).process, KILL),
         "left running": left_running,
     },
@@ -279,8 +278,9 @@ ENDS: dict[str, dict[str, Callable[[Case], subprocess.Popen[Any]]]] = {
         "SIGKILL": lambda case: struck(runner(case), KILL),
         "stop": lambda case: stopped(case, runner(case)),
     },
-    LIKE_SIGTERM: {
+    ALIKE: {
         "track, SIGHUP": lambda case: struck(headless(case), HANG_UP),
+        "screen, SIGTERM": lambda case: struck(screen(case).process, TERMINATE),
         "screen, SIGINT": lambda case: struck(screen(case).process, INTERRUPT),
         "serve, SIGHUP": lambda case: struck(server(case), HANG_UP),
     },
@@ -290,7 +290,7 @@ ENDS: dict[str, dict[str, Callable[[Case], subprocess.Popen[Any]]]] = {
 @pytest.mark.usefixtures("hang_ups")
 @pytest.mark.parametrize(
     "program",
-    [pytest.param(name, marks=[pytest.mark.soak] * (name == LIKE_SIGTERM)) for name in ENDS],
+    [pytest.param(name, marks=[pytest.mark.soak] * (name == ALIKE)) for name in ENDS],
 )
 def test_no_process_and_no_file_is_left_after_any_kind_of_end(program: str, tmp_path: Path) -> None:
     """Servers and runners end by Ctrl-C in the test above."""
