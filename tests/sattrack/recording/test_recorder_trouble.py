@@ -100,7 +100,7 @@ def test_a_full_disk_ends_the_recording_and_not_the_run(tmp_path: Path) -> None:
     path = tmp_path / "full.mcap"
     command = [sys.executable, "-m", "sattrack", "track", "25544", "--virtual", "--mount", "sim", "--json"]
     done = subprocess.run(
-        [*command, "--min-alt", "75", "--record", str(path)],
+        [*command, "--min-alt", "75", "--clock", "2026-10-02T13:04:55Z", "--record", str(path)],
         capture_output=True,
         text=True,
         check=False,

@@ -23,8 +23,10 @@ if TYPE_CHECKING:
     from sattrack.views.run import TrackView
 
 CULMINATION_S = float(Utc.parse("2026-10-02T13:05:24Z").unix_s)
+NEAR_S, FAR_S = 10.0, 25.0
+"""The way from where the simulated mount stands at first to where the pass is high, or low."""
 FROM_45 = ("--min-alt", "45", "--clock", "2026-10-02T13:04:00Z")
-HIGH = ("--min-alt", "75", "--clock", "2026-10-02T13:04:55Z")
+HIGH = ("--min-alt", "78", "--clock", "2026-10-02T13:05:15Z")
 
 
 def prepared(min_alt_deg: float = 45.0, **changes: object) -> Prepared:
@@ -40,7 +42,7 @@ def prepared(min_alt_deg: float = 45.0, **changes: object) -> Prepared:
         **changes,  # type: ignore[arg-type]
     )
     made = prepare(request)
-    return replace(made, facts=late(made.facts))
+    return replace(made, facts=late(made.facts, NEAR_S if min_alt_deg >= 45.0 else FAR_S))
 
 
 def test_a_pass_is_followed_within_an_arcsecond(capsys: pytest.CaptureFixture[str]) -> None:
