@@ -61,13 +61,16 @@ def refusal(read: Callable[..., object], *what: object) -> str | None:
     return None
 
 
-ANY = settings(max_examples=150, deadline=2000)
+ANY = settings(max_examples=60, deadline=2000)
 FILES = settings(
-    max_examples=80,
+    max_examples=40,
     deadline=4000,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
-"""The deadlines are bounds on the time that one input takes, on a machine that does other things too."""
+"""The deadlines are bounds on the time that one input takes, on a machine that does other things too.
+
+`python bench/fuzz.py` gives them millions.
+"""
 XML = st.sampled_from(
     (
         b"<newNumberVector",
@@ -228,16 +231,14 @@ JSON = st.recursive(
 @example(b'{"type":"\xff"}')
 @example(b'{"utc":"\xff","ra_deg":1,"dec_deg":2}')
 @example(b'{"type":"stop","x":' + b"[" * 2000)
-@pytest.mark.parametrize("read", [decode_message, decode_said, decode_observation, decode_order])
-def test_messages_to_a_run(read: Callable[[bytes], object], line: bytes) -> None:
-    try:
-        read(line)
-    except msgspec.MsgspecError:
-        return
+def test_messages_to_a_run(line: bytes) -> None:
+    for read in (decode_message, decode_said, decode_observation, decode_order):
+        with contextlib.suppress(msgspec.MsgspecError):
+            read(line)
 
 
 @ANY
-@given(st.lists(JSON.map(msgspec.json.encode) | st.binary(max_size=100), max_size=30))
+@given(st.lists(JSON.map(msgspec.json.encode) | st.binary(max_size=100), max_size=10))
 @example([b'{"utc":"\xff","ra_deg":1,"dec_deg":2}'])
 def test_lines_of_observers(lines: list[bytes]) -> None:
     observers = Observers()

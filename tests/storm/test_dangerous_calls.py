@@ -28,9 +28,9 @@ def name_of(node: ast.expr) -> str:
 
 
 def calls(source: str, names: set[str]) -> list[ast.Call]:
-    """Return a file's calls, or none where no name has all of its parts among the file's words."""
-    words = set(re.findall(r"\w+", source))
-    if not any(words.issuperset(name.split(".")) for name in names):
+    """Return a file's calls, or none where no name is in it as it would be called."""
+    anywhere = "|".join(r"\s*\.\s*".join(name.split(".")) for name in names)
+    if not re.search(rf"(?<![\w.])(?:{anywhere})(?!\w)", source):
         return []
     return [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)]
 
