@@ -68,7 +68,7 @@ def exposed(
 
 
 @pytest.mark.parametrize("magnitude", [-4.0, 0.0, 4.0, 8.0])
-@pytest.mark.parametrize("exposure_s", [0.005, 0.1, 0.5])
+@pytest.mark.parametrize("exposure_s", [0.005, pytest.param(0.1, marks=pytest.mark.soak), 0.5])
 def test_the_exposure_settles_within_ten_frames_from_any_start(magnitude: float, exposure_s: float) -> None:
     rng = np.random.default_rng(3)
     detector, exposures, found = Detector(), [], []
