@@ -414,8 +414,12 @@ def _left(
     frame = AxisFrame(geometry, latitude_deg)
     rows = []
     # Angles that are reported say all that is known of the turns.
-    for leg in legs if meaning is None or meaning.reports != "axes" else ():
-        before, after = frame.angles(*leg.before), frame.angles(*leg.after)
+    turns = legs if meaning is None or meaning.reports != "axes" else ()
+    # Most motions begin where another ended.
+    places = {place for leg in turns for place in (leg.before, leg.after)}
+    angles = {place: frame.angles(*place) for place in places}
+    for leg in turns:
+        before, after = angles[leg.before], angles[leg.after]
         if leg.axis == 0:
             rows.append(after.second_deg - before.second_deg)
         else:

@@ -324,7 +324,8 @@ class AxisFrame:
 
     def _outward(self, own: tuple[float, ...]) -> tuple[float, float, float]:
         """Return one of the mount's vectors in hour angle and declination."""
-        x, y, z = (sum(row[k] * part for row, part in zip(self._rows, own, strict=True)) for k in range(3))
+        a, b, c = own
+        x, y, z = (sum((p * a, q * b, r * c)) for p, q, r in zip(*self._rows, strict=True))
         return x, y, z
 
 
