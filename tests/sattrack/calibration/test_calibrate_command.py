@@ -176,7 +176,7 @@ def test_what_breaks_while_showing_stops_the_mount_before_it_is_raised() -> None
     assert phases[-1] == "stopping the mount"
 
 
-@pytest.mark.parametrize("key", [b"x", b"\x13"])
+@pytest.mark.parametrize("key", [pytest.param(b"x", marks=pytest.mark.soak), b"\x13"])
 def test_any_key_stops_the_mount_and_the_terminal_is_as_it_was(
     key: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -11,7 +11,15 @@ from calibration import Network, Timer
 from calibration_builders import BEGIN, Ended, run
 from ramp_mount import RampMount
 
-from sattrack.calibration.findings import ClockTruth, MeasuredDelays, conclude
+from sattrack.calibration.clocks import clock_line
+from sattrack.calibration.findings import (
+    ClockTruth,
+    Findings,
+    MeasuredDelays,
+    conclude,
+    round_trip,
+    split_delays,
+)
 from sattrack.calibration.guard import EndKind
 from sattrack.calibration.profile import found_rows
 
@@ -57,6 +65,12 @@ def ended_of(seed: int) -> Ended:
     return run(mount, network, timer, seed=seed)
 
 
+@functools.cache
+def found_of(seed: int) -> Findings:
+    ended = ended_of(seed)
+    return conclude(ended.calibrator.seen, ended.mount.longitude)
+
+
 @pytest.mark.parametrize(
     "seed", [n if n in FEW else pytest.param(n, marks=pytest.mark.soak) for n in range(9)]
 )
@@ -67,7 +81,7 @@ def test_a_drawn_mount_is_found_out_as_it_is(seed: int) -> None:
     assert ended.calibrator.ending is not None
     assert ended.calibrator.ending.kind is EndKind.DONE
     assert ended.calibrator.ending.at_rest
-    found = conclude(ended.calibrator.seen, mount.longitude)
+    found = found_of(seed)
     assert (found.ra.sign, found.dec.sign) == (mount.ra_sign, mount.dec_sign)
     assert found.additive == mount.additive
     assert found.move_axis == ("edge" if mount.edge else "held")
@@ -113,8 +127,10 @@ def ended_half_a_second_behind() -> Ended:
 def delays_if(truth: ClockTruth) -> tuple[MeasuredDelays, tuple[str, ...]]:
     """Return what is found of the delays, and the notes, if this is stated of the clock."""
     ended = ended_half_a_second_behind()
-    found = conclude(ended.calibrator.seen, ended.mount.longitude, truth)
-    return found.delays, found.notes
+    seen, notes = ended.calibrator.seen, list[str]()
+    line = clock_line(seen.log.heard)
+    trip = round_trip(seen, line)
+    return split_delays(trip, seen.log.heard[-1], line, ended.mount.longitude, truth, notes), tuple(notes)
 
 
 def test_a_clock_stated_to_be_true_tells_the_two_ways_apart() -> None:
@@ -161,8 +177,7 @@ def test_the_same_inputs_give_the_same_datagrams() -> None:
 
 
 def test_every_finding_is_told_with_what_is_not_known_of_it() -> None:
-    ended = ended_of(FEW[0])
-    rows = dict(found_rows(conclude(ended.calibrator.seen, ended.mount.longitude)))
+    rows = dict(found_rows(found_of(FEW[0])))
     assert "±" in rows["right ascension, gain"]
     assert "±" in rows["round trip"]
     assert " to " in rows["status delay"]
