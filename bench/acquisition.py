@@ -16,7 +16,7 @@ import math
 import random
 import sys
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from feeder_harness import Scenario, World
 from feeder_passes import Ours, Subject, hardware
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 KINDS = ("before the rise", "late start", "after an abort", "thrown off", "aborted on it")
 ON_TARGET_ARCSEC = 2.0
 STAYS_S = 1.0
+LAST_ERRORS = 40
+"""More than there are in that."""
 LASTS_S = 45.0
 RISES_AFTER_S = 50.0
 THROWN_AFTER_S = 12.0
@@ -143,6 +145,15 @@ class Thrown(World):
                 axis.place(axis.position_deg + by_deg, axis.velocity_deg_s)
             ends.append(Moving(axis.position_deg, axis.velocity_deg_s))
         self.thrown = (utc_s, ends[0], ends[1])
+
+    def _judge(self, truth: Any) -> None:
+        """Note the error, and end the run where it has stayed within bounds for long enough."""
+        super()._judge(truth)
+        since_s = self._drawn.begin_s if self._drawn.kind not in KINDS[3:] else math.inf
+        if self.thrown is not None:
+            since_s = self.thrown[0]
+        if _on_target_s(self.errors[-LAST_ERRORS:], since_s) < math.inf:
+            self.end_s = truth.utc_s
 
     def _disturbed(self, data: bytes, now_s: float) -> bytes:
         """Put somebody else's abort in the place of what is sent while it lasts."""
