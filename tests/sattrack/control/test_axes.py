@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import functools
 import math
 import random
 from types import SimpleNamespace as Made
@@ -71,9 +73,14 @@ class Mount:
         return (self.axes.ra.position_deg - self.ra_deg) / ARCSEC
 
 
-def settled(seed: int = 1, shares: tuple[float, float] = (-1.0, 0.5)) -> Mount:
+def settled(shares: tuple[float, float] = (-1.0, 0.5)) -> Mount:
     """Return a mount whose rate has changed at times, so that its response is known."""
-    mount = Mount(seed, shares)
+    return copy.deepcopy(made_to_settle(shares))
+
+
+@functools.cache
+def made_to_settle(shares: tuple[float, float]) -> Mount:
+    mount = Mount(1, shares)
     for turn in range(200):
         mount.step(change_deg_s={20: 0.1, 60: -0.1}.get(turn, 0.0))
     return mount

@@ -194,7 +194,7 @@ def test_the_lean_filter_gives_the_numbers_of_filterpy(size: int) -> None:
     theirs, ours = KalmanFilter(dim_x=size, dim_z=1, dim_u=1), LeanKalmanFilter(first, np.diag(spreads))
     theirs.x, theirs.P = first[:, None].copy(), np.diag(spreads)
     theirs.H, given = np.eye(size)[:1], np.eye(size)[:, :1]
-    for _ in range(2000):
+    for _ in range(600):
         by_plan, seconds = dice.normal(0.0, 0.05), dice.uniform(0.04, 0.06)
         moves = np.array([seconds, *(dice.normal(0.0, 0.05, size - 2) * (dice.random() < 0.8))])
         share = dice.uniform(0.99, 1.0)

@@ -151,7 +151,10 @@ def test_a_slew_slows_down_before_a_limit_and_ends_beside_it() -> None:
     assert bench.truth.dec_axis_deg == pytest.approx(1.0, abs=0.1)
 
 
-@pytest.mark.parametrize("number", [*SKY, *AXES])
+@pytest.mark.parametrize(
+    "number",
+    [SKY[0], AXES[0], *(pytest.param(one, marks=pytest.mark.soak) for one in (*SKY[1:], *AXES[1:]))],
+)
 def test_a_slew_ends_where_it_was_asked_for_and_the_mount_stands_after_it(number: int) -> None:
     hand = Hand(number)
     hand.mount.turn()
@@ -173,7 +176,7 @@ def test_a_slew_ends_where_it_was_asked_for_and_the_mount_stands_after_it(number
     assert hand.horizontal == pytest.approx(stood, abs=0.005)
 
 
-@pytest.mark.parametrize("number", [SKY[0], AXES[0]])
+@pytest.mark.parametrize("number", [SKY[0], pytest.param(AXES[0], marks=pytest.mark.soak)])
 def test_a_console_keeps_the_telescope_on_the_sky_and_after_a_jog_where_it_then_looks(number: int) -> None:
     hand = Hand(number)
     session = ConsoleSession(hand.console(), hand.now_s)
@@ -293,7 +296,7 @@ def test_parking_ends_with_the_axes_at_the_park_position() -> None:
         assert after.dec_axis_deg == pytest.approx(truth.dec_axis_deg - 7.0, abs=0.05)
 
 
-@pytest.mark.parametrize("number", [SKY[1], AXES[1]])
+@pytest.mark.parametrize("number", [pytest.param(SKY[1], marks=pytest.mark.soak), AXES[1]])
 def test_an_alpaca_client_slews_sees_where_the_tube_looks_and_turns_axes(number: int) -> None:
     hand = Hand(number)
 
@@ -339,7 +342,7 @@ def test_an_alpaca_client_slews_sees_where_the_tube_looks_and_turns_axes(number:
     assert hand.off_arcsec(*there) < 5.0
 
 
-@pytest.mark.parametrize("number", [SKY[0], AXES[1]])
+@pytest.mark.parametrize("number", [SKY[0], pytest.param(AXES[1], marks=pytest.mark.soak)])
 def test_a_rotators_client_points_the_tube_to_azimuth_and_elevation(number: int) -> None:
     hand = Hand(number)
     station = RotatorStation(SiteSky(hand.site), hand.profile, hand.limits)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import replace
 
@@ -13,14 +14,19 @@ FOLLOWED_S = 30.0
 """For so long of a pass, the slew and what it leaves included; `bench/family.py` follows 75 s."""
 
 
+@functools.cache
+def followed(number: int) -> family.Run:
+    return family.Run(family.draw(number)).run(lasts_s=FOLLOWED_S)
+
+
 @pytest.mark.parametrize(
     ("number", "kind", "move_axis", "most_rms_arcsec"),
     [
-        (0, "velocity_servo", "held", 0.017),
+        pytest.param(0, "velocity_servo", "held", 0.017, marks=soak),
         pytest.param(4, "velocity_servo", "edge", 0.06, marks=soak),
         pytest.param(5, "position_servo", "held", 0.045, marks=soak),
         # Its servo's integral unwinds for seconds after the slew.
-        (9, "position_servo", "held", 0.026),
+        pytest.param(9, "position_servo", "held", 0.026, marks=soak),
         (13, "position_servo", "edge", 0.08),
         pytest.param(18, "planner", "held", 0.009, marks=soak),
         (22, "planner", "edge", 0.34),
@@ -40,9 +46,9 @@ def test_a_drawn_mount_is_acquired_and_followed(
     number: int, kind: str, move_axis: str, most_rms_arcsec: float
 ) -> None:
     """The bounds are twice what `python bench/family.py` prints of these draws."""
-    drawn = family.draw(number)
-    assert (drawn.hardware.kind, drawn.hardware.move_axis) == (kind, move_axis)
-    outcome = family.Run(drawn).run(lasts_s=FOLLOWED_S).outcome()
+    run = followed(number)
+    assert (run.drawn.hardware.kind, run.drawn.hardware.move_axis) == (kind, move_axis)
+    outcome = run.outcome()
     assert outcome.late_s is not None, outcome.why
     assert outcome.late_s <= 5.0
     assert 0.001 < outcome.rms_arcsec <= most_rms_arcsec
@@ -96,11 +102,11 @@ def test_servos_that_catch_up_with_weak_drives_are_acquired(number: int) -> None
     assert acquired_after_s(weak(number)) < 15.0
 
 
-@pytest.mark.parametrize("number", [1106, 1131])
+@pytest.mark.parametrize("number", [pytest.param(1106, marks=soak), 1131])
 def test_an_edge_mounts_acknowledgements_tell_its_delay(number: int) -> None:
     """That of the commands, and what the status delay is told wrong by: 2 and 23 ms altogether."""
-    run = family.Run(drawn := family.draw(number)).run(lasts_s=FOLLOWED_S)
-    hard = drawn.hardware
+    run = followed(number)
+    hard = run.drawn.hardware
     dated_late_s = hard.status_delay_s - hard.told_status_s
     assert run.engine.tracker.follower.command_delay_s == pytest.approx(
         hard.command_delay_s + dated_late_s, abs=0.005

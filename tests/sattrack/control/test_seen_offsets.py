@@ -125,7 +125,10 @@ class Loop:
         return math.sqrt(sum(off * off for off in chosen) / len(chosen))
 
 
-@pytest.mark.parametrize("camera", [UPRIGHT, Camera(130.0), Camera(-40.0, True)])
+@pytest.mark.parametrize(
+    "camera",
+    [*(pytest.param(one, marks=pytest.mark.soak) for one in (UPRIGHT, Camera(130.0))), Camera(-40.0, True)],
+)
 def test_a_hidden_polar_error_delay_and_late_satellite_are_taken_out(camera: Camera) -> None:
     """Five minutes of arc, 20 ms, 3 s and kilometres of orbit, from half a degree off to an arcsecond."""
     loop = Loop(camera, (200.0, -180.0, 130.0), 0.02)

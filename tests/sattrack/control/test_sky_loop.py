@@ -33,10 +33,6 @@ def shorter(one: bench.Sky, lasts_s: float = LASTS_S) -> bench.Sky:
     return one
 
 
-def found_out_arcsec(found: bench.Result) -> float:
-    return found.sky.rms(FOUND_OUT_S, CLEAR_S)
-
-
 def test_the_satellite_is_held_in_the_middle_of_an_image_whose_sky_is_hidden() -> None:
     found = bench.without_mount(shorter(sky()), MountProfile())
     assert found.rms_arcsec < 1.1
@@ -68,7 +64,11 @@ def test_directions_among_the_stars_and_offsets_of_one_camera_hold_the_satellite
 
 @pytest.mark.parametrize(
     ("seed", "beside_arcsec", "most_arcsec"),
-    [(10, (0.0, 0.0), 9.0), (5, (-100.0, -100.0), 14.0), (11, (-100.0, 100.0), 10.0)],
+    [
+        pytest.param(10, (0.0, 0.0), 9.0, marks=pytest.mark.soak),
+        (5, (-100.0, -100.0), 14.0),
+        pytest.param(11, (-100.0, 100.0), 10.0, marks=pytest.mark.soak),
+    ],
 )
 def test_a_telescope_square_to_its_axes_needs_no_terms_of_one_that_is_not(
     seed: int, beside_arcsec: tuple[float, float], most_arcsec: float
@@ -84,20 +84,27 @@ def test_a_telescope_square_to_its_axes_needs_no_terms_of_one_that_is_not(
 
 
 @pytest.mark.parametrize(
-    ("hidden", "words", "most_arcsec", "seeds"),
+    ("hidden", "words", "most_arcsec", "seed"),
     [
-        ({"mirrored": True}, "mirrored", 2.0, (3,)),
-        ({"scale": 1.6, "late_s": NEAR_S}, "times as large as set", 3.5, (3, 5, 6)),
-        ({"rotation_deg": 30.0, "late_s": NEAR_S}, "turned by", 4.5, (3, 5, 6)),
-        ({"clock_s": 0.3}, "s ahead", 2.5, (3,)),
+        ({"mirrored": True}, "mirrored", 2.0, 3),
+        ({"scale": 1.6, "late_s": NEAR_S}, "times as large as set", 3.5, 3),
+        ({"rotation_deg": 30.0, "late_s": NEAR_S}, "turned by", 4.5, 3),
+        ({"clock_s": 0.3}, "s ahead", 2.5, 3),
+        *(
+            pytest.param({**hidden, "late_s": NEAR_S}, words, most_arcsec, seed, marks=pytest.mark.soak)
+            for hidden, words, most_arcsec in (
+                ({"scale": 1.6}, "times as large as set", 3.5),
+                ({"rotation_deg": 30.0}, "turned by", 4.5),
+            )
+            for seed in (5, 6)
+        ),
     ],
 )
 def test_a_camera_that_is_not_as_it_was_set_is_found_out_and_followed_all_the_same(
-    hidden: dict[str, Any], words: str, most_arcsec: float, seeds: tuple[int, ...]
+    hidden: dict[str, Any], words: str, most_arcsec: float, seed: int
 ) -> None:
-    results = [bench.without_mount(shorter(sky(seed, **hidden), CLEAR_S), MountProfile()) for seed in seeds]
-    found = max(results, key=found_out_arcsec)
-    assert found_out_arcsec(found) < most_arcsec
+    found = bench.without_mount(shorter(sky(seed, **hidden), CLEAR_S), MountProfile())
+    assert found.sky.rms(FOUND_OUT_S, CLEAR_S) < most_arcsec
     assert any(words in text for text in found.words), found.words
 
 
@@ -147,7 +154,12 @@ class Solving(bench.Sky):
 
 @pytest.mark.parametrize(
     ("hidden", "seed"),
-    [({"scale": 1.3}, 5), ({"scale": 0.7}, 3), ({"rotation_deg": 100.0}, 6), ({"mirrored": True}, 5)],
+    [
+        pytest.param({"scale": 1.3}, 5, marks=pytest.mark.soak),
+        ({"scale": 0.7}, 3),
+        ({"rotation_deg": 100.0}, 6),
+        ({"mirrored": True}, 5),
+    ],
 )
 def test_a_camera_that_has_solved_its_field_undoes_what_was_learnt_through_its_settings(
     hidden: dict[str, Any], seed: int

@@ -140,7 +140,7 @@ def left_of(seed: int, filters: FilterAlone | BothAxes) -> Left:
     )
 
 
-@pytest.mark.parametrize("rounds", [range(4), pytest.param(range(4, 8), marks=pytest.mark.soak)])
+@pytest.mark.parametrize("rounds", [range(2), pytest.param(range(2, 8), marks=pytest.mark.soak)])
 @pytest.mark.parametrize("filters", [FilterAlone, BothAxes])
 @pytest.mark.parametrize("kind", range(len(KINDS)), ids=lambda kind: KINDS[kind])
 def test_after_any_transient_steady_motion_brings_the_truth_back(
@@ -169,7 +169,9 @@ def test_an_axis_that_is_like_none_expected_is_learnt_and_not_begun_anew_for_eve
     assert known.gain_error == pytest.approx(gain - 1.0, abs=0.005)
 
 
-@pytest.mark.parametrize("name", ["M6", "L6", "L7", "L9"])
+@pytest.mark.parametrize(
+    "name", ["M6", "L7", *(pytest.param(n, marks=pytest.mark.soak) for n in ("L6", "L9"))]
+)
 def test_recordings_that_once_latched_the_state_leave_it(name: str) -> None:
     """Statuses and commands as recorded. The filter of then ended at a gain error of -0.25 and 0.1 °/s."""
     if not LATCHED.is_dir():

@@ -142,7 +142,9 @@ def fly(profile: dict[str, Any], seconds: float, number: int = 4, **hardware: An
 
 
 @pytest.mark.parametrize(("told_s", "within_s"), [(0.22, 6.0), (0.245, 15.0)])
-@pytest.mark.parametrize("number", range(6))
+@pytest.mark.parametrize(
+    "number", [0, 1, *(pytest.param(number, marks=pytest.mark.soak) for number in range(2, 6))]
+)
 def test_a_delay_that_is_told_225_ms_too_long_keeps_no_mount_from_its_target(
     number: int, told_s: float, within_s: float
 ) -> None:
@@ -153,7 +155,7 @@ def test_a_delay_that_is_told_225_ms_too_long_keeps_no_mount_from_its_target(
     assert found_s < told_s if number in {0, 2} else found_s <= told_s
 
 
-@pytest.mark.parametrize("told_s", [0.42, 0.6, 1.0])
+@pytest.mark.parametrize("told_s", [0.42, pytest.param(0.6, marks=pytest.mark.soak), 1.0])
 def test_a_delay_that_is_told_far_too_long_is_named_in_seconds(told_s: float) -> None:
     """Not the rates that a loop asks for that swings by it; the servo's lag hides some of it."""
     why = fly({"command_delay_s": told_s}, 9.0).engine.why_not_acquired() or ""
