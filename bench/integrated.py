@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 MU, RADIUS_KM, SUN_MU = 398600.4415, 6378.1363, 1.32712440018e11
+EARTH_RAD_S = 7.2921159e-5
 DEGREE = 4
 # EGM96, fully normalised: degree, order, C, S.
 FIELD = (
@@ -66,7 +67,7 @@ class Air:
         density = 4e-12 * math.exp(-(height_km - 400.0) / 60.0)
         density *= 1.0 + self.swing * math.sin(2.0 * math.pi * days / self.swing_days + self.phase)
         density *= max(0.2, 1.0 + self.drift_a_day * days)
-        wind = v - np.cross([0.0, 0.0, 7.2921159e-5], r)
+        wind = v - EARTH_RAD_S * np.array([-r[1], r[0], 0.0])
         # m² to km², kg/m³ to kg/km³, half of the product: 500.
         return -500.0 * density * self.ballistic_m2_kg * float(np.linalg.norm(wind)) * 1000.0 * wind / 1000.0
 
@@ -116,7 +117,7 @@ class IntegratedMotion:
 
     def _hermite(self, i: int, u: float) -> Array:
         a, b = self._states[i], self._states[i + 1]
-        aa, bb = self._slope(i * GRID_S, a)[3:], self._slope((i + 1) * GRID_S, b)[3:]
+        aa, bb = self._gravity(i), self._gravity(i + 1)
         h = GRID_S
         c0, c1, c2 = a[:3], a[3:] * h, 0.5 * aa * h * h
         way, v1, a1 = b[:3] - c0 - c1 - c2, b[3:] * h - c1 - 2.0 * c2, bb * h * h - 2.0 * c2
@@ -128,6 +129,13 @@ class IntegratedMotion:
         r = c0 + u * (c1 + u * (c2 + u * (c3 + u * (c4 + u * c5))))
         v = (c1 + u * (2.0 * c2 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)))) / h
         return np.concatenate([r, v])
+
+    def _gravity(self, i: int) -> Array:
+        # Nearly all that is asked for lies between the same two rows as what was asked for before.
+        known = self.__dict__.setdefault("_gravities", {})
+        if i not in known:
+            known[i] = self._slope(i * GRID_S, self._states[i])[3:]
+        return known[i]
 
     def _slope(self, since: float, y: Array) -> Array:
         r, v = y[:3], y[3:]
