@@ -61,7 +61,7 @@ def test_the_command_with_observations_finds_the_bias_of_the_example(
     assert program.startswith("sattrack ")
     with (ROOT / source).open(encoding="utf-8") as lines:
         monkeypatch.setattr(sys, "stdin", lines)
-        assert run([*program.split()[1:], "--json", "--min-alt", "60"]) == 0
+        assert run([*program.split()[1:], "--json", "--min-alt", "70"]) == 0
     summary = json.loads(capsys.readouterr().out)["summary"]
     estimate = summary["estimate"]
     assert abs(summary["bias_along_s"] - 3.0) < 4.0 * estimate["along_sigma_s"]
