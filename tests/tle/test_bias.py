@@ -257,7 +257,13 @@ def test_observations_are_taken_however_old_the_elements(lines, age_days):
         assert separation_arcsec(true.ra_deg, true.dec_deg, ours.ra_deg, ours.dec_deg) < 0.05
 
 
-@pytest.mark.parametrize("along_s", [-2500.0, -1524.0, -913.0, -305.0, 260.0, 600.0, 2010.0])
+@pytest.mark.parametrize(
+    "along_s",
+    [
+        *(-2500.0, -305.0, 2010.0),
+        *(pytest.param(along_s, marks=pytest.mark.soak) for along_s in (-1524.0, -913.0, 260.0, 600.0)),
+    ],
+)
 def test_a_satellite_minutes_off_its_old_elements_is_found_along_its_orbit(along_s):
     # Sets of the space station and of Tiangong are so far apart after 17 to 125 days with manoeuvres.
     peer, propagator = Independent(ISS, LEIDEN), Propagator(ELEMENTS, Site(*LEIDEN), earth=PLAIN)

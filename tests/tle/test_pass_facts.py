@@ -119,7 +119,7 @@ def test_facts_on_the_searchs_arcs_are_those_by_sgp4():
 
 
 @given(st.permutations(range(len(PASSES))), st.integers(1, len(PASSES)))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_the_facts_of_a_pass_do_not_depend_on_other_passes(order, count):
     for index, facts in zip(order[:count], pass_facts(PASSES, order[:count]), strict=True):
         assert_same(facts, ALONE[index])
