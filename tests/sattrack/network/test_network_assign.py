@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from contextlib import redirect_stdout
 from dataclasses import replace as replace_elements
+from io import StringIO
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
@@ -164,24 +166,43 @@ def network(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def words_for(folder: Path, out: Path) -> list[str]:
+    words = ["network", "assign", "--stations", str(folder / "stations.toml"), "--json", "--out", str(out)]
+    return [
+        *words,
+        *("--elements", str(folder / "made_up.tle")),
+        "--passes",
+        str(folder / "passes"),
+        "--any-light",
+    ]
+
+
 def assigned(folder: Path, out: Path, capsys: pytest.CaptureFixture[str], *more: str) -> dict[str, Any]:
-    words = ["network", "assign", "--stations", str(folder / "stations.toml"), "--json"]
-    words += ["--elements", str(folder / "made_up.tle"), "--passes", str(folder / "passes"), "--any-light"]
     capsys.readouterr()
-    assert run([*words, "--out", str(out), *more]) == 0
+    assert run([*words_for(folder, out), *more]) == 0
     answer: dict[str, Any] = json.loads(capsys.readouterr().out)
     return answer
 
 
+@pytest.fixture(scope="module")
+def first(network: Path) -> dict[str, Any]:
+    """Return the assignment of the whole night, whose files are in the folder `night`, with a plot."""
+    page = ("--plot", str(network / "night.html"))
+    with redirect_stdout(StringIO()) as printed:
+        assert run([*words_for(network, network / "night"), *page]) == 0
+    answer: dict[str, Any] = json.loads(printed.getvalue())
+    return answer
+
+
 def test_run_plans_all_of_each_schedule(
-    network: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    network: Path, first: dict[str, Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = assigned(network, tmp_path / "night", capsys, "--plot", str(tmp_path / "night.html"))
+    found = first
     assert found["value"] <= found["bound"]
     assert found["gap"] <= 0.02
     assert len(found["assignments"]) > 10
     for name, site in (("north", "52.1541,4.4908"), ("south", "-31.2733,149.0617,1165")):
-        words = ["run", str(tmp_path / "night" / f"{name}.toml"), "--dry-run", "--json", "--site", site]
+        words = ["run", str(network / "night" / f"{name}.toml"), "--dry-run", "--json", "--site", site]
         assert run([*words, "--clock", START]) == 0
         plan = json.loads(capsys.readouterr().out)
         mine = [one for one in found["assignments"] if one["station"] == name]
@@ -189,21 +210,20 @@ def test_run_plans_all_of_each_schedule(
         assert [(one["catalog_number"], one["start_utc"][:19]) for one in plan["passes"]] == [
             (one["catalog_number"], one["start_utc"][:19]) for one in mine
         ]
-    page = (tmp_path / "night.html").read_text()
+    page = (network / "night.html").read_text()
     assert page.count("<tr>") == len(found["assignments"]) + 1
     assert "data:image/png;base64," in page
 
 
 def test_bad_weather_empties_a_station_and_keeps_what_has_begun(
-    network: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    network: Path, first: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    first = assigned(network, tmp_path / "night", capsys)
     now = "2026-10-02T20:00:00Z"
     again = assigned(
         network,
         tmp_path / "night",
         capsys,
-        *("--previous", str(tmp_path / "night" / "assignment.json"), "--clock", now),
+        *("--previous", str(network / "night" / "assignment.json"), "--clock", now),
         *("--closed", "south=2026-10-02T20:30:00Z/2026-10-03T03:00:00Z"),
     )
 
@@ -245,14 +265,13 @@ def test_passes_by_old_elements_are_left_out_with_a_word(
 
 
 def test_passes_that_begin_behind_the_skyline_of_the_settings_are_left_out(
-    network: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    network: Path, first: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "east.horizon").write_text("0 5\n90 35\n180 5\n270 5\n")
     settings = tmp_path / "sattrack.toml"
     settings.write_text('[safety]\nhorizon = "east.horizon"\n')
-    every = assigned(network, tmp_path / "every", capsys)
     some = assigned(network, tmp_path / "some", capsys, "--config", str(settings))
-    assert 5 < len(some["assignments"]) < len(every["assignments"])
+    assert 5 < len(some["assignments"]) < len(first["assignments"])
 
 
 @pytest.mark.parametrize(

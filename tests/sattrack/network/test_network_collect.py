@@ -6,12 +6,14 @@ import json
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 from network_builders import EPOCH, STATIONS, made_up
 
 from sattrack.cli.main import run
 from sattrack.network.stations import read_stations
 from sattrack.recording.export import SeenDirection, tdm_text
+from tle.instants import Utc
 from tle.propagator import Propagator
 from tle.sources import read_elements, write_elements
 
@@ -34,12 +36,16 @@ def delivered(tmp_path: Path) -> Path:
     for station in read_stations(tmp_path / "stations.toml"):
         folder = tmp_path / "delivered" / station.name
         folder.mkdir(parents=True)
-        seen = []
-        propagator = Propagator(true, station.site, place="astrometric")
-        for k in range(0, 86400, 20):
-            at = propagator.at(EPOCH.plus(float(k)))
-            if at.alt_deg > 20.0:
-                seen.append(SeenDirection(float(EPOCH.unix_s) + k, at.ra_deg, at.dec_deg, "icrs", 5.0))
+        times_s = float(EPOCH.unix_s) + np.arange(0.0, 86400.0, 20.0)
+        at = Propagator(true, station.site, place="astrometric").at(Utc(times_s))
+        rows = zip(
+            times_s.tolist(), at.ra_deg.tolist(), at.dec_deg.tolist(), at.alt_deg.tolist(), strict=True
+        )
+        seen = [
+            SeenDirection(utc_s, ra_deg, dec_deg, "icrs", 5.0)
+            for utc_s, ra_deg, dec_deg, alt_deg in rows
+            if alt_deg > 20.0
+        ]
         if station.name == "north":
             text = tdm_text(seen, believed, station.site, float(EPOCH.unix_s), "made up")
             (folder / "night.tdm").write_text(text)
