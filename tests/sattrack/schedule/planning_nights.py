@@ -99,10 +99,10 @@ def plain_loops(night: Problem) -> float:
 
 def random_sky(count: int, seed: int = 4) -> list[Elements]:
     """Return satellites in low orbits, drawn at random."""
-    rng = np.random.default_rng(seed)
+    rng, one = np.random.default_rng(seed), demo_pass.elements()
     return [
         replace(
-            demo_pass.elements(),
+            one,
             name=f"SAT {k + 1:03d}",
             catalog_number=70001 + k,
             designator="",

@@ -310,7 +310,7 @@ def test_without_a_status_too_a_damaged_journal_begins_the_night_anew(tmp_path: 
 def test_a_run_with_a_damaged_journal_goes_on_as_users_see_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    plan = Plan(tmp_path, nights=1, satellites=14, most=2, longest_s=35.0)
+    plan = Plan(tmp_path, nights=1, satellites=14, most=1, longest_s=12.0, least_s=10.0)
     plan.write()
     assert plan.run() == 0
     journal = plan.journal()

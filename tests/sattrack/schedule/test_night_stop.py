@@ -253,7 +253,7 @@ def test_a_stop_of_a_mount_is_for_the_runs_with_that_mount_alone(
 
 
 def test_a_runner_that_the_system_ends_in_a_pass_goes_on_with_it(tmp_path: Path) -> None:
-    plan = small(tmp_path, most=1, longest_s=90.0)
+    plan = small(tmp_path, most=1, longest_s=45.0)
     command = [sys.executable, "-m", "sattrack", *plan.arguments("run"), "--json"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE)
     assert process.stdout is not None
@@ -272,7 +272,7 @@ def test_a_runner_that_the_system_ends_in_a_pass_goes_on_with_it(tmp_path: Path)
 @pytest.mark.usefixtures("hang_ups")
 @pytest.mark.skipif(shutil.which("setsid") is None, reason="gives a program a terminal of its own")
 def test_a_runner_whose_terminal_is_closed_ends_as_one_that_may_be_restarted(tmp_path: Path) -> None:
-    plan = small(tmp_path, most=1, longest_s=90.0)
+    plan = small(tmp_path, most=1, longest_s=45.0)
     ours, theirs = pty.openpty()
     command = ["setsid", "--ctty", sys.executable, "-m", "sattrack", *plan.arguments("run"), "--json"]
     with open(tmp_path / "out", "wb") as out:  # noqa: PTH123 - a descriptor to hand on

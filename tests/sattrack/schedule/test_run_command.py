@@ -564,7 +564,8 @@ def made(folder: Path, text: str, rehearse: Any = None) -> SchedulePlan:
     schedule = load_schedule(Path(written(folder, text)))
     span = (utc_s("2026-10-02T18:00:00Z"), utc_s("2026-10-02T23:00:00Z"))
     situation = PlanSituation(span, span[0], Site(52.1541, 4.4908, 0.0), MountProfile(), SafetyLimits())
-    return make_plan(schedule, situation, lambda _: Loaded(made_up_sky(24), False, "sky"), rehearse)[0]
+    sky = Loaded(made_up_sky(24), False, "sky")
+    return make_plan(schedule, situation, lambda _: sky, rehearse)[0]
 
 
 def test_a_pass_that_is_no_go_when_rehearsed_makes_room_for_others(tmp_path: Path) -> None:
