@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections import deque
 from contextlib import suppress
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from rich.cells import cell_len
 from rich.segment import Segment
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from textual.dom import DOMNode
     from textual.events import Event
     from textual.message import Message
+    from textual.screen import Screen
 
 DIM = "$quiet"
 """Labels, and what need not be read first; styles name a theme's colours, so that it can be changed."""
@@ -400,6 +401,13 @@ class ScreenApp(App[None]):
         self._waiting: list[Key] = []
         """Those that this has not dealt with; what has the focus may not have, either."""
         self._late_answer = LateAnswer()
+
+    def get_default_screen(self) -> Screen[Any]:
+        """Return the first screen with the classes of its size: it is styled once, and not anew for them."""
+        screen = super().get_default_screen()
+        for cells, classes in zip(self.size, (WIDTHS, HEIGHTS), strict=True):
+            screen.add_class(max(one for one in classes if one[0] <= cells)[1], update=False)
+        return screen
 
     def post_message(self, message: Message) -> bool:
         """Put a message into the queue. A stop does not wait behind keys typed before it, which are void."""
