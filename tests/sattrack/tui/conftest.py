@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from textual._compositor import Compositor
 from textual._context import visible_screen_stack
+from textual.css.stylesheet import Stylesheet
 from textual_plot import PlotWidget
 from tui_builders import VIEW, FakeFeed, HandClock
 
@@ -15,6 +16,7 @@ from sattrack.tui.look import ScreenApp
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
+    from textual.css.model import RuleSet
     from textual.geometry import Size
     from textual.strip import Strip
 
@@ -53,6 +55,26 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(Compositor, "render_update", update)
     monkeypatch.setattr(Compositor, "render_strips", read)
+
+
+@pytest.fixture(scope="session")
+def parsed() -> dict[Any, list[RuleSet]]:
+    """Keep the rules of styles by what they were parsed from."""
+    return {}
+
+
+@pytest.fixture(autouse=True)
+def parsed_once(monkeypatch: pytest.MonkeyPatch, parsed: dict[Any, list[RuleSet]]) -> None:
+    """Let the styles of screens be parsed once for each theme, and not once for each screen."""
+    parse = Stylesheet._parse_rules
+
+    def parse_once(self: Stylesheet, *given: Any, **named: Any) -> list[RuleSet]:
+        key = (frozenset(self._variables.items()), given, frozenset(named.items()))
+        if key not in parsed:
+            parsed[key] = parse(self, *given, **named)
+        return parsed[key]
+
+    monkeypatch.setattr(Stylesheet, "_parse_rules", parse_once)
 
 
 @pytest.fixture

@@ -260,7 +260,9 @@ def test_a_bright_frame_comes_in_chunks_and_its_cells_are_cut_as_text_is() -> No
         asyncio.run(run())
 
 
-@pytest.mark.parametrize("size", [(80, 24), (120, 40), (200, 60)])
+@pytest.mark.parametrize(
+    "size", [(80, 24), *(pytest.param(size, marks=pytest.mark.soak) for size in ((120, 40), (200, 60)))]
+)
 def test_a_frame_takes_fewer_bytes_than_by_sixels_even_where_it_is_black(size: tuple[int, int]) -> None:
     async def run(watched: Watched) -> int:
         async with watched.app.run_test(size=size) as pilot:

@@ -75,12 +75,14 @@ def played(
     return feed
 
 
-@pytest.mark.parametrize("seed", [1])
-def test_a_minute_of_keys_at_random_says_nothing_that_no_key_meant(seed: int) -> None:
+@pytest.mark.parametrize(
+    ("seed", "seconds"), [(1, 25), *(pytest.param(seed, 60, marks=pytest.mark.soak) for seed in (1, 2))]
+)
+def test_a_minute_of_keys_at_random_says_nothing_that_no_key_meant(seed: int, seconds: int) -> None:
     draws = random.Random(seed)
 
     async def act(app: TrackApp, pilot: Pilot[None], feed: FakeFeed) -> None:
-        for second in range(60):
+        for second in range(seconds):
             key = draws.choice(KEYS)
             feed.sent.clear()
             if key not in {"q", "s"} or len(app.screen_stack) == 1:

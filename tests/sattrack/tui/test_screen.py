@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from sattrack.views.run import TrackView
 
+soak = pytest.mark.soak
 SMALL, LARGE, HUGE = (80, 24), (120, 40), (200, 60)
 PAUSES = 200
 
@@ -323,7 +324,15 @@ SOURCES: tuple[tuple[dict[str, object], tuple[str, ...]], ...] = (
 )
 
 
-@pytest.mark.parametrize("size", [SMALL, (100, 30), (110, 40), (119, 40), LARGE, (200, 50)])
+@pytest.mark.parametrize(
+    "size",
+    [
+        SMALL,
+        (119, 40),
+        LARGE,
+        *(pytest.param(size, marks=soak) for size in ((100, 30), (110, 40), (200, 50))),
+    ],
+)
 def test_the_source_its_age_and_its_error_are_whole_at_every_size(size: tuple[int, int]) -> None:
     turns = (News((changed(**changes),), sky=SKY, rewound=True) for changes, _ in SOURCES)
     for rows, (_, shown) in zip(drawn_in_turn(*turns, size=size), SOURCES, strict=True):
@@ -334,28 +343,30 @@ def test_the_source_its_age_and_its_error_are_whole_at_every_size(size: tuple[in
             assert figure in text, (size, figure)
 
 
-@pytest.mark.parametrize("size", [SMALL, LARGE])
-def test_of_a_long_name_the_middle_gives_way_and_neither_age_nor_error(size: tuple[int, int]) -> None:
+def test_of_a_long_name_the_middle_gives_way_and_neither_age_nor_error() -> None:
     name = f"lageos1_cpf_180613_16401{'_v02' * 12}.hts"
-    text = "\n".join(drawn(changed(source=CPF, source_file=name), size=size))
-    assert "lageos1_cpf_" in text
-    assert "v02.hts" in text
-    assert text.count("…") == 1
-    for figure in ("12.8 h old", "error not stated", "pass.mcap"):
-        assert figure in text
+    for (rows,) in drawn_at((SMALL, LARGE), changed(source=CPF, source_file=name)):
+        text = "\n".join(rows)
+        assert "lageos1_cpf_" in text
+        assert "v02.hts" in text
+        assert text.count("…") == 1
+        for figure in ("12.8 h old", "error not stated", "pass.mcap"):
+            assert figure in text
 
 
 def test_the_panel_of_the_pass_has_the_elements_error_where_there_is_room() -> None:
     view = changed(source="SGP4, elements of 2026-10-02T00:00:00Z", expected_error_m=2312.0)
-    for size, figure in (((200, 50), "12.8 h old, error 2.31 km"), (LARGE, "12.8 h, ±2.31 km")):
-        assert any(figure in row for row in drawn(view, size=size))
+    figures = {(200, 50): "12.8 h old, error 2.31 km", LARGE: "12.8 h, ±2.31 km"}
+    for figure, (rows,) in zip(figures.values(), drawn_at(tuple(figures), view), strict=True):
+        assert any(figure in row for row in rows)
 
 
 def test_of_elements_the_file_is_named_where_there_is_room() -> None:
     view = changed(source="SGP4, elements of 2026-10-02T00:00:00Z", source_file="stations.tle")
-    assert any("stations.tle" in row for row in drawn(view, size=(200, 50)))
-    assert any("12.8 h" in row for row in drawn(view, size=(200, 50)))
-    assert any("12.8 h" in row for row in drawn(view, size=SMALL))
+    (wide,), (small,) = drawn_at(((200, 50), SMALL), view)
+    assert any("stations.tle" in row for row in wide)
+    assert any("12.8 h" in row for row in wide)
+    assert any("12.8 h" in row for row in small)
 
 
 def test_of_elements_the_instant_is_named_where_there_is_room() -> None:
@@ -363,11 +374,11 @@ def test_of_elements_the_instant_is_named_where_there_is_room() -> None:
     for error_m, error in ((2312.0, ", error 2.31 km"), (None, "")):
         view = changed(source="SGP4", elements_age_s=age_s, expected_error_m=error_m)
         figure = f"of 2026-09-30 21:30, 39.6 h old{error}"
-        for size in (SMALL, (100, 30), (200, 50)):
-            text = "\n".join(drawn(view, size=size))
-            assert figure in text, size
+        *shown, large = ("\n".join(rows) for (rows,) in drawn_at((SMALL, (100, 30), (200, 50), LARGE), view))
+        for text in shown:
+            assert figure in text
             assert "pass.mcap" in text
-        assert "of 2026" not in "\n".join(drawn(view, size=LARGE))
+        assert "of 2026" not in large
 
 
 def test_silence_of_the_feeder_and_an_unheard_stop_are_told() -> None:

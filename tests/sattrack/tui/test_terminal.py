@@ -12,15 +12,16 @@ import sys
 import termios
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
+from sattrack.cli.main import run
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
-CLEAN = Path(__file__).parents[3] / "examples" / "passes" / "clean.mcap"
 PATIENCE_S = 60.0
 COLUMNS, ROWS = 80, 24
 
@@ -110,9 +111,12 @@ def test_a_signal_to_end_leaves_cleanly_and_stops_the_mount(demo: Terminal) -> N
     assert "ended by operator" in drawn
 
 
-def test_a_recording_is_watched_wound_to_its_end_and_left() -> None:
-    with on_terminal("replay", str(CLEAN), "--tui", "--speed", "100", "--theme", "red", "--ascii") as replay:
-        replay.wait_for(b"clean.mcap", b"begun", b"END", b"the pass is over")
+def test_a_recording_is_watched_wound_to_its_end_and_left(tmp_path: Path) -> None:
+    short = tmp_path / "short.mcap"
+    high = ("--min-alt", "80.5", "--clock", "2026-10-02T13:04:50Z")
+    assert run(["track", "ISS", "--mount", "sim", "--virtual", *high, "--record", str(short)]) == 0
+    with on_terminal("replay", str(short), "--tui", "--speed", "100", "--theme", "red", "--ascii") as replay:
+        replay.wait_for(b"short.mcap", b"begun", b"END", b"the pass is over")
         # A step back stands still: at this speed, a busy machine might not draw the beginning at all.
         replay.type(b",")
         replay.wait_for(b"PAUSED")
