@@ -203,7 +203,7 @@ def test_a_feeder_that_dies_or_hangs_is_followed_by_its_guardian(
 
 
 @MOVE_AXIS
-@pytest.mark.parametrize("ticks", [1, 2, 4, 10])
+@pytest.mark.parametrize("ticks", [1, 2, pytest.param(4, marks=pytest.mark.soak), 10])
 def test_a_guardian_sees_a_stop_through_that_its_feeder_had_begun(move_axis: str, ticks: int) -> None:
     """The abort's flag, or its acknowledgement, stands already: an edge must come all the same."""
     lab = laboratory(profile(move_axis, None))

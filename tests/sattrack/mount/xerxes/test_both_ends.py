@@ -243,7 +243,7 @@ class TestSlew:
 
     @ALL_WIRES
     @pytest.mark.parametrize("turns", [1, 2, 4, 8])
-    @pytest.mark.parametrize("pause", [1, 3])
+    @pytest.mark.parametrize("pause", [1, pytest.param(3, marks=pytest.mark.soak)])
     @pytest.mark.parametrize("between", [Hold(), MoveAxes(-1.0, 0.5), Stop()])
     def test_after_one_given_up_done_is_at_the_second(
         self, wires: Wires, turns: int, pause: int, between: Motion

@@ -1363,7 +1363,9 @@ class TestWhatItTells:
         client.hear(ack_move_ra=True, ack_move_dec=True)
         assert client.session.unanswered_s == 0.0
 
-    @pytest.mark.parametrize("loss", [0.02, 0.1, 0.3, 0.5])
+    @pytest.mark.parametrize(
+        "loss", [0.1, 0.5, *(pytest.param(loss, marks=pytest.mark.soak) for loss in (0.02, 0.3))]
+    )
     def test_an_unanswered_handshake_may_last_as_long_as_lost_statuses_make_it(self, loss: float) -> None:
         client, dice = tracked(MountProfile(move_axis="edge")), random.Random(7)
         statuses = round(client.session.unanswered_s / PERIOD_S)

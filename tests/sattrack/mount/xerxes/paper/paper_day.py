@@ -45,12 +45,12 @@ ONE_SHOT_FLAGS: dict[type[Any], str] = {
     FindHome: "FindHomeCmd",
     PulseGuide: "PulseGuideCmd",
 }
-FIVE_MINUTES = 1.0 / 12.0
+TWO_MINUTES = 1.0 / 30.0
 DAYS = pytest.mark.parametrize(
     ("hours", "how"),
     [
-        pytest.param(FIVE_MINUTES, "held", id="5 min-held"),
-        pytest.param(FIVE_MINUTES, "edge", id="5 min-edge"),
+        pytest.param(TWO_MINUTES, "held", id="2 min-held"),
+        pytest.param(TWO_MINUTES, "edge", id="2 min-edge"),
         pytest.param(24.0, "held", id="24 h-held", marks=pytest.mark.soak),
         pytest.param(24.0, "edge", id="24 h-edge", marks=pytest.mark.soak),
     ],

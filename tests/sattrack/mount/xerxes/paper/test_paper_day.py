@@ -64,6 +64,7 @@ class TestAgainstTheStandIn:
         assert day.session.health.foreign_acks == 0
         assert day.session.intruder is None
 
+    @pytest.mark.soak
     def test_none_are_doubled_where_datagrams_are_only_lost(self, hours: float, how: How) -> None:
         day, mount = paper_day(102, how, MOUNT_PERIOD_S, loss=0.05)
         day.run(hours)
@@ -86,20 +87,22 @@ def test_a_mount_whose_timer_is_a_windows_timer_misses_no_edge(how: How, mount_p
     assert doubled_launches(day, mount) == []
     launches_against_tickets(day, mount, 0)
     assert mount.ignored == []
+    assert day.session.health.doubled_launches == 0
+    assert day.session.health.foreign_acks == 0
 
 
 @pytest.mark.parametrize(("how", "mount_period_s"), [("held", 0.05), ("edge", 0.0503)])
 def test_every_doubled_slew_sync_and_pulse_is_counted_where_its_status_comes(
     how: How, mount_period_s: float
 ) -> None:
-    day, mount = paper_day(106, how, mount_period_s, loss=0.05, duplication=0.3, reorder=0.3)
+    day, mount = paper_day(112, how, mount_period_s, loss=0.05, duplication=0.3, reorder=0.3)
     day.back = Wires(random.Random(1))
     counted: list[int] = []
 
     def note(day: Day) -> None:
         counted.extend([mount.loop] * (day.session.health.doubled_launches - len(counted)))
 
-    day.run(0.12, note)
+    day.run(0.03, note)
     day.finish()
     seen = ("SlewToTargetCmd", "SyncToTargetCmd", "PulseGuideCmd")
     doubled = [d.launch for d in doubled_launches(day, mount) if d.launch.command in seen]

@@ -92,8 +92,11 @@ def test_noise_of_the_right_form_never_makes_a_moving_client_send_two_commands_a
             ticket = session.submit(ClearedRequest(MoveAxis(rng.uniform(-1, 1), rng.uniform(-1, 1))))
 
 
-@pytest.mark.parametrize("count", [300, pytest.param(50_000, marks=pytest.mark.soak)])
-def test_requests_that_are_settled_leave_nothing_behind(count: int) -> None:
+@pytest.mark.parametrize(
+    ("count", "most_bytes"),
+    [(100, GROWTH_BYTES // 2), pytest.param(50_000, GROWTH_BYTES, marks=pytest.mark.soak)],
+)
+def test_requests_that_are_settled_leave_nothing_behind(count: int, most_bytes: int) -> None:
     session = Session(MountProfile())
     mount = PaperMount()
     now = T0
@@ -107,4 +110,4 @@ def test_requests_that_are_settled_leave_nothing_behind(count: int) -> None:
             session.receive(mount.turn(), now)
         mount.launches.clear()
 
-    assert grown_bytes(asked, count) < GROWTH_BYTES
+    assert grown_bytes(asked, count) < most_bytes

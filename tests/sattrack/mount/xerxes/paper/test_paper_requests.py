@@ -482,7 +482,7 @@ class TestMoveAxis:
 class TestAbort:
     @HELD_AND_EDGE
     @pytest.mark.parametrize("state", EVERY, ids=request_id)
-    @pytest.mark.parametrize("after", [0, 1, 2, 3, 7])
+    @pytest.mark.parametrize("after", [0, 1, 2, pytest.param(3, marks=pytest.mark.soak), 7])
     def test_it_is_alone_in_the_next_datagram_or_the_one_after_from_every_state(
         self, how: How, state: Request, after: int
     ) -> None:
@@ -583,8 +583,14 @@ class TestNeverTwoFlags:
 class TestOneAfterTheOther:
     """A second motion comes at any instant of the first's: before its flag, under it, after it."""
 
-    @HELD_AND_EDGE
-    @pytest.mark.parametrize("ack_after", [0, 3])
+    @pytest.mark.parametrize(
+        ("ack_after", "how"),
+        [
+            (0, "edge"),
+            (3, "held"),
+            *(pytest.param(*one, marks=pytest.mark.soak) for one in ((0, "held"), (3, "edge"))),
+        ],
+    )
     @pytest.mark.parametrize("second", [Slew(140.0, 10.0), MoveAxis(0.5, -0.5), EndMove()], ids=request_id)
     @pytest.mark.parametrize("first", [SLEW, BOTH, PULSE, SYNC, FindHome()], ids=request_id)
     def test_the_second_is_done_whenever_it_comes(

@@ -156,7 +156,7 @@ def test_restarts_at_random_among_requests_at_random(halved: bool, how: How) -> 
             day.rules.restarted()
             restarts += 1
 
-    day.run(0.08, spell)
+    day.run(0.06, spell)
     day.finish()
     assert restarts > 8
     assert day.late == day.twice == []
@@ -189,10 +189,10 @@ def test_a_restart_is_told_within_a_second_though_every_second_status_is_lost(up
 @pytest.mark.parametrize("halved", [False, True], ids=["every status", "every second status"])
 def test_no_restart_is_told_where_there_is_none(halved: bool) -> None:
     bench = bench_of("held", halved)
-    bench.run(60.0)
+    bench.run(30.0)
     assert bench.session.health.restarts == 0
     switch_off(bench, 0)
     bench.run(1.0)
     assert bench.session.health.restarts == 1
-    bench.run(60.0)
+    bench.run(30.0)
     assert bench.session.health.restarts == 1
