@@ -95,8 +95,13 @@ COMMANDS = (
     ("mount", "calibrate", "--yes", "--site", "52,4.5,0", "--out", "never.toml"),
     ("track", "25544", "--headless", "--site", "52,4.5,0"),
     ("serve", "rotctld", "--port", "0", "--site", "52,4.5,0"),
-    ("serve", "antenna", "--port", "0", "--site", "52,4.5,0"),
-    ("serve", "alpaca", "--port", "0", "--no-discovery", "--site", "52,4.5,0"),
+    *(
+        pytest.param(command, marks=pytest.mark.soak)
+        for command in (
+            ("serve", "antenna", "--port", "0", "--site", "52,4.5,0"),
+            ("serve", "alpaca", "--port", "0", "--no-discovery", "--site", "52,4.5,0"),
+        )
+    ),
 )
 
 
@@ -141,7 +146,11 @@ def elements(tmp_path_factory: pytest.TempPathFactory) -> str:
     [
         ({"alignmentmode": "2"}, "alignment     German"),
         ({}, "alignment     not reported, taken as equatorial"),
-        ({"alignmentmode": '"what"'}, "alignment     not reported, taken as equatorial"),
+        pytest.param(
+            {"alignmentmode": '"what"'},
+            "alignment     not reported, taken as equatorial",
+            marks=pytest.mark.soak,
+        ),
     ],
 )
 def test_status_tells_what_an_alpaca_telescope_has(

@@ -35,8 +35,8 @@ from tle.site import Site
 T0 = 1_790_000_000.0
 BOUND_ARCSEC = 10.0
 STRANGER = Parameters(azimuth_deg=200.0, altitude_deg=45.0)
-LASTS_S = 110.0
-"""From the slew to three quarters of a minute into the pass."""
+BEGINS_S, LASTS_S = 60.0, 50.0
+"""From a slew into the pass to half a minute of following."""
 SHORT = Plan(
     toggles=10,
     most_toggles=14,
@@ -73,29 +73,31 @@ def test_what_a_telescope_does_with_moveaxis_is_found_out_and_a_pass_followed_wi
     assert found.delays.round_trip.seconds == pytest.approx(settings.latency_s, abs=0.006)
     assert profile.clock_offset_s == 0.0
     assert profile.dated_within_s == pytest.approx(settings.latency_s / 2.0, abs=0.004)
-    result = follow(settings, profile, seconds=LASTS_S)
+    result = follow(settings, profile, seconds=LASTS_S, begins_s=BEGINS_S)
     assert result.message is None
     assert result.ended_by == "operator"
     assert result.stopped
-    assert len(result.errors) > 2000
+    assert len(result.errors) > 1000
     assert result.true.rms_arcsec is not None
     assert result.true.rms_arcsec < BOUND_ARCSEC
 
 
-@pytest.mark.parametrize("latency_s", [0.002, 0.1])
+@pytest.mark.parametrize("latency_s", [pytest.param(0.002, marks=pytest.mark.soak), 0.1])
 def test_dates_hold_on_a_fast_and_on_a_slow_driver_that_nobody_has_measured(latency_s: float) -> None:
     settings = TelescopeSettings(latency_s=latency_s)
-    result = follow(settings, address(settings).usual_profile(), seconds=LASTS_S)
+    result = follow(settings, address(settings).usual_profile(), seconds=LASTS_S, begins_s=BEGINS_S)
     assert result.message is None
     errors = sorted(error for _, error in result.errors)
     assert len(errors) > 1000
     assert errors[len(errors) // 2] < 1.0
 
 
-@pytest.mark.parametrize(("hz", "latency_s"), [(10.0, 0.03), (2.0, 0.03), (2.0, 0.6)])
+@pytest.mark.parametrize(
+    ("hz", "latency_s"), [(10.0, 0.03), pytest.param(2.0, 0.03, marks=pytest.mark.soak), (2.0, 0.6)]
+)
 def test_a_wrong_sign_is_stopped_by_the_obedience_limit(hz: float, latency_s: float) -> None:
     settings = TelescopeSettings(ra_sign=-1, dec_sign=-1, latency_s=latency_s)
-    result = follow(settings, address(settings, hz).usual_profile(), hz, seconds=LASTS_S)
+    result = follow(settings, address(settings, hz).usual_profile(), hz, seconds=LASTS_S, begins_s=BEGINS_S)
     assert result.ended_by == "limit:obedience"
     assert result.stopped
 
@@ -110,7 +112,7 @@ def test_a_telescope_that_is_held_at_its_western_limit_stands_there(ra_sign: Lit
     driver = Driver(profile, Safety(profile, SafetyLimits(optical=False), *place, holds=True))
     bridge, telescope = Bridge(facts_of(settings), settings.longitude_deg), SimulatedTelescope(settings, T0)
     stood_deg = []
-    for now in (T0 + 0.1 * k for k in range(900)):
+    for now in (T0 + 0.1 * k for k in range(600)):
         seen = telescope.truth(now)
         status = bridge.see(SkyPlace(now, seen.ra_deg, now, seen.dec_deg))
         assert status is not None
@@ -119,11 +121,11 @@ def test_a_telescope_that_is_held_at_its_western_limit_stands_there(ra_sign: Lit
         bridge.hear(driver.compose(now), now)
         for order in bridge.turn(now):
             telescope.move_axis(int(order.lane == "dec"), order.rate_deg_s, now)
-        if now > T0 + 30.0:
+        if now > T0 + 20.0:
             stood_deg.append(telescope.axes(now)[0])
     assert (driver.safety.tripped, driver.safety.holding) == (None, "hour_angle")
     assert 59.7 < min(stood_deg) <= max(stood_deg) < 60.0
-    # In a minute the sky goes on by 0.25°.
+    # In 40 s the sky goes on by 0.17°.
     assert stood_deg[-1] - stood_deg[0] < 0.001
 
 
@@ -229,7 +231,8 @@ class Driven:
 
 
 def test_each_status_of_a_slow_telescope_counts() -> None:
-    result = follow(TelescopeSettings(), address(TelescopeSettings(), 2.0).usual_profile(), 2.0, LASTS_S)
+    profile = address(TelescopeSettings(), 2.0).usual_profile()
+    result = follow(TelescopeSettings(), profile, 2.0, LASTS_S, begins_s=BEGINS_S)
     first_utc_s, last_utc_s = result.errors[0][0], result.errors[-1][0]
     assert result.reported.count == pytest.approx(2.0 * (last_utc_s - first_utc_s), abs=2.0)
 
@@ -246,7 +249,7 @@ def test_at_the_rate_that_a_telescope_bears_the_bound_is_kept_too(
     settings: TelescopeSettings, hz: float
 ) -> None:
     profile, _ = calibrate(settings, hz, SHORT)
-    result = follow(settings, profile, hz, LASTS_S)
+    result = follow(settings, profile, hz, LASTS_S, begins_s=BEGINS_S)
     assert result.refusals == []
     assert result.stopped
     assert result.true.rms_arcsec is not None
@@ -285,7 +288,9 @@ def test_calibration_refuses_axes_that_are_not_those_of_an_equatorial_mount() ->
         calibrate(settings, plan=SHORT)
 
 
-@pytest.mark.parametrize("gain", [pytest.param(0.71, marks=pytest.mark.soak), 0.96, 1.04])
+@pytest.mark.parametrize(
+    "gain", [*(pytest.param(gain, marks=pytest.mark.soak) for gain in (0.71, 0.96)), 1.04]
+)
 def test_calibration_warns_of_a_gain_that_no_equatorial_mount_has(gain: float) -> None:
     _, found = calibrate(TelescopeSettings(ra_gain=gain), plan=SHORT)
     (note,) = found.notes
