@@ -301,7 +301,7 @@ def test_a_profile_is_not_learnt_from_an_antenna(tmp_path: Path, capsys: pytest.
 
 def test_a_virtual_pass_writes_what_it_learnt(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     target = tmp_path / "learnt.toml"
-    high = ("--clock", "2026-10-02T13:04:10Z", "--min-alt", "45")
+    high = ("--clock", "2026-10-02T13:04:58Z", "--min-alt", "70")
     assert run(["track", "25544", *VIRTUAL, *high, "--json", "--learn-profile", str(target)]) == 0
     out, err = capsys.readouterr()
     learnt = json.loads(out)["summary"]["learnt"]
@@ -318,7 +318,7 @@ def test_a_profile_that_cannot_be_written_costs_no_summary(
         raise SattrackError(f"{path}: cannot be written: No space left on device")
 
     monkeypatch.setattr(running, "write_file", full)
-    words = ("--clock", "2026-10-02T13:04:10Z", "--min-alt", "45", "--json")
+    words = ("--clock", "2026-10-02T13:04:58Z", "--min-alt", "70", "--json")
     assert run(["track", "25544", *VIRTUAL, *words, "--learn-profile", str(tmp_path / "new.toml")]) == 1
     out, err = capsys.readouterr()
     assert json.loads(out)["summary"]["ended_by"] == "set"

@@ -187,7 +187,7 @@ def test_a_sigma_that_a_run_refuses_is_refused_with_file_and_line(
 
 def test_a_frame_that_another_explains_is_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """Precession since J2000 is 0.36° in 2026."""
-    path = written(tmp_path / "frame.jsonl", [row | {"frame": "of_date"} for row in solutions()])
+    path = written(tmp_path / "frame.jsonl", [row | {"frame": "of_date"} for row in solutions()[::4]])
     out, err = ran(capsys, ELEMENTS, "--observations", path)
     scatter = re.search(r"RMS, (\S+) times what the sigmas say$", out, re.MULTILINE)
     assert scatter is not None
@@ -206,13 +206,13 @@ def test_a_frame_that_another_explains_is_told(capsys: pytest.CaptureFixture[str
 def test_only_the_frame_that_is_wrong_is_told_of_several(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    rows = [row | {"frame": ("j2000", "of_date")[i % 2]} for i, row in enumerate(solutions())]
+    rows = [row | {"frame": ("j2000", "of_date")[i % 2]} for i, row in enumerate(solutions()[::4])]
     (words,) = fitted(capsys, ELEMENTS, "--observations", written(tmp_path / "mixed.jsonl", rows))["warnings"]
     assert words.endswith(": in the frame icrs, not of_date, they would fit")
 
 
 def test_a_scatter_that_no_frame_explains_is_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    rows = [row | {"sigma_arcsec": 1.0} for row in solutions()]
+    rows = [row | {"sigma_arcsec": 1.0} for row in solutions()[::4]]
     (words,) = fitted(capsys, ELEMENTS, "--observations", written(tmp_path / "small.jsonl", rows))["warnings"]
     assert re.fullmatch(
         r"the observations lie \d+\.\d times as far off as their sigmas say: "
@@ -224,7 +224,7 @@ def test_a_scatter_that_no_frame_explains_is_told(capsys: pytest.CaptureFixture[
 def test_sigmas_that_are_small_by_a_few_times_are_no_cause_for_a_warning(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    rows = [row | {"sigma_arcsec": 6.0} for row in solutions()]
+    rows = [row | {"sigma_arcsec": 6.0} for row in solutions()[::4]]
     out, err = ran(capsys, ELEMENTS, "--observations", written(tmp_path / "few.jsonl", rows), "--json")
     assert (json.loads(out)["warnings"], err) == ([], "")
 

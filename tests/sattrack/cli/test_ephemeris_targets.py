@@ -278,7 +278,8 @@ def test_a_file_that_states_no_error_is_said_to_and_that_of_elements_has_a_unit_
     (kilometres,) = re.findall(r"expected error ([0-9.]+) km at ", lines[1])
     assert float(kilometres) == pytest.approx(stated[1] / 1000.0, rel=0.006)
     assert float(kilometres) > 1.0
-    virtual = ("--mount", "sim", "--virtual", *LEIDEN, *AT, "--to", "2026-10-02T13:02:30Z")
+    span = ("--clock", "2026-10-02T13:02:05Z", "--to", "2026-10-02T13:02:30Z")
+    virtual = ("--mount", "sim", "--virtual", *LEIDEN, *span)
     assert run(["track", "ISS", "--ephemeris", str(cpf), *virtual]) == 0
     printed = capsys.readouterr()
     assert "by CPF 2 by US of 2026-10-02T00h, Lagrange, degree 13, error not stated" in printed.err
@@ -352,7 +353,7 @@ def test_the_best_is_that_for_the_pass_and_not_for_now(capsys, three, tmp_path):
     assert [row["source"] for row in rows] == [fresh, str(half), str(early)]
     assert [row["over"] for row in rows] == [False, False, True]
     assert [row["whole_pass"] for row in rows] == [True, False, False]
-    virtual = ("--mount", "sim", "--virtual", "--min-alt", "75", "--json")
+    virtual = ("--mount", "sim", "--virtual", "--min-alt", "80", "--json")
     assert run(["track", "ISS", *sources, *now, *virtual]) == 0
     printed = capsys.readouterr()
     assert f"using {fresh}" in printed.err
@@ -409,7 +410,7 @@ def test_a_table_from_t0_is_compared_with_rows_of_absolute_times(capsys, three, 
     assert one["max_alt_deg"] == pytest.approx(81.27, abs=0.01)
     assert run(["passes", "ISS", *sources]) == 2
     assert "seen.csv:2: its times count from T0" in capsys.readouterr().err
-    high = ("--mount", "sim", "--virtual", "--min-alt", "75", "--json", "--source", "seen")
+    high = ("--mount", "sim", "--virtual", "--min-alt", "80", "--json", "--source", "seen")
     assert run(["track", "ISS", *sources, *T0, *high]) == 0
     printed = capsys.readouterr()
     assert f"not   {table}" in printed.err

@@ -87,7 +87,7 @@ def test_what_lies_in_the_current_folder_stands_in_for_no_part_of_a_run(tmp_path
         (tmp_path / f"{name}.py").write_text("raise SystemExit('a file of the user, and none of ours')\n")
     done = subprocess.run(
         # As an installed `sattrack` is run: the current folder is not on its path.
-        [sys.executable, "-P", "-m", "sattrack", "demo", "--headless", "--json", "--seconds", "5"],
+        [sys.executable, "-P", "-m", "sattrack", "demo", "--headless", "--json", "--seconds", "3"],
         cwd=tmp_path,
         capture_output=True,
         text=True,
@@ -135,23 +135,6 @@ for part in ("tle", *("sattrack." + part for part in parts)):
 assert count > 60, count
 """
     assert without_posix(code).stderr == ""
-
-
-@pytest.mark.parametrize("command", ["passes ISS --json", "ephemeris ISS --json", "elements show ISS --json"])
-def test_calculations_need_no_posix(command: str) -> None:
-    words = [*command.split(), "--clock", "2026-10-02T13:00:00Z"]
-    done = without_posix(f"from sattrack.cli.main import run; sys.exit(run({words!r}))")
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)
-
-
-def test_what_needs_posix_says_so_in_one_line() -> None:
-    done = without_posix(
-        "from sattrack.cli.main import run; sys.exit(run(['stop', '--config', 'sattrack.toml']))"
-    )
-    assert done.returncode == 1
-    assert done.stderr.startswith("sattrack: this needs Linux, macOS or WSL: Python has no ")
-    assert done.stderr.count("\n") == 1
 
 
 @pytest.mark.soak
