@@ -448,6 +448,7 @@ def drive(client: Indi, *, stays: bool = True) -> None:
 CLASSIC = "LX200 Classic"
 
 
+@pytest.mark.soak
 @pytest.mark.needs("indiserver", "indi_lx200classic")
 def test_indis_lx200_driver_slews_moves_and_stops_the_mount_over_tcp(program: Callable[[str], str]) -> None:
     with serving_program("lx200") as served, indi_server(program, program("indi_lx200classic")) as port:

@@ -328,7 +328,7 @@ def fight(seed: int, seconds: float) -> None:
 
 
 def test_clients_that_fight_leave_the_mount_with_one_owner() -> None:
-    fight(1, 100.0)
+    fight(1, 50.0)
 
 
 @pytest.mark.soak
@@ -458,7 +458,9 @@ def test_clients_see_a_run_may_not_move_its_mount_and_may_stop_it(program: Calla
 
 
 @pytest.mark.needs("rotctl", "indi_setprop")
-@pytest.mark.parametrize("protocol", ["indi", pytest.param("lx200", marks=pytest.mark.soak), "rotctld"])
+@pytest.mark.parametrize(
+    "protocol", [*(pytest.param(one, marks=pytest.mark.soak) for one in ("indi", "lx200")), "rotctld"]
+)
 def test_a_stop_of_each_protocol_ends_the_run(protocol: str, program: Callable[[str], str]) -> None:
     with served_run("alpaca", protocol) as seen, call(seen.ports["alpaca"]) as line:
         until(lambda: say(line, "PUT", "connect")["ErrorNumber"] == 0)

@@ -28,6 +28,7 @@ import aiohttp
 import pytest
 from aiohttp import web
 
+from sattrack.cli.main import run as run_command
 from sattrack.runtime.view_server import SUPPORTED, name_for
 
 if TYPE_CHECKING:
@@ -56,6 +57,16 @@ def started(*command: str, told: str = "stdout") -> Iterator[subprocess.Popen[by
         process.wait()
         pipe = getattr(process, told)
         pipe.close()
+
+
+DEMO = (sys.executable, "-m", "sattrack", "demo", "--headless", "--json")
+
+
+@pytest.fixture(scope="module")
+def demo() -> Iterator[subprocess.Popen[bytes]]:
+    """A run that is watched by one test after the other, and stopped by the last."""
+    with started(*DEMO) as running:
+        yield running
 
 
 @contextmanager
@@ -109,11 +120,12 @@ def test_the_page_is_served_to_whom_it_is_for_and_fetches_nothing_from_elsewhere
         assert fetched(f"{address}static/../server.py", Cookie=cookie)[0] in {403, 404}
 
 
-def test_of_several_runs_the_page_links_to_each_and_shows_no_command() -> None:
-    sattrack = (sys.executable, "-m", "sattrack", "demo", "--headless", "--json")
-    with started(*sattrack) as one, started(*sattrack) as other, page() as url:
+def test_of_several_runs_the_page_links_to_each_and_shows_no_command(
+    demo: subprocess.Popen[bytes],
+) -> None:
+    with started(*DEMO) as other, page() as url:
         until_s = time.monotonic() + PATIENCE_S
-        while not all(f'<a href="/run/{each.pid}">' in (text := fetched(url)[1]) for each in (one, other)):
+        while not all(f'<a href="/run/{each.pid}">' in (text := fetched(url)[1]) for each in (demo, other)):
             assert time.monotonic() < until_s, text
             select.select([], [], [], 0.05)
         assert "headless" not in text
@@ -124,20 +136,19 @@ def test_of_several_runs_the_page_links_to_each_and_shows_no_command() -> None:
         assert "run/" in fetched(f"{url}run/1")[1]
 
 
-def test_a_port_that_is_taken_and_a_short_token_are_told_in_a_line() -> None:
-    with page() as url:
-        port = url.rstrip("/").rpartition(":")[2]
+def test_a_port_that_is_taken_and_a_short_token_are_told_in_a_line(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
         for options, words in (
             (("--port", port), f"TCP port {port} on 127.0.0.1 is not available"),
             (("--token", "short"), "16 or more"),
         ):
-            done = subprocess.run(
-                [sys.executable, "-m", "sattrack", "serve", "web", *options],
-                capture_output=True, text=True, check=False, timeout=PATIENCE_S,
-            )  # fmt: skip
-            assert done.returncode in {1, 2}
-            assert words in done.stderr
-            assert done.stderr.count("\n") == 1
+            assert run_command(["serve", "web", *options]) in {1, 2}
+            err = capsys.readouterr().err
+            assert words in err
+            assert err.count("\n") == 1
 
 
 def screens_of(run: int) -> set[int]:
@@ -180,21 +191,20 @@ async def visited(url: str, run: int, drawn: bool, leave: Callable[[], None] | N
     await until(lambda: not screens_of(run), PATIENCE_S)
 
 
-def test_no_screen_outlives_its_visitor_or_the_page() -> None:
-    with started(sys.executable, "-m", "sattrack", "demo", "--headless", "--json") as demo:
-        command = (sys.executable, "-m", "sattrack", "serve", "web", "--port", "0", "--json")
-        for number, visits in ((signal.SIGTERM, (False, True)), (signal.SIGKILL, ())):
-            with started(*command, "--run", str(demo.pid)) as server:
-                assert server.stdout is not None
-                url = json.loads(server.stdout.readline())["url"]
-                until_s = time.monotonic() + PATIENCE_S
-                while "No run is active" in fetched(url)[1]:
-                    assert time.monotonic() < until_s
-                    select.select([], [], [], 0.05)
-                for drawn in visits:
-                    asyncio.run(visited(url, demo.pid, drawn, None))
-                asyncio.run(visited(url, demo.pid, True, partial(server.send_signal, number)))
-        assert demo.poll() is None
+def test_no_screen_outlives_its_visitor_or_the_page(demo: subprocess.Popen[bytes]) -> None:
+    command = (sys.executable, "-m", "sattrack", "serve", "web", "--port", "0", "--json")
+    for number, visits in ((signal.SIGTERM, (False, True)), (signal.SIGKILL, ())):
+        with started(*command, "--run", str(demo.pid)) as server:
+            assert server.stdout is not None
+            url = json.loads(server.stdout.readline())["url"]
+            until_s = time.monotonic() + PATIENCE_S
+            while "No run is active" in fetched(url)[1]:
+                assert time.monotonic() < until_s
+                select.select([], [], [], 0.05)
+            for drawn in visits:
+                asyncio.run(visited(url, demo.pid, drawn, None))
+            asyncio.run(visited(url, demo.pid, True, partial(server.send_signal, number)))
+    assert demo.poll() is None
 
 
 DEAF = """
@@ -310,10 +320,10 @@ async def biased(views: asyncio.StreamReader, **asked: float) -> None:
     pytest.fail(f"{asked} were asked for, and not {last}")
 
 
-def test_a_run_is_seen_taken_and_stopped_in_a_browser(tmp_path: Path, program: Callable[[str], str]) -> None:
-    sattrack = (sys.executable, "-m", "sattrack")
+def test_a_run_is_seen_taken_and_stopped_in_a_browser(
+    tmp_path: Path, program: Callable[[str], str], demo: subprocess.Popen[bytes]
+) -> None:
     with (
-        started(*sattrack, "demo", "--headless", "--json") as demo,
         page(run=demo.pid) as url,
         started(
             program(CHROMIUM), "--headless=new", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0",
