@@ -58,7 +58,7 @@ def off_arcsec(scope: VirtualTelescope, along_s: float = 0.0) -> float:
 
 
 def test_a_satellite_is_followed_as_track_follows_it_and_told_of() -> None:
-    scope = VirtualTelescope(begin_utc_s=BEGIN_UTC_S + 80.0)
+    scope = VirtualTelescope(begin_utc_s=BEGIN_UTC_S + 105.0)
     follow(scope, 5.0)
     assert scope.get("slewing") is True
     scope.run_until(BEGIN_UTC_S + 150.0)
@@ -76,10 +76,10 @@ def test_a_bias_is_set_added_to_and_followed_and_told() -> None:
     assert scope.fault_of("action", Action="Bias", Parameters='{"along_s": 1}') is Number.INVALID_OPERATION
     follow(scope, ACQUIRED_AFTER_S)
     scope.put("action", Action="Bias", Parameters='{"along_s": 0.5}')
-    scope.run_for(20.0)
+    scope.run_for(12.0)
     assert off_arcsec(scope, 0.5) < 1.0
     scope.put("action", Action="BIAS", Parameters='{"along_s": -0.2, "add": true}')
-    scope.run_for(20.0)
+    scope.run_for(12.0)
     assert off_arcsec(scope, 0.3) < 1.0
     told = scope.telescope.state
     assert told is not None
