@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 from programs import ended, sattrack
 
+from sattrack.cli.main import run as run_command
 from sattrack.recording.format import COMMAND, OPERATOR, Recording
 from sattrack.runtime.view_server import SUPPORTED
 from sattrack.tui.attached import AttachedRun
@@ -122,17 +123,15 @@ def test_a_run_left_running_goes_on_without_whoever_started_it() -> None:
         run.close()
 
 
-def test_without_a_run_and_without_a_terminal_it_says_so_in_a_line() -> None:
+def test_without_a_run_and_without_a_terminal_it_says_so_in_a_line(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     for arguments, code, words in (
         (["--run", str(os.getpid()), "--json"], 1, "has no run to watch"),
         (["--run", str(os.getpid())], 2, "attach needs a terminal; --json is for programs"),
     ):
-        done = subprocess.run(
-            [sys.executable, "-m", "sattrack", "attach", *arguments],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert (done.returncode, done.stdout) == (code, "")
-        assert words in done.stderr
-        assert done.stderr.count("\n") == 1
+        assert run_command(["attach", *arguments]) == code
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert words in err
+        assert err.count("\n") == 1

@@ -218,7 +218,7 @@ def test_in_virtual_time_offsets_of_another_mount_are_not_used(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_frames(tmp_path, [(249.5, 149.5), None])
-    high = ("--min-alt", "75", "--clock", "2026-10-02T13:04:55Z", "--bias-memory", "off")
+    high = ("--min-alt", "75", "--clock", "2026-10-02T13:05:15Z", "--bias-memory", "off")
     practice = ("track", "ISS", "--mount", "sim", "--virtual", "--json", *high)
     summary = ran(capsys, *practice, "--camera", f"guide=folder:{tmp_path}", "--scale", "2")
     assert "1 frame was not solved" in summary[1]

@@ -281,10 +281,9 @@ def on_a_terminal(arguments: list[str], **environ: str) -> tuple[str, str]:
     return told[0], told[1]
 
 
-def test_colour_is_for_terminals(given: list[str]) -> None:
-    plain = subprocess.run(
-        [sys.executable, "-m", "sattrack", "passes", "25544", *given], capture_output=True, check=True
-    ).stdout.decode()
+def test_colour_is_for_terminals(given: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["passes", "25544", *given]) == 0
+    plain = capsys.readouterr().out
     assert "\x1b" not in plain
     coloured, told = on_a_terminal(["passes", "25544", *given])
     assert "\x1b[1m" in coloured
