@@ -295,13 +295,13 @@ class SeenMount(SimulatedMount):
         return status, truth
 
 
-def followed(hidden=None, min_alt_deg=10.0):
+def followed(hidden=None, min_alt_deg=10.0, clock=demo_pass.BEFORE_PASS, settled_s=75.0):
     """The practice pass followed in virtual time by the elements alone, and what a camera sees every second.
 
-    Returns the offsets, arcseconds, (n, 2), from 75 s after the start: when the pass is followed.
+    Returns the offsets, arcseconds, (n, 2), from `settled_s` after the start: when the pass is followed.
     """
     hidden = Hidden() if hidden is None else hidden
-    request = RunRequest("25544", "sim", None, None, demo_pass.BEFORE_PASS, min_alt_deg, virtual=True)
+    request = RunRequest("25544", "sim", None, None, clock, min_alt_deg, virtual=True)
     prepared = prepare(dataclasses.replace(request, elements=None, site=None))
     facts = prepared.facts
     command_s, status_s = split_delays_s(hidden, facts.profile)
@@ -316,7 +316,7 @@ def followed(hidden=None, min_alt_deg=10.0):
     sky = NightSky(SITE, [demo_pass.elements()], NONE, air)
     zero_deg = sky.hour_angle_zero_deg(mean_sidereal_deg(begin_s, SITE.longitude_deg), begin_s)
     camera = SkyCamera(sky, SimulatedCamera(), hidden, begin_s, hour_angle_zero_deg=zero_deg)
-    starts = np.arange(begin_s + 75.0, end_s - 10.0, 1.0)
+    starts = np.arange(begin_s + settled_s, end_s - 10.0, 1.0)
     seen = [camera.seen(float(start), 0.1, mount.path) for start in starts]
     return np.array([(one.dx_arcsec, one.dy_arcsec) for one in seen])
 

@@ -358,7 +358,7 @@ class Line:
         self.close()
 
 
-def test_several_protocols_serve_one_telescope_and_each_may_stop_it() -> None:
+def test_several_protocols_serve_one_telescope_each_may_stop_it_and_a_key_ends_with_its_client() -> None:
     lx200_port, stellarium_port = free_port(), free_port()
     with ExitStack() as closing, serving(f"lx200:{lx200_port}", f"stellarium:{stellarium_port}") as served:
         lx200, stellarium = (
@@ -393,16 +393,13 @@ def test_several_protocols_serve_one_telescope_and_each_may_stop_it() -> None:
                         pass
         assert lx200.ask(":D#") == b"#"
         assert lx200.ask(":GW#") == b"PN1#"
+        # Motion begun with a key ends with the connection.
+        with Line(lx200_port) as line:
+            line.send(b":RM#:Mn#")
+            line.until(":D#", b"\x7f#")
+        lx200.until(":D#", b"#")
+        assert lx200.ask(":GD#") == lx200.ask(":GD#")
         served.end()
-
-
-def test_motion_begun_with_a_key_ends_with_the_connection() -> None:
-    with serving_program("lx200") as served, Line(served.port) as line, Line(served.port) as other:
-        line.send(b":RM#:Mn#")
-        line.until(":D#", b"\x7f#")
-        line.close()
-        other.until(":D#", b"#")
-        assert other.ask(":GD#") == other.ask(":GD#")
 
 
 def drive(client: Indi, *, stays: bool = True) -> None:
