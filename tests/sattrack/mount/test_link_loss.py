@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 PERIOD_S = 0.05
 PHASE_S = 0.0217
-AT_S = 10.0
+AT_S = 8.0
 """The fault's begin, from the run's: by then the mount follows, near culmination."""
 LASTS_S = 8.0
 BEGIN = "2026-10-02T13:05:05Z"
@@ -176,7 +176,7 @@ def test_a_cut_that_outlasts_the_stops_that_are_sent_leaves_the_mount_moving(mov
 @pytest.mark.parametrize(("fault", "key"), [("deaf", "commands-watchdog"), ("cut", "both-watchdog")])
 def test_lost_commands_and_a_cut_with_a_watchdog(move_axis: str, fault: str, key: str) -> None:
     lab = laboratory(profile(move_axis, WATCHDOG_S), f"{fault}@{AT_S}s+60s")
-    lab.until(AT_S + 20.0)
+    lab.until(AT_S + 10.0)
     rest_s = lab.rest_after_s(AT_S)
     kept(lab, key, rest_s)
     assert rest_s > WATCHDOG_S - 2 * PERIOD_S
@@ -235,7 +235,7 @@ def test_a_machine_that_dies_leaves_a_mount_without_a_watchdog_moving(move_axis:
     lab = laboratory(profile(move_axis, None))
     lab.until(AT_S)
     lab.client = None
-    lab.until(AT_S + 15.0)
+    lab.until(AT_S + 8.0)
     assert standstill_s(ROWS["machine"], lab.engine.spec.profile) == math.inf
     assert lab.rest_after_s(AT_S) == math.inf
     lab.client = DirectStop(lab.engine.spec.profile, lab.begin_utc_s + lab.elapsed_s)
