@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import threading
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -110,17 +109,13 @@ def test_an_alt_azimuth_telescope_is_refused_in_a_line(
     command: tuple[str, ...], capsys: pytest.CaptureFixture[str], elements: str
 ) -> None:
     more = ("--elements", elements, "--old-elements") if command[0] == "track" else ()
-    with telescope(alignmentmode="0") as (url, told):
+    # Its name commands no terminal.
+    with telescope(alignmentmode="0", name='"Hand\\u001b[2J\\u009b1m\\u202emade"') as (url, told):
         assert run([*command, "--mount", url, *more]) == 1
     *_, last = capsys.readouterr().err.splitlines()
-    assert last.startswith(f"sattrack: {url}: Hand-made is an alt-azimuth telescope (AlignmentMode 0)")
+    name = "Hand?[2J?1m?made"
+    assert last.startswith(f"sattrack: {url}: {name} is an alt-azimuth telescope (AlignmentMode 0)")
     assert told == []
-
-
-def test_a_telescopes_name_commands_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:
-    with telescope(alignmentmode="0", name='"Hand\\u001b[2J\\u009b1m\\u202emade"') as (url, _):
-        assert run(["mount", "status", "--mount", url]) == 1
-    assert f"sattrack: {url}: Hand?[2J?1m?made is an alt-azimuth telescope" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("command", [("stop",), ("mount", "abort")], ids=lambda command: command[-1])
@@ -173,11 +168,3 @@ def test_status_names_each_alignment_of_the_standard() -> None:
         for mode in (1, 2, None)
     ]
     assert told == ["polar", "German", "not reported, taken as equatorial"]
-
-
-def test_json_keeps_its_fields(capsys: pytest.CaptureFixture[str]) -> None:
-    with telescope(alignmentmode="1") as (url, _):
-        assert run(["mount", "status", "--mount", url, "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["status"]["ra_h"] == pytest.approx(5.5)
-    assert {"readings", "link", "clock_offset_s", "warnings"} <= told.keys()
