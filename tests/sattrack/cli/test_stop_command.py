@@ -53,7 +53,7 @@ def document(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
     return read
 
 
-def test_a_session_stops_its_mount_and_ends(
+def test_a_session_stops_its_mount_and_ends_and_an_abort_goes_through_it_too(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with simulated_mount() as mount, ended(moving(mount)) as session:
@@ -82,8 +82,17 @@ def test_a_session_stops_its_mount_and_ends(
         out, _ = session.communicate(timeout=30.0)
         assert session.returncode == 130
         assert json.loads(out)["mount_stopped"] is True
-    (stopped,) = document(capsys)["stopped"]
-    assert (stopped["by"], stopped["at_rest"], stopped["pid"]) == ("session", True, session.pid)
+        (stopped,) = document(capsys)["stopped"]
+        assert (stopped["by"], stopped["at_rest"], stopped["pid"]) == ("session", True, session.pid)
+
+        with ended(moving(mount)) as another:
+            mount.wait_until_moving(True)
+            assert run(["mount", "abort", "--mount", mount.url]) == 0
+            mount.wait_until_moving(False)
+            assert another.wait(30.0) == 130
+        out, err = capsys.readouterr()
+        assert out.startswith("abort: complete, acknowledged\n")
+        assert "stopped and seen at rest" in err
 
 
 def test_where_the_session_hangs_its_guardian_stops_the_mount_and_ends_it(
@@ -121,17 +130,6 @@ def test_a_mount_whose_session_and_guardian_were_killed_is_stopped_directly(
 
         assert run(["stop", "--mount", mount.url]) == 0
         assert capsys.readouterr().out.endswith(": stopped and seen at rest\n")
-
-
-def test_an_abort_goes_through_the_session_too(capsys: pytest.CaptureFixture[str]) -> None:
-    with simulated_mount() as mount, ended(moving(mount)) as session:
-        mount.wait_until_moving(True)
-        assert run(["mount", "abort", "--mount", mount.url]) == 0
-        mount.wait_until_moving(False)
-        assert session.wait(30.0) == 130
-    out, err = capsys.readouterr()
-    assert out.startswith("abort: complete, acknowledged\n")
-    assert "stopped and seen at rest" in err
 
 
 @pytest.mark.parametrize("settings", ['[mount]\nprofile = "mount.toml"\n', "zone = 3\n"])
