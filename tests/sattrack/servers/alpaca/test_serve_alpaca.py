@@ -354,18 +354,7 @@ def test_ctrl_c_while_a_satellite_is_followed_stops_the_mount(served: Served) ->
     assert served.log[-1] == b"sattrack: interrupted; the mount is stopped\n"
 
 
-def test_a_mount_is_stopped_when_the_process_that_clients_talk_to_is_gone() -> None:
-    with serving() as alone, call(alone.port) as line:
-        say(line, "PUT", "connect")
-        say(line, "PUT", "moveaxis", "Axis=1&Rate=0.5")
-        os.kill(http_process(alone), signal.SIGKILL)
-        alone.process.wait(timeout=PATIENCE_S)
-        alone.end()
-    assert alone.process.returncode == 1
-    assert b"the HTTP server's process is gone; the mount is being stopped" in alone.log[-1]
-
-
-def test_what_passes_are_computed_with_is_loaded_before_anybody_asks_for_one() -> None:
+def test_passes_are_ready_before_anybody_asks_and_a_mount_stops_when_its_clients_process_is_gone() -> None:
     with serving() as alone, call(alone.port) as line:
         maps = Path(f"/proc/{http_process(alone)}/maps")
         until(lambda: "/erfa/" in maps.read_text())
@@ -374,6 +363,12 @@ def test_what_passes_are_computed_with_is_loaded_before_anybody_asks_for_one() -
         assert say(line, "GET", "slewing")["Value"] is False
         assert follows(say(line, "PUT", "action", "Action=TrackSatellite&Parameters=25544"))
         say(line, "PUT", "abortslew")
+        until(lambda: say(line, "PUT", "moveaxis", "Axis=1&Rate=0.5")["ErrorNumber"] == 0)
+        os.kill(http_process(alone), signal.SIGKILL)
+        alone.process.wait(timeout=PATIENCE_S)
+        alone.end()
+    assert alone.process.returncode == 1
+    assert b"the HTTP server's process is gone; the mount is being stopped" in alone.log[-1]
 
 
 def test_the_mount_of_another_program_is_not_served_and_its_owner_is_named(
