@@ -180,6 +180,8 @@ def test_without_a_network_the_settings_are_written_all_the_same(folder, capsys)
 def test_a_group_that_celestrak_has_not_is_refused_or_asked_for_again(folder, capsys, monkeypatch):
     with element_server() as server:
         monkeypatch.setenv("SATTRACK_CELESTRAK_URL", server.url)
+        # What is fetched here is no other test's.
+        monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
         words = ["init", "--yes", "--site", "52,4,0", "--elements", "celestrak:nowhere"]
         assert run(words) == 2
         err = capsys.readouterr().err

@@ -87,7 +87,7 @@ def test_what_lies_in_the_current_folder_stands_in_for_no_part_of_a_run(tmp_path
         (tmp_path / f"{name}.py").write_text("raise SystemExit('a file of the user, and none of ours')\n")
     done = subprocess.run(
         # As an installed `sattrack` is run: the current folder is not on its path.
-        [sys.executable, "-P", "-m", "sattrack", "demo", "--headless", "--json", "--seconds", "3"],
+        [sys.executable, "-P", "-m", "sattrack", "demo", "--headless", "--json", "--seconds", "5"],
         cwd=tmp_path,
         capture_output=True,
         text=True,
