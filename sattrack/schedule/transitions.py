@@ -17,9 +17,8 @@ import numpy as np
 
 from sattrack.core.angles import altitude_deg, azimuth_deg, wrap180
 from sattrack.mount.model import Slew, horizon_latitude_deg, mean_sidereal_deg
-from sattrack.safety.bounds import HOLD_MARGIN_DEG, Bounds
+from sattrack.safety.bounds import Bounds
 from sattrack.safety.geometry import Place
-from sattrack.safety.regions import is_clear
 from sattrack.safety.route import HANDSHAKE_S, RAMP, axes_of, direction_of, leg_s, slew_s
 from sattrack.safety.slews import SlewGate
 from sattrack.schedule.planner import Problem
@@ -33,8 +32,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sattrack.mount.model import AxisLimits, MountProfile
-    from sattrack.safety.geometry import Box
-    from sattrack.safety.regions import Cone
     from sattrack.schedule.candidates import Candidate, PlanSituation
     from sattrack.schedule.schema import Action, Terms
     from tle.site import Site
@@ -232,50 +229,6 @@ def _ramp_s(axis: AxisLimits) -> float:
     return 2.0 * RAMP * axis.slew_rate_deg_s / axis.max_acceleration_deg_s2
 
 
-class _KnownBounds(Bounds):
-    """The gate's bounds, which remember of single places what never moves: a night asks for the same ones."""
-
-    def __init__(self, *of: Any) -> None:
-        super().__init__(*of)
-        self._known: dict[Box, tuple[str | None, float, float, float]] = {}
-        self._sure: list[tuple[float, float, float, float]] = []
-
-    def look(self, utc_s: float | None, clock_gap_deg: float) -> bool:
-        """See Bounds."""
-        found = super().look(utc_s, clock_gap_deg)
-        self._sure = [_surely_outside(cone) for cone in self._cones]
-        return found
-
-    def violated(
-        self, box: Box, margins: Mapping[str, float], seconds: float, margin_deg: float = HOLD_MARGIN_DEG
-    ) -> str | None:
-        """See Bounds."""
-        single = box[0] == box[1] and box[2] == box[3]
-        if not single or margins or seconds or margin_deg != HOLD_MARGIN_DEG:
-            return super().violated(box, margins, seconds, margin_deg)
-        known = self._known.get(box)
-        if known is None:
-            shut = (region.name for region in self._fixed if not is_clear(region, box, margin_deg))
-            known = self._known[box] = (next(shut, None), *box.circle[:3])
-        name, x, y, z = known
-        if name is not None:
-            return name
-        for cone, (a, b, c, cosine) in zip(self._cones, self._sure, strict=True):
-            if a * x + b * y + c * z > cosine and not is_clear(cone, box, margin_deg):
-                return cone.name
-        return None
-
-
-SURE_DEG = 1.0
-
-
-def _surely_outside(cone: Cone) -> tuple[float, float, float, float]:
-    """Return a cone's axis as a unit vector, and the cosine of an angle from it that is surely outside."""
-    ha, dec = math.radians(cone.body.hour_angle_deg), math.radians(cone.body.dec_deg)
-    wide = math.cos(math.radians(min(180.0, cone.cone_deg + HOLD_MARGIN_DEG + SURE_DEG)))
-    return math.cos(dec) * math.cos(ha), math.cos(dec) * math.sin(ha), math.sin(dec), wide
-
-
 class RoutedSlews:
     """Slews at a site with a mount as its gate would lead them."""
 
@@ -283,7 +236,7 @@ class RoutedSlews:
         """Build the gate of a situation's mount, limits and site."""
         site, profile = situation.site, situation.profile
         self._site, self._profile = site, profile
-        self._bounds = _KnownBounds(profile, situation.limits, site.latitude_deg, site.longitude_deg)
+        self._bounds = Bounds(profile, situation.limits, site.latitude_deg, site.longitude_deg)
         self._latitude_deg = self._bounds.horizon_latitude_deg
         self._gate = SlewGate(profile, self._bounds, self._latitude_deg, detours=True)
 
