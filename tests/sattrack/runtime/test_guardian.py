@@ -93,6 +93,7 @@ def test_a_feeder_that_stands_still_loses_the_mount_and_knows_it_when_it_wakes()
     assert "was stopped and seen at rest" in said
 
 
+@pytest.mark.usefixtures("hang_ups")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGHUP, signal.SIGINT])
 def test_what_ends_a_whole_process_group_does_not_end_its_guardian(
     number: signal.Signals, state: Path
