@@ -187,30 +187,32 @@ def _path(drawn: family.Draw, frame: AxisFrame, instants_s: Sequence[float] = ()
 
 def profile_of(axes: AxesDraw) -> MountProfile:
     """Return what a calibration knows of the drives, and the axes."""
-    hard, geometry = axes.drawn.hardware, axes.geometry
+    hard = axes.drawn.hardware
     known = family.profile_of(hard, "truth")
     # A commanded rate of the stranger's turns the angle that it counts by its own sign.
     signs = [sign * sense for sign, sense in zip(hard.signs, axes.senses, strict=True)]
-    if geometry.reports == "axes":
-        geometry = msgspec.structs.replace(
-            geometry,
-            first_sense=axes.senses[0],
-            second_sense=axes.senses[1],
-            first_zero_deg=axes.zeros_deg[0],
-            second_zero_deg=axes.zeros_deg[1],
-        )
-    else:
-        geometry = msgspec.structs.replace(
-            geometry, first_zero_deg=axes.ahead_deg[0], second_zero_deg=axes.ahead_deg[1]
-        )
     site = axes.drawn.site
     return msgspec.structs.replace(
         known,
-        geometry=geometry,
+        geometry=known_geometry(axes),
         ra_rate_sign=signs[0],
         dec_rate_sign=signs[1],
         hour_angle_limit_deg=360.0,
         stands_at=SitePlace(site.latitude_deg, site.longitude_deg),
+    )
+
+
+def known_geometry(axes: AxesDraw) -> AxisGeometry:
+    """Return the axes as a profile has them: with what the mount's reports mean."""
+    if axes.geometry.reports != "axes":
+        first, second = axes.ahead_deg
+        return msgspec.structs.replace(axes.geometry, first_zero_deg=first, second_zero_deg=second)
+    return msgspec.structs.replace(
+        axes.geometry,
+        first_sense=axes.senses[0],
+        second_sense=axes.senses[1],
+        first_zero_deg=axes.zeros_deg[0],
+        second_zero_deg=axes.zeros_deg[1],
     )
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, get_args
 
 import msgspec
-from axes_anywhere import AxesDraw, Tube
+from axes_anywhere import AxesDraw, Tube, known_geometry
 from family import Draw
 from random_passes import hour_angle_deg
 from safety_draws import Judge, vector
@@ -191,15 +191,7 @@ def _angles(facts: RunFacts, geometry: AxisGeometry) -> list[tuple[float, float,
 
 
 def _with_axes(profile: MountProfile, axes: AxesDraw) -> MountProfile:
-    geometry, site = axes.geometry, axes.drawn.site
-    if geometry.reports == "axes":
-        geometry = msgspec.structs.replace(
-            geometry,
-            first_sense=axes.senses[0],
-            second_sense=axes.senses[1],
-            first_zero_deg=axes.zeros_deg[0],
-            second_zero_deg=axes.zeros_deg[1],
-        )
+    site = axes.drawn.site
     profile = msgspec.structs.replace(
         profile,
         additive=False,
@@ -210,7 +202,7 @@ def _with_axes(profile: MountProfile, axes: AxesDraw) -> MountProfile:
         dec_axis_limits_deg=(-190.0, 190.0),
         stands_at=SitePlace(site.latitude_deg, site.longitude_deg),
     )
-    return profile.with_geometry(geometry)
+    return profile.with_geometry(known_geometry(axes))
 
 
 def _drawn_tilted(dice: random.Random, latitude_deg: float) -> TiltedMount:
