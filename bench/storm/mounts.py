@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import math
 import random
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -136,14 +137,17 @@ class Own:
     def __init__(self, storm: Storm) -> None:
         from msgspec.structs import replace
 
-        hard, site = storm.hardware, storm.facts.site
+        hard, site, rule = storm.hardware, storm.facts.site, storm.facts.profile.pier_rule
         settings = SimulatorProfile(
             clock_offset_s=0.0,
             encoder_noise_tics=0.5,
             servo=servo_of(hard),
             seed=storm.seed,
             hard_margin_deg=30.0,
-            flip=storm.facts.profile.pier_rule,
+            flip=rule,
+            # A mount that flips is assembled so that its encoders tell all places it goes to from each other.
+            ra_encoder_zero_deg=-90.0 if rule == "ascom" else 0.0,
+            dec_encoder_zero_deg=0.0 if rule == "never" else math.copysign(90.0, -site.latitude_deg),
         )
         told = storm.facts.profile
         ra, dec = (
