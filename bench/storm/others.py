@@ -242,4 +242,8 @@ def drawn_near(dice: random.Random, facts: RunFacts, other: Other) -> tuple[floa
     if dice.random() < 0.3:
         beyond = not beyond
     pole = 180.0 if facts.site.latitude_deg >= 0.0 else -180.0
-    return (ha + (180.0 if ha < 0.0 else -180.0), pole - dec) if beyond else (ha, dec)
+    if not beyond:
+        return ha, dec
+    # Where nobody has noted turns of the cables, a session takes the first axis for being within this turn.
+    middle = facts.profile.first_axis_middle_deg
+    return middle + math.remainder(ha + 180.0 - middle, 360.0), pole - dec
