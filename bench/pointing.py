@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import erfa
 import numpy as np
-from strangers.tilted_mount import TiltedMount, Vector, apart_arcsec, local
+from strangers.tilted_mount import NAMES, TiltedMount, Vector, apart_arcsec, local
 
 from sattrack.core.errors import SattrackError
 from sattrack.mount.geometry import AxisGeometry
@@ -48,8 +48,6 @@ LEAST_ALT_DEG = 20.0
 ASKED_ARCSEC = 3.0
 ENCODER_ARCSEC, CENTROID_ARCSEC = 2.0, 1.0
 FEWEST_STARS = 12
-NAMES = {"ME": "pole_up", "MA": "pole_west", "CH": "cone", "NP": "leaning", "IH": "zero_ha", "ID": "zero_dec"}
-"""Terms are what must be added to what the mount reports: each error, negative."""
 
 
 SITE = Site(LATITUDE_DEG, LONGITUDE_DEG, HEIGHT_M)

@@ -350,9 +350,9 @@ def drawn_start(
 
 
 def _other_start(dice: random.Random, facts: RunFacts, other: others.Other) -> tuple[float, float] | None:
-    judge = others.OtherJudge(facts, other)
+    judge, target_deg = others.OtherJudge(facts, other), others.target_deg(facts, other)
     for _ in range(30):
-        angles = others.drawn_near(dice, facts, other)
+        angles = others.drawn_near(dice, facts, target_deg)
         steep_deg = abs(math.remainder(angles[1], 180.0))
         if steep_deg > 80.0:
             continue

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, get_args
 
 import msgspec
-from axes_anywhere import AxesDraw, Tube, known_geometry
+from axes_anywhere import STRANGERS, AxesDraw, Tube, known_geometry
 from family import Draw
 from random_passes import hour_angle_deg
 from safety_draws import Judge, vector
-from strangers.tilted_mount import TiltedMount
+from strangers.tilted_mount import NAMES, TiltedMount
 
 from sattrack.mount.geometry import AxisFrame, AxisGeometry
 from sattrack.mount.model import AxisLimits, MountProfile, PointingTerms, SitePlace
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 OTHERS_FROM_SEED = 600_000
 What = Literal["flip", "geometry", "pointing", "period", "dated", "synced"]
-STRANGERS = ("velocity_servo", "position_servo", "planner")
 PERIODS_S = (0.02, 0.1, 0.2)
 LOOKS, FASTEST_DEG_S, STEEPEST_DEG = 30, 3.0, 78.0
 """How often a pass is looked at for what its axes must do; faster, or steeper, is a keyhole's matter."""
@@ -212,29 +211,24 @@ def _drawn_tilted(dice: random.Random, latitude_deg: float) -> TiltedMount:
 
 def _terms(mount: TiltedMount) -> PointingTerms:
     """Return what must be added to what such a mount reports, by TPOINT's names."""
-    terms = {
-        "ME": -mount.pole_up,
-        "MA": -mount.pole_west,
-        "CH": -mount.cone,
-        "NP": -mount.leaning,
-        "IH": -mount.zero_ha,
-        "ID": -mount.zero_dec,
-    }
-    each = {name: (value, 1.0) for name, value in terms.items()}
+    each = {name: (-getattr(mount, error), 1.0) for name, error in NAMES.items()}
     return PointingTerms("2024-01-01T00:00:00Z", mount.latitude_deg, each, 1.0, 30, signs="tpoint")
 
 
-def drawn_near(dice: random.Random, facts: RunFacts, other: Other) -> tuple[float, float]:
-    """Return angles of axes that look to near the target, on either side where the mount flips."""
+def target_deg(facts: RunFacts, other: Other) -> tuple[float, float]:
+    """Return the angles of the axes where the pass begins; hour angle and declination without a geometry."""
     at_s = facts.plan.start_utc_s
-    away = dice.uniform(-AWAY_DEG, AWAY_DEG), dice.uniform(-AWAY_DEG, AWAY_DEG)
     if other.axes is not None:
         share = (at_s - facts.started_utc_s) / (facts.plan.end_utc_s - facts.started_utc_s)
         first, second, *_ = _angles(facts, other.axes.geometry)[round(share * LOOKS)]
-        return first + away[0], second + away[1]
+        return first, second
     propagator = Propagator(facts.target, facts.site.place())
-    ha = hour_angle_deg(propagator, at_s) + away[0]
-    dec = float(propagator.at(Utc(at_s)).dec_deg) + away[1]
+    return hour_angle_deg(propagator, at_s), float(propagator.at(Utc(at_s)).dec_deg)
+
+
+def drawn_near(dice: random.Random, facts: RunFacts, target_deg: tuple[float, float]) -> tuple[float, float]:
+    """Return angles of axes that look to near the target, on either side where the mount flips."""
+    ha, dec = (angle + dice.uniform(-AWAY_DEG, AWAY_DEG) for angle in target_deg)
     rule = facts.profile.pier_rule
     if rule == "never":
         return ha, dec

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 Vector = NDArray[Any]
 EAST, NORTH, UP = np.eye(3)
+NAMES = {"ME": "pole_up", "MA": "pole_west", "CH": "cone", "NP": "leaning", "IH": "zero_ha", "ID": "zero_dec"}
+"""Terms by TPOINT's names are what must be added to what the mount reports: each error, negative."""
 
 
 def turn(about: Vector, angle_rad: float) -> Vector:

@@ -8,7 +8,7 @@ import random
 import erfa
 import numpy as np
 import pytest
-from strangers.tilted_mount import TiltedMount, apart_arcsec, local
+from strangers.tilted_mount import NAMES, TiltedMount, apart_arcsec, local
 
 from sattrack.core.errors import BadInputError
 from sattrack.mount.geometry import Pole
@@ -26,15 +26,7 @@ SITES = (52.0, -35.0, 3.0)
 
 def modelled(mount: TiltedMount, beyond_pole: bool = False) -> PointingModel:
     """Return the terms that a stranger's errors are called here: what must be added to what it reports."""
-    terms = {
-        "ME": -mount.pole_up,
-        "MA": -mount.pole_west,
-        "CH": -mount.cone,
-        "NP": -mount.leaning,
-        "IH": -mount.zero_ha,
-        "ID": -mount.zero_dec,
-        "TF": mount.sag,
-    }
+    terms = {name: -getattr(mount, error) for name, error in NAMES.items()} | {"TF": mount.sag}
     return PointingModel(terms, mount.latitude_deg, beyond_pole=beyond_pole)
 
 
