@@ -229,7 +229,7 @@ class Watch:
         for axis, name, field in ((1, "right ascension", "ra"), (2, "declination", "dec")):
             pairs = [(c[axis], m[axis] / m[0]) for c, m in zip(commanded, self._window, strict=True)]
             square = sum([c * c for c, _ in pairs])
-            if square < len(pairs) * LEAST_ASKED_DEG_S**2:
+            if square <= len(pairs) * LEAST_ASKED_DEG_S**2:
                 continue
             ratio = sum([c * m for c, m in pairs]) / square
             if ratio < TURNED:
@@ -241,7 +241,7 @@ class Watch:
     def stray(self, takes_other_side: bool = False) -> None:
         """Note that the mount has left the way of its slew, perhaps to end on the other side of the pier."""
         if self._axes is not None:
-            self.cause = self._likely_cause() or ELSEWHERE
+            self.cause = self._likely_cause() or (ELSEWHERE if self._window else None)
         elif takes_other_side:
             known = self._profile.pier_rule == "ascom"
             self.cause = OTHER_SIDE_KEPT if known else OTHER_SIDE

@@ -486,6 +486,14 @@ def test_axes_that_lie_elsewhere_are_told_of_one_stream_only(holds: bool) -> Non
     assert ("obedience" in found) == (not holds)
 
 
+def test_a_mount_that_strayed_while_nothing_was_heard_has_no_cause_that_is_known() -> None:
+    """As by a computer that slept while rates led the mount."""
+    geometry, stands_at = AxisGeometry(0.0, 90.0), SitePlace(52.0, EAST_DEG)
+    watching = watch(1.0, replace(PROFILE, geometry=geometry, stands_at=stands_at))
+    watching.stray()
+    assert watching.cause is None
+
+
 @pytest.mark.parametrize(("share", "askew"), [(0.3, True), (0.37, True), (0.43, False), (0.6, False)])
 def test_motion_that_nothing_explains_is_no_sign_of_axes_that_lie_elsewhere(
     share: float, askew: bool
