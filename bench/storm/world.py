@@ -63,6 +63,7 @@ RESOLUTION_S = 1e-6
 """The least step of time: an instant of UTC cannot be told from the next below a quarter of it."""
 RAISED = (SattrackError, OSError, ValueError, ArithmeticError, LookupError, AttributeError, TypeError)
 """What a program may end with; all but the first are defects of it."""
+SYNCED_WITHIN_TURNS = 3.0
 MOST_GUARDED_S = 60.0
 """How long a guardian is watched that goes on with a mount which it does not see at rest."""
 
@@ -600,7 +601,9 @@ class World:
         self.mount.receive(
             encode_command(Command(target_dec_deg=dec_deg, target_ra_h=target_ra_h, sync=True))
         )
-        self.judge.synced(1.5 * abs(deg))
+        # It is carried out at a turn to come: what moves has moved on by then.
+        turns_s = SYNCED_WITHIN_TURNS * self.storm.facts.profile.period_s
+        self.judge.synced(1.5 * abs(deg) + turns_s * self.mount.truth().speed_deg_s)
 
     def _sleep(self, seconds: float) -> None:
         """The machine sleeps: nothing of it runs, and its monotonic clock stands."""
