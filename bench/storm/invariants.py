@@ -76,8 +76,8 @@ OURS = ("sattrack", "tle")
 WEIGHED_SEEDS, WEIGHED_FROM_S, WEIGHED_EVERY_S = 8, 12.0, 6.0
 """In which storms the program's memory is counted, from when on, and how often."""
 GROWTH_PER_S, FILLS_UP_S = 300.0, 20.0
-"""Entries. A buffer that fills up to its bound grows by some a period, one without a bound for ever; those of
-a pass that begins fill up in less than so long."""
+"""Entries, of a mount of the usual period. A buffer that fills up to its bound grows by some a period, one
+without a bound for ever; those of a pass that begins fill up in less than so long."""
 ENDS_WITHIN_S = STOPS_MOVING_S + 10.0
 FLAGS, SLEW_FLAG = slice(73, 81), 79
 RATES = slice(32, 48)
@@ -418,7 +418,8 @@ class Watcher(Judging):
         if len(self._sizes) > 1:
             (begin_s, first), (end_s, last) = self._sizes[0], self._sizes[-1]
             span_s = max(end_s - begin_s, FILLS_UP_S)
-            if (last - first) / span_s > GROWTH_PER_S:
+            faster = max(1.0, USUAL_PERIOD_S / self.storm.facts.profile.period_s)
+            if (last - first) / span_s > GROWTH_PER_S * faster:
                 grown = f"{last - first} entries more after {end_s - begin_s:.0f} s"
                 self.violated("memory", world, grown)
         self._judge_recording(world, ended)
