@@ -19,7 +19,7 @@ from sattrack.control.approach import FAR_AND_HELD_FOR_S, FAR_DEG, MARGIN_S, sle
 from sattrack.control.stages import KEYHOLE, RATE
 from sattrack.core.angles import wrap180
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, PierRule, beyond_after_slew, horizon_latitude_deg
-from sattrack.planning.path import axis_path, find_keyholes, margins_deg, stretches
+from sattrack.planning.path import axis_path, find_keyholes, margins_deg, separation_deg, stretches
 from sattrack.safety.rate_limit import unheeded_s
 from tle.bias import NO_BIAS
 from tle.instants import Utc
@@ -134,7 +134,8 @@ def outside(path: AxisPath, ability: Ability, begun: bool = False) -> list[Predi
             followed_before = first > 0 or begun
             begin_utc_s, end_utc_s = float(path.utc_s[first]), float(path.utc_s[last])
             if name in LEADS_ROUND and speed_deg_s > CREEPING_DEG_S and followed_before:
-                end_utc_s += _round_s(path, first, last, ability.profile)
+                leaves_utc_s = _leaves_utc_s(path, first)
+                end_utc_s = max(end_utc_s, leaves_utc_s) + _round_s(path, first, last, ability.profile)
             elif name == CABLES:
                 end_utc_s = _unwound_utc_s(path, first, last, ability.profile)
             end_utc_s = min(end_utc_s, float(path.utc_s[-1]))
@@ -142,8 +143,19 @@ def outside(path: AxisPath, ability: Ability, begun: bool = False) -> list[Predi
     return found
 
 
+def _leaves_utc_s(path: AxisPath, first: int) -> float:
+    """Return when a mount that is held at one of a path's samples slews after the target, POSIX seconds.
+
+    It does so once the target is far ahead; infinity where that does not come before the path's end.
+    """
+    p = path.pointing
+    ahead_deg = separation_deg(p, p.hour_angle_axis_deg[first], p.dec_axis_deg[first])
+    far = np.flatnonzero(ahead_deg[first:] > FAR_DEG)
+    return float(path.utc_s[first + far[0]]) + FAR_AND_HELD_FOR_S if len(far) else math.inf
+
+
 def _round_s(path: AxisPath, first: int, last: int, profile: MountProfile) -> float:
-    """Return about how long the mount takes round a limit, from where the target comes out: two slews.
+    """Return about how long the mount takes round a limit to a target that has come out: two slews.
 
     It is held before the limit until then, or begins sooner where that is far; and then it has to join.
     """

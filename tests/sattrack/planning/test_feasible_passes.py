@@ -122,6 +122,29 @@ def test_past_a_pillar_a_pass_is_judged_about_as_it_is_rehearsed(tmp_path: Path,
             assert 0.6 < float(words[1]) / rehearsed["lost_s"] < 1.6
 
 
+@pytest.mark.soak
+def test_past_a_narrow_pillar_a_pass_is_judged_about_as_it_is_rehearsed(
+    tmp_path: Path, without_optics: str
+) -> None:
+    """The mount is held before it until the target is far ahead, longer than the target is behind it."""
+    pillar = tmp_path / "pillar.toml"
+    pillar.write_text(
+        '[[pier_zones]]\nname = "pillar"\ncorners = [[1.0, 20.0], [5.0, 20.0], [5.0, 60.0], [1.0, 60.0]]\n'
+    )
+    there = ("ISS", *SEARCH[:4], "--min-alt", "30", "--profile", str(pillar))
+    there = (*there, "--config", without_optics, "--json")
+    at = "2026-10-02T12:30:00Z"
+    (judged,), rehearsed = (
+        json.loads(CliRunner().invoke(cli, [*words, *there]).stdout)
+        for words in (("passes", "--judged", "--from", at, "--hours", "1"), ("rehearse", "--clock", at))
+    )
+    assert rehearsed["lost"][-1]["limit"] == "pier"
+    assert (judged["feasible"], rehearsed["go"]) == (False, False)
+    words = re.fullmatch(r"pier: .*; (\d+) s of (\d+) s lost", judged["why_not"])
+    assert words is not None
+    assert 0.8 < float(words[1]) / rehearsed["lost_s"] < 1.25
+
+
 CIRCUMPOLAR = (
     "KANOPUS-V 1\n"
     "1 38707U 12039A   24247.82317651  .00138984  00000-0  16635-2 0  9998\n"

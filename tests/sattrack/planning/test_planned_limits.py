@@ -177,6 +177,17 @@ def test_a_target_that_begins_by_the_sun_is_joined_where_it_comes_out() -> None:
     assert to_the_end.end_utc_s == 80.0
 
 
+def test_behind_a_narrow_pillar_a_target_is_followed_again_once_the_mount_has_gone_round() -> None:
+    # At 1 °/s past a pillar 2° wide: the mount stands before it until the target is 5° ahead, and 5 s more;
+    # round it lead two slews of 30° at 10 °/s and 10 °/s²: 4.5 s each, and 3 s to begin and to end.
+    time_s = np.linspace(0.0, 120.0, 1201)
+    path = path_of(time_s, time_s - 60.0, np.zeros_like(time_s))
+    post = ((-1.0, -20.0), (1.0, -20.0), (1.0, 20.0), (-1.0, 20.0))
+    (found,) = losses(path, ability(MountProfile(pier_zones=(PierZone("pillar", post),))))
+    assert found.limit == "pier"
+    assert found.seconds == pytest.approx(5.0 + 5.0 + 15.0, abs=0.2)
+
+
 def test_a_target_that_stands_still_is_lost_while_the_sun_goes_by_and_no_longer() -> None:
     # The Sun passes over a target on the meridian at a quarter of a degree a minute: 15° either way is 2 h.
     time_s = np.linspace(0.0, 28800.0, 5761)
