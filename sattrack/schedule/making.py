@@ -594,8 +594,16 @@ def _may_split(one: Candidate) -> bool:
 
 
 def _all_lost_to(one: Candidate, node: Node) -> tuple[LostTo, ...]:
-    start, end = node.start_utc_s, node.end_utc_s
-    return tuple(_lost_to(loss) for loss in one.foretold if loss.begin_utc_s < end and loss.end_utc_s > start)
+    """Return what limits take of a candidate between the instants from which to which it is taken."""
+    within = (
+        replace(
+            loss,
+            begin_utc_s=max(loss.begin_utc_s, node.start_utc_s),
+            end_utc_s=min(loss.end_utc_s, node.end_utc_s),
+        )
+        for loss in one.foretold
+    )
+    return tuple(_lost_to(loss) for loss in within if loss.seconds > 0.0)
 
 
 def _lost_to(loss: PredictedLoss) -> LostTo:

@@ -912,3 +912,23 @@ def test_a_run_that_was_left_off_is_continued_after_its_end_and_no_other(
         err = capsys.readouterr().err
         assert ("the run would end at 2026-10-02T23:00:00Z, which is over" in err) == (code == 2)
     assert run([*check, "--folder", str(tmp_path / "other"), "--clock", "2026-10-03T06:00:00Z"]) == 2
+
+
+def test_a_pass_that_is_cut_short_in_a_keyhole_loses_only_what_of_it_lies_within(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # The star is wanted so soon that the satellite is left in the keyhole, which takes 12 s of the whole.
+    sky = tmp_path / "sky.tle"
+    sky.write_text(BY_THE_POLE)
+    text = (
+        "from = 2026-10-02T20:00:00Z\nto = 2026-10-02T20:15:00Z\n"
+        "[[passes]]\nsatellite = 'BY THE POLE'\nmin_altitude_deg = 50\nshorten = true\n"
+        "[[fixed]]\nsatellite = 'Arcturus'\nstart = 2026-10-02T20:07:20Z\nend = 2026-10-02T20:14:00Z\n"
+        "min_altitude_deg = 0\n"
+    )
+    cut, star = planned(capsys, tmp_path, text, str(sky))["passes"]
+    assert (cut["shortened"], star["name"]) == (True, "Arcturus")
+    (lost,) = cut["lost_to"]
+    followed_s = utc_s(cut["end_utc"]) - utc_s(cut["start_utc"])
+    assert lost["limit"] == "keyhole"
+    assert 0.0 < lost["seconds"] == pytest.approx(followed_s - cut["useful_s"], abs=0.01)
