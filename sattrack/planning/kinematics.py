@@ -170,8 +170,8 @@ def _round_s(path: AxisPath, first: int, last: int, profile: MountProfile) -> fl
 def _unwound_utc_s(path: AxisPath, first: int, last: int, profile: MountProfile) -> float:
     """Return when a mount whose cables end before the target's way is on the target again, POSIX seconds.
 
-    Once it is far behind, it slews back to the same direction on the other turn. Where the rest of the way
-    does not fit there, that is lost.
+    Once it is far behind, it slews back to the other turn, and is there as soon as the target is. What does
+    not fit there is lost: where the axis turns less than half a turn either way, what lies between both ends.
     """
     most = profile.hour_angle_limit_deg
     axis, dec = path.pointing.hour_angle_axis_deg[first:], path.pointing.dec_axis_deg[first:]
@@ -181,11 +181,11 @@ def _unwound_utc_s(path: AxisPath, first: int, last: int, profile: MountProfile)
     if not len(far):
         return float(path.utc_s[last])
     end_deg = math.copysign(most, float(axis[far[0]]))
-    there = axis[far[0] :] - math.copysign(360.0, end_deg)
-    if float(np.max(np.abs(there))) > most:
-        return float(path.utc_s[last])
+    there = axis - math.copysign(360.0, end_deg)
+    beyond = np.flatnonzero(np.abs(there) > most)
+    fits = max(int(far[0]), int(beyond[-1]) + 1 if len(beyond) else 0)
     left_utc_s = float(utc_s[far[0]]) + FAR_AND_HELD_FOR_S + 2.0 * MARGIN_S
-    for instant, at_deg in zip(utc_s[far[0] :].tolist(), there.tolist(), strict=True):
+    for instant, at_deg in zip(utc_s[fits:].tolist(), there[fits:].tolist(), strict=True):
         if instant >= left_utc_s + slew_time_s(at_deg - end_deg, profile.ra):
             return float(instant)
     return float(path.utc_s[last])

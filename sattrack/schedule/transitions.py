@@ -324,9 +324,12 @@ def path_of(candidate: Candidate, site: Site, profile: MountProfile) -> Candidat
     beyond = abs(first.dec_deg) > 90.0
     axis_dec = math.copysign(180.0, latitude_deg) - dec if beyond else dec
     azimuth = np.degrees(np.unwrap(np.radians(np.asarray(seen.az_deg))))
+    # Where its cables end the mount slews back to the other turn.
+    axis, most_deg = hour_angle - hour_angle[0] + first.ha_deg, profile.hour_angle_limit_deg
+    back = axis - np.copysign(360.0, axis)
     return CandidatePath(
         utc_s,
-        hour_angle - hour_angle[0] + first.ha_deg,
+        np.where((np.abs(axis) > most_deg) & (np.abs(back) <= most_deg), back, axis),
         axis_dec,
         azimuth,
         np.asarray(seen.alt_deg, dtype=np.float64),

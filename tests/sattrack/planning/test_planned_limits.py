@@ -142,12 +142,25 @@ def test_what_is_beyond_a_limit_of_travel_is_lost_with_its_reason() -> None:
 
 
 def test_where_the_rest_fits_on_no_turn_of_the_cables_it_is_lost() -> None:
-    # From 80° to 280° at 1 °/s: the last 130 s are past 150°, and on the other turn they begin at -210°.
-    time_s = np.linspace(0.0, 200.0, 2001)
+    # From 80° to 205° at 1 °/s: the last 55 s are past 150°, and on the other turn they are so, too.
+    time_s = np.linspace(0.0, 125.0, 1251)
     path = path_of(time_s, 80.0 + time_s, np.full_like(time_s, 70.0))
     (found,) = losses(path, ability(MountProfile(hour_angle_limit_deg=150.0), latitude_deg=60.0))
-    assert (found.limit, found.end_utc_s) == ("hour_angle", 200.0)
-    assert found.seconds == pytest.approx(130.0 + 1.1, abs=0.2)
+    assert (found.limit, found.end_utc_s) == ("hour_angle", 125.0)
+    assert found.seconds == pytest.approx(55.0 + 1.1, abs=0.2)
+
+
+@pytest.mark.parametrize(("begins_deg", "lost_s"), [(80.0, 60.0 + 1.1), (165.0, 45.0)])
+def test_between_the_ends_of_the_cables_no_more_is_lost_than_what_lies_there(
+    begins_deg: float, lost_s: float
+) -> None:
+    # At 1 °/s, from 150° to 210°, it is on no turn: long enough to be far behind, and for the slew of a turn.
+    time_s = np.linspace(0.0, 200.0, 2001)
+    path = path_of(time_s, begins_deg + time_s, np.full_like(time_s, 70.0))
+    (found,) = losses(path, ability(MountProfile(hour_angle_limit_deg=150.0), latitude_deg=60.0))
+    assert found.limit == "hour_angle"
+    assert found.end_utc_s == pytest.approx(210.0 - begins_deg, abs=0.11)
+    assert found.seconds == pytest.approx(lost_s, abs=0.2)
 
 
 def test_what_a_keyhole_loses_is_told_by_the_names_of_the_axes() -> None:

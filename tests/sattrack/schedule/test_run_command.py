@@ -932,3 +932,28 @@ def test_a_pass_that_is_cut_short_in_a_keyhole_loses_only_what_of_it_lies_within
     followed_s = utc_s(cut["end_utc"]) - utc_s(cut["start_utc"])
     assert lost["limit"] == "keyhole"
     assert 0.0 < lost["seconds"] == pytest.approx(followed_s - cut["useful_s"], abs=0.01)
+
+
+@pytest.mark.parametrize("most_judged", [400, 0])
+def test_a_star_that_passes_the_lower_meridian_is_lost_only_where_no_turn_of_the_cables_holds_it(
+    most_judged: int, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # In 16 hours Vega goes from -24° to 217°. The axis turns 170° either way: 20° are on no turn.
+    # The sky turns by 15.04° an hour.
+    monkeypatch.setattr(candidates, "MOST_JUDGED", most_judged)
+    file = written(
+        tmp_path,
+        "[[fixed]]\nsatellite = 'Vega'\nstart = 2026-10-02T16:00:00Z\nend = 2026-10-03T08:00:00Z\n"
+        "if_sun_up = 'run'\n"
+        "[[fixed]]\nsatellite = 'Vega'\nstart = 2026-10-03T08:00:30Z\nend = 2026-10-03T08:05:00Z\n"
+        "if_sun_up = 'run'\n",
+    )
+    options = ("--site", "70,4.4908,0", *CLOCK, "--elements", str(tmp_path / "sky.tle"))
+    (tmp_path / "sky.tle").write_text(BY_THE_POLE)
+    assert run(["run", file, "--dry-run", "--json", *options]) == 0
+    star, again = json.loads(capsys.readouterr().out)["passes"]
+    (lost,) = star["lost_to"]
+    assert lost["limit"] == "hour_angle"
+    assert lost["seconds"] == pytest.approx(20.0 / 15.041 * 3600.0, abs=120.0)
+    # The mount is on that turn then, from which it has to turn no further.
+    assert again["slew_s"] < 6.0
