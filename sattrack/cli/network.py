@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sattrack.network.engine import Engine
-    from sattrack.network.night import Mounted, Wishes
+    from sattrack.network.night import Begun, Mounted, Wishes
     from sattrack.network.stations import Station
 
 _path = click.Path(path_type=Path)
@@ -272,9 +272,7 @@ def _wishes(
     now_s, begun = -math.inf, []
     if options["previous"] is not None:
         now_s = float(context.now().unix_s)
-        begun = [
-            one for one in _earlier(options["previous"]) if float(Utc.parse(one["start_utc"]).unix_s) < now_s
-        ]
+        begun = [one for one in _earlier(options["previous"]) if one.start_s < now_s]
     return Wishes(
         priorities=_numbers(options["priorities"], "the priorities", _priority),
         seen_s=_numbers(
@@ -293,14 +291,24 @@ def _wishes(
     )
 
 
-def _earlier(file: Path) -> list[dict[str, Any]]:
+def _earlier(file: Path) -> list[Begun]:
+    from sattrack.network.night import Begun
+    from tle.errors import TleError
+
     try:
         rows: list[dict[str, Any]] = json.loads(file.read_text(encoding="utf-8"))["assignments"]
+        return [
+            Begun(
+                one["station"],
+                int(one["catalog_number"]),
+                *(float(Utc.parse(str(one[key])).unix_s) for key in ("start_utc", "end_utc")),
+            )
+            for one in rows
+        ]
     except OSError as error:
         raise BadInputError(f"{file}: cannot read the assignment: {error.strerror}") from error
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, TleError):
         raise BadInputError(f"{file}: no assignment; give the assignment.json of an earlier one") from None
-    return rows
 
 
 def _priority(text: str) -> float:

@@ -7,7 +7,7 @@ import math
 import time
 from dataclasses import dataclass, field, replace
 from itertools import count, pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import tomli_w
@@ -47,6 +47,15 @@ _COLUMNS = ("rise_utc", "culminate_utc", "set_utc", "sunlit_from_utc", "sunlit_t
 _FIELDS = ("max_alt_deg", "rise_az_deg", "culminate_az_deg", "set_az_deg", "sun_alt_deg")
 
 
+class Begun(NamedTuple):
+    """An assignment that has begun: POSIX seconds."""
+
+    station: str
+    number: int
+    start_s: float
+    end_s: float
+
+
 @dataclass(frozen=True, slots=True)
 class Wishes:
     """What makes a pass worth following.
@@ -74,7 +83,7 @@ class Wishes:
     closed: Mapping[str, Sequence[Span]] = field(default_factory=dict)
     now_s: float = -math.inf
     sources: Sequence[str] = ()
-    begun: Sequence[Mapping[str, Any]] = ()
+    begun: Sequence[Begun] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,21 +257,18 @@ def _worth_following(
 
 
 def _begun(passes: NightPasses, station: str, wishes: Wishes) -> NDArray[np.intp]:
-    """Return which passes of a station have begun by an earlier assignment, and are not closed."""
-    begun = {
-        (one["catalog_number"], float(Utc.parse(one["start_utc"]).unix_s))
-        for one in wishes.begun
-        if one["station"] == station
-    }
-    closed = wishes.closed.get(station, ())
-    return np.array(
-        [
-            k
-            for k, key in enumerate(zip(passes.number.tolist(), passes.start_s.tolist(), strict=True))
-            if key in begun and not any(a < passes.end_s[k] and b > key[1] for a, b in closed)
-        ],
-        dtype=np.intp,
-    )
+    """Return which passes of a station have begun by an earlier assignment, and are not closed.
+
+    By other elements, or from another beginning of the search, the same pass has other instants.
+    """
+    is_begun = np.zeros(len(passes.value), dtype=bool)
+    for one in wishes.begun:
+        if one.station == station:
+            at_once = (passes.start_s < one.end_s) & (passes.end_s > one.start_s)
+            is_begun |= at_once & (passes.number == one.number)
+    for closed_from, closed_to in wishes.closed.get(station, ()):
+        is_begun &= (passes.end_s <= closed_from) | (passes.start_s >= closed_to)
+    return np.flatnonzero(is_begun)
 
 
 def _clash(passes: NightPasses, one: Mounted, settle_s: float) -> NDArray[np.bool_]:

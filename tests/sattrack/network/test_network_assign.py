@@ -219,11 +219,17 @@ def test_bad_weather_empties_a_station_and_keeps_what_has_begun(
     network: Path, first: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     now = "2026-10-02T20:00:00Z"
+    # By other elements the same passes were a second later.
+    earlier = json.loads((network / "night" / "assignment.json").read_text())
+    for row in earlier["assignments"]:
+        for key in ("start_utc", "end_utc"):
+            row[key] = Utc.parse(row[key]).plus(1.0).isoformat("seconds")
+    (tmp_path / "earlier.json").write_text(json.dumps(earlier))
     again = assigned(
         network,
         tmp_path / "night",
         capsys,
-        *("--previous", str(network / "night" / "assignment.json"), "--clock", now),
+        *("--previous", str(tmp_path / "earlier.json"), "--clock", now),
         *("--closed", "south=2026-10-02T20:30:00Z/2026-10-03T03:00:00Z"),
     )
 
@@ -239,6 +245,19 @@ def test_bad_weather_empties_a_station_and_keeps_what_has_begun(
         r["station"] == "south" and r["start_utc"] > "2026-10-02T20:30:00Z" for r in first["assignments"]
     )
     assert again["value"] < first["value"]
+
+
+@pytest.mark.parametrize("text", ['{"assignments": [{}]}', '{"assignments": 3}', "[]"])
+def test_an_earlier_assignment_that_is_none_is_one_line(
+    text: str, network: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    earlier = tmp_path / "earlier.json"
+    earlier.write_text(text)
+    words = ["network", "assign", "--stations", str(network / "stations.toml"), "--out", str(tmp_path / "x")]
+    words += ["--elements", str(network / "made_up.tle"), "--passes", str(network / "passes")]
+    assert run([*words, "--previous", str(earlier)]) == 2
+    told = f"sattrack: {earlier}: no assignment; give the assignment.json of an earlier one\n"
+    assert capsys.readouterr().err == told
 
 
 def test_passes_may_be_followed_for_less_than_a_minute(
