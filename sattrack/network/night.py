@@ -15,13 +15,14 @@ import tomli_w
 from sattrack.core.errors import BadInputError
 from sattrack.network.assign import Assigned, Assignment, StationPasses, assign, repaired
 from sattrack.network.dataset import MANIFEST
-from sattrack.network.search import parquet_modules
+from sattrack.network.search import parquet_modules, station_days
 from sattrack.network.stations import station_named
 from sattrack.schedule.candidates import Loaded, PlanSituation
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.making import make_plan
 from sattrack.schedule.transitions import ActionCost, Overhead, SlewTransitions, place_above
 from tle.instants import DAY_S, Utc
+from tle.passes import HOUR_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -169,14 +170,20 @@ def read_passes(
     """Return the passes of a data set that are worth following, the most valuable of each station.
 
     `tell` takes how many are left out as their elements are too old. Raises BadInputError for a folder that
-    is no data set, or lacks a station.
+    is no data set, lacks a station, or is not finished.
     """
     span = data_set_span(folder)
+    hours = (span[1] - span[0]) / HOUR_S
     found, too_old = [], 0
     for index, one in enumerate(stations):
         place = folder / f"station={one.station.name}"
         if not place.is_dir():
             raise BadInputError(f"{folder}: holds no passes over the station {one.station.name!r}")
+        files = [day.path for day in station_days([one.station], Utc(span[0]), hours)]
+        if absent := [file for file in files if not (folder / file).is_file()]:
+            raise BadInputError(
+                f"{folder}: is not finished: there is no {absent[0]}; the command that made it continues it"
+            )
         some = _worth_following(_read(place), index, one, wishes, span)
         ages = np.array([_age_days(elements, k, t) for k, t in zip(some.number, some.end_s, strict=True)])
         is_old = ages > wishes.oldest_days

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from contextlib import redirect_stdout
 from dataclasses import replace as replace_elements
 from io import StringIO
@@ -245,6 +246,20 @@ def test_bad_weather_empties_a_station_and_keeps_what_has_begun(
         r["station"] == "south" and r["start_utc"] > "2026-10-02T20:30:00Z" for r in first["assignments"]
     )
     assert again["value"] < first["value"]
+
+
+def test_a_data_set_that_is_not_finished_is_not_assigned(
+    network: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(network / "passes", tmp_path / "passes")
+    day = "station=south/day=2026-10-02/passes.parquet"
+    (tmp_path / "passes" / day).unlink()
+    words = ["network", "assign", "--stations", str(network / "stations.toml"), "--out", str(tmp_path / "x")]
+    words += ["--elements", str(network / "made_up.tle"), "--passes", str(tmp_path / "passes")]
+    assert run(words) == 2
+    told = capsys.readouterr().err
+    assert told.endswith(f"is not finished: there is no {day}; the command that made it continues it\n")
+    assert not (tmp_path / "x").exists()
 
 
 @pytest.mark.parametrize("text", ['{"assignments": [{}]}', '{"assignments": 3}', "[]"])
