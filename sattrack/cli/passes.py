@@ -347,7 +347,8 @@ def _judged(context: CommandContext, table: PassTable, options: dict[str, Any]) 
     from sattrack.cli.passes_output import judged_table
 
     profile = context.profile(options["profile"]).mount
-    judged = judged_table(table, profile, context.settings.safety.limits())
+    progress, workers = _progress("judged {done} of {total} passes", len(table)), os.cpu_count() or 1
+    judged = judged_table(table, profile, context.settings.safety.limits(), progress, workers)
     if not options["feasible"]:
         return judged
     return judged.take(np.flatnonzero([why is None for why in judged.why_not]))

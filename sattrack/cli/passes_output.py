@@ -110,6 +110,7 @@ _FIELDS = (
 )
 _JSON_ROW = "{" + ", ".join(f'"{name}": %s' for name in _FIELDS) + "}"
 _ROWS_A_BLOCK = 4000
+_JUDGED_A_BLOCK = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,20 +188,43 @@ class PassTable:
         return self.take(np.argsort(keys.get(by, self.magnitude), kind="stable"))
 
 
-def judged_table(table: PassTable, profile: MountProfile, limits: SafetyLimits) -> PassTable:
-    """Return the rows, each with the verdict on the part of the pass that lies within the search's span."""
+def judged_table(
+    table: PassTable,
+    profile: MountProfile,
+    limits: SafetyLimits,
+    progress: Callable[[int, int], None] | None = None,
+    workers: int = 1,
+) -> PassTable:
+    """Return the rows, each with the verdict on the part of the pass that lies within the search's span.
+
+    `progress` takes passes done and all; `workers` share those, see `tle.workers.mapping`.
+    """
     from sattrack.planning.kinematics import ability_at, verdict_on
 
     task, found = table.passes.task, table.passes.found
     ability = ability_at(task.site, profile, limits)
     begin_s = task.span[0]
     obj = found.obj[table.index].tolist()
-    first, last = (begin_s + edge[table.index] for edge in table.passes.search.ends(found))
-    why_not = tuple(
-        verdict_on(task.elements[o], task.site, ends, ability, task.earth).why_not
-        for o, ends in zip(obj, zip(first.tolist(), last.tolist(), strict=True), strict=True)
-    )
-    return replace(table, judged=True, why_not=why_not)
+    first, last = ((begin_s + edge[table.index]).tolist() for edge in table.passes.search.ends(found))
+
+    def judged(rows: range) -> tuple[range, list[str | None]]:
+        verdicts = (
+            verdict_on(task.elements[obj[k]], task.site, (first[k], last[k]), ability, task.earth)
+            for k in rows
+        )
+        return rows, [verdict.why_not for verdict in verdicts]
+
+    count = len(table)
+    blocks = [range(k, min(k + _JUDGED_A_BLOCK, count)) for k in range(0, count, _JUDGED_A_BLOCK)]
+    why_not: list[str | None] = [None] * count
+    done = 0
+    with mapping(min(workers, len(blocks))) as mapped:
+        for rows, reasons in mapped(judged, blocks):
+            why_not[rows.start : rows.stop] = reasons
+            done += len(rows)
+            if progress is not None:
+                progress(done, count)
+    return replace(table, judged=True, why_not=tuple(why_not))
 
 
 def write_json(table: PassTable, write: Callable[[str], object], workers: int = 1) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -10,6 +12,8 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from sattrack.cli import passes as passes_command
+from sattrack.cli import passes_output
 from sattrack.cli.main import cli
 
 ISS = str(Path(__file__).parents[3] / "examples" / "iss_leiden.tle")
@@ -75,6 +79,21 @@ def test_an_azimuth_mount_begins_on_the_turn_on_which_its_cables_bear_the_pass(t
             assert one["feasible"], one["why_not"]
             begun_beyond += one["rise_az_deg"] > 180.0 and one["set_az_deg"] < 90.0
     assert begun_beyond > 0
+
+
+def test_many_passes_are_judged_a_block_at_a_time_by_several_processes(
+    slow_mount: str, without_optics: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = ("--judged", "--profile", slow_mount, "--config", without_optics)
+    at_once, shown = passes(*asked), list[tuple[str, int, int]]()
+    monkeypatch.setattr(passes_output, "_JUDGED_A_BLOCK", 2)
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(
+        passes_command, "_progress", lambda text, _: lambda done, total: shown.append((text, done, total))
+    )
+    assert passes(*asked) == at_once
+    judged = [done for text, done, _ in shown if text.startswith("judged")]
+    assert (len(judged), judged[-1]) == (math.ceil(len(at_once) / 2), len(at_once))
 
 
 def test_only_what_can_be_followed_is_left(slow_mount: str, without_optics: str) -> None:
