@@ -29,7 +29,7 @@ from sattrack.safety.table import ROWS
 from sattrack.schedule.candidates import Loaded, PlanSituation
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.making import SAME, make_plan
-from sattrack.views.formatting import iso_unix_s
+from sattrack.views.formatting import counted, iso_unix_s
 from tle.errors import printable
 from tle.facts import read_magnitudes
 from tle.instants import Utc
@@ -271,6 +271,8 @@ def plot_plan(path: Path, plan: SchedulePlan, site: Site) -> None:
     except ImportError:
         raise BadInputError(f"--plot needs matplotlib: {how_to_install('plot')}") from None
     days = _days(plan)
+    if days[-1][1] < iso_unix_s(plan.to_utc):
+        tell(f"the timeline shows only the first {counted(len(days), 'day')} of the plan")
     lost = [one for one in plan.lost if one.reason != SAME]
     lanes = [_lanes([one for one in lost if low <= iso_unix_s(one.start_utc) < high]) for low, high in days]
     heights = [2.2 + 0.22 * max((lane for _, lane in packed), default=0) for packed in lanes]

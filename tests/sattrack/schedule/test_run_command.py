@@ -9,10 +9,12 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
 import pytest
 from planning_nights import random_sky
 
+from sattrack.cli import run_plan
 from sattrack.cli.main import run
 from sattrack.cli.run_plan import plot_plan
 from sattrack.mount.model import MountProfile
@@ -612,6 +614,20 @@ def test_the_timeline_is_a_picture_with_the_plan_on_it(tmp_path: Path) -> None:
     columns = mount.any(axis=0)
     stretches = int(np.sum(np.diff(columns.astype(int)) == 1))
     assert stretches == len(plan.passes)
+
+
+def test_a_timeline_of_more_days_than_can_be_read_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("matplotlib")
+    monkeypatch.setattr(run_plan, "DAYS_DRAWN", 1)
+    plan = made(tmp_path, SPAN + '[[passes]]\nrule = "all, above 89°"\n')
+    for days, told in ((1, ""), (2, "sattrack: the timeline shows only the first 1 day of the plan\n")):
+        longer = msgspec.structs.replace(
+            plan, to_utc=Utc.parse(plan.from_utc).plus(86400.0 * days).isoformat()
+        )
+        plot_plan(tmp_path / "x.png", longer, Site(52.1541, 4.4908, 0.0))
+        assert capsys.readouterr().err == told
 
 
 def high_sky(seed: int, count: int, low_deg: float = 30.0) -> list[Elements]:
