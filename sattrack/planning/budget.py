@@ -118,7 +118,7 @@ def error_budget(
     frame = _frame(seen.unit, by_second)
     rate = seen.unit_rate
     source = "elements" if isinstance(propagator.elements, Elements) else "ephemeris"
-    named = [
+    named: list[tuple[str, Array, Array, str | list[str]]] = [
         (source, *_elements(propagator, utc_s, by_second)),
         ("clock", *_timed(frame, rate, *_clock(facts.clock_error_s))),
         ("earth orientation", *_orientation(frame, propagator, bias, at)),
@@ -139,7 +139,10 @@ def error_budget(
     return Budget(
         utc=Utc(float(utc_s[worst])).isoformat("seconds"),
         alt_deg=float(seen.alt_deg[worst]),
-        parts=tuple(BudgetPart(n, float(a[worst]), float(c[worst]), why) for n, a, c, why in named),
+        parts=tuple(
+            BudgetPart(n, float(a[worst]), float(c[worst]), why if isinstance(why, str) else why[worst])
+            for n, a, c, why in named
+        ),
         along_arcsec=total[0],
         across_arcsec=total[1],
         fov_deg=facts.fov_deg,
@@ -155,15 +158,16 @@ def _frame(unit: Array, by_second: Array) -> _Frame:
     return _Frame(along, np.cross(unit, along))
 
 
-def _elements(propagator: Propagator, utc_s: Array, by_second: Array) -> tuple[Array, Array, str]:
+def _elements(propagator: Propagator, utc_s: Array, by_second: Array) -> tuple[Array, Array, str | list[str]]:
+    """Return the error along and across, and what it is known from: at each moment, or at all of them."""
     elements = propagator.elements
     if not isinstance(elements, Elements):
         return _ephemeris(elements, propagator, utc_s)
     seconds = np.array([expected_along_s(elements, Utc(float(t))) for t in utc_s])
     arcsec = np.linalg.norm(by_second, axis=1) * math.degrees(1.0) * ARCSEC
     at_epoch = ACROSS_SHARE * expected_along_s(elements, elements.epoch)
-    days = abs(elements.age_s(Utc(float(utc_s[0])))) / DAY_S
-    return seconds * arcsec, at_epoch * arcsec, f"{days:.1f} days from their epoch"
+    days = (np.abs(elements.age_s(Utc(utc_s))) / DAY_S).tolist()
+    return seconds * arcsec, at_epoch * arcsec, [f"{each:.1f} days from their epoch" for each in days]
 
 
 def _ephemeris(ephemeris: Ephemeris, propagator: Propagator, utc_s: Array) -> tuple[Array, Array, str]:

@@ -262,6 +262,18 @@ def test_the_budget_s_sum_is_the_root_of_the_squares_of_its_parts() -> None:
     assert budget(fov_deg=None).fits is None
 
 
+def test_the_elements_are_as_old_as_at_the_moment_of_the_budget() -> None:
+    # Of a geostationary satellite the pass is as long as the search, and the error grows to its end.
+    high = replace(demo_pass.elements(), inclination_deg=0.1, mean_motion_rev_day=1.0027, raan_deg=180.0)
+    real = Propagator(high, demo_pass.SITE.place())
+    begin = float(high.epoch.unix_s) + 43_200.0
+    facts = Circumstances(0.002, 0.0, 0.0, "made up", refraction_applied=True)
+    found = error_budget(real, NO_BIAS, (begin, begin + 172_800.0), MountProfile(), facts)
+    days = (float(Utc.parse(found.utc).unix_s) - float(high.epoch.unix_s)) / 86_400.0
+    assert days > 1.0
+    assert found.parts[0].why == f"{days:.1f} days from their epoch"
+
+
 @pytest.mark.parametrize(
     ("applied", "share"), [(True, math.hypot(10.0 / 1013.25, 10.0 / 288.15)), (False, 1.0)]
 )
