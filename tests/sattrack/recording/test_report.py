@@ -8,6 +8,7 @@ import json
 import math
 import random
 import re
+import sys
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -342,6 +343,28 @@ def test_a_track_is_smoothed_as_far_as_its_sigma_says() -> None:
     assert np.std(track.innovations[40:]) == pytest.approx(1.0, abs=0.15)
 
 
+def test_a_smoothed_track_is_the_most_likely_one_of_all_states_at_once() -> None:
+    """Every step's and every sample's equation, solved together: what a filter and its way back come to."""
+    rng = np.random.default_rng(4)
+    at = np.cumsum(rng.choice([0.02, 0.05, 0.9], 40))
+    values = rng.normal(0.0, 0.3, 40)
+    track = smooth_track(at, values)
+    rows, wanted = [np.zeros((2, 80))], [np.array([values[0] / track.noise, 0.0])]
+    rows[0][:, :2] = np.diag([1.0, 0.1**0.5]) / track.noise
+    for k, dt in enumerate(np.diff(at), 1):
+        walk = track.noise**2 * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
+        white = np.linalg.inv(np.linalg.cholesky(walk))
+        row = np.zeros((2, 80))
+        row[:, 2 * k - 2 : 2 * k], row[:, 2 * k : 2 * k + 2] = white @ [[-1.0, -dt], [0.0, -1.0]], white
+        rows.append(row)
+        wanted.append(np.zeros(2))
+    system = np.concatenate([*rows, np.eye(80)[::2] / track.noise])
+    states = np.linalg.lstsq(system, np.concatenate([*wanted, values / track.noise]), rcond=None)[0]
+    assert track.values == pytest.approx(states[::2], rel=1e-5, abs=1e-6)
+    sigmas = np.sqrt(np.diag(np.linalg.inv(system.T @ system)))[::2]
+    assert track.sigmas == pytest.approx(sigmas, rel=1e-5)
+
+
 def test_a_spectrum_finds_a_ripple_of_known_size_and_nothing_in_noise() -> None:
     rng = np.random.default_rng(3)
     angle = np.linspace(10.0, 130.0, 6000)
@@ -393,6 +416,25 @@ def test_smoothed_biases_are_as_near_to_the_truth_as_they_say(seeds: int, slack:
         inside["cross drift"] += abs(fit.cross.drift) < 2.0 * fit.cross.drift_sigma
     for name, count in inside.items():
         assert abs(count / seeds - 0.9545) < slack, name
+
+
+def test_biases_with_constant_drifts_are_those_of_a_weighted_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """numpy's polyfit judges; what is known beforehand is far wider. scipy is not needed."""
+    for name in ("filterpy", "filterpy.kalman", "scipy"):
+        monkeypatch.setitem(sys.modules, name, None)
+    rng = np.random.default_rng(6)
+    at = 1.79e9 + np.sort(rng.uniform(0.0, 300.0, 25))
+    off = at - at.mean()
+    sigmas = rng.uniform(0.002, 0.02, (2, 25))
+    seen = [1.4 + 1e-3 * off, 0.3 - 2e-3 * off] + sigmas * rng.uniform(-1.0, 1.0, (2, 25))
+    fit = fit_biases([ObservedBias(*one) for one in np.array([at, *seen, *sigmas]).T.tolist()])
+    assert fit is not None
+    assert fit.chi_square < 1.0
+    for found, values, sigma in zip((fit.along, fit.cross), seen, sigmas, strict=True):
+        (drift, value), covariance = np.polyfit(off, values, 1, w=1.0 / sigma, cov="unscaled")
+        assert (found.value, found.drift) == pytest.approx((value, drift), rel=1e-4)
+        assert (found.sigma, found.drift_sigma) == pytest.approx(np.sqrt(np.diag(covariance)[::-1]), rel=1e-4)
+    assert fit.along_all == pytest.approx(fit.along.value + fit.along.drift * off, abs=1e-9)
 
 
 def test_outliers_are_left_out_and_more_scatter_than_claimed_grows_the_sigma() -> None:
