@@ -38,7 +38,16 @@ from sattrack.recording.export import (
     write_anonymous,
     write_as_it_is,
 )
-from sattrack.recording.rendering import TREND_HEADS, all_rows, report_html, trend_rows
+from sattrack.recording.rendering import (
+    TREND_HEADS,
+    all_rows,
+    new_figure,
+    pictures,
+    png,
+    report_html,
+    trend,
+    trend_rows,
+)
 from sattrack.recording.report import make_report, unused
 from sattrack.recording.trace import trace
 from sattrack.runtime.bias_memory import keep_fit
@@ -58,6 +67,8 @@ if TYPE_CHECKING:
     from sattrack.runtime.facts import RunFacts
 
     _Reported = tuple[Recording, RunFacts, Trace, Report, BiasFit | None]
+    _Drawn = tuple[Path, Report, dict[str, bytes]]
+    _Passed = tuple[Recording, RunFacts, Trace]
 
 _path = click.Path(path_type=Path)
 
@@ -281,25 +292,19 @@ def report(context: CommandContext, files: tuple[Path, ...], **options: Any) -> 
       sattrack report night1.mcap night2.mcap --learn-profile mount.toml
     """
     html_file, folder = options["html_file"], options["folder"]
+    drawing, learning = html_file is not None or folder is not None, options["learn_profile"] is not None
     if options["tdm"] is not None and len(files) > 1:
         raise BadInputError("--tdm takes one recording at a time")
-    if options["profile"] is not None and options["learn_profile"] is None:
+    if options["profile"] is not None and not learning:
         raise BadInputError("--profile is what --learn-profile corrects: give that too, or neither")
-    found, code = [], 0
-    for number, file in enumerate(files):
-        try:
-            found.append(_reported(file, share_progress(number, len(files)), options))
-        except (SattrackError, TleError) as error:
-            if len(files) == 1:
-                raise
-            renew()
-            tell(f"left out: {error}")
-            code = max(code, error.exit_code)
+    if drawing:
+        new_figure(1.0, 1.0)  # raises before the work where matplotlib is not there
+    found, passes, code = _all(files, options, drawing, learning)
     renew()
-    reports = [report for _, _, _, report, _ in found]
+    reports = [report for _, report, _ in found]
     if not reports:
         return code
-    if html_file is not None or folder is not None:
+    if drawing:
         _draw(found, html_file, folder)
     if context.json:
         click.echo(msgspec.json.encode(reports if len(files) > 1 else reports[0]).decode())
@@ -308,10 +313,34 @@ def report(context: CommandContext, files: tuple[Path, ...], **options: Any) -> 
             show(table("", "", rows=all_rows(report)), *([""] if len(reports) > 1 else []))
         if len(reports) > 1:
             show(table(*TREND_HEADS, rows=trend_rows(reports)))
-    if options["learn_profile"] is not None:
-        passes = [(recording, facts, run) for recording, facts, run, _, _ in found]
+    if learning:
         _learn(passes, options["learn_profile"], options["profile"])
     return code
+
+
+def _all(
+    files: tuple[Path, ...], options: dict[str, Any], drawing: bool, learning: bool
+) -> tuple[list[_Drawn], list[_Passed], int]:
+    """Return the reports of all files, the passes to learn from, and the exit code.
+
+    A run made again is large: of many recordings only what is shown is kept. Raises SattrackError, TleError.
+    """
+    found: list[_Drawn] = []
+    passes: list[_Passed] = []
+    code = 0
+    for number, file in enumerate(files):
+        try:
+            recording, facts, run, report, fit = _reported(file, share_progress(number, len(files)), options)
+            found.append((file, report, pictures(run, fit) if drawing else {}))
+            if learning:
+                passes.append((recording, facts, run))
+        except (SattrackError, TleError) as error:
+            if len(files) == 1:
+                raise
+            renew()
+            tell(f"left out: {error}")
+            code = max(code, error.exit_code)
+    return found, passes, code
 
 
 def _reported(file: Path, progress: Callable[[float], None] | None, options: dict[str, Any]) -> _Reported:
@@ -329,7 +358,7 @@ def _reported(file: Path, progress: Callable[[float], None] | None, options: dic
     return recording, facts, run, report, fit
 
 
-def _learn(passes: Sequence[tuple[Recording, RunFacts, Trace]], target: Path, base: Path | None) -> None:
+def _learn(passes: Sequence[_Passed], target: Path, base: Path | None) -> None:
     """Write a profile with what cameras showed at passes. Raises SattrackError where they contradict."""
     from sattrack.calibration.profile import passes_lines, with_passes
     from sattrack.mount.profiles import load_profile_file, profile_file, profile_text
@@ -366,34 +395,30 @@ def _learn(passes: Sequence[tuple[Recording, RunFacts, Trace]], target: Path, ba
     tell(f"written to {target}")
 
 
-def _draw(
-    found: Sequence[_Reported],
-    html_file: Path | None,
-    folder: Path | None,
-) -> None:
-    from sattrack.recording.rendering import figures, save, trend
-
-    plots = [(report, figures(run, fit)) for _, _, run, report, fit in found]
-    over_time = trend([report for report, _ in plots])
+def _draw(found: Sequence[_Drawn], html_file: Path | None, folder: Path | None) -> None:
+    figure = trend([report for _, report, _ in found])
+    over_time, path = None if figure is None else png(figure), html_file
     try:
         if html_file is not None:
+            plots = [(report, drawn) for _, report, drawn in found]
             replace_file(html_file, report_html(plots, over_time, __version__).encode())
             tell(f"the report is in {html_file}")
-        if folder is not None:
-            folder.mkdir(parents=True, exist_ok=True)
+        if folder is None:
+            return
+        path = folder
+        folder.mkdir(parents=True, exist_ok=True)
+        taken: Counter[str] = Counter()
+        for file, _, drawn in found:
+            # Recordings in different folders may have one name.
+            taken[file.stem] += 1
+            stem = file.stem + (f"-{taken[file.stem]}" if taken[file.stem] > 1 else "")
+            for title, picture in drawn.items():
+                name = title.lower().replace(" ", "-").replace("'", "")
+                path = folder / f"{stem}-{name}.png"
+                path.write_bytes(picture)
+        if over_time is not None:
+            path = folder / "trend.png"
+            path.write_bytes(over_time)
     except OSError as error:
-        raise BadInputError(f"{html_file or folder}: cannot be written: {error.strerror}") from error
-    if folder is None:
-        return
-    taken: Counter[str] = Counter()
-    for (recording, *_), (_, drawn) in zip(found, plots, strict=True):
-        # Recordings in different folders may have one name.
-        stem = recording.path.stem
-        taken[stem] += 1
-        stem += f"-{taken[stem]}" if taken[stem] > 1 else ""
-        for title, figure in drawn.items():
-            name = title.lower().replace(" ", "-").replace("'", "")
-            save(figure, folder / f"{stem}-{name}.png")
-    if over_time is not None:
-        save(over_time, folder / "trend.png")
+        raise BadInputError(f"{path}: cannot be written: {error.strerror}") from error
     tell(f"plots are in {folder}")

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+DPI = 110
 SHORTEST_SHOWN_S = 1.0
 UNFITTED_S = 5.0
 """Shorter times are not shown: of the run's stages, and of what was left out of fits."""
@@ -230,8 +231,10 @@ def _number(value: float | None, digits: int) -> str:
     return "–" if value is None else f"{value:.{digits}f}"
 
 
-def report_html(reports: Sequence[tuple[Report, Mapping[str, Any]]], trend: Any | None, version: str) -> str:
-    """Return one HTML file with figures and plots; nothing in it is fetched from anywhere."""
+def report_html(
+    reports: Sequence[tuple[Report, Mapping[str, bytes]]], trend: bytes | None, version: str
+) -> str:
+    """Return one HTML file with figures and plots (PNG); nothing in it is fetched from anywhere."""
     title = "Recorded passes" if len(reports) > 1 else f"{reports[0][0].name}, {_began(reports[0][0])}"
     parts = [
         "<!doctype html>",
@@ -256,7 +259,7 @@ def report_html(reports: Sequence[tuple[Report, Mapping[str, Any]]], trend: Any 
     return "\n".join(parts) + "\n"
 
 
-def _sections(report: Report, plots: Mapping[str, Any]) -> list[str]:
+def _sections(report: Report, plots: Mapping[str, bytes]) -> list[str]:
     parts = [f'<p class="bad">{html.escape("; ".join(report.problems))}</p>'] if report.problems else []
     parts.append("<table>")
     for name, value in report_rows(report):
@@ -265,15 +268,13 @@ def _sections(report: Report, plots: Mapping[str, Any]) -> list[str]:
     parts.append("</table><h2>What to change</h2><ul>")
     parts += [f"<li>{html.escape(words)}</li>" for words in report.advice or (nothing_to_change(report),)]
     parts.append("</ul>")
-    for title, figure in plots.items():
-        parts.append(f"<h2>{html.escape(title)}</h2>{_image(title, figure)}")
+    for title, picture in plots.items():
+        parts.append(f"<h2>{html.escape(title)}</h2>{_image(title, picture)}")
     return parts
 
 
-def _image(title: str, figure: Any) -> str:
-    stream = io.BytesIO()
-    figure.savefig(stream, dpi=110, format="png")
-    data = base64.b64encode(stream.getvalue()).decode("ascii")
+def _image(title: str, picture: bytes) -> str:
+    data = base64.b64encode(picture).decode("ascii")
     return f'<img alt="{html.escape(title)}" src="data:image/png;base64,{data}">'
 
 
@@ -357,11 +358,18 @@ def _rates_of(datagrams: Sequence[bytes]) -> NDArray[np.float64]:
 def save(figure: Any, path: Path) -> None:
     """Write a figure; raises BadInputError where that cannot be."""
     try:
-        figure.savefig(path, dpi=110)
+        figure.savefig(path, dpi=DPI)
     except OSError as error:
         raise BadInputError(f"{path}: cannot write the plot: {error.strerror or error}") from None
     except ValueError as error:
         raise BadInputError(f"{path}: cannot write the plot: {error}") from None
+
+
+def png(figure: Any) -> bytes:
+    """Return a figure as an image."""
+    stream = io.BytesIO()
+    figure.savefig(stream, dpi=DPI, format="png")
+    return stream.getvalue()
 
 
 def save_pointing(path: Path, found: PointingFit, stars: Sequence[Star], name: str) -> None:
@@ -443,6 +451,11 @@ def figures(run: Trace, fit: BiasFit | None) -> dict[str, Any]:
     if fit is not None:
         found["Biases of the satellite"] = _biases(fit)
     return found
+
+
+def pictures(run: Trace, fit: BiasFit | None) -> dict[str, bytes]:
+    """Return the plots of one run as images by title; raises BadInputError where matplotlib is not there."""
+    return {title: png(figure) for title, figure in figures(run, fit).items()}
 
 
 def _panel(height: float = HEIGHT, rows: int = 1, **options: Any) -> tuple[Any, Any]:

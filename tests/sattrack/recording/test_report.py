@@ -18,7 +18,9 @@ import msgspec
 import numpy as np
 import pytest
 from late_start import late
+from matplotlib.figure import Figure
 
+from sattrack.cli import recording as commands
 from sattrack.cli.main import run
 from sattrack.cli.recording import _learn
 from sattrack.core.errors import SattrackError
@@ -214,20 +216,27 @@ def nudge(path: Path, short: Path, *words: bytes) -> Path:
 
 
 def test_html_holds_its_plots_and_nothing_from_elsewhere(
-    observed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    observed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    drawn, savefig = [], Figure.savefig
+    monkeypatch.setattr(
+        Figure, "savefig", lambda self, *args, **more: (drawn.append(self), savefig(self, *args, **more))
+    )
     out, folder, tdm = tmp_path / "report.html", tmp_path / "plots", tmp_path / "seen.tdm"
     options = ["--html", str(out), "--png", str(folder), "--tdm", str(tdm)]
     assert run(["report", str(observed), *options]) == 0
     text = out.read_text()
     pictures = re.findall(r'src="([^"]*)"', text)
     assert len(pictures) == 7
+    images = set()
     for picture in pictures:
         kind, _, data = picture.partition(",")
         assert kind == "data:image/png;base64"
-        assert base64.b64decode(data).startswith(b"\x89PNG")
+        images.add(base64.b64decode(data))
+    assert all(image.startswith(b"\x89PNG") for image in images)
     assert "http" not in re.sub(r'src="[^"]*"', "", text)
-    assert len(list(folder.iterdir())) == 7
+    assert {one.read_bytes() for one in folder.iterdir()} == images
+    assert len(images) == len(drawn) == 7
     assert len(read_observations(tdm, Stations({}, demo_pass.SITE.place()))) == 15
     assert run(["report", str(observed), "--html", str(out)]) == 2
     assert "exists already" in capsys.readouterr().err
@@ -289,15 +298,14 @@ def test_a_trend_is_drawn_in_order_of_time_with_names_that_can_be_read(count: in
 def test_plots_of_recordings_of_one_name_lie_side_by_side(
     short: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    drawn: list[str] = []
-    monkeypatch.setattr(rendering, "figures", lambda *_: {"Link": None})
-    monkeypatch.setattr(rendering, "trend", lambda _: None)
-    monkeypatch.setattr(rendering, "save", lambda _, path: drawn.append(path.name))
+    monkeypatch.setattr(rendering, "figures", lambda *_: {"Link": rendering.new_figure(1.0, 1.0)})
+    monkeypatch.setattr(commands, "trend", lambda _: None)
     (tmp_path / "first").mkdir()
     other = tmp_path / "first" / short.name
     other.write_bytes(short.read_bytes())
     assert run(["report", str(other), str(short), "--plot", str(tmp_path / "plots")]) == 0
-    assert drawn == ["short-link.png", "short-2-link.png"]
+    drawn = {one.name for one in (tmp_path / "plots").iterdir()}
+    assert drawn == {"short-link.png", "short-2-link.png"}
 
 
 @pytest.mark.parametrize(("one_deg", "other_deg"), [(180.0, -180.0), (-4.5, 355.5), (179.98, -179.98)])
