@@ -22,6 +22,7 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from unittest.mock import create_autospec
 from urllib.parse import parse_qs, urlsplit
 
 import aiohttp
@@ -225,7 +226,7 @@ def test_a_screen_that_is_deaf_to_every_request_is_killed(
     monkeypatch.setattr(server, "LEAVE_WITHIN_S", 0.3)
 
     async def end_it() -> int | None:
-        visitor = web.WebSocketResponse()
+        visitor = create_autospec(web.WebSocketResponse, instance=True)
         deaf = tmp_path / "deaf"
         command = f"exec {shlex.join([sys.executable, '-c', DEAF, str(deaf)])}"
         screen = server.VisitorScreen(command, visitor, DownloadManager())
@@ -233,6 +234,9 @@ def test_a_screen_that_is_deaf_to_every_request_is_killed(
         assert screen._process is not None
         await until(deaf.exists, PATIENCE_S)
         await screen.stop()
+        assert screen._task is not None
+        await screen._task
+        visitor.close.assert_awaited_once()
         return screen._process.returncode
 
     assert asyncio.run(end_it()) == -signal.SIGKILL
