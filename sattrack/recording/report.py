@@ -196,7 +196,7 @@ def make_report(recording: Recording, run: Trace) -> tuple[Report, BiasFit | Non
         began_utc=Utc(spec.started_utc_s).isoformat("seconds"),
         followed_s=times.following_s,
         samples=int(run.following.sum()),
-        ended_by=run.result.recorded.ended_by or run.engine.tracker.ended_by,
+        ended_by=_ended_by(run),
         error=_errors(run),
         link=link,
         bias=bias,
@@ -211,6 +211,12 @@ def make_report(recording: Recording, run: Trace) -> tuple[Report, BiasFit | Non
         axes=spec.profile.axis_titles(),
     )
     return msgspec.structs.replace(report, advice=tuple(advice(report, run))), fit
+
+
+def _ended_by(run: Trace) -> str | None:
+    """Return why the run ended: what today's code makes of it counts only where that is the same run."""
+    seen = run.result.recorded.ended_by or run.ended_by
+    return seen or (run.engine.tracker.ended_by if run.result.agrees else None)
 
 
 def _age_days(spec: RunSpec) -> float | None:

@@ -80,6 +80,8 @@ class Trace:
     """The limit that held the mount at each sample, empty for none."""
     acquired: bool
     """Whether the mount was ever on target."""
+    ended_by: str | None
+    """Why the run ended, by its recorded views; None where they do not show it."""
     steady: NDArray[np.bool_]
     beyond_pole: NDArray[np.bool_]
     """Whether the mount stood past the pole."""
@@ -179,6 +181,7 @@ class _Columns:
         self.sent: list[tuple[float, float, float]] = []
         self.engine: Engine | None = None
         self.acquired = False
+        self.ended_by: str | None = None
         self._sorted: Stages | None = None
         self._stages: dict[float, StageView] = {}
         self._seen_utc_s = -math.inf
@@ -195,6 +198,7 @@ class _Columns:
                 seen = msgspec.json.decode(entry.data, type=_RecordedView)
             except (msgspec.MsgspecError, *NO_JSON):
                 return
+            self.ended_by = seen.ended_by
             near = entry.utc_s - self._seen_utc_s < DENSE_S
             self._seen_utc_s = entry.utc_s
             self.sort(engine, seen, near)
@@ -307,6 +311,7 @@ def trace(
         doing=doing,
         held=np.array(columns.held, dtype=str),
         acquired=columns.acquired,
+        ended_by=columns.ended_by,
         steady=samples[11] > 0.0,
         beyond_pole=samples[12] > 0.0,
         axes_deg=samples[13:].T,

@@ -37,7 +37,7 @@ from sattrack.recording.fits import (
     smooth_track,
     spectrum,
 )
-from sattrack.recording.format import COMMAND, OPERATOR, STATUS, Recording
+from sattrack.recording.format import COMMAND, OPERATOR, STATUS, VIEW, Recording
 from sattrack.recording.recorder import Recorder
 from sattrack.recording.replay import replay
 from sattrack.recording.report import AxisFigures, BiasFigures, ErrorFigures, Report, TimeFigures
@@ -213,6 +213,15 @@ def nudge(path: Path, short: Path, *words: bytes) -> Path:
                     recorder.write(OPERATOR, entry.utc_s, line)
         recorder.close()
     return path
+
+
+def test_why_an_older_run_ended_is_what_its_views_say(capsys: pytest.CaptureFixture[str]) -> None:
+    """Format 1 has no summary, and today's code sends commands that its mount does not seem to obey."""
+    older = Path(__file__).parent / "data" / "version_1.mcap"
+    assert [json.loads(one.data)["ended_by"] for one in Recording(older).entries() if one.topic == VIEW][
+        -1
+    ] == "set"
+    assert report_of(older, capsys)["ended_by"] == "set"
 
 
 def test_html_holds_its_plots_and_nothing_from_elsewhere(
