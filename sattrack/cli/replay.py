@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from sattrack.control.engine import Engine
     from sattrack.control.following import ControlLaw
     from sattrack.recording.format import Entry, Recording
+    from sattrack.recording.replay import Figures
     from sattrack.runtime.facts import RunFacts
 
 VIEW_EVERY_S = 0.1
@@ -190,17 +191,18 @@ def _try(context: CommandContext, recording: Recording, facts: RunFacts, law: Co
     choice = Choice("figures", "another control law was asked for")
     found = what_if(recording, facts, law, choice, share_progress())
     renew()
-    gained = found.after[0] - found.before[0]
+    before, after = found.before.rms_arcsec, found.after.rms_arcsec
+    gained = None if before is None or after is None else after - before
     if context.json:
         document = {
             "recording": str(recording.path),
             "commands_differing": found.replayed.differing,
             "largest_rate_difference_deg_s": found.replayed.largest_rate_deg_s,
             "simulated": {
-                "rms_arcsec": found.before[0],
-                "peak_arcsec": found.before[1],
-                "rms_with_law_arcsec": found.after[0],
-                "peak_with_law_arcsec": found.after[1],
+                "rms_arcsec": before,
+                "peak_arcsec": found.before.peak_arcsec,
+                "rms_with_law_arcsec": after,
+                "peak_with_law_arcsec": found.after.peak_arcsec,
                 "delta_rms_arcsec": gained,
                 "fitted": found.fitted,
             },
@@ -211,11 +213,17 @@ def _try(context: CommandContext, recording: Recording, facts: RunFacts, law: Co
         f"{found.replayed.differing} of {found.replayed.ticks} commands would have differed, "
         f"by {found.replayed.largest_rate_deg_s:.3g} °/s at most\n"
         f"simulated with the mount of the recording ({found.fitted}):\n"
-        f"  the recorded law: RMS {found.before[0]:.4f}″, peak {found.before[1]:.3f}″\n"
-        f"  this law:         RMS {found.after[0]:.4f}″, peak {found.after[1]:.3f}″\n"
-        f"  ΔRMS {gained:+.4f}″"
+        f"  the recorded law: {_error_text(found.before)}\n"
+        f"  this law:         {_error_text(found.after)}"
+        + ("" if gained is None else f"\n  ΔRMS {gained:+.4f}″")
     )
     return 0
+
+
+def _error_text(figures: Figures) -> str:
+    if figures.rms_arcsec is None:
+        return "never on target"
+    return f"RMS {figures.rms_arcsec:.4f}″, peak {figures.peak_arcsec:.3f}″"
 
 
 def _give_all(recording: Recording, facts: RunFacts) -> int:

@@ -7,6 +7,7 @@ mount's timer, the delays and troubles of its link and its faults are those of i
 
 from __future__ import annotations
 
+import math
 import queue
 import threading
 import time
@@ -37,7 +38,7 @@ from sattrack.mount.simulator.mount import SimulatedMount
 from sattrack.mount.simulator.profile import SimulatorProfile, simulator_profile
 from sattrack.mount.xerxes.session import REPEAT_AFTER_PERIODS
 from sattrack.recording.fits import AxisFit, fit_axes
-from sattrack.recording.format import OPERATOR
+from sattrack.recording.format import messages
 from sattrack.recording.recorder import BackgroundRecorder, NoRecording, Recorder, Sink, create
 from sattrack.recording.replay import Figures, Replay, replay
 from sattrack.recording.trace import trace
@@ -54,7 +55,7 @@ from sattrack.runtime.control_arbiter import A_TICK
 from sattrack.runtime.facts import RunFacts, build_engine, decode_facts, encode_facts, engine_of
 from sattrack.runtime.loop import RealtimeLoop
 from sattrack.runtime.system import stopping
-from sattrack.views.messages import Message, StopNow, decode_message
+from sattrack.views.messages import Message, StopNow
 from sattrack.views.run import DatagramsView, PeriodView, Summary
 from tle.bodies import Body
 from tle.elements import Elements
@@ -627,9 +628,9 @@ class WhatIf:
     """
 
     replayed: Replay
-    before: tuple[float, float]
-    """RMS and peak with the recorded law, arcseconds, as the simulated mount reports them."""
-    after: tuple[float, float]
+    before: Figures
+    """With the recorded law, as the simulated mount reports it; None where it was never on target."""
+    after: Figures
     fitted: str
 
 
@@ -651,6 +652,12 @@ def read_law(path: Path | None, settings: Sequence[str], base: ControlLaw) -> Co
             values[group][key] = float(number)
         except ValueError:
             raise BadInputError(f"--set {setting}: {number!r} is no number") from None
+    for key, value in values["filter"].items():
+        # Of a rate that fades at once, its time is divided by.
+        if not 0.0 <= value < math.inf or (key == "rate_fades_s" and value == 0.0):
+            raise BadInputError(
+                f"{'--set' if settings else path}: filter.{key} is {value:g}: give one above 0"
+            )
     try:
         return msgspec.convert(values, ControlLaw)
     except msgspec.ValidationError as error:
@@ -680,14 +687,13 @@ def what_if(
 
     run = trace(recording, engine_of, _part(progress, 0, 4))
     mount, hardware, words = fitted_mount(run, facts)
-    messages = tuple(_messages(recording, facts))
+    heard = tuple((max(utc_s, facts.started_utc_s), message) for utc_s, message in messages(recording))
     errors = []
     for number, one in enumerate((facts, with_law(facts, law))):
         part = _part(progress, 1 + number, 4)
         if part is not None:
             part(0.0)
-        figures = _fly(one, mount, hardware, messages)
-        errors.append((figures.rms_arcsec or 0.0, figures.peak_arcsec or 0.0))
+        errors.append(_fly(one, mount, hardware, heard))
     replayed = replay(recording, build, choice=choice, progress=_part(progress, 3, 4))
     return WhatIf(replayed, errors[0], errors[1], words)
 
@@ -723,21 +729,13 @@ def fitted_mount(run: Trace, facts: RunFacts) -> tuple[MountProfile, SimulatorPr
     return profile, SimulatorProfile(**hardware), ", ".join(words) or "nothing"
 
 
-def _messages(recording: Recording, facts: RunFacts) -> list[tuple[float, Message]]:
-    found = []
-    for entry in recording.entries():
-        if entry.topic == OPERATOR:
-            found.append((max(entry.utc_s, facts.started_utc_s), decode_message(entry.data)))
-    return found
-
-
 def _fly(
     facts: RunFacts,
     profile: MountProfile,
     hardware: SimulatorProfile,
-    messages: tuple[tuple[float, Message], ...],
+    heard: tuple[tuple[float, Message], ...],
 ) -> Figures:
     mount = SimulatedMount(profile, simulated_site(facts.site), demo_pass.START, hardware)
     engine = build_engine(facts)
-    VirtualRun(engine, mount, facts.started_utc_s, NoRecording(), messages).run()
+    VirtualRun(engine, mount, facts.started_utc_s, NoRecording(), heard).run()
     return Figures(engine.reported.rms_arcsec, engine.reported.peak_arcsec)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import pytest
 
+from sattrack.cli import replay as commands
 from sattrack.cli.main import run
 from sattrack.mount.xerxes.datagrams import Command, decode_command, encode_command
 from sattrack.recording.format import (
@@ -39,6 +40,7 @@ from sattrack.recording.replay import (
     worse,
 )
 from sattrack.runtime.facts import build_engine, decode_facts, engine_of
+from sattrack.runtime.flight import WhatIf, what_if
 
 if TYPE_CHECKING:
     from collections import Counter
@@ -371,10 +373,37 @@ def test_another_law_tells_what_it_would_have_done_and_judges_nothing(
     assert "ΔRMS" in told
 
 
+def test_a_law_that_never_comes_on_target_has_no_error_instead_of_none_at_all(
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A law that settles in minutes follows no pass of 18 s; a message of a newer version hinders nothing."""
+    found: list[WhatIf] = []
+    monkeypatch.setattr(
+        commands, "what_if", lambda *given: (found if found else found.append(what_if(*given)) or found)[0]
+    )
+    path, recording = tmp_path / "newer.mcap", Recording(short)
+    with path.open("wb") as stream:
+        recorder = Recorder(stream, recording.header.spec, recording.header)
+        recorder.write(OPERATOR, next(recording.entries()).utc_s, b'{"type":"of_a_newer_version"}')
+        recorder.close()
+    assert run(["replay", str(path), "--set", "feeder.settling_s=300", "--json"]) == 0
+    simulated = json.loads(capsys.readouterr().out)["simulated"]
+    assert 0.0 < simulated["rms_arcsec"] < 0.1
+    for name in ("rms_with_law_arcsec", "peak_with_law_arcsec", "delta_rms_arcsec"):
+        assert simulated[name] is None
+    assert run(["replay", str(path), "--set", "feeder.settling_s=300"]) == 0
+    told = capsys.readouterr().out
+    assert "this law:         never on target" in told
+    assert "ΔRMS" not in told
+
+
 @pytest.mark.parametrize(
     ("setting", "words"),
     [
         ("feeder.x=1", "give KEY=N"),
+        ("filter.timing_s=nan", "--set: filter.timing_s is nan"),
+        ("filter.position_deg=-1", "--set: filter.position_deg is -1"),
+        ("filter.rate_fades_s=0", "--set: filter.rate_fades_s is 0: give one above 0"),
         ("settling_s=1", "did you mean 'feeder.settling_s'?"),
         ("feeder.setling_s=1", "did you mean 'feeder.settling_s'? docs/recordings.md lists the keys"),
         ("feeder.settling_s", "did you mean 'feeder.settling_s'?"),
