@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.metadata
+import math
 import platform
 import struct
 import zlib
@@ -36,7 +37,7 @@ from sattrack.views.messages import ObservationMessage, decode_message
 from tle.instants import Utc
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from sattrack.views.messages import Message
 
@@ -415,11 +416,20 @@ LASTS_S = 1.0
 """The statuses of so long before and after tell whether it was for good."""
 
 
+LONGEST_PAUSE_S = 60.0
+"""A longer time from one instant of a run to the next is a clock that was set, or a computer that slept."""
+
+
 class ClockStep(msgspec.Struct, frozen=True):
     """Where one of the clocks was set: ours against the mount's own, positive where ours jumped ahead."""
 
     utc: str
     ahead_s: float
+
+    @property
+    def text(self) -> str:
+        """Return what happened, for people."""
+        return f"a clock was set at {self.utc}, by {self.ahead_s:+.3f} s"
 
 
 class RecordingView(msgspec.Struct, frozen=True):
@@ -445,8 +455,6 @@ class RecordingView(msgspec.Struct, frozen=True):
 def look(recording: Recording) -> RecordingView:
     """Return what a recording holds."""
     steps = clock_steps(recording)
-    problems = list(recording.problems)
-    problems += [f"a clock was set at {step.utc}, by {step.ahead_s:+.3f} s" for step in steps]
     instants = [e.utc_s for e in recording.entries() if e.topic in {STATUS, COMMAND, REPEAT}]
     first, last = (min(instants), max(instants)) if instants else (None, None)
     summary = next((e.data for e in recording.entries() if e.topic == SUMMARY), None)
@@ -459,15 +467,27 @@ def look(recording: Recording) -> RecordingView:
         environment=header.environment,
         began_utc=_iso(first),
         ended_utc=_iso(last),
-        seconds=0.0 if first is None or last is None else round(last - first, 3),
+        seconds=round(lasted_s(instants), 3),
         bytes=recording.path.stat().st_size,
         messages=dict(Counter(entry.topic for entry in recording.entries())),
         whole=recording.whole,
         ended_properly=not recording.cut_off,
         clock_steps=tuple(steps),
-        problems=tuple(problems),
+        problems=(*recording.problems, *(step.text for step in steps)),
         summary=None if summary is None else msgspec.Raw(summary),
     )
+
+
+def lasted_s(instants: Iterable[float]) -> float:
+    """Return for how long something lasted, seconds, by UTC instants in order; their clock may be set."""
+    seconds, last_s = 0.0, math.inf
+    for utc_s in instants:
+        step_s = utc_s - last_s
+        if 0.0 < step_s < LONGEST_PAUSE_S:
+            seconds += step_s
+        if step_s > 0.0 or step_s < -STEP_S:
+            last_s = utc_s
+    return seconds
 
 
 def clock_steps(recording: Recording) -> list[ClockStep]:

@@ -24,7 +24,7 @@ from sattrack.recording.fits import (
     one_way,
     repeats,
 )
-from sattrack.recording.format import messages, observations
+from sattrack.recording.format import clock_steps, lasted_s, messages, observations
 from sattrack.safety import ROWS
 from sattrack.views.messages import FRAMES, Nudge, OffsetBy, Search
 from tle.elements import Elements
@@ -171,10 +171,12 @@ class Report(msgspec.Struct, frozen=True):
 
 
 def unused(run: Trace, what: str) -> tuple[str, ...]:
-    """Return from when on a recording with a gap is not used: what the run knew after it is not known.
+    """Return from when on a recording is not used: what the run knew after a gap is not known.
 
-    `what` is what is made of it, in words.
+    The same holds after today's code broke. `what` is what is made of it, in words.
     """
+    if run.result.broke is not None:
+        return (f"{what} ends where today's code broke: {run.result.broke}; what came after is not used",)
     if run.result.stopped_utc_s is None:
         return ()
     at = local_time.clock(run.result.stopped_utc_s)
@@ -203,7 +205,11 @@ def make_report(recording: Recording, run: Trace) -> tuple[Report, BiasFit | Non
         ra=ra,
         dec=dec,
         advice=(),
-        problems=(*recording.problems, *unused(run, "this report")),
+        problems=(
+            *recording.problems,
+            *(step.text for step in clock_steps(recording)),
+            *unused(run, "this report"),
+        ),
         acquired=run.acquired,
         missed=missed,
         times=times,
@@ -249,7 +255,7 @@ def _link(run: Trace) -> LinkFigures | None:
         return None
     health = run.engine.session.health
     delay_ms = (run.arrival_utc_s - run.utc_s) * 1000.0
-    seconds = float(run.arrival_utc_s[-1] - run.arrival_utc_s[0])
+    seconds = lasted_s(run.arrival_utc_s.tolist())
     return LinkFigures(
         health.received,
         health.lost,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import re
 import struct
 import subprocess
 import sys
@@ -17,7 +18,7 @@ from mcap_ros1.decoder import DecoderFactory
 
 from sattrack.cli.main import run
 from sattrack.recording.export import SeenDirection, table_of, tdm_text
-from sattrack.recording.format import COMMAND, OPERATOR, STATUS, Recording, clock_steps, messages
+from sattrack.recording.format import COMMAND, OPERATOR, STATUS, Recording, clock_steps, look, messages
 from sattrack.recording.recorder import Recorder
 from sattrack.runtime import demo_pass
 from sattrack.views.messages import StopNow
@@ -339,7 +340,7 @@ def test_statuses_that_waited_and_came_at_once_set_no_clock(
     assert clock_steps(Recording(queued)) == []
 
 
-@pytest.mark.parametrize("ahead_s", [2.5, -40.0])
+@pytest.mark.parametrize("ahead_s", [2.5, -40.0, 3600.5])
 def test_a_clock_that_was_set_in_the_middle_is_told_where_and_by_how_much(
     ahead_s: float, short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -347,10 +348,27 @@ def test_a_clock_that_was_set_in_the_middle_is_told_where_and_by_how_much(
     (step,) = clock_steps(Recording(stepped))
     assert step.ahead_s == pytest.approx(ahead_s, abs=0.002)
     assert run(["recording", "info", str(stepped)]) == 0
-    assert "a clock was set at 2026-10-02T13:0" in capsys.readouterr().out
-    assert run(["replay", str(stepped)]) in {0, 1}
-    assert "a defect" not in capsys.readouterr().err
+    assert f"a clock was set at 2026-10-02T1{4 if ahead_s > 3600.0 else 3}:0" in capsys.readouterr().out
+    assert run(["replay", str(stepped), "--json"]) in {0, 1}
+    replayed = capsys.readouterr()
+    assert "a defect" not in replayed.err
     assert clock_steps(Recording(short)) == []
+    # The pass took as long as it did; a small step ahead is told from a pause by nothing.
+    took_s = look(Recording(short)).seconds + (ahead_s if ahead_s == 2.5 else 0.0)
+    assert look(Recording(stepped)).seconds == pytest.approx(took_s, abs=0.1)
+    assert json.loads(replayed.out)["seconds"] == pytest.approx(took_s, abs=0.3)
+
+
+def test_a_report_says_that_a_clock_was_set(
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stepped = with_words(tmp_path / "stepped.mcap", short, [], 3600.5)
+    capsys.readouterr()
+    assert run(["report", str(stepped), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    (problem,) = told["problems"]
+    assert re.fullmatch(r"a clock was set at 2026-10-02T14:05:\S+Z, by \+3600\.\d+ s", problem)
+    assert told["link"]["rate_hz"] == pytest.approx(20.0, rel=0.01)
 
 
 @pytest.mark.parametrize("ahead_s", [2.5, 40.0, -40.0])

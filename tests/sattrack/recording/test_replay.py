@@ -18,6 +18,7 @@ from sattrack.recording.format import (
     COMMAND,
     FAILURE,
     OPERATOR,
+    VIEW,
     Environment,
     Recording,
     RunHeader,
@@ -352,6 +353,19 @@ def test_a_speed_that_is_none_is_refused(speed: str, short: Path, capsys: pytest
     assert run(["replay", str(short), "--stream", "--speed", speed]) == 2
     assert "--speed" in capsys.readouterr().err
     assert run(["replay", str(short), "--speed", "3"]) == 2
+
+
+def test_views_of_another_version_hinder_no_comparison(short: Path, tmp_path: Path) -> None:
+    path, recording = tmp_path / "other.mcap", Recording(short)
+    with path.open("wb") as stream:
+        recorder = Recorder(stream, recording.header.spec, recording.header)
+        for entry in recording.entries():
+            recorder.write(
+                *(entry._replace(data=b'{"rms_pass_arcsec":[1]}') if entry.topic == VIEW else entry)
+            )
+        recorder.close()
+    result = replay(Recording(path), engine_of)
+    assert (result.verdict, result.broke) == ("same", None)
 
 
 def test_another_law_tells_what_it_would_have_done_and_judges_nothing(

@@ -202,6 +202,15 @@ def test_without_observations_a_nudge_is_told_as_one_and_nothing_as_nothing(
         assert report_of(nudge(tmp_path / f"{number}.mcap", short, *words), capsys)["bias"] is None
 
 
+def test_a_report_says_where_today_s_code_did_not_go_on(
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    newer = nudge(tmp_path / "newer.mcap", short, b'{"type":"of_a_newer_version"}')
+    (problem,) = report_of(newer, capsys)["problems"]
+    assert "this report ends where today's code broke" in problem
+    assert "of_a_newer_version" in problem
+
+
 def nudge(path: Path, short: Path, *words: bytes) -> Path:
     recording = Recording(short)
     with path.open("wb") as stream:
