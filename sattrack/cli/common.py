@@ -772,13 +772,14 @@ def mount_option(function: Callable[..., Any]) -> Callable[..., Any]:
 class JsonLines:
     """Writes objects as JSON lines.
 
-    A reader that does not keep up loses lines: into a pipe, a line is written whole or not at all (POSIX
-    promises that up to PIPE_BUF bytes), so a loop that feeds a mount is never held up.
+    A reader that does not keep up loses lines, so a loop that feeds a mount is never held up. Of a line that
+    is longer than PIPE_BUF, a pipe may take a part: the rest is written before the next line.
     """
 
     def __init__(self) -> None:
         self._encoder = msgspec.json.Encoder()
         self._out = sys.stdout.fileno()
+        self._rest = b""
         self._is_pipe = stat.S_ISFIFO(os.fstat(self._out).st_mode)
         if self._is_pipe:
             os.set_blocking(self._out, False)
@@ -786,11 +787,15 @@ class JsonLines:
     def write(self, item: object) -> None:
         """Write one object. Raises BrokenPipeError where the reader is gone."""
         with contextlib.suppress(BlockingIOError):
-            os.write(self._out, self._encoder.encode(item) + b"\n")
+            if self._rest:
+                self._rest = self._rest[os.write(self._out, self._rest) :]
+            if not self._rest:
+                line = self._encoder.encode(item) + b"\n"
+                self._rest = line[os.write(self._out, line) :]
 
     def write_whole(self, item: object) -> None:
         """Write one object however long that takes: for where nothing waits for the writer."""
-        os.set_blocking(self._out, True)
+        self.end()
         with os.fdopen(self._out, "wb", closefd=False) as out:
             out.write(self._encoder.encode(item) + b"\n")
         if self._is_pipe:
@@ -799,6 +804,10 @@ class JsonLines:
     def end(self) -> None:
         """Let what is written by other means from now on be written whole, however long that takes."""
         os.set_blocking(self._out, True)
+        rest, self._rest = self._rest, b""
+        # A reader that is gone shows at the next line.
+        with contextlib.suppress(BrokenPipeError), os.fdopen(self._out, "wb", closefd=False) as out:
+            out.write(rest)
 
 
 CANNOT_DRAW = {"dumb", "unknown"}

@@ -186,6 +186,28 @@ def test_json_lines_into_a_full_pipe_do_not_wait(monkeypatch: pytest.MonkeyPatch
     assert [json.loads(line)["number"] for line in whole] == list(range(len(whole)))
 
 
+def test_of_a_line_that_a_pipe_took_in_part_the_rest_follows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Views of a run that many watch are longer than the 4096 bytes that a pipe takes whole or not at all."""
+    reading, writing = os.pipe()
+    with os.fdopen(reading, "rb", 0) as reader, os.fdopen(writing, "w") as writer:
+        monkeypatch.setattr(sys, "stdout", writer)
+        lines, read = JsonLines(), b""
+        os.set_blocking(reading, False)
+        for first in (0, 100, 200):
+            for number in range(first, first + 100):
+                lines.write({"number": number, "watching": "x" * 5000})
+            read += reader.read(1 << 20) or b""
+        lines.end()
+        writer.write('{"number": "summary"}\n')
+        writer.flush()
+        read += reader.read(1 << 20) or b""
+    numbers = [json.loads(line)["number"] for line in read.splitlines()]
+    assert numbers.pop() == "summary"
+    assert {0, 100, 200} < set(numbers)
+    assert numbers == sorted(numbers)
+    assert len(numbers) < 100
+
+
 @linux
 def test_the_kernel_s_account_of_its_clock_is_read_at_the_right_places() -> None:
     """A tick is 10 ms and may be set to within a tenth of that (adjtimex(2)); the time is the time."""
