@@ -167,14 +167,18 @@ def export(context: CommandContext, file: Path, out: Path, **options: Any) -> in
     recording, facts = open_recording(file, options["part"])
     for text in recording.problems:
         tell(f"{file}: {text}")
-    if not options["anonymous"]:
-        _write(kind, recording, facts, out, options["table"])
-        return 0
     with tempfile.TemporaryDirectory() as folder:
-        moved = Path(folder) / "anonymous.mcap"
-        with moved.open("wb") as stream:
-            write_anonymous(recording, stream, random_shift_s())
-        _write(kind, *open_recording(moved), out, options["table"])
+        if options["anonymous"]:
+            moved = Path(folder) / "anonymous.mcap"
+            with moved.open("wb") as stream:
+                write_anonymous(recording, stream, random_shift_s())
+            recording, facts = open_recording(moved)
+        try:
+            _write(kind, recording, facts, out, options["table"])
+        except BaseException:
+            # There was no such file: half of one must not be taken for all of it.
+            out.unlink(missing_ok=True)
+            raise
     return 0
 
 
@@ -415,10 +419,10 @@ def _draw(found: Sequence[_Drawn], html_file: Path | None, folder: Path | None) 
             for title, picture in drawn.items():
                 name = title.lower().replace(" ", "-").replace("'", "")
                 path = folder / f"{stem}-{name}.png"
-                path.write_bytes(picture)
+                replace_file(path, picture, synced=False)
         if over_time is not None:
             path = folder / "trend.png"
-            path.write_bytes(over_time)
+            replace_file(path, over_time, synced=False)
     except OSError as error:
         raise BadInputError(f"{path}: cannot be written: {error.strerror}") from error
     tell(f"plots are in {folder}")

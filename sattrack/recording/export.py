@@ -304,9 +304,7 @@ def write_anonymous(recording: Recording, stream: BinaryIO, shift_s: int) -> Non
                 recorder.skip()
                 continue
             recorder.write(entry.topic, entry.utc_s + shift_s, msgspec.json.encode(moving.value("", value)))
-    recorder.close()
-    if recorder.trouble is not None:
-        raise BadInputError(recorder.trouble)
+    _close(recorder, stream)
 
 
 def write_as_it_is(recording: Recording, stream: BinaryIO) -> None:
@@ -317,9 +315,13 @@ def write_as_it_is(recording: Recording, stream: BinaryIO) -> None:
             recorder.skip()
         else:
             recorder.write(*entry)
+    _close(recorder, stream)
+
+
+def _close(recorder: Recorder, stream: BinaryIO) -> None:
     recorder.close()
     if recorder.trouble is not None:
-        raise BadInputError(recorder.trouble)
+        raise BadInputError(f"{stream.name}: {recorder.trouble}")
 
 
 class _Moving:

@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import re
+import resource
 import struct
 import subprocess
 import sys
@@ -386,6 +387,22 @@ def test_a_clock_that_was_set_and_set_back_was_set_twice(
         recorder.close()
     steps = [step.ahead_s for step in clock_steps(Recording(stepped))]
     assert steps == pytest.approx([ahead_s, -ahead_s], abs=0.002)
+
+
+@pytest.mark.parametrize("kind", ["csv", "json", "pcapng", "mcap"])
+def test_a_full_disk_leaves_no_half_of_an_export(
+    kind: str, short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, (before, most) = tmp_path / f"whole.{kind}", resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, most))
+    try:
+        assert run(["recording", "export", str(short), str(out)]) == 2
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (before, most))
+    told = capsys.readouterr().err
+    assert f"{out}: " in told
+    assert "cannot be written: File too large" in told
+    assert not out.exists()
 
 
 def test_nothing_is_written_over_and_an_unknown_ending_is_told(
