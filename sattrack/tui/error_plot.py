@@ -67,7 +67,11 @@ class ErrorHistory:
         error = view.error
         if error is None or view.phase not in {"acquiring", "tracking"}:
             return
-        if self._samples and error.utc_s <= self._samples[-1].utc_s:
+        ahead_s = self._samples[-1].utc_s - error.utc_s if self._samples else -1.0
+        if ahead_s > GAP_S:
+            # The clock was set back: what was seen before it has no place on this axis any more.
+            self._samples.clear()
+        elif ahead_s >= 0.0:
             return
         sample = ErrorSample(error.utc_s, error.ra_arcsec, error.dec_arcsec, view.phase == "tracking")
         self._samples.append(sample)

@@ -27,6 +27,14 @@ def test_the_same_status_counts_once_and_old_ones_go() -> None:
     assert trace.ra_arcsec.tolist() == [1.0, 1.0, 2.0, 2.0]
 
 
+def test_after_a_clock_was_set_back_the_error_is_drawn_at_once() -> None:
+    history = filled((0.0, 9.0), (0.5, 9.0), (-3600.0, 1.0), (-3599.5, 2.0))
+
+    (trace,) = history.traces(UTC_S - 3599.5, 10_000)
+    assert sorted(set(trace.ra_arcsec)) == [1.0, 2.0]
+    assert history.need_arcsec() == 2.0
+
+
 def test_a_gap_parts_the_line() -> None:
     traces = filled((-10.0, 1.0), (-9.5, 1.0), (-2.0, 2.0), (-1.5, 2.0)).traces(UTC_S, 1000)
 
