@@ -280,7 +280,8 @@ class FeederProcess(BufferedFeed):
 
     def last_words(self) -> str:
         """Return the last line that it wrote on standard error, empty for none."""
-        text = os.pread(self._errors.fileno(), ERROR_CHARACTERS, 0).decode(errors="replace")
+        begin = max(0, os.fstat(self._errors.fileno()).st_size - ERROR_CHARACTERS)
+        text = os.pread(self._errors.fileno(), ERROR_CHARACTERS, begin).decode(errors="replace")
         return text.strip().rpartition("\n")[2]
 
     def close(self) -> str:

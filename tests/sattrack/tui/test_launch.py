@@ -222,7 +222,9 @@ def test_a_look_at_the_mount_that_ends_at_once_says_why_and_waits(
 ) -> None:
     me = Owner(os.getpid(), 0, "sattrack track", "", "127.0.0.1:5000", 5001)
     monkeypatch.setattr(feeds, "owners", lambda: [me])
-    command = feeder_command("tell('a note'); tell('sattrack: no such profile: other.toml'); sys.exit(2)")
+    command = feeder_command(
+        "tell('a note\\n' * 2000); tell('sattrack: no such profile: other.toml'); sys.exit(2)"
+    )
     begun: list[ConsoleProcess] = []
 
     def start(_: list[str]) -> ConsoleProcess:
