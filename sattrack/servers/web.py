@@ -281,9 +281,9 @@ class RunServer(Server):
             text, refresh = listed(runs), {"Refresh": f"{LOOK_AGAIN_S}; url=/"}
             return web.Response(text=text, content_type="text/html", headers=refresh)
         asked = request.query.get("fontsize", "")
-        size = int(asked) if asked.isascii() and asked.isdecimal() else USUAL_FONT_SIZE
+        size = asked if asked in map(str, FONT_SIZES) else str(USUAL_FONT_SIZE)
         page = PAGE.read_text(encoding="utf-8").replace("{{ run }}", str(run))
-        page = page.replace("{{ font_size }}", str(size if size in FONT_SIZES else USUAL_FONT_SIZE))
+        page = page.replace("{{ font_size }}", size)
         return web.Response(text=page, content_type="text/html")
 
     async def _run_of(self, request: web.Request) -> tuple[Mapping[int, str], int | None]:
@@ -292,7 +292,7 @@ class RunServer(Server):
         named = request.match_info.get("run")
         if named is None:
             return runs, next(iter(runs)) if len(runs) == 1 else None
-        return runs, int(named) if int(named) in runs else None
+        return runs, next((pid for pid in runs if str(pid) == named), None)
 
     async def handle_websocket(self, request: web.Request) -> web.WebSocketResponse:
         """Give a visitor a screen of their own, until either side ends."""

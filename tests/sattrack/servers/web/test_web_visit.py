@@ -178,12 +178,12 @@ def test_the_addresses_that_are_shown_are_those_that_another_computer_can_open()
     assert ABROAD.urls(8137, addresses_in("", "")) == (f"http://127.0.0.1:8137/{query}",)
 
 
-def visited(play: Callable[[int], Awaitable[None]]) -> None:
+def visited(play: Callable[[int], Awaitable[None]], runs: Callable[[], dict[int, str]] = dict) -> None:
     """Play a scene before the page, at its port."""
 
     async def scene() -> None:
         told: asyncio.Future[tuple[str, ...]] = asyncio.get_running_loop().create_future()
-        page = asyncio.ensure_future(web._serve(Visit("127.0.0.1", 0, None, ()), dict, told.set_result))
+        page = asyncio.ensure_future(web._serve(Visit("127.0.0.1", 0, None, ()), runs, told.set_result))
         try:
             async with asyncio.timeout(PATIENCE_S):
                 await play(int((await told)[0].rstrip("/").rpartition(":")[2]))
@@ -216,6 +216,21 @@ def test_one_address_has_its_share_of_connections_and_silent_ones_give_way(
             writer.close()
 
     visited(play)
+
+
+@pytest.mark.parametrize(("path", "status"), [("/run/{}", 200), ("/ws/{}", 404), ("/?fontsize={}", 200)])
+def test_numbers_of_thousands_of_digits_break_nothing(
+    path: str, status: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def play(port: int) -> None:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        asked = path.format("9" * 5000)
+        writer.write(f"GET {asked} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n".encode())
+        assert (await whole_answer(reader)).startswith(f"HTTP/1.1 {status}".encode())
+        writer.close()
+
+    visited(play, lambda: {7: "the run"})
+    assert caplog.records == []
 
 
 @pytest.mark.parametrize("begun", [b"G", b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: "])
