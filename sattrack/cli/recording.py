@@ -302,7 +302,9 @@ def report(context: CommandContext, files: tuple[Path, ...], **options: Any) -> 
     if options["profile"] is not None and not learning:
         raise BadInputError("--profile is what --learn-profile corrects: give that too, or neither")
     if drawing:
-        new_figure(1.0, 1.0)  # raises before the work where matplotlib is not there
+        # What keeps plots from being written is reported before the work.
+        new_figure(1.0, 1.0)
+        _make_folder(folder)
     found, passes, code = _all(files, options, drawing, learning)
     renew()
     reports = [report for _, report, _ in found]
@@ -399,6 +401,14 @@ def _learn(passes: Sequence[_Passed], target: Path, base: Path | None) -> None:
     tell(f"written to {target}")
 
 
+def _make_folder(folder: Path | None) -> None:
+    try:
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInputError(f"{folder}: cannot be made: {error.strerror}") from error
+
+
 def _draw(found: Sequence[_Drawn], html_file: Path | None, folder: Path | None) -> None:
     figure = trend([report for _, report, _ in found])
     over_time, path = None if figure is None else png(figure), html_file
@@ -409,8 +419,6 @@ def _draw(found: Sequence[_Drawn], html_file: Path | None, folder: Path | None) 
             tell(f"the report is in {html_file}")
         if folder is None:
             return
-        path = folder
-        folder.mkdir(parents=True, exist_ok=True)
         taken: Counter[str] = Counter()
         for file, _, drawn in found:
             # Recordings in different folders may have one name.

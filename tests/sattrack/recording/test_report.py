@@ -260,6 +260,15 @@ def test_html_holds_its_plots_and_nothing_from_elsewhere(
     assert "exists already" in capsys.readouterr().err
 
 
+def test_a_folder_that_cannot_be_made_is_reported_before_the_work(
+    short: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(commands, "make_report", lambda *_: pytest.fail("the work was begun"))
+    folder = short / "plots"
+    assert run(["report", str(short), str(short), "--plot", str(folder)]) == 2
+    assert f"{folder}: cannot be made: Not a directory" in capsys.readouterr().err
+
+
 def test_several_files_show_their_trend_in_order_of_time(
     observed: Path,
     short: Path,
