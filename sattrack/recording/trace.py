@@ -125,9 +125,10 @@ class Trace:
         within_arcsec = FIT_WITHIN * self.engine.spec.plan.on_target_arcsec
         near = np.zeros_like(marked)
         spans = ((self.utc_s - self.utc_s[:1]) // SPAN_S).astype(int)
-        for number in np.unique(spans[marked]):
-            span = marked & (spans == number)
-            near |= span & (np.median(self.total[span]) < within_arcsec)
+        at = np.flatnonzero(marked)
+        at = at[np.argsort(spans[at], kind="stable")]
+        for span in np.split(at, np.flatnonzero(np.diff(spans[at])) + 1):
+            near[span] = len(span) > 0 and np.median(self.total[span]) < within_arcsec
         return near
 
     def seconds(self, marked: NDArray[np.bool_]) -> float:

@@ -9,6 +9,7 @@ import math
 import random
 import re
 import sys
+import time
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -41,6 +42,7 @@ from sattrack.recording.format import COMMAND, OPERATOR, STATUS, VIEW, Recording
 from sattrack.recording.recorder import Recorder
 from sattrack.recording.replay import replay
 from sattrack.recording.report import AxisFigures, BiasFigures, ErrorFigures, Report, TimeFigures
+from sattrack.recording.trace import Trace
 from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import RunRequest, engine_of, prepare
 from sattrack.runtime.flight import fly_virtual
@@ -376,6 +378,23 @@ def test_a_track_is_smoothed_as_far_as_its_sigma_says() -> None:
     assert np.std(off) < 0.02
     assert 0.85 < np.mean(np.abs(off) < 2.0 * track.sigmas[40:-40]) <= 1.0
     assert np.std(track.innovations[40:]) == pytest.approx(1.0, abs=0.15)
+
+
+def test_spans_of_hours_are_judged_each_by_its_own_median() -> None:
+    """Twelve hours at 20 a second, in which a clock was set back: judged within seconds."""
+    rng, count = np.random.default_rng(7), 864_000
+    at = 1.79e9 + 0.05 * np.arange(count) - np.where(np.arange(count) > 500_000, 90.0, 0.0)
+    levels = rng.uniform(0.1, 20.0, 2200)
+    number = ((at - at[0]) // 20.0).astype(int)
+    marked = rng.random(count) < 0.9
+    plan = SimpleNamespace(on_target_arcsec=2.0)
+    run = SimpleNamespace(
+        utc_s=at, total=levels[number], engine=SimpleNamespace(spec=SimpleNamespace(plan=plan))
+    )
+    began_s = time.process_time()
+    near = Trace._near(run, marked)
+    assert time.process_time() - began_s < 2.0
+    assert (near == (marked & (levels[number] < 10.0))).all()
 
 
 def test_a_smoothed_track_is_the_most_likely_one_of_all_states_at_once() -> None:
