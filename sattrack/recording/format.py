@@ -493,7 +493,8 @@ def lasted_s(instants: Iterable[float]) -> float:
 def clock_steps(recording: Recording) -> list[ClockStep]:
     """Return where our clock jumped against the mount's sidereal one, from status to status.
 
-    Statuses that waited on their way and came at once are none: after them the clocks are as before.
+    Statuses that waited on their way and came at once are none: after them the clocks are as before. Of those
+    at the beginning even the last may have waited: it was dated when it was read.
     """
     dated = list(_sidereal(recording))
     ahead_s = [0.0]
@@ -508,7 +509,8 @@ def clock_steps(recording: Recording) -> list[ClockStep]:
         if abs(now - before) > STEP_S:
             former = _least_ahead_s(ahead_s, came_s, range(k - 1, -1, -1))
             since = _least_ahead_s(ahead_s, came_s, range(k, len(came_s)))
-            if abs(since - former) > STEP_S:
+            waited = since < former and came_s[k - 1] - came_s[0] < STEP_S
+            if abs(since - former) > STEP_S and not waited:
                 found.append(ClockStep(Utc(came_s[k]).isoformat("milliseconds"), since - former))
     return found
 

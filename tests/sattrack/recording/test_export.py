@@ -341,6 +341,23 @@ def test_statuses_that_waited_and_came_at_once_set_no_clock(
     assert clock_steps(Recording(queued)) == []
 
 
+@pytest.mark.parametrize("waited", [1, 18])
+def test_statuses_that_were_read_late_at_the_beginning_set_no_clock(
+    waited: int, short: Path, tmp_path: Path
+) -> None:
+    """As in runs on a busy machine: all of the first ones are dated a second after the next one."""
+    recording, late, seen = Recording(short), tmp_path / "late.mcap", 0
+    came_s = [entry.utc_s for entry in recording.entries() if entry.topic == STATUS]
+    with late.open("wb") as stream:
+        recorder = Recorder(stream, recording.header.spec)
+        for entry in recording.entries():
+            held = entry.topic == STATUS and seen < waited
+            recorder.write(entry.topic, came_s[waited] + 0.98 if held else entry.utc_s, entry.data)
+            seen += entry.topic == STATUS
+        recorder.close()
+    assert clock_steps(Recording(late)) == []
+
+
 @pytest.mark.parametrize("ahead_s", [2.5, -40.0, 3600.5])
 def test_a_clock_that_was_set_in_the_middle_is_told_where_and_by_how_much(
     ahead_s: float, short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
