@@ -247,8 +247,9 @@ def read_typed(
             raise Origin(file).wrong(f"this is not a TOML file, as {what} must be") from None
         raise _syntax(str(error), text, file) from None
     positions = KeyPositions(file, toml_positions(text), columns)
+    document = _without_times(document)
     try:
-        value = msgspec.convert(_without_times(document), kind)
+        value = msgspec.convert(document, kind)
     except msgspec.ValidationError as error:
         raise _explained(str(error), document, positions, kind) from None
     path = _nan_in(document)
@@ -272,17 +273,28 @@ def _syntax(message: str, text: str, file: str) -> BadInputError:
         return Origin(file).wrong(f"not a TOML file: {message}")
     lines = text.split("\n")
     line, column = (int(match[2]), int(match[3])) if match[2] else (len(lines), len(lines[-1]) + 1)
-    hint = ""
     row = lines[line - 1] if 0 < line <= len(lines) else ""
     slip = _slip(match[1], lines, line, bool(match[2]))
     if slip is not None:
         return Origin(file, slip[0]).wrong(slip[1])
-    if match[1] == "Invalid value" and re.match(r"\s*[A-Za-z_-]+\s*=\s*[A-Za-z]", row):
-        word = row.partition("=")[2].partition("#")[0].strip()
-        hint = "; write true or false" if word.casefold() in _YES_OR_NO else "; text stands in quotes"
-    elif re.search(r"=\s*[+-]?\d+,\d+\s*$", row):
-        hint = "; write a decimal point, not a comma"
-    return Origin(file, line, column).wrong(f"not a TOML file: {match[1]}{hint}")
+    return Origin(file, line, column).wrong(f"not a TOML file: {match[1]}{_instead(match[1], row)}")
+
+
+def _instead(message: str, row: str) -> str:
+    """Return what to write in place of a value that is none of TOML; nothing where that is not known."""
+    pair = re.match(r"\s*[\w.\"'-]+\s*=([^#]*)", row)
+    value = '"' if pair is None else pair[1].strip()
+    if not value:
+        return "; write the value after ="
+    if message == "Invalid value" and value[0].isalpha():
+        return "; write true or false" if value.casefold() in _YES_OR_NO else "; text stands in quotes"
+    if re.fullmatch(r"[+-]?\d+,\d+", value):
+        return "; write a decimal point, not a comma"
+    if re.match(r"\d{4}-|\d\d?:\d\d$", value):
+        return "; times stand in quotes"
+    if re.match(r"[+\N{MINUS SIGN}\N{EN DASH}-]?\.?\d", value):
+        return "; write one decimal number without a unit, as 52.15 or -4.5"
+    return ""
 
 
 def _slip(message: str, lines: list[str], line: int, inside: bool) -> tuple[int, str] | None:
@@ -364,12 +376,23 @@ def _explained(message: str, document: Any, positions: KeyPositions, kind: type)
         choices = _choices(kind, path, document)
         if choices:
             message = f"{name} is {_shown(given)}; give one of {', '.join(choices)}"
+        if isinstance(given, dict) and _is_of_tables(kind, path, document):
+            message = f"{name} is one table; there may be many: write [[{table}]]"
         for word, plain in _PLAIN_WORDS.items():
             message = re.sub(rf"expected {word}\b", f"give {plain.replace('NAME', table)}", message)
     missing = re.fullmatch(r"Object missing required field `(.*)`", message)
     if missing is not None:
         message = f"{missing[1]} is missing{where}"
     return place.wrong(message)
+
+
+def _is_of_tables(kind: type, path: KeyPath, document: Any) -> bool:
+    """Tell whether what may stand at a path is a list of tables, which are written with [[ ]]."""
+    kinds = msgspec.inspect
+    lists = (
+        one for one in _types_at(kind, path, document) if isinstance(one, kinds.VarTupleType | kinds.ListType)
+    )
+    return any(isinstance(inner, kinds.StructType) for one in lists for inner in _inner(one, 0))
 
 
 def _refused_name(document: Any, path: KeyPath, kind: type) -> str:

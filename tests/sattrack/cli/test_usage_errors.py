@@ -393,6 +393,8 @@ def test_a_wrong_command_line_is_answered_in_one_line_with_what_to_do(
             "scale_arcsec_px, rotation_deg, flipped, kind",
         ),
         ('[cameras.main]\nkind = "fin"\n', "2: kind is 'fin'; did you mean 'fine'?"),
+        ("[site]\nlatitude_deg = 2026-10-02\n", "2: latitude_deg is '2026-10-02'; give a number"),
+        ("zone = \n", "1:8: not a TOML file: Invalid value; write the value after ="),
     ],
 )
 def test_a_wrong_setting_is_told_with_file_line_table_and_the_nearest_key(
@@ -402,6 +404,20 @@ def test_a_wrong_setting_is_told_with_file_line_table_and_the_nearest_key(
     path.write_text(text)
     assert run(["passes", "--config", str(path)]) == 2
     assert capsys.readouterr() == ("", f"sattrack: {path}:{words}\n")
+
+
+@pytest.mark.parametrize(
+    "value", ["52.15 N", "52°09'15\"", "52:09:15", "\N{MINUS SIGN}52.15", "52.15°", "052.15", "52.", "10 deg"]
+)
+def test_a_number_as_people_write_it_is_refused_with_how_to_write_it(
+    value: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "s.toml"
+    path.write_text(f"[site]\nlatitude_deg = {value}\n", encoding="utf-8")
+    assert run(["passes", "--config", str(path)]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith(f"sattrack: {path}:2:")
+    assert err.endswith("; write one decimal number without a unit, as 52.15 or -4.5\n")
 
 
 def test_a_folder_that_is_closed_to_the_user_is_told_with_what_to_do(

@@ -58,6 +58,19 @@ def utc_s(text: str) -> float:
             "night.toml:2:13: not a TOML file: Invalid value; text stands in quotes",
         ),
         ('[[passes]]\nsatellite = "ISS\n', "night.toml:2: the quote is not closed"),
+        (
+            '[passes]\nsatellite = "ISS"\n',
+            "night.toml:1:1: passes is one table; there may be many: write [[passes]]",
+        ),
+        (
+            ISS + 'before = { do = "slew", star = "Vega" }\n',
+            "night.toml:3:10: before is one table; there may be many: write [[passes.before]]",
+        ),
+        (
+            "from = 22:30\n" + ISS,
+            "night.toml:1:10: not a TOML file: Expected newline or end of document after "
+            "a statement; times stand in quotes",
+        ),
         ("", "night.toml: asks for no pass: write [[passes]], [[fixed]], fixed_list or [[imports]]"),
         (ISS + 'before = [{ do = "slw" }]\n', "night.toml:3:19: do is 'slw'; did you mean 'slew'?"),
         (
