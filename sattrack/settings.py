@@ -62,7 +62,8 @@ class SiteSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         try:
             self.place()
         except SiteError as error:
-            raise ValueError(str(error)) from None
+            key = next(key for key in self.__struct_fields__ if f"'s {key.partition('_')[0]} " in str(error))
+            raise ValueError(f"{key}: {error}") from None
 
     def place(self) -> Site:
         """Return the site; raises SiteError where a number is out of range."""

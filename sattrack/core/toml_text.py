@@ -363,7 +363,7 @@ def _explained(message: str, document: Any, positions: KeyPositions, kind: type)
         choices = _choices(kind, path, document)
         hint = meant(str(given), choices) or f"; give one of {', '.join(choices)}"
         return positions.value(*path).wrong(f"{name} is {given!r}{hint}")
-    said = re.match(r"([a-z_.]+) (?:is |and |does )", message)
+    said = re.match(r"([a-z0-9_.]+)(?:: | is | and | does )", message)
     named = () if said is None else tuple(said[1].split("."))
     place = positions.key(*path)
     if named and positions.has(*path, *named):

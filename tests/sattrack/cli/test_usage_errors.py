@@ -333,7 +333,7 @@ def test_a_wrong_command_line_is_answered_in_one_line_with_what_to_do(
         ),
         (
             "[site]\nlatitude_deg = 952.1\nlongitude_deg = 4.4\n",
-            "1: the site's latitude of 952.1 is outside -90 to 90 degrees north",
+            "2: latitude_deg: the site's latitude of 952.1 is outside -90 to 90 degrees north",
         ),
         ("elements = 'iss.tle'\n", "1: elements is 'iss.tle'; give a list in [ ]"),
         ("mount = 'sim'\n", "1: mount is 'sim'; give a table, [mount] and its keys below"),
@@ -374,8 +374,8 @@ def test_a_wrong_command_line_is_answered_in_one_line_with_what_to_do(
         ),
         (
             "[site]\nlatitude_deg = 1\nlongitude_deg = 2\nheight_m = 100000\n",
-            "1: the site's height of 100000.0 is outside -500 to 8900 metres: no ground on Earth lies "
-            "outside",
+            "4: height_m: the site's height of 100000.0 is outside -500 to 8900 metres: no ground on Earth "
+            "lies outside",
         ),
         ("ISS (ZARYA)\n", " this is not a TOML file, as the settings must be"),
         (

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         ("[simulator]\ntimer = 'sundial'\n", "[simulator]"),
         ("[simulator]\nfaults = 'explode'\n", "simulator.faults: explode"),
         ("ra_rate_sign = 2\n", "my.toml:1"),
+        ("[ra]\nmax_acceleration_deg_s2 = 0\n", "my.toml:2: ra.max_acceleration_deg_s2 is 0; it must be"),
         ("no_such_thing = 2\n", "no_such_thing"),
         ("name = \n", "not a TOML file"),
     ],
