@@ -493,11 +493,17 @@ def read_toml(path: Path, kind: type[T], what: str) -> T:
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise BadInputError(f"{path}: cannot read {what}: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise BadInputError(f"{path}: cannot read {what}: it is not UTF-8 text") from error
+    except (OSError, ValueError) as error:
+        raise BadInputError(f"{path}: cannot read {what}: {why_unreadable(error)}") from error
     return read_typed(text, str(path), kind, columns=False, what=what)[0]
+
+
+def why_unreadable(error: OSError | ValueError) -> str:
+    """Return why a file of text was not read, and what to do where it is written in another encoding."""
+    if isinstance(error, UnicodeDecodeError):
+        line = error.object[: error.start].count(b"\n") + 1
+        return f"line {line} is not UTF-8 text; save the file as UTF-8"
+    return getattr(error, "strerror", None) or str(error)
 
 
 def line_of_key(path: Path, name: str) -> str:

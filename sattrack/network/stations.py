@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from sattrack.core.errors import BadInputError, Origin, meant
-from sattrack.core.toml_text import read_typed
+from sattrack.core.toml_text import read_typed, why_unreadable
 from sattrack.mount.profiles import no_settings
 from tle.horizon import Horizon, HorizonMask
 from tle.site import HIGHEST_GROUND_M, LOWEST_GROUND_M, Site
@@ -92,9 +92,8 @@ def read_stations(path: Path) -> list[Station]:
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        why = (error.strerror or str(error)) if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise BadInputError(f"{path}: cannot read the stations: {why}") from None
+    except (OSError, ValueError) as error:
+        raise BadInputError(f"{path}: cannot read the stations: {why_unreadable(error)}") from None
     is_toml = path.suffix.lower() == ".toml" or re.search(r"^\s*\[\[", text, re.MULTILINE) is not None
     placed = list(_from_toml(text, path) if is_toml else _from_csv(text, path))
     if not placed:

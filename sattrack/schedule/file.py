@@ -22,7 +22,7 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 import msgspec
 
 from sattrack.core.errors import Origin, meant
-from sattrack.core.toml_text import KeyPositions, read_typed
+from sattrack.core.toml_text import KeyPositions, read_typed, why_unreadable
 from sattrack.mount.profiles import no_settings
 from sattrack.schedule.schema import (
     FIXED_PRIORITY,
@@ -219,8 +219,7 @@ class _ScheduleReader:
                 f"{name}{_beside(path, asked_at.file) or '; check the name and the folder'}"
             ) from None
         except (OSError, ValueError) as error:
-            why = "it is no UTF-8 text" if isinstance(error, ValueError) else error.strerror
-            raise asked_at.wrong(f"cannot read {what} in {path}: {why}") from None
+            raise asked_at.wrong(f"cannot read {what} in {path}: {why_unreadable(error)}") from None
         self.files.append(str(path))
         return text
 

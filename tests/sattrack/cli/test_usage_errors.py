@@ -420,6 +420,19 @@ def test_a_number_as_people_write_it_is_refused_with_how_to_write_it(
     assert err.endswith("; write one decimal number without a unit, as 52.15 or -4.5\n")
 
 
+@pytest.mark.parametrize(
+    ("encoding", "line"), [("latin-1", 2), ("cp1252", 2), ("utf-16", 1)], ids=["Latin-1", "Windows", "UTF-16"]
+)
+def test_settings_in_another_encoding_are_refused_with_the_line(
+    encoding: str, line: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "s.toml"
+    path.write_bytes("# a\n# Höhe\nzone = 'UTC'\n".encode(encoding))
+    assert run(["passes", "--config", str(path)]) == 2
+    why = f"line {line} is not UTF-8 text; save the file as UTF-8"
+    assert capsys.readouterr() == ("", f"sattrack: {path}: cannot read the settings: {why}\n")
+
+
 def test_a_folder_that_is_closed_to_the_user_is_told_with_what_to_do(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
