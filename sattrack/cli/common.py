@@ -23,7 +23,7 @@ from sattrack.core.clock import Clock, make_clock
 from sattrack.core.errors import BadInputError, SattrackError, how_to_install
 from sattrack.core.files import replace_file
 from sattrack.core.process import self_command
-from sattrack.core.toml_text import line_of_key
+from sattrack.core.toml_text import line_of_key, read_toml
 from sattrack.settings import (
     NO_ELEMENTS,
     NO_SITE,
@@ -164,7 +164,7 @@ class CommandContext:
         Raises BadInputError, naming file, line and key.
         """
         from sattrack.mount.profiles import load_profile_file, profile_file
-        from sattrack.mount.simulator.profile import simulator_profile
+        from sattrack.mount.simulator.profile import SimulatorPart
         from sattrack.runtime.mounts import dated_as, usual_profile
 
         configured = self.settings.mount.profile
@@ -175,7 +175,7 @@ class CommandContext:
         try:
             described = load_profile_file(path)
             # What only a simulated mount needs is refused here, where the file's name is known.
-            simulator_profile(described.simulator, str(path))
+            read_toml(path, SimulatorPart, "the mount profile")
             return dated_as(described, url)
         except BadInputError as error:
             if explicit is not None:

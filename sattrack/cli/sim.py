@@ -23,7 +23,7 @@ from sattrack.mount.simulator.hidden import Hidden, SimulatedCamera, parse_hidde
 from sattrack.mount.simulator.installation import GRAMMAR, parse_faults
 from sattrack.mount.simulator.mount import SimulatedSite
 from sattrack.mount.simulator.process import ClockSetting, SimulatorConfig, make_clock, make_server
-from sattrack.mount.simulator.profile import simulator_profile
+from sattrack.mount.simulator.profile import SimulatorPart
 from sattrack.mount.xerxes.client import DEFAULT_PORT
 from sattrack.runtime import demo_pass
 
@@ -151,7 +151,8 @@ def command(
     if where is not None:
         site = SimulatedSite(where.latitude_deg, where.longitude_deg, where.height_m)
     described = ProfileFile() if profile is None else load_profile_file(profile)
-    hardware = simulator_profile(described.simulator, str(profile))
+    part = SimulatorPart() if profile is None else read_toml(profile, SimulatorPart, "the mount profile")
+    hardware = part.simulator
     if seed is not None:
         hardware = msgspec.structs.replace(hardware, seed=seed)
     parse_faults(hardware.faults, f"{profile}, simulator.faults:")

@@ -140,3 +140,9 @@ def simulator_profile(table: dict[str, Any], where: str = "the mount profile") -
     except msgspec.ValidationError as error:
         what, _, key = str(error).removesuffix("`").partition(" - at `$.")
         raise BadInputError(f"{where}, [simulator]: {f'{key}: ' if key else ''}{what}") from error
+
+
+class SimulatorPart(msgspec.Struct, frozen=True):
+    """The part of a profile file that only a simulated mount needs."""
+
+    simulator: SimulatorProfile = SimulatorProfile()

@@ -268,8 +268,8 @@ def test_faults_of_the_simulated_mount(capsys: pytest.CaptureFixture[str]) -> No
         ("[stands_at]\nlatitude_deg = nan\nlongitude_deg = 4.0", ":2: latitude_deg is nan; "),
         ("[stands_at]\nlatitude_deg = 52.0\nlongitude_deg = 400.0", ":3: longitude_deg is 400; "),
         ("[simulator]\nclock_offset_s = nan", ":2: clock_offset_s is nan; give a number"),
-        ("[simulator]\nclock_drift_ppm = -1e9", ", [simulator]: clock_drift_ppm is -1e+09; "),
-        ("[simulator.servo]\nbandwidth_hz = -1.0", ", [simulator]: servo: bandwidth_hz is -1; "),
+        ("[simulator]\nclock_drift_ppm = -1e9", ":2: clock_drift_ppm is -1e+09; "),
+        ("[simulator.servo]\nbandwidth_hz = -1.0", ":2: bandwidth_hz is -1; "),
     ],
 )
 def test_a_number_that_no_profile_has_is_named_with_its_file(

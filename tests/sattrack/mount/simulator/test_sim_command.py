@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[simulator]\ntimer = 'sundial'\n", "[simulator]"),
+        ("[simulator]\ntimer = 'sundial'\n", "my.toml:2: timer is 'sundial'; give one of exact, windows"),
+        ("[simulator]\nclock_drift_ppm = 'x'\n", "my.toml:2: clock_drift_ppm is 'x'; give a number"),
+        ("[simulator]\nsede = 1\n", "my.toml:2: unknown key 'sede' in [simulator]; did you mean 'seed'?"),
+        ("[simulator.servo]\nbandwidth_hz = 0\n", "my.toml:2: bandwidth_hz is 0; it must be above 0"),
         ("[simulator]\nfaults = 'explode'\n", "simulator.faults: explode"),
         ("ra_rate_sign = 2\n", "my.toml:1"),
         ("[ra]\nmax_acceleration_deg_s2 = 0\n", "my.toml:2: ra.max_acceleration_deg_s2 is 0; it must be"),
