@@ -53,6 +53,8 @@ if TYPE_CHECKING:
     from tle.sources import ElementSets
 
 
+WRITTEN = f"{__name__}.written"
+"""Where a command's context keeps the files that the command has written."""
 WIDEST = 4000
 """Columns of what is printed for a pipe or a file: nothing is wrapped there."""
 
@@ -277,6 +279,9 @@ def write_file(path: Path, text: str) -> None:
             replace_file(real, text.encode())
     except OSError as error:
         raise SattrackError(f"{path}: cannot be written: {error.strerror or error}") from error
+    context = click.get_current_context(silent=True)
+    if context is not None:
+        context.meta.setdefault(WRITTEN, set()).add(real)
 
 
 def _refused_text(sets: ElementSets) -> str:
@@ -741,8 +746,13 @@ class SettingsWatch:
         self._before = {path: _stamp(path) for path in named}
 
     def change(self) -> str | None:
-        """Return what to tell where a file is not as it was, and None where all are."""
-        changed = [path for path, stamp in self._before.items() if _stamp(path) != stamp]
+        """Return what to tell where others have changed a file, and None where all are as they were."""
+        own = click.get_current_context().meta.get(WRITTEN, ())
+        changed = [
+            path
+            for path, stamp in self._before.items()
+            if _stamp(path) != stamp and Path(os.path.realpath(path)) not in own
+        ]
         if not changed:
             return None
         names = ", ".join(str(path) for path in changed)
