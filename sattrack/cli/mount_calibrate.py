@@ -122,7 +122,7 @@ def command(context: CommandContext, **options: Any) -> int:
     limits = context.settings.safety.limits()
     if options["axes"]:
         return _find_axes(context, options, (base, limits, site), address, target)
-    _ask(options["yes"], "sim" if address is None else str(address))
+    _ask(options["yes"], "sim" if address is None else str(address), limits)
     calibrator = _fly(context.clock(), site, (base.mount, limits), address, options["sim_profile"])
     assert calibrator.ending is not None
     error = ending_error(calibrator.ending)
@@ -320,7 +320,7 @@ def _base(context: CommandContext, options: dict[str, Any], url: str | None) -> 
     return msgspec.structs.replace(base, name=out.stem)
 
 
-def _ask(consented: bool, mount_name: str) -> None:
+def _ask(consented: bool, mount_name: str, limits: SafetyLimits) -> None:
     """Tell what will move, and go on only with the operator's consent."""
     from sattrack.calibration.guard import BOX_DEG, FLOOR_ALTITUDE_DEG, Plan
     from sattrack.safety.limits import SUN_CONE_DEG
@@ -328,8 +328,9 @@ def _ask(consented: bool, mount_name: str) -> None:
     for text in Plan().words():
         tell(text)
     tell(
-        f"{mount_name} must stand clear, {FLOOR_ALTITUDE_DEG:g}° high and {SUN_CONE_DEG:g}° from "
-        f"the Sun wherever it may come within {BOX_DEG:g}°; any key stops it"
+        f"{mount_name} must stand clear, {max(FLOOR_ALTITUDE_DEG, limits.floor_altitude_deg):g}° high and "
+        f"{max(SUN_CONE_DEG, limits.sun_deg):g}° from the Sun wherever it may come within {BOX_DEG:g}°; any "
+        "key stops it"
     )
     _consent(consented)
 

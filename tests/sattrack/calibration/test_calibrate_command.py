@@ -99,6 +99,23 @@ class TestWhatIsWrongIsToldBeforeAnythingMoves:
         assert "to either side of where it stands" in capsys.readouterr().err
         assert not (tmp_path / "x.toml").exists()
 
+    @pytest.mark.parametrize(
+        ("safety", "says"),
+        [
+            ("", "20° high and 15° from the Sun"),
+            ("floor_altitude_deg = 25\nsun_cone_deg = 30\n", "25° high and 30° from the Sun"),
+            ("optical = false\n", "20° high and 15° from the Sun"),
+        ],
+    )
+    def test_the_question_names_what_the_run_asks_of_the_place(
+        self, safety: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        file = tmp_path / "s.toml"
+        file.write_text(f"min_altitude_deg = 30\n[safety]\n{safety}", encoding="utf-8")
+        with pytest.raises(BadInputError, match="no consent"):
+            call("--mount", "sim", "--out", str(tmp_path / "x.toml"), "--config", str(file))
+        assert f"must stand clear, {says}" in capsys.readouterr().err
+
 
 @pytest.mark.parametrize("of_settings", [True, False])
 def test_the_limits_of_the_settings_profile_hold_for_a_new_one_too(
