@@ -243,7 +243,7 @@ def listen(host: str, port: int, backlog: int = 4, how: str = "--port") -> socke
         listener.close()
         if isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL:
             raise SattrackError(
-                f"--host {host}: no address of this machine: give 127.0.0.1, 0.0.0.0 for all, or its own"
+                f"--host {host}: no IPv4 address of this machine: give 127.0.0.1, 0.0.0.0 for all, or its own"
             ) from error
         raise SattrackError(
             f"TCP port {port} on {host} is not available: {error.strerror}; choose another with {how}"

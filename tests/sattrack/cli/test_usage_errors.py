@@ -123,7 +123,8 @@ rehearse 25h,12d {at}                           | is no direction: write RA,DEC 
 ephemeris 99h,10 {at}                           | is no direction: write RA,DEC as 83.6331,22.0145
 passes Pluton {at}                              | did you mean Pluto?
 ephemeris Jupitr {at}                           | did you mean Jupiter?
-serve web --host 300.1.1.1                      | --host 300.1.1.1: no address of this machine: give 127.0.0.1
+serve web --host 300.1.1.1                      | --host 300.1.1.1: no IPv4 address of this machine: give 127
+serve rotctld --mount sim --host ::1            | --host ::1: no IPv4 address of this machine: give 127.0
 serve web --port {taken}                        | is not available: Address already in use; choose another
 serve rotctld --mount sim --port {taken}        | Address already in use; choose another with --port
 replay {pass} --set feeder.setling_s=1          | did you mean 'feeder.settling_s'? docs/recordings.md lists
