@@ -159,7 +159,14 @@ def parse_hidden(text: str) -> Hidden:
     try:
         return msgspec.convert(values, Hidden, strict=False)
     except msgspec.ValidationError as error:
-        raise BadInputError(f"--hidden {text}: {error}") from None
+        words, _, key = str(error).removesuffix("`").partition(" - at `$.")
+        if not key:
+            raise BadInputError(f"--hidden {text}: {words}") from None
+        example = next(one for one, _ in GRAMMAR if one.startswith(f"{key}="))
+        wanted, _, _ = words.partition(", got ")
+        for kind, plain in (("float", "a number"), ("int", "a whole number"), ("bool", "0 or 1")):
+            wanted = wanted.replace(f"Expected `{kind}`", f"give {plain}")
+        raise BadInputError(f"--hidden {key}={values[key]}: {wanted}, as {example}") from None
 
 
 def cloud_windows(text: str) -> list[tuple[float, float]]:

@@ -243,7 +243,8 @@ def test_a_path_is_met_between_its_points() -> None:
     [
         ("alogn=3", "'alogn'"),
         ("along", "write along=VALUE"),
-        ("along=fast", "along"),
+        ("along=fast", "--hidden along=fast: give a number, as along=3"),
+        ("cross=1,scale=0", "--hidden scale=0: give a number >= 0.1, as scale=1.02"),
         ("along=nan", "along"),
         ("mirror=2", "mirror"),
         ("clouds=40-20", "40-20"),
