@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import io
+import logging
 import math
 import os
 import queue
@@ -567,6 +568,8 @@ class IndiCamera:
         if named is None:
             raise BadInputError(f"indi:{url}: write indi://HOST:PORT/NAME, with the name of the INDI device")
         package = needed("indipyclient", f"indi:{url}", "indi")
+        # It reports each attempt to connect, and its own exceptions with their tracebacks.
+        logging.getLogger("indipyclient").setLevel(logging.CRITICAL)
         needed("astropy.io.fits", "reading FITS", "camera")
         self._url, self._device, self._options = f"indi:{url}", unquote(named[3]), options
         self.exposure_s: float | None = options.exposure_s or START_EXPOSURE_S
@@ -613,6 +616,8 @@ class IndiCamera:
                 asked = True
                 self._send("CONNECTION", {"CONNECT": "On", "DISCONNECT": "Off"})
             time.sleep(0.05)
+        if not self._client.connected:
+            raise SattrackError(f"{self._url}: nothing answers there; check that indiserver runs")
         known = ", ".join(self._client.data) or "no device"
         raise SattrackError(f"{self._url}: no camera of that name; the server has {known}")
 

@@ -574,6 +574,18 @@ def test_an_indi_camera_is_asked_for_frames(capfd: pytest.CaptureFixture[str]) -
     assert capfd.readouterr().out == ""
 
 
+def test_an_indi_server_that_is_not_there_is_told_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("indipyclient")
+    monkeypatch.setattr(sources, "FOUND_WITHIN_S", 0.3)
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
+    with pytest.raises(SattrackError, match="nothing answers there; check that indiserver runs"):
+        open_source(f"indi://127.0.0.1:{port}/CCD%20Sim", SourceOptions(0.2))
+    assert capfd.readouterr() == ("", "")
+
+
 def test_an_indi_camera_that_streams_fills_no_memory() -> None:
     pytest.importorskip("indipyclient")
     image, stream = b"\0" * 1_000_000, threading.Event()
