@@ -6,6 +6,7 @@ import math
 import os
 import sys
 from itertools import pairwise
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -17,6 +18,7 @@ from sattrack.cli.run_report import plan_lines
 from sattrack.core import local_time
 from sattrack.core.angles import altitude_deg
 from sattrack.core.errors import BadInputError, how_to_install
+from sattrack.core.toml_text import line_of_key
 from sattrack.mount.alpaca.link import parse_alpaca
 from sattrack.mount.requests import Park
 from sattrack.runtime.facts import check_site
@@ -30,14 +32,13 @@ from sattrack.schedule.candidates import Loaded, PlanSituation
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.making import SAME, make_plan
 from sattrack.views.formatting import counted, iso_unix_s
-from tle.errors import printable
+from tle.errors import SourceError, printable
 from tle.facts import read_magnitudes
 from tle.instants import Utc
 from tle.sources import is_fetched, newest
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from sattrack.cli.common import CommandContext
     from sattrack.mount.model import MountProfile
@@ -203,7 +204,10 @@ def loader(context: CommandContext, schedule: Schedule) -> Callable[[str | None]
                 raise BadInputError(
                     f"{schedule.file}: no elements: set elements in it or in sattrack.toml, or give some"
                 )
-            sets = context.load(sources)
+            try:
+                sets = context.load(sources)
+            except (SourceError, BadInputError) as error:
+                raise _by_schedule(schedule, source, error) from None
             if sets.rejected and not sets.accepted:
                 raise sets.rejected[0]
             if sets.rejected:
@@ -214,6 +218,14 @@ def loader(context: CommandContext, schedule: Schedule) -> Callable[[str | None]
         return known[source]
 
     return load
+
+
+def _by_schedule(schedule: Schedule, source: str | None, error: Exception) -> Exception:
+    """Return what is wrong with elements after the place of the schedule that names them, if one does."""
+    where = next((f"{one.origin}" for one in schedule.entries if source and one.source == source), "")
+    if source is None and str(error).startswith(schedule.elements):
+        where = f"{schedule.file}{line_of_key(Path(schedule.file), 'elements')}: elements"
+    return type(error)(f"{where}: {error}") if where else error
 
 
 def progress() -> Callable[[str, int, int], None] | None:

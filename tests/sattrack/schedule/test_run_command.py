@@ -450,7 +450,16 @@ def test_only_the_most_valuable_of_very_many_are_weighed(
             (),
             "night.toml:3:1: the rule asks for magnitudes",
         ),
-        (SPAN + '[[passes]]\nrule = "all of no.tle"\n', (), "no.tle: cannot read elements: "),
+        (
+            SPAN + '[[passes]]\nrule = "all of no.tle"\n',
+            (),
+            "night.toml:3:1: no.tle: cannot read elements: ",
+        ),
+        (
+            SPAN + 'elements = ["no.tle"]\n[[passes]]\nsatellite = "ISS"\n',
+            (),
+            "night.toml:3: elements: no.tle: cannot read elements: ",
+        ),
         (
             SPAN + '[[passes]]\nrule = "all"\n',
             ("--to", "2026-10-01"),
