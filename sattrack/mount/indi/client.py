@@ -89,8 +89,8 @@ class IndiClient:
     async def _connect_driver(self) -> None:
         telescope = self.telescope
         if not await self._until(lambda: telescope.connected is not None, FOUND_WITHIN_S):
-            there = ", ".join(sorted(telescope.others)) or "no device"
-            raise NoAnswerError(f"no device {telescope.device!r} there; the server has {there}")
+            there = f"; the server has {', '.join(sorted(telescope.others))}" if telescope.others else ""
+            raise NoAnswerError(f"no device {telescope.device!r} there{there}")
         if telescope.connected is False:
             await self._send(Setting("Switch", CONNECTION, {"CONNECT": "On"}))
         if not await self._until(lambda: telescope.ready, FOUND_WITHIN_S):

@@ -555,4 +555,5 @@ def test_what_is_not_there_is_told_in_a_line(
         assert run(["mount", "status", "--mount", nobody, "--site", WHERE]) == 4
     told = capsys.readouterr().err
     assert "no device 'Telescope Nobody' there" in told
+    assert "the server has no device" not in told
     assert told.count("\n") == 1
