@@ -103,6 +103,8 @@ class ElementFacts:
     """By how much each may be off along its track now, at its largest."""
     only_number: int | None = None
     """The catalogue number where they are of one object alone."""
+    fetched_by_name: bool = False
+    """Whether CelesTrak is asked for a satellite that is named, where there is no source."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,12 +151,13 @@ def check_elements(facts: ElementFacts, now_utc_s: float) -> CheckResult:
             "elements", "bad", facts.error, ("name a source that can be read with --elements",)
         )
     if not facts.sources:
+        what = "none are set: only practice with --mount sim is possible"
+        if facts.fetched_by_name:
+            what = "none are set: those of a satellite that is named are fetched from CelesTrak"
         ways = (
             "give --elements FILE, or set elements in sattrack.toml; `sattrack elements get` fetches them",
         )
-        return CheckResult(
-            "elements", "warn", "none are set: only practice with --mount sim is possible", ways
-        )
+        return CheckResult("elements", "warn", what, ways)
     refusal = "" if not facts.refused else f", {facts.refused} refused, the first: {facts.first_refusal}"
     if not facts.epochs_utc_s:
         ways = ("`sattrack elements check` says what is wrong with each",)
@@ -442,7 +445,7 @@ def _check_site(context: CommandContext) -> CheckResult:
 def _element_facts(context: CommandContext, now: Utc) -> ElementFacts:
     sources = context.sources()
     if not sources:
-        return ElementFacts(())
+        return ElementFacts((), fetched_by_name=context.settings.fetch_by_name)
     try:
         sets = context.load(sources)
     except (SattrackError, TleError) as error:

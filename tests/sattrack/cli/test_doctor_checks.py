@@ -57,7 +57,8 @@ def elements(*ages_days: float, refused: int = 0) -> ElementFacts:
         (elements(-4.0), "warn", "4.0 days ahead"),
         (elements(0.5, refused=2), "warn", "2 refused, the first: sky.tle:4: checksum"),
         (elements(refused=2), "bad", "no set in sky.tle can be used, 2 refused"),
-        (ElementFacts(()), "warn", "none are set"),
+        (ElementFacts(()), "warn", "none are set: only practice"),
+        (ElementFacts((), fetched_by_name=True), "warn", "none are set: those of a satellite that is named"),
         (ElementFacts(("x",), error="x: no such file"), "bad", "x: no such file"),
     ],
 )
