@@ -191,7 +191,10 @@ def load_settings(explicit: Path | None = None) -> Settings:
     path = find_settings_file(explicit)
     if path is None:
         return Settings()
-    settings = read_toml(path, Settings, "the settings")
+    try:
+        settings = read_toml(path, Settings, "the settings")
+    except BadInputError as error:
+        raise _of_profile(error) from None
     if settings.zone is not None and not is_zone(settings.zone):
         raise BadInputError(
             f"{path}{line_of_key(path, 'zone')}: zone {settings.zone!r} is no time zone: "
@@ -223,6 +226,16 @@ def load_settings(explicit: Path | None = None) -> Settings:
         except BadInputError as error:
             raise BadInputError(f"{path}{line_of_key(path, 'horizon')}: horizon: {error}") from None
     return msgspec.structs.replace(settings, elements=elements, stars=stars, mount=mount, safety=safety)
+
+
+def _of_profile(error: BadInputError) -> BadInputError:
+    """Return the error of an unknown key; of one that the mount's profile has, with where it belongs."""
+    from sattrack.mount.model import MountProfile
+
+    unknown = re.match(r"(.*: unknown key '(\w+)'(?: in \[mount\])?);", str(error))
+    if unknown is None or unknown[2] not in MountProfile.__struct_fields__:
+        return error
+    return BadInputError(f"{unknown[1]}; it belongs into the file that `profile` in [mount] names")
 
 
 def _names_a_provider(source: str) -> bool:

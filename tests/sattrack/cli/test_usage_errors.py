@@ -396,6 +396,20 @@ def test_a_wrong_command_line_is_answered_in_one_line_with_what_to_do(
         ('[cameras.main]\nkind = "fin"\n', "2: kind is 'fin'; did you mean 'fine'?"),
         ("[site]\nlatitude_deg = 2026-10-02\n", "2: latitude_deg is '2026-10-02'; give a number"),
         ("zone = \n", "1:8: not a TOML file: Invalid value; write the value after ="),
+        (
+            "[[pier_zones]]\nname = 'pier'\n",
+            "1: unknown key 'pier_zones'; it belongs into the file that `profile` in [mount] names",
+        ),
+        (
+            "[mount]\nurl = 'sim'\nwatchdog_s = 2.0\n",
+            "3: unknown key 'watchdog_s' in [mount]; it belongs into the file that `profile` in [mount] "
+            "names",
+        ),
+        (
+            "[cameras.guide]\nname = 'a'\n",
+            "2: unknown key 'name' in [cameras.guide]; there are fov_deg, "
+            "scale_arcsec_px, rotation_deg, flipped, kind",
+        ),
     ],
 )
 def test_a_wrong_setting_is_told_with_file_line_table_and_the_nearest_key(
