@@ -355,7 +355,7 @@ def _explained(message: str, document: Any, positions: KeyPositions, kind: type)
     unknown, tag = _UNKNOWN.fullmatch(message), _TAG.fullmatch(message)
     if unknown is not None:
         keys = _keys_at(kind, path, document)
-        hint = meant(unknown[1], keys) or f"; there are {', '.join(keys)}"
+        hint = _elsewhere(kind, unknown[1]) or meant(unknown[1], keys) or f"; there are {', '.join(keys)}"
         return positions.key(*path, unknown[1]).wrong(f"unknown key {unknown[1]!r}{where}{hint}")
     name = next((str(part) for part in reversed(path) if isinstance(part, str)), "the file")
     if tag is not None or message.startswith("Invalid enum value"):
@@ -384,6 +384,18 @@ def _explained(message: str, document: Any, positions: KeyPositions, kind: type)
     if missing is not None:
         message = f"{missing[1]} is missing{where}"
     return place.wrong(message)
+
+
+def _elsewhere(kind: type, key: str) -> str:
+    """Return in which other tables a key may stand, the end of a message; nothing where in none."""
+    names = _keys_at(kind, (), None)
+    if key in names:
+        return "; it belongs to the top, above the first [ ]"
+    tables = [f"[{name}]" for name in names if key in _keys_at(kind, (name,), None)]
+    for name in names:
+        if key in _keys_at(kind, (name, 0), None):
+            tables.append(f"[[{name}]]" if _is_of_tables(kind, (name,), None) else f"[{name}.NAME]")
+    return f"; it belongs under {' or '.join(tables)}" if tables else ""
 
 
 def _is_of_tables(kind: type, path: KeyPath, document: Any) -> bool:

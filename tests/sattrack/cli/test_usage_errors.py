@@ -396,6 +396,12 @@ def test_a_wrong_command_line_is_answered_in_one_line_with_what_to_do(
         ('[cameras.main]\nkind = "fin"\n', "2: kind is 'fin'; did you mean 'fine'?"),
         ("[site]\nlatitude_deg = 2026-10-02\n", "2: latitude_deg is '2026-10-02'; give a number"),
         ("zone = \n", "1:8: not a TOML file: Invalid value; write the value after ="),
+        ("floor_altitude_deg = 10\n", "1: unknown key 'floor_altitude_deg'; it belongs under [safety]"),
+        (
+            "[safety]\noptical = true\nmin_altitude_deg = 15\n",
+            "3: unknown key 'min_altitude_deg' in [safety]; it belongs to the top, above the first [ ]",
+        ),
+        ("fov_deg = 1\n", "1: unknown key 'fov_deg'; it belongs under [camera] or [cameras.NAME]"),
         (
             "[[pier_zones]]\nname = 'pier'\n",
             "1: unknown key 'pier_zones'; it belongs into the file that `profile` in [mount] names",

@@ -45,6 +45,8 @@ def utc_s(text: str) -> float:
             "night.toml:2:1: unknown key 'prioirty'; did you mean 'priority'?",
         ),
         ("a = 1\n", "night.toml:1:1: unknown key 'a'; there are timezone, include, "),
+        ('rule = "all"\n', "night.toml:1:1: unknown key 'rule'; it belongs under [[passes]]"),
+        (ISS + "keep_days = 5\n", "night.toml:3:1: unknown key 'keep_days'; it belongs under [recordings]"),
         (ISS + 'priority = "x"\n', "night.toml:3:13: priority is 'x'; give a number"),
         (ISS + "priority = 0\n", "night.toml:3:12: priority is 0; give a number above 0"),
         (ISS + "priority = nan\n", "night.toml:3:12: priority is nan; give a number above 0"),
