@@ -89,12 +89,23 @@ class SitePlace(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 raise ValueError(f"{name} is {getattr(self, name):g}; it goes from {-most:g} to {most:g}")
 
 
+def _cross(*ends: tuple[float, float]) -> bool:
+    """Tell whether the line from the first to the second end crosses that from the third to the fourth."""
+
+    def side(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> float:
+        return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+    a, b, c, d = ends
+    return side(a, b, c) * side(a, b, d) < 0.0 and side(c, d, a) * side(c, d, b) < 0.0
+
+
 class PierZone(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Where tube or counterweight would meet the pier: a polygon of hour angle and declination, degrees.
 
     Corners are directions as the mount reports them while it stands on `side` of the pier, joined by straight
     lines, the last to the first; hour angles may pass ±180 so that the polygon is in one piece. Raises
-    ValueError for fewer than three corners, or one that is no direction.
+    ValueError for fewer than three corners, one that is no direction, or sides that cross: such a polygon is
+    open where its corners were not meant to leave it so.
     """
 
     name: str
@@ -111,6 +122,14 @@ class PierZone(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                     f"corners is {hour_angle:g}, {dec:g} at one point of {self.name!r}; hour angles go from "
                     "-360 to 360, declinations from -90 to 90"
                 )
+        sides = list(zip(self.corners, (*self.corners[1:], self.corners[0]), strict=True))
+        if abs(sum(x1 * y2 - x2 * y1 for (x1, y1), (x2, y2) in sides)) < 1e-9 or any(
+            _cross(*one, *other) for k, one in enumerate(sides) for other in sides[:k]
+        ):
+            raise ValueError(
+                f"corners is a line, or has sides that cross, in {self.name!r}; write the corners in order "
+                "round the zone"
+            )
 
 
 class MeasuredMotion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -28,6 +28,14 @@ if TYPE_CHECKING:
         ("ra_rate_sign = 2\n", "my.toml:1"),
         ("[ra]\nmax_acceleration_deg_s2 = 0\n", "my.toml:2: ra.max_acceleration_deg_s2 is 0; it must be"),
         ("no_such_thing = 2\n", "no_such_thing"),
+        (
+            "[[pier_zones]]\nname = 'pier'\ncorners = [[80, 40], [100, 90], [100, 40], [80, 90]]\n",
+            "my.toml:3: corners is a line, or has sides that cross, in 'pier'",
+        ),
+        (
+            "[[pier_zones]]\nname = 'pier'\ncorners = [[80.1, 40.1], [90.2, 40.1], [100.3, 40.1]]\n",
+            "my.toml:3: corners is a line, or has sides that cross, in 'pier'",
+        ),
         ("name = \n", "not a TOML file"),
     ],
 )
