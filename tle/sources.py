@@ -52,8 +52,8 @@ _SIX_DIGITS_SINCE = Utc.parse("2026-07-11T00:00:00Z")
 # Compiled where it is used: most runs need none of these.
 _QUERY = r"https?://[^\s\"'<>]*/(?:sup-)?gp\.php\?([^\s\"'<>]*)"
 _HEAD = 2000
-# What stands in a set for a number that nobody has given yet: no object of the catalogue has these.
-_NO_NUMBERS = (0, 99_999)
+NO_NUMBERS = (0, 99_999)
+"""What stands in a set for a number that nobody has given yet: no object of the catalogue has these."""
 BODIES = ("Sun", "Moon", "Mercury", "Venus", "Mars", "Jupiter", "Saturn", "Uranus", "Neptune", "Pluto")
 """The bodies that can be targets beside satellites; `tle.bodies` knows where they are."""
 COMMON_NAMES = {
@@ -189,7 +189,7 @@ def same_object(one: Elements, other: Elements) -> bool:
         return False
     if one.designator and other.designator:
         return one.designator == other.designator
-    return one.catalog_number not in _NO_NUMBERS or one.name == other.name
+    return one.catalog_number not in NO_NUMBERS or one.name == other.name
 
 
 def newest(elements: Iterable[Elements], at: Utc | None = None) -> list[Elements]:

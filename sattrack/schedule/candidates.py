@@ -17,7 +17,7 @@ from sattrack.core.errors import BadInputError, meant
 from sattrack.planning.kinematics import ability_at, verdict_on
 from sattrack.planning.path import AxisSamples, bodies_deg, margins_deg
 from sattrack.safety.bodies import sun_over
-from sattrack.schedule.night import number_of_name
+from sattrack.schedule.night import object_number
 from tle.elements import Elements
 from tle.ephemeris import SourceRank, source_rank
 from tle.errors import AmbiguousSatelliteError, SatelliteNotFoundError, TleError
@@ -130,7 +130,7 @@ class Candidate:
     @property
     def object_number(self) -> int:
         """Give what tells the target from others."""
-        return self.elements.catalog_number or number_of_name(self.elements.label)
+        return object_number(self.elements.catalog_number, self.elements.label)
 
     @property
     def useful_s(self) -> float:
@@ -555,7 +555,7 @@ def named_by(
                 found.append(Named(key, _satellite(same, entry, load(entry.source).elements)))
             else:
                 note(f"left out: no {first.label} ({same}) in {entry.source}")
-        chosen[first.catalog_number or number_of_name(first.label)] = found
+        chosen[object_number(first.catalog_number, first.label)] = found
     return [one for found in chosen.values() for one in found]
 
 

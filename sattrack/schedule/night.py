@@ -19,6 +19,7 @@ from sattrack.views.run import SAME_PASS_S
 from sattrack.views.schedule import LostTo
 from tle.elements import Elements
 from tle.instants import DAY_S
+from tle.sources import NO_NUMBERS
 
 if TYPE_CHECKING:
     from sattrack.schedule.schema import Action
@@ -104,7 +105,7 @@ class NightPass(msgspec.Struct, frozen=True):
     @property
     def object_number(self) -> int:
         """What tells its target from others."""
-        return self.catalog_number or number_of_name(self.name)
+        return object_number(self.catalog_number, self.name)
 
 
 class Result(msgspec.Struct, frozen=True):
@@ -464,9 +465,11 @@ class FollowedPass(NamedTuple):
     asked_by: str
 
 
-def number_of_name(name: str) -> int:
-    """Return a number, below 0, for what has none in the catalogue."""
-    return -zlib.crc32(name.encode())
+def object_number(catalog_number: int | None, name: str) -> int:
+    """Return what tells an object from others: below 0, by its name, where it has no catalogue number."""
+    if catalog_number is None or catalog_number in NO_NUMBERS:
+        return -zlib.crc32(name.encode())
+    return catalog_number
 
 
 def mean_noon_s(longitude_deg: float) -> float:

@@ -34,7 +34,7 @@ from sattrack.schedule.night import (
     PassAttempt,
     Recovered,
     Run,
-    number_of_name,
+    object_number,
 )
 from sattrack.schedule.night_stop import holder, resume_command, stop_of
 from sattrack.schedule.summary import page, summary_name, text_lines
@@ -550,7 +550,7 @@ def _recovered(view: ScheduleView) -> Recovered | None:
         begin, end = (float(Utc.parse(text).unix_s) for text in (view.from_utc, view.to_utc))
         over = tuple(
             FinishedPass(
-                one.catalog_number or number_of_name(one.name),
+                object_number(one.catalog_number, one.name),
                 *(float(Utc.parse(text).unix_s) for text in (one.culminate_utc, one.end_utc)),
             )
             for one in view.passes

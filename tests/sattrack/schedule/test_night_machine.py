@@ -49,7 +49,7 @@ from sattrack.schedule.night import (
     WeatherReported,
     first_night,
     mean_noon_s,
-    number_of_name,
+    object_number,
 )
 from sattrack.schedule.schema import CommandAction, SlewAction, Terms
 from tle.instants import Utc
@@ -1020,9 +1020,11 @@ def test_a_recovered_run_goes_on_in_its_night_with_what_is_known_of_it() -> None
 
 
 def test_what_has_no_number_in_the_catalogue_has_one_of_its_own() -> None:
-    numbers = [number_of_name(name) for name in ("Moon", "moon", "Mars", "Moon")]
+    numbers = [object_number(None, name) for name in ("Moon", "moon", "Mars", "Moon")]
+    numbers += [object_number(number, name) for number in (0, 99_999) for name in ("OBJECT A", "OBJECT B")]
     assert max(numbers) < 0
-    assert len(set(numbers)) == 3
+    assert len(set(numbers)) == 5
+    assert object_number(25544, "ISS") == 25544
 
 
 @pytest.mark.parametrize(("longitude_deg", "noon_s"), [(0.0, 43_200.0), (4.5, 42_120.0), (-120.0, 72_000.0)])
