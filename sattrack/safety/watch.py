@@ -62,7 +62,7 @@ FIRST = 8
 """Commands at the beginning of a stream of which a mount that takes edges takes one."""
 KEEPS_FIRST = (
     "the axes go on at the rates that the mount took first, not those commanded: move_axis is edge, and "
-    "the profile says held"
+    "the profile says held, or the drives are off"
 )
 NAMES, FIELDS = ("the first axis", "the second axis"), ("ra_rate_sign", "dec_rate_sign")
 ELSEWHERE = (
