@@ -62,8 +62,8 @@ OFF_ARCSEC = 2.0
 """What counts as on target."""
 LOSSY_RUNS = 20
 """So many passes without a storm tell what the link's own losses cost."""
-AT_LIMIT_DEG = 2.0
-"""So near to a limit a run may be held."""
+AT_LIMIT_DEG, AT_LIMIT_S = 2.0, 1.0
+"""So near to a limit a run may be held, and so long before it would be there."""
 RATE_MARGIN = 1.15
 """By how much an axis may overshoot the largest rate: a servo's and its gain's share."""
 MEAN_TURNS = 20
@@ -179,9 +179,10 @@ class Watcher(Judging):
             world.trace("VIOLATED", f"{name}: {text}")
 
     def nearest_deg(self, begin_s: float, end_s: float) -> float:
-        """Return how near the axes came to any limit between two instants, degrees."""
+        """Return how near to any limit the axes came between two instants, or would have by going on."""
         pairs = zip(self.path, self._nearest, strict=True)
-        return min((near for axes, near in pairs if begin_s < axes.utc_s < end_s), default=-math.inf)
+        ahead = (near - AT_LIMIT_S * axes.speed_deg_s for axes, near in pairs if begin_s < axes.utc_s < end_s)
+        return min(ahead, default=-math.inf)
 
     # the axes
 
