@@ -68,6 +68,8 @@ EXPECTED_WITHIN_PX = 8.0
 RECENT_S = 5.0
 """For so long the place of the satellite tells where it is expected."""
 MESH_PX = 64
+COMMON = 1.2
+"""Neighbouring pixels have noise in common where it is so many times as large after the filter as if not."""
 USUAL_PSF_PX = 1.3
 PSF_PX = (0.6, 6.0)
 """Between these the sigma of a star's image is believed to be."""
@@ -243,10 +245,11 @@ def _prepared(frame: CameraFrame, psf_px: float) -> PreparedImage | Detection:
     spread = _clipped_sigma(part)
     white = noise / (2.0 * math.sqrt(math.pi) * psf_px)
     smooth /= max(spread, white, 1e-12)
+    common = spread / white if spread > COMMON * white else 1.0
     said = frame.header.get("EGAIN")
     gain = float(said) if isinstance(said, int | float) and said > 0.0 else None
     discs = discs_of(pixels, image, float(background.globalback), highest)
-    return PreparedImage(image, noise, smooth, bad | full, saturated, gain, pixels, discs)
+    return PreparedImage(image, noise, smooth, bad | full, saturated, gain, pixels, discs, common)
 
 
 def _clipped_sigma(values: Pixels) -> float:

@@ -74,6 +74,8 @@ class PreparedImage(NamedTuple):
     pixels: Pixels
     """The image as it was read."""
     discs: tuple[Disc, ...]
+    common: float
+    """How many times less sure a place is because neighbouring pixels have noise in common, as of colours."""
 
 
 class Point(NamedTuple):
@@ -142,7 +144,7 @@ def fitted_point(
         top, np.sqrt(variance), good, dx - ox, dy - oy, (flux, sigma)
     ):
         return None
-    grown = math.sqrt(max(1.0, residual))
+    grown = prepared.common * math.sqrt(max(1.0, residual))
     of_place = math.sqrt(max(covariance[1, 1], covariance[2, 2])) * grown
     if prepared.gain is not None:
         # The satellite's own photons: their share of a place is sigma over the root of their number.

@@ -358,5 +358,5 @@ def ends_of(prepared: PreparedImage, streak: Streak) -> tuple[float, float, floa
         return None
     middle = 0.5 * (first + last)
     across = streak.width_px / max(streak.snr, 1.0)
-    sigma = math.hypot(max(math.sqrt(variance), across), CENTROID_FLOOR_PX)
+    sigma = math.hypot(prepared.common * max(math.sqrt(variance), across), CENTROID_FLOOR_PX)
     return streak.x + middle * along_x, streak.y + middle * along_y, sigma

@@ -8,6 +8,7 @@ import camera_sky
 import numpy as np
 import pytest
 from camera_frames import Canvas, star_streaks
+from scipy.ndimage import convolve
 
 from sattrack.camera.detection import Detection, Detector, ExpectedMotion
 from sattrack.camera.frames import CameraFrame
@@ -55,6 +56,42 @@ def test_a_point_among_fifty_streaks_is_found_where_it_is() -> None:
     rms = float(np.sqrt(np.mean(np.square(errors))))
     assert rms < 0.2
     assert 0.6 < rms / float(np.median(sigmas)) < 1.6
+
+
+def behind_filters(canvas: Canvas, rng: np.random.Generator) -> np.ndarray:
+    """Return what a sensor reads behind filters RGGB that let 0.6, 1 and 0.5 of the light through."""
+    mean = canvas.electrons + canvas.sky
+    mean[::2, ::2] *= 0.6
+    mean[1::2, 1::2] *= 0.5
+    return np.rint(mean + rng.standard_normal(mean.shape) * np.sqrt(mean + canvas.read_noise**2) + 500.0)
+
+
+def in_colours(canvas: Canvas, rng: np.random.Generator) -> np.ndarray:
+    """Return the mean of the three colours that a camera interpolates from its filters, linearly."""
+    read, planes = behind_filters(canvas, rng), []
+    weights = np.array([[1.0, 2.0, 1.0], [2.0, 4.0, 2.0], [1.0, 2.0, 1.0]])
+    for places in ([(0, 0)], [(0, 1), (1, 0)], [(1, 1)]):
+        own = np.zeros_like(read)
+        for row, column in places:
+            own[row::2, column::2] = 1.0
+        planes.append(convolve(own * read, weights) / convolve(own, weights))
+    return np.mean(planes, axis=0)
+
+
+def test_the_sigma_of_a_place_holds_where_colours_were_interpolated() -> None:
+    """Their noise is common to neighbouring pixels: a place is half as sure as if it were not."""
+    rng = np.random.default_rng(41)
+    shares = []
+    for _ in range(16):
+        canvas = Canvas(240, 200, 1.2)
+        star_streaks(canvas, rng, 8, 40.0, float(rng.uniform(0.0, 180.0)))
+        x, y = rng.uniform(60, 180), rng.uniform(60, 140)
+        canvas.point(x, y, canvas.flux_of(20.0))
+        one = seen(in_colours(canvas, rng))
+        if one.x is not None and one.y is not None and one.sigma_px is not None:
+            shares += [(one.x - x) / one.sigma_px, (one.y - y) / one.sigma_px]
+    assert len(shares) >= 26
+    assert 0.7 < float(np.sqrt(np.mean(np.square(shares)))) < 1.4
 
 
 def found_of_ten(seed: int, level: float, beside_px: float) -> int:
