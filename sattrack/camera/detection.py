@@ -13,9 +13,9 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d, map_coordinates
+from scipy.ndimage import convolve1d, gaussian_filter1d, map_coordinates
 
-from sattrack.camera.frames import START_EXPOSURE_S
+from sattrack.camera.frames import START_EXPOSURE_S, levelled
 from sattrack.camera.shape import (
     FULL,
     OF_DISC_PX,
@@ -68,6 +68,7 @@ EXPECTED_WITHIN_PX = 8.0
 RECENT_S = 5.0
 """For so long the place of the satellite tells where it is expected."""
 MESH_PX = 64
+BINOMIAL = (0.25, 0.5, 0.25)
 COMMON = 1.2
 """Neighbouring pixels have noise in common where it is so many times as large after the filter as if not."""
 USUAL_PSF_PX = 1.3
@@ -212,6 +213,10 @@ def _prepared(frame: CameraFrame, psf_px: float) -> PreparedImage | Detection:
         if bad.mean() > 0.5:
             return Detection("none", why="most of its pixels are no numbers")
         pixels = np.where(bad, np.float32(np.median(pixels[~bad])), pixels)
+    level = levelled(pixels, frame.header)
+    if level is not None:
+        # A star's light goes by colours too: by these weights each of them counts as much everywhere.
+        pixels = convolve1d(convolve1d(level, BINOMIAL, axis=0), BINOMIAL, axis=1)
     sample = pixels[:: max(1, pixels.shape[0] // 100), :: max(1, pixels.shape[1] // 100)]
     highest = math.inf if frame.saturation is None else frame.saturation
     full = pixels >= FULL * highest
@@ -249,7 +254,14 @@ def _prepared(frame: CameraFrame, psf_px: float) -> PreparedImage | Detection:
     said = frame.header.get("EGAIN")
     gain = float(said) if isinstance(said, int | float) and said > 0.0 else None
     discs = discs_of(pixels, image, float(background.globalback), highest)
-    return PreparedImage(image, noise, smooth, bad | full, saturated, gain, pixels, discs, common)
+    sharp, sharp_noise = image, noise
+    if level is not None:
+        sharp = image + (level - pixels)
+        sharp_noise = _clipped_sigma(sharp[EDGE_PX::13, EDGE_PX::7])
+    bad = bad | full
+    return PreparedImage(
+        image, noise, smooth, bad, saturated, gain, pixels, discs, common, sharp, sharp_noise
+    )
 
 
 def _clipped_sigma(values: Pixels) -> float:
@@ -284,7 +296,7 @@ def _point_target(
     )
     trailing = trail.length_px is not None and trail.length_px > 2.0 * LONG_RATIO * psf_px
     least = SURE_SNR if near is None else EXPECTED_SNR
-    peaks = found = _spread(prepared.image, _peaks(prepared.snr, least))
+    peaks = found = _spread(prepared.sharp, _peaks(prepared.snr, least))
     on_streaks = standing_on(prepared.snr, long, least, psf_px)
     peaks, on_streaks = (_without(discs, one, psf_px) for one in (peaks, on_streaks))
     if not len(peaks) and not len(on_streaks) and not discs:

@@ -234,6 +234,39 @@ def _length_s(number: str, unit: str, what: str) -> float:
         raise BadInputError(f"{what} is {number + unit!r}, which is no time of exposure") from None
 
 
+MOSAIC = re.compile("[RGBW]{4}")
+"""What BAYERPAT says of a sensor whose pixels lie behind filters of colours, two by two."""
+MOSAIC_SIGMAS = 0.1
+"""By so much of the noise the sky behind the filters differs at least, where no header tells of them."""
+
+
+def levelled(pixels: Pixels, header: Mapping[str, Any]) -> Pixels | None:
+    """Return an image that was taken through a mosaic of filters with the sky as bright behind each.
+
+    None where there is no mosaic: by BAYERPAT, else by the sky.
+    """
+    told = header.get("NAXIS", 2) == 2 and MOSAIC.fullmatch(str(header.get("BAYERPAT", "")).strip())
+    if not told and not _is_chequered(pixels):
+        return None
+    parts = [(slice(row, None, 2), slice(column, None, 2)) for row in (0, 1) for column in (0, 1)]
+    skies = [float(np.median(pixels[part][::4, ::4])) for part in parts]
+    level = pixels.copy()
+    for part, sky in zip(parts, skies, strict=True):
+        level[part] += sum(skies) / 4.0 - sky
+    return level
+
+
+def _is_chequered(pixels: Pixels) -> bool:
+    """Tell whether both diagonals of squares of four pixels differ in the sky."""
+    rows, columns = (2 * (size // 2) for size in pixels.shape)
+    step = 2 * max(1, min(rows, columns) // 240)
+    one, two, three, four = (pixels[y:rows:step, x:columns:step] for y, x in ((0, 0), (1, 1), (0, 1), (1, 0)))
+    # A gradient, and rows or columns that differ, have no part in it.
+    odd = one + two - three - four
+    middle = float(np.median(odd))
+    return abs(middle) > MOSAIC_SIGMAS * 1.4826 * float(np.median(np.abs(odd - middle)))
+
+
 MOST_VALUE = 1e12
 """Of a pixel: above it is no light, and sums of squares would leave single precision."""
 

@@ -72,10 +72,13 @@ class PreparedImage(NamedTuple):
     gain: float | None
     """Electrons for each unit, where the camera says so."""
     pixels: Pixels
-    """The image as it was read."""
+    """The image as it was read, or its colours together."""
     discs: tuple[Disc, ...]
     common: float
     """How many times less sure a place is because neighbouring pixels have noise in common, as of colours."""
+    sharp: Pixels
+    """The image with its pixels apart, behind filters of colours too: a hot one is one there; its noise."""
+    sharp_noise: float
 
 
 class Point(NamedTuple):
@@ -118,6 +121,7 @@ def fitted_point(
     good = ~prepared.bad[box]
     dy, dx = np.mgrid[-half : half + 1, -half : half + 1].astype(np.float64)
     variance = np.full(data.shape, prepared.noise**2)
+    apart = prepared.sharp[box] - prepared.image[box]
     if ridge > 0.0:
         under = _ridge_under(prepared.image, col, row, half, angle_deg, psf_px)
         data -= under
@@ -138,9 +142,9 @@ def fitted_point(
     limit = 1.9 + (0.25 * snr) ** 2 / dof + 0.01 * ridge
     if sharp or residual > limit or flux <= 0.0:
         return None
-    noise = np.sqrt(variance * max(1.0, residual))
+    noise = np.sqrt(variance * max(1.0, residual)) * (prepared.sharp_noise / prepared.noise)
     # Noise beside a hot pixel makes it look like a star that is sharper than others.
-    if _is_one_pixel(top, noise, good, (ox, oy, max(sigma, 0.9 * psf_px)), snr) or _is_long(
+    if _is_one_pixel(top + apart, noise, good, (ox, oy, max(sigma, 0.9 * psf_px)), snr) or _is_long(
         top, np.sqrt(variance), good, dx - ox, dy - oy, (flux, sigma)
     ):
         return None

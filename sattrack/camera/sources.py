@@ -407,6 +407,8 @@ MOST_IMAGE_BYTES = 1 << 29
 METADATA = struct.Struct("<iiIIiiiiiii")
 ELEMENTS = {1: "<i2", 2: "<i4", 3: "<f8", 4: "<f4", 5: "<u8", 6: "u1", 7: "<i8", 8: "<u2", 9: "<u4"}
 """Types of the elements of ImageBytes, by their numbers (ASCOM Alpaca API Reference, ImageBytes)."""
+RGGB = 2
+"""Of the types of sensors: pixels behind filters, one red, two green and one blue (ICameraV3)."""
 _ALPACA_URL = re.compile(r"//([^/]+)/(\d+)/?")
 
 
@@ -459,7 +461,7 @@ class AlpacaCamera:
         self._full = self._optional("maxadu") or None
         self._gain_per_unit = self._optional("electronsperadu")
         self._gains = tuple(self._optional(name) for name in ("gainmin", "gainmax", "gain"))
-        self._optics: dict[str, float] = {}
+        self._optics: dict[str, float | str] = {}
         for axis in "xy":
             size_um, bins = self._optional(f"pixelsize{axis}") or 0.0, self._optional(f"bin{axis}") or 0.0
             # FITS has the pixels as they are read out, Alpaca as they are made.
@@ -467,6 +469,8 @@ class AlpacaCamera:
                 self._optics[f"{axis.upper()}PIXSZ"] = size_um * max(bins, 1.0)
             if bins >= 1.0:
                 self._optics[f"{axis.upper()}BINNING"] = int(bins)
+        if self._optional("sensortype") == RGGB:
+            self._optics["BAYERPAT"] = "RGGB"
 
     def _optional(self, member: str) -> float | None:
         try:

@@ -459,6 +459,17 @@ def test_the_pixel_size_that_an_alpaca_camera_announces_is_kept(
     assert (header["XBINNING"], header["YBINNING"]) == (2, 2)
 
 
+@pytest.mark.parametrize(("sensor", "pattern"), [(0, None), (1, None), (2, "RGGB")])
+def test_that_an_alpaca_camera_has_filters_of_colours_goes_with_its_frames(
+    monkeypatch: pytest.MonkeyPatch, sensor: int, pattern: str | None
+) -> None:
+    monkeypatch.setattr(AnnouncedCamera, "members", AnnouncedCamera.members | {"sensortype": sensor})
+    monkeypatch.setattr(sources, "AlpacaDevice", AnnouncedCamera)
+    frame = next(iter(open_source("alpaca://127.0.0.1:1/0", SourceOptions(0.001)).frames()))
+    assert isinstance(frame, CameraFrame)
+    assert frame.header.get("BAYERPAT") == pattern
+
+
 @pytest.mark.parametrize(
     ("said", "begun"),
     [
