@@ -297,6 +297,21 @@ def grey(pixels: NDArray[Any]) -> Pixels:
     return pixels
 
 
+CLIPPED = frozenset({1023.0, 4095.0, 16383.0})
+"""The highest values of converters of 10, 12 and 14 bits, whose pixels are kept in 16."""
+
+
+def full_scale(pixels: Pixels, said: float | None) -> float | None:
+    """Return the value of a full pixel: as was said, or where an image is cut off at that of fewer bits."""
+    top = float(np.nanmax(pixels))
+    if top not in CLIPPED or (said is not None and said <= top):
+        return said
+    rows = pixels == top
+    pairs = rows[:-1] & rows[1:]
+    # Four in a square, alike and the highest of all, are no chance.
+    return top if bool((pairs[:, :-1] & pairs[:, 1:]).any()) else said
+
+
 START_EXPOSURE_S = 0.1
 AUTO_S = (0.005, 0.5)
 """Between these an exposure is chosen by itself: longer ones smear the satellite by what is not known yet."""

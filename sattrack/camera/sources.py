@@ -27,6 +27,7 @@ from sattrack.camera.frames import (
     START_EXPOSURE_S,
     CameraFrame,
     fits_exposure,
+    full_scale,
     grey,
     last_decimal_s,
     more_light,
@@ -207,7 +208,7 @@ def _read_fits(path: Path, options: SourceOptions) -> CameraFrame:
         exposure.utc.plus(-options.latency_s),
         exposure.exposure_s,
         path.name,
-        full,
+        full_scale(image, full),
         header,
         exposure.decimal_s,
     )
@@ -296,12 +297,13 @@ def _read_png(path: Path, options: SourceOptions) -> CameraFrame:
             "no time in its name"
         )
     full = float(np.iinfo(pixels.dtype).max) if pixels.dtype.kind == "u" else None
+    image = _image(pixels, path)[::-1]
     return CameraFrame(
-        _image(pixels, path)[::-1],
+        image,
         exposure.utc.plus(-options.latency_s),
         exposure.exposure_s,
         path.name,
-        full,
+        full_scale(image, full),
         decimal_s=exposure.decimal_s,
     )
 
@@ -508,6 +510,7 @@ class AlpacaCamera:
         pixels = grey(decode_image(kind, body))
         taken_s = self._optional("lastexposureduration")
         length_s = exposure_s if taken_s is None else taken_s
+        self._full = full_scale(pixels, self._full)
         header = dict(self._optics)
         if self._gain_per_unit is not None:
             header["EGAIN"] = self._gain_per_unit
@@ -576,6 +579,7 @@ class IndiCamera:
         logging.getLogger("indipyclient").setLevel(logging.CRITICAL)
         needed("astropy.io.fits", "reading FITS", "camera")
         self._url, self._device, self._options = f"indi:{url}", unquote(named[3]), options
+        self._cut_off: float | None = None
         self.exposure_s: float | None = options.exposure_s or START_EXPOSURE_S
         # One image is asked for. A driver that others let stream sends more, and those fill the memory.
         self._blobs: queue.Queue[bytes] = queue.Queue(1)
@@ -676,16 +680,19 @@ class IndiCamera:
             # A date that is cut off at a second is worse than ours.
             utc = begun.plus(0.5 * exposure_s) if said.decimal_s > COARSE_S else said.utc
         top_down = str(header.get("ROWORDER", "")).strip().upper() == "TOP-DOWN"
+        # One that is cut off shows where of those that come after it, too.
+        self._cut_off = full_scale(pixels, self._cut_off)
+        fulls = [] if self._cut_off is None else [self._cut_off]
+        if header.get("BITPIX") == 8:
+            fulls.append(FULL_8_BITS)
+        elif header.get("BZERO") == 32768:
+            fulls.append(FULL_16_BITS)
         return CameraFrame(
             np.ascontiguousarray(pixels[::-1] if top_down else pixels, dtype=np.float32),
             utc.plus(-self._options.latency_s),
             exposure_s,
             name,
-            FULL_8_BITS
-            if header.get("BITPIX") == 8
-            else FULL_16_BITS
-            if header.get("BZERO") == 32768
-            else None,
+            min(fulls, default=None),
             header,
         )
 

@@ -20,11 +20,12 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import pytest
+from camera_frames import Canvas
 
 from sattrack.camera import sources
 from sattrack.camera.centring import ImageGeometry
-from sattrack.camera.detection import Detection, light_wanted
-from sattrack.camera.frames import CameraFrame, reduced
+from sattrack.camera.detection import Detection, Detector, ExpectedMotion, light_wanted
+from sattrack.camera.frames import CameraFrame, full_scale, reduced
 from sattrack.camera.sources import SourceOptions, decode_image, open_source, save_frame
 from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import BadInputError, SattrackError
@@ -528,6 +529,37 @@ def test_what_is_no_source_is_refused_in_one_line(text: str) -> None:
     with pytest.raises(BadInputError) as error:
         open_source(text, SourceOptions())
     assert "\n" not in str(error.value)
+
+
+def cut_off(bits: int) -> np.ndarray:
+    """Return what a converter of so many bits makes of a brighter star, kept in 16."""
+    canvas = Canvas(120, 100)
+    canvas.point(60.0, 50.0, 1e7)
+    return np.minimum(canvas.exposed(np.random.default_rng(3), gain=5.0), 2**bits - 1)
+
+
+@pytest.mark.parametrize(("bits", "full"), [(10, 1023.0), (12, 4095.0), (14, 16383.0), (16, 65535.0)])
+def test_a_full_pixel_of_fewer_bits_is_known_by_a_frame_that_is_cut_off(
+    tmp_path: Path, bits: int, full: float
+) -> None:
+    (tmp_path / "a.fits").write_bytes(fits_bytes(cut_off(bits), **DATED))
+    (found,) = frames(f"folder:{tmp_path}", SourceOptions())
+    assert isinstance(found, CameraFrame)
+    assert found.saturation == full
+    seen = Detector().look(found, ExpectedMotion(400.0, 0.0))
+    assert (seen.kind, seen.x, seen.y) == (
+        "point",
+        pytest.approx(60.0, abs=0.5),
+        pytest.approx(50.0, abs=0.5),
+    )
+    assert light_wanted(found, seen) == 0.5
+
+
+def test_a_value_that_many_pixels_have_by_chance_is_no_full_scale() -> None:
+    pixels = np.random.default_rng(4).normal(4000.0, 30.0, (100, 120)).clip(None, 4095.0).astype(np.float32)
+    pixels[50:53, 60:63] = 4095.0, 4094.0, 4095.0
+    assert full_scale(pixels, 65535.0) == 65535.0
+    assert full_scale(pixels + 0.5, 65535.0) == 65535.0
 
 
 INDI = b"""<defSwitchVector device="CCD Sim" name="CONNECTION" state="Ok" perm="rw" rule="OneOfMany"
