@@ -356,6 +356,12 @@ class Leave(msgspec.Struct, frozen=True, tag="leave", forbid_unknown_fields=True
     """Stop what was begun from this console, and end."""
 
 
+class _Typed(msgspec.Struct):
+    """What any message is besides: of a type."""
+
+    type: str | None = None
+
+
 ConsoleMessage = Slew | Sync | Jog | Abort | Park | FindHome | Reset | Leave
 _MESSAGES: msgspec.json.Decoder[TaggedMessage] = msgspec.json.Decoder(TaggedMessage)
 _ALL: msgspec.json.Decoder[TaggedMessage | SessionMessage] = msgspec.json.Decoder(
@@ -364,6 +370,7 @@ _ALL: msgspec.json.Decoder[TaggedMessage | SessionMessage] = msgspec.json.Decode
 # It cannot distinguish two types of one name: offsets that were seen have a decoder of their own.
 _SEEN_OFFSETS: msgspec.json.Decoder[SeenOffset] = msgspec.json.Decoder(SeenOffset)
 _OBSERVATIONS: msgspec.json.Decoder[ObservationMessage] = msgspec.json.Decoder(ObservationMessage)
+_TYPES: msgspec.json.Decoder[_Typed] = msgspec.json.Decoder(_Typed)
 _FIELDS: msgspec.json.Decoder[SolvedField] = msgspec.json.Decoder(SolvedField)
 _FIXES: msgspec.json.Decoder[PlaceFix] = msgspec.json.Decoder(PlaceFix)
 _ORDERS: msgspec.json.Decoder[ConsoleMessage] = msgspec.json.Decoder(ConsoleMessage)
@@ -397,23 +404,35 @@ def decode_observation(line: bytes) -> Reported:
 
     The type of an observation may be left out.
     """
-    if b'"fix"' in line:
-        return _decode(_FIXES, line)
-    if b'"field"' in line:
-        return _decode(_FIELDS, line)
-    return _decode(_SEEN_OFFSETS, line) if _is_seen_offset(line) else _decode(_OBSERVATIONS, line)
+    match _type_of(line):
+        case "fix":
+            return _decode(_FIXES, line)
+        case "field":
+            return _decode(_FIELDS, line)
+        case "offset":
+            return _decode(_SEEN_OFFSETS, line)
+        case _:
+            return _decode(_OBSERVATIONS, line)
 
 
 def is_observation(line: bytes) -> bool:
     """Tell whether a line looks like an observation, a field, a fix, or an offset that was seen."""
-    return any(name in line for name in (b'"observation"', b'"field"', b'"fix"')) or _is_seen_offset(line)
+    found = any(name in line for name in (b'"observation"', b'"field"', b'"fix"'))
+    return found or (b'"utc"' in line and b'"offset"' in line)
 
 
 def _is_seen_offset(line: bytes | str) -> bool:
     """Tell an offset that was seen from an order to offset, whose type is of the same name."""
-    if isinstance(line, str):
-        return '"utc"' in line and '"offset"' in line
-    return b'"utc"' in line and b'"offset"' in line
+    text = line.encode(errors="replace") if isinstance(line, str) else line
+    return b'"utc"' in text and b'"offset"' in text and _type_of(text) == "offset"
+
+
+def _type_of(line: bytes) -> str | None:
+    """Return the type of a JSON line's message; None where it says none. A camera may have any name."""
+    try:
+        return _TYPES.decode(line).type
+    except (msgspec.MsgspecError, *NO_JSON):
+        return None
 
 
 def decode_order(line: bytes) -> ConsoleMessage:

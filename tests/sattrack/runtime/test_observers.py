@@ -25,6 +25,7 @@ from sattrack.views.messages import (
     ObservationMessage,
     OffsetBy,
     SeenOffset,
+    SolvedField,
     StopNow,
     decode_message,
     encode_message,
@@ -117,6 +118,18 @@ def test_an_offset_that_a_camera_saw_comes_with_observations_and_one_that_is_ord
     assert inbox.messages() == [OffsetBy("along_s", "add", 0.5)]
     assert observers.observations() == [SEEN_OFFSET]
     assert decode_message(encode_message(SEEN_OFFSET)) == SEEN_OFFSET
+
+
+@pytest.mark.parametrize("name", ["field", "fix", "offset", "observation"])
+def test_a_camera_may_be_called_as_a_message_is(name: str) -> None:
+    seen = (
+        msgspec.structs.replace(SEEN_OFFSET, camera=name),
+        msgspec.structs.replace(SEEN, camera=name),
+        SolvedField(SEEN.utc, 10.5, -3.25, 2.0, name),
+    )
+    lines = [encode_message(one) for one in seen]
+    assert tuple(held(*lines).observations(3)) == seen
+    assert tuple(decode_message(line) for line in lines) == seen
 
 
 @pytest.mark.parametrize("line", BAD, ids=lambda line: line[:30].decode("latin-1"))
