@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import re
 import select
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
 UNNAMED = "camera"
 """What a camera is called that is given no name; the second one of a run is camera-2."""
 MOST_REFUSALS_TOLD = 5
+MANY_UNFOUND = 10
+"""So many fields of a run are not found before a message says so: clouds and trails hide stars."""
 NICE = 10
 END_WITHIN_S = 3.0
 RUN_WITHIN_S = 20.0
@@ -437,6 +440,8 @@ class Looker:
         """Whether the image lies on the sky as it did in the frame before."""
         self._solver: Solver | None = None
         self._making: subprocess.Popen[bytes] | None = None
+        self._unfound = 0.0
+        """How many fields were not found before the first that was."""
         self._told: set[str] = set()
 
     def look(
@@ -468,7 +473,11 @@ class Looker:
         if self._solver is None:
             return None
         solution = self._solver.solve(frame.pixels.shape, detection.stars)
-        if solution is None or not self.lies_still:
+        if solution is None:
+            self._not_found(scale, len(detection.stars))
+            return None
+        self._unfound = -math.inf
+        if not self.lies_still:
             return solution
         wrong = contradiction(self.geometry.turned(field_angle_deg), solution)
         if wrong is not None:
@@ -477,6 +486,15 @@ class Looker:
         shown = ImageGeometry(solution.scale_arcsec_px, solution.rotation_deg, solution.flipped)
         self.geometry = shown.turned(-field_angle_deg)
         return solution
+
+    def _not_found(self, scale: float, stars: int) -> None:
+        """Say that a field is not found, where none was before."""
+        self._unfound += 1
+        if self._unfound == (1 if self._waits else MANY_UNFOUND):
+            self._tell(
+                f"the field is not found among the catalogue's by its {stars} stars: "
+                f"the scale, {scale:.4g}″ a pixel, must be right within 30 %"
+            )
 
     def _made_solver(self, fov_deg: float) -> Solver | None:
         """Return the solver; None while its index is made, and where there will be none."""

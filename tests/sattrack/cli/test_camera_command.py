@@ -109,6 +109,18 @@ def test_an_index_of_stars_that_cannot_be_made_is_told(
     assert "cannot be made: is its disk full or read-only?" in err
 
 
+def test_that_a_field_is_not_found_by_its_scale_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_frames(tmp_path, [(249.5, 149.5), None])
+    unsolved = SimpleNamespace(solve=lambda *_: None)
+    monkeypatch.setattr("sattrack.cli.camera.Looker._made_solver", lambda *_: unsolved)
+    monkeypatch.setattr("sattrack.camera.centring.FEWEST_STARS", 1)
+    lines, err = ran(capsys, "camera", f"folder:{tmp_path}", "--scale", "5", "--json")
+    assert [line["solved"] for line in lines] == [None, None]
+    assert err.count("the scale, 5″ a pixel, must be right within 30 %") == 1
+
+
 def test_frames_that_cannot_be_kept_end_no_camera_of_a_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
