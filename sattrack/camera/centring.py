@@ -225,9 +225,11 @@ class Centred(NamedTuple):
     def document(self, sent: bool) -> dict[str, Any]:
         """Return the line of `sattrack camera --json`, and whether a run got what was seen."""
         told = {"offset", "direction", "field"}
-        main = self.direction or self.offset
+        main, among = self.direction or self.offset, self.direction
         return {
             **{name: getattr(self, name) for name in self._fields if name not in told},
+            "ra_deg": None if among is None else round(among.ra_deg, 6),
+            "dec_deg": None if among is None else round(among.dec_deg, 6),
             "sent": None if main is None or not sent else main.__struct_config__.tag,
         }
 

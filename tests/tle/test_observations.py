@@ -227,6 +227,26 @@ def test_tells_what_is_wrong_and_where(text, words):
     assert "\n" not in str(raised.value)
 
 
+def test_reads_the_frames_of_a_camera_that_have_a_place_among_the_stars():
+    line = (
+        '{"utc": "2026-10-02T13:05:24.500000Z", "exposure_s": 0.1, "kind": "point", "dx_arcsec": 1.0, '
+        '"dy_arcsec": 2.0, "sigma_arcsec": 2.5, "snr": 20.0, "solved": {"ra_deg": 144.8, "dec_deg": 13.6}, '
+        '"why": null, "camera": "camera", "ra_deg": 144.9, "dec_deg": 13.7, "sent": null}\n'
+    )
+    without = line.replace("144.9", "null").replace("13.7", "null")
+    (one,) = parse_observations(without + line, Stations({}, HERE), "seen.jsonl")
+    assert (one.utc, one.ra_deg, one.dec_deg, one.frame, one.sigma_arcsec, one.line) == (
+        AT,
+        144.9,
+        13.7,
+        "icrf",
+        2.5,
+        2,
+    )
+    with pytest.raises(ObservationError, match=r"^seen.jsonl: holds no observations of RA and Dec"):
+        parse_observations(without, Stations({}, HERE), "seen.jsonl")
+
+
 @given(st.text() | st.text(alphabet="0123456789 +-.,=ANGLE_12T:\n<>").map(lambda t: "CCSDS_TDM_VERS" + t))
 def test_no_text_raises_anything_but_our_errors(text):
     for start in ("", CSV, IOD[:40]):

@@ -4,7 +4,8 @@ CSV: utc, ra_deg, dec_deg and, if known, frame, station, object and uncertaintie
 satellite observers (G. Lewis, 1998, clarified 2002), RA and Dec only. TDM: RA and Dec of a Tracking Data
 Message (CCSDS 503.0-B-2), KVN or XML. TDM has no keyword for the uncertainty of angles: a comment in a
 segment's metadata gives it for the whole segment, one sigma on the sky: `COMMENT SIGMA_ARCSEC = 20`.
-JSON lines: the observations that a run takes, an object a line; lines of another type are skipped.
+JSON lines: the observations that a run takes, or what `sattrack camera --json` prints, an object a line;
+lines of another type are skipped, and frames without a place among the stars.
 """
 
 from __future__ import annotations
@@ -408,7 +409,9 @@ def _read_json_lines(text: str, stations: Stations, source: str) -> list[Observa
             raise ObservationError(placed(source, number, f"is no JSON: {error}")) from None
         if not isinstance(row, dict):
             raise ObservationError(placed(source, number, "is no JSON object"))
-        if row.get("type", "observation") != "observation":
+        # A camera's frame of which no place among the stars is known has none.
+        unsolved = "kind" in row and row.get("ra_deg") is None
+        if row.get("type", "observation") != "observation" or unsolved:
             continue
         missing = [name for name in _NEEDED if row.get(name) is None]
         if missing:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from functools import cache
 from typing import Any
@@ -13,7 +14,9 @@ from sattrack.camera.centring import ImageGeometry, Solver, centred, contradicti
 from sattrack.camera.detection import Detection, PointSource
 from sattrack.camera.frames import CameraFrame
 from sattrack.camera.star_index import start_making
+from tle.formats.observations import Stations, parse_observations
 from tle.instants import Utc
+from tle.site import Site
 
 tetra3rs = pytest.importorskip("tetra3rs", reason="solving needs the extra camera")
 WIDTH, HEIGHT, SCALE = 1280, 960, 36.0
@@ -110,6 +113,12 @@ def test_a_field_is_found_as_astropy_projects_it(
     assert seen.offset.scale_arcsec_px == found.scale_arcsec_px
     assert seen.messages == (seen.field, seen.offset, seen.direction)
     assert (seen.document(sent=True)["sent"], seen.document(sent=False)["sent"]) == ("observation", None)
+    here = Stations({}, Site(52.1541, 4.4908, 0.0))
+    lines = [centred(frame, Detection("none"), said, found, "guide"), seen]
+    (read,) = parse_observations("".join(json.dumps(one.document(sent=False)) + "\n" for one in lines), here)
+    assert (read.utc, read.frame, read.sigma_arcsec) == (frame.utc, "icrf", seen.sigma_arcsec)
+    place = seen.direction.ra_deg, seen.direction.dec_deg
+    assert (read.ra_deg, read.dec_deg) == pytest.approx(place, abs=1e-6)
 
 
 def test_what_is_no_field_is_not_solved(solver: Solver) -> None:
