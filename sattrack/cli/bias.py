@@ -192,13 +192,16 @@ def _of(elements: Elements, seen: Sequence[Observation]) -> list[Observation]:
 
 
 def _fitted(elements: Elements, seen: Sequence[Observation]) -> ObservedFit:
+    from tle.instants import DAY_S
     from tle.orbit_fit import fit_observations
 
     found = fit_observations(elements, seen)
     if found is None:
+        days = float(seen[-1].utc - seen[0].utc) / DAY_S
         raise SattrackError(
             f"the observations agree on no orbit near the elements of {elements.label}: "
-            "check the satellite, the station, the frame and the clock"
+            + (f"they span {days:.1f} days, give those of one; or " if days > 1.0 else "")
+            + "check the satellite, the station, the frame and the clock"
         )
     return found
 
@@ -207,10 +210,19 @@ def _warnings(found: ObservedFit) -> list[str]:
     """Return what to tell of a fit whose observations lie much farther off than their sigmas say."""
     if found.fit.scatter < _MANY_TIMES:
         return []
+    from tle.formats.observations import DEFAULT_SIGMA_ARCSEC
+
+    said, sigmas = "their sigmas say", "check the sigmas,"
+    if not _has_sigmas(found):
+        said, sigmas = f"the {DEFAULT_SIGMA_ARCSEC:g}″ that holds without sigmas", "give them, or check"
     return [
-        f"the observations lie {found.fit.scatter:.1f} times as far off as their sigmas say: "
-        + (_would_fit(found) or "check the sigmas, the satellite, the station, the frame and the clock")
+        f"the observations lie {found.fit.scatter:.1f} times as far off as {said}: "
+        + (_would_fit(found) or f"{sigmas} the satellite, the station, the frame and the clock")
     ]
+
+
+def _has_sigmas(found: ObservedFit) -> bool:
+    return any(one.sigma_arcsec is not None for one in found.observations)
 
 
 def _would_fit(found: ObservedFit) -> str | None:
@@ -266,7 +278,8 @@ def _lines(found: ObservedFit) -> list[str]:
         f"  along        {last.along_s:+.4f} ± {last.along_sigma_s:.4f} s at the last"
         + ("" if drift is None else f", drifting by {drift:+.4f} s a minute"),
         f"  across       {last.cross_deg:+.5f} ± {last.cross_sigma_deg:.5f}°",
-        f"  scatter      {fit.rms_arcsec:.2f}″ RMS, {fit.scatter:.1f} times what the sigmas say",
+        f"  scatter      {fit.rms_arcsec:.2f}″ RMS, "
+        + (f"{fit.scatter:.1f} times what the sigmas say" if _has_sigmas(found) else "no sigmas are given"),
     ]
     out = [
         (one, float(math.hypot(*off)))

@@ -221,6 +221,30 @@ def test_a_scatter_that_no_frame_explains_is_told(capsys: pytest.CaptureFixture[
     )
 
 
+def test_of_observations_without_sigmas_none_are_called_wrong(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """As those of a TDM are, whose standard has no place for them."""
+    rows = [{key: row[key] for key in ("utc", "ra_deg", "dec_deg")} for row in solutions()[::8]]
+    out, err = ran(capsys, ELEMENTS, "--observations", written(tmp_path / "plain.jsonl", rows))
+    assert re.search(r"scatter +\d+\.\d\d″ RMS, no sigmas are given\n", out)
+    assert re.fullmatch(
+        r"sattrack: warning: the observations lie \d+\.\d times as far off as "
+        r"the 1″ that holds without sigmas: give them, or check "
+        r"the satellite, the station, the frame and the clock\n",
+        err,
+    )
+
+
+def test_old_observations_among_new_ones_are_told_by_their_span(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    rows = solutions()[::15]
+    old = [row | {"utc": row["utc"].replace("2026", "2025")} for row in rows]
+    _, err = ran(capsys, ELEMENTS, "--observations", written(tmp_path / "both.jsonl", old + rows), code=1)
+    assert "they span 365.0 days, give those of one; or check the satellite" in err
+
+
 def test_sigmas_that_are_small_by_a_few_times_are_no_cause_for_a_warning(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
