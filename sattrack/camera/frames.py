@@ -301,15 +301,15 @@ CLIPPED = frozenset({1023.0, 4095.0, 16383.0})
 """The highest values of converters of 10, 12 and 14 bits, whose pixels are kept in 16."""
 
 
-def full_scale(pixels: Pixels, said: float | None) -> float | None:
-    """Return the value of a full pixel: as was said, or where an image is cut off at that of fewer bits."""
+def full_scale(pixels: Pixels, known: float | None) -> float | None:
+    """Return the value of a full pixel: as is known, or where an image is cut off at that of fewer bits."""
     top = float(np.nanmax(pixels))
-    if top not in CLIPPED or (said is not None and said <= top):
-        return said
+    if top not in CLIPPED or (known is not None and known <= top):
+        return known
     rows = pixels == top
     pairs = rows[:-1] & rows[1:]
     # Four in a square, alike and the highest of all, are no chance.
-    return top if bool((pairs[:, :-1] & pairs[:, 1:]).any()) else said
+    return top if bool((pairs[:, :-1] & pairs[:, 1:]).any()) else known
 
 
 START_EXPOSURE_S = 0.1

@@ -100,6 +100,8 @@ def command(context: CommandContext, source: str, **options: Any) -> int:
         if run is not None:
             run.close()
         raise
+    if run is not None and not options["child"]:
+        _warn_of_unknown_rotation(options["name"] or UNNAMED, geometry)
     look = Looker(Detector(), geometry, options["name"] or UNNAMED, options["solve"], waits=run is None)
     # Over the sky a misaligned mount turns each field otherwise.
     look.lies_still = not options["alone"]
@@ -222,7 +224,19 @@ def check_cameras(context: CommandContext, options: dict[str, Any]) -> None:
         _geometry_in_run(context, options, name)
         _check_save(source, options["save"])
     _exposure_s(options["exposure"] or "auto")
+    for number, text in enumerate(() if options["virtual"] else options["cameras"]):
+        name, _ = _named(text, number)
+        _warn_of_unknown_rotation(name, _geometry_in_run(context, options, name))
     needed("sep", "a camera", "camera")
+
+
+def _warn_of_unknown_rotation(name: str, geometry: ImageGeometry) -> None:
+    """Report what a run assumes of an image whose rotation is not given."""
+    if geometry.rotation_deg is None:
+        tell(
+            f"camera {name}: its rotation is not known, and the run assumes that up is north until "
+            "a field is solved: an image turned otherwise leads the mount away; give --rotation"
+        )
 
 
 def _geometry_in_run(context: CommandContext, options: dict[str, Any], name: str) -> ImageGeometry:

@@ -226,6 +226,26 @@ def test_what_no_camera_of_a_run_can_be_is_told_before_the_run(
     assert words in ran(capsys, *practice, *arguments, code=2)[1]
 
 
+@pytest.mark.parametrize(
+    ("name", "more", "unknown"),
+    [("guide", (), False), ("finder", (), True), ("finder", ("--rotation", "0"), False)],
+)
+def test_that_the_rotation_of_an_image_is_not_known_is_reported_before_the_run(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    name: str,
+    more: tuple[str, ...],
+    unknown: bool,
+) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "sep", None)
+    settings = tmp_path / "sattrack.toml"
+    settings.write_text("[cameras.guide]\nrotation_deg = 93.0\n[cameras.finder]\n")
+    practice = ("track", "ISS", "--mount", "sim", "--headless", "--config", str(settings))
+    err = ran(capsys, *practice, "--camera", f"{name}=folder:{tmp_path}", *more, code=1)[1]
+    assert (f"camera {name}: its rotation is not known" in err) is unknown
+
+
 def test_in_virtual_time_offsets_of_another_mount_are_not_used(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
