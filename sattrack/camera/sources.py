@@ -227,7 +227,7 @@ def _fits_image(stream: BinaryIO, name: str) -> tuple[dict[str, Any], NDArray[An
             warnings.catch_warnings(action="ignore"),
             fits.open(stream, memmap=False, disable_image_compression=True) as file,
         ):
-            part = next((one for one in file if one.is_image and one.shape), None)
+            part = next((one for one in file if one.is_image and getattr(one, "shape", ())), None)
             if part is None:
                 raise BadInputError(f"{name}: it has no image; unpack it first if it is packed")
             _check_size(math.prod(part.shape), name)
@@ -562,6 +562,8 @@ class AlpacaCamera:
 FOUND_WITHIN_S = 10.0
 GAINS = (("CCD_GAIN", "GAIN"), ("CCD_CONTROLS", "Gain"))
 """Where drivers have the gain: a vector of its own, or among the camera's other controls."""
+PACKINGS = (("INDI_ENABLED", "INDI_DISABLED"), ("CCD_COMPRESS", "CCD_RAW"))
+"""What drivers of different age call images that are packed, and others."""
 FULL_8_BITS, FULL_16_BITS = 255.0, 65535.0
 _INDI_URL = re.compile(r"//([^/:]+):(\d+)/(.+)")
 
@@ -648,6 +650,7 @@ class IndiCamera:
             exposure_s = self.exposure_s or START_EXPOSURE_S
             while not self._blobs.empty():
                 self._blobs.get()
+            self._ask_for_plain_images()
             self._send("CCD_EXPOSURE", {"CCD_EXPOSURE_VALUE": f"{exposure_s:g}"})
             begun = self._options.now()
             try:
@@ -664,6 +667,14 @@ class IndiCamera:
                 yield self._frame(data, begun, exposure_s, number)
             except SattrackError as error:
                 yield error
+
+    def _ask_for_plain_images(self) -> None:
+        """Have the driver send images as they are, where it is set to pack them."""
+        device = self._client.data.get(self._device)
+        vector = {} if device is None else device.get("CCD_COMPRESSION", {})
+        for packed, plain in PACKINGS:
+            if vector.get(packed) == "On":
+                self._send("CCD_COMPRESSION", {packed: "Off", plain: "On"})
 
     def _frame(self, data: bytes, begun: Utc, exposure_s: float, number: int) -> CameraFrame:
         header, image = _fits_image(io.BytesIO(data), self._url)

@@ -8,8 +8,10 @@ import io
 import json
 import math
 import os
+import re
 import socket
 import struct
+import sys
 import threading
 import time
 import tracemalloc
@@ -129,6 +131,15 @@ def image_fits() -> bytes:
     return fits_bytes(np.arange(1200, dtype=np.uint16).reshape(30, 40), **DATED)
 
 
+def packed_fits() -> bytes:
+    """Return a file whose image is packed in a table, as fpack and drivers of INDI write it."""
+    fits = pytest.importorskip("astropy.io.fits")
+    out = io.BytesIO()
+    packed = fits.CompImageHDU(np.arange(1200, dtype=np.uint16).reshape(30, 40))
+    fits.HDUList([fits.PrimaryHDU(), packed]).writeto(out)
+    return out.getvalue()
+
+
 def write_large_fits(path: Path) -> None:
     """Write a FITS file of 20 000 pixels a side that takes no room on the disk."""
     data = image_fits()
@@ -155,6 +166,7 @@ def claiming_png(side: int) -> bytes:
         ("a.fits", write_large_fits, "400000000 pixels; 200000000 are the most"),
         ("a.png", lambda path: path.write_bytes(claiming_png(20_000)), "400000000 pixels; 200000000 are the"),
         ("a.fits", lambda path: path.write_bytes(gzip.compress(image_fits())), "unpack it first"),
+        ("a.fits", lambda path: path.write_bytes(packed_fits()), "unpack it first"),
         ("a.fits", lambda path: path.write_bytes(image_fits().replace(b"NAXIS1", b"NAXISX")), "read as FITS"),
         ("a.png", lambda path: path.write_bytes(claiming_png(100)), "read as PNG"),
         ("a.fits", lambda path: path.write_bytes(b""), "it is no FITS file"),
@@ -162,7 +174,18 @@ def claiming_png(side: int) -> bytes:
         ("a.png", lambda path: path.symlink_to("nowhere"), "it is no file, or is gone"),
         ("a.fits", os.mkfifo, "it is no file, or is gone"),
     ],
-    ids=["large FITS", "large PNG", "packed", "broken FITS", "broken PNG", "empty", "folder", "gone", "pipe"],
+    ids=[
+        "large FITS",
+        "large PNG",
+        "packed",
+        "packed image",
+        "broken FITS",
+        "broken PNG",
+        "empty",
+        "folder",
+        "gone",
+        "pipe",
+    ],
 )
 def test_what_cannot_be_a_frame_is_told_in_a_line_and_the_next_is_read(
     tmp_path: Path, name: str, make: Callable[[Path], object], why: str
@@ -627,6 +650,28 @@ def test_an_indi_server_that_is_not_there_is_told_in_one_line(
     with pytest.raises(SattrackError, match="nothing answers there; check that indiserver runs"):
         open_source(f"indi://127.0.0.1:{port}/CCD%20Sim", SourceOptions(0.2))
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("packed", "plain"), [("INDI_ENABLED", "INDI_DISABLED"), ("CCD_COMPRESS", "CCD_RAW")]
+)
+def test_an_indi_camera_that_packs_its_images_is_asked_for_plain_ones(
+    monkeypatch: pytest.MonkeyPatch, packed: str, plain: str
+) -> None:
+    packing = (
+        f'<defSwitchVector device="CCD Sim" name="CCD_COMPRESSION" state="Ok" perm="rw" rule="OneOfMany" '
+        f'timestamp="2026-10-02T13:05:20"><defSwitch name="{packed}">On</defSwitch>'
+        f'<defSwitch name="{plain}">Off</defSwitch></defSwitchVector>\n'
+    )
+    monkeypatch.setattr(sys.modules[__name__], "INDI", packing.encode() + INDI)
+    heard: list[bytes] = []
+    assert isinstance(from_indi(image_fits(), heard), CameraFrame)
+    asked = re.search(
+        rb'<newSwitchVector[^>]*name="CCD_COMPRESSION".*?</newSwitchVector>', b"".join(heard), re.S
+    )
+    assert asked is not None
+    wanted = dict(re.findall(rb'<oneSwitch name="(\w+)">\s*(\w+)\s*</oneSwitch>', asked[0]))
+    assert wanted == {packed.encode(): b"Off", plain.encode(): b"On"}
 
 
 def test_an_indi_camera_that_streams_fills_no_memory() -> None:
