@@ -22,6 +22,7 @@ import msgspec
 
 from sattrack.cli.common import CommandContext, can_draw_lines_anew, common_options, renew, say, tell
 from sattrack.core import local_time
+from sattrack.core.angles import separation_deg
 from sattrack.core.channel import Channel, see_off
 from sattrack.core.errors import BadInputError, SattrackError, needed
 from sattrack.core.process import ending_with_us, self_command
@@ -41,6 +42,8 @@ UNNAMED = "camera"
 MOST_REFUSALS_TOLD = 5
 MANY_UNFOUND = 10
 """So many fields of a run are not found before a message says so: clouds and trails hide stars."""
+FAR_DEG, NEAR_S = 1.5, 0.5
+"""A field counts as far from the mount's direction, beyond its own width, and a view as of its instant."""
 NICE = 10
 END_WITHIN_S = 3.0
 RUN_WITHIN_S = 20.0
@@ -391,6 +394,26 @@ class ObservationLink:
         near = min(known, key=lambda view: abs(view.utc_s - utc_s))
         return float(near.axes.field_angle_deg + (utc_s - near.utc_s) * near.axes.field_rate_deg_s)
 
+    def elsewhere(self, frame: CameraFrame, seen: Centred) -> str | None:
+        """Return that a solved field lies far from where the mount pointed, as text; None where it does not.
+
+        Directions of date and of the catalogue differ by less than what counts as far.
+        """
+        utc_s = float(frame.utc.unix_s)
+        known = [one for one in self._views if one.mount_ra_deg is not None and one.mount_dec_deg is not None]
+        near = min(known, key=lambda view: abs(view.utc_s - utc_s), default=None)
+        if seen.field is None or seen.solved is None or near is None or abs(near.utc_s - utc_s) > NEAR_S:
+            return None
+        apart_deg = separation_deg(
+            near.mount_ra_deg, near.mount_dec_deg, seen.field.ra_deg, seen.field.dec_deg
+        )
+        if apart_deg <= max(FAR_DEG, frame.pixels.shape[1] * seen.solved["scale_arcsec_px"] / 3600.0):
+            return None
+        return (
+            f"the stars show a field {apart_deg:.1f}° from where the mount points: "
+            "does the camera look along the telescope, and is the mount synced?"
+        )
+
     def send(self, message: Any) -> bool:
         """Send an observation; return whether it went."""
         from sattrack.views.messages import encode_message
@@ -566,6 +589,7 @@ def _watch(
     from sattrack.camera.detection import light_wanted
 
     seen_frames = refused = 0
+    elsewhere: str | None = None
     for item in items:
         if isinstance(item, SattrackError):
             refused += 1
@@ -582,6 +606,8 @@ def _watch(
         sent = run is not None and all(run.send(one) for one in seen.messages)
         if run is not None:
             run.show(item, detection, look.geometry.of_header(item), seen)
+            if elsewhere is None and (elsewhere := run.elsewhere(item, seen)) is not None:
+                tell(elsewhere)
         if save is not None:
             try:
                 _save(item, save, look, seen)

@@ -11,7 +11,12 @@ import numpy as np
 import pytest
 from camera_frames import Canvas, star_streaks
 
+from sattrack.camera.centring import ImageGeometry, Solution, centred
+from sattrack.camera.detection import Detection
+from sattrack.camera.frames import CameraFrame
+from sattrack.cli.camera import ObservationLink
 from sattrack.cli.main import run
+from tle.instants import Utc
 
 fits = pytest.importorskip("astropy.io.fits")
 pytest.importorskip("sep", reason="cameras need the extra camera")
@@ -119,6 +124,30 @@ def test_that_a_field_is_not_found_by_its_scale_is_told(
     lines, err = ran(capsys, "camera", f"folder:{tmp_path}", "--scale", "5", "--json")
     assert [line["solved"] for line in lines] == [None, None]
     assert err.count("the scale, 5″ a pixel, must be right within 30 %") == 1
+
+
+@pytest.mark.parametrize(
+    ("mount", "late_s", "apart"),
+    [
+        ((10.0, 25.0), 0.1, "5.0°"),
+        # Within the field's width, and a direction of a mount that may have slewed since.
+        ((10.0, 23.0), 0.1, None),
+        ((10.0, 25.0), 2.0, None),
+        ((None, None), 0.1, None),
+    ],
+)
+def test_a_field_far_from_where_the_mount_points_is_reported(
+    mount: tuple[float | None, float | None], late_s: float, apart: str | None
+) -> None:
+    utc = Utc.parse("2026-10-02T13:05:24.5Z")
+    frame = CameraFrame(np.zeros((960, 1280), dtype=np.float32), utc, 0.1, "f")
+    solution = Solution(10.0, 20.0, 0.0, False, 10.0, 1.0, 9, lambda *_: (10.0, 20.0))
+    seen = centred(frame, Detection("none"), ImageGeometry(), solution, "guide")
+    link = object.__new__(ObservationLink)
+    view = SimpleNamespace(utc_s=float(utc.unix_s) + late_s, mount_ra_deg=mount[0], mount_dec_deg=mount[1])
+    link._views = [view]
+    words = link.elsewhere(frame, seen)
+    assert words is None if apart is None else words is not None and f"a field {apart} from where" in words
 
 
 def test_frames_that_cannot_be_kept_end_no_camera_of_a_run(
