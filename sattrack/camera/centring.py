@@ -18,6 +18,7 @@ from sattrack.camera.frames import reduced
 from sattrack.core.angles import wrap180
 from sattrack.views.messages import (
     LEAST_SIGMA_ARCSEC,
+    MOST_OFFSET_ARCSEC,
     MOST_SCALE_ARCSEC_PX,
     MOST_SIGMA_ARCSEC,
     Message,
@@ -45,6 +46,7 @@ SCALE_SHARE = 0.3
 SOLVE_WITHIN_MS = 400
 STEP_PX = 10.0
 LONGEST_GAP_S = 3.0
+TOO_FAR = f"it is more than {MOST_OFFSET_ARCSEC / 3600.0:g}° from the middle, and offsets go no further"
 FOLLOWING = frozenset({"tracking"})
 
 
@@ -255,6 +257,7 @@ def centred(
     right, up = float(seen.x) - middle_x, float(seen.y) - middle_y
     snr = None if seen.snr is None else round(float(seen.snr), 2)
     sigma_px = float(seen.sigma_px)
+    offset: SeenOffset | None
     if scale is None:
         offset = SeenOffset(
             utc,
@@ -268,17 +271,18 @@ def centred(
         return nothing._replace(snr=snr, offset=offset)
     # Offsets are on the tangential plane, as pixels are: 5° from the middle that is 0.25 % more.
     sigma = min(max(sigma_px * scale, LEAST_SIGMA_ARCSEC), MOST_SIGMA_ARCSEC)
-    offset = SeenOffset(
-        utc,
-        right * scale,
-        up * scale,
-        sigma,
-        camera,
-        rotation_deg=geometry.rotation_deg,
-        flipped=geometry.flipped,
-        scale_arcsec_px=scale,
-    )
-    direction = None
+    offset = direction = None
+    if scale * max(abs(right), abs(up)) <= MOST_OFFSET_ARCSEC:
+        offset = SeenOffset(
+            utc,
+            right * scale,
+            up * scale,
+            sigma,
+            camera,
+            rotation_deg=geometry.rotation_deg,
+            flipped=geometry.flipped,
+            scale_arcsec_px=scale,
+        )
     if solution is not None:
         sigma = min(math.hypot(sigma, solution.rms_arcsec / math.sqrt(solution.stars)), MOST_SIGMA_ARCSEC)
         direction = ObservationMessage(utc, *solution.place(right, up), "icrs", sigma, camera=camera)
@@ -287,6 +291,7 @@ def centred(
         dy_arcsec=round(up * scale, 3),
         sigma_arcsec=round(sigma, 3),
         snr=snr,
+        why=TOO_FAR if offset is None else nothing.why,
         offset=offset,
         direction=direction,
     )

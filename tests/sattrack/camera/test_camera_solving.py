@@ -144,6 +144,17 @@ def test_a_motion_on_the_sky_moves_so_in_the_image(rotation: float, flipped: boo
     assert up == pytest.approx(y - (HEIGHT - 1) / 2.0, abs=0.05)
 
 
+@pytest.mark.parametrize(("x", "far"), [(1139.5, False), (1139.6, True)])
+def test_what_is_seen_further_from_the_middle_than_offsets_go_is_not_sent(x: float, far: bool) -> None:
+    """A finder with a short lens sees further than five degrees."""
+    frame = CameraFrame(np.zeros((HEIGHT, WIDTH), dtype=np.float32), Utc(1790946324.0), 0.1, "f")
+    seen = centred(frame, Detection("point", x, 479.5, 0.2, 20.0), ImageGeometry(36.0), None, "finder")
+    assert (seen.kind, seen.dx_arcsec) == ("point", pytest.approx(36.0 * (x - 639.5)))
+    assert (seen.offset is None) is far
+    assert seen.document(sent=True)["sent"] == (None if far else "offset")
+    assert seen.why == ("it is more than 5° from the middle, and offsets go no further" if far else None)
+
+
 def test_without_a_scale_an_offset_is_in_pixels_and_says_nothing_in_arcseconds() -> None:
     frame = CameraFrame(np.zeros((HEIGHT, WIDTH), dtype=np.float32), Utc(1790946324.0), 0.1, "f")
     seen = centred(frame, Detection("point", 700.0, 500.0, 0.2, 20.0), ImageGeometry(), None, "guide")
