@@ -162,6 +162,7 @@ def test_frames_that_cannot_be_kept_end_no_camera_of_a_run(
         hear=lambda: None,
         expected=lambda *_: None,
         field_angle_deg=lambda _: 0.0,
+        elsewhere=lambda *_: None,
         send=lambda one: sent.append(one) or True,
         show=lambda *_: None,
         close=lambda: None,
