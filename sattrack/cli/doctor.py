@@ -65,7 +65,7 @@ NO_SPACE_BYTES = 10e6
 UNEVEN_MS = 10.0
 EXTRAS = {
     "tui": ("the terminal screen", "textual", "textual_plot"),
-    "plot": ("plots to files", "matplotlib"),
+    "plot": ("plots to files, biases in reports", "matplotlib", "filterpy"),
     "web": ("the screen in a browser", "textual_serve"),
     "serial": ("serial lines", "serial"),
     "camera": ("cameras, FITS, PNG", "sep", "tetra3rs", "astropy", "PIL", "scipy"),

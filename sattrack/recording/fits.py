@@ -1,19 +1,19 @@
 """Fits to a recorded run: smoothed tracks, the satellite's biases, and the mount's gains, delays and ripple.
 
-Tracks are filtered forwards, then smoothed backwards. Rauch, Tung, Striebel, "Maximum likelihood estimates of
-linear dynamic systems", AIAA Journal 3 (1965) 1445.
+Tracks and biases are Kalman filters run forwards, then smoothed backwards. Rauch, Tung, Striebel, "Maximum
+likelihood estimates of linear dynamic systems", AIAA Journal 3 (1965) 1445; filterpy does the algebra.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 import numpy as np
 
-from sattrack.control.axis_filter import LeanKalmanFilter
+from sattrack.core.errors import SattrackError, how_to_install
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,8 +30,8 @@ TRACK_TIME_S = 1.0
 GATE_SIGMAS = 4.0
 GATE_ROUNDS = 4
 LEAST_NOISE_ARCSEC = 1e-4
-PRIOR_SIGMAS = ((60.0, 0.003), (20.0, 0.01))
-"""Of a satellite's biases before any observation: along s, its drift s/s; across km, its drift km/s."""
+PRIOR_SIGMAS = (60.0, 0.003, 20.0, 0.01)
+"""Of a satellite's biases before any observation: along s, its drift s/s, across km, its drift km/s."""
 
 
 class Track(NamedTuple):
@@ -54,26 +54,30 @@ def smooth_track(utc_s: Array, values: Array) -> Track:
     noise = max(_scatter(values), LEAST_NOISE_ARCSEC)
     steps = np.clip(np.diff(utc_s, prepend=utc_s[0]), 1e-6, None)
     walk = noise**2 / TRACK_TIME_S**3
-    kalman = LeanKalmanFilter(
-        np.array([values[0], 0.0]), np.diag([noise**2, (noise / TRACK_TIME_S) ** 2 * 10.0])
-    )
-    foretold, means = np.empty((count, 2)), np.empty((count, 2))
-    spreads, covariances = np.empty((count, 2, 2)), np.empty((count, 2, 2))
+    kalman = _kalman_filter(2, 1)
+    kalman.x = np.array([[values[0]], [0.0]])
+    kalman.P = np.diag([noise**2, (noise / TRACK_TIME_S) ** 2 * 10.0])
+    kalman.H, kalman.R = np.array([[1.0, 0.0]]), np.array([[noise**2]])
+    moves = [np.array([[1.0, dt], [0.0, 1.0]]) for dt in steps]
+    spreads = [walk * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]]) for dt in steps]
+    means, covariances = np.empty((count, 2, 1)), np.empty((count, 2, 2))
     innovations = np.empty(count)
-    for i, dt in enumerate(steps.tolist()):
-        kalman.foretell(np.array([dt]), 0.0)
-        kalman.blur(walk * dt**3 / 3.0, walk * dt**2 / 2.0, walk * dt, np.empty((0, 0)))
-        foretold[i], spreads[i] = kalman.state, kalman.covariance
-        kalman.correct(float(values[i]), noise**2)
-        means[i], covariances[i] = kalman.state, kalman.covariance
-        innovations[i] = kalman.innovation_deg / math.sqrt(kalman.innovation_variance)
-    moves = np.tile(np.eye(2), (count, 1, 1))
-    moves[:, 0, 1] = steps
-    gains = covariances[:-1] @ moves[1:].transpose(0, 2, 1) @ np.linalg.inv(spreads[1:])
-    for i in range(count - 2, -1, -1):
-        means[i] += gains[i] @ (means[i + 1] - foretold[i + 1])
-        covariances[i] += gains[i] @ (covariances[i + 1] - spreads[i + 1]) @ gains[i].T
-    return Track(means[:, 0], np.sqrt(covariances[:, 0, 0]), innovations, noise)
+    for i in range(count):
+        kalman.predict(F=moves[i], Q=spreads[i])
+        kalman.update(values[i])
+        means[i], covariances[i] = kalman.x, kalman.P
+        innovations[i] = float(kalman.y[0, 0]) / math.sqrt(float(kalman.S[0, 0]))
+    smooth, spread, _, _ = kalman.rts_smoother(means, covariances, Fs=moves, Qs=spreads)
+    return Track(smooth[:, 0, 0], np.sqrt(spread[:, 0, 0]), innovations, noise)
+
+
+def _kalman_filter(states: int, measured: int) -> Any:
+    """Return a filter with so many states and measured values; raises SattrackError without filterpy."""
+    try:
+        from filterpy.kalman import KalmanFilter
+    except ImportError:
+        raise SattrackError(f"fits to observations need filterpy: {how_to_install('plot')}") from None
+    return KalmanFilter(dim_x=states, dim_z=measured)
 
 
 def _scatter(values: Array) -> float:
@@ -151,26 +155,41 @@ def fit_biases(observed: Sequence[ObservedBias]) -> BiasFit | None:
 
 
 def _smoothed(taken: Sequence[ObservedBias], rejected: int) -> BiasFit:
-    utc = np.array([one.utc_s for one in taken])
-    seen = np.array([[one.along_s, one.cross_km] for one in taken])
+    kalman = _kalman_filter(4, 2)
+    kalman.P = np.diag(np.square(PRIOR_SIGMAS))
+    kalman.H = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
+    middle_utc_s = float(np.mean([one.utc_s for one in taken]))
+    # The filter begins in the middle of time: the drift's prior is not to weigh on one end.
+    at = [one.utc_s - middle_utc_s for one in taken]
+    moves = [_move(dt) for dt in np.diff([0.0, *at])]
+    spreads = [np.zeros((4, 4))] * len(taken)
+    means, covariances = [], []
+    for one, move, spread in zip(taken, moves, spreads, strict=True):
+        kalman.predict(F=move, Q=spread)
+        kalman.update(
+            np.array([[one.along_s], [one.cross_km]]),
+            R=np.diag([one.along_sigma_s**2, one.cross_sigma_km**2]),
+        )
+        means.append(kalman.x.copy())
+        covariances.append(kalman.P.copy())
+    x, p, _, _ = kalman.rts_smoother(np.array(means), np.array(covariances), Fs=moves, Qs=spreads)
+    residuals = np.array([[one.along_s, one.cross_km] for one in taken]) - x[:, [0, 2], 0]
     sigmas = np.array([[one.along_sigma_s, one.cross_sigma_km] for one in taken])
-    # Time counts from its middle: the drift's prior is not to weigh on one end.
-    middle_utc_s = float(np.mean(utc))
-    moves = np.stack([np.ones_like(utc), utc - middle_utc_s], axis=1)
-    solved = [_line(moves, seen[:, i], sigmas[:, i], PRIOR_SIGMAS[i]) for i in (0, 1)]
-    smooth = np.stack([moves @ line for line, _ in solved], axis=1)
-    spread = np.stack([np.linalg.norm(moves @ root, axis=1) for _, root in solved], axis=1)
-    chi_square = float(np.mean(((seen - smooth) / sigmas) ** 2))
+    chi_square = float(np.mean((residuals / sigmas) ** 2))
     grown = math.sqrt(max(1.0, chi_square)) if len(taken) > 8 else 1.0
+    back = _move(-at[-1])
+    mean, covariance = back @ x[-1], back @ p[-1] @ back.T
     along, cross = (
         DriftingBias(
-            float(line[0]),
-            grown * float(np.linalg.norm(root[0])),
-            float(line[1]),
-            grown * float(np.linalg.norm(root[1])),
+            float(mean[i, 0]),
+            grown * math.sqrt(float(covariance[i, i])),
+            float(mean[i + 1, 0]),
+            grown * math.sqrt(float(covariance[i + 1, i + 1])),
         )
-        for line, root in solved
+        for i in (0, 2)
     )
+    spread = grown * np.sqrt(np.stack([p[:, 0, 0], p[:, 2, 2]]))
+    utc = np.array([one.utc_s for one in taken])
     return BiasFit(
         middle_utc_s,
         along,
@@ -179,25 +198,19 @@ def _smoothed(taken: Sequence[ObservedBias], rejected: int) -> BiasFit:
         rejected,
         chi_square,
         utc,
-        smooth[:, 0],
-        grown * spread[:, 0],
-        smooth[:, 1],
-        grown * spread[:, 1],
-        seen[:, 0],
+        x[:, 0, 0],
+        spread[0],
+        x[:, 2, 0],
+        spread[1],
+        np.array([one.along_s for one in taken]),
         sigmas[:, 0],
-        seen[:, 1],
+        np.array([one.cross_km for one in taken]),
         sigmas[:, 1],
     )
 
 
-def _line(moves: Array, values: Array, sigmas: Array, prior: tuple[float, float]) -> tuple[Array, Array]:
-    """Return a value and its drift by least squares, zero beforehand, and a root of their covariance.
-
-    A filter for a bias whose drift is constant, smoothed, comes to the same.
-    """
-    weighted = np.concatenate([moves / sigmas[:, None], np.diag(1.0 / np.array(prior))])
-    root: Array = np.linalg.pinv(weighted)
-    return root @ np.concatenate([values / sigmas, [0.0, 0.0]]), root
+def _move(dt: float) -> Array:
+    return np.array([[1.0, dt, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, dt], [0.0, 0.0, 0.0, 1.0]])
 
 
 def _off(ordered: Sequence[ObservedBias], fit: BiasFit) -> Array:

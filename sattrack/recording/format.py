@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from sattrack.views.messages import Message
 
 
-LIBRARIES = ("astropy-iers-data", "msgspec", "numpy", "pyerfa", "sgp4")
+LIBRARIES = ("astropy-iers-data", "filterpy", "msgspec", "numpy", "pyerfa", "scipy", "sgp4")
 """Packages that take part in what is computed of a datagram."""
 DATA = ("astropy-iers-data",)
 """Of those, the ones whose content and not only whose rounding changes from version to version."""

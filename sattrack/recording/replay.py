@@ -116,9 +116,8 @@ def _other(recorded: Environment, here: Environment) -> list[str]:
         "processor": (recorded.processor, here.processor),
         "Python": (recorded.python, here.python),
     }
-    # Those that took part then and no longer do change nothing that is computed now.
-    for name, version in here.libraries.items():
-        pairs[name] = (recorded.libraries.get(name, "absent"), version)
+    for name in recorded.libraries | here.libraries:
+        pairs[name] = (recorded.libraries.get(name, "absent"), here.libraries.get(name, "absent"))
     return [f"{name} {here}, recorded with {was}" for name, (was, here) in pairs.items() if was != here]
 
 

@@ -8,7 +8,6 @@ import json
 import math
 import random
 import re
-import sys
 import time
 from itertools import pairwise
 from pathlib import Path
@@ -381,20 +380,22 @@ def test_a_track_is_smoothed_as_far_as_its_sigma_says() -> None:
 
 
 def test_spans_of_hours_are_judged_each_by_its_own_median() -> None:
-    """Twelve hours at 20 a second, in which a clock was set back: judged within seconds."""
-    rng, count = np.random.default_rng(7), 864_000
-    at = 1.79e9 + 0.05 * np.arange(count) - np.where(np.arange(count) > 500_000, 90.0, 0.0)
-    levels = rng.uniform(0.1, 20.0, 2200)
-    number = ((at - at[0]) // 20.0).astype(int)
-    marked = rng.random(count) < 0.9
-    plan = SimpleNamespace(on_target_arcsec=2.0)
-    run = SimpleNamespace(
-        utc_s=at, total=levels[number], engine=SimpleNamespace(spec=SimpleNamespace(plan=plan))
-    )
-    began_s = time.process_time()
-    near = Trace._near(run, marked)
-    assert time.process_time() - began_s < 2.0
-    assert (near == (marked & (levels[number] < 10.0))).all()
+    """Twelve hours at 20 a second, with a clock that was set back, take about twelve times as long as one."""
+    rng, took_s = np.random.default_rng(7), []
+    for count in (72_000, 864_000):
+        at = 1.79e9 + 0.05 * np.arange(count) - np.where(np.arange(count) > count // 2, 90.0, 0.0)
+        levels = rng.uniform(0.1, 20.0, 2200)
+        number = ((at - at[0]) // 20.0).astype(int)
+        marked = rng.random(count) < 0.9
+        plan = SimpleNamespace(on_target_arcsec=2.0)
+        run = SimpleNamespace(
+            utc_s=at, total=levels[number], engine=SimpleNamespace(spec=SimpleNamespace(plan=plan))
+        )
+        began_s = time.process_time()
+        near = Trace._near(run, marked)
+        took_s.append(time.process_time() - began_s)
+        assert (near == (marked & (levels[number] < 10.0))).all()
+    assert took_s[1] < 40.0 * took_s[0]
 
 
 def test_a_smoothed_track_is_the_most_likely_one_of_all_states_at_once() -> None:
@@ -472,10 +473,8 @@ def test_smoothed_biases_are_as_near_to_the_truth_as_they_say(seeds: int, slack:
         assert abs(count / seeds - 0.9545) < slack, name
 
 
-def test_biases_with_constant_drifts_are_those_of_a_weighted_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    """numpy's polyfit judges; what is known beforehand is far wider. scipy is not needed."""
-    for name in ("filterpy", "filterpy.kalman", "scipy"):
-        monkeypatch.setitem(sys.modules, name, None)
+def test_biases_with_constant_drifts_are_those_of_a_weighted_line() -> None:
+    """numpy's polyfit judges; what is known beforehand is far wider."""
     rng = np.random.default_rng(6)
     at = 1.79e9 + np.sort(rng.uniform(0.0, 300.0, 25))
     off = at - at.mean()
