@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 
     from sattrack.elements.downloads import Downloads
     from sattrack.mount.profiles import ProfileFile
+    from sattrack.mount.simulator.profile import SimulatorProfile
     from sattrack.runtime.mounts import MountAddress
     from sattrack.tui.feeds import HelperOptions
     from sattrack.tui.scene import Appearance
@@ -166,7 +167,6 @@ class CommandContext:
         Raises BadInputError, naming file, line and key.
         """
         from sattrack.mount.profiles import load_profile_file, profile_file
-        from sattrack.mount.simulator.profile import SimulatorPart
         from sattrack.runtime.mounts import dated_as, usual_profile
 
         configured = self.settings.mount.profile
@@ -177,7 +177,7 @@ class CommandContext:
         try:
             described = load_profile_file(path)
             # What only a simulated mount needs is refused here, where the file's name is known.
-            read_toml(path, SimulatorPart, "the mount profile")
+            load_simulator_profile(path)
             return dated_as(described, url)
         except BadInputError as error:
             if explicit is not None:
@@ -264,6 +264,13 @@ def say(text: str, *, err: bool = False) -> None:
 def tell(text: str) -> None:
     """Tell the user something on standard error, in one line."""
     say(f"sattrack: {text}", err=True)
+
+
+def load_simulator_profile(path: Path) -> SimulatorProfile:
+    """Return what `[simulator]` of a profile file says. Raises BadInputError, naming file, line and key."""
+    from sattrack.mount.simulator.profile import SimulatorPart
+
+    return read_toml(path, SimulatorPart, "the mount profile").simulator
 
 
 def write_file(path: Path, text: str) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from sattrack.cli.common import CommandContext, JsonLines, common_options
+from sattrack.cli.common import CommandContext, JsonLines, common_options, load_simulator_profile
 from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.toml_text import read_toml
@@ -23,7 +23,7 @@ from sattrack.mount.simulator.hidden import Hidden, SimulatedCamera, parse_hidde
 from sattrack.mount.simulator.installation import GRAMMAR, parse_faults
 from sattrack.mount.simulator.mount import SimulatedSite
 from sattrack.mount.simulator.process import ClockSetting, SimulatorConfig, make_clock, make_server
-from sattrack.mount.simulator.profile import SimulatorPart
+from sattrack.mount.simulator.profile import SimulatorProfile
 from sattrack.mount.xerxes.client import DEFAULT_PORT
 from sattrack.runtime import demo_pass
 
@@ -151,8 +151,7 @@ def command(
     if where is not None:
         site = SimulatedSite(where.latitude_deg, where.longitude_deg, where.height_m)
     described = ProfileFile() if profile is None else load_profile_file(profile)
-    part = SimulatorPart() if profile is None else read_toml(profile, SimulatorPart, "the mount profile")
-    hardware = part.simulator
+    hardware = SimulatorProfile() if profile is None else load_simulator_profile(profile)
     if seed is not None:
         hardware = msgspec.structs.replace(hardware, seed=seed)
     parse_faults(hardware.faults, f"{profile}, simulator.faults:")

@@ -19,7 +19,7 @@ from sattrack.control.approach import FAR_AND_HELD_FOR_S, FAR_DEG, MARGIN_S, sle
 from sattrack.control.stages import KEYHOLE, RATE
 from sattrack.core.angles import wrap180
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, PierRule, beyond_after_slew, horizon_latitude_deg
-from sattrack.planning.path import axis_path, find_keyholes, margins_deg, separation_deg, stretches
+from sattrack.planning.path import axis_path, find_keyholes, margins_deg, separations_deg, stretches
 from sattrack.safety.rate_limit import unheeded_s
 from tle.bias import NO_BIAS
 from tle.instants import Utc
@@ -149,7 +149,7 @@ def _leaves_utc_s(path: AxisPath, first: int) -> float:
     It does so once the target is far ahead; infinity where that does not come before the path's end.
     """
     p = path.pointing
-    ahead_deg = separation_deg(p, p.hour_angle_axis_deg[first], p.dec_axis_deg[first])
+    ahead_deg = separations_deg(p, p.hour_angle_axis_deg[first], p.dec_axis_deg[first])
     far = np.flatnonzero(ahead_deg[first:] > FAR_DEG)
     return float(path.utc_s[first + far[0]]) + FAR_AND_HELD_FOR_S if len(far) else math.inf
 

@@ -241,7 +241,7 @@ def _azimuth_deg(pointing: AxisSamples, latitude_deg: float) -> Array:
     return np.asarray(np.degrees(np.arctan2(east, north)) % 360.0)
 
 
-def separation_deg(pointing: AxisSamples, hour_angle_deg: Array, dec_deg: Array) -> Array:
+def separations_deg(pointing: AxisSamples, hour_angle_deg: Array, dec_deg: Array) -> Array:
     """Return the distance on the sky between where the axes point and other directions, degrees."""
     h, d = np.radians(pointing.hour_angle_axis_deg), np.radians(pointing.dec_axis_deg)
     k, s = np.radians(hour_angle_deg), np.radians(dec_deg)
@@ -303,7 +303,7 @@ def margins_deg(
     )
     for name, cone_deg, hour_angle, dec in cones:
         if cone_deg > 0.0:
-            apart = separation_deg(pointing, hour_angle, dec) - cone_deg - loose_deg
+            apart = separations_deg(pointing, hour_angle, dec) - cone_deg - loose_deg
             height = _altitude_deg(hour_angle, dec, latitude_deg)
             found[name] = np.where(height > UP_DEG, apart, np.inf)
     return found
