@@ -6,8 +6,10 @@ import contextlib
 import fcntl
 import json
 import os
+import select
 import subprocess
 import sys
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -104,13 +106,13 @@ def test_a_mount_is_not_at_rest_by_a_strangers_word_and_is_sent_an_abort(mount_s
 @pytest.fixture
 def waits(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """Return for how long answers are waited for, each time."""
-    select, waits = mounts_module.select.select, list[float]()
+    waits = list[float]()
 
     def watched(readers, writers, others, seconds):
         waits.append(seconds)
-        return select(readers, writers, others, min(seconds, 0.5))
+        return select.select(readers, writers, others, min(seconds, 0.5))
 
-    monkeypatch.setattr(mounts_module.select, "select", watched)
+    monkeypatch.setattr(mounts_module, "select", SimpleNamespace(select=watched))
     monkeypatch.setattr(mounts_module, "ANSWER_WITHIN_S", 0.5)
     return waits
 
