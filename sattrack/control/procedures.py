@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
-from sattrack.mount.model import Slew
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MoveAxes, Slew
 from sattrack.mount.requests import (
     NO_PARK,
     Abort,
@@ -57,6 +57,9 @@ NEAR_DEG = 0.1
 HOME_STARTS_WITHIN_S = 3.0
 SLEW_SETTLING_S = 2.0
 MOVE_BEGINS_WITHIN_S = 10.0
+SEEN_DEG_S, SEEN_AFTER_S = 0.02, 1.0
+"""From this rate and length on, an axis that made the move cannot look as if it stood."""
+STOOD = "the mount did not move: its drives are off, or held by a brake; see to them at the mount"
 NEVER_THERE = "the mount did not come to that direction: it is near the keyhole, or an axis is too slow"
 RESTS_WITHIN_S = 5.0
 """How long a stopped mount may take until its drives tell standstill."""
@@ -242,6 +245,8 @@ class MoveFor:
     _ticket: Ticket | None = None
     _asked_utc_s: float = 0.0
     _begun_utc_s: float | None = None
+    _stood: bool = False
+    """Whether the mount has been seen to stand from the last moment of the move on."""
     _ending: Ticket | None = None
 
     def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
@@ -256,6 +261,7 @@ class MoveFor:
         """See Procedure."""
         assert self._ticket is not None
         if self._ending is not None:
+            self._stood = self._stood and desk.stands
             return self._outcome(outcome_of(self._ending))
         if self._begun_utc_s is None and desk.move_begun:
             self._begun_utc_s = now_utc_s
@@ -267,16 +273,27 @@ class MoveFor:
             if isinstance(asked, RequestRefused):
                 return refused(asked, self._ticket.was_acknowledged)
             self._ending, self.doing = asked, "ending the move"
+            self._stood = begun is not None and desk.stands
         return None
 
     def _outcome(self, end: Outcome | None) -> Outcome | None:
         assert self._ticket is not None
         if end is None:
             return None
-        if end.state is TicketState.COMPLETE and not self._ticket.was_acknowledged:
+        acknowledged = self._ticket.was_acknowledged
+        if end.state is TicketState.COMPLETE and self._stood and self._would_be_seen:
+            return Outcome(TicketState.FAILED, acknowledged, STOOD)
+        if end.state is TicketState.COMPLETE and not acknowledged:
             words = "the move was over before the mount acknowledged it"
             return Outcome(TicketState.UNCONFIRMED, False, words)
-        return Outcome(end.state, self._ticket.was_acknowledged, end.reason)
+        return Outcome(end.state, acknowledged, end.reason)
+
+    @property
+    def _would_be_seen(self) -> bool:
+        """Whether an axis that makes this move cannot look as if it stood."""
+        axes = self.request.after(MoveAxes(SIDEREAL_RATE_DEG_S, 0.0))
+        fastest_deg_s = max(abs(SIDEREAL_RATE_DEG_S - axes.ra_rate_deg_s), abs(axes.dec_rate_deg_s))
+        return fastest_deg_s >= SEEN_DEG_S and self.seconds >= SEEN_AFTER_S
 
 
 @dataclass(slots=True)

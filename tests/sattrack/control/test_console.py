@@ -113,6 +113,32 @@ class TestEachVerbAgainstTheSimulatedMount:
         bench.run(2.0)
         assert not bench.moves_itself
 
+    @pytest.mark.parametrize("seconds", [1.0, 2.0])
+    @pytest.mark.parametrize("parked", [True, False], ids=["parked", "drive fault"])
+    def test_a_move_of_drives_that_are_off_is_not_done(self, parked: bool, seconds: float) -> None:
+        bench = Bench()
+        if parked:
+            bench.mount.receive(encode_command(Command(park=True)))
+        bench.run(1.0)
+        if not parked:
+            bench.mount.fail_drives(("ra", "dec"), bench.now_s)
+        before = bench.truth
+        operation = bench.carry_out(MoveFor(MoveAxis(0.5, -0.25), seconds))
+        assert ended(operation) == ("done", TicketState.FAILED, not parked)
+        assert operation.outcome is not None
+        assert "its drives are off" in (operation.outcome.reason or "")
+        assert before is not None
+        assert bench.truth is not None
+        assert bench.truth.dec_axis_deg == before.dec_axis_deg
+        assert set(bench.flags()) == {"move_ra", "move_dec"}
+
+    def test_a_move_that_cannot_be_told_from_standstill_is_not_held_against_the_drives(self) -> None:
+        bench = Bench()
+        bench.mount.receive(encode_command(Command(abort=True)))
+        bench.run(1.0)
+        still = MoveAxis(360.0 / 86164.0905, 0.0)
+        assert ended(bench.carry_out(MoveFor(still, 2.0))) == ("done", TicketState.COMPLETE, True)
+
     def test_a_pulse_is_seen_to_its_end(self) -> None:
         bench = Bench()
         operation = bench.carry_out(plain(PulseGuide(500, -300)))

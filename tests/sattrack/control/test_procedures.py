@@ -174,6 +174,7 @@ class TestSlew:
 class TestMove:
     def test_its_seconds_count_from_the_first_datagram(self) -> None:
         desk, move = Desk(), MoveFor(MoveAxis(1.0, None), 2.0)
+        desk.stands = False
         assert move.begin(desk, 100.0) is None
         assert move.step(desk, 105.0) is None
         desk.move_begun = True
