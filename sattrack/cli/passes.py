@@ -49,6 +49,7 @@ _NOT_OF_TRANSITS = {
     "dark": "--dark",
     "feasible": "--feasible",
     "judged": "--judged",
+    "profile": "--profile",
     "max_rate_deg_s": "--max-rate",
     "faintest": "--magnitude",
     "sort": "--sort",
@@ -212,6 +213,8 @@ def _check(options: dict[str, Any], style: str) -> None:
         for name, option in _NOT_OF_TRANSITS.items():
             if options[name] not in (None, False, _SORTS[0]):
                 raise BadInputError(f"{option} is of passes, and --transits lists none; omit one of them")
+    if options["profile"] is not None and not (options["feasible"] or options["judged"]):
+        raise BadInputError("--profile is what passes are judged by: give --judged or --feasible too")
     if options["faintest"] is not None and options["magnitudes_file"] is None:
         raise BadInputError(
             "--magnitude needs --magnitudes FILE: element sets do not say how bright things are"

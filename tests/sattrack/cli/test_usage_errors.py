@@ -255,6 +255,8 @@ track 'ISS --mount sim'                         | --mount sim is a simulated one
 track ISS —mount sim                            | options begin with --, two hyphens
 help                                            | see `sattrack --help`
 passes {at} --json --csv                        | give only one
+passes {at} --profile x.toml                     | --profile is what passes are judged by: give --judged or
+passes {at} --transits --profile x.toml          | --profile is of passes, and --transits lists none
 passes {at} --transits --csv                    | as a table or as json, not as csv
 passes {at} --transits --dark                   | --dark is of passes, and --transits lists none
 passes {at} --transits --plot x.png             | --plot is of passes, and --transits lists none
