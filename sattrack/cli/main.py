@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 import click
 
 from sattrack import __version__
-from sattrack.core.errors import SattrackError, how_to_install, meant
+from sattrack.core.errors import BadInputError, SattrackError, how_to_install, meant
 from tle.errors import SatelliteNotFoundError, TleError, printable
 
 if TYPE_CHECKING:
@@ -272,11 +272,16 @@ def _prepare_streams() -> None:
 def run(arguments: list[str]) -> int:
     """Run one command line and return its exit code; errors and warnings are one line on standard error."""
     try:
+        for one in arguments:
+            # Recordings, JSON and notes are UTF-8: they cannot name a file whose name is not.
+            one.encode()
         with _warnings_as_lines():
             result: Any = cli.main(args=arguments, prog_name="sattrack", standalone_mode=False)
     except click.exceptions.Abort:
         click.echo("\nsattrack: interrupted", err=True)
         return 130
+    except UnicodeEncodeError as error:
+        return _report_error(_of_name(error), arguments)
     except Exception as error:  # noqa: BLE001 - a defect is one line too; --debug shows all of it
         return _report_error(error, arguments)
     return result if isinstance(result, int) else 0
@@ -333,6 +338,17 @@ def _error_text(error: Exception, arguments: list[str]) -> str:
         where = "" if error.filename is None else f"{error.filename}: "
         return f"{where}{error.strerror or error}{ADVICE.get(error.strerror or '', '; --debug shows where')}"
     return f"a defect of sattrack: {error!r}; --debug shows where"
+
+
+def _of_name(error: UnicodeEncodeError) -> Exception:
+    """Return the error about a name that is not UTF-8; any other as it is."""
+    if error.encoding != "utf-8":
+        return error
+    refused = error.object[error.start]
+    word = next(word for word in error.object.split() if refused in word).rstrip(":")
+    bad = BadInputError(f"{word}: this is no text in UTF-8; give the file or folder another name")
+    bad.__cause__ = error
+    return bad
 
 
 def _advice(error: SattrackError | TleError) -> str:

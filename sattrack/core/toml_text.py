@@ -252,19 +252,24 @@ def read_typed(
         value = msgspec.convert(document, kind)
     except msgspec.ValidationError as error:
         raise _explained(str(error), document, positions, kind) from None
-    path = _nan_in(document)
-    if path is not None:
+    refused = _refused_in(document)
+    if refused is not None:
+        path, why = refused
         name = next((part for part in reversed(path) if isinstance(part, str)), "the file")
-        raise positions.value(*path).wrong(f"{name} is nan; give a number")
+        raise positions.value(*path).wrong(f"{name} {why}")
     return value, positions
 
 
-def _nan_in(value: Any, path: KeyPath = ()) -> KeyPath | None:
-    """Return where the first value stands that is not a number; None where there is none."""
+def _refused_in(value: Any, path: KeyPath = ()) -> tuple[KeyPath, str] | None:
+    """Return where the first value stands that no key may have, and why; None where there is none."""
     if isinstance(value, dict | list):
         parts = value.items() if isinstance(value, dict) else enumerate(value)
-        return next((found for part, one in parts if (found := _nan_in(one, (*path, part)))), None)
-    return path if isinstance(value, float) and math.isnan(value) else None
+        return next((found for part, one in parts if (found := _refused_in(one, (*path, part)))), None)
+    if isinstance(value, float) and math.isnan(value):
+        return path, "is nan; give a number"
+    if isinstance(value, str) and "\0" in value:
+        return path, "has the character U+0000 in it; omit that"
+    return None
 
 
 def _syntax(message: str, text: str, file: str) -> BadInputError:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from sattrack.cli.main import run
+from sattrack.cli.main import cli, run
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 ELEMENTS = ("--elements", str(EXAMPLES / "iss_leiden.tle"), "--site", "52,4,0")
@@ -52,6 +52,40 @@ def test_a_wrong_command_line_is_told_in_one_line_with_what_was_meant(
 ) -> None:
     assert run(arguments) == 2
     assert capsys.readouterr() == ("", f"sattrack: {line}\n")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("track", "ISS", "--mount", "sim", "--record", "a\udcff.mcap"),
+        ("track", "ISS", "--mount", "sim", "--learn-profile=a\udcff.mcap"),
+        ("elements", "show", "a\udcff.mcap", "--json"),
+    ],
+)
+def test_a_name_that_is_not_utf_8_is_refused_before_anything_is_done(
+    arguments: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run([*arguments, *ELEMENTS]) == 2
+    out, err = capsys.readouterr()
+    assert (out, list(tmp_path.iterdir())) == ("", [])
+    assert "a?.mcap: this is no text in UTF-8; give the file or folder another name\n" in err
+    assert err.count("\n") == 1
+
+
+def test_a_folder_whose_name_is_not_utf_8_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def main(**_: object) -> None:
+        "/data/a\udcff: 3 GB free".encode()
+
+    monkeypatch.setattr(cli, "main", main)
+    assert run(["doctor", "--json"]) == 2
+    words = "/data/a?: this is no text in UTF-8; give the file or folder another name"
+    assert capsys.readouterr().err == f"sattrack: {words}\n"
 
 
 WRONG = """
@@ -326,6 +360,10 @@ def test_a_wrong_command_line_is_answered_in_one_line_with_what_to_do(
         ),
         ("[site]\nlatitude_deg = 'x'\nlongitude_deg = 2\n", "2: latitude_deg is 'x'; give a number"),
         ("[site]\nlatitude_deg = 1\n", "1: longitude_deg is missing in [site]"),
+        (
+            "[mount]\nurl = 'sim'\nprofile = \"a\\u0000.toml\"\n",
+            "3: profile has the character U+0000 in it; omit that",
+        ),
         ("[screen]\ntheme = 'rde'\n", "2: theme is 'rde'; did you mean 'red'?"),
         ("[site\n", "1:6: not a TOML file: Expected ']' at the end of a table declaration"),
         ("site = 'Leiden'\n", "1: site is 'Leiden'; give a table, [site] and its keys below"),
