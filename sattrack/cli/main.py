@@ -160,9 +160,11 @@ CALCULATING = ("virtual", "dry_run", "check", "fit_only")
 ADVICE = {
     os.strerror(errno.ENOENT): "; check the name and the folder",
     os.strerror(errno.EISDIR): "; give a file",
+    os.strerror(errno.ENOSPC): "; make room there, or write elsewhere",
     os.strerror(errno.EACCES): "; choose another folder, or change who may use this one",
 }
 """What to do, by the system's words at the end of a message."""
+CANNOT_WRITE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
 class LazyGroup(click.Group):
@@ -335,7 +337,8 @@ def _error_text(error: Exception, arguments: list[str]) -> str:
     if isinstance(error, ModuleNotFoundError) and (needed := _needed((error.name or "").partition(".")[0])):
         return needed
     if isinstance(error, OSError):
-        where = "" if error.filename is None else f"{error.filename}: "
+        named = error.filename or ("standard output" if _is_of_output(error) else None)
+        where = "" if named is None else f"{named}: "
         return f"{where}{error.strerror or error}{ADVICE.get(error.strerror or '', '; --debug shows where')}"
     return f"a defect of sattrack: {error!r}; --debug shows where"
 
@@ -368,6 +371,16 @@ def _needed(module: str) -> str:
     if module in POSIX_ONLY:
         return f"this needs Linux, macOS or WSL: Python has no {module} here; calculations do not"
     return ""
+
+
+def _is_of_output(error: OSError) -> bool:
+    """Tell whether standard output fails in the same way: the system names only what it opens."""
+    if error.errno in CANNOT_WRITE:
+        try:
+            os.write(sys.stdout.fileno(), b"\n")
+        except (OSError, ValueError) as again:
+            return isinstance(again, OSError) and again.errno == error.errno
+    return False
 
 
 def _forget_output() -> None:

@@ -585,6 +585,8 @@ def test_a_closed_or_full_stream_is_no_defect(closed: str, tmp_path: Path) -> No
     assert done.returncode in {0, 1, 2}
     assert "defect" not in done.stderr
     assert "Traceback" not in done.stderr
+    full = "sattrack: standard output: No space left on device; make room there, or write elsewhere\n"
+    assert (done.stderr == full) == (closed == ">/dev/full")
 
 
 @pytest.mark.parametrize(
