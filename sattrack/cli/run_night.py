@@ -377,9 +377,10 @@ def _left_off_utc_s(folder: Path) -> float | None:
 
 def _finish(run: Run, end: End | None, reporter: RunReporter, requests: NightRequests, file: Path) -> int:
     if end is None:
-        raise TerminatedRunError(
-            "terminated: its session was asked to stop the mount, see sessions.log; a restart continues here"
-        )
+        how = f" while {run.state}: no pass was followed just then"
+        if run.state is RunState.FOLLOWING:
+            how = ": its session was asked to stop the mount, see sessions.log"
+        raise TerminatedRunError(f"terminated{how}; a restart continues here")
     if end.interrupted:
         refuse_stopped(file, requests.folder)
         raise InterruptedRunError(f"{end.why}; run it again to continue with the coming passes")

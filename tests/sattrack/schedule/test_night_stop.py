@@ -261,12 +261,25 @@ def test_a_runner_that_the_system_ends_in_a_pass_goes_on_with_it(tmp_path: Path)
         if json.loads(line)["state"] == "following":
             break
     process.send_signal(signal.SIGTERM)
-    process.communicate()
+    _, err = process.communicate()
     assert process.returncode == 143
+    assert b"terminated: its session was asked to stop the mount, see sessions.log" in err
     assert plan.run() == 0
     (night,) = told(plan.journal()).nights
     assert night.results[0].parts > 1
     assert night.results[0].cause != "stopped"
+
+
+def test_a_runner_that_the_system_ends_between_passes_tells_of_no_session(tmp_path: Path) -> None:
+    runner = waiting_runner(tmp_path)
+    try:
+        runner.send_signal(signal.SIGTERM)
+        _, err = runner.communicate(timeout=60.0)
+    finally:
+        runner.kill()
+    assert runner.returncode == 143
+    words = "terminated while waiting: no pass was followed just then; a restart continues here"
+    assert err.endswith(f"sattrack: {words}\n")
 
 
 @pytest.mark.usefixtures("hang_ups")
