@@ -18,6 +18,7 @@ from sattrack.cli.common import (
     OutputFile,
     RenamedOption,
     common_options,
+    load_simulator_profile,
     mount_option,
     renew,
     renew_at_once,
@@ -283,6 +284,9 @@ def _check(options: dict[str, Any], address: MountAddress | None) -> None:
         )
     if address is not None and options["sim_profile"] is not None:
         raise BadInputError("--sim-profile needs --mount sim")
+    if options["sim_profile"] is not None:
+        # Refused here, where its lines are known, and before anybody is asked for consent.
+        load_simulator_profile(options["sim_profile"])
     stated = options["clock_true"]
     if stated is not None and not 0.0 <= stated <= LARGEST_UNCERTAINTY_S:
         raise BadInputError(

@@ -86,8 +86,8 @@ def start_practice_mount(
     Raises BadInputError for a bad profile, SattrackError where the mount does not come up.
     """
     described = ProfileFile() if sim_profile is None else load_profile_file(sim_profile)
-    start, where = _clear_start(around), str(sim_profile)
-    return start_embedded(simulator_config(described.mount, described.simulator, site, clock, start, where))
+    start = _clear_start(around)
+    return start_embedded(simulator_config(described.mount, described.simulator, site, clock, start))
 
 
 def _clear_start(around: Surroundings) -> StartPosition:

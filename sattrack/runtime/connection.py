@@ -456,9 +456,8 @@ def simulator_config(
     site: Site,
     clock: Clock,
     start: StartPosition = demo_pass.START,
-    where: str = "the mount profile",
 ) -> SimulatorConfig:
-    """Return how to simulate a mount by a clock; `table` is `[simulator]` of its profile, read from `where`.
+    """Return how to simulate a mount by a clock; `table` is `[simulator]` of its profile.
 
     Raises BadInputError for a table that says what it cannot.
     """
@@ -466,7 +465,7 @@ def simulator_config(
     if isinstance(clock, SimulatedClock):
         setting = ClockSetting(clock.start_utc_s, clock.anchor_s, clock.speed)
     return SimulatorConfig(
-        simulated_site(site), profile, start, clock=setting, hardware=simulator_profile(table, where)
+        simulated_site(site), profile, start, clock=setting, hardware=simulator_profile(table)
     )
 
 

@@ -53,6 +53,13 @@ class TestWhatIsWrongIsToldBeforeAnythingMoves:
         with pytest.raises(BadInputError, match=r"mount.toml:1"):
             call("--mount", "sim", "--yes", "--update", str(file))
 
+    def test_a_simulated_mount_that_is_none(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        file = tmp_path / "simulated.toml"
+        file.write_text("[simulator]\nclock_drift_ppm = -1e9\n", encoding="utf-8")
+        with pytest.raises(BadInputError, match=r"simulated.toml:2: clock_drift_ppm is -1e\+09; "):
+            call("--mount", "sim", "--yes", "--out", str(tmp_path / "x.toml"), "--sim-profile", str(file))
+        assert capsys.readouterr().err == ""
+
     def test_a_real_mount_needs_a_site(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.chdir(tmp_path)
         monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
