@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
@@ -248,7 +248,7 @@ def share_spread(late_sigma: float, turn_sigma: float, gain_sigma: float) -> Arr
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """What the filter expects of an axis, one sigma."""
+    """What the filter expects of an axis, one sigma. Raises ValueError for what it cannot compute with."""
 
     position_deg: float = 0.03 / 3600.0
     """Encoder and packing noise of one sample."""
@@ -276,6 +276,14 @@ class Noise:
     """The servo's mean lag where the profile tells none."""
     late: float = 0.5
     """How uncertain it is at first what has come out shortly after a command, as a share."""
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for one in fields(self):
+            value = getattr(self, one.name)
+            # By the time in which a rate fades the filter divides.
+            if not 0.0 <= value < math.inf or (one.name == "rate_fades_s" and value == 0.0):
+                raise ValueError(f"{one.name} is {value:g}: give one above 0")
 
 
 SURPRISE_SIGMAS = 4.0

@@ -7,7 +7,6 @@ mount's timer, the delays and troubles of its link and its faults are those of i
 
 from __future__ import annotations
 
-import math
 import queue
 import threading
 import time
@@ -652,16 +651,11 @@ def read_law(path: Path | None, settings: Sequence[str], base: ControlLaw) -> Co
             values[group][key] = float(number)
         except ValueError:
             raise BadInputError(f"--set {setting}: {number!r} is no number") from None
-    for key, value in values["filter"].items():
-        # Of a rate that fades at once, its time is divided by.
-        if not 0.0 <= value < math.inf or (key == "rate_fades_s" and value == 0.0):
-            raise BadInputError(
-                f"{'--set' if settings else path}: filter.{key} is {value:g}: give one above 0"
-            )
     try:
         return msgspec.convert(values, ControlLaw)
     except msgspec.ValidationError as error:
-        raise BadInputError(f"--set: {error}") from error
+        what, _, group = str(error).removesuffix("`").partition(" - at `$.")
+        raise BadInputError(f"--set: {group}.{what}") from error
 
 
 def with_law(facts: RunFacts, law: ControlLaw) -> RunFacts:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -28,12 +29,13 @@ if TYPE_CHECKING:
 
 STEP_S = 0.05
 ARCSEC = 1.0 / 3600.0
+NEVER_S = 1e99
 QUIET = Noise(
     position_deg=1e-5,
     timing_s=0.0,
     walk_deg_sqrt_s=0.0,
     rate_walk_deg_s_sqrt_s=0.0,
-    rate_fades_s=math.inf,
+    rate_fades_s=NEVER_S,
     first_rate_deg_s=0.1,
     gain_walk_sqrt_s=0.0,
     late_walk_sqrt_s=0.0,
@@ -46,9 +48,19 @@ def moved(rate_deg_s: float) -> np.ndarray:
     return np.full(SHARES, rate_deg_s * STEP_S)
 
 
+@pytest.mark.parametrize(
+    "changes", [{"timing_s": -1e-9}, {"turn": math.inf}, {"late": math.nan}, {"rate_fades_s": 0.0}]
+)
+def test_noise_that_no_filter_can_compute_with_is_refused(changes: dict[str, float]) -> None:
+    ((name, value),) = changes.items()
+    with pytest.raises(ValueError, match=re.escape(f"{name} is {value:g}: give one above 0")):
+        Noise(**changes)
+    assert QUIET.timing_s == 0.0
+
+
 def test_four_steps_make_as_uncertain_as_one_of_their_length() -> None:
     """Nothing is measured meanwhile: what noise does in a span does not depend on how it is cut."""
-    noise = Noise(rate_fades_s=math.inf)
+    noise = Noise(rate_fades_s=NEVER_S)
     once, cut = AxisFilter(30.0, noise), AxisFilter(30.0, noise)
     once.advance(4.0 * STEP_S, 0.0, 4.0 * moved(0.1), rough_deg=2e-5)
     for _ in range(4):
@@ -599,7 +611,7 @@ def test_a_reading_is_off_by_its_encoder_and_by_its_date(rate_deg_s: float, sigm
 
 def test_what_a_second_adds_to_what_is_not_known_of_an_axis() -> None:
     """With the root of time: 0.02″ of its place, 0.5″/s of its rate, 0.3 % of what comes out at once."""
-    axis = certain(Noise(rate_fades_s=math.inf))
+    axis = certain(Noise(rate_fades_s=NEVER_S))
     for _ in range(20):
         axis.advance(STEP_S, 0.0, moved(0.0))
     known = axis._kalman.covariance

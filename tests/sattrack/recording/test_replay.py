@@ -418,7 +418,7 @@ def test_a_law_that_never_comes_on_target_has_no_error_instead_of_none_at_all(
         ("feeder.setling_s=1", "did you mean 'feeder.settling_s'? docs/recordings.md lists the keys"),
         ("feeder.settling_s", "did you mean 'feeder.settling_s'?"),
         ("feeder.settling_s=fast", "'fast' is no number"),
-        ("feeder.braking_share=1.5", "braking_share is 1.5"),
+        ("feeder.braking_share=1.5", "--set: feeder.braking_share is 1.5; it must be above 0, and 1 at most"),
     ],
 )
 def test_a_law_that_is_none_is_told_by_its_key(
@@ -430,3 +430,12 @@ def test_a_law_that_is_none_is_told_by_its_key(
     law.write_text("[feeder]\nhurry = 1\n")
     assert run(["replay", str(short), "--law", str(law)]) == 2
     assert "law.toml" in capsys.readouterr().err
+
+
+def test_what_is_wrong_in_the_file_of_a_law_is_told_with_its_line_whatever_is_set(
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    law = tmp_path / "law.toml"
+    law.write_text("[filter]\nturn = 0.1\nlate = -1\n")
+    assert run(["replay", str(short), "--law", str(law), "--set", "feeder.settling_s=0.2"]) == 2
+    assert f"{law}:3: late is -1: give one above 0" in capsys.readouterr().err
