@@ -15,7 +15,7 @@ import msgspec
 from sattrack.core.errors import BadInputError
 from sattrack.core.files import user_folder
 from sattrack.core.local_time import is_zone
-from sattrack.core.toml_text import line_of_key, read_toml
+from sattrack.core.toml_text import UnknownKeyError, line_of_key, read_toml
 from sattrack.safety.limits import SafetyLimits, SiteLimits
 from tle.errors import SiteError
 from tle.site import Site
@@ -62,8 +62,7 @@ class SiteSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         try:
             self.place()
         except SiteError as error:
-            key = next(key for key in self.__struct_fields__ if f"'s {key.partition('_')[0]} " in str(error))
-            raise ValueError(f"{key}: {error}") from None
+            raise ValueError(f"{error.field}: {error}") from None
 
     def place(self) -> Site:
         """Return the site; raises SiteError where a number is out of range."""
@@ -193,7 +192,7 @@ def load_settings(explicit: Path | None = None) -> Settings:
         return Settings()
     try:
         settings = read_toml(path, Settings, "the settings")
-    except BadInputError as error:
+    except UnknownKeyError as error:
         raise _of_profile(error) from None
     if settings.zone is not None and not is_zone(settings.zone):
         raise BadInputError(
@@ -228,14 +227,14 @@ def load_settings(explicit: Path | None = None) -> Settings:
     return msgspec.structs.replace(settings, elements=elements, stars=stars, mount=mount, safety=safety)
 
 
-def _of_profile(error: BadInputError) -> BadInputError:
-    """Return the error of an unknown key; of one that the mount's profile has, with where it belongs."""
+def _of_profile(error: UnknownKeyError) -> BadInputError:
+    """Return the error; of a key that the mount's profile has, with where it belongs."""
     from sattrack.mount.model import MountProfile
 
-    unknown = re.match(r"(.*: unknown key '(\w+)'(?: in \[mount\])?);", str(error))
-    if unknown is None or unknown[2] not in MountProfile.__struct_fields__:
+    *table, key = error.path
+    if table not in ([], ["mount"]) or key not in MountProfile.__struct_fields__:
         return error
-    return BadInputError(f"{unknown[1]}; it belongs into the file that `profile` in [mount] names")
+    return BadInputError(f"{error.said}; it belongs into the file that `profile` in [mount] names")
 
 
 def _names_a_provider(source: str) -> bool:

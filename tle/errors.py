@@ -145,7 +145,15 @@ class PackageError(TleError):
 
 
 class SiteError(TleError):
-    """A site that is not on Earth: out of range, not a number, not three numbers."""
+    """A site that is not on Earth: out of range, not a number, not three numbers.
+
+    `field` names the number that is wrong, as `Site` does; None where it is none of them.
+    """
+
+    def __init__(self, message: str, field: str | None = None) -> None:
+        """Keep the field for callers that know where its number is from."""
+        super().__init__(message)
+        self.field = field
 
 
 class BiasError(TleError):

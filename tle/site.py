@@ -36,9 +36,9 @@ class Site:
 
     def __post_init__(self) -> None:
         """Check the three numbers and place the site."""
-        _check("latitude", self.latitude_deg, -90.0, 90.0, "degrees north")
-        _check("longitude", self.longitude_deg, -180.0, 360.0, "degrees east")
-        _check("height", self.height_m, _LOWEST_M, _HIGHEST_M, "metres above the ellipsoid")
+        _check("latitude_deg", self.latitude_deg, -90.0, 90.0, "degrees north")
+        _check("longitude_deg", self.longitude_deg, -180.0, 360.0, "degrees east")
+        _check("height_m", self.height_m, _LOWEST_M, _HIGHEST_M, "metres above the ellipsoid")
         phi, lam = math.radians(self.latitude_deg), math.radians(self.longitude_deg)
         sin_phi, cos_phi, sin_lam, cos_lam = math.sin(phi), math.cos(phi), math.sin(lam), math.cos(lam)
         e2 = FLATTENING * (2.0 - FLATTENING)
@@ -80,14 +80,15 @@ class Site:
     def on_ground(self) -> Site:
         """Return the site itself; raises SiteError where no ground is so low or so high."""
         unit = "metres: no ground on Earth lies outside"
-        _check("height", self.height_m, LOWEST_GROUND_M, HIGHEST_GROUND_M, unit)
+        _check("height_m", self.height_m, LOWEST_GROUND_M, HIGHEST_GROUND_M, unit)
         return self
 
 
-def _check(name: str, value: float, least: float, most: float, unit: str) -> None:
+def _check(field: str, value: float, least: float, most: float, unit: str) -> None:
+    name = field.partition("_")[0]
     try:
         inside = least <= value <= most
     except TypeError:
-        raise SiteError(f"the site's {name} is {value!r}: give a number, {unit}") from None
+        raise SiteError(f"the site's {name} is {value!r}: give a number, {unit}", field) from None
     if not inside:
-        raise SiteError(f"the site's {name} of {value} is outside {least:.0f} to {most:.0f} {unit}")
+        raise SiteError(f"the site's {name} of {value} is outside {least:.0f} to {most:.0f} {unit}", field)

@@ -41,6 +41,16 @@ _YES_OR_NO = {"yes", "no", "on", "off", "true", "false"}
 _TAG = re.compile(r"Invalid value '(.*)'")
 
 
+class UnknownKeyError(BadInputError):
+    """A key that has no place in a file: `path` leads to it, and `said` is the message without its hint."""
+
+    def __init__(self, said: str, hint: str, path: KeyPath) -> None:
+        """Keep the path for callers that know of another file in which the key has a place."""
+        super().__init__(said + hint)
+        self.said = said
+        self.path = path
+
+
 class TextSpot(NamedTuple):
     """Line and column, from 1, of a key and of its value; of the value's first character within quotes."""
 
@@ -361,7 +371,8 @@ def _explained(message: str, document: Any, positions: KeyPositions, kind: type)
     if unknown is not None:
         keys = _keys_at(kind, path, document)
         hint = _elsewhere(kind, unknown[1]) or meant(unknown[1], keys) or f"; there are {', '.join(keys)}"
-        return positions.key(*path, unknown[1]).wrong(f"unknown key {unknown[1]!r}{where}{hint}")
+        words = f"{positions.key(*path, unknown[1])}: unknown key {unknown[1]!r}{where}"
+        return UnknownKeyError(words, hint, (*path, unknown[1]))
     name = next((str(part) for part in reversed(path) if isinstance(part, str)), "the file")
     if tag is not None or message.startswith("Invalid enum value"):
         given = _value_at(document, path)

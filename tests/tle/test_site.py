@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import pickle
+
 import erfa
 import numpy as np
 import pytest
@@ -29,20 +31,21 @@ def test_the_horizon_has_three_axes():
 
 
 @pytest.mark.parametrize(
-    ("numbers", "words"),
+    ("numbers", "words", "field"),
     [
-        ((90.1, 0.0), "latitude of 90.1 is outside -90 to 90 degrees north"),
-        ((float("nan"), 0.0), "latitude of nan"),
-        ((0.0, 361.0), "longitude of 361.0 is outside -180 to 360 degrees east"),
-        ((0.0, float("inf")), "longitude of inf"),
-        ((0.0, 0.0, 2e5), "height of 200000.0 is outside"),
-        ((0.0, 0.0, float("nan")), "height of nan"),
-        (("52", 4.5), "latitude is '52': give a number, degrees north"),
+        ((90.1, 0.0), "latitude of 90.1 is outside -90 to 90 degrees north", "latitude_deg"),
+        ((float("nan"), 0.0), "latitude of nan", "latitude_deg"),
+        ((0.0, 361.0), "longitude of 361.0 is outside -180 to 360 degrees east", "longitude_deg"),
+        ((0.0, float("inf")), "longitude of inf", "longitude_deg"),
+        ((0.0, 0.0, 2e5), "height of 200000.0 is outside", "height_m"),
+        ((0.0, 0.0, float("nan")), "height of nan", "height_m"),
+        (("52", 4.5), "latitude is '52': give a number, degrees north", "latitude_deg"),
     ],
 )
-def test_places_that_are_none_are_refused(numbers, words):
-    with pytest.raises(SiteError, match=words):
+def test_places_that_are_none_are_refused(numbers, words, field):
+    with pytest.raises(SiteError, match=words) as caught:
         Site(*numbers)
+    assert caught.value.field == pickle.loads(pickle.dumps(caught.value)).field == field
 
 
 def test_reads_a_site_from_text():

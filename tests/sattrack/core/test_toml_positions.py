@@ -5,11 +5,13 @@ from __future__ import annotations
 import tomllib
 from typing import Any
 
+import msgspec
+import pytest
 import tomli_w
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sattrack.core.toml_text import KeyPath, toml_positions
+from sattrack.core.toml_text import KeyPath, UnknownKeyError, read_typed, toml_positions
 
 TEXT = '''# a comment with [brackets] and "quotes"
 name = "a" # after
@@ -84,3 +86,16 @@ def test_each_value_stands_where_it_is_said_to(document: dict[str, Any]) -> None
         spot = found[path]
         written = value if isinstance(value, str) else tomli_w.dumps({"x": value})[4:].strip()
         assert lines[spot.value_line - 1][spot.value_column - 1 :].startswith(written)
+
+
+class Many(msgspec.Struct, forbid_unknown_fields=True):
+    many: list[dict[str, int]] = []
+    one: Many | None = None
+
+
+def test_an_unknown_key_is_told_with_the_way_to_it() -> None:
+    with pytest.raises(UnknownKeyError) as caught:
+        read_typed("[one]\n[one.one]\nmanny = 1\n", "x.toml", Many, columns=False)
+    assert caught.value.path == ("one", "one", "manny")
+    assert caught.value.said == "x.toml:3: unknown key 'manny' in [one.one]"
+    assert str(caught.value) == f"{caught.value.said}; did you mean 'many'?"
