@@ -147,8 +147,8 @@ class PassTable:
 
     def blocks(self) -> Iterator[PassTable]:
         """Go through all rows, many at a time."""
-        for first in range(0, len(self), _ROWS_A_BLOCK):
-            yield self.take(np.arange(first, min(first + _ROWS_A_BLOCK, len(self))))
+        for rows in _blocks(len(self), _ROWS_A_BLOCK):
+            yield self.take(np.array(rows))
 
     def rows(self) -> list[Row]:
         """Return the rows one by one, as objects."""
@@ -188,6 +188,10 @@ class PassTable:
         return self.take(np.argsort(keys.get(by, self.magnitude), kind="stable"))
 
 
+def _blocks(count: int, size: int) -> list[range]:
+    return [range(count)[first : first + size] for first in range(0, count, size)]
+
+
 def judged_table(
     table: PassTable,
     profile: MountProfile,
@@ -215,7 +219,7 @@ def judged_table(
         return rows, [verdict.why_not for verdict in verdicts]
 
     count = len(table)
-    blocks = [range(k, min(k + _JUDGED_A_BLOCK, count)) for k in range(0, count, _JUDGED_A_BLOCK)]
+    blocks = _blocks(count, _JUDGED_A_BLOCK)
     why_not: list[str | None] = [None] * count
     done = 0
     with mapping(min(workers, len(blocks))) as mapped:
@@ -268,11 +272,11 @@ def _csv_lines(rows: Iterable[Sequence[str]]) -> str:
 
 def _block_texts(table: PassTable, text: Callable[[PassTable], str], workers: int) -> Iterator[str]:
     """Yield the text of each block of rows, in their order."""
-    blocks = [np.arange(k, min(k + _ROWS_A_BLOCK, len(table))) for k in range(0, len(table), _ROWS_A_BLOCK)]
+    blocks = _blocks(len(table), _ROWS_A_BLOCK)
     early: dict[int, str] = {}
     with mapping(min(workers, len(blocks))) as mapped:
         following = 0
-        for number, made in mapped(lambda k: (k, text(table.take(blocks[k]))), range(len(blocks))):
+        for number, made in mapped(lambda k: (k, text(table.take(np.array(blocks[k])))), range(len(blocks))):
             early[number] = made
             while following in early:
                 yield early.pop(following)

@@ -81,12 +81,13 @@ def test_an_azimuth_mount_begins_on_the_turn_on_which_its_cables_bear_the_pass(t
     assert begun_beyond > 0
 
 
-def test_many_passes_are_judged_a_block_at_a_time_by_several_processes(
+def test_many_passes_are_judged_and_written_a_block_at_a_time_by_several_processes(
     slow_mount: str, without_optics: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked = ("--judged", "--profile", slow_mount, "--config", without_optics)
     at_once, shown = passes(*asked), list[tuple[str, int, int]]()
     monkeypatch.setattr(passes_output, "_JUDGED_A_BLOCK", 2)
+    monkeypatch.setattr(passes_output, "_ROWS_A_BLOCK", 3)
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
     monkeypatch.setattr(
         passes_command, "_progress", lambda text, _: lambda done, total: shown.append((text, done, total))
