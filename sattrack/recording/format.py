@@ -19,10 +19,11 @@ import math
 import platform
 import struct
 import zlib
+from array import array
 from collections import Counter
 from contextlib import suppress
 from functools import cache
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -37,7 +38,7 @@ from sattrack.views.messages import ObservationMessage, decode_message
 from tle.instants import Utc
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from sattrack.views.messages import Message
 
@@ -201,28 +202,34 @@ class Recording:
     """A recording: its header, its entries, and what is wrong with the file in `problems`.
 
     `part` says which, where a file holds several one after the other. `cut_off` says that the file ends
-    without its proper end, `whole` that no message is missing before that.
+    without its proper end, `whole` that no message is missing before that. `messages` counts the entries by
+    topic. The file is kept as it is, and unpacked anew for each look at the entries: of a night these would
+    take a gigabyte.
     """
 
     def __init__(self, path: Path, part: int = 1) -> None:
         """Read the file. Raises BadInputError where it is none of ours, or a newer version's."""
         self.path = path
         self.problems: list[str] = []
-        self.whole = True
         try:
-            data = path.read_bytes()
+            self._data = data = path.read_bytes()
         except OSError as error:
             raise BadInputError(f"{path}: cannot be read: {error.strerror}") from error
         if not data:
             raise BadInputError(f"{path}: is empty: the run ended before anything was recorded")
+        parts: list[tuple[int, bytes, Counter[str]]] = []
         try:
-            parts = list(_parts(data, self._note))
+            for at, entry in _entries(data, self.problems.append):
+                if entry.topic == RUN:
+                    parts.append((at, entry.data, Counter()))
+                elif parts:
+                    parts[-1][2][entry.topic] += 1
         except _TooMuchError:
             raise BadInputError(
                 f"{path}: unpacks to more than {MOST_UNPACKED} times its {len(data)} bytes, as no run does; "
                 "give one that --record wrote"
             ) from None
-        self.parts = len(parts)
+        self.parts, self._part = len(parts), part
         if not 1 <= part <= max(1, len(parts)):
             there = (
                 "one recording; omit --part" if len(parts) == 1 else f"{len(parts)}; give --part 1 to that"
@@ -230,43 +237,45 @@ class Recording:
             raise BadInputError(f"{path}: there is no recording number {part}: it holds {there}")
         if not parts:
             raise BadInputError(f"{path}: {_why_none(data, bool(self.problems))}")
-        (first, *self._entries), self.cut_off = parts[part - 1]
+        _, header, self.messages = parts[part - 1]
+        self.cut_off = _lacks_end(data, *(at for at, _, _ in parts[part : part + 1]))
         if len(parts) > 1:
             self.problems.append(
                 f"{len(parts)} recordings in one file: this is number {part}; --part N takes another"
             )
-        self.header = self._read_header(first.data)
-        self.whole = all(entry.topic != GAP for entry in self._entries)
-        if not self.whole:
-            gaps = sum(entry.topic == GAP for entry in self._entries)
+        self.header = self._read_header(header)
+        gaps = self.messages[GAP]
+        self.whole = not gaps
+        if gaps:
             self.problems.append(f"messages are missing in {gaps} place{'s' * (gaps > 1)}")
-        self._check_count(data)
+        self._check_count()
         if self.cut_off:
             self.problems.append("cut off: the file lacks its end, as after a kill or a full disk")
 
     def entries(self) -> Iterator[Entry]:
         """Give the entries after the header, a `GAP` where some are missing."""
-        return iter(self._entries)
+        part = 0
+        for _, entry in _entries(self._data, lambda _: None):
+            part += entry.topic == RUN
+            if part > self._part:
+                return
+            if part == self._part and entry.topic != RUN:
+                yield entry
 
     def __len__(self) -> int:
         """Return how many entries there are."""
-        return len(self._entries)
+        return self.messages.total()
 
-    def _check_count(self, data: bytes) -> None:
+    def _check_count(self) -> None:
         """Hold what was read against the count at the file's end: the last chunk has nothing after it."""
         if self.cut_off or self.parts > 1:
             return
-        count = _count(data)
+        count = _count(self._data)
         if count is None:
             self.problems.append("damaged in the index at its end, which holds nothing of the run")
-        elif self.whole and count > len(self._entries) + 1:
+        elif self.whole and count > len(self) + 1:
             self.whole = False
-            self.problems.append(
-                f"damaged: {counted(count - len(self._entries) - 1, 'message')} lost at the end"
-            )
-
-    def _note(self, problem: str) -> None:
-        self.problems.append(problem)
+            self.problems.append(f"damaged: {counted(count - len(self) - 1, 'message')} lost at the end")
 
     def _read_header(self, data: bytes) -> RunHeader:
         version = _VersionOnly(0, "")
@@ -304,22 +313,21 @@ def _why_none(data: bytes, damaged: bool) -> str:
     return "an MCAP file without the facts of a run: of another program, or cut off; copy it again"
 
 
-def _parts(data: bytes, note: Callable[[str], None]) -> Iterator[tuple[list[Entry], bool]]:
-    """Give each recording in a file: its entries, the header's first, and whether its end is missing."""
-    entries: list[Entry] = []
+def _entries(data: bytes, note: Callable[[str], None]) -> Iterator[tuple[int, Entry]]:
+    """Give every message that can be read, with its chunk's place; a `GAP` where some are missing."""
     expected = 0
     for at, topic, sequence, utc_s, message in _messages(data, note):
-        if topic == RUN:
-            if entries:
-                yield entries, data[max(0, at - _BETWEEN_BYTES) : at].count(MAGIC) < 2
-            entries = [Entry(topic, utc_s, message)]
-        elif entries:
-            if sequence != expected:
-                entries.append(Entry(GAP, utc_s, b""))
-            entries.append(Entry(topic, utc_s, message))
+        if sequence != expected and topic != RUN:
+            yield at, Entry(GAP, utc_s, b"")
+        yield at, Entry(topic, utc_s, message)
         expected = sequence + 1
-    if entries:
-        yield entries, not (data.endswith(MAGIC) and data[-_END_BYTES] == _FOOTER_CODE)
+
+
+def _lacks_end(data: bytes, next_at: int | None = None) -> bool:
+    """Tell whether a recording's end is missing: that before the place of the next one, or the file's."""
+    if next_at is not None:
+        return data[max(0, next_at - _BETWEEN_BYTES) : next_at].count(MAGIC) < 2
+    return not (data.endswith(MAGIC) and data[-_END_BYTES] == _FOOTER_CODE)
 
 
 def _count(data: bytes) -> int | None:
@@ -469,7 +477,7 @@ def look(recording: Recording) -> RecordingView:
         ended_utc=_iso(last),
         seconds=round(lasted_s(instants), 3),
         bytes=recording.path.stat().st_size,
-        messages=dict(Counter(entry.topic for entry in recording.entries())),
+        messages=dict(recording.messages),
         whole=recording.whole,
         ended_properly=not recording.cut_off,
         clock_steps=tuple(steps),
@@ -496,14 +504,14 @@ def clock_steps(recording: Recording) -> list[ClockStep]:
     Statuses that waited on their way and came at once are none: after them the clocks are as before. Of those
     at the beginning even the last may have waited: it was dated when it was read.
     """
-    dated = list(_sidereal(recording))
-    ahead_s = [0.0]
-    for (before_s, before_h), (utc_s, sidereal_h) in pairwise(dated):
+    dated = array("d", chain.from_iterable(_sidereal(recording)))
+    came_s = dated[::2]
+    ahead_s = array("d", [0.0])
+    for (before_s, before_h), (utc_s, sidereal_h) in pairwise(zip(came_s, dated[1::2], strict=True)):
         passed_s, turned_deg = utc_s - before_s, (sidereal_h - before_h) * 15.0
         # The mount's clock gives the time within a day; the difference is taken the short way round.
         off_deg = wrap180(passed_s * SIDEREAL_RATE_DEG_S - turned_deg)
         ahead_s.append(ahead_s[-1] + off_deg / SIDEREAL_RATE_DEG_S)
-    came_s = [utc_s for utc_s, _ in dated]
     found = []
     for k, (before, now) in enumerate(pairwise(ahead_s), 1):
         if abs(now - before) > STEP_S:
@@ -515,7 +523,7 @@ def clock_steps(recording: Recording) -> list[ClockStep]:
     return found
 
 
-def _least_ahead_s(ahead_s: list[float], came_s: list[float], statuses: range) -> float:
+def _least_ahead_s(ahead_s: Sequence[float], came_s: Sequence[float], statuses: range) -> float:
     """Return the least by which our clock was ahead within LASTS_S of the first of some statuses.
 
     A status that waits is late, never early. Where our clock goes back it was set: that is another clock.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from array import array
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, NamedTuple
@@ -256,7 +257,7 @@ def replay(
     outputs = None if expected is None else _outputs(expected)
     with gc_paused():
         engine = build(recording.header.spec)
-        instants = []
+        instants = array("d")
         for number, entry in enumerate(recording.entries()):
             if entry.topic == GAP:
                 run.result.stopped_utc_s = entry.utc_s

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import re
+from array import array
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
@@ -163,29 +163,38 @@ class _RecordedView(msgspec.Struct):
         )
 
 
+COLUMNS = 15
+
+
 class _Sample(NamedTuple):
     """One status; `situation` is as today's code has it, for recordings without it."""
 
-    columns: tuple[float, ...]
+    utc_s: float
     target: TargetState
     sky: tuple[float, ...]
     situation: Situation
 
 
 class _Columns:
-    """Gathers what a run shows while it is made again; later views show what it did."""
+    """Gathers what a run shows while it is made again; later views show what it did.
+
+    Rows of numbers stand one after the other in arrays: of a night there are a million.
+    """
 
     def __init__(self) -> None:
-        self.samples: list[_Sample] = []
-        self.doing: list[RunStage] = []
+        self.samples = array("d")
+        self.doing = array("b")
         self.held: list[str] = []
-        self.sent: list[tuple[float, float, float]] = []
+        self.sent = array("d")
+        self.sky = array("d")
         self.engine: Engine | None = None
         self.acquired = False
         self.ended_by: str | None = None
         self._sorted: Stages | None = None
         self._stages: dict[float, StageView] = {}
-        self._seen_utc_s = -math.inf
+        self._seen_utc_s = self._sky_utc_s = -math.inf
+        self._unsorted: list[_Sample] = []
+        self._sorted_utc_s = math.nan
 
     def __call__(self, engine: Engine, entry: Entry) -> None:
         """Take one entry, handed to the engine already."""
@@ -208,10 +217,10 @@ class _Columns:
         sample, error = engine.session.sample, engine.tracker.error
         if sample is None or error is None or engine.failed:
             return
-        if self.samples and self.samples[-1].columns[0] == error.utc_s:
+        if self.samples and self.samples[-COLUMNS] == error.utc_s:
             return
         by_axes = engine.sample or sample
-        columns = (
+        row = (
             error.utc_s,
             sample.arrival_utc_s,
             error.total_arcsec,
@@ -228,12 +237,13 @@ class _Columns:
             by_axes.ra_deg,
             by_axes.dec_deg,
         )
-        last_s = next((one.columns[0] for one in reversed(self.samples) if one.sky), -math.inf)
         sky: tuple[float, ...] = ()
-        if error.utc_s - last_s >= SKY_EVERY_S:
+        if error.utc_s - self._sky_utc_s >= SKY_EVERY_S:
+            self._sky_utc_s = error.utc_s
             known = engine.tracker.direction_at(error.utc_s)
-            sky = float(known.alt_deg), float(known.az_deg)
-        self.samples.append(_Sample(columns, engine.tracker.target, sky, engine.situation(error)))
+            sky = error.utc_s, float(known.alt_deg), float(known.az_deg)
+        self.samples.extend(row)
+        self._unsorted.append(_Sample(error.utc_s, engine.tracker.target, sky, engine.situation(error)))
 
     def sort(self, engine: Engine, seen: _RecordedView | None, near: bool) -> None:
         """Set what the run did at the samples since the last view, by this one where it is near enough."""
@@ -242,22 +252,24 @@ class _Columns:
         if seen is not None and seen.stages is not None:
             self._stages |= {stage.utc_s: stage for stage in seen.stages}
             self.acquired |= any(stage.doing in ACQUIRED for stage in seen.stages)
-        first = len(self.doing)
-        before = self.samples[first - 1 : first] or self.samples[:1]
-        for last, one in pairwise([*before, *self.samples[first:]]):
-            if not 0.0 < one.columns[0] - last.columns[0] < LONGEST_STEP_S:
+        for one in self._unsorted:
+            step_s, self._sorted_utc_s = one.utc_s - self._sorted_utc_s, one.utc_s
+            if not 0.0 < step_s < LONGEST_STEP_S:
                 # The run counts neither its first sample nor one that follows a silence.
                 doing, held = RunStage.OTHER, ""
             elif self._stages:
-                doing, held = self._recorded(one.columns[0])
+                doing, held = self._recorded(one.utc_s)
             else:
                 now = one.situation
                 if seen is not None and near:
                     now = seen.situation(self.acquired or seen.phase == Phase.TRACKING, now.error_arcsec)
                 self.acquired |= now.acquired
-                doing, held = self._sorted.take(now, one.columns[0], one.target)
+                doing, held = self._sorted.take(now, one.utc_s, one.target)
             self.doing.append(doing)
             self.held.append(held)
+            if doing is RunStage.FOLLOWING:
+                self.sky.extend(one.sky)
+        self._unsorted.clear()
 
     def _recorded(self, utc_s: float) -> tuple[RunStage, str]:
         """Return what the run did at a status, by the recording."""
@@ -271,7 +283,7 @@ class _Columns:
             return
         ra = command.move_ra_rate_deg_s if command.move_ra else np.nan
         dec = command.move_dec_rate_deg_s if command.move_dec else np.nan
-        self.sent.append((entry.utc_s, ra, dec))
+        self.sent.extend((entry.utc_s, ra, dec))
 
 
 def _steady(biases: Biases, utc_s: float) -> bool:
@@ -296,20 +308,14 @@ def trace(
     result = replay(recording, build, watch=columns, progress=progress)
     engine = columns.engine or build(recording.header.spec)
     columns.sort(engine, None, near=False)
-    samples = np.array([one.columns for one in columns.samples]).reshape(-1, 15).T
-    doing = np.array(columns.doing, dtype=np.int8)
-    sky = [
-        (one.columns[0], *one.sky)
-        for one, what in zip(columns.samples, columns.doing, strict=True)
-        if one.sky and what is RunStage.FOLLOWING
-    ]
-    sent = np.array(columns.sent).reshape(-1, 3)
+    samples = np.asarray(columns.samples).reshape(-1, COLUMNS).T
+    sent, sky = (np.asarray(rows).reshape(-1, 3) for rows in (columns.sent, columns.sky))
     errors = ("total", "along", "across", "ra_error", "dec_error")
     names = ("utc_s", "arrival_utc_s", *errors, "ra_deg", "dec_deg", "sidereal_h", "counter")
     return Trace(
         engine=engine,
         result=result,
-        doing=doing,
+        doing=np.asarray(columns.doing),
         held=np.array(columns.held, dtype=str),
         acquired=columns.acquired,
         ended_by=columns.ended_by,
@@ -318,7 +324,7 @@ def trace(
         axes_deg=samples[13:].T,
         sent_utc_s=sent[:, 0],
         sent=sent[:, 1:],
-        sky_utc_s=np.array(sky).reshape(-1, 3)[:, 0],
-        sky=np.array(sky).reshape(-1, 3)[:, 1:],
+        sky_utc_s=sky[:, 0],
+        sky=sky[:, 1:],
         **dict(zip(names, samples[:11], strict=True)),
     )

@@ -243,3 +243,17 @@ def test_the_last_message_of_a_run_that_ended_is_its_summary(short: Path) -> Non
     *_, last = Recording(short).entries()
     assert last.topic == SUMMARY
     assert msgspec.json.decode(last.data)["ended_by"] == "set"
+
+
+def test_a_recording_holds_its_file_and_not_what_that_unpacks_to(short: Path) -> None:
+    entries = list(Recording(short).entries())
+    tracemalloc.start()
+    try:
+        recording = Recording(short)
+        held, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    size = short.stat().st_size
+    assert size <= held < 1.5 * size < sum(len(entry.data) for entry in entries)
+    assert list(recording.entries()) == list(recording.entries()) == entries
+    assert len(recording) == len(entries)
