@@ -219,8 +219,7 @@ def drawn_start(dice: random.Random, facts: RunFacts) -> StartPosition | None:
     limit = min(150.0, facts.profile.hour_angle_limit_deg)
     for _ in range(200):
         place = (dice.uniform(-limit, limit), dice.uniform(max(-85.0, low), min(85.0, high)))
-        clear = [judge.clearances(*place, facts.started_utc_s + s) for s in (0.0, 60.0)]
-        if min(value for one in clear for value in one.values()) > 1.5:
+        if judge.least_deg(*place, facts.started_utc_s) > 1.5:
             return StartPosition(*place)
     return None
 
@@ -257,6 +256,10 @@ class Judge:
         for zone in profile.pier_zones:
             found["pier"] = min(found.get("pier", math.inf), zone_distance_deg(zone, ha, dec))
         return found
+
+    def least_deg(self, ha: float, dec: float, utc_s: float) -> float:
+        """Return how far inside of the nearest limit two axes are that stand still for a minute."""
+        return min(value for s in (0.0, 60.0) for value in self.clearances(ha, dec, utc_s + s).values())
 
     def points(self, ha: float, dec: float) -> Vector:
         """Return where axes point at two angles: meridian, west, pole."""

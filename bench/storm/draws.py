@@ -31,6 +31,7 @@ STORM_S = 16.0
 AFTER_S = 13.0
 """From the end of the last fault to the end of the pass."""
 MOST_HOUR_ANGLE_DEG = 85.0
+STEEPEST_DEG = 80.0
 LOWEST_DEG = 8.0
 CLEAR_DEG = 2.0
 STOPS_AFTER_S = 8.0
@@ -333,32 +334,17 @@ def drawn_start(
     dice: random.Random, facts: RunFacts, other: others.Other | None = None
 ) -> tuple[float, float] | None:
     """Return where the axes stand at first, clear of all limits, near the target; None where nowhere is."""
-    if other is not None:
-        return _other_start(dice, facts, other)
-    judge, propagator = Judge(facts), Propagator(facts.target, facts.site.place())
-    seen = propagator.at(Utc(facts.plan.start_utc_s))
-    target_ha = hour_angle_deg(propagator, facts.plan.start_utc_s)
+    judge = Judge(facts) if other is None else others.OtherJudge(facts, other)
+    target_deg = others.target_deg(facts, other)
     for _ in range(30):
-        ha = target_ha + dice.uniform(-15.0, 15.0)
-        dec = float(seen.dec_deg) + dice.uniform(-15.0, 15.0)
-        if abs(dec) > 80.0 or abs(ha) > MOST_HOUR_ANGLE_DEG:
-            continue
-        clear = [judge.clearances(ha, dec, facts.started_utc_s + s) for s in (0.0, 60.0)]
-        if min(value for one in clear for value in one.values()) > CLEAR_DEG:
+        if other is None:
+            ha, dec = (angle + dice.uniform(-others.AWAY_DEG, others.AWAY_DEG) for angle in target_deg)
+            far = abs(dec) > STEEPEST_DEG or abs(ha) > MOST_HOUR_ANGLE_DEG
+        else:
+            ha, dec = others.drawn_near(dice, facts, target_deg)
+            far = abs(math.remainder(dec, 180.0)) > STEEPEST_DEG
+        if not far and judge.least_deg(ha, dec, facts.started_utc_s) > CLEAR_DEG:
             return ha, dec
-    return None
-
-
-def _other_start(dice: random.Random, facts: RunFacts, other: others.Other) -> tuple[float, float] | None:
-    judge, target_deg = others.OtherJudge(facts, other), others.target_deg(facts, other)
-    for _ in range(30):
-        angles = others.drawn_near(dice, facts, target_deg)
-        steep_deg = abs(math.remainder(angles[1], 180.0))
-        if steep_deg > 80.0:
-            continue
-        clear = [judge.clearances(*angles, facts.started_utc_s + s) for s in (0.0, 60.0)]
-        if min(value for one in clear for value in one.values()) > CLEAR_DEG:
-            return angles
     return None
 
 

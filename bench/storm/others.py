@@ -215,10 +215,10 @@ def _terms(mount: TiltedMount) -> PointingTerms:
     return PointingTerms("2024-01-01T00:00:00Z", mount.latitude_deg, each, 1.0, 30, signs="tpoint")
 
 
-def target_deg(facts: RunFacts, other: Other) -> tuple[float, float]:
+def target_deg(facts: RunFacts, other: Other | None) -> tuple[float, float]:
     """Return the angles of the axes where the pass begins; hour angle and declination without a geometry."""
     at_s = facts.plan.start_utc_s
-    if other.axes is not None:
+    if other is not None and other.axes is not None:
         share = (at_s - facts.started_utc_s) / (facts.plan.end_utc_s - facts.started_utc_s)
         first, second, *_ = _angles(facts, other.axes.geometry)[round(share * LOOKS)]
         return first, second
