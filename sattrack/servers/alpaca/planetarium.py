@@ -114,7 +114,7 @@ class Planetariums:
         commands = CommandReader(noisy=is_serial)
         client = Lx200Client(self.telescope, self._number(), gives_reasons=is_serial)
         waiting, stops = _Waiting[str](), _Stops(self._beside)
-        worker = self._beside(self._obey(client, waiting, writer, connection))
+        worker = self._beside(self._obey(partial(self._answer, client), waiting, writer, connection))
         try:
             while not worker.done() and (data := await reader.read(READ_BYTES)):
                 found = commands.read(data)
@@ -168,7 +168,9 @@ class Planetariums:
         caller, messages, view = self._number(), MessageReader(), ClientView(device)
         waiting, stops = _Waiting[Element](), _Stops(self._beside)
         aside = [
-            self._beside(self._obey_indi(device, view, caller, waiting, writer, connection)),
+            self._beside(
+                self._obey(partial(self._answer_indi, device, view, caller), waiting, writer, connection)
+            ),
             self._beside(self._tell_changes(view, writer, connection)),
         ]
         try:
@@ -194,32 +196,13 @@ class Planetariums:
             self._beside(self._carry_out(INDI, device.left(caller)))
             writer.close()
 
-    async def _obey_indi(
-        self,
-        device: ServedIndiDevice,
-        view: ClientView,
-        caller: int,
-        waiting: _Waiting[Element],
-        writer: asyncio.StreamWriter,
-        connection: ClientConnection | None,
-    ) -> None:
-        pace = _Pace(self.requests_per_s)
-        while True:
-            message = await waiting.get()
-            if connection is not None:
-                connection.begins()
-            try:
-                if message.tag == "getProperties":
-                    writer.write(view.definitions(message, self._now_s()))
-                else:
-                    await self._take(device, message, caller)
-            finally:
-                waiting.task_done()
-                if connection is not None:
-                    connection.ends()
-            await writer.drain()
-            # Before the next is taken: one that waits here would not be dropped by a stop.
-            await pace.keep()
+    async def _answer_indi(
+        self, device: ServedIndiDevice, view: ClientView, caller: int, message: Element
+    ) -> bytes:
+        if message.tag == "getProperties":
+            return view.definitions(message, self._now_s())
+        await self._take(device, message, caller)
+        return b""
 
     async def _take(self, device: ServedIndiDevice, message: Element, caller: int) -> None:
         name = set_by(message)
@@ -260,8 +243,8 @@ class Planetariums:
 
     async def _obey(
         self,
-        client: Lx200Client,
-        waiting: _Waiting[str],
+        answer: Callable[[Item], Awaitable[bytes]],
+        waiting: _Waiting[Item],
         writer: asyncio.StreamWriter,
         connection: ClientConnection | None,
     ) -> None:
@@ -272,7 +255,7 @@ class Planetariums:
             if connection is not None:
                 connection.begins()
             try:
-                writer.write(await self._answer(client, command))
+                writer.write(await answer(command))
             finally:
                 waiting.task_done()
                 if connection is not None:
