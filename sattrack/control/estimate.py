@@ -77,7 +77,7 @@ LINE_S = 2.0
 """Over so many seconds a reading is taken as a parabola."""
 MOST_STEP_S = 20.0
 MOST_STEPS = 12
-NEAR_S = 0.01
+NEAR_S, NEAR_RAD = 0.01, math.radians(5.0 / 3600.0)
 DIFFERENCE_S = 0.1
 FAILURES = (PropagationError, np.linalg.LinAlgError)
 """What a correction can lead to that no satellite can fly."""
@@ -571,17 +571,19 @@ def _corrected_elements(course: Course) -> Elements | None:
 
 def _reading(known: FilterBank, utc_s: float, course: Course, fed: bool) -> EstimatedBiases | None:
     along_s = float(known.correction_km[ALONG]) / known.orbit.speed_km_s
-    there, spread = known.pointing(course.airless, Utc(utc_s), fed)
-    now = _biases(there, utc_s, course, course.airless, (along_s, 0.0))
+    # What the mount is fed goes through the air: its errors turn what the air has bent.
+    by = course.propagator if fed else course.airless
+    there, spread = known.pointing(by, Utc(utc_s), fed)
+    now = _biases(there, utc_s, course, by, (along_s, 0.0))
     if now is None:
         return None
     along, cross, pace = now
     steps = [np.zeros(2)]
     for at_s in (utc_s + 0.5 * LINE_S, utc_s + LINE_S):
-        later = known.direction(course.airless, Utc(at_s), fed)
+        later = known.direction(by, Utc(at_s), fed)
         # Expected on the line through those before it, each takes one step of Newton's.
         along_s, cross_km = (along, cross) + 2.0 * steps[-1]
-        then = _biases(later, at_s, course, course.airless, (along_s, cross_km))
+        then = _biases(later, at_s, course, by, (along_s, cross_km))
         if then is None:
             return None
         steps.append(np.array(then[:2]) - (along, cross))
@@ -591,7 +593,7 @@ def _reading(known: FilterBank, utc_s: float, course: Course, fed: bool) -> Esti
     curves = 4.0 * (whole - 2.0 * halfway) / LINE_S**2
     range_km = course.going(utc_s + along).range_km
     cross_deg = math.degrees(math.atan(cross / range_km))
-    ahead = course.airless.at(Utc(utc_s), Bias(along + DIFFERENCE_S, cross_deg)).unit - there
+    ahead = by.at(Utc(utc_s), Bias(along + DIFFERENCE_S, cross_deg)).unit - there
     ahead = ahead - (ahead @ there) * there
     ahead = ahead / math.sqrt(float(ahead @ ahead))
     left = cross_product(there, ahead)
@@ -682,5 +684,7 @@ def _biases(
             range_km = course.going(utc_s + along_s).range_km
             height = max(-1.0, min(1.0, float(unit @ cross_product(here, ahead))))
             cross_km = range_km * math.tan(math.radians(cross_deg) + math.asin(height))
-            return along_s, cross_km, pace
+            # The air lifts what is higher by less: there a step across is no full one.
+            if abs(height) < NEAR_RAD or propagator is course.airless:
+                return along_s, cross_km, pace
     return None

@@ -657,6 +657,37 @@ def test_a_wild_observation_leaves_the_estimate_alone(course: Course, estimator:
     assert take(estimator, course, seen(-20.0, sigma_arcsec=3.0))
 
 
+@pytest.mark.parametrize("since_s", [-200.0, -100.0, 0.0])
+def test_a_mount_turns_what_the_air_has_bent(course: Course, since_s: float) -> None:
+    """The base is turned by 8′, the satellite 12° high and more, and where its elements have it."""
+    polar, pole = math.radians(480.0 / 3600.0), np.array([0.6, -0.8, 0.0])
+
+    def turned(unit: Any) -> Any:
+        c, s = math.cos(polar), math.sin(polar)
+        return unit * c + np.cross(pole, unit) * s + pole * (pole @ unit) * (1.0 - c)
+
+    def pointed(propagator: Propagator, t: Utc, mount: bool) -> Any:
+        unit = propagator.at(t).unit
+        return turned(unit) if mount else unit
+
+    one = Estimator(25544, RISE_S)
+    one.filter = Made(  # type: ignore[assignment]
+        correction_km=np.zeros(STATES),
+        orbit=Made(speed_km_s=7.5),
+        direction=pointed,
+        pointing=lambda *words: (pointed(*words), 1e-12 * np.eye(3)),
+    )
+    utc_s = CULMINATION_S + since_s
+    read = one.reading(utc_s, course, fed=True)
+    assert read is not None
+    range_km = course.going(utc_s + read.along_s).range_km
+    bias = Bias(read.along_s, math.degrees(math.atan(read.cross_km / range_km)))
+    seen_fed = course.propagator.at(Utc(utc_s), bias)
+    off = seen_fed.unit - turned(course.propagator.at(Utc(utc_s)).unit)
+    assert since_s > -200.0 or float(seen_fed.alt_deg) < 12.0
+    assert float(np.linalg.norm(off)) < math.radians(0.02 / 3600.0)
+
+
 class TestWhatCamerasShow:
     """Of filters whose terms are made up here."""
 
