@@ -58,8 +58,10 @@ SHARE = 0.45
 """Of the mount's acceleration, what one offset's change may ask: several may come together."""
 GENTLE_SHARE = 0.15
 """The same for what is in no hurry: rates that are held for a period are off by its square times that."""
-FOLLOWED_S = 0.5
-"""Within so much an estimate is followed: what observations move it by is small, and late is off."""
+FOLLOWED_S, CLOSE_S = 0.5, 0.2
+"""Within so much an estimate is followed: what observations move it by is small, and late is off. In the
+shorter time where it lies close."""
+CLOSE_DEG = 5.0 / 3600.0
 RATE_SHARE = 0.8
 """Of the rate that the mount has to spare beyond following."""
 LEAST_SPARE = 0.1
@@ -537,16 +539,27 @@ def follow_estimate(
         along = added(along, biases.offsets[ALONG].give_up(begins_utc_s))
         cross = added(cross, biases.offsets[CROSS].give_up(begins_utc_s))
     to_s = read.along_s + biases.offsets[ALONG].total_at(begins_utc_s)
+    moving = biases.cross_km(begins_utc_s, cross)
+    seconds = CLOSE_S if _way_deg(biases, read, begins_utc_s, here_s, moving) < CLOSE_DEG else FOLLOWED_S
     bounds = biases.bounds(ALONG, begins_utc_s, here_s, to_s, GENTLE_SHARE)
     biases.estimated_along.take_over(
-        along, read.along_s, begins_utc_s, bounds, read.along_rate, read.along_curve, FOLLOWED_S
+        along, read.along_s, begins_utc_s, bounds, read.along_rate, read.along_curve, seconds
     )
     bounds = _bounds_km(biases, begins_utc_s, here_s, to_s)
-    moving = biases.cross_km(begins_utc_s, cross)
     biases.estimated_cross_km.take_over(
-        moving, read.cross_km, begins_utc_s, bounds, read.cross_rate_km_s, read.cross_curve_km_s2, FOLLOWED_S
+        moving, read.cross_km, begins_utc_s, bounds, read.cross_rate_km_s, read.cross_curve_km_s2, seconds
     )
     biases.touched()
+
+
+def _way_deg(
+    biases: Biases, read: EstimatedBiases, begins_utc_s: float, here_s: float, moving: State
+) -> float:
+    """Return how far an estimate lies from what is fed: `here_s` along, `moving` and the last one across."""
+    going = biases.course.going(begins_utc_s + here_s)
+    to_s = read.along_s + biases.offsets[ALONG].total_at(begins_utc_s)
+    across_km = read.cross_km - biases.estimated_cross_km.state(begins_utc_s).value - moving.value
+    return math.hypot((to_s - here_s) * going.pace_deg_s, math.degrees(across_km / going.range_km))
 
 
 def forget_estimate(biases: Biases, begins_utc_s: float) -> None:

@@ -216,6 +216,23 @@ def test_rates_are_derivatives_of_the_positions(biases: Biases, late_s: float, s
         assert getattr(here, f"{name}_rate_deg_s") == pytest.approx(slope, abs=0.05 * ARCSEC), name
 
 
+@pytest.mark.parametrize(
+    ("by_s", "by_km", "within_s"), [(0.001, 0.0, 0.2), (0.0, -0.009, 0.2), (0.02, 0.0, 0.5), (0.0, 0.05, 0.5)]
+)
+def test_an_estimate_that_lies_close_is_followed_sooner(
+    biases: Biases, by_s: float, by_km: float, within_s: float
+) -> None:
+    """Near culmination 5″ are a millisecond along and 10 m across."""
+    begins_s = CULMINATION_S + 20.0
+    follow_estimate(biases, EstimatedBiases(0.3, 0.2, 0.0, 0.0, 0.01, 0.01), True, begins_s - 19.0)
+    follow_estimate(biases, EstimatedBiases(0.3 + by_s, 0.2 + by_km, 0.0, 0.0, 0.01, 0.01), False, begins_s)
+    begun, there = (biases.applied(begins_s + k * within_s)[0].value for k in (0.5, 1.0))
+    assert biases.estimated_along.ended_utc_s() - begins_s == pytest.approx(within_s, abs=1e-3)
+    assert biases.estimated_cross_km.ended_utc_s() - begins_s == pytest.approx(within_s, abs=1e-3)
+    assert there == pytest.approx(0.3 + by_s)
+    assert begun == pytest.approx(0.3 + 0.5 * by_s)
+
+
 def rates(biases: Biases, times: np.ndarray) -> np.ndarray:
     seen = [biases.at(float(t)) for t in times]
     return np.array([(d.ra_rate_deg_s, d.dec_rate_deg_s) for d in seen])
