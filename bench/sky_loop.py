@@ -551,7 +551,10 @@ def detailed(one: Result) -> str:
 WRONG: dict[str, dict[str, Any]] = {
     "scale": {"scale": 1.25},
     "rotation": {"rotation_deg": 30.0},
+    "on its side": {"rotation_deg": 90.0},
+    "upside down": {"rotation_deg": 180.0},
     "mirrored": {"mirrored": True},
+    "binned": {"scale": 2.0},
     "clock": {"clock_s": 0.3},
     "late clock": {"clock_s": -0.3},
 }

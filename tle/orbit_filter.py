@@ -8,13 +8,13 @@ expect different things beside one another, and answers with their mean, each by
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from tle.errors import PropagationError
-from tle.orbit_fit import LONGEST_STEP_KM, STATES, Compared, Expected, Partials, compared
+from tle.orbit_fit import LONGEST_STEP_KM, STATES, Compared, Expected, Partials, compared, cross_product
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -46,9 +46,7 @@ EARTH_RAD_S = 7.2921159e-5
 _TURN_RAD, _DELAY_S, _CONE_RAD = math.radians(0.1), 0.02, math.radians(0.03)
 _SQUARE_RAD = math.radians(2.0 / 3600.0)
 """Of cone and index of a mount that was set up well, or whose pointing model is fed."""
-_ROTATION_RAD, _SCALE, _CLOCK_S, _MIDDLE_RAD = math.radians(4.0), 0.02, 0.1, math.radians(0.5)
-_ANY_SCALE = 0.5
-"""Of a camera whose reducer, or binning, is not what was set."""
+_ROTATION_RAD, _SCALE, _CLOCK_S, _MIDDLE_RAD = math.radians(4.0), 0.02, 0.05, math.radians(0.5)
 _TURN_WALK_RAD2_S = math.radians(0.05 / 3600.0) ** 2
 """How the turn of the base changes, as bending and worm gears make it."""
 _LEAST_ALONG = 0.2
@@ -62,8 +60,6 @@ _FORGETTING = 0.98
 _BETTER = 3.0
 _NO_SHARE = -5.0
 """A filter that is less likely than the best by that (logarithms) has no share in the answer."""
-_HOPELESS = 40.0
-"""A filter whose camera lies otherwise than set is given up where it is less likely by that (logarithms)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,11 +94,10 @@ class OrbitFilter:
         noisier: float = 1.0,
         kicked: float = 1.0,
         terms: KnownTerms | None = None,
-        looser: float = 1.0,
     ) -> None:
         """Begin with what is expected; `noisier` and `kicked` are factors of sigmas and accelerations."""
         self.orbit = orbit
-        self._terms, self._looser = terms or usual_terms(), looser
+        self._terms = terms or usual_terms()
         mean, sigma = (one * _MOUNT_UNITS for one in self._terms.mount)
         self._state = np.concatenate([expected.mean_km, mean])
         self._covariance = np.zeros((STATES + MOUNT, STATES + MOUNT))
@@ -200,10 +195,7 @@ class OrbitFilter:
         if image is None or image.camera in self.cameras:
             return
         middle = _MIDDLE_RAD if image.coarse else 0.0
-        loose = self._looser
-        mean = np.zeros(CAMERA)
-        scale = _ANY_SCALE if loose > 1.0 else _SCALE
-        sigma = np.array([loose * _ROTATION_RAD, scale, _CLOCK_S, middle, middle])
+        mean, sigma = np.zeros(CAMERA), np.array([_ROTATION_RAD, _SCALE, _CLOCK_S, middle, middle])
         if image.camera in self._terms.cameras:
             mean, sigma = (one * _CAMERA_UNITS for one in self._terms.cameras[image.camera])
         n = len(self._state)
@@ -307,8 +299,7 @@ class OrbitFilter:
 
 class _Member(NamedTuple):
     """What a filter of a bank expects: `wider` errors of elements, `kicked` accelerations, the terms that
-    are known, a telescope that is `square` to its axes, a `looser` rotation and any scale of cameras, a
-    mirrored image; and how likely that is, a logarithm.
+    are known, a telescope that is `square` to its axes; and how likely that is, a logarithm.
     """
 
     wider: float = 1.0
@@ -316,8 +307,6 @@ class _Member(NamedTuple):
     weight: float = 0.0
     known: bool = False
     square: bool = False
-    looser: float = 1.0
-    mirrored: bool = False
 
 
 _CURVED = 6.0
@@ -329,17 +318,14 @@ _BY_CAMERA = (
     _Member(wider=8.0, kicked=_CURVED, weight=-2.0),
     _Member(wider=8.0, kicked=_CURVED, weight=-2.0, square=True),
     _Member(wider=60.0, kicked=100.0, weight=-8.0),
-    _Member(looser=10.0, weight=-5.0),
-    _Member(mirrored=True, weight=-7.0),
 )
 
 
 class FilterBank:
     """Filters that expect different errors of the elements, beside one another; their mean answers.
 
-    The one that predicts best decides how the camera lies, and what lies within the gate: what does not
-    leaves the answer as it was. With terms that were learnt earlier there is one more, which expects those;
-    it is the best at first.
+    The one that predicts best decides what lies within the gate: what does not leaves the answer as it was.
+    With terms that were learnt earlier there is one more, which expects those; it is the best at first.
     """
 
     def __init__(
@@ -366,7 +352,7 @@ class FilterBank:
             if mean_km is not None:
                 expected = Expected(mean_km, expected.covariance_km2)
             terms = known if kind.known else usual_terms(kind.square)
-            self._members.append(OrbitFilter(orbit, expected, noisier, kind.kicked, terms, kind.looser))
+            self._members.append(OrbitFilter(orbit, expected, noisier, kind.kicked, terms))
             self._weights.append(kind.weight)
         self._best = 0
         self._answering = self._shares()
@@ -393,11 +379,6 @@ class FilterBank:
     def uses_known_terms(self) -> bool:
         """Whether the terms that were known beforehand predict what is seen."""
         return self._kinds[self._best].known
-
-    @property
-    def mirrored(self) -> bool:
-        """Whether the camera's image is mirrored otherwise than set."""
-        return self._kinds[self._best].mirrored
 
     def copy(self) -> FilterBank:
         """Return a bank of the same state."""
@@ -429,13 +410,12 @@ class FilterBank:
         return middle, np.sqrt(_mean(np.square(apart), shares))
 
     def _shares(self) -> tuple[Array, list[OrbitFilter]]:
-        """Return copies of the filters that see the camera as the best does, and how likely each is, of 1."""
-        answers, most = self._kinds[self._best], self._weights[self._best]
+        """Return how likely each filter is, of 1, and copies of those that have a share."""
+        most = self._weights[self._best]
         alike = [
             (weight - most, one)
-            for weight, kind, one in zip(self._weights, self._kinds, self._members, strict=True)
-            if (kind.mirrored, kind.looser) == (answers.mirrored, answers.looser)
-            and weight - most >= _NO_SHARE
+            for weight, one in zip(self._weights, self._members, strict=True)
+            if weight - most >= _NO_SHARE
         ]
         shares = np.exp([weight for weight, _ in alike])
         return shares / shares.sum(), [one.copy() for _, one in alike]
@@ -447,15 +427,12 @@ class FilterBank:
         return min(
             one.distance(sighting)
             for one, kind in zip(self._members, self._kinds, strict=True)
-            if kind.wider == kind.looser == 1.0
+            if kind.wider == 1.0
         )
 
     def observe(self, sighting: Sighting, gate: float) -> bool:
         """Take a sighting in; tell whether it lay within the gate of the best filter."""
-        found = [
-            one.weigh(_mirrored(sighting) if kind.mirrored else sighting, gate)
-            for one, kind in zip(self._members, self._kinds, strict=True)
-        ]
+        found = [one.weigh(sighting, gate) for one in self._members]
         self._weights = [
             _FORGETTING * weight + likely for weight, (_, likely) in zip(self._weights, found, strict=True)
         ]
@@ -468,21 +445,7 @@ class FilterBank:
             self._answering = self._shares()
         self.accepted += taken
         self.rejected += not taken
-        self._give_up(most - _HOPELESS)
         return taken
-
-    def _give_up(self, least: float) -> None:
-        """Leave out filters of cameras that lie otherwise than set where that is too unlikely."""
-        answers = self._members[self._best]
-        kept = [
-            i
-            for i, kind in enumerate(self._kinds)
-            if not (kind.mirrored or kind.looser > 1.0) or self._weights[i] >= least
-        ]
-        self._members = [self._members[i] for i in kept]
-        self._weights = [self._weights[i] for i in kept]
-        self._kinds = [self._kinds[i] for i in kept]
-        self._best = self._members.index(answers)
 
 
 def _mean(values: Sequence[Array] | Array, shares: Array) -> Array:
@@ -492,11 +455,6 @@ def _mean(values: Sequence[Array] | Array, shares: Array) -> Array:
 
 def _unit(vector: Array) -> Array:
     return vector / math.sqrt(float(vector @ vector))
-
-
-def _mirrored(sighting: Sighting) -> Sighting:
-    image = sighting.image
-    return sighting if image is None else replace(sighting, image=replace(image, right=-image.right))
 
 
 class _Solved(NamedTuple):
@@ -517,13 +475,15 @@ def _in_image(image: Image, u: Array, terms: Array) -> tuple[Array, Array, Array
     if along < _LEAST_ALONG * math.sqrt(float(u @ u)):
         raise PropagationError("what was seen lies behind the camera", 0)
     flat = axes @ u / along
-    angle, scale = float(terms[ROTATION]), 1.0 + float(terms[SCALE])
+    # Position angles grow from north to east: to the left of up, or, in a mirrored image, to the right.
+    sense = 1.0 if float(cross_product(image.right, image.up) @ image.fed) < 0.0 else -1.0
+    angle, scale = sense * float(terms[ROTATION]), 1.0 + float(terms[SCALE])
     c, s = math.cos(angle) / scale, math.sin(angle) / scale
     turn = np.array([[c, s], [-s, c]])
     turned = turn @ flat
     by_u = turn @ (axes - np.outer(flat, image.fed)) / along
     by_terms = np.zeros((2, CAMERA))
-    by_terms[:, ROTATION] = turned[1], -turned[0]
+    by_terms[:, ROTATION] = sense * turned[1], -sense * turned[0]
     by_terms[:, SCALE] = -turned / scale
     by_terms[:, MIDDLE_X:] = np.eye(2)
     return turned + terms[MIDDLE_X:], by_u, by_terms

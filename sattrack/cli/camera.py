@@ -237,8 +237,8 @@ def _warn_of_unknown_rotation(name: str, geometry: ImageGeometry) -> None:
     """Report what a run assumes of an image whose rotation is not given."""
     if geometry.rotation_deg is None:
         tell(
-            f"camera {name}: its rotation is not known, and the run assumes that up is north until "
-            "a field is solved: an image turned otherwise leads the mount away; give --rotation"
+            f"camera {name}: its rotation is not known: the run assumes that up is north, and learns better "
+            "by its first correction, which goes the wrong way then; give --rotation"
         )
 
 

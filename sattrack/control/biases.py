@@ -36,6 +36,8 @@ from tle.orbit_fit import Image
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
+    from numpy.typing import NDArray
+
     from sattrack.control.estimate import EstimatedBiases
     from sattrack.control.target import AxisPace
     from sattrack.mount.model import MountProfile
@@ -86,6 +88,8 @@ class Camera(NamedTuple):
     scale_arcsec_px: float | None = None
     kind: Literal["coarse", "fine"] = "fine"
     fov_deg: float | None = None
+    stretch: float = 1.0
+    """Arcseconds that a camera says count so many times."""
 
     def otherwise(self, shown: Camera) -> str | None:
         """Return how an image is shown to lie otherwise than this, in words; None where it hardly does."""
@@ -93,6 +97,8 @@ class Camera(NamedTuple):
         was, scale = self.scale_arcsec_px, shown.scale_arcsec_px
         if was is not None and scale is not None and abs(scale / was - 1.0) > OTHER_SCALE:
             words.append(f"{scale:.3g}″ a pixel, not {was:.3g}″")
+        elif abs(shown.stretch / self.stretch - 1.0) > OTHER_SCALE:
+            words.append(f"pixels {shown.stretch:.3g} times as large as set")
         if self.flip != shown.flip:
             words.append("a mirrored image" if shown.flip else "an image that is not mirrored")
         if abs(wrap180(shown.rotation_deg - self.rotation_deg)) > OTHER_ROTATION_DEG:
@@ -101,7 +107,7 @@ class Camera(NamedTuple):
 
     def in_arcsec(self, seen: SeenOffset) -> tuple[float, float, float] | None:
         """Return an offset and its sigma in arcseconds; None where it is in pixels of unknown size."""
-        scale = 1.0 if seen.dx_px is None else self.scale_arcsec_px
+        scale = self.stretch if seen.dx_px is None else self.scale_arcsec_px
         if scale is None:
             return None
         values = (
@@ -187,14 +193,29 @@ class Biases:
         The offsets on the sky are left out: they make up for what the mount does wrong.
         """
         fed = self._on_track(utc_s)
+        right, up = self._image_axes(fed, camera)
+        return Image(name, camera.kind == "coarse", fed.unit, fed.unit_rate, right, up, dx, dy)
+
+    def predicted_at(self, utc_s: float, camera: Camera) -> complex:
+        """Return where elements alone would have the satellite in an image: right and i times up, rad.
+
+        That is beside where the mount is fed to, with all offsets.
+        """
+        fed = self._on_track(utc_s)
+        pointed = fed.turned(self._turn(utc_s, fed)) if self._turned else fed
+        away = self._propagator.at(Utc(utc_s)).unit - pointed.unit
+        right, up = self._image_axes(fed, camera)
+        return complex(away @ right, away @ up)
+
+    def _image_axes(self, fed: Direction, camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return where right and up of an image lead, unit vectors."""
         x, y, z = (float(value) for value in fed.unit)
         flat = max(1e-9, math.hypot(x, y))
         east, north = np.array([-y, x, 0.0]) / flat, np.array([-z * x, -z * y, flat * flat]) / flat
         lies = math.radians(camera.rotation_deg) + self._field(fed)[0]
         c, s = math.cos(lies), math.sin(lies)
         right = (east * c - north * s) * (1.0 if camera.flip else -1.0)
-        up = north * c + east * s
-        return Image(name, camera.kind == "coarse", fed.unit, fed.unit_rate, right, up, dx, dy)
+        return right, north * c + east * s
 
     def _field(self, fed: Direction) -> tuple[float, float]:
         """Return how the tube is turned against the sky where it is fed to, and how fast: rad, rad/s."""

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from sattrack.control.camera_image import AS_SET, Deviation
 from sattrack.mount.model import SkyTerms
 from sattrack.views.messages import FRAMES, MOST_SIGMA_ARCSEC, ObservationMessage
 from tle.bias import Bias
@@ -81,7 +82,7 @@ NEAR_S, NEAR_RAD = 0.01, math.radians(5.0 / 3600.0)
 DIFFERENCE_S = 0.1
 FAILURES = (PropagationError, np.linalg.LinAlgError)
 """What a correction can lead to that no satellite can fly."""
-SURE_SIGMAS = 4.0
+SURE_SIGMAS, LEAST_SCALE = 4.0, 0.05
 TELL_OF: dict[str, tuple[float, Callable[[float], str]]] = {
     "rotation_deg": (5.0, lambda deg: f"its image is turned by {deg:+.1f}° more than set"),
     "scale": (0.03, lambda share: f"its pixels are {1.0 + share:.3f} times as large as set"),
@@ -243,6 +244,8 @@ class Estimator:
         """Why the last observation was not taken; None where it was."""
         self.last_utc_s: float | None = None
         """Instant of the newest observation that was taken."""
+        self.deviations: dict[str, Deviation] = {}
+        """How the image of each camera was found to lie otherwise than set; its terms are about that."""
         self._seeing: dict[tuple[str | None, bool], _Seeing] = {}
         """Of each camera, of directions among the stars and of places in its image."""
         self._undo: tuple[FilterBank | None, float | None] | None = None
@@ -260,13 +263,14 @@ class Estimator:
 
     @property
     def sky_terms(self) -> SkyTerms | None:
-        """What cameras have shown of the mount and of themselves, for its profile."""
+        """What cameras have shown of the mount, and of themselves where they lie as set, for its profile."""
         known = self.filter
         if known is None or not known.cameras or self.last_utc_s is None or self._is_unsure:
             return None
-        cameras = {name: _named(CAMERA_TERMS, known.terms(name)) for name in known.cameras}
+        as_set = [name for name in known.cameras if name not in self.deviations]
+        cameras = {name: _named(CAMERA_TERMS, known.terms(name)) for name in as_set}
         when = Utc(self.last_utc_s).isoformat("seconds")
-        return SkyTerms(when, _named(MOUNT_TERMS, known.terms()), {} if known.mirrored else cameras)
+        return SkyTerms(when, _named(MOUNT_TERMS, known.terms()), cameras)
 
     @property
     def _is_unsure(self) -> bool:
@@ -282,15 +286,36 @@ class Estimator:
             words.append("what earlier passes found of mount and cameras does not hold: it is left aside")
         if self._is_unsure and known.cameras:
             words.append("many of the camera's offsets contradict the others: no profile learns from them")
-        if known.mirrored:
-            words.append("the camera's image is mirrored otherwise than set: turn `flipped` round")
         for name in known.cameras:
-            found = dict(zip(CAMERA_TERMS, zip(*known.terms(name), strict=True), strict=True))
+            values, sigmas = self.found_of(name)
+            mirrored = self.believed_of(name).mirrored
+            told = ["its image is mirrored otherwise than set: turn `flipped` round"] if mirrored else []
             for term, (least, text) in TELL_OF.items():
-                value, sigma = (float(one) for one in found[term])
-                if abs(value) > least and abs(value) > SURE_SIGMAS * sigma:
-                    words.append(f"camera {name or 'without a name'}: {text(value)}")
+                if abs(values[term]) > max(least, SURE_SIGMAS * sigmas[term]):
+                    told.append(text(values[term]))
+            words.extend(f"camera {name or 'without a name'}: {one}" for one in told)
         return tuple(words)
+
+    def believed_of(self, camera: str) -> Deviation:
+        """Return how a camera's image is believed to lie otherwise than set."""
+        more, known = self.deviations.get(camera, AS_SET), self.filter
+        if known is None or camera not in known.cameras:
+            return more
+        turned_deg, scale, *_ = known.terms(camera)[0].tolist()
+        return more.and_then(Deviation(turned_deg, max(LEAST_SCALE, 1.0 + scale)))
+
+    def found_of(self, camera: str) -> tuple[dict[str, float], dict[str, float]]:
+        """Return the terms of a camera that was seen, beyond what was set, and one sigma of each."""
+        assert self.filter is not None
+        values, sigmas = (
+            dict(zip(CAMERA_TERMS, part.tolist(), strict=True)) for part in self.filter.terms(camera)
+        )
+        believed = self.believed_of(camera)
+        values |= {"rotation_deg": believed.turned_deg, "scale": believed.scale - 1.0}
+        if believed.clock_s:
+            # Where the images show it, that is it: what is left is no more than the mount's delay.
+            values["clock_s"] = believed.clock_s
+        return values, sigmas
 
     def warm_up(self, course: Course, end_utc_s: float) -> None:
         """Have everything computed once that the first observation of a pass would have to wait for."""

@@ -21,6 +21,7 @@ from sattrack.control.biases import (
     nudge_biases,
 )
 from sattrack.control.camera_clock import CameraClocks
+from sattrack.control.camera_image import AS_SET, STEP_S, Deviation, ImageFit
 from sattrack.control.estimate import LOST_AFTER_S, Estimator, known_terms
 from sattrack.views.messages import (
     LEAST_SIGMA_ARCSEC,
@@ -84,6 +85,7 @@ class Steering:
         self.cameras = cameras
         self._seen_by: dict[str, tuple[Camera, ...]] = {}
         """In which ways the image of each camera was said to lie, the last one last."""
+        self._images: dict[str, ImageFit] = {}
         self._searched_since_s = float("inf")
         """Of which last observation the loss has been searched for."""
         self._delay_s = REACTION_PERIODS * profile.period_s + profile.command_delay_s
@@ -170,15 +172,19 @@ class Steering:
         if not (self.guided or sure):
             self._kept = seen
             return
-        late_s = self.clocks.correction_s(seen.camera)
-        if late_s:
-            utc = Utc.parse(seen.utc).plus(-late_s).isoformat("microseconds")
+        ahead_s = self.ahead_s(seen.camera)
+        if ahead_s:
+            utc = Utc.parse(seen.utc).plus(-ahead_s).isoformat("microseconds")
             seen = msgspec.structs.replace(seen, utc=utc)
         if isinstance(seen, ObservationMessage):
             self._observe(seen, now_utc_s, begins_s, sure=sure)
         else:
             self._see(seen, now_utc_s, begins_s, sure)
         self._kept = None if self.estimator.words is None else kept
+
+    def ahead_s(self, camera: str | None) -> float:
+        """Return what must be taken off a camera's dates: what its fields showed, and its images."""
+        return self.clocks.correction_s(camera) + self.estimator.deviations.get(camera or "", AS_SET).clock_s
 
     @property
     def last_seen(self) -> str | None:
@@ -229,6 +235,9 @@ class Steering:
         if self.clocks.waiting and self.clocks.watch(self.biases.course):
             # What was seen by the wrong dates is of another place.
             self.estimator.forget()
+            self._images.clear()
+            for name, found in self.estimator.deviations.items():
+                self.estimator.deviations[name] = found._replace(clock_s=0.0)
         self._estimated |= self.estimator.catch_up()
         ended = None if on_target_utc_s is None else self._search_if_lost(now_utc_s, on_target_utc_s)
         due = self._following_estimate and now_utc_s - self._followed_s >= FOLLOW_AGAIN_S
@@ -345,31 +354,35 @@ class Steering:
         if utc_s < self.biases.known_since_utc_s:
             self.estimator.refuse(f"it is of {seen.utc}: what was fed then is not known any more")
             return
-        camera = self.camera_of(seen)
-        in_arcsec = camera.in_arcsec(seen)
+        name, said = seen.camera or "", self._said_of(seen)
+        in_arcsec = said.in_arcsec(seen)
         if in_arcsec is None:
-            name = seen.camera or "NAME"
             self.estimator.refuse(
                 f"it is in pixels, and their size is not known: give scale_arcsec_px, or set it in "
-                f"[cameras.{name}] of sattrack.toml"
+                f"[cameras.{name or 'NAME'}] of sattrack.toml"
             )
             return
-        dx, dy, sigma = in_arcsec
-        if not max(abs(dx), abs(dy)) <= MOST_OFFSET_ARCSEC:
+        if not max(abs(one) for one in in_arcsec[:2]) <= MOST_OFFSET_ARCSEC:
             self.estimator.refuse(f"offsets go to {MOST_OFFSET_ARCSEC:g} arcseconds either way")
             return
-        self._begin_anew_if_otherwise(seen.camera or "", camera, now_utc_s)
+        self._begin_anew_if_said_otherwise(name, said, now_utc_s)
+        self._begin_anew_if_shown_otherwise(name, said, utc_s, complex(*in_arcsec[:2]), now_utc_s)
+        camera = self.camera_of(seen)
+        dx, dy, sigma = camera.in_arcsec(seen) or in_arcsec
         self.last_offset = OffsetOnAxes(utc_s, *camera.on_axes(dx, dy))
         x, y = math.radians(dx / 3600.0), math.radians(dy / 3600.0)
-        image = self.biases.image_at(utc_s, x, y, camera, seen.camera or "")
+        image = self.biases.image_at(utc_s, x, y, camera, name)
         there = image.fed + x * image.right + y * image.up
         ra_deg = math.degrees(math.atan2(there[1], there[0])) % 360.0
         dec_deg = math.degrees(math.atan2(there[2], math.hypot(there[0], there[1])))
         sigma_arcsec = min(MOST_SIGMA_ARCSEC, max(LEAST_SIGMA_ARCSEC, sigma))
         directed = ObservationMessage(seen.utc, ra_deg, dec_deg, "of_date", sigma_arcsec, camera=seen.camera)
-        self._observe(directed, now_utc_s, begins_s, image, sure=sure)
+        # What nothing explains is followed all the same: then the motion shows how the image lies.
+        fit = self._images.get(name)
+        begins = self.estimator.filter is None and fit is not None and fit.is_steady
+        self._observe(directed, now_utc_s, begins_s, image, sure=sure or begins)
 
-    def _begin_anew_if_otherwise(self, name: str, camera: Camera, now_utc_s: float) -> None:
+    def _begin_anew_if_said_otherwise(self, name: str, said: Camera, now_utc_s: float) -> None:
         """Begin the estimate anew where a camera says of its image what contradicts all that it said before.
 
         So it does once it has solved a field. The estimate may have taken what was set wrongly for an error
@@ -377,27 +390,59 @@ class Steering:
         turns is nothing new.
         """
         before = self._seen_by.get(name, ())
-        alike = [one for one in before if one.otherwise(camera) is None]
-        self._seen_by[name] = (*(one for one in before if one not in alike), camera)[-GEOMETRIES_KEPT:]
+        alike = [one for one in before if one.otherwise(said) is None]
+        self._seen_by[name] = (*(one for one in before if one not in alike), said)[-GEOMETRIES_KEPT:]
         if before and not alike:
-            self.estimator.forget()
-            self._led = not self._following_estimate
-            shown = before[-1].otherwise(camera)
-            self.tell(
-                f"camera {name or 'without a name'}: its field shows {shown}: the estimate begins anew; "
-                "correct its settings",
-                now_utc_s,
+            believed = self.estimator.deviations.pop(name, AS_SET).applied_to(before[-1])
+            self._images.pop(name, None)
+            words = believed.otherwise(said)
+            if words is not None:
+                self._begin_anew(name, "field shows", words, now_utc_s)
+
+    def _begin_anew_if_shown_otherwise(
+        self, name: str, said: Camera, utc_s: float, seen_arcsec: complex, now_utc_s: float
+    ) -> None:
+        """Begin the estimate anew where what the mount's motion does to an image contradicts how it lies."""
+        try:
+            predicted = [self.biases.predicted_at(utc_s + k * STEP_S, said) for k in (-1.0, 0.0, 1.0)]
+        except PropagationError:
+            return
+        fit = self._images.setdefault(name, ImageFit())
+        fit.see(utc_s, predicted, math.radians(1.0 / 3600.0) * seen_arcsec)
+        believed = self.estimator.believed_of(name)
+        before = self.estimator.deviations.get(name, AS_SET)
+        shown = fit.deviation(said.flip, believed)
+        if shown is not None:
+            words = believed.applied_to(said).otherwise(shown.applied_to(said))
+            if words is not None:
+                self.estimator.deviations[name] = shown._replace(clock_s=before.clock_s)
+                self._begin_anew(name, "images show", words, now_utc_s)
+            return
+        ahead_s = fit.clock_s(said.flip, believed)
+        if ahead_s is not None:
+            self.estimator.deviations[name] = before.and_then(Deviation(clock_s=ahead_s))
+            self._images.pop(name)
+            words = (
+                f"dates {abs(ahead_s):.2f} s {'ahead of' if ahead_s > 0.0 else 'behind'} the mount's motion"
             )
+            self._begin_anew(name, "images show", words, now_utc_s)
+
+    def _begin_anew(self, name: str, what: str, shown: str, now_utc_s: float) -> None:
+        """Begin the estimate anew: an image lies otherwise than was believed, in words."""
+        self.estimator.forget()
+        self._led = not self._following_estimate
+        self.tell(
+            f"camera {name or 'without a name'}: its {what} {shown}: the estimate begins anew; "
+            "correct its settings",
+            now_utc_s,
+        )
 
     def camera_views(self) -> tuple[CameraView, ...]:
         """Return the cameras whose offsets were taken, and what was found of them."""
         known, found = self.estimator.filter, []
         for name in () if known is None else known.cameras:
-            assert known is not None
             camera = self._seen_by[name][-1]
-            (turn, scale, clock, *_), (turn_sigma, scale_sigma, clock_sigma, *_) = (
-                [float(one) for one in part] for part in known.terms(name)
-            )
+            values, sigmas = self.estimator.found_of(name)
             found.append(
                 CameraView(
                     name,
@@ -405,17 +450,22 @@ class Steering:
                     camera.rotation_deg,
                     camera.flip,
                     camera.scale_arcsec_px,
-                    turn,
-                    turn_sigma,
-                    scale,
-                    scale_sigma,
-                    clock,
-                    clock_sigma,
+                    values["rotation_deg"],
+                    sigmas["rotation_deg"],
+                    values["scale"],
+                    sigmas["scale"],
+                    values["clock_s"],
+                    sigmas["clock_s"],
+                    self.estimator.believed_of(name).mirrored,
                 )
             )
         return tuple(found)
 
     def camera_of(self, seen: SeenOffset) -> Camera:
+        """Return how the camera's image lies: as it was found, else as it says."""
+        return self.estimator.deviations.get(seen.camera or "", AS_SET).applied_to(self._said_of(seen))
+
+    def _said_of(self, seen: SeenOffset) -> Camera:
         """Return how the camera's image lies: as the message says, else as the run knows it by its name."""
         known = self.cameras.named.get(seen.camera or "", self.cameras.other)
         return known._replace(

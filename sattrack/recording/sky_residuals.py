@@ -88,7 +88,7 @@ def _seen(recording: Recording, run: Trace) -> _Seen:
     for _, message in messages(recording):
         if not isinstance(message, SeenOffset | SolvedField | ObservationMessage):
             continue
-        utc_s = float(Utc.parse(message.utc).unix_s) - steering.clocks.correction_s(message.camera)
+        utc_s = float(Utc.parse(message.utc).unix_s) - steering.ahead_s(message.camera)
         at = int(np.searchsorted(known_s, utc_s))
         if not 0 < at < len(known_s) or known_s[at] - known_s[at - 1] > NEAR_S:
             continue

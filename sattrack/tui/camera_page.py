@@ -147,12 +147,13 @@ class CameraDesk:
         turned = turned_deg(picture, view)
         angle = math.radians(field_deg(view) if turned is None else turned)
         flipped, known = picture.flipped, camera_of(picture, view)
-        if flipped is None and known is not None:
-            flipped = known.flipped
+        scale_deg = picture.scale_arcsec_px / 3600.0
+        if known is not None:
+            flipped = (known.flipped if flipped is None else flipped) != known.found_mirrored
+            scale_deg *= 1.0 + known.found_scale
         right = -spot.right_px if flipped else spot.right_px
         east = spot.up_px * math.sin(angle) - right * math.cos(angle)
         north = spot.up_px * math.cos(angle) + right * math.sin(angle)
-        scale_deg = picture.scale_arcsec_px / 3600.0
         return scale_deg * east, scale_deg * north
 
 
@@ -168,11 +169,12 @@ def camera_of(picture: PictureView, view: TrackView) -> CameraView | None:
 
 
 def turned_deg(picture: PictureView, view: TrackView) -> float | None:
-    """Return the position angle of a picture's up: as the camera has it, else as the run does."""
-    if picture.rotation_deg is not None:
-        return picture.rotation_deg
+    """Return the position angle of a picture's up: by the camera, else by the run, with what was found."""
     known = camera_of(picture, view)
-    return None if known is None else known.rotation_deg + known.found_rotation_deg + field_deg(view)
+    if known is None:
+        return picture.rotation_deg
+    said = picture.rotation_deg
+    return (known.rotation_deg + field_deg(view) if said is None else said) + known.found_rotation_deg
 
 
 class ImageDots(NamedTuple):

@@ -74,8 +74,8 @@ class EstimateView(msgspec.Struct, frozen=True):
 class CameraView(msgspec.Struct, frozen=True):
     """A camera whose offsets were taken: how its image was assumed to lie, and what was found beyond that.
 
-    Each found term has one sigma; `clock_s` is positive where the dates that are used are ahead by its
-    offsets alone: what the correction by the stars (`ClockView`) leaves. No date is changed by it.
+    Each found term has one sigma; `clock_s` is positive where its dates are ahead by its offsets alone: what
+    the correction by the stars (`ClockView`) leaves.
     """
 
     name: str
@@ -90,6 +90,8 @@ class CameraView(msgspec.Struct, frozen=True):
     found_scale_sigma: float
     clock_s: float
     clock_sigma_s: float
+    found_mirrored: bool = False
+    """Whether its image is mirrored otherwise than assumed."""
 
 
 class TwoAxesView(msgspec.Struct, frozen=True):

@@ -13,6 +13,7 @@ import bias as bench
 import numpy as np
 import pytest
 
+from sattrack.control.camera_image import Deviation
 from sattrack.control.estimate import (
     EstimatedBiases,
     Estimator,
@@ -702,7 +703,6 @@ class TestWhatCamerasShow:
             terms=lambda name=None: of_mount if name is None else of_camera,
             knows_terms=True,
             uses_known_terms=True,
-            mirrored=False,
         )
         one.filter, one.last_utc_s = filters, CULMINATION_S
         return one
@@ -736,11 +736,25 @@ class TestWhatCamerasShow:
         assert one.camera_words == (
             "what earlier passes found of mount and cameras does not hold: it is left aside",
         )
-        filters.knows_terms, filters.mirrored = False, True
+        filters.knows_terms = False
+        one.deviations = {"fine": Deviation(mirrored=True), "coarse": Deviation(30.0)}
         assert one.camera_words == (
-            "the camera's image is mirrored otherwise than set: turn `flipped` round",
+            "camera fine: its image is mirrored otherwise than set: turn `flipped` round",
         )
         assert Estimator(25544, RISE_S).camera_words == ()
+
+    def test_what_images_show_and_what_filters_find_beside_it_is_told_as_one(self) -> None:
+        one = self.known(rotation_deg=2.0, scale=0.1, clock_s=0.06)
+        one.deviations["fine"] = Deviation(90.0, 2.0, clock_s=0.3)
+        assert one.camera_words == (
+            "camera fine: its image is turned by +92.0° more than set",
+            "camera fine: its pixels are 2.200 times as large as set",
+            "camera fine: by its offsets its dates are 0.30 s ahead: the estimate allows for it",
+        )
+        one.deviations["fine"] = Deviation(-2.0, 1.0 / 1.1)
+        assert one.camera_words == (
+            "camera fine: by its offsets its dates are 0.06 s ahead: the estimate allows for it",
+        )
 
     @pytest.mark.parametrize(
         ("accepted", "rejected", "unsure"),
@@ -755,7 +769,7 @@ class TestWhatCamerasShow:
         words = ("many of the camera's offsets contradict the others: no profile learns from them",)
         assert one.camera_words == (words if unsure else ())
 
-    def test_a_profile_is_told_of_mount_and_cameras_unless_the_image_is_mirrored(self) -> None:
+    def test_a_profile_is_told_of_mount_and_of_cameras_that_lie_as_set(self) -> None:
         one = self.known(rotation_deg=2.0)
         terms = one.sky_terms
         assert terms is not None
@@ -763,10 +777,10 @@ class TestWhatCamerasShow:
         assert terms.mount[MOUNT_TERMS[0]] == (0.1, 0.01)
         assert terms.cameras["fine"]["rotation_deg"] == (2.0, 0.2)
         filters: Any = one.filter
-        filters.mirrored = True
-        mirrored = one.sky_terms
-        assert mirrored is not None
-        assert (mirrored.mount, mirrored.cameras) == (terms.mount, {})
+        one.deviations["fine"] = Deviation(180.0)
+        turned = one.sky_terms
+        assert turned is not None
+        assert (turned.mount, turned.cameras) == (terms.mount, {})
         filters.cameras = []
         assert one.sky_terms is None
         filters.cameras, one.last_utc_s = ["fine"], None

@@ -276,6 +276,18 @@ class TestKeys:
         east, north = 100.0 * up_east + 50.0 * right_east, 100.0 * up_north + 50.0 * right_north
         assert found == pytest.approx((SCALE / 3600.0 * east, SCALE / 3600.0 * north), abs=1e-9)
 
+    def test_an_image_that_was_found_to_lie_otherwise_is_centred_as_it_lies(self) -> None:
+        """Set with up at 30°; found turned by 60° more, mirrored, with pixels of twice the size."""
+        desk = CameraDesk()
+        desk.take({"guide": picture(rotation_deg=30.0, flipped=False)}, 0.0)
+        desk.point(ImageSpot(50.0, 100.0))
+        found = CameraView(
+            "guide", "fine", 30.0, False, SCALE, 60.0, 1.0, 1.0, 0.1, 0.0, 1.0, found_mirrored=True
+        )
+        # Up is east then, and right south.
+        shift = desk.shift_deg(changed(loop=LoopView("camera", 0.4, 1.2, (found,))))
+        assert shift == pytest.approx((2.0 * SCALE / 3600.0 * 100.0, -2.0 * SCALE / 3600.0 * 50.0), abs=1e-9)
+
     def test_the_cursor_is_centred_instead_and_esc_takes_it_away(self) -> None:
         step = WIDTH / 24 * SCALE
         lost = changed(VIEW, loop=LOST)

@@ -1,0 +1,218 @@
+"""How a camera's image lies: what the mount's own motion does to it shows whether it is as set. Pure.
+
+A first correction moves the mount by what the image says. In an image that lies as set the satellite goes to
+the middle by it; in one that is turned it goes elsewhere, in a mirrored one to another side. Places in the
+image are complex numbers here, right and i times up, rad. Where the elements predict that the satellite is
+seen at z, it is seen at m = a z + b + c t: a says how the image lies, b and c how far the elements are off.
+A mirrored image has the conjugate of z. Only what moves z faster than elements err says anything of a.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections import deque
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from sattrack.core.angles import wrap180
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from sattrack.control.biases import Camera
+
+KEPT, FEWEST = 16, 7
+"""So many frames are fitted, the last ones, and at least."""
+ARCSEC = math.pi / 648000.0
+MOVED_RAD = 40.0 * ARCSEC
+"""The mount must have moved the image by that, beside what drifts."""
+ASTRAY_RAD = 15.0 * ARCSEC
+"""How far frames must lie from where an image that lies as set would have them, RMS."""
+SURER = 2.5
+"""So many times worse than the best the other way of lying must fit."""
+FITS = 0.15
+"""The best must explain all but that share of what was moved."""
+STEADY_RAD = 20.0 * ARCSEC
+"""One thing lies within so much of a line, RMS."""
+STEP_S = 0.2
+CLOCK_OFF_S, CLOCK_SIGMA_S = 0.15, 0.015
+"""Dates are mended that are off by more, and known that well. Less than that filters allow for."""
+SURE_SIGMAS = 3.0
+"""A scale that is off by less than that is as set."""
+
+
+class Deviation(NamedTuple):
+    """How an image lies otherwise than it was set.
+
+    It is turned by so much, in position angle, its pixels are so many times as large, it is mirrored, and its
+    dates are ahead.
+    """
+
+    turned_deg: float = 0.0
+    scale: float = 1.0
+    mirrored: bool = False
+    clock_s: float = 0.0
+
+    def applied_to(self, camera: Camera) -> Camera:
+        """Return how the image of a camera lies that was set like this one."""
+        scale = camera.scale_arcsec_px
+        return camera._replace(
+            rotation_deg=camera.rotation_deg + self.turned_deg,
+            flip=camera.flip != self.mirrored,
+            scale_arcsec_px=None if scale is None else scale * self.scale,
+            stretch=camera.stretch * self.scale,
+        )
+
+    def and_then(self, more: Deviation) -> Deviation:
+        """Return both together, this one first."""
+        return Deviation(
+            wrap180(self.turned_deg + more.turned_deg),
+            self.scale * more.scale,
+            self.mirrored != more.mirrored,
+            self.clock_s + more.clock_s,
+        )
+
+
+AS_SET = Deviation()
+
+
+class _Frame(NamedTuple):
+    utc_s: float
+    predicted: complex
+    rate: complex
+    """A wrong clock adds so much, up to a factor, and `bend` by the factor's square."""
+    bend: complex
+    seen: complex
+
+
+class _Fitted(NamedTuple):
+    """One way of lying: the factor, its sigma, and what frames are off by, RMS."""
+
+    factor: complex
+    sigma: float
+    rms: float
+    mirrored: bool
+
+
+class ImageFit:
+    """The last frames of one camera, and how its image lies by them."""
+
+    def __init__(self) -> None:
+        self._frames: deque[_Frame] = deque(maxlen=KEPT)
+
+    def see(self, utc_s: float, predicted: Sequence[complex], seen: complex) -> None:
+        """Take a frame in: where elements have the satellite, STEP_S before, then and after; where it is."""
+        before, then, after = predicted
+        rate, bend = (after - before) / (2.0 * STEP_S), (after - 2.0 * then + before) / STEP_S**2
+        self._frames.append(_Frame(utc_s, then, rate, bend, seen))
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether the frames show one thing that hardly moves: what is followed, however the image lies."""
+        if len(self._frames) < FEWEST:
+            return False
+        return _rms(_left(self._columns(False)[:, 2:4], self._seen), 2) < STEADY_RAD
+
+    def deviation(self, flip: bool, believed: Deviation) -> Deviation | None:
+        """Return how the image lies otherwise than set; None where that is unknown, or as `believed`.
+
+        `flip` tells whether it is set as mirrored.
+        """
+        if len(self._frames) < FEWEST:
+            return None
+        expected, seen = self._columns(believed.mirrored), self._seen
+        moved = _left(expected[:, 1:4], expected[:, 0])
+        if np.abs(moved).max() < MOVED_RAD:
+            return None
+        off = _rms(_left(expected[:, 1:], seen - _factor(believed, flip) * expected[:, 0]), 4)
+        best, other = self._either_way()
+        if off < max(ASTRAY_RAD, SURER * best.rms) or best.rms > FITS * abs(best.factor) * _rms(moved, 0):
+            return None
+        # Along one line either way explains all: then it is the one that was set.
+        if other.mirrored == believed.mirrored and other.rms < SURER * best.rms:
+            best = other
+        return _deviation_by(best, flip)
+
+    def clock_s(self, flip: bool, believed: Deviation) -> float | None:
+        """Return by how much dates are ahead of the mount's motion; None where that is not much, or unsure.
+
+        A mount that is late by so much looks the same.
+        """
+        if len(self._frames) < FEWEST:
+            return None
+        columns, factor = self._columns(believed.mirrored), _factor(believed, flip)
+        moved = _left(columns[:, 2:], columns[:, 1])
+        if np.abs(moved).max() < MOVED_RAD:
+            return None
+        found = _fitted(columns[:, 1:], self._seen - factor * columns[:, 0], moved, believed.mirrored)
+        ahead_s, sigma_s = -(found.factor / factor).real, found.sigma / abs(factor)
+        if abs(ahead_s) < CLOCK_OFF_S or sigma_s > CLOCK_SIGMA_S:
+            return None
+        # Where the image lies otherwise, a clock explains as little of this.
+        lies = _rms(_left(columns[:, 1:], columns[:, 0]), 4)
+        return ahead_s if found.rms < FITS * abs(factor) * lies else None
+
+    def _either_way(self) -> list[_Fitted]:
+        """Return the fits of images that are not mirrored and that are, the better one first."""
+        fits = []
+        for mirrored in (False, True):
+            columns = self._columns(mirrored)[:, :4]
+            fits.append(_fitted(columns, self._seen, _left(columns[:, 1:], columns[:, 0]), mirrored))
+        return sorted(fits, key=lambda one: one.rms)
+
+    def _columns(self, mirrored: bool) -> NDArray[np.complex128]:
+        """Return the predicted places, what a clock adds to them, what drifts, and a clock's square."""
+        utc_s, predicted, rate, bend, _ = (np.array(one) for one in zip(*self._frames, strict=True))
+        drift = np.ones(len(utc_s)), utc_s - utc_s.mean()
+        columns = np.stack([predicted, rate, *drift, bend], axis=1)
+        return np.conj(columns) if mirrored else columns
+
+    @property
+    def _seen(self) -> NDArray[np.complex128]:
+        return np.array([one.seen for one in self._frames])
+
+
+def _left(columns: NDArray[np.complex128], places: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return what is left of places beside what columns explain."""
+    left: NDArray[np.complex128] = places - columns @ np.linalg.lstsq(columns, places, rcond=None)[0]
+    return left
+
+
+def _fitted(
+    columns: NDArray[np.complex128],
+    seen: NDArray[np.complex128],
+    moved: NDArray[np.complex128],
+    mirrored: bool,
+) -> _Fitted:
+    """Return the factor of the first column by least squares."""
+    found = np.linalg.lstsq(columns, seen, rcond=None)[0]
+    rms = _rms(seen - columns @ found, columns.shape[1])
+    return _Fitted(complex(found[0]), rms / float(np.linalg.norm(moved)), rms, mirrored)
+
+
+def _rms(places: NDArray[np.complex128], fitted: int) -> float:
+    """Return the RMS of what is left by so many terms."""
+    return float(np.linalg.norm(places)) / math.sqrt(len(places) - fitted)
+
+
+def _sense(flip: bool, mirrored: bool) -> int:
+    """Return which way a place in an image goes as its rotation grows."""
+    return 1 if flip != mirrored else -1
+
+
+def _factor(known: Deviation, flip: bool) -> complex:
+    """Return what places predicted for an image as set, or their conjugates, are multiplied by."""
+    turned = cmath.exp(1j * _sense(flip, known.mirrored) * math.radians(known.turned_deg)) / known.scale
+    return -turned if known.mirrored else turned
+
+
+def _deviation_by(found: _Fitted, flip: bool) -> Deviation:
+    """Return how an image lies by what was fitted."""
+    factor = -found.factor if found.mirrored else found.factor
+    angle, size = cmath.phase(factor) * _sense(flip, found.mirrored), abs(factor)
+    as_set = abs(size - 1.0) < SURE_SIGMAS * found.sigma
+    return Deviation(math.degrees(angle), 1.0 if as_set else 1.0 / size, found.mirrored)
