@@ -437,9 +437,11 @@ class FilterBank:
             _FORGETTING * weight + likely for weight, (_, likely) in zip(self._weights, found, strict=True)
         ]
         most = max(self._weights)
-        another = self._weights[self._best] < most - _BETTER
+        likeliest = self._weights.index(most)
+        # What no filter takes is noise: it changes no answer.
+        another = self._weights[self._best] < most - _BETTER and found[likeliest][0]
         if another:
-            self._best = self._weights.index(most)
+            self._best = likeliest
         taken = found[self._best][0]
         if taken or another:
             self._answering = self._shares()
