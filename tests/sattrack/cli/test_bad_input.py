@@ -322,4 +322,5 @@ def test_a_profile_that_cannot_be_written_costs_no_summary(
     assert run(["track", "25544", *VIRTUAL, *words, "--learn-profile", str(tmp_path / "new.toml")]) == 1
     out, err = capsys.readouterr()
     assert json.loads(out)["summary"]["ended_by"] == "set"
-    assert err.endswith("new.toml: cannot be written: No space left on device\n")
+    why = "cannot be written: No space left on device; make room there, or write elsewhere"
+    assert err.endswith(f"new.toml: {why}\n")
