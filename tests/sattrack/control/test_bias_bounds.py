@@ -10,7 +10,6 @@ import pytest
 
 from sattrack.control.biases import (
     Biases,
-    Camera,
     begin_search,
     change_offset,
     clear_biases,
@@ -19,6 +18,7 @@ from sattrack.control.biases import (
     forget_estimate,
     nudge_biases,
 )
+from sattrack.control.camera_image import Camera
 from sattrack.control.estimate import EstimatedBiases
 from sattrack.control.offset import ChangeLimits, Offset, State, spiral_lasts_s
 from sattrack.control.target import AxisPace, Course, Going, _cubic
@@ -425,13 +425,21 @@ def test_an_estimate_that_is_left_is_left_as_gently_as_the_sky_allows(away_km: f
 
 
 @pytest.mark.parametrize("first", [True, False])
-def test_what_an_observation_changes_by_little_is_fed_within_half_a_second(first: bool) -> None:
+@pytest.mark.parametrize(
+    # At 0.05 °/s and 1000 km: 1″ and 5.3″ away.
+    ("along_s", "cross_km", "within_s"),
+    [(0.002, -0.005, 0.2), (0.0185, -0.02, 0.5)],
+)
+def test_what_an_observation_changes_by_little_is_fed_within_half_a_second_and_sooner_where_it_is_close(
+    first: bool, along_s: float, cross_km: float, within_s: float
+) -> None:
     biases = Paced()
-    follow_estimate(biases, EstimatedBiases(0.01, -0.02, 1e-3, 2e-3, 0.1, 0.1), first, NOW)
+    follow_estimate(biases, EstimatedBiases(along_s, cross_km, 1e-3, 2e-4, 0.1, 0.1), first, NOW)
     for one in (biases.estimated_along, biases.estimated_cross_km):
-        assert one.ended_utc_s() - NOW == pytest.approx(0.5)
-    assert biases.estimated_along.state(NOW + 0.5)[:2] == pytest.approx((0.0105, 1e-3))
-    assert biases.estimated_cross_km.state(NOW + 0.5)[:2] == pytest.approx((-0.019, 2e-3))
+        assert one.ended_utc_s() - NOW == pytest.approx(within_s)
+    after_s = NOW + within_s
+    assert biases.estimated_along.state(after_s)[:2] == pytest.approx((along_s + 1e-3 * within_s, 1e-3))
+    assert biases.estimated_cross_km.state(after_s)[:2] == pytest.approx((cross_km + 2e-4 * within_s, 2e-4))
 
 
 class TestAcross:
