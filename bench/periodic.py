@@ -30,7 +30,7 @@ import msgspec
 from feeder_passes import pass_facts
 
 from sattrack.cli.main import run as sattrack
-from sattrack.control.biases import Camera
+from sattrack.control.camera_image import Camera
 from sattrack.control.engine_view import view_of
 from sattrack.mount.model import MountProfile, mean_sidereal_deg
 from sattrack.mount.profiles import load_profile_file

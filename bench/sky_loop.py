@@ -39,7 +39,7 @@ import numpy as np
 from feeder_passes import subjects
 from integrated import Air, IntegratedMotion, julian, true_propagator
 
-from sattrack.control.biases import Camera, Cameras
+from sattrack.control.camera_image import Camera, Cameras
 from sattrack.control.steering import Steering
 from sattrack.mount.model import MountProfile, SkyTerms
 from sattrack.mount.simulator.mount import SimulatedMount

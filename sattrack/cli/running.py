@@ -23,7 +23,7 @@ from sattrack.cli.common import (
     tell,
     write_file,
 )
-from sattrack.control.biases import Camera
+from sattrack.control.camera_image import Camera
 from sattrack.core import local_time
 from sattrack.core.errors import UNHEARD, BadInputError, LinkLostError, SattrackError
 from sattrack.mount.alpaca.link import AlpacaAddress, check_server

@@ -10,11 +10,11 @@ mount: their functions return why they did nothing, as text, or None where they 
 from __future__ import annotations
 
 import math
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sattrack.control.camera_image import UPRIGHT, Camera
 from sattrack.control.offset import (
     REST,
     START_S,
@@ -27,21 +27,20 @@ from sattrack.control.offset import (
     spiral_lasts_s,
 )
 from sattrack.control.target import LEAST_PACE_DEG_S, Course
-from sattrack.core.angles import wrap180
 from tle.bias import Bias
 from tle.direction import SkyTurn
 from tle.instants import Utc
 from tle.orbit_fit import Image
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable
 
     from numpy.typing import NDArray
 
     from sattrack.control.estimate import EstimatedBiases
     from sattrack.control.target import AxisPace
     from sattrack.mount.model import MountProfile
-    from sattrack.views.messages import OffsetBy, Search, SeenOffset
+    from sattrack.views.messages import OffsetBy, Search
     from tle.direction import Direction
     from tle.propagator import Propagator
 
@@ -72,78 +71,6 @@ AHEAD_S = 2.0
 DRIFT_S = 0.05
 LONG_CHANGE_S = 1.0
 PATTERNS_KEPT = 4
-OTHER_SCALE, OTHER_ROTATION_DEG = 0.03, 5.0
-"""An image lies otherwise where its scale differs by more than that share, or up by more than that angle."""
-
-
-class Camera(NamedTuple):
-    """How a camera's image lies on the sky: the position angle of its y axis, and whether it is mirrored.
-
-    On a mount whose field rotates the angle is that from the tube's own up, where growing second angles lead.
-    Not mirrored, north up has east to the left. A coarse camera finds what a fine one is centred on.
-    """
-
-    rotation_deg: float = 0.0
-    flip: bool = False
-    scale_arcsec_px: float | None = None
-    kind: Literal["coarse", "fine"] = "fine"
-    fov_deg: float | None = None
-    stretch: float = 1.0
-    """Arcseconds that a camera says count so many times."""
-
-    def otherwise(self, shown: Camera) -> str | None:
-        """Return how an image is shown to lie otherwise than this, in words; None where it hardly does."""
-        words = []
-        was, scale = self.scale_arcsec_px, shown.scale_arcsec_px
-        if was is not None and scale is not None and abs(scale / was - 1.0) > OTHER_SCALE:
-            words.append(f"{scale:.3g}″ a pixel, not {was:.3g}″")
-        elif abs(shown.stretch / self.stretch - 1.0) > OTHER_SCALE:
-            words.append(f"pixels {shown.stretch:.3g} times as large as set")
-        if self.flip != shown.flip:
-            words.append("a mirrored image" if shown.flip else "an image that is not mirrored")
-        if abs(wrap180(shown.rotation_deg - self.rotation_deg)) > OTHER_ROTATION_DEG:
-            words.append(f"up at {shown.rotation_deg % 360.0:.0f}°, not {self.rotation_deg % 360.0:.0f}°")
-        return ", ".join(words) or None
-
-    def in_arcsec(self, seen: SeenOffset) -> tuple[float, float, float] | None:
-        """Return an offset and its sigma in arcseconds; None where it is in pixels of unknown size."""
-        scale = self.stretch if seen.dx_px is None else self.scale_arcsec_px
-        if scale is None:
-            return None
-        values = (
-            (seen.dx_arcsec, seen.dy_arcsec, seen.sigma_arcsec)
-            if seen.dx_px is None
-            else (seen.dx_px, seen.dy_px, seen.sigma_px)
-        )
-        dx, dy, sigma = (scale * (one or 0.0) for one in values)
-        return dx, dy, sigma
-
-    def on_axes(self, dx: float, dy: float) -> tuple[float, float]:
-        """Return a place in the image, right and up, towards growing hour angle and declination.
-
-        On a mount whose field rotates: towards growing angles of its axes.
-        """
-        c, s = math.cos(math.radians(self.rotation_deg)), math.sin(math.radians(self.rotation_deg))
-        right = -dx if self.flip else dx
-        return right * c - dy * s, right * s + dy * c
-
-
-UPRIGHT = Camera()
-
-
-class Cameras(NamedTuple):
-    """The cameras of a run by their names, any other, and whether and in which field a lost target is sought.
-
-    `field_deg` is a diameter, None where it is not known.
-    """
-
-    other: Camera = UPRIGHT
-    named: Mapping[str, Camera] = MappingProxyType({})
-    field_deg: float | None = None
-    search_when_lost: bool = False
-
-
-NO_CAMERAS = Cameras()
 
 
 class Biases:

@@ -12,19 +12,22 @@ from __future__ import annotations
 import cmath
 import math
 from collections import deque
-from typing import TYPE_CHECKING, NamedTuple
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
 from sattrack.core.angles import wrap180
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from sattrack.control.biases import Camera
+    from sattrack.views.messages import SeenOffset
 
+OTHER_SCALE, OTHER_ROTATION_DEG = 0.03, 5.0
+"""An image lies otherwise where its scale differs by more than that share, or up by more than that angle."""
 KEPT, FEWEST = 16, 7
 """So many frames are fitted, the last ones, and at least."""
 ARCSEC = math.pi / 648000.0
@@ -43,6 +46,76 @@ CLOCK_OFF_S, CLOCK_SIGMA_S = 0.15, 0.015
 """Dates are mended that are off by more, and known that well. Less than that filters allow for."""
 SURE_SIGMAS = 3.0
 """A scale that is off by less than that is as set."""
+
+
+class Camera(NamedTuple):
+    """How a camera's image lies on the sky: the position angle of its y axis, and whether it is mirrored.
+
+    On a mount whose field rotates the angle is that from the tube's own up, where growing second angles lead.
+    Not mirrored, north up has east to the left. A coarse camera finds what a fine one is centred on.
+    """
+
+    rotation_deg: float = 0.0
+    flip: bool = False
+    scale_arcsec_px: float | None = None
+    kind: Literal["coarse", "fine"] = "fine"
+    fov_deg: float | None = None
+    stretch: float = 1.0
+    """Arcseconds that a camera says count so many times."""
+
+    def otherwise(self, shown: Camera) -> str | None:
+        """Return how an image is shown to lie otherwise than this, in words; None where it hardly does."""
+        words = []
+        was, scale = self.scale_arcsec_px, shown.scale_arcsec_px
+        if was is not None and scale is not None and abs(scale / was - 1.0) > OTHER_SCALE:
+            words.append(f"{scale:.3g}″ a pixel, not {was:.3g}″")
+        elif abs(shown.stretch / self.stretch - 1.0) > OTHER_SCALE:
+            words.append(f"pixels {shown.stretch:.3g} times as large as set")
+        if self.flip != shown.flip:
+            words.append("a mirrored image" if shown.flip else "an image that is not mirrored")
+        if abs(wrap180(shown.rotation_deg - self.rotation_deg)) > OTHER_ROTATION_DEG:
+            words.append(f"up at {shown.rotation_deg % 360.0:.0f}°, not {self.rotation_deg % 360.0:.0f}°")
+        return ", ".join(words) or None
+
+    def in_arcsec(self, seen: SeenOffset) -> tuple[float, float, float] | None:
+        """Return an offset and its sigma in arcseconds; None where it is in pixels of unknown size."""
+        scale = self.stretch if seen.dx_px is None else self.scale_arcsec_px
+        if scale is None:
+            return None
+        values = (
+            (seen.dx_arcsec, seen.dy_arcsec, seen.sigma_arcsec)
+            if seen.dx_px is None
+            else (seen.dx_px, seen.dy_px, seen.sigma_px)
+        )
+        dx, dy, sigma = (scale * (one or 0.0) for one in values)
+        return dx, dy, sigma
+
+    def on_axes(self, dx: float, dy: float) -> tuple[float, float]:
+        """Return a place in the image, right and up, towards growing hour angle and declination.
+
+        On a mount whose field rotates: towards growing angles of its axes.
+        """
+        c, s = math.cos(math.radians(self.rotation_deg)), math.sin(math.radians(self.rotation_deg))
+        right = -dx if self.flip else dx
+        return right * c - dy * s, right * s + dy * c
+
+
+UPRIGHT = Camera()
+
+
+class Cameras(NamedTuple):
+    """The cameras of a run by their names, any other, and whether and in which field a lost target is sought.
+
+    `field_deg` is a diameter, None where it is not known.
+    """
+
+    other: Camera = UPRIGHT
+    named: Mapping[str, Camera] = MappingProxyType({})
+    field_deg: float | None = None
+    search_when_lost: bool = False
+
+
+NO_CAMERAS = Cameras()
 
 
 class Deviation(NamedTuple):

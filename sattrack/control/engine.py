@@ -10,7 +10,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sattrack.control.biases import NO_CAMERAS, Cameras
+from sattrack.control.camera_image import NO_CAMERAS, Cameras
 from sattrack.control.driver import FOUND_MOVING, NO_ANSWER_AFTER_S, Driver, StopProcedure
 from sattrack.control.stages import Attempt, AxisAttempt, RunStage, Situation, Stages, why_not
 from sattrack.control.target import sky_error

@@ -42,7 +42,7 @@ from tle.errors import PropagationError
 from tle.instants import Utc
 
 if TYPE_CHECKING:
-    from sattrack.control.biases import Camera, Cameras
+    from sattrack.control.camera_image import Camera, Cameras
     from sattrack.mount.model import MountProfile
     from sattrack.views.messages import Message
     from sattrack.views.run import RememberedView

@@ -14,7 +14,7 @@ import msgspec
 
 from sattrack.control.aim import MountSidereal
 from sattrack.control.approach import Approach, ApproachStep, MountPlace
-from sattrack.control.biases import NO_CAMERAS, Cameras
+from sattrack.control.camera_image import NO_CAMERAS, Cameras
 from sattrack.control.following import ControlLaw, Follower
 from sattrack.control.rest import Rest
 from sattrack.control.steering import Steering

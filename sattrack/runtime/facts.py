@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
-from sattrack.control.biases import MOST_ALONG_S, MOST_CROSS_DEG, Camera, Cameras
+from sattrack.control.biases import MOST_ALONG_S, MOST_CROSS_DEG
+from sattrack.control.camera_image import Camera, Cameras
 from sattrack.control.engine import Engine, RunSpec
 from sattrack.control.tracker import TrackPlan
 from sattrack.core import local_time

@@ -10,13 +10,13 @@ import pytest
 
 from sattrack.control.biases import (
     Biases,
-    Camera,
     begin_search,
     change_offset,
     clear_biases,
     end_reached,
     follow_estimate,
 )
+from sattrack.control.camera_image import Camera
 from sattrack.control.estimate import EstimatedBiases
 from sattrack.control.offset import spiral
 from sattrack.mount.geometry import AxisGeometry

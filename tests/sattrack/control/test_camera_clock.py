@@ -11,8 +11,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from sattrack.control.biases import Cameras
 from sattrack.control.camera_clock import BEFORE, TERMS, CameraClocks, _Clock
+from sattrack.control.camera_image import Cameras
 from sattrack.control.engine_view import loop_view
 from sattrack.control.steering import Steering
 from sattrack.mount.model import CalibrationRecord, MountProfile

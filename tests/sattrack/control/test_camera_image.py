@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from sattrack.control.biases import Camera
-from sattrack.control.camera_image import AS_SET, FEWEST, KEPT, STEP_S, Deviation, ImageFit
+from sattrack.control.camera_image import AS_SET, FEWEST, KEPT, STEP_S, Camera, Deviation, ImageFit
 
 if TYPE_CHECKING:
     from collections.abc import Callable

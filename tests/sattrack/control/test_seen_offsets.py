@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from sattrack.control.biases import UPRIGHT, Biases, Camera, Cameras
+from sattrack.control.camera_image import UPRIGHT, Camera, Cameras
 from sattrack.control.engine_view import loop_view
 from sattrack.control.steering import Steering
 from sattrack.mount.model import MountProfile
@@ -25,6 +25,7 @@ from tle.propagator import Propagator
 from tle.refraction import Refraction
 
 if TYPE_CHECKING:
+    from sattrack.control.biases import Biases
     from sattrack.control.tracker import Tracker
     from sattrack.views.run import LoopView
 

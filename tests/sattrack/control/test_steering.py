@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from test_bias_bounds import NOW, Paced
 
-from sattrack.control.biases import NO_CAMERAS, Camera, Cameras
+from sattrack.control.camera_image import NO_CAMERAS, Camera, Cameras
 from sattrack.control.estimate import EstimatedBiases
 from sattrack.control.offset import Pattern
 from sattrack.control.steering import Steering

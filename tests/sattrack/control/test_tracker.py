@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from sattrack.control.biases import Cameras
+from sattrack.control.camera_image import Cameras
 from sattrack.control.estimate import EstimatedBiases
 from sattrack.control.steering import OffsetOnAxes
 from sattrack.control.target import Detour, SatelliteTarget, sky_error
