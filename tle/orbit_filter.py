@@ -346,7 +346,7 @@ class FilterBank:
         members: tuple[_Member, ...] = _BY_CAMERA if seen_by_camera else (_Member(),)
         if known is not None:
             members = (_Member(known=True), *(one._replace(weight=one.weight - 3.0) for one in members))
-        self._kinds, self._members, self._weights = list(members), [], []
+        self._kinds, self._members, self._weights = members, [], []
         for kind in members:
             expected = orbit.expected(wider * kind.wider)
             if mean_km is not None:
@@ -385,7 +385,6 @@ class FilterBank:
         other = object.__new__(FilterBank)
         other.__dict__.update(self.__dict__)
         other._members = [one.copy() for one in self._members]
-        other._weights, other._kinds = list(self._weights), list(self._kinds)
         return other
 
     def pointing(self, propagator: Propagator, t: Utc, mount: bool) -> tuple[Array, Array]:

@@ -288,7 +288,7 @@ class Estimator:
             words.append("many of the camera's offsets contradict the others: no profile learns from them")
         for name in known.cameras:
             values, sigmas = self.found_of(name)
-            mirrored = self.believed_of(name).mirrored
+            mirrored = self.deviations.get(name, AS_SET).mirrored
             told = ["its image is mirrored otherwise than set: turn `flipped` round"] if mirrored else []
             for term, (least, text) in TELL_OF.items():
                 if abs(values[term]) > max(least, SURE_SIGMAS * sigmas[term]):

@@ -456,7 +456,7 @@ class Steering:
                     sigmas["scale"],
                     values["clock_s"],
                     sigmas["clock_s"],
-                    self.estimator.believed_of(name).mirrored,
+                    self.estimator.deviations.get(name, AS_SET).mirrored,
                 )
             )
         return tuple(found)
