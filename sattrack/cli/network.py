@@ -209,13 +209,13 @@ def assign(
     Examples:
       sattrack network assign --stations s.toml --passes passes --output night
     """
-    from sattrack.network.night import data_set_span, plan_night, read_passes
+    from sattrack.network.night import by_object, data_set_span, plan_night, read_passes
     from sattrack.network.stations import read_stations
 
     stations = read_stations(stations_file)
     mounted = [_mounted(context, one) for one in stations]
     wishes = _wishes(context, stations, closed, options)
-    elements = {one.catalog_number: one for one in context.elements()}
+    elements = by_object(context.elements(), tell)
     passes = read_passes(data, mounted, wishes, elements, tell)
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -293,6 +293,7 @@ def _wishes(
 
 def _earlier(file: Path) -> list[Begun]:
     from sattrack.network.night import Begun
+    from sattrack.schedule.night import object_number
     from tle.errors import TleError
 
     try:
@@ -300,7 +301,7 @@ def _earlier(file: Path) -> list[Begun]:
         return [
             Begun(
                 one["station"],
-                int(one["catalog_number"]),
+                object_number(one["catalog_number"], one["name"]),
                 *(float(Utc.parse(str(one[key])).unix_s) for key in ("start_utc", "end_utc")),
             )
             for one in rows
@@ -362,7 +363,7 @@ def collect(context: CommandContext, folder: Path, stations_file: Path, out: Pat
         "stations": len(found.by_station),
         "observations": found.observations,
         "used": sum(int(one.fit.used.sum()) for one in found.fits.values()),
-        "refined": sorted(found.fits),
+        "refined": sorted(one.catalog_number for one in found.fits),
     }
     if context.json:
         click.echo(json.dumps(figures))

@@ -21,7 +21,7 @@ from tle.formats.observations import Observation, Stations, read_observations
 from tle.formats.omm_notations import covariance_kvn, write_kvn
 from tle.instants import Utc
 from tle.orbit_fit import fit_observations
-from tle.sources import find
+from tle.sources import NO_NUMBERS, find
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -34,10 +34,10 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class Collected:
-    """What came of a collection: observations by station, fits by catalogue number, and the sums."""
+    """What came of a collection: observations by station, each with its satellite's elements, and fits."""
 
-    by_station: dict[str, list[tuple[Observation, int]]] = field(default_factory=dict)
-    fits: dict[int, ObservedFit] = field(default_factory=dict)
+    by_station: dict[str, list[tuple[Observation, Elements]]] = field(default_factory=dict)
+    fits: dict[Elements, ObservedFit] = field(default_factory=dict)
 
     @property
     def observations(self) -> int:
@@ -56,12 +56,12 @@ def collect(
     found = Collected()
     sites = Stations({one.name: one.site for one in stations})
     for station in stations:
-        rows: dict[tuple[Any, ...], tuple[Observation, int]] = {}
+        rows: dict[tuple[Any, ...], tuple[Observation, Elements]] = {}
         for file in sorted((folder / station.name).glob("*")):
             try:
-                for one, number in _read(file, Stations(sites.by_name, station.site), elements):
-                    key = (number, one.utc.isoformat("microseconds"), one.ra_deg, one.dec_deg, one.frame)
-                    rows.setdefault(key, (one, number))
+                for one, of in _read(file, Stations(sites.by_name, station.site), elements):
+                    key = (of, one.utc.isoformat("microseconds"), one.ra_deg, one.dec_deg, one.frame)
+                    rows.setdefault(key, (one, of))
             except (SattrackError, TleError) as error:
                 tell(f"left out: {error}")
         if rows:
@@ -69,34 +69,36 @@ def collect(
     if not found.by_station:
         names = ", ".join(one.name for one in stations[:3])
         raise BadInputError(f"{folder}: no station has delivered anything; it needs folders {names}, ...")
-    by_number: dict[int, list[Observation]] = {}
+    by_satellite: dict[Elements, list[Observation]] = {}
     for delivered in found.by_station.values():
-        for one, number in delivered:
-            by_number.setdefault(number, []).append(one)
-    for number, seen in sorted(by_number.items()):
+        for one, of in delivered:
+            by_satellite.setdefault(of, []).append(one)
+    for of, seen in sorted(by_satellite.items(), key=lambda row: (row[0].catalog_number, row[0].label)):
         seen.sort(key=lambda one: float(one.utc.unix_s))
         try:
-            fit = fit_observations(find(elements, str(number)), seen)
+            fit = fit_observations(of, seen)
         except TleError as error:
             tell(f"{error}; its elements stay")
             continue
         if fit is None:
-            tell(f"{number}: its {len(seen)} observations agree on no orbit near its elements, which stay")
+            tell(f"{_key(of)}: its {len(seen)} observations agree on no orbit near its elements, which stay")
         else:
-            found.fits[number] = fit
+            found.fits[of] = fit
     return found
 
 
-def _read(file: Path, sites: Stations, elements: Sequence[Elements]) -> Iterator[tuple[Observation, int]]:
+def _read(
+    file: Path, sites: Stations, elements: Sequence[Elements]
+) -> Iterator[tuple[Observation, Elements]]:
     """Yield the observations in a file, each with its satellite. Raises SattrackError, TleError."""
     if file.suffix.lower() != ".mcap":
         for one in read_observations(file, sites):
-            yield one, _number(one.object_key, elements, file)
+            yield one, _found(one.object_key, elements, file)
         return
     recording, facts = open_recording(file)
     if facts.elements is None:
         raise SattrackError(f"{file}: its target has no elements")
-    number = facts.elements.catalog_number
+    key = _key(facts.elements)
     for seen in seen_in(recording, knowing(recording, engine_of)):
         at = Utc(seen.utc_s)
         place, sigma = facts.site.place(), seen.sigma_arcsec
@@ -108,19 +110,26 @@ def _read(file: Path, sites: Stations, elements: Sequence[Elements]) -> Iterator
                 dec_deg=seen.dec_deg,
                 frame=frame,
                 site=place,
-                object_key=str(number),
+                object_key=key,
                 sigma_arcsec=sigma,
                 source=str(file),
             ),
-            _number(str(number), elements, file),
+            _found(key, elements, file),
         )
 
 
-def _number(key: str, elements: Sequence[Elements], file: Path) -> int:
+def _key(elements: Elements) -> str:
+    """Return what names a satellite: its designator or name where it has no catalogue number."""
+    if elements.catalog_number in NO_NUMBERS:
+        return elements.designator or elements.label
+    return str(elements.catalog_number)
+
+
+def _found(key: str, elements: Sequence[Elements], file: Path) -> Elements:
     if not key:
         raise ObservationError(f"{file}: names no satellite")
     try:
-        return find(elements, key).catalog_number
+        return find(elements, key)
     except (SatelliteNotFoundError, AmbiguousSatelliteError) as error:
         raise ObservationError(f"{file}: {error}") from None
 
@@ -146,7 +155,7 @@ def _elements_text(found: Collected, elements: Sequence[Elements]) -> str:
     """Return all elements, the refined ones with the covariance of their state in place of the old."""
     parts = []
     for one in elements:
-        fit = found.fits.get(one.catalog_number)
+        fit = found.fits.get(one)
         # The instant of the elements: the same observations give the same file.
         created = one.epoch.isoformat("seconds")
         if fit is None:
@@ -162,7 +171,7 @@ def _bias(found: ObservedFit) -> dict[str, Any]:
     return {"catalog_number": elements.catalog_number, "name": elements.name, **found.document()}
 
 
-def _parquet(rows: Sequence[tuple[Observation, int]], found: Collected) -> bytes:
+def _parquet(rows: Sequence[tuple[Observation, Elements]], found: Collected) -> bytes:
     pyarrow, parquet = parquet_modules()
     fitted: dict[int, tuple[tuple[float, float] | None, bool]] = {
         id(one): (alone, bool(used))
@@ -170,11 +179,11 @@ def _parquet(rows: Sequence[tuple[Observation, int]], found: Collected) -> bytes
         for one, alone, used in zip(fit.observations, fit.alone, fit.fit.used, strict=True)
     }
     columns: dict[str, list[Any]] = {name: [] for name in _COLUMNS}
-    for one, number in rows:
+    for one, of in rows:
         alone, used = fitted.get(id(one), (None, False))
         along_s, cross_arcsec = (None, None) if alone is None else alone
         values = (
-            number,
+            of.catalog_number,
             round(float(one.utc.unix_s) * 1e6),
             one.ra_deg,
             one.dec_deg,

@@ -20,9 +20,12 @@ from sattrack.network.stations import station_named
 from sattrack.schedule.candidates import Loaded, PlanSituation
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.making import make_plan
+from sattrack.schedule.night import object_number
 from sattrack.schedule.transitions import ActionCost, Overhead, SlewTransitions, place_above
+from tle.errors import AmbiguousSatelliteError
 from tle.instants import DAY_S, Utc
 from tle.passes import HOUR_S
+from tle.sources import NO_NUMBERS, find
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -53,6 +56,7 @@ class Begun(NamedTuple):
 
     station: str
     number: int
+    """As `NightPasses` has it."""
     start_s: float
     end_s: float
 
@@ -98,7 +102,10 @@ class Mounted:
 
 @dataclass(frozen=True, slots=True)
 class NightPasses:
-    """Passes that may be followed, in columns: station by index, POSIX seconds, degrees."""
+    """Passes that may be followed, in columns: station by index, POSIX seconds, degrees.
+
+    `number` is `object_number`'s: below 0 where a satellite has no catalogue number.
+    """
 
     station: NDArray[np.intp]
     number: NDArray[np.intp]
@@ -130,7 +137,7 @@ class Night:
         rows = [
             {
                 "station": stations[self.passes.station[k]].station.name,
-                "catalog_number": int(self.passes.number[k]),
+                "catalog_number": number if (number := int(self.passes.number[k])) > 0 else None,
                 "name": str(self.passes.name[k]),
                 "start_utc": Utc(float(self.passes.start_s[k])).isoformat("seconds"),
                 "end_utc": Utc(float(self.passes.end_s[k])).isoformat("seconds"),
@@ -158,6 +165,30 @@ def data_set_span(folder: Path) -> Span:
         raise BadInputError(
             f"{folder}: no data set of passes; make one with `sattrack network passes`"
         ) from None
+
+
+def by_object(elements: Sequence[Elements], tell: Callable[[str], None]) -> dict[int, Elements]:
+    """Return elements by `object_number`, without satellites that a schedule cannot name.
+
+    `tell` takes what they have in common.
+    """
+    found: dict[int, list[Elements]] = {}
+    for one in elements:
+        found.setdefault(object_number(one.catalog_number, one.label), []).append(one)
+    named = {}
+    for number, alike in found.items():
+        try:
+            if number < 0 or len(alike) > 1:
+                find(elements, _key(alike[0]))
+            named[number] = alike[0]
+        except AmbiguousSatelliteError as error:
+            tell(f"left out: {error}")
+    return named
+
+
+def _key(one: Elements) -> str:
+    """Return how a schedule names a satellite."""
+    return (one.name or one.designator if one.catalog_number in NO_NUMBERS else "") or str(one.catalog_number)
 
 
 def read_passes(
@@ -209,8 +240,11 @@ def _age_days(elements: Mapping[int, Elements], number: int, at_s: float) -> flo
 def _read(place: Path) -> dict[str, Any]:
     _, parquet = parquet_modules()
     table = parquet.read_table(place, columns=["catalog_number", "name", *_COLUMNS, *_FIELDS])
-    rows: dict[str, Any] = {"number": table["catalog_number"].to_numpy().astype(np.intp)}
-    rows["name"] = np.array(table["name"].to_pylist(), dtype=object)
+    numbers = table["catalog_number"].to_numpy().astype(np.intp)
+    rows: dict[str, Any] = {"name": np.array(table["name"].to_pylist(), dtype=object)}
+    for k in np.flatnonzero(np.isin(numbers, NO_NUMBERS)).tolist():
+        numbers[k] = object_number(int(numbers[k]), rows["name"][k] or str(numbers[k]))
+    rows["number"] = numbers
     for name in _COLUMNS:
         ms = table[name].to_numpy().astype("datetime64[ms]")
         rows[name] = np.where(np.isnat(ms), np.nan, ms.astype(np.int64) / 1000.0)
@@ -382,7 +416,8 @@ def plan_night(
             mine = np.intersect1d(members[k], found.taken)
             mine = mine[np.argsort(passes.start_s[mine], kind="stable")]
             file = folder / f"{one.station.name}.toml"
-            file.write_text(schedule_text(passes.take(mine), one, wishes, span), encoding="utf-8")
+            text = schedule_text(passes.take(mine), one, wishes, elements, span)
+            file.write_text(text, encoding="utf-8")
             refused = _refused(file, mine, passes, one, elements, span, checked[k])
             again += [k] if refused else []
             for lost, others in refused:
@@ -452,7 +487,9 @@ def _iso(utc_s: float) -> str:
     return Utc(float(utc_s)).isoformat("seconds")
 
 
-def schedule_text(passes: NightPasses, one: Mounted, wishes: Wishes, span: Span) -> str:
+def schedule_text(
+    passes: NightPasses, one: Mounted, wishes: Wishes, elements: Mapping[int, Elements], span: Span
+) -> str:
     """Return a station's schedule for `sattrack run`: its passes at fixed times."""
     site = one.station.site
     where = f"{site.latitude_deg},{site.longitude_deg},{site.height_m}"
@@ -469,7 +506,7 @@ def schedule_text(passes: NightPasses, one: Mounted, wishes: Wishes, span: Span)
             **({"if_sun_up": "run"} if wishes.any_light else {}),
         },
         "fixed": [
-            {"satellite": str(number), "start": _iso(start), "end": _iso(end)}
+            {"satellite": _key(elements[number]), "start": _iso(start), "end": _iso(end)}
             for number, start, end in zip(
                 passes.number.tolist(), passes.start_s.tolist(), passes.end_s.tolist(), strict=True
             )

@@ -330,3 +330,34 @@ def test_bad_wishes_are_one_line(
     printed = capsys.readouterr().err
     assert told in printed
     assert printed.count("\n") == 1
+
+
+def test_satellites_without_a_catalogue_number_are_told_apart_by_their_names(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, stations = written(tmp_path)
+    low = [
+        replace_elements(one, name=name, catalog_number=number, designator="")
+        for one, name, number in zip(
+            made_up(5), ("OBJECT A", "OBJECT B", "ODD", "", ""), (99999, 99999, 0, 0, 0), strict=False
+        )
+    ]
+    (tmp_path / "made_up.tle").write_text(write_elements([*low, made_up(6)[5]], "tle"))
+    words = ["--stations", str(stations), "--elements", str(tmp_path / "made_up.tle"), "--from", START]
+    assert run(["network", "passes", *words, "--hours", "24", "--out", str(tmp_path / "passes")]) == 0
+    found = assigned(tmp_path, tmp_path / "night", capsys)
+    numbers = {one["name"]: one["catalog_number"] for one in found["assignments"]}
+    assert numbers == {"OBJECT A": None, "OBJECT B": None, "ODD": None, "LOW 5": 90006}
+    for name, site in (("north", "52.1541,4.4908"), ("south", "-31.2733,149.0617,1165")):
+        words = ["run", str(tmp_path / "night" / f"{name}.toml"), "--dry-run", "--json", "--site", site]
+        assert run([*words, "--clock", START]) == 0
+        plan = json.loads(capsys.readouterr().out)
+        assert plan["lost"] == []
+        assert [(one["name"], one["start_utc"][:19]) for one in plan["passes"]] == [
+            (one["name"], one["start_utc"][:19]) for one in found["assignments"] if one["station"] == name
+        ]
+    previous = ("--previous", str(tmp_path / "night" / "assignment.json"), "--clock", "2026-10-02T20:00:00Z")
+    again = assigned(tmp_path, tmp_path / "again", capsys, *previous)
+    begun = [one for one in found["assignments"] if one["start_utc"] < "2026-10-02T20:00:00Z"]
+    assert begun
+    assert [one for one in again["assignments"] if one["start_utc"] < "2026-10-02T20:00:00Z"] == begun

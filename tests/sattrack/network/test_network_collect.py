@@ -100,6 +100,29 @@ def test_elements_and_biases_follow_from_what_all_stations_saw(
         assert refined.at(EPOCH.plus(at)).range_km == pytest.approx(true.at(EPOCH.plus(at)).range_km, abs=0.3)
 
 
+def test_what_two_satellites_without_a_number_did_is_not_mixed_up(
+    delivered: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seen, other, third = read_elements(delivered / "made_up.tle")
+    unnumbered = [
+        replace(one, catalog_number=99999, designator="", name=name)
+        for one, name in ((other, "OBJECT A"), (seen, "OBJECT B"))
+    ]
+    (delivered / "made_up.tle").write_text(write_elements([*unnumbered, third], "tle"))
+    table = delivered / "delivered" / "south" / "night.csv"
+    table.write_text(table.read_text().replace(",90001,", ",OBJECT B,"))
+    words = ["network", "collect", str(delivered / "delivered"), "--json"]
+    words += ["--elements", str(delivered / "made_up.tle"), "--stations", str(delivered / "stations.toml")]
+    assert run([*words, "--out", str(delivered / "out")]) == 0
+    assert json.loads(capsys.readouterr().out)["refined"] == [99999]
+    (bias,) = json.loads((delivered / "out" / "biases.json").read_text())
+    assert bias["name"] == "OBJECT B"
+    assert bias["along_s"] == pytest.approx(-LATE_S, abs=0.05)
+    shared = {one.name: one for one in read_elements(delivered / "out" / "elements.kvn")}
+    assert shared["OBJECT A"].mean_anomaly_deg == pytest.approx(other.mean_anomaly_deg)
+    assert shared["OBJECT B"].epoch != seen.epoch
+
+
 def test_a_wrong_date_costs_no_other_satellite_its_fit(
     delivered: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
