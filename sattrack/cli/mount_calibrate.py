@@ -132,7 +132,7 @@ def command(context: CommandContext, **options: Any) -> int:
     dated = address is None or address.dates_itself
     found = _conclude(calibrator, site, options["clock_true"], dated)
     told = german(bounded(base, calibrator.largest_rates_deg_s), calibrator.alignment_mode)
-    profile = _write(target, told, found, options["name"])
+    profile = _write(target, told, found, options)
     if profile.pier_rule != base.pier_rule:
         tell('this is a German telescope: pier_rule is written as "ascom", by which it slews beyond the pole')
     _tell(found, profile, target, context.json)
@@ -178,7 +178,7 @@ def _find_axes(
         raise SattrackError(f"{error}; nothing was written; {rest}") from error
     profile = with_axes(base, found, SitePlace(site.latitude_deg, site.longitude_deg))
     profile = msgspec.structs.replace(profile, name=options["name"] or profile.name)
-    write_file(target, profile_text(profile))
+    write_file(target, profile_text(profile, options["update"]))
     kind = kind_of(found.geometry, site.latitude_deg)
     stated = {0: "alt-azimuth", 1: "equatorial", 2: "equatorial"}.get(-1 if alignment is None else alignment)
     notes = []
@@ -400,13 +400,13 @@ def _clock_truth(calibrator: Calibrator, site: Site, stated_s: float | None) -> 
     return ClockTruth(stated_s, true_clocks(last.arrival_utc_s, site))
 
 
-def _write(target: Path, base: ProfileFile, found: Findings, name: str | None) -> MountProfile:
+def _write(target: Path, base: ProfileFile, found: Findings, options: dict[str, Any]) -> MountProfile:
     """Write the profile, whole or not at all."""
     from sattrack.calibration.profile import calibrated
     from sattrack.mount.profiles import profile_text
 
-    profile = calibrated(base, found, name, f"sattrack {__version__}")
-    write_file(target, profile_text(profile))
+    profile = calibrated(base, found, options["name"], f"sattrack {__version__}")
+    write_file(target, profile_text(profile, options["update"]))
     return profile
 
 

@@ -406,7 +406,7 @@ def _conclude(
             tell(GEARS_TURNED)
             periodic = None
         written = msgspec.structs.replace(described, name=name, pointing=terms, sky=sky, periodic=periodic)
-        write_file(target, profile_text(written))
+        write_file(target, profile_text(written, target if options["output"] is None else None))
     if options["model"] is not None:
         write_file(options["model"], model_text(terms, described.name))
     if options["report"] is not None:

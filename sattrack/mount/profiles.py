@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import tomllib
+from collections.abc import MutableMapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -54,12 +56,43 @@ def no_settings(path: Path, but: str) -> Iterator[None]:
         raise BadInputError(f"{path}: this is a settings file, {but}") from None
 
 
-def profile_text(profile: MountProfile) -> str:
-    """Return a profile as TOML; what is not known, or empty, is left out."""
-    import tomli_w
+def profile_text(profile: MountProfile, file: Path | None = None) -> str:
+    """Return a profile as TOML; what is not known, or empty, is left out.
 
-    values = msgspec.to_builtins(profile)
-    return tomli_w.dumps(_without_nothing(values))
+    With the file that it replaces, comments, order and what has not changed stay as they are written there.
+    Raises BadInputError where that is no profile.
+    """
+    import tomlkit
+
+    values = _without_nothing(msgspec.to_builtins(profile))
+    plain = tomlkit.dumps(values)
+    if file is None:
+        return plain
+    before = _without_nothing(msgspec.to_builtins(load_profile_file(file)))
+    document = tomlkit.parse(file.read_text(encoding="utf-8"))
+    _update(document, before, values)
+    updated = document.as_string()
+    # Better without its comments than with another meaning, such as by tables that stand apart.
+    return updated if _read(updated) == _read(plain) else plain
+
+
+def _update(table: MutableMapping[str, Any], before: dict[str, Any], values: dict[str, Any]) -> None:
+    """Bring a table of a document from its values before to others; what is equal is not touched."""
+    for key in before.keys() - values.keys() & table.keys():
+        del table[key]
+    for key, value in values.items():
+        earlier, held = before.get(key), table.get(key)
+        if isinstance(held, MutableMapping) and isinstance(earlier, dict) and isinstance(value, dict):
+            _update(held, earlier, value)
+        elif value != earlier:
+            table[key] = value
+
+
+def _read(text: str) -> ProfileFile | None:
+    try:
+        return msgspec.convert(tomllib.loads(text), ProfileFile)
+    except (msgspec.ValidationError, tomllib.TOMLDecodeError):
+        return None
 
 
 def _without_nothing(table: dict[str, Any]) -> dict[str, Any]:

@@ -10,7 +10,6 @@ from itertools import count, pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import tomli_w
 
 from sattrack.core.errors import BadInputError
 from sattrack.network.assign import Assigned, Assignment, StationPasses, assign, repaired
@@ -491,6 +490,8 @@ def schedule_text(
     passes: NightPasses, one: Mounted, wishes: Wishes, elements: Mapping[int, Elements], span: Span
 ) -> str:
     """Return a station's schedule for `sattrack run`: its passes at fixed times."""
+    import tomlkit
+
     site = one.station.site
     where = f"{site.latitude_deg},{site.longitude_deg},{site.height_m}"
     document: dict[str, Any] = {
@@ -515,7 +516,7 @@ def schedule_text(
     head = f"# {one.station.name}: sattrack run {one.station.name}.toml --site {where}\n"
     if not document["fixed"]:
         return f"{head}# Nothing is assigned to this station.\n"
-    return head + tomli_w.dumps(document)
+    return head + tomlkit.dumps(document)
 
 
 def read_closed(texts: Sequence[str], stations: Sequence[listed.Station]) -> dict[str, list[Span]]:

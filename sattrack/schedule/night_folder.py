@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
-import tomli_w
 
 from sattrack.core.clock import decode_utc, encode_utc
 from sattrack.core.errors import NO_JSON, SattrackError
@@ -424,8 +423,10 @@ class NightFiles:
 
     def profile(self, profile: ProfileFile) -> Path:
         """Write the mount's profile for sessions; return where."""
+        import tomlkit
+
         given = {name: value for name, value in msgspec.to_builtins(profile).items() if value is not None}
-        return self._write_somewhere(PROFILE, tomli_w.dumps(_without_none(given)).encode())
+        return self._write_somewhere(PROFILE, tomlkit.dumps(_without_none(given)).encode())
 
     def _write_somewhere(self, name: str, data: bytes) -> Path:
         """Write what sessions need, into memory where the disk is full; return where."""

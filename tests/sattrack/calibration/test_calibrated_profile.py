@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -93,6 +94,77 @@ def test_what_the_file_says_of_a_simulated_mount_stays(normal: Findings, tmp_pat
     file.write_text(profile_text(profile), encoding="utf-8")
     assert load_profile_file(file).simulator == {"clock_drift_ppm": 12.0}
     assert isinstance(profile, ProfileFile)
+
+
+WRITTEN = """\
+# The dome's mount. Ask the workshop before you change limits.
+name = "north"   # not the one in the south
+ra_rate_gain = 1  # by hand, in May
+
+# Cables are 60 cm too short since the move.
+hour_angle_limit_deg = 100
+
+[ra] # the first axis
+max_rate_deg_s = 9.5
+# cool nights only
+max_acceleration_deg_s2 = 7.0
+
+[[pier_zones]]
+name = "all"  # the pier
+corners = [
+  [-10, -89],  # south
+  [10, -89], [10, 0],
+]
+
+[stands_at]
+latitude_deg = 52.5
+longitude_deg = 4.5
+
+[simulator] # for practice
+clock_drift_ppm = 12.0
+"""
+
+
+def test_what_a_file_says_in_its_comments_stays(normal: Findings, tmp_path: Path) -> None:
+    file = tmp_path / "mount.toml"
+    file.write_text(WRITTEN, encoding="utf-8")
+    old = load_profile_file(file)
+    profile = msgspec.structs.replace(calibrated(old, normal, None, "test"), stands_at=None)
+    text = profile_text(profile, file)
+    assert tomllib.loads(text)["ra_rate_gain"] == profile.ra_rate_gain != 1
+    file.write_text(text, encoding="utf-8")
+    assert load_profile_file(file) == profile
+    changed = {"ra_rate_gain", "max_acceleration_deg_s2", "[stands_at]", "latitude_deg", "longitude_deg"}
+    for line in filter(None, WRITTEN.splitlines()):
+        if not any(line.startswith(key) for key in changed):
+            assert line in text.splitlines()
+    assert "  # by hand, in May\n" in text
+    assert "[stands_at]" not in text
+    assert "encoder_tics" not in text
+    # What has not changed is not touched.
+    assert profile_text(profile, file) == text
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        "ra.max_rate_deg_s = 9.5 # fast\nname = 'x'\n",
+        "ra = {max_rate_deg_s = 9.5, max_acceleration_deg_s2 = 3} # fast\nname = 'x'\n",
+        "[ra]\nmax_rate_deg_s = 9.5 # fast\n[simulator.axis]\na = 1\n[dec]\n[simulator.other]\nb = 2\n",
+        "name = 'x'\r\n# fast\r\n[ra]\r\nmax_rate_deg_s = 9.5\r\n",
+        "",
+    ],
+)
+def test_a_file_in_any_style_of_toml_is_brought_up_to_date(
+    written: str, normal: Findings, tmp_path: Path
+) -> None:
+    file = tmp_path / "mount.toml"
+    file.write_bytes(written.encode())
+    profile = calibrated(load_profile_file(file), normal, None, "test")
+    text = profile_text(profile, file)
+    assert ("# fast" in text) is ("# fast" in written)
+    file.write_text(text, encoding="utf-8")
+    assert load_profile_file(file) == profile
 
 
 def test_a_german_telescope_gets_its_rule_where_the_profile_knows_none() -> None:

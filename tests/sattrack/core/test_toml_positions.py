@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 import pytest
-import tomli_w
+import tomlkit
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -78,13 +78,13 @@ def leaves(value: Any, path: KeyPath = ()) -> list[tuple[KeyPath, Any]]:
 @settings(max_examples=25, deadline=None)
 @given(st.dictionaries(PLAIN, VALUES, max_size=4))
 def test_each_value_stands_where_it_is_said_to(document: dict[str, Any]) -> None:
-    text = tomli_w.dumps(document)
+    text = tomlkit.dumps(document)
     assert tomllib.loads(text) == document
     lines = text.split("\n")
     found = toml_positions(text)
     for path, value in leaves(document):
         spot = found[path]
-        written = value if isinstance(value, str) else tomli_w.dumps({"x": value})[4:].strip()
+        written = value if isinstance(value, str) else tomlkit.dumps({"x": value})[4:].strip()
         assert lines[spot.value_line - 1][spot.value_column - 1 :].startswith(written)
 
 

@@ -481,6 +481,10 @@ def test_three_stars_in_a_file_tell_the_tilt_of_an_azimuth_axis(
     assert terms["AN"]["arcsec"] == pytest.approx(60.0 * NORTH_ARCMIN, abs=15.0)
     assert ":ALTAZ" in data.read_text(encoding="utf-8")
     assert "[pointing.terms]" in written.read_text(encoding="utf-8")
+    given.write_text(f"# Oiled in May.\n{given.read_text(encoding='utf-8')}", encoding="utf-8")
+    assert run(words[:-2]) == 0
+    assert given.read_text(encoding="utf-8").startswith("# Oiled in May.\n")
+    assert load_profile_file(given).pointing == load_profile_file(written).pointing
 
 
 def test_stars_of_an_alt_azimuth_mount_are_read_as_they_were_written() -> None:
