@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 import tomllib
+from dataclasses import fields, is_dataclass
 from datetime import date, datetime, time
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -262,12 +263,35 @@ def read_typed(
         value = msgspec.convert(document, kind)
     except msgspec.ValidationError as error:
         raise _explained(str(error), document, positions, kind) from None
+    odd = _passed_over(value, document)
+    if odd is not None:
+        message = (
+            f"Object contains unknown field `{odd[-1]}` - at `${''.join(f'.{key}' for key in odd[:-1])}`"
+        )
+        raise _explained(message, document, positions, kind)
     refused = _refused_in(document)
     if refused is not None:
         path, why = refused
         name = next((part for part in reversed(path) if isinstance(part, str)), "the file")
         raise positions.value(*path).wrong(f"{name} {why}")
     return value, positions
+
+
+def _passed_over(value: Any, document: Any, path: tuple[str, ...] = ()) -> tuple[str, ...] | None:
+    """Return where the first key stands that a dataclass in a struct does not have; None where there is none.
+
+    The decoder passes over those.
+    """
+    if not isinstance(document, dict) or isinstance(value, dict):
+        return None
+    names = {one.name for one in fields(value)} if is_dataclass(value) else document.keys()
+    for key, one in document.items():
+        if key not in names:
+            return (*path, key)
+        found = _passed_over(getattr(value, key, None), one, (*path, key))
+        if found is not None:
+            return found
+    return None
 
 
 def _refused_in(value: Any, path: KeyPath = ()) -> tuple[KeyPath, str] | None:
@@ -481,8 +505,8 @@ def _types_at(kind: Any, path: KeyPath, document: Any) -> list[Any]:
 
 def _inner(info: Any, part: str | int) -> list[Any]:
     kinds = msgspec.inspect
-    if isinstance(info, kinds.StructType):
-        if part == info.tag_field:
+    if isinstance(info, kinds.StructType | kinds.DataclassType):
+        if isinstance(info, kinds.StructType) and part == info.tag_field:
             return [info]
         found = [field.type for field in info.fields if field.encode_name == part]
     elif isinstance(info, kinds.VarTupleType | kinds.ListType):
@@ -499,6 +523,7 @@ def _keys_at(kind: Any, path: KeyPath, document: Any) -> list[str]:
     for info in _types_at(kind, path, document):
         if isinstance(info, msgspec.inspect.StructType):
             found |= dict.fromkeys([info.tag_field] if info.tag_field else [])
+        if isinstance(info, msgspec.inspect.StructType | msgspec.inspect.DataclassType):
             found |= dict.fromkeys(field.encode_name for field in info.fields)
     return list(found)
 

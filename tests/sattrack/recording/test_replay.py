@@ -432,10 +432,18 @@ def test_a_law_that_is_none_is_told_by_its_key(
     assert "law.toml" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("late = -1", "late is -1: give one above 0"),
+        ("latee = 1", "unknown key 'latee' in [filter]; did you mean 'late'?"),
+        ("hurry = 1", "unknown key 'hurry' in [filter]; there are position_deg, timing_s"),
+    ],
+)
 def test_what_is_wrong_in_the_file_of_a_law_is_told_with_its_line_whatever_is_set(
-    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    line: str, words: str, short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     law = tmp_path / "law.toml"
-    law.write_text("[filter]\nturn = 0.1\nlate = -1\n")
+    law.write_text(f"[filter]\nturn = 0.1\n{line}\n")
     assert run(["replay", str(short), "--law", str(law), "--set", "feeder.settling_s=0.2"]) == 2
-    assert f"{law}:3: late is -1: give one above 0" in capsys.readouterr().err
+    assert f"{law}:3: {words}" in capsys.readouterr().err
