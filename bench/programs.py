@@ -18,7 +18,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import erfa
-import msgspec
+import tomlkit
 from sgp4.api import Satrec
 
 from sattrack.core.angles import wrap180
@@ -213,7 +213,7 @@ def simulated_telescope(settings: bytes) -> Iterator[tuple[subprocess.Popen[str]
     """Run a simulated Alpaca telescope, set by JSON, until the end; give its process and its port."""
     with TemporaryDirectory() as folder:
         telescope, nothing = Path(folder) / "telescope.toml", Path(folder) / "sattrack.toml"
-        telescope.write_bytes(msgspec.toml.encode(json.loads(settings)))
+        telescope.write_text(tomlkit.dumps(json.loads(settings)), encoding="utf-8")
         nothing.touch()
         files = ("--config", str(nothing), "--telescope", str(telescope))
         quiet = {"stdin": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}

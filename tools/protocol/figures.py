@@ -68,16 +68,9 @@ def patience_table() -> str:
     """Return how long this client waits for what, from the modules that wait."""
     datagrams = (
         (session.QUIET_TICKS, "without any flag between two one-shot requests"),
-        (tickets.QUEUED_AT_MOST, "for which a request may wait for its turn"),
         (tickets.ACK_AT_MOST, "for the acknowledgement of a sync or pulse guide"),
         (tickets.UNCONFIRMED_AFTER, "for which a flag without an acknowledgement is sent"),
-        (tickets.STARTED_WITHIN, "for which a slew may wait for standstill"),
         (tickets.ACK_WITHIN, "for the acknowledgement of a motion"),
-        (
-            tickets.SLEW_WITHIN,
-            "for a slew to end; for a slow mount half as long again as a turn takes at its `slew_rate_deg_s`",
-        ),
-        (tickets.REST_WITHIN, "for the mount to come to rest"),
         (link.DOUBLED_WITHIN, "in which an acknowledgement that rises again means a doubled edge"),
     )
     statuses = (
@@ -93,13 +86,21 @@ def patience_table() -> str:
         (link.RESTART_PROOF, "in a row of another, rising count: the mount has restarted"),
         (link.TRUSTED_JUMP, "that a counter may run ahead without being taken for nonsense"),
     )
+    times_s = (
+        (tickets.QUEUED_AT_MOST_S, "for which a request may wait for its turn"),
+        (tickets.STARTED_WITHIN_S, "for which a slew may wait for standstill"),
+        (
+            tickets.SLEW_WITHIN_S,
+            "for a slew to end; for a slow mount half as long again as a turn takes at its `slew_rate_deg_s`",
+        ),
+        (tickets.REST_WITHIN_S, "for the mount to come to rest"),
+        (standstill.WINDOWS_S[0], "of positions that show rest: the mount is at rest"),
+        (standstill.CONTRADICTED_S, "in which positions contradict a field: it is not used"),
+        (link.STALE_AFTER_S, "without a status: the link is stale"),
+        (STATUS_LOST_S, "without a status: the link is lost"),
+    )
     lines = ["| how many | seconds | of what |", "|---:|---:|---|"]
     lines += [f"| {n} datagrams | {n * PERIOD_S:g} | {words} |" for n, words in datagrams]
     lines += [f"| {n} statuses | {n * PERIOD_S:g} | {words} |" for n, words in statuses]
-    lines.append(f"| | {standstill.WINDOWS_S[0]:g} | of positions that show rest: the mount is at rest |")
-    lines.append(
-        f"| | {standstill.CONTRADICTED_S:g} | in which positions contradict a field: it is not used |"
-    )
-    lines.append(f"| | {link.STALE_AFTER_S:g} | without a status: the link is stale |")
-    lines.append(f"| | {STATUS_LOST_S:g} | without a status: the link is lost |")
+    lines += [f"| | {seconds:g} | {words} |" for seconds, words in times_s]
     return "\n".join(lines)

@@ -8,7 +8,7 @@ until nothing else is up and the mount stands as it must; its flag goes through 
 then shows decides how its ticket settles. The protocol has no acknowledgement for park, home, fine rates and
 tracking rate: those are sent for a while and end unconfirmed, unless the status shows them done.
 
-Time is counted in datagrams.
+Time is counted in datagrams, one each period.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ from sattrack.mount.xerxes.flags import Handshake, OneShot
 if TYPE_CHECKING:
     from sattrack.mount.model import MountProfile, Status
 
-STARTED_WITHIN = 600
-"""Datagrams, half a minute, that a slew may wait for the mount to stand still."""
+STARTED_WITHIN_S = 30.0
+"""How long a slew may wait for the mount to stand still."""
 ACK_WITHIN = 160
 """Datagrams, eight seconds, for an acknowledgement: a missed edge is asked for anew meanwhile."""
-SLEW_WITHIN = 4800
-"""Datagrams that a slew may take at least."""
-REST_WITHIN = 600
+SLEW_WITHIN_S = 240.0
+"""How long a slew may take at least."""
+REST_WITHIN_S = 30.0
 ARRIVED_WITHIN_DEG = 0.25
-QUEUED_AT_MOST = 600
-"""Datagrams, half a minute, that a request may wait for its turn."""
+QUEUED_AT_MOST_S = 30.0
+"""How long a request may wait for its turn."""
 ACK_AT_MOST = 60
 """Datagrams, three seconds, within which an acknowledgement must come."""
 UNCONFIRMED_AFTER = 20
@@ -78,7 +78,7 @@ class MotionTicket:
         if self.sent and self.ticket.state is TicketState.QUEUED:
             self._become(TicketState.RAISED)
         limit, reason = self._limit()
-        if self._ticks <= limit:
+        if self._ticks <= round(limit):
             return False
         self.ticket.become(TicketState.TIMED_OUT, reason)
         return True
@@ -103,19 +103,24 @@ class MotionTicket:
         self.ticket.become(state)
         self._ticks = 0
 
-    def _limit(self) -> tuple[int, str]:
+    def _limit(self) -> tuple[float, str]:
+        """Return after how many datagrams the request is given up, and why."""
+        a_second = 1.0 / self.profile.period_s
         match self.ticket.state:
             case TicketState.QUEUED:
-                return STARTED_WITHIN, "never sent: the mount did not come to rest, or was not heard"
+                return (
+                    STARTED_WITHIN_S * a_second,
+                    "never sent: the mount did not come to rest, or was not heard",
+                )
             case TicketState.RAISED if isinstance(self.ticket.request, EndMove):
-                return REST_WITHIN, "the mount did not come back to tracking"
+                return REST_WITHIN_S * a_second, "the mount did not come back to tracking"
             case TicketState.RAISED:
                 return ACK_WITHIN, "the mount did not acknowledge it"
             case _ if isinstance(self.ticket.request, Slew):
-                datagrams = round(self.profile.goes_within_s() / self.profile.period_s)
-                return max(SLEW_WITHIN, datagrams), "the mount acknowledged the slew and did not finish it"
+                lasts_s = max(SLEW_WITHIN_S, self.profile.goes_within_s())
+                return lasts_s * a_second, "the mount acknowledged the slew and did not finish it"
             case _:
-                return REST_WITHIN, "the mount acknowledged it and was not seen to obey"
+                return REST_WITHIN_S * a_second, "the mount acknowledged it and was not seen to obey"
 
 
 @dataclass(slots=True)
@@ -245,7 +250,8 @@ class Launches:
         self._active = _Active(ticket, flag, before=status)
 
     def _expire_queue(self) -> None:
-        while self._queue and self._ticks - self._queue[0][1] > QUEUED_AT_MOST:
+        most = round(QUEUED_AT_MOST_S / self.profile.period_s)
+        while self._queue and self._ticks - self._queue[0][1] > most:
             ticket, _ = self._queue.popleft()
             ticket.become(
                 TicketState.TIMED_OUT, "never sent: the mount did not come to rest, or was not heard"

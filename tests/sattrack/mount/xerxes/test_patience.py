@@ -145,6 +145,22 @@ class TestTickets:
         assert periods(client, ticket, hears=False) == datagrams + 1
         assert (ticket.state, ticket.reason) == (TicketState.TIMED_OUT, reason)
 
+    @pytest.mark.parametrize(
+        ("request_", "hears", "seconds"),
+        [(A, False, 30), (SYNC, False, 30), (Abort(), True, 30), (EndMove(), True, 30), (A, True, 240)],
+    )
+    @pytest.mark.parametrize("period_s", [0.02, 0.1])
+    def test_with_another_period(self, request_: Request, hears: bool, seconds: int, period_s: float) -> None:
+        """What a mount needs to stand or to move takes its time, however often it is spoken to."""
+        profile = MountProfile(period_s=period_s)
+        client = tracking(profile) if hears else Client(profile)
+        ticket = submit(client, request_)
+        if hears:
+            client.send()
+            client.hear(slewing=True, ack_slew=True, ack_abort=True)
+        assert periods(client, ticket, hears=False) == round(seconds / period_s) + 1
+        assert ticket.state is TicketState.TIMED_OUT
+
     @pytest.mark.parametrize(("slew_rate_deg_s", "seconds"), [(2.25, 240), (0.5, 1080)])
     def test_of_a_slow_mount_that_moves_on(self, slew_rate_deg_s: float, seconds: int) -> None:
         """A turn takes 12 minutes at half a degree a second; it may take half as long again."""
