@@ -182,6 +182,16 @@ class Steering:
             self._see(seen, now_utc_s, begins_s, sure)
         self._kept = None if self.estimator.words is None else kept
 
+    def _leave_clocks_to_the_stars(self) -> None:
+        """Drop what images showed of the clocks of cameras that the stars have corrected."""
+        for name, found in tuple(self.estimator.deviations.items()):
+            if self.clocks.correction_s(name):
+                left = found._replace(clock_s=0.0)
+                if left == AS_SET:
+                    del self.estimator.deviations[name]
+                else:
+                    self.estimator.deviations[name] = left
+
     def ahead_s(self, camera: str | None) -> float:
         """Return what must be taken off a camera's dates: what its fields showed, and its images."""
         return self.clocks.correction_s(camera) + self.estimator.deviations.get(camera or "", AS_SET).clock_s
@@ -236,8 +246,7 @@ class Steering:
             # What was seen by the wrong dates is of another place.
             self.estimator.forget()
             self._images.clear()
-            for name, found in self.estimator.deviations.items():
-                self.estimator.deviations[name] = found._replace(clock_s=0.0)
+            self._leave_clocks_to_the_stars()
         self._estimated |= self.estimator.catch_up()
         ended = None if on_target_utc_s is None else self._search_if_lost(now_utc_s, on_target_utc_s)
         due = self._following_estimate and now_utc_s - self._followed_s >= FOLLOW_AGAIN_S

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from sattrack.control.camera_clock import BEFORE, TERMS, CameraClocks, _Clock
-from sattrack.control.camera_image import Cameras
+from sattrack.control.camera_image import Cameras, Deviation
 from sattrack.control.engine_view import loop_view
 from sattrack.control.steering import Steering
 from sattrack.mount.model import CalibrationRecord, MountProfile
@@ -166,6 +166,22 @@ def test_sigmas_are_right_where_the_delays_were_measured() -> None:
         one.run(0.0, 14.0)
         off.append((one.clock.clock_s - 0.05) / one.clock.sigma_s)
     assert 0.3 < float(np.sqrt(np.mean(np.square(off)))) < 1.7
+
+
+def test_the_stars_take_the_place_of_what_the_images_of_their_own_camera_showed() -> None:
+    one = Pass(0.3)
+    shown = {
+        "guide": Deviation(clock_s=0.25),
+        "finder": Deviation(clock_s=0.2),
+        "turned": Deviation(180.0),
+    }
+    one.steering.estimator.deviations.update(shown)
+    one.run(0.0, 40.0)
+    assert one.steering.ahead_s("guide") == pytest.approx(0.3, abs=0.01)
+    assert one.steering.ahead_s("finder") == 0.2
+    # A camera that lies as set teaches the profile again.
+    del shown["guide"]
+    assert one.steering.estimator.deviations == shown
 
 
 @pytest.mark.parametrize("camera", ["guide", None])
