@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from collections import deque
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import msgspec
 
@@ -21,7 +22,7 @@ from sattrack.control.biases import (
     nudge_biases,
 )
 from sattrack.control.camera_clock import CameraClocks
-from sattrack.control.camera_image import AS_SET, STEP_S, Deviation, ImageFit
+from sattrack.control.camera_image import AS_SET, KEPT, STEP_S, Deviation, ImageFit
 from sattrack.control.estimate import LOST_AFTER_S, Estimator, known_terms
 from sattrack.views.messages import (
     LEAST_SIGMA_ARCSEC,
@@ -58,8 +59,13 @@ FIELDS_A_SECOND, ARMS_FIELDS = 0.5, 0.7
 """How fast a search goes, and how far the arms of a spiral are apart, in fields of the camera."""
 SLOWER_STEPS = 12
 GEOMETRIES_KEPT = 4
+AGAIN_AT_ONCE = 2
+"""In a period no more observations are used than that."""
 SAME_ALONG_S, SAME_CROSS_KM = 2e-6, 1e-5
 """An estimate that differs by less from what is fed, hundredths of an arcsecond, is no news."""
+
+
+Seen = TypeVar("Seen", ObservationMessage, SeenOffset)
 
 
 class OffsetOnAxes(NamedTuple):
@@ -86,6 +92,10 @@ class Steering:
         self._seen_by: dict[str, tuple[Camera, ...]] = {}
         """In which ways the image of each camera was said to lie, the last one last."""
         self._images: dict[str, ImageFit] = {}
+        self._offsets: dict[str, deque[SeenOffset]] = {}
+        """The last offsets of each camera, as they came."""
+        self._again: deque[tuple[SeenOffset, bool]] = deque()
+        """Those to be taken once more, as their image lies otherwise; with False those that came since."""
         self._searched_since_s = float("inf")
         """Of which last observation the loss has been searched for."""
         self._delay_s = REACTION_PERIODS * profile.period_s + profile.command_delay_s
@@ -159,6 +169,7 @@ class Steering:
             case ClearBias():
                 self._end_remembered("cleared")
                 self.estimator.forget()
+                self._again.clear()
                 self._estimated = self._following_estimate = False
                 self._led = True
                 clear_biases(self.biases, begins_s)
@@ -168,19 +179,34 @@ class Steering:
         self, seen: ObservationMessage | SeenOffset, now_utc_s: float, begins_s: float, sure: bool = False
     ) -> None:
         """Take in what was seen; keep it for the operator where it is not taken."""
-        kept = seen
         if not (self.guided or sure):
             self._kept = seen
             return
-        ahead_s = self.ahead_s(seen.camera)
-        if ahead_s:
-            utc = Utc.parse(seen.utc).plus(-ahead_s).isoformat("microseconds")
-            seen = msgspec.structs.replace(seen, utc=utc)
         if isinstance(seen, ObservationMessage):
-            self._observe(seen, now_utc_s, begins_s, sure=sure)
+            self._observe(self._dated(seen), now_utc_s, begins_s, sure=sure)
         else:
-            self._see(seen, now_utc_s, begins_s, sure)
-        self._kept = None if self.estimator.words is None else kept
+            self._offsets.setdefault(seen.camera or "", deque(maxlen=KEPT)).append(seen)
+            self._see(self._dated(seen), now_utc_s, begins_s, sure)
+            if self._again and self._again[-1][0] is not seen:
+                self._again.append((seen, False))
+        self._kept = None if self.estimator.words is None else seen
+
+    def _dated(self, seen: Seen) -> Seen:
+        """Return what was seen with the date that it has by what is known of its camera's clock."""
+        ahead_s = self.ahead_s(seen.camera)
+        if not ahead_s:
+            return seen
+        return msgspec.structs.replace(seen, utc=Utc.parse(seen.utc).plus(-ahead_s).isoformat("microseconds"))
+
+    def _take_again(self, now_utc_s: float) -> None:
+        """Take the next offsets that were seen before it was known how their image lies."""
+        for _ in range(min(AGAIN_AT_ONCE, len(self._again))):
+            seen, is_counted = self._again.popleft()
+            known = self.estimator
+            counts = known.accepted, known.rejected, known.refused
+            self._see(self._dated(seen), now_utc_s, self._begins_s(now_utc_s), sure=False, again=True)
+            if is_counted:
+                known.accepted, known.rejected, known.refused = counts
 
     def _leave_clocks_to_the_stars(self) -> None:
         """Drop what images showed of the clocks of cameras that the stars have corrected."""
@@ -207,6 +233,7 @@ class Steering:
         """Obey the operator about observations; return why nothing was done, in words."""
         if how in {"on", "off"}:
             self.guided, self._kept = how == "on", None
+            self._again.clear()
             return None
         if how == "accept":
             kept = self._kept
@@ -242,6 +269,7 @@ class Steering:
         To be called once a period. `on_target_utc_s` is since when the mount is on the target, None where it
         is not: then the camera cannot see the target, and nothing is searched for.
         """
+        self._take_again(now_utc_s)
         if self.clocks.waiting and self.clocks.watch(self.biases.course):
             # What was seen by the wrong dates is of another place.
             self.estimator.forget()
@@ -357,7 +385,9 @@ class Steering:
         self._begun_s = max(self._begun_s, now_utc_s + self._delay_s)
         return self._begun_s
 
-    def _see(self, seen: SeenOffset, now_utc_s: float, begins_s: float, sure: bool) -> None:
+    def _see(
+        self, seen: SeenOffset, now_utc_s: float, begins_s: float, sure: bool, again: bool = False
+    ) -> None:
         """Take in the direction in which an offset was seen, relative to the one fed at its instant."""
         utc_s = float(Utc.parse(seen.utc).unix_s)
         if utc_s < self.biases.known_since_utc_s:
@@ -374,11 +404,16 @@ class Steering:
         if not max(abs(one) for one in in_arcsec[:2]) <= MOST_OFFSET_ARCSEC:
             self.estimator.refuse(f"offsets go to {MOST_OFFSET_ARCSEC:g} arcseconds either way")
             return
-        self._begin_anew_if_said_otherwise(name, said, now_utc_s)
-        self._begin_anew_if_shown_otherwise(name, said, utc_s, complex(*in_arcsec[:2]), now_utc_s)
+        if not again:
+            self._begin_anew_if_said_otherwise(name, said, now_utc_s)
+            self._begin_anew_if_shown_otherwise(name, said, utc_s, complex(*in_arcsec[:2]), now_utc_s)
         camera = self.camera_of(seen)
         dx, dy, sigma = camera.in_arcsec(seen) or in_arcsec
-        self.last_offset = OffsetOnAxes(utc_s, *camera.on_axes(dx, dy))
+        if not again:
+            self.last_offset = OffsetOnAxes(utc_s, *camera.on_axes(dx, dy))
+            if self._again:
+                self.estimator.words = None
+                return
         x, y = math.radians(dx / 3600.0), math.radians(dy / 3600.0)
         image = self.biases.image_at(utc_s, x, y, camera, name)
         there = image.fed + x * image.right + y * image.up
@@ -439,6 +474,10 @@ class Steering:
     def _begin_anew(self, name: str, what: str, shown: str, now_utc_s: float) -> None:
         """Begin the estimate anew: an image lies otherwise than was believed, in words."""
         self.estimator.forget()
+        self._again.clear()
+        if what == "images show":
+            *before, last = self._offsets[name]
+            self._again.extend([*((seen, True) for seen in before), (last, False)])
         self._led = not self._following_estimate
         self.tell(
             f"camera {name or 'without a name'}: its {what} {shown}: the estimate begins anew; "

@@ -141,6 +141,22 @@ def test_a_hidden_polar_error_delay_and_late_satellite_are_taken_out(camera: Cam
     assert estimator.begun_anew == 0
 
 
+@pytest.mark.parametrize("camera", [Camera(180.0), Camera(90.0), Camera(0.0, True)])
+def test_what_was_seen_before_an_image_was_found_to_lie_otherwise_serves_again(camera: Camera) -> None:
+    loop = Loop(camera, (200.0, -180.0, 130.0), 0.02, cameras=Cameras(UPRIGHT))
+    estimator, tick = loop.steering.estimator, 0
+    while not estimator.deviations:
+        loop.go_on(tick * TICK_S, (tick + 1) * TICK_S)
+        tick += 1
+    loop.go_on(tick * TICK_S, tick * TICK_S + 0.8)
+    assert estimator.filter is not None
+    assert estimator.filter.accepted >= 4
+    # Each counts once all the same.
+    loop.go_on(tick * TICK_S + 0.8, 20.0)
+    assert estimator.accepted + estimator.rejected == 39
+    assert estimator.refused == 0
+
+
 @pytest.mark.parametrize("camera", [UPRIGHT, Camera(130.0), Camera(-40.0, True)])
 def test_an_offset_is_the_direction_in_which_the_camera_saw_the_satellite(
     camera: Camera, monkeypatch: pytest.MonkeyPatch
