@@ -85,6 +85,8 @@ LEAST_TRAIL_PX = 3.0
 """Of shorter trails no single frame shows that they are none."""
 CORE_PSF = 4.0
 """Within so many sigmas of a star's image from the middle of a streak something is on it."""
+FAINT_RIDGE_SNR = 0.85
+"""Fainter trails cover so little of a frame that noise on them is as rare as noise beside them."""
 FEWEST_BESIDE = 3
 """Places on each side of a peak at which a star's trail through it is looked for."""
 Kind = Literal["point", "streak", "none"]
@@ -533,11 +535,11 @@ def _standing_out(
     rough = 1.4826 * _medians(np.abs(values[one_side] - level[:, None]), seen[one_side])
     turned = np.array(directions)[most] - np.where(first, 0.0, 180.0)
     ridge, angle = np.where(higher, level, peaks[:, 3]), np.where(higher, turned, peaks[:, 4])
-    ridge[ridge < (2.0 / math.sqrt(samples) if samples else RIDGE_SNR)] = 0.0
+    ridge[ridge < (max(2.0 / math.sqrt(samples), FAINT_RIDGE_SNR) if samples else RIDGE_SNR)] = 0.0
     excess = peaks[:, 2] - ridge
     # A bright streak is noisier than the sky, by its photons and by what a few samples show.
     rougher = np.where(ridge > RIDGE_SNR, np.maximum(rough**2 - 1.0, 0.0) + 0.15 * ridge, 0.0)
-    noise = np.where(ridge > 0.0, np.sqrt(1.0 + 1.0 / (samples or 6) + rougher), 1.0)
+    noise = np.where(ridge > RIDGE_SNR, np.sqrt(1.0 + 1.0 / (samples or 6) + rougher), 1.0)
     # What runs through less than in the directions before has been judged there.
     standing = (excess > least * noise) & (excess > 0.25 * ridge) | ~higher
     standing &= ~cut

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 
+import camera
 import camera_sky
 import numpy as np
 import pytest
@@ -76,6 +78,27 @@ def in_colours(canvas: Canvas, rng: np.random.Generator) -> np.ndarray:
             own[row::2, column::2] = 1.0
         planes.append(convolve(own * read, weights) / convolve(own, weights))
     return np.mean(planes, axis=0)
+
+
+@pytest.mark.parametrize("seed", [5, 48, 136])
+def test_noise_beside_a_faint_point_is_taken_for_no_trail(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    canvas = small()
+    star_streaks(canvas, rng, 12, 100.0, 30.0)
+    canvas.point(250.3, 190.6, canvas.flux_of(8.0))
+    one = seen(canvas.exposed(rng))
+    assert one.kind == "point"
+    assert one.x == pytest.approx(250.3, abs=1.0)
+    assert one.y == pytest.approx(190.6, abs=1.0)
+
+
+@pytest.mark.soak
+def test_ninety_nine_of_a_hundred_are_found_in_single_frames(capsys: pytest.CaptureFixture[str]) -> None:
+    camera.sequences(1000, 8.0, 1.2, True, 11)
+    found = re.search(r"found +([0-9.]+) %  elsewhere (\d+)", capsys.readouterr().out)
+    assert found is not None
+    assert float(found[1]) >= 99.0
+    assert found[2] == "0"
 
 
 def test_the_sigma_of_a_place_holds_where_colours_were_interpolated() -> None:
