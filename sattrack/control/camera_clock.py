@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sattrack.views.run import ClockView
+from tle.earth import ARCSEC
 from tle.instants import Utc
 from tle.observed import apparent_unit
 
@@ -51,7 +52,6 @@ AGAIN_SIGMAS = 3.0
 """Of the new value: how far it goes from the one with which the estimate began before another begins."""
 GATE_ARCSEC, GATE_SIGMAS = 60.0, 6.0
 """A field that lies further from what the others say counts as solved wrongly."""
-ARCSEC = math.pi / 648000.0
 
 
 @dataclass(slots=True)

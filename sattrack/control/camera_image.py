@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from sattrack.core.angles import wrap180
+from tle.earth import ARCSEC
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -30,7 +31,6 @@ OTHER_SCALE, OTHER_ROTATION_DEG = 0.03, 5.0
 """An image lies otherwise where its scale differs by more than that share, or up by more than that angle."""
 KEPT, FEWEST = 16, 7
 """So many frames are fitted, the last ones, and at least."""
-ARCSEC = math.pi / 648000.0
 MOVED_RAD = 40.0 * ARCSEC
 """The mount must have moved the image by that, beside what drifts."""
 ASTRAY_RAD = 15.0 * ARCSEC

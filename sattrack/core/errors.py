@@ -87,6 +87,12 @@ def needed(module: str, what: str, extra: str) -> Any:
         raise SattrackError(f"{what} needs {package}: {how_to_install(extra)}") from None
 
 
+def refused_key(error: Exception) -> tuple[str, str]:
+    """Return what msgspec says is wrong with a value, and its key, dotted; "" where it names none."""
+    what, _, key = str(error).removesuffix("`").partition(" - at `$.")
+    return what, key
+
+
 def meant(given: str, known: Iterable[str], ending: str = "") -> str:
     """Return "; did you mean ...?" where something known looks like what was given, else nothing.
 

@@ -265,10 +265,9 @@ def read_typed(
         raise _explained(str(error), document, positions, kind) from None
     odd = _passed_over(value, document)
     if odd is not None:
-        message = (
-            f"Object contains unknown field `{odd[-1]}` - at `${''.join(f'.{key}' for key in odd[:-1])}`"
-        )
-        raise _explained(message, document, positions, kind)
+        table = "".join(f".{key}" for key in odd[:-1])
+        said = f"Object contains unknown field `{odd[-1]}` - at `${table}`"
+        raise _explained(said, document, positions, kind)
     refused = _refused_in(document)
     if refused is not None:
         path, why = refused

@@ -29,6 +29,7 @@ from sattrack.core.errors import (
     SafetyLimitError,
     SattrackError,
     meant,
+    refused_key,
 )
 from sattrack.core.figures import RunningError
 from sattrack.core.toml_text import read_toml
@@ -654,7 +655,7 @@ def read_law(path: Path | None, settings: Sequence[str], base: ControlLaw) -> Co
     try:
         return msgspec.convert(values, ControlLaw)
     except msgspec.ValidationError as error:
-        what, _, group = str(error).removesuffix("`").partition(" - at `$.")
+        what, group = refused_key(error)
         raise BadInputError(f"--set: {group}.{what}") from error
 
 

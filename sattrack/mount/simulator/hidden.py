@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import msgspec
 
-from sattrack.core.errors import BadInputError
+from sattrack.core.errors import BadInputError, refused_key
 
 if TYPE_CHECKING:
     from sattrack.mount.model import MountProfile
@@ -159,7 +159,7 @@ def parse_hidden(text: str) -> Hidden:
     try:
         return msgspec.convert(values, Hidden, strict=False)
     except msgspec.ValidationError as error:
-        words, _, key = str(error).removesuffix("`").partition(" - at `$.")
+        words, key = refused_key(error)
         if not key:
             raise BadInputError(f"--hidden {text}: {words}") from None
         example = next(one for one, _ in GRAMMAR if one.startswith(f"{key}="))

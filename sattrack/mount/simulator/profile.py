@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from sattrack.core.errors import BadInputError
+from sattrack.core.errors import BadInputError, refused_key
 
 TimerLaw = Literal["exact", "windows", "windows_rearmed"]
 MOST_DRIFT_PPM = 10_000.0
@@ -138,7 +138,7 @@ def simulator_profile(table: dict[str, Any], where: str = "the mount profile") -
     try:
         return msgspec.convert(table, SimulatorProfile)
     except msgspec.ValidationError as error:
-        what, _, key = str(error).removesuffix("`").partition(" - at `$.")
+        what, key = refused_key(error)
         raise BadInputError(f"{where}, [simulator]: {f'{key}: ' if key else ''}{what}") from error
 
 
