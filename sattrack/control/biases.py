@@ -134,6 +134,12 @@ class Biases:
         right, up = self._image_axes(fed, camera)
         return complex(away @ right, away @ up)
 
+    def motion_at(self, utc_s: float, camera: Camera) -> complex:
+        """Return how the satellite moves by its elements, in the directions of an image, rad/s."""
+        right, up = self._image_axes(self._on_track(utc_s), camera)
+        rate = self._propagator.at(Utc(utc_s)).unit_rate
+        return complex(rate @ right, rate @ up)
+
     def _image_axes(self, fed: Direction, camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return where right and up of an image lead, unit vectors."""
         x, y, z = (float(value) for value in fed.unit)

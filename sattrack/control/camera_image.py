@@ -3,8 +3,9 @@
 A first correction moves the mount by what the image says. In an image that lies as set the satellite goes to
 the middle by it; in one that is turned it goes elsewhere, in a mirrored one to another side. Places in the
 image are complex numbers here, right and i times up, rad. Where the elements predict that the satellite is
-seen at z, it is seen at m = a z + b + c t: a says how the image lies, b and c how far the elements are off.
-A mirrored image has the conjugate of z. Only what moves z faster than elements err says anything of a.
+seen at z, it is seen at m = a z + (b + c t) v: a says how the image lies, b and c how far the elements are
+off, along the way v in which the satellite moves and across it. A mirrored image has the conjugates of z and
+v. Only what moves z faster than elements err says anything of a.
 """
 
 from __future__ import annotations
@@ -41,6 +42,8 @@ FITS = 0.15
 """The best must explain all but that share of what was moved."""
 STEADY_RAD = 20.0 * ARCSEC
 """One thing lies within so much of a line, RMS."""
+LEAST_MOTION_RAD_S = 1.0 * ARCSEC
+"""What moves less has no way."""
 STEP_S = 0.2
 CLOCK_OFF_S, CLOCK_SIGMA_S = 0.15, 0.015
 """Dates are mended that are off by more, and known that well. Less than that filters allow for."""
@@ -160,6 +163,7 @@ class _Frame(NamedTuple):
     """A wrong clock adds so much, up to a factor, and `bend` by the factor's square."""
     bend: complex
     seen: complex
+    motion: complex
 
 
 class _Fitted(NamedTuple):
@@ -177,11 +181,15 @@ class ImageFit:
     def __init__(self) -> None:
         self._frames: deque[_Frame] = deque(maxlen=KEPT)
 
-    def see(self, utc_s: float, predicted: Sequence[complex], seen: complex) -> None:
-        """Take a frame in: where elements have the satellite, STEP_S before, then and after; where it is."""
+    def see(self, utc_s: float, predicted: Sequence[complex], seen: complex, motion: complex = 0j) -> None:
+        """Take a frame in: where elements have the satellite, STEP_S before, then and after; where it is.
+
+        `motion` is how it moves, rad/s: along that elements are off, and across it.
+        """
         before, then, after = predicted
         rate, bend = (after - before) / (2.0 * STEP_S), (after - 2.0 * then + before) / STEP_S**2
-        self._frames.append(_Frame(utc_s, then, rate, bend, seen))
+        off = motion if abs(motion) > LEAST_MOTION_RAD_S else 1.0 + 0j
+        self._frames.append(_Frame(utc_s, then, rate, bend, seen, off))
 
     @property
     def is_steady(self) -> bool:
@@ -239,8 +247,8 @@ class ImageFit:
 
     def _columns(self, mirrored: bool) -> NDArray[np.complex128]:
         """Return the predicted places, what a clock adds to them, what drifts, and a clock's square."""
-        utc_s, predicted, rate, bend, _ = (np.array(one) for one in zip(*self._frames, strict=True))
-        drift = np.ones(len(utc_s)), utc_s - utc_s.mean()
+        utc_s, predicted, rate, bend, _, off = (np.array(one) for one in zip(*self._frames, strict=True))
+        drift = off, off * (utc_s - utc_s.mean())
         columns = np.stack([predicted, rate, *drift, bend], axis=1)
         return np.conj(columns) if mirrored else columns
 

@@ -449,10 +449,11 @@ class Steering:
         """Begin the estimate anew where what the mount's motion does to an image contradicts how it lies."""
         try:
             predicted = [self.biases.predicted_at(utc_s + k * STEP_S, said) for k in (-1.0, 0.0, 1.0)]
+            motion = self.biases.motion_at(utc_s, said)
         except PropagationError:
             return
         fit = self._images.setdefault(name, ImageFit())
-        fit.see(utc_s, predicted, math.radians(1.0 / 3600.0) * seen_arcsec)
+        fit.see(utc_s, predicted, math.radians(1.0 / 3600.0) * seen_arcsec, motion)
         believed = self.estimator.believed_of(name)
         before = self.estimator.deviations.get(name, AS_SET)
         shown = fit.deviation(said.flip, believed)

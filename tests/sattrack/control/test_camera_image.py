@@ -54,6 +54,28 @@ def fitted(
     return fit
 
 
+@pytest.mark.parametrize("true", [AS_SET, Deviation(90.0), Deviation(-60.0, 1.2, mirrored=True)])
+def test_a_late_satellite_is_off_along_a_way_that_turns(true: Deviation) -> None:
+    """By five degrees a second: a straight line would leave 100″ of it, and take it for a scale."""
+    rng, fit, path = np.random.default_rng(3), ImageFit(), mount(np.array([3000.0, -2500.0]))
+    said, lies = axes(SET_DEG, False), axes(SET_DEG + true.turned_deg, true.mirrored)
+    for number in range(12):
+        t = 0.5 * number
+        turned = math.radians(5.0 * t)
+        motion = np.array([math.cos(turned), math.sin(turned)]) * (1500.0 + 20.0 * t)
+        seen = lies @ (2.5 * motion - path(t)) / true.scale + rng.normal(0.0, 1.5, 2)
+        predicted = [complex(*(said @ -path(t + k * STEP_S))) * ARCSEC for k in (-1.0, 0.0, 1.0)]
+        fit.see(t, predicted, complex(*seen) * ARCSEC, complex(*(said @ motion)) * ARCSEC)
+    found = fit.deviation(False, AS_SET)
+    if true is AS_SET:
+        assert found is None
+    else:
+        assert found is not None
+        assert found.turned_deg == pytest.approx(true.turned_deg, abs=0.5)
+        assert found.scale == pytest.approx(true.scale, rel=0.01)
+        assert found.mirrored == true.mirrored
+
+
 STRAIGHT = mount(np.array([700.0, -300.0]))
 
 

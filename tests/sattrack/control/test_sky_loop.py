@@ -115,6 +115,16 @@ def test_a_camera_that_is_not_as_it_was_set_is_found_out_and_followed_all_the_sa
     assert any(re.search(words, text) for text in found.words), found.words
 
 
+@pytest.mark.parametrize("seed", [2, 3])
+def test_by_the_pole_an_image_on_its_side_is_found_out_once(seed: int) -> None:
+    """Right ascension changes by degrees a second there, and the way that a late satellite is off turns."""
+    rng = random.Random(f"KANOPUS {seed}")
+    hidden = replace(bench.Hidden.drawn(rng), rotation_deg=90.0)
+    found = bench.without_mount(shorter(bench.Sky(subjects()[1], hidden, rng), 24.0), MountProfile())
+    assert found.sky.rms(13.0, 24.0) < 5.0
+    assert not any("pixels are" in text for text in found.words), found.words
+
+
 @pytest.mark.parametrize("flip", [False, True])
 @pytest.mark.parametrize("turned_deg", [-9.0, 70.0])
 def test_an_image_is_turned_by_a_position_angle_whether_or_not_it_is_mirrored(

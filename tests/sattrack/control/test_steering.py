@@ -380,6 +380,7 @@ def in_the_middle(one: Steering) -> None:
     """Have the elements predict the satellite in the middle of each image, which lies there."""
     one.biases.image_at = middle  # type: ignore[method-assign, assignment]
     one.biases.predicted_at = lambda *_: 0j  # type: ignore[method-assign]
+    one.biases.motion_at = lambda *_: 0j  # type: ignore[method-assign]
 
 
 class TestMessages:
