@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import ipaddress
+import json
 import logging
 import re
 import secrets
@@ -28,6 +29,7 @@ from textual_serve.server import Server
 from sattrack.core.errors import SattrackError
 from sattrack.runtime.callers import CallerLimits
 from sattrack.servers.alpaca.connections import ClientConnection, OpenConnections
+from sattrack.views.picture import ON_PAGE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -195,6 +197,14 @@ class VisitorScreen(AppService):
             await super().run()
         finally:
             await self.remote_close()
+
+    async def on_meta(self, data: bytes) -> None:
+        """Pass a camera's picture on to the page; the rest is as usual."""
+        told = json.loads(data)
+        if told["type"] == ON_PAGE:
+            await self.remote_write_str(json.dumps([ON_PAGE, told]))
+        else:
+            await super().on_meta(data)
 
     async def stop(self) -> None:
         """End the process: ask it, then terminate it, then kill it."""

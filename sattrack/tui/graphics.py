@@ -27,6 +27,7 @@ from textual.strip import Strip
 from textual.widget import Widget
 
 from sattrack.tui.look import concrete
+from sattrack.views.picture import ON_PAGE
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -293,6 +294,44 @@ class PlacedPicture(RealPicture):
             self.app._driver.write(f"\x1b_Ga=d,d=I,q=2,i={self._image}\x1b\\")
 
 
+class PageImage(RealPicture):
+    """Has the page of `serve web` lay the picture over its cells, as an image of its own."""
+
+    def __init__(self, cell: CellOfPixels) -> None:
+        super().__init__(cell)
+        self._told: dict[str, object] = {}
+
+    def show(self, picture: Painted) -> None:
+        """Show dots, as many as fit."""
+        self._drawing, self._fits = b64encode(picture.png()).decode(), self._room
+        self.refresh()
+
+    def render_lines(self, crop: Region) -> list[Strip]:
+        """Return blanks; have the picture laid there, or taken away beneath a dialog."""
+        self._lay(self._drawing if self.screen.is_active and self._fits == self._room else "")
+        return [Strip.blank(crop.width, self.rich_style)] * crop.height
+
+    def forget(self) -> None:
+        """Have it taken away: the screen is left."""
+        self._lay("")
+
+    def on_hide(self) -> None:
+        """Have it taken away: another page is shown."""
+        self._lay("")
+
+    def _lay(self, png: str) -> None:
+        """Tell the page what to show, and where: shares of the screen's width and height."""
+        from textual.drivers.web_driver import WebDriver
+
+        driver, (columns, rows) = self.app._driver, self.app.size
+        x, y, width, height = self.region
+        place = x / columns, y / rows, width / columns, height / rows
+        told: dict[str, object] = {"type": ON_PAGE, "png": png, "place": place if png else ()}
+        if told != self._told and isinstance(driver, WebDriver):
+            self._told = told
+            driver.write_meta(told)
+
+
 def _control(text: str) -> Segment:
     """Return what is written as it is: told to be control, it is not given other colours and characters."""
     return Segment(text, None, [(ControlType.CURSOR_FORWARD, 0)])
@@ -306,6 +345,8 @@ def _placeholders(row: int, first: int, beyond: int) -> str:
 
 def picture_of(pixels: TerminalPixels) -> RealPicture:
     """Return what shows a picture in a terminal's pixels."""
+    if pixels.browser:
+        return PageImage(pixels.cell)
     return PlacedPicture(pixels.cell) if pixels.kitty else RealPicture(pixels.cell)
 
 

@@ -63,6 +63,8 @@ CAN_YOU_PLACE = b"\x1b_Gi=1,a=q,U=1,f=24,s=1,v=1;AAAA\x1b\\"
 PLACES, GRAPHICS = re.compile(rb"\x1b_Gi=1;OK\x1b\\"), re.compile(rb"\x1b_G[^\x1b]*\x1b\\")
 WITHIN_ANOTHER = ("TMUX", "STY")
 """Set within tmux and screen, which take what is asked by that protocol for a title."""
+BROWSER_CELL_PX = (9, 21)
+"""About what a page's cells have at its usual size; it scales the picture to them."""
 ANSWERS_WITHIN_S = 0.3
 NO_ANSWER = frozenset({"dumb", "linux"})
 STOPPING_KEYS = (b" ", b"q", b"\x11")
@@ -211,7 +213,9 @@ def attach_with_tui(pid: int, name: str, appearance: Appearance, helpers: Helper
     def show(run: AttachedRun) -> bool:
         from sattrack.tui.app import TrackApp
 
-        return run_until_left(TrackApp(run, appearance=appearance, helpers=Helpers.of(helpers, pid)))
+        pixels = _browser_pixels(appearance)
+        app = TrackApp(run, appearance=appearance, helpers=Helpers.of(helpers, pid), pixels=pixels)
+        return run_until_left(app)
 
     def end(run: AttachedRun) -> int:
         run.close()
@@ -231,6 +235,13 @@ def sky_of_run(facts: RunFacts) -> PassView:
     clock = read_kernel_clock()
     known = clock is not None and clock.synchronised
     return pass_scene(facts, clock.estimated_error_s if clock is not None and known else None)
+
+
+def _browser_pixels(appearance: Appearance) -> TerminalPixels | None:
+    """Return the pixels of a browser's page, where that shows the screen: it scales images to its cells."""
+    if SEEN_BY_BROWSER not in os.environ or appearance.plain or os.environ.get("NO_COLOR"):
+        return None
+    return TerminalPixels(lambda: BROWSER_CELL_PX, browser=True)
 
 
 def _terminal_pixels(appearance: Appearance) -> TerminalPixels | None:

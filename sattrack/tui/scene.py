@@ -35,10 +35,11 @@ DEFAULT_APPEARANCE = Appearance()
 
 
 class TerminalPixels(NamedTuple):
-    """What returns the pixels of a terminal's cells; it draws by kitty's protocol, or by sixels."""
+    """What returns the pixels of a terminal's cells; it draws kitty's way, as a page, or else by sixels."""
 
     cell: CellOfPixels
     kitty: bool = False
+    browser: bool = False
 
 
 def can_show(encoding: str | None) -> bool:

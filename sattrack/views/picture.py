@@ -15,6 +15,8 @@ MOST_STARS_SHOWN = 60
 MOST_PICTURE_BYTES = 160_000
 """Of one picture's line, above what MOST_SIDE squared comes to in base64."""
 PICTURES_A_SECOND = 3.0
+ON_PAGE = "picture"
+"""The type of what a browser's page is told of the picture that lies over its cells."""
 
 
 class PicturesWanted(msgspec.Struct, frozen=True, tag="pictures_wanted"):

@@ -11,6 +11,7 @@ import re
 import select
 import struct
 import termios
+from base64 import b64decode
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
@@ -22,6 +23,7 @@ import numpy as np
 import pytest
 from test_other_screens import HERE, FakeHelpers, text_of
 from textual._xterm_parser import XTermParser
+from textual.drivers.headless_driver import HeadlessDriver
 from textual.events import Key
 from textual.geometry import Region
 from tui_builders import SKY, VIEW, FakeFeed, HandClock, changed
@@ -365,6 +367,33 @@ class TestRealPixels:
                 assert not any("\x1b" in strip.text for strip in lines(real)), (
                     "it would be drawn over the help"
                 )
+
+        asyncio.run(run())
+
+    def test_a_browsers_page_is_told_where_to_lay_it_and_to_take_it_away(self) -> None:
+        async def run() -> None:
+            news = News((changed(VIEW, loop=LOOP),), session=HERE, sky=SKY, you=0)
+            pixels = TerminalPixels(lambda: CELL, browser=True)
+            app = TrackApp(FakeFeed([news]), monotonic=HandClock(), helpers=FakeHelpers(), pixels=pixels)
+            app._screens.pictures = FakePictures()  # type: ignore[assignment]
+            with (
+                patch("textual.drivers.web_driver.WebDriver", HeadlessDriver),
+                patch.object(HeadlessDriver, "write_meta", create=True) as page,
+            ):
+                async with app.run_test(size=(80, 24)) as pilot:
+                    for keys, laid in (("6", True), ("question_mark", False), ("escape", True), ("1", False)):
+                        await pilot.press(keys)
+                        await settle(app, pilot)
+                        if keys != "1":
+                            assert not any(strip.text.strip() for strip in lines(app.query_one(RealPicture)))
+                        told = page.call_args.args[0]
+                        assert told["type"] == "picture"
+                        assert bool(told["png"]) is laid, keys
+                        if laid:
+                            left, top, width, height = told["place"]
+                            assert 0.0 <= left < left + width < 1.0
+                            assert 0.0 < top < top + height < 1.0
+                            assert b64decode(told["png"]).startswith(b"\x89PNG")
 
         asyncio.run(run())
 

@@ -292,6 +292,17 @@ class Browser:
         for what in ("mousePressed", "mouseReleased"):
             await self.call("Input.dispatchMouseEvent", type=what, button="left", clickCount=1, **at)
 
+    async def shows(self, picture: bool) -> dict[str, Any]:
+        """Wait until the page has a picture laid over the terminal, or none; tell how it lies."""
+        until_s = time.monotonic() + PATIENCE_S
+        while True:
+            told = await self.call("Runtime.evaluate", expression=LIES, returnByValue=True)
+            lies = told["result"].get("value")
+            if (lies is not None and lies["wide"] > 0) if picture else lies is None:
+                return lies or {}
+            assert time.monotonic() < until_s
+            await asyncio.sleep(0.05)
+
     async def resize(self, width: int, height: int) -> None:
         """Make the window another size, in pixels."""
         window = await self.call("Browser.getWindowForTarget")
@@ -342,6 +353,63 @@ def test_a_run_is_seen_taken_and_stopped_in_a_browser(
         assert demo.wait(PATIENCE_S) == 0
     assert summary["ended_by"] == "operator"
     assert summary["mount_stopped"] is True
+
+
+CAMERA = Path(__file__).with_name("camera_on_page.py")
+BUILDERS = Path(__file__).parents[2] / "tui"
+LIES = """(() => {
+  const image = document.getElementById("picture"), screen = document.querySelector(".xterm-screen");
+  if (getComputedStyle(image).display === "none") return null;
+  const at = image.getBoundingClientRect(), all = screen.getBoundingClientRect();
+  return {wide: image.naturalWidth, left: at.left - all.left, top: at.top - all.top,
+          right: all.right - at.right, bottom: all.bottom - at.bottom,
+          stretched: at.width / image.naturalWidth / (at.height / image.naturalHeight)};
+})()"""
+
+
+def test_a_cameras_picture_lies_on_the_page_while_its_screen_is_shown(
+    tmp_path: Path, program: Callable[[str], str]
+) -> None:
+    """It is an image of the page's own, in pixels; a dialog and another page take it away."""
+    with started(
+        program(CHROMIUM), "--headless=new", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0",
+        f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1000,640", "about:blank", told="stderr",
+    ) as chromium:  # fmt: skip
+        assert chromium.stderr is not None
+        found = next(filter(None, (re.search(rb"ws://[^/]+", line) for line in chromium.stderr)))
+        asyncio.run(camera_seen(found[0].decode().removeprefix("ws://")))
+
+
+async def camera_seen(debugger: str) -> None:
+    from sattrack.servers.web import Visit, _serve
+
+    told: asyncio.Future[tuple[str, ...]] = asyncio.get_running_loop().create_future()
+    visit = Visit("127.0.0.1", 0, None, (sys.executable, str(CAMERA), str(BUILDERS)))
+    page = asyncio.ensure_future(_serve(visit, lambda: {7: "a run"}, told.set_result))
+    try:
+        async with aiohttp.ClientSession() as session:
+            async with session.get(f"http://{debugger}/json") as answer:
+                pages = await answer.json()
+            where = next(each["webSocketDebuggerUrl"] for each in pages if each["type"] == "page")
+            async with session.ws_connect(where, max_msg_size=0) as socket:
+                browser = Browser(socket)
+                await browser.call("Network.enable")
+                await browser.call("Page.navigate", url=(await told)[0])
+                await browser.until(b"SPACE STOP")
+                await browser.press("6", "Digit6", 54)
+                lies = await browser.shows(picture=True)
+                assert lies["wide"] > 300
+                assert min(lies[side] for side in ("left", "top", "right", "bottom")) > 0.0
+                assert lies["stretched"] == pytest.approx(1.0, abs=0.1)
+                await browser.press("?", "Slash", 191)
+                await browser.shows(picture=False)
+                await browser.press("?", "Slash", 191)
+                assert (await browser.shows(picture=True))["left"] == lies["left"]
+                await browser.press("1", "Digit1", 49)
+                await browser.shows(picture=False)
+    finally:
+        page.cancel()
+        await asyncio.wait((page,))
 
 
 async def seen_and_stopped(debugger: str, url: str, run: int) -> None:
