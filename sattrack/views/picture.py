@@ -16,7 +16,7 @@ MOST_PICTURE_BYTES = 160_000
 """Of one picture's line, above what MOST_SIDE squared comes to in base64."""
 PICTURES_A_SECOND = 3.0
 ON_PAGE = "picture"
-"""The type of what a browser's page is told of the picture that lies over its cells."""
+"""The type of a message to a browser's page about the picture over its cells."""
 
 
 class PicturesWanted(msgspec.Struct, frozen=True, tag="pictures_wanted"):
