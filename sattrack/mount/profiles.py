@@ -95,11 +95,9 @@ def _read(text: str) -> ProfileFile | None:
         return None
 
 
-def _without_nothing(table: dict[str, Any]) -> dict[str, Any]:
-    kept = {}
-    for name, value in table.items():
-        if isinstance(value, dict):
-            value = _without_nothing(value)  # noqa: PLW2901
-        if value is not None and value != {}:
-            kept[name] = value
-    return kept
+def _without_nothing(value: Any) -> Any:
+    """Return plain data without what is None, which TOML cannot hold, and without empty tables."""
+    if isinstance(value, dict):
+        kept = {name: _without_nothing(one) for name, one in value.items()}
+        return {name: one for name, one in kept.items() if one is not None and one != {}}
+    return [_without_nothing(one) for one in value] if isinstance(value, list | tuple) else value

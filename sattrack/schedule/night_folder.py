@@ -23,6 +23,7 @@ import msgspec
 from sattrack.core.clock import decode_utc, encode_utc
 from sattrack.core.errors import NO_JSON, SattrackError
 from sattrack.core.files import replace_file
+from sattrack.mount.profiles import profile_text
 from sattrack.schedule import machine
 from sattrack.schedule.night import (
     Event,
@@ -423,10 +424,7 @@ class NightFiles:
 
     def profile(self, profile: ProfileFile) -> Path:
         """Write the mount's profile for sessions; return where."""
-        import tomlkit
-
-        given = {name: value for name, value in msgspec.to_builtins(profile).items() if value is not None}
-        return self._write_somewhere(PROFILE, tomlkit.dumps(_without_none(given)).encode())
+        return self._write_somewhere(PROFILE, profile_text(profile).encode())
 
     def _write_somewhere(self, name: str, data: bytes) -> Path:
         """Write what sessions need, into memory where the disk is full; return where."""
@@ -562,13 +560,6 @@ def _recovered(view: ScheduleView) -> Recovered | None:
     known = view.mount in {mount.value for mount in Mount}
     mount = Mount(view.mount) if known else Mount.UNKNOWN
     return Recovered(view.night, begin, end, mount, over, view.summary)
-
-
-def _without_none(value: Any) -> Any:
-    """Return plain data without what is None, which TOML cannot hold."""
-    if isinstance(value, dict):
-        return {key: _without_none(each) for key, each in value.items() if each is not None}
-    return [_without_none(each) for each in value] if isinstance(value, list | tuple) else value
 
 
 def read_status(folder: Path) -> ScheduleView | None:
