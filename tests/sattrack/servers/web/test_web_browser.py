@@ -18,7 +18,7 @@ import time
 import urllib.error
 import urllib.request
 from collections import deque
-from contextlib import contextmanager
+from contextlib import asynccontextmanager, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -33,7 +33,7 @@ from sattrack.cli.main import run as run_command
 from sattrack.runtime.view_server import SUPPORTED, name_for
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import AsyncIterator, Callable, Iterator
 
 pytest.importorskip("textual_serve")
 pytestmark = pytest.mark.skipif(not SUPPORTED, reason="abstract names are Linux's")
@@ -323,6 +323,33 @@ class Browser:
         return told
 
 
+@contextmanager
+def browsing(folder: Path, program: Callable[[str], str], size: str) -> Iterator[str]:
+    """Run a browser with a window of a size; give where its debugger listens."""
+    with started(
+        program(CHROMIUM), "--headless=new", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0",
+        f"--user-data-dir={folder / 'profile'}", f"--window-size={size}", "about:blank", told="stderr",
+    ) as chromium:  # fmt: skip
+        assert chromium.stderr is not None
+        found = next(filter(None, (re.search(rb"ws://[^/]+", line) for line in chromium.stderr)))
+        yield found[0].decode().removeprefix("ws://")
+
+
+@asynccontextmanager
+async def visiting(debugger: str, url: str) -> AsyncIterator[Browser]:
+    """Open a page in a browser, and drive it."""
+    async with aiohttp.ClientSession() as session:
+        async with session.get(f"http://{debugger}/json") as answer:
+            pages = await answer.json()
+        where = next(each["webSocketDebuggerUrl"] for each in pages if each["type"] == "page")
+        async with session.ws_connect(where, max_msg_size=0) as socket:
+            browser = Browser(socket)
+            await browser.call("Network.enable")
+            await browser.call("Page.enable")
+            await browser.call("Page.navigate", url=url)
+            yield browser
+
+
 async def biased(views: asyncio.StreamReader, **asked: float) -> None:
     """Wait until a run itself says that it was asked for these offsets."""
     last: deque[Any] = deque(maxlen=1)
@@ -338,16 +365,8 @@ async def biased(views: asyncio.StreamReader, **asked: float) -> None:
 def test_a_run_is_seen_taken_and_stopped_in_a_browser(
     tmp_path: Path, program: Callable[[str], str], demo: subprocess.Popen[bytes]
 ) -> None:
-    with (
-        page(run=demo.pid) as url,
-        started(
-            program(CHROMIUM), "--headless=new", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0",
-            f"--user-data-dir={tmp_path / 'profile'}", "--window-size=820,480", "about:blank", told="stderr",
-        ) as chromium,
-    ):  # fmt: skip
-        assert chromium.stderr is not None
-        found = next(filter(None, (re.search(rb"ws://[^/]+", line) for line in chromium.stderr)))
-        asyncio.run(seen_and_stopped(found[0].decode().removeprefix("ws://"), url, demo.pid))
+    with page(run=demo.pid) as url, browsing(tmp_path, program, "820,480") as debugger:
+        asyncio.run(seen_and_stopped(debugger, url, demo.pid))
         assert demo.stdout is not None
         summary = json.loads(demo.stdout.read())["summary"]
         assert demo.wait(PATIENCE_S) == 0
@@ -371,13 +390,8 @@ def test_a_cameras_picture_lies_on_the_page_while_its_screen_is_shown(
     tmp_path: Path, program: Callable[[str], str]
 ) -> None:
     """It is an image of the page's own, in pixels; a dialog and another page take it away."""
-    with started(
-        program(CHROMIUM), "--headless=new", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0",
-        f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1000,640", "about:blank", told="stderr",
-    ) as chromium:  # fmt: skip
-        assert chromium.stderr is not None
-        found = next(filter(None, (re.search(rb"ws://[^/]+", line) for line in chromium.stderr)))
-        asyncio.run(camera_seen(found[0].decode().removeprefix("ws://")))
+    with browsing(tmp_path, program, "1000,640") as debugger:
+        asyncio.run(camera_seen(debugger))
 
 
 async def camera_seen(debugger: str) -> None:
@@ -387,52 +401,37 @@ async def camera_seen(debugger: str) -> None:
     visit = Visit("127.0.0.1", 0, None, (sys.executable, str(CAMERA), str(BUILDERS)))
     page = asyncio.ensure_future(_serve(visit, lambda: {7: "a run"}, told.set_result))
     try:
-        async with aiohttp.ClientSession() as session:
-            async with session.get(f"http://{debugger}/json") as answer:
-                pages = await answer.json()
-            where = next(each["webSocketDebuggerUrl"] for each in pages if each["type"] == "page")
-            async with session.ws_connect(where, max_msg_size=0) as socket:
-                browser = Browser(socket)
-                await browser.call("Network.enable")
-                await browser.call("Page.navigate", url=(await told)[0])
-                await browser.until(b"SPACE STOP")
-                await browser.press("6", "Digit6", 54)
-                lies = await browser.shows(picture=True)
-                assert lies["wide"] > 300
-                assert min(lies[side] for side in ("left", "top", "right", "bottom")) > 0.0
-                assert lies["stretched"] == pytest.approx(1.0, abs=0.1)
-                await browser.press("?", "Slash", 191)
-                await browser.shows(picture=False)
-                await browser.press("?", "Slash", 191)
-                assert (await browser.shows(picture=True))["left"] == lies["left"]
-                await browser.press("1", "Digit1", 49)
-                await browser.shows(picture=False)
+        async with visiting(debugger, (await told)[0]) as browser:
+            await browser.until(b"SPACE STOP")
+            await browser.press("6", "Digit6", 54)
+            lies = await browser.shows(picture=True)
+            assert lies["wide"] > 300
+            assert min(lies[side] for side in ("left", "top", "right", "bottom")) > 0.0
+            assert lies["stretched"] == pytest.approx(1.0, abs=0.1)
+            await browser.press("?", "Slash", 191)
+            await browser.shows(picture=False)
+            await browser.press("?", "Slash", 191)
+            assert (await browser.shows(picture=True))["left"] == lies["left"]
+            await browser.press("1", "Digit1", 49)
+            await browser.shows(picture=False)
     finally:
         page.cancel()
         await asyncio.wait((page,))
 
 
 async def seen_and_stopped(debugger: str, url: str, run: int) -> None:
-    async with aiohttp.ClientSession() as session:
-        async with session.get(f"http://{debugger}/json") as answer:
-            pages = await answer.json()
-        where = next(each["webSocketDebuggerUrl"] for each in pages if each["type"] == "page")
-        async with session.ws_connect(where, max_msg_size=0) as socket:
-            browser = Browser(socket)
-            await browser.call("Network.enable")
-            await browser.call("Page.enable")
-            await browser.call("Page.navigate", url=url)
-            # Where the run was not there yet, the page looks again by itself.
-            await browser.until(b"LOOKING ON", b"SPACE STOP")
-            before = await browser.picture()
-            while await browser.picture() == before:
-                # The large figure: how far it is to the satellite yet, or the error.
-                await browser.until(b"range")
-            await browser.press("c", "KeyC", 67)
-            await browser.until(b"IN CONTROL")
-            await nudged(browser, run)
-            await browser.press(" ", "Space", 32)
-            await browser.until(b"the mount is at rest")
+    async with visiting(debugger, url) as browser:
+        # Where the run was not there yet, the page looks again by itself.
+        await browser.until(b"LOOKING ON", b"SPACE STOP")
+        before = await browser.picture()
+        while await browser.picture() == before:
+            # The large figure: how far it is to the satellite yet, or the error.
+            await browser.until(b"range")
+        await browser.press("c", "KeyC", 67)
+        await browser.until(b"IN CONTROL")
+        await nudged(browser, run)
+        await browser.press(" ", "Space", 32)
+        await browser.until(b"the mount is at rest")
     assert all(each.startswith(url) for each in browser.fetched if each.startswith("http")), browser.fetched
 
 
