@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from camera_frames import Canvas, star_streaks
+from threadpoolctl import threadpool_limits
 
 from sattrack.camera.detection import Detection, Detector, ExpectedMotion
 from sattrack.camera.frames import CameraFrame
@@ -167,7 +168,9 @@ def main() -> None:
     )
     options = parser.parse_args()
     frames = options.frames
-    speed(10)
+    # So does `sattrack camera`.
+    threadpool_limits(1)
+    speed(30)
     for number, kind in enumerate(EMPTY):
         if fnmatch.fnmatch(kind.name, options.empty or "*"):
             empty(frames, kind, 20 + number)

@@ -13,24 +13,19 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
-from scipy.ndimage import convolve1d, gaussian_filter1d, map_coordinates
+from scipy.ndimage import map_coordinates
 
-from sattrack.camera.frames import START_EXPOSURE_S, levelled
+from sattrack.camera.frames import START_EXPOSURE_S
+from sattrack.camera.prepared import EDGE_PX, Disc, PreparedImage, Unusable, prepared_of
 from sattrack.camera.shape import (
-    FULL,
-    OF_DISC_PX,
     SURELY_POINT,
     SURELY_SHARP,
-    Disc,
     Point,
-    PreparedImage,
-    discs_of,
     fitted_point,
     is_point_for_sure,
     reach_of_fit,
 )
 from sattrack.camera.streaks import (
-    EDGE_PX,
     LONG_RATIO,
     RIDGE_SNR,
     Footprints,
@@ -67,10 +62,6 @@ EXPECTED_WITHIN_PX = 8.0
 """How far from where it is expected a point may be, beside what its motion is unsure by."""
 RECENT_S = 5.0
 """For so long the place of the satellite tells where it is expected."""
-MESH_PX = 64
-BINOMIAL = (0.25, 0.5, 0.25)
-COMMON = 1.2
-"""Neighbouring pixels have noise in common where it is so many times as large after the filter as if not."""
 USUAL_PSF_PX = 1.3
 PSF_PX = (0.6, 6.0)
 """Between these the sigma of a star's image is believed to be."""
@@ -83,6 +74,8 @@ FEWEST_ROUND = 3
 """Among fewer round stars a streak is no satellite."""
 LEAST_TRAIL_PX = 3.0
 """Of shorter trails no single frame shows that they are none."""
+OF_DISC_PX = 0.3
+"""One sigma of the middle of a disc: its edge goes by whole pixels."""
 CORE_PSF = 4.0
 """Within so many sigmas of a star's image from the middle of a streak something is on it."""
 FAINT_RIDGE_SNR = 0.85
@@ -147,9 +140,9 @@ class Detector:
 
     def look(self, frame: CameraFrame, expected: ExpectedMotion | None = None) -> Detection:
         """Return what is seen in a frame."""
-        prepared = _prepared(frame, self.psf_px)
-        if isinstance(prepared, Detection):
-            return prepared
+        prepared = prepared_of(frame, self.psf_px)
+        if isinstance(prepared, Unusable):
+            return Detection("none", why=prepared.why, saturated=prepared.saturated)
         discs = prepared.discs
         every, footprints = streaks_of(prepared)
         # A column into which a disc overflows is no trail.
@@ -200,80 +193,6 @@ class Detector:
         share = (utc_s - t1) / (t1 - t0)
         moved = math.hypot(x1 - x0, y1 - y0) * share
         return x1 + (x1 - x0) * share, y1 + (y1 - y0) * share, EXPECTED_WITHIN_PX + 0.3 * moved
-
-
-def _prepared(frame: CameraFrame, psf_px: float) -> PreparedImage | Detection:
-    """Return a frame ready to be looked at, or that nothing can be seen in it, and why."""
-    import sep
-
-    pixels = np.ascontiguousarray(frame.pixels, dtype=np.float32)
-    if min(pixels.shape) < 4 * EDGE_PX:
-        why = f"an image of {pixels.shape[1]} × {pixels.shape[0]} pixels is too small"
-        return Detection("none", why=why)
-    bad = ~np.isfinite(pixels)
-    if bad.any():
-        if bad.mean() > 0.5:
-            return Detection("none", why="most of its pixels are no numbers")
-        pixels = np.where(bad, np.float32(np.median(pixels[~bad])), pixels)
-    level = levelled(pixels, frame.header)
-    if level is not None:
-        # A star's light goes by colours too: by these weights each of them counts as much everywhere.
-        pixels = convolve1d(convolve1d(level, BINOMIAL, axis=0), BINOMIAL, axis=1)
-    sample = pixels[:: max(1, pixels.shape[0] // 100), :: max(1, pixels.shape[1] // 100)]
-    highest = math.inf if frame.saturation is None else frame.saturation
-    full = pixels >= FULL * highest
-    saturated = np.count_nonzero(full) / full.size
-    if saturated > 0.3:
-        return Detection("none", why="most of it is saturated", saturated=saturated)
-    if float(sample.max()) == float(sample.min()) and float(pixels.max()) == float(pixels.min()):
-        return Detection("none", why="all its pixels are the same")
-    # Every second pixel will do for the background, in a quarter of the time.
-    background = sep.Background(
-        np.ascontiguousarray(pixels[::2, ::2]),
-        mask=np.ascontiguousarray(bad[::2, ::2]) if bad.any() else None,
-        bw=MESH_PX // 2,
-        bh=MESH_PX // 2,
-    )
-    noise = float(background.globalrms)
-    if not noise > 0.0 or not math.isfinite(noise):
-        noise = float(np.std(sample)) or 1.0
-    every_second = background.back(dtype=np.float32)
-    under = np.empty((len(every_second), pixels.shape[1]), dtype=np.float32)
-    under[:, ::2], under[:, 1::2] = every_second, every_second[:, : pixels.shape[1] // 2]
-    image = np.empty_like(pixels)
-    np.subtract(pixels[::2], under, out=image[::2])
-    np.subtract(pixels[1::2], under[: len(pixels) // 2], out=image[1::2])
-    if bad.any():
-        image[bad] = 0.0
-    smooth = gaussian_filter1d(image, psf_px, axis=0, truncate=3.0)
-    smooth = gaussian_filter1d(smooth, psf_px, axis=1, truncate=3.0)
-    # The noise as it is after the filter: that of colour cameras is not white.
-    part = smooth[EDGE_PX::13, EDGE_PX::7]
-    spread = _clipped_sigma(part)
-    white = noise / (2.0 * math.sqrt(math.pi) * psf_px)
-    smooth /= max(spread, white, 1e-12)
-    common = spread / white if spread > COMMON * white else 1.0
-    said = frame.header.get("EGAIN")
-    gain = float(said) if isinstance(said, int | float) and said > 0.0 else None
-    discs = discs_of(pixels, image, float(background.globalback), highest)
-    sharp, sharp_noise = image, noise
-    if level is not None:
-        sharp = image + (level - pixels)
-        sharp_noise = _clipped_sigma(sharp[EDGE_PX::13, EDGE_PX::7])
-    bad = bad | full
-    return PreparedImage(
-        image, noise, smooth, bad, saturated, gain, pixels, discs, common, sharp, sharp_noise
-    )
-
-
-def _clipped_sigma(values: Pixels) -> float:
-    """Return one sigma of noise in which a few values are something else."""
-    kept = values.ravel()
-    for _ in range(5):
-        middle, sigma = float(np.median(kept)), float(np.std(kept))
-        kept = kept[np.abs(kept - middle) <= 2.5 * sigma]
-    # A normal distribution cut at 2.5 sigmas has 0.952 of its sigma; cut again and again, 0.945.
-    return float(np.std(kept)) / 0.945
 
 
 def _point_target(

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt, find_objects, label, map_coordinates
+from scipy.ndimage import map_coordinates
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
+
+    from sattrack.camera.prepared import PreparedImage
 
     Pixels = NDArray[np.float32]
     Array = NDArray[np.float64]
@@ -27,58 +29,6 @@ SURELY_POINT = 100.0
 """How much likelier than a star's trail a point must be: a field has many faint stars, and one satellite."""
 LEAST_OWN = 0.45
 """The share of the pixels of a fit that are on nothing else."""
-FULL = 0.98
-"""Of the full scale: from there on a pixel tells nothing, for a full well is read with noise."""
-PLATEAU, FOOT = 0.8, 0.4
-"""Shares of what is between the sky and the full scale. A disc has the first, for a well may hold less than
-the converter counts; it ends at the second, so that noise cuts no trail into discs."""
-LARGEST_DISC = 0.1
-"""The radius of a disc, as a share of the image's shorter side; what is larger is the Moon or a cloud."""
-MOST_DISCS = 50
-OF_DISC_PX = 0.3
-"""One sigma of the middle of a disc: its edge goes by whole pixels."""
-
-
-class Disc(NamedTuple):
-    """Something saturated: its middle, radius, and by how much it is longer than wide, pixels; its light."""
-
-    x: float
-    y: float
-    radius_px: float
-    length_px: float
-    flux: float
-    peak: float
-    whole: bool
-    """Whether none of it is at the image's edge."""
-
-    @property
-    def compact(self) -> bool:
-        """Whether it is about as long as wide."""
-        return self.length_px < 2.0 + self.radius_px
-
-    def holds(self, x: Any, y: Any, beside_px: float) -> Any:
-        """Tell whether a place is in it, or so close beside it that its light is there; so of arrays."""
-        return np.hypot(x - self.x, y - self.y) < self.radius_px + self.length_px / 2.0 + beside_px
-
-
-class PreparedImage(NamedTuple):
-    """An image less its background; its noise; its filtered significance; what must not be used."""
-
-    image: Pixels
-    noise: float
-    snr: Pixels
-    bad: NDArray[np.bool_]
-    saturated: float
-    gain: float | None
-    """Electrons for each unit, where the camera says so."""
-    pixels: Pixels
-    """The image as it was read, or its colours together."""
-    discs: tuple[Disc, ...]
-    common: float
-    """How many times less sure a place is because neighbouring pixels have noise in common, as of colours."""
-    sharp: Pixels
-    """The image with its pixels apart, behind filters of colours too: a hot one is one there; its noise."""
-    sharp_noise: float
 
 
 class Point(NamedTuple):
@@ -334,57 +284,3 @@ def _gauss_newton(
         return None
     dof = int(good.sum()) - len(values)
     return values, np.linalg.inv(normal), float(wanted @ wanted) / dof, dof
-
-
-def discs_of(pixels: Pixels, image: Pixels, sky: float, full: float) -> tuple[Disc, ...]:
-    """Return what is saturated and compact in an image of a sky's level and a full scale, brightest first.
-
-    `image` has no background. Single pixels do not count, nor do columns that overflow from a disc: they are
-    thinner than it.
-    """
-    plateau = pixels >= sky + PLATEAU * (full - sky)
-    if not plateau.any():
-        return ()
-    # Hot pixels stand alone.
-    pairs = plateau[:-1] & plateau[1:]
-    squares = pairs[:, :-1] & pairs[:, 1:]
-    if not squares.any():
-        return ()
-    numbers, _ = label(pixels >= sky + FOOT * (full - sky), np.ones((3, 3), dtype=np.intp))
-    parts = find_objects(numbers)
-    found = []
-    for number in np.unique(numbers[:-1, :-1][squares])[:MOST_DISCS].tolist():
-        box = parts[number - 1]
-        disc = _disc(numbers[box] == number, pixels[box], image[box], min(pixels.shape))
-        if disc is not None and disc.compact:
-            x, y = disc.x + box[1].start, disc.y + box[0].start
-            whole = all(at.start > 0 and at.stop < size for at, size in zip(box, pixels.shape, strict=True))
-            found.append(disc._replace(x=x, y=y, whole=whole))
-    return tuple(sorted(found, key=lambda one: -one.flux))
-
-
-def _disc(part: NDArray[np.bool_], pixels: Pixels, image: Pixels, side: int) -> Disc | None:
-    """Return a part of a box as a disc, its place within the box; None where it is too large."""
-    padded = np.pad(part, 1)
-    depth = distance_transform_edt(padded)
-    deepest = float(depth.max())
-    if deepest > LARGEST_DISC * side:
-        return None
-    thin = max(2.0, 0.67 * deepest)
-    if deepest > thin:
-        # What is thinner than two thirds of it, such as the columns into which it overflows, goes.
-        padded &= distance_transform_edt(depth <= thin) <= thin
-    rows, columns = np.nonzero(padded[1:-1, 1:-1])
-    spread = np.cov(np.stack([columns, rows]).astype(np.float64), bias=True) + np.eye(2) / 12.0
-    small, large = np.linalg.eigvalsh(spread).tolist()
-    values = pixels[rows, columns]
-    return Disc(
-        float(columns.mean()),
-        float(rows.mean()),
-        2.0 * math.sqrt(small),
-        # A box of length L has a variance of L²/12 along it.
-        math.sqrt(12.0 * max(large - small, 0.0)),
-        float(image[rows, columns].sum()),
-        float(np.sort(values)[-4:].min()),
-        True,
-    )

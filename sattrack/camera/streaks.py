@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.ndimage import map_coordinates
 
+from sattrack.camera.prepared import EDGE_PX
 from sattrack.camera.shape import CENTROID_FLOOR_PX
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from sattrack.camera.shape import Disc, PreparedImage
+    from sattrack.camera.prepared import Disc, PreparedImage
 
     Pixels = NDArray[np.float32]
     Array = NDArray[np.float64]
@@ -25,7 +26,6 @@ UNBROKEN_SNR = 2.4 * LONG_SNR
 FEWEST_PIXELS = 25
 LONG_RATIO = 2.5
 """Length over width from which on a detection is a streak."""
-EDGE_PX = 4
 NEARER = 0.6
 """Of what is between a streak's middle line and a point beside it, the share that is the streak's."""
 RIDGE_SNR = 3.0
@@ -117,7 +117,8 @@ def streaks_of(prepared: PreparedImage) -> tuple[list[Streak], Footprints]:
             LONG_SNR,
             minarea=FEWEST_PIXELS,
             filter_kernel=None,
-            deblend_cont=1.0,
+            # What touches stays together; with more levels each part would be looked at again, for nothing.
+            deblend_nthresh=1,
             clean=False,
             segmentation_map=True,
         )

@@ -88,6 +88,8 @@ def command(context: CommandContext, source: str, **options: Any) -> int:
     from sattrack.camera.sources import SourceOptions, open_source
 
     needed("sep", "a camera", "camera")
+    # A second thread waits, busy, for the next small fit: it takes a core and gains nothing.
+    needed("threadpoolctl", "a camera", "camera").threadpool_limits(1)
     geometry = _geometry(context, options)
     _check_save(source, options["save"])
     given = SourceOptions(_exposure_s(options["exposure"]), options["latency"], options["watch"])

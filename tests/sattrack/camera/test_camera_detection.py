@@ -10,10 +10,11 @@ import camera_sky
 import numpy as np
 import pytest
 from camera_frames import Canvas, star_streaks
-from scipy.ndimage import convolve
+from scipy.ndimage import convolve, gaussian_filter
 
 from sattrack.camera.detection import Detection, Detector, ExpectedMotion
 from sattrack.camera.frames import CameraFrame
+from sattrack.camera.prepared import smoothed
 from sattrack.mount.simulator.camera import SkyCamera
 from sattrack.mount.simulator.hidden import Hidden, SimulatedCamera
 from sattrack.mount.simulator.night_sky import NightSky
@@ -35,6 +36,14 @@ def seen(
 
 def small(psf_px: float = 1.2) -> Canvas:
     return Canvas(512, 384, psf_px)
+
+
+@pytest.mark.parametrize("shape", [(16, 16), (37, 1003), (960, 20), (481, 497), (1300, 30)])
+@pytest.mark.parametrize("sigma_px", [0.6, 1.3, 6.0])
+def test_an_image_is_smoothed_as_scipy_does_it(shape: tuple[int, int], sigma_px: float) -> None:
+    image = np.random.default_rng(6).normal(100.0, 20.0, shape).astype(np.float32)
+    judge = gaussian_filter(image.astype(np.float64), sigma_px, truncate=3.0)
+    assert smoothed(image, sigma_px) == pytest.approx(judge, rel=3e-6)
 
 
 def test_a_point_among_fifty_streaks_is_found_where_it_is() -> None:
@@ -260,12 +269,13 @@ def test_frames_without_an_image_show_nothing_and_say_why(pixels: np.ndarray) ->
     assert one.why
 
 
-def test_pixels_that_are_no_numbers_do_not_hide_the_satellite() -> None:
+@pytest.mark.parametrize("none", [np.nan, np.inf, 1e30, -3.4e38])
+def test_pixels_that_are_no_numbers_do_not_hide_the_satellite(none: float) -> None:
     rng = np.random.default_rng(8)
     canvas = small()
     canvas.point(200.3, 150.7, canvas.flux_of(40.0))
     pixels = canvas.exposed(rng).astype(np.float64)
-    pixels[rng.integers(0, 384, 40), rng.integers(0, 140, 40)] = np.nan
+    pixels[rng.integers(0, 384, 40), rng.integers(0, 140, 40)] = none
     one = seen(pixels)
     assert one.kind == "point"
     assert one.x == pytest.approx(200.3, abs=0.2)

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -274,6 +277,34 @@ def test_that_the_rotation_of_an_image_is_not_known_is_reported_before_the_run(
     practice = ("track", "ISS", "--mount", "sim", "--headless", "--config", str(settings))
     err = ran(capsys, *practice, "--camera", f"{name}=folder:{tmp_path}", *more, code=1)[1]
     assert (f"camera {name}: its rotation is not known" in err) is unknown
+
+
+def test_frames_are_looked_at_by_one_thread(tmp_path: Path) -> None:
+    """Others of numpy's would wait for work, busy, on the cores of the run and of its simulated mount."""
+    write_frames(tmp_path, [None])
+    code = """
+import sys
+from threadpoolctl import threadpool_info
+from sattrack.camera.detection import Detection, Detector
+from sattrack.cli.main import run
+threads = lambda: max(one["num_threads"] for one in threadpool_info())
+before = threads()
+def look(*of):
+    print("threads", before, threads())
+    return Detection("none", why="")
+Detector.look = look
+sys.exit(run(sys.argv[1:]))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code, "camera", f"folder:{tmp_path}", "--alone", "--no-solve"],
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "2"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    told = [line.split()[1:] for line in done.stdout.splitlines() if line.startswith("threads")]
+    assert [after for _, after in told] == ["1"], done.stdout
+    assert os.cpu_count() == 1 or told[0][0] != "1"
 
 
 def test_in_virtual_time_offsets_of_another_mount_are_not_used(
