@@ -381,7 +381,7 @@ def test_a_track_is_smoothed_as_far_as_its_sigma_says() -> None:
 
 def test_spans_of_hours_are_judged_each_by_its_own_median() -> None:
     """Twelve hours at 20 a second, with a clock that was set back, take about twelve times as long as one."""
-    rng, took_s = np.random.default_rng(7), []
+    rng, fastest_s = np.random.default_rng(7), []
     for count in (72_000, 864_000):
         at = 1.79e9 + 0.05 * np.arange(count) - np.where(np.arange(count) > count // 2, 90.0, 0.0)
         levels = rng.uniform(0.1, 20.0, 2200)
@@ -391,11 +391,16 @@ def test_spans_of_hours_are_judged_each_by_its_own_median() -> None:
         run = SimpleNamespace(
             utc_s=at, total=levels[number], engine=SimpleNamespace(spec=SimpleNamespace(plan=plan))
         )
-        began_s = time.process_time()
-        near = Trace._near(run, marked)
-        took_s.append(time.process_time() - began_s)
+        took_s = []
+        for _ in range(3):
+            began_s = time.process_time()
+            near = Trace._near(run, marked)
+            took_s.append(time.process_time() - began_s)
         assert (near == (marked & (levels[number] < 10.0))).all()
-    assert took_s[1] < 40.0 * took_s[0]
+        fastest_s.append(min(took_s))
+    # Twelve times the samples do not fit in the processor's cache; judged span by span over all of them,
+    # they would take 144 times as long.
+    assert fastest_s[1] < 72.0 * fastest_s[0]
 
 
 def test_a_smoothed_track_is_the_most_likely_one_of_all_states_at_once() -> None:
