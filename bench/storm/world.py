@@ -49,7 +49,8 @@ if TYPE_CHECKING:
 
 WATCHED_ON_S = 8.0
 """How long the mount is watched after everybody has let go of it."""
-LONGEST_S = 1500.0
+ENDLESS_S = 600.0
+"""A program that has not ended so long after a person's stop never will."""
 GUARDIAN_POLL_S = 0.1
 GUARDIAN_UP_S = 0.2
 """From a guardian's start to its watch."""
@@ -642,6 +643,11 @@ class World:
 
     def _ask_stop(self) -> None:
         self.page[Word.STOP_ASKED] = 1
+        self.at(self.now_s + ENDLESS_S, self._end_endless, self.page)
+
+    def _end_endless(self, page: Any) -> None:
+        """End a process that runs on after a person's stop; the judge sees for how long."""
+        self._kill = self._kill or (self.feeder_lives and page is self.page)
 
     # the run
 

@@ -12,6 +12,7 @@ import pytest
 from storm.draws import Fault, Person, Storm, draw
 from storm.invariants import Watcher, judged
 from storm.night import NightWorld, Session
+from storm.programs import ServedLoop, ServedWorld
 from storm.world import Guard, Sent, World
 
 from sattrack.control.engine import Engine
@@ -146,6 +147,16 @@ def test_once() -> None:
                 return super().tick(now_utc_s)
 
     assert violated_alone(quiet(), Fickle) == {"once"}
+
+
+def test_once_where_a_server_does_not_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is ended, and not served for ever."""
+    monkeypatch.setattr("storm.world.ENDLESS_S", 90.0)
+
+    monkeypatch.setattr(ServedLoop, "interrupt", lambda *of: None)
+    storm = next(one for one in map(draw, range(5000)) if one.program == "rotctld").fair()
+    people = (Person(8.0, "", "stop"),)
+    assert "once" in violated_alone(replace(storm, people=people, fault_free=False), ServedWorld)
 
 
 def test_replay(monkeypatch: pytest.MonkeyPatch) -> None:

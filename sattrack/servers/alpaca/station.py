@@ -380,18 +380,18 @@ class TelescopeStation:
 
     def _why_not_idle(self) -> str | None:
         """Return why nothing of its own can move the mount now, as text; None where it can."""
-        session = self.console.session
-        idle = isinstance(session.wanted, Hold) and session.move_over and not session.busy
-        status = session.status
-        if self.console.lead is not None and self._path is None and self._ending is None:
-            return (
-                None if self.console.lead.arrived else f"the mount is {self._doing}: wait until that is over"
-            )
         if self._path is not None:
             return None
         if self._ending is not None:
             return "the server is ending"
-        if self.engine is not None or not idle or status is None or status.slewing:
+        session, lead = self.console.session, self.console.lead
+        if lead is not None:
+            # The rates that keep a mount with a geometry on the sky are nobody's motion.
+            idle = lead.arrived
+        else:
+            idle = isinstance(session.wanted, Hold) and session.move_over and not session.busy
+            idle = idle and session.status is not None and not session.status.slewing
+        if self.engine is not None or not idle:
             return f"the mount is {self._doing}: wait until that is over"
         if self._mount_state.at_park(session):
             return "the mount is parked"

@@ -15,11 +15,13 @@ from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 from alpaca_serving import say, serving
-from alpaca_stand import VirtualTelescope
+from alpaca_stand import BEGIN_UTC_S, PROFILE, VirtualTelescope
 from antenna_harness import SITE
 from indi_programs import Indi
+from msgspec.structs import replace
 from programs import ended, free_port, sattrack
 from serving import PATIENCE_S, WHERE, call, until
+from test_alpaca_satellite import follow
 from test_planetarium import Line
 from test_planetarium import message as new_vector
 
@@ -210,6 +212,30 @@ def test_the_end_of_the_server_stops_what_a_rotator_began() -> None:
     scope.point(here.az_deg - 60.0, here.el_deg)
     scope.run_for(2.0)
     assert isinstance(scope.station.session.wanted, MoveAxes)
+    scope.station.end(scope.now_utc_s)
+    until_s = scope.now_utc_s + 20.0
+    while not scope.station.finished:
+        assert scope.now_utc_s < until_s
+        scope.run_for(0.05)
+    assert scope.station.mount_stopped is True
+
+
+def test_a_satellite_is_kept_from_a_rotators_positions_on_a_mount_whose_axes_point_elsewhere() -> None:
+    """Such a mount is kept on the sky by rates, whatever else follows; the end must stop what follows it."""
+    profile = replace(
+        PROFILE,
+        additive=False,
+        geometry=AxisGeometry(0.0, SITE.latitude_deg, reports="sky"),
+        stands_at=SitePlace(SITE.latitude_deg, SITE.longitude_deg),
+    )
+    scope = Shared(begin_utc_s=BEGIN_UTC_S + 130.0, profile=profile)
+    place = scope.where()
+    scope.put("slewtocoordinatesasync", RightAscension=scope.get("rightascension"), Declination=55.0)
+    scope.wait_while("slewing")
+    follow(scope, 10.0)
+    assert scope.point(place.az_deg, place.el_deg) is Code.REJECTED
+    assert "the mount is following" in scope.rotator.log_lines[-1]
+    scope.run_for(1.0)
     scope.station.end(scope.now_utc_s)
     until_s = scope.now_utc_s + 20.0
     while not scope.station.finished:
