@@ -175,6 +175,13 @@ def find(elements: Sequence[Elements], key: str | int) -> Elements:
     )
 
 
+def key_of(one: Elements) -> str:
+    """Return by what `find` finds an object: its number, or its designator or name where it has none."""
+    if one.catalog_number in NO_NUMBERS:
+        return one.designator or one.label
+    return str(one.catalog_number)
+
+
 def _numbered(one: Elements) -> str:
     return f"{one.label} ({one.catalog_number})"
 

@@ -21,7 +21,7 @@ from tle.formats.observations import Observation, Stations, read_observations
 from tle.formats.omm_notations import covariance_kvn, write_kvn
 from tle.instants import Utc
 from tle.orbit_fit import fit_observations
-from tle.sources import NO_NUMBERS, find
+from tle.sources import find, key_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -81,7 +81,7 @@ def collect(
             tell(f"{error}; its elements stay")
             continue
         if fit is None:
-            tell(f"{_key(of)}: its {len(seen)} observations agree on no orbit near its elements, which stay")
+            tell(f"{key_of(of)}: its {len(seen)} observations agree on no orbit near its elements, which stay")
         else:
             found.fits[of] = fit
     return found
@@ -98,7 +98,7 @@ def _read(
     recording, facts = open_recording(file)
     if facts.elements is None:
         raise SattrackError(f"{file}: its target has no elements")
-    key = _key(facts.elements)
+    key = key_of(facts.elements)
     for seen in seen_in(recording, knowing(recording, engine_of)):
         at = Utc(seen.utc_s)
         place, sigma = facts.site.place(), seen.sigma_arcsec
@@ -116,13 +116,6 @@ def _read(
             ),
             _found(key, elements, file),
         )
-
-
-def _key(elements: Elements) -> str:
-    """Return what names a satellite: its designator or name where it has no catalogue number."""
-    if elements.catalog_number in NO_NUMBERS:
-        return elements.designator or elements.label
-    return str(elements.catalog_number)
 
 
 def _found(key: str, elements: Sequence[Elements], file: Path) -> Elements:

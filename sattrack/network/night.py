@@ -24,7 +24,7 @@ from sattrack.schedule.transitions import ActionCost, Overhead, SlewTransitions,
 from tle.errors import AmbiguousSatelliteError
 from tle.instants import DAY_S, Utc
 from tle.passes import HOUR_S
-from tle.sources import NO_NUMBERS, find
+from tle.sources import NO_NUMBERS, find, key_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -178,16 +178,11 @@ def by_object(elements: Sequence[Elements], tell: Callable[[str], None]) -> dict
     for number, alike in found.items():
         try:
             if number < 0 or len(alike) > 1:
-                find(elements, _key(alike[0]))
+                find(elements, key_of(alike[0]))
             named[number] = alike[0]
         except AmbiguousSatelliteError as error:
             tell(f"left out: {error}")
     return named
-
-
-def _key(one: Elements) -> str:
-    """Return how a schedule names a satellite."""
-    return (one.name or one.designator if one.catalog_number in NO_NUMBERS else "") or str(one.catalog_number)
 
 
 def read_passes(
@@ -507,7 +502,7 @@ def schedule_text(
             **({"if_sun_up": "run"} if wishes.any_light else {}),
         },
         "fixed": [
-            {"satellite": _key(elements[number]), "start": _iso(start), "end": _iso(end)}
+            {"satellite": key_of(elements[number]), "start": _iso(start), "end": _iso(end)}
             for number, start, end in zip(
                 passes.number.tolist(), passes.start_s.tolist(), passes.end_s.tolist(), strict=True
             )
