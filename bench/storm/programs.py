@@ -19,15 +19,22 @@ from sattrack.control.console import Console
 from sattrack.control.manual_operation import ConsoleSession
 from sattrack.core.angles import wrap180
 from sattrack.core.clock import SystemClock
-from sattrack.mount.model import Slew, mean_sidereal_deg
-from sattrack.mount.requests import SETTLED, Abort, Sync
+from sattrack.mount.model import AxesPosition, Slew, mean_sidereal_deg
+from sattrack.mount.requests import SETTLED, Abort, FindHome, Park, PulseGuide, Sync
 from sattrack.runtime.connection import Connection
 from sattrack.runtime.console import ConsoleLoop
 from sattrack.runtime.facts import encode_facts
 from sattrack.runtime.guardian import Word
 from sattrack.runtime.loop import StationLoop
 from sattrack.runtime.system import StopRequest
-from sattrack.servers.alpaca.protocol import BiasOrder, FollowOrder, MoveOrder, NumberedOrder
+from sattrack.servers.alpaca.protocol import (
+    BiasOrder,
+    FineOrder,
+    FollowOrder,
+    MoveOrder,
+    NumberedOrder,
+    TrackOrder,
+)
 from sattrack.servers.alpaca.serve import engine_maker
 from sattrack.servers.alpaca.station import TelescopeStation
 from sattrack.servers.antenna.controller import AntennaStation
@@ -48,6 +55,7 @@ from tle.sources import write_elements
 if TYPE_CHECKING:
     from sattrack.mount.requests import Ticket, TicketState
     from sattrack.runtime.control_arbiter import Observers
+    from sattrack.servers.alpaca.protocol import Order
     from sattrack.views.messages import ConsoleMessage
 
 SILENT_S = 10.0
@@ -186,14 +194,21 @@ SWINGS = ((0.0, 60.0, 311.0), (25.0, 40.0, 173.0))
 """Of hour angle and declination, degrees, where a fight's positions swing about, how far, and in how long."""
 
 
+MORE_ORDERS_FROM = 700_000
+"""From this seed on, clients of Alpaca pulse, set rates and tracking, and send the mount to park and home."""
+
+
 class TelescopeWorld(ServedWorld):
     """A world whose program serves one mount to clients of Alpaca and of rotctld at once."""
 
     def _feed(self, observers: Observers) -> None:
         del observers
-        facts = self.storm.facts
+        facts, stands = self.storm.facts, AxesPosition(*self.storm.stands)
         place = facts.site.place()
-        station = TelescopeStation(facts.profile, facts.limits, place, "storm", engine_maker(facts.limits))
+        profile = facts.profile
+        if self.storm.seed >= MORE_ORDERS_FROM:
+            profile = msgspec.structs.replace(profile, park=stands, home=stands)
+        station = TelescopeStation(profile, facts.limits, place, "storm", engine_maker(facts.limits))
         rotator = station.share(SiteSky(place))
         self._station = station
         self._dice_of_clients = random.Random(f"clients {self.storm.seed}")
@@ -246,9 +261,21 @@ class TelescopeWorld(ServedWorld):
             self._came.append(FollowOrder(msgspec.Raw(told)))
         elif chance < 0.8:
             self._came.append(BiasOrder(along_s=dice.uniform(-0.5, 0.5)))
+        elif chance < 0.9 and self.storm.seed >= MORE_ORDERS_FROM:
+            self._came.append(self._other_order(dice))
         else:
             self._came.append(Abort())
         self.at(self.now_s + dice.expovariate(1.0 / ORDERS_EVERY_S), self._want)
+
+    def _other_order(self, dice: random.Random) -> Order:
+        chance, fine = dice.random(), (None, 0.0, -0.004, 0.003)
+        if chance < 0.35:
+            return PulseGuide(dice.randrange(-3000, 3001), dice.choice((0, dice.randrange(-3000, 3001))))
+        if chance < 0.6:
+            return FineOrder(dice.choice(fine), dice.choice(fine))
+        if chance < 0.85:
+            return TrackOrder(dice.random() < 0.5)
+        return Park() if chance < 0.93 else FindHome()
 
     def answer(self, now_utc_s: float) -> None:
         """Carry out orders, answer rotctld's clients, and see to it that each order is answered once."""
