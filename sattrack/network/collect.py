@@ -81,7 +81,9 @@ def collect(
             tell(f"{error}; its elements stay")
             continue
         if fit is None:
-            tell(f"{key_of(of)}: its {len(seen)} observations agree on no orbit near its elements, which stay")
+            tell(
+                f"{key_of(of)}: its {len(seen)} observations agree on no orbit near its elements, which stay"
+            )
         else:
             found.fits[of] = fit
     return found

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 ALIGNMENT_QUERY = "\x06"
 ALIGNMENTS = {ALT_AZ: "A", POLAR: "P", GERMAN: "G"}
 LONGEST_COMMAND = 64
+SEEN_WITHIN_S = 1.0
+"""So long after a key is pressed the mount's state shows that it moves."""
 RATES_DEG_S = {"G": 0.5 * SIDEREAL_RATE_DEG_S, "C": 0.1, "M": 0.5, "S": 4.0}
 """What `RG`, `RC`, `RM` and `RS` choose: guiding, centring, finding, slewing; at most what the axis bears."""
 DIRECTIONS = {"n": (1, 1.0), "s": (1, -1.0), "e": (0, -1.0), "w": (0, 1.0)}
@@ -106,6 +108,8 @@ class Lx200Client:
     read, it is a digit alone, as OnStep has it."""
     turning: set[int] = field(default_factory=set)
     """The axes that its direction keys turn."""
+    _pressed_utc_s: float = -math.inf
+    """When one was pressed last."""
     _is_long: bool = True
     _rate: str = "C"
     _ra_h: float | None = None
@@ -144,8 +148,7 @@ class Lx200Client:
 
     def left(self) -> Asked:
         """Return what ends the motions of a client that is gone."""
-        ended = self._end_motion(self.turning)
-        return ended._replace(orders=tuple(one for one in ended.orders if isinstance(one, MoveOrder)))
+        return Asked(self._ends(self.turning))
 
     def _get(self, what: str, now_utc_s: float) -> bytes:
         device, now = self.telescope.device, self._local(now_utc_s)
@@ -207,32 +210,40 @@ class Lx200Client:
 
         asked = self._ask("moveaxis", now_utc_s, refused=refused, Axis=axis, Rate=rate_deg_s)
         self.turning.add(axis)
+        self._pressed_utc_s = now_utc_s
         return asked
 
-    def _halt(self, what: str, _: float) -> Answer:
+    def _halt(self, what: str, now_utc_s: float) -> Answer:
         """End one direction; without one, end the keys' motion, or stop the mount where that is not all.
 
         So the drive tracks on when a key is let go, and a stop stops everything.
         """
         if what in DIRECTIONS:
-            return self._end_motion({DIRECTIONS[what][0]})
+            return self._end_motion({DIRECTIONS[what][0]}, now_utc_s)
         if what:
             return b""
         state = self.telescope.state
-        if self.turning and state is not None and state.doing == MOVING_BY_RATES:
-            return self._end_motion(self.turning)
+        by_rates = state is not None and state.doing == MOVING_BY_RATES
+        if state is not None and by_rates and self.turning and self.turning.issuperset(state.turning):
+            return self._end_motion(self.turning, now_utc_s)
         self.turning.clear()
         return Asked((Abort(),))
 
-    def _end_motion(self, axes: set[int]) -> Asked:
+    def _end_motion(self, axes: set[int], now_utc_s: float) -> Asked:
+        state, ends = self.telescope.state, self._ends(axes)
+        if not ends or self.turning or state is None or state.tracking:
+            return Asked(ends)
+        if state.doing != MOVING_BY_RATES and now_utc_s - self._pressed_utc_s > SEEN_WITHIN_S:
+            # Somebody has stopped what the key began.
+            return Asked(ends)
+        # Most of these clients cannot set tracking: after a stop, a key is how they take it up.
+        return Asked((*ends, TrackOrder(on=True)))
+
+    def _ends(self, axes: set[int]) -> tuple[Order, ...]:
+        """Return what ends the keys' motion of some axes."""
         ends = sorted(self.turning & axes)
         self.turning.difference_update(ends)
-        orders: tuple[Order, ...] = tuple(MoveOrder(axis, 0.0) for axis in ends)
-        state = self.telescope.state
-        if ends and not self.turning and state is not None and not state.tracking:
-            # Most of these clients cannot set tracking: after a stop, a key is how they take it up.
-            orders = (*orders, TrackOrder(on=True))
-        return Asked(orders)
+        return tuple(MoveOrder(axis, 0.0) for axis in ends)
 
     def _to_target(
         self, member: str, done: bytes, refused: Callable[[str], bytes], now_utc_s: float

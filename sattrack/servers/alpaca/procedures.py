@@ -96,9 +96,14 @@ class Drive:
         self._ending: Ticket | None = None
 
     @property
+    def turning(self) -> tuple[int, ...]:
+        """The axes that move by the last commands."""
+        return tuple(axis for axis, rate_deg_s in self._rates.items() if rate_deg_s)
+
+    @property
     def moves(self) -> bool:
         """Whether an axis moves by the last command."""
-        return any(self._rates.values())
+        return bool(self.turning)
 
     def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
         """See Procedure."""
@@ -197,7 +202,7 @@ class AfterStop:
     @property
     def doing(self) -> str:
         """The operation under way, as text."""
-        return self._then.doing if self._begun else "stopping before it slews elsewhere"
+        return self._then.doing if self._begun else f"stopping before {self._then.doing}"
 
     def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
         """See Procedure."""

@@ -522,6 +522,8 @@ class TelescopeState(msgspec.Struct, frozen=True, tag="state"):
     ra_offset_deg_s: float = 0.0
     dec_offset_deg_s: float = 0.0
     doing: str = "idle"
+    turning: tuple[int, ...] = ()
+    """The axes that MoveAxis turns."""
     failure: str | None = None
     """Why the last slew, park, home or move failed; None once something else is requested."""
     tripped: str | None = None

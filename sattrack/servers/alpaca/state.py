@@ -120,11 +120,12 @@ def state_of(  # noqa: PLR0913 - one argument for each value that statuses do no
     following: FollowedState | None,
     looks_at_deg: tuple[float, float] | None = None,
     kept: bool | None = None,
+    turning: tuple[int, ...] = (),
 ) -> TelescopeState:
     """Return the state of a mount that clients see, at an instant.
 
     `looks_at_deg` is where the telescope looks, if that differs from what the mount reports; `kept` whether
-    rates keep it on the sky, None for a mount that tracks by itself.
+    rates keep it on the sky, None for a mount that tracks by itself; `turning` which axes MoveAxis turns.
     """
     status = session.status
     if status is None:
@@ -164,6 +165,7 @@ def state_of(  # noqa: PLR0913 - one argument for each value that statuses do no
         ra_offset_deg_s=fine.ra_deg_s,
         dec_offset_deg_s=fine.dec_deg_s,
         doing=doing,
+        turning=turning,
         failure=failure,
         tripped=tripped,
         following=following,

@@ -30,6 +30,7 @@ from sattrack.servers.alpaca.protocol import (
     FollowOrder,
     MoveOrder,
     Number,
+    TrackOrder,
 )
 from sattrack.servers.alpaca.shared_rotator import SharedRotator
 from sattrack.servers.alpaca.state import (
@@ -239,13 +240,21 @@ class TelescopeStation:
             tripped=self.tripped,
             following=following,
             looks_at_deg=self._looks_at_deg,
-            kept=None if self.profile.geometry is None else self._kept,
+            kept=self._kept,
+            turning=() if self._drive is None else self._drive.turning,
         )
 
     @property
-    def _kept(self) -> bool:
-        """Whether a mount with a geometry is kept on the sky, or led to it."""
-        return self.engine is not None or self._path is not None or self.console.lead is not None
+    def _kept(self) -> bool | None:
+        """Whether the mount is kept on the sky, or led to it; None where it tracks by itself.
+
+        At a position of rotctld's it stands.
+        """
+        if self._path is not None:
+            return False
+        if self.profile.geometry is None:
+            return None
+        return self.engine is not None or self.console.lead is not None
 
     @property
     def _looks_at_deg(self) -> tuple[float, float] | None:
@@ -305,7 +314,7 @@ class TelescopeStation:
             return False
         kind = str(order.__struct_config__.tag)
         procedure = procedure_of(order, self.profile, self.console.session.fine_rate)
-        if isinstance(order, Slew | Park) and (self._is_slewing or self._drive is not None):
+        if self._replaces(order) and (self._is_slewing or self._drive is not None):
             if isinstance(order, Slew):
                 check_floor(order, self.session.status, self._limits, self._site.latitude_deg)
             procedure = AfterStop(procedure)
@@ -321,12 +330,20 @@ class TelescopeStation:
             raise Fault(Number.INVALID_OPERATION, f"the mount is {self._doing}: AbortSlew ends that")
         if self._mount_state.at_park(self.session):
             raise Fault(Number.PARKED, "the mount is parked, and only its own console takes it out of park")
-        replaces = isinstance(order, Slew | Park)
+        replaces = self._replaces(order)
         on_with_it = isinstance(order, MoveOrder) and (self._drive is not None or not order.rate_deg_s)
         # A rate that is in force is only looked at for a while: the protocol acknowledges none.
         busy = self.console.procedure is not None and not self._is_fine
         if busy and not (replaces or on_with_it):
             raise Fault(Number.INVALID_OPERATION, f"the mount is {self._doing}: AbortSlew ends that")
+
+    def _replaces(self, order: Order) -> bool:
+        """Tell whether an order takes the place of the operation under way, once the mount rests.
+
+        Tracking is taken up after a MoveAxis that ends, too.
+        """
+        ends = self._drive is not None and not self._drive.moves
+        return isinstance(order, Slew | Park) or (ends and isinstance(order, TrackOrder) and order.on)
 
     def _begin_operation(self, kind: str, procedure: Procedure, now_utc_s: float) -> Operation:
         """Begin a procedure in place of the operation under way, and return the new one. Raises Fault."""
@@ -360,9 +377,11 @@ class TelescopeStation:
         self.answers.at_rest(number)
         return True
 
-    def _abort(self, now_utc_s: float) -> None:
+    def _abort(self, now_utc_s: float, resets: bool = True) -> None:
+        """Stop everything; `resets` a mount that safety has stopped, too, once it is at rest."""
         self._failure = None
         if self.engine is not None:
+            self._reset_at_rest |= resets and self.tripped is not None
             self.engine.operate(StopNow(), now_utc_s)
             return
         if self.shared is not None and self._path is not None:
@@ -372,7 +391,7 @@ class TelescopeStation:
         if self._mount_state.at_park(self.session):
             raise Fault(Number.PARKED, "the mount is parked: its drives have no power")
         former = self._operation
-        self._reset_at_rest = self.tripped is not None
+        self._reset_at_rest |= resets and self.tripped is not None
         self.console.abort(now_utc_s)
         self.had_orders = True
         self._supersede(former)
@@ -380,10 +399,10 @@ class TelescopeStation:
 
     def _why_not_idle(self) -> str | None:
         """Return why nothing of its own can move the mount now, as text; None where it can."""
-        if self._path is not None:
-            return None
         if self._ending is not None:
             return "the server is ending"
+        if self._path is not None:
+            return None
         session, lead = self.console.session, self.console.lead
         if lead is not None:
             # The rates that keep a mount with a geometry on the sky are nobody's motion.
@@ -391,7 +410,9 @@ class TelescopeStation:
         else:
             idle = isinstance(session.wanted, Hold) and session.move_over and not session.busy
             idle = idle and session.status is not None and not session.status.slewing
-        if self.engine is not None or not idle:
+        # What a procedure asked of the mount may be over before its end is seen; fine rates are watched only.
+        under_way = self.console.procedure is not None and not self._is_fine
+        if self.engine is not None or under_way or not idle:
             return f"the mount is {self._doing}: wait until that is over"
         if self._mount_state.at_park(session):
             return "the mount is parked"
@@ -404,9 +425,9 @@ class TelescopeStation:
         rotator, moved = self.shared.rotator, self._path is not None
         stops, rotator.stop_asked = rotator.stop_asked, False
         if stops and not moved:
-            rotator.reset_asked = False
+            resets, rotator.reset_asked = rotator.reset_asked, False
             if not self._mount_state.at_park(self.session):
-                self._abort(now_utc_s)
+                self._abort(now_utc_s, resets)
         elif self.shared.wants_mount:
             if (why := self._why_not_idle()) is not None:
                 # Something else has begun since it was asked.
@@ -452,6 +473,8 @@ class TelescopeStation:
         assert engine is not None
         why = engine.tracker.ended_by
         if why not in {"set", "operator"}:
+            if self.shared is not None:
+                self.shared.rotator.stops_others()
             self._failure = engine.message or "the satellite was lost"
         if engine.mount_stopped is False:
             self._failure = "THE MOUNT DID NOT CONFIRM THE STOP: stop it by hand"
@@ -466,6 +489,7 @@ class TelescopeStation:
     def _go_on_by_console(self, former: Safety) -> None:
         self.console = self._new_console()
         self.console.safety.follow_on(former)
+        self.console.safety.tripped = former.tripped
         if self._heard is not None:
             self.console.receive(*self._heard)
 
@@ -514,6 +538,8 @@ class TelescopeStation:
         if trouble is not None and trouble != self._trouble:
             self._failure = self.console.refusal or trouble
             self.log_lines.append(f"the mount is being stopped: {self._failure}")
+            if self.shared is not None:
+                self.shared.rotator.stops_others()
         self._trouble = trouble
 
     def _make_ready(self) -> None:

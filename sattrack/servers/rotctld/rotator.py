@@ -489,5 +489,8 @@ class RotatorStation(PathDriver):
     def __init__(
         self, sky: SiteSky, profile: MountProfile, limits: SafetyLimits, one_at_a_time: bool = False
     ) -> None:
-        self.rotator = Rotator(sky, self, park_direction(profile), one_at_a_time)
+        def why_busy() -> str | None:
+            return None if self.stop is None else "the server is ending"
+
+        self.rotator = Rotator(sky, self, park_direction(profile), one_at_a_time, why_busy=why_busy)
         super().__init__(self.rotator, sky, "azel", profile, limits)

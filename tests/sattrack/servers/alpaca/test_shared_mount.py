@@ -43,7 +43,7 @@ from sattrack.runtime.view_server import SUPPORTED
 from sattrack.safety import SafetyLimits
 from sattrack.servers.alpaca.indi import ServedIndiDevice
 from sattrack.servers.alpaca.lx200 import Asked, Lx200Client
-from sattrack.servers.alpaca.protocol import Fault, Number
+from sattrack.servers.alpaca.protocol import Answered, Fault, Number
 from sattrack.servers.alpaca.run_station import RunStation
 from sattrack.servers.alpaca.station import TelescopeStation
 from sattrack.servers.antenna.trajectory import SiteSky
@@ -60,6 +60,15 @@ IN_A_PASS = "2026-10-02T13:04:00Z"
 ABORT = 73
 """Where a command has its flag to stop, by the protocol's table."""
 PROTOCOLS = ("alpaca", "indi", "lx200", "rotctld")
+
+
+WITH_GEOMETRY = replace(
+    PROFILE,
+    additive=False,
+    geometry=AxisGeometry(0.0, SITE.latitude_deg, reports="sky"),
+    stands_at=SitePlace(SITE.latitude_deg, SITE.longitude_deg),
+)
+"""A mount that is led to the sky, and kept on it, by rates."""
 
 
 class Shared(VirtualTelescope):
@@ -80,6 +89,15 @@ class Shared(VirtualTelescope):
         order = getattr(self.ask("PUT", member, **parameters), "order", None)
         if order is not None:
             self.give(order)
+
+    def end(self) -> None:
+        """End the server, and wait until it is over."""
+        self.station.end(self.now_utc_s)
+        until_s = self.now_utc_s + 20.0
+        while not self.station.finished:
+            assert self.now_utc_s < until_s
+            self.run_for(0.05)
+        assert self.station.mount_stopped is True
 
     def point(self, az_deg: float, el_deg: float) -> Code:
         return self.rotator.point(1, az_deg, el_deg, self.now_utc_s)
@@ -212,22 +230,11 @@ def test_the_end_of_the_server_stops_what_a_rotator_began() -> None:
     scope.point(here.az_deg - 60.0, here.el_deg)
     scope.run_for(2.0)
     assert isinstance(scope.station.session.wanted, MoveAxes)
-    scope.station.end(scope.now_utc_s)
-    until_s = scope.now_utc_s + 20.0
-    while not scope.station.finished:
-        assert scope.now_utc_s < until_s
-        scope.run_for(0.05)
-    assert scope.station.mount_stopped is True
+    scope.end()
 
 
-def test_a_satellite_is_kept_from_a_rotators_positions_on_a_mount_whose_axes_point_elsewhere() -> None:
-    """Such a mount is kept on the sky by rates, whatever else follows; the end must stop what follows it."""
-    profile = replace(
-        PROFILE,
-        additive=False,
-        geometry=AxisGeometry(0.0, SITE.latitude_deg, reports="sky"),
-        stands_at=SitePlace(SITE.latitude_deg, SITE.longitude_deg),
-    )
+@pytest.mark.parametrize("profile", [PROFILE, WITH_GEOMETRY])
+def test_a_satellite_is_kept_from_a_rotators_positions(profile: MountProfile) -> None:
     scope = Shared(begin_utc_s=BEGIN_UTC_S + 130.0, profile=profile)
     place = scope.where()
     scope.put("slewtocoordinatesasync", RightAscension=scope.get("rightascension"), Declination=55.0)
@@ -236,12 +243,117 @@ def test_a_satellite_is_kept_from_a_rotators_positions_on_a_mount_whose_axes_poi
     assert scope.point(place.az_deg, place.el_deg) is Code.REJECTED
     assert "the mount is following" in scope.rotator.log_lines[-1]
     scope.run_for(1.0)
+    scope.end()
+
+
+@pytest.mark.parametrize("profile", [PROFILE, WITH_GEOMETRY])
+@pytest.mark.parametrize(
+    ("member", "parameters", "before"),
+    [
+        ("tracking", {"Tracking": "True"}, "abortslew"),
+        ("findhome", {}, None),
+        ("park", {}, None),
+        ("slewtocoordinates", {"RightAscension": 3.0, "Declination": 50.0}, None),
+    ],
+)
+def test_a_rotators_position_waits_for_the_end_of_what_others_began(
+    profile: MountProfile, member: str, parameters: dict[str, Any], before: str | None
+) -> None:
+    """What was asked of the mount may be over before its end is seen: the order is answered first."""
+    scope = Shared(profile=profile)
+    if before is not None:
+        scope.ask_and_give(before)
+        scope.run_for(5.0)
+    if "RightAscension" in parameters:
+        parameters = {**parameters, "RightAscension": scope.get("rightascension")}
+    asked: Any = scope.ask("PUT", member, **parameters)
+    number, place = scope.give(asked.order, asked.waits), scope.where()
+    while scope.station.console.procedure is not None:
+        assert scope.point(place.az_deg + 20.0, 45.0) is Code.REJECTED
+        scope.run_for(0.01)
+    scope.run_for(1.0)
+    # Home is not asked of a mount that rates lead.
+    refused = member == "findhome" and profile.geometry is not None
+    assert scope.answered(number) == Answered(number) or refused
+    assert scope.get("atpark") is (member == "park")
+    assert (scope.point(place.az_deg + 20.0, 45.0) is Code.OK) is (member != "park")
+
+
+@pytest.mark.parametrize("driver", ["engine", "path", "console"])
+@pytest.mark.parametrize("ready", ["alpaca", "rotctld", "at once"])
+def test_what_safety_has_stopped_stays_until_somebody_makes_it_ready(driver: str, ready: str) -> None:
+    """Whatever moved the mount, and whoever goes on to send positions."""
+    scope = Shared(begin_utc_s=BEGIN_UTC_S + 130.0)
+    place = scope.where()
+    if driver == "engine":
+        follow(scope, 25.0)
+        assert scope.point(place.az_deg, place.el_deg) is Code.REJECTED
+    elif driver == "path":
+        assert scope.rotator.point(2, place.az_deg + 30.0, place.el_deg, scope.now_utc_s) is Code.OK
+        scope.run_for(3.0)
+    else:
+        scope.ask_and_give("moveaxis", Axis=1, Rate=0.5)
+        scope.run_for(3.0)
+    scope.station.safety.tripped = "obedience"
+    if ready == "at once":
+        scope.run_for(0.1)
+        scope.ask_and_give("abortslew")
+    for _ in range(10):
+        scope.run_for(0.5)
+        if ready != "at once":
+            assert scope.point(place.az_deg, place.el_deg) is Code.REJECTED
+    if driver == "path":
+        # A stop alone, such as programs send at the end of a track, makes nothing ready.
+        scope.rotator.stop(2)
+        scope.run_for(3.0)
+    if ready != "at once":
+        assert scope.station.tripped == "obedience"
+        assert scope.fault_of("moveaxis", Axis=1, Rate=0.2) is Number.INVALID_OPERATION
+        scope.ask_and_give("abortslew") if ready == "alpaca" else scope.rotator.reset(2)
+        scope.run_for(4.0)
+    assert scope.station.tripped is None
+    scope.ask_and_give("moveaxis", Axis=1, Rate=0.2)
+    scope.run_for(2.0)
+    assert scope.truths[-1].dec_rate_deg_s == pytest.approx(0.2, abs=0.01)
+
+
+@pytest.mark.parametrize("trouble", ["silence", "restart"])
+def test_a_stop_that_nobody_asked_for_holds_for_a_program_that_goes_on(trouble: str) -> None:
+    scope = Shared()
+    place = scope.where()
+    scope.ask_and_give("moveaxis", Axis=1, Rate=0.5)
+    scope.run_for(1.0)
+    assert scope.point(place.az_deg, place.el_deg) is Code.REJECTED
+    if trouble == "silence":
+        scope.silent_until_s = scope.now_utc_s + 5.0
+    else:
+        scope._wires.mount.restart(scope.now_utc_s)
+    for _ in range(20):
+        scope.run_for(1.0)
+        assert scope.point(place.az_deg, place.el_deg) is not Code.OK
+    assert scope.station._failure is not None
+
+
+def test_no_position_is_taken_while_the_server_ends() -> None:
+    scope = Shared()
+    place = scope.where()
+    scope.point(place.az_deg - 60.0, place.el_deg)
+    scope.run_for(2.0)
     scope.station.end(scope.now_utc_s)
-    until_s = scope.now_utc_s + 20.0
-    while not scope.station.finished:
-        assert scope.now_utc_s < until_s
-        scope.run_for(0.05)
-    assert scope.station.mount_stopped is True
+    scope.run_for(0.1)
+    assert scope.point(place.az_deg, place.el_deg) is Code.REJECTED
+    assert "the server is ending" in scope.rotator.log_lines[-1]
+    scope.end()
+    assert scope.where().az_deg != pytest.approx(place.az_deg, abs=1.0)
+
+
+def test_a_mount_at_a_rotators_position_does_not_track() -> None:
+    scope = Shared()
+    place = scope.where()
+    scope.point(place.az_deg - 3.0, place.el_deg)
+    scope.run_for(0.3)
+    scope.wait_while("slewing")
+    assert scope.get("tracking") is False
 
 
 class Fight(Shared):
@@ -291,7 +403,7 @@ class Fight(Shared):
         stops: list[Callable[[], object]] = [
             lambda: self.ask_and_give("abortslew"),
             self.rotator.stop,
-            lambda: (self.lx200.turning.clear(), self.say("Q")),
+            lambda: self.say("Q"),
             lambda: self.set_indi("Switch", "TELESCOPE_ABORT_MOTION", ABORT="On"),
         ]
         others: list[Callable[[], object]] = [
@@ -320,10 +432,15 @@ class Fight(Shared):
         return stopped
 
     def judge_stop(self) -> None:
-        """Have a stop take effect: in two datagrams, and at rest some seconds after."""
+        """Have a stop take effect: in two datagrams, and at rest some seconds after.
+
+        One of LX200's ends the keys' motion alone, where nothing else moves.
+        """
         before = len(self.sent)
         self.run_for(0.11)
-        assert 0xFF in {datagram[ABORT] for datagram in self.sent[before : before + 2]} or self.rests()
+        drive = self.station._drive
+        ended = drive is not None and not drive.moves
+        assert ended or 0xFF in {data[ABORT] for data in self.sent[before : before + 2]} or self.rests()
         self.run_for(4.0)
         assert self.rests(), self.truths[-1]
 
@@ -333,9 +450,9 @@ class Fight(Shared):
         return min(abs(ra_deg_s), abs(ra_deg_s - SIDEREAL_RATE_DEG_S)) < 1e-3 and abs(dec_deg_s) < 1e-3
 
 
-def fight(seed: int, seconds: float) -> None:
+def fight(seed: int, seconds: float, profile: MountProfile = PROFILE) -> None:
     """Have four protocols' clients command at random; the mount has one owner, and stops when told to."""
-    chance, scope = random.Random(seed), Fight()
+    chance, scope = random.Random(seed), Fight(profile=profile)
     ends_s = scope.now_utc_s + seconds
     while scope.now_utc_s < ends_s:
         seen = len(scope.truths)
@@ -353,8 +470,45 @@ def fight(seed: int, seconds: float) -> None:
         del scope.truths[:-1], scope.sent[:]
 
 
-def test_clients_that_fight_leave_the_mount_with_one_owner() -> None:
-    fight(1, 50.0)
+@pytest.mark.parametrize("profile", [PROFILE, WITH_GEOMETRY])
+def test_clients_that_fight_leave_the_mount_with_one_owner(profile: MountProfile) -> None:
+    fight(1, 40.0, profile)
+
+
+@pytest.mark.parametrize("others_stop", [False, True])
+def test_lx200s_stop_stops_what_another_client_turns(others_stop: bool) -> None:
+    """Also where the key that it held had been stopped by somebody before."""
+    scope = Fight()
+    for command in ("RM", "Mw"):
+        scope.say(command)
+    scope.run_for(1.5)
+    if others_stop:
+        scope.ask_and_give("abortslew")
+        scope.run_for(6.0)
+    scope.ask_and_give("moveaxis", Axis=1, Rate=0.5)
+    scope.run_for(1.5)
+    assert scope.get("slewing") is True
+    scope.say("Q")
+    scope.run_for(5.0)
+    assert scope.rests()
+
+
+def test_a_key_of_lx200_that_another_client_stopped_sets_nothing_going_when_it_is_let_go() -> None:
+    scope = Fight()
+    for command in ("RM", "Mw"):
+        scope.say(command)
+    scope.run_for(1.5)
+    scope.ask_and_give("abortslew")
+    scope.run_for(4.0)
+    assert scope.get("tracking") is False
+    scope.say("Qw")
+    scope.run_for(4.0)
+    assert scope.get("tracking") is False
+    scope.say("Mw")
+    scope.run_for(0.2)
+    scope.say("Qw")
+    scope.run_for(4.0)
+    assert scope.get("tracking") is True
 
 
 @pytest.mark.soak
