@@ -65,8 +65,10 @@ if TYPE_CHECKING:
     """The event is of the row's type."""
     Change = Callable[[Run, Any], tuple[Run, Order]]
 
-REVISION = 2
+REVISION = 3
 """Of these rules: what an earlier one decided in a journal is decided again by that."""
+TO_PARK_S = 300.0
+"""For a shorter wait a mount does not go to its park position."""
 TRY_PLAN_AGAIN_S = 600.0
 TRY_PARK_AGAIN_S = 60.0
 LONGEST_PAUSE_S = 30.0
@@ -119,6 +121,16 @@ def take_plan(run: Run, event: Planned) -> tuple[Run, Order]:
     return _fresh(run), Wait(until_utc_s=event.utc_s)
 
 
+def keep_plan(run: Run, event: NotPlanned) -> tuple[Run, Order]:
+    """Report why, and keep the plan in force."""
+    end = run.settings.to_utc_s
+    over, left = run.passes[: len(run.results)], run.passes[len(run.results) :]
+    kept = tuple(one for one in left if end is None or one.end_utc_s <= end + 1.0)
+    message = f"not planned anew, the plan in force stays: {event.words}"
+    run = replace(run, passes=(*over, *kept), message=message)
+    return _fresh(run), Wait(until_utc_s=event.utc_s)
+
+
 def look(run: Run, event: Event) -> tuple[Run, Order]:
     """See what is next."""
     run = replace(run, message=run.message or _failure(run, event))
@@ -151,15 +163,14 @@ def wait_anew(run: Run, event: ClockSet) -> tuple[Run, Order]:
 
 def prepare(run: Run, _: Event) -> tuple[Run, Order]:
     """Prepare it."""
-    return run, Prepare(index=len(run.results), wake=run.mount is Mount.PARKED)
+    wake = run.mount is Mount.PARKED
+    return replace(run, waking=wake and _since(run, 3)), Prepare(index=len(run.results), wake=wake)
 
 
 def ask_weather(run: Run, event: Event) -> tuple[Run, Order]:
     """Ask about the weather."""
     if isinstance(event, PassPrepared):
-        run = replace(run, message=event.words)
-        if event.woken:
-            run = replace(run, mount=Mount.AT_REST)
+        run = _woken(replace(run, message=event.words), event)
         if event.elements is not None:
             run = _with_elements(run, event)
     return run, AskWeather()
@@ -183,7 +194,7 @@ def hold_at_park(run: Run, event: WeatherReported) -> tuple[Run, Order]:
 def first_action(run: Run, event: Event) -> tuple[Run, Order]:
     """Begin with the actions before it."""
     run = replace(run, weather=event.words if isinstance(event, WeatherReported) else None, step=0)
-    return _moving(run), DoStep(index=len(run.results), when="before", step=0)
+    return _moving(run, event), DoStep(index=len(run.results), when="before", step=0)
 
 
 def next_action(run: Run, event: Event) -> tuple[Run, Order]:
@@ -208,7 +219,7 @@ def follow(run: Run, event: Event) -> tuple[Run, Order]:
     failed = _failure(run, event) if isinstance(event, StepDone) else None
     weather = event.words if isinstance(event, WeatherReported) else run.weather
     run = replace(run, weather=weather, message=failed, part=1, attempts=(), part_from_utc_s=event.utc_s)
-    return _moving(run), Follow(index=len(run.results), part=1, from_utc_s=event.utc_s)
+    return _moving(run, event), Follow(index=len(run.results), part=1, from_utc_s=event.utc_s)
 
 
 def follow_on(run: Run, event: Event) -> tuple[Run, Order]:
@@ -222,7 +233,7 @@ def follow_on(run: Run, event: Event) -> tuple[Run, Order]:
     )
     pause_s = 0.0 if isinstance(event, Started) else min(LONGEST_PAUSE_S, 2.0 ** (len(run.attempts) - 1))
     order = Follow(index=len(run.results), part=part, from_utc_s=event.utc_s, pause_s=pause_s)
-    return _moving(run), order
+    return _moving(run, event), order
 
 
 def end_pass(run: Run, event: Followed) -> tuple[Run, Order]:
@@ -263,6 +274,7 @@ def lose_to_delay(run: Run, event: Event) -> tuple[Run, Order]:
 
 def lose_unprepared(run: Run, event: PassPrepared) -> tuple[Run, Order]:
     """Lose it to what kept it from being taken."""
+    run = _woken(run, event) if _since(run, 3) else run
     return _lose(run, event, event.cause or "error", event.words)
 
 
@@ -350,7 +362,7 @@ def end(run: Run, event: Event) -> tuple[Run, Order]:
 
 
 def _near(run: Run, event: Event) -> Run:
-    return near_night(run, event.utc_s) if run.settings.revision >= REVISION else run
+    return near_night(run, event.utc_s) if _since(run, 2) else run
 
 
 def _fresh(run: Run) -> Run:
@@ -364,12 +376,23 @@ def _action(run: Run, event: Event, place: int, message: str | None) -> tuple[Ru
     finishing = run.state is RunState.FINISHING
     if place < len(actions_of(run)):
         index = len(run.results) - (1 if finishing else 0)
-        return _moving(run), DoStep(index=index, when="after" if finishing else "before", step=place)
+        return _moving(run, event), DoStep(index=index, when="after" if finishing else "before", step=place)
     return run, Wait(until_utc_s=event.utc_s)
 
 
-def _moving(run: Run) -> Run:
-    return replace(run, mount=Mount.AT_REST)
+def _moving(run: Run, event: Event) -> Run:
+    return replace(run, mount=Mount.AT_REST, moved_utc_s=event.utc_s)
+
+
+def _woken(run: Run, event: PassPrepared) -> Run:
+    """Return the run with what is known of the drives' power once a pass was prepared."""
+    run = replace(run, waking=False)
+    return replace(run, mount=Mount.AT_REST, moved_utc_s=event.utc_s) if event.woken else run
+
+
+def _since(run: Run, revision: int) -> bool:
+    """Tell whether what is decided here is decided by the rules of a revision, or later ones."""
+    return run.settings.revision >= revision
 
 
 def _failure(run: Run, event: Event) -> str | None:
@@ -416,7 +439,7 @@ def _lose(run: Run, event: Event, cause: str, words: str | None) -> tuple[Run, O
 
 def _after_pass(run: Run, event: Event) -> tuple[Run, Order]:
     place = len(run.results) - 1
-    run = _fresh(run)
+    run = replace(_fresh(run), moved_utc_s=event.utc_s)
     if run.passes[place].terms.after:
         return run, DoStep(index=place, when="after", step=0)
     return run, Wait(until_utc_s=event.utc_s)
@@ -463,6 +486,11 @@ def passes_left(run: Run, _: Event) -> bool:
     return run.at is not None
 
 
+def plan_in_force(run: Run, event: Event) -> bool:
+    """Passes of a plan are left."""
+    return _since(run, 3) and passes_left(run, event)
+
+
 def passes_past_the_end(run: Run, _: Event) -> bool:
     """A pass to come ends after the run, which was given an earlier end."""
     end = run.settings.to_utc_s
@@ -476,7 +504,8 @@ def none_left(run: Run, _: Event) -> bool:
 
 def none_left_to_park(run: Run, event: Event) -> bool:
     """No pass is left, and the mount must be parked."""
-    return none_left(run, event) and run.settings.park and run.mount is not Mount.PARKED
+    parked = run.mount is Mount.PARKED and not run.waking
+    return none_left(run, event) and run.settings.park and not parked
 
 
 def missed(run: Run, event: Event) -> bool:
@@ -490,19 +519,32 @@ def too_early(run: Run, event: Event) -> bool:
 
 
 def long_to_wait(run: Run, event: Event) -> bool:
-    """The wait is long, and the mount was not sent to its park position for as long."""
-    return _is_long(run, event, prepared_from_s(run))
+    """The wait is long, the mount has stood for long, or the weather ended a pass; it is not at park."""
+    lost = bool(run.results) and run.results[-1].cause == "weather"
+    return _is_long(run, event, prepared_from_s(run), lost)
 
 
-def _is_long(run: Run, event: Event, until_utc_s: float) -> bool:
-    """Return whether a mount that waits until then must be sent to its park position."""
-    stands = run.mount is Mount.AT_REST or event.utc_s >= _sent_again_s(run, event.utc_s)
-    return run.settings.park and until_utc_s - event.utc_s > run.settings.rest_after_s and stands
+def _is_long(run: Run, event: Event, until_utc_s: float, lost: bool) -> bool:
+    """Return whether a mount that waits until then must be sent to its park position.
+
+    `lost`: the weather is unsafe. For many short waits a mount tracks the sky as in a long one.
+    """
+    rest_s, wait_s = run.settings.rest_after_s, until_utc_s - event.utc_s
+    left = run.mount is Mount.AT_REST
+    is_long = wait_s > rest_s
+    if wait_s > TO_PARK_S and _since(run, 3):
+        since_utc_s = max(run.moved_utc_s, run.parked_utc_s)
+        # Moved in what is the future now: the clock was wrong then.
+        known = since_utc_s > 0.0 and run.mount is not Mount.UNKNOWN
+        stood = known and not 0.0 <= event.utc_s - since_utc_s < rest_s
+        is_long = is_long or (left and lost) or stood
+    stands = left or event.utc_s >= _sent_again_s(run, event.utc_s)
+    return run.settings.park and is_long and stands
 
 
 def _sent_again_s(run: Run, utc_s: float) -> float:
     """Return from when on the mount is sent to its park position again; infinite where it was not sent."""
-    renewed, rest_s = run.settings.revision >= REVISION, run.settings.rest_after_s
+    renewed, rest_s = _since(run, 2), run.settings.rest_after_s
     failed = renewed and run.mount is Mount.UNKNOWN and run.parked_utc_s > 0.0
     if not (failed or run.mount is Mount.AT_PARK):
         return math.inf
@@ -532,7 +574,7 @@ def unsafe_and_too_late(run: Run, event: WeatherReported) -> bool:
 
 def unsafe_for_long(run: Run, event: WeatherReported) -> bool:
     """The weather is unsafe, the pass long, and the mount was not sent to its park position for as long."""
-    return unsafe(run, event) and _is_long(run, event, at_of(run).end_utc_s)
+    return unsafe(run, event) and _is_long(run, event, at_of(run).end_utc_s, True)
 
 
 def worth_following(run: Run, event: Event) -> bool:
@@ -654,6 +696,7 @@ TABLE: tuple[TableRow, ...] = (
     TableRow(S.ENDED, Started, always, go_on, S.RESTING),
     # The night's plan.
     TableRow(S.PLANNING, Planned, always, take_plan, S.WAITING),
+    TableRow(S.PLANNING, NotPlanned, plan_in_force, keep_plan, S.WAITING),
     TableRow(S.PLANNING, NotPlanned, always, try_again_later, S.PLANLESS),
     TableRow(S.PLANLESS, Due, night_is_over_with_passes, look, S.WAITING),
     TableRow(S.PLANLESS, Due, night_is_over_to_park, park, S.PARKING),

@@ -402,6 +402,10 @@ class Run(msgspec.Struct, frozen=True):
     tries: int = 0
     parked_utc_s: float = 0.0
     """When the mount was last sent to its park position."""
+    moved_utc_s: float = 0.0
+    """When it was last moved, as far as the runner knows."""
+    waking: bool = False
+    """Whether the drives of a parked mount may have power: the program that switches it on was begun."""
     weather: str | None = None
     summary: str | None = None
     notes: tuple[str, ...] = ()

@@ -292,7 +292,7 @@ class LiveExecutor:
         age_days = 0.0 if used is None else (one.start_utc_s - float(used.epoch.unix_s)) / DAY_S
         if age_days > one.terms.elements_oldest_days and one.terms.if_elements_old == "skip":
             old = f"{age_days:.1f} days old at the pass, {one.terms.elements_oldest_days:g} are allowed"
-            return PassPrepared(utc_s=context.now(), cause="elements too old", words=old)
+            return PassPrepared(utc_s=context.now(), cause="elements too old", words=old, woken=wake)
         return PassPrepared(utc_s=context.now(), words=words, elements=elements, woken=wake)
 
     def _ask_weather(self) -> WeatherReported:

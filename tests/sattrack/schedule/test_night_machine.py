@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from itertools import pairwise
 from random import Random
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import pytest
@@ -53,6 +53,9 @@ from sattrack.schedule.night import (
 )
 from sattrack.schedule.schema import CommandAction, SlewAction, Terms
 from tle.instants import Utc
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 NIGHTS = 3.0
 
@@ -571,7 +574,7 @@ def test_a_schedule_without_an_end_goes_on_night_after_night_at_the_sites_noon()
 def test_a_mount_that_waits_for_the_weather_through_a_long_pass_is_sent_to_its_park_position() -> None:
     """Nothing else ends its tracking of the sky: through a pass of four hours it would go on by 60°."""
     begin = ONE.start_utc_s
-    for hours, sent in ((0.5, 0), (4.0, 7)):
+    for hours, sent in ((0.5, 1), (4.0, 8)):
         long = replace(PLAIN, end_utc_s=begin + hours * 3600.0)
         run = replace(NIGHT, state=S.WAITING, passes=(long,))
         now, parked = begin, 0
@@ -847,7 +850,7 @@ def test_a_resting_run_whose_clock_was_set_into_its_night_begins_at_once(late_s:
 
 
 def test_bad_weather_is_asked_about_again_and_reported_where_it_has_changed() -> None:
-    run, found = replace(NIGHT, state=S.ASKING, passes=(PLAIN,)), []
+    run, found = replace(NIGHT, state=S.ASKING, passes=(PLAIN,), mount=Mount.AT_PARK), []
     for words in ("rain", "rain", "fog"):
         run, order = machine.step(run, WeatherReported(utc_s=NOW, safe=False, words=words))
         assert order == Wait(until_utc_s=NOW + 30.0)
@@ -954,12 +957,88 @@ def test_a_mount_that_was_sent_to_its_park_position_in_the_future_is_sent_there_
     assert machine.step(run, Due(utc_s=NOW))[1] == Wait(until_utc_s=NOW + 1860.0)
 
 
+def short_gaps(revision: int, safe: bool) -> Iterator[tuple[float, Order]]:
+    """Yield the orders of ten passes 20 minutes apart, in rain or with old elements, and their instants."""
+    passes = tuple(
+        replace(
+            PLAIN,
+            number=k + 1,
+            **{name: getattr(PLAIN, name) - PLAIN.start_utc_s + NOW + 1200.0 * k for name in TIMES},
+        )
+        for k in range(10)
+    )
+    at = replace(settings(3.0), revision=revision)
+    run = replace(NIGHT, state=S.WAITING, settings=at, passes=passes, moved_utc_s=NOW)
+    now, (run, order) = NOW, machine.step(run, Due(utc_s=NOW))
+    while run.at is not None:
+        yield now, order
+        event: Event
+        if isinstance(order, ParkMount):
+            event = Parked(utc_s=now + 20.0, mount=Mount.AT_PARK)
+        elif isinstance(order, Prepare):
+            old = "elements too old" if safe else None
+            event = PassPrepared(utc_s=now, cause=old, words="9 days")
+        elif isinstance(order, AskWeather):
+            event = WeatherReported(utc_s=now, safe=False, words="rain")
+        else:
+            assert isinstance(order, Wait)
+            event = Due(utc_s=max(now, order.until_utc_s))
+        now = event.utc_s
+        run, order = machine.step(run, event)
+
+
+@pytest.mark.parametrize("safe", [True, False])
+def test_through_many_short_waits_a_mount_is_sent_to_park_as_through_a_long_one(safe: bool) -> None:
+    """Nothing else ends its tracking of the sky; in bad weather it does not wait for that."""
+    parked = [now for now, order in short_gaps(3, safe) if isinstance(order, ParkMount)]
+    assert len(parked) >= 4
+    assert parked[0] - NOW <= (3000.0 if safe else 60.0)
+    assert max(b - a for a, b in pairwise(parked)) <= 3000.0
+    assert not any(isinstance(order, ParkMount) for _, order in short_gaps(2, safe))
+
+
+def test_a_plan_that_cannot_be_made_anew_leaves_the_one_in_force() -> None:
+    """But for passes after an end that was put earlier: no plan without them may come again at once."""
+    run = replace(NIGHT, state=S.WAITING, passes=(PLAIN, LONG), mount=Mount.AT_REST)
+    sooner = replace(run.settings, to_utc_s=PLAIN.end_utc_s + 60.0)
+    run, order = machine.step(run, Reread(utc_s=NOW, settings=sooner))
+    assert isinstance(order, MakePlan)
+    run, order = machine.step(run, NotPlanned(utc_s=NOW, words="celestrak: no answer"))
+    assert (run.state, run.passes, order) == (S.WAITING, (PLAIN,), Wait(until_utc_s=NOW))
+    assert run.message == "not planned anew, the plan in force stays: celestrak: no answer"
+    run, order = machine.step(run, Due(utc_s=NOW))
+    assert run.state is not S.PLANNING
+    earlier = replace(run, state=S.PLANNING, settings=replace(run.settings, revision=2))
+    assert machine.step(earlier, NotPlanned(utc_s=NOW, words="no answer"))[0].state is S.PLANLESS
+
+
+def test_drives_that_may_have_been_woken_are_parked_at_the_end() -> None:
+    """Whether the pass was lost after they were, or somebody stopped the night or the runner meanwhile."""
+    parked = replace(NIGHT, state=S.WAITING, passes=(PLAIN,), mount=Mount.PARKED)
+    run, order = machine.step(parked, Due(utc_s=PLAIN.start_utc_s - 100.0))
+    assert order == Prepare(index=0, wake=True)
+    old = PassPrepared(utc_s=PLAIN.start_utc_s, cause="elements too old", words="9 days", woken=True)
+    stop = StopAsked(utc_s=PLAIN.start_utc_s, words="by a person")
+    for events in ((old,), (stop, again(LATE_S)), (again(LATE_S),)):
+        after = run
+        for event in events:
+            after, order = machine.step(after, event)
+        while order != ParkMount(power_off=True):
+            assert isinstance(order, Wait)
+            after, order = machine.step(after, Due(utc_s=max(order.until_utc_s, LATE_S)))
+    failed = PassPrepared(utc_s=LATE_S, cause="power", words="wake: exit 1")
+    after, order = machine.step(run, failed)
+    while isinstance(order, Wait):
+        after, order = machine.step(after, Due(utc_s=order.until_utc_s))
+    assert isinstance(order, SumUp)
+
+
 def test_a_journal_of_earlier_rules_is_read_as_it_was_written() -> None:
     """Then a mount that had not been parked was left alone until it had moved."""
     earlier = replace(NIGHT, settings=replace(settings(3.0), revision=1))
     assert len(waits(replace(earlier, state=S.WAITING, passes=(LONG,)), NOW)) == 5
     started = msgspec.json.encode(again(NOW), enc_hook=lambda value: float(value.unix_s))
-    older = msgspec.json.decode(started.replace(b',"revision":2', b""), type=Event)
+    older = msgspec.json.decode(started.replace(b',"revision":3', b""), type=Event)
     assert isinstance(older, Started)
     assert older.settings == replace(settings(3.0), revision=1)
 
