@@ -1,15 +1,16 @@
 """Storms of faults over the whole program in a virtual world: what was tried, and what broke.
 
-python bench/storms.py --seeds 200 [--first 0] [--jobs 1] [--log FILE]
+python bench/storms.py --seeds 200 [--first 0] [--jobs 1] [--log FILE] [--program NAME]
                        [--late SECONDS [--both] | --fight HOURS [--fair]]
 
 Prints the violations with their seeds, and the table of docs/reliability.md. `sattrack storm --seed N` runs
 one of them again with a trace. With `--log` each verdict is kept as a line of JSON, so that an interrupted
-series goes on where it was. With `--late` nothing is wrong but that a fifth of the commands comes late, by up
-to so many seconds, and the pass ends after some: is the mount left at rest? With `--both` a fifth of the
-statuses does, too. With `--fight` two clients want the same mount for so many hours, on each seed's link, or
-with `--fair` on one that only delays: one of rotctld sends positions, one of Alpaca slews, moves, follows and
-stops. Exit code 1 where an invariant was violated.
+series goes on where it was. With `--program` only those come that are over one program: `track`, `night`,
+`console`, `rotctld`, `alpaca` or `antenna`. With `--late` nothing is wrong but that a fifth of the commands
+comes late, by up to so many seconds, and the pass ends after some: is the mount left at rest? With `--both`
+a fifth of the statuses does, too. With `--fight` two clients want the same mount for so many hours, on each
+seed's link, or with `--fair` on one that only delays: one of rotctld sends positions, one of Alpaca slews,
+moves, follows and stops. Exit code 1 where an invariant was violated.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import sys
 import time
 from collections import Counter
 from functools import partial
+from itertools import count, islice
 from multiprocessing import Pool
 from pathlib import Path
 from statistics import median
@@ -29,7 +31,7 @@ from typing import TYPE_CHECKING
 import msgspec
 from storm.draws import KINDS_OF_FAULTS, Storm, draw
 from storm.invariants import NAMES, Verdict, Watcher, held, judged
-from storm.programs import FightWorld
+from storm.programs import WORLDS, FightWorld
 
 if TYPE_CHECKING:
     from storm.mounts import Axes
@@ -159,6 +161,7 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--log", type=Path)
+    parser.add_argument("--program", choices=sorted(WORLDS.keys() - {"fight"}))
     parser.add_argument("--late", type=float, default=0.0, metavar="SECONDS")
     parser.add_argument("--both", action="store_true")
     parser.add_argument("--fight", type=float, default=0.0, metavar="HOURS")
@@ -166,7 +169,8 @@ def main() -> int:
     chosen = parser.parse_args()
     lines = chosen.log.read_bytes().splitlines() if chosen.log is not None and chosen.log.exists() else []
     verdicts = [msgspec.json.decode(line, type=Verdict) for line in lines]
-    seeds = range(chosen.first + len(verdicts), chosen.first + chosen.seeds)
+    every = (seed for seed in count(chosen.first) if chosen.program in {None, draw(seed).program})
+    seeds = islice(every, len(verdicts), chosen.seeds)
     with Pool(chosen.jobs, maxtasksperchild=200) as pool:
         run = partial(one, late_s=chosen.late, both=chosen.both, fight_h=chosen.fight, fair=chosen.fair)
         for verdict in pool.imap(run, seeds, chunksize=1 if chosen.fight else 2):
