@@ -40,17 +40,18 @@ def shortened(name: str, longest: int) -> str:
     return name[: longest - len(checksum)] + checksum
 
 
-def open_regular(path: Path) -> IO[bytes]:
-    """Open a file that others may have put there, for reading. Raises OSError for a link, a pipe or a device.
+def open_regular(path: Path, *, follow_link: bool = False) -> IO[bytes]:
+    """Open a file that others may have put there, for reading. Raises OSError for a pipe, a device, a folder.
 
-    To open a pipe would wait for a writer.
+    To open a pipe would wait for a writer. A link is refused too, unless the caller lets it be followed.
     """
-    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
-    file = os.fdopen(descriptor, "rb")
+    no_link = 0 if follow_link else getattr(os, "O_NOFOLLOW", 0)
+    descriptor = os.open(path, os.O_RDONLY | no_link | getattr(os, "O_NONBLOCK", 0))
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-        file.close()
+        # A file object for a folder cannot be made: it would leave this open.
+        os.close(descriptor)
         raise OSError(errno.EINVAL, "no regular file", str(path))
-    return file
+    return os.fdopen(descriptor, "rb")
 
 
 def lock_file(file: IO[Any], *, wait: bool = True) -> None:

@@ -171,7 +171,7 @@ class LiveExecutor:
         requests = self.context.requests
         self.context.report_trouble("journal", self.journal.trouble)
         found = None if requests.asked else self._perform(order, run)
-        if not requests.asked:
+        if found is not None and not requests.asked:
             return found
         if requests.restarts:
             # What is done and over is kept; what was cut off is begun again.
@@ -184,9 +184,10 @@ class LiveExecutor:
             return found
         return StopAsked(utc_s=self.context.now(), words=requests.words)
 
-    def _perform(self, order: Order, run: Run) -> Event:
+    def _perform(self, order: Order, run: Run) -> Event | None:
+        """Carry out an order; None where a stop was asked for before there was an event."""
         now = self.context.now
-        found: Event
+        found: Event | None
         match order:
             case Wait():
                 found = self._wait(order.until_utc_s, run.state in REREADS)
@@ -295,13 +296,15 @@ class LiveExecutor:
             return PassPrepared(utc_s=context.now(), cause="elements too old", words=old, woken=wake)
         return PassPrepared(utc_s=context.now(), words=words, elements=elements, woken=wake)
 
-    def _ask_weather(self) -> WeatherReported:
-        weather = self.context.schedule.weather
+    def _ask_weather(self) -> WeatherReported | None:
+        """Ask it; None where a stop was asked for before it had answered."""
+        context, weather = self.context, self.context.schedule.weather
         if weather is None:
-            return WeatherReported(utc_s=self.context.now(), safe=None)
-        self.context.service.promise(TURNS_WITHIN_S + weather.timeout_s)
-        answer = ask_weather(weather, self.context.folder)
-        return WeatherReported(utc_s=self.context.now(), safe=answer.safe, words=answer.words)
+            return WeatherReported(utc_s=context.now(), safe=None)
+        answer = ask_weather(weather, context.folder, self._must_end)
+        if context.requests.asked and not answer.safe:
+            return None
+        return WeatherReported(utc_s=context.now(), safe=answer.safe, words=answer.words)
 
     def _do(self, order: DoStep, run: Run) -> str | None:
         """Carry out an action; return what went wrong, None where nothing."""
@@ -342,14 +345,14 @@ class LiveExecutor:
             self._wait_until_free()
             goes_within_s = context.profile.goes_within_s(by_rates=context.profile.geometry is not None)
             within_s = max(VERB_WITHIN_S, VERB_WAYS * goes_within_s)
-            code, words = run_verb(context.command("mount", *verb), within_s, self._verb_must_end)
+            code, words = run_verb(context.command("mount", *verb), within_s, self._must_end)
         except SattrackError as error:
             return str(error)
         except OSError as error:
             return f"mount {verb[0]} cannot be run: {error.strerror}"
         return None if code == 0 else words or f"mount {verb[0]} ended with {code}"
 
-    def _verb_must_end(self) -> bool:
+    def _must_end(self) -> bool:
         self.context.service.promise(TURNS_WITHIN_S)
         return self.context.requests.asked
 

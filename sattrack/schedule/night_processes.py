@@ -29,6 +29,7 @@ from urllib.parse import urlsplit
 import msgspec
 
 from sattrack.core.channel import LineReader
+from sattrack.core.files import open_regular
 from sattrack.mount.alpaca.client import AlpacaDevice, AlpacaRefusalError, NoAnswerError
 from sattrack.schedule.night import PassAttempt
 from sattrack.schedule.schema import SearchAction
@@ -475,8 +476,89 @@ class WeatherReport(NamedTuple):
     words: str | None = None
 
 
-def ask_weather(weather: Weather, folder: Path) -> WeatherReport:
-    """Ask the weather source, within the schedule's time limit; programs run in `folder`."""
+FRESH_S = 3.0
+"""An answer that is no older counts for whoever asks just before the mount moves."""
+
+
+class _Question:
+    """One question to a weather source, in a thread of its own: a disk or a network may never answer."""
+
+    def __init__(self, weather: Weather, folder: Path) -> None:
+        """Begin to ask. Raises RuntimeError where no thread can be begun."""
+        self._weather, self._folder = weather, folder
+        self._answer: WeatherReport | None = None
+        self._took_s = self._answered_s = float("inf")
+        self.begun_s = time.monotonic()
+        self.thread = threading.Thread(target=self._ask, name="weather source", daemon=True)
+        self.thread.start()
+
+    @property
+    def age_s(self) -> float:
+        """How old its answer is, seconds; infinite where there is none."""
+        return abs(_since_boot_s() - self._answered_s)
+
+    def answer_within(self, timeout_s: float) -> WeatherReport:
+        """Return its answer, where that has come within so long."""
+        if self._answer is None or self._took_s > timeout_s:
+            return WeatherReport(False, f"no answer within {timeout_s:g} s")
+        return self._answer
+
+    def _ask(self) -> None:
+        answer = _asked(self._weather, self._folder)
+        self._took_s, self._answered_s = time.monotonic() - self.begun_s, _since_boot_s()
+        self._answer = answer
+
+
+_questions: dict[tuple[object, ...], _Question] = {}
+"""The last question to each source, by the source and the folder of its program."""
+_questions_lock = threading.Lock()
+
+
+def _since_boot_s() -> float:
+    """Return a clock that nobody sets, and that goes on while the computer sleeps where it has such a one."""
+    boot = getattr(time, "CLOCK_BOOTTIME", None)
+    return time.monotonic() if boot is None else time.clock_gettime(boot)
+
+
+def _never() -> bool:
+    return False
+
+
+def ask_weather(
+    weather: Weather, folder: Path, must_end: Callable[[], bool] = _never, fresh_s: float = 0.0
+) -> WeatherReport:
+    """Ask the weather source; return its answer, or that none came within the schedule's time limit.
+
+    Programs run in `folder`. An answer of the last `fresh_s` counts. While a question hangs no other is
+    begun, as each would leave a thread behind. Once the caller `must_end`, nothing is waited for: what is
+    returned then is no answer.
+    """
+    cut_off = WeatherReport(False, "it was not waited for")
+    if must_end():
+        return cut_off
+    try:
+        question = _question_to(weather, folder, fresh_s)
+    except RuntimeError as error:
+        return WeatherReport(False, f"cannot be asked: {error}")
+    until_s = question.begun_s + weather.timeout_s
+    while question.thread.is_alive() and (left_s := until_s - time.monotonic()) > 0.0:
+        if must_end():
+            return cut_off
+        question.thread.join(min(left_s, LOOK_EVERY_S))
+    return question.answer_within(weather.timeout_s)
+
+
+def _question_to(weather: Weather, folder: Path, fresh_s: float) -> _Question:
+    """Return the question that is under way or fresh, else a new one. Raises RuntimeError."""
+    source = (weather.file, weather.command, weather.alpaca, folder)
+    with _questions_lock:
+        last = _questions.get(source)
+        if last is None or not (last.thread.is_alive() or last.age_s < fresh_s):
+            last = _questions[source] = _Question(weather, folder)
+        return last
+
+
+def _asked(weather: Weather, folder: Path) -> WeatherReport:
     if weather.file is not None:
         return _by_file(Path(weather.file), weather.oldest_s)
     if weather.command is not None:
@@ -487,11 +569,11 @@ def ask_weather(weather: Weather, folder: Path) -> WeatherReport:
 
 def _by_file(path: Path, oldest_s: float) -> WeatherReport:
     try:
-        age_s = time.time() - path.stat().st_mtime
-        with path.open("rb") as file:
+        with open_regular(path, follow_link=True) as file:
+            age_s = time.time() - os.fstat(file.fileno()).st_mtime
             found = file.read(MOST_BYTES).decode("utf-8-sig", errors="replace").split()
-    except OSError as error:
-        return WeatherReport(False, f"{path}: {error.strerror}")
+    except (OSError, ValueError) as error:
+        return WeatherReport(False, f"{path}: {getattr(error, 'strerror', None) or error}")
     if age_s > oldest_s:
         return WeatherReport(False, f"{path} was last written {age_s:.0f} s ago, {oldest_s:g} s are allowed")
     if age_s < -oldest_s:
@@ -536,8 +618,8 @@ class WeatherWatch:
 
     def _ask(self) -> None:
         while not self._over.wait(self._weather.every_s):
-            answer = ask_weather(self._weather, self._folder)
-            if not answer.safe:
+            answer = ask_weather(self._weather, self._folder, self._over.is_set)
+            if not answer.safe and not self._over.is_set():
                 self.unsafe = answer.words or "unsafe"
                 return
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import threading
+import time
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -327,6 +328,25 @@ class TestWeather:
         assert night.perform(AskWeather()) == WeatherReported(
             utc_s=BEGIN, safe=False, words="sh: ended with 1"
         )
+
+    @pytest.mark.parametrize("restarts", [True, False])
+    def test_a_stop_does_not_wait_for_a_source_that_hangs(self, tmp_path: Path, restarts: bool) -> None:
+        hangs = "touch asked; until [ -e over ]; do sleep 0.05; done"
+        text = f'[weather]\ncommand = ["sh", "-c", "{hangs}"]\ntimeout_s = 30\n'
+        night = Night(tmp_path, text + PLAIN)
+
+        def stop() -> None:
+            while not (tmp_path / "asked").exists():
+                time.sleep(0.01)
+            night.requests.terminated, night.requests.interrupted = restarts, not restarts
+
+        threading.Thread(target=stop, daemon=True).start()
+        begun_s = time.monotonic()
+        found = night.perform(AskWeather())
+        (tmp_path / "over").touch()
+        assert time.monotonic() - begun_s < 25.0
+        # The weather that was not waited for is not known: a restart asks again.
+        assert found == (None if restarts else StopAsked(utc_s=BEGIN, words="interrupted"))
 
 
 def with_actions(*actions: Any, after: bool = False) -> NightPass:

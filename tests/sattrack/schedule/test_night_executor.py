@@ -5,14 +5,16 @@ from __future__ import annotations
 import json
 import os
 import select
+import socket
 import sqlite3
 import subprocess
 import sys
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -29,6 +31,7 @@ from sattrack.mount.profiles import ProfileFile, load_profile_file
 from sattrack.mount.requests import TicketState
 from sattrack.runtime import demo_pass
 from sattrack.safety import SafetyLimits
+from sattrack.schedule import night_processes
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.night import NightPass, Result
 from sattrack.schedule.night_executor import ClockReadings, jump_between
@@ -36,6 +39,7 @@ from sattrack.schedule.night_folder import Journal, NightFiles, read_status
 from sattrack.schedule.night_processes import (
     BackgroundTasks,
     Notifier,
+    WeatherReport,
     WeatherWatch,
     as_environment,
     ask_weather,
@@ -52,7 +56,6 @@ from tle.sources import write_elements
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
 BEGIN = 1_790_942_520.0
 ONE = NightPass(
@@ -240,7 +243,115 @@ def test_a_weather_command_is_safe_where_it_ends_with_0_in_time(tmp_path: Path) 
     assert ask_weather(Weather(command=("true",)), tmp_path).safe
     assert ask_weather(Weather(command=("false",)), tmp_path) == (False, "false: ended with 1")
     hangs = ask_weather(Weather(command=("sleep", "60"), timeout_s=0.2), tmp_path)
-    assert hangs == (False, "sleep: not done within 0.2 s, ended")
+    assert hangs == (False, "no answer within 0.2 s")
+
+
+def answers_within(seconds: float, weather: Weather, folder: Path, *more: Any) -> WeatherReport:
+    """Ask, in a thread of its own, so that a question that hangs fails the test and no more."""
+    found: list[WeatherReport] = []
+    asks = threading.Thread(target=lambda: found.append(ask_weather(weather, folder, *more)), daemon=True)
+    asks.start()
+    asks.join(seconds)
+    assert found, f"no answer within {seconds} s"
+    return found[0]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pipes among its files")
+def test_a_weather_file_that_is_none_is_unsafe_at_once_and_nothing_stays_open(tmp_path: Path) -> None:
+    pipe, folder, link, real = (tmp_path / name for name in ("pipe", "folder", "link", "real"))
+    os.mkfifo(pipe)
+    folder.mkdir()
+    real.write_text("safe")
+    link.symlink_to(real)
+    assert answers_within(30.0, Weather(file=str(link)), tmp_path).safe
+    descriptors = Path("/proc/self/fd")
+    opened = len(list(descriptors.iterdir())) if descriptors.exists() else 0
+    for path in (pipe, folder):
+        told = answers_within(30.0, Weather(file=str(path)), tmp_path)
+        assert told == (False, f"{path}: no regular file")
+    assert not descriptors.exists() or len(list(descriptors.iterdir())) <= opened
+    assert not answers_within(30.0, Weather(file=str(tmp_path / "a\0b")), tmp_path).safe
+
+
+@contextmanager
+def hanging_disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Path]]:
+    """Let every file hang until the end, as those of a server do that is gone; yield which were opened."""
+    gone, asked = threading.Event(), []
+
+    def hangs(path: Path, **_: Any) -> Any:
+        asked.append(path)
+        gone.wait(60.0)
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(night_processes, "open_regular", hangs)
+    try:
+        yield asked
+    finally:
+        gone.set()
+
+
+def test_a_weather_file_on_a_disk_that_hangs_is_unsafe_in_time_and_keeps_one_thread_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    weather = Weather(file=str(tmp_path / "weather.txt"), timeout_s=0.2, every_s=0.1)
+    with hanging_disk(monkeypatch) as asked:
+        for _ in range(3):
+            assert answers_within(30.0, weather, tmp_path) == (False, "no answer within 0.2 s")
+        watch = WeatherWatch(weather, tmp_path)
+        watch._thread.join(30.0)
+        assert watch.unsafe == "no answer within 0.2 s"
+        assert len(asked) == 1
+    # A disk that is back is believed again.
+    monkeypatch.undo()
+    (tmp_path / "weather.txt").write_text("safe")
+    until_s = time.monotonic() + 30.0
+    while not ask_weather(weather, tmp_path).safe and time.monotonic() < until_s:
+        time.sleep(0.01)
+    assert ask_weather(weather, tmp_path).safe
+
+
+def test_whoever_must_end_does_not_wait_for_the_weather(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    weather = Weather(file=str(tmp_path / "weather.txt"), timeout_s=3600.0)
+    with hanging_disk(monkeypatch) as asked:
+        assert not answers_within(30.0, weather, tmp_path, lambda: bool(asked)).safe
+        assert not answers_within(30.0, weather, tmp_path, lambda: True).safe
+        watch = WeatherWatch(weather, tmp_path)
+        watch.close()
+        watch._thread.join(30.0)
+        assert not watch._thread.is_alive()
+        assert watch.unsafe is None
+
+
+def test_a_safety_monitor_that_drips_is_unsafe_in_time(tmp_path: Path) -> None:
+    over = threading.Event()
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def drip() -> None:
+            connection, _ = server.accept()
+            with connection, suppress(OSError):
+                connection.sendall(b"HTTP/1.1 200 OK\r\nContent-Length: 4000\r\n\r\n")
+                while not over.wait(0.05):
+                    connection.sendall(b" ")
+
+        drips = threading.Thread(target=drip, daemon=True)
+        drips.start()
+        address = f"alpaca://127.0.0.1:{server.getsockname()[1]}/0"
+        told = answers_within(30.0, Weather(alpaca=address, timeout_s=0.3), tmp_path)
+        assert told == (False, "no answer within 0.3 s")
+        over.set()
+        drips.join(30.0)
+
+
+def test_an_answer_counts_while_it_is_fresh_where_the_caller_says_so(tmp_path: Path) -> None:
+    file = tmp_path / "weather.txt"
+    weather = Weather(file=str(file))
+    file.write_text("safe")
+    assert ask_weather(weather, tmp_path).safe
+    file.write_text("unsafe rain")
+    assert ask_weather(weather, tmp_path, lambda: False, 3600.0).safe
+    assert ask_weather(weather, tmp_path) == (False, "rain")
 
 
 @pytest.mark.parametrize(
