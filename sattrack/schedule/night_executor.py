@@ -41,6 +41,7 @@ from sattrack.schedule.night import (
 )
 from sattrack.schedule.night_folder import Heartbeat, attempt_name
 from sattrack.schedule.night_processes import (
+    FRESH_S,
     PassSession,
     WeatherWatch,
     ask_weather,
@@ -306,6 +307,17 @@ class LiveExecutor:
             return None
         return WeatherReported(utc_s=context.now(), safe=answer.safe, words=answer.words)
 
+    def _unsafe(self, one: NightPass) -> str | None:
+        """Return why the mount must not move for a pass now: the weather's words; None where it may.
+
+        The machine's own question may be long ago: a restart, a broken session, an action that took long.
+        """
+        weather = self.context.schedule.weather
+        if weather is None or one.terms.if_weather_unsafe == "run":
+            return None
+        answer = ask_weather(weather, self.context.folder, self._must_end, FRESH_S)
+        return None if answer.safe else answer.words or "unsafe"
+
     def _do(self, order: DoStep, run: Run) -> str | None:
         """Carry out an action; return what went wrong, None where nothing."""
         context, one = self.context, run.passes[order.index]
@@ -321,7 +333,8 @@ class LiveExecutor:
         elif isinstance(action, WebhookAction):
             context.tasks.begin(action.words, partial(post, action.url, facts, action.timeout_s))
         elif isinstance(action, SlewAction):
-            return self._slew(action)
+            unsafe = self._unsafe(one)
+            return self._slew(action) if unsafe is None else f"not done: the weather is unsafe: {unsafe}"
         return None
 
     def _slew(self, action: SlewAction) -> str | None:
@@ -380,11 +393,14 @@ class LiveExecutor:
         if context.requests.asked:
             return PassAttempt("stopped", context.now())
         try:
+            self._wait_until_free()
+            kept = self._kept_from(one)
+            if kept is not None:
+                return kept
             self._recording = self._recording_of(one, order.part, run.night_from_utc_s)
             self._attempt = attempt_name(one, order.part)
             if weather is not None and one.terms.if_weather_unsafe != "run":
                 self._watch = WeatherWatch(weather, context.folder)
-            self._wait_until_free()
             session = PassSession(
                 self._track_command(one, self._recording),
                 one,
@@ -402,6 +418,13 @@ class LiveExecutor:
             if self._watch is not None:
                 self._watch.close()
                 self._watch = None
+
+    def _kept_from(self, one: NightPass) -> PassAttempt | None:
+        """Return the attempt at a pass that a stop or the weather lets nobody begin; None for neither."""
+        unsafe = self._unsafe(one)
+        if self.context.requests.asked:
+            return PassAttempt("stopped", self.context.now())
+        return None if unsafe is None else PassAttempt("weather", self.context.now(), words=unsafe)
 
     def _recording_of(self, one: NightPass, part: int, night_from_utc_s: float) -> str | None:
         """Make room by the schedule's rule; return a new recording's name, None where there is no room."""

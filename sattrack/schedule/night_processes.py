@@ -602,7 +602,10 @@ def _by_alpaca(address: str, timeout_s: float) -> WeatherReport:
 
 
 class WeatherWatch:
-    """Asks the weather source periodically in its own thread; `unsafe` is the reason, once it is unsafe."""
+    """Asks the weather source at once and then periodically, in its own thread.
+
+    `unsafe` is the reason, once it is unsafe.
+    """
 
     def __init__(self, weather: Weather, folder: Path) -> None:
         """Begin to ask."""
@@ -617,11 +620,16 @@ class WeatherWatch:
         self._over.set()
 
     def _ask(self) -> None:
-        while not self._over.wait(self._weather.every_s):
-            answer = ask_weather(self._weather, self._folder, self._over.is_set)
+        # Sessions may break off more often than this waits: each is watched from its beginning.
+        fresh_s = FRESH_S
+        while True:
+            answer = ask_weather(self._weather, self._folder, self._over.is_set, fresh_s)
             if not answer.safe and not self._over.is_set():
                 self.unsafe = answer.words or "unsafe"
                 return
+            if self._over.wait(self._weather.every_s):
+                return
+            fresh_s = 0.0
 
 
 PINGS_PER_PERIOD = 3.0

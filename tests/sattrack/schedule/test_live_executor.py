@@ -349,6 +349,18 @@ class TestWeather:
         assert found == (None if restarts else StopAsked(utc_s=BEGIN, words="interrupted"))
 
 
+RAINS_ONCE_WET = """\
+[weather]
+command = ["sh", "-c", "echo x >> asked; test ! -e wet"]
+every_s = {every_s}
+"""
+
+
+def in_any_weather(one: NightPass) -> NightPass:
+    terms = msgspec.structs.replace(one.terms, if_weather_unsafe="run")
+    return msgspec.structs.replace(one, terms=terms)
+
+
 def with_actions(*actions: Any, after: bool = False) -> NightPass:
     given = {"after": actions} if after else {"before": actions}
     return msgspec.structs.replace(ONE, terms=Terms(**given))
@@ -389,6 +401,19 @@ class TestSteps:
         assert (found.done, found.words) == (False, "below the floor")
         night.script = "raise SystemExit(7)"
         assert self.do(night, SlewAction(alt_deg=50.0, az_deg=20.0)).words == "mount slew ended with 7"
+
+    def test_a_slew_is_left_out_in_unsafe_weather_and_a_command_is_not(self, tmp_path: Path) -> None:
+        night = Night(tmp_path, RAINS_ONCE_WET.replace("{every_s}", "3600") + PLAIN)
+        (tmp_path / "wet").touch()
+        slew = SlewAction(ra_deg=100.0, dec_deg=20.0)
+        for when in ("before", "after"):
+            words = "not done: the weather is unsafe: sh: ended with 1"
+            assert self.do(night, slew, when) == StepDone(utc_s=BEGIN, done=False, words=words)
+        assert night.commands == []
+        assert self.do(night, CommandAction(("true",))).done
+        one = in_any_weather(with_actions(slew))
+        assert night.perform(DoStep(index=0, when="before", step=0), one).done
+        assert len(night.commands) == 1
 
     def test_a_slow_mount_is_given_the_time_that_it_takes(
         self, night: Night, monkeypatch: pytest.MonkeyPatch
@@ -490,19 +515,46 @@ class TestFollowing:
         assert "at the session's screen" in str(stop_of(night.folder))
 
     def test_weather_that_turns_ends_it_and_what_it_has_reached_is_kept(self, tmp_path: Path) -> None:
-        weather = '[weather]\ncommand = ["false"]\nevery_s = 0.1\n'
-        night = Night(tmp_path, weather + PLAIN)
+        night = Night(tmp_path, RAINS_ONCE_WET.replace("{every_s}", "0.1") + PLAIN)
         later = {**VIEW, "utc_s": BEGIN + 20.5}
         # It goes on until it is told to stop, as a session does.
         night.script = SAYS.format(lines=[VIEW, later], code=0).replace(
-            "sys.exit", "sys.stdin.read(1); sys.exit"
+            "sys.exit", f"open({str(tmp_path / 'wet')!r}, 'w'); sys.stdin.read(1); sys.exit"
         )
         attempt = night.perform(FOLLOW).attempt
         assert (attempt.ended_by, attempt.on_target_s) == ("weather", 0.5)
         # Whoever does not care for the weather is not asked about it.
         night.script = SAYS.format(lines=[VIEW, self.summary("set")], code=0)
-        one = msgspec.structs.replace(ONE, terms=msgspec.structs.replace(ONE.terms, if_weather_unsafe="run"))
-        assert night.perform(FOLLOW, one).attempt.ended_by == "set"
+        assert night.perform(FOLLOW, in_any_weather(ONE)).attempt.ended_by == "set"
+
+    def test_in_unsafe_weather_what_is_left_of_a_pass_is_not_begun(self, tmp_path: Path) -> None:
+        night = Night(tmp_path, RAINS_ONCE_WET.replace("{every_s}", "3600") + PLAIN)
+        (tmp_path / "wet").touch()
+        # As after a restart of the runner, which leads to no question of the machine's.
+        attempt = night.perform(Follow(index=0, part=2, from_utc_s=BEGIN)).attempt
+        assert (attempt.ended_by, attempt.words, attempt.recording) == ("weather", "sh: ended with 1", None)
+        assert night.commands == []
+
+    def test_weather_that_was_just_asked_about_is_not_asked_about_again(self, tmp_path: Path) -> None:
+        night = Night(tmp_path, RAINS_ONCE_WET.replace("{every_s}", "3600") + PLAIN)
+        night.script = SAYS.format(lines=[VIEW, self.summary("set")], code=0)
+        assert night.perform(AskWeather()).safe
+        assert night.perform(FOLLOW).attempt.ended_by == "set"
+        assert (tmp_path / "asked").read_text() == "x\n"
+
+    def test_a_stop_while_the_weather_is_asked_about_begins_nothing(self, tmp_path: Path) -> None:
+        night = Night(tmp_path, RAINS_ONCE_WET.replace("{every_s}", "3600") + PLAIN)
+        (tmp_path / "wet").touch()
+        asks = night_executor.ask_weather
+
+        def stop(*given: Any) -> Any:
+            night.requests.interrupted = True
+            return asks(*given)
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(night_executor, "ask_weather", stop)
+            assert night.perform(FOLLOW).attempt.ended_by == "stopped"
+        assert night.commands == []
 
     def test_the_system_that_ends_the_runner_ends_the_session_and_leaves_a_sign_of_life(
         self, night: Night

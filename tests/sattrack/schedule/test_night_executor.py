@@ -391,6 +391,13 @@ def test_weather_that_turns_unsafe_is_noticed_while_something_else_goes_on(tmp_p
     watch.close()
 
 
+def test_weather_is_asked_about_at_once_and_then_now_and_again(tmp_path: Path) -> None:
+    watch = WeatherWatch(Weather(command=("false",), every_s=86400.0), tmp_path)
+    watch._thread.join(30.0)
+    watch.close()
+    assert watch.unsafe == "false: ended with 1"
+
+
 def test_elements_are_renewed_before_each_pass_and_the_provider_asked_once_in_two_hours(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
