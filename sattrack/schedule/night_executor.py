@@ -479,6 +479,10 @@ class LiveExecutor:
         self._read_again()
         return "weather" if self._watch is not None and self._watch.unsafe is not None else None
 
+    def weather_words(self) -> str | None:
+        """See SessionListener."""
+        return None if self._watch is None else self._watch.unsafe
+
     def report_progress(self, utc_s: float, on_target_s: float, line: str, silent_s: float = 0.0) -> None:
         """See SessionListener."""
         self.context.report_progress(utc_s, on_target_s, line, silent_s)

@@ -70,6 +70,9 @@ class SessionListener(Protocol):
     def end_reason(self) -> str | None:
         """Return why the session must end: "stopped", "operator" or "weather"; None while it need not."""
 
+    def weather_words(self) -> str | None:
+        """Return what the weather is, where it is the reason to end."""
+
     def report_progress(self, utc_s: float, on_target_s: float, line: str, silent_s: float = 0.0) -> None:
         """Report how it goes; `silent_s` is how long the session has been silent, where that is too long."""
 
@@ -91,6 +94,7 @@ class PassSession:
     _last_utc_s: float | None = None
     _summary: dict[str, Any] | None = None
     _end_reason: str | None = None
+    _end_words: str | None = None
     _silent_s: float = 0.0
     """Counted only while we were awake ourselves."""
     _line: str = "beginning"
@@ -144,7 +148,8 @@ class PassSession:
             self._report_silence()
             why = self.listener.end_reason()
             if why is not None and self._end_reason is None:
-                self._end_reason, ends_by_s = why, time.monotonic() + END_WITHIN_S
+                self._must_end(why)
+                ends_by_s = time.monotonic() + END_WITHIN_S
                 self._send(process, StopNow())
             if self._hangs:
                 self._end_reason = self._end_reason or "hang"
@@ -153,6 +158,10 @@ class PassSession:
             if self.listener.now_utc_s() > overdue_utc_s or time.monotonic() > ends_by_s:
                 return
             self._search(process)
+
+    def _must_end(self, why: str) -> None:
+        self._end_reason = why
+        self._end_words = self.listener.weather_words() if why == "weather" else None
 
     @property
     def _hangs(self) -> bool:
@@ -244,20 +253,22 @@ class PassSession:
         if found is None and self._end_reason in (None, "hang"):
             # A session that was ended from outside may be gone before we have looked for a stop.
             why = self.listener.end_reason()
-            self._end_reason = why or self._end_reason
+            if why is not None:
+                self._must_end(why)
         ended_utc_s = self.listener.now_utc_s()
         if found is None:
+            last = self._hang_text() or last_line or f"the session ended with {code}, without a word"
             return PassAttempt(
                 self._end_reason or "crash",
                 ended_utc_s,
                 on_target_s=round(self._on_target_s, 3),
-                words=self._hang_text() or last_line or f"the session ended with {code}, without a word",
+                words=last if self._end_words is None else f"{self._end_words}; {last}",
                 recording=self.recording,
             )
         ended_by = str(found.get("ended_by"))
         words = found.get("message")
         if self._end_reason not in (None, "hang"):
-            ended_by, words = str(self._end_reason), None
+            ended_by, words = str(self._end_reason), self._end_words
         if found.get("mount_stopped") is False:
             words = f"{words or ended_by}; THE MOUNT DID NOT CONFIRM THE STOP"
         return PassAttempt(

@@ -523,6 +523,8 @@ class TestFollowing:
         )
         attempt = night.perform(FOLLOW).attempt
         assert (attempt.ended_by, attempt.on_target_s) == ("weather", 0.5)
+        # Why, in the words of the weather.
+        assert str(attempt.words).startswith("sh: ended with 1")
         # Whoever does not care for the weather is not asked about it.
         night.script = SAYS.format(lines=[VIEW, self.summary("set")], code=0)
         assert night.perform(FOLLOW, in_any_weather(ONE)).attempt.ended_by == "set"

@@ -518,14 +518,18 @@ VIEW = '{"type": "view", "utc_s": 1, "phase": "tracking", "target_alt_deg": 30.0
 class Listener:
     """Hears how a session goes."""
 
-    def __init__(self, why: str | None = None) -> None:
-        self.why, self.lines, self.troubles = why, [], []  # type: ignore[var-annotated]
+    def __init__(self, why: str | None = None, words: str | None = None) -> None:
+        self.why, self.words = why, words
+        self.lines, self.troubles = [], []  # type: ignore[var-annotated]
 
     def now_utc_s(self) -> float:
         return BEGIN
 
     def end_reason(self) -> str | None:
         return self.why
+
+    def weather_words(self) -> str | None:
+        return self.words
 
     def report_progress(self, utc_s: float, on_target_s: float, line: str, silent_s: float = 0.0) -> None:
         del utc_s, on_target_s
@@ -548,6 +552,36 @@ def session(folder: Path, script: str, listener: Listener) -> PassSession:
 def hanging(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(night_processes, "OLD_AFTER_S", 0.3)
     monkeypatch.setattr(night_processes, "HANGS_AFTER_S", 1.0)
+
+
+def ends_when_told(summary: dict[str, Any]) -> str:
+    """Return a session that goes on until it is told to stop, and has no summary where none is given."""
+    last = f"print({json.dumps({'summary': summary})!r}, flush=True)"
+    if not summary:
+        last = "sys.exit('killed from outside')"
+    return f"import sys; print({VIEW % ''!r}, flush=True); sys.stdin.read(1); {last}"
+
+
+@pytest.mark.parametrize(
+    ("why", "words", "summary", "told"),
+    [
+        ("weather", "rain", {"ended_by": "operator"}, "rain"),
+        (
+            "weather",
+            "rain",
+            {"ended_by": "operator", "mount_stopped": False},
+            "rain; THE MOUNT DID NOT CONFIRM THE STOP",
+        ),
+        ("weather", "rain", {}, "rain; killed from outside"),
+        ("stopped", "rain", {"ended_by": "operator"}, None),
+        ("stopped", "rain", {}, "killed from outside"),
+    ],
+)
+def test_why_the_weather_ended_a_pass_is_kept(
+    tmp_path: Path, why: str, words: str, summary: dict[str, Any], told: str | None
+) -> None:
+    attempt = session(tmp_path, ends_when_told(summary), Listener(why, words)).run()
+    assert (attempt.ended_by, attempt.words) == (why, told)
 
 
 STANDS_STILL = f"import os, signal; print({VIEW % ''!r}, flush=True); os.kill(os.getpid(), signal.SIGSTOP)"
