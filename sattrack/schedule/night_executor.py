@@ -64,7 +64,7 @@ if TYPE_CHECKING:
     from sattrack.mount.model import MountProfile
     from sattrack.runtime.mounts import MountAddress
     from sattrack.schedule.file import Schedule
-    from sattrack.schedule.night import Event, NightPass, Order, Run, RunSettings
+    from sattrack.schedule.night import Event, NightPass, Order, Result, Run, RunSettings
     from sattrack.schedule.night_folder import Journal, NightFiles, OpenedRun
     from sattrack.schedule.night_processes import BackgroundTasks, Service
     from sattrack.schedule.night_stop import NightRequests
@@ -333,9 +333,16 @@ class LiveExecutor:
         elif isinstance(action, WebhookAction):
             context.tasks.begin(action.words, partial(post, action.url, facts, action.timeout_s))
         elif isinstance(action, SlewAction):
-            unsafe = self._unsafe(one)
-            return self._slew(action) if unsafe is None else f"not done: the weather is unsafe: {unsafe}"
+            return self._kept_from_slew(one, result) or self._slew(action)
         return None
+
+    def _kept_from_slew(self, one: NightPass, result: Result | None) -> str | None:
+        """Return why the mount must not slew before a pass, or after one with a result; None where it may."""
+        if result is not None and result.cause == "weather":
+            # It need not be unsafe any more: the mount stays where it was brought to rest.
+            return "not done: the weather ended the pass"
+        unsafe = self._unsafe(one)
+        return None if unsafe is None else f"not done: the weather is unsafe: {unsafe}"
 
     def _slew(self, action: SlewAction) -> str | None:
         slew = slew_of(action, self.context.now(), self.context.site, self.context.profile)

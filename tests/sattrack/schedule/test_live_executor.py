@@ -77,6 +77,7 @@ ONE = NightPass(
     asked_by="a test",
     renewable=True,
 )
+DONE = Result("done", on_target_s=370.0)
 SETTINGS = RunSettings(BEGIN, BEGIN + 86400.0, 0.0)
 VIEW = {"type": "view", "utc_s": BEGIN + 20.0, "phase": "tracking", "target_alt_deg": 40.0, "warnings": []}
 
@@ -131,7 +132,13 @@ class Night:
         self.commands.append(words)
         return [self.executable, "-c", self.script, *words]
 
-    def perform(self, order: Order, one: NightPass = ONE, state: RunState = RunState.WAITING) -> Any:
+    def perform(
+        self,
+        order: Order,
+        one: NightPass = ONE,
+        state: RunState = RunState.WAITING,
+        result: Result = DONE,
+    ) -> Any:
         run = Run(
             settings=SETTINGS,
             state=state,
@@ -139,7 +146,7 @@ class Night:
             night_from_utc_s=BEGIN - 600.0,
             night_to_utc_s=BEGIN + 3600.0,
             passes=(one,),
-            results=(Result("done", on_target_s=370.0),),
+            results=(result,),
         )
         return self.executor.perform(order, run)
 
@@ -367,8 +374,9 @@ def with_actions(*actions: Any, after: bool = False) -> NightPass:
 
 
 class TestSteps:
-    def do(self, night: Night, action: Any, when: str = "before") -> Any:
-        return night.perform(DoStep(index=0, when=when, step=0), with_actions(action, after=when == "after"))
+    def do(self, night: Night, action: Any, when: str = "before", result: Result = DONE) -> Any:
+        one = with_actions(action, after=when == "after")
+        return night.perform(DoStep(index=0, when=when, step=0), one, result=result)
 
     def test_a_program_that_is_waited_for(self, night: Night) -> None:
         writes = CommandAction(("sh", "-c", "echo $SATTRACK_WHEN $SATTRACK_RESULT > said"))
@@ -414,6 +422,20 @@ class TestSteps:
         one = in_any_weather(with_actions(slew))
         assert night.perform(DoStep(index=0, when="before", step=0), one).done
         assert len(night.commands) == 1
+
+    def test_after_a_pass_that_the_weather_ended_a_dome_is_closed_and_nothing_slews(
+        self, night: Night
+    ) -> None:
+        lost = Result("partly", "weather", "rain", on_target_s=100.0)
+        slew = SlewAction(ra_deg=100.0, dec_deg=20.0)
+        words = "not done: the weather ended the pass"
+        assert self.do(night, slew, "after", lost) == StepDone(utc_s=BEGIN, done=False, words=words)
+        assert night.commands == []
+        close = CommandAction(("sh", "-c", "echo $SATTRACK_CAUSE > closed"))
+        assert self.do(night, close, "after", lost).done
+        assert (night.folder / "closed").read_text() == "weather\n"
+        # The weather that ended a pass says nothing of the next.
+        assert self.do(night, slew, "before", lost).done
 
     def test_a_slow_mount_is_given_the_time_that_it_takes(
         self, night: Night, monkeypatch: pytest.MonkeyPatch
