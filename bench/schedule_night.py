@@ -316,7 +316,7 @@ def main() -> None:
     rng = random.Random(options.seed)
     with tempfile.TemporaryDirectory() as folder:
         plan = Plan(
-            Path(folder), options.nights, options.satellites, options.most, options.longest, options.seed
+            Path(folder), options.nights, options.satellites, options.most, options.longest, seed=options.seed
         )
         if options.kills:
             plan.seed = None
