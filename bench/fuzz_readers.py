@@ -379,11 +379,11 @@ def catalogue() -> list[Read]:
 
 
 def weather() -> list[Read]:
-    from sattrack.schedule.night_processes import ask_weather
+    from sattrack.schedule.night_processes import WeatherSource
     from sattrack.schedule.schema import Weather
 
     written = in_file("weather")
-    return [lambda data: ask_weather(Weather(file=str(written(data))), FOLDER)]
+    return [lambda data: WeatherSource(Weather(file=str(written(data))), FOLDER).ask()]
 
 
 def adsb() -> list[Read]:

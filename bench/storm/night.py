@@ -389,7 +389,7 @@ class NightWorld(World):
             "time": RunnerTime(self),
             "PassSession": lambda _command, one, _recording, _log, listener: Session(self, one, listener),
             "WeatherWatch": Watch,
-            "ask_weather": lambda *_: self.weather,
+            "WeatherSource": lambda weather, _: SimpleNamespace(weather=weather, ask=lambda *_: self.weather),
             "run_program": self._run_program,
             "run_verb": self._run_verb,
             "wait_until_free": self._wait_until_free,

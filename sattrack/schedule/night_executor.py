@@ -43,8 +43,8 @@ from sattrack.schedule.night_folder import Heartbeat, attempt_name
 from sattrack.schedule.night_processes import (
     FRESH_S,
     PassSession,
+    WeatherSource,
     WeatherWatch,
-    ask_weather,
     facts_of,
     post,
     run_program,
@@ -151,6 +151,7 @@ class LiveExecutor:
     context: NightContext
     files: NightFiles
     journal: Journal
+    _source: WeatherSource | None = None
     _watch: WeatherWatch | None = None
     _beaten_s: float = field(default=float("-inf"))
     _attempt: str | None = None
@@ -299,23 +300,32 @@ class LiveExecutor:
 
     def _ask_weather(self) -> WeatherReported | None:
         """Ask it; None where a stop was asked for before it had answered."""
-        context, weather = self.context, self.context.schedule.weather
-        if weather is None:
+        context, source = self.context, self._weather_source()
+        if source is None:
             return WeatherReported(utc_s=context.now(), safe=None)
-        answer = ask_weather(weather, context.folder, self._must_end)
+        answer = source.ask(self._must_end)
         if context.requests.asked and not answer.safe:
             return None
         return WeatherReported(utc_s=context.now(), safe=answer.safe, words=answer.words)
+
+    def _weather_source(self) -> WeatherSource | None:
+        """Return the source that the schedule in force names; None where it names none."""
+        weather = self.context.schedule.weather
+        if weather is None:
+            return None
+        if self._source is None or self._source.weather != weather:
+            self._source = WeatherSource(weather, self.context.folder)
+        return self._source
 
     def _unsafe(self, one: NightPass) -> str | None:
         """Return why the mount must not move for a pass now: the weather's words; None where it may.
 
         The machine's own question may be long ago: a restart, a broken session, an action that took long.
         """
-        weather = self.context.schedule.weather
-        if weather is None or one.terms.if_weather_unsafe == "run":
+        source = self._weather_source()
+        if source is None or one.terms.if_weather_unsafe == "run":
             return None
-        answer = ask_weather(weather, self.context.folder, self._must_end, FRESH_S)
+        answer = source.ask(self._must_end, FRESH_S)
         return None if answer.safe else answer.words or "unsafe"
 
     def _do(self, order: DoStep, run: Run) -> str | None:
@@ -395,7 +405,7 @@ class LiveExecutor:
         return Parked(utc_s=self.context.now(), mount=Mount.PARKED if power_off else Mount.AT_PARK)
 
     def _follow(self, order: Follow, run: Run) -> PassAttempt:
-        context, weather, one = self.context, self.context.schedule.weather, run.passes[order.index]
+        context, source, one = self.context, self._weather_source(), run.passes[order.index]
         self._pause(order.pause_s)
         if context.requests.asked:
             return PassAttempt("stopped", context.now())
@@ -406,8 +416,8 @@ class LiveExecutor:
                 return kept
             self._recording = self._recording_of(one, order.part, run.night_from_utc_s)
             self._attempt = attempt_name(one, order.part)
-            if weather is not None and one.terms.if_weather_unsafe != "run":
-                self._watch = WeatherWatch(weather, context.folder)
+            if source is not None and one.terms.if_weather_unsafe != "run":
+                self._watch = WeatherWatch(source)
             session = PassSession(
                 self._track_command(one, self._recording),
                 one,

@@ -520,11 +520,6 @@ class _Question:
         self._answer = answer
 
 
-_questions: dict[tuple[object, ...], _Question] = {}
-"""The last question to each source, by the source and the folder of its program."""
-_questions_lock = threading.Lock()
-
-
 def _since_boot_s() -> float:
     """Return a clock that nobody sets, and that goes on while the computer sleeps where it has such a one."""
     boot = getattr(time, "CLOCK_BOOTTIME", None)
@@ -535,38 +530,46 @@ def _never() -> bool:
     return False
 
 
-def ask_weather(
-    weather: Weather, folder: Path, must_end: Callable[[], bool] = _never, fresh_s: float = 0.0
-) -> WeatherReport:
-    """Ask the weather source; return its answer, or that none came within the schedule's time limit.
+class WeatherSource:
+    """What a schedule asks for the weather. Programs run in `folder`.
 
-    Programs run in `folder`. An answer of the last `fresh_s` counts. While a question hangs no other is
-    begun, as each would leave a thread behind. Once the caller `must_end`, nothing is waited for: what is
-    returned then is no answer.
+    While a question hangs no other is begun, as each would leave a thread behind.
     """
-    cut_off = WeatherReport(False, "it was not waited for")
-    if must_end():
-        return cut_off
-    try:
-        question = _question_to(weather, folder, fresh_s)
-    except RuntimeError as error:
-        return WeatherReport(False, f"cannot be asked: {error}")
-    until_s = question.begun_s + weather.timeout_s
-    while question.thread.is_alive() and (left_s := until_s - time.monotonic()) > 0.0:
+
+    def __init__(self, weather: Weather, folder: Path) -> None:
+        """Ask nothing yet."""
+        self.weather, self._folder = weather, folder
+        self._last: _Question | None = None
+        self._lock = threading.Lock()
+
+    def ask(self, must_end: Callable[[], bool] = _never, fresh_s: float = 0.0) -> WeatherReport:
+        """Return its answer, or that none came within the schedule's time limit.
+
+        An answer of the last `fresh_s` counts. Once the caller `must_end`, nothing is waited for: what is
+        returned then is no answer.
+        """
+        cut_off = WeatherReport(False, "it was not waited for")
         if must_end():
             return cut_off
-        question.thread.join(min(left_s, LOOK_EVERY_S))
-    return question.answer_within(weather.timeout_s)
+        try:
+            question = self._question(fresh_s)
+        except RuntimeError as error:
+            return WeatherReport(False, f"cannot be asked: {error}")
+        timeout_s = self.weather.timeout_s
+        until_s = question.begun_s + timeout_s
+        while question.thread.is_alive() and (left_s := until_s - time.monotonic()) > 0.0:
+            if must_end():
+                return cut_off
+            question.thread.join(min(left_s, LOOK_EVERY_S))
+        return question.answer_within(timeout_s)
 
-
-def _question_to(weather: Weather, folder: Path, fresh_s: float) -> _Question:
-    """Return the question that is under way or fresh, else a new one. Raises RuntimeError."""
-    source = (weather.file, weather.command, weather.alpaca, folder)
-    with _questions_lock:
-        last = _questions.get(source)
-        if last is None or not (last.thread.is_alive() or last.age_s < fresh_s):
-            last = _questions[source] = _Question(weather, folder)
-        return last
+    def _question(self, fresh_s: float) -> _Question:
+        """Return the question that is under way or fresh, else a new one. Raises RuntimeError."""
+        with self._lock:
+            last = self._last
+            if last is None or not (last.thread.is_alive() or last.age_s < fresh_s):
+                last = self._last = _Question(self.weather, self._folder)
+            return last
 
 
 def _asked(weather: Weather, folder: Path) -> WeatherReport:
@@ -618,10 +621,10 @@ class WeatherWatch:
     `unsafe` is the reason, once it is unsafe.
     """
 
-    def __init__(self, weather: Weather, folder: Path) -> None:
+    def __init__(self, source: WeatherSource) -> None:
         """Begin to ask."""
         self.unsafe: str | None = None
-        self._weather, self._folder = weather, folder
+        self._source = source
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._ask, name="weather", daemon=True)
         self._thread.start()
@@ -634,11 +637,11 @@ class WeatherWatch:
         # Sessions may break off more often than this waits: each is watched from its beginning.
         fresh_s = FRESH_S
         while True:
-            answer = ask_weather(self._weather, self._folder, self._over.is_set, fresh_s)
+            answer = self._source.ask(self._over.is_set, fresh_s)
             if not answer.safe and not self._over.is_set():
                 self.unsafe = answer.words or "unsafe"
                 return
-            if self._over.wait(self._weather.every_s):
+            if self._over.wait(self._source.weather.every_s):
                 return
             fresh_s = 0.0
 

@@ -574,14 +574,14 @@ class TestFollowing:
     def test_a_stop_while_the_weather_is_asked_about_begins_nothing(self, tmp_path: Path) -> None:
         night = Night(tmp_path, RAINS_ONCE_WET.replace("{every_s}", "3600") + PLAIN)
         (tmp_path / "wet").touch()
-        asks = night_executor.ask_weather
+        asks = night_executor.WeatherSource.ask
 
         def stop(*given: Any) -> Any:
             night.requests.interrupted = True
             return asks(*given)
 
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(night_executor, "ask_weather", stop)
+            patch.setattr(night_executor.WeatherSource, "ask", stop)
             assert night.perform(FOLLOW).attempt.ended_by == "stopped"
         assert night.commands == []
 

@@ -40,9 +40,9 @@ from sattrack.schedule.night_processes import (
     BackgroundTasks,
     Notifier,
     WeatherReport,
+    WeatherSource,
     WeatherWatch,
     as_environment,
-    ask_weather,
     facts_of,
     post,
     run_program,
@@ -210,17 +210,17 @@ def test_a_weather_file_says_it_in_its_first_word(
 ) -> None:
     file = tmp_path / "weather.txt"
     file.write_text(text, encoding="utf-8", newline="")
-    told = ask_weather(Weather(file=str(file)), tmp_path)
+    told = WeatherSource(Weather(file=str(file)), tmp_path).ask()
     assert told.safe is safe
     assert words is None or words in str(told.words)
 
 
 def test_a_weather_file_that_is_old_or_gone_is_unsafe(tmp_path: Path) -> None:
     file = tmp_path / "weather.txt"
-    assert ask_weather(Weather(file=str(file)), tmp_path).safe is False
+    assert WeatherSource(Weather(file=str(file)), tmp_path).ask().safe is False
     file.write_text("safe")
     os.utime(file, (file.stat().st_mtime - 400.0,) * 2)
-    told = ask_weather(Weather(file=str(file), oldest_s=300.0), tmp_path)
+    told = WeatherSource(Weather(file=str(file), oldest_s=300.0), tmp_path).ask()
     assert not told.safe
     assert "300 s are allowed" in str(told.words)
 
@@ -230,7 +230,7 @@ def test_a_weather_file_from_the_future_is_unsafe(tmp_path: Path) -> None:
     file.write_text("safe")
     for ahead_s, safe in ((200.0, True), (400.0, False)):
         os.utime(file, (time.time() + ahead_s,) * 2)
-        assert ask_weather(Weather(file=str(file), oldest_s=300.0), tmp_path).safe is safe
+        assert WeatherSource(Weather(file=str(file), oldest_s=300.0), tmp_path).ask().safe is safe
 
 
 def test_a_safety_monitor_whose_host_can_be_none_is_refused() -> None:
@@ -240,16 +240,16 @@ def test_a_safety_monitor_whose_host_can_be_none_is_refused() -> None:
 
 
 def test_a_weather_command_is_safe_where_it_ends_with_0_in_time(tmp_path: Path) -> None:
-    assert ask_weather(Weather(command=("true",)), tmp_path).safe
-    assert ask_weather(Weather(command=("false",)), tmp_path) == (False, "false: ended with 1")
-    hangs = ask_weather(Weather(command=("sleep", "60"), timeout_s=0.2), tmp_path)
+    assert WeatherSource(Weather(command=("true",)), tmp_path).ask().safe
+    assert WeatherSource(Weather(command=("false",)), tmp_path).ask() == (False, "false: ended with 1")
+    hangs = WeatherSource(Weather(command=("sleep", "60"), timeout_s=0.2), tmp_path).ask()
     assert hangs == (False, "no answer within 0.2 s")
 
 
-def answers_within(seconds: float, weather: Weather, folder: Path, *more: Any) -> WeatherReport:
+def answers_within(seconds: float, source: WeatherSource, *more: Any) -> WeatherReport:
     """Ask, in a thread of its own, so that a question that hangs fails the test and no more."""
     found: list[WeatherReport] = []
-    asks = threading.Thread(target=lambda: found.append(ask_weather(weather, folder, *more)), daemon=True)
+    asks = threading.Thread(target=lambda: found.append(source.ask(*more)), daemon=True)
     asks.start()
     asks.join(seconds)
     assert found, f"no answer within {seconds} s"
@@ -263,14 +263,14 @@ def test_a_weather_file_that_is_none_is_unsafe_at_once_and_nothing_stays_open(tm
     folder.mkdir()
     real.write_text("safe")
     link.symlink_to(real)
-    assert answers_within(30.0, Weather(file=str(link)), tmp_path).safe
+    assert answers_within(30.0, WeatherSource(Weather(file=str(link)), tmp_path)).safe
     descriptors = Path("/proc/self/fd")
     opened = len(list(descriptors.iterdir())) if descriptors.exists() else 0
     for path in (pipe, folder):
-        told = answers_within(30.0, Weather(file=str(path)), tmp_path)
+        told = answers_within(30.0, WeatherSource(Weather(file=str(path)), tmp_path))
         assert told == (False, f"{path}: no regular file")
     assert not descriptors.exists() or len(list(descriptors.iterdir())) <= opened
-    assert not answers_within(30.0, Weather(file=str(tmp_path / "a\0b")), tmp_path).safe
+    assert not answers_within(30.0, WeatherSource(Weather(file=str(tmp_path / "a\0b")), tmp_path)).safe
 
 
 @contextmanager
@@ -293,11 +293,11 @@ def hanging_disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Path]]:
 def test_a_weather_file_on_a_disk_that_hangs_is_unsafe_in_time_and_keeps_one_thread_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    weather = Weather(file=str(tmp_path / "weather.txt"), timeout_s=0.2, every_s=0.1)
+    source = WeatherSource(Weather(file=str(tmp_path / "weather.txt"), timeout_s=0.2, every_s=0.1), tmp_path)
     with hanging_disk(monkeypatch) as asked:
         for _ in range(3):
-            assert answers_within(30.0, weather, tmp_path) == (False, "no answer within 0.2 s")
-        watch = WeatherWatch(weather, tmp_path)
+            assert answers_within(30.0, source) == (False, "no answer within 0.2 s")
+        watch = WeatherWatch(source)
         watch._thread.join(30.0)
         assert watch.unsafe == "no answer within 0.2 s"
         assert len(asked) == 1
@@ -305,19 +305,19 @@ def test_a_weather_file_on_a_disk_that_hangs_is_unsafe_in_time_and_keeps_one_thr
     monkeypatch.undo()
     (tmp_path / "weather.txt").write_text("safe")
     until_s = time.monotonic() + 30.0
-    while not ask_weather(weather, tmp_path).safe and time.monotonic() < until_s:
+    while not source.ask().safe and time.monotonic() < until_s:
         time.sleep(0.01)
-    assert ask_weather(weather, tmp_path).safe
+    assert source.ask().safe
 
 
 def test_whoever_must_end_does_not_wait_for_the_weather(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    weather = Weather(file=str(tmp_path / "weather.txt"), timeout_s=3600.0)
+    source = WeatherSource(Weather(file=str(tmp_path / "weather.txt"), timeout_s=3600.0), tmp_path)
     with hanging_disk(monkeypatch) as asked:
-        assert not answers_within(30.0, weather, tmp_path, lambda: bool(asked)).safe
-        assert not answers_within(30.0, weather, tmp_path, lambda: True).safe
-        watch = WeatherWatch(weather, tmp_path)
+        assert not answers_within(30.0, source, lambda: bool(asked)).safe
+        assert not answers_within(30.0, source, lambda: True).safe
+        watch = WeatherWatch(source)
         watch.close()
         watch._thread.join(30.0)
         assert not watch._thread.is_alive()
@@ -338,7 +338,7 @@ def test_a_safety_monitor_that_drips_is_unsafe_in_time(tmp_path: Path) -> None:
         drips = threading.Thread(target=drip, daemon=True)
         drips.start()
         address = f"alpaca://127.0.0.1:{server.getsockname()[1]}/0"
-        told = answers_within(30.0, Weather(alpaca=address, timeout_s=0.3), tmp_path)
+        told = answers_within(30.0, WeatherSource(Weather(alpaca=address, timeout_s=0.3), tmp_path))
         assert told == (False, "no answer within 0.3 s")
         over.set()
         drips.join(30.0)
@@ -346,12 +346,12 @@ def test_a_safety_monitor_that_drips_is_unsafe_in_time(tmp_path: Path) -> None:
 
 def test_an_answer_counts_while_it_is_fresh_where_the_caller_says_so(tmp_path: Path) -> None:
     file = tmp_path / "weather.txt"
-    weather = Weather(file=str(file))
+    source = WeatherSource(Weather(file=str(file)), tmp_path)
     file.write_text("safe")
-    assert ask_weather(weather, tmp_path).safe
+    assert source.ask().safe
     file.write_text("unsafe rain")
-    assert ask_weather(weather, tmp_path, lambda: False, 3600.0).safe
-    assert ask_weather(weather, tmp_path) == (False, "rain")
+    assert source.ask(lambda: False, 3600.0).safe
+    assert source.ask() == (False, "rain")
 
 
 @pytest.mark.parametrize(
@@ -371,12 +371,12 @@ def test_an_alpaca_safety_monitor_is_asked_whether_it_is_safe(
     tmp_path: Path, code: int, body: bytes, safe: bool, words: str | None
 ) -> None:
     with answering(code, body) as server:
-        told = ask_weather(Weather(alpaca=f"alpaca://127.0.0.1:{server.server_port}/2"), tmp_path)
+        told = WeatherSource(Weather(alpaca=f"alpaca://127.0.0.1:{server.server_port}/2"), tmp_path).ask()
         assert server.paths[0].startswith("/api/v1/safetymonitor/2/issafe?ClientID=")
     assert told.safe is safe
     assert words is None or words in str(told.words)
     if safe:
-        gone = ask_weather(Weather(alpaca=f"alpaca://127.0.0.1:{server.server_port}/2"), tmp_path)
+        gone = WeatherSource(Weather(alpaca=f"alpaca://127.0.0.1:{server.server_port}/2"), tmp_path).ask()
         assert not gone.safe
         assert "nothing listens there" in str(gone.words)
 
@@ -384,7 +384,7 @@ def test_an_alpaca_safety_monitor_is_asked_whether_it_is_safe(
 def test_weather_that_turns_unsafe_is_noticed_while_something_else_goes_on(tmp_path: Path) -> None:
     (tmp_path / "asked").mkdir()
     first_safe = "mktemp asked/XXXXXX; test $(ls asked | wc -l) -lt 3"
-    watch = WeatherWatch(Weather(command=(*SHELL, first_safe), every_s=0.1), tmp_path)
+    watch = WeatherWatch(WeatherSource(Weather(command=(*SHELL, first_safe), every_s=0.1), tmp_path))
     watch._thread.join(30.0)
     assert watch.unsafe == "sh: ended with 1"
     assert len(list((tmp_path / "asked").iterdir())) == 3
@@ -392,7 +392,7 @@ def test_weather_that_turns_unsafe_is_noticed_while_something_else_goes_on(tmp_p
 
 
 def test_weather_is_asked_about_at_once_and_then_now_and_again(tmp_path: Path) -> None:
-    watch = WeatherWatch(Weather(command=("false",), every_s=86400.0), tmp_path)
+    watch = WeatherWatch(WeatherSource(Weather(command=("false",), every_s=86400.0), tmp_path))
     watch._thread.join(30.0)
     watch.close()
     assert watch.unsafe == "false: ended with 1"
