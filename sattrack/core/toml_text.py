@@ -40,6 +40,12 @@ _TOML = re.compile(r"^\s*(\[|[\w.\"'-]+\s*=)", re.MULTILINE)
 """What a line of TOML looks like."""
 _YES_OR_NO = {"yes", "no", "on", "off", "true", "false"}
 _TAG = re.compile(r"Invalid value '(.*)'")
+MOST_NESTED = 64
+"""Brackets, braces and points of keys in one line that may be why a file is nested too deep to be read."""
+_NESTING = re.compile(r"[\[{.]")
+_LONG_NUMBER = re.compile(r"[0-9A-Fa-f_]{3000,}")
+"""What may have more digits than Python turns into text: 4300, of a hexadecimal number fewer."""
+_TOO_DEEP = "arrays and tables are nested too deep to be read; nest them less"
 
 
 class UnknownKeyError(BadInputError):
@@ -251,6 +257,32 @@ def read_typed(
 
     Raises BadInputError with file, line and column; without `columns`, with file, line and table.
     """
+    try:
+        return _read_typed(text, file, kind, columns, what)
+    except RecursionError:
+        raise Origin(file, _nested_line(text)).wrong(_TOO_DEEP) from None
+    except ValueError:
+        # Python turns no longer number into text or back; all other errors of the parser are caught before.
+        line = _long_number_line(text)
+        if line == 0:
+            raise
+        raise Origin(file, line).wrong("a number has too many digits; write a shorter one") from None
+
+
+def _nested_line(text: str) -> int:
+    """Return the line with the most brackets and points, from 1; 0 where the nesting goes over many lines."""
+    counts = [len(_NESTING.findall(line)) for line in text.split("\n")]
+    most = max(counts)
+    return counts.index(most) + 1 if most >= MOST_NESTED else 0
+
+
+def _long_number_line(text: str) -> int:
+    """Return the line of the first number that Python does not read or write, from 1; 0 for none."""
+    number = _LONG_NUMBER.search(text)
+    return 0 if number is None else text.count("\n", 0, number.start()) + 1
+
+
+def _read_typed(text: str, file: str, kind: type[T], columns: bool, what: str) -> tuple[T, KeyPositions]:
     try:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -81,6 +81,8 @@ VERB_WITHIN_S, VERB_WAYS = 600.0, 2.0
 """How long a verb of the mount may take at least, and for how many ways of a slow mount: one may go round."""
 TURNS_WITHIN_S, PLANS_WITHIN_S = 120.0, 1200.0
 """For a watchdog: how long one turn of ours may take at most, and what may take long."""
+MOST_WORDS = 500
+"""Characters of an error that are kept and told: it may quote a file."""
 REREADS = (RunState.WAITING, RunState.PLANLESS, RunState.RESTING)
 """Where a schedule that was read again can be planned anew."""
 
@@ -113,6 +115,14 @@ def jump_between(
         return None
     slept = (after.since_boot_s - before.since_boot_s) - (after.awake_s - before.awake_s)
     return jumped, slept > 0.5 * abs(jumped)
+
+
+def _why(error: Exception) -> str:
+    """Return an error in one line; one that nobody foresaw, or without words, with its type."""
+    words = next(iter(str(error).splitlines()), "")[:MOST_WORDS]
+    if words and isinstance(error, SattrackError | TleError):
+        return words
+    return ": ".join([type(error).__name__, *([words] if words else [])])
 
 
 @dataclass(slots=True)
@@ -255,9 +265,9 @@ class LiveExecutor:
         context.requests.reload = False
         try:
             context.schedule, self._settings = context.read_again()
-        except (SattrackError, TleError) as error:
-            words = str(error).splitlines()[0]
-            context.report_trouble("schedule", f"not read again, the schedule in force stays: {words}")
+        except Exception as error:  # noqa: BLE001 - no file is worth the end of the night
+            words = f"not read again, the schedule in force stays: {_why(error)}"
+            context.report_trouble("schedule", words)
         else:
             context.report_trouble("schedule", None)
 
@@ -266,8 +276,8 @@ class LiveExecutor:
         self.context.service.promise(PLANS_WITHIN_S)
         try:
             return self.context.plan(max(now, run.night_from_utc_s), run.night_to_utc_s, now)
-        except (SattrackError, TleError) as error:
-            return NotPlanned(utc_s=now, words=str(error).splitlines()[0])
+        except Exception as error:  # noqa: BLE001 - no file is worth more than a plan
+            return NotPlanned(utc_s=now, words=_why(error))
 
     def _prepare(self, one: NightPass, wake: bool) -> PassPrepared:
         context, how = self.context, self.context.schedule.wake
@@ -289,8 +299,8 @@ class LiveExecutor:
         if one.renewable:
             try:
                 elements = context.renew(one)
-            except (SattrackError, TleError) as error:
-                words = f"{one.name}: elements are not renewed: {str(error).splitlines()[0]}"
+            except Exception as error:  # noqa: BLE001 - no provider is worth a pass
+                words = f"{one.name}: elements are not renewed: {_why(error)}"
         used = elements or one.elements
         age_days = 0.0 if used is None else (one.start_utc_s - float(used.epoch.unix_s)) / DAY_S
         if age_days > one.terms.elements_oldest_days and one.terms.if_elements_old == "skip":

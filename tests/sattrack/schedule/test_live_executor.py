@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import pytest
 
-from sattrack.core.errors import BadInputError
+from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.geometry import AxisGeometry
 from sattrack.mount.model import AxisLimits, MountProfile, SitePlace
 from sattrack.runtime import demo_pass
@@ -80,6 +80,23 @@ ONE = NightPass(
 DONE = Result("done", on_target_s=370.0)
 SETTINGS = RunSettings(BEGIN, BEGIN + 86400.0, 0.0)
 VIEW = {"type": "view", "utc_s": BEGIN + 20.0, "phase": "tracking", "target_alt_deg": 40.0, "warnings": []}
+
+
+UNFORESEEN = [ValueError("too long\nmore"), RecursionError("too deep"), MemoryError(), SattrackError()]
+
+
+def failing(error: Exception) -> Callable[..., Any]:
+    """Return what raises an error, whatever it is given."""
+
+    def fails(*_: Any) -> Any:
+        raise error
+
+    return fails
+
+
+def told(error: Exception) -> str:
+    """Return how an error that nobody foresaw is told: in one line, with its type."""
+    return ": ".join([type(error).__name__, *str(error).splitlines()[:1]])
 
 
 @dataclass
@@ -196,6 +213,13 @@ class TestWaiting:
         assert str(night.troubles["schedule"]).startswith("not read again, the schedule in force stays: ")
         assert "night.toml:1:10: passes is 3" in str(night.troubles["schedule"])
 
+    @pytest.mark.parametrize("error", UNFORESEEN)
+    def test_no_error_of_reading_it_again_ends_the_night(self, night: Night, error: Exception) -> None:
+        night.context.read_again = failing(error)
+        night.requests.reload = True
+        assert isinstance(night.perform(Wait(until_utc_s=BEGIN)), Due)
+        assert night.troubles["schedule"] == f"not read again, the schedule in force stays: {told(error)}"
+
 
 class TestEnds:
     def test_a_person_at_the_terminal_ends_it(self, night: Night) -> None:
@@ -266,6 +290,11 @@ class TestPlans:
             utc_s=BEGIN, words="no such file"
         )
 
+    @pytest.mark.parametrize("error", UNFORESEEN)
+    def test_no_error_of_a_plan_costs_more_than_the_plan(self, tmp_path: Path, error: Exception) -> None:
+        night = Night(tmp_path, plan=failing(error))
+        assert night.perform(MakePlan()) == NotPlanned(utc_s=BEGIN, words=told(error))
+
     def test_the_nights_summary_is_written_or_what_keeps_it_from_that_is_said(self, night: Night) -> None:
         found = night.perform(SumUp())
         assert isinstance(found, SummedUp)
@@ -312,6 +341,12 @@ class TestPreparation:
         found = night.perform(Prepare(index=0, wake=False))
         assert (found.cause, found.elements) == (None, None)
         assert found.words == "ISS (ZARYA): elements are not renewed: the provider is silent"
+
+    @pytest.mark.parametrize("error", UNFORESEEN)
+    def test_no_error_of_renewing_elements_costs_the_pass(self, tmp_path: Path, error: Exception) -> None:
+        found = Night(tmp_path, renew=failing(error)).perform(Prepare(index=0, wake=False))
+        assert (found.cause, found.elements) == (None, None)
+        assert found.words == f"ISS (ZARYA): elements are not renewed: {told(error)}"
 
     @pytest.mark.parametrize(("rule", "cause"), [("skip", "elements too old"), ("run", None)])
     def test_old_elements_are_treated_as_the_schedule_says(

@@ -134,6 +134,10 @@ def utc_s(text: str) -> float:
             "night.toml:4:7: ISS: ends before it starts; swap start and end",
         ),
         ('[[fixed]]\nsatellite = "ISS"\n', "night.toml:1:1: start is missing"),
+        (ISS + f"priority = {'9' * 5000}\n", "night.toml:3: a number has too many digits; write a shorter"),
+        (ISS + f"before = {'[' * 5000}\n", "night.toml:3: arrays and tables are nested too deep to be read"),
+        (ISS + "before = " + "[\n" * 5000, "night.toml: arrays and tables are nested too deep to be read"),
+        (f"{ISS}[{'a.' * 5000}a]\n", "night.toml:3: arrays and tables are nested too deep to be read; nest"),
     ],
 )
 def test_what_is_wrong_is_told_with_its_place_and_what_was_meant(
