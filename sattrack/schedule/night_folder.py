@@ -355,11 +355,13 @@ def encoded(what: Any) -> bytes:
 
 
 STATUS, PROFILE = "status.json", "mount.toml"
+MOST_OF_A_NAME = 60
+"""Characters, of one byte each: file systems take 255 bytes for the whole name of a file."""
 
 
 def name_part(name: str) -> str:
-    """Return a target's name as part of a file's name."""
-    return re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_") or "target"
+    """Return a target's name as part of a file's name, its beginning where it is long."""
+    return re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")[:MOST_OF_A_NAME].rstrip("_") or "target"
 
 
 SUMMARIES, RECORDINGS, ELEMENTS = "summaries", "recordings", "elements"
@@ -408,12 +410,12 @@ class NightFiles:
         stem = f"{RECORDINGS}/{start}-{one.catalog_number or name_part(one.name)}"
         try:
             (self.folder / RECORDINGS).mkdir(parents=True, exist_ok=True)
+            name, count = f"{stem}-{part}.mcap", 1
+            while (self.folder / name).exists():
+                count += 1
+                name = f"{stem}-{part}-{count}.mcap"
         except OSError as error:
             raise SattrackError(f"cannot write {self.folder / RECORDINGS}: {error.strerror}") from None
-        name, count = f"{stem}-{part}.mcap", 1
-        while (self.folder / name).exists():
-            count += 1
-            name = f"{stem}-{part}-{count}.mcap"
         return name
 
     def elements(self, one: NightPass) -> Path:
@@ -496,8 +498,14 @@ class NightFiles:
 
 
 def _is_recording(file: Path, folder: Path) -> bool:
-    """Return whether a name that was kept is that of a file in the folder of recordings, and no link."""
-    return file.parent == folder / RECORDINGS and file.is_file() and not file.is_symlink()
+    """Return whether a name that was kept is that of a file in the folder of recordings, and no link.
+
+    A file that the system does not show is none.
+    """
+    try:
+        return file.parent == folder / RECORDINGS and file.is_file() and not file.is_symlink()
+    except OSError:
+        return False
 
 
 class OpenedRun(NamedTuple):

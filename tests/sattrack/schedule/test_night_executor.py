@@ -48,7 +48,7 @@ from sattrack.schedule.night_processes import (
     run_program,
 )
 from sattrack.schedule.night_stop import locked
-from sattrack.schedule.schema import Notify, Terms, Weather
+from sattrack.schedule.schema import Notify, Recordings, Terms, Weather
 from sattrack.schedule.virtual_executor import SimulatedStation
 from sattrack.settings import Settings
 from tle.instants import Utc
@@ -475,6 +475,33 @@ def test_a_recording_never_takes_the_name_of_one_that_is_there(tmp_path: Path) -
     (tmp_path / first).touch()
     assert files.recording(ONE, 1) == "recordings/20261002T120200Z-25544-1-2.mcap"
     assert files.recording(ONE, 2) == "recordings/20261002T120200Z-25544-2.mcap"
+
+
+def test_a_target_without_a_number_and_with_a_long_name_has_a_recording(tmp_path: Path) -> None:
+    for name, part in (("N" * 300, "N" * 60), ("é" * 300, "target"), ("N" * 59 + "é" + "M" * 9, "N" * 59)):
+        one = msgspec.structs.replace(
+            ONE, elements=replace(demo_pass.elements(), name=name, catalog_number=0)
+        )
+        files = NightFiles(tmp_path, "night.toml")
+        assert files.recording(one, 1) == f"recordings/20261002T120200Z-{part}-1.mcap"
+        (tmp_path / files.recording(one, 1)).touch()
+
+
+def test_a_recording_whose_path_the_system_refuses_is_an_error_of_ours(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuses(_: Path) -> bool:
+        raise OSError(36, "File name too long")
+
+    files = NightFiles(tmp_path, "night.toml")
+    monkeypatch.setattr("pathlib.Path.exists", refuses)
+    with pytest.raises(SattrackError, match=r"cannot write .*: File name too long"):
+        files.recording(ONE, 1)
+    monkeypatch.undo()
+    # Whether an old one is there cannot be known: that costs no pass either.
+    monkeypatch.setattr("pathlib.Path.is_file", refuses)
+    old = [(0.0, "recordings/old.mcap")]
+    assert files.make_room(old, Recordings(keep_days=1.0), BEGIN, BEGIN) == []
 
 
 def test_a_status_that_is_none_is_an_error_in_one_line(tmp_path: Path) -> None:
