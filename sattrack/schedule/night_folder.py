@@ -453,13 +453,18 @@ class NightFiles:
 
         `made` are those that this run made, each with the instant at which it was over. None is deleted that
         was over since this night began, and nothing else in the folder.
+
+        Age is counted to now, but at most to a day after the last recording before this night: a clock that
+        is far ahead for a night deletes no more than a day would.
         """
         gone = []
-        for over_utc_s, name in sorted(made):
+        before = sorted(each for each in made if each[0] < night_from_utc_s)
+        counted_to_utc_s = min(now_utc_s, before[-1][0] + DAY_S) if before else now_utc_s
+        for over_utc_s, name in before:
             file = self.folder / name
-            if over_utc_s >= night_from_utc_s or not _is_recording(file, self.folder):
+            if not _is_recording(file, self.folder):
                 continue
-            old = rule.keep_days is not None and now_utc_s - over_utc_s > rule.keep_days * DAY_S
+            old = rule.keep_days is not None and counted_to_utc_s - over_utc_s > rule.keep_days * DAY_S
             if not (old or self._too_full(rule)):
                 continue
             with contextlib.suppress(OSError):

@@ -437,6 +437,28 @@ def test_old_recordings_are_deleted_by_their_age_but_never_tonights_nor_anything
     assert (tmp_path / "outside.mcap").exists()
 
 
+def test_a_clock_that_is_far_ahead_deletes_only_what_is_old_beside_the_nights_before(tmp_path: Path) -> None:
+    made = recordings(tmp_path, [40.0, 31.0, 29.0, 10.0, 1.0, 0.0])
+    files, rule = NightFiles(tmp_path, "n"), Recordings(keep_days=30)
+    ahead = BEGIN + 60.0 * DAY_S
+    made[-1] = (ahead, made[-1][1])
+    # The clock was set in the night, or before it; it has recorded a pass already.
+    assert files.make_room(made[1:], rule, ahead + 600.0, BEGIN - 600.0) == ["recordings/1.mcap"]
+    assert files.make_room(made, rule, ahead + 600.0, ahead - 600.0) == ["recordings/0.mcap"]
+    # It is right again: what it recorded meanwhile counts for no night before this one.
+    assert files.make_room(made, rule, BEGIN + 600.0, BEGIN) == []
+    made.append((BEGIN + 700.0, "recordings/6.mcap"))
+    assert files.make_room(made, rule, BEGIN + 1.5 * DAY_S, BEGIN + DAY_S) == ["recordings/2.mcap"]
+
+
+def test_after_weeks_without_a_night_the_second_one_deletes_what_is_old(tmp_path: Path) -> None:
+    made = recordings(tmp_path, [75.0, 60.0, 41.0, 40.0, 0.0])
+    files, rule = NightFiles(tmp_path, "n"), Recordings(keep_days=30)
+    assert files.make_room(made, rule, BEGIN + 600.0, BEGIN - 600.0) == ["recordings/0.mcap"]
+    gone = files.make_room(made, rule, BEGIN + DAY_S, BEGIN + DAY_S - 600.0)
+    assert gone == [f"recordings/{k}.mcap" for k in (1, 2, 3)]
+
+
 def test_recordings_are_deleted_oldest_first_until_enough_is_free(tmp_path: Path) -> None:
     made = recordings(tmp_path, [1.0, 30.0, 10.0, 2.0, 0.01])
     free = iter([1e9, 2.5e9, 3.1e9, 3.1e9])
