@@ -89,6 +89,8 @@ class NightPlans:
     """The schedule that was planned last, None before any was."""
     run_to_utc_s: float = math.inf
     """The end of the last night."""
+    show_life: Callable[[], None] | None = None
+    """Is called again and again while a plan is made."""
 
     def take(self, settings: RunSettings) -> None:
         """Take what a run's settings say of its end."""
@@ -111,12 +113,23 @@ class NightPlans:
             situation = replace(situation, followed=self.journal.followed())
         rehearse = rehearser(self.context, self.profile, schedule) if self.rehearse else None
         load = loader(self.context, schedule)
-        plan, chosen = make_plan(schedule, situation, load, rehearse, progress())
+        plan, chosen = make_plan(schedule, situation, load, rehearse, self._progress())
         for note in plan.notes:
             tell(note)
         passes = tuple(_night_pass(k + 1, one, schedule, load) for k, one in enumerate(chosen))
         others = Counter(one.reason for one in plan.lost)
         return Planned(utc_s=now_utc_s, passes=passes, others=dict(sorted(others.items())))
+
+    def _progress(self) -> Callable[[str, int, int], None]:
+        show = progress()
+
+        def tell_progress(what: str, done: int, total: int) -> None:
+            if self.show_life is not None:
+                self.show_life()
+            if show is not None:
+                show(what, done, total)
+
+        return tell_progress
 
 
 def _night_pass(
@@ -270,6 +283,7 @@ def _driven(
                 (plans, files, taken.journal, reporter, requests),
                 read_again,
             )
+            plans.show_life = executor.show_life
             tasks = executor.context.tasks
             reporter.notifier = Notifier(schedule.notify, file.absolute().parent, tasks)
         reporter.service.tell("READY=1")

@@ -164,6 +164,7 @@ class LiveExecutor:
     _source: WeatherSource | None = None
     _watch: WeatherWatch | None = None
     _beaten_s: float = field(default=float("-inf"))
+    _shown_s: float = float("-inf")
     _attempt: str | None = None
     _recording: str | None = None
     _settings: RunSettings | None = None
@@ -376,6 +377,7 @@ class LiveExecutor:
         until = self.context.now() + seconds
         while self.context.now() < until and not self.context.requests.asked:
             self.context.service.promise(TURNS_WITHIN_S)
+            self.show_life()
             time.sleep(POLL_S)
 
     def _verb(self, *verb: str) -> str | None:
@@ -394,13 +396,21 @@ class LiveExecutor:
 
     def _must_end(self) -> bool:
         self.context.service.promise(TURNS_WITHIN_S)
+        self.show_life()
         return self.context.requests.asked
+
+    def show_life(self) -> None:
+        """Show once a second that the run is alive, while it neither waits nor follows a pass."""
+        if time.monotonic() - self._shown_s >= SHOW_EVERY_S:
+            self._shown_s, utc_s = time.monotonic(), self.context.now()
+            self.context.report_waiting(utc_s)
+            self._beat(utc_s, 0.0)
 
     def _wait_until_free(self) -> None:
         """Wait for the end of a session that a runner before this one left behind."""
         self.context.service.promise(TURNS_WITHIN_S)
         if self.context.address is not None:
-            wait_until_free(self.context.address, lambda: None)
+            wait_until_free(self.context.address, self.show_life)
 
     def _sum_up(self, run: Run) -> SummedUp:
         try:

@@ -6,14 +6,17 @@ import sys
 import threading
 import time
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import msgspec
 import pytest
 
+from sattrack.cli.common import CommandContext
+from sattrack.cli.run_night import NightPlans
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.geometry import AxisGeometry
 from sattrack.mount.model import AxisLimits, MountProfile, SitePlace
+from sattrack.mount.profiles import ProfileFile
 from sattrack.runtime import demo_pass
 from sattrack.schedule import night_executor, night_processes
 from sattrack.schedule.file import load_schedule
@@ -51,6 +54,7 @@ from sattrack.schedule.night_folder import Heartbeat, Journal, NightFiles
 from sattrack.schedule.night_processes import BackgroundTasks, Service
 from sattrack.schedule.night_stop import NightRequests, keep_stop, stop_of
 from sattrack.schedule.schema import CommandAction, SlewAction, Terms, WebhookAction
+from sattrack.settings import Settings
 from tle.errors import TleError
 from tle.instants import Utc
 
@@ -58,6 +62,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from sattrack.runtime.mounts import MountAddress
     from tle.elements import Elements
 
 BEGIN = 1_790_942_520.0
@@ -530,6 +535,53 @@ class TestParking:
             Mount.AT_REST,
             "mount park cannot be run: No such file or directory",
         )
+
+
+class TestSignsOfLife:
+    """Whoever asks for the status must not hear that the run is silent, while it is only busy."""
+
+    @pytest.fixture
+    def shown(self, night: Night, monkeypatch: pytest.MonkeyPatch) -> list[float]:
+        monkeypatch.setattr(night_executor, "SHOW_EVERY_S", 0.02)
+        monkeypatch.setattr(night_executor, "POLL_S", 0.01)
+        monkeypatch.setattr(night_processes, "LOOK_EVERY_S", 0.01)
+        seen: list[float] = []
+        night.context.report_waiting = seen.append
+        return seen
+
+    def test_while_the_mount_is_parked(self, night: Night, shown: list[float]) -> None:
+        night.script = "import time; time.sleep(0.2)"
+        assert night.perform(ParkMount(power_off=True)).mount is Mount.PARKED
+        # Not at each look: the status is a file.
+        assert 2 <= len(shown) <= 20
+        assert set(shown) == {BEGIN}
+        assert night.journal.last_heartbeat() == Heartbeat(BEGIN)
+
+    def test_in_a_pause(self, night: Night, shown: list[float]) -> None:
+        began_s = time.monotonic()
+        night.context.now = lambda: BEGIN + time.monotonic() - began_s
+        night.script = ""
+        with_pause = with_actions(SlewAction(ra_deg=100.0, dec_deg=20.0, wait_s=0.2))
+        assert night.perform(DoStep(index=0, when="before", step=0), with_pause).done
+        assert len(shown) >= 2
+
+    def test_before_a_session_that_was_left_behind_has_ended(
+        self, night: Night, shown: list[float], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(night_executor, "wait_until_free", lambda _, waiting: waiting())
+        night.context.address = cast("MountAddress", "a mount")
+        night.script = ""
+        assert night.perform(ParkMount(power_off=True)).mount is Mount.PARKED
+        assert shown[:1] == [BEGIN]
+
+    def test_while_a_plan_is_made(self, night: Night, shown: list[float]) -> None:
+        context = CommandContext(Settings(), "52.1541,4.4908,0", (), None, False, False)
+        plans = NightPlans(context, night.folder / "night.toml", ProfileFile("m"), rehearse=False)
+        plans._progress()("searched", 1, 2)
+        assert shown == []
+        plans.show_life = night.executor.show_life
+        plans._progress()("searched", 1, 2)
+        assert shown == [BEGIN]
 
 
 SAYS = "import json, sys\nfor line in {lines!r}: print(json.dumps(line), flush=True)\nsys.exit({code})"
