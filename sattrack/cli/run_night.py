@@ -33,7 +33,7 @@ from sattrack.schedule.candidates import named_by
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.machine import REVISION
 from sattrack.schedule.making import make_plan
-from sattrack.schedule.night import End, NightPass, Planned, RunSettings, RunState, mean_noon_s
+from sattrack.schedule.night import End, Mount, NightPass, Planned, RunSettings, RunState, mean_noon_s
 from sattrack.schedule.night_executor import LiveExecutor, NightContext, drive
 from sattrack.schedule.night_folder import NightFiles, open_run, read_status
 from sattrack.schedule.night_processes import BackgroundTasks, Notifier, Service
@@ -219,7 +219,10 @@ def show_check(context: CommandContext, file: Path, folder: Path, options: dict[
 
 
 def run_schedule(context: CommandContext, file: Path, folder: Path, options: dict[str, Any]) -> int:
-    """Run a schedule, or run it on, to its end. Raises the error whose exit code it ends with."""
+    """Run a schedule, or run it on, to its end. Raises the error whose exit code it ends with.
+
+    An end with the mount not parked is such an error: whoever started the run may look at nothing else.
+    """
     checked = check_schedule(context, file, options, folder)
     requests = NightRequests(folder)
     with locked(folder), handling_signals(requests):
@@ -399,7 +402,21 @@ def _finish(run: Run, end: End | None, reporter: RunReporter, requests: NightReq
         refuse_stopped(file, requests.folder)
         raise InterruptedRunError(f"{end.why}; run it again to continue with the coming passes")
     reporter.end(run)
+    why = why_not_parked(run)
+    if why is not None:
+        raise SattrackError(
+            f"THE MOUNT IS NOT PARKED: {why}; look at it, then `sattrack mount park`, or park it by hand"
+        )
     return 0
+
+
+def why_not_parked(run: Run) -> str | None:
+    """Return why a mount that its schedule parks is not parked; None where it is, or was never moved."""
+    moved = run.mount is not Mount.UNKNOWN or run.parked_utc_s > 0.0
+    if not run.settings.park or not moved or run.mount in (Mount.AT_PARK, Mount.PARKED):
+        return None
+    told = (note.partition("NOT PARKED: ")[2] for note in reversed(run.notes))
+    return next((why for why in told if why), "it was not sent there, or did not get there")
 
 
 def live_executor(

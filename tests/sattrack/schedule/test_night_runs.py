@@ -17,8 +17,10 @@ import schedule_night
 from schedule_night import Margins, Plan, rows, told, watched
 
 from sattrack.cli.main import run
-from sattrack.schedule.night import Mount, RunState
+from sattrack.cli.run_night import why_not_parked
+from sattrack.schedule.night import Mount, Parked, Run, RunSettings, RunState
 from sattrack.schedule.night_stop import locked
+from sattrack.schedule.virtual_executor import VirtualExecutor
 
 AROUND = (
     'before = [{ do = "slew", star = "Vega", wait_s = 3 },\n'
@@ -80,6 +82,43 @@ def test_the_same_seed_gives_the_same_journal_and_another_one_another(tmp_path: 
     plan.seed = 9
     assert plan.run("third") == 0
     assert rows(plan.journal("one")) != rows(plan.journal("third"))
+
+
+def test_an_end_with_the_mount_not_parked_is_told_and_is_no_success(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(self: VirtualExecutor, *_: object) -> Parked:
+        return Parked(utc_s=self.now_utc_s, mount=Mount.AT_REST, words="the mount is silent")
+
+    monkeypatch.setattr(VirtualExecutor, "_park", fails)
+    plan = small(tmp_path, most=1)
+    # Run once more it has nothing to do, and the mount is where it was.
+    for _ in range(2):
+        assert run(plan.arguments("run")) == 1
+        out, err = capsys.readouterr()
+        assert "THE MOUNT IS NOT PARKED" in out
+        assert err.splitlines()[-1] == (
+            "sattrack: THE MOUNT IS NOT PARKED: the mount is silent; look at it, then `sattrack mount park`, "
+            "or park it by hand"
+        )
+
+
+@pytest.mark.parametrize(
+    ("park", "mount", "parked_utc_s", "why"),
+    [
+        (True, Mount.PARKED, 1.0, None),
+        (True, Mount.AT_PARK, 1.0, None),
+        (False, Mount.AT_REST, 0.0, None),
+        (True, Mount.UNKNOWN, 0.0, None),
+        (True, Mount.UNKNOWN, 1.0, "it was not sent there, or did not get there"),
+        (True, Mount.AT_REST, 0.0, "it was not sent there, or did not get there"),
+    ],
+)
+def test_a_mount_that_was_never_moved_or_is_not_to_be_parked_is_not_missed(
+    park: bool, mount: Mount, parked_utc_s: float, why: str | None
+) -> None:
+    settings = RunSettings(0.0, None, 0.0, park=park)
+    assert why_not_parked(Run(settings=settings, mount=mount, parked_utc_s=parked_utc_s)) == why
 
 
 def figures(words: str, pattern: str) -> list[int]:
