@@ -86,7 +86,11 @@ class NightPlans:
     rehearse: bool
     journal: Journal | None = None
     schedule: Schedule | None = None
-    """The schedule that was planned last, None before any was."""
+    """The schedule that the last plan was made from; None where none could be made, or was needed."""
+    settled: Schedule | None = None
+    """The schedule that the run's settings are from."""
+    to_is_given: bool = False
+    """Whether the run's end is that of an option, whatever the schedule says."""
     run_to_utc_s: float = math.inf
     """The end of the last night."""
     show_life: Callable[[], None] | None = None
@@ -101,9 +105,10 @@ class NightPlans:
 
         Raises BadInputError, SattrackError, TleError.
         """
+        self.schedule = None
         if end_utc_s <= begin_utc_s:
             return Planned(utc_s=now_utc_s, passes=(), words="the night was over before it could begin")
-        schedule = self.schedule = load_schedule(self.file)
+        schedule = load_schedule(self.file)
         situation = situation_of(self.context, schedule, self.profile, (begin_utc_s, end_utc_s), now_utc_s)
         # Another night follows, which could not begin with a pass that this one ends within.
         situation = replace(situation, whole_until_utc_s=max(end_utc_s, self.run_to_utc_s))
@@ -118,7 +123,19 @@ class NightPlans:
             tell(note)
         passes = tuple(_night_pass(k + 1, one, schedule, load) for k, one in enumerate(chosen))
         others = Counter(one.reason for one in plan.lost)
+        self.schedule = schedule
         return Planned(utc_s=now_utc_s, passes=passes, others=dict(sorted(others.items())))
+
+    def unsettled(self, schedule: Schedule) -> str | None:
+        """Return what a schedule changes that only a reload changes in a run; None for nothing."""
+        if self.settled is None:
+            return None
+        old, new = _settled_by(self.settled), _settled_by(schedule)
+        keys = [key for key in new if new[key] != old[key] and not (key == "to" and self.to_is_given)]
+        if not keys:
+            return None
+        how = "(SIGHUP, `systemctl reload`)"
+        return f"{self.file}: THE OLD VALUES HOLD until a reload {how} of what was changed: {', '.join(keys)}"
 
     def _progress(self) -> Callable[[str, int, int], None]:
         show = progress()
@@ -130,6 +147,24 @@ class NightPlans:
                 show(what, done, total)
 
         return tell_progress
+
+
+def _settled_by(schedule: Schedule) -> dict[str, object]:
+    """Return what a schedule says of a run's settings, by key, as `_settings` takes it."""
+    return {
+        "to": schedule.to_utc_s,
+        "park_at_end": schedule.park_at_end,
+        "[weather] every_s": _weather_every_s(schedule),
+        "[wake] timeout_s": _wake_s(schedule),
+    }
+
+
+def _weather_every_s(schedule: Schedule) -> float:
+    return 30.0 if schedule.weather is None else schedule.weather.every_s
+
+
+def _wake_s(schedule: Schedule) -> float:
+    return 0.0 if schedule.wake is None else schedule.wake.timeout_s
 
 
 def _night_pass(
@@ -261,18 +296,28 @@ def _driven(
     folder, schedule = requests.folder, checked.schedule
     plans = NightPlans(context, file, checked.profile, options["rehearse"])
     plans.take(checked.settings)
+    plans.settled, plans.to_is_given = schedule, options["end"] is not None
     files = NightFiles(folder, str(file))
     taken = open_run(folder, float(context.now().unix_s), durable=not options["virtual"])
     plans.journal = taken.journal
     reporter = RunReporter(files, str(file), context.json, taken.journal, Service())
     tasks: BackgroundTasks | None = None
 
+    def in_force(schedule: Schedule) -> Schedule:
+        """Renew what goes by the schedule, but is not the executor's."""
+        if reporter.notifier is not None and tasks is not None:
+            reporter.notifier = Notifier(schedule.notify, file.absolute().parent, tasks)
+        reporter.report_trouble("reload", plans.unsettled(schedule))
+        return schedule
+
     def read_again() -> tuple[Schedule, RunSettings]:
         again = check_schedule(context, file, options)
         plans.take(again.settings)
-        if reporter.notifier is not None and tasks is not None:
-            reporter.notifier = Notifier(again.schedule.notify, file.absolute().parent, tasks)
-        return again.schedule, again.settings
+        plans.settled = again.schedule
+        return in_force(again.schedule), again.settings
+
+    def planned() -> Schedule | None:
+        return None if plans.schedule is None else in_force(plans.schedule)
 
     try:
         executor: Executor
@@ -285,6 +330,7 @@ def _driven(
                 *(context, schedule, checked.profile, checked.mount_url),
                 (plans, files, taken.journal, reporter, requests),
                 read_again,
+                planned,
             )
             plans.show_life = executor.show_life
             tasks = executor.context.tasks
@@ -377,8 +423,8 @@ def _settings(
         to_utc_s=None if end is None else round(end, 3),
         noon_s=mean_noon_s(context.site().longitude_deg),
         park=park,
-        weather_every_s=30.0 if schedule.weather is None else schedule.weather.every_s,
-        wake_s=0.0 if schedule.wake is None else schedule.wake.timeout_s,
+        weather_every_s=_weather_every_s(schedule),
+        wake_s=_wake_s(schedule),
         revision=REVISION,
     )
 
@@ -426,6 +472,7 @@ def live_executor(
     mount_url: str,
     parts: tuple[NightPlans, NightFiles, Journal, RunReporter, NightRequests],
     read_again: Callable[[], tuple[Schedule, RunSettings]],
+    planned: Callable[[], Schedule | None],
 ) -> LiveExecutor:
     """Return what carries a schedule out in real time."""
     plans, files, journal, reporter, requests = parts
@@ -453,7 +500,7 @@ def live_executor(
         now=now,
         speed=1.0 if simulated is None else simulated.speed,
         plan=plans.make,
-        renew=renewer(context, lambda: plans.schedule or schedule),
+        renew=renewer(context, lambda: night.schedule),
         report_waiting=reporter.report_waiting,
         report_progress=reporter.report_progress,
         tell=tell,
@@ -462,6 +509,7 @@ def live_executor(
         tasks=BackgroundTasks(tell),
         requests=requests,
         service=reporter.service,
+        planned=planned,
     )
     return LiveExecutor(night, files, journal)
 

@@ -152,6 +152,8 @@ class NightContext:
     tasks: BackgroundTasks
     requests: NightRequests
     service: Service
+    planned: Callable[[], Schedule | None] = lambda: None
+    """Returns the schedule that the last plan was made from; None for that in force."""
 
 
 @dataclass(slots=True)
@@ -265,20 +267,29 @@ class LiveExecutor:
             return
         context.requests.reload = False
         try:
-            context.schedule, self._settings = context.read_again()
+            schedule, self._settings = context.read_again()
         except Exception as error:  # noqa: BLE001 - no file is worth the end of the night
             words = f"not read again, the schedule in force stays: {_why(error)}"
             context.report_trouble("schedule", words)
         else:
-            context.report_trouble("schedule", None)
+            self._put_in_force(schedule)
+
+    def _put_in_force(self, schedule: Schedule) -> None:
+        """Go by a schedule that was read: by its weather, wake, recordings and elements."""
+        self.context.schedule = schedule
+        self.context.report_trouble("schedule", None)
 
     def _make_plan(self, run: Run) -> Event:
         now = self.context.now()
         self.context.service.promise(PLANS_WITHIN_S)
         try:
-            return self.context.plan(max(now, run.night_from_utc_s), run.night_to_utc_s, now)
+            found = self.context.plan(max(now, run.night_from_utc_s), run.night_to_utc_s, now)
+            schedule = self.context.planned()
         except Exception as error:  # noqa: BLE001 - no file is worth more than a plan
             return NotPlanned(utc_s=now, words=_why(error))
+        if schedule is not None:
+            self._put_in_force(schedule)
+        return found
 
     def _prepare(self, one: NightPass, wake: bool) -> PassPrepared:
         context, how = self.context, self.context.schedule.wake

@@ -295,6 +295,27 @@ class TestPlans:
             utc_s=BEGIN, words="no such file"
         )
 
+    def test_the_night_goes_by_the_schedule_that_was_planned(self, tmp_path: Path) -> None:
+        night, file = Night(tmp_path), tmp_path / "night.toml"
+        before = night.context.schedule
+        night.troubles["schedule"] = "not read again"
+        night.context.planned = lambda: load_schedule(file)
+        file.write_text('[weather]\ncommand = ["false"]\n' + PLAIN)
+        # A plan that could not be made leaves what is in force.
+        makes, night.context.plan = night.context.plan, failing(TleError("x"))
+        night.perform(MakePlan())
+        assert night.context.schedule is before
+        night.context.plan = makes
+        night.perform(MakePlan())
+        assert night.context.schedule.weather is not None
+        assert night.perform(AskWeather()).safe is False
+        assert night.troubles["schedule"] is None
+
+    def test_a_night_that_needed_no_plan_goes_by_the_schedule_before(self, night: Night) -> None:
+        before = night.context.schedule
+        night.perform(MakePlan())
+        assert night.context.schedule is before
+
     @pytest.mark.parametrize("error", UNFORESEEN)
     def test_no_error_of_a_plan_costs_more_than_the_plan(self, tmp_path: Path, error: Exception) -> None:
         night = Night(tmp_path, plan=failing(error))

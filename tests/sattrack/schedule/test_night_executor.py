@@ -22,7 +22,7 @@ import pytest
 from element_server import element_server
 
 from sattrack.cli.common import CommandContext
-from sattrack.cli.run_night import renewer
+from sattrack.cli.run_night import NightPlans, renewer
 from sattrack.cli.run_plan import loader, within_half_a_turn
 from sattrack.control.procedures import ParkThere
 from sattrack.core.errors import SattrackError
@@ -448,6 +448,58 @@ def test_of_several_sets_of_an_object_the_nearest_to_now_is_planned_with(tmp_pat
         context = CommandContext(Settings(), "52.1541,4.4908,0", (), f"{day}T12:00:00Z", False, False)
         (taken,) = loader(context, schedule)(None).elements
         assert taken.epoch == wanted.epoch
+
+
+def plans_of(folder: Path, text: str) -> NightPlans:
+    """Return what makes plans for the ISS from a schedule that says so."""
+    (folder / "iss.csv").write_text(write_elements([demo_pass.elements()], "csv"))
+    (folder / "night.toml").write_text(text + ISS)
+    context = CommandContext(Settings(), "52.1541,4.4908,0", (), "2026-10-02T13:00:00Z", False, False)
+    plans = NightPlans(context, folder / "night.toml", ProfileFile("m"), rehearse=False)
+    plans.settled = load_schedule(folder / "night.toml")
+    return plans
+
+
+ISS = 'elements = ["iss.csv"]\n[[passes]]\nsatellite = "ISS"\nif_sun_up = "run"\n'
+
+
+def test_the_schedule_of_a_plan_is_known_once_that_is_made(tmp_path: Path) -> None:
+    plans = plans_of(tmp_path, "")
+    assert len(plans.make(BEGIN, BEGIN + 7200.0, BEGIN).passes) == 1
+    assert plans.schedule == plans.settled
+    # A night that was over before its plan goes by the schedule in force, which may have been reloaded since.
+    plans.make(BEGIN, BEGIN, BEGIN)
+    assert plans.schedule is None
+    assert len(plans.make(BEGIN, BEGIN + 7200.0, BEGIN).passes) == 1
+    (tmp_path / "night.toml").write_text(ISS + 'where = "sunlt"\n')
+    with pytest.raises(SattrackError, match="sunlt"):
+        plans.make(BEGIN, BEGIN + 7200.0, BEGIN)
+    assert plans.schedule is None
+
+
+@pytest.mark.parametrize(
+    ("tables", "top", "given", "keys"),
+    [
+        ("", "", False, None),
+        ('[weather]\nfile = "w.txt"\n', "", False, None),
+        ('[weather]\nfile = "w.txt"\nevery_s = 5\n', "", False, "[weather] every_s"),
+        ('[wake]\nrun = ["./power"]\n', "park_at_end = false\n", False, "park_at_end, [wake] timeout_s"),
+        ("", "to = 2026-10-03\n", False, "to"),
+        ("", "to = 2026-10-03\n", True, None),
+    ],
+)
+def test_what_only_a_reload_changes_is_told(
+    tmp_path: Path, tables: str, top: str, given: bool, keys: str | None
+) -> None:
+    plans = plans_of(tmp_path, "")
+    plans.to_is_given = given
+    (tmp_path / "night.toml").write_text(top + ISS + tables)
+    told = plans.unsettled(load_schedule(tmp_path / "night.toml"))
+    assert (told is None) == (keys is None)
+    assert told is None or told.endswith(f"THE OLD VALUES HOLD until {RELOAD} of what was changed: {keys}")
+
+
+RELOAD = "a reload (SIGHUP, `systemctl reload`)"
 
 
 @pytest.mark.parametrize(
