@@ -379,8 +379,8 @@ def catalogue() -> list[Read]:
 
 
 def weather() -> list[Read]:
-    from sattrack.schedule.night_processes import WeatherSource
     from sattrack.schedule.schema import Weather
+    from sattrack.schedule.weather import WeatherSource
 
     written = in_file("weather")
     return [lambda data: WeatherSource(Weather(file=str(written(data))), FOLDER).ask()]

@@ -37,9 +37,10 @@ from sattrack.schedule.machine import REVISION
 from sattrack.schedule.night import End, NightPass, PassAttempt, Planned, Run, RunSettings
 from sattrack.schedule.night_executor import LiveExecutor, NightContext, drive
 from sattrack.schedule.night_folder import NightFiles, open_run
-from sattrack.schedule.night_processes import Service, WeatherReport
+from sattrack.schedule.night_processes import Service
 from sattrack.schedule.night_stop import NightRequests, keep_stop
 from sattrack.schedule.schema import CommandAction, Terms
+from sattrack.schedule.weather import WeatherReport
 from sattrack.views.messages import StopNow, encode_message
 from storm.draws import Person
 from storm.world import RAISED, Ended, Guard, Killed, Lines, Link, Time, World

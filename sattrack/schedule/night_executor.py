@@ -41,10 +41,7 @@ from sattrack.schedule.night import (
 )
 from sattrack.schedule.night_folder import Heartbeat, attempt_name
 from sattrack.schedule.night_processes import (
-    FRESH_S,
     PassSession,
-    WeatherSource,
-    WeatherWatch,
     facts_of,
     post,
     run_program,
@@ -54,6 +51,7 @@ from sattrack.schedule.night_stop import keep_stop
 from sattrack.schedule.schema import CommandAction, SlewAction, WebhookAction
 from sattrack.schedule.summary import headline
 from sattrack.schedule.transitions import slew_of
+from sattrack.schedule.weather import FRESH_S, WeatherSource, WeatherWatch
 from tle.errors import TleError
 from tle.instants import DAY_S, Utc
 

@@ -18,7 +18,7 @@ from sattrack.mount.geometry import AxisGeometry
 from sattrack.mount.model import AxisLimits, MountProfile, SitePlace
 from sattrack.mount.profiles import ProfileFile
 from sattrack.runtime import demo_pass
-from sattrack.schedule import night_executor, night_processes
+from sattrack.schedule import night_executor, night_processes, weather
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.night import (
     AskWeather,
@@ -670,7 +670,7 @@ class TestFollowing:
     def test_weather_that_was_just_asked_about_is_not_asked_about_again(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        for module in (night_executor, night_processes):
+        for module in (night_executor, weather):
             # A busy machine takes its time.
             monkeypatch.setattr(module, "FRESH_S", 3600.0)
         night = Night(tmp_path, RAINS_ONCE_WET.replace("{every_s}", "3600") + PLAIN)

@@ -31,7 +31,6 @@ from sattrack.mount.profiles import ProfileFile, load_profile_file
 from sattrack.mount.requests import TicketState
 from sattrack.runtime import demo_pass
 from sattrack.safety import SafetyLimits
-from sattrack.schedule import night_processes
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.night import NightPass, Result
 from sattrack.schedule.night_executor import ClockReadings, jump_between
@@ -39,9 +38,6 @@ from sattrack.schedule.night_folder import Journal, NightFiles, read_status
 from sattrack.schedule.night_processes import (
     BackgroundTasks,
     Notifier,
-    WeatherReport,
-    WeatherSource,
-    WeatherWatch,
     as_environment,
     facts_of,
     post,
@@ -50,6 +46,7 @@ from sattrack.schedule.night_processes import (
 from sattrack.schedule.night_stop import locked
 from sattrack.schedule.schema import Notify, Recordings, Terms, Weather
 from sattrack.schedule.virtual_executor import SimulatedStation
+from sattrack.schedule.weather import WeatherReport, WeatherSource, WeatherWatch
 from sattrack.settings import Settings
 from tle.instants import Utc
 from tle.sources import write_elements
@@ -283,7 +280,7 @@ def hanging_disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Path]]:
         gone.wait(60.0)
         raise OSError(5, "Input/output error")
 
-    monkeypatch.setattr(night_processes, "open_regular", hangs)
+    monkeypatch.setattr("sattrack.schedule.weather.open_regular", hangs)
     try:
         yield asked
     finally:
