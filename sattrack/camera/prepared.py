@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from sattrack.camera.frames import CameraFrame
 
     Pixels = NDArray[np.float32]
-    Array = NDArray[np.float64]
 
 EDGE_PX = 4
 """Nearer to the edge nothing is looked at."""

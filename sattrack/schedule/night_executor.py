@@ -228,7 +228,7 @@ class LiveExecutor:
         """Wait; with `rereads`, a schedule that was read again ends that."""
         context = self.context
         before = read_clocks(context.now())
-        shown_s = float("-inf")
+        self._shown_s = float("-inf")
         while True:
             clocks = read_clocks(context.now())
             jump = jump_between(before, clocks, context.speed)
@@ -245,10 +245,7 @@ class LiveExecutor:
             left_s = until_utc_s - clocks.utc_s
             if left_s <= 0.0:
                 return Due(utc_s=clocks.utc_s)
-            if clocks.awake_s - shown_s >= SHOW_EVERY_S:
-                shown_s = clocks.awake_s
-                context.report_waiting(clocks.utc_s)
-                self._beat(clocks.utc_s, 0.0)
+            self.show_life(clocks.utc_s)
             time.sleep(min(POLL_S, left_s / context.speed))
 
     def _beat(self, utc_s: float, on_target_s: float) -> None:
@@ -408,10 +405,11 @@ class LiveExecutor:
         self.show_life()
         return self.context.requests.asked
 
-    def show_life(self) -> None:
-        """Show once a second that the run is alive, while it neither waits nor follows a pass."""
+    def show_life(self, utc_s: float | None = None) -> None:
+        """Show once a second that the run is alive, while it follows no pass; as of now, or an instant."""
         if time.monotonic() - self._shown_s >= SHOW_EVERY_S:
-            self._shown_s, utc_s = time.monotonic(), self.context.now()
+            self._shown_s = time.monotonic()
+            utc_s = self.context.now() if utc_s is None else utc_s
             self.context.report_waiting(utc_s)
             self._beat(utc_s, 0.0)
 

@@ -295,8 +295,7 @@ class TelescopeStation:
         """Begin an order; return whether its answer comes later. Raises Fault."""
         order = numbered.order
         if isinstance(order, Abort):
-            if self.shared is not None:
-                self.shared.rotator.stops_others()
+            self._stops_others()
             self._abort(now_utc_s)
             return False
         if isinstance(order, BiasOrder):
@@ -397,6 +396,11 @@ class TelescopeStation:
         self._supersede(former)
         self._mount_state.moved("abort")
 
+    def _stops_others(self) -> None:
+        """Have a stop hold for clients of rotctld that go on sending positions."""
+        if self.shared is not None:
+            self.shared.rotator.stops_others()
+
     def _why_not_idle(self) -> str | None:
         """Return why nothing of its own can move the mount now, as text; None where it can."""
         if self._ending is not None:
@@ -473,8 +477,7 @@ class TelescopeStation:
         assert engine is not None
         why = engine.tracker.ended_by
         if why not in {"set", "operator"}:
-            if self.shared is not None:
-                self.shared.rotator.stops_others()
+            self._stops_others()
             self._failure = engine.message or "the satellite was lost"
         if engine.mount_stopped is False:
             self._failure = "THE MOUNT DID NOT CONFIRM THE STOP: stop it by hand"
@@ -538,8 +541,7 @@ class TelescopeStation:
         if trouble is not None and trouble != self._trouble:
             self._failure = self.console.refusal or trouble
             self.log_lines.append(f"the mount is being stopped: {self._failure}")
-            if self.shared is not None:
-                self.shared.rotator.stops_others()
+            self._stops_others()
         self._trouble = trouble
 
     def _make_ready(self) -> None:
