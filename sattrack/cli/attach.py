@@ -11,16 +11,9 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from sattrack.cli.common import (
-    CommandContext,
-    appearance,
-    common_options,
-    helper_options,
-    needed_terminal,
-    screen_options,
-    tell,
-    tui_possible,
-)
+from sattrack.cli.common import CommandContext, common_options
+from sattrack.cli.output import tell
+from sattrack.cli.screen import appearance, helper_options, needed_terminal, screen_options, tui_possible
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError, SattrackError, how_to_install
 from sattrack.core.process import self_command

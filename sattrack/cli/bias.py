@@ -19,10 +19,8 @@ from sattrack.cli.common import (
     RenamedOption,
     common_options,
     element_sources,
-    say,
-    tell,
-    write_file,
 )
+from sattrack.cli.output import say, tell, write_file
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.views.formatting import old

@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from sattrack.cli.common import CommandContext, can_draw_lines_anew, common_options, renew, say, tell
+from sattrack.cli.common import CommandContext, common_options
+from sattrack.cli.output import can_draw_lines_anew, renew, say, tell
 from sattrack.core import local_time
 from sattrack.core.angles import separation_deg
 from sattrack.core.channel import Channel, see_off

@@ -1,28 +1,23 @@
-"""The options of every command and what they resolve to; what commands say; how a screen is started."""
+"""The options of every command, what they resolve to, and what the shell completes them to."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
 import functools
-import importlib.util
 import os
 import re
-import select
-import stat
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import click
-import msgspec
 
+from sattrack.cli.output import WRITTEN, renew, tell
 from sattrack.core import local_time
 from sattrack.core.clock import Clock, make_clock
-from sattrack.core.errors import BadInputError, SattrackError, how_to_install
-from sattrack.core.files import replace_file
-from sattrack.core.process import self_command
+from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.toml_text import line_of_key, read_toml
 from sattrack.settings import (
     NO_ELEMENTS,
@@ -33,31 +28,21 @@ from sattrack.settings import (
     load_settings,
     whose_settings,
 )
-from tle.errors import SourceError, TleError, printable
+from tle.errors import SourceError, TleError
 from tle.site import Site
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from click.shell_completion import CompletionItem
-    from rich.table import Table
-    from rich.text import Text
 
     from sattrack.elements.downloads import Downloads
     from sattrack.mount.profiles import ProfileFile
     from sattrack.mount.simulator.profile import SimulatorProfile
     from sattrack.runtime.mounts import MountAddress
-    from sattrack.tui.feeds import HelperOptions
-    from sattrack.tui.scene import Appearance
     from tle.elements import Elements
     from tle.instants import Utc
     from tle.sources import ElementSets
-
-
-WRITTEN = f"{__name__}.written"
-"""Where a command's context keeps the files that the command has written."""
-WIDEST = 4000
-"""Columns of what is printed for a pipe or a file: nothing is wrapped there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,39 +241,11 @@ def given_utc_s(option: str, text: str | None, otherwise: float | None = None) -
     return otherwise if text is None else float(given_instant(option, text).unix_s)
 
 
-def say(text: str, *, err: bool = False) -> None:
-    """Print text for people; what commands a terminal, in the names and words of others, becomes `?`."""
-    click.echo(printable(text, "\n"), err=err)
-
-
-def tell(text: str) -> None:
-    """Tell the user something on standard error, in one line."""
-    say(f"sattrack: {text}", err=True)
-
-
 def load_simulator_profile(path: Path) -> SimulatorProfile:
     """Return what `[simulator]` of a profile file says. Raises BadInputError, naming file, line and key."""
     from sattrack.mount.simulator.profile import SimulatorPart
 
     return read_toml(path, SimulatorPart, "the mount profile").simulator
-
-
-def write_file(path: Path, text: str) -> None:
-    """Put text into a file whole: a file that is read meanwhile, or was there, is never left half written.
-
-    A link is followed. Pipes, devices, and files in a folder that takes no others are written as they stand.
-    """
-    real = Path(os.path.realpath(path))
-    try:
-        if path.exists() and not (path.is_file() and os.access(real.parent, os.W_OK)):
-            path.write_bytes(text.encode())
-        else:
-            replace_file(real, text.encode())
-    except OSError as error:
-        raise SattrackError(f"{path}: cannot be written: {error.strerror or error}") from error
-    context = click.get_current_context(silent=True)
-    if context is not None:
-        context.meta.setdefault(WRITTEN, set()).add(real)
 
 
 def _refused_text(sets: ElementSets) -> str:
@@ -346,62 +303,6 @@ class OutputFile(click.Path):
 
 PLOT_ENDINGS = (".png", ".svg", ".pdf", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".eps", ".ps")
 PLOT = OutputFile(endings=PLOT_ENDINGS)
-
-
-def table(*heads: str, rows: Iterable[Sequence[str]] = ()) -> Table:
-    """Return a table for `show`; a head that begins with > is of numbers, empty ones are not shown.
-
-    The last column is wrapped where a terminal is narrow.
-    """
-    from rich.table import Table
-
-    made = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=any(heads), header_style="bold")
-    for number, head in enumerate(heads, start=1):
-        justify: Literal["left", "right"] = "right" if head.startswith(">") else "left"
-        made.add_column(head.removeprefix(">"), justify=justify, no_wrap=number < len(heads))
-    for row in rows:
-        made.add_row(*row)
-    return made
-
-
-def show(*parts: str | Text | Table) -> None:
-    """Print texts and tables: coloured and wrapped as a terminal can, plain and unwrapped elsewhere.
-
-    Their styles are Rich's own; what else commands a terminal becomes `?`.
-    """
-    from rich.console import Console
-    from rich.segment import Segment, Segments
-    from rich.text import Text
-
-    # A satellite may be called "ISS [/b]": no text of a cell is markup.
-    console = Console(width=None if sys.stdout.isatty() else WIDEST, markup=False, emoji=False)
-    with console.capture() as captured:
-        for part in parts:
-            drawn = console.render(Text(part) if isinstance(part, str) else part)
-            console.print(Segments(Segment(printable(one.text, "\n"), one.style) for one in drawn), end="")
-    click.echo("\n".join(line.rstrip() for line in captured.get().splitlines()))
-
-
-def renew(text: str = "") -> None:
-    """Write a line on standard error that the next one overwrites; no text wipes it. On a terminal only."""
-    if can_draw_lines_anew():
-        # A line that wraps would not be overwritten by the next.
-        with contextlib.suppress(OSError, ValueError):
-            text = text[: os.get_terminal_size(sys.stderr.fileno()).columns - 1]
-        click.echo(f"\r\x1b[K{printable(text)}", nl=False, err=True)
-
-
-def renew_at_once(text: str) -> None:
-    """Renew the line unless that would wait: a terminal may be held."""
-    if can_draw_lines_anew() and select.select([], [sys.stderr], [], 0.0)[1]:
-        renew(text)
-
-
-def share_progress(number: int = 0, count: int = 1) -> Callable[[float], None] | None:
-    """Return a function that shows the share done of the work `number` of `count`; None off a terminal."""
-    if not can_draw_lines_anew():
-        return None
-    return lambda share: renew(f"{100.0 * (number + share) / count:.0f} %")
 
 
 def _downloads(renewing: bool = False) -> Downloads:
@@ -500,30 +401,6 @@ def stream_options(function: Callable[..., Any]) -> Callable[..., Any]:
     return click.option(
         "--stream", is_flag=True, help="Write views as JSON lines to standard output, ten a second."
     )(function)
-
-
-def screen_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options of the terminal's screen, of which `appearance` makes what the screen takes."""
-    function = click.option("--scene", is_flag=True, hidden=True)(function)
-    function = click.option(
-        "--ascii",
-        "plain",
-        is_flag=True,
-        help="Draw the screen in ASCII only; automatic if the terminal has nothing else.",
-    )(function)
-    return click.option(
-        "--theme",
-        type=click.Choice(("night", "red", "contrast")),
-        help="Colours of the screen: night, red (for eyes used to the dark) or contrast; key t changes them.",
-    )(function)
-
-
-def appearance(context: CommandContext, theme: str | None, plain: bool) -> Appearance:
-    """Return how to draw the screen: by the options, else the settings, else as the terminal can."""
-    from sattrack.tui.scene import Appearance, can_show
-
-    screen = context.settings.screen
-    return Appearance(theme or screen.theme, plain or screen.ascii or not can_show(sys.stdout.encoding))
 
 
 SHARED = ("site", "elements", "clock", "json", "utc")
@@ -784,132 +661,3 @@ def mount_option(function: Callable[..., Any]) -> Callable[..., Any]:
     from sattrack.runtime.mounts import FORMS
 
     return click.option("--mount", "mount_url", metavar="URL", help=f"sim, {FORMS}; else as set.")(function)
-
-
-class JsonLines:
-    """Writes objects as JSON lines.
-
-    A reader that does not keep up loses lines, so a loop that feeds a mount is never held up. Of a line that
-    is longer than PIPE_BUF, a pipe may take a part: the rest is written before the next line.
-    """
-
-    def __init__(self) -> None:
-        self._encoder = msgspec.json.Encoder()
-        self._out = sys.stdout.fileno()
-        self._rest = b""
-        self._is_pipe = stat.S_ISFIFO(os.fstat(self._out).st_mode)
-        if self._is_pipe:
-            os.set_blocking(self._out, False)
-
-    def write(self, item: object) -> None:
-        """Write one object. Raises BrokenPipeError where the reader is gone."""
-        with contextlib.suppress(BlockingIOError):
-            if self._rest:
-                self._rest = self._rest[os.write(self._out, self._rest) :]
-            if not self._rest:
-                line = self._encoder.encode(item) + b"\n"
-                self._rest = line[os.write(self._out, line) :]
-
-    def write_whole(self, item: object) -> None:
-        """Write one object however long that takes: for where nothing waits for the writer."""
-        self.end()
-        with os.fdopen(self._out, "wb", closefd=False) as out:
-            out.write(self._encoder.encode(item) + b"\n")
-        if self._is_pipe:
-            os.set_blocking(self._out, False)
-
-    def end(self) -> None:
-        """Let what is written by other means from now on be written whole, however long that takes."""
-        os.set_blocking(self._out, True)
-        rest, self._rest = self._rest, b""
-        # A reader that is gone shows at the next line.
-        with contextlib.suppress(BrokenPipeError), os.fdopen(self._out, "wb", closefd=False) as out:
-            out.write(rest)
-
-
-CANNOT_DRAW = {"dumb", "unknown"}
-"""Terminals, by the name in TERM, that have no cursor to place: they get lines."""
-NO_PASSES = "no passes: give --elements FILE and --site, or run `sattrack init`"
-
-
-def tui_possible() -> bool:
-    """Tell whether there is a terminal that can be drawn on, and what it takes to draw."""
-    if os.environ.get("TERM") in CANNOT_DRAW:
-        return False
-    return sys.stdin.isatty() and sys.stdout.isatty() and importlib.util.find_spec("textual_plot") is not None
-
-
-def needed_terminal() -> str:
-    """Return what a screen needs, as text: why the present terminal is not enough, if there is one."""
-    term = os.environ.get("TERM")
-    return f"a terminal that can draw (TERM={term} cannot)" if term in CANNOT_DRAW else "a terminal"
-
-
-def refuse_screen(what: str, instead: str = "") -> NoReturn:
-    """Raise BadInputError: what needs a screen has no terminal, or no textual; `instead` ends the message."""
-    if importlib.util.find_spec("textual_plot") is None:
-        raise BadInputError(f"{what} needs textual: {how_to_install('tui')}")
-    raise BadInputError(f"{what} needs {needed_terminal()}{instead}")
-
-
-def can_draw_lines_anew() -> bool:
-    """Tell whether what goes to standard error can be written over, as on a terminal that draws."""
-    return sys.stderr.isatty() and os.environ.get("TERM") not in CANNOT_DRAW
-
-
-def may_colour() -> bool | None:
-    """Return what click takes as `color`: none where the user or the terminal wants none, else as it finds.
-
-    https://no-color.org: any value of NO_COLOR but an empty one.
-    """
-    return False if os.environ.get("NO_COLOR") or os.environ.get("TERM") in CANNOT_DRAW else None
-
-
-def with_tui(appearance: Appearance, stay: bool = True, helpers: HelperOptions | None = None) -> int:
-    """Run this very command line headless in a process of its own, and the terminal UI here on top of it.
-
-    With `stay`, the screen of an ended run remains until it is left. `helpers`: what the screen starts.
-    The loop that feeds the mount must not share a process with anything that draws.
-    """
-    from sattrack.tui.launch import fly_with_tui
-
-    arguments = [*sys.argv[1:], "--stream", "--control", "--scene"]
-    return fly_with_tui([*self_command(), *arguments], appearance, stay, helpers=helpers)
-
-
-def helper_options(
-    context: CommandContext,
-    profile: Path | None,
-    min_alt_deg: float | None,
-    practising: bool,
-    mount_url: str | None = None,
-) -> HelperOptions:
-    """Return how a screen calls `passes` and `mount watch`; `practising`: with the built-in satellite."""
-    from sattrack.tui.feeds import HelperOptions
-
-    there = None if mount_url == "sim" else mount_url
-    shared = _option_words("--config", context.settings_file) + _option_words("--profile", profile)
-    if context.utc:
-        shared += ("--utc",)
-    site = context.site_option
-    if site is None and not context.has_site():
-        from sattrack.runtime import demo_pass
-
-        where = demo_pass.SITE
-        site = f"{where.latitude_deg},{where.longitude_deg},{where.height_m}"
-    watch = shared + _option_words("--site", site)
-    least = _option_words("--min-alt", min_alt_deg)
-    sources = context.sources()
-    if practising:
-        from sattrack.runtime import demo_pass
-
-        lines = f"{demo_pass.NAME}\n{demo_pass.LINE_1}\n{demo_pass.LINE_2}\n"
-        return HelperOptions((*watch, *least, "--elements", "-"), watch, lines.encode(), mount_url=there)
-    if not sources or "-" in sources or not context.has_site():
-        return HelperOptions(None, watch, why=NO_PASSES, mount_url=there)
-    named = tuple(word for source in context.element_sources for word in ("--elements", source))
-    return HelperOptions((*watch, *least, *named), watch, mount_url=there)
-
-
-def _option_words(name: str, value: object | None) -> tuple[str, ...]:
-    return () if value is None else (name, str(value))

@@ -11,18 +11,13 @@ import click
 from sattrack.cli.common import (
     CommandContext,
     OutputFile,
-    appearance,
     bias_options,
     common_options,
     fov_option,
-    helper_options,
     profile_option,
-    screen_options,
     stream_options,
-    tell,
-    tui_possible,
-    with_tui,
 )
+from sattrack.cli.output import tell
 from sattrack.cli.running import (
     RunProgress,
     Stream,
@@ -31,6 +26,7 @@ from sattrack.cli.running import (
     finish,
     fly_and_tell,
 )
+from sattrack.cli.screen import appearance, helper_options, screen_options, tui_possible, with_tui
 from sattrack.core.errors import BadInputError
 from sattrack.mount.profiles import ProfileFile
 from sattrack.runtime import demo_pass

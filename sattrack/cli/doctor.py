@@ -20,15 +20,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 import msgspec
 
-from sattrack.cli.common import (
-    CommandContext,
-    common_options,
-    how_to_renew,
-    may_colour,
-    profile_option,
-    read_settings,
-    say,
-)
+from sattrack.cli.common import CommandContext, common_options, how_to_renew, profile_option, read_settings
+from sattrack.cli.output import may_colour, say
 from sattrack.core import local_time
 from sattrack.core.errors import SattrackError, how_to_install
 from sattrack.core.realtime import how_to_grant, undisturbed

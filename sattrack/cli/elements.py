@@ -12,16 +12,8 @@ import click
 import msgspec
 import numpy as np
 
-from sattrack.cli.common import (
-    CommandContext,
-    OutputFile,
-    common_options,
-    element_sources,
-    satellite_names,
-    say,
-    tell,
-    write_file,
-)
+from sattrack.cli.common import CommandContext, OutputFile, common_options, element_sources, satellite_names
+from sattrack.cli.output import say, tell, write_file
 from sattrack.cli.targets import Wanted, candidates, ephemeris_files, tell_disagreement, tell_left_out
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError

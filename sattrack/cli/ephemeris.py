@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from sattrack.cli.common import PLOT, CommandContext, common_options, given_instant, satellite_names, tell
+from sattrack.cli.common import PLOT, CommandContext, common_options, given_instant, satellite_names
+from sattrack.cli.output import tell
 from sattrack.cli.targets import ephemeris_option, find_targets
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError

@@ -21,15 +21,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from sattrack.cli.common import (
-    CommandContext,
-    OutputFile,
-    element_sources,
-    how_to_renew,
-    say,
-    tell,
-    write_file,
-)
+from sattrack.cli.common import CommandContext, OutputFile, element_sources, how_to_renew
+from sattrack.cli.output import say, tell, write_file
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.local_time import is_zone
 from sattrack.runtime.mounts import FORMS, LISTEN_S, is_antenna, listen, mount_address, usual_profile

@@ -16,21 +16,9 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from sattrack.cli.common import (
-    CommandContext,
-    JsonLines,
-    appearance,
-    common_options,
-    mount_option,
-    profile_option,
-    refuse_screen,
-    renew,
-    renew_at_once,
-    say,
-    screen_options,
-    tell,
-    tui_possible,
-)
+from sattrack.cli.common import CommandContext, common_options, mount_option, profile_option
+from sattrack.cli.output import JsonLines, renew, renew_at_once, say, tell
+from sattrack.cli.screen import appearance, refuse_screen, screen_options, tui_possible
 from sattrack.control.console import Console
 from sattrack.control.manual_operation import ConsoleSession, Look, ManualOperation, view_of
 from sattrack.control.procedures import DONE, MoveFor, Outcome, ParkThere, procedure_for, request_text

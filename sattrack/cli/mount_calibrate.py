@@ -20,13 +20,8 @@ from sattrack.cli.common import (
     common_options,
     load_simulator_profile,
     mount_option,
-    renew,
-    renew_at_once,
-    show,
-    table,
-    tell,
-    write_file,
 )
+from sattrack.cli.output import renew, renew_at_once, show, table, tell, write_file
 from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError
 from sattrack.runtime import demo_pass
 from sattrack.settings import NO_SITE

@@ -18,11 +18,8 @@ from sattrack.cli.common import (
     RenamedOption,
     common_options,
     given_instant,
-    renew,
-    say,
-    tell,
-    write_file,
 )
+from sattrack.cli.output import renew, say, tell, write_file
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.local_time import duration
 from tle.instants import Utc

@@ -19,13 +19,10 @@ from sattrack.cli.common import (
     CommandContext,
     common_options,
     given_instant,
-    may_colour,
     profile_option,
-    renew,
     satellite_names,
-    say,
-    tell,
 )
+from sattrack.cli.output import may_colour, renew, say, tell
 from sattrack.cli.targets import ephemeris_option, find_targets
 from sattrack.core.errors import BadInputError, SattrackError
 from tle.elements import Elements

@@ -15,7 +15,7 @@ import click
 import msgspec
 import numpy as np
 
-from sattrack.cli.common import tell
+from sattrack.cli.output import tell
 from sattrack.core import local_time
 from tle.bodies import Body
 from tle.crossings import select

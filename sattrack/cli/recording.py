@@ -12,19 +12,8 @@ import click
 import msgspec
 
 from sattrack import __version__
-from sattrack.cli.common import (
-    CommandContext,
-    OutputFile,
-    RenamedOption,
-    common_options,
-    renew,
-    say,
-    share_progress,
-    show,
-    table,
-    tell,
-    write_file,
-)
+from sattrack.cli.common import CommandContext, OutputFile, RenamedOption, common_options
+from sattrack.cli.output import renew, say, share_progress, show, table, tell, write_file
 from sattrack.core import local_time
 from sattrack.core.angles import wrap180
 from sattrack.core.errors import BadInputError, SattrackError

@@ -14,13 +14,9 @@ from sattrack.cli.common import (
     common_options,
     profile_option,
     refraction_option,
-    renew,
     satellite_names,
-    share_progress,
-    show,
-    table,
-    tell,
 )
+from sattrack.cli.output import renew, share_progress, show, table, tell
 from sattrack.cli.targets import Wanted, ephemeris_option, followed
 from sattrack.core import local_time
 from sattrack.mount.model import whole_title

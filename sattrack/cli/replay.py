@@ -12,20 +12,9 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from sattrack.cli.common import (
-    CommandContext,
-    JsonLines,
-    appearance,
-    common_options,
-    fov_option,
-    refuse_screen,
-    renew,
-    say,
-    screen_options,
-    share_progress,
-    tell,
-    tui_possible,
-)
+from sattrack.cli.common import CommandContext, common_options, fov_option
+from sattrack.cli.output import JsonLines, renew, say, share_progress, tell
+from sattrack.cli.screen import appearance, refuse_screen, screen_options, tui_possible
 from sattrack.control.engine_view import view_of
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.process import self_command

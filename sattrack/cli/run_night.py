@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sattrack.cli.common import given_utc_s, say, tell
+from sattrack.cli.common import given_utc_s
+from sattrack.cli.output import say, tell
 from sattrack.cli.run_plan import (
     check_park,
     loader,

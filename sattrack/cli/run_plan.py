@@ -13,7 +13,8 @@ import click
 import msgspec
 import numpy as np
 
-from sattrack.cli.common import given_utc_s, may_colour, renew, tell
+from sattrack.cli.common import given_utc_s
+from sattrack.cli.output import may_colour, renew, tell
 from sattrack.cli.run_report import plan_lines
 from sattrack.core import local_time
 from sattrack.core.angles import altitude_deg

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 import msgspec
 
-from sattrack.cli.common import renew, say, tell
+from sattrack.cli.output import renew, say, tell
 from sattrack.core import local_time
 from sattrack.core.errors import SattrackError
 from sattrack.schedule.night import Planned, Started, SummedUp

@@ -13,16 +13,8 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from sattrack.cli.common import (
-    JsonLines,
-    can_draw_lines_anew,
-    given_utc_s,
-    how_to_renew,
-    renew,
-    say,
-    tell,
-    write_file,
-)
+from sattrack.cli.common import given_utc_s, how_to_renew
+from sattrack.cli.output import JsonLines, can_draw_lines_anew, renew, say, tell, write_file
 from sattrack.control.camera_image import Camera
 from sattrack.core import local_time
 from sattrack.core.errors import UNHEARD, BadInputError, LinkLostError, SattrackError

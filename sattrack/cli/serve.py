@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from sattrack import __version__
-from sattrack.cli.common import CommandContext, JsonLines, common_options, mount_option, profile_option, say
+from sattrack.cli.common import CommandContext, common_options, mount_option, profile_option
+from sattrack.cli.output import JsonLines, say
 from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError
 from sattrack.core.local_time import stamped
 from sattrack.runtime import demo_pass

@@ -15,13 +15,12 @@ import msgspec
 from sattrack import __version__
 from sattrack.cli.common import (
     CommandContext,
-    JsonLines,
     common_options,
     mount_option,
     profile_option,
     refraction_option,
-    tell,
 )
+from sattrack.cli.output import JsonLines, tell
 from sattrack.cli.serve import (
     Log,
     Served,

@@ -13,16 +13,13 @@ import click
 
 from sattrack.cli.common import (
     CommandContext,
-    JsonLines,
-    appearance,
     common_options,
     mount_option,
     profile_option,
     refraction_option,
-    refuse_screen,
-    screen_options,
-    tui_possible,
 )
+from sattrack.cli.output import JsonLines
+from sattrack.cli.screen import appearance, refuse_screen, screen_options, tui_possible
 from sattrack.cli.serve import (
     Log,
     check_idle,

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from sattrack.cli.common import CommandContext, JsonLines, common_options, load_simulator_profile
+from sattrack.cli.common import CommandContext, common_options, load_simulator_profile
+from sattrack.cli.output import JsonLines
 from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.toml_text import read_toml

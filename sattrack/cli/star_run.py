@@ -21,13 +21,8 @@ from sattrack.cli.common import (
     common_options,
     mount_option,
     profile_option,
-    renew,
-    renew_at_once,
-    show,
-    table,
-    tell,
-    write_file,
 )
+from sattrack.cli.output import renew, renew_at_once, show, table, tell, write_file
 from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError
 
 if TYPE_CHECKING:

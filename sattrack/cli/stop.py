@@ -14,14 +14,8 @@ from typing import TYPE_CHECKING
 import click
 import msgspec
 
-from sattrack.cli.common import (
-    CommandContext,
-    common_options,
-    profile_option,
-    renew,
-    say,
-    tell,
-)
+from sattrack.cli.common import CommandContext, common_options, profile_option
+from sattrack.cli.output import renew, say, tell
 from sattrack.core.errors import NO_JSON, BadInputError, SattrackError
 from sattrack.runtime.console import MountStop, stop_after, stop_directly, stop_session
 from sattrack.runtime.mounts import (

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import click
 
-from sattrack.cli.common import given_instant, tell
+from sattrack.cli.common import given_instant
+from sattrack.cli.output import tell
 from sattrack.core.errors import BadInputError
 from sattrack.views.formatting import source_error
 from tle.elements import Elements

@@ -10,18 +10,15 @@ import click
 from sattrack.cli.common import (
     CommandContext,
     OutputFile,
-    appearance,
     bias_options,
     common_options,
     fov_option,
     profile_option,
     refraction_option,
     satellite_names,
-    screen_options,
     stream_options,
-    tui_possible,
-    with_tui,
 )
+from sattrack.cli.screen import appearance, screen_options, tui_possible, with_tui
 from sattrack.cli.targets import ephemeris_option
 
 
@@ -128,7 +125,7 @@ def _wants_screen(context: CommandContext, options: dict[str, Any], url: str | N
 
 
 def _on_screen(context: CommandContext, options: dict[str, Any], url: str | None) -> int:
-    from sattrack.cli.common import helper_options
+    from sattrack.cli.screen import helper_options
 
     practising = url == "sim" and not context.sources() and not context.has_site()
     look = appearance(context, options["theme"], options["plain"])

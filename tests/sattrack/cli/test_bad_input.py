@@ -10,8 +10,8 @@ import pytest
 from rich.text import Text
 
 from sattrack.cli import running
-from sattrack.cli.common import show, table
 from sattrack.cli.main import cli, run
+from sattrack.cli.output import show, table
 from sattrack.core.errors import SattrackError
 from sattrack.mount.profiles import load_profile_file
 

@@ -234,8 +234,9 @@ def test_settings_of_root_are_anybodys_and_an_owner_without_a_name_is_a_number(
 
 
 def test_programs_of_ours_are_given_the_settings_that_were_found(tmp_path: Path) -> None:
-    from sattrack.cli.common import CommandContext, helper_options
+    from sattrack.cli.common import CommandContext
     from sattrack.cli.run_night import _common
+    from sattrack.cli.screen import helper_options
 
     path = tmp_path / "sattrack.toml"
     context = CommandContext(Settings(), "52,4,0", (), None, False, False, path)
@@ -246,7 +247,8 @@ def test_programs_of_ours_are_given_the_settings_that_were_found(tmp_path: Path)
 
 def test_programs_of_ours_show_utc_where_that_is_asked_for(tmp_path: Path) -> None:
     from sattrack.cli.attach import _handed_on
-    from sattrack.cli.common import CommandContext, helper_options
+    from sattrack.cli.common import CommandContext
+    from sattrack.cli.screen import helper_options
 
     look = {"theme": None, "plain": False}
     for utc in (True, False):
@@ -276,7 +278,8 @@ def test_a_file_that_an_editor_began_with_a_mark_of_its_encoding_is_read(tmp_pat
 
 
 def test_the_screens_look_and_the_camera_are_settings_and_options_win(tmp_path: Path) -> None:
-    from sattrack.cli.common import CommandContext, appearance
+    from sattrack.cli.common import CommandContext
+    from sattrack.cli.screen import appearance
 
     path = tmp_path / "red.toml"
     path.write_text('[screen]\ntheme = "red"\nascii = true\n[camera]\nfov_deg = 0.25\n')

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from sattrack.cli.common import JsonLines
+from sattrack.cli.output import JsonLines
 from sattrack.core.realtime import PRIORITY, how_to_grant, undisturbed, wanted
 from sattrack.recording.format import Recording
 from sattrack.recording.replay import replay
