@@ -85,7 +85,7 @@ PACKAGES = {
         ("tle/bias.py", "tle/observed.py"), ("tests/tle/test_bias.py", "tests/tle/test_turns_and_places.py")
     ),
     "schedule": Package(
-        ("sattrack/schedule/machine.py", "sattrack/schedule/night.py"),
+        ("sattrack/schedule/machine.py", "sattrack/schedule/conditions.py", "sattrack/schedule/night.py"),
         ("tests/sattrack/schedule/test_night_machine.py", "tests/sattrack/schedule/test_night_harm.py"),
     ),
     "tle": Package(

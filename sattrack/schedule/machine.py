@@ -2,17 +2,18 @@
 
 Pure: from what is known and an event, `step` gives what is known then and what to do. The driver keeps every
 event before it acts on what follows; the same events give the same again, which is how a run continues after
-its end at any instant. Instants are POSIX seconds of UTC. Conditions and actions say in their first lines
-what the table in the documentation says of them.
+its end at any instant. Instants are POSIX seconds of UTC. Actions say in their first lines what the
+table in the documentation says of them; so do the conditions (`conditions.py`).
 """
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from msgspec.structs import replace
 
+from sattrack.schedule import conditions as when
+from sattrack.schedule.conditions import MOST_PARK_TRIES, sent_again_s
 from sattrack.schedule.night import (
     AskWeather,
     ClockSet,
@@ -45,7 +46,7 @@ from sattrack.schedule.night import (
     WeatherReported,
     actions_of,
     at_of,
-    enough_left,
+    decided_since,
     first_night,
     near_night,
     next_night,
@@ -55,7 +56,6 @@ from sattrack.schedule.night import (
     stepped,
     with_settings,
 )
-from sattrack.schedule.schema import CommandAction, WebhookAction
 from sattrack.schedule.summary import attempt_of, limits_text, result_of
 
 if TYPE_CHECKING:
@@ -67,8 +67,6 @@ if TYPE_CHECKING:
 
 REVISION = 3
 """Of these rules: what an earlier one decided in a journal is decided again by that."""
-TO_PARK_S = 300.0
-"""For a shorter wait a mount does not go to its park position."""
 TRY_PLAN_AGAIN_S = 600.0
 TRY_PARK_AGAIN_S = 60.0
 LONGEST_PAUSE_S = 30.0
@@ -139,7 +137,7 @@ def look(run: Run, event: Event) -> tuple[Run, Order]:
 
 def wait(run: Run, event: Event) -> tuple[Run, Order]:
     """Wait until it must be prepared, or the mount sent to its park position again."""
-    until, again = prepared_from_s(run), _sent_again_s(run, event.utc_s)
+    until, again = prepared_from_s(run), sent_again_s(run, event.utc_s)
     if event.utc_s < again < until - run.settings.rest_after_s:
         until = again
     return run, Wait(until_utc_s=until)
@@ -164,7 +162,7 @@ def wait_anew(run: Run, event: ClockSet) -> tuple[Run, Order]:
 def prepare(run: Run, _: Event) -> tuple[Run, Order]:
     """Prepare it."""
     wake = run.mount is Mount.PARKED
-    return replace(run, waking=wake and _since(run, 3)), Prepare(index=len(run.results), wake=wake)
+    return replace(run, waking=wake and decided_since(run, 3)), Prepare(index=len(run.results), wake=wake)
 
 
 def ask_weather(run: Run, event: Event) -> tuple[Run, Order]:
@@ -274,7 +272,7 @@ def lose_to_delay(run: Run, event: Event) -> tuple[Run, Order]:
 
 def lose_unprepared(run: Run, event: PassPrepared) -> tuple[Run, Order]:
     """Lose it to what kept it from being taken."""
-    run = _woken(run, event) if _since(run, 3) else run
+    run = _woken(run, event) if decided_since(run, 3) else run
     return _lose(run, event, event.cause or "error", event.words)
 
 
@@ -362,7 +360,7 @@ def end(run: Run, event: Event) -> tuple[Run, Order]:
 
 
 def _near(run: Run, event: Event) -> Run:
-    return near_night(run, event.utc_s) if _since(run, 2) else run
+    return near_night(run, event.utc_s) if decided_since(run, 2) else run
 
 
 def _fresh(run: Run) -> Run:
@@ -388,11 +386,6 @@ def _woken(run: Run, event: PassPrepared) -> Run:
     """Return the run with what is known of the drives' power once a pass was prepared."""
     run = replace(run, waking=False)
     return replace(run, mount=Mount.AT_REST, moved_utc_s=event.utc_s) if event.woken else run
-
-
-def _since(run: Run, revision: int) -> bool:
-    """Tell whether what is decided here is decided by the rules of a revision, or later ones."""
-    return run.settings.revision >= revision
 
 
 def _failure(run: Run, event: Event) -> str | None:
@@ -445,206 +438,6 @@ def _after_pass(run: Run, event: Event) -> tuple[Run, Order]:
     return run, Wait(until_utc_s=event.utc_s)
 
 
-MOST_PARTS = 12
-"""Attempts at one pass that broke off by themselves; restarts of the runner do not count."""
-MOST_PARK_TRIES = 5
-BROKE_OFF = frozenset({"link", "error", "crash", "hang"})
-
-
-def always(_: Run, __: Event) -> bool:
-    """Otherwise."""
-    return True
-
-
-def before_the_night(run: Run, event: Event) -> bool:
-    """The night has not begun."""
-    return event.utc_s < run.night_from_utc_s
-
-
-def night_is_over(run: Run, event: Event) -> bool:
-    """The night is over."""
-    return event.utc_s >= run.night_to_utc_s
-
-
-def night_is_over_with_passes(run: Run, event: Event) -> bool:
-    """The night is over, and passes are left."""
-    return night_is_over(run, event) and passes_left(run, event)
-
-
-def night_is_over_to_park(run: Run, event: Event) -> bool:
-    """The night is over, and the mount must be parked."""
-    return night_is_over(run, event) and none_left_to_park(run, event)
-
-
-def has_a_plan(run: Run, _: Event) -> bool:
-    """The night has a plan."""
-    return run.passes != ()
-
-
-def passes_left(run: Run, _: Event) -> bool:
-    """Passes are left."""
-    return run.at is not None
-
-
-def plan_in_force(run: Run, event: Event) -> bool:
-    """Passes of a plan are left."""
-    return _since(run, 3) and passes_left(run, event)
-
-
-def passes_past_the_end(run: Run, _: Event) -> bool:
-    """A pass to come ends after the run, which was given an earlier end."""
-    end = run.settings.to_utc_s
-    return end is not None and any(one.end_utc_s > end + 1.0 for one in run.passes[len(run.results) :])
-
-
-def none_left(run: Run, _: Event) -> bool:
-    """No pass is left."""
-    return run.at is None
-
-
-def none_left_to_park(run: Run, event: Event) -> bool:
-    """No pass is left, and the mount must be parked."""
-    parked = run.mount is Mount.PARKED and not run.waking
-    return none_left(run, event) and run.settings.park and not parked
-
-
-def missed(run: Run, event: Event) -> bool:
-    """Too little is left of the next pass."""
-    return not worth_following(run, event)
-
-
-def too_early(run: Run, event: Event) -> bool:
-    """It is too early to prepare the next pass."""
-    return event.utc_s < prepared_from_s(run)
-
-
-def long_to_wait(run: Run, event: Event) -> bool:
-    """The wait is long, the mount has stood for long, or the weather ended a pass; it is not at park."""
-    lost = bool(run.results) and run.results[-1].cause == "weather"
-    return _is_long(run, event, prepared_from_s(run), lost)
-
-
-def _is_long(run: Run, event: Event, until_utc_s: float, lost: bool) -> bool:
-    """Return whether a mount that waits until then must be sent to its park position.
-
-    `lost`: the weather is unsafe. For many short waits a mount tracks the sky as in a long one.
-    """
-    rest_s, wait_s = run.settings.rest_after_s, until_utc_s - event.utc_s
-    left = run.mount is Mount.AT_REST
-    is_long = wait_s > rest_s
-    if wait_s > TO_PARK_S and _since(run, 3):
-        since_utc_s = max(run.moved_utc_s, run.parked_utc_s)
-        # Moved in what is the future now: the clock was wrong then.
-        known = since_utc_s > 0.0 and run.mount is not Mount.UNKNOWN
-        stood = known and not 0.0 <= event.utc_s - since_utc_s < rest_s
-        is_long = is_long or (left and lost) or stood
-    stands = left or event.utc_s >= _sent_again_s(run, event.utc_s)
-    return run.settings.park and is_long and stands
-
-
-def _sent_again_s(run: Run, utc_s: float) -> float:
-    """Return from when on the mount is sent to its park position again; infinite where it was not sent."""
-    renewed, rest_s = _since(run, 2), run.settings.rest_after_s
-    failed = renewed and run.mount is Mount.UNKNOWN and run.parked_utc_s > 0.0
-    if not (failed or run.mount is Mount.AT_PARK):
-        return math.inf
-    # Sent there in what is the future now: the clock was wrong then.
-    return utc_s if renewed and run.parked_utc_s - utc_s > rest_s else run.parked_utc_s + rest_s
-
-
-def cannot_be_taken(_: Run, event: PassPrepared) -> bool:
-    """The pass cannot be taken."""
-    return event.cause is not None
-
-
-def unsafe(run: Run, event: WeatherReported) -> bool:
-    """The weather is unsafe."""
-    return event.safe is False and at_of(run).terms.if_weather_unsafe != "run"
-
-
-def unsafe_and_skipped(run: Run, event: WeatherReported) -> bool:
-    """The weather is unsafe, and the pass must be skipped then."""
-    return unsafe(run, event) and at_of(run).terms.if_weather_unsafe == "skip"
-
-
-def unsafe_and_too_late(run: Run, event: WeatherReported) -> bool:
-    """The weather is unsafe, and too little would be left of the pass when it is asked for next."""
-    return unsafe(run, event) and not enough_left(run, event.utc_s + run.settings.weather_every_s)
-
-
-def unsafe_for_long(run: Run, event: WeatherReported) -> bool:
-    """The weather is unsafe, the pass long, and the mount was not sent to its park position for as long."""
-    return unsafe(run, event) and _is_long(run, event, at_of(run).end_utc_s, True)
-
-
-def worth_following(run: Run, event: Event) -> bool:
-    """Enough is left of the pass."""
-    return enough_left(run, event.utc_s)
-
-
-def more_before(run: Run, event: Event) -> bool:
-    """The pass has an action before it, and enough is left of it."""
-    return run.step < len(at_of(run).terms.before) and worth_following(run, event)
-
-
-def another_before(run: Run, event: Event) -> bool:
-    """Another action comes before the pass, and enough is left of it."""
-    return run.step + 1 < len(at_of(run).terms.before) and worth_following(run, event)
-
-
-def more_after(run: Run, _: Event) -> bool:
-    """The pass has an action after it."""
-    place = run.step if run.state is RunState.FINISHING else 0
-    return place < len(stepped(run).terms.after)
-
-
-def another_after(run: Run, _: Event) -> bool:
-    """Another action comes after the pass."""
-    return run.step + 1 < len(stepped(run).terms.after)
-
-
-def action_may_not_come_twice(run: Run, event: Event) -> bool:
-    """A command or a webhook may have begun, and enough is left of what it is for."""
-    wanted = run.state is RunState.FINISHING or worth_following(run, event)
-    actions = actions_of(run)
-    return wanted and run.step < len(actions) and isinstance(actions[run.step], CommandAction | WebhookAction)
-
-
-def failed_and_skips(run: Run, event: StepDone) -> bool:
-    """The action failed, and the pass must be skipped then."""
-    action = actions_of(run)[run.step]
-    return isinstance(action, CommandAction) and action.if_it_fails == "skip" and not event.done
-
-
-def worth_another_attempt(run: Run, event: Event) -> bool:
-    """Enough is left of the pass for another attempt."""
-    return enough_left(run, event.utc_s, another=True)
-
-
-def broke_off_early(run: Run, event: Followed) -> bool:
-    """The session broke off by itself, and enough is left of the pass for another attempt."""
-    if event.attempt.ended_by not in BROKE_OFF:
-        return False
-    broken = sum(attempt.ended_by in BROKE_OFF for attempt in (*run.attempts, event.attempt))
-    return broken < MOST_PARTS and worth_another_attempt(run, event)
-
-
-def operator_stopped(_: Run, event: Followed) -> bool:
-    """Somebody stopped the mount."""
-    return event.attempt.ended_by in ("operator", "stopped")
-
-
-def not_parked(run: Run, event: Parked) -> bool:
-    """The mount is not at its park position, and tries are left."""
-    return event.mount not in (Mount.AT_PARK, Mount.PARKED) and run.tries < MOST_PARK_TRIES
-
-
-def was_the_last(run: Run, _: Event) -> bool:
-    """It was the last night."""
-    end = run.settings.to_utc_s
-    return end is not None and run.night_to_utc_s >= end - 1.0
-
-
 MOST_NOTES = 12
 
 
@@ -667,90 +460,90 @@ _WAITING_STATES = (
 
 TABLE: tuple[TableRow, ...] = (
     # A run begins, or goes on where it was when it ended.
-    TableRow(S.PLANNING, Started, before_the_night, rest_until_the_night, S.RESTING),
-    TableRow(S.PLANNING, Started, night_is_over_with_passes, look, S.WAITING),
-    TableRow(S.PLANNING, Started, night_is_over, sum_up, S.SUMMING_UP),
-    TableRow(S.PLANNING, Started, always, make_plan, S.PLANNING),
-    TableRow(S.PLANLESS, Started, always, try_again_later, S.PLANLESS),
-    TableRow(S.WAITING, Started, always, look, S.WAITING),
-    TableRow(S.PREPARING, Started, always, look, S.WAITING),
-    TableRow(S.ASKING, Started, always, look, S.WAITING),
-    TableRow(S.HOLDING, Started, always, look, S.WAITING),
-    TableRow(S.READYING, Started, action_may_not_come_twice, next_action_untold, S.READYING),
-    TableRow(S.READYING, Started, more_before, same_action, S.READYING),
-    TableRow(S.READYING, Started, worth_following, follow, S.FOLLOWING),
-    TableRow(S.READYING, Started, always, lose_to_restart, S.WAITING),
-    TableRow(S.FOLLOWING, Started, worth_another_attempt, follow_on, S.FOLLOWING),
-    TableRow(S.FOLLOWING, Started, always, end_cut_off, S.FINISHING),
-    TableRow(S.FINISHING, Started, action_may_not_come_twice, next_action_untold, S.FINISHING),
-    TableRow(S.FINISHING, Started, more_after, same_action, S.FINISHING),
-    TableRow(S.FINISHING, Started, always, look, S.WAITING),
-    TableRow(S.PARKING, Started, always, park_anew, S.PARKING),
-    TableRow(S.PAUSING, Started, always, park_anew, S.PARKING),
-    TableRow(S.SUMMING_UP, Started, always, sum_up, S.SUMMING_UP),
-    TableRow(S.RESTING, Started, always, rest, S.RESTING),
-    TableRow(S.STOPPED, Started, before_the_night, rest_until_the_night, S.RESTING),
-    TableRow(S.STOPPED, Started, has_a_plan, look, S.WAITING),
-    TableRow(S.STOPPED, Started, always, make_plan, S.PLANNING),
-    TableRow(S.ENDED, Started, was_the_last, end, S.ENDED),
-    TableRow(S.ENDED, Started, always, go_on, S.RESTING),
+    TableRow(S.PLANNING, Started, when.before_the_night, rest_until_the_night, S.RESTING),
+    TableRow(S.PLANNING, Started, when.night_is_over_with_passes, look, S.WAITING),
+    TableRow(S.PLANNING, Started, when.night_is_over, sum_up, S.SUMMING_UP),
+    TableRow(S.PLANNING, Started, when.always, make_plan, S.PLANNING),
+    TableRow(S.PLANLESS, Started, when.always, try_again_later, S.PLANLESS),
+    TableRow(S.WAITING, Started, when.always, look, S.WAITING),
+    TableRow(S.PREPARING, Started, when.always, look, S.WAITING),
+    TableRow(S.ASKING, Started, when.always, look, S.WAITING),
+    TableRow(S.HOLDING, Started, when.always, look, S.WAITING),
+    TableRow(S.READYING, Started, when.action_may_not_come_twice, next_action_untold, S.READYING),
+    TableRow(S.READYING, Started, when.more_before, same_action, S.READYING),
+    TableRow(S.READYING, Started, when.worth_following, follow, S.FOLLOWING),
+    TableRow(S.READYING, Started, when.always, lose_to_restart, S.WAITING),
+    TableRow(S.FOLLOWING, Started, when.worth_another_attempt, follow_on, S.FOLLOWING),
+    TableRow(S.FOLLOWING, Started, when.always, end_cut_off, S.FINISHING),
+    TableRow(S.FINISHING, Started, when.action_may_not_come_twice, next_action_untold, S.FINISHING),
+    TableRow(S.FINISHING, Started, when.more_after, same_action, S.FINISHING),
+    TableRow(S.FINISHING, Started, when.always, look, S.WAITING),
+    TableRow(S.PARKING, Started, when.always, park_anew, S.PARKING),
+    TableRow(S.PAUSING, Started, when.always, park_anew, S.PARKING),
+    TableRow(S.SUMMING_UP, Started, when.always, sum_up, S.SUMMING_UP),
+    TableRow(S.RESTING, Started, when.always, rest, S.RESTING),
+    TableRow(S.STOPPED, Started, when.before_the_night, rest_until_the_night, S.RESTING),
+    TableRow(S.STOPPED, Started, when.has_a_plan, look, S.WAITING),
+    TableRow(S.STOPPED, Started, when.always, make_plan, S.PLANNING),
+    TableRow(S.ENDED, Started, when.was_the_last, end, S.ENDED),
+    TableRow(S.ENDED, Started, when.always, go_on, S.RESTING),
     # The night's plan.
-    TableRow(S.PLANNING, Planned, always, take_plan, S.WAITING),
-    TableRow(S.PLANNING, NotPlanned, plan_in_force, keep_plan, S.WAITING),
-    TableRow(S.PLANNING, NotPlanned, always, try_again_later, S.PLANLESS),
-    TableRow(S.PLANLESS, Due, night_is_over_with_passes, look, S.WAITING),
-    TableRow(S.PLANLESS, Due, night_is_over_to_park, park, S.PARKING),
-    TableRow(S.PLANLESS, Due, night_is_over, sum_up, S.SUMMING_UP),
-    TableRow(S.PLANLESS, Due, always, make_plan, S.PLANNING),
+    TableRow(S.PLANNING, Planned, when.always, take_plan, S.WAITING),
+    TableRow(S.PLANNING, NotPlanned, when.plan_in_force, keep_plan, S.WAITING),
+    TableRow(S.PLANNING, NotPlanned, when.always, try_again_later, S.PLANLESS),
+    TableRow(S.PLANLESS, Due, when.night_is_over_with_passes, look, S.WAITING),
+    TableRow(S.PLANLESS, Due, when.night_is_over_to_park, park, S.PARKING),
+    TableRow(S.PLANLESS, Due, when.night_is_over, sum_up, S.SUMMING_UP),
+    TableRow(S.PLANLESS, Due, when.always, make_plan, S.PLANNING),
     # The schedule's file was read again.
-    TableRow(S.WAITING, Reread, always, make_plan_anew, S.PLANNING),
-    TableRow(S.PLANLESS, Reread, always, make_plan_anew, S.PLANNING),
-    TableRow(S.RESTING, Reread, always, rest_anew, S.RESTING),
+    TableRow(S.WAITING, Reread, when.always, make_plan_anew, S.PLANNING),
+    TableRow(S.PLANLESS, Reread, when.always, make_plan_anew, S.PLANNING),
+    TableRow(S.RESTING, Reread, when.always, rest_anew, S.RESTING),
     # Between passes.
-    TableRow(S.WAITING, Due, passes_past_the_end, make_plan, S.PLANNING),
-    TableRow(S.WAITING, Due, none_left_to_park, park, S.PARKING),
-    TableRow(S.WAITING, Due, none_left, sum_up, S.SUMMING_UP),
-    TableRow(S.WAITING, Due, missed, lose_missed, S.WAITING),
-    TableRow(S.WAITING, Due, long_to_wait, wait_at_park, S.PARKING),
-    TableRow(S.WAITING, Due, too_early, wait, S.WAITING),
-    TableRow(S.WAITING, Due, always, prepare, S.PREPARING),
+    TableRow(S.WAITING, Due, when.passes_past_the_end, make_plan, S.PLANNING),
+    TableRow(S.WAITING, Due, when.none_left_to_park, park, S.PARKING),
+    TableRow(S.WAITING, Due, when.none_left, sum_up, S.SUMMING_UP),
+    TableRow(S.WAITING, Due, when.missed, lose_missed, S.WAITING),
+    TableRow(S.WAITING, Due, when.long_to_wait, wait_at_park, S.PARKING),
+    TableRow(S.WAITING, Due, when.too_early, wait, S.WAITING),
+    TableRow(S.WAITING, Due, when.always, prepare, S.PREPARING),
     # Before a pass.
-    TableRow(S.PREPARING, PassPrepared, cannot_be_taken, lose_unprepared, S.WAITING),
-    TableRow(S.PREPARING, PassPrepared, always, ask_weather, S.ASKING),
-    TableRow(S.ASKING, WeatherReported, unsafe_and_skipped, lose_to_weather, S.WAITING),
-    TableRow(S.ASKING, WeatherReported, unsafe_and_too_late, lose_to_weather, S.WAITING),
-    TableRow(S.ASKING, WeatherReported, unsafe_for_long, hold_at_park, S.PARKING),
-    TableRow(S.ASKING, WeatherReported, unsafe, hold, S.HOLDING),
-    TableRow(S.ASKING, WeatherReported, more_before, first_action, S.READYING),
-    TableRow(S.ASKING, WeatherReported, worth_following, follow, S.FOLLOWING),
-    TableRow(S.ASKING, WeatherReported, always, lose_missed, S.WAITING),
-    TableRow(S.HOLDING, Due, always, ask_weather, S.ASKING),
-    TableRow(S.READYING, StepDone, failed_and_skips, lose_to_action, S.WAITING),
-    TableRow(S.READYING, StepDone, another_before, next_action, S.READYING),
-    TableRow(S.READYING, StepDone, worth_following, follow, S.FOLLOWING),
-    TableRow(S.READYING, StepDone, always, lose_to_delay, S.WAITING),
-    TableRow(S.READYING, Due, worth_following, follow, S.FOLLOWING),
-    TableRow(S.READYING, Due, always, lose_to_delay, S.WAITING),
+    TableRow(S.PREPARING, PassPrepared, when.cannot_be_taken, lose_unprepared, S.WAITING),
+    TableRow(S.PREPARING, PassPrepared, when.always, ask_weather, S.ASKING),
+    TableRow(S.ASKING, WeatherReported, when.unsafe_and_skipped, lose_to_weather, S.WAITING),
+    TableRow(S.ASKING, WeatherReported, when.unsafe_and_too_late, lose_to_weather, S.WAITING),
+    TableRow(S.ASKING, WeatherReported, when.unsafe_for_long, hold_at_park, S.PARKING),
+    TableRow(S.ASKING, WeatherReported, when.unsafe, hold, S.HOLDING),
+    TableRow(S.ASKING, WeatherReported, when.more_before, first_action, S.READYING),
+    TableRow(S.ASKING, WeatherReported, when.worth_following, follow, S.FOLLOWING),
+    TableRow(S.ASKING, WeatherReported, when.always, lose_missed, S.WAITING),
+    TableRow(S.HOLDING, Due, when.always, ask_weather, S.ASKING),
+    TableRow(S.READYING, StepDone, when.failed_and_skips, lose_to_action, S.WAITING),
+    TableRow(S.READYING, StepDone, when.another_before, next_action, S.READYING),
+    TableRow(S.READYING, StepDone, when.worth_following, follow, S.FOLLOWING),
+    TableRow(S.READYING, StepDone, when.always, lose_to_delay, S.WAITING),
+    TableRow(S.READYING, Due, when.worth_following, follow, S.FOLLOWING),
+    TableRow(S.READYING, Due, when.always, lose_to_delay, S.WAITING),
     # A pass.
-    TableRow(S.FOLLOWING, Followed, operator_stopped, stop_in_pass, S.STOPPED),
-    TableRow(S.FOLLOWING, Followed, broke_off_early, follow_on, S.FOLLOWING),
-    TableRow(S.FOLLOWING, Followed, more_after, end_pass, S.FINISHING),
-    TableRow(S.FOLLOWING, Followed, always, end_pass, S.WAITING),
-    TableRow(S.FINISHING, StepDone, another_after, next_action, S.FINISHING),
-    TableRow(S.FINISHING, StepDone, always, look, S.WAITING),
-    TableRow(S.FINISHING, Due, always, look, S.WAITING),
+    TableRow(S.FOLLOWING, Followed, when.operator_stopped, stop_in_pass, S.STOPPED),
+    TableRow(S.FOLLOWING, Followed, when.broke_off_early, follow_on, S.FOLLOWING),
+    TableRow(S.FOLLOWING, Followed, when.more_after, end_pass, S.FINISHING),
+    TableRow(S.FOLLOWING, Followed, when.always, end_pass, S.WAITING),
+    TableRow(S.FINISHING, StepDone, when.another_after, next_action, S.FINISHING),
+    TableRow(S.FINISHING, StepDone, when.always, look, S.WAITING),
+    TableRow(S.FINISHING, Due, when.always, look, S.WAITING),
     # The mount parked, the morning.
-    TableRow(S.PARKING, Parked, not_parked, pause, S.PAUSING),
-    TableRow(S.PARKING, Parked, passes_left, look_parked, S.WAITING),
-    TableRow(S.PARKING, Parked, always, sum_up, S.SUMMING_UP),
-    TableRow(S.PAUSING, Due, always, park_again, S.PARKING),
-    TableRow(S.SUMMING_UP, SummedUp, was_the_last, end, S.ENDED),
-    TableRow(S.SUMMING_UP, SummedUp, always, rest, S.RESTING),
-    TableRow(S.RESTING, Due, before_the_night, rest_until_the_night, S.RESTING),
-    TableRow(S.RESTING, Due, always, make_plan, S.PLANNING),
+    TableRow(S.PARKING, Parked, when.not_parked, pause, S.PAUSING),
+    TableRow(S.PARKING, Parked, when.passes_left, look_parked, S.WAITING),
+    TableRow(S.PARKING, Parked, when.always, sum_up, S.SUMMING_UP),
+    TableRow(S.PAUSING, Due, when.always, park_again, S.PARKING),
+    TableRow(S.SUMMING_UP, SummedUp, when.was_the_last, end, S.ENDED),
+    TableRow(S.SUMMING_UP, SummedUp, when.always, rest, S.RESTING),
+    TableRow(S.RESTING, Due, when.before_the_night, rest_until_the_night, S.RESTING),
+    TableRow(S.RESTING, Due, when.always, make_plan, S.PLANNING),
     # Whatever is waited for, time may jump.
-    *(TableRow(state, ClockSet, always, wait_anew, state) for state in _WAITING_STATES),
-    *(TableRow(state, StopAsked, always, stop, S.STOPPED) for state in RunState),
+    *(TableRow(state, ClockSet, when.always, wait_anew, state) for state in _WAITING_STATES),
+    *(TableRow(state, StopAsked, when.always, stop, S.STOPPED) for state in RunState),
 )
 
 

@@ -452,6 +452,11 @@ def prepared_from_s(run: Run) -> float:
     return at_of(run).leave_utc_s - run.settings.prepare_s - wake_s
 
 
+def decided_since(run: Run, revision: int) -> bool:
+    """Tell whether what is decided here is decided by the rules of a revision, or later ones."""
+    return run.settings.revision >= revision
+
+
 def enough_left(run: Run, utc_s: float, another: bool = False) -> bool:
     """Return whether enough of the next pass is left to be worth following."""
     one = at_of(run)

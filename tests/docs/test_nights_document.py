@@ -12,8 +12,8 @@ import msgspec
 from sattrack.cli.run import command
 from sattrack.core.errors import InterruptedRunError, TerminatedRunError
 from sattrack.schedule import machine, schema
+from sattrack.schedule.conditions import BROKE_OFF
 from sattrack.schedule.file import load_schedule
-from sattrack.schedule.machine import BROKE_OFF
 from sattrack.schedule.night import NightPass, Result, RunState
 from sattrack.schedule.night_processes import as_environment, facts_of
 from sattrack.schedule.schema import Terms
