@@ -1,4 +1,4 @@
-"""Where frames come from: folders, Alpaca, INDI and V4L cameras. All I/O of the package, and its clock."""
+"""Where frames come from: folders, Alpaca, INDI and V4L cameras. With `files`, all I/O of the package."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ import re
 import struct
 import threading
 import time
-import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 from urllib.parse import unquote
 
 import numpy as np
 
+from sattrack.camera.files import FITS_SUFFIXES, PNG_SUFFIXES, fits_image, grey_image, read_frame
 from sattrack.camera.frames import (
     AUTO_S,
     COARSE_S,
@@ -31,9 +31,7 @@ from sattrack.camera.frames import (
     grey,
     last_decimal_s,
     more_light,
-    name_exposure,
     parse_utc,
-    text_exposure,
 )
 from sattrack.core.clock import Clock, SystemClock
 from sattrack.core.errors import BadInputError, SattrackError, needed
@@ -45,20 +43,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-FITS_SUFFIXES = {".fits", ".fit", ".fts"}
-FITS_BEGINS = b"SIMPLE"
-PNG_SUFFIXES = {".png"}
-PLAIN_MODES = {"P": "RGB", "PA": "RGB", "LA": "L"}
-"""What Pillow's kinds of images are read as that are neither grey nor of three colours."""
 POLL_S = 0.1
 READ_WITHIN_S = 20.0
 FORMS = "folder:DIR, alpaca://HOST:PORT/N, indi://HOST:PORT/NAME or v4l:/dev/video0"
-NAME_LONGEST = 100
-"""Of a frame's own name, so many of its last characters are in the name of the file that keeps it."""
-LONGEST_TEXT = 100_000
-"""Bytes of the settings beside an image that are read."""
-MOST_NUMBERS = 200_000_000
-"""Pixels of a frame, times its colours: one that says it has more is not unpacked."""
 
 
 class FrameSource(Protocol):
@@ -141,7 +128,7 @@ class FolderSource:
                 if path.name in refused and refused[path.name] == size:
                     continue
                 try:
-                    frame = read_frame(path, self._options)
+                    frame = read_frame(path, self._options.exposure_s, self._options.latency_s)
                 except SattrackError as error:
                     # It may be written on.
                     refused[path.name] = size
@@ -180,139 +167,6 @@ class FolderSource:
 
     def close(self) -> None:
         """See FrameSource."""
-
-
-def read_frame(path: Path, options: SourceOptions) -> CameraFrame:
-    """Return the frame of a FITS or PNG file; raises BadInputError, naming it, SattrackError."""
-    # A pipe would be waited for.
-    if not path.is_file():
-        raise BadInputError(f"{path}: it is no file, or is gone")
-    try:
-        return (_read_fits if path.suffix.lower() in FITS_SUFFIXES else _read_png)(path, options)
-    except (OSError, MemoryError) as error:
-        raise _unreadable(path, "a frame", error) from None
-
-
-def _read_fits(path: Path, options: SourceOptions) -> CameraFrame:
-    with path.open("rb") as stream:
-        header, pixels = _fits_image(stream, str(path))
-    exposure = fits_exposure(header, str(path), options.exposure_s)
-    top_down = str(header.get("ROWORDER", "")).strip().upper() == "TOP-DOWN"
-    image = _image(pixels, path)
-    said = header.get("SATURATE")
-    full = _full_scale(pixels.dtype, header)
-    if isinstance(said, int | float) and not isinstance(said, bool) and said > 0.0:
-        full = float(said)
-    return CameraFrame(
-        image[::-1] if top_down else image,
-        exposure.utc.plus(-options.latency_s),
-        exposure.exposure_s,
-        path.name,
-        full_scale(image, full),
-        header,
-        exposure.decimal_s,
-    )
-
-
-def _fits_image(stream: BinaryIO, name: str) -> tuple[dict[str, Any], NDArray[Any]]:
-    """Return header and pixels of the first image of a FITS file; raises BadInputError, SattrackError."""
-    fits = needed("astropy.io.fits", f"{name}: reading FITS", "camera")
-    # The library also unpacks other files, whatever comes out of them.
-    if stream.read(len(FITS_BEGINS)) != FITS_BEGINS:
-        raise BadInputError(f"{name}: it is no FITS file; unpack it first if it is packed")
-    stream.seek(0)
-    try:
-        # What the library warns of either can be read or is refused below.
-        with (
-            warnings.catch_warnings(action="ignore"),
-            fits.open(stream, memmap=False, disable_image_compression=True) as file,
-        ):
-            part = next((one for one in file if one.is_image and getattr(one, "shape", ())), None)
-            if part is None:
-                raise BadInputError(f"{name}: it has no image; unpack it first if it is packed")
-            _check_size(math.prod(part.shape), name)
-            # What an image does not say itself, the file's first header may say of all.
-            header: dict[str, Any] = {}
-            for one in (file[0].header, part.header):
-                for key in filter(None, one):
-                    # FITS has no NaN and no decimal comma; programs write both, for a missing sensor as well.
-                    with contextlib.suppress(fits.VerifyError):
-                        header[key] = one[key]
-            return header, np.asarray(part.data)
-    except BadInputError:
-        raise
-    except Exception as error:  # noqa: BLE001 - the library has no bounds on what it raises for broken files
-        raise _unreadable(name, "FITS", error) from None
-
-
-def _check_size(count: int, name: Path | str) -> None:
-    if count > MOST_NUMBERS:
-        raise BadInputError(f"{name}: it says that it has {count} pixels; {MOST_NUMBERS} are the most")
-
-
-def _unreadable(name: Path | str, kind: str, error: Exception) -> BadInputError:
-    # The libraries' words may have several lines, or none.
-    words = " ".join(str(error).split()) or type(error).__name__
-    return BadInputError(f"{name}: cannot be read as {kind}: {words}")
-
-
-def _full_scale(kind: np.dtype[Any], header: dict[str, Any]) -> float | None:
-    if kind.kind == "u":
-        return float(np.iinfo(kind).max)
-    # 16 bits without a sign are kept as 16 bits with one and an offset, which astropy takes out as floats.
-    return 65535.0 if header.get("BZERO") == 32768 else None
-
-
-def _read_png(path: Path, options: SourceOptions) -> CameraFrame:
-    images = needed("PIL.Image", f"{path}: reading PNG", "camera")
-    try:
-        # The bound is ours, before anything is unpacked.
-        images.MAX_IMAGE_PIXELS = None
-        with images.open(path) as file:
-            _check_size(math.prod(file.size) * len(file.getbands()), path)
-            file.load()
-            said = {key: str(value) for key, value in getattr(file, "text", {}).items()}
-            # The numbers of a palette are no light, and transparency is none.
-            plain = PLAIN_MODES.get(file.mode)
-            pixels = np.asarray(file if plain is None else file.convert(plain))
-    except BadInputError:
-        raise
-    except Exception as error:  # noqa: BLE001 - the library has no bounds on what it raises for broken files
-        raise _unreadable(path, "PNG", error) from None
-    exposure = None
-    if any(key.upper().startswith("DATE-") for key in said):
-        exposure = fits_exposure(
-            {key.upper(): value for key, value in said.items()}, str(path), options.exposure_s
-        )
-    for beside in (path.with_suffix(".CameraSettings.txt"), path.with_suffix(".txt")):
-        if exposure is None and beside.is_file():
-            with beside.open("rb") as stream:
-                text = stream.read(LONGEST_TEXT).decode("utf-8", "replace")
-            exposure = text_exposure(text, str(beside), options.exposure_s)
-    if exposure is None:
-        exposure = name_exposure(path.stem, str(path), options.exposure_s)
-    if exposure is None:
-        raise BadInputError(
-            f"{path}: nothing dates it: no DATE-OBS in it, no settings of SharpCap or FireCapture beside it, "
-            "no time in its name"
-        )
-    full = float(np.iinfo(pixels.dtype).max) if pixels.dtype.kind == "u" else None
-    image = _image(pixels, path)[::-1]
-    return CameraFrame(
-        image,
-        exposure.utc.plus(-options.latency_s),
-        exposure.exposure_s,
-        path.name,
-        full_scale(image, full),
-        decimal_s=exposure.decimal_s,
-    )
-
-
-def _image(pixels: NDArray[Any], path: Path | str) -> NDArray[np.float32]:
-    try:
-        return np.ascontiguousarray(grey(pixels), dtype=np.float32)
-    except (ValueError, MemoryError) as error:
-        raise _unreadable(path, "an image", error) from None
 
 
 V4L_GAIN, V4L_EXPOSURE = 0x00980913, 0x009A0902
@@ -677,8 +531,8 @@ class IndiCamera:
                 self._send("CCD_COMPRESSION", {packed: "Off", plain: "On"})
 
     def _frame(self, data: bytes, begun: Utc, exposure_s: float, number: int) -> CameraFrame:
-        header, image = _fits_image(io.BytesIO(data), self._url)
-        pixels = _image(image, self._url)
+        header, image = fits_image(io.BytesIO(data), self._url)
+        pixels = grey_image(image, self._url)
         name = f"frame {number}"
         dated = any(key in header for key in ("DATE-OBS", "DATE-BEG", "DATE-AVG"))
         gain = next((found[0] for one in GAINS if (found := self._number(*one)) is not None), None)
@@ -737,47 +591,3 @@ class IndiCamera:
         """See FrameSource."""
         self._client.shutdown()
         self._thread.join(5.0)
-
-
-def save_frame(frame: CameraFrame, folder: Path, camera: str, solved: dict[str, float] | None) -> Path:
-    """Write a frame as FITS, its first row at the bottom, with the headers of the field; return the file.
-
-    `solved` may have SCALE, arcseconds in a pixel: where the size of the pixels is known, FOCALLEN goes with
-    it. Raises SattrackError.
-    """
-    fits = needed("astropy.io.fits", "--save", "camera")
-    begun = frame.utc.plus(-0.5 * frame.exposure_s)
-    top = np.asarray(frame.pixels)
-    whole = bool(
-        np.isfinite(top).all() and top.min() >= 0 and top.max() <= 65535 and (top == np.rint(top)).all()
-    )
-    part = fits.PrimaryHDU(top.astype(np.uint16) if whole else top)
-    header = part.header
-    header["TIMESYS"] = "UTC"
-    header["DATE-OBS"] = (begun.isoformat("microseconds").rstrip("Z"), "beginning of the exposure")
-    header["DATE-AVG"] = (frame.utc.isoformat("microseconds").rstrip("Z"), "middle of the exposure")
-    header["EXPTIME"] = (frame.exposure_s, "[s]")
-    header["ROWORDER"] = "BOTTOM-UP"
-    # FITS has ASCII only.
-    header["INSTRUME"] = camera.encode("ascii", "replace").decode()
-    for key in ("GAIN", "OFFSET", "XPIXSZ", "YPIXSZ", "EGAIN", "CCD-TEMP", "XBINNING", "YBINNING"):
-        if key in frame.header:
-            header[key] = frame.header[key]
-    if frame.saturation is not None:
-        # Whole numbers are kept as 16 bits, whatever the camera has.
-        header["SATURATE"] = (frame.saturation, "value of a full pixel")
-    for key, value in (solved or {}).items():
-        header[key] = value
-    size_um = header.get("XPIXSZ")
-    if "SCALE" in header and isinstance(size_um, int | float) and size_um > 0.0:
-        header["FOCALLEN"] = (size_um * 1e-3 / math.radians(header["SCALE"] / 3600.0), "[mm]")
-    name = begun.isoformat("milliseconds").replace(":", "").replace("-", "").replace(".", "_")
-    # Two cameras of a run keep their frames in one folder, and some date several frames alike.
-    whose = re.sub(r"[^\w.-]", "_", f"{camera}_{Path(frame.name).stem[-NAME_LONGEST:]}")
-    path = folder / f"{name}_{whose}.fits"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        part.writeto(path, overwrite=True)
-    except OSError as error:
-        raise SattrackError(f"{path}: cannot be written: {error.strerror or error}") from None
-    return path

@@ -642,7 +642,7 @@ def _items(camera: FrameSource, run: ObservationLink | None) -> Iterator[CameraF
 
 
 def _save(frame: CameraFrame, folder: Path, look: Looker, seen: Centred) -> None:
-    from sattrack.camera.sources import save_frame
+    from sattrack.camera.files import save_frame
 
     solved = seen.solved or {}
     fields = {"RA": solved["ra_deg"], "DEC": solved["dec_deg"]} if solved else {}

@@ -24,11 +24,12 @@ import numpy as np
 import pytest
 from camera_frames import Canvas
 
-from sattrack.camera import sources
+from sattrack.camera import files, sources
 from sattrack.camera.centring import ImageGeometry
 from sattrack.camera.detection import Detection, Detector, ExpectedMotion, light_wanted
+from sattrack.camera.files import save_frame
 from sattrack.camera.frames import CameraFrame, full_scale, reduced
-from sattrack.camera.sources import SourceOptions, decode_image, open_source, save_frame
+from sattrack.camera.sources import SourceOptions, decode_image, open_source
 from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.alpaca.client import AlpacaRefusalError, NoAnswerError
@@ -312,7 +313,7 @@ def test_a_frame_that_does_not_fit_into_the_memory_is_told_and_the_next_is_read(
             raise MemoryError
         return pixels
 
-    monkeypatch.setattr(sources, "grey", grey)
+    monkeypatch.setattr(files, "grey", grey)
     refused, frame = frames(f"folder:{tmp_path}", SourceOptions())
     assert isinstance(refused, BadInputError)
     assert str(refused) == f"{tmp_path / 'a.fits'}: cannot be read as an image: MemoryError"
@@ -762,7 +763,7 @@ def test_an_indi_camera_that_dates_to_whole_seconds_is_dated_by_our_clock() -> N
 def test_what_an_indi_camera_sends_that_cannot_be_a_frame_is_told(
     monkeypatch: pytest.MonkeyPatch, make: Callable[[], bytes], why: str
 ) -> None:
-    monkeypatch.setattr(sources, "MOST_NUMBERS", 1199)
+    monkeypatch.setattr(files, "MOST_NUMBERS", 1199)
     refused = from_indi(make(), [])
     assert isinstance(refused, SattrackError)
     assert why in str(refused)
