@@ -27,6 +27,7 @@ from sattrack.servers.antenna.protocol import (
     Framer,
     Nak,
     ReceivedLine,
+    acknowledge,
     day_start_ns,
     encode,
     idle_time_s,
@@ -44,6 +45,8 @@ POSITION_SHARE = 0.45
 """When in an interval the position is requested."""
 SILENT_FOR_S = 5.0
 CLOCK_TOLERANCE_S = SafetyLimits().clock_tolerance_s
+STOP_EVERY_S = 0.25
+"""How often a stop goes out that is not acknowledged, and how often the position is asked for after one."""
 AT_REST_DEG_S = 0.006
 """A stopped mount may stand, or track the sky."""
 
@@ -93,7 +96,9 @@ class AntcnRun:
     _next_td_ns: int | None = None
     _next_ps_utc_s: float = 0.0
     _stop_since_utc_s: float = 0.0
-    _stop_acknowledged: bool = False
+    _next_stop_utc_s: float = -math.inf
+    _stop_answer: str | None = None
+    """The last response to a STOP."""
 
     def begin(self, now_utc_s: float) -> bytes:
         """Return the first bytes to send."""
@@ -148,16 +153,19 @@ class AntcnRun:
                 self.end("set", now_utc_s)
         elif not self.finished:
             waited_s = now_utc_s - self._stop_since_utc_s
-            nothing_sent = self.designated == 0 and (self._heard_utc_s is None or self._stop_acknowledged)
+            answered = self._heard_utc_s is None or self._stop_answer is not None
+            nothing_sent = self.designated == 0 and answered
             if nothing_sent or waited_s > longest_stop_s(heard=silent_s < SILENT_FOR_S):
                 self.mount_stopped = None if self.designated == 0 else bool(self.mount_stopped)
                 self.finished = True
 
     def _next_message(self, now_utc_s: float) -> str | None:
         if self.phase is AntcnPhase.STOPPING:
-            if not self._stop_acknowledged:
+            # A refusal, as of a line that was garbled on its way, is no acknowledgement.
+            if self._stop_answer != acknowledge("STOP") and now_utc_s >= self._next_stop_utc_s:
+                self._next_stop_utc_s = now_utc_s + STOP_EVERY_S
                 return "STOP"
-            return self._request_position(now_utc_s, 0.25)
+            return self._request_position(now_utc_s, STOP_EVERY_S)
         if self._next_td_ns is None:
             self._next_td_ns = math.ceil((now_utc_s + LEAD_S) / self.interval_s) * round(self.interval_s * NS)
             self._next_ps_utc_s = self._next_td_ns / NS + POSITION_SHARE * self.interval_s
@@ -197,7 +205,7 @@ class AntcnRun:
                 self._placed_utc_s = answer.complete_utc_s
             self._judge(answer, self.position, before)
         elif answer.sent == "STOP":
-            self._stop_acknowledged = True
+            self._stop_answer = response
         elif " NAK " in response:
             self._take_refusal(response, answer.complete_utc_s)
 

@@ -196,18 +196,61 @@ def test_a_controller_that_falls_silent_is_told_to_stop_until_given_up() -> None
 PLACE = "PS ,, ,, {first:.6f} 40 ,, ,, {rate} 0 ,, 0 {epoch:.6f} REMOTE {servo}"
 
 
-def answered_with(run: AntcnRun, until_s: float, position: Callable[[float], str]) -> list[str]:
-    """Let a run talk to a controller written out by hand, which acknowledges whatever it is told."""
-    now_s, said = NOON_S - 1.0, []
+def converse(run: AntcnRun, until_s: float, answer: Callable[[str, float], str]) -> None:
+    """Let a run talk to a controller written out by hand, which answers each word at an instant."""
+    now_s = NOON_S - 1.0
     run.begin(now_s)
     while not run.finished and now_s < NOON_S + until_s:
         sent = run.tick(now_s)
         if len(sent) > 1:
-            said.append(sent.decode().split()[0])
-            answer = position(now_s - NOON_S) if said[-1] == "PS" else f"{said[-1]} ACK"
-            run.receive(encode(answer), now_s + 0.001)
+            run.receive(encode(answer(sent.decode().split()[0], now_s - NOON_S)), now_s + 0.001)
         now_s += 0.005
+
+
+def answered_with(run: AntcnRun, until_s: float, position: Callable[[float], str]) -> list[str]:
+    """Let a run talk to a controller that acknowledges whatever it is told; return what it said."""
+    said = []
+
+    def answer(word: str, seconds: float) -> str:
+        said.append(word)
+        return position(seconds) if word == "PS" else f"{word} ACK"
+
+    converse(run, until_s, answer)
     return said
+
+
+@pytest.mark.parametrize("answer", ["STOP NAK 1", "?? NAK 1", "STOP NAK", "TD ACK"])
+def test_a_stop_that_is_not_acknowledged_is_sent_again(answer: str) -> None:
+    """A line is garbled on its way, or a response to an earlier command comes late: the antenna goes on."""
+    run, words = make_run(Antcn(CHARACTER_S)), []
+
+    def controller(sent: str, seconds: float) -> str:
+        words.append(sent)
+        if sent == "STOP":
+            return answer if words.count("STOP") < 4 else "STOP ACK"
+        rests = words.count("STOP") >= 4
+        first, servo = (30.0, "IDLE") if rests else (30.0 + 0.1 * seconds, "TRACKING")
+        return PLACE.format(first=first, rate=0 if rests else 0.1, epoch=43200.0 + seconds, servo=servo)
+
+    converse(run, 60.0, controller)
+    assert words.count("STOP") == 4
+    assert (run.ended_by, run.mount_stopped) == ("set", True)
+
+
+def test_a_controller_that_refuses_a_stop_is_asked_where_the_antenna_is() -> None:
+    """An antenna in local is its operator's to stop, and may be at rest."""
+    run, words = make_run(Antcn(CHARACTER_S)), []
+
+    def controller(sent: str, seconds: float) -> str:
+        words.append(sent)
+        if sent == "STOP":
+            return "STOP NAK 8"
+        return PLACE.format(first=30.0, rate=0, epoch=43200.0 + seconds, servo="IDLE")
+
+    converse(run, 60.0, controller)
+    assert run.finished
+    assert run.mount_stopped is True
+    assert words.count("STOP") < 5
 
 
 def test_a_controller_that_tells_the_same_again_and_again_is_given_up() -> None:
