@@ -62,6 +62,8 @@ if TYPE_CHECKING:
 REMEMBERED_LINES = 50
 REMEMBERED_REFUSALS = 20
 MOST_TIME_STEP_S = 86400
+STREAMS_NS = 10 * NS
+"""Designations that come no farther apart than this are one program's that goes on, with no person at it."""
 
 
 class AntennaAction(StrEnum):
@@ -124,6 +126,10 @@ class Controller:
     sky_targets: SkyTargets = field(init=False)
     held: SkyPath | None = None
     """The satellite's path, while SATOFF holds the antenna."""
+    _stop_holds: bool = False
+    """Whether the operator has stopped the antenna: designations that only go on do not undo that."""
+    _designated_ns: int | None = None
+    """When the last one came, obeyed or refused."""
 
     def __post_init__(self) -> None:
         """Begin with no offsets."""
@@ -151,20 +157,25 @@ class Controller:
 
     def switch(self, remote: bool, now_ns: int) -> None:
         """Put the controller in remote or in local; local ends the trajectory and stops the focus."""
-        self.remote = remote
+        self.remote, self._stop_holds = remote, False
         if not remote:
             self.stop(now_ns)
 
     def stop(self, now_ns: int) -> None:
-        """End the trajectory and stop the focus, for the operator at the controller."""
+        """End the trajectory and stop the focus, for the operator at the controller.
+
+        It holds for a program that only goes on to designate, until that has been silent for a while, or the
+        operator says remote or reset. STOP, RESET and what it asks for by any other command end it, too.
+        """
         self._rest()
+        self._stop_holds = True
         if self.antenna.focuser is not None:
             self.antenna.focuser.stop(now_ns)
 
     def reset(self) -> None:
         """Make ready again an antenna that an interlock has stopped, as RESET does."""
         self._rest()
-        self.reset_asked = True
+        self.reset_asked, self._stop_holds = True, False
 
     def _answer(self, line: ReceivedLine, now_ns: int) -> bytes:
         if line.fault is not None:
@@ -203,6 +214,9 @@ class Controller:
     # Each of these handles one command: None acknowledges, a Nak refuses, text answers.
 
     def _designate(self, request: AntennaRequest, now_ns: int) -> Nak | None:
+        before_ns, self._designated_ns = self._designated_ns, now_ns
+        if self._stop_holds and before_ns is not None and 0 <= now_ns - before_ns <= STREAMS_NS:
+            return Nak.LOCAL
         epoch_ns = self.requested_epoch(request, now_ns)
         if isinstance(epoch_ns, Nak):
             return epoch_ns
@@ -242,7 +256,7 @@ class Controller:
         """Put a trajectory in force, unless the antenna is stowed."""
         if self.doing is AntennaAction.STOW and doing is not AntennaAction.STOW:
             return Nak.STATE
-        self.path, self.doing, self.held = path, doing, None
+        self.path, self.doing, self.held, self._stop_holds = path, doing, None, False
         return None
 
     def _rest(self) -> None:
@@ -252,6 +266,7 @@ class Controller:
 
     def _stop(self, request: AntennaRequest, now_ns: int) -> None:
         del request, now_ns
+        self._stop_holds = False
         self._rest()
 
     def _reset(self, request: AntennaRequest, now_ns: int) -> None:

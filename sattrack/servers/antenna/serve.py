@@ -132,7 +132,7 @@ class AntennaLoop(StationLoop):
                 self.tell(f"{exchange.received} -> {exchange.answered}")
         elif word == "stop":
             controller.stop(now_ns)
-            self.tell("the operator has ended the trajectory")
+            self.tell("the operator has ended the trajectory; remote lets antcn go on with it")
         elif word == "reset":
             controller.reset()
         elif word == LEAVE:

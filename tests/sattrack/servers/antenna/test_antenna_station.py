@@ -180,6 +180,37 @@ def test_local_ends_the_trajectory_and_refuses_another(antenna: VirtualAntenna) 
     assert position(antenna)["mode"] == "LOCAL"
 
 
+def designate_for(antenna: VirtualAntenna, seconds: int) -> set[str]:
+    """Let antcn designate a source to the east once a second; return what it was answered."""
+    answers = set()
+    for _ in range(seconds):
+        answers.add(antenna.say(f"TD -40 40 {SIDEREAL} 0"))
+        antenna.run_for(1.0)
+    return answers
+
+
+@pytest.mark.parametrize("said", ["STOP", "RESET", "FIXED 0 40", "nothing", "remote", "reset"])
+def test_the_operators_stop_holds_for_an_antcn_that_goes_on(antenna: VirtualAntenna, said: str) -> None:
+    controller = antenna.station.controller
+    assert designate_for(antenna, 3) == {"TD ACK"}
+    controller.stop(to_ns(antenna.now_utc_s))
+    antenna.run_for(0.5)
+    begun = len(antenna.truths)
+    assert designate_for(antenna, 15) == {"TD NAK 8"}
+    axes = [truth.hour_angle_axis_deg for truth in antenna.truths[begun + 40 :]]
+    assert max(axes) - min(axes) < 0.1
+    assert antenna.station.session.stopped
+    if said == "remote":
+        controller.switch(True, to_ns(antenna.now_utc_s))
+    elif said == "reset":
+        controller.reset()
+    elif said == "nothing":
+        antenna.run_for(10.0)
+    else:
+        assert antenna.say(said).endswith("ACK")
+    assert designate_for(antenna, 1) == {"TD ACK"}
+
+
 def test_after_an_interlock_nothing_moves_until_reset(antenna: VirtualAntenna) -> None:
     antenna.say("TD 40 20 0 0")
     antenna.run_for(3.0)
