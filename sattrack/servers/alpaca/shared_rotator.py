@@ -58,7 +58,6 @@ class SharedRotator(Feedback):
     def begin(self, former: Safety, heard: tuple[bytes, float] | None) -> None:
         """Keep the mount at clients' positions from now on; `heard` is its last datagram, dated."""
         self.driver = self._new()
-        self.driver.continues(self._listener)
         self.driver.safety.follow_on(former)
         if heard is not None:
             self.driver.receive(*heard)

@@ -38,6 +38,7 @@ ON_TRAJECTORY_DEG = 10.0 / 3600.0
 SAMPLES_ON_TRAJECTORY = 4
 DEC_LIMIT_DEG = 89.9
 """No command tells a Xerxes mount to go past the pole, and at the pole its right ascension jumps."""
+HALF_TURN_DEG = 180.0
 RATE_STEP_S = 0.05
 OLDEST_S = 0.3
 """A sample older than this does not tell where the axes are now."""
@@ -85,7 +86,7 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
 
     `kind` says what the target's positions are; the follower gets hour angle and declination, or the angles
     of the axes of a mount with a geometry. Reported right ascension does not tell the turn of the first axis:
-    turns are counted from the first sample on, which is taken to be within half a turn. Positions that are
+    it is the one that safety counts, which knows how a session before has left it. Positions that are
     azimuths and elevations go through the profile's pointing model; whoever counts the axes has one himself.
     """
 
@@ -180,10 +181,6 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
         """Whether nothing that was asked of the mount moves it."""
         return not self._moved or self.session.stopped
 
-    def continues(self, listener: PathDriver) -> None:
-        """Take over from one that has only listened so far on which turn the hour angle axis is."""
-        self._ha_deg = listener._ha_deg
-
     # What comes in, and what goes out.
 
     def receive(self, data: bytes, arrival_utc_s: float) -> StatusSample | None:
@@ -263,7 +260,10 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
         utc_s = self._follower.date(sample)
         self._sidereal.note(sample.sidereal_h * 15.0, utc_s)
         self._follower.take(sample, utc_s, self._following)
-        axes = self._follower.axes
+        axes, counted_deg = self._follower.axes, self.safety.first_axis_deg
+        if counted_deg is not None:
+            # Beyond the pole the axis stands half a turn from the hour angle.
+            self._ha_deg = counted_deg - (HALF_TURN_DEG if sample.beyond_pole else 0.0)
         if axes is not None:
             self._ha_deg = self._turned(self._sky.sidereal_deg(axes.sample_utc_s) - axes.ra.position_deg)
         return utc_s

@@ -157,6 +157,23 @@ def test_a_silent_antcn_leaves_the_antenna_at_its_limit_and_not_beyond(antenna: 
     assert position(antenna)["aw"] == "1"
 
 
+def test_a_turn_that_a_session_before_has_left_is_counted_on(antenna: VirtualAntenna) -> None:
+    """An axis at 190° is no axis at -170°: from there to 0° it turns back, not on to its limit at 200°."""
+    antenna.say("FIXED -170 60 1")
+    antenna.run_for(40.0)
+    assert antenna.truths[-1].hour_angle_axis_deg == pytest.approx(190.0, abs=0.01)
+    noted_deg = antenna.station.safety.first_axis_deg
+    antenna.station = antenna.make_station()
+    antenna.station.safety.begin_at(noted_deg)
+    antenna.run_for(1.0)
+    told = position(antenna)
+    assert (told["aw"], float(told["a1"])) == ("1", pytest.approx(-170.0, abs=0.01))
+    antenna.say("FIXED 0 60")
+    antenna.run_for(40.0)
+    assert antenna.truths[-1].hour_angle_axis_deg == pytest.approx(0.0, abs=0.01)
+    assert position(antenna)["servo"] == "TRACKING"
+
+
 def test_stop_brings_the_antenna_to_rest(antenna: VirtualAntenna) -> None:
     antenna.say("TD 0 40 0 0")
     antenna.run_for(2.0)

@@ -63,6 +63,24 @@ def test_a_pass_at_one_hertz_is_followed_without_jerks() -> None:
     assert straight.jerk_deg_s2 > 10.0 * smooth.jerk_deg_s2
 
 
+def test_a_turn_that_a_session_before_has_left_is_counted_on(rotator: VirtualRotator) -> None:
+    """An axis at 190° is no axis at -170°: from there to 0° it turns back, not on to its limit at 200°."""
+    for hour_angle_deg in (100.0, 190.0):
+        place = rotator.sky.horizontal(HaDec(hour_angle_deg, 60.0), rotator.now_utc_s)
+        rotator.say(f"P {place.az_deg:.3f} {place.el_deg:.3f}")
+        rotator.run_for(40.0)
+    assert rotator.truths[-1].hour_angle_axis_deg == pytest.approx(190.0, abs=0.1)
+    noted_deg = rotator.station.safety.first_axis_deg
+    rotator.station = rotator.make_station()
+    rotator.station.safety.begin_at(noted_deg)
+    rotator.clients.clear()
+    rotator.run_for(1.0)
+    place = rotator.sky.horizontal(HaDec(0.0, 60.0), rotator.now_utc_s)
+    rotator.say(f"P {place.az_deg:.3f} {place.el_deg:.3f}")
+    rotator.run_for(40.0)
+    assert rotator.truths[-1].hour_angle_axis_deg == pytest.approx(0.0, abs=0.1)
+
+
 def test_stop_brings_the_mount_to_rest(rotator: VirtualRotator) -> None:
     rotator.say("P 300 30")
     rotator.run_for(2.0)
