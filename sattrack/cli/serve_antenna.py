@@ -36,7 +36,7 @@ from sattrack.runtime.system import StopRequest, stopping
 from sattrack.servers.antenna.alpaca_focuser import FORM, parse_focuser, start_focusers
 from sattrack.servers.antenna.controller import AntennaStation
 from sattrack.servers.antenna.equipment import Antenna, Focuser, SimulatedFocusAxis
-from sattrack.servers.antenna.led_mount import DEC_LIMIT_DEG, axis_range
+from sattrack.servers.antenna.led_mount import DEC_LIMIT_DEG, axis_range, park_direction
 from sattrack.servers.antenna.protocol import Checksum, program_line, to_ns
 from sattrack.servers.antenna.serve import (
     BAUDS,
@@ -51,7 +51,7 @@ from sattrack.servers.antenna.trajectory import SiteSky
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sattrack.mount.model import AxesPosition, MountProfile
+    from sattrack.mount.model import MountProfile
     from sattrack.servers.antenna.alpaca_focuser import FocuserConfig
     from sattrack.servers.antenna.trajectory import AxisKind
     from tle.site import Site
@@ -159,7 +159,7 @@ def _antenna(options: dict[str, Any], profile: MountProfile, site: Site, focuser
         SiteSky(site),
         axes,
         axis_range(profile, axes),
-        stow=_place("--stow", options["stow"], axes) or _park(profile.park, axes),
+        stow=_place("--stow", options["stow"], axes) or _park(profile, axes),
         service=_place("--service", options["service"], axes),
         focuser=focuser,
         refraction=options["refraction"],
@@ -223,7 +223,9 @@ def _place(option: str, text: str | None, axes: str) -> tuple[float, float] | No
     return first, second
 
 
-def _park(park: AxesPosition | None, axes: str) -> tuple[float, float] | None:
+def _park(profile: MountProfile, axes: str) -> tuple[float, float] | None:
+    """Return the direction of the profile's park position, which a geometry has as angles of its own axes."""
+    park = park_direction(profile)
     return None if park is None or axes == "azel" else (park.hour_angle_deg, park.dec_deg)
 
 

@@ -5,11 +5,15 @@ from __future__ import annotations
 import math
 from decimal import Decimal
 from itertools import pairwise
+from typing import Literal
 
 import pytest
-from antenna_harness import VirtualAntenna, rms
+from antenna_harness import SITE, VirtualAntenna, rms
 
-from sattrack.mount.model import MountProfile
+from sattrack.cli.serve_antenna import _antenna
+from sattrack.mount.geometry import AxisGeometry
+from sattrack.mount.model import AxesPosition, MountProfile, SitePlace
+from sattrack.mount.simulator.mount import StartPosition
 from sattrack.servers.antenna.led_mount import axis_range
 from sattrack.servers.antenna.protocol import to_ns
 from tle.instants import Utc
@@ -185,6 +189,28 @@ def test_stop_brings_the_antenna_to_rest(antenna: VirtualAntenna) -> None:
     assert abs(float(told["ar1"])) <= 0.0042
     assert abs(float(told["ar2"])) < 1e-4
     assert antenna.station.session.stopped
+
+
+@pytest.mark.parametrize("reports", ["axes", "sky"])
+def test_a_mount_with_a_geometry_is_stowed_where_its_profile_parks_it(
+    reports: Literal["axes", "sky"],
+) -> None:
+    """Park is in angles of its own axes, and positions are hour angles and declinations."""
+    profile = MountProfile(
+        additive=False,
+        park=AxesPosition(20.0, 50.0),
+        geometry=AxisGeometry(0.0, 90.0, reports=reports),
+        stands_at=SitePlace(SITE.latitude_deg, SITE.longitude_deg),
+    )
+    options = {"axes": "hadec", "stow": None, "service": None, "refraction": "off", "crc": False}
+    stow = _antenna(options, profile, SITE, None).stow
+    antenna = VirtualAntenna(BEGIN_UTC_S, profile=profile, start=StartPosition(10.0, 40.0), stow=stow)
+    antenna.run_for(1.0)
+    assert antenna.say("STOW") == "STOW ACK"
+    antenna.run_for(15.0)
+    truth = antenna.truths[-1]
+    assert (truth.hour_angle_axis_deg, truth.dec_axis_deg) == pytest.approx((20.0, 50.0), abs=0.01)
+    assert position(antenna)["servo"] == "TRACKING"
 
 
 def test_local_ends_the_trajectory_and_refuses_another(antenna: VirtualAntenna) -> None:
