@@ -303,6 +303,10 @@ class Session:
         self.health.repeated += copy is not None
         return copy
 
+    def clock_set(self, step_s: float) -> None:
+        """Take notice that instants from now on are by a clock that was set ahead by so much."""
+        self._standstill.clock_set(step_s)
+
     def link_state(self, now_utc_s: float) -> LinkState:
         """Return the state of the link at an instant."""
         return self.health.look(now_utc_s)

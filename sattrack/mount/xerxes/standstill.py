@@ -497,6 +497,10 @@ class Standstill:
             # Sent again too soon, it would act later still.
             self._not_slowing = 0
 
+    def clock_set(self, step_s: float) -> None:
+        """Count the same positions from then on, by a clock that was set ahead by so much."""
+        self._since_utc_s += step_s
+
     def see(
         self, sample: StatusSample, aborted: bool, move_axis: bool, arrived: bool = False
     ) -> StatusSample:

@@ -98,6 +98,7 @@ class AntennaStation(PathDriver):
     def _set_clock(self, step_s: float) -> None:
         """Restart what depends on the clock; the cables' winding is kept."""
         self.clock_ahead_s += step_s
+        self.session.clock_set(step_s)
         self._follower = self._make_follower()
         if self.safety.tripped is None:
             before, self.safety = self.safety, self._make_safety(self.profile)

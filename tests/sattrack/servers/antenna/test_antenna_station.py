@@ -338,6 +338,47 @@ def test_a_clock_that_is_set_is_gone_by_from_then_on(antenna: VirtualAntenna) ->
     assert antenna.station.tripped is None
 
 
+def set_time(antenna: VirtualAntenna, step_s: float) -> None:
+    day, second = antenna.say("TIME").split()[1:]
+    days, seconds = divmod(float(second) + step_s, 86400.0)
+    assert antenna.say(f"TIME {int(day) + days:.0f} {seconds:.6f}") == "TIME ACK"
+
+
+@pytest.mark.parametrize("after_s", [0.0, 5.0])
+@pytest.mark.parametrize("step_s", [-50000.0, -90.0, -0.7, 0.7, 90.0])
+def test_a_stopped_antenna_is_seen_stopped_whatever_its_clock_is_set_to(
+    antenna: VirtualAntenna, after_s: float, step_s: float
+) -> None:
+    antenna.say("TD 0 40 0 0")
+    antenna.run_for(3.0)
+    antenna.say("STOP")
+    antenna.run_for(after_s)
+    set_time(antenna, step_s)
+    antenna.run_for(5.0)
+    assert antenna.station.session.stopped
+    antenna.station.end(antenna.now_utc_s)
+    antenna.run_for(1.0)
+    assert antenna.station.finished
+    assert antenna.station.mount_stopped is True
+
+
+def test_an_antenna_is_ready_again_once_its_clock_is_set_right(antenna: VirtualAntenna) -> None:
+    """The clock's interlock stops it while its clock is ten minutes ahead of the mount's."""
+    set_time(antenna, 600.0)
+    antenna.run_for(1.0)
+    antenna.say("TD 0 40 0 0")
+    antenna.run_for(2.0)
+    assert antenna.say("STATUS").split()[4] == "clock"
+    antenna.say("STOP")
+    set_time(antenna, -600.0)
+    antenna.say("RESET")
+    antenna.run_for(2.0)
+    assert antenna.say("STATUS").split()[4] == "OK"
+    antenna.say("TD 0 40 0 0")
+    antenna.run_for(15.0)
+    assert position(antenna)["servo"] == "TRACKING"
+
+
 def test_a_mount_that_falls_silent_is_told_of_stopped_and_taken_up_again_after_reset(
     antenna: VirtualAntenna,
 ) -> None:
