@@ -62,6 +62,7 @@ if TYPE_CHECKING:
 REMEMBERED_LINES = 50
 REMEMBERED_REFUSALS = 20
 MOST_TIME_STEP_S = 86400
+STOPS = ("STOP", "FOCSTOP")
 STREAMS_NS = 10 * NS
 """Designations that come no farther apart than this are one program's that goes on, with no person at it."""
 
@@ -95,6 +96,11 @@ class AntennaStation(PathDriver):
             self.controller.time_step_ns = 0
         return answer
 
+    def end(self, now_utc_s: float) -> None:
+        """See PathDriver."""
+        super().end(now_utc_s)
+        self.controller.end()
+
     def _set_clock(self, step_s: float) -> None:
         """Restart what depends on the clock; the cables' winding is kept."""
         self.clock_ahead_s += step_s
@@ -114,6 +120,8 @@ class Controller:
     remote: bool = True
     doing: AntennaAction = AntennaAction.IDLE
     path: Path | None = None
+    ending: bool = False
+    """Whether the service ends: nothing sets the antenna going any more."""
     reset_asked: bool = False
     """Set by RESET; the owner of the interlocks clears it."""
     time_step_ns: int = 0
@@ -173,6 +181,11 @@ class Controller:
         if self.antenna.focuser is not None:
             self.antenna.focuser.stop(now_ns)
 
+    def end(self) -> None:
+        """End the trajectory, and take no other."""
+        self.ending = True
+        self._rest()
+
     def reset(self) -> None:
         """Make ready again an antenna that an interlock has stopped, as RESET does."""
         self._rest()
@@ -200,7 +213,8 @@ class Controller:
         if isinstance(request, RefusedCommand):
             return request
         word = request.command.word
-        if request.command.commands_antenna and not self.remote:
+        refused = not self.remote or (self.ending and word not in STOPS)
+        if request.command.commands_antenna and refused:
             return RefusedCommand(word, Nak.LOCAL)
         handler = _HANDLERS.get(word)
         try:
@@ -331,7 +345,7 @@ class Controller:
         return f"TIME {days} {second_of_day(now_ns):.6f}"
 
     def _set_time(self, request: AntennaRequest, now_ns: int) -> Nak | None:
-        if not self.remote:
+        if not self.remote or self.ending:
             return Nak.LOCAL
         if self.path is not None:
             return Nak.STATE

@@ -73,7 +73,7 @@ NAK_MEANINGS = {
     Nak.VALUE: "a field is no number, not whole where it must be, or none of the words that may stand there",
     Nak.RANGE: "a number is out of its range",
     Nak.EPOCH: "the epoch is further than an hour from now",
-    Nak.LOCAL: "the controller is in local, or its operator has stopped the antenna",
+    Nak.LOCAL: "the controller is in local, its operator has stopped the antenna, or the service ends",
     Nak.NOT_AVAILABLE: "this antenna does not have that",
     Nak.STATE: "not now: the antenna is stowed (UNSTOW first), a trajectory is in force (STOP first), or the "
     "focuser is not heard",

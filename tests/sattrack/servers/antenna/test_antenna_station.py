@@ -281,6 +281,21 @@ def test_an_end_brings_the_mount_to_rest_first(antenna: VirtualAntenna) -> None:
     assert antenna.station.mount_stopped
 
 
+@pytest.mark.parametrize("said", ["TD 0 40", "FIXED 0 40", "STOW", "RESET", "TIME 20728 47000", "FOCUS 1"])
+def test_nothing_is_taken_while_the_service_ends(antenna: VirtualAntenna, said: str) -> None:
+    antenna.say("TD 0 40 0.5 0")
+    antenna.run_for(3.0)
+    antenna.station.end(antenna.now_utc_s)
+    antenna.run_for(0.1)
+    assert antenna.say(said) == f"{said.split(maxsplit=1)[0]} NAK 8"
+    assert antenna.say("STOP") == "STOP ACK"
+    told = position(antenna)
+    assert (told["c1"], told["servo"]) == (",,", "IDLE")
+    assert float(told["ar1"]) < -1.0
+    antenna.run_for(3.0)
+    assert antenna.station.mount_stopped
+
+
 def test_an_end_without_any_motion_asks_nothing_of_the_mount(antenna: VirtualAntenna) -> None:
     antenna.station.end(antenna.now_utc_s)
     antenna.run_for(0.2)
