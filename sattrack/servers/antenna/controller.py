@@ -261,10 +261,12 @@ class Controller:
         return self.antenna.range.shortest_turns(first_deg, self._where(now_ns))
 
     def _where(self, now_ns: int) -> float:
-        """Return the position of the first axis, else that of its trajectory."""
-        actual = self.feedback.actual(now_ns)
+        """Return the position of the first axis, now or as last heard, else that of its trajectory."""
+        actual, heard_deg = self.feedback.actual(now_ns), self.feedback.first_deg
         if actual is not None:
             return actual.first_deg
+        if heard_deg is not None:
+            return heard_deg
         return 0.0 if self.path is None else self.path.at(now_ns).first_deg
 
     def take_up(self, path: Path, doing: AntennaAction = AntennaAction.FOLLOWING) -> Nak | None:

@@ -103,6 +103,8 @@ class Feedback:
     """Name of the interlock that has stopped the antenna."""
     does_refraction = False
     sensors: Sensors | None = None
+    first_deg: float | None = None
+    """Where the first axis was heard last, turns counted; None where it was not, or has no turns."""
 
     def actual(self, utc_ns: int) -> AxisState | None:
         """Return the state of the axes at an instant; None where it is not known."""

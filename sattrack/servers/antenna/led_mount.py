@@ -158,6 +158,12 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
             return None
         return Sensors(None, None, status.ra_current_10ma * AMPERES, status.dec_current_10ma * AMPERES)
 
+    @property
+    def first_deg(self) -> float | None:  # type: ignore[override]
+        """Where the hour angle axis was heard last; None where positions are not the axes' own."""
+        own = self._kind == "hadec" and self.frame is None
+        return self._ha_deg if own and self._follower.axes is not None else None
+
     def actual(self, utc_ns: int) -> AxisState | None:
         """Return where the axes are, as positions of the antenna's kind."""
         utc_s = utc_ns / 1e9
@@ -312,10 +318,7 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
             if self._kind == "azel":
                 seen = self._sky.equatorial(AzEl(ha_deg, dec_deg), utc_s)
             place = self._stands(seen, utc_s)
-            near_deg = self._wanted_ha_deg
-            if near_deg is None:
-                axes_now = self._axes_at(utc_s)
-                near_deg = 0.0 if axes_now is None else axes_now.first_deg
+            near_deg = self._ha_deg if self._wanted_ha_deg is None else self._wanted_ha_deg
             ha_deg = place.ha_deg + 360.0 * self._hour_angles.shortest_turns(place.ha_deg, near_deg)
             dec_deg, self._wanted_ha_deg = place.dec_deg, ha_deg
         axes = self._hour_angles

@@ -16,6 +16,7 @@ from sattrack.mount.model import AxesPosition, MountProfile, SitePlace
 from sattrack.mount.simulator.mount import StartPosition
 from sattrack.servers.antenna.led_mount import axis_range
 from sattrack.servers.antenna.protocol import to_ns
+from sattrack.servers.antenna.trajectory import HaDec
 from tle.instants import Utc
 
 BEGIN_UTC_S = Utc.parse("2026-10-02T13:05:00Z").unix_s
@@ -176,6 +177,32 @@ def test_a_turn_that_a_session_before_has_left_is_counted_on(antenna: VirtualAnt
     antenna.run_for(40.0)
     assert antenna.truths[-1].hour_angle_axis_deg == pytest.approx(0.0, abs=0.01)
     assert position(antenna)["servo"] == "TRACKING"
+
+
+@pytest.mark.parametrize("axes", ["hadec", "azel"])
+def test_the_shortest_way_is_counted_from_where_the_axis_was_heard_last(
+    antenna: VirtualAntenna, axes: str
+) -> None:
+    """Statuses are missing for a moment as the command comes, and the axis is at 190°."""
+    antenna.say("FIXED -170 60 1")
+    antenna.run_for(40.0)
+    there = "-175 60"
+    if axes == "azel":
+        antenna.axes, wound_deg = axes, antenna.station.safety.first_axis_deg
+        antenna.station = antenna.make_station()
+        antenna.station.safety.begin_at(wound_deg)
+        place = antenna.sky.horizontal(HaDec(-175.0, 60.0), antenna.now_utc_s)
+        there = f"{place.az_deg:.4f} {place.el_deg:.4f}"
+    antenna.say("STOP")
+    antenna.run_for(3.0)
+    antenna.silent_until_s = antenna.now_utc_s + 0.6
+    antenna.run_for(0.5)
+    begun = len(antenna.truths)
+    assert antenna.say(f"FIXED {there}") == "FIXED ACK"
+    antenna.run_for(10.0)
+    turned = [truth.hour_angle_axis_deg for truth in antenna.truths[begun:]]
+    assert min(turned) > 184.0
+    assert turned[-1] == pytest.approx(185.0, abs=0.01)
 
 
 def test_stop_brings_the_antenna_to_rest(antenna: VirtualAntenna) -> None:
