@@ -142,8 +142,13 @@ class AntcnRun:
                 message = "the antenna's controller does not answer; stops are being sent"
                 self.end("link", now_utc_s, message)
             elif now_utc_s - (self._placed_utc_s or now_utc_s) > SILENT_FOR_S:
-                message = "the controller reported the same position again and again; stops are being sent"
-                self.end("link", now_utc_s, message)
+                untold = self.position is None or self.position.actual is None
+                said = (
+                    "does not tell where the antenna is"
+                    if untold
+                    else "reported the same position again and again"
+                )
+                self.end("link", now_utc_s, f"the controller {said}; stops are being sent")
             elif self.clock_gap_s > CLOCK_TOLERANCE_S:
                 message = (
                     f"the controller's clock is off ours by {self.clock_gap_s:.0f} s; stops are being sent"
@@ -201,7 +206,8 @@ class AntcnRun:
             except ValueError:
                 self.line.garbled += 1
                 return
-            if before is None or _place(before) != _place(self.position):
+            told = self.position.actual is not None
+            if told and (before is None or _place(before) != _place(self.position)):
                 self._placed_utc_s = answer.complete_utc_s
             self._judge(answer, self.position, before)
         elif answer.sent == "STOP":
@@ -225,6 +231,9 @@ class AntcnRun:
         self.clock_gap_s = max(0.0, epoch_s - first_utc_s, answer.sent_utc_s - epoch_s)
         actual = position.actual
         if actual is None:
+            self.error_arcsec = self._last_epoch_s = None
+            if self.phase is AntcnPhase.TRACKING:
+                self.phase = AntcnPhase.ACQUIRING
             return
         if self.phase is AntcnPhase.STOPPING:
             reported = max(abs(actual.first_rate_deg_s), abs(actual.second_rate_deg_s)) <= AT_REST_DEG_S

@@ -262,6 +262,38 @@ def test_a_controller_that_tells_the_same_again_and_again_is_given_up() -> None:
     assert "STOP" in said
 
 
+def told_but_between(begin_s: float, end_s: float) -> Callable[[float], str]:
+    """Return a controller whose mount is silent for a while."""
+
+    def place(seconds: float) -> str:
+        told = PLACE.format(first=30.0, rate=0, epoch=43200.0 + seconds, servo="TRACKING")
+        untold = begin_s < seconds < end_s
+        return told.replace("30.000000 40 ,, ,, 0 0 ,, 0", ",, ,, ,, ,, ,, ,, ,, ,,") if untold else told
+
+    return place
+
+
+def test_an_antenna_whose_position_is_not_told_is_not_said_to_be_tracking() -> None:
+    run = make_run(Antcn(CHARACTER_S))
+    answered_with(run, 2.9, told_but_between(1.0, 3.0))
+    assert (run.phase, run.error_arcsec) == (AntcnPhase.ACQUIRING, None)
+    assert run.ended_by is None
+    run = make_run(Antcn(CHARACTER_S))
+    answered_with(run, 4.9, told_but_between(1.0, 3.0))
+    assert (run.phase, run.error_arcsec) == (AntcnPhase.TRACKING, 0.0)
+    # The time without positions is none on the target.
+    assert run.on_target_s < 2.0
+
+
+def test_a_controller_that_tells_no_position_for_long_is_told_to_stop() -> None:
+    run = make_run(Antcn(CHARACTER_S))
+    said = answered_with(run, 7.0, told_but_between(1.0, math.inf))
+    assert run.ended_by == "link"
+    assert "does not tell where the antenna is" in (run.message or "")
+    assert said[-1] != "TD"
+    assert "STOP" in said
+
+
 def test_an_antenna_that_runs_on_is_not_at_rest_whatever_rates_it_tells() -> None:
     run = make_run(Antcn(CHARACTER_S))
 
