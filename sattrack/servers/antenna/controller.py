@@ -148,16 +148,18 @@ class Controller:
     def receive(self, data: bytes, now_ns: int) -> tuple[bytes, bool]:
         """Take bytes that came at an instant; return the responses, and whether to drop unsent output.
 
-        A position status is latched at `now_ns`, the arrival of the line-feed.
+        A position status is latched at `now_ns`, the arrival of the line-feed; what comes after a TIME is
+        by the time that this sets.
         """
         answers: list[bytes] = []
+        before_ns = now_ns - self.time_step_ns
         synchronised = False
         for event in self._framer.receive(data):
             if isinstance(event, Synchronised):
                 answers.clear()
                 synchronised = True
             else:
-                answers.append(self._answer(event, now_ns))
+                answers.append(self._answer(event, before_ns + self.time_step_ns))
         return b"".join(answers), synchronised
 
     def hang_up(self) -> None:
@@ -357,7 +359,7 @@ class Controller:
         step_ns = int(((day * 86400 + seconds) * NS).to_integral_value()) - now_ns
         if abs(step_ns) > MOST_TIME_STEP_S * NS:
             return Nak.RANGE
-        self.time_step_ns = step_ns
+        self.time_step_ns += step_ns
         return None
 
     def _stow(self, request: AntennaRequest, now_ns: int) -> Nak | None:

@@ -15,7 +15,7 @@ from sattrack.mount.geometry import AxisGeometry
 from sattrack.mount.model import AxesPosition, MountProfile, SitePlace
 from sattrack.mount.simulator.mount import StartPosition
 from sattrack.servers.antenna.led_mount import axis_range
-from sattrack.servers.antenna.protocol import to_ns
+from sattrack.servers.antenna.protocol import encode, to_ns
 from sattrack.servers.antenna.trajectory import HaDec
 from tle.instants import Utc
 
@@ -384,6 +384,22 @@ def set_time(antenna: VirtualAntenna, step_s: float) -> None:
     day, second = antenna.say("TIME").split()[1:]
     days, seconds = divmod(float(second) + step_s, 86400.0)
     assert antenna.say(f"TIME {int(day) + days:.0f} {seconds:.6f}") == "TIME ACK"
+
+
+def test_what_comes_at_once_with_a_new_time_is_by_that(antenna: VirtualAntenna) -> None:
+    """antcn need not wait for a response, and several lines may come as one packet."""
+    day, second = antenna.say("TIME").split()[1:]
+    later = f"{float(second) + 30.0:.6f}"
+    for epoch in ("", f" {later}"):
+        said = (f"TIME {day} {later}", "TIME", f"TD 20 40 1 0{epoch}")
+        lines = b"".join(encode(one) for one in said)
+        answers, _ = antenna.station.receive_command(lines, antenna.now_utc_s)
+        assert answers.split(b"\n")[1].startswith(f"TIME {day} {later} ".encode())
+        assert float(position(antenna)["c1"]) == pytest.approx(20.0, abs=1e-4)
+        antenna.say("STOP")
+    said = ("STOP", f"TIME {day} {float(second) + 7200.0:.6f}", f"TD 20 40 1 0 {float(second) + 7200.0:.6f}")
+    answers, _ = antenna.station.receive_command(b"".join(encode(one) for one in said), antenna.now_utc_s)
+    assert answers.split(b"\n")[2].startswith(b"TD ACK")
 
 
 @pytest.mark.parametrize("after_s", [0.0, 5.0])
