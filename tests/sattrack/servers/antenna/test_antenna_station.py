@@ -14,6 +14,7 @@ from sattrack.cli.serve_antenna import _antenna
 from sattrack.mount.geometry import AxisGeometry
 from sattrack.mount.model import AxesPosition, MountProfile, SitePlace
 from sattrack.mount.simulator.mount import StartPosition
+from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.servers.antenna.led_mount import axis_range
 from sattrack.servers.antenna.protocol import encode, to_ns
 from sattrack.servers.antenna.trajectory import HaDec
@@ -455,6 +456,39 @@ def test_a_mount_that_falls_silent_is_told_of_stopped_and_taken_up_again_after_r
     antenna.say("TD 45 20 0 0")
     antenna.run_for(5.0)
     assert position(antenna)["servo"] == "TRACKING"
+
+
+@pytest.mark.parametrize("move_axis", ["held", "edge"])
+def test_a_mount_that_restarts_on_its_way_is_not_led_by_what_it_has_forgotten(
+    move_axis: Literal["held", "edge"],
+) -> None:
+    antenna = VirtualAntenna(BEGIN_UTC_S, profile=MountProfile(move_axis=move_axis))
+    antenna.run_for(1.0)
+    mount, status = antenna._wires.mount, antenna.station.session.status
+    assert status is not None
+    # Another program syncs it: its hour angle is 20° less than its axis' from then on.
+    sync = Command(1, sync=True, target_ra_h=status.ra_h + 20.0 / 15.0, target_dec_deg=status.dec_deg)
+    mount.receive(encode_command(sync))
+    mount.tick(antenna.now_utc_s)
+    antenna.run_for(1.0)
+    antenna.say("TD 20 40 0 0")
+    antenna.run_for(15.0)
+    assert position(antenna)["servo"] == "TRACKING"
+    axis_deg = antenna.truths[-1].hour_angle_axis_deg
+    assert axis_deg == pytest.approx(40.0, abs=0.01)
+    mount.restart(antenna.now_utc_s)
+    antenna.run_for(4.0)
+    assert antenna.say("TD 20 40 0 0") == "TD ACK"
+    antenna.run_for(4.0)
+    assert antenna.say("STATUS").split()[4] == "restart"
+    assert position(antenna)["servo"] == "IDLE"
+    assert antenna.truths[-1].hour_angle_axis_deg == pytest.approx(axis_deg, abs=0.2)
+    antenna.say("RESET")
+    antenna.run_for(1.0)
+    antenna.say("TD 20 40 0 0")
+    antenna.run_for(15.0)
+    assert antenna.say("STATUS").split()[4] == "OK"
+    assert antenna.truths[-1].hour_angle_axis_deg == pytest.approx(20.0, abs=0.01)
 
 
 def test_the_axes_limits_are_those_of_the_mounts_profile() -> None:
