@@ -173,6 +173,11 @@ class Safety:
         if tripped is not None and self.tripped is None and isinstance(commanded, MoveAxes | Slew):
             self._trip(tripped)
 
+    def see_restart(self, commanded: Motion) -> None:
+        """Take notice that the mount has begun anew; `commanded` is the motion that was in force."""
+        if self.tripped is None and isinstance(commanded, MoveAxes):
+            self._trip("restart")
+
     def _believed(self, seen: Seen, seconds: float) -> Place:
         """Return the place that a status reports, taken for the axes' own where it is believed."""
         reported = (seen.sidereal_deg - seen.ra_deg, seen.dec_deg, seen.beyond_pole)

@@ -179,5 +179,14 @@ INTERLOCKS = (
         "find what blocks the axis, start again",
         noticed_s=OVERLOADED_FOR_S + STATUS_PERIOD_S,
     ),
+    Interlock(
+        "restart",
+        "the count of the mount's statuses, where a server leads it along a path",
+        "the mount's program does not begin anew",
+        "none: it has forgotten its syncs",
+        Reaction.STOP,
+        "sync the mount again if it was synced, start again",
+        noticed_s=OLDEST_STATUS_S,
+    ),
 )
 ROWS = {row.name: row for row in INTERLOCKS}

@@ -68,7 +68,10 @@ class Stand:
             status, truth = self.mount.tick(now_s)
             self.truths.append((t, truth))
             if not self.silent[0] <= t < self.silent[1]:
+                restarts = self.session.health.restarts
                 sample = self.session.receive(status, now_s + 0.0001)
+                if self.session.health.restarts > restarts:
+                    self.safety.see_restart(self.wanted)
                 if sample is not None and self.session.status is not None:
                     self.safety.watch(seen_of(self.session.status, now_s), self.wanted)
             sample = self.session.sample

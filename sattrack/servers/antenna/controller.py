@@ -13,7 +13,6 @@ from decimal import Decimal
 from enum import StrEnum
 from typing import TYPE_CHECKING, Literal
 
-from sattrack.mount.model import MoveAxes
 from sattrack.pointing.terms import PointingModel
 from sattrack.servers.antenna.equipment import Antenna, Feedback, handle_focus
 from sattrack.servers.antenna.led_mount import PathDriver
@@ -56,15 +55,13 @@ from tle.errors import TleError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.mount.model import MountProfile, StatusSample
+    from sattrack.mount.model import MountProfile
     from sattrack.safety import SafetyLimits
     from sattrack.servers.antenna.trajectory import AxisRange
 
 REMEMBERED_LINES = 50
 REMEMBERED_REFUSALS = 20
 MOST_TIME_STEP_S = 86400
-RESTARTED = "restart"
-"""What STATUS says of a mount that was stopped for that, where an interlock's name stands otherwise."""
 STOPS = ("STOP", "FOCSTOP")
 STREAMS_NS = 10 * NS
 """Designations that come no farther apart than this are one program's that goes on, with no person at it."""
@@ -98,18 +95,6 @@ class AntennaStation(PathDriver):
             self._set_clock(self.controller.time_step_ns / 1e9)
             self.controller.time_step_ns = 0
         return answer
-
-    def receive(self, data: bytes, arrival_utc_s: float) -> StatusSample | None:
-        """See PathDriver. A mount that restarts while it moves is stopped, until RESET.
-
-        It has forgotten its syncs: it would be led elsewhere, and called on its trajectory there.
-        """
-        restarts = self.session.health.restarts
-        sample = super().receive(data, arrival_utc_s)
-        moves = isinstance(self.session.wanted, MoveAxes)
-        if moves and self.session.health.restarts > restarts and self.safety.tripped is None:
-            self.safety.tripped = RESTARTED
-        return sample
 
     def end(self, now_utc_s: float) -> None:
         """See PathDriver."""

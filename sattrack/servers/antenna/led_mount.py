@@ -190,8 +190,15 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
     # What comes in, and what goes out.
 
     def receive(self, data: bytes, arrival_utc_s: float) -> StatusSample | None:
-        """Take one datagram from the mount; return its sample, None where it was refused."""
+        """Take one datagram from the mount; return its sample, None where it was refused.
+
+        A mount that restarts while it moves is stopped, until the target resets it: it has forgotten its
+        syncs, would be led elsewhere, and called on its trajectory there.
+        """
+        restarts = self.session.health.restarts
         sample = super().receive(data, arrival_utc_s + self.clock_ahead_s)
+        if self.session.health.restarts > restarts:
+            self.safety.see_restart(self.session.wanted)
         if sample is not None:
             self._judge(self._take(sample))
             # What another program left moving is ours to stop.

@@ -141,7 +141,7 @@ def test_harmless_motions_pass(motion: Motion) -> None:
 def test_whatever_can_trip_is_in_the_table() -> None:
     assert {row.name for row in INTERLOCKS} == {
         "rate", "acceleration", "command", "altitude", "horizon", "hour_angle", "declination", "pier", "sun",
-        "moon", "status_age", "obedience", "clock", "current",
+        "moon", "status_age", "obedience", "clock", "current", "restart",
     }  # fmt: skip
     assert all(row.watches and row.bound and row.way_out and row.margin for row in INTERLOCKS)
 

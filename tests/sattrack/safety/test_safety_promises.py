@@ -67,6 +67,12 @@ def rub(stand: Stand) -> None:
     plant.servo = msgspec.structs.replace(plant.servo, friction_a=6.0)
 
 
+def restart(stand: Stand) -> None:
+    """Start the mount's program anew; it is silent for a little less than `status_age` allows."""
+    stand.mount.restart(stand.begin_s + ONSET_S)
+    stand.silent = (ONSET_S, ONSET_S + 1.7)
+
+
 CAUSES = {
     "command": Cause(Stand(NO_NUMBER, DARK, START)),
     "status_age": Cause(Stand(MOVING, DARK, START, silent=(ONSET_S, math.inf))),
@@ -76,6 +82,7 @@ CAUSES = {
         Stand(MOVING, DARK, START, MountProfile(ra=AxisLimits(max_current_a=5.0))),
         rub,
     ),
+    "restart": Cause(Stand(MOVING, DARK, START), restart),
 }
 
 

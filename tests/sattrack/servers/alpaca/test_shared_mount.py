@@ -334,6 +334,25 @@ def test_a_stop_that_nobody_asked_for_holds_for_a_program_that_goes_on(trouble: 
     assert scope.station._failure is not None
 
 
+@pytest.mark.parametrize("profile", [PROFILE, WITH_GEOMETRY])
+def test_a_mount_that_restarts_on_its_way_to_a_position_is_stopped_until_reset(profile: MountProfile) -> None:
+    scope = Shared(profile=profile)
+    place = scope.where()
+    scope.point(place.az_deg - 60.0, place.el_deg)
+    scope.run_for(2.0)
+    scope._wires.mount.restart(scope.now_utc_s)
+    scope.run_for(4.0)
+    assert scope.station.tripped == "restart"
+    stood = scope.where()
+    assert scope.point(place.az_deg - 60.0, place.el_deg) is Code.REJECTED
+    scope.run_for(10.0)
+    assert scope.where().az_deg == pytest.approx(stood.az_deg, abs=0.2)
+    scope.rotator.reset(1)
+    scope.run_for(4.0)
+    assert scope.station.tripped is None
+    assert scope.point(place.az_deg - 60.0, place.el_deg) is Code.OK
+
+
 def test_no_position_is_taken_while_the_server_ends() -> None:
     scope = Shared()
     place = scope.where()

@@ -200,6 +200,21 @@ def test_after_an_interlock_positions_are_rejected_until_reset(rotator: VirtualR
     assert told(rotator) == (210.0, 45.0)
 
 
+def test_a_mount_that_restarts_on_its_way_is_stopped_until_reset(rotator: VirtualRotator) -> None:
+    rotator.say("P 300 30")
+    rotator.run_for(2.0)
+    rotator._wires.mount.restart(rotator.now_utc_s)
+    rotator.run_for(3.0)
+    stood = len(rotator.truths)
+    for _ in range(10):
+        assert rotator.say("P 300 30") == "RPRT -9\n"
+        rotator.run_for(1.0)
+    assert moved_deg(rotator, stood) < 0.1
+    rotator.say("R 1")
+    rotator.run_for(1.0)
+    assert rotator.say("P 300 30") == "RPRT 0\n"
+
+
 def test_a_mount_that_falls_silent_is_an_error_to_clients() -> None:
     rotator = VirtualRotator(BEGIN_UTC_S)
     assert rotator.say("p") == "RPRT -6\n"
