@@ -522,10 +522,10 @@ class Mount:
         return True
 
     def _wake(self) -> None:
-        """Paper silent on the end of a park: a slew or a MoveAxis switches the drives on again, to track."""
+        """Paper silent on the end of a park: a slew or a MoveAxis switches the drives on, as they were."""
         if self.parked:
             self.parked = False
-            self.following = True
+            self.following = self.p.tracking
             for axis in self.axes.values():
                 axis.wake()
 
