@@ -159,21 +159,20 @@ class Console(Driver):
 
     def receive(self, data: bytes, arrival_utc_s: float) -> StatusSample | None:
         """Take one datagram from the mount; return its sample, None where it was refused."""
-        restarts = self.session.health.restarts
         sample = super().receive(data, arrival_utc_s)
         if sample is not None:
-            self._take(sample, restarts)
+            self._take(sample)
         return sample
 
-    def _take(self, sample: StatusSample, restarts: int) -> None:
-        """Take in a sample; `restarts` of the mount had been seen before it."""
+    def _take(self, sample: StatusSample) -> None:
+        """Take in a sample."""
         if self._follower is not None:
             utc_s = self._follower.date(sample)
             self._follower.take(sample, utc_s, isinstance(self.in_force, MoveAxes))
             self._sidereal.note(sample.sidereal_h * 15.0, utc_s)
             if self.lead is not None:
                 self.lead.see(sample, utc_s)
-        if self.session.health.restarts > restarts and isinstance(self.session.wanted, MoveAxes):
+        if self.restarted and isinstance(self.session.wanted, MoveAxes):
             self._stop("restart", "the mount restarted meanwhile: it is not moved again until you ask")
         longitude_deg = self._longitude_deg()
         if longitude_deg is not None:

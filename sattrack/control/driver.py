@@ -135,6 +135,8 @@ class Driver:
         """The motion last sent: to a mount that takes rates by edges, not each of them is."""
         self.found_moving = False
         """Whether the mount has moved ever since it was first heard, by what another program left."""
+        self.restarted = False
+        """Whether the last datagram has shown that the mount's program began anew."""
         self._first_heard_utc_s: float | None = None
         self._has_rested = False
         """Whether it has been at rest since, or in a motion of ours."""
@@ -172,7 +174,9 @@ class Driver:
 
     def receive(self, data: bytes, arrival_utc_s: float) -> StatusSample | None:
         """Take one datagram from the mount; return its sample, None where it was refused."""
+        restarts = self.session.health.restarts
         sample = self.session.receive(data, arrival_utc_s)
+        self.restarted = self.session.health.restarts > restarts
         if sample is None or self.session.status is None:
             return sample
         seen = seen_of(self.session.status, arrival_utc_s)

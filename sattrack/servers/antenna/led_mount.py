@@ -16,6 +16,7 @@ from sattrack.control.target import TargetSpan
 from sattrack.mount.model import AxesPosition, Hold, Motion, MoveAxes, Stop
 from sattrack.pointing.terms import PointingModel
 from sattrack.safety import Safety
+from sattrack.safety.gate import HALF_TURN_DEG
 from sattrack.servers.antenna.equipment import Feedback, Sensors
 from sattrack.servers.antenna.protocol import to_ns
 from sattrack.servers.antenna.trajectory import (
@@ -38,7 +39,6 @@ ON_TRAJECTORY_DEG = 10.0 / 3600.0
 SAMPLES_ON_TRAJECTORY = 4
 DEC_LIMIT_DEG = 89.9
 """No command tells a Xerxes mount to go past the pole, and at the pole its right ascension jumps."""
-HALF_TURN_DEG = 180.0
 RATE_STEP_S = 0.05
 OLDEST_S = 0.3
 """A sample older than this does not tell where the axes are now."""
@@ -195,9 +195,8 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
         A mount that restarts while it moves is stopped, until the target resets it: it has forgotten its
         syncs, would be led elsewhere, and called on its trajectory there.
         """
-        restarts = self.session.health.restarts
         sample = super().receive(data, arrival_utc_s + self.clock_ahead_s)
-        if self.session.health.restarts > restarts:
+        if self.restarted:
             self.safety.see_restart(self.session.wanted)
         if sample is not None:
             self._judge(self._take(sample))
