@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from msgspec.structs import replace
 
 from sattrack.schedule import conditions as when
-from sattrack.schedule.conditions import MOST_PARK_TRIES, sent_again_s
 from sattrack.schedule.night import (
     AskWeather,
     ClockSet,
@@ -137,7 +136,7 @@ def look(run: Run, event: Event) -> tuple[Run, Order]:
 
 def wait(run: Run, event: Event) -> tuple[Run, Order]:
     """Wait until it must be prepared, or the mount sent to its park position again."""
-    until, again = prepared_from_s(run), sent_again_s(run, event.utc_s)
+    until, again = prepared_from_s(run), when.sent_again_s(run, event.utc_s)
     if event.utc_s < again < until - run.settings.rest_after_s:
         until = again
     return run, Wait(until_utc_s=until)
@@ -289,7 +288,7 @@ def lose_to_action(run: Run, event: Event) -> tuple[Run, Order]:
 def wait_at_park(run: Run, _: Event) -> tuple[Run, Order]:
     """Let the mount wait at its park position, drives on."""
     # What has failed often is tried once each time: a pass is not to be late for it.
-    tries = MOST_PARK_TRIES if run.mount is Mount.UNKNOWN else 1
+    tries = when.MOST_PARK_TRIES if run.mount is Mount.UNKNOWN else 1
     return replace(run, tries=tries), ParkMount(power_off=False)
 
 
