@@ -36,6 +36,13 @@ MOST_EDGE_PERIODS = 12.0
 """The longest that the rates of one edge act: until the next, which the handshake lets through."""
 ANSWERED_AHEAD_S = 0.006
 """A status that answers a handshake's datagram should arrive this long before the next is sent."""
+READ_AHEAD_S = 0.002
+"""A handshake's datagram should arrive this long before the turn that reads it."""
+UNSURE_S = 0.004
+"""A delay of the commands that is known no better, one sigma, is looked for by when datagrams are sent."""
+SOUGHT = 16, 80
+"""From and to which acknowledgement: not on the way to the target, which longer handshakes would delay; and
+after so many no more will come of it."""
 
 
 class Follower:
@@ -223,13 +230,22 @@ class Follower:
 
         The delays leave a part of the period to spare. It is shared between the wait at the mount and that
         here, where the answer must not miss the next datagram: else the handshake takes a turn more. Only the
-        sum of the delays counts for this, not how it is split.
+        sum of the delays counts for this, not how it is split. While that is not known well, and the mount
+        acknowledges, datagrams are to arrive just with a turn: whether it is the one that acknowledges then
+        halves what is not known.
         """
+        noted, (first, last) = self._history.acknowledged.noted, SOUGHT
+        if self.command_delay_sigma_s > UNSURE_S and first <= noted <= last:
+            return 0.0
         period_s = self._loop.mean_period_s
+        here_s = ANSWERED_AHEAD_S + self.clock.lateness_s
         spare_s = -(self._history.delay_s + self._profile.status_delay_s) % period_s
+        if spare_s < READ_AHEAD_S + here_s:
+            # So little is missed now and then, and the turns at which rates change would not be known ahead.
+            spare_s += period_s
         # What a delay that is not known well may take more comes out of the wait here.
         surely_s = spare_s - self.command_delay_sigma_s
-        return (spare_s - max(0.5 * surely_s, ANSWERED_AHEAD_S + self.clock.lateness_s)) % period_s
+        return (spare_s - max(0.5 * surely_s, here_s)) % period_s
 
 
 class FeederLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

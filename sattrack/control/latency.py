@@ -300,9 +300,12 @@ class AcknowledgedDelay:
         offs_s = np.arange(-MOST_OFF_S, MOST_OFF_S + 0.5 * STEP_OFF_S, STEP_OFF_S)
         self._delays_s: Array = told_s + offs_s
         self._likely: Array = -0.5 * (offs_s / sigma_s) ** 2
+        self.noted = 0
+        """How many were noted."""
 
     def note(self, raised_utc_s: float, before_utc_s: float, by_utc_s: float) -> None:
         """Note that flags raised at an instant were acknowledged by a status, and not by the one before."""
+        self.noted += 1
         arrived_s = raised_utc_s + self._delays_s
         there, there_before = (
             np.clip((at_s - arrived_s) / BLUR_S + 0.5, 0.0, 1.0) for at_s in (by_utc_s, before_utc_s)

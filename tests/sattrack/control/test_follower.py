@@ -285,8 +285,10 @@ class TestSending:
         [
             # Of the 20 ms to spare, half of what is left of them if the delay is longer by 3 ms.
             (0.010, 0.020, 0.0115),
-            # Of 8 ms, 6 for the answer to be there.
-            (0.030, 0.012, 0.002),
+            # Of 9 ms, 6 for the answer to be there.
+            (0.030, 0.011, 0.003),
+            # Of 7 ms, too little would be left for the turn to read it: half of them and a turn more.
+            (0.030, 0.013, 0.030),
             # 40 ms to spare after a turn more.
             (0.040, 0.020, 0.0215),
         ],
@@ -300,8 +302,14 @@ class TestSending:
         """By 15.7 ms: of the 30 to spare, half of what is left for the answer, and the rest for it."""
         self.falls_into_step(0.010, 0.010, 0.02285, None)
 
+    @pytest.mark.parametrize(("noted", "early_s"), [(15, 0.02285), (16, 0.0), (80, 0.0), (81, 0.02285)])
+    def test_they_come_just_with_a_turn_as_long_as_acknowledgements_may_tell_the_delay(
+        self, noted: int, early_s: float
+    ) -> None:
+        self.falls_into_step(0.010, 0.010, early_s, None, noted)
+
     def falls_into_step(
-        self, command_delay_s: float, status_delay_s: float, early_s: float, calibration: Any
+        self, command_delay_s: float, status_delay_s: float, early_s: float, calibration: Any, noted: int = 0
     ) -> None:
         one = self.turning(
             move_axis="edge",
@@ -309,6 +317,7 @@ class TestSending:
             status_delay_s=status_delay_s,
             calibration=calibration,
         )
+        one._history.acknowledged.noted = noted
         turn_s = one._loop.first_from(NOW + 3.0)
         now_s = turn_s - command_delay_s - early_s
         assert one.send_shift_s(now_s, following=False) == pytest.approx(0.0, abs=2e-5)
