@@ -29,20 +29,20 @@ if TYPE_CHECKING:
     from sattrack.mount.model import Motion, MountProfile, StatusSample
 
 IDLE_SHIFT_S, IDLE_SHIFT_SHARE = 0.002, 0.2
-"""How fast the sending falls into step with the mount's loop before anything is followed."""
+"""How fast the sending falls into step with the mount's loop before anything is followed, and always where a
+handshake says when rates change."""
 UNDATED_AT_MOST = 15
 """Samples in a row dated no later than the one before are left out: a clock is learnt anew meanwhile."""
 MOST_EDGE_PERIODS = 12.0
 """The longest that the rates of one edge act: until the next, which the handshake lets through."""
 ANSWERED_AHEAD_S = 0.006
 """A status that answers a handshake's datagram should arrive this long before the next is sent."""
-READ_AHEAD_S = 0.002
+READ_AHEAD_S = 0.0005
 """A handshake's datagram should arrive this long before the turn that reads it."""
 UNSURE_S = 0.004
 """A delay of the commands that is known no better, one sigma, is looked for by when datagrams are sent."""
-SOUGHT = 16, 80
-"""From and to which acknowledgement: not on the way to the target, which longer handshakes would delay; and
-after so many no more will come of it."""
+MOST_SOUGHT = 64
+"""For so many acknowledgements at most: if they say nothing, more of them will not either."""
 
 
 class Follower:
@@ -72,6 +72,8 @@ class Follower:
         self._last_edge_utc_s: float | None = None
         self._acting_s = profile.period_s * (EDGE_PERIODS if profile.move_axis == "edge" else 1.0)
         """For how long a command that is sent is expected to act."""
+        self._sought_from: int | None = None
+        """How many acknowledgements were noted when the delay began to be looked for; None before."""
 
     @property
     def command_delay_s(self) -> float:
@@ -217,26 +219,31 @@ class Follower:
             periods = (now_utc_s - last_utc_s) / self._profile.period_s
             self._acting_s = max(2.0, min(MOST_EDGE_PERIODS, periods)) * self._profile.period_s
 
-    def send_shift_s(self, now_utc_s: float, following: bool = True) -> float:
-        """Return the delay of the next datagram beyond one period from now, seconds."""
+    def send_shift_s(self, now_utc_s: float, following: bool = True, on_target: bool = True) -> float:
+        """Return the delay of the next datagram beyond one period from now, seconds.
+
+        `following` while rates are streamed, `on_target` once the target was acquired by them.
+        """
         arrival_utc_s = now_utc_s + self._history.delay_s
-        early_s = self._early_s() if self._profile.move_axis == "edge" else None
-        if not following:
+        early_s = self._early_s(on_target) if self._profile.move_axis == "edge" else None
+        if not following or early_s is not None:
             return self._loop.send_shift_s(arrival_utc_s, IDLE_SHIFT_S, IDLE_SHIFT_SHARE, early_s)
         return self._loop.send_shift_s(arrival_utc_s, early_s=early_s)
 
-    def _early_s(self) -> float:
+    def _early_s(self, on_target: bool) -> float:
         """Return how long before a turn of the mount datagrams of a handshake should arrive, seconds.
 
         The delays leave a part of the period to spare. It is shared between the wait at the mount and that
         here, where the answer must not miss the next datagram: else the handshake takes a turn more. Only the
-        sum of the delays counts for this, not how it is split. While that is not known well, and the mount
-        acknowledges, datagrams are to arrive just with a turn: whether it is the one that acknowledges then
-        halves what is not known.
+        sum of the delays counts for this, not how it is split. While that is not known well, datagrams are to
+        arrive just with a turn: whether it is the one that acknowledges then halves what is not known. Not on
+        the way to the target: the handshake takes a turn more now and then meanwhile.
         """
-        noted, (first, last) = self._history.acknowledged.noted, SOUGHT
-        if self.command_delay_sigma_s > UNSURE_S and first <= noted <= last:
-            return 0.0
+        sigma_s, noted = self.command_delay_sigma_s, self._history.acknowledged.noted
+        if on_target and sigma_s > UNSURE_S:
+            self._sought_from = noted if self._sought_from is None else self._sought_from
+            if noted < self._sought_from + MOST_SOUGHT:
+                return 0.0
         period_s = self._loop.mean_period_s
         here_s = ANSWERED_AHEAD_S + self.clock.lateness_s
         spare_s = -(self._history.delay_s + self._profile.status_delay_s) % period_s
@@ -244,7 +251,7 @@ class Follower:
             # So little is missed now and then, and the turns at which rates change would not be known ahead.
             spare_s += period_s
         # What a delay that is not known well may take more comes out of the wait here.
-        surely_s = spare_s - self.command_delay_sigma_s
+        surely_s = spare_s - sigma_s
         return (spare_s - max(0.5 * surely_s, here_s)) % period_s
 
 

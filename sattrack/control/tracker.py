@@ -543,7 +543,7 @@ class Tracker:
 
     def send_shift_s(self, now_utc_s: float) -> float:
         """Return the delay of the next datagram beyond one period from now, seconds."""
-        return self.follower.send_shift_s(now_utc_s, self.phase in FOLLOWING)
+        return self.follower.send_shift_s(now_utc_s, self.phase in FOLLOWING, self.phase is Phase.TRACKING)
 
     def note_sent(self, motion: Motion, now_utc_s: float, led: Slew | None = None) -> None:
         """Note what was really sent, after safety had its say; `led` is the slew that rates stand for."""

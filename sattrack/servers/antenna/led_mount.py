@@ -217,7 +217,8 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
 
     def send_shift_s(self, now_utc_s: float) -> float:
         """Return the delay of the next `tick` beyond one period, seconds of UTC."""
-        return self._follower.send_shift_s(now_utc_s + self.clock_ahead_s)
+        near = self._near >= SAMPLES_ON_TRAJECTORY
+        return self._follower.send_shift_s(now_utc_s + self.clock_ahead_s, on_target=near)
 
     def end(self, now_utc_s: float) -> None:
         """Bring the mount to rest, and be finished when it is seen there."""

@@ -287,8 +287,8 @@ class TestSending:
             (0.010, 0.020, 0.0115),
             # Of 9 ms, 6 for the answer to be there.
             (0.030, 0.011, 0.003),
-            # Of 7 ms, too little would be left for the turn to read it: half of them and a turn more.
-            (0.030, 0.013, 0.030),
+            # Of 6 ms, too little would be left for the turn to read it: half of them and a turn more.
+            (0.030, 0.014, 0.0295),
             # 40 ms to spare after a turn more.
             (0.040, 0.020, 0.0215),
         ],
@@ -302,26 +302,38 @@ class TestSending:
         """By 15.7 ms: of the 30 to spare, half of what is left for the answer, and the rest for it."""
         self.falls_into_step(0.010, 0.010, 0.02285, None)
 
-    @pytest.mark.parametrize(("noted", "early_s"), [(15, 0.02285), (16, 0.0), (80, 0.0), (81, 0.02285)])
-    def test_they_come_just_with_a_turn_as_long_as_acknowledgements_may_tell_the_delay(
-        self, noted: int, early_s: float
-    ) -> None:
-        self.falls_into_step(0.010, 0.010, early_s, None, noted)
+    def test_they_come_just_with_a_turn_while_acknowledgements_may_tell_the_delay(self) -> None:
+        one = self.falls_into_step(0.010, 0.010, 0.02285, None)
+        turn_s = one._loop.first_from(NOW + 3.0)
+
+        def just_with_a_turn() -> bool:
+            return one.send_shift_s(turn_s - 0.010) == pytest.approx(0.0, abs=2e-5)
+
+        assert just_with_a_turn()
+        one._history.acknowledged.noted += 63
+        assert just_with_a_turn()
+        one._history.acknowledged.noted += 1
+        assert not just_with_a_turn()
 
     def falls_into_step(
-        self, command_delay_s: float, status_delay_s: float, early_s: float, calibration: Any, noted: int = 0
-    ) -> None:
+        self, command_delay_s: float, status_delay_s: float, early_s: float, calibration: Any
+    ) -> Follower:
+        """Return a follower that is in step where datagrams arrive so early, on the way to a target."""
         one = self.turning(
             move_axis="edge",
             command_delay_s=command_delay_s,
             status_delay_s=status_delay_s,
             calibration=calibration,
         )
-        one._history.acknowledged.noted = noted
         turn_s = one._loop.first_from(NOW + 3.0)
         now_s = turn_s - command_delay_s - early_s
-        assert one.send_shift_s(now_s, following=False) == pytest.approx(0.0, abs=2e-5)
-        assert one.send_shift_s(now_s + 0.005, following=False) == pytest.approx(-0.001, abs=2e-5)
+        for following in (False, True):
+            at_s, later_s = (
+                one.send_shift_s(now_s + later_s, following, on_target=False) for later_s in (0.0, 0.005)
+            )
+            assert at_s == pytest.approx(0.0, abs=2e-5)
+            assert later_s == pytest.approx(-0.001, abs=2e-5)
+        return one
 
     def test_a_command_acts_for_a_turn_or_for_as_long_as_a_handshake_takes(self) -> None:
         assert follower(move_axis="held").acting_s == PERIOD_S

@@ -344,9 +344,10 @@ class TestPhases:
     def test_datagrams_fall_into_step_slowly_while_something_is_followed(self, phase: Phase) -> None:
         one = tracker()
         one.phase = phase
-        stands_in: Any = SimpleNamespace(send_shift_s=lambda now_s, following: (now_s, following))
+        stands_in: Any = SimpleNamespace(send_shift_s=lambda *told: told)
         one.follower = stands_in
-        assert one.send_shift_s(5.0) == (5.0, phase in {Phase.ACQUIRING, Phase.TRACKING})
+        following, on_target = phase in {Phase.ACQUIRING, Phase.TRACKING}, phase is Phase.TRACKING
+        assert one.send_shift_s(5.0) == (5.0, following, on_target)
 
 
 class TestSatelliteTarget:
