@@ -20,7 +20,7 @@ import numpy as np
 
 from sattrack.control.driver import Driver, StopProcedure, limit_text
 from sattrack.core.angles import separation_deg, wrap180
-from sattrack.core.errors import SattrackError
+from sattrack.core.errors import LinkLostError, SafetyLimitError, SattrackError
 from sattrack.mount.geometry import MOST_OFF_DEG, AxisFrame, AxisGeometry
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Hold, Motion, MoveAxes, Stop
 from sattrack.mount.xerxes.link import LinkState
@@ -463,7 +463,7 @@ class AxesFinder(Driver):
         self._camera = camera
         self._wait = None if camera is None else FieldWait(camera[0])
         self._plan: tuple[tuple[int, float], ...] = LEGS if camera is None else SEEN_LEGS
-        self.words: str | None = None
+        self.trouble: SattrackError | None = None
         """Why the motions ended before their time."""
         self.done = False
         self._begin_utc_s = self._now_s = begin_utc_s
@@ -472,6 +472,11 @@ class AxesFinder(Driver):
         """Instant, hour angle, declination and sidereal time of the last statuses."""
         self._begun = camera is None
         self._script = self._run()
+
+    @property
+    def words(self) -> str | None:
+        """Why the motions ended before their time, in words."""
+        return None if self.trouble is None else str(self.trouble)
 
     @property
     def part_done(self) -> float:
@@ -496,35 +501,35 @@ class AxesFinder(Driver):
         """Return the datagram to send now; call once a period."""
         self._now_s = now_utc_s
         self.link_state = self.session.link_state(now_utc_s)
-        if self.words is None and not self.done:
+        if self.trouble is None and not self.done:
             self._go_on()
-        ending = self.words is not None or self.done
+        ending = self.trouble is not None or self.done
         self.session.apply(self.clear(Stop() if ending else self._wanted, now_utc_s))
-        if self.safety.tripped is not None and self.words is None:
-            self.end(limit_text(self.safety.tripped))
+        if self.safety.tripped is not None:
+            self.end(SafetyLimitError(limit_text(self.safety.tripped)))
         if ending and self.stop is None:
             self.stop = StopProcedure(now_utc_s, needed=bool(self.legs) or not isinstance(self._wanted, Hold))
         return self.compose(now_utc_s)
 
-    def end(self, words: str) -> None:
+    def end(self, trouble: SattrackError) -> None:
         """Bring the mount to rest, for a reason; the first one is kept."""
-        self.words = self.words or words
+        self.trouble = self.trouble or trouble
 
     def _go_on(self) -> None:
         if self.link_state is LinkState.LOST:
-            self.end("the mount is not heard any more")
+            self.end(LinkLostError("the mount is not heard any more"))
             return
         try:
             next(self._script)
         except StopIteration:
             self.done = True
         except SattrackError as error:
-            self.end(str(error))
+            self.end(error)
 
     def _run(self) -> Iterator[None]:
         yield from self._for(STANDS_S + SETTLES_S)
         if not self._places:
-            raise SattrackError("the mount has not been heard")
+            raise LinkLostError("the mount has not been heard")
         before = None
         if self._camera is not None:
             # Nothing is moved, not even kept still, before it is known where the tube looks.
@@ -624,7 +629,7 @@ class AxesFinder(Driver):
             yield from self._for(STANDS_S)
             seen = [one for one in self._places if one[0] > self._now_s - STANDS_S]
             if len(seen) < 3:
-                raise SattrackError("the mount is heard too rarely")
+                raise LinkLostError("the mount is heard too rarely")
             first, last = seen[0], seen[-1]
             drift_deg_s = separation_deg(*first[1:3], *last[1:3]) / (last[0] - first[0])
         return _mean(seen)

@@ -165,8 +165,10 @@ def _find_axes(
     _consent(options["yes"])
     finder, alignment = _turn_axes(context, options, (base.mount, limits, site), address)
     rest = RESTS[finder.mount_stopped]
-    if finder.words is not None:
-        raise SattrackError(f"{finder.words}; nothing was written; {rest}")
+    if finder.trouble is not None:
+        raise type(finder.trouble)(f"{finder.trouble}; nothing was written; {rest}")
+    if not finder.mount_stopped:
+        raise SattrackError(f"the motions are made; nothing was written; {rest}")
     try:
         found = find_axes(finder.legs, site.latitude_deg, finder.stood)
     except SattrackError as error:

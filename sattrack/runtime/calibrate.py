@@ -208,17 +208,17 @@ class FinderLoop(RealtimeLoop):
         if self.keys is not None and self.keys in ready:
             if not os.read(self.keys, _KEY_BYTES):
                 self.keys = None
-            self.driver.end("stopped by a key")
+            self.driver.end(InterruptedRunError("stopped by a key"))
 
     def interrupt(self, now_utc_s: float) -> None:
         """See RealtimeLoop."""
         del now_utc_s
-        self.driver.end("interrupted")
+        self.driver.end(InterruptedRunError("interrupted"))
 
     def fail(self, error: Exception, now_utc_s: float) -> None:
         """See RealtimeLoop."""
         del now_utc_s
-        self.driver.end(str(error))
+        self.driver.end(SattrackError(str(error)))
 
     def report(self) -> None:
         """Show how far it has come."""

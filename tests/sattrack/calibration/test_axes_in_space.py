@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import functools
 import math
+import os
+import signal
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -15,7 +17,7 @@ import pytest
 
 from sattrack.calibration.axes_in_space import LEGS, AxisTurn, Stood, find_axes, kind_of, with_axes
 from sattrack.cli import mount_calibrate
-from sattrack.core.errors import SattrackError
+from sattrack.core.errors import InterruptedRunError, LinkLostError, SafetyLimitError, SattrackError
 from sattrack.mount.geometry import AxisFrame, AxisGeometry
 from sattrack.mount.model import MountProfile, PointingTerms, SitePlace
 from sattrack.mount.profiles import load_profile_file, profile_text
@@ -121,6 +123,7 @@ def test_nothing_moves_where_a_limit_is_near() -> None:
     finder: Any = run.engine
     assert "altitude limit" in finder.words
     assert finder.legs == []
+    assert isinstance(finder.trouble, SafetyLimitError)
     azimuths = {round(azimuth, 1) for _, azimuth, _ in run.tube_deg}
     assert len(azimuths) <= 8, "it has only followed the sky"
 
@@ -155,7 +158,7 @@ def test_an_updated_profile_keeps_its_values_but_what_was_learnt_of_its_former_a
     file.write_text(f"{profile_text(known)}\n[simulator]\nfloor_altitude_deg = 3.0\n", encoding="utf-8")
     before = load_profile_file(file)
     turned = SimpleNamespace(
-        legs=motions(parameters((0.0, 90.0))), stood=None, words=None, mount_stopped=True
+        legs=motions(parameters((0.0, 90.0))), stood=None, trouble=None, mount_stopped=True
     )
     monkeypatch.setattr(mount_calibrate, "_turn_axes", lambda *_: (turned, None))
     settings = tmp_path / "s.toml"
@@ -169,6 +172,65 @@ def test_an_updated_profile_keeps_its_values_but_what_was_learnt_of_its_former_a
     after = load_profile_file(file)
     assert after.pointing is None
     assert (after.watchdog_s, after.simulator) == (7.0, before.simulator)
+
+
+def test_a_link_that_is_cut_in_a_motion_is_a_lost_link() -> None:
+    run = axes_anywhere.Finding(axes_anywhere.draw_to_find(3))
+    finder: Any = run.engine
+    receive = finder.receive
+    finder.receive = lambda data, at_s: receive(data, at_s) if len(finder.legs) < 2 else None
+    run.run()
+    assert isinstance(finder.trouble, LinkLostError)
+    assert finder.mount_stopped is False
+
+
+@pytest.mark.parametrize(
+    ("trouble", "stopped", "error", "says"),
+    [
+        (
+            InterruptedRunError("interrupted"),
+            True,
+            InterruptedRunError,
+            "interrupted; nothing was written; the",
+        ),
+        (
+            LinkLostError("unheard"),
+            False,
+            LinkLostError,
+            "unheard; nothing was written; the mount was NOT seen",
+        ),
+        (None, False, SattrackError, "nothing was written; the mount was NOT seen at rest"),
+    ],
+)
+def test_motions_that_did_not_end_at_rest_write_nothing_and_say_why(
+    trouble: SattrackError | None,
+    stopped: bool,
+    error: type[SattrackError],
+    says: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    legs = motions(parameters((0.0, 90.0)))
+    turned = SimpleNamespace(legs=legs, stood=None, trouble=trouble, mount_stopped=stopped)
+    monkeypatch.setattr(mount_calibrate, "_turn_axes", lambda *_: (turned, None))
+    file = tmp_path / "a.toml"
+    words = ["--mount", "sim", "--axes", "--yes", "--output", str(file), "--site", f"{LATITUDE_DEG},5,0"]
+    with pytest.raises(error, match=says) as raised:
+        mount_calibrate.command.main(args=words, standalone_mode=False)
+    assert type(raised.value) is error
+    assert not file.exists()
+
+
+def test_a_signal_while_the_axes_are_looked_for_is_an_interruption(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mount_calibrate, "_show", lambda *_: os.kill(os.getpid(), signal.SIGINT))
+    file = tmp_path / "a.toml"
+    with pytest.raises(InterruptedRunError, match="interrupted; nothing was written; nothing was moved"):
+        mount_calibrate.command.main(
+            args=["--mount", "sim", "--axes", "--yes", "--output", str(file)], standalone_mode=False
+        )
+    assert not file.exists()
 
 
 def test_the_found_profile_can_be_written_and_read() -> None:
