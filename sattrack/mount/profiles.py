@@ -69,7 +69,7 @@ def profile_text(profile: MountProfile, file: Path | None = None) -> str:
     if file is None:
         return plain
     before = _without_nothing(msgspec.to_builtins(load_profile_file(file)))
-    document = tomlkit.parse(file.read_text(encoding="utf-8"))
+    document = tomlkit.parse(file.read_text(encoding="utf-8-sig"))
     _update(document, before, values)
     updated = document.as_string()
     # Better without its comments than with another meaning, such as by tables that stand apart.

@@ -228,6 +228,18 @@ def test_stars_that_are_there_are_not_lost(
     assert data.read_text() == stars
 
 
+def test_a_profile_saved_with_a_byte_order_mark_is_updated_as_any_other(
+    stars: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As Windows' Notepad saves it."""
+    data, profile = tmp_path / "run.dat", tmp_path / "mine.toml"
+    data.write_text(stars)
+    profile.write_text("\ufeff# mine\nwatchdog_s = 7.0 # seen\n", encoding="utf-8")
+    ran(capsys, "--fit-only", "--data", str(data), "--profile", str(profile))
+    assert load_profile_file(profile).pointing is not None
+    assert profile.read_text(encoding="utf-8").startswith("# mine\nwatchdog_s = 7.0 # seen\n")
+
+
 def test_a_model_of_another_latitude_feeds_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
