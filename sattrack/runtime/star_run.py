@@ -22,7 +22,7 @@ import numpy as np
 
 from sattrack.core.angles import separation_deg, wrap180
 from sattrack.core.channel import LineReader, see_off
-from sattrack.core.errors import LinkLostError, SattrackError
+from sattrack.core.errors import LinkLostError, SafetyLimitError, SattrackError
 from sattrack.core.process import ending_with_us, self_command
 from sattrack.mount.model import MountProfile, Slew, beyond_after_slew, mean_sidereal_deg
 from sattrack.mount.requests import Sync, TicketState
@@ -288,6 +288,10 @@ class StarRun:
             return
         if sample is None:
             return
+        if console.trouble is not None:
+            kind = SafetyLimitError if console.trouble.startswith("limit:") else SattrackError
+            self.end(kind(console.refusal or console.trouble), now_utc_s)
+            return
         match self.stage:
             case Stage.LISTENING:
                 self._listen(sample, now_utc_s)
@@ -407,9 +411,7 @@ class StarRun:
 
     def _slew(self, now_utc_s: float) -> None:
         console = self.session.console
-        if console.trouble is not None:
-            self.end(SattrackError(f"{console.trouble}: {console.refusal}"), now_utc_s)
-        elif console.outcome is not None:
+        if console.outcome is not None:
             if console.outcome.state is TicketState.COMPLETE:
                 self._go(Stage.SETTLING, now_utc_s)
             else:

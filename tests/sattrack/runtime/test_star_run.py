@@ -18,7 +18,7 @@ from strangers.tilted_mount import TiltedMount, apart_arcsec, local
 from sattrack.cli.main import run
 from sattrack.control.console import Console
 from sattrack.control.manual_operation import ConsoleSession
-from sattrack.core.errors import SattrackError
+from sattrack.core.errors import SafetyLimitError, SattrackError
 from sattrack.mount.geometry import AxisGeometry, Pole
 from sattrack.mount.model import MountProfile, SitePlace
 from sattrack.mount.profiles import load_profile_file, profile_text
@@ -269,6 +269,21 @@ def test_an_operator_centres_named_stars_by_keys() -> None:
     for star, again in zip(flight.kept, read, strict=True):
         assert again.hour_angle_deg == pytest.approx(star.hour_angle_deg, abs=0.6 / 3600.0)
         assert again.dec_deg == pytest.approx(star.dec_deg, abs=0.5 / 3600.0)
+
+
+def test_a_limit_that_stops_the_mount_while_a_star_is_centred_ends_the_run_as_that() -> None:
+    """An axis that goes eight times as far as told is stopped; the run went on to stars it was refused."""
+
+    def operate(flight: Flight) -> None:
+        if flight.run.stage is Stage.CENTRING:
+            flight.run.key("+", flight.bench.now_s)
+            flight.run.key("\x1b[B", flight.bench.now_s)
+
+    drives = msgspec.structs.replace(PROFILE, dec_rate_gain=8.0)
+    flight = flown(3, by_hand=True, each=operate, drives=drives)
+    assert isinstance(flight.run.trouble, SafetyLimitError)
+    assert str(flight.run.trouble).startswith("safety stopped the mount at its obedience limit")
+    assert flight.run.session.mount_stopped is True
 
 
 @pytest.mark.parametrize("number", [8102, 16537, 91262])
