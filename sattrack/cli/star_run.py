@@ -466,6 +466,8 @@ def _judge(context: CommandContext, options: dict[str, Any], described: ProfileF
 
         save_pointing(options["report"], found, run.stars, described.name)
     _print(context, judged, terms)
+    if run.trouble is not None:
+        raise type(run.trouble)(f"{run.trouble}; {len(run.stars)} stars were compared")
     usual = terms.held_out_rms_arcsec or terms.rms_arcsec
     if missed > max(ANOTHER_MOUNT_ARCSEC, ANOTHER_MOUNT_TIMES * usual):
         raise SattrackError(

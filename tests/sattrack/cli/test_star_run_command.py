@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import erfa
@@ -11,8 +12,10 @@ import numpy as np
 import pytest
 from strangers.tilted_mount import TiltedMount, local
 
+from sattrack.cli import star_run
 from sattrack.cli.main import run
 from sattrack.cli.star_run import _keeper
+from sattrack.core.errors import LinkLostError, SafetyLimitError, SattrackError
 from sattrack.mount.geometry import Pole
 from sattrack.mount.model import MountProfile
 from sattrack.mount.profiles import load_profile_file
@@ -238,6 +241,27 @@ def test_a_profile_saved_with_a_byte_order_mark_is_updated_as_any_other(
     ran(capsys, "--fit-only", "--data", str(data), "--profile", str(profile))
     assert load_profile_file(profile).pointing is not None
     assert profile.read_text(encoding="utf-8").startswith("# mine\nwatchdog_s = 7.0 # seen\n")
+
+
+@pytest.mark.parametrize(
+    ("trouble", "code"), [(None, 0), (LinkLostError("no status from sim"), 4), (SafetyLimitError("low"), 3)]
+)
+def test_stars_of_a_run_that_was_cut_short_verify_a_model_and_its_end_is_told(
+    trouble: SattrackError | None,
+    code: int,
+    stars: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    data, profile = tmp_path / "run.dat", tmp_path / "mine.toml"
+    data.write_text(stars)
+    ran(capsys, "--fit-only", "--data", str(data), "--output", str(profile))
+    seen = SimpleNamespace(stars=read_stars(stars, "run.dat")[1][:3], trouble=trouble)
+    monkeypatch.setattr(star_run, "_ran", lambda *_: seen)
+    out, err = ran(capsys, "--verify", "--camera", "folder:.", "--profile", str(profile), code=code)
+    assert "3 other stars: missed by " in out
+    assert ("3 stars were compared" in err) is (trouble is not None)
 
 
 def test_a_model_of_another_latitude_feeds_nothing(
