@@ -270,6 +270,17 @@ def how_to_renew(sources: Sequence[str], catalog_number: int | None = None) -> s
     return f"fetch new ones: `sattrack elements get {wanted} --output new.csv`, then give --elements new.csv"
 
 
+def check_writable(path: Path, what: str) -> None:
+    """Raise BadInputError or OSError for a file that cannot be written; `what` names it."""
+    folder = path.absolute().parent
+    if path.is_dir():
+        raise BadInputError(f"{what}: is a folder; give a file")
+    if not folder.is_dir():
+        raise BadInputError(f"{what}: there is no folder {folder}; make it first")
+    if not os.access(path if path.exists() else folder, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+
+
 class OutputFile(click.Path):
     """A file that a command writes: what will keep it from being written is reported before the work.
 
@@ -287,15 +298,9 @@ class OutputFile(click.Path):
         if ctx is not None and ctx.resilient_parsing:
             return path
         what = f"{param.opts[0]} {path}" if isinstance(param, click.Option) else f"{path}"
-        folder = path.absolute().parent
-        if path.is_dir():
-            raise BadInputError(f"{what}: is a folder; give a file")
-        if path.exists() and self._new:
+        if path.exists() and self._new and not path.is_dir():
             raise BadInputError(f"{what}: exists already; give another name")
-        if not folder.is_dir():
-            raise BadInputError(f"{what}: there is no folder {folder}; make it first")
-        if not os.access(path if path.exists() else folder, os.W_OK):
-            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+        check_writable(path, what)
         if path.suffix and self._endings and path.suffix.lower() not in self._endings:
             raise BadInputError(f"{what}: its ending is unknown; give one of {', '.join(self._endings)}")
         return path

@@ -18,6 +18,7 @@ from sattrack.cli.common import (
     CommandContext,
     OutputFile,
     RenamedOption,
+    check_writable,
     common_options,
     mount_option,
     profile_option,
@@ -99,6 +100,7 @@ def command(context: CommandContext, **options: Any) -> int:
       sattrack star-run --fit-only --data star-run.dat --output mount.toml
     """
     from sattrack.cli.mount import resolve
+    from sattrack.runtime.star_run import FEWEST_STARS
 
     call = resolve(context, {**options, "timeout": None}, uses_model=options["verify"])
     _check(options, call)
@@ -119,6 +121,12 @@ def command(context: CommandContext, **options: Any) -> int:
     if run.trouble is None and run.stars:
         with options["data"].open("a", encoding="utf-8") as file:
             file.write("END\n")
+    former = call.described.pointing
+    if run.trouble is not None and former is not None and len(run.counting) < min(FEWEST_STARS, former.stars):
+        raise type(run.trouble)(
+            f"{run.trouble}; the model of {former.stars} stars is kept: {len(run.counting)} are too few for "
+            f"another; --continue goes on"
+        )
     code = _conclude(context, options, call.described, _fitted(run.counting, site, axes), run.counting)
     if run.trouble is not None:
         raise type(run.trouble)(
@@ -144,8 +152,8 @@ def _check(options: dict[str, Any], call: MountCall) -> None:
                 f"--verify: the profile {call.described.name!r} has no pointing model; give --profile FILE"
             )
         return
-    if not options["data"].parent.is_dir():
-        raise BadInputError(f"--data {options['data']}: there is no such folder")
+    if not options["fit_only"]:
+        check_writable(options["data"], f"--data {options['data']}")
     target = _target(options)
     if target is None:
         return
@@ -153,8 +161,7 @@ def _check(options: dict[str, Any], call: MountCall) -> None:
         raise BadInputError(f"--output {target}: that is the file of the stars; give another name")
     if options["output"] is not None and target.exists() and not options["force"]:
         raise BadInputError(f"--output {target}: the file exists; give --force to overwrite it")
-    if not target.parent.is_dir():
-        raise BadInputError(f"{target}: there is no such folder")
+    check_writable(target, f"--{'profile' if options['output'] is None else 'output'} {target}")
 
 
 def _target(options: dict[str, Any]) -> Path | None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import os
+from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import erfa
 import numpy as np
@@ -29,9 +31,6 @@ from sattrack.runtime.system import utc_now
 from sattrack.safety import SafetyLimits
 from tle.refraction import Refraction
 from tle.site import Site
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 SITE = "52.0,4.5,0"
 MOUNT = TiltedMount(52.0, 3000.0, -2000.0, 400.0, 60.0, 500.0, -300.0, 20.0)
@@ -197,8 +196,8 @@ def test_a_star_of_a_later_night_stands_where_it_was_by_the_date_of_its_file(
         (["--camera", "folder:.", "--until", "-3"], "--until -3"),
         (["--camera", "folder:.", "--verify"], "has no pointing model"),
         (["--camera", "folder:.", "--continue", "--data", "no.dat"], "no such file"),
-        (["--camera", "folder:.", "--output", "no/where.toml"], "no such folder"),
-        (["--camera", "folder:.", "--data", "no/stars.dat"], "--data no/stars.dat: there is no such folder"),
+        (["--camera", "folder:.", "--output", "no/where.toml"], "--output no/where.toml: there is no folder"),
+        (["--camera", "folder:.", "--data", "no/stars.dat"], "--data no/stars.dat: there is no folder"),
         (["--fit-only", "--data", "no.dat"], "no such file"),
         (["--camera", "folder:.", "--model", "no/m.dat"], "--model no/m.dat"),
         (["--camera", "folder:.", "--plot", "sky.xyz"], "--plot sky.xyz"),
@@ -213,6 +212,19 @@ def test_what_cannot_be_done_is_refused_before_anything_moves(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert text in ran(capsys, *words, code=2)[1]
+
+
+@pytest.mark.parametrize("closed", ["star-run.dat", "new.toml", "mine.toml"])
+def test_a_file_that_it_could_not_write_is_told_before_anything_moves(
+    closed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("star-run.dat", "new.toml", "mine.toml"):
+        (tmp_path / name).write_text("")
+    monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK or Path(path).name != closed)
+    words = ["--camera", "folder:.", "--force", "--profile", "mine.toml"]
+    words += ["--output", "new.toml"] if closed == "new.toml" else []
+    assert f"{closed}: Permission denied" in ran(capsys, *words, code=1)[1]
 
 
 def test_stars_that_are_there_are_not_lost(
@@ -262,6 +274,33 @@ def test_stars_of_a_run_that_was_cut_short_verify_a_model_and_its_end_is_told(
     out, err = ran(capsys, "--verify", "--camera", "folder:.", "--profile", str(profile), code=code)
     assert "3 other stars: missed by " in out
     assert ("3 stars were compared" in err) is (trouble is not None)
+
+
+@pytest.mark.parametrize(("measured", "kept"), [(2, True), (12, False)])
+def test_a_run_that_was_cut_short_after_a_few_stars_leaves_a_better_model_alone(
+    measured: int,
+    kept: bool,
+    stars: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    data, profile = tmp_path / "run.dat", tmp_path / "mine.toml"
+    data.write_text(stars)
+    ran(capsys, "--fit-only", "--data", str(data), "--output", str(profile))
+    before, mount = profile.read_text(), load_profile_file(profile)
+    seen = read_stars(stars, "run.dat")[1][:measured]
+    cut = SimpleNamespace(
+        stars=seen,
+        counting=seen,
+        trouble=LinkLostError("no status from sim"),
+        sky=SimpleNamespace(profile=mount.mount),
+    )
+    monkeypatch.setattr(star_run, "_ran", lambda *_: cut)
+    again = ["--data", str(tmp_path / "new.dat"), "--profile", str(profile)]
+    _, err = ran(capsys, "--camera", "folder:.", *again, code=4)
+    assert (profile.read_text() == before) is kept
+    assert ("2 are too few for another; --continue goes on" in err) is kept
 
 
 def test_a_model_of_another_latitude_feeds_nothing(
