@@ -506,7 +506,11 @@ def judge_recovery(world: World, watcher: Watcher, fair: Watcher, fair_ended: En
     summary = fair_ended.summary
     if summary is None or summary.ended_by != "set":
         return
-    calm_s = max(storm.begin_s + storm.storm_ends_s, storm.facts.plan.start_utc_s + RECOVERED_S)
+    acquired_s = None if fair_ended.engine is None else fair_ended.engine.tracker.acquired_utc_s
+    if acquired_s is None:
+        return
+    # On the way to its satellite a run is where its losses and its drives' limits put it.
+    calm_s = max(storm.begin_s + storm.storm_ends_s, storm.facts.plan.start_utc_s + RECOVERED_S, acquired_s)
     begin_s = calm_s + RECOVERED_S
     end_s = storm.facts.plan.end_utc_s - 0.5
     near_deg = AT_LIMIT_DEG + (0.0 if storm.other is None else storm.other.beside_deg)
