@@ -106,12 +106,12 @@ def command(context: CommandContext, **options: Any) -> int:
     _check(options, call)
     site = call.site
     assert site is not None
-    axes = call.described.own_axes
-    known, mount = _known(options, site, axes, call.described.mount)
+    loaded, axes = call.described, call.described.own_axes
+    known, mount = _known(options, site, axes, loaded.mount)
     call = _with_mount(call, mount)
     if options["fit_only"]:
         known = _since_bump(known, site, axes)
-        return _conclude(context, options, call.described, _fitted(known, site, axes), known)
+        return _conclude(context, options, (call.described, loaded), _fitted(known, site, axes), known)
     run = _ran(context, options, call, site, known)
     if options["verify"]:
         return _judge(context, options, call.described, run)
@@ -127,7 +127,8 @@ def command(context: CommandContext, **options: Any) -> int:
             f"{run.trouble}; the model of {former.stars} stars is kept: {len(run.counting)} are too few for "
             f"another; --continue goes on"
         )
-    code = _conclude(context, options, call.described, _fitted(run.counting, site, axes), run.counting)
+    found = _fitted(run.counting, site, axes)
+    code = _conclude(context, options, (call.described, loaded), found, run.counting)
     if run.trouble is not None:
         raise type(run.trouble)(
             f"{run.trouble}; {len(run.counting)} stars were fitted, and --continue goes on"
@@ -385,17 +386,21 @@ def _fitted(stars: list[Star], site: Site, axes: Axes) -> PointingFit:
 def _conclude(
     context: CommandContext,
     options: dict[str, Any],
-    described: ProfileFile,
+    profiles: tuple[ProfileFile, ProfileFile],
     found: PointingFit,
     stars: list[Star],
 ) -> int:
-    """Write profile, model and picture, and print what was found."""
+    """Write profile, model and picture, and print what was found.
+
+    `profiles` are that of the mount as it was found, and what its file said before.
+    """
     from sattrack.control.estimate import begun_anew
     from sattrack.mount.profiles import profile_text
     from sattrack.pointing.files import model_text
     from sattrack.pointing.periodic import zeros_moved
     from sattrack.runtime.system import utc_now
 
+    described, loaded = profiles
     terms = found.terms(utc_now())
     target = _target(options)
     if target is not None:
@@ -408,7 +413,7 @@ def _conclude(
             tell(GEARS_TURNED)
             periodic = None
         written = msgspec.structs.replace(described, name=name, pointing=terms, sky=sky, periodic=periodic)
-        write_file(target, profile_text(written, target if options["output"] is None else None))
+        write_file(target, profile_text(written, target if options["output"] is None else None, loaded))
     if options["model"] is not None:
         write_file(options["model"], model_text(terms, described.name))
     if options["report"] is not None:

@@ -56,24 +56,47 @@ def no_settings(path: Path, but: str) -> Iterator[None]:
         raise BadInputError(f"{path}: this is a settings file, {but}") from None
 
 
-def profile_text(profile: MountProfile, file: Path | None = None) -> str:
+def profile_text(profile: MountProfile, file: Path | None = None, loaded: MountProfile | None = None) -> str:
     """Return a profile as TOML; what is not known, or empty, is left out.
 
     With the file that it replaces, comments, order and what has not changed stay as they are written there.
-    Raises BadInputError where that is no profile.
+    `loaded` is what the file said when work on the profile began: what somebody wrote there since stays, too,
+    as far as the work has not changed it. Raises BadInputError where that is no profile.
     """
     import tomlkit
 
-    values = _without_nothing(msgspec.to_builtins(profile))
-    plain = tomlkit.dumps(values)
+    values = _plain(profile)
     if file is None:
-        return plain
-    before = _without_nothing(msgspec.to_builtins(load_profile_file(file)))
+        return tomlkit.dumps(values)
+    before = _plain(load_profile_file(file))
+    merged = values if loaded is None else _merged(before, _plain(loaded), values)
+    # Where both do not go together, such as a place to park beyond a new limit, the work counts.
+    values = merged if _read(tomlkit.dumps(merged)) is not None else values
     document = tomlkit.parse(file.read_text(encoding="utf-8-sig"))
     _update(document, before, values)
-    updated = document.as_string()
+    updated, plain = document.as_string(), tomlkit.dumps(values)
     # Better without its comments than with another meaning, such as by tables that stand apart.
     return updated if _read(updated) == _read(plain) else plain
+
+
+def _plain(profile: MountProfile) -> dict[str, Any]:
+    found: dict[str, Any] = _without_nothing(msgspec.to_builtins(profile))
+    return found
+
+
+def _merged(now: dict[str, Any], then: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
+    """Return `values` where they differ from those of `then`, and those of `now` elsewhere.
+
+    A table is one value, as half of a model is none; but the axes' limits count each.
+    """
+    found: dict[str, Any] = {}
+    for key in (*values, *(now.keys() - values.keys())):
+        present, past, value = now.get(key), then.get(key), values.get(key)
+        if key in {"ra", "dec"}:
+            found[key] = _merged(present or {}, past or {}, value or {})
+        else:
+            found[key] = present if value == past else value
+    return {key: value for key, value in found.items() if value is not None and value != {}}
 
 
 def _update(table: MutableMapping[str, Any], before: dict[str, Any], values: dict[str, Any]) -> None:

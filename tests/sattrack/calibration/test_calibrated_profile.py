@@ -16,7 +16,7 @@ from sattrack.calibration.findings import ClockTruth, Findings, conclude
 from sattrack.calibration.guard import sun_hour_angle_and_dec, true_clocks
 from sattrack.calibration.motion import LagFit
 from sattrack.calibration.profile import calibrated, german
-from sattrack.mount.model import AxisLimits, MountProfile
+from sattrack.mount.model import AxisLimits, MountProfile, PointingTerms
 from sattrack.mount.profiles import ProfileFile, load_profile_file, profile_text
 from tle.site import Site
 
@@ -143,6 +143,47 @@ def test_what_a_file_says_in_its_comments_stays(normal: Findings, tmp_path: Path
     assert "encoder_tics" not in text
     # What has not changed is not touched.
     assert profile_text(profile, file) == text
+
+
+def test_what_somebody_writes_into_the_file_meanwhile_stays(normal: Findings, tmp_path: Path) -> None:
+    file = tmp_path / "mount.toml"
+    file.write_text(WRITTEN, encoding="utf-8")
+    loaded = load_profile_file(file)
+    profile = calibrated(loaded, normal, None, "test")
+    edited = WRITTEN.replace("= 100\n", "= 80  # the new cable\n")
+    edited = edited.replace("ra_rate_gain = 1 ", "ra_rate_gain = 1.5 ").replace("latitude_deg = 52.5\n", "")
+    edited = edited.replace("longitude_deg = 4.5\n", "").replace("[stands_at]\n", "")
+    edited = edited.replace("max_rate_deg_s = 9.5\n", "max_rate_deg_s = 9.5\nmax_current_a = 4.0\n")
+    file.write_text(edited, encoding="utf-8")
+    file.write_text(profile_text(profile, file, loaded), encoding="utf-8")
+    current = msgspec.structs.replace(profile.ra, max_current_a=4.0)
+    meant = msgspec.structs.replace(profile, hour_angle_limit_deg=80.0, stands_at=None, ra=current)
+    assert load_profile_file(file) == meant
+    assert "= 80  # the new cable\n" in file.read_text(encoding="utf-8")
+
+
+def test_two_models_that_were_made_at_once_are_not_mixed(tmp_path: Path) -> None:
+    def model(**terms: float) -> PointingTerms:
+        pairs = {name: (value, 1.0) for name, value in terms.items()}
+        return PointingTerms("2026-10-02T00:00:00Z", 52.0, pairs, 1.0, 20)
+
+    file = tmp_path / "mount.toml"
+    loaded = ProfileFile(pointing=model(IH=10.0, ID=5.0))
+    mine = msgspec.structs.replace(loaded, pointing=model(IH=30.0, ID=5.0))
+    others = msgspec.structs.replace(loaded, pointing=model(IH=20.0, ID=15.0, TF=40.0))
+    file.write_text(profile_text(others), encoding="utf-8")
+    file.write_text(profile_text(mine, file, loaded), encoding="utf-8")
+    assert load_profile_file(file) == mine
+
+
+def test_what_was_measured_counts_where_it_contradicts_what_was_written_meanwhile(tmp_path: Path) -> None:
+    file = tmp_path / "mount.toml"
+    file.write_text("", encoding="utf-8")
+    loaded = load_profile_file(file)
+    found = msgspec.structs.replace(loaded, hour_angle_limit_deg=100.0)
+    file.write_text("[park]\nhour_angle_deg = 150\ndec_deg = 0\n", encoding="utf-8")
+    file.write_text(profile_text(found, file, loaded), encoding="utf-8")
+    assert load_profile_file(file) == found
 
 
 @pytest.mark.parametrize(

@@ -303,6 +303,26 @@ def test_a_run_that_was_cut_short_after_a_few_stars_leaves_a_better_model_alone(
     assert ("2 are too few for another; --continue goes on" in err) is kept
 
 
+def test_limits_that_somebody_tightens_while_it_runs_stay(
+    stars: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    profile = tmp_path / "mine.toml"
+    profile.write_text("hour_angle_limit_deg = 100.0\n")
+    seen = read_stars(stars, "run.dat")[1]
+
+    def ran_while_somebody_edits(*_: Any) -> SimpleNamespace:
+        profile.write_text("hour_angle_limit_deg = 80.0 # the new cable\n")
+        sky = SimpleNamespace(profile=MountProfile(hour_angle_limit_deg=100.0))
+        return SimpleNamespace(stars=seen, counting=seen, trouble=None, sky=sky)
+
+    monkeypatch.setattr(star_run, "_ran", ran_while_somebody_edits)
+    ran(capsys, "--camera", "folder:.", "--data", str(tmp_path / "new.dat"), "--profile", str(profile))
+    assert "hour_angle_limit_deg = 80.0 # the new cable\n" in profile.read_text()
+    pointing = load_profile_file(profile).pointing
+    assert pointing is not None
+    assert pointing.stars == len(seen)
+
+
 def test_a_model_of_another_latitude_feeds_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
