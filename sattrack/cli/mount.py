@@ -28,6 +28,7 @@ from sattrack.core.errors import (
     LinkLostError,
     SafetyLimitError,
     SattrackError,
+    error_type,
     how_to_install,
 )
 from sattrack.core.process import self_command
@@ -284,10 +285,9 @@ def failure(
     elif not operation.begun:
         message += "; nothing was asked of the mount"
     by_safety = outcome.refusal is not None and outcome.refusal.by_safety
-    if why.startswith("limit:") or (why in ("refused", "done") and by_safety):
+    if why in ("refused", "done") and by_safety:
         return SafetyLimitError(message)
-    kinds: dict[str, type[SattrackError]] = {"link": LinkLostError, "operator": InterruptedRunError}
-    return kinds.get(why, SattrackError)(message)
+    return error_type(why)(message)
 
 
 LONGEST_MOVE_S = 600.0

@@ -45,6 +45,12 @@ class TerminatedRunError(SattrackError):
     exit_code = 143
 
 
+def error_type(ended_by: str) -> type[SattrackError]:
+    """Return the error that a run or a request ends with by its cause: "link", "operator", "limit:NAME"."""
+    kinds = {"limit": SafetyLimitError, "link": LinkLostError, "operator": InterruptedRunError}
+    return kinds.get(ended_by.partition(":")[0], SattrackError)
+
+
 NO_JSON = (UnicodeDecodeError, RecursionError)
 """What msgspec raises beside its own errors: for text that is no UTF-8, and for what is nested too deep."""
 

@@ -16,13 +16,7 @@ from sattrack.calibration.axes_in_space import AxesFinder
 from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.guard import FLOOR_ALTITUDE_DEG, EndKind, Plan, Surroundings, sun_hour_angle_and_dec
 from sattrack.core.angles import altitude_deg, separation_deg
-from sattrack.core.errors import (
-    BadInputError,
-    InterruptedRunError,
-    LinkLostError,
-    SafetyLimitError,
-    SattrackError,
-)
+from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError, error_type
 from sattrack.mount.alpaca.link import AlpacaAddress
 from sattrack.mount.profiles import ProfileFile, load_profile_file
 from sattrack.mount.simulator.mount import StartPosition
@@ -289,12 +283,7 @@ def ending_error(ending: Ending) -> SattrackError | None:
         words += "; nothing was moved"
     else:
         words += "; the mount was NOT seen at rest: look after it, and stop it by its own console"
-    kinds: dict[EndKind, type[SattrackError]] = {
-        EndKind.LIMIT: SafetyLimitError,
-        EndKind.LINK: LinkLostError,
-        EndKind.OPERATOR: InterruptedRunError,
-    }
-    return kinds.get(ending.kind, SattrackError)(words)
+    return error_type(ending.kind)(words)
 
 
 @contextmanager

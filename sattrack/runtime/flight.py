@@ -28,6 +28,7 @@ from sattrack.core.errors import (
     LinkLostError,
     SafetyLimitError,
     SattrackError,
+    error_type,
     meant,
     refused_key,
 )
@@ -328,10 +329,9 @@ def failure(summary: Summary, interrupted: bool) -> SattrackError | None:
     message = summary.message or f"the run ended: {summary.ended_by}"
     if summary.mount_stopped is False:
         message += "; THE MOUNT DID NOT CONFIRM THE STOP: stop it by hand"
-    if summary.ended_by.startswith("limit:"):
-        return SafetyLimitError(message)
-    if summary.ended_by == "link":
-        return LinkLostError(message)
+    kind = error_type(summary.ended_by)
+    if kind in {SafetyLimitError, LinkLostError}:
+        return kind(message)
     never_followed = summary.ended_by == "set" and summary.message is not None
     if summary.ended_by == "error" or summary.mount_stopped is False or never_followed:
         return SattrackError(message)

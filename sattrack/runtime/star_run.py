@@ -22,7 +22,7 @@ import numpy as np
 
 from sattrack.core.angles import separation_deg, wrap180
 from sattrack.core.channel import LineReader, see_off
-from sattrack.core.errors import LinkLostError, SafetyLimitError, SattrackError
+from sattrack.core.errors import LinkLostError, SattrackError, error_type
 from sattrack.core.process import ending_with_us, self_command
 from sattrack.mount.model import MountProfile, Slew, beyond_after_slew, mean_sidereal_deg
 from sattrack.mount.requests import Sync, TicketState
@@ -289,8 +289,8 @@ class StarRun:
         if sample is None:
             return
         if console.trouble is not None:
-            kind = SafetyLimitError if console.trouble.startswith("limit:") else SattrackError
-            self.end(kind(console.refusal or console.trouble), now_utc_s)
+            words = console.refusal or console.trouble
+            self.end(error_type(console.trouble)(words), now_utc_s)
             return
         match self.stage:
             case Stage.LISTENING:
