@@ -440,8 +440,8 @@ def find_by_fields(number: int) -> FoundByFields:
     run = Finding(axes, MadeUpCamera(axes.drawn.site, number)).run()
     finder: Any = run.engine
     try:
-        if finder.words is not None:
-            raise SattrackError(finder.words)
+        if finder.trouble is not None:
+            raise finder.trouble
         found = find_axes(finder.legs, axes.drawn.site.latitude_deg, finder.stood)
     except SattrackError as error:
         return FoundByFields(number, (drawn, ""), *(math.nan,) * 6, str(error))
@@ -540,8 +540,8 @@ def find(number: int) -> Found:
     run = Finding(axes).run()
     finder: Any = run.engine
     try:
-        if finder.words is not None:
-            raise SattrackError(finder.words)
+        if finder.trouble is not None:
+            raise finder.trouble
         found = find_axes(finder.legs, axes.drawn.site.latitude_deg)
     except SattrackError as error:
         return Found(number, math.nan, math.nan, math.nan, math.nan, math.nan, str(error))

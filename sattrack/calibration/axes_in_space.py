@@ -474,11 +474,6 @@ class AxesFinder(Driver):
         self._script = self._run()
 
     @property
-    def words(self) -> str | None:
-        """Why the motions ended before their time, in words."""
-        return None if self.trouble is None else str(self.trouble)
-
-    @property
     def part_done(self) -> float:
         """The part of the motions that is made."""
         return 1.0 if self.done else len(self.legs) / len(self._plan)
