@@ -75,6 +75,15 @@ def ran(capsys: pytest.CaptureFixture[str], *words: str, code: int = 0) -> tuple
     return out, err
 
 
+@pytest.fixture
+def modelled(stars: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Path:
+    """A profile with the model of these stars."""
+    data, profile = tmp_path / "run.dat", tmp_path / "mine.toml"
+    data.write_text(stars)
+    ran(capsys, "--fit-only", "--data", str(data), "--output", str(profile))
+    return profile
+
+
 def test_stars_in_a_file_become_a_model_in_the_profile(
     stars: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -262,16 +271,13 @@ def test_stars_of_a_run_that_was_cut_short_verify_a_model_and_its_end_is_told(
     trouble: SattrackError | None,
     code: int,
     stars: str,
-    tmp_path: Path,
+    modelled: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    data, profile = tmp_path / "run.dat", tmp_path / "mine.toml"
-    data.write_text(stars)
-    ran(capsys, "--fit-only", "--data", str(data), "--output", str(profile))
     seen = SimpleNamespace(stars=read_stars(stars, "run.dat")[1][:3], trouble=trouble)
     monkeypatch.setattr(star_run, "_ran", lambda *_: seen)
-    out, err = ran(capsys, "--verify", "--camera", "folder:.", "--profile", str(profile), code=code)
+    out, err = ran(capsys, "--verify", "--camera", "folder:.", "--profile", str(modelled), code=code)
     assert "3 other stars: missed by " in out
     assert ("3 stars were compared" in err) is (trouble is not None)
 
@@ -281,14 +287,11 @@ def test_a_run_that_was_cut_short_after_a_few_stars_leaves_a_better_model_alone(
     measured: int,
     kept: bool,
     stars: str,
-    tmp_path: Path,
+    modelled: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    data, profile = tmp_path / "run.dat", tmp_path / "mine.toml"
-    data.write_text(stars)
-    ran(capsys, "--fit-only", "--data", str(data), "--output", str(profile))
-    before, mount = profile.read_text(), load_profile_file(profile)
+    before, mount = modelled.read_text(), load_profile_file(modelled)
     seen = read_stars(stars, "run.dat")[1][:measured]
     cut = SimpleNamespace(
         stars=seen,
@@ -297,9 +300,9 @@ def test_a_run_that_was_cut_short_after_a_few_stars_leaves_a_better_model_alone(
         sky=SimpleNamespace(profile=mount.mount),
     )
     monkeypatch.setattr(star_run, "_ran", lambda *_: cut)
-    again = ["--data", str(tmp_path / "new.dat"), "--profile", str(profile)]
+    again = ["--data", str(modelled.with_name("new.dat")), "--profile", str(modelled)]
     _, err = ran(capsys, "--camera", "folder:.", *again, code=4)
-    assert (profile.read_text() == before) is kept
+    assert (modelled.read_text() == before) is kept
     assert ("2 are too few for another; --continue goes on" in err) is kept
 
 
