@@ -228,7 +228,7 @@ class Follower:
         early_s = self._early_s(on_target) if self._profile.move_axis == "edge" else None
         if not following or early_s is not None:
             return self._loop.send_shift_s(arrival_utc_s, IDLE_SHIFT_S, IDLE_SHIFT_SHARE, early_s)
-        return self._loop.send_shift_s(arrival_utc_s, early_s=early_s)
+        return self._loop.send_shift_s(arrival_utc_s)
 
     def _early_s(self, on_target: bool) -> float:
         """Return how long before a turn of the mount datagrams of a handshake should arrive, seconds.

@@ -69,9 +69,10 @@ def profile_text(profile: MountProfile, file: Path | None = None, loaded: MountP
     if file is None:
         return tomlkit.dumps(values)
     before = _plain(load_profile_file(file))
-    merged = values if loaded is None else _merged(before, _plain(loaded), values)
-    # Where both do not go together, such as a place to park beyond a new limit, the work counts.
-    values = merged if _read(tomlkit.dumps(merged)) is not None else values
+    if loaded is not None:
+        merged = _merged(before, _plain(loaded), values)
+        # Where both do not go together, such as a place to park beyond a new limit, the work counts.
+        values = merged if _read(tomlkit.dumps(merged)) is not None else values
     document = tomlkit.parse(file.read_text(encoding="utf-8-sig"))
     _update(document, before, values)
     updated, plain = document.as_string(), tomlkit.dumps(values)
