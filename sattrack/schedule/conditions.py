@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 from sattrack.schedule.night import (
     Mount,
     RunState,
+    StepDone,
+    WeatherReported,
     actions_of,
     at_of,
     decided_since,
@@ -21,7 +23,7 @@ from sattrack.schedule.night import (
 from sattrack.schedule.schema import CommandAction, WebhookAction
 
 if TYPE_CHECKING:
-    from sattrack.schedule.night import Event, Followed, Parked, PassPrepared, Run, StepDone, WeatherReported
+    from sattrack.schedule.night import Event, Followed, Parked, PassPrepared, Run
 
 TO_PARK_S = 300.0
 """For a shorter wait a mount does not go to its park position."""
@@ -194,6 +196,21 @@ def failed_and_skips(run: Run, event: StepDone) -> bool:
     """The action failed, and the pass must be skipped then."""
     action = actions_of(run)[run.step]
     return isinstance(action, CommandAction) and action.if_it_fails == "skip" and not event.done
+
+
+def begun_before(run: Run, _: Event) -> bool:
+    """An action before the pass was begun."""
+    return run.step > 0
+
+
+def lost_with_more_after(run: Run, event: Event) -> bool:
+    """The pass is lost once an action before it was begun, and has one after it."""
+    if not (decided_since(run, 4) and at_of(run).terms.after):
+        return False
+    if isinstance(event, WeatherReported):
+        return begun_before(run, event)
+    failed = isinstance(event, StepDone) and failed_and_skips(run, event)
+    return failed or not worth_following(run, event)
 
 
 def worth_another_attempt(run: Run, event: Event) -> bool:

@@ -64,7 +64,7 @@ if TYPE_CHECKING:
     """The event is of the row's type."""
     Change = Callable[[Run, Any], tuple[Run, Order]]
 
-REVISION = 3
+REVISION = 4
 """Of these rules: what an earlier one decided in a journal is decided again by that."""
 TRY_PLAN_AGAIN_S = 600.0
 TRY_PARK_AGAIN_S = 60.0
@@ -285,6 +285,19 @@ def lose_to_action(run: Run, event: Event) -> tuple[Run, Order]:
     return _lose(run, event, "command", _wrong(run, event))
 
 
+def finish(run: Run, event: Event) -> tuple[Run, Order]:
+    """Lose it to that, and begin with the actions after it."""
+    if isinstance(event, WeatherReported):
+        run, _ = lose_to_weather(run, event)
+    elif isinstance(event, Started):
+        run, _ = lose_to_restart(run, event)
+    elif isinstance(event, StepDone) and when.failed_and_skips(run, event):
+        run, _ = lose_to_action(run, event)
+    else:
+        run, _ = lose_to_delay(run, event)
+    return _after_pass(run, event)
+
+
 def wait_at_park(run: Run, _: Event) -> tuple[Run, Order]:
     """Let the mount wait at its park position, drives on."""
     # What has failed often is tried once each time: a pass is not to be late for it.
@@ -468,6 +481,7 @@ TABLE: tuple[TableRow, ...] = (
     TableRow(S.PREPARING, Started, when.always, look, S.WAITING),
     TableRow(S.ASKING, Started, when.always, look, S.WAITING),
     TableRow(S.HOLDING, Started, when.always, look, S.WAITING),
+    TableRow(S.READYING, Started, when.lost_with_more_after, finish, S.FINISHING),
     TableRow(S.READYING, Started, when.action_may_not_come_twice, next_action_untold, S.READYING),
     TableRow(S.READYING, Started, when.more_before, same_action, S.READYING),
     TableRow(S.READYING, Started, when.worth_following, follow, S.FOLLOWING),
@@ -517,10 +531,19 @@ TABLE: tuple[TableRow, ...] = (
     TableRow(S.ASKING, WeatherReported, when.worth_following, follow, S.FOLLOWING),
     TableRow(S.ASKING, WeatherReported, when.always, lose_missed, S.WAITING),
     TableRow(S.HOLDING, Due, when.always, ask_weather, S.ASKING),
+    # It turned before an action.
+    TableRow(S.READYING, WeatherReported, when.lost_with_more_after, finish, S.FINISHING),
+    TableRow(S.READYING, WeatherReported, when.begun_before, lose_to_weather, S.WAITING),
+    TableRow(S.READYING, WeatherReported, when.unsafe_and_skipped, lose_to_weather, S.WAITING),
+    TableRow(S.READYING, WeatherReported, when.unsafe_and_too_late, lose_to_weather, S.WAITING),
+    TableRow(S.READYING, WeatherReported, when.unsafe_for_long, hold_at_park, S.PARKING),
+    TableRow(S.READYING, WeatherReported, when.always, hold, S.HOLDING),
+    TableRow(S.READYING, StepDone, when.lost_with_more_after, finish, S.FINISHING),
     TableRow(S.READYING, StepDone, when.failed_and_skips, lose_to_action, S.WAITING),
     TableRow(S.READYING, StepDone, when.another_before, next_action, S.READYING),
     TableRow(S.READYING, StepDone, when.worth_following, follow, S.FOLLOWING),
     TableRow(S.READYING, StepDone, when.always, lose_to_delay, S.WAITING),
+    TableRow(S.READYING, Due, when.lost_with_more_after, finish, S.FINISHING),
     TableRow(S.READYING, Due, when.worth_following, follow, S.FOLLOWING),
     TableRow(S.READYING, Due, when.always, lose_to_delay, S.WAITING),
     # A pass.

@@ -336,7 +336,10 @@ class AskWeather(_Order, frozen=True, tag="ask weather"):
 
 
 class DoStep(_Order, frozen=True, tag="do"):
-    """Carry out an action before or after a pass: ends with StepDone."""
+    """Carry out an action before or after a pass: ends with StepDone.
+
+    One before it is not begun in unsafe weather, and ends with WeatherReported.
+    """
 
     index: int
     when: str

@@ -211,8 +211,7 @@ class LiveExecutor:
             case AskWeather():
                 found = self._ask_weather()
             case DoStep():
-                words = self._do(order, run)
-                found = StepDone(utc_s=now(), done=words is None, words=words)
+                found = self._do(order, run)
             case Follow():
                 attempt = self._follow(order, run)
                 found = Followed(utc_s=now(), attempt=attempt)
@@ -315,12 +314,12 @@ class LiveExecutor:
             return PassPrepared(utc_s=context.now(), cause="elements too old", words=old, woken=wake)
         return PassPrepared(utc_s=context.now(), words=words, elements=elements, woken=wake)
 
-    def _ask_weather(self) -> WeatherReported | None:
-        """Ask it; None where a stop was asked for before it had answered."""
+    def _ask_weather(self, fresh_s: float = 0.0) -> WeatherReported | None:
+        """Ask it, or take a fresh answer; None where a stop was asked for before it had answered."""
         context, source = self.context, self._weather_source()
         if source is None:
             return WeatherReported(utc_s=context.now(), safe=None)
-        answer = source.ask(self._must_end)
+        answer = source.ask(self._must_end, fresh_s)
         if context.requests.asked and not answer.safe:
             return None
         return WeatherReported(utc_s=context.now(), safe=answer.safe, words=answer.words)
@@ -345,10 +344,23 @@ class LiveExecutor:
         answer = source.ask(self._must_end, FRESH_S)
         return None if answer.safe else answer.words or "unsafe"
 
-    def _do(self, order: DoStep, run: Run) -> str | None:
+    def _do(self, order: DoStep, run: Run) -> StepDone | WeatherReported | None:
+        """Carry out an action; None where a stop was asked for before it was begun.
+
+        An action before it may have taken long, or the runner was restarted: a dome is not opened by what
+        the weather was then.
+        """
+        one = run.passes[order.index]
+        if order.when == "before" and one.terms.if_weather_unsafe != "run":
+            report = self._ask_weather(FRESH_S)
+            if report is None or report.safe is False:
+                return report
+        words = self._done(order, run, one)
+        return StepDone(utc_s=self.context.now(), done=words is None, words=words)
+
+    def _done(self, order: DoStep, run: Run, one: NightPass) -> str | None:
         """Carry out an action; return what went wrong, None where nothing."""
-        context, one = self.context, run.passes[order.index]
-        action = order.action_of(one)
+        context, action = self.context, order.action_of(one)
         result = run.results[order.index] if order.when == "after" else None
         facts = facts_of(one, self.files.schedule, order.when, result)
         if isinstance(action, CommandAction):
@@ -360,12 +372,13 @@ class LiveExecutor:
         elif isinstance(action, WebhookAction):
             context.tasks.begin(action.words, partial(post, action.url, facts, action.timeout_s))
         elif isinstance(action, SlewAction):
-            return self._kept_from_slew(one, result) or self._slew(action)
+            kept = None if result is None else self._kept_from_slew(one, result)
+            return kept or self._slew(action)
         return None
 
-    def _kept_from_slew(self, one: NightPass, result: Result | None) -> str | None:
-        """Return why the mount must not slew before a pass, or after one with a result; None where it may."""
-        if result is not None and result.cause == "weather":
+    def _kept_from_slew(self, one: NightPass, result: Result) -> str | None:
+        """Return why the mount must not slew after a pass; None where it may."""
+        if result.cause == "weather":
             # It need not be unsafe any more: the mount stays where it was brought to rest.
             return "not done: the weather ended the pass"
         unsafe = self._unsafe(one)

@@ -378,11 +378,12 @@ class VirtualExecutor:
             case Prepare():
                 found = self._prepare(run.passes[order.index], order.wake)
             case AskWeather():
-                words = self._unsafe(run, self.now_utc_s)
-                safe = None if not self.weather_asked else words is None
-                found = WeatherReported(utc_s=self.now_utc_s, safe=safe, words=words)
+                found = self._ask_weather(run)
             case DoStep():
-                found = self._do(order, run.passes[order.index])
+                one = run.passes[order.index]
+                asks = order.when == "before" and one.terms.if_weather_unsafe != "run"
+                report = self._ask_weather(run) if asks else None
+                found = report if report is not None and report.safe is False else self._do(order, one)
             case Follow():
                 found = self._follow(order, run)
             case ParkMount():
@@ -433,6 +434,11 @@ class VirtualExecutor:
         if self.troubles.happens(OLD_ELEMENTS, "elements", one.key):
             return PassPrepared(utc_s=now, cause="elements too old", words="none newer are available")
         return PassPrepared(utc_s=now, woken=wake)
+
+    def _ask_weather(self, run: Run) -> WeatherReported:
+        words = self._unsafe(run, self.now_utc_s)
+        safe = None if not self.weather_asked else words is None
+        return WeatherReported(utc_s=self.now_utc_s, safe=safe, words=words)
 
     def _unsafe(self, run: Run, utc_s: float) -> str | None:
         if not self.weather_asked:

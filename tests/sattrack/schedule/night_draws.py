@@ -122,7 +122,10 @@ class World:
                 return WeatherReported(utc_s=self.now, safe=not self.goes_wrong(), words="rain")
             case DoStep():
                 terms = run.passes[order.index].terms
-                action = (terms.before if order.when == "before" else terms.after)[order.step]
+                asked = order.when == "before" and terms.if_weather_unsafe != "run"
+                if asked and self.goes_wrong(0.3):
+                    return WeatherReported(utc_s=self.now, safe=False, words="rain")
+                action = order.action_of(run.passes[order.index])
                 if not isinstance(action, SlewAction):
                     self.commands.append((run.passes[order.index].key, order.when, order.step))
                 self.now += self.random.uniform(0.0, 20.0)

@@ -471,18 +471,51 @@ class TestSteps:
         night.script = "raise SystemExit(7)"
         assert self.do(night, SlewAction(alt_deg=50.0, az_deg=20.0)).words == "mount slew ended with 7"
 
-    def test_a_slew_is_left_out_in_unsafe_weather_and_a_command_is_not(self, tmp_path: Path) -> None:
+    def test_no_action_before_a_pass_is_begun_in_unsafe_weather(self, tmp_path: Path) -> None:
+        """A restart, or an action that took long, leads to no question of the machine's."""
+        text = RAINS_ONCE_WET.replace("{every_s}", "3600") + PLAIN
+        opens = CommandAction(("touch", "opened"))
+        assert self.do(Night(tmp_path, text), opens).done
+        (tmp_path / "opened").unlink()
+        (tmp_path / "wet").touch()
+        night = Night(tmp_path, text)
+        rain = WeatherReported(utc_s=BEGIN, safe=False, words="sh: ended with 1")
+        slew = SlewAction(ra_deg=100.0, dec_deg=20.0)
+        unwaited = CommandAction(("touch", "opened"), wait=False)
+        for action in (opens, slew, unwaited, WebhookAction("http://127.0.0.1:9/", 1.0)):
+            assert self.do(night, action) == rain
+        assert night.commands == []
+        assert not (tmp_path / "opened").exists()
+        assert self.do(night, opens, "after").done
+        assert (tmp_path / "opened").exists()
+        for action in (opens, slew):
+            one = in_any_weather(with_actions(action))
+            assert night.perform(DoStep(index=0, when="before", step=0), one).done
+        assert len(night.commands) == 1
+
+    def test_a_slew_after_a_pass_is_left_out_in_unsafe_weather(self, tmp_path: Path) -> None:
         night = Night(tmp_path, RAINS_ONCE_WET.replace("{every_s}", "3600") + PLAIN)
         (tmp_path / "wet").touch()
+        words = "not done: the weather is unsafe: sh: ended with 1"
         slew = SlewAction(ra_deg=100.0, dec_deg=20.0)
-        for when in ("before", "after"):
-            words = "not done: the weather is unsafe: sh: ended with 1"
-            assert self.do(night, slew, when) == StepDone(utc_s=BEGIN, done=False, words=words)
+        assert self.do(night, slew, "after") == StepDone(utc_s=BEGIN, done=False, words=words)
         assert night.commands == []
-        assert self.do(night, CommandAction(("true",))).done
-        one = in_any_weather(with_actions(slew))
-        assert night.perform(DoStep(index=0, when="before", step=0), one).done
-        assert len(night.commands) == 1
+
+    @pytest.mark.parametrize("restarts", [True, False])
+    def test_a_stop_while_the_weather_is_asked_about_begins_no_action(
+        self, tmp_path: Path, restarts: bool, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        night = Night(tmp_path, RAINS_ONCE_WET.replace("{every_s}", "3600") + PLAIN)
+        asks = night_executor.WeatherSource.ask
+
+        def stop(*given: Any) -> Any:
+            night.requests.terminated, night.requests.interrupted = restarts, not restarts
+            return asks(*given)
+
+        monkeypatch.setattr(night_executor.WeatherSource, "ask", stop)
+        found = self.do(night, CommandAction(("touch", "opened")))
+        assert found == (None if restarts else StopAsked(utc_s=BEGIN, words="interrupted"))
+        assert not (tmp_path / "opened").exists()
 
     def test_after_a_pass_that_the_weather_ended_a_dome_is_closed_and_nothing_slews(
         self, night: Night
