@@ -473,7 +473,9 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         )
 
     def __post_init__(self) -> None:
-        """Raise ValueError, naming the field, where a number cannot be one of a mount."""
+        """Raise ValueError, naming the field, where it cannot be one of a mount."""
+        if not self.name.strip() or not self.name.isprintable():
+            raise ValueError(f"name is {self.name!r}; give a word or more, in one line")
         positive = {
             "ra.max_rate_deg_s": self.ra.max_rate_deg_s,
             "ra.max_acceleration_deg_s2": self.ra.max_acceleration_deg_s2,

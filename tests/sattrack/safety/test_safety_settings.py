@@ -132,6 +132,8 @@ def test_bad_limits_are_refused_at_every_door(
             2,
             "home is at",
         ),
+        ('name = "a\\nb"', 1, "name is 'a\\nb'; give a word or more, in one line"),
+        ('name = " "', 1, "name is ' '; give a word or more"),
         ("[ra]\nmax_rate_deg_s = nan", 2, "ra.max_rate_deg_s is nan; it must be above 0"),
         ('[[pier_zones]]\nname = "a"\ncorners = [[0.0, 0.0], [1.0, 1.0]]', 3, "corners is of 2 in 'a'"),
         ("[stands_at]\nlatitude_deg = -30.0\nlongitude_deg = 20.0", None, "is of a mount at -30.00, 20.00"),
