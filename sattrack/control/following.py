@@ -225,25 +225,32 @@ class Follower:
         `following` while rates are streamed, `on_target` once the target was acquired by them.
         """
         arrival_utc_s = now_utc_s + self._history.delay_s
-        early_s = self._early_s(on_target) if self._profile.move_axis == "edge" else None
+        early_s = None
+        if self._profile.move_axis == "edge":
+            early_s = 0.0 if self._seeks_delay(on_target) else self._early_s()
         if not following or early_s is not None:
             return self._loop.send_shift_s(arrival_utc_s, IDLE_SHIFT_S, IDLE_SHIFT_SHARE, early_s)
         return self._loop.send_shift_s(arrival_utc_s)
 
-    def _early_s(self, on_target: bool) -> float:
+    def _seeks_delay(self, on_target: bool) -> bool:
+        """Tell whether datagrams are to arrive just with a turn, to find the delay, and note since when.
+
+        Whether it is that turn which acknowledges halves what is not known. Not on the way to the target: the
+        handshake takes a turn more now and then meanwhile.
+        """
+        if not (on_target and self.command_delay_sigma_s > UNSURE_S):
+            return False
+        noted = self._history.acknowledged.noted
+        self._sought_from = noted if self._sought_from is None else self._sought_from
+        return noted < self._sought_from + MOST_SOUGHT
+
+    def _early_s(self) -> float:
         """Return how long before a turn of the mount datagrams of a handshake should arrive, seconds.
 
         The delays leave a part of the period to spare. It is shared between the wait at the mount and that
         here, where the answer must not miss the next datagram: else the handshake takes a turn more. Only the
-        sum of the delays counts for this, not how it is split. While that is not known well, datagrams are to
-        arrive just with a turn: whether it is the one that acknowledges then halves what is not known. Not on
-        the way to the target: the handshake takes a turn more now and then meanwhile.
+        sum of the delays counts for this, not how it is split.
         """
-        sigma_s, noted = self.command_delay_sigma_s, self._history.acknowledged.noted
-        if on_target and sigma_s > UNSURE_S:
-            self._sought_from = noted if self._sought_from is None else self._sought_from
-            if noted < self._sought_from + MOST_SOUGHT:
-                return 0.0
         period_s = self._loop.mean_period_s
         here_s = ANSWERED_AHEAD_S + self.clock.lateness_s
         spare_s = -(self._history.delay_s + self._profile.status_delay_s) % period_s
@@ -251,7 +258,7 @@ class Follower:
             # So little is missed now and then, and the turns at which rates change would not be known ahead.
             spare_s += period_s
         # What a delay that is not known well may take more comes out of the wait here.
-        surely_s = spare_s - sigma_s
+        surely_s = spare_s - self.command_delay_sigma_s
         return (spare_s - max(0.5 * surely_s, here_s)) % period_s
 
 

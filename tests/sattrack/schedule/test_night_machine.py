@@ -295,7 +295,7 @@ def test_what_was_opened_for_a_pass_is_closed_whatever_it_is_lost_to() -> None:
         for night in nights:
             for one, result in zip(night.passes, night.results, strict=True):
                 if one.key in opened:
-                    after = {step for step, it in enumerate(one.terms.after) if not isinstance(it, SlewAction)}
+                    after = {k for k, each in enumerate(one.terms.after) if not isinstance(each, SlewAction)}
                     closed = {k for key, place, k in world.commands if (key, place) == (one.key, "after")}
                     assert closed == after, (seed, one.key, result)
                     lost.add((result.state, result.cause))
@@ -778,7 +778,8 @@ def again(utc_s: float, nights: float = 3.0) -> Started:
          S.FOLLOWING),
         (S.READYING, {"passes": (ONE,), "step": 3}, Due(utc_s=LATE_S), DoStep(index=0, when="after", step=0),
          S.FINISHING),
-        (S.READYING, {"passes": (BEFORE,), "step": 3}, Due(utc_s=LATE_S), Wait(until_utc_s=LATE_S), S.WAITING),
+        (S.READYING, {"passes": (BEFORE,), "step": 3}, Due(utc_s=LATE_S), Wait(until_utc_s=LATE_S),
+         S.WAITING),
         # Those after it.
         (S.FOLLOWING, {"passes": (ONE,), "part": 1}, again(ONE.end_utc_s),
          DoStep(index=0, when="after", step=0), S.FINISHING),
