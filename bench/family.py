@@ -359,6 +359,9 @@ class Run:
         drawn, end_s = self.drawn, self.drawn.start_s + lasts_s
         self._at(self.mount.next_turn_s, self._mount_turn, None)
         self._at(drawn.begin_s + self._rng.uniform(0.0, PERIOD_S), self._client_turn, None)
+        if self.like is not None:
+            # Chances that statuses had in the other run must not fall to the commands that follow them here.
+            self._rng = random.Random(f"commands {drawn.number}")
         now_s = drawn.begin_s
         while self._queue and now_s < end_s and self.ended_by is None:
             now_s, _, happen, what = heappop(self._queue)
