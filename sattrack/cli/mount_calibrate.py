@@ -21,7 +21,7 @@ from sattrack.cli.common import (
     load_simulator_profile,
     mount_option,
 )
-from sattrack.cli.output import renew, renew_at_once, show, table, tell, write_file
+from sattrack.cli.output import renew, renew_at_once, show, table, tell, write_found
 from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError
 from sattrack.runtime import demo_pass
 from sattrack.settings import NO_SITE
@@ -175,7 +175,7 @@ def _find_axes(
         raise SattrackError(f"{error}; nothing was written; {rest}") from error
     profile = with_axes(base, found, SitePlace(site.latitude_deg, site.longitude_deg))
     profile = msgspec.structs.replace(profile, name=options["name"] or profile.name)
-    write_file(target, profile_text(profile, options["update"], base))
+    write_found(target, profile_text(profile, options["update"], base))
     kind = kind_of(found.geometry, site.latitude_deg)
     stated = {0: "alt-azimuth", 1: "equatorial", 2: "equatorial"}.get(-1 if alignment is None else alignment)
     notes = []
@@ -403,7 +403,7 @@ def _write(target: Path, base: ProfileFile, found: Findings, options: dict[str, 
     from sattrack.mount.profiles import profile_text
 
     profile = calibrated(base, found, options["name"], f"sattrack {__version__}")
-    write_file(target, profile_text(profile, options["update"], base))
+    write_found(target, profile_text(profile, options["update"], base))
     return profile
 
 

@@ -60,6 +60,15 @@ def write_file(path: Path, text: str) -> None:
         context.meta.setdefault(WRITTEN, set()).add(real)
 
 
+def write_found(path: Path, text: str) -> None:
+    """Put what took long to measure into a file; print it where that cannot be written."""
+    try:
+        write_file(path, text)
+    except SattrackError as error:
+        click.echo(text, err=True)
+        raise SattrackError(f"what was found is printed above: {error}") from error
+
+
 def table(*heads: str, rows: Iterable[Sequence[str]] = ()) -> Table:
     """Return a table for `show`; a head that begins with > is of numbers, empty ones are not shown.
 

@@ -14,7 +14,7 @@ import click
 import msgspec
 
 from sattrack.cli.common import given_utc_s, how_to_renew
-from sattrack.cli.output import JsonLines, can_draw_lines_anew, renew, say, tell, write_file
+from sattrack.cli.output import JsonLines, can_draw_lines_anew, renew, say, tell, write_found
 from sattrack.control.camera_image import Camera
 from sattrack.core import local_time
 from sattrack.core.errors import UNHEARD, BadInputError, LinkLostError, SattrackError
@@ -596,7 +596,7 @@ def learn_profile(target: Path | None, base: ProfileFile, summary: Summary) -> N
         tell(f"{target} was not written: the pass was too short, or too rough, to learn from")
         return
     check_new_profile(target)
-    write_file(target, learnt_text(profile, learnt, base.name, f"{summary.name} on {summary.ended_utc}"))
+    write_found(target, learnt_text(profile, learnt, base.name, f"{summary.name} on {summary.ended_utc}"))
     tell(f"learnt, and written to {target}: {', '.join(learnt)}")
 
 

@@ -23,7 +23,7 @@ from sattrack.cli.common import (
     mount_option,
     profile_option,
 )
-from sattrack.cli.output import renew, renew_at_once, show, table, tell, write_file
+from sattrack.cli.output import renew, renew_at_once, show, table, tell, write_file, write_found
 from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError
 
 if TYPE_CHECKING:
@@ -413,7 +413,7 @@ def _conclude(
             tell(GEARS_TURNED)
             periodic = None
         written = msgspec.structs.replace(described, name=name, pointing=terms, sky=sky, periodic=periodic)
-        write_file(target, profile_text(written, target if options["output"] is None else None, loaded))
+        write_found(target, profile_text(written, target if options["output"] is None else None, loaded))
     if options["model"] is not None:
         write_file(options["model"], model_text(terms, described.name))
     if options["report"] is not None:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import warnings
 from typing import TYPE_CHECKING
 
 import pytest
 from rich.text import Text
 
-from sattrack.cli import running
+from sattrack.cli import output
 from sattrack.cli.main import cli, run
 from sattrack.cli.output import show, table
-from sattrack.core.errors import SattrackError
 from sattrack.mount.profiles import load_profile_file
 
 if TYPE_CHECKING:
@@ -311,16 +312,24 @@ def test_a_virtual_pass_writes_what_it_learnt(tmp_path: Path, capsys: pytest.Cap
     assert load_profile_file(target).mount.name == "learnt"
 
 
-def test_a_profile_that_cannot_be_written_costs_no_summary(
+def test_a_profile_that_cannot_be_written_costs_no_summary_and_is_printed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def full(path: Path, _: str) -> None:
-        raise SattrackError(f"{path}: cannot be written: No space left on device")
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(running, "write_file", full)
+    monkeypatch.setattr(output, "replace_file", full)
     words = ("--clock", "2026-10-02T13:04:58Z", "--min-alt", "70", "--json")
-    assert run(["track", "25544", *VIRTUAL, *words, "--learn-profile", str(tmp_path / "new.toml")]) == 1
+    target = tmp_path / "new.toml"
+    assert run(["track", "25544", *VIRTUAL, *words, "--learn-profile", str(target)]) == 1
     out, err = capsys.readouterr()
-    assert json.loads(out)["summary"]["ended_by"] == "set"
+    summary = json.loads(out)["summary"]
+    assert summary["ended_by"] == "set"
     why = "cannot be written: No space left on device; make room there, or write elsewhere"
-    assert err.endswith(f"new.toml: {why}\n")
+    text, found, last = err.rpartition("sattrack: what was found is printed above: ")
+    assert found
+    assert last == f"{target}: {why}\n"
+    # It can be saved as it stands there.
+    target.write_text(text[text.index("# ") :], encoding="utf-8")
+    gain = load_profile_file(target).mount.ra_rate_gain
+    assert gain == pytest.approx(summary["learnt"]["ra_gain"], abs=1e-6)
