@@ -355,10 +355,10 @@ class LiveExecutor:
             report = self._ask_weather(FRESH_S)
             if report is None or report.safe is False:
                 return report
-        words = self._done(order, run, one)
+        words = self._carry_out(order, run, one)
         return StepDone(utc_s=self.context.now(), done=words is None, words=words)
 
-    def _done(self, order: DoStep, run: Run, one: NightPass) -> str | None:
+    def _carry_out(self, order: DoStep, run: Run, one: NightPass) -> str | None:
         """Carry out an action; return what went wrong, None where nothing."""
         context, action = self.context, order.action_of(one)
         result = run.results[order.index] if order.when == "after" else None

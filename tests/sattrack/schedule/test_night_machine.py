@@ -303,11 +303,10 @@ def test_what_was_opened_for_a_pass_is_closed_whatever_it_is_lost_to() -> None:
 
 
 OPEN, CLOSE = CommandAction(run=("open",), if_it_fails="skip"), CommandAction(run=("close",))
-RAIN = WeatherReported(utc_s=BEGIN, safe=False, words="rain")
 
 
 def rain_at(utc_s: float) -> WeatherReported:
-    return replace(RAIN, utc_s=utc_s)
+    return WeatherReported(utc_s=utc_s, safe=False, words="rain")
 
 
 def test_before_anything_was_done_for_a_pass_it_waits_for_the_weather_again() -> None:
