@@ -350,6 +350,10 @@ class DoStep(_Order, frozen=True, tag="do"):
         terms = one.terms
         return (terms.before if self.when == "before" else terms.after)[self.step]
 
+    def asks_weather(self, one: NightPass) -> bool:
+        """Tell whether the weather must be safe for an action of a pass to begin."""
+        return self.when == "before" and one.terms.if_weather_unsafe != "run"
+
 
 class Follow(_Order, frozen=True, tag="follow"):
     """Follow a pass, or what is left of it, after a pause: ends with Followed."""

@@ -351,7 +351,7 @@ class LiveExecutor:
         the weather was then.
         """
         one = run.passes[order.index]
-        if order.when == "before" and one.terms.if_weather_unsafe != "run":
+        if order.asks_weather(one):
             report = self._ask_weather(FRESH_S)
             if report is None or report.safe is False:
                 return report

@@ -381,8 +381,7 @@ class VirtualExecutor:
                 found = self._ask_weather(run)
             case DoStep():
                 one = run.passes[order.index]
-                asks = order.when == "before" and one.terms.if_weather_unsafe != "run"
-                report = self._ask_weather(run) if asks else None
+                report = self._ask_weather(run) if order.asks_weather(one) else None
                 found = report if report is not None and report.safe is False else self._do(order, one)
             case Follow():
                 found = self._follow(order, run)

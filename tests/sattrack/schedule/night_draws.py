@@ -121,9 +121,7 @@ class World:
             case AskWeather():
                 return WeatherReported(utc_s=self.now, safe=not self.goes_wrong(), words="rain")
             case DoStep():
-                terms = run.passes[order.index].terms
-                asked = order.when == "before" and terms.if_weather_unsafe != "run"
-                if asked and self.goes_wrong(0.3):
+                if order.asks_weather(run.passes[order.index]) and self.goes_wrong(0.3):
                     return WeatherReported(utc_s=self.now, safe=False, words="rain")
                 action = order.action_of(run.passes[order.index])
                 if not isinstance(action, SlewAction):
