@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 import select
+import signal
 import subprocess
 import tempfile
 import time
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from programs import free_port
@@ -79,7 +80,7 @@ class Indi:
 def indi_server(program: Callable[[str], str], *drivers: str) -> Iterator[int]:
     """Run INDI's own server with drivers, each a path or DEVICE@HOST:PORT; give its port."""
     port = free_port()
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         process = subprocess.Popen(
             # Its local socket has one name for all on this machine, unless another is given.
             [program("indiserver"), "-p", str(port), "-u", f"/tmp/indiserver-{port}", *drivers],
@@ -87,9 +88,13 @@ def indi_server(program: Callable[[str], str], *drivers: str) -> Iterator[int]:
             env={**os.environ, "HOME": folder},
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
+            start_new_session=True,
         )
         try:
             yield port
         finally:
             process.terminate()
             process.wait(timeout=PATIENCE_S)
+            with suppress(ProcessLookupError):
+                # Drivers outlive their server for a moment, and would write into the folder that is removed.
+                os.killpg(process.pid, signal.SIGKILL)
