@@ -1,6 +1,7 @@
 """A family of mounts drawn at random, each followed for a minute in virtual time.
 
 python bench/family.py [--draws N] [--first N] [--jobs N] [--told TOLD] [--only KIND] [--oracle] [--all]
+    [--stalls S] [--unanswered]
 
 The mounts are those of `bench/strangers`, written from the protocol's paper without sight of this program,
 and the package's own simulator. A draw is a satellite, a site, a mount that stands somewhere, its servo,
@@ -105,6 +106,8 @@ class Hardware:
     max_rate_deg_s: float = 6.0
     tracking: bool = True
     stall_s: float = 0.0
+    acknowledges: bool = True
+    """Whether MoveAxis is acknowledged; by no `own` mount it is left unanswered."""
 
 
 @dataclass(frozen=True)
@@ -191,6 +194,7 @@ def parameters_of(hard: Hardware) -> dict[str, Any]:
         "ra_sign": hard.signs[0],
         "dec_sign": hard.signs[1],
         "move_axis": hard.move_axis,
+        "move_ack": hard.acknowledges,
         "additive": hard.additive,
         "timer": hard.timer,
         "timer_jitter_s": 0.0005,
@@ -544,12 +548,21 @@ def oracle_arcsec(run: Run) -> float:
     return knows.run().settled_rms_arcsec()
 
 
-def follow(arguments: tuple[int, str, tuple[str, ...], float, bool]) -> Outcome:
-    number, told, kinds, stall_s, oracle = arguments
+def unanswered(drawn: Draw) -> Draw:
+    """Return a draw whose mount takes rates by edges, and acknowledges none."""
+    return replace(drawn, hardware=replace(drawn.hardware, move_axis="edge", acknowledges=False))
+
+
+def follow(arguments: tuple[int, argparse.Namespace]) -> Outcome:
+    number, options = arguments
+    kinds = (options.only,) if options.only is not None else KINDS
+    if options.unanswered:
+        kinds = tuple(kind for kind in kinds if kind != "own")
     drawn = draw(number, kinds)
-    run = Run(replace(drawn, hardware=replace(drawn.hardware, stall_s=stall_s)), told).run()
+    drawn = replace(drawn, hardware=replace(drawn.hardware, stall_s=options.stalls))
+    run = Run(unanswered(drawn) if options.unanswered else drawn, options.told).run()
     outcome = run.outcome()
-    return replace(outcome, oracle_arcsec=oracle_arcsec(run)) if oracle else outcome
+    return replace(outcome, oracle_arcsec=oracle_arcsec(run)) if options.oracle else outcome
 
 
 def main() -> int:
@@ -562,16 +575,18 @@ def main() -> int:
     parser.add_argument(
         "--stalls", type=float, default=0.0, help="a turn in 8 s is late by up to so many seconds (strangers)"
     )
+    parser.add_argument(
+        "--unanswered", action="store_true", help="edges only, and none acknowledged (strangers)"
+    )
     parser.add_argument("--oracle", action="store_true", help="the RMS of one that knows the mount, too")
     parser.add_argument("--all", action="store_true", help="a line for each draw")
     options = parser.parse_args()
-    kinds = KINDS if options.only is None else (options.only,)
+    if options.unanswered and options.only == "own":
+        parser.error("--unanswered: the simulator acknowledges every edge; take one of the strangers")
     numbers = range(options.first, options.first + options.draws)
     outcomes = []
     with multiprocessing.Pool(options.jobs) as pool:
-        for outcome in pool.imap(
-            follow, [(number, options.told, kinds, options.stalls, options.oracle) for number in numbers]
-        ):
+        for outcome in pool.imap(follow, [(number, options) for number in numbers]):
             outcomes.append(outcome)
             if options.all:
                 print(outcome.line(), flush=True)

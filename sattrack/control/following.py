@@ -33,8 +33,9 @@ IDLE_SHIFT_S, IDLE_SHIFT_SHARE = 0.002, 0.2
 handshake says when rates change."""
 UNDATED_AT_MOST = 15
 """Samples in a row dated no later than the one before are left out: a clock is learnt anew meanwhile."""
-MOST_EDGE_PERIODS = 12.0
-"""The longest that the rates of one edge act: until the next, which the handshake lets through."""
+ANSWERED_PERIODS, UNANSWERED_PERIODS = 12.0, 40.0
+"""The longest that the rates of one edge act: until the next, which the handshake lets through. It goes on for
+longer where the mount acknowledges nothing."""
 ANSWERED_AHEAD_S = 0.006
 """A status that answers a handshake's datagram should arrive this long before the next is sent."""
 READ_AHEAD_S = 0.0005
@@ -70,6 +71,8 @@ class Follower:
         """When the mount was last seen where nothing that is known leads."""
         self._undated = 0
         self._last_edge_utc_s: float | None = None
+        self._answered = False
+        """Whether the edge that was sent last was acknowledged."""
         self._acting_s = profile.period_s * (EDGE_PERIODS if profile.move_axis == "edge" else 1.0)
         """For how long a command that is sent is expected to act."""
         self._sought_from: int | None = None
@@ -91,6 +94,11 @@ class Follower:
         return max(self._loop.mean_period_s, self._acting_s)
 
     @property
+    def unanswered(self) -> bool:
+        """Whether a command acts for so long because the mount takes it by an edge, and acknowledges none."""
+        return self._acting_s > ANSWERED_PERIODS * self._profile.period_s
+
+    @property
     def settling_s(self) -> float | None:
         """The time constant in force, of the slower axis; None before following began."""
         return self.learning.settling_s(self.acting_s, self._law.feeder)
@@ -107,6 +115,7 @@ class Follower:
         `following` where the mount moves by the rates that were sent, and not by a plan of its own.
         """
         axes = self.axes
+        self._answered = self._answered or sample.move_acknowledged
         undated = axes is not None and utc_s - axes.sample_utc_s <= SAME_S
         self._undated = self._undated + 1 if undated else 0
         if 0 < self._undated <= UNDATED_AT_MOST:
@@ -215,9 +224,11 @@ class Follower:
     def _note_cycle(self, now_utc_s: float) -> None:
         """Learn how long the handshake of an edge takes: for so long the rates that it brought will act."""
         last_utc_s, self._last_edge_utc_s = self._last_edge_utc_s, now_utc_s
+        most = ANSWERED_PERIODS if self._answered else UNANSWERED_PERIODS
+        self._answered = False
         if last_utc_s is not None:
             periods = (now_utc_s - last_utc_s) / self._profile.period_s
-            self._acting_s = max(2.0, min(MOST_EDGE_PERIODS, periods)) * self._profile.period_s
+            self._acting_s = max(2.0, min(most, periods)) * self._profile.period_s
 
     def send_shift_s(self, now_utc_s: float, following: bool = True, on_target: bool = True) -> float:
         """Return the delay of the next datagram beyond one period from now, seconds.

@@ -44,6 +44,7 @@ def made_run(**changes: Any) -> Any:
         learning=Made(learnt=lambda: None, fits=[Made(line=lambda _: None)], times_begun_anew=2),
         settling_s=None,
         acting_s=0.05,
+        unanswered=False,
         lost_utc_s=None,
         command_delay_s=0.03,
         command_delay_sigma_s=0.004,
@@ -193,6 +194,10 @@ class TestWarnings:
                     "tracker__follower__settling_s": 0.51,
                 },
                 "the servo's lag is known to 40 ms only: an error is taken out in 0.51 s instead of",
+            ),
+            (
+                {"tracker__follower__unanswered": True, "tracker__follower__acting_s": 1.7},
+                "the mount acknowledges no rates: each acts for 1.7 s, and errors are taken out no faster",
             ),
         ],
     )

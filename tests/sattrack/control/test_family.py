@@ -9,6 +9,8 @@ from dataclasses import replace
 import family
 import pytest
 
+from sattrack.control.engine_view import view_of
+
 soak = pytest.mark.soak
 FOLLOWED_S = 30.0
 """For so long of a pass, the slew and what it leaves included; `bench/family.py` follows 75 s."""
@@ -67,6 +69,31 @@ def test_a_mount_that_refuses_rates_while_it_slews_takes_them_after_that(number:
     # The wind alone is 0.3.
     assert 0.1 < outcome.rms_arcsec < 1.0
     assert not outcome.lost
+
+
+@pytest.mark.parametrize(
+    ("number", "kind", "most_rms_arcsec"),
+    [
+        (0, "velocity_servo", 0.31),
+        pytest.param(4, "position_servo", 0.6, marks=soak),
+        pytest.param(2, "planner", 0.92, marks=soak),
+    ],
+)
+def test_a_mount_that_acknowledges_no_edges_is_acquired_and_followed(
+    number: int, kind: str, most_rms_arcsec: float
+) -> None:
+    """Each rate acts until it is no longer waited for an answer: planned for less, the axes swung."""
+    drawn = family.draw(number, family.KINDS[:3])
+    run = family.Run(family.unanswered(drawn))
+    outcome = run.run(lasts_s=FOLLOWED_S).outcome()
+    assert drawn.hardware.kind == kind
+    assert outcome.late_s is not None, outcome.why
+    assert outcome.late_s <= 15.0
+    assert 0.01 < outcome.rms_arcsec <= most_rms_arcsec
+    assert not outcome.lost
+    assert 1.5 < run.engine.tracker.follower.acting_s < 2.0
+    view = view_of(run.engine, run.errors[-1].utc_s)
+    assert any("the mount acknowledges no rates" in one for one in view.warnings)
 
 
 def weak(number: int) -> family.Draw:

@@ -344,6 +344,14 @@ class TestSending:
             sent_s += gap_s
             one.note_sent(MoveAxes(0.1, 0.2), sent_s)
             assert one.acting_s == pytest.approx(acts_s)
+            seen(one, replace(sample(round((sent_s - NOW) / PERIOD_S)), move_acknowledged=True))
+
+    def test_a_command_that_is_not_acknowledged_acts_for_longer(self) -> None:
+        one = follower(move_axis="edge")
+        for sent_s, acts_s in ((0.0, 0.1), (1.6, 1.6), (3.3, 1.7), (12.0, 2.0), (13.6, 1.6)):
+            one.note_sent(MoveAxes(0.1, 0.2), NOW + sent_s)
+            assert one.acting_s == pytest.approx(acts_s)
+            seen(one, sample(round(sent_s / PERIOD_S)))
 
     def test_what_is_no_rate_ends_all_that_acts(self) -> None:
         one = follower(command_delay_s=0.02)
