@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 
 STAGES_KEPT = 16
 """Views come more often than the stages of a run change so many times."""
-EDGES_MISSED_S, MISSED_EDGES, FALLEN = 5.0, 6.0, (0.2, 0.8)
-"""How long and for how many edges, at least, a mount that takes these is watched before it was on target, and
-the share of the commanded motion that is left where its rates end with the flag."""
+EDGES_MISSED_S, MUTE_MISSED_S, FALLEN = 5.0, 15.0, (0.2, 0.8)
+"""How long a mount that takes edges is watched before it was on target: for longer where it acknowledges none,
+as its first ones last. And the share of the commanded motion that is left where its rates end with the flag."""
 
 
 HOLDING = "holding"
@@ -158,8 +158,8 @@ class Engine(Driver):
             return
         if self.safety.keeps_first:
             self._give_up("error", f"{self.spec.mount_name} was sent a stop: {KEEPS_FIRST}")
-        edges_s = MISSED_EDGES * self.tracker.follower.acting_s
-        if self.spec.profile.move_axis != "edge" or self._missed_s < max(EDGES_MISSED_S, edges_s):
+        waits_s = MUTE_MISSED_S if self.session.unanswered_s > 0.0 else EDGES_MISSED_S
+        if self.spec.profile.move_axis != "edge" or self._missed_s < waits_s:
             return
         low, high = FALLEN
         known = [fit.ratio for fit in self.tracker.follower.learning.fits if fit.ratio is not None]

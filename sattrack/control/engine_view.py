@@ -232,15 +232,15 @@ def _additive_warnings(engine: Engine) -> list[str]:
 
 
 def _looseness_warnings(engine: Engine) -> list[str]:
-    """Say that errors are taken out slowly: rates act long, or the servo answers late or is not known well."""
+    """Say that errors are taken out slowly, because rates act long, or the servo answers late or unknown."""
     tracker, law = engine.tracker, engine.spec.plan.law.feeder
     follower = tracker.follower
     if tracker.phase is not Phase.TRACKING:
         return []
     if follower.unanswered:
         return [
-            f"the mount acknowledges no rates: each acts for {follower.acting_s:.1f} s, and errors are taken out "
-            "no faster"
+            f"the mount acknowledges no rates: each acts for {follower.acting_s:.1f} s, and errors are taken "
+            "out no faster"
         ]
     known, settling_s = follower.learning.learnt(), follower.settling_s
     tightest_s = max(law.settling_s, law.intervals * follower.acting_s)

@@ -34,8 +34,8 @@ handshake says when rates change."""
 UNDATED_AT_MOST = 15
 """Samples in a row dated no later than the one before are left out: a clock is learnt anew meanwhile."""
 ANSWERED_PERIODS, UNANSWERED_PERIODS = 12.0, 40.0
-"""The longest that the rates of one edge act: until the next, which the handshake lets through. It goes on for
-longer where the mount acknowledges nothing."""
+"""The longest that the rates of one edge act: until the next, which the handshake lets through. It goes on
+for longer where the mount does not acknowledge them."""
 ANSWERED_AHEAD_S = 0.006
 """A status that answers a handshake's datagram should arrive this long before the next is sent."""
 READ_AHEAD_S = 0.0005

@@ -78,6 +78,10 @@ def patience_table() -> str:
         (flags.ACK_WITHIN_STATUSES, "without one while a slew's flag is up: it falls, and rises again"),
         (flags.EDGE_ACK_WITHIN_STATUSES, "the same for an edge of MoveAxis"),
         (
+            flags.MUTE_ACK_WITHIN_STATUSES,
+            f"the same, and then for quiet, once the first {flags.MUTE_AFTER} edges went without one",
+        ),
+        (
             flags.MISSED_TICKS,
             "without one in a stop: the abort's flag falls for 3, then rises for twice as long as before",
         ),

@@ -139,9 +139,10 @@ NEAR_DEG = 0.5
 LATEST_BEGIN_STATUSES = 200
 ACK_WITHIN_STATUSES = 20
 """Statuses after which a slew that is not acknowledged is asked for anew."""
-EDGE_ACK_WITHIN_STATUSES = 20
-UNANSWERED_STATUSES = EDGE_ACK_WITHIN_STATUSES + QUIET_STATUSES + 2
-"""How long a handshake takes that the mount does not answer."""
+EDGE_ACK_WITHIN_STATUSES, MUTE_ACK_WITHIN_STATUSES = 20, 4
+"""Statuses after which an edge of MoveAxis that is not acknowledged falls; that on a mount that is mute."""
+MUTE_QUIET_STATUSES, MUTE_AFTER = 4, 2
+"""As QUIET_STATUSES on such a mount, and how many handshakes it leaves unanswered, all from the first on."""
 STILL_MOVING_STATUSES = 20
 REFUSED_STATUSES, MOST_REFUSED_STATUSES = QUIET_STATUSES, 160
 """Statuses in a row of a mount at rest, which has not acknowledged the flags of MoveAxis, after which these
@@ -170,14 +171,14 @@ class OneShot:
             self.statuses = 0
         return self.state is not before
 
-    def see(self, ack: bool) -> bool:
+    def see(self, ack: bool, quiet_statuses: int = QUIET_STATUSES) -> bool:
         """Take one status's acknowledgement; tell whether it is the one that the raised flag waits for."""
         self.statuses += 1
         if self.state is Handshake.IDLE:
             return False
         raised = self.up
         acknowledged = self.happen("ack up" if ack else "ack down") and raised
-        if self.state is Handshake.WITHDRAWN and self.statuses >= QUIET_STATUSES:
+        if self.state is Handshake.WITHDRAWN and self.statuses >= quiet_statuses:
             self.happen("quiet")
         return acknowledged
 
@@ -370,7 +371,6 @@ class HeldMove:
     """
 
     waits: ClassVar[int] = 0
-    unanswered: ClassVar[bool] = False
     """New rates never wait."""
     state: HeldState = HeldState.OVER
     _statuses: int = 0
@@ -443,15 +443,54 @@ class HeldMove:
 
 
 @dataclass(slots=True)
+class EdgeAnswers:
+    """How a mount that reads edges answers them, as far as its handshakes have told."""
+
+    ever: bool = False
+    """Whether any was acknowledged."""
+    missed: int = 0
+    """Handshakes in a row that were not."""
+
+    @property
+    def mute(self) -> bool:
+        """Whether the mount answers none: then an edge is up and down for as long as it takes to be read."""
+        return not self.ever and self.missed >= MUTE_AFTER
+
+    @property
+    def within_statuses(self) -> int:
+        """How many statuses an edge waits for its acknowledgement."""
+        return MUTE_ACK_WITHIN_STATUSES if self.mute else EDGE_ACK_WITHIN_STATUSES
+
+    @property
+    def quiet_statuses(self) -> int:
+        """How many statuses without an acknowledgement show that none is to come."""
+        return MUTE_QUIET_STATUSES if self.mute else QUIET_STATUSES
+
+    @property
+    def unanswered_statuses(self) -> int:
+        """How long the next handshake takes if it is not answered, in statuses; 0 where it will be.
+
+        Before the first was answered, and after one that was not, the next may not be, either.
+        """
+        sure = self.ever and not self.missed
+        return 0 if sure else self.within_statuses + self.quiet_statuses + 2
+
+    def take(self, acknowledged: bool) -> None:
+        """Note how a handshake ended."""
+        self.ever = self.ever or acknowledged
+        self.missed = 0 if acknowledged else self.missed + 1
+
+
+@dataclass(slots=True)
 class EdgeMove:
     """MoveAxis on a mount that reads edges: every change of rate is an edge of its own."""
 
     may_wait: ClassVar[bool] = False
     """See HeldMove."""
+    answers: EdgeAnswers = field(default_factory=EdgeAnswers)
+    """What earlier handshakes tell of the next."""
     waits: int = 0
     """Datagrams for which new rates have waited for the handshake of those before."""
-    unanswered: bool = True
-    """Whether no handshake was acknowledged yet, or the last one was not: the next may not be, either."""
     _flags: OneShot = field(default_factory=OneShot)
     _latched: AxisRates = NO_RATES
     _in_force: AxisRates = NO_RATES
@@ -491,13 +530,16 @@ class EdgeMove:
             )
             if rate is not None
         ]
-        if self._flags.see(all(acks) if state is Handshake.RAISED else any(acks)):
+        # Too late, or of one axis only: it is not mute, and is given its time.
+        self.answers.ever = self.answers.ever or (any(acks) and state is not Handshake.IDLE)
+        ack = all(acks) if state is Handshake.RAISED else any(acks)
+        if self._flags.see(ack, self.answers.quiet_statuses):
             self._in_force = _moving(self._in_force)
-            self.unanswered = False
+            self.answers.take(True)
             return True
-        if state is Handshake.RAISED and self._flags.statuses > EDGE_ACK_WITHIN_STATUSES:
+        if state is Handshake.RAISED and self._flags.statuses > self.answers.within_statuses:
             self._flags.happen("withdraw")
-            self.unanswered = True
+            self.answers.take(False)
             self.renew()
         return False
 

@@ -63,9 +63,9 @@ from sattrack.mount.xerxes.datagrams import (
 from sattrack.mount.xerxes.flags import (
     NEAR_DEG,
     NO_RATES,
-    UNANSWERED_STATUSES,
     AbortFlag,
     AxisRates,
+    EdgeAnswers,
     EdgeMove,
     Handshake,
     HeldMove,
@@ -167,6 +167,7 @@ class Session:
     _frame: AxisFrame | None = field(init=False)
     _sequence: StatusSequence = field(init=False)
     _acks: AckWatch = field(init=False)
+    _answers: EdgeAnswers = field(default_factory=EdgeAnswers)
     _move: HeldMove | EdgeMove = field(init=False)
     _launches: Launches = field(init=False)
     _signs: tuple[tuple[int, int], tuple[int, int]] = field(init=False)
@@ -197,8 +198,8 @@ class Session:
         self._repeats = Repeats(self.profile)
         self._move = self._make_move()
 
-    def _make_move(self, unanswered: bool = True) -> HeldMove | EdgeMove:
-        return EdgeMove(unanswered=unanswered) if self.profile.move_axis == "edge" else HeldMove()
+    def _make_move(self) -> HeldMove | EdgeMove:
+        return EdgeMove(self._answers) if self.profile.move_axis == "edge" else HeldMove()
 
     def receive(self, data: bytes, arrival_utc_s: float) -> StatusSample | None:
         """Take one datagram; return its sample, or None where it was refused and counted."""
@@ -337,10 +338,9 @@ class Session:
 
         Statuses are counted, of which the link may lose as many as by three sigmas of chance.
         """
-        if not self._move.unanswered:
-            return 0.0
+        statuses = self._answers.unanswered_statuses if isinstance(self._move, EdgeMove) else 0
         lost = self.health.lost / max(1, self.health.received)
-        mean, variance = (1.0 + lost) * UNANSWERED_STATUSES, lost * (1.0 + lost) * UNANSWERED_STATUSES
+        mean, variance = (1.0 + lost) * statuses, lost * (1.0 + lost) * statuses
         return (mean + 3.0 * math.sqrt(variance)) * self.profile.period_s
 
     @property
@@ -458,7 +458,7 @@ class Session:
     def _begin_anew(self) -> None:
         """Forget what a mount that has restarted cannot know of."""
         # Whether it answers handshakes at all is a matter of its program.
-        self._move = self._make_move(self._move.unanswered)
+        self._move = self._make_move()
         self._abort.begin_anew()
         self._acts_until = 0
         self._slew.begin_anew()

@@ -9,8 +9,6 @@ from dataclasses import replace
 import family
 import pytest
 
-from sattrack.control.engine_view import view_of
-
 soak = pytest.mark.soak
 FOLLOWED_S = 30.0
 """For so long of a pass, the slew and what it leaves included; `bench/family.py` follows 75 s."""
@@ -74,26 +72,25 @@ def test_a_mount_that_refuses_rates_while_it_slews_takes_them_after_that(number:
 @pytest.mark.parametrize(
     ("number", "kind", "most_rms_arcsec"),
     [
-        (0, "velocity_servo", 0.31),
-        pytest.param(4, "position_servo", 0.6, marks=soak),
-        pytest.param(2, "planner", 0.92, marks=soak),
+        (1002, "velocity_servo", 0.2),
+        pytest.param(1003, "position_servo", 0.16, marks=soak),
+        # A drive much weaker than told, which was taken for one that moves only while the flag is up.
+        (1064, "planner", 0.25),
+        pytest.param(1085, "planner", 0.96, marks=soak),
     ],
 )
 def test_a_mount_that_acknowledges_no_edges_is_acquired_and_followed(
     number: int, kind: str, most_rms_arcsec: float
 ) -> None:
-    """Each rate acts until it is no longer waited for an answer: planned for less, the axes swung."""
-    drawn = family.draw(number, family.KINDS[:3])
-    run = family.Run(family.unanswered(drawn))
+    """Planned for less than its rates act, the axes swung: none was acquired."""
+    run = family.Run(family.unanswered(family.draw(number, family.KINDS[:3])))
     outcome = run.run(lasts_s=FOLLOWED_S).outcome()
-    assert drawn.hardware.kind == kind
+    assert outcome.drawn.hardware.kind == kind
     assert outcome.late_s is not None, outcome.why
     assert outcome.late_s <= 15.0
     assert 0.01 < outcome.rms_arcsec <= most_rms_arcsec
     assert not outcome.lost
-    assert 1.5 < run.engine.tracker.follower.acting_s < 2.0
-    view = view_of(run.engine, run.errors[-1].utc_s)
-    assert any("the mount acknowledges no rates" in one for one in view.warnings)
+    assert 0.4 < run.engine.tracker.follower.acting_s < 0.6
 
 
 def weak(number: int) -> family.Draw:

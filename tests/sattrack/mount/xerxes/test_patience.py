@@ -512,6 +512,44 @@ class TestFlags:
         assert rose == 10
         assert (move.over, move.waits) == (False, 0)
 
+    def test_edge_rates_that_are_never_answered_fall_soon_from_the_third_on(self) -> None:
+        move, rates = EdgeMove(), AxisRates(1.0, -0.5)
+        move.compose(rates)
+        lasted = []
+        for _ in range(4):
+            fell = statuses_until(lambda: move.see(TRACKING), lambda: move.compose(rates).rates == NO_RATES)
+            rose = statuses_until(lambda: move.see(TRACKING), lambda: move.compose(rates).begins)
+            lasted.append((fell, rose))
+        # The second has fallen when it is known that the mount answers none.
+        assert lasted == [(21, 10), (21, 4), (5, 4), (5, 4)]
+        assert move.answers.unanswered_statuses == 10
+
+    @pytest.mark.parametrize("acks", [("ack_move_ra", "ack_move_dec"), ("ack_move_dec",)])
+    @pytest.mark.parametrize("late", [False, True])
+    def test_edge_rates_have_their_time_where_any_was_answered(
+        self, acks: tuple[str, ...], late: bool
+    ) -> None:
+        """Late, or on one axis only: so a mount is not mute, before or after it was taken for that."""
+        for before in (0, 1, 4):
+            move, rates = EdgeMove(), AxisRates(1.0, -0.5)
+            move.compose(rates)
+            for _ in range(before):
+                statuses_until(lambda: move.see(TRACKING), lambda: move.compose(rates).rates == NO_RATES)
+                statuses_until(lambda: move.see(TRACKING), lambda: move.compose(rates).begins)
+            if late:
+                statuses_until(lambda: move.see(TRACKING), lambda: move.compose(rates).rates == NO_RATES)
+            move.see(replace(TRACKING, **dict.fromkeys(acks, True)))
+            assert not move.answers.mute
+            move.see(TRACKING)
+            for _ in range(4):
+                move.renew()
+                statuses_until(lambda: move.see(TRACKING), lambda: move.compose(rates).begins)
+                lasts = statuses_until(
+                    lambda: move.see(TRACKING), lambda: move.compose(rates).rates == NO_RATES
+                )
+                assert lasts == 21
+            assert move.answers.unanswered_statuses == 32
+
     def test_edge_new_rates_wait_for_the_handshake_of_those_before(self) -> None:
         move, rates, others = EdgeMove(), AxisRates(1.0, None), AxisRates(2.0, None)
         move.compose(rates)

@@ -1363,6 +1363,20 @@ class TestWhatItTells:
         client.hear(ack_move_ra=True, ack_move_dec=True)
         assert client.session.unanswered_s == 0.0
 
+    def test_a_mount_that_answers_no_edge_is_not_waited_for_for_long_even_after_a_restart(self) -> None:
+        client = tracked(MountProfile(move_axis="edge"))
+        client.asks(MOVE)
+        first_s = client.session.unanswered_s
+        for _ in range(70):
+            client.hear()
+            client.send()
+        mute_s = client.session.unanswered_s
+        assert 0.0 < mute_s < 0.5 * first_s
+        for counter in (1, 2, 3):
+            client.hear(counter=counter)
+        assert client.session.health.restarts == 1
+        assert client.session.unanswered_s == mute_s
+
     @pytest.mark.parametrize(
         "loss", [0.1, 0.5, *(pytest.param(loss, marks=pytest.mark.soak) for loss in (0.02, 0.3))]
     )
