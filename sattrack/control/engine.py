@@ -36,8 +36,9 @@ if TYPE_CHECKING:
 STAGES_KEPT = 16
 """Views come more often than the stages of a run change so many times."""
 EDGES_MISSED_S, MUTE_MISSED_S, FALLEN = 5.0, 15.0, (0.2, 0.8)
-"""How long a mount that takes edges is watched before it was on target: for longer where it acknowledges none,
-as its first ones last. And the share of the commanded motion that is left where its rates end with the flag."""
+"""How long a mount that takes edges is watched before it was on target: for longer where it acknowledges
+none, as its first ones last. And the share of the commanded motion that is left where its rates end with the
+flag."""
 
 
 HOLDING = "holding"

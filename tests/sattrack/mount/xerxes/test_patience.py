@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from msgspec.structs import replace
@@ -52,6 +52,9 @@ from sattrack.mount.xerxes.flags import (
     SlewState,
     StopState,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 SYNC = Sync(150.5, 20.25)
 PULSE = PulseGuide(700, -300)
@@ -524,31 +527,38 @@ class TestFlags:
         assert lasted == [(21, 10), (21, 4), (5, 4), (5, 4)]
         assert move.answers.unanswered_statuses == 10
 
+    @pytest.mark.parametrize("before", [0, 1, 4])
     @pytest.mark.parametrize("acks", [("ack_move_ra", "ack_move_dec"), ("ack_move_dec",)])
     @pytest.mark.parametrize("late", [False, True])
     def test_edge_rates_have_their_time_where_any_was_answered(
-        self, acks: tuple[str, ...], late: bool
+        self, before: int, acks: tuple[str, ...], late: bool
     ) -> None:
         """Late, or on one axis only: so a mount is not mute, before or after it was taken for that."""
-        for before in (0, 1, 4):
-            move, rates = EdgeMove(), AxisRates(1.0, -0.5)
-            move.compose(rates)
-            for _ in range(before):
-                statuses_until(lambda: move.see(TRACKING), lambda: move.compose(rates).rates == NO_RATES)
-                statuses_until(lambda: move.see(TRACKING), lambda: move.compose(rates).begins)
-            if late:
-                statuses_until(lambda: move.see(TRACKING), lambda: move.compose(rates).rates == NO_RATES)
-            move.see(replace(TRACKING, **dict.fromkeys(acks, True)))
-            assert not move.answers.mute
-            move.see(TRACKING)
-            for _ in range(4):
-                move.renew()
-                statuses_until(lambda: move.see(TRACKING), lambda: move.compose(rates).begins)
-                lasts = statuses_until(
-                    lambda: move.see(TRACKING), lambda: move.compose(rates).rates == NO_RATES
-                )
-                assert lasts == 21
-            assert move.answers.unanswered_statuses == 32
+        move, rates = EdgeMove(), AxisRates(1.0, -0.5)
+
+        def until(reached: Callable[[], bool]) -> int:
+            return statuses_until(lambda: move.see(TRACKING), reached)
+
+        def falls() -> bool:
+            return move.compose(rates).rates == NO_RATES
+
+        def rises() -> bool:
+            return move.compose(rates).begins
+
+        move.compose(rates)
+        for _ in range(before):
+            until(falls)
+            until(rises)
+        if late:
+            until(falls)
+        move.see(replace(TRACKING, **dict.fromkeys(acks, True)))
+        assert not move.answers.mute
+        move.see(TRACKING)
+        for _ in range(4):
+            move.renew()
+            until(rises)
+            assert until(falls) == 21
+        assert move.answers.unanswered_statuses == 32
 
     def test_edge_new_rates_wait_for_the_handshake_of_those_before(self) -> None:
         move, rates, others = EdgeMove(), AxisRates(1.0, None), AxisRates(2.0, None)
