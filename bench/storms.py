@@ -1,16 +1,17 @@
 """Storms of faults over the whole program in a virtual world: what was tried, and what broke.
 
 python bench/storms.py --seeds 200 [--first 0] [--jobs 1] [--log FILE] [--program NAME]
-                       [--late SECONDS [--both] | --fight HOURS [--fair]]
+                       [--move-axis held|edge] [--late SECONDS [--both] | --fight HOURS [--fair]]
 
 Prints the violations with their seeds, and the table of docs/reliability.md. `sattrack storm --seed N` runs
 one of them again with a trace. With `--log` each verdict is kept as a line of JSON, so that an interrupted
 series goes on where it was. With `--program` only those come that are over one program: `track`, `night`,
-`console`, `rotctld`, `alpaca` or `antenna`. With `--late` nothing is wrong but that a fifth of the commands
-comes late, by up to so many seconds, and the pass ends after some: is the mount left at rest? With `--both`
-a fifth of the statuses does, too. With `--fight` two clients want the same mount for so many hours, on each
-seed's link, or with `--fair` on one that only delays: one of rotctld sends positions, one of Alpaca slews,
-moves, follows and stops. Exit code 1 where an invariant was violated.
+`console`, `rotctld`, `alpaca` or `antenna`; with `--move-axis` only those whose mount takes rates so. With
+`--late` nothing is wrong but that a fifth of the commands comes late, by up to so many seconds, and the pass
+ends after some: is the mount left at rest? With `--both` a fifth of the statuses does, too. With `--fight`
+two clients want the same mount for so many hours, on each seed's link, or with `--fair` on one that only
+delays: one of rotctld sends positions, one of Alpaca slews, moves, follows and stops. Exit code 1 where an
+invariant was violated.
 """
 
 from __future__ import annotations
@@ -162,6 +163,7 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--log", type=Path)
     parser.add_argument("--program", choices=sorted(WORLDS.keys() - {"fight"}))
+    parser.add_argument("--move-axis", choices=("held", "edge"))
     parser.add_argument("--late", type=float, default=0.0, metavar="SECONDS")
     parser.add_argument("--both", action="store_true")
     parser.add_argument("--fight", type=float, default=0.0, metavar="HOURS")
@@ -169,7 +171,12 @@ def main() -> int:
     chosen = parser.parse_args()
     lines = chosen.log.read_bytes().splitlines() if chosen.log is not None and chosen.log.exists() else []
     verdicts = [msgspec.json.decode(line, type=Verdict) for line in lines]
-    every = (seed for seed in count(chosen.first) if chosen.program in {None, draw(seed).program})
+    every = (
+        seed
+        for seed in count(chosen.first)
+        if chosen.program in {None, draw(seed).program}
+        and chosen.move_axis in {None, draw(seed).hardware.move_axis}
+    )
     seeds = islice(every, len(verdicts), chosen.seeds)
     with Pool(chosen.jobs, maxtasksperchild=200) as pool:
         run = partial(one, late_s=chosen.late, both=chosen.both, fight_h=chosen.fight, fair=chosen.fair)
