@@ -178,15 +178,15 @@ class TestGivingUp:
     @pytest.mark.parametrize(
         ("ratios", "seconds", "move_axis", "named"),
         [
-            ((0.5, 0.5), 5.1, "edge", True),
-            ((0.5, None), 5.1, "edge", True),
+            ((0.5, 0.5), 15.1, "edge", True),
+            ((0.5, None), 15.1, "edge", True),
             # The flag is up for a third of the time.
-            ((0.33, 0.33), 5.1, "edge", True),
-            ((0.5, 0.5), 4.9, "edge", False),
-            ((0.5, 0.5), 5.1, "held", False),
-            ((0.5, 0.9), 5.1, "edge", False),
-            ((0.1, 0.5), 5.1, "edge", False),
-            ((None, None), 5.1, "edge", False),
+            ((0.33, 0.33), 15.1, "edge", True),
+            ((0.5, 0.5), 14.9, "edge", False),
+            ((0.5, 0.5), 15.1, "held", False),
+            ((0.5, 0.9), 15.1, "edge", False),
+            ((0.1, 0.5), 15.1, "edge", False),
+            ((None, None), 15.1, "edge", False),
         ],
     )
     def test_a_mount_that_moves_only_while_the_flag_is_up_takes_no_edges(
