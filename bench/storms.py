@@ -172,10 +172,9 @@ def main() -> int:
     lines = chosen.log.read_bytes().splitlines() if chosen.log is not None and chosen.log.exists() else []
     verdicts = [msgspec.json.decode(line, type=Verdict) for line in lines]
     every = (
-        seed
-        for seed in count(chosen.first)
-        if chosen.program in {None, draw(seed).program}
-        and chosen.move_axis in {None, draw(seed).hardware.move_axis}
+        storm.seed
+        for storm in map(draw, count(chosen.first))
+        if chosen.program in {None, storm.program} and chosen.move_axis in {None, storm.hardware.move_axis}
     )
     seeds = islice(every, len(verdicts), chosen.seeds)
     with Pool(chosen.jobs, maxtasksperchild=200) as pool:

@@ -95,7 +95,7 @@ class Follower:
 
     @property
     def unanswered(self) -> bool:
-        """Whether a command acts for so long because the mount takes it by an edge, and acknowledges none."""
+        """Whether commands act for longer than by any handshake that is answered."""
         return self._acting_s > ANSWERED_PERIODS * self._profile.period_s
 
     @property

@@ -339,6 +339,8 @@ class Session:
         Statuses are counted, of which the link may lose as many as by three sigmas of chance.
         """
         statuses = self._answers.unanswered_statuses if isinstance(self._move, EdgeMove) else 0
+        if not statuses:
+            return 0.0
         lost = self.health.lost / max(1, self.health.received)
         mean, variance = (1.0 + lost) * statuses, lost * (1.0 + lost) * statuses
         return (mean + 3.0 * math.sqrt(variance)) * self.profile.period_s

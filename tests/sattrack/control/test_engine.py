@@ -178,24 +178,28 @@ class TestGivingUp:
     @pytest.mark.parametrize(
         ("ratios", "seconds", "move_axis", "named"),
         [
-            ((0.5, 0.5), 15.1, "edge", True),
-            ((0.5, None), 15.1, "edge", True),
+            ((0.5, 0.5), 5.1, "edge", True),
+            ((0.5, None), 5.1, "edge", True),
             # The flag is up for a third of the time.
-            ((0.33, 0.33), 15.1, "edge", True),
-            ((0.5, 0.5), 14.9, "edge", False),
-            ((0.5, 0.5), 15.1, "held", False),
-            ((0.5, 0.9), 15.1, "edge", False),
-            ((0.1, 0.5), 15.1, "edge", False),
-            ((None, None), 15.1, "edge", False),
+            ((0.33, 0.33), 5.1, "edge", True),
+            ((0.5, 0.5), 4.9, "edge", False),
+            ((0.5, 0.5), 5.1, "held", False),
+            ((0.5, 0.9), 5.1, "edge", False),
+            ((0.1, 0.5), 5.1, "edge", False),
+            ((None, None), 5.1, "edge", False),
         ],
     )
+    @pytest.mark.parametrize(("answered", "longer_s"), [(True, 0.0), (False, 10.0)])
     def test_a_mount_that_moves_only_while_the_flag_is_up_takes_no_edges(
-        self, ratios: Any, seconds: float, move_axis: Any, named: bool
+        self, ratios: Any, seconds: float, move_axis: Any, named: bool, answered: bool, longer_s: float
     ) -> None:
+        """Where it acknowledges no edge, the first ones last, and it is watched for longer."""
         run = engine(move_axis=move_axis)
+        if answered:
+            run.session._answers.take(True)
         run.tracker.phase = Phase.ACQUIRING
         run.tracker.follower.learning = Made(fits=[Made(ratio=one) for one in ratios])  # type: ignore[assignment]
-        run._count(off(50.0), 1, seconds)
+        run._count(off(50.0), 1, seconds + longer_s)
         assert (run.tracker.ended_by == "error") is named
         words = "bench moves only while the MoveAxis flag is up: move_axis is held"
         assert (run.message or "").startswith(words) is named
