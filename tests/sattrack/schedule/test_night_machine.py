@@ -203,8 +203,7 @@ def test_a_pass_in_progress_is_followed_on_after_a_restart_while_it_is_up() -> N
         on_target_s=19.0,
     )
     run, order = machine.step(run, again)
-    assert isinstance(order, Follow)
-    assert order.part == 2
+    assert order == Follow(index=0, part=2, from_utc_s=one.start_utc_s + 30.0, pause_s=0.0)
     length = one.end_utc_s - one.start_utc_s - 30.0
     run, _ = machine.step(
         run, Followed(utc_s=one.end_utc_s, attempt=PassAttempt("set", one.end_utc_s, on_target_s=length))
@@ -736,6 +735,7 @@ def again(utc_s: float, nights: float = 3.0) -> Started:
         (S.PLANLESS, {}, Due(utc_s=NOW), MakePlan(), S.PLANNING),
         (S.PLANLESS, {}, Due(utc_s=MORNING), ParkMount(power_off=True), S.PARKING),
         (S.PLANLESS, {"mount": Mount.PARKED}, Due(utc_s=MORNING), SumUp(), S.SUMMING_UP),
+        (S.PLANLESS, {"passes": (ONE,)}, Due(utc_s=MORNING), Wait(until_utc_s=MORNING), S.WAITING),
         (S.PLANLESS, {}, Reread(utc_s=NOW, settings=settings(3.0)), MakePlan(), S.PLANNING),
         (S.STOPPED, {}, again(BEGIN - 9.0), Wait(until_utc_s=BEGIN), S.RESTING),
         (S.STOPPED, {"passes": (ONE,)}, again(NOW), Wait(until_utc_s=NOW), S.WAITING),
@@ -889,6 +889,9 @@ def test_a_clock_that_was_years_ahead_does_not_keep_a_run_waiting_for_them(
     now_s: float, revision: int, waits: bool, restarted: bool
 ) -> None:
     run, now = ahead(revision), BEGIN + now_s
+    if not waits:
+        # Whichever night of the run it is, but the first.
+        run = replace(run, night=2)
     event: Event = ClockSet(utc_s=now, seconds=now_s - YEARS_S)
     if restarted:
         event = Started(utc_s=now, settings=run.settings)
@@ -1042,6 +1045,39 @@ def test_a_mount_that_was_sent_to_its_park_position_in_the_future_is_sent_there_
     assert machine.step(run, Due(utc_s=NOW))[1] == Wait(until_utc_s=NOW + 1860.0)
 
 
+@pytest.mark.parametrize(
+    ("cause", "moved_before_s", "parks"),
+    [
+        # A wait of twenty minutes, too short to park for its own sake.
+        ("late", 0.0, False),
+        ("late", 1790.0, False),
+        ("weather", 0.0, True),
+        # It has tracked the sky through waits before this one, for half an hour in all.
+        ("late", 1800.0, True),
+        # By a clock that was wrong then.
+        ("late", -60.0, True),
+        # Not known: the run begins with this.
+        ("late", NOW, False),
+    ],
+)
+def test_a_mount_is_parked_through_a_short_wait_in_bad_weather_or_once_it_has_stood_for_long(
+    cause: str, moved_before_s: float, parks: bool
+) -> None:
+    later_s = NOW + 1290.0 - PLAIN.leave_utc_s
+    coming = replace(PLAIN, **{name: getattr(PLAIN, name) + later_s for name in TIMES})
+    run = replace(
+        NIGHT,
+        state=S.WAITING,
+        passes=(PLAIN, coming),
+        results=(Result("lost", cause),),
+        moved_utc_s=NOW - moved_before_s,
+    )
+    waits = Wait(until_utc_s=NOW + 1200.0)
+    assert machine.step(run, Due(utc_s=NOW))[1] == (ParkMount(power_off=False) if parks else waits)
+    earlier = replace(run, settings=replace(run.settings, revision=2))
+    assert machine.step(earlier, Due(utc_s=NOW))[1] == waits
+
+
 def short_gaps(revision: int, safe: bool) -> Iterator[tuple[float, Order]]:
     """Yield the orders of ten passes 20 minutes apart, in rain or with old elements, and their instants."""
     passes = tuple(
@@ -1101,7 +1137,10 @@ def test_drives_that_may_have_been_woken_are_parked_at_the_end() -> None:
     """Whether the pass was lost after they were, or somebody stopped the night or the runner meanwhile."""
     parked = replace(NIGHT, state=S.WAITING, passes=(PLAIN,), mount=Mount.PARKED)
     run, order = machine.step(parked, Due(utc_s=PLAIN.start_utc_s - 100.0))
-    assert order == Prepare(index=0, wake=True)
+    assert (order, run.waking) == (Prepare(index=0, wake=True), True)
+    on = replace(parked, mount=Mount.AT_REST)
+    after, order = machine.step(on, Due(utc_s=PLAIN.start_utc_s - 100.0))
+    assert (order, after.waking) == (Prepare(index=0, wake=False), False)
     old = PassPrepared(utc_s=PLAIN.start_utc_s, cause="elements too old", words="9 days", woken=True)
     stop = StopAsked(utc_s=PLAIN.start_utc_s, words="by a person")
     for events in ((old,), (stop, again(LATE_S)), (again(LATE_S),)):
@@ -1116,6 +1155,17 @@ def test_drives_that_may_have_been_woken_are_parked_at_the_end() -> None:
     while isinstance(order, Wait):
         after, order = machine.step(after, Due(utc_s=order.until_utc_s))
     assert isinstance(order, SumUp)
+
+
+def test_a_mount_that_cannot_be_parked_is_sent_to_park_each_half_an_hour_since_the_second_rules() -> None:
+    run = replace(NIGHT, state=S.WAITING, passes=(LONG,), mount=Mount.UNKNOWN, parked_utc_s=NOW)
+    for revision, order in (
+        (machine.REVISION, ParkMount(power_off=False)),
+        (2, ParkMount(power_off=False)),
+        (1, Wait(until_utc_s=PREPARED_S + 28_800.0)),
+    ):
+        at = replace(run.settings, revision=revision)
+        assert machine.step(replace(run, settings=at), Due(utc_s=NOW + 1801.0))[1] == order
 
 
 def test_a_journal_of_earlier_rules_is_read_as_it_was_written() -> None:
@@ -1169,6 +1219,96 @@ def test_whoever_stops_the_mount_in_a_pass_ends_the_run_with_what_was_said() -> 
         assert (order, run.state) == (End(why=why, interrupted=True), S.STOPPED)
 
 
+@pytest.mark.parametrize(
+    ("ended_by", "words", "said"), [("link", "silent for 3 s", "silent for 3 s"), ("crash", None, "crash")]
+)
+def test_a_session_that_ended_is_followed_by_another_part_that_says_why(
+    ended_by: str, words: str | None, said: str
+) -> None:
+    at_s = PLAIN.start_utc_s + 5.0
+    run, order = machine.step(
+        replace(following(PLAIN), mount=Mount.UNKNOWN),
+        Followed(utc_s=at_s, attempt=PassAttempt(ended_by, at_s, 3.0, words=words)),
+    )
+    assert order == Follow(index=0, part=2, from_utc_s=at_s, pause_s=1.0)
+    assert run.message == f"{PLAIN.name}: {said}: following on, part 2"
+    assert (run.mount, run.moved_utc_s, run.part_from_utc_s) == (Mount.AT_REST, at_s, at_s)
+
+
+def test_a_pass_is_begun_anew_after_its_actions_and_each_is_a_motion_of_now() -> None:
+    """Whatever is left of another pass before it."""
+    left = {"attempts": (PassAttempt("link", NOW, 3.0),), "part": 2, "step": 1, "message": "of before"}
+    at_s = ONE.leave_utc_s
+    run = replace(NIGHT, state=S.ASKING, passes=(ONE,), mount=Mount.AT_PARK, **left)
+    run, order = machine.step(run, WeatherReported(utc_s=at_s, safe=True, words="clear"))
+    assert order == DoStep(index=0, when="before", step=0)
+    assert (run.step, run.weather) == (0, "clear")
+    assert (run.mount, run.moved_utc_s) == (Mount.AT_REST, at_s)
+    run = replace(run, step=2, attempts=left["attempts"])
+    for event, message in (
+        (StepDone(utc_s=at_s + 1.0, done=False, words="no answer"), f"{ONE.name}: {SLEW.words}: no answer"),
+        (StepDone(utc_s=at_s + 1.0, done=True), None),
+    ):
+        after, order = machine.step(run, event)
+        assert order == Follow(index=0, part=1, from_utc_s=at_s + 1.0)
+        assert (after.message, after.attempts, after.part) == (message, (), 1)
+        assert (after.part_from_utc_s, after.moved_utc_s, after.weather) == (at_s + 1.0, at_s + 1.0, "clear")
+
+
+def test_what_is_known_of_a_mount_that_is_not_parked_is_kept_and_so_is_when_it_moved() -> None:
+    paused, _ = machine.step(
+        replace(NIGHT, state=S.PARKING, tries=1, mount=Mount.AT_PARK),
+        Parked(utc_s=NOW, mount=Mount.UNKNOWN, words="no answer"),
+    )
+    assert (paused.state, paused.mount) == (S.PAUSING, Mount.UNKNOWN)
+    ended = Followed(utc_s=NOW, attempt=PassAttempt("set", NOW, 3.0))
+    after, _ = machine.step(replace(following(PLAIN), moved_utc_s=0.0), ended)
+    assert (after.state, after.moved_utc_s) == (S.FINISHING if PLAIN.terms.after else S.WAITING, NOW)
+    run = replace(NIGHT, state=S.PREPARING, passes=(PLAIN,), mount=Mount.PARKED)
+    woken, _ = machine.step(run, PassPrepared(utc_s=NOW, woken=True))
+    assert (woken.mount, woken.moved_utc_s) == (Mount.AT_REST, NOW)
+
+
+def test_a_night_that_is_begun_in_place_of_a_far_one_has_nothing_of_that() -> None:
+    over = (FinishedPass(ONE.object_number, ONE.culminate_utc_s),)
+    run = replace(ahead(), passes=(ONE,), results=DONE, over=over, others={"x": 1}, state=S.STOPPED)
+    after, order = machine.step(run, Started(utc_s=BEGIN + 86_400.0, settings=run.settings))
+    assert (after.passes, after.results, after.over, after.others) == ((), (), (), {})
+    assert order == MakePlan()
+
+
+def test_a_pass_that_ends_within_a_second_of_an_earlier_end_is_kept() -> None:
+    run = replace(NIGHT, state=S.PLANNING, passes=(PLAIN, LONG))
+    for end_s, kept in ((0.9, (PLAIN,)), (1.1, ())):
+        at = replace(run.settings, to_utc_s=PLAIN.end_utc_s - end_s)
+        after, _ = machine.step(replace(run, settings=at), NotPlanned(utc_s=NOW, words="no answer"))
+        assert after.passes == kept
+        # Begun again with that end, it plans anew only where a pass is past it.
+        waiting = replace(run, state=S.WAITING, settings=at, passes=(PLAIN,))
+        _, order = machine.step(waiting, Due(utc_s=NOW))
+        assert isinstance(order, MakePlan) is (kept == ())
+
+
+@pytest.mark.parametrize("late_s", [0.0, 5.0])
+def test_a_pass_that_is_shorter_than_what_is_asked_for_is_followed_from_its_start_alone(
+    late_s: float,
+) -> None:
+    long_s = PLAIN.end_utc_s - PLAIN.start_utc_s
+    one = one_pass(least_s=long_s + 100.0)
+    run = replace(NIGHT, state=S.WAITING, passes=(one,))
+    _, order = machine.step(run, Due(utc_s=one.start_utc_s + late_s))
+    assert order == (Wait(until_utc_s=one.start_utc_s + late_s) if late_s else Prepare(index=0, wake=False))
+
+
+def test_a_run_whose_nights_are_over_ends_with_the_last_summary() -> None:
+    end_s = NIGHT.settings.to_utc_s or 0.0
+    run = replace(NIGHT, state=S.SUMMING_UP, night_to_utc_s=end_s, summary="one.html")
+    for file, kept in (("two.html", "two.html"), (None, "one.html")):
+        after, order = machine.step(run, SummedUp(utc_s=end_s, file=file, words="written"))
+        assert (order, after.summary) == (End(why="all nights are over"), kept)
+        assert after.message == "written"
+
+
 def test_a_recovered_run_goes_on_in_its_night_with_what_is_known_of_it() -> None:
     over = FinishedPass(ONE.object_number, ONE.culminate_utc_s + 119.0)
     noon = BEGIN - 1678.0 + 86_400.0
@@ -1219,3 +1359,11 @@ def test_a_night_ends_at_noon_and_a_few_hours_at_the_end_are_no_night_of_their_o
         found.append(run.night_to_utc_s - BEGIN)
         run, order = machine.step(replace(run, state=S.SUMMING_UP), SummedUp(utc_s=run.night_to_utc_s - 60.0))
     assert found == pytest.approx(ends)
+
+
+@pytest.mark.parametrize(("noon_s", "ends_s"), [(20_000.0, 63_200.0), (60_000.0, 16_800.0)])
+def test_a_night_that_is_begun_at_noon_in_utc_ends_at_the_sites_next_noon(
+    noon_s: float, ends_s: float
+) -> None:
+    run, _ = machine.step(Run(), Started(utc_s=BEGIN, settings=RunSettings(BEGIN, None, noon_s)))
+    assert run.night_to_utc_s == BEGIN + ends_s

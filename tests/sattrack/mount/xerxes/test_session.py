@@ -385,6 +385,25 @@ class TestMoveAxis:
         assert command.move_ra_rate_deg_s == pytest.approx(ra_sign * 0.3)
         assert command.move_dec_rate_deg_s == pytest.approx(dec_sign * 0.2)
 
+    @pytest.mark.parametrize(
+        ("motion", "moves", "anew"),
+        [
+            (MOVE, False, True),
+            # It moves, or may seem to rest by what is asked of it: then it has not refused them.
+            (MOVE, True, False),
+            (MoveAxes(0.02, 0.01), False, False),
+        ],
+    )
+    def test_held_flags_rise_anew_where_a_mount_rests_that_should_be_seen_to_move(
+        self, client: Client, motion: MoveAxes, moves: bool, anew: bool
+    ) -> None:
+        want(client.session, motion)
+        flags = []
+        for _ in range(60):
+            flags.append(moving_flags(client.send()))
+            client.hear(ra_rate_dtics_s=dtics(1.25) if moves else SIDEREAL_DTICS_S)
+        assert (flags.count([]) > 0) is anew
+
 
 class TestAbort:
     def test_it_is_alone_held_until_acknowledged_and_falls(self, client: Client) -> None:
