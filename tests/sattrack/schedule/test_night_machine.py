@@ -463,7 +463,7 @@ def test_passes_that_no_new_plan_could_be_made_of_are_missed_and_the_mount_is_pa
 
 @pytest.mark.parametrize("state", [RunState.WAITING, RunState.PREPARING, RunState.HOLDING, RunState.STOPPED])
 def test_a_run_that_is_begun_again_with_an_earlier_end_ends_then(state: RunState) -> None:
-    later = replace(ONE, **{name: getattr(ONE, name) + 7200.0 for name in TIMES}, key="later")
+    later = replace(later_by(7200.0, ONE), key="later")
     end_s = ONE.end_utc_s + 60.0
     sooner = replace(NIGHT.settings, to_utc_s=end_s)
     run = replace(NIGHT, state=state, passes=(ONE, later))
@@ -716,6 +716,11 @@ TIMES = ("leave_utc_s", "start_utc_s", "culminate_utc_s", "end_utc_s")
 NOW, MORNING = BEGIN + 3000.0, NIGHT.night_to_utc_s
 DONE = (Result("done"),)
 S = RunState
+
+
+def later_by(seconds: float, one: NightPass) -> NightPass:
+    """Return the same pass so much later."""
+    return replace(one, **{name: getattr(one, name) + seconds for name in TIMES})
 
 
 def again(utc_s: float, nights: float = 3.0) -> Started:
@@ -1008,7 +1013,7 @@ def test_a_mount_that_was_not_parked_is_told_of_and_is_sent_there_after_half_an_
     assert (run.message, run.mount) == ("at park", Mount.AT_PARK)
 
 
-LONG = replace(ONE, **{name: getattr(ONE, name) + 28_800.0 for name in TIMES})
+LONG = later_by(28_800.0, ONE)
 
 
 def waits(run: Run, utc_s: float) -> list[float]:
@@ -1063,8 +1068,7 @@ def test_a_mount_that_was_sent_to_its_park_position_in_the_future_is_sent_there_
 def test_a_mount_is_parked_through_a_short_wait_in_bad_weather_or_once_it_has_stood_for_long(
     cause: str, moved_before_s: float, parks: bool
 ) -> None:
-    later_s = NOW + 1290.0 - PLAIN.leave_utc_s
-    coming = replace(PLAIN, **{name: getattr(PLAIN, name) + later_s for name in TIMES})
+    coming = later_by(NOW + 1290.0 - PLAIN.leave_utc_s, PLAIN)
     run = replace(
         NIGHT,
         state=S.WAITING,
@@ -1081,12 +1085,7 @@ def test_a_mount_is_parked_through_a_short_wait_in_bad_weather_or_once_it_has_st
 def short_gaps(revision: int, safe: bool) -> Iterator[tuple[float, Order]]:
     """Yield the orders of ten passes 20 minutes apart, in rain or with old elements, and their instants."""
     passes = tuple(
-        replace(
-            PLAIN,
-            number=k + 1,
-            **{name: getattr(PLAIN, name) - PLAIN.start_utc_s + NOW + 1200.0 * k for name in TIMES},
-        )
-        for k in range(10)
+        replace(later_by(NOW + 1200.0 * k - PLAIN.start_utc_s, PLAIN), number=k + 1) for k in range(10)
     )
     at = replace(settings(3.0), revision=revision)
     run = replace(NIGHT, state=S.WAITING, settings=at, passes=passes, moved_utc_s=NOW)
