@@ -66,11 +66,14 @@ class MountLoop:
     """The last turns, as far as they were not where they were predicted."""
     _scatter: float = 0.0
     """Mean square of how far turns are from where they were predicted."""
-    _origin_s: float = 0.0
+    _origin: tuple[int, float] = (0, 0.0)
+    """A turn by which the sums count: never one long past, or they would lose their last digits."""
     _numbers: float = 0.0
     _instants_s: float = 0.0
+    _squares: float = 0.0
+    _products_s: float = 0.0
     mean_period_s: float = field(init=False)
-    """Mean period of the turns remembered."""
+    """Mean period of the turns remembered: the slope of a line through them, by least squares."""
     _base_s: float = 0.0
     """When the turn of count 0 would have been."""
 
@@ -105,7 +108,8 @@ class MountLoop:
         self._turns.clear()
         self._aside = []
         self._turns.append((counter, utc_s))
-        self._origin_s, self._numbers, self._instants_s, self._scatter = utc_s, counter, 0.0, 0.0
+        self._scatter = 0.0
+        self._sum_up()
         self._base_s = self.turn_utc_s(0)
         for later, at_s in more:
             self._take(later, at_s, at_s - self.turn_utc_s(later))
@@ -114,24 +118,48 @@ class MountLoop:
         """Take a turn, so much later than predicted, into the mean."""
         self._scatter += max(SCATTER_SHARE, 1.0 / len(self._turns)) * (off_s * off_s - self._scatter)
         if len(self._turns) == REMEMBERED:
-            gone_counter, gone_utc_s = self._turns[0]
-            self._numbers -= gone_counter
-            self._instants_s -= gone_utc_s - self._origin_s
+            self._weigh(self._turns.popleft(), -1)
         self._turns.append((counter, utc_s))
-        self._numbers += counter
-        self._instants_s += utc_s - self._origin_s
-        first_counter, first_utc_s = self._turns[0]
-        if counter - first_counter >= SHORTEST_BASE:
-            mean_s = (utc_s - first_utc_s) / (counter - first_counter)
+        if self._turns[0][0] - self._origin[0] > REMEMBERED:
+            self._sum_up()
+        else:
+            self._weigh((counter, utc_s), 1)
+        if counter - self._turns[0][0] >= SHORTEST_BASE:
+            # The first turn and the last alone say little: those of a coarse timer are off by half its grain.
+            count = len(self._turns)
+            mean_s = (count * self._products_s - self._numbers * self._instants_s) / (
+                count * self._squares - self._numbers * self._numbers
+            )
             if abs(mean_s / self.period_s - 1.0) < LARGEST_PERIOD_ERROR:
                 self.mean_period_s = mean_s
         self._base_s = self.turn_utc_s(0)
 
+    def _sum_up(self) -> None:
+        """Sum the turns remembered up anew, by the first of them."""
+        self._origin = self._turns[0]
+        self._numbers = self._instants_s = self._squares = self._products_s = 0.0
+        for turn in self._turns:
+            self._weigh(turn, 1)
+
+    def _weigh(self, turn: tuple[int, float], sign: int) -> None:
+        """Add a turn to the sums, or take one out."""
+        number, instant_s = turn[0] - self._origin[0], turn[1] - self._origin[1]
+        self._numbers += sign * number
+        self._instants_s += sign * instant_s
+        self._squares += sign * number * number
+        self._products_s += sign * number * instant_s
+
     def turn_utc_s(self, counter: int) -> float:
         """Return when the turn of a count is expected. Needs one turn noted."""
         count = len(self._turns)
-        mean_s = self._origin_s + self._instants_s / count
-        return mean_s + (counter - self._numbers / count) * self.mean_period_s
+        first, first_s = self._origin
+        number = counter - first - self._numbers / count
+        return first_s + self._instants_s / count + number * self.mean_period_s
+
+    @property
+    def scatter_s(self) -> float:
+        """How far turns are from where they were predicted, RMS."""
+        return math.sqrt(self._scatter)
 
     def shift_s(self, arrival_utc_s: float, early_s: float | None = None) -> float:
         """Return the delay at which datagrams should arrive, after this instant, seconds.

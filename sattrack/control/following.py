@@ -265,7 +265,7 @@ class Follower:
         period_s = self._loop.mean_period_s
         here_s = ANSWERED_AHEAD_S + self.clock.lateness_s
         spare_s = -(self._history.delay_s + self._profile.status_delay_s) % period_s
-        if spare_s < READ_AHEAD_S + here_s:
+        if spare_s < READ_AHEAD_S + self._loop.scatter_s + here_s:
             # So little is missed now and then, and the turns at which rates change would not be known ahead.
             spare_s += period_s
         # What a delay that is not known well may take more comes out of the wait here.

@@ -302,6 +302,18 @@ class TestSending:
         """By 15.7 ms: of the 30 to spare, half of what is left for the answer, and the rest for it."""
         self.falls_into_step(0.010, 0.010, 0.02285, None)
 
+    @pytest.mark.parametrize(("scatter_s", "early_s"), [(0.003, 0.004), (0.004, 0.0315)])
+    def test_they_come_a_turn_sooner_where_turns_scatter_by_what_is_to_spare(
+        self, scatter_s: float, early_s: float
+    ) -> None:
+        """Of 10 ms to spare, 6 are for the answer: a turn that is 4 ms early would not read the command."""
+        one = follower(move_axis="edge", command_delay_s=0.03, status_delay_s=0.01, calibration=Made())
+        for turn in range(400):
+            one._loop.note(turn, NOW + PERIOD_S * turn + (scatter_s if turn % 2 else -scatter_s))
+        now_s = one._loop.first_from(NOW + 21.0) - 0.03 - early_s
+        assert one.send_shift_s(now_s, on_target=False) == pytest.approx(0.0, abs=5e-5)
+        assert one.send_shift_s(now_s + 0.005, on_target=False) == pytest.approx(-0.001, abs=5e-5)
+
     def test_they_come_just_with_a_turn_while_acknowledgements_may_tell_the_delay(self) -> None:
         one = self.falls_into_step(0.010, 0.010, 0.02285, None)
         turn_s = one._loop.first_from(NOW + 3.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import random
 
+import numpy as np
 import pytest
 
 from sattrack.control.axes import MountLoop
@@ -30,6 +31,32 @@ def test_turns_of_a_coarse_timer_are_foretold_without_a_bias(seed: int) -> None:
             off.append(instants[number + 1] - loop.turn_utc_s(number + 1))
     assert abs(sum(off) / len(off)) < 0.0005
     assert max(abs(x) for x in off) < GRAIN_S
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_mean_of_a_coarse_timers_turns_does_not_wander(seed: int) -> None:
+    """As it would by half of a mark, if the period were taken from the first turn and the last."""
+    instants = windows_timer(1200, 0.0016 * seed, seed)
+    loop = MountLoop(0.05)
+    off = []
+    for number, instant in enumerate(instants):
+        loop.note(number, instant)
+        if number > 300:
+            off.append(loop.turn_utc_s(number) - 0.05 * number)
+    assert max(off) - min(off) < 0.001
+
+
+@pytest.mark.parametrize("turns", [150, 250, 1000, 30_000])
+def test_turns_are_foretold_by_the_line_of_least_squares_through_the_last_200(turns: int) -> None:
+    rng, loop, count, noted = random.Random(turns), MountLoop(0.05), 7, []
+    for _ in range(turns):
+        count += 1 + (rng.random() < 0.1)
+        noted.append((count, 1.79e9 + 0.0547 * count + rng.uniform(0.0, 0.004)))
+        loop.note(*noted[-1])
+    counts, instants = np.array(noted[-200:]).T
+    line = np.polynomial.Polynomial.fit(counts - count, instants - instants[-1], 1).convert()
+    assert loop.mean_period_s == pytest.approx(line.coef[1], abs=1e-9)
+    assert loop.turn_utc_s(count + 20) - instants[-1] == pytest.approx(line(20), abs=2e-6)
 
 
 def test_lost_statuses_and_a_wrong_nominal_period_do_not_matter() -> None:
