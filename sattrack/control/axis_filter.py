@@ -334,6 +334,9 @@ TRUSTED_SPREAD = 4.0
 """By how much its covariance grows then."""
 DOUBTED_SPREAD = 16.0
 """The same after the way to a target by rates."""
+DOUBTED_GAIN = 0.005
+"""By how much a gain may be wrong then, one sigma, with a rate that makes up for it. With twice as much, the
+ripple of a motor is taken for one or the other, and draws the lag along."""
 
 RELEARNT = 0.1
 """How uncertain an axis' response becomes, over that of an unknown one, when the commands' delay changes."""
@@ -559,6 +562,18 @@ class AxisFilter:
             gained = min(REOPENED_PER_S * (rough - 1.0) * seconds * first, unknown)
             walks += gained * self.shares[:, None] * self.shares
         self._kalman.blur(own, 0.5 * rate_variance * seconds, rate_variance, walks)
+
+    def doubt_gain(self, commanded_deg_s: float) -> None:
+        """Be less sure which part of the motion is the gain's and which a rate that nobody asked for.
+
+        Their sum at this commanded rate is known as well as before. What told them apart was the way to the
+        target, with the drive at its limit, where no response describes the motion.
+        """
+        known, shares = self._kalman, self.shares
+        instead = np.array((0.0, -commanded_deg_s * self.lag.whole, *shares))
+        instead *= DOUBTED_GAIN
+        known.covariance += instead[:, None] * instead
+        self._look()
 
     def doubt_response(self) -> None:
         """Be less sure of the shares: after large changes of the rate, they all err alike."""

@@ -142,11 +142,19 @@ class Follower:
             self._profile, self._history, sample, utc_s, self._law.filter, former=self.axes
         )
 
-    def doubt_responses(self) -> None:
-        """Be less sure of how the axes answer: the way to the target was by rates, at the drives' limit."""
-        if self.axes is not None:
-            self.axes.ra.doubt_response()
-            self.axes.dec.doubt_response()
+    def arrive(self, led: bool) -> None:
+        """Note that the target is reached, and be less sure of what the way there told of the axes.
+
+        `led` where all of the way was by rates, at the drives' limit.
+        """
+        self.learning.forget_rates()
+        axes = self.axes
+        if axes is None:
+            return
+        for axis, rate_deg_s in zip((axes.ra, axes.dec), axes.rates_deg_s, strict=True):
+            axis.doubt_gain(rate_deg_s)
+            if led:
+                axis.doubt_response()
 
     def forget_axes(self) -> None:
         """Begin anew with the next sample."""

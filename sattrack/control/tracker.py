@@ -561,9 +561,7 @@ class Tracker:
                 self.phase, self._on_target_utc_s = Phase.TRACKING, error.utc_s
                 if self.acquired_utc_s is None:
                     self.acquired_utc_s = error.utc_s
-                    self.follower.learning.forget_rates()
-                    if self._was_led:
-                        self.follower.doubt_responses()
+                    self.follower.arrive(self._was_led)
         elif self.phase is Phase.TRACKING and error.total_arcsec > LOST_ARCSEC:
             self.phase = Phase.ACQUIRING
             self._near = 0

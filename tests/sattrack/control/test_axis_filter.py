@@ -495,6 +495,36 @@ def test_a_gain_and_a_rate_that_are_both_unlikely_and_cancel_are_parted_once(
     assert axis.begun_anew == 0
 
 
+@pytest.mark.parametrize("gain_error", [0.014, -0.02])
+def test_a_gain_that_is_doubted_is_told_from_a_rate_by_the_next_change_of_the_command(
+    gain_error: float,
+) -> None:
+    """An axis of another gain, whose filter is sure of it and takes what it sees for a rate beside it."""
+    seen = {}
+    for doubted in (False, True):
+        axis = steady()
+        known = axis._kalman
+        known.state[1] = 0.3 * gain_error
+        known.covariance[1:, :] = known.covariance[:, 1:] = 0.0
+        known.covariance[1, 1], known.covariance[2, 2] = (1.0 * ARCSEC) ** 2, 1e-4**2
+        both = np.concatenate([[0.0, 1.0], np.full(SHARES, 0.3)])
+        before = float(both @ known.covariance @ both)
+        if doubted:
+            axis.doubt_gain(0.3)
+            shares = np.concatenate([[0.0, 0.0], np.ones(SHARES)])
+            assert shares @ known.covariance @ shares == pytest.approx(0.005**2, rel=0.01)
+        assert both @ known.covariance @ both == pytest.approx(before, rel=1e-6)
+        place_deg = axis.position_deg
+        for k in range(400):
+            rate = 0.3 + 0.2 * k / 400.0
+            place_deg += (1.0 + gain_error) * rate * STEP_S
+            axis.advance(STEP_S, 0.0, moved(rate))
+            axis.measure(place_deg, rate)
+        seen[doubted] = axis.gain_error, axis.disturbance_deg_s / ARCSEC
+    assert seen[True] == (pytest.approx(gain_error, abs=5e-4), pytest.approx(0.0, abs=0.5))
+    assert abs(seen[False][1]) > 10.0
+
+
 def test_what_contradicts_its_readings_begins_anew_and_trusts_them_half_as_much() -> None:
     axis = steady()
     shares = []

@@ -115,6 +115,27 @@ class TestSamples:
         assert one.axes.dec.position_deg == pytest.approx(-5.0, abs=1e-3)
         assert one.learning.times_begun_anew == 1
 
+    @pytest.mark.parametrize("led", [False, True])
+    def test_gain_and_rate_are_doubted_at_the_target_and_the_response_where_all_the_way_was_by_rates(
+        self, led: bool
+    ) -> None:
+        one = follower(command_delay_s=0.0)
+        one.note_sent(MoveAxes(0.3, -0.2), NOW - 1.0)
+        moving = [sample(turn, 100.0 + 0.015 * turn, 20.0 - 0.01 * turn) for turn in range(80)]
+        seen(one, *moving)
+        axes = one.axes
+        assert axes is not None
+        assert axes.rates_deg_s == (0.3, -0.2)
+        before = [axis._kalman.covariance.copy() for axis in (axes.ra, axes.dec)]
+        one.arrive(led)
+        for axis, rate_deg_s, known in zip((axes.ra, axes.dec), (0.3, -0.2), before, strict=True):
+            now = axis._kalman.covariance
+            both = -(0.005**2) * rate_deg_s
+            assert now[1, 2:].sum() - known[1, 2:].sum() == pytest.approx(both, rel=0.05)
+            wider = now[2:, 2:].sum() / (known[2:, 2:].sum() + 0.005**2)
+            assert wider == pytest.approx(16.0 if led else 1.0, rel=0.05)
+        assert one.learning.fits[0].samples == 0
+
     def test_a_place_that_repeats_to_the_last_bit_while_commands_move_the_axis_is_not_believed(self) -> None:
         one = follower(command_delay_s=0.0)
         seen(one, sample(0))
