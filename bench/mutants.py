@@ -11,8 +11,9 @@ in the module's own file first, `--budget` seconds in all. Coverage tells which,
 a temporary folder until source or test changes. Each mutant runs in a process forked from one that has
 imported the libraries. Annotations, decorators and texts are left alone, and what makes no difference:
 `strict` of a zip, None in place of False. `--lines` counts what the tests' own processes execute, too.
-`--needed` lets all tests run on each mutant, and names those without which as many mutants are caught. What
-such a test says of texts, and of what no mutant changes, remains to be looked at.
+With `--needed` the tests that have caught a mutant before come first, and at the end those are named that
+caught none: as many mutants are caught without them. What such a test says of texts, and of what no mutant
+changes, remains to be looked at.
 """
 
 from __future__ import annotations
@@ -27,7 +28,6 @@ import hashlib
 import importlib.abc
 import importlib.util
 import json
-import math
 import os
 import random
 import resource
@@ -45,7 +45,7 @@ import hypothesis
 import pytest
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
     from types import ModuleType
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -252,21 +252,22 @@ class _Changed(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
 
 class _Chosen:
-    """Keeps the chosen tests, in their order, and the names of those that failed."""
+    """Keeps the chosen tests, in their order, and writes each that begins, or a file that is not imported."""
 
-    def __init__(self, tests: Sequence[str]) -> None:
+    def __init__(self, tests: Sequence[str], writing: int) -> None:
         self.order = {name: k for k, name in enumerate(tests)}
-        self.failed: list[str] = []
+        self.writing = writing
 
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         chosen = [one for one in items if one.nodeid in self.order]
         items[:] = sorted(chosen, key=lambda one: self.order[one.nodeid])
 
-    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        self.failed += [report.nodeid] if report.failed else []
+    def pytest_runtest_logstart(self, nodeid: str) -> None:
+        os.write(self.writing, f"{nodeid}\n".encode())
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
-        self.failed += [f"{report.nodeid} (import)"] if report.failed else []
+        if report.failed:
+            os.write(self.writing, f"{report.nodeid} (import)\n".encode())
 
 
 class _Mapped:
@@ -293,15 +294,14 @@ class _Mapped:
             self.measured.switch_context("")
 
 
-def _pytest(files: Iterable[str], plugin: object, until_one_fails: bool = True) -> int:
+def _pytest(files: Iterable[str], plugin: object) -> int:
     checks = list(hypothesis.HealthCheck)
     hypothesis.settings.register_profile(
         "mutants", deadline=None, derandomize=True, database=None, suppress_health_check=checks
     )
     hypothesis.settings.load_profile("mutants")
     # Assertions are not rewritten: pytest would import the package itself then, past the change.
-    options = ["-x"] if until_one_fails else []
-    options += ["-q", "-p", "no:cacheprovider", "--no-header", "--tb=no", "--assert=plain"]
+    options = ["-x", "-q", "-p", "no:cacheprovider", "--no-header", "--tb=no", "--assert=plain"]
     options += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]
     return int(pytest.main([*options, *files], plugins=[plugin]))
 
@@ -416,43 +416,38 @@ def tests_for(mutant: Mutant, mapped: Tests) -> list[tuple[float, str, str]]:
 
 
 def outcome_of(
-    mutant: Mutant, mapped: Tests, budget_s: float, until_one_fails: bool = True
-) -> tuple[str, list[str]]:
-    """Return what became of a mutant (caught, hung, survived, unseen) and the tests that caught it."""
+    mutant: Mutant, mapped: Tests, budget_s: float, first: Collection[str] = ()
+) -> tuple[str, str | None]:
+    """Return what became of a mutant (caught, hung, survived, unseen) and the test that showed it.
+
+    Of the tests for it those named `first` come first.
+    """
     total_s, chosen = 0.0, []
-    for one in tests_for(mutant, mapped):
+    for one in sorted(tests_for(mutant, mapped), key=lambda each: each[1] not in first):
         if total_s + one[0] <= budget_s or not chosen:
             total_s += one[0]
             chosen.append(one)
     if not chosen:
-        return "unseen", []
+        return "unseen", None
 
     def work(writing: int) -> int:
         sys.meta_path.insert(0, _Changed(mutant))
-        plugin = _Chosen([name for _, name, _ in chosen])
-        status = _pytest(sorted({file for _, _, file in chosen}), plugin, until_one_fails)
-        os.write(writing, "\n".join(plugin.failed).encode())
-        return status
+        plugin = _Chosen([name for _, name, _ in chosen], writing)
+        return _pytest(sorted({file for _, _, file in chosen}), plugin)
 
-    status, tests = _forked(work, total_s * TIMES_LONGER + LONGER_S)
-    return {0: "survived", -1: "hung"}.get(status, "caught"), tests.splitlines()
+    status, begun = _forked(work, total_s * TIMES_LONGER + LONGER_S)
+    outcome = {0: "survived", -1: "hung"}.get(status, "caught")
+    return outcome, None if outcome == "survived" else (begun.splitlines() or ["no test begun"])[-1]
 
 
-def print_needless(caught_by: Sequence[Sequence[str]], mapped: Tests) -> None:
-    """Print the tests without which each mutant is caught as well, the slowest left out first."""
+def print_needless(needed: Collection[str], mapped: Tests) -> None:
+    """Print the tests that caught no mutant, the slowest first."""
     took_s = {name: one["s"] for tests in mapped.values() for name, one in tests.items()}
-    left, needless = [set(names) for names in caught_by], []
-    for name in sorted(took_s, key=lambda one: -took_s[one]):
-        among = [names for names in left if name in names]
-        if all(len(names) > 1 for names in among):
-            needless.append(name)
-            for names in among:
-                names.remove(name)
-    every = set().union(*caught_by)
+    needless = sorted(took_s.keys() - set(needed), key=lambda one: -took_s[one])
     for name in needless:
-        print(f"needless {took_s[name]:.2f} s {name}{'' if name in every else ', catches none'}")
-    spared = sum(took_s[name] for name in needless)
-    print(f"{len(needless)} of {len(took_s)} tests, {spared:.1f} of {sum(took_s.values()):.1f} s")
+        print(f"needless {took_s[name]:.2f} s {name}")
+    spared_s = sum(took_s[name] for name in needless)
+    print(f"{len(needless)} of {len(took_s)} tests, {spared_s:.1f} of {sum(took_s.values()):.1f} s")
 
 
 def executed(package: Package, sources: Sequence[str]) -> dict[str, set[int]]:
@@ -524,20 +519,19 @@ def main() -> int:
         mutants = random.Random(options.seed).sample(mutants, min(options.sample, every))
     mapped = map_of(package, sources, options.file_s)
     count, begun = Counter(), time.monotonic()
-    caught_by: list[list[str]] = []
+    needed: set[str] = set()
     for one in mutants:
-        budget_s = math.inf if options.needed else options.budget
-        outcome, tests = outcome_of(one, mapped, budget_s, until_one_fails=not options.needed)
+        outcome, test = outcome_of(one, mapped, options.budget, first=needed if options.needed else ())
         count[outcome] += 1
-        caught_by += [tests] if tests else []
-        print(f"{outcome} {one.where}{f' | {tests[0]}' if tests else ''}", flush=True)
+        needed |= {test} if test else set()
+        print(f"{outcome} {one.where}{f' | {test}' if test else ''}", flush=True)
     caught = count["caught"] + count["hung"]
     print(
         f"{options.package}: {len(mutants)} of {every} mutants (seed {options.seed}), {caught} caught, "
         f"{caught / max(1, len(mutants)):.1%}; {(time.monotonic() - begun) / 60.0:.0f} min"
     )
     if options.needed:
-        print_needless(caught_by, mapped)
+        print_needless(needed, mapped)
     return 0
 
 
