@@ -143,7 +143,7 @@ class Follower:
         )
 
     def arrive(self, led: bool) -> None:
-        """Note that the target is reached, and be less sure of what the way there told of the axes.
+        """Note that the target is reached: what was learnt of the axes on the way is less sure.
 
         `led` where all of the way was by rates, at the drives' limit.
         """
