@@ -485,8 +485,6 @@ class EdgeAnswers:
 class EdgeMove:
     """MoveAxis on a mount that reads edges: every change of rate is an edge of its own."""
 
-    may_wait: ClassVar[bool] = False
-    """See HeldMove."""
     answers: EdgeAnswers = field(default_factory=EdgeAnswers)
     """What earlier handshakes tell of the next."""
     waits: int = 0
@@ -494,6 +492,13 @@ class EdgeMove:
     _flags: OneShot = field(default_factory=OneShot)
     _latched: AxisRates = NO_RATES
     _in_force: AxisRates = NO_RATES
+    _unanswered: int = 0
+    """Statuses since flags rose of which none were acknowledged."""
+
+    @property
+    def may_wait(self) -> bool:
+        """Whether a mount that slews, and has acknowledged nothing, may take an edge when it has slewed."""
+        return 0 < self._unanswered < SLEWS_ON_STATUSES
 
     @property
     def over(self) -> bool:
@@ -533,7 +538,10 @@ class EdgeMove:
         # Too late, or of one axis only: it is not mute, and is given its time.
         self.answers.ever = self.answers.ever or (any(acks) and state is not Handshake.IDLE)
         ack = all(acks) if state is Handshake.RAISED else any(acks)
+        waits = self._unanswered > 0 or self._flags.up
+        self._unanswered = 0 if self.over or not waits else self._unanswered + 1
         if self._flags.see(ack, self.answers.quiet_statuses):
+            self._unanswered = 0
             self._in_force = _moving(self._in_force)
             self.answers.take(True)
             return True

@@ -493,6 +493,27 @@ class TestFlags:
         move.rests(False)
         assert move.may_wait is False
 
+    def test_edge_a_mount_may_take_rates_after_its_slew_for_ten_seconds(self) -> None:
+        move, waits = EdgeMove(), []
+        assert move.may_wait is False
+        for _ in range(300):
+            move.compose(AxisRates(1.0, -0.5))
+            move.see(TRACKING)
+            waits.append(move.may_wait)
+        assert waits == [True] * 199 + [False] * 101
+
+    def test_edge_a_mount_that_has_taken_rates_does_not_wait(self) -> None:
+        move = EdgeMove()
+        move.compose(AxisRates(1.0, -0.5))
+        move.see(TRACKING)
+        assert move.may_wait is True
+        move.compose(AxisRates(1.0, -0.5))
+        move.see(replace(TRACKING, ack_move_ra=True, ack_move_dec=True))
+        assert move.may_wait is False
+        move.compose(AxisRates(1.0, -0.5))
+        move.see(TRACKING)
+        assert move.may_wait is False
+
     @pytest.mark.parametrize("ack", ["ack_move_ra", "ack_move_dec"])
     def test_held_it_is_over_when_either_acknowledgement_was_seen_up_and_then_down(self, ack: str) -> None:
         move = HeldMove()
