@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sattrack.control.camera_image import NO_CAMERAS, Cameras
-from sattrack.control.driver import FOUND_MOVING, NO_ANSWER_AFTER_S, Driver, StopProcedure
+from sattrack.control.driver import FOUND_MOVING, NO_ANSWER_AFTER_S, Driver, StopProcedure, limit_text
+from sattrack.control.edges import DISOBEYS, EdgeWatch
 from sattrack.control.stages import Attempt, AxisAttempt, RunStage, Situation, Stages, why_not
 from sattrack.control.target import sky_error
 from sattrack.control.tracker import FOLLOWING, Phase, Tracker, TrackPlan
@@ -21,7 +22,7 @@ from sattrack.mount.model import Hold, Slew, StatusSample, Stop
 from sattrack.mount.xerxes.flags import SlewState
 from sattrack.mount.xerxes.link import LinkState
 from sattrack.safety import ROWS, Safety, SafetyLimits
-from sattrack.safety.watch import KEEPS_FIRST
+from sattrack.safety.watch import KEEPS_FIRST, SEE_TO_DRIVE
 from sattrack.views.messages import Jog
 from sattrack.views.run import LearntView, StageView
 
@@ -35,11 +36,6 @@ if TYPE_CHECKING:
 
 STAGES_KEPT = 16
 """Views come more often than the stages of a run change so many times."""
-EDGES_MISSED_S, MUTE_MISSED_S, FALLEN = 5.0, 15.0, (0.2, 0.8)
-"""How long a mount that takes edges is watched before it was on target: for longer where it acknowledges
-none, as its first ones last. And the share of the commanded motion that is left where its rates end with the
-flag."""
-
 
 HOLDING = "holding"
 """The phase in which a limit keeps the mount off its target."""
@@ -110,6 +106,7 @@ class Engine(Driver):
         """Errors of both axes while the mount followed and had not been on target."""
         self._missed_s = self._clamped_s = 0.0
         """Seconds for which it did, and for which its rate limit was reached meanwhile."""
+        self._edges = EdgeWatch(spec.profile.move_axis == "edge")
         self.stages: deque[StageView] = deque(maxlen=STAGES_KEPT)
         """What the run did, a stage after the other: the last ones."""
         self._sorted = Stages(spec.plan, spec.profile)
@@ -136,6 +133,8 @@ class Engine(Driver):
         seconds = 0.0 if before is None else error.utc_s - before.utc_s
         self._before = sample
         self._watch_profile()
+        self._edges.see(error.utc_s, sample.ra_deg, sample.dec_deg)
+        self._judge_edges()
         if was is not None and 0.0 < seconds < self.safety.longest_step_s:
             self._count(error, sample.counter, seconds)
 
@@ -153,23 +152,19 @@ class Engine(Driver):
                 )
                 return
 
-    def _watch_edges(self) -> None:
+    def _watch_edges(self, error: ErrorView, seconds: float) -> None:
         """Give up where the mount takes rates by its flags in another way than the profile says."""
         if self.tracker.ended_by is not None:
             return
         if self.safety.keeps_first:
             self._give_up("error", f"{self.spec.mount_name} was sent a stop: {KEEPS_FIRST}")
-        waits_s = MUTE_MISSED_S if self.session.unanswered_s > 0.0 else EDGES_MISSED_S
-        if self.spec.profile.move_axis != "edge" or self._missed_s < waits_s:
-            return
-        low, high = FALLEN
-        known = [fit.ratio for fit in self.tracker.follower.learning.fits if fit.ratio is not None]
-        if known and all(low < ratio < high for ratio in known):
-            self._give_up(
-                "error",
-                f"{self.spec.mount_name} moves only while the MoveAxis flag is up: move_axis is held, and "
-                "the profile says edge; it was sent a stop",
-            )
+        learning, target = self.tracker.follower.learning, self.tracker.target
+        self._edges.miss(error.utc_s, seconds, learning, self.session.unanswered_s, target)
+        self._judge_edges()
+
+    def _judge_edges(self) -> None:
+        if self._edges.why is not None and self.tracker.ended_by is None:
+            self._give_up("error", f"{self.spec.mount_name} {self._edges.why}")
 
     def _count(self, error: ErrorView, counter: int, seconds: float) -> None:
         """Take an error into the figures: everything from the first acquisition on, lost or not.
@@ -218,7 +213,7 @@ class Engine(Driver):
     def _count_missed(self, error: ErrorView, seconds: float) -> None:
         self._missed_s += seconds
         self._clamped_s += seconds if self.safety.clamping else 0.0
-        self._watch_edges()
+        self._watch_edges(error, seconds)
         for window, arcsec in zip(self._missed, (error.ra_arcsec, error.dec_arcsec), strict=True):
             window.add(error.utc_s, arcsec)
 
@@ -273,6 +268,7 @@ class Engine(Driver):
         rest = self.tracker.rest
         stopped = rest is not None and self.session.stopped
         motion = self.tracker.step(now_utc_s, arrived, stopped, self.safety.holding is not None)
+        motion = self._edges.motion(motion, self.tracker.phase is Phase.ACQUIRING and rest is None)
         if self.frame is not None and isinstance(motion, Slew):
             self.safety.choose_turn(self.tracker.onward_deg())
         if self.tracker.phase is not Phase.STOPPING:
@@ -284,9 +280,10 @@ class Engine(Driver):
             cleared = self.clear(motion, now_utc_s)
             if rest is not None and rest.jogging and cleared.motion != motion:
                 cleared = self._end_jogs(cleared, now_utc_s)
+            self._edges.sent(cleared.motion)
             self.session.apply(cleared)
             if self.limit_reached is not None and self.tracker.ended_by is None:
-                self._give_up(f"limit:{self.safety.tripped}", self.limit_reached)
+                self._give_up(f"limit:{self.safety.tripped}", self._why_tripped(self.limit_reached))
         elif self.tracker.phase is Phase.STOPPING:
             self.session.apply(self.clear(motion, now_utc_s))
         if self.tracker.ended_by == "error" and self.message is None:
@@ -336,6 +333,14 @@ class Engine(Driver):
         """Stop the mount and nothing else from now on: what computes directions is not to be relied on."""
         self.failed = True
         self._give_up("error", words)
+
+    def _why_tripped(self, words: str) -> str:
+        """Return why a limit stopped the mount, with what else it may be where it was never on target."""
+        cause, never = self.safety.cause, self.tracker.acquired_utc_s is None
+        known = cause is not None and not cause.endswith(SEE_TO_DRIVE)
+        if self.safety.tripped != "obedience" or known or not never:
+            return words
+        return limit_text("obedience", f"{cause or DISOBEYS}; {self._edges.perhaps}")
 
     def _watch_link(self, now_utc_s: float) -> None:
         self.link_state = state = self.session.link_state(now_utc_s)

@@ -64,6 +64,7 @@ KEEPS_FIRST = (
     "the axes go on at the rates that the mount took first, not those commanded: move_axis is edge, and "
     "the profile says held, or the drives are off"
 )
+SEE_TO_DRIVE = "see to drive, brake and clutch"
 NAMES, FIELDS = ("the first axis", "the second axis"), ("ra_rate_sign", "dec_rate_sign")
 ELSEWHERE = (
     "the axes do not lie as the geometry in the profile says, which is another mount's: give this mount's "
@@ -291,7 +292,7 @@ class Watch:
         names = {1: "right ascension does", 2: "declination does", RA_AND_DEC: "the axes do"}
         if still not in names:
             return None
-        return f"{names[still]} not move as commanded: see to drive, brake and clutch"
+        return f"{names[still]} not move as commanded: {SEE_TO_DRIVE}"
 
     def _strays(self, moved: MoveAxes, commanded: MoveAxes, seconds: float) -> bool:
         """Tell whether the means over the window are outside of everything that was commanded."""

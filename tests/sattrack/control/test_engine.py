@@ -35,7 +35,7 @@ from sattrack.mount.xerxes.flags import SlewState
 from sattrack.mount.xerxes.link import LinkState
 from sattrack.runtime import demo_pass
 from sattrack.safety import SafetyLimits
-from sattrack.safety.watch import KEEPS_FIRST
+from sattrack.safety.watch import KEEPS_FIRST, SEE_TO_DRIVE
 from sattrack.views.messages import Jog, Pause
 from sattrack.views.run import ErrorView
 from tle.bias import NO_BIAS
@@ -198,11 +198,37 @@ class TestGivingUp:
         if answered:
             run.session._answers.take(True)
         run.tracker.phase = Phase.ACQUIRING
-        run.tracker.follower.learning = Made(fits=[Made(ratio=one) for one in ratios])  # type: ignore[assignment]
+        run.tracker.follower.learning = Made(  # type: ignore[assignment]
+            fits=[Made(ratio=one) for one in ratios], times_begun_anew=0, forget_rates=lambda: None
+        )
         run._count(off(50.0), 1, seconds + longer_s)
         assert (run.tracker.ended_by == "error") is named
         words = "bench moves only while the MoveAxis flag is up: move_axis is held"
         assert (run.message or "").startswith(words) is named
+
+    @pytest.mark.parametrize(
+        ("move_axis", "cause", "acquired", "words"),
+        [
+            ("edge", None, False, "perhaps move_axis is held, not edge"),
+            ("edge", f"declination does not move as commanded: {SEE_TO_DRIVE}", False, "perhaps"),
+            ("held", None, False, "perhaps move_axis is edge, not held"),
+            ("edge", "turn dec_rate_sign in the profile", False, None),
+            ("edge", None, True, None),
+        ],
+    )
+    def test_a_mount_that_never_obeyed_may_be_of_the_other_kind(
+        self, move_axis: Any, cause: str | None, acquired: bool, words: str | None
+    ) -> None:
+        run = engine(move_axis=move_axis)
+        run.tracker.acquired_utc_s = CULMINATION_S if acquired else None
+        run.safety = Made(tripped="obedience", cause=cause)  # type: ignore[assignment]
+        plain = limit_text("obedience", cause)
+        why = run._why_tripped(plain)
+        assert why == plain if words is None else words in why
+        assert why.startswith("safety stopped the mount at its obedience limit")
+        assert cause is None or why.startswith(plain)
+        run.safety = Made(tripped="sun", cause=cause)  # type: ignore[assignment]
+        assert run._why_tripped("the Sun") == "the Sun"
 
     def test_a_mount_that_keeps_the_first_rates_is_not_followed_with(self) -> None:
         run = engine()
