@@ -87,6 +87,8 @@ GEOSTATIONARY = {"mean_motion_rev_day": 1.00273, "inclination_deg": 0.02, "eccen
 VIRTUAL_MAY_GROW_MB = 1.0
 RECORDED, RECORDED_MB_H = "track: track", 3.0
 """By design, MB an hour: the index of the recording, a row each 0.8 s."""
+SEARCH = "track: passes"
+"""The screen's search for passes: it fills its tables, and ends; on a slow machine after most of a minute."""
 SHARED = Path("/dev/shm")
 KEPT = frozenset({"guardian.log", "biases.sqlite3"})
 RUNS, AT_REST = "nights", ".rest"
@@ -652,7 +654,7 @@ def growth(samples: list[Sample], may_grow_mb: float = MAY_GROW_MB) -> list[str]
             found += [f"{row.name}: {what} {was} → {now}" for what, (was, now) in counts if now > was]
             was_mb, now_mb = row.resident_mb
             by_design_mb = RECORDED_MB_H * half_h if row.name == RECORDED else 0.0
-            if now_mb - was_mb > may_grow_mb + by_design_mb:
+            if now_mb - was_mb > may_grow_mb + by_design_mb and row.name != SEARCH:
                 found.append(f"{row.name}: memory {was_mb:.1f} → {now_mb:.1f} MB")
     return found
 
