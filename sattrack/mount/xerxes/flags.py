@@ -538,8 +538,8 @@ class EdgeMove:
         # Too late, or of one axis only: it is not mute, and is given its time.
         self.answers.ever = self.answers.ever or (any(acks) and state is not Handshake.IDLE)
         ack = all(acks) if state is Handshake.RAISED else any(acks)
-        waits = self._unanswered > 0 or self._flags.up
-        self._unanswered = 0 if self.over or not waits else self._unanswered + 1
+        waiting = not self.over and (self._unanswered > 0 or self._flags.up)
+        self._unanswered = self._unanswered + 1 if waiting else 0
         if self._flags.see(ack, self.answers.quiet_statuses):
             self._unanswered = 0
             self._in_force = _moving(self._in_force)
