@@ -83,7 +83,7 @@ def of_draw(arguments: tuple[int, str | None]) -> list[Stopped]:
 def row(case: str, some: list[Stopped]) -> str:
     """Return the figures of one case."""
     times = sorted(one.after_s for one in some if one.stopped)
-    middle, most, worst = statistics.median(times), times[int(0.95 * len(times))], times[-1]
+    took = (statistics.median(times), times[int(0.95 * len(times))], times[-1]) if times else ()
     counts = (
         len(some),
         len(times),
@@ -91,9 +91,8 @@ def row(case: str, some: list[Stopped]) -> str:
         sum(one.stopped and one.perhaps for one in some),
         sum(one.on_target for one in some),
     )
-    return (
-        f"{case:20}" + "".join(f"{count:10}" for count in counts) + f"{middle:8.1f}{most:8.1f}{worst:8.1f} s"
-    )
+    figures = [*map(str, counts), *(f"{seconds:.1f}" for seconds in took)]
+    return f"{case:20}" + "".join(f"{figure:>10}" for figure in figures)
 
 
 def main() -> int:
@@ -114,8 +113,8 @@ def main() -> int:
             elif sys.stderr.isatty():
                 print(f"\rdraw {some[0].number if some else ''}", end="", file=sys.stderr, flush=True)
     print(f"draws {numbers[0]} to {numbers[-1]}")
-    heads = ("mounts", "stopped", "named", "perhaps", "on target", "median", "95 %", "worst")
-    print(f"{'wrong':20}" + "".join(f"{head:>{10 if k < 5 else 8}}" for k, head in enumerate(heads)))
+    heads = ("mounts", "stopped", "named", "perhaps", "on target", "median s", "95 % s", "worst s")
+    print(f"{'wrong':20}" + "".join(f"{head:>10}" for head in heads))
     rows = [(case, [one for one in found if one.case == case]) for case in CASES]
     print("\n".join(row(case, some) for case, some in rows if some))
     return 0 if all(one.stopped and one.named for one in found) else 1

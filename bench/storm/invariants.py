@@ -5,7 +5,7 @@ Nothing here asks the program what it believes. What it was promised (docs/safet
 * `limit`: the axes keep inside the limits while the mount is *in reach*: it has obeyed a datagram within the
   last `longest_fault_s` and TURNS_S, and what it obeys is no older, from the status behind it on, than
   `longest_fault_s`, the link's own delays and RESPONSE_S. Once a mount that got out of limits out of reach is
-  in reach again, it goes no farther out after RECOVERS_S.
+  in reach again, it goes no farther out after RECOVERS_S; it counts as inside again from AGAIN_INSIDE_DEG on.
 * `stop`: from SETTLES_S after a stop was due and the mount in reach, the axes rest against standstill or the
   sky, to the end of the world.
 * `stale`: no datagram changes the motion in force on knowledge older than KNOWS_S.
@@ -53,6 +53,8 @@ RESPONSE_PERIODS = 4.0
 TURNS_S = 0.1
 """One of the mount's loop and one of ours."""
 RECOVERS_S = 3.0
+AGAIN_INSIDE_DEG = 0.01
+"""Axes that are stopped as they come back to a limit settle about where they are, perhaps just outside."""
 SETTLES_S = 2.0
 KNOWS_S = 2.2
 """The oldest status on which the program may move, and two periods."""
@@ -212,8 +214,10 @@ class Watcher(Judging):
         unreached = axes.utc_s - self._unreached_s < RECOVERS_S
         excused = self._drives_fail or left_tracking or runs_on or unreached
         for name, clearance in found.items():
-            if clearance >= -self._synced_deg:
+            if clearance >= AGAIN_INSIDE_DEG - self._synced_deg:
                 self._out.pop(name, None)
+            elif clearance >= -self._synced_deg:
+                continue
             elif excused:
                 self._out[name] = min(clearance, self._out.get(name, 0.0))
             elif name not in self._out:

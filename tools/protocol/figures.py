@@ -85,6 +85,11 @@ def patience_table() -> str:
             flags.MISSED_TICKS,
             "without one in a stop: the abort's flag falls for 3, then rises for twice as long as before",
         ),
+        (
+            flags.STILL_MOVING_STATUSES,
+            "with Slewing after the end of a MoveAxis: that is asked for anew, "
+            f"and after {flags.VAIN_ENDS} times an abort",
+        ),
         (flags.NEVER_SEEN_AFTER, "after its acknowledgement without Slewing: a slew too short to be seen"),
         (tickets.SHOWN_WITHIN, "in which what was acknowledged must show"),
         (link.RESTART_PROOF, "in a row of another, rising count: the mount has restarted"),

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from enum import Enum
+from enum import Enum, auto
 from typing import TYPE_CHECKING, ClassVar, NamedTuple, TypeVar
 
 if TYPE_CHECKING:
@@ -143,7 +143,9 @@ EDGE_ACK_WITHIN_STATUSES, MUTE_ACK_WITHIN_STATUSES = 20, 4
 """Statuses after which an edge of MoveAxis that is not acknowledged falls; that on a mount that is mute."""
 MUTE_QUIET_STATUSES, MUTE_AFTER = 4, 2
 """As QUIET_STATUSES on such a mount, and how many handshakes it leaves unanswered, all from the first on."""
-STILL_MOVING_STATUSES = 20
+STILL_MOVING_STATUSES, VAIN_ENDS = 20, 2
+"""Statuses after which the end of a MoveAxis that goes on is asked for anew, and how often, before an abort
+is: some mounts leave MoveAxis by nothing else, and stay in it at rate 0."""
 REFUSED_STATUSES, MOST_REFUSED_STATUSES = QUIET_STATUSES, 160
 """Statuses in a row of a mount at rest, which has not acknowledged the flags of MoveAxis, after which these
 fall and rise anew; twice as many the next time."""
@@ -207,6 +209,11 @@ class AbortFlag:
         """Begin a stop, or ask for it anew."""
         self.state = follow(STOP, self.state, "asked for")
         self._ticks = 0
+
+    def raise_once(self) -> None:
+        """Send an abort that is to end a motion, though no stop is wanted."""
+        self.ask()
+        self.flag.happen("request")
 
     def begin_anew(self) -> None:
         """Note a mount that has restarted: it knows of no stop."""
@@ -576,6 +583,14 @@ def _over(before: AxisRates, rates: AxisRates) -> AxisRates:
     return AxisRates(*(old if new is None else new for old, new in zip(before, rates, strict=True)))
 
 
+class Again(Enum):
+    """What a MoveAxis that goes on after its end needs."""
+
+    NOTHING = auto()
+    END = auto()
+    ABORT = auto()
+
+
 @dataclass(slots=True)
 class MoveWatch:
     """Whether the mount moves on after the end of a MoveAxis of ours; nobody else's motion is ended."""
@@ -585,11 +600,10 @@ class MoveWatch:
     _going_on: int = 0
     """Statuses in a row with Slewing though nothing of ours should make the mount move."""
 
-    def see(self, over: bool, slewing: bool, unwanted: bool) -> bool:
-        """Take one status; tell whether the end must be asked for anew."""
+    def see(self, over: bool, slewing: bool, unwanted: bool) -> Again:
+        """Take one status; tell what must be asked for anew."""
         self.ours = self.ours and not (over and not slewing)
         self._going_on = self._going_on + 1 if unwanted else 0
-        if self._going_on < STILL_MOVING_STATUSES or not self.ours:
-            return False
-        self._going_on = 0
-        return True
+        if not self._going_on or self._going_on % STILL_MOVING_STATUSES or not self.ours:
+            return Again.NOTHING
+        return Again.END if self._going_on <= VAIN_ENDS * STILL_MOVING_STATUSES else Again.ABORT

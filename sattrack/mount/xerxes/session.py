@@ -64,6 +64,7 @@ from sattrack.mount.xerxes.flags import (
     NEAR_DEG,
     NO_RATES,
     AbortFlag,
+    Again,
     AxisRates,
     EdgeAnswers,
     EdgeMove,
@@ -600,8 +601,11 @@ class Session:
         self._acks.see(status)
         unwanted = self._slew.state is SlewState.WAITING or isinstance(self._wanted, Hold)
         goes_on = status.slewing and not self._standstill.slowing
-        if self._move_watch.see(self._move.over, status.slewing, goes_on and unwanted):
+        again = self._move_watch.see(self._move.over, status.slewing, goes_on and unwanted)
+        if again is Again.END:
             self._move.insist()
+        elif again is Again.ABORT and not self._abort_acts_later:
+            self._abort.raise_once()
         if self._move.see(status) and self.sample is not None:
             self.sample = msgspec.structs.replace(self.sample, move_acknowledged=True)
         self._move.rests(_is_fast(self._wanted) and self._standstill.at_rest)

@@ -5,6 +5,7 @@ Flags and tickets are judged by themselves; what goes out is read by eye. At 20 
 
 from __future__ import annotations
 
+import importlib
 import itertools
 import math
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ from xerxes_builders import (
     MOVE,
     PERIOD_S,
     SIDEREAL_DTICS_S,
+    T0,
     TRACKING,
     A,
     Client,
@@ -40,6 +42,7 @@ from sattrack.mount.requests import (
 from sattrack.mount.xerxes.flags import (
     NO_RATES,
     AbortFlag,
+    Again,
     AxisRates,
     EdgeMove,
     Handshake,
@@ -52,6 +55,7 @@ from sattrack.mount.xerxes.flags import (
     SlewState,
     StopState,
 )
+from sattrack.mount.xerxes.session import Session
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -634,17 +638,51 @@ class TestFlags:
 
     def test_a_moveaxis_of_ours_that_goes_on_is_ended_anew_each_second_and_no_one_elses(self) -> None:
         watch = MoveWatch(ours=True)
-        assert [watch.see(True, True, True) for _ in range(60)] == ([False] * 19 + [True]) * 3
+        second = [Again.NOTHING] * 19
+        ends = [*second, Again.END, *second, Again.END]
+        assert [watch.see(True, True, True) for _ in range(80)] == ends + 2 * [*second, Again.ABORT]
         watch = MoveWatch(ours=True)
-        for _ in range(19):
-            assert watch.see(True, True, True) is False
-        assert watch.see(True, True, False) is False
-        assert [watch.see(True, True, True) for _ in range(20)] == [False] * 19 + [True]
-        assert watch.see(False, False, False) is False
+        for _ in range(59):
+            watch.see(True, True, True)
+        assert watch.see(True, True, False) is Again.NOTHING
+        assert [watch.see(True, True, True) for _ in range(20)] == [*second, Again.END]
+        assert watch.see(False, False, False) is Again.NOTHING
         assert watch.ours is True
         watch.see(True, False, False)
         assert watch.ours is False
-        assert not any(watch.see(True, True, True) for _ in range(60))
+        assert {watch.see(True, True, True) for _ in range(60)} == {Again.NOTHING}
+
+
+@pytest.mark.parametrize("move_axis", ["held", "edge"])
+@pytest.mark.parametrize("kind", ["planner", "velocity_servo", "position_servo"])
+def test_a_moveaxis_of_a_stranger_ends_and_a_slew_follows_it(kind: str, move_axis: str) -> None:
+    """Some leave it by an abort alone: at rate 0 they are in it still, and slew nowhere."""
+    module: Any = importlib.import_module(f"strangers.{kind}")
+    mount = module.Mount(module.Parameters(move_axis=move_axis, start_utc_s=T0, dec_deg=20.0))
+    session = Session(MountProfile(move_axis=move_axis))
+
+    def turns(count: int) -> None:
+        for _ in range(count):
+            at_s = mount.next_turn_s
+            session.receive(bytes(mount.turn()), at_s)
+            mount.receive(session.compose())
+
+    turns(20)
+    want(session, MOVE)
+    turns(40)
+    assert abs(mount.truth().dec_rate_deg_s - MOVE.dec_rate_deg_s) < 0.1
+    ticket = session.submit(ClearedRequest(EndMove()))
+    turns(200)
+    assert ticket.state is TicketState.COMPLETE
+    assert session.status is not None
+    assert session.status.slewing is False
+    want(session, MOVE)
+    turns(40)
+    goal = Slew(mount.truth().ra_deg - 3.0, 15.0)
+    want(session, goal)
+    turns(300)
+    assert session.slew_state is SlewState.DONE
+    assert math.isclose(mount.truth().reported_dec_deg, goal.dec_deg, abs_tol=0.01)
 
 
 def test_unknown_rates_are_unlike_any() -> None:
